@@ -13,6 +13,7 @@ from ..files.table_model import Number, Table
 from ..maths.arrays import Lanes, xp
 from ..maths.units import FileKey, Quantity, si
 from ..physics.electronics.pulse_sums import SIGMAS_PER_FWHM
+from ..physics.photon_counting.walk import Walk, calibrate
 from .electronics import MOST_STOPS, Tdc
 
 MOST_BINS = 64
@@ -33,6 +34,7 @@ class Histogram:
     period_s    between the laser's pulses of one point: light that is longer under way folds back; None: no limit
     reach       bins that are drawn to either side of an echo
     search      bins to either side of an echo in which its peak is looked for
+    calibrated  shift of strong echoes by pile-up; None: it is left in the ranges, or the counts are corrected for it
     bin_to_sigma  width of a bin over that of an echo
     sweep_rad     angle by which the head turns while the shots of a point are summed; 0: it does not, or is left out
     """
@@ -78,6 +80,7 @@ class Histogram:
     reach: int
     search: int
     bin_to_sigma: float
+    calibrated: Walk | None = None
     sweep_rad: float = 0.0
 
     @property
@@ -207,9 +210,15 @@ class HistogramFile(
         jitter_s: float,
         pulse_fwhm_ns: float,
         dwell_us: float,
+        spads: float = 1.0,
+        coincidence: int = 1,
         turn_rate_rad_s: float = 0.0,
     ) -> Histogram:
-        """Convert to SI units for points of this dwell time and a head of this turn rate. Raises InputError."""
+        """Convert to SI units for points of this dwell time and a head of this turn rate. Raises InputError.
+
+        dead_time_s         inf: a SPAD fires once in a shot
+        spads, coincidence  of the detector
+        """
         period_us = self.period_us(dwell_us)
         sigma_ns = pulse_fwhm_ns / SIGMAS_PER_FWHM
         sigma_ns = math.sqrt(sigma_ns**2 + (1e9 * jitter_s) ** 2 + self.bin_ns**2 / 12.0)
@@ -230,12 +239,23 @@ class HistogramFile(
                 f"detector.dead_time_ns: must be >= {SHORTEST_DEAD_TIME * pulse_fwhm_ns:g}, the width of the pulse, "
                 f"got {1e9 * dead_time_s:g}"
             )
+        calibrated = None
+        if self.walk == "corrected" and not self.coates:
+            calibrated = calibrate(
+                bin_sigmas=self.bin_ns / sigma_ns,
+                dead_sigmas=1e9 * dead_time_s / sigma_ns,
+                spads=spads,
+                coincidence=coincidence,
+                side=reach - search - 1,
+                centroid=self.estimator == "centroid",
+            )
         return self.in_si(
             shots=float(self.shots_per_point(dwell_us)),
             period_s=si(period_us, "us"),
             reach=reach,
             search=search,
             bin_to_sigma=self.bin_ns / sigma_ns,
+            calibrated=calibrated,
             sweep_rad=self.sweep_rad(turn_rate_rad_s=turn_rate_rad_s, dwell_us=dwell_us),
         )
 

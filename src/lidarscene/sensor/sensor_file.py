@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -286,8 +287,10 @@ class SensorFile(FileModel):
             return None
         assert isinstance(detector, Spad)
         return self.histogram.build(
-            dead_time_s=float(detector.dead_time_s),
+            dead_time_s=math.inf if detector.stamps == "first" else float(detector.dead_time_s),
             jitter_s=float(detector.jitter_s),
+            spads=float(detector.spads),
+            coincidence=detector.coincidence,
             pulse_fwhm_ns=float(self.laser.pulse_fwhm_ns),
             dwell_us=self._dwell_us,
             turn_rate_rad_s=self.scanner.turn_rate_rad_s,

@@ -34,12 +34,14 @@ class Peak:
     """The highest value of the filter near an echo; each field (n,).
 
     value    value of the filter above the background, in photons
+    height   the same between bins, at the top of the Gaussian through the value and its neighbours
     time_s   time of flight, with the shift by pile-up
     photons  photons of the echo: counts around the peak above those of the background
     rising   whether the filter goes on rising beyond the searched bins: towards another echo's peak
     """
 
     value: Lanes
+    height: Lanes
     rising: Mask
     time_s: Lanes
     photons: Lanes
@@ -131,12 +133,14 @@ class Bins:
             before, after = ops.where(better, values[k - 1], before), ops.where(better, values[k + 1], after)
             best, peak_bin = ops.where(better, values[k], best), ops.where(better, float(first_searched + k), peak_bin)
         rising = (before > best) | (after > best)
+        offset, over_best = self._peak_offset(before, best, after)
         if histogram.estimator == "matched_filter":
-            peak_bin = peak_bin + self._peak_offset(before, best, after)
+            peak_bin = peak_bin + offset
         else:
             peak_bin = peak_bin + self._centroid(counts, background, peak_bin)
         photons = self._photons(counts, background, peak_bin)
-        return Peak(value=best, time_s=(first + peak_bin + 0.5) * bin_s, photons=photons, rising=rising)
+        time_s = (first + peak_bin + 0.5) * bin_s
+        return Peak(value=best, height=over_best * best, time_s=time_s, photons=photons, rising=rising)
 
     def _blind_shares(self, start: Lanes, time_s: Lanes, echo_s: Lanes) -> _Blind:
         """Shares of SPADs that are blind at the first bin, fired by the background, by nearer echoes and by the air.
@@ -333,15 +337,19 @@ class Bins:
             values.append(value - total * background)
         return values
 
-    def _peak_offset(self, before: Lanes, best: Lanes, after: Lanes) -> Lanes:
-        """Place of the peak in bins from the highest value: of the Gaussian through it and its neighbours."""
+    def _peak_offset(self, before: Lanes, best: Lanes, after: Lanes) -> tuple[Lanes, Lanes]:
+        """Place of the peak in bins from the highest value, of the Gaussian through it and its neighbours.
+
+        Returns its height over that value too.
+        """
         ops = self.ops
         lowest = ops.maximum(_LEAST * best, 1e-20)
         low, top, high = (ops.log(ops.maximum(height, lowest)) for height in (before, best, after))
         bend = low - 2.0 * top + high
         flat = bend > -1e-9
         offset = 0.5 * (low - high) / ops.where(flat, -1.0, bend)
-        return ops.where(flat, 0.0, ops.minimum(ops.maximum(offset, -0.5), 0.5))
+        offset = ops.where(flat, 0.0, ops.minimum(ops.maximum(offset, -0.5), 0.5))
+        return offset, ops.exp(0.25 * (high - low) * offset)
 
     def _centroid(self, counts: list[Lanes], background: Lanes, middle: Lanes) -> Lanes:
         """Centroid of the counts above the background within 2.4 sigmas of a bin, in bins from it."""

@@ -29,7 +29,7 @@ from ..reported_intensity import reported_intensity
 from ..returns import Detection, Returns, alarm_status
 from ..rises import Rise, visit_all
 from ..shots import Shots
-from .bins import Bins
+from .bins import BOX_SHARE, Bins, Peak
 from .folding import fold
 
 _EMPTY = -1e30
@@ -248,7 +248,7 @@ class _Receiver(Shots):
         tripped = exists & (peak.value >= threshold)
         if self._multi_peak:
             tripped = tripped & ~peak.rising
-        time_s = peak.time_s - self._walk_s(pixel, peak.photons, point.response.largest)
+        time_s = peak.time_s - self._walk_s(pixel, peak)
         time_s = tdc.quantise(
             time_s=ops.maximum(time_s, 0.0), least_significant_bit_s=converter.least_significant_bit_s
         )
@@ -312,17 +312,18 @@ class _Receiver(Shots):
             bend=self.filtered.at(place)[2] / ops.maximum(power_w, 1e-30),
         )
 
-    def _walk_s(self, pixel: Macropixel, photons: Lanes, largest: Lanes | None) -> Lanes:
-        """Pile-up shift that the receiver corrects, (n,) s: negative or 0.
-
-        photons  (n,) photons of the return
-        largest  (n,) photons above which counts no longer depend on the light; None: no limit
-        """
-        if pixel.corrected or pixel.spad.coincidence > 1 or pixel.histogram.walk == "raw":
+    def _walk_s(self, pixel: Macropixel, peak: Peak) -> Lanes:
+        """Pile-up shift that the receiver corrects, (n,) s: mostly negative."""
+        calibrated = pixel.histogram.calibrated
+        if calibrated is None:
             return 0.0
-        photons = photons if largest is None else xp(photons, largest).minimum(photons, largest)
-        detections = pixel.detections(pixel.power_w(photons))
-        return pixel.sigma_s * pile_up.top(detections=detections, sun=pixel.sun, dead=pixel.blind_sigmas).shift
+        trials = pixel.trials * (pixel.free if pixel.spad.coincidence == 1 else 1.0)
+        shift = calibrated.at(
+            height=peak.height / trials,
+            narrowing=peak.height / self.ops.maximum(peak.photons * BOX_SHARE, 1e-6),
+            sun=pixel.rate_hz * pixel.sigma_s,
+        )
+        return pixel.sigma_s * shift
 
     def _key(self, time_s: Lanes, value: Lanes) -> Lanes:
         """Sort key, (n,): returns with larger keys are kept first."""

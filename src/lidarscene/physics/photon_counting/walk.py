@@ -1,0 +1,242 @@
+"""Walk of a SPAD's histogram: by how much the filter finds a strong echo too near, as a maker would calibrate it.
+
+SPADs that fire on the leading edge are blind for the rest of the echo, so its counts crowd together and come early
+(`pile_up`). A maker moves a target through all powers and writes down the shift over what the receiver measures. Here
+the expected histogram takes the target's place, for the bins, dead time, sun and coincidence of one sensor
+(`dead_time.firing_shares`), averaged over the echo's places in a bin.
+
+What is measured is the height y of the filter's peak, for each trial that is free. Counts end when all SPADs fire in
+every shot; the height goes on rising, because the counts crowd closer together. SPADs that count only together count
+fewer, when all of them fire within a bin or two: then two powers have the same height, and the higher one is that
+whose counts are the narrower.
+
+Symbols: Lambda detections of an echo that one free SPAD would make without dead time, sigma width of the echo and unit
+of all shifts, lambda rate of the background on a free SPAD, y height of the filter's peak over the free trials, q
+narrowing, that height over the counts around the peak.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from functools import lru_cache
+
+import numpy as np
+
+from ...maths.arrays import Lanes, LookupTable, Numbers, xp
+from . import dead_time
+from .matched_filter import SCALE, TEMPLATE
+
+BOX = 2.4
+"""Half width of the bins whose counts are an echo's photons, in sigmas."""
+
+_LEAST, _MOST = 1e-3, 1e4
+"""Smallest and largest Lambda of a calibration."""
+
+_LIGHTS, _SUNS, _HEIGHTS, _PHASES = 96, 32, 96, 4
+"""Powers and suns of a calibration, nodes of its tables over y, and places of the echo in a bin."""
+
+_MOST_SUN, _BEND = 2.0, 0.25
+"""Largest lambda sigma, and that at which the axis of suns bends: x / (x + 0.25) is its coordinate."""
+
+_ROUND = 0.01
+"""Share of the highest y at which the axis of heights bends: near the highest, small steps are large powers."""
+
+_FAR_BELOW = 0.9
+"""Share of the least y of blinding echoes below which an echo is none: noise reaches no farther."""
+
+_NEVER = 1e9
+"""Narrowing that no echo has."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Walk:
+    """Calibration of one sensor: tables over lambda sigma, or over y and lambda sigma.
+
+    highest   largest y
+    shift     shift of an echo, in sigmas, negative
+    blinding  shift of an echo of the same y that is so strong that fewer SPADs count together; None: y tells them apart
+    divide    q from which on an echo is such a one
+    """
+
+    highest: LookupTable
+    shift: LookupTable
+    blinding: LookupTable | None
+    divide: LookupTable | None
+
+    def at(self, *, height: Lanes, narrowing: Lanes, sun: Lanes) -> Lanes:
+        """Look up the shift of an echo.
+
+        height     y
+        narrowing  q
+        sun        lambda sigma
+        """
+        ops = xp(height, sun)
+        bright = _sun_coordinate(sun) + 0.0 * height
+        strong = _height_coordinate(ops.maximum(height, 0.0) / self.highest.at(bright))
+        shift = self.shift.at(strong, bright)
+        if self.blinding is None or self.divide is None:
+            return shift
+        return ops.where(narrowing > self.divide.at(strong, bright), self.blinding.at(strong, bright), shift)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Course:
+    """Expected echoes of a calibration, each field (lights, suns); the mean over places in a bin.
+
+    height     y
+    narrowing  q
+    shift      in sigmas
+    """
+
+    height: Numbers
+    narrowing: Numbers
+    shift: Numbers
+
+
+@lru_cache(maxsize=64)
+def calibrate(
+    *, bin_sigmas: float, dead_sigmas: float, spads: float, coincidence: int, side: int, centroid: bool
+) -> Walk:
+    """Calibrate a sensor.
+
+    bin_sigmas   length of a bin, in sigmas
+    dead_sigmas  dead time, in sigmas; inf: a SPAD fires once in a shot
+    spads        of a pixel
+    coincidence  SPADs that must fire in a bin to count
+    side         bins of the filter on either side
+    centroid     whether the centroid of the counts is the place of an echo, and not the filter's peak
+    """
+    lights, suns = _lights(), _suns()
+    course = expected_course(
+        lights,
+        suns,
+        bin_sigmas=bin_sigmas,
+        dead_sigmas=dead_sigmas,
+        spads=spads,
+        coincidence=coincidence,
+        side=side,
+        centroid=centroid,
+    )
+    # Counts of single SPADs only crowd closer together as light grows.
+    tops = np.argmax(course.height, axis=0) if coincidence > 1 else np.full(_SUNS, _LIGHTS - 1)
+    highest = np.max(course.height, axis=0)
+    nodes = _heights()[:, None] * highest
+    tables = np.zeros((3, _HEIGHTS, _SUNS))
+    for j, top in enumerate(tops):
+        rising, falling = slice(0, top + 1), slice(None, max(top - 1, 0), -1)
+        height, narrowing, shift = (values[:, j] for values in (course.height, course.narrowing, course.shift))
+        # Rounding may leave ripples where the height hardly rises.
+        low = np.maximum.accumulate(height[rising])
+        tables[0, :, j] = np.interp(nodes[:, j], low, shift[rising])
+        high = np.maximum.accumulate(height[falling])
+        tables[1, :, j] = np.interp(nodes[:, j], high, shift[falling])
+        middle = 0.5 * (
+            np.interp(nodes[:, j], low, narrowing[rising]) + np.interp(nodes[:, j], high, narrowing[falling])
+        )
+        tables[2, :, j] = np.where(nodes[:, j] < _FAR_BELOW * high[0], _NEVER, middle)
+    folds = coincidence > 1
+    return Walk(
+        highest=LookupTable(highest),
+        shift=LookupTable(tables[0]),
+        blinding=LookupTable(tables[1]) if folds else None,
+        divide=LookupTable(tables[2]) if folds else None,
+    )
+
+
+def expected_course(
+    lights: Numbers,
+    suns: Numbers,
+    *,
+    bin_sigmas: float,
+    dead_sigmas: float,
+    spads: float,
+    coincidence: int,
+    side: int,
+    centroid: bool,
+) -> Course:
+    """Compute the filter's peak at echoes of these Lambda on these suns; arguments as of `calibrate`."""
+    courses = [
+        _in_phase(
+            lights, suns, (number + 0.5) / _PHASES - 0.5, bin_sigmas, dead_sigmas, spads, coincidence, side, centroid
+        )
+        for number in range(_PHASES)
+    ]
+    height, narrowing, shift = np.mean(courses, axis=0)
+    return Course(height=height, narrowing=narrowing, shift=shift)
+
+
+def _in_phase(
+    lights: Numbers,
+    suns: Numbers,
+    phase: float,
+    bin_sigmas: float,
+    dead_sigmas: float,
+    spads: float,
+    coincidence: int,
+    side: int,
+    centroid: bool,
+) -> Numbers:
+    """Height, narrowing and shift (3, lights, suns) of echoes at one place in a bin, in bins from its middle."""
+    reach = math.ceil(6.0 / bin_sigmas) + side
+    bins = np.arange(-reach, reach + 1)
+    time = (bins - phase) * bin_sigmas
+    light = lights[:, None, None] * np.exp(-0.5 * time * time) * (bin_sigmas / math.sqrt(2.0 * math.pi))
+    detections = light + suns[:, None] * bin_sigmas
+    fires_once = math.isinf(dead_sigmas)
+    dead_bins = math.inf if fires_once else dead_sigmas / bin_sigmas
+    fired = dead_time.firing_shares(detections, bin_s=1.0, dead_time_s=dead_bins)
+    dark = dead_time.firing_shares(suns[:, None] * bin_sigmas + 0.0 * time, bin_s=1.0, dead_time_s=dead_bins)
+    # SPADs that fire once are all free in the first bin, and counted by those that the sun leaves until the echo.
+    free = np.exp(-suns * reach * bin_sigmas) if fires_once else 1.0 / (1.0 + suns * dead_sigmas)
+    if coincidence > 1:
+        fired, dark = (
+            dead_time.coincidence_share(least=coincidence, spads=spads, share=share) for share in (fired, dark)
+        )
+        free = np.ones_like(suns)
+    counts = (fired - dark) / free[:, None]
+    offset = bins[:, None] - bins
+    template = SCALE * np.exp(-0.5 * (offset * (bin_sigmas / TEMPLATE)) ** 2) * (np.abs(offset) <= side)
+    values = counts @ template
+    best = np.clip(np.argmax(values, axis=-1), 1, len(bins) - 2)[..., None]
+    low, top, high = (np.take_along_axis(values, best + step, axis=-1)[..., 0] for step in (-1, 0, 1))
+    low, top, high = (np.log(np.maximum(value, 1e-3 * top)) for value in (low, top, high))
+    away = np.clip(0.5 * (low - high) / np.minimum(low - 2.0 * top + high, -1e-9), -0.5, 0.5)
+    height = np.exp(top - 0.25 * (low - high) * away)
+    place = best[..., 0] - reach + away
+
+    def inside(middle: Numbers) -> Numbers:
+        return np.clip(BOX / bin_sigmas + 0.5 - np.abs(bins - middle[..., None]), 0.0, 1.0) * counts
+
+    if centroid:
+        around = inside(best[..., 0] - reach)
+        place = np.sum(around * bins, axis=-1) / np.sum(around, axis=-1)
+    return np.stack([height, height / np.maximum(np.sum(inside(place), axis=-1), 1e-30), (place - phase) * bin_sigmas])
+
+
+def _lights() -> Numbers:
+    """Lambda of a calibration."""
+    return np.geomspace(_LEAST, _MOST, _LIGHTS)
+
+
+def _suns() -> Numbers:
+    """lambda sigma at the nodes."""
+    coordinate = np.linspace(0.0, 1.0, _SUNS) / (1.0 + _BEND / _MOST_SUN)
+    return np.asarray(_BEND * coordinate / (1.0 - coordinate))
+
+
+def _sun_coordinate(sun: Lanes) -> Lanes:
+    """Coordinate of lambda sigma in the tables."""
+    return sun * (1.0 + _BEND / _MOST_SUN) / (sun + _BEND)
+
+
+def _heights() -> Numbers:
+    """y at the nodes, over the highest."""
+    return np.asarray((1.0 + _ROUND) * (1.0 - (_ROUND / (1.0 + _ROUND)) ** np.linspace(0.0, 1.0, _HEIGHTS)))
+
+
+def _height_coordinate(share: Lanes) -> Lanes:
+    """Coordinate of y over the highest in the tables."""
+    ops = xp(share)
+    left = ops.maximum((1.0 + _ROUND) - share, _ROUND)
+    return (math.log(1.0 + _ROUND) - ops.log(left)) * (1.0 / math.log((1.0 + _ROUND) / _ROUND))
