@@ -88,6 +88,8 @@ def as_text(summary: Summary, written: Sequence[str], surroundings: Surroundings
         # The word stands once, before the first reason.
         head = "missed        " if outcome == Outcome.NO_SURFACE else " " * 14
         lines.append(f"{head}{int(summary.outcomes[outcome]):>12,}   {text}")
+    if surroundings.walk is not None:
+        lines.append(f"walk          {surroundings.walk}")
     stages = ", ".join(f"{stage} {seconds:.3f}" for stage, seconds in summary.seconds.items())
     lines.append(f"seconds       {sum(summary.seconds.values()):>12.3f}   {stages}")
     lines.append(f"beams/second  {beams_per_second(summary):>12,.0f}   from beams to points")

@@ -49,6 +49,7 @@ class Surroundings:
     base       whether there is a Mitsuba scene too, whose shapes are not examined
     around     nearest surfaces around the sensor
     doubts     warnings of likely mistakes
+    walk       line on the walk that the sensor's correction may leave; None: none
     """
 
     scene: str
@@ -58,6 +59,7 @@ class Surroundings:
     base: bool
     around: Surrounding
     doubts: tuple[OptionWarning, ...]
+    walk: str | None = None
 
     @classmethod
     def inspect(cls, scene: Scene, sensor: Sensor, place_m: Numbers, *, time_s: float, clearance: Clearance) -> Self:
@@ -82,6 +84,7 @@ class Surroundings:
                 *_size_doubts(clearance),
                 *_place_doubts(sensor, around, place_m, alone=scene.base is None),
             ),
+            walk=None if sensor.histogram is None else sensor.histogram.walk_left,
         )
 
     def line(self) -> str:

@@ -12,6 +12,7 @@ from ..errors import InputError
 from ..files.table_model import Number, Table
 from ..maths.arrays import Lanes, xp
 from ..maths.units import FileKey, Quantity, si
+from ..physics.constants import SPEED_OF_LIGHT_M_S
 from ..physics.electronics.pulse_sums import SIGMAS_PER_FWHM
 from ..physics.photon_counting.walk import Walk, calibrate
 from .electronics import MOST_STOPS, Tdc
@@ -114,6 +115,16 @@ class Histogram:
     def threshold_of_noise(self, threshold: Lanes, deviate: Lanes) -> Lanes:
         """Threshold that the noise of a point meets; arguments as of `threshold_of_point`."""
         return self.threshold_of_point(threshold, deviate, 1.0 if self.neighbours else 0.0)
+
+    @property
+    def walk_left(self) -> str | None:
+        """Line on echoes whose shift by pile-up is not told for sure; None: there are none."""
+        if self.calibrated is None or self.calibrated.alike is None:
+            return None
+        left_m = self.calibrated.left * float(self.bin_s) / self.bin_to_sigma * 0.5 * SPEED_OF_LIGHT_M_S
+        low, high = self.calibrated.alike
+        lights = f"{low:.1f} to {high:.0f}"
+        return f"up to {left_m:.2f} m of pile-up may be left of echoes of {lights} detections on a SPAD in each shot"
 
 
 class HistogramFile(

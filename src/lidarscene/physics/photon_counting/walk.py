@@ -42,6 +42,17 @@ _MOST_SUN, _BEND = 2.0, 0.25
 _ROUND = 0.01
 """Share of the highest y at which the axis of heights bends: near the highest, small steps are large powers."""
 
+_SEARCH = 1.25
+"""Half width of the search for a peak, in sigmas: less than a dead time."""
+
+_REVIVED, _FINE = 6.0, 0.15
+"""Dead time below which SPADs fire twice in an echo, and the step of the course that finds the higher hump, in sigmas.
+"""
+
+_JUMP, _SAME, _NEARLY = 0.5, 0.004, 0.9
+"""Jump of the shift, in sigmas, from which on two humps are told apart; share of y within which noise confuses them; and
+share of the highest y from which on it confuses echoes that blind the pixel with those that do not."""
+
 _FAR_BELOW = 0.9
 """Share of the least y of blinding echoes below which an echo is none: noise reaches no farther."""
 
@@ -57,12 +68,16 @@ class Walk:
     shift     shift of an echo, in sigmas, negative
     blinding  shift of an echo of the same y that is so strong that fewer SPADs count together; None: y tells them apart
     divide    q from which on an echo is such a one
+    alike     Lambda between which noise may take an echo for another of nearly the same y, in the dark; None: nowhere
+    left      most of the shift that is left of such an echo then, in sigmas
     """
 
     highest: LookupTable
     shift: LookupTable
     blinding: LookupTable | None
     divide: LookupTable | None
+    alike: tuple[float, float] | None
+    left: float
 
     def at(self, *, height: Lanes, narrowing: Lanes, sun: Lanes) -> Lanes:
         """Look up the shift of an echo.
@@ -136,12 +151,32 @@ def calibrate(
         )
         tables[2, :, j] = np.where(nodes[:, j] < _FAR_BELOW * high[0], _NEVER, middle)
     folds = coincidence > 1
+    alike, left = _look_alikes(course, int(tops[0]))
     return Walk(
         highest=LookupTable(highest),
         shift=LookupTable(tables[0]),
         blinding=LookupTable(tables[1]) if folds else None,
         divide=LookupTable(tables[2]) if folds else None,
+        alike=alike,
+        left=left,
     )
+
+
+def _look_alikes(course: Course, top: int) -> tuple[tuple[float, float] | None, float]:
+    """`Walk.alike` and `Walk.left` of the course in the dark.
+
+    top  number of the power with the highest y
+    """
+    lights, (height, shift) = _lights(), (course.height[:, 0], course.shift[:, 0])
+    if top < len(lights) - 1:
+        first = int(np.argmax(height > _NEARLY * height[top]))
+        return (float(lights[first]), _MOST), float(shift[first] - shift[-1])
+    jump = int(np.argmax(np.abs(np.diff(shift))))
+    left = float(abs(shift[jump + 1] - shift[jump]))
+    if left < _JUMP:
+        return None, 0.0
+    near = np.flatnonzero(np.abs(height / height[jump] - 1.0) < _SAME)
+    return (float(lights[near[0]]), float(lights[near[-1]])), left
 
 
 def expected_course(
@@ -156,12 +191,16 @@ def expected_course(
     centroid: bool,
 ) -> Course:
     """Compute the filter's peak at echoes of these Lambda on these suns; arguments as of `calibrate`."""
-    courses = [
-        _in_phase(
-            lights, suns, (number + 0.5) / _PHASES - 0.5, bin_sigmas, dead_sigmas, spads, coincidence, side, centroid
-        )
-        for number in range(_PHASES)
-    ]
+    near = None
+    if dead_sigmas < _REVIVED:
+        # SPADs that a strong echo revives fire a second time: in all places in a bin the same of two humps is taken.
+        finer = math.ceil(bin_sigmas / _FINE)
+        near = _in_phase(
+            lights, suns, bin_sigmas / finer, dead_sigmas, spads, coincidence, side * finer, False, phase=0.0, near=None
+        )[2]
+    settings = (lights, suns, bin_sigmas, dead_sigmas, spads, coincidence, side, centroid)
+    phases = (np.arange(_PHASES) + 0.5) / _PHASES - 0.5
+    courses = [_in_phase(*settings, phase=float(phase), near=near) for phase in phases]
     height, narrowing, shift = np.mean(courses, axis=0)
     return Course(height=height, narrowing=narrowing, shift=shift)
 
@@ -169,15 +208,21 @@ def expected_course(
 def _in_phase(
     lights: Numbers,
     suns: Numbers,
-    phase: float,
     bin_sigmas: float,
     dead_sigmas: float,
     spads: float,
     coincidence: int,
     side: int,
     centroid: bool,
+    *,
+    phase: float,
+    near: Numbers | None,
 ) -> Numbers:
-    """Height, narrowing and shift (3, lights, suns) of echoes at one place in a bin, in bins from its middle."""
+    """Height, narrowing and shift (3, lights, suns) of echoes at one place in a bin.
+
+    phase  place of the echo in bins from a bin's middle
+    near   (lights, suns) shift near which the peak is looked for; None: everywhere
+    """
     reach = math.ceil(6.0 / bin_sigmas) + side
     bins = np.arange(-reach, reach + 1)
     time = (bins - phase) * bin_sigmas
@@ -198,7 +243,8 @@ def _in_phase(
     offset = bins[:, None] - bins
     template = SCALE * np.exp(-0.5 * (offset * (bin_sigmas / TEMPLATE)) ** 2) * (np.abs(offset) <= side)
     values = counts @ template
-    best = np.clip(np.argmax(values, axis=-1), 1, len(bins) - 2)[..., None]
+    searched = values if near is None else np.where(np.abs(time - near[..., None]) < _SEARCH, values, -np.inf)
+    best = np.clip(np.argmax(searched, axis=-1), 1, len(bins) - 2)[..., None]
     low, top, high = (np.take_along_axis(values, best + step, axis=-1)[..., 0] for step in (-1, 0, 1))
     low, top, high = (np.log(np.maximum(value, 1e-3 * top)) for value in (low, top, high))
     away = np.clip(0.5 * (low - high) / np.minimum(low - 2.0 * top + high, -1e-9), -0.5, 0.5)
