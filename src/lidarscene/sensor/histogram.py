@@ -14,7 +14,7 @@ from ..maths.arrays import Lanes, xp
 from ..maths.units import FileKey, Quantity, si
 from ..physics.constants import SPEED_OF_LIGHT_M_S
 from ..physics.electronics.pulse_sums import SIGMAS_PER_FWHM
-from ..physics.photon_counting.walk import Walk, calibrate
+from ..physics.photon_counting.walk import Filtering, Walk, calibrate
 from .electronics import MOST_STOPS, Tdc
 
 MOST_BINS = 64
@@ -76,7 +76,7 @@ class Histogram:
     coates: Annotated[bool, FileKey(about="whether counts are corrected for pile-up before the filter")] = False
     walk: Annotated[
         Literal["corrected", "raw"],
-        FileKey(about="whether the shift of strong echoes by pile-up is taken off, from their counts"),
+        FileKey(about="whether the shift of strong echoes by pile-up is taken off, by a calibration"),
     ] = "corrected"
     reach: int
     search: int
@@ -252,7 +252,7 @@ class HistogramFile(
             )
         calibrated = None
         if self.walk == "corrected" and not self.coates:
-            calibrated = calibrate(
+            filtering = Filtering(
                 bin_sigmas=self.bin_ns / sigma_ns,
                 dead_sigmas=1e9 * dead_time_s / sigma_ns,
                 spads=spads,
@@ -260,6 +260,7 @@ class HistogramFile(
                 side=reach - search - 1,
                 centroid=self.estimator == "centroid",
             )
+            calibrated = calibrate(filtering)
         return self.in_si(
             shots=float(self.shots_per_point(dwell_us)),
             period_s=si(period_us, "us"),

@@ -25,15 +25,15 @@ def test_tables_give_back_the_shift(name, centroid):
 
     Between the nodes in light and sun. Suns are those of dead times up to a fifth of the dead time.
     """
-    settings = ARRAYS[name] | {"centroid": centroid}
-    calibrated = walk.calibrate(**settings)
+    sensor = walk.Filtering(**ARRAYS[name], centroid=centroid)
+    calibrated = walk.calibrate(sensor)
     suns = np.array([0.0, 0.013, 0.06])
     lights = np.array([0.004, 0.06, 0.4, 1.3, 3.0, 9.0, 30.0, 70.0])
     if calibrated.alike is not None:
         lights = lights[lights < calibrated.alike[0]]
-    course = walk.expected_course(lights, suns, **settings)
+    course = walk.expected_course(lights, suns, sensor)
     shift = calibrated.at(height=course.height, narrowing=course.narrowing, sun=suns + 0.0 * course.height)
-    np.testing.assert_allclose(shift, course.shift, atol=0.03 if settings["dead_sigmas"] < 4.0 else 0.02)
+    np.testing.assert_allclose(shift, course.shift, atol=0.03 if sensor.dead_sigmas < 4.0 else 0.02)
 
 
 def drawn_peak(light, coincidence, *, shots, random, bin_sigmas=0.56, spads=16, side=6):
@@ -73,9 +73,9 @@ def test_expected_course_by_photons(light, coincidence):
     Light that is even within a bin costs up to 0.02 sigma and 1 %; 30,000 shots are good to 0.002 sigma (single SPADs)
     and 0.006 (two together).
     """
-    settings = ARRAYS["two together"] | {"coincidence": coincidence, "centroid": False}
+    sensor = walk.Filtering(**ARRAYS["two together"] | {"coincidence": coincidence}, centroid=False)
     shift, height, narrowing = drawn_peak(light, coincidence, shots=30_000, random=np.random.default_rng(4))
-    course = walk.expected_course(np.array([light]), np.array([0.0]), **settings)
+    course = walk.expected_course(np.array([light]), np.array([0.0]), sensor)
     assert course.shift[0, 0] == pytest.approx(shift, abs=0.03)
     assert course.height[0, 0] == pytest.approx(height, rel=0.015)
     assert course.narrowing[0, 0] == pytest.approx(narrowing, rel=0.01)
@@ -83,9 +83,9 @@ def test_expected_course_by_photons(light, coincidence):
 
 def test_look_alikes_are_named():
     """Pixels whose SPADs fire twice in an echo, or count together, cannot tell all powers apart; others can."""
-    assert walk.calibrate(**ARRAYS["long dead time"], centroid=False).alike is None
-    low, high = walk.calibrate(**ARRAYS["short dead time"], centroid=False).alike
+    assert walk.calibrate(walk.Filtering(**ARRAYS["long dead time"], centroid=False)).alike is None
+    low, high = walk.calibrate(walk.Filtering(**ARRAYS["short dead time"], centroid=False)).alike
     assert 50.0 < low < high < 2000.0
-    together = walk.calibrate(**ARRAYS["two together"], centroid=False)
+    together = walk.calibrate(walk.Filtering(**ARRAYS["two together"], centroid=False))
     assert 1.0 < together.alike[0] < 3.0
     assert 2.0 < together.left < 4.0

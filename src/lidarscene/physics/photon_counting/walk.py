@@ -18,7 +18,7 @@ narrowing, that height over the counts around the peak.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 
 import numpy as np
@@ -50,7 +50,7 @@ _REVIVED, _FINE = 6.0, 0.15
 """
 
 _JUMP, _SAME, _NEARLY = 0.5, 0.004, 0.9
-"""Jump of the shift, in sigmas, from which on two humps are told apart; share of y within which noise confuses them; and
+"""Jump of the shift, in sigmas, from which on two humps are told apart; share of y within which noise confuses them;
 share of the highest y from which on it confuses echoes that blind the pixel with those that do not."""
 
 _FAR_BELOW = 0.9
@@ -96,6 +96,26 @@ class Walk:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Filtering:
+    """What of a sensor decides its walk.
+
+    bin_sigmas   length of a bin, in sigmas
+    dead_sigmas  dead time, in sigmas; inf: a SPAD fires once in a shot
+    spads        of a pixel
+    coincidence  SPADs that must fire in a bin to count
+    side         bins of the filter on either side
+    centroid     whether the centroid of the counts is the place of an echo, and not the filter's peak
+    """
+
+    bin_sigmas: float
+    dead_sigmas: float
+    spads: float
+    coincidence: int
+    side: int
+    centroid: bool
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Course:
     """Expected echoes of a calibration, each field (lights, suns); the mean over places in a bin.
 
@@ -110,31 +130,12 @@ class Course:
 
 
 @lru_cache(maxsize=64)
-def calibrate(
-    *, bin_sigmas: float, dead_sigmas: float, spads: float, coincidence: int, side: int, centroid: bool
-) -> Walk:
-    """Calibrate a sensor.
-
-    bin_sigmas   length of a bin, in sigmas
-    dead_sigmas  dead time, in sigmas; inf: a SPAD fires once in a shot
-    spads        of a pixel
-    coincidence  SPADs that must fire in a bin to count
-    side         bins of the filter on either side
-    centroid     whether the centroid of the counts is the place of an echo, and not the filter's peak
-    """
+def calibrate(sensor: Filtering) -> Walk:
+    """Calibrate a sensor."""
     lights, suns = _lights(), _suns()
-    course = expected_course(
-        lights,
-        suns,
-        bin_sigmas=bin_sigmas,
-        dead_sigmas=dead_sigmas,
-        spads=spads,
-        coincidence=coincidence,
-        side=side,
-        centroid=centroid,
-    )
+    course = expected_course(lights, suns, sensor)
     # Counts of single SPADs only crowd closer together as light grows.
-    tops = np.argmax(course.height, axis=0) if coincidence > 1 else np.full(_SUNS, _LIGHTS - 1)
+    tops = np.argmax(course.height, axis=0) if sensor.coincidence > 1 else np.full(_SUNS, _LIGHTS - 1)
     highest = np.max(course.height, axis=0)
     nodes = _heights()[:, None] * highest
     tables = np.zeros((3, _HEIGHTS, _SUNS))
@@ -150,7 +151,7 @@ def calibrate(
             np.interp(nodes[:, j], low, narrowing[rising]) + np.interp(nodes[:, j], high, narrowing[falling])
         )
         tables[2, :, j] = np.where(nodes[:, j] < _FAR_BELOW * high[0], _NEVER, middle)
-    folds = coincidence > 1
+    folds = sensor.coincidence > 1
     alike, left = _look_alikes(course, int(tops[0]))
     return Walk(
         highest=LookupTable(highest),
@@ -179,50 +180,27 @@ def _look_alikes(course: Course, top: int) -> tuple[tuple[float, float] | None, 
     return (float(lights[near[0]]), float(lights[near[-1]])), left
 
 
-def expected_course(
-    lights: Numbers,
-    suns: Numbers,
-    *,
-    bin_sigmas: float,
-    dead_sigmas: float,
-    spads: float,
-    coincidence: int,
-    side: int,
-    centroid: bool,
-) -> Course:
-    """Compute the filter's peak at echoes of these Lambda on these suns; arguments as of `calibrate`."""
+def expected_course(lights: Numbers, suns: Numbers, sensor: Filtering) -> Course:
+    """Compute the filter's peak at echoes of these Lambda on these suns."""
     near = None
-    if dead_sigmas < _REVIVED:
+    if sensor.dead_sigmas < _REVIVED:
         # SPADs that a strong echo revives fire a second time: in all places in a bin the same of two humps is taken.
-        finer = math.ceil(bin_sigmas / _FINE)
-        near = _in_phase(
-            lights, suns, bin_sigmas / finer, dead_sigmas, spads, coincidence, side * finer, False, phase=0.0, near=None
-        )[2]
-    settings = (lights, suns, bin_sigmas, dead_sigmas, spads, coincidence, side, centroid)
+        parts = math.ceil(sensor.bin_sigmas / _FINE)
+        finer = replace(sensor, bin_sigmas=sensor.bin_sigmas / parts, side=sensor.side * parts, centroid=False)
+        near = _in_phase(lights, suns, finer, phase=0.0, near=None)[2]
     phases = (np.arange(_PHASES) + 0.5) / _PHASES - 0.5
-    courses = [_in_phase(*settings, phase=float(phase), near=near) for phase in phases]
+    courses = [_in_phase(lights, suns, sensor, phase=float(phase), near=near) for phase in phases]
     height, narrowing, shift = np.mean(courses, axis=0)
     return Course(height=height, narrowing=narrowing, shift=shift)
 
 
-def _in_phase(
-    lights: Numbers,
-    suns: Numbers,
-    bin_sigmas: float,
-    dead_sigmas: float,
-    spads: float,
-    coincidence: int,
-    side: int,
-    centroid: bool,
-    *,
-    phase: float,
-    near: Numbers | None,
-) -> Numbers:
+def _in_phase(lights: Numbers, suns: Numbers, sensor: Filtering, *, phase: float, near: Numbers | None) -> Numbers:
     """Height, narrowing and shift (3, lights, suns) of echoes at one place in a bin.
 
     phase  place of the echo in bins from a bin's middle
     near   (lights, suns) shift near which the peak is looked for; None: everywhere
     """
+    bin_sigmas, dead_sigmas, side, coincidence = sensor.bin_sigmas, sensor.dead_sigmas, sensor.side, sensor.coincidence
     reach = math.ceil(6.0 / bin_sigmas) + side
     bins = np.arange(-reach, reach + 1)
     time = (bins - phase) * bin_sigmas
@@ -236,7 +214,8 @@ def _in_phase(
     free = np.exp(-suns * reach * bin_sigmas) if fires_once else 1.0 / (1.0 + suns * dead_sigmas)
     if coincidence > 1:
         fired, dark = (
-            dead_time.coincidence_share(least=coincidence, spads=spads, share=share) for share in (fired, dark)
+            np.asarray(dead_time.coincidence_share(least=coincidence, spads=sensor.spads, share=share))
+            for share in (fired, dark)
         )
         free = np.ones_like(suns)
     counts = (fired - dark) / free[:, None]
@@ -252,9 +231,9 @@ def _in_phase(
     place = best[..., 0] - reach + away
 
     def inside(middle: Numbers) -> Numbers:
-        return np.clip(BOX / bin_sigmas + 0.5 - np.abs(bins - middle[..., None]), 0.0, 1.0) * counts
+        return np.asarray(np.clip(BOX / bin_sigmas + 0.5 - np.abs(bins - middle[..., None]), 0.0, 1.0) * counts)
 
-    if centroid:
+    if sensor.centroid:
         around = inside(best[..., 0] - reach)
         place = np.sum(around * bins, axis=-1) / np.sum(around, axis=-1)
     return np.stack([height, height / np.maximum(np.sum(inside(place), axis=-1), 1e-30), (place - phase) * bin_sigmas])
