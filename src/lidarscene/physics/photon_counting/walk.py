@@ -56,6 +56,9 @@ share of the highest y from which on it confuses echoes that blind the pixel wit
 _FAR_BELOW = 0.9
 """Share of the least y of blinding echoes below which an echo is none: noise reaches no farther."""
 
+_DARK = 1e-30
+"""Counts that are none."""
+
 _NEVER = 1e9
 """Narrowing that no echo has."""
 
@@ -225,7 +228,9 @@ def _in_phase(lights: Numbers, suns: Numbers, sensor: Filtering, *, phase: float
     searched = values if near is None else np.where(np.abs(time - near[..., None]) < _SEARCH, values, -np.inf)
     best = np.clip(np.argmax(searched, axis=-1), 1, len(bins) - 2)[..., None]
     low, top, high = (np.take_along_axis(values, best + step, axis=-1)[..., 0] for step in (-1, 0, 1))
-    low, top, high = (np.log(np.maximum(value, 1e-3 * top)) for value in (low, top, high))
+    # Without any counts there is a height too.
+    least = np.maximum(1e-3 * top, _DARK)
+    low, top, high = (np.log(np.maximum(value, least)) for value in (low, top, high))
     away = np.clip(0.5 * (low - high) / np.minimum(low - 2.0 * top + high, -1e-9), -0.5, 0.5)
     height = np.exp(top - 0.25 * (low - high) * away)
     place = best[..., 0] - reach + away
@@ -235,8 +240,8 @@ def _in_phase(lights: Numbers, suns: Numbers, sensor: Filtering, *, phase: float
 
     if sensor.centroid:
         around = inside(best[..., 0] - reach)
-        place = np.sum(around * bins, axis=-1) / np.sum(around, axis=-1)
-    return np.stack([height, height / np.maximum(np.sum(inside(place), axis=-1), 1e-30), (place - phase) * bin_sigmas])
+        place = np.sum(around * bins, axis=-1) / np.maximum(np.sum(around, axis=-1), _DARK)
+    return np.stack([height, height / np.maximum(np.sum(inside(place), axis=-1), _DARK), (place - phase) * bin_sigmas])
 
 
 def _lights() -> Numbers:
