@@ -26,9 +26,7 @@ import numpy as np
 from ...maths.arrays import Lanes, LookupTable, Numbers, xp
 from . import dead_time
 from .matched_filter import SCALE, TEMPLATE
-
-BOX = 2.4
-"""Half width of the bins whose counts are an echo's photons, in sigmas."""
+from .pile_up import BOX
 
 _LEAST, _MOST = 1e-3, 1e4
 """Smallest and largest Lambda of a calibration."""
