@@ -237,7 +237,6 @@ class _Receiver(Shots):
         lone_w = power_w * (self.filtered.fwhm_s / sensor.laser.pulse_fwhm_s)
         background = self.train.background_power_w
         pixel = sensor.pixel(background, range_m=range_m)
-        point = sensor.working_point(background, range_m=range_m)
         threshold = pixel.histogram.threshold_of_point(
             expected.level, _draw_deviate(self.seed, self.pulse), expected.lone
         )
