@@ -71,10 +71,22 @@ def test_the_verdict_names_the_limits_that_are_missed() -> None:
     assert sentence.endswith("; 'signal', 0.5 where at most 0.15 is allowed; 1 more.")
 
 
-def test_a_row_without_numbers_has_no_values() -> None:
-    assert not Held(quantity="signal, mean error over the range", limits=LIMITS["signal error"]).has_values
-    assert Held(quantity="share", value=0.0).has_values
-    assert Held(quantity="gap", reference=0.8).has_values
+def test_limits_that_nothing_is_held_to_are_named_and_not_met() -> None:
+    """Rationale: rows without a value were left out of the table and of the count, "10 of 17"."""
+    met, scatter = (Held(quantity=name, value=0.01, limits=LIMITS["points"]) for name in ("points", "scatter"))
+    unmeasured = Held(quantity="range, bias", condition="smooth surfaces", limits=LIMITS["range bias"])
+    assert unmeasured.is_shown
+    assert not Held(quantity="ground").is_shown
+    assert Held(quantity="gap", reference=0.8).is_shown
+    assert verdict([met, scatter, unmeasured], "The twin") == (
+        "The twin meets all 2 limits that could be measured; not measured: 'range, bias (smooth surfaces)'."
+    )
+    missed = Held(quantity="ground", value=0.5, limits=LIMITS["points"])
+    assert verdict([met, missed, unmeasured], "The fit").endswith(
+        "allowed; not measured: 'range, bias (smooth surfaces)'."
+    )
+    assert verdict([unmeasured], "The fit").startswith("The fit has nothing that can be held to a limit; not measured")
+    assert held_table([unmeasured])[1] == [("range, bias", "smooth surfaces", "-10 to 10", "not measured")]
 
 
 def test_the_table_has_the_columns_that_say_something() -> None:

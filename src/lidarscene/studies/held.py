@@ -110,13 +110,17 @@ class Held:
     @property
     def verdict(self) -> bool | None:
         """True if the value is within its limits, ends included; None without limits or value."""
-        is_limited = self.limits.low is not None or self.limits.high is not None
-        return self.limits.include(self.value) if is_limited and self.value is not None else None
+        return self.limits.include(self.value) if self.is_limited and self.value is not None else None
 
     @property
-    def has_values(self) -> bool:
-        """True if any of the three numbers is known."""
-        return (self.reference, self.simulated, self.value) != (None, None, None)
+    def is_limited(self) -> bool:
+        """True if the quantity has a limit, whether its value is known or not."""
+        return self.limits.low is not None or self.limits.high is not None
+
+    @property
+    def is_shown(self) -> bool:
+        """True if the row has a number, or a limit that nothing could be held to."""
+        return self.is_limited or (self.reference, self.simulated, self.value) != (None, None, None)
 
     def as_dict(self, **keys: str) -> dict[str, Any]:
         """The row for JSON.
@@ -147,23 +151,29 @@ def passed(rows: Sequence[Held]) -> bool:
 
 
 def verdict(rows: Sequence[Held], whole: str) -> str:
-    """Outcome in one sentence: how many limits are met, and which are not.
+    """Outcome in one sentence: how many limits are met, which are not, and for which there is no value.
 
     whole  what is judged, to begin the sentence: "The twin"
     """
     limited = [row for row in rows if row.verdict is not None]
     missed = [row for row in limited if not row.verdict]
+    unmeasured = [_name(row) for row in rows if row.is_limited and row.value is None]
+    not_measured = f"; not measured: {', '.join(unmeasured)}" if unmeasured else ""
     if not limited:
-        return f"{whole} has nothing that can be held to a limit."
+        return f"{whole} has nothing that can be held to a limit{not_measured}."
     if not missed:
-        return f"{whole} meets all {len(limited)} limits." if len(limited) > 1 else f"{whole} meets the one limit."
-    misses = []
-    for row in missed[:MOST_NAMED]:
-        where = ", ".join(text for text in (row.subject, row.condition) if text)
-        name = f"{row.quantity} ({where})" if where else row.quantity
-        misses.append(f"'{name}', {value_text(row.value)} where {row.limits} is allowed")
+        met = f"all {len(limited)} limits" if len(limited) > 1 else "the one limit"
+        return f"{whole} meets {met}{' that could be measured' if unmeasured else ''}{not_measured}."
+    misses = [f"{_name(row)}, {value_text(row.value)} where {row.limits} is allowed" for row in missed[:MOST_NAMED]]
     more = [f"{len(missed) - MOST_NAMED} more"] if len(missed) > MOST_NAMED else []
-    return f"{whole} meets {len(limited) - len(missed)} of {len(limited)} limits; it misses {'; '.join(misses + more)}."
+    met = f"{len(limited) - len(missed)} of {len(limited)} limits"
+    return f"{whole} meets {met}; it misses {'; '.join(misses + more)}{not_measured}."
+
+
+def _name(row: Held) -> str:
+    """Name of a row within a sentence."""
+    where = ", ".join(text for text in (row.subject, row.condition) if text)
+    return f"'{row.quantity} ({where})'" if where else f"'{row.quantity}'"
 
 
 def value_text(value: float | None) -> str:
@@ -190,7 +200,7 @@ def held_table(rows: Sequence[Held], *, percent: bool = False, **headings: str) 
             value_text(row.simulated),
             f"{row.value:+z.1%}" if percent and row.value is not None else value_text(row.value),
             str(row.limits),
-            marks[row.verdict],
+            "not measured" if row.is_limited and row.value is None else marks[row.verdict],
             row.note,
         )
         for row in rows

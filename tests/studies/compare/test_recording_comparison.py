@@ -112,10 +112,16 @@ def test_the_verdict_names_what_differs_most() -> None:
     same_range, far, ring = (_row("range", 1.0, 1.05), _row("ground [m]", 10.0, 40.0), _row("points at 3", 1, 9))
     counts = "twin has 90 points, real 100 (-10 %)"
     unknown = _row("share", None, 0.9)
-    sentence = verdict("twin", "real", [points, same_range, far, ring, unknown])
-    assert sentence == f"{counts}; what differs most is 'ground [m]': 10 against 40."
+    sentence = verdict("twin", "real", [points, same_range, far, ring, unknown, _row("gap [m]", 0.8, None)])
+    largest, alone = (
+        "what differs most is 'ground [m]': 10 against 40",
+        "only twin has 'gap [m]'; only real has 'share'",
+    )
+    assert sentence == f"{counts}; {largest}; {alone}."
     assert verdict("twin", "real", [points, same_range, ring]) == f"{counts}; nothing else differs by 10 % or more."
-    assert verdict("twin", "real", [points, unknown]) == f"{counts}; nothing else is known of both."
+    assert (
+        verdict("twin", "real", [points, unknown]) == f"{counts}; nothing else is known of both; only real has 'share'."
+    )
     assert verdict("a", "b", [_row("points", 3, 3)]).startswith("a has 3 points, as many as b; nothing")
     assert verdict("a", "b", [_row("points", 3, 0)]).startswith("a has 3 points, b 0; nothing else")
 

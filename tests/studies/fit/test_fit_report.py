@@ -43,5 +43,8 @@ def test_limits_of_each_law(law: str, value: Any, passed: bool) -> None:
 def test_of_a_recording_that_tells_nothing_nothing_fails() -> None:
     checks = RecordingFit().checks
     assert held.passed(checks)
-    assert held.verdict(checks, "The fit") == "The fit has nothing that can be held to a limit."
+    assert held.verdict(checks, "The fit") == (
+        "The fit has nothing that can be held to a limit; not measured: 'signal, mean error over the range', "
+        "'kept and lost, mean difference', 'range, scatter'."
+    )
     assert {check_as_dict(check)["found"] for check in checks} == {"not recorded, or too few smooth surfaces"}

@@ -316,3 +316,12 @@ def test_frames_are_told_apart_by_the_pulses_that_both_recorded() -> None:
 def test_ten_millimetres_of_bias_either_way(bias_mm: float, is_met: bool) -> None:
     rows = judge._ranges(exact_pulses(simulated_range_m=exact_pulses().true_range_m + 1e-3 * bias_mm))
     assert value_of(rows, "range, bias").verdict is is_met
+
+
+def test_what_too_few_pulses_are_there_for_is_listed() -> None:
+    """Rationale: the rows of the scatter and of the rings vanished, and the verdict counted the others."""
+    few = pulses().select(np.arange(N) < judge.LEAST_PULSES // 2)
+    rows = [*judge._ranges(few), *judge._signals(few), *judge._points(few)]
+    unmeasured = {row.quantity for row in rows if row.is_limited and row.value is None}
+    expected = {"range, bias", "range, scatter", "signal, mean error over the range", "points per ring, worst"}
+    assert unmeasured == expected

@@ -121,7 +121,7 @@ def compare_with_recording(side: Side, real: Side, folder: Path, *, as_json: boo
 
 
 def verdict(name: str, real_name: str, rows: Sequence[Held]) -> str:
-    """The outcome in one sentence: how many points, and what differs most."""
+    """The outcome in one sentence: how many points, what differs most, and what only one side has."""
     points, *others = (row for row in rows if not row.quantity.startswith(CHANNEL_PREFIX))
     sentence = f"{name} has {value_text(points.simulated)} points"
     if points.simulated == points.reference:
@@ -129,14 +129,28 @@ def verdict(name: str, real_name: str, rows: Sequence[Held]) -> str:
     else:
         share = "" if points.value is None else f" ({100.0 * (points.value - 1.0):+.3g} %)"
         sentence += f", {real_name} {value_text(points.reference)}{share}"
-    ratios = [(abs(math.log(row.value)), row) for row in others if row.value is not None and row.value > 0.0]
+    return f"{sentence}; {_largest_difference(others)}{_on_one_side(name, real_name, others)}."
+
+
+def _largest_difference(rows: Sequence[Held]) -> str:
+    """Part of the verdict: the quantity whose ratio is farthest from 1."""
+    ratios = [(abs(math.log(row.value)), row) for row in rows if row.value is not None and row.value > 0.0]
     if not ratios:
-        return f"{sentence}; nothing else is known of both."
+        return "nothing else is known of both"
     _, row = max(ratios, key=lambda pair: pair[0])
     if row.value is not None and abs(row.value - 1.0) < ALIKE:
-        return f"{sentence}; nothing else differs by {100.0 * ALIKE:.0f} % or more."
+        return f"nothing else differs by {100.0 * ALIKE:.0f} % or more"
     values = f"{value_text(row.simulated)} against {value_text(row.reference)}"
-    return f"{sentence}; what differs most is '{row.quantity}': {values}."
+    return f"what differs most is '{row.quantity}': {values}"
+
+
+def _on_one_side(name: str, real_name: str, rows: Sequence[Held]) -> str:
+    """Part of the verdict: quantities without a ratio, since one side lacks them or has none."""
+    sides = (
+        (name, [f"'{row.quantity}'" for row in rows if row.simulated and not row.reference]),
+        (real_name, [f"'{row.quantity}'" for row in rows if row.reference and not row.simulated]),
+    )
+    return "".join(f"; only {side} has {', '.join(names)}" for side, names in sides if names)
 
 
 _NOTE = (

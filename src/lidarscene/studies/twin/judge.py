@@ -92,15 +92,23 @@ def _ranges(pulses: MatchedPulses) -> Iterator[Held]:
         limits=LIMITS["range bias"],
         value=float(np.median(simulated_mm - real_mm)) if has_enough else None,
     )
-    if not has_enough:
-        return
-    yield from _double_metric("range", real_mm, simulated_mm, "mm")
+    scatters = []
+    if has_enough:
+        yield from _double_metric("range", real_mm, simulated_mm, "mm")
+        scatters = list(_scatters(returns))
+    yield from scatters or [Held(quantity="range, scatter", limits=LIMITS["scatter ratio"])]
+
+
+def _scatters(returns: MatchedPulses) -> Iterator[Held]:
+    """Scatter in each octave of signal with enough second differences; without signals, of all of them."""
+    returns = returns.select(np.isfinite(returns.change_m))
     if returns.signal is None:
-        yield _scatter("all strengths", returns)
+        if len(returns.change_m) >= LEAST_SCATTERED:
+            yield _scatter("all strengths", returns)
         return
     octave = np.floor(np.log2(np.maximum(returns.signal, 1.0))).astype(int)
     for number in np.unique(octave):
-        octave_returns = returns.select((octave == number) & np.isfinite(returns.change_m))
+        octave_returns = returns.select(octave == number)
         if len(octave_returns.change_m) >= LEAST_SCATTERED:
             yield _scatter(f"signal {2**number} to {2 ** (number + 1)}", octave_returns)
 
@@ -172,6 +180,7 @@ def _points(pulses: MatchedPulses) -> Iterator[Held]:
     of_simulated = np.bincount(pulses.ring[pulses.has_simulated_return], minlength=rings)
     full_rings = of_real >= LEAST_PULSES
     if not full_rings.any():
+        yield Held(quantity="points per ring, worst", limits=LIMITS["points of a ring"])
         return
     error = of_simulated[full_rings] / of_real[full_rings] - 1.0
     worst_index = int(np.argmax(np.abs(error)))

@@ -63,7 +63,7 @@ def compare_twin(
     pulses, cloud = simulate_pulses(scene, sensor, sweep, pose=pose, options=options)
     next_number = (number + 1) % len(recording)
     real_disagreement = disagreement(full_sweep, recording[next_number]) if next_number != number else None
-    rows = [row for row in twin_quantities(pulses, sweep, cloud, between=real_disagreement) if row.has_values]
+    rows = [row for row in twin_quantities(pulses, sweep, cloud, between=real_disagreement) if row.is_shown]
     numbers: dict[str, Any] = {
         "verdict": verdict(rows, "The twin"),
         "recording": recording.path.name,
