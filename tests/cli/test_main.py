@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 import signal
 import tomllib
 from pathlib import Path
@@ -110,6 +111,13 @@ def test_schema_takes_what_we_ship_and_no_more(run: Run, kind: str, files: list[
     for mistake in wrong:
         for tables in (shipped[0], shipped[-1]):
             assert not validator.is_valid(tables | mistake), mistake
+
+
+def test_the_summary_says_what_walk_may_be_left(run: Run, wall: str, mi: ModuleType) -> None:
+    """Of SPADs whose echoes of different powers look alike; of others there is no such line."""
+    text = run("render", wall, "--sensor", "sony-spad-189x600", "-o", "o.ply").out
+    assert re.search(r"^walk +up to 0\.75 m of pile-up may be left", text, re.MULTILINE)
+    assert "walk" not in run("render", wall, "-o", "o.ply").out
 
 
 def test_summary_adds_up(run: Run, wall: str, mi: ModuleType) -> None:

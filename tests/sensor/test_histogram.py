@@ -214,3 +214,13 @@ def test_sensitivities_of_a_histogram_are_those_of_its_formulas():
         measured = math.log(high / low) / math.log(1.1 / 0.9)
         assert rows[key].range_elasticity == pytest.approx(measured, rel=0.02)
     assert rows["histogram.threshold_floor"].range_elasticity < 0.0
+
+
+def test_a_sensor_says_what_walk_may_be_left():
+    """Pixels that cannot tell all powers apart have a line for the summary; others, and raw ranges, have none."""
+    assert "0.75 m of pile-up may be left" in load_sensor("sony-spad-189x600").histogram.walk_left
+    assert load_sensor("os1-128").histogram.walk_left is None
+    together = ["detector.spads=16", "detector.coincidence=2"]
+    assert " to 10000 detections" in load_sensor("os1-128", overrides=together).histogram.walk_left
+    raw = [*together, "histogram.walk='raw'"]
+    assert load_sensor("os1-128", overrides=raw).histogram.walk_left is None

@@ -47,9 +47,10 @@ _REVIVED, _FINE = 6.0, 0.15
 """Dead time below which SPADs fire twice in an echo, and the step of the course that finds the higher hump, in sigmas.
 """
 
-_JUMP, _SAME, _NEARLY = 0.5, 0.004, 0.9
-"""Jump of the shift, in sigmas, from which on two humps are told apart; share of y within which noise confuses them;
-share of the highest y from which on it confuses echoes that blind the pixel with those that do not."""
+_JUMP, _BLUR, _NEARLY = 0.5, 2.2, 0.9
+"""Jump of the shift, in sigmas, from which on two humps are told apart; factor of Lambda to either side of it within
+which noise and the place in a bin confuse them; share of the highest y from which on noise confuses echoes that blind
+the pixel with those that do not."""
 
 _FAR_BELOW = 0.9
 """Share of the least y of blinding echoes below which an echo is none: noise reaches no farther."""
@@ -177,8 +178,7 @@ def _look_alikes(course: Course, top: int) -> tuple[tuple[float, float] | None, 
     left = float(abs(shift[jump + 1] - shift[jump]))
     if left < _JUMP:
         return None, 0.0
-    near = np.flatnonzero(np.abs(height / height[jump] - 1.0) < _SAME)
-    return (float(lights[near[0]]), float(lights[near[-1]])), left
+    return (float(lights[jump] / _BLUR), float(lights[jump] * _BLUR)), left
 
 
 def expected_course(lights: Numbers, suns: Numbers, sensor: Filtering) -> Course:
