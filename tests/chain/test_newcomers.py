@@ -82,7 +82,7 @@ MADE = "".join(f'        "as_{dtype}": of_pulse & 127,\n' for dtype in DTYPES) +
 NEW = {"scan/spiral.py": SPIRAL, "formats/xyz.py": XYZ}
 LINES = (
     ("scan/__init__.py", "AnyScannerFile = (", "from .spiral import SpiralFile\n\nAnyScannerFile = SpiralFile | ("),
-    ("formats/registry.py", '    "osi": Format(', XYZ_LINE + '    "osi": Format('),
+    ("formats/registry.py", '    "npz": Format(', XYZ_LINE + '    "npz": Format('),
     ("scene/weather.py", "    def extinction_at_per_m(", DUST + "    def extinction_at_per_m("),
     ("scene/weather.py", "media = (", "media = (self._dust(), "),
     ("formats/cloud_columns.py", "    true_range_m:", PULSE + "    true_range_m:"),

@@ -95,6 +95,7 @@ def test_numbers_of_stages_are_never_given_out_again() -> None:
         "GAPS": 12,
         "HISTOGRAM": 16,
         "THRESHOLD": 17,
+        "FLUCTUATION": 25,
     }
 
 

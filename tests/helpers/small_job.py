@@ -80,7 +80,7 @@ def threads_of_this_process(*_: object) -> Iterator[Any]:
         yield client
 
 
-def fails_in_company(tasks: Sequence[FrameTask], folder: str, threads: int | None) -> tuple[list[str], float]:
+def fails_in_company(tasks: Sequence[FrameTask], *_: object) -> tuple[list[str], float]:
     """A worker that breaks on every bundle, and on the frames of seed 7 also when they come alone.
 
     It stands here because workers import it by name, which they cannot do of a test file.
