@@ -490,9 +490,7 @@ def test_the_raw_range_of_strong_echoes_is_short_by_their_pile_up(detections):
         0.5
         * C
         * float(pixel.sigma_s)
-        * float(
-            np.ravel(pile_up.top(detections=np.array([detections]), sun=pixel.sun, dead=pixel.blind_sigmas).shift)[0]
-        )
+        * float(np.ravel(pile_up.shift(detections=np.array([detections]), sun=pixel.sun, dead=pixel.blind_sigmas))[0])
     )
     assert apart.mean() == pytest.approx(expected, abs=4.0 * apart.std() / math.sqrt(2000) - 0.02 * expected)
 

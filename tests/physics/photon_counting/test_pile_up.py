@@ -21,7 +21,7 @@ def test_pile_up_moves_strong_echoes_to_the_front():
             near = np.exp(-0.5 * ((times - place) / matched_filter.TEMPLATE) ** 2)
             place = np.sum(near * times) / np.sum(near)
         top = pile_up.top(detections=light, sun=0.0, dead=20.0)
-        assert float(top.shift) == pytest.approx(place, abs=0.02)
+        assert float(pile_up.shift(detections=light, sun=0.0, dead=20.0)) == pytest.approx(place, abs=0.02)
         height = matched_filter.SCALE * np.exp(-0.5 * ((times - place) / matched_filter.TEMPLATE) ** 2).mean()
         assert float(top.height) == pytest.approx(height, abs=0.005)
 
@@ -49,11 +49,13 @@ def test_the_peak_behind_the_filter_is_that_of_the_course_of_the_free_spads(sun,
         values = matched_filter.SCALE * template @ counts / -math.expm1(-detections)
         top = pile_up.top(detections=detections, sun=sun, dead=dead)
         assert float(top.height) == pytest.approx(values.max(), rel=5e-3)
-        assert float(top.shift) == pytest.approx(places[values.argmax()], abs=0.02)
+        shift = float(pile_up.shift(detections=detections, sun=sun, dead=dead))
+        assert shift == pytest.approx(places[values.argmax()], abs=0.02)
     weak = pile_up.weak_top(sun=sun, dead=12.0)
+    weak_shift = float(pile_up.shift(detections=0.0, sun=sun, dead=12.0))
     time, counts = course(1e-3, sun, 12.0)
     offset = 0.2 * np.arange(-1, 2)
-    template = np.exp(-0.5 * ((time - float(weak.shift) - offset[:, None]) / matched_filter.TEMPLATE) ** 2)
+    template = np.exp(-0.5 * ((time - weak_shift - offset[:, None]) / matched_filter.TEMPLATE) ** 2)
     low, middle, high = template @ counts
     bend = (2.0 * middle - low - high) / (0.04 * middle) * matched_filter.OUTPUT_WIDTH**2
     assert float(weak.bend) == pytest.approx(bend, rel=0.03)
@@ -63,5 +65,5 @@ def test_counts_around_an_echo_in_the_sun():
     """Rationale: the shadow takes some of the photons of the box. Reference: the course. Tolerance: 0.3 %."""
     for sun in (0.01, 0.1, 0.5):
         time, counts = course(1e-3, sun, 12.0)
-        near = np.abs(time - float(pile_up.weak_top(sun=sun, dead=12.0).shift)) < pile_up.BOX
+        near = np.abs(time - float(pile_up.shift(detections=0.0, sun=sun, dead=12.0))) < pile_up.BOX
         assert float(pile_up.shade_of_box(sun=sun)) == pytest.approx(counts[near].sum() / 1e-3, rel=3e-3)

@@ -239,25 +239,30 @@ class Bins:
         pixel, ops = self.pixel, self.ops
         spad = pixel.spad
         released = self._released(state.number, blind)
-        of_free, of_released = dead_time.firing_parts(detections=detections)
+        of_free, of_released = dead_time.firing_parts(detections=detections, branch=True)
         share = state.free * of_free + released * of_released
         revived = state.revived
         if pixel.corrected:
             # Coates' correction knows the counts before these bins too, and so how many SPADs are free.
             revived = revived + pixel.trials * released
-        first_mean = state.trials * share / ops.maximum(state.silent, 1e-6)
-        again_mean = state.again * of_free + revived * of_released
-        mean = ops.maximum(first_mean + again_mean, 1e-20)
+        # Of the trials that may fire the first ones have the mean trials share / silent, the second ones that of free
+        # SPADs. One division gives the mean probability and the share of the second ones.
+        silent = ops.maximum(state.silent, 1e-6)
+        of_again = silent * (state.again * of_free + revived * of_released)
+        of_all = ops.maximum(state.trials * share + of_again, 1e-15)
+        pool = ops.maximum(state.trials + state.again + revived, 1e-6)
+        inverse = 1.0 / (of_all * silent * pool)
+        probability = of_all * of_all * inverse
         counts, index = state.counts, ops.int32(state.number)
         if spad.coincidence == 1:
-            pool = ops.maximum(state.trials + state.again + revived, 1e-6)
-            firings = draws.binomial_count(trials=pool, probability=mean / pool, uniform=uniform)
+            firings = draws.binomial_count(trials=pool, probability=probability, uniform=uniform)
             if counts is not None:
                 free = ops.maximum(state.again + 0.5 * revived, 1e-6 * pixel.trials)
                 corrected = pixel.trials * dead_time.detections_of_share(share=firings / free)
                 counts = ops.put(counts, index, corrected)
         else:
             # How many SPADs have fired is not known from the pixel's counts: their mean with so many stands for them.
+            mean = pool * probability
             together = dead_time.coincidence_share(least=spad.coincidence, spads=spad.spads, share=mean)
             coincidences = draws.binomial_count(trials=pixel.trials, probability=together, uniform=uniform)
             fired = dead_time.firings_in_coincidences(least=spad.coincidence, spads=spad.spads, share=mean)
@@ -266,16 +271,16 @@ class Bins:
             assert counts is not None
             counts = ops.put(counts, index, coincidences)
         # Which of the firings are second ones is not drawn: as many as expected.
-        again = firings * again_mean / mean
-        room, number, silent = ops.put(state.firings, index, firings), state.number + 1.0, state.silent - share
+        again = firings * of_again * silent * pool * inverse
+        room, number, still_silent = ops.put(state.firings, index, firings), state.number + 1.0, state.silent - share
         return replace(
             state,
             number=number,
             free=state.free + released - share,
-            silent=silent,
+            silent=still_silent,
             trials=ops.maximum(state.trials - (firings - again), 0.0),
             again=ops.maximum(state.again + revived - again, 0.0),
-            revived=self._revived(room, number, silent),
+            revived=self._revived(room, number, still_silent),
             firings=room,
             counts=counts,
         )

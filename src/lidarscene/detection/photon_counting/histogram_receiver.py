@@ -60,8 +60,8 @@ class _Stop:
     status: Lanes
 
 
-_NEVER = 1e-9
-"""P_d below which the bins around a peak are not drawn: one point in a thousand frames."""
+_NEVER = 1e-7
+"""P_d below which the bins around a peak are not drawn: less than a point in forty frames of 262,144 pulses."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -240,8 +240,8 @@ class _Receiver(Shots):
         threshold = pixel.histogram.threshold_of_point(
             expected.level, _draw_deviate(self.seed, self.pulse), expected.lone
         )
-        top = pile_up.top(detections=pixel.detections(lone_w), sun=pixel.sun, dead=pixel.blind_sigmas)
-        early = pixel.sigma_s * top.shift
+        detections = pixel.detections(lone_w)
+        early = pixel.sigma_s * pile_up.shift(detections=detections, sun=pixel.sun, dead=pixel.blind_sigmas)
         bins = Bins(pixel=pixel, wave=self.light, seed=self.seed, pulse=self.pulse)
         peak = bins.highest(place * matched_filter.OUTPUT_WIDTH + early / pixel.sigma_s, arrival_s + early)
         tripped = exists & (peak.value >= threshold)

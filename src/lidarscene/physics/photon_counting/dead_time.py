@@ -20,6 +20,9 @@ from ...maths.special import expm1, log1p
 _TERMS = 14
 """Terms of a binomial tail: what is left is below 1e-6 of it where the mean is below the least count."""
 
+_LITTLE, _FIFTH = 0.2, 1.0 / 120.0
+"""Detections in a step up to which the share that fires is a series, and the last factor of that: off by 1e-6."""
+
 _MOST = 1.0 - 1e-6
 """Largest share of SPADs that single precision distinguishes from all of them."""
 
@@ -79,17 +82,23 @@ def firings_in_coincidences(*, least: int, spads: Lanes, share: Lanes) -> Lanes:
     return spads * share * enough
 
 
-def firing_parts(*, detections: Lanes) -> tuple[Lanes, Lanes]:
+def firing_parts(*, detections: Lanes, branch: bool = False) -> tuple[Lanes, Lanes]:
     """Shares of the SPADs that fire in one step of even light (T100).
 
     Of those that are free when the step begins 1 - exp(-x) fire, with x the detections of a free SPAD in the step.
     Those that come free evenly over the step meet half of its light on average: 1 - (1 - exp(-x)) / x of them fire.
+
+    branch  whether packets of lanes with little light skip the exponential; derivatives do not pass a branch
     """
-    # Where x is small both are differences of near equals, and series take their place.
+    # Where x is small both are differences of near equals, and a series takes their place; most bins have little light.
     ops = xp(detections)
-    series = detections * (0.5 - detections * (1.0 / 6.0 - detections * (1.0 / 24.0)))
-    weak = detections < 0.03
-    late = ops.where(weak, series, 1.0 - (1.0 - ops.exp(-detections)) / ops.where(weak, 1.0, detections))
+    series: Lanes = detections * (0.5 - detections * (1.0 / 6.0 - detections * (1.0 / 24.0 - detections * _FIFTH)))
+    many = detections > _LITTLE
+
+    def exact() -> Lanes:
+        return 1.0 - (1.0 - ops.exp(-detections)) / ops.where(many, detections, 1.0)
+
+    late: Lanes = ops.where_any(many, exact, series) if branch else ops.where(many, exact(), series)
     return detections - detections * late, late
 
 

@@ -15,7 +15,7 @@ from functools import lru_cache
 
 import numpy as np
 
-from ...maths.arrays import Lanes, LookupTable, Numbers, xp
+from ...maths.arrays import Lanes, LookupTable, Mask, Numbers, xp
 from ...maths.special import normal_tail
 from . import dead_time
 from .matched_filter import OUTPUT_WIDTH, SCALE, TEMPLATE
@@ -53,12 +53,10 @@ class Top:
     """Highest value of the matched filter at a lone echo on even light (T101); each field a number or (n,).
 
     height  value above that of the background, over the SPADs that the echo fires without sun, N a (1 - exp(-Lambda))
-    shift   its place in sigmas, from the echo's middle: negative
     bend    second derivative there over that of a weak echo of this height without sun: 1 or more
     """
 
     height: Lanes
-    shift: Lanes
     bend: Lanes
 
 
@@ -70,20 +68,27 @@ def top(*, detections: Lanes, sun: Lanes, dead: Lanes) -> Top:
     dead        tau / sigma
     """
     weak = weak_top(sun=sun, dead=dead)
-    # Mixed widths: every lane of the result has its own.
-    zero = 0.0 * (detections + weak.height)
-    ops = xp(zero)
-    tables, bright = _tables_of_weak(), _coordinate(sun)
-    faint = ops.minimum(ops.maximum(detections + zero, 0.0), _FAINT)
-
-    place = ops.log(1.0 + ops.maximum(detections + zero, 0.0)) * (1.0 / math.log1p(_MOST))
-    coordinates = place, bright + zero, _SHORTEST / (dead + zero)
+    place = _Place.of(detections, sun, dead)
     # No branch: derivatives pass here.
-    strong = detections + zero > _FAINT
-    height = ops.where(strong, _tables()["height"].at(*coordinates), weak.height + faint * tables["filled"].at(bright))
-    shift = ops.where(strong, _tables()["shift"].at(*coordinates), weak.shift + faint * tables["pulled"].at(bright))
+    faint = weak.height + place.faint * _tables_of_weak()["filled"].at(place.bright)
+    height = xp(faint).where(place.is_strong, _tables()["height"].at(*place.coordinates()), faint)
     narrowing = height / weak.height
-    return Top(height=height, shift=shift, bend=narrowing * narrowing * weak.bend)
+    return Top(height=height, bend=narrowing * narrowing * weak.bend)
+
+
+def shift(*, detections: Lanes, sun: Lanes, dead: Lanes) -> Lanes:
+    """Place of the filter's highest value at an echo, in sigmas from the echo's middle: negative (T101).
+
+    Arguments as of `top`. It serves searches, through which no derivatives pass.
+    """
+    place, tables = _Place.of(detections, sun, dead), _tables_of_weak()
+    weak = tables["shift"].at(place.bright, place.short)
+    # Most echoes fire few SPADs, and packets of those need no table of three axes.
+    return xp(weak).where_any(
+        place.is_strong,
+        lambda: _tables()["shift"].at(*place.coordinates()),
+        weak + place.faint * tables["pulled"].at(place.bright),
+    )
 
 
 def weak_top(*, sun: Lanes, dead: Lanes) -> Top:
@@ -92,9 +97,46 @@ def weak_top(*, sun: Lanes, dead: Lanes) -> Top:
     sun   lambda sigma
     dead  tau / sigma
     """
-    zero = 0.0 * (sun + dead)
-    place, tables = (_coordinate(sun) + zero, _SHORTEST / (dead + zero)), _tables_of_weak()
-    return Top(height=tables["height"].at(*place), shift=tables["shift"].at(*place), bend=tables["bend"].at(place[0]))
+    place, tables = _Place.of(0.0, sun, dead), _tables_of_weak()
+    return Top(height=tables["height"].at(place.bright, place.short), bend=tables["bend"].at(place.bright))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Place:
+    """An echo in the tables; each field as wide as all of them, (n,) or numbers.
+
+    detections     Lambda
+    bright, short  coordinates of lambda sigma and of sigma / tau
+    """
+
+    detections: Lanes
+    bright: Lanes
+    short: Lanes
+
+    @classmethod
+    def of(cls, detections: Lanes, sun: Lanes, dead: Lanes) -> _Place:
+        """Place of an echo with Lambda, lambda sigma and tau / sigma."""
+        zero = 0.0 * (detections + sun + dead)
+        return cls(
+            detections=xp(zero).maximum(detections + zero, 0.0),
+            bright=_coordinate(sun) + zero,
+            short=_SHORTEST / (dead + zero),
+        )
+
+    @property
+    def is_strong(self) -> Mask:
+        """Whether the echo fires so many SPADs that its peak does not follow from that of a weak one."""
+        return self.detections > _FAINT
+
+    @property
+    def faint(self) -> Lanes:
+        """Lambda, as far as it is faint."""
+        return xp(self.detections).minimum(self.detections, _FAINT)
+
+    def coordinates(self) -> tuple[Lanes, Lanes, Lanes]:
+        """Coordinates in the tables of three axes."""
+        ops = xp(self.detections)
+        return ops.log(1.0 + self.detections) * (1.0 / math.log1p(_MOST)), self.bright, self.short
 
 
 def _coordinate(sun: Lanes) -> Lanes:
@@ -116,7 +158,7 @@ def shade_of_box(*, sun: Lanes) -> Lanes:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Node:
-    """`Top` at the tables' nodes; each field (detections, sun), NumPy."""
+    """Height, shift and bend of peaks at the tables' nodes; each field (detections, sun), NumPy."""
 
     height: Numbers
     shift: Numbers
