@@ -4,6 +4,7 @@ import street_scene
 from scenefile import header, mover, place
 
 EGO_AT_M, EGO_M_S = (60.0, -1.6), 13.9
+RUN = {"speed_m_s": 3.0, "yaw_rate_deg_s": 20.0}
 # A car that turns from the cross road into the street, to the right: (time, x, y, yaw).
 TURNING = [
     (0.0, 114.6, 8.0, -90.0),
@@ -21,8 +22,8 @@ def text():
         "the street as a car drives along it: crossing, oncoming and turning cars, people on foot",
         made_by="make_scenes.py",
         **street_scene.LIGHT,
-        ground={"roughness": "C"},
-        ego={"position_m": [*EGO_AT_M, 0.0], "speed_m_s": EGO_M_S, "ride": {}},
+        ground=street_scene.GROUND,
+        ego={"position_m": [*EGO_AT_M, 0.0], "on_ground": True, "speed_m_s": EGO_M_S, "ride": {}},
         sensor={"name": "os1-128", "position_m": [0.0, 0.0, 1.75]},
         picture={"eye_m": [-9.0, 0.0, 7.0], "target_m": [14.0, 0.6, 0.5], "fov_deg": 70.0},
     )
@@ -36,6 +37,6 @@ def _traffic():
         mover("crossing_car", "car", place(119.5, -9.0, 0, 90), {"speed_m_s": 12.0, "ride": {}}, paint="car_paint_red"),
         mover("oncoming_car", "car", place(84.0, 1.7, 0, 180), {"speed_m_s": 12.0, "ride": {}}, paint="car_paint_grey"),
         mover("turning_car", "car", {}, {"poses": turning, "ride": {}}, paint="car_paint_white"),
-        mover("walker", "pedestrian", place(74.0, -6.9, 0.12, 172), {"speed_m_s": 1.4}),
-        mover("runner", "pedestrian", place(88.0, 5.0, 0, -90), {"speed_m_s": 3.0, "yaw_rate_deg_s": 20.0}),
+        mover("walker", "pedestrian", place(74.0, -6.9, 0, 172), {"speed_m_s": 1.4}, on_ground=True),
+        mover("runner", "pedestrian", place(88.0, 5.0, 0, -90), RUN, on_ground=True),
     ]

@@ -65,15 +65,19 @@ def place(x, y, z=0.0, yaw_deg=0.0):
     return where | ({"yaw_deg": float(yaw_deg)} if yaw_deg else {})
 
 
-def objects(name, mesh, instances, **paint):
+def objects(name, mesh, instances, *, on_ground=False, **paint):
     """A body of one of our meshes, placed once per instance; `paint` gives or changes a part's material."""
-    return table("[[bodies]]", name=name, **_shape(mesh, paint), instances=instances)
+    return table("[[bodies]]", name=name, **_shape(mesh, paint), **_standing(on_ground), instances=instances)
 
 
-def mover(name, mesh, where, motion, **paint):
+def mover(name, mesh, where, motion, *, on_ground=False, **paint):
     """A body of one of our meshes that moves from `where`, or there in the frame that the poses are of."""
-    body = table("[[bodies]]", name=name, **_shape(mesh, paint), **where)
+    body = table("[[bodies]]", name=name, **_shape(mesh, paint), **_standing(on_ground), **where)
     return "\n".join([body, table("[bodies.motion]", **motion)])
+
+
+def _standing(on_ground):
+    return {"on_ground": True} if on_ground else {}
 
 
 def _shape(mesh, paint):
@@ -85,7 +89,7 @@ def _shape(mesh, paint):
 
 
 def primitive(name, shape, kind, material, *, position_m=None, instances=None, **size):
-    """A body made of a plane, a box, a sphere or a cylinder, at one place or at several."""
+    """A body made of a plane, a ground, a box, a sphere or a cylinder, at one place or at several."""
     where = {"instances": instances} if instances else {"position_m": [float(x) for x in position_m]}
     return table("[[bodies]]", name=name, primitive=shape, **{"class": kind}, material=material, **size, **where)
 

@@ -12,6 +12,7 @@ PAINTED = {
     "red": [(15.4, 1), (52.0, 1), (87.0, -1)],
 }
 DRIVING = {"grey": [(24.0, -1.6, 0)], "red": [(43.0, 1.7, 180)]}
+GROUND = {"roughness": "C"}
 LIGHT = {
     "sun": {"azimuth_deg": 215.0, "elevation_deg": 48.0, "illuminance_klux": 80.0},
     "sky": {"diffuse_share": 0.15},
@@ -26,6 +27,7 @@ def text():
         "a street canyon: houses, parked cars, trees, lamp posts, signs, pedestrians",
         made_by="make_scenes.py",
         **LIGHT,
+        ground=GROUND,
         sensor={"name": "table1-apd", "position_m": [0.0, -1.6, 1.9]},
         picture={"eye_m": [-6.0, -1.6, 4.5], "target_m": [12.0, -1.6, 1.8], "fov_deg": 75.0},
     )
@@ -44,14 +46,14 @@ def _both(xs, y, z=0.0, *, yaw_deg):
 
 def _ground():
     length, middle = EAST_M - WEST_M, 0.5 * (EAST_M + WEST_M)
-    pavements = [place(middle, s * 7.125, 0.06) for s in (1, -1)]
-    kerbs = _both(range(int(WEST_M) + 1, int(EAST_M), 2), KERB_M, yaw_deg=0)
+    pavements = [place(middle, s * 7.125, 0.12) for s in (1, -1)]
+    kerbs = [place(middle, s * KERB_M, 0.12) for s in (1, -1)]
     return [
-        primitive("road", "plane", "road", "asphalt", size_m=[length, 10.8], position_m=(middle, 0, 0)),
-        primitive("cross_road", "plane", "road", "asphalt", size_m=[10.0, 60.0], position_m=(EAST_M + 5, 0, 0)),
-        primitive("pavements", "box", "pavement", "concrete", size_m=[length, 3.15, 0.12], instances=pavements),
-        primitive("soil", "plane", "terrain", "soil", size_m=[260.0, 120.0], position_m=(middle, 0, -0.05)),
-        objects("kerbs", "kerb", kerbs),
+        _sheet("road", "road", "asphalt", [length, 10.8], (middle, 0, 0), crown_m=0.08, kerb_m=0.1, spacing_m=0.4),
+        _sheet("cross_road", "road", "asphalt", [10.0, 60.0], (EAST_M + 5, 0, 0), spacing_m=0.4),
+        _sheet("pavements", "pavement", "concrete", [length, 3.15], kerb_m=0.2, instances=pavements),
+        _sheet("soil", "terrain", "soil", [260.0, 120.0], (middle, 0, -0.05), spacing_m=2.0),
+        _sheet("kerbs", "kerb", "concrete", [length, 0.15], kerb_m=0.2, instances=kerbs),
     ]
 
 
@@ -60,10 +62,19 @@ def _markings():
     bays = [place(x, s * 4.35, 0.003) for x in range(-35, 105, 6) for s in (1, -1)]
     zebra = [place(30.0, y, 0.003) for y in (-2.75, -1.75, -0.75, 0.25, 1.25, 2.25)]
     return [
-        primitive("dashes", "plane", "lane_marking", "lane_marking", size_m=[3.0, 0.12], instances=dashes),
-        primitive("bay_lines", "plane", "lane_marking", "lane_marking", size_m=[0.1, 2.0], instances=bays),
-        primitive("zebra", "plane", "lane_marking", "lane_marking", size_m=[4.0, 0.5], instances=zebra),
+        _paint("dashes", [3.0, 0.12], dashes),
+        _paint("bay_lines", [0.1, 2.0], bays),
+        _paint("zebra", [4.0, 0.5], zebra),
     ]
+
+
+def _sheet(name, kind, material, size_m, position_m=None, **keys):
+    return primitive(name, "ground", kind, material, size_m=size_m, position_m=position_m, **keys)
+
+
+def _paint(name, size_m, places):
+    """Lane markings, 3 mm thick."""
+    return _sheet(name, "lane_marking", "lane_marking", size_m, instances=places, spacing_m=0.2, on_ground=True)
 
 
 def _houses():
@@ -78,23 +89,23 @@ def _cars(driving):
     for colour, places in PAINTED.items():
         there = [place(x, s * 4.35, 0, 180 if s > 0 else 0) for x, s in places]
         there += [place(x, y, 0, yaw) for x, y, yaw in driving.get(colour, [])]
-        cars.append(objects(f"cars_{colour}", "car", there, paint=f"car_paint_{colour}"))
+        cars.append(objects(f"cars_{colour}", "car", there, on_ground=True, paint=f"car_paint_{colour}"))
     return cars
 
 
 def _furniture():
     walkers = [(6.5, 7.0, 0), (12.0, -7.4, 180), (19.5, 6.4, 200), (31.0, -5.9, 90), (29.2, 0.9, 92)]
     walkers += [(48.0, -7.2, 10), (49.0, -6.6, 15), (66.0, 7.5, 180)]
-    signs = [place(28.0, -5.9, 0.12, 180), place(33.0, 5.9, 0.12), place(76.0, -5.9, 0.12, 180)]
-    posts = [place(x, s * 5.95, 0.12, -90 * s) for x in range(-20, 105, 25) for s in (1, -1)]
-    trees = [place(x, s * 6.4, 0.12, 47 * i) for i, (x, s) in enumerate(_tree_spots())]
-    bollards = [place(x, s * 5.8, 0.12) for x in (26.5, 27.25, 32.75, 33.5) for s in (1, -1)]
+    signs = [place(28.0, -5.9, 0, 180), place(33.0, 5.9), place(76.0, -5.9, 0, 180)]
+    posts = [place(x, s * 5.95, 0, -90 * s) for x in range(-20, 105, 25) for s in (1, -1)]
+    trees = [place(x, s * 6.4, 0, 47 * i) for i, (x, s) in enumerate(_tree_spots())]
+    bollards = [place(x, s * 5.8) for x in (26.5, 27.25, 32.75, 33.5) for s in (1, -1)]
     return [
-        objects("trees", "tree", trees),
-        objects("pedestrians", "pedestrian", [place(x, y, 0 if abs(y) < 5 else 0.12, a) for x, y, a in walkers]),
-        objects("signs", "sign", signs),
-        objects("lamp_posts", "lamp_post", posts),
-        objects("bollards", "bollard", bollards),
+        objects("trees", "tree", trees, on_ground=True),
+        objects("pedestrians", "pedestrian", [place(x, y, 0, a) for x, y, a in walkers], on_ground=True),
+        objects("signs", "sign", signs, on_ground=True),
+        objects("lamp_posts", "lamp_post", posts, on_ground=True),
+        objects("bollards", "bollard", bollards, on_ground=True),
     ]
 
 

@@ -9,6 +9,7 @@ scene_file  `load_scene`
 tables      the tables of a scene file
 motion      motion in scene files
 poses       trajectory files
+ground      ground that is not a plane, and its height
 ride        vehicles that ride over rough ground
 meshes/     mesh files, USD and primitives
 bare_mesh   a mesh file as a scene

@@ -57,16 +57,17 @@ class MotionFile(Table[Course]):
             raise ValueError(f"must have only one of speeds, poses and poses_file, got {' and '.join(ways_given)}")
         return self
 
-    def motion(self, pose: Pose, *, height_m: Height, folder: Path, where: str) -> Motion:
+    def motion(self, pose: Pose, *, height_m: Height, on_ground: bool, folder: Path, where: str) -> Motion:
         """Motion in the world of a body that rides at ``pose``. Raises InputError.
 
         pose      pose at time 0 of a motion by speeds; with poses, the body's in the moving frame that they describe
         height_m  height of the scene's ground at (n, 2) places
+        on_ground whether it follows that height without a ride, too
         """
         path = self._path(pose, folder=folder, where=where)
-        if self.ride is None or not self.ride.active:
-            return path
-        return Ride(path=path, height_m=height_m, suspension=self.ride.in_si())
+        if self.ride is not None and self.ride.active:
+            return Ride(path=path, height_m=height_m, suspension=self.ride.in_si())
+        return Ride(path=path, height_m=height_m) if on_ground else path
 
     def _path(self, pose: Pose, *, folder: Path, where: str) -> Motion:
         """Motion without the ride. Raises InputError."""
@@ -85,6 +86,8 @@ class MotionFile(Table[Course]):
 
 class EgoFile(MotionFile, PoseFile):
     """[ego]: the vehicle that carries the sensor."""
+
+    on_ground: bool = Field(default=False, description="its height counts from the ground below, without a ride too")
 
 
 class BodyMotionFile(MotionFile):

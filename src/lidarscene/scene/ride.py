@@ -28,6 +28,7 @@ _LEAD_BLOCKS = 2
 """Blocks before a block in which the vehicle starts to ride: free motion decays by exp(-2.7 t / s), to 4e-10 in 8 s."""
 
 _MOST_BLOCKS = 64
+_MARGIN_NODES = 20
 
 Height = Callable[[Numbers], Numbers]
 """Height of the ground [m] at (n, 2) places in the world."""
@@ -40,7 +41,7 @@ class Ride:
     path        motion of the vehicle on flat ground at its own height, which the ground's height is added to. Its
                 origin is below the body's centre of mass; pitch and roll turn about it
     height_m    height of the ground at (n, 2) places
-    suspension  the vehicle
+    suspension  the vehicle; None: what has no wheels, and follows the height of the ground below its origin, upright
 
     The pose is T(t) = path(t) (heave along z, Ry(-pitch) Rx(roll)). Heave, pitch and roll are polynomials of the fifth
     degree between nodes `STEP_S` apart that meet the values, first and second derivatives there: accelerations are
@@ -50,7 +51,7 @@ class Ride:
 
     path: Motion
     height_m: Height
-    suspension: Suspension
+    suspension: Suspension | None = None
     _inputs: dict[int, Numbers] = field(init=False, default_factory=dict)
     _nodes: dict[int, Numbers] = field(init=False, default_factory=dict)
 
@@ -102,24 +103,40 @@ class Ride:
             if len(self._nodes) >= _MOST_BLOCKS:
                 self._nodes.clear()
                 self._inputs.clear()
-            inputs = np.concatenate([self._input(block) for block in range(number - _LEAD_BLOCKS, number + 1)])
-            # The first node of the next block closes this one.
-            last = self._input_at(np.array([(number + 1) * BLOCK_NODES]))
-            ride = self.suspension.ride(np.concatenate([inputs, last]), STEP_S)
-            self._nodes[number] = ride[_LEAD_BLOCKS * BLOCK_NODES :]
+            suspension = self.suspension
+            self._nodes[number] = self._follow(number) if suspension is None else self._ride(number, suspension)
         return self._nodes[number]
 
-    def _input(self, number: int) -> Numbers:
+    def _ride(self, number: int, suspension: Suspension) -> Numbers:
+        """Nodes of a block on a suspension, which starts to ride some blocks before."""
+        inputs = [self._input(block, suspension) for block in range(number - _LEAD_BLOCKS, number + 1)]
+        # The first node of the next block closes this one.
+        last = self._input_at(np.array([(number + 1) * BLOCK_NODES]), suspension)
+        return suspension.ride(np.concatenate([*inputs, last]), STEP_S)[_LEAD_BLOCKS * BLOCK_NODES :]
+
+    def _follow(self, number: int) -> Numbers:
+        """Nodes of a block without a suspension: a cubic spline through the heights below the origin."""
+        from scipy.interpolate import CubicSpline
+
+        # What is beyond a node counts by 0.27 each further node: 20 of them are 4e-12.
+        node = np.arange(-_MARGIN_NODES, BLOCK_NODES + 1 + _MARGIN_NODES) + number * BLOCK_NODES
+        heave_m = CubicSpline(node * STEP_S, self.height_m(self.path.at(node * STEP_S).position_m[:, :2]))
+        within = node[_MARGIN_NODES:-_MARGIN_NODES] * STEP_S
+        nodes = np.zeros((len(within), 3, 3))
+        nodes[:, :, 0] = np.stack([heave_m(within, derivative) for derivative in range(3)], axis=1)
+        return nodes
+
+    def _input(self, number: int, suspension: Suspension) -> Numbers:
         """(`BLOCK_NODES`, 6) inputs of the suspension at a block's nodes."""
         if number not in self._inputs:
-            self._inputs[number] = self._input_at(np.arange(BLOCK_NODES) + number * BLOCK_NODES)
+            self._inputs[number] = self._input_at(np.arange(BLOCK_NODES) + number * BLOCK_NODES, suspension)
         return self._inputs[number]
 
-    def _input_at(self, node: Numbers) -> Numbers:
+    def _input_at(self, node: Numbers, suspension: Suspension) -> Numbers:
         """(n, 6) heights below the wheels [m], and accelerations ahead and to the left [m/s2]."""
         time_s = node * STEP_S
         states = self.path.at(time_s)
-        wheels = np.pad(self.suspension.wheels_m, ((0, 0), (0, 1)))
+        wheels = np.pad(suspension.wheels_m, ((0, 0), (0, 1)))
         place_m = states.position_m[:, None, :] + np.einsum("nij,wj->nwi", states.rotation, wheels)
         heights_m = self.height_m(place_m[:, :, :2].reshape(-1, 2)).reshape(-1, 4)
         half = 0.5 * STEP_S

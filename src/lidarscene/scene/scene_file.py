@@ -24,16 +24,18 @@ from ..files.overrides import Overrides, assignments, with_overrides
 from ..files.toml import read_toml, validate
 from ..materials.material import Material
 from ..materials.material_file import catalogue_material
+from ..maths.arrays import Numbers
 from ..maths.pose import Pose
 from ..maths.trajectory import Motion, Riding
+from ..physics.road.roughness import RoughSurface
 from ..sensor.pose_file import LARGEST_COORDINATE_M
 from .bare_mesh import is_mesh, mesh_tables, warn_of_assumptions
 from .foreign import is_xml, mitsuba_scene, trimesh_scene, xml_file
+from .ground import Ground, Sheet
 from .meshes import primitives, reading, reflectivity_patterns
 from .meshes.mesh_axes import UNITS, Axis, axis_of, turn_upright
 from .meshes.mesh_cache import SubMesh
 from .meshes.usd import is_usd
-from .ride import Height
 from .scene import Ball, Body, Part, Scene, box_of
 from .tables import BodyFile, SceneFile, interferers, lamps_w_m2
 
@@ -152,16 +154,26 @@ def scene_from_model(file: SceneFile, *, path: Path) -> Scene:
     """Build the scene of a checked scene file at ``path``. Raises InputError."""
     scene_materials = _SceneMaterials(file)
     reader = functools.cache(reading.read_mesh)
-    height_m = file.ground.surface().height_m
+    ground = _lay_ground(file)
     ego = None
     if file.ego is not None:
-        ego = file.ego.motion(file.ego.pose(), height_m=height_m, folder=path.parent, where=f"{path}: ego")
+        ego = file.ego.motion(
+            file.ego.pose(),
+            height_m=ground.wheel_height_m,
+            on_ground=file.ego.on_ground,
+            folder=path.parent,
+            where=f"{path}: ego",
+        )
     bodies: list[Body] = []
     for index, body in enumerate(file.bodies):
         where = f'{path}: bodies[{index} "{body.name}"]'
+        if body.primitive == "ground":
+            scene_materials.load(body.material or "", f"{where}.material")
+            bodies.extend(_ground_bodies(body, ground, where=where))
+            continue
         parts = _parts(body, folder=path.parent, where=where, scene_materials=scene_materials, reader=reader)
         _check_extent(parts, where)
-        bodies.extend(_place_body(body, parts, ego=ego, height_m=height_m, folder=path.parent, where=where))
+        bodies.extend(_place_body(body, parts, ego=ego, ground=ground, folder=path.parent, where=where))
     _check_names(bodies, path)
     for identity, name in file.base_materials.items():
         scene_materials.load(name, f"{path}: base_materials.{identity}")
@@ -235,8 +247,62 @@ def _check_extent(parts: tuple[Part | Ball, ...], where: str) -> None:
         )
 
 
+def _lay_ground(file: SceneFile) -> Ground:
+    """Lay the sheets of all grounds that do not lie on others."""
+    surface = file.ground.surface()
+    sheets = [
+        _sheet(body, pose, surface)
+        for body in file.bodies
+        if body.primitive == "ground" and not body.on_ground
+        for _, pose in _places(body)
+    ]
+    return Ground(surface=surface, sheets=sheets)
+
+
+def _sheet(body: BodyFile, pose: Pose, surface: RoughSurface) -> Sheet:
+    """Sheet of a ground at a pose."""
+    length_m, width_m = cast(tuple[float, float], body.size_m)
+    return Sheet.lay(
+        pose,
+        size_m=(body.scale * length_m, body.scale * width_m),
+        crown_m=body.crown_m,
+        spacing_m=body.spacing_m,
+        surface=surface,
+    )
+
+
+def _ground_bodies(body: BodyFile, ground: Ground, *, where: str) -> list[Body]:
+    """Build a ground, or one for each of its instances; one on the ground is laid over the meshes of the others."""
+    bodies = []
+    for name, pose in _places(body):
+        surface = RoughSurface.draw("flat", 0) if body.on_ground else ground.surface
+        vertices_m, faces = _sheet(body, pose, surface).mesh(body.kerb_m)
+        if body.on_ground:
+            vertices_m[:, 2] += _ground_below(ground, pose.apply(vertices_m)[:, :2], where)
+        part = Part(vertices_m=vertices_m, faces=faces, material=body.material or "", name=body.name)
+        _check_extent((part,), where)
+        bodies.append(Body(name=name, class_name=body.class_name or body.name, parts=(part,), pose=pose))
+    return bodies
+
+
+def _ground_below(ground: Ground, place_m: Numbers, where: str) -> Numbers:
+    """Height of the ground's meshes at (n, 2) places. Raises InputError where there is none."""
+    height_m = ground.height_m(place_m)
+    if np.isnan(height_m).any():
+        x, y = place_m[np.isnan(height_m)][0]
+        raise InputError(f"{where}.on_ground: must have a ground below it, got none at {x:g}, {y:g} m")
+    return height_m
+
+
+def _places(body: BodyFile) -> list[tuple[str, Pose]]:
+    """Name and pose of the body, or of each of its instances."""
+    if body.instances is None:
+        return [(body.name, body.pose())]
+    return [(f"{body.name}.{index}", body.pose() @ instance.pose()) for index, instance in enumerate(body.instances)]
+
+
 def _place_body(
-    body: BodyFile, parts: tuple[Part | Ball, ...], *, ego: Motion | None, height_m: Height, folder: Path, where: str
+    body: BodyFile, parts: tuple[Part | Ball, ...], *, ego: Motion | None, ground: Ground, folder: Path, where: str
 ) -> list[Body]:
     """Build the body, or one body for each of its instances."""
     label = body.class_name or body.name
@@ -246,15 +312,15 @@ def _place_body(
         if body.motion is not None and body.motion.with_ego and ego is not None:
             motion = Riding(carrier=ego, pose=pose)
         elif body.motion is not None:
-            motion = body.motion.motion(pose, height_m=height_m, folder=folder, where=f"{where}.motion")
+            motion = body.motion.motion(
+                pose, height_m=ground.wheel_height_m, on_ground=body.on_ground, folder=folder, where=f"{where}.motion"
+            )
+        elif body.on_ground:
+            rise_m = _ground_below(ground, pose.position_m[None, :2], where)
+            pose = replace(pose, position_m=pose.position_m + rise_m * np.array([0.0, 0.0, 1.0]))
         return Body(name=name, class_name=label, parts=parts, pose=pose, motion=motion)
 
-    if body.instances is None:
-        return [make_body(body.name, body.pose())]
-    return [
-        make_body(f"{body.name}.{index}", body.pose() @ instance.pose())
-        for index, instance in enumerate(body.instances)
-    ]
+    return [make_body(name, pose) for name, pose in _places(body)]
 
 
 MeshReader = Callable[[Path, reflectivity_patterns.Kind | None], list[SubMesh]]

@@ -20,6 +20,7 @@ from ..materials.material_file import MaterialFile
 from ..maths.units import si
 from ..physics.road.roughness import Roughness, RoughSurface
 from ..sensor.pose_file import PoseFile, Turned, Vector
+from .ground import MOST_VERTICES, SPACING_M, vertices_of
 from .meshes.mesh_axes import Axis, Unit
 from .motion import BodyMotionFile, EgoFile
 from .scene import Air, Interferer, Sky, Sun, View
@@ -143,11 +144,13 @@ class PictureFile(Table[View]):
 _SIZES: dict[str | None, tuple[str, ...]] = {
     None: (),
     "plane": ("size_m",),
+    "ground": ("size_m",),
     "box": ("size_m",),
     "sphere": ("radius_m",),
     "cylinder": ("radius_m", "height_m"),
 }
-_LENGTHS = {"plane": 2, "box": 3}
+_LENGTHS = {"plane": 2, "ground": 2, "box": 3}
+_OF_GROUND = ("crown_m", "kerb_m", "spacing_m")
 
 
 class BodyFile(PoseFile):
@@ -158,10 +161,20 @@ class BodyFile(PoseFile):
 
     name: Name
     mesh: Name | None = None
-    primitive: Literal["plane", "box", "sphere", "cylinder"] | None = None
+    primitive: Literal["plane", "ground", "box", "sphere", "cylinder"] | None = None
     size_m: tuple[Length, ...] | None = None
     radius_m: Length | None = None
     height_m: Length | None = None
+    crown_m: Annotated[float, Number(ge=-10, le=10)] = Field(
+        default=0.0, description="rise of the middle of a ground over its sides"
+    )
+    kerb_m: Annotated[float, Number(ge=0, le=100)] = Field(
+        default=0.0, description="height of the faces down from the edges of a ground"
+    )
+    spacing_m: Annotated[float, Number(ge=0.01, le=1e3)] = Field(
+        default=SPACING_M, description="between the vertices of a ground"
+    )
+    on_ground: bool = Field(default=False, description="its height counts from the ground below")
     class_name: str = Field(default="", alias="class", description="the body's name if left out")
     material: Name | None = Field(default=None, description="for all sub-meshes that materials does not name")
     materials: dict[str, Name] = Field(default_factory=dict, description="sub-mesh to material")
@@ -189,6 +202,7 @@ class BodyFile(PoseFile):
         length = _LENGTHS.get(self.primitive or "")
         if length and len(self.size_m or ()) != length:
             raise ValueError(f"size_m of {shape} must have {length} numbers, got {len(self.size_m or ())}")
+        self._check_ground(shape)
         axes = [key for key in ("unit", "up") if getattr(self, key) is not None]
         if self.primitive and axes:
             raise ValueError(f"{axes[0]} is for meshes, {shape} has none")
@@ -199,6 +213,24 @@ class BodyFile(PoseFile):
         if self.primitive and self.materials:
             raise ValueError(f"materials is for the sub-meshes of a mesh, {shape} has only 'material'")
         return self
+
+    def _check_ground(self, shape: str) -> None:
+        """Raise ValueError for keys of a ground on another shape, and for a ground that cannot be laid."""
+        if self.on_ground and self.motion is not None and self.motion.with_ego:
+            raise ValueError("on_ground does not go with motion.with_ego")
+        if self.primitive != "ground":
+            ground_keys = [key for key in _OF_GROUND if key in self.model_fields_set]
+            if ground_keys:
+                raise ValueError(f"{ground_keys[0]} is for a ground, {shape} has none")
+            return
+        if any(pose.pitch_deg or pose.roll_deg for pose in (self, *(self.instances or ()))):
+            raise ValueError("a ground must be level, got pitch_deg or roll_deg")
+        if self.motion is not None:
+            raise ValueError("a ground must stand still, got motion")
+        length_m, width_m = self.size_m or (0.0, 0.0)
+        vertices = vertices_of((self.scale * length_m, self.scale * width_m), self.spacing_m)
+        if vertices > MOST_VERTICES:
+            raise ValueError(f"a ground must have <= {MOST_VERTICES} vertices, got {vertices}; spacing_m spreads them")
 
 
 class LampsFile(FileModel):

@@ -13,6 +13,7 @@ from typing import Literal
 import numpy as np
 
 from ...maths.arrays import Numbers
+from ...maths.pose import Pose
 
 Roughness = Literal["flat", "A", "B", "C", "D", "E", "F", "G", "H"]
 """Road class of ISO 8608:2016, from very good (A) to impassable; "flat" is a plane."""
@@ -80,6 +81,15 @@ class RoughSurface:
         return RoughSurface(
             wave_per_m=self.wave_per_m[kept], phase=self.phase[kept], amplitude_m=self.amplitude_m[kept]
         )
+
+    def grid_m(self, x_m: Numbers, y_m: Numbers, pose: Pose) -> Numbers:
+        """Heights (nx, ny) [m] on a grid of a level frame; each wave is a product of one along x and one along y."""
+        if not len(self.phase):
+            return np.zeros((len(x_m), len(y_m)))
+        wave_x, wave_y = (self.wave_per_m @ pose.rotation[:2, :2]).T
+        at_middle = self.amplitude_m * np.exp(2j * np.pi * (self.wave_per_m @ pose.position_m[:2] + self.phase))
+        along_x, along_y = (np.exp(2j * np.pi * np.outer(p, wave)) for p, wave in ((x_m, wave_x), (y_m, wave_y)))
+        return np.asarray(((at_middle * along_x) @ along_y.T).real)
 
     def height_m(self, place_m: Numbers) -> Numbers:
         """Height at (n, 2) places [m]: (n,), to 1e-7 of the roughness."""

@@ -27,11 +27,15 @@ def plane_mesh(*, size_m: tuple[float, float]) -> tuple[Numbers, Numbers]:
     x, y = np.linspace(-0.5, 0.5, nx + 1) * size_m[0], np.linspace(-0.5, 0.5, ny + 1) * size_m[1]
     gx, gy = np.meshgrid(x, y, indexing="ij")
     vertices = np.stack([gx.ravel(), gy.ravel(), np.zeros(gx.size)], axis=1)
+    return vertices, grid_faces(nx, ny)
+
+
+def grid_faces(nx: int, ny: int) -> Numbers:
+    """Faces (f, 3) of a grid of (nx + 1) (ny + 1) vertices, y fastest: two to a cell, cut along x = y, seen from +z."""
     i, j = np.meshgrid(np.arange(nx), np.arange(ny), indexing="ij")
     corner = (i * (ny + 1) + j).ravel()
     a, b, c, d = corner, corner + ny + 1, corner + ny + 2, corner + 1
-    faces = np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
-    return vertices, faces
+    return np.concatenate([np.stack([a, b, c], axis=1), np.stack([a, c, d], axis=1)])
 
 
 def box_mesh(*, size_m: tuple[float, float, float]) -> tuple[Numbers, Numbers]:

@@ -1,0 +1,195 @@
+"""Ground that is not a plane: the spectrum of its mesh, crown and kerbs, and what stands, lies and walks on it."""
+
+import itertools
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.street import triangle
+from scipy.signal import welch
+
+from lidarscene.errors import InputError
+from lidarscene.maths.pose import Pose
+from lidarscene.maths.trajectory import Course
+from lidarscene.physics.road.roughness import RoughSurface, profile_density_m3
+from lidarscene.scene.ground import SPACINGS_A_WAVE, Ground, Sheet
+from lidarscene.scene.ride import Ride
+from lidarscene.scene.scene import Part, Scene
+from lidarscene.scene.scene_file import load_scene
+
+FLAT = RoughSurface.draw("flat", 0)
+ROAD = (
+    '[[bodies]]\nname = "road"\nprimitive = "ground"\nsize_m = [80, 8]\ncrown_m = 0.1\nspacing_m = 0.4\n'
+    'material = "asphalt"\n'
+)
+PAVEMENT = (
+    '[[bodies]]\nname = "pavement"\nprimitive = "ground"\nsize_m = [80, 2]\nkerb_m = 0.2\nmaterial = "concrete"\n'
+    "position_m = [0, 5, 0.12]\n"
+)
+BOX = '[[bodies]]\nname = "box"\nprimitive = "box"\nsize_m = [1, 1, 1]\nmaterial = "brick"\non_ground = true\n'
+
+
+def sheet(pose: Pose | None = None, *, size_m=(12.0, 5.0), crown_m=0.0, spacing_m=1.0, surface=FLAT) -> Sheet:
+    return Sheet.lay(pose or Pose(), size_m=size_m, crown_m=crown_m, spacing_m=spacing_m, surface=surface)
+
+
+def scene_of(folder: Path, text: str) -> Scene:
+    path = folder / "scene.toml"
+    path.write_text(text)
+    return load_scene(path)
+
+
+def mesh_of(scene: Scene, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Vertices in the world, and faces, of a body's only part."""
+    body = next(body for body in scene.bodies if body.name == name)
+    (part,) = body.parts
+    assert isinstance(part, Part)
+    return body.pose.apply(part.vertices_m), part.faces.astype(int)
+
+
+def test_spectrum_of_the_mesh_is_that_of_the_class() -> None:
+    """Of its vertices along a line, octave by octave: as tight as for the surface itself (`test_roughness`).
+
+    A mesh shows no wave shorter than three spacings, so its density is G sqrt(1 - (n / k)^2) with k one over that.
+    """
+    rng, spacing_m, octaves = np.random.default_rng(30), 0.4, 0.022 * 2.0 ** np.arange(6)
+    measured = []
+    for _ in range(6):
+        pose = Pose.from_degrees(position_m=(*rng.uniform(-1e4, 1e4, 2), 0.0), yaw_deg=rng.uniform(0, 360))
+        surface = RoughSurface.draw("C", int(rng.integers(2**32)))
+        vertices_m, _ = sheet(pose, size_m=(1000.0, 0.8), spacing_m=spacing_m, surface=surface).mesh(0.0)
+        frequency, density = welch(vertices_m.reshape(2501, 3, 3)[:, 1, 2], fs=1.0 / spacing_m, nperseg=1024)
+        measured.append(density)
+    highest = 1.0 / (SPACINGS_A_WAVE * spacing_m)
+    within = np.clip(frequency, 1e-9, highest)
+    expected = profile_density_m3(within, "C") * np.sqrt(1.0 - (within / highest) ** 2)
+    bands = [(frequency >= low) & (frequency < high) for low, high in itertools.pairwise(octaves)]
+    ratio = [
+        (np.mean(measured, axis=0) * frequency**2)[band].mean() / (expected * frequency**2)[band].mean()
+        for band in bands
+    ]
+    assert (np.abs(np.array(ratio) - 1.0) < [0.4, 0.3, 0.2, 0.18, 0.14]).all(), ratio
+
+
+def test_crown_and_kerb() -> None:
+    """A parabola over the width, flat at the ends, whole one width from them; faces go down and look outward."""
+    vertices_m, faces = sheet(size_m=(60.0, 8.0), crown_m=0.1, spacing_m=1.0).mesh(0.15)
+    top = vertices_m[: 61 * 9].reshape(61, 9, 3)
+    np.testing.assert_allclose(top[30, :, 2], 0.1 * (1 - (np.linspace(-4, 4, 9) / 4) ** 2), atol=1e-15)
+    np.testing.assert_allclose(top[8:-8, 4, 2], 0.1, atol=1e-15)
+    np.testing.assert_allclose(top[[0, -1], :, 2], 0.0, atol=1e-15)
+    np.testing.assert_allclose(top[:, [0, -1], 2], 0.0, atol=1e-15)
+    assert vertices_m[:, 2].min() == pytest.approx(-0.15)
+    corners = vertices_m[faces]
+    normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    upward = normal[:, 2] > 0
+    assert upward.sum() == 2 * 60 * 8
+    side, middle = normal[~upward], corners[~upward].mean(axis=1)
+    np.testing.assert_allclose(side[:, 2], 0.0, atol=1e-12)
+    outward = np.where(np.isclose(np.abs(middle[:, 0]), 30.0), middle[:, 0] * side[:, 0], middle[:, 1] * side[:, 1])
+    assert len(side) == 2 * 2 * (60 + 8)
+    assert (outward > 0).all()
+
+
+def test_height_of_the_mesh_is_that_of_its_triangles() -> None:
+    """Rays from above against each triangle."""
+    pose = Pose.from_degrees(position_m=(100.0, -40.0, 0.3), yaw_deg=35.0)
+    laid = sheet(pose, crown_m=0.2, surface=RoughSurface.draw("F", 4))
+    vertices_m, faces = laid.mesh(0.5)
+    vertices_m = pose.apply(vertices_m)
+    eye_m = pose.apply(np.array([[0.3, 0.2, 20.0]]))[0]
+    targets_m = pose.apply(np.pad(np.random.default_rng(5).uniform(-0.4, 0.4, (300, 2)) * [12, 5], ((0, 0), (0, 1))))
+    direction = targets_m - eye_m
+    nearest = np.full(len(direction), np.inf)
+    for a, b, c in vertices_m[faces]:
+        nearest = np.minimum(nearest, triangle(eye_m, direction, a, b - a, c - a))
+    hit_m = eye_m + nearest[:, None] * direction
+    np.testing.assert_allclose(Ground(surface=FLAT, sheets=[laid]).height_m(hit_m[:, :2]), hit_m[:, 2], atol=1e-9)
+
+
+def test_wheels_meet_the_surface_that_the_mesh_shows() -> None:
+    """At vertices they differ by the waves that the mesh leaves out; the highest sheet counts, and 0 beside all."""
+    surface = RoughSurface.draw("C", 9)
+    low = sheet(Pose(position_m=np.array([0.0, 0.0, -0.2])), size_m=(40.0, 40.0), surface=surface)
+    road = sheet(size_m=(20.0, 6.0), crown_m=0.1, spacing_m=0.4, surface=surface)
+    ground = Ground(surface=surface, sheets=[low, road])
+    vertices_m, _ = road.mesh(0.0)
+    place_m = vertices_m[:, :2]
+    left_out = surface.height_m(place_m) - surface.without_short_waves(1.0 / 1.2).height_m(place_m)
+    np.testing.assert_allclose(ground.wheel_height_m(place_m), vertices_m[:, 2] + left_out, atol=1e-7)
+    aside_m = np.array([[0.0, 15.0], [0.0, 30.0]])
+    np.testing.assert_allclose(ground.wheel_height_m(aside_m) - surface.height_m(aside_m), [-0.2, 0.0], atol=1e-9)
+    assert np.isnan(ground.height_m(aside_m)).tolist() == [False, True]
+
+
+def test_things_stand_on_the_highest_ground(tmp_path: Path) -> None:
+    scene = scene_of(
+        tmp_path,
+        '[ground]\nroughness = "C"\n'
+        + ROAD
+        + PAVEMENT
+        + BOX
+        + "position_m = [0, 0, 0.5]\ninstances = [{ position_m = [3, 1, 0] }, { position_m = [-7, 5, 0] }]\n",
+    )
+    for name, level_m in (("box.0", 0.1 * (1 - (1 / 4) ** 2)), ("box.1", 0.12)):
+        position_m = next(body.pose.position_m for body in scene.bodies if body.name == name)
+        vertices_m, _ = mesh_of(scene, "road" if name == "box.0" else "pavement")
+        near_m = vertices_m[np.hypot(*(vertices_m[:, :2] - position_m[:2]).T) < 0.5][:, 2]
+        assert near_m.min() <= position_m[2] - 0.5 + 1e-12
+        assert position_m[2] - 0.5 == pytest.approx(level_m, abs=0.08), "four times the rms of class C"
+
+
+def test_markings_of_the_street_lie_on_it() -> None:
+    """3 mm thick: nowhere below the road's triangles, and nowhere 6 mm above, at corners, edges and middles."""
+    scene = load_scene("street")
+    vertices_m, faces = mesh_of(scene, "road")
+    corners = vertices_m[faces]
+    low, high = corners.min(axis=1), corners.max(axis=1)
+    for name in ("dashes.3", "bay_lines.10", "zebra.2"):
+        marks_m, mark_faces = mesh_of(scene, name)
+        mark = marks_m[mark_faces]
+        points = np.concatenate([mark.reshape(-1, 3), mark.mean(axis=1), (mark[:, 0] + mark[:, 1]) / 2])[::7]
+        for point in points:
+            inside = ((low <= point + 1e-9) & (high >= point - 1e-9))[:, :2].all(axis=1)
+            up = np.array([[0.0, 0.0, 1.0]])
+            below = [triangle(point - [1e-9, 2e-9, 1.0], up, a, b - a, c - a)[0] for a, b, c in corners[inside]]
+            assert 0.0005 < 1.0 - min(below) < 0.006
+
+
+def test_a_walker_follows_the_ground(tmp_path: Path) -> None:
+    """Upright, at the height below it; its velocity is that of its path, to a cubic spline over 5 ms."""
+    text = '[ground]\nroughness = "E"\n' + ROAD + BOX + "[bodies.motion]\nvelocity_m_s = [1, 0.5, 0]\n"
+    scene = scene_of(tmp_path, text)
+    motion = scene.bodies[1].motion
+    assert isinstance(motion, Ride)
+    time_s, h = np.linspace(3.97, 4.03, 13), 1e-4
+    before, here, after = (motion.at(time_s + shift) for shift in (-h, 0.0, h))
+    np.testing.assert_allclose(here.position_m[:, 2], motion.height_m(here.position_m[:, :2]), atol=1e-7)
+    np.testing.assert_allclose((after.position_m - before.position_m) / (2 * h), here.velocity_m_s, atol=1e-5)
+    np.testing.assert_array_equal(here.rotation, np.tile(np.eye(3), (13, 1, 1)))
+
+
+def test_an_ego_without_its_ride_stays_on_the_ground(tmp_path: Path) -> None:
+    scene = scene_of(tmp_path, "[ego]\non_ground = true\nride = { active = false }\n" + ROAD)
+    assert scene.ego is not None
+    np.testing.assert_allclose(scene.ego.at(np.zeros(1)).position_m, [[0.0, 0.0, 0.1]], atol=1e-12)
+    scene = scene_of(tmp_path, "[ego]\nride = { active = false }\n" + ROAD)
+    assert isinstance(scene.ego, Course)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (BOX, r"on_ground: must have a ground below it, got none at 0, 0 m"),
+        (ROAD + "pitch_deg = 1\n", "a ground must be level"),
+        (ROAD + "[bodies.motion]\nspeed_m_s = 1\n", "a ground must stand still"),
+        (ROAD + "on_ground = true\n", "must have a ground below it"),
+        (ROAD.replace("0.4", "0.01"), "a ground must have <= 4000000 vertices, got 6408801"),
+        (BOX.replace("on_ground = true", "crown_m = 0.1"), "crown_m is for a ground, a box has none"),
+        ("[ego]\n" + ROAD + BOX + "[bodies.motion]\nwith_ego = true\n", "on_ground does not go with motion.with_ego"),
+        (ROAD.replace("[80, 8]", "[80]"), "size_m of a ground must have 2 numbers"),
+    ],
+)
+def test_mistakes(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        scene_of(tmp_path, text)
