@@ -155,7 +155,13 @@ def test_las_says_nothing_wrong_of_least_and_largest(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("place", "message"), [("count", "as many chunks as bytes, got 4294967295"), ("table", "in the file")]
+    ("place", "message"),
+    [
+        ("count", "as many chunks as bytes, got 4294967295"),
+        ("table", "in the file"),
+        ("layer", "must be within the file, got longer ones"),
+        ("items", "must be compressed as of [0-9]+ bytes, got 0"),
+    ],
 )
 def test_a_laz_with_a_wrong_table_of_chunks(tmp_path: Path, place: str, message: str) -> None:
     """lazrs asks for the memory of all chunks first, and ends the process where there is none."""
@@ -167,6 +173,11 @@ def test_a_laz_with_a_wrong_table_of_chunks(tmp_path: Path, place: str, message:
     (table,) = struct.unpack_from("<q", data, points)
     if place == "count":
         struct.pack_into("<I", data, table + 4, 2**32 - 1)
+    elif place == "layer":  # the size of the first, after the first point and the number of points
+        (point_bytes,) = struct.unpack_from("<H", data, 105)
+        struct.pack_into("<I", data, points + 8 + point_bytes + 4, 2**31)
+    elif place == "items":  # none in the record of LASzip: 54 bytes of header, then 32 before their number
+        struct.pack_into("<H", data, data.index(b"laszip encoded") - 2 + 54 + 32, 0)
     else:
         struct.pack_into("<q", data, points, 2**40)
     path.write_bytes(data)

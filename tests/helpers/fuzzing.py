@@ -12,10 +12,8 @@ import io
 import json
 import os
 import random
-import re
 import shutil
 import signal
-import struct
 import threading
 import zlib
 from collections.abc import Callable, Iterator, Sequence
@@ -28,13 +26,19 @@ import numpy as np
 
 from helpers.clouds import small_cloud
 from helpers.command_line import COARSE
+from helpers.foreign_files import ForeignFiles, spoilt_in_place
 from helpers.small_job import JOB
+from helpers.spoiling import number, spoilt, spoilt_bytes, text, toml_value
 from helpers.walls import LEFT_AND_RIGHT, MOVING, WALL
-from lidarscene import PointCloud, catalog, load_scene
+from lidarscene import LiveSimulator, PointCloud, catalog, load_scene, load_sensor
 from lidarscene.batch.tasks import Job
 from lidarscene.cli import main
 from lidarscene.errors import LONGEST, BackendError, LidarSceneError
 from lidarscene.formats.registry import FORMATS
+from lidarscene.recordings.as_cloud import cloud_of
+from lidarscene.recordings.opening import open_recording
+from lidarscene.scene.meshes import mesh_cache
+from lidarscene.scene.meshes.reading import read_mesh
 from lidarscene.view.controls import Equipment
 from lidarscene.view.page_sources import settings_from
 
@@ -44,70 +48,8 @@ PATIENCE_S = 120
 MEMORY = 8 << 30
 """Bytes of address space that an input may take beyond what the process has: more ends in a MemoryError."""
 
-NUMBERS = (
-    "0",
-    "-0.0",
-    "1",
-    "-1",
-    "2",
-    "1e-300",
-    "1e-30",
-    "1e-9",
-    "1e9",
-    "1e30",
-    "1e300",
-    "1e308",
-    "-1e308",
-    "nan",
-    "inf",
-    "-inf",
-    "4294967295",
-    "4294967296",
-    "2147483648",
-    "9223372036854775808",
-    "1" + "0" * 400,
-    "0x10",
-    "1_000",
-    "0.1",
-    "3.7",
-    "65536",
-    "true",
-    "9" * 5000,
-)
-TEXTS = (
-    "",
-    " ",
-    "a",
-    "\u0000",
-    "../../etc/passwd",
-    "/dev/null",
-    "/dev/zero",
-    ".",
-    "..",
-    "/",
-    "a\nb",
-    "\u202e",
-    "ü" * 300,
-    "x" * 20_000,
-    "{0}",
-    "{path}",
-    "%s",
-    "$HOME",
-    "None",
-    "[a](b)",
-    "\x1b[31m",
-    "in/pipe",
-    "in/folder",
-    "in",
-    "--",
-    "-",
-    "NaN",
-    "a.toml",
-    "C:\\a",
-    "\ud800",
-    "0" * 4301,
-)
-SHARES_OF_A_FRAME = ("--no-truth", "--json", "--ascii", "--profile", "--deskew")
+MOST_RESIDENT = 3 << 29
+"""Bytes of memory that an input may use beyond what the process has, 1.5 GiB: a few copies of what may be unpacked."""
 
 Work = Callable[[], object]
 
@@ -118,109 +60,6 @@ class Input:
 
     about: str
     work: Work
-
-
-def number(rng: random.Random) -> str:
-    if rng.random() < 0.5:
-        return rng.choice(NUMBERS)
-    return repr(rng.choice((1, -1)) * rng.random() * 10.0 ** rng.randint(-12, 12))
-
-
-def text(rng: random.Random) -> str:
-    if rng.random() < 0.6:
-        return rng.choice(TEXTS)
-    return "".join(chr(rng.randint(1, 0x2FF)) for _ in range(rng.randint(1, 12)))
-
-
-def toml_value(rng: random.Random, depth: int = 0) -> str:
-    kind = rng.randint(0, 5 if depth < 3 else 3)
-    if kind <= 1:
-        return number(rng)
-    if kind <= 3:
-        return json.dumps(text(rng))
-    inner = [toml_value(rng, depth + 1) for _ in range(rng.randint(0, 4))]
-    if kind == 4:
-        return f"[{', '.join(inner)}]"
-    return "{" + ", ".join(f"k{number} = {entry}" for number, entry in enumerate(inner)) + "}"
-
-
-def scale_number(line: str, factor: float) -> str:
-    """The first number of a line times a factor."""
-    return re.sub(r"\d+(\.\d+)?", lambda match: f"{float(match[0][:300]) * factor:g}", line, count=1)
-
-
-def spoilt_lines(rng: random.Random, whole: str) -> str:
-    """Text of lines KEY = VALUE, CSV, OBJ, XML: values, lines and letters are changed."""
-    lines = whole.split("\n")
-    for _ in range(rng.choice((1, 1, 1, 2, 3, 8))):
-        line_index = rng.randrange(len(lines))
-        kind = rng.randint(0, 14)
-        key, equals, _ = lines[line_index].partition("=")
-        if kind >= 10:
-            factor = rng.choice((0.0, -1.0, 0.5, 2.0, 10.0 ** rng.randint(-9, 9)))
-            lines[line_index] = scale_number(lines[line_index], factor)
-        elif kind <= 3 and equals:
-            lines[line_index] = f"{key}= {toml_value(rng)}"
-        elif kind == 4:
-            del lines[line_index]
-            lines = lines or [""]
-        elif kind == 5:
-            lines.insert(line_index, lines[rng.randrange(len(lines))])
-        elif kind == 6:
-            other_index = rng.randrange(len(lines))
-            lines[line_index], lines[other_index] = lines[other_index], lines[line_index]
-        elif kind == 7:
-            words = lines[line_index].split(" ")
-            words[rng.randrange(len(words))] = rng.choice((number, text))(rng)
-            lines[line_index] = " ".join(words)
-        elif kind == 8:
-            cells = lines[line_index].split(",")
-            cells[rng.randrange(len(cells))] = number(rng)
-            lines[line_index] = ",".join(cells)
-        else:
-            column = rng.randint(0, len(lines[line_index]))
-            lines[line_index] = lines[line_index][:column] + text(rng) + lines[line_index][column + rng.randint(0, 3) :]
-    if rng.random() < 0.03:
-        lines.append("a = " + "[" * 3000 + "]" * 3000)
-    if rng.random() < 0.03:
-        lines.append(".".join("a" * 2000) + " = 1")
-    return "\n".join(lines)
-
-
-def spoilt_bytes(rng: random.Random, whole: bytes) -> bytes:
-    """Bytes changed, cut, doubled, and numbers in them made extreme."""
-    data = bytearray(whole)
-    for _ in range(rng.choice((1, 1, 2, 4, 16))):
-        if not data:
-            break
-        offset = rng.randrange(len(data)) if rng.random() < 0.5 else rng.randrange(min(len(data), 600))
-        kind = rng.randint(0, 6)
-        if kind == 0:
-            data[offset] ^= 1 << rng.randint(0, 7)
-        elif kind == 1:
-            data[offset : offset + 4] = struct.pack("<I", rng.choice((0, 1, 2**31 - 1, 2**31, 2**32 - 1, 65536)))
-        elif kind == 2:
-            del data[offset:]
-        elif kind == 3:
-            del data[offset : offset + rng.randint(1, 40)]
-        elif kind == 4:
-            data[offset:offset] = data[offset : offset + rng.randint(1, 400)]
-        elif kind == 5:
-            data[offset : offset + 8] = struct.pack("<d", float(rng.choice(("nan", "inf", "-inf", "1e308", "0"))))
-        else:
-            data[offset:offset] = rng.randbytes(rng.randint(1, 16))
-    return bytes(data)
-
-
-def spoilt(rng: random.Random, whole: bytes) -> bytes:
-    """As lines if it is text, mostly."""
-    try:
-        lines = whole.decode("utf-8")
-    except UnicodeDecodeError:
-        return spoilt_bytes(rng, whole)
-    if rng.random() < 0.15:
-        return spoilt_bytes(rng, whole)
-    return spoilt_lines(rng, lines).encode("utf-8", "surrogatepass")
 
 
 BALL = "<scene version='3.0.0'>\n<bsdf type='diffuse' id='grey'>\n<rgb name='reflectance' value='0.5'/>\n</bsdf>\n"
@@ -254,6 +93,7 @@ class Workshop:
     """Whole files that are spoilt, in a folder that is the current one."""
 
     def __init__(self, folder: Path) -> None:
+        self.living: LiveSimulator | None = None  # compiled when it is first drawn
         self.inside = folder / "in"
         self.inside.mkdir()
         (self.inside / "folder").mkdir()
@@ -283,6 +123,9 @@ class Workshop:
         self.meshes |= {"a.glb": box.export(file_type="glb"), "b.stl": box.export(file_type="stl")}
         self.meshes["b.ply"] = box.export(file_type="ply")
         self.equipment = Equipment(load_scene(folder / "wall.toml"), "table1-apd")
+        self.foreign = ForeignFiles(folder / "whole", self.inside)
+        (folder / "moving.toml").write_text(MOVING)
+        cloud.save(folder / "cloud.ply")
 
     def write(self, name: str, data: bytes) -> str:
         path = self.inside / name
@@ -304,6 +147,14 @@ class Workshop:
             self.line,
             self.settings,
             self.no_file,
+            self.recording,
+            self.recording,
+            self.recording,
+            self.unit,
+            self.stage,
+            self.mesh_with_parts,
+            self.mesh_cache_entry,
+            self.live,
         )
         return rng.choice(kinds)(rng)
 
@@ -375,6 +226,103 @@ class Workshop:
             depth = rng.choice((200, 5000, 20_000))
             whole = XML.replace("</scene>", "<a>" * depth + "</a>" * depth + "</scene>").encode()
         return command_input("xml", "render", self.write("a.xml", whole), "-o", "out/o.ply", *SMALL)
+
+    def recording(self, rng: random.Random) -> Input:
+        """Read as a recording, and by each command that takes one."""
+        kind, path = self.foreign.recording(rng)
+        with_metadata: list[str] = []
+        metadata: Path | None = None
+        if "pcap" in kind and rng.random() < 0.25:
+            metadata = self.foreign.description(rng, rng.choice((None, _DESCRIBED_BY.get(kind.partition(" ")[0]))))
+            with_metadata = ["--metadata", str(metadata)]
+        recorded, sensor = str(path), rng.choice(SENSORS)
+        if rng.random() < 0.6:
+            return Input(f"recording {kind}", lambda: _read_recording(path, metadata))
+        return command_input(
+            f"recording {kind}",
+            *rng.choice(
+                (
+                    ("view", recorded, "--save", "out/v.html"),
+                    ("twin", recorded, "-o", "out", "--sensor", sensor),
+                    ("twin", recorded, "-o", "out"),
+                    ("compare", "cloud.ply", "--real", recorded, "-o", "out"),
+                    ("fit", recorded, "-o", "out/f.toml", "--report", "out/r", "--sensor", sensor),
+                )
+            ),
+            *with_metadata,
+        )
+
+    def unit(self, rng: random.Random) -> Input:
+        """What a maker says of a unit, as a sensor file that must be one."""
+        described = str(self.foreign.description(rng))
+        command = ["sensor", "--from", described, "-o", "out/u.toml"]
+        if rng.random() < 0.4:
+            command += ["--like", rng.choice(SENSORS)]
+        if rng.random() < 0.2:
+            command += ["--mode", rng.choice(("1024x10", "2048x10", "512x20", "0x0", "99999999x10", text(rng)))]
+
+        def work() -> None:
+            _command([word.replace("\0", "0") for word in command])
+            if Path("out/u.toml").exists():
+                load_sensor("out/u.toml")
+
+        return Input(f"unit {Path(described).name}: {' '.join(command)[:200]}", work)
+
+    def stage(self, rng: random.Random) -> Input:
+        try:
+            path = self.foreign.stage(rng)
+        except ImportError:  # usd-core is missing
+            return self.mesh(rng)
+        return Input(f"stage {path.name}", lambda: read_mesh(path))
+
+    def mesh_with_parts(self, rng: random.Random) -> Input:
+        path = self.foreign.mesh(rng)
+        pattern = rng.choice((None, "reflectivity", "colour"))
+        if pattern is None:
+            return Input(f"mesh with parts {path.name}", lambda: read_mesh(path))
+        text = BODY.format(path.name).replace("in/", "") + f'pattern = "{pattern}"\n'
+        scene = self.write("s.toml", text.encode())
+        return Input(f"mesh with parts {path.name}, {pattern}", lambda: load_scene(scene))
+
+    def mesh_cache_entry(self, rng: random.Random) -> Input:
+        """A spoilt entry counts as none: the mesh is read from its file."""
+        path = self.inside / "whole.obj"
+        path.write_text(OBJ)
+        (whole,) = read_mesh(path)
+        entry = mesh_cache._entry(path)
+        if entry is None or not entry.exists():
+            return self.mesh(rng)
+        data = entry.read_bytes()
+        entry.write_bytes(rng.choice((spoilt_bytes, spoilt_in_place))(rng, data))
+
+        def work() -> None:
+            try:
+                (piece,) = read_mesh(path)
+                assert np.array_equal(piece.vertices_m, whole.vertices_m)
+                assert np.array_equal(piece.faces, whole.faces)
+            finally:
+                entry.unlink(missing_ok=True)
+
+        return Input("mesh cache entry", work)
+
+    def live(self, rng: random.Random) -> Input:
+        """Calls with slips of the hand: a line that says so, and the world as it was."""
+        if self.living is None:
+            self.living = LiveSimulator("moving.toml", "table1-apd", spares={"wall": 2})
+        living = self.living
+        calls = [_slip(rng) for _ in range(rng.randint(1, 4))]
+
+        def work() -> None:
+            for name, arguments, keywords in calls:
+                before, clock = living.scene, living._now_s
+                try:
+                    with mock.patch.object(living, "render", return_value=None):
+                        getattr(living, name)(*arguments, **keywords)
+                except LidarSceneError:
+                    assert living.scene is before, "the scene has changed"
+                    assert living._now_s == clock, "the clock has changed"
+
+        return Input(f"live {calls}", work)
 
     def settings(self, rng: random.Random) -> Input:
         """As the page sends them."""
@@ -463,6 +411,46 @@ class Workshop:
                 ("in/none.npz", "out/a.png", "out/a.npz", "out/o.ply", "wall.toml", "rig.toml", "in/pipe")
             )
         return number(rng)
+
+
+_DESCRIBED_BY = {
+    "velodyne": "velodyne.yaml",
+    "vls": "velodyne.yaml",
+    "hesai": "hesai.csv",
+    "pandar64": "hesai.csv",
+    "ouster": "ouster.json",
+    "our": "ouster.json",
+}
+"""First word of a kind of recording -> description that goes with it."""
+
+SLIPS: tuple[Any, ...] = (
+    *(None, True, "wall", "wal", b"wall", "", "ego", 0, -1, 1.5, 10**400, 1e300, float("nan"), float("inf"), 1j),
+    *((), [], {}, set(), [1, 2], (1, 2, 3), (1.0, 2.0, 3.0, 4.0, 5.0, 6.0), (1, 2, "3"), ("a",) * 6, [[1, 2], 3]),
+    *(np.zeros(3), np.full(6, np.nan), np.eye(4), np.zeros((0, 3)), np.array(["a"] * 3), np.array(5), {"wall": 3}),
+    *({"wall": (1, 2, 3)}, {3: (1, 2, 3)}, {"wall": None}, {"wall": (30.0, 2, 1, 90, 0, 0)}, object(), len),
+)
+"""Values that a caller may pass where another is meant."""
+
+
+def _slip(rng: random.Random) -> tuple[str, tuple[Any, ...], dict[str, Any]]:
+    """Name of a method of LiveSimulator, arguments and keywords."""
+    name, mandatory = rng.choice((("place", 2), ("add", 2), ("move_ego", 1), ("remove", 1), ("advance", 1)))
+    meant = {"place": ("wall", (9, 0, 0)), "add": ("wall", (12, 0, 0)), "move_ego": ((1, 0, 0),), "remove": ("wall.1",)}
+    arguments = list(meant.get(name, (rng.uniform(0.0, 0.05),)))
+    if rng.random() < 0.7:
+        arguments[rng.randrange(mandatory)] = rng.choice(SLIPS)
+    keys = ("poses", "ego", "seed", "number", "frame") if name == "advance" else ("velocity_m_s", "yaw_rate_deg_s")
+    # `remove` has no keywords: Python's own error says so.
+    known = (*keys, "time_s", "nothing") if name != "remove" else ()
+    count = rng.choice((0, 0, 1, 2)) if known else 0
+    return name, tuple(arguments), {rng.choice(known): rng.choice(SLIPS) for _ in range(count)}
+
+
+def _read_recording(path: Path, metadata: Path | None) -> None:
+    """Read two frames, and make a cloud of each."""
+    with open_recording(path, metadata) as recording:
+        for number in {0, len(recording) - 1}:
+            cloud_of(recording[number])
 
 
 ROOT = Path(__file__).parents[2]
@@ -577,8 +565,26 @@ def untraced() -> Iterator[None]:
         yield
 
 
+def _resident_bytes(key: str) -> int:
+    """Memory of this process, "VmRSS" or its peak "VmHWM"; 0 where the system does not say."""
+    with contextlib.suppress(OSError):
+        for line in Path("/proc/self/status").read_text().splitlines():
+            if line.startswith(key):
+                return int(line.split()[1]) << 10
+    return 0
+
+
 def failure(drawn_input: Input) -> str:
     """What is wrong with what comes of it; "" if nothing is."""
+    with contextlib.suppress(OSError):
+        Path("/proc/self/clear_refs").write_text("5")  # the peak counts from here
+    before = _resident_bytes("VmRSS")
+    reason = _failure(drawn_input)
+    taken = _resident_bytes("VmHWM") - before
+    return reason or (f"it takes {taken / 1e9:.1f} GB" if taken > MOST_RESIDENT else "")
+
+
+def _failure(drawn_input: Input) -> str:
     try:
         with watched():
             drawn_input.work()
@@ -607,9 +613,9 @@ def failures(
 ) -> Iterator[tuple[str, Input, str]]:
     """Try these inputs of a seed in a folder, which is the current one; the name of each that fails, and why."""
     workshop = Workshop(folder)
-    for number in range(first, first + count, stride):
-        rng = random.Random(zlib.crc32(f"{seed} {number}".encode()))
+    for index in range(first, first + count, stride):
+        rng = random.Random(zlib.crc32(f"{seed} {index}".encode()))
         drawn_input = workshop.next_input(rng)
         why = failure(drawn_input)
         if why:
-            yield f"seed {seed} input {number}", drawn_input, why
+            yield f"seed {seed} input {index}", drawn_input, why

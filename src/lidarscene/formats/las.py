@@ -40,6 +40,12 @@ PIECE_POINTS = 1 << 20
 """Records built at a time; the further points of the last pulse are added to them."""
 
 LONGEST_HEADER = 375  # bytes, of LAS 1.4
+FIRST_ITEM = 34  # byte of the record of LASzip, after the number of items
+LAYERS = {10: 9, 11: 1, 12: 2, 13: 1}
+"""Kind of an item (point, colour, colour with near infrared, wave packet) -> its layers in a chunk."""
+BYTES_14 = 14
+"""Kind of the extra bytes, each of which is a layer."""
+
 COUNTED = ((100, 54), (243, 60))
 """(offset of a count in the header, least bytes of a record) for short and for extended records."""
 
@@ -157,8 +163,7 @@ def read_las(path: str | os.PathLike[str]) -> Fields:
     """Read a file of `write_las`; the positions to 10 um. Raises InputError, in one line."""
     laspy = import_optional("laspy", extra="las")
     with input_errors(path), open(path, "rb") as file:
-        _require_plausible(laspy, file)
-        las = laspy.read(file, closefd=False)
+        las = _read(laspy, file)
         descriptions = [record for record in (*las.vlrs, *(las.evlrs or ())) if record.user_id == VLR_USER]
         if not descriptions:
             raise ValueError("not a point cloud of lidarscene: there is no description in it")
@@ -172,12 +177,23 @@ def las_columns(path: str | os.PathLike[str]) -> dict[str, Numbers]:
     """Columns of any LAS or LAZ by name, x, y and z in metres. Raises InputError, in one line."""
     laspy = import_optional("laspy", extra="las")
     with input_errors(path), open(path, "rb") as file:
-        _require_plausible(laspy, file)
-        las = laspy.read(file, closefd=False)
+        las = _read(laspy, file)
         names = [name for name in las.point_format.dimension_names if name not in ("X", "Y", "Z")]
         column_names = {file_name: column for column, file_name in LAS_NAMES.items()}
         columns = {column_names.get(name, name): np.ascontiguousarray(las[name]) for name in names}
         return columns | {axis: np.asarray(las[axis]) for axis in "xyz"}
+
+
+def _read(laspy: Any, file: IO[bytes]) -> Any:
+    """Read all points. Raises any exception of the libraries, and ValueError for what they would crash over."""
+    try:
+        _require_plausible(laspy, file)
+        return laspy.read(file, closefd=False)
+    except BaseException as error:
+        # What fails within the compiled lazrs is no Exception.
+        if type(error).__name__ != "PanicException":
+            raise
+        raise ValueError(f"damaged: {error}") from None
 
 
 def _require_plausible(laspy: Any, file: IO[bytes]) -> None:
@@ -190,7 +206,36 @@ def _require_plausible(laspy: Any, file: IO[bytes]) -> None:
     require_unpacked(size, points)
     if header.are_points_compressed:
         _require_chunks(file, header.offset_to_point_data, size)
+        _require_layers(file, header, size)
     file.seek(0)
+
+
+def _require_layers(file: IO[bytes], header: Any, size: int) -> None:
+    """Raise ValueError for chunks or layers that are longer than the file: lazrs would fill up to 4 GB for each.
+
+    A chunk of point formats 6 and later is its first point, the number of points, the sizes of the layers, the layers
+    (LASzip specification, version 3 of its items).
+    """
+    lazrs = import_optional("lazrs", extra="las")
+    record = lazrs.LazVlr(header.vlrs.get("LasZipVlr")[0].record_data)
+    if not record.chunk_size() or record.item_size() != header.point_format.size:
+        raise ValueError(f"points must be compressed as of {header.point_format.size} bytes, got {record.item_size()}")
+    items = [struct.unpack_from("<HH", record.record_data(), offset) for offset in _items(record.record_data())]
+    layers = sum(item_size if kind == BYTES_14 else LAYERS.get(kind, 0) for kind, item_size in items)
+    start = header.offset_to_point_data
+    file.seek(start)
+    start += 8
+    for _, chunk_bytes in lazrs.read_chunk_table(file, record):
+        file.seek(start + record.item_size())
+        sizes = struct.unpack(f"<{1 + layers}I", file.read(4 + 4 * layers))[1:] if layers else ()
+        if start + chunk_bytes > size or sum(sizes) > chunk_bytes:
+            raise ValueError("the chunks of points must be within the file, got longer ones")
+        start += chunk_bytes
+
+
+def _items(record: bytes) -> range:
+    """Offsets of the items in the record that says how a LAZ is compressed."""
+    return range(FIRST_ITEM, FIRST_ITEM + 6 * struct.unpack_from("<H", record, FIRST_ITEM - 2)[0], 6)
 
 
 def _require_chunks(file: IO[bytes], points: int, size: int) -> None:

@@ -105,6 +105,7 @@ class LiveSimulator(Simulator):
 
         Raises InputError where no spare is left.
         """
+        _check_name(name)
         if name not in self._pools:
             originals = ", ".join(f"'{original}'" for original in self._pools) or "none"
             raise InputError(f"body '{name}': has no spares; bodies with spares: {originals}")
@@ -157,37 +158,40 @@ class LiveSimulator(Simulator):
         if ego is not None:
             new_poses[None] = _checked_pose("ego", ego)
         # A mistake raises before anything changes, so that the next call finds the world as it was.
+        numbers, next_start_s = self._frames_over(frame_options, float(to_s))
         for key, pose in new_poses.items():
             self._tracks.get(key, Track()).check_turn(pose, key or "ego")
         self._now_s = float(to_s)
         for key, pose in new_poses.items():
             self._tracks.setdefault(key, Track()).append(self._now_s, pose)
         clouds: list[PointCloud] = []
-        is_changed = False
-        while self._edges_s(frame_options)[1] <= self._now_s + TOLERANCE_S:
-            if not is_changed:
-                self._change({key: track.motion() for key, track in self._tracks.items()})
-                is_changed = True
-            number = frame_options.number + self._rendered
+        if numbers:
+            self._change({key: track.motion() for key, track in self._tracks.items()})
+        for number in numbers:
             self._rendered += 1
             try:
                 clouds.append(self.render(replace(frame_options, number=number)))
             except InputError as error:
                 warnings.warn(OptionWarning("advance: frame {0} is left out: {1}", number, error), stacklevel=2)
         for track in self._tracks.values():
-            track.forget(self._edges_s(frame_options)[0])
+            track.forget(next_start_s)
         return clouds
 
-    def _edges_s(self, options: FrameOptions) -> tuple[float, float]:
-        """Start and end of the next frame of `advance` [s]."""
-        first_s, last_s = frame_edges(self.sensor.scanner, options.number + self._rendered)
-        return options.begin_s + first_s, options.begin_s + last_s
+    def _frames_over(self, options: FrameOptions, now_s: float) -> tuple[range, float]:
+        """Numbers of the frames of `advance` that are over, and the start of the next one [s]. Raises InputError."""
+        first = number = options.number + self._rendered
+        while True:
+            start_s, end_s = frame_edges(self.sensor.scanner, number)
+            if options.begin_s + end_s > now_s + TOLERANCE_S:
+                return range(first, number), options.begin_s + start_s
+            number += 1
 
     def _body(self, name: str) -> Body:
         return self.scene.bodies[self._number[name]]
 
     def _require(self, name: str) -> None:
         """Raise InputError unless a body of this name is present and can be placed."""
+        _check_name(name)
         bodies = {body.name: body for body in self.scene.bodies}
         placeable = {key: body for key, body in bodies.items() if body.motion is not None and not body.away}
         if name in placeable:
@@ -305,6 +309,12 @@ def spare_names(name: str, count: int, existing: Iterable[str]) -> list[str]:
     return names
 
 
+def _check_name(name: object) -> None:
+    """Raise InputError for what is no name: some values cannot even be looked up."""
+    if not isinstance(name, str):
+        raise InputError(f"body: must be a name, got {name!r}")
+
+
 def require_body(
     bodies: Mapping[str, Body], name: str, why: str = "not in the scene", listed: str = "its bodies"
 ) -> Body:
@@ -340,7 +350,10 @@ def _course(subject: str, pose: Placed, motion: MotionKeywords) -> Course:
 
 
 def _is_finite(number: object) -> bool:
-    return isinstance(number, Real) and math.isfinite(number)
+    try:
+        return isinstance(number, Real) and math.isfinite(number)
+    except OverflowError:  # of a whole number beyond those of float
+        return False
 
 
 def _checked_pose(subject: str, pose: Placed) -> Pose:
