@@ -61,11 +61,19 @@ class _Blind:
     by_sun     share that background and dark counts have fired
     by_echoes  share that nearer echoes and the air have fired
     freed      bin in which the latter get free, on average
+    missed     share of the SPADs that the sun fires before the echoes, and does not fire behind them
+    recent     how much of that shadow is left at the first bin: the sun's SPADs come back in it
+    revived    share of the SPADs by which more are free than in even light: those of echoes that are back together
+    older      shadow of these echoes a dead time before the first bin
     """
 
     by_sun: Lanes
     by_echoes: Lanes
     freed: Lanes
+    missed: Lanes
+    recent: Lanes
+    revived: Lanes = 0.0
+    older: Lanes = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -155,17 +163,20 @@ class Bins:
             free = dead_time.free_share_of_first(rate_hz=pixel.rate_hz, time_s=armed)
         if len(wave.centres) == 1 and wave.volume is None:
             # The pulse's only echo is the one in these bins.
-            return _Blind(by_sun=1.0 - free, by_echoes=0.0, freed=0.0)
+            return _Blind(by_sun=1.0 - free, by_echoes=0.0, freed=0.0, missed=0.0, recent=1.0)
         sigma = pixel.sigma_s
         # SPADs that fire once in a shot stay blind to its end: their dead time is infinite, here a large number.
         dead = 1e9 if fires_once else pixel.spad.dead_time_s / sigma
         energy = pixel.per_watt * sigma * math.sqrt(2.0 * math.pi)
-        before, moment = 0.0 * start, 0.0 * start
+        before, moment, older, older_moment = (0.0 * start for _ in range(4))
         for centre, height in zip(wave.centres, wave.heights, strict=True):
             # Share of a Gaussian within the dead time before the first bin, by the logistic approximation.
             part = self._share_before(start - centre)
             if not fires_once:
-                part = part - self._share_before(start - dead - centre)
+                back = self._share_before(start - dead - centre)
+                part = part - back
+                back = (back - self._share_before(start - 2.0 * dead - centre)) * height * energy
+                older, older_moment = older + back, older_moment + back * ops.minimum(centre + dead - start, 0.0)
             part = part * height * energy
             before, moment = before + part, moment + part * ops.minimum(centre - start, 0.0)
         if wave.volume is not None:
@@ -177,10 +188,24 @@ class Bins:
                 part = wave.air_w(start - (k + 0.5) * step) * step * sigma * pixel.per_watt
                 before, moment = before + part, moment - part * (k + 0.5) * step
         mean = moment / ops.maximum(before, 1e-20)
+        fired = dead_time.firing_share(detections=before)
+        revived: Lanes = 0.0
+        shadow: Lanes = 0.0
+        if not fires_once:
+            # Linear response of the free share: 1 - exp(-lambda tau) - lambda u of what fired is free too much a time u
+            # after it has come back, times exp(-lambda u).
+            since = -pixel.sun * older_moment / ops.maximum(older, 1e-20)
+            left = dead_time.firing_share(detections=older) * ops.exp(-since)
+            revived = free * left * (1.0 - ops.exp(-pixel.sun * dead) - since)
+            shadow = left
         return _Blind(
             by_sun=1.0 - free,
-            by_echoes=free * dead_time.firing_share(detections=before),
+            by_echoes=free * fired,
             freed=(mean + dead) * (sigma / pixel.histogram.bin_s),
+            missed=fired,
+            recent=1.0 if fires_once else ops.exp(mean * pixel.sun),
+            revived=revived,
+            older=shadow,
         )
 
     def _share_before(self, ahead: Lanes) -> Lanes:
@@ -199,13 +224,14 @@ class Bins:
         pixel, ops = self.pixel, self.ops
         bin_s, count = pixel.histogram.bin_s, 2 * pixel.histogram.reach + 2
         comb = self.wave.comb(start, bin_s / pixel.sigma_s, middle)
+        first_free = 1.0 - blind.by_sun - blind.by_echoes * blind.recent + blind.revived
         all_trials = pixel.trials if pixel.spad.coincidence == 1 else 1.0
         begin = _DrawState(
             number=0.0 * start,
-            free=0.0 * start + (1.0 - blind.by_sun - blind.by_echoes),
+            free=0.0 * start + first_free,
             silent=0.0 * start + 1.0,
             trials=0.0 * start + (0.0 if pixel.corrected else all_trials),
-            again=0.0 * start + (all_trials * (1.0 - blind.by_sun - blind.by_echoes) if pixel.corrected else 0.0),
+            again=0.0 * start + (all_trials * first_free if pixel.corrected else 0.0),
             revived=0.0 * start,
             parts=tuple(comb.parts),
             firings=ops.room(start, count),
@@ -300,7 +326,12 @@ class Bins:
         def still_blind(edge: Lanes) -> Lanes:
             return ops.minimum(ops.maximum((blind.freed - edge) * slope + 0.5, 0.0), 1.0)
 
-        return of_sun + blind.by_echoes * (still_blind(number) - still_blind(number + 1.0))
+        # A dead time behind the echoes the sun's are those that it fired in their shadow.
+        before, after = still_blind(number), still_blind(number + 1.0)
+        since = ops.maximum(number + 0.5 - blind.freed, 0.0) * (pixel.rate_hz * pixel.histogram.bin_s)
+        shadow = blind.missed * (1.0 - 0.5 * (before + after)) * ops.exp(-since)
+        shadow = shadow + blind.older * ops.exp(-(number + 0.5) * (pixel.rate_hz * pixel.histogram.bin_s))
+        return of_sun * (1.0 - shadow) + blind.by_echoes * (before - after)
 
     def _revived(self, firings: Array, number: Lanes, silent: Lanes) -> Lanes:
         """Firings of the drawn bins that come free in a bin, a dead time later, (n,).
