@@ -2,6 +2,7 @@
 
 import contextlib
 import hashlib
+import itertools
 import json
 import shutil
 from collections.abc import Callable
@@ -16,6 +17,8 @@ from lidarscene.errors import InputError
 from lidarscene.recordings import in_child
 from lidarscene.recordings.opening import open_recording
 from lidarscene.recordings.ouster_reader import open_ouster
+from lidarscene.recordings.pcap_reader import metadata_of
+from lidarscene.recordings.units.unit_file import read_unit
 
 
 @pytest.fixture(autouse=True)
@@ -62,26 +65,55 @@ def test_points_are_those_of_the_makers_table(core: Any) -> None:
     np.testing.assert_allclose(np.linalg.norm(sweep.direction, axis=-1), 1.0, atol=1e-9)
 
 
-def osf(folder: Path, core: Any, library: Callable[[str], Any], frames: int = 2) -> Path:
-    """Frames of the real packet's sensor, with ranges and poses of ours."""
-    info = core.SensorInfo(OUSTER.with_suffix(".json").read_text())
+def osf(folder: Path, core: Any, library: Callable[[str], Any], frames: int = 2, sensors: int = 1) -> Path:
+    """Frames of the real packet's sensor, with ranges and poses of ours.
+
+    sensors  number of such sensors; each has its own serial number, beams a degree higher and ranges 1 m longer
+    """
+    infos = [core.SensorInfo(OUSTER.with_suffix(".json").read_text()) for _ in range(sensors)]
+    for index, info in enumerate(infos):
+        info.sn += index
+        info.beam_altitude_angles = np.asarray(info.beam_altitude_angles) + index
     path = folder / "a.osf"
-    writer = library("ouster.sdk.osf").Writer(str(path), info)
-    for number in range(frames):
-        frame = core.LidarFrame(info)
+    writer = library("ouster.sdk.osf").Writer(str(path), infos)
+    for number, index in itertools.product(range(frames), range(sensors)):
+        frame = core.LidarFrame(infos[index])
         frame.frame_id = number
         frame.status[:] = 1
         frame.timestamp[:] = 10**9 * (5 + number) + np.arange(1024) * 97_656
         frame.measurement_id[:] = np.arange(1024)
-        frame.field("RANGE")[:] = 4000 + number
+        frame.field("RANGE")[:] = 4000 + 1000 * index + number
         frame.field("RANGE")[7, 100] = 0
         frame.field("SIGNAL")[:] = 33
         poses = np.broadcast_to(np.eye(4), (1024, 4, 4)).copy()
         poses[:, 0, 3] = 10.0 * number
         frame.body_to_world[:] = poses
-        writer.save(0, frame)
+        writer.save(index, frame)
     writer.close()
     return path
+
+
+def test_every_sensor_of_an_osf_is_in_reach_with_its_own_metadata(
+    tmp_path: Path, core: Any, library: Callable[[str], Any]
+) -> None:
+    """Rationale: only the first sensor was read, and the metadata within the file by no command."""
+    path = osf(tmp_path, core, library, frames=1, sensors=2)
+    assert metadata_of(path, None) == path
+    described = read_unit(OUSTER.with_suffix(".json"))
+    for index in range(2):
+        with open_recording(path, sensor_index=index) as recording:
+            assert (len(recording), recording.metadata["serial"]) == (1, str(992137000142 + index))
+            assert np.nanmax(recording[0].range_m) == 4.0 + index
+        unit = read_unit(path, sensor_index=index)
+        assert unit.name == f"OS-0-32-U1 {992137000142 + index}"
+        assert (unit.model, unit.scanner) == (described.model, described.scanner)
+        np.testing.assert_allclose(unit.lists["elevation_deg"], np.array(described.lists["elevation_deg"]) + index)
+        for key in ("azimuth_offset_deg", "forward_mm", "height_mm"):
+            np.testing.assert_allclose(unit.lists[key], described.lists[key])
+    with pytest.raises(InputError, match=r"a.osf: .*sensor must be 0 to 1, got 2$"):
+        open_recording(path, sensor_index=2)
+    with pytest.raises(InputError, match="--sensor-index 1: must go with an OSF"):
+        open_recording(OUSTER, sensor_index=1)
 
 
 def test_osf_frames_losses_and_poses(tmp_path: Path, core: Any, library: Callable[[str], Any]) -> None:
@@ -151,6 +183,7 @@ def test_an_osf_without_index_is_copied_first(
 
     class Bare:
         is_indexed = False
+        sensor_info: tuple[Any, ...] = (None,)
 
         def __init__(self, file: str) -> None:
             assert file == str(path)

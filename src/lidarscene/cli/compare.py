@@ -80,6 +80,8 @@ def compare_text(arguments: argparse.Namespace) -> str:
     for option in ("frame", "metadata"):
         if getattr(arguments, option) is not None:
             raise InputError(f"--{option}: goes with --real")
+    if arguments.sensor_index:
+        raise InputError("--sensor-index: goes with --real")
     if arguments.sensors is None:
         return _compare_clouds(arguments)
     if len(arguments.inputs) != 1:
@@ -131,7 +133,7 @@ def _compare_real(arguments: argparse.Namespace) -> str:
     if is_twin:
         return _compare_twin(arguments)
     path, frame = arguments.inputs[0], arguments.frame or 0
-    with open_recording(arguments.real, arguments.metadata) as recording:
+    with open_recording(arguments.real, arguments.metadata, sensor_index=arguments.sensor_index) as recording:
         real = side_of_sweep(f"{arguments.real.name} frame {frame}", recording[frame])
     if is_recording(path):
         with open_recording(path) as recording:
@@ -147,7 +149,7 @@ def _compare_twin(arguments: argparse.Namespace) -> str:
     from ..recordings.opening import open_recording
     from ..studies.twin.twin_page import compare_twin
 
-    with open_recording(arguments.real, arguments.metadata) as recording:
+    with open_recording(arguments.real, arguments.metadata, sensor_index=arguments.sensor_index) as recording:
         return compare_twin(
             arguments.inputs[0],
             recording,

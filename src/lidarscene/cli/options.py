@@ -54,9 +54,10 @@ class CommandOptions:
     metadata: Path | None = option(
         None,
         help="what the maker says of the unit: json of an Ouster (default: beside the recording), YAML of a Velodyne, "
-        "CSV of a Hesai",
+        "CSV of a Hesai; an OSF has its own",
         metavar="F",
     )
+    sensor_index: int = option(0, Whole(0, 255), help="which sensor of an OSF that has several, from 0", metavar="K")
     json: bool = option(False, help="print JSON instead of text")
 
 

@@ -103,6 +103,8 @@ def _source(arguments: argparse.Namespace) -> Source:
     for option in ("frame", "metadata"):
         if getattr(arguments, option) is not None:
             raise InputError(f"--{option}: goes with a recording, got {arguments.paths[0]}")
+    if arguments.sensor_index:
+        raise InputError(f"--sensor-index: goes with a recording, got {arguments.paths[0]}")
     scenes = [path for path in arguments.paths if _is_scene(path)]
     if len(scenes) > 1:
         raise InputError(f"view: must be one scene, got {scenes[0]} and {scenes[1]}")
@@ -131,7 +133,7 @@ def _recording_source(arguments: argparse.Namespace, path: Path) -> Source:
     for option in ("sensor", "overrides", "pose"):
         if getattr(arguments, option):
             raise InputError(f"{flag_of(option)}: goes with a scene or clouds, not with the recording {path}")
-    recording = open_recording(path, arguments.metadata)
+    recording = open_recording(path, arguments.metadata, sensor_index=arguments.sensor_index)
     return RecordingFrames(with_progress(recording) if arguments.save else recording, frame=arguments.frame)
 
 

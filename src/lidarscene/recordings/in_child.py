@@ -27,18 +27,21 @@ MOST_MEMORY = 16 << 30
 """Bytes of address space of the child, where the system can limit it."""
 
 
-def open_in_child(reader: str, path: Path, metadata: Path | None) -> Recording:
+def open_in_child(reader: str, path: Path, metadata: Path | None, *options: int) -> Recording:
     """Open a recording in a child process. Raises InputError, also where the child ends.
 
-    reader  module of this package and function that opens it, "ouster_reader.open_ouster"
+    reader   module of this package and function that opens it, "ouster_reader.open_ouster"
+    options  further arguments of that function
     """
     child = _Child(path)
     try:
-        count, described = child.ask(reader, path, metadata)
+        count, described, unit_json = child.ask(reader, path, metadata, *options)
     except BaseException:
         child.end()
         raise
-    return Recording(path=path, count=count, read=child.ask, close_file=child.end, metadata=described)
+    return Recording(
+        path=path, count=count, read=child.ask, close_file=child.end, metadata=described, unit_json=unit_json
+    )
 
 
 class _Child:
@@ -102,7 +105,7 @@ def serve() -> None:
                 module, _, function = request[0].partition(".")
                 opener: Callable[..., Recording] = getattr(importlib.import_module(f"{__package__}.{module}"), function)
                 recording = opener(*request[1:])
-                answer: Any = recording.count, dict(recording.metadata)
+                answer: Any = recording.count, dict(recording.metadata), recording.unit_json
             else:
                 answer = recording.read(*request)
             reply: tuple[type[LidarSceneError] | None, Any] = (None, answer)

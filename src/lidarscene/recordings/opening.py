@@ -14,11 +14,14 @@ from .recording import Recording
 Reader = Callable[[Path, Path | None], Recording]
 
 
-def open_recording(path: str | os.PathLike[str], metadata: str | os.PathLike[str] | None = None) -> Recording:
+def open_recording(
+    path: str | os.PathLike[str], metadata: str | os.PathLike[str] | None = None, *, sensor_index: int = 0
+) -> Recording:
     """Open a recording: a file, a folder of a ROS bag, or a folder of files of points.
 
     metadata  the unit's own description where the maker keeps it apart: json of an Ouster (None: the file of the
               recording's name beside it), YAML of a Velodyne, CSV of a Hesai (None: the model's, from the decoder)
+    sensor_index  which sensor of an OSF, from 0
     Raises InputError, in one line, for a file that is missing, empty, damaged or of no known kind.
     """
     file, metadata_file = Path(path), None if metadata is None else Path(metadata)
@@ -35,7 +38,12 @@ def open_recording(path: str | os.PathLike[str], metadata: str | os.PathLike[str
         if not file.stat().st_size:
             raise InputError(f"{file}: must be a recording, got an empty file")
         read = READERS[suffix]
-    recording = read(file, metadata_file)
+    if read is _open_osf:
+        recording = _open_osf(file, metadata_file, sensor_index)
+    elif sensor_index:
+        raise InputError(f"--sensor-index {sensor_index}: must go with an OSF, which may have several, got {file}")
+    else:
+        recording = read(file, metadata_file)
     if not recording.count:
         raise InputError(f"{file}: must have frames of a lidar, got none")
     return recording
@@ -47,12 +55,12 @@ def _open_ouster(path: Path, metadata: Path | None) -> Recording:
     return open_ouster(path, metadata)
 
 
-def _open_osf(path: Path, metadata: Path | None) -> Recording:
+def _open_osf(path: Path, metadata: Path | None, sensor_index: int = 0) -> Recording:
     """Open an OSF in a process of its own: ouster-sdk crashes over some damaged ones."""
     from .in_child import open_in_child
 
     import_optional("ouster.sdk", extra="ouster")  # raises here, with the command that installs it
-    return open_in_child("ouster_reader.open_ouster", path, metadata)
+    return open_in_child("ouster_reader.open_ouster", path, metadata, sensor_index)
 
 
 def _open_packets(path: Path, metadata: Path | None) -> Recording:

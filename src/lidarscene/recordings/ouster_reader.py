@@ -23,8 +23,8 @@ VALID = 1
 """Bit of a column's status that is set if its packet was received."""
 
 
-def open_ouster(path: Path, metadata: Path | None) -> Recording:
-    """Open the first sensor's frames; incomplete frames at either end count. Raises InputError."""
+def open_ouster(path: Path, metadata: Path | None, sensor_index: int = 0) -> Recording:
+    """Open the frames of one sensor of the file; incomplete frames at either end count. Raises InputError."""
     sdk = import_optional("ouster.sdk", extra="ouster")
     core = import_optional("ouster.sdk.core", extra="ouster")
     core.init_logger("critical")  # its warnings would stand between our own lines
@@ -40,8 +40,8 @@ def open_ouster(path: Path, metadata: Path | None) -> Recording:
         elif metadata is not None:
             raise InputError(f"--metadata {metadata}: goes with a pcap; an OSF has its own")
         with input_errors(path):
-            file = path if options else _path_with_index(path, resources)
-            source = sdk.open_source(str(file), index=True, collate=False, sensor_idx=0, **options)
+            file = path if options else _path_with_index(path, sensor_index, resources)
+            source = sdk.open_source(str(file), index=True, collate=False, sensor_idx=sensor_index, **options)
             resources.callback(source.close)
             info = source.sensor_info[0]
             direction, origin_m = beams(core, info)
@@ -65,15 +65,27 @@ def open_ouster(path: Path, metadata: Path | None) -> Recording:
                 raise ValueError(f"frame {frame} is damaged") from None
             return _sweep(scan, info, (direction, origin_m), recording_metadata | {"frame": str(frame)})
 
-    return Recording(path=path, count=len(source), read=read, close_file=open_source.close, metadata=recording_metadata)
+    return Recording(
+        path=path,
+        count=len(source),
+        read=read,
+        close_file=open_source.close,
+        metadata=recording_metadata,
+        unit_json=str(info.to_json_string()),
+    )
 
 
-def _path_with_index(path: Path, resources: ExitStack) -> Path:
-    """Path of the OSF, or of a copy if it has no index: ouster-sdk would write one into the recording."""
+def _path_with_index(path: Path, sensor_index: int, resources: ExitStack) -> Path:
+    """Path of the OSF, or of a copy if it has no index: ouster-sdk would write one into the recording.
+
+    Raises ValueError if the file has no sensor of this index.
+    """
     osf = import_optional("ouster.sdk.osf", extra="ouster")
     source = osf.OsfFrameSetSource(str(path))
-    has_index = source.is_indexed
+    has_index, sensors = source.is_indexed, len(source.sensor_info)
     source.close()
+    if sensor_index >= sensors:
+        raise ValueError(f"sensor must be 0 to {sensors - 1}, got {sensor_index}")
     if has_index:
         return path
     folder = resources.enter_context(TemporaryDirectory(prefix="lidarscene-"))

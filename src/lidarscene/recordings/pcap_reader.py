@@ -73,7 +73,9 @@ def json_beside(path: Path) -> Path:
 
 
 def metadata_of(path: Path, metadata: Path | None) -> Path | None:
-    """Maker's description of a recording's unit: ``metadata``, else the json beside the recording; None without."""
+    """Find the maker's description of a unit: ``metadata``, else the OSF itself, else the json beside it, else None."""
+    if metadata is None and path.suffix.lower() == ".osf":
+        return path
     description = json_beside(path)
     return metadata or (description if description.is_file() else None)
 

@@ -25,6 +25,7 @@ class Recording:
     read        function from a frame's number to its sweep
     close_file  function that closes the file
     metadata    text by key: format, sensor, mode, ...
+    unit_json   the maker's description of the unit, where the recording has its own; "" without
     """
 
     path: Path
@@ -32,6 +33,7 @@ class Recording:
     read: Callable[[int], Sweep]
     close_file: Callable[[], None] = lambda: None
     metadata: Mapping[str, str] = field(default_factory=dict)
+    unit_json: str = ""
 
     def __len__(self) -> int:
         return self.count

@@ -25,11 +25,14 @@ def test_the_code_says_whether_the_laws_held(
         return "found", passed
 
     monkeypatch.setattr(recording_fit, "fit_recordings", record_call)
-    assert run_fit(tmp_path, "-o", str(tmp_path / "u.toml"), "--metadata", "u.json", "--json") == code
+    assert (
+        run_fit(tmp_path, "-o", str(tmp_path / "u.toml"), "--metadata", "u.json", "--json", "--sensor-index", "1")
+        == code
+    )
     assert capsys.readouterr().out == "found\n"
     ((arguments, more),) = calls
     assert arguments == ([OUSTER], "os0-128", tmp_path / "u.toml", tmp_path / "r")
-    assert more == {"metadata": Path("u.json"), "as_json": True}
+    assert more == {"metadata": Path("u.json"), "sensor_index": 1, "as_json": True}
 
 
 def test_with_a_scene_it_is_another_fit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -39,7 +42,7 @@ def test_with_a_scene_it_is_another_fit(tmp_path: Path, monkeypatch: pytest.Monk
     monkeypatch.setattr(
         on_scene, "fit_on_scene", lambda *arguments, **more: (calls.append((arguments, more)), ("", True))[1]
     )
-    files = ["--scene", "twin/scene.toml", "--poses", "p.csv", "--metadata", "u.json"]
+    files = ["--scene", "twin/scene.toml", "--poses", "p.csv", "--metadata", "u.json", "--sensor-index", "1"]
     assert run_fit(tmp_path, "-o", str(tmp_path / "u.toml"), *files) == 0
     (((inputs, output, report), more),) = calls
     assert inputs == on_scene.SceneFitInputs(
@@ -48,6 +51,7 @@ def test_with_a_scene_it_is_another_fit(tmp_path: Path, monkeypatch: pytest.Monk
         sensor="os0-128",
         metadata=Path("u.json"),
         poses=Path("p.csv"),
+        sensor_index=1,
     )
     assert (output, report, more) == (tmp_path / "u.toml", tmp_path / "r", {"as_json": False})
 

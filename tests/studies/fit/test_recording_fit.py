@@ -12,7 +12,7 @@ from lidarscene.catalog import path_of
 from lidarscene.errors import InputError
 from lidarscene.figures.report import Report
 from lidarscene.recordings.recording import Recording
-from lidarscene.recordings.sweep import Sweep
+from lidarscene.recordings.sweep import Second, Sweep
 from lidarscene.sensor.sensor_file import load_sensor
 from lidarscene.sensor.sensor_model import Sensor
 from lidarscene.studies.fit import recording_fit
@@ -52,7 +52,7 @@ def test_the_truth_is_within_two_sigma() -> None:
 
 
 def fit_sweep(folder: Path, patch: pytest.MonkeyPatch, sweep: Sweep, sensor: str = "os1-128") -> tuple[str, bool]:
-    def open_drawn(path: Path, metadata: Path | None) -> Recording:
+    def open_drawn(path: Path, metadata: Path | None, *, sensor_index: int) -> Recording:
         return Recording(path=path, count=1, read=lambda _: sweep)
 
     patch.setattr(recording_fit, "open_recording", open_drawn)
@@ -114,6 +114,18 @@ def test_sensor_file_and_page_have_what_was_found(
         assert part in page
     names = {path.stem for path in (tmp_path / "report").glob("*.png")}
     assert names == {"near-field", "near-field-residuals", "threshold", "scatter", "rows"}
+
+
+@pytest.mark.usefixtures("without_figures")
+@pytest.mark.parametrize("is_dual", [True, False])
+def test_a_unit_that_recorded_second_returns_reports_them(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sweep: Sweep, is_dual: bool
+) -> None:
+    """Rationale: the fitted sensor had one stop, so the share of second returns was 0 for 0.064."""
+    second = Second(range_m=np.full(sweep.shape, np.nan)) if is_dual else None
+    fit_sweep(tmp_path, monkeypatch, replace(sweep, second=second), "os0-128")
+    tdc = load_sensor(tmp_path / "unit.toml").tdc
+    assert (tdc.stops, tdc.keep) == ((2, "strongest") if is_dual else (1, load_sensor("os0-128").tdc.keep))
 
 
 def white_over_range(sensor: Sensor, range_m: np.ndarray) -> np.ndarray:

@@ -13,7 +13,7 @@ from ..terminal import Answer
 FIT_HELP = """\
 examples:
   lidarscene fit os1.pcap --sensor os1-128 -o my-os1.toml --report out/fit
-  lidarscene fit a.osf b.osf --sensor os2-128 --metadata unit.json -o my-os2.toml --report out/fit --json
+  lidarscene fit a.osf b.osf --sensor os2-128 --sensor-index 1 -o my-os2.toml --report out/fit --json
   lidarscene twin os1.pcap --held-out columns -o out/twin
   lidarscene fit os1.pcap --scene out/twin/scene.toml -o my-os1.toml --report out/fit
 """
@@ -52,7 +52,7 @@ def add_fit(commands: Any) -> None:
         help="with --scene, where the sensor stood at each frame: CSV, or TUM's format (default: of the twin's frame, "
         "else the scene's sensor)",
     )
-    add_options(command, CommandOptions, "metadata")
+    add_options(command, CommandOptions, "metadata", "sensor_index")
     add("-o", "--output", metavar="F.toml", type=Path, required=True, help="sensor file to write")
     add("--report", metavar="DIR", type=Path, required=True, help="folder of the page, its figures and fit.json")
     add_options(command, CommandOptions, "json")
@@ -70,6 +70,7 @@ def fit_text(arguments: argparse.Namespace) -> Answer:
             sensor=arguments.sensor,
             metadata=arguments.metadata,
             poses=arguments.poses,
+            sensor_index=arguments.sensor_index,
         )
         text, passed = fit_on_scene(inputs, arguments.output, arguments.report, as_json=arguments.json)
         return Answer(text, 0 if passed else 1)
@@ -85,6 +86,7 @@ def fit_text(arguments: argparse.Namespace) -> Answer:
         arguments.output,
         arguments.report,
         metadata=arguments.metadata,
+        sensor_index=arguments.sensor_index,
         as_json=arguments.json,
     )
     return Answer(text, 0 if passed else 1)

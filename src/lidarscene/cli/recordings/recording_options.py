@@ -29,12 +29,12 @@ HEADER_BYTES = 1 << 16
 
 
 def add_recording(command: argparse.ArgumentParser) -> None:
-    """Add `--frame` and `--metadata`."""
+    """Add `--frame`, `--metadata` and `--sensor-index`."""
     group = command.add_argument_group("of a recording")
     group.add_argument(
         "--frame", metavar="N", type=whole_number(SEEDS), default=None, help="number of the frame, from 0"
     )
-    add_options(group, CommandOptions, "metadata")
+    add_options(group, CommandOptions, "metadata", "sensor_index")
 
 
 def is_recording(path: Path) -> bool:

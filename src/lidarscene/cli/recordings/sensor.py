@@ -6,10 +6,13 @@ import argparse
 from pathlib import Path
 from typing import Any
 
+from ..options import CommandOptions, add_options
+
 SENSOR_HELP = """\
 examples:
   lidarscene sensor --from os1.json -o my-os1.toml
   lidarscene sensor --from os1.json --mode 2048x10 -o my-os1-2048.toml
+  lidarscene sensor --from drive.osf --sensor-index 1 -o my-os0.toml
   lidarscene sensor --from db.xml -o my-hdl64.toml
   lidarscene sensor --from angles.csv --like pandar64 -o my-pandar.toml
 """
@@ -21,8 +24,8 @@ def add_sensor(commands: Any) -> None:
         "sensor",
         help="a sensor file of your unit, from its maker's metadata",
         epilog=SENSOR_HELP,
-        description="Write a sensor file with the beams of one unit: metadata of an Ouster (json), calibration of a "
-        "Velodyne (YAML, XML), table of angles of a Hesai (CSV). Laser, optics and detector are the catalogue's.",
+        description="Write a sensor file with the beams of one unit: metadata of an Ouster (json or OSF), calibration "
+        "of a Velodyne (YAML, XML), table of angles of a Hesai (CSV). Laser, optics and detector are the catalogue's.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = command.add_argument
@@ -30,6 +33,7 @@ def add_sensor(commands: Any) -> None:
     add("-o", "--output", metavar="F.toml", type=Path, required=True, help="sensor file to write")
     add("--like", metavar="NAME", help="the catalogue's sensor that is of its kind (default: by maker and beams)")
     add("--mode", metavar="COLUMNSxHZ", help="of an Ouster's firmware, as 1024x10 (default: the one in its metadata)")
+    add_options(command, CommandOptions, "sensor_index")
     command.set_defaults(run=sensor_text)
 
 
@@ -38,6 +42,6 @@ def sensor_text(arguments: argparse.Namespace) -> str:
     from ...files.atomic import require_writable
     from ...recordings.units.unit_file import read_unit, write_unit
 
-    unit = read_unit(arguments.source, arguments.mode)
+    unit = read_unit(arguments.source, arguments.mode, sensor_index=arguments.sensor_index)
     require_writable(arguments.output)
     return write_unit(unit, arguments.source, arguments.output, like=arguments.like)

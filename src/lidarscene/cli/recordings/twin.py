@@ -13,7 +13,7 @@ TWIN_HELP = """\
 examples:
   lidarscene twin os1.pcap -o out/twin
   lidarscene twin os1.pcap --held-out columns -o out/twin
-  lidarscene twin drive.osf --metadata os1.json --frames 0,1,2,4 --held-out 3 -o out/twin
+  lidarscene twin drive.osf --sensor-index 1 --frames 0,1,2,4 --held-out 3 -o out/twin
   lidarscene twin 000000.bin --sensor hdl-64e -o out/kitti
 then:
   lidarscene render out/twin/scene.toml -o out/twin.ply
@@ -42,7 +42,7 @@ def add_twin(commands: Any) -> None:
         help="leave out this frame, at whose pose the sensor then stands, or every second column of the only frame, "
         "so that compare --real judges by what the twin has not seen",
     )
-    add_options(command, CommandOptions, "metadata")
+    add_options(command, CommandOptions, "metadata", "sensor_index")
     add("--sensor", metavar="NAME", help="a catalogue sensor or a sensor file, in place of the unit's own")
     command.set_defaults(run=twin_text)
 
@@ -52,9 +52,17 @@ def twin_text(arguments: argparse.Namespace) -> str:
     from ...recordings.opening import open_recording
     from ...studies.twin.twin_files import build_twin, choose_frames
 
-    with open_recording(arguments.recording, arguments.metadata) as recording:
+    index = arguments.sensor_index
+    with open_recording(arguments.recording, arguments.metadata, sensor_index=index) as recording:
         choice = choose_frames(recording, arguments.frames, arguments.held_out)
-        return build_twin(recording, choice, arguments.output, metadata=arguments.metadata, sensor=arguments.sensor)
+        return build_twin(
+            recording,
+            choice,
+            arguments.output,
+            metadata=arguments.metadata,
+            sensor=arguments.sensor,
+            sensor_index=index,
+        )
 
 
 def _frames(text: str) -> tuple[int, ...]:

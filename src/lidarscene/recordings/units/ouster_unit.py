@@ -35,10 +35,13 @@ FIRST_ORIGIN_MM = 12.163
 """This distance of an OS1 of the first generation, and of files that name no product (as in ouster-sdk)."""
 
 
-def read_ouster(path: Path, mode: str | None = None) -> Unit:
-    """Read the metadata; ``mode`` of the firmware replaces the one that they name. Raises InputError."""
+def read_ouster(path: Path, mode: str | None = None, *, text: str | None = None) -> Unit:
+    """Read the metadata; ``mode`` of the firmware replaces the one that they name. Raises InputError.
+
+    text  the metadata themselves, where ``path`` is the recording that has them; None: the file's
+    """
     with input_errors(path):
-        metadata = dict(_leaves(json.loads(path.read_text(encoding="utf-8"))))
+        metadata = dict(_leaves(json.loads(path.read_text(encoding="utf-8") if text is None else text)))
     altitude, azimuth = (
         _angles(path, metadata, "beam_altitude_angles"),
         _angles(path, metadata, "beam_azimuth_angles"),

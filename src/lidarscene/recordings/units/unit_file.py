@@ -12,7 +12,9 @@ import tomlkit
 from ... import catalog
 from ...errors import InputError
 from ...files.atomic import put_text
+from ...files.toml_edit import get_value, put_values
 from ...sensor.sensor_file import sensor_from_tables
+from ..opening import open_recording
 from .hesai_unit import read_hesai
 from .ouster_unit import read_ouster
 from .unit_beams import LIST_KEYS, Unit
@@ -25,20 +27,28 @@ MODEL_KEYS = ("rotation_hz", "cycle_us", "columns_per_turn", "start_azimuth_deg"
 """Keys of `[scanner]` that come from the model where the unit's description lacks them."""
 
 
-def read_unit(path: Path, mode: str | None = None) -> Unit:
-    """Read the maker's description of a unit: json, YAML, XML or CSV. Raises InputError."""
+def read_unit(path: Path, mode: str | None = None, *, sensor_index: int = 0) -> Unit:
+    """Read the maker's description of a unit: json, YAML, XML, CSV, or the recording with it. Raises InputError.
+
+    sensor_index  which sensor of an OSF, from 0
+    """
     if not path.is_file():
         raise InputError(f"{path}: no such file")
     suffix = path.suffix.lower()
+    if suffix == ".osf":
+        with open_recording(path, sensor_index=sensor_index) as recording:
+            return read_ouster(path, mode, text=recording.unit_json)
     if suffix == ".json":
         return read_ouster(path, mode)
     if mode is not None:
-        raise InputError(f"--mode: goes with an Ouster's json, got {path}")
+        raise InputError(f"--mode: goes with an Ouster's json or OSF, got {path}")
     if suffix in (".yaml", ".yml", ".xml"):
         return read_velodyne(path)
     if suffix == ".csv":
         return read_hesai(path)
-    raise InputError(f"{path}: must be json (Ouster), YAML or XML (Velodyne) or CSV (Hesai), got '{path.suffix}'")
+    raise InputError(
+        f"{path}: must be json or OSF (Ouster), YAML or XML (Velodyne) or CSV (Hesai), got '{path.suffix}'"
+    )
 
 
 def write_unit(unit: Unit, source: Path, output: Path, *, like: str | None = None) -> str:
@@ -71,6 +81,13 @@ def unit_text(unit: Unit, source: Path, *, like: str | None = None) -> tuple[str
     text, notes = _file_text(unit, source, model, tables)
     sensor_from_tables(tomllib.loads(text), where=str(source))  # refuses a wrong sensor before anything is written
     return text, model, notes
+
+
+def with_second_returns(text: str) -> str:
+    """Let a sensor file that counts photons report two returns, the strongest first, as an Ouster's dual mode does."""
+    if get_value(text, ("histogram",)) is None:
+        return text
+    return put_values(text, {("histogram", "stops"): 2, ("histogram", "keep"): "strongest"})
 
 
 def _split_tables(text: str) -> dict[str, str]:

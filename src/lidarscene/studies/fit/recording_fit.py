@@ -15,6 +15,7 @@ from ...figures.report import Figure, count_text
 from ...recordings.opening import open_recording
 from ...recordings.pcap_reader import metadata_of
 from ...recordings.sweep import Sweep
+from ...recordings.units.unit_file import with_second_returns
 from ...sensor.sensor_model import Sensor
 from ..held import Held
 from .estimates import Estimate, Solution
@@ -68,35 +69,41 @@ def fit_recordings(
     report: Path,
     *,
     metadata: Path | None = None,
+    sensor_index: int = 0,
     as_json: bool = False,
 ) -> tuple[str, bool]:
     """Fit, and write sensor file, page and JSON; returns the text to print and whether no check failed.
 
-    sensor    catalogue sensor of its kind, or a sensor file: the source of all numbers that the recording leaves open
-    metadata  the maker's description of the unit; None: the json beside the recording, if there is one
+    sensor        catalogue sensor of its kind, or a sensor file: the source of all numbers that the recording leaves
+                  open
+    metadata      the maker's description of the unit; None: the json beside the recording or in the OSF, if any
+    sensor_index  which sensor of an OSF, from 0
     Raises InputError and OutputError.
     """
     check_outputs(output, report)
-    base = base_text(sensor, metadata_of(recordings[0], metadata))
+    base = base_text(sensor, metadata_of(recordings[0], metadata), sensor_index=sensor_index)
     where = f"--sensor {sensor}"
     base_sensor = parse_sensor(base, where)
     recording = ", ".join(path.name for path in recordings)
     try:
-        pulses = gather_pulses(_read_sweeps(recordings, metadata))
+        sweeps = _read_sweeps(recordings, metadata, sensor_index)
+        pulses = gather_pulses(sweeps)
         fit = fit_pulses(pulses, base_sensor)
     except ValueError as error:
         raise InputError(f"{recording}: {error}") from None
     estimates = {estimate.key: estimate for estimate in fit.estimates}
+    if any(sweep.second is not None for sweep in sweeps):
+        base = with_second_returns(base)
     text, notes = fitted_text(base, estimates, recording, where, rows=fit.rows)
     parse_sensor(text, str(output))
     fit_report = _report(fit, pulses, recording, sensor, notes)
     return write_outputs(fit_report, text, output, report, as_json=as_json)
 
 
-def _read_sweeps(recordings: Sequence[Path], metadata: Path | None) -> list[Sweep]:
+def _read_sweeps(recordings: Sequence[Path], metadata: Path | None, sensor_index: int) -> list[Sweep]:
     sweeps: list[Sweep] = []
     for path in recordings:
-        with open_recording(path, metadata) as recording:
+        with open_recording(path, metadata, sensor_index=sensor_index) as recording:
             sweeps += list(recording)
     return sweeps
 

@@ -85,14 +85,16 @@ POWERS: Mapping[str, Mapping[str, float]] = {
 """Factor that was fitted -> key of the file -> exponent of the factor in that key's own factor."""
 
 
-def base_text(sensor: str, metadata: Path | None) -> str:
+def base_text(sensor: str, metadata: Path | None, *, sensor_index: int = 0) -> str:
     """Text of the sensor file to start from, of the catalogue or a path; with metadata it has the beams of this unit.
+
+    sensor_index  which sensor of an OSF the metadata are of
 
     Raises InputError if the file cannot be read.
     """
     path = Path(sensor) if sensor.endswith(".toml") else catalog.path_of("sensors", sensor)
     if metadata is not None and not sensor.endswith(".toml"):
-        return unit_text(read_unit(metadata), metadata, like=sensor)[0]
+        return unit_text(read_unit(metadata, sensor_index=sensor_index), metadata, like=sensor)[0]
     try:
         return path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:

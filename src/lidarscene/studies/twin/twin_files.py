@@ -23,13 +23,12 @@ from ...figures.report import count_text
 from ...files.atomic import atomic_output, put_text, require_writable
 from ...files.json_text import json_text
 from ...files.toml import validate
-from ...files.toml_edit import get_value, put_values
 from ...maths.arrays import Numbers
 from ...maths.pose import Pose
 from ...recordings.pcap_reader import metadata_of
 from ...recordings.recording import Recording
 from ...recordings.sweep import Sweep
-from ...recordings.units.unit_file import read_unit, write_unit
+from ...recordings.units.unit_file import read_unit, with_second_returns, write_unit
 from ...scene.tables import SceneFile
 from ...sensor.sensor_file import load_sensor
 from ...sensor.sensor_model import Sensor
@@ -101,16 +100,27 @@ def choose_frames(recording: Recording, frames: Sequence[int] | None, held_out: 
 
 
 def build_twin(
-    recording: Recording, choice: TwinFrames, folder: Path, *, metadata: Path | None = None, sensor: str | None = None
+    recording: Recording,
+    choice: TwinFrames,
+    folder: Path,
+    *,
+    metadata: Path | None = None,
+    sensor: str | None = None,
+    sensor_index: int = 0,
 ) -> str:
     """Write the files of a twin; returns the text to print. Raises InputError and OutputError.
 
-    metadata  the maker's description of the unit, for its sensor file; None: json beside a pcap
-    sensor    catalogue name or sensor file to use instead of the unit's own
+    metadata      the maker's description of the unit, for its sensor file; None: json beside a pcap, or in the OSF
+    sensor        catalogue name or sensor file to use instead of the unit's own
+    sensor_index  which sensor of an OSF, from 0
     """
     require_writable(folder / SCENE)
     sweeps = {number: recording[number] for number in {*choice.frames, choice.judged_frame}}
-    notes = [_sensor_file(recording, folder / SENSOR, metadata, sensor, sweeps[choice.judged_frame])]
+    if sensor is None:
+        has_second = sweeps[choice.judged_frame].second is not None
+        notes = [_unit_file(recording, folder / SENSOR, metadata, sensor_index, has_second)]
+    else:
+        notes = [_copy_sensor(sensor, folder / SENSOR)]
     unit = load_sensor(str(folder / SENSOR))
     places = place_frames(sweeps, choice.frames[0])
     parts, klux = [], []
@@ -160,26 +170,26 @@ def _reflectivity_note(gauge: ReflectivityGauge | None) -> str:
     return f"reflectivities: by the recording's {gauge.field}{guess}"
 
 
-def _sensor_file(recording: Recording, path: Path, metadata: Path | None, sensor: str | None, sweep: Sweep) -> str:
-    """Write the unit's own sensor file, or copy the one named ``sensor``; returns the text to print."""
-    if sensor is not None:
-        source = Path(sensor) if sensor.endswith(".toml") else path_of("sensors", sensor)
-        if not source.is_file():
-            raise InputError(f"--sensor {sensor}: no such file")
-        path.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(source, path)
-        return f"wrote {path}: as {sensor}"
+def _copy_sensor(sensor: str, path: Path) -> str:
+    """Copy a catalogue sensor or a sensor file; returns the text to print."""
+    source = Path(sensor) if sensor.endswith(".toml") else path_of("sensors", sensor)
+    if not source.is_file():
+        raise InputError(f"--sensor {sensor}: no such file")
+    path.parent.mkdir(parents=True, exist_ok=True)
+    shutil.copyfile(source, path)
+    return f"wrote {path}: as {sensor}"
+
+
+def _unit_file(recording: Recording, path: Path, metadata: Path | None, sensor_index: int, has_second: bool) -> str:
+    """Write the unit's own sensor file, with two returns if those were recorded; returns the text to print."""
     described = metadata_of(recording.path, metadata)
     if described is None or not described.is_file():
         raise InputError(
             f"{recording.path}: must have the unit's metadata (--metadata F), or --sensor NAME: a catalogue sensor"
         )
-    message = write_unit(read_unit(described), described, path)
-    if sweep.second is not None:
-        text = path.read_text(encoding="utf-8")
-        if get_value(text, ("histogram",)) is not None:
-            text = put_values(text, {("histogram", "stops"): 2, ("histogram", "keep"): "strongest"})
-        put_text(path, text)
+    message = write_unit(read_unit(described, sensor_index=sensor_index), described, path)
+    if has_second:
+        put_text(path, with_second_returns(path.read_text(encoding="utf-8")))
     return message
 
 

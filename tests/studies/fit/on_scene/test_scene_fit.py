@@ -11,6 +11,7 @@ from helpers.drawn_scenes import published_sensor
 from helpers.in_this_process import draw_roughly
 from helpers.rendered_recordings import record, scene_and_units
 
+from lidarscene.catalog import path_of
 from lidarscene.errors import InputError
 from lidarscene.recordings.recording import Recording
 from lidarscene.recordings.sweep import Sweep
@@ -118,8 +119,11 @@ def test_poses_move_the_sensor(recorded_unit: RecordedUnit, tmp_path: Path, monk
 @pytest.mark.parametrize(
     ("changed", "complaint"),
     [
-        ({"sensor": "table1-apd"}, r"--sensor table1-apd: must count photons, with \[histogram\]"),
-        ({"sensor": "os2-128"}, "the sensor must fire where the recording's did|must have 32 channels"),
+        ({"sensor": str(path_of("sensors", "table1-apd"))}, r"table1-apd.toml: must count photons, with \[histogram\]"),
+        (
+            {"sensor": str(path_of("sensors", "os2-128"))},
+            "the sensor must fire where the recording's did|must have 32 channels",
+        ),
         ({"poses": "late.csv"}, "must reach from the first to the last frame, got 5 to 6 s and frame 0 at 0 s"),
     ],
 )
@@ -240,7 +244,7 @@ def test_what_a_twin_has_not_seen_is_fitted(monkeypatch: pytest.MonkeyPatch, hel
         return Sweep(range_m=np.broadcast_to(columns, (3, 8)), recorded=np.ones((3, 8), bool), direction=direction)
 
     opened = Recording(path=Path("r.pcap"), count=3, read=read)
-    monkeypatch.setattr(scene_fit, "open_recording", lambda *_: opened)
+    monkeypatch.setattr(scene_fit, "open_recording", lambda *_, **__: opened)
     provenance = {
         "held_out": held_out,
         "places": {"0": [0.0] * 6, "1": [1.0, *[0.0] * 5]} | ({"2": [2.0, *[0.0] * 5]} if held_out == 2 else {}),

@@ -16,6 +16,7 @@ from ....maths.trajectory import pose_at
 from ....recordings.opening import open_recording
 from ....recordings.pcap_reader import metadata_of
 from ....recordings.sweep import Sweep
+from ....recordings.units.unit_file import with_second_returns
 from ....scene.poses import read_poses
 from ....scene.scene_file import load_scene
 from ....sensor.sensor_model import Sensor
@@ -72,8 +73,9 @@ class SceneFitInputs:
     """Input files of a fit with a scene.
 
     sensor    catalogue name or sensor file; None: the scene's own
-    metadata  the maker's description of the unit; None: the json beside the recording, if there is one
+    metadata  the maker's description of the unit; None: the json beside the recording or in the OSF, if any
     poses     file of the sensor's poses; None: poses of the twin's frames, else the pose of the scene's sensor
+    sensor_index  which sensor of an OSF, from 0
     """
 
     recordings: Sequence[Path]
@@ -81,6 +83,7 @@ class SceneFitInputs:
     sensor: str | None = None
     metadata: Path | None = None
     poses: Path | None = None
+    sensor_index: int = 0
 
 
 def fit_on_scene(inputs: SceneFitInputs, output: Path, report: Path, *, as_json: bool = False) -> tuple[str, bool]:
@@ -92,7 +95,7 @@ def fit_on_scene(inputs: SceneFitInputs, output: Path, report: Path, *, as_json:
     world = load_scene(inputs.scene)
     sensor_name = world.sensor_name if inputs.sensor is None else inputs.sensor
     where = f"--sensor {sensor_name}"
-    base = base_text(sensor_name, metadata_of(inputs.recordings[0], inputs.metadata))
+    base = base_text(sensor_name, metadata_of(inputs.recordings[0], inputs.metadata), sensor_index=inputs.sensor_index)
     sensor = parse_sensor(base, where)
     if sensor.histogram is None:
         raise InputError(f"{where}: must count photons, with [histogram], to be fitted with a scene")
@@ -108,6 +111,8 @@ def fit_on_scene(inputs: SceneFitInputs, output: Path, report: Path, *, as_json:
     fit = fit_pulses_on_scene(pulses, sensor, twin=provenance is not None)
     scene = inputs.scene.parent.name if provenance is not None else inputs.scene.stem
     estimates = {estimate.key: estimate for estimate in fit.parameter_fit.estimates}
+    if any(sweep.second is not None for sweep, _ in frames):
+        base = with_second_returns(base)
     sensor_text, text_notes = scaled_text(base, estimates, f"{recording} on {scene}", where)
     names = recording, scene, sensor_name if inputs.sensor is not None else sensor.name
     fit_report = _report(fit, names, len(frames), (*notes, *text_notes))
@@ -203,7 +208,7 @@ def _frames_with_poses(
     """Read the frames to fit with their poses; returns them and the notes on what the twin saw of them."""
     frames: list[tuple[Sweep, Pose | None]] = []
     for path in inputs.recordings:
-        with open_recording(path, inputs.metadata) as recording:
+        with open_recording(path, inputs.metadata, sensor_index=inputs.sensor_index) as recording:
             if provenance is None:
                 frames += [(sweep, None) for sweep in recording]
                 continue
