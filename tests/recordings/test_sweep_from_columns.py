@@ -22,6 +22,13 @@ def test_what_is_no_point_is_no_point() -> None:
     assert array.lost.tolist() == [[False, False], [True, True]]
 
 
+def test_marks_within_the_window_are_no_points() -> None:
+    """Rationale: nuScenes' sweeps have thousands of points nearer than 5 cm, and the twin had surfaces there."""
+    columns = {"x": np.array([0.03, 0.0, 0.06]), "y": np.array([0.0, 0.049, 0.0]), "z": np.zeros(3)}
+    assert sweep_of(columns, metadata={}).range_m.tolist() == [0.06]
+    assert sweep_of(columns, shape=(1, 3), metadata={}).lost.tolist() == [[True, True, False]]
+
+
 @pytest.mark.parametrize(
     ("stamps", "start_s", "times_s", "began_s"),
     [

@@ -11,6 +11,7 @@ from helpers.twins import recording_of, room_sweep, unit_json
 from lidarscene.errors import InputError
 from lidarscene.files.toml import validate
 from lidarscene.maths.pose import Pose
+from lidarscene.recordings.units.unit_file import read_unit, write_unit
 from lidarscene.scene.poses import read_poses
 from lidarscene.scene.scene_file import load_scene
 from lidarscene.scene.tables import SceneFile
@@ -108,6 +109,26 @@ def test_the_sensor_stands_where_the_held_out_frame_was_recorded(tmp_path: Path)
     held_out_pose = frame_pose(read_provenance(tmp_path / "twin" / "scene.toml"), 1, tmp_path)
     assert np.allclose(held_out_pose.rotation, moved.rotation)
     assert len(read_poses(tmp_path / "twin" / "poses.csv").poses) == 2
+
+
+@pytest.mark.parametrize(("times", "is_possible"), [(0.9, True), (1.2, False)])
+def test_light_that_no_sun_gives_is_a_line(tmp_path: Path, times: float, is_possible: bool) -> None:
+    """Rationale: twins had 203, 359 and 876 klux without a word. The background is linear in the light, dark counts
+    apart: with two counts its value for ``times`` 130 klux is known.
+    """
+    unit, plain = unit_json(tmp_path / "unit.json"), room_sweep()
+    write_unit(read_unit(unit), unit, tmp_path / "unit.toml")
+    sensor, reflectivity = load_sensor(tmp_path / "unit.toml"), np.asarray(plain.reflectivity)
+    klux = []
+    for scale in (1e3, 2e3):
+        lit = room_sweep(near_ir=scale * reflectivity)
+        klux.append(illuminance_klux(lit, ReflectivityGauge.from_sweep(lit), sensor))
+    per_count = (klux[1] - klux[0]) / 1e3  # type: ignore[operator]
+    counts = 1e3 + (130.0 * times - klux[0]) / per_count  # type: ignore[operator]
+    recording = recording_of(tmp_path / "room.pcap", room_sweep(near_ir=counts * reflectivity))
+    text = build_twin(recording, TwinFrames(frames=(0,)), tmp_path / "twin", metadata=unit)
+    assert f"{130.0 * times:.0f} klux\n" in text
+    assert ("more than the sun gives" in text) is not is_possible
 
 
 @pytest.mark.parametrize("value", [np.nan, np.inf])

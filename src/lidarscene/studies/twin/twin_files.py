@@ -59,6 +59,9 @@ RETRO_HALF_ANGLE_DEG = 5.0
 ASSUMED_KLUX = 20.0
 """Illuminance assumed for recordings without background light."""
 
+BRIGHTEST_KLUX = 130.0
+"""Largest illuminance of the ground by sun and sky: 133 klux from the sun beyond the air, 100 to 120 on clear days."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TwinFrames:
@@ -160,6 +163,11 @@ def build_twin(
         f"wrote {folder / SCENE}: {len(quads)} quads of {count_text(len(choice.frames), 'frame')}, "
         f"{median_klux:.3g} klux"
     )
+    if median_klux > BRIGHTEST_KLUX:
+        notes.append(
+            f"{median_klux:.3g} klux is more than the sun gives ({BRIGHTEST_KLUX:g} at most): the sensor file counts "
+            f"{median_klux / BRIGHTEST_KLUX:.2g} times too little background or more (PDE, filter, window of NEAR_IR)"
+        )
     return "\n".join([*notes, _reflectivity_note(gauge)])
 
 
