@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from lidarscene.studies.fit.estimates import Estimate, Solution
+from lidarscene.studies.fit.estimates import Estimate, Solution, misfit_factor
 
 
 def solved_line(noise: np.ndarray, blocks: int) -> Solution:
@@ -80,3 +80,14 @@ def test_a_number_is_known_if_its_sigma_is_below_its_size(value: float, sigma: f
 @pytest.mark.parametrize(("ratio", "sigma"), [(1.2, 1.0), (1.4, 1.4), (0.7, 1.0)])
 def test_a_bootstrap_that_scatters_a_little_more_is_not_taken(ratio: float, sigma: float) -> None:
     assert Estimate(key="a", value=9.0, unit="", fisher=1.0, bootstrap=ratio).sigma == sigma
+
+
+@pytest.mark.parametrize(
+    ("deviations", "parameters", "factor"),
+    [([2.0] * 10, 2, 5.0**0.5), ([-2.0] * 10, 6, 10.0**0.5), ([0.5] * 10, 2, 1.0), ([9.0, 9.0], 2, 1.0), ([], 1, 1.0)],
+)
+def test_sigmas_grow_by_what_a_law_misses_its_bins(deviations: list[float], parameters: int, factor: float) -> None:
+    assert misfit_factor(np.array(deviations), parameters) == pytest.approx(factor)
+    solved = Solution(value=np.ones(1), slope=np.eye(1), scores=np.zeros((9, 1)), misfit=factor)
+    estimate = solved.estimate("a", "", lambda p: float(p[0]))
+    assert (estimate.scatter, estimate.sigma) == (pytest.approx(1.0), pytest.approx(factor))

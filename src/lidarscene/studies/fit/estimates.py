@@ -38,6 +38,7 @@ class Estimate:
     unit      "" for a pure number
     fisher    sigma from the Fisher matrix
     bootstrap sigma from the block bootstrap
+    misfit    factor on both, of a law that does not hold (`misfit_factor`)
     """
 
     key: str
@@ -45,6 +46,7 @@ class Estimate:
     unit: str
     fisher: float
     bootstrap: float
+    misfit: float = 1.0
 
     def __str__(self) -> str:
         """Value, sigma and unit."""
@@ -52,7 +54,12 @@ class Estimate:
 
     @property
     def sigma(self) -> float:
-        """Standard deviation: Fisher's, unless the bootstrap shows that the law or the blocks' independence fails.
+        """Standard deviation, `scatter` times the misfit of the law."""
+        return self.misfit * self.scatter
+
+    @property
+    def scatter(self) -> float:
+        """Standard deviation of repeated fits: Fisher's, unless the bootstrap shows that blocks are not independent.
 
         The larger of the two would be too wide by some 5 %, since the bootstrap's own sigma scatters.
         """
@@ -76,6 +83,7 @@ class Solution:
     meat    (p, p) variance of the sum of the scores if the law is right; None: H
     evaluations  number of evaluations of the law
     held_covariance  (p, p) covariance added by the uncertainty of parameters held fixed; None: none
+    misfit  factor on the uncertainties (`misfit_factor`)
     """
 
     value: Numbers
@@ -84,6 +92,7 @@ class Solution:
     meat: Numbers | None = None
     evaluations: int = 0
     held_covariance: Numbers | None = None
+    misfit: float = 1.0
 
     @property
     def covariance(self) -> Numbers:
@@ -123,7 +132,7 @@ class Solution:
         fisher, bootstrap = (
             float(np.sqrt(max(variance, 0.0))) if np.isfinite(variance) else np.inf for variance in variances
         )
-        return Estimate(key=key, value=centre, unit=unit, fisher=fisher, bootstrap=bootstrap)
+        return Estimate(key=key, value=centre, unit=unit, fisher=fisher, bootstrap=bootstrap, misfit=self.misfit)
 
     @property
     def correlation(self) -> Numbers:
@@ -131,6 +140,18 @@ class Solution:
         covariance = self.covariance
         sigma = np.sqrt(np.diag(covariance))
         return np.asarray(covariance / np.outer(sigma, sigma))
+
+
+def misfit_factor(deviations: Numbers, parameters: int) -> float:
+    """Root of the reduced chi-square of a law, at least 1: the factor by which its uncertainties are too small.
+
+    It is the scale factor S of the Particle Data Group (Review of Particle Physics, introduction, 5.2.2).
+
+    deviations  (n,) differences of bins from the law, in sigmas of their own
+    parameters  number of fitted parameters
+    """
+    freedom = len(deviations) - parameters
+    return max(1.0, float(np.sqrt(np.sum(deviations**2) / freedom))) if freedom > 0 else 1.0
 
 
 def _inverse(matrix: Numbers) -> Numbers:

@@ -63,6 +63,7 @@ class FitReport:
                 for name, (names, solved) in self.solutions.items()
             },
             "products": dict(self.products),
+            "misfit": self._misfits(),
             "not_identified": list(self.null),
             "held": list(self.held),
             "notes": list(self.notes),
@@ -82,13 +83,18 @@ class FitReport:
                 (
                     estimate.key,
                     f"{estimate.value:.4g} {estimate.unit}".rstrip(),
-                    f"{estimate.fisher:.2g}",
-                    f"{estimate.bootstrap:.2g}",
+                    f"{estimate.misfit * estimate.fisher:.2g}",
+                    f"{estimate.misfit * estimate.bootstrap:.2g}",
                     "" if estimate.is_known else "not known",
                 )
                 for estimate in self.estimates
             ],
         )
+        for name, factor in self._misfits().items():
+            report.paragraph(
+                f"The law of the {name} misses its bins by {factor:.2g} times their sigmas (root of the reduced "
+                "chi-square), and its sigmas are that much larger."
+            )
         for note in self.notes:  # a sentence of its own, which begins with a capital or with the key of a sensor file
             report.paragraph((note if "." in note.split()[0] else note[:1].upper() + note[1:]) + ".")
         if self.null:
@@ -110,6 +116,10 @@ class FitReport:
             report.table(("", *names), [(row_name, *(f"{value:.2f}" for value in row)) for row_name, row in rows])
         report.write(PAGE, MARKDOWN, NUMBERS, numbers=self.as_dict())
         return text
+
+    def _misfits(self) -> dict[str, float]:
+        """Name -> factor on the uncertainties, of the laws that do not hold."""
+        return {name: solved.misfit for name, (_, solved) in self.solutions.items() if solved.misfit > 1.0}
 
 
 def check_outputs(output: Path, folder: Path) -> None:

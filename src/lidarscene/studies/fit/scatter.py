@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...maths.arrays import Numbers
-from .estimates import Estimate, Solution
+from .estimates import Estimate, Solution, misfit_factor
 from .recorded_pulses import RecordedPulses
 
 PATCH, COLUMN_STEP = 5, 2
@@ -114,7 +114,15 @@ def fit_scatter(pulses: RecordedPulses) -> Scatter | None:
     relative = law[inlier] / variance[inlier, None]
     fisher = relative.T @ relative
     spread = float(np.var(squares[inlier] / variance[inlier] / _MEAN_BELOW))
-    solved = Solution(value=value, slope=(1.0 - edge) * fisher, scores=scores, meat=spread * fisher)
+    excess = squares[inlier] / variance[inlier] / _MEAN_BELOW - 1.0
+    deviations = _deviations(excess / math.sqrt(spread), inverse[inlier])
+    solved = Solution(
+        value=value,
+        slope=(1.0 - edge) * fisher,
+        scores=scores,
+        meat=spread * fisher,
+        misfit=misfit_factor(deviations, int(np.count_nonzero(value))),
+    )
     return Scatter(
         solved=solved,
         fitted=_octaves(squares, inverse, value),
@@ -152,6 +160,16 @@ def _patches(pulses: RecordedPulses) -> tuple[Numbers, Numbers, Numbers]:
 def _start(squares: Numbers, inverse: Numbers) -> Numbers:
     """Starting values from the median sum of squares, which is 2 ln 2 sigma^2 on clean surfaces."""
     return np.array([max(float(np.median(squares / inverse)) / (2.0 * math.log(2.0)), 1e-9), 1e-12])
+
+
+def _deviations(excess: Numbers, inverse: Numbers) -> Numbers:
+    """(k,) mean excess of the squares over the law in each octave, in sigmas of that mean.
+
+    excess  (n,) of each patch, in sigmas of one patch
+    """
+    octave = np.unique(np.floor(np.log2(1.0 / inverse)), return_inverse=True)[1]
+    sums, patches = np.bincount(octave, excess), np.bincount(octave)
+    return np.asarray((sums / np.sqrt(patches))[patches >= LEAST_OF_OCTAVE])
 
 
 def _octaves(squares: Numbers, inverse: Numbers, value: Numbers) -> Numbers:

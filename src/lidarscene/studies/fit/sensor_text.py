@@ -23,7 +23,7 @@ from .products import near_field_m, pulse_fwhm_s, white_m2
 from .row_gains import RowGains
 
 MOST_RELATIVE_SIGMA = 0.3
-"""Largest sigma of an estimate over its value; less certain estimates are not written."""
+"""Largest scatter of an estimate over its value; less certain estimates are not written."""
 
 FILE_KEYS = {
     "white_m2": "laser.peak_power_w",
@@ -226,9 +226,9 @@ def _row_changes(text: str, rows: RowGains, recording: str) -> tuple[Changes, tu
 
 
 def _certain(estimates: Mapping[str, Estimate]) -> dict[str, Estimate]:
-    """Estimates that are certain enough for the file."""
+    """Estimates that are certain enough for the file: of a law that fails, too, since they come nearest to the data."""
     return {
-        key: estimate for key, estimate in estimates.items() if estimate.sigma < MOST_RELATIVE_SIGMA * estimate.value
+        key: estimate for key, estimate in estimates.items() if estimate.scatter < MOST_RELATIVE_SIGMA * estimate.value
     }
 
 

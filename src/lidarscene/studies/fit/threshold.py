@@ -21,7 +21,7 @@ from ...maths.arrays import Numbers
 from ...physics.photon_counting.matched_filter import SCALE, TEMPLATE
 from ...physics.photon_counting.pile_up import BOX
 from ...sensor.sensor_model import Sensor
-from .estimates import Estimate, Solution
+from .estimates import Estimate, Solution, misfit_factor
 from .recorded_pulses import RecordedPulses
 
 LARGEST_SIGNAL_RATIO = 3.0
@@ -48,6 +48,9 @@ LARGEST_PEDESTAL = 20.0
 
 CHANCE_BINS = 20
 """Bins of the chance for the check."""
+
+LEAST_VARIANCE = 5.0
+"""Least variance of the number of returns in a bin that counts for the misfit: with fewer they are not normal."""
 
 LOGISTIC = math.pi / math.sqrt(3.0)
 """Standard deviation of a logistic distribution of width 1."""
@@ -151,7 +154,12 @@ def fit_threshold(pulses: RecordedPulses) -> Threshold | None:
     held_out = mask & ~fitted
     expected = _chance(value, pulses.signal[held_out], pulses.near_ir[held_out])
     return Threshold(
-        solved=Solution(value=value, slope=_information(value, signal, near_ir), scores=scores),
+        solved=Solution(
+            value=value,
+            slope=_information(value, signal, near_ir),
+            scores=scores,
+            misfit=misfit_factor(_deviations(chance, returned), len(value)),
+        ),
         near_ir=float(np.median(near_ir)),
         shares=shares_by_chance(expected, pulses.has_return[held_out], CHANCE_BINS),
     )
@@ -167,6 +175,13 @@ def shares_by_chance(chance: Numbers, returned: Numbers, bins: int, least: int =
     masks = [bin_index == number for number in range(bins)]
     rows = [(chance[mask].mean(), returned[mask].mean(), mask.sum()) for mask in masks if mask.sum() >= least]
     return np.array(rows, float).reshape(-1, 3)
+
+
+def _deviations(chance: Numbers, returned: Numbers) -> Numbers:
+    """(k,) differences of recorded shares from the law, by its chance, in sigmas of a binomial number."""
+    expected, share, pulses = shares_by_chance(chance, returned, CHANCE_BINS).T
+    variance = pulses * expected * (1.0 - expected)
+    return np.asarray((pulses * (share - expected) / np.sqrt(variance))[variance >= LEAST_VARIANCE])
 
 
 def _on_surface(pulses: RecordedPulses) -> Numbers:
