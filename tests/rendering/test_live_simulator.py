@@ -342,6 +342,8 @@ def live() -> LiveSimulator:
         (lambda simulator: simulator.add("car", (9, 0, 0), time_s="soon"), "time_s must be a finite number"),
         (lambda simulator: simulator.add("car", (9, 0, 0), time_s=10**400), "time_s must be a finite number"),
         (lambda simulator: simulator.place(["car"], (9, 0, 0)), r"body: must be a name, got ['car']"),
+        (lambda simulator: simulator.place("car", np.array(5)), "pose: must be a Pose"),
+        (lambda simulator: simulator.place("car", (9, 0, 10**400)), "pose: must be a Pose"),
         (lambda simulator: simulator.add({}, (9, 0, 0)), "body: must be a name, got {}"),
         (lambda simulator: simulator.advance(1e300), "frame number: must be from 0 to"),
         (lambda simulator: simulator.move_ego((15, 0.89, 0)), None),

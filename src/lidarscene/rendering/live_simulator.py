@@ -28,7 +28,16 @@ from ..scene.scene import Body, Scene
 from ..scene.scene_file import load_scene
 from ..sensor.sensor_model import Sensor
 from .frame import TOLERANCE_S, frame_edges
-from .render_options import FrameKeywords, FrameOptions, Keywords, Placed, TraceKeywords, TraceOptions, to_pose
+from .render_options import (
+    FrameKeywords,
+    FrameOptions,
+    Keywords,
+    Placed,
+    TraceKeywords,
+    TraceOptions,
+    finite_numbers,
+    to_pose,
+)
 from .simulator import Simulator
 
 ROTATION_ERROR = 1e-5
@@ -333,14 +342,14 @@ def _course(subject: str, pose: Placed, motion: MotionKeywords) -> Course:
             known = ", ".join(MotionKeywords.__annotations__)
             raise InputError(f"{subject}: unknown keyword '{keyword}'; a motion has {known}")
     velocity_m_s = motion.get("velocity_m_s", (0.0, 0.0, 0.0))
-    entries = list(velocity_m_s) if isinstance(velocity_m_s, Iterable) else []
-    if len(entries) != 3 or not all(_is_finite(entry) for entry in entries):
+    velocity = finite_numbers(velocity_m_s)
+    if len(velocity) != 3:
         raise InputError(f"{subject}: velocity_m_s must be three finite numbers, got {velocity_m_s!r}")
     yaw_rate_deg_s, time_s = motion.get("yaw_rate_deg_s", 0.0), motion.get("time_s", 0.0)
     for keyword, number in (("yaw_rate_deg_s", yaw_rate_deg_s), ("time_s", time_s)):
         if not _is_finite(number):
             raise InputError(f"{subject}: {keyword} must be a finite number, got {number!r}")
-    x, y, z = (float(entry) for entry in entries)
+    x, y, z = velocity
     return Course(
         start=_checked_pose(subject, pose),
         velocity_m_s=(x, y, z),

@@ -13,7 +13,7 @@ import math
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from numbers import Real
-from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias, TypedDict, TypeVar
+from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias, TypedDict, TypeVar, cast
 
 from ..errors import InputError, OptionError
 from ..light.limits import INTERACTIONS, MOST_INTERACTIONS
@@ -118,19 +118,28 @@ class FrameOptions:
             object.__setattr__(self, "pose", to_pose(self.pose))
 
 
+def finite_numbers(values: object) -> list[float]:
+    """Numbers of a sequence, as floats; none for anything but finite numbers."""
+    try:
+        numbers = [float(n) if isinstance(n, Real) else math.nan for n in cast(Iterable[object], values)]
+    except (TypeError, OverflowError):  # no sequence, nor is an array without axes; a whole number beyond floats
+        return []
+    return numbers if all(map(math.isfinite, numbers)) else []
+
+
 def to_pose(pose: object) -> Pose:
     """Convert a `Pose` or three to six numbers (see `Placed`) to a `Pose`. Raises OptionError for anything else."""
     from ..maths.pose import Pose
 
     if isinstance(pose, Pose):
         return pose
-    numbers = list(pose) if isinstance(pose, Iterable) and not isinstance(pose, str) else []
-    if not 3 <= len(numbers) <= 6 or not all(isinstance(n, Real) and math.isfinite(n) for n in numbers):
+    numbers = finite_numbers(pose)
+    if not 3 <= len(numbers) <= 6:
         raise OptionError(
             "{pose}: must be a Pose, or x, y, z in metres with or without yaw, pitch, roll in degrees, got {0}",
             " ".join(repr(pose).split()),
         )
-    x, y, z, yaw, pitch, roll = [float(n) for n in numbers] + [0.0] * (6 - len(numbers))
+    x, y, z, yaw, pitch, roll = numbers + [0.0] * (6 - len(numbers))
     return Pose.from_degrees(position_m=(x, y, z), yaw_deg=yaw, pitch_deg=pitch, roll_deg=roll)
 
 

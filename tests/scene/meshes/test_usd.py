@@ -10,6 +10,7 @@ from helpers.meshes import area_m2
 
 from lidarscene.errors import InputError, OptionWarning
 from lidarscene.maths.arrays import Numbers
+from lidarscene.scene.meshes import usd
 from lidarscene.scene.meshes.mesh_cache import SubMesh
 from lidarscene.scene.meshes.reading import read_mesh
 from lidarscene.scene.scene import Part
@@ -261,3 +262,18 @@ def test_a_stage_that_refers_to_a_pipe_is_refused(library: Any, tmp_path: Path, 
         path.write_text('#usda 1.0\ndef "a" (references = @./b.usda@</a>)\n{\n}\n')
     with pytest.raises(InputError, match=r"part\.usda: must be a USD file, got a device or pipe"):
         read_mesh(path)
+
+
+def test_a_stage_over_which_usd_ends_the_process(stage: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rationale: one byte of a binary stage makes USD abort. One line, and the next stage is read."""
+    add_mesh(stage, "/m", SQUARE, [4], [0, 1, 2, 3])
+    stage.Save()
+    path = Path(stage.GetRootLayer().realPath)
+    monkeypatch.setattr(usd, "_child", None)
+    with monkeypatch.context() as crashing:
+        (tmp_path / "sitecustomize.py").write_text("import os; os.abort()")
+        crashing.syspath_prepend(tmp_path)
+        with pytest.raises(InputError) as caught:
+            read_mesh(path)
+    assert str(caught.value) == f"{path}: damaged: its reader ended or did not answer"
+    assert len(read_mesh(path)) == 1

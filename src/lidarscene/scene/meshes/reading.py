@@ -85,7 +85,7 @@ def _pieces(path: Path, pattern: reflectivity_patterns.Kind | None = None) -> li
                 for node, piece in pieces
             ]
     except InputError as error:
-        raise InputError(f"{path}: {error}") from None
+        raise InputError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
     except LidarSceneError:
         raise
     except Exception as error:

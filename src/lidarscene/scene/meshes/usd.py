@@ -9,15 +9,18 @@ Symbols: v vertices, f triangles.
 
 from __future__ import annotations
 
+import atexit
 import os
+import threading
 import warnings
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ...errors import InputError, OptionWarning
+from ...files.in_child import Child
 from ...files.inputs import require_file
 from ...files.optional import import_optional
 from ...maths.arrays import Numbers
@@ -37,8 +40,30 @@ def is_usd(path: Path) -> bool:
 def read_usd(path: Path) -> list[SubMesh]:
     """Read all pieces of a stage, one for each material of a prim. Raises InputError; LidarSceneError without usd-core.
 
-    The keys of a piece are the names of its material and prim, and the prim's path.
+    The keys of a piece are the names of its material and prim, and the prim's path. USD ends the process over some
+    damaged binary stages, so a child reads them; it stays for the next stage, since to import USD takes long.
     """
+    global _child
+    import_optional("pxr", extra="usd")
+    with _asking:
+        if _child is None or _child[0] != os.getpid() or not _child[1].is_alive:
+            _child = os.getpid(), Child(f"{__name__}:handler")
+            atexit.register(_child[1].end)
+        pieces: list[SubMesh] = _child[1].ask(path, path)
+    return pieces
+
+
+_asking = threading.Lock()
+_child: tuple[int, Child] | None = None
+"""Process that started it, since a fork shares the pipe, and the child that reads stages."""
+
+
+def handler() -> Callable[[Path], list[SubMesh]]:
+    """Function of requests, which are paths."""
+    return _read_stage
+
+
+def _read_stage(path: Path) -> list[SubMesh]:
     pxr = import_optional("pxr", extra="usd")
     for name in ("Sdf", "Usd", "UsdGeom", "UsdShade", "UsdUtils", "Tf", "Gf"):
         import_optional(f"pxr.{name}", extra="usd")

@@ -1,0 +1,130 @@
+"""Read foreign bytes in a process of its own: a compiled parser of a damaged file may crash, or wait without end.
+
+The child answers requests over a pipe, with a handler that this package has. If it dies, or takes longer than a file of
+this size may, the file counts as damaged. It ends with its parent, whose end of the pipe closes.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import os
+import pickle
+import subprocess
+import sys
+import threading
+import warnings
+from collections.abc import Callable
+from pathlib import Path
+from typing import IO, Any
+
+from ..errors import InputError, LidarSceneError, OptionWarning
+
+LEAST_S = 60.0
+SLOWEST_BYTES_S = 2e6
+"""Time limit of an answer: at least `LEAST_S`, and as if the whole file were read for each at this speed."""
+
+MOST_MEMORY = 16 << 30
+"""Bytes of address space of the child, where the system can limit it."""
+
+
+class Child:
+    """Child process that answers requests.
+
+    handler  module and function of no arguments, "lidarscene.a.b:function", that returns the function of a request
+    """
+
+    def __init__(self, handler: str) -> None:
+        # The same modules as here, whatever the environment says.
+        environment = os.environ | {"PYTHONPATH": os.pathsep.join(entry for entry in sys.path if entry)}
+        self._process = subprocess.Popen(
+            [sys.executable, "-c", f"from {__name__} import serve; serve({handler!r})"],
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            env=environment,
+        )
+
+    @property
+    def is_alive(self) -> bool:
+        """False once the process has ended."""
+        return self._process.poll() is None
+
+    def ask(self, path: Path, *request: object) -> Any:
+        """Send a request about a file and return its answer. Issues the child's own `OptionWarning`s.
+
+        Raises InputError, and LidarSceneError for a missing package.
+        """
+        process = self._process
+        assert process.stdin is not None
+        assert process.stdout is not None
+        watch = threading.Timer(LEAST_S + path.stat().st_size / SLOWEST_BYTES_S, process.kill)
+        watch.daemon = True
+        watch.start()
+        try:
+            pickle.dump(request, process.stdin)
+            process.stdin.flush()
+            error, answer, notes = pickle.load(process.stdout)
+        except (OSError, EOFError, pickle.UnpicklingError):
+            self.end()
+            raise InputError(f"{path}: damaged: its reader ended or did not answer") from None
+        finally:
+            watch.cancel()
+        for note in notes:
+            warnings.warn(note, stacklevel=2)
+        if error is not None:
+            raise error(answer)
+        return answer
+
+    def end(self) -> None:
+        """End the child."""
+        self._process.kill()
+        self._process.wait()
+        for pipe in (self._process.stdin, self._process.stdout):
+            if pipe is not None:
+                with contextlib.suppress(OSError):  # what was not sent yet
+                    pipe.close()
+
+
+def serve(handler: str) -> None:
+    """Answer the requests on the standard input until it ends."""
+    requests, answers = sys.stdin.buffer, _answers()
+    _limit_memory()
+    module, _, function = handler.partition(":")
+    handle: Callable[..., Any] = getattr(importlib.import_module(module), function)()
+    while True:
+        try:
+            request = pickle.load(requests)
+        except EOFError:
+            return
+        reply: tuple[type[LidarSceneError] | None, Any]
+        with warnings.catch_warnings(record=True) as notes:
+            warnings.simplefilter("always")
+            try:
+                reply = None, handle(*request)
+            except InputError as error:
+                reply = InputError, str(error)
+            except LidarSceneError as error:
+                reply = LidarSceneError, str(error)
+            except (Exception, MemoryError) as error:
+                reply = InputError, f"damaged: {' '.join(str(error).split())[:200] or type(error).__name__}"
+        messages = [note.message for note in notes if isinstance(note.message, OptionWarning)]
+        pickle.dump((*reply, messages), answers, protocol=pickle.HIGHEST_PROTOCOL)
+        answers.flush()
+
+
+def _answers() -> IO[bytes]:
+    """Pipe for answers; what libraries print goes to the error stream in its place."""
+    answers = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)
+    return answers
+
+
+def _limit_memory() -> None:
+    """Limit the address space, where the system can."""
+    try:
+        import resource
+    except ImportError:  # Windows
+        return
+    resource.setrlimit(resource.RLIMIT_AS, (MOST_MEMORY, MOST_MEMORY))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))  # a crash is expected, and its memory is of no use
