@@ -22,8 +22,13 @@ def did_you_mean(word: object, choices: Iterable[str], *, most: int = 1, cutoff:
 
     cutoff  least likeness, from 0 to 1 (`difflib.get_close_matches`)
     """
-    near = difflib.get_close_matches(str(word), list(choices), n=most, cutoff=cutoff)
-    return f"did you mean {' or '.join(near)}?" if near else ""
+    return question(difflib.get_close_matches(str(word), list(choices), n=most, cutoff=cutoff))
+
+
+def question(choices: Iterable[str]) -> str:
+    """Question whether one of these was meant, such as "did you mean 60 or 90?"; empty without any."""
+    words = " or ".join(choices)
+    return f"did you mean {words}?" if words else ""
 
 
 class LidarSceneError(Exception):

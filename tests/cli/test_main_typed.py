@@ -21,7 +21,7 @@ TYPED = [
     # render
     ("render", "required: SCENE, -o/--output; see lidarscene render -h"),
     ("render car", "required: -o/--output; see lidarscene render -h"),
-    ("render cars -o a.ply", "no scene 'cars' in the catalogue; did you mean car or"),
+    ("render cars -o a.ply", "no scene 'cars' in the catalogue; did you mean car?"),
     ("render table1-apd -o a.ply", "no scene 'table1-apd' in the catalogue; table1-apd is a sensor"),
     ("render wall.toml -o a.txt", "--output a.txt: the name must end in one of .ply,"),
     ("render wall.toml -o a.ply --format las", "--output a.ply: the name must end in .las"),
@@ -29,7 +29,7 @@ TYPED = [
     ("render wall.toml -o a.ply --verbose", "unrecognized arguments: --verbose; see lidarscene render -h"),
     ("render wall.toml -o a.ply --colour", "unrecognized arguments: --colour; did you mean --colours?"),
     ("render wall.toml -o a.ply --sensors vlp-16", "unrecognized arguments: --sensors vlp-16; did you mean --sensor?"),
-    ("render wall.toml -o a.ply --sensor vlp16", "no sensor 'vlp16' in the catalogue; did you mean vlp-16"),
+    ("render wall.toml -o a.ply --sensor vlp17", "no sensor 'vlp17' in the catalogue; did you mean vlp-16"),
     ("render wall.toml -o a.ply --sensor car", "no sensor 'car' in the catalogue; car is a scene"),
     ("render wall.toml -o a.ply --sensor wall.toml", "(and 5 more); this looks like a scene file"),
     ("render wall.toml -o a.ply --rig wall.toml", "key 'sensors' is missing (and 1 more); this looks like a scene"),
@@ -67,7 +67,7 @@ TYPED = [
     # compare
     ("compare wall.toml --sensors table1-apd -o out", "must be 2 to 7 names or files with commas between them"),
     ("compare wall.toml --sensors table1-apd table1-sipm -o out", "; sensors go with commas: --sensors A,B"),
-    ("compare wall.toml --sensors table1-apd,table1-apx -o out", "did you mean table1-apd or"),
+    ("compare wall.toml --sensors table1-apd,table1-apx -o out", "did you mean table1-apd?"),
     ("compare wall.toml --sensors table1-apd,table1-sipm", "required: -o/--output; see lidarscene compare -h"),
     # range
     ("range", "required: SENSOR; see lidarscene range -h"),
@@ -108,7 +108,7 @@ TYPED = [
     # catalog, schema, doctor, paper
     ("catalog sensor", "invalid choice: 'sensor'; did you mean sensors?"),
     ("catalog materials brik", "no material 'brik' in the catalogue; did you mean brick"),
-    ("catalog check vlp16", "no sensor 'vlp16' in the catalogue; did you mean vlp-16"),
+    ("catalog check vlp17", "no sensor 'vlp17' in the catalogue; did you mean vlp-16"),
     ("schema scenes", "invalid choice: 'scenes'; did you mean scene?"),
     ("doctor --jsn", "unrecognized arguments: --jsn; see lidarscene doctor -h"),
     ("paper out", "see lidarscene paper -h"),
@@ -120,7 +120,7 @@ CALLED: list[tuple[Callable[[], Any], str]] = [
     (lambda: lidarscene.load_scene(3), "scene: must be a name, a file, a Scene, a Trimesh"),
     (lambda: lidarscene.load_sensor(None), "sensor: must be a name, a file or a Sensor, got NoneType"),
     (lambda: lidarscene.load_rig("wall.toml"), "this looks like a scene file"),
-    (lambda: lidarscene.render("wall.toml", "vlp16"), "no sensor 'vlp16' in the catalogue; did you mean vlp-16"),
+    (lambda: lidarscene.render("wall.toml", "vlp17"), "no sensor 'vlp17' in the catalogue; did you mean vlp-16"),
     (lambda: lidarscene.render("wall.toml", seed=1.5), "seed: must be a whole number from 0 to 4294967295, got 1.5"),
     (lambda: lidarscene.render("wall.toml", pose=(1, 2)), "pose: must be a Pose, or x, y, z in metres"),
     (lambda: lidarscene.render("wall.toml", coordinates="car"), "must be 'world' or 'vehicle' or 'sensor', got 'car'"),

@@ -106,7 +106,7 @@ def test_mesh_that_is_not_there(run: Run, tmp_path: Path, name: str, message: st
         (WALL.replace('"concrete"', "3"), 'bodies[0 "wall"].material: must be text, got 3'),
         (
             WALL.replace("concrete", "concrate"),
-            ("bodies[0 \"wall\"].material: no material 'concrate' in the catalogue; did you mean concrete or"),
+            ("bodies[0 \"wall\"].material: no material 'concrate' in the catalogue; did you mean concrete?"),
         ),
         (WALL.replace('material = "concrete"', ""), "bodies[0 \"wall\"]: key 'material' is missing"),
         (WALL.replace('name = "wall"', ""), "key 'bodies[0].name' is missing"),
@@ -290,7 +290,7 @@ def test_bad_form_of_set(run: Run, tmp_path: Path, wall: str, assignment: str, m
         (["--pose", "1,,2"], "and degrees, got 1,,2"),
         (["--pose", "--json"], "argument --pose: expected one argument"),
         (["--coordinates", "car"], "argument --coordinates/--frame: invalid choice: 'car'"),
-        (["--sensor", "table1-apx"], "no sensor 'table1-apx' in the catalogue; did you mean table1-apd or"),
+        (["--sensor", "table1-apx"], "no sensor 'table1-apx' in the catalogue; did you mean table1-apd?"),
         (["--sensor", "none.toml"], "none.toml: no such file"),
         (["--sensor", "long" * 99], f"no sensor '{'long' * 99}' in the catalogue; it has biaxial-905"),
         (["--sensor", "wall.toml"], "wall.toml: "),

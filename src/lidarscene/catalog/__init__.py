@@ -7,10 +7,11 @@ and paths only; `sensor.sensor_file`, `materials.material_file` and `scene.scene
 from __future__ import annotations
 
 import os
+import tomllib
 from importlib import resources
 from pathlib import Path
 
-from ..errors import InputError, did_you_mean
+from ..errors import InputError, did_you_mean, question
 
 KINDS = ("sensors", "materials", "scenes", "imus")
 
@@ -32,18 +33,55 @@ def names(kind: str) -> list[str]:
 
 
 def path_of(kind: str, name: str) -> Path:
-    """File of an entry. Raises InputError with the nearest names."""
+    """File of an entry; case, dashes and underscores do not matter. Raises InputError with the names that fit."""
     path = folder(kind) / f"{name}.toml"
     if Path(name).name == name and os.path.isfile(path):
         return path
     if os.path.isfile(name):
         raise InputError(f"{name}: the name of a {kind.removesuffix('s')} file ends in .toml")
+    spelled = {_letters(entry): entry for entry in names(kind)}
+    if _letters(name) in spelled:
+        return folder(kind) / f"{spelled[_letters(name)]}.toml"
     noun = kind.removesuffix("s")
     parts = name.split(",")
-    if len(parts) > 1 and all(part.strip() in names(kind) for part in parts):
+    if len(parts) > 1 and all(_letters(part.strip()) in spelled for part in parts):
         raise InputError(f"'{name}': must be one {noun}; several go with spaces between them")
     for other_kind in KINDS:
-        if name in names(other_kind):
-            raise InputError(f"no {noun} '{name}' in the catalogue; {name} is a {other_kind.removesuffix('s')}")
-    hint = did_you_mean(name, names(kind), most=3, cutoff=0.4) or f"it has {', '.join(names(kind))}"
+        if entry := {_letters(entry): entry for entry in names(other_kind)}.get(_letters(name)):
+            raise InputError(f"no {noun} '{name}' in the catalogue; {entry} is a {other_kind.removesuffix('s')}")
+    hint = _suggestion(kind, name) or f"it has {', '.join(spelled.values())}"
     raise InputError(f"no {noun} '{name}' in the catalogue; {hint}")
+
+
+def _letters(text: str) -> str:
+    """Letters of a name as people type it: "VLP16" and "vlp_16" are "vlp-16"."""
+    return text.lower().replace("-", "").replace("_", "").replace(" ", "")
+
+
+def _suggestion(kind: str, name: str) -> str:
+    """Question for the entries that a name fits, by the first of these that fits any; "" without.
+
+    A part of the name ("table1"), a word of the description ("velodyne"), the same beginning ("OS1-64"), likeness.
+    """
+    word = _letters(name)
+    by_letters = {_letters(entry): entry for entry in names(kind)}
+    if len(word) >= SHORTEST_WORD:
+        if parts_of := [entry for letters, entry in by_letters.items() if word in letters]:
+            return question(parts_of)
+        if described := [entry for entry in by_letters.values() if word in _letters(_description(kind, entry))]:
+            return question(described)
+    shared = {entry: len(os.path.commonprefix([word, letters])) for letters, entry in by_letters.items()}
+    longest = max(shared.values(), default=0)
+    if longest >= SHORTEST_WORD:
+        return question(entry for entry, length in shared.items() if length == longest)
+    return did_you_mean(name.lower(), by_letters.values(), most=3, cutoff=0.4)
+
+
+SHORTEST_WORD = 3
+"""Fewest letters by which entries are searched: two are in too many."""
+
+
+def _description(kind: str, name: str) -> str:
+    """Description of an entry, in its file."""
+    tables = tomllib.loads((folder(kind) / f"{name}.toml").read_text(encoding="utf-8"))
+    return str(tables.get("description", ""))

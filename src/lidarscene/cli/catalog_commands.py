@@ -92,7 +92,7 @@ def _check_answer(arguments: argparse.Namespace) -> Answer:
     from ..studies.held import passed
 
     study = recorded if arguments.real else published_values
-    names = [arguments.name] if arguments.name else catalog.names("sensors")
+    names = [catalog.path_of("sensors", arguments.name).stem] if arguments.name else catalog.names("sensors")
     rows = [row for name in names for row in study.compare(name)]
     if not rows:
         raise InputError(f"{arguments.name}: no recording of such a sensor is known")

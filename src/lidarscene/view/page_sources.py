@@ -217,6 +217,8 @@ class Live:
         """
         self.scene, self.options, self.scene_argument = scene, frame or FrameOptions(), scene_argument or scene.name
         sensor_name = sensor or scene.sensor_name
+        if not sensor_name.endswith(".toml"):
+            sensor_name = catalog.path_of("sensors", sensor_name).stem
         self.overrides = tuple(overrides)
         # Overrides hold for the scene's own sensor only: another may lack the keys that they change.
         self._equipment = {sensor_name: Equipment(scene, sensor_name, overrides)}

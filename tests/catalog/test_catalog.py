@@ -1,0 +1,53 @@
+"""Names of the catalogue as people type them."""
+
+import pytest
+
+from lidarscene import InputError, catalog, load_sensor
+
+
+@pytest.mark.parametrize(
+    ("kind", "typed", "entry"),
+    [
+        ("sensors", "VLP16", "vlp-16"),
+        ("sensors", "vlp_16", "vlp-16"),
+        ("sensors", "Table1-APD", "table1-apd"),
+        ("sensors", "OS1 128", "os1-128"),
+        ("materials", "Car-Paint-Black", "car_paint_black"),
+        ("scenes", "Street", "street"),
+        ("imus", "BMI088", "bmi088"),
+    ],
+)
+def test_case_and_separators_do_not_matter(kind: str, typed: str, entry: str) -> None:
+    assert catalog.path_of(kind, typed) == catalog.folder(kind) / f"{entry}.toml"
+
+
+@pytest.mark.parametrize("kind", catalog.KINDS)
+def test_no_two_entries_differ_in_case_and_separators_alone(kind: str) -> None:
+    """Else the spelling of one would open the other."""
+    spelled = [name.lower().replace("-", "").replace("_", "") for name in catalog.names(kind)]
+    assert len(set(spelled)) == len(spelled) > 0
+
+
+@pytest.mark.parametrize(
+    ("kind", "typed", "question"),
+    [
+        ("sensors", "velodyne", "did you mean hdl-32e or hdl-64e or vlp-16 or vls-128?"),
+        ("sensors", "Ouster", "did you mean os0-128 or os1-128 or os2-128?"),
+        ("sensors", "OS1-64", "did you mean os1-128?"),
+        ("sensors", "VLP-32C", "did you mean vlp-16?"),
+        ("sensors", "table1", "did you mean table1-apd or table1-sipm?"),
+        ("sensors", "Car", "car is a scene"),
+        ("sensors", "VLP16,OS1-128", "several go with spaces between them"),
+        ("materials", "aluminium", "did you mean brushed_aluminium or mirror_aluminium?"),
+        ("materials", "xyzzy", "it has asphalt, "),
+        ("materials", "../sensors/vlp-16", "it has asphalt, "),
+    ],
+)
+def test_an_unknown_name_lists_what_fits(kind: str, typed: str, question: str) -> None:
+    with pytest.raises(InputError) as error:
+        catalog.path_of(kind, typed)
+    assert question in str(error.value)
+
+
+def test_a_sensor_has_its_name_however_it_was_typed() -> None:
+    assert load_sensor("VLP16").name == load_sensor("vlp-16").name == "vlp-16"
