@@ -61,20 +61,20 @@ def _letters(text: str) -> str:
 def _suggestion(kind: str, name: str) -> str:
     """Question for the entries that a name fits, by the first of these that fits any; "" without.
 
-    A part of the name ("table1"), a word of the description ("velodyne"), the same beginning ("OS1-64"), likeness.
+    A part of the name ("table1"), the same beginning ("OS1-64"), a word of the description ("velodyne"), likeness.
     """
     word = _letters(name)
-    by_letters = {_letters(entry): entry for entry in names(kind)}
-    if len(word) >= SHORTEST_WORD:
-        if parts_of := [entry for letters, entry in by_letters.items() if word in letters]:
-            return question(parts_of)
-        if described := [entry for entry in by_letters.values() if word in _letters(_description(kind, entry))]:
-            return question(described)
-    shared = {entry: len(os.path.commonprefix([word, letters])) for letters, entry in by_letters.items()}
-    longest = max(shared.values(), default=0)
-    if longest >= SHORTEST_WORD:
-        return question(entry for entry, length in shared.items() if length == longest)
-    return did_you_mean(name.lower(), by_letters.values(), most=3, cutoff=0.4)
+    letters_of = {entry: _letters(entry) for entry in names(kind)}
+    if len(word) < SHORTEST_WORD:
+        return did_you_mean(name.lower(), letters_of, most=3, cutoff=0.4)
+    shared = {entry: len(os.path.commonprefix([word, letters])) for entry, letters in letters_of.items()}
+    longest = max(SHORTEST_WORD, *shared.values())
+    return (
+        question(entry for entry, letters in letters_of.items() if word in letters)
+        or question(entry for entry, length in shared.items() if length == longest)
+        or question(entry for entry in letters_of if word in _letters(_description(kind, entry)))
+        or did_you_mean(name.lower(), letters_of, most=3, cutoff=0.4)
+    )
 
 
 SHORTEST_WORD = 3

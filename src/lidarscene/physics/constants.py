@@ -7,3 +7,7 @@ BOLTZMANN_J_K = 1.380_649e-23
 
 REFERENCE_ILLUMINANCE_KLUX = 100.0
 """Illuminance at which a sensor file states its in-band solar irradiance (Table 1 of the paper)."""
+
+SUN_KLUX = 140.0
+"""No sun is brighter: outside of the atmosphere it has 133 klux at the mean distance (Darula, Kittler and Gueymard,
+Solar Energy 79, 2005), 138 at the least distance."""

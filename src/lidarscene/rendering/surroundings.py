@@ -18,6 +18,7 @@ import numpy as np
 from ..errors import OptionWarning
 from ..maths.arrays import Numbers
 from ..maths.trajectory import pose_at
+from ..physics.constants import SUN_KLUX
 from ..physics.optics import radiometry
 from ..scene.clearance import Clearance, Surrounding
 from ..scene.scene import Ball, Scene
@@ -29,10 +30,6 @@ LARGEST_BODY_M = 200.0
 
 SMALLEST_BODY_M = 0.01
 """A body that is smaller than this in all three is one too: a lidar would not see it from a metre."""
-
-SUN_KLUX = 140.0
-"""No sun is brighter: outside of the atmosphere it has 133 klux at the mean distance (Darula, Kittler and Gueymard,
-Solar Energy 79, 2005), 138 at the least."""
 
 CLEAREST_M = 300e3
 """No air is clearer: molecules alone scatter 0.013 of green light in a km, and 3.912 over that is the visibility."""

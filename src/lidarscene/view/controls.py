@@ -6,7 +6,7 @@ import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, get_type_hints
 
 from ..errors import InputError, shorten
 from ..maths import units
@@ -79,6 +79,7 @@ class Equipment:
         assigned = [f"{key}={value!r}" for key, value in numbers.items() if not key.startswith("sun.")]
         sensor = self._sensor(donor_name, assigned)
         angles = {key: numbers.get(f"sun.{key}", value) for key, value in _sun_values(self.scene.sun).items()}
+        _check_sun(angles)
         sun = dataclasses.replace(
             self.scene.sun,
             azimuth_rad=math.radians(angles["azimuth_deg"]),
@@ -197,10 +198,21 @@ def _sun_values(sun: Sun) -> dict[str, float]:
     }
 
 
+def _check_sun(values: Mapping[str, float]) -> None:
+    """Raise InputError for a value of the sun that a scene file could not have."""
+    for field, hint in get_type_hints(Sun, include_extras=True).items():
+        quantity = units.note_of(hint, units.Quantity)
+        if quantity is None:
+            continue
+        key = quantity.for_field(field)
+        if must := quantity.must_be(values[key]):
+            intended = quantity.as_written_in_si(values[key])
+            suggestion = "" if intended is None else f": did you mean {intended:g}?"
+            raise InputError(f"sun.{key}: must be {must}, got {values[key]:g}{suggestion}")
+
+
 def number_of(key: str, value: object) -> float:
     """Check a number that came from the page. Raises InputError."""
     if isinstance(value, bool) or not isinstance(value, float | int) or not abs(value) < 1e300:
         raise InputError(f"{key}: must be a number, got {shorten(repr(value))}")
-    if key == "sun.illuminance_klux" and value < 0:
-        raise InputError(f"{key}: must be >= 0, got {value:g}")
     return float(value)

@@ -6,10 +6,12 @@ The command line reads them for ``--help``, so that this module loads no NumPy.
 from __future__ import annotations
 
 import math
+import warnings
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from ...errors import OptionError
+from ...errors import OptionError, OptionWarning
+from ...physics.constants import SUN_KLUX
 from ...rendering.option_fields import check_options, list_options, option
 
 if TYPE_CHECKING:
@@ -20,8 +22,10 @@ if TYPE_CHECKING:
 class Bounds:
     """Allowed values of a condition, and the default ends of an axis over it.
 
-    above    True if ``low`` itself is excluded
-    meaning  words for the axis of a chart
+    above     True if ``low`` itself is excluded
+    meaning   words for the axis of a chart
+    multiple  this unit over the one that is typed by mistake: 1e3 of klux, for lux
+    likely    value beyond which that mistake is probable
     """
 
     unit: str
@@ -32,24 +36,57 @@ class Bounds:
     log: bool = False
     above: bool = False
     meaning: str = ""
+    multiple: float = 1.0
+    likely: float = math.inf
 
     def check(self, option: str, value: float) -> None:
-        """Raise OptionError unless the value is one of these."""
-        if not self.low <= value <= self.high or (self.above and value == self.low):
+        """Raise OptionError unless the value is one of these; warn of one that is probably in another unit."""
+        if not self._holds(value):
             least = f"more than {self.low:g}" if self.above else f"{self.low:g} or more"
             most = f"{self.high:g} {self.unit}".rstrip()
-            raise OptionError(f"{{{option}}} {{0:g}}: must be {least} and up to {most}", value)
+            intended = value / self.multiple
+            hint = f": did you mean {intended:g}?" if self.multiple != 1.0 and self._holds(intended) else ""
+            raise OptionError(f"{{{option}}} {{0:g}}: must be {least} and up to {most}{hint}", value)
+        if value > self.likely:
+            warnings.warn(
+                OptionWarning(
+                    f"{{{option}}} is {{0:g}} {self.unit}, and no sun has more than {{1:g}}: if these are lux, give "
+                    f"{{{option}}} {{2:g}}",
+                    value,
+                    self.likely,
+                    value / self.multiple,
+                ),
+                stacklevel=3,
+            )
+
+    def _holds(self, value: float) -> bool:
+        return self.low <= value <= self.high and not (self.above and value == self.low)
 
 
 CONDITIONS: dict[str, Bounds] = {
     "distance": Bounds(unit="m", low=0.0, high=1e6, start=10.0, stop=1000.0, log=True, above=True, meaning="distance"),
     "illuminance": Bounds(
-        unit="klux", low=0.0, high=1e6, start=0.1, stop=100.0, log=True, meaning="illuminance of the sun"
+        unit="klux",
+        low=0.0,
+        high=1e4,
+        start=0.1,
+        stop=100.0,
+        log=True,
+        meaning="illuminance of the sun",
+        multiple=1e3,
+        likely=SUN_KLUX,
     ),
     "elevation": Bounds(unit="deg", low=-90.0, high=90.0, start=-12.5, stop=12.5, meaning="elevation of the beam"),
     "azimuth": Bounds(unit="deg", low=-180.0, high=180.0, start=-60.0, stop=60.0, meaning="azimuth of the beam"),
     "reflectivity": Bounds(
-        unit="", low=0.0, high=1.0, start=0.01, stop=1.0, log=True, meaning="reflectivity of the target"
+        unit="",
+        low=0.0,
+        high=1.0,
+        start=0.01,
+        stop=1.0,
+        log=True,
+        meaning="reflectivity of the target",
+        multiple=100.0,
     ),
     "incidence": Bounds(unit="deg", low=0.0, high=90.0, start=0.0, stop=85.0, meaning="angle of incidence"),
 }
