@@ -81,7 +81,9 @@ TYPED = [
     ("range table1-apd --plot a.png", "--plot goes with --over: say what is swept"),
     ("range table1-apd --quantity snrs", "invalid choice: 'snrs'; did you mean snr?"),
     ("range table1-apd --set table1-sipm:detector.pde=1", "'table1-sipm' is not among the sensors here: table1-apd"),
+    ("compare wall.toml --sensors table1-apd,table1-sipm -o out --illuminance 1,20000", "klux: did you mean 20?"),
     # fov
+    ("fov table1-apd -o out --illuminance 100000", "--illuminance 100000: must be 0 or more and up to 10000 klux: did"),
     ("fov table1-apd", "required: -o/--output; see lidarscene fov -h"),
     ("fov table1-apd -o out --cell 0", "--cell: must be 0.02 to 10 degrees, got 0"),
     ("fov table1-apd -o out --time a,b", "must be seconds that rise, such as 0.1,0.5,1, got a,b"),

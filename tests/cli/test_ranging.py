@@ -296,6 +296,16 @@ def test_every_aperture_law_is_told_in_a_line() -> None:
         assert re.match(r"A\(theta\) (= A\(0\)|as )", sweep_report.law_text(law))
 
 
+def test_more_than_the_sun_is_noted(run: Run) -> None:
+    """Rationale: 500 may be lux, or a lamp: a scene of so much renders with the same note."""
+    ran = run("range", APD, "--illuminance", "500")
+    assert ran.code == 0
+    assert ran.err == (
+        "lidarscene: note: --illuminance is 500 klux, and no sun has more than 140: if these are lux, give "
+        "--illuminance 0.5\n"
+    )
+
+
 # --- mistakes ---------------------------------------------------------------------------------------
 
 
@@ -332,6 +342,9 @@ def test_every_aperture_law_is_told_in_a_line() -> None:
         ((APD, "--set", "x:detector.gain=3"), "'x' is not among the sensors here: table1-apd"),
         ((APD, "--set", "detector.pde=0.3"), "table1-apd.toml --set detector.pde=0.3: unknown key"),
         ((APD, "--reflectivity", "1.5"), "--reflectivity 1.5: must be 0 or more and up to 1"),
+        ((APD, "--reflectivity", "10"), "must be 0 or more and up to 1: did you mean 0.1?"),
+        ((APD, "--illuminance", "100000"), "must be 0 or more and up to 10000 klux: did you mean 100?"),
+        ((APD, "--over", "illuminance", "--to", "100000"), "--to 100000: must be 0 or more and up to 10000 klux: did"),
         ((APD, "--incidence", "91"), "--incidence 91: must be 0 or more and up to 90 deg"),
         ((APD, "--illuminance", "-1"), "--illuminance -1: must be 0 or more"),
         ((APD, "--distance", "0"), "--distance 0: must be more than 0"),

@@ -94,6 +94,8 @@ def test_the_other_detector_comes_with_its_threshold(equipment: Equipment) -> No
         ({"laser.peak_power_w": -1}, "must be >= 1e-06, got -1"),
         ({"detector.gain": 0.5}, "must be >= 1, got 0.5"),
         ({"sun.illuminance_klux": -1}, "sun.illuminance_klux: must be >= 0, got -1"),
+        ({"sun.illuminance_klux": 1e5}, "sun.illuminance_klux: must be <= 10000, got 100000: did you mean 100?"),
+        ({"sun.elevation_deg": 91}, "sun.elevation_deg: must be <= 90, got 91"),
     ],
 )
 def test_mistakes_are_told_in_one_line(equipment: Equipment, settings: dict[str, Any], message: str) -> None:
