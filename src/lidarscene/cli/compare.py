@@ -103,6 +103,7 @@ def _compare_sensors(arguments: argparse.Namespace) -> str:
         )
     for value in arguments.illuminance or ():
         CONDITIONS["illuminance"].check("illuminance", value)
+        CONDITIONS["illuminance"].warn_of_unit("illuminance", value)
     scene = load_scene(arguments.inputs[0])
     sensors: list[NamedSensor] = [
         (subject.name, subject.sensor()) for subject in subjects(words, arguments.overrides or ())

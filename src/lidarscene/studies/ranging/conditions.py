@@ -25,7 +25,7 @@ class Bounds:
     above     True if ``low`` itself is excluded
     meaning   words for the axis of a chart
     multiple  this unit over the one that is typed by mistake: 1e3 of klux, for lux
-    likely    value beyond which that mistake is probable
+    likely    largest value that needs no warning of that mistake
     """
 
     unit: str
@@ -40,13 +40,16 @@ class Bounds:
     likely: float = math.inf
 
     def check(self, option: str, value: float) -> None:
-        """Raise OptionError unless the value is one of these; warn of one that is probably in another unit."""
+        """Raise OptionError unless the value is one of these."""
         if not self._holds(value):
             least = f"more than {self.low:g}" if self.above else f"{self.low:g} or more"
             most = f"{self.high:g} {self.unit}".rstrip()
             intended = value / self.multiple
             hint = f": did you mean {intended:g}?" if self.multiple != 1.0 and self._holds(intended) else ""
             raise OptionError(f"{{{option}}} {{0:g}}: must be {least} and up to {most}{hint}", value)
+
+    def warn_of_unit(self, option: str, value: float) -> None:
+        """Warn of an illuminance that no sun has, as a scene of it does: it is probably in lux."""
         if value > self.likely:
             warnings.warn(
                 OptionWarning(
@@ -134,6 +137,7 @@ class Conditions:
 
     def __post_init__(self) -> None:
         check_options(self)
+        CONDITIONS["illuminance"].warn_of_unit("illuminance", self.illuminance)
 
     @property
     def visibility_m(self) -> float | None:
