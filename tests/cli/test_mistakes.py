@@ -136,7 +136,7 @@ def test_mesh_that_is_not_there(run: Run, tmp_path: Path, name: str, message: st
         ),
         (WALL + "[weather]\nfog_visibility_km = 0\n", "weather.fog_visibility_km: must be >= 0.005, got 0"),
         (WALL + "[weather]\nsnow = 'powder'\n", "weather.snow: must be 'dry' or 'wet', got \"powder\""),
-        (WALL + "[weather]\nrain = 5\n", "unknown key 'weather.rain'; did you mean rain_mm_h?"),
+        (WALL + "[weather]\nrain = 5\n", "unknown key 'weather.rain'; did you mean weather.rain_mm_h?"),
         (WALL + "[sun]\nilluminance_klux = -1\n", "sun.illuminance_klux: must be >= 0, got -1"),
         (WALL + "[sensor]\nname = 'none.toml'\n", "none.toml: no such file"),
         (WALL + "[sensor]\nname = 'table2'\n", "no sensor 'table2' in the catalogue; did you mean table1-"),

@@ -67,7 +67,7 @@ def _suggestion(kind: str, name: str) -> str:
     letters_of = {entry: _letters(entry) for entry in names(kind)}
     if len(word) < SHORTEST_WORD:
         return did_you_mean(name.lower(), letters_of, most=3, cutoff=0.4)
-    shared = {entry: len(os.path.commonprefix([word, letters])) for entry, letters in letters_of.items()}
+    shared = {entry: _shared_beginning(word, letters) for entry, letters in letters_of.items()}
     longest = max(SHORTEST_WORD, *shared.values())
     return (
         question(entry for entry, letters in letters_of.items() if word in letters)
@@ -75,6 +75,11 @@ def _suggestion(kind: str, name: str) -> str:
         or question(entry for entry in letters_of if word in _letters(_description(kind, entry)))
         or did_you_mean(name.lower(), letters_of, most=3, cutoff=0.4)
     )
+
+
+def _shared_beginning(a: str, b: str) -> int:
+    """Number of letters with which both words begin."""
+    return next((n for n, (x, y) in enumerate(zip(a, b, strict=False)) if x != y), min(len(a), len(b)))
 
 
 SHORTEST_WORD = 3

@@ -7,7 +7,6 @@ name Python types and its own models. Here its first error becomes a line in the
 
 from __future__ import annotations
 
-import re
 import tomllib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
@@ -15,7 +14,7 @@ from typing import Any, TypeVar
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from ..errors import InputError, did_you_mean
+from ..errors import InputError, did_you_mean, question
 from .inputs import LARGEST_TEXT, require_file
 from .overrides import get_entry, key_path, number_list_entries, short_text
 
@@ -162,10 +161,10 @@ def _error_text(error: Any, model: type[BaseModel], tables: Mapping[str, Any]) -
     key = _dotted_key(location, tables)
     if kind == "extra_forbidden":
         known_keys = _known_keys(model, location[:-1], tables)
-        if len(location) == 1 and (deeper := _key_in_a_table(model, str(location[0]), tables)):
-            return f"unknown key '{key}'; did you mean {deeper}?"
-        question = did_you_mean(location[-1], known_keys)
-        hint = f"{question} all known here" if question else "known here"
+        if fitting := question(_keys_that_fit(model, location, known_keys, tables)):
+            return f"unknown key '{key}'; {fitting}"
+        similar = did_you_mean(location[-1], known_keys)
+        hint = f"{similar} all known here" if similar else "known here"
         return f"unknown key '{key}'" + (f"; {hint}: {', '.join(known_keys)}" if known_keys else "")
     if kind == "missing" and isinstance(location[-1], int):
         return f"{_dotted_key(location[:-1], tables)}: must be a longer list, got {short_text(error['input'])}"
@@ -223,19 +222,58 @@ def _known_keys(model: type[BaseModel], location: Iterable[Any], tables: Any) ->
     return [info.alias or name for name, info in model.model_fields.items()]
 
 
-def _key_in_a_table(model: type[BaseModel], key: str, tables: Mapping[str, Any]) -> str:
-    """Dotted name of the only key of this name in a table of the file, such as "detector.gain"; "" without."""
+def _keys_that_fit(
+    model: type[BaseModel], location: list[Any], known_keys: Iterable[str], tables: Mapping[str, Any]
+) -> list[str]:
+    """Keys that an unknown key may stand for, by its last part: those of its own table, or else of all tables."""
+    table = _dotted_key(location[:-1], tables)
+    prefix = "" if any(isinstance(part, int) for part in location) else f"{table}." if table else ""
+    if near := keys_like(str(location[-1]), [f"{prefix}{key}" for key in known_keys]):
+        return near
+    table_name, value = str(location[0]), get_entry(tables, location[0])
+    of_another_file = table_name not in model.model_fields and any(table_name in names for names in OTHERS.values())
+    if len(location) > 2 or of_another_file:
+        return []
+    typed = str(location[-1])
+    if len(location) == 1 and isinstance(value, Mapping):
+        # The key of a table of an unknown name, unless that is a known one with a slip.
+        if len(value) != 1 or did_you_mean(table_name, model.model_fields):
+            return []
+        typed = str(next(iter(value)))
     dotted_keys = [
         f"{name}.{inner}"
-        for name, table in tables.items()
-        if isinstance(table, Mapping) and name in model.model_fields
+        for name, inner_table in tables.items()
+        if isinstance(inner_table, Mapping) and name in model.model_fields
         for inner in _known_keys(model, [name], tables)
-        if key == inner or key == re.sub(_UNIT, "", inner)
     ]
-    return dotted_keys[0] if len(dotted_keys) == 1 else ""
+    return keys_like(typed, dotted_keys)
 
 
-_UNIT = re.compile(r"_(deg|nm|ns|ps|us|mm|mrad|m|km|khz|mhz|hz|klux|na|ohm|w|k)$")
+def keys_like(typed: str, keys: Iterable[str]) -> list[str]:
+    """Dotted keys whose last part has the words of that of a typed key, units aside: laser.peak_power_w of "power".
+
+    Keys of just these words come before those of more; [] if more than MOST_KEYS fit.
+    """
+    words = _words(typed)
+    if max(map(len, words)) < 3:
+        return []
+    fitting = [key for key in keys if set(words) <= set(_words(key))]
+    equal = [key for key in fitting if words == _words(key)]
+    return equal or (fitting if len(fitting) <= MOST_KEYS else [])
+
+
+MOST_KEYS = 4
+"""Most keys that a message suggests."""
+
+_UNIT_WORDS = frozenset("deg nm ns ps us ms s um mm mrad m km khz mhz hz klux lux na ua a ohm mw kw w k".split())
+
+
+def _words(key: str) -> list[str]:
+    """Words of the last part of a dotted key, without its unit: ["peak", "power"] of "laser.peak_power_w"."""
+    words = key.rpartition(".")[2].lower().replace("-", "_").split("_")
+    while len(words) > 1 and words[-1] in _UNIT_WORDS:
+        words.pop()
+    return words
 
 
 def _models_in(annotation: Any) -> list[type[BaseModel]]:

@@ -82,14 +82,7 @@ CONDITIONS: dict[str, Bounds] = {
     "elevation": Bounds(unit="deg", low=-90.0, high=90.0, start=-12.5, stop=12.5, meaning="elevation of the beam"),
     "azimuth": Bounds(unit="deg", low=-180.0, high=180.0, start=-60.0, stop=60.0, meaning="azimuth of the beam"),
     "reflectivity": Bounds(
-        unit="",
-        low=0.0,
-        high=1.0,
-        start=0.01,
-        stop=1.0,
-        log=True,
-        meaning="reflectivity of the target",
-        multiple=100.0,
+        unit="", low=0.0, high=1.0, start=0.01, stop=1.0, log=True, meaning="reflectivity of the target", multiple=100.0
     ),
     "incidence": Bounds(unit="deg", low=0.0, high=90.0, start=0.0, stop=85.0, meaning="angle of incidence"),
 }

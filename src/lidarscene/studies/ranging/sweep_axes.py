@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel
 
-from ...errors import InputError, did_you_mean
+from ...errors import InputError, did_you_mean, question
+from ...files.toml import keys_like
 from ...maths.arrays import Numbers
 from ...maths.units import split_unit
 from ...sensor.sensor_file import SensorFile
@@ -189,7 +190,7 @@ def _literals(model: type[BaseModel]) -> tuple[Any, ...]:
 
 def _unknown_key_text(key: str, where: str, tables: Mapping[str, Any]) -> str:
     keys = numeric_keys(tables)
-    hint = did_you_mean(key, [*keys, *CONDITIONS])
+    hint = question(keys_like(key, keys)) or did_you_mean(key, [*keys, *CONDITIONS])
     hint = hint or f"must be one of {', '.join(CONDITIONS)} or a key such as detector.radius_mm"
     return f"{where} has no numeric key of that name; {hint}"
 
