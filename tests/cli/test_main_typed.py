@@ -102,7 +102,7 @@ TYPED = [
     # check, sensor, twin, fit, stream
     ("check", "required: FILE; see lidarscene check -h"),
     ("sensor vlp-16", "required: --from, -o/--output; see lidarscene sensor -h"),
-    ("sensor --from notes.txt -o a.toml", "must be json (Ouster), YAML or XML (Velodyne) or CSV (Hesai)"),
+    ("sensor --from notes.txt -o a.toml", "must be json or OSF (Ouster), YAML or XML (Velodyne) or CSV (Hesai)"),
     ("twin none.pcap -o out", "none.pcap: no such recording"),
     ("fit", "see lidarscene fit -h"),
     ("stream wall.toml --sensor vlp-16", "see lidarscene stream -h"),

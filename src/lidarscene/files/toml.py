@@ -15,6 +15,7 @@ from typing import Any, TypeVar
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from ..errors import InputError, did_you_mean, question
+from ..maths.units import SYMBOLS
 from .inputs import LARGEST_TEXT, require_file
 from .overrides import get_entry, key_path, number_list_entries, short_text
 
@@ -257,7 +258,7 @@ def keys_like(typed: str, keys: Iterable[str]) -> list[str]:
     words = _words(typed)
     if max(map(len, words)) < 3:
         return []
-    fitting = [key for key in keys if set(words) <= set(_words(key))]
+    fitting = [key for key in keys if set(words) <= set(key.rpartition(".")[2].split("_"))]
     equal = [key for key in fitting if words == _words(key)]
     return equal or (fitting if len(fitting) <= MOST_KEYS else [])
 
@@ -265,7 +266,8 @@ def keys_like(typed: str, keys: Iterable[str]) -> list[str]:
 MOST_KEYS = 4
 """Most keys that a message suggests."""
 
-_UNIT_WORDS = frozenset("deg nm ns ps us ms s um mm mrad m km khz mhz hz klux lux na ua a ohm mw kw w k".split())
+_UNIT_WORDS = frozenset(word for unit in (*SYMBOLS, "lux", "mw", "kw") for word in unit.split("_"))
+"""Parts of the units at the ends of keys, and of those that people type instead."""
 
 
 def _words(key: str) -> list[str]:
