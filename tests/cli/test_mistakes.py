@@ -117,7 +117,7 @@ def test_mesh_that_is_not_there(run: Run, tmp_path: Path, name: str, message: st
         (WALL + 'materials = { a = "brick" }\n', 'bodies[0 "wall"]: materials is for the sub-meshes of a mesh'),
         (
             WALL.replace('"plane"', '"cone"'),
-            "bodies[0 \"wall\"].primitive: must be 'plane', 'box', 'sphere' or 'cylinder', got \"cone\"",
+            "bodies[0 \"wall\"].primitive: must be 'plane', 'ground', 'box', 'sphere' or 'cylinder', got \"cone\"",
         ),
         (WALL + "[air]\nvisibility_km = 0\n", "air.visibility_km: must be >= 0.0001, got 0"),
         (
