@@ -323,5 +323,24 @@ def test_what_too_few_pulses_are_there_for_is_listed() -> None:
     few = pulses().select(np.arange(N) < judge.LEAST_PULSES // 2)
     rows = [*judge._ranges(few), *judge._signals(few), *judge._points(few)]
     unmeasured = {row.quantity for row in rows if row.is_limited and row.value is None}
-    expected = {"range, bias", "range, scatter", "signal, mean error over the range", "points per ring, worst"}
-    assert unmeasured == expected
+    signals = {"signal, mean error over the range", "signal, error in the worst octave of the range"}
+    assert unmeasured == {"range, bias", "range, scatter", "points per ring, worst", *signals}
+
+
+def test_a_near_field_that_is_off_shows_in_its_octave() -> None:
+    """Rationale: near ranges have few returns, so a mean over bins of as many returns hid -70 % at 1 to 3 m.
+
+    Here 100 of 4000 returns, from 5 to 5.9 m, have 0.3 of their signal; those of the octave from 4 to 8 m are 343.
+    """
+    plain = pulses()
+    near = np.arange(N) < 100
+    signal = np.asarray(plain.signal)
+    rows = list(judge._signals(pulses(simulated_signal=np.where(near, 0.3, 1.0) * signal)))
+    (mean,) = rows_named(rows, "signal, mean error over the range")
+    (worst,) = rows_named(rows, "signal, error in the worst octave of the range")
+    octave = (np.asarray(plain.range_m) >= 4.0) & (np.asarray(plain.range_m) < 8.0)
+    expected = 0.7 * signal[near].sum() / signal[octave].sum()
+    assert mean.verdict
+    assert worst.condition == "4 to 8 m"
+    assert worst.value == pytest.approx(expected, rel=0.02)
+    assert worst.verdict is False

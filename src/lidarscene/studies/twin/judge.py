@@ -25,6 +25,9 @@ from .surfels import SMOOTH
 RANGE_BINS = 8
 """Bins of range for the mean signal, with as many recorded returns in each."""
 
+OCTAVES_M = 2.0 ** np.arange(-1.0, 10.0)
+"""Edges of fixed bins of range [m], 0.5 to 512: far bins of many returns do not hide the near ones of few."""
+
 SAME_SURFACE_M = 0.3
 """Distance from the twin's surface beyond which a recorded return is another one's, at an edge or of another frame.
 
@@ -140,34 +143,50 @@ def _signals(pulses: MatchedPulses) -> Iterator[Held]:
         yield Held(quantity="signal, mean error over the range", limits=LIMITS["signal error"])
         return
     returned, simulated = pulses.has_return, pulses.has_simulated_return
-    edges = np.quantile(pulses.range_m[returned], np.linspace(0.0, 1.0, RANGE_BINS + 1))
-    errors = []
-    for low, high in itertools.pairwise(edges):
-        of_real = returned & (pulses.range_m >= low) & (pulses.range_m < high)
-        of_simulated = simulated & (pulses.simulated_range_m >= low) & (pulses.simulated_range_m < high)
-        if of_real.sum() < LEAST_PULSES or of_simulated.sum() < LEAST_PULSES:
-            continue
-        real = float(np.mean(pulses.signal[of_real]))
-        simulated_mean = float(np.mean(pulses.simulated_signal[of_simulated]))
-        errors.append(simulated_mean / real - 1.0)
-        yield Held(
-            quantity="signal, mean",
-            condition=f"{low:.3g} to {high:.3g} m",
-            reference=real,
-            simulated=simulated_mean,
-            value=errors[-1],
-            unit="photons",
-        )
+    means = list(_mean_signals(pulses, np.quantile(pulses.range_m[returned], np.linspace(0.0, 1.0, RANGE_BINS + 1))))
+    yield from means
     yield Held(
         quantity="signal, mean error over the range",
-        value=float(np.mean(np.abs(errors))) if errors else None,
+        value=float(np.mean([abs(row.value or 0.0) for row in means])) if means else None,
         limits=LIMITS["signal error"],
+    )
+    octaves = _mean_signals(pulses, OCTAVES_M)
+    worst = max(octaves, key=lambda row: abs(row.value or 0.0), default=None)
+    yield Held(
+        quantity="signal, error in the worst octave of the range",
+        condition="" if worst is None else worst.condition,
+        reference=None if worst is None else worst.reference,
+        simulated=None if worst is None else worst.simulated,
+        value=None if worst is None or worst.value is None else abs(worst.value),
+        limits=LIMITS["signal error"],
+        unit="photons",
     )
     both_mask = returned & simulated & (pulses.signal > 0.0) & (pulses.simulated_signal > 0.0)
     if both_mask.sum() >= LEAST_PULSES:
         signals = pulses.signal[both_mask], pulses.simulated_signal[both_mask]
         yield from _double_metric("signal", *signals, "photons")
         yield Held(quantity="signal, correlation of logarithms", value=float(np.corrcoef(*np.log(signals))[0, 1]))
+
+
+def _mean_signals(pulses: MatchedPulses, edges_m: Numbers) -> Iterator[Held]:
+    """Mean signal of both sides between these ranges, where both have enough returns."""
+    assert pulses.signal is not None
+    returned, simulated = pulses.has_return, pulses.has_simulated_return
+    for low, high in itertools.pairwise(edges_m.tolist()):
+        of_real = returned & (pulses.range_m >= low) & (pulses.range_m < high)
+        of_simulated = simulated & (pulses.simulated_range_m >= low) & (pulses.simulated_range_m < high)
+        if of_real.sum() < LEAST_PULSES or of_simulated.sum() < LEAST_PULSES:
+            continue
+        real = float(np.mean(pulses.signal[of_real]))
+        simulated_mean = float(np.mean(pulses.simulated_signal[of_simulated]))
+        yield Held(
+            quantity="signal, mean",
+            condition=f"{low:.3g} to {high:.3g} m",
+            reference=real,
+            simulated=simulated_mean,
+            value=simulated_mean / real - 1.0,
+            unit="photons",
+        )
 
 
 def _points(pulses: MatchedPulses) -> Iterator[Held]:
