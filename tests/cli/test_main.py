@@ -68,8 +68,13 @@ def test_help_of_render_tells_every_option(run: Run) -> None:
     assert "lidarscene render car -o out/car.ply" in help_text
 
 
+@pytest.mark.parametrize(("words", "option"), [(["help", "schema"], ["schema", "-h"]), (["help"], ["-h"])])
+def test_help_is_a_command_too(run: Run, words: list[str], option: list[str]) -> None:
+    assert run(*words) == run(*option)
+
+
 def test_version(run: Run) -> None:
-    assert run("--version").out == f"lidarscene {__version__}\n"
+    assert run("--version").out == run("version").out == f"lidarscene {__version__}\n"
 
 
 def test_catalog(run: Run) -> None:

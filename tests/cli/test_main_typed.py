@@ -60,12 +60,14 @@ TYPED = [
     ("render wall.toml -o a.ply --pose 1 2 3", "--pose: must be X,Y,Z[,YAW,PITCH,ROLL] in metres"),
     ("render wall.toml -o a --dataset kitty", "invalid choice: 'kitty'; did you mean kitti?"),
     ("render notes.txt -o a.ply", "notes.txt: not valid TOML: "),
+    ("render car.fbx -o a.ply", "car.fbx: an FBX file, which is not read; import it into Blender and export glTF"),
     # the command itself
     ("Render car -o a.ply", "invalid choice: 'Render'; did you mean render?"),
     ("plot car", "invalid choice: 'plot'; choose from render, stream, batch,"),
     # view
     ("view", "required: CLOUD|DIR|SCENE|REC; see lidarscene view -h"),
     ("view none.ply", "none.ply: no such file"),
+    ("view a.blend", "a.blend: a Blender file, which is not read; open it in Blender and export glTF"),
     ("view notes.txt", "notes.txt: suffix '.txt' names no point cloud format; known: .ply,"),
     ("view wall.toml --port 99999", "--port: must be a whole number from 0 to 65535, got 99999"),
     ("view wall.toml --frame 1", "--frame: goes with a recording, got wall.toml"),

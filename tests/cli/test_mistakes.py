@@ -52,6 +52,8 @@ def error_line_of_scene(run: Run, folder: Path, text: str, *more: str) -> str:
         ("a.glb", NOISE, "a.glb: cannot be read as a mesh: "),
         ("a.obj", NOISE, "a.obj: "),
         ("a.stl", NOISE, "a.stl: "),
+        ("a.fbx", b"1", "a.fbx: an FBX file, which is not read; import it into Blender and export glTF (File, Export,"),
+        ("a.STEP", b"1", "a.STEP: a STEP file of CAD, which is not read; export OBJ or STL from FreeCAD; or import"),
         ("a.xyzw", b"1", "a.xyzw: cannot be read as a mesh: file_type 'xyzw' not supported"),
         (
             "a.obj",

@@ -102,6 +102,8 @@ class _Parser(argparse.ArgumentParser):
         return f"; {question}" if question else ""
 
 
+_VERSION = f"lidarscene {__version__}"
+
 _CHOICE = re.compile(r"invalid choice: '([^']*)' \(choose from (.*)\)$")
 
 
@@ -110,7 +112,7 @@ def _parser() -> argparse.ArgumentParser:
     parser = _Parser(
         prog="lidarscene", description="What an automotive direct-time-of-flight lidar would really report."
     )
-    parser.add_argument("--version", action="version", version=f"lidarscene {__version__}")
+    parser.add_argument("--version", action="version", version=_VERSION)
     parser.set_defaults(run=lambda _: _help(parser))
     commands = parser.add_subparsers(title="commands", metavar="COMMAND")
     for add in (
@@ -133,6 +135,11 @@ def _parser() -> argparse.ArgumentParser:
         description="Versions, which back ends work and why the others do not, and one ray traced as proof.",
     )
     doctor.set_defaults(run=_doctor)
+    version = commands.add_parser("version", help="this program's version, as --version prints it")
+    version.set_defaults(run=lambda _: _VERSION)
+    help_of = commands.add_parser("help", help="options and examples of a command, as its -h prints them")
+    help_of.add_argument("command", metavar="COMMAND", nargs="?", choices=list(commands.choices), help="any of these")
+    help_of.set_defaults(run=lambda arguments: commands.choices.get(arguments.command, parser).format_help())
     return parser
 
 

@@ -121,7 +121,9 @@ def _source(arguments: argparse.Namespace) -> Source:
 
 def _is_scene(path: Path) -> bool:
     """Whether a path is a scene: by its suffix, or as a bare name that is no folder. A PLY file is a cloud here."""
-    return path.suffix.lower() in SCENES or not (path.suffix or os.path.exists(path))
+    from ..scene.meshes.reading import NOT_READ
+
+    return path.suffix.lower() in NOT_READ or path.suffix.lower() in SCENES or not (path.suffix or os.path.exists(path))
 
 
 def _recording_source(arguments: argparse.Namespace, path: Path) -> Source:

@@ -96,6 +96,7 @@ def scene_path(scene: str | os.PathLike[str]) -> Path:
     path = Path(scene)
     if not path.suffix and path.name == str(scene) and not os.path.isdir(path):
         return catalog.path_of("scenes", path.name)
+    reading.refuse_other_formats(path)
     # Outside of a clone there is no folder `scenes`, as examples have it.
     if path.suffix == ".toml" and not os.path.exists(path) and path.stem in catalog.names("scenes"):
         raise InputError(f"{path}: no such file; the scene that comes with lidarscene goes by its name, {path.stem}")

@@ -25,8 +25,28 @@ from . import reflectivity_patterns
 from .mesh_cache import SubMesh, read_cached
 from .usd import is_usd, read_usd
 
+NOT_READ = {
+    ".blend": ("a Blender file", "open it in Blender"),
+    ".fbx": ("an FBX file", "import it into Blender"),
+    ".dae": ("a Collada file", "import it into Blender, up to version 4"),
+    ".3ds": ("a 3D Studio file", "import it into Blender"),
+    ".max": ("a 3ds Max file", "export FBX from 3ds Max, import that into Blender"),
+    ".step": ("a STEP file of CAD", "export OBJ or STL from FreeCAD; or import that into Blender"),
+    ".stp": ("a STEP file of CAD", "export OBJ or STL from FreeCAD; or import that into Blender"),
+}
+"""Suffixes of scenes and meshes of other programs: what they are, and the way to glTF."""
+
 LARGEST_PART = 1 << 29
 """Bytes of a file to which a mesh file refers: a buffer of glTF, a texture."""
+
+
+def refuse_other_formats(path: Path) -> None:
+    """Raise InputError for a file of `NOT_READ`, with what converts it."""
+    if path.suffix.lower() in NOT_READ:
+        noun, first_step = NOT_READ[path.suffix.lower()]
+        raise InputError(
+            f"{path}: {noun}, which is not read; {first_step} and export glTF (File, Export, glTF 2.0), a .glb"
+        )
 
 
 def read_mesh(path: Path, pattern: reflectivity_patterns.Kind | None = None) -> list[SubMesh]:
@@ -89,6 +109,7 @@ def _pieces(path: Path, pattern: reflectivity_patterns.Kind | None = None) -> li
     except LidarSceneError:
         raise
     except Exception as error:
+        refuse_other_formats(path)
         # trimesh passes on any exception of its parsers; each means that the file is not readable.
         reason = " ".join(str(error).split())[:200] or type(error).__name__
         raise InputError(f"{path}: cannot be read as a mesh: {reason}") from None
