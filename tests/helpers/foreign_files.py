@@ -20,10 +20,11 @@ from typing import Any
 import numpy as np
 
 from helpers.clouds import small_cloud
+from helpers.formats import PLACED
 from helpers.packets import packets_of, random_frame
 from helpers.recordings import OUSTER, hesai_packet, pcap, turns, vls_packet
-from helpers.spoiling import number, spoilt, spoilt_bytes, spoilt_lines, text
-from lidarscene.errors import LidarSceneError
+from helpers.spoiling import number, other_numbers, spoilt, spoilt_bytes, spoilt_lines, text
+from lidarscene.errors import InputError, LidarSceneError
 from lidarscene.formats.packets.ouster_encoder import PROFILES
 from lidarscene.formats.packets.pcap import pcap_stream
 from lidarscene.formats.packets.select_encoder import select_encoder
@@ -58,7 +59,7 @@ def _hesai(folder: Path) -> Path:
 
 
 def _pandar64(folder: Path) -> Path:
-    sensor = load_sensor("pandar64", overrides=["scanner.columns_per_turn=120"])
+    sensor = load_sensor("pandar64")
     packets = packets_of(select_encoder(sensor), sensor, [random_frame(sensor)])
     return pcap(folder / "p64.pcap", [packet.payload for packet in packets[:20]])
 
@@ -133,7 +134,9 @@ def _compressed_pcd(folder: Path) -> Path:
 
 def _bag(name: str, storage: str) -> Callable[[Path], Path]:
     def write(folder: Path) -> Path:
-        write_ros(folder / name, [small_cloud(20, seed=seed) for seed in (1, 2)], storage=storage)
+        metadata = PLACED | {"frame_start_s": "2.0", "sensor_to_world": "0 -1 0 1  1 0 0 2  0 0 1 3"}
+        clouds = [small_cloud(20, seed=seed, metadata=metadata) for seed in (1, 2)]
+        write_ros(folder / name, clouds, storage=storage)
         return folder / name
 
     return write
@@ -327,8 +330,10 @@ class ForeignFiles:
                 folder.mkdir()
                 try:
                     self._recordings[kind] = RECORDINGS[kind](folder)
-                except (LidarSceneError, ImportError):  # a package is missing
-                    self._recordings[kind] = None
+                except (LidarSceneError, ImportError) as error:
+                    if isinstance(error, InputError):
+                        raise
+                    self._recordings[kind] = None  # a package is missing
             whole = self._recordings[kind]
             if whole is not None:
                 return kind, self._spoilt_recording(rng, whole)
@@ -465,7 +470,7 @@ def _spoil(rng: random.Random, path: Path) -> None:
         path.write_bytes(spoilt_in_place(rng, data, *rng.choice(_mcap_records(data))))
     elif (suffix == ".pcd" or suffix == ".ply") and rng.random() < 0.6:
         end = next(data.index(word) + len(word) for word in (b"end_header\n", b"\nDATA ") if word in data)
-        header = spoilt_lines(rng, data[:end].decode("latin-1"))
+        header = rng.choice((spoilt_lines, other_numbers))(rng, data[:end].decode("latin-1"))
         path.write_bytes(header.encode("utf-8", "surrogatepass") + data[end:])
     elif suffix in (".las", ".laz") and rng.random() < 0.6:
         path.write_bytes(spoilt_in_place(rng, data, 90, 700 if rng.random() < 0.5 else 375))

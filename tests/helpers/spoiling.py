@@ -139,6 +139,20 @@ def spoilt_lines(rng: random.Random, whole: str) -> str:
     return "\n".join(lines)
 
 
+PLAIN_NUMBERS = [word for word in NUMBERS if len(word) < 25 and re.fullmatch(r"[-\d.e]+|-?inf|nan", word)]
+
+
+def other_numbers(rng: random.Random, whole: str) -> str:
+    """Text of which some numbers are others: it is still read, whatever its syntax is."""
+    matches = list(re.finditer(r"-?\d+(\.\d+)?([eE][-+]?\d+)?", whole))
+    chosen = rng.sample(matches, min(rng.choice((1, 1, 2, 5)), len(matches)))
+    for match in sorted(chosen, key=re.Match.start, reverse=True):
+        value = float(match[0][:300]) * rng.choice((0.0, -1.0, 0.5, 2.0, 10.0 ** rng.randint(-9, 9)))
+        word = rng.choice((rng.choice(PLAIN_NUMBERS), f"{value:g}", str(rng.randint(-3, 300))))
+        whole = whole[: match.start()] + word + whole[match.end() :]
+    return whole
+
+
 def spoilt_bytes(rng: random.Random, whole: bytes) -> bytes:
     """Bytes changed, cut, doubled, and numbers in them made extreme."""
     data = bytearray(whole)
@@ -172,4 +186,6 @@ def spoilt(rng: random.Random, whole: bytes) -> bytes:
         return spoilt_bytes(rng, whole)
     if rng.random() < 0.15:
         return spoilt_bytes(rng, whole)
+    if rng.random() < 0.4:
+        return other_numbers(rng, lines).encode()
     return spoilt_lines(rng, lines).encode("utf-8", "surrogatepass")

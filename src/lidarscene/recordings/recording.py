@@ -57,8 +57,17 @@ class Recording:
         self.close_file()
 
     def _plausible(self, sweep: Sweep) -> Sweep:
-        """The sweep without returns that are farther than any lidar sees."""
+        """The sweep without returns that are farther than any lidar sees. Raises InputError for places of no number."""
         second = sweep.second
+        has_point = np.isfinite(sweep.range_m) | (False if second is None else np.isfinite(second.range_m))
+        places = {"directions of returns": sweep.direction[has_point]}
+        if sweep.origin_m is not None:
+            places["places that returns count from"] = sweep.origin_m[has_point]
+        if sweep.pose is not None:
+            places["the sensor's pose"] = np.column_stack([sweep.pose.rotation, sweep.pose.position_m])
+        for name, numbers in places.items():
+            if not np.isfinite(numbers).all():
+                raise InputError(f"{self.path}: {name} must be finite numbers, got others")
         ranges_m = [sweep.range_m] if second is None else [sweep.range_m, second.range_m]
         too_far = [np.abs(range_m) > FARTHEST_M for range_m in ranges_m]
         if not any(mask.any() for mask in too_far):

@@ -115,6 +115,18 @@ def test_xml_is_in_degrees_and_centimetres(tmp_path: Path) -> None:
     np.testing.assert_allclose(unit["height_mm"], [200.0, 0.0])
 
 
+def test_an_exit_next_to_an_axis_is_on_it(tmp_path: Path) -> None:
+    """Rationale: 26 mm turned by 0.2 degrees are 0.09 mm aside, which a sensor file takes for metres; 0.1 mm is nothing
+    against the 2 mm to which points are known.
+    """
+    path = tmp_path / "db.xml"
+    points = [POINT.format(0, 0.2, -10, 20, 2.6), POINT.format(1, 0.3, 5, 0, 2.6), POINT.format(2, 0, 0, 0, 0)]
+    path.write_text(XML.format(points="".join(points)))
+    assert read_velodyne(path).lists["forward_mm"] == (0.0, pytest.approx(-0.1361, abs=1e-4))
+    write_unit(read_unit(path), path, tmp_path / "unit.toml", like="vlp-16")
+    assert load_sensor(str(tmp_path / "unit.toml")).scanner.lasers == 2
+
+
 def test_what_is_no_calibration_is_told(tmp_path: Path, library: Callable[[str], Any]) -> None:
     library("yaml")
     for name, text, message in (
@@ -122,7 +134,7 @@ def test_what_is_no_calibration_is_told(tmp_path: Path, library: Callable[[str],
         ("a.yaml", "lasers: [{laser_id: 1, vert_correction: 0}]", "must have lasers 0, 1, 2, ..., got 1"),
         ("a.yaml", "lasers: [{laser_id: 0}]", "laser 0: must have vert_correction, got none"),
         ("a.xml", "<a><b></a>", "a.xml: cannot be read: "),
-        ("a.txt", "", r"must be json \(Ouster\), YAML or XML \(Velodyne\) or CSV \(Hesai\), got '.txt'"),
+        ("a.txt", "", r"must be json or OSF \(Ouster\), YAML or XML \(Velodyne\) or CSV \(Hesai\), got '.txt'"),
     ):
         path = tmp_path / name
         path.write_text(text)

@@ -20,6 +20,9 @@ from .unit_beams import Unit
 MODELS = {16: "vlp-16", 32: "hdl-32e", 64: "hdl-64e", 128: "vls-128"}
 """Number of lasers -> the catalogue's sensor."""
 
+LEAST_MM = 0.1
+"""Least distance of an exit from an axis of the head that is written."""
+
 Laser = tuple[int, float, float, float, float]
 """Number; vertical angle and rotation [rad]; offsets up and to the left [m]."""
 
@@ -47,9 +50,14 @@ def _scanner_lists(lasers: list[Laser]) -> dict[str, tuple[float, ...]]:
 
 
 def _exit_mm(laser: Laser) -> tuple[float, float, float]:
-    """Exit (x, y, z) of a laser in the head; the offsets are in axes turned by the laser's own rotation."""
+    """Exit (x, y, z) of a laser in the head; the offsets are in axes turned by the laser's own rotation.
+
+    Less than `LEAST_MM` is none: a sensor file takes such lengths for metres.
+    """
     _, _, rotation_rad, v_m, h_m = laser
-    return -1e3 * h_m * math.sin(rotation_rad), 1e3 * h_m * math.cos(rotation_rad), 1e3 * v_m
+    exit_mm = -1e3 * h_m * math.sin(rotation_rad), 1e3 * h_m * math.cos(rotation_rad), 1e3 * v_m
+    x, y, z = (0.0 if abs(length_mm) < LEAST_MM else length_mm for length_mm in exit_mm)
+    return x, y, z
 
 
 def _read_yaml(path: Path) -> Iterator[Laser]:
