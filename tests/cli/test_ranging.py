@@ -265,6 +265,18 @@ sys.exit(code)
     assert ran.stdout.endswith("\n[]\n")
 
 
+def test_sensitivities_as_json(run: Run) -> None:
+    """References: the summary's range, and the row of the laser's power as the text has it."""
+    entry = range_json(run, APD, "--sensitivities")[APD]
+    assert entry["range_m"] == pytest.approx(range_json(run, APD)[APD]["signal_range_m"], rel=1e-6)
+    text = range_text(run, APD, "--sensitivities")
+    rows = {row["parameter"]: row for row in entry["rows"]}
+    printed = next(line.split() for line in text.splitlines() if line.startswith("laser.peak_power_w"))
+    # Printed to four decimals.
+    assert rows["laser.peak_power_w"]["range_elasticity"] == pytest.approx(float(printed[3]), abs=1e-4)
+    assert rows["laser.peak_power_w"]["value"] == float(printed[1])
+
+
 def test_eye_safety_and_sensitivities(run: Run, tmp_path: Path) -> None:
     assert "scanned: not class 1; stationary: not class 1" in range_text(run, APD, "--eye-safety")
     out = range_text(run, SIPM, "--sensitivities", "--plot", "tornado.png")
@@ -357,7 +369,7 @@ def test_more_than_the_sun_is_noted(run: Run) -> None:
         ((APD, "--over", "distance", "--csv", "o.txt"), "--csv o.txt: the name must end in .csv"),
         ((APD, "--over", "distance", "--csv", "file/o.csv"), "'file' is a file, not a folder"),
         ((APD, "--over", "distance", "--sensitivities"), "--sensitivities does not go with --over"),
-        ((APD, "--eye-safety", "--sensitivities", "--json"), "--json does not go with --sensitivities"),
+        ((APD, "--eye-safety", "--sensitivities", "--json"), "--json: must go with one of --sensitivities"),
         ((APD, SIPM, "--sensitivities", "--plot", "o.png"), "--plot goes with --over"),
     ],
 )

@@ -6,6 +6,7 @@ The studies do the work; this module checks conditions under the names of their 
 from __future__ import annotations
 
 import argparse
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -112,6 +113,8 @@ def range_text(arguments: argparse.Namespace) -> str | Answer:
     if arguments.eye_safety:
         return _eye_safety(arguments, subject_list, conditions)
     if arguments.sensitivities:
+        if arguments.json:
+            return _sensitivities_json(arguments, subject_list, conditions)
         return "\n\n".join(_sensitivities(arguments, subject_list, conditions))
     if arguments.over is None:
         return _summary(arguments, subject_list, conditions)
@@ -127,8 +130,8 @@ def _require_sense(arguments: argparse.Namespace) -> None:
             idle = [name for name in idle if name != "plot"]
         if idle:
             raise InputError(f"{flag_of(idle[0])} goes with --over: say what is swept")
-        if arguments.sensitivities and arguments.json:
-            raise InputError("--json does not go with --sensitivities")
+        if len(reports) == 2 and arguments.json:
+            raise InputError("--json: must go with one of --sensitivities and --eye-safety, got both")
         return
     if reports:
         raise InputError(f"{flag_of(reports[0])} does not go with --over")
@@ -256,6 +259,23 @@ def _sensitivities(arguments: argparse.Namespace, subjects: list[Subject], condi
             worth.tornado(arguments.plot, sensor, target, distance_m=arguments.distance)
             texts[-1] += f"\nwrote {arguments.plot}"
     return texts
+
+
+def _sensitivities_json(arguments: argparse.Namespace, subjects: list[Subject], conditions: Conditions) -> str:
+    """JSON of the sensitivities of each sensor by its name, in SI units; writes the plot."""
+    from ..studies.ranging import sensitivities as worth
+    from ..studies.ranging.curves import with_haze
+
+    tables = {}
+    for subject in subjects:
+        sensor = subject.sensor()
+        target = with_haze(sensor, conditions.target(), conditions.visibility_m)
+        entry = asdict(worth.sensitivities(sensor, target, distance_m=arguments.distance))
+        tables[subject.name] = {key: value for key, value in entry.items() if key != "sensor"}
+        if arguments.plot is not None:
+            worth.tornado(arguments.plot, sensor, target, distance_m=arguments.distance)
+            tables[subject.name]["plot"] = str(arguments.plot)
+    return json_text(tables)
 
 
 def _eye_safety(arguments: argparse.Namespace, subjects: list[Subject], conditions: Conditions) -> Answer:
