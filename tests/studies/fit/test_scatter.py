@@ -44,6 +44,12 @@ def pulses_of_rings(*rings: tuple[Numbers, Numbers]) -> RecordedPulses:
 
 
 @pytest.fixture
+def without_correlation(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rings that begin anew with each patch have no differences over more columns."""
+    monkeypatch.setattr(scatter, "_correlation", lambda *_: (1.0, 0.0))
+
+
+@pytest.fixture
 def all_are_smooth(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(scatter, "SMOOTH_SHARE", 1.0)
 
@@ -91,6 +97,29 @@ def test_patches_of_two_blocks_of_edges_and_of_weak_light_do_not_count() -> None
     np.testing.assert_allclose(np.sort(squares), 1e-4 * np.array([1.0, 2.0, 4.0, 8.0]) ** 2, rtol=1e-6)
 
 
+@pytest.mark.parametrize("shared", [(), (0.59, 0.38, 0.26, 0.13, 0.07, 0.03)])
+def test_noise_that_columns_share_does_not_make_the_scatter_small(shared: tuple[float, ...]) -> None:
+    """The correlation of a static pair of a real OS0-128, at 1 to 6 columns; c = 200 mm, walls at 10 to 20 m.
+
+    Rationale: it read 26 % low. At the sixth column 0.03 is left, which makes the squares 4 % small. Of 20 drawn
+    recordings each, all are within 3.5 sigmas of the fit, and the factor is 1.73 +- 0.16; the seed is fixed.
+    """
+    rng = np.random.default_rng(4)
+    rows, columns = 32, 1000
+    correlation = np.r_[1.0, shared, np.zeros(columns - 1 - len(shared))]
+    places = np.arange(columns)
+    cholesky = np.linalg.cholesky(correlation[np.abs(places[:, None] - places)])
+    signal = np.where(places // 50 % 2, 300.0, 2000.0) * np.ones((rows, 1))
+    sigma_m = 0.2 / np.sqrt(signal)
+    range_m = 10.0 + np.arange(rows)[:, None] / 3.0 + sigma_m * (rng.standard_normal((rows, columns)) @ cholesky.T)
+    fit = fit_scatter(pulses_of_rings(*zip(range_m, signal, strict=True)))
+    assert fit is not None
+    c = fit.estimates[0]
+    assert c.sigma < 12.0
+    assert c.value == pytest.approx(200.0 * (0.98 if shared else 1.0), abs=4.0 * c.sigma)
+    assert (fit.correlation > 1.25) is bool(shared)
+
+
 def test_scatter_in_millimetres_and_ratios_over_the_law() -> None:
     """c = 200 mm and a floor of 5 mm; at 1600 photons 5 mm each way, 7.07 mm together."""
     scatter_fit = Scatter(
@@ -104,6 +133,7 @@ def test_scatter_in_millimetres_and_ratios_over_the_law() -> None:
     np.testing.assert_allclose(scatter_fit.octaves, [[1600.0, 1.2 * law_m, law_m, 0.1]])
 
 
+@pytest.mark.usefixtures("without_correlation")
 def test_held_out_patches_are_judged_by_the_law_of_the_others() -> None:
     """Every fourth block scatters twice as much, and is not fitted.
 
@@ -132,6 +162,7 @@ def test_held_out_patches_are_judged_by_the_law_of_the_others() -> None:
     )
 
 
+@pytest.mark.usefixtures("without_correlation")
 def test_uncertainties_are_those_of_a_law_whose_far_patches_are_left_out() -> None:
     """Along the law's own scale: information and variance of an exponential number, what is above six left out.
 

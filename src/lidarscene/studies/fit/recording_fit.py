@@ -144,6 +144,13 @@ def _report(fit: RecordingFit, pulses: RecordedPulses, recording: str, sensor: s
     if fit.threshold is not None:
         solutions["threshold"] = ("ln slope", "pedestal", "ln width"), fit.threshold.solved
     if fit.scatter is not None:
+        numbers["scatter_correlation"] = fit.scatter.correlation
+        if fit.scatter.correlation > 1.0:
+            share = fit.scatter.correlation**-0.5
+            notes = (
+                *notes,
+                f"columns share noise: every second pulse scatters by {share:.0%} of what pulses far apart do",
+            )
         solutions["scatter"] = ("c^2", "floor^2"), fit.scatter.solved
     products = fit.products
     return FitReport(
