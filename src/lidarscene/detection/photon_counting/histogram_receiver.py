@@ -21,7 +21,7 @@ from ...physics.electronics.pulse_sums import SIGMAS_PER_FWHM
 from ...physics.optics import radiometry, scintillation
 from ...physics.photon_counting import matched_filter, pile_up
 from ...sensor.detectors import WorkingPoint
-from ...sensor.detectors.spad_detector import Macropixel
+from ...sensor.detectors.spad_detector import PLACES, Macropixel
 from ...sensor.sensor_model import Sensor
 from .. import ambient, comparator
 from ..outcomes import Outcome, Status
@@ -59,6 +59,9 @@ class _Stop:
     true_range_m: Lanes
     status: Lanes
 
+
+_SURE = 7.0
+"""Deviations of the filter's value by which an echo exceeds its highest threshold: the rest of P_d is below 1e-9."""
 
 _NEVER = 1e-7
 """P_d below which the bins around a peak are not drawn: less than a point in forty frames of 262,144 pulses."""
@@ -280,10 +283,10 @@ class _Receiver(Shots):
         assert point.law is not None
         level, signal = self.sensor.threshold(point), self._signal(point, power_w)
         broad = level - self._gain_of_breadth(point, place, power_w)
-        lone = point.law.lone(broad, signal)
         if self.fluctuation is None:
-            probability = point.detection_probability(broad, signal, 0.0)
+            probability, lone = self._chances(point, broad, signal)
         else:
+            lone = point.law.lone(broad, signal)
             # The threshold is that of the light that comes, P_d is the mean over all light that may come.
             mean_w = power_w / self.fluctuation.relative_power
             signal = self._signal(point, mean_w)
@@ -294,6 +297,27 @@ class _Receiver(Shots):
 
             probability = scintillation.mean(probability_of, self.fluctuation.variance)
         return _Expected(snr=signal / point.noise.deviation, probability=probability, level=level, lone=lone)
+
+    def _chances(self, point: WorkingPoint, threshold: Lanes, signal: Lanes) -> tuple[Lanes, Lanes]:
+        """P_d of an echo, and how far its neighbours lack it, (n,) each."""
+        assert point.law is not None
+        law = point.law
+
+        def compute() -> tuple[Lanes, Lanes]:
+            return point.detection_probability(threshold, signal, 0.0), law.lone(threshold, signal)
+
+        if self._multi_peak:  # in a loop over the peaks
+            return compute()
+        # Most echoes are sure, or there is none: packets of such lanes skip half a dozen tails.
+        ops, noise, histogram = self.ops, point.noise, self.sensor.histogram
+        assert histogram is not None
+        highest = threshold
+        if histogram.threshold_spread is not None:
+            highest = threshold * xp(histogram.threshold_spread).exp(PLACES[-1][0] * histogram.threshold_spread)
+        deviation = ops.sqrt(noise.deviation * noise.deviation + noise.kappa_1 * signal)
+        sure = signal - highest > _SURE * deviation
+        certain = ops.where(sure, 1.0, 0.0)
+        return ops.where_any(~sure & (signal > 0.0), compute, (certain, 1.0 - certain))
 
     def _signal(self, point: WorkingPoint, power_w: Lanes) -> Lanes:
         """Photons of a peak of the light behind the filter, (n,)."""
