@@ -301,16 +301,16 @@ class _Receiver(Shots):
     def _chances(self, point: WorkingPoint, threshold: Lanes, signal: Lanes) -> tuple[Lanes, Lanes]:
         """P_d of an echo, and how far its neighbours lack it, (n,) each."""
         assert point.law is not None
-        law = point.law
+        ops, law, noise, histogram = self.ops, point.law, point.noise, self.sensor.histogram
+        assert histogram is not None
 
-        def compute() -> tuple[Lanes, Lanes]:
-            return point.detection_probability(threshold, signal, 0.0), law.lone(threshold, signal)
+        def compute() -> tuple[Array, Array]:
+            zero = ops.full(signal, 0.0)
+            return zero + point.detection_probability(threshold, signal, 0.0), zero + law.lone(threshold, signal)
 
         if self._multi_peak:  # in a loop over the peaks
             return compute()
         # Most echoes are sure, or there is none: packets of such lanes skip half a dozen tails.
-        ops, noise, histogram = self.ops, point.noise, self.sensor.histogram
-        assert histogram is not None
         highest = threshold
         if histogram.threshold_spread is not None:
             highest = threshold * xp(histogram.threshold_spread).exp(PLACES[-1][0] * histogram.threshold_spread)
