@@ -5,6 +5,7 @@ import math
 import re
 import signal
 import tomllib
+import warnings
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -18,6 +19,7 @@ from lidarscene import __version__, catalog
 from lidarscene.cli import terminal
 from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.detection.outcomes import Status
+from lidarscene.errors import OptionWarning
 
 ROOT = Path(__file__).parents[2]
 RIGS = [ROOT / "scenes" / "rig.toml"]
@@ -409,3 +411,12 @@ def test_the_first_cloud_takes_no_more_than_it_needs(tmp_path: Path, run_python)
     assert rewritten == 0
     assert 5 <= kernels <= 24
     assert [name for name in NOT_FOR_A_CLOUD if name in modules] == []
+
+
+def test_warnings_of_libraries_do_not_reach_a_user(capsys: pytest.CaptureFixture[str]) -> None:
+    """Rationale: NumPy tells of numbers of a damaged file that overflow, which says nothing to whoever reads it."""
+    with terminal.notes():
+        warnings.simplefilter("always")
+        warnings.warn("overflow encountered in cast", RuntimeWarning, stacklevel=1)
+        warnings.warn(OptionWarning("{seed} has no effect"), stacklevel=1)
+    assert capsys.readouterr().err == "lidarscene: note: --seed has no effect\n"

@@ -53,6 +53,7 @@ def test_position_is_single_or_double() -> None:
         ({"snr": np.zeros(6)}, r"PointCloud\.snr: array must have shape \(7,\), got \(6,\)"),
         ({"xyz_m": np.zeros((7, 2))}, r"PointCloud\.xyz_m: array must have shape \(7, 3\), got \(7, 2\)"),
         ({"snr": np.array([1, 2, np.nan, 4, 5, 6, np.inf])}, r"PointCloud\.snr: NaN at 1 places"),
+        ({"xyz_m": np.array([[np.inf, 1.0, 2.0]] * 7)}, r"PointCloud\.xyz_m: infinite at 7 places"),
         ({"status": np.full(7, 256)}, r"PointCloud\.status: values do not fit uint8"),
         ({"status": np.full(7, -1)}, r"PointCloud\.status: values do not fit uint8"),
         ({"body": None, "material": None}, "truth fields come all together; missing: body, material"),

@@ -150,7 +150,10 @@ def _bar(counted: str, total: int) -> Iterator[Callable[[int], None]]:
 
 @contextmanager
 def notes() -> Iterator[None]:
-    """Print each `OptionWarning` as a one-line note, as soon as it is issued."""
+    """Print each `OptionWarning` as a one-line note, as soon as it is issued.
+
+    Warnings of libraries are for programmers, who ask for them with Python's -W.
+    """
     with warnings.catch_warnings():
         warnings.simplefilter("always", OptionWarning)
         show_other = warnings.showwarning
@@ -158,7 +161,7 @@ def notes() -> Iterator[None]:
         def show(message: Any, *about: Any, **more: Any) -> None:
             if isinstance(message, OptionWarning):
                 sys.stderr.write(f"lidarscene: note: {printable(message.message_with(flag_of))}\n")
-            else:
+            elif sys.warnoptions:
                 show_other(message, *about, **more)
 
         warnings.showwarning = show

@@ -200,7 +200,7 @@ class Cloud(CloudColumns):
         for attribute in attributes(truth=not absent_truth, vectors=not absent_vectors):
             array = freeze_column(attribute, getattr(self, attribute), points)
             if not checked:
-                _check_nan(attribute, array)
+                _check_numbers(attribute, array)
             object.__setattr__(self, attribute, array)
         for attribute in NAMES.values():
             object.__setattr__(self, attribute, tuple(getattr(self, attribute)))
@@ -373,9 +373,11 @@ class Cloud(CloudColumns):
         return {name: getattr(self, name) for name in names}
 
 
-def _check_nan(attribute: str, array: Numbers) -> None:
-    """Raise ValueError for a NaN."""
+def _check_numbers(attribute: str, array: Numbers) -> None:
+    """Raise ValueError for a NaN, and for a position at infinity."""
     distinct = array[:1] if is_constant(array) else array
+    if attribute == "xyz_m" and distinct.size and np.isinf([distinct.min(), distinct.max()]).any():
+        raise ValueError(f"PointCloud.{attribute}: infinite at {int(np.isinf(array).sum())} places")
     if distinct.dtype.kind == "f" and distinct.size and np.isnan(distinct.min()):
         raise ValueError(f"PointCloud.{attribute}: NaN at {int(np.isnan(array).sum())} places")
 
