@@ -79,6 +79,15 @@ def test_version(run: Run) -> None:
     assert run("--version").out == run("version").out == f"lidarscene {__version__}\n"
 
 
+def test_a_quiet_command_prints_no_summary(run: Run, tmp_path: Path) -> None:
+    """Errors and notes remain: they say that something is wrong."""
+    (tmp_path / "wall.toml").write_text(WALL)
+    ran = run("render", "wall.toml", "-o", "a.ply", *COARSE, "-q")
+    assert (ran.code, ran.out, (tmp_path / "a.ply").is_file()) == (0, "", True)
+    assert json.loads(run("render", "wall.toml", "-o", "a.ply", *COARSE, "-q", "--json").out)["points"] > 0
+    assert "no scene 'kar'" in run("render", "kar", "-o", "a.ply", "-q").err
+
+
 def test_catalog(run: Run) -> None:
     whole_catalog = run("catalog")
     assert (whole_catalog.code, whole_catalog.err) == (0, "")

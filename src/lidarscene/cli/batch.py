@@ -18,7 +18,7 @@ from ..errors import InputError
 from ..files.json_text import json_text
 from ..rendering.option_fields import Whole
 from .options import CommandOptions, add_options
-from .terminal import Answer, Lines
+from .terminal import Answer, Lines, is_quiet
 from .words import whole_number
 
 if TYPE_CHECKING:
@@ -64,7 +64,7 @@ def add_batch(commands: Any) -> None:
         type=whole_number(Whole(1, 1024)),
         help="processes of this machine (default: one for each core)",
     )
-    add_options(batch, CommandOptions, "json")
+    add_options(batch, CommandOptions, "json", "quiet")
     batch.set_defaults(run=batch_answer)
 
 
@@ -114,7 +114,7 @@ class _Display:
 
         self._console = Console(stderr=True, soft_wrap=True, highlight=False, markup=False)
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
-        hidden = not sys.stderr.isatty()
+        hidden = is_quiet() or not sys.stderr.isatty()
         self._bar = Progress(*columns, console=self._console, transient=True, disable=hidden, refresh_per_second=2)
         self._lines = Lines("frames to render")
         self._task = self._bar.add_task("frames", total=frames)
@@ -132,7 +132,7 @@ class _Display:
         from ..batch.cluster import dashboard
 
         with connection as client:
-            if link := dashboard(client):
+            if (link := dashboard(client)) and not is_quiet():
                 self._console.print(f"dashboard     {link}")
             if not client.nthreads():
                 self._console.print("the scheduler has no workers yet; waiting for them")

@@ -61,7 +61,7 @@ def add_compare(commands: Any) -> None:
     )
     add_options(command, StudyOptions, "overrides")
     add_options(command, FrameOptions, "pose", "seed", "chunk")
-    add_options(command, StudyOptions, "json")
+    add_options(command, StudyOptions, "json", "quiet")
     add(
         "--real",
         metavar="REC",

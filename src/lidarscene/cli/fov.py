@@ -46,7 +46,7 @@ def add_fov(commands: Any) -> None:
     add_options(command, FrameOptions, pose="of a rig, where its vehicle stands (default: the origin); with --scene")
     add_options(command, Conditions, "reflectivity", "illuminance")
     add_options(command, StudyOptions, overrides="LABEL:KEY=VALUE for one of a rig")
-    add_options(command, StudyOptions, "json")
+    add_options(command, StudyOptions, "json", "quiet")
     command.set_defaults(run=fov_text)
 
 

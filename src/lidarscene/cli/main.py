@@ -26,7 +26,7 @@ from .recordings.sensor import add_sensor
 from .recordings.twin import add_twin
 from .render import add_render
 from .stream import add_stream
-from .terminal import Answer, end_cleanly, ended_by, error_text, mute_errors, notes, print_error, print_text
+from .terminal import Answer, end_cleanly, ended_by, error_text, mute_errors, notes, print_error, print_text, quietly
 from .view import add_view
 from .words import with_joined_pose
 
@@ -40,11 +40,12 @@ def main(argv: Sequence[str] | None = None) -> int:
         atexit.register(gc.freeze)
     try:
         arguments = _parser().parse_args(with_joined_pose(sys.argv[1:] if argv is None else argv))
-        with notes():
+        quiet = bool(getattr(arguments, "quiet", False))
+        with notes(), quietly(quiet):
             answer = arguments.run(arguments)
         # Most commands return a text; those that may fail in part also return a code.
         text, code = (answer, 0) if isinstance(answer, str) else answer
-        if text:
+        if text and (not quiet or arguments.json):
             print_text(text)
         return int(code)
     except Exception as error:

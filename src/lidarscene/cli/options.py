@@ -59,6 +59,9 @@ class CommandOptions:
     )
     sensor_index: int = option(0, Whole(0, 255), help="which sensor of an OSF that has several, from 0", metavar="K")
     json: bool = option(False, help="print JSON instead of text")
+    quiet: bool = option(
+        False, help="print no progress and no summary; errors, notes and JSON remain", flags=("-q", "--quiet")
+    )
 
 
 @dataclass(init=False, repr=False, eq=False, kw_only=True)

@@ -44,7 +44,7 @@ def add_commands(commands: Any) -> None:
         description="Compute Fig. 4(e), 5 and 6 of the paper as pictures and CSV, and a page that checks each "
         "claim of its text.",
     )
-    add_options(paper, StudyOptions, "output", "json")
+    add_options(paper, StudyOptions, "output", "json", "quiet")
     paper.set_defaults(run=paper_text)
 
 

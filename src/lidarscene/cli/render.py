@@ -76,7 +76,7 @@ def add_render(commands: Any) -> None:
     add_options(group, Outputs, "imu", "poses", "range_image", "ambient", "waveforms", "pulses")
     add_options(group, FrameOptions, coordinates="--frame is the older name")
     add_options(group, Outputs, "merge", "deskew", "colours", "truth", "ascii", "missed", "picture")
-    add_options(group, CommandOptions, "json")
+    add_options(group, CommandOptions, "json", "quiet")
     group.add_argument(
         "--profile",
         action="store_true",

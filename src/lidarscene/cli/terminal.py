@@ -89,6 +89,24 @@ def ended_by() -> int | None:
     return _ENDED_BY[0] if _ENDED_BY else None
 
 
+_QUIET: list[bool] = []
+
+
+@contextmanager
+def quietly(quiet: bool) -> Iterator[None]:
+    """Hide all progress inside the block, if ``quiet``."""
+    _QUIET.append(quiet)
+    try:
+        yield
+    finally:
+        _QUIET.pop()
+
+
+def is_quiet() -> bool:
+    """Whether the command that runs is to show no progress."""
+    return any(_QUIET)
+
+
 class Lines:
     """Progress of a run as plain lines in a log: the first after ten seconds, then fewer and fewer."""
 
@@ -102,7 +120,7 @@ class Lines:
         from ..outputs.size import duration_text
 
         seconds = self._clock() - self._since
-        if seconds < self._next_s or not 0 < finished < total:
+        if is_quiet() or seconds < self._next_s or not 0 < finished < total:
             return
         self._next_s = seconds + min(seconds, LONGEST_PAUSE_S)
         remaining = duration_text(seconds * (total - finished) / finished)
@@ -120,7 +138,7 @@ def progress(counted: str, *, after_s: float = 0.0, logged: bool = False) -> Ite
     after_s  time before the bar appears: a shorter run has none
     logged   whether `Lines` are printed where the error stream is no terminal
     """
-    if not sys.stderr.isatty():
+    if is_quiet() or not sys.stderr.isatty():
         yield Lines(counted) if logged else lambda finished, total: None
         return
     since = time.monotonic()
