@@ -106,14 +106,15 @@ def histogram(times, *, bins, bin_ns):
     return np.histogram(times[np.isfinite(times)], bins=bins, range=(0.0, bins * bin_ns))[0]
 
 
-def renewal_counts(rng, shape, *, rate_per_ns, dead, bins, bin_ns, echo=(0.0, 0.0, 1.0)):
+def renewal_counts(rng, shape, *, rate_per_ns, dead, bins, bin_ns, echo=(0.0, 0.0, 1.0), afterpulse=(0.0, 1.0)):
     """(points, bins) counts of the firings of (points, trials) SPADs, each followed from one firing to the next.
 
     Stationary from the start: a SPAD is blind with the probability lambda tau / (1 + lambda tau), and then for a rest
     that is even over the dead time. The next photon after a moment is where the integral of the light has grown by an
     exponential number.
 
-    echo  detections of a SPAD that is free throughout, place, sigma
+    echo        detections of a SPAD that is free throughout, place, sigma
+    afterpulse  probability after each firing, mean delay; up to four are to come at a time, none when it starts
     """
     mean, place, sigma = echo
     grid = np.linspace(0.0, bins * bin_ns, 40 * bins + 1)
@@ -122,13 +123,22 @@ def renewal_counts(rng, shape, *, rate_per_ns, dead, bins, bin_ns, echo=(0.0, 0.
     free_from = np.where(blind, rng.uniform(0.0, dead, shape), 0.0)
     point = np.broadcast_to(np.arange(shape[0])[:, None], shape).ravel()
     counts, free_from = np.zeros(shape[0] * bins), free_from.ravel()
+    due = np.full((len(point), 4), np.inf)
     while len(point):
         fires = np.interp(free_from, grid, light) + rng.exponential(size=len(point))
-        within = fires < light[-1]
-        point, times = point[within], np.interp(fires[within], light, grid)
+        times = np.where(fires < light[-1], np.interp(fires, light, grid), np.inf)
+        if afterpulse[0]:
+            # What comes while the SPAD is blind is lost.
+            due[due < free_from[:, None]] = np.inf
+            times = np.minimum(times, due.min(axis=1))
+        within = times < grid[-1]
+        point, times, due = point[within], times[within], due[within]
         index = np.minimum((times / bin_ns).astype(np.int64), bins - 1)
         counts += np.bincount(point * bins + index, minlength=len(counts))
         free_from = times + dead
+        if afterpulse[0]:
+            delay = np.where(rng.random(len(times)) < afterpulse[0], rng.exponential(afterpulse[1], len(times)), np.inf)
+            due[np.arange(len(times)), due.argmax(axis=1)] = times + delay
         inside = free_from < grid[-1]
-        point, free_from = point[inside], free_from[inside]
+        point, free_from, due = point[inside], free_from[inside], due[inside]
     return counts.reshape(shape[0], bins)

@@ -65,6 +65,8 @@ class _Blind:
     recent     how much of that shadow is left at the first bin: the sun's SPADs come back in it
     revived    share of the SPADs by which more are free than in even light: those of echoes that are back together
     older      shadow of these echoes a dead time before the first bin
+    again      share of the free SPADs that nearer echoes have fired and that is still blind: afterpulses are to come
+    due        afterpulses in the first bin for each SPAD that is free in even light, of echoes whose SPADs are back
     """
 
     by_sun: Lanes
@@ -74,6 +76,8 @@ class _Blind:
     recent: Lanes
     revived: Lanes = 0.0
     older: Lanes = 0.0
+    again: Lanes = 0.0
+    due: Lanes = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -161,7 +165,7 @@ class Bins:
         if fires_once:
             armed = pixel.armed_s + time_s - echo_s
             free = dead_time.free_share_of_first(rate_hz=pixel.rate_hz, time_s=armed)
-        if len(wave.centres) == 1 and wave.volume is None:
+        if len(wave.centres) == 1 and wave.volume is None and pixel.spad.afterpulse is None:
             # The pulse's only echo is the one in these bins.
             return _Blind(by_sun=1.0 - free, by_echoes=0.0, freed=0.0, missed=0.0, recent=1.0)
         sigma = pixel.sigma_s
@@ -198,6 +202,7 @@ class Bins:
             left = dead_time.firing_share(detections=older) * ops.exp(-since)
             revived = free * left * (1.0 - ops.exp(-pixel.sun * dead) - since)
             shadow = left
+        again, due = (0.0, 0.0) if pixel.spad.afterpulse is None else self._due_shares(start, dead)
         return _Blind(
             by_sun=1.0 - free,
             by_echoes=free * fired,
@@ -206,7 +211,53 @@ class Bins:
             recent=1.0 if fires_once else ops.exp(mean * pixel.sun),
             revived=revived,
             older=shadow,
+            again=again,
+            due=due,
         )
+
+    def _due_shares(self, start: Lanes, dead: Lanes) -> tuple[Lanes, Lanes]:
+        """`_Blind.again` and `_Blind.due`.
+
+        dead  dead time in sigmas
+        """
+        ops = self.ops
+        energy = self.pixel.per_watt * self.pixel.sigma_s * math.sqrt(2.0 * math.pi)
+        # A dead time, the one before, and all that is older: a SPAD fires once in each, and an echo is in one of them.
+        lights, places = [0.0 * start for _ in range(3)], [0.0 * start for _ in range(3)]
+        for centre, height in zip(self.wave.centres, self.wave.heights, strict=True):
+            since = start - centre
+            light = self._share_before(since) * height * energy
+            inside = (since < dead, (since >= dead) & (since < 2.0 * dead), since >= 2.0 * dead)
+            for i, within in enumerate(inside):
+                lights[i] = lights[i] + ops.where(within, light, 0.0)
+                places[i] = places[i] + ops.where(within, light * (since - dead), 0.0)
+        due: Lanes = 0.0
+        for light, place in zip(lights[1:], places[1:], strict=True):
+            since_s = place / ops.maximum(light, 1e-20) * self.pixel.sigma_s
+            due = due + dead_time.firing_share(detections=light) * self._afterpulses(since_s)
+        return dead_time.firing_share(detections=lights[0]), due
+
+    def _afterpulses(self, since_s: Lanes) -> Lanes:
+        """Afterpulses in a bin for each SPAD that came free so long before (T109)."""
+        pixel, ops = self.pixel, self.ops
+        spad = pixel.spad
+        assert spad.afterpulse is not None
+        assert spad.afterpulse_s is not None
+        # The sun may have fired it by then; two dead times on it has its share of free SPADs again.
+        free = ops.maximum(ops.exp(-pixel.rate_hz * since_s), pixel.free)
+        rate = spad.afterpulse / spad.afterpulse_s * ops.exp(-(since_s + spad.dead_time_s) / spad.afterpulse_s)
+        return rate * free * pixel.histogram.bin_s
+
+    def _due(self, state: _DrawState, blind: _Blind) -> Lanes:
+        """Afterpulses of earlier echoes in the next bin, for each free SPAD (T109)."""
+        pixel, ops, bin_s = self.pixel, self.ops, self.pixel.histogram.bin_s
+        assert pixel.spad.afterpulse_s is not None
+        due = blind.due * ops.exp(-state.number * (bin_s / pixel.spad.afterpulse_s))
+        back = 1.0 - 0.5 * (self._still_blind(state.number, blind) + self._still_blind(state.number + 1.0, blind))
+        since = ops.maximum(state.number + 0.5 - blind.freed, 0.0) * bin_s
+        due = due + blind.again * back * self._afterpulses(since)
+        # Where echoes have come back together more SPADs are free than in even light, but none more has afterpulses.
+        return due * pixel.free / ops.maximum(state.free, pixel.free)
 
     def _share_before(self, ahead: Lanes) -> Lanes:
         """Share of a Gaussian that lies before a place so many sigmas behind its centre, to 1 %."""
@@ -245,7 +296,10 @@ class Bins:
             for word in words:
                 place = start + state.number * (bin_s / pixel.sigma_s)
                 light = comb.power_w(place, state.parts) * (pixel.per_watt * bin_s)
-                state = self._draw_bin(state, blind, light + pixel.rate_hz * bin_s, random.open_uniform(word))
+                detections = light + pixel.rate_hz * bin_s
+                if pixel.spad.afterpulse is not None:
+                    detections = detections + self._due(state, blind)
+                state = self._draw_bin(state, blind, detections, random.open_uniform(word))
                 state = replace(state, parts=comb.advance(state.parts))
             return state
 
@@ -321,17 +375,17 @@ class Bins:
         of_sun = blind.by_sun * ops.minimum(ops.maximum(1.0 - number * step, 0.0), step)
         if isinstance(blind.by_echoes, float):
             return of_sun
-        slope = pixel.histogram.bin_s / (_RELEASE * pixel.sigma_s)
-
-        def still_blind(edge: Lanes) -> Lanes:
-            return ops.minimum(ops.maximum((blind.freed - edge) * slope + 0.5, 0.0), 1.0)
-
         # A dead time behind the echoes the sun's are those that it fired in their shadow.
-        before, after = still_blind(number), still_blind(number + 1.0)
+        before, after = self._still_blind(number, blind), self._still_blind(number + 1.0, blind)
         since = ops.maximum(number + 0.5 - blind.freed, 0.0) * (pixel.rate_hz * pixel.histogram.bin_s)
         shadow = blind.missed * (1.0 - 0.5 * (before + after)) * ops.exp(-since)
         shadow = shadow + blind.older * ops.exp(-(number + 0.5) * (pixel.rate_hz * pixel.histogram.bin_s))
         return of_sun * (1.0 - shadow) + blind.by_echoes * (before - after)
+
+    def _still_blind(self, edge: Lanes, blind: _Blind) -> Lanes:
+        """Share of the SPADs fired by echoes that is blind at the edge of a bin; they come back over some widths."""
+        ops, slope = self.ops, self.pixel.histogram.bin_s / (_RELEASE * self.pixel.sigma_s)
+        return ops.minimum(ops.maximum((blind.freed - edge) * slope + 0.5, 0.0), 1.0)
 
     def _revived(self, firings: Array, number: Lanes, silent: Lanes) -> Lanes:
         """Firings of the drawn bins that come free in a bin, a dead time later, (n,).

@@ -58,7 +58,7 @@ def histograms(train: EchoTrain, sensor: Sensor, *, seed: int, pulse: Numbers) -
     spread, narrow = broaden(light, sensor, width_s)
     power = sample_power_w(spread, narrow, times)
     fires_once = spad.stamps == "first"
-    background = np.asarray(pixel.rate_hz) + np.zeros((len(pulse), 1))
+    background = np.asarray(pixel.primary_hz) + np.zeros((len(pulse), 1))
     rate = power * pixel.per_watt + background
     armed = times >= float(sensor.tdc.blanking_s)
     # A step of the background alone comes first: it is what the SPADs are in balance with when the pulse leaves.
@@ -69,6 +69,8 @@ def histograms(train: EchoTrain, sensor: Sensor, *, seed: int, pulse: Numbers) -
         bin_s=fine_s,
         dead_time_s=np.inf if fires_once else float(spad.dead_time_s),
         steady=not fires_once,
+        afterpulse=0.0 if spad.afterpulse is None else float(spad.afterpulse),
+        afterpulse_s=1.0 if spad.afterpulse_s is None else float(spad.afterpulse_s),
     )[:, 1:]
     share = fired.reshape(len(pulse), count, _FINE).sum(axis=2)
     if spad.coincidence > 1:

@@ -38,6 +38,21 @@ def free_share_of_first(*, rate_hz: Lanes, time_s: Lanes) -> Lanes:
     return ops.exp(-rate_hz * ops.maximum(time_s, 0.0))
 
 
+def afterpulse_factor(*, rate_hz: Lanes, dead_time_s: Lanes, afterpulse: Lanes, afterpulse_s: Lanes) -> Lanes:
+    """Growth of the rate of a free SPAD by afterpulses under even light, 1 / (1 - p G), to first order in p (T109).
+
+    G is the share of afterpulses that find their SPAD free: they outlast the dead time, and no other photon has fired
+    it by then.
+
+    rate_hz       lambda, of light and dark counts alone
+    afterpulse    p, afterpulses of each firing
+    afterpulse_s  their mean delay
+    """
+    ops = xp(rate_hz, afterpulse_s)
+    lasting = ops.exp(-dead_time_s / afterpulse_s)
+    return 1.0 / (1.0 - afterpulse * lasting / (1.0 + rate_hz * afterpulse_s * (1.0 - lasting)))
+
+
 def firing_share(*, detections: Lanes) -> Lanes:
     """Share of the free SPADs that fire, 1 - exp(-Lambda), for this mean number of detections (T92)."""
     return -expm1(-detections)
@@ -102,15 +117,26 @@ def firing_parts(*, detections: Lanes, branch: bool = False) -> tuple[Lanes, Lan
     return detections - detections * late, late
 
 
-def firing_shares(rate_hz: Numbers, *, bin_s: float, dead_time_s: float, steady: bool = True) -> Numbers:
+def firing_shares(
+    rate_hz: Numbers,
+    *,
+    bin_s: float,
+    dead_time_s: float,
+    steady: bool = True,
+    afterpulse: float = 0.0,
+    afterpulse_s: float = 1.0,
+) -> Numbers:
     """(..., n) probability that a SPAD fires in each bin of a shot, for a light that is even within a bin; NumPy.
 
     The share of free SPADs is one minus the share that fired in the dead time before: a renewal process,
     a_(i+1) = a_i - f_i + f_(i - tau / bin_s), with the firings f_i of `firing_parts` spread over their bin (T100).
+    So do the afterpulses that free SPADs still have before them, to first order in their number (T109).
 
-    rate_hz      (..., n) lambda in each bin
-    dead_time_s  inf: a SPAD fires once in a shot
-    steady       whether SPADs are in balance with the light of the first bin when the shot begins; else all are free
+    rate_hz       (..., n) lambda in each bin, of light and dark counts alone
+    dead_time_s   inf: a SPAD fires once in a shot
+    steady        whether SPADs are in balance with the light of the first bin when the shot begins; else all are free
+    afterpulse    p, afterpulses of each firing; of a SPAD that fires once in a shot there are none
+    afterpulse_s  their mean delay
     """
     detections = np.asarray(rate_hz, dtype=np.float64) * bin_s
     count = detections.shape[-1]
@@ -122,12 +148,35 @@ def firing_shares(rate_hz: Numbers, *, bin_s: float, dead_time_s: float, steady:
     of_free, of_released = (np.asarray(part) for part in firing_parts(detections=detections))
     free = np.ones(detections.shape[:-1])
     fired = np.zeros((*detections.shape[:-1], blind_bins + 1 + count))
+    # Rate of afterpulses that free SPADs are to have, and that of those that fire in a step when they do.
+    afterpulses = bool(afterpulse) and not fires_once
+    due, caught = np.zeros_like(free), np.zeros_like(fired if afterpulses else free)
+    lasting = math.exp(-dead_time_s / afterpulse_s)
     if steady:
-        free = free / (1.0 + detections[..., 0] * (dead_time_s / bin_s))
-        fired[..., : blind_bins + 1] = (free * detections[..., 0])[..., None]
+        rate = detections[..., 0]
+        if afterpulses:
+            rate = rate * afterpulse_factor(
+                rate_hz=rate / bin_s, dead_time_s=dead_time_s, afterpulse=afterpulse, afterpulse_s=afterpulse_s
+            )
+        free = free / (1.0 + rate * (dead_time_s / bin_s))
+        fired[..., : blind_bins + 1] = (free * rate)[..., None]
+        if afterpulses:
+            due = free * (rate - detections[..., 0])
+            renewed = fired[..., 0] * (afterpulse * bin_s / afterpulse_s)
+            caught[..., : blind_bins + 1] = (due * detections[..., 0] + renewed)[..., None]
     for i in range(count):
         released = 0.0 if fires_once else late_share * fired[..., i] + (1.0 - late_share) * fired[..., i + 1]
         firings = free * of_free[..., i] + released * of_released[..., i]
+        if afterpulses:
+            returned = lasting * (late_share * caught[..., i] + (1.0 - late_share) * caught[..., i + 1])
+            # In a step they fire, their SPADs are fired by light, or they go on.
+            gone = detections[..., i] + bin_s / afterpulse_s
+            at_once, late = (np.asarray(part) for part in firing_parts(detections=gone))
+            over_step = (due * at_once + returned * late) / gone
+            firings = firings + over_step
+            lost = over_step * detections[..., i]
+            caught[..., blind_bins + 1 + i] = lost + firings * afterpulse * bin_s / afterpulse_s
+            due = due + returned - over_step * gone
         fired[..., blind_bins + 1 + i] = firings
         free = free + released - firings
     return fired[..., blind_bins + 1 :]

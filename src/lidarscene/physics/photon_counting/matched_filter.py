@@ -319,6 +319,17 @@ def excluded(*, rate_hz: Lanes, free: Lanes, dead_time_s: Lanes, reach_s: Lanes)
     return bright * (revived - math.sqrt(0.5 * math.pi) * free)
 
 
+def repeated(*, rate_hz: Lanes, dead_time_s: Lanes, reach_s: Lanes, afterpulse: Lanes, afterpulse_s: Lanes) -> Lanes:
+    """Integral of a firing's afterpulses over the Gaussian of `excluded`, to first order in their number (T109)."""
+    ops = xp(rate_hz, dead_time_s, reach_s)
+    within = ops.minimum(dead_time_s / reach_s, _NEVER_AGAIN)
+    fading = reach_s / afterpulse_s
+    tail = ops.exp(-0.5 * within * within - dead_time_s / afterpulse_s) * scaled_normal_tail(
+        rate_hz * reach_s + within + fading
+    )
+    return afterpulse * fading * tail * math.sqrt(2.0 * math.pi)
+
+
 def slope_excluded(*, rate_hz: Lanes, dead_time_s: Lanes, sigma_s: Lanes) -> Lanes:
     """Factor of the variance of the filter's slope by even background, over that of Poisson counts (T104).
 

@@ -15,6 +15,8 @@ import math
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal
 
+from pydantic import model_validator
+
 from ...files.table_model import Table
 from ...maths.arrays import Lanes, xp
 from ...maths.units import FileKey, Quantity, Slider
@@ -39,6 +41,7 @@ class Spad(Detector):
 
     stamps       "all": a SPAD fires again after its dead time; "first": once in a shot
     coincidence  1: each SPAD has its own time stamps; else the pixel has one for a bin in which that many SPADs fire
+    afterpulse   afterpulses of each firing, whether their SPAD is free by then or not; None: no such thing
     """
 
     label: ClassVar[str] = "SPAD histogram"
@@ -62,6 +65,18 @@ class Spad(Detector):
     coincidence: Annotated[
         int, Quantity(ge=1, le=16, about="SPADs that must fire in one bin to count; 1: each one counts")
     ] = 1
+    afterpulse: Annotated[
+        Lanes | None,
+        Quantity(
+            ge=0,
+            le=0.5,
+            about="with `afterpulse_ns`: share of firings after which the same SPAD fires again if it is free; none if "
+            "left out",
+        ),
+    ] = None
+    afterpulse_s: Annotated[
+        Lanes | None, Quantity("ns", ge=0.01, le=1e5, about="with `afterpulse`: their mean delay, exponential")
+    ] = None
 
     @property
     def saturates(self) -> bool:
@@ -103,6 +118,14 @@ class SpadFile(Table[Spad]):
     """[detector] type = "spad"."""
 
     type: Literal["spad"]
+
+    @model_validator(mode="after")
+    def _afterpulses_of_spads_that_fire_again(self) -> SpadFile:
+        if (self.afterpulse is None) != (self.afterpulse_ns is None):
+            raise ValueError("afterpulse, afterpulse_ns: must be given together, got one of them")
+        if self.afterpulse is not None and self.stamps == "first":
+            raise ValueError('afterpulse: must be left out with stamps = "first", whose SPADs fire once in a shot')
+        return self
 
 
 SUPPORTED_SHARE = 0.4
@@ -150,7 +173,8 @@ class Macropixel:
     fwhm_s       FWHM of the laser's pulse
     sigma_s      width of an echo in the histogram: of the pulse, the jitter and a bin
     per_watt     detections of one free SPAD in a second, for each watt on the pixel
-    rate_hz      lambda of the background and the dark counts
+    rate_hz      lambda of the background and the dark counts, and of their afterpulses
+    primary_hz   the same without afterpulses
     free         share of the SPADs that are free, before the echo
     trials       N, or the shots alone if SPADs count only together
     armed_s      time from when the SPADs were armed to the echo
@@ -162,6 +186,7 @@ class Macropixel:
     sigma_s: Lanes
     per_watt: Lanes
     rate_hz: Lanes
+    primary_hz: Lanes
     free: Lanes
     trials: Lanes
     armed_s: Lanes
@@ -186,6 +211,14 @@ class Macropixel:
         variance = sigma * sigma + jitter * jitter + bin_s * bin_s / 12.0
         per_watt = spad.pde / (photon_energy_j * spad.spads)
         rate = xp(background_power_w).maximum(background_power_w * per_watt + spad.dark_count_rate_hz, _LEAST_RATE_HZ)
+        primary = rate
+        if spad.afterpulse is not None and spad.afterpulse_s is not None:
+            rate = primary * dead_time.afterpulse_factor(
+                rate_hz=primary,
+                dead_time_s=spad.dead_time_s,
+                afterpulse=spad.afterpulse,
+                afterpulse_s=spad.afterpulse_s,
+            )
         if spad.stamps == "first":
             free = dead_time.free_share_of_first(rate_hz=rate, time_s=armed_s)
         else:
@@ -197,6 +230,7 @@ class Macropixel:
             sigma_s=xp(variance).sqrt(variance),
             per_watt=per_watt,
             rate_hz=rate,
+            primary_hz=primary,
             free=free,
             armed_s=armed_s,
             trials=histogram.shots * (spad.spads if spad.coincidence == 1 else 1.0),
@@ -232,11 +266,18 @@ class Macropixel:
 
     def excluded(self, reach: float) -> Lanes:
         """Renewal density of a SPAD less its mean rate over a Gaussian of so many widths of an echo (T104)."""
-        return matched_filter.excluded(
+        reach_s = reach * self.sigma_s
+        excluded = matched_filter.excluded(
+            rate_hz=self.rate_hz, free=self.free, dead_time_s=self.blind_sigmas * self.sigma_s, reach_s=reach_s
+        )
+        if self.spad.afterpulse is None or self.spad.afterpulse_s is None:
+            return excluded
+        return excluded + matched_filter.repeated(
             rate_hz=self.rate_hz,
-            free=self.free,
-            dead_time_s=self.blind_sigmas * self.sigma_s,
-            reach_s=reach * self.sigma_s,
+            dead_time_s=self.spad.dead_time_s,
+            reach_s=reach_s,
+            afterpulse=self.spad.afterpulse,
+            afterpulse_s=self.spad.afterpulse_s,
         )
 
     @property
