@@ -58,6 +58,38 @@ def test_numpy_and_device_agree():
     assert (np.abs(range_m[0] - range_m[1]) < 1e-3).mean() > 0.98
 
 
+def test_spads_that_come_back_are_found_on_the_device_too():
+    """2,000 strong echoes in the sun, a third with a hump above the threshold: 1 % may be others, as above."""
+    counter = photons.sensor(
+        "detector.spads=16",
+        "histogram.shots=120",
+        "histogram.stops=2",
+        "detector.dead_time_ns=20",
+        "histogram.threshold_slope=0.33",
+    )
+    light = photons.echoes_of(counter, 30.0, count=2_000, illuminance_klux=0.0)
+    dark = counter.pixel(np.zeros(1))
+    light.range_m[:] += np.linspace(0.0, 0.15, 2_000)
+    light.background_power_w[:] = 27.5e6 / float(dark.per_watt)
+    light.peak_power_w[:] = 5.0 / float(dark.detections(1.0))
+    host = photons.detect(counter, light, seed=4)
+    arrays = {
+        name: transfer.from_numpy(getattr(light, name)) for name in ("range_m", "peak_power_w", "background_power_w")
+    }
+    on_device = dataclasses.replace(light, has_surface=arrays["range_m"] > 0.0, **arrays)
+    device = transfer.fetch(
+        receivers.detect_alone(
+            on_device, transfer.opaque(counter), seed=transfer.seed_word(4), pulse=transfer.counter(0, 2_000)
+        )
+    )
+    ours, theirs = (
+        np.any([stop.reported & (stop.status == Status.REVIVED) for stop in detection.stops], axis=0)
+        for detection in (host, device)
+    )
+    assert 0.2 < ours.mean() < 0.6
+    assert (ours == theirs).mean() > 0.99
+
+
 def test_echoes_are_found_as_often_as_their_probabilities_say():
     """12,648 beams of eight frames: 4 standard errors of the sum of P_d. Ten frames have 0.0002 +- 0.0029 more than
     it says, and 0.021 less if a comparator reads the filter's P_d.

@@ -27,7 +27,7 @@ def cartesian(get: Any) -> np.ndarray:
 @pytest.mark.slow
 def test_osi_in_betterosi(tmp_path: Path, library: Any, truth: bool) -> None:
     """Reference: betterosi, from the OSI group's own definitions."""
-    columns = {"channel": np.arange(N) * 1000, "sensor_index": np.zeros(N), "status": np.arange(N) % 6}
+    columns = {"channel": np.arange(N) * 1000, "sensor_index": np.zeros(N), "status": np.arange(N) % 7}
     cloud = small_cloud(N, truth=truth, metadata={"frame_start_s": "2.25"}, **columns)
     cloud.save(tmp_path / "a.osi")
     (data,) = osi_messages(tmp_path / "a.osi", "SensorData", library)
@@ -38,9 +38,9 @@ def test_osi_in_betterosi(tmp_path: Path, library: Any, truth: bool) -> None:
     np.testing.assert_allclose(cartesian(get), cloud.xyz_m, atol=1e-12)
     np.testing.assert_array_equal(get("existence_probability"), cloud.detection_probability)
     np.testing.assert_array_equal(get("beam_id", "value"), cloud.channel)
-    assert set(cloud.status.tolist()) == set(range(6))
+    assert set(cloud.status.tolist()) == set(range(7))
     # Other (an echo), clutter, and invalid for tracking (an aliased echo): DetectionClassification of OSI.
-    np.testing.assert_array_equal(get("classification"), np.array([1, 3, 3, 3, 2, 3])[cloud.status])
+    np.testing.assert_array_equal(get("classification"), np.array([1, 3, 3, 3, 2, 3, 3])[cloud.status])
     assert get("intensity").max() == pytest.approx(100.0)
     np.testing.assert_allclose(get("intensity"), 100.0 * cloud.intensity / cloud.intensity.max(), rtol=1e-6)
     np.testing.assert_allclose(get("echo_pulse_width"), 149_896_229.0 * cloud.pulse_width_s.astype(float), rtol=1e-12)

@@ -18,6 +18,7 @@ class Status(enum.IntEnum):
     WEATHER = 3  # light from fog, rain or snow
     ALIASED = 4  # an echo of the pulse before: from beyond the unambiguous range
     STRAY = 5  # an echo of another channel that fired at the same instant
+    REVIVED = 6  # the sun on SPADs that an echo fired and that come back together, a dead time behind it
 
 
 class Outcome(enum.IntEnum):

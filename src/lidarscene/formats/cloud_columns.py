@@ -23,7 +23,7 @@ from ..maths.pose import Pose
 Fields = dict[str, Any]
 """Arrays, names and metadata by attribute of a point cloud."""
 
-STATUS_PLURALS = ("echoes", "false alarms", "of interference", "of weather", "aliased", "stray")
+STATUS_PLURALS = ("echoes", "false alarms", "of interference", "of weather", "aliased", "stray", "revived")
 STATUS_NAMES = tuple(status.name.lower().replace("_", " ") for status in Status)
 """Meaning of the `status` column, by value."""
 
@@ -103,7 +103,13 @@ class CloudColumns:
     ]
     return_number: Annotated[Measured, Column("return_number", "uint8", "1", "return of this shot, 1 = first")]
     status: Annotated[
-        Measured, Column("status", "uint8", "1", "0 echo, 1 false alarm, 2 interference, 3 weather, 4 aliased, 5 stray")
+        Measured,
+        Column(
+            "status",
+            "uint8",
+            "1",
+            "0 echo, 1 false alarm, 2 interference, 3 weather, 4 aliased, 5 stray, 6 revived",
+        ),
     ]
     sensor_index: Annotated[
         Measured,

@@ -36,10 +36,11 @@ def as_dict(summary: Summary) -> dict[str, Any]:
         "beams": summary.beams,
         "hits": summary.hits,
         "points": summary.points,
-        "echoes": summary.points - summary.false_alarms - summary.weather - summary.stray,
+        "echoes": summary.points - summary.false_alarms - summary.weather - summary.stray - summary.revived,
         "false_alarms": summary.false_alarms,
         "weather": summary.weather,
         "stray": summary.stray,
+        "revived": summary.revived,
         "missed": {text.replace(" ", "_"): int(summary.outcomes[o]) for o, text in OUTCOME_TEXT.items()},
         "seconds": {stage: round(seconds, 6) for stage, seconds in summary.seconds.items()},
         "beams_per_second": round(beams_per_second(summary)),
@@ -82,7 +83,8 @@ def as_text(summary: Summary, written: Sequence[str], surroundings: Surroundings
         f"hits          {summary.hits:>12,}",
         f"points        {summary.points:>12,}   of which {summary.false_alarms:,} false alarms"
         + (f", {summary.weather:,} of the weather" if summary.weather else "")
-        + (f", {summary.stray:,} of stray light" if summary.stray else ""),
+        + (f", {summary.stray:,} of stray light" if summary.stray else "")
+        + (f", {summary.revived:,} of revived SPADs" if summary.revived else ""),
     ]
     for outcome, text in OUTCOME_TEXT.items():
         # The word stands once, before the first reason.

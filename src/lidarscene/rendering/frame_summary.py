@@ -48,6 +48,11 @@ class Summary:
         return int(self.statuses[Status.STRAY])
 
     @property
+    def revived(self) -> int:
+        """Points of the sun on SPADs that come back together."""
+        return int(self.statuses[Status.REVIVED])
+
+    @property
     def hits(self) -> int:
         """Pulses that met a surface."""
         return self.beams - int(self.outcomes[Outcome.NO_SURFACE])

@@ -67,3 +67,24 @@ def test_counts_around_an_echo_in_the_sun():
         time, counts = course(1e-3, sun, 12.0)
         near = np.abs(time - float(pile_up.shift(detections=0.0, sun=sun, dead=12.0))) < pile_up.BOX
         assert float(pile_up.shade_of_box(sun=sun)) == pytest.approx(counts[near].sum() / 1e-3, rel=3e-3)
+
+
+@pytest.mark.parametrize("detections", [0.3, 1.0, 5.0])
+@pytest.mark.parametrize("lambda_tau", [0.27, 0.55, 1.1])
+def test_the_hump_of_spads_that_come_back_is_that_of_the_renewal_course(lambda_tau, detections):
+    """(T108) against the filtered course (T100) of a dead time of 12 sigmas: height within 10 %, place within 0.4
+    sigma, for those that the sun fires within the echo, of which (T107) is an estimate.
+    """
+    dead, step = 12.0, 0.04
+    sun = lambda_tau / dead
+    time = np.arange(-8.0, 22.0, step) + 0.5 * step
+    rate = sun + detections * np.exp(-0.5 * time * time) / math.sqrt(2.0 * math.pi)
+    fired = dead_time.firing_shares(rate, bin_s=step, dead_time_s=dead)
+    even = sun / (1.0 + lambda_tau)
+    places = np.arange(10.0, 16.0, step)
+    template = np.exp(-0.5 * ((time[:, None] - places) / 1.2) ** 2) / (1.2 * math.sqrt(2.0 * math.pi))
+    values = (fired / step / even - 1.0) @ template * step
+    echo = pile_up.firings(detections=np.array([detections]), sun=sun)
+    hump = pile_up.hump(echo, sun=sun, dead=dead)
+    assert float(hump.excess[0]) == pytest.approx(values.max(), rel=0.1)
+    assert float((dead + echo.mean + hump.place)[0]) == pytest.approx(places[values.argmax()], abs=0.4)

@@ -67,6 +67,7 @@ class _Blind:
     older      shadow of these echoes a dead time before the first bin
     again      share of the free SPADs that nearer echoes have fired and that is still blind: afterpulses are to come
     due        afterpulses in the first bin for each SPAD that is free in even light, of echoes whose SPADs are back
+    release    pulse widths (sigmas) over which the SPADs of echoes recover
     """
 
     by_sun: Lanes
@@ -78,6 +79,7 @@ class _Blind:
     older: Lanes = 0.0
     again: Lanes = 0.0
     due: Lanes = 0.0
+    release: Lanes = _RELEASE
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -126,15 +128,18 @@ class Bins:
         """Array functions of the arrays' kind, NumPy's or Dr.Jit's."""
         return xp(self.wave.origin_m)
 
-    def highest(self, place: Lanes, time_s: Lanes) -> Peak:
-        """Find the peak of the filter near a place of the waveform, at this time of flight."""
+    def highest(self, place: Lanes, time_s: Lanes, *, echo: pile_up.Firings | None = None) -> Peak:
+        """Find the peak of the filter near a place of the waveform, at this time of flight.
+
+        echo  firings of an echo a dead time before, whose SPADs come back here; None: the place is that of an echo
+        """
         pixel, histogram, ops = self.pixel, self.pixel.histogram, self.ops
         bin_s, reach, search = histogram.bin_s, histogram.reach, histogram.search
         # Bins are drawn in pairs: a random number has two words. So the first one is even.
         middle = ops.floor(time_s / bin_s)
         first = 2.0 * ops.floor(0.5 * (middle - reach))
         start = place + (first * bin_s + 0.5 * bin_s - time_s) / pixel.sigma_s
-        counts = self._draw_counts(first, start, self._blind_shares(start, first * bin_s, time_s), place)
+        counts = self._draw_counts(first, start, self._blind_shares(start, first * bin_s, time_s, echo), place)
         background = pixel.count_rate_hz * bin_s
         values = self._filter_counts(counts, background)
         first_searched = reach - search - 1
@@ -154,18 +159,22 @@ class Bins:
         time_s = (first + peak_bin + 0.5) * bin_s
         return Peak(value=best, height=over_best * best, time_s=time_s, photons=photons, rising=rising)
 
-    def _blind_shares(self, start: Lanes, time_s: Lanes, echo_s: Lanes) -> _Blind:
+    def _blind_shares(
+        self, start: Lanes, time_s: Lanes, echo_s: Lanes, echo: pile_up.Firings | None = None
+    ) -> _Blind:
         """Shares of SPADs that are blind at the first bin, fired by the background, by nearer echoes and by the air.
 
         start, time_s  place and time of flight of that bin
         echo_s         time of flight of the echo, for which the pixel is
+        echo           as of `highest`
         """
         pixel, wave, ops = self.pixel, self.wave, self.ops
         free, fires_once = pixel.free, pixel.spad.stamps == "first"
         if fires_once:
             armed = pixel.armed_s + time_s - echo_s
             free = dead_time.free_share_of_first(rate_hz=pixel.rate_hz, time_s=armed)
-        if len(wave.centres) == 1 and wave.volume is None and pixel.spad.afterpulse is None:
+        lone = len(wave.centres) == 1 and wave.volume is None and pixel.spad.afterpulse is None
+        if echo is None and lone:
             # The pulse's only echo is the one in these bins.
             return _Blind(by_sun=1.0 - free, by_echoes=0.0, freed=0.0, missed=0.0, recent=1.0)
         sigma = pixel.sigma_s
@@ -191,8 +200,8 @@ class Bins:
             for k in range(_STEPS):
                 part = wave.air_w(start - (k + 0.5) * step) * step * sigma * pixel.per_watt
                 before, moment = before + part, moment - part * (k + 0.5) * step
-        mean = moment / ops.maximum(before, 1e-20)
-        fired = dead_time.firing_share(detections=before)
+        mean = moment / ops.maximum(before, 1e-20) + (0.0 if echo is None else echo.mean)
+        fired = dead_time.firing_share(detections=before) if echo is None else echo.share
         revived: Lanes = 0.0
         shadow: Lanes = 0.0
         if not fires_once:
@@ -207,12 +216,13 @@ class Bins:
             by_sun=1.0 - free,
             by_echoes=free * fired,
             freed=(mean + dead) * (sigma / pixel.histogram.bin_s),
-            missed=fired,
+            missed=fired if echo is None else ops.minimum(fired, 1.0),
             recent=1.0 if fires_once else ops.exp(mean * pixel.sun),
             revived=revived,
             older=shadow,
             again=again,
             due=due,
+            release=_RELEASE if echo is None else echo.deviation * math.sqrt(12.0),
         )
 
     def _due_shares(self, start: Lanes, dead: Lanes) -> tuple[Lanes, Lanes]:
@@ -384,7 +394,7 @@ class Bins:
 
     def _still_blind(self, edge: Lanes, blind: _Blind) -> Lanes:
         """Share of the SPADs fired by echoes that is blind at the edge of a bin; they come back over some widths."""
-        ops, slope = self.ops, self.pixel.histogram.bin_s / (_RELEASE * self.pixel.sigma_s)
+        ops, slope = self.ops, self.pixel.histogram.bin_s / (blind.release * self.pixel.sigma_s)
         return ops.minimum(ops.maximum((blind.freed - edge) * slope + 0.5, 0.0), 1.0)
 
     def _revived(self, firings: Array, number: Lanes, silent: Lanes) -> Lanes:

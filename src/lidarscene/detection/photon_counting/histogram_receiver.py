@@ -19,7 +19,7 @@ from ...maths.arrays import Array, Lanes, Mask, Ops, select_state, xp
 from ...physics.electronics import tdc
 from ...physics.electronics.pulse_sums import SIGMAS_PER_FWHM
 from ...physics.optics import radiometry, scintillation
-from ...physics.photon_counting import matched_filter, pile_up
+from ...physics.photon_counting import dead_time, matched_filter, pile_up
 from ...sensor.detectors import WorkingPoint
 from ...sensor.detectors.spad_detector import PLACES, Macropixel
 from ...sensor.sensor_model import Sensor
@@ -63,6 +63,12 @@ class _Stop:
 _SURE = 7.0
 """Deviations of the filter's value by which an echo exceeds its highest threshold: the rest of P_d is below 1e-9."""
 
+_LOWEST_HUMP = 0.1
+"""Expected height, in thresholds, below which no hump of SPADs that come back is looked for: noise is as high."""
+
+_ASIDE = 2.5
+"""Distance in sigmas at which light of its own takes a hump's place."""
+
 _NEVER = 1e-7
 """P_d below which the bins around a peak are not drawn: less than a point in forty frames of 262,144 pulses."""
 
@@ -90,6 +96,7 @@ class _PeakSearch:
     tripped    whether the filter exceeded the threshold at any peak
     in_window  whether it did within the window
     last_s     time of the last return
+    revived_s  time of the last return of SPADs that come back
     highest    place of the highest peak of the light
     highest_w  power there
     stops      returns so far, best first
@@ -98,6 +105,7 @@ class _PeakSearch:
     tripped: Mask
     in_window: Mask
     last_s: Lanes
+    revived_s: Lanes
     highest: Lanes
     highest_w: Lanes
     stops: tuple[_Stop, ...]
@@ -196,6 +204,7 @@ class _Receiver(Shots):
             tripped=never,
             in_window=never,
             last_s=zero - 1.0,
+            revived_s=zero - 1.0,
             highest=zero,
             highest_w=zero,
             stops=(empty,) * self.sensor.tdc.stops,
@@ -227,7 +236,31 @@ class _Receiver(Shots):
             highest_w=ops.where(higher, power_w, state.highest_w),
         )
         likely = exists & (expected.probability > _NEVER)
-        return ops.where_any(likely, lambda: self._add_return(likely, place, power_w, expected, state), state)
+        state = ops.where_any(likely, lambda: self._add_return(likely, place, power_w, expected, state), state)
+        if not self._sees_humps:
+            return state
+        pixel = self.sensor.pixel(self.train.background_power_w)
+        detections = pixel.detections(self._lone_w(power_w))
+        by_echo, by_sun = (
+            dead_time.firing_share(detections=x) for x in (detections, pixel.sun * pixel.blind_sigmas)
+        )
+        high = likely & (pixel.height_of_free(by_echo * by_sun) > _LOWEST_HUMP * expected.level)
+        return ops.where_any(high, lambda: self._add_revived(high, place, detections, expected, state), state)
+
+    @property
+    def _sees_humps(self) -> bool:
+        """True if SPADs that come back a dead time behind an echo can make a return.
+
+        They are fewer than those that the echo fired, so the strongest return is never theirs. Coates' correction knows
+        how many SPADs are free.
+        """
+        sensor, pixel = self.sensor, self.sensor.pixel(self.train.background_power_w)
+        only_strongest = sensor.tdc.stops == 1 and sensor.tdc.keep == "strongest"
+        return pixel.spad.stamps == "all" and not pixel.corrected and not only_strongest
+
+    def _lone_w(self, power_w: Lanes) -> Lanes:
+        """Peak power of the lone laser pulse that gives this filtered power: the argument of the working point."""
+        return power_w * (self.filtered.fwhm_s / self.sensor.laser.pulse_fwhm_s)
 
     def _add_return(
         self, exists: Mask, place: Lanes, power_w: Lanes, expected: _Expected, state: _PeakSearch
@@ -236,24 +269,19 @@ class _Receiver(Shots):
         ops, sensor, converter = self.ops, self.sensor, self.sensor.tdc
         range_m = self.filtered.range_m(place)
         arrival_s = radiometry.time_of_flight_s(range_m=range_m)
-        # Peak power of the lone laser pulse that would give this filtered power: the argument of the working point.
-        lone_w = power_w * (self.filtered.fwhm_s / sensor.laser.pulse_fwhm_s)
         background = self.train.background_power_w
         pixel = sensor.pixel(background, range_m=range_m)
         threshold = pixel.histogram.threshold_of_point(
             expected.level, _draw_deviate(self.seed, self.pulse), expected.lone
         )
-        detections = pixel.detections(lone_w)
+        detections = pixel.detections(self._lone_w(power_w))
         early = pixel.sigma_s * pile_up.shift(detections=detections, sun=pixel.sun, dead=pixel.blind_sigmas)
         bins = Bins(pixel=pixel, wave=self.light, seed=self.seed, pulse=self.pulse)
         peak = bins.highest(place * matched_filter.OUTPUT_WIDTH + early / pixel.sigma_s, arrival_s + early)
         tripped = exists & (peak.value >= threshold)
         if self._multi_peak:
             tripped = tripped & ~peak.rising
-        time_s = peak.time_s - self._walk_s(pixel, peak)
-        time_s = tdc.quantise(
-            time_s=ops.maximum(time_s, 0.0), least_significant_bit_s=converter.least_significant_bit_s
-        )
+        time_s = self._reported_s(pixel, peak)
         accepted = (
             tripped & comparator.accepts_crossing(sensor, arrival_s) & (time_s - state.last_s >= converter.dead_time_s)
         )
@@ -275,6 +303,62 @@ class _Receiver(Shots):
             in_window=state.in_window | accepted,
             last_s=ops.where(accepted, time_s, state.last_s),
             stops=_insert(state.stops, stop),
+        )
+
+    def _add_revived(
+        self, exists: Mask, place: Lanes, detections: Lanes, expected: _Expected, state: _PeakSearch
+    ) -> _PeakSearch:
+        """Search where the SPADs that a peak has fired come back together; adds a return of them to the search.
+
+        place       (n,) place of the peak whose SPADs they are
+        detections  (n,) Lambda of that peak
+        expected    expectation of that peak
+
+        A later echo is held to the distance from the last echo, not from these: nothing is known of them when the peaks
+        are visited.
+        """
+        ops, sensor = self.ops, self.sensor
+        background = self.train.background_power_w
+        pixel, point = sensor.pixel(background), sensor.working_point(background)
+        assert point.law is not None
+        echo = pile_up.firings(detections=detections, sun=pixel.sun)
+        hump = pile_up.hump(echo, sun=pixel.sun, dead=pixel.blind_sigmas)
+        height, behind = pixel.height_of_free(hump.excess), echo.mean + pixel.blind_sigmas + hump.place
+        echo_s = radiometry.time_of_flight_s(range_m=self.filtered.range_m(place))
+        arrival_s, at = echo_s + behind * pixel.sigma_s, place * matched_filter.OUTPUT_WIDTH + behind
+        # Another echo there has its own peak, and its counts are with these SPADs.
+        light_w = self.light.at(at)[0]
+        for aside in (-_ASIDE, _ASIDE):
+            light_w = ops.maximum(light_w, self.light.at(at + aside)[0])
+        exists = exists & (4.0 * pixel.trials * pixel.detections(light_w) < height)
+        level, lone = expected.level, point.law.lone(expected.level, height)
+        peak = Bins(pixel=pixel, wave=self.light, seed=self.seed, pulse=self.pulse).highest(at, arrival_s, echo=echo)
+        threshold = pixel.histogram.threshold_of_point(level, _draw_deviate(self.seed, self.pulse), lone)
+        time_s, apart_s = self._reported_s(pixel, peak), sensor.tdc.dead_time_s
+        accepted = exists & (peak.value >= threshold) & comparator.accepts_crossing(sensor, arrival_s)
+        accepted = accepted & (time_s - state.last_s >= apart_s) & comparator.is_range(time_s)
+        # Echoes that merge have one hump.
+        accepted = accepted & (time_s - state.revived_s >= ops.maximum(2.0 * _ASIDE * pixel.sigma_s, apart_s))
+        source, true_range, _ = self._source(place)
+        stop = _Stop(
+            key=ops.where(accepted, self._key(time_s, peak.value), _EMPTY),
+            time_s=time_s,
+            photons=peak.photons,
+            snr=height / point.noise.deviation,
+            probability=point.detection_probability(level, height, 0.0),
+            source=source,
+            true_range_m=true_range,
+            status=ops.full(source, int(Status.REVIVED)),
+        )
+        return replace(
+            state, revived_s=ops.where(accepted, time_s, state.revived_s), stops=_insert(state.stops, stop)
+        )
+
+    def _reported_s(self, pixel: Macropixel, peak: Peak) -> Lanes:
+        """Time of flight that the receiver reports of a peak, (n,) s."""
+        return tdc.quantise(
+            time_s=self.ops.maximum(peak.time_s - self._walk_s(pixel, peak), 0.0),
+            least_significant_bit_s=self.sensor.tdc.least_significant_bit_s,
         )
 
     def _expect(self, place: Lanes, power_w: Lanes) -> _Expected:
@@ -321,7 +405,7 @@ class _Receiver(Shots):
 
     def _signal(self, point: WorkingPoint, power_w: Lanes) -> Lanes:
         """Photons of a peak of the light behind the filter, (n,)."""
-        return point.response.signal(power_w * (self.filtered.fwhm_s / self.sensor.laser.pulse_fwhm_s))
+        return point.response.signal(self._lone_w(power_w))
 
     def _gain_of_breadth(self, point: WorkingPoint, place: Lanes, power_w: Lanes) -> Lanes:
         """Photons that noise gains on the broad peak of echoes that merge behind the filter, (n,) (T98a)."""
@@ -451,10 +535,10 @@ class _Receiver(Shots):
                     range_m=range_m,
                     amplitude=amplitude,
                     intensity=value,
-                    snr=stop.snr if self._multi_peak else ops.where(is_echo, snr, 0.0),
+                    snr=stop.snr if self._multi_peak else ops.where(is_echo, snr, stop.snr),
                     detection_probability=stop.probability
                     if self._multi_peak
-                    else ops.where(is_echo, probability, 0.0),
+                    else ops.where(is_echo, probability, stop.probability),
                     source=stop.source,
                     true_range_m=stop.true_range_m,
                     photons=amplitude,

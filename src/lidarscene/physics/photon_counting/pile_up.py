@@ -44,6 +44,9 @@ _NODES, _NODES_OF_WEAK = (56, 16, 10), (32, 19)
 _FAINT = 0.05
 """Lambda up to which an echo's peak follows from that of a weak one, to 1e-3 of its height and of sigma."""
 
+_NEWTON = 4
+"""Steps of Newton's method to the top of a hump: to 0.01 of its width."""
+
 _STEP = 0.08
 """Step of the tables' courses, in sigmas."""
 
@@ -157,6 +160,73 @@ def shade_of_box(*, sun: Lanes) -> Lanes:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Firings:
+    """Firings of SPADs by an echo in the sun, times in sigmas; each field (n,).
+
+    share      firings over the SPADs that are free in even light: those that come free within the echo fire too
+    mean       mean time from the echo's middle: negative
+    deviation  standard deviation of the time
+    """
+
+    share: Lanes
+    mean: Lanes
+    deviation: Lanes
+
+
+def firings(*, detections: Lanes, sun: Lanes) -> Firings:
+    """Firings of SPADs by an echo (T107); arguments as of `top`."""
+    ops, tables = xp(detections + sun), _tables_of_firings()
+    bright = ops.log(1.0 + ops.maximum(detections, 0.0)) * (1.0 / math.log1p(_MOST))
+    early = tables["early"].at(bright)
+    return Firings(
+        share=dead_time.firing_share(detections=detections) * ops.exp(sun * ops.minimum(early, 1.0)),
+        mean=-early / (1.0 + sun * early),
+        deviation=tables["deviation"].at(bright),
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Hump:
+    """Hump of the counts a dead time behind an echo, where the SPADs that it fired are back; each field (n,).
+
+    excess  share by which more SPADs are free there than in even light, behind the filter's template
+    place   of the highest value of the filter, in sigmas behind the return of these SPADs
+    """
+
+    excess: Lanes
+    place: Lanes
+
+
+def hump(echo: Firings, *, sun: Lanes, dead: Lanes) -> Hump:
+    """Hump of the SPADs that an echo has fired and that come back together (T108); arguments as of `top`.
+
+    No SPAD comes back within the echo.
+    """
+    ops = xp(echo.share + sun + dead)
+    width = ops.sqrt(TEMPLATE * TEMPLATE + echo.deviation * echo.deviation)
+    sun_width, still_blind = sun * width, ops.exp(-sun * dead)
+    rise = 1.0 + sun_width * sun_width
+    place = 1.0 + 0.0 * sun_width
+    for _ in range(_NEWTON):
+        density, back = _normal(place)
+        value = density * rise - sun_width * (back * (2.0 - sun_width * place) - still_blind)
+        slope = place * density * rise + sun_width * (density * (2.0 - sun_width * place) - sun_width * back)
+        place = ops.minimum(ops.maximum(place + value / ops.maximum(slope, 1e-6), 0.5 * place - 0.5), place + 1.0)
+    density, back = _normal(place)
+    course = (1.0 - sun_width * place) * back - sun_width * density - still_blind
+    decayed = ops.exp(-sun_width * (place + 0.5 * sun_width))
+    return Hump(
+        excess=echo.share * decayed * course,
+        place=width * (place + sun_width),
+    )
+
+
+def _normal(place: Lanes) -> tuple[Lanes, Lanes]:
+    """Density and distribution function of a standard normal number."""
+    return xp(place).exp(-0.5 * place * place) * (1.0 / math.sqrt(2.0 * math.pi)), normal_tail(-place)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class _Node:
     """Height, shift and bend of peaks at the tables' nodes; each field (detections, sun), NumPy."""
 
@@ -195,6 +265,17 @@ def _tables_of_weak() -> dict[str, LookupTable]:
         "pulled": LookupTable((faint.shift - weak.shift)[0] / _FAINT),
         "box": LookupTable(missing(weak.shift[0] + BOX) - missing(weak.shift[0] - BOX)),
     }
+
+
+@lru_cache(maxsize=1)
+def _tables_of_firings() -> dict[str, LookupTable]:
+    """Tables over ln(1 + Lambda): how early an echo fires the SPADs that are free before it, and the deviation."""
+    detections = np.expm1(np.linspace(0.0, 1.0, _NODES[0]) * math.log1p(_MOST))[:, None]
+    time = np.arange(-6.4, 6.4, _STEP)
+    density = np.exp(-0.5 * time * time - detections * normal_tail(-time))
+    density /= density.sum(axis=1, keepdims=True)
+    mean = density @ time
+    return {"early": LookupTable(-mean), "deviation": LookupTable(np.sqrt(density @ time**2 - mean**2))}
 
 
 def _detections(count: int) -> Numbers:

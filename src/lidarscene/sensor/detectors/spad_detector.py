@@ -328,6 +328,13 @@ class Macropixel:
             return self.trials * self.free * self.shade * dead_time.firing_share(detections=detections)
         return self._coincidences(detections)[0]
 
+    def height_of_free(self, excess: Lanes) -> Lanes:
+        """Value of the filter [photons] where this share more of the SPADs are free than in even light."""
+        step = self.rate_hz * self.histogram.bin_s
+        counted = self._coincidence_probability(self.free * step * (1.0 + excess)) - self.count_share
+        template = matched_filter.SCALE * matched_filter.TEMPLATE * math.sqrt(2.0 * math.pi)
+        return self.trials * counted * (template * self.sigma_s / self.histogram.bin_s)
+
     @property
     def slope_share(self) -> Lanes:
         """Variance of the slope of the filtered background over that of Poisson counts (T104)."""
