@@ -105,10 +105,7 @@ class CloudColumns:
     status: Annotated[
         Measured,
         Column(
-            "status",
-            "uint8",
-            "1",
-            "0 echo, 1 false alarm, 2 interference, 3 weather, 4 aliased, 5 stray, 6 revived",
+            "status", "uint8", "1", "0 echo, 1 false alarm, 2 interference, 3 weather, 4 aliased, 5 stray, 6 revived"
         ),
     ]
     sensor_index: Annotated[

@@ -159,9 +159,7 @@ class Bins:
         time_s = (first + peak_bin + 0.5) * bin_s
         return Peak(value=best, height=over_best * best, time_s=time_s, photons=photons, rising=rising)
 
-    def _blind_shares(
-        self, start: Lanes, time_s: Lanes, echo_s: Lanes, echo: pile_up.Firings | None = None
-    ) -> _Blind:
+    def _blind_shares(self, start: Lanes, time_s: Lanes, echo_s: Lanes, echo: pile_up.Firings | None = None) -> _Blind:
         """Shares of SPADs that are blind at the first bin, fired by the background, by nearer echoes and by the air.
 
         start, time_s  place and time of flight of that bin

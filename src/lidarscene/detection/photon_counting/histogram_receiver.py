@@ -241,9 +241,7 @@ class _Receiver(Shots):
             return state
         pixel = self.sensor.pixel(self.train.background_power_w)
         detections = pixel.detections(self._lone_w(power_w))
-        by_echo, by_sun = (
-            dead_time.firing_share(detections=x) for x in (detections, pixel.sun * pixel.blind_sigmas)
-        )
+        by_echo, by_sun = (dead_time.firing_share(detections=x) for x in (detections, pixel.sun * pixel.blind_sigmas))
         high = likely & (pixel.height_of_free(by_echo * by_sun) > _LOWEST_HUMP * expected.level)
         return ops.where_any(high, lambda: self._add_revived(high, place, detections, expected, state), state)
 
@@ -350,9 +348,7 @@ class _Receiver(Shots):
             true_range_m=true_range,
             status=ops.full(source, int(Status.REVIVED)),
         )
-        return replace(
-            state, revived_s=ops.where(accepted, time_s, state.revived_s), stops=_insert(state.stops, stop)
-        )
+        return replace(state, revived_s=ops.where(accepted, time_s, state.revived_s), stops=_insert(state.stops, stop))
 
     def _reported_s(self, pixel: Macropixel, peak: Peak) -> Lanes:
         """Time of flight that the receiver reports of a peak, (n,) s."""

@@ -215,10 +215,7 @@ def hump(echo: Firings, *, sun: Lanes, dead: Lanes) -> Hump:
     density, back = _normal(place)
     course = (1.0 - sun_width * place) * back - sun_width * density - still_blind
     decayed = ops.exp(-sun_width * (place + 0.5 * sun_width))
-    return Hump(
-        excess=echo.share * decayed * course,
-        place=width * (place + sun_width),
-    )
+    return Hump(excess=echo.share * decayed * course, place=width * (place + sun_width))
 
 
 def _normal(place: Lanes) -> tuple[Lanes, Lanes]:
