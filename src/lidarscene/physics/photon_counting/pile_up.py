@@ -178,6 +178,7 @@ def firings(*, detections: Lanes, sun: Lanes) -> Firings:
     ops, tables = xp(detections + sun), _tables_of_firings()
     bright = ops.log(1.0 + ops.maximum(detections, 0.0)) * (1.0 / math.log1p(_MOST))
     early = tables["early"].at(bright)
+    # How many more fire is fitted to simulated firings; the mean is of first order in the sun.
     return Firings(
         share=dead_time.firing_share(detections=detections) * ops.exp(sun * ops.minimum(early, 1.0)),
         mean=-early / (1.0 + sun * early),
