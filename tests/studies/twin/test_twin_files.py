@@ -48,9 +48,9 @@ def test_frames_without_the_one_held_out(tmp_path: Path) -> None:
 
 
 def test_columns_of_a_list_cannot_be_held_out(tmp_path: Path) -> None:
-    direction = np.array(room_sweep().direction)
-    direction[0, 0] = np.nan
-    recording = recording_of(tmp_path / "bag.mcap", room_sweep(direction=direction))
+    direction, range_m = np.array(room_sweep().direction), np.array(room_sweep().range_m)
+    direction[0, 0] = range_m[0, 0] = np.nan
+    recording = recording_of(tmp_path / "bag.mcap", replace(room_sweep(), direction=direction, range_m=range_m))
     with pytest.raises(InputError, match="got a list of points"):
         choose_frames(recording, None, COLUMNS)
 
