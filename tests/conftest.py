@@ -76,6 +76,7 @@ MAY_BE_SKIPPED = (
     "no disk of its own can be mounted here",
     "SimSiPM is not installed",
     "could not import 'mujoco'",
+    "KISS-ICP is not installed",
 )
 """Reasons to skip a test that are none to install something: with TEST_NO_SKIPS=1 any other ends the run red."""
 
