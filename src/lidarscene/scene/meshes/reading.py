@@ -142,17 +142,15 @@ def _resolver(path: Path, data: bytes = b"") -> Any:
     from trimesh.resolvers import FilePathResolver
 
     class Resolver(FilePathResolver):  # type: ignore[misc]
-        def absolute(self, name: str) -> Path:
-            # `get` reads what this names, if it exists.
-            place = Path(super().absolute(name))
-            if os.path.lexists(place):
-                require_file(place, "a file of a mesh", largest=LARGEST_PART)
-            return place
-
         def namespaced(self, namespace: str) -> Any:
             return Resolver(os.path.join(self.parent, namespace))
 
         def get(self, name: str) -> bytes:
+            # All places where a version of trimesh looks for it.
+            for place in (name.strip(), name.strip().lstrip("/"), os.path.basename(name)):
+                path = os.path.join(self.parent, place)
+                if place and os.path.lexists(path):
+                    require_file(path, "a file of a mesh", largest=LARGEST_PART)
             if not name.lower().endswith(".mtl"):
                 return bytes(super().get(name))
             try:
