@@ -29,6 +29,17 @@ def scene(**options):
     )
 
 
+def detect_on_device(counter, light, *, seed):
+    """Detection of boards by Dr.Jit, as NumPy arrays; `photons.detect` is its NumPy twin."""
+    names = ("range_m", "peak_power_w", "background_power_w")
+    arrays = {name: transfer.from_numpy(getattr(light, name)) for name in names}
+    on_device = dataclasses.replace(light, has_surface=arrays["range_m"] > 0.0, **arrays)
+    pulse = transfer.counter(0, len(light.range_m))
+    return transfer.fetch(
+        receivers.detect_alone(on_device, transfer.opaque(counter), seed=transfer.seed_word(seed), pulse=pulse)
+    )
+
+
 def test_numpy_and_device_agree():
     """6,000 boards from 10 to 60 m. Single precision moves counts at the edge of a uniform number: 1 % of the points
     may be others, and ranges differ by 1 mm where the same bins were counted.
@@ -38,15 +49,7 @@ def test_numpy_and_device_agree():
     light.range_m[:] = np.linspace(10.0, 60.0, 6_000)
     light.peak_power_w[:] *= (20.0 / light.range_m) ** 2
     host = photons.detect(counter, light, seed=4)
-    arrays = {
-        name: transfer.from_numpy(getattr(light, name)) for name in ("range_m", "peak_power_w", "background_power_w")
-    }
-    on_device = dataclasses.replace(light, has_surface=arrays["range_m"] > 0.0, **arrays)
-    device = transfer.fetch(
-        receivers.detect_alone(
-            on_device, transfer.opaque(counter), seed=transfer.seed_word(4), pulse=transfer.counter(0, 6_000)
-        )
-    )
+    device = detect_on_device(counter, light, seed=4)
     assert 0.2 < photons.echo_of(host.stops[0]).mean() < 1.0
     np.testing.assert_allclose(host.snr, device.snr, rtol=1e-3)
     np.testing.assert_allclose(host.detection_probability, device.detection_probability, atol=2e-3)
@@ -73,15 +76,7 @@ def test_spads_that_come_back_are_found_on_the_device_too():
     light.background_power_w[:] = 27.5e6 / float(dark.per_watt)
     light.peak_power_w[:] = 5.0 / float(dark.detections(1.0))
     host = photons.detect(counter, light, seed=4)
-    arrays = {
-        name: transfer.from_numpy(getattr(light, name)) for name in ("range_m", "peak_power_w", "background_power_w")
-    }
-    on_device = dataclasses.replace(light, has_surface=arrays["range_m"] > 0.0, **arrays)
-    device = transfer.fetch(
-        receivers.detect_alone(
-            on_device, transfer.opaque(counter), seed=transfer.seed_word(4), pulse=transfer.counter(0, 2_000)
-        )
-    )
+    device = detect_on_device(counter, light, seed=4)
     ours, theirs = (
         np.any([stop.reported & (stop.status == Status.REVIVED) for stop in detection.stops], axis=0)
         for detection in (host, device)

@@ -22,7 +22,7 @@ import numpy as np
 from helpers.clouds import small_cloud
 from helpers.formats import PLACED
 from helpers.packets import packets_of, random_frame
-from helpers.recordings import OUSTER, hesai_packet, pcap, turns, vls_packet
+from helpers.recordings import OUSTER, hesai_packet, pcap, scan_bag, turns, vls_packet
 from helpers.spoiling import number, other_numbers, spoilt, spoilt_bytes, spoilt_lines, text
 from lidarscene.errors import InputError, LidarSceneError
 from lidarscene.formats.packets.ouster_encoder import PROFILES
@@ -142,28 +142,6 @@ def _bag(name: str, storage: str) -> Callable[[Path], Path]:
     return write
 
 
-def _bag_of_packets(folder: Path) -> Path:
-    from rosbags import rosbag2, typesys
-
-    from lidarscene.recordings.bags import DEFINITIONS
-
-    store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
-    for name, definition in DEFINITIONS.items():
-        store.register(typesys.get_types_from_msg(definition, name))
-    kind = "velodyne_msgs/msg/VelodyneScan"
-    stamp = store.types["builtin_interfaces/msg/Time"](sec=9, nanosec=0)
-    header = store.types["std_msgs/msg/Header"](stamp=stamp, frame_id="velodyne")
-    packets = [
-        store.types["velodyne_msgs/msg/VelodynePacket"](stamp=stamp, data=np.frombuffer(payload, np.uint8))
-        for payload in turns(8)
-    ]
-    with rosbag2.Writer(folder / "scans", version=8) as writer:
-        connection = writer.add_connection("/velodyne_packets", kind, typestore=store)
-        message = store.types[kind](header=header, packets=packets)
-        writer.write(connection, 1, store.serialize_cdr(message, kind))
-    return folder / "scans"
-
-
 RECORDINGS: dict[str, Callable[[Path], Path]] = {
     "velodyne pcap": _velodyne,
     "vls pcap": _vls,
@@ -183,7 +161,7 @@ RECORDINGS: dict[str, Callable[[Path], Path]] = {
     "laz": _cloud("a.laz"),
     "mcap": _bag("a.mcap", "mcap"),
     "db3": _bag("b.db3", "sqlite3"),
-    "bag of packets": _bag_of_packets,
+    "bag of packets": lambda folder: scan_bag(folder / "scans", packets=8),
 }
 """Kind -> function that writes a whole recording into a folder and returns its path."""
 

@@ -4,6 +4,8 @@ import struct
 from collections.abc import Collection, Sequence
 from pathlib import Path
 
+import numpy as np
+
 DATA = Path(__file__).parents[1] / "recordings" / "data"
 OUSTER = DATA / "os0-32-one-packet.pcap"
 """The first packet of a recording of an OS0-32-U1: 16 of 1024 columns, dual returns."""
@@ -72,4 +74,28 @@ def pcap(path: Path, payloads: Sequence[bytes], *, order: str = "<", nanoseconds
         part = number * (1_000_000 if nanoseconds else 1000)
         content += struct.pack(order + "IIII", 100, part, len(frame), len(frame)) + frame
     path.write_bytes(content)
+    return path
+
+
+def scan_bag(path: Path, packets: int, scans: int = 1) -> Path:
+    """A bag of `VelodyneScan` messages, as a Velodyne's driver records them. Needs rosbags."""
+    from rosbags import rosbag2, typesys
+
+    from lidarscene.recordings.bags import DEFINITIONS
+
+    store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+    for name, definition in DEFINITIONS.items():
+        store.register(typesys.get_types_from_msg(definition, name))
+    kind = "velodyne_msgs/msg/VelodyneScan"
+    stamp = store.types["builtin_interfaces/msg/Time"](sec=9, nanosec=0)
+    header = store.types["std_msgs/msg/Header"](stamp=stamp, frame_id="velodyne")
+    messages = [
+        store.types["velodyne_msgs/msg/VelodynePacket"](stamp=stamp, data=np.frombuffer(payload, np.uint8))
+        for payload in turns(packets)
+    ]
+    with rosbag2.Writer(path, version=8) as writer:
+        connection = writer.add_connection("/velodyne_packets", kind, typestore=store)
+        for number in range(scans):
+            scan = store.types[kind](header=header, packets=messages)
+            writer.write(connection, number, store.serialize_cdr(scan, kind))
     return path

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from helpers.clouds import small_cloud
 from helpers.formats import PLACED, need
-from helpers.recordings import hesai_packet, turns
+from helpers.recordings import hesai_packet, scan_bag
 
 from lidarscene.errors import InputError
 from lidarscene.formats.clock import EPOCH, to_ns
@@ -59,30 +59,10 @@ def test_the_pose_of_a_rig_follows_the_vehicle(tmp_path: Path) -> None:
     np.testing.assert_allclose(pose.position_m, [1.0, 2.0, 3.0], atol=1e-12)
 
 
-def scan_bag(path: Path, library: Callable[[str], Any], frames: int) -> Path:
-    """A bag of VelodyneScan, a turn for each message."""
-    rosbag2, typesys = library("rosbags.rosbag2"), library("rosbags.typesys")
-    store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
-    for name, text in DEFINITIONS.items():
-        store.register(typesys.get_types_from_msg(text, name))
-    kind = "velodyne_msgs/msg/VelodyneScan"
-    stamp = store.types["builtin_interfaces/msg/Time"](sec=9, nanosec=0)
-    header = store.types["std_msgs/msg/Header"](stamp=stamp, frame_id="velodyne")
-    packets = [
-        store.types["velodyne_msgs/msg/VelodynePacket"](stamp=stamp, data=np.frombuffer(payload, np.uint8))
-        for payload in turns(75)
-    ]
-    with rosbag2.Writer(path, version=8) as writer:
-        connection = writer.add_connection("/velodyne_packets", kind, typestore=store)
-        for number in range(frames):
-            message = store.types[kind](header=header, packets=packets)
-            writer.write(connection, number, store.serialize_cdr(message, kind))
-    return path
-
-
 def test_packets_of_a_driver(tmp_path: Path, library: Callable[[str], Any]) -> None:
     library("velodyne_decoder")
-    bag = scan_bag(tmp_path / "bag", library, 2)
+    library("rosbags.rosbag2")
+    bag = scan_bag(tmp_path / "bag", packets=75, scans=2)
     for path in (bag, bag / "bag.db3"):
         with open_recording(path) as recording:
             assert (len(recording), recording.metadata["sensor"]) == (2, "VLP16")
@@ -91,7 +71,8 @@ def test_packets_of_a_driver(tmp_path: Path, library: Callable[[str], Any]) -> N
 
 def test_metadata_that_leave_out_what_they_must_say(tmp_path: Path, library: Callable[[str], Any]) -> None:
     """Rationale: recorders are about that write no serialization; the one file in the folder says it itself."""
-    path = scan_bag(tmp_path / "a", library, 2)
+    library("rosbags.rosbag2")
+    path = scan_bag(tmp_path / "a", packets=75, scans=2)
     described = path / "metadata.yaml"
     text = described.read_text(encoding="utf-8")
     assert "serialization_format: cdr" in text

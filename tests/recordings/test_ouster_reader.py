@@ -15,7 +15,7 @@ from helpers.recordings import OUSTER
 
 from lidarscene.errors import InputError
 from lidarscene.files import in_child
-from lidarscene.recordings.in_child import open_in_child
+from lidarscene.recordings.child_reader import open_in_child
 from lidarscene.recordings.opening import open_recording
 from lidarscene.recordings.ouster_reader import open_ouster
 from lidarscene.recordings.pcap_reader import metadata_of
@@ -170,7 +170,7 @@ def test_a_reader_that_ends_or_waits_is_one_line(tmp_path: Path, monkeypatch: py
     (tmp_path / "sitecustomize.py").write_text(modules[way])
     monkeypatch.syspath_prepend(tmp_path)
     with pytest.raises(InputError, match=r"a.osf: damaged: its reader ended or did not answer$"):
-        open_in_child("ouster_reader.open_ouster", path, None)
+        open_in_child(open_ouster, path, None)
 
 
 def test_an_osf_without_index_is_copied_first(

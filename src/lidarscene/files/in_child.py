@@ -1,13 +1,12 @@
 """Read foreign bytes in a process of its own: a compiled parser of a damaged file may crash, or wait without end.
 
-The child answers requests over a pipe, with a handler that this package has. If it dies, or takes longer than a file of
+The child answers requests over a pipe, with a function that it imports. If it dies, or takes longer than a file of
 this size may, the file counts as damaged. It ends with its parent, whose end of the pipe closes.
 """
 
 from __future__ import annotations
 
 import contextlib
-import importlib
 import os
 import pickle
 import subprocess
@@ -31,19 +30,20 @@ MOST_MEMORY = 16 << 30
 class Child:
     """Child process that answers requests.
 
-    handler  module and function of no arguments, "lidarscene.a.b:function", that returns the function of a request
+    handler  function of a request; it is pickled, so a module's function or an instance of a module's class
     """
 
-    def __init__(self, handler: str) -> None:
+    def __init__(self, handler: Callable[..., Any]) -> None:
         # The same modules as here, whatever the environment says.
         environment = os.environ | {"PYTHONPATH": os.pathsep.join(entry for entry in sys.path if entry)}
         self._process = subprocess.Popen(
-            [sys.executable, "-c", f"from {__name__} import serve; serve({handler!r})"],
+            [sys.executable, "-c", f"from {__name__} import serve; serve()"],
             stdin=subprocess.PIPE,
             stdout=subprocess.PIPE,
             stderr=subprocess.DEVNULL,
             env=environment,
         )
+        self._handler: Callable[..., Any] | None = handler  # until it has been sent
 
     @property
     def is_alive(self) -> bool:
@@ -62,6 +62,9 @@ class Child:
         watch.daemon = True
         watch.start()
         try:
+            if self._handler is not None:
+                pickle.dump(self._handler, process.stdin)
+                self._handler = None
             pickle.dump(request, process.stdin)
             process.stdin.flush()
             error, answer, notes = pickle.load(process.stdout)
@@ -86,12 +89,11 @@ class Child:
                     pipe.close()
 
 
-def serve(handler: str) -> None:
-    """Answer the requests on the standard input until it ends."""
+def serve() -> None:
+    """Answer the requests on the standard input until it ends; the first object there is their handler."""
     requests, answers = sys.stdin.buffer, _answers()
     _limit_memory()
-    module, _, function = handler.partition(":")
-    handle: Callable[..., Any] = getattr(importlib.import_module(module), function)()
+    handle: Callable[..., Any] = pickle.load(requests)
     while True:
         try:
             request = pickle.load(requests)

@@ -57,10 +57,11 @@ def _open_ouster(path: Path, metadata: Path | None) -> Recording:
 
 def _open_osf(path: Path, metadata: Path | None, sensor_index: int = 0) -> Recording:
     """Open an OSF in a process of its own: ouster-sdk crashes over some damaged ones."""
-    from .in_child import open_in_child
+    from .child_reader import open_in_child
+    from .ouster_reader import open_ouster
 
     import_optional("ouster.sdk", extra="ouster")  # raises here, with the command that installs it
-    return open_in_child("ouster_reader.open_ouster", path, metadata, sensor_index)
+    return open_in_child(open_ouster, path, metadata, sensor_index)
 
 
 def _open_packets(path: Path, metadata: Path | None) -> Recording:

@@ -13,7 +13,7 @@ import atexit
 import os
 import threading
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -47,7 +47,7 @@ def read_usd(path: Path) -> list[SubMesh]:
     import_optional("pxr", extra="usd")
     with _asking:
         if _child is None or _child[0] != os.getpid() or not _child[1].is_alive:
-            _child = os.getpid(), Child(f"{__name__}:handler")
+            _child = os.getpid(), Child(_read_stage)
             atexit.register(_child[1].end)
         pieces: list[SubMesh] = _child[1].ask(path, path)
     return pieces
@@ -56,11 +56,6 @@ def read_usd(path: Path) -> list[SubMesh]:
 _asking = threading.Lock()
 _child: tuple[int, Child] | None = None
 """Process that started it, since a fork shares the pipe, and the child that reads stages."""
-
-
-def handler() -> Callable[[Path], list[SubMesh]]:
-    """Function of requests, which are paths."""
-    return _read_stage
 
 
 def _read_stage(path: Path) -> list[SubMesh]:
