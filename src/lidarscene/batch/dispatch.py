@@ -279,8 +279,8 @@ class _Dispatcher:
         """
         name = next(self._names)  # unique to each run: Dask would answer a repeated one from its memory
         call = pickle.dumps(_Call(bundle, *self._arguments, hanging is None))
-        others = [] if hanging is None else [worker for worker in self._client.nthreads() if worker != hanging]
-        self._futures[name] = self._client.submit(pickle.loads, call, key=name, pure=False, workers=others or None)
+        awake = [] if hanging is None else [worker for worker in self._client.nthreads() if worker != hanging]
+        self._futures[name] = self._client.submit(pickle.loads, call, key=name, pure=False, workers=awake or None)
         self._since_s[name] = time.monotonic()
         self._waiting.add(self._futures[name])
         self.bundles[name] = bundle

@@ -56,8 +56,8 @@ def _withhold(detection: Detection, pulse_train: EchoTrain, sensor: Sensor) -> D
         of_own_light = (stop.status == int(Status.ECHO)) | (stop.status == int(Status.ALIASED))
         stops.append(replace(stop, reported=reported))
         has_echo = has_echo | (reported & of_own_light)
-    lost = (detection.outcome == int(Outcome.KEPT)) & ~has_echo
-    outcome = ops.where(lost, int(Outcome.HIDDEN), detection.outcome)
+    without_light = (detection.outcome == int(Outcome.KEPT)) & ~has_echo
+    outcome = ops.where(without_light, int(Outcome.HIDDEN), detection.outcome)
     return replace(detection, stops=tuple(stops), outcome=outcome)
 
 

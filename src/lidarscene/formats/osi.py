@@ -224,7 +224,7 @@ def sensor_data(cloud: Cloud, truth: GroundTruth | None = None) -> bytes:
 
 def _placing(mounting: Pose, host: Host, truth: GroundTruth, start_s: float) -> bytes:
     """Encode host_vehicle_location, mounting_position and sensor_view of a SensorData."""
-    seen = mounting.inverse() @ Pose(position_m=-host.to_rear_m)
+    host_axle = mounting.inverse() @ Pose(position_m=-host.to_rear_m)
     place = pose_fields(host.centre, position=2, orientation=3)
     localization = pose_fields(host.centre, position=1, orientation=2)
     host_id = number(1, host.id)
@@ -238,7 +238,7 @@ def _placing(mounting: Pose, host: Host, truth: GroundTruth, start_s: float) -> 
         message(7, truth.fields(start_s)),
         message(8, host_id),
     )
-    location = message(3, pose_fields(seen, position=2, orientation=3))
+    location = message(3, pose_fields(host_axle, position=2, orientation=3))
     return location + _mounting(6, mounting) + message(8, *view)
 
 

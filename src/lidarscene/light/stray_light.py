@@ -40,13 +40,13 @@ class Crosstalk:
         if sensor.optics.stray is None:
             return None
         point = sensor.working_point(np.zeros(1))
-        found_w = np.ravel(point.response.power_w(sensor.threshold(point)))[0]
+        threshold_w = np.ravel(point.response.power_w(sensor.threshold(point)))[0]
         sigma_s = sensor.laser.pulse_fwhm_s / SIGMAS_PER_FWHM
         volleys = find_volleys(sensor.scanner, sensor.optics.stray)
         return cls(
             volleys=volleys,
             # No channel then has more than NEGLIGIBLE of it, even if all others are as bright as the brightest.
-            least_w=NEGLIGIBLE * float(found_w) / max(volleys.largest_sum, 1e-30),
+            least_w=NEGLIGIBLE * float(threshold_w) / max(volleys.largest_sum, 1e-30),
             unit_m=radiometry.range_from_time_of_flight_m(time_of_flight_s=sigma_s),
         )
 
@@ -136,18 +136,20 @@ def add_stray_light(train: EchoTrain, light: ChannelLight, crosstalk: Crosstalk,
     """
     ops, volleys = xp(pulse, light.power_w), crosstalk.volleys
     place = ops.divmod(ops.int32(pulse), volleys.line)[1]
-    own = ops.index(light.power_w)
-    first = own - place + ops.int32(ops.take(volleys.first, place))
+    channel = ops.index(light.power_w)
+    first = channel - place + ops.int32(ops.take(volleys.first, place))
     row = place * volleys.size
     zero, start = ops.full(light.power_w, 0.0), ops.full(light.power_w, 0)
 
     def source_power_w(number: Lanes) -> Lanes:
         share = ops.take(volleys.share, row + number)
         # The last volley of all may be smaller than the largest: its shares beyond are 0.
-        return ops.where(share > 0.0, share * ops.take(light.power_w, ops.where(share > 0.0, first + number, own)), 0.0)
+        return ops.where(
+            share > 0.0, share * ops.take(light.power_w, ops.where(share > 0.0, first + number, channel)), 0.0
+        )
 
     def source_range_m(number: Lanes, power_w: Lanes) -> Lanes:
-        return ops.take(light.range_m, ops.where(power_w > 0.0, first + number, own))
+        return ops.take(light.range_m, ops.where(power_w > 0.0, first + number, channel))
 
     def brighter(state: _Brightest) -> _Brightest:
         power_w = source_power_w(state.number)

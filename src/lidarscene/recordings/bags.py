@@ -155,9 +155,9 @@ Transforms = dict[str, list[tuple[float, str, Pose]]]
 
 def _pose_at(transforms: Transforms, frame: str, time_s: float) -> Pose | None:
     """Pose of a frame in the last of its parents by the last transforms before a time; None if one is missing."""
-    pose, seen = None, set[str]()
-    while frame in transforms and frame not in seen:
-        seen.add(frame)
+    pose, visited = None, set[str]()
+    while frame in transforms and frame not in visited:
+        visited.add(frame)
         earlier = [(parent, step) for stamp_s, parent, step in transforms[frame] if stamp_s <= time_s]
         if not earlier:
             return None

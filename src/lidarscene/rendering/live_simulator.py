@@ -156,8 +156,8 @@ class LiveSimulator(Simulator):
         frame_options = keywords.take(FrameOptions, frame)
         keywords.end()
         if not _is_finite(to_s) or not self._now_s < to_s:
-            shown = f"{to_s:g} s" if _is_finite(to_s) else repr(to_s)
-            raise InputError(f"advance: must be to a time later than {self._now_s:g} s, got {shown}")
+            time_text = f"{to_s:g} s" if _is_finite(to_s) else repr(to_s)
+            raise InputError(f"advance: must be to a time later than {self._now_s:g} s, got {time_text}")
         if poses is not None and not isinstance(poses, Mapping):
             raise InputError(f"poses: must be a dict of names and poses, got {type(poses).__name__}")
         new_poses: dict[str | None, Pose] = {}
@@ -339,8 +339,8 @@ def _course(subject: str, pose: Placed, motion: MotionKeywords) -> Course:
     """Motion from a pose on. Raises InputError for a keyword or number that is none of `MotionKeywords`."""
     for keyword in motion:
         if keyword not in MotionKeywords.__annotations__:
-            known = ", ".join(MotionKeywords.__annotations__)
-            raise InputError(f"{subject}: unknown keyword '{keyword}'; a motion has {known}")
+            keywords = ", ".join(MotionKeywords.__annotations__)
+            raise InputError(f"{subject}: unknown keyword '{keyword}'; a motion has {keywords}")
     velocity_m_s = motion.get("velocity_m_s", (0.0, 0.0, 0.0))
     velocity = finite_numbers(velocity_m_s)
     if len(velocity) != 3:

@@ -47,8 +47,8 @@ class Finite(NamedTuple):
         if not isinstance(value, Real) or not math.isfinite(value) or not self.low <= float(value) <= self.high:
             bounds = f"{self.low:g} to {self.high:g} {self.unit}"
             allowed = bounds if math.isfinite(self.low) else f"a finite number of {self.unit}"
-            got = f"{value:g}" if isinstance(value, float) else repr(value)
-            raise OptionError(f"{{{option}}}: must be {allowed}, got {{0}}", got)
+            value_text = f"{value:g}" if isinstance(value, float) else repr(value)
+            raise OptionError(f"{{{option}}}: must be {allowed}, got {{0}}", value_text)
 
 
 class OneOf(NamedTuple):

@@ -49,8 +49,8 @@ class Sheet:
     ) -> Sheet:
         """Lay a sheet over the surface, with vertices ``spacing_m`` apart."""
         x_m, y_m = (_ticks(length_m, spacing_m) for length_m in size_m)
-        shown = surface.without_short_waves(1.0 / (SPACINGS_A_WAVE * spacing_m))
-        rough_m = shown.grid_m(x_m, y_m, pose)
+        resolved = surface.without_short_waves(1.0 / (SPACINGS_A_WAVE * spacing_m))
+        rough_m = resolved.grid_m(x_m, y_m, pose)
         height_m = rough_m + crown_rise_m(np.stack(np.meshgrid(x_m, y_m, indexing="ij"), axis=-1), size_m, crown_m)
         return cls(pose=pose, size_m=size_m, crown_m=crown_m, height_m=height_m)
 
@@ -67,8 +67,8 @@ class Sheet:
         # Once around, counter-clockwise from above; the last vertex is the first.
         rim = np.concatenate([number[:, 0], number[-1, 1:], number[-2::-1, -1], number[0, -2::-1]])
         foot = len(top) + np.arange(len(rim))
-        here, following = rim[:-1], rim[1:]
-        sides = [np.stack([here, foot[:-1], following], axis=1), np.stack([following, foot[:-1], foot[1:]], axis=1)]
+        leading, following = rim[:-1], rim[1:]
+        sides = [np.stack([leading, foot[:-1], following], axis=1), np.stack([following, foot[:-1], foot[1:]], axis=1)]
         return np.concatenate([top, top[rim] - [0.0, 0.0, kerb_m]]), np.concatenate([faces, *sides])
 
     def covers(self, place_m: Numbers) -> tuple[Numbers, Numbers]:

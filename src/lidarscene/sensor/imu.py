@@ -203,9 +203,11 @@ class ImuFile(ImuNumbers, PoseFile):
                 values = imu_model(self.model, folder).values_in_si()
             except InputError as error:
                 raise InputError(f"imu.model: {error}") from None
-        given = {field for field, (key, _) in self.keys.items() if key in self.model_fields_set or self.model is None}
-        own = {field: value for field, value in self.values_in_si().items() if field in given}
-        return Imu(**(values | own), pose=self.pose())
+        replaced = {
+            field for field, (key, _) in self.keys.items() if key in self.model_fields_set or self.model is None
+        }
+        changes = {field: value for field, value in self.values_in_si().items() if field in replaced}
+        return Imu(**(values | changes), pose=self.pose())
 
     def files(self, folder: Path) -> Iterator[Path]:
         """Yield the file that it names beside its own."""

@@ -80,9 +80,9 @@ class WearFile(FileModel):
             return replace(worn, halo=Halo(share=share, divergence_rad=angle_rad))
         # Light is in the clear core only if neither halo has it. The common halo keeps the mean square of the angles.
         clean = optics.halo.share
-        both = 1.0 - (1.0 - clean) * (1.0 - share)
+        scattered = 1.0 - (1.0 - clean) * (1.0 - share)
         square = (clean * optics.halo.divergence_rad**2 + share * angle_rad**2) / (clean + share)
-        return replace(worn, halo=Halo(share=both, divergence_rad=math.sqrt(square)))
+        return replace(worn, halo=Halo(share=scattered, divergence_rad=math.sqrt(square)))
 
     def build(self, *, optics: Optics, laser: Laser, scanner: Scanner, offset_m: tuple[float, float]) -> Wear:
         """Convert to SI units; raises InputError.

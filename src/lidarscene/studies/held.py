@@ -130,8 +130,8 @@ class Held:
         row = asdict(self)
         low, high, _ = row.pop("limits")
         row |= {"low": low, "high": high, "unit": row.pop("unit"), "met": self.verdict}
-        shown = row.keys() - {"subject", "note"} | keys.keys()
-        return {keys.get(field, field): row[field] for field in row if field in shown}
+        fields = row.keys() - {"subject", "note"} | keys.keys()
+        return {keys.get(field, field): row[field] for field in row if field in fields}
 
 
 def ratio(simulated: float | None, reference: float | None) -> float | None:
@@ -162,12 +162,12 @@ def verdict(rows: Sequence[Held], whole: str) -> str:
     if not limited:
         return f"{whole} has nothing that can be held to a limit{not_measured}."
     if not missed:
-        met = f"all {len(limited)} limits" if len(limited) > 1 else "the one limit"
-        return f"{whole} meets {met}{' that could be measured' if unmeasured else ''}{not_measured}."
+        count = f"all {len(limited)} limits" if len(limited) > 1 else "the one limit"
+        return f"{whole} meets {count}{' that could be measured' if unmeasured else ''}{not_measured}."
     misses = [f"{_name(row)}, {value_text(row.value)} where {row.limits} is allowed" for row in missed[:MOST_NAMED]]
     more = [f"{len(missed) - MOST_NAMED} more"] if len(missed) > MOST_NAMED else []
-    met = f"{len(limited) - len(missed)} of {len(limited)} limits"
-    return f"{whole} meets {met}; it misses {'; '.join(misses + more)}{not_measured}."
+    count = f"{len(limited) - len(missed)} of {len(limited)} limits"
+    return f"{whole} meets {count}; it misses {'; '.join(misses + more)}{not_measured}."
 
 
 def _name(row: Held) -> str:

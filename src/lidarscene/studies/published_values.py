@@ -110,8 +110,8 @@ def _twice_the_range(sensor: Sensor, published: PublishedFile) -> Held:
     klux = 100.0 if published.illuminance_klux is None else published.illuminance_klux
     target = Target(reflectivity=published.reflectivity or 0.1, illuminance_klux=klux)
     limit, _ = maximum_range_m(sensor, target)
-    found = None if not 0.0 < limit < np.inf else statistics.detection_probability(sensor, target, 2.0 * limit)
-    return _row("P_d", f"{target.reflectivity:.0%}, {klux:g} klux, at twice that range", None, found)
+    probability = None if not 0.0 < limit < np.inf else statistics.detection_probability(sensor, target, 2.0 * limit)
+    return _row("P_d", f"{target.reflectivity:.0%}, {klux:g} klux, at twice that range", None, probability)
 
 
 def _modes(name: str, sensor: Sensor, published: PublishedFile) -> list[Held]:

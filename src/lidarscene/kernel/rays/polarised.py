@@ -73,5 +73,5 @@ class PolarisedBeam:
         """
         import drjit as dr
 
-        back = dr.maximum(self.unpolarised.intensity, 1e-12)
-        return dr.select(keeps, self.laser.times(self.unpolarised) / back, self.laser.intensity)
+        way_back = dr.maximum(self.unpolarised.intensity, 1e-12)
+        return dr.select(keeps, self.laser.times(self.unpolarised) / way_back, self.laser.intensity)

@@ -151,19 +151,19 @@ class CountEdge:
         ratio = ops.maximum(ops.minimum((threshold - signal) / sigma, 10.0), -_SURE)
         hazard = _density(ratio) / _below(ratio)
         peak = self.peak
-        rest = ops.maximum(self.dead_time - 1.0 - peak, _STRETCHES[-1])
+        after_peak = ops.maximum(self.dead_time - 1.0 - peak, _STRETCHES[-1])
         before: Lanes = 0.0
         for stretch in _STRETCHES:
             before = ops.maximum(before, self._excess(peak, peak - stretch, signal, sigma)[0])
-        behind, variance = self._excess(peak, peak + rest, signal, sigma)
-        for longer in (*_STRETCHES, 0.5 * rest):
+        behind, variance = self._excess(peak, peak + after_peak, signal, sigma)
+        for longer in (*_STRETCHES, 0.5 * after_peak):
             behind = ops.maximum(behind, self._excess(peak, peak + longer, signal, sigma)[0])
         half_cell = 0.5 / sigma
         quiet = 1.0 - at_peak
         on_edge = at_peak - quiet * expm1(-hazard * ops.maximum(before - half_cell, 0.0))
         ever = at_peak - quiet * expm1(-hazard * ops.maximum(before + behind - half_cell, 0.0))
         # A level mean is passed evenly in the root of time: half of S = pi f^2 / 4 in the mean, twice that at most.
-        duration = rest * ops.minimum(0.5 * math.pi * behind * behind / variance, 1.0)
+        duration = after_peak * ops.minimum(0.5 * math.pi * behind * behind / variance, 1.0)
         return Passage(on_edge=on_edge, ever=ever, before=before, duration=duration)
 
     def _excess(self, peak: Lanes, end: Lanes, signal: Lanes, sigma: Lanes) -> tuple[Lanes, Lanes]:

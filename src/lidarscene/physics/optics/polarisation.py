@@ -74,11 +74,11 @@ def pane_shares(*, cos_incidence: Lanes, index: Lanes, internal: Lanes, reflecte
     """
     r_s, r_p = fresnel_amplitudes(cos_incidence=cos_incidence, index=index)
     law = pane_reflectance if reflected else pane_transmittance
-    both, internal_both = r_s * r_p, internal * internal
+    product, internal_both = r_s * r_p, internal * internal
     passing = (1.0 - r_s * r_s) * (1.0 - r_p * r_p)
-    series = 1.0 / (1.0 - both * both * internal_both)
+    series = 1.0 / (1.0 - product * product * internal_both)
     return LobeShares(
         across=law(surface=r_s * r_s, internal=internal),
         along=law(surface=r_p * r_p, internal=internal),
-        mixed=both + passing * both * internal_both * series if reflected else passing * internal * series,
+        mixed=product + passing * product * internal_both * series if reflected else passing * internal * series,
     )

@@ -77,9 +77,9 @@ class RoughSurface:
 
     def without_short_waves(self, highest_per_m: float) -> RoughSurface:
         """The same surface without the waves above a spatial frequency, which a coarse mesh cannot show."""
-        kept = np.hypot(*self.wave_per_m.T) <= highest_per_m
+        resolved = np.hypot(*self.wave_per_m.T) <= highest_per_m
         return RoughSurface(
-            wave_per_m=self.wave_per_m[kept], phase=self.phase[kept], amplitude_m=self.amplitude_m[kept]
+            wave_per_m=self.wave_per_m[resolved], phase=self.phase[resolved], amplitude_m=self.amplitude_m[resolved]
         )
 
     def grid_m(self, x_m: Numbers, y_m: Numbers, pose: Pose) -> Numbers:
