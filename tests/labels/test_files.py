@@ -124,7 +124,7 @@ def test_counts_are_those_of_every_point_and_beam() -> None:
         angles = rng.uniform(-180.0, 180.0, 3)
         pose = Pose.from_degrees(position_m=tuple(place), yaw_deg=angles[0], pitch_deg=angles[1], roll_deg=angles[2])
         box = Box(body=0, name="", class_name="car", size_m=rng.uniform(1.0, 6.0, 3), pose=pose)
-        counted = points.counted(box, box)
+        (counted,) = points.counted([box], [box])
         local, start = pose.inverse_apply(xyz_m.astype(float)), pose.inverse_apply(origin_m[None])
         assert counted.points_inside == (np.abs(local) <= 0.5 * box.size_m).all(axis=1).sum()
         way = local - start
@@ -708,11 +708,17 @@ def test_labels_do_not_show_how_the_frame_was_cut(
         assert complete.read_bytes() == pieces.read_bytes()
 
 
-def test_points_that_waited_are_counted_where_they_are(tmp_path: Path) -> None:
-    """Reference: the same boxes and half-spaces point by point, of a frame whose points wait on disk since a car moves.
+@pytest.mark.parametrize("in_memory", [0, 700, labels_boxes.PIECE_POINTS])
+def test_points_that_waited_are_counted_where_they_are(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, in_memory: int
+) -> None:
+    """Reference: the same boxes and half-spaces point by point, of a frame whose points wait since a car moves: all on
+    disk, some, or none.
 
     Every other point comes a metre too far to the left and up: no axis may stand for another.
     """
+    monkeypatch.setattr(labels_boxes, "WAITING_POINTS", in_memory)
+    monkeypatch.setattr(labels_boxes, "PIECE_POINTS", 600)
     cloud, scene = render_driving(motion_in="removed")
     moved_m = cloud.xyz_m + np.where(np.arange(len(cloud))[:, None] % 2, np.float32([0.0, 1.0, 0.4]), 0)
     # The reported range says nothing of what stopped a beam; nor does a point that is no echo.
@@ -739,6 +745,26 @@ def test_points_that_waited_are_counted_where_they_are(tmp_path: Path) -> None:
         assert 0 < box.reached < box.beams
         assert annotation["velocity"] == box.velocity_m_s.tolist()
         assert annotation["visibility"] == pytest.approx(box.visibility, abs=1e-4)
+
+
+def test_the_vehicle_is_asked_as_often_whatever_there_is_to_label() -> None:
+    """Rationale: on springs one place of the vehicle costs as much as a hundred, and a street has a hundred bodies."""
+    asked = []
+
+    class Counting(Course):
+        def at(self, time_s: np.ndarray) -> Any:
+            asked.append(len(np.atleast_1d(time_s)))
+            return super().at(time_s)
+
+    cloud, scene = render_driving(motion_in="in the points")
+    bodies = [
+        *scene.bodies,
+        *(street.block(f"b{i}", "car", CAR, street.pose_at(30.0 + 5 * i, 12.0, 0.75, 0.0)) for i in range(20)),
+    ]
+    asked.clear()
+    ego = Counting(start=street.SENSOR, speed_m_s=20.0)
+    assert len(boxes(cloud, replace(scene, ego=ego, bodies=tuple(bodies)))) == 22
+    assert asked == [22, 22]
 
 
 def test_a_rig_whose_sensors_see_the_same_has_the_same_boxes() -> None:

@@ -11,6 +11,7 @@ then where the cloud shows the body: as seen from the sensor at the mean time of
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -22,11 +23,13 @@ from ..files.spool import Spool
 from ..formats.cloud_columns import frame_starts_s, sensor_positions_m
 from ..maths.arrays import Numbers
 from ..maths.pose import Pose
-from ..maths.trajectory import pose_at
 from ..scene.scene import Body, Scene, box_of
 from .kinds import kind_of
 
 PIECE_POINTS = 1 << 20
+WAITING_POINTS = 1 << 20
+"""Points of a frame, 18 MB, that wait in memory until the boxes are placed; those after them wait on disk."""
+
 PICOSECOND = 1e-12
 STOPPED_M = 0.05
 """Tolerance for a beam that reaches a box: one that ends less than this before the box only has an error of range."""
@@ -146,11 +149,24 @@ class BoxTally:
 
     def place_boxes(self) -> None:
         """Place the boxes at the mean time of their bodies' points."""
-        for number, (index, body) in enumerate(self._things):
-            points = max(int(self._points_on[number].sum()), 1)
-            later_s = self._points_on[number] @ (self._starts_s - self._starts_s[0]) / points
-            since_s = self._time_ps[number] * PICOSECOND / points
-            self._boxes.append(self._box_at(body, index, float(self._starts_s[0] + later_s), since_s))
+        points = np.maximum(self._points_on.sum(axis=1), 1)
+        starts_s = self._starts_s[0] + self._points_on @ (self._starts_s - self._starts_s[0]) / points
+        seen_s = starts_s + self._time_ps * PICOSECOND / points
+        standing = boxes_of_bodies(self._things)
+        self._boxes = [
+            _carried(box, body, float(time_s))
+            for box, (_, body), time_s in zip(standing, self._things, seen_s, strict=True)
+        ]
+        if self._ego is None or not self._boxes:
+            return
+        # As seen from the sensor then, but placed from its pose at the start of the frame. The vehicle's motion is asked
+        # for all bodies at once: on springs one time costs as much as a hundred.
+        ego_start = self._ego.at(np.clip(starts_s, *self._ego.span_s))
+        ego_seen = self._ego.at(np.clip(seen_s, *self._ego.span_s))
+        self._boxes = [
+            replace(box, pose=ego_start.pose(number) @ ego_seen.pose(number).inverse() @ box.pose)
+            for number, box in enumerate(self._boxes)
+        ]
 
     def count_points(self, xyz_m: Numbers, true_range_m: Numbers, status: Numbers, sensor_index: Numbers) -> None:
         """Count points and beams in the boxes; columns of a cloud."""
@@ -158,7 +174,7 @@ class BoxTally:
             of_sensor = slice(None) if len(self._origins_m) == 1 else sensor_index == number
             points = _PointsByAzimuth(xyz_m[of_sensor], origin_m, true_range_m[of_sensor], status[of_sensor])
             # Few boxes are brought into the frame of the points, in place of many points into that of the boxes.
-            self._boxes = [points.counted(box, box.seen_from(self._to_world)) for box in self._boxes]
+            self._boxes = points.counted(self._boxes, [box.seen_from(self._to_world) for box in self._boxes])
 
     def boxes(self) -> list[Box]:
         """Boxes with all counts."""
@@ -167,26 +183,12 @@ class BoxTally:
             for box, points_on in zip(self._boxes, self._points_on, strict=True)
         ]
 
-    def _box_at(self, body: Body, index: int, start_s: float, since_s: float) -> Box:
-        """Return the box of a body ``since_s`` after a frame's start, where the cloud shows it."""
-        box = box_of_body(body, index)
-        if body.motion is not None:
-            # The box that the body has by its pose, carried along.
-            carried = body.pose.inverse() @ box.pose
-            states = body.motion.at(np.clip([start_s + since_s], *body.motion.span_s)) @ carried
-            box = replace(box, pose=states.pose(), velocity_m_s=states.velocity_m_s[0])
-        if self._ego is not None:
-            # As seen from the sensor then, but placed from its pose at the start of the frame.
-            ego_at_start, ego_then = pose_at(self._ego, start_s), pose_at(self._ego, start_s + since_s)
-            box = replace(box, pose=ego_at_start @ ego_then.inverse() @ box.pose)
-        return box
-
 
 class GatheredBoxes:
     """Boxes of one frame that comes in clouds, at least one, in memory that does not grow with the frame.
 
     If something moves, the place of a box is known only when all its points have come, and only then can the points
-    inside be counted. Until then the points are stored on disk.
+    inside be counted. Until then the points wait: `WAITING_POINTS` in memory, those after them on disk.
 
     first   the first cloud, without its points
     points  number of points of all clouds
@@ -201,6 +203,7 @@ class GatheredBoxes:
         self._folder, self._scene, self._as_seen, self._with_ego = folder, scene, as_seen, with_ego
         self._tally: BoxTally | None = None
         self._spool: Spool | None = None
+        self._waiting: list[tuple[Numbers, Numbers, Numbers, Numbers]] = []
         self.points = 0
 
     def __enter__(self) -> GatheredBoxes:
@@ -223,6 +226,8 @@ class GatheredBoxes:
         assert self._tally is not None
         if self._spool is not None:
             self._tally.place_boxes()
+            for piece in self._waiting:
+                self._tally.count_points(*piece)
             for rows in self._spool.blocks():
                 xyz_m = np.stack([rows["x"], rows["y"], rows["z"]], axis=-1)
                 self._tally.count_points(xyz_m, rows["true_range"], rows["status"], rows["sensor_index"])
@@ -243,6 +248,9 @@ class GatheredBoxes:
         self._tally.add_echoes(cloud)
         if self._spool is None:
             self._tally.count_points(cloud.xyz_m, truth_of(cloud)[0], cloud.status, cloud.sensor_index)
+            return
+        if sum(len(piece[0]) for piece in self._waiting) + len(cloud) <= WAITING_POINTS and not len(self._spool):
+            self._waiting.append((cloud.xyz_m, truth_of(cloud)[0], cloud.status, cloud.sensor_index))
             return
         self._spool.append(
             **dict(zip("xyz", cloud.xyz_m.T, strict=True)),
@@ -277,17 +285,40 @@ def _require_pose(pose: Pose | None) -> Pose:
 
 def box_of_body(body: Body, index: int) -> Box:
     """Box of a body at its pose in the scene, in the world frame."""
-    extent_m = box_of(body.parts)
-    assert extent_m is not None
-    low, high = extent_m
-    axes = _axes(body.pose.rotation).T
-    return Box(
-        body=index,
-        name=body.name,
-        class_name=body.class_name,
-        size_m=np.abs(axes.T @ (high - low)),
-        pose=body.pose @ Pose(position_m=0.5 * (low + high), rotation=axes),
-    )
+    return boxes_of_bodies([(index, body)])[0]
+
+
+def boxes_of_bodies(bodies: Sequence[tuple[int, Body]]) -> list[Box]:
+    """Boxes of bodies with surfaces, each with its index, at their poses in the scene, in the world frame."""
+    if not bodies:
+        return []
+    extents_m = np.array([box_of(body.parts) for _, body in bodies])
+    low, high = extents_m[:, 0], extents_m[:, 1]
+    rotation = np.stack([body.pose.rotation for _, body in bodies])
+    position_m = np.stack([body.pose.position_m for _, body in bodies])
+    axes = _axes(rotation)
+    sizes_m = np.abs(np.einsum("nij,nj->ni", axes, high - low))
+    centres_m = position_m + np.einsum("nij,nj->ni", rotation, 0.5 * (low + high))
+    rotations = rotation @ axes.transpose(0, 2, 1)
+    return [
+        Box(
+            body=index,
+            name=body.name,
+            class_name=body.class_name,
+            size_m=size_m,
+            pose=Pose(position_m=centre_m, rotation=turned),
+        )
+        for (index, body), size_m, centre_m, turned in zip(bodies, sizes_m, centres_m, rotations, strict=True)
+    ]
+
+
+def _carried(box: Box, body: Body, time_s: float) -> Box:
+    """Return the box, which the body has at its pose in the scene, at a time by the scene's clock."""
+    if body.motion is None:
+        return box
+    carried = body.pose.inverse() @ box.pose
+    states = body.motion.at(np.clip([time_s], *body.motion.span_s)) @ carried
+    return replace(box, pose=states.pose(), velocity_m_s=states.velocity_m_s[0])
 
 
 def upright_size_and_yaw(box: Box) -> tuple[Numbers, float]:
@@ -302,15 +333,15 @@ def upright_size_and_yaw(box: Box) -> tuple[Numbers, float]:
 
 
 def _axes(rotation: Numbers) -> Numbers:
-    """(3, 3) rows forward, left and up of a body, each along one axis of the body's frame.
+    """(n, 3, 3) rows forward, left and up of bodies, each along one axis of the body's frame; (n, 3, 3) rotations.
 
     Up is the axis nearest to the world's z; forward is its own x, or y where x is up.
     """
-    up = int(np.argmax(np.abs(rotation[2])))
+    up = np.argmax(np.abs(rotation[:, 2]), axis=1)
     axes = np.eye(3)
-    upward = axes[up] * (1.0 if rotation[2, up] >= 0 else -1.0)
-    forward = axes[1] if up == 0 else axes[0]
-    return np.stack([forward, np.cross(upward, forward), upward])
+    sign = np.where(np.take_along_axis(rotation[:, 2], up[:, None], axis=1) >= 0, 1.0, -1.0)
+    upward, forward = axes[up] * sign, axes[np.where(up == 0, 1, 0)]
+    return np.stack([forward, np.cross(upward, forward), upward], axis=1)
 
 
 class _PointsByAzimuth:
@@ -325,18 +356,21 @@ class _PointsByAzimuth:
         x, y, z = (xyz_m[:, axis] - xyz_m.dtype.type(origin_m[axis]) for axis in range(3))
         # NumPy sorts 16-bit numbers by radix, in a tenth of the time of others.
         sector = _sector(np.arctan2(y, x)).astype(np.uint16)
-        order = np.argsort(sector, kind="stable")
-        self._sector = sector[order]
-        self._slope = (z / np.maximum(np.hypot(x, y), np.finfo(x.dtype).tiny))[order]
-        self._xyz_m = np.ascontiguousarray(xyz_m.T)[:, order]
-        self._true_range_m, self._is_echo = true_range_m[order], status[order] == 0
+        self._order = np.argsort(sector, kind="stable")
+        self._sector = sector[self._order]
+        self._slope = (z / np.maximum(np.hypot(x, y), np.finfo(x.dtype).tiny))[self._order]
+        self._xyz_m, self._true_range_m, self._status = xyz_m, true_range_m, status
 
-    def counted(self, box: Box, local: Box) -> Box:
-        """Return the box with its points and beams added; ``local`` is the same box in the frame of the points."""
+    def counted(self, boxes: Sequence[Box], local_boxes: Sequence[Box]) -> list[Box]:
+        """Return the boxes with their points and beams added; ``local_boxes`` are the same in the frame of the points."""
+        towards = self._towards(local_boxes) if local_boxes else []
+        return [self._counted(*box) for box in zip(boxes, local_boxes, towards, strict=True)]
+
+    def _counted(self, box: Box, local: Box, near: Numbers) -> Box:
+        """Return the box with those points and beams added that are near its direction."""
         half_m, into_box = 0.5 * local.size_m, local.pose.rotation.T
         start_m = into_box @ (self._origin_m - local.pose.position_m)
-        near = self._towards(local)
-        points_m = into_box @ (self._xyz_m[:, near] - local.pose.position_m[:, None])
+        points_m = into_box @ (self._xyz_m[near] - local.pose.position_m).T
         is_inside = np.ones(len(near), np.bool_)
         # Slab method: a line is inside a box between its last entry and its first exit of the three pairs of planes;
         # here in lengths of the way to the point.
@@ -349,7 +383,7 @@ class _PointsByAzimuth:
             low, high = (-half - start) / way_m, (half - start) / way_m
             np.maximum(enter, np.minimum(low, high), out=enter)
             np.minimum(leave, np.maximum(low, high), out=leave)
-        meets = (enter <= leave) & self._is_echo[near]
+        meets = (enter <= leave) & (self._status[near] == 0)
         reaches = meets & (self._true_range_m[near] >= enter * np.sqrt(square_m2) - STOPPED_M)
         return replace(
             box,
@@ -358,27 +392,42 @@ class _PointsByAzimuth:
             reached=box.reached + int(reaches.sum()),
         )
 
-    def _towards(self, box: Box) -> Numbers:
-        """Indices of the points in whose direction some part of the box may be."""
-        x, y, z = (box.corners_m() - self._origin_m).T
-        middle_x, middle_y = x.mean(), y.mean()
-        distance, radius = np.hypot(middle_x, middle_y), np.hypot(x - middle_x, y - middle_y).max()
-        if distance <= radius:
-            return np.arange(len(self._sector))  # the sensor is above, below or in it
+    def _towards(self, boxes: Sequence[Box]) -> list[Numbers]:
+        """Indices of the points in whose direction some part of each box may be."""
+        x, y, z = np.moveaxis(np.stack([box.corners_m() for box in boxes]) - self._origin_m, -1, 0)  # (boxes, corners)
+        middle_x, middle_y = x.mean(axis=1), y.mean(axis=1)
+        distance = np.hypot(middle_x, middle_y)
+        radius = np.hypot(x - middle_x[:, None], y - middle_y[:, None]).max(axis=1)
+        around = distance <= radius  # the sensor is above, below or in the box
         azimuth = np.arctan2(middle_y, middle_x)
-        turns = np.mod(np.arctan2(y, x) - azimuth + np.pi, 2.0 * np.pi) - np.pi
+        turns = np.mod(np.arctan2(y, x) - azimuth[:, None] + np.pi, 2.0 * np.pi) - np.pi
         # One sector more on either side, for rounding.
-        first, last = int(_sector(azimuth + turns.min())) - 1, int(_sector(azimuth + turns.max())) + 1
-        ranges = [(first, last)]
-        if first < 0:
-            ranges = [(0, last), (first + _SECTORS, _SECTORS - 1)]
-        elif last >= _SECTORS:
-            ranges = [(first, _SECTORS - 1), (0, last - _SECTORS)]
-        slices = [np.arange(*np.searchsorted(self._sector, [low, high + 1])) for low, high in ranges]
-        slopes = np.outer([z.min(), z.max()], [1.0 / (distance - radius), 1.0 / (distance + radius)])
-        near = np.concatenate(slices)
-        is_level = np.abs(self._slope[near] - 0.5 * (slopes.min() + slopes.max())) <= 0.501 * np.ptp(slopes) + 1e-5
-        return np.asarray(near[is_level])
+        first = _sector(azimuth + turns.min(axis=1)).astype(np.int64) - 1
+        last = _sector(azimuth + turns.max(axis=1)).astype(np.int64) + 1
+        # Bounds of the slope: of the lowest and the highest corner, at the least and at the largest distance.
+        nearest, farthest = np.where(around, 1.0, distance - radius), distance + radius
+        heights = np.stack([z.min(axis=1), z.max(axis=1)])
+        slopes = np.concatenate([heights / nearest, heights / farthest])
+        middle, half = 0.5 * (slopes.max(axis=0) + slopes.min(axis=0)), 0.501 * np.ptp(slopes, axis=0) + 1e-5
+        # Across the seam of the azimuth a box has two runs of sectors.
+        runs = np.stack([first, last + 1, first + _SECTORS, last + 1 - _SECTORS], axis=1)
+        rows = np.searchsorted(self._sector, runs.clip(0, _SECTORS))
+        near = []
+        for number, (low, high, from_end, from_start) in enumerate(rows.tolist()):
+            if around[number]:
+                near.append(np.arange(len(self._order)))
+                continue
+            slices = [slice(low, high)]
+            if first[number] < 0:
+                slices.append(slice(from_end, None))
+            elif last[number] >= _SECTORS:
+                slices.append(slice(0, from_start))
+            near.append(
+                np.concatenate(
+                    [self._order[run][np.abs(self._slope[run] - middle[number]) <= half[number]] for run in slices]
+                )
+            )
+        return near
 
 
 _SECTORS = 1 << 16
