@@ -159,8 +159,8 @@ class BoxTally:
         ]
         if self._ego is None or not self._boxes:
             return
-        # As seen from the sensor then, but placed from its pose at the start of the frame. The vehicle's motion is asked
-        # for all bodies at once: on springs one time costs as much as a hundred.
+        # As seen from the sensor then, but placed from its pose at the start of the frame. The vehicle is asked once
+        # for all bodies: on springs one time costs as much as a hundred.
         ego_start = self._ego.at(np.clip(starts_s, *self._ego.span_s))
         ego_seen = self._ego.at(np.clip(seen_s, *self._ego.span_s))
         self._boxes = [
@@ -362,7 +362,7 @@ class _PointsByAzimuth:
         self._xyz_m, self._true_range_m, self._status = xyz_m, true_range_m, status
 
     def counted(self, boxes: Sequence[Box], local_boxes: Sequence[Box]) -> list[Box]:
-        """Return the boxes with their points and beams added; ``local_boxes`` are the same in the frame of the points."""
+        """Return the boxes with their counts added; ``local_boxes`` are the same in the frame of the points."""
         towards = self._towards(local_boxes) if local_boxes else []
         return [self._counted(*box) for box in zip(boxes, local_boxes, towards, strict=True)]
 
