@@ -110,6 +110,16 @@ def test_retro_range_is_logarithmic():
     np.testing.assert_array_equal(np.diff(reported), 50.0)
 
 
+def test_scale_with_a_power():
+    """(T46a) typed out, from black to white, and 255 above; a linear scale is that of the exponent 1."""
+    rho = np.array([0.0, 0.01, 0.09, 0.25, 1.0, 7.0])
+    scale = {"white_value": 254.0, "retro": "linear", "retro_reflectivity": 1000.0}
+    reported = intensity.on_scale(reflectivity=rho, exponent=0.5, **scale)
+    np.testing.assert_array_equal(reported, [0, 25, 76, 127, 254, 255])
+    linear, first_power = (intensity.on_scale(reflectivity=rho, exponent=power, **scale) for power in (None, 1.0))
+    np.testing.assert_array_equal(linear, first_power)
+
+
 def test_traced_boards(mi):
     """A grey board and a sheet on the device: 40, and pi R_A on the retro range."""
     lobe = {"retro_coefficient_cd_per_lx_m2": 70.0, "retro_half_angle_deg": 0.5}

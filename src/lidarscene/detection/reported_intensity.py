@@ -43,6 +43,7 @@ def reported_intensity(
             power_w=power, range_m=range_m, white_w_m2=echoes.white_w_m2, overlap=overlap
         ),
         white_value=scale.white_value,
+        exponent=scale.exponent,
         retro=scale.retro,
         retro_reflectivity=scale.retro_reflectivity,
     )

@@ -121,7 +121,13 @@ class Intensity:
     kind: Annotated[Literal["range_corrected", "reflectivity"], FileKey()]
     reference_m: Annotated[Lanes, Quantity(gt=0, le=1e6, about="that range")] = 10.0
     white_value: Annotated[Lanes, Quantity(gt=0, lt=255, about="of a white Lambertian surface across the beam")] = 100.0
-    retro: Annotated[Literal["linear", "logarithmic"], FileKey(about="the scale above that")] = "logarithmic"
+    exponent: Annotated[
+        Lanes | None,
+        Quantity(gt=0, le=4, about="of the reflectivity on the scale below that, 0.5: its root; linear if left out"),
+    ] = None
+    retro: Annotated[
+        Literal["linear", "logarithmic"], FileKey(about="the scale above white: the same law, or a logarithmic one")
+    ] = "logarithmic"
     retro_reflectivity: Annotated[Lanes, Quantity(gt=1, le=1e9, about="that reads 255 on a logarithmic scale")] = 1000.0
 
     @property

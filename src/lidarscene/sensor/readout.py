@@ -74,7 +74,7 @@ class RangeCorrectedFile(Table[Intensity], only=("kind", "reference_m")):
     kind: Literal["range_corrected"]
 
 
-class ReflectivityFile(Table[Intensity], only=("kind", "white_value", "retro", "retro_reflectivity")):
+class ReflectivityFile(Table[Intensity], only=("kind", "white_value", "exponent", "retro", "retro_reflectivity")):
     """[intensity] kind = "reflectivity": 0 to 255, from the echo's power and range."""
 
     kind: Literal["reflectivity"]

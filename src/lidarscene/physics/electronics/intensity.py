@@ -15,6 +15,9 @@ from ...maths.arrays import Lanes, xp
 LARGEST = 255.0
 """Largest value of the one byte in which makers send it."""
 
+_DARKEST = 1e-9
+"""Least reflectivity of which a power is taken: it reads less than 1 on any scale with an exponent above 0.27."""
+
 
 def range_corrected_power_w(*, power_w: Lanes, range_m: Lanes, reference_m: Lanes) -> Lanes:
     """P_r (R / R_0)^2: the echo power of the same surface at R_0, by (5) without air."""
@@ -39,15 +42,20 @@ def reflectivity_estimate(*, power_w: Lanes, range_m: Lanes, white_w_m2: Lanes, 
     return power_w * range_m * range_m / (white_w_m2 * overlap)
 
 
-def on_scale(*, reflectivity: Lanes, white_value: Lanes, retro: str, retro_reflectivity: Lanes) -> Lanes:
+def on_scale(
+    *, reflectivity: Lanes, white_value: Lanes, retro: str, retro_reflectivity: Lanes, exponent: Lanes | None = None
+) -> Lanes:
     """A reflectivity on the maker's scale: whole numbers from 0 to 255.
 
-    white_value         value of reflectivity one; below one the scale is linear
-    retro               scale above one: "linear" continues; "logarithmic" grows with ln(rho)
+    white_value         value of reflectivity one
+    retro               scale above one: "linear" goes on as below it; "logarithmic" grows with ln(rho)
     retro_reflectivity  reflectivity that gets 255 on a logarithmic scale
+    exponent            gamma of white_value rho^gamma, the scale below one (T46a); None: linear
     """
-    ops = xp(reflectivity, white_value, retro_reflectivity)
+    ops = xp(reflectivity, white_value, retro_reflectivity, exponent)
     value = white_value * reflectivity
+    if exponent is not None:
+        value = white_value * ops.exp(exponent * ops.log(ops.maximum(reflectivity, _DARKEST)))
     if retro == "logarithmic":
         above = ops.log(ops.maximum(reflectivity, 1.0)) / ops.log(retro_reflectivity + 0.0 * reflectivity)
         value = ops.where(reflectivity > 1.0, white_value + (LARGEST - white_value) * above, value)
