@@ -25,7 +25,7 @@ BLOCK_NODES = 800
 """Nodes of one block, 4 s: what is computed at a time."""
 
 _LEAD_BLOCKS = 2
-"""Blocks before a block in which the vehicle starts to ride: free motion decays by exp(-2.7 t / s), to 4e-10 in 8 s."""
+"""Blocks before a block in which the vehicle starts to ride: free motion decays by exp(-2.1 t / s), to 4e-8 in 8 s."""
 
 _MOST_BLOCKS = 64
 _MARGIN_NODES = 20
@@ -39,14 +39,15 @@ class Ride:
     """A motion along a path that rides over the ground below it.
 
     path        motion of the vehicle on flat ground at its own height, which the ground's height is added to. Its
-                origin is below the body's centre of mass; pitch and roll turn about it
+                origin is below the body's centre of mass
     height_m    height of the ground at (n, 2) places
     suspension  the vehicle; None: what has no wheels, and follows the height of the ground below its origin, upright
 
-    The pose is T(t) = path(t) (heave along z, Ry(-pitch) Rx(roll)). Heave, pitch and roll are polynomials of the fifth
-    degree between nodes `STEP_S` apart that meet the values, first and second derivatives there: accelerations are
-    continuous where those of the path are. A block of nodes is computed when a time in it is first asked for, always
-    from the same instant on, so that the order in which times are asked for changes nothing.
+    The pose is T(t) = path(t) (heave along z, Ry(-pitch) Rx(roll)), pitch about the centre of mass and roll about the
+    ground below it (T143). Heave, pitch and roll are polynomials of the fifth degree between nodes `STEP_S` apart that
+    meet the values, first and second derivatives there: accelerations are continuous where those of the path are. A
+    block of nodes is computed when a time in it is first asked for, always from the same instant on, so that the order
+    in which times are asked for changes nothing.
     """
 
     path: Motion
@@ -74,13 +75,17 @@ class Ride:
         cp, sp, cr, sr = np.cos(pitch), np.sin(pitch), np.cos(roll), np.sin(roll)
         zero = np.zeros_like(pitch)
         tilt = np.stack([cp, -sp * sr, -sp * cr, zero, cr, -sr, sp, cp * sr, cp * cr], axis=-1).reshape(-1, 3, 3)
-        up = base.rotation[:, :, 2]
+        # In the path's frame: the origin swings ahead below the centre of mass as the nose lifts.
+        centre_m = 0.0 if self.suspension is None else self.suspension.height_m
+        shift = np.stack([centre_m * sp, zero, heave + centre_m * (1.0 - cp)], axis=-1)
+        drift = np.stack([centre_m * cp * rate[:, 1], zero, rate[:, 0] + centre_m * sp * rate[:, 1]], axis=-1)
+        shift, drift = (np.einsum("nij,nj->ni", base.rotation, vector) for vector in (shift, drift))
         # Rates in the path's frame: -pitch about y, then roll about the x axis that pitch has turned.
         turning = np.stack([cp * rate[:, 2], -rate[:, 1], sp * rate[:, 2]], axis=-1)
         return States(
-            position_m=base.position_m + heave[:, None] * up,
+            position_m=base.position_m + shift,
             rotation=base.rotation @ tilt,
-            velocity_m_s=base.velocity_m_s + rate[:, :1] * up + np.cross(base.turning_rad_s, heave[:, None] * up),
+            velocity_m_s=base.velocity_m_s + drift + np.cross(base.turning_rad_s, shift),
             turning_rad_s=base.turning_rad_s + np.einsum("nij,nj->ni", base.rotation, turning),
         )
 

@@ -3,6 +3,9 @@
 The linear model of seven degrees of freedom that is usual for ride below 15 Hz: a rigid body on four springs and
 dampers, four unsprung masses on the springs of their tyres.
 
+The body pitches about its centre of mass, since wheels roll freely ahead, and rolls about an axis in the ground, where
+tyres hold it: so its centre of mass swings aside.
+
 Symbols: q = (heave of the centre of mass, pitch, roll, heights of the four wheels); M, D, K matrices of mass, damping
 and stiffness; u input: heights of the road below the wheels [m], accelerations ahead and to the left [m/s2].
 """
@@ -31,13 +34,13 @@ class Suspension:
     """A vehicle's masses, springs and dampers; pairs are of the front and the rear axle, springs of each wheel.
 
     The defaults are a BMW 320i of the U.S. Department of Transportation's rollover study, as tabled by Althoff and
-    Würsching, "CommonRoad: Vehicle Models", 2020, table 6.
+    Würsching, "CommonRoad: Vehicle Models", 2020, table 6; there too both roll axes are at height 0.
     """
 
     sprung_kg: Annotated[float, Quantity(ge=1, le=1e6, about="mass of the body on its springs")] = 965.7
     unsprung_kg: Annotated[Pair, Quantity(ge=0.1, le=1e6, about="mass of each axle with its wheels")] = (63.8, 63.8)
-    pitch_inertia_kg_m2: Annotated[float, Quantity(ge=0.1, le=1e8, about="of the body about its y axis")] = 1565.8
-    roll_inertia_kg_m2: Annotated[float, Quantity(ge=0.1, le=1e8, about="of the body about its x axis")] = 207.3
+    pitch_inertia_kg_m2: Annotated[float, Quantity(ge=0.1, le=1e8, about="of the body about its own y axis")] = 1565.8
+    roll_inertia_kg_m2: Annotated[float, Quantity(ge=0.1, le=1e8, about="of the body about its own x axis")] = 207.3
     spring_n_per_m: Annotated[Pair, Quantity(ge=1, le=1e8, about="at each wheel")] = (24450.0, 19640.0)
     damper_n_s_per_m: Annotated[Pair, Quantity(ge=0, le=1e7, about="at each wheel")] = (1786.0, 1649.0)
     anti_roll_n_m: Annotated[Pair, Quantity(ge=0, le=1e8, about="moment of an axle's anti-roll bar per radian")] = (
@@ -71,7 +74,8 @@ class Suspension:
             [
                 self.sprung_kg,
                 self.pitch_inertia_kg_m2,
-                self.roll_inertia_kg_m2,
+                # Roll about the ground swings the centre of mass aside (T142).
+                self.roll_inertia_kg_m2 + self.sprung_kg * self.height_m**2,
                 *np.repeat(np.array(self.unsprung_kg) / 2.0, 2),
             ]
         )
