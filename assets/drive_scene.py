@@ -36,7 +36,7 @@ def _traffic():
         mover("own_car", "car", {}, {"with_ego": True}, paint="car_paint_white"),
         mover("crossing_car", "car", place(119.5, -9.0, 0, 90), {"speed_m_s": 12.0, "ride": {}}, paint="car_paint_red"),
         mover("oncoming_car", "car", place(84.0, 1.7, 0, 180), {"speed_m_s": 12.0, "ride": {}}, paint="car_paint_grey"),
-        mover("turning_car", "car", {}, {"poses": turning, "ride": {}}, paint="car_paint_white"),
+        mover("turning_car", "car", {}, {"poses": turning, "at_end": "leave", "ride": {}}, paint="car_paint_white"),
         mover("walker", "pedestrian", place(74.0, -6.9, 0, 172), {"speed_m_s": 1.4}, on_ground=True),
         mover("runner", "pedestrian", place(88.0, 5.0, 0, -90), RUN, on_ground=True),
     ]

@@ -14,7 +14,7 @@ from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.cloud.rig_clouds import merge_clouds
 from lidarscene.errors import InputError
 from lidarscene.maths.pose import Pose
-from lidarscene.maths.trajectory import Course, Riding, Spline, pose_at
+from lidarscene.maths.trajectory import Course, HeldAtEnds, Riding, Spline, pose_at
 from lidarscene.rendering.rig_simulators import require_common_frames, simulators
 from lidarscene.rendering.simulator import Simulator
 from lidarscene.scene.scene import Ball, Body, Scene
@@ -287,3 +287,28 @@ def test_shadows_move() -> None:
     assert outside.sum() > 500
     assert cloud.in_shadow[inside].all()
     assert not cloud.in_shadow[outside].any()
+
+
+def test_a_body_that_hides_is_in_no_later_frame() -> None:
+    """A wall that comes at 10 m/s for 0.15 s: frames that begin by then show it, later ones the wall behind it.
+
+    Reference: the worlds with that wall alone and without it. The same kernels trace all of them, to the bit.
+    """
+    sensor = table1_sensor()
+    line = Spline(
+        time_s=np.array([0.0, 0.15]), poses=tuple(Pose(position_m=np.array([x, 0.0, 0.0])) for x in (0.0, -1.5))
+    )
+    wall, near = chain.facing(range_m=30.0, size_m=60.0), chain.facing(range_m=10.0, size_m=20.0)
+    near = dataclasses.replace(near, name="near", motion=Riding(carrier=HeldAtEnds(motion=line), pose=near.pose))
+    hiding = dataclasses.replace(near, present_s=line.span_s)
+
+    def ranges_m(body: Body, number: int) -> np.ndarray:
+        return np.asarray(Simulator(chain.scene(wall, body), sensor).render(seed=1, number=number).range_m)
+
+    frame_s = float(sensor.scanner.time_s(np.array([sensor.scanner.pulses], np.uint32))[0])
+    shown = [number for number in range(4) if number * frame_s <= 0.15]
+    assert 0 < len(shown) < 4
+    for number in range(4):
+        same_as = near if number in shown else dataclasses.replace(near, away=True)
+        np.testing.assert_array_equal(ranges_m(hiding, number), ranges_m(same_as, number))
+    assert np.median(ranges_m(hiding, 0)) < 20.0 < np.median(ranges_m(hiding, 3))

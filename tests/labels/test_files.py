@@ -859,6 +859,8 @@ def test_a_box_off_the_origin_of_what_moves() -> None:
     # Half a second at 10 m/s to the left, then ten metres more along the body's own x, which is to the left.
     np.testing.assert_allclose(box.pose.position_m, [5.0, 6.0 + 5.0 + 10.0, 1.0], atol=1e-9)
     assert boxes(cloud, Scene(bodies=(replace(body, away=True),))) == []
+    assert boxes(cloud, Scene(bodies=(replace(body, present_s=(0.0, 0.4)),))) == []
+    assert len(boxes(cloud, Scene(bodies=(replace(body, present_s=(0.0, 0.5)),)))) == 1
 
 
 def test_another_sequence_and_times_to_a_nanosecond(tmp_path: Path, street_cloud: PointCloud) -> None:

@@ -11,7 +11,18 @@ from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
 from lidarscene.maths.pose import Pose
-from lidarscene.maths.trajectory import Course, HeldAtEnds, Spline, States, _exp, _log, pose_at
+from lidarscene.maths.trajectory import (
+    Course,
+    GoingOn,
+    HeldAtEnds,
+    Repeated,
+    Spline,
+    States,
+    _exp,
+    _log,
+    motion_in_frame,
+    pose_at,
+)
 
 STEP_S = 1e-4
 
@@ -202,3 +213,51 @@ def test_states_of_a_fixed_frame() -> None:
     np.testing.assert_allclose(combined.position_m[0] - arm, [1, 2, 3], atol=1e-15)
     np.testing.assert_allclose(combined.velocity_m_s[0], [4 - 2 * arm[1], 5 + 2 * arm[0], 6], atol=1e-15)
     np.testing.assert_allclose(combined.pose().rotation, START.rotation @ child.rotation, atol=1e-15)
+
+
+def test_going_on_is_straight_at_the_last_velocity() -> None:
+    """Position and velocity go on without a step at both ends; beyond them nothing turns. To rounding."""
+    motion = GoingOn(motion=SPLINE)
+    first_s, last_s = SPLINE.span_s
+    for end_s, time_s in ((first_s, first_s - 2.0), (last_s, last_s + 3.0)):
+        at_end, beyond = SPLINE.at(np.array([end_s])), motion.at(np.array([time_s]))
+        np.testing.assert_allclose(
+            beyond.position_m, at_end.position_m + (time_s - end_s) * at_end.velocity_m_s, atol=1e-12
+        )
+        np.testing.assert_array_equal(beyond.velocity_m_s, at_end.velocity_m_s)
+        np.testing.assert_array_equal(beyond.rotation, at_end.rotation)
+        np.testing.assert_array_equal(beyond.turning_rad_s, 0.0)
+    within = np.linspace(first_s, last_s, 7)
+    np.testing.assert_array_equal(motion.at(within).turning_rad_s, SPLINE.at(within).turning_rad_s)
+
+
+def test_a_loop_goes_round_without_a_kink() -> None:
+    """A square's corners: position and velocity agree across the joint, on every round; reference: the limit from
+    either side, 1e-9 s apart, in which 10 m/s go 1e-8 m and 100 m/s2 change 1e-7 m/s.
+    """
+    corners = [(0.0, 0.0, 0.0), (8.0, 0.0, 90.0), (8.0, 8.0, 180.0), (0.0, 8.0, 270.0), (0.0, 0.0, 360.0)]
+    poses = tuple(Pose.from_degrees(position_m=(x, y, 0.0), yaw_deg=yaw) for x, y, yaw in corners)
+    loop = Repeated(motion=Spline(time_s=np.arange(5.0) + 1.0, poses=poses, closed=True))
+    assert not loop.jumps
+    assert loop.in_frame(7.3) is loop
+    for joint_s in (1.0, 5.0, 9.0, -3.0):
+        before, after = (loop.at(np.array([joint_s + shift])) for shift in (-1e-9, 1e-9))
+        np.testing.assert_allclose(before.position_m, after.position_m, atol=1e-7)
+        np.testing.assert_allclose(before.velocity_m_s, after.velocity_m_s, atol=1e-6)
+        assert np.linalg.norm(after.velocity_m_s) > 1.0
+    np.testing.assert_allclose(loop.at(np.array([2.4])).position_m, loop.at(np.array([42.4])).position_m, atol=1e-12)
+
+
+def test_what_is_repeated_jumps_between_frames_only() -> None:
+    """A line of 2 s from 0 to 20 m: a frame from 1.95 to 2.05 s holds the end, the next one begins anew."""
+    line = Spline(time_s=np.array([0.0, 2.0]), poses=(Pose(), Pose(position_m=np.array([20.0, 0.0, 0.0]))))
+    repeated = Repeated(motion=line)
+    assert repeated.jumps
+
+    def x_m(start_s: float, time_s: list[float]) -> list[float]:
+        return motion_in_frame(repeated, start_s).at(np.array(time_s)).position_m[:, 0].tolist()
+
+    assert x_m(1.95, [1.95, 2.0, 2.05]) == pytest.approx([19.5, 20.0, 20.0])
+    assert x_m(2.05, [2.05, 2.15]) == pytest.approx([0.5, 1.5])
+    assert x_m(-0.5, [-0.5]) == pytest.approx([15.0])
+    assert repeated.at(np.array([2.05, 40.1])).position_m[:, 0] == pytest.approx([0.5, 1.0])

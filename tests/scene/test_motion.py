@@ -1,15 +1,17 @@
 """Motion in scene files, trajectory files, rig files: what becomes of their keys, and what is refused."""
 
 import dataclasses
+import math
 from pathlib import Path
 
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from lidarscene import catalog, load_rig
+from lidarscene import catalog, load_rig, load_sensor
 from lidarscene.errors import InputError
 from lidarscene.maths.trajectory import Course, Riding, Spline, pose_at
+from lidarscene.rendering.frame import check_frame
 from lidarscene.scene.poses import read_poses
 from lidarscene.scene.scene import Scene
 from lidarscene.scene.scene_file import files_of_scene, load_scene
@@ -143,6 +145,60 @@ def test_instances_move_each_from_its_own_pose(tmp_path: Path) -> None:
     np.testing.assert_allclose(places, [[2, 0, 0], [0, 2, 0]], atol=1e-14)
 
 
+def test_an_instance_may_move_by_itself(tmp_path: Path) -> None:
+    """One of three has a motion of its own, in place of the body's; all share one shape."""
+    instances = "instances = [{}, { position_m = [0, 3, 0], motion = { speed_m_s = 5 } }, { yaw_deg = 90 }]\n"
+    bodies = scene_of(tmp_path, BOX + instances + "[bodies.motion]\nspeed_m_s = 2\n").bodies
+    places = [pose_at(body.motion, 1.0).position_m for body in bodies if body.motion]
+    np.testing.assert_allclose(places, [[2, 0, 0], [5, 3, 0], [0, 2, 0]], atol=1e-14)
+    assert len({id(body.parts) for body in bodies}) == 1
+    alone = scene_of(tmp_path, BOX + instances).bodies
+    assert [body.motion is None for body in alone] == [True, False, True]
+
+
+ENDS = BOX + "[bodies.motion]\nposes = [{ time_s = 1 }, { time_s = 3, position_m = [20, 0, 0] }]\n"
+
+
+@pytest.mark.parametrize(
+    ("at_end", "places_m", "is_there"),
+    [
+        ("hold", [0.0, 10.0, 20.0], [True, True, True]),
+        ("hide", [0.0, 10.0, 20.0], [False, True, False]),
+        ("leave", [-5.0, 10.0, 40.0], [True, True, True]),
+        ("repeat", [15.0, 10.0, 0.0], [True, True, True]),
+    ],
+)
+def test_at_its_end_it_holds_hides_leaves_or_repeats(
+    tmp_path: Path, at_end: str, places_m: list[float], is_there: list[bool]
+) -> None:
+    """At 0.5, 2 and 5 s, of a motion from 1 to 3 s at 10 m/s."""
+    (body,) = scene_of(tmp_path, ENDS + f'at_end = "{at_end}"\n').bodies
+    assert body.motion is not None
+    times_s = [0.5, 2.0, 5.0]
+    assert [pose_at(body.motion, time_s).position_m[0] for time_s in times_s] == pytest.approx(places_m, abs=1e-9)
+    assert [body.is_present(time_s) for time_s in times_s] == is_there
+    assert body.motion.span_s == (-math.inf, math.inf)
+
+
+def test_without_an_end_a_frame_beyond_the_poses_is_refused(tmp_path: Path) -> None:
+    scene = scene_of(tmp_path, ENDS)
+    assert scene.bodies[0].motion is not None
+    assert scene.bodies[0].motion.span_s == (1.0, 3.0)
+    with pytest.raises(InputError, match=r"motion of body 'box': must have poses for the frame"):
+        check_frame(scene, load_sensor("vlp-16").scanner, number=0, begin_s=2.95)
+
+
+def test_a_vehicle_that_leaves_rides_on(tmp_path: Path) -> None:
+    """On its springs beyond the last pose, too; one that holds rests as it stood at the end."""
+    ground = '[ground]\nroughness = "C"\n'
+    poses = "poses = [{ time_s = 0 }, { time_s = 2, position_m = [20, 0, 0] }]\nride = {}\n"
+    for at_end, rides in (("leave", True), ("hold", False)):
+        ego = scene_of(tmp_path, f'{ground}[ego]\n{poses}at_end = "{at_end}"\n' + BOX).ego
+        assert ego is not None
+        heights_m = ego.at(np.array([2.5, 3.0, 3.5])).position_m[:, 2]
+        assert (np.ptp(heights_m) > 1e-3) == rides
+
+
 EGO = "[ego]\n"
 MOVES = BOX + "[bodies.motion]\n"
 TWO = "poses = [{{ time_s = {} }}, {{ time_s = {}, yaw_deg = {} }}]\n"
@@ -172,6 +228,13 @@ TWO = "poses = [{{ time_s = {} }}, {{ time_s = {}, yaw_deg = {} }}]\n"
         (MOVES + "with_ego = true\n", r"body 'box' moves with_ego, but there is no \[ego\]"),
         (EGO + MOVES + "with_ego = true\nspeed_m_s = 1\n", r"must have with_ego alone, got with_ego and speed_m_s"),
         (MOVES + "poses_file = 'none.csv'\n", r'bodies\[0 "box"\]\.motion\.poses_file: .*none\.csv: no such file'),
+        (MOVES + "speed_m_s = 1\nat_end = 'hold'\n", r"at_end must go with poses or poses_file"),
+        (EGO + TWO.format(0, 1, 0) + "at_end = 'hide'\n" + BOX, r"at_end must be hold, repeat or leave"),
+        (
+            EGO + TWO.format(0, 1, 90) + "at_end = 'repeat'\n" + BOX,
+            r"ego\.at_end: repeat must have a last pose that is",
+        ),
+        (MOVES + TWO.format(0, 1, 0) + "at_end = 'stop'\n", r"motion\.at_end"),
         (MOVES + "velocity_m_s = [1, 2]\n", r"bodies\[0.*motion\.velocity_m_s"),
     ],
 )

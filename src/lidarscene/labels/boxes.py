@@ -23,6 +23,7 @@ from ..files.spool import Spool
 from ..formats.cloud_columns import frame_starts_s, sensor_positions_m
 from ..maths.arrays import Numbers
 from ..maths.pose import Pose
+from ..maths.trajectory import motion_in_frame
 from ..scene.scene import Body, Scene, box_of
 from .kinds import kind_of
 
@@ -126,7 +127,7 @@ class BoxTally:
             for index, body in enumerate(scene.bodies)
             if kind_of(body.class_name).is_thing
             and box_of(body.parts) is not None
-            and not body.away
+            and any(body.is_present(start_s) for start_s in starts_s)
             and (with_ego or not body.rides_with(scene.ego))
         ]
         moving = self._ego is not None or any(body.motion is not None for _, body in self._things)
@@ -154,8 +155,8 @@ class BoxTally:
         seen_s = starts_s + self._time_ps * PICOSECOND / points
         standing = boxes_of_bodies(self._things)
         self._boxes = [
-            _carried(box, body, float(time_s))
-            for box, (_, body), time_s in zip(standing, self._things, seen_s, strict=True)
+            _carried(box, body, float(start_s), float(time_s))
+            for box, (_, body), start_s, time_s in zip(standing, self._things, starts_s, seen_s, strict=True)
         ]
         if self._ego is None or not self._boxes:
             return
@@ -312,12 +313,13 @@ def boxes_of_bodies(bodies: Sequence[tuple[int, Body]]) -> list[Box]:
     ]
 
 
-def _carried(box: Box, body: Body, time_s: float) -> Box:
-    """Return the box, which the body has at its pose in the scene, at a time by the scene's clock."""
+def _carried(box: Box, body: Body, start_s: float, time_s: float) -> Box:
+    """Return the box, which the body has at its pose in the scene, at a time of a frame that begins at ``start_s``."""
     if body.motion is None:
         return box
     carried = body.pose.inverse() @ box.pose
-    states = body.motion.at(np.clip([time_s], *body.motion.span_s)) @ carried
+    motion = motion_in_frame(body.motion, start_s)
+    states = motion.at(np.clip([time_s], *motion.span_s)) @ carried
     return replace(box, pose=states.pose(), velocity_m_s=states.velocity_m_s[0])
 
 

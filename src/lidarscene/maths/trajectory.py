@@ -175,6 +175,7 @@ class Spline:
     time_s     (k,) rising, k >= 2
     poses      (k,) at these times
     smooth     whether the velocity is continuous; else it is constant from one pose to the next, in the body's frame
+    closed     whether the velocity goes on from the last pose to the first, as on a loop
 
     Between two poses T_i and T_(i+1) with twists x_i and x_(i+1) in their own frames, over the time h,
 
@@ -190,6 +191,7 @@ class Spline:
     time_s: Numbers
     poses: tuple[Pose, ...]
     smooth: bool = True
+    closed: bool = False
     _segments: _Segments = field(init=False)
 
     def __post_init__(self) -> None:
@@ -197,7 +199,7 @@ class Spline:
         object.__setattr__(self, "time_s", frozen(self.time_s, np.float64, (None,)))
         if len(self.time_s) != len(self.poses) or len(self.poses) < 2 or not (np.diff(self.time_s) > 0.0).all():
             raise ValueError("must be two poses or more, at rising times")
-        object.__setattr__(self, "_segments", _Segments.through(self.time_s, self.poses, self.smooth))
+        object.__setattr__(self, "_segments", _Segments.through(self.time_s, self.poses, self.smooth, self.closed))
 
     @property
     def span_s(self) -> tuple[float, float]:
@@ -245,6 +247,92 @@ class HeldAtEnds:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class GoingOn:
+    """A motion extended beyond its span: straight on, with its first velocity before and its last velocity after."""
+
+    motion: Motion
+
+    @property
+    def span_s(self) -> tuple[float, float]:
+        """Unbounded: defined at every time."""
+        return ALWAYS
+
+    @property
+    def is_straight(self) -> bool:
+        """False: it may turn within the span."""
+        return False
+
+    def at(self, time_s: Numbers) -> States:
+        """States of the motion; beyond its span the velocity is that at its end, and it turns no more."""
+        time_s = np.asarray(time_s, dtype=np.float64)
+        within = np.clip(time_s, *self.motion.span_s)
+        states, beyond_s = self.motion.at(within), (time_s - within)[:, None]
+        return replace(
+            states,
+            position_m=states.position_m + beyond_s * states.velocity_m_s,
+            turning_rad_s=np.where(beyond_s == 0.0, states.turning_rad_s, 0.0),
+        )
+
+
+LOOP_M, LOOP_ENTRY = 1e-3, 1e-3
+"""Largest distance between the first and the last pose of a loop, and largest difference of a rotation's entries."""
+
+
+def is_loop(first: Pose, last: Pose) -> bool:
+    """Return whether a motion that ends at one pose and begins at the other goes on without a jump."""
+    apart_m = float(np.linalg.norm(last.position_m - first.position_m))
+    return apart_m <= LOOP_M and bool(np.allclose(first.rotation, last.rotation, rtol=0.0, atol=LOOP_ENTRY))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Repeated:
+    """A motion with an end that begins again there, over and over, and did so before its start.
+
+    Where its last pose is not its first it jumps. No frame shows it on the way: `in_frame` waits for the next frame.
+    """
+
+    motion: Motion
+    delay_s: float | None = None
+
+    @property
+    def span_s(self) -> tuple[float, float]:
+        """Unbounded: defined at every time."""
+        return ALWAYS
+
+    @property
+    def is_straight(self) -> bool:
+        """False: it goes back to its beginning."""
+        return False
+
+    @property
+    def jumps(self) -> bool:
+        """True unless the last pose is the first."""
+        first, last = (pose_at(self.motion, time_s) for time_s in self.motion.span_s)
+        return not is_loop(first, last)
+
+    def in_frame(self, start_s: float) -> Repeated:
+        """Return the motion as a frame that begins at this time shows it: if it jumps, then after the frame."""
+        if not self.jumps:
+            return self
+        first_s, last_s = self.motion.span_s
+        period_s = last_s - first_s
+        return replace(self, delay_s=math.floor((start_s - first_s) / period_s) * period_s)
+
+    def at(self, time_s: Numbers) -> States:
+        """States of the round that runs at (n,) times; at rest at its ends if there is a ``delay_s``, its start."""
+        time_s = np.asarray(time_s, dtype=np.float64)
+        first_s, last_s = self.motion.span_s
+        if self.delay_s is not None:
+            return HeldAtEnds(motion=self.motion).at(time_s - self.delay_s)
+        return self.motion.at(first_s + np.mod(time_s - first_s, last_s - first_s))
+
+
+def motion_in_frame(motion: Motion, start_s: float) -> Motion:
+    """Return a motion as a frame shows it that begins at this time: it jumps between frames only."""
+    return motion.in_frame(start_s) if isinstance(motion, Repeated) else motion
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Segments:
     """The k segments of a spline: durations (k,), start rotations and positions, and three twists each, (k, 3, 6)."""
 
@@ -254,7 +342,7 @@ class _Segments:
     twists: Numbers
 
     @classmethod
-    def through(cls, time_s: Numbers, poses: tuple[Pose, ...], smooth: bool) -> _Segments:
+    def through(cls, time_s: Numbers, poses: tuple[Pose, ...], smooth: bool, closed: bool) -> _Segments:
         length = np.diff(time_s)
         rotation = np.stack([pose.rotation for pose in poses])
         place = np.stack([pose.position_m for pose in poses])
@@ -269,16 +357,21 @@ class _Segments:
         rates = logs / length[:, None]
         # A constant twist is the same in the frame at its start and at its end, so that the twists before and after a
         # pose can be averaged in that pose's frame.
-        before, after = np.concatenate([rates[:1], rates]), np.concatenate([rates, rates[-1:]])
-        h_before, h_after = np.concatenate([length[:1], length]), np.concatenate([length, length[-1:]])
+        # On a loop the last segment comes before the first.
+        first, last = (slice(-1, None), slice(0, 1)) if closed else (slice(0, 1), slice(-1, None))
+        before, after = np.concatenate([rates[first], rates]), np.concatenate([rates, rates[last]])
+        h_before, h_after = np.concatenate([length[first], length]), np.concatenate([length, length[last]])
         share = (h_after / (h_before + h_after))[:, None]
         at_poses = share * before + (1.0 - share) * after
         starts, ends = (at_poses[:-1], at_poses[1:]) if smooth else (rates, rates)
-        first = starts * length[:, None] / 3.0
-        last = ends * length[:, None] / 3.0
-        middle = _log(*_product(_product(_exp(-first), steps), _exp(-last)))
+        leaving = starts * length[:, None] / 3.0
+        arriving = ends * length[:, None] / 3.0
+        middle = _log(*_product(_product(_exp(-leaving), steps), _exp(-arriving)))
         return cls(
-            length_s=length, rotation=rotation[:-1], place=place[:-1], twists=np.stack([first, middle, last], axis=1)
+            length_s=length,
+            rotation=rotation[:-1],
+            place=place[:-1],
+            twists=np.stack([leaving, middle, arriving], axis=1),
         )
 
     def at(self, segment: Numbers, since_s: Numbers) -> States:

@@ -18,9 +18,9 @@ from ..kernel.world.mitsuba_world import World, fixed_placement, motions_on_devi
 from ..maths.arrays import Lanes, Numbers
 from ..maths.motion_table import MotionTable, MovingBodies, Placement
 from ..maths.pose import Pose
-from ..maths.trajectory import Course, Riding, pose_at
+from ..maths.trajectory import Course, Riding, motion_in_frame, pose_at
 from ..scan import Scanner
-from ..scene.scene import Scene
+from ..scene.scene import CLOCK_ROUNDING_S, Scene
 from ..sensor.sensor_model import Sensor
 from .render_options import FrameOptions
 
@@ -30,7 +30,7 @@ LARGEST_FLOAT32_M = 1000.0
 PULSE_NUMBERS = 2**31
 """Scanners number their pulses below this."""
 
-TOLERANCE_S = 1e-6
+TOLERANCE_S = CLOCK_ROUNDING_S
 """A trajectory that ends this much early still lasts to the end of a frame: 30 um at 30 m/s."""
 
 SHORTEST_S = 1e-9
@@ -80,11 +80,11 @@ class Frame:
         paths = None
         if scene.ego is not None or world.movers:
             paths = MotionTable.from_motions(
-                [riding, *(mover.motion for mover in world.movers)],
+                [riding, *(motion_in_frame(mover.motion, start_s) for mover in world.movers)],
                 start_s=start_s,
                 length_s=length_s,
                 centre_m=world.centre_m,
-                carried_m=mover_boxes(world.movers),
+                carried_m=mover_boxes(world.movers, start_s),
             )
         return cls(
             number=number,

@@ -22,7 +22,7 @@ import numpy as np
 from ..cloud.point_cloud import PointCloud
 from ..errors import InputError, OptionWarning
 from ..maths.pose import Pose
-from ..maths.trajectory import LARGEST_STEP_RAD, Course, HeldAtEnds, Motion, Riding, Spline
+from ..maths.trajectory import ALWAYS, LARGEST_STEP_RAD, Course, HeldAtEnds, Motion, Riding, Spline
 from ..scene.clearance import Clearance
 from ..scene.scene import Body, Scene
 from ..scene.scene_file import load_scene
@@ -223,7 +223,7 @@ class LiveSimulator(Simulator):
                 bodies[number] = replace(body, motion=replace(body.motion, carrier=ego))
         for name, motion in motions.items():
             if name is not None:
-                bodies[self._number[name]] = replace(self._body(name), motion=motion)
+                bodies[self._number[name]] = replace(self._body(name), motion=motion, present_s=ALWAYS)
         for name, absent in (absence or {}).items():
             bodies[self._number[name]] = replace(bodies[self._number[name]], away=absent)
         self.scene = replace(self.scene, bodies=tuple(bodies), ego=ego)

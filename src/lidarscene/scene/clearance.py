@@ -93,6 +93,8 @@ class Clearance:
         low, high = self.around[:, 0] - radius_m, self.around[:, 1] + radius_m
         for body_index in np.flatnonzero(((low <= place_m) & (place_m <= high)).all(axis=1)):
             body, box = self.bodies[body_index], self.boxes[body_index]
+            if not body.is_present(time_s):
+                continue
             pose = body.pose if body.motion is None else pose_at(body.motion, time_s)
             point = pose.inverse_apply(place_m)
             if not ((box[0] - radius_m <= point) & (point <= box[1] + radius_m)).all():
@@ -111,7 +113,7 @@ class Clearance:
         moving = [
             pose_at(body.motion, time_s).apply(_corners(box))
             for body, box in zip(self.bodies, self.boxes, strict=True)
-            if body.motion is not None
+            if body.motion is not None and body.is_present(time_s)
         ]
         return np.concatenate([still, *moving])
 

@@ -7,7 +7,7 @@ type that the rest of the program handles.
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -15,7 +15,7 @@ from pydantic import Field, model_validator
 from ..errors import InputError
 from ..files.table_model import Number, Table
 from ..maths.pose import Pose
-from ..maths.trajectory import Course, Motion, Riding
+from ..maths.trajectory import ALWAYS, Course, GoingOn, HeldAtEnds, Motion, Repeated, Riding, Spline, is_loop
 from ..physics.road.suspension import Suspension
 from ..sensor.pose_file import PoseFile
 from .poses import read_poses, spline
@@ -44,6 +44,10 @@ class MotionFile(Table[Course]):
         default=None, description="the same from a file, CSV or TUM, beside the scene file"
     )
 
+    at_end: Literal["hold", "repeat", "hide", "leave"] | None = Field(
+        default=None,
+        description="what it does before its first and after its last pose; frames there are refused without",
+    )
     ride: RideFile | None = Field(default=None, description="how it rides over the ground; steadily without")
 
     @model_validator(mode="after")
@@ -55,6 +59,8 @@ class MotionFile(Table[Course]):
         ways_given = [keys[0] for keys in keys_by_way if keys]
         if len(ways_given) > 1:
             raise ValueError(f"must have only one of speeds, poses and poses_file, got {' and '.join(ways_given)}")
+        if self.at_end and self.poses is None and self.poses_file is None:
+            raise ValueError("at_end must go with poses or poses_file: a motion by speeds has no end")
         return self
 
     def motion(self, pose: Pose, *, height_m: Height, on_ground: bool, folder: Path, where: str) -> Motion:
@@ -64,30 +70,61 @@ class MotionFile(Table[Course]):
         height_m  height of the scene's ground at (n, 2) places
         on_ground whether it follows that height without a ride, too
         """
-        path = self._path(pose, folder=folder, where=where)
+        course = self._spline(folder=folder, where=where)
+        path = self.in_si(start=pose) if course is None else self._unending(course, pose)
         if self.ride is not None and self.ride.active:
-            return Ride(path=path, height_m=height_m, suspension=self.ride.in_si())
-        return Ride(path=path, height_m=height_m) if on_ground else path
+            path = Ride(path=path, height_m=height_m, suspension=self.ride.in_si())
+        elif on_ground:
+            path = Ride(path=path, height_m=height_m)
+        # What stops at once would dive on its springs: it rides up to its end, and rests as it is then.
+        if self.at_end in ("hold", "hide"):
+            return HeldAtEnds(motion=path)
+        if self.at_end == "repeat" and path.span_s != ALWAYS:
+            return Repeated(motion=path)
+        return path
 
-    def _path(self, pose: Pose, *, folder: Path, where: str) -> Motion:
-        """Motion without the ride. Raises InputError."""
+    def present_s(self, motion: Motion) -> tuple[float, float]:
+        """First and last time at which a frame may begin that shows the body of this ``motion``."""
+        return motion.motion.span_s if self.at_end == "hide" and isinstance(motion, HeldAtEnds) else ALWAYS
+
+    def _unending(self, course: Spline, pose: Pose) -> Motion:
+        """Motion of a body on a course by poses; without end if it leaves there, or goes round on a loop."""
+        if self.at_end == "repeat" and is_loop(course.poses[0], course.poses[-1]):
+            loop = Spline(time_s=course.time_s, poses=course.poses, closed=True)
+            return Repeated(motion=Riding(carrier=loop, pose=pose))
+        riding = Riding(carrier=course, pose=pose)
+        return GoingOn(motion=riding) if self.at_end == "leave" else riding
+
+    def _spline(self, *, folder: Path, where: str) -> Spline | None:
+        """Course through the poses; None for a motion by speeds. Raises InputError."""
         if self.poses is not None:
             times = np.array([timed_pose.time_s for timed_pose in self.poses])
-            return Riding(
-                carrier=spline(times, [timed_pose.pose() for timed_pose in self.poses], f"{where}.poses"), pose=pose
-            )
+            return spline(times, [timed_pose.pose() for timed_pose in self.poses], f"{where}.poses")
         if self.poses_file is not None:
             try:
-                return Riding(carrier=read_poses(folder / self.poses_file), pose=pose)
+                return read_poses(folder / self.poses_file)
             except InputError as error:
                 raise InputError(f"{where}.poses_file: {error}") from None
-        return self.in_si(start=pose)
+        return None
 
 
 class EgoFile(MotionFile, PoseFile):
     """[ego]: the vehicle that carries the sensor."""
 
     on_ground: bool = Field(default=False, description="its height counts from the ground below, without a ride too")
+
+    @model_validator(mode="after")
+    def _check_end(self) -> EgoFile:
+        if self.at_end == "hide":
+            raise ValueError("at_end must be hold, repeat or leave: the vehicle that carries the sensor cannot hide")
+        return self
+
+    def motion(self, pose: Pose, *, height_m: Height, on_ground: bool, folder: Path, where: str) -> Motion:
+        """Motion of the vehicle, as `MotionFile.motion`. Raises InputError for one that jumps back to its beginning."""
+        motion = super().motion(pose, height_m=height_m, on_ground=on_ground, folder=folder, where=where)
+        if self.at_end == "repeat" and isinstance(motion, Repeated) and motion.jumps:
+            raise InputError(f"{where}.at_end: repeat must have a last pose that is the first: the sensor cannot jump")
+        return motion
 
 
 class BodyMotionFile(MotionFile):

@@ -18,7 +18,7 @@ from ..files import facts
 from ..materials.material import Material
 from ..maths.arrays import Numbers, frozen
 from ..maths.pose import Pose, direction_from_angles
-from ..maths.trajectory import Motion, Riding, pose_at
+from ..maths.trajectory import ALWAYS, Motion, Riding, pose_at
 from ..maths.units import FileKey, Quantity
 from ..physics.optics import air
 from .meshes.reflectivity_patterns import ReflectivityPattern
@@ -80,13 +80,18 @@ def box_of(parts: Sequence[Part | Ball]) -> Numbers | None:
     return np.stack([np.min(corners, axis=(0, 1)), np.max(corners, axis=(0, 1))]) if corners else None
 
 
+CLOCK_ROUNDING_S = 1e-6
+"""Rounding of times by clocks that began in 1970: a motion that ends this much early still covers a time."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Body:
     """A named object with a class and a shape. Instances are bodies that share parts.
 
-    motion  motion in the world, or None for a body that stands at ``pose``. With a motion, ``pose`` is its pose at
-            time 0, or at the nearest end of the motion's span.
-    away    True while a body with a motion is absent from the scene: no light meets it
+    motion     motion in the world, or None for a body that stands at ``pose``. With a motion, ``pose`` is its pose at
+               time 0, or at the nearest end of the motion's span.
+    away       True while a body with a motion is absent from the scene: no light meets it
+    present_s  first and last time at which a frame may begin that shows the body; it is absent from all others
     """
 
     name: str
@@ -95,11 +100,17 @@ class Body:
     pose: Pose = field(default_factory=Pose)
     motion: Motion | None = None
     away: bool = False
+    present_s: tuple[float, float] = ALWAYS
 
     def __post_init__(self) -> None:
         """Take the pose from the motion."""
         if self.motion is not None:
             object.__setattr__(self, "pose", pose_at(self.motion))
+
+    def is_present(self, time_s: float) -> bool:
+        """Return whether a frame that begins at this time shows the body."""
+        first_s, last_s = self.present_s
+        return not self.away and first_s - CLOCK_ROUNDING_S <= time_s <= last_s + CLOCK_ROUNDING_S
 
     def rides_with(self, ego: Motion | None) -> bool:
         """Whether the body is fixed to the ego vehicle, whose motion this is."""

@@ -26,7 +26,7 @@ from ..materials.material import Material
 from ..materials.material_file import catalogue_material
 from ..maths.arrays import Numbers
 from ..maths.pose import Pose
-from ..maths.trajectory import Motion, Riding
+from ..maths.trajectory import ALWAYS, Motion, Riding
 from ..physics.road.roughness import RoughSurface
 from ..sensor.pose_file import LARGEST_COORDINATE_M
 from .bare_mesh import is_mesh, mesh_tables, warn_of_assumptions
@@ -36,6 +36,7 @@ from .meshes import primitives, reading, reflectivity_patterns
 from .meshes.mesh_axes import UNITS, Axis, axis_of, turn_upright
 from .meshes.mesh_cache import SubMesh
 from .meshes.usd import is_usd
+from .motion import BodyMotionFile
 from .scene import Ball, Body, Part, Scene, box_of
 from .tables import BodyFile, SceneFile, interferers, lamps_w_m2
 
@@ -143,7 +144,7 @@ def files_of_scene(scene: str | os.PathLike[str], *, overrides: Sequence[str] = 
         return
     file = scene_model(path, overrides=overrides)
     yield from (path.parent / body.mesh for body in file.bodies if body.mesh)
-    for motion in (file.ego, *(body.motion for body in file.bodies)):
+    for motion in (file.ego, *(motion for body in file.bodies for motion in body.motions())):
         if motion is not None and motion.poses_file:
             yield path.parent / motion.poses_file
     yield Path(_sensor_name(file.sensor.name, path.parent))
@@ -308,20 +309,22 @@ def _place_body(
     """Build the body, or one body for each of its instances."""
     label = body.class_name or body.name
 
-    def make_body(name: str, pose: Pose) -> Body:
+    def make_body(name: str, pose: Pose, motion_file: BodyMotionFile | None) -> Body:
         motion: Motion | None = None
-        if body.motion is not None and body.motion.with_ego and ego is not None:
+        present_s = ALWAYS
+        if motion_file is not None and motion_file.with_ego and ego is not None:
             motion = Riding(carrier=ego, pose=pose)
-        elif body.motion is not None:
-            motion = body.motion.motion(
+        elif motion_file is not None:
+            motion = motion_file.motion(
                 pose, height_m=ground.wheel_height_m, on_ground=body.on_ground, folder=folder, where=f"{where}.motion"
             )
+            present_s = motion_file.present_s(motion)
         elif body.on_ground:
             rise_m = _ground_below(ground, pose.position_m[None, :2], where)
             pose = replace(pose, position_m=pose.position_m + rise_m * np.array([0.0, 0.0, 1.0]))
-        return Body(name=name, class_name=label, parts=parts, pose=pose, motion=motion)
+        return Body(name=name, class_name=label, parts=parts, pose=pose, motion=motion, present_s=present_s)
 
-    return [make_body(name, pose) for name, pose in _places(body)]
+    return [make_body(name, pose, motion) for (name, pose), motion in zip(_places(body), body.motions(), strict=True)]
 
 
 MeshReader = Callable[[Path, reflectivity_patterns.Kind | None], list[SubMesh]]

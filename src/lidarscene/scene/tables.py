@@ -153,6 +153,12 @@ _LENGTHS = {"plane": 2, "ground": 2, "box": 3}
 _OF_GROUND = ("crown_m", "kerb_m", "spacing_m")
 
 
+class InstanceFile(PoseFile):
+    """Each of a body's instances."""
+
+    motion: BodyMotionFile | None = Field(default=None, description="of this one, in place of the body's")
+
+
 class BodyFile(PoseFile):
     """[[bodies]]: a mesh file or a primitive, its materials, and where it stands.
 
@@ -187,7 +193,7 @@ class BodyFile(PoseFile):
     )
     scale: Length = 1.0
     motion: BodyMotionFile | None = Field(default=None, description="it stands still without")
-    instances: Annotated[tuple[PoseFile, ...], Field(min_length=1)] | None = None
+    instances: Annotated[tuple[InstanceFile, ...], Field(min_length=1)] | None = None
 
     @model_validator(mode="after")
     def _check_shape(self) -> BodyFile:
@@ -214,9 +220,14 @@ class BodyFile(PoseFile):
             raise ValueError(f"materials is for the sub-meshes of a mesh, {shape} has only 'material'")
         return self
 
+    def motions(self) -> list[BodyMotionFile | None]:
+        """Motion of the body, or of each of its instances; None for what stands still."""
+        return [self.motion] if self.instances is None else [place.motion or self.motion for place in self.instances]
+
     def _check_ground(self, shape: str) -> None:
         """Raise ValueError for keys of a ground on another shape, and for a ground that cannot be laid."""
-        if self.on_ground and self.motion is not None and self.motion.with_ego:
+        motions = self.motions()
+        if self.on_ground and any(motion is not None and motion.with_ego for motion in motions):
             raise ValueError("on_ground does not go with motion.with_ego")
         if self.primitive != "ground":
             ground_keys = [key for key in _OF_GROUND if key in self.model_fields_set]
@@ -225,7 +236,7 @@ class BodyFile(PoseFile):
             return
         if any(pose.pitch_deg or pose.roll_deg for pose in (self, *(self.instances or ()))):
             raise ValueError("a ground must be level, got pitch_deg or roll_deg")
-        if self.motion is not None:
+        if any(motion is not None for motion in motions):
             raise ValueError("a ground must stand still, got motion")
         length_m, width_m = self.size_m or (0.0, 0.0)
         vertices = vertices_of((self.scale * length_m, self.scale * width_m), self.spacing_m)
@@ -273,7 +284,7 @@ class SceneFile(FileModel):
         """Raise ValueError for a scene without shapes, or tables that lack their counterpart."""
         if not self.bodies and self.base is None:
             raise ValueError("the scene must have [[bodies]] or base = ..., got neither")
-        riding = [body.name for body in self.bodies if body.motion and body.motion.with_ego]
+        riding = [body.name for body in self.bodies if any(motion and motion.with_ego for motion in body.motions())]
         if riding and self.ego is None:
             raise ValueError(f"body '{riding[0]}' moves with_ego, but there is no [ego]")
         if self.base_materials and self.base is None:

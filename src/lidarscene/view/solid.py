@@ -60,7 +60,7 @@ def solid_of(scene: Scene, wavelength_m: float, *, time_s: float = 0.0) -> Solid
 def _pieces(scene: Scene, wavelength_m: float, time_s: float) -> Iterator[tuple[Numbers, Numbers, str]]:
     """Yield vertices in the world, faces and material name of every part."""
     for body in scene.bodies:
-        if body.away:
+        if not body.is_present(time_s):
             continue
         pose = body.pose if body.motion is None else pose_at(body.motion, time_s)
         for part in body.parts:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...maths.arrays import Numbers
-from ...maths.trajectory import pose_at
+from ...maths.trajectory import motion_in_frame, pose_at
 from ..device import transfer
 from ..device.backend import mitsuba
 from ..device.types import TracedScene
@@ -23,9 +23,9 @@ def distances_m(world: World, eye_m: Numbers, directions: Numbers, *, time_s: fl
     if world.scene is not None:
         distance_m = _distances_in_scene(world.scene, eye_m - world.centre_m, directions)
     for mover in world.movers:
-        if mover.scene is None or mover.is_absent:
+        if mover.scene is None or not mover.body.is_present(time_s):
             continue
-        pose = pose_at(mover.motion, time_s)
+        pose = pose_at(motion_in_frame(mover.motion, time_s), time_s)
         low, high = mover.box_m
         to_centre_m, radius = pose.apply((low + high) / 2.0) - eye_m, float(np.linalg.norm(high - low)) / 2.0
         along = to_centre_m.astype(np.float32) @ directions

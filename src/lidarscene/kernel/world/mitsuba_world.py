@@ -43,20 +43,22 @@ class Mover:
     panes       Mitsuba scene of its panes and porous surfaces; None if there are none
     box_m       (2, 3) float64, numpy; lowest and highest corner of a box around it, in its frame
     face_shift  what to add to a face number of the shared scene to get this body's
-    body        its number among the scene's bodies
-    motion      its pose over time
-    pose        its pose at time 0
-    is_absent        whether it is not there: no ray meets it
+    number      of the body among the scene's bodies
+    body        the body, with its motion
     """
 
     scene: Any
     panes: Any
     box_m: Numbers
     face_shift: int
-    body: int
-    motion: Motion
-    pose: Pose
-    is_absent: bool
+    number: int
+    body: Body
+
+    @property
+    def motion(self) -> Motion:
+        """Pose of the body over time."""
+        assert self.body.motion is not None
+        return self.body.motion
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -108,11 +110,7 @@ class World:
 
         The arrays that recorded kernels use stay as they are: only later frames follow the new motions.
         """
-        movers = [
-            replace(mover, motion=_motion(body := bodies[mover.body]), pose=body.pose, is_absent=body.away)
-            for mover in self.movers
-        ]
-        return replace(self, movers=tuple(movers))
+        return replace(self, movers=tuple(replace(mover, body=bodies[mover.number]) for mover in self.movers))
 
     @property
     def has_panes(self) -> bool:
@@ -165,7 +163,7 @@ def build_world(
         # in the tables, a constant number of rows later: that number is its shift.
         starts = [faces.add(group.shapes, body=index) for index in group.bodies]
         movers += [
-            _mover(traced, panes, scene.bodies, body=index, face_shift=start - starts[0])
+            _mover(traced, panes, scene.bodies, number=index, face_shift=start - starts[0])
             for index, start in zip(group.bodies, starts, strict=True)
         ]
     class_names = tuple(dict.fromkeys(class_of))
@@ -320,26 +318,12 @@ def _mitsuba_scene(shapes: Sequence[PlacedShape]) -> Any:
 
 
 def _mover(
-    scene: TracedScene | None, panes: TracedScene | None, bodies: Sequence[Body], *, body: int, face_shift: int
+    scene: TracedScene | None, panes: TracedScene | None, bodies: Sequence[Body], *, number: int, face_shift: int
 ) -> Mover:
-    moving_body = bodies[body]
-    box_m = box_of(moving_body.parts)
+    body = bodies[number]
+    box_m = box_of(body.parts)
     assert box_m is not None  # it has shapes
-    return Mover(
-        scene=scene,
-        panes=panes,
-        box_m=box_m,
-        face_shift=face_shift,
-        body=body,
-        motion=_motion(moving_body),
-        pose=moving_body.pose,
-        is_absent=moving_body.away,
-    )
-
-
-def _motion(body: Body) -> Motion:
-    assert body.motion is not None
-    return body.motion
+    return Mover(scene=scene, panes=panes, box_m=box_m, face_shift=face_shift, number=number, body=body)
 
 
 def motions_on_device(motions: MotionTable) -> MotionTable:
@@ -349,18 +333,23 @@ def motions_on_device(motions: MotionTable) -> MotionTable:
     return replace(transfer.opaque(motions), table=table, boxes_m=boxes)
 
 
-def mover_boxes(movers: Sequence[Mover]) -> Numbers | None:
-    """Return the boxes around bodies, (m, 2, 3), each in its frame, `NOWHERE` of those away; None without any."""
-    return np.stack([NOWHERE if mover.is_absent else mover.box_m for mover in movers]) if movers else None
+def mover_boxes(movers: Sequence[Mover], start_s: float) -> Numbers | None:
+    """Return the boxes around bodies, (m, 2, 3), each in its frame; None without any.
+
+    Those that a frame from ``start_s`` on does not show are `NOWHERE`.
+    """
+    if not movers:
+        return None
+    return np.stack([mover.box_m if mover.body.is_present(start_s) else NOWHERE for mover in movers])
 
 
 def _resting_movers(movers: Sequence[Mover], centre_m: Numbers) -> MovingBodies | None:
     """Return the movers at the poses of their bodies; None if nothing moves."""
     if not movers:
         return None
-    stay = [Course(), *(Course(start=mover.pose) for mover in movers)]
+    stay = [Course(), *(Course(start=mover.body.pose) for mover in movers)]
     motions = MotionTable.from_motions(
-        stay, start_s=0.0, length_s=1.0, centre_m=centre_m, carried_m=mover_boxes(movers)
+        stay, start_s=0.0, length_s=1.0, centre_m=centre_m, carried_m=mover_boxes(movers, 0.0)
     )
     return MovingBodies(motions=motions_on_device(motions), time_s=transfer.opaque(0.0))
 
