@@ -27,13 +27,15 @@ from .row_gains import RowGains, fit_rows
 from .scatter import Scatter, fit_scatter
 from .sensor_text import base_text, fitted_text, parse_sensor
 from .threshold import Threshold, fit_threshold
+from .threshold_ends import fit_least, fit_lone_factor
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RecordingFit:
     """Result of a fit without a scene; None for laws whose fields were not recorded.
 
-    spread    spread of the threshold, without what the sensor's filter adds to its width
+    ends      spread of the threshold, without what the sensor's filter adds to its width, its least value, and its
+              factor for lone echoes, as far as they are known
     products  known quantities as products of numbers of the sensor file
     """
 
@@ -41,15 +43,14 @@ class RecordingFit:
     threshold: Threshold | None = None
     scatter: Scatter | None = None
     rows: RowGains | None = None
-    spread: Estimate | None = None
+    ends: tuple[Estimate, ...] = ()
     products: Products | None = None
 
     @property
     def estimates(self) -> tuple[Estimate, ...]:
         """Estimates of all laws."""
         laws = (self.near_field, self.threshold, self.scatter)
-        estimates = [estimate for law in laws if law is not None for estimate in law.estimates]
-        return tuple(estimates if self.spread is None else [*estimates, self.spread])
+        return (*(estimate for law in laws if law is not None for estimate in law.estimates), *self.ends)
 
     @property
     def checks(self) -> list[Held]:
@@ -127,9 +128,17 @@ def fit_pulses(pulses: RecordedPulses, sensor: Sensor | None = None) -> Recordin
     if sensor is None or sensor.histogram is None:
         return fit
     if fit.threshold is not None:
-        fit = replace(fit, spread=fit.threshold.spread(sensor))
+        fit = replace(fit, ends=_threshold_ends(pulses, fit.threshold, sensor))
     known_keys = [estimate.key for estimate in fit.estimates if estimate.is_known and estimate.key in QUANTITIES]
     return replace(fit, products=find_products(sensor, known_keys) if known_keys else None)
+
+
+def _threshold_ends(pulses: RecordedPulses, threshold: Threshold, sensor: Sensor) -> tuple[Estimate, ...]:
+    """Spread, least value and factor for lone echoes of the threshold, as far as the recording has them."""
+    spread = threshold.spread(sensor)
+    least = None if spread is None else fit_least(pulses, threshold, sensor, spread.value)
+    ends = (spread, least, fit_lone_factor(pulses, threshold))
+    return tuple(estimate for estimate in ends if estimate is not None)
 
 
 def _report(fit: RecordingFit, pulses: RecordedPulses, recording: str, sensor: str, notes: Sequence[str]) -> FitReport:

@@ -32,8 +32,16 @@ FILE_KEYS = {
     "threshold_slope": "histogram.threshold_slope",
     "threshold_pedestal": "histogram.threshold_pedestal",
     "threshold_spread": "histogram.threshold_spread",
+    "threshold_least": "histogram.threshold_least",
+    "lone_factor": "histogram.lone_factor",
 }
 """Estimate -> key of the file that it sets."""
+
+RARE = {
+    "threshold_least": "not known: too few returns are that weak, or a threshold without an end fits as well",
+    "lone_factor": "not known: too few pulses without neighbours are strong enough",
+}
+"""Estimate that many recordings lack -> why it is missing."""
 
 TWO_LENS_KEYS = (
     "optics.overlap.transmitter_offset_mm",
@@ -129,7 +137,7 @@ def fitted_text(
     if "threshold_slope" in accepted:
         accepted["threshold_pedestal"] = estimates["threshold_pedestal"]
     notes = tuple(
-        f"{subject} is left as it was: {key} is {estimates.get(key, 'not recorded')}"
+        f"{subject} is left as it was: {key} is {estimates.get(key, RARE.get(key, 'not recorded'))}"
         for key, subject in FILE_KEYS.items()
         if key not in accepted and not (key == "threshold_spread" and key not in estimates)
     )
@@ -173,6 +181,8 @@ def fitted_text(
         "threshold_slope": 1.0,
         "threshold_pedestal": 1.0 / float(sensor.histogram.shots),
         "threshold_spread": 1.0,
+        "threshold_least": 1.0,
+        "lone_factor": 1.0,
     }
     for key, scale in scales.items():
         if key in accepted:

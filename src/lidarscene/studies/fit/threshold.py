@@ -127,10 +127,7 @@ def fit_threshold(pulses: RecordedPulses) -> Threshold | None:
     """Fit the threshold to a recording; None without SIGNAL and NEAR_IR of lost pulses, or with too few near it."""
     if pulses.signal is None or pulses.near_ir is None:
         return None
-    usable = pulses.recorded & np.isfinite(pulses.signal) & np.isfinite(pulses.near_ir) & _on_surface(pulses)
-    if pulses.reflectivity is not None:
-        # A reflectivity without a range marks an echo that was detected but withheld, not missed.
-        usable &= pulses.has_return | ~(pulses.reflectivity > 0.0)
+    usable = threshold_pulses(pulses) & on_surface(pulses)
     fitted = np.broadcast_to(pulses.fitted, usable.shape)
     lost = usable & fitted & ~pulses.has_return
     # Largest signal: first a guess from lost pulses, which lie below the threshold or not far above, then by the fit.
@@ -158,11 +155,20 @@ def fit_threshold(pulses: RecordedPulses) -> Threshold | None:
             value=value,
             slope=_information(value, signal, near_ir),
             scores=scores,
-            misfit=misfit_factor(_deviations(chance, returned), len(value)),
+            misfit=misfit_factor(deviations_of_shares(chance, returned), len(value)),
         ),
         near_ir=float(np.median(near_ir)),
         shares=shares_by_chance(expected, pulses.has_return[held_out], CHANCE_BINS),
     )
+
+
+def threshold_pulses(pulses: RecordedPulses) -> Numbers:
+    """Mask of the pulses with SIGNAL and NEAR_IR that met a threshold, so were not found and withheld."""
+    usable = pulses.recorded & np.isfinite(pulses.signal) & np.isfinite(pulses.near_ir)
+    if pulses.reflectivity is not None:
+        # A reflectivity without a range marks an echo that was detected but withheld, not missed.
+        usable &= pulses.has_return | ~(pulses.reflectivity > 0.0)
+    return np.asarray(usable)
 
 
 def shares_by_chance(chance: Numbers, returned: Numbers, bins: int, least: int = 1) -> Numbers:
@@ -177,14 +183,14 @@ def shares_by_chance(chance: Numbers, returned: Numbers, bins: int, least: int =
     return np.array(rows, float).reshape(-1, 3)
 
 
-def _deviations(chance: Numbers, returned: Numbers) -> Numbers:
+def deviations_of_shares(chance: Numbers, returned: Numbers) -> Numbers:
     """(k,) differences of recorded shares from the law, by its chance, in sigmas of a binomial number."""
     expected, share, pulses = shares_by_chance(chance, returned, CHANCE_BINS).T
     variance = pulses * expected * (1.0 - expected)
     return np.asarray((pulses * (share - expected) / np.sqrt(variance))[variance >= LEAST_VARIANCE])
 
 
-def _on_surface(pulses: RecordedPulses) -> Numbers:
+def on_surface(pulses: RecordedPulses) -> Numbers:
     """Mask of the pulses whose neighbours in the row are returns of one surface."""
     range_m = pulses.range_m
     neighbours_m = np.stack(
@@ -231,7 +237,7 @@ def _maximise(signal: Numbers, near_ir: Numbers, returned: Numbers) -> Numbers |
     def at_pedestal(pedestal: float) -> tuple[float, Numbers | None]:
         """-ln L and parameters. A pedestal given, the argument is linear in 1 / width and ln slope / width."""
         design = np.column_stack([np.log(_photons(signal) / np.sqrt(near_ir + pedestal)), np.ones_like(signal)])
-        linear = _logistic(design, returned)
+        linear = logistic_coefficients(design, returned)
         if linear is None or linear[0] <= 0.0:
             return math.inf, None
         value = np.array([-linear[1] / linear[0], pedestal, -math.log(linear[0])])
@@ -259,7 +265,7 @@ def _maximise(signal: Numbers, near_ir: Numbers, returned: Numbers) -> Numbers |
     return value if regular else None
 
 
-def _logistic(design: Numbers, returned: Numbers) -> Numbers | None:
+def logistic_coefficients(design: Numbers, returned: Numbers) -> Numbers | None:
     """Coefficients of the likeliest logistic law; None without a maximum."""
     from scipy.optimize import root
 
