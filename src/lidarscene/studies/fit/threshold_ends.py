@@ -1,4 +1,4 @@
-"""Both ends of the threshold: the least one that a point of a surface meets, and that of echoes without neighbours.
+r"""Both ends of the threshold: the least one that a point of a surface meets, and that of echoes without neighbours.
 
 Of the pulses whose row has no return in the two columns to either side, the chance of a return is a logistic function
 of ln(SIGNAL / U), as on surfaces, but half of them return at `lone_factor` times the median threshold U.
@@ -6,8 +6,8 @@ of ln(SIGNAL / U), as on surfaces, but half of them return at `lone_factor` time
 On surfaces a point's threshold is U e^(spread z) and at least `threshold_least` U (T111), and the filter's output F,
 which is compared with it, scatters about SIGNAL by s U. So with the normal distribution Phi
 
-.. math:: P(x) = \\int_{\\mathrm{least}}^\\infty \\Phi(\\ln f / \\mathrm{spread})\\,\\mathrm{N}(f; x, s)\\,\\mathrm{d}f,
-          \\quad x = \\mathrm{SIGNAL} / U \\tag{T183}
+.. math:: P(x) = \int_{\mathrm{least}}^\infty \Phi(\ln f / \mathrm{spread})\,\mathrm{N}(f; x, s)\,\mathrm{d}f,
+          \quad x = \mathrm{SIGNAL} / U \tag{T183}
 """
 
 from __future__ import annotations
