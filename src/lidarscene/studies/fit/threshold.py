@@ -164,6 +164,8 @@ def fit_threshold(pulses: RecordedPulses) -> Threshold | None:
 
 def threshold_pulses(pulses: RecordedPulses) -> Numbers:
     """Mask of the pulses with SIGNAL and NEAR_IR that met a threshold, so were not found and withheld."""
+    assert pulses.signal is not None
+    assert pulses.near_ir is not None
     usable = pulses.recorded & np.isfinite(pulses.signal) & np.isfinite(pulses.near_ir)
     if pulses.reflectivity is not None:
         # A reflectivity without a range marks an echo that was detected but withheld, not missed.

@@ -133,4 +133,4 @@ def _chances(ratio: Numbers, spread: float, filter_sigma: float, least: Numbers)
     met = ndtr(np.log(output) / spread) * weight
     # Sum of what lies above each least threshold, from the far end.
     chance = np.stack([np.sum(np.where(output >= limit, met, 0.0), axis=1) for limit in least], axis=1)
-    return np.clip(np.stack([chance, 1.0 - chance]), 1e-6, 1.0)
+    return np.asarray(np.clip(np.stack([chance, 1.0 - chance]), 1e-6, 1.0))
