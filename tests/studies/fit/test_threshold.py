@@ -116,7 +116,7 @@ def test_a_pulse_is_on_the_surface_of_its_neighbours_whatever_it_reports_itself(
     )
     columns_away = np.minimum(np.abs(np.arange(60) - 50), 60 - np.abs(np.arange(60) - 50))
     expected = (columns_away > threshold.NEIGHBOUR_COLUMNS) | (columns_away == 0)
-    assert np.array_equal(threshold._on_surface(pulses)[0], expected)
+    assert np.array_equal(threshold.on_surface(pulses)[0], expected)
 
 
 def test_more_light_that_is_kept_less_is_no_threshold() -> None:
