@@ -96,7 +96,13 @@ def _check_answer(arguments: argparse.Namespace) -> Answer:
     rows = [row for name in names for row in study.compare(name)]
     if not rows:
         raise InputError(f"{arguments.name}: no recording of such a sensor is known")
-    text = json_text(study.as_dicts(rows), indent=2) if arguments.json else study.as_text(rows)
+    if arguments.json:
+        text = json_text(study.as_dicts(rows), indent=2)
+    elif arguments.real:
+        with_rows = {row.subject for row in rows}
+        text = recorded.as_text(rows, without=[name for name in names if name not in with_rows])
+    else:
+        text = published_values.as_text(rows)
     return Answer(text, 0 if passed(rows) else 1)
 
 

@@ -74,6 +74,8 @@ LIMITS = {
     "signal ratio": _either_way(1.15, "as the signal error"),
     "scatter ratio": _either_way(1.25, f"{_CHOICE}: ratio at one signal, in each octave"),
     "scatter ratio, target assumed": _either_way(1.5, f"{_CHOICE}: signal and light are not recorded"),
+    "elevations": Limits(None, 0.05, f"{_CHOICE}: rms of all channels, degrees; a Pandar64 is 0.02 from nominal"),
+    "step ratio": _either_way(1.01, f"{_CHOICE}: steps are whole numbers of a unit"),
     "threshold ratio": _either_way(
         1.2, "uncertainty of a recorded floor, steps of a photon; of the highest noise, too"
     ),

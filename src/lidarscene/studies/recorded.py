@@ -1,8 +1,9 @@
 """Catalogue sensors compared with recordings of real ones, by statistics that do not depend on the scene.
 
 A recording of an Ouster has SIGNAL, NEAR_IR, reflectivity and range of each point, kept or lost. Four curves follow
-from them (docs/sensors.md); `catalog/recorded` holds those of one frame of each sensor. For other sensors the scatter
-at some ranges is known (`[[published.repeatability]]` with `recording = true`).
+from them (docs/sensors.md). One of another maker has ranges and perhaps reflectivities: its beams, steps, scatter and
+the least distance of two returns follow. `catalog/recorded` holds either for one recording of each sensor. For others
+the scatter at some ranges is known (`[[published.repeatability]]` with `recording = true`).
 """
 
 from __future__ import annotations
@@ -17,14 +18,27 @@ import numpy as np
 from pydantic import Field, model_validator
 
 from .. import catalog
+from ..detection.outcomes import Status
+from ..detection.receivers import detect
 from ..figures.report import text_table
 from ..files.toml import FileModel, read_toml, validate
+from ..light.echoes import EchoTrain, SubEchoes
 from ..maths.arrays import Numbers
+from ..physics.constants import SPEED_OF_LIGHT_M_S
 from ..sensor.sensor_file import load_sensor, published_performance
 from ..sensor.sensor_model import Sensor
 from .held import LIMITS, Held, held_table, verdict
 from .published_values import repeatability, scatter_m
 from .ranging.plane import Target, echoes_of_plane
+
+RECORDED_KLUX = 20.0
+"""Light that is assumed where a recording does not tell it; near targets scatter alike at any."""
+
+SHOTS_OF_PAIRS = 20
+"""Pulses with two echoes at each separation."""
+
+TWO_RETURNS = ("tdc.stops=2", 'tdc.keep="strongest_and_last"')
+"""The mode in which least separations were recorded, as for --set."""
 
 PositiveNumbers = Annotated[tuple[Annotated[float, Field(gt=0)], ...], Field(min_length=1)]
 
@@ -61,8 +75,29 @@ class ScatterFile(_Curves):
     sigma_mm: PositiveNumbers
 
 
+class ScatterByTargetFile(_Curves):
+    """[scatter] of points: deviation of the range on targets of known reflectivity and range."""
+
+    reflectivity: PositiveNumbers
+    range_m: PositiveNumbers
+    sigma_mm: PositiveNumbers
+
+
+class RecordedPointsFile(FileModel):
+    """Statistics of recorded points, in catalog/recorded."""
+
+    recording: Annotated[str, Field(min_length=1)]
+    elevation_deg: Annotated[tuple[float, ...], Field(min_length=1)] = Field(description="of each channel")
+    azimuth_step_deg: Annotated[float, Field(gt=0)] = Field(description="between firings of a channel")
+    range_step_mm: Annotated[float, Field(gt=0)] = Field(description="least significant bit of the range")
+    least_separation_m: Annotated[float, Field(gt=0)] | None = Field(
+        default=None, description="between two returns of a pulse, 1st percentile; None: single returns were recorded"
+    )
+    scatter: ScatterByTargetFile
+
+
 class RecordedFile(FileModel):
-    """Curves of a recording, in catalog/recorded."""
+    """Curves of a recording of a sensor that counts photons, in catalog/recorded."""
 
     recording: Annotated[str, Field(min_length=1)]
     settings: tuple[str, ...] = Field(default=(), description="the sensor's mode, as for --set")
@@ -72,21 +107,26 @@ class RecordedFile(FileModel):
     scatter: ScatterFile
 
 
-def recorded_curves(name: str) -> RecordedFile | None:
-    """Read the curves of a recording of this catalogue sensor; None without one. Raises InputError."""
+def recorded_curves(name: str) -> RecordedFile | RecordedPointsFile | None:
+    """Read what is recorded of this catalogue sensor; None without a recording. Raises InputError."""
     path = catalog.folder("recorded") / f"{name}.toml"
     return read_recorded(path) if path.is_file() else None
 
 
-def read_recorded(path: Path) -> RecordedFile:
-    """Read a file of curves. Raises InputError."""
-    return validate(RecordedFile, read_toml(path), str(path))
+def read_recorded(path: Path) -> RecordedFile | RecordedPointsFile:
+    """Read a file of curves, or of statistics of points. Raises InputError."""
+    tables = read_toml(path)
+    model = RecordedFile if "signal" in tables else RecordedPointsFile
+    return validate(model, tables, str(path))
 
 
 def compare(name: str) -> list[Held]:
     """Compare a catalogue sensor with all that is recorded of it. Raises InputError."""
-    curves = recorded_curves(name)
-    rows = [] if curves is None else list(compare_curves(curves, load_sensor(name, overrides=curves.settings)))
+    recorded = recorded_curves(name)
+    if isinstance(recorded, RecordedFile):
+        rows = list(compare_curves(recorded, load_sensor(name, overrides=recorded.settings)))
+    else:
+        rows = [] if recorded is None else list(compare_points(recorded, name))
     published = published_performance(name)
     if published is not None:
         for entry in (entry for entry in published.repeatability if entry.recording):
@@ -95,6 +135,75 @@ def compare(name: str) -> list[Held]:
             where, limits = f"{entry.at_m:g} m, target assumed", "scatter ratio, target assumed"
             rows.append(_row(limits, "scatter", where, 1e3 * entry.sigma_m, sigma_mm, "mm"))
     return [replace(row, subject=name) for row in rows]
+
+
+def compare_points(recorded: RecordedPointsFile, name: str) -> Iterator[Held]:
+    """Compare beams, steps, scatter and least separation of returns of a sensor that spins. Raises InputError."""
+    sensor = load_sensor(name)
+    elevation_deg, azimuth_step_deg = _beams_deg(sensor)
+    error_deg = np.sort(elevation_deg) - np.sort(recorded.elevation_deg)
+    yield Held(
+        quantity="elevations",
+        condition=f"{len(elevation_deg)} channels, rms",
+        value=float(np.sqrt(np.mean(error_deg**2))),
+        limits=LIMITS["elevations"],
+        unit="degrees",
+    )
+    yield _row("step ratio", "azimuth step", "", recorded.azimuth_step_deg, azimuth_step_deg, "degrees")
+    range_step_mm = 0.5e3 * SPEED_OF_LIGHT_M_S * float(np.ravel(sensor.tdc.least_significant_bit_s)[0])
+    yield _row("step ratio", "range step", "", recorded.range_step_mm, range_step_mm, "mm")
+    for reflectivity, range_m, sigma_mm in zip(
+        recorded.scatter.reflectivity, recorded.scatter.range_m, recorded.scatter.sigma_mm, strict=True
+    ):
+        target = Target(reflectivity=reflectivity, illuminance_klux=RECORDED_KLUX)
+        sigma_m = scatter_m(sensor, target, range_m=range_m)
+        simulated_mm = None if sigma_m is None else 1e3 * sigma_m
+        yield _row("scatter ratio", "scatter", f"{reflectivity:.0%} at {range_m:g} m", sigma_mm, simulated_mm, "mm")
+    if recorded.least_separation_m is not None:
+        separation_m = least_separation_m(load_sensor(name, overrides=TWO_RETURNS))
+        yield Held(
+            quantity="second returns, least separation",
+            reference=recorded.least_separation_m,
+            simulated=separation_m,
+            value=math.nan if separation_m is None else separation_m / recorded.least_separation_m - 1.0,
+            limits=LIMITS["second separation"],
+            unit="m",
+        )
+
+
+def _beams_deg(sensor: Sensor) -> tuple[Numbers, float]:
+    """(channels,) elevations, and the mean step of the azimuth from firing to firing of the busiest channel, degrees."""
+    pulse = np.arange(sensor.scanner.pulses, dtype=np.uint32)
+    channel, first, firings = np.unique(
+        np.asarray(sensor.scanner.channel(pulse)), return_index=True, return_counts=True
+    )
+    assert len(channel)
+    return np.degrees(np.asarray(sensor.scanner.angles(pulse)[1]))[first], 360.0 / float(firings.max())
+
+
+def least_separation_m(sensor: Sensor) -> float | None:
+    """Least distance of two equal echoes from which on both are reported in half of the pulses; None: nowhere."""
+    separations_m = np.arange(0.05, 6.0, 0.05)
+    shape = (len(separations_m), SHOTS_OF_PAIRS)
+    apart_m = np.repeat(separations_m, SHOTS_OF_PAIRS)
+    near_m = 10.0 + np.random.default_rng(1).uniform(-0.5, 0.5, apart_m.size)
+    light = echoes_of_plane(sensor, Target(reflectivity=0.3, illuminance_klux=RECORDED_KLUX), near_m)
+    half_w = 0.5 * light.peak_power_w
+    train = EchoTrain(
+        parts=tuple(SubEchoes(range_m=range_m, peak_power_w=half_w, count=1) for range_m in (near_m, near_m + apart_m)),
+        surfaces=2,
+        has_surface=light.has_surface,
+        background_power_w=light.background_power_w,
+        interference=light.interference,
+        white_w_m2=light.white_w_m2,
+        fluctuation=light.fluctuation,
+    )
+    detection = detect(train, sensor, seed=1, pulse=np.arange(apart_m.size, dtype=np.uint32))
+    found = [np.asarray(stop.reported & (stop.status == int(Status.ECHO))) for stop in detection.stops]
+    both = np.mean(np.sum(found, axis=0).reshape(shape) > 1, axis=1) > 0.5
+    merged = np.flatnonzero(~both)
+    first = merged[-1] + 1 if merged.size else 0
+    return float(separations_m[first]) if first < len(separations_m) else None
 
 
 def compare_curves(curves: RecordedFile, sensor: Sensor) -> Iterator[Held]:
@@ -190,7 +299,11 @@ def as_dicts(rows: Sequence[Held]) -> list[dict[str, Any]]:
     return [row.as_dict(**words) | {"most": row.limits.high} for row in rows]
 
 
-def as_text(rows: Sequence[Held]) -> str:
-    """Text table of the comparisons, with a verdict."""
+def as_text(rows: Sequence[Held], without: Sequence[str] = ()) -> str:
+    """Text table of the comparisons, with a verdict.
+
+    without  names of sensors of which there is no recording
+    """
     table = held_table(rows, subject="sensor", reference="recorded", value="ratio")
-    return f"{text_table(*table)}\n{verdict(rows, 'The catalogue')}"
+    text = f"{text_table(*table)}\n{verdict(rows, 'The catalogue')}"
+    return f"{text}\nNot held to a recording: {', '.join(without)}." if without else text
