@@ -172,12 +172,10 @@ def compare_points(recorded: RecordedPointsFile, name: str) -> Iterator[Held]:
 
 
 def _beams_deg(sensor: Sensor) -> tuple[Numbers, float]:
-    """(channels,) elevations, and the mean step of the azimuth from firing to firing of the busiest channel, degrees."""
+    """(channels,) elevations [degrees], and the busiest channel's mean step of the azimuth [degrees]."""
     pulse = np.arange(sensor.scanner.pulses, dtype=np.uint32)
-    channel, first, firings = np.unique(
-        np.asarray(sensor.scanner.channel(pulse)), return_index=True, return_counts=True
-    )
-    assert len(channel)
+    channel = np.asarray(sensor.scanner.channel(pulse))
+    _, first, firings = np.unique(channel, return_index=True, return_counts=True)
     return np.degrees(np.asarray(sensor.scanner.angles(pulse)[1]))[first], 360.0 / float(firings.max())
 
 
