@@ -116,8 +116,9 @@ def recorded_curves(name: str) -> RecordedFile | RecordedPointsFile | None:
 def read_recorded(path: Path) -> RecordedFile | RecordedPointsFile:
     """Read a file of curves, or of statistics of points. Raises InputError."""
     tables = read_toml(path)
-    model = RecordedFile if "signal" in tables else RecordedPointsFile
-    return validate(model, tables, str(path))
+    if "signal" in tables:
+        return validate(RecordedFile, tables, str(path))
+    return validate(RecordedPointsFile, tables, str(path))
 
 
 def compare(name: str) -> list[Held]:
