@@ -458,13 +458,13 @@ def test_a_line_of_kitti_by_hand() -> None:
 )
 def test_levels_of_visibility(reached: int, level: str, token: str) -> None:
     """nuScenes' bins end at 40, 60 and 80 %; of KITTI's levels 0 is fully visible, 1 partly, 2 largely occluded."""
-    from lidarscene.labels.files import _annotation
+    from lidarscene.labels.files import nuscenes_annotation
 
     pose = street.pose_at(20.0, 0.0, 0.0, 0.0)
     box = Box(body=0, name="", class_name="car", size_m=np.array(CAR), pose=pose, beams=100, reached=reached)
     assert label_of(box)[2] == level
     assert label_of(replace(box, beams=0, reached=0))[2] == "3"  # unknown
-    content = _annotation(replace(box, points_inside=12, points_on=7))
+    content = nuscenes_annotation(replace(box, points_inside=12, points_on=7))
     assert (content["visibility_token"], content["visibility"]) == (token, reached / 100)
     assert (content["num_lidar_pts"], content["num_body_pts"], content["size"]) == (12, 7, [2.0, 4.0, 1.5])
 

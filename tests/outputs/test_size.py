@@ -84,6 +84,18 @@ def test_lines_in_a_log(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> N
     assert capsys.readouterr().err == ""
 
 
+def test_the_time_left_does_not_count_the_first_step(capsys: pytest.CaptureFixture[str]) -> None:
+    """By hand: a frame that waits 40 s for the compiler, then one each second, of 101."""
+    clock_s = [0.0]
+    lines = Lines("frames", clock=lambda: clock_s[0])
+    for frame in range(1, 30):
+        clock_s[0] = 39.0 + frame
+        lines(frame, 101)
+    first, second = capsys.readouterr().err.splitlines()
+    assert first == "lidarscene: 1 of 101 frames (1.0%)"
+    assert second == "lidarscene: 11 of 101 frames (10.9%), some 90 s left"
+
+
 def test_a_bar_on_a_terminal_alone(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
     """It is there while the block lasts and told of each step; a log has none, and lines only if asked for."""
     steps: list[Any] = []

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
 import os
@@ -10,13 +11,14 @@ import signal
 import threading
 import time
 import uuid
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
 from ..errors import LidarSceneError
+from .dataset import Place, require_no_other_clouds, write_tables
 from .manifest import write_manifest
 from .store import Store
 from .tasks import FrameTask, Job
@@ -88,7 +90,7 @@ def run_job(
     report: FrameCallback | None = None,
     waiting: Callable[[str], object] = lambda _: None,
 ) -> Progress:
-    """Render the missing frames of a job into ``folder`` and write its manifest.
+    """Render the missing frames of a job into ``folder``; write its manifest and, if none failed, a data set's tables.
 
     connect  gives a Dask client, called if frames are missing; ``lambda: nullcontext(client)`` for one's own. All
              workers must see ``folder``, and the files of the job, by the same names. It is called again if all
@@ -98,10 +100,11 @@ def run_job(
     waiting  called with a line when the cluster has had no worker for a while, or when a worker hangs: its frames are
              given to another, and it is ended where that is possible
     Other runs may work in the same folder: each frame is rendered by one of them.
-    Raises OutputError where the manifest cannot be written, LidarSceneError where the scheduler or the workers end
-    before the job does; the result lists frames that failed.
+    Raises InputError for a folder with clouds of another data set, OutputError where the manifest cannot be written,
+    LidarSceneError where the scheduler or the workers end before the job does; the result lists frames that failed.
     """
     store = Store(folder.absolute())
+    require_no_other_clouds(store.folder, job.tasks())
     stored = bytearray(store.row(task.key) is not None for task in job.tasks())
     progress = Progress(len(stored), reused=sum(stored))
     ended: dict[str, bool] = {}
@@ -124,7 +127,17 @@ def run_job(
                 "command goes on from there"
             ) from error
     write_manifest(job, store, progress.failed)
+    if job.file.dataset is not None and not progress.failed:
+        write_tables(store.folder, functools.partial(_rows, job, store))
     return progress
+
+
+def _rows(job: Job, store: Store) -> Iterator[tuple[Place, Mapping[str, Any]]]:
+    """Iterate over the places of the job's frames in the data set, and their rows."""
+    for task in job.tasks():
+        row = store.row(task.key, read=False)
+        if task.place is not None and row is not None:
+            yield task.place, row
 
 
 def _render(

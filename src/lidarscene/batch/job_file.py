@@ -95,6 +95,30 @@ class TrajectoryFile(EgoFile):
         return f"ego={toml_text(settings)}"
 
 
+class SplitFile(FileModel):
+    """[splits]: parts of a data set."""
+
+    train: Annotated[float, Number(ge=0, le=1)] = Field(default=1.0, description="share of the training frames")
+    val: Annotated[float, Number(ge=0, le=1)] = Field(default=0.0, description="share of the frames for validation")
+    test: Annotated[float, Number(ge=0, le=1)] = Field(default=0.0, description="share of the frames for tests")
+    by: Literal["drive", "street", "frames"] = Field(
+        default="drive",
+        description="what goes whole into one part: a drive (one scene, sensor and seed), a street (drives that "
+        "differ only in light, weather, sensor and seed), or runs of consecutive frames of each drive",
+    )
+
+    @model_validator(mode="after")
+    def _add_up(self) -> SplitFile:
+        total = self.train + self.val + self.test
+        if abs(total - 1.0) > 1e-9:
+            raise ValueError(f"train, val and test must add up to 1, got {total:g}")
+        return self
+
+    def shares(self) -> dict[str, float]:
+        """Share of each part."""
+        return {"train": self.train, "val": self.val, "test": self.test}
+
+
 class JobFile(FileModel):
     """A whole job file: the product of its lists."""
 
@@ -114,6 +138,10 @@ class JobFile(FileModel):
         default=None, description="seeds 0 to this number less one, in place of seeds"
     )
     sweep: SweepFile = SweepFile()
+    dataset: Literal["kitti", "semantickitti", "nuscenes"] | None = Field(
+        default=None, description="the folder becomes such a data set, clouds and labels"
+    )
+    splits: SplitFile | None = None
     format: str = Field(default="ply", description="of the clouds' files", json_schema_extra={"enum": list(FORMATS)})
     coordinates: Literal["world", "vehicle", "sensor"] = "world"
     truth: bool = Field(default=True, description="false leaves the ground truth out")
@@ -128,6 +156,10 @@ class JobFile(FileModel):
         _require_unique("trajectories", [trajectory.label for trajectory in self.trajectories])
         if self.format not in FORMATS:
             raise ValueError(f"format: must be one of {', '.join(FORMATS)}, got '{self.format}'")
+        if self.dataset is not None and "format" in self.model_fields_set:
+            raise ValueError("format: a data set has its own, leave it out with dataset")
+        if self.splits is not None and self.dataset is None:
+            raise ValueError("splits: goes with dataset")
         if self.seed_count is not None and "seeds" in self.model_fields_set:
             raise ValueError("must have only one of seeds and seed_count, got both")
         return self

@@ -14,7 +14,7 @@ from .store import Store
 from .tasks import FrameTask, Job, cloud_settings
 
 ROWS_AT_A_TIME = 20_000
-COUNTS = ("beams", "hits", "points", "echoes", "false_alarms", "weather")
+COUNTS = ("beams", "hits", "points", "echoes", "false_alarms", "weather", "stray", "revived")
 
 
 def write_manifest(job: Job, store: Store, failed: Mapping[str, str]) -> None:
@@ -40,7 +40,7 @@ def _columns(sweep: Mapping[str, str]) -> dict[str, str]:
     return (
         dict.fromkeys(labels, "string")
         | {"number": "int64", "begin_s": "float64", "seed": "int64", "format": "string", "coordinates": "string"}
-        | {"truth": "bool_", "rays": "int64", "interactions": "int64"}
+        | {"split": "string", "sequence": "string", "truth": "bool_", "rays": "int64", "interactions": "int64"}
         | dict(sweep)
         | dict.fromkeys([*COUNTS, *missed], "int64")
         | {"seconds": "float64", "seconds_by_stage": "string", "file": "string", "bytes": "int64"}
@@ -61,12 +61,14 @@ def _row(task: FrameTask, store: Store, failed: Mapping[str, str], types: Mappin
         "truth": task.truth,
         "version": task.version,
     }
+    if task.place is not None:
+        row |= {"format": task.place.dataset, "split": task.place.split, "sequence": task.place.name}
     for name, value in task.parameters.items():
         row[name] = toml_text(value) if types[name] == "string" and not isinstance(value, str) else value
     result = store.row(task.key, read=False)
     if result is None:
         return row | {"error": failed.get(task.key, "not rendered")}
-    row |= {name: result[name] for name in (*COUNTS, "file", "bytes")}
+    row |= {name: result.get(name) for name in (*COUNTS, "file", "bytes")}
     row |= {f"missed_{reason}": count for reason, count in result["missed"].items()}
     seconds = result["seconds"]
     return row | {"seconds": sum(seconds.values()), "seconds_by_stage": json.dumps(seconds)}

@@ -6,7 +6,7 @@ import functools
 import hashlib
 import json
 import os
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -36,15 +36,14 @@ class Store:
         return self.folder / "rows" / key[:2] / f"{key}.json"
 
     def row(self, key: str, *, read: bool = True) -> dict[str, Any] | None:
-        """Row of a frame that is done; None if it is not, or if its cloud has changed since it was written.
+        """Row of a frame that is done; None if it is not, or if a file of it has changed since it was written.
 
-        read  whether the cloud is read to compare its hash; else only its size is compared
+        read  whether files are read to compare their hashes; else only sizes are compared
         """
         try:
             entry: dict[str, Any] = json.loads(self._row(key).read_bytes())
-            cloud = self.folder / entry["file"]
-            whole = cloud.stat().st_size == entry["bytes"] and not (read and _digest(cloud) != entry["sha256"])
-        except (OSError, ValueError, KeyError, TypeError, RecursionError):
+            whole = all(_is_whole(self.folder / file["file"], file, read) for file in (entry, *entry.get("beside", ())))
+        except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
             return None
         return entry if whole else None
 
@@ -73,15 +72,21 @@ class Store:
         finally:
             fcntl.lockf(file, fcntl.LOCK_UN, 1, offset)
 
-    def finish(self, key: str, cloud: Path, counts: dict[str, Any]) -> None:
-        """Write the row of a frame whose cloud is written. Raises OutputError."""
-        entry = {
-            "file": cloud.relative_to(self.folder).as_posix(),
-            "bytes": cloud.stat().st_size,
-            "sha256": _digest(cloud),
-        }
+    def finish(self, key: str, files: Sequence[Path], counts: dict[str, Any]) -> None:
+        """Write the row of a frame whose files are written, the cloud the first. Raises OutputError."""
+        entry, *beside = (
+            {"file": file.relative_to(self.folder).as_posix(), "bytes": file.stat().st_size, "sha256": _digest(file)}
+            for file in files
+        )
+        if beside:
+            entry["beside"] = beside
         with atomic_output(self._row(key), synced=False) as temporary:  # a lost row costs only this frame
             temporary.write_text(json_text(entry | counts), encoding="utf-8")
+
+
+def _is_whole(file: Path, entry: Mapping[str, Any], read: bool) -> bool:
+    """Whether a file is as it was when its entry was written."""
+    return bool(file.stat().st_size == entry["bytes"] and not (read and _digest(file) != entry["sha256"]))
 
 
 @functools.cache

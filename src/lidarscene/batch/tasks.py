@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import functools
 import hashlib
 import itertools
@@ -22,6 +23,7 @@ from ..scene.scene_file import files_of_scene, scene_path, sensor_of_scene
 from ..sensor.rig_file import load_rig, read_rig
 from ..sensor.sensor_file import files_of_sensor, load_sensor
 from ..sensor.sensor_model import Sensor
+from .dataset import Place, Places
 from .job_file import JobFile, TrajectoryFile
 
 LAYOUT = 1
@@ -79,7 +81,10 @@ class SensorChoice:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FrameTask:
-    """One frame of one sensor. Equal keys are equal clouds, so that nothing is done twice."""
+    """One frame of one sensor. Equal keys are equal clouds, so that nothing is done twice.
+
+    place  place in a data set, which is part of the key; None without one
+    """
 
     key: str
     version: str
@@ -89,6 +94,7 @@ class FrameTask:
     frame: FrameOptions
     format: str
     truth: bool
+    place: Place | None = None
 
     @property
     def parameters(self) -> dict[str, Any]:
@@ -112,7 +118,9 @@ class Job:
         file = read_job(path)
         FORMATS[file.format].require()
         try:
-            return cls(file, tuple(_choices(file, path.parent)))
+            job = cls(file, tuple(_choices(file, path.parent)))
+            job.places()
+            return job
         except InputError as error:
             raise InputError(f"{path}: {error}") from None
 
@@ -120,13 +128,25 @@ class Job:
         """Number of frames."""
         return self.file.frames * len(self.file.all_seeds()) * sum(len(s) for _, s in self.choices)
 
+    def places(self) -> Places | None:
+        """Places of the frames in the data set; None without one. Raises InputError for a part that would be empty."""
+        return None if self.file.dataset is None else Places(self.file, self._drives())
+
+    def _drives(self) -> Iterator[tuple[SceneChoice, SensorChoice, int]]:
+        for scene, sensors in self.choices:
+            for sensor, seed in itertools.product(sensors, self.file.all_seeds()):
+                yield scene, sensor, seed
+
     def tasks(self) -> Iterator[FrameTask]:
         """Iterate over all frames, those of one world consecutively; there may be millions."""
-        file, trace = self.file, self.file.trace_options()
-        for scene, sensors in self.choices:
-            for sensor, seed, number in itertools.product(sensors, file.all_seeds(), range(file.frames)):
+        file, trace, places = self.file, self.file.trace_options(), self.places()
+        for scene, sensor, seed in self._drives():
+            places_of_drive = itertools.repeat(None) if places is None else places.of_drive(scene, sensor, seed)
+            for number, place in zip(range(file.frames), places_of_drive, strict=False):
                 frame = file.frame_options(seed, number)
                 settings = cloud_settings(trace, frame) | {"format": file.format, "truth": file.truth}
+                if place is not None:
+                    settings |= dataclasses.asdict(place)
                 key = _hash([LAYOUT, __version__, scene.digest, sensor.digest, settings])
                 yield FrameTask(
                     key=key,
@@ -137,6 +157,7 @@ class Job:
                     frame=frame,
                     format=file.format,
                     truth=file.truth,
+                    place=place,
                 )
 
 

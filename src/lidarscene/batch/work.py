@@ -92,9 +92,14 @@ def _save(task: FrameTask, store: Store) -> None:
     simulator = _simulator(task)
     summary = Summary()
     cloud = simulator.render(task.frame, summary=summary)
+    if task.place is not None:
+        truth = task.place.write(store.folder, cloud, simulator, _scene_of(task.scene))
+        files = [store.folder / file for file in task.place.files]
+        store.finish(task.key, files, run_report.as_dict(summary) | {"truth": truth})
+        return
     path = store.cloud(task.key, task.format)
     (cloud if task.truth else cloud.without_truth()).save(path, format=task.format)
-    store.finish(task.key, path, run_report.as_dict(summary))
+    store.finish(task.key, [path], run_report.as_dict(summary))
 
 
 class _Cache:
@@ -122,7 +127,7 @@ def _simulator(task: FrameTask) -> Simulator:
     Cached with its world, and with it the recorded stages and the order of pulses.
     """
     choice, sensor = task.scene, task.sensor
-    scene: Scene = _scenes.get(choice.digest, lambda: _scene(choice))
+    scene = _scene_of(choice)
     mounted, first = _sensors.get((sensor.digest, choice.digest), lambda: _load_mounted(sensor, scene))
     centre_m = pose_at(sensor_motion(scene, first.sensor, first.pose)).position_m
     world, simulators = _worlds.get(
@@ -134,6 +139,12 @@ def _simulator(task: FrameTask) -> Simulator:
         lambda: Simulator(scene, mounted.sensor, task.trace, pose=mounted.pose, world=world),
     )
     return simulator
+
+
+def _scene_of(choice: SceneChoice) -> Scene:
+    """Scene of a choice, loaded once."""
+    scene: Scene = _scenes.get(choice.digest, lambda: _scene(choice))
+    return scene
 
 
 def _scene(choice: SceneChoice) -> Scene:

@@ -108,25 +108,35 @@ def is_quiet() -> bool:
 
 
 class Lines:
-    """Progress of a run as plain lines in a log: the first after ten seconds, then fewer and fewer."""
+    """Progress of a run as plain lines in a log: the first after ten seconds, then fewer and fewer.
+
+    The time left is estimated from the steps after the first: that one waits for files, compilers and worker processes.
+    """
 
     def __init__(self, counted: str, *, clock: Callable[[], float] = time.monotonic) -> None:
         self._counted, self._clock = counted, clock
         self._since = clock()
         self._next_s = FIRST_LINE_S
+        self._first: tuple[float, int] | None = None
 
     def __call__(self, finished: int, total: int) -> None:
         """Print a line if one is due."""
         from ..outputs.size import duration_text
 
         seconds = self._clock() - self._since
+        if self._first is None and finished > 0:
+            self._first = seconds, finished
         if is_quiet() or seconds < self._next_s or not 0 < finished < total:
             return
-        self._next_s = seconds + min(seconds, LONGEST_PAUSE_S)
-        remaining = duration_text(seconds * (total - finished) / finished)
-        sys.stderr.write(
-            f"lidarscene: {finished:,} of {total:,} {self._counted} ({finished / total:.1%}), some {remaining} left\n"
-        )
+        assert self._first is not None
+        first_s, first = self._first
+        line = f"{finished:,} of {total:,} {self._counted} ({finished / total:.1%})"
+        if finished > first:
+            self._next_s = seconds + min(seconds, LONGEST_PAUSE_S)
+            line += f", some {duration_text((seconds - first_s) * (total - finished) / (finished - first))} left"
+        else:
+            self._next_s = seconds + FIRST_LINE_S
+        sys.stderr.write(f"lidarscene: {line}\n")
         sys.stderr.flush()
 
 

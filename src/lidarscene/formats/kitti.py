@@ -1,8 +1,9 @@
 """Write point clouds as KITTI (`.bin`) and nuScenes (`.pcd.bin`): float32 rows without a header.
 
 KITTI has four numbers a point: x, y, z (forward, left, up, in the sensor's frame, as KITTI's Velodyne) and intensity.
-nuScenes has five: ring too. The axes are the sensor's own; those of the nuScenes lidar have x to the right and y
-forward, so a loader that draws in its frame draws ours turned by 90 degrees.
+nuScenes has five: ring too. The axes of both are the sensor's own. Those of the nuScenes lidar have x to the
+right and y forward, so a loader that draws in its frame draws ours turned by 90 degrees; data sets have its axes
+(`labels.nuscenes_dataset`).
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from contextlib import AbstractContextManager, contextmanager
 import numpy as np
 
 from ..files.atomic import atomic_output
+from ..maths.arrays import Numbers
 from .cloud_columns import Cloud
 
 BLOCK_POINTS = 1 << 18
@@ -33,14 +35,20 @@ def kitti_stream(path: str | os.PathLike[str]) -> AbstractContextManager[Append]
 
 
 @contextmanager
-def rows_stream(path: str | os.PathLike[str], columns: tuple[str, ...]) -> Iterator[Append]:
-    """Write rows of float32 without a header: the position in the sensor's frame, and these columns."""
+def rows_stream(
+    path: str | os.PathLike[str], columns: tuple[str, ...], axes: Numbers | None = None
+) -> Iterator[Append]:
+    """Write rows of float32 without a header: the position in the sensor's frame, and these columns.
+
+    axes  (3, 3) rows x, y and z of the file in the sensor's frame; None: the sensor's own
+    """
     with atomic_output(path) as temporary, open(temporary, "wb") as file:
 
         def append(cloud: Cloud) -> None:
             for first in range(0, len(cloud), BLOCK_POINTS):
                 local = cloud.select(slice(first, first + BLOCK_POINTS)).in_sensor_frame()
-                values = [local.xyz_m, *(local.column(name) for name in columns)]
+                xyz_m = local.xyz_m if axes is None else local.xyz_m @ axes.T.astype(local.xyz_m.dtype)
+                values = [xyz_m, *(local.column(name) for name in columns)]
                 file.write(np.column_stack(values).astype("<f4").data)
 
         yield append

@@ -198,12 +198,13 @@ def _nuscenes_stream(path: Path, scene: Scene) -> Iterator[Append]:
                 "translation": sensor_pose.position_m.tolist(),
                 "rotation": list(quaternion(sensor_pose.rotation)),
             },
-            "sample_annotations": [_annotation(box) for box in gathered.boxes() if box.has_points],
+            "sample_annotations": [nuscenes_annotation(box) for box in gathered.boxes() if box.has_points],
         }
         temporary.write_text(json_text(content, indent=1) + "\n", encoding="utf-8")
 
 
-def _annotation(box: Box) -> dict[str, Any]:
+def nuscenes_annotation(box: Box) -> dict[str, Any]:
+    """Entry of a box in the world, like those of nuScenes' `sample_annotation`."""
     length, width, height = box.size_m.tolist()
     return {
         "instance_name": box.name,

@@ -1,14 +1,19 @@
 """Write data sets in KITTI's folders, frame by frame.
 
-`write_object_frame` fills `training/velodyne`, `label_2` and `calib` (3D object detection), `write_sequence_frame`
-`dataset/sequences/00` and `dataset/poses` (odometry and SemanticKITTI). A frame's files do not depend on the others,
-but `times.txt` and `poses.txt` have a line for each frame so far: frames are written in order.
+`write_object_frame` fills `training/velodyne`, `label_2`, `calib` and `image_2` (3D object detection),
+`write_sequence_frame` `dataset/sequences/00` and `dataset/poses` (odometry and SemanticKITTI). A frame's files do not
+depend on the others, but `times.txt` and `poses.txt` have a line for each frame so far: frames are written in order, or
+`write_sequences` writes them at the end.
 """
 
 from __future__ import annotations
 
+import functools
+import io
+import itertools
+import operator
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
 
@@ -22,14 +27,19 @@ from ..maths.pose import Pose
 from ..scene.scene import Scene
 from . import files
 from .boxes import sensor_place, truth_of
-from .files import SENSOR_TO_CAMERA, kitti_calibration
+from .files import PICTURE_PX, SENSOR_TO_CAMERA, kitti_calibration
 
 Append = Callable[[PointCloud], None]
 
 
-def cloud_path(dataset: str, folder: str | os.PathLike[str], frame: int, *, sequence: str = "00") -> Path:
-    """Path of the cloud of this frame, in a data set of `formats.registry.DATASETS`."""
-    parts = ("training",) if dataset == "kitti" else ("dataset", "sequences", sequence)
+def cloud_path(
+    dataset: str, folder: str | os.PathLike[str], frame: int, *, sequence: str = "00", part: str = "training"
+) -> Path:
+    """Path of the cloud of this frame, in a data set of `formats.registry.DATASETS`.
+
+    sequence, part  folder of SemanticKITTI's sequence; KITTI's folder, training or testing
+    """
+    parts = (part,) if dataset == "kitti" else ("dataset", "sequences", sequence)
     return Path(folder).joinpath(*parts, "velodyne", f"{frame:06d}.bin")
 
 
@@ -43,6 +53,19 @@ def frame_stream(
     Raises InputError for a cloud without truth, of which the labels are made.
     """
     clouds = cloud_path(dataset, folder, frame, sequence=sequence)
+    with files_stream(dataset, clouds, scene) as (append, first):
+        yield append
+    if dataset != "kitti":
+        _write_sequence(Path(folder) / "dataset", clouds.parents[1], frame, first[0])
+
+
+@contextmanager
+def files_stream(dataset: str, clouds: Path, scene: Scene) -> Iterator[tuple[Append, list[PointCloud]]]:
+    """Write the files of a frame that no other frame has a part in: its cloud, its labels, and KITTI's calibration.
+
+    clouds  path of the cloud (`cloud_path`)
+    Yields the function that appends clouds, and a list that the first of them enters, without its points.
+    """
     first: list[PointCloud] = []
     with ExitStack() as streams:
         appended: list[Append] = []
@@ -57,11 +80,19 @@ def frame_stream(
             for append_to_file in appended:
                 append_to_file(cloud)
 
-        yield append
+        yield append, first
     if dataset == "kitti":
         _write_text(clouds.parents[1] / "calib" / f"{clouds.stem}.txt", kitti_calibration().splitlines())
-    else:
-        _write_sequence(Path(folder) / "dataset", clouds.parents[1], frame, first[0])
+        _write_picture(clouds.parents[1] / "image_2" / f"{clouds.stem}.png")
+
+
+def frame_files(dataset: str, clouds: Path) -> tuple[Path, ...]:
+    """Files of `files_stream` by the path of the cloud, which is the first."""
+    folder, stem = clouds.parents[1], clouds.stem
+    if dataset == "kitti":
+        further = (("label_2", ".txt"), ("calib", ".txt"), ("image_2", ".png"))
+        return clouds, *(folder / name / f"{stem}{suffix}" for name, suffix in further)
+    return clouds, folder / "labels" / f"{stem}.label"
 
 
 def write_object_frame(folder: str | os.PathLike[str], frame: int, cloud: PointCloud, scene: Scene) -> None:
@@ -80,20 +111,52 @@ def write_sequence_frame(
 
 def _open_labels(dataset: str, clouds: Path, scene: Scene) -> tuple[Path, AbstractContextManager[Append]]:
     """Path of a frame's labels, and the stream that writes them."""
-    if dataset == "kitti":
-        path = clouds.parents[1] / "label_2" / f"{clouds.stem}.txt"
-        return path, files.kitti_stream(path, scene)
-    path = clouds.parents[1] / "labels" / f"{clouds.stem}.label"
-    return path, files.semantic_kitti_stream(path, scene)
+    path = frame_files(dataset, clouds)[1]
+    stream = files.kitti_stream if dataset == "kitti" else files.semantic_kitti_stream
+    return path, stream(path, scene)
+
+
+@functools.cache
+def _picture() -> bytes:
+    """PNG of a black picture of the camera's size."""
+    from PIL import Image
+
+    file = io.BytesIO()
+    Image.new("RGB", PICTURE_PX).save(file, format="PNG", optimize=True)
+    return file.getvalue()
+
+
+def _write_picture(path: Path) -> None:
+    """Write the picture of a frame. There is no camera, but loaders open it to know its size."""
+    with atomic_output(path, synced=False) as temporary:
+        temporary.write_bytes(_picture())
+
+
+def write_sequences(root: Path, frames: Iterable[tuple[str, float, Pose]]) -> None:
+    """Write calibrations, times and poses of whole sequences.
+
+    root    folder `dataset`
+    frames  sequence, time at which the frame starts [s] and pose of the sensor then, in order
+    """
+    for sequence, group in itertools.groupby(frames, key=operator.itemgetter(0)):
+        folder, lines = root / "sequences" / sequence, [*group]
+        _write_text(folder / "calib.txt", _sequence_calibration())
+        _write_text(folder / "times.txt", [f"{time_s:.9e}" for _, time_s, _ in lines])
+        for poses in (folder / "poses.txt", root / "poses" / f"{sequence}.txt"):
+            _write_text(poses, [camera_pose(pose) for _, _, pose in lines])
+
+
+def _sequence_calibration() -> list[str]:
+    """Lines of a sequence's calibration, which has only the cameras and the lidar's place to the first."""
+    cameras = [line for line in kitti_calibration().splitlines() if line.startswith("P")]
+    lidar = next(line for line in kitti_calibration().splitlines() if line.startswith("Tr_velo"))
+    return [*cameras, lidar.replace("Tr_velo_to_cam", "Tr")]
 
 
 def _write_sequence(root: Path, folder: Path, frame: int, cloud: PointCloud) -> None:
     """Write calibration, time and pose of a frame of a sequence."""
     sensor_pose = sensor_place(cloud)
-    # The odometry data set has only the cameras and the transform from the lidar to the first of them.
-    cameras = [line for line in kitti_calibration().splitlines() if line.startswith("P")]
-    lidar = next(line for line in kitti_calibration().splitlines() if line.startswith("Tr_velo"))
-    _write_text(folder / "calib.txt", [*cameras, lidar.replace("Tr_velo_to_cam", "Tr")])
+    _write_text(folder / "calib.txt", _sequence_calibration())
     _write_line(folder / "times.txt", frame, f"{cloud.frame_start_s:.9e}")
     for poses in (folder / "poses.txt", root / "poses" / f"{folder.name}.txt"):
         _write_line(poses, frame, camera_pose(sensor_pose))

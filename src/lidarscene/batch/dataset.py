@@ -1,0 +1,259 @@
+"""Data sets of a job: which part each frame belongs to, the files it becomes, and what is written when all are done.
+
+Frames of one drive (one scene, sensor and seed) look alike, and so do drives through one street. So parts are shared
+out by whole drives or streets, drawn by their hashes; `by = "frames"` cuts each drive into runs of consecutive frames.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import math
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ..cloud.point_cloud import PointCloud
+from ..errors import InputError
+from ..files.atomic import atomic_output
+from ..labels import kitti_dataset, nuscenes_dataset
+from ..labels.boxes import sensor_place
+from ..labels.nuscenes_dataset import Sample
+from ..maths.pose import Pose
+from ..rendering.simulator import Simulator
+from ..scene.scene import Scene
+from .job_file import JobFile, SplitFile
+
+if TYPE_CHECKING:
+    from .tasks import FrameTask, SceneChoice, SensorChoice
+
+PARTS = ("train", "val", "test")
+
+CLOUD_FOLDERS = {
+    "kitti": ("training/velodyne/*.bin", "testing/velodyne/*.bin"),
+    "semantickitti": ("dataset/sequences/*/velodyne/*.bin",),
+    "nuscenes": ("samples/*/*.pcd.bin",),
+}
+"""Where the clouds of a data set lie."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Place:
+    """Place of a frame in a data set.
+
+    dataset   name of the data set, a key of CLOUD_FOLDERS
+    split     part: train, val or test
+    sequence  number of the drive, or of the run of it that is in this part
+    step      number of the frame within the sequence
+    steps     number of frames of the sequence
+    number    number of the frame in its folder
+    channel   nuScenes' name of the sensor; "" in others
+    """
+
+    dataset: str
+    split: str
+    sequence: int
+    step: int
+    steps: int
+    number: int
+    channel: str = ""
+
+    @property
+    def sample(self) -> Sample:
+        """The same in a data set of nuScenes."""
+        return Sample(scene=self.sequence, split=self.split, step=self.step, channel=self.channel, number=self.number)
+
+    @property
+    def name(self) -> str:
+        """Name of the sequence as its data set writes it; "" in KITTI, which has none."""
+        if self.dataset == "kitti":
+            return ""
+        return f"{self.sequence:02d}" if self.dataset == "semantickitti" else nuscenes_dataset.scene_name(self.sequence)
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """Files of the frame in the data set; the cloud is the first."""
+        if self.dataset == "nuscenes":
+            sample = self.sample
+            return Path(sample.cloud), Path(sample.classes), *([Path(sample.map)] if self._has_map else [])
+        part = "testing" if self.split == "test" else "training"
+        cloud = kitti_dataset.cloud_path(self.dataset, "", self.number, sequence=self.name, part=part)
+        return kitti_dataset.frame_files(self.dataset, cloud)
+
+    @property
+    def _has_map(self) -> bool:
+        """Whether the map of the drive is among the files of this frame."""
+        return self.step == 0 and self.channel == TOP
+
+    def write(self, folder: Path, cloud: PointCloud, simulator: Simulator, scene: Scene) -> dict[str, Any]:
+        """Write the files of the frame; returns what `write_tables` needs of it, as plain data."""
+        if self.dataset == "nuscenes":
+            return self._write_sample(folder, cloud, simulator, scene)
+        with kitti_dataset.files_stream(self.dataset, folder / self.files[0], scene) as (append, _):
+            append(cloud)
+        if self.dataset == "kitti":
+            return {}
+        pose = sensor_place(cloud)
+        rows = np.column_stack([pose.rotation, pose.position_m])
+        return {"start_s": cloud.frame_start_s, "sensor_to_world": rows.tolist()}
+
+    def _write_sample(self, folder: Path, cloud: PointCloud, simulator: Simulator, scene: Scene) -> dict[str, Any]:
+        record: dict[str, Any] = {}
+        with nuscenes_dataset.sample_stream(folder, self.sample, scene, record) as append:
+            append(cloud)
+        # Each frame of the drive finds the same corner of the map by itself.
+        frame_s = simulator.sensor.scanner.frame_s
+        begin_s = record["start_s"] - self.step * frame_s
+        path_m = nuscenes_dataset.path_of_drive(simulator.motion, begin_s, begin_s + self.steps * frame_s)
+        corner_m, size_px = nuscenes_dataset.map_area(path_m)
+        if self._has_map:
+            nuscenes_dataset.write_map(folder / self.sample.map, scene, corner_m, size_px)
+        return record | {"map_corner_m": corner_m.tolist()}
+
+
+TOP = "LIDAR_TOP"
+"""nuScenes' name of a single lidar, and of a rig's first."""
+
+
+class Places:
+    """Places of a job's frames, asked for in its order, drive by drive."""
+
+    def __init__(self, file: JobFile, drives: Iterable[tuple[SceneChoice, SensorChoice, int]]) -> None:
+        """Share out the parts. Raises InputError for a part that would be empty."""
+        self._file, self._splits = file, file.splits or SplitFile()
+        self._numbers: Counter[tuple[str, ...]] = Counter()
+        self._sequences: dict[str, int] = {}
+        self._first_labels: dict[str, str] = {}
+        self._part_of_unit: dict[str, str] = {}
+        if self._splits.by == "frames":
+            self._lengths = share_out(file.frames, self._splits.shares(), "frames of a drive")
+        else:
+            units = dict.fromkeys(self._unit(*drive) for drive in drives)
+            counts = share_out(len(units), self._splits.shares(), f"{self._splits.by}s")
+            parts = iter([part for part in PARTS for _ in range(counts[part])])
+            self._part_of_unit = dict(zip(sorted(units), parts, strict=True))
+
+    def _unit(self, scene: SceneChoice, sensor: SensorChoice, seed: int) -> str:
+        """Hash of the drive, or of the street, whose frames go into one part."""
+        return _hash(scene.world) if self._splits.by == "street" else _hash(scene.digest, sensor.content, seed)
+
+    def of_drive(self, scene: SceneChoice, sensor: SensorChoice, seed: int) -> Iterator[Place]:
+        """Places of the frames of one drive of one sensor, in order."""
+        file = self._file
+        assert file.dataset is not None
+        if self._splits.by == "frames":
+            runs = [(part, length) for part, length in self._lengths.items() if length]
+        else:
+            runs = [(self._part_of_unit[self._unit(scene, sensor, seed)], file.frames)]
+        drive = _hash(scene.digest, sensor.content, seed)
+        is_nuscenes = file.dataset == "nuscenes"
+        for part, length in runs:
+            # nuScenes' sensors of one rig are in one drive; elsewhere each sensor has a sequence of its own.
+            key = f"{drive} {part}" if is_nuscenes else f"{drive} {part} {sensor.label}"
+            sequence = self._sequences.setdefault(key, len(self._sequences))
+            channel = ""
+            if is_nuscenes:
+                first = self._first_labels.setdefault(drive, sensor.label)
+                channel = TOP if sensor.label == first else f"LIDAR_{sensor.label.upper()}"
+            folder = (channel,) if is_nuscenes else ("test" if part == "test" else "training",)
+            for step in range(length):
+                number = step
+                if file.dataset != "semantickitti":
+                    number = self._numbers[folder]
+                    self._numbers[folder] += 1
+                yield Place(
+                    dataset=file.dataset,
+                    split=part,
+                    sequence=sequence,
+                    step=step,
+                    steps=length,
+                    number=number,
+                    channel=channel,
+                )
+
+
+def share_out(count: int, shares: Mapping[str, float], name: str) -> dict[str, int]:
+    """Share a number of things out by shares that add up to 1, at least one to each that is not 0.
+
+    name  of the things, for the error. Raises InputError where there are too few.
+    """
+    wanted = [part for part in PARTS if shares[part] > 0.0]
+    if count < len(wanted):
+        raise InputError(f"splits: {', '.join(wanted)} must each have some of the {name}, of which there are {count}")
+    counts = {part: max(1, math.floor(count * shares[part])) if part in wanted else 0 for part in PARTS}
+    # Largest remainders get what is over; the largest part gives where the least ones were given too much.
+    while (missing := count - sum(counts.values())) != 0:
+        step = 1 if missing > 0 else -1
+        candidates = wanted if step > 0 else [part for part in wanted if counts[part] > 1]
+        part = max(candidates, key=lambda name: step * (count * shares[name] - counts[name]))
+        counts[part] += step
+    return counts
+
+
+def _hash(*of: object) -> str:
+    return hashlib.sha256("/".join(map(str, of)).encode()).hexdigest()
+
+
+def require_no_other_clouds(folder: Path, tasks: Iterable[FrameTask]) -> None:
+    """Raise InputError for a folder with clouds of another data set: they would be taken for the job's."""
+    expected: set[str] = set()
+    for task in tasks:
+        if task.place is None:
+            return
+        expected.add(task.place.files[0].as_posix())
+    others = (
+        path
+        for dataset in CLOUD_FOLDERS
+        for pattern in CLOUD_FOLDERS[dataset]
+        for path in sorted(folder.glob(pattern))
+        if path.relative_to(folder).as_posix() not in expected
+    )
+    if (other := next(others, None)) is not None:
+        raise InputError(f"{other}: is no frame of this job, but of an earlier one; choose another folder")
+
+
+def write_tables(folder: Path, rows: Callable[[], Iterator[tuple[Place, Mapping[str, Any]]]]) -> None:
+    """Write what a data set has of all frames: splits, poses and times, nuScenes' tables. Raises OutputError.
+
+    rows  iterates over the places of all frames, and their rows of the store, in the job's order
+    """
+    first = next(rows(), None)
+    if first is None:
+        return
+    dataset = first[0].dataset
+    if dataset == "nuscenes":
+        nuscenes_dataset.write_tables(folder, ((place.sample, row["truth"]) for place, row in rows()))
+    elif dataset == "kitti":
+        _write_image_sets(folder / "ImageSets", [place for place, _ in rows()])
+    else:
+        poses = ((place.name, row["truth"]["start_s"], _pose(row["truth"])) for place, row in rows())
+        kitti_dataset.write_sequences(folder / "dataset", poses)
+        splits = {place.name: place.split for place, _ in rows()}
+        _write_text(folder / "dataset" / "splits.yaml", _splits_yaml(splits))
+
+
+def _pose(truth: Mapping[str, Any]) -> Pose:
+    matrix = np.array(truth["sensor_to_world"])
+    return Pose(position_m=matrix[:, 3], rotation=matrix[:, :3])
+
+
+def _write_image_sets(folder: Path, places: Sequence[Place]) -> None:
+    """Write the lists of frames that loaders of KITTI read."""
+    names = {part: [f"{place.number:06d}" for place in places if place.split == part] for part in PARTS}
+    for part, numbers in (names | {"trainval": sorted(names["train"] + names["val"])}).items():
+        _write_text(folder / f"{part}.txt", "".join(number + "\n" for number in numbers))
+
+
+def _splits_yaml(splits: Mapping[str, str]) -> str:
+    """Text of the table `split` of semantic-kitti-api's configuration, whose second part is called valid."""
+    parts = {"train": "train", "val": "valid", "test": "test"}
+    lines = [f"  {parts[part]}: [{', '.join(str(int(n)) for n, p in splits.items() if p == part)}]\n" for part in PARTS]
+    return "split:\n" + "".join(lines)
+
+
+def _write_text(path: Path, text: str) -> None:
+    with atomic_output(path) as temporary:
+        temporary.write_text(text, encoding="ascii")

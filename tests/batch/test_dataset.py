@@ -1,0 +1,364 @@
+"""Data sets of jobs: parts, names, what is resumed, and tables that hold together."""
+
+import json
+import math
+from collections import Counter, defaultdict
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.small_job import use_no_worlds_of_others
+from helpers.walls import LEFT_AND_RIGHT, MOVING
+
+from lidarscene.batch import dataset, dispatch, work
+from lidarscene.batch.dataset import PARTS, share_out
+from lidarscene.batch.dispatch import Connect, Progress, run_job
+from lidarscene.batch.store import Store
+from lidarscene.batch.tasks import Job
+from lidarscene.errors import InputError
+from lidarscene.labels import nuscenes_dataset
+from lidarscene.maths.pose import Pose
+from lidarscene.scene.meshes.primitives import plane_mesh
+from lidarscene.scene.scene import Body, Part, Scene
+
+ROAD = """
+[[bodies]]
+name = "road"
+primitive = "plane"
+class = "road"
+size_m = [40, 6]
+material = "asphalt"
+"""
+SMALL = """
+[sweep.sensor]
+"scanner.azimuth_fov_deg" = [40]
+"scanner.elevation_fov_deg" = [20]
+"scanner.azimuth_step_deg" = [2]
+"scanner.elevation_step_deg" = [2]
+"""
+SPLITS = "[splits]\ntrain = 0.5\nval = 0.25\ntest = 0.25\n"
+
+
+@pytest.fixture(autouse=True)
+def _fresh(mi: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    use_no_worlds_of_others(monkeypatch)
+
+
+def read_job(folder: Path, text: str) -> Job:
+    """A job over a car that comes nearer on a road, seen by a vehicle that drives."""
+    (folder / "street.toml").write_text(MOVING.replace("[ego]", '[sensor]\nname = "table1-apd"\n[ego]') + ROAD)
+    (folder / "rig.toml").write_text(LEFT_AND_RIGHT)
+    path = folder / "job.toml"
+    path.write_text('scenes = ["street.toml"]\n' + text + SMALL)
+    return Job.read(path)
+
+
+def run(job: Job, folder: Path, threads: Connect) -> Progress:
+    progress = run_job(job, folder, connect=threads, threads=1)
+    assert not progress.failed
+    return progress
+
+
+# --- parts ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("count", "shares", "counts"),
+    [
+        (10, (0.8, 0.1, 0.1), (8, 1, 1)),
+        (3, (0.8, 0.1, 0.1), (1, 1, 1)),
+        (4, (0.8, 0.1, 0.1), (2, 1, 1)),
+        (7, (0.5, 0.5, 0.0), (4, 3, 0)),  # of equal remainders the first
+        (1, (1.0, 0.0, 0.0), (1, 0, 0)),
+        (1000, (0.7, 0.15, 0.15), (700, 150, 150)),
+        (11, (1 / 3, 1 / 3, 1 / 3), (4, 4, 3)),
+    ],
+)
+def test_shares_by_hand(count: int, shares: tuple[float, ...], counts: tuple[int, ...]) -> None:
+    assert share_out(count, dict(zip(PARTS, shares, strict=True)), "drives") == dict(zip(PARTS, counts, strict=True))
+
+
+def test_shares_are_within_one_of_what_was_asked() -> None:
+    """All are shared out; where each part has at least two, none is off by one or more."""
+    rng = np.random.default_rng(17)
+    for _ in range(200):
+        shares, count = rng.dirichlet([2.0, 2.0, 2.0]), int(rng.integers(3, 500))
+        counts = share_out(count, dict(zip(PARTS, shares, strict=True)), "drives")
+        assert sum(counts.values()) == count
+        assert min(counts.values()) >= 1
+        if count * shares.min() >= 2:
+            assert all(abs(counts[part] - count * share) < 1 for part, share in zip(PARTS, shares, strict=True))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('dataset = "kitti"\nseeds = [1, 2]\n' + SPLITS, "train, val, test must each have some of the drives"),
+        ('dataset = "kitti"\nseed_count = 9\n' + SPLITS + 'by = "street"\n', "of the streets, of which there are 1"),
+        (
+            'dataset = "kitti"\nframes = 2\n' + SPLITS + 'by = "frames"\n',
+            "of the frames of a drive, of which there are 2",
+        ),
+        ('dataset = "kitti"\n[splits]\ntrain = 0.7\nval = 0.2\n', "must add up to 1, got 0.9"),
+        ("[splits]\ntrain = 0.7\nval = 0.3\n", "splits: goes with dataset"),
+        ('dataset = "kitti"\nformat = "ply"\n', "format: a data set has its own, leave it out with dataset"),
+        ('dataset = "waymo"\n', "dataset"),
+    ],
+)
+def test_mistakes(tmp_path: Path, text: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        read_job(tmp_path, text)
+
+
+def parts_of(job: Job) -> list[tuple[str, int, int, int]]:
+    places = [task.place for task in job.tasks()]
+    return [(place.split, place.sequence, place.step, place.number) for place in places if place is not None]
+
+
+def test_a_drive_is_in_one_part(tmp_path: Path) -> None:
+    """Two of four drives train; KITTI counts the frames of tests by themselves."""
+    parts = parts_of(read_job(tmp_path, 'dataset = "kitti"\nframes = 3\nseed_count = 4\n' + SPLITS))
+    assert Counter(part for part, *_ in parts) == {"train": 6, "val": 3, "test": 3}
+    assert len({(part, sequence) for part, sequence, *_ in parts}) == 4
+    for numbers in (
+        [number for part, *_, number in parts if part != "test"],
+        [number for part, *_, number in parts if part == "test"],
+    ):
+        assert numbers == list(range(len(numbers)))
+
+
+def test_frames_of_a_drive_are_cut_in_order(tmp_path: Path) -> None:
+    """Each part of a drive is a sequence of its own: poses and times have no holes."""
+    text = 'dataset = "semantickitti"\nframes = 4\nseed_count = 2\n' + SPLITS + 'by = "frames"\n'
+    drive = [("train", 0, 0), ("train", 0, 1), ("val", 1, 0), ("test", 2, 0)]
+    expected = [(part, sequence + 3 * seed, step, step) for seed in range(2) for part, sequence, step in drive]
+    assert parts_of(read_job(tmp_path, text)) == expected
+
+
+def test_a_street_is_in_one_part(tmp_path: Path) -> None:
+    """What differs in light alone is one street; another place of the car is another."""
+    text = 'dataset = "kitti"\n[splits]\ntrain = 0.5\nval = 0.5\nby = "street"\n[sweep.scene]\n'
+    text += '"sun.illuminance_klux" = [1, 100]\n"bodies.wall.position_m" = [[10, 0, 1.8], [12, 0, 1.8]]\n'
+    parts = defaultdict(set)
+    for task in read_job(tmp_path, text).tasks():
+        assert task.place is not None
+        parts[str(task.parameters["scene.bodies.wall.position_m"])].add(task.place.split)
+    assert sorted(map(sorted, parts.values())) == [["train"], ["val"]]
+
+
+# --- files ------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("name", dataset.CLOUD_FOLDERS)
+@pytest.mark.parametrize("options", ["", "truth = false\n", 'rigs = ["rig.toml"]\n', 'coordinates = "sensor"\n'])
+def test_as_many_labels_as_clouds(threads: Connect, tmp_path: Path, name: str, options: str) -> None:
+    job = read_job(tmp_path, f'dataset = "{name}"\nframes = 2\nseed_count = 3\n{options}{SPLITS}')
+    assert run(job, tmp_path / "out", threads).rendered == len(job) == (12 if "rig" in options else 6)
+    places = [task.place for task in job.tasks()]
+    clouds = sorted(path for pattern in dataset.CLOUD_FOLDERS[name] for path in (tmp_path / "out").glob(pattern))
+    assert clouds == sorted(tmp_path / "out" / place.files[0] for place in places if place is not None)
+    for place in places:
+        assert place is not None
+        cloud, labels = (tmp_path / "out" / file for file in place.files[:2])
+        if name == "semantickitti":
+            assert labels.stat().st_size // 4 == cloud.stat().st_size // 16 > 0
+        elif name == "nuscenes":
+            assert labels.stat().st_size == cloud.stat().st_size // 20 > 0
+        else:
+            assert labels.read_text().startswith("Car ")
+
+
+def test_lists_of_kitti_name_every_frame(threads: Connect, tmp_path: Path) -> None:
+    job = read_job(tmp_path, 'dataset = "kitti"\nframes = 2\nseed_count = 4\n' + SPLITS)
+    run(job, tmp_path / "out", threads)
+    lists = {part: (tmp_path / f"out/ImageSets/{part}.txt").read_text().split() for part in (*PARTS, "trainval")}
+    assert sorted(lists["train"] + lists["val"]) == lists["trainval"] == [f"{n:06d}" for n in range(6)]
+    assert lists["test"] == ["000000", "000001"]
+    for part, numbers in lists.items():
+        folder = tmp_path / "out" / ("testing" if part == "test" else "training")
+        for number in numbers:
+            for kind, suffix in (("velodyne", "bin"), ("label_2", "txt"), ("calib", "txt"), ("image_2", "png")):
+                assert (folder / kind / f"{number}.{suffix}").stat().st_size > 0
+
+
+def test_a_sequence_is_that_of_render(threads: Connect, tmp_path: Path) -> None:
+    """Reference: the same frames by `record`, whose files other loaders open in its own tests."""
+    from lidarscene.outputs.output_options import Outputs
+    from lidarscene.outputs.record import record
+
+    job = read_job(tmp_path, 'dataset = "semantickitti"\nframes = 3\n')
+    run(job, tmp_path / "out", threads)
+    sets = ["scanner.azimuth_fov_deg=40", "scanner.elevation_fov_deg=20"]
+    sets += ["scanner.azimuth_step_deg=2", "scanner.elevation_step_deg=2"]
+    outputs = Outputs(tmp_path / "single", dataset="semantickitti")
+    record(tmp_path / "street.toml", outputs=outputs, frames=3, overrides=sets)
+    files = {path.relative_to(tmp_path / "single") for path in (tmp_path / "single").rglob("*") if path.is_file()}
+    assert len(files) == 3 + 3 + 3 + 1
+    for file in files:
+        assert (tmp_path / "out" / file).read_bytes() == (tmp_path / "single" / file).read_bytes(), file
+    assert (tmp_path / "out/dataset/splits.yaml").read_text() == "split:\n  train: [0]\n  valid: []\n  test: []\n"
+
+
+# --- resumed ----------------------------------------------------------------------------------------
+
+
+def test_what_is_missing_is_rendered_again_and_no_more(threads: Connect, tmp_path: Path) -> None:
+    """A label that was changed by hand is as missing as a cloud that is gone."""
+    job = read_job(tmp_path, 'dataset = "kitti"\nframes = 2\nseed_count = 2\n')
+    run(job, tmp_path / "out", threads)
+    label = tmp_path / "out/training/label_2/000001.txt"
+    content = label.read_bytes()
+    label.write_bytes(content.replace(b"Car", b"Van"))
+    (tmp_path / "out/training/velodyne/000003.bin").unlink()
+    progress = run(job, tmp_path / "out", threads)
+    assert (progress.rendered, progress.reused) == (2, 2)
+    assert label.read_bytes() == content
+
+
+def test_frames_of_another_job_are_refused(threads: Connect, tmp_path: Path) -> None:
+    """Rationale: a loader takes every file of the folder for a frame of the data set."""
+    run(read_job(tmp_path, 'dataset = "kitti"\nframes = 3\n'), tmp_path / "out", threads)
+    with pytest.raises(InputError, match=r"000002\.bin: is no frame of this job, but of an earlier one"):
+        run(read_job(tmp_path, 'dataset = "kitti"\nframes = 2\n'), tmp_path / "out", threads)
+    with pytest.raises(InputError, match="is no frame of this job"):
+        run(read_job(tmp_path, 'dataset = "semantickitti"\nframes = 3\n'), tmp_path / "out", threads)
+    assert run(read_job(tmp_path, 'dataset = "kitti"\nframes = 4\n'), tmp_path / "out", threads).finished == 4
+
+
+def test_a_data_set_with_holes_has_no_tables(threads: Connect, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same command again, without the failure, fills the hole and writes them."""
+    job, render = read_job(tmp_path, 'dataset = "semantickitti"\nframes = 2\n'), work._try_render
+    monkeypatch.setattr(
+        work, "_try_render", lambda task, *more: "no room" if task.frame.number else render(task, *more)
+    )
+    assert len(run_job(job, tmp_path / "out", connect=threads, threads=1).failed) == 1
+    assert not (tmp_path / "out/dataset/poses").exists()
+    monkeypatch.setattr(work, "_try_render", render)
+    assert run(job, tmp_path / "out", threads).rendered == 1
+    assert len((tmp_path / "out/dataset/poses/00.txt").read_text().splitlines()) == 2
+
+
+def test_the_manifest_names_parts_and_files(threads: Connect, tmp_path: Path) -> None:
+    parquet = pytest.importorskip("pyarrow.parquet")
+    job = read_job(tmp_path, 'dataset = "nuscenes"\nframes = 2\nseed_count = 3\n' + SPLITS)
+    run(job, tmp_path / "out", threads)
+    rows = parquet.read_table(Store(tmp_path / "out").manifest).to_pylist()
+    assert Counter(row["split"] for row in rows) == {"train": 2, "val": 2, "test": 2}
+    assert [row["file"] for row in rows] == [f"samples/LIDAR_TOP/{n:06d}.pcd.bin" for n in range(6)]
+    assert {row["sequence"] for row in rows} == {"scene-0001", "scene-0002", "scene-0003"}
+    assert {(row["format"], row["stray"], row["revived"], row["error"]) for row in rows} == {("nuscenes", 0, 0, None)}
+
+
+# --- tables of nuScenes -----------------------------------------------------------------------------
+
+
+def tables_of(folder: Path) -> dict[str, dict[str, dict[str, Any]]]:
+    """Table -> token -> row."""
+    files = [path for path in (folder / nuscenes_dataset.VERSION).glob("*.json") if path.stem != "splits"]
+    return {path.stem: {row["token"]: row for row in json.loads(path.read_text())} for path in files}
+
+
+@pytest.mark.parametrize("rig", ["", 'rigs = ["rig.toml"]\n'])
+def test_tables_refer_to_each_other(threads: Connect, tmp_path: Path, rig: str) -> None:
+    """Each token of a row is one of the table it names, chains run in order of time, and every file is there. The
+    scheme is that of nuscenes-devkit, docs/schema_nuscenes.md.
+    """
+    job = read_job(tmp_path, f'dataset = "nuscenes"\nframes = 3\nseed_count = 3\n{rig}{SPLITS}')
+    run(job, tmp_path / "out", threads)
+    tables = tables_of(tmp_path / "out")
+    sensors = 2 if rig else 1
+    counts = {"scene": 3, "sample": 9, "sample_data": 9 * sensors, "ego_pose": 9 * sensors, "map": 3, "sensor": sensors}
+    counts |= {"lidarseg": 9 * sensors, "calibrated_sensor": 3 * sensors, "instance": 3, "sample_annotation": 9}
+    assert {name: len(tables[name]) for name in counts} == counts
+    for name, rows in tables.items():
+        for row in rows.values():
+            for key, value in row.items():
+                table = {"first_annotation": "sample_annotation", "last_annotation": "sample_annotation"}.get(
+                    key.removesuffix("_token"), key.removesuffix("_token").removeprefix("first_").removeprefix("last_")
+                )
+                if key.endswith("_token"):
+                    assert value in tables[table], (name, key)
+                elif key.endswith("_tokens"):
+                    assert all(token in tables[key.removesuffix("_tokens")] for token in value)
+                elif key in ("next", "prev") and value:
+                    other = {"next": "prev", "prev": "next"}[key]
+                    assert rows[value][other] == row["token"]
+                elif key == "filename":
+                    assert (tmp_path / "out" / value).is_file()
+    for scene in tables["scene"].values():
+        token, times = scene["first_sample_token"], []
+        while token:
+            times.append(tables["sample"][token]["timestamp"])
+            last, token = token, tables["sample"][token]["next"]
+        assert (last, len(times)) == (scene["last_sample_token"], scene["nbr_samples"])
+        assert times == sorted(set(times))
+    assert len({scene["first_sample_token"] for scene in tables["scene"].values()}) == 3
+    splits = json.loads((tmp_path / "out" / nuscenes_dataset.VERSION / "splits.json").read_text())
+    assert sorted(name for names in splits.values() for name in names) == ["scene-0001", "scene-0002", "scene-0003"]
+
+
+def test_a_cloud_lies_where_its_tables_say(threads: Connect, tmp_path: Path) -> None:
+    """Reference: the car's place in the scene file. Its points, taken into the world by the tables as the devkit does
+    (calibration, then vehicle's pose), lie in its box; nuScenes' x is to the right. Tolerances:
+    car and sensor go 0.1 m towards each other within a frame, and beams are 0.35 m apart on the car.
+    """
+    job = read_job(tmp_path, 'dataset = "nuscenes"\nframes = 3\n')
+    run(job, tmp_path / "out", threads)
+    tables = tables_of(tmp_path / "out")
+    (corner_m,) = {
+        tuple(json.loads(path.read_text())["truth"]["map_corner_m"]) for path in (tmp_path / "out/rows").rglob("*.json")
+    }
+    first_us = min(data["timestamp"] for data in tables["sample_data"].values())
+    for step, data in enumerate(tables["sample_data"].values()):
+        points = np.fromfile(tmp_path / "out" / data["filename"], np.float32).reshape(-1, 5)[:, :3].astype(float)
+        assert np.median(points[:, 1]) > 5.0 > abs(np.median(points[:, 0]))
+        for table, key in (("calibrated_sensor", "calibrated_sensor_token"), ("ego_pose", "ego_pose_token")):
+            row = tables[table][data[key]]
+            rotation = nuscenes_dataset._rotation(row["rotation"])
+            points = points @ rotation.T + row["translation"]
+        annotation = next(a for a in tables["sample_annotation"].values() if a["sample_token"] == data["sample_token"])
+        classes = np.fromfile(
+            tmp_path / f"out/lidarseg/{nuscenes_dataset.VERSION}/{data['token']}_lidarseg.bin", np.uint8
+        )
+        assert {nuscenes_dataset.CATEGORIES[number] for number in set(classes.tolist())} == {
+            "vehicle.car",
+            "flat.driveable_surface",
+        }
+        on_car = points[classes == nuscenes_dataset.CATEGORIES.index("vehicle.car")]
+        width, length, height = annotation["size"]
+        assert (length, width, height) == (1.0, 4.0, 4.0)
+        reach_m = np.abs(on_car - annotation["translation"]).max(axis=0)
+        assert reach_m == pytest.approx([0.5, 2.0, 2.0], abs=0.45)
+        assert np.median(np.abs(on_car[:, 0] - annotation["translation"][0])) == pytest.approx(0.5, abs=0.1)
+        world_m = np.array(annotation["translation"][:2]) + corner_m
+        start_s = 1e-6 * (data["timestamp"] - first_us)
+        assert start_s >= 0.004 * step
+        assert world_m == pytest.approx([10 - 10 * start_s, 2 * start_s], abs=0.1)
+        assert math.hypot(*annotation["rotation"]) == pytest.approx(1.0)
+
+
+def test_a_map_shows_the_road(tmp_path: Path) -> None:
+    """Of a road of 40 by 6 m as many pixels are white as it covers; tolerance: a pixel along its edges."""
+    from PIL import Image
+
+    vertices, faces = plane_mesh(size_m=(40.0, 6.0))
+    part = Part(vertices_m=vertices, faces=faces, material="asphalt")
+    turned = Pose.from_degrees(position_m=(3.0, 1.0, 0.0), yaw_deg=90.0)
+    scene = Scene(bodies=tuple(Body(name=c, class_name=c, parts=(part,), pose=turned) for c in ("road", "building")))
+    corner_m, size_px = nuscenes_dataset.map_area(np.array([[0.0, 0.0, 1.0], [10.0, 5.0, 1.0]]))
+    assert (corner_m.tolist(), size_px) == ([-120.0, -120.0], (2500, 2450))
+    nuscenes_dataset.write_map(tmp_path / "map.png", scene, corner_m, size_px)
+    picture = np.asarray(Image.open(tmp_path / "map.png"))
+    assert picture.shape == size_px[::-1]
+    rows, columns = np.nonzero(picture)
+    assert set(picture[rows, columns].tolist()) == {255}
+    assert len(rows) == pytest.approx(400 * 60, abs=2 * 460)
+    middle_m = np.array([columns.mean(), size_px[1] - rows.mean()]) * 0.1 + corner_m
+    assert middle_m == pytest.approx([3.0, 1.0], abs=0.1)
+
+
+def test_a_folder_without_data_set_is_not_searched(monkeypatch: pytest.MonkeyPatch, job: Job, tmp_path: Path) -> None:
+    """Rationale: a job of millions of clouds must not look for data sets."""
+    monkeypatch.setattr(Path, "glob", lambda *_: pytest.fail("searched"))
+    dispatch.require_no_other_clouds(tmp_path, job.tasks())
