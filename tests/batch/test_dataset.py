@@ -361,4 +361,4 @@ def test_a_map_shows_the_road(tmp_path: Path) -> None:
 def test_a_folder_without_data_set_is_not_searched(monkeypatch: pytest.MonkeyPatch, job: Job, tmp_path: Path) -> None:
     """Rationale: a job of millions of clouds must not look for data sets."""
     monkeypatch.setattr(Path, "glob", lambda *_: pytest.fail("searched"))
-    dispatch.require_no_other_clouds(tmp_path, job.tasks())
+    dispatch.require_no_other_clouds(tmp_path, (task.place for task in job.tasks()))

@@ -12,7 +12,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -26,9 +26,6 @@ from ..maths.pose import Pose
 from ..rendering.simulator import Simulator
 from ..scene.scene import Scene
 from .job_file import JobFile, SplitFile
-
-if TYPE_CHECKING:
-    from .tasks import FrameTask, SceneChoice, SensorChoice
 
 PARTS = ("train", "val", "test")
 
@@ -118,10 +115,23 @@ TOP = "LIDAR_TOP"
 """nuScenes' name of a single lidar, and of a rig's first."""
 
 
+class Drive(NamedTuple):
+    """Consecutive frames of one sensor.
+
+    street  hash of what is around, without light, weather and sensor
+    run     hash of scene, sensor or rig, and seed
+    label   label of the rig's sensor, or ""
+    """
+
+    street: str
+    run: str
+    label: str
+
+
 class Places:
     """Places of a job's frames, asked for in its order, drive by drive."""
 
-    def __init__(self, file: JobFile, drives: Iterable[tuple[SceneChoice, SensorChoice, int]]) -> None:
+    def __init__(self, file: JobFile, drives: Iterable[Drive]) -> None:
         """Share out the parts. Raises InputError for a part that would be empty."""
         self._file, self._splits = file, file.splits or SplitFile()
         self._numbers: Counter[tuple[str, ...]] = Counter()
@@ -131,33 +141,34 @@ class Places:
         if self._splits.by == "frames":
             self._lengths = share_out(file.frames, self._splits.shares(), "frames of a drive")
         else:
-            units = dict.fromkeys(self._unit(*drive) for drive in drives)
+            units = dict.fromkeys(self._unit(drive) for drive in drives)
             counts = share_out(len(units), self._splits.shares(), f"{self._splits.by}s")
             parts = iter([part for part in PARTS for _ in range(counts[part])])
             self._part_of_unit = dict(zip(sorted(units), parts, strict=True))
 
-    def _unit(self, scene: SceneChoice, sensor: SensorChoice, seed: int) -> str:
-        """Hash of the drive, or of the street, whose frames go into one part."""
-        return _hash(scene.world) if self._splits.by == "street" else _hash(scene.digest, sensor.content, seed)
+    def _unit(self, drive: Drive) -> str:
+        """Hash of what goes into one part: the drive's frames, or those of all drives through its street."""
+        # Hashed once more: the order of parts is not that of anything else.
+        name = drive.street if self._splits.by == "street" else drive.run
+        return hashlib.sha256(f"part {name}".encode()).hexdigest()
 
-    def of_drive(self, scene: SceneChoice, sensor: SensorChoice, seed: int) -> Iterator[Place]:
+    def of_drive(self, drive: Drive) -> Iterator[Place]:
         """Places of the frames of one drive of one sensor, in order."""
         file = self._file
         assert file.dataset is not None
         if self._splits.by == "frames":
             runs = [(part, length) for part, length in self._lengths.items() if length]
         else:
-            runs = [(self._part_of_unit[self._unit(scene, sensor, seed)], file.frames)]
-        drive = _hash(scene.digest, sensor.content, seed)
+            runs = [(self._part_of_unit[self._unit(drive)], file.frames)]
         is_nuscenes = file.dataset == "nuscenes"
         for part, length in runs:
             # nuScenes' sensors of one rig are in one drive; elsewhere each sensor has a sequence of its own.
-            key = f"{drive} {part}" if is_nuscenes else f"{drive} {part} {sensor.label}"
+            key = f"{drive.run} {part}" if is_nuscenes else f"{drive.run} {part} {drive.label}"
             sequence = self._sequences.setdefault(key, len(self._sequences))
             channel = ""
             if is_nuscenes:
-                first = self._first_labels.setdefault(drive, sensor.label)
-                channel = TOP if sensor.label == first else f"LIDAR_{sensor.label.upper()}"
+                first = self._first_labels.setdefault(drive.run, drive.label)
+                channel = TOP if drive.label == first else f"LIDAR_{drive.label.upper()}"
             folder = (channel,) if is_nuscenes else ("test" if part == "test" else "training",)
             for step in range(length):
                 number = step
@@ -193,17 +204,13 @@ def share_out(count: int, shares: Mapping[str, float], name: str) -> dict[str, i
     return counts
 
 
-def _hash(*of: object) -> str:
-    return hashlib.sha256("/".join(map(str, of)).encode()).hexdigest()
-
-
-def require_no_other_clouds(folder: Path, tasks: Iterable[FrameTask]) -> None:
+def require_no_other_clouds(folder: Path, places: Iterable[Place | None]) -> None:
     """Raise InputError for a folder with clouds of another data set: they would be taken for the job's."""
     expected: set[str] = set()
-    for task in tasks:
-        if task.place is None:
+    for place in places:
+        if place is None:
             return
-        expected.add(task.place.files[0].as_posix())
+        expected.add(place.files[0].as_posix())
     others = (
         path
         for dataset in CLOUD_FOLDERS

@@ -104,7 +104,7 @@ def run_job(
     LidarSceneError where the scheduler or the workers end before the job does; the result lists frames that failed.
     """
     store = Store(folder.absolute())
-    require_no_other_clouds(store.folder, job.tasks())
+    require_no_other_clouds(store.folder, (task.place for task in job.tasks()))
     stored = bytearray(store.row(task.key) is not None for task in job.tasks())
     progress = Progress(len(stored), reused=sum(stored))
     ended: dict[str, bool] = {}

@@ -23,7 +23,7 @@ from ..scene.scene_file import files_of_scene, scene_path, sensor_of_scene
 from ..sensor.rig_file import load_rig, read_rig
 from ..sensor.sensor_file import files_of_sensor, load_sensor
 from ..sensor.sensor_model import Sensor
-from .dataset import Place, Places
+from .dataset import Drive, Place, Places
 from .job_file import JobFile, TrajectoryFile
 
 LAYOUT = 1
@@ -130,7 +130,9 @@ class Job:
 
     def places(self) -> Places | None:
         """Places of the frames in the data set; None without one. Raises InputError for a part that would be empty."""
-        return None if self.file.dataset is None else Places(self.file, self._drives())
+        if self.file.dataset is None:
+            return None
+        return Places(self.file, itertools.starmap(_drive, self._drives()))
 
     def _drives(self) -> Iterator[tuple[SceneChoice, SensorChoice, int]]:
         for scene, sensors in self.choices:
@@ -141,7 +143,7 @@ class Job:
         """Iterate over all frames, those of one world consecutively; there may be millions."""
         file, trace, places = self.file, self.file.trace_options(), self.places()
         for scene, sensor, seed in self._drives():
-            places_of_drive = itertools.repeat(None) if places is None else places.of_drive(scene, sensor, seed)
+            places_of_drive = itertools.repeat(None) if places is None else places.of_drive(_drive(scene, sensor, seed))
             for number, place in zip(range(file.frames), places_of_drive, strict=False):
                 frame = file.frame_options(seed, number)
                 settings = cloud_settings(trace, frame) | {"format": file.format, "truth": file.truth}
@@ -159,6 +161,10 @@ class Job:
                     truth=file.truth,
                     place=place,
                 )
+
+
+def _drive(scene: SceneChoice, sensor: SensorChoice, seed: int) -> Drive:
+    return Drive(street=scene.world, run=_hash([scene.digest, sensor.content, seed]), label=sensor.label)
 
 
 def cloud_settings(trace: TraceOptions, frame: FrameOptions) -> dict[str, Any]:
