@@ -2,7 +2,7 @@
 
 import math
 
-from scenefile import header, objects, place, primitive
+from scenefile import header, objects, paint, place, sheet
 
 CAR_AT_M, SENSOR_AT_M = (0.0, 1.75), (-18.5, -10.5)
 
@@ -17,6 +17,7 @@ def text():
         sun={"azimuth_deg": 140.0, "elevation_deg": 40.0, "illuminance_klux": 100.0},
         sky={"diffuse_share": 0.1},
         air={"visibility_km": 23.0, "model": "kruse"},
+        ground={"roughness": "C"},
         sensor={
             "name": "table1-apd",
             "position_m": [*SENSOR_AT_M, 1.8],
@@ -29,48 +30,43 @@ def text():
 
 
 def _ground():
-    east, kerbs = 20.0, []
-    for x in range(-39, 80, 2):
-        kerbs.append(place(x, 3.575))
-        if not -24 < x < -13:  # the mouth of the side road in which the sensor stands
-            kerbs.append(place(x, -3.575, yaw_deg=180))
+    """Sheets, with kerbs on both sides but for the mouth of the side road in which the sensor stands."""
+    kerbs = {
+        "kerb_north": (-40.0, 80.0, 3.575),
+        "kerb_south_west": (-40.0, -24.0, -3.575),
+        "kerb_south_east": (-14.0, 80.0, -3.575),
+    }
     return [
-        primitive("road", "plane", "road", "asphalt", size_m=[120.0, 7.0], position_m=(east, 0, 0)),
-        primitive("side_road", "plane", "road", "asphalt", size_m=[10.0, 26.5], position_m=(-18, -16.75, 0)),
-        primitive("pavement", "box", "pavement", "concrete", size_m=[120.0, 2.5, 0.12], position_m=(east, 4.9, 0.06)),
-        primitive("lawn", "box", "terrain", "grass", size_m=[120.0, 40.0, 0.1], position_m=(east, 26.15, 0.05)),
-        primitive(
-            "verge_west", "box", "terrain", "grass", size_m=[17.0, 26.35, 0.1], position_m=(-31.5, -16.825, 0.05)
+        sheet("road", "road", "asphalt", [120.0, 7.0], (20, 0, 0), crown_m=0.06),
+        sheet("side_road", "road", "asphalt", [10.0, 26.5], (-18, -16.75, 0)),
+        sheet("pavement", "pavement", "concrete", [120.0, 2.5], (20, 4.9, 0.12), kerb_m=0.2),
+        sheet("lawn", "terrain", "grass", [120.0, 40.0], (20, 26.15, 0.1), kerb_m=0.2, spacing_m=2.0),
+        sheet("verge_west", "terrain", "grass", [17.0, 26.35], (-31.5, -16.825, 0.1), kerb_m=0.2, spacing_m=2.0),
+        sheet("verge_east", "terrain", "grass", [93.0, 26.35], (33.5, -16.825, 0.1), kerb_m=0.2, spacing_m=2.0),
+        *(
+            sheet(name, "kerb", "concrete", [end - start, 0.15], ((start + end) / 2, y, 0.12), kerb_m=0.2)
+            for name, (start, end, y) in kerbs.items()
         ),
-        primitive("verge_east", "box", "terrain", "grass", size_m=[93.0, 26.35, 0.1], position_m=(33.5, -16.825, 0.05)),
-        objects("kerb", "kerb", kerbs),
     ]
 
 
 def _markings():
     dashes = [place(x, 0, 0.003) for x in range(-34, 80, 6)]
     edges = [place(20, y, 0.003) for y in (3.3, -3.3)]
-    return [
-        primitive("dashes", "plane", "lane_marking", "lane_marking", size_m=[3.0, 0.12], instances=dashes),
-        primitive("edge_lines", "plane", "lane_marking", "lane_marking", size_m=[120.0, 0.12], instances=edges),
-    ]
+    return [paint("dashes", [3.0, 0.12], dashes), paint("edge_lines", [120.0, 0.12], edges)]
 
 
 def _things():
     return [
-        objects("car", "car", [place(*CAR_AT_M, yaw_deg=180)], paint="car_paint_white"),
-        objects("pedestrian", "pedestrian", [place(-2.6, 5.0, 0.12, 180)]),
+        objects("car", "car", [place(*CAR_AT_M, yaw_deg=180)], on_ground=True, paint="car_paint_white"),
+        objects("pedestrian", "pedestrian", [place(-2.6, 5.0, 0, 180)], on_ground=True),
         objects(
             "tree",
             "tree",
-            [
-                place(-0.5, 9.5, 0.1),
-                place(20.0, 8.0, 0.1, 130),
-                place(-11.0, 9.0, 0.1, 250),
-                place(4.0, -12.5, 0.1, 20),
-            ],
+            [place(-0.5, 9.5), place(20.0, 8.0, 0, 130), place(-11.0, 9.0, 0, 250), place(4.0, -12.5, 0, 20)],
+            on_ground=True,
         ),
-        objects("sign", "sign", [place(-7.5, 4.0, 0.12, 180)]),
-        objects("lamp_post", "lamp_post", [place(9.5, 3.95, 0.12, -90)]),
-        objects("house", "house", [place(22.0, 19.0, 0.05, -90), place(32.0, 19.0, 0.05, -90)]),
+        objects("sign", "sign", [place(-7.5, 4.0, 0, 180)], on_ground=True),
+        objects("lamp_post", "lamp_post", [place(9.5, 3.95, 0, -90)], on_ground=True),
+        objects("house", "house", [place(22.0, 19.0, 0, -90), place(32.0, 19.0, 0, -90)]),
     ]

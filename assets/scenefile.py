@@ -70,6 +70,16 @@ def objects(name, mesh, instances, *, on_ground=False, **paint):
     return table("[[bodies]]", name=name, **_shape(mesh, paint), **_standing(on_ground), instances=instances)
 
 
+def sheet(name, kind, material, size_m, position_m=None, **keys):
+    """A sheet of uneven ground, or one for each instance."""
+    return primitive(name, "ground", kind, material, size_m=size_m, position_m=position_m, **keys)
+
+
+def paint(name, size_m, places):
+    """Lane markings, 3 mm thick."""
+    return sheet(name, "lane_marking", "lane_marking", size_m, instances=places, spacing_m=0.2, on_ground=True)
+
+
 def mover(name, mesh, where, motion, *, on_ground=False, **paint):
     """A body of one of our meshes that moves from `where`, or there in the frame that the poses are of."""
     body = table("[[bodies]]", name=name, **_shape(mesh, paint), **_standing(on_ground), **where)

@@ -1,6 +1,6 @@
 """The street scene: a canyon of town houses with parked cars, trees and people, seen from a driving car."""
 
-from scenefile import header, objects, place, primitive
+from scenefile import header, objects, paint, place, sheet
 
 KERB_M, FRONT_M = 5.475, 8.7  # |y| of the kerb stones and of the house fronts
 WEST_M, EAST_M = -40.0, 112.0
@@ -49,11 +49,11 @@ def _ground():
     pavements = [place(middle, s * 7.125, 0.12) for s in (1, -1)]
     kerbs = [place(middle, s * KERB_M, 0.12) for s in (1, -1)]
     return [
-        _sheet("road", "road", "asphalt", [length, 10.8], (middle, 0, 0), crown_m=0.08, kerb_m=0.1, spacing_m=0.4),
-        _sheet("cross_road", "road", "asphalt", [10.0, 60.0], (EAST_M + 5, 0, 0), spacing_m=0.4),
-        _sheet("pavements", "pavement", "concrete", [length, 3.15], kerb_m=0.2, instances=pavements),
-        _sheet("soil", "terrain", "soil", [260.0, 120.0], (middle, 0, -0.05), spacing_m=2.0),
-        _sheet("kerbs", "kerb", "concrete", [length, 0.15], kerb_m=0.2, instances=kerbs),
+        sheet("road", "road", "asphalt", [length, 10.8], (middle, 0, 0), crown_m=0.08, kerb_m=0.1, spacing_m=0.4),
+        sheet("cross_road", "road", "asphalt", [10.0, 60.0], (EAST_M + 5, 0, 0), spacing_m=0.4),
+        sheet("pavements", "pavement", "concrete", [length, 3.15], kerb_m=0.2, instances=pavements),
+        sheet("soil", "terrain", "soil", [260.0, 120.0], (middle, 0, -0.05), spacing_m=2.0),
+        sheet("kerbs", "kerb", "concrete", [length, 0.15], kerb_m=0.2, instances=kerbs),
     ]
 
 
@@ -62,19 +62,10 @@ def _markings():
     bays = [place(x, s * 4.35, 0.003) for x in range(-35, 105, 6) for s in (1, -1)]
     zebra = [place(30.0, y, 0.003) for y in (-2.75, -1.75, -0.75, 0.25, 1.25, 2.25)]
     return [
-        _paint("dashes", [3.0, 0.12], dashes),
-        _paint("bay_lines", [0.1, 2.0], bays),
-        _paint("zebra", [4.0, 0.5], zebra),
+        paint("dashes", [3.0, 0.12], dashes),
+        paint("bay_lines", [0.1, 2.0], bays),
+        paint("zebra", [4.0, 0.5], zebra),
     ]
-
-
-def _sheet(name, kind, material, size_m, position_m=None, **keys):
-    return primitive(name, "ground", kind, material, size_m=size_m, position_m=position_m, **keys)
-
-
-def _paint(name, size_m, places):
-    """Lane markings, 3 mm thick."""
-    return _sheet(name, "lane_marking", "lane_marking", size_m, instances=places, spacing_m=0.2, on_ground=True)
 
 
 def _houses():

@@ -139,14 +139,17 @@ def test_things_stand_on_the_highest_ground(tmp_path: Path) -> None:
         assert position_m[2] - 0.5 == pytest.approx(level_m, abs=0.08), "four times the rms of class C"
 
 
-def test_markings_of_the_street_lie_on_it() -> None:
+@pytest.mark.parametrize(
+    ("name", "markings"), [("street", ["dashes.3", "bay_lines.10", "zebra.2"]), ("car", ["dashes.0", "dashes.8"])]
+)
+def test_markings_of_a_scene_lie_on_its_road(name: str, markings: list[str]) -> None:
     """3 mm thick: nowhere below the road's triangles, and nowhere 6 mm above, at corners, edges and middles."""
-    scene = load_scene("street")
+    scene = load_scene(name)
     vertices_m, faces = mesh_of(scene, "road")
     corners = vertices_m[faces]
     low, high = corners.min(axis=1), corners.max(axis=1)
-    for name in ("dashes.3", "bay_lines.10", "zebra.2"):
-        marks_m, mark_faces = mesh_of(scene, name)
+    for marking in markings:
+        marks_m, mark_faces = mesh_of(scene, marking)
         mark = marks_m[mark_faces]
         points = np.concatenate([mark.reshape(-1, 3), mark.mean(axis=1), (mark[:, 0] + mark[:, 1]) / 2])[::7]
         for point in points:
@@ -154,6 +157,36 @@ def test_markings_of_the_street_lie_on_it() -> None:
             up = np.array([[0.0, 0.0, 1.0]])
             below = [triangle(point - [1e-9, 2e-9, 1.0], up, a, b - a, c - a)[0] for a, b, c in corners[inside]]
             assert 0.0005 < 1.0 - min(below) < 0.006
+
+
+def test_the_car_scene_stands_on_its_ground() -> None:
+    """Things at the height of the highest mesh below them; houses reach into the lawn, and all is level when flat."""
+    rough, flat = load_scene("car"), load_scene("car", overrides="ground.roughness=flat")
+    level_m = {"car": 0.06 * (1 - 0.25), "pedestrian": 0.12, "sign": 0.12, "lamp_post": 0.12, "tree": 0.1}
+    standing = [body for body in flat.bodies if body.name.split(".")[0] in level_m]
+    assert len(standing) == 8
+    for body in standing:
+        expected_m = level_m[body.name.split(".")[0]]
+        assert body.pose.position_m[2] == pytest.approx(expected_m, abs=2e-3), "the crown in steps of 0.5 m"
+        here = next(other for other in rough.bodies if other.name == body.name)
+        place_m = here.pose.position_m
+        below_m = np.max([_mesh_height_m(rough, name, place_m) for name in ("road", "pavement", "lawn", "verge_east")])
+        assert place_m[2] == pytest.approx(below_m, abs=1e-9)
+        assert 0.0 < abs(place_m[2] - expected_m) < 0.08, "four times the rms of class C"
+    for body in rough.bodies:
+        if body.name.startswith("house"):
+            assert _mesh_height_m(rough, "lawn", body.pose.position_m) > body.pose.position_m[2]
+
+
+def _mesh_height_m(scene: Scene, name: str, place_m: np.ndarray) -> float:
+    """Height of a body's mesh at a place; minus infinity beside it."""
+    vertices_m, faces = mesh_of(scene, name)
+    corners = vertices_m[faces]
+    low, high = corners.min(axis=1), corners.max(axis=1)
+    near = ((low[:, :2] <= place_m[:2]) & (high[:, :2] >= place_m[:2])).all(axis=1)
+    eye_m, down = np.array([place_m[0] + 1e-9, place_m[1] + 2e-9, 100.0]), np.array([[0.0, 0.0, -1.0]])
+    ways = [triangle(eye_m, down, a, b - a, c - a)[0] for a, b, c in corners[near]]
+    return 100.0 - min(ways, default=np.inf)
 
 
 def test_a_walker_follows_the_ground(tmp_path: Path) -> None:
