@@ -11,13 +11,14 @@ from helpers.drawn_recordings import Truth, drawn_sweep, drawn_truth, two_lenses
 from lidarscene.catalog import path_of
 from lidarscene.errors import InputError
 from lidarscene.figures.report import Report
+from lidarscene.files.toml_edit import put_values
 from lidarscene.recordings.recording import Recording
 from lidarscene.recordings.sweep import Second, Sweep
 from lidarscene.sensor.sensor_file import load_sensor
 from lidarscene.sensor.sensor_model import Sensor
 from lidarscene.studies.fit import recording_fit
 from lidarscene.studies.fit.estimates import MOST_EVALUATIONS
-from lidarscene.studies.fit.near_field import fit_near_field, share
+from lidarscene.studies.fit.near_field import fit_near_field, own_curve, share
 from lidarscene.studies.fit.products import near_field_m, scatter_c_mm, white_m2
 from lidarscene.studies.fit.recorded_pulses import gather_pulses
 from lidarscene.studies.fit.recording_fit import fit_pulses, fit_recordings
@@ -149,6 +150,35 @@ def test_a_unit_that_recorded_second_returns_reports_them(
     fit_sweep(tmp_path, monkeypatch, replace(sweep, second=second), "os0-128")
     tdc = load_sensor(tmp_path / "unit.toml").tdc
     assert (tdc.stops, tdc.keep) == ((2, "strongest") if is_dual else (1, load_sensor("os0-128").tdc.keep))
+
+
+@pytest.mark.usefixtures("without_figures")
+def test_reflectivities_stand_in_for_signals(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rationale: low-rate profiles lack SIGNAL, and their scatter was not fitted.
+
+    The unit has the file's own power and optics, five times as strong as the catalogue's, so its scatter is found.
+    Reflectivities come in steps of 1 %. Four sigma: 1 in 10 000.
+    """
+    text = path_of("sensors", "os1-128").read_text("utf-8")
+    power_w = float(load_sensor("os1-128").laser.peak_power_w)
+    file = tmp_path / "strong.toml"
+    file.write_text(put_values(text, {("laser", "peak_power_w"): 5.0 * power_w}), "utf-8")
+    sensor = load_sensor(file)
+    curve = own_curve(sensor)
+    unit = {"near_field_m": near_field_m(sensor), "white_m2": white_m2(sensor)}
+    truth = replace(drawn_truth(2), **unit, scatter_c=300.0, scatter_floor=3.0)
+    sweep = drawn_sweep(truth, 2, curve=curve)
+    text, _ = fit_sweep(tmp_path, monkeypatch, replace(sweep, signal=None), str(file))
+    estimates = json.loads((tmp_path / "report" / "fit.json").read_text("utf-8"))["estimates"]
+    assert set(estimates) == {"scatter_c", "scatter_floor"}
+    estimate = estimates["scatter_c"]
+    assert estimate["sigma"] < 0.2 * truth.scatter_c
+    assert abs(estimate["value"] - truth.scatter_c) < 4.0 * estimate["sigma"]
+    fitted = load_sensor(tmp_path / "unit.toml")
+    assert scatter_c_mm(fitted) == pytest.approx(estimate["value"], rel=1e-4)
+    assert fitted.laser.peak_power_w == sensor.laser.peak_power_w
+    assert "SIGNAL is not recorded: the photons of the scatter are REFLECTIVITY" in text
+    assert "histogram.threshold_slope is left as it was" in text
 
 
 def white_over_range(sensor: Sensor, range_m: np.ndarray) -> np.ndarray:

@@ -55,11 +55,15 @@ def scatter_over_sigma(width: Lanes) -> Lanes:
 
 def white_m2(sensor: Sensor) -> float:
     """Photons of a white wall times the square of its range, far away, weak enough that no SPAD fires twice."""
-    range_m = FAR_RATIO * near_field_m(sensor)
+    return float(white_over_range_m2(sensor, np.array([FAR_RATIO * near_field_m(sensor)]))[0])
+
+
+def white_over_range_m2(sensor: Sensor, range_m: Numbers) -> Numbers:
+    """`white_m2` times the share of the light on the detector at these ranges, (n,)."""
     dim = 1e-3
-    light = echoes_of_plane(sensor, Target(reflectivity=dim, illuminance_klux=0.0), np.array([range_m]))
+    light = echoes_of_plane(sensor, Target(reflectivity=dim, illuminance_klux=0.0), range_m)
     photons = sensor.working_point(light.background_power_w).response.signal(light.peak_power_w)
-    return float(np.ravel(np.asarray(photons))[0]) * range_m**2 / dim
+    return np.asarray(photons * np.ones_like(range_m) * range_m**2 / dim)
 
 
 def near_field_m(sensor: Sensor) -> float:

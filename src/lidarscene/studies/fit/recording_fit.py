@@ -20,14 +20,18 @@ from ...sensor.sensor_model import Sensor
 from ..held import Held
 from .estimates import Estimate, Solution
 from .fit_report import FitReport, check_outputs, law_figure, law_rows, share_figure, write_outputs
-from .near_field import NearField, fit_near_field
-from .products import QUANTITIES, Products, find_products
+from .near_field import MOST_REFLECTIVITY, NearField, fit_near_field
+from .products import QUANTITIES, Products, find_products, white_over_range_m2
 from .recorded_pulses import RecordedPulses, gather_pulses
 from .row_gains import RowGains, fit_rows
 from .scatter import Scatter, fit_scatter
 from .sensor_text import base_text, fitted_text, parse_sensor
 from .threshold import Threshold, fit_threshold
 from .threshold_ends import fit_least, fit_lone_factor
+
+
+PHOTON_RANGES = 200
+"""Ranges at which the photons of a white surface are computed: the curve is smooth."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -96,6 +100,12 @@ def fit_recordings(
     if any(sweep.second is not None for sweep in sweeps):
         base = with_second_returns(base)
     text, notes = fitted_text(base, estimates, recording, where, rows=fit.rows)
+    if pulses.signal is None and fit.scatter is not None:
+        notes = (
+            *notes,
+            "SIGNAL is not recorded: the photons of the scatter are REFLECTIVITY by the file's own power and optics, so "
+            "that only scatter_c squared over the power is known",
+        )
     parse_sensor(text, str(output))
     fit_report = _report(fit, pulses, recording, sensor, notes)
     return write_outputs(fit_report, text, output, report, as_json=as_json)
@@ -117,7 +127,7 @@ def fit_pulses(pulses: RecordedPulses, sensor: Sensor | None = None) -> Recordin
     fit = RecordingFit(
         near_field=fit_near_field(pulses, sensor),
         threshold=fit_threshold(pulses),
-        scatter=fit_scatter(pulses),
+        scatter=fit_scatter(pulses if sensor is None else with_photons(pulses, sensor)),
         rows=fit_rows(pulses),
     )
     if not fit.estimates and fit.rows is None:
@@ -131,6 +141,25 @@ def fit_pulses(pulses: RecordedPulses, sensor: Sensor | None = None) -> Recordin
         fit = replace(fit, ends=_threshold_ends(pulses, fit.threshold, sensor))
     known_keys = [estimate.key for estimate in fit.estimates if estimate.is_known and estimate.key in QUANTITIES]
     return replace(fit, products=find_products(sensor, known_keys) if known_keys else None)
+
+
+def with_photons(pulses: RecordedPulses, sensor: Sensor) -> RecordedPulses:
+    """Pulses with SIGNAL: where it is not recorded, the photons of REFLECTIVITY by the sensor's own link budget.
+
+    That is REFLECTIVITY / 100 of a white surface at the pulse's range, up to white; lost pulses have none. Unchanged
+    without REFLECTIVITY, or of a sensor that counts no photons.
+    """
+    if pulses.signal is not None or pulses.reflectivity is None or sensor.histogram is None:
+        return pulses
+    measured = pulses.has_return & (pulses.reflectivity <= MOST_REFLECTIVITY)
+    if not measured.any():
+        return pulses
+    range_m = pulses.range_m[measured]
+    grid_m = np.geomspace(range_m.min(), range_m.max() + 1e-3, PHOTON_RANGES)
+    white_m2 = np.interp(range_m, grid_m, white_over_range_m2(sensor, grid_m))
+    signal = np.full(pulses.range_m.shape, np.nan)
+    signal[measured] = pulses.reflectivity[measured] / MOST_REFLECTIVITY * white_m2 / range_m**2
+    return replace(pulses, signal=signal)
 
 
 def _threshold_ends(pulses: RecordedPulses, threshold: Threshold, sensor: Sensor) -> tuple[Estimate, ...]:
