@@ -29,6 +29,10 @@ from .sensor_text import base_text, fitted_text, parse_sensor
 from .threshold import Threshold, fit_threshold
 from .threshold_ends import fit_least, fit_lone_factor
 
+REFLECTIVITY_NOTE = (
+    "SIGNAL is not recorded: the photons of the scatter are REFLECTIVITY by the file's own power and optics, and only "
+    "scatter_c squared over the power is known"
+)
 
 PHOTON_RANGES = 200
 """Ranges at which the photons of a white surface are computed: the curve is smooth."""
@@ -101,11 +105,7 @@ def fit_recordings(
         base = with_second_returns(base)
     text, notes = fitted_text(base, estimates, recording, where, rows=fit.rows)
     if pulses.signal is None and fit.scatter is not None:
-        notes = (
-            *notes,
-            "SIGNAL is not recorded: the photons of the scatter are REFLECTIVITY by the file's own power and optics, so "
-            "that only scatter_c squared over the power is known",
-        )
+        notes = (*notes, REFLECTIVITY_NOTE)
     parse_sensor(text, str(output))
     fit_report = _report(fit, pulses, recording, sensor, notes)
     return write_outputs(fit_report, text, output, report, as_json=as_json)
