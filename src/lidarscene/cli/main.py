@@ -26,6 +26,7 @@ from .recordings.sensor import add_sensor
 from .recordings.twin import add_twin
 from .render import add_render
 from .stream import add_stream
+from .street import add_street
 from .terminal import Answer, end_cleanly, ended_by, error_text, mute_errors, notes, print_error, print_text, quietly
 from .view import add_view
 from .words import with_joined_pose
@@ -125,6 +126,7 @@ def _parser() -> argparse.ArgumentParser:
         add_compare,
         add_view,
         add_catalogue,
+        add_street,
         add_sensor,
         add_twin,
         add_fit,

@@ -18,9 +18,9 @@ from ..kernel.world.mitsuba_world import World, fixed_placement, motions_on_devi
 from ..maths.arrays import Lanes, Numbers
 from ..maths.motion_table import MotionTable, MovingBodies, Placement
 from ..maths.pose import Pose
-from ..maths.trajectory import Course, Riding, motion_in_frame, pose_at
+from ..maths.trajectory import Course, Motion, Riding, motion_in_frame, pose_at
 from ..scan import Scanner
-from ..scene.scene import CLOCK_ROUNDING_S, Scene
+from ..scene.scene import CLOCK_ROUNDING_S, Body, Scene
 from ..sensor.sensor_model import Sensor
 from .render_options import FrameOptions
 
@@ -50,6 +50,7 @@ class Frame:
     origin        ``place`` in traced coordinates, opaque; holds for all pulses unless the sensor moves
     paths         sampled poses of the sensor (0) and of the world's movers (1, ...), on the device; None: nothing moves
     moves         whether the sensor moves
+    bodies        `World.bodies_in_frame`
     """
 
     number: int
@@ -61,6 +62,7 @@ class Frame:
     origin: Placement
     paths: MotionTable | None
     moves: bool
+    bodies: Numbers | None
     _scanner: Scanner
 
     @classmethod
@@ -79,12 +81,13 @@ class Frame:
         # interpolates between the samples (`maths.motion_table`).
         paths = None
         if scene.ego is not None or world.movers:
+            movers = [mover.in_frame(start_s) for mover in world.movers]
             paths = MotionTable.from_motions(
-                [riding, *(motion_in_frame(mover.motion, start_s) for mover in world.movers)],
+                [riding, *(_motion_of(mover.body, start_s) for mover in movers)],
                 start_s=start_s,
                 length_s=length_s,
                 centre_m=world.centre_m,
-                carried_m=mover_boxes(world.movers, start_s),
+                carried_m=mover_boxes(movers, start_s),
             )
         return cls(
             number=number,
@@ -96,6 +99,7 @@ class Frame:
             origin=fixed_placement(place, world.centre_m),
             paths=None if paths is None else motions_on_device(paths),
             moves=scene.ego is not None,
+            bodies=world.bodies_in_frame(start_s),
             _scanner=sensor.scanner,
         )
 
@@ -127,6 +131,11 @@ class Frame:
         if coordinates == "sensor":
             return Pose()
         return self.place if coordinates == "world" else self.vehicle.inverse() @ self.place
+
+
+def _motion_of(body: Body, start_s: float) -> Motion:
+    """Return the motion of a body in a frame; at rest for one that the frame does not show: a ride takes time."""
+    return motion_in_frame(body.motion, start_s) if body.motion and body.is_present(start_s) else Course()
 
 
 def placements(

@@ -66,6 +66,8 @@ class LiveSimulator(Simulator):
     `render` and `stream` give the frame of their options, `advance` the frames that are over by the caller's clock.
     """
 
+    _takes_turns = False
+
     def __init__(
         self,
         scene: str | os.PathLike[str] | Scene,

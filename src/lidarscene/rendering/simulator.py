@@ -72,6 +72,9 @@ class Simulator:
     later `render` from 100 m off that place is still good to 0.01 mm, one from 10 km to 1 mm.
     """
 
+    _takes_turns = True
+    """Whether bodies that hide may share a place among the movers (`build_world`)."""
+
     def __init__(
         self,
         scene: str | os.PathLike[str] | Scene,
@@ -103,6 +106,7 @@ class Simulator:
             wavelength_m=sensor.laser.wavelength_m,
             centre_m=pose_at(self.motion).position_m,
             see_through=trace.interactions > 0,
+            takes_turns=self._takes_turns,
         )
         # The rays of one pulse are neighbours already.
         whole = 1 if sensor.optics.stray is None else sensor.scanner.line_pulses or 1
@@ -261,7 +265,7 @@ class Simulator:
                 numbers = np.arange(first, first + len(outcome), dtype=np.uint32)
                 observers.ambient(numbers, detection_values(parts, first, "ambient").astype(np.uint64))
             if observers.points is not None:
-                observers.points(pulse, join_columns([self._surfaces(traced) for traced in parts]))
+                observers.points(pulse, join_columns([self._surfaces(frame, traced) for traced in parts]))
             summary.add_time("collect", since)
             piece_first = first
             if following is not None:
@@ -364,6 +368,8 @@ class Simulator:
         columns = {name: values[:count] for name, values in columns.items()}
         if columns.pop(collect.NAN_COLUMN).any():
             raise points_error(self.scene, self.sensor, columns)
+        if frame.bodies is not None:
+            columns["body"] = frame.bodies[columns["body"]]
         if placing.added_m is not None:
             columns["xyz_m"] = columns["xyz_m"] + placing.added_m
         # The device hands on pulse numbers; times need float64, which only NumPy has here.
@@ -388,13 +394,14 @@ class Simulator:
         )
         return columns, count
 
-    def _surfaces(self, part: Chunk) -> dict[str, Numbers]:
+    def _surfaces(self, frame: Frame, part: Chunk) -> dict[str, Numbers]:
         """`collect.surface_columns` of one part in NumPy; empty without any surface."""
         surfaces = collect.surface_columns(world=self.world, staged=part.staged(self.trace.rays), twice=part.twice)
         if surfaces is None:
             return {}
         columns, count = surfaces
-        return {name: values[:count] for name, values in transfer.fetch_columns(columns).items()}
+        fetched = {name: values[:count] for name, values in transfer.fetch_columns(columns).items()}
+        return fetched if frame.bodies is None else fetched | {"body": frame.bodies[fetched["body"]]}
 
     def _frame(self, options: FrameOptions) -> Frame:
         frame = Frame.from_options(

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -98,11 +98,27 @@ class Ground:
 
     surface: RoughSurface
     sheets: Sequence[Sheet] = ()
+    _around_m: Numbers = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Compute the circle around each sheet, (s, 3): x, y and radius."""
+        circles = [(*sheet.pose.position_m[:2], 0.5 * math.hypot(*sheet.size_m) + 1e-3) for sheet in self.sheets]
+        object.__setattr__(self, "_around_m", np.array(circles).reshape(-1, 3))
+
+    def _sheets_near(self, place_m: Numbers) -> list[Sheet]:
+        """Sheets that may be below some of (n, 2) places: a long street has hundreds, few of them near a vehicle."""
+        if not len(place_m):
+            return []
+        x_m, y_m, radius_m = self._around_m.T
+        (low_x, low_y), (high_x, high_y) = place_m.min(axis=0), place_m.max(axis=0)
+        near = (x_m + radius_m >= low_x) & (x_m - radius_m <= high_x)
+        near &= (y_m + radius_m >= low_y) & (y_m - radius_m <= high_y)
+        return [self.sheets[number] for number in np.flatnonzero(near).tolist()]
 
     def height_m(self, place_m: Numbers) -> Numbers:
         """Height [m] of the highest sheet's mesh at (n, 2) places; NaN where there is none."""
         highest = np.full(len(place_m), np.nan)
-        for sheet in self.sheets:
+        for sheet in self._sheets_near(place_m):
             on_sheet, local_m = sheet.covers(place_m)
             highest[on_sheet] = np.fmax(highest[on_sheet], sheet.mesh_height_m(local_m[on_sheet]))
         return highest
@@ -110,7 +126,7 @@ class Ground:
     def wheel_height_m(self, place_m: Numbers) -> Numbers:
         """Height [m] below a wheel at (n, 2) places: the highest sheet's, at 0 where there is none, and all waves."""
         highest = np.full(len(place_m), np.nan)
-        for sheet in self.sheets:
+        for sheet in self._sheets_near(place_m):
             on_sheet, local_m = sheet.covers(place_m)
             highest[on_sheet] = np.fmax(highest[on_sheet], sheet.smooth_height_m(local_m[on_sheet]))
         return np.asarray(np.nan_to_num(highest) + self.surface.height_m(place_m))

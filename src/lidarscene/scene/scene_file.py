@@ -20,7 +20,7 @@ import numpy as np
 
 from .. import catalog
 from ..errors import InputError, OptionWarning
-from ..files.overrides import Overrides, assignments, with_overrides
+from ..files.overrides import Overrides, assignments, key_path, with_overrides
 from ..files.toml import read_toml, validate
 from ..materials.material import Material
 from ..materials.material_file import catalogue_material
@@ -38,6 +38,7 @@ from .meshes.mesh_cache import SubMesh
 from .meshes.usd import is_usd
 from .motion import BodyMotionFile
 from .scene import Ball, Body, Part, Scene, box_of
+from .street.street_tables import with_street
 from .tables import BodyFile, SceneFile, interferers, lamps_w_m2
 
 SMALLEST_BODY_M = 1e-6
@@ -116,7 +117,14 @@ def scene_model(path: Path, *, overrides: Sequence[str] = ()) -> SceneFile:
     if is_mesh(path):
         tables = mesh_tables(path, overrides, option=option)
     else:
-        tables = with_overrides(read_toml(path), overrides, option=option)
+        # What is changed of a street is changed before it is made; all else, its bodies too, after.
+        of_street = [change for change in overrides if key_path(change)[0] == "street"]
+        tables = with_overrides(read_toml(path), of_street, option=option)
+        if "street" in tables:
+            street = validate(SceneFile, tables, str(path), overrides=of_street, option=option).street
+            tables = with_street(tables, street) if street is not None else tables
+        others = [change for change in overrides if change not in of_street]
+        tables = with_overrides(tables, others, option=option)
     return validate(SceneFile, tables, str(path), overrides=overrides, option=option)
 
 
@@ -166,12 +174,13 @@ def scene_from_model(file: SceneFile, *, path: Path) -> Scene:
             folder=path.parent,
             where=f"{path}: ego",
         )
+    sheets = iter(ground.sheets)
     bodies: list[Body] = []
     for index, body in enumerate(file.bodies):
         where = f'{path}: bodies[{index} "{body.name}"]'
         if body.primitive == "ground":
             scene_materials.load(body.material or "", f"{where}.material")
-            bodies.extend(_ground_bodies(body, ground, where=where))
+            bodies.extend(_ground_bodies(body, ground, sheets, where=where))
             continue
         parts = _parts(body, folder=path.parent, where=where, scene_materials=scene_materials, reader=reader)
         _check_extent(parts, where)
@@ -273,12 +282,16 @@ def _sheet(body: BodyFile, pose: Pose, surface: RoughSurface) -> Sheet:
     )
 
 
-def _ground_bodies(body: BodyFile, ground: Ground, *, where: str) -> list[Body]:
-    """Build a ground, or one for each of its instances; one on the ground is laid over the meshes of the others."""
+def _ground_bodies(body: BodyFile, ground: Ground, sheets: Iterator[Sheet], *, where: str) -> list[Body]:
+    """Build a ground, or one for each of its instances; one on the ground is laid over the meshes of the others.
+
+    sheets  of the grounds that are still to be built, those on the ground left out
+    """
     bodies = []
+    flat = RoughSurface.draw("flat", 0)
     for name, pose in _places(body):
-        surface = RoughSurface.draw("flat", 0) if body.on_ground else ground.surface
-        vertices_m, faces = _sheet(body, pose, surface).mesh(body.kerb_m)
+        sheet = _sheet(body, pose, flat) if body.on_ground else next(sheets)
+        vertices_m, faces = sheet.mesh(body.kerb_m)
         if body.on_ground:
             vertices_m[:, 2] += _ground_below(ground, pose.apply(vertices_m)[:, :2], where)
         part = Part(vertices_m=vertices_m, faces=faces, material=body.material or "", name=body.name)

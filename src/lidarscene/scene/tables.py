@@ -24,6 +24,7 @@ from .ground import MOST_VERTICES, SPACING_M, vertices_of
 from .meshes.mesh_axes import Axis, Unit
 from .motion import BodyMotionFile, EgoFile
 from .scene import Air, Interferer, Sky, Sun, View
+from .street.street_file import StreetFile
 from .weather import Weather
 
 Irradiance = Annotated[float, Number(ge=0, le=1e5)]
@@ -273,6 +274,7 @@ class SceneFile(FileModel):
     weather: WeatherFile = WeatherFile()
     interference: tuple[AnyInterferenceFile, ...] = ()
     ground: GroundFile = GroundFile()
+    street: StreetFile | None = Field(default=None, description="made from a seed, with all that is on it")
     ego: EgoFile | None = Field(default=None, description="the vehicle that carries the sensor, if it moves")
     sensor: SceneSensorFile = SceneSensorFile()
     picture: PictureFile | None = None
@@ -282,10 +284,10 @@ class SceneFile(FileModel):
     @model_validator(mode="after")
     def _check_references(self) -> SceneFile:
         """Raise ValueError for a scene without shapes, or tables that lack their counterpart."""
-        if not self.bodies and self.base is None:
-            raise ValueError("the scene must have [[bodies]] or base = ..., got neither")
+        if not self.bodies and self.base is None and self.street is None:
+            raise ValueError("the scene must have [[bodies]], [street] or base = ..., got none")
         riding = [body.name for body in self.bodies if any(motion and motion.with_ego for motion in body.motions())]
-        if riding and self.ego is None:
+        if riding and self.ego is None and self.street is None:
             raise ValueError(f"body '{riding[0]}' moves with_ego, but there is no [ego]")
         if self.base_materials and self.base is None:
             raise ValueError("base_materials must go with base, got no base")

@@ -22,7 +22,7 @@ def distances_m(world: World, eye_m: Numbers, directions: Numbers, *, time_s: fl
     distance_m = np.full(directions.shape[1], np.inf, np.float32)
     if world.scene is not None:
         distance_m = _distances_in_scene(world.scene, eye_m - world.centre_m, directions)
-    for mover in world.movers:
+    for mover in (mover.in_frame(time_s) for mover in world.movers):
         if mover.scene is None or not mover.body.is_present(time_s):
             continue
         pose = pose_at(motion_in_frame(mover.motion, time_s), time_s)

@@ -25,7 +25,7 @@ from ...maths.arrays import Numbers
 from ...maths.motion_table import NOWHERE, MotionTable, MovingBodies, Placement
 from ...maths.pose import Pose
 from ...maths.trajectory import Course, Motion
-from ...scene.scene import Ball, Body, Part, Scene, box_of
+from ...scene.scene import CLOCK_ROUNDING_S, Ball, Body, Part, Scene, box_of
 from ..device import transfer
 from ..device.backend import mitsuba
 from ..device.types import TracedScene
@@ -45,6 +45,7 @@ class Mover:
     face_shift  what to add to a face number of the shared scene to get this body's
     number      of the body among the scene's bodies
     body        the body, with its motion
+    others      numbers and bodies of the same shape and class that take its place in frames that do not show it
     """
 
     scene: Any
@@ -53,6 +54,14 @@ class Mover:
     face_shift: int
     number: int
     body: Body
+    others: tuple[tuple[int, Body], ...] = ()
+
+    def in_frame(self, start_s: float) -> Mover:
+        """Return the mover of the body that a frame shows in this place; itself if there is none."""
+        if self.body.is_present(start_s):
+            return self
+        shown = ((number, body) for number, body in self.others if body.is_present(start_s))
+        return next((replace(self, number=number, body=body) for number, body in shown), self)
 
     @property
     def motion(self) -> Motion:
@@ -105,6 +114,18 @@ class World:
     speculars: Speculars | None
     see_through: bool
 
+    def bodies_in_frame(self, start_s: float) -> Numbers | None:
+        """Return the number of the body that a frame shows by that of the body in the tables, the last entry for none.
+
+        None if each is itself.
+        """
+        if not any(mover.others for mover in self.movers):
+            return None
+        numbers = np.append(np.arange(len(self.body_names), dtype=np.int32), np.int32(-1))
+        for mover in self.movers:
+            numbers[mover.number] = mover.in_frame(start_s).number
+        return numbers
+
     def with_bodies(self, bodies: Sequence[Body]) -> World:
         """Return this world with its movers where ``bodies`` of the scene are now; nothing is compiled again.
 
@@ -127,13 +148,19 @@ class _BodiesOfOneShape:
 
 
 def build_world(
-    scene: Scene, *, wavelength_m: float, centre_m: Numbers | None = None, see_through: bool = True
+    scene: Scene,
+    *,
+    wavelength_m: float,
+    centre_m: Numbers | None = None,
+    see_through: bool = True,
+    takes_turns: bool = True,
 ) -> World:
     """Compile a scene.
 
     centre_m     (3,) point that becomes the origin of the traced coordinates: the place of the sensor. Float32 errors
                  grow with the distance from the origin. A scene from a Mitsuba file keeps its origin
     see_through  whether beams go on through panes and off mirrors; if not they end there, which is traced faster
+    takes_turns  whether bodies that hide may share a place; not if they are placed elsewhere later (`with_bodies`)
     Raises InputError if a material has no data at the wavelength, or if there is nothing to trace.
     """
     # In double precision, before anything becomes float32: at 5,000 km, a UTM northing, float32 is good to 4 m.
@@ -161,11 +188,13 @@ def build_world(
         traced, panes = _mitsuba_scenes(group.shapes, see_through)
         # A hit on the shared scene has a face number of the first body. Each further body has the same faces once more
         # in the tables, a constant number of rows later: that number is its shift.
-        starts = [faces.add(group.shapes, body=index) for index in group.bodies]
-        movers += [
-            _mover(traced, panes, scene.bodies, number=index, face_shift=start - starts[0])
-            for index, start in zip(group.bodies, starts, strict=True)
-        ]
+        # Bodies that hide take turns: those of which no two are ever shown at a time share such rows, and a place among
+        # the movers. So a kernel is as large as the most bodies that are there at a time.
+        turns = _turns(scene.bodies, group.bodies) if takes_turns else [[index] for index in group.bodies]
+        starts = [faces.add(group.shapes, body=turn[0]) for turn in turns]
+        for turn, start in zip(turns, starts, strict=True):
+            mover = _mover(traced, panes, scene.bodies, number=turn[0], face_shift=start - starts[0])
+            movers.append(replace(mover, others=tuple((index, scene.bodies[index]) for index in turn[1:])))
     class_names = tuple(dict.fromkeys(class_of))
     class_numbers = np.array([class_names.index(name) for name in class_of], dtype=np.int32)
     standing, panes = _mitsuba_scenes(shapes, see_through)
@@ -247,6 +276,28 @@ def _moving_groups(
         if shapes:
             moving.append(_BodiesOfOneShape(tuple(indices), shapes))
     return moving
+
+
+def _turns(bodies: Sequence[Body], indices: Sequence[int]) -> list[list[int]]:
+    """Partition bodies of one shape into sequences, in each of which no two are ever present at the same time.
+
+    Each body joins the first sequence whose last one is gone before it comes: that makes as many as are present at the
+    busiest time. Bodies without an end stay alone, and so do those of different classes.
+    """
+    turns: list[list[int]] = []
+    for index in sorted(indices, key=lambda number: bodies[number].present_s[0]):
+        body = bodies[index]
+        first_s, last_s = body.present_s
+        for turn in turns:
+            before = bodies[turn[-1]]
+            # Frames begin at times that are rounded: apart by more than that (`Body.is_present`).
+            is_gone = before.present_s[1] + 3.0 * CLOCK_ROUNDING_S < first_s < last_s
+            if is_gone and before.class_name == body.class_name and not before.away and not body.away:
+                turn.append(index)
+                break
+        else:
+            turns.append([index])
+    return turns
 
 
 def _merged_mesh(

@@ -1,0 +1,223 @@
+"""What stands along a street: lanes, crossings, kerbs, houses, trees, parked cars, signs, lamps and people.
+
+The street runs along x; traffic keeps to the right, so that y < 0 is the side of those who drive towards +x. Nothing
+that is placed here overlaps with anything else: houses have plots, cars have bays, and posts, trees and people share a
+line along each kerb.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from .street_file import StreetFile
+
+BAY_M, PARKING_M = 6.0, 2.3
+"""Length of a parking bay, and width of the strip of bays along each kerb."""
+
+CAR_M = (4.45, 2.15)
+"""Length and width of the car's mesh, with mirrors."""
+
+KERB_M = 0.15
+CROSS_LANE_M = 3.2
+CROSS_HALF_M = CROSS_LANE_M + 0.8
+"""Half the width of the streets that cross."""
+
+CROSS_REACH_M = 70.0
+"""From the middle of the street to the end of those that cross."""
+
+ZEBRA_M = 4.0
+STOP_LINE_M = 2.0
+"""From a stop line to the crossing or the zebra."""
+
+HOUSE_SCALES = {"brick": 1.0, "plaster_white": 0.9, "concrete": 1.1}
+HOUSE_M = (10.5, 4.5, 5.75)
+"""Of the house's mesh: width, from its middle to its front, and to the edge of its balconies."""
+
+TREE_SCALES = (0.7, 0.85, 1.0)
+TREE_REACH_M = 2.6
+TREE_LINE_M, POST_LINE_M = 1.0, 0.45
+"""From the kerb to the trunks, and to the posts of lamps and signs."""
+
+PAINTS = ("white", "grey", "black", "red")
+FREE_M = 1.6
+"""Least distance between two things in the line along a kerb."""
+
+Place = tuple[float, float, float]
+"""x, y [m] and yaw [degrees]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Crossing:
+    """A place where others cross the street: a street that crosses, or a zebra.
+
+    x_m     of its middle
+    half_m  from there to its edges along x
+    """
+
+    x_m: float
+    half_m: float
+    is_zebra: bool
+
+    def stop_x_m(self, direction: int) -> float:
+        """Where vehicles that drive towards +x (1) or -x (-1) stop."""
+        return self.x_m - direction * (self.half_m + STOP_LINE_M)
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """The street between two that cross, along x."""
+
+    begin_m: float
+    end_m: float
+
+    @property
+    def length_m(self) -> float:
+        """Length along x."""
+        return self.end_m - self.begin_m
+
+
+@dataclass(slots=True)
+class Layout:
+    """A street without its traffic.
+
+    kerb_m  |y| of the road's edges
+    items   name of a body -> places of its instances
+    """
+
+    file: StreetFile
+    kerb_m: float
+    front_m: float
+    begin_m: float
+    end_m: float
+    crossings: list[Crossing] = field(default_factory=list)
+    blocks: list[Block] = field(default_factory=list)
+    items: dict[str, list[Place]] = field(default_factory=dict)
+
+    def add(self, name: str, x_m: float, y_m: float, yaw_deg: float = 0.0) -> None:
+        """Place an instance of a body."""
+        self.items.setdefault(name, []).append((x_m, y_m, yaw_deg))
+
+    def lane_m(self, lane: int, direction: int) -> float:
+        """Y of the middle of a lane, 0 the innermost, for traffic towards +x (1) or -x (-1)."""
+        return -direction * (lane + 0.5) * self.file.lane_width_m
+
+    def walk_m(self, direction: int) -> float:
+        """Distance of people who walk towards +x (1) or -x (-1) from the middle of the street."""
+        return self.front_m - (0.6 if direction > 0 else 1.3)
+
+
+def lay_out(file: StreetFile) -> Layout:
+    """Lay out a street; the same for the same file."""
+    kerb_m = file.lanes * file.lane_width_m + PARKING_M
+    # What hides is never beyond the road's ends, nor is a driver who looks for room to stop there.
+    margin_m = file.shown_m + 60.0
+    layout = Layout(
+        file=file,
+        kerb_m=kerb_m,
+        front_m=kerb_m + KERB_M + file.pavement_m,
+        begin_m=-margin_m,
+        end_m=file.length_m + margin_m,
+    )
+    random = np.random.default_rng([file.seed, 1])
+    _cut_into_blocks(layout, random)
+    for block in layout.blocks:
+        zebras = [crossing.x_m for crossing in layout.crossings if crossing.is_zebra]
+        zebras = [x_m for x_m in zebras if block.begin_m < x_m < block.end_m]
+        for side in (-1, 1):
+            _park_cars(layout, block, side, zebras, random)
+            _build_houses(layout, block, side, random)
+            _line_kerb(layout, block, side, zebras, random)
+    return layout
+
+
+def _cut_into_blocks(layout: Layout, random: np.random.Generator) -> None:
+    """Place crossing streets, zebras between them, and the blocks that are left."""
+    file, begin_m = layout.file, layout.begin_m
+    while True:
+        middle_m = begin_m + random.uniform(*file.block_m) + CROSS_HALF_M
+        is_last = middle_m + CROSS_HALF_M + file.block_m[0] > layout.end_m
+        block = Block(begin_m, layout.end_m if is_last else middle_m - CROSS_HALF_M)
+        layout.blocks.append(block)
+        if random.random() < file.zebra_share and block.length_m > 60.0:
+            x_m = random.uniform(block.begin_m + 25.0, block.end_m - 25.0)
+            layout.crossings.append(Crossing(x_m, 0.5 * ZEBRA_M, is_zebra=True))
+        if is_last:
+            return
+        layout.crossings.append(Crossing(middle_m, CROSS_HALF_M, is_zebra=False))
+        begin_m = middle_m + CROSS_HALF_M
+
+
+def _park_cars(layout: Layout, block: Block, side: int, zebras: list[float], random: np.random.Generator) -> None:
+    """Park cars in bays, none near a crossing or a zebra."""
+    share = random.uniform(*layout.file.parked_share)
+    y_m = side * (layout.kerb_m - 0.5 * PARKING_M)
+    for x_m in np.arange(block.begin_m + 8.0, block.end_m - 8.0 - BAY_M, BAY_M) + 0.5 * BAY_M:
+        paint, shift_m, turn_deg, parks = random.random(4)
+        if parks >= share or any(abs(x_m - zebra_m) < 5.0 + BAY_M for zebra_m in zebras):
+            continue
+        name = f"cars_{PAINTS[int(paint * len(PAINTS))]}"
+        place_m = x_m + (shift_m - 0.5) * (BAY_M - CAR_M[0] - 0.6)
+        layout.add(name, place_m, y_m, (180.0 if side > 0 else 0.0) + 2.0 * (turn_deg - 0.5))
+
+
+def _build_houses(layout: Layout, block: Block, side: int, random: np.random.Generator) -> None:
+    """Build houses on plots side by side; a plot without one may have a tree."""
+    file = layout.file
+    share = random.uniform(*file.house_share)
+    x_m = block.begin_m + 1.0 + file.pavement_m
+    while True:
+        kind, scale = list(HOUSE_SCALES.items())[random.integers(len(HOUSE_SCALES))]
+        width_m, front_m, balcony_m = (scale * length_m for length_m in HOUSE_M)
+        is_built, setback_m = random.random() < share, random.uniform(*file.setback_m)
+        if x_m + width_m > block.end_m - 1.0 - file.pavement_m:
+            return
+        middle_m = x_m + 0.5 * width_m
+        if is_built:
+            layout.add(f"houses_{kind}", middle_m, side * (layout.front_m + setback_m + front_m), -90.0 * side)
+        elif random.random() < 0.7:
+            name = f"trees_{len(TREE_SCALES) - 1}"
+            layout.add(name, middle_m, side * (layout.front_m + balcony_m), random.uniform(0.0, 360.0))
+        x_m += width_m + 0.1
+
+
+def _line_kerb(layout: Layout, block: Block, side: int, zebras: list[float], random: np.random.Generator) -> None:
+    """Place lamps, signs, trees and people who stand along a kerb, in this order where they come too close."""
+    file, line = layout.file, _Line(block, zebras)
+    for zebra_m in zebras:
+        for shift_m in (-3.3, -2.6, 2.6, 3.3):
+            layout.add("bollards", zebra_m + shift_m, side * (layout.kerb_m + 0.35))
+        # The one who drives towards the zebra on this side sees the sign's face.
+        layout.add("signs", zebra_m + side * 4.2, side * (layout.kerb_m + POST_LINE_M), 180.0 if side < 0 else 0.0)
+    for x_m in line.places(file.lamp_spacing_m, random):
+        layout.add("lamp_posts", x_m, side * (layout.kerb_m + POST_LINE_M), -90.0 * side)
+    for x_m in line.places(file.sign_spacing_m, random):
+        layout.add("signs", x_m, side * (layout.kerb_m + POST_LINE_M), 180.0 if side < 0 else 0.0)
+    widest = (KERB_M + file.pavement_m - TREE_LINE_M) / TREE_REACH_M
+    sizes = [number for number, scale in enumerate(TREE_SCALES) if scale <= widest]
+    for x_m in line.places(file.tree_spacing_m, random):
+        name = f"trees_{sizes[random.integers(len(sizes))]}"
+        layout.add(name, x_m, side * (layout.kerb_m + TREE_LINE_M), random.uniform(0.0, 360.0))
+    for x_m in line.places(file.standing_spacing_m, random):
+        y_m = side * (layout.kerb_m + random.uniform(0.7, 1.0))
+        layout.add("pedestrians", x_m, y_m, random.uniform(0.0, 360.0))
+
+
+class _Line:
+    """The line along a kerb of a block, and which places on it are taken."""
+
+    def __init__(self, block: Block, zebras: list[float]) -> None:
+        self._block, self._zebras = block, zebras
+        self._taken_m: list[float] = []
+
+    def places(self, spacing_m: tuple[float, float], random: np.random.Generator) -> Iterator[float]:
+        """Yield places one after the other, those left out that are taken."""
+        x_m = self._block.begin_m + 3.0 + random.random() * spacing_m[0]
+        while x_m < self._block.end_m - 3.0:
+            near_zebra = any(abs(x_m - zebra_m) < 6.0 for zebra_m in self._zebras)
+            if not near_zebra and all(abs(x_m - taken_m) >= FREE_M for taken_m in self._taken_m):
+                self._taken_m.append(x_m)
+                yield x_m
+            x_m += max(random.uniform(*spacing_m), FREE_M)

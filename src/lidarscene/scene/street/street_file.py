@@ -1,0 +1,61 @@
+"""[street]: a street that is made from a seed, as a table of a scene file."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+from pydantic import AfterValidator, Field
+
+from ...files.toml import FileModel
+
+Share = Annotated[float, Field(ge=0, le=1)]
+Spacing = Annotated[float, Field(ge=5, le=1e4)]
+Block = Annotated[float, Field(ge=40, le=1e4)]
+Setback = Annotated[float, Field(ge=0, le=30)]
+Speed = Annotated[float, Field(ge=1, le=40)]
+
+
+def _rising(low_and_high: tuple[float, float]) -> tuple[float, float]:
+    if low_and_high[0] > low_and_high[1]:
+        raise ValueError(f"must be a lowest and a highest value, got {low_and_high[0]:g} and {low_and_high[1]:g}")
+    return low_and_high
+
+
+Shares = Annotated[tuple[Share, Share], AfterValidator(_rising)]
+Spacings = Annotated[tuple[Spacing, Spacing], AfterValidator(_rising)]
+Blocks = Annotated[tuple[Block, Block], AfterValidator(_rising)]
+Setbacks = Annotated[tuple[Setback, Setback], AfterValidator(_rising)]
+Speeds = Annotated[tuple[Speed, Speed], AfterValidator(_rising)]
+
+
+class StreetFile(FileModel):
+    """[street]: a straight street with crossings, and traffic on it. Of two numbers each thing draws one between them.
+
+    The vehicle that carries the sensor drives along x, on the right, from 0 to ``length_m``.
+    """
+
+    seed: Annotated[int, Field(ge=0, le=2**32 - 1)] = Field(default=1, description="of all that is drawn")
+    length_m: Annotated[float, Field(ge=50, le=2e4)] = Field(default=1000.0, description="way of the ego vehicle")
+    lanes: Annotated[int, Field(ge=1, le=3)] = Field(default=1, description="in each direction")
+    lane_width_m: Annotated[float, Field(ge=2.6, le=5)] = Field(default=3.2, description="of each lane")
+    pavement_m: Annotated[float, Field(ge=2.8, le=10)] = Field(default=3.2, description="width of the pavements")
+    block_m: Blocks = Field(default=(90.0, 180.0), description="from crossing to crossing")
+    zebra_share: Share = Field(default=0.6, description="of blocks with a zebra crossing")
+    house_share: Shares = Field(default=(0.7, 1.0), description="of plots with a house, on each side of a block")
+    setback_m: Setbacks = Field(default=(0.0, 2.0), description="from the pavement to a house")
+    parked_share: Shares = Field(default=(0.1, 0.5), description="of bays with a car, on each side of a block")
+    tree_spacing_m: Spacings = Field(default=(12.0, 30.0), description="from tree to tree")
+    lamp_spacing_m: Spacings = Field(default=(25.0, 35.0), description="from lamp post to lamp post")
+    sign_spacing_m: Spacings = Field(default=(40.0, 120.0), description="from sign to sign")
+    standing_spacing_m: Spacings = Field(default=(25.0, 90.0), description="between people who stand")
+    walking_spacing_m: Spacings = Field(default=(60.0, 160.0), description="between people who walk")
+    speed_m_s: Speeds = Field(default=(9.0, 13.0), description="that a driver wants")
+    oncoming_gap_m: Spacings = Field(default=(40.0, 140.0), description="between vehicles on other lanes at the start")
+    ahead: Annotated[int, Field(ge=0, le=5)] = Field(default=1, description="vehicles ahead on the own lane")
+    behind: Annotated[int, Field(ge=0, le=5)] = Field(default=1, description="vehicles behind on the own lane")
+    stop_share: Share = Field(
+        default=0.4, description="of crossings at which the vehicle has to wait for people or cars that cross"
+    )
+    shown_m: Annotated[float, Field(ge=50, le=1000)] = Field(
+        default=180.0, description="distance to the ego vehicle beyond which what moves is hidden"
+    )

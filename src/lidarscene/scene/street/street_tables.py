@@ -1,0 +1,319 @@
+"""Tables of a scene file for a street: bodies with their instances, the ego vehicle's way, light, sensor and camera.
+
+The same tables become a `Scene` at once, or a scene file that people read and edit, with its meshes and the motions
+beside it.
+"""
+
+from __future__ import annotations
+
+import copy
+import functools
+import shutil
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from ... import catalog
+from ...files.atomic import atomic_folder
+from ...files.overrides import toml_text
+from .layout import (
+    CROSS_HALF_M,
+    CROSS_REACH_M,
+    HOUSE_SCALES,
+    KERB_M,
+    PAINTS,
+    STOP_LINE_M,
+    TREE_SCALES,
+    ZEBRA_M,
+    Layout,
+    lay_out,
+)
+from .street_file import StreetFile
+from .traffic import Track, Traffic, drive
+
+Tables = dict[str, Any]
+
+CAR = {
+    "glass": "clear_glass",
+    "tyre": "tyre_rubber",
+    "rim": "brushed_aluminium",
+    "trim": "black_plastic",
+    "headlamp": "lamp_lens",
+    "taillamp": "lamp_lens",
+    "plate": "retroreflective_sheeting",
+    "interior": "leather",
+    "chrome": "chrome",
+}
+HOUSE = {
+    "glass": "clear_glass",
+    "frame": "plaster_white",
+    "concrete": "concrete",
+    "door": "wood",
+    "railing": "galvanised_steel",
+    "roof": "brick",
+    "interior": "plaster_white",
+}
+SHAPES: dict[str, tuple[str, str, dict[str, str], float]] = {
+    **{f"houses_{wall}": ("house", "building", {"brick": wall} | HOUSE, scale) for wall, scale in HOUSE_SCALES.items()},
+    **{
+        f"{group}_{paint}": ("car", "car", {"paint": f"car_paint_{paint}"} | CAR, 1.0)
+        for group in ("cars", "traffic")
+        for paint in PAINTS
+    },
+    "own_car": ("car", "car", {"paint": "car_paint_white"} | CAR, 1.0),
+    **{
+        f"trees_{number}": ("tree", "vegetation", {"bark": "bark", "foliage": "tree_foliage"}, scale)
+        for number, scale in enumerate(TREE_SCALES)
+    },
+    **{
+        name: (
+            "pedestrian",
+            "pedestrian",
+            {"skin": "skin", "clothes": "cotton_cloth", "trousers": "denim", "shoes": "leather", "hair": "hair"},
+            1.0,
+        )
+        for name in ("pedestrians", "walkers")
+    },
+    "signs": (
+        "sign",
+        "sign",
+        {"pole": "galvanised_steel", "sign_face": "retroreflective_sheeting", "sign_back": "brushed_aluminium"},
+        1.0,
+    ),
+    "lamp_posts": (
+        "lamp_post",
+        "pole",
+        {"pole": "galvanised_steel", "head": "black_plastic", "lens": "lamp_lens"},
+        1.0,
+    ),
+    "bollards": ("bollard", "pole", {"bollard": "black_plastic", "band": "retroreflective_sheeting"}, 1.0),
+}
+"""Name of a body -> mesh, class, part to material, scale: as in the shipped scenes."""
+
+RAISED_M = 0.12
+"""Height of pavements and kerbs over the road."""
+
+PAINT_M = 0.003
+"""Thickness of lane markings."""
+
+SOIL_M = (100.0, 160.0)
+
+SURROUNDINGS: Tables = {
+    "sun": {"azimuth_deg": 215.0, "elevation_deg": 48.0, "illuminance_klux": 80.0},
+    "sky": {"diffuse_share": 0.15},
+    "air": {"visibility_km": 15.0, "model": "kruse"},
+    "ground": {"roughness": "B"},
+    "sensor": {"name": "os1-128", "position_m": [0.0, 0.0, 1.75]},
+    "picture": {"eye_m": [-9.0, 0.0, 7.0], "target_m": [14.0, 0.6, 0.5], "fov_deg": 70.0},
+}
+"""Tables that a scene with a street has unless it says otherwise."""
+
+
+def with_street(tables: Mapping[str, Any], file: StreetFile) -> Tables:
+    """Return the tables of a scene file with those of its street added; what the file says itself stays."""
+    street = street_tables(file)
+    bodies = [*street["bodies"], *tables.get("bodies", ())]
+    return {**street, **{key: value for key, value in tables.items() if key != "street"}, "bodies": bodies}
+
+
+@functools.lru_cache(maxsize=4)
+def street_tables(file: StreetFile) -> Tables:
+    """Lay out a street and its traffic as tables of a scene file, which nobody may change."""
+    layout = lay_out(file)
+    traffic = drive(layout)
+    meshes = str(catalog.folder("scenes").parent / "assets" / "meshes")
+    return {
+        **SURROUNDINGS,
+        "ego": {"on_ground": True, "poses": _poses(traffic.ego), "at_end": "hold", "ride": {}},
+        "bodies": [
+            *_grounds(layout),
+            *_markings(layout),
+            *(_standing(name, layout.items[name], meshes) for name in SHAPES if name in layout.items),
+            _shape("own_car", meshes) | {"motion": {"with_ego": True}},
+            *_moving(traffic, meshes),
+        ],
+    }
+
+
+def write_street(file: StreetFile, folder: Path) -> Path:
+    """Write a street as street.toml in ``folder``, with its meshes and its motions beside it; return the scene's path.
+
+    The scene is the one that a ``[street]`` with the same keys gives, number by number. Raises OutputError.
+    """
+    tables = copy.deepcopy(street_tables(file))
+    settings = ", ".join(f"{key} = {toml_text(value)}" for key, value in file.model_dump().items())
+    with atomic_folder(folder) as temporary:
+        for name in ("meshes", "motions"):
+            (temporary / name).mkdir()
+        for body in tables["bodies"]:
+            if "mesh" in body:
+                mesh = Path(body["mesh"])
+                shutil.copyfile(mesh, temporary / "meshes" / mesh.name)
+                body["mesh"] = f"meshes/{mesh.name}"
+        _write_motion(tables["ego"], temporary, "ego")
+        for body in tables["bodies"]:
+            for number, instance in enumerate(body.get("instances", ())):
+                if "motion" in instance:
+                    _write_motion(instance["motion"], temporary, f"{body['name']}_{number}")
+        text = f"# Made by lidarscene street: {settings}\n" + _scene_text({"name": "street"} | tables)
+        (temporary / "street.toml").write_text(text, encoding="utf-8", newline="\n")
+    return folder / "street.toml"
+
+
+def summary_text(file: StreetFile) -> str:
+    """What the street has, in a line."""
+    tables = street_tables(file)
+    counts = Counter(body["name"].split("_")[0] for body in tables["bodies"] for _ in body.get("instances", ()))
+    people, way_s = counts["pedestrians"] + counts["walkers"], tables["ego"]["poses"][-1]["time_s"]
+    return (
+        f"{file.length_m:g} m of driving in {way_s:g} s; {counts['houses']} houses, {counts['cars']} parked cars, "
+        f"{counts['traffic']} cars in traffic, {people} people"
+    )
+
+
+def _write_motion(motion: Tables, folder: Path, name: str) -> None:
+    """Replace the poses of a motion by a file with them."""
+    lines = ["time_s,x_m,y_m,z_m,yaw_deg"]
+    for pose in motion.pop("poses"):
+        x_m, y_m, z_m = pose["position_m"]
+        lines.append(f"{pose['time_s']!r},{x_m!r},{y_m!r},{z_m!r},{pose.get('yaw_deg', 0.0)!r}")
+    text = "\n".join(lines) + "\n"
+    (folder / "motions" / f"{name}.csv").write_text(text, encoding="utf-8", newline="\n")
+    motion["poses_file"] = f"motions/{name}.csv"
+
+
+def _value_text(value: Any) -> str:
+    """Write a value as TOML, tables in a line as people write them."""
+    if isinstance(value, dict):
+        return (
+            "{}"
+            if not value
+            else "{ " + ", ".join(f"{key} = {_value_text(entry)}" for key, entry in value.items()) + " }"
+        )
+    return toml_text(value)
+
+
+def _scene_text(tables: Mapping[str, Any]) -> str:
+    """Write tables as TOML, each instance on a line of its own."""
+    lines = [f"{key} = {_value_text(value)}" for key, value in tables.items() if not isinstance(value, (dict, list))]
+    for key, table in tables.items():
+        if isinstance(table, dict):
+            lines += ["", f"[{key}]", *(f"{name} = {_value_text(value)}" for name, value in table.items())]
+    for body in tables["bodies"]:
+        lines += ["", "[[bodies]]"]
+        for name, value in body.items():
+            if name == "instances":
+                lines += ["instances = [", *(f"    {_value_text(instance)}," for instance in value), "]"]
+            else:
+                lines.append(f"{name} = {_value_text(value)}")
+    return "\n".join(lines) + "\n"
+
+
+def _at(x_m: float, y_m: float, z_m: float = 0.0, yaw_deg: float = 0.0) -> Tables:
+    """Pose, to a millimetre and a hundredth of a degree."""
+    pose: Tables = {"position_m": [round(float(number), 3) + 0.0 for number in (x_m, y_m, z_m)]}
+    return pose | ({"yaw_deg": round(float(yaw_deg), 2)} if yaw_deg else {})
+
+
+def _poses(track: Track) -> list[Tables]:
+    """Poses of a track."""
+    return [
+        {"time_s": round(float(time_s), 3)} | _at(x_m, y_m, 0.0, track.yaw_deg)
+        for time_s, x_m, y_m in zip(track.time_s, track.x_m, track.y_m, strict=True)
+    ]
+
+
+def _shape(name: str, meshes: str) -> Tables:
+    mesh, class_name, materials, scale = SHAPES[name]
+    body = {"name": name, "mesh": f"{meshes}/{mesh}.glb", "class": class_name, "materials": dict(materials)}
+    return body | ({"scale": scale} if scale != 1.0 else {})
+
+
+def _standing(name: str, places: Iterable[tuple[float, float, float]], meshes: str) -> Tables:
+    """Body of a mesh that stands at these places; houses are level, all others on the ground."""
+    body = _shape(name, meshes)
+    if SHAPES[name][1] != "building":
+        body["on_ground"] = True
+    return body | {"instances": [_at(x_m, y_m, 0.0, yaw_deg) for x_m, y_m, yaw_deg in places]}
+
+
+def _moving(traffic: Traffic, meshes: str) -> list[Tables]:
+    """Bodies of all that moves, but for the own car: an instance with a motion for each."""
+    bodies = []
+    for name in dict.fromkeys(sorted(track.name for track in traffic.others)):
+        instances = [
+            {"motion": {"poses": _poses(track), "at_end": "hide"}} for track in traffic.others if track.name == name
+        ]
+        bodies.append(_shape(name, meshes) | {"on_ground": True, "instances": instances})
+    return bodies
+
+
+def _sheet(
+    name: str, class_name: str, material: str, size_m: Sequence[float], places: Sequence[Tables], **keys: Any
+) -> Tables:
+    """Ground at one place or at several."""
+    body = {"name": name, "primitive": "ground", "class": class_name, "material": material}
+    return body | {"size_m": [round(float(length_m), 3) for length_m in size_m], **keys, "instances": list(places)}
+
+
+def _grounds(layout: Layout) -> list[Tables]:
+    """Roads, pavements, kerbs and the soil below all of them."""
+    grounds = []
+    for number, block in enumerate(layout.blocks):
+        length_m, middle_m = block.length_m, 0.5 * (block.begin_m + block.end_m)
+        beside_m = layout.kerb_m + KERB_M + 0.5 * layout.file.pavement_m
+        pavements, kerbs = (
+            [_at(middle_m, side * y_m, RAISED_M) for side in (1, -1)]
+            for y_m in (beside_m, layout.kerb_m + 0.5 * KERB_M)
+        )
+        road = [length_m, 2.0 * layout.kerb_m]
+        grounds += [
+            _sheet(
+                f"road_{number}", "road", "asphalt", road, [_at(middle_m, 0.0)], crown_m=0.08, kerb_m=0.1, spacing_m=0.4
+            ),
+            _sheet(
+                f"pavements_{number}", "pavement", "concrete", [length_m, layout.file.pavement_m], pavements, kerb_m=0.2
+            ),
+            _sheet(f"kerbs_{number}", "kerb", "concrete", [length_m, KERB_M], kerbs, kerb_m=0.2),
+        ]
+    crossing = [_at(crossing.x_m, 0.0) for crossing in layout.crossings if not crossing.is_zebra]
+    if crossing:
+        size_m = [2.0 * CROSS_HALF_M, 2.0 * CROSS_REACH_M]
+        grounds.append(_sheet("cross_roads", "road", "asphalt", size_m, crossing, spacing_m=0.4))
+    count = int((layout.end_m - layout.begin_m) // SOIL_M[0]) + 1
+    soil = [_at(layout.begin_m + (number + 0.5) * SOIL_M[0], 0.0, -0.05) for number in range(count)]
+    return [*grounds, _sheet("soil", "terrain", "soil", SOIL_M, soil, spacing_m=2.0)]
+
+
+def _markings(layout: Layout) -> list[Tables]:
+    """Dashes between lanes, zebras and stop lines."""
+    file = layout.file
+    dashes, stripes, lines = [], [], []
+    for block in layout.blocks:
+        zebras = [crossing for crossing in layout.crossings if crossing.is_zebra]
+        x_m = block.begin_m + 5.0
+        while x_m < block.end_m - 5.0:
+            if all(abs(x_m - zebra.x_m) > 0.5 * ZEBRA_M + STOP_LINE_M + 2.0 for zebra in zebras):
+                y_m = [number * file.lane_width_m for number in range(1 - file.lanes, file.lanes)]
+                dashes += [_at(x_m, y, PAINT_M) for y in y_m]
+            x_m += 6.0
+    for crossing in layout.crossings:
+        if crossing.is_zebra:
+            across = range(-int(layout.kerb_m - 0.5), int(layout.kerb_m - 0.5) + 1)
+            stripes += [_at(crossing.x_m, number, PAINT_M) for number in across]
+        for direction in (1, -1):
+            middle_m = -direction * 0.5 * file.lanes * file.lane_width_m
+            lines.append(_at(crossing.stop_x_m(direction) + 0.2 * direction, middle_m, PAINT_M))
+    keys = {"spacing_m": 0.2, "on_ground": True}
+    width_m = file.lanes * file.lane_width_m - 0.3
+    markings = (
+        ("dashes", [3.0, 0.12], dashes),
+        ("zebras", [ZEBRA_M, 0.5], stripes),
+        ("stop_lines", [0.3, width_m], lines),
+    )
+    return [
+        _sheet(name, "lane_marking", "lane_marking", size_m, places, **keys)
+        for name, size_m, places in markings
+        if places
+    ]

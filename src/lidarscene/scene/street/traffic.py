@@ -1,0 +1,331 @@
+"""Who moves along a street: vehicles on lanes, vehicles and people who cross, people who walk.
+
+Vehicles follow each other by the intelligent driver model (Treiber, Hennecke and Helbing, Phys. Rev. E 62 (2000), 1805)
+(T173, T174), here with steps of `STEP_S`. A crossing at which others cross is closed as the ego vehicle comes near. Who
+cannot stop any more drives on; the others wait at the stop line, as behind a vehicle that stands. Those who cross go
+once nobody is on the crossing, nor about to be, and it opens when they are through. So nobody meets anybody, whatever
+is drawn (`tests/scene/street`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ...maths.arrays import Numbers
+from .layout import CAR_M, CROSS_LANE_M, PAINTS, Crossing, Layout
+
+STEP_S = 0.1
+POSE_STEPS = 5
+"""Steps from pose to pose of a motion."""
+
+ACCELERATION_M_S2, BRAKING_M_S2, HARDEST_M_S2 = 1.5, 2.0, 6.0
+HEADWAY_S, STANDING_GAP_M = 1.5, 2.5
+"""Of a driver: comfortable acceleration and braking; time to the vehicle ahead; distance to it in a queue."""
+
+WILLING_M_S2 = 3.5
+"""Who would have to brake harder than this to stop at a line that closes drives on."""
+
+WALK_M_S = (1.1, 1.6)
+CROSS_M_S = 9.0
+QUEUE_M = 1.5
+"""From a vehicle that waits on a street that crosses to the kerb's line."""
+
+CLEAR_S = 1.0
+"""Time for which a crossing must have been clear before others cross, and after which it opens again."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Track:
+    """Way of one that moves: times [s], x, y [m] at these times, and yaw [degrees].
+
+    name  of the body whose instance it is
+    """
+
+    name: str
+    time_s: Numbers
+    x_m: Numbers
+    y_m: Numbers
+    yaw_deg: float
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Traffic:
+    """All that moves along a street; the ego vehicle's track is first."""
+
+    ego: Track
+    others: Sequence[Track]
+
+
+@dataclass(slots=True, eq=False)
+class _Lane:
+    """Vehicles on one lane, the first one ahead; places along the direction of travel.
+
+    front_m, speed_m_s  (n,) of each vehicle's front, and its speed
+    desired_m_s         (n,)
+    """
+
+    lane: int
+    direction: int
+    front_m: Numbers
+    speed_m_s: Numbers
+    desired_m_s: Numbers
+    names: list[str]
+    history: list[Numbers] = field(default_factory=list)
+
+    def step(self, closed_m: Sequence[float], end_m: float) -> None:
+        """Drive on for a step; ``closed_m`` are stop lines that are closed, along the direction of travel."""
+        ahead_m = np.concatenate([[end_m + CAR_M[0]], self.front_m[:-1]]) - CAR_M[0]
+        ahead_m_s = np.concatenate([[0.0], self.speed_m_s[:-1]])
+        for line_m in closed_m:
+            waits = self.will_stop(line_m) & (line_m < ahead_m)
+            # A line stands for a vehicle whose rear is a queue's gap behind it.
+            ahead_m = np.where(waits, line_m + 0.6 * STANDING_GAP_M, ahead_m)
+            ahead_m_s = np.where(waits, 0.0, ahead_m_s)
+        acceleration = driver_acceleration_m_s2(
+            speed_m_s=self.speed_m_s,
+            desired_m_s=self.desired_m_s,
+            gap_m=ahead_m - self.front_m,
+            closing_m_s=self.speed_m_s - ahead_m_s,
+        )
+        speed_m_s = np.maximum(self.speed_m_s + STEP_S * acceleration, 0.0)
+        self.front_m = self.front_m + 0.5 * STEP_S * (self.speed_m_s + speed_m_s)
+        self.speed_m_s = speed_m_s
+
+    def will_stop(self, line_m: float) -> Numbers:
+        """(n,) whether each vehicle is before a stop line and can still stop there."""
+        room_m = line_m - self.front_m
+        return np.asarray((room_m >= 0.0) & (self.speed_m_s**2 <= 2.0 * WILLING_M_S2 * np.maximum(room_m, 0.05)))
+
+    def keeps_clear(self, line_m: float, end_m: float) -> bool:
+        """Return whether no vehicle is between a stop line and the end of a crossing, or will be without stopping."""
+        before = self.front_m < line_m
+        behind = self.front_m - CAR_M[0] > end_m
+        return bool((behind | (before & self.will_stop(line_m))).all())
+
+
+def driver_acceleration_m_s2(
+    *, speed_m_s: Numbers, desired_m_s: Numbers, gap_m: Numbers, closing_m_s: Numbers
+) -> Numbers:
+    """Acceleration of drivers (T173) who wish for a speed and for a gap to the vehicle ahead (T174).
+
+    gap_m        from a vehicle's front to the rear of the one ahead
+    closing_m_s  by how much it is faster
+    """
+    pace = HEADWAY_S * speed_m_s + speed_m_s * closing_m_s / (2.0 * np.sqrt(ACCELERATION_M_S2 * BRAKING_M_S2))
+    wanted_m = STANDING_GAP_M + np.maximum(pace, 0.0)
+    acceleration = ACCELERATION_M_S2 * (1.0 - (speed_m_s / desired_m_s) ** 4 - (wanted_m / np.maximum(gap_m, 0.1)) ** 2)
+    return np.asarray(np.maximum(acceleration, -HARDEST_M_S2))
+
+
+@dataclass(slots=True)
+class _Closing:
+    """A crossing that closes for the ego vehicle: when others go there, and when it opens."""
+
+    crossing: Crossing
+    duration_s: float
+    clear_s: float = 0.0
+    is_closed: bool = False
+    go_s: float | None = None
+
+    def lines_m(self, direction: int) -> tuple[float, float]:
+        """Stop line and far edge along a direction of travel."""
+        return direction * self.crossing.stop_x_m(direction), direction * self.crossing.stop_x_m(-direction)
+
+    def update(self, now_s: float, ego: _Lane, ego_index: int, lanes: Sequence[_Lane]) -> None:
+        """Close as the ego vehicle comes near enough to wait, let the others go, and open."""
+        line_m, _ = self.lines_m(1)
+        if self.go_s is not None:
+            self.is_closed = now_s < self.go_s + self.duration_s + CLEAR_S
+            return
+        if not self.is_closed:
+            speed_m_s = float(ego.speed_m_s[ego_index])
+            room_m = line_m - float(ego.front_m[ego_index])
+            braking_m = speed_m_s**2 / (2.0 * BRAKING_M_S2)
+            self.is_closed = bool(0.7 * braking_m + 2.0 < room_m < braking_m + 2.0 * speed_m_s + 6.0)
+            return
+        clear = all(lane.keeps_clear(*self.lines_m(lane.direction)) for lane in lanes)
+        self.clear_s = self.clear_s + STEP_S if clear else 0.0
+        if self.clear_s >= CLEAR_S:
+            self.go_s = now_s
+
+
+def drive(layout: Layout) -> Traffic:
+    """Let the traffic of a street go until the ego vehicle has come to its end; the same for the same file."""
+    file = layout.file
+    random = np.random.default_rng([file.seed, 2])
+    lanes = _fill_lanes(layout, random)
+    ego_lane, ego_index = lanes[0], file.ahead
+    closings = _draw_closings(layout, random)
+    # All but the ego vehicle go on to the road's end; it stops where its way ends, and others behind it.
+    ends_m = [_end_of_road_m(layout, lane.direction) for lane in lanes]
+    steps, rested = 0, 0
+    while rested < 20 and steps * STEP_S < 20.0 + file.length_m:
+        for lane in lanes:
+            lane.history.append(lane.front_m)
+        now_s = steps * STEP_S
+        for closing in closings:
+            closing.update(now_s, ego_lane, ego_index, lanes)
+        for lane, end_m in zip(lanes, ends_m, strict=True):
+            closed_m = [closing.lines_m(lane.direction)[0] for closing in closings if closing.is_closed]
+            lane.step(closed_m, end_m)
+        _stop_at_end(ego_lane, ego_index, file.length_m)
+        steps += 1
+        arrived = ego_lane.front_m[ego_index] > file.length_m - 5.0 and ego_lane.speed_m_s[ego_index] < 0.05
+        rested = rested + 1 if arrived else 0
+    for lane in lanes:
+        lane.history.append(lane.front_m)
+    time_s = STEP_S * np.arange(steps + 1)
+    ego_x_m = np.array([front_m[ego_index] for front_m in ego_lane.history]) - 0.5 * CAR_M[0]
+    others: list[Track] = []
+    for lane in lanes:
+        others += _vehicle_tracks(layout, lane, time_s, ego_x_m, skip=ego_index if lane is ego_lane else None)
+    for closing in closings:
+        others += _crossing_tracks(layout, closing, time_s, ego_x_m, random)
+    others += _walking_tracks(layout, time_s, ego_x_m, random)
+    ego = Track("own_car", time_s, ego_x_m, np.full(len(time_s), layout.lane_m(0, 1)), 0.0)
+    return Traffic(ego=_thin(ego), others=others)
+
+
+def _end_of_road_m(layout: Layout, direction: int) -> float:
+    """Where a lane ends along its direction; that of the oncoming ones is beyond all that is shown."""
+    return layout.end_m - 10.0 if direction > 0 else 1e6
+
+
+def _stop_at_end(lane: _Lane, index: int, end_m: float) -> None:
+    """Hold the ego vehicle's speed to what lets it stop where its way ends, at its usual braking."""
+    room_m = max(end_m + 0.5 * CAR_M[0] - float(lane.front_m[index]), 0.0)
+    most_m_s = np.sqrt(2.0 * BRAKING_M_S2 * room_m) if room_m > 0.02 else 0.0
+    lane.speed_m_s[index] = min(float(lane.speed_m_s[index]), most_m_s)
+
+
+def _fill_lanes(layout: Layout, random: np.random.Generator) -> list[_Lane]:
+    """Place the vehicles of all lanes at time 0; the ego vehicle's lane is the first."""
+    file = layout.file
+    lanes = []
+    for direction in (1, -1):
+        for lane in range(file.lanes):
+            if direction > 0 and lane == 0:
+                gaps_m = random.uniform(18.0, 40.0, file.ahead + file.behind)
+                around_m = np.concatenate([[0.0], np.cumsum(gaps_m)])
+                front_m = (around_m - around_m[file.behind])[::-1]
+            else:
+                # Those that the ego vehicle meets later come from beyond the end of its way.
+                reach_m = 2.0 * file.shown_m if direction > 0 else 5.0 * file.length_m + 4.0 * file.shown_m
+                gaps_m = random.uniform(*file.oncoming_gap_m, int(reach_m / np.mean(file.oncoming_gap_m)) + 1)
+                front_m = file.shown_m - np.cumsum(np.maximum(gaps_m, CAR_M[0] + 8.0))
+            count = len(front_m)
+            names = [f"traffic_{PAINTS[number]}" for number in random.integers(len(PAINTS), size=count)]
+            desired_m_s = random.uniform(*file.speed_m_s, count)
+            lanes.append(_Lane(lane, direction, front_m + 0.5 * CAR_M[0], 0.6 * desired_m_s, desired_m_s, names))
+    return lanes
+
+
+def _draw_closings(layout: Layout, random: np.random.Generator) -> list[_Closing]:
+    """Draw the crossings at which the ego vehicle has to wait."""
+    closings = []
+    for crossing in layout.crossings:
+        if random.random() < layout.file.stop_share and 30.0 < crossing.x_m < layout.file.length_m - 20.0:
+            way_m = 2.0 * layout.kerb_m + 2.0
+            duration_s = way_m / WALK_M_S[0] if crossing.is_zebra else _crossing_times(layout)[1]
+            closings.append(_Closing(crossing, duration_s))
+    return closings
+
+
+def _crossing_times(layout: Layout) -> tuple[float, float]:
+    """Distance of a waiting vehicle's middle from that of the street [m]; time until its rear is off the road [s]."""
+    start_m = layout.kerb_m + QUEUE_M + 0.5 * CAR_M[0]
+    way_m = start_m + layout.kerb_m + 0.5 * CAR_M[0]
+    return start_m, float(np.sqrt(2.0 * way_m / ACCELERATION_M_S2)) + 0.5
+
+
+def _thin(track: Track) -> Track:
+    """Return a track with a pose every `POSE_STEPS` steps, its last one included."""
+    rows = np.unique(np.append(np.arange(0, len(track.time_s), POSE_STEPS), len(track.time_s) - 1))
+    return Track(track.name, track.time_s[rows], track.x_m[rows], track.y_m[rows], track.yaw_deg)
+
+
+def _shown(
+    layout: Layout, name: str, time_s: Numbers, x_m: Numbers, y_m: Numbers, ego_x_m: Numbers, yaw_deg: float
+) -> list[Track]:
+    """Return the track while it is near the ego vehicle; none if it never is."""
+    rows = np.flatnonzero(np.abs(x_m - ego_x_m) <= layout.file.shown_m)
+    if len(rows) < 2:
+        return []
+    part = slice(rows[0], rows[-1] + 1)
+    return [_thin(Track(name, time_s[part], x_m[part], y_m[part], yaw_deg))]
+
+
+def _vehicle_tracks(layout: Layout, lane: _Lane, time_s: Numbers, ego_x_m: Numbers, *, skip: int | None) -> list[Track]:
+    """Tracks of the vehicles of a lane, but for one."""
+    middle_m = lane.direction * (np.array(lane.history) - 0.5 * CAR_M[0])
+    y_m = np.full(len(time_s), layout.lane_m(lane.lane, lane.direction))
+    yaw_deg = 0.0 if lane.direction > 0 else 180.0
+    return [
+        track
+        for number, name in enumerate(lane.names)
+        if number != skip
+        for track in _shown(layout, name, time_s, middle_m[:, number], y_m, ego_x_m, yaw_deg)
+    ]
+
+
+def _crossing_tracks(
+    layout: Layout, closing: _Closing, time_s: Numbers, ego_x_m: Numbers, random: np.random.Generator
+) -> list[Track]:
+    """Tracks of the vehicles or people who cross while a crossing is closed."""
+    crossing = closing.crossing
+    # Without a start, if the ego vehicle never came so far, they wait.
+    go_s = np.inf if closing.go_s is None else closing.go_s
+    since_s = np.maximum(time_s - go_s, 0.0)
+    tracks: list[Track] = []
+    if crossing.is_zebra:
+        people, half_m = int(random.integers(1, 4)), layout.kerb_m + 1.0
+        for number in range(people):
+            side, speed_m_s = random.choice([-1.0, 1.0]), random.uniform(*WALK_M_S)
+            y_m = side * np.maximum(half_m - speed_m_s * since_s, -half_m)
+            x_m = np.full(len(time_s), crossing.x_m + 1.2 * (number - 0.5 * (people - 1)))
+            tracks += _shown(layout, "walkers", time_s, x_m, y_m, ego_x_m, -90.0 * side)
+        return tracks
+    start_m, _ = _crossing_times(layout)
+    directions = [(-1.0,), (1.0,), (-1.0, 1.0)][random.integers(3)]
+    for direction in directions:
+        # Speeds up, drives on evenly, and brakes to stand at the end of the street that crosses.
+        way_m = _stop_and_go_m(since_s, start_m + 50.0)
+        y_m, x_m = direction * (way_m - start_m), np.full(len(time_s), crossing.x_m + direction * 0.5 * CROSS_LANE_M)
+        name = f"traffic_{PAINTS[random.integers(len(PAINTS))]}"
+        tracks += _shown(layout, name, time_s, x_m, y_m, ego_x_m, 90.0 * direction)
+    return tracks
+
+
+def _stop_and_go_m(since_s: Numbers, way_m: float) -> Numbers:
+    """Way of a vehicle from rest to rest that speeds up to `CROSS_M_S` and brakes."""
+    rise_s, fall_s = CROSS_M_S / ACCELERATION_M_S2, CROSS_M_S / BRAKING_M_S2
+    even_s = (way_m - 0.5 * CROSS_M_S * (rise_s + fall_s)) / CROSS_M_S
+    end_s = rise_s + even_s + fall_s
+    left_s = np.clip(end_s - since_s, 0.0, None)
+    up_m = 0.5 * ACCELERATION_M_S2 * np.minimum(since_s, rise_s) ** 2
+    even_m = CROSS_M_S * np.clip(since_s - rise_s, 0.0, even_s)
+    return np.asarray(np.where(since_s <= rise_s + even_s, up_m + even_m, way_m - 0.5 * BRAKING_M_S2 * left_s**2))
+
+
+def _walking_tracks(layout: Layout, time_s: Numbers, ego_x_m: Numbers, random: np.random.Generator) -> list[Track]:
+    """Tracks of people who walk along the pavements, each within its block."""
+    tracks: list[Track] = []
+    for block in layout.blocks:
+        for side in (-1, 1):
+            for direction in (-1, 1):
+                speed_m_s = random.uniform(*WALK_M_S)
+                places_m = np.cumsum(random.uniform(*layout.file.walking_spacing_m, 200)) + block.begin_m
+                places_m = places_m[places_m < block.end_m - 5.0]
+                # They are at these places as the ego vehicle passes the block's middle; who comes to its end waits
+                # there in a row.
+                passes_s = time_s[np.argmin(np.abs(ego_x_m - 0.5 * (block.begin_m + block.end_m)))]
+                for number, place_m in enumerate(places_m):
+                    x_m = place_m + direction * speed_m_s * (time_s - passes_s)
+                    low_m, high_m = block.begin_m + 1.0 + number, block.end_m - len(places_m) + number
+                    x_m = np.clip(x_m, low_m, high_m)
+                    y_m = np.full(len(time_s), side * layout.walk_m(direction))
+                    tracks += _shown(layout, "walkers", time_s, x_m, y_m, ego_x_m, 0.0 if direction > 0 else 180.0)
+    return tracks

@@ -1,0 +1,37 @@
+"""`lidarscene street`: the folder it writes, what it prints, and what is refused."""
+
+from pathlib import Path
+
+import pytest
+from helpers.command_line import Run
+
+from lidarscene.scene.scene_file import scene_model
+from lidarscene.scene.street.street_file import StreetFile
+from lidarscene.scene.street.street_tables import street_tables
+
+
+def test_a_street_is_written(run: Run, tmp_path: Path) -> None:
+    ran = run("street", "--length-m", "80", "--seed", "5", "--set", "lanes=2", "-o", "out/street")
+    assert (ran.code, ran.err) == (0, "")
+    assert ran.out.startswith("wrote out/street/street.toml: 80 m of driving in ")
+    folder = tmp_path / "out" / "street"
+    assert {path.name for path in folder.iterdir()} == {"street.toml", "meshes", "motions"}
+    model = scene_model(folder / "street.toml")
+    tables = street_tables(StreetFile(seed=5, length_m=80.0, lanes=2))
+    assert [body.name for body in model.bodies] == [body["name"] for body in tables["bodies"]]
+    assert "seed = 5, length_m = 80.0, lanes = 2" in (folder / "street.toml").read_text()
+
+
+@pytest.mark.parametrize(
+    ("argv", "message"),
+    [
+        (("--length-m", "10", "-o", "out"), r"street]: length_m: must be >= 50, got 10"),
+        (("--set", "lane=2", "-o", "out"), "unknown key 'lane'"),
+        ((), "the following arguments are required: -o/--output"),
+    ],
+)
+def test_mistakes_in_one_line(run: Run, tmp_path: Path, argv: tuple[str, ...], message: str) -> None:
+    ran = run("street", *argv)
+    assert (ran.code, ran.out, ran.err.count("\n")) == (2, "", 1)
+    assert message in ran.err
+    assert not (tmp_path / "out").exists()
