@@ -22,13 +22,14 @@ from lidarscene.cli import main
 from lidarscene.files.toml import FileModel
 from lidarscene.formats.cloud_columns import COLUMNS, columns_of
 from lidarscene.formats.registry import ALL, BAGS, FORMATS
+from lidarscene.studies.design.study_file import QUANTITIES, TRACED, UNITS
 
 pytestmark = pytest.mark.fixed_streams
 
 CONVENTIONS, ARCHITECTURE, VALIDATION = (
     ROOT / "docs" / f"{name}.md" for name in ("conventions", "architecture", "validation")
 )
-KEYS = tuple(ROOT / "docs" / f"{name}.md" for name in ("scene_files", "sensor_files", "materials", "batch"))
+KEYS = tuple(ROOT / "docs" / f"{name}.md" for name in ("scene_files", "sensor_files", "materials", "batch", "design"))
 
 
 # --- links ------------------------------------------------------------------------------------------
@@ -246,7 +247,20 @@ def formats_table() -> str:
     return "\n".join(rows)
 
 
-GENERATED = {"columns": (CONVENTIONS, columns_table), "formats": (ROOT / "docs" / "formats.md", formats_table)}
+def quantities_table() -> str:
+    """Quantities of design studies."""
+    rows = ["| quantity | unit | what it is |", "|---|---|---|"]
+    for name, meaning in QUANTITIES.items():
+        traced = "; traced" if name in TRACED else ""
+        rows.append(f"| `{name}` | {UNITS.get(name, '-')} | {meaning}{traced} |")
+    return "\n".join(rows)
+
+
+GENERATED = {
+    "columns": (CONVENTIONS, columns_table),
+    "formats": (ROOT / "docs" / "formats.md", formats_table),
+    "quantities": (ROOT / "docs" / "design.md", quantities_table),
+}
 """Tables that are written from the code: mark -> page and function."""
 
 
@@ -316,7 +330,7 @@ def values_of(schema: dict[str, Any]) -> str:
         count = f"{least}" if least == most else f"{least} to {most}" if most else f"{least} or more"
         return f"{count if least else 'list'} of {', '.join(words)}"
     if kind == "integer":
-        return f"whole, {bounds_of(schema)}"
+        return ", ".join(filter(None, ["whole", bounds_of(schema)]))
     words = {"number": bounds_of(schema) or "number", "string": "text", "boolean": "true, false"}
     return "date and time" if schema.get("format") == "date-time" else words.get(kind, "table")
 

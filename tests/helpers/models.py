@@ -9,6 +9,7 @@ from lidarscene.materials.material_file import MaterialFile
 from lidarscene.scene.scene_file import SceneFile
 from lidarscene.sensor.rig_file import RigFile
 from lidarscene.sensor.sensor_file import SensorFile
+from lidarscene.studies.design.study_file import StudyFile
 
 
 def models(*roots: type[FileModel]) -> dict[str, type[FileModel]]:
@@ -26,4 +27,4 @@ def models(*roots: type[FileModel]) -> dict[str, type[FileModel]]:
     return by_name
 
 
-MODELS = models(SceneFile, SensorFile, MaterialFile, RigFile, JobFile)
+MODELS = models(SceneFile, SensorFile, MaterialFile, RigFile, JobFile, StudyFile)

@@ -47,6 +47,8 @@ PARSED_ONLY = {
     ),
     "lidarscene fit os2.pcap": "tests/studies/fit/test_recording_fit.py::test_sensor_file_and_page_have_what_was_found",
     "lidarscene paper -o out/paper": "tests/cli/test_paper.py::test_all_files_are_there_and_nothing_else",
+    "lidarscene design aperture": "tests/studies/design/test_design_study.py::test_the_front_is_that_of_a_grid",
+    "lidarscene design my-study.toml": "tests/studies/design/test_design_study.py::test_workers_give_the_same_front",
     "lidarscene catalog check": "tests/sensor/test_sensor_catalogue.py::test_check_prints_every_sensor",
 }
 
@@ -88,7 +90,7 @@ COARSE_JOB = {
 }
 """What `scenes/job.toml` says, and what instead: four frames for twelve."""
 
-OF_STUDIES = ("compare.md", "fov.md", "motion.md", "range.md", "sensors.md", "your_own.md")
+OF_STUDIES = ("compare.md", "design.md", "fov.md", "motion.md", "range.md", "sensors.md", "your_own.md")
 """Pages with commands that take as long as those of all others: two files of tests, for two processes."""
 
 

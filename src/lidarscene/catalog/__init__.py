@@ -1,4 +1,4 @@
-"""The catalogue: sensors, IMUs, materials and scenes as data files, all but scenes with a source for every number.
+"""The catalogue: sensors, IMUs, materials, scenes and design studies as data files; the first three with sources.
 
 Each is a TOML file in a folder of its kind, named after the file; a new one needs no code. This module handles names
 and paths only; `sensor.sensor_file`, `materials.material_file` and `scene.scene_file` read the files.
@@ -13,7 +13,7 @@ from pathlib import Path
 
 from ..errors import InputError, did_you_mean, question
 
-KINDS = ("sensors", "materials", "scenes", "imus")
+KINDS = ("sensors", "materials", "scenes", "imus", "designs")
 
 BESIDE_SCENES = ("job", "rig")
 """Stems of files in the folder of scenes that are no scenes: a job for `batch`, a rig of sensors."""

@@ -16,9 +16,10 @@ from ..files.json_text import json_text
 from .options import CommandOptions, add_options
 from .terminal import Answer
 
-KINDS = ("scene", "sensor", "imu", "rig", "material", "job")
+KINDS = ("scene", "sensor", "imu", "rig", "material", "job", "design")
 
 DISTINCTIVE_KEYS = {
+    "design": {"free", "objectives"},
     "sensor": {"laser", "detector", "tdc", "scanner", "optics"},
     "rig": {"sensors"},
     "imu": {"gyroscope_noise_deg_s_sqrt_hz", "accelerometer_noise_ug_sqrt_hz"},
@@ -32,14 +33,14 @@ def add_catalogue(commands: Any) -> None:
     """Add `catalog`, `schema` and `check`."""
     catalog = commands.add_parser(
         "catalog",
-        help="what sensors, IMUs, materials and scenes there are",
+        help="what sensors, IMUs, materials, scenes and design studies there are",
         description="List the catalogue, print an entry's file, with a source for every number, or check sensors "
         "against what their makers publish.",
     )
     catalog.add_argument(
         "kind",
         nargs="?",
-        choices=("sensors", "imus", "materials", "scenes", "check"),
+        choices=("sensors", "imus", "materials", "scenes", "designs", "check"),
         help="list only these, or check sensors",
     )
     catalog.add_argument("name", metavar="NAME", nargs="?", help="print, or check, this entry")
@@ -54,8 +55,8 @@ def add_catalogue(commands: Any) -> None:
     schema = commands.add_parser(
         "schema",
         help="JSON Schema of a file, for editors",
-        description="Print the JSON Schema of scene, sensor, IMU, material, rig or job files; editors complete and "
-        "check with it.",
+        description="Print the JSON Schema of scene, sensor, IMU, material, rig, job or design files; editors complete "
+        "and check with it.",
     )
     schema.add_argument("kind", choices=KINDS)
     schema.set_defaults(run=schema_text)
@@ -63,7 +64,7 @@ def add_catalogue(commands: Any) -> None:
     check = commands.add_parser(
         "check",
         help="all mistakes of a file at once",
-        description="Read a scene, sensor, rig, material or job file and tell every mistake in it, one a line. "
+        description="Read a scene, sensor, rig, material, job or design file and tell every mistake in it, one a line. "
         "Exit code 2 if there are any.",
     )
     check.add_argument("files", metavar="FILE", nargs="+", type=Path, help="file, or the name of a scene")
@@ -114,6 +115,7 @@ def file_models() -> dict[str, Any]:
     from ..sensor.imu import ImuModelFile
     from ..sensor.rig_file import RigFile
     from ..sensor.sensor_file import SensorFile
+    from ..studies.design.study_file import StudyFile
 
     return {
         "scene": SceneFile,
@@ -122,6 +124,7 @@ def file_models() -> dict[str, Any]:
         "material": MaterialFile,
         "rig": RigFile,
         "job": JobFile,
+        "design": StudyFile,
     }
 
 
@@ -163,7 +166,7 @@ def _mistakes(path: Path, kind: str | None) -> Iterator[str]:
 def _kind_of(tables: dict[str, Any]) -> str:
     """Kind of a file: that with the most of its DISTINCTIVE_KEYS; a scene if there are none."""
     counts = {kind: len(keys & tables.keys()) for kind, keys in DISTINCTIVE_KEYS.items()}
-    order = ("job", "rig", "sensor", "imu", "material")
+    order = ("design", "job", "rig", "sensor", "imu", "material")
     best = max(order, key=lambda kind: counts[kind])
     return best if counts[best] and "bodies" not in tables else "scene"
 
@@ -176,6 +179,7 @@ def _mistakes_in_content(kind: str, path: Path) -> Iterator[str]:
     from ..sensor.imu import read_imu_model
     from ..sensor.rig_file import load_rig
     from ..sensor.sensor_file import read_sensor
+    from ..studies.design.design_study import load_study
 
     readers: dict[str, Any] = {
         "scene": load_scene,
@@ -183,6 +187,7 @@ def _mistakes_in_content(kind: str, path: Path) -> Iterator[str]:
         "imu": read_imu_model,
         "rig": load_rig,
         "material": read_material,
+        "design": load_study,
         "job": read_job,
     }
     try:

@@ -19,6 +19,7 @@ from ..errors import InputError, LidarSceneError, did_you_mean
 from .batch import add_batch
 from .catalog_commands import add_catalogue
 from .compare import add_compare
+from .design import add_design
 from .fov import add_fov
 from .ranging import add_commands
 from .recordings.fit import add_fit
@@ -124,6 +125,7 @@ def _parser() -> argparse.ArgumentParser:
         add_commands,
         add_fov,
         add_compare,
+        add_design,
         add_view,
         add_catalogue,
         add_street,

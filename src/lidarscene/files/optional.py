@@ -23,6 +23,7 @@ EXTRAS = {
     "ouster": {"ouster.sdk": "ouster-sdk"},
     "velodyne": {"velodyne_decoder": "velodyne-decoder", "yaml": "pyyaml"},
     "hesai": {"hydra4": "hydra4"},
+    "design": {"pymoo": "pymoo"},
 }
 """Group of pyproject.toml -> {module that is imported: package that brings it}."""
 

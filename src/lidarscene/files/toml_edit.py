@@ -17,16 +17,19 @@ DIGITS = 6
 KeyPath = tuple[str, ...]
 
 
-def put_values(text: str, values: Mapping[KeyPath, Any]) -> str:
-    """Put a value under each path; tables that the file lacks are added."""
+def put_values(text: str, values: Mapping[KeyPath, Any], *, digits: int = DIGITS) -> str:
+    """Put a value under each path; tables that the file lacks are added. Numbers get this many significant digits."""
     document = tomlkit.parse(text)
     for path, value in values.items():
         table: Any = document
         for name in path[:-1]:
+            if isinstance(table, list):  # of tables
+                table = table[int(name)]
+                continue
             if name not in table:
                 table.append(name, tomlkit.table())
             table = table[name]
-        table[path[-1]] = _rounded(value)
+        table[path[-1]] = _rounded(value, digits)
     return tomlkit.dumps(document)
 
 
@@ -50,7 +53,7 @@ def _at(node: Any, path: KeyPath) -> Any:
     return node
 
 
-def _rounded(value: Any) -> Any:
+def _rounded(value: Any, digits: int) -> Any:
     if isinstance(value, list):
-        return [_rounded(number) for number in value]
-    return float(f"{value:.{DIGITS}g}") if isinstance(value, float) else value
+        return [_rounded(number, digits) for number in value]
+    return float(f"{value:.{digits}g}") if isinstance(value, float) else value

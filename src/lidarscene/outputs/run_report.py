@@ -12,6 +12,7 @@ from typing import Any
 from .. import catalog
 from ..detection.outcomes import OUTCOME_TEXT as OUTCOME_TEXT
 from ..detection.outcomes import Outcome
+from ..files.toml import read_toml
 from ..kernel.device.profile import KernelHistory, peak_memory_bytes
 from ..materials.material_file import catalogue_material
 from ..rendering.simulator import Summary
@@ -107,6 +108,8 @@ def catalog_text(kind: str) -> str:
             lines.append(f"  {name:<26} {load_sensor(name).description}")
         elif kind == "imus":
             lines.append(f"  {name:<26} {imu_model(name).description}")
+        elif kind == "designs":
+            lines.append(f"  {name:<26} {read_toml(catalog.path_of(kind, name)).get('name', '')}")
         elif kind == "scenes":
             lines.append(f"  {name:<26} {scene_model(catalog.path_of(kind, name)).description}")
         else:

@@ -7,6 +7,7 @@ ranging           range limits, SNR and their statistics over any axis
 field_of_view     what a scan pattern covers, how densely, how soon
 eye_safety        class 1 by IEC 60825-1
 compare           different sensors on one scene
+design            the best values of free keys, under constraints
 paper             the claims of the paper, recomputed
 budget            the link budget of points
 held              quantities held to limits, the table of all limits

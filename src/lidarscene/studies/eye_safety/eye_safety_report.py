@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal
 
 from ...errors import InputError
@@ -82,6 +82,16 @@ class EyeSafetyReport:
     def class_1_peak_power_w(self) -> float:
         """Peak power at which the limiting criterion is just met; emissions are linear in it."""
         return self.peak_power_w * self.margin
+
+    def at_power_w(self, peak_power_w: float) -> EyeSafetyReport:
+        """The same report for another peak power: every emission is linear in it, and no limit depends on it."""
+        ratio = peak_power_w / self.peak_power_w
+        criteria = tuple(
+            replace(criterion, simulated=(criterion.simulated or 0.0) * ratio, value=margin_of(criterion) / ratio)
+            for criterion in self.criteria
+        )
+        energy_j = self.pulse_energy_j * ratio
+        return replace(self, peak_power_w=peak_power_w, pulse_energy_j=energy_j, criteria=criteria)
 
     def as_dict(self) -> dict[str, Any]:
         """Fields for JSON."""

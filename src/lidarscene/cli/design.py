@@ -1,0 +1,61 @@
+"""The command `design`: a study file in; the designs that no other beats, as a page, tables and sensor files."""
+
+from __future__ import annotations
+
+import argparse
+from pathlib import Path
+from typing import Any
+
+from ..rendering.option_fields import Whole
+from .options import CommandOptions, add_options
+from .terminal import progress
+from .words import whole_number
+
+DESIGN_HELP = """\
+examples:
+  lidarscene design gain -o out/gain
+  lidarscene design aperture -o out/aperture
+  lidarscene design my-study.toml -o out/study --workers 2
+
+A run that was broken off goes on where it was. docs/design.md has the study file and its quantities.
+"""
+
+
+def add_design(commands: Any) -> None:
+    """Add `design`."""
+    command = commands.add_parser(
+        "design",
+        help="the best lidar for a task: free keys, objectives and constraints in; a front of designs out",
+        epilog=DESIGN_HELP,
+        description="Search the values of free keys for the best designs under constraints, such as class 1.",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    command.add_argument("study", metavar="STUDY", help="name of a shipped study, or a study file (.toml)")
+    add_options(command, CommandOptions, output="index.html, front.csv and designs/*.toml in it")
+    command.add_argument(
+        "--workers",
+        metavar="N",
+        type=whole_number(Whole(1, 1024)),
+        help="processes of this machine, for what is traced (default: this one alone)",
+    )
+    add_options(command, CommandOptions, "json", "quiet")
+    command.set_defaults(run=design_text)
+
+
+def design_text(arguments: argparse.Namespace) -> str:
+    """Run `design`; returns the text to print. Raises InputError and OutputError before anything is searched."""
+    from .. import catalog
+    from ..studies.design.design_study import run_study
+
+    path = Path(arguments.study) if arguments.study.endswith(".toml") else catalog.path_of("designs", arguments.study)
+    with progress("designs") as report:
+        if arguments.workers is None:
+            return run_study(path, arguments.output, as_json=arguments.json, progress=report)
+        from ..batch import cluster
+        from ..studies.design.workers import on_workers
+
+        cluster.require_packages(local=True)
+        threads = max(cluster.usable_cores() // arguments.workers, 1)
+        with cluster.local_client(arguments.workers) as client:
+            evaluate = on_workers(client, path, threads=threads)
+            return run_study(path, arguments.output, evaluate=evaluate, as_json=arguments.json, progress=report)

@@ -1,0 +1,332 @@
+"""Entry point of design studies: `run_study` reads a study file, searches, and writes a front of designs.
+
+The command `design` and Python users call it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+import shutil
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ..._version import __version__
+from ...errors import InputError
+from ...figures import pictures
+from ...figures.lines import Chart, Line, Mark
+from ...figures.report import Figure, Report, text_table
+from ...files.atomic import put_text, require_writable
+from ...files.json_text import json_text
+from ...files.overrides import key_path, number_list_entries
+from ...files.toml import read_toml, validate
+from ...files.toml_edit import put_values
+from ...maths.units import split_unit
+from .designs import DesignSpace, files_of_base
+from .optimum import Limits, limits_of
+from .quantities import Evaluator
+from .search import EvaluateAll, Log, Tried, alone, front, is_feasible, losses, record_line, search, slacks
+from .study_file import QUANTITIES, UNITS, QuantityFile, StudyFile
+
+EVALUATIONS = "evaluations.jsonl"
+PAGES = ("index.html", "index.md", "design.json")
+ALL_DIGITS = 17
+"""Significant digits that give the same double back: a rounded power would miss class 1."""
+MOST_FILES = 50
+"""Designs of a front that become sensor files."""
+
+
+def load_study(path: Path) -> tuple[StudyFile, Evaluator]:
+    """Read a study file and all that it names. Raises InputError."""
+    study = validate(StudyFile, read_toml(path), str(path))
+    space = DesignSpace.from_study(study, path.parent, str(path))
+    return study, Evaluator(study, space, path.parent, str(path))
+
+
+def run_study(
+    path: Path,
+    folder: Path,
+    *,
+    evaluate: EvaluateAll | None = None,
+    as_json: bool = False,
+    progress: Callable[[int, int], object] = lambda count, total: None,
+) -> str:
+    """Search the designs of a study and write them; returns the text to print. Raises InputError, OutputError.
+
+    folder    for index.html, index.md, design.json, the front's table and charts, and sensor files in designs/; it also
+              has all evaluations, from which a run that was broken off goes on
+    evaluate  computes the quantities of several designs; by default one after the other in this process
+    """
+    study, evaluator = load_study(path)
+    for name in (*PAGES, EVALUATIONS):
+        require_writable(folder / name)
+    folder.mkdir(parents=True, exist_ok=True)
+    record, head = folder / EVALUATIONS, _head(path, study, evaluator.space)
+    log = Log(study=study, space=evaluator.space, evaluate=evaluate or alone(evaluator), progress=progress)
+    if record.exists():
+        lines = record.read_text(encoding="utf-8").splitlines()
+        if lines[:1] != [head]:
+            raise InputError(f"{record}: must be of this study, got another's; give another folder or remove the file")
+        log.read(record)
+    entries = [head, *(record_line(known) for known in log.recorded.values())]
+    put_text(record, "\n".join(entries) + "\n")  # without a line that was cut off
+    with record.open("a", encoding="utf-8") as file:
+        log.file = file
+        tried = search(log)
+    best = front(study, tried)
+    if not best:
+        raise InputError(f"{path}: {_none_feasible(study, tried)}")
+    chosen = best[knee(study, best)]
+    limits = limits_of(study, evaluator.space, chosen, evaluator)
+    numbers = _write(folder, study, evaluator, tried, best, chosen, limits)
+    return json_text(numbers) if as_json else _text(folder, numbers)
+
+
+def knee(study: StudyFile, best: Sequence[Tried]) -> int:
+    """Number of the design of a front that is nearest to the best of all objectives, each over its span."""
+    values = np.array([losses(study, design) for design in best])
+    span = np.ptp(values, axis=0)
+    return int(np.argmin(np.linalg.norm((values - values.min(axis=0)) / np.where(span > 0.0, span, 1.0), axis=1)))
+
+
+def _head(path: Path, study: StudyFile, space: DesignSpace) -> str:
+    """First line of the record: what the evaluations depend on."""
+    tables = {label: [base.tables for base in bases] for label, bases in space.bases.items()}
+    text = json.dumps([study.model_dump(mode="json"), tables, __version__], sort_keys=True, default=str)
+    scene = path.parent / (study.scene or "")
+    content = scene.read_bytes() if study.scene and scene.is_file() else b""
+    return json.dumps({"study": hashlib.sha256(text.encode() + content).hexdigest()})
+
+
+def _none_feasible(study: StudyFile, tried: Sequence[Tried]) -> str:
+    """Line that says why no design is feasible: the bound that is broken least in the best one, or the first reason."""
+    possible = [design for design in tried if not design.reason]
+    if not possible:
+        return f"no sensor can be built; the first: {tried[0].reason}"
+    nearest = max(possible, key=lambda design: min(slacks(study, design).values()))
+    bound, slack = min(slacks(study, nearest).items(), key=lambda entry: entry[1])
+    return f"no design of {len(tried)} meets all constraints; the nearest misses {bound} by {-100.0 * slack:.3g} %"
+
+
+def _write(
+    folder: Path,
+    study: StudyFile,
+    evaluator: Evaluator,
+    tried: Sequence[Tried],
+    best: Sequence[Tried],
+    chosen: Tried,
+    limits: Limits | None,
+) -> dict[str, Any]:
+    """Write page, data and sensor files; returns the numbers of the result."""
+    report = Report(study.name or "Design study", folder, embeds=False)
+    places = {"chosen": best.index(chosen)}
+    if len(best) > 1:
+        for place, name in enumerate(study.objectives):
+            places[f"best {name}"] = int(np.argmin([losses(study, design)[place] for design in best]))
+    safety = _eye_safety(evaluator, chosen)
+    report.paragraph(_verdict(study, tried, best, chosen))
+    report.table(*_designs_table(study, evaluator.space, best, places))
+    for text in (*_limits_text(study, chosen, limits), *safety.values()):
+        report.paragraph(text)
+    report.heading("Front" if len(best) > 1 else "Search")
+    for figure in _figures(study, tried, best, chosen):
+        report.figure(figure)
+    header = [*study.objectives, *study.constraints, *(free.key for free in evaluator.space.free)]
+    report.data("front", (header, [_row(study, evaluator.space, design) for design in best]))
+    if study.is_traced:
+        report.heading("Clouds")
+        report.pictures(_clouds(folder, evaluator, best, places))
+    report.write(*PAGES[:2])
+    files = [_write_sensors(folder, evaluator.space, best[place], place) for place in _files(best, places)]
+    numbers = {
+        "study": study.name,
+        "evaluations": len(tried),
+        "impossible": sum(bool(design.reason) for design in tried),
+        "chosen": _numbers(chosen),
+        "verdict": _verdict(study, tried, best, chosen),
+        "limits": None if limits is None else {"costs": limits.costs, "held": limits.held, "optimum": limits.stands},
+        "eye_safety": safety,
+        "front": [_numbers(design) for design in best],
+        "files": [name for names in files for name in names],
+    }
+    report.write(PAGES[2], numbers=numbers)
+    return numbers
+
+
+def _numbers(design: Tried) -> dict[str, Any]:
+    return {"values": dict(design.values), "quantities": dict(design.quantities)}
+
+
+def _row(study: StudyFile, space: DesignSpace, design: Tried) -> list[Any]:
+    quantities = [design.quantities[name] for name in (*study.objectives, *study.constraints)]
+    return [*quantities, *(design.values.get(free.key, "") for free in space.free)]
+
+
+def _verdict(study: StudyFile, tried: Sequence[Tried], best: Sequence[Tried], chosen: Tried) -> str:
+    """The result in a sentence, with what it rests on."""
+    reached = ", ".join(
+        f"{name} {_short(chosen.quantities[name])} {_unit(entry)}".rstrip() for name, entry in study.objectives.items()
+    )
+    values = ", ".join(f"{key} = {_short(value)}" for key, value in chosen.values.items())
+    among = "the best" if len(best) == 1 else f"the middle of a front of {len(best)}"
+    return f"{reached} with {values}: {among} among {len(tried)} designs tried{_rests_on(study)}."
+
+
+def _rests_on(study: StudyFile) -> str:
+    bounds = [
+        f"{name} {words} {bound:g}"
+        for name, entry in study.constraints.items()
+        for words, bound in (("at least", entry.at_least), ("at most", entry.at_most))
+        if bound is not None
+    ]
+    return f", under {' and '.join(bounds)}" if bounds else ""
+
+
+def _designs_table(
+    study: StudyFile, space: DesignSpace, best: Sequence[Tried], places: dict[str, int]
+) -> tuple[Sequence[str], list[list[str]]]:
+    header = ["", *places]
+    rows = [[key, *(_short(best[place].values.get(key, "-")) for place in places.values())] for key in _keys(space)]
+    for name, entry in {**study.objectives, **study.constraints}.items():
+        cells = [_short(best[place].quantities[name]) for place in places.values()]
+        of = "" if name == entry.quantity_name else f" ({entry.quantity_name})"
+        rows.append([" ".join(filter(None, [f"{name}{of}", _unit(entry)])), *cells])
+    return header, rows
+
+
+def _unit(entry: QuantityFile) -> str:
+    """Unit of a quantity, or of the key of a sensor file; "" without."""
+    name = entry.quantity_name
+    if name in QUANTITIES:
+        return UNITS.get(name, "")
+    return split_unit(name)[1]
+
+
+def _label(study: StudyFile, name: str) -> str:
+    unit = _unit(study.objectives[name])
+    return f"{name} [{unit}]" if unit else name
+
+
+def _keys(space: DesignSpace) -> list[str]:
+    return [free.key for free in space.free]
+
+
+def _limits_text(study: StudyFile, chosen: Tried, limits: Limits | None) -> list[str]:
+    """Sentences on the ends of ranges and the costs of constraints."""
+    if limits is None:
+        return []
+    first = next(iter(study.objectives))
+    texts = []
+    if limits.held:
+        texts.append(f"At an end of its range: {', '.join(limits.held)}. A wider range would give a better design.")
+    costs = [f"{bound}: {cost:.3g} % of {first}" for bound, cost in limits.costs.items() if cost > 0.0]
+    if costs and limits.stands:
+        texts.append(f"A constraint that gives way by 1 % of its bound would improve {first} by: {'; '.join(costs)}.")
+    if not limits.stands:
+        texts.append("No constraint holds this design where it is: more evaluations would find a better one.")
+    return texts
+
+
+def _eye_safety(evaluator: Evaluator, chosen: Tried) -> dict[str, str]:
+    """Sentence on the limiting criterion of eye safety of each sensor of a design, by label."""
+    texts = {}
+    for label, sensor in evaluator.space.sensors(chosen.values).items():
+        try:
+            report = evaluator.eye_safety(sensor, "scanned")
+        except InputError as error:
+            texts[label] = f"Eye safety of the chosen design: {error}."
+            continue
+        limiting = report.limiting
+        texts[label] = (
+            f"Eye safety of the chosen design{f' {label}' if label else ''}, beam scanning: {report.verdict}; "
+            f"{limiting.quantity} limits ({limiting.subject}), margin {report.margin:.3g}."
+        )
+    return texts
+
+
+def _figures(study: StudyFile, tried: Sequence[Tried], best: Sequence[Tried], chosen: Tried) -> list[Figure]:
+    """Front of each pair with the first objective; of one objective, the best so far over the evaluations."""
+    names = list(study.objectives)
+    if len(names) == 1:
+        sign = study.objectives[names[0]].sign
+        feasible = [float(losses(study, design)[0]) if is_feasible(study, design) else math.inf for design in tried]
+        lowest = sign * np.minimum.accumulate(feasible)
+        counts = np.arange(1.0, len(tried) + 1.0)
+        chart = Chart(
+            lines=(Line(label="best so far", x=counts, y=lowest),),
+            x_label="designs tried",
+            y_label=_label(study, names[0]),
+            title=study.name,
+        )
+        data = (("designs", names[0]), list(zip(counts.tolist(), lowest.tolist(), strict=True)))
+        return [Figure("search", chart, data, "Best feasible design over the number of designs that were tried.")]
+    figures = []
+    for other in names[1:] if len(best) > 1 else ():
+        x = np.array([design.quantities[other] for design in best])
+        y = np.array([design.quantities[names[0]] for design in best])
+        order = np.argsort(x, kind="stable")
+        chart = Chart(
+            lines=(Line(label="front", x=x[order], y=y[order]),),
+            x_label=_label(study, other),
+            y_label=_label(study, names[0]),
+            title=study.name,
+            marks=(Mark(x=chosen.quantities[other], y=chosen.quantities[names[0]], text="chosen", colour=1),),
+        )
+        data = ((other, names[0]), list(zip(x[order].tolist(), y[order].tolist(), strict=True)))
+        caption = f"No design that was tried has both a better {names[0]} and a better {other}."
+        figures.append(Figure(f"front-{other}", chart, data, caption))
+    return figures
+
+
+def _clouds(folder: Path, evaluator: Evaluator, best: Sequence[Tried], places: dict[str, int]) -> list[tuple[str, str]]:
+    """Draw the clouds of the chosen and the extreme designs, first sensor each; name and caption of each picture."""
+    captioned = []
+    for words, place in places.items():
+        for label, cloud in evaluator.clouds(best[place].values).items():
+            name = "-".join(["cloud", *words.split(), *([label] if label else [])])
+            pictures.perspective_picture(cloud, folder / f"{name}.png", size_px=(1280, 720))
+            captioned.append((name, f"{words}{f', {label}' if label else ''}: {len(cloud)} points."))
+    return captioned
+
+
+def _files(best: Sequence[Tried], places: dict[str, int]) -> list[int]:
+    """Places of the designs that become files: all of a short front; else the named ones and others evenly between."""
+    even = np.unique(np.linspace(0, len(best) - 1, min(len(best), MOST_FILES)).round().astype(int)).tolist()
+    return sorted({*even, *places.values()})
+
+
+def _write_sensors(folder: Path, space: DesignSpace, design: Tried, place: int) -> list[str]:
+    """Write the sensor files of a design, ready to render; returns their names."""
+    names = []
+    for label, (base, changes) in space.chosen(design.values).items():
+        assert base.path is not None
+        values = {
+            tuple(number_list_entries(key_path(key), base.tables)): value
+            for key, value in {**base.settings, **changes}.items()
+        }
+        name = "-".join([f"designs/{place + 1:03}", *([label] if label else [])]) + ".toml"
+        (folder / "designs").mkdir(exist_ok=True)
+        put_text(folder / name, put_values(base.path.read_text(encoding="utf-8"), values, digits=ALL_DIGITS))
+        for file in files_of_base(base):
+            shutil.copyfile(file, folder / "designs" / file.name)
+        names.append(name)
+    return names
+
+
+def _short(value: Any) -> str:
+    return f"{value:.5g}" if isinstance(value, float) else str(value)
+
+
+def _text(folder: Path, numbers: dict[str, Any]) -> str:
+    chosen = numbers["chosen"]
+    rows = [[key, _short(value)] for key, value in (chosen["values"] | chosen["quantities"]).items()]
+    count = len(numbers["front"])
+    front_text = f"front of {count} designs in" if count > 1 else "design in"
+    lines = [numbers["verdict"], "", text_table(("chosen design", ""), rows, "<>"), ""]
+    lines += numbers["eye_safety"].values()
+    lines.append(f"wrote {folder / 'index.html'}, {front_text} {folder / 'front.csv'}, sensors in {folder / 'designs'}")
+    return "\n".join(lines)

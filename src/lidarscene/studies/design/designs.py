@@ -1,0 +1,252 @@
+"""Designs: points of the search as values of keys, and the sensors that they make."""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from ... import catalog
+from ...errors import InputError, did_you_mean
+from ...files.overrides import assignments, get_entry, key_path, number_list_entries, with_overrides
+from ...files.toml import read_toml
+from ...maths.arrays import Numbers
+from ...sensor.sensor_file import files_of_sensor, sensor_from_tables
+from ...sensor.sensor_model import Sensor
+from ..ranging.sweep_axes import numeric_keys
+from .study_file import FreeFile, StudyFile
+
+NO_SENSOR = "none"
+"""Base of a sensor that is left out."""
+
+_BASE = "sensor"
+"""Name of the free choice of a base."""
+
+Values = Mapping[str, Any]
+"""Value of each free key."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Free:
+    """Free key and its values; the search sees a share from 0 to 1 of the way from the first to the last.
+
+    key     key of the sensor file, after "LABEL:" or "BASE:" if it is not that of all sensors
+    values  all values of a key that has a finite number; () if it is continuous, from low to high
+    """
+
+    key: str
+    low: float = 0.0
+    high: float = 1.0
+    log: bool = False
+    values: tuple[Any, ...] = ()
+
+    @property
+    def is_continuous(self) -> bool:
+        """Whether the key takes any value in between."""
+        return not self.values
+
+    def value(self, share: float) -> Any:
+        """Value at a share."""
+        if self.values:
+            return self.values[min(int(share * len(self.values)), len(self.values) - 1)]
+        value = self.low * (self.high / self.low) ** share if self.log else self.low + share * (self.high - self.low)
+        return min(max(value, self.low), self.high)
+
+    def share(self, value: Any) -> float:
+        """Share of a value."""
+        if self.values:
+            return (self.values.index(value) + 0.5) / len(self.values)
+        if self.log:
+            return math.log(value / self.low) / math.log(self.high / self.low)
+        return float((value - self.low) / (self.high - self.low))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Base:
+    """Sensor file that a design starts from.
+
+    settings  values that the study sets, by key
+    tables    its tables with these values; None for a sensor that is left out
+    """
+
+    name: str
+    path: Path | None = None
+    settings: Mapping[str, Any]
+    tables: dict[str, Any] | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class DesignSpace:
+    """All designs of a study: bases by label, and free keys."""
+
+    bases: Mapping[str, Sequence[Base]]
+    free: tuple[Free, ...]
+
+    @classmethod
+    def from_study(cls, study: StudyFile, folder: Path, where: str) -> DesignSpace:
+        """Read the sensor files and check the free keys. Raises InputError.
+
+        folder  of the study file
+        where   study file, for messages
+        """
+        bases = {
+            label: [_read_base(name, placed.set, folder, where) for name in placed.bases]
+            for label, placed in study.placed.items()
+        }
+        if all(base.tables is None for base in itertools.chain(*bases.values())):
+            raise InputError(f'{where}: sensor: must be a sensor, got only "{NO_SENSOR}"')
+        choices = [
+            Free(key=_joined(label, _BASE), values=tuple(base.name for base in alternatives))
+            for label, alternatives in bases.items()
+            if len(alternatives) > 1
+        ]
+        keys = [_free_key(key, entry, bases, f"{where}: free.{key}") for key, entry in study.free.items()]
+        return cls(bases=bases, free=(*choices, *keys))
+
+    def values(self, shares: Numbers) -> dict[str, Any]:
+        """Values of the free keys at these shares; without keys of bases that are not chosen."""
+        values = {free.key: free.value(float(share)) for free, share in zip(self.free, shares, strict=True)}
+        chosen = {label: values.get(_joined(label, _BASE), bases[0].name) for label, bases in self.bases.items()}
+        present = {label for label, name in chosen.items() if name != NO_SENSOR}
+        prefixes = {"", *present, *chosen.values()} - {NO_SENSOR}
+        return {
+            key: value
+            for key, value in values.items()
+            for prefix, plain in [_split(key)]
+            if plain == _BASE or prefix in prefixes
+        }
+
+    def chosen(self, values: Values) -> dict[str, tuple[Base, dict[str, Any]]]:
+        """Base and changed keys of each sensor of a design, by label; without those that are left out."""
+        sensors = {}
+        for label, alternatives in self.bases.items():
+            name = values.get(_joined(label, _BASE), alternatives[0].name)
+            base = next(base for base in alternatives if base.name == name)
+            if base.tables is not None:
+                changes = [
+                    (key, values[free.key])
+                    for free in self.free
+                    for prefix, key in [_split(free.key)]
+                    if key != _BASE and free.key in values and prefix in ("", label, base.name)
+                ]
+                sensors[label] = base, _merged(base.tables, changes)
+        return sensors
+
+    def sensors(self, values: Values) -> dict[str, Sensor]:
+        """Sensors of a design by label. Raises InputError where a value is out of bounds."""
+        return {
+            label: sensor_from_tables(
+                base.tables or {}, where=base.name, overrides=assignments(changes), folder=_folder(base.path)
+            )
+            for label, (base, changes) in self.chosen(values).items()
+        }
+
+
+def files_of_base(base: Base) -> list[Path]:
+    """Files that a base names, such as patterns, without itself."""
+    return [] if base.path is None else list(files_of_sensor(base.path))[1:]
+
+
+def _folder(path: Path | None) -> Path:
+    return Path() if path is None else path.parent
+
+
+def _read_base(name: str, settings: Mapping[str, Any], folder: Path, where: str) -> Base:
+    if name == NO_SENSOR:
+        return Base(name=name, settings=settings)
+    settings = {
+        key: value for text, value in settings.items() for prefix, key in [_split(text)] if prefix in ("", name)
+    }
+    try:
+        path = folder / name if name.endswith(".toml") else catalog.path_of("sensors", name)
+        tables = with_overrides(read_toml(path), assignments(settings))
+        sensor_from_tables(tables, where=name, folder=path.parent)
+    except InputError as error:
+        raise InputError(f"{where}: sensor: {error}") from None
+    return Base(name=name, path=path, settings=settings, tables=tables)
+
+
+def _joined(label: str, key: str) -> str:
+    return f"{label}:{key}" if label else key
+
+
+def _split(key: str) -> tuple[str, str]:
+    """Label or base, "" if none, and key."""
+    prefix, colon, rest = key.rpartition(":")
+    return (prefix, rest) if colon else ("", key)
+
+
+def _free_key(key: str, entry: FreeFile, bases: Mapping[str, Sequence[Base]], where: str) -> Free:
+    prefix, plain = _split(key)
+    prefixes = {name for name in bases if name} | {base.name for base in itertools.chain(*bases.values())}
+    if prefix and prefix not in prefixes:
+        raise InputError(f"{where}: must start with one of {', '.join(sorted(prefixes))}, got '{prefix}'")
+    whole = False
+    for label, alternatives in bases.items():
+        for base in alternatives:
+            if base.tables is not None and prefix in ("", label, base.name):
+                known = numeric_keys(base.tables)
+                if plain in known:
+                    whole = known[plain].whole
+                elif entry.choices is None and not has_number(base.tables, plain):
+                    hint = did_you_mean(plain, list(known))
+                    raise InputError(f"{where}: {base.name} has no number of that name; {hint}".rstrip("; "))
+    if entry.choices is not None:
+        return Free(key=key, values=entry.choices)
+    assert entry.low is not None
+    assert entry.high is not None
+    if entry.step is None and not whole:
+        return Free(key=key, low=entry.low, high=entry.high, log=entry.log)
+    step = entry.step or 1.0
+    count = math.floor((entry.high - entry.low) / step + 1e-9) + 1
+    values = [entry.low + step * number for number in range(count)]
+    if whole:
+        if any(value != round(value) for value in values):
+            raise InputError(f"{where}: must be whole numbers, got low {entry.low:g} and step {step:g}")
+        values = [int(value) for value in values]
+    return Free(key=key, values=tuple(values))
+
+
+def _entry_number(key: str) -> tuple[str, int | None]:
+    """Key and number of an entry of its list: `mounting.position_m[2]`; None for a plain key."""
+    plain, bracket, number = key.partition("[")
+    return (plain, int(number[:-1])) if bracket and number[:-1].isdecimal() and number.endswith("]") else (key, None)
+
+
+def _list_of(tables: Mapping[str, Any], key: str) -> list[Any] | None:
+    """List under a key; the origin for a position that the file leaves out."""
+    value: Any = tables
+    for part in key_path(key):
+        value = value.get(part) if isinstance(value, Mapping) else None
+    if value is None and key == "mounting.position_m":
+        return [0.0, 0.0, 0.0]
+    return list(value) if isinstance(value, (list, tuple)) else None
+
+
+def has_number(tables: Mapping[str, Any], key: str) -> bool:
+    """Whether a sensor file has a number under a key, also within lists."""
+    if key in numeric_keys(tables):
+        return True
+    plain, number = _entry_number(key)
+    if number is not None:
+        entries = _list_of(tables, plain)
+        return entries is not None and number < len(entries)
+    value: Any = tables
+    for part in number_list_entries(key_path(key), tables):
+        value = get_entry(value, int(part) if isinstance(value, list) and part.isdecimal() else part)
+    return isinstance(value, (int, float)) and not isinstance(value, bool)
+
+
+def _merged(tables: Mapping[str, Any], changes: Sequence[tuple[str, Any]]) -> dict[str, Any]:
+    """Changed keys and their values; entries of one list become one list."""
+    merged: dict[str, Any] = {}
+    for key, value in changes:
+        plain, number = _entry_number(key)
+        if number is None:
+            merged[key] = value
+        else:
+            merged.setdefault(plain, _list_of(tables, plain) or [])[number] = value
+    return merged

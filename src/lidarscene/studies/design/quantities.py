@@ -1,0 +1,245 @@
+"""Quantities of a design: what its objectives and constraints are computed from.
+
+Closed forms need no back end. What is traced uses probabilities in place of draws, and the same seed for all designs:
+two designs differ by what they are, not by luck. A scene is compiled once for each wavelength.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from ...errors import InputError, did_you_mean
+from ...files.overrides import assignments, get_entry, key_path, number_list_entries, with_overrides
+from ...maths.arrays import Numbers
+from ...maths.pose import Pose
+from ...physics.optics.pulse import pulse_energy_j
+from ...sensor.sensor_model import Sensor
+from .. import published_values
+from ..eye_safety.exposure import stationary_train
+from ..eye_safety.eye_safety_report import EyeSafetyReport, eye_safety_report
+from ..field_of_view.pattern_coverage import cell_maps, field_cells, fired_pulses
+from ..field_of_view.sphere_cells import SphereCells
+from ..ranging import plane, statistics
+from ..ranging.curves import with_haze
+from ..ranging.sweep_axes import numeric_keys
+from .designs import DesignSpace, Values, has_number
+from .study_file import CLOSED_FORM, QUANTITIES, TRACED, QuantityFile, StudyFile
+
+if TYPE_CHECKING:
+    from ...cloud.point_cloud import PointCloud
+    from ...scene.scene import Scene
+    from ..compare.bench import Bench
+
+Formula = Callable[[Sensor, QuantityFile], float]
+
+_REFERENCE_W = 1.0
+"""Peak power for which the report of eye safety is made; emissions are linear in it."""
+
+
+class Evaluator:
+    """Quantities of the designs of one study. Scene, worlds and pulse trains are shared between designs."""
+
+    def __init__(self, study: StudyFile, space: DesignSpace, folder: Path, where: str) -> None:
+        """Load the scene, if the study has one. Raises InputError.
+
+        folder  of the study file
+        where   study file, for messages
+        """
+        self.study, self.space = study, space
+        self._entries = {**study.objectives, **study.constraints}
+        self._reports: dict[Any, EyeSafetyReport] = {}
+        self._bench = _bench(study, folder) if study.is_traced else None
+        self._check_keys(where)
+
+    def _check_keys(self, where: str) -> None:
+        """Raise InputError for a quantity that is neither known nor a number of its sensors, and for no such class."""
+        for name, entry in self._entries.items():
+            quantity = entry.quantity_name
+            if quantity in TRACED:
+                assert self._bench is not None
+                bodies_of_class(self._bench.scene, entry.class_name, f"{where}: {name}")
+            if quantity in QUANTITIES:
+                continue
+            for base in self.space.bases[entry.sensor or next(iter(self.space.bases))]:
+                if base.tables is not None and not has_number(base.tables, quantity):
+                    hint = did_you_mean(quantity, [*QUANTITIES, *numeric_keys(base.tables)])
+                    raise InputError(
+                        f"{where}: {name}: must be of a quantity or a number of {base.name}, got '{quantity}'; {hint}"
+                    )
+
+    def __call__(self, values: Values) -> dict[str, float]:
+        """Objectives and constraints of a design by name. Raises InputError for a sensor that cannot be."""
+        chosen = self.space.chosen(values)
+        sensors = self.space.sensors(values)
+        traced: dict[float | None, _Seen] = {}
+        results = {}
+        for name, entry in self._entries.items():
+            quantity = entry.quantity_name
+            if quantity in TRACED:
+                klux = entry.illuminance if "illuminance" in entry.model_fields_set else None
+                if klux not in traced:
+                    traced[klux] = self._trace(sensors, klux)
+                results[name] = traced[klux].quantity(entry)
+                continue
+            label = entry.sensor or next(iter(self.space.bases))
+            if label not in sensors:  # left out: it finds nothing, and costs nothing
+                results[name] = 0.0
+            elif quantity == "class_1_margin":
+                results[name] = self.eye_safety(sensors[label], entry.motion).margin
+            elif quantity in CLOSED_FORM:
+                results[name] = _FORMULAS[quantity](sensors[label], entry)
+            else:
+                base, changes = chosen[label]
+                results[name] = _number(base.tables or {}, changes, quantity)
+        return results
+
+    def eye_safety(self, sensor: Sensor, motion: str) -> EyeSafetyReport:
+        """Report of a sensor. The scan's geometry is traced once for all designs that differ in power only."""
+        power_w = float(sensor.laser.peak_power_w)
+        at_reference = replace(sensor, laser=replace(sensor.laser, peak_power_w=_REFERENCE_W))
+        key = (motion, at_reference.laser, at_reference.histogram, _scan_key(sensor))
+        if key not in self._reports:
+            self._reports[key] = eye_safety_report(at_reference, scanned=motion == "scanned")
+        return self._reports[key].at_power_w(power_w)
+
+    def clouds(self, values: Values) -> dict[str, PointCloud]:
+        """Cloud of each sensor of a design in the study's scene, by label."""
+        assert self._bench is not None
+        sensors = self.space.sensors(values)
+        return {label: self._bench.observe(label or sensor.name, sensor).cloud for label, sensor in sensors.items()}
+
+    def _trace(self, sensors: Mapping[str, Sensor], illuminance_klux: float | None) -> _Seen:
+        assert self._bench is not None
+        return _Seen(self._bench, sensors, illuminance_klux)
+
+
+def _bench(study: StudyFile, folder: Path) -> Bench:
+    from ...rendering.render_options import FrameOptions
+    from ...scene.scene_file import load_scene
+    from ..compare.bench import Bench
+
+    assert study.scene is not None
+    scene = load_scene(folder / study.scene if study.scene.endswith((".toml", ".xml")) else study.scene)
+    pose = None if study.pose is None else Pose(position_m=np.array(study.pose))
+    return Bench(scene, FrameOptions(seed=study.seed, pose=pose))
+
+
+class _Seen:
+    """Detection probabilities of all pulses of a design on the bodies of the scene."""
+
+    def __init__(self, bench: Bench, sensors: Mapping[str, Sensor], illuminance_klux: float | None) -> None:
+        self.scene = bench.scene
+        self._body, self._probability = [np.zeros(0, np.int64)], [np.zeros(0)]
+        for label, sensor in sensors.items():
+            surfaces = bench.observe(label, sensor, illuminance_klux=illuminance_klux).rated_surfaces
+            assert surfaces.probability is not None
+            self._body.append(surfaces.body.astype(np.int64))
+            self._probability.append(np.where(surfaces.body >= 0, surfaces.probability, 0.0))
+
+    def quantity(self, entry: QuantityFile) -> float:
+        """Value of a traced quantity."""
+        numbers = bodies_of_class(self.scene, entry.class_name)
+        body, probability = np.concatenate(self._body), np.concatenate(self._probability)
+        if entry.quantity_name == "body_points":
+            return float(probability[np.isin(body, numbers)].sum())
+        shares = [probability_of_points(probability[body == number], entry.least_points) for number in numbers]
+        return float(np.mean(shares))
+
+
+def probability_of_points(probability: Numbers, least: int) -> float:
+    """Probability of at least ``least`` successes in independent trials of these probabilities.
+
+    The distribution of the count is the convolution of its trials', cut off at ``least``: exact.
+    """
+    below = np.zeros(least)
+    below[0] = 1.0
+    for share in probability[probability > 0.0]:
+        below[1:] = below[1:] * (1.0 - share) + below[:-1] * share
+        below[0] *= 1.0 - share
+        if below.sum() < 1e-12:
+            break
+    return float(1.0 - below.sum())
+
+
+def _scan_key(sensor: Sensor) -> str:
+    """Text that is equal for equal scans: directions and times of some thousand pulses spread over a frame."""
+    pulse = np.unique(np.linspace(0, sensor.scanner.pulses - 1, 4096).astype(np.uint32))
+    x, y, z = (np.asarray(component, dtype=np.float64) for component in sensor.scanner.direction(pulse))
+    parts = [sensor.scanner.time_s(pulse), x + 0.0 * y + 0.0 * z, y, z]
+    return json.dumps([sensor.scanner.pulses, sensor.scanner.frame_s]) + "".join(
+        str(hash(np.ascontiguousarray(part).tobytes())) for part in parts
+    )
+
+
+def _number(tables: Mapping[str, Any], changes: Mapping[str, Any], key: str) -> float:
+    """Number under a key of a sensor file with these changes, or its default."""
+    value: Any = with_overrides(tables, assignments(changes))
+    entry = numeric_keys(value).get(key)
+    if entry is not None:
+        return math.nan if entry.value is None else entry.value
+    for part in number_list_entries(key_path(key), value):
+        value = get_entry(value, int(part) if isinstance(value, list) else part)
+    return float(value)
+
+
+def bodies_of_class(scene: Scene, class_name: str | None, where: str = "class") -> list[int]:
+    """Numbers of the bodies of a class; of all for None. Raises InputError if there is none."""
+    numbers = [number for number, body in enumerate(scene.bodies) if class_name in (None, body.class_name)]
+    if not numbers:
+        classes = sorted({body.class_name for body in scene.bodies if body.class_name})
+        raise InputError(f"{where}: must be of a class of {', '.join(classes)}, got '{class_name}'")
+    return numbers
+
+
+def _target(sensor: Sensor, entry: QuantityFile) -> plane.Target:
+    conditions = entry.conditions()
+    return with_haze(sensor, conditions.target(), conditions.visibility_m)
+
+
+def _scatter_mm(sensor: Sensor, entry: QuantityFile) -> float:
+    scatter_m = published_values.scatter_m(sensor, _target(sensor, entry), range_m=entry.distance)
+    return math.inf if scatter_m is None else scatter_m * 1e3
+
+
+def mean_power_w(sensor: Sensor) -> float:
+    """Mean power of the laser, all shots of a point counted."""
+    laser = sensor.laser
+    energy_j = float(pulse_energy_j(peak_power_w=laser.peak_power_w, fwhm_s=laser.pulse_fwhm_s))
+    return energy_j * stationary_train(sensor).mean_rate_hz
+
+
+def _coverage(sensor: Sensor, entry: QuantityFile) -> float:
+    cells = SphereCells.of_size(entry.cell_deg)
+    mask, _ = field_cells(sensor.scanner, cells, entry.time_s)
+    maps = cell_maps(fired_pulses(sensor.scanner, entry.time_s), cells, mask)
+    return float(maps.coverage(np.array([entry.time_s]))[0])
+
+
+def _revisit_s(sensor: Sensor, entry: QuantityFile) -> float:
+    cells = SphereCells.of_size(entry.cell_deg)
+    mask, _ = field_cells(sensor.scanner, cells, entry.time_s)
+    revisit_s = cell_maps(fired_pulses(sensor.scanner, entry.time_s), cells, mask).revisit_s
+    return float(np.nanmean(revisit_s)) if np.isfinite(revisit_s).any() else math.inf
+
+
+_FORMULAS: dict[str, Formula] = {
+    "range": lambda sensor, entry: plane.range_at_probability_m(sensor, _target(sensor, entry), entry.probability),
+    "detection_probability": lambda sensor, entry: statistics.detection_probability(
+        sensor, _target(sensor, entry), entry.distance
+    ),
+    "snr": lambda sensor, entry: float(plane.snr(sensor, _target(sensor, entry), entry.distance)[0]),
+    "scatter_mm": _scatter_mm,
+    "false_points": lambda sensor, entry: statistics.false_points(sensor, _target(sensor, entry)).per_frame,
+    "mean_power_mw": lambda sensor, entry: 1e3 * mean_power_w(sensor),
+    "aperture_area_mm2": lambda sensor, entry: 1e6 * float(sensor.optics.aperture_m2),
+    "points_per_s": lambda sensor, entry: published_values.points_per_second(sensor),
+    "coverage": _coverage,
+    "revisit_s": _revisit_s,
+}

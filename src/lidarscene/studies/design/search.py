@@ -1,0 +1,382 @@
+"""Search for the designs that no other beats in all objectives.
+
+A Sobol sequence first. Several objectives, or choices and whole numbers: then NSGA-II (pymoo). What is not traced is
+smooth: SLSQP (scipy) goes on from the best designs, along the front with the other objectives as constraints. One
+traced objective over continuous keys: COBYQA (scipy), which needs no slopes. All designs that were tried count for the
+result, not only the last ones.
+
+Every evaluation is written down. A search that is killed and run again meets the same designs in the same order, finds
+them there, and goes on where it stopped.
+
+Sources: Deb 2002 (NSGA-II); Ragonneau and Zhang 2023 (COBYQA); Kraft 1988 (SLSQP).
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import warnings
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import IO, Any
+
+import numpy as np
+
+from ...errors import InputError
+from ...files.optional import import_optional
+from ...maths.arrays import Numbers
+from .designs import DesignSpace, Values
+from .study_file import StudyFile
+
+EvaluateAll = Callable[[Sequence[Values]], Iterable["dict[str, float] | str"]]
+"""Function of designs; returns the quantities of each in order, or the reason why it cannot be."""
+
+INSIDE = 2e-6
+"""Share of its bound by which the search stays within each constraint: SLSQP's own tolerance is half of that."""
+
+_POPULATION = 64
+_IDLE = 10  # generations without a new design after which NSGA-II ends
+_LARGE = 1e30  # in place of infinite: pymoo computes differences
+_STARTS = 4  # designs from which a search for one objective goes on
+_PLACES_OF_FRONT = 64  # places of a front to which a search goes, while evaluations remain
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Tried:
+    """A design that was evaluated.
+
+    quantities  objectives and constraints by name; {} if the sensor cannot be
+    reason      why it cannot be; "" if it can
+    """
+
+    values: Values
+    quantities: Mapping[str, float]
+    reason: str = ""
+
+
+@dataclass(kw_only=True)
+class Log:
+    """Evaluations of a search: asks for each design once, and writes it to a file as soon as it is known.
+
+    progress  called with the number of evaluations so far and the greatest number
+    """
+
+    study: StudyFile
+    space: DesignSpace
+    evaluate: EvaluateAll
+    file: IO[str] | None = None
+    progress: Callable[[int, int], object] = lambda count, total: None
+    tried: dict[str, Tried] = field(default_factory=dict)
+    recorded: dict[str, Tried] = field(default_factory=dict)
+
+    @property
+    def remaining(self) -> int:
+        """Number of designs that may still be tried."""
+        return self.study.evaluations - len(self.tried)
+
+    def ask(self, shares: Numbers) -> list[Tried | None]:
+        """Evaluate the designs at these shares, (n, keys); None for those beyond the allowed number."""
+        designs = [self.space.values(row) for row in np.clip(np.atleast_2d(shares), 0.0, 1.0)]
+        keys = [_text(design) for design in designs]
+        fresh: dict[str, Values] = {}
+        for key, design in zip(keys, designs, strict=True):
+            if key not in self.tried and key not in fresh and len(fresh) < self.remaining:
+                fresh[key] = design
+        unknown = [key for key in fresh if key not in self.recorded]
+        answers = self.evaluate([fresh[key] for key in unknown]) if unknown else ()
+        for key, answer in zip(unknown, answers, strict=True):
+            self.recorded[key] = _tried(fresh[key], answer)
+            if self.file is not None:
+                print(record_line(self.recorded[key]), file=self.file, flush=True)
+            self.progress(min(len(self.recorded), self.study.evaluations), self.study.evaluations)
+        self.tried |= {key: self.recorded[key] for key in fresh}
+        return [self.tried.get(key) for key in keys]
+
+    def read(self, path: Path) -> None:
+        """Read the evaluations of an earlier run of this study; a line that is cut off is left out."""
+        for line in path.read_text(encoding="utf-8").splitlines()[1:]:
+            try:
+                entry = json.loads(line)
+                known = Tried(values=entry["values"], quantities=entry["quantities"], reason=entry["reason"])
+            except (ValueError, KeyError, TypeError):
+                continue
+            self.recorded[_text(known.values)] = known
+
+
+def search(log: Log) -> list[Tried]:
+    """Search by the methods that suit the study; returns all designs that were tried, in order."""
+    study, keys = log.study, len(log.space.free)
+    alone_and_smooth = len(study.objectives) == 1 and all(free.is_continuous for free in log.space.free)
+    count = min(max(study.evaluations // 3, 2), 64 * keys)
+    first = _sobol(keys, count if alone_and_smooth else min(count, _POPULATION), study.seed)
+    log.ask(first)
+    try:
+        if not alone_and_smooth:
+            # What is not traced is smooth: two thirds of the designs are left for the steps along the front.
+            _nsga(log, first, leaving=0 if study.is_traced else 2 * study.evaluations // 3)
+        if study.is_traced:
+            if alone_and_smooth:
+                for start in _starts(log, _STARTS):
+                    _cobyqa(log, start)
+        elif len(study.objectives) == 1:
+            for start in _starts(log, _STARTS):
+                _slsqp(log, start, ftol=1e-12)
+        else:
+            _follow_front(log)
+    except _NoneRemain:
+        pass
+    return list(log.tried.values())
+
+
+def _starts(log: Log, count: int) -> list[Numbers]:
+    """Best designs so far for the first objective, as shares: the least broken bound counts first."""
+    tried = list(log.tried.values())
+    broken = [max(float(np.max(_violations(log.study, design))), 0.0) for design in tried]
+    loss = [float(losses(log.study, design)[0]) for design in tried]
+    order = sorted(range(len(tried)), key=lambda number: (broken[number], loss[number]))
+    return [_shares(log.space, tried[number]) for number in order[:count]]
+
+
+def _follow_front(log: Log) -> None:
+    """Go to the ends of the front, then to places between, evenly in each objective after the first."""
+    study = log.study
+    for objective in range(len(study.objectives)):
+        best = front(study, list(log.tried.values()))
+        if not best:
+            best = [min(log.tried.values(), key=lambda design: float(np.max(_violations(study, design))))]
+        start = min(best, key=lambda design: float(losses(study, design)[objective]))
+        _slsqp(log, _shares(log.space, start), ftol=1e-9, objective=objective)
+    values = np.array([losses(study, design) for design in front(study, list(log.tried.values()))])
+    for share in _sobol(len(study.objectives) - 1, _PLACES_OF_FRONT, study.seed) if len(values) else ():
+        best = front(study, list(log.tried.values()))
+        values = np.array([losses(study, design) for design in best])
+        low, span = values.min(axis=0)[1:], np.ptp(values, axis=0)[1:]
+        allowed = low + span * share
+        scaled = (values[:, 1:] - allowed) / np.where(span > 0.0, span, 1.0)
+        start = best[int(np.argmin(np.linalg.norm(scaled, axis=1)))]
+        _slsqp(log, _shares(log.space, start), ftol=1e-6, allowed=allowed)
+
+
+def _shares(space: DesignSpace, design: Tried) -> Numbers:
+    """Shares of a design's values; a half for keys that it does not have."""
+    values = design.values
+    return np.array([free.share(values[free.key]) if free.key in values else 0.5 for free in space.free])
+
+
+def losses(study: StudyFile, tried: Tried | None) -> Numbers:
+    """(objectives,) what the search minimizes; inf for a design that cannot be."""
+    if tried is None or tried.reason:
+        return np.full(len(study.objectives), math.inf)
+    return np.array([entry.sign * tried.quantities[name] for name, entry in study.objectives.items()])
+
+
+def slacks(study: StudyFile, tried: Tried) -> dict[str, float]:
+    """Slack of every bound over its size, by name; negative where it is broken."""
+    result = {}
+    for name, entry in study.constraints.items():
+        value = tried.quantities.get(name, math.nan)
+        if entry.at_least is not None:
+            result[f"{name} at least {entry.at_least:g}"] = (value - entry.at_least) / _size(entry.at_least)
+        if entry.at_most is not None:
+            result[f"{name} at most {entry.at_most:g}"] = (entry.at_most - value) / _size(entry.at_most)
+    return result
+
+
+def is_feasible(study: StudyFile, tried: Tried) -> bool:
+    """Whether a design can be and meets all constraints."""
+    return not tried.reason and all(slack >= 0.0 for slack in slacks(study, tried).values())
+
+
+def front(study: StudyFile, tried: Sequence[Tried]) -> list[Tried]:
+    """Feasible designs that no other one beats, by the first objective, from best to worst; equals once."""
+    feasible = [design for design in tried if is_feasible(study, design)]
+    if not feasible:
+        return []
+    values = np.array([losses(study, design) for design in feasible])
+    _, unique = np.unique(values, axis=0, return_index=True)
+    order = unique[np.lexsort(values[unique].T[::-1])]
+    best: list[int] = []
+    for number in order:  # by the first objective: only a design before it can beat it
+        others = values[best]
+        if not len(best) or not np.any(np.all(others <= values[number], axis=1)):
+            best.append(int(number))
+    return [feasible[number] for number in best]
+
+
+def hypervolume(points: Numbers, reference: Numbers) -> float:
+    """Volume that points to be minimized dominate below a reference; two or three objectives, exact."""
+    points = np.asarray(points, dtype=np.float64)
+    points = points[np.all(points < reference, axis=1)]
+    if points.shape[1] == 2:
+        points = points[np.argsort(points[:, 0])]
+        height = np.minimum.accumulate(np.concatenate([[reference[1]], points[:, 1]]))
+        right = np.append(points[:, 0], reference[0])
+        return float(np.sum((right[1:] - right[:-1]) * (reference[1] - height[1:])))
+    levels = np.append(np.unique(points[:, 2]), reference[2])
+    total = sum(
+        (levels[number + 1] - levels[number])
+        * hypervolume(points[points[:, 2] <= levels[number]][:, :2], np.asarray(reference)[:2])
+        for number in range(len(levels) - 1)
+    )
+    return float(total)
+
+
+def _size(bound: float) -> float:
+    return abs(bound) or 1.0
+
+
+def _sobol(dimensions: int, count: int, seed: int) -> Numbers:
+    """(count, dimensions) points of a scrambled Sobol sequence."""
+    from scipy.stats import qmc
+
+    power = math.ceil(math.log2(max(count, 2)))
+    return np.asarray(qmc.Sobol(dimensions, rng=np.random.default_rng(seed)).random_base2(power)[:count])
+
+
+def _violations(study: StudyFile, tried: Tried | None) -> Numbers:
+    """(bounds,) excess over each bound less `INSIDE`, over its size; inf for a design that cannot be."""
+    count = sum((entry.at_least is not None) + (entry.at_most is not None) for entry in study.constraints.values())
+    if tried is None or tried.reason:
+        return np.full(max(count, 1), math.inf)
+    return INSIDE - np.array(list(slacks(study, tried).values()) or [1.0])
+
+
+def _nsga(log: Log, first: Numbers, *, leaving: int) -> None:
+    """NSGA-II from the first designs, until this many evaluations remain, or no generation brings a new design."""
+    nsga2 = import_optional("pymoo.algorithms.moo.nsga2", extra="design")
+    core = import_optional("pymoo.core.problem", extra="design")
+    evaluation = import_optional("pymoo.core.evaluator", extra="design")
+    static = import_optional("pymoo.problems.static", extra="design")
+    study = log.study
+    problem = core.Problem(
+        n_var=len(log.space.free),
+        n_obj=len(study.objectives),
+        n_ieq_constr=len(_violations(study, None)),
+        xl=0.0,
+        xu=1.0,
+    )
+    algorithm = nsga2.NSGA2(pop_size=len(first), sampling=first, eliminate_duplicates=True)
+    algorithm.setup(problem, termination=("n_gen", 100_000), seed=study.seed, verbose=False)
+    idle = 0
+    while log.remaining > leaving and idle < _IDLE and algorithm.has_next():
+        before, generation = len(log.tried), algorithm.ask()
+        answers = log.ask(generation.get("X"))
+        values = {
+            name: np.minimum(np.array([function(study, answer) for answer in answers]), _LARGE)
+            for name, function in (("F", losses), ("G", _violations))
+        }
+        evaluation.Evaluator().eval(static.StaticProblem(problem, **values), generation)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", DeprecationWarning)  # of NumPy, for names that pymoo still uses
+            algorithm.tell(infills=generation)
+        idle = idle + 1 if len(log.tried) == before else 0
+
+
+class _NoneRemain(Exception):
+    """The allowed number of evaluations is used up."""
+
+
+def _one(log: Log, shares: Numbers) -> Tried:
+    answer = log.ask(shares)[0]
+    if answer is None:
+        raise _NoneRemain
+    return answer
+
+
+def _slsqp(log: Log, start: Numbers, *, ftol: float, objective: int = 0, allowed: Numbers | None = None) -> None:
+    """SLSQP from a design for one objective, over the continuous keys.
+
+    allowed  (objectives - 1,) largest losses of the objectives after the first; None: any
+    """
+    from scipy.optimize import minimize
+
+    study = log.study
+    free = np.flatnonzero([entry.is_continuous for entry in log.space.free])
+    if not len(free):
+        return
+    present = losses(study, _one(log, start))
+    size = np.where(np.isfinite(present) & (present != 0.0), np.abs(present), 1.0)
+
+    def tried(shares: Numbers) -> Tried:
+        moved = np.array(start)
+        moved[free] = shares
+        return _one(log, moved)
+
+    def loss(shares: Numbers) -> float:
+        return float(losses(study, tried(shares))[objective] / size[objective])
+
+    def bounded(shares: Numbers) -> Numbers:
+        design = tried(shares)
+        within = -_violations(study, design)
+        if allowed is None:
+            return within
+        return np.concatenate([within, (allowed - losses(study, design)[1:]) / size[1:]])
+
+    minimize(
+        loss,
+        start[free],
+        method="SLSQP",
+        jac=lambda shares: _slopes(loss, shares),
+        bounds=[(0.0, 1.0)] * len(free),
+        constraints=[{"type": "ineq", "fun": bounded, "jac": lambda shares: _slopes(bounded, shares)}],
+        options={"ftol": ftol, "maxiter": 100},
+    )
+
+
+def _slopes(function: Callable[[Numbers], Any], shares: Numbers) -> Numbers:
+    """(values, keys) or (keys,) central differences; one-sided at the ends of a key's range."""
+    step, columns = 1e-4, []
+    for key in range(len(shares)):
+        low, high = np.array(shares), np.array(shares)
+        low[key], high[key] = max(shares[key] - step, 0.0), min(shares[key] + step, 1.0)
+        difference = np.asarray(function(high)) - np.asarray(function(low))
+        columns.append(np.where(np.isfinite(difference), difference, 0.0) / (high[key] - low[key]))
+    return np.stack(columns, axis=-1)
+
+
+def _cobyqa(log: Log, start: Numbers) -> None:
+    """COBYQA from a design."""
+    from scipy.optimize import Bounds, NonlinearConstraint, minimize
+
+    study = log.study
+    size = abs(float(losses(study, _one(log, start))[0])) or 1.0
+    minimize(
+        lambda shares: min(float(losses(study, _one(log, shares))[0]) / size, 1e6),
+        start,
+        method="COBYQA",
+        bounds=Bounds(np.zeros(len(start)), np.ones(len(start))),
+        constraints=[
+            NonlinearConstraint(lambda shares: np.minimum(_violations(study, _one(log, shares)), 1e6), -np.inf, 0.0)
+        ],
+        options={"initial_tr_radius": 0.1, "final_tr_radius": 1e-4},
+    )
+
+
+def _tried(values: Values, answer: dict[str, float] | str) -> Tried:
+    if isinstance(answer, str):
+        return Tried(values=values, quantities={}, reason=answer)
+    return Tried(values=values, quantities=answer)
+
+
+def _text(values: Values) -> str:
+    """Text of a design, equal for equal ones."""
+    return json.dumps(values, sort_keys=True)
+
+
+def record_line(tried: Tried) -> str:
+    """Line of the record of evaluations."""
+    return json.dumps({"values": tried.values, "quantities": tried.quantities, "reason": tried.reason})
+
+
+def alone(evaluator: Callable[[Values], dict[str, float]]) -> EvaluateAll:
+    """Evaluate one design after the other, in this process."""
+
+    def evaluate(designs: Sequence[Values]) -> Iterable[dict[str, float] | str]:
+        for values in designs:
+            try:
+                yield evaluator(values)
+            except InputError as error:
+                yield str(error)
+
+    return evaluate

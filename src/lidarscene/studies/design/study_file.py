@@ -1,0 +1,246 @@
+"""Study files: what `lidarscene design` searches, TOML in, `StudyFile` out. Paths in it are relative to it."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, model_validator
+
+from ...errors import InputError
+from ...files.toml import FileModel
+from ...rendering.render_options import SEEDS
+from ..ranging.conditions import CLEAR_AIR, Conditions
+
+Name = Annotated[str, Field(min_length=1)]
+MOST_EVALUATIONS = 1_000_000
+
+CLOSED_FORM = {
+    "range": "farthest at which a plane is detected with `probability`, at most the converter's window",
+    "detection_probability": "P_d of a plane at `distance`",
+    "snr": "signal-to-noise ratio of a plane at `distance`",
+    "scatter_mm": "standard deviation of the reported range of a plane at `distance`, from 20,000 simulated shots",
+    "false_points": "expected false alarms among the points of a frame, all pulses on the sky",
+    "class_1_margin": "limit of class 1 over emission; at least 1 is class 1",
+    "mean_power_mw": "energy of a pulse times pulses per second, all shots counted",
+    "aperture_area_mm2": "of the receiver's lens",
+    "points_per_s": "pulses per second",
+    "coverage": "share of the field of view that has a pulse before `time_s`",
+    "revisit_s": "mean time between visits of a cell, over `time_s`",
+}
+TRACED = {
+    "body_points": "expected points of a frame on the bodies of the class, of all sensors together",
+    "bodies_detected": "mean probability that a body of the class has at least `least_points` points",
+}
+"""Quantities that need a scene and a back end."""
+UNITS = {
+    "range": "m",
+    "scatter_mm": "mm",
+    "mean_power_mw": "mW",
+    "aperture_area_mm2": "mm²",
+    "points_per_s": "1/s",
+    "revisit_s": "s",
+}
+QUANTITIES = CLOSED_FORM | TRACED
+"""Names of quantities, with their meanings; any number of a sensor file is one too, by its key."""
+
+
+class FreeFile(FileModel):
+    """One free key: values from low to high, or a list of choices."""
+
+    low: float | None = None
+    high: float | None = None
+    step: Annotated[float, Field(gt=0)] | None = Field(default=None, description="between values; any if left out")
+    log: bool = Field(default=False, description="search in equal ratios, not in equal steps")
+    choices: tuple[float | int | bool | str, ...] | None = Field(
+        default=None, description="values, in place of low and high"
+    )
+
+    @model_validator(mode="after")
+    def _one_way(self) -> FreeFile:
+        if self.choices is not None:
+            if self.model_fields_set != {"choices"}:
+                raise ValueError("must have choices, or low and high, got both")
+            if len(self.choices) < 2:
+                raise ValueError(f"choices: must be two or more, got {len(self.choices)}")
+            return self
+        if self.low is None or self.high is None:
+            raise ValueError("must have low and high, or choices")
+        if self.low >= self.high:
+            raise ValueError(f"low: must be below high, got {self.low:g} and {self.high:g}")
+        if self.log and self.low <= 0.0:
+            raise ValueError(f"low: must be more than 0 with log, got {self.low:g}")
+        if self.log and self.step is not None:
+            raise ValueError("step: goes without log")
+        return self
+
+
+class QuantityFile(FileModel):
+    """What is computed of a design, and under which conditions; keys that a quantity does not need are refused."""
+
+    sensor: str | None = Field(default=None, description="label, of a study with several sensors")
+    probability: Annotated[float, Field(gt=0, lt=1)] = Field(default=0.9, description="P_d at the range")
+    distance: float = Field(default=100.0, description="of the plane, m")
+    illuminance: float = Field(default=100.0, description="of the sun, klux")
+    sun_angle: float = Field(default=60.0, description="between sun and normal of the plane, degrees")
+    reflectivity: float = Field(default=0.1, description="of the plane")
+    incidence: float = Field(default=0.0, description="of the beam on the plane, degrees")
+    transmittance: float | None = Field(
+        default=None, description=f"of the air, one way, at any range; {CLEAR_AIR} without visibility"
+    )
+    visibility: float | None = Field(default=None, description="of the air, km")
+    motion: Literal["scanned", "stationary"] = Field(default="scanned", description="of the beam, for class_1_margin")
+    time_s: Annotated[float, Field(gt=0, le=1000)] = Field(default=0.1, description="for coverage and revisit_s")
+    cell_deg: Annotated[float, Field(ge=0.02, le=10)] = Field(default=0.28, description="for coverage and revisit_s")
+    class_name: str | None = Field(default=None, alias="class", description="of the bodies; all if left out")
+    least_points: Annotated[int, Field(ge=1, le=10_000)] = Field(default=5, description="for bodies_detected")
+
+    @property
+    def quantity_name(self) -> str:
+        """Name of the quantity, or key of a sensor file."""
+        raise NotImplementedError
+
+    def conditions(self) -> Conditions:
+        """Target, light and air. Raises InputError for a value out of bounds."""
+        return Conditions(**{key: getattr(self, key) for key in _CONDITIONS})
+
+
+_CONDITIONS = ("distance", "illuminance", "sun_angle", "reflectivity", "incidence", "transmittance", "visibility")
+_PLANE = {key for key in _CONDITIONS if key != "distance"}
+_USED = {
+    "range": _PLANE | {"probability"},
+    "detection_probability": _PLANE | {"distance"},
+    "snr": _PLANE | {"distance"},
+    "scatter_mm": _PLANE | {"distance"},
+    "false_points": {"illuminance"},
+    "class_1_margin": {"motion"},
+    "coverage": {"time_s", "cell_deg"},
+    "revisit_s": {"time_s", "cell_deg"},
+    "body_points": {"class_name", "illuminance"},
+    "bodies_detected": {"class_name", "least_points", "illuminance"},
+}
+"""Keys of `QuantityFile` that a quantity has use for, besides sensor."""
+
+
+def _require_used(quantity: str, entry: QuantityFile, also: set[str]) -> None:
+    """Raise ValueError for a key that this quantity does not use, and for a condition out of bounds."""
+    used = _USED.get(quantity, set()) | also | (set() if quantity in TRACED else {"sensor"})
+    for key in sorted(entry.model_fields_set - used):
+        name = "class" if key == "class_name" else key
+        raise ValueError(f"{name}: has no effect on {quantity}")
+    try:
+        entry.conditions()
+    except InputError as error:
+        raise ValueError(str(error)) from None
+
+
+class ObjectiveFile(QuantityFile):
+    """One objective: a quantity, or a key of a sensor file, to maximize or to minimize."""
+
+    maximize: Name | None = None
+    minimize: Name | None = None
+
+    @model_validator(mode="after")
+    def _one_goal(self) -> ObjectiveFile:
+        if (self.maximize is None) == (self.minimize is None):
+            raise ValueError("must have maximize or minimize, and not both")
+        _require_used(self.quantity_name, self, {"maximize", "minimize"})
+        return self
+
+    @property
+    def quantity_name(self) -> str:
+        """Name of the quantity, or key of a sensor file."""
+        return self.maximize or self.minimize or ""
+
+    @property
+    def sign(self) -> float:
+        """Factor with which smaller is better."""
+        return 1.0 if self.maximize is None else -1.0
+
+
+class ConstraintFile(QuantityFile):
+    """One constraint: bounds of a quantity, or of a key of a sensor file."""
+
+    quantity: Name
+    at_least: float | None = None
+    at_most: float | None = None
+
+    @model_validator(mode="after")
+    def _bounded(self) -> ConstraintFile:
+        if self.at_least is None and self.at_most is None:
+            raise ValueError("must have at_least or at_most")
+        _require_used(self.quantity, self, {"quantity", "at_least", "at_most"})
+        return self
+
+    @property
+    def quantity_name(self) -> str:
+        """Name of the quantity, or key of a sensor file."""
+        return self.quantity
+
+
+class PlacedFile(FileModel):
+    """[sensors.LABEL]: one of several sensors on a vehicle."""
+
+    base: Name | Annotated[tuple[Name, ...], Field(min_length=2)] = Field(
+        description='catalogue name or sensor file; of a list one is chosen, and "none" leaves the sensor out'
+    )
+    set: dict[str, Any] = Field(default={}, description="values of its keys that are not free")
+
+    @property
+    def bases(self) -> tuple[str, ...]:
+        """All of its bases."""
+        return (self.base,) if isinstance(self.base, str) else self.base
+
+
+class StudyFile(FileModel):
+    """A whole study file."""
+
+    name: str = ""
+    sensor: Name | Annotated[tuple[Name, ...], Field(min_length=2)] | None = Field(
+        default=None, description="catalogue name or sensor file to start from; of a list one is chosen"
+    )
+    sensors: dict[str, PlacedFile] = Field(default={}, description="several sensors in place of one")
+    set: dict[str, Any] = Field(default={}, description="values of the sensor's keys that are not free")
+    scene: Name | None = Field(default=None, description="shipped scene or scene file, for what is traced")
+    pose: tuple[float, float, float] | None = Field(
+        default=None, description="x, y, z of the vehicle in the scene; the scene's sensor pose if left out"
+    )
+    free: dict[str, FreeFile] = Field(default={}, description="keys of the sensor file and their ranges")
+    objectives: Annotated[dict[str, ObjectiveFile], Field(min_length=1)]
+    constraints: dict[str, ConstraintFile] = Field(default={})
+    evaluations: Annotated[int, Field(ge=2, le=MOST_EVALUATIONS)] = Field(
+        default=2000, description="designs to try at most"
+    )
+    seed: Annotated[int, Field(ge=SEEDS.low, le=SEEDS.high)] = 0
+
+    @model_validator(mode="after")
+    def _complete(self) -> StudyFile:
+        if (self.sensor is None) == (not self.sensors):
+            raise ValueError("must have sensor or [sensors], and not both")
+        if self.sensors and self.set:
+            raise ValueError("set: goes with sensor; each of [sensors] has its own")
+        if not self.free and not any(len(placed.bases) > 1 for placed in self.placed.values()):
+            raise ValueError("free: must have a key or more")
+        shared = self.objectives.keys() & self.constraints.keys()
+        if shared:
+            raise ValueError(f"constraints.{min(shared)}: must have another name than the objective")
+        for table, entries in (("objectives", self.objectives), ("constraints", self.constraints)):
+            for name, entry in entries.items():
+                self._check_entry(f"{table}.{name}", entry)
+        return self
+
+    def _check_entry(self, where: str, entry: ObjectiveFile | ConstraintFile) -> None:
+        if entry.quantity_name in TRACED:
+            if self.scene is None:
+                raise ValueError(f"{where}: {entry.quantity_name} must go with a scene")
+        elif len(self.placed) > 1 and entry.sensor not in self.placed:
+            raise ValueError(f"{where}.sensor: must be one of {', '.join(self.placed)}, got {entry.sensor or 'none'}")
+
+    @property
+    def placed(self) -> dict[str, PlacedFile]:
+        """Sensors by label; the label of a study of one sensor is empty."""
+        return self.sensors or {"": PlacedFile(base=self.sensor or "", set=self.set)}
+
+    @property
+    def is_traced(self) -> bool:
+        """Whether a quantity needs the scene."""
+        return any(entry.quantity_name in TRACED for entry in (*self.objectives.values(), *self.constraints.values()))

@@ -1,0 +1,278 @@
+"""Design studies of real sensors: the shipped ones, their files, what goes wrong."""
+
+import json
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from lidarscene import catalog, load_sensor
+from lidarscene.errors import InputError
+from lidarscene.files.toml import read_toml
+from lidarscene.studies.design.design_study import EVALUATIONS, load_study, run_study
+from lidarscene.studies.design.search import alone, hypervolume
+from lidarscene.studies.design.workers import on_workers
+from lidarscene.studies.eye_safety.eye_safety_report import eye_safety_report
+from lidarscene.studies.ranging import plane
+from lidarscene.studies.ranging.gain import best_gain
+
+APERTURE = """
+sensor = "table1-apd"
+evaluations = 250
+[free]
+"laser.peak_power_w" = { low = 5, high = 75, log = true }
+"optics.aperture_radius_mm" = { low = 5, high = 50, log = true }
+"detector.gain" = { low = 5, high = 150, log = true }
+[objectives]
+area = { minimize = "aperture_area_mm2" }
+power = { minimize = "mean_power_mw" }
+[constraints]
+pd = { quantity = "detection_probability", at_least = 0.9, distance = 200 }
+eye = { quantity = "class_1_margin", at_least = 1 }
+"""
+
+
+@pytest.fixture(autouse=True)
+def without_charts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Charts are the tests of figures; each takes a second."""
+    monkeypatch.setattr("lidarscene.figures.lines.save", lambda chart, paths: None)
+
+
+def write(folder: Path, text: str) -> Path:
+    path = folder / "study.toml"
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+def numbers_of(path: Path, folder: Path, **options: Any) -> dict[str, Any]:
+    numbers: dict[str, Any] = json.loads(run_study(path, folder, as_json=True, **options))
+    return numbers
+
+
+def test_gain_of_an_apd_in_closed_form(tmp_path: Path) -> None:
+    """The shipped study against the search over the exact SNR and the closed form, 0.1 %."""
+    numbers = numbers_of(catalog.path_of("designs", "gain"), tmp_path / "out")
+    best = best_gain(load_sensor("table1-apd"), plane.Target(), range_m=150.0)
+    gain = numbers["chosen"]["values"]["detector.gain"]
+    assert gain == pytest.approx(best.searched, rel=1e-3)
+    assert gain == pytest.approx(best.closed_form, rel=1e-3)
+
+
+def test_the_front_is_that_of_a_grid(tmp_path: Path) -> None:
+    """At least 99 % of the hypervolume of all 60^3 designs; each design file is class 1 and detects at 200 m."""
+    pytest.importorskip("pymoo")
+    path = write(tmp_path, APERTURE.replace("250", "1200"))
+    numbers = numbers_of(path, tmp_path / "out")
+    points = [[design["quantities"][name] for name in ("area", "power")] for design in numbers["front"]]
+    grid = grid_points()
+    reference = grid.max(axis=0)
+    assert hypervolume(np.array(points), reference) >= 0.99 * hypervolume(grid, reference)
+    for name in numbers["files"][:: max(len(numbers["files"]) // 4, 1)]:
+        sensor = load_sensor(tmp_path / "out" / name)
+        assert eye_safety_report(sensor, scanned=True).is_class_1
+        assert float(plane.detection_probability(sensor, plane.Target(), 200.0)[0]) >= 0.9 - 1e-9
+
+
+def grid_points() -> np.ndarray:
+    """(n, 2) area in mm2 and mean power in mW of all feasible designs of a grid of 60^3, in closed form."""
+    sensor = load_sensor("table1-apd")
+    power, radius, gain = np.meshgrid(
+        np.geomspace(5, 75, 60), np.geomspace(5, 50, 60) * 1e-3, np.geomspace(5, 150, 60), indexing="ij"
+    )
+    designs = replace(
+        sensor,
+        laser=replace(sensor.laser, peak_power_w=power),
+        optics=replace(sensor.optics, aperture_radius_m=radius),
+        detector=replace(sensor.detector, gain=gain),
+    )
+    detected = plane.detection_probability(designs, plane.Target(), 200.0) >= 0.9
+    report = eye_safety_report(sensor, scanned=True)
+    feasible = detected & (power <= report.class_1_peak_power_w)
+    area_mm2 = np.pi * radius**2 * 1e6
+    mean_mw = report.pulse_energy_j * power / report.peak_power_w * float(sensor.laser.repetition_rate_hz) * 1e3
+    return np.stack([area_mm2[feasible], mean_mw[feasible]], axis=1)
+
+
+def test_a_search_that_was_killed_goes_on_with_the_same_front(tmp_path: Path) -> None:
+    """Killed after 90 of 250 designs, with half a line written: the second run asks for the other 160 only."""
+    pytest.importorskip("pymoo")
+    path = write(tmp_path, APERTURE)
+    whole = numbers_of(path, tmp_path / "whole")
+    _, evaluator = load_study(path)
+    asked = 0
+
+    def killed(designs: Sequence[Any]) -> Any:
+        nonlocal asked
+        for answer in alone(evaluator)(designs):
+            asked += 1
+            if asked > 90:
+                raise KeyboardInterrupt
+            yield answer
+
+    with pytest.raises(KeyboardInterrupt):
+        run_study(path, tmp_path / "out", evaluate=killed)
+    with (tmp_path / "out" / EVALUATIONS).open("a", encoding="utf-8") as record:
+        record.write('{"values": {"laser.peak')
+    asked = -1_000_000
+    again = numbers_of(path, tmp_path / "out", evaluate=killed)
+    assert asked + 1_000_000 == 160
+    assert again["front"] == whole["front"]
+
+
+def test_workers_give_the_same_front(tmp_path: Path) -> None:
+    """Through the functions that run in the processes of a client; the client itself is Dask's."""
+    pytest.importorskip("pymoo")
+
+    class Client:
+        def map(self, function: Any, designs: Sequence[Any], *, pure: bool, **options: Any) -> list[Any]:
+            class Answer:
+                def __init__(self, design: Any) -> None:
+                    self.result = lambda: function(design, **options)
+
+            assert not pure
+            return [Answer(design) for design in designs]
+
+    path = write(tmp_path, APERTURE.replace("250", "120"))
+    alone_front = numbers_of(path, tmp_path / "alone")["front"]
+    evaluate = on_workers(Client(), path, threads=1)
+    assert numbers_of(path, tmp_path / "workers", evaluate=evaluate)["front"] == alone_front
+
+
+def test_a_folder_of_another_study_is_refused(tmp_path: Path) -> None:
+    gain = catalog.path_of("designs", "gain")
+    text = gain.read_text(encoding="utf-8").replace("evaluations = 120", "evaluations = 10")
+    run_study(write(tmp_path, text), tmp_path / "out")
+    before = (tmp_path / "out" / EVALUATIONS).read_bytes()
+    other = write(tmp_path, text.replace("150, illuminance", "100, illuminance"))
+    with pytest.raises(InputError, match=r"evaluations\.jsonl: must be of this study"):
+        run_study(other, tmp_path / "out")
+    assert (tmp_path / "out" / EVALUATIONS).read_bytes() == before
+
+
+def test_eye_safety_of_another_power_is_that_of_its_own_report() -> None:
+    """All criteria are linear in the power: the report that is scaled equals the report that is made."""
+    sensor = load_sensor("table1-apd")
+    report = eye_safety_report(sensor, scanned=True)
+    laser = replace(sensor.laser, peak_power_w=7.0)
+    made, scaled = eye_safety_report(replace(sensor, laser=laser), scanned=True), report.at_power_w(7.0)
+    assert scaled.verdict == made.verdict == "class 1"
+    for ours, theirs in zip(scaled.criteria, made.criteria, strict=True):
+        assert ours.value == pytest.approx(theirs.value, rel=1e-12)
+        assert ours.simulated == pytest.approx(theirs.simulated, rel=1e-12)
+
+
+@pytest.mark.parametrize("name", ["table1-apd", "os1-128", "mems-1550"])
+def test_range_at_a_probability(name: str) -> None:
+    """P_d at the range is the one that was asked for, or the window ends first."""
+    sensor = load_sensor(name)
+    for probability in (0.5, 0.9):
+        range_m = plane.range_at_probability_m(sensor, plane.Target(), probability)
+        assert range_m > 10.0
+        if range_m < float(plane.window_m(sensor)):
+            at_range = float(plane.detection_probability(sensor, plane.Target(), range_m)[0])
+            assert at_range == pytest.approx(probability, abs=1e-6)
+
+
+def test_a_range_of_nothing_and_of_a_window() -> None:
+    sensor = load_sensor("table1-apd")
+    assert plane.range_at_probability_m(sensor, plane.Target(reflectivity=0.0), 0.5) == 0.0
+    bright = replace(sensor, laser=replace(sensor.laser, peak_power_w=1e6))
+    assert plane.range_at_probability_m(bright, plane.Target(), 0.9) == float(plane.window_m(sensor))
+
+
+STUDY = """
+sensor = {sensor}
+evaluations = 6
+{more}
+[free]
+{free}
+[objectives]
+{objectives}
+{last}
+"""
+
+GAIN = '"detector.gain" = {low = 5, high = 150}'
+SNR = 'snr = {maximize = "snr"}'
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"free": '"detector.gane" = {low = 5, high = 9}'}, "free.detector.gane: .*did you mean detector.gain"),
+        ({"free": '"detector.gain" = {low = 9, high = 5}'}, "low: must be below high, got 9 and 5"),
+        ({"free": '"detector.gain" = {low = 0, high = 5, log = true}'}, "low: must be more than 0 with log"),
+        ({"free": '"detector.gain" = {low = 5}'}, "must have low and high, or choices"),
+        ({"free": '"detector.gain" = {choices = [5]}'}, "choices: must be two or more, got 1"),
+        ({"free": '"tdc.stops" = {low = 1.5, high = 3}'}, "must be whole numbers, got low 1.5"),
+        ({"free": '"other:detector.gain" = {low = 5, high = 9}'}, "must start with one of table1-apd, got 'other'"),
+        ({"free": '"scanner.azimuth_fov_deg[3]" = {low = 5, high = 9}'}, "table1-apd has no number of that name"),
+        ({"sensor": '"os9"'}, "sensor: no sensor 'os9' in the catalogue"),
+        ({"objectives": 'a = {maximize = "snr", minimize = "snr"}'}, "objectives.a: must have maximize or minimize"),
+        ({"objectives": 'a = {maximize = "snr", time_s = 3}'}, "time_s: has no effect on snr"),
+        ({"objectives": 'a = {maximize = "snr", illuminance = 100000}'}, "illuminance 100000: must be 0 or more"),
+        ({"objectives": 'a = {maximize = "rang"}'}, "a: must be of a quantity or a number of table1-apd, got 'rang'"),
+        ({"objectives": 'a = {maximize = "body_points"}'}, "body_points must go with a scene"),
+        ({"objectives": ""}, "objectives: must be a table of at least 1|objectives"),
+        ({"last": '[constraints]\nb = {quantity = "snr"}'}, "constraints.b: must have at_least or at_most"),
+        ({"last": '[constraints]\nb = {quantity = "snr", at_least = 1e9}'}, "no design of 6 meets all constraints"),
+        ({"more": "evaluation = 3"}, "unknown key 'evaluation'; did you mean evaluations"),
+    ],
+    ids=lambda value: None if isinstance(value, dict) else value[:40],
+)
+def test_each_mistake_is_one_line(tmp_path: Path, changes: dict[str, str], message: str) -> None:
+    parts = {"sensor": '"table1-apd"', "more": "", "free": GAIN, "objectives": SNR, "last": ""} | changes
+    with pytest.raises(InputError, match=message) as error:
+        run_study(write(tmp_path, STUDY.format(**parts)), tmp_path / "out")
+    assert "\n" not in str(error.value)
+    assert "study.toml" in str(error.value)
+    assert not (tmp_path / "out" / "index.html").exists()
+
+
+def test_a_sensor_is_a_choice_and_keys_belong_to_one(tmp_path: Path) -> None:
+    """Keys of the sensor that is not chosen are not tried in vain, and cells stay whole."""
+    pytest.importorskip("pymoo")
+    text = """
+    sensor = ["table1-apd", "table1-sipm"]
+    evaluations = 60
+    [set]
+    "table1-sipm:detector.statistics" = "time_domain"
+    [free]
+    "table1-apd:detector.gain" = {low = 10, high = 90}
+    "table1-sipm:detector.cells" = {low = 100, high = 1600, step = 100}
+    [objectives]
+    range = {maximize = "range"}
+    """
+    numbers = numbers_of(write(tmp_path, text), tmp_path / "out")
+    chosen = numbers["chosen"]["values"]
+    assert chosen["sensor"] == "table1-sipm"
+    assert isinstance(chosen["table1-sipm:detector.cells"], int)
+    assert "table1-apd:detector.gain" not in chosen
+    sensor = load_sensor(tmp_path / "out" / numbers["files"][0])
+    reached_m = plane.range_at_probability_m(sensor, plane.Target(), 0.9)
+    assert reached_m == pytest.approx(numbers["chosen"]["quantities"]["range"], rel=1e-8)
+
+
+def test_coverage_of_wedges_depends_on_their_speeds(tmp_path: Path) -> None:
+    """Entries of lists of tables are free keys; the best of twelve pairs covers more than the worst by half."""
+    text = catalog.path_of("designs", "coverage").read_text(encoding="utf-8")
+    text = text.replace("evaluations = 200", "evaluations = 12").replace("time_s = 0.1", "time_s = 0.02")
+    text = text.replace("{ maximize", "{ cell_deg = 1, maximize")
+    numbers = numbers_of(write(tmp_path, text), tmp_path / "out")
+    lines = (tmp_path / "out" / EVALUATIONS).read_text(encoding="utf-8").splitlines()[1:]
+    shares = [json.loads(line)["quantities"]["coverage"] for line in lines]
+    assert numbers["chosen"]["quantities"]["coverage"] == max(shares) > 1.5 * min(shares)
+    written = read_toml(tmp_path / "out" / numbers["files"][0])
+    speeds = [wedge["rotation_hz"] for wedge in written["scanner"]["wedges"]]
+    assert speeds == pytest.approx(list(numbers["chosen"]["values"].values()))
+
+
+@pytest.mark.parametrize("name", catalog.names("designs"))
+def test_shipped_studies_load(name: str) -> None:
+    study, evaluator = load_study(catalog.path_of("designs", name))
+    assert study.name
+    sensors = evaluator.space.sensors(evaluator.space.values(np.full(len(evaluator.space.free), 0.5)))
+    assert all(math.isfinite(float(sensor.laser.peak_power_w)) for sensor in sensors.values())

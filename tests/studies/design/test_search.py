@@ -1,0 +1,155 @@
+"""Search of design studies, on functions whose optimum is known."""
+
+import itertools
+from collections.abc import Callable
+
+import numpy as np
+import pytest
+
+from lidarscene.errors import InputError
+from lidarscene.studies.design.designs import DesignSpace, Free
+from lidarscene.studies.design.optimum import limits_of
+from lidarscene.studies.design.quantities import probability_of_points
+from lidarscene.studies.design.search import Log, Tried, alone, front, hypervolume, losses, search, slacks
+from lidarscene.studies.design.study_file import ConstraintFile, ObjectiveFile, StudyFile
+
+Function = Callable[[dict[str, float]], dict[str, float]]
+
+
+def study(objectives: dict[str, str], bounds: dict[str, dict[str, float]], **settings: int) -> StudyFile:
+    """A study of one sensor whose quantities the tests compute themselves."""
+    return StudyFile.model_validate(
+        {
+            "sensor": "table1-apd",
+            "free": {"x": {"low": 0.0, "high": 1.0}},
+            "objectives": {name: ObjectiveFile(**{goal: "snr"}) for name, goal in objectives.items()},
+            "constraints": {name: ConstraintFile(quantity="snr", **limits) for name, limits in bounds.items()},
+            "evaluations": 400,
+            **settings,
+        }
+    )
+
+
+def run(study_file: StudyFile, free: tuple[Free, ...], function: Function) -> list[Tried]:
+    return search(Log(study=study_file, space=DesignSpace(bases={}, free=free), evaluate=alone(function)))
+
+
+def test_slsqp_finds_a_corner_of_two_constraints() -> None:
+    """x^2 + y^2 with x + y >= 1 and x >= 0.7 is 0.58 at (0.7, 0.3), and 0.5 without the second bound."""
+    free = (Free(key="x", high=2.0), Free(key="y", low=-1.0, high=2.0))
+
+    def function(values: dict[str, float]) -> dict[str, float]:
+        x, y = values["x"], values["y"]
+        return {"size": x * x + y * y, "sum": x + y, "first": x}
+
+    bounds = {"sum": {"at_least": 1.0}, "first": {"at_least": 0.7}}
+    study_file = study({"size": "minimize"}, bounds)
+    (best,) = front(study_file, run(study_file, free, function))
+    assert best.quantities["size"] == pytest.approx(0.58, rel=1e-5)
+    limits = limits_of(study_file, DesignSpace(bases={}, free=free), best, function)
+    assert limits is not None
+    assert limits.stands
+    # Lagrange: (2 x, 2 y) = a (1, 1) + b (1, 0), so a = 0.6 and b = 0.8; a bound gives way by 1 % of itself.
+    costs = {bound.split()[0]: cost * 0.58 for bound, cost in limits.costs.items()}
+    assert costs == pytest.approx({"sum": 0.6 * 1.0, "first": 0.8 * 0.7}, rel=1e-3)
+    assert limits.held == ()
+
+
+def test_a_key_at_the_end_of_its_range_is_named() -> None:
+    free = (Free(key="x", low=1.0, high=10.0, log=True),)
+    study_file = study({"size": "maximize"}, {})
+
+    def function(values: dict[str, float]) -> dict[str, float]:
+        return {"size": values["x"]}
+
+    (best,) = front(study_file, run(study_file, free, function))
+    assert best.values["x"] == 10.0
+    limits = limits_of(study_file, DesignSpace(bases={}, free=free), best, function)
+    assert limits is not None
+    assert limits.held == ("x",)
+
+
+@pytest.mark.parametrize("seed", range(3))
+def test_the_front_of_two_objectives(seed: int) -> None:
+    """f = x^2 + y^2, g = (x - 1)^2 + y^2: the front is y = 0, sqrt f + sqrt g = 1, its volume below (1, 1) 5/6."""
+    pytest.importorskip("pymoo")
+    free = (Free(key="x"), Free(key="y"))
+
+    def function(values: dict[str, float]) -> dict[str, float]:
+        x, y = values["x"], values["y"]
+        return {"f": x * x + y * y, "g": (x - 1.0) ** 2 + y * y}
+
+    study_file = study({"f": "minimize", "g": "minimize"}, {}, evaluations=1500, seed=seed)
+    best = front(study_file, run(study_file, free, function))
+    volume = hypervolume(np.array([losses(study_file, design) for design in best]), np.ones(2))
+    assert 0.99 * 5.0 / 6.0 < volume <= 5.0 / 6.0
+
+
+def test_whole_numbers_and_choices() -> None:
+    """The best of 10 x 3 x continuous is at n = 7, "b", x = 0.25; every design has whole numbers."""
+    pytest.importorskip("pymoo")
+    free = (Free(key="n", values=tuple(range(10))), Free(key="kind", values=("a", "b", "c")), Free(key="x"))
+
+    def function(values: dict[str, float]) -> dict[str, float]:
+        assert isinstance(values["n"], int)
+        return {"size": (values["n"] - 7) ** 2 + (values["kind"] != "b") + (values["x"] - 0.25) ** 2}
+
+    study_file = study({"size": "minimize"}, {})
+    (best,) = front(study_file, run(study_file, free, function))
+    assert (best.values["n"], best.values["kind"]) == (7, "b")
+    assert best.values["x"] == pytest.approx(0.25, abs=1e-6)
+
+
+def test_designs_that_cannot_be_are_passed_over() -> None:
+    """Half of the range has no sensor; the best of the rest lies at its edge."""
+
+    def function(values: dict[str, float]) -> dict[str, float]:
+        if values["x"] > 0.5:
+            raise InputError("too large")
+        return {"size": values["x"]}
+
+    study_file = study({"size": "maximize"}, {})
+    tried = run(study_file, (Free(key="x"),), function)
+    (best,) = front(study_file, tried)
+    assert best.quantities["size"] == pytest.approx(0.5, abs=0.02)
+    assert {design.reason for design in tried} == {"", "too large"}
+
+
+def test_the_front_is_what_no_other_beats() -> None:
+    """300 designs of three objectives on a coarse lattice, so that many are equal, against every pair compared."""
+    study_file = study({"a": "minimize", "b": "maximize", "c": "minimize"}, {"low": {"at_most": 0.8}})
+    numbers = np.random.default_rng(1).integers(0, 6, (300, 4)) / 5.0
+    tried = [
+        Tried(values={"x": float(k)}, quantities=dict(zip("abc", row[:3], strict=True)) | {"low": row[3]})
+        for k, row in enumerate(numbers)
+    ]
+    feasible = [design for design in tried if slacks(study_file, design)["low at most 0.8"] >= 0.0]
+    points = {tuple(losses(study_file, design)) for design in feasible}
+
+    def is_beaten(point: tuple[float, ...]) -> bool:
+        return any(other != point and all(b <= a for a, b in zip(point, other, strict=True)) for other in points)
+
+    best = [tuple(losses(study_file, design)) for design in front(study_file, tried)]
+    assert len(best) == len(set(best))
+    assert set(best) == {point for point in points if not is_beaten(point)}
+
+
+def test_hypervolume_against_counted_cells() -> None:
+    """Points at the corners of a lattice of 6^d cells: the volume is the number of cells that a point dominates."""
+    rng = np.random.default_rng(1)
+    for objectives in (2, 3):
+        points = rng.integers(0, 6, (8, objectives))
+        cells = itertools.product(range(6), repeat=objectives)
+        dominated = sum(any(all(np.array(cell) >= point) for point in points) for cell in cells)
+        assert hypervolume(points, np.full(objectives, 6)) == dominated
+
+
+def test_probability_of_points_against_all_outcomes() -> None:
+    """Eight pulses of unequal probability: the sum over all 256 outcomes."""
+    share = np.random.default_rng(1).random(8)
+    for least in (1, 3, 8, 9):
+        outcomes = itertools.product((0, 1), repeat=8)
+        exact = sum(
+            float(np.prod(np.where(outcome, share, 1.0 - share))) for outcome in outcomes if sum(outcome) >= least
+        )
+        assert probability_of_points(share, least) == pytest.approx(exact, abs=1e-12)
