@@ -86,7 +86,7 @@ def test_mesh_that_is_not_there(run: Run, tmp_path: Path, name: str, message: st
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("", "the scene must have [[bodies]] or base = ..., got neither"),
+        ("", "the scene must have [[bodies]], [street] or base = ..., got none"),
         (WALL + "a = = 3\n", "not valid TOML: Invalid value (at line 9, column 5)"),
         ("x = 1\n" + WALL, "unknown key 'x'; known here: name, description, base, base_materials, sun, sky,"),
         (WALL + "colour = 1\n", "unknown key 'bodies[0 \"wall\"].colour'; known here: position_m, yaw_deg,"),
