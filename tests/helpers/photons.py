@@ -113,12 +113,12 @@ def renewal_counts(rng, shape, *, rate_per_ns, dead, bins, bin_ns, echo=(0.0, 0.
     that is even over the dead time. The next photon after a moment is where the integral of the light has grown by an
     exponential number.
 
-    echo        detections of a SPAD that is free throughout, place, sigma
+    echo        detections of a SPAD that is free throughout, place, sigma: numbers, or one for each of several echoes
     afterpulse  probability after each firing, mean delay; up to four are to come at a time, none when it starts
     """
-    mean, place, sigma = echo
+    mean, place, sigma = (np.atleast_1d(values) for values in echo)
     grid = np.linspace(0.0, bins * bin_ns, 40 * bins + 1)
-    light = rate_per_ns * grid + mean * ndtr((grid - place) / sigma)
+    light = rate_per_ns * grid + ndtr((grid[:, None] - place) / sigma) @ mean
     blind = rng.random(shape) < rate_per_ns * dead / (1.0 + rate_per_ns * dead)
     free_from = np.where(blind, rng.uniform(0.0, dead, shape), 0.0)
     point = np.broadcast_to(np.arange(shape[0])[:, None], shape).ravel()

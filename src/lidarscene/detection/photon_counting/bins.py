@@ -25,6 +25,9 @@ BOX_SHARE = math.erf(BOX / math.sqrt(2.0))
 _LEAST = 1e-3
 """Values beside the filter's peak below this share of it count as that much: their logarithm gives the peak's place."""
 
+_BELOW_ALL = 1e9
+"""Photons that no value of the filter lies below its mean."""
+
 _STEPS = 12
 """Steps of the integral of the air's light before an echo."""
 
@@ -37,12 +40,12 @@ class Peak:
     height   the same between bins, at the top of the Gaussian through the value and its neighbours
     time_s   time of flight, with the shift by pile-up
     photons  photons of the echo: counts around the peak above those of the background
-    rising   whether the filter goes on rising beyond the searched bins: towards another echo's peak
+    exists   whether a searched bin is higher than its neighbours; all true where the search has no limits
     """
 
     value: Lanes
     height: Lanes
-    rising: Mask
+    exists: Mask
     time_s: Lanes
     photons: Lanes
 
@@ -128,10 +131,19 @@ class Bins:
         """Array functions of the arrays' kind, NumPy's or Dr.Jit's."""
         return xp(self.wave.origin_m)
 
-    def highest(self, place: Lanes, time_s: Lanes, *, echo: pile_up.Firings | None = None) -> Peak:
+    def highest(
+        self,
+        place: Lanes,
+        time_s: Lanes,
+        *,
+        echo: pile_up.Firings | None = None,
+        limits_s: tuple[Lanes, Lanes] | None = None,
+    ) -> Peak:
         """Find the peak of the filter near a place of the waveform, at this time of flight.
 
-        echo  firings of an echo a dead time before, whose SPADs come back here; None: the place is that of an echo
+        echo      firings of an echo a dead time before, whose SPADs come back here; None: the place is that of an echo
+        limits_s  times of flight between which bins count that are higher than their neighbours, other echoes being
+                  near; None: the highest bin
         """
         pixel, histogram, ops = self.pixel, self.pixel.histogram, self.ops
         bin_s, reach, search = histogram.bin_s, histogram.reach, histogram.search
@@ -145,11 +157,18 @@ class Bins:
         first_searched = reach - search - 1
         best, peak_bin = values[1], 0.0 * place + (first_searched + 1.0)
         before, after = values[0], values[2]
-        for k in range(2, len(values) - 1):
+        exists = place == place
+        if limits_s is not None:
+            # A bin belongs to the echo on whose side of the limit its middle lies.
+            low, high = (limit_s / bin_s - 0.5 - first - first_searched for limit_s in limits_s)
+            best, exists = 0.0 * place - _BELOW_ALL, place != place
+        for k in range(1 if limits_s is not None else 2, len(values) - 1):
             better = values[k] > best
+            if limits_s is not None:
+                better = better & (values[k] > values[k - 1]) & (values[k] >= values[k + 1]) & (low <= k) & (k < high)
+                exists = exists | better
             before, after = ops.where(better, values[k - 1], before), ops.where(better, values[k + 1], after)
             best, peak_bin = ops.where(better, values[k], best), ops.where(better, float(first_searched + k), peak_bin)
-        rising = (before > best) | (after > best)
         offset, over_best = self._peak_offset(before, best, after)
         if histogram.estimator == "matched_filter":
             peak_bin = peak_bin + offset
@@ -157,7 +176,7 @@ class Bins:
             peak_bin = peak_bin + self._centroid(counts, background, peak_bin)
         photons = self._photons(counts, background, peak_bin)
         time_s = (first + peak_bin + 0.5) * bin_s
-        return Peak(value=best, height=over_best * best, time_s=time_s, photons=photons, rising=rising)
+        return Peak(value=best, height=over_best * best, time_s=time_s, photons=photons, exists=exists)
 
     def _blind_shares(self, start: Lanes, time_s: Lanes, echo_s: Lanes, echo: pile_up.Firings | None = None) -> _Blind:
         """Shares of SPADs that are blind at the first bin, fired by the background, by nearer echoes and by the air.

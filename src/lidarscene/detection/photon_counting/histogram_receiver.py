@@ -1,8 +1,9 @@
 """Receiver that sums many shots into a histogram and reports its peaks.
 
-The expected histogram after the filter is a sum of broadened echoes. Each of its peaks is a candidate: the counts
-around it are drawn (`bins`), filtered and compared with the threshold. The rest of the window holds noise alone, of
-which only the peaks above the threshold matter: a Poisson process, as for a comparator (docs/photon_counting.md).
+The expected histogram after the filter is a sum of broadened echoes. Each of its peaks is a candidate, and each echo
+on the flank of a peak: noise may lift it out. The counts around a candidate are drawn (`bins`), filtered and compared
+with the threshold. The rest of the window holds noise alone, of which only the peaks above the threshold matter: a
+Poisson process, as for a comparator (docs/photon_counting.md).
 
 A "pulse" is one point here: all of its shots together.
 """
@@ -16,10 +17,11 @@ from ...light.echoes import EchoTrain, Interference
 from ...light.waveform import Waveform, waveform
 from ...maths import random
 from ...maths.arrays import Array, Lanes, Mask, Ops, select_state, xp
+from ...maths.special import normal_tail
 from ...physics.electronics import tdc
 from ...physics.electronics.pulse_sums import SIGMAS_PER_FWHM
 from ...physics.optics import radiometry, scintillation
-from ...physics.photon_counting import dead_time, matched_filter, pile_up
+from ...physics.photon_counting import dead_time, matched_filter, pile_up, valleys
 from ...sensor.detectors import WorkingPoint
 from ...sensor.detectors.spad_detector import PLACES, Macropixel
 from ...sensor.sensor_model import Sensor
@@ -69,6 +71,18 @@ _LOWEST_HUMP = 0.1
 _ASIDE = 2.5
 """Distance in sigmas at which light of its own takes a hump's place."""
 
+_MERGED = 0.9
+"""Distance in widths of the filter's response at which an echo is part of a peak: noise splits none off nearer ones."""
+
+_NEIGHBOURS = 4.2
+"""Distance, in these widths, of two peaks between which noise may fill the valley."""
+
+_OUTWARD = 0.3
+"""Distance, in these widths, from an echo on a flank to the end of the valleys that lift it out."""
+
+_FAR = 1e30
+"""Place that no pulse has."""
+
 _NEVER = 1e-7
 """P_d below which the bins around a peak are not drawn: less than a point in forty frames of 262,144 pulses."""
 
@@ -87,6 +101,60 @@ class _Expected:
     probability: Lanes
     level: Lanes
     lone: Lanes
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Candidate:
+    """Place at which the histogram is searched; each field (n,).
+
+    exists       whether the pulse has it
+    place        place of the filtered light
+    on_flank     whether an echo lies there that is no peak of the expected light; such are visited after all peaks
+    low, high    places between which its peak is looked for: the valleys beside a peak
+    previous, following  places of the peaks beside a peak, if there are any
+    """
+
+    exists: Mask
+    place: Lanes
+    on_flank: Mask
+    low: Lanes
+    high: Lanes
+    previous: Lanes
+    following: Lanes
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Peaks:
+    """Peaks of the expected light behind the filter, in order of time.
+
+    count    (n,) how many
+    places   place of each, (n,) at a time
+    valleys  place of the valley before each, (n,) at a time
+    merged   (n,) for each sub-echo, whether it is part of a peak
+    """
+
+    count: Lanes
+    places: Array
+    valleys: Array
+    merged: tuple[Mask, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Visits:
+    """State of the visits to the candidates of each pulse.
+
+    number   (n,) number of the next peak
+    flank    (n,) place of the last echo on a flank
+    valleys  as of `_Peaks`
+    places   as of `_Peaks`
+    search   returns so far
+    """
+
+    number: Lanes
+    flank: Lanes
+    places: Array
+    valleys: Array
+    search: _PeakSearch
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -210,25 +278,188 @@ class _Receiver(Shots):
             stops=(empty,) * self.sensor.tdc.stops,
         )
         if alone is None:
-            return visit_all(self.filtered, self._visit, start)
+            return self._visit_candidates(start)
         # The only echo is the only peak.
         power = self.filtered.heights[0]
-        return self._add_peak(power > 0.0, zero, power, alone, start)
+        only = _Candidate(
+            exists=power > 0.0, place=zero, on_flank=never, low=zero, high=zero, previous=zero, following=zero
+        )
+        return self._add_peak(only, power, alone, start)
 
-    def _visit(self, rise: Rise, state: _PeakSearch) -> _PeakSearch:
-        power_w = self.ops.where(rise.exists, rise.top[0], 0.0)
-        return self._add_peak(rise.exists, rise.peak, power_w, self._expect(rise.peak, power_w), state)
+    def _find_peaks(self) -> _Peaks:
+        """Find the peaks of the expected light behind the filter."""
+        ops, wave = self.ops, self.filtered
+        # As many peaks as echoes of one width at most, and those of the air: on its hump, and before its end.
+        most = len(wave.centres) + (2 if wave.volume is not None else 0)
 
-    def _add_peak(
-        self, exists: Mask, place: Lanes, power_w: Lanes, expected: _Expected, state: _PeakSearch
-    ) -> _PeakSearch:
-        """Add a peak of the filtered light and its return to the search, which chance must be able to make.
+        def note(rise: Rise, peaks: _Peaks) -> _Peaks:
+            index = ops.int32(ops.minimum(peaks.count, most - 1.0))
+            near = (ops.abs(centre - rise.peak) < _MERGED for centre in wave.centres)
+            return _Peaks(
+                count=ops.minimum(peaks.count + 1.0, float(most)),
+                places=ops.put(peaks.places, index, rise.peak),
+                valleys=ops.put(peaks.valleys, index, rise.valley),
+                merged=tuple(merged | beside for merged, beside in zip(peaks.merged, near, strict=True)),
+            )
 
-        exists   (n,) bool, whether the pulse has this peak
-        place    (n,) place of the peak
+        like = self.light.origin_m
+        start = _Peaks(
+            count=ops.full(like, 0.0),
+            places=ops.room(like, most),
+            valleys=ops.room(like, most),
+            merged=tuple(ops.full(like, False) for _ in wave.centres),
+        )
+        return visit_all(wave, note, start)
+
+    def _visit_candidates(self, start: _PeakSearch) -> _PeakSearch:
+        """Visit the peaks of each pulse in order of time, and then the echoes on their flanks."""
+        ops, wave = self.ops, self.filtered
+        peaks = self._find_peaks()
+
+        def next_flank(place: Lanes) -> Lanes:
+            """First echo behind a place, and apart from the one there, that is not part of a peak."""
+            first: Lanes = ops.full(place, _FAR)
+            for centre, height, merged in zip(wave.centres, wave.heights, peaks.merged, strict=True):
+                new = ~merged & (height > 0.0) & (centre > place + _MERGED)
+                first = ops.where(new, ops.minimum(first, centre), first)
+            return first
+
+        def active(visits: _Visits) -> Mask:
+            return (visits.number < peaks.count) | (next_flank(visits.flank) < _FAR)
+
+        def step(visits: _Visits) -> _Visits:
+            number, flank = visits.number, next_flank(visits.flank)
+            is_peak, last = number < peaks.count, peaks.count - 1.0
+
+            def get(room: Array, index: Lanes) -> Lanes:
+                return ops.get(room, ops.int32(ops.maximum(ops.minimum(index, last), 0.0)))
+
+            exists = is_peak | (flank < _FAR)
+            place = ops.where(is_peak, get(visits.places, number), ops.where(flank < _FAR, flank, 0.0))
+            low = ops.where(is_peak & (number > 0.0), get(visits.valleys, number), -_FAR)
+            high = ops.where(is_peak & (number < last), get(visits.valleys, number + 1.0), _FAR)
+            candidate = _Candidate(
+                exists=exists,
+                place=place,
+                on_flank=exists & ~is_peak,
+                low=low,
+                high=high,
+                previous=ops.where(low > -_FAR, get(visits.places, number - 1.0), -_FAR),
+                following=ops.where(high < _FAR, get(visits.places, number + 1.0), _FAR),
+            )
+            height, slope, _ = wave.at(place)
+            power_w = ops.where(exists, height, 0.0)
+            # Noise lifts an echo out of a flank on the lower side.
+            outward = ops.where(slope > 0.0, -_OUTWARD, _OUTWARD)
+            expected_at = ops.where(candidate.on_flank, place + outward, place)
+            expected = self._expect(expected_at, ops.where(exists, wave.at(expected_at)[0], 0.0))
+            expected = replace(expected, probability=expected.probability * self._peaks_of(candidate, power_w))
+            return replace(
+                visits,
+                number=ops.where(is_peak, number + 1.0, number),
+                flank=ops.where(is_peak, visits.flank, flank),
+                search=self._add_peak(candidate, power_w, expected, visits.search),
+            )
+
+        first = ops.full(self.light.origin_m, 0.0)
+        begin = _Visits(number=first, flank=first - _FAR, places=peaks.places, valleys=peaks.valleys, search=start)
+        return ops.loop(begin, active, step).search
+
+    def _peaks_of(self, candidate: _Candidate, power_w: Lanes) -> Lanes:
+        """Mean number of peaks that a candidate has, whatever their height, (n,): at most 1 (T167).
+
+        power_w  power of the filtered light there
+        """
+        ops, wave, on_flank, place = self.ops, self.filtered, candidate.on_flank, candidate.place
+        before, behind = place - candidate.previous < _NEIGHBOURS, candidate.following - place < _NEIGHBOURS
+        point = self.sensor.working_point(self.train.background_power_w)
+        noise = point.noise.deviation
+
+        def count() -> Array:
+            height, slope, _ = wave.at(place)
+            upwards = ops.where(on_flank, ops.where(slope > 0.0, 1.0, -1.0), 0.0)
+            # Of an echo on a flank: the way to the higher one.
+            way: Lanes = ops.full(place, _NEIGHBOURS)
+            for centre, power in zip(wave.centres, wave.heights, strict=True):
+                ahead = (centre - place) * upwards
+                way = ops.where((ahead > _MERGED) & (power >= 0.5 * height), ops.minimum(way, ahead), way)
+            start = place - ops.where(upwards > 0.0, _OUTWARD, way)
+            end = place + ops.where(upwards > 0.0, way, _OUTWARD)
+            start = ops.where(on_flank, start, ops.where(before, candidate.previous, place))
+            end = ops.where(on_flank, end, ops.where(behind, candidate.following, place))
+            valleys_before, valleys_behind = self._valleys((start, place, end), upwards, power_w)
+            # Without a valley between two peaks there is one: the higher, as noise has it.
+            lost: Lanes = 0.0
+            for near, other, number in ((before, start, valleys_before), (behind, end, valleys_behind)):
+                other_w = wave.at(other)[0]
+                photons, others = (self._signal(point, power) for power in (power_w, other_w))
+                variance = 2.0 * noise * noise + point.noise.kappa_1 * (photons + others)
+                lower = normal_tail((photons - others) / ops.sqrt(ops.maximum(variance, 1e-6)))
+                lost = lost + ops.where(near, lower * ops.maximum(1.0 - number, 0.0), 0.0)
+            on_way = ops.minimum(valleys_before + valleys_behind, 1.0)
+            peaks: Array = ops.where(on_flank, on_way, ops.maximum(1.0 - lost, 0.0))
+            return peaks
+
+        return ops.where_any(candidate.exists & (on_flank | before | behind), count, ops.full(place, 1.0))
+
+    def _valleys(self, stretches: tuple[Lanes, ...], upwards: Lanes, power_w: Lanes) -> tuple[Lanes, ...]:
+        """Mean number of valleys of the drawn histogram behind the filter in neighbouring stretches, (n,) each (T166).
+
+        stretches  their ends, one more than stretches
+        upwards    1 or -1: only where the expected light rises or falls; 0: wherever
+        power_w    power of the filtered light at the candidate, which gives the photons of all light there
+        """
+        ops, wave = self.ops, self.filtered
+        background_w = self.train.background_power_w
+        pixel, point = self.sensor.pixel(background_w), self.sensor.working_point(background_w)
+        bin_sigmas = pixel.histogram.bin_s / pixel.sigma_s
+        stride = bin_sigmas * (0.5 / matched_filter.OUTPUT_WIDTH)
+        photons_per_w = self._signal(point, power_w) / ops.maximum(power_w, 1e-30)
+        noise = point.noise.deviation * point.noise.deviation
+
+        def moments_at(place: Lanes) -> tuple[Lanes, Lanes]:
+            own: Lanes = 0.0 * place
+            mean: Lanes = 0.0 * place
+            for centre, height in zip(wave.centres, wave.heights, strict=True):
+                square = (centre - place) * (centre - place)
+                mean = mean + height * ops.exp(-0.5 * square)
+                own = own + height * ops.exp((-0.5 / valleys.OWN_WIDTH**2) * square)
+            even = wave.air_w(place)
+            variance = valleys.OWN_HEIGHT * own + valleys.EVEN_HEIGHT * even
+            return photons_per_w * (mean + even), noise + photons_per_w * variance
+
+        def inside(place: Lanes, first: Lanes, last: Lanes) -> Lanes:
+            """Share of the half bin around a place that lies in a stretch."""
+            start, end = ops.maximum(first, place - 0.5 * stride), ops.minimum(last, place + 0.5 * stride)
+            return ops.maximum(end - start, 0.0) / stride
+
+        Moments = tuple[tuple[Lanes, Lanes], ...]
+        State = tuple[Lanes, Moments, tuple[Lanes, ...]]
+
+        def add(state: State) -> State:
+            place, moments, totals = state
+            moments = (*moments, moments_at(place + 2.0 * stride))
+            means, variances = zip(*moments, strict=True)
+            share = valleys.probability(means=means[::2], variances=variances, bin_sigmas=bin_sigmas)
+            share = ops.where((means[4] - means[0]) * upwards >= 0.0, 0.5 * share, 0.0)
+            sums = (
+                total + share * inside(place, first, last)
+                for total, first, last in zip(totals, stretches[:-1], stretches[1:], strict=True)
+            )
+            return place + stride, moments[1:], tuple(sums)
+
+        # Half bins, whose neighbours a bin away are other ones: each needs the light at one new place.
+        begin = 1.0 * stretches[0]
+        ahead = tuple(moments_at(begin + k * stride) for k in (-2.0, -1.0, 0.0, 1.0))
+        start: State = begin, ahead, (ops.full(begin, 0.0),) * (len(stretches) - 1)
+        return ops.loop(start, lambda state: state[0] < stretches[-1] + 0.5 * stride, add)[2]
+
+    def _add_peak(self, candidate: _Candidate, power_w: Lanes, expected: _Expected, state: _PeakSearch) -> _PeakSearch:
+        """Add a candidate and its return to the search, which chance must be able to make.
+
         power_w  (n,) power of the filtered light there
         """
-        ops = self.ops
+        ops, exists, place = self.ops, candidate.exists, candidate.place
         higher = exists & (power_w > state.highest_w)
         state = replace(
             state,
@@ -236,13 +467,15 @@ class _Receiver(Shots):
             highest_w=ops.where(higher, power_w, state.highest_w),
         )
         likely = exists & (expected.probability > _NEVER)
-        state = ops.where_any(likely, lambda: self._add_return(likely, place, power_w, expected, state), state)
+        drawn = replace(candidate, exists=likely)
+        state = ops.where_any(likely, lambda: self._add_return(drawn, power_w, expected, state), state)
         if not self._sees_humps:
             return state
         pixel = self.sensor.pixel(self.train.background_power_w)
         detections = pixel.detections(self._lone_w(power_w))
         by_echo, by_sun = (dead_time.firing_share(detections=x) for x in (detections, pixel.sun * pixel.blind_sigmas))
-        high = likely & (pixel.height_of_free(by_echo * by_sun) > _LOWEST_HUMP * expected.level)
+        peaks = likely & ~candidate.on_flank if self._multi_peak else likely
+        high = peaks & (pixel.height_of_free(by_echo * by_sun) > _LOWEST_HUMP * expected.level)
         return ops.where_any(high, lambda: self._add_revived(high, place, detections, expected, state), state)
 
     @property
@@ -261,10 +494,10 @@ class _Receiver(Shots):
         return power_w * (self.filtered.fwhm_s / self.sensor.laser.pulse_fwhm_s)
 
     def _add_return(
-        self, exists: Mask, place: Lanes, power_w: Lanes, expected: _Expected, state: _PeakSearch
+        self, candidate: _Candidate, power_w: Lanes, expected: _Expected, state: _PeakSearch
     ) -> _PeakSearch:
-        """Draw the bins around a peak and add its return to the search; arguments as of `_add_peak`."""
-        ops, sensor, converter = self.ops, self.sensor, self.sensor.tdc
+        """Draw the bins around a candidate and add its return to the search; arguments as of `_add_peak`."""
+        ops, sensor, converter, place = self.ops, self.sensor, self.sensor.tdc, candidate.place
         range_m = self.filtered.range_m(place)
         arrival_s = radiometry.time_of_flight_s(range_m=range_m)
         background = self.train.background_power_w
@@ -275,15 +508,27 @@ class _Receiver(Shots):
         detections = pixel.detections(self._lone_w(power_w))
         early = pixel.sigma_s * pile_up.shift(detections=detections, sun=pixel.sun, dead=pixel.blind_sigmas)
         bins = Bins(pixel=pixel, wave=self.light, seed=self.seed, pulse=self.pulse)
-        peak = bins.highest(place * matched_filter.OUTPUT_WIDTH + early / pixel.sigma_s, arrival_s + early)
-        tripped = exists & (peak.value >= threshold)
+        limits_s = None
         if self._multi_peak:
-            tripped = tripped & ~peak.rising
+            limits_s = (
+                radiometry.time_of_flight_s(range_m=self.filtered.range_m(candidate.low)) + early,
+                radiometry.time_of_flight_s(range_m=self.filtered.range_m(candidate.high)) + early,
+            )
+        at = place * matched_filter.OUTPUT_WIDTH + early / pixel.sigma_s
+        peak = bins.highest(at, arrival_s + early, limits_s=limits_s)
+        tripped = candidate.exists & peak.exists & (peak.value >= threshold)
         time_s = self._reported_s(pixel, peak)
-        accepted = (
-            tripped & comparator.accepts_crossing(sensor, arrival_s) & (time_s - state.last_s >= converter.dead_time_s)
-        )
-        accepted = accepted & comparator.is_range(time_s)
+        accepted = tripped & comparator.accepts_crossing(sensor, arrival_s) & comparator.is_range(time_s)
+        apart: Mask = time_s - state.last_s >= converter.dead_time_s
+        stops = state.stops
+        if self._multi_peak:
+            accepted, stops = self._keep_first(
+                accepted & (candidate.on_flank | apart), candidate.on_flank, time_s, stops
+            )
+            last_s = ops.where(accepted & ~candidate.on_flank, time_s, state.last_s)
+        else:
+            accepted = accepted & apart
+            last_s = ops.where(accepted, time_s, state.last_s)
         source, true_range, status = self._source(place)
         stop = _Stop(
             key=ops.where(accepted, self._key(time_s, peak.value), _EMPTY),
@@ -299,9 +544,31 @@ class _Receiver(Shots):
             state,
             tripped=state.tripped | tripped,
             in_window=state.in_window | accepted,
-            last_s=ops.where(accepted, time_s, state.last_s),
-            stops=_insert(state.stops, stop),
+            last_s=last_s,
+            stops=_insert(stops, stop),
         )
+
+    def _keep_first(
+        self, accepted: Mask, on_flank: Mask, time_s: Lanes, stops: tuple[_Stop, ...]
+    ) -> tuple[Mask, tuple[_Stop, ...]]:
+        """Hold the return of an echo on a flank, which is visited after all peaks, to the distance from the others.
+
+        Returns whether it is accepted, and the stops without those that lie less than that distance behind it. A peak
+        of the histogram that is a return already is no second one: two are two bins apart at least.
+        """
+        ops, separation_s = self.ops, self.sensor.tdc.dead_time_s
+        assert self.sensor.histogram is not None
+        for stop in stops:
+            behind_s, occupied = time_s - stop.time_s, stop.key > _EMPTY
+            same = ops.abs(behind_s) < self.sensor.histogram.bin_s
+            near = (behind_s >= 0.0) & (behind_s < separation_s)
+            accepted = accepted & ~(occupied & (same | (on_flank & near)))
+        shortened = []
+        for stop in stops:
+            ahead_s = stop.time_s - time_s
+            loses = accepted & on_flank & (ahead_s > 0.0) & (ahead_s < separation_s)
+            shortened.append(replace(stop, key=ops.where(loses, _EMPTY, stop.key)))
+        return accepted, _sort_by_key(shortened)
 
     def _add_revived(
         self, exists: Mask, place: Lanes, detections: Lanes, expected: _Expected, state: _PeakSearch
@@ -357,12 +624,29 @@ class _Receiver(Shots):
             least_significant_bit_s=self.sensor.tdc.least_significant_bit_s,
         )
 
+    def _shadow(self, place: Lanes, signal: Lanes) -> Lanes:
+        """Photons of a peak and its background that SPADs fired by nearer echoes miss, (n,) (T168)."""
+        pixel = self.sensor.pixel(self.train.background_power_w)
+        if not self._multi_peak or pixel.corrected or pixel.spad.coincidence > 1:
+            return 0.0
+        ops, wave = self.ops, self.filtered
+        before: Lanes = 0.0
+        for centre, height in zip(wave.centres, wave.heights, strict=True):
+            since = (place - centre) * matched_filter.OUTPUT_WIDTH
+            # The shadow that an echo casts on itself is in its own height.
+            blind = (since > _MERGED * matched_filter.OUTPUT_WIDTH) & (since < pixel.blind_sigmas)
+            before = before + ops.where(blind, height * ops.exp(-pixel.sun * ops.maximum(since, 0.0)), 0.0)
+        fired = dead_time.firing_share(detections=pixel.detections(self._lone_w(before)))
+        background = pixel.count_rate_hz * pixel.sigma_s * (matched_filter.SCALE * valleys.TEMPLATE_AREA)
+        return fired * (signal + background)
+
     def _expect(self, place: Lanes, power_w: Lanes) -> _Expected:
         """Expectation of a peak of the light behind the filter, (n,)."""
         point = self.sensor.working_point(self.train.background_power_w, range_m=self.filtered.range_m(place))
         assert point.law is not None
         level, signal = self.sensor.threshold(point), self._signal(point, power_w)
-        broad = level - self._gain_of_breadth(point, place, power_w)
+        shadow = self._shadow(place, signal)
+        broad = level - self._gain_of_breadth(point, place, power_w) + shadow
         if self.fluctuation is None:
             probability, lone = self._chances(point, broad, signal)
         else:
@@ -370,7 +654,7 @@ class _Receiver(Shots):
             # The threshold is that of the light that comes, P_d is the mean over all light that may come.
             mean_w = power_w / self.fluctuation.relative_power
             signal = self._signal(point, mean_w)
-            mean_level = level - self._gain_of_breadth(point, place, mean_w)
+            mean_level = level - self._gain_of_breadth(point, place, mean_w) + shadow
 
             def probability_of(relative_power: Lanes) -> Lanes:
                 return point.detection_probability(mean_level, self._signal(point, mean_w * relative_power), 0.0)
@@ -568,9 +852,13 @@ def _insert(stops: tuple[_Stop, ...], new: _Stop) -> tuple[_Stop, ...]:
 def _sort_by_time(stops: tuple[_Stop, ...]) -> tuple[_Stop, ...]:
     """Sort the stops by time; unused ones come last."""
     ops = xp(stops[0].key)
-    keyed = [replace(stop, key=ops.where(stop.key > _EMPTY, -stop.time_s, _EMPTY)) for stop in stops]
-    empty = replace(keyed[0], key=ops.full(keyed[0].key, 2.0 * _EMPTY))
+    return _sort_by_key([replace(stop, key=ops.where(stop.key > _EMPTY, -stop.time_s, _EMPTY)) for stop in stops])
+
+
+def _sort_by_key(stops: Sequence[_Stop]) -> tuple[_Stop, ...]:
+    """Sort the stops by falling keys."""
+    empty = replace(stops[0], key=xp(stops[0].key).full(stops[0].key, 2.0 * _EMPTY))
     ordered = (empty,) * len(stops)
-    for stop in keyed:
+    for stop in stops:
         ordered = _insert(ordered, stop)
     return ordered
