@@ -541,9 +541,9 @@ def peaks_of_events(rng, counter, light, apart_m, points):
     template = np.exp(-0.5 * (np.arange(-side, side + 1) * bin_ns / w) ** 2) * math.sqrt(1 + 1.44) / 1.2
     level = float(counter.threshold(counter.working_point(light.background_power_w[:1]))[0])
     detections, apart_ns = pixel.detections(light.parts[0].peak_power_w[:2]), 2e9 * apart_m / C
-    lead, total, at_once = 8.0 * sigma + side * bin_ns, np.zeros(2), 100
-    for _ in range(points // at_once):
-        place = lead + rng.random() * bin_ns
+    lead, total, at_once = 8.0 * sigma + side * bin_ns, np.zeros(2), 25
+    for number in range(points // at_once):
+        place = lead + (number + rng.random()) * at_once / points * bin_ns
         counts = photons.renewal_counts(
             rng,
             (at_once, trials),
@@ -596,9 +596,11 @@ def test_echoes_that_merge_or_lie_on_a_flank_are_found_as_often_as_by_photons(
     place = np.stack([stop.range_m for stop in stops]) - range_m[:, 0]
     probability = np.stack([np.asarray(stop.detection_probability) for stop in stops])
     first = np.abs(place) < np.abs(place - apart_m)
-    for expected, where in zip(simulated, (echo & first, echo & ~first), strict=True):
+    # Of which echo a peak is that lies half way between is chance of the place in a bin.
+    shares = [(simulated.sum(), echo)] if apart_m < 0.5 else zip(simulated, (echo & first, echo & ~first), strict=True)
+    for expected, where in shares:
         share = where.sum() / 2000
-        spread = max(expected * (1.0 - min(expected, 0.99)), 0.01)
+        spread = max(expected * (1.0 - min(expected, 0.99)), 0.01)  # 0.01: a share of 1 has no other error
         assert share == pytest.approx(expected, abs=4.0 * math.sqrt(spread / 400 + spread / 2000))
     # Equal echoes that merge are one, wherever its peak lies: P_d of all returns together is their number.
     if echo.sum() < 1.01 * 2000:
@@ -614,7 +616,7 @@ def test_echoes_that_merge_or_lie_on_a_flank_are_found_as_often_as_by_photons(
 
 def test_an_echo_on_a_flank_keeps_its_distance():
     """An echo of 15 photons on the flank of one of 150, 1 m or 6.7 ns behind it: it is visited after that one's peak.
-    With a separation of 8 ns the first return is kept, as it is of peaks, in every of 1,000 points.
+    With a separation of 11 ns the first return is kept, as it is of peaks, in every of 1,000 points.
     """
 
     def ranges(separation_ns):
@@ -623,7 +625,7 @@ def test_an_echo_on_a_flank_keeps_its_distance():
         stops = photons.detect_train(dataclasses.replace(counter, tdc=converter), light).stops
         return np.stack([np.where(photons.echo_of(stop), stop.range_m - range_m[:, 0], np.nan) for stop in stops])
 
-    anywhere, apart = ranges(0.0), ranges(8.0)
+    anywhere, apart = ranges(0.0), ranges(11.0)
     assert 0.2 < (np.isfinite(anywhere).sum(axis=0) == 2).mean() < 0.5
     assert (np.isfinite(apart).sum(axis=0) == 1).all()
     np.testing.assert_array_equal(np.nanmin(anywhere, axis=0), np.nanmin(apart, axis=0))
