@@ -68,7 +68,8 @@ def test_every_point_comes_back(library: Callable[[str], Any], name: str, sets: 
     """Rationale: 3 mm, 0.01 degrees and 1 us are the acceptance: distances have steps of 2 and 4 mm, azimuths of 0.01
     degrees, stamps of 1 us. A VLS-128's packet with two returns is one firing, and the decoder takes how fast the head
     turns from the rounded azimuths of two: 0.01 degrees more. It also takes that a VLS-128 fires every 53.3 us, as the
-    manual says, where recorded ones do so every 55.3 us: the third firing of a packet is 4.4 us and 0.016 degrees early in its points.
+    manual says, where recorded ones do so every 55.3 us: the third firing of a packet is 4.4 us and 0.016 degrees early
+    in its points.
     """
     sensor = load_sensor(name, overrides=sets)
     clouds = [random_frame(sensor, number=number, second=bool(sets)) for number in range(1 if name == "vls-128" else 2)]
