@@ -110,12 +110,13 @@ class Waveform:
             bend + (after - 2.0 * middle + before) / (_HALF_STEP * _HALF_STEP),
         )
 
-    def comb(self, start: Lanes, spacing: Lanes, middle: Lanes) -> Comb:
-        """Prepare the waveform at evenly spaced places, at most 2 t_FWHM to either side of the middle.
+    def comb(self, start: Lanes, spacing: Lanes, middle: Lanes, *, half: float = 5.0) -> Comb:
+        """Prepare the waveform at evenly spaced places.
 
         start    (n,) first place
         spacing  (n,) distance between two places
         middle   (n,) middle of all places
+        half     largest distance of a place from it
         """
         parts, growths = comb_parts(
             start=self._pulse_place(start),
@@ -123,8 +124,9 @@ class Waveform:
             middle=self._pulse_place(middle),
             centres=self.centres,
             heights=self.heights,
+            half=half,
         )
-        return Comb(wave=self, middle=middle, growths=growths, parts=parts)
+        return Comb(wave=self, middle=middle, half=half, growths=growths, parts=parts)
 
     def air_w(self, place: Lanes) -> Lanes:
         """Power of the air's even light at a place, (n,) W; 0 without any."""
@@ -186,19 +188,21 @@ class Comb:
 
     wave     the waveform
     middle   (n,) middle of all places
+    half     largest distance of a place from it
     parts    (n,) each, every sub-echo's part at the first place; a loop over the places carries them along
     growths  (n,) each, the factor from one place to the next
     """
 
     wave: Waveform
     middle: Lanes
+    half: float
     parts: Sequence[Lanes]
     growths: Sequence[Lanes]
 
     def power_w(self, place: Lanes, parts: Sequence[Lanes]) -> Lanes:
         """Power at a place, (n,) W, from the parts there."""
         wave, middle = self.wave, self.wave._pulse_place(self.middle)
-        value = even_sum(place=wave._pulse_place(place), middle=middle, parts=parts)
+        value = even_sum(place=wave._pulse_place(place), middle=middle, parts=parts, half=self.half)
         if wave.undershoot is not None:
             value = value - wave.undershoot.at(place, wave.centres)[0]
         return value if wave.volume is None else value + _volume_w(wave.volume, wave.range_m(place), wave.fwhm_s)

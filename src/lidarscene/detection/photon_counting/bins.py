@@ -19,6 +19,7 @@ from ...maths.random import Stage
 from ...physics.photon_counting import dead_time, draws, matched_filter, pile_up
 from ...physics.photon_counting.pile_up import BOX
 from ...sensor.detectors.spad_detector import Macropixel
+from .shadows import Shadow
 
 BOX_SHARE = math.erf(BOX / math.sqrt(2.0))
 
@@ -27,9 +28,6 @@ _LEAST = 1e-3
 
 _BELOW_ALL = 1e9
 """Photons that no value of the filter lies below its mean."""
-
-_STEPS = 12
-"""Steps of the integral of the air's light before an echo."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -53,36 +51,61 @@ class Peak:
 _FEW = 2e-3
 """Share of the SPADs that may be left out when they come free again: 0.1 % of the noise in any light."""
 
-_RELEASE = 3.0
-"""Pulse widths (sigmas) until the SPADs fired by an echo have recovered."""
+_NOTHING_BEFORE = 4.5
+"""Widths (sigmas) behind the first bin from which on an echo has no light before it."""
+
+
+_LEAD = 3.0
+"""Widths (sigmas) before the first bin from which on SPADs are followed: light there is as exact as in the bins."""
+
+_BACK = (3, 2, 1, 0)
+"""Dead times before the bins at which SPADs are followed, the earliest first."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Blind:
-    """SPADs that are blind at the first bin; each field (n,).
+class _Before:
+    """SPADs that fired before the first bin; each (n,), or a room with an entry for each bin.
 
-    by_sun     share that background and dark counts have fired
-    by_echoes  share that nearer echoes and the air have fired
-    freed      bin in which the latter get free, on average
-    missed     share of the SPADs that the sun fires before the echoes, and does not fire behind them
-    recent     how much of that shadow is left at the first bin: the sun's SPADs come back in it
-    revived    share of the SPADs by which more are free than in even light: those of echoes that are back together
-    older      shadow of these echoes a dead time before the first bin
-    again      share of the free SPADs that nearer echoes have fired and that is still blind: afterpulses are to come
-    due        afterpulses in the first bin for each SPAD that is free in even light, of echoes whose SPADs are back
-    release    pulse widths (sigmas) over which the SPADs of echoes recover
+    free      share that is free at the first bin
+    released  share that comes free in each bin a dead time after it has fired; None: that of even light
+    due       afterpulses in each bin of those that light of its own fired, for each free SPAD; None: there are none
+    shaded    whether light came before the bins: else the rooms hold nothing
     """
 
-    by_sun: Lanes
-    by_echoes: Lanes
-    freed: Lanes
-    missed: Lanes
-    recent: Lanes
-    revived: Lanes = 0.0
-    older: Lanes = 0.0
-    again: Lanes = 0.0
-    due: Lanes = 0.0
-    release: Lanes = _RELEASE
+    free: Lanes
+    released: Array | None = None
+    due: Array | None = None
+    shaded: Mask = False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Course:
+    """Course of the free SPADs some dead times before the drawn bins, or within them; each field (n,).
+
+    free   share that is free when a step begins
+    due    afterpulses a step that free ones are to have, above those of even light
+    parts  light of each sub-echo in the step (`light.waveform.Comb`)
+    """
+
+    free: Lanes
+    due: Lanes
+    parts: tuple[Lanes, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Following:
+    """State of following the courses; each field (n,), rooms of `_Before`.
+
+    number   number of the next step, from the first bin: negative before it
+    courses  those of `_BACK`
+    free     share that is free at the first bin
+    """
+
+    number: Lanes
+    courses: tuple[_Course, ...]
+    free: Lanes
+    released: Array
+    due: Array | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -131,27 +154,37 @@ class Bins:
         """Array functions of the arrays' kind, NumPy's or Dr.Jit's."""
         return xp(self.wave.origin_m)
 
+    def draw(self, place: Lanes, time_s: Lanes, *, behind: bool = False) -> tuple[Lanes, list[Lanes]]:
+        """Draw the counts around a place; returns the number of the first bin and the counts, (n,) each.
+
+        Arguments as of `highest`.
+        """
+        pixel, ops = self.pixel, self.ops
+        bin_s = pixel.histogram.bin_s
+        # Bins are drawn in pairs: a random number has two words. So the first one is even.
+        middle = ops.floor(time_s / bin_s)
+        first = 2.0 * ops.floor(0.5 * (middle - pixel.histogram.reach))
+        start = place + (first * bin_s + 0.5 * bin_s - time_s) / pixel.sigma_s
+        before = self._before(start, first * bin_s, time_s, behind=behind)
+        return first, self._draw_counts(first, start, before, place)
+
     def highest(
         self,
         place: Lanes,
         time_s: Lanes,
         *,
-        echo: pile_up.Firings | None = None,
+        behind: bool = False,
         limits_s: tuple[Lanes, Lanes] | None = None,
     ) -> Peak:
         """Find the peak of the filter near a place of the waveform, at this time of flight.
 
-        echo      firings of an echo a dead time before, whose SPADs come back here; None: the place is that of an echo
+        behind    whether there is light before these bins even where a pulse has one echo
         limits_s  times of flight between which bins count that are higher than their neighbours, other echoes being
                   near; None: the highest bin
         """
         pixel, histogram, ops = self.pixel, self.pixel.histogram, self.ops
         bin_s, reach, search = histogram.bin_s, histogram.reach, histogram.search
-        # Bins are drawn in pairs: a random number has two words. So the first one is even.
-        middle = ops.floor(time_s / bin_s)
-        first = 2.0 * ops.floor(0.5 * (middle - reach))
-        start = place + (first * bin_s + 0.5 * bin_s - time_s) / pixel.sigma_s
-        counts = self._draw_counts(first, start, self._blind_shares(start, first * bin_s, time_s, echo), place)
+        first, counts = self.draw(place, time_s, behind=behind)
         background = pixel.count_rate_hz * bin_s
         values = self._filter_counts(counts, background)
         first_searched = reach - search - 1
@@ -178,138 +211,133 @@ class Bins:
         time_s = (first + peak_bin + 0.5) * bin_s
         return Peak(value=best, height=over_best * best, time_s=time_s, photons=photons, exists=exists)
 
-    def _blind_shares(self, start: Lanes, time_s: Lanes, echo_s: Lanes, echo: pile_up.Firings | None = None) -> _Blind:
-        """Shares of SPADs that are blind at the first bin, fired by the background, by nearer echoes and by the air.
+    def _before(self, start: Lanes, time_s: Lanes, echo_s: Lanes, *, behind: bool) -> _Before:
+        """SPADs that background, nearer echoes and the air have fired before the first bin.
 
-        start, time_s  place and time of flight of that bin
-        echo_s         time of flight of the echo, for which the pixel is
-        echo           as of `highest`
+        start, time_s   place and time of flight of that bin
+        echo_s          time of flight of the echo, for which the pixel is
+        behind          as of `highest`
         """
         pixel, wave, ops = self.pixel, self.wave, self.ops
         free, fires_once = pixel.free, pixel.spad.stamps == "first"
         if fires_once:
             armed = pixel.armed_s + time_s - echo_s
             free = dead_time.free_share_of_first(rate_hz=pixel.rate_hz, time_s=armed)
-        lone = len(wave.centres) == 1 and wave.volume is None and pixel.spad.afterpulse is None
-        if echo is None and lone:
+        if len(wave.centres) == 1 and wave.volume is None and not behind:
             # The pulse's only echo is the one in these bins.
-            return _Blind(by_sun=1.0 - free, by_echoes=0.0, freed=0.0, missed=0.0, recent=1.0)
-        sigma = pixel.sigma_s
-        # SPADs that fire once in a shot stay blind to its end: their dead time is infinite, here a large number.
-        dead = 1e9 if fires_once else pixel.spad.dead_time_s / sigma
-        energy = pixel.per_watt * sigma * math.sqrt(2.0 * math.pi)
-        before, moment, older, older_moment = (0.0 * start for _ in range(4))
-        for centre, height in zip(wave.centres, wave.heights, strict=True):
-            # Share of a Gaussian within the dead time before the first bin, by the logistic approximation.
-            part = self._share_before(start - centre)
-            if not fires_once:
-                back = self._share_before(start - dead - centre)
-                part = part - back
-                back = (back - self._share_before(start - 2.0 * dead - centre)) * height * energy
-                older, older_moment = older + back, older_moment + back * ops.minimum(centre + dead - start, 0.0)
-            part = part * height * energy
-            before, moment = before + part, moment + part * ops.minimum(centre - start, 0.0)
+            return _Before(free=free)
+        # Places count from the nearest echo.
+        shaded = start > -_NOTHING_BEFORE
         if wave.volume is not None:
-            since = ops.maximum(time_s, 0.0)
-            if not fires_once:
-                since = ops.minimum(since, pixel.spad.dead_time_s)
-            step = since / (sigma * _STEPS)
-            for k in range(_STEPS):
-                part = wave.air_w(start - (k + 0.5) * step) * step * sigma * pixel.per_watt
-                before, moment = before + part, moment - part * (k + 0.5) * step
-        mean = moment / ops.maximum(before, 1e-20) + (0.0 if echo is None else echo.mean)
-        fired = dead_time.firing_share(detections=before) if echo is None else echo.share
-        revived: Lanes = 0.0
-        shadow: Lanes = 0.0
-        if not fires_once:
-            # Linear response of the free share: 1 - exp(-lambda tau) - lambda u of what fired is free too much a time u
-            # after it has come back, times exp(-lambda u).
-            since = -pixel.sun * older_moment / ops.maximum(older, 1e-20)
-            left = dead_time.firing_share(detections=older) * ops.exp(-since)
-            revived = free * left * (1.0 - ops.exp(-pixel.sun * dead) - since)
-            shadow = left
-        again, due = (0.0, 0.0) if pixel.spad.afterpulse is None else self._due_shares(start, dead)
-        return _Blind(
-            by_sun=1.0 - free,
-            by_echoes=free * fired,
-            freed=(mean + dead) * (sigma / pixel.histogram.bin_s),
-            missed=fired if echo is None else ops.minimum(fired, 1.0),
-            recent=1.0 if fires_once else ops.exp(mean * pixel.sun),
-            revived=revived,
-            older=shadow,
-            again=again,
-            due=due,
-            release=_RELEASE if echo is None else echo.deviation * math.sqrt(12.0),
+            shaded = shaded | (wave.volume.scale > 0.0)
+        zero, bin_s = 0.0 * start, pixel.histogram.bin_s
+        step = bin_s / pixel.sigma_s
+        if fires_once:
+            free = free * ops.where_any(
+                shaded,
+                lambda: zero + Shadow.before(pixel, wave, start - 0.5 * step, time_s - 0.5 * bin_s).free(),
+                zero + 1.0,
+            )
+            return _Before(free=free)
+        return self._follow(start, time_s, shaded)
+
+    def _follow(self, start: Lanes, time_s: Lanes, shaded: Mask) -> _Before:
+        """Follow the SPADs through the light before the bins, two dead times, one and none before (T100), (T109).
+
+        What fires a dead time before comes free in the bins, as sharply as the light that fired it came.
+        """
+        pixel, ops = self.pixel, self.ops
+        spad, bin_s = pixel.spad, pixel.histogram.bin_s
+        step, dead = bin_s / pixel.sigma_s, pixel.blind_sigmas
+        zero, count = 0.0 * start, 2 * pixel.histogram.reach + 2
+        # An echo that ends shortly before the bins is followed too.
+        lead = math.ceil(_LEAD / pixel.histogram.bin_to_sigma)
+        begin, early = start - lead * step, lead + 0.5
+
+        def shares() -> tuple[Lanes, ...]:
+            shadow = Shadow.before(pixel, self.wave, start - early * step, time_s - early * bin_s)
+            dues = [0.0] * len(_BACK) if spad.afterpulse is None else [shadow.due_hz(pixel, back) for back in _BACK]
+            return tuple(zero + pixel.free * share for share in (*(shadow.free(back) for back in _BACK), *dues))
+
+        even = (1.0,) * len(_BACK) + (0.0,) * len(_BACK)
+        first = ops.where_any(shaded, shares, tuple(zero + pixel.free * share for share in even))
+        steps = lead + count - 1
+        combs = [
+            self.wave.comb(
+                begin - back * dead,
+                step,
+                begin + 0.5 * steps * step - back * dead,
+                half=0.5 * steps * pixel.histogram.bin_to_sigma,
+            )
+            for back in _BACK
+        ]
+        fired_evenly = pixel.free * pixel.rate_hz * bin_s
+        state = _Following(
+            number=zero - lead,
+            courses=tuple(
+                _Course(free=free, due=due_hz * bin_s, parts=tuple(comb.parts))
+                for free, due_hz, comb in zip(first, first[len(_BACK) :], combs, strict=False)
+            ),
+            free=zero + pixel.free,
+            released=ops.room(start, count),
+            due=None if spad.afterpulse is None else ops.room(start, count),
         )
 
-    def _due_shares(self, start: Lanes, dead: Lanes) -> tuple[Lanes, Lanes]:
-        """`_Blind.again` and `_Blind.due`.
+        def follow_step(state: _Following) -> _Following:
+            place, index = start + state.number * step, ops.int32(ops.maximum(state.number, 0.0))
+            courses, released, caught = [], fired_evenly, zero
+            room, due_room = state.released, state.due
+            for back, comb, course in zip(_BACK, combs, state.courses, strict=True):
+                if back == 0:
+                    room = ops.put(room, index, zero + released)
+                light = comb.power_w(place - back * dead, course.parts) * (pixel.per_watt * bin_s)
+                of_free, of_released = dead_time.firing_parts(detections=light + pixel.rate_hz * bin_s)
+                fired, due = course.free * of_free + released * of_released, course.due
+                if due_room is not None and spad.afterpulse is not None and spad.afterpulse_s is not None:
+                    # As in `dead_time.firing_shares`: they fire, light fires their SPADs, or they go on.
+                    others = light + pixel.primary_hz * bin_s
+                    gone = others + bin_s / spad.afterpulse_s
+                    at_once, late = dead_time.firing_parts(detections=gone)
+                    returned = ops.exp(-spad.dead_time_s / spad.afterpulse_s) * caught
+                    again = (due * at_once + returned * late) / gone
+                    if back == 0:
+                        due_room = ops.put(due_room, index, again / ops.maximum(course.free + 0.5 * released, 1e-6))
+                    fired, due = fired + again, due + returned - again * gone
+                    caught = again * others + (fired - fired_evenly) * (spad.afterpulse * bin_s / spad.afterpulse_s)
+                courses.append(_Course(free=course.free + released - fired, due=due, parts=comb.advance(course.parts)))
+                released = fired
+            in_bins = state.number > -0.5
+            return _Following(
+                number=state.number + 1.0,
+                courses=tuple(courses),
+                free=ops.where(in_bins, state.free, courses[-1].free),
+                released=room,
+                due=due_room,
+            )
 
-        dead  dead time in sigmas
-        """
-        ops = self.ops
-        energy = self.pixel.per_watt * self.pixel.sigma_s * math.sqrt(2.0 * math.pi)
-        # A dead time, the one before, and all that is older: a SPAD fires once in each, and an echo is in one of them.
-        lights, places = [0.0 * start for _ in range(3)], [0.0 * start for _ in range(3)]
-        for centre, height in zip(self.wave.centres, self.wave.heights, strict=True):
-            since = start - centre
-            light = self._share_before(since) * height * energy
-            inside = (since < dead, (since >= dead) & (since < 2.0 * dead), since >= 2.0 * dead)
-            for i, within in enumerate(inside):
-                lights[i] = lights[i] + ops.where(within, light, 0.0)
-                places[i] = places[i] + ops.where(within, light * (since - dead), 0.0)
-        due: Lanes = 0.0
-        for light, place in zip(lights[1:], places[1:], strict=True):
-            since_s = place / ops.maximum(light, 1e-20) * self.pixel.sigma_s
-            due = due + dead_time.firing_share(detections=light) * self._afterpulses(since_s)
-        return dead_time.firing_share(detections=lights[0]), due
+        final = ops.loop(state, lambda state: shaded & (state.number < count - 0.5), follow_step)
+        return _Before(free=final.free, released=final.released, due=final.due, shaded=shaded)
 
-    def _afterpulses(self, since_s: Lanes) -> Lanes:
-        """Afterpulses in a bin for each SPAD that came free so long before (T109)."""
-        pixel, ops = self.pixel, self.ops
-        spad = pixel.spad
-        assert spad.afterpulse is not None
-        assert spad.afterpulse_s is not None
-        # The sun may have fired it by then; two dead times on it has its share of free SPADs again.
-        free = ops.maximum(ops.exp(-pixel.rate_hz * since_s), pixel.free)
-        rate = spad.afterpulse / spad.afterpulse_s * ops.exp(-(since_s + spad.dead_time_s) / spad.afterpulse_s)
-        return rate * free * pixel.histogram.bin_s
-
-    def _due(self, state: _DrawState, blind: _Blind) -> Lanes:
-        """Afterpulses of earlier echoes in the next bin, for each free SPAD (T109)."""
-        pixel, ops, bin_s = self.pixel, self.ops, self.pixel.histogram.bin_s
-        assert pixel.spad.afterpulse_s is not None
-        due = blind.due * ops.exp(-state.number * (bin_s / pixel.spad.afterpulse_s))
-        back = 1.0 - 0.5 * (self._still_blind(state.number, blind) + self._still_blind(state.number + 1.0, blind))
-        since = ops.maximum(state.number + 0.5 - blind.freed, 0.0) * bin_s
-        due = due + blind.again * back * self._afterpulses(since)
-        # Where echoes have come back together more SPADs are free than in even light, but none more has afterpulses.
-        return due * pixel.free / ops.maximum(state.free, pixel.free)
-
-    def _share_before(self, ahead: Lanes) -> Lanes:
-        """Share of a Gaussian that lies before a place so many sigmas behind its centre, to 1 %."""
-        ops = self.ops
-        return 1.0 / (1.0 + ops.exp(-1.702 * ops.maximum(ahead, -40.0)))
-
-    def _draw_counts(self, first: Lanes, start: Lanes, blind: _Blind, middle: Lanes) -> list[Lanes]:
+    def _draw_counts(self, first: Lanes, start: Lanes, before: _Before, middle: Lanes) -> list[Lanes]:
         """Draw the counts of each bin, (n,) each; corrected for pile-up if the sensor does so.
 
         first   number of the first bin, even
         start   its place
-        blind   SPADs that are blind then
+        before  SPADs that fired before it
         middle  place of the echo
         """
         pixel, ops = self.pixel, self.ops
         bin_s, count = pixel.histogram.bin_s, 2 * pixel.histogram.reach + 2
-        comb = self.wave.comb(start, bin_s / pixel.sigma_s, middle)
-        first_free = 1.0 - blind.by_sun - blind.by_echoes * blind.recent + blind.revived
+        # The first bin is even, so that it may be one bin farther away.
+        half = (pixel.histogram.reach + 2) * pixel.histogram.bin_to_sigma
+        comb = self.wave.comb(start, bin_s / pixel.sigma_s, middle, half=half)
         all_trials = pixel.trials if pixel.spad.coincidence == 1 else 1.0
         begin = _DrawState(
             number=0.0 * start,
-            free=0.0 * start + first_free,
+            free=0.0 * start + before.free,
             silent=0.0 * start + 1.0,
             trials=0.0 * start + (0.0 if pixel.corrected else all_trials),
-            again=0.0 * start + (all_trials * first_free if pixel.corrected else 0.0),
+            again=0.0 * start + (all_trials * before.free if pixel.corrected else 0.0),
             revived=0.0 * start,
             parts=tuple(comb.parts),
             firings=ops.room(start, count),
@@ -324,9 +352,10 @@ class Bins:
                 place = start + state.number * (bin_s / pixel.sigma_s)
                 light = comb.power_w(place, state.parts) * (pixel.per_watt * bin_s)
                 detections = light + pixel.rate_hz * bin_s
-                if pixel.spad.afterpulse is not None:
-                    detections = detections + self._due(state, blind)
-                state = self._draw_bin(state, blind, detections, random.open_uniform(word))
+                if before.due is not None:
+                    due = ops.get(before.due, ops.int32(state.number))
+                    detections = detections + ops.where(before.shaded, due, 0.0)
+                state = self._draw_bin(state, before, detections, random.open_uniform(word))
                 state = replace(state, parts=comb.advance(state.parts))
             return state
 
@@ -334,7 +363,7 @@ class Bins:
         counts = final.firings if final.counts is None else final.counts
         return [ops.get(counts, ops.full(first, i)) for i in range(count)]
 
-    def _draw_bin(self, state: _DrawState, blind: _Blind, detections: Lanes, uniform: Lanes) -> _DrawState:
+    def _draw_bin(self, state: _DrawState, before: _Before, detections: Lanes, uniform: Lanes) -> _DrawState:
         """Draw the firings of the next bin and its counts (T105).
 
         How many SPADs are free is not known, only how many have fired in these bins: the others fire with the share
@@ -345,7 +374,7 @@ class Bins:
         """
         pixel, ops = self.pixel, self.ops
         spad = pixel.spad
-        released = self._released(state.number, blind)
+        released = self._released(state.number, before)
         of_free, of_released = dead_time.firing_parts(detections=detections, branch=True)
         share = state.free * of_free + released * of_released
         revived = state.revived
@@ -392,27 +421,17 @@ class Bins:
             counts=counts,
         )
 
-    def _released(self, number: Lanes, blind: _Blind) -> Lanes:
+    def _released(self, number: Lanes, before: _Before) -> Lanes:
         """Share of the SPADs, fired before the first bin, that come free in this one, (n,)."""
         pixel, ops = self.pixel, self.ops
         if pixel.spad.stamps == "first":
             return 0.0 * number
-        # The sun's get free evenly over one dead time, those of echoes one dead time after these.
-        step = pixel.histogram.bin_s / pixel.spad.dead_time_s
-        of_sun = blind.by_sun * ops.minimum(ops.maximum(1.0 - number * step, 0.0), step)
-        if isinstance(blind.by_echoes, float):
-            return of_sun
-        # A dead time behind the echoes the sun's are those that it fired in their shadow.
-        before, after = self._still_blind(number, blind), self._still_blind(number + 1.0, blind)
-        since = ops.maximum(number + 0.5 - blind.freed, 0.0) * (pixel.rate_hz * pixel.histogram.bin_s)
-        shadow = blind.missed * (1.0 - 0.5 * (before + after)) * ops.exp(-since)
-        shadow = shadow + blind.older * ops.exp(-(number + 0.5) * (pixel.rate_hz * pixel.histogram.bin_s))
-        return of_sun * (1.0 - shadow) + blind.by_echoes * (before - after)
-
-    def _still_blind(self, edge: Lanes, blind: _Blind) -> Lanes:
-        """Share of the SPADs fired by echoes that is blind at the edge of a bin; they come back over some widths."""
-        ops, slope = self.ops, self.pixel.histogram.bin_s / (blind.release * self.pixel.sigma_s)
-        return ops.minimum(ops.maximum((blind.freed - edge) * slope + 0.5, 0.0), 1.0)
+        bin_s = pixel.histogram.bin_s
+        # In even light as many as fire. Beyond a dead time those come free that have fired in the bins.
+        released: Lanes = pixel.free * pixel.rate_hz * bin_s
+        if before.released is not None:
+            released = ops.where(before.shaded, ops.get(before.released, ops.int32(number)), released)
+        return released * ops.minimum(ops.maximum(pixel.spad.dead_time_s / bin_s - number, 0.0), 1.0)
 
     def _revived(self, firings: Array, number: Lanes, silent: Lanes) -> Lanes:
         """Firings of the drawn bins that come free in a bin, a dead time later, (n,).

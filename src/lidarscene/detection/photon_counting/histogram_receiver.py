@@ -597,7 +597,7 @@ class _Receiver(Shots):
             light_w = ops.maximum(light_w, self.light.at(at + aside)[0])
         exists = exists & (4.0 * pixel.trials * pixel.detections(light_w) < height)
         level, lone = expected.level, point.law.lone(expected.level, height)
-        peak = Bins(pixel=pixel, wave=self.light, seed=self.seed, pulse=self.pulse).highest(at, arrival_s, echo=echo)
+        peak = Bins(pixel=pixel, wave=self.light, seed=self.seed, pulse=self.pulse).highest(at, arrival_s, behind=True)
         threshold = pixel.histogram.threshold_of_point(level, _draw_deviate(self.seed, self.pulse), lone)
         time_s, apart_s = self._reported_s(pixel, peak), sensor.tdc.dead_time_s
         accepted = exists & (peak.value >= threshold) & comparator.accepts_crossing(sensor, arrival_s)

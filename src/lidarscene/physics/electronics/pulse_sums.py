@@ -35,8 +35,16 @@ step would be so short that the search seems to be over."""
 _REACH = 13.0
 """Farthest pulse that `comb_parts` takes, from the middle of its places, in sigma_p: 2 t_FWHM and 8 sigma_p."""
 
-_RAISED = 60.0
-"""Added to the exponents in `comb_parts`: products from e^-86 to e^71 then stay within single precision."""
+_NEAR = 5.0
+"""Distance of the places of `comb_parts` from their middle, in sigma_p, if no larger one is given: 2 t_FWHM."""
+
+
+def raised(half: float) -> float:
+    """Number added to the exponents in `comb_parts`, so that products stay within single precision, e^-87 to e^88.
+
+    half  largest distance of a place from the middle: an echo as far on the same side has the factor exp(half^2 / 2)
+    """
+    return min(60.0, 87.0 - 0.5 * half * half)
 
 
 def sum_of_pulses(*, place: Lanes, centres: Sequence[Lanes], heights: Sequence[Lanes]) -> Shape:
@@ -54,17 +62,25 @@ def sum_of_pulses(*, place: Lanes, centres: Sequence[Lanes], heights: Sequence[L
 
 
 def comb_parts(
-    *, start: Lanes, spacing: Lanes, middle: Lanes, centres: Sequence[Lanes], heights: Sequence[Lanes]
+    *,
+    start: Lanes,
+    spacing: Lanes,
+    middle: Lanes,
+    centres: Sequence[Lanes],
+    heights: Sequence[Lanes],
+    half: float = _NEAR,
 ) -> tuple[list[Array], list[Array]]:
     """`sum_of_pulses` at evenly spaced places u: each pulse's part at the first, and its factor from one to the next.
 
     start, spacing  first place and distance between places
-    middle          centre of the places, at most 2 t_FWHM from each
+    middle          centre of the places
+    half            largest distance of a place from it
 
     P(u) = exp(-(u - m)^2 / 2) sum_k P_k exp(-(t_k - m)^2 / 2) exp((t_k - m)(u - m)). The first exponential is common
     to all pulses, and the last one grows by the constant factor exp((t_k - m) du). So a place costs one
     multiplication for each pulse instead of one exponential. Pulses farther than 8 sigma_p from all places, whose
-    light there is 1e-14 of their peak, are left out. Rounding accumulates: a hundred places are good to 1e-5.
+    light there is 1e-14 of their peak, are left out, and of those beyond the last place more where ``half`` is above 7:
+    single precision loses their begin. Rounding accumulates: a hundred places are good to 1e-5.
     """
     ops = xp(start, middle, *centres[:1])
     parts, growths = [], []
@@ -72,16 +88,16 @@ def comb_parts(
         ahead = centre - middle
         near = ops.abs(ahead) < _REACH
         ahead = ops.where(near, ahead, 0.0)
-        part = height * ops.exp(_RAISED + ahead * (start - middle - 0.5 * ahead))
+        part = height * ops.exp(raised(half) + ahead * (start - middle - 0.5 * ahead))
         parts.append(ops.where(near, part, 0.0))
         growths.append(ops.exp(ahead * spacing))
     return parts, growths
 
 
-def even_sum(*, place: Lanes, middle: Lanes, parts: Sequence[Lanes]) -> Lanes:
+def even_sum(*, place: Lanes, middle: Lanes, parts: Sequence[Lanes], half: float = _NEAR) -> Lanes:
     """P at one of the places of `comb_parts`, from the pulses' parts at that place."""
     off = place - middle
-    value: Lanes = xp(off).exp(-0.5 * off * off - _RAISED) * sum(parts)
+    value: Lanes = xp(off).exp(-0.5 * off * off - raised(half)) * sum(parts)
     return value
 
 

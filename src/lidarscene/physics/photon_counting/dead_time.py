@@ -11,6 +11,7 @@ detections of an echo that one SPAD would make in a shot without dead time.
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 
 import numpy as np
 
@@ -180,6 +181,27 @@ def firing_shares(
         fired[..., blind_bins + 1 + i] = firings
         free = free + released - firings
     return fired[..., blind_bins + 1 :]
+
+
+def missing_share(*, firings_s: Lanes, rate_hz: Lanes, dead_time_s: Lanes, back: Sequence[Lanes]) -> Lanes:
+    """Share of free SPADs that is missing, in even light, a time after one SPAD of light of its own fired (T106).
+
+    G(t) = exp(-lambda t) - sum_n H(t - n tau) exp(-lambda t_n) (lambda t_n)^(n - 1) / (n - 1)! (1 - lambda t_n / n),
+    with t_n = t - n tau: the solution of G' = -lambda G(t) + lambda G(t - tau) for a firing that is back at tau.
+
+    firings_s  t, since the firing
+    rate_hz    lambda
+    back       H of n = 1, 2, ...: whether so many dead times have passed, or which part of many firings has
+    """
+    ops = xp(firings_s, rate_hz, dead_time_s)
+    missing: Lanes = ops.exp(-rate_hz * firings_s)
+    for number, passed in enumerate(back, 1):
+        since = rate_hz * ops.maximum(firings_s - number * dead_time_s, 0.0)
+        term = passed * ops.exp(-since) * (1.0 - since * (1.0 / number))
+        for factor in range(1, number):
+            term = term * since * (1.0 / factor)
+        missing = missing - term
+    return missing
 
 
 def coates(counts: Numbers, *, trials: float, dead_bins: float | None = None) -> Numbers:

@@ -174,15 +174,19 @@ class Firings:
 
 
 def firings(*, detections: Lanes, sun: Lanes) -> Firings:
-    """Firings of SPADs by an echo (T107); arguments as of `top`."""
+    """Firings of SPADs by an echo, to first order in the sun (T107); arguments as of `top`."""
     ops, tables = xp(detections + sun), _tables_of_firings()
     bright = ops.log(1.0 + ops.maximum(detections, 0.0)) * (1.0 / math.log1p(_MOST))
-    early = tables["early"].at(bright)
-    # How many more fire is fitted to simulated firings; the mean is of first order in the sun.
+    at_first = dead_time.firing_share(detections=detections)
+    early, deviation = tables["early"].at(bright), tables["deviation"].at(bright)
+    # SPADs that come free within the echo fire too, later.
+    later = sun * tables["later"].at(bright)
+    share = at_first + later
+    part = later / ops.maximum(share, 1e-20)
+    apart = early + tables["later_mean"].at(bright)
+    spread = deviation * deviation + part * (tables["later_variance"].at(bright) - deviation * deviation)
     return Firings(
-        share=dead_time.firing_share(detections=detections) * ops.exp(sun * ops.minimum(early, 1.0)),
-        mean=-early / (1.0 + sun * early),
-        deviation=tables["deviation"].at(bright),
+        share=share, mean=part * apart - early, deviation=ops.sqrt(spread + part * (1.0 - part) * apart * apart)
     )
 
 
@@ -267,13 +271,38 @@ def _tables_of_weak() -> dict[str, LookupTable]:
 
 @lru_cache(maxsize=1)
 def _tables_of_firings() -> dict[str, LookupTable]:
-    """Tables over ln(1 + Lambda): how early an echo fires the SPADs that are free before it, and the deviation."""
+    """Tables over ln(1 + Lambda) of the firings of an echo: times of SPADs that are free before it, and of others.
+
+    early, deviation                  mean time before the echo's middle of the former, and its deviation
+    later, later_mean, later_variance  firings of those that come free within the echo, over lambda sigma; their time
+    """
     detections = np.expm1(np.linspace(0.0, 1.0, _NODES[0]) * math.log1p(_MOST))[:, None]
     time = np.arange(-6.4, 6.4, _STEP)
-    density = np.exp(-0.5 * time * time - detections * normal_tail(-time))
-    density /= density.sum(axis=1, keepdims=True)
-    mean = density @ time
-    return {"early": LookupTable(-mean), "deviation": LookupTable(np.sqrt(density @ time**2 - mean**2))}
+    before, light = detections * normal_tail(-time), detections * np.exp(-0.5 * time * time) / math.sqrt(2.0 * math.pi)
+    density = np.maximum(light, 1e-30) * np.exp(-before)
+    # A share lambda of the SPADs comes free in each moment, less what the sun fires of those that are free.
+    late = np.zeros_like(density)
+    free = np.zeros_like(detections[:, 0])
+    for i in range(len(time)):
+        released = _STEP * -np.expm1(-before[:, i])
+        of_free, of_released = dead_time.firing_parts(detections=light[:, i] * _STEP)
+        late[:, i] = free * of_free + released * of_released
+        free = free + released - late[:, i]
+
+    def times(weights: Numbers) -> tuple[Numbers, Numbers]:
+        weights = weights / weights.sum(axis=1, keepdims=True)
+        mean = weights @ time
+        return mean, weights @ time**2 - mean**2
+
+    mean, variance = times(density)
+    later_mean, later_variance = times(late + 1e-9 * density)
+    return {
+        "early": LookupTable(-mean),
+        "deviation": LookupTable(np.sqrt(variance)),
+        "later": LookupTable(late.sum(axis=1)),
+        "later_mean": LookupTable(later_mean),
+        "later_variance": LookupTable(later_variance),
+    }
 
 
 def _detections(count: int) -> Numbers:
