@@ -169,12 +169,7 @@ class Bins:
         return first, self._draw_counts(first, start, before, place)
 
     def highest(
-        self,
-        place: Lanes,
-        time_s: Lanes,
-        *,
-        behind: bool = False,
-        limits_s: tuple[Lanes, Lanes] | None = None,
+        self, place: Lanes, time_s: Lanes, *, behind: bool = False, limits_s: tuple[Lanes, Lanes] | None = None
     ) -> Peak:
         """Find the peak of the filter near a place of the waveform, at this time of flight.
 
