@@ -42,7 +42,8 @@ def test_a_frame_begins_when_its_first_pulse_leaves(tmp_path: Path, library: Cal
     """A VLS-128 stamps a packet 6.46 us after its first laser fires, so that times count from before the stamp.
 
     Reference: the clock of the scene that the packets are of. Tolerance: half a microsecond of the stamp, and the
-    0.54 us by which velodyne-decoder takes off more; both again from firing to firing.
+    0.54 us by which velodyne-decoder takes off more; both again from packet to packet, and 2.2 us: the decoder takes
+    53.3 us from firing to firing, as the manual says, where recorded sensors need 55.3 us.
     """
     library("velodyne_decoder")
     sensor = load_sensor("vls-128")
@@ -55,9 +56,9 @@ def test_a_frame_begins_when_its_first_pulse_leaves(tmp_path: Path, library: Cal
     assert sweep.time_s is not None
     assert np.nanmin(sweep.time_s) == 0.0
     # Of the first packet it does not know yet how long a firing takes.
-    later = np.arange(3, sweep.shape[1])
+    later = np.arange(3, sweep.shape[1], 3)  # first firings of a packet
     begun_s = np.nanmin(sweep.time_s[:, later], axis=0)
-    np.testing.assert_allclose(begun_s, sensor.scanner.cycle_s * later, atol=2.2e-6)
+    np.testing.assert_allclose(begun_s, sensor.scanner.cycle_s * later, atol=4.4e-6)
 
 
 def test_ranges_directions_and_the_lost_pulse(two_turns: Path) -> None:
