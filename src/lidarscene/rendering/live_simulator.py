@@ -306,7 +306,7 @@ def live_scene(
         for spare in pools[name][1:]:
             # The same parts: copies share the compiled meshes.
             bodies[spare] = replace(bodies[name], name=spare, away=True)
-    return replace(scene, bodies=tuple(bodies.values()), ego=scene.ego or Course()), pools
+    return replace(scene, bodies=tuple(bodies.values()), ego=scene.ego or Course(), reach_m=math.inf), pools
 
 
 def spare_names(name: str, count: int, existing: Iterable[str]) -> list[str]:

@@ -36,6 +36,7 @@ from .chunk import Chunk, Placing, detection_values, join_columns, without_lanes
 from .extremes import check_detections, points_error
 from .frame import Frame, check_frame, sensor_motion
 from .frame_summary import Summary as Summary
+from .pieces import piece_of, world_of_piece
 from .render_options import (
     FrameKeywords,
     FrameOptions,
@@ -101,26 +102,35 @@ class Simulator:
         self.sensor = sensor = load_sensor(scene.sensor_name if sensor is None else sensor)
         self.pose = scene.sensor_pose if pose is None else to_pose(pose)
         self.clearance = Clearance.of_scene(scene)
-        self.world = world or build_world(
-            scene,
-            wavelength_m=sensor.laser.wavelength_m,
-            centre_m=pose_at(self.motion).position_m,
-            see_through=trace.interactions > 0,
-            takes_turns=self._takes_turns,
-        )
+        self._piece = piece_of(scene, 0.0)
+        self.world = world or self._build_world()
         # The rays of one pulse are neighbours already.
         whole = 1 if sensor.optics.stray is None else sensor.scanner.line_pulses or 1
         self.numbering = Numbering(sensor.scanner, tiled=trace.rays < PACKET, whole=whole)
         if trace.interactions and not self.world.see_through:
             raise ValueError("world: must let beams go on (see_through) for interactions > 0, got one that does not")
-        self._stages = Stages.from_scene(scene, sensor, self.world, trace)
-        self._chain = Chain(self._stages)
+        self._prepare_stages()
         self.class_names = self.world.class_names
         self._air_classes = None
         if (air := self._stages.air) is not None:
             self.class_names = tuple(dict.fromkeys((*self.class_names, *air.names)))
             sources = (air.strongest, *air.sources)
             self._air_classes = transfer.whole_numbers([self.class_names.index(name) for name in sources])
+
+    def _build_world(self) -> World:
+        """Compile the scene around the sensor's place, or the piece of it in which the vehicle is."""
+        keys: dict[str, Any] = {
+            "wavelength_m": self.sensor.laser.wavelength_m,
+            "see_through": self.trace.interactions > 0,
+        }
+        if self._piece is not None:
+            return world_of_piece(self.scene, self._piece, self.clearance, **keys)
+        centre_m = pose_at(self.motion).position_m
+        return build_world(self.scene, centre_m=centre_m, takes_turns=self._takes_turns, **keys)
+
+    def _prepare_stages(self) -> None:
+        self._stages = Stages.from_scene(self.scene, self.sensor, self.world, self.trace)
+        self._chain = Chain(self._stages)
 
     def __repr__(self) -> str:
         return f"Simulator({self.sensor!r} in {self.scene!r})"
@@ -150,7 +160,7 @@ class Simulator:
         """
         frame_options, observers = _resolve_options(frame, observers, options)
         current_frame, summary = (
-            self._frame(frame_options),
+            self._traced_frame(frame_options),
             Summary() if observers.summary is None else observers.summary,
         )
         most = self.sensor.scanner.pulses * self.sensor.tdc.stops
@@ -175,7 +185,7 @@ class Simulator:
         others  as those of `render`
         """
         frame_options, observers = _resolve_options(frame, observers, options)
-        current_frame = self._frame(frame_options)
+        current_frame = self._traced_frame(frame_options)
         description, empty = self._description(current_frame, frame_options), True
 
         def take(columns: Mapping[str, Any]) -> None:
@@ -310,7 +320,7 @@ class Simulator:
         Raises InputError for a number that no pulse has.
         """
         frame_options, _ = _resolve_options(frame, None, options)
-        current_frame = self._frame(frame_options)
+        current_frame = self._traced_frame(frame_options)
         chosen = check_pulses(pulses, self.sensor)
         seed_word = transfer.seed_word(frame_options.seed)
 
@@ -330,7 +340,7 @@ class Simulator:
         frame, options  as for `render`; coordinates and chunk change nothing here
         """
         frame_options, _ = _resolve_options(frame, None, options)
-        current_frame = self._frame(frame_options)
+        current_frame = self._traced_frame(frame_options)
         seed_word = transfer.seed_word(frame_options.seed)
         return self._train(current_frame, current_frame.first_pulse, self.sensor.scanner.pulses, seed_word)
 
@@ -409,6 +419,16 @@ class Simulator:
         )
         self._check_clearance(frame.place, frame.start_s)
         return frame
+
+    def _traced_frame(self, options: FrameOptions) -> Frame:
+        """Frame of these options, in the piece of the scene that is compiled then."""
+        scanner_s, _ = check_frame(self.scene, self.sensor.scanner, number=options.number, begin_s=options.begin_s)
+        piece = piece_of(self.scene, options.begin_s + scanner_s)
+        if piece != self._piece:
+            self._piece = piece
+            self.world = self._build_world()
+            self._prepare_stages()
+        return self._frame(options)
 
     def _check_clearance(self, place: Pose, start_s: float) -> None:
         """Raise InputError for a sensor on or in a surface."""

@@ -207,6 +207,7 @@ class Scene:
     camera          camera of pictures and of the page's first view; None: chosen from the echoes near the sensor
     base            a Mitsuba XML scene whose shapes are added, or None
     base_materials  BSDF id in that file to material name; other BSDFs are the file's, two-sided
+    reach_m         bodies that stand farther than this from where the ego vehicle is may be left out of a frame
     """
 
     name: str = "scene"
@@ -223,6 +224,7 @@ class Scene:
     camera: View | None = None
     base: Path | None = None
     base_materials: Mapping[str, str] = field(default_factory=dict)
+    reach_m: float = math.inf
 
     def __repr__(self) -> str:
         return facts.facts_line("Scene", self.name, self.facts())

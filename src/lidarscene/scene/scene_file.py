@@ -7,6 +7,7 @@ are relative to it.
 from __future__ import annotations
 
 import functools
+import math
 import os
 import warnings
 import xml.etree.ElementTree as ElementTree
@@ -203,6 +204,7 @@ def scene_from_model(file: SceneFile, *, path: Path) -> Scene:
         camera=file.picture.in_si() if file.picture else None,
         base=xml_file(path.parent / file.base, f"{path}: base: ") if file.base else None,
         base_materials=file.base_materials,
+        reach_m=math.inf if file.reach_m is None else file.reach_m,
     )
 
 

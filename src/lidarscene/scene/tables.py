@@ -273,6 +273,9 @@ class SceneFile(FileModel):
     air: AirFile = AirFile()
     weather: WeatherFile = WeatherFile()
     interference: tuple[AnyInterferenceFile, ...] = ()
+    reach_m: Annotated[float, Number(ge=10, le=1e6)] | None = Field(
+        default=None, description="bodies that stand farther than this from the ego vehicle may be left out of a frame"
+    )
     ground: GroundFile = GroundFile()
     street: StreetFile | None = Field(default=None, description="made from a seed, with all that is on it")
     ego: EgoFile | None = Field(default=None, description="the vehicle that carries the sensor, if it moves")
@@ -289,6 +292,8 @@ class SceneFile(FileModel):
         riding = [body.name for body in self.bodies if any(motion and motion.with_ego for motion in body.motions())]
         if riding and self.ego is None and self.street is None:
             raise ValueError(f"body '{riding[0]}' moves with_ego, but there is no [ego]")
+        if self.reach_m is not None and self.ego is None and self.street is None:
+            raise ValueError("reach_m must go with [ego], got none")
         if self.base_materials and self.base is None:
             raise ValueError("base_materials must go with base, got no base")
         return self

@@ -12,7 +12,7 @@ Symbols: b bodies, f faces (triangles, or a whole sphere) over all shapes, in th
 from __future__ import annotations
 
 import warnings
-from collections.abc import Hashable, Mapping, Sequence
+from collections.abc import Collection, Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import ModuleType
@@ -70,7 +70,7 @@ class Mover:
         return self.body.motion
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, weakref_slot=True)
 class World:
     """Mitsuba scenes that the kernel traces, and the tables that identify a triangle. Device arrays unless stated.
 
@@ -92,6 +92,7 @@ class World:
     has_foreign     whether some BSDF was taken from a Mitsuba file unchanged
     speculars       panes, mirrors and porous surfaces; None if there are none, or if they end every beam
     see_through     whether the world was built for beams that go on behind panes and mirrors
+    scene_of        the scene that was compiled
     """
 
     scene: Any
@@ -113,6 +114,7 @@ class World:
     has_foreign: bool
     speculars: Speculars | None
     see_through: bool
+    scene_of: Scene
 
     def bodies_in_frame(self, start_s: float) -> Numbers | None:
         """Return the number of the body that a frame shows by that of the body in the tables, the last entry for none.
@@ -154,6 +156,7 @@ def build_world(
     centre_m: Numbers | None = None,
     see_through: bool = True,
     takes_turns: bool = True,
+    standing: Collection[str] | None = None,
 ) -> World:
     """Compile a scene.
 
@@ -161,6 +164,7 @@ def build_world(
                  grow with the distance from the origin. A scene from a Mitsuba file keeps its origin
     see_through  whether beams go on through panes and off mirrors; if not they end there, which is traced faster
     takes_turns  whether bodies that hide may share a place; not if they are placed elsewhere later (`with_bodies`)
+    standing     names of the bodies that stand still and are there; None: all of them
     Raises InputError if a material has no data at the wavelength, or if there is nothing to trace.
     """
     # In double precision, before anything becomes float32: at 5,000 km, a UTM northing, float32 is good to 4 m.
@@ -168,6 +172,8 @@ def build_world(
     resolved = {name: material.at(wavelength_m) for name, material in scene.materials.items()}
     still = {i: body for i, body in enumerate(scene.bodies) if body.motion is None}
     bsdfs: dict[str, object] = {}
+    if standing is not None:
+        still = _near_and_of_all_materials(still, standing)
     shapes = _own_shapes(still, centre, resolved, bsdfs)
     moving = _moving_groups(scene.bodies, resolved, bsdfs)
     body_names = [body.name for body in scene.bodies]
@@ -182,6 +188,9 @@ def build_world(
     if not shapes and not moving:
         raise InputError(f"scene '{scene.name}': nothing to trace, every body is empty")
     faces = FaceTables()
+    if standing is not None:
+        # The same numbers of materials in all parts of a scene.
+        faces.material_names.update({name: number for number, name in enumerate(scene.materials)})
     faces.add(shapes)
     movers: list[Mover] = []
     for group in moving:
@@ -202,6 +211,7 @@ def build_world(
         scene=standing,
         panes=panes,
         see_through=see_through,
+        scene_of=scene,
         movers=tuple(movers),
         resting=_resting_movers(movers, centre),
         mover_shift=transfer.unsigned_numbers(np.array([mover.face_shift for mover in movers])) if movers else None,
@@ -257,6 +267,28 @@ def _own_shapes(
             bsdf = bsdfs[material] = make_bsdf(values)
         shapes.append(_merged_mesh(mi, material, pieces, values, bsdf))
     return shapes
+
+
+def _near_and_of_all_materials(bodies: Mapping[int, Body], near: Collection[str]) -> dict[int, Body]:
+    """Return the bodies that are near, and one of each material and image that they lack, sorted by these.
+
+    So all parts of a scene have the same shapes in the same order, and their kernels are the same.
+    """
+    first_of: dict[tuple[str, Hashable], int] = {}
+    for is_near in (True, False):
+        for index, body in bodies.items():
+            if (body.name in near) == is_near:
+                for key in _mesh_keys(body):
+                    first_of.setdefault(key, index)
+    everything = {key: None for body in bodies.values() for key in _mesh_keys(body)}
+    chosen = dict.fromkeys(first_of[key] for key in everything)
+    chosen |= dict.fromkeys(index for index, body in bodies.items() if body.name in near)
+    return {index: bodies[index] for index in chosen}
+
+
+def _mesh_keys(body: Body) -> list[tuple[str, Hashable]]:
+    """Material and image of each of a body's meshes: meshes with the same are merged."""
+    return [(part.material, texture_key(part.pattern)) for part in body.parts if isinstance(part, Part)]
 
 
 def _moving_groups(

@@ -125,6 +125,7 @@ def street_tables(file: StreetFile) -> Tables:
     meshes = str(catalog.folder("scenes").parent / "assets" / "meshes")
     return {
         **SURROUNDINGS,
+        "reach_m": file.shown_m + 20.0,
         "ego": {"on_ground": True, "poses": _poses(traffic.ego), "at_end": "hold", "ride": {}},
         "bodies": [
             *_grounds(layout),
