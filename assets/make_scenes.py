@@ -19,6 +19,7 @@ import rain_scene
 import retro_scene
 import snow_scene
 import street_scene
+import town_scene
 
 SCENES = {
     "car": car_scene.text,
@@ -36,6 +37,7 @@ SCENES = {
     "snow": snow_scene.text,
     "parallax": parallax_scene.text,
     "interference": interference_scene.text,
+    "town": town_scene.text,
 }
 
 

@@ -17,7 +17,7 @@ from ..kernel.device.profile import KernelHistory, peak_memory_bytes
 from ..materials.material_file import catalogue_material
 from ..rendering.simulator import Summary
 from ..rendering.surroundings import Surroundings
-from ..scene.scene_file import scene_model
+from ..scene.scene_file import scene_description
 from ..sensor.imu import imu_model
 from ..sensor.sensor_file import load_sensor
 
@@ -111,7 +111,7 @@ def catalog_text(kind: str) -> str:
         elif kind == "designs":
             lines.append(f"  {name:<26} {read_toml(catalog.path_of(kind, name)).get('name', '')}")
         elif kind == "scenes":
-            lines.append(f"  {name:<26} {scene_model(catalog.path_of(kind, name)).description}")
+            lines.append(f"  {name:<26} {scene_description(catalog.path_of(kind, name))}")
         else:
             material = catalogue_material(name)
             value = f"{material.reflectivity.at(905e-9):.1%} at 905 nm"

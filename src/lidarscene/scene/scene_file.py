@@ -129,6 +129,31 @@ def scene_model(path: Path, *, overrides: Sequence[str] = ()) -> SceneFile:
     return validate(SceneFile, tables, str(path), overrides=overrides, option=option)
 
 
+def scene_description(path: Path) -> str:
+    """What a scene file says of itself, and the size of what rides with the vehicle; no street is made."""
+    file = validate(SceneFile, read_toml(path), str(path))
+    sizes = [
+        f"{body.name} {_size_text(body, path.parent)}"
+        for body in file.bodies
+        if body.mesh and any(motion and motion.with_ego for motion in body.motions())
+    ]
+    return "; ".join([file.description, *sizes])
+
+
+def _size_text(body: BodyFile, folder: Path) -> str:
+    """Length, width and height of a body's mesh in metres, as it stands in its own frame."""
+    parts = _mesh_parts(
+        body.model_copy(update={"material": "asphalt", "materials": {}, "pattern": None}),
+        folder / (body.mesh or ""),
+        where=body.name,
+        scene_materials=_SceneMaterials(SceneFile(base="none")),
+        reader=reading.read_mesh,
+    )
+    box = box_of(parts)
+    assert box is not None
+    return " x ".join(f"{length_m:.1f}" for length_m in box[1] - box[0]) + " m"
+
+
 def sensor_of_scene(scene: str | os.PathLike[str], *, overrides: Sequence[str] = ()) -> str:
     """Name or file of the scene's own sensor; no mesh is read. Raises InputError."""
     path = scene_path(scene)

@@ -84,7 +84,7 @@ class RoughSurface:
 
     def grid_m(self, x_m: Numbers, y_m: Numbers, pose: Pose) -> Numbers:
         """Heights (nx, ny) [m] on a grid of a level frame; each wave is a product of one along x and one along y."""
-        if not len(self.phase):
+        if not self.amplitude_m.any():
             return np.zeros((len(x_m), len(y_m)))
         wave_x, wave_y = (self.wave_per_m @ pose.rotation[:2, :2]).T
         at_middle = self.amplitude_m * np.exp(2j * np.pi * (self.wave_per_m @ pose.position_m[:2] + self.phase))
