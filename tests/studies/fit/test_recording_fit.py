@@ -25,6 +25,8 @@ from lidarscene.studies.fit.recording_fit import fit_pulses, fit_recordings
 from lidarscene.studies.fit.scatter import fit_scatter
 from lidarscene.studies.fit.sensor_text import TWO_LENS_KEYS, remove_keys
 from lidarscene.studies.ranging.plane import Target, echoes_of_plane
+from lidarscene.studies.twin.apparent_reflectivity import ReflectivityGauge
+from lidarscene.studies.twin.daylight import illuminance_klux
 
 TRUTH = drawn_truth(0)
 
@@ -179,6 +181,36 @@ def test_reflectivities_stand_in_for_signals(tmp_path: Path, monkeypatch: pytest
     assert fitted.laser.peak_power_w == sensor.laser.peak_power_w
     assert "SIGNAL is not recorded: the photons of the scatter are REFLECTIVITY" in text
     assert "histogram.threshold_slope is left as it was" in text
+
+
+@pytest.mark.usefixtures("without_figures")
+@pytest.mark.parametrize("klux", [80.0, 300.0])
+def test_no_sun_gives_more_than_130_klux(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sweep: Sweep, klux: float
+) -> None:
+    """Rationale: twins said 203 to 876 klux, since their sensor files count too little background.
+
+    NEAR_IR is scaled to about this light, but for dark counts, and the fit of the rest stays. The file has six digits.
+    """
+    fit_sweep(tmp_path, monkeypatch, sweep)
+    base = load_sensor(tmp_path / "unit.toml")
+    first_klux = illuminance_klux(sweep, ReflectivityGauge.from_sweep(sweep), base)
+    assert first_klux is not None
+    brighter = replace(sweep, near_ir=np.asarray(sweep.near_ir) * klux / first_klux)
+    text, _ = fit_sweep(tmp_path, monkeypatch, brighter)
+    unit = load_sensor(tmp_path / "unit.toml")
+    klux_of_base = illuminance_klux(brighter, ReflectivityGauge.from_sweep(brighter), base)
+    klux_of_unit = illuminance_klux(brighter, ReflectivityGauge.from_sweep(brighter), unit)
+    gain = unit.optics.sun_irradiance_w_m2 / base.optics.sun_irradiance_w_m2
+    if klux > 130.0:
+        assert klux_of_unit == pytest.approx(130.0, rel=1e-4)
+        assert klux_of_base is not None
+        assert gain == pytest.approx(klux_of_base / 130.0, rel=1e-3)
+        assert "optics.sun_irradiance_w_m2 is raised" in text
+        assert "130 at most" in unit.sources["optics.sun_irradiance_w_m2"]
+    else:
+        assert gain == 1.0
+        assert "is raised" not in text
 
 
 def white_over_range(sensor: Sensor, range_m: np.ndarray) -> np.ndarray:

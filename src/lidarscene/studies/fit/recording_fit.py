@@ -18,6 +18,8 @@ from ...recordings.sweep import Sweep
 from ...recordings.units.unit_file import with_second_returns
 from ...sensor.sensor_model import Sensor
 from ..held import Held
+from ..twin.apparent_reflectivity import ReflectivityGauge
+from ..twin.daylight import illuminance_klux
 from .estimates import Estimate, Solution
 from .fit_report import FitReport, check_outputs, law_figure, law_rows, share_figure, write_outputs
 from .near_field import MOST_REFLECTIVITY, NearField, fit_near_field
@@ -25,7 +27,7 @@ from .products import QUANTITIES, Products, find_products, white_over_range_m2
 from .recorded_pulses import RecordedPulses, gather_pulses
 from .row_gains import RowGains, fit_rows
 from .scatter import Scatter, fit_scatter
-from .sensor_text import base_text, fitted_text, parse_sensor
+from .sensor_text import base_text, fitted_text, parse_sensor, with_background_gain
 from .threshold import Threshold, fit_threshold
 from .threshold_ends import fit_least, fit_lone_factor
 
@@ -104,11 +106,21 @@ def fit_recordings(
     if any(sweep.second is not None for sweep in sweeps):
         base = with_second_returns(base)
     text, notes = fitted_text(base, estimates, recording, where, rows=fit.rows)
+    klux = _illuminance_klux(sweeps, parse_sensor(text, str(output)))
+    text, gain_note = with_background_gain(text, klux, recording)
+    notes = (*notes, gain_note) if gain_note else notes
     if pulses.signal is None and fit.scatter is not None:
         notes = (*notes, REFLECTIVITY_NOTE)
     parse_sensor(text, str(output))
     fit_report = _report(fit, pulses, recording, sensor, notes)
     return write_outputs(fit_report, text, output, report, as_json=as_json)
+
+
+def _illuminance_klux(sweeps: Sequence[Sweep], sensor: Sensor) -> float:
+    """Median illuminance of the frames that explains their NEAR_IR; 0 if none is known."""
+    klux = [illuminance_klux(sweep, ReflectivityGauge.from_sweep(sweep), sensor) for sweep in sweeps]
+    known_klux = [value for value in klux if value is not None]
+    return float(np.median(known_klux)) if known_klux else 0.0
 
 
 def _read_sweeps(recordings: Sequence[Path], metadata: Path | None, sensor_index: int) -> list[Sweep]:

@@ -18,6 +18,7 @@ from ...files.toml_edit import KeyPath, get_value, put_values, remove_values
 from ...recordings.units.unit_file import read_unit, unit_text
 from ...sensor.sensor_file import sensor_from_tables
 from ...sensor.sensor_model import Sensor
+from ..twin.daylight import BRIGHTEST_KLUX
 from .estimates import Estimate
 from .products import near_field_m, pulse_fwhm_s, white_m2
 from .row_gains import RowGains
@@ -201,6 +202,26 @@ def fitted_text(
         source = source_of("white_m2", "; power, lens, efficiency, PDE and shots are known as one product")
         text = _put_changes(text, {"laser.peak_power_w": (power_w, source)})
     return text, (*notes, *change_notes)
+
+
+def with_background_gain(text: str, klux: float, recording: str) -> tuple[str, str]:
+    """Let the sensor count so much more background that the recording's light is what the sun gives at most.
+
+    klux  illuminance that explains the recorded NEAR_IR with this file
+
+    Returns the text, and a note; both say that it is a bound, since the recording's own light is not known. Unchanged
+    if the sun gives as much, or without the key.
+    """
+    key = "optics.sun_irradiance_w_m2"
+    irradiance = _get_key(text, key)
+    if klux <= BRIGHTEST_KLUX:
+        return text, ""
+    found = f"NEAR_IR is that of {klux:.3g} klux with the background of the file, and the sun gives {BRIGHTEST_KLUX:g}"
+    if irradiance is None:
+        return text, f"{key} is not in the file: {found}"
+    gain = klux / BRIGHTEST_KLUX
+    source = f"fitted: {found} at most; {gain:.3g} times what it was, or more, {recording}"
+    return _put_changes(text, {key: (irradiance * gain, source)}), f"{key} is raised {gain:.3g} times: {found} at most"
 
 
 def _with_changes(text: str, changes: Changes, where: str) -> tuple[str, tuple[str, ...]]:

@@ -31,10 +31,9 @@ from ...recordings.sweep import Sweep
 from ...recordings.units.unit_file import read_unit, with_second_returns, write_unit
 from ...scene.tables import SceneFile
 from ...sensor.sensor_file import load_sensor
-from ...sensor.sensor_model import Sensor
 from ..compare.recording_comparison import ground_plane
-from ..ranging.plane import Target, echoes_of_plane
-from .apparent_reflectivity import SLOPE_DEG, ReflectivityGauge, largest_reflectivity
+from .apparent_reflectivity import SLOPE_DEG, ReflectivityGauge
+from .daylight import BRIGHTEST_KLUX, illuminance_klux
 from .frame_poses import angles_deg, place_frames
 from .planes import align_columns, has_grid, select_columns
 from .surfels import BRIGHT, KINDS, Surfels, join_surfels, surfels_of_grid, surfels_of_points
@@ -58,9 +57,6 @@ RETRO_HALF_ANGLE_DEG = 5.0
 
 ASSUMED_KLUX = 20.0
 """Illuminance assumed for recordings without background light."""
-
-BRIGHTEST_KLUX = 130.0
-"""Largest illuminance of the ground by sun and sky: 133 klux from the sun beyond the air, 100 to 120 on clear days."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -199,32 +195,6 @@ def _unit_file(recording: Recording, path: Path, metadata: Path | None, sensor_i
     if has_second:
         put_text(path, with_second_returns(path.read_text(encoding="utf-8")))
     return message
-
-
-def illuminance_klux(sweep: Sweep, gauge: ReflectivityGauge | None, sensor: Sensor) -> float | None:
-    """Illuminance of a uniform sky that explains the median recorded NEAR_IR on these reflectivities.
-
-    None without NEAR_IR or strengths, or if the sensor has no such count or is blind to the sky.
-    """
-    window_s = getattr(sensor.tdc, "ambient_s", None)
-    if sweep.near_ir is None or gauge is None or not window_s or sensor.histogram is None:
-        return None
-
-    def counts(klux: float, reflectivity: float) -> float:
-        target = Target(
-            reflectivity=reflectivity, illuminance_klux=klux, cos_sun=0.0, diffuse_share=1.0, transmittance=1.0
-        )
-        power = echoes_of_plane(sensor, target, 20.0 * np.ones(1)).background_power_w
-        return float(np.ravel(sensor.background_counts(power)[0])[0]) * float(window_s)
-
-    # Counts are linear in illuminance times reflectivity: dark counts and one lit target give the slope.
-    dark, unit = counts(0.0, 0.2), 0.2 * 20.0
-    per_unit = (counts(20.0, 0.2) - dark) / unit
-    apparent = gauge.apparent(sweep, np.where(sweep.has_return, sweep.range_m, 1.0))
-    usable = sweep.has_return & np.isfinite(sweep.near_ir) & (apparent > 0.02) & (apparent < largest_reflectivity())
-    if not usable.any() or not per_unit > 0.0:
-        return None
-    return max(0.0, float(np.median((sweep.near_ir[usable] - dark) / apparent[usable])) / per_unit)
 
 
 def _meshes(quads: Surfels, folder: Path) -> list[tuple[str, str, float | None]]:
