@@ -50,11 +50,13 @@ def test_all_files_are_there_and_nothing_else(folder: Path) -> None:
     assert sorted(path.name for path in folder.iterdir()) == sorted(NAMES)
 
 
-def test_the_verdict_comes_first(folder: Path) -> None:
-    """In one sentence on who finds more; its numbers are those of the JSON."""
+def test_the_verdicts_come_first(folder: Path) -> None:
+    """The ranges on equal terms, then one sentence on who finds more; the numbers are those of the JSON."""
     numbers = json.loads((folder / "compare.json").read_text("utf-8"))
     page = (folder / "index.html").read_text("utf-8")
-    first = html.unescape(page.partition("<p>")[2].partition("</p>")[0])
+    lead, otherwise, first = (html.unescape(text) for text in re.findall(r"<p>(.*?)</p>", page)[:3])
+    assert [lead, otherwise] == numbers["equal_terms"]
+    assert lead.startswith("On equal terms")
     assert first == numbers["verdict"]
     shares = {sensor["name"]: sensor["rate"]["rate"] for sensor in numbers["sensors"]}
     # Both find all of this wall: `test_verdict_by_hand` has one that finds more.

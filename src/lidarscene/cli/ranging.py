@@ -236,13 +236,24 @@ def _write(arguments: argparse.Namespace, swept: Curves, conditions: str, thresh
 
 def _summary(arguments: argparse.Namespace, subjects: list[Subject], conditions: Conditions) -> str:
     """Text or JSON of each sensor's maximum range, its closed form, and SNR and P_d at one distance."""
+    from ..studies.ranging.equal_terms import equal_terms, verdict
     from ..studies.ranging.range_summary import summary_of, text_of
 
     target, distance_m, visibility_m = conditions.target(), conditions.distance, conditions.visibility_m
     rows = [summary_of(subject, target, distance_m=distance_m, visibility_m=visibility_m) for subject in subjects]
+    terms = []
+    if len(subjects) > 1:
+        terms = equal_terms([(s.name, s.sensor()) for s in subjects], target, visibility_m=visibility_m)
     if arguments.json:
+        for row, entry in zip(rows, terms, strict=False):
+            row["equal_terms"] = {
+                "range_m": entry.range_m,
+                "file_range_m": entry.file_range_m,
+                "changes": entry.changes,
+            }
         return json_text({row.pop("name"): row for row in rows})
-    return text_of(rows, target, distance_m, conditions.sun_angle, visibility_m)
+    text = text_of(rows, target, distance_m, conditions.sun_angle, visibility_m)
+    return "\n".join([*verdict(terms, target), "", text]) if terms else text
 
 
 def _sensitivities(arguments: argparse.Namespace, subjects: list[Subject], conditions: Conditions) -> list[str]:

@@ -92,7 +92,8 @@ def _write_files(comparison: Comparison, output: ComparisonOutput) -> str:
     """Write all files into the output's folder; returns the numbers as JSON."""
     folder, file_slugs = output.folder, slugs([observation.name for observation in comparison.observations])
     page = Report(comparison.title, folder, columns=True)
-    page.paragraph(report.verdict(comparison))
+    for sentence in (*comparison.equal_terms, report.verdict(comparison)):
+        page.paragraph(sentence)
     page.table(*report.fate_table(comparison))
     page.table(*report.summary_table(comparison))
     for note in (*comparison.notes, *comparison.aliasing_notes):
@@ -240,6 +241,7 @@ def comparison_as_dict(comparison: Comparison) -> dict[str, Any]:
     result: dict[str, Any] = {
         "title": comparison.title,
         "verdict": report.verdict(comparison),
+        "equal_terms": list(comparison.equal_terms),
         "matched": comparison.matched,
         "rates_are_shares_of": comparison.population,
         "seed": comparison.seed,

@@ -38,6 +38,7 @@ class Comparison:
     population      what rates are shares of, in words
     notes           how the comparison was made, for the reader
     aliasing_notes  sentence for each sensor that reports echoes from beyond its unambiguous range too near
+    equal_terms     sentences on the ranges on equal terms (`ranging.equal_terms`); () for clouds from files
     seed            seed of all simulated frames; None for clouds from files
     sweep           results over the illuminance, if one was asked for
     """
@@ -50,6 +51,7 @@ class Comparison:
     population: str
     notes: tuple[str, ...]
     aliasing_notes: tuple[str, ...] = ()
+    equal_terms: tuple[str, ...] = ()
     seed: int | None = None
     sweep: IlluminanceSweep | None = None
 
@@ -327,8 +329,8 @@ def sweep_table(sweep: IlluminanceSweep) -> Table:
 
 
 def as_text(comparison: Comparison) -> str:
-    """Text of the command: the verdict, two tables of the sensors, a line for each pair and each crossing."""
-    lines = [verdict(comparison)]
+    """Text of the command: the verdicts, two tables of the sensors, a line for each pair and each crossing."""
+    lines = [*comparison.equal_terms, verdict(comparison)]
     for short, (header, rows) in ((_FATE_SHORT, fate_table(comparison)), (_RATES_SHORT, summary_table(comparison))):
         columns = [i for i, name in enumerate(header) if name in short]
         short_rows = [[row[i] for i in columns] for row in (("", *header[1:]), *rows)]

@@ -17,6 +17,8 @@ from ...figures.report import require_writable_files
 from ...scene.scene import Scene
 from ...sensor.sensor_model import Sensor
 from ..field_of_view.field_of_view_study import ProgressCallback
+from ..ranging.equal_terms import equal_terms, verdict
+from ..ranging.plane import Target
 from ..ranging.sweep_report import unambiguous_m
 from . import cloud_matching
 from .bench import Bench, NamedSensor, fires_alike, with_beams_of
@@ -65,6 +67,7 @@ def compare_sensors(
     observations = tuple(observed)
     if not matched:
         observations = tuple(replace(observation, pulse=None) for observation in observations)
+    plane = Target(illuminance_klux=scene.sun.illuminance_klux)
     comparison = Comparison(
         title=f"{', '.join(names)} in the scene {scene.name}",
         observations=observations,
@@ -74,6 +77,7 @@ def compare_sensors(
         population="the pulses that met a surface",
         notes=(_beams_note(scene, bench.frame.seed, matched=matched, same_beams=same_beams), _RATES_NOTE, _INTERVALS),
         aliasing_notes=aliasing_notes(observations, [sensor for _, sensor in sensors]),
+        equal_terms=verdict(equal_terms(sensors, plane), plane),
         seed=bench.frame.seed,
         sweep=sweep_illuminance(
             bench, sensors, illuminances_klux, progress=lambda rendered: progress(len(sensors) + rendered, total)
