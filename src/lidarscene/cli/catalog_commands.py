@@ -50,6 +50,9 @@ def add_catalogue(commands: Any) -> None:
         action="store_true",
         help="check sensors against recordings of real ones; exit 1 if one is out of bounds",
     )
+    catalog.add_argument(
+        "--copy", metavar="DIR", type=Path, help="copy this scene and its meshes into a folder, to be edited"
+    )
     catalog.set_defaults(run=catalog_text)
 
     schema = commands.add_parser(
@@ -76,7 +79,12 @@ def catalog_text(arguments: argparse.Namespace) -> str | Answer:
     """Run `catalog`; returns the text to print."""
     from .. import catalog
     from ..outputs import run_report
+    from ..scene.derived import copy_scene
 
+    if arguments.copy is not None:
+        if arguments.kind != "scenes" or not arguments.name:
+            raise InputError("--copy goes with the name of a scene: catalog scenes drive --copy DIR")
+        return f"wrote {copy_scene(arguments.name, arguments.copy)}"
     if arguments.kind == "check":
         return _check_answer(arguments)
     for option in ("json", "real"):

@@ -11,6 +11,7 @@ from dataclasses import MISSING, dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
+from ..files.overrides import toml_text
 from ..outputs.output_options import FRAMES, Outputs
 from ..rendering.option_fields import OneOf, Whole, declared, option, options_of
 from ..rendering.render_options import FrameOptions, TraceOptions
@@ -49,6 +50,9 @@ class CommandOptions:
         metavar="KEY=VALUE",
         flags=("--scene-set",),
     )
+    ego_mesh: Path | None = option(
+        None, help="mesh of the vehicle that carries the sensor, in place of the scene's", metavar="F"
+    )
     frames: int | None = option(None, FRAMES, help="number of frames, one after the other", metavar="N")
     output: Path = field(metadata=declared("folder to write to", metavar="DIR", flags=("-o", "--output")))
     metadata: Path | None = option(
@@ -74,6 +78,12 @@ class StudyOptions(CommandOptions):
         metavar="[SENSOR:]KEY=VALUE",
         flags=("--set",),
     )
+
+
+def scene_changes(arguments: argparse.Namespace) -> tuple[str, ...]:
+    """Overrides of the scene file, the ego vehicle's mesh among them."""
+    mesh = [] if arguments.ego_mesh is None else [f"ego.mesh={toml_text(str(arguments.ego_mesh.absolute()))}"]
+    return (*mesh, *arguments.scene_overrides)
 
 
 FLAGS = {

@@ -17,7 +17,7 @@ from ..errors import InputError
 from ..files.json_text import json_text
 from ..outputs.output_options import Outputs
 from ..rendering.render_options import FrameOptions, TraceOptions
-from .options import CommandOptions, add_options, options_from
+from .options import CommandOptions, add_options, options_from, scene_changes
 from .terminal import progress
 
 if TYPE_CHECKING:
@@ -60,7 +60,7 @@ def add_render(commands: Any) -> None:
     )
     group = render.add_argument_group("what is simulated")
     add_options(group, CommandOptions, "sensor", "rig", overrides="LABEL:KEY=VALUE for one sensor of a rig")
-    add_options(group, CommandOptions, "scene_overrides")
+    add_options(group, CommandOptions, "scene_overrides", "ego_mesh")
     add_options(group, FrameOptions, pose="of a rig, where its vehicle stands (default: the origin)")
     add_options(
         group,
@@ -117,7 +117,7 @@ def _record(arguments: argparse.Namespace, history: KernelHistory | None) -> Rec
             frame=options_from(FrameOptions, arguments),
             frames=arguments.frames,
             overrides=overrides,
-            scene_overrides=arguments.scene_overrides,
+            scene_overrides=scene_changes(arguments),
             progress=report,
         )
 

@@ -11,7 +11,7 @@ from typing import Any
 from ..errors import InputError
 from ..formats.registry import PACKETS
 from ..rendering.render_options import FrameOptions, TraceOptions
-from .options import CommandOptions, add_options, options_from
+from .options import CommandOptions, add_options, options_from, scene_changes
 from .words import number
 
 STREAM_HELP = """\
@@ -34,7 +34,7 @@ def add_stream(commands: Any) -> None:
     )
     stream.add_argument("scene", metavar="SCENE", type=Path, help="scene file, mesh or a scene's name, as for render")
     group = stream.add_argument_group("what is simulated")
-    add_options(group, CommandOptions, "sensor", "overrides", "scene_overrides")
+    add_options(group, CommandOptions, "sensor", "overrides", "scene_overrides", "ego_mesh")
     add_options(group, FrameOptions, "pose", "begin_s", "seed")
     add_options(group, TraceOptions, "rays", "interactions")
     group = stream.add_argument_group("what is sent")
@@ -76,7 +76,7 @@ def stream_text(arguments: argparse.Namespace) -> str:
     host, port = arguments.udp
     frame, trace = options_from(FrameOptions, arguments), options_from(TraceOptions, arguments)
     with udp(host, port) as send:
-        scene = load_scene(arguments.scene, overrides=arguments.scene_overrides)
+        scene = load_scene(arguments.scene, overrides=scene_changes(arguments))
         sensor = load_sensor(arguments.sensor or scene.sensor_name, overrides=arguments.overrides)
         encoder = select_encoder(sensor, PACKETS[arguments.format].profile or "")
         if arguments.metadata is not None:

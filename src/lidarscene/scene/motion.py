@@ -112,6 +112,9 @@ class EgoFile(MotionFile, PoseFile):
     """[ego]: the vehicle that carries the sensor."""
 
     on_ground: bool = Field(default=False, description="its height counts from the ground below, without a ride too")
+    mesh: Annotated[str, Field(min_length=1)] | None = Field(
+        default=None, description="mesh file of the vehicle, in place of the meshes that ride with it"
+    )
 
     @model_validator(mode="after")
     def _check_end(self) -> EgoFile:

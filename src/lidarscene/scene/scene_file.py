@@ -21,7 +21,7 @@ import numpy as np
 
 from .. import catalog
 from ..errors import InputError, OptionWarning
-from ..files.overrides import Overrides, assignments, key_path, with_overrides
+from ..files.overrides import Overrides, assignments, with_overrides
 from ..files.toml import read_toml, validate
 from ..materials.material import Material
 from ..materials.material_file import catalogue_material
@@ -31,6 +31,7 @@ from ..maths.trajectory import ALWAYS, Motion, Riding
 from ..physics.road.roughness import RoughSurface
 from ..sensor.pose_file import LARGEST_COORDINATE_M
 from .bare_mesh import is_mesh, mesh_tables, warn_of_assumptions
+from .derived import extended, files_extended, from_current_folder, is_early, with_ego_mesh
 from .foreign import is_xml, mitsuba_scene, trimesh_scene, xml_file
 from .ground import Ground, Sheet
 from .meshes import primitives, reading, reflectivity_patterns
@@ -118,20 +119,22 @@ def scene_model(path: Path, *, overrides: Sequence[str] = ()) -> SceneFile:
     if is_mesh(path):
         tables = mesh_tables(path, overrides, option=option)
     else:
-        # What is changed of a street is changed before it is made; all else, its bodies too, after.
-        of_street = [change for change in overrides if key_path(change)[0] == "street"]
-        tables = with_overrides(read_toml(path), of_street, option=option)
+        overrides = [from_current_folder(change) for change in overrides]
+        # What decides which bodies there are comes first; then they can be changed, too.
+        early = [change for change in overrides if is_early(change)]
+        tables = extended(with_overrides(read_toml(path), early, option=option), path, scene_path)
         if "street" in tables:
-            street = validate(SceneFile, tables, str(path), overrides=of_street, option=option).street
+            street = validate(SceneFile, tables, str(path), overrides=early, option=option).street
             tables = with_street(tables, street) if street is not None else tables
-        others = [change for change in overrides if change not in of_street]
+        tables = with_ego_mesh(tables, path.parent, str(path))
+        others = [change for change in overrides if change not in early]
         tables = with_overrides(tables, others, option=option)
     return validate(SceneFile, tables, str(path), overrides=overrides, option=option)
 
 
 def scene_description(path: Path) -> str:
     """What a scene file says of itself, and the size of what rides with the vehicle; no street is made."""
-    file = validate(SceneFile, read_toml(path), str(path))
+    file = validate(SceneFile, extended(read_toml(path), path, scene_path), str(path))
     sizes = [
         f"{body.name} {_size_text(body, path.parent)}"
         for body in file.bodies
@@ -176,6 +179,8 @@ def files_of_scene(scene: str | os.PathLike[str], *, overrides: Sequence[str] = 
                 if element.tag in ("string", "include"):
                     yield path.parent / (element.get("filename") or element.get("value") or "")
         return
+    if not is_mesh(path):
+        yield from files_extended(path, scene_path)
     file = scene_model(path, overrides=overrides)
     yield from (path.parent / body.mesh for body in file.bodies if body.mesh)
     for motion in (file.ego, *(motion for body in file.bodies for motion in body.motions())):

@@ -266,6 +266,8 @@ class SceneFile(FileModel):
 
     name: str = ""
     description: str = ""
+    extends: Name | None = Field(default=None, description="scene, by name or file, whose tables and bodies it adds to")
+    without: tuple[Name, ...] = Field(default=(), description="bodies of that scene that are left out")
     base: Name | None = Field(default=None, description="Mitsuba XML scene whose shapes are added")
     base_materials: dict[str, Name] = Field(default_factory=dict, description="BSDF id in it to material")
     sun: SunFile = SunFile()
@@ -287,6 +289,8 @@ class SceneFile(FileModel):
     @model_validator(mode="after")
     def _check_references(self) -> SceneFile:
         """Raise ValueError for a scene without shapes, or tables that lack their counterpart."""
+        if self.extends is not None:
+            return self  # what fits together shows with what it extends
         if not self.bodies and self.base is None and self.street is None:
             raise ValueError("the scene must have [[bodies]], [street] or base = ..., got none")
         riding = [body.name for body in self.bodies if any(motion and motion.with_ego for motion in body.motions())]

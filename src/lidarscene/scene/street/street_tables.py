@@ -17,6 +17,7 @@ from typing import Any
 from ... import catalog
 from ...files.atomic import atomic_folder
 from ...files.overrides import toml_text
+from ..derived import merged
 from .layout import (
     CROSS_HALF_M,
     CROSS_REACH_M,
@@ -111,10 +112,9 @@ SURROUNDINGS: Tables = {
 
 
 def with_street(tables: Mapping[str, Any], file: StreetFile) -> Tables:
-    """Return the tables of a scene file with those of its street added; what the file says itself stays."""
-    street = street_tables(file)
-    bodies = [*street["bodies"], *tables.get("bodies", ())]
-    return {**street, **{key: value for key, value in tables.items() if key != "street"}, "bodies": bodies}
+    """Return the tables of a scene file with those of its street below them: what the file says itself stays."""
+    own = {key: value for key, value in tables.items() if key != "street"}
+    return merged(street_tables(file), own)
 
 
 @functools.lru_cache(maxsize=4)
