@@ -88,7 +88,7 @@ def test_mesh_that_is_not_there(run: Run, tmp_path: Path, name: str, message: st
     [
         ("", "the scene must have [[bodies]], [street] or base = ..., got none"),
         (WALL + "a = = 3\n", "not valid TOML: Invalid value (at line 9, column 5)"),
-        ("x = 1\n" + WALL, "unknown key 'x'; known here: name, description, base, base_materials, sun, sky,"),
+        ("x = 1\n" + WALL, "unknown key 'x'; known here: name, description, extends, without, base,"),
         (WALL + "colour = 1\n", "unknown key 'bodies[0 \"wall\"].colour'; known here: position_m, yaw_deg,"),
         (WALL + "[sun]\nazimut_deg = 1\n", "unknown key 'sun.azimut_deg'; did you mean azimuth_deg? all known "),
         (WALL + "instances = [{ yaw = 1 }]\n", "unknown key 'bodies[0 \"wall\"].instances[0].yaw'; did you mean yaw"),
