@@ -72,9 +72,11 @@ def test_clouds_of_no_point_and_of_one_can_be_written(tmp_path: Path, name: str,
     assert file_of(tmp_path, name).is_file()
 
 
-@pytest.mark.parametrize("name", FORMATS)
+@pytest.mark.parametrize("name", [name for name in FORMATS if name != "rrd"])
 def test_the_same_cloud_gives_the_same_file(tmp_path: Path, name: str) -> None:
-    """Rationale: a repeated run must not look like a change. LAS has today's date in bytes 90 to 94."""
+    """Rationale: a repeated run must not look like a change. LAS has today's date in bytes 90 to 94; Rerun stamps each
+    row of a log with the time at which it was written.
+    """
     need(name)
     data = []
     for folder in ("a", "b"):

@@ -66,7 +66,7 @@ def add_render(commands: Any) -> None:
         group,
         CommandOptions,
         frames="-o is then a folder for frame_0000.ply and so on, or one file of all of them: a bag of ROS 2 (.mcap, "
-        ".db3) or packets (.pcap)",
+        ".db3), Rerun's log (.rrd) or packets (.pcap)",
     )
     add_options(group, FrameOptions, "begin_s", "seed")
     add_options(group, TraceOptions, "rays", "interactions", "background_rays", "vectors")
@@ -75,7 +75,7 @@ def add_render(commands: Any) -> None:
     add_options(group, Outputs, "path", "format", "epoch", "labels", "dataset")
     add_options(group, Outputs, "imu", "poses", "range_image", "ambient", "waveforms", "pulses")
     add_options(group, FrameOptions, coordinates="--frame is the older name")
-    add_options(group, Outputs, "merge", "deskew", "colours", "truth", "ascii", "missed", "picture")
+    add_options(group, Outputs, "merge", "deskew", "rrd", "colours", "truth", "ascii", "missed", "picture")
     add_options(group, CommandOptions, "json", "quiet")
     group.add_argument(
         "--profile",

@@ -18,6 +18,7 @@ EXTRAS = {
     "pcd": {"lzf": "python-neo-lzf"},
     "ros": {"rosbags": "rosbags"},
     "osi": {"betterosi": "betterosi", "mcap": "mcap"},
+    "rerun": {"rerun": "rerun-sdk"},
     "usd": {"pxr": "usd-core"},
     "pandas": {"pandas": "pandas"},
     "ouster": {"ouster.sdk": "ouster-sdk"},

@@ -39,6 +39,7 @@ class Format:
     frames  context manager from a path (and ``epoch_ns``, as `formats.clock` has it) to a function that appends whole
             clouds, the frames of one file, each with the label of its sensor; None if a file holds a single frame
     rig     whether such a file holds the clouds of several sensors, each by itself, and IMUs (``append_imu``)
+    boxes   whether ``frames`` takes boxes of bodies and range images with a cloud
     folder  whether it is a folder of files, so that its name needs no suffix
     text    whether ``write`` and ``stream`` take ``ascii``
     colour  whether ``write`` takes ``colours``
@@ -54,6 +55,7 @@ class Format:
     frames: Stream | None = None
     extra: str = ""
     rig: bool = False
+    boxes: bool = False
     folder: bool = False
     text: bool = False
     colour: bool = False
@@ -167,6 +169,16 @@ FORMATS = {
     "parquet": Format(suffix=".parquet", extra="parquet", **_functions("parquet", "read stream")),
     "mcap": _ros(".mcap", storage="mcap"),
     "mcap-ouster": _ros(".mcap", storage="mcap", layout="ouster"),
+    "rrd": Format(
+        suffix=".rrd",
+        extra="rerun",
+        columns="all, exact",
+        positions="float32, sensor frame",
+        beside="boxes, range images, poses, the vehicle's path; metadata, units, names",
+        rig=True,
+        boxes=True,
+        **_functions("rerun", "frames"),
+    ),
     "osi": _osi(".osi", storage="binary"),
     "osi-mcap": _osi(".mcap", extra="osi", storage="mcap"),
 }

@@ -6,6 +6,7 @@ traced, and one pass over the points serves all files.
 
 from __future__ import annotations
 
+import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
@@ -34,7 +35,16 @@ from ..sensor.imu import ImuSamples
 from .light import AmbientImage, write_waveforms
 from .plan import Plan
 from .range_image import range_image_stream
-from .streams import Append, Capture, cloud_stream, dataset_stream, missed_stream, trace_stream, waveform_pulses
+from .streams import (
+    Append,
+    Capture,
+    cloud_stream,
+    dataset_stream,
+    missed_stream,
+    rerun_stream,
+    trace_stream,
+    waveform_pulses,
+)
 
 Change = Callable[[int, PointCloud], PointCloud]
 
@@ -48,6 +58,7 @@ class FrameFiles:
     placed      whether the sensor has another pose than the scene's
     capture     open file of the sensor's packets, which replace the cloud; None: a cloud is written
     bags        file that holds several frames -> function that appends a cloud to it
+    live        function that appends a cloud to a viewer, or None
     epoch_ns    from 1970 to the scene's second 0, for packets
     imu         samples of the sensor's IMU until the next frame, for packets, or None
     """
@@ -61,6 +72,7 @@ class FrameFiles:
     summary: Summary
     capture: Capture | None = None
     bags: Mapping[Path, Append] = field(default_factory=dict)
+    live: Append | None = None
     epoch_ns: int = 0
     imu: ImuSamples | None = None
 
@@ -156,13 +168,17 @@ class FrameFiles:
         elif key in self.files and self.capture is None:
             points = sum(simulator.sensor.scanner.pulses * simulator.sensor.tdc.stops for simulator in self._simulators)
             path = self.files[key]
-            if self.plan.has_truth:
+            if self.plan.format.boxes and path in self.bags:
+                yield path, rerun_stream(outputs, path.parent, self.scene, self.bags[path])
+            elif self.plan.has_truth:
                 yield path, trace_stream(self.plan, path, self.scene, self.bags[path])
             else:
                 yield path, cloud_stream(self.plan, path, points, bag=self.bags.get(path))
             if outputs.labels is not None and not self.plan.has_truth:
                 path = self.files[f"{key}_labels"]
                 yield path, labels_stream(self.files[key], self.scene, format=outputs.labels)
+        if key == "output" and self.live is not None:
+            yield Path("--rrd"), rerun_stream(outputs, Path(tempfile.gettempdir()), self.scene, self.live)
         if key == "output" and "range_image" in self.files:
             yield self.files["range_image"], range_image_stream(self.files["range_image"])
 

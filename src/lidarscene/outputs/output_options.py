@@ -62,7 +62,8 @@ class Outputs:
     path: File = field(
         metadata=declared(
             "the point cloud, its name ends as its format's do; a folder for several frames, a data set, and a rig "
-            "unless merged; a bag of ROS 2 (.mcap, .db3) holds all frames of all sensors, packets (.pcap) all of one",
+            "unless merged; a bag of ROS 2 (.mcap, .db3) or a log of Rerun (.rrd) holds all frames of all sensors, "
+            "packets (.pcap) all of one",
             metavar="OUT.ply|DIR",
             flags=("-o", "--output"),
         )
@@ -98,6 +99,9 @@ class Outputs:
         OneOf(DATASETS),
         help=f"make the folder a data set, clouds and labels: {', '.join(DATASETS)}",
         metavar="NAME",
+    )
+    rrd: bool = option(
+        False, help="show every frame in the Rerun viewer of this machine, too, as it comes (start it with: rerun)"
     )
     deskew: bool = option(False, help="write OUT.deskewed.ply too: the cloud without the sensor's own motion")
     merge: bool = option(False, help="one cloud of all sensors of the rig")

@@ -19,6 +19,7 @@ from typing import Any, Unpack
 from ..errors import InputError, OptionError, OptionWarning
 from ..files.atomic import name_path_in_errors
 from ..files.overrides import Overrides, assignments
+from ..formats.rerun import require_viewer, rerun_live
 from ..rendering.frame_summary import Summary
 from ..rendering.render_options import FrameKeywords, FrameOptions, Keywords, Observers, TraceKeywords, TraceOptions
 from ..rendering.rig_simulators import require_common_frames, simulators
@@ -125,6 +126,8 @@ def record(
     if not isinstance(outputs, Outputs):
         raise InputError(f"outputs: must be a file or Outputs, got {type(outputs).__name__}")
     plan = Plan(outputs, frames, rig is not None, frame.begin_s)
+    if outputs.rrd:
+        require_viewer()
     plan.check(frame.coordinates, vectors=trace.vectors)
     before, since = Summary(), time.perf_counter()
     labels = [""] if rig is None else [mounted.label for mounted in rig.sensors]
@@ -172,12 +175,13 @@ def record(
     pulses = len(numbers) * sum(mounted.sensor.scanner.pulses for mounted in sensors)
     progress = None if callback is None else _Progress(callback, pulses)
     epoch_ns = outputs.epoch_ns(frame.begin_s)
-    with_imus = outputs.imu is not None or outputs.packets or plan.format.rig
+    with_imus = outputs.imu is not None or outputs.packets or outputs.rrd or plan.format.rig
     motion = RunMotion.of_run(described, simulator_by_label, frame, len(numbers), rig=rig, with_imus=with_imus)
     written: list[RecordedCloud] = []
     paths = {label: files["output"] for (label, _, _), files in zip(clouds, planned, strict=True)}
     with ExitStack() as opened:
         bags = _bags(plan, planned, opened, epoch_ns)
+        live = opened.enter_context(rerun_live(epoch_ns=epoch_ns)) if outputs.rrd else None
         open_captures = opened.enter_context(captures(paths if encoders else {}, encoders))
         for (label, group, number), files in zip(clouds, planned, strict=True):
             parts = list(motion.parts(group, number - frame.number))
@@ -194,12 +198,14 @@ def record(
                     path: name_path_in_errors(path, partial(append, label=label) if plan.format.rig else append)
                     for path, append in bags.items()
                 },
+                live=None if live is None else partial(live, label=label),
                 epoch_ns=epoch_ns,
                 capture=open_captures.get(label),
                 imu=next((samples for track, samples in parts if track.label == label), None),
             )
             frame_files.write(progress)
-            for bag in bags.values() if plan.format.rig else ():
+            logs = [*(bags.values() if plan.format.rig else ()), *([] if live is None else [live])]
+            for bag in logs:
                 for track, samples in parts:
                     bag.append_imu(samples, label=track.label, mounting=track.on_vehicle)
             written.append(RecordedCloud(label=label, number=number, files=files, summary=frame_files.summary))

@@ -21,6 +21,7 @@ from ..detection.outcomes import OUTCOME_TEXT
 from ..detection.sampled_waveforms import check_pulses
 from ..files.atomic import atomic_output, name_path_in_errors
 from ..files.spool import Spool
+from ..formats.cloud_columns import sensor_positions_m
 from ..formats.packets.firings import Firings
 from ..formats.packets.packet_encoder import PacketEncoder
 from ..formats.packets.pcap import description_path, pcap_stream
@@ -33,6 +34,7 @@ from ..scene.scene import Scene
 from ..sensor.sensor_model import Sensor
 from .output_options import FEW_PULSES, Outputs
 from .plan import Plan
+from .range_image import images
 
 Append = Callable[[PointCloud], None]
 
@@ -75,6 +77,32 @@ def trace_stream(plan: Plan, path: Path, scene: Scene, append: Callable[..., Non
 
         yield gather
         append(PointCloud(**builder.fields()), truth=gathered_truth(gathered, scene))
+
+
+@contextmanager
+def rerun_stream(outputs: Outputs, folder: Path, scene: Scene, append: Callable[..., None]) -> Iterator[Append]:
+    """Gather the clouds that are appended in the block, with their boxes and range images, for one frame of a log.
+
+    folder  where points wait for their boxes
+    append  function that appends a cloud to the log
+    """
+    builder = CloudBuilder()
+    with GatheredBoxes(folder, scene) as gathered:
+
+        def gather(cloud: PointCloud) -> None:
+            gathered.append(cloud)
+            _truth_filter(outputs, builder.add)(cloud)
+
+        yield gather
+        cloud, ring_images = PointCloud(**builder.fields()), {}
+        # Beams of several sensors share no image.
+        if len(cloud) and len(sensor_positions_m(cloud.metadata)) == 1:
+            ring_images = {name: image for name, image in images(cloud).items() if name in LOGGED_IMAGES}
+        append(cloud, boxes=[box for box in gathered.boxes() if box.has_points], images=ring_images)
+
+
+LOGGED_IMAGES = ("range", "intensity", "ambient")
+"""Range images that a log of Rerun shows."""
 
 
 @contextmanager
