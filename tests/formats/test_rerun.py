@@ -1,5 +1,7 @@
 """Logs for the Rerun viewer, read again by Rerun's own reader."""
 
+import os
+import signal
 import socket
 import subprocess
 import sys
@@ -169,11 +171,12 @@ def test_frames_go_to_a_viewer_as_they_come(
     saved = tmp_path / "saved.rrd"
     command = [sys.executable, "-m", "rerun", "--port", str(port), "--save", str(saved)]
     environment = {"HOME": str(tmp_path), "PATH": "/usr/bin:/bin"}
-    server = subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    quiet = subprocess.DEVNULL
+    server = subprocess.Popen(command, env=environment, stdout=quiet, stderr=quiet, start_new_session=True)
     try:
         wait_until(lambda: listens(port))
         assert run(*options).code == 0
         wait_until(lambda: b"/world/vehicle/lidar/points" in saved.read_bytes())
     finally:
-        server.kill()
+        os.killpg(server.pid, signal.SIGKILL)  # Python starts the server as a child of its own
         server.wait()

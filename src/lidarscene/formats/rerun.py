@@ -35,6 +35,10 @@ HOST, PORT = "127.0.0.1", 9876
 """Where a viewer listens that was started by `rerun`."""
 
 PATIENCE_S = 1.0
+LONGEST_FLUSH_S = 120.0
+
+PROBE_BYTES = 1 << 16
+"""Bytes that the disk must have room for before a log is begun."""
 
 
 class LabelledBox(Protocol):
@@ -71,14 +75,16 @@ def rerun_frames(path: str | os.PathLike[str], *, epoch_ns: int | None = None) -
     """
     rerun = import_optional("rerun", extra="rerun")
     with atomic_output(path) as temporary:
+        # Rerun's own thread waits for ever where it has no room for the first bytes; later it raises an error.
+        temporary.write_bytes(bytes(PROBE_BYTES))
         with library_errors(path):
             # The same name has the same recording, so that a viewer replaces what it shows of it.
             stream = rerun.RecordingStream("lidarscene", recording_id=uuid.uuid5(uuid.NAMESPACE_URL, Path(path).name))
             stream.save(temporary)
-        yield RerunLog(path, stream, epoch_ns)
-        with library_errors(path):
-            stream.flush()
-            stream.disconnect()
+        log = RerunLog(path, stream, epoch_ns)
+        yield log
+        log.flush()
+        stream.disconnect()
 
 
 @contextmanager
@@ -89,10 +95,10 @@ def rerun_live(*, epoch_ns: int | None = None) -> Iterator[RerunLog]:
     address = f"rerun+http://{HOST}:{PORT}/proxy"
     with library_errors(address):
         stream.connect_grpc(address)
-    yield RerunLog(address, stream, epoch_ns)
-    with library_errors(address):
-        stream.flush()
-        stream.disconnect()
+    log = RerunLog(address, stream, epoch_ns)
+    yield log
+    log.flush()
+    stream.disconnect()
 
 
 def require_viewer() -> None:
@@ -139,6 +145,12 @@ class RerunLog:
                 self._append_boxes(boxes)
             for name, image in (images or {}).items():
                 self._append_image(f"images/{label or LIDAR}/{name}", name, image)
+        self.flush()
+
+    def flush(self) -> None:
+        """Wait until everything is written or sent. Raises OutputError."""
+        with library_errors(self._path):
+            self._stream.flush(timeout_sec=LONGEST_FLUSH_S)
 
     def append_imu(self, samples: ImuSamples, *, label: str, mounting: Pose) -> None:
         """Append samples of the IMU with this label; ``mounting`` is its pose on the vehicle."""
