@@ -10,7 +10,7 @@ from lidarscene.errors import InputError
 from lidarscene.studies.design.designs import DesignSpace, Free
 from lidarscene.studies.design.optimum import limits_of
 from lidarscene.studies.design.quantities import probability_of_points
-from lidarscene.studies.design.search import Log, Tried, alone, front, hypervolume, losses, search, slacks
+from lidarscene.studies.design.search import Design, Log, alone, front, hypervolume, losses, search, slacks
 from lidarscene.studies.design.study_file import ConstraintFile, ObjectiveFile, StudyFile
 
 Function = Callable[[dict[str, float]], dict[str, float]]
@@ -30,7 +30,7 @@ def study(objectives: dict[str, str], bounds: dict[str, dict[str, float]], **set
     )
 
 
-def run(study_file: StudyFile, free: tuple[Free, ...], function: Function) -> list[Tried]:
+def run(study_file: StudyFile, free: tuple[Free, ...], function: Function) -> list[Design]:
     return search(Log(study=study_file, space=DesignSpace(bases={}, free=free), evaluate=alone(function)))
 
 
@@ -120,7 +120,7 @@ def test_the_front_is_what_no_other_beats() -> None:
     study_file = study({"a": "minimize", "b": "maximize", "c": "minimize"}, {"low": {"at_most": 0.8}})
     numbers = np.random.default_rng(1).integers(0, 6, (300, 4)) / 5.0
     tried = [
-        Tried(values={"x": float(k)}, quantities=dict(zip("abc", row[:3], strict=True)) | {"low": row[3]})
+        Design(values={"x": float(k)}, quantities=dict(zip("abc", row[:3], strict=True)) | {"low": row[3]})
         for k, row in enumerate(numbers)
     ]
     feasible = [design for design in tried if slacks(study_file, design)["low at most 0.8"] >= 0.0]

@@ -29,7 +29,7 @@ from ...maths.units import split_unit
 from .designs import DesignSpace, files_of_base
 from .optimum import Limits, limits_of
 from .quantities import Evaluator
-from .search import EvaluateAll, Log, Tried, alone, front, is_feasible, losses, record_line, search, slacks
+from .search import Design, EvaluateAll, Log, alone, front, is_feasible, losses, record_line, search, slacks
 from .study_file import QUANTITIES, UNITS, QuantityFile, StudyFile
 
 EVALUATIONS = "evaluations.jsonl"
@@ -72,21 +72,21 @@ def run_study(
         if lines[:1] != [head]:
             raise InputError(f"{record}: must be of this study, got another's; give another folder or remove the file")
         log.read(record)
-    entries = [head, *(record_line(known) for known in log.recorded.values())]
+    entries = [head, *(record_line(design) for design in log.recorded.values())]
     put_text(record, "\n".join(entries) + "\n")  # without a line that was cut off
     with record.open("a", encoding="utf-8") as file:
         log.file = file
-        tried = search(log)
-    best = front(study, tried)
+        designs = search(log)
+    best = front(study, designs)
     if not best:
-        raise InputError(f"{path}: {_none_feasible(study, tried)}")
+        raise InputError(f"{path}: {_none_feasible(study, designs)}")
     chosen = best[knee(study, best)]
     limits = limits_of(study, evaluator.space, chosen, evaluator)
-    numbers = _write(folder, study, evaluator, tried, best, chosen, limits)
+    numbers = _write(folder, study, evaluator, designs, best, chosen, limits)
     return json_text(numbers) if as_json else _text(folder, numbers)
 
 
-def knee(study: StudyFile, best: Sequence[Tried]) -> int:
+def knee(study: StudyFile, best: Sequence[Design]) -> int:
     """Number of the design of a front that is nearest to the best of all objectives, each over its span."""
     values = np.array([losses(study, design) for design in best])
     span = np.ptp(values, axis=0)
@@ -102,23 +102,23 @@ def _head(path: Path, study: StudyFile, space: DesignSpace) -> str:
     return json.dumps({"study": hashlib.sha256(text.encode() + content).hexdigest()})
 
 
-def _none_feasible(study: StudyFile, tried: Sequence[Tried]) -> str:
+def _none_feasible(study: StudyFile, designs: Sequence[Design]) -> str:
     """Line that says why no design is feasible: the bound that is broken least in the best one, or the first reason."""
-    possible = [design for design in tried if not design.reason]
+    possible = [design for design in designs if not design.reason]
     if not possible:
-        return f"no sensor can be built; the first: {tried[0].reason}"
+        return f"no sensor can be built; the first: {designs[0].reason}"
     nearest = max(possible, key=lambda design: min(slacks(study, design).values()))
     bound, slack = min(slacks(study, nearest).items(), key=lambda entry: entry[1])
-    return f"no design of {len(tried)} meets all constraints; the nearest misses {bound} by {-100.0 * slack:.3g} %"
+    return f"no design of {len(designs)} meets all constraints; the nearest misses {bound} by {-100.0 * slack:.3g} %"
 
 
 def _write(
     folder: Path,
     study: StudyFile,
     evaluator: Evaluator,
-    tried: Sequence[Tried],
-    best: Sequence[Tried],
-    chosen: Tried,
+    designs: Sequence[Design],
+    best: Sequence[Design],
+    chosen: Design,
     limits: Limits | None,
 ) -> dict[str, Any]:
     """Write page, data and sensor files; returns the numbers of the result."""
@@ -128,12 +128,12 @@ def _write(
         for place, name in enumerate(study.objectives):
             places[f"best {name}"] = int(np.argmin([losses(study, design)[place] for design in best]))
     safety = _eye_safety(evaluator, chosen)
-    report.paragraph(_verdict(study, tried, best, chosen))
+    report.paragraph(_verdict(study, designs, best, chosen))
     report.table(*_designs_table(study, evaluator.space, best, places))
     for text in (*_limits_text(study, chosen, limits), *safety.values()):
         report.paragraph(text)
     report.heading("Front" if len(best) > 1 else "Search")
-    for figure in _figures(study, tried, best, chosen):
+    for figure in _figures(study, designs, best, chosen):
         report.figure(figure)
     header = [*study.objectives, *study.constraints, *(free.key for free in evaluator.space.free)]
     report.data("front", (header, [_row(study, evaluator.space, design) for design in best]))
@@ -144,10 +144,10 @@ def _write(
     files = [_write_sensors(folder, evaluator.space, best[place], place) for place in _files(best, places)]
     numbers = {
         "study": study.name,
-        "evaluations": len(tried),
-        "impossible": sum(bool(design.reason) for design in tried),
+        "evaluations": len(designs),
+        "impossible": sum(bool(design.reason) for design in designs),
         "chosen": _numbers(chosen),
-        "verdict": _verdict(study, tried, best, chosen),
+        "verdict": _verdict(study, designs, best, chosen),
         "limits": None if limits is None else {"costs": limits.costs, "held": limits.held, "optimum": limits.stands},
         "eye_safety": safety,
         "front": [_numbers(design) for design in best],
@@ -157,23 +157,23 @@ def _write(
     return numbers
 
 
-def _numbers(design: Tried) -> dict[str, Any]:
+def _numbers(design: Design) -> dict[str, Any]:
     return {"values": dict(design.values), "quantities": dict(design.quantities)}
 
 
-def _row(study: StudyFile, space: DesignSpace, design: Tried) -> list[Any]:
+def _row(study: StudyFile, space: DesignSpace, design: Design) -> list[Any]:
     quantities = [design.quantities[name] for name in (*study.objectives, *study.constraints)]
     return [*quantities, *(design.values.get(free.key, "") for free in space.free)]
 
 
-def _verdict(study: StudyFile, tried: Sequence[Tried], best: Sequence[Tried], chosen: Tried) -> str:
+def _verdict(study: StudyFile, designs: Sequence[Design], best: Sequence[Design], chosen: Design) -> str:
     """The result in a sentence, with what it rests on."""
     reached = ", ".join(
         f"{name} {_short(chosen.quantities[name])} {_unit(entry)}".rstrip() for name, entry in study.objectives.items()
     )
     values = ", ".join(f"{key} = {_short(value)}" for key, value in chosen.values.items())
     among = "the best" if len(best) == 1 else f"the middle of a front of {len(best)}"
-    return f"{reached} with {values}: {among} among {len(tried)} designs tried{_rests_on(study)}."
+    return f"{reached} with {values}: {among} among {len(designs)} designs tried{_rests_on(study)}."
 
 
 def _rests_on(study: StudyFile) -> str:
@@ -187,7 +187,7 @@ def _rests_on(study: StudyFile) -> str:
 
 
 def _designs_table(
-    study: StudyFile, space: DesignSpace, best: Sequence[Tried], places: dict[str, int]
+    study: StudyFile, space: DesignSpace, best: Sequence[Design], places: dict[str, int]
 ) -> tuple[Sequence[str], list[list[str]]]:
     header = ["", *places]
     rows = [[key, *(_short(best[place].values.get(key, "-")) for place in places.values())] for key in _keys(space)]
@@ -215,7 +215,7 @@ def _keys(space: DesignSpace) -> list[str]:
     return [free.key for free in space.free]
 
 
-def _limits_text(study: StudyFile, chosen: Tried, limits: Limits | None) -> list[str]:
+def _limits_text(study: StudyFile, chosen: Design, limits: Limits | None) -> list[str]:
     """Sentences on the ends of ranges and the costs of constraints."""
     if limits is None:
         return []
@@ -231,7 +231,7 @@ def _limits_text(study: StudyFile, chosen: Tried, limits: Limits | None) -> list
     return texts
 
 
-def _eye_safety(evaluator: Evaluator, chosen: Tried) -> dict[str, str]:
+def _eye_safety(evaluator: Evaluator, chosen: Design) -> dict[str, str]:
     """Sentence on the limiting criterion of eye safety of each sensor of a design, by label."""
     texts = {}
     for label, sensor in evaluator.space.sensors(chosen.values).items():
@@ -248,14 +248,14 @@ def _eye_safety(evaluator: Evaluator, chosen: Tried) -> dict[str, str]:
     return texts
 
 
-def _figures(study: StudyFile, tried: Sequence[Tried], best: Sequence[Tried], chosen: Tried) -> list[Figure]:
+def _figures(study: StudyFile, designs: Sequence[Design], best: Sequence[Design], chosen: Design) -> list[Figure]:
     """Front of each pair with the first objective; of one objective, the best so far over the evaluations."""
     names = list(study.objectives)
     if len(names) == 1:
         sign = study.objectives[names[0]].sign
-        feasible = [float(losses(study, design)[0]) if is_feasible(study, design) else math.inf for design in tried]
+        feasible = [float(losses(study, design)[0]) if is_feasible(study, design) else math.inf for design in designs]
         lowest = sign * np.minimum.accumulate(feasible)
-        counts = np.arange(1.0, len(tried) + 1.0)
+        counts = np.arange(1.0, len(designs) + 1.0)
         chart = Chart(
             lines=(Line(label="best so far", x=counts, y=lowest),),
             x_label="designs tried",
@@ -282,7 +282,9 @@ def _figures(study: StudyFile, tried: Sequence[Tried], best: Sequence[Tried], ch
     return figures
 
 
-def _clouds(folder: Path, evaluator: Evaluator, best: Sequence[Tried], places: dict[str, int]) -> list[tuple[str, str]]:
+def _clouds(
+    folder: Path, evaluator: Evaluator, best: Sequence[Design], places: dict[str, int]
+) -> list[tuple[str, str]]:
     """Draw the clouds of the chosen and the extreme designs, first sensor each; name and caption of each picture."""
     captioned = []
     for words, place in places.items():
@@ -293,13 +295,13 @@ def _clouds(folder: Path, evaluator: Evaluator, best: Sequence[Tried], places: d
     return captioned
 
 
-def _files(best: Sequence[Tried], places: dict[str, int]) -> list[int]:
+def _files(best: Sequence[Design], places: dict[str, int]) -> list[int]:
     """Places of the designs that become files: all of a short front; else the named ones and others evenly between."""
     even = np.unique(np.linspace(0, len(best) - 1, min(len(best), MOST_FILES)).round().astype(int)).tolist()
     return sorted({*even, *places.values()})
 
 
-def _write_sensors(folder: Path, space: DesignSpace, design: Tried, place: int) -> list[str]:
+def _write_sensors(folder: Path, space: DesignSpace, design: Design, place: int) -> list[str]:
     """Write the sensor files of a design, ready to render; returns their names."""
     names = []
     for label, (base, changes) in space.chosen(design.values).items():

@@ -175,8 +175,8 @@ def _joined(label: str, key: str) -> str:
 
 def _split(key: str) -> tuple[str, str]:
     """Label or base, "" if none, and key."""
-    prefix, colon, rest = key.rpartition(":")
-    return (prefix, rest) if colon else ("", key)
+    prefix, colon, plain = key.rpartition(":")
+    return (prefix, plain) if colon else ("", key)
 
 
 def _free_key(key: str, entry: FreeFile, bases: Mapping[str, Sequence[Base]], where: str) -> Free:
@@ -188,11 +188,11 @@ def _free_key(key: str, entry: FreeFile, bases: Mapping[str, Sequence[Base]], wh
     for label, alternatives in bases.items():
         for base in alternatives:
             if base.tables is not None and prefix in ("", label, base.name):
-                known = numeric_keys(base.tables)
-                if plain in known:
-                    whole = known[plain].whole
+                numbers = numeric_keys(base.tables)
+                if plain in numbers:
+                    whole = numbers[plain].whole
                 elif entry.choices is None and not has_number(base.tables, plain):
-                    hint = did_you_mean(plain, list(known))
+                    hint = did_you_mean(plain, list(numbers))
                     raise InputError(f"{where}: {base.name} has no number of that name; {hint}".rstrip("; "))
     if entry.choices is not None:
         return Free(key=key, values=entry.choices)

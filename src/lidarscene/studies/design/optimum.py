@@ -17,7 +17,7 @@ import numpy as np
 from ...errors import InputError
 from ...maths.arrays import Numbers
 from .designs import DesignSpace, Values
-from .search import Tried, losses, slacks
+from .search import Design, losses, slacks
 from .study_file import StudyFile
 
 ACTIVE = 2e-3
@@ -42,7 +42,7 @@ class Limits:
 
 
 def limits_of(
-    study: StudyFile, space: DesignSpace, design: Tried, evaluate: Callable[[Values], dict[str, float]]
+    study: StudyFile, space: DesignSpace, design: Design, evaluate: Callable[[Values], dict[str, float]]
 ) -> Limits | None:
     """Compute the limits of a design over its continuous keys; None if it has none, or a step leaves the sensor.
 
@@ -59,8 +59,8 @@ def limits_of(
         values = dict(design.values) | {
             entry.key: entry.value(float(share)) for entry, share in zip(free, changed, strict=True)
         }
-        tried = Tried(values=values, quantities=evaluate(values))
-        return losses(study, tried), np.array(list(slacks(study, tried).values()))
+        moved = Design(values=values, quantities=evaluate(values))
+        return losses(study, moved), np.array(list(slacks(study, moved).values()))
 
     try:
         ends = [(np.maximum(shares - step, 0.0), np.minimum(shares + step, 1.0)) for step in np.eye(len(free)) * _STEP]

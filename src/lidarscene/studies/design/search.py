@@ -43,7 +43,7 @@ _PLACES_OF_FRONT = 64  # places of a front to which a search goes, while evaluat
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Tried:
+class Design:
     """A design that was evaluated.
 
     quantities  objectives and constraints by name; {} if the sensor cannot be
@@ -67,44 +67,44 @@ class Log:
     evaluate: EvaluateAll
     file: IO[str] | None = None
     progress: Callable[[int, int], object] = lambda count, total: None
-    tried: dict[str, Tried] = field(default_factory=dict)
-    recorded: dict[str, Tried] = field(default_factory=dict)
+    designs: dict[str, Design] = field(default_factory=dict)
+    recorded: dict[str, Design] = field(default_factory=dict)
 
     @property
     def remaining(self) -> int:
         """Number of designs that may still be tried."""
-        return self.study.evaluations - len(self.tried)
+        return self.study.evaluations - len(self.designs)
 
-    def ask(self, shares: Numbers) -> list[Tried | None]:
+    def ask(self, shares: Numbers) -> list[Design | None]:
         """Evaluate the designs at these shares, (n, keys); None for those beyond the allowed number."""
-        designs = [self.space.values(row) for row in np.clip(np.atleast_2d(shares), 0.0, 1.0)]
-        keys = [_text(design) for design in designs]
+        points = [self.space.values(row) for row in np.clip(np.atleast_2d(shares), 0.0, 1.0)]
+        keys = [_text(values) for values in points]
         fresh: dict[str, Values] = {}
-        for key, design in zip(keys, designs, strict=True):
-            if key not in self.tried and key not in fresh and len(fresh) < self.remaining:
-                fresh[key] = design
+        for key, values in zip(keys, points, strict=True):
+            if key not in self.designs and key not in fresh and len(fresh) < self.remaining:
+                fresh[key] = values
         unknown = [key for key in fresh if key not in self.recorded]
         answers = self.evaluate([fresh[key] for key in unknown]) if unknown else ()
         for key, answer in zip(unknown, answers, strict=True):
-            self.recorded[key] = _tried(fresh[key], answer)
+            self.recorded[key] = _design(fresh[key], answer)
             if self.file is not None:
                 print(record_line(self.recorded[key]), file=self.file, flush=True)
             self.progress(min(len(self.recorded), self.study.evaluations), self.study.evaluations)
-        self.tried |= {key: self.recorded[key] for key in fresh}
-        return [self.tried.get(key) for key in keys]
+        self.designs |= {key: self.recorded[key] for key in fresh}
+        return [self.designs.get(key) for key in keys]
 
     def read(self, path: Path) -> None:
         """Read the evaluations of an earlier run of this study; a line that is cut off is left out."""
         for line in path.read_text(encoding="utf-8").splitlines()[1:]:
             try:
                 entry = json.loads(line)
-                known = Tried(values=entry["values"], quantities=entry["quantities"], reason=entry["reason"])
+                design = Design(values=entry["values"], quantities=entry["quantities"], reason=entry["reason"])
             except (ValueError, KeyError, TypeError):
                 continue
-            self.recorded[_text(known.values)] = known
+            self.recorded[_text(design.values)] = design
 
 
-def search(log: Log) -> list[Tried]:
+def search(log: Log) -> list[Design]:
     """Search by the methods that suit the study; returns all designs that were tried, in order."""
     study, keys = log.study, len(log.space.free)
     alone_and_smooth = len(study.objectives) == 1 and all(free.is_continuous for free in log.space.free)
@@ -126,30 +126,30 @@ def search(log: Log) -> list[Tried]:
             _follow_front(log)
     except _NoneRemain:
         pass
-    return list(log.tried.values())
+    return list(log.designs.values())
 
 
 def _starts(log: Log, count: int) -> list[Numbers]:
     """Best designs so far for the first objective, as shares: the least broken bound counts first."""
-    tried = list(log.tried.values())
-    broken = [max(float(np.max(_violations(log.study, design))), 0.0) for design in tried]
-    loss = [float(losses(log.study, design)[0]) for design in tried]
-    order = sorted(range(len(tried)), key=lambda number: (broken[number], loss[number]))
-    return [_shares(log.space, tried[number]) for number in order[:count]]
+    designs = list(log.designs.values())
+    broken = [max(float(np.max(_violations(log.study, design))), 0.0) for design in designs]
+    loss = [float(losses(log.study, design)[0]) for design in designs]
+    order = sorted(range(len(designs)), key=lambda number: (broken[number], loss[number]))
+    return [_shares(log.space, designs[number]) for number in order[:count]]
 
 
 def _follow_front(log: Log) -> None:
     """Go to the ends of the front, then to places between, evenly in each objective after the first."""
     study = log.study
     for objective in range(len(study.objectives)):
-        best = front(study, list(log.tried.values()))
+        best = front(study, list(log.designs.values()))
         if not best:
-            best = [min(log.tried.values(), key=lambda design: float(np.max(_violations(study, design))))]
+            best = [min(log.designs.values(), key=lambda design: float(np.max(_violations(study, design))))]
         start = min(best, key=lambda design: float(losses(study, design)[objective]))
         _slsqp(log, _shares(log.space, start), ftol=1e-9, objective=objective)
-    values = np.array([losses(study, design) for design in front(study, list(log.tried.values()))])
+    values = np.array([losses(study, design) for design in front(study, list(log.designs.values()))])
     for share in _sobol(len(study.objectives) - 1, _PLACES_OF_FRONT, study.seed) if len(values) else ():
-        best = front(study, list(log.tried.values()))
+        best = front(study, list(log.designs.values()))
         values = np.array([losses(study, design) for design in best])
         low, span = values.min(axis=0)[1:], np.ptp(values, axis=0)[1:]
         allowed = low + span * share
@@ -158,24 +158,24 @@ def _follow_front(log: Log) -> None:
         _slsqp(log, _shares(log.space, start), ftol=1e-6, allowed=allowed)
 
 
-def _shares(space: DesignSpace, design: Tried) -> Numbers:
+def _shares(space: DesignSpace, design: Design) -> Numbers:
     """Shares of a design's values; a half for keys that it does not have."""
     values = design.values
     return np.array([free.share(values[free.key]) if free.key in values else 0.5 for free in space.free])
 
 
-def losses(study: StudyFile, tried: Tried | None) -> Numbers:
+def losses(study: StudyFile, design: Design | None) -> Numbers:
     """(objectives,) what the search minimizes; inf for a design that cannot be."""
-    if tried is None or tried.reason:
+    if design is None or design.reason:
         return np.full(len(study.objectives), math.inf)
-    return np.array([entry.sign * tried.quantities[name] for name, entry in study.objectives.items()])
+    return np.array([entry.sign * design.quantities[name] for name, entry in study.objectives.items()])
 
 
-def slacks(study: StudyFile, tried: Tried) -> dict[str, float]:
+def slacks(study: StudyFile, design: Design) -> dict[str, float]:
     """Slack of every bound over its size, by name; negative where it is broken."""
     result = {}
     for name, entry in study.constraints.items():
-        value = tried.quantities.get(name, math.nan)
+        value = design.quantities.get(name, math.nan)
         if entry.at_least is not None:
             result[f"{name} at least {entry.at_least:g}"] = (value - entry.at_least) / _size(entry.at_least)
         if entry.at_most is not None:
@@ -183,14 +183,14 @@ def slacks(study: StudyFile, tried: Tried) -> dict[str, float]:
     return result
 
 
-def is_feasible(study: StudyFile, tried: Tried) -> bool:
+def is_feasible(study: StudyFile, design: Design) -> bool:
     """Whether a design can be and meets all constraints."""
-    return not tried.reason and all(slack >= 0.0 for slack in slacks(study, tried).values())
+    return not design.reason and all(slack >= 0.0 for slack in slacks(study, design).values())
 
 
-def front(study: StudyFile, tried: Sequence[Tried]) -> list[Tried]:
+def front(study: StudyFile, designs: Sequence[Design]) -> list[Design]:
     """Feasible designs that no other one beats, by the first objective, from best to worst; equals once."""
-    feasible = [design for design in tried if is_feasible(study, design)]
+    feasible = [design for design in designs if is_feasible(study, design)]
     if not feasible:
         return []
     values = np.array([losses(study, design) for design in feasible])
@@ -234,12 +234,12 @@ def _sobol(dimensions: int, count: int, seed: int) -> Numbers:
     return np.asarray(qmc.Sobol(dimensions, rng=np.random.default_rng(seed)).random_base2(power)[:count])
 
 
-def _violations(study: StudyFile, tried: Tried | None) -> Numbers:
+def _violations(study: StudyFile, design: Design | None) -> Numbers:
     """(bounds,) excess over each bound less `INSIDE`, over its size; inf for a design that cannot be."""
     count = sum((entry.at_least is not None) + (entry.at_most is not None) for entry in study.constraints.values())
-    if tried is None or tried.reason:
+    if design is None or design.reason:
         return np.full(max(count, 1), math.inf)
-    return INSIDE - np.array(list(slacks(study, tried).values()) or [1.0])
+    return INSIDE - np.array(list(slacks(study, design).values()) or [1.0])
 
 
 def _nsga(log: Log, first: Numbers, *, leaving: int) -> None:
@@ -260,7 +260,7 @@ def _nsga(log: Log, first: Numbers, *, leaving: int) -> None:
     algorithm.setup(problem, termination=("n_gen", 100_000), seed=study.seed, verbose=False)
     idle = 0
     while log.remaining > leaving and idle < _IDLE and algorithm.has_next():
-        before, generation = len(log.tried), algorithm.ask()
+        before, generation = len(log.designs), algorithm.ask()
         answers = log.ask(generation.get("X"))
         values = {
             name: np.minimum(np.array([function(study, answer) for answer in answers]), _LARGE)
@@ -270,14 +270,14 @@ def _nsga(log: Log, first: Numbers, *, leaving: int) -> None:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", DeprecationWarning)  # of NumPy, for names that pymoo still uses
             algorithm.tell(infills=generation)
-        idle = idle + 1 if len(log.tried) == before else 0
+        idle = idle + 1 if len(log.designs) == before else 0
 
 
 class _NoneRemain(Exception):
     """The allowed number of evaluations is used up."""
 
 
-def _one(log: Log, shares: Numbers) -> Tried:
+def _evaluated(log: Log, shares: Numbers) -> Design:
     answer = log.ask(shares)[0]
     if answer is None:
         raise _NoneRemain
@@ -295,19 +295,19 @@ def _slsqp(log: Log, start: Numbers, *, ftol: float, objective: int = 0, allowed
     free = np.flatnonzero([entry.is_continuous for entry in log.space.free])
     if not len(free):
         return
-    present = losses(study, _one(log, start))
+    present = losses(study, _evaluated(log, start))
     size = np.where(np.isfinite(present) & (present != 0.0), np.abs(present), 1.0)
 
-    def tried(shares: Numbers) -> Tried:
+    def design_at(shares: Numbers) -> Design:
         moved = np.array(start)
         moved[free] = shares
-        return _one(log, moved)
+        return _evaluated(log, moved)
 
     def loss(shares: Numbers) -> float:
-        return float(losses(study, tried(shares))[objective] / size[objective])
+        return float(losses(study, design_at(shares))[objective] / size[objective])
 
     def bounded(shares: Numbers) -> Numbers:
-        design = tried(shares)
+        design = design_at(shares)
         within = -_violations(study, design)
         if allowed is None:
             return within
@@ -340,23 +340,29 @@ def _cobyqa(log: Log, start: Numbers) -> None:
     from scipy.optimize import Bounds, NonlinearConstraint, minimize
 
     study = log.study
-    size = abs(float(losses(study, _one(log, start))[0])) or 1.0
+    size = abs(float(losses(study, _evaluated(log, start))[0])) or 1.0
+
+    def excess(shares: Numbers) -> Numbers:
+        return np.minimum(_violations(study, _evaluated(log, shares)), 1e6)
+
     minimize(
-        lambda shares: min(float(losses(study, _one(log, shares))[0]) / size, 1e6),
+        lambda shares: min(float(losses(study, _evaluated(log, shares))[0]) / size, 1e6),
         start,
         method="COBYQA",
         bounds=Bounds(np.zeros(len(start)), np.ones(len(start))),
         constraints=[
-            NonlinearConstraint(lambda shares: np.minimum(_violations(study, _one(log, shares)), 1e6), -np.inf, 0.0)
+            NonlinearConstraint(
+                lambda shares: np.minimum(_violations(study, _evaluated(log, shares)), 1e6), -np.inf, 0.0
+            )
         ],
         options={"initial_tr_radius": 0.1, "final_tr_radius": 1e-4},
     )
 
 
-def _tried(values: Values, answer: dict[str, float] | str) -> Tried:
+def _design(values: Values, answer: dict[str, float] | str) -> Design:
     if isinstance(answer, str):
-        return Tried(values=values, quantities={}, reason=answer)
-    return Tried(values=values, quantities=answer)
+        return Design(values=values, quantities={}, reason=answer)
+    return Design(values=values, quantities=answer)
 
 
 def _text(values: Values) -> str:
@@ -364,9 +370,9 @@ def _text(values: Values) -> str:
     return json.dumps(values, sort_keys=True)
 
 
-def record_line(tried: Tried) -> str:
+def record_line(design: Design) -> str:
     """Line of the record of evaluations."""
-    return json.dumps({"values": tried.values, "quantities": tried.quantities, "reason": tried.reason})
+    return json.dumps({"values": design.values, "quantities": design.quantities, "reason": design.reason})
 
 
 def alone(evaluator: Callable[[Values], dict[str, float]]) -> EvaluateAll:
