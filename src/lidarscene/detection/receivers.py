@@ -14,6 +14,7 @@ from ..sensor.sensor_model import Sensor
 from . import multi_echo, returns
 from .outcomes import Outcome, Status
 from .photon_counting import histogram_receiver
+from .photon_counting.column_noise import share_noise
 from .returns import Detection
 
 
@@ -33,6 +34,8 @@ def detect(pulse_train: EchoTrain, sensor: Sensor, *, seed: Lanes, pulse: Array)
     """
     detect_train = multi_echo.detect if sensor.histogram is None else histogram_receiver.detect
     detection = detect_train(pulse_train, sensor, seed=seed, pulse=pulse)
+    if sensor.histogram is not None and sensor.histogram.column_weights is not None:
+        detection = share_noise(detection, pulse_train, sensor, seed=seed, pulse=pulse)
     if not pulse_train.stray or sensor.optics.stray is None or not sensor.optics.stray.withheld:
         return detection
     return _withhold(detection, pulse_train, sensor)

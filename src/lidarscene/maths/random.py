@@ -33,6 +33,7 @@ class Stage(enum.IntEnum):
     HISTOGRAM = 16
     THRESHOLD = 17
     FLUCTUATION = 25
+    COLUMN_NOISE = 26
 
 
 _ROTATIONS = (13, 15, 26, 6, 17, 29, 16, 24)

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from ..errors import InputError
 from ..files.table_model import Number, Table
@@ -23,6 +23,9 @@ MOST_BINS = 64
 SHORTEST_DEAD_TIME = 1.0
 """Shortest dead time of a SPAD, in FWHM of the pulse: a SPAD counts an echo only once."""
 
+MOST_COLUMNS = 16
+"""Most columns that share their noise: each two are a random number of the kernel."""
+
 _TEMPLATE_REACH = 3.0  # of the template to either side, in sigmas of the pulse
 _SEARCH_REACH = 1.25  # of the search for the filter's peak: its place scatters by a third of that at an SNR of 5
 
@@ -38,6 +41,8 @@ class Histogram:
     calibrated  shift of strong echoes by pile-up; None: it is left in the ranges, or the counts are corrected for it
     bin_to_sigma  width of a bin over that of an echo
     sweep_rad     angle by which the head turns while the shots of a point are summed; 0: it does not, or is left out
+    column_weights  of the noise of a point's own column and of those before it, their squares adding up to 1; None:
+                    columns share no noise
     """
 
     shots: Lanes
@@ -83,6 +88,7 @@ class Histogram:
     bin_to_sigma: float
     calibrated: Walk | None = None
     sweep_rad: float = 0.0
+    column_weights: tuple[Lanes, ...] | None = None
 
     @property
     def neighbours(self) -> bool:
@@ -173,10 +179,36 @@ class HistogramFile(
     keep: Literal["first", "last", "strongest"] = Field(
         default="strongest", description="which peaks, if there are more than stops"
     )
+    column_weights: tuple[Annotated[float, Field(ge=0, le=1)], ...] | None = Field(
+        default=None,
+        min_length=2,
+        max_length=MOST_COLUMNS,
+        description="of the shots of a point's own column and of those before it in the noise of its range; of its own "
+        "alone if left out",
+    )
     turn: bool = Field(
         default=True,
         description="whether a spinning head turns while it sums the shots of a point; with several rays a pulse",
     )
+
+    @field_validator("column_weights")
+    @classmethod
+    def _own_column_counts(cls, weights: tuple[float, ...] | None) -> tuple[float, ...] | None:
+        if weights is not None and weights[0] <= 0.0:
+            raise ValueError(f"the first, of the point's own column, must be > 0, got {weights[0]:g}")
+        return weights
+
+    @property
+    def _unit_weights(self) -> tuple[float, ...] | None:
+        """`column_weights` scaled so that the noise keeps its size; raises InputError for another estimator."""
+        if self.column_weights is None:
+            return None
+        if self.estimator != "matched_filter":
+            raise InputError(
+                f'histogram.column_weights: must go with estimator = "matched_filter", got "{self.estimator}"'
+            )
+        norm = math.sqrt(sum(weight * weight for weight in self.column_weights))
+        return tuple(weight / norm for weight in self.column_weights)
 
     def period_us(self, dwell_us: float) -> float | None:
         """Time between the laser's pulses of one point, with the multiplier; None: not given. Raises InputError."""
@@ -269,6 +301,7 @@ class HistogramFile(
             bin_to_sigma=self.bin_ns / sigma_ns,
             calibrated=calibrated,
             sweep_rad=self.sweep_rad(turn_rate_rad_s=turn_rate_rad_s, dwell_us=dwell_us),
+            column_weights=self._unit_weights,
         )
 
     def converter(self, dwell_us: float) -> Tdc:

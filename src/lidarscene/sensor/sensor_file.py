@@ -258,6 +258,7 @@ class SensorFile(FileModel):
         _check_response(sensor)
         if optics.stray is not None:
             find_volleys(sensor.scanner, optics.stray)  # refuses what cannot be
+        _check_columns(sensor)
         if self.sampler is None:
             return sensor
         return replace(sensor, sampler=self.sampler.build(1e9 * float(sensor.received_fwhm_s)))
@@ -304,6 +305,17 @@ class SensorFile(FileModel):
             folder=folder,
         )
         return self.scanner.build(context)
+
+
+def _check_columns(sensor: Sensor) -> None:
+    """Raises InputError for columns that share noise where the scanner has no columns."""
+    if sensor.histogram is None or sensor.histogram.column_weights is None:
+        return
+    line = sensor.scanner.line_pulses
+    if line is None or line >= sensor.scanner.pulses:
+        raise InputError(
+            "histogram.column_weights: must be left out for a scanner without columns that follow each other"
+        )
 
 
 def _check_response(sensor: Sensor) -> None:

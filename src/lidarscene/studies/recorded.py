@@ -25,8 +25,10 @@ from ..files.toml import FileModel, read_toml, validate
 from ..light.echoes import EchoTrain, SubEchoes
 from ..maths.arrays import Numbers
 from ..physics.constants import SPEED_OF_LIGHT_M_S
+from ..physics.photon_counting.shared_shots import scatter_share
 from ..sensor.sensor_file import load_sensor, published_performance
 from ..sensor.sensor_model import Sensor
+from .fit.scatter import COLUMN_STEP, PATCH
 from .held import LIMITS, Held, held_table, verdict
 from .published_values import repeatability, scatter_m
 from .ranging.plane import Target, echoes_of_plane
@@ -282,14 +284,22 @@ def highest_noise(sensor: Sensor, near_ir: float) -> float:
 
 
 def scatter_mm(sensor: Sensor, signal: float, near_ir: float) -> float | None:
-    """Standard deviation of the reported range in mm at this number of photons; None if few echoes are found."""
+    """Scatter of the reported range in mm at this number of photons, as it is read; None if few echoes are found.
+
+    It is read from every second column, about a parabola, and columns may share their noise.
+    """
     power = background_w(sensor, near_ir)
     light = echoes_of_plane(sensor, Target(illuminance_klux=100.0), 20.0 * np.ones(1))
     # The background power is proportional to the illuminance.
     klux = 100.0 * float(np.ravel(power / light.background_power_w)[0])
     noise = float(np.ravel(sensor.working_point(power).noise.deviation)[0])
     sigma_m = scatter_m(sensor, Target(illuminance_klux=klux), range_m=20.0, snr=signal / noise)
-    return None if sigma_m is None else 1e3 * sigma_m
+    if sigma_m is None:
+        return None
+    if sensor.histogram is None or sensor.histogram.column_weights is None:
+        return 1e3 * sigma_m
+    weights = [float(weight) for weight in sensor.histogram.column_weights]
+    return 1e3 * sigma_m * scatter_share(weights, points=PATCH, step=COLUMN_STEP)
 
 
 def as_dicts(rows: Sequence[Held]) -> list[dict[str, Any]]:

@@ -369,6 +369,15 @@ class Macropixel:
             bend=top.bend,
         )
 
+    def place_deviation_s(self, signal: Lanes) -> Lanes:
+        """Standard deviation of the time of the filter's peak at a lone echo of so many photons (T176)."""
+        echo, sigma = self.peak(signal), self.sigma_s
+        background = matched_filter.background_variance(rate_hz=self.count_rate_hz, sigma_s=sigma)
+        variance = matched_filter.place_variance(
+            signal=echo.height, background=self.slope_share * background, own_variance=echo.of_slope, bend=echo.bend
+        )
+        return sigma * xp(variance).sqrt(variance)
+
     def _coincidences(self, detections: Lanes) -> tuple[Lanes, _FilteredEcho]:
         """Counts and peak of an echo of Lambda whose SPADs count only together, bin by bin (T93).
 

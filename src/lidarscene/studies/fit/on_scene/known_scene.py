@@ -19,6 +19,7 @@ from ....light.echoes import Echoes, EchoTrain
 from ....maths.arrays import Lanes, Mask, Numbers, is_drjit, xp
 from ....maths.special import normal_tail
 from ....physics.constants import SPEED_OF_LIGHT_M_S
+from ....physics.photon_counting.matched_filter import SECOND_ORDER
 from ....physics.photon_counting.pile_up import BOX
 from ....sensor.detectors import WorkingPoint
 from ....sensor.detectors.spad_detector import Macropixel
@@ -63,10 +64,6 @@ changes the signal by 0.2 % and the range by 2 mm, which the prediction leaves o
 
 LEAST_CHANCE = 1e-9
 """Chances are clipped to so far from 0 and 1, where a pulse's weight 1 / (p (1 - p)) is infinite."""
-
-SECOND_ORDER = 1.5
-"""Coefficient k of the peak position's variance, proportional to (1 + k / photons) / photons: with few photons the
-position is not linear in them. Fitted to drawn histograms of 25 to 70 photons: 1.5 +/- 0.3."""
 
 GAUSS_HERMITE = (0.0, math.sqrt(3.0), -math.sqrt(3.0)), (2 / 3, 1 / 6, 1 / 6)
 """Nodes and weights of three-point Gauss-Hermite quadrature over a normal distribution: the chance is smooth over the

@@ -1,0 +1,102 @@
+"""Noise of the range that neighbouring columns share: a window of shots that moves along the ring.
+
+A receiver that takes shots of earlier columns into a point has their noise in it, too. Each column and channel has one
+standard normal number for each stop. The noise of a point is the sum of its own and those of the columns before it,
+with the weights of the sensor file, and has the size that its light gives (docs/photon_counting.md, T176 and T177).
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from ...light.echoes import EchoTrain
+from ...maths import random
+from ...maths.arrays import Array, Lanes, xp
+from ...physics.electronics import tdc
+from ...physics.optics import radiometry
+from ...sensor.sensor_model import Sensor
+from ..outcomes import Status
+from ..returns import Detection, Returns
+
+_MOST_FIRED = 0.8
+"""Share of the SPADs up to which an echo's noise follows (T176); brighter ones keep theirs, which is up to 1.5 times as
+large, with what the correction of their walk adds."""
+
+_MOST_NOISE = 3.0
+"""Deviations of a point's range from the true one that are taken for noise; what lies beyond is no noise and stays."""
+
+
+def share_noise(detection: Detection, train: EchoTrain, sensor: Sensor, *, seed: Lanes, pulse: Array) -> Detection:
+    """Replace the noise of the ranges of echoes by noise of the same size that neighbouring columns share.
+
+    Only the noise is shared: the range stays that of the point's own surface. Points that are no echo, echoes that were
+    folded, and those that fire nearly all SPADs keep their noise.
+
+    seed, pulse  as of `detection.receivers.detect`
+    """
+    return replace(
+        detection,
+        stops=tuple(
+            _share_in_stop(stop, number, train, sensor, seed=seed, pulse=pulse)
+            for number, stop in enumerate(detection.stops)
+        ),
+    )
+
+
+def _share_in_stop(
+    stop: Returns, number: int, train: EchoTrain, sensor: Sensor, *, seed: Lanes, pulse: Array
+) -> Returns:
+    """Replace the noise of one stop's ranges; ``number`` is the stop's."""
+
+    def compute() -> Lanes:
+        deviate = _column_deviate(sensor, seed=seed, pulse=pulse, stop=number)
+        return _range_with_noise(stop, train, sensor, deviate)
+
+    is_echo = stop.reported & (stop.status == int(Status.ECHO))
+    return replace(stop, range_m=xp(stop.range_m).where_any(is_echo, compute, stop.range_m))
+
+
+def _range_with_noise(stop: Returns, train: EchoTrain, sensor: Sensor, deviate: Lanes) -> Lanes:
+    """Reported range, (n,) m, with this standard normal number in place of the noise that was drawn."""
+    assert stop.snr is not None
+    assert stop.true_range_m is not None
+    ops = xp(stop.range_m)
+    pixel = sensor.pixel(train.background_power_w, range_m=stop.true_range_m)
+    point = sensor.working_point(train.background_power_w, range_m=stop.true_range_m)
+    signal = stop.snr * point.noise.deviation
+    if train.fluctuation is not None:
+        signal = signal * train.fluctuation.relative_power
+    deviation_m = radiometry.range_from_time_of_flight_m(time_of_flight_s=pixel.place_deviation_s(signal))
+    most_m = _MOST_NOISE * deviation_m
+    drawn_m = ops.maximum(ops.minimum(stop.range_m - stop.true_range_m, most_m), -most_m)
+    range_m = ops.maximum(stop.range_m - drawn_m + deviation_m * deviate, 0.0)
+    time_s = tdc.quantise(
+        time_s=radiometry.time_of_flight_s(range_m=range_m), least_significant_bit_s=sensor.tdc.least_significant_bit_s
+    )
+    shared_m = radiometry.range_from_time_of_flight_m(time_of_flight_s=time_s)
+    if point.response.largest is None:
+        return shared_m
+    return ops.where(signal < _MOST_FIRED * point.response.largest, shared_m, stop.range_m)
+
+
+def _column_deviate(sensor: Sensor, *, seed: Lanes, pulse: Array, stop: int) -> Lanes:
+    """Draw the weighted sum of the standard normal numbers of a point's column and of those before it, (n,) (T177).
+
+    Any point can draw the numbers of its neighbours, which need not be in the same chunk.
+    """
+    assert sensor.histogram is not None
+    assert sensor.histogram.column_weights is not None
+    assert sensor.scanner.line_pulses is not None
+    weights: dict[int, Lanes] = dict(enumerate(sensor.histogram.column_weights))
+    ops = xp(pulse)
+    column, place = ops.divmod(ops.int32(pulse), sensor.scanner.line_pulses)
+    # A random number has two words, so two columns share one.
+    pair, odd = ops.divmod(column, 2)
+    is_even, draw = odd == 0, ops.uint32(place + stop * 2**24)
+    total: Lanes = 0.0
+    for back in range(len(weights) // 2 + 1):
+        words = random.words(seed=seed, stage=random.Stage.COLUMN_NOISE, pulse=ops.uint32(pair - back), draw=draw)
+        of_even, of_odd = random.normal_pair(words)
+        before, middle, after = (weights.get(2 * back + beside, 0.0) for beside in (-1, 0, 1))
+        total = total + of_even * ops.where(is_even, middle, after) + of_odd * ops.where(is_even, before, middle)
+    return total
