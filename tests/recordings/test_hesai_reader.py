@@ -1,7 +1,9 @@
-"""Hesai: packets as the PandarXT-32's manual has them."""
+"""Hesai: packets of every model that is read, made by their layouts, and those of hydra4's decoders."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -9,39 +11,163 @@ import pytest
 from helpers.recordings import hesai_packet, pcap
 
 from lidarscene.errors import InputError
+from lidarscene.recordings.hesai_reader import FORMATS, Format, format_of
 from lidarscene.recordings.opening import open_recording
+from lidarscene.sensor.sensor_file import load_sensor
+
+RPM = 600
+MODELS = {layout.name: layout for layout in reversed(FORMATS)}
+"""One layout of each model: the OT128's without options."""
 
 
-@pytest.fixture(autouse=True)
-def _decoder(library: Callable[[str], Any]) -> None:
-    library("hydra4.decoders")
+def payloads(layout: Format, steps: Any, *, mode: int = 0x37, returns: int = 1, packets: int = 6) -> list[bytes]:
+    """Packets of a head that turns at 600 in a minute, each laser's distances [steps] by the block in its firing."""
+    rows = np.zeros(packets, layout.dtype)
+    firings = layout.blocks // returns
+    firing = np.arange(packets)[:, None] * firings + np.arange(firings)
+    azimuth = np.rint(6.0 * RPM * firing * layout.cycle_s * 100.0) % 36_000
+    rows["blocks"]["azimuth"] = np.repeat(azimuth, returns, axis=1)
+    rows["blocks"]["points"]["distance"] = np.tile(np.asarray(steps), (packets, firings, 1))
+    rows["blocks"]["points"]["reflectivity"] = 7
+    rows["turns_per_minute"], rows["mode"] = RPM, mode
+    rows["stamp"] = np.rint(1e6 * layout.cycle_s * firings * np.arange(packets)) + 1000
+    if layout.phase is not None:
+        rows["phase"] = (np.arange(packets) + 1) % 2 if returns > 1 else 0
+    if layout.step_mm is None:
+        rows["step_mm"] = 4
+    contents = [bytearray(row.tobytes()) for row in rows]
+    for content in contents:
+        if layout.protocol is not None:
+            content[:4] = bytes([0xEE, 0xFF, *layout.protocol])
+            content[6:8] = bytes([layout.lasers, layout.blocks])
+            content[11] = layout.flags or 0
+        elif layout.header:
+            content[:4] = bytes([0xEE, 0xFF, layout.lasers, layout.blocks])
+        else:
+            for block in range(layout.blocks):
+                start = block * (layout.mark + 2 + layout.point * layout.lasers)
+                content[start : start + 2] = b"\xff\xee"
+    return [bytes(content) for content in contents]
 
 
-def test_points_turned_to_x_forward(tmp_path: Path) -> None:
-    packets = [hesai_packet(azimuth, 2500) for azimuth in range(0, 36_000 + 2000, 144)]
-    table = tmp_path / "angles.csv"
-    rows = [f"{channel + 1},{15 - channel},0" for channel in range(32)]
-    table.write_text("\n".join(["Channel,Elevation,Azimuth", *rows]) + "\n")
-    with open_recording(pcap(tmp_path / "xt.pcap", packets), table) as recording:
-        assert (len(recording), recording.metadata["sensor"]) == (2, "PandarXT32")
+@pytest.mark.parametrize("layout", FORMATS, ids=lambda layout: f"{layout.name}-{layout.flags or 0}")
+def test_every_model_is_read_with_the_catalogues_beams(tmp_path: Path, layout: Format) -> None:
+    """Ranges to rounding; elevations and the head's turn between pulses to 1e-4 degrees, azimuths come in 0.01."""
+    steps = 500 + np.arange(layout.lasers)
+    packets = payloads(layout, steps)
+    assert format_of(packets[0]) is layout
+    with open_recording(pcap(tmp_path / "a.pcap", packets)) as recording:
         sweep = recording[0]
-    assert sweep.shape == (250 * 8 * 32,)
-    np.testing.assert_allclose(sweep.range_m, 10.0, rtol=1e-9)
-    # Hesai counts azimuths clockwise from its y axis, ahead. The first block looks there, a later one to the right.
-    first, later = sweep.xyz_m[0], sweep.xyz_m[32 * 8 * 62]
-    elevation = np.radians(15.0)
-    np.testing.assert_allclose(first, [10.0 * np.cos(elevation), 0.0, 10.0 * np.sin(elevation)], atol=1e-9)
-    assert later[1] < -9.0
+        assert recording.metadata["sensor"] == layout.name
+    assert sweep.shape == (layout.lasers, 6 * layout.blocks)
+    np.testing.assert_allclose(sweep.range_m, np.broadcast_to(0.004 * steps[:, None], sweep.shape), rtol=1e-12)
+    scanner = load_sensor(layout.sensor).scanner
+    pulse = np.arange(scanner.line_pulses, dtype=np.uint32)
+    channel = np.asarray(scanner.channel(pulse))
+    azimuth_deg, elevation_deg = (np.degrees(np.asarray(angle)) for angle in scanner.angles(pulse))
+    np.testing.assert_allclose(
+        np.degrees(np.arcsin(sweep.direction[channel, 0, 2])), elevation_deg, atol=1e-4
+    )
+    # A cycle of the catalogue's sensor, whose head turns as this one: the same azimuths but for one turn of all, and
+    # those of a second firing in the cycle from the second column.
+    second = np.asarray(scanner.time_s(pulse)) > layout.cycle_s * (1.0 - 1e-3)
+    direction = sweep.direction[channel, second.astype(int)]
+    apart_deg = np.degrees(np.arctan2(direction[:, 1], direction[:, 0])) - azimuth_deg
+    apart_deg = (apart_deg - apart_deg[0] + 180.0) % 360.0 - 180.0
+    assert np.abs(apart_deg).max() < 0.006
     assert sweep.time_s is not None
-    # A block lasts 50 us, and a turn of 250 packets 0.1 s; the packets of one instant differ by their blocks alone.
-    assert 0.0 <= sweep.time_s.min() <= sweep.time_s.max() < 1e-3
+    fired_s = sweep.time_s[channel, second.astype(int)]
+    np.testing.assert_allclose(fired_s - fired_s.min(), scanner.time_s(pulse), atol=2e-10)
 
 
-@pytest.mark.parametrize(("protocol", "lasers", "blocks"), [((3, 1), 32, 8), ((6, 1), 16, 8), ((6, 1), 32, 6)])
-def test_other_models_are_told(tmp_path: Path, protocol: tuple[int, int], lasers: int, blocks: int) -> None:
-    """Rationale: PandarXT-16 and XT-32M have the XT-32's protocol and shorter packets, which gave struct's message."""
-    payload = bytearray(hesai_packet(0, 2500))[: 12 + blocks * (2 + 4 * lasers) + 28]
+@pytest.mark.parametrize("name", MODELS)
+@pytest.mark.parametrize(("mode", "first", "second"), [(0x39, 700, 500), (0x39, 500, 700), (0x3B, 500, 700)])
+def test_two_returns(tmp_path: Path, name: str, mode: int, first: int, second: int) -> None:
+    """The strongest, which is never behind the last, in whichever block; of the first and the last the first."""
+    layout = MODELS[name]
+    steps = np.stack([np.full(layout.lasers, first), np.full(layout.lasers, second)])
+    steps[1, 1::2] = steps[0, 1::2] = min(first, second)  # every other laser has one return, told twice
+    packets = payloads(layout, steps, mode=mode, returns=2)
+    with open_recording(pcap(tmp_path / "a.pcap", packets)) as recording:
+        sweep = recording[0]
+        assert recording.metadata["mode"] == "dual"
+    assert sweep.shape == (layout.lasers, 6 * layout.blocks // 2)
+    assert np.unique(sweep.range_m).tolist() == [2.0]
+    assert sweep.second is not None
+    np.testing.assert_allclose(sweep.second.range_m[::2], 2.8, rtol=1e-12)
+    assert np.isnan(sweep.second.range_m[1::2]).all()
+
+
+def test_a_laser_that_does_not_fire_is_not_recorded(tmp_path: Path) -> None:
+    """Of a QT128C2X a quarter rests in each firing; an OT128 says which rest, and why the others saw nothing."""
+    quarter = MODELS["QT128C2X"]
+    with open_recording(pcap(tmp_path / "a.pcap", payloads(quarter, np.zeros(128)))) as recording:
+        assert recording[0].recorded[:, 0].tolist() == [False] * 32 + [True] * 96
+        assert recording[0].recorded[:, 1].tolist() == [True] * 32 + [False] * 32 + [True] * 64
+    layout = MODELS["OT128"]
+    with open_recording(pcap(tmp_path / "b.pcap", payloads(layout, np.arange(128)))) as recording:
+        sweep = recording[0]
+    assert sweep.recorded[:, 0].tolist() == [False] + [True] * 127
+    assert sweep.has_return[:, 0].tolist() == [False] * 4 + [True] * 124
+
+
+@pytest.mark.parametrize("name", ["PandarXT32", "OT128"])
+def test_points_are_those_of_another_decoder(tmp_path: Path, library: Callable[[str], Any], name: str) -> None:
+    """hydra4's, which leave out what the head turns while lasers fire: at 0 turns in a minute there is none.
+
+    0.1 mm at 10 m: its angles are float32.
+    """
+    decoders, layout = library("hydra4.decoders"), MODELS[name]
+    rows = [f"{channel + 1},{15 - 0.2 * channel:.2f},{0.1 * (channel % 5):.1f}" for channel in range(layout.lasers)]
+    table = tmp_path / "angles.csv"
+    table.write_text("\n".join(["Channel,Elevation,Azimuth", *rows]) + "\n")
+    still = [bytearray(content) for content in payloads(layout, 2500 + np.arange(layout.lasers))]
+    offset = layout.dtype.fields["turns_per_minute"][1]
+    date = {"PandarXT32": 13, "OT128": 15}[name] - layout.turns_per_minute + offset
+    for content in still:
+        content[offset : offset + 2] = bytes(2)
+        content += bytes(100)
+        content[date : date + 6] = bytes([126, 1, 2, 3, 4, 5])
+    decoder = getattr(decoders, name if name != "OT128" else "PandarOT128")(table, 0.0, 1000.0)
+    blocks = [block for content in still for block in decoder(SimpleNamespace(data=bytes(content)))]
+    right, forward, up, _, ring, *_ = np.array([point for block in blocks for point in block.points], np.float64).T
+    with open_recording(pcap(tmp_path / "a.pcap", [bytes(content) for content in still]), table) as recording:
+        xyz_m = recording[0].xyz_m
+    column = np.arange(len(ring)) // layout.lasers
+    np.testing.assert_allclose(xyz_m[ring.astype(int), column], np.stack([forward, -right, up], axis=-1), atol=1e-4)
+
+
+def test_turns_are_frames(tmp_path: Path) -> None:
+    packets = [hesai_packet(azimuth, 2500) for azimuth in range(0, 36_000 + 2000, 144)]
+    with open_recording(pcap(tmp_path / "xt.pcap", packets)) as recording:
+        assert (len(recording), recording[0].shape, recording[1].shape) == (2, (32, 2000), (32, 112))
+
+
+def test_a_table_of_another_sensor_is_refused(tmp_path: Path) -> None:
+    table = tmp_path / "angles.csv"
+    table.write_text("Channel,Elevation,Azimuth\n1,3,0\n2,2,0\n")
+    with pytest.raises(InputError, match=r"angles\.csv: must have 32 channels of a PandarXT32, got 2"):
+        open_recording(pcap(tmp_path / "a.pcap", [hesai_packet(0, 2500)]), table)
+
+
+@pytest.mark.parametrize(("protocol", "lasers", "blocks"), [((3, 4), 32, 8), ((6, 1), 24, 8), ((4, 3), 128, 2)])
+def test_other_models_are_refused(tmp_path: Path, protocol: tuple[int, int], lasers: int, blocks: int) -> None:
+    payload = bytearray(hesai_packet(0, 2500))
     payload[2:4], payload[6:8] = bytes(protocol), bytes([lasers, blocks])
     message = f"got protocol {protocol[0]}.{protocol[1]}, {lasers} lasers, {blocks} blocks"
-    with pytest.raises(InputError, match=rf"must be packets of a PandarXT-32 .* or OT128 .*, {message}"):
+    with pytest.raises(InputError, match=rf"must be packets of Pandar40P, .*, OT128, {message}"):
         open_recording(pcap(tmp_path / "other.pcap", [bytes(payload)]))
+
+
+def test_a_packet_that_is_cut_off_is_passed_over(tmp_path: Path) -> None:
+    packets = payloads(MODELS["PandarQT"], np.full(64, 500))
+    packets[3] = packets[3][:800]
+    with open_recording(pcap(tmp_path / "a.pcap", packets)) as recording:
+        assert recording[0].shape == (64, 20)
+
+
+def test_layouts_do_not_fit_each_others_packets() -> None:
+    for layout in FORMATS:
+        (payload,) = payloads(layout, np.zeros(layout.lasers), packets=1)
+        assert [other for other in FORMATS if other.fits(payload)] == [layout]
+        assert not replace(layout, blocks=layout.blocks + 1).fits(payload)

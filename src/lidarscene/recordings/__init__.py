@@ -6,8 +6,7 @@ opening             `open_recording`: the reader by the file's name
 pcap_reader         UDP packets of a pcap file, and the turns among them
 ouster_reader       Ouster: pcap with json, and OSF
 velodyne_reader     Velodyne: packets of pcap files and ROS bags
-hesai_reader        Hesai PandarXT-32 and OT128: packets of pcap files and ROS bags
-pandar64_reader     Hesai Pandar64: packets of pcap files
+hesai_reader        Hesai's spinning sensors: packets of pcap files and ROS bags
 bags                ROS 2 bags
 point_files         KITTI, nuScenes, PCD, PLY, LAS
 sweep_from_columns  sweep of a list of points with named columns

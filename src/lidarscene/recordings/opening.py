@@ -66,7 +66,7 @@ def _open_osf(path: Path, metadata: Path | None, sensor_index: int = 0) -> Recor
 
 def _open_packets(path: Path, metadata: Path | None) -> Recording:
     """Open a pcap with the reader of the maker whose packets it has; a json, given or beside it, means Ouster."""
-    from . import hesai_reader, pandar64_reader, velodyne_reader
+    from . import hesai_reader, velodyne_reader
     from .pcap_reader import metadata_of, packets_of
 
     metadata_file = metadata_of(path, metadata)
@@ -81,8 +81,6 @@ def _open_packets(path: Path, metadata: Path | None) -> Recording:
             f"{path}: must have packets of Velodyne or Hesai, or an Ouster's metadata as {path.stem}.json beside it "
             f"(or with --metadata)"
         )
-    if pandar64_reader.is_pandar64(packets[0].payload):
-        return pandar64_reader.open_pandar64(path, metadata, packets.where(pandar64_reader.is_pandar64))
     if velodyne_reader.is_velodyne(packets[0].payload):
         return velodyne_reader.open_velodyne(path, metadata, packets.where(velodyne_reader.is_velodyne))
     return hesai_reader.open_hesai(path, metadata, packets.where(hesai_reader.is_hesai))

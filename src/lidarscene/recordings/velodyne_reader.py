@@ -20,7 +20,6 @@ from ..maths.arrays import Numbers
 from .pcap_reader import turns_of
 from .recording import Recording
 from .sweep import Second, Sweep
-from .units.velodyne_unit import MODELS
 
 FIRST_BYTES = tuple(bank.to_bytes(2, "little") for bank in VELODYNE_BANKS[:2])
 """First bytes of a packet, whose first block is of the first or the second bank."""
@@ -34,7 +33,7 @@ LAST_RETURN = 2
 WARM_UP_PACKETS = 2
 """Packets before a frame from which the decoder measures how fast the sensor turns, and how long a packet lasts."""
 
-CHANNELS = tuple(sorted(MODELS))
+CHANNELS = (16, 32, 64, 128)
 """Numbers of channels of all models. That of a recording is the next above its highest channel with a point, since the
 channels above that may have seen only sky."""
 

@@ -34,6 +34,7 @@ _TWO_PI = 2.0 * math.pi
 class Bank:
     """The lasers of a head, in any order.
 
+    channel          number of each laser, where one fires more than once in a cycle; None: 0, 1, 2, ...
     azimuth_rad      azimuth of each laser, from the head's own; None: all 0
     firing_s         after the cycle's start; None: all at once
     start_m          (x, y, z) of each laser's exit in the head; None: all in the origin
@@ -42,6 +43,10 @@ class Bank:
     """
 
     elevation_rad: Annotated[Sequence[float], Quantity("deg", ge=-90, le=90, least=1)]
+    channel: Annotated[
+        Sequence[float] | None,
+        Quantity(ge=0, le=1e6, about="number of each laser, where one fires more than once; 0, 1, 2, ... if left out"),
+    ] = None
     azimuth_rad: Annotated[Sequence[float] | None, Quantity("deg", name="azimuth_offset_deg", ge=-360, le=360)] = None
     firing_s: Annotated[
         Sequence[float] | None,
@@ -139,7 +144,7 @@ class Spinning(Mechanism):
             elevation_rad=table(bank.elevation_rad),
             azimuth_rad=table(azimuth_rad),
             lead_rad=table(_TWO_PI * rotation_hz * np.asarray(firing_s)),
-            lasers_by_place=table(np.arange(len(order))),
+            lasers_by_place=table(np.arange(len(order)) if bank.channel is None else bank.channel),
             start_m=None if start_m is None else (table(start_m[0]), table(start_m[1]), table(start_m[2])),
             responsivity=None if bank.responsivity is None else table(bank.responsivity),
             background_gain=None if bank.background_gain is None else table(bank.background_gain),
@@ -269,6 +274,7 @@ class SpinningFile(ScannerFile[Spinning]):
             raise ValueError("rotation_hz: must not be 0")
         lasers = len(self.elevation_deg)
         for key in (
+            "channel",
             "azimuth_offset_deg",
             "firing_time_us",
             "forward_mm",

@@ -35,9 +35,34 @@ def test_points_of_the_decoder_lie_on_the_beams(tmp_path: Path, library: Callabl
     assert load_sensor(str(tmp_path / "unit.toml")).scanner.lasers == 32
 
 
-def test_a_table_of_64_is_a_pandar64(tmp_path: Path) -> None:
+def table_of(path: Path, name: str, shift_deg: float = 0.0) -> Path:
+    """Table of the catalogue's sensor, from the top; a unit's may be off by some tenths of a degree."""
+    elevation_deg = np.sort(np.degrees(load_sensor(name).scanner.elevation_rad.values))[::-1] + shift_deg
+    lines = [f"{number + 1},{angle:.3f},0" for number, angle in enumerate(elevation_deg)]
+    path.write_text("\n".join(["Laser id,Elevation,Azimuth", *lines]) + "\n")
+    return path
+
+
+@pytest.mark.parametrize("name", ["pandar64", "pandarqt", "pandarxt-32", "xt32m2x", "pandar40p", "ot128"])
+@pytest.mark.parametrize("shift_deg", [0.0, 0.5])
+def test_the_model_is_the_one_with_the_nearest_elevations(tmp_path: Path, name: str, shift_deg: float) -> None:
+    path = table_of(tmp_path / "angles.csv", name, shift_deg)
+    text = write_unit(read_unit(path), path, tmp_path / "unit.toml")
+    assert text.endswith(f"beams, else as {name}")
+
+
+def test_a_model_that_the_catalogue_lacks_needs_a_like_and_warns(tmp_path: Path) -> None:
+    """As many lasers are not enough; with --like the report says whose laser the file has."""
     path = table(tmp_path / "angles.csv", rows=64)
-    assert write_unit(read_unit(path), path, tmp_path / "unit.toml").endswith("64 beams, else as pandar64")
+    with pytest.raises(InputError, match=r"no sensor of the catalogue is of this kind \(64 beams\); --like"):
+        write_unit(read_unit(path), path, tmp_path / "unit.toml")
+    text = write_unit(read_unit(path), path, tmp_path / "unit.toml", like="pandar64")
+    assert text.splitlines()[-1] == (
+        "warning: laser, optics, detector and timing are of the pandar64, another product: the catalogue lacks this one"
+    )
+    path = table_of(tmp_path / "qt.csv", "pandarqt")
+    text = write_unit(read_unit(path), path, tmp_path / "unit.toml", like="pandar64")
+    assert text.endswith("another product: the catalogue has this one as pandarqt")
 
 
 def test_what_is_no_table_is_told(tmp_path: Path) -> None:

@@ -9,10 +9,10 @@ import csv
 from pathlib import Path
 
 from ...formats.cloud_description import input_errors
-from .unit_beams import Unit
+from .unit_beams import Unit, nearest_model
 
-MODELS = {64: "pandar64"}
-"""Number of channels -> the catalogue's sensor."""
+MODELS = ("pandar40p", "pandar64", "pandarqt", "pandarxt-16", "pandarxt-32", "xt32m2x", "ot128")
+"""The catalogue's sensors. A QT128C2X is not among them: its table says not which lasers fire together."""
 
 
 def read_hesai(path: Path) -> Unit:
@@ -32,7 +32,7 @@ def read_hesai(path: Path) -> Unit:
         if not angles:
             raise ValueError("must have a line for each channel, got none")
     return Unit(
-        model=MODELS.get(len(angles), ""),
+        model=nearest_model(MODELS, [elevation for elevation, _ in angles]),
         name=path.stem,
         lists={
             "elevation_deg": tuple(elevation for elevation, _ in angles),

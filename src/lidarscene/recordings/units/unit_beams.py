@@ -2,10 +2,34 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, field
+
+import numpy as np
+
+from ...scan.spinning import Spinning
+from ...sensor.sensor_file import load_sensor
 
 LIST_KEYS = ("elevation_deg", "azimuth_offset_deg", "forward_mm", "left_mm", "height_mm")
 """Keys of a spinning scanner's lists that a unit's description may give."""
+
+
+FARTHEST_DEG = 1.0
+"""Largest rms difference of elevations between a unit and the nominal ones of its model. Units scale and shift by half."""
+
+
+def nearest_model(names: Sequence[str], elevation_deg: Sequence[float]) -> str:
+    """Name of the catalogue's sensor whose elevations are nearest to a unit's; "" if none is of its kind."""
+    elevation = np.sort(np.asarray(elevation_deg, np.float64))
+    apart_deg = {}
+    for name in names:
+        scanner = load_sensor(name).scanner
+        assert isinstance(scanner, Spinning)
+        nominal = np.sort(np.degrees(scanner.elevation_rad.values))
+        if len(nominal) == len(elevation):
+            apart_deg[name] = float(np.sqrt(np.mean((nominal - elevation) ** 2)))
+    nearest = min(apart_deg, key=lambda name: apart_deg[name], default="")
+    return nearest if nearest and apart_deg[nearest] <= FARTHEST_DEG else ""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

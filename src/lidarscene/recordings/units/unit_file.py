@@ -79,6 +79,11 @@ def unit_text(unit: Unit, source: Path, *, like: str | None = None) -> tuple[str
     if 'type = "spinning"' not in scanner:
         raise InputError(f"--like {model}: must be a sensor that spins")
     text, notes = _file_text(unit, source, model, tables)
+    if model != unit.model:
+        notes.append(
+            f"warning: laser, optics, detector and timing are of the {model}, another product: the catalogue "
+            + (f"has this one as {unit.model}" if unit.model else "lacks this one")
+        )
     sensor_from_tables(tomllib.loads(text), where=str(source))  # refuses a wrong sensor before anything is written
     return text, model, notes
 

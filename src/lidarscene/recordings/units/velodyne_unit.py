@@ -15,10 +15,10 @@ from xml.etree import ElementTree
 
 from ...files.optional import import_optional
 from ...formats.cloud_description import input_errors
-from .unit_beams import Unit
+from .unit_beams import Unit, nearest_model
 
-MODELS = {16: "vlp-16", 32: "hdl-32e", 64: "hdl-64e", 128: "vls-128"}
-"""Number of lasers -> the catalogue's sensor."""
+MODELS = ("vlp-16", "vlp-32c", "hdl-32e", "hdl-64e", "vls-128")
+"""The catalogue's sensors."""
 
 LEAST_MM = 0.1
 """Least distance of an exit from an axis of the head that is written."""
@@ -35,7 +35,8 @@ def read_velodyne(path: Path) -> Unit:
             raise ValueError(
                 f"must have lasers 0, 1, 2, ..., got {', '.join(str(laser[0]) for laser in lasers[:5])}, ..."
             )
-    return Unit(model=MODELS.get(len(lasers), ""), name=path.stem, lists=_scanner_lists(lasers))
+    lists = _scanner_lists(lasers)
+    return Unit(model=nearest_model(MODELS, lists["elevation_deg"]), name=path.stem, lists=lists)
 
 
 def _scanner_lists(lasers: list[Laser]) -> dict[str, tuple[float, ...]]:
