@@ -65,9 +65,7 @@ def test_every_model_is_read_with_the_catalogues_beams(tmp_path: Path, layout: F
     pulse = np.arange(scanner.line_pulses, dtype=np.uint32)
     channel = np.asarray(scanner.channel(pulse))
     azimuth_deg, elevation_deg = (np.degrees(np.asarray(angle)) for angle in scanner.angles(pulse))
-    np.testing.assert_allclose(
-        np.degrees(np.arcsin(sweep.direction[channel, 0, 2])), elevation_deg, atol=1e-4
-    )
+    np.testing.assert_allclose(np.degrees(np.arcsin(sweep.direction[channel, 0, 2])), elevation_deg, atol=1e-4)
     # A cycle of the catalogue's sensor, whose head turns as this one: the same azimuths but for one turn of all, and
     # those of a second firing in the cycle from the second column.
     second = np.asarray(scanner.time_s(pulse)) > layout.cycle_s * (1.0 - 1e-3)

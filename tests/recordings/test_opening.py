@@ -4,7 +4,7 @@ import sys
 from pathlib import Path
 
 import pytest
-from helpers.recordings import OUSTER, hesai_packet, pcap, turns
+from helpers.recordings import OUSTER, pcap, turns
 
 from lidarscene.errors import InputError, LidarSceneError
 from lidarscene.files import optional
@@ -21,11 +21,7 @@ def test_a_missing_library_is_told_with_what_to_type(tmp_path: Path, monkeypatch
     hide_packages(monkeypatch, "ouster", "velodyne_decoder", "rosbags")
     bag = tmp_path / "a.mcap"
     bag.write_bytes(b"1")
-    for path, extra in (
-        (OUSTER, "ouster"),
-        (pcap(tmp_path / "v.pcap", turns(1)), "velodyne"),
-        (bag, "ros"),
-    ):
+    for path, extra in ((OUSTER, "ouster"), (pcap(tmp_path / "v.pcap", turns(1)), "velodyne"), (bag, "ros")):
         with pytest.raises(LidarSceneError) as caught:
             open_recording(path)
         packages = " ".join(optional.EXTRAS[extra].values())

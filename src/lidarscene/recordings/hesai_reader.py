@@ -86,12 +86,7 @@ class Format:
     def dtype(self) -> np.dtype[np.void]:
         """Layout of a packet up to the last field that is read."""
         points = np.dtype(
-            {
-                "names": ["distance", "reflectivity"],
-                "formats": ["<u2", "u1"],
-                "offsets": [0, 2],
-                "itemsize": self.point,
-            }
+            {"names": ["distance", "reflectivity"], "formats": ["<u2", "u1"], "offsets": [0, 2], "itemsize": self.point}
         )
         block_bytes = self.mark + 2 + self.point * self.lasers
         block = np.dtype(
@@ -213,11 +208,7 @@ def recording_of_scans(path: Path, metadata: Path | None, scans: Sequence[Sequen
     layout = _format(path, scans[0])
     angles = _angles(layout, metadata)
     mode = RETURNS.get(int(_rows(layout, scans[0])["mode"][0]), 1)
-    recording_metadata = {
-        "format": name,
-        "sensor": layout.name,
-        "mode": ("single", "dual", "triple")[mode - 1],
-    }
+    recording_metadata = {"format": name, "sensor": layout.name, "mode": ("single", "dual", "triple")[mode - 1]}
 
     def read(frame: int) -> Sweep:
         with input_errors(path, folder=True):
@@ -225,9 +216,7 @@ def recording_of_scans(path: Path, metadata: Path | None, scans: Sequence[Sequen
             if not packets:
                 raise ValueError(f"must have packets of a {layout.name} in this turn, got none")
             stamps_s = np.array([packet.time_s for packet in packets])
-            return _sweep(
-                layout, _rows(layout, packets), stamps_s, angles, recording_metadata | {"frame": str(frame)}
-            )
+            return _sweep(layout, _rows(layout, packets), stamps_s, angles, recording_metadata | {"frame": str(frame)})
 
     return Recording(path=path, count=len(scans), read=read, metadata=recording_metadata)
 
