@@ -149,38 +149,98 @@ LEAST_STEPS = 3
 LAST_AND_STRONGEST, FIRST_AND_STRONGEST = 0x39, 0x3C
 """Modes of two returns in which the strongest may stand in the second block of a firing."""
 
-_XT: dict[str, Any] = dict(protocol=(6, 1), mode=10, turns_per_minute=11, stamp=19, cycle_s=50e-6, stamp_us=-6.0)
+_XT: dict[str, Any] = {
+    "protocol": (6, 1),
+    "mode": 10,
+    "turns_per_minute": 11,
+    "stamp": 19,
+    "cycle_s": 50e-6,
+    "stamp_us": -6.0,
+}
 FORMATS = (
     Format(
-        name="Pandar40P", sensor="pandar40p", lasers=40, blocks=10, protocol=None, header=0, mark=2, point=3,
-        mode=14, turns_per_minute=8, stamp=10, cycle_s=PANDAR64_CYCLE_S, azimuth_us=54.67, stamp_us=83.25, step_mm=4,
+        name="Pandar40P",
+        sensor="pandar40p",
+        lasers=40,
+        blocks=10,
+        protocol=None,
+        header=0,
+        mark=2,
+        point=3,
+        mode=14,
+        turns_per_minute=8,
+        stamp=10,
+        cycle_s=PANDAR64_CYCLE_S,
+        azimuth_us=54.67,
+        stamp_us=83.25,
+        step_mm=4,
     ),
     Format(
-        name="Pandar64", sensor="pandar64", lasers=PANDAR64_LASERS, blocks=PANDAR64_BLOCKS, protocol=None, header=8,
-        point=3, mode=14, turns_per_minute=8, stamp=10, cycle_s=PANDAR64_CYCLE_S, azimuth_us=PANDAR64_AZIMUTH_US,
+        name="Pandar64",
+        sensor="pandar64",
+        lasers=PANDAR64_LASERS,
+        blocks=PANDAR64_BLOCKS,
+        protocol=None,
+        header=8,
+        point=3,
+        mode=14,
+        turns_per_minute=8,
+        stamp=10,
+        cycle_s=PANDAR64_CYCLE_S,
+        azimuth_us=PANDAR64_AZIMUTH_US,
         stamp_us=PANDAR64_STAMP_US,
     ),
     Format(name="PandarXT16", sensor="pandarxt-16", lasers=16, blocks=8, **_XT),
     Format(name="PandarXT32", sensor="pandarxt-32", lasers=32, blocks=8, **_XT),
     Format(name="XT32M2X", sensor="xt32m2x", lasers=32, blocks=6, **_XT),
     Format(
-        name="PandarQT", sensor="pandarqt", lasers=64, blocks=4, protocol=(3, 1), mode=16, turns_per_minute=10, stamp=12,
-        cycle_s=0.5e-3 / 3.0, stamp_us=-38.02, stamps_first=True,
+        name="PandarQT",
+        sensor="pandarqt",
+        lasers=64,
+        blocks=4,
+        protocol=(3, 1),
+        mode=16,
+        turns_per_minute=10,
+        stamp=12,
+        cycle_s=0.5e-3 / 3.0,
+        stamp_us=-38.02,
+        stamps_first=True,
     ),
     Format(
-        name="QT128C2X", sensor="qt128c2x", lasers=128, blocks=2, protocol=(3, 2), gap=21, mode=12, turns_per_minute=13,
-        stamp=21, cycle_s=1.0 / 9000.0, stamp_us=-9.6, phase=5,
+        name="QT128C2X",
+        sensor="qt128c2x",
+        lasers=128,
+        blocks=2,
+        protocol=(3, 2),
+        gap=21,
+        mode=12,
+        turns_per_minute=13,
+        stamp=21,
+        cycle_s=1.0 / 9000.0,
+        stamp_us=-9.6,
+        phase=5,
     ),
     *(
         Format(
-            name="OT128", sensor="ot128", lasers=128, blocks=2, protocol=(1, 4), point=4 if has_noise else 3,
-            gap=21 if has_safety else 4, flags=0x20 * has_noise | 0x04 * has_safety, mode=12, turns_per_minute=13,
-            stamp=21, cycle_s=PANDAR64_CYCLE_S, stamp_us=-45.724, tells_silence=True,
+            name="OT128",
+            sensor="ot128",
+            lasers=128,
+            blocks=2,
+            protocol=(1, 4),
+            point=4 if has_noise else 3,
+            gap=21 if has_safety else 4,
+            flags=0x20 * has_noise | 0x04 * has_safety,
+            mode=12,
+            turns_per_minute=13,
+            stamp=21,
+            cycle_s=PANDAR64_CYCLE_S,
+            stamp_us=-45.724,
+            tells_silence=True,
         )
         for has_noise in (False, True)
         for has_safety in (False, True)
     ),
-)  # fmt: skip
+)
 """Models whose packets are read."""
 
 
