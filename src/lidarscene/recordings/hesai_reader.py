@@ -1,10 +1,10 @@
 """Recordings of Hesai's spinning sensors: packets out of pcap files and ROS bags, as the makers' manuals have them.
 
-A packet has blocks of the distances and reflectivities of all lasers, each block with an azimuth of the head. With two or
-three returns, blocks of one firing follow each other. Layouts and delays are those of the maker's HesaiLidar_General_SDK at
-d7f39ee (Pandar64) and of tier4/nebula at 606ac41f (the others). Angles and firing times are those of the catalogue's
-sensor, which are nominal or another unit's; a unit's own are in the CSV that Hesai gives with it. Azimuths are clockwise
-from the sensor's y axis, ahead; here they are counter-clockwise from x, forward.
+A packet has blocks of the distances and reflectivities of all lasers, each block with an azimuth of the head. With two
+or three returns, blocks of one firing follow each other. Layouts and delays are those of the maker's
+HesaiLidar_General_SDK at d7f39ee (Pandar64) and of tier4/nebula at 606ac41f (the others). Angles and firing times are
+those of the catalogue's sensor, which are nominal or another unit's; a unit's own are in the CSV that Hesai gives
+with it. Azimuths are clockwise from the sensor's y axis, ahead; here they are counter-clockwise from x, forward.
 """
 
 from __future__ import annotations
@@ -55,8 +55,8 @@ class Format:
     stamp_us    delay of the packet's stamp after the first laser of the last firing, or of the first one
     stamps_first  whether the stamp is of the first firing
     step_mm     step of the distances; None: the header's
-    phase       of the tail: 1 if a packet with several returns has the first firing of a cycle, else 0; None: a cycle is
-                one firing
+    phase       of the tail: 1 if a packet with several returns has the first firing of a cycle, else 0; None: a cycle
+                is one firing
     flags       the header's bits that choose the layout; None: they choose nothing
     tells_silence  whether a distance of 0 means a laser that did not fire, and one of `LEAST_STEPS` or less no return
     """
