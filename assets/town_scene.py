@@ -2,7 +2,7 @@
 
 from scenefile import table, value
 
-LENGTH_M = 800.0
+LENGTH_M = 900.0
 
 
 def text():
