@@ -77,6 +77,7 @@ MAY_BE_SKIPPED = (
     "SimSiPM is not installed",
     "could not import 'mujoco'",
     "KISS-ICP is not installed",
+    "small_gicp is not installed",
 )
 """Reasons to skip a test that are none to install something: with TEST_NO_SKIPS=1 any other ends the run red."""
 
