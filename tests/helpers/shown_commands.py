@@ -36,6 +36,7 @@ from lidarscene.scene.scene_file import load_scene, scene_path, sensor_of_scene
 PARSED_ONLY = {
     "lidarscene batch scenes/job.toml -o /shared": "tests/batch/test_cluster.py::test_the_bits_of_render",
     "lidarscene render drive --sensor os0-128": "tests/outputs/test_captures.py::test_ouster_metadata_and_background",
+    "lidarscene render avenue.toml": "tests/outputs/test_run_motion.py::test_synchronous_packets_of_an_ousters_imu",
     "lidarscene view out/os0.pcap": "tests/cli/recordings/test_recording_options.py::test_view_saves_all_frames_or_one",
     "lidarscene view os1.pcap": "tests/cli/recordings/test_recording_options.py::test_view_saves_all_frames_or_one",
     "lidarscene compare out/street.ply --real": "tests/cli/recordings/test_recording_options.py::test_compare_real",
