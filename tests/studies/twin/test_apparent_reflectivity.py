@@ -46,7 +46,10 @@ def test_brighter_than_white_comes_from_the_signal() -> None:
     assert gauge.apparent(sweep, sweep.range_m)[10, 10] == pytest.approx(truth, rel=0.1)
 
 
-@pytest.mark.parametrize(("form", "assumed", "factor"), [("velodyne pcap", False, 0.01), ("kitti", True, None)])
+@pytest.mark.parametrize(
+    ("form", "assumed", "factor"),
+    [("velodyne pcap", False, 0.01), ("pandar db3", False, 0.01), ("hesai pcap", False, 0.01), ("kitti", True, None)],
+)
 def test_intensities_are_of_a_known_unit_or_said_to_be_guessed(form: str, assumed: bool, factor: float | None) -> None:
     plain = room_sweep()
     sweep = room_sweep(signal=None, reflectivity=None, intensity=plain.reflectivity, metadata={"format": form})

@@ -58,6 +58,13 @@ def largest_reflectivity() -> float:
     return reflection.largest_reflectivity(float(np.radians(SLOPE_DEG)))
 
 
+CALIBRATED = ("velodyne", "hesai", "pandar")
+"""How formats begin whose intensities are reflectivities, of which `WHITE` is a white surface's."""
+
+UNCALIBRATED = ("PandarQT",)
+"""Products of these formats whose intensities are not: of a recorded PandarQT's points a quarter read 255."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class ReflectivityGauge:
     """Conversion of a recording's strengths to apparent reflectivities.
@@ -90,7 +97,8 @@ class ReflectivityGauge:
         strength = sweep.intensity[sweep.has_return & np.isfinite(sweep.intensity)]
         if not len(strength) or not np.median(strength) > 0.0:
             return None
-        if "velodyne" in sweep.metadata.get("format", ""):
+        recorded_as, product = sweep.metadata.get("format", ""), sweep.metadata.get("sensor", "")
+        if recorded_as.startswith(CALIBRATED) and product not in UNCALIBRATED:
             return cls(field="intensity", range_m=np.ones(1), per_count=np.full(1, 1.0 / WHITE))
         scale = ASSUMED_MEDIAN / float(np.median(strength))
         return cls(field="intensity", range_m=np.ones(1), per_count=np.full(1, scale), assumed=True)
