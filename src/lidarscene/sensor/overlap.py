@@ -91,6 +91,10 @@ class OverlapGeometry:
         """Share of the light on the detector, from that of the spot in the field of view."""
         return self.alignment.scattered + (1.0 - self.alignment.scattered) * seen
 
+    def share(self, range_m: Numbers) -> Numbers:
+        """Share of the light on the detector at these ranges, (n,), by the integral itself; NumPy."""
+        return np.asarray(self.with_scatter(_seen(self.spot.profile, {**self.lengths, "range_m": range_m})))
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Overlap:
@@ -116,8 +120,7 @@ class Overlap:
         place = np.linspace(0.0, 1.0, _PLACES)
         with np.errstate(divide="ignore"):
             ranges = np.maximum(scale * (1.0 / place - 1.0), 1e-9 * scale)
-        seen = _seen(geometry.spot.profile, {**geometry.lengths, "range_m": ranges})
-        return cls(table=LookupTable(np.asarray(geometry.with_scatter(seen))), scale_m=scale, geometry=geometry)
+        return cls(table=LookupTable(geometry.share(ranges)), scale_m=scale, geometry=geometry)
 
     @property
     def offset_m(self) -> Lanes:

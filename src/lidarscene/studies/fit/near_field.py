@@ -4,20 +4,23 @@ An Ouster reports SIGNAL, the photons of a return, and REFLECTIVITY, which its m
 field. So SIGNAL R^2 100 / REFLECTIVITY is K share(R), K being the photons of a white wall times the square of its
 range, far away. The share is that of T18 with the lens focused at infinity: the blur has the radius r_A / R, the
 detector r_PD / f, and below R0 = r_A f / r_PD the blur is the larger one. The laser's spot makes the knee at R0 round.
-A sensor whose file has two lenses, or a focus, has a curve of its own: that one is stretched over the range.
+A sensor whose file has two lenses, or a focus, has a curve of its own: that one is stretched over the range. If that
+is not enough, the transmitter's place, crossing, focus and scattered share (`LENSES`) are free, too.
 """
 
 from __future__ import annotations
 
 import math
+import operator
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ...maths.arrays import Lanes, Numbers
 from ...maths.special import SIGMA_PER_MAD, expm1
 from ...physics.optics import receiver
+from ...sensor.overlap import Alignment
 from ...sensor.sensor_model import Sensor
 from .estimates import MOST_EVALUATIONS, Estimate, Solution
 from .products import FAR_RATIO, near_field_m
@@ -54,8 +57,32 @@ LONGEST_STRETCH = 1.5
 
 LEAST_SHARE = 1e-6
 
-Curve = Callable[[Numbers], Numbers]
-"""Function from range over R0 to the share of the light on the detector, relative to that at `FAR_RATIO`."""
+LENSES = ("offset_over_aperture", "near_field_over_crossing", "near_field_over_focus", "scattered_share")
+"""Numbers of a receiver beside its transmitter that may be free: its offset over r_A, R0 over the range at which the
+axes meet and over that in focus (0: infinity), and the share of the light that reaches the detector by scatter."""
+
+LENS_BOUNDS = ((0.0, 20.0), (0.0, 20.0), (0.0, 20.0), (0.0, 0.2))
+"""Bounds of the `LENSES`."""
+
+LENS_SIGMAS = (1.0, 0.3, 0.3, 0.03)
+"""Standard deviations of the `LENSES` about the file's values, before a recording is seen: this project's choice.
+Without them a recording that ends before its signals are those of far away leaves K open."""
+
+LEAST_MISFIT = 0.02
+"""Least misfit of the stretched curve for which free lenses are tried."""
+
+LEAST_GAIN = 0.2
+"""Least share of the error on held-out blocks by which free lenses must lower it, since they have four numbers more."""
+
+LENS_RATIOS = np.geomspace(0.02, 50.0, 80)
+"""Ranges over R0 at which the overlap of free lenses is integrated: the curve between is smooth."""
+
+LENS_STEP = 1e-4
+"""Step of the differences that are the slopes of the curve of free lenses, relative for values above 1."""
+
+Curve = Callable[..., Numbers]
+"""Function from range over R0, and perhaps the `LENSES`, to the share of the light on the detector, relative to that at
+`FAR_RATIO`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -65,8 +92,9 @@ class NearField:
     range_m, white_m2   (n,) mean range and K share(R) of each bin
     sigma               (n,) standard deviation of ln white_m2
     misfit              standard deviation of ln white_m2 that the law leaves unexplained
-    sensor_curve                 curve of the sensor's own optics; None: law of one lens
-    solved              solution: ln K, ln R0; for one lens also ln of the spot's radius over the field's
+    sensor_curve        curve of the sensor's own optics; None: law of one lens
+    solved              solution: ln K, ln R0; for one lens also ln of the spot's radius over the field's, for free
+                        lenses the `LENSES`
     check_range_m, check_white_m2  the same for the held-out blocks
     """
 
@@ -84,6 +112,12 @@ class NearField:
         return np.asarray(np.exp(_law(self.sensor_curve, self.solved.value, np.log(range_m))))
 
     @property
+    def parameters(self) -> tuple[str, ...]:
+        """Names of the fitted parameters."""
+        others = ("ln spot",) if self.sensor_curve is None else LENSES
+        return ("ln white_m2", "ln R0", *others)[: len(self.solved.value)]
+
+    @property
     def error(self) -> float:
         """Mean absolute error of the law on the held-out blocks, relative to the recorded values."""
         return float(np.mean(np.abs(self.law(self.check_range_m) / self.check_white_m2 - 1.0)))
@@ -96,7 +130,11 @@ class NearField:
             self.solved.estimate("near_field_m", "m", lambda p: math.exp(p[1])),
         )
         if self.sensor_curve is not None:
-            return range_estimates
+            lenses = LENSES[: len(self.solved.value) - 2]
+            return (
+                *range_estimates,
+                *(self.solved.estimate(key, "", operator.itemgetter(k)) for k, key in enumerate(lenses, start=2)),
+            )
         return (*range_estimates, self.solved.estimate("spot_over_field", "", lambda p: math.exp(p[2])))
 
 
@@ -122,6 +160,47 @@ def own_curve(sensor: Sensor) -> Curve | None:
     return lambda ratio: np.maximum(np.asarray(overlap.share(r0_m * ratio)) / far_share, LEAST_SHARE)
 
 
+class LensCurve:
+    """Near field of a sensor whose `LENSES` are free: a `Curve` of range over R0 and of them.
+
+    own  (4,) the file's own values of the `LENSES`
+    """
+
+    def __init__(self, sensor: Sensor) -> None:
+        """Take all but the alignment from a sensor that has an overlap."""
+        assert sensor.optics.overlap is not None
+        self._geometry = sensor.optics.overlap.geometry
+        self._aperture_m, self._r0_m = float(self._geometry.aperture_radius_m), near_field_m(sensor)
+        alignment = self._geometry.alignment
+        inverses = (self._r0_m / alignment.crossing_m, self._r0_m / alignment.focus_m)
+        self.own = np.array([alignment.offset_m / self._aperture_m, *inverses, alignment.scattered], float)
+        self._tables: dict[tuple[float, ...], Numbers] = {}
+
+    def __call__(self, ratio: Numbers, *lenses: float) -> Numbers:
+        """Share of the light at these ranges over R0, relative to that at `FAR_RATIO`."""
+        self.prepare(np.array([lenses]))
+        return np.asarray(np.exp(np.interp(np.log(ratio), np.log(LENS_RATIOS), self._tables[lenses])))
+
+    def prepare(self, lenses: Numbers) -> None:
+        """Integrate the overlap for all (n, 4) lenses in one call, which takes nearly the same time as for one."""
+        new = np.array([row for row in lenses.tolist() if tuple(row) not in self._tables]).reshape(-1, len(LENSES))
+        if not len(new):
+            return
+        places = np.append(LENS_RATIOS, FAR_RATIO)
+        offset, crossing, focus, scattered = np.repeat(new, len(places), axis=0).T
+        with np.errstate(divide="ignore"):
+            alignment = Alignment(
+                offset_m=offset * self._aperture_m,
+                crossing_m=self._r0_m / crossing,
+                focus_m=self._r0_m / focus,
+                scattered=scattered,
+            )
+        shares = replace(self._geometry, alignment=alignment).share(self._r0_m * np.tile(places, len(new)))
+        shares = shares.reshape(len(new), len(places))
+        tables = np.log(np.maximum(shares[:, :-1] / shares[:, -1:], LEAST_SHARE))
+        self._tables |= dict(zip(map(tuple, new.tolist()), tables, strict=True))
+
+
 def _spot(sensor: Sensor) -> float:
     return 0.5 * sensor.laser.mean_divergence_rad * float(sensor.optics.focal_length_m / sensor.detector.radius_m)
 
@@ -136,7 +215,8 @@ def _one_lens(sensor: Sensor) -> bool:
 
 def _law(sensor_curve: Curve | None, p: Numbers, x: Numbers) -> Numbers:
     ratio = np.exp(x - p[1])
-    return np.asarray(p[0] + np.log(share(ratio, np.exp(p[2])) if sensor_curve is None else sensor_curve(ratio)))
+    shares = share(ratio, np.exp(p[2])) if sensor_curve is None else sensor_curve(ratio, *p[2:])
+    return np.asarray(p[0] + np.log(shares))
 
 
 def fit_near_field(pulses: RecordedPulses, sensor: Sensor | None = None) -> NearField | None:
@@ -144,15 +224,13 @@ def fit_near_field(pulses: RecordedPulses, sensor: Sensor | None = None) -> Near
 
     sensor  sensor whose own curve is stretched, unless it has one lens; None: law of one lens
     """
-    from scipy.optimize import least_squares
-
     if pulses.signal is None or pulses.reflectivity is None:
         return None
     binned = _bins(pulses.select_columns(pulses.fitted))
     check = _bins(pulses.select_columns(~pulses.fitted))
     if binned is None or check is None:
         return None
-    x, y, sigma, sums, counts = binned
+    x, y = binned[:2]
     # Start: the plateau from the highest third of the bins, the knee where the share has fallen to one half.
     plateau = float(np.median(np.sort(y)[-max(len(y) // 3, 3) :]))
     sensor_curve = None if sensor is None else own_curve(sensor)
@@ -164,14 +242,41 @@ def fit_near_field(pulses: RecordedPulses, sensor: Sensor | None = None) -> Near
     parameters = 3 if sensor_curve is None else 2
     start = np.array([plateau, knee, math.log(0.35)])[:parameters]
     bounds = np.array([(y.min() - 2.0, y.max() + 2.0), knee_bounds, np.log(SPOT_BOUNDS)])[:parameters].T
+    near_field = _solve(binned, check, sensor_curve, start, bounds)
+    if sensor is None or sensor_curve is None or near_field.misfit < LEAST_MISFIT:
+        return near_field
+    curve, lens_bounds = LensCurve(sensor), np.array(LENS_BOUNDS).T
+    start = np.append(near_field.solved.value, np.clip(curve.own, *lens_bounds))
+    free = _solve(binned, check, curve, start, np.hstack([bounds, lens_bounds]))
+    return free if free.error < (1.0 - LEAST_GAIN) * near_field.error else near_field
+
+
+Bins = tuple[Numbers, Numbers, Numbers, Numbers, Numbers]
+"""What `_bins` returns."""
+
+
+def _solve(binned: Bins, check: Bins, sensor_curve: Curve | None, start: Numbers, bounds: Numbers) -> NearField:
+    """Fit a curve to the bins, from these parameters on and within (2, p) bounds.
+
+    Free lenses are expected within `LENS_SIGMAS` of the file's.
+    """
+    from scipy.optimize import least_squares
+
+    x, y, sigma, sums, counts = binned
+    parameters = len(start)
     misfit, evaluations = 0.05, 0
     weight = np.ones_like(y)
     value, slope = start, np.zeros((len(y), len(start)))
     for _ in range(4):  # the misfit and the weights follow from the residuals, which follow from the weights
         root = np.sqrt(weight) / np.sqrt(sigma**2 + misfit**2)
+
+        def residuals(p: Numbers, root: Numbers = root) -> Numbers:
+            return np.append((y - _law(sensor_curve, p, x)) * root, _prior_residuals(sensor_curve, p))
+
         solution = least_squares(
-            lambda p, root=root: (y - _law(sensor_curve, p, x)) * root,
+            residuals,
             value,
+            jac=_lens_slopes(sensor_curve, residuals) if isinstance(sensor_curve, LensCurve) else "2-point",
             bounds=bounds,
             x_scale="jac",
             max_nfev=MOST_EVALUATIONS // (1 + parameters),
@@ -186,7 +291,7 @@ def fit_near_field(pulses: RecordedPulses, sensor: Sensor | None = None) -> Near
     root = np.sqrt(weight) / np.sqrt(sigma**2 + misfit**2)
     # Score of a block: its part of each bin's mean residual, times the slope of the law there.
     block_residuals = np.divide(sums - counts * _law(sensor_curve, value, x), counts.sum(axis=0))
-    scores = (block_residuals * root) @ -slope
+    scores = (block_residuals * root) @ -slope[: len(x)]
     solved = Solution(value=value, slope=slope.T @ slope, scores=scores, evaluations=evaluations)
     return NearField(
         range_m=np.exp(x),
@@ -200,7 +305,26 @@ def fit_near_field(pulses: RecordedPulses, sensor: Sensor | None = None) -> Near
     )
 
 
-def _bins(pulses: RecordedPulses) -> tuple[Numbers, Numbers, Numbers, Numbers, Numbers] | None:
+def _prior_residuals(sensor_curve: Curve | None, value: Numbers) -> Numbers:
+    if not isinstance(sensor_curve, LensCurve):
+        return np.zeros(0)
+    return np.asarray((sensor_curve.own - value[2:]) / LENS_SIGMAS)
+
+
+def _lens_slopes(curve: LensCurve, residuals: Callable[[Numbers], Numbers]) -> Callable[[Numbers], Numbers]:
+    """Slopes of the residuals by forward differences, all overlaps of one place integrated together."""
+
+    def slopes(value: Numbers) -> Numbers:
+        steps = LENS_STEP * np.maximum(1.0, np.abs(value))
+        moved = value + np.diag(steps)
+        curve.prepare(np.vstack([value[2:], moved[:, 2:]]))
+        centre = residuals(value)
+        return np.stack([(residuals(row) - centre) / step for row, step in zip(moved, steps, strict=True)], axis=1)
+
+    return slopes
+
+
+def _bins(pulses: RecordedPulses) -> Bins | None:
     """Bin pulses by ln R: (bins,) mean ln R, mean ln white_m2, its sigma; (blocks, bins) sums of it, and counts."""
     from scipy import ndimage
 

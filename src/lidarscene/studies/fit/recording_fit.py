@@ -189,8 +189,7 @@ def _report(fit: RecordingFit, pulses: RecordedPulses, recording: str, sensor: s
         numbers["row_gains"] = {"gain": fit.rows.gain.tolist(), "sigma": fit.rows.sigma.tolist()}
     solutions: dict[str, tuple[Sequence[str], Solution]] = {}
     if fit.near_field is not None:
-        names = ("ln white_m2", "ln R0", "ln spot")[: len(fit.near_field.solved.value)]
-        solutions["near field"] = names, fit.near_field.solved
+        solutions["near field"] = fit.near_field.parameters, fit.near_field.solved
     if fit.threshold is not None:
         solutions["threshold"] = ("ln slope", "pedestal", "ln width"), fit.threshold.solved
     if fit.scatter is not None:

@@ -12,6 +12,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ... import catalog
 from ...errors import InputError
 from ...files.toml_edit import KeyPath, get_value, put_values, remove_values
@@ -20,6 +22,7 @@ from ...sensor.sensor_file import sensor_from_tables
 from ...sensor.sensor_model import Sensor
 from ..twin.daylight import BRIGHTEST_KLUX
 from .estimates import Estimate
+from .near_field import LENSES
 from .products import near_field_m, pulse_fwhm_s, white_m2
 from .row_gains import RowGains
 
@@ -56,6 +59,9 @@ TWO_LENS_KEYS = (
 
 Changes = dict[str, tuple[float | list[float], str]]
 """Key of the file -> its new value and the source of that."""
+
+INFINITE = 1e-3
+"""R0 over a range beyond which that counts as infinity: the near field differs by less than 0.1 %."""
 
 WHOLE = ("detector.spads",)
 """Keys whose values are integers."""
@@ -155,6 +161,9 @@ def fitted_text(
         keys = ("optics.aperture_radius_mm", "optics.focal_length_mm") if is_one_lens else STRETCHED
         stretched = scaled_values(text, {key: factor ** STRETCHED[key] for key in keys})
         changes |= {key: (value, source) for key, value in stretched.items()}
+    if "near_field_m" in accepted and LENSES[0] in estimates:
+        lens_changes, text = _lens_changes(text, estimates, parse_sensor(_put_changes(text, changes), where), source)
+        changes = {key: change for key, change in changes.items() if key not in TWO_LENS_KEYS[:4]} | lens_changes
     if "near_field_m" in accepted and is_one_lens:
         # The fitted law was that of one lens, focused at infinity, on the laser's axis.
         if "spot_over_field" in accepted or _get_key(text, "laser.divergence_mrad") is not None:
@@ -202,6 +211,31 @@ def fitted_text(
         source = source_of("white_m2", "; power, lens, efficiency, PDE and shots are known as one product")
         text = _put_changes(text, {"laser.peak_power_w": (power_w, source)})
     return text, (*notes, *change_notes)
+
+
+def _lens_changes(text: str, estimates: Mapping[str, Estimate], stretched: Sensor, source: str) -> tuple[Changes, str]:
+    """Free lenses as changes, and the text without keys that are now at infinity.
+
+    stretched  sensor with the new aperture and field of view
+    source     source of the stretched near field
+    """
+    offset, crossing, focus, scattered = (estimates[key].value for key in LENSES)
+    r0_m, aperture_mm = near_field_m(stretched), 1e3 * float(stretched.optics.aperture_radius_m)
+    direction = np.array(_get_key(text, TWO_LENS_KEYS[0]) or (0.0, 0.0), float)
+    length = float(np.hypot(*direction))
+    direction = direction / length if length > 0.0 else np.array([0.0, 1.0])
+    values: dict[str, float | list[float]] = {TWO_LENS_KEYS[0]: (offset * aperture_mm * direction).tolist()}
+    for key, inverse in zip(TWO_LENS_KEYS[1:3], (crossing, focus), strict=True):
+        if inverse > INFINITE:
+            values[key] = r0_m / inverse
+        else:
+            text = remove_keys(text, key)
+    values[TWO_LENS_KEYS[3]] = scattered
+    changes: Changes = {}
+    for key, name in zip(TWO_LENS_KEYS[:4], LENSES, strict=True):
+        if key in values:
+            changes[key] = (values[key], f"{source}; with all lenses free, {name} {estimates[name]}")
+    return changes, text
 
 
 def with_background_gain(text: str, klux: float, recording: str) -> tuple[str, str]:
