@@ -81,7 +81,7 @@ def bins_of(counter, light, place_m):
 def mean_counts(counter, light_of, place_m, *, count=10_000):
     """Mean counts of the drawn bins around an echo, and those of the whole histogram's course."""
     bins, time_s, place = bins_of(counter, light_of(count), place_m)
-    first, drawn = bins.draw(place, time_s)
+    first, drawn, _ = bins.draw(place, time_s)
     whole = histograms(light_of(1), counter, seed=3, pulse=np.zeros(1, dtype=np.uint32)).expected[0]
     return np.mean(drawn, axis=1), whole[int(first[0]) : int(first[0]) + len(drawn)]
 
@@ -160,7 +160,7 @@ def test_drawn_bins_behind_a_strong_echo_are_those_of_photons_one_by_one(dead_ti
     counter = photons.sensor("detector.dead_time_ns=12", "histogram.window_us=0.4")
     light = echoes_in_sun(counter, [30.0, 30.0 + 1.8 * dead_times], [2.0, 1e-9], rate_hz=60e6)(2000)
     bins, time_s, place = bins_of(counter, light, 30.0 + 1.8 * dead_times)
-    first, drawn = bins.draw(place, time_s)
+    first, drawn, _ = bins.draw(place, time_s)
     early = 40
     echo_ns = early + 2e9 * 30.0 / C - 1e9 * float(first[0] * counter.histogram.bin_s)
     echo = 2.0, echo_ns, 1e9 * float(counter.laser.pulse_fwhm_s) / 2.354820045
@@ -235,7 +235,7 @@ def test_drawn_bins_have_means_and_covariances_of_photons_one_by_one(rate_mhz, d
     counter = photons.sensor(f"detector.dead_time_ns={dead_ns}", "histogram.window_us=0.4")
     light = echoes_in_sun(counter, [30.0], [0.1], rate_hz=1e6 * rate_mhz)(4000)
     bins, time_s, place = bins_of(counter, light, 30.0)
-    first, counts = bins.draw(place, time_s)
+    first, counts, _ = bins.draw(place, time_s)
     drawn, bin_s = np.array(counts).T, counter.histogram.bin_s
     echo = 0.1, 1e9 * float(time_s[0] - first[0] * bin_s), 1e9 * float(counter.laser.pulse_fwhm_s) / 2.354820045
     options = {"rate_per_ns": 1e-3 * rate_mhz, "dead": dead_ns, "bins": drawn.shape[1], "bin_ns": 1.0, "echo": echo}

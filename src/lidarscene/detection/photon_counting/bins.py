@@ -39,6 +39,8 @@ class Peak:
     time_s   time of flight, with the shift by pile-up
     photons  photons of the echo: counts around the peak above those of the background
     exists   whether a searched bin is higher than its neighbours; all true where the search has no limits
+    shaded   whether earlier light has changed by a percent how many SPADs are free
+    expected  mean of the value there where it has; None: no light can have, or counts are corrected for it
     """
 
     value: Lanes
@@ -46,6 +48,8 @@ class Peak:
     exists: Mask
     time_s: Lanes
     photons: Lanes
+    shaded: Mask
+    expected: Lanes | None
 
 
 _FEW = 2e-3
@@ -57,6 +61,12 @@ _NOTHING_BEFORE = 4.5
 
 _LEAD = 3.0
 """Widths (sigmas) before the first bin from which on SPADs are followed: light there is as exact as in the bins."""
+
+_CHANGED = 0.01
+"""Change of the free share from which on an echo has its own expectation: it moves P_d by some 0.005."""
+
+_BESIDE = (-0.8, 0.0, 0.8)
+"""Places in sigmas about a peak, of whose expected values a parabola gives the highest."""
 
 _BACK = (3, 2, 1, 0)
 """Dead times before the bins at which SPADs are followed, the earliest first."""
@@ -70,12 +80,16 @@ class _Before:
     released  share that comes free in each bin a dead time after it has fired; None: that of even light
     due       afterpulses in each bin of those that light of its own fired, for each free SPAD; None: there are none
     shaded    whether light came before the bins: else the rooms hold nothing
+    value     mean of the filter's value then, in photons; None: not followed
+    changed   whether the free share is another one than in even light
     """
 
     free: Lanes
     released: Array | None = None
     due: Array | None = None
     shaded: Mask = False
+    value: Lanes | None = None
+    changed: Mask = False
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -99,11 +113,13 @@ class _Following:
     number   number of the next step, from the first bin: negative before it
     courses  those of `_BACK`
     free     share that is free at the first bin
+    values   counts behind the filter's template so far, at some places
     """
 
     number: Lanes
     courses: tuple[_Course, ...]
     free: Lanes
+    values: tuple[Lanes, ...]
     released: Array
     due: Array | None
 
@@ -154,8 +170,8 @@ class Bins:
         """Array functions of the arrays' kind, NumPy's or Dr.Jit's."""
         return xp(self.wave.origin_m)
 
-    def draw(self, place: Lanes, time_s: Lanes, *, behind: bool = False) -> tuple[Lanes, list[Lanes]]:
-        """Draw the counts around a place; returns the number of the first bin and the counts, (n,) each.
+    def draw(self, place: Lanes, time_s: Lanes, *, behind: bool = False) -> tuple[Lanes, list[Lanes], _Before]:
+        """Draw the counts around a place; returns the first bin's number, the counts, (n,) each, and what was before.
 
         Arguments as of `highest`.
         """
@@ -165,8 +181,8 @@ class Bins:
         middle = ops.floor(time_s / bin_s)
         first = 2.0 * ops.floor(0.5 * (middle - pixel.histogram.reach))
         start = place + (first * bin_s + 0.5 * bin_s - time_s) / pixel.sigma_s
-        before = self._before(start, first * bin_s, time_s, behind=behind)
-        return first, self._draw_counts(first, start, before, place)
+        before = self._before(start, first * bin_s, time_s, place, behind=behind)
+        return first, self._draw_counts(first, start, before, place), before
 
     def highest(
         self, place: Lanes, time_s: Lanes, *, behind: bool = False, limits_s: tuple[Lanes, Lanes] | None = None
@@ -179,7 +195,7 @@ class Bins:
         """
         pixel, histogram, ops = self.pixel, self.pixel.histogram, self.ops
         bin_s, reach, search = histogram.bin_s, histogram.reach, histogram.search
-        first, counts = self.draw(place, time_s, behind=behind)
+        first, counts, earlier = self.draw(place, time_s, behind=behind)
         background = pixel.count_rate_hz * bin_s
         values = self._filter_counts(counts, background)
         first_searched = reach - search - 1
@@ -204,16 +220,24 @@ class Bins:
             peak_bin = peak_bin + self._centroid(counts, background, peak_bin)
         photons = self._photons(counts, background, peak_bin)
         time_s = (first + peak_bin + 0.5) * bin_s
-        return Peak(value=best, height=over_best * best, time_s=time_s, photons=photons, exists=exists)
+        return Peak(
+            value=best,
+            height=over_best * best,
+            time_s=time_s,
+            photons=photons,
+            exists=exists,
+            shaded=earlier.changed,
+            expected=earlier.value,
+        )
 
-    def _before(self, start: Lanes, time_s: Lanes, echo_s: Lanes, *, behind: bool) -> _Before:
+    def _before(self, start: Lanes, time_s: Lanes, echo_s: Lanes, middle: Lanes, *, behind: bool) -> _Before:
         """SPADs that background, nearer echoes and the air have fired before the first bin.
 
         start, time_s   place and time of flight of that bin
-        echo_s          time of flight of the echo, for which the pixel is
+        echo_s, middle  time of flight and place of the echo, for which the pixel is
         behind          as of `highest`
         """
-        pixel, wave, ops = self.pixel, self.wave, self.ops
+        pixel, wave = self.pixel, self.wave
         free, fires_once = pixel.free, pixel.spad.stamps == "first"
         if fires_once:
             armed = pixel.armed_s + time_s - echo_s
@@ -225,19 +249,13 @@ class Bins:
         shaded = start > -_NOTHING_BEFORE
         if wave.volume is not None:
             shaded = shaded | (wave.volume.scale > 0.0)
-        zero, bin_s = 0.0 * start, pixel.histogram.bin_s
-        step = bin_s / pixel.sigma_s
-        if fires_once:
-            free = free * ops.where_any(
-                shaded,
-                lambda: zero + Shadow.before(pixel, wave, start - 0.5 * step, time_s - 0.5 * bin_s).free(),
-                zero + 1.0,
-            )
-            return _Before(free=free)
-        return self._follow(start, time_s, shaded)
+        return self._follow(start, time_s, shaded, free, middle)
 
-    def _follow(self, start: Lanes, time_s: Lanes, shaded: Mask) -> _Before:
-        """Follow the SPADs through the light before the bins, two dead times, one and none before (T100), (T109).
+    def _follow(self, start: Lanes, time_s: Lanes, shaded: Mask, even: Lanes, middle: Lanes) -> _Before:
+        """Follow the SPADs through the light before the bins, three dead times to none before (T100), (T109).
+
+        even    free share in even light
+        middle  place beside which the filter's highest value is expected
 
         What fires a dead time before comes free in the bins, as sharply as the light that fired it came.
         """
@@ -246,16 +264,18 @@ class Bins:
         step, dead = bin_s / pixel.sigma_s, pixel.blind_sigmas
         zero, count = 0.0 * start, 2 * pixel.histogram.reach + 2
         # An echo that ends shortly before the bins is followed too.
-        lead = math.ceil(_LEAD / pixel.histogram.bin_to_sigma)
+        fires_once = spad.stamps == "first"
+        lead = 0 if fires_once else math.ceil(_LEAD / pixel.histogram.bin_to_sigma)
+        followed = (0,) if fires_once else _BACK
         begin, early = start - lead * step, lead + 0.5
 
         def shares() -> tuple[Lanes, ...]:
             shadow = Shadow.before(pixel, self.wave, start - early * step, time_s - early * bin_s)
-            dues = [0.0] * len(_BACK) if spad.afterpulse is None else [shadow.due_hz(pixel, back) for back in _BACK]
-            return tuple(zero + pixel.free * share for share in (*(shadow.free(back) for back in _BACK), *dues))
+            dues = [0.0] * len(followed) if spad.afterpulse is None else [shadow.due_hz(pixel, n) for n in followed]
+            return tuple(zero + even * share for share in (*(shadow.free(n) for n in followed), *dues))
 
-        even = (1.0,) * len(_BACK) + (0.0,) * len(_BACK)
-        first = ops.where_any(shaded, shares, tuple(zero + pixel.free * share for share in even))
+        of_even = (1.0,) * len(followed) + (0.0,) * len(followed)
+        first = ops.where_any(shaded, shares, tuple(zero + even * share for share in of_even))
         steps = lead + count - 1
         combs = [
             self.wave.comb(
@@ -264,16 +284,18 @@ class Bins:
                 begin + 0.5 * steps * step - back * dead,
                 half=0.5 * steps * pixel.histogram.bin_to_sigma,
             )
-            for back in _BACK
+            for back in followed
         ]
-        fired_evenly = pixel.free * pixel.rate_hz * bin_s
+        fired_evenly = 0.0 if fires_once else pixel.free * pixel.rate_hz * bin_s
+        scale = 1.0 / matched_filter.TEMPLATE
         state = _Following(
             number=zero - lead,
             courses=tuple(
                 _Course(free=free, due=due_hz * bin_s, parts=tuple(comb.parts))
-                for free, due_hz, comb in zip(first, first[len(_BACK) :], combs, strict=False)
+                for free, due_hz, comb in zip(first, first[len(followed) :], combs, strict=False)
             ),
-            free=zero + pixel.free,
+            free=first[len(followed) - 1],
+            values=(zero,) * len(_BESIDE),
             released=ops.room(start, count),
             due=None if spad.afterpulse is None else ops.room(start, count),
         )
@@ -282,7 +304,7 @@ class Bins:
             place, index = start + state.number * step, ops.int32(ops.maximum(state.number, 0.0))
             courses, released, caught = [], fired_evenly, zero
             room, due_room = state.released, state.due
-            for back, comb, course in zip(_BACK, combs, state.courses, strict=True):
+            for back, comb, course in zip(followed, combs, state.courses, strict=True):
                 if back == 0:
                     room = ops.put(room, index, zero + released)
                 light = comb.power_w(place - back * dead, course.parts) * (pixel.per_watt * bin_s)
@@ -302,16 +324,35 @@ class Bins:
                 courses.append(_Course(free=course.free + released - fired, due=due, parts=comb.advance(course.parts)))
                 released = fired
             in_bins = state.number > -0.5
+            counted = ops.where(in_bins, pixel.coincidence_probability(released) - pixel.count_share, 0.0)
+            offsets = ((place - middle - beside) * scale for beside in _BESIDE)
             return _Following(
                 number=state.number + 1.0,
                 courses=tuple(courses),
                 free=ops.where(in_bins, state.free, courses[-1].free),
+                values=tuple(
+                    value + counted * ops.exp(-0.5 * offset * offset)
+                    for value, offset in zip(state.values, offsets, strict=True)
+                ),
                 released=room,
                 due=due_room,
             )
 
         final = ops.loop(state, lambda state: shaded & (state.number < count - 0.5), follow_step)
-        return _Before(free=final.free, released=final.released, due=final.due, shaded=shaded)
+        value: Lanes | None = None
+        if not pixel.corrected:
+            low, top, high = final.values
+            bend = ops.minimum(low - 2.0 * top + high, -1e-6 * ops.abs(top) - 1e-20)
+            offset = ops.minimum(ops.maximum(0.5 * (low - high) / bend, -1.0), 1.0)
+            value = (top - 0.5 * (low - high - bend * offset) * offset) * (matched_filter.SCALE * pixel.trials)
+        return _Before(
+            free=final.free,
+            released=None if fires_once else final.released,
+            due=final.due,
+            shaded=shaded,
+            value=value,
+            changed=shaded & (ops.abs(final.free - even) > _CHANGED * even),
+        )
 
     def _draw_counts(self, first: Lanes, start: Lanes, before: _Before, middle: Lanes) -> list[Lanes]:
         """Draw the counts of each bin, (n,) each; corrected for pile-up if the sensor does so.

@@ -95,12 +95,14 @@ class _Expected:
     probability  P_d
     level        median of its threshold, in photons
     lone         how far its neighbours lack it (`sensor.detectors.working_point.ThresholdLaw`)
+    peaks        mean number of peaks there, a factor of the probability
     """
 
     snr: Lanes
     probability: Lanes
     level: Lanes
     lone: Lanes
+    peaks: Lanes = 1.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -353,7 +355,8 @@ class _Receiver(Shots):
             outward = ops.where(slope > 0.0, -_OUTWARD, _OUTWARD)
             expected_at = ops.where(candidate.on_flank, place + outward, place)
             expected = self._expect(expected_at, ops.where(exists, wave.at(expected_at)[0], 0.0))
-            expected = replace(expected, probability=expected.probability * self._peaks_of(candidate, power_w))
+            chance = self._peaks_of(candidate, power_w)
+            expected = replace(expected, peaks=chance, probability=expected.probability * chance)
             return replace(
                 visits,
                 number=ops.where(is_peak, number + 1.0, number),
@@ -502,9 +505,6 @@ class _Receiver(Shots):
         arrival_s = radiometry.time_of_flight_s(range_m=range_m)
         background = self.train.background_power_w
         pixel = sensor.pixel(background, range_m=range_m)
-        threshold = pixel.histogram.threshold_of_point(
-            expected.level, _draw_deviate(self.seed, self.pulse), expected.lone
-        )
         detections = pixel.detections(self._lone_w(power_w))
         early = pixel.sigma_s * pile_up.shift(detections=detections, sun=pixel.sun, dead=pixel.blind_sigmas)
         bins = Bins(pixel=pixel, wave=self.light, seed=self.seed, pulse=self.pulse)
@@ -516,6 +516,10 @@ class _Receiver(Shots):
             )
         at = place * matched_filter.OUTPUT_WIDTH + early / pixel.sigma_s
         peak = bins.highest(at, arrival_s + early, limits_s=limits_s)
+        expected = self._expect_shaded(candidate, power_w, expected, peak)
+        threshold = pixel.histogram.threshold_of_point(
+            expected.level, _draw_deviate(self.seed, self.pulse), expected.lone
+        )
         tripped = candidate.exists & peak.exists & (peak.value >= threshold)
         time_s = self._reported_s(pixel, peak)
         accepted = tripped & comparator.accepts_crossing(sensor, arrival_s) & comparator.is_range(time_s)
@@ -596,8 +600,11 @@ class _Receiver(Shots):
         for aside in (-_ASIDE, _ASIDE):
             light_w = ops.maximum(light_w, self.light.at(at + aside)[0])
         exists = exists & (4.0 * pixel.trials * pixel.detections(light_w) < height)
-        level, lone = expected.level, point.law.lone(expected.level, height)
         peak = Bins(pixel=pixel, wave=self.light, seed=self.seed, pulse=self.pulse).highest(at, arrival_s, behind=True)
+        if peak.expected is not None:
+            height = ops.where(peak.shaded, peak.expected, height)
+        level, signal = expected.level, pixel.signal_of_height(height)
+        lone = point.law.lone(level, signal)
         threshold = pixel.histogram.threshold_of_point(level, _draw_deviate(self.seed, self.pulse), lone)
         time_s, apart_s = self._reported_s(pixel, peak), sensor.tdc.dead_time_s
         accepted = exists & (peak.value >= threshold) & comparator.accepts_crossing(sensor, arrival_s)
@@ -610,7 +617,7 @@ class _Receiver(Shots):
             time_s=time_s,
             photons=peak.photons,
             snr=height / point.noise.deviation,
-            probability=point.detection_probability(level, height, 0.0),
+            probability=point.detection_probability(level, signal, 0.0),
             source=source,
             true_range_m=true_range,
             status=ops.full(source, int(Status.REVIVED)),
@@ -640,12 +647,44 @@ class _Receiver(Shots):
         background = pixel.count_rate_hz * pixel.sigma_s * (matched_filter.SCALE * valleys.TEMPLATE_AREA)
         return fired * (signal + background)
 
-    def _expect(self, place: Lanes, power_w: Lanes) -> _Expected:
-        """Expectation of a peak of the light behind the filter, (n,)."""
+    def _expect_shaded(self, candidate: _Candidate, power_w: Lanes, expected: _Expected, peak: Peak) -> _Expected:
+        """Expectation of a peak whose SPADs earlier light has fired, or that are back; of others ``expected``.
+
+        Before the bins are drawn it is known to first order only (`_shadow`).
+        """
+        ops, value = self.ops, peak.expected
+        if value is None:
+            return expected
+        background_w, place = self.train.background_power_w, candidate.place
+        shaded = candidate.exists & peak.shaded & ~candidate.on_flank
+
+        def expect() -> _Expected:
+            range_m = self.filtered.range_m(place)
+            alone = self._signal(self.sensor.working_point(background_w, range_m=range_m), power_w)
+            height = self.sensor.pixel(background_w, range_m=range_m).peak(alone).height
+            part = ops.maximum(value, 0.0) / ops.maximum(height, 1e-6)
+            dimmed = self._expect(place, power_w, part=part)
+            return replace(
+                dimmed,
+                probability=dimmed.probability * expected.peaks,
+                level=dimmed.level + 0.0 * place,
+                peaks=expected.peaks + 0.0 * place,
+            )
+
+        same = replace(expected, level=expected.level + 0.0 * place, peaks=expected.peaks + 0.0 * place)
+        return ops.where_any(shaded, expect, same)
+
+    def _expect(self, place: Lanes, power_w: Lanes, *, part: Lanes | None = None) -> _Expected:
+        """Expectation of a peak of the light behind the filter, (n,).
+
+        part  its height over that of an echo of this power alone; None: by the light before it, to first order
+        """
         point = self.sensor.working_point(self.train.background_power_w, range_m=self.filtered.range_m(place))
         assert point.law is not None
         level, signal = self.sensor.threshold(point), self._signal(point, power_w)
-        shadow = self._shadow(place, signal)
+        shadow: Lanes = self._shadow(place, signal) if part is None else 0.0
+        share: Lanes = 1.0 if part is None else part
+        signal = share * signal
         broad = level - self._gain_of_breadth(point, place, power_w) + shadow
         if self.fluctuation is None:
             probability, lone = self._chances(point, broad, signal)
@@ -653,11 +692,13 @@ class _Receiver(Shots):
             lone = point.law.lone(broad, signal)
             # The threshold is that of the light that comes, P_d is the mean over all light that may come.
             mean_w = power_w / self.fluctuation.relative_power
-            signal = self._signal(point, mean_w)
+            signal = share * self._signal(point, mean_w)
             mean_level = level - self._gain_of_breadth(point, place, mean_w) + shadow
 
             def probability_of(relative_power: Lanes) -> Lanes:
-                return point.detection_probability(mean_level, self._signal(point, mean_w * relative_power), 0.0)
+                return point.detection_probability(
+                    mean_level, share * self._signal(point, mean_w * relative_power), 0.0
+                )
 
             probability = scintillation.mean(probability_of, self.fluctuation.variance)
         return _Expected(snr=signal / point.noise.deviation, probability=probability, level=level, lone=lone)

@@ -32,6 +32,9 @@ _BACKGROUND_GAIN = (1.0 + TEMPLATE**2) / (4.0 * TEMPLATE**2)
 _OWN_GAIN = (1.0 + TEMPLATE**2) / (2.0 * TEMPLATE**2 * (TEMPLATE**2 + 2.0))
 """var F' / (2 |F''|) of (T98), for each unit of variance and times S."""
 
+OWN_SLOPE = 2.0 * _OWN_GAIN
+"""Variance of F' by an echo's own photons for each unit of theirs in F, in widths of the filter's response."""
+
 _LEAST_STEEP = 1.5
 """Echoes below this SNR gain no more than one of it: their peaks are no longer theirs."""
 

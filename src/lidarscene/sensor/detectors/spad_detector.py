@@ -12,6 +12,7 @@ that one SPAD would make in a shot without dead time.
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Annotated, ClassVar, Literal
 
@@ -142,6 +143,9 @@ _FOR_EVER = 1e9
 _EARLY = (0.0, 0.3, 0.6, 1.0, 1.5)
 """Widths of an echo by which the filter's peak may come early where SPADs count together."""
 
+_LEAST_BEND = 0.2
+"""Least curvature of the filter's peak, over that of a weak echo as high whose SPADs count alone."""
+
 _LEAST_NOISE = 0.05
 """Least variance of the filter at an echo, over that of the background alone."""
 
@@ -245,7 +249,7 @@ class Macropixel:
     def count_share(self) -> Lanes:
         """Mean background counts of one trial in one bin; at most one of each SPAD fits into a bin."""
         # SPADs that come alive within the bin count too: firings renew themselves at the rate a lambda throughout.
-        return self._coincidence_probability(self.free * self.rate_hz * self.histogram.bin_s)
+        return self.coincidence_probability(self.free * self.rate_hz * self.histogram.bin_s)
 
     @property
     def count_rate_hz(self) -> Lanes:
@@ -292,9 +296,16 @@ class Macropixel:
             return ops.maximum(1.0 + doubled, self.free * self.free)
         # Firings in other bins exclude each other, and coincidences go with them by their slope.
         share, counted = self.free * self.rate_hz * self.histogram.bin_s, self.count_share
+        return ops.maximum(1.0 - counted + self._coupling(share, counted) * (doubled + share), _LEAST_NOISE)
+
+    def _coupling(self, share: Lanes, counted: Lanes) -> Lanes:
+        """Variance of coincidences by that of the firings, over the Poisson one, (n,).
+
+        share    probability that one SPAD fires in a bin
+        counted  that of a coincidence
+        """
         slope = dead_time.coincidence_slope(least=self.spad.coincidence, spads=self.spad.spads, share=share)
-        coupled = slope * slope * self.spad.spads * share / ops.maximum(counted, 1e-30)
-        return ops.maximum(1.0 - counted + coupled * (doubled + share), _LEAST_NOISE)
+        return slope * slope * self.spad.spads * share / xp(counted).maximum(counted, 1e-30)
 
     @property
     def weak_top(self) -> pile_up.Top:
@@ -326,12 +337,12 @@ class Macropixel:
             return self.trials * detections
         if self.spad.coincidence == 1:
             return self.trials * self.free * self.shade * dead_time.firing_share(detections=detections)
-        return self._coincidences(detections)[0]
+        return self._coincidences(detections)
 
     def height_of_free(self, excess: Lanes) -> Lanes:
         """Value of the filter [photons] where this share more of the SPADs are free than in even light."""
         step = self.rate_hz * self.histogram.bin_s
-        counted = self._coincidence_probability(self.free * step * (1.0 + excess)) - self.count_share
+        counted = self.coincidence_probability(self.free * step * (1.0 + excess)) - self.count_share
         template = matched_filter.SCALE * matched_filter.TEMPLATE * math.sqrt(2.0 * math.pi)
         return self.trials * counted * (template * self.sigma_s / self.histogram.bin_s)
 
@@ -352,7 +363,7 @@ class Macropixel:
         ops = xp(signal, self.free)
         if self.spad.coincidence > 1:
             unit_w = self.per_watt * pulse.pulse_energy_j(peak_power_w=1.0, fwhm_s=self.fwhm_s)
-            return self._coincidences(self.power_w(signal) * unit_w)[1]
+            return self._peak_of_coincidences(self.power_w(signal) * unit_w)
         weak = self.shade
         share = signal / (self.trials * self.free * weak)
         detections = dead_time.detections_of_share(share=share)
@@ -378,19 +389,12 @@ class Macropixel:
         )
         return sigma * xp(variance).sqrt(variance)
 
-    def _coincidences(self, detections: Lanes) -> tuple[Lanes, _FilteredEcho]:
-        """Counts and peak of an echo of Lambda whose SPADs count only together, bin by bin (T93).
-
-        For an echo in the middle of a bin.
-        """
-        bin_s, background = self.histogram.bin_s, self.rate_hz * self.histogram.bin_s
-        dark, free = self.count_share, self.free
+    def _course_of_bins(self, detections: Lanes) -> Iterator[tuple[int, Lanes, Lanes]]:
+        """Bins around an echo of Lambda in the middle of one: number, share of SPADs that fire, counts of a trial."""
+        bin_s, background, free = self.histogram.bin_s, self.rate_hz * self.histogram.bin_s, self.free
         step = bin_s / self.sigma_s
         ops = xp(detections, step)
         density = step / math.sqrt(2.0 * math.pi)
-        total: Lanes = 0.0
-        heights: list[Lanes] = [0.0] * len(_EARLY)
-        variance: Lanes = 0.0
         for k in range(-self.histogram.reach, self.histogram.reach + 1):
             light = detections * density * ops.exp(-0.5 * (k * step) * (k * step)) + background
             # As many SPADs come free as the sun has fired a dead time before.
@@ -398,23 +402,54 @@ class Macropixel:
             of_free, of_released = dead_time.firing_parts(detections=light)
             firings = free * of_free + released * of_released
             free = free + released - firings
-            share = self._coincidence_probability(firings)
+            yield k, firings, self.coincidence_probability(firings)
+
+    def _coincidences(self, detections: Lanes) -> Lanes:
+        """Counts of an echo of Lambda whose SPADs count only together (T93)."""
+        ops, dark = xp(detections, self.sigma_s), self.count_share
+        total: Lanes = 0.0
+        for _, _, share in self._course_of_bins(detections):
             total = total + share - dark
+        return self.trials * ops.maximum(total, 0.0)
+
+    def _peak_of_coincidences(self, detections: Lanes) -> _FilteredEcho:
+        """Peak of an echo of Lambda whose SPADs count only together, bin by bin (T93)."""
+        ops, dark = xp(detections, self.sigma_s), self.count_share
+        step = self.histogram.bin_s / self.sigma_s
+        coupled: Lanes = 0.0
+        # Height and curvature of the filter, and the variance that the echo adds to its value and to its slope.
+        tops: list[tuple[Lanes, ...]] = [(0.0, 0.0, 0.0, 0.0)] * len(_EARLY)
+        for k, firings, share in self._course_of_bins(detections):
+            spread = share * (1.0 - share) - dark * (1.0 - dark)
+            if k == 0:
+                # Firings in other bins exclude each other, as of SPADs that count alone.
+                coupled = self._coupling(firings, share)
             for number, early in enumerate(_EARLY):
                 offset = (k * step + early) * (1.0 / matched_filter.TEMPLATE)
-                weight = matched_filter.SCALE * ops.exp(-0.5 * offset * offset)
-                heights[number] = heights[number] + weight * (share - dark)
-            offset = k * step * (1.0 / matched_filter.TEMPLATE)
-            weight = matched_filter.SCALE * ops.exp(-0.5 * offset * offset)
-            variance = variance + weight * weight * (share * (1.0 - share) - dark * (1.0 - dark))
-        highest = heights[0]
-        for height in heights[1:]:
-            highest = ops.maximum(highest, height)
-        own = self.trials * variance
-        echo = _FilteredEcho(
-            height=self.trials * ops.maximum(highest, 0.0), variance=own, of_slope=ops.maximum(own, 0.0), bend=1.0
+                square = offset * offset
+                weight = matched_filter.SCALE * ops.exp(-0.5 * square)
+                height, variance = weight * (share - dark), weight * weight * spread
+                terms = (height, (1.0 - square) * height, variance, square * variance)
+                tops[number] = tuple(old + term for old, term in zip(tops[number], terms, strict=True))
+        top = tops[0]
+        for other in tops[1:]:
+            higher = other[0] > top[0]
+            top = tuple(ops.where(higher, new, old) for new, old in zip(other, top, strict=True))
+        peak_height, bend, of_value, of_slope = top
+        # In units of the pulse: the template is wider.
+        ratio = matched_filter.OUTPUT_WIDTH / matched_filter.TEMPLATE
+        return _FilteredEcho(
+            height=self.trials * ops.maximum(peak_height, 0.0),
+            variance=self.trials * of_value * (1.0 + 4.0 * coupled * self.excluded(matched_filter.OWN_REACH)),
+            of_slope=self.trials * ops.maximum(of_slope, 0.0) * (ratio * ratio / matched_filter.OWN_SLOPE),
+            bend=ops.maximum(ratio * ratio * bend / ops.maximum(peak_height, 1e-30), _LEAST_BEND),
         )
-        return self.trials * ops.maximum(total, 0.0), echo
+
+    def signal_of_height(self, height: Lanes) -> Lanes:
+        """Photons of an echo whose peak behind the filter is so high, (n,): one step from those of weak light."""
+        ops = xp(height, self.free)
+        signal = ops.maximum(height, 1e-6)
+        return signal * signal / ops.maximum(self.peak(signal).height, 1e-6)
 
     def power_w(self, counts: Lanes) -> Lanes:
         """Peak power of an echo with so many photons."""
@@ -439,8 +474,8 @@ class Macropixel:
         )
         return ops.exp(0.5 * (low + high)) / unit
 
-    def _coincidence_probability(self, share: Lanes) -> Lanes:
-        """Probability of a count of one trial from that of one SPAD."""
+    def coincidence_probability(self, share: Lanes) -> Lanes:
+        """Probability of a count of one trial from that of a firing of one SPAD."""
         if self.spad.coincidence == 1:
             return share
         return dead_time.coincidence_share(least=self.spad.coincidence, spads=self.spad.spads, share=share)
