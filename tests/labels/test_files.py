@@ -108,6 +108,18 @@ def test_the_ego_vehicle_has_no_box_but_in_osi(tmp_path: Path, library: Any) -> 
     assert len(message.moving_object) + len(message.stationary_object) == 4
 
 
+def test_points_on_the_ego_vehicle_are_unlabelled(tmp_path: Path, street_cloud: PointCloud) -> None:
+    """Rationale: the roof below the sensor is in every frame, and no data set has a car there."""
+    ego = Course(start=Pose(), speed_m_s=10.0)
+    scene = street.scene()
+    near = replace(scene.bodies[1], motion=Riding(carrier=ego, pose=scene.bodies[1].pose))
+    driving = replace(scene, bodies=(scene.bodies[0], near, *scene.bodies[2:]), ego=ego)
+    label = semantic_kitti(street_cloud, driving)
+    assert set(label[street_cloud.body == 1].tolist()) == {0}
+    expected = semantic_kitti(street_cloud, scene)
+    np.testing.assert_array_equal(label[street_cloud.body != 1], expected[street_cloud.body != 1])
+
+
 def test_counts_are_those_of_every_point_and_beam() -> None:
     """Reference: each point and beam against each box, without sorting. Boxes lie all around, some across the seam
     of the azimuth, tilted, above the sensor and around it.

@@ -101,7 +101,8 @@ def point_labels(cloud: PointCloud, scene: Scene) -> tuple[Numbers, Numbers]:
     """Class and instance of each point: (n,) SemanticKITTI numbers, and (n,) body + 1 of a countable object, else 0.
 
     A point that is no echo (false alarm, interference, weather) is an outlier, so that a network learns what noise
-    looks like; an echo without a body is unlabelled. Raises InputError for a cloud without truth.
+    looks like; an echo without a body, or of the ego vehicle, is unlabelled. Raises InputError for a cloud without
+    truth.
     """
     (_, body_index), class_id = truth_of(cloud), np.asarray(cloud.class_id)
     kinds = [kind_of(name) for name in cloud.class_names]
@@ -114,7 +115,10 @@ def point_labels(cloud: PointCloud, scene: Scene) -> tuple[Numbers, Numbers]:
         rests = body.motion is None or (isinstance(body.motion, Course) and body.motion.rests)
         if not rests and number in MOVING:
             semantic[body_index == index] = MOVING[number]
-    instance = np.where(echo & countable[class_id], body_index + 1, 0).astype(np.uint32)
+    # As with boxes: a network is to learn what the vehicle meets, not its own roof.
+    own = np.isin(body_index, [index for index, body in enumerate(scene.bodies) if body.rides_with(scene.ego)])
+    semantic[own] = UNLABELLED
+    instance = np.where(echo & countable[class_id] & ~own, body_index + 1, 0).astype(np.uint32)
     return np.where(echo, semantic, np.uint32(OUTLIER)), instance
 
 
