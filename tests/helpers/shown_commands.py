@@ -34,6 +34,7 @@ from lidarscene.scene.scene_file import load_scene, scene_path, sensor_of_scene
 
 # What needs more than this machine, and what another test runs as it stands.
 PARSED_ONLY = {
+    "lidarscene batch factory.toml": "tests/batch/test_dataset.py::test_as_many_labels_as_clouds",
     "lidarscene batch scenes/job.toml -o /shared": "tests/batch/test_cluster.py::test_the_bits_of_render",
     "lidarscene render drive --sensor os0-128": "tests/outputs/test_captures.py::test_ouster_metadata_and_background",
     "lidarscene render avenue.toml": "tests/outputs/test_run_motion.py::test_synchronous_packets_of_an_ousters_imu",
