@@ -23,7 +23,6 @@ EXTRAS = {
     "pandas": {"pandas": "pandas"},
     "ouster": {"ouster.sdk": "ouster-sdk"},
     "velodyne": {"velodyne_decoder": "velodyne-decoder", "yaml": "pyyaml"},
-    "hesai": {"hydra4": "hydra4"},
     "design": {"pymoo": "pymoo"},
 }
 """Group of pyproject.toml -> {module that is imported: package that brings it}."""
