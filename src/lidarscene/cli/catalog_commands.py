@@ -67,8 +67,8 @@ def add_catalogue(commands: Any) -> None:
     check = commands.add_parser(
         "check",
         help="all mistakes of a file at once",
-        description="Read a scene, sensor, rig, material, job or design file and print every mistake in it, one a line. "
-        "Exit code 2 if there are any.",
+        description="Read a scene, sensor, rig, material, job or design file and print every mistake in it, one a "
+        "line. Exit code 2 if there are any.",
     )
     check.add_argument("files", metavar="FILE", nargs="+", type=Path, help="file, or the name of a scene")
     check.add_argument("--kind", choices=KINDS, help="what they are (default: by their tables)")
