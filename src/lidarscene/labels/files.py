@@ -116,9 +116,9 @@ def point_labels(cloud: PointCloud, scene: Scene) -> tuple[Numbers, Numbers]:
         if not rests and number in MOVING:
             semantic[body_index == index] = MOVING[number]
     # As with boxes: a network is to learn what the vehicle meets, not its own roof.
-    own = np.isin(body_index, [index for index, body in enumerate(scene.bodies) if body.rides_with(scene.ego)])
-    semantic[own] = UNLABELLED
-    instance = np.where(echo & countable[class_id] & ~own, body_index + 1, 0).astype(np.uint32)
+    on_ego = np.isin(body_index, [index for index, body in enumerate(scene.bodies) if body.rides_with(scene.ego)])
+    semantic[on_ego] = UNLABELLED
+    instance = np.where(echo & countable[class_id] & ~on_ego, body_index + 1, 0).astype(np.uint32)
     return np.where(echo, semantic, np.uint32(OUTLIER)), instance
 
 

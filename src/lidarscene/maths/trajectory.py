@@ -219,8 +219,8 @@ class Spline:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class HeldAtEnds:
-    """A motion extended beyond its span: at rest in its first pose before, in its last pose after."""
+class _BeyondEnds:
+    """A motion extended beyond its span."""
 
     motion: Motion
 
@@ -231,8 +231,13 @@ class HeldAtEnds:
 
     @property
     def is_straight(self) -> bool:
-        """False: it starts and stops."""
+        """False: what it does changes at the ends of the span."""
         return False
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class HeldAtEnds(_BeyondEnds):
+    """A motion extended beyond its span: at rest in its first pose before, in its last pose after."""
 
     def at(self, time_s: Numbers) -> States:
         """States of the motion, clipped to its span; beyond it both velocities are zero."""
@@ -247,20 +252,8 @@ class HeldAtEnds:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class GoingOn:
+class GoingOn(_BeyondEnds):
     """A motion extended beyond its span: straight on, with its first velocity before and its last velocity after."""
-
-    motion: Motion
-
-    @property
-    def span_s(self) -> tuple[float, float]:
-        """Unbounded: defined at every time."""
-        return ALWAYS
-
-    @property
-    def is_straight(self) -> bool:
-        """False: it may turn within the span."""
-        return False
 
     def at(self, time_s: Numbers) -> States:
         """States of the motion; beyond its span the velocity is that at its end, and it turns no more."""
@@ -285,24 +278,13 @@ def is_loop(first: Pose, last: Pose) -> bool:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Repeated:
+class Repeated(_BeyondEnds):
     """A motion with an end that begins again there, over and over, and did so before its start.
 
     Where its last pose is not its first it jumps. No frame shows it on the way: `in_frame` waits for the next frame.
     """
 
-    motion: Motion
     delay_s: float | None = None
-
-    @property
-    def span_s(self) -> tuple[float, float]:
-        """Unbounded: defined at every time."""
-        return ALWAYS
-
-    @property
-    def is_straight(self) -> bool:
-        """False: it goes back to its beginning."""
-        return False
 
     @property
     def jumps(self) -> bool:

@@ -169,8 +169,8 @@ def _merged_bodies(base: Sequence[Any], over: Sequence[Any]) -> list[Any]:
     for body in base:
         change = changes.get(body.get("name"), {})
         takes_shape = {"mesh", "primitive"} & set(change)
-        kept = {key: value for key, value in body.items() if not (takes_shape and key in _OF_SHAPE)}
-        bodies.append({**kept, **change})
+        inherited = {key: value for key, value in body.items() if not (takes_shape and key in _OF_SHAPE)}
+        bodies.append({**inherited, **change})
     return [*bodies, *(body for body in over if not isinstance(body, dict) or body.get("name") not in names)]
 
 

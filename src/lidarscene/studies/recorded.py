@@ -200,8 +200,8 @@ def least_separation_m(sensor: Sensor) -> float | None:
         fluctuation=light.fluctuation,
     )
     detection = detect(train, sensor, seed=1, pulse=np.arange(apart_m.size, dtype=np.uint32))
-    found = [np.asarray(stop.reported & (stop.status == int(Status.ECHO))) for stop in detection.stops]
-    both = np.mean(np.sum(found, axis=0).reshape(shape) > 1, axis=1) > 0.5
+    is_echo = [np.asarray(stop.reported & (stop.status == int(Status.ECHO))) for stop in detection.stops]
+    both = np.mean(np.sum(is_echo, axis=0).reshape(shape) > 1, axis=1) > 0.5
     merged = np.flatnonzero(~both)
     first = merged[-1] + 1 if merged.size else 0
     return float(separations_m[first]) if first < len(separations_m) else None

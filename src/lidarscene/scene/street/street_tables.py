@@ -113,8 +113,8 @@ SURROUNDINGS: Tables = {
 
 def with_street(tables: Mapping[str, Any], file: StreetFile) -> Tables:
     """Return the tables of a scene file with those of its street below them: what the file says itself stays."""
-    own = {key: value for key, value in tables.items() if key != "street"}
-    return merged(street_tables(file), own)
+    without_street = {key: value for key, value in tables.items() if key != "street"}
+    return merged(street_tables(file), without_street)
 
 
 @functools.lru_cache(maxsize=4)

@@ -250,12 +250,12 @@ def with_background_gain(text: str, klux: float, recording: str) -> tuple[str, s
     irradiance = _get_key(text, key)
     if klux <= BRIGHTEST_KLUX:
         return text, ""
-    found = f"NEAR_IR is that of {klux:.3g} klux with the background of the file, and the sun gives {BRIGHTEST_KLUX:g}"
+    reason = f"NEAR_IR is that of {klux:.3g} klux with the background of the file, and the sun gives {BRIGHTEST_KLUX:g}"
     if irradiance is None:
-        return text, f"{key} is not in the file: {found}"
+        return text, f"{key} is not in the file: {reason}"
     gain = klux / BRIGHTEST_KLUX
-    source = f"fitted: {found} at most; {gain:.3g} times what it was, or more, {recording}"
-    return _put_changes(text, {key: (irradiance * gain, source)}), f"{key} is raised {gain:.3g} times: {found} at most"
+    source = f"fitted: {reason} at most; {gain:.3g} times what it was, or more, {recording}"
+    return _put_changes(text, {key: (irradiance * gain, source)}), f"{key} is raised {gain:.3g} times: {reason} at most"
 
 
 def _with_changes(text: str, changes: Changes, where: str) -> tuple[str, tuple[str, ...]]:
