@@ -25,6 +25,7 @@ def test_a_street_is_written(run: Run, tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("argv", "message"),
     [
+        (("--seed", "x", "-o", "out"), "--seed: must be a whole number from 0 to 4294967295, got x"),
         (("--length-m", "10", "-o", "out"), r"street]: length_m: must be >= 50, got 10"),
         (("--set", "lane=2", "-o", "out"), "unknown key 'lane'"),
         ((), "the following arguments are required: -o/--output"),
