@@ -6,7 +6,8 @@
 A random forest names the class of each point of an OS1-128 from its range image. It learns twice: from frames as the
 sensor reports them, and from the same points without noise (true ranges, brightness from reflectivity and incidence,
 no false alarms). Both are judged on held-out frames with noise, and on a recorded frame. Printed is the intersection
-over union (IoU) of each class.
+over union (IoU) of each class, the mean of some forests with their standard deviation: a difference below it says
+nothing.
 
 The recorded frame (`data/os1-128-street.npz`) is frame 0 of `OS-1-128_v2.3.0_1024x10_lb_n3.pcap`, of the tests of
 ouster-sdk (BSD-3, `data/LICENSE.ouster-sdk`): range in steps of 8 mm, reflectivity, and the angles of the unit. Nobody
@@ -43,7 +44,7 @@ APART = 12
 """Frames from one that is used to the next: 1.2 s, in which a car goes 10 m and more."""
 
 POINTS_OF_FRAME = 1500
-TREES, LEAF = 60, 5
+TREES, LEAF, FORESTS = 60, 5, 3
 PLANE_M, NEAR_M = 0.25, 30.0
 
 NOISY, CLEAN = "as the sensor reports", "without noise"
@@ -77,31 +78,47 @@ def report(frames: int, held_out: int, seed: int) -> list[str]:
         f"{frames} frames to learn from, {held_out} held out; {generated_s:.0f} s of the processor",
         f"recorded: {len(ground):,} points within {NEAR_M:.0f} m, {ground.mean():.0%} of them ground",
         "",
-        f"{'learned from frames':<24}{'judged on':<22}{'mean IoU':>9}" + "".join(f"{name:>12}" for name in CLASSES),
+        f"{'learned from frames':<24}{'judged on':<24}{'mean IoU':>16}" + "".join(f"{name:>12}" for name in CLASSES),
     ]
+    recorded: dict[str, list[Image]] = {NOISY: [], CLEAN: []}
     for kind in (NOISY, CLEAN):
-        forest = RandomForestClassifier(
-            TREES, min_samples_leaf=LEAF, class_weight="balanced_subsample", n_jobs=-1, random_state=seed
-        )
-        forest.fit(training[kind], training["class"])
-        for name, points, truth in (
-            ("held-out frames", judged[NOISY], judged["class"]),
-            ("the same without noise", judged[CLEAN], judged["class"]),
-            ("recorded frame", features, np.where(ground, GROUND, OTHER)),
-        ):
-            found = forest.predict(points)
-            if name == "recorded frame":
-                found = np.where(found == GROUND, GROUND, OTHER)
-            values = [iou(found, truth, number) for number in range(len(CLASSES))]
-            cells = "".join("           -" if np.isnan(value) else f"{value:>12.3f}" for value in values)
-            lines.append(f"{kind:<24}{name:<22}{np.nanmean(values):>9.3f}{cells}")
-    return lines
+        ious: dict[str, list[list[float]]] = {}
+        for number in range(FORESTS):
+            forest = RandomForestClassifier(
+                TREES,
+                min_samples_leaf=LEAF,
+                class_weight="balanced_subsample",
+                n_jobs=-1,
+                random_state=FORESTS * seed + number,
+            )
+            forest.fit(training[kind], training["class"])
+            recorded[kind].append(forest.predict(features))
+            for name, classes, truth in (
+                ("held-out frames", forest.predict(judged[NOISY]), judged["class"]),
+                ("the same without noise", forest.predict(judged[CLEAN]), judged["class"]),
+                ("recorded frame", ground_or_other(recorded[kind][-1]), np.where(ground, GROUND, OTHER)),
+            ):
+                ious.setdefault(name, []).append([iou(classes, truth, label) for label in range(len(CLASSES))])
+        for name, rows in ious.items():
+            means = np.nanmean(rows, axis=1)
+            cells = "".join("           -" if np.isnan(value) else f"{value:>12.3f}" for value in np.mean(rows, axis=0))
+            lines.append(f"{kind:<24}{name:<24}{means.mean():>9.4f} +-{means.std(ddof=1):.4f}{cells}")
+    pairs = list(zip(recorded[NOISY], recorded[CLEAN], strict=True))
+    differ = np.mean([np.mean(a != b) for a, b in pairs])
+    differ_in_ground = np.mean([np.mean(ground_or_other(a) != ground_or_other(b)) for a, b in pairs])
+    answer = f"{differ_in_ground:.1%} another answer to: ground or not?"
+    return [*lines, "", f"The two give {differ:.1%} of the recorded points another class, {answer}"]
 
 
-def iou(found: Image, truth: Image, number: int) -> float:
+def ground_or_other(classes: Image) -> Image:
+    """Classes with all but ground as one."""
+    return np.where(classes == GROUND, GROUND, OTHER)
+
+
+def iou(classes: Image, truth: Image, number: int) -> float:
     """Intersection over union of a class; NaN where neither has it."""
-    either = (found == number) | (truth == number)
-    return float(np.mean(truth[either] == found[either])) if either.any() else float("nan")
+    either = (classes == number) | (truth == number)
+    return float(np.mean(truth[either] == classes[either])) if either.any() else float("nan")
 
 
 def samples(frames: int, *, first_town: int, rng: np.random.Generator) -> dict[str, Image]:

@@ -562,6 +562,21 @@ def is_in_picture(xyz_m: np.ndarray) -> np.ndarray:
     return (x > 0) & (u >= 0) & (u < PICTURE_PX[0]) & (v >= 0) & (v < PICTURE_PX[1])
 
 
+def test_a_frame_without_boxes_has_a_line_for_loaders_of_kitti(tmp_path: Path, street_cloud: PointCloud) -> None:
+    """Reference: how OpenPCDet reads a label file (pcdet/utils/object3d_kitti.py, `KittiDataset.get_infos`). It joins
+    the rectangles of all lines, which fails without any, and takes objects to be the lines before those of DontCare.
+    """
+    scene = street.scene()
+    scene = replace(scene, bodies=tuple(replace(body, class_name="building") for body in scene.bodies))
+    kitti_dataset.write_object_frame(tmp_path, 0, street_cloud, scene)
+    lines = (tmp_path / "training/label_2/000000.txt").read_text().splitlines()
+    (fields,) = (line.strip().split(" ") for line in lines)
+    assert fields[0] == "DontCare"
+    numbers = [float(number) for number in fields[1:]]
+    # The values of KITTI's own files, but for the rectangle.
+    assert numbers == [-1, -1, -10, 0, 0, 0, 0, -1, -1, -1, -1000, -1000, -1000, -10]
+
+
 def test_kitti_rectangles_hold_the_points(object_dataset: Path, street_cloud: PointCloud) -> None:
     """Every point of a body projects into its rectangle. Those of the far car, which is all in view, nearly fill
     its width. Tolerance: a pixel.

@@ -44,6 +44,10 @@ CAMERA = np.array([[720.0, 0.0, 621.0, 0.0], [0.0, 720.0, 187.5, 0.0], [0.0, 0.0
 """Projection matrix of the camera in KITTI labels: lidarscene has no camera, so one with KITTI's field of view stands
 in the sensor's place. With it loaders can project boxes and points, and grade boxes by their height in the picture."""
 
+DONT_CARE = "DontCare -1 -1 -10 0.00 0.00 0.00 0.00 -1 -1 -1 -1000 -1000 -1000 -10"
+"""KITTI's line for a part of the picture that nobody labelled, here without area. A frame without a box has it alone:
+OpenPCDet joins the rectangles of all lines, and fails where there are none (`KittiDataset.get_infos`)."""
+
 NEAREST_M = 0.1
 OCCLUDED, UNKNOWN = ((0.8, 0), (0.4, 1), (0.0, 2)), 3
 """KITTI's levels of occlusion by the least visibility: fully visible, partly, largely; unknown without a beam."""
@@ -168,12 +172,16 @@ def _wrap_angle(angle_rad: float) -> float:
 
 @contextmanager
 def kitti_stream(path: Path, scene: Scene) -> Iterator[Append]:
-    """Write a line for each box with a point: type, truncated, occluded, alpha, picture, size, place, rotation_y."""
+    """Write a line for each box with a point: type, truncated, occluded, alpha, picture, size, place, rotation_y.
+
+    Without such a box the only line is `DONT_CARE`.
+    """
     with atomic_output(path) as temporary, GatheredBoxes(temporary.parent, scene) as gathered:
         yield gathered.append
         sensor_pose = sensor_place(gathered.first)
         boxes = [box.seen_from(sensor_pose) for box in gathered.boxes() if box.has_points]
-        temporary.write_text("".join(_kitti_line(box) + "\n" for box in boxes), encoding="utf-8")
+        lines = [_kitti_line(box) for box in boxes] or [DONT_CARE]
+        temporary.write_text("".join(line + "\n" for line in lines), encoding="utf-8")
 
 
 @contextmanager
