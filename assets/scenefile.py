@@ -1,36 +1,10 @@
 """Scene files: headers and bodies in, TOML text out. Metres and degrees, as people edit them."""
 
+import tomllib
+from pathlib import Path
+
 MESHES = "../assets/meshes"
-PARTS = {
-    "car": {
-        "glass": "clear_glass",
-        "tyre": "tyre_rubber",
-        "rim": "brushed_aluminium",
-        "trim": "black_plastic",
-        "headlamp": "lamp_lens",
-        "taillamp": "lamp_lens",
-        "plate": "retroreflective_sheeting",
-        "interior": "leather",
-        "chrome": "chrome",
-    },
-    "pedestrian": {"skin": "skin", "clothes": "cotton_cloth", "trousers": "denim", "shoes": "leather", "hair": "hair"},
-    "tree": {"bark": "bark", "foliage": "tree_foliage"},
-    "house": {
-        "brick": "brick",
-        "glass": "clear_glass",
-        "frame": "plaster_white",
-        "concrete": "concrete",
-        "door": "wood",
-        "railing": "galvanised_steel",
-        "roof": "brick",
-        "interior": "plaster_white",
-    },
-    "kerb": {"kerb": "concrete"},
-    "sign": {"pole": "galvanised_steel", "sign_face": "retroreflective_sheeting", "sign_back": "brushed_aluminium"},
-    "lamp_post": {"pole": "galvanised_steel", "head": "black_plastic", "lens": "lamp_lens"},
-    "bollard": {"bollard": "black_plastic", "band": "retroreflective_sheeting"},
-}
-CLASSES = {"tree": "vegetation", "house": "building", "lamp_post": "pole", "bollard": "pole"}
+KINDS = tomllib.loads((Path(__file__).parents[1] / "src/lidarscene/catalog/meshes.toml").read_text(encoding="utf-8"))
 
 
 def value(item):
@@ -93,8 +67,8 @@ def _standing(on_ground):
 def _shape(mesh, paint):
     return {
         "mesh": f"{MESHES}/{mesh}.glb",
-        "class": CLASSES.get(mesh, mesh),
-        "materials": paint | {part: name for part, name in PARTS[mesh].items() if part not in paint},
+        "class": KINDS[mesh]["class"],
+        "materials": paint | {part: name for part, name in KINDS[mesh]["materials"].items() if part not in paint},
     }
 
 

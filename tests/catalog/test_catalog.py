@@ -1,5 +1,7 @@
 """Names of the catalogue as people type them."""
 
+from pathlib import Path
+
 import pytest
 
 from lidarscene import InputError, catalog, load_sensor
@@ -47,6 +49,17 @@ def test_an_unknown_name_lists_what_fits(kind: str, typed: str, question: str) -
     with pytest.raises(InputError) as error:
         catalog.path_of(kind, typed)
     assert question in str(error.value)
+
+
+def test_without_the_folder_of_scenes_a_line_says_where_it_was_searched(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    monkeypatch.setattr(catalog, "folder", lambda kind: tmp_path / kind)
+    for name in ("street", "ab"):
+        with pytest.raises(InputError) as error:
+            catalog.path_of("scenes", name)
+        message = f"no scene '{name}' in the catalogue; it has no scenes, for there are none in {tmp_path / 'scenes'}"
+        assert str(error.value) == message
 
 
 def test_a_sensor_has_its_name_however_it_was_typed() -> None:

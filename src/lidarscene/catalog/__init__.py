@@ -6,10 +6,12 @@ and paths only; `sensor.sensor_file`, `materials.material_file` and `scene.scene
 
 from __future__ import annotations
 
+import functools
 import os
 import tomllib
 from importlib import resources
 from pathlib import Path
+from typing import Any
 
 from ..errors import InputError, did_you_mean, question
 
@@ -24,6 +26,13 @@ def folder(kind: str) -> Path:
     package = Path(str(resources.files(__package__)))
     inside = package / kind
     return package.parents[2] / kind if kind == "scenes" and not inside.is_dir() else inside
+
+
+@functools.cache
+def shipped_meshes() -> dict[str, Any]:
+    """Name of a shipped mesh -> ``class`` of what it shows, and ``materials`` by its parts."""
+    text = resources.files(__package__).joinpath("meshes.toml").read_text(encoding="utf-8")
+    return tomllib.loads(text)
 
 
 def names(kind: str) -> list[str]:
@@ -49,7 +58,8 @@ def path_of(kind: str, name: str) -> Path:
     for other_kind in KINDS:
         if entry := {_letters(entry): entry for entry in names(other_kind)}.get(_letters(name)):
             raise InputError(f"no {noun} '{name}' in the catalogue; {entry} is a {other_kind.removesuffix('s')}")
-    hint = _suggestion(kind, name) or f"it has {', '.join(spelled.values())}"
+    names_or_folder = ", ".join(spelled.values()) or f"no {kind}, for there are none in {folder(kind)}"
+    hint = _suggestion(kind, name) or f"it has {names_or_folder}"
     raise InputError(f"no {noun} '{name}' in the catalogue; {hint}")
 
 
@@ -68,7 +78,7 @@ def _suggestion(kind: str, name: str) -> str:
     if len(word) < SHORTEST_WORD:
         return did_you_mean(name.lower(), letters_of, most=3, cutoff=0.4)
     shared = {entry: _shared_beginning(word, letters) for entry, letters in letters_of.items()}
-    longest = max(SHORTEST_WORD, *shared.values())
+    longest = max([SHORTEST_WORD, *shared.values()])
     return (
         question(entry for entry, letters in letters_of.items() if word in letters)
         or question(entry for entry, length in shared.items() if length == longest)

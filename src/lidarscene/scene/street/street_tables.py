@@ -35,62 +35,22 @@ from .traffic import Track, Traffic, drive
 
 Tables = dict[str, Any]
 
-CAR = {
-    "glass": "clear_glass",
-    "tyre": "tyre_rubber",
-    "rim": "brushed_aluminium",
-    "trim": "black_plastic",
-    "headlamp": "lamp_lens",
-    "taillamp": "lamp_lens",
-    "plate": "retroreflective_sheeting",
-    "interior": "leather",
-    "chrome": "chrome",
-}
-HOUSE = {
-    "glass": "clear_glass",
-    "frame": "plaster_white",
-    "concrete": "concrete",
-    "door": "wood",
-    "railing": "galvanised_steel",
-    "roof": "brick",
-    "interior": "plaster_white",
-}
-SHAPES: dict[str, tuple[str, str, dict[str, str], float]] = {
-    **{f"houses_{wall}": ("house", "building", {"brick": wall} | HOUSE, scale) for wall, scale in HOUSE_SCALES.items()},
+SHAPES: dict[str, tuple[str, dict[str, str], float]] = {
+    **{f"houses_{wall}": ("house", {"brick": wall}, scale) for wall, scale in HOUSE_SCALES.items()},
     **{
-        f"{group}_{paint}": ("car", "car", {"paint": f"car_paint_{paint}"} | CAR, 1.0)
+        f"{group}_{paint}": ("car", {"paint": f"car_paint_{paint}"}, 1.0)
         for group in ("cars", "traffic")
         for paint in PAINTS
     },
-    "own_car": ("car", "car", {"paint": "car_paint_white"} | CAR, 1.0),
-    **{
-        f"trees_{number}": ("tree", "vegetation", {"bark": "bark", "foliage": "tree_foliage"}, scale)
-        for number, scale in enumerate(TREE_SCALES)
-    },
-    **{
-        name: (
-            "pedestrian",
-            "pedestrian",
-            {"skin": "skin", "clothes": "cotton_cloth", "trousers": "denim", "shoes": "leather", "hair": "hair"},
-            1.0,
-        )
-        for name in ("pedestrians", "walkers")
-    },
-    "signs": (
-        "sign",
-        "sign",
-        {"pole": "galvanised_steel", "sign_face": "retroreflective_sheeting", "sign_back": "brushed_aluminium"},
-        1.0,
-    ),
-    "lamp_posts": (
-        "lamp_post",
-        "pole",
-        {"pole": "galvanised_steel", "head": "black_plastic", "lens": "lamp_lens"},
-        1.0,
-    ),
-    "bollards": ("bollard", "pole", {"bollard": "black_plastic", "band": "retroreflective_sheeting"}, 1.0),
+    "own_car": ("car", {"paint": "car_paint_white"}, 1.0),
+    **{f"trees_{number}": ("tree", {}, scale) for number, scale in enumerate(TREE_SCALES)},
+    "pedestrians": ("pedestrian", {}, 1.0),
+    "walkers": ("pedestrian", {}, 1.0),
+    "signs": ("sign", {}, 1.0),
+    "lamp_posts": ("lamp_post", {}, 1.0),
+    "bollards": ("bollard", {}, 1.0),
 }
-"""Name of a body -> mesh, class, part to material, scale: as in the shipped scenes."""
+"""Name of a body -> mesh, materials other than those of `catalog.shipped_meshes`, scale."""
 
 RAISED_M = 0.12
 """Height of pavements and kerbs over the road."""
@@ -226,15 +186,17 @@ def _poses(track: Track) -> list[Tables]:
 
 
 def _shape(name: str, meshes: str) -> Tables:
-    mesh, class_name, materials, scale = SHAPES[name]
-    body = {"name": name, "mesh": f"{meshes}/{mesh}.glb", "class": class_name, "materials": dict(materials)}
+    mesh, materials, scale = SHAPES[name]
+    kind = catalog.shipped_meshes()[mesh]
+    body = {"name": name, "mesh": f"{meshes}/{mesh}.glb", "class": kind["class"]}
+    body["materials"] = materials | {part: name for part, name in kind["materials"].items() if part not in materials}
     return body | ({"scale": scale} if scale != 1.0 else {})
 
 
 def _standing(name: str, places: Iterable[tuple[float, float, float]], meshes: str) -> Tables:
     """Body of a mesh that stands at these places; houses are level, all others on the ground."""
     body = _shape(name, meshes)
-    if SHAPES[name][1] != "building":
+    if body["class"] != "building":
         body["on_ground"] = True
     return body | {"instances": [_at(x_m, y_m, 0.0, yaw_deg) for x_m, y_m, yaw_deg in places]}
 
