@@ -7,10 +7,11 @@ import numpy as np
 import pytest
 
 from lidarscene.errors import InputError
-from lidarscene.studies.design.designs import DesignSpace, Free
+from lidarscene.studies.design.designs import Design, DesignSpace, Free
 from lidarscene.studies.design.optimum import limits_of
 from lidarscene.studies.design.quantities import probability_of_points
-from lidarscene.studies.design.search import Design, Log, alone, front, hypervolume, losses, search, slacks
+from lidarscene.studies.design.search import Log, alone, front, hypervolume, losses, search, slacks
+from lidarscene.studies.design.slopes import differences
 from lidarscene.studies.design.study_file import ConstraintFile, ObjectiveFile, StudyFile
 
 Function = Callable[[dict[str, float]], dict[str, float]]
@@ -46,7 +47,8 @@ def test_slsqp_finds_a_corner_of_two_constraints() -> None:
     study_file = study({"size": "minimize"}, bounds)
     (best,) = front(study_file, run(study_file, free, function))
     assert best.quantities["size"] == pytest.approx(0.58, rel=1e-5)
-    limits = limits_of(study_file, DesignSpace(bases={}, free=free), best, function)
+    space = DesignSpace(bases={}, free=free)
+    limits = limits_of(study_file, space, best, differences(function, space))
     assert limits is not None
     assert limits.stands
     # Lagrange: (2 x, 2 y) = a (1, 1) + b (1, 0), so a = 0.6 and b = 0.8; a bound gives way by 1 % of itself.
@@ -64,7 +66,8 @@ def test_a_key_at_the_end_of_its_range_is_named() -> None:
 
     (best,) = front(study_file, run(study_file, free, function))
     assert best.values["x"] == 10.0
-    limits = limits_of(study_file, DesignSpace(bases={}, free=free), best, function)
+    space = DesignSpace(bases={}, free=free)
+    limits = limits_of(study_file, space, best, differences(function, space))
     assert limits is not None
     assert limits.held == ("x",)
 

@@ -26,10 +26,11 @@ from ...files.overrides import key_path, number_list_entries
 from ...files.toml import read_toml, validate
 from ...files.toml_edit import put_values
 from ...maths.units import split_unit
-from .designs import DesignSpace, files_of_base
+from .designs import Design, DesignSpace, files_of_base
 from .optimum import Limits, limits_of
 from .quantities import Evaluator
-from .search import Design, EvaluateAll, Log, alone, front, is_feasible, losses, record_line, search, slacks
+from .search import EvaluateAll, Log, alone, front, is_feasible, losses, record_line, search, slacks
+from .slopes import derivatives
 from .study_file import QUANTITIES, UNITS, QuantityFile, StudyFile
 
 EVALUATIONS = "evaluations.jsonl"
@@ -66,7 +67,10 @@ def run_study(
         require_writable(folder / name)
     folder.mkdir(parents=True, exist_ok=True)
     record, head = folder / EVALUATIONS, _head(path, study, evaluator.space)
-    log = Log(study=study, space=evaluator.space, evaluate=evaluate or alone(evaluator), progress=progress)
+    slopes = derivatives(evaluator)
+    log = Log(
+        study=study, space=evaluator.space, evaluate=evaluate or alone(evaluator), slopes=slopes, progress=progress
+    )
     if record.exists():
         lines = record.read_text(encoding="utf-8").splitlines()
         if lines[:1] != [head]:
@@ -81,7 +85,7 @@ def run_study(
     if not best:
         raise InputError(f"{path}: {_none_feasible(study, designs)}")
     chosen = best[knee(study, best)]
-    limits = limits_of(study, evaluator.space, chosen, evaluator)
+    limits = limits_of(study, evaluator.space, chosen, slopes)
     numbers = _write(folder, study, evaluator, designs, best, chosen, limits)
     return json_text(numbers) if as_json else _text(folder, numbers)
 
@@ -226,6 +230,10 @@ def _limits_text(study: StudyFile, chosen: Design, limits: Limits | None) -> lis
     costs = [f"{bound}: {cost:.3g} % of {first}" for bound, cost in limits.costs.items() if cost > 0.0]
     if costs and limits.stands:
         texts.append(f"A constraint that gives way by 1 % of its bound would improve {first} by: {'; '.join(costs)}.")
+    ways: dict[str, list[str]] = {}
+    for name, way in limits.methods.items():
+        ways.setdefault(way, []).append(name)
+    texts.append("Slopes: " + "; ".join(", ".join(names) + f" by {way}" for way, names in ways.items()) + ".")
     if not limits.stands:
         texts.append("No constraint holds this design where it is: more evaluations would find a better one.")
     return texts
@@ -304,11 +312,12 @@ def _files(best: Sequence[Design], places: dict[str, int]) -> list[int]:
 def _write_sensors(folder: Path, space: DesignSpace, design: Design, place: int) -> list[str]:
     """Write the sensor files of a design, ready to render; returns their names."""
     names = []
-    for label, (base, changes) in space.chosen(design.values).items():
+    for label, chosen in space.chosen(design.values).items():
+        base = chosen.base
         assert base.path is not None
         values = {
             tuple(number_list_entries(key_path(key), base.tables)): value
-            for key, value in {**base.settings, **changes}.items()
+            for key, value in {**base.settings, **chosen.changes}.items()
         }
         name = "-".join([f"designs/{place + 1:03}", *([label] if label else [])]) + ".toml"
         (folder / "designs").mkdir(exist_ok=True)

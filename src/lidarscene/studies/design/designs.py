@@ -30,6 +30,19 @@ Values = Mapping[str, Any]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Design:
+    """A design that was evaluated.
+
+    quantities  objectives and constraints by name; {} if the sensor cannot be
+    reason      why it cannot be; "" if it can
+    """
+
+    values: Values
+    quantities: Mapping[str, float]
+    reason: str = ""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class Free:
     """Free key and its values; the search sees a share from 0 to 1 of the way from the first to the last.
 
@@ -79,6 +92,22 @@ class Base:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
+class Chosen:
+    """One sensor of a design: its base, and the keys that the design changes."""
+
+    base: Base
+    changes: Mapping[str, Any]
+
+    def sensor(self) -> Sensor:
+        """Build the sensor. Raises InputError where a value is out of bounds."""
+        base = self.base
+        folder = Path() if base.path is None else base.path.parent
+        return sensor_from_tables(
+            base.tables or {}, where=base.name, overrides=assignments(self.changes), folder=folder
+        )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
 class DesignSpace:
     """All designs of a study: bases by label, and free keys."""
 
@@ -119,7 +148,7 @@ class DesignSpace:
             if plain == _BASE or prefix in prefixes
         }
 
-    def chosen(self, values: Values) -> dict[str, tuple[Base, dict[str, Any]]]:
+    def chosen(self, values: Values) -> dict[str, Chosen]:
         """Base and changed keys of each sensor of a design, by label; without those that are left out."""
         sensors = {}
         for label, alternatives in self.bases.items():
@@ -132,26 +161,17 @@ class DesignSpace:
                     for prefix, key in [_split(free.key)]
                     if key != _BASE and free.key in values and prefix in ("", label, base.name)
                 ]
-                sensors[label] = base, _merged(base.tables, changes)
+                sensors[label] = Chosen(base=base, changes=_merged(base.tables, changes))
         return sensors
 
     def sensors(self, values: Values) -> dict[str, Sensor]:
         """Sensors of a design by label. Raises InputError where a value is out of bounds."""
-        return {
-            label: sensor_from_tables(
-                base.tables or {}, where=base.name, overrides=assignments(changes), folder=_folder(base.path)
-            )
-            for label, (base, changes) in self.chosen(values).items()
-        }
+        return {label: chosen.sensor() for label, chosen in self.chosen(values).items()}
 
 
 def files_of_base(base: Base) -> list[Path]:
     """Files that a base names, such as patterns, without itself."""
     return [] if base.path is None else list(files_of_sensor(base.path))[1:]
-
-
-def _folder(path: Path | None) -> Path:
-    return Path() if path is None else path.parent
 
 
 def _read_base(name: str, settings: Mapping[str, Any], folder: Path, where: str) -> Base:

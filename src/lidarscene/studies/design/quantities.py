@@ -29,7 +29,7 @@ from ..field_of_view.sphere_cells import SphereCells
 from ..ranging import plane, statistics
 from ..ranging.curves import with_haze
 from ..ranging.sweep_axes import numeric_keys
-from .designs import DesignSpace, Values, has_number
+from .designs import Chosen, DesignSpace, Values, has_number
 from .study_file import CLOSED_FORM, QUANTITIES, TRACED, QuantityFile, StudyFile
 
 if TYPE_CHECKING:
@@ -53,14 +53,14 @@ class Evaluator:
         where   study file, for messages
         """
         self.study, self.space = study, space
-        self._entries = {**study.objectives, **study.constraints}
+        self.entries = {**study.objectives, **study.constraints}
         self._reports: dict[Any, EyeSafetyReport] = {}
         self._bench = _bench(study, folder) if study.is_traced else None
         self._check_keys(where)
 
     def _check_keys(self, where: str) -> None:
         """Raise InputError for a quantity that is neither known nor a number of its sensors, and for no such class."""
-        for name, entry in self._entries.items():
+        for name, entry in self.entries.items():
             quantity = entry.quantity_name
             if quantity in TRACED:
                 assert self._bench is not None
@@ -77,28 +77,33 @@ class Evaluator:
     def __call__(self, values: Values) -> dict[str, float]:
         """Objectives and constraints of a design by name. Raises InputError for a sensor that cannot be."""
         chosen = self.space.chosen(values)
-        sensors = self.space.sensors(values)
+        sensors = {label: placed.sensor() for label, placed in chosen.items()}
         traced: dict[float | None, _Seen] = {}
         results = {}
-        for name, entry in self._entries.items():
-            quantity = entry.quantity_name
-            if quantity in TRACED:
+        for name, entry in self.entries.items():
+            if entry.quantity_name in TRACED:
                 klux = entry.illuminance if "illuminance" in entry.model_fields_set else None
                 if klux not in traced:
                     traced[klux] = self._trace(sensors, klux)
                 results[name] = traced[klux].quantity(entry)
-                continue
-            label = entry.sensor or next(iter(self.space.bases))
-            if label not in sensors:  # left out: it finds nothing, and costs nothing
-                results[name] = 0.0
-            elif quantity == "class_1_margin":
-                results[name] = self.eye_safety(sensors[label], entry.motion).margin
-            elif quantity in CLOSED_FORM:
-                results[name] = _FORMULAS[quantity](sensors[label], entry)
             else:
-                base, changes = chosen[label]
-                results[name] = _number(base.tables or {}, changes, quantity)
+                label = self.label_of(entry)
+                # A sensor that is left out finds nothing, and costs nothing.
+                results[name] = self.closed_form(entry, chosen[label], sensors[label]) if label in sensors else 0.0
         return results
+
+    def label_of(self, entry: QuantityFile) -> str:
+        """Label of the sensor that a quantity is of."""
+        return entry.sensor or next(iter(self.space.bases))
+
+    def closed_form(self, entry: QuantityFile, chosen: Chosen, sensor: Sensor) -> float:
+        """Quantity of one sensor that is not traced, or number of its file."""
+        quantity = entry.quantity_name
+        if quantity == "class_1_margin":
+            return self.eye_safety(sensor, entry.motion).margin
+        if quantity in CLOSED_FORM:
+            return _FORMULAS[quantity](sensor, entry)
+        return _number(chosen.base.tables or {}, chosen.changes, quantity)
 
     def eye_safety(self, sensor: Sensor, motion: str) -> EyeSafetyReport:
         """Report of a sensor. The scan's geometry is traced once for all designs that differ in power only."""
@@ -170,10 +175,11 @@ def probability_of_points(probability: Numbers, least: int) -> float:
 
 def _scan_key(sensor: Sensor) -> str:
     """Text that is equal for equal scans: directions and times of some thousand pulses spread over a frame."""
-    pulse = np.unique(np.linspace(0, sensor.scanner.pulses - 1, 4096).astype(np.uint32))
+    pulses = sensor.scanner.pulses
+    pulse = np.linspace(0, pulses - 1, min(pulses, 4096)).astype(np.uint32)
     x, y, z = (np.asarray(component, dtype=np.float64) for component in sensor.scanner.direction(pulse))
     parts = [sensor.scanner.time_s(pulse), x + 0.0 * y + 0.0 * z, y, z]
-    return json.dumps([sensor.scanner.pulses, sensor.scanner.frame_s]) + "".join(
+    return json.dumps([pulses, sensor.scanner.frame_s]) + "".join(
         str(hash(np.ascontiguousarray(part).tobytes())) for part in parts
     )
 
@@ -198,13 +204,14 @@ def bodies_of_class(scene: Scene, class_name: str | None, where: str = "class") 
     return numbers
 
 
-def _target(sensor: Sensor, entry: QuantityFile) -> plane.Target:
+def target_of(sensor: Sensor, entry: QuantityFile) -> plane.Target:
+    """Plane target of a quantity; the extinction of its air depends on the sensor's wavelength."""
     conditions = entry.conditions()
     return with_haze(sensor, conditions.target(), conditions.visibility_m)
 
 
 def _scatter_mm(sensor: Sensor, entry: QuantityFile) -> float:
-    scatter_m = published_values.scatter_m(sensor, _target(sensor, entry), range_m=entry.distance)
+    scatter_m = published_values.scatter_m(sensor, target_of(sensor, entry), range_m=entry.distance)
     return math.inf if scatter_m is None else scatter_m * 1e3
 
 
@@ -230,13 +237,13 @@ def _revisit_s(sensor: Sensor, entry: QuantityFile) -> float:
 
 
 _FORMULAS: dict[str, Formula] = {
-    "range": lambda sensor, entry: plane.range_at_probability_m(sensor, _target(sensor, entry), entry.probability),
+    "range": lambda sensor, entry: plane.range_at_probability_m(sensor, target_of(sensor, entry), entry.probability),
     "detection_probability": lambda sensor, entry: statistics.detection_probability(
-        sensor, _target(sensor, entry), entry.distance
+        sensor, target_of(sensor, entry), entry.distance
     ),
-    "snr": lambda sensor, entry: float(plane.snr(sensor, _target(sensor, entry), entry.distance)[0]),
+    "snr": lambda sensor, entry: float(plane.snr(sensor, target_of(sensor, entry), entry.distance)[0]),
     "scatter_mm": _scatter_mm,
-    "false_points": lambda sensor, entry: statistics.false_points(sensor, _target(sensor, entry)).per_frame,
+    "false_points": lambda sensor, entry: statistics.false_points(sensor, target_of(sensor, entry)).per_frame,
     "mean_power_mw": lambda sensor, entry: 1e3 * mean_power_w(sensor),
     "aperture_area_mm2": lambda sensor, entry: 1e6 * float(sensor.optics.aperture_m2),
     "points_per_s": lambda sensor, entry: published_values.points_per_second(sensor),

@@ -1,9 +1,9 @@
 """Search for the designs that no other beats in all objectives.
 
 A Sobol sequence first. Several objectives, or choices and whole numbers: then NSGA-II (pymoo). What is not traced is
-smooth: SLSQP (scipy) goes on from the best designs, along the front with the other objectives as constraints. One
-traced objective over continuous keys: COBYQA (scipy), which needs no slopes. All designs that were tried count for the
-result, not only the last ones.
+smooth: SLSQP (scipy) goes on from the best designs, by their slopes, along the front with the other objectives as
+constraints. One traced objective over continuous keys: COBYQA (scipy), which needs no slopes. All designs that were
+tried count for the result, not only the last ones.
 
 Every evaluation is written down. A search that is killed and run again meets the same designs in the same order, finds
 them there, and goes on where it stopped.
@@ -13,20 +13,22 @@ Sources: Deb 2002 (NSGA-II); Ragonneau and Zhang 2023 (COBYQA); Kraft 1988 (SLSQ
 
 from __future__ import annotations
 
+import functools
 import json
 import math
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import IO, Any
+from typing import IO
 
 import numpy as np
 
 from ...errors import InputError
 from ...files.optional import import_optional
 from ...maths.arrays import Numbers
-from .designs import DesignSpace, Values
+from .designs import Design, DesignSpace, Values
+from .slopes import SlopesOf, differences
 from .study_file import StudyFile
 
 EvaluateAll = Callable[[Sequence[Values]], Iterable["dict[str, float] | str"]]
@@ -42,29 +44,18 @@ _STARTS = 4  # designs from which a search for one objective goes on
 _PLACES_OF_FRONT = 64  # places of a front to which a search goes, while evaluations remain
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Design:
-    """A design that was evaluated.
-
-    quantities  objectives and constraints by name; {} if the sensor cannot be
-    reason      why it cannot be; "" if it can
-    """
-
-    values: Values
-    quantities: Mapping[str, float]
-    reason: str = ""
-
-
 @dataclass(kw_only=True)
 class Log:
     """Evaluations of a search: asks for each design once, and writes it to a file as soon as it is known.
 
-    progress  called with the number of evaluations so far and the greatest number
+    slopes    of the quantities of a design, for steps; not counted as evaluations. None: differences of ``evaluate``
+    progress  called with the number of evaluations so far, the greatest number, and words on the best so far
     """
 
     study: StudyFile
     space: DesignSpace
     evaluate: EvaluateAll
+    slopes: SlopesOf | None = None
     file: IO[str] | None = None
     progress: Callable[[int, int], object] = lambda count, total: None
     designs: dict[str, Design] = field(default_factory=dict)
@@ -92,6 +83,13 @@ class Log:
             self.progress(min(len(self.recorded), self.study.evaluations), self.study.evaluations)
         self.designs |= {key: self.recorded[key] for key in fresh}
         return [self.designs.get(key) for key in keys]
+
+    def slopes_of(self, design: Design) -> dict[str, Numbers] | None:
+        """Slopes of the quantities of a design by name; None if no step leaves a sensor that can be."""
+        try:
+            return dict((self.slopes or differences(_single(self.evaluate), self.space))(design).slopes)
+        except InputError:
+            return None
 
     def read(self, path: Path) -> None:
         """Read the evaluations of an earlier run of this study; a line that is cut off is left out."""
@@ -181,6 +179,22 @@ def slacks(study: StudyFile, design: Design) -> dict[str, float]:
         if entry.at_most is not None:
             result[f"{name} at most {entry.at_most:g}"] = (entry.at_most - value) / _size(entry.at_most)
     return result
+
+
+def loss_slopes(study: StudyFile, slopes: Mapping[str, Numbers]) -> Numbers:
+    """(objectives, keys) slopes of `losses`."""
+    return np.stack([entry.sign * slopes[name] for name, entry in study.objectives.items()])
+
+
+def slack_slopes(study: StudyFile, slopes: Mapping[str, Numbers]) -> Numbers:
+    """(bounds, keys) slopes of `slacks`."""
+    rows = [
+        sign * slopes[name] / _size(bound)
+        for name, entry in study.constraints.items()
+        for sign, bound in ((1.0, entry.at_least), (-1.0, entry.at_most))
+        if bound is not None
+    ]
+    return np.array(rows) if rows else np.zeros((0, *next(iter(slopes.values())).shape))
 
 
 def is_feasible(study: StudyFile, design: Design) -> bool:
@@ -313,26 +327,29 @@ def _slsqp(log: Log, start: Numbers, *, ftol: float, objective: int = 0, allowed
             return within
         return np.concatenate([within, (allowed - losses(study, design)[1:]) / size[1:]])
 
+    # SLSQP asks for the slopes of loss and bounds one after the other, at the same place.
+    @functools.lru_cache(maxsize=1)
+    def slopes_at(place: bytes) -> tuple[Numbers, Numbers]:
+        """(objectives, keys) of the losses over their sizes, (bounds, keys) of `bounded`; 0 where there are none."""
+        shares = np.frombuffer(place)
+        design = design_at(shares)
+        by_name = None if design.reason else log.slopes_of(design)
+        if by_name is None:
+            return np.zeros((len(size), len(free))), np.zeros((len(bounded(shares)), len(free)))
+        of_losses, of_slacks = loss_slopes(study, by_name) / size[:, None], slack_slopes(study, by_name)
+        if not len(of_slacks):
+            of_slacks = np.zeros((1, len(free)))
+        return of_losses, of_slacks if allowed is None else np.concatenate([of_slacks, -of_losses[1:]])
+
     minimize(
         loss,
         start[free],
         method="SLSQP",
-        jac=lambda shares: _slopes(loss, shares),
+        jac=lambda shares: slopes_at(shares.tobytes())[0][objective],
         bounds=[(0.0, 1.0)] * len(free),
-        constraints=[{"type": "ineq", "fun": bounded, "jac": lambda shares: _slopes(bounded, shares)}],
+        constraints=[{"type": "ineq", "fun": bounded, "jac": lambda shares: slopes_at(shares.tobytes())[1]}],
         options={"ftol": ftol, "maxiter": 100},
     )
-
-
-def _slopes(function: Callable[[Numbers], Any], shares: Numbers) -> Numbers:
-    """(values, keys) or (keys,) central differences; one-sided at the ends of a key's range."""
-    step, columns = 1e-4, []
-    for key in range(len(shares)):
-        low, high = np.array(shares), np.array(shares)
-        low[key], high[key] = max(shares[key] - step, 0.0), min(shares[key] + step, 1.0)
-        difference = np.asarray(function(high)) - np.asarray(function(low))
-        columns.append(np.where(np.isfinite(difference), difference, 0.0) / (high[key] - low[key]))
-    return np.stack(columns, axis=-1)
 
 
 def _cobyqa(log: Log, start: Numbers) -> None:
@@ -373,6 +390,18 @@ def _text(values: Values) -> str:
 def record_line(design: Design) -> str:
     """Line of the record of evaluations."""
     return json.dumps({"values": design.values, "quantities": design.quantities, "reason": design.reason})
+
+
+def _single(evaluate: EvaluateAll) -> Callable[[Values], dict[str, float]]:
+    """Evaluate one design. Raises InputError for one that cannot be."""
+
+    def quantities_of(values: Values) -> dict[str, float]:
+        (answer,) = evaluate([values])
+        if isinstance(answer, str):
+            raise InputError(answer)
+        return answer
+
+    return quantities_of
 
 
 def alone(evaluator: Callable[[Values], dict[str, float]]) -> EvaluateAll:

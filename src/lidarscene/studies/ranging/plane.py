@@ -192,7 +192,8 @@ def detection_probability(sensor: Sensor, target: Target, range_m: Numbers | flo
 def range_at_probability_m(sensor: Sensor, target: Target, probability: float) -> float:
     """Farthest range at which P_d is at least this, within the converter's window; 0 if it is nowhere. One condition.
 
-    The last crossing on a grid of 16 points per decade, narrowed to 1e-9 relative.
+    The last crossing on a grid of 16 points per decade, narrowed to 1e-9 relative. The next ranges that are tried lie
+    closer and closer around the place where a straight line from end to end would cross, as in `_narrow`.
     """
     decades = math.log10(_FARTHEST_M / _NEAREST_M)
     ranges = np.geomspace(_NEAREST_M, _FARTHEST_M, round(decades * _STEPS_PER_DECADE) + 1)
@@ -200,13 +201,16 @@ def range_at_probability_m(sensor: Sensor, target: Target, probability: float) -
     end = float(window_m(sensor))
     ranges = np.concatenate([ranges[ranges < end], [end]])
     while True:
-        reached = np.flatnonzero(detection_probability(sensor, target, ranges) >= probability)
+        excess = detection_probability(sensor, target, ranges) - probability
+        reached = np.flatnonzero(excess >= 0.0)
         if not reached.size:
             return 0.0
         near = int(reached[-1])
         if near == len(ranges) - 1 or ranges[near + 1] <= ranges[near] * (1.0 + 1e-9):
             return float(ranges[near]) if ranges[near] > start else 0.0
-        ranges = np.geomspace(ranges[near], ranges[near + 1], 33)
+        guess = excess[near] / (excess[near] - excess[near + 1])
+        places = np.concatenate([_EVEN, guess - guess * _CLOSER, [guess], guess + (1.0 - guess) * _CLOSER])
+        ranges = ranges[near] * (ranges[near + 1] / ranges[near]) ** np.unique(places)
 
 
 def window_m(sensor: Sensor) -> Any:

@@ -142,6 +142,21 @@ def margin_and_detection(
     return ops.log(signal / level), plane.expected_probability(point, level, power_w, None)
 
 
+def _log_margin(sensor: Sensor, target: Target, range_m: Lanes, *, deviate: Lanes) -> Lanes:
+    return margin_and_detection(sensor, target, range_m, deviate=deviate)[0]
+
+
+def _detection(sensor: Sensor, target: Target, range_m: Lanes, *, deviate: Lanes) -> Lanes:
+    return margin_and_detection(sensor, target, range_m, deviate=deviate)[1]
+
+
+def _snr(sensor: Sensor, target: Target, range_m: Lanes, *, deviate: Lanes) -> Lanes:
+    """`plane.snr`, which is that of the mean power whatever the deviate."""
+    light = _light(sensor, target, range_m)
+    point = sensor.working_point(light.background_power_w, range_m=light.range_m)
+    return point.response.signal(light.peak_power_w) / point.noise.deviation
+
+
 def sensitivities(
     sensor: Sensor, target: Target, *, distance_m: float | None = None, method: str = "auto"
 ) -> SensitivityTable:
@@ -157,17 +172,9 @@ def sensitivities(
     distance = limit if distance_m is None else distance_m
     values = parameters(sensor, target)
 
-    def formula(output: int) -> Formula:
-        def evaluate(numbers: Mapping[str, Lanes]) -> Lanes:
-            varied = {name: number for name, number in numbers.items() if name not in (_RANGE, _DEVIATE)}
-            changed = with_parameters(sensor, target, varied)
-            return margin_and_detection(*changed, numbers[_RANGE], deviate=numbers.get(_DEVIATE, 0.0))[output]
-
-        return evaluate
-
     method, derive = choose_derivation(method)
-    _, margin = derive(formula(0), {**values, _RANGE: limit})
-    probability, detection = _mean_detection(derive, formula(1), {**values, _RANGE: distance}, sensor, target)
+    _, margin = derive(_formula(sensor, target, _log_margin), {**values, _RANGE: limit})
+    probability, detection = detection_slopes(sensor, target, distance, derive, values)
     if not margin[_RANGE] < 0.0:
         raise InputError(f"'{sensor.name}': the signal does not fall with range at {limit:.6g} m")
     rows = []
@@ -189,11 +196,26 @@ def sensitivities(
     return SensitivityTable(sensor.name, limit, distance, probability, method, tuple(rows))
 
 
-def _mean_detection(
-    derive: Derivation, formula: Formula, values: Mapping[str, float], sensor: Sensor, target: Target
+def _formula(sensor: Sensor, target: Target, quantity: Callable[..., Lanes]) -> Formula:
+    """Formula of numbers by name for a quantity of sensor, target, range and normal deviate."""
+
+    def evaluate(numbers: Mapping[str, Lanes]) -> Lanes:
+        varied = {name: number for name, number in numbers.items() if name not in (_RANGE, _DEVIATE)}
+        changed = with_parameters(sensor, target, varied)
+        return quantity(*changed, numbers[_RANGE], deviate=numbers.get(_DEVIATE, 0.0))
+
+    return evaluate
+
+
+def detection_slopes(
+    sensor: Sensor, target: Target, range_m: float, derive: Derivation, values: Mapping[str, float]
 ) -> tuple[float, dict[str, float]]:
-    """P_d and its derivatives; of an echo that fluctuates, their means over all of its powers."""
-    if plane.fluctuation_variance(sensor, target, values[_RANGE]) is None:
+    """P_d and its derivatives with respect to these of the `parameters` and "range_m".
+
+    Of an echo that fluctuates, their means over all of its powers.
+    """
+    formula, values = _formula(sensor, target, _detection), {**values, _RANGE: range_m}
+    if plane.fluctuation_variance(sensor, target, range_m) is None:
         return derive(formula, values)
     # One power after the other, by the same kernel: all of them in one would take LLVM many minutes.
     probability, slopes = 0.0, dict.fromkeys(values, 0.0)
@@ -202,6 +224,32 @@ def _mean_detection(
         probability += weight * part
         slopes = {name: slope + weight * part_slopes[name] for name, slope in slopes.items()}
     return probability, slopes
+
+
+def range_slopes(
+    sensor: Sensor, target: Target, range_m: float, derive: Derivation, values: Mapping[str, float]
+) -> dict[str, float]:
+    """Derivatives of `plane.range_at_probability_m`, which is ``range_m``, with respect to these of the `parameters`.
+
+    Where the window ends it, of the window's end; else dR/dp = -(dP_d/dp) / (dP_d/dR) (T221). Raises InputError where
+    P_d does not fall with range.
+    """
+    if range_m <= 0.0:
+        return dict.fromkeys(values, 0.0)
+    if range_m >= float(plane.window_m(sensor)):
+        ends = {"tdc.window_s": range_m / float(sensor.tdc.window_s)}
+        return {name: ends.get(name, 0.0) for name in values}
+    _, detection = detection_slopes(sensor, target, range_m, derive, values)
+    if not detection[_RANGE] < 0.0:
+        raise InputError(f"'{sensor.name}': P_d at {range_m:.6g} m does not fall with range")
+    return {name: -detection[name] / detection[_RANGE] for name in values}
+
+
+def snr_slopes(
+    sensor: Sensor, target: Target, range_m: float, derive: Derivation, values: Mapping[str, float]
+) -> dict[str, float]:
+    """Derivatives of `plane.snr` with respect to these of the `parameters`."""
+    return derive(_formula(sensor, target, _snr), {**values, _RANGE: range_m})[1]
 
 
 def choose_derivation(method: str) -> tuple[str, Derivation]:
