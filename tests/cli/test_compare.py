@@ -54,8 +54,8 @@ def test_the_verdicts_come_first(folder: Path) -> None:
     """The ranges on equal terms, then one sentence on who finds more; the numbers are those of the JSON."""
     numbers = json.loads((folder / "compare.json").read_text("utf-8"))
     page = (folder / "index.html").read_text("utf-8")
-    lead, otherwise, first = (html.unescape(text) for text in re.findall(r"<p>(.*?)</p>", page)[:3])
-    assert [lead, otherwise] == numbers["equal_terms"]
+    lead, course, otherwise, first = (html.unescape(text) for text in re.findall(r"<p>(.*?)</p>", page)[:4])
+    assert [lead, course, otherwise] == numbers["equal_terms"]
     assert lead.startswith("On equal terms")
     assert first == numbers["verdict"]
     shares = {sensor["name"]: sensor["rate"]["rate"] for sensor in numbers["sensors"]}

@@ -236,7 +236,7 @@ def _write(arguments: argparse.Namespace, swept: Curves, conditions: str, thresh
 
 def _summary(arguments: argparse.Namespace, subjects: list[Subject], conditions: Conditions) -> str:
     """Text or JSON of each sensor's maximum range, its closed form, and SNR and P_d at one distance."""
-    from ..studies.ranging.equal_terms import equal_terms, verdict
+    from ..studies.ranging.equal_terms import ILLUMINANCES_KLUX, equal_terms, verdict
     from ..studies.ranging.range_summary import summary_of, text_of
 
     target, distance_m, visibility_m = conditions.target(), conditions.distance, conditions.visibility_m
@@ -248,12 +248,14 @@ def _summary(arguments: argparse.Namespace, subjects: list[Subject], conditions:
         for row, entry in zip(rows, terms, strict=False):
             row["equal_terms"] = {
                 "range_m": entry.range_m,
+                "range_interval_m": entry.interval_m,
+                "ranges_m": dict(zip(map("{:g} klux".format, ILLUMINANCES_KLUX), entry.course_m, strict=True)),
                 "file_range_m": entry.file_range_m,
                 "changes": entry.changes,
             }
         return json_text({row.pop("name"): row for row in rows})
     text = text_of(rows, target, distance_m, conditions.sun_angle, visibility_m)
-    return "\n".join([*verdict(terms, target), "", text]) if terms else text
+    return "\n".join([*verdict(terms, target, visibility_m=visibility_m), "", text]) if terms else text
 
 
 def _sensitivities(arguments: argparse.Namespace, subjects: list[Subject], conditions: Conditions) -> list[str]:

@@ -95,6 +95,15 @@ def si(value: Number, unit: str) -> Number:
     return tuple(number * factor for number in value) if isinstance(value, tuple) else value * factor
 
 
+def key_in_si(key: str) -> tuple[str, float]:
+    """Name of the field that holds a key's number in SI units, and the factor: laser.pulse_fwhm_s, 1e-9."""
+    unit = max((unit for unit in UNITS if key.endswith(f"_{unit}")), key=len, default="")
+    if not unit:
+        return key, 1.0
+    ending, factor = UNITS[unit]
+    return f"{key.removesuffix(unit)}{ending}", factor
+
+
 @dataclass(frozen=True, slots=True)
 class FileKey:
     """Declaration of a field that can be given in a file.

@@ -16,7 +16,7 @@ from ..errors import InputError, OptionError
 from ..files.overrides import Overrides, assignments, with_overrides
 from ..files.table_model import Number, Table
 from ..files.toml import FileModel, read_toml, validate
-from ..maths.units import si
+from ..maths.units import key_in_si, si
 from ..physics.amplifier import high_pass
 from ..physics.optics import beam
 from ..scan import AnyScannerFile, Scanner
@@ -154,6 +154,10 @@ class ReceiverFile(Table[Receiver]):
         return receiver, replace(tdc, bandwidth_hz=si(self.bandwidth_mhz, "mhz") * receiver.noise_ratio)
 
 
+UNCERTAIN = ("laser", "optics", "detector", "tdc", "receiver", "histogram", "sampler")
+"""Tables whose numbers may be uncertain: those that decide the range."""
+
+
 class SensorFile(FileModel):
     """A whole sensor file. ``sources`` says where each number comes from, by dotted key (or its table)."""
 
@@ -177,6 +181,18 @@ class SensorFile(FileModel):
     intensity: AnyIntensityFile | None = Field(default=None, description="the maker's scale; the amplitude if left out")
     published: PublishedFile | None = Field(default=None, description="for comparison; not used by the simulation")
     sources: dict[str, str] = Field(default_factory=dict)
+    uncertainty: dict[str, Annotated[float, Field(gt=0)]] = Field(
+        default_factory=dict, description="how far a number may be off, either way, by dotted key and in its unit"
+    )
+
+    @model_validator(mode="after")
+    def _uncertainty_of_numbers(self) -> SensorFile:
+        for key in self.uncertainty:
+            table, _, field = key.partition(".")
+            value = getattr(getattr(self, table, None), field, None) if table in UNCERTAIN else None
+            if isinstance(value, bool) or not isinstance(value, (int, float)):
+                raise ValueError(f"uncertainty.{key}: must be a number of {', '.join(UNCERTAIN)} in this file")
+        return self
 
     @model_validator(mode="after")
     def _one_way_of_timing(self) -> SensorFile:
@@ -254,6 +270,9 @@ class SensorFile(FileModel):
             imu=None if self.imu is None else self.imu.build(folder),
             intensity=None if self.intensity is None else self.intensity.in_si(),
             sources=dict(self.sources),
+            uncertainty={
+                name: half * factor for key, half in self.uncertainty.items() for name, factor in [key_in_si(key)]
+            },
         )
         _check_response(sensor)
         if optics.stray is not None:
@@ -347,7 +366,10 @@ def sensor_from_tables(
         raise InputError(f"{where}: {error}") from None
     # The source of a number does not hold for the one that replaces it.
     override_sources = {text.partition("=")[0].strip(): f"--set {text}" for text in overrides}
-    return replace(sensor, sources={**sensor.sources, **override_sources})
+    # Neither does its uncertainty.
+    replaced = {key_in_si(key)[0] for key in override_sources}
+    uncertainty = {name: half for name, half in sensor.uncertainty.items() if name not in replaced}
+    return replace(sensor, sources={**sensor.sources, **override_sources}, uncertainty=uncertainty)
 
 
 def _derived_rate(tables: dict[str, Any], overrides: Sequence[str]) -> dict[str, Any]:

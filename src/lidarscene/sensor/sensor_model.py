@@ -205,11 +205,12 @@ def overlap_geometry(laser: Laser, optics: Optics, detector: Detector, alignment
 class Sensor:
     """All of a lidar. ``sources`` says where each number comes from, by dotted key of the sensor file.
 
-    sampler    sampler that measures the pulses that trip the comparator; None: the TDC alone
-    histogram  histogram over the shots of a `Spad`; None with any other detector
-    wear       drops, weak lasers and a knocked mounting, `sensor.wear`; None: as new
-    intensity  as the maker reports it, or None: the amplitude
-    imu        IMU in its housing, or None
+    sampler      sampler that measures the pulses that trip the comparator; None: the TDC alone
+    histogram    histogram over the shots of a `Spad`; None with any other detector
+    wear         drops, weak lasers and a knocked mounting, `sensor.wear`; None: as new
+    intensity    as the maker reports it, or None: the amplitude
+    imu          IMU in its housing, or None
+    uncertainty  how far numbers may be off, either way, by dotted field: detector.dead_time_s
     """
 
     name: str
@@ -227,6 +228,7 @@ class Sensor:
     imu: Imu | None = None
     description: str = ""
     sources: Mapping[str, str] = field(default_factory=dict)
+    uncertainty: Mapping[str, float] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         return facts.facts_line("Sensor", self.name, self.facts())

@@ -1,18 +1,23 @@
 """Sensors on equal terms: what is equal is equal, and what is best is best."""
 
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
 
-from lidarscene import load_sensor
+from lidarscene import catalog, load_sensor
+from lidarscene.errors import InputError
 from lidarscene.sensor.detectors import Apd
 from lidarscene.studies.eye_safety.eye_safety_report import eye_safety_report
 from lidarscene.studies.ranging import plane, statistics
-from lidarscene.studies.ranging.equal_terms import equal_terms, verdict
+from lidarscene.studies.ranging.equal_terms import ILLUMINANCES_KLUX, crossings, equal_terms, verdict
 from lidarscene.studies.ranging.plane import Target
+from lidarscene.studies.ranging.sensitivities import parameters, with_parameters
 
 NAMES = ("table1-apd", "table1-sipm", "mems-1550")
+SET = ("laser.peak_power_w", "detector.gain")
+"""Numbers that equal terms set."""
 
 
 @pytest.mark.parametrize("klux", [0.0, 1.0, 100.0])
@@ -59,17 +64,89 @@ def test_what_is_on_equal_terms_already_stays() -> None:
 
 def test_the_sentences_name_what_differs() -> None:
     names = ("table1-apd", "table1-sipm", "os1-128")
-    lead, otherwise = verdict(equal_terms([(name, load_sensor(name)) for name in names], Target()), Target())
+    lead, course, otherwise = verdict(equal_terms([(name, load_sensor(name)) for name in names], Target()), Target())
     assert lead.startswith("On equal terms (time domain, class 1 scanning, best gain, ")
     places = [lead.index(name) for name in ("table1-apd", "table1-sipm", "os1-128")]
     assert places == sorted(places)
     for words in (
-        "45 W, 2 times class 1, gain 80, best 29",
-        "table1-sipm 240.6 m with published statistics",
+        "45 W, not class 1 but 2 times its limit, gain 80, 173 % above its best 29.3",
+        "table1-sipm 240.6 m with 45 W, not class 1 but 2 times its limit, published statistics",
         "os1-128 28.9 m with a laser whose pulse is not known",
         "a threshold that is not a ratio to noise",
     ):
         assert words in otherwise
+    assert "table1-apd overtakes table1-sipm at " in course
+    assert "none stated: os1-128" in lead
+
+
+def test_where_the_order_changes() -> None:
+    """At the crossing both see equally far, by the ranges themselves; the order is that of the ranges beside it."""
+    terms = equal_terms([(name, load_sensor(name)) for name in NAMES[:2]], Target())
+    (crossing,) = crossings(terms, Target())
+    assert ILLUMINANCES_KLUX[2] < crossing.illuminance_klux < ILLUMINANCES_KLUX[3]
+
+    def ranges_m(klux: float) -> dict[str, float]:
+        lit = Target(illuminance_klux=klux)
+        return {entry.name: plane.range_at_probability_m(entry.sensor, lit, 0.9) for entry in terms}
+
+    # The place is narrowed to 1e-4 of the illuminance, and ranges go with less than its root.
+    assert list(ranges_m(crossing.illuminance_klux).values()) == pytest.approx([crossing.range_m] * 2, rel=1e-4)
+    below, above = (ranges_m(factor * crossing.illuminance_klux) for factor in (0.9, 1.1))
+    assert below[crossing.ahead_below] > below[crossing.ahead_above]
+    assert above[crossing.ahead_above] > above[crossing.ahead_below]
+
+
+@pytest.mark.parametrize("name", NAMES[:2])
+def test_the_interval_against_drawn_sensors(name: str) -> None:
+    """400 sensors whose numbers are normal, with half of the uncertainty as deviation: twice the ranges' deviation is
+    half of the interval, within 4 standard errors (3.5 % each) and 3 % for the curvature of the range.
+    """
+    (terms,) = equal_terms([(name, load_sensor(name))], Target())
+    assert terms.interval_m is not None
+    rng = np.random.default_rng(5)
+    values = parameters(terms.sensor, Target())
+    halves = {key: half for key, half in terms.sensor.uncertainty.items() if key not in SET}
+    drawn_m = [
+        plane.range_at_probability_m(
+            with_parameters(
+                terms.sensor,
+                Target(),
+                {key: values[key] + 0.5 * half * rng.standard_normal() for key, half in halves.items()},
+            )[0],
+            Target(),
+            0.9,
+        )
+        for _ in range(400)
+    ]
+    low, high = terms.interval_m
+    assert 2.0 * np.std(drawn_m, ddof=1) == pytest.approx(0.5 * (high - low), rel=0.17)
+    assert low < terms.range_m < high
+
+
+def test_uncertainty_of_a_number_that_is_set_lapses() -> None:
+    sensor = load_sensor("table1-sipm", overrides=["detector.pde=0.3"])
+    assert "detector.pde" not in sensor.uncertainty
+    assert sensor.uncertainty["detector.dead_time_s"] == pytest.approx(0.5e-9)
+    (exact,) = equal_terms([("exact", replace(sensor, uncertainty={}))], Target())
+    assert exact.interval_m is None
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ('"detector.pdf" = 0.1', r"uncertainty\.detector\.pdf: must be a number of laser, optics"),
+        ('"scanner.azimuth_fov_deg" = 1', r"uncertainty\.scanner\.azimuth_fov_deg: must be a number of laser"),
+        ('"detector.statistics" = 1', r"uncertainty\.detector\.statistics: must be a number of laser"),
+        ('"detector.cells" = -1', r"uncertainty\.detector\.cells: must be > 0, got -1"),
+    ],
+)
+def test_mistakes_of_uncertainties(tmp_path: Path, line: str, message: str) -> None:
+    text = catalog.path_of("sensors", "table1-sipm").read_text(encoding="utf-8")
+    text = text.replace('"detector.pde" = 0.005', line)
+    (tmp_path / "sensor.toml").write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=message) as error:
+        load_sensor(tmp_path / "sensor.toml")
+    assert "\n" not in str(error.value)
 
 
 def test_statistics_decide_the_papers_pair() -> None:

@@ -3,12 +3,16 @@
 Two sensor files may differ by what nobody can build: a peak power that the eye forbids, a gain that costs range, a
 threshold with more false alarms, statistics that leave out the pulse's course. A comparison of detectors takes these
 away first. What the file says is compared beside it.
+
+A range is as sure as the numbers behind it: those for which the file has an `uncertainty` are moved to both of its
+ends, one after the other, and what this adds to the range, and takes from it, is summed in squares (T222).
 """
 
 from __future__ import annotations
 
+import itertools
 import math
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,12 +21,15 @@ from ...errors import InputError
 from ...sensor.detectors import Apd, Sipm
 from ...sensor.sensor_model import Sensor
 from ..eye_safety.eye_safety_report import eye_safety_report
-from . import plane, statistics
+from . import plane, sensitivities, statistics
 from .curves import with_haze
 from .plane import Target
 
 PROBABILITY = 0.9
 """P_d at the range of a verdict."""
+
+ILLUMINANCES_KLUX = (1.0, 10.0, 50.0, 100.0, 130.0)
+"""Light under which a verdict has the ranges, up to the brightest sun."""
 
 _GAINS = (1.0, 1000.0)
 _RATIOS = (0.5, 50.0)  # thresholds over noise that are tried
@@ -34,16 +41,30 @@ _NO_GAIN_WORTH = 0.01
 class Terms:
     """Sensor as its file has it and on equal terms, with the range of each at a P_d of `PROBABILITY`.
 
+    interval_m    ends of the range that the file's uncertainties give; None if it has none
     false_points  per pulse, on equal terms
-    changes       what its file has otherwise, in words
+    course_m      range under each of `ILLUMINANCES_KLUX`
+    changes       what its file has otherwise, in words: eye safety, gain, statistics, then the threshold
     """
 
     name: str
     sensor: Sensor
     file_range_m: float
     range_m: float
+    interval_m: tuple[float, float] | None
     false_points: float
+    course_m: tuple[float, ...]
     changes: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Crossing:
+    """Illuminance at which two sensors on equal terms see equally far."""
+
+    illuminance_klux: float
+    range_m: float
+    ahead_below: str
+    ahead_above: str
 
 
 def equal_terms(
@@ -60,10 +81,34 @@ def equal_terms(
     return [_terms(name, sensor, with_haze(sensor, target, visibility_m), per_pulse) for name, sensor in sensors]
 
 
-def verdict(terms: Sequence[Terms], target: Target) -> tuple[str, str]:
-    """Sentences on the ranges on equal terms, and on what the files have otherwise."""
+def crossings(terms: Sequence[Terms], target: Target, *, visibility_m: float | None = None) -> list[Crossing]:
+    """Illuminances between those of `ILLUMINANCES_KLUX` at which two of the sensors change places, to 1e-4."""
+    from scipy.optimize import brentq
+
+    places = []
+    for first, second in itertools.combinations(terms, 2):
+
+        def lead(log_klux: float, pair: tuple[Terms, Terms] = (first, second)) -> float:
+            first_m, second_m = (_range_under(entry.sensor, target, math.exp(log_klux), visibility_m) for entry in pair)
+            return first_m - second_m
+
+        leads = [a - b for a, b in zip(first.course_m, second.course_m, strict=True)]
+        steps = zip(itertools.pairwise(ILLUMINANCES_KLUX), itertools.pairwise(leads), strict=True)
+        for (low, high), (before, after) in steps:
+            if before * after < 0.0:
+                klux = math.exp(float(brentq(lead, math.log(low), math.log(high), xtol=1e-4)))
+                below, above = (first, second) if before > 0.0 else (second, first)
+                reached_m = _range_under(first.sensor, target, klux, visibility_m)
+                places.append(
+                    Crossing(illuminance_klux=klux, range_m=reached_m, ahead_below=below.name, ahead_above=above.name)
+                )
+    return sorted(places, key=lambda crossing: crossing.illuminance_klux)
+
+
+def verdict(terms: Sequence[Terms], target: Target, *, visibility_m: float | None = None) -> tuple[str, ...]:
+    """Sentences on the ranges on equal terms, with other light, and on what the files have otherwise."""
     order = sorted(terms, key=lambda entry: -entry.range_m)
-    reached = ", ".join(f"{entry.name} {_range_text(entry.range_m)}" for entry in order)
+    reached = ", ".join(f"{entry.name} {_range_text(entry.range_m)}{_interval_text(entry)}" for entry in order)
     plane_text = f"{100 * target.reflectivity:.3g} % under {target.illuminance_klux:g} klux"
     lead = (
         f"On equal terms (time domain, class 1 scanning, best gain, {terms[0].false_points:.2g} false points a pulse), "
@@ -73,32 +118,104 @@ def verdict(terms: Sequence[Terms], target: Target) -> tuple[str, str]:
         f"{entry.name} {_range_text(entry.file_range_m)}{' with ' if entry.changes else ''}{', '.join(entry.changes)}"
         for entry in terms
     )
-    return lead, f"As their files have them: {otherwise}."
+    places = crossings(terms, target, visibility_m=visibility_m)
+    return (f"{lead} {_certainty(order)}", _course_text(order, places), f"As their files have them: {otherwise}.")
+
+
+def _interval_text(entry: Terms) -> str:
+    return "" if entry.interval_m is None else f" ({entry.interval_m[0]:.0f} to {entry.interval_m[1]:.0f})"
+
+
+def _certainty(order: Sequence[Terms]) -> str:
+    """Sentence on what the intervals are, and whether they tell the two farthest sensors apart."""
+    unknown = [entry.name for entry in order if entry.interval_m is None]
+    if len(unknown) == len(order):
+        return "Their files state no uncertainty."
+    texts = ["In brackets, what the uncertainties that the files state add and take"]
+    if unknown:
+        texts.append(f"none stated: {', '.join(unknown)}")
+    elif len(order) > 1:
+        (low, _), (_, high) = (entry.interval_m or (0.0, 0.0) for entry in order[:2])
+        first, second = (entry.name for entry in order[:2])
+        texts.append(f"{first} {'is' if low > high else 'is not'} ahead of {second} beyond them")
+    return "; ".join(texts) + "."
+
+
+def _course_text(order: Sequence[Terms], places: Sequence[Crossing]) -> str:
+    """Sentence on the ranges over the illuminance, and on where the sensors change places."""
+    steps = ", ".join(f"{klux:g}" for klux in ILLUMINANCES_KLUX)
+    courses = "; ".join(
+        f"{entry.name} {', '.join('nothing' if reached <= 0.0 else f'{reached:.0f}' for reached in entry.course_m)} m"
+        for entry in order
+    )
+    if len(order) < 2:
+        return f"The same under {steps} klux: {courses}."
+    changes = [
+        f"{crossing.ahead_above} overtakes {crossing.ahead_below} at {crossing.illuminance_klux:.3g} klux, "
+        f"{crossing.range_m:.0f} m"
+        for crossing in places
+    ]
+    return f"The same under {steps} klux: {courses}. {'; '.join(changes) or 'Their order does not change'}."
+
+
+def _range_under(sensor: Sensor, target: Target, klux: float, visibility_m: float | None = None) -> float:
+    lit = with_haze(sensor, replace(target, illuminance_klux=klux), visibility_m)
+    return plane.range_at_probability_m(sensor, lit, PROBABILITY)
 
 
 def _terms(name: str, sensor: Sensor, target: Target, per_pulse: float) -> Terms:
-    equal, changes = _physical(sensor)
+    equal, statistics_change = _physical(sensor)
     equal, power_change = _safe(equal)
-    changes += power_change
+    threshold_change: tuple[str, ...] = ()
     if equal.tdc.threshold_to_noise is None:
-        changes += ("a threshold that is not a ratio to noise",)
+        threshold_change = ("a threshold that is not a ratio to noise",)
     else:
         before = float(equal.tdc.threshold_to_noise)
         equal = _with_false_points(equal, target, per_pulse)
         after = float(equal.tdc.threshold_to_noise or 0.0)
         if abs(after - before) > 0.005 * before:
-            changes += (f"threshold {before:.3g} of the noise for {after:.3g}",)
+            threshold_change = (f"threshold {before:.3g} of the noise for {after:.3g}",)
+    gain_change: tuple[str, ...] = ()
     if isinstance(equal.detector, Apd):
         equal, gain_change = _at_best_gain(equal, equal.detector, target, per_pulse)
-        changes += gain_change
+    range_m = plane.range_at_probability_m(equal, target, PROBABILITY)
+    limited = float(equal.laser.peak_power_w) != float(sensor.laser.peak_power_w)
     return Terms(
         name=name,
         sensor=equal,
         file_range_m=plane.range_at_probability_m(sensor, target, PROBABILITY),
-        range_m=plane.range_at_probability_m(equal, target, PROBABILITY),
+        range_m=range_m,
+        interval_m=range_interval_m(
+            equal, target, range_m, without={"detector.gain", *(["laser.peak_power_w"] if limited else [])}
+        ),
         false_points=statistics.false_points(equal, target).per_pulse,
-        changes=changes,
+        course_m=tuple(_range_under(equal, target, klux) for klux in ILLUMINANCES_KLUX),
+        changes=(*power_change, *gain_change, *statistics_change, *threshold_change),
     )
+
+
+def range_interval_m(
+    sensor: Sensor, target: Target, range_m: float, *, without: Collection[str] = ()
+) -> tuple[float, float] | None:
+    """Ends of the range of `PROBABILITY` that the sensor's uncertainties give, root of summed squares (T222).
+
+    range_m  range without them
+    without  numbers that are set and not read from the file, such as a power at the limit of class 1
+
+    None if the sensor states no uncertainty of a number that its range depends on.
+    """
+    values, below, above = sensitivities.parameters(sensor, target), [], []
+    for name in sensor.uncertainty.keys() & values.keys() - set(without):
+        half = sensor.uncertainty[name]
+        ends = []
+        for value in (max(values[name] - half, 0.0), values[name] + half):
+            changed, _ = sensitivities.with_parameters(sensor, target, {name: value})
+            ends.append(plane.range_at_probability_m(changed, target, PROBABILITY) - range_m)
+        below.append(min(*ends, 0.0))
+        above.append(max(*ends, 0.0))
+    if not below:
+        return None
+    return range_m - math.hypot(*below), range_m + math.hypot(*above)
 
 
 def _physical(sensor: Sensor) -> tuple[Sensor, tuple[str, ...]]:
@@ -122,7 +239,7 @@ def _safe(sensor: Sensor) -> tuple[Sensor, tuple[str, ...]]:
     if report.margin >= 1.0:
         return sensor, ()
     limit_w = report.class_1_peak_power_w
-    words = f"{power_w:.3g} W, {power_w / limit_w:.3g} times class 1"
+    words = f"{power_w:.3g} W, not class 1 but {power_w / limit_w:.3g} times its limit"
     return replace(sensor, laser=replace(sensor.laser, peak_power_w=limit_w)), (words,)
 
 
@@ -166,7 +283,10 @@ def _at_best_gain(sensor: Sensor, diode: Apd, target: Target, per_pulse: float) 
     present = -shortfall(math.log(float(diode.gain)))
     if not -best.fun > present * (1.0 + _NO_GAIN_WORTH):
         return with_gain(math.log(float(diode.gain))), ()
-    return with_gain(float(best.x)), (f"gain {diode.gain:.3g}, best {math.exp(best.x):.3g}",)
+    optimum = math.exp(best.x)
+    off = 100.0 * (float(diode.gain) / optimum - 1.0)
+    words = f"gain {diode.gain:.3g}, {abs(off):.0f} % {'above' if off > 0.0 else 'below'} its best {optimum:.3g}"
+    return with_gain(float(best.x)), (words,)
 
 
 def _range_text(range_m: float) -> str:
