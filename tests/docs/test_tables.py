@@ -240,7 +240,7 @@ def check_published(name: str) -> list[Held]:
 
 def test_published_against_simulated() -> None:
     """Largest errors of the ranges, in words that `catalog check` prints row by row."""
-    ranges = [row for name in catalog.names("sensors") for row in check_published(name) if row.quantity == "range"]
+    ranges = [row for name in catalog.names("sensors") for row in published_values.compare_ranges(name)]
     errors = {row.value: row for row in ranges if row.value is not None}
     worst_low, worst_high = errors[min(errors)], errors[max(errors)]
     assert [(row.subject, row.condition[:3]) for row in (worst_low, worst_high)] == [

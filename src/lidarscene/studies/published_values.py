@@ -70,16 +70,28 @@ def compare(name: str) -> list[Held]:
     """
     published = published_performance(name) or PublishedFile(source="unknown")
     sensor = load_sensor(name, overrides=published.settings)
+    as_delivered = load_sensor(name) if published.settings else sensor
     rows = (
-        _range(sensor, published, published.reflectivity, published.range_m),
-        *(_range(sensor, published, *pair) for pair in published.also),
+        *_ranges(sensor, published),
         _twice_the_range(sensor, published),
         *_modes(name, sensor, published),
         *(repeatability(sensor, published, entry) for entry in published.repeatability),
         _false_points(sensor, published),
-        _row("points/s", "", published.points_per_second, points_per_second(load_sensor(name))),
+        _row("points/s", "", published.points_per_second, points_per_second(as_delivered)),
     )
     return [replace(row, subject=name) for row in rows]
+
+
+def compare_ranges(name: str) -> list[Held]:
+    """Compare only the published ranges of a catalogue sensor, the fitted one first. Raises InputError."""
+    published = published_performance(name) or PublishedFile(source="unknown")
+    rows = _ranges(load_sensor(name, overrides=published.settings), published)
+    return [replace(row, subject=name) for row in rows]
+
+
+def _ranges(sensor: Sensor, published: PublishedFile) -> list[Held]:
+    pairs = ((published.reflectivity, published.range_m), *published.also)
+    return [_range(sensor, published, *pair) for pair in pairs]
 
 
 def _row(quantity: str, condition: str, published: float | None, simulated: float | None, unit: str = "") -> Held:
