@@ -22,7 +22,7 @@ def tables(name="table1-sipm"):
         "peak_power_w": 1.0,
     }
     sensor_tables["detector"], sensor_tables["histogram"] = dict(PIXEL), dict(SUM)
-    for key in ("tdc", "sources", "published", "sampler"):
+    for key in ("tdc", "sources", "published", "sampler", "uncertainty"):
         sensor_tables.pop(key, None)
     return sensor_tables
 

@@ -68,6 +68,8 @@ MADE_BEFORE = {
 RASTER = ("scanner.azimuth_step_deg=4", "scanner.elevation_step_deg=4")
 SPINNING = ("scanner.columns_per_turn=64", "laser.repetition_rate_khz=81.92")
 COARSE = {
+    "apd-905": RASTER,
+    "sipm-905": RASTER,
     "table1-apd": RASTER,
     "table1-sipm": RASTER,
     "biaxial-905": RASTER,

@@ -380,7 +380,8 @@ def test_a_frame_of_each(mi: Any, name: str) -> None:
 def test_an_echo_that_fades_is_found_as_often_as_noise(name: str, klux: float) -> None:
     """P_d never falls with the power, and starts from P_f. Of a comparator to 1 %; McIntyre's tail is no matter of (8),
     which is Gaussian. Of counted photons P_f is that of the bins that are searched, and holds to a factor of 10: (T98)
-    knows noise on top of an echo, and that of bare noise to its order.
+    knows noise on top of an echo, and that of bare noise to its order. A count that is followed in time has all instants
+    of the pulse to pass the threshold, not one: some tens of them.
     """
     sensor = load_sensor(name)
     light = plane.echoes_of_plane(sensor, Target(illuminance_klux=klux), np.full(200, 20.0))
@@ -394,7 +395,9 @@ def test_an_echo_that_fades_is_found_as_often_as_noise(name: str, klux: float) -
     assert found[-1] > 0.99
     tail: Any = "gaussian" if isinstance(sensor.detector, Apd) else None
     of_noise = statistics.false_alarm_probability(sensor, Target(illuminance_klux=klux), tail=tail)
-    if sensor.histogram is None:
+    if sensor.histogram is None and point.edge is not None:
+        assert of_noise < found[0] < 30.0 * of_noise
+    elif sensor.histogram is None:
         assert found[0] == pytest.approx(of_noise, rel=0.01)
     else:
         bins = 2 * sensor.histogram.search + 1

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 COMPARE_HELP = """\
 examples:
-  lidarscene compare street --sensors table1-apd,table1-sipm -o out/compare
+  lidarscene compare street --sensors apd-905,sipm-905 -o out/compare
   lidarscene compare garage --sensors table1-apd,table1-sipm --illuminance 0.05,1,10,100 -o out/garage
   lidarscene compare car --sensors vlp-16,table1-apd,table1-sipm --same-beams -o out/beams
   lidarscene compare day.ply night.ply -o out/clouds

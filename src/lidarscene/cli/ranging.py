@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 
 RANGE_HELP = """\
 examples:
-  lidarscene range table1-apd table1-sipm
-  lidarscene range table1-apd table1-sipm --over distance --plot out/snr.png --csv out/snr.csv
-  lidarscene range table1-apd table1-sipm --over illuminance --set table1-sipm:detector.statistics=time_domain
+  lidarscene range apd-905 sipm-905
+  lidarscene range apd-905 sipm-905 --over distance --plot out/snr.png --csv out/snr.csv
+  lidarscene range apd-905 sipm-905 --over illuminance --set sipm-905:detector.cells=1600
   lidarscene range table1-apd --over detector.gain --quantity snr --distance 200 --from 1 --to 300
 """
 

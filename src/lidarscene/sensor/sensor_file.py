@@ -181,17 +181,19 @@ class SensorFile(FileModel):
     intensity: AnyIntensityFile | None = Field(default=None, description="the maker's scale; the amplitude if left out")
     published: PublishedFile | None = Field(default=None, description="for comparison; not used by the simulation")
     sources: dict[str, str] = Field(default_factory=dict)
-    uncertainty: dict[str, Annotated[float, Field(gt=0)]] = Field(
+    uncertainty: dict[str, Annotated[float, Field(gt=0, le=1e12)]] = Field(
         default_factory=dict, description="how far a number may be off, either way, by dotted key and in its unit"
     )
 
     @model_validator(mode="after")
     def _uncertainty_of_numbers(self) -> SensorFile:
-        for key in self.uncertainty:
+        for key, half in self.uncertainty.items():
             table, _, field = key.partition(".")
             value = getattr(getattr(self, table, None), field, None) if table in UNCERTAIN else None
             if isinstance(value, bool) or not isinstance(value, (int, float)):
                 raise ValueError(f"uncertainty.{key}: must be a number of {', '.join(UNCERTAIN)} in this file")
+            if half > abs(value) > 0.0:
+                raise ValueError(f"uncertainty.{key}: must be <= {abs(value):g}, the number itself, got {half:g}")
         return self
 
     @model_validator(mode="after")

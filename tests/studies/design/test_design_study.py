@@ -56,7 +56,7 @@ def numbers_of(path: Path, folder: Path, **options: Any) -> dict[str, Any]:
 def test_gain_of_an_apd_in_closed_form(tmp_path: Path) -> None:
     """The shipped study against the search over the exact SNR and the closed form, 0.1 %."""
     numbers = numbers_of(catalog.path_of("designs", "gain"), tmp_path / "out")
-    best = best_gain(load_sensor("table1-apd"), plane.Target(), range_m=150.0)
+    best = best_gain(load_sensor("apd-905"), plane.Target(), range_m=150.0)
     gain = numbers["chosen"]["values"]["detector.gain"]
     assert gain == pytest.approx(best.searched, rel=1e-3)
     assert gain == pytest.approx(best.closed_form, rel=1e-3)

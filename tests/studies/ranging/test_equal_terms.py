@@ -11,7 +11,7 @@ from lidarscene.errors import InputError
 from lidarscene.sensor.detectors import Apd
 from lidarscene.studies.eye_safety.eye_safety_report import eye_safety_report
 from lidarscene.studies.ranging import plane, statistics
-from lidarscene.studies.ranging.equal_terms import ILLUMINANCES_KLUX, crossings, equal_terms, verdict
+from lidarscene.studies.ranging.equal_terms import ILLUMINANCES_KLUX, crossings, equal_terms, range_under_m, verdict
 from lidarscene.studies.ranging.plane import Target
 from lidarscene.studies.ranging.sensitivities import parameters, with_parameters
 
@@ -24,7 +24,7 @@ SET = ("laser.peak_power_w", "detector.gain")
 def test_false_points_and_class_1_are_equal(klux: float) -> None:
     target = Target(illuminance_klux=klux)
     terms = equal_terms([(name, load_sensor(name)) for name in NAMES], target)
-    per_pulse = [statistics.false_points(entry.sensor, target).per_pulse for entry in terms]
+    per_pulse = [statistics.false_points(entry.sensor, target, 1e6).per_pulse for entry in terms]
     np.testing.assert_allclose(per_pulse, per_pulse[0], rtol=1e-3)
     for entry in terms:
         assert eye_safety_report(entry.sensor, scanned=True).margin >= 1.0 - 1e-9
@@ -43,7 +43,7 @@ def test_the_gain_is_the_best_one() -> None:
         ratios = np.geomspace(3.0, 12.0, 400)
         points = [
             statistics.false_points(
-                replace(other, tdc=replace(other.tdc, threshold_to_noise=ratio)), Target()
+                replace(other, tdc=replace(other.tdc, threshold_to_noise=ratio)), Target(), 1e6
             ).per_pulse
             for ratio in ratios
         ]
@@ -86,8 +86,8 @@ def test_where_the_order_changes() -> None:
     assert ILLUMINANCES_KLUX[2] < crossing.illuminance_klux < ILLUMINANCES_KLUX[3]
 
     def ranges_m(klux: float) -> dict[str, float]:
-        lit = Target(illuminance_klux=klux)
-        return {entry.name: plane.range_at_probability_m(entry.sensor, lit, 0.9) for entry in terms}
+        per_pulse = terms[0].false_points
+        return {entry.name: range_under_m(entry.sensor, Target(), klux, per_pulse) for entry in terms}
 
     # The place is narrowed to 1e-4 of the illuminance, and ranges go with less than its root.
     assert list(ranges_m(crossing.illuminance_klux).values()) == pytest.approx([crossing.range_m] * 2, rel=1e-4)
@@ -137,6 +137,7 @@ def test_uncertainty_of_a_number_that_is_set_lapses() -> None:
         ('"detector.pdf" = 0.1', r"uncertainty\.detector\.pdf: must be a number of laser, optics"),
         ('"scanner.azimuth_fov_deg" = 1', r"uncertainty\.scanner\.azimuth_fov_deg: must be a number of laser"),
         ('"detector.statistics" = 1', r"uncertainty\.detector\.statistics: must be a number of laser"),
+        ('"detector.pde" = 0.23', r"uncertainty\.detector\.pde: must be <= 0\.22, the number itself, got 0\.23"),
         ('"detector.cells" = -1', r"uncertainty\.detector\.cells: must be > 0, got -1"),
     ],
 )

@@ -33,6 +33,7 @@ ILLUMINANCES_KLUX = (1.0, 10.0, 50.0, 100.0, 130.0)
 
 _GAINS = (1.0, 1000.0)
 _RATIOS = (0.5, 50.0)  # thresholds over noise that are tried
+_ALIKE = 1e-6  # logarithm of false points over wanted ones within which they are as wanted
 _NO_GAIN_WORTH = 0.01
 """Share of the range below which a better gain is not named."""
 
@@ -77,7 +78,7 @@ def equal_terms(
     Time-domain statistics, class 1 with the beam scanning, the gain of the longest range. A threshold that is no ratio
     to the noise stays, and so does a power that is not known; `Terms.changes` says so.
     """
-    per_pulse = statistics.false_points(_physical(sensors[0][1])[0], target).per_pulse
+    per_pulse = false_points(_physical(sensors[0][1])[0], target)
     return [_terms(name, sensor, with_haze(sensor, target, visibility_m), per_pulse) for name, sensor in sensors]
 
 
@@ -86,10 +87,14 @@ def crossings(terms: Sequence[Terms], target: Target, *, visibility_m: float | N
     from scipy.optimize import brentq
 
     places = []
+
+    def range_under(entry: Terms, klux: float) -> float:
+        return range_under_m(entry.sensor, with_haze(entry.sensor, target, visibility_m), klux, terms[0].false_points)
+
     for first, second in itertools.combinations(terms, 2):
 
         def lead(log_klux: float, pair: tuple[Terms, Terms] = (first, second)) -> float:
-            first_m, second_m = (_range_under(entry.sensor, target, math.exp(log_klux), visibility_m) for entry in pair)
+            first_m, second_m = (range_under(entry, math.exp(log_klux)) for entry in pair)
             return first_m - second_m
 
         leads = [a - b for a, b in zip(first.course_m, second.course_m, strict=True)]
@@ -98,7 +103,7 @@ def crossings(terms: Sequence[Terms], target: Target, *, visibility_m: float | N
             if before * after < 0.0:
                 klux = math.exp(float(brentq(lead, math.log(low), math.log(high), xtol=1e-4)))
                 below, above = (first, second) if before > 0.0 else (second, first)
-                reached_m = _range_under(first.sensor, target, klux, visibility_m)
+                reached_m = range_under(first, klux)
                 places.append(
                     Crossing(illuminance_klux=klux, range_m=reached_m, ahead_below=below.name, ahead_above=above.name)
                 )
@@ -158,8 +163,11 @@ def _course_text(order: Sequence[Terms], places: Sequence[Crossing]) -> str:
     return f"The same under {steps} klux: {courses}. {'; '.join(changes) or 'Their order does not change'}."
 
 
-def _range_under(sensor: Sensor, target: Target, klux: float, visibility_m: float | None = None) -> float:
-    lit = with_haze(sensor, replace(target, illuminance_klux=klux), visibility_m)
+def range_under_m(sensor: Sensor, target: Target, klux: float, per_pulse: float) -> float:
+    """Range under another illuminance with a threshold of as many false points."""
+    lit = replace(target, illuminance_klux=klux)
+    if sensor.tdc.threshold_to_noise is not None:
+        sensor = _with_false_points(sensor, lit, per_pulse)
     return plane.range_at_probability_m(sensor, lit, PROBABILITY)
 
 
@@ -188,8 +196,8 @@ def _terms(name: str, sensor: Sensor, target: Target, per_pulse: float) -> Terms
         interval_m=range_interval_m(
             equal, target, range_m, without={"detector.gain", *(["laser.peak_power_w"] if limited else [])}
         ),
-        false_points=statistics.false_points(equal, target).per_pulse,
-        course_m=tuple(_range_under(equal, target, klux) for klux in ILLUMINANCES_KLUX),
+        false_points=false_points(equal, target),
+        course_m=tuple(range_under_m(equal, target, klux, per_pulse) for klux in ILLUMINANCES_KLUX),
         changes=(*power_change, *gain_change, *statistics_change, *threshold_change),
     )
 
@@ -218,6 +226,14 @@ def range_interval_m(
     return range_m - math.hypot(*below), range_m + math.hypot(*above)
 
 
+def false_points(sensor: Sensor, target: Target) -> float:
+    """False points a pulse in the light of the target, without its echo.
+
+    In the dark of the sky a SiPM's floor of a cell sets its alarms, and no ratio to the noise would.
+    """
+    return statistics.false_points(sensor, target, math.inf).per_pulse
+
+
 def _physical(sensor: Sensor) -> tuple[Sensor, tuple[str, ...]]:
     """Sensor with the statistics of the time domain, and what it had otherwise."""
     detector = sensor.detector
@@ -244,15 +260,18 @@ def _safe(sensor: Sensor) -> tuple[Sensor, tuple[str, ...]]:
 
 
 def _with_false_points(sensor: Sensor, target: Target, per_pulse: float) -> Sensor:
-    """Sensor whose threshold gives as many false points on the sky; the nearest one within `_RATIOS`."""
+    """Sensor whose threshold gives as many `false_points`; the nearest one within `_RATIOS`."""
 
     def with_ratio(log_ratio: float) -> Sensor:
         return replace(sensor, tdc=replace(sensor.tdc, threshold_to_noise=math.exp(log_ratio)))
 
     def excess(log_ratio: float) -> float:
-        points = statistics.false_points(with_ratio(log_ratio), target).per_pulse
+        points = false_points(with_ratio(log_ratio), target)
         return math.log(max(points, 1e-300)) - math.log(max(per_pulse, 1e-300))
 
+    # Where a SiPM's floor of a cell is the threshold, all ratios have the same false points: the file's own stays.
+    if abs(excess(math.log(float(sensor.tdc.threshold_to_noise or 1.0)))) < _ALIKE:
+        return sensor
     return with_ratio(_root(excess, math.log(_RATIOS[0]), math.log(_RATIOS[1])))
 
 
