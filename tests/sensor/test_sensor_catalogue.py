@@ -380,8 +380,8 @@ def test_a_frame_of_each(mi: Any, name: str) -> None:
 def test_an_echo_that_fades_is_found_as_often_as_noise(name: str, klux: float) -> None:
     """P_d never falls with the power, and starts from P_f. Of a comparator to 1 %; McIntyre's tail is no matter of (8),
     which is Gaussian. Of counted photons P_f is that of the bins that are searched, and holds to a factor of 10: (T98)
-    knows noise on top of an echo, and that of bare noise to its order. A count that is followed in time has all instants
-    of the pulse to pass the threshold, not one: some tens of them.
+    knows noise on top of an echo, and that of bare noise to its order. A count that is followed in time has all
+    instants of the pulse to pass the threshold, not one: some tens of them.
     """
     sensor = load_sensor(name)
     light = plane.echoes_of_plane(sensor, Target(illuminance_klux=klux), np.full(200, 20.0))

@@ -187,13 +187,11 @@ class SensorFile(FileModel):
 
     @model_validator(mode="after")
     def _uncertainty_of_numbers(self) -> SensorFile:
-        for key, half in self.uncertainty.items():
+        for key in self.uncertainty:
             table, _, field = key.partition(".")
             value = getattr(getattr(self, table, None), field, None) if table in UNCERTAIN else None
             if isinstance(value, bool) or not isinstance(value, (int, float)):
                 raise ValueError(f"uncertainty.{key}: must be a number of {', '.join(UNCERTAIN)} in this file")
-            if half > abs(value) > 0.0:
-                raise ValueError(f"uncertainty.{key}: must be <= {abs(value):g}, the number itself, got {half:g}")
         return self
 
     @model_validator(mode="after")
