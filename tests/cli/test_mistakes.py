@@ -294,7 +294,7 @@ def test_bad_form_of_set(run: Run, tmp_path: Path, wall: str, assignment: str, m
         (["--coordinates", "car"], "argument --coordinates/--frame: invalid choice: 'car'"),
         (["--sensor", "table1-apx"], "no sensor 'table1-apx' in the catalogue; did you mean table1-apd?"),
         (["--sensor", "none.toml"], "none.toml: no such file"),
-        (["--sensor", "long" * 99], f"no sensor '{'long' * 99}' in the catalogue; it has biaxial-905"),
+        (["--sensor", "long" * 99], f"no sensor '{'long' * 99}' in the catalogue; it has apd-905"),
         (["--sensor", "wall.toml"], "wall.toml: "),
         (["--sensor", "./sensor"], "sensor: the name of a sensor file ends in .toml"),
         (["--picture", "o.gif"], "--picture o.gif: the name must end in .png or .svg"),
