@@ -9,7 +9,7 @@ from typing import Any
 
 import lazy_loader
 
-from .files.facts import register_viewer
+from .files.facts import register
 
 # Public names stand in __init__.pyi, and are imported when first asked for: importing the package costs nothing.
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
@@ -21,5 +21,11 @@ def _view(content: Any, **options: Any) -> Any:
     return view_in_notebook(content, **options)
 
 
-# `PointCloud.view` and `Scene.view` need the page, which is in a higher tier: it is registered here.
-register_viewer(_view)
+def _draw(cloud: Any, **options: Any) -> Any:
+    from .figures.pictures import draw_in_memory
+
+    return draw_in_memory(cloud, **options)
+
+
+# Methods of `PointCloud` and `Scene` need what is in higher tiers: it is registered here.
+register(view=_view, draw=_draw)

@@ -43,6 +43,15 @@ def print_text(text: str) -> None:
             raise OutputError(f"standard output: cannot be written: {error.strerror}") from None
 
 
+def save_report(report: Report, folder: Path, *, as_json: bool) -> str:
+    """Write a study's report into a folder; returns the text to print."""
+    with progress("files", after_s=1.0) as show:
+        report.save(folder, progress=show)
+    if as_json:
+        return json_text({**report.numbers, "files": [str(folder / name) for name in report.file_names]}, indent=1)
+    return f"{report}\nwrote {folder / PAGE} and the files beside it"
+
+
 def print_error(text: str) -> None:
     """Print an error to the error stream."""
     sys.stderr.write(f"lidarscene: error: {text}\n")

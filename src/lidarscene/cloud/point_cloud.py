@@ -155,7 +155,7 @@ class PointCloud(Cloud):
         height_px  of the frame in the notebook
         The object returned also has `save(path)`, which writes the page. Raises InputError.
         """
-        return facts.show_with_viewer(self, scene=scene, sensor=sensor, height_px=height_px)
+        return facts.call_registered("view", self, scene=scene, sensor=sensor, height_px=height_px)
 
     def _repr_png_(self) -> bytes:
         """A small picture, for notebooks."""

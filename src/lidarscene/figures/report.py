@@ -10,13 +10,17 @@ import csv
 import html
 import io
 import itertools
+import os
 import re
+import tempfile
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ..files.atomic import put_text, require_writable
+from ..errors import InputError
+from ..files.atomic import atomic_folder, put_text, require_writable
+from ..files.facts import Picture
 from ..files.json_text import json_text
 from . import lines
 from .lines import Chart
@@ -37,6 +41,15 @@ a { color: #0072b2; }
 .row { display: grid; grid-template-columns: repeat(auto-fit, minmax(min(30rem, 100%), 1fr)); gap: 0 1.5rem; }
 .row figure { margin: 1rem 0; }
 """
+
+_NOTEBOOK_STYLE = """
+.lidarscene figure { margin: 1rem 0; } .lidarscene figure img { width: 100%; max-width: 40rem; height: auto; }
+.lidarscene .row { display: grid; grid-template-columns: repeat(auto-fit, minmax(20rem, 1fr)); gap: 0 1rem; }
+.lidarscene .scroll { overflow-x: auto; } .lidarscene h1 { font-size: 1.3rem; } .lidarscene h2 { font-size: 1.1rem; }
+"""
+
+PAGE = "index.html"
+"""Page of every report."""
 
 _MEDIA = {"png": "image/png", "csv": "text/csv"}
 
@@ -63,146 +76,315 @@ class Figure(NamedTuple):
     caption: str
     number: str = ""
 
+    @property
+    def is_chart(self) -> bool:
+        """Whether it is a chart, which is drawn as SVG too."""
+        return isinstance(self.drawing, Chart)
 
-@dataclass
-class Report:
-    """Blocks in order, each added once for all forms.
+    def draw(self, *paths: Path) -> None:
+        """Draw it to files; a chart to several, of its forms. Raises OutputError."""
+        if isinstance(self.drawing, Chart):
+            lines.save(self.drawing, paths)
+        else:
+            self.drawing(*paths)
 
-    folder   of the report and its figures
-    embeds   whether the HTML contains the figures, so that it can be sent alone; False: it links to the files beside it
-    columns  whether figures that follow each other stand side by side, where there is room
-    digits   of the numbers in CSV files
+
+class _Heading(NamedTuple):
+    text: str
+
+    def as_text(self) -> str:
+        return f"\n{self.text}"
+
+    def as_markdown(self) -> str:
+        return f"## {_escape(self.text)}"
+
+    def as_html(self, _: _Files) -> str:
+        return f"<h2>{html.escape(self.text)}</h2>"
+
+
+class _Paragraph(NamedTuple):
+    text: str
+
+    def as_text(self) -> str:
+        return self.text
+
+    def as_markdown(self) -> str:
+        return _escape(self.text)
+
+    def as_html(self, _: _Files) -> str:
+        return f"<p>{html.escape(self.text)}</p>"
+
+
+class _TableBlock(NamedTuple):
+    header: Sequence[str]
+    rows: Sequence[Sequence[str]]
+
+    def as_text(self) -> str:
+        return text_table(self.header, self.rows)
+
+    def as_markdown(self) -> str:
+        head_cells, *body_cells = ([_escape(cell) for cell in row] for row in (self.header, *self.rows))
+        all_cells = [head_cells, ["---"] * len(self.header), *body_cells]
+        return "\n".join("| " + " | ".join(cells) + " |" for cells in all_cells)
+
+    def as_html(self, _: _Files) -> str:
+        head = "".join(f"<th>{html.escape(cell)}</th>" for cell in self.header)
+        body = "".join(
+            "<tr>" + "".join(f"<td>{html.escape(_with_unit(cell))}</td>" for cell in row) + "</tr>\n"
+            for row in self.rows
+        )
+        return f'<div class="scroll"><table><thead><tr>{head}</tr></thead>\n<tbody>{body}</tbody></table></div>'
+
+
+class _FigureBlock(NamedTuple):
+    figure: Figure
+
+    def as_text(self) -> str | None:
+        return None
+
+    @property
+    def shown_name(self) -> str:
+        return f"Fig. {self.figure.number}" if self.figure.number else self.figure.name
+
+    def as_markdown(self) -> str:
+        name = self.figure.name
+        drawn = f"[SVG]({name}.svg), " if self.figure.is_chart else ""
+        caption = f"**{self.shown_name}** {_escape(self.figure.caption)} {drawn}[CSV]({name}.csv)"
+        return f"![{self.shown_name}]({name}.png)\n\n{caption}"
+
+    def as_html(self, files: _Files) -> str:
+        name = self.figure.name
+        linked = f'<a href="{name}.svg">SVG</a>, ' if self.figure.is_chart and files.are_beside else ""
+        size = ' width="1200" height="840"' if self.figure.is_chart else ""
+        return (
+            f'<figure><img src="{files.source(f"{name}.png")}" alt="{html.escape(self.shown_name)}"{size}>'
+            f"<figcaption><b>{html.escape(self.shown_name)}</b> {html.escape(self.figure.caption)} "
+            f"{linked}<a {files.link(f'{name}.csv')}>CSV</a></figcaption></figure>"
+        )
+
+
+class _Pictures(NamedTuple):
+    captioned: Sequence[tuple[str, str]]
+
+    def as_text(self) -> str | None:
+        return None
+
+    def as_markdown(self) -> str:
+        return "\n\n".join(f"![{name}]({name}.png)\n\n{_escape(caption)}" for name, caption in self.captioned)
+
+    def as_html(self, files: _Files) -> str:
+        figures = "".join(
+            f'<figure><img src="{files.source(f"{name}.png")}" alt="{html.escape(name)}">'
+            f"<figcaption>{html.escape(caption)}</figcaption></figure>"
+            for name, caption in self.captioned
+        )
+        return f'<div class="row">{figures}</div>'
+
+
+_Block = _Heading | _Paragraph | _TableBlock | _FigureBlock | _Pictures
+
+
+class _Files(NamedTuple):
+    """How HTML names the files of its figures.
+
+    folder      that they are in
+    embeds      whether the HTML contains them
+    are_beside  whether they will be beside the page
     """
 
-    title: str
-    folder: Path = Path()
-    embeds: bool = True
-    columns: bool = False
-    digits: int = 7
-    text: list[str] = field(default_factory=list)
-    markdown: list[str] = field(default_factory=list)
-    body: list[str] = field(default_factory=list)
+    folder: Path
+    embeds: bool
+    are_beside: bool = True
 
-    def heading(self, text: str) -> None:
-        """Add a heading of the second level."""
-        self.text.append(f"\n{text}")
-        self.markdown.append(f"## {_escape(text)}")
-        self.body.append(f"<h2>{html.escape(text)}</h2>")
-
-    def paragraph(self, text: str) -> None:
-        """Add a paragraph of plain text."""
-        self.text.append(text)
-        self.markdown.append(_escape(text))
-        self.body.append(f"<p>{html.escape(text)}</p>")
-
-    def figure(self, figure: Figure) -> None:
-        """Draw a figure, write its CSV and add both. Raises OutputError."""
-        name, drawing, data, caption, number = figure
-        is_chart = isinstance(drawing, Chart)
-        if isinstance(drawing, Chart):
-            lines.save(drawing, [self.folder / f"{name}.png", self.folder / f"{name}.svg"])
-        else:
-            drawing(self.folder / f"{name}.png")
-        self.data(name, data)
-        shown_name = f"Fig. {number}" if number else name
-        drawn = f"[SVG]({name}.svg), " if is_chart else ""
-        linked = f'<a href="{name}.svg">SVG</a>, ' if is_chart else ""
-        size = ' width="1200" height="840"' if is_chart else ""
-        self.markdown.append(
-            f"![{shown_name}]({name}.png)\n\n**{shown_name}** {_escape(caption)} {drawn}[CSV]({name}.csv)"
-        )
-        self.body.append(
-            f'<figure><img src="{self._source(f"{name}.png")}" alt="{html.escape(shown_name)}"{size}>'
-            f"<figcaption><b>{html.escape(shown_name)}</b> {html.escape(caption)} "
-            f"{linked}<a {self._link(f'{name}.csv')}>CSV</a></figcaption></figure>"
-        )
-
-    def data(self, name: str, data: Data) -> None:
-        """Write a table as CSV beside the report. Raises OutputError."""
-        put_text(self.folder / f"{name}.csv", csv_text(*data, digits=self.digits))
-
-    def pictures(self, captioned: Sequence[tuple[str, str]]) -> None:
-        """Add PNGs, side by side if there is room: (name without suffix, caption) of each."""
-        self.markdown += [f"![{name}]({name}.png)\n\n{_escape(caption)}" for name, caption in captioned]
-        figures = "".join(
-            f'<figure><img src="{self._source(f"{name}.png")}" alt="{html.escape(name)}">'
-            f"<figcaption>{html.escape(caption)}</figcaption></figure>"
-            for name, caption in captioned
-        )
-        self.body.append(f'<div class="row">{figures}</div>')
-
-    def _source(self, name: str) -> str:
+    def source(self, name: str) -> str:
         """A file's name, or its content as a data URL if figures are embedded."""
         if not self.embeds:
             return name
         data = base64.b64encode((self.folder / name).read_bytes()).decode("ascii")
         return f"data:{_MEDIA[name.rpartition('.')[2]]};base64,{data}"
 
-    def _link(self, name: str) -> str:
-        """The attributes of a link to a file beside the page."""
-        return f'href="{self._source(name)}"' + (f' download="{name}"' if self.embeds else "")
+    def link(self, name: str) -> str:
+        """Attributes of a link to a file beside the page."""
+        return f'href="{self.source(name)}"' + (f' download="{name}"' if self.embeds else "")
 
-    def table(self, header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+
+@dataclass(repr=False)
+class Report:
+    """Result of a study: blocks in order, each added once for all forms. Nothing is drawn before it is asked for.
+
+    numbers     all numbers of the result by name, as its JSON file has them
+    main_table  header and rows of the numbers that `table` gives; None: those of the first table of the page
+    summary     text that a command prints; "": that of all blocks
+    passed      whether all limits that the study holds something to are met; None: there are none
+    pages       files of the page and of the numbers, in the form of each name's suffix
+    embeds      whether the HTML contains the figures, so that it can be sent alone; False: it links to files beside it
+    columns     whether figures that follow each other stand side by side, where there is room
+    digits      of the numbers in CSV files
+    """
+
+    title: str
+    numbers: Any = None
+    main_table: Data | None = None
+    summary: str = ""
+    passed: bool | None = None
+    pages: tuple[str, ...] = (PAGE,)
+    embeds: bool = True
+    columns: bool = False
+    digits: int = 7
+    _blocks: list[_Block] = field(default_factory=list)
+    # Names of files that are written together -> function of their paths.
+    _files: dict[tuple[str, ...], Callable[..., object]] = field(default_factory=dict)
+
+    def add_heading(self, text: str) -> None:
+        """Add a heading of the second level."""
+        self._blocks.append(_Heading(text))
+
+    def add_paragraph(self, text: str) -> None:
+        """Add a paragraph of plain text."""
+        self._blocks.append(_Paragraph(text))
+
+    def add_table(self, header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
         """Add a table of plain text."""
-        self.text.append(text_table(header, rows))
-        head_cells, *body_cells = ([_escape(cell) for cell in row] for row in (header, *rows))
-        all_cells = [head_cells, ["---"] * len(header), *body_cells]
-        self.markdown.append("\n".join("| " + " | ".join(cells) + " |" for cells in all_cells))
-        head = "".join(f"<th>{html.escape(cell)}</th>" for cell in header)
-        body = "".join(
-            "<tr>" + "".join(f"<td>{html.escape(_with_unit(cell))}</td>" for cell in row) + "</tr>\n" for row in rows
-        )
-        self.body.append(
-            f'<div class="scroll"><table><thead><tr>{head}</tr></thead>\n<tbody>{body}</tbody></table></div>'
-        )
+        self._blocks.append(_TableBlock(header, rows))
+
+    def add_figure(self, figure: Figure) -> None:
+        """Add a figure, with its data as CSV beside it."""
+        self._blocks.append(_FigureBlock(figure))
+        self._files[f"{figure.name}.png", *([f"{figure.name}.svg"] if figure.is_chart else [])] = figure.draw
+        self.add_data(figure.name, figure.data)
+
+    def add_pictures(self, pictures: Sequence[tuple[str, str, Callable[[Path], object]]]) -> None:
+        """Add PNGs, side by side if there is room: (name without suffix, caption, function that draws to a path)."""
+        self._blocks.append(_Pictures([(name, caption) for name, caption, _ in pictures]))
+        for name, _, draw in pictures:
+            self.add_file(f"{name}.png", draw)
+
+    def add_data(self, name: str, data: Data) -> None:
+        """Add a table as CSV beside the page; ``name`` is without suffix."""
+        header, rows = data[0], data[1] if isinstance(data[1], Sequence) else list(data[1])
+        self.add_file(f"{name}.csv", lambda path: put_text(path, csv_text(header, rows, digits=self.digits)))
+
+    def add_file(self, name: str, write: Callable[[Path], object]) -> None:
+        """Add a file beside the page, which a function writes to a path."""
+        self._files[(name,)] = write
+
+    def __repr__(self) -> str:
+        return f"Report({self.title!r}: {', '.join(self.file_names)})"
+
+    def __str__(self) -> str:
+        return self.summary or self.as_text()
+
+    @property
+    def file_names(self) -> list[str]:
+        """Names of all files that `save` writes."""
+        return [*self.pages, *itertools.chain(*self._files)]
+
+    @property
+    def figure_names(self) -> list[str]:
+        """Names of the figures and pictures that `plot` draws, in the order of the page."""
+        return list(self._drawings)
+
+    @property
+    def _drawings(self) -> dict[str, Callable[..., object]]:
+        """Name of a figure or picture -> function that draws it to a path."""
+        return {
+            names[0].removesuffix(".png"): draw for names, draw in self._files.items() if names[0].endswith(".png")
+        }
+
+    @property
+    def table(self) -> dict[str, list[Any]]:
+        """Column -> values of the main table, as pandas.DataFrame takes them; numbers where they are known as such."""
+        if self.main_table is None:
+            first = next((block for block in self._blocks if isinstance(block, _TableBlock)), _TableBlock((), ()))
+            header, rows = first.header, [list(row) for row in first.rows]
+        else:
+            header, rows = self.main_table[0], [list(row) for row in self.main_table[1]]
+        return {name: [row[column] for row in rows] for column, name in enumerate(header)}
+
+    def plot(self, name: str | None = None) -> Picture:
+        """Draw a figure of the report, or its first; a notebook shows it. Raises InputError for an unknown name."""
+        drawings = self._drawings
+        if not drawings:
+            raise InputError(f"plot: '{self.title}' has no figures; its numbers are its table")
+        name = next(iter(drawings)) if name is None else name
+        if name not in drawings:
+            raise InputError(f"plot: must be one of {', '.join(drawings)}, got {name!r}")
+        return Picture.drawn(drawings[name])
+
+    def save(
+        self, folder: str | os.PathLike[str], *, progress: Callable[[int, int], object] = lambda done, total: None
+    ) -> None:
+        """Write the page, its figures and their data into a folder; all of them appear or none. Raises OutputError.
+
+        progress  called with (done, total) files
+        """
+        with atomic_folder(folder) as temporary:
+            self._write_files(temporary, progress)
+            for name in self.pages:
+                put_text(temporary / name, self._page(name, temporary))
+
+    def as_json(self) -> str:
+        """JSON text of the numbers; a number that is not finite is null."""
+        return json_text(self.numbers, indent=1)
 
     def as_text(self) -> str:
         """The blocks so far as plain text, without title and figures."""
-        return "\n".join(self.text)
+        return "\n".join(text for block in self._blocks if (text := block.as_text()) is not None)
 
     def as_markdown(self) -> str:
         """The page in Markdown."""
-        return "\n\n".join([f"# {_escape(self.title)}", *self.markdown]) + "\n"
+        return "\n\n".join([f"# {_escape(self.title)}", *(block.as_markdown() for block in self._blocks)]) + "\n"
 
-    def _blocks(self) -> Iterator[str]:
+    def _repr_html_(self) -> str:
+        """The page for a notebook, with all figures in it."""
+        with tempfile.TemporaryDirectory() as folder:
+            for names, write in self._files.items():
+                if names[0].endswith((".png", ".csv")):
+                    write(Path(folder) / names[0])
+            body = "\n".join(self._body(_Files(Path(folder), embeds=True, are_beside=False)))
+        heading = f"<h1>{html.escape(self.title)}</h1>"
+        return f'<style>{_NOTEBOOK_STYLE}</style>\n<div class="lidarscene">{heading}\n{body}</div>'
+
+    def _write_files(self, folder: Path, progress: Callable[[int, int], object]) -> None:
+        """Write the files beside the page."""
+        progress(0, len(self._files))
+        for done, (names, write) in enumerate(self._files.items(), start=1):
+            write(*(folder / name for name in names))
+            progress(done, len(self._files))
+
+    def _page(self, name: str, folder: Path) -> str:
+        """Text of a page in the form of its suffix; its figures lie in ``folder``."""
+        match Path(name).suffix:
+            case ".html":
+                return self._as_html(_Files(folder, self.embeds))
+            case ".md":
+                return self.as_markdown()
+            case _:
+                return self.as_json() + "\n"
+
+    def _body(self, files: _Files) -> Iterator[str]:
         """Yield the HTML of all blocks, figures side by side if `columns` is set."""
-        for is_figure, blocks in itertools.groupby(self.body, lambda block: block.startswith("<figure>")):
+        for is_figure, blocks in itertools.groupby(self._blocks, lambda block: isinstance(block, _FigureBlock)):
             if is_figure and self.columns:
-                yield f'<div class="row">{"".join(blocks)}</div>'
+                yield f'<div class="row">{"".join(block.as_html(files) for block in blocks)}</div>'
             else:
-                yield from blocks
+                yield from (block.as_html(files) for block in blocks)
 
-    def as_html(self) -> str:
+    def _as_html(self, files: _Files) -> str:
         """The page in HTML, including its style."""
         title, wide = html.escape(self.title), ' class="wide"' if self.columns else ""
         return (
             '<!doctype html>\n<html lang="en">\n<head>\n<meta charset="utf-8">\n'
             '<meta name="viewport" content="width=device-width, initial-scale=1">\n'
             f"<title>{title}</title>\n<style>{_STYLE}</style>\n</head>\n<body{wide}>\n<h1>{title}</h1>\n"
-            + "\n".join(self._blocks())
+            + "\n".join(self._body(files))
             + "\n</body>\n</html>\n"
         )
 
-    def write(self, *names: str, numbers: Any = None) -> None:
-        """Write the report into its folder, in the form of each name's suffix. Raises OutputError.
 
-        numbers  content of the JSON
-        """
-        for name in names:
-            match Path(name).suffix:
-                case ".html":
-                    text = self.as_html()
-                case ".md":
-                    text = self.as_markdown()
-                case _:
-                    text = json_text(numbers, indent=1) + "\n"
-            put_text(self.folder / name, text)
-
-
-def require_writable_files(folder: Path, names: Iterable[str]) -> None:
-    """Check that all files can be written, before any work is done. Raises OutputError."""
-    for name in names:
-        require_writable(folder / name)
+def require_writable_report(folder: str | os.PathLike[str]) -> None:
+    """Check that a report can be written into a folder, before any work is done. Raises OutputError."""
+    require_writable(Path(folder) / PAGE)
 
 
 def without_empty_columns(

@@ -1,13 +1,19 @@
 """A few facts of an object: one line for a prompt, a small table for a notebook.
 
-Scenes and sensors hold arrays of millions of numbers, too long to print.
+Scenes and sensors hold arrays of millions of numbers, too long to print. A `Picture` is what plots return.
 """
 
 from __future__ import annotations
 
 import html
+import os
+import tempfile
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
+
+from .atomic import atomic_output
 
 
 def facts_line(kind: str, name: str, facts: Mapping[str, str]) -> str:
@@ -21,15 +27,38 @@ def facts_table(kind: str, name: str, facts: Mapping[str, str]) -> str:
     return f"<table><caption>{html.escape(f'{kind} {name}')}</caption>{rows}</table>"
 
 
-_VIEWERS: list[Callable[..., Any]] = []
-"""Function that views clouds and scenes, if one is registered: it stands in a higher tier, so it registers itself."""
+@dataclass(frozen=True, slots=True)
+class Picture:
+    """A PNG in memory: a notebook shows it, and `save` writes it."""
+
+    png: bytes = field(repr=False)
+
+    @classmethod
+    def drawn(cls, draw: Callable[[Path], object]) -> Picture:
+        """Picture that a function draws to a path."""
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / "picture.png"
+            draw(path)
+            return cls(path.read_bytes())
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write the PNG. Raises OutputError."""
+        with atomic_output(path) as temporary:
+            temporary.write_bytes(self.png)
+
+    def _repr_png_(self) -> bytes:
+        return self.png
 
 
-def register_viewer(viewer: Callable[..., Any]) -> None:
-    """Register the function that `show_with_viewer` calls; `lidarscene/__init__.py` does so."""
-    _VIEWERS[:] = [viewer]
+_REGISTERED: dict[str, Callable[..., Any]] = {}
+"""Functions of higher tiers that methods of clouds and scenes call, by name: they register themselves."""
 
 
-def show_with_viewer(viewable: object, **options: Any) -> Any:
-    """View a cloud or a scene with the registered viewer, and return its result."""
-    return _VIEWERS[0](viewable, **options)
+def register(**functions: Callable[..., Any]) -> None:
+    """Register functions for `call_registered`; `lidarscene/__init__.py` does so."""
+    _REGISTERED.update(functions)
+
+
+def call_registered(name: str, *arguments: Any, **options: Any) -> Any:
+    """Call the registered function of this name, and return its result."""
+    return _REGISTERED[name](*arguments, **options)

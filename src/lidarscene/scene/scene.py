@@ -239,7 +239,7 @@ class Scene:
         height_px  of the frame in the notebook
         The object returned also has `save(path)`, which writes the page. Raises InputError, BackendError.
         """
-        return facts.show_with_viewer(self, sensor=sensor, height_px=height_px)
+        return facts.call_registered("view", self, sensor=sensor, height_px=height_px)
 
     def facts(self) -> dict[str, str]:
         """Facts for a line about the scene, label -> text."""

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any, NamedTuple
 
-from ..figures.report import Table, without_empty_columns
+from ..figures.report import Data, Table, without_empty_columns
 
 MOST_NAMED = 3
 """Largest number of missed limits that `verdict` names."""
@@ -208,3 +208,10 @@ def held_table(rows: Sequence[Held], *, percent: bool = False, **headings: str) 
         for row in rows
     ]
     return without_empty_columns([headings.get(column, column) for column in columns], cells)
+
+
+def held_data(rows: Sequence[Held], **headings: str) -> Data:
+    """Header and values of the rows, numbers as numbers, for `Report.main_table`; ``headings`` as in `held_table`."""
+    columns = ("subject", "quantity", "condition", "unit", "reference", "simulated", "value", "low", "high", "met")
+    values = [row.as_dict(subject="subject", note="note") for row in rows]
+    return [headings.get(column, column) for column in columns], [[row[column] for column in columns] for row in values]

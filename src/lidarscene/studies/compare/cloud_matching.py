@@ -26,13 +26,18 @@ LEAST_SHARED = 0.05
 _NAME_TABLES = {"body": "body_names", "class_id": "class_names", "material": "material_names"}
 
 
-def read_clouds(paths: Sequence[Path]) -> list[Observation]:
-    """Read clouds with ground truth as observations, named after their files. Raises InputError."""
-    clouds = [PointCloud.load(path) for path in paths]
-    for path, cloud in zip(paths, clouds, strict=True):
-        if not cloud.has_truth:
-            raise InputError(f"{path}: the cloud must have ground truth, got one without")
-    return observe_clouds([path.stem for path in paths], clouds)
+def read_clouds(clouds: Sequence[str | os.PathLike[str] | PointCloud]) -> list[Observation]:
+    """Observations of clouds with ground truth, or of files of them, named after file or sensor. Raises InputError."""
+    names, loaded = [], []
+    for cloud in clouds:
+        name = cloud.metadata.get("sensor", "cloud") if isinstance(cloud, PointCloud) else Path(cloud).stem
+        points = cloud if isinstance(cloud, PointCloud) else PointCloud.load(cloud)
+        if not points.has_truth:
+            where = name if isinstance(cloud, PointCloud) else os.fspath(cloud)
+            raise InputError(f"{where}: the cloud must have ground truth, got one without")
+        names.append(name)
+        loaded.append(points)
+    return observe_clouds(names, loaded)
 
 
 def observe_clouds(names: Sequence[str], clouds: Sequence[PointCloud]) -> list[Observation]:

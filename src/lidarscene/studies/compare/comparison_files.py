@@ -1,14 +1,14 @@
-"""Files of a comparison: a page with everything, JSON, CSV, pictures and difference clouds.
+"""Report of a comparison: a page with everything, JSON, CSV, pictures and difference clouds.
 
-`file_names` lists all files before any work is done, so that one that cannot be written is refused first. Numbers in
-the JSON keep their units in their names; null means not known.
+Numbers in the JSON keep their units in their names; null means not known.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import asdict
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -17,9 +17,7 @@ import numpy as np
 from ...cloud import pixels
 from ...cloud.point_cloud import PointCloud
 from ...figures import pictures as plots
-from ...figures.report import Report
-from ...files.atomic import atomic_folder
-from ...files.json_text import json_text
+from ...figures.report import PAGE, Data, Report
 from ...formats.ply import write_columns
 from ...maths.arrays import Numbers
 from ...scene.scene import View
@@ -42,7 +40,7 @@ from .comparison_statistics import (
 from .illuminance_sweep import IlluminanceSweep
 from .observations import Observation
 
-PAGE, NUMBERS = "index.html", "compare.json"
+NUMBERS = "compare.json"
 COLOURS = {"both": (150, 150, 150), "only_a": (0, 114, 178), "only_b": (213, 94, 0)}
 """Colours of a difference cloud's points by kind (sRGB, 0 to 255): grey, and the charts' blue and vermilion."""
 
@@ -50,105 +48,88 @@ _PICTURE_PX = (1200, 675)
 _PAIR_HEADER = ("by", "group", "both", "only_a", "only_b", "neither", "difference", "difference_low", "difference_high")
 
 
-@dataclass(frozen=True, slots=True)
-class ComparisonOutput:
-    """Folder of a comparison and camera of its pictures; None: a camera that shows what is near the first sensor."""
+def comparison_page(comparison: Comparison, view: View | None = None) -> Report:
+    """Report of a comparison: its page, JSON, CSV, pictures and clouds.
 
-    folder: Path
-    view: View | None = None
-
-
-def file_names(names: Sequence[str], *, matched: bool, rated: bool, swept: bool, simulated: bool) -> list[str]:
-    """Names of all files that `write_comparison` may write.
-
-    matched    pulses of the sensors match: difference clouds, pairs and SNR are written
-    rated      detection rates are known
-    swept      there is a sweep over the illuminance
-    simulated  the clouds were rendered, not read: they are written too
+    view  camera of its pictures; None: a camera that shows what is near the first sensor
     """
-    file_slugs = slugs(names)
-    drawn = [*(["rate-range", "rate-incidence", "rate-reflectivity", "rate-class"] if rated else []), "error-range"]
-    drawn += [f"snr-{slug}" for slug in file_slugs[1:]] if matched else []
-    drawn += ["illuminance"] if swept else []
-    pictures = [f"cloud-{slug}.png" for slug in file_slugs]
-    files = [PAGE, NUMBERS, *(f"{stem}.{suffix}" for stem in drawn for suffix in ("png", "csv")), *pictures]
-    files += ["rate-body.csv"] if rated else []
-    files += [f"{slug}.ply" for slug in file_slugs] if simulated else []
-    if matched:
-        files += [f"difference-{slug}.{suffix}" for slug in file_slugs[1:] for suffix in ("ply", "png")]
-        files += [f"pairs-{slug}.csv" for slug in file_slugs[1:]]
-    return files
-
-
-def write_comparison(comparison: Comparison, output: ComparisonOutput, *, as_json: bool = False) -> str:
-    """Write all files; returns the text to print. Raises OutputError."""
-    with atomic_folder(output.folder) as temporary:
-        numbers = _write_files(comparison, dataclasses.replace(output, folder=temporary))
-    page = output.folder / PAGE
-    return numbers if as_json else f"{report.as_text(comparison)}\nwrote {page} and the files beside it"
-
-
-def _write_files(comparison: Comparison, output: ComparisonOutput) -> str:
-    """Write all files into the output's folder; returns the numbers as JSON."""
-    folder, file_slugs = output.folder, slugs([observation.name for observation in comparison.observations])
-    page = Report(comparison.title, folder, columns=True)
+    file_slugs = slugs([observation.name for observation in comparison.observations])
+    numbers = comparison_as_dict(comparison)
+    page = Report(
+        comparison.title,
+        numbers=numbers,
+        main_table=_main_table(numbers),
+        summary=report.as_text(comparison),
+        pages=(PAGE, NUMBERS),
+        columns=True,
+    )
     for sentence in (*comparison.equal_terms, report.verdict(comparison)):
-        page.paragraph(sentence)
-    page.table(*report.fate_table(comparison))
-    page.table(*report.summary_table(comparison))
+        page.add_paragraph(sentence)
+    page.add_table(*report.fate_table(comparison))
+    page.add_table(*report.summary_table(comparison))
     for note in (*comparison.notes, *comparison.aliasing_notes):
-        page.paragraph(note)
+        page.add_paragraph(note)
     if comparison.matched:
-        page.heading("Who found what")
-        page.table(report.PAIRS, report.pair_rows(comparison))
-        _write_pairs(page, comparison, file_slugs)
-    page.heading("The clouds")
-    _draw_clouds(page, comparison, output, file_slugs)
+        page.add_heading("Who found what")
+        page.add_table(report.PAIRS, report.pair_rows(comparison))
+        _add_pairs(page, comparison, file_slugs)
+    page.add_heading("The clouds")
+    _add_clouds(page, comparison, view, file_slugs)
     if comparison.rated:
-        _write_rates(page, comparison)
+        _add_rates(page, comparison)
     else:
-        page.heading("Echoes")
+        page.add_heading("Echoes")
         for key in ("range", "class"):
-            page.table(*report.counts_table(comparison, key))
-    page.heading("Range error")
-    page.figure(figures.range_error_figure(comparison.observations, comparison.group("range")))
-    _write_snr(page, comparison, file_slugs)
+            page.add_table(*report.counts_table(comparison, key))
+    page.add_heading("Range error")
+    page.add_figure(figures.range_error_figure(comparison.observations, comparison.group("range")))
+    _add_snr(page, comparison, file_slugs)
     if comparison.sweep is not None:
-        page.heading("Illuminance")
+        page.add_heading("Illuminance")
         for line in report.crossing_lines(comparison.sweep, comparison.observations[0].name):
-            page.paragraph(line)
-        page.table(*report.sweep_table(comparison.sweep))
-        page.figure(figures.illuminance_figure(comparison.sweep))
+            page.add_paragraph(line)
+        page.add_table(*report.sweep_table(comparison.sweep))
+        page.add_figure(figures.illuminance_figure(comparison.sweep))
     if comparison.seed is not None:
         for observation, slug in zip(comparison.observations, file_slugs, strict=True):
-            observation.cloud.save(folder / f"{slug}.ply")
-    numbers = comparison_as_dict(comparison)
-    page.write(PAGE, NUMBERS, numbers=numbers)
-    return json_text(numbers, indent=1)
+            page.add_file(f"{slug}.ply", observation.cloud.save)
+    return page
 
 
-def _write_rates(page: Report, comparison: Comparison) -> None:
-    page.heading("Detection rate")
+def _main_table(numbers: dict[str, Any]) -> Data:
+    """Pulses, points, false alarms, rate and range error of each sensor, as numbers."""
+    header = ("sensor", "pulses", "points", "false_alarms", "rate", "range_bias_m", "range_sigma_m")
+    rows = []
+    for sensor in numbers["sensors"]:
+        error = sensor["range_error"] or {}
+        rate = (sensor.get("rate") or {}).get("rate")
+        counts = (sensor["pulses"], sensor["points"], sensor["false_alarms"])
+        rows.append((sensor["name"], *counts, rate, error.get("bias_m"), error.get("sigma_m")))
+    return header, rows
+
+
+def _add_rates(page: Report, comparison: Comparison) -> None:
+    page.add_heading("Detection rate")
     observations = comparison.observations
     for key in ("range", "incidence", "reflectivity"):
-        page.figure(figures.rate_figure(observations, comparison.group(key), comparison.population))
-    page.figure(figures.class_rate_figure(observations, comparison.group("class"), comparison.population))
-    page.table(*report.group_table(comparison, "class"))
+        page.add_figure(figures.rate_figure(observations, comparison.group(key), comparison.population))
+    page.add_figure(figures.class_rate_figure(observations, comparison.group("class"), comparison.population))
+    page.add_table(*report.group_table(comparison, "class"))
     body = comparison.group("body")
-    page.data("rate-body", (figures.RATE_HEADER, figures.rate_rows(observations, body)))
+    page.add_data("rate-body", (figures.RATE_HEADER, figures.rate_rows(observations, body)))
     header, rows = report.group_table(comparison, "body", report.MOST_BODIES)
     choice = "with most pulses that only one sensor found" if comparison.matched else "of most pulses"
-    page.paragraph(f"The {len(rows)} bodies {choice}; rate-body.csv has all.")
-    page.table(header, rows)
+    page.add_paragraph(f"The {len(rows)} bodies {choice}; rate-body.csv has all.")
+    page.add_table(header, rows)
 
 
-def _write_snr(page: Report, comparison: Comparison, file_slugs: Sequence[str]) -> None:
+def _add_snr(page: Report, comparison: Comparison, file_slugs: Sequence[str]) -> None:
     if comparison.matched:
-        page.heading("Signal-to-noise ratio")
+        page.add_heading("Signal-to-noise ratio")
     for number, ((a, b), slug) in enumerate(_against_first(comparison, file_slugs), start=1):
         figure = figures.snr_figure(a, b, slug, (comparison.sensors[0], comparison.sensors[number]))
         if figure is not None:
-            page.figure(figure)
+            page.add_figure(figure)
 
 
 def _against_first(
@@ -158,7 +139,7 @@ def _against_first(
     return zip(comparison.against_first(), file_slugs[1:] if comparison.matched else (), strict=True)
 
 
-def _write_pairs(page: Report, comparison: Comparison, file_slugs: Sequence[str]) -> None:
+def _add_pairs(page: Report, comparison: Comparison, file_slugs: Sequence[str]) -> None:
     for (a, b), slug in _against_first(comparison, file_slugs):
         rows = []
         for group in (None, *comparison.groups):
@@ -176,38 +157,43 @@ def _write_pairs(page: Report, comparison: Comparison, file_slugs: Sequence[str]
                             *pair.difference_interval,
                         )
                     )
-        page.data(f"pairs-{slug}", (_PAIR_HEADER, rows))
+        page.add_data(f"pairs-{slug}", (_PAIR_HEADER, rows))
 
 
-def _draw_clouds(page: Report, comparison: Comparison, output: ComparisonOutput, file_slugs: Sequence[str]) -> None:
-    """Draw every cloud and every difference cloud from one point of view; write the difference clouds."""
-    view = _view(comparison.observations[0].cloud, output.view)
+def _add_clouds(page: Report, comparison: Comparison, view: View | None, file_slugs: Sequence[str]) -> None:
+    """Add pictures of every cloud and every difference cloud from one point of view, and the difference clouds."""
+    view = _view(comparison.observations[0].cloud, view)
     # One scale for all, or the same colour would mean different things.
     scale = plots.common_scale([observation.cloud for observation in comparison.observations], "snr")
-    captions = []
-    for observation, slug in zip(comparison.observations, file_slugs, strict=True):
-        name = f"cloud-{slug}"
-        _draw(observation.cloud, output.folder / f"{name}.png", view, colour_by="snr", scale=scale)
-        captions.append(
-            (name, f"{observation.name}: {len(observation.cloud):,} points by their signal-to-noise ratio.")
-        )
-    page.pictures(captions)
+    page.add_pictures(
+        [
+            (
+                f"cloud-{slug}",
+                f"{observation.name}: {len(observation.cloud):,} points by their signal-to-noise ratio.",
+                _drawing(observation.cloud, view, colour_by="snr", scale=scale),
+            )
+            for observation, slug in zip(comparison.observations, file_slugs, strict=True)
+        ]
+    )
     for (a, b), slug in _against_first(comparison, file_slugs):
         cloud, kinds = difference_cloud(a, b)
         name = f"difference-{slug}"
-        _save_difference(output.folder / f"{name}.ply", cloud, kinds, a.name, b.name)
+        page.add_file(f"{name}.ply", partial(_save_difference, cloud=cloud, kinds=kinds, a=a.name, b=b.name))
         labels = ("both", f"only {a.name}", f"only {b.name}")
         metadata = dict(cloud.metadata) | {"sensor": f"{a.name} against {b.name}"}
         sorted_by_kind = dataclasses.replace(cloud, class_id=kinds, class_names=labels, metadata=metadata)
-        _draw(sorted_by_kind, output.folder / f"{name}.png", view, colour_by="class")
         counts = ", ".join(f"{label} {np.count_nonzero(kinds == kind):,}" for kind, label in enumerate(labels))
-        page.pictures([(name, f"Difference cloud, first echoes of the pulses that have one: {counts}.")])
+        caption = f"Difference cloud, first echoes of the pulses that have one: {counts}."
+        page.add_pictures([(name, caption, _drawing(sorted_by_kind, view, colour_by="class"))])
 
 
-def _draw(
-    cloud: PointCloud, path: Path, view: View, *, colour_by: str, scale: tuple[float, float] | None = None
-) -> None:
-    plots.perspective_picture(cloud, path, colour_by=colour_by, view=view, size_px=_PICTURE_PX, scale=scale)
+def _drawing(
+    cloud: PointCloud, view: View, *, colour_by: str, scale: tuple[float, float] | None = None
+) -> Callable[[Path], None]:
+    """Function that draws a cloud to a path."""
+    return lambda path: plots.perspective_picture(
+        cloud, path, colour_by=colour_by, view=view, size_px=_PICTURE_PX, scale=scale
+    )
 
 
 def _view(cloud: PointCloud, view: View | None) -> View:

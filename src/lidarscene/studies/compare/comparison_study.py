@@ -1,19 +1,19 @@
-"""Entry points of a comparison: `compare_sensors` simulates a scene, `compare_clouds` reads files of clouds.
+"""Entry points of a comparison: `compare_sensors` simulates a scene, `compare_clouds` takes clouds.
 
-Both write all files of the report. The command `compare` and Python users call them.
+Both return a report. The command `compare` and Python users call them.
 """
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import Path
 
 import numpy as np
 
+from ...cloud.point_cloud import PointCloud
 from ...detection.outcomes import Status
-from ...errors import InputError
-from ...figures.report import require_writable_files
+from ...figures.report import Report
 from ...scene.scene import Scene
 from ...sensor.sensor_model import Sensor
 from ..field_of_view.field_of_view_study import ProgressCallback
@@ -22,7 +22,7 @@ from ..ranging.plane import Target
 from ..ranging.sweep_report import unambiguous_m
 from . import cloud_matching
 from .bench import Bench, NamedSensor, fires_alike, with_beams_of
-from .comparison_files import ComparisonOutput, file_names, write_comparison
+from .comparison_files import comparison_page
 from .comparison_report import Comparison
 from .illuminance_sweep import sweep_illuminance
 from .observations import Observation, groupings
@@ -36,29 +36,24 @@ _INTERVALS = (
 def compare_sensors(
     bench: Bench,
     sensors: Sequence[NamedSensor],
-    folder: Path,
     *,
     same_beams: bool = False,
     illuminances_klux: Sequence[float] | None = None,
-    as_json: bool = False,
     progress: ProgressCallback = lambda done, total: None,
-) -> str:
-    """Render the bench's scene with each sensor and write the report; returns the text to print.
+) -> Report:
+    """Render the bench's scene with each sensor and compare what they report.
 
     same_beams  all sensors get the first one's scanner and mounting
-    progress    called with (done, total) at the start and after each frame; the page is one more of the total
+    progress    called with (done, total) at the start and after each frame
 
-    Raises InputError, OutputError, BackendError.
+    Raises InputError, BackendError.
     """
     scene, first = bench.scene, sensors[0][1]
     if same_beams:
         sensors = [(name, with_beams_of(first, sensor)) for name, sensor in sensors]
     matched = all(fires_alike(first, sensor) for _, sensor in sensors[1:])
     names = [name for name, _ in sensors]
-    require_writable_files(
-        folder, file_names(names, matched=matched, rated=True, swept=bool(illuminances_klux), simulated=True)
-    )
-    total = len(sensors) * (1 + len(illuminances_klux or ())) + 1
+    total = len(sensors) * (1 + len(illuminances_klux or ()))
     progress(0, total)
     observed = []
     for name, sensor in sensors:
@@ -86,8 +81,7 @@ def compare_sensors(
         else None,
     )
     # The scene's camera is set for the scene's own sensor pose.
-    output = ComparisonOutput(folder, scene.camera if bench.frame.pose is None else None)
-    return write_comparison(comparison, output, as_json=as_json)
+    return comparison_page(comparison, scene.camera if bench.frame.pose is None else None)
 
 
 def aliasing_notes(observations: Sequence[Observation], sensors: Sequence[Sensor]) -> tuple[str, ...]:
@@ -101,16 +95,11 @@ def aliasing_notes(observations: Sequence[Observation], sensors: Sequence[Sensor
     )
 
 
-def compare_clouds(paths: Sequence[Path], folder: Path, *, as_json: bool = False) -> str:
-    """Read clouds and write the report; returns the text to print. Raises InputError, OutputError."""
-    observations = tuple(cloud_matching.read_clouds(paths))
+def compare_clouds(clouds: Sequence[str | os.PathLike[str] | PointCloud]) -> Report:
+    """Compare clouds, or files of them. Raises InputError."""
+    observations = tuple(cloud_matching.read_clouds(clouds))
     matched = all(observation.surfaces is not None for observation in observations)
     names = [observation.name for observation in observations]
-    files = file_names(names, matched=matched, rated=matched, swept=False, simulated=False)
-    require_writable_files(folder, files)
-    for path in paths:
-        if any((folder / name).exists() and (folder / name).samefile(path) for name in files):
-            raise InputError(f"--output {folder}: must not overwrite an input, got {path}")
     notes = [_MATCHED_CLOUDS if matched else _UNMATCHED_CLOUDS, _INTERVALS]
     for observation in observations[1:] if matched else ():
         share = cloud_matching.disagreeing_share(observations[0], observation)
@@ -128,7 +117,7 @@ def compare_clouds(paths: Sequence[Path], folder: Path, *, as_json: bool = False
         population="the pulses with which any of the clouds has an echo",
         notes=tuple(notes),
     )
-    return write_comparison(comparison, ComparisonOutput(folder), as_json=as_json)
+    return comparison_page(comparison)
 
 
 _RATES_NOTE = (

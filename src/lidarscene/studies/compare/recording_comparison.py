@@ -9,19 +9,17 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from ...cloud.point_cloud import PointCloud
-from ...figures.report import Report, require_writable_files
-from ...files.json_text import json_text
+from ...figures.report import PAGE, Report
 from ...maths.arrays import Numbers
 from ...recordings.sweep import Sweep
-from ..held import Held, held_table, ratio, value_text
+from ..held import Held, held_data, held_table, ratio, value_text
 
-PAGE, NUMBERS = "index.html", "real.json"
+NUMBERS = "real.json"
 QUANTILES = (1.0, 10.0, 50.0, 90.0, 99.0, 99.9)
 """Quantiles of the ranges that are compared [%]."""
 
@@ -101,23 +99,27 @@ def side_of_cloud(name: str, cloud: PointCloud) -> Side:
     )
 
 
-def compare_with_recording(side: Side, real: Side, folder: Path, *, as_json: bool = False) -> str:
-    """Write page and JSON; returns the text to print. Raises OutputError."""
-    require_writable_files(folder, (PAGE, NUMBERS))
+def compare_with_recording(side: Side, real: Side) -> Report:
+    """Compare a side with that of a recording, quantity by quantity."""
     sides = [compared_quantities(side), compared_quantities(real)]
     rows = [*_quantity_rows(*sides), *_channel_rows(*sides)]
+    words = {"reference": real.name, "simulated": side.name, "value": "ratio"}
     numbers: dict[str, Any] = {
         "verdict": verdict(side.name, real.name, rows),
         "sides": sides,
-        "rows": [row.as_dict(reference=real.name, simulated=side.name, value="ratio") for row in rows],
+        "rows": [row.as_dict(**words) for row in rows],
     }
-    report = Report(f"{side.name} beside {real.name}", folder)
-    report.paragraph(numbers["verdict"])
-    report.table(*held_table(rows, reference=real.name, simulated=side.name, value="ratio"))
-    text = json_text(numbers) if as_json else f"{report.as_text()}\nwrote {folder / PAGE}"
-    report.paragraph(_NOTE)
-    report.write(PAGE, NUMBERS, numbers=numbers)
-    return text
+    report = Report(
+        f"{side.name} beside {real.name}",
+        numbers=numbers,
+        main_table=held_data(rows, **words),
+        pages=(PAGE, NUMBERS),
+    )
+    report.add_paragraph(numbers["verdict"])
+    report.add_table(*held_table(rows, **words))
+    report.summary = report.as_text()
+    report.add_paragraph(_NOTE)
+    return report
 
 
 def verdict(name: str, real_name: str, rows: Sequence[Held]) -> str:

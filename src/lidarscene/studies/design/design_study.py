@@ -1,4 +1,4 @@
-"""Entry point of design studies: `run_study` reads a study file, searches, and writes a front of designs.
+"""Entry point of design studies: `run_study` reads a study file, searches, and returns a front of designs.
 
 The command `design` and Python users call it.
 """
@@ -9,7 +9,8 @@ import hashlib
 import json
 import math
 import shutil
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,6 @@ from ...figures import pictures
 from ...figures.lines import Chart, Line, Mark
 from ...figures.report import Figure, Report, text_table
 from ...files.atomic import put_text, require_writable
-from ...files.json_text import json_text
 from ...files.overrides import key_path, number_list_entries
 from ...files.toml import read_toml, validate
 from ...files.toml_edit import put_values
@@ -53,18 +53,15 @@ def run_study(
     folder: Path,
     *,
     evaluate: EvaluateAll | None = None,
-    as_json: bool = False,
     progress: Callable[[int, int], object] = lambda count, total: None,
-) -> str:
-    """Search the designs of a study and write them; returns the text to print. Raises InputError, OutputError.
+) -> Report:
+    """Search the designs of a study; returns the front, with charts and sensor files. Raises InputError, OutputError.
 
-    folder    for index.html, index.md, design.json, the front's table and charts, and sensor files in designs/; it also
-              has all evaluations, from which a run that was broken off goes on
+    folder    for all evaluations, from which a run that was broken off goes on
     evaluate  computes the quantities of several designs; by default one after the other in this process
     """
     study, evaluator = load_study(path)
-    for name in (*PAGES, EVALUATIONS):
-        require_writable(folder / name)
+    require_writable(folder / EVALUATIONS)
     folder.mkdir(parents=True, exist_ok=True)
     record, head = folder / EVALUATIONS, _head(path, study, evaluator.space)
     slopes = derivatives(evaluator)
@@ -86,8 +83,7 @@ def run_study(
         raise InputError(f"{path}: {_none_feasible(study, designs)}")
     chosen = best[knee(study, best)]
     limits = limits_of(study, evaluator.space, chosen, slopes)
-    numbers = _write(folder, study, evaluator, designs, best, chosen, limits)
-    return json_text(numbers) if as_json else _text(folder, numbers)
+    return _report(study, evaluator, designs, best, chosen, limits)
 
 
 def knee(study: StudyFile, best: Sequence[Design]) -> int:
@@ -116,37 +112,36 @@ def _none_feasible(study: StudyFile, designs: Sequence[Design]) -> str:
     return f"no design of {len(designs)} meets all constraints; the nearest misses {bound} by {-100.0 * slack:.3g} %"
 
 
-def _write(
-    folder: Path,
+def _report(
     study: StudyFile,
     evaluator: Evaluator,
     designs: Sequence[Design],
     best: Sequence[Design],
     chosen: Design,
     limits: Limits | None,
-) -> dict[str, Any]:
-    """Write page, data and sensor files; returns the numbers of the result."""
-    report = Report(study.name or "Design study", folder, embeds=False)
+) -> Report:
+    """Page, data and sensor files of the result."""
+    report = Report(study.name or "Design study", pages=PAGES, embeds=False)
     places = {"chosen": best.index(chosen)}
     if len(best) > 1:
         for place, name in enumerate(study.objectives):
             places[f"best {name}"] = int(np.argmin([losses(study, design)[place] for design in best]))
     safety = _eye_safety(evaluator, chosen)
-    report.paragraph(_verdict(study, designs, best, chosen))
-    report.table(*_designs_table(study, evaluator.space, best, places))
+    report.add_paragraph(_verdict(study, designs, best, chosen))
+    report.add_table(*_designs_table(study, evaluator.space, best, places))
     for text in (*_limits_text(study, chosen, limits), *safety.values()):
-        report.paragraph(text)
-    report.heading("Front" if len(best) > 1 else "Search")
+        report.add_paragraph(text)
+    report.add_heading("Front" if len(best) > 1 else "Search")
     for figure in _figures(study, designs, best, chosen):
-        report.figure(figure)
+        report.add_figure(figure)
     header = [*study.objectives, *study.constraints, *(free.key for free in evaluator.space.free)]
-    report.data("front", (header, [_row(study, evaluator.space, design) for design in best]))
+    report.main_table = (header, [_row(study, evaluator.space, design) for design in best])
+    report.add_data("front", report.main_table)
     if study.is_traced:
-        report.heading("Clouds")
-        report.pictures(_clouds(folder, evaluator, best, places))
-    report.write(*PAGES[:2])
-    files = [_write_sensors(folder, evaluator.space, best[place], place) for place in _files(best, places)]
-    numbers = {
+        report.add_heading("Clouds")
+        report.add_pictures(list(_clouds(evaluator, best, places)))
+    files = [name for place in _files(best, places) for name in _add_sensors(report, evaluator.space, best[place], place)]
+    report.numbers = {
         "study": study.name,
         "evaluations": len(designs),
         "impossible": sum(bool(design.reason) for design in designs),
@@ -155,10 +150,10 @@ def _write(
         "limits": None if limits is None else {"costs": limits.costs, "held": limits.held, "optimum": limits.stands},
         "eye_safety": safety,
         "front": [_numbers(design) for design in best],
-        "files": [name for names in files for name in names],
+        "files": files,
     }
-    report.write(PAGES[2], numbers=numbers)
-    return numbers
+    report.summary = _summary(report.numbers)
+    return report
 
 
 def _numbers(design: Design) -> dict[str, Any]:
@@ -291,16 +286,14 @@ def _figures(study: StudyFile, designs: Sequence[Design], best: Sequence[Design]
 
 
 def _clouds(
-    folder: Path, evaluator: Evaluator, best: Sequence[Design], places: dict[str, int]
-) -> list[tuple[str, str]]:
-    """Draw the clouds of the chosen and the extreme designs, first sensor each; name and caption of each picture."""
-    captioned = []
+    evaluator: Evaluator, best: Sequence[Design], places: dict[str, int]
+) -> Iterator[tuple[str, str, Callable[[Path], None]]]:
+    """Name, caption and drawing of the clouds of the chosen and the extreme designs, first sensor each."""
     for words, place in places.items():
         for label, cloud in evaluator.clouds(best[place].values).items():
             name = "-".join(["cloud", *words.split(), *([label] if label else [])])
-            pictures.perspective_picture(cloud, folder / f"{name}.png", size_px=(1280, 720))
-            captioned.append((name, f"{words}{f', {label}' if label else ''}: {len(cloud)} points."))
-    return captioned
+            caption = f"{words}{f', {label}' if label else ''}: {len(cloud)} points."
+            yield name, caption, partial(pictures.perspective_picture, cloud, size_px=(1280, 720))
 
 
 def _files(best: Sequence[Design], places: dict[str, int]) -> list[int]:
@@ -309,8 +302,8 @@ def _files(best: Sequence[Design], places: dict[str, int]) -> list[int]:
     return sorted({*even, *places.values()})
 
 
-def _write_sensors(folder: Path, space: DesignSpace, design: Design, place: int) -> list[str]:
-    """Write the sensor files of a design, ready to render; returns their names."""
+def _add_sensors(report: Report, space: DesignSpace, design: Design, place: int) -> list[str]:
+    """Add the sensor files of a design, ready to render; returns their names."""
     names = []
     for label, chosen in space.chosen(design.values).items():
         base = chosen.base
@@ -320,10 +313,10 @@ def _write_sensors(folder: Path, space: DesignSpace, design: Design, place: int)
             for key, value in {**base.settings, **chosen.changes}.items()
         }
         name = "-".join([f"designs/{place + 1:03}", *([label] if label else [])]) + ".toml"
-        (folder / "designs").mkdir(exist_ok=True)
-        put_text(folder / name, put_values(base.path.read_text(encoding="utf-8"), values, digits=ALL_DIGITS))
+        text = put_values(base.path.read_text(encoding="utf-8"), values, digits=ALL_DIGITS)
+        report.add_file(name, partial(put_text, text=text))
         for file in files_of_base(base):
-            shutil.copyfile(file, folder / "designs" / file.name)
+            report.add_file(f"designs/{file.name}", partial(shutil.copyfile, file))
         names.append(name)
     return names
 
@@ -332,12 +325,9 @@ def _short(value: Any) -> str:
     return f"{value:.5g}" if isinstance(value, float) else str(value)
 
 
-def _text(folder: Path, numbers: dict[str, Any]) -> str:
+def _summary(numbers: dict[str, Any]) -> str:
     chosen = numbers["chosen"]
     rows = [[key, _short(value)] for key, value in (chosen["values"] | chosen["quantities"]).items()]
-    count = len(numbers["front"])
-    front_text = f"front of {count} designs in" if count > 1 else "design in"
     lines = [numbers["verdict"], "", text_table(("chosen design", ""), rows, "<>"), ""]
     lines += numbers["eye_safety"].values()
-    lines.append(f"wrote {folder / 'index.html'}, {front_text} {folder / 'front.csv'}, sensors in {folder / 'designs'}")
     return "\n".join(lines)

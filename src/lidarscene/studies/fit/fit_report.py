@@ -5,19 +5,18 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
-from ...errors import InputError
 from ...figures.lines import Chart, Line
-from ...figures.report import Figure, Report, require_writable_files
-from ...files.atomic import put_text, require_writable
-from ...files.json_text import json_text
+from ...figures.report import PAGE, Figure, Report
 from ...maths.arrays import Numbers
 from ..held import LIMITS, Held, held_table, passed, value_text, verdict
 from .estimates import Estimate, Solution
 
-PAGE, NUMBERS, MARKDOWN = "index.html", "fit.json", "fit.md"
+NUMBERS, MARKDOWN = "fit.json", "fit.md"
+
+FITTED = "fitted sensor"
+"""Name of the fitted sensor's file in messages."""
 
 STYLES: dict[str, dict[str, Any]] = {
     "recorded": {"colour": 0},
@@ -29,7 +28,7 @@ STYLES: dict[str, dict[str, Any]] = {
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class FitReport:
-    """Contents of the report.
+    """Contents of a fit's report.
 
     notes      notes for the reader, without full stop: which numbers of the file stay, with the reason
     null       a line for each direction that the recording does not determine
@@ -51,7 +50,7 @@ class FitReport:
     figures: Sequence[Figure]
     numbers: Mapping[str, Any]
 
-    def as_dict(self) -> dict[str, Any]:
+    def _as_dict(self) -> dict[str, Any]:
         """Results as a dictionary for JSON."""
         return {
             **self.numbers,
@@ -69,15 +68,24 @@ class FitReport:
             "notes": list(self.notes),
         }
 
-    def write(self, folder: Path) -> str:
-        """Write page, Markdown, figures with their data, and JSON; returns the text to print. Raises OutputError."""
-        report = Report(self.title, folder)
-        report.paragraph(self.summary)
-        report.heading("Pass or fail")
-        report.paragraph(verdict(self.checks, "The fit"))
-        report.table(*held_table(self.checks, reference="recorded", simulated="fitted"))
-        report.heading("Estimates")
-        report.table(
+    def report(self) -> Report:
+        """Page, figures with their data, and numbers."""
+        estimates = [
+            (estimate.key, estimate.value, estimate.unit, estimate.sigma, estimate.is_known) for estimate in self.estimates
+        ]
+        report = Report(
+            self.title,
+            numbers=self._as_dict(),
+            main_table=(("key", "value", "unit", "sigma", "known"), estimates),
+            passed=passed(self.checks),
+            pages=(PAGE, MARKDOWN, NUMBERS),
+        )
+        report.add_paragraph(self.summary)
+        report.add_heading("Pass or fail")
+        report.add_paragraph(verdict(self.checks, "The fit"))
+        report.add_table(*held_table(self.checks, reference="recorded", simulated="fitted"))
+        report.add_heading("Estimates")
+        report.add_table(
             ("number", "value", "sigma, Fisher", "sigma, bootstrap", ""),
             [
                 (
@@ -91,52 +99,34 @@ class FitReport:
             ],
         )
         for name, factor in self._misfits().items():
-            report.paragraph(
+            report.add_paragraph(
                 f"The law of the {name} misses its bins by {factor:.2g} times their sigmas (root of the reduced "
                 "chi-square), and its sigmas are that much larger."
             )
         for note in self.notes:  # a sentence of its own, which begins with a capital or with the key of a sensor file
-            report.paragraph((note if "." in note.split()[0] else note[:1].upper() + note[1:]) + ".")
+            report.add_paragraph((note if "." in note.split()[0] else note[:1].upper() + note[1:]) + ".")
         if self.null:
-            report.heading("Undetermined directions")
-            report.paragraph(
+            report.add_heading("Undetermined directions")
+            report.add_paragraph(
                 "If the numbers of a line change together, nothing changes that was recorded. The first number of each "
                 "line stays as the file has it."
             )
-            report.table(("undetermined",), [(direction,) for direction in self.null])
-        text = report.as_text()
+            report.add_table(("undetermined",), [(direction,) for direction in self.null])
+        report.summary = report.as_text()
         if self.products:
-            report.table(("known", "product"), list(self.products.items()))
+            report.add_table(("known", "product"), list(self.products.items()))
         for number, figure in enumerate(self.figures, start=1):
-            report.figure(figure._replace(number=str(number)))
-        report.heading("Correlations")
+            report.add_figure(figure._replace(number=str(number)))
+        report.add_heading("Correlations")
         for name, (names, solved) in self.solutions.items():
-            report.paragraph(name)
+            report.add_paragraph(name)
             rows = zip(names, solved.correlation, strict=True)
-            report.table(("", *names), [(row_name, *(f"{value:.2f}" for value in row)) for row_name, row in rows])
-        report.write(PAGE, MARKDOWN, NUMBERS, numbers=self.as_dict())
-        return text
+            report.add_table(("", *names), [(row_name, *(f"{value:.2f}" for value in row)) for row_name, row in rows])
+        return report
 
     def _misfits(self) -> dict[str, float]:
         """Name -> factor on the uncertainties, of the laws that do not hold."""
         return {name: solved.misfit for name, (_, solved) in self.solutions.items() if solved.misfit > 1.0}
-
-
-def check_outputs(output: Path, folder: Path) -> None:
-    """Refuse a sensor file and a folder that cannot be written, before any work. Raises InputError, OutputError."""
-    if output.suffix.lower() != ".toml":
-        raise InputError(f"--output {output}: the name must end in .toml")
-    require_writable(output)
-    require_writable_files(folder, (PAGE, NUMBERS))
-
-
-def write_outputs(
-    report: FitReport, sensor_text: str, output: Path, folder: Path, *, as_json: bool
-) -> tuple[str, bool]:
-    """Write sensor file and report; returns the text to print and whether no check failed. Raises OutputError."""
-    put_text(output, sensor_text)
-    text = f"{report.write(folder)}\nwrote {output} and {folder / PAGE}"
-    return json_text(report.as_dict()) if as_json else text, passed(report.checks)
 
 
 def law_rows(signal_error: float | None, kept_error: float | None, octaves: Numbers, *, missing: str) -> list[Held]:

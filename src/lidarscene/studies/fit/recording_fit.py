@@ -11,7 +11,7 @@ import numpy as np
 
 from ...errors import InputError
 from ...figures.lines import Chart, Line
-from ...figures.report import Figure, count_text
+from ...figures.report import Figure, Report, count_text
 from ...recordings.opening import open_recording
 from ...recordings.pcap_reader import metadata_of
 from ...recordings.sweep import Sweep
@@ -21,7 +21,7 @@ from ..held import Held
 from ..twin.apparent_reflectivity import ReflectivityGauge
 from ..twin.daylight import illuminance_klux
 from .estimates import Estimate, Solution
-from .fit_report import FitReport, check_outputs, law_figure, law_rows, share_figure, write_outputs
+from .fit_report import FITTED, FitReport, law_figure, law_rows, share_figure
 from .near_field import MOST_REFLECTIVITY, NearField, fit_near_field
 from .products import QUANTITIES, Products, find_products, white_over_range_m2
 from .recorded_pulses import RecordedPulses, gather_pulses
@@ -76,22 +76,18 @@ class RecordingFit:
 def fit_recordings(
     recordings: Sequence[Path],
     sensor: str,
-    output: Path,
-    report: Path,
     *,
     metadata: Path | None = None,
     sensor_index: int = 0,
-    as_json: bool = False,
-) -> tuple[str, bool]:
-    """Fit, and write sensor file, page and JSON; returns the text to print and whether no check failed.
+) -> tuple[str, Report]:
+    """Fit recordings of one unit; returns the text of its sensor file, and the report.
 
     sensor        catalogue sensor of its kind, or a sensor file: the source of all numbers that the recording leaves
                   open
     metadata      the maker's description of the unit; None: the json beside the recording or in the OSF, if any
     sensor_index  which sensor of an OSF, from 0
-    Raises InputError and OutputError.
+    Raises InputError.
     """
-    check_outputs(output, report)
     base = base_text(sensor, metadata_of(recordings[0], metadata), sensor_index=sensor_index)
     where = f"--sensor {sensor}"
     base_sensor = parse_sensor(base, where)
@@ -106,14 +102,13 @@ def fit_recordings(
     if any(sweep.second is not None for sweep in sweeps):
         base = with_second_returns(base)
     text, notes = fitted_text(base, estimates, recording, where, rows=fit.rows)
-    klux = _illuminance_klux(sweeps, parse_sensor(text, str(output)))
+    klux = _illuminance_klux(sweeps, parse_sensor(text, FITTED))
     text, gain_note = with_background_gain(text, klux, recording)
     notes = (*notes, gain_note) if gain_note else notes
     if pulses.signal is None and fit.scatter is not None:
         notes = (*notes, REFLECTIVITY_NOTE)
-    parse_sensor(text, str(output))
-    fit_report = _report(fit, pulses, recording, sensor, notes)
-    return write_outputs(fit_report, text, output, report, as_json=as_json)
+    parse_sensor(text, FITTED)
+    return text, _report(fit, pulses, recording, sensor, notes).report()
 
 
 def _illuminance_klux(sweeps: Sequence[Sweep], sensor: Sensor) -> float:

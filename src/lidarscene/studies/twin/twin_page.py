@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 from ...cloud.point_cloud import PointCloud
 from ...figures.pictures import common_scale, perspective_picture
-from ...figures.report import Report, require_writable_files
-from ...files.json_text import json_text
+from ...figures.report import PAGE, Report
 from ...recordings.as_cloud import cloud_of
 from ...recordings.recording import Recording
 from ...rendering.render_options import FrameOptions
@@ -17,13 +17,13 @@ from ...scene.scene import View
 from ...scene.scene_file import load_scene
 from ...sensor.sensor_file import load_sensor
 from ..compare.recording_comparison import compare_with_recording, side_of_cloud, side_of_sweep
-from ..held import held_table, verdict
+from ..held import held_data, held_table, passed, verdict
 from .judge import disagreement, twin_quantities
 from .matched_pulses import simulate_pulses
 from .planes import has_grid, select_columns
 from .twin_files import COLUMNS, frame_pose, read_provenance
 
-PAGE, NUMBERS = "index.html", "twin.json"
+NUMBERS = "twin.json"
 REAL, SIMULATED = "recorded", "simulated"
 """Names of the two pictures."""
 
@@ -34,23 +34,20 @@ _VIEW = View(eye_m=(-9.0, 0.0, 6.0), target_m=(6.0, 0.0, 0.0), fov_deg=70.0)
 def compare_twin(
     scene_file: Path,
     recording: Recording,
-    folder: Path,
     *,
     frame: int | None = None,
     options: FrameOptions | None = None,
-    as_json: bool = False,
-) -> str:
-    """Render a twin at a frame's pose and write page, JSON and pictures; returns the text to print.
+) -> Report:
+    """Render a twin at a frame's pose and compare it with that frame of the recording.
 
     frame    index of the frame; None: the held-out one, or the first
     options  seed and chunk of the rendering
-    A list of points has no pulses to match: for it the statistics of `compare.recording_comparison` are written.
-    Raises InputError and OutputError.
+    A list of points has no pulses to match: for it the report is that of `compare.recording_comparison`.
+    Raises InputError.
     """
     provenance = read_provenance(scene_file)
     number = provenance["judged"] if frame is None else frame
     pose = frame_pose(provenance, number, scene_file)
-    require_writable_files(folder, (PAGE, NUMBERS))
     scene = load_scene(scene_file)
     sensor = load_sensor(scene.sensor_name)
     sweep = full_sweep = recording[number]
@@ -59,7 +56,7 @@ def compare_twin(
     if not has_grid(sweep):
         cloud = Simulator(scene, sensor, pose=pose).render(options)
         sides = side_of_cloud("twin", cloud), side_of_sweep(f"{recording.path.name} frame {number}", sweep)
-        return compare_with_recording(*sides, folder, as_json=as_json)
+        return compare_with_recording(*sides)
     pulses, cloud = simulate_pulses(scene, sensor, sweep, pose=pose, options=options)
     next_number = (number + 1) % len(recording)
     real_disagreement = disagreement(full_sweep, recording[next_number]) if next_number != number else None
@@ -72,19 +69,23 @@ def compare_twin(
         "seen": held_out_note(provenance, number),
         "rows": [row.as_dict(reference="real") for row in rows],
     }
-    report = Report(f"{numbers['recording']}, frame {number}, and its twin", folder)
-    report.paragraph(numbers["verdict"])
-    report.table(*held_table(rows, reference="real"))
-    report.paragraph(numbers["seen"])
-    text = json_text(numbers, indent=1) if as_json else f"{report.as_text()}\nwrote {folder / PAGE}"
-    report.paragraph(_NOTE)
-    shown_clouds = {REAL: cloud_of(full_sweep), SIMULATED: cloud.in_sensor_frame()}
-    scale = common_scale(list(shown_clouds.values()), "range")
-    for name, shown_cloud in shown_clouds.items():
-        picture(shown_cloud, folder / f"{name}.png", scale=scale)
-    report.pictures([(REAL, "Recorded, by range."), (SIMULATED, "Simulated in the twin, by range.")])
-    report.write(PAGE, NUMBERS, numbers=numbers)
-    return text
+    report = Report(
+        f"{numbers['recording']}, frame {number}, and its twin",
+        numbers=numbers,
+        main_table=held_data(rows, reference="real"),
+        passed=passed(rows),
+        pages=(PAGE, NUMBERS),
+    )
+    report.add_paragraph(numbers["verdict"])
+    report.add_table(*held_table(rows, reference="real"))
+    report.add_paragraph(numbers["seen"])
+    report.summary = report.as_text()
+    report.add_paragraph(_NOTE)
+    clouds = {REAL: cloud_of(full_sweep), SIMULATED: cloud.in_sensor_frame()}
+    scale = common_scale(list(clouds.values()), "range")
+    captions = {REAL: "Recorded, by range.", SIMULATED: "Simulated in the twin, by range."}
+    report.add_pictures([(name, captions[name], partial(picture, shown, scale=scale)) for name, shown in clouds.items()])
+    return report
 
 
 def held_out_note(provenance: dict[str, Any], number: int) -> str:

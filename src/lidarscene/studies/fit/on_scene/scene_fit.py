@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from ....errors import InputError
-from ....figures.report import Figure, count_text
+from ....figures.report import Figure, Report, count_text
 from ....maths.pose import Pose
 from ....maths.special import SIGMA_PER_MAD
 from ....maths.trajectory import pose_at
@@ -23,7 +23,7 @@ from ....sensor.sensor_model import Sensor
 from ...twin.planes import select_columns
 from ...twin.twin_files import COLUMNS, PROVENANCE, frame_pose, read_provenance
 from ..estimates import MOST_EVALUATIONS
-from ..fit_report import FitReport, check_outputs, law_figure, law_rows, share_figure, write_outputs
+from ..fit_report import FitReport, law_figure, law_rows, share_figure
 from ..sensor_text import base_text, parse_sensor, scaled_text
 from .held_out_bins import HeldOutBins, judge
 from .known_scene import LEAST_FLOOR_M, PARAMETERS, predict
@@ -86,12 +86,8 @@ class SceneFitInputs:
     sensor_index: int = 0
 
 
-def fit_on_scene(inputs: SceneFitInputs, output: Path, report: Path, *, as_json: bool = False) -> tuple[str, bool]:
-    """Fit, and write sensor file, page and JSON; returns the text to print and whether no check failed.
-
-    Raises InputError and OutputError.
-    """
-    check_outputs(output, report)
+def fit_on_scene(inputs: SceneFitInputs) -> tuple[str, Report]:
+    """Fit with a scene; returns the text of the unit's sensor file, and the report. Raises InputError."""
     world = load_scene(inputs.scene)
     sensor_name = world.sensor_name if inputs.sensor is None else inputs.sensor
     where = f"--sensor {sensor_name}"
@@ -115,8 +111,7 @@ def fit_on_scene(inputs: SceneFitInputs, output: Path, report: Path, *, as_json:
         base = with_second_returns(base)
     sensor_text, text_notes = scaled_text(base, estimates, f"{recording} on {scene}", where)
     names = recording, scene, sensor_name if inputs.sensor is not None else sensor.name
-    fit_report = _report(fit, names, len(frames), (*notes, *text_notes))
-    return write_outputs(fit_report, sensor_text, output, report, as_json=as_json)
+    return sensor_text, _report(fit, names, len(frames), (*notes, *text_notes)).report()
 
 
 def fit_pulses_on_scene(pulses: PulsesOnScene, sensor: Sensor, *, twin: bool) -> SceneFit:
