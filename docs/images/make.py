@@ -67,7 +67,7 @@ def compare() -> None:
         for name in ("table1-apd", "table1-sipm")
     ]
     with tempfile.TemporaryDirectory() as folder:
-        compare_sensors(Bench(scene), sensors, Path(folder), illuminances_klux=(0.1, 1.0, 10.0, 100.0))
+        compare_sensors(Bench(scene), sensors, illuminances_klux=(0.1, 1.0, 10.0, 100.0)).save(folder)
         top, left, right = (
             Image.open(Path(folder) / f"{name}.png").convert("RGB")
             for name in ("difference-table1-sipm", "rate-range", "illuminance")

@@ -33,7 +33,7 @@ def twin() -> None:
         made, judged = Path(folder) / "twin", Path(folder) / "judged"
         with open_recording(path) as opened:
             build_twin(opened, choose_frames(opened, None, COLUMNS), made)
-            compare_twin(made / SCENE, opened, judged)
+            compare_twin(made / SCENE, opened).save(judged)
         below([Image.open(judged / f"{name}.png").convert("RGB") for name in (REAL, SIMULATED)], "twin.png")
 
 
@@ -43,5 +43,5 @@ def fit() -> None:
     if path is None:
         return
     with tempfile.TemporaryDirectory() as folder:
-        fit_recordings([path], SENSOR, Path(folder) / "unit.toml", Path(folder) / "report")
+        fit_recordings([path], SENSOR)[1].save(Path(folder) / "report")
         store(Image.open(Path(folder) / "report" / "near-field.png").convert("RGB"), "fit.png", width=WIDTH)

@@ -25,7 +25,16 @@ from lidarscene.studies.compare.observations import Observation, Surfaces
 PAIR = ("--sensors", "table1-apd,table1-sipm")
 WEAK = (*COARSE, "--set=laser.peak_power_w=0.05")
 SWEPT = ("--illuminance", "0.1,100")
-NAMES = comparison_files.file_names(["table1-apd", "table1-sipm"], matched=True, rated=True, swept=True, simulated=True)
+CHARTS = ("rate-range", "rate-incidence", "rate-reflectivity", "rate-class", "error-range", "snr-table1-sipm")
+CLOUDS = (
+    "cloud-table1-apd.png", "cloud-table1-sipm.png", "difference-table1-sipm.ply", "difference-table1-sipm.png",
+)  # fmt: skip
+FROM_CLOUDS = [
+    *("index.html", "compare.json", "rate-body.csv", "pairs-table1-sipm.csv"),
+    *(f"{chart}.{suffix}" for chart in CHARTS for suffix in ("png", "csv")),
+    *CLOUDS,
+]
+NAMES = [*FROM_CLOUDS, "illuminance.png", "illuminance.csv", "table1-apd.ply", "table1-sipm.ply"]
 
 
 @pytest.fixture(scope="module")
@@ -85,8 +94,8 @@ def test_both_clouds_have_one_scale(monkeypatch: pytest.MonkeyPatch, tmp_path: P
     strong = dataclasses.replace(strong, snr=10.0 * strong.snr)
     observed = [SimpleNamespace(cloud=cloud, name=name) for cloud, name in ((weak, "a"), (strong, "b"))]
     comparison = SimpleNamespace(observations=observed, against_first=list, matched=False)
-    page = SimpleNamespace(pictures=lambda pictures: None)
-    comparison_files._draw_clouds(page, comparison, comparison_files.ComparisonOutput(tmp_path), ["a", "b"])
+    page = SimpleNamespace(add_pictures=lambda pictures: [draw(tmp_path) for *_, draw in pictures])
+    comparison_files._add_clouds(page, comparison, None, ["a", "b"])
     assert [name for name, _ in scales] == ["snr", "snr"]
     assert scales[0] == scales[1]
     assert scales[0][1] == pytest.approx(np.percentile(np.concatenate([weak.snr, strong.snr]), (1, 99)))
@@ -193,7 +202,10 @@ def test_the_same_again_and_as_json(folder: Path, run: Run, rough_charts: None, 
     scene = folder.parents[1] / "wall.toml"
     ran = run("compare", str(scene), *PAIR, "-o", "again", *WEAK, *SWEPT, "--json", "--chunk", "50")
     assert (ran.code, ran.err) == (0, "")
-    assert json.loads(ran.out) == json.loads((folder / "compare.json").read_text("utf-8"))
+    files = [str(Path("again") / name) for name in NAMES]
+    numbers = json.loads(ran.out)
+    assert sorted(numbers.pop("files")) == sorted(files)
+    assert numbers == json.loads((folder / "compare.json").read_text("utf-8"))
     for name in NAMES:
         assert (tmp_path / "again" / name).read_bytes() == (folder / name).read_bytes(), name
 
@@ -207,10 +219,7 @@ def test_clouds_from_files(folder: Path, run: Run, small_pictures: None, tmp_pat
         assert numbers["pairs"][0][key] == before["pairs"][0][key]
     assert numbers["sensors"][0]["rate"]["expected"] is None
     assert numbers["rates_are_shares_of"] == "the pulses with which any of the clouds has an echo"
-    names = comparison_files.file_names(
-        ["table1-apd", "table1-sipm"], matched=True, rated=True, swept=False, simulated=False
-    )
-    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == sorted(names)
+    assert sorted(path.name for path in (tmp_path / "out").iterdir()) == sorted(FROM_CLOUDS)
 
 
 def test_clouds_are_not_written_over(folder: Path, run: Run, tmp_path: Path) -> None:

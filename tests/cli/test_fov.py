@@ -13,6 +13,7 @@ from helpers.command_line import BEAMS, COARSE, WALL, Run
 from helpers.in_this_process import draw_roughly
 
 from lidarscene.cli import main
+from lidarscene.figures.report import Report
 from lidarscene.studies.field_of_view import field_of_view_figures as figures
 from lidarscene.studies.field_of_view import field_of_view_study as study
 
@@ -31,7 +32,13 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return output_folder
 
 
-NAMES = study.file_names(["table1-apd", "table1-sipm"], with_ground=True, with_scene=False)
+_MAPS = [
+    f"{sensor}-{map_}"
+    for sensor in ("table1-apd", "table1-sipm")
+    for map_ in ("pattern", "density", "revisit", "range")
+]
+_STEMS = ("patterns", "coverage", "spacing", "ground", *_MAPS)
+NAMES = ["index.html", "index.md", *(f"{stem}.{suffix}" for stem in _STEMS for suffix in ("png", "csv"))]
 
 
 def test_all_files_are_there_and_nothing_else(folder: Path) -> None:
@@ -239,7 +246,9 @@ def test_a_rigs_vehicle_stands_at_the_origin(
 ) -> None:
     """Rationale: a rig's places are on its vehicle; the scene's own sensor stands 2 m above it, or elsewhere."""
     vehicles: list[Any] = []
-    monkeypatch.setattr(study, "write_study", lambda *_, vehicle, **__: vehicles.append(vehicle) or "")
+    monkeypatch.setattr(
+        study, "field_of_view_study", lambda *_, vehicle, **__: vehicles.append(vehicle) or Report("Fields of view")
+    )
     ran = run("fov", "--rig", str(SCENES / "rig.toml"), "--scene", str(SCENES / "car.toml"), "-o", "out", *pose)
     assert (ran.code, ran.err) == (0, "")
     assert vehicles[0].position_m.tolist() == [x_m, 0.0, 0.0]
@@ -247,5 +256,5 @@ def test_a_rigs_vehicle_stands_at_the_origin(
 
 @pytest.mark.parametrize(("cell", "code"), [("0.02", 0), ("10", 0), ("0.019", 2), ("10.1", 2)])
 def test_the_smallest_and_the_largest_cell(run: Run, monkeypatch: pytest.MonkeyPatch, cell: str, code: int) -> None:
-    monkeypatch.setattr(study, "write_study", lambda *_, **__: "")
+    monkeypatch.setattr(study, "field_of_view_study", lambda *_, **__: Report("Fields of view"))
     assert run("fov", "table1-apd", "-o", "out", "--cell", cell).code == code

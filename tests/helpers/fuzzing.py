@@ -34,6 +34,7 @@ from lidarscene import LiveSimulator, PointCloud, catalog, load_scene, load_sens
 from lidarscene.batch.tasks import Job
 from lidarscene.cli import main
 from lidarscene.errors import LONGEST, BackendError, LidarSceneError
+from lidarscene.figures.report import Report
 from lidarscene.formats.registry import FORMATS
 from lidarscene.recordings.as_cloud import cloud_of
 from lidarscene.recordings.opening import open_recording
@@ -559,7 +560,9 @@ def untraced() -> Iterator[None]:
     """Frames are not traced, and nothing is drawn: what is read and checked before is what is tried."""
     with (
         mock.patch("lidarscene.outputs.frame_files.FrameFiles.write"),
-        mock.patch("lidarscene.studies.compare.comparison_study.write_comparison", return_value=""),
+        mock.patch(
+            "lidarscene.studies.compare.comparison_study.comparison_page", return_value=Report("Comparison", numbers={})
+        ),
         mock.patch("lidarscene.view.page_sources.Live", side_effect=LidarSceneError("not here")),
     ):
         yield

@@ -6,6 +6,7 @@ The study does the work (`studies.compare`); this module reads and checks the op
 from __future__ import annotations
 
 import argparse
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -13,10 +14,11 @@ from ..errors import InputError
 from ..rendering.render_options import FrameOptions
 from .options import StudyOptions, add_options, flag_of, options_from
 from .recordings.recording_options import add_recording, is_recording
-from .terminal import progress
+from .terminal import progress, save_report
 from .words import rising_numbers
 
 if TYPE_CHECKING:
+    from ..figures.report import Report
     from ..studies.compare.bench import NamedSensor
 
 COMPARE_HELP = """\
@@ -75,21 +77,40 @@ def add_compare(commands: Any) -> None:
 
 def compare_text(arguments: argparse.Namespace) -> str:
     """Run `compare`; returns the text to print. Raises InputError and OutputError before anything is written."""
+    from ..figures.report import require_writable_report
+
+    report_of = _choose(arguments)
+    require_writable_report(arguments.output)
+    report = report_of(arguments)
+    _refuse_inputs(arguments, report)
+    return save_report(report, arguments.output, as_json=arguments.json)
+
+
+def _refuse_inputs(arguments: argparse.Namespace, report: Report) -> None:
+    """Raise InputError if a file of the report would replace an input."""
+    for path in arguments.inputs:
+        for file in (arguments.output / name for name in report.file_names):
+            if file.exists() and path.exists() and file.samefile(path):
+                raise InputError(f"--output {arguments.output}: must not overwrite an input, got {path}")
+
+
+def _choose(arguments: argparse.Namespace) -> Callable[[argparse.Namespace], Report]:
+    """Choose the kind of comparison. Raises InputError for options of another kind."""
     if arguments.real is not None:
-        return _compare_real(arguments)
+        return _compare_real
     for option in ("frame", "metadata"):
         if getattr(arguments, option) is not None:
             raise InputError(f"--{option}: goes with --real")
     if arguments.sensor_index:
         raise InputError("--sensor-index: goes with --real")
     if arguments.sensors is None:
-        return _compare_clouds(arguments)
+        return _compare_clouds
     if len(arguments.inputs) != 1:
         raise InputError(f"--sensors: must go with one scene, got {len(arguments.inputs)} files")
-    return _compare_sensors(arguments)
+    return _compare_sensors
 
 
-def _compare_sensors(arguments: argparse.Namespace) -> str:
+def _compare_sensors(arguments: argparse.Namespace) -> Report:
     from ..scene.scene_file import load_scene
     from ..studies.compare.bench import Bench
     from ..studies.compare.comparison_study import compare_sensors
@@ -113,15 +134,13 @@ def _compare_sensors(arguments: argparse.Namespace) -> str:
         return compare_sensors(
             bench,
             sensors,
-            arguments.output,
             same_beams=bool(arguments.same_beams),
             illuminances_klux=arguments.illuminance,
-            as_json=arguments.json,
             progress=report,
         )
 
 
-def _compare_real(arguments: argparse.Namespace) -> str:
+def _compare_real(arguments: argparse.Namespace) -> Report:
     from ..recordings.opening import open_recording
     from ..studies.compare.recording_comparison import compare_with_recording, side_of_cloud, side_of_sweep
 
@@ -143,21 +162,16 @@ def _compare_real(arguments: argparse.Namespace) -> str:
         from ..cloud.point_cloud import PointCloud
 
         side = side_of_cloud(path.name, PointCloud.load(path))
-    return compare_with_recording(side, real, arguments.output, as_json=arguments.json)
+    return compare_with_recording(side, real)
 
 
-def _compare_twin(arguments: argparse.Namespace) -> str:
+def _compare_twin(arguments: argparse.Namespace) -> Report:
     from ..recordings.opening import open_recording
     from ..studies.twin.twin_page import compare_twin
 
     with open_recording(arguments.real, arguments.metadata, sensor_index=arguments.sensor_index) as recording:
         return compare_twin(
-            arguments.inputs[0],
-            recording,
-            arguments.output,
-            frame=arguments.frame,
-            options=options_from(FrameOptions, arguments),
-            as_json=arguments.json,
+            arguments.inputs[0], recording, frame=arguments.frame, options=options_from(FrameOptions, arguments)
         )
 
 
@@ -165,7 +179,7 @@ _OF_SCENES = ("same_beams", "illuminance", "overrides", "pose", "seed", "chunk")
 """Options that only apply to scenes."""
 
 
-def _compare_clouds(arguments: argparse.Namespace) -> str:
+def _compare_clouds(arguments: argparse.Namespace) -> Report:
     from ..studies.compare.comparison_study import compare_clouds
 
     for option in _OF_SCENES:
@@ -177,4 +191,4 @@ def _compare_clouds(arguments: argparse.Namespace) -> str:
         )
     if len(arguments.inputs) > MOST_SENSORS:
         raise InputError(f"clouds: must be {MOST_SENSORS} at most, got {len(arguments.inputs)}")
-    return compare_clouds(arguments.inputs, arguments.output, as_json=arguments.json)
+    return compare_clouds(arguments.inputs)

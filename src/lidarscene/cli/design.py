@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import argparse
+from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 from ..rendering.option_fields import Whole
 from .options import CommandOptions, add_options
-from .terminal import progress
+from .terminal import progress, save_report
 from .words import whole_number
 
 DESIGN_HELP = """\
@@ -45,17 +46,20 @@ def add_design(commands: Any) -> None:
 def design_text(arguments: argparse.Namespace) -> str:
     """Run `design`; returns the text to print. Raises InputError and OutputError before anything is searched."""
     from .. import catalog
+    from ..figures.report import require_writable_report
     from ..studies.design.design_study import run_study
 
     path = Path(arguments.study) if arguments.study.endswith(".toml") else catalog.path_of("designs", arguments.study)
-    with progress("designs") as report:
-        if arguments.workers is None:
-            return run_study(path, arguments.output, as_json=arguments.json, progress=report)
-        from ..batch import cluster
-        from ..studies.design.workers import on_workers
+    require_writable_report(arguments.output)
+    with ExitStack() as opened:
+        evaluate, show = None, opened.enter_context(progress("designs"))
+        if arguments.workers is not None:
+            from ..batch import cluster
+            from ..studies.design.workers import on_workers
 
-        cluster.require_packages(local=True)
-        threads = max(cluster.usable_cores() // arguments.workers, 1)
-        with cluster.local_client(arguments.workers) as client:
+            cluster.require_packages(local=True)
+            threads = max(cluster.usable_cores() // arguments.workers, 1)
+            client = opened.enter_context(cluster.local_client(arguments.workers))
             evaluate = on_workers(client, path, threads=threads)
-            return run_study(path, arguments.output, evaluate=evaluate, as_json=arguments.json, progress=report)
+        report = run_study(path, arguments.output, evaluate=evaluate, progress=show)
+        return save_report(report, arguments.output, as_json=arguments.json)

@@ -15,7 +15,7 @@ from ..rendering.render_options import FrameOptions
 from ..studies.field_of_view.study_options import FieldOfViewStudy
 from ..studies.ranging.conditions import Conditions
 from .options import StudyOptions, add_options, options_from
-from .terminal import progress
+from .terminal import progress, save_report
 
 if TYPE_CHECKING:
     from ..sensor.sensor_model import Sensor
@@ -52,7 +52,8 @@ def add_fov(commands: Any) -> None:
 
 def fov_text(arguments: argparse.Namespace) -> str:
     """Run `fov`; returns the text to print. Raises InputError and OutputError before anything is written."""
-    from ..studies.field_of_view.field_of_view_study import write_study
+    from ..figures.report import require_writable_report
+    from ..studies.field_of_view.field_of_view_study import field_of_view_study
 
     if bool(arguments.sensors) == (arguments.rig is not None):
         raise InputError("SENSOR and --rig: one of them must be given, got both or none; see lidarscene fov -h")
@@ -69,10 +70,10 @@ def fov_text(arguments: argparse.Namespace) -> str:
         scene = load_scene(arguments.scene)
         if arguments.rig is not None:
             vehicle = vehicle or Pose()
-    with progress("steps") as report:
-        return write_study(
-            arguments.output, sensors, study, scene=scene, vehicle=vehicle, as_json=arguments.json, progress=report
-        )
+    require_writable_report(arguments.output)
+    with progress("sensors") as show:
+        report = field_of_view_study(sensors, study, scene=scene, vehicle=vehicle, progress=show)
+    return save_report(report, arguments.output, as_json=arguments.json)
 
 
 def _sensors(arguments: argparse.Namespace) -> list[tuple[str, Sensor]]:

@@ -15,7 +15,7 @@ from ..files.json_text import json_text
 from ..rendering.option_fields import FileName, Whole, options_of
 from ..studies.ranging.conditions import CONDITIONS, Conditions
 from .options import StudyOptions, add_options, flag_of, options_from
-from .terminal import Answer, progress
+from .terminal import Answer, progress, save_report
 from .words import number, whole_number
 
 if TYPE_CHECKING:
@@ -306,7 +306,10 @@ def _eye_safety(arguments: argparse.Namespace, subjects: list[Subject], conditio
 
 def paper_text(arguments: argparse.Namespace) -> str:
     """Run `paper`; returns the text to print."""
-    from ..studies.paper import study as paper
+    from ..figures.report import require_writable_report
+    from ..studies.paper.study import paper_report
 
-    with progress("steps") as report:
-        return paper.write(arguments.output, as_json=arguments.json, progress=report)
+    require_writable_report(arguments.output)
+    with progress("steps") as show:
+        report = paper_report(progress=show)
+    return save_report(report, arguments.output, as_json=arguments.json)

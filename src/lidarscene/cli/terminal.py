@@ -13,10 +13,15 @@ import time
 import warnings
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
-from typing import Any, NamedTuple
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ..errors import BackendError, LidarSceneError, OptionError, OptionWarning, OutputError
+from ..files.json_text import json_text
 from .options import flag_of
+
+if TYPE_CHECKING:
+    from ..figures.report import Report
 
 FIRST_LINE_S, LONGEST_PAUSE_S = 10.0, 300.0
 
@@ -49,7 +54,7 @@ def save_report(report: Report, folder: Path, *, as_json: bool) -> str:
         report.save(folder, progress=show)
     if as_json:
         return json_text({**report.numbers, "files": [str(folder / name) for name in report.file_names]}, indent=1)
-    return f"{report}\nwrote {folder / PAGE} and the files beside it"
+    return f"{report}\nwrote {folder / report.pages[0]} and the files beside it"
 
 
 def print_error(text: str) -> None:

@@ -6,6 +6,7 @@ points, never on them. Where the surfaces are known, they are drawn faintly behi
 
 from __future__ import annotations
 
+import functools
 import os
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -27,6 +28,7 @@ from ..cloud.point_cloud import PointCloud
 from ..cloud.scales import Scale, scale_of
 from ..cloud.shades import Shades, rgb
 from ..cloud.thinning import Thinned
+from ..files.facts import Picture
 from ..maths.arrays import Numbers
 from ..scene.scene import View
 from .canvas import Canvas
@@ -69,6 +71,12 @@ def perspective_picture(
     box = (0, head, size_px[0], max(size_px[1] - head, 1))
     _draw_perspective(canvas, box, cloud, shades, view, alarms=highlight_false_alarms)
     canvas.save(path)
+
+
+def draw_in_memory(cloud: PointCloud, *, colour_by: str, view: View | None, size_px: tuple[int, int]) -> Picture:
+    """See `PointCloud.plot`."""
+    draw = functools.partial(perspective_picture, cloud, colour_by=colour_by, view=view, size_px=size_px)
+    return Picture.drawn(draw)
 
 
 def range_image(

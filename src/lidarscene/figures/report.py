@@ -287,9 +287,7 @@ class Report:
     @property
     def _drawings(self) -> dict[str, Callable[..., object]]:
         """Name of a figure or picture -> function that draws it to a path."""
-        return {
-            names[0].removesuffix(".png"): draw for names, draw in self._files.items() if names[0].endswith(".png")
-        }
+        return {names[0].removesuffix(".png"): draw for names, draw in self._files.items() if names[0].endswith(".png")}
 
     @property
     def table(self) -> dict[str, list[Any]]:
@@ -349,7 +347,9 @@ class Report:
         """Write the files beside the page."""
         progress(0, len(self._files))
         for done, (names, write) in enumerate(self._files.items(), start=1):
-            write(*(folder / name for name in names))
+            paths = [folder / name for name in names]
+            paths[0].parent.mkdir(exist_ok=True)
+            write(*paths)
             progress(done, len(self._files))
 
     def _page(self, name: str, folder: Path) -> str:

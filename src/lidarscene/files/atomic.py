@@ -91,8 +91,12 @@ def atomic_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
         yield temporary
         if not target.exists():
             os.replace(temporary, target)
-        for file in sorted(temporary.iterdir()) if temporary.exists() else ():
-            os.replace(file, target / file.name)
+        for file in sorted(temporary.rglob("*")) if temporary.exists() else ():
+            moved = target / file.relative_to(temporary)
+            if file.is_dir():
+                moved.mkdir(exist_ok=True)
+            else:
+                os.replace(file, moved)
     except OSError as error:
         _remove(temporary, new_folders)
         raise _unwritable(path, error) from error

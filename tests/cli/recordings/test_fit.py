@@ -1,5 +1,6 @@
 """`lidarscene fit`: what it refuses, and the code that it ends with."""
 
+import json
 from pathlib import Path
 from typing import Any
 
@@ -7,6 +8,7 @@ import pytest
 from helpers.recordings import OUSTER
 
 from lidarscene.cli import main
+from lidarscene.figures.report import Report
 from lidarscene.studies.fit import recording_fit
 
 
@@ -20,19 +22,20 @@ def test_the_code_says_whether_the_laws_held(
 ) -> None:
     calls: list[Any] = []
 
-    def record_call(*arguments: Any, **more: Any) -> tuple[str, bool]:
+    def record_call(*arguments: Any, **more: Any) -> tuple[str, Report]:
         calls.append((arguments, more))
-        return "found", passed
+        return "name = 'fitted'", Report("Fit", numbers={"found": 1}, passed=passed)
 
     monkeypatch.setattr(recording_fit, "fit_recordings", record_call)
     assert (
         run_fit(tmp_path, "-o", str(tmp_path / "u.toml"), "--metadata", "u.json", "--json", "--sensor-index", "1")
         == code
     )
-    assert capsys.readouterr().out == "found\n"
+    assert json.loads(capsys.readouterr().out) == {"found": 1, "files": [str(tmp_path / "r" / "index.html")]}
+    assert (tmp_path / "u.toml").read_text() == "name = 'fitted'"
     ((arguments, more),) = calls
-    assert arguments == ([OUSTER], "os0-128", tmp_path / "u.toml", tmp_path / "r")
-    assert more == {"metadata": Path("u.json"), "sensor_index": 1, "as_json": True}
+    assert arguments == ([OUSTER], "os0-128")
+    assert more == {"metadata": Path("u.json"), "sensor_index": 1}
 
 
 def test_with_a_scene_it_is_another_fit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -40,11 +43,11 @@ def test_with_a_scene_it_is_another_fit(tmp_path: Path, monkeypatch: pytest.Monk
 
     calls: list[Any] = []
     monkeypatch.setattr(
-        on_scene, "fit_on_scene", lambda *arguments, **more: (calls.append((arguments, more)), ("", True))[1]
+        on_scene, "fit_on_scene", lambda inputs: (calls.append(inputs), ("", Report("Fit", passed=True)))[1]
     )
     files = ["--scene", "twin/scene.toml", "--poses", "p.csv", "--metadata", "u.json", "--sensor-index", "1"]
     assert run_fit(tmp_path, "-o", str(tmp_path / "u.toml"), *files) == 0
-    (((inputs, output, report), more),) = calls
+    (inputs,) = calls
     assert inputs == on_scene.SceneFitInputs(
         recordings=[OUSTER],
         scene=Path("twin/scene.toml"),
@@ -53,7 +56,6 @@ def test_with_a_scene_it_is_another_fit(tmp_path: Path, monkeypatch: pytest.Monk
         poses=Path("p.csv"),
         sensor_index=1,
     )
-    assert (output, report, more) == (tmp_path / "u.toml", tmp_path / "r", {"as_json": False})
 
 
 @pytest.mark.parametrize(

@@ -93,8 +93,9 @@ def test_page_and_numbers(tmp_path: Path) -> None:
         return_share=None,
         gap_m=np.zeros(0),
     )
-    text = compare_with_recording(bare, real, tmp_path)
-    assert f"wrote {tmp_path / 'index.html'}" in text
+    report = compare_with_recording(bare, real)
+    report.save(tmp_path)
+    text = str(report)
     written = json.loads((tmp_path / "real.json").read_text())
     rows = {row["quantity"]: row for row in written["rows"]}
     assert {"quantity": "points", "bare": 3, "real": 7170, "ratio": 3 / 7170}.items() <= rows["points"].items()
@@ -104,7 +105,9 @@ def test_page_and_numbers(tmp_path: Path) -> None:
     assert "64 to 128" not in page  # of which neither side knows anything
     assert text.splitlines()[0] == written["verdict"]
     assert html.escape(written["verdict"]) in page.partition("<table>")[0]
-    assert json.loads(compare_with_recording(bare, real, tmp_path, as_json=True)) == written
+    assert json.loads(report.as_json()) == written
+    assert report.table["quantity"][0] == "points"
+    assert (report.table["bare"][0], report.table["real"][0]) == (3, 7170)
 
 
 def test_the_verdict_names_what_differs_most() -> None:

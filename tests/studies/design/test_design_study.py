@@ -49,7 +49,9 @@ def write(folder: Path, text: str) -> Path:
 
 
 def numbers_of(path: Path, folder: Path, **options: Any) -> dict[str, Any]:
-    numbers: dict[str, Any] = json.loads(run_study(path, folder, as_json=True, **options))
+    report = run_study(path, folder, **options)
+    report.save(folder)
+    numbers: dict[str, Any] = json.loads(report.as_json())
     return numbers
 
 

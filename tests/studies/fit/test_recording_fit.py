@@ -82,7 +82,10 @@ def fit_sweep(folder: Path, patch: pytest.MonkeyPatch, sweep: Sweep, sensor: str
         return Recording(path=path, count=1, read=lambda _: sweep)
 
     patch.setattr(recording_fit, "open_recording", open_drawn)
-    return fit_recordings([folder / "drawn.pcap"], sensor, folder / "unit.toml", folder / "report")
+    sensor_text, report = fit_recordings([folder / "drawn.pcap"], sensor)
+    (folder / "unit.toml").write_text(sensor_text, "utf-8")
+    report.save(folder / "report")
+    return str(report), report.passed is True
 
 
 def one_lens(folder: Path) -> str:
@@ -96,7 +99,7 @@ def one_lens(folder: Path) -> str:
 @pytest.fixture
 def without_figures(monkeypatch: pytest.MonkeyPatch) -> pytest.MonkeyPatch:
     """Figures take longest, and one test looks at them."""
-    monkeypatch.setattr(Report, "figure", lambda *_: None)
+    monkeypatch.setattr(Report, "add_figure", lambda *_: None)
     return monkeypatch
 
 

@@ -160,7 +160,10 @@ def test_another_sensor_is_not(room_twin: RoomTwin) -> None:
 
 def test_page_and_numbers(room_twin: RoomTwin, tmp_path: Path) -> None:
     recording, folder, _ = room_twin
-    text = compare_twin(folder / "scene.toml", recording, tmp_path / "page")
+    compared = compare_twin(folder / "scene.toml", recording)
+    compared.save(tmp_path / "page")
+    assert compared.passed
+    text = str(compared)
     (first, *_) = text.splitlines()
     assert first.startswith("The twin meets all ")
     assert "every second column" in text
@@ -173,7 +176,7 @@ def test_page_and_numbers(room_twin: RoomTwin, tmp_path: Path) -> None:
     assert {"quantity", "value", "low", "high", "met"} <= report["rows"][0].keys()
     assert "data:image/png" in (tmp_path / "page" / "index.html").read_text()
     with pytest.raises(InputError, match="--frame 7: must be one of 0"):
-        compare_twin(folder / "scene.toml", recording, tmp_path / "other", frame=7)
+        compare_twin(folder / "scene.toml", recording, frame=7)
 
 
 def test_a_list_of_points_is_compared_by_its_statistics(room_twin: RoomTwin, open3d: Any, tmp_path: Path) -> None:
@@ -191,7 +194,7 @@ def test_a_list_of_points_is_compared_by_its_statistics(room_twin: RoomTwin, ope
     of_list = recording_of(tmp_path / "0.bin", listed)
     printed = build_twin(of_list, TwinFrames(frames=(0,)), tmp_path / "twin", sensor=str(folder / "sensor.toml"))
     assert "scaled to a median of 0.2, since its unit is not known" in printed
-    text = compare_twin(tmp_path / "twin" / "scene.toml", of_list, tmp_path / "page")
+    text = str(compare_twin(tmp_path / "twin" / "scene.toml", of_list))
     points = next(line.split() for line in text.splitlines() if line.startswith("points "))
     # The quads of a list do not meet at edges, and cover no corner.
     assert int(points[1].replace(",", "")) == pytest.approx(int(points[2].replace(",", "")), rel=0.1)

@@ -4,11 +4,14 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ...errors import InputError
 from ..options import CommandOptions, add_options
-from ..terminal import Answer
+from ..terminal import Answer, save_report
+
+if TYPE_CHECKING:
+    from ...figures.report import Report
 
 FIT_HELP = """\
 examples:
@@ -55,12 +58,28 @@ def add_fit(commands: Any) -> None:
     add_options(command, CommandOptions, "metadata", "sensor_index")
     add("-o", "--output", metavar="F.toml", type=Path, required=True, help="sensor file to write")
     add("--report", metavar="DIR", type=Path, required=True, help="folder of the page, its figures and fit.json")
-    add_options(command, CommandOptions, "json")
+    add_options(command, CommandOptions, "json", "quiet")
     command.set_defaults(run=fit_text)
 
 
 def fit_text(arguments: argparse.Namespace) -> Answer:
     """Run `fit`; returns the text to print and the code."""
+    from ...figures.report import require_writable_report
+    from ...files.atomic import put_text, require_writable
+
+    if arguments.output.suffix.lower() != ".toml":
+        raise InputError(f"--output {arguments.output}: the name must end in .toml")
+    require_writable(arguments.output)
+    require_writable_report(arguments.report)
+    sensor_text, report = _fit(arguments)
+    put_text(arguments.output, sensor_text)
+    text = save_report(report, arguments.report, as_json=arguments.json)
+    written = "" if arguments.json else f"\nwrote {arguments.output}"
+    return Answer(text + written, 1 if report.passed is False else 0)
+
+
+def _fit(arguments: argparse.Namespace) -> tuple[str, Report]:
+    """Text of the fitted sensor file, and the report. Raises InputError."""
     if arguments.scene is not None:
         from ...studies.fit.on_scene.scene_fit import SceneFitInputs, fit_on_scene
 
@@ -72,21 +91,13 @@ def fit_text(arguments: argparse.Namespace) -> Answer:
             poses=arguments.poses,
             sensor_index=arguments.sensor_index,
         )
-        text, passed = fit_on_scene(inputs, arguments.output, arguments.report, as_json=arguments.json)
-        return Answer(text, 0 if passed else 1)
+        return fit_on_scene(inputs)
     if arguments.poses is not None:
         raise InputError("--poses: goes with --scene")
     if arguments.sensor is None:
         raise InputError("--sensor: must name the sensor of the recording, or --scene one that has it, got neither")
     from ...studies.fit.recording_fit import fit_recordings
 
-    text, passed = fit_recordings(
-        arguments.recordings,
-        arguments.sensor,
-        arguments.output,
-        arguments.report,
-        metadata=arguments.metadata,
-        sensor_index=arguments.sensor_index,
-        as_json=arguments.json,
+    return fit_recordings(
+        arguments.recordings, arguments.sensor, metadata=arguments.metadata, sensor_index=arguments.sensor_index
     )
-    return Answer(text, 0 if passed else 1)

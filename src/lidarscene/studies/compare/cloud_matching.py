@@ -7,6 +7,7 @@ the pulses with which any of the sensors found a surface.
 
 from __future__ import annotations
 
+import os
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path

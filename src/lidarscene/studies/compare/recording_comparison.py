@@ -110,13 +110,10 @@ def compare_with_recording(side: Side, real: Side) -> Report:
         "rows": [row.as_dict(**words) for row in rows],
     }
     report = Report(
-        f"{side.name} beside {real.name}",
-        numbers=numbers,
-        main_table=held_data(rows, **words),
-        pages=(PAGE, NUMBERS),
+        f"{side.name} beside {real.name}", numbers=numbers, main_table=held_data(rows, **words), pages=(PAGE, NUMBERS)
     )
     report.add_paragraph(numbers["verdict"])
-    report.add_table(*held_table(rows, **words))
+    report.add_table(*held_table(rows, reference=real.name, simulated=side.name, value="ratio"))
     report.summary = report.as_text()
     report.add_paragraph(_NOTE)
     return report

@@ -140,7 +140,9 @@ def _report(
     if study.is_traced:
         report.add_heading("Clouds")
         report.add_pictures(list(_clouds(evaluator, best, places)))
-    files = [name for place in _files(best, places) for name in _add_sensors(report, evaluator.space, best[place], place)]
+    files = [
+        name for place in _files(best, places) for name in _add_sensors(report, evaluator.space, best[place], place)
+    ]
     report.numbers = {
         "study": study.name,
         "evaluations": len(designs),

@@ -29,7 +29,7 @@ if TYPE_CHECKING:
 ProgressCallback = Callable[[int, int], object]
 """Function of the steps done and of their total."""
 
-PAGES = ("index.md", "index.html")
+PAGES = ("index.html", "index.md")
 
 
 def slugs(names: Sequence[str]) -> list[str]:

@@ -71,7 +71,8 @@ class FitReport:
     def report(self) -> Report:
         """Page, figures with their data, and numbers."""
         estimates = [
-            (estimate.key, estimate.value, estimate.unit, estimate.sigma, estimate.is_known) for estimate in self.estimates
+            (estimate.key, estimate.value, estimate.unit, estimate.sigma, estimate.is_known)
+            for estimate in self.estimates
         ]
         report = Report(
             self.title,

@@ -74,11 +74,7 @@ class RecordingFit:
 
 
 def fit_recordings(
-    recordings: Sequence[Path],
-    sensor: str,
-    *,
-    metadata: Path | None = None,
-    sensor_index: int = 0,
+    recordings: Sequence[Path], sensor: str, *, metadata: Path | None = None, sensor_index: int = 0
 ) -> tuple[str, Report]:
     """Fit recordings of one unit; returns the text of its sensor file, and the report.
 

@@ -13,7 +13,7 @@ from ...figures.report import Report
 from .claims import HOLDS, Claim, Erratum, claims_and_errata
 from .figures import figures
 
-PAGES = ("index.md", "index.html")
+PAGES = ("index.html", "index.md")
 
 INTRODUCTION = (
     "X. Guo, Ranging Performance Analysis in Automotive DToF Lidars: its figures computed from its own formulas and "

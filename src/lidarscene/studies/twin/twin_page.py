@@ -32,11 +32,7 @@ _VIEW = View(eye_m=(-9.0, 0.0, 6.0), target_m=(6.0, 0.0, 0.0), fov_deg=70.0)
 
 
 def compare_twin(
-    scene_file: Path,
-    recording: Recording,
-    *,
-    frame: int | None = None,
-    options: FrameOptions | None = None,
+    scene_file: Path, recording: Recording, *, frame: int | None = None, options: FrameOptions | None = None
 ) -> Report:
     """Render a twin at a frame's pose and compare it with that frame of the recording.
 
@@ -84,7 +80,9 @@ def compare_twin(
     clouds = {REAL: cloud_of(full_sweep), SIMULATED: cloud.in_sensor_frame()}
     scale = common_scale(list(clouds.values()), "range")
     captions = {REAL: "Recorded, by range.", SIMULATED: "Simulated in the twin, by range."}
-    report.add_pictures([(name, captions[name], partial(picture, shown, scale=scale)) for name, shown in clouds.items()])
+    report.add_pictures(
+        [(name, captions[name], partial(picture, shown, scale=scale)) for name, shown in clouds.items()]
+    )
     return report
 
 

@@ -54,8 +54,10 @@ def fitted(recorded_unit: RecordedUnit, tmp_path_factory: pytest.TempPathFactory
     inputs = SceneFitInputs(recordings=[recording], scene=scene)
     with pytest.MonkeyPatch.context() as patch:
         draw_roughly(patch)
-        text, passed = fit_on_scene(inputs, folder / "unit.toml", folder / "report", as_json=True)
-    return json.loads(text), folder, passed
+        sensor_text, report = fit_on_scene(inputs)
+        (folder / "unit.toml").write_text(sensor_text, "utf-8")
+        report.save(folder / "report")
+    return json.loads(report.as_json()), folder, report.passed is True
 
 
 def test_the_unit_that_recorded_is_found_again(fitted: Any) -> None:
@@ -108,9 +110,7 @@ def test_poses_move_the_sensor(recorded_unit: RecordedUnit, tmp_path: Path, monk
         rows = [f"{t},{-0.5 * aside_m},{aside_m},1.8,30" for t in (0.0, 1.0)]
         poses.write_text("\n".join(["time_s,x_m,y_m,z_m,yaw_deg", *rows]) + "\n", encoding="utf-8")
         with pytest.raises(InputError, match="enough"):
-            fit_on_scene(
-                SceneFitInputs(recordings=[recording], scene=scene, poses=poses), tmp_path / "u.toml", tmp_path / "r"
-            )
+            fit_on_scene(SceneFitInputs(recordings=[recording], scene=scene, poses=poses))
     off_m = [np.nanquantile(np.abs(pulses.reported.range_m - pulses.scene.range_m), 0.9) for pulses in laid_pulses]
     assert off_m[0] < 0.1
     assert off_m[1] > 0.5
@@ -135,8 +135,7 @@ def test_what_does_not_fit_is_one_line(
         changed = {"poses": tmp_path / changed["poses"]}
         changed["poses"].write_text("time_s,x_m,y_m,z_m\n5,0,0,0\n6,0,0,0\n", encoding="utf-8")
     with pytest.raises(InputError, match=complaint):
-        fit_on_scene(SceneFitInputs(recordings=[recording], scene=scene, **changed), tmp_path / "u.toml", tmp_path)
-    assert not (tmp_path / "u.toml").exists()
+        fit_on_scene(SceneFitInputs(recordings=[recording], scene=scene, **changed))
 
 
 def reported_walls(signal: Any, off_m: Any, *, has_return: Any = True, power: float = 1.0) -> PulsesOnScene:
