@@ -48,7 +48,7 @@ from .render_options import (
     TraceOptions,
     to_pose,
 )
-from .stages import Chain, Stages
+from .stages import Chain, Stages, TracedPaths
 from .tiles import PACKET, DevicePulses, Numbering
 
 
@@ -130,6 +130,15 @@ class Simulator:
 
     def _prepare_stages(self) -> None:
         self._stages = Stages.from_scene(self.scene, self.sensor, self.world, self.trace)
+        self._chain = Chain(self._stages)
+
+    def share_paths(self, traced: TracedPaths) -> None:
+        """Read the paths of the next frame from ``traced``, or trace them into it: see there for what may differ.
+
+        For sensors that are rendered once each: the stages are not recorded for later frames.
+        """
+        traced.rewind()
+        self._stages = replace(self._stages, traced=traced)
         self._chain = Chain(self._stages)
 
     def __repr__(self) -> str:

@@ -23,7 +23,7 @@ from ..light.footprint import Footprint, aim, footprint, polarisation, spread, s
 from ..light.hits import Hits
 from ..light.pulse_train import LitAir, join_echoes
 from ..light.stray_light import Crosstalk, add_stray_light, channel_light, reaches_others
-from ..maths.arrays import Array, Lanes
+from ..maths.arrays import Array, Lanes, flatten, is_drjit
 from ..maths.motion_table import MotionTable, MovingBodies, Placement
 from ..maths.vectors import Vector
 from ..physics.optics import sunlight
@@ -43,6 +43,33 @@ RayPulses = Mapping[int, Any]
 NO_RAYS: RayPulses = {}
 
 
+class TracedPaths:
+    """Paths of all rays of a frame: traced once, and read again for sensors with the same rays in the same scene.
+
+    Sensors may differ in power, lens, detector and electronics, and the sun in its strength. A frame reads the paths in
+    the order in which it would trace them, so light that goes on to other channels, which depends on it, must not be
+    part of the frame.
+    """
+
+    def __init__(self) -> None:
+        self._paths: list[Sequence[Hits]] = []
+        self._read = 0
+
+    def rewind(self) -> None:
+        """Begin with the first path of the frame again."""
+        self._read = 0
+
+    def following(self, traced: Callable[[], Sequence[Hits]]) -> Sequence[Hits]:
+        """Next paths of the frame; ``traced`` gives them the first time."""
+        if self._read == len(self._paths):
+            paths = traced()
+            # Computed before anything uses them, also the first time: every frame has the same kernels after them.
+            transfer.start([array for hits in paths for array in flatten(hits) if is_drjit(array)])
+            self._paths.append(paths)
+        self._read += 1
+        return self._paths[self._read - 1]
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Stages:
     """World, sensor and light of the stages; numbers are on the device, so that other values compile nothing.
@@ -56,6 +83,7 @@ class Stages:
     crosstalk     channels that see each other's light, or None
     fluctuation   law by which echoes scatter, or None
     sun           unit vector towards the sun
+    traced        paths of the frame, for rays that were traced before; None: each frame traces its own
     """
 
     world: World
@@ -70,6 +98,7 @@ class Stages:
     crosstalk: Crosstalk | None
     fluctuation: FluctuationLaw | None
     sun: Any
+    traced: TracedPaths | None = None
 
     @classmethod
     def from_scene(cls, scene: Scene, sensor: Sensor, world: World, options: TraceOptions) -> Stages:
@@ -197,7 +226,8 @@ class Stages:
             vectors=self.vectors and shape is self.footprint,
             polarisation=swing,
         )
-        paths = trace(
+        trace_all = partial(
+            trace,
             self.world,
             rays,
             sun=self.sun,
@@ -206,6 +236,7 @@ class Stages:
             survey=survey and self.interactions > 0,
             firing=firing,
         )
+        paths = trace_all() if self.traced is None else self.traced.following(trace_all)
         return rays, [_in_sensor(hits, place) for hits in paths]
 
     def _background(self, places: Places, pulse: Array, seed: Lanes, shape: Footprint, ray_pulses: RayPulses) -> Any:
@@ -261,7 +292,7 @@ class Chain:
     def __call__(self, frame: Frame, pulses: DevicePulses, seed: Lanes, *, survey: bool = False) -> Chunk:
         """Start the stages for some pulses of a frame."""
         pulse = pulses.number
-        if self.repeats:
+        if self.repeats and self._stages.traced is None:
             # A recording takes arrays only, so `MotionTable` goes in as its parts and is built again inside.
             moving = (
                 ()

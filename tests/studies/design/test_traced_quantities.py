@@ -1,10 +1,13 @@
 """Traced quantities of design studies: expected points and detected bodies, against frames with drawn points."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
+from lidarscene.kernel.rays.trace import trace
+from lidarscene.rendering import stages
 from lidarscene.rendering.simulator import Simulator
 from lidarscene.scene.scene_file import load_scene
 from lidarscene.studies.design.design_study import load_study
@@ -82,3 +85,39 @@ def test_expected_points_are_the_mean_of_drawn_frames(tmp_path: Path) -> None:
     far = 2.0 * share - 1.0
     assert np.mean(detected) == pytest.approx(share, abs=2.0 * np.sqrt(far * (1.0 - far) / 40) + 1e-9)
     assert expected["night"] > expected["walls"]
+
+
+def test_rays_are_traced_once_where_nothing_free_moves_them(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Gain, power, threshold and light trace nothing new; mounting and wavelength do. Every quantity is that of a fresh
+    bench to 1e-5, which single precision sums in another order.
+    """
+    (tmp_path / "scene.toml").write_text(SCENE, encoding="utf-8")
+    keys = (
+        '"tdc.threshold_to_noise" = { low = 4, high = 7 }\n"laser.peak_power_w" = { low = 2, high = 20 }\n'
+        '"mounting.yaw_deg" = { low = -3, high = 3 }\n"laser.wavelength_nm" = { low = 900, high = 950 }\n'
+    )
+    text = STUDY.replace('"laser.peak_power_w" = 8\n', "").replace("[objectives]", f"{keys}[objectives]")
+    (tmp_path / "study.toml").write_text(text, encoding="utf-8")
+    traces = 0
+
+    def counted(*arguments: Any, **options: Any) -> Any:
+        nonlocal traces
+        traces += 1
+        return trace(*arguments, **options)
+
+    monkeypatch.setattr(stages, "trace", counted)
+    _, evaluator = load_study(tmp_path / "study.toml")
+    values: dict[str, Any] = evaluator.space.values(np.full(len(evaluator.space.free), 0.5))
+    first = evaluator(values)
+    assert traces == 1
+    changed = values | {"detector.gain": 20.0, "laser.peak_power_w": 5.0, "tdc.threshold_to_noise": 6.0}
+    again = evaluator(changed)
+    assert traces == 1
+    assert again["walls"] < 0.9 * first["walls"]
+    _, fresh = load_study(tmp_path / "study.toml")
+    assert again == pytest.approx(fresh(changed), rel=1e-5)
+    for number, key in enumerate(("mounting.yaw_deg", "laser.wavelength_nm")):
+        evaluator(changed | {key: values[key] + 1.0})
+        assert traces == 3 + number
+    assert evaluator(values) == first
+    assert traces == 4

@@ -6,6 +6,8 @@ the sensors.
 
 from __future__ import annotations
 
+import hashlib
+import pickle
 from collections.abc import Mapping
 from dataclasses import replace
 
@@ -17,6 +19,7 @@ from ...maths.arrays import Numbers
 from ...outputs.run_report import OUTCOME_TEXT
 from ...rendering.render_options import FrameOptions
 from ...rendering.simulator import Simulator, Summary
+from ...rendering.stages import TracedPaths
 from ...scene.scene import Scene
 from ...sensor.sensor_model import Sensor
 from .observations import Observation, Surfaces
@@ -25,15 +28,21 @@ NamedSensor = tuple[str, Sensor]
 
 _TRIPPED = (Outcome.KEPT, Outcome.OUT_OF_WINDOW, Outcome.HIDDEN)
 _PULSES_AT_ONCE = 2**18  # compared together, which bounds the memory
+_KEPT_PATHS = 8
+"""Frames whose paths are kept: of the sensors of a design, and of those that a search goes back and forth between."""
 
 
 class Bench:
     """A scene in which sensors are simulated one after the other, with the same seed and at the same place."""
 
-    def __init__(self, scene: Scene, frame: FrameOptions | None = None) -> None:
-        """Place the bench at the pose of ``frame``, to which each sensor adds its mounting."""
-        self.scene, self.frame = scene, frame or FrameOptions()
+    def __init__(self, scene: Scene, frame: FrameOptions | None = None, *, keeps_paths: bool = False) -> None:
+        """Place the bench at the pose of ``frame``, to which each sensor adds its mounting.
+
+        keeps_paths  whether the rays of sensors that differ in light and electronics alone are traced once
+        """
+        self.scene, self.frame, self._keeps_paths = scene, frame or FrameOptions(), keeps_paths
         self._worlds: dict[float, World] = {}
+        self._paths: dict[bytes, TracedPaths] = {}
 
     def observe(self, name: str, sensor: Sensor, *, illuminance_klux: float | None = None) -> Observation:
         """Trace one frame with this sensor.
@@ -48,6 +57,13 @@ class Bench:
         wavelength_m = sensor.laser.wavelength_m
         simulator = Simulator(scene, sensor, world=self._worlds.get(wavelength_m), pose=self.frame.pose)
         self._worlds[wavelength_m] = simulator.world
+        rays = _ray_key(sensor) if self._keeps_paths else None
+        if rays is not None:
+            traced = self._paths.pop(rays, None) or TracedPaths()
+            self._paths[rays] = traced  # the latest at the end
+            if len(self._paths) > _KEPT_PATHS:
+                del self._paths[next(iter(self._paths))]
+            simulator.share_paths(traced)
         collector, summary = _PulseCollector(), Summary()
         cloud = simulator.render(self.frame, points=collector, summary=summary)
         losses = {
@@ -102,6 +118,18 @@ class _PulseCollector:
             probability=column("detection_probability"),
             tripped=np.isin(outcome, _TRIPPED),
         )
+
+
+def _ray_key(sensor: Sensor) -> bytes | None:
+    """Bytes that are equal for sensors with the same rays; None if the rays depend on the light.
+
+    All of scanner, mounting and laser count, apart from the pulse's power and length, and of the optics what rays know.
+    """
+    if sensor.optics.stray is not None:
+        return None
+    laser = replace(sensor.laser, peak_power_w=1.0, pulse_fwhm_s=1e-9)
+    optics = sensor.optics.halo, sensor.housing_m, sensor.sweep_rad
+    return hashlib.sha256(pickle.dumps((sensor.scanner, sensor.mounting, laser, optics, sensor.wear))).digest()
 
 
 _INTEGER_COLUMNS = ("pulse", "outcome", "body", "class_id")

@@ -25,6 +25,9 @@ NO_SENSOR = "none"
 _BASE = "sensor"
 """Name of the free choice of a base."""
 
+TURNS = ("mounting.yaw_deg", "mounting.pitch_deg", "mounting.roll_deg")
+"""Numbers of every sensor file, 0 if it leaves them out."""
+
 Values = Mapping[str, Any]
 """Value of each free key."""
 
@@ -248,7 +251,7 @@ def _list_of(tables: Mapping[str, Any], key: str) -> list[Any] | None:
 
 def has_number(tables: Mapping[str, Any], key: str) -> bool:
     """Whether a sensor file has a number under a key, also within lists."""
-    if key in numeric_keys(tables):
+    if key in TURNS or key in numeric_keys(tables):
         return True
     plain, number = _entry_number(key)
     if number is not None:

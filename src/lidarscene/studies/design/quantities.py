@@ -1,7 +1,8 @@
 """Quantities of a design: what its objectives and constraints are computed from.
 
 Closed forms need no back end. What is traced uses probabilities in place of draws, and the same seed for all designs:
-two designs differ by what they are, not by luck. A scene is compiled once for each wavelength.
+two designs differ by what they are, not by luck. A scene is compiled once for each wavelength, and the rays of designs
+that differ in light and electronics alone are traced once.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from ..field_of_view.sphere_cells import SphereCells
 from ..ranging import plane, statistics
 from ..ranging.curves import with_haze
 from ..ranging.sweep_axes import numeric_keys
-from .designs import Chosen, DesignSpace, Values, has_number
+from .designs import TURNS, Chosen, DesignSpace, Values, has_number
 from .study_file import CLOSED_FORM, QUANTITIES, TRACED, QuantityFile, StudyFile
 
 if TYPE_CHECKING:
@@ -133,7 +134,7 @@ def _bench(study: StudyFile, folder: Path) -> Bench:
     assert study.scene is not None
     scene = load_scene(folder / study.scene if study.scene.endswith((".toml", ".xml")) else study.scene)
     pose = None if study.pose is None else Pose(position_m=np.array(study.pose))
-    return Bench(scene, FrameOptions(seed=study.seed, pose=pose))
+    return Bench(scene, FrameOptions(seed=study.seed, pose=pose), keeps_paths=True)
 
 
 class _Seen:
@@ -190,6 +191,8 @@ def _number(tables: Mapping[str, Any], changes: Mapping[str, Any], key: str) -> 
     entry = numeric_keys(value).get(key)
     if entry is not None:
         return math.nan if entry.value is None else entry.value
+    if key in TURNS:
+        return float(value.get("mounting", {}).get(key.partition(".")[2], 0.0))
     for part in number_list_entries(key_path(key), value):
         value = get_entry(value, int(part) if isinstance(value, list) else part)
     return float(value)
