@@ -180,7 +180,7 @@ def batch() -> None:
             axes.plot(places, seed, "_", color=BACKGROUND, markersize=14)
     axes.set_xticks(range(3), [f"{one:g} klux" for one in klux])
     axes.set_ylabel("points of a frame", color=INK)
-    labelled(axes, "", "scenes/job.toml: twelve frames")
+    labelled(axes, "", "job: twelve frames")
     axes.set_ylim(0, 62_000)
     axes.legend(frameon=False, labelcolor=INK, loc="upper right", ncols=2)
     saved(figure, "batch.png")

@@ -17,10 +17,22 @@ from lidarscene import InputError, catalog, load_sensor
         ("materials", "Car-Paint-Black", "car_paint_black"),
         ("scenes", "Street", "street"),
         ("imus", "BMI088", "bmi088"),
+        ("examples", "OS0_32", "os0-32.pcap"),
+        ("meshes", "Lamp-Post", "lamp_post.glb"),
     ],
 )
 def test_case_and_separators_do_not_matter(kind: str, typed: str, entry: str) -> None:
-    assert catalog.path_of(kind, typed) == catalog.folder(kind) / f"{entry}.toml"
+    assert catalog.path_of(kind, typed) == catalog.folder(kind) / (entry if "." in entry else f"{entry}.toml")
+
+
+def test_a_file_here_comes_before_the_example_of_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert catalog.file_or_example("rig") == catalog.path_of("examples", "rig")
+    assert catalog.file_or_example("job", tmp_path) == catalog.path_of("examples", "job")
+    for path in ("rig.toml", "nothing", tmp_path / "rig"):
+        assert catalog.file_or_example(path) == Path(path)
+    (tmp_path / "rig").mkdir()
+    assert catalog.file_or_example("rig") == Path("rig")
 
 
 @pytest.mark.parametrize("kind", catalog.KINDS)

@@ -17,6 +17,7 @@ from helpers.waiting import PATIENCE_S
 from lidarscene.batch import cluster
 from lidarscene.batch.dispatch import Connect
 from lidarscene.cli import main
+from lidarscene.files import optional
 
 ROOT = Path(__file__).parents[2]
 
@@ -122,19 +123,22 @@ def test_mistakes(
 
 
 @pytest.mark.parametrize("package", ["distributed", "cryptography"])
-def test_without_a_package(
+def test_without_packages(
     job_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: Printed, package: str
 ) -> None:
-    """Rationale: without keys the processes of this machine would take code from all of its users. The scheduler of
+    """All that a job lacks is named at once, for its format too.
+
+    Rationale: without keys the processes of this machine would take code from all of its users. The scheduler of
     others needs no key of ours.
     """
     pytest.importorskip("distributed")
-    find = importlib.util.find_spec
-    monkeypatch.setattr(cluster.importlib.util, "find_spec", lambda name: None if name == package else find(name))
+    find, hidden = importlib.util.find_spec, (package, "lzf")
+    monkeypatch.setattr(optional.importlib.util, "find_spec", lambda name: None if name in hidden else find(name))
+    job_file.write_text('format = "pcd-compressed"\n' + job_file.read_text())
     argv = ["batch", str(job_file), "-o", str(tmp_path / "out")]
     assert main.main(argv) == 1
     error_text = capsys.readouterr().err
-    missing = f"lidarscene: error: batch needs {package}; try: pip install 'lidarscene[batch]'"
+    missing = f"lidarscene: error: batch needs {package} and python-neo-lzf; try: pip install 'lidarscene[batch,pcd]'"
     assert error_text.startswith(missing)
     assert main.main([*argv, "--scheduler", "nonsense"]) == 1
     assert capsys.readouterr().err.startswith(missing) == (package == "distributed")

@@ -69,8 +69,8 @@ def test_files_of_every_kind_are_known_by_their_tables(run: Run, tmp_path: Path)
     scenes = Path(__file__).parents[2] / "scenes"
     files = [
         scenes / "edges.toml",
-        scenes / "job.toml",
-        scenes / "rig.toml",
+        catalog.path_of("examples", "job"),
+        catalog.path_of("examples", "rig"),
         catalog.path_of("sensors", "vlp-16"),
         catalog.path_of("materials", "leaf"),
     ]

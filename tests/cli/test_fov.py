@@ -249,7 +249,7 @@ def test_a_rigs_vehicle_stands_at_the_origin(
     monkeypatch.setattr(
         study, "field_of_view_study", lambda *_, vehicle, **__: vehicles.append(vehicle) or Report("Fields of view")
     )
-    ran = run("fov", "--rig", str(SCENES / "rig.toml"), "--scene", str(SCENES / "car.toml"), "-o", "out", *pose)
+    ran = run("fov", "--rig", "rig", "--scene", str(SCENES / "car.toml"), "-o", "out", *pose)
     assert (ran.code, ran.err) == (0, "")
     assert vehicles[0].position_m.tolist() == [x_m, 0.0, 0.0]
 

@@ -22,9 +22,9 @@ from lidarscene.detection.outcomes import Status
 from lidarscene.errors import OptionWarning
 
 ROOT = Path(__file__).parents[2]
-RIGS = [ROOT / "scenes" / "rig.toml"]
-JOBS = [ROOT / "scenes" / "job.toml"]
-SCENES = sorted(set((ROOT / "scenes").glob("*.toml")) - set(RIGS) - set(JOBS))
+RIGS = [catalog.path_of("examples", "rig")]
+JOBS = [catalog.path_of("examples", "job")]
+SCENES = sorted((ROOT / "scenes").glob("*.toml"))
 
 # A wall of which some echoes are kept, some are lost in noise, and beside which false alarms come.
 HARD = (

@@ -12,7 +12,10 @@ from helpers.command_line import Run
 from helpers.documentation import ROOT
 
 import lidarscene
+from lidarscene import catalog
 from lidarscene.errors import LidarSceneError
+
+JOB = catalog.path_of("examples", "job")
 
 LONGEST = 460
 """Characters of an answer: all keys of a table, or all formats, in some lines of a terminal."""
@@ -33,8 +36,9 @@ TYPED = [
     ("render wall.toml -o a.ply --sensor car", "no sensor 'car' in the catalogue; car is a scene"),
     ("render wall.toml -o a.ply --sensor wall.toml", "(and 5 more); this looks like a scene file"),
     ("render wall.toml -o a.ply --rig wall.toml", "key 'sensors' is missing (and 1 more); this looks like a scene"),
-    ("render wall.toml -o a.ply --rig scenes/rig.toml --sensor vlp-16", "must be only one of them, got both"),
-    ("render scenes/job.toml -o a.ply", "this looks like a job file"),
+    ("render wall.toml -o a.ply --rig rig --sensor vlp-16", "must be only one of them, got both"),
+    (f"render {JOB} -o a.ply", "this looks like a job file"),
+    ("render job -o a.ply", "no scene 'job' in the catalogue; job is an example"),
     ("render wall.toml -o a.ply --set gain=60", "unknown key 'gain'; did you mean detector.gain?"),
     ("render wall.toml -o a.ply --set peak_power=60", "unknown key 'peak_power'; did you mean laser.peak_power_w?"),
     ("render wall.toml -o a.ply --set laser.power=3", "unknown key 'laser.power'; did you mean laser.peak_power_w?"),
@@ -95,16 +99,19 @@ TYPED = [
     ("fov table1-apd", "required: -o/--output; see lidarscene fov -h"),
     ("fov table1-apd -o out --cell 0", "--cell: must be 0.02 to 10 degrees, got 0"),
     ("fov table1-apd -o out --time a,b", "must be seconds that rise, such as 0.1,0.5,1, got a,b"),
-    ("fov table1-apd --rig scenes/rig.toml -o out", "SENSOR and --rig: one of them must be given"),
+    ("fov table1-apd --rig rig -o out", "SENSOR and --rig: one of them must be given"),
     # batch
     ("batch wall.toml -o out", "key 'scenes' is missing (and 1 more); this looks like a scene file"),
     ("batch none.toml -o out", "none.toml: no such file"),
-    ("batch scenes/job.toml -o notes.txt", "--output notes.txt: must be a folder, got a file"),
-    ("batch scenes/job.toml -o out --workers 0", "--workers: must be a whole number from 1 to 1024, got 0"),
+    ("batch job -o notes.txt", "--output notes.txt: must be a folder, got a file"),
+    ("batch job -o out --workers 0", "--workers: must be a whole number from 1 to 1024, got 0"),
     # check, sensor, twin, fit, stream
     ("check", "required: FILE; see lidarscene check -h"),
     ("sensor vlp-16", "required: --from, -o/--output; see lidarscene sensor -h"),
-    ("sensor --from notes.txt -o a.toml", "must be json or OSF (Ouster), YAML or XML (Velodyne) or CSV (Hesai)"),
+    (
+        "sensor --from notes.txt -o a.toml",
+        "must be json, OSF or pcap with a json (Ouster), YAML or XML (Velodyne) or CSV (Hesai)",
+    ),
     ("twin none.pcap -o out", "none.pcap: no such recording"),
     ("fit", "see lidarscene fit -h"),
     ("stream wall.toml --sensor vlp-16", "see lidarscene stream -h"),

@@ -120,7 +120,7 @@ def test_readme_summary(
         return [(re.sub(r"[\d,\s]+", " ", row), n) for row, n in zip(rows, numbers, strict=True)]
 
     make_workplace(tmp_path, README, monkeypatch)
-    assert main.main(["render", "scenes/car.toml", "-o", "out/car.ply"]) == 0
+    assert main.main(["render", "car", "-o", "out/car.ply"]) == 0
     excerpt = next(re.finditer(r"```text\n(scene .*?)```", text_of(README), re.DOTALL))[1]
     printed, documented = lines(capsys.readouterr().out), lines(excerpt)
     assert [words for words, _ in printed] == [words for words, _ in documented]

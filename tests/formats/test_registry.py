@@ -153,7 +153,10 @@ def test_extras_are_those_of_pyproject() -> None:
     project = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text())["project"]
     for extra, packages in optional.EXTRAS.items():
         declared = {line.split(">")[0] for line in project["optional-dependencies"][extra]}
-        assert declared == set(packages.values())
+        assert declared == set(" ".join(packages.values()).split())
+    groups = re.findall(r"[\w-]+", " ".join(project["optional-dependencies"]["all"]))
+    groups += re.findall(r"[\w-]+", " ".join(project["optional-dependencies"]["recordings"]))
+    assert {"lidarscene", "all", "ros", *groups} == {"lidarscene", *project["optional-dependencies"]}
 
 
 @pytest.mark.parametrize("name", FORMATS)

@@ -73,8 +73,18 @@ def commands(page: Path) -> list[str]:
     return list(dict.fromkeys(line for line in lines if line.startswith("lidarscene ")))
 
 
+IN_AN_EMPTY_FOLDER = ("README.md", "recipes.md")
+"""Pages whose commands need no file but those that the commands before them write."""
+
+
 def make_workplace(folder: Path, page: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """Make a folder look like the repository's root, with the files that the page shows, and go there."""
+    """Make a folder look like the repository's root, with the files that the page shows, and go there.
+
+    Of `IN_AN_EMPTY_FOLDER` it stays empty.
+    """
+    monkeypatch.chdir(folder)
+    if page.name in IN_AN_EMPTY_FOLDER:
+        return folder
     for name in ("scenes", "assets"):
         if not (folder / name).exists():
             (folder / name).symlink_to(ROOT / name, target_is_directory=True)
@@ -82,7 +92,6 @@ def make_workplace(folder: Path, page: Path, monkeypatch: pytest.MonkeyPatch) ->
     for block in blocks(page):
         if block.file_name:
             (folder / block.file_name).write_text(block.code, encoding="utf-8")
-    monkeypatch.chdir(folder)
     return folder
 
 

@@ -19,7 +19,16 @@ from typing import Any
 import pytest
 import trimesh
 
-from helpers.documentation import PAGES, ROOT, blocks, commands, in_order, make_workplace, shell_lines
+from helpers.documentation import (
+    IN_AN_EMPTY_FOLDER,
+    PAGES,
+    ROOT,
+    blocks,
+    commands,
+    in_order,
+    make_workplace,
+    shell_lines,
+)
 from helpers.in_this_process import draw_nothing, draw_roughly
 from helpers.small_job import threads_of_this_process, use_no_worlds_of_others
 from lidarscene import catalog
@@ -35,13 +44,13 @@ from lidarscene.scene.scene_file import load_scene, scene_path, sensor_of_scene
 # What needs more than this machine, and what another test runs as it stands.
 PARSED_ONLY = {
     "lidarscene batch factory.toml": "tests/batch/test_dataset.py::test_as_many_labels_as_clouds",
-    "lidarscene batch scenes/job.toml -o /shared": "tests/batch/test_cluster.py::test_the_bits_of_render",
+    "lidarscene batch job -o /shared": "tests/batch/test_cluster.py::test_the_bits_of_render",
     "lidarscene render drive --sensor os0-128": "tests/outputs/test_captures.py::test_ouster_metadata_and_background",
     "lidarscene render avenue.toml": "tests/outputs/test_run_motion.py::test_synchronous_packets_of_an_ousters_imu",
     "lidarscene view out/os0.pcap": "tests/cli/recordings/test_recording_options.py::test_view_saves_all_frames_or_one",
     "lidarscene view os1.pcap": "tests/cli/recordings/test_recording_options.py::test_view_saves_all_frames_or_one",
     "lidarscene compare out/street.ply --real": "tests/cli/recordings/test_recording_options.py::test_compare_real",
-    "lidarscene sensor --from": "tests/cli/recordings/test_sensor.py::test_a_unit_of_an_ouster",
+    "lidarscene sensor --from os1.json": "tests/cli/recordings/test_sensor.py::test_a_unit_of_an_ouster",
     "lidarscene twin os1.pcap": "tests/cli/recordings/test_twin.py::test_a_twin_of_a_recording",
     "lidarscene compare out/twin/scene.toml --real": "tests/studies/twin/test_matched_pulses.py::test_page_and_numbers",
     "lidarscene fit os1.pcap": (
@@ -59,11 +68,10 @@ COPIES = {"my-sensor": "table1-sipm", "my-risley": "livox-mid-40", "my-spinning"
 MESH, VAN = "my_mesh.glb", "van.obj"
 """A box of each name is written."""
 MADE_BEFORE = {
-    "recipes.md": ("lidarscene render car -o out/car.ply --picture out/car.png",),
     "view.md": (
         "lidarscene render car -o out/car.ply --picture out/car.png",
         "lidarscene render scenes/drive.toml -o out/frames --frames 2",
-    ),
+    )
 }
 RASTER = ("scanner.azimuth_step_deg=4", "scanner.elevation_step_deg=4")
 SPINNING = ("scanner.columns_per_turn=64", "laser.repetition_rate_khz=81.92")
@@ -83,16 +91,15 @@ COARSE_RIG = (
     "left:laser.repetition_rate_khz=24",
     "right:laser.repetition_rate_khz=24",
 )
-"""The same of `scenes/rig.toml`."""
+"""The same of the example `rig`."""
 COARSE_JOB = {
-    '["car.toml"]': '["scenes/car.toml"]',
     "seed_count = 2": "seed_count = 1",
     "[1, 10, 100]": "[1, 100]",
     "[sweep.scene]": "[sweep.sensor]\n"
     + "".join(f'"{key}" = [{value}]\n' for key, value in (setting.split("=") for setting in RASTER))
     + "\n[sweep.scene]",
 }
-"""What `scenes/job.toml` says, and what instead: four frames for twelve."""
+"""What the example `job` says, and what instead: four frames for twelve."""
 
 OF_STUDIES = ("compare.md", "design.md", "fov.md", "motion.md", "range.md", "sensors.md", "your_own.md")
 """Pages with commands that take as long as those of all others: two files of tests, for two processes."""
@@ -138,7 +145,7 @@ def is_read_later(command: str, page: Path) -> bool:
 
 
 def coarse_job() -> str:
-    text = (ROOT / "scenes" / "job.toml").read_text(encoding="utf-8")
+    text = catalog.path_of("examples", "job").read_text(encoding="utf-8")
     for old, new in COARSE_JOB.items():
         assert text.count(old) == 1, old
         text = text.replace(old, new)
@@ -150,8 +157,8 @@ def value_of(option: str, words: list[str]) -> str | None:
 
 
 def is_shipped(word: str) -> bool:
-    """Whether a word is a scene of `scenes/`, by its file or its name, or the mesh."""
-    return word.startswith("scenes/") or word in catalog.names("scenes") or word == MESH
+    """Whether a word is a scene of `scenes/`, by its file or its name, or a bare mesh."""
+    return word.startswith("scenes/") or word in catalog.names("scenes") + catalog.names("meshes") or word == MESH
 
 
 def by_names(line: str) -> str:
@@ -176,16 +183,16 @@ def coarse(arguments: list[str]) -> list[str]:
         options[options.index("--pulses") + 1] = "0"
     if command == "view" and "--save" not in options:
         options += ["--save", "out/view.html"]
-    if command == "batch" and "scenes/job.toml" in options:
+    if command == "batch" and options[0] == "job":
         Path("job.toml").write_text(coarse_job(), encoding="utf-8")
-        options[options.index("scenes/job.toml")] = "job.toml"
+        options[0] = "job.toml"
         options += ["--workers", "1"] if "--workers" not in options else []
     if "--illuminance" in options:
         options[options.index("--illuminance") + 1] = "10,100"
     if command == "fov":
         options += ["--time", "0.02", "--cell", "8"]
     rig, scene = value_of("--rig", options), next(filter(is_shipped, options), None)
-    if rig == "scenes/rig.toml":
+    if rig == "rig":
         sets: tuple[str, ...] = COARSE_RIG
     elif command in ("compare", "fov"):
         names = (value_of("--sensors", options) or ",".join(options)).split(",")
@@ -219,11 +226,12 @@ class Reader:
         draw_nothing(monkeypatch)
         use_threads(monkeypatch)
         self._keep_worlds(monkeypatch)
-        for name, original in COPIES.items():
-            if not Path(f"{name}.toml").exists():
-                Path(f"{name}.toml").write_text(catalog.path_of("sensors", original).read_text("utf-8"), "utf-8")
-        for name in (MESH, VAN):
-            trimesh.creation.box((4.0, 1.8, 1.5)).export(name)
+        if page.name not in IN_AN_EMPTY_FOLDER:
+            for name, original in COPIES.items():
+                if not Path(f"{name}.toml").exists():
+                    Path(f"{name}.toml").write_text(catalog.path_of("sensors", original).read_text("utf-8"), "utf-8")
+            for name in (MESH, VAN):
+                trimesh.creation.box((4.0, 1.8, 1.5)).export(name)
         for command in MADE_BEFORE.get(page.name, ()):
             self._run(capsys, command)
         shell_commands = set(shell_lines(page))

@@ -4,6 +4,7 @@ import sys
 from pathlib import Path
 
 import pytest
+from helpers.command_line import Run
 from helpers.recordings import OUSTER, pcap, turns
 
 from lidarscene.errors import InputError, LidarSceneError
@@ -27,6 +28,13 @@ def test_a_missing_library_is_told_with_what_to_type(tmp_path: Path, monkeypatch
         packages = " ".join(optional.EXTRAS[extra].values())
         assert f"try: pip install 'lidarscene[{extra}]', or pip install {packages}" in str(caught.value)
         assert "\n" not in str(caught.value)
+
+
+def test_a_twin_names_all_that_is_missing_at_once(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
+    hide_packages(monkeypatch, "ouster", "open3d")
+    ran = run("twin", "os0-32", "-o", "out")
+    assert (ran.code, ran.err.count("\n")) == (1, 1)
+    assert "try: pip install 'lidarscene[ouster,open3d]', or pip install ouster-sdk open3d libusb-package" in ran.err
 
 
 def test_what_is_no_recording(tmp_path: Path) -> None:

@@ -325,5 +325,5 @@ def test_mistakes_in_rigs(tmp_path: Path, text: str, message: str) -> None:
 
 
 def test_the_shipped_rig(tmp_path: Path) -> None:
-    rig = load_rig(Path(__file__).parents[2] / "scenes" / "rig.toml")
+    rig = load_rig("rig")
     assert [mounted.label for mounted in rig.sensors] == ["roof", "left", "right"]

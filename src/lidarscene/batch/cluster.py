@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import asyncio
-import importlib.util
 import logging
 import os
 import warnings
@@ -12,6 +11,7 @@ from contextlib import ExitStack, contextmanager
 from typing import Any
 
 from ..errors import LidarSceneError, OptionWarning, shorten
+from ..files.optional import EXTRAS, is_installed
 
 PATIENCE_S = 30
 """Longest wait for a scheduler's answer: Dask's own default."""
@@ -36,16 +36,20 @@ LOCAL = {
 """Settings of Dask for workers of this machine."""
 
 
-def require_packages(*, local: bool) -> None:
-    """Raise LidarSceneError, with a command to install it, where a package is missing.
+def require_packages(extra: str = "", *, local: bool) -> None:
+    """Raise one LidarSceneError that names all packages that are missing, with a command to install them.
 
+    extra  group of packages of the clouds' format; "" if it needs none
     local  whether the cluster runs on this machine, where connections are encrypted
     """
-    names = ("distributed", "pyarrow", *(["cryptography"] if local else []))
-    missing = [name for name in names if importlib.util.find_spec(name) is None]
+    modules = {"distributed": "distributed", "pyarrow": "pyarrow"}
+    modules |= {"cryptography": "cryptography"} if local else {}
+    modules |= EXTRAS[extra] if extra else {}
+    missing = [package for module, package in modules.items() if not is_installed(module)]
     if missing:
+        groups = ",".join(filter(None, ("batch", extra)))
         raise LidarSceneError(
-            f"batch needs {' and '.join(missing)}; try: pip install 'lidarscene[batch]', or "
+            f"batch needs {' and '.join(missing)}; try: pip install 'lidarscene[{groups}]', or "
             f"pip install {' '.join(missing)}"
         )
 
@@ -146,4 +150,4 @@ def _reason(error: BaseException) -> str:
 def dashboard(client: Any) -> str:
     """Address of Dask's dashboard, or "" without one: it needs bokeh where the scheduler runs."""
     is_local = client.cluster is not None
-    return "" if is_local and importlib.util.find_spec("bokeh") is None else client.dashboard_link or ""
+    return "" if is_local and not is_installed("bokeh") else client.dashboard_link or ""

@@ -241,7 +241,7 @@ def _sensors(file: JobFile, names: tuple[str, ...], folder: Path) -> Iterator[Se
                 content=sensor_content(name, overrides),
             )
         for rig in file.rigs:
-            path = str((folder / rig).absolute())
+            path = str(catalog.file_or_example(rig, folder).absolute())
             content = rig_content(path, overrides)
             for label in (mounted.label for mounted in load_rig(path, overrides=overrides).sensors):
                 yield SensorChoice(

@@ -1,7 +1,8 @@
-"""The catalogue: sensors, IMUs, materials, scenes and design studies as data files; the first three with sources.
+"""The catalogue: sensors, IMUs, materials, scenes, design studies, meshes and examples of other files.
 
-Each is a TOML file in a folder of its kind, named after the file; a new one needs no code. This module handles names
-and paths only; `sensor.sensor_file`, `materials.material_file` and `scene.scene_file` read the files.
+Each is a file in a folder of its kind, named after the file; a new one needs no code. Sensors, IMUs and materials have
+sources. This module handles names and paths only; `sensor.sensor_file`, `materials.material_file` and
+`scene.scene_file` read the files.
 """
 
 from __future__ import annotations
@@ -15,17 +16,26 @@ from typing import Any
 
 from ..errors import InputError, did_you_mean, question
 
-KINDS = ("sensors", "materials", "scenes", "imus", "designs")
+KINDS = ("sensors", "materials", "scenes", "imus", "designs", "meshes", "examples")
 
-BESIDE_SCENES = ("job", "rig")
-"""Stems of files in the folder of scenes that are no scenes: a job for `batch`, a rig of sensors."""
+SUFFIXES = {"meshes": (".glb",), "examples": (".toml", ".pcap")}
+"""Suffixes of the files of a kind; of the others ".toml". Examples are a rig, a job, a sensor file and a recording."""
+
+IN_REPOSITORY = {"scenes": "scenes", "meshes": "assets/meshes"}
+"""Kinds that lie in the package only if it was installed from a wheel -> their folder in a clone."""
 
 
 def folder(kind: str) -> Path:
-    """Folder of the catalogue's files of one kind. Scenes lie in the package only if it was installed from a wheel."""
+    """Folder of the catalogue's files of one kind."""
     package = Path(str(resources.files(__package__)))
-    inside = package / kind
-    return package.parents[2] / kind if kind == "scenes" and not inside.is_dir() else inside
+    inside = package / IN_REPOSITORY.get(kind, kind)
+    return inside if inside.is_dir() else package.parents[2] / IN_REPOSITORY.get(kind, kind)
+
+
+def files(kind: str) -> dict[str, Path]:
+    """Name -> file of all entries of one kind, sorted."""
+    suffixes = SUFFIXES.get(kind, (".toml",))
+    return {path.stem: path for path in sorted(folder(kind).glob("*")) if path.suffix in suffixes}
 
 
 @functools.cache
@@ -37,30 +47,46 @@ def shipped_meshes() -> dict[str, Any]:
 
 def names(kind: str) -> list[str]:
     """Names of all entries of one kind, sorted."""
-    stems = sorted(path.stem for path in folder(kind).glob("*.toml"))
-    return [name for name in stems if name not in BESIDE_SCENES] if kind == "scenes" else stems
+    return list(files(kind))
 
 
 def path_of(kind: str, name: str) -> Path:
     """File of an entry; case, dashes and underscores do not matter. Raises InputError with the names that fit."""
-    path = folder(kind) / f"{name}.toml"
+    path = folder(kind) / f"{name}{SUFFIXES.get(kind, ('.toml',))[0]}"
     if Path(name).name == name and os.path.isfile(path):
         return path
     if os.path.isfile(name):
-        raise InputError(f"{name}: the name of a {kind.removesuffix('s')} file ends in .toml")
+        raise InputError(f"{name}: the name of a {singular(kind)} file ends in {SUFFIXES.get(kind, ('.toml',))[0]}")
     spelled = {_letters(entry): entry for entry in names(kind)}
     if _letters(name) in spelled:
-        return folder(kind) / f"{spelled[_letters(name)]}.toml"
-    noun = kind.removesuffix("s")
+        return files(kind)[spelled[_letters(name)]]
+    noun = singular(kind)
     parts = name.split(",")
     if len(parts) > 1 and all(_letters(part.strip()) in spelled for part in parts):
         raise InputError(f"'{name}': must be one {noun}; several go with spaces between them")
     for other_kind in KINDS:
         if entry := {_letters(entry): entry for entry in names(other_kind)}.get(_letters(name)):
-            raise InputError(f"no {noun} '{name}' in the catalogue; {entry} is a {other_kind.removesuffix('s')}")
+            raise InputError(f"no {noun} '{name}' in the catalogue; {entry} is {with_article(other_kind)}")
     names_or_folder = ", ".join(spelled.values()) or f"no {kind}, for there are none in {folder(kind)}"
     hint = _suggestion(kind, name) or f"it has {names_or_folder}"
     raise InputError(f"no {noun} '{name}' in the catalogue; {hint}")
+
+
+def singular(kind: str) -> str:
+    """Noun of one entry of a kind."""
+    return kind.removesuffix("es" if kind == "meshes" else "s")
+
+
+def with_article(kind: str) -> str:
+    """The same with its article."""
+    return f"{'an' if kind[0] in 'aei' else 'a'} {singular(kind)}"
+
+
+def file_or_example(path: str | os.PathLike[str], folder: Path = Path()) -> Path:
+    """Path in a folder, or the example of this bare name if nothing there has it."""
+    name, file = os.fspath(path), folder / path
+    is_name = Path(name).name == name and not Path(name).suffix and not os.path.exists(file)
+    return files("examples").get(name, file) if is_name else file
 
 
 def _letters(text: str) -> str:
@@ -98,5 +124,6 @@ SHORTEST_WORD = 3
 
 def _description(kind: str, name: str) -> str:
     """Description of an entry, in its file."""
-    tables = tomllib.loads((folder(kind) / f"{name}.toml").read_text(encoding="utf-8"))
+    path = files(kind)[name]
+    tables = tomllib.loads(path.read_text(encoding="utf-8")) if path.suffix == ".toml" else {}
     return str(tables.get("description", ""))

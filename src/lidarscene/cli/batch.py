@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 
 BATCH_HELP = """\
 examples:
-  lidarscene batch scenes/job.toml -o out/job
-  lidarscene batch scenes/job.toml -o out/job --workers 2
+  lidarscene batch job -o out/job
+  lidarscene batch job -o out/job --workers 2
   lidarscene batch job.toml -o /shared/job --scheduler tcp://10.0.0.1:8786
 
 A run that was broken off goes on where it was: the same command again renders what is missing.
@@ -48,7 +48,7 @@ def add_batch(commands: Any) -> None:
         description="Render every frame of a job that is not in the folder yet, and write a manifest of all of them.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    batch.add_argument("job", metavar="JOB.toml", type=Path, help="job file: what is multiplied with what")
+    batch.add_argument("job", metavar="JOB", type=Path, help="job file, or the example's name")
     add = batch.add_argument
     add_options(
         batch, CommandOptions, output="frames/ and manifest.parquet in it; what is there already is not done again"
@@ -70,16 +70,21 @@ def add_batch(commands: Any) -> None:
 
 def batch_answer(arguments: argparse.Namespace) -> Answer:
     """Run `batch`; the code is 1 if frames failed. Raises InputError and OutputError before anything is rendered."""
+    from .. import catalog
     from ..batch import cluster
     from ..batch.dispatch import run_job
+    from ..batch.job_file import read_job
     from ..batch.store import Store
     from ..batch.tasks import Job
     from ..files.atomic import require_writable
+    from ..formats.registry import FORMATS
 
     if arguments.scheduler is not None and arguments.workers is not None:
         raise InputError("--scheduler and --workers: must be only one of them, got both")
-    cluster.require_packages(local=arguments.scheduler is None)
-    job = Job.read(arguments.job)
+    job_path = catalog.file_or_example(arguments.job)
+    format_extra = FORMATS[read_job(job_path).format].extra
+    cluster.require_packages(format_extra, local=arguments.scheduler is None)
+    job = Job.read(job_path)
     if os.path.exists(arguments.output) and not os.path.isdir(arguments.output):
         raise InputError(f"--output {arguments.output}: must be a folder, got a file")
     manifest = Store(arguments.output).manifest

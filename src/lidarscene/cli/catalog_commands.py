@@ -33,14 +33,14 @@ def add_catalogue(commands: Any) -> None:
     """Add `catalog`, `schema` and `check`."""
     catalog = commands.add_parser(
         "catalog",
-        help="what sensors, IMUs, materials, scenes and design studies there are",
-        description="List the catalogue, print an entry's file, with a source for every number, or check sensors "
+        help="what sensors, IMUs, materials, scenes, design studies, meshes and examples there are",
+        description="List the catalogue, print an entry's file (of a mesh or a recording, its path), or check sensors "
         "against what their makers publish.",
     )
     catalog.add_argument(
         "kind",
         nargs="?",
-        choices=("sensors", "imus", "materials", "scenes", "designs", "check"),
+        choices=("sensors", "imus", "materials", "scenes", "designs", "meshes", "examples", "check"),
         help="list only these, or check sensors",
     )
     catalog.add_argument("name", metavar="NAME", nargs="?", help="print, or check, this entry")
@@ -70,7 +70,7 @@ def add_catalogue(commands: Any) -> None:
         description="Read a scene, sensor, rig, material, job or design file and print every mistake in it, one a "
         "line. Exit code 2 if there are any.",
     )
-    check.add_argument("files", metavar="FILE", nargs="+", type=Path, help="file, or the name of a scene")
+    check.add_argument("files", metavar="FILE", nargs="+", type=Path, help="file, or the name of a scene or example")
     check.add_argument("--kind", choices=KINDS, help="what they are (default: by their tables)")
     check.set_defaults(run=check_text)
 
@@ -91,7 +91,8 @@ def catalog_text(arguments: argparse.Namespace) -> str | Answer:
         if getattr(arguments, option):
             raise InputError(f"--{option} goes with catalog check")
     if arguments.name:
-        return catalog.path_of(arguments.kind, arguments.name).read_text(encoding="utf-8")
+        path = catalog.path_of(arguments.kind, arguments.name)
+        return path.read_text(encoding="utf-8") if path.suffix == ".toml" else str(path)
     return "\n".join(run_report.catalog_text(kind) for kind in ([arguments.kind] if arguments.kind else catalog.KINDS))
 
 
@@ -153,11 +154,12 @@ def check_text(arguments: argparse.Namespace) -> Answer:
 
 
 def _mistakes(path: Path, kind: str | None) -> Iterator[str]:
+    from .. import catalog
     from ..files.toml import list_mistakes, read_toml
     from ..scene.scene_file import scene_path
 
     try:
-        path = scene_path(path)
+        path = scene_path(catalog.file_or_example(path))
         if path.suffix.lower() != ".toml":
             yield from _mistakes_in_content("scene", path)
             return

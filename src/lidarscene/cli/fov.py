@@ -25,7 +25,7 @@ examples:
   lidarscene fov table1-apd table1-sipm -o out/fov
   lidarscene fov my-risley.toml --time 0.1,0.5,1 --cell 0.28 -o out/fov
   lidarscene fov table1-apd --scene car -o out/fov
-  lidarscene fov --rig scenes/rig.toml --scene drive -o out/fov
+  lidarscene fov --rig rig --scene drive -o out/fov
 """
 
 

@@ -37,7 +37,9 @@ class CommandOptions:
     """Options of several commands that are no option of the library."""
 
     sensor: str | None = option(None, help="catalogue name or sensor file (default: the scene's)", metavar="NAME|FILE")
-    rig: Path | None = option(None, help="several sensors on one vehicle, instead of one", metavar="RIG.toml")
+    rig: Path | None = option(
+        None, help="several sensors on one vehicle, instead of one: a file, or the example's name", metavar="RIG"
+    )
     overrides: Sequence[str] = option(
         (),
         help="change a value of the sensor file, such as detector.gain=60; may be repeated",

@@ -17,7 +17,7 @@ from types import ModuleType
 from ..errors import LidarSceneError
 
 LIBUSB = "libusb-1.0"
-_PACKAGES = "pip install open3d libusb-package" if sys.platform == "linux" else "pip install open3d"
+_PACKAGES = "pip install 'lidarscene[open3d]', or pip install open3d" + " libusb-package" * (sys.platform == "linux")
 _SYSTEM = "apt install libusb-1.0-0 libgl1 libegl1 libgomp1 libx11-6"
 
 

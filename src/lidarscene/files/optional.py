@@ -7,6 +7,7 @@ without the package the error is the command that installs it instead of a trace
 from __future__ import annotations
 
 import importlib
+import importlib.util
 from typing import Any
 
 from ..errors import LidarSceneError
@@ -24,8 +25,9 @@ EXTRAS = {
     "ouster": {"ouster.sdk": "ouster-sdk"},
     "velodyne": {"velodyne_decoder": "velodyne-decoder", "yaml": "pyyaml"},
     "design": {"pymoo": "pymoo"},
+    "open3d": {"open3d": "open3d libusb-package"},
 }
-"""Group of pyproject.toml -> {module that is imported: package that brings it}."""
+"""Group of pyproject.toml -> {module that is imported: packages that bring it}."""
 
 
 def import_optional(module: str, *, extra: str = "") -> Any:
@@ -43,6 +45,25 @@ def import_optional(module: str, *, extra: str = "") -> Any:
         raise LidarSceneError(
             f"{package} is needed and cannot be imported ({reason}); try: {group}pip install {packages}"
         ) from error
+
+
+def is_installed(module: str) -> bool:
+    """Whether Python finds a module; it is not imported."""
+    try:
+        return importlib.util.find_spec(module) is not None
+    except (ImportError, ValueError):  # its package is missing, or hidden
+        return False
+
+
+def require_together(*extras: str) -> None:
+    """Raise one LidarSceneError for all of these groups that lack a module, before the first of them is imported."""
+    missing = [extra for extra in extras if not all(map(is_installed, EXTRAS[extra]))]
+    if missing:
+        packages = " ".join(package for extra in missing for package in EXTRAS[extra].values())
+        raise LidarSceneError(
+            f"{' and '.join(missing)}: packages of these groups are missing; "
+            f"try: pip install 'lidarscene[{','.join(missing)}]', or pip install {packages}"
+        )
 
 
 def require(extra: str) -> None:

@@ -6,7 +6,9 @@ The simulator only counts; this module words the counts.
 from __future__ import annotations
 
 import dataclasses
+import json
 from collections.abc import Sequence
+from pathlib import Path
 from typing import Any
 
 from .. import catalog
@@ -17,7 +19,7 @@ from ..kernel.device.profile import KernelHistory, peak_memory_bytes
 from ..materials.material_file import catalogue_material
 from ..rendering.simulator import Summary
 from ..rendering.surroundings import Surroundings
-from ..scene.scene_file import scene_description
+from ..scene.scene_file import mesh_description, scene_description
 from ..sensor.imu import imu_model
 from ..sensor.sensor_file import load_sensor
 
@@ -108,6 +110,10 @@ def catalog_text(kind: str) -> str:
             lines.append(f"  {name:<26} {load_sensor(name).description}")
         elif kind == "imus":
             lines.append(f"  {name:<26} {imu_model(name).description}")
+        elif kind == "meshes":
+            lines.append(f"  {name:<26} {mesh_description(catalog.path_of(kind, name))}")
+        elif kind == "examples":
+            lines.append(f"  {name:<26} {_example_description(catalog.path_of(kind, name))}")
         elif kind == "designs":
             lines.append(f"  {name:<26} {read_toml(catalog.path_of(kind, name)).get('name', '')}")
         elif kind == "scenes":
@@ -117,3 +123,10 @@ def catalog_text(kind: str) -> str:
             value = f"{material.reflectivity.at(905e-9):.1%} at 905 nm"
             lines.append(f"  {name:<26} {value:<18} {material.bsdf:<15} {material.description}")
     return "\n".join(lines)
+
+
+def _example_description(path: Path) -> str:
+    """Description or first line of a TOML file, or which sensor recorded a capture with its metadata beside it."""
+    if path.suffix == ".toml":
+        return read_toml(path).get("description") or path.read_text("utf-8").splitlines()[0].lstrip("# ")
+    return f"recording of an Ouster {json.loads(path.with_suffix('.json').read_text('utf-8'))['prod_line']}"

@@ -6,6 +6,7 @@ import os
 from collections.abc import Callable
 from pathlib import Path
 
+from ..catalog import file_or_example
 from ..errors import InputError
 from ..files.optional import import_optional
 from ..formats.cloud_description import input_errors
@@ -17,14 +18,14 @@ Reader = Callable[[Path, Path | None], Recording]
 def open_recording(
     path: str | os.PathLike[str], metadata: str | os.PathLike[str] | None = None, *, sensor_index: int = 0
 ) -> Recording:
-    """Open a recording: a file, a folder of a ROS bag, or a folder of files of points.
+    """Open a recording: a file, a folder of a ROS bag, a folder of files of points, or the catalogue's example by name.
 
     metadata  the unit's own description where the maker keeps it apart: json of an Ouster (None: the file of the
               recording's name beside it), YAML of a Velodyne, CSV of a Hesai (None: the model's, from the decoder)
     sensor_index  which sensor of an OSF, from 0
     Raises InputError, in one line, for a file that is missing, empty, damaged or of no known kind.
     """
-    file, metadata_file = Path(path), None if metadata is None else Path(metadata)
+    file, metadata_file = file_or_example(path), None if metadata is None else Path(metadata)
     if not file.exists():
         raise InputError(f"{file}: no such recording")
     if metadata_file is not None and not metadata_file.is_file():
@@ -47,6 +48,19 @@ def open_recording(
     if not recording.count:
         raise InputError(f"{file}: must have frames of a lidar, got none")
     return recording
+
+
+def extras_of(path: str | os.PathLike[str], metadata: str | os.PathLike[str] | None = None) -> tuple[str, ...]:
+    """Groups of packages that open a recording, as far as its name and the files beside it say."""
+    from .pcap_reader import metadata_of
+
+    file = file_or_example(path)
+    suffix = file.suffix.lower()
+    if suffix in (".osf", ".pcap"):
+        description = metadata_of(file, None if metadata is None else Path(metadata))
+        return ("ouster",) if description is not None and description.suffix.lower() in (".json", ".osf") else ()
+    is_bag = suffix in (".mcap", ".db3") or (file / "metadata.yaml").is_file()
+    return ("ros",) if is_bag else ("las",) if suffix in (".las", ".laz") else ()
 
 
 def _open_ouster(path: Path, metadata: Path | None) -> Recording:

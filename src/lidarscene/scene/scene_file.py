@@ -96,10 +96,11 @@ def load_scene(
 
 
 def scene_path(scene: str | os.PathLike[str]) -> Path:
-    """Path of a scene's file; a bare word is looked up in the catalogue. Raises InputError."""
+    """Path of a scene's file, or of a bare mesh; a word without a suffix is one of the catalogue. Raises InputError."""
     path = Path(scene)
     if not path.suffix and path.name == str(scene) and not os.path.isdir(path):
-        return catalog.path_of("scenes", path.name)
+        is_mesh_name = path.name in catalog.names("meshes") and path.name not in catalog.names("scenes")
+        return catalog.path_of("meshes" if is_mesh_name else "scenes", path.name)
     reading.refuse_other_formats(path)
     # Outside of a clone there is no folder `scenes`, as examples have it.
     if path.suffix == ".toml" and not os.path.exists(path) and path.stem in catalog.names("scenes"):
@@ -141,6 +142,12 @@ def scene_description(path: Path) -> str:
         if body.mesh and any(motion and motion.with_ego for motion in body.motions())
     ]
     return "; ".join([file.description, *sizes])
+
+
+def mesh_description(path: Path) -> str:
+    """Size of a bare mesh."""
+    (body,) = [body for body in scene_model(path).bodies if body.mesh]
+    return _size_text(body, path.parent)
 
 
 def _size_text(body: BodyFile, folder: Path) -> str:

@@ -15,6 +15,7 @@ from typing import Annotated, Protocol
 
 from pydantic import Field, model_validator
 
+from ..catalog import file_or_example
 from ..errors import InputError
 from ..files.overrides import Overrides, assignments, split_sensor
 from ..files.toml import FileModel, read_toml, validate
@@ -93,13 +94,13 @@ class RigFile(FileModel):
 
 
 def load_rig(rig: str | os.PathLike[str] | Rig, *, overrides: Overrides = ()) -> Rig:
-    """Load a rig from a TOML file; a `Rig` is returned unchanged.
+    """Load a rig from a TOML file, or the catalogue's example by its name; a `Rig` is returned unchanged.
 
     overrides  KEY=VALUE for every sensor, or LABEL:KEY=VALUE for that one, after its own. Raises InputError.
     """
     if not isinstance(rig, str | os.PathLike | Rig):
         raise InputError(f"rig: must be a file or a Rig, got {type(rig).__name__}")
-    return rig if isinstance(rig, Rig) else read_rig(Path(rig), overrides=assignments(overrides))
+    return rig if isinstance(rig, Rig) else read_rig(file_or_example(rig), overrides=assignments(overrides))
 
 
 def read_rig(path: Path, *, sensor: SensorLookup = load_sensor, overrides: Sequence[str] = ()) -> Rig:

@@ -10,6 +10,7 @@ from helpers.command_line import Run
 from helpers.recordings import OUSTER
 
 from lidarscene.cloud.point_cloud import PointCloud
+from lidarscene.files.toml import read_toml
 from lidarscene.recordings.ouster_reader import beams
 from lidarscene.sensor.sensor_file import load_sensor
 
@@ -20,6 +21,9 @@ def test_a_unit_of_an_ouster(run: Run) -> None:
     assert (ran.code, ran.err) == (0, "")
     assert ran.out == "wrote mine.toml: OS-0-32-U1 992137000142, 32 beams, else as os0-128\n"
     assert load_sensor("mine.toml").scanner.pulses == 512 * 32
+    mine = read_toml(Path("mine.toml"))
+    assert run("sensor", "--from", "os0-32", "--mode", "512x10", "-o", "mine.toml").out == ran.out
+    assert read_toml(Path("mine.toml"))["scanner"] == mine["scanner"]
 
 
 def test_points_that_it_renders_lie_on_the_makers_beams(

@@ -134,7 +134,11 @@ def test_what_is_no_calibration_is_told(tmp_path: Path, library: Callable[[str],
         ("a.yaml", "lasers: [{laser_id: 1, vert_correction: 0}]", "must have lasers 0, 1, 2, ..., got 1"),
         ("a.yaml", "lasers: [{laser_id: 0}]", "laser 0: must have vert_correction, got none"),
         ("a.xml", "<a><b></a>", "a.xml: cannot be read: "),
-        ("a.txt", "", r"must be json or OSF \(Ouster\), YAML or XML \(Velodyne\) or CSV \(Hesai\), got '.txt'"),
+        (
+            "a.txt",
+            "",
+            r"must be json, OSF or pcap with a json \(Ouster\), YAML or XML \(Velodyne\) or CSV \(Hesai\), got '.txt'",
+        ),
     ):
         path = tmp_path / name
         path.write_text(text)

@@ -10,6 +10,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from ...catalog import file_or_example
 from ...rendering.render_options import SEEDS
 from ..options import CommandOptions, add_options
 from ..words import whole_number
@@ -38,12 +39,12 @@ def add_recording(command: argparse.ArgumentParser) -> None:
 
 
 def is_recording(path: Path) -> bool:
-    """Whether a path is a recording and no cloud of lidarscene; False for a file that cannot be read.
+    """Whether a path, or an example's name, is a recording and no cloud of lidarscene; False if it cannot be read.
 
     Reading such a file later raises the error.
     """
     with suppress(OSError):
-        return _is_recording(path)
+        return _is_recording(file_or_example(path))
     return False
 
 

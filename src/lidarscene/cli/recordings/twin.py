@@ -49,9 +49,11 @@ def add_twin(commands: Any) -> None:
 
 def twin_text(arguments: argparse.Namespace) -> str:
     """Run `twin`; returns the text to print. Raises InputError and OutputError."""
-    from ...recordings.opening import open_recording
+    from ...files.optional import require_together
+    from ...recordings.opening import extras_of, open_recording
     from ...studies.twin.twin_files import build_twin, choose_frames
 
+    require_together(*extras_of(arguments.recording, arguments.metadata), "open3d")
     index = arguments.sensor_index
     with open_recording(arguments.recording, arguments.metadata, sensor_index=index) as recording:
         choice = choose_frames(recording, arguments.frames, arguments.held_out)

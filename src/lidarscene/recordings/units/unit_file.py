@@ -15,6 +15,7 @@ from ...files.atomic import put_text
 from ...files.toml_edit import get_value, put_values
 from ...sensor.sensor_file import sensor_from_tables
 from ..opening import open_recording
+from ..pcap_reader import json_beside
 from .hesai_unit import read_hesai
 from .ouster_unit import read_ouster
 from .unit_beams import LIST_KEYS, Unit
@@ -28,12 +29,15 @@ MODEL_KEYS = ("rotation_hz", "cycle_us", "columns_per_turn", "start_azimuth_deg"
 
 
 def read_unit(path: Path, mode: str | None = None, *, sensor_index: int = 0) -> Unit:
-    """Read the maker's description of a unit: json, YAML, XML, CSV, or the recording with it. Raises InputError.
+    """Read the maker's description of a unit: json, YAML, XML, CSV, or a recording that has one. Raises InputError.
 
     sensor_index  which sensor of an OSF, from 0
     """
+    path = catalog.file_or_example(path)
     if not path.is_file():
         raise InputError(f"{path}: no such file")
+    if path.suffix.lower() == ".pcap" and json_beside(path).is_file():
+        path = json_beside(path)
     suffix = path.suffix.lower()
     if suffix == ".osf":
         with open_recording(path, sensor_index=sensor_index) as recording:
@@ -47,7 +51,8 @@ def read_unit(path: Path, mode: str | None = None, *, sensor_index: int = 0) -> 
     if suffix == ".csv":
         return read_hesai(path)
     raise InputError(
-        f"{path}: must be json or OSF (Ouster), YAML or XML (Velodyne) or CSV (Hesai), got '{path.suffix}'"
+        f"{path}: must be json, OSF or pcap with a json (Ouster), YAML or XML (Velodyne) or CSV (Hesai), "
+        f"got '{path.suffix}'"
     )
 
 
