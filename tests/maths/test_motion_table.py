@@ -131,7 +131,8 @@ def test_boxes_hold_all_that_is_carried(name: str) -> None:
     paths = MotionTable.from_motions(
         [BEND, MOTIONS[name]], start_s=1.05, length_s=FRAME_S, centre_m=np.ones(3), carried_m=carried
     )
-    low, high = np.asarray(paths.boxes_m).reshape(2, 3)
+    assert paths.boxes is not None
+    low, high = paths.boxes.low, paths.boxes.high
     corners = np.stack(np.meshgrid(*carried[0].T, indexing="ij"), axis=-1).reshape(-1, 3)
     placements = paths.placement(np.linspace(0.0, FRAME_S, 4001), 1)
     points = np.stack([stack_rows(placements.point(tuple(corner))) for corner in corners]).reshape(-1, 3)
@@ -145,10 +146,14 @@ def test_what_carries_nothing_has_a_box_that_nothing_is_in() -> None:
     paths = MotionTable.from_motions(
         [BEND, BEND], start_s=0.0, length_s=FRAME_S, centre_m=np.zeros(3), carried_m=carried
     )
-    empty, box = np.asarray(paths.boxes_m).reshape(2, 2, 3)
-    assert (empty == NOWHERE).all()
+    assert paths.boxes is not None
+    leaves = {int(node[7]): node for node in paths.boxes.nodes.reshape(-1, 8)}
+    empty, box = (leaves[number][[0, 1, 2, 4, 5, 6]] for number in (0, 1))
+    assert (empty.reshape(2, 3) == NOWHERE).all()
     alone = MotionTable.from_motions([BEND], start_s=0.0, length_s=FRAME_S, centre_m=np.zeros(3), carried_m=carried[1:])
-    np.testing.assert_allclose(box.ravel(), alone.boxes_m, atol=1e-3)  # room for the rounding of all
+    assert alone.boxes is not None
+    expected = (*alone.boxes.low, *alone.boxes.high)
+    np.testing.assert_allclose(box, expected, atol=1e-3)  # room for the rounding of all
 
 
 def test_a_straight_motion_has_two_instants() -> None:

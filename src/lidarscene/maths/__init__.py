@@ -10,6 +10,7 @@ pose          rigid poses and directions
 rotations     quaternions and angles
 trajectory    smooth rigid motions, in double precision
 motion_table  the same as tables for the device
+box_tree      boxes around what moves, in a tree
 random        random numbers keyed by pulse
 units         the unit, bounds and name in files of a number
 special       special functions with accurate tails

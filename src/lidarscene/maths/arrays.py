@@ -8,6 +8,7 @@ simulation with itself and `studies` compute with the very code that renders. Pl
 from __future__ import annotations
 
 import dataclasses
+import sys
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, cast
@@ -145,6 +146,12 @@ class NumpyOps:
         return (table.values if isinstance(table, LookupTable) else table).ravel()[index]
 
     @staticmethod
+    def take_four(values: Any, index: Any) -> tuple[Any, Any, Any, Any]:
+        """Entries 4 i to 4 i + 3 of an array, for each index i."""
+        a, b, c, d = (values[4 * index + i] for i in range(4))
+        return a, b, c, d
+
+    @staticmethod
     def full(like: Any, value: Any) -> Any:
         """One value for each entry of ``like``."""
         return np.full(np.shape(like), value)
@@ -257,6 +264,12 @@ class DrjitOps:
         if kind not in uploaded:
             uploaded[kind] = kind(table.values.ravel().astype(np.float32))
         return self._dr.gather(kind, uploaded[kind], self.uint32(index))
+
+    def take_four(self, values: Any, index: Any) -> tuple[Any, Any, Any, Any]:
+        """Entries 4 i to 4 i + 3 of an array, for each index i: one load, not four."""
+        kind = sys.modules[type(values).__module__].Array4f
+        a, b, c, d = self._dr.gather(kind, values, self.uint32(index))
+        return a, b, c, d
 
     def full(self, like: Any, value: Any) -> Any:
         """One value for each entry of ``like``."""

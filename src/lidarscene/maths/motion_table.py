@@ -12,11 +12,10 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
-
 import numpy as np
 
 from .arrays import Lanes, Numbers, xp
+from .box_tree import BoxTree
 from .pose import rotation_numbers
 from .trajectory import Motion
 from .vectors import Vector
@@ -28,7 +27,7 @@ arc at 30 m/s and 30 degrees/s."""
 NOWHERE = ((math.inf,) * 3, (-math.inf,) * 3)
 """Lowest and highest corner of a box that nothing is in, and that no ray passes."""
 
-_NUMBERS = 13  # place, quaternion, velocity, angular velocity
+_NUMBERS = 16  # place, quaternion, velocity, angular velocity, and three of padding: four neighbours are one load
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -81,19 +80,19 @@ class Placement:
 class MotionTable:
     """Several motions over one frame, on an even grid of times.
 
-    table    (motions, instants, 13), flat: place, quaternion (w, x, y, z), velocity, angular velocity
+    table    (motions, instants, 16), flat: place, quaternion (w, x, y, z), velocity, angular velocity, padding
     rate_hz  instants per second
     last     number of the last instant
     count    of motions
-    boxes_m  (m, 2, 3), flat: boxes along the axes of the traced frame, lowest and highest corner, which hold all that
-             the last m motions carry, all the time; None without any
+    boxes    tree of m boxes along the axes of the traced frame [m], which hold all that the last m motions carry, all
+             the time; None without any
     """
 
     table: Lanes
     rate_hz: Lanes
     last: Lanes
     count: int
-    boxes_m: Any = None
+    boxes: BoxTree | None = None
 
     @classmethod
     def from_motions(
@@ -120,11 +119,13 @@ class MotionTable:
         for row, rotation, motion in zip(table, rotations, motions, strict=True):
             states = motion.at(times)
             rotation[:] = states.rotation
-            row[:, :3], row[:, 7:10], row[:, 10:] = (states.position_m, states.velocity_m_s, states.turning_rad_s)
+            row[:, :3], row[:, 7:10], row[:, 10:13] = (states.position_m, states.velocity_m_s, states.turning_rad_s)
         table[:, :, :3] -= centre_m
         table[:, :, 3:7] = _with_continuous_signs(_quaternion(rotations))
-        swept = None if carried_m is None else _swept_boxes(table[len(table) - len(carried_m) :], carried_m).ravel()
-        return cls(table=table.ravel(), rate_hz=steps / length_s, last=float(steps), count=len(motions), boxes_m=swept)
+        boxes = None
+        if carried_m is not None:
+            boxes = BoxTree.from_boxes(_swept_boxes(table[len(table) - len(carried_m) :], carried_m))
+        return cls(table=table.ravel(), rate_hz=steps / length_s, last=float(steps), count=len(motions), boxes=boxes)
 
     def placement(self, time_s: Lanes, motion_index: Lanes) -> Placement:
         """Placement of motion number ``motion_index`` at (n,) seconds after the start; clipped to the table's ends.
@@ -135,14 +136,16 @@ class MotionTable:
         place = ops.minimum(ops.maximum(time_s * self.rate_hz, 0.0), self.last)
         lower = ops.minimum(ops.floor(place), self.last - 1.0)
         share = place - lower
-        # Flat index of the row before this time: rows of a motion follow each other, motion after motion.
-        first = (ops.int32(lower) + motion_index * (ops.int32(self.last) + 1)) * _NUMBERS
+        # Rows of a motion follow each other, motion after motion; the row before this time, in fours.
+        first = (ops.int32(lower) + motion_index * (ops.int32(self.last) + 1)) * (_NUMBERS // 4)
 
-        def number(column: int) -> Lanes:
-            before = ops.take(self.table, first + column)
-            return before + share * (ops.take(self.table, first + (column + _NUMBERS)) - before)
+        def row(first: Lanes) -> list[Lanes]:
+            return [number for four in range(_NUMBERS // 4) for number in ops.take_four(self.table, first + four)]
 
-        x, y, z, qw, qx, qy, qz, vx, vy, vz, wx, wy, wz = (number(column) for column in range(_NUMBERS))
+        x, y, z, qw, qx, qy, qz, vx, vy, vz, wx, wy, wz, *_ = (
+            before + share * (after - before)
+            for before, after in zip(row(first), row(first + _NUMBERS // 4), strict=True)
+        )
         # A linear mix of two unit quaternions is shorter than one; normalised, it is a rotation again.
         length = ops.sqrt(qw * qw + qx * qx + qy * qy + qz * qz)
         return Placement(
@@ -170,7 +173,7 @@ class MovingBodies:
 
 
 def _swept_boxes(table: Numbers, carried_m: Numbers) -> Numbers:
-    """Return (m, 2, 3) boxes which hold what m motions carry, at all times; (m, instants, 13) `MotionTable.table`."""
+    """Return (m, 2, 3) boxes which hold what m motions carry, at all times; (m, instants, 16) `MotionTable.table`."""
     carries = np.asarray(np.isfinite(carried_m).all(axis=(1, 2)))
     carried_m = np.where(carries[:, None, None], carried_m, 0.0)
     rotation = np.stack(rotation_numbers(*np.moveaxis(table[:, :, 3:7], -1, 0)), axis=-1)

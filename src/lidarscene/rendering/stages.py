@@ -24,6 +24,7 @@ from ..light.hits import Hits
 from ..light.pulse_train import LitAir, join_echoes
 from ..light.stray_light import Crosstalk, add_stray_light, channel_light, reaches_others
 from ..maths.arrays import Array, Lanes, flatten, is_drjit
+from ..maths.box_tree import BoxTree
 from ..maths.motion_table import MotionTable, MovingBodies, Placement
 from ..maths.vectors import Vector
 from ..physics.optics import sunlight
@@ -294,11 +295,10 @@ class Chain:
         pulse = pulses.number
         if self.repeats and self._stages.traced is None:
             # A recording takes arrays only, so `MotionTable` goes in as its parts and is built again inside.
-            moving = (
-                ()
-                if frame.paths is None
-                else (frame.paths.table, frame.paths.rate_hz, frame.paths.last, frame.paths.boxes_m, pulses.times())
-            )
+            moving: tuple[Any, ...] = ()
+            if (paths := frame.paths) is not None:
+                tree = () if paths.boxes is None else (paths.boxes.nodes, paths.boxes.low, paths.boxes.high)
+                moving = paths.table, paths.rate_hz, paths.last, tree, pulses.times()
             place = frame.origin.origin_m, frame.origin.rotation
             # Dr.Jit launches a kernel for as many lanes as its inputs have. Of several rays to a pulse these would be
             # the pulses' own: a recording would keep the number of rays that it was made with. So the rays are counted
@@ -333,8 +333,9 @@ class Chain:
             ) -> Chunk:
                 paths, times = None, None
                 if moving:
-                    table, rate_hz, last, boxes, times = moving
-                    paths = MotionTable(table=table, rate_hz=rate_hz, last=last, count=count, boxes_m=boxes)
+                    table, rate_hz, last, tree, times = moving
+                    boxes = BoxTree(nodes=tree[0], low=tree[1], high=tree[2]) if tree else None
+                    paths = MotionTable(table=table, rate_hz=rate_hz, last=last, count=count, boxes=boxes)
                 origin_m, rotation = place
                 origin = Placement(origin_m=origin_m, rotation=rotation)
 

@@ -10,7 +10,9 @@ from helpers.traffic import SENSOR, direction, moving, traffic
 
 from lidarscene.kernel.device import transfer
 from lidarscene.kernel.rays import nearby_bodies
+from lidarscene.kernel.world import mitsuba_world
 from lidarscene.maths import motion_table
+from lidarscene.maths.box_tree import BoxTree
 from lidarscene.maths.pose import Pose
 from lidarscene.maths.trajectory import Course, Spline
 from lidarscene.rendering.simulator import Simulator
@@ -37,36 +39,46 @@ def passes_box(origin: np.ndarray, towards: np.ndarray, length: np.ndarray, box:
     return near <= np.minimum(np.fmax(to_low, to_high).min(axis=1), length)
 
 
-def test_boxes_that_are_passed() -> None:
+@pytest.mark.parametrize("count", [1, 2, 33, 150])
+def test_boxes_that_are_passed(count: int) -> None:
     """A box 1 mm smaller has none that is not found, one 1 mm larger all that are: 20 m in single precision are good
-    to some 10 um. 32 boxes, as many as there are bits; some hold the origin of a ray.
+    to some 10 um. One level and four; some boxes hold the origin of a ray, and nothing is in every seventh.
     """
+    import drjit as dr
     import mitsuba as mi
 
-    origin, towards, length = (array.astype(np.float32).astype(np.float64) for array in rays(4000))
+    origin, towards, length = (array.astype(np.float32).astype(np.float64) for array in rays(2000))
     rng = np.random.default_rng(12)
-    low = rng.uniform(-20.0, 15.0, (nearby_bodies.BOXES_PER_GROUP, 3))
+    low = rng.uniform(-20.0, 15.0, (count, 3))
     boxes = np.stack([low, low + rng.uniform(4.0, 9.0, low.shape)], axis=1)
+    boxes[3::7] = motion_table.NOWHERE
     ray = mi.Ray3f(mi.Point3f(*origin.T), mi.Vector3f(*towards.T))
-    ray.maxt = mi.Float(length)
-    device_boxes = nearby_bodies.boxes_from_numbers(transfer.from_numpy(boxes.ravel()))
-    (passed,) = nearby_bodies.boxes_passed(
-        ray, [device_boxes], nearby_bodies.enclosing_box(device_boxes), mi.Bool(True)
-    )
-    bits = passed.numpy()
+    tree = BoxTree.from_boxes(boxes)
+    walk = nearby_bodies.BoxWalk.of_ray(ray, dataclasses.replace(tree, nodes=transfer.from_numpy(tree.nodes)))
+    passed = np.zeros((len(origin), count), dtype=bool)
+    node = walk.start(True, mi.Float(length))
+    while (node.numpy() != 0).any():
+        node, number = walk.next_box(node, mi.Float(length))
+        dr.eval(node, number)
+        (lanes,) = np.nonzero(number.numpy() >= 0)
+        assert not passed[lanes, number.numpy()[lanes]].any()  # each box once
+        passed[lanes, number.numpy()[lanes]] = True
     for number, box in enumerate(boxes):
-        passed = (bits >> number) & 1 == 1
-        assert passed.any()
+        if number % 7 == 3:
+            assert not passed[:, number].any()
+            continue
+        assert passed[:, number].any()
         grow = np.array([[-1e-3], [1e-3]])
-        assert not (passes_box(origin, towards, length, box - grow) & ~passed).any()
-        assert not (passed & ~passes_box(origin, towards, length, box + grow)).any()
+        assert not (passes_box(origin, towards, length, box - grow) & ~passed[:, number]).any()
+        assert not (passed[:, number] & ~passes_box(origin, towards, length, box + grow)).any()
 
 
-def crowd() -> Scene:
-    """Forty boxes of one shape, more than there are bits, a ball, and a wall behind, before a sensor that drives."""
-    shape = chain.box(at=(0.0, 0.0, 0.0), size_m=(0.4, 0.3, 1.6))
+def crowd(count: int = 40, shapes: int = 1) -> Scene:
+    """Boxes of one shape or of several, and a wall behind, before a sensor that drives."""
+    shared = [chain.box(at=(0.0, 0.0, 0.0), size_m=(0.4, 0.3, 1.6)) for _ in range(shapes)]
     bodies = [chain.facing(range_m=50.0, size_m=120.0)]
-    for number in range(40):
+    for number in range(count):
+        shape = shared[number % shapes]
         azimuth, distance_m = math.radians(-17.5 + 0.9 * number), 22.0 + number % 7 * 2.0
         start = Pose.from_degrees(
             position_m=(distance_m * math.cos(azimuth), distance_m * math.sin(azimuth), 0.3), yaw_deg=31.0 * number
@@ -103,7 +115,7 @@ def test_the_nearest_of_a_loop_over_all_bodies() -> None:
     simulator = Simulator(scene, chain.sensor("table1-apd", *SENSOR))
     cloud = simulator.render(seed=1)
     cloud = cloud.select(cloud.status == 0)
-    assert len(np.unique(cloud.body)) > nearby_bodies.BOXES_PER_GROUP + 1
+    assert len(np.unique(cloud.body)) > 33
     sensor = simulator.motion.at(cloud.time_s)
     towards = np.einsum("nij,nj->ni", sensor.rotation, direction(cloud))
     distance = []
@@ -127,7 +139,7 @@ def test_boxes_change_nothing(monkeypatch: pytest.MonkeyPatch, rays: int) -> Non
         motion_table, "_swept_boxes", lambda _, carried: np.tile([[[-1e4] * 3, [1e4] * 3]], (len(carried), 1, 1))
     )
     expected = Simulator(crowd(), sensor, rays=rays).render(seed=2)
-    assert len(np.unique(cloud.body)) > nearby_bodies.BOXES_PER_GROUP + 1
+    assert len(np.unique(cloud.body)) > 33
     for name in ("time_s", "true_range_m", "range_m", "body", "in_shadow", "radial_velocity_m_s", "snr"):
         np.testing.assert_array_equal(getattr(cloud, name), getattr(expected, name), err_msg=name)
 
@@ -146,3 +158,29 @@ def test_a_body_that_comes_into_view_compiles_nothing() -> None:
     assert not np.any(without_body.body == 1)
     assert np.any(with_body.body == 1)
     launches.assert_none_is_new(later, before)
+
+
+def test_another_number_of_bodies_compiles_nothing() -> None:
+    """Nor does another number of shapes, up to the next power of two; and which bodies share one changes no bit."""
+    sensor = chain.sensor("table1-apd", *SENSOR, "scanner.azimuth_step_deg=0.8")
+    with launches.launched() as before:
+        Simulator(crowd(3), sensor).render(seed=0)
+        Simulator(crowd(3, shapes=3), sensor).render(seed=0)
+    with launches.launched() as later:
+        cloud = Simulator(crowd(29), sensor).render(seed=1)
+        expected = Simulator(crowd(29, shapes=4), sensor).render(seed=1)
+    launches.assert_none_is_new(later, before)
+    assert len(np.unique(cloud.body)) > 20
+    for name in ("xyz_m", "body", "in_shadow", "radial_velocity_m_s", "snr"):
+        np.testing.assert_array_equal(getattr(cloud, name), getattr(expected, name), err_msg=name)
+
+
+def test_a_kernel_for_each_shape_gives_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    """As on a GPU, whose kernels ask one scene only."""
+    sensor = chain.sensor("table1-apd", *SENSOR, "scanner.azimuth_step_deg=0.8")
+    expected = Simulator(crowd(12, shapes=3), sensor).render(seed=1)
+    monkeypatch.setattr(mitsuba_world, "is_cuda", lambda: True)
+    cloud = Simulator(crowd(12, shapes=3), sensor).render(seed=1)
+    assert len(np.unique(cloud.body)) > 8
+    for name in ("xyz_m", "body", "in_shadow", "radial_velocity_m_s", "snr"):
+        np.testing.assert_array_equal(getattr(cloud, name), getattr(expected, name), err_msg=name)

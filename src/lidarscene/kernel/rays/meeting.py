@@ -12,22 +12,22 @@ in the other scene finds what stands behind them.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
 from ...light.footprint import Aim
-from ...maths.arrays import Array, Lanes, Mask
+from ...maths.arrays import Array, Lanes, Mask, xp
 from ...maths.motion_table import MovingBodies, Placement
 from ...maths.vectors import Vector
 from ..device import transfer
 from ..device.backend import mitsuba
 from ..device.types import DeviceVector, Hit, Ray, TracedScene, components
-from ..world.mitsuba_world import World
+from ..world.mitsuba_world import MoverScenes, World
 from ..world.speculars import Speculars
 from .gaps import Draws
-from .nearby_bodies import BOXES_PER_GROUP, AxisBox, boxes_passed, enclosing_box
+from .nearby_bodies import BoxWalk
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -94,7 +94,6 @@ class Moment:
     """A world as it stands for each ray when its pulse leaves.
 
     moving    where the world's movers are then; None: nothing moves
-    boxes     boxes around each of them, along its whole motion
     sun       unit vector towards the sun
     coherent  whether neighbouring rays are neighbours in angle: Embree then traces them in packets, up to twice as fast
     draws     random numbers of the rays, for gaps
@@ -106,7 +105,6 @@ class Moment:
     coherent: bool
     draws: Draws
     moving: MovingBodies | None = None
-    boxes: Sequence[AxisBox] = ()
     aim: Aim | None = None
 
     @property
@@ -117,29 +115,27 @@ class Moment:
 
     def meet(self, ray: Ray, active: Mask = True) -> Meeting:
         """Return the nearest surface of each active ray, panes left out. Rays are in the traced frame."""
-        return self._nearest(ray, active, self.world.scene, [mover.scene for mover in self.world.movers])
+        return self._nearest(ray, active, self.world.scene, self.world.mover_scenes)
 
     def pane(self, ray: Ray, before: Lanes, active: Mask) -> Meeting:
         """Return the nearest pane or porous surface of each active ray, at most ``before`` metres away."""
-        panes = [mover.panes for mover in self.world.movers]
-        return self._nearest(_cut_to_length(ray, before), active, self.world.panes, panes)
+        return self._nearest(_cut_to_length(ray, before), active, self.world.panes, self.world.mover_panes)
 
     def blocked(self, ray: Ray, active: Mask) -> Any:
         """Return whether each active ray meets anything, panes left out."""
-        return self._meets_any(ray, active, self.world.scene, [mover.scene for mover in self.world.movers])
+        return self._meets_any(ray, active, self.world.scene, self.world.mover_scenes)
 
     def glazed(self, ray: Ray, active: Mask, before: Lanes | None = None) -> Any:
         """Return whether each active ray meets a pane or porous surface, at most ``before`` metres away if given."""
-        panes = [mover.panes for mover in self.world.movers]
-        return self._meets_any(_cut_to_length(ray, before), active, self.world.panes, panes)
+        return self._meets_any(_cut_to_length(ray, before), active, self.world.panes, self.world.mover_panes)
 
     def _nearest(
-        self, ray: Ray, active: Mask, still: TracedScene | None, moving: Sequence[TracedScene | None]
+        self, ray: Ray, active: Mask, still: TracedScene | None, moving: tuple[MoverScenes, ...]
     ) -> Meeting:
-        """Return the nearest surface among several Mitsuba scenes; a scene that is None is empty.
+        """Return the nearest surface among several Mitsuba scenes.
 
-        still   of what stands still, in the traced frame
-        moving  of each mover, in the mover's frame
+        still   of what stands still, in the traced frame; None: empty
+        moving  of the movers, each in its frame
         """
         import drjit as dr
 
@@ -153,10 +149,15 @@ class Moment:
             # code through a table; it is made once, of the nearest hit.
             first = still.ray_intersect_preliminary(ray, coherent=self.coherent, active=active)
         mover_index = mi.Int32(-1)
-        for group, near in self._nearby_groups(ray, active, moving):
+        for scenes in moving:
             transfer.split_kernel(first)
-            _, first, mover_index = dr.while_loop(
-                (near, first, mover_index), _any_remaining, partial(self._nearer_of_mover, ray, group), mode="symbolic"
+            # What is behind the nearest hit so far is not asked.
+            first, mover_index = self._ask_nearby(
+                ray,
+                active,
+                (first, mover_index),
+                lambda hit, _: xp(ray.maxt).minimum(ray.maxt, hit.t),
+                partial(self._nearer_of_mover, ray, scenes),
             )
         self._split_kernels(first)
         valid = first.is_valid() if active is True else first.is_valid() & active
@@ -197,51 +198,58 @@ class Moment:
         _, o, d, to_sun, shift, numbers = dr.while_loop(state, lambda todo, *_: todo, into_frame, mode="symbolic")
         return _make_ray(o, d, ray.maxt), to_sun, shift, _placement_of_numbers(numbers)
 
+    def _ask_nearby(
+        self,
+        ray: Ray,
+        active: Mask,
+        state: tuple[Any, ...],
+        length: Callable[..., Lanes],
+        ask: Callable[..., tuple[Any, ...]],
+    ) -> tuple[Any, ...]:
+        """Ask each mover that a ray comes near, one after the other, and return the last state.
+
+        length  how far a ray in this state still matters, metres; below 0 for one that is done
+        ask     takes the mover's number, whether the ray comes near any, the mover's placement, and the state; returns
+                the new state
+        """
+        import drjit as dr
+
+        if self.moving is None or self.moving.motions.boxes is None:
+            return state
+        moving, walk = self.moving, BoxWalk.of_ray(ray, self.moving.motions.boxes)
+
+        def step(node: Array, *state: Any) -> tuple[Any, ...]:
+            node, mover_index = walk.next_box(node, length(*state))
+            is_near = mover_index >= 0
+            mover_index = dr.select(is_near, mover_index, 0)
+            return (node, *ask(mover_index, is_near, moving.placement(mover_index), *state))
+
+        first = walk.start(active, length(*state))
+        return tuple(dr.while_loop((first, *state), lambda node, *_: node != 0, step, mode="symbolic")[1:])
+
     def _nearer_of_mover(
-        self, ray: Ray, group: _MoverGroup, near: Array, first: Hit, mover_index: Array
-    ) -> tuple[Any, Any, Any]:
-        """Intersect one more body of a group, as a step of the loop in `_nearest`; returns the new state."""
+        self,
+        ray: Ray,
+        scenes: MoverScenes,
+        candidate: Array,
+        is_near: Array,
+        placement: Placement,
+        first: Hit,
+        mover_index: Array,
+    ) -> tuple[Any, Any]:
+        """Intersect one more mover, as a step of `_ask_nearby`; returns the nearest hit so far and its mover."""
         import drjit as dr
 
-        candidate_index, remaining, placement = self._next_mover(near, group)
-        carried = _ray_in_frame(ray, placement)
-        hit = group.scene.ray_intersect_preliminary(carried, coherent=self.coherent, active=near != 0)
+        def nearest(scene: TracedScene, ray: Ray, active: Mask) -> Any:
+            return scene.ray_intersect_preliminary(ray, coherent=self.coherent, active=active)
+
+        number, has_scene = scenes.of_mover(candidate, is_near)
+        hit = _ask_scene(scenes, number, nearest, _ray_in_frame(ray, placement), has_scene)
         # Rigid motion keeps lengths, so that distances of different frames compare. A miss has t = infinity.
-        nearer = hit.is_valid() & (hit.t < first.t)
-        return remaining, dr.select(nearer, hit, first), dr.select(nearer, candidate_index, mover_index)
-
-    def _next_mover(self, near: Array, group: _MoverGroup) -> tuple[Any, Any, Placement]:
-        """Return the number of the next body that a ray comes near, the bits of those left, and its placement."""
-        import drjit as dr
-
-        assert self.moving is not None
-        mover_index = mitsuba().Int32(dr.tzcnt(near) + group.first)
-        return mover_index, near & (near - 1), self.moving.placement(mover_index)
-
-    def _nearby_groups(
-        self, ray: Ray, active: Mask, scenes: Sequence[TracedScene | None]
-    ) -> list[tuple[_MoverGroup, Any]]:
-        """Return groups of movers, each with a UInt32 whose bit i is set where a ray comes near body i of the group."""
-        groups = self._groups(scenes)
-        if not groups:
-            return []
-        boxes = [self.boxes[group.first : group.first + group.count] for group in groups]
-        return list(zip(groups, boxes_passed(ray, boxes, enclosing_box(self.boxes), active), strict=True))
-
-    def _groups(self, scenes: Sequence[TracedScene | None]) -> list[_MoverGroup]:
-        """Return the movers that share a scene, as many at a time as `boxes_passed` has bits; empty scenes left out."""
-        groups: list[_MoverGroup] = []
-        if self.moving is None:
-            return groups
-        for number, scene in enumerate(scenes):
-            if scene is None:
-                continue
-            last = groups[-1] if groups else None
-            if last is not None and last.scene is scene and last.count < BOXES_PER_GROUP:
-                groups[-1] = replace(last, count=last.count + 1)
-            else:
-                groups.append(_MoverGroup(scene=scene, first=number, count=1))
-        return groups
+        # Of two at one distance the first mover is met, whatever order the boxes are in.
+        tied = (hit.t == first.t) & (candidate < mover_index)
+        nearer = has_scene & hit.is_valid() & ((hit.t < first.t) | tied)
+        return dr.select(nearer, hit, first), dr.select(nearer, candidate, mover_index)
 
     def _surface(self, first: Hit, local_ray: Ray, valid: Mask) -> Any:
         """Return Mitsuba's interaction at a hit, with the fields that our BSDFs read."""
@@ -263,9 +271,7 @@ class Moment:
         surface.wi = surface.to_local(-local_ray.d)
         return surface
 
-    def _meets_any(
-        self, ray: Ray, active: Mask, still: TracedScene | None, moving: Sequence[TracedScene | None]
-    ) -> Any:
+    def _meets_any(self, ray: Ray, active: Mask, still: TracedScene | None, moving: tuple[MoverScenes, ...]) -> Any:
         """Return whether each ray meets any surface of several Mitsuba scenes; `_nearest` says which these are."""
         import drjit as dr
 
@@ -274,21 +280,35 @@ class Moment:
         is_blocked = mi.Bool(False)
         if still is not None:
             is_blocked = still.ray_test(ray, coherent=self.coherent, active=active)
-        for group, near in self._nearby_groups(ray, active & ~is_blocked, moving):
+        for scenes in moving:
             transfer.split_kernel(is_blocked)
-            _, is_blocked = dr.while_loop(
-                (near, is_blocked), _any_remaining, partial(self._blocked_by_mover, ray, group), mode="symbolic"
+            (is_blocked,) = self._ask_nearby(
+                ray,
+                active,
+                (is_blocked,),
+                lambda is_blocked: dr.select(is_blocked, -1.0, ray.maxt),
+                partial(self._blocked_by_mover, ray, scenes),
             )
         self._split_kernels(is_blocked)
         return is_blocked
 
-    def _blocked_by_mover(self, ray: Ray, group: _MoverGroup, near: Array, is_blocked: Array) -> tuple[Any, Any]:
-        """Intersect one more body of a group, as a step of the loop in `_meets_any`; returns the new state."""
-        import drjit as dr
+    def _blocked_by_mover(
+        self,
+        ray: Ray,
+        scenes: MoverScenes,
+        candidate: Array,
+        is_near: Array,
+        placement: Placement,
+        is_blocked: Array,
+    ) -> tuple[Any]:
+        """Intersect one more mover, as a step of `_ask_nearby`; returns whether the rays are blocked."""
 
-        _, remaining, placement = self._next_mover(near, group)
-        is_blocked |= group.scene.ray_test(_ray_in_frame(ray, placement), coherent=self.coherent, active=near != 0)
-        return dr.select(is_blocked, 0, remaining), is_blocked
+        def blocked(scene: TracedScene, ray: Ray, active: Mask) -> Any:
+            return scene.ray_test(ray, coherent=self.coherent, active=active)
+
+        number, has_scene = scenes.of_mover(candidate, is_near)
+        meets = _ask_scene(scenes, number, blocked, _ray_in_frame(ray, placement), has_scene)
+        return (is_blocked | (has_scene & meets),)
 
     def _split_kernels(self, *arrays: object) -> None:
         """Keep the queries of several scenes in kernels of their own (`transfer.split_kernel`)."""
@@ -296,18 +316,18 @@ class Moment:
             transfer.split_kernel(*arrays)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _MoverGroup:
-    """Bodies that share a Mitsuba scene: ``count`` of them, from number ``first`` of the world's movers on."""
+def _ask_scene(scenes: MoverScenes, number: Array, ask: Callable[..., Any], ray: Ray, active: Mask) -> Any:
+    """Ask one of several scenes with each active ray; zeros for the others.
 
-    scene: TracedScene
-    first: int
-    count: int
+    number  of the scene
+    ask     takes a scene, rays and whether each is active
+    """
+    import drjit as dr
 
-
-def _any_remaining(near: Array, *_: object) -> Any:
-    """Return where a loop over bodies goes on."""
-    return near != 0
+    if len(scenes.scenes) == 1:
+        return ask(scenes.scenes[0], ray, active)
+    # The same code for each scene, which Dr.Jit compiles once: the scenes are data.
+    return dr.switch(mitsuba().UInt32(number), [partial(ask, scene) for scene in scenes.scenes], ray, active)
 
 
 def _ray_in_frame(ray: Ray, place: Placement) -> Any:

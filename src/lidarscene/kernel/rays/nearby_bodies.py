@@ -1,96 +1,89 @@
-"""Find the rays that come near a body that moves.
+"""Find the bodies that move and that a ray comes near.
 
 To intersect a ray with a moving body takes a lookup of the body's pose and a query of its scene. Few rays come near any
-body, so each ray asks only those whose boxes it passes. A box holds the body for the whole frame: it
-is the same for all rays, and is made of six numbers.
+body, so each ray asks only those whose boxes it passes. A box holds the body for the whole frame: it is the same for
+all rays. The boxes are a tree of numbers (`maths.box_tree`), through which each ray walks from one box that it passes to
+the next; so no number of bodies is part of a kernel.
 """
 
 from __future__ import annotations
 
-import functools
-import operator
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from ...maths.arrays import Array, Lanes, Mask, xp
+from ...maths.box_tree import BoxTree
+from ...maths.vectors import Vector
 from ..device.backend import mitsuba
 from ..device.types import Ray, components
 
 _SMALLEST_COMPONENT = 1e-20
 """Smallest component of a direction to divide by; no ray is so long that it would matter."""
 
-BOXES_PER_GROUP = 32
-"""Largest number of boxes in a group, whose answers are the bits of one UInt32."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class AxisBox:
-    """A box along the axes of the traced frame: its lowest and its highest corner."""
+class BoxWalk:
+    """A walk of rays through a tree of boxes.
 
-    low: tuple[Lanes, ...]
-    high: tuple[Lanes, ...]
-
-
-def boxes_from_numbers(numbers: Array) -> tuple[AxisBox, ...]:
-    """Return boxes, from six numbers for each, one after the other, on the device."""
-    import drjit as dr
-
-    mi = mitsuba()
-    # Numbers by themselves, computed here: a kernel is given such a number once, and would look up an element of an
-    # array for every ray.
-    single = [dr.gather(mi.Float, numbers, mi.UInt32(place)) for place in range(dr.width(numbers))]
-    dr.eval(single)
-    return tuple(
-        AxisBox(low=tuple(single[first : first + 3]), high=tuple(single[first + 3 : first + 6]))
-        for first in range(0, len(single), 6)
-    )
-
-
-def enclosing_box(boxes: Sequence[AxisBox]) -> AxisBox:
-    """Return the box around all of these boxes, on the device."""
-    import drjit as dr
-
-    ops = xp(boxes[0].low[0])
-    low, high = (
-        tuple(functools.reduce(shrink, corner) for corner in zip(*corners, strict=True))
-        for corners, shrink in (([box.low for box in boxes], ops.minimum), ([box.high for box in boxes], ops.maximum))
-    )
-    dr.eval(low, high)
-    return AxisBox(low=low, high=high)
-
-
-def boxes_passed(ray: Ray, groups: Sequence[Sequence[AxisBox]], whole: AxisBox, active: Mask) -> tuple[Any, ...]:
-    """Return, for each group of boxes, a UInt32 whose bit i is set where an active ray passes box i.
-
-    groups  at most `BOXES_PER_GROUP` boxes in each
-    whole   the box around them all: rays that do not pass it are not tested further
+    origin   where the rays start
+    inverse  reciprocals of their directions' components
+    rises    whether these are positive
     """
-    import drjit as dr
 
-    mi = mitsuba()
-    ops = xp(ray.maxt)
-    origin = components(ray.o)
-    inverse = [dr.rcp(dr.select(dr.abs(d) < _SMALLEST_COMPONENT, _SMALLEST_COMPONENT, d)) for d in components(ray.d)]
-    rises = [i > 0.0 for i in inverse]
+    tree: BoxTree
+    origin: Vector
+    inverse: Vector
+    rises: tuple[Mask, Mask, Mask]
 
-    def passes(box: AxisBox) -> Any:
-        """The slab method: the ray is between the two planes of each axis from `near` to `far`.
+    @classmethod
+    def of_ray(cls, ray: Ray, tree: BoxTree) -> BoxWalk:
+        """Begin walks of rays in the frame of the boxes."""
+        import drjit as dr
 
-        The direction decides which plane comes first, not the distances: so no ray passes a box that is `NOWHERE`.
+        x, y, z = (
+            dr.rcp(dr.select(dr.abs(d) < _SMALLEST_COMPONENT, _SMALLEST_COMPONENT, d)) for d in components(ray.d)
+        )
+        return cls(tree=tree, origin=components(ray.o), inverse=(x, y, z), rises=(x > 0.0, y > 0.0, z > 0.0))
+
+    def start(self, active: Mask, length_m: Lanes) -> Any:
+        """Return the node at which each ray begins; 0 for those that do not pass the box around all."""
+        import drjit as dr
+
+        return dr.select(active & self._passes(self.tree.low, self.tree.high, length_m), mitsuba().UInt32(1), 0)
+
+    def next_box(self, node: Array, length_m: Lanes) -> tuple[Any, Any]:
+        """Return where to go on behind the next box of a body that each ray passes, and that body's number.
+
+        Node 0 is the end; the number is -1 where a ray passes no further box within its first ``length_m``.
         """
-        near: Lanes = mi.Float(0.0)
-        far: Lanes = ray.maxt
-        for o, i, up, low, high in zip(origin, inverse, rises, box.low, box.high, strict=True):
-            near = ops.maximum(near, (dr.select(up, low, high) - o) * i)
-            far = ops.minimum(far, (dr.select(up, high, low) - o) * i)
+        import drjit as dr
+
+        mi = mitsuba()
+
+        def step(node: Array, _: Array) -> tuple[Any, Any]:
+            # Four neighbouring numbers are one load.
+            low = dr.gather(mi.Vector4f, self.tree.nodes, 2 * node)
+            high = dr.gather(mi.Vector4f, self.tree.nodes, 2 * node + 1)
+            passes, number = self._passes(tuple(low[:3]), tuple(high[:3]), length_m), mi.Int32(high[3])
+            return dr.select(passes & (number < 0), node + 1, mi.UInt32(low[3])), dr.select(passes, number, -1)
+
+        behind, number = dr.while_loop(
+            (node, mi.Int32(-1)), lambda node, number: (node != 0) & (number < 0), step, mode="symbolic"
+        )
+        return behind, number
+
+    def _passes(self, low: tuple[Lanes, ...], high: tuple[Lanes, ...], length_m: Lanes) -> Any:
+        """Return whether rays pass a box within their first ``length_m``.
+
+        The slab method: the ray is between the two planes of each axis from `near` to `far`. The direction decides
+        which plane comes first, not the distances: so no ray passes a box that is `NOWHERE`.
+        """
+        import drjit as dr
+
+        ops = xp(length_m)
+        near: Lanes = mitsuba().Float(0.0)
+        far = length_m
+        for o, i, up, lower, upper in zip(self.origin, self.inverse, self.rises, low, high, strict=True):
+            near = ops.maximum(near, (dr.select(up, lower, upper) - o) * i)
+            far = ops.minimum(far, (dr.select(up, upper, lower) - o) * i)
         return near <= far
-
-    def bits() -> tuple[Any, ...]:
-        flags = [
-            [dr.select(passes(box), mi.UInt32(1 << number), 0) for number, box in enumerate(group)] for group in groups
-        ]
-        return tuple(functools.reduce(operator.or_, group) for group in flags)
-
-    no_bits = tuple(mi.UInt32(0) for _ in groups)
-    return ops.where_any(active & passes(whole), bits, no_bits)

@@ -32,7 +32,6 @@ from ..world.mitsuba_world import World
 from .gaps import Draws, gap_share
 from .glints import specular_return
 from .meeting import Meeting, Moment
-from .nearby_bodies import boxes_from_numbers
 from .onward import START_OFFSET_M, BeamPath, continued, is_stopped, kind_of, select_fields, sunlight_share
 from .polarised import PolarisedBeam
 
@@ -92,7 +91,6 @@ def trace(
         sun=sun,
         coherent=True,
         moving=moving,
-        boxes=() if moving is None else boxes_from_numbers(moving.motions.boxes_m),
         draws=Draws(seed=firing.seed, pulse=beams.pulse, ray=firing.ray),
         aim=firing.aim,
     )

@@ -21,13 +21,13 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError, OptionWarning
-from ...maths.arrays import Numbers
+from ...maths.arrays import Array, Mask, Numbers
 from ...maths.motion_table import NOWHERE, MotionTable, MovingBodies, Placement
 from ...maths.pose import Pose
 from ...maths.trajectory import Course, Motion
 from ...scene.scene import CLOCK_ROUNDING_S, Ball, Body, Part, Scene, box_of
 from ..device import transfer
-from ..device.backend import mitsuba
+from ..device.backend import is_cuda, mitsuba
 from ..device.types import TracedScene
 from . import merged_meshes, mitsuba_xml
 from .bsdfs import ATTRIBUTE, bsdf_dict, make_bsdf, reflectivities, texture, texture_key
@@ -70,6 +70,45 @@ class Mover:
         return self.body.motion
 
 
+_FEWEST_SCENES = 4
+"""Fewest scenes among which a kernel chooses, if there are several."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class MoverScenes:
+    """Mitsuba scenes that movers share, as rays ask them in one kernel.
+
+    scenes  each once, and the last as often as makes a power of two
+    index   (movers,) Int32 on the device, which of them each mover has; -1 where it has none of them
+    """
+
+    scenes: tuple[TracedScene, ...]
+    index: Any
+
+    @classmethod
+    def of_movers(cls, shared: Sequence[TracedScene | None]) -> tuple[MoverScenes, ...]:
+        """Build from the scene of each mover, None if it has none; one for each kernel that is needed."""
+        scenes = {id(scene): scene for scene in shared if scene is not None}
+        # On a GPU a kernel asks one scene only (`transfer.split_kernel`).
+        kernels = [[key] for key in scenes] if is_cuda() else [[*scenes]] if scenes else []
+        built = []
+        for kernel in kernels:
+            places = {key: place for place, key in enumerate(kernel)}
+            index = transfer.whole_numbers([places.get(id(scene), -1) for scene in shared])
+            # A kernel with several such choices has their number in it: up to the next power of two the last fills up.
+            count = len(kernel) if len(kernel) == 1 else max(_FEWEST_SCENES, 1 << (len(kernel) - 1).bit_length())
+            kernel += kernel[-1:] * (count - len(kernel))
+            built.append(cls(scenes=tuple(scenes[key] for key in kernel), index=index))
+        return tuple(built)
+
+    def of_mover(self, mover_index: Array, active: Mask) -> tuple[Any, Any]:
+        """Return the number of the scene of each ray's mover, and whether it has one; False for inactive rays."""
+        import drjit as dr
+
+        number = dr.gather(mitsuba().Int32, self.index, mitsuba().UInt32(mover_index), active)
+        return number, active & (number >= 0)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, weakref_slot=True)
 class World:
     """Mitsuba scenes that the kernel traces, and the tables that identify a triangle. Device arrays unless stated.
@@ -78,7 +117,9 @@ class World:
                     Vertices are relative to ``centre_m``
     panes           Mitsuba scene of panes and porous surfaces that stand still; None if there are none
     movers          what moves
-    resting            where that is at time 0, numbers on the device; None if nothing moves
+    mover_scenes    their scenes without panes and porous surfaces
+    mover_panes     their scenes of these
+    resting         where that is at time 0, numbers on the device; None if nothing moves
     mover_shift     (movers,) UInt32, their `Mover.face_shift`; None if nothing moves
     centre_m        (3,) float64, numpy; subtracted from every coordinate before it became single precision
     first_face, shape_reflectivity, shape_transmittance
@@ -98,6 +139,8 @@ class World:
     scene: Any
     panes: Any
     movers: tuple[Mover, ...]
+    mover_scenes: tuple[MoverScenes, ...]
+    mover_panes: tuple[MoverScenes, ...]
     resting: MovingBodies | None
     mover_shift: Any
     centre_m: Numbers
@@ -198,7 +241,7 @@ def build_world(
         # A hit on the shared scene has a face number of the first body. Each further body has the same faces once more
         # in the tables, a constant number of rows later: that number is its shift.
         # Bodies that hide take turns: those of which no two are ever shown at a time share such rows, and a place among
-        # the movers. So a kernel is as large as the most bodies that are there at a time.
+        # the movers. So the tables are as long as the most bodies that are there at a time need.
         turns = _turns(scene.bodies, group.bodies) if takes_turns else [[index] for index in group.bodies]
         starts = [faces.add(group.shapes, body=turn[0]) for turn in turns]
         for turn, start in zip(turns, starts, strict=True):
@@ -213,6 +256,8 @@ def build_world(
         see_through=see_through,
         scene_of=scene,
         movers=tuple(movers),
+        mover_scenes=MoverScenes.of_movers([mover.scene for mover in movers]),
+        mover_panes=MoverScenes.of_movers([mover.panes for mover in movers]),
         resting=_resting_movers(movers, centre),
         mover_shift=transfer.unsigned_numbers(np.array([mover.face_shift for mover in movers])) if movers else None,
         centre_m=centre,
@@ -411,9 +456,11 @@ def _mover(
 
 def motions_on_device(motions: MotionTable) -> MotionTable:
     """Return a motion table whose numbers are on the device."""
-    table = transfer.from_numpy(np.asarray(motions.table))
-    boxes = None if motions.boxes_m is None else transfer.from_numpy(motions.boxes_m)
-    return replace(transfer.opaque(motions), table=table, boxes_m=boxes)
+    on_device = transfer.opaque(motions)
+    if motions.boxes is not None:
+        nodes = transfer.from_numpy(motions.boxes.nodes)
+        on_device = replace(on_device, boxes=replace(on_device.boxes, nodes=nodes))
+    return replace(on_device, table=transfer.from_numpy(np.asarray(motions.table)))
 
 
 def mover_boxes(movers: Sequence[Mover], start_s: float) -> Numbers | None:

@@ -1,0 +1,84 @@
+"""A tree over boxes: as numbers on the device, so that another number of boxes is no other kernel.
+
+The boxes of bodies that move are others in every frame, and few. So the tree has no cost model: boxes are sorted along a
+curve through space, each `CHILDREN` neighbours get a box around them, and so on up to one. A node is eight numbers, in
+the order in which a walk that skips nothing passes them; a walk needs no stack, since each node knows where it goes on
+without those below it.
+
+Symbols: m boxes, n nodes.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from .arrays import Numbers
+
+CHILDREN = 4
+"""Boxes within a box of the next level."""
+
+NUMBERS = 8
+"""Numbers of a node."""
+
+_CELLS = 1024
+"""Cells of the curve along each axis: three numbers of ten bits make one of thirty."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BoxTree:
+    """Boxes along the axes, in a tree.
+
+    nodes      (8 n,): lowest corner; number of the node at which a walk goes on without those below, 0 at the end;
+               highest corner; number of the box, -1 for a box around others. Node 0 is the box around all
+    low, high  corners of the box around all, as plain numbers
+    """
+
+    nodes: Any
+    low: tuple[Any, ...]
+    high: tuple[Any, ...]
+
+    @classmethod
+    def from_boxes(cls, boxes: Numbers) -> BoxTree:
+        """Build from (m, 2, 3) lowest and highest corners, m > 0; boxes that nothing is in have infinite ones."""
+        order = np.argsort(_curve_place(boxes), kind="stable")
+        # From the leaves up: boxes of each level, and the nodes of the tree below each.
+        levels, sizes = [boxes[order]], [np.ones(len(boxes), dtype=np.int64)]
+        while len(levels) == 1 or len(levels[-1]) > 1:
+            starts = np.arange(0, len(levels[-1]), CHILDREN)
+            low, high = levels[-1][:, 0], levels[-1][:, 1]
+            levels.append(np.stack([np.minimum.reduceat(low, starts), np.maximum.reduceat(high, starts)], axis=1))
+            sizes.append(1 + np.add.reduceat(sizes[-1], starts))
+        nodes = np.zeros((sizes[-1][0], NUMBERS))
+        place = np.zeros(1, dtype=np.int64)
+        # From the root down: a node stands behind its parent and the trees of its elder siblings.
+        for level in range(len(levels) - 1, -1, -1):
+            nodes[place, 0:3], nodes[place, 4:7] = levels[level][:, 0], levels[level][:, 1]
+            nodes[place, 3] = (place + sizes[level]) % len(nodes)
+            nodes[place, 7] = -1.0 if level else order
+            if level:
+                below = sizes[level - 1]
+                parent = np.arange(len(below)) // CHILDREN
+                before = np.cumsum(below) - below
+                place = place[parent] + 1 + before - before[parent * CHILDREN]
+        low, high = (tuple(float(x) for x in corner) for corner in levels[-1][0])
+        return cls(nodes=nodes.ravel(), low=low, high=high)
+
+
+def _curve_place(boxes: Numbers) -> Numbers:
+    """Return the place of the middle of each box on a Z-order curve, (m,); boxes that nothing is in come last."""
+    holds = np.isfinite(boxes).all(axis=(1, 2))
+    if not holds.any():
+        return np.zeros(len(boxes), dtype=np.int64)
+    middle = np.where(holds[:, None, None], boxes, 0.0).mean(axis=1)
+    lowest = middle[holds].min(axis=0)
+    # One scale for all axes, so that cells are cubes: what moves stands on a plane.
+    extent = max(float((middle[holds].max(axis=0) - lowest).max()), 1e-9)
+    cell = ((middle - lowest) * ((_CELLS - 1) / extent)).clip(0, _CELLS - 1).astype(np.int64)
+    place = np.zeros(len(boxes), dtype=np.int64)
+    for bit in range(10):
+        for axis in range(3):
+            place |= ((cell[:, axis] >> bit) & 1) << (3 * bit + axis)
+    return np.where(holds, place, 1 << 30)
