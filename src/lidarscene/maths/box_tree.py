@@ -1,7 +1,7 @@
 """A tree over boxes: as numbers on the device, so that another number of boxes is no other kernel.
 
-The boxes of bodies that move are others in every frame, and few. So the tree has no cost model: boxes are sorted along a
-curve through space, each `CHILDREN` neighbours get a box around them, and so on up to one. A node is eight numbers, in
+The boxes of bodies that move are others in every frame, and few. So the tree has no cost model: boxes are sorted along
+a curve through space, each `CHILDREN` neighbours get a box around them, and so on up to one. A node is eight numbers, in
 the order in which a walk that skips nothing passes them; a walk needs no stack, since each node knows where it goes on
 without those below it.
 
@@ -63,13 +63,13 @@ class BoxTree:
                 parent = np.arange(len(below)) // CHILDREN
                 before = np.cumsum(below) - below
                 place = place[parent] + 1 + before - before[parent * CHILDREN]
-        low, high = (tuple(float(x) for x in corner) for corner in levels[-1][0])
-        return cls(nodes=nodes.ravel(), low=low, high=high)
+        lowest, highest = (tuple(float(x) for x in corner) for corner in levels[-1][0])
+        return cls(nodes=nodes.ravel(), low=lowest, high=highest)
 
 
 def _curve_place(boxes: Numbers) -> Numbers:
     """Return the place of the middle of each box on a Z-order curve, (m,); boxes that nothing is in come last."""
-    holds = np.isfinite(boxes).all(axis=(1, 2))
+    holds = np.asarray(np.isfinite(boxes).all(axis=(1, 2)))
     if not holds.any():
         return np.zeros(len(boxes), dtype=np.int64)
     middle = np.where(holds[:, None, None], boxes, 0.0).mean(axis=1)

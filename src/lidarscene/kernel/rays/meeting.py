@@ -129,9 +129,7 @@ class Moment:
         """Return whether each active ray meets a pane or porous surface, at most ``before`` metres away if given."""
         return self._meets_any(_cut_to_length(ray, before), active, self.world.panes, self.world.mover_panes)
 
-    def _nearest(
-        self, ray: Ray, active: Mask, still: TracedScene | None, moving: tuple[MoverScenes, ...]
-    ) -> Meeting:
+    def _nearest(self, ray: Ray, active: Mask, still: TracedScene | None, moving: tuple[MoverScenes, ...]) -> Meeting:
         """Return the nearest surface among several Mitsuba scenes.
 
         still   of what stands still, in the traced frame; None: empty
@@ -293,13 +291,7 @@ class Moment:
         return is_blocked
 
     def _blocked_by_mover(
-        self,
-        ray: Ray,
-        scenes: MoverScenes,
-        candidate: Array,
-        is_near: Array,
-        placement: Placement,
-        is_blocked: Array,
+        self, ray: Ray, scenes: MoverScenes, candidate: Array, is_near: Array, placement: Placement, is_blocked: Array
     ) -> tuple[Any]:
         """Intersect one more mover, as a step of `_ask_nearby`; returns whether the rays are blocked."""
 

@@ -2,8 +2,8 @@
 
 To intersect a ray with a moving body takes a lookup of the body's pose and a query of its scene. Few rays come near any
 body, so each ray asks only those whose boxes it passes. A box holds the body for the whole frame: it is the same for
-all rays. The boxes are a tree of numbers (`maths.box_tree`), through which each ray walks from one box that it passes to
-the next; so no number of bodies is part of a kernel.
+all rays. The boxes are a tree of numbers (`maths.box_tree`), through which each ray walks from one box that it passes
+to the next; so no number of bodies is part of a kernel.
 """
 
 from __future__ import annotations
