@@ -1,9 +1,9 @@
 """A tree over boxes: as numbers on the device, so that another number of boxes is no other kernel.
 
 The boxes of bodies that move are others in every frame, and few. So the tree has no cost model: boxes are sorted along
-a curve through space, each `CHILDREN` neighbours get a box around them, and so on up to one. A node is eight numbers,
-in the order in which a walk that skips nothing passes them; a walk needs no stack, since each node knows where it goes on
-without those below it.
+a curve through space, each `CHILDREN` neighbours get a box around them, and so on up to one. A node is eight numbers.
+Nodes are in the order in which a walk that skips nothing passes them; a walk needs no stack, since each node knows
+where it goes on without those below it.
 
 Symbols: m boxes, n nodes.
 """
