@@ -200,9 +200,9 @@ class Moment:
         self,
         ray: Ray,
         active: Mask,
-        state: tuple[Any, ...],
+        state: tuple[object, ...],
         length: Callable[..., Lanes],
-        ask: Callable[..., tuple[Any, ...]],
+        ask: Callable[..., tuple[object, ...]],
     ) -> tuple[Any, ...]:
         """Ask each mover that a ray comes near, one after the other, and return the last state.
 
@@ -216,7 +216,7 @@ class Moment:
             return state
         moving, walk = self.moving, BoxWalk.of_ray(ray, self.moving.motions.boxes)
 
-        def step(node: Array, *state: Any) -> tuple[Any, ...]:
+        def step(node: Array, *state: object) -> tuple[object, ...]:
             node, mover_index = walk.next_box(node, length(*state))
             is_near = mover_index >= 0
             mover_index = dr.select(is_near, mover_index, 0)
@@ -308,7 +308,9 @@ class Moment:
             transfer.split_kernel(*arrays)
 
 
-def _ask_scene(scenes: MoverScenes, number: Array, ask: Callable[..., Any], ray: Ray, active: Mask) -> Any:
+def _ask_scene(
+    scenes: MoverScenes, number: Array, ask: Callable[[TracedScene, Ray, Mask], Hit | Mask], ray: Ray, active: Mask
+) -> Any:
     """Ask one of several scenes with each active ray; zeros for the others.
 
     number  of the scene
