@@ -48,7 +48,7 @@ def encoder_clocked():
             azimuth_rad=[0.05, -0.02, 0.02, -0.05],
             firing_s=[3e-6, 0.0, 3e-6, 0.0],
         ),
-        start_azimuth_rad=PI,
+        sweep=scan.Sweep(start_azimuth_rad=PI),
     )
 
 
@@ -116,6 +116,12 @@ def mid40(**changes):
     return scan.Risley.create(wedges=wedges, **numbers)
 
 
+def mirror_behind_prisms():
+    """As the Livox Mid-360, with a second prism."""
+    turning = scan.TurningMirror.create(rate_hz=100e3, tilt_rad=0.97, rotation_hz=-182.4, phase_rad=0.4)
+    return mid40(beam_elevation_rad=[-0.02, 0.0, 0.03], mirror=turning)
+
+
 def six_beams():
     """Several lasers before the prisms, as the Livox Avia has them."""
     return mid40(tilted=["in", "in"], beam_elevation_rad=[e * DEG for e in (-3.0, -1.8, -0.6, 0.6, 1.8, 3.0)])
@@ -157,6 +163,9 @@ ALL = {
     "raster": raster,
     "vlp16": vlp16,
     "encoder_clocked": encoder_clocked,
+    "sweeping": lambda: vlp16(
+        cycle_s=None, cycles_per_turn=360, sweep=scan.Sweep(start_azimuth_rad=1.0, sweep_rad=2.0, frame_hz=25.0)
+    ),
     "mirror_step": mirror,
     "mirror_sine_ramp": lambda: mirror(waveform="sine", slow="ramp", fast="elevation"),
     "mirror_triangle_pair": lambda: mirror(waveform="triangle", mirrors=scan.MirrorPair(last="elevation")),
@@ -168,7 +177,9 @@ ALL = {
     "mid40": mid40,
     "six_beams": six_beams,
     "three_wedges": three_wedges,
+    "mirror_behind_prisms": mirror_behind_prisms,
     "flash": flash,
+    "flash_in_groups": lambda: flash(rows_at_once=4, row_step_s=1e-3, first_row="bottom"),
     **{
         f"flash_{name}": (lambda name=name: flash(projection=name, falloff="pupil_and_pixel"))
         for name in ("equidistant", "equisolid", "stereographic", "orthographic")

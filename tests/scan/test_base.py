@@ -9,7 +9,7 @@ from helpers.scanners import ALL, DEG, frame
 
 from lidarscene.scan.turns import Turns
 
-CLOSING = [name for name in ALL if name not in ("vlp16", "mid40", "six_beams", "three_wedges")]
+CLOSING = [name for name in ALL if name not in ("vlp16", "mid40", "six_beams", "three_wedges", "mirror_behind_prisms")]
 """Those whose next frame starts where this one did."""
 
 FIELD_OF_VIEW_DEG = {

@@ -7,6 +7,11 @@ import pytest
 from helpers import brute, scanners
 from helpers.scanners import PULSES, directions, shares
 
+from lidarscene.errors import InputError
+from lidarscene.scan.risley import Risley, TurningMirror, Wedge
+from lidarscene.scan.turns import Turns
+from lidarscene.sensor.sensor_file import load_sensor
+
 
 @pytest.mark.parametrize("make", [scanners.mid40, scanners.three_wedges])
 def test_risley(make):
@@ -27,9 +32,6 @@ def test_risley(make):
 
 def test_thin_wedge_deviates_by_n_minus_one_alpha():
     """Reference: the textbook's thin prism. Tolerance: its next order, alpha^2. The thick side is where it bends to."""
-    from lidarscene.scan.risley import Wedge
-    from lidarscene.scan.turns import Turns
-
     turns = Turns.per_pulse(frequency_hz=1.0, rate_hz=1.0)
     for tilted in ("in", "out"):
         wedge = Wedge(angle_rad=1e-3, index=1.51, turns=turns, tilted=tilted)
@@ -87,3 +89,26 @@ def test_prisms_keep_aperture_times_solid_angle():
     growth = np.abs(np.sum(middle * np.cross(slopes[0], slopes[1], axis=0), axis=0))
     assert np.ptp(share) > 0.05
     np.testing.assert_allclose(growth * share, 1.0, atol=1e-6)
+
+
+def test_a_mirror_throws_a_cone_around_its_own_direction():
+    """A wedge that deviates by d draws sin e = sin e0 cos d - cos e0 sin d cos psi, e0 = 2 tilt - 90 degrees, psi from
+    the side to which the mirror's normal leans. References: Snell's law in one plane for d, and the spherical law
+    of cosines.
+    """
+    tilt, alpha, index = math.radians(55.0), math.radians(30.0), 1.5
+    rate = {"rate_hz": 1e4}
+    prism = Wedge.create(angle_rad=alpha, index=index, rotation_hz=41.0, phase_rad=0.3, tilted="out", **rate)
+    turning = TurningMirror.create(tilt_rad=tilt, rotation_hz=57.0, phase_rad=0.1, **rate)
+    scanner = Risley.create(wedges=[prism], mirror=turning, frame_hz=10.0, **rate)
+    pulse = np.arange(1000, dtype=np.uint32)
+    deviation = math.asin(index * math.sin(alpha)) - alpha
+    middle = 2.0 * tilt - 0.5 * math.pi
+    psi = 2.0 * math.pi * (41.0 - 57.0) * pulse / 1e4 + 0.3 - 0.1
+    expected = math.sin(middle) * math.cos(deviation) - math.cos(middle) * math.sin(deviation) * np.cos(psi)
+    np.testing.assert_allclose(np.sin(scanner.angles(pulse)[1]), expected, atol=2e-6)
+    # One wedge alone would draw a circle, which is no area.
+    with pytest.raises(InputError, match="must be 2 or 3 without a mirror, got 1"):
+        load_sensor(
+            "livox-mid-40", overrides=["scanner.wedges=[{angle_deg=18,index=1.5,rotation_hz=1,inclined_face='in'}]"]
+        )

@@ -132,7 +132,7 @@ MISTAKES = [
     ("polygon", {"facet_tilt_deg": [0.0, 0.0]}, "scanner.facet_tilt_deg: must be a list of at least 3"),
     ("polygon", {"incidence_deg": 70.0}, "scanner: facets must turn by < 90 degrees from the beam, got "),
     ("polygon", {"rate_khz": 0.1}, "scanner: must have 1 to 2^24 pulses on each facet, got 0.5"),
-    ("risley", {"wedges": SCANNERS["risley"]["wedges"][:1]}, "scanner.wedges: must be a list of at least 2"),
+    ("risley", {"wedges": SCANNERS["risley"]["wedges"][:1]}, "scanner: wedges: must be 2 or 3 without a mirror, got 1"),
     (
         "risley",
         {"wedges": [w | {"angle_deg": 45.0} for w in SCANNERS["risley"]["wedges"]]},

@@ -38,10 +38,12 @@ from .raster import Raster as Raster
 from .raster import RasterFile as RasterFile
 from .risley import Risley as Risley
 from .risley import RisleyFile as RisleyFile
+from .risley import TurningMirror as TurningMirror
 from .risley import Wedge as Wedge
 from .spinning import Bank as Bank
 from .spinning import Spinning as Spinning
 from .spinning import SpinningFile as SpinningFile
+from .spinning import Sweep as Sweep
 
 AnyScannerFile = (
     RasterFile | SpinningFile | MirrorFile | LissajousFile | PolygonFile | RisleyFile | FlashFile | TableFile

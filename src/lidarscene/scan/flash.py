@@ -1,6 +1,7 @@
 """Flash: nothing moves; one pulse of light covers the field of view and all pixels listen at once.
 
-Each pixel counts as a pulse of the frame, at the frame's time. Its direction follows from the lens's projection, with
+Each pixel counts as a pulse of the frame, at the frame's time. A sensor that lights some rows after the others has
+such a time for each group of rows. A pixel's direction follows from the lens's projection, with
 h the pixel's distance from the axis over the focal length:
 
     rectilinear   h = tan t          equisolid     h = 2 sin(t / 2)      orthographic  h = sin t
@@ -47,11 +48,12 @@ Count = Annotated[int, Quantity(ge=1, le=2**24)]
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Flash(Mechanism):
-    """Pixels row by row from the top, each row from the left as seen from the sensor.
+    """Pixels row by row from the first row, each row from the left as seen from the sensor.
 
     pitch          pitch of the pixels over the focal length
     projection     a key of LARGEST_HEIGHT
-    frame_rate_hz  flashes per second
+    frame_rate_hz  frames per second
+    rows_at_once   rows that one flash lights; None: all
     """
 
     columns: Count
@@ -65,6 +67,13 @@ class Flash(Mechanism):
         Literal["pupil", "pupil_and_pixel"],
         FileKey(about="what weakens the edge: foreshortened pupil, or solid angle of the pixels too"),
     ] = "pupil"
+    rows_at_once: Annotated[
+        int | None, Quantity(ge=1, le=2**24, about="rows that light up together; all if left out")
+    ] = None
+    row_step_s: Annotated[
+        float, Quantity("us", ge=0, le=1e7, finest=1e-2, about="from one group of rows to the next, with rows_at_once")
+    ] = 0.0
+    first_row: Annotated[Literal["top", "bottom"], FileKey(about="where a frame begins")] = "top"
 
     @property
     def pulses(self) -> int:
@@ -84,7 +93,8 @@ class Flash(Mechanism):
     def _row_and_column(self, pulse: Lanes) -> tuple[Lanes, Lanes]:
         ops = xp(pulse)
         line, column = ops.divmod(ops.int32(pulse), self.columns)
-        return ops.divmod(line, self.rows)[1], column
+        row = ops.divmod(line, self.rows)[1]
+        return row if self.first_row == "top" else self.rows - 1 - row, column
 
     def _mechanism(self, pulse: Lanes) -> tuple[Lanes, ...]:
         return ()
@@ -103,8 +113,10 @@ class Flash(Mechanism):
         return self._row_and_column(pulse)[0]
 
     def time_s(self, pulse: Numbers) -> Numbers:
-        """The time of the flash, for all its pixels."""
-        return np.asarray(split_frame(pulse, self.pulses)[0] * self.frame_s)
+        """The time of the flash, for all pixels of its rows."""
+        frame, pixel = split_frame(pulse, self.pulses)
+        flash = pixel // (self.columns * (self.rows_at_once or self.rows))
+        return np.asarray(frame * self.frame_s + flash * self.row_step_s)
 
 
 def _project(projection: str, square: Lanes) -> tuple[Lanes, Lanes, Lanes]:
@@ -136,6 +148,12 @@ class FlashFile(ScannerFile[Flash]):
     pixel_pitch_um: Annotated[float, Number("um", ge=0.01, le=1e4)]
 
     @model_validator(mode="after")
+    def _flashes_fit(self) -> FlashFile:
+        if self.row_step_us > 0.0 and self.rows_at_once is None:
+            raise ValueError("row_step_us: needs rows_at_once")
+        return self
+
+    @model_validator(mode="after")
     def _nothing_turns(self) -> FlashFile:
         if self.encoder_step_deg is not None:
             raise ValueError("encoder_step_deg: nothing turns in a flash")
@@ -151,5 +169,11 @@ class FlashFile(ScannerFile[Flash]):
             raise InputError(
                 f"scanner: pixels must be < {LARGEST_HEIGHT[self.projection]:.3g} focal lengths off the axis of"
                 f" a lens that is {self.projection}, got {height:.3g}"
+            )
+        groups = math.ceil(self.rows / (self.rows_at_once or self.rows))
+        if (groups - 1) * si(self.row_step_us, "us") * context.rate_hz >= 1.0:
+            raise InputError(
+                f"scanner.row_step_us: {groups} groups of rows must fit into a frame of {1e6 / context.rate_hz:g} us,"
+                f" got {self.row_step_us:g}"
             )
         return self.in_si(pitch=pitch, frame_rate_hz=context.rate_hz)

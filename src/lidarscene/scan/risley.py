@@ -1,4 +1,4 @@
-"""Risley prisms: two or three wedges that rotate about the sensor's x axis, one behind the other.
+"""Risley prisms: up to three wedges that rotate about the sensor's x axis, one behind the other.
 
 Each wedge has one face perpendicular to the axis and one inclined by the wedge angle. The beam is refracted at each
 face by Snell's law in vector form (`maths.vectors.refracted`), without small angles: thin wedges deviate by (n - 1)
@@ -11,6 +11,10 @@ surfaces in air keeps the product of area and solid angle, so the background of 
 this factor, and the echo, (5), does. A(0) is the lens without wedges. The prisms are wider than every beam that the
 lens takes; Fresnel losses are part of the receiver's efficiency.
 
+With a mirror behind the wedges the axis is upright, the sensor's z: the mirror turns about it and throws the beam to
+the side. A wedge that deviates by d then draws a cone of half-angle d about the mirror's direction, once in each turn
+against the mirror. The fixed lasers' image turns with the mirror. The mirror is wider than every beam.
+
 Symbols: n refractive index, alpha wedge angle, theta_i and theta_t angles before and behind a face.
 """
 
@@ -21,13 +25,13 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import Field
+from pydantic import Field, model_validator
 
 from ..errors import InputError
 from ..files.table_model import Table
 from ..maths.arrays import Lanes, LookupTable, Numbers, xp
 from ..maths.units import FileKey, Quantity, si
-from ..maths.vectors import Vector, refracted
+from ..maths.vectors import Vector, reflected, refracted
 from .base import Encoder, Jitter, Mechanism
 from .scanner_file import ScannerContext, ScannerFile
 from .turns import Turns
@@ -77,6 +81,38 @@ class Wedge:
         return outside, widened * widened_again
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class TurningMirror:
+    """A plane mirror behind the wedges, oblique to the axis about which it turns."""
+
+    tilt_rad: Lanes
+    turns: Turns
+
+    @classmethod
+    def create(
+        cls,
+        *,
+        rate_hz: float,
+        tilt_rad: Annotated[float, Quantity("deg", gt=0, lt=90, about="of its normal against the axis")],
+        rotation_hz: Annotated[float, Quantity(ge=-1e6, le=1e6, about="positive from the front to the left")],
+        phase_rad: Annotated[
+            float, Quantity("deg", ge=-36e3, le=36e3, about="of its normal at the start, from the back to the right")
+        ] = 0.0,
+    ) -> TurningMirror:
+        """A mirror that turns at a constant rate; ``rate_hz`` is that of pulses."""
+        return cls(
+            tilt_rad=tilt_rad, turns=Turns.per_pulse(frequency_hz=rotation_hz, rate_hz=rate_hz, start_rad=phase_rad)
+        )
+
+    def throw(self, direction: Vector, phase_rad: Lanes) -> Vector:
+        """The beam behind the mirror, with the wedges' axis turned upright."""
+        ops = xp(phase_rad, self.tilt_rad)
+        sine = ops.sin(self.tilt_rad)
+        normal = ops.cos(self.tilt_rad), sine * ops.cos(phase_rad), sine * ops.sin(phase_rad)
+        along, front, left = reflected(direction, normal)
+        return front, left, along
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Risley(Mechanism):
     """Pulses at a constant rate; ``pulses`` of them are a frame, and the prisms keep turning. Made by `create`.
@@ -90,6 +126,7 @@ class Risley(Mechanism):
     wedges: tuple[Wedge, ...]
     beams: int = 1
     beam_elevation_rad: LookupTable | None = None
+    mirror: TurningMirror | None = None
 
     @classmethod
     def create(
@@ -104,6 +141,7 @@ class Risley(Mechanism):
                 "deg", ge=-45, le=45, least=1, about="of each laser before the prisms; one along the axis if left out"
             ),
         ] = None,
+        mirror: TurningMirror | None = None,
         jitter_rad: Jitter = None,
         encoder_rad: Encoder = None,
     ) -> Risley:
@@ -112,6 +150,7 @@ class Risley(Mechanism):
             pulses=max(1, round(rate_hz / frame_hz)),
             rate_hz=rate_hz,
             wedges=tuple(wedges),
+            mirror=mirror,
             beams=1 if beam_elevation_rad is None else len(beam_elevation_rad),
             beam_elevation_rad=(
                 None if beam_elevation_rad is None else LookupTable(np.asarray(beam_elevation_rad, dtype=np.float64))
@@ -126,13 +165,18 @@ class Risley(Mechanism):
         return self.pulses / self.rate_hz
 
     def _mechanism(self, pulse: Lanes) -> tuple[Lanes, ...]:
-        return tuple(wedge.turns.angle_rad(pulse) for wedge in self.wedges)
+        moving: list[Turns] = [wedge.turns for wedge in self.wedges]
+        if self.mirror is not None:
+            moving.append(self.mirror.turns)
+        return tuple(turns.angle_rad(pulse) for turns in moving)
 
     def _optics(self, pulse: Lanes, turned: tuple[Lanes, ...]) -> tuple[Vector, Lanes]:
-        if self.beam_elevation_rad is None:
-            return self.refract(turned)
-        ops = xp(pulse)
-        return self.refract(turned, ops.float32(ops.take(self.beam_elevation_rad, self.channel(pulse))))
+        phases, elevation_rad = turned[: len(self.wedges)], None
+        if self.beam_elevation_rad is not None:
+            ops = xp(pulse)
+            elevation_rad = ops.float32(ops.take(self.beam_elevation_rad, self.channel(pulse)))
+        direction, share = self.refract(phases, elevation_rad)
+        return direction if self.mirror is None else self.mirror.throw(direction, turned[-1]), share
 
     def channel(self, pulse: Lanes) -> Lanes:
         """Number of the laser."""
@@ -140,7 +184,7 @@ class Risley(Mechanism):
         return ops.divmod(ops.int32(pulse), self.beams)[1]
 
     def refract(self, phases_rad: tuple[Lanes, ...], elevation_rad: Lanes | None = None) -> tuple[Vector, Lanes]:
-        """Direction and share of the aperture with the wedges' thick sides in these directions.
+        """Direction behind the wedges and share of the aperture, with thick sides in these directions.
 
         elevation_rad  elevation of the beam before the prisms; along the axis if left out
         """
@@ -168,16 +212,29 @@ class WedgeFile(Table[Wedge]):
     """One prism of a Risley scanner, the first one next to the laser."""
 
 
+class TurningMirrorFile(Table[TurningMirror]):
+    """The mirror behind the wedges; the axis is then upright."""
+
+
 class RisleyFile(ScannerFile[Risley]):
-    """[scanner] type = "risley": two or three rotating wedges."""
+    """[scanner] type = "risley": two or three rotating wedges, or one and more with a mirror behind them."""
 
     type: Literal["risley"]
-    wedges: Annotated[tuple[WedgeFile, ...], Field(min_length=2, max_length=3)]
+    wedges: Annotated[tuple[WedgeFile, ...], Field(min_length=1, max_length=3)]
+    mirror: TurningMirrorFile | None = None
+
+    @model_validator(mode="after")
+    def _scans_an_area(self) -> RisleyFile:
+        if self.mirror is None and len(self.wedges) < 2:
+            raise ValueError("wedges: must be 2 or 3 without a mirror, got 1")
+        return self
 
     def build(self, context: ScannerContext) -> Risley:
         """Convert to SI units. Raises InputError if light does not pass the wedges at every position."""
         scanner = self.in_si(
-            rate_hz=context.rate_hz, wedges=tuple(wedge.in_si(rate_hz=context.rate_hz) for wedge in self.wedges)
+            rate_hz=context.rate_hz,
+            wedges=tuple(wedge.in_si(rate_hz=context.rate_hz) for wedge in self.wedges),
+            mirror=None if self.mirror is None else self.mirror.in_si(rate_hz=context.rate_hz),
         )
         beams: tuple[float, ...] | None = si(self.beam_elevation_deg, "deg")
         if any(self._reflects(scanner, beam) for beam in beams or (None,)):

@@ -4,6 +4,9 @@ In a cycle every laser fires once, at its own time, while the head keeps turning
 that moment plus the laser's own. That shear is visible in the cloud. The head carries lasers and receivers together,
 so the receiver always faces its beam: A(theta_r) = A(0), times the responsivity of the laser's own receiver. The
 sensor's x axis is azimuth 0.
+
+A mirror with several faces can carry the beams of such a bank instead: each face sweeps them over the same field, at
+twice the mirror's rate. Between two faces no pulse leaves (`sweep_deg`, `frame_hz`).
 """
 
 from __future__ import annotations
@@ -74,9 +77,27 @@ class Bank:
     ] = None
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Sweep:
+    """Where frames begin, and how far they go: whole turns, or the field of a mirror's face.
+
+    sweep_rad  turn of the beams in a frame; the next one begins anew. None: they turn on
+    frame_hz   frames per second; None: one after the other
+    """
+
+    start_azimuth_rad: Annotated[float, Quantity("deg", ge=-360, le=360)] = 0.0
+    sweep_rad: Annotated[
+        float | None,
+        Quantity("deg", gt=0, le=360, about="of a mirror's face, then the next one starts anew; else whole turns"),
+    ] = None
+    frame_hz: Annotated[float | None, Quantity(ge=1e-4, le=1e6, about="sweeps per second, with sweep_deg")] = None
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Spinning(Mechanism):
-    """A head of ``lasers`` lasers; one frame is the number of cycles nearest to one turn. Made by `create`.
+    """A head of ``lasers`` lasers; one frame is the number of cycles nearest to one turn, or a sweep. Made by `create`.
+
+    sweep_period_s  time from sweep to sweep, each from the same azimuth; None: the head turns on
 
     Tables by place in the firing order: elevation_rad, azimuth_rad (the laser's own), lead_rad (turn of the head from
     the cycle's start to the firing), lasers_by_place (number of the laser as given), start_m (x, y, z of the laser's
@@ -95,6 +116,7 @@ class Spinning(Mechanism):
     start_m: tuple[LookupTable, LookupTable, LookupTable] | None = None
     responsivity: LookupTable | None = None
     background_gain: LookupTable | None = None
+    sweep_period_s: float | None = None
 
     @classmethod
     def create(
@@ -109,7 +131,7 @@ class Spinning(Mechanism):
             Quantity(name="columns_per_turn", ge=1, le=2**24, about="cycles in a turn, if clocked by the encoder"),
         ] = None,
         bank: Annotated[Bank, SameTable()],
-        start_azimuth_rad: Annotated[float, Quantity("deg", ge=-360, le=360)] = 0.0,
+        sweep: Annotated[Sweep, SameTable()] = Sweep(),
         jitter_rad: Jitter = None,
         encoder_rad: Encoder = None,
     ) -> Spinning:
@@ -129,6 +151,8 @@ class Spinning(Mechanism):
             assert cycle_s is not None
             cycles_per_turn = max(1, round(period_s / cycle_s))
             step = Fraction(rotation_hz) * Fraction(cycle_s)
+        if sweep.sweep_rad is not None:
+            cycles_per_turn = max(1, round(sweep.sweep_rad / _TWO_PI * cycles_per_turn))
         # Pulse numbers follow time, while a data sheet lists lasers from the top: `lasers_by_place` leads back.
         order = np.argsort(np.asarray(firing_s), kind="stable")
 
@@ -140,7 +164,7 @@ class Spinning(Mechanism):
             lasers=len(order),
             cycle_s=cycle_s,
             firing_s=np.asarray(firing_s, dtype=np.float64)[order],
-            head=Turns.from_fraction(step, start_rad=start_azimuth_rad),
+            head=Turns.from_fraction(step, start_rad=sweep.start_azimuth_rad),
             elevation_rad=table(bank.elevation_rad),
             azimuth_rad=table(azimuth_rad),
             lead_rad=table(_TWO_PI * rotation_hz * np.asarray(firing_s)),
@@ -148,6 +172,7 @@ class Spinning(Mechanism):
             start_m=None if start_m is None else (table(start_m[0]), table(start_m[1]), table(start_m[2])),
             responsivity=None if bank.responsivity is None else table(bank.responsivity),
             background_gain=None if bank.background_gain is None else table(bank.background_gain),
+            sweep_period_s=None if sweep.sweep_rad is None or sweep.frame_hz is None else 1.0 / sweep.frame_hz,
             jitter_rad=jitter_rad,
             encoder_rad=encoder_rad,
         )
@@ -160,7 +185,7 @@ class Spinning(Mechanism):
     @property
     def frame_s(self) -> float:
         """Length of a frame."""
-        return self.cycles * self.cycle_s
+        return self.cycles * self.cycle_s if self.sweep_period_s is None else self.sweep_period_s
 
     @property
     def line_pulses(self) -> int:
@@ -175,6 +200,8 @@ class Spinning(Mechanism):
     def _mechanism(self, pulse: Lanes) -> tuple[Lanes]:
         cycle, place = self._place(pulse)
         ops = xp(pulse)
+        if self.sweep_period_s is not None:
+            cycle = ops.divmod(cycle, self.cycles)[1]
         return (self.head.angle_rad(ops.uint32(cycle)) + ops.float32(ops.take(self.lead_rad, place)),)
 
     def _azimuth_elevation(self, pulse: Lanes, head: Lanes) -> tuple[Lanes, Lanes]:
@@ -225,7 +252,11 @@ class Spinning(Mechanism):
     def time_s(self, pulse: Numbers) -> Numbers:
         """Times from the firing table."""
         cycle, place = split_frame(pulse, self.lasers)
-        return np.asarray(cycle * self.cycle_s + self.firing_s[place])
+        start_s: Numbers | float = 0.0
+        if self.sweep_period_s is not None:
+            sweep, cycle = split_frame(cycle, self.cycles)
+            start_s = sweep * self.sweep_period_s
+        return np.asarray(start_s + cycle * self.cycle_s + self.firing_s[place])
 
 
 Millimetres = Annotated[float, Number("mm", ge=-1e4, le=1e4, finest=0.1)]
@@ -272,6 +303,13 @@ class SpinningFile(ScannerFile[Spinning]):
             raise ValueError("one of cycle_us and columns_per_turn must be given, got both or none")
         if self.rotation_hz == 0.0:
             raise ValueError("rotation_hz: must not be 0")
+        if (self.sweep_deg is None) != (self.frame_hz is None):
+            raise ValueError("sweep_deg and frame_hz must be given together, got one")
+        if self.sweep_deg is not None and self.sweep_deg / (360.0 * abs(self.rotation_hz)) * self.frame_hz > 1.0 + 1e-9:
+            sweep_s = self.sweep_deg / (360.0 * abs(self.rotation_hz))
+            raise ValueError(
+                f"frame_hz: must be <= {1.0 / sweep_s:g}, for a sweep takes {sweep_s:g} s, got {self.frame_hz:g}"
+            )
         lasers = len(self.elevation_deg)
         for key in (
             "channel",

@@ -141,7 +141,7 @@ def compare(name: str) -> list[Held]:
 
 
 def compare_points(recorded: RecordedPointsFile, name: str) -> Iterator[Held]:
-    """Compare beams, steps, scatter and least separation of returns of a sensor that spins. Raises InputError."""
+    """Compare beams, steps, scatter and least separation of returns of a sensor with rows. Raises InputError."""
     sensor = load_sensor(name)
     elevation_deg, azimuth_step_deg = _beams_deg(sensor)
     error_deg = np.sort(elevation_deg) - np.sort(recorded.elevation_deg)
@@ -175,11 +175,19 @@ def compare_points(recorded: RecordedPointsFile, name: str) -> Iterator[Held]:
 
 
 def _beams_deg(sensor: Sensor) -> tuple[Numbers, float]:
-    """(channels,) elevations [degrees], and the busiest channel's mean step of the azimuth [degrees]."""
+    """(channels,) elevations ahead [degrees], and a busiest channel's mean step of the azimuth [degrees].
+
+    The channel of the step is the one nearest to the level, where rows of a lens are straight.
+    """
     pulse = np.arange(sensor.scanner.pulses, dtype=np.uint32)
     channel = np.asarray(sensor.scanner.channel(pulse))
-    _, first, firings = np.unique(channel, return_index=True, return_counts=True)
-    return np.degrees(np.asarray(sensor.scanner.angles(pulse)[1]))[first], 360.0 / float(firings.max())
+    azimuth, elevation = (np.asarray(angle, dtype=np.float64) for angle in sensor.scanner.angles(pulse))
+    ahead_first = np.argsort(np.abs(azimuth), kind="stable")
+    numbers, first, firings = np.unique(channel[ahead_first], return_index=True, return_counts=True)
+    elevation_deg = np.degrees(elevation[ahead_first[first]])
+    busiest = numbers[np.lexsort((np.abs(elevation_deg), -firings))[0]]
+    turned = np.unwrap(azimuth[channel == busiest])
+    return elevation_deg, math.degrees(abs(turned[-1] - turned[0])) / (turned.size - 1)
 
 
 def least_separation_m(sensor: Sensor) -> float | None:
