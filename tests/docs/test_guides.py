@@ -4,11 +4,11 @@ import argparse
 import ast
 import math
 import re
-from typing import get_args
+from typing import Any, get_args
 
 import numpy as np
 import pytest
-from helpers.documentation import PLAIN, README, ROOT, prose, row_says, says, table, text_of
+from helpers.documentation import PLAIN, README, ROOT, blocks, prose, row_says, says, table, text_of
 from helpers.models import MODELS
 
 from lidarscene import catalog, load_sensor
@@ -18,6 +18,7 @@ from lidarscene.detection.outcomes import Outcome, Status
 from lidarscene.formats import e57, las, osi, ply
 from lidarscene.formats.cloud_columns import columns_of
 from lidarscene.kernel.rays import onward, trace
+from lidarscene.kernel.world.mitsuba_world import build_world
 from lidarscene.labels import files
 from lidarscene.maths.motion_table import STEP_S
 from lidarscene.maths.trajectory import LARGEST_SPEED_M_S, LARGEST_STEP_RAD, LARGEST_YAW_RATE_DEG_S
@@ -323,3 +324,17 @@ def test_limits_of_the_standard(header: str) -> None:
             scales = (1.0, 1e-9, 1e-3) if not unit or unit == "nm" else (1.0,)
             near = any(math.isclose(limit * k, w) or math.isclose(float(number), w) for k in scales for w in written)
             assert near, f"{number} {unit} of {row[0]}"
+
+
+def test_the_recipe_of_many_sensors_compiles_its_scene_once(mi: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    del mi
+    (block,) = [block for block in blocks(ROOT / "docs" / "recipes.md", "python") if "world=world" in block.code]
+    compiled = []
+
+    def counted(*arguments: Any, **options: Any) -> Any:
+        compiled.append(arguments)
+        return build_world(*arguments, **options)
+
+    monkeypatch.setattr("lidarscene.rendering.simulator.build_world", counted)
+    exec(block.code, {"__name__": "documentation"})
+    assert len(compiled) == 1

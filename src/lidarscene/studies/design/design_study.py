@@ -9,7 +9,7 @@ import hashlib
 import json
 import math
 import shutil
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -27,10 +27,10 @@ from ...files.toml import read_toml, validate
 from ...files.toml_edit import put_values
 from ...maths.units import split_unit
 from .designs import Design, DesignSpace, files_of_base
-from .optimum import Limits, limits_of
+from .optimum import ACTIVE, Limits, limits_of
 from .quantities import Evaluator
 from .search import EvaluateAll, Log, alone, front, is_feasible, losses, record_line, search, slacks
-from .slopes import derivatives
+from .slopes import SlopesOf, derivatives
 from .study_file import QUANTITIES, UNITS, QuantityFile, StudyFile
 
 EVALUATIONS = "evaluations.jsonl"
@@ -81,9 +81,7 @@ def run_study(
     best = front(study, designs)
     if not best:
         raise InputError(f"{path}: {_none_feasible(study, designs)}")
-    chosen = best[knee(study, best)]
-    limits = limits_of(study, evaluator.space, chosen, slopes)
-    return _report(study, evaluator, designs, best, chosen, limits)
+    return _report(study, evaluator, designs, best, slopes)
 
 
 def knee(study: StudyFile, best: Sequence[Design]) -> int:
@@ -113,33 +111,41 @@ def _none_feasible(study: StudyFile, designs: Sequence[Design]) -> str:
 
 
 def _report(
-    study: StudyFile,
-    evaluator: Evaluator,
-    designs: Sequence[Design],
-    best: Sequence[Design],
-    chosen: Design,
-    limits: Limits | None,
+    study: StudyFile, evaluator: Evaluator, designs: Sequence[Design], best: Sequence[Design], slopes: SlopesOf
 ) -> Report:
     """Page, data and sensor files of the result."""
     report = Report(study.name or "Design study", pages=PAGES, embeds=False)
-    places = {"chosen": best.index(chosen)}
+    chosen = best[knee(study, best)]
+    shown = {"chosen": chosen}
     if len(best) > 1:
         for place, name in enumerate(study.objectives):
-            places[f"best {name}"] = int(np.argmin([losses(study, design)[place] for design in best]))
+            shown[f"best {name}"] = best[int(np.argmin([losses(study, design)[place] for design in best]))]
+    limits = {
+        words: limits_of(study, evaluator.space, design, slopes, best=words.removeprefix("best ") if place else None)
+        for place, (words, design) in enumerate(shown.items())
+    }
+    fronts = _fronts_of_choices(study, evaluator.space, designs)
+    shown |= {name: designs_of_choice[knee(study, designs_of_choice)] for name, designs_of_choice in fronts.items()}
     safety = _eye_safety(evaluator, chosen)
     report.add_paragraph(_verdict(study, designs, best, chosen))
-    report.add_table(*_designs_table(study, evaluator.space, best, places))
-    for text in (*_limits_text(study, chosen, limits), *safety.values()):
+    report.add_table(*_designs_table(study, evaluator.space, shown))
+    if fronts:
+        report.add_paragraph(_choices_text(fronts, best))
+    if study.constraints:
+        report.add_heading("What each constraint costs")
+        report.add_table(*_costs_table(study, shown, limits))
+    for text in (*_limits_text(limits["chosen"]), *safety.values()):
         report.add_paragraph(text)
-    report.add_heading("Front" if len(best) > 1 else "Search")
-    for figure in _figures(study, designs, best, chosen):
+    report.add_heading("Front" if len(study.objectives) > 1 else "Search")
+    for figure in _figures(study, designs, fronts or {"front": best}, chosen):
         report.add_figure(figure)
     header = [*study.objectives, *study.constraints, *(free.key for free in evaluator.space.free)]
     report.main_table = (header, [_row(study, evaluator.space, design) for design in best])
     report.add_data("front", report.main_table)
     if study.is_traced:
         report.add_heading("Clouds")
-        report.add_pictures(list(_clouds(evaluator, best, places)))
+        report.add_pictures(list(_clouds(evaluator, shown)))
+    places = {best.index(design) for design in shown.values() if design in best}
     files = [
         name for place in _files(best, places) for name in _add_sensors(report, evaluator.space, best[place], place)
     ]
@@ -149,13 +155,20 @@ def _report(
         "impossible": sum(bool(design.reason) for design in designs),
         "chosen": _numbers(chosen),
         "verdict": _verdict(study, designs, best, chosen),
-        "limits": None if limits is None else {"costs": limits.costs, "held": limits.held, "optimum": limits.stands},
+        "limits": _limits_numbers(limits["chosen"]),
+        "choices": {name: _numbers(shown[name]) for name in fronts},
         "eye_safety": safety,
         "front": [_numbers(design) for design in best],
         "files": files,
     }
     report.summary = _summary(report.numbers)
     return report
+
+
+def _limits_numbers(limits: Limits | None) -> dict[str, Any] | None:
+    if limits is None:
+        return None
+    return {"costs": limits.costs, "held": limits.held, "optimum": limits.stands, "slopes": dict(limits.methods)}
 
 
 def _numbers(design: Design) -> dict[str, Any]:
@@ -179,7 +192,7 @@ def _verdict(study: StudyFile, designs: Sequence[Design], best: Sequence[Design]
 
 def _rests_on(study: StudyFile) -> str:
     bounds = [
-        f"{name} {words} {bound:g}"
+        f"{name} {words} {bound:g} {_unit(entry)}".rstrip()
         for name, entry in study.constraints.items()
         for words, bound in (("at least", entry.at_least), ("at most", entry.at_most))
         if bound is not None
@@ -187,13 +200,51 @@ def _rests_on(study: StudyFile) -> str:
     return f", under {' and '.join(bounds)}" if bounds else ""
 
 
-def _designs_table(
-    study: StudyFile, space: DesignSpace, best: Sequence[Design], places: dict[str, int]
+def _fronts_of_choices(study: StudyFile, space: DesignSpace, designs: Sequence[Design]) -> dict[str, list[Design]]:
+    """Front of the designs with each sensor that could be chosen, by its name; {} where none could."""
+    fronts = {}
+    for key, names in space.sensor_choices().items():
+        for name in names:
+            feasible = front(study, [design for design in designs if design.values.get(key) == name])
+            if feasible:
+                fronts[name if len(space.bases) == 1 else f"{key.partition(':')[0]} {name}"] = feasible
+    return fronts
+
+
+def _choices_text(fronts: Mapping[str, Sequence[Design]], best: Sequence[Design]) -> str:
+    """Sentence on the sensors that are part of the front, and on those that others beat."""
+    shares = {name: any(design in best for design in choices) for name, choices in fronts.items()}
+    beaten = [name for name, is_ahead in shares.items() if not is_ahead]
+    text = f"On the front: {', '.join(name for name, is_ahead in shares.items() if is_ahead)}."
+    return f"{text} Beaten in all objectives by a design of another: {', '.join(beaten)}." if beaten else text
+
+
+def _costs_table(
+    study: StudyFile, shown: Mapping[str, Design], limits: Mapping[str, Limits | None]
 ) -> tuple[Sequence[str], list[list[str]]]:
-    header = ["", *places]
-    rows = [[key, *(_short(best[place].values.get(key, "-")) for place in places.values())] for key in _keys(space)]
+    """What an objective would gain if 1 % of each bound gave way, or how much is slack."""
+    rows = []
+    for bound in slacks(study, shown["chosen"]):
+        cells = []
+        for words, of_design in limits.items():
+            slack = slacks(study, shown[words])[bound]
+            if slack > ACTIVE:
+                cells.append(f"nothing, {100.0 * slack:.3g} % slack")
+            elif of_design is None or not of_design.stands:
+                cells.append("not known")
+            else:
+                cells.append(f"{of_design.costs[bound]:.3g} % of {of_design.objective}")
+        rows.append([bound, *cells])
+    return ["1 % of the bound buys", *limits], rows
+
+
+def _designs_table(
+    study: StudyFile, space: DesignSpace, shown: Mapping[str, Design]
+) -> tuple[Sequence[str], list[list[str]]]:
+    header = ["", *shown]
+    rows = [[key, *(_short(design.values.get(key, "-")) for design in shown.values())] for key in _keys(space)]
     for name, entry in {**study.objectives, **study.constraints}.items():
-        cells = [_short(best[place].quantities[name]) for place in places.values()]
+        cells = [_short(design.quantities[name]) for design in shown.values()]
         of = "" if name == entry.quantity_name else f" ({entry.quantity_name})"
         rows.append([" ".join(filter(None, [f"{name}{of}", _unit(entry)])), *cells])
     return header, rows
@@ -216,17 +267,13 @@ def _keys(space: DesignSpace) -> list[str]:
     return [free.key for free in space.free]
 
 
-def _limits_text(study: StudyFile, chosen: Design, limits: Limits | None) -> list[str]:
-    """Sentences on the ends of ranges and the costs of constraints."""
+def _limits_text(limits: Limits | None) -> list[str]:
+    """Sentences on the ends of ranges, and on how slopes were found."""
     if limits is None:
         return []
-    first = next(iter(study.objectives))
     texts = []
     if limits.held:
         texts.append(f"At an end of its range: {', '.join(limits.held)}. A wider range would give a better design.")
-    costs = [f"{bound}: {cost:.3g} % of {first}" for bound, cost in limits.costs.items() if cost > 0.0]
-    if costs and limits.stands:
-        texts.append(f"A constraint that gives way by 1 % of its bound would improve {first} by: {'; '.join(costs)}.")
     ways: dict[str, list[str]] = {}
     for name, way in limits.methods.items():
         ways.setdefault(way, []).append(name)
@@ -253,8 +300,10 @@ def _eye_safety(evaluator: Evaluator, chosen: Design) -> dict[str, str]:
     return texts
 
 
-def _figures(study: StudyFile, designs: Sequence[Design], best: Sequence[Design], chosen: Design) -> list[Figure]:
-    """Front of each pair with the first objective; of one objective, the best so far over the evaluations."""
+def _figures(
+    study: StudyFile, designs: Sequence[Design], fronts: Mapping[str, Sequence[Design]], chosen: Design
+) -> list[Figure]:
+    """Fronts of each pair with the first objective; of one objective, the best so far over the evaluations."""
     names = list(study.objectives)
     if len(names) == 1:
         sign = study.objectives[names[0]].sign
@@ -270,38 +319,54 @@ def _figures(study: StudyFile, designs: Sequence[Design], best: Sequence[Design]
         data = (("designs", names[0]), list(zip(counts.tolist(), lowest.tolist(), strict=True)))
         return [Figure("search", chart, data, "Best feasible design over the number of designs that were tried.")]
     figures = []
-    for other in names[1:] if len(best) > 1 else ():
-        x = np.array([design.quantities[other] for design in best])
-        y = np.array([design.quantities[names[0]] for design in best])
-        order = np.argsort(x, kind="stable")
+    for other in names[1:]:
+        courses = {
+            name: np.array(sorted((design.quantities[other], design.quantities[names[0]]) for design in best))
+            for name, best in fronts.items()
+        }
         chart = Chart(
-            lines=(Line(label="front", x=x[order], y=y[order]),),
+            lines=tuple(
+                Line(label=name, x=course[:, 0], y=course[:, 1], colour=number)
+                for number, (name, course) in enumerate(courses.items())
+                if len(course) > 1
+            ),
             x_label=_label(study, other),
             y_label=_label(study, names[0]),
             title=study.name,
-            marks=(Mark(x=chosen.quantities[other], y=chosen.quantities[names[0]], text="chosen", colour=1),),
+            marks=(
+                *(
+                    Mark(x=float(course[0, 0]), y=float(course[0, 1]), text=name, colour=number, offset=(8.0, -12.0))
+                    for number, (name, course) in enumerate(courses.items())
+                    if len(course) == 1
+                ),
+                Mark(x=chosen.quantities[other], y=chosen.quantities[names[0]], text="chosen"),
+            ),
         )
-        data = ((other, names[0]), list(zip(x[order].tolist(), y[order].tolist(), strict=True)))
-        caption = f"No design that was tried has both a better {names[0]} and a better {other}."
-        figures.append(Figure(f"front-{other}", chart, data, caption))
+        rows = [(*point.tolist(), name) for name, course in courses.items() for point in course]
+        table = ((other, names[0], "of"), rows)
+        whose = "" if len(fronts) == 1 else " with the same sensor"
+        caption = f"No design that was tried{whose} is better in all objectives."
+        figures.append(Figure(f"front-{other}", chart, table, caption))
     return figures
 
 
-def _clouds(
-    evaluator: Evaluator, best: Sequence[Design], places: dict[str, int]
-) -> Iterator[tuple[str, str, Callable[[Path], None]]]:
-    """Name, caption and drawing of the clouds of the chosen and the extreme designs, first sensor each."""
-    for words, place in places.items():
-        for label, cloud in evaluator.clouds(best[place].values).items():
+def _clouds(evaluator: Evaluator, shown: Mapping[str, Design]) -> Iterator[tuple[str, str, Callable[[Path], None]]]:
+    """Name, caption and drawing of the clouds of the designs that the page shows, each once."""
+    drawn: list[Design] = []
+    for words, design in shown.items():
+        if design in drawn:
+            continue
+        drawn.append(design)
+        for label, cloud in evaluator.clouds(design.values).items():
             name = "-".join(["cloud", *words.split(), *([label] if label else [])])
-            caption = f"{words}{f', {label}' if label else ''}: {len(cloud)} points."
+            caption = f"{words}{f', {label}' if label else ''}: {len(cloud):,} points."
             yield name, caption, partial(pictures.perspective_picture, cloud, size_px=(1280, 720))
 
 
-def _files(best: Sequence[Design], places: dict[str, int]) -> list[int]:
+def _files(best: Sequence[Design], places: Collection[int]) -> list[int]:
     """Places of the designs that become files: all of a short front; else the named ones and others evenly between."""
     even = np.unique(np.linspace(0, len(best) - 1, min(len(best), MOST_FILES)).round().astype(int)).tolist()
-    return sorted({*even, *places.values()})
+    return sorted({*even, *places})
 
 
 def _add_sensors(report: Report, space: DesignSpace, design: Design, place: int) -> list[str]:
@@ -324,7 +389,7 @@ def _add_sensors(report: Report, space: DesignSpace, design: Design, place: int)
 
 
 def _short(value: Any) -> str:
-    return f"{value:.5g}" if isinstance(value, float) else str(value)
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 def _summary(numbers: dict[str, Any]) -> str:

@@ -138,6 +138,10 @@ class DesignSpace:
         keys = [_free_key(key, entry, bases, f"{where}: free.{key}") for key, entry in study.free.items()]
         return cls(bases=bases, free=(*choices, *keys))
 
+    def sensor_choices(self) -> dict[str, tuple[str, ...]]:
+        """Bases that each free choice of a sensor has, by its key."""
+        return {free.key: free.values for free in self.free if _split(free.key)[1] == _BASE}
+
     def values(self, shares: Numbers) -> dict[str, Any]:
         """Values of the free keys at these shares; without keys of bases that are not chosen."""
         values = {free.key: free.value(float(share)) for free, share in zip(self.free, shares, strict=True)}

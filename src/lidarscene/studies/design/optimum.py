@@ -30,20 +30,27 @@ _LARGEST_RESIDUAL = 0.1
 class Limits:
     """What limits a design; see `limits_of`.
 
-    costs    bound -> percent by which the first objective would improve if the bound gave way by one percent
-    held     keys at an end of their range
-    stands   whether the bounds explain the gradient, so that this is an optimum and the costs mean something
-    methods  quantity by name -> how its slopes were found (`slopes.Slopes`)
+    objective  what a bound that gives way improves
+    costs      bound -> percent by which it would improve if the bound gave way by one percent
+    held       keys at an end of their range
+    stands     whether the bounds explain the gradient, so that this is an optimum and the costs mean something
+    methods    quantity by name -> how its slopes were found (`slopes.Slopes`)
     """
 
+    objective: str
     costs: dict[str, float]
     held: tuple[str, ...]
     stands: bool
     methods: Mapping[str, str]
 
 
-def limits_of(study: StudyFile, space: DesignSpace, design: Design, slopes_of: SlopesOf) -> Limits | None:
-    """Compute the limits of a design over its continuous keys; None if it has none, or no step leaves a sensor."""
+def limits_of(
+    study: StudyFile, space: DesignSpace, design: Design, slopes_of: SlopesOf, *, best: str | None = None
+) -> Limits | None:
+    """Compute the limits of a design over its continuous keys; None if it has none, or no step leaves a sensor.
+
+    best  objective of which this is the best design: the others bound it no more. None: they do
+    """
     from scipy.optimize import nnls
 
     continuous = [entry for entry in space.free if entry.is_continuous]
@@ -67,15 +74,18 @@ def limits_of(study: StudyFile, space: DesignSpace, design: Design, slopes_of: S
     ]
     active = [number for number, slack in enumerate(bounds.values()) if slack <= ACTIVE]
     columns = [of_slacks[number, present] for number in active]
-    columns += [-of_losses[:, number] for number in range(1, of_losses.shape[1])]
+    objectives = list(study.objectives)
+    first = 0 if best is None else objectives.index(best)
+    if best is None:
+        columns += [-of_losses[:, number] for number in range(1, of_losses.shape[1])]
     columns += [direction * np.eye(len(free))[number] for _, direction, number in held]
-    target = of_losses[:, 0]
+    target = of_losses[:, first]
     size = float(np.linalg.norm(target))
     multipliers, residual = (np.zeros(0), size) if not columns else nnls(np.stack(columns, axis=1), target)
-    first = next(iter(study.objectives))
-    scale = abs(design.quantities[first]) or 1.0
+    scale = abs(design.quantities[objectives[first]]) or 1.0
     names = list(bounds)
     return Limits(
+        objective=objectives[first],
         costs={names[number]: float(multipliers[place]) / scale for place, number in enumerate(active)},
         held=tuple(key for key, _, _ in held),
         stands=bool(residual <= _LARGEST_RESIDUAL * size or size <= 1e-3 * scale),
