@@ -1,8 +1,11 @@
 """Public names of lidarscene and where each is: imported when first asked for (`lazy_loader`)."""
 
 from ._version import __version__ as __version__
+from .catalog import scenes as scenes
+from .catalog import sensors as sensors
 from .cloud.deskew import deskewed as deskewed
 from .cloud.point_cloud import PointCloud as PointCloud
+from .cloud.point_cloud import load as load
 from .detection.outcomes import Outcome as Outcome
 from .detection.outcomes import Status as Status
 from .errors import BackendError as BackendError
@@ -14,6 +17,7 @@ from .materials.material import Material as Material
 from .maths.pose import Pose as Pose
 from .outputs.output_options import Outputs as Outputs
 from .outputs.record import record as record
+from .recordings.opening import open_recording as open_recording
 from .rendering.api import render as render
 from .rendering.api import render_frames as render_frames
 from .rendering.live_simulator import LiveSimulator as LiveSimulator

@@ -134,7 +134,7 @@ TYPED = [
 
 CALLED: list[tuple[Callable[[], Any], str]] = [
     (lambda: lidarscene.load_scene("cars"), "no scene 'cars' in the catalogue; did you mean car"),
-    (lambda: lidarscene.load_scene(3), "scene: must be a name, a file, a Scene, a Trimesh"),
+    (lambda: lidarscene.load_scene(3), "scene: must be a name, a file, a Scene, (vertices, faces) or a mesh"),
     (lambda: lidarscene.load_sensor(None), "sensor: must be a name, a file or a Sensor, got NoneType"),
     (lambda: lidarscene.load_rig("wall.toml"), "this looks like a scene file"),
     (lambda: lidarscene.render("wall.toml", "vlp17"), "no sensor 'vlp17' in the catalogue; did you mean vlp-16"),
@@ -144,7 +144,7 @@ CALLED: list[tuple[Callable[[], Any], str]] = [
     (lambda: lidarscene.render("wall.toml", overrides="gain=3"), "unknown key 'gain'; did you mean detector.gain?"),
     (lambda: lidarscene.render("wall.toml", overrides=3), 'overrides: must be "key=value", a list of these, or a dict'),
     (lambda: lidarscene.render("wall.toml", colour=1), "unknown option 'colour'; known here: rays,"),
-    (lambda: lidarscene.render(lidarscene.load_sensor("vlp-16")), "trimesh.Scene, got Sensor"),
+    (lambda: lidarscene.render(lidarscene.load_sensor("vlp-16")), "Mitsuba, got Sensor"),
     (lambda: lidarscene.record("wall.toml", outputs="a.abc"), "path a.abc: the name must end in one of .ply,"),
     (lambda: lidarscene.render("wall.toml", pose=np.eye(4)), "yaw, pitch, roll in degrees, got array([[1., 0.,"),
     (lambda: small_cloud().column("intesity"), "column 'intesity': not in this cloud; did you mean intensity?"),

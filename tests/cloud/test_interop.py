@@ -5,7 +5,7 @@ import io
 import re
 import sys
 from pathlib import Path
-from types import ModuleType
+from types import ModuleType, SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -20,6 +20,7 @@ from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.errors import InputError, LidarSceneError
 from lidarscene.materials.material import Material, Spectrum
 from lidarscene.maths.pose import Pose
+from lidarscene.scene.scene import Scene, box_of
 
 
 def test_structured() -> None:
@@ -139,7 +140,7 @@ def test_nodes_of_a_trimesh_scene_are_bodies() -> None:
 @pytest.mark.parametrize(
     ("mesh", "options", "message"),
     [
-        (3, {}, "must be a name, a file, a Scene, a Trimesh or a trimesh.Scene, got int"),
+        (3, {}, "must be a name, a file, a Scene, .vertices, faces. or a mesh"),
         (trimesh.Trimesh(), {}, "load_scene: the mesh must have at least one triangle, got none"),
         (scene_of_two(), {}, "'van' has no colour of its own and must have a material"),
         (scene_of_two(), {"material": "unobtainium"}, "unobtainium"),
@@ -168,3 +169,56 @@ def test_a_mitsuba_file_is_a_scene(mi: ModuleType, tmp_path: Path) -> None:
     np.testing.assert_allclose(echoes.true_range_m * np.cos(echoes.incidence_angle_rad), 9.0, rtol=1e-5)
     with pytest.raises(InputError, match=r"none\.xml: no such file"):
         load_scene(tmp_path / "none.xml")
+
+
+BOX = trimesh.creation.box((2.0, 4.0, 6.0))
+
+
+def mitsuba_box(mi: Any) -> Any:
+    return mi.load_dict({"type": "scene", "box": {"type": "cube", "to_world": mi.ScalarTransform4f().scale([1, 2, 3])}})
+
+
+def test_a_body_is_added_from_any_library(mi: Any, tmp_path: Path) -> None:
+    """A box of 2 x 4 x 6 m from each; PyVista's PolyData is drawn with its attributes, as the library is not here."""
+    BOX.export(tmp_path / "box.stl")
+    polydata = SimpleNamespace(
+        points=BOX.vertices, faces=np.column_stack([np.full(len(BOX.faces), 3), BOX.faces]).ravel()
+    )
+    polydata.triangulate = lambda: polydata
+    scene = load_scene("car")
+    for mesh in (BOX, trimesh.Scene(BOX), mitsuba_box(mi), polydata, (BOX.vertices, BOX.faces), tmp_path / "box.stl"):
+        more = scene.add(mesh, "brick", (3, 2, 3, 90), name="box", class_name="building")
+        body = more.bodies[-1]
+        assert (body.name, body.class_name, len(more.bodies)) == ("box", "building", len(scene.bodies) + 1)
+        np.testing.assert_allclose(box_of(body.parts), [[-1, -2, -3], [1, 2, 3]], atol=1e-6)
+        np.testing.assert_allclose(body.pose.apply(np.array([[1.0, 0, 0]])), [[3, 3, 3]], atol=1e-12)
+        assert more.materials[body.parts[0].material].name == "brick"
+    assert scene.add(BOX, "brick").add(BOX, "brick").bodies[-1].name == "body 2"
+    assert "brick" not in scene.materials or scene.materials is not more.materials
+
+
+def test_a_body_from_open3d(open3d: Any) -> None:
+    legacy = open3d.geometry.TriangleMesh.create_box(2.0, 4.0, 6.0)
+    tensors = open3d.t.geometry.TriangleMesh.from_legacy(legacy)
+    for mesh in (legacy, tensors):
+        (part,) = Scene().add(mesh, "brick").bodies[0].parts
+        np.testing.assert_allclose(box_of([part]), [[0, 0, 0], [2, 4, 6]])
+        assert load_scene(mesh, material="brick").bodies[0].name == "mesh"
+
+
+@pytest.mark.parametrize(
+    ("mesh", "material", "complaint"),
+    [
+        (
+            3,
+            "brick",
+            "scene.add: must be a mesh file, .vertices, faces. or a mesh of trimesh, Open3D, PyVista",
+        ),
+        (BOX, "brik", "no material 'brik' in the catalogue; did you mean brick"),
+        ((np.zeros((3, 3)), np.array([[0, 1, 7]])), "brick", "scene.add: a face names vertex 7, there are 3"),
+        ("car.blend", "brick", "car.blend: a Blender file, which is not read; open it in Blender"),
+    ],
+)
+def test_what_cannot_be_added(mesh: Any, material: str, complaint: str) -> None:
+    with pytest.raises(InputError, match=complaint):
+        Scene().add(mesh, material)

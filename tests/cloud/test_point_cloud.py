@@ -4,6 +4,7 @@ import copy
 import json
 import os
 import pickle
+from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -12,6 +13,7 @@ import numpy as np
 import pytest
 from helpers.clouds import NAMES, assert_same, chunk_of, small_cloud, small_columns
 
+import lidarscene
 from lidarscene.cloud import interop
 from lidarscene.cloud.builder import CloudBuilder
 from lidarscene.cloud.point_cloud import PointCloud
@@ -304,3 +306,56 @@ def test_clouds_in_frames_of_their_own_are_not_merged(frames: tuple[str, str]) -
     parts = [small_cloud(metadata={"frame": frame, "sensor_position_m": "0 0 0"}) for frame in frames]
     with pytest.raises(ValueError, match="must be in one frame, world or vehicle"):
         merge_clouds(parts, ["a", "b"])
+
+
+def test_columns_and_points_by_brackets() -> None:
+    cloud = small_cloud(9)
+    np.testing.assert_array_equal(cloud["range"], cloud.range_m)
+    assert cloud.xyz is cloud.xyz_m
+    assert_same(cloud[cloud["range"] > 1.0], cloud.select(cloud.range_m > 1.0))
+    assert_same(cloud[2:5], cloud.select(slice(2, 5)))
+    rows = np.asarray(cloud)
+    assert rows.dtype.names == tuple(column.name for column in cloud.columns)
+    np.testing.assert_array_equal(rows["snr"], cloud.snr)
+    with pytest.raises(InputError, match=r"cloud\[5\]: must be the name of a column, .* one point is cloud\[5:6\]"):
+        cloud[5]  # type: ignore[call-overload]
+    with pytest.raises(InputError, match=r"column 'rang': not in this cloud; did you mean range[?]"):
+        cloud["rang"]
+    with pytest.raises(InputError, match=r"cloud\[0\]"):  # which iterating would do
+        list(cloud)  # type: ignore[call-overload]
+
+
+def test_clouds_are_added_by_the_names_of_what_they_hit() -> None:
+    a = small_cloud(3)
+    b = replace(a, body_names=tuple(reversed(a.body_names)))
+    both = a + b
+    assert len(both) == 6
+    names = [[cloud.body_names[number] if number >= 0 else "" for number in cloud.body] for cloud in (both, a, b)]
+    assert names[0] == names[1] + names[2]
+    assert both.metadata == a.metadata
+    np.testing.assert_array_equal((a + a).range_m, np.concatenate([a.range_m, a.range_m]))
+    moved = replace(a, metadata={**a.metadata, "frame": "sensor", "sensor_to_world": "1 0 0 5 0 1 0 0 0 0 1 0"})
+    still = replace(a, metadata={**a.metadata, "frame": "sensor", "sensor_to_world": "1 0 0 0 0 1 0 0 0 0 1 0"})
+    with pytest.raises(InputError, match="must be in the same coordinates, got 'sensor' of the pose 1 0 0 5 "):
+        moved + still
+    with pytest.raises(InputError, match="both must have truth and vectors, or none"):
+        a + a.without_truth()
+    with pytest.raises(TypeError):
+        a + 3  # type: ignore[operator]
+
+
+def test_a_range_image_and_a_plot(tmp_path: Path) -> None:
+    cloud = small_cloud(9)
+    images = cloud.range_image()
+    shown = images["point"] >= 0
+    np.testing.assert_array_equal(images["range"][shown], cloud.range_m[images["point"][shown]])
+    picture = cloud.plot("range", size_px=(320, 180))
+    picture.save(tmp_path / "a.png")
+    assert (tmp_path / "a.png").read_bytes() == picture._repr_png_()
+    assert picture.png.startswith(b"\x89PNG")
+
+
+def test_load_is_the_cloud_of_a_file(tmp_path: Path) -> None:
+    cloud = small_cloud(3)
+    cloud.save(tmp_path / "a.ply")
+    assert_same(lidarscene.load(tmp_path / "a.ply"), cloud)

@@ -15,12 +15,12 @@ from helpers.in_this_process import Run
 from helpers.waiting import wait_until
 from helpers.walls import write_moving_rig
 
+from lidarscene.cloud.pixels import images
 from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.formats import rerun as rerun_format
 from lidarscene.formats.clock import EPOCH, stamp_ns, to_ns
 from lidarscene.labels.boxes import boxes
 from lidarscene.outputs.output_options import Outputs
-from lidarscene.outputs.range_image import images
 from lidarscene.outputs.record import record
 from lidarscene.rendering.simulator import Simulator
 from lidarscene.scene.scene_file import load_scene

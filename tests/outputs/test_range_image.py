@@ -9,10 +9,11 @@ import PIL.Image
 import pytest
 from helpers import street
 
+from lidarscene.cloud.pixels import images
 from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.errors import InputError
 from lidarscene.files.encodings import png
-from lidarscene.outputs.range_image import images, write_range_image
+from lidarscene.outputs.range_image import write_range_image
 
 
 def test_png_in_pillow(tmp_path: Path) -> None:

@@ -175,7 +175,7 @@ def test_progress_is_that_of_the_run(mi, moving: str) -> None:
         (("a.ply", {"merge": True}), {}, "merge goes with rig"),
         (("out",), {"frames": 0}, "frames: must be a whole number from 1 to 10000, got 0"),
         (("a.ply",), {"seed": -1}, "seed: must be a whole number from 0 to 4294967295, got -1"),
-        (("a.ply",), {"sed": 1}, "unknown option 'sed'; known here: rays, "),
+        (("a.ply",), {"sed": 1}, "unknown option 'sed'; did you mean seed? known here: rays, "),
         (("a.ply",), {"progress": 1}, "progress: must be a function, got 1"),
         (("moving.toml", {"format": "ply"}), {}, "path moving.toml: must be another name, got an input of this run"),
         (("a.ply", {"waveforms": "w.npz", "pulses": [BEAMS]}), {}, "pulses: must be 0 to 230"),

@@ -1,5 +1,6 @@
 """What users call: names, files and objects alike; overrides as people write them; mistakes in one line."""
 
+import dataclasses
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -71,10 +72,32 @@ def test_a_slip_is_one_line(call: Any, arguments: Any, options: Any, message: st
     assert "\n" not in str(error.value)
 
 
-def test_overrides_of_what_is_made_already() -> None:
-    sensor = lidarscene.load_sensor("table1-apd")
-    with pytest.raises(InputError, match="overrides: must go with the name or file of a sensor"):
-        lidarscene.load_sensor(sensor, overrides="detector.gain=60")
+def test_keys_of_a_sensors_file_are_replaced() -> None:
+    """In the file's units, with its checks; what follows from a key follows, and changes add up."""
+    sensor = lidarscene.load_sensor("table1-apd", overrides="detector.gain=60")
+    for changed in (
+        sensor.replace("laser.peak_power_w=30"),
+        sensor.replace({"laser.peak_power_w": 30}),
+        sensor.replace(laser={"peak_power_w": 30}),
+        lidarscene.load_sensor(sensor, overrides={"laser.peak_power_w": 30}),
+    ):
+        assert (changed.laser.peak_power_w, changed.detector.gain) == (30.0, 60.0)
+        assert changed.sources["laser.peak_power_w"] == "--set laser.peak_power_w=30"
+    with pytest.raises(InputError, match=r"laser.peak_power_w: must be >"):
+        sensor.replace("laser.peak_power_w=-1")
+    changed = dataclasses.replace(sensor, name="mine")
+    with pytest.raises(InputError, match=r"^'mine': must be as `load_sensor` gave it .* dataclasses.replace"):
+        changed.replace("laser.peak_power_w=30")
+
+
+def test_names_of_the_catalogue() -> None:
+    assert "table1-apd" in lidarscene.sensors()
+    assert "car" in lidarscene.scenes()
+
+
+def test_an_unknown_keyword_names_the_right_one() -> None:
+    with pytest.raises(InputError, match=r"unknown option 'sensors'; did you mean sensor[?] known here: rays, "):
+        lidarscene.render("car", sensors="table1-apd")  # type: ignore[call-arg]
 
 
 def test_a_file_is_outputs_enough(mi: Any, tmp_path: Path) -> None:

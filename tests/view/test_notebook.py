@@ -53,7 +53,7 @@ def test_a_scene_is_rendered_by_its_sensor(mi, tmp_path, monkeypatch):
     [
         ({"sensor": 3}, "view: sensor: must be a catalogue name or a file, got int"),
         ({"sensor": lidarscene.load_sensor("table1-apd")}, "a catalogue name or a file, got Sensor"),
-        ({"scene": 3}, "scene: must be a name, a file, a Scene, a Trimesh or a trimesh.Scene, got int"),
+        ({"scene": 3}, "scene: must be a name, a file, a Scene, (vertices, faces) or a mesh"),
     ],
 )
 def test_what_cannot_be_viewed(options, message):

@@ -12,7 +12,6 @@ from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
 from ..rendering.option_fields import Whole
-from ..rendering.render_options import to_pose
 
 if TYPE_CHECKING:
     from ..maths.pose import Pose
@@ -93,7 +92,7 @@ def with_joined_pose(argv: Sequence[str]) -> list[str]:
 
 def pose(text: str) -> Pose:
     """Parse a pose of three to six numbers, metres and degrees (an argparse type)."""
-    from ..sensor.pose_file import LARGEST_COORDINATE_M
+    from ..sensor.pose_file import LARGEST_COORDINATE_M, to_pose
 
     try:
         numbers = [float(word) for word in text.split(",")]

@@ -385,3 +385,29 @@ def _bins(values: Numbers, step: float) -> Numbers:
     count = int(min(max(span / step if step > 0 else 1, 0), 8192)) + 1
     width = max(span / max(count - 1, 1), 1e-3 if span == 0 else 0.0)
     return low + width * (np.arange(count + 1) - 0.5)
+
+
+OPTIONAL = ("ambient",)
+"""Columns that are shown where a cloud has them, beside range, intensity and status."""
+
+
+def images(cloud: Cloud) -> dict[str, Numbers]:
+    """Make the images of a cloud: name -> (rows, columns), 0 where no point is.
+
+    range, intensity and the OPTIONAL columns have the cloud's values and types; status is 1 + the cloud's, so
+    that 0 is nothing and 1 an echo; point is the index of the point, -1 for none.
+    azimuth_deg (columns + 1,) and elevation_deg (rows + 1,) are the edges of the pixels; both fall.
+    """
+    cells = cells_of(cloud)
+    # Cells count from the lowest and rightmost; an image from its top left, as the sensor sees it.
+    point = cells.point[::-1, ::-1]
+    names = ["range", "intensity", *(n for n in OPTIONAL if n in (c.name for c in cloud.columns))]
+    arrays = {name: _pixel_values(cloud.column(name), point) for name in names}
+    arrays["status"] = _pixel_values(cloud.column("status") + np.uint8(1), point)
+    return arrays | {"point": point, "azimuth_deg": cells.azimuth_deg[::-1], "elevation_deg": cells.elevation_deg[::-1]}
+
+
+def _pixel_values(values: Numbers, point: Numbers) -> Numbers:
+    """Values of the points that the pixels show; 0 for NOTHING."""
+    # One value more than points: the pixels without a point take it.
+    return np.append(values, values.dtype.type(0))[np.where(point == NOTHING, len(values), point)]

@@ -7,6 +7,7 @@ and finite numbers. `formats.cloud_columns.CloudColumns` declares each column.
 from __future__ import annotations
 
 import os
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -15,7 +16,7 @@ import numpy as np
 from ..detection.outcomes import Status
 from ..errors import InputError
 from ..files import facts
-from ..formats.cloud_columns import NAMES, OF_VECTORS, STATUS_PLURALS, TRUTH, Cloud
+from ..formats.cloud_columns import NAMES, OF_VECTORS, SENSOR_TO_VEHICLE, SENSOR_TO_WORLD, STATUS_PLURALS, TRUTH, Cloud
 from ..formats.cloud_description import input_errors
 from ..formats.registry import format_of, formats_with
 from ..maths.arrays import Numbers
@@ -73,6 +74,54 @@ class PointCloud(Cloud):
         if consume:
             parts.clear()
         return PointCloud(**builder.fields(**description), checked=True)
+
+    def __add__(self, other: PointCloud) -> PointCloud:
+        """Points of both clouds, bodies, classes and materials by their names; metadata are those of the first.
+
+        Raises InputError for clouds in different coordinates, or where only one has truth or vectors.
+        """
+        if not isinstance(other, PointCloud):
+            return NotImplemented
+        if self._coordinates() != other._coordinates():
+            raise InputError(
+                "cloud + cloud: must be in the same coordinates, got "
+                f"{_coordinates_text(self)} and {_coordinates_text(other)}; render both with coordinates='world'"
+            )
+        if self.sensor_names != other.sensor_names:
+            raise InputError(
+                "cloud + cloud: must be of the same sensors of a rig, got "
+                f"{', '.join(self.sensor_names) or 'one sensor'} and {', '.join(other.sensor_names) or 'one sensor'}"
+            )
+        if (self.has_truth, self.has_vectors) != (other.has_truth, other.has_vectors):
+            raise InputError("cloud + cloud: both must have truth and vectors, or none, got only one that has")
+        return PointCloud.concatenate(with_common_names([self, other]))
+
+    def _coordinates(self) -> tuple[str, str]:
+        """Frame of the points, and the pose of what it is fixed to."""
+        frame = self.metadata.get("frame", "sensor")
+        keys = {"sensor": (SENSOR_TO_WORLD,), "vehicle": (SENSOR_TO_WORLD, SENSOR_TO_VEHICLE)}.get(frame, ())
+        return frame, " ".join(self.metadata.get(key, "") for key in keys)
+
+    def range_image(self) -> dict[str, Numbers]:
+        """Images of elevation by azimuth as the sensor sees them: name -> (rows, columns), 0 where no point is.
+
+        range, intensity and, of sensors that count it, ambient; status is 1 + the cloud's, point is the index of the
+        point, -1 for none; azimuth_deg (columns + 1,) and elevation_deg (rows + 1,) are the edges of the pixels.
+        """
+        from .pixels import images
+
+        return images(self)
+
+    def plot(
+        self, colour_by: str = "intensity", *, view: Any = None, size_px: tuple[int, int] = (1280, 720)
+    ) -> facts.Picture:
+        """Picture of the points with title and scale, which a notebook shows and `Picture.save` writes.
+
+        colour_by  a column
+        view       camera, a `scene.scene.View`; None: from above and behind the sensor
+        """
+        picture: facts.Picture = facts.call_registered("draw", self, colour_by=colour_by, view=view, size_px=size_px)
+        return picture
 
     def save(
         self,
@@ -168,3 +217,31 @@ class PointCloud(Cloud):
         from .interop import to_html
 
         return to_html(self)
+
+
+def with_common_names(clouds: Sequence[PointCloud]) -> list[PointCloud]:
+    """Renumber bodies, classes and materials so that equal numbers mean equal names in all clouds."""
+    names_of = {attribute: names for attribute, names in NAMES.items() if attribute in TRUTH}
+    if all(getattr(cloud, key) == getattr(clouds[0], key) for cloud in clouds for key in names_of.values()):
+        return list(clouds)
+    tables = {
+        key: tuple(dict.fromkeys(name for cloud in clouds for name in getattr(cloud, key))) for key in names_of.values()
+    }
+    renamed_clouds = []
+    for cloud in clouds:
+        changes: dict[str, Any] = dict(tables)
+        for attribute, key in names_of.items() if cloud.has_truth else ():
+            names = getattr(cloud, key)
+            # One more entry, the last, for -1 and for numbers without a name.
+            renumbered = np.array([*(tables[key].index(name) for name in names), -1], np.int32)
+            changes[attribute] = renumbered[np.minimum(getattr(cloud, attribute), len(names))]
+        renamed_clouds.append(replace(cloud, **changes))
+    return renamed_clouds
+
+
+def _coordinates_text(cloud: PointCloud) -> str:
+    frame, pose = cloud._coordinates()
+    return f"'{frame}' of the pose {pose.strip()}" if pose.strip() else f"'{frame}'"
+
+
+load = PointCloud.load

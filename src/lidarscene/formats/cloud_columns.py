@@ -8,10 +8,10 @@ keyword arguments of it.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import KW_ONLY, InitVar, dataclass, field, replace
-from typing import Annotated, Any, Self, get_type_hints
+from typing import Annotated, Any, Self, get_type_hints, overload
 
 import numpy as np
 
@@ -300,6 +300,35 @@ class Cloud(CloudColumns):
     def columns(self) -> tuple[Column, ...]:
         """Columns of this cloud, in the order of files."""
         return columns_of(truth=self.has_truth, vectors=self.has_vectors)
+
+    @property
+    def xyz(self) -> Numbers:
+        """(n, 3) positions [m]: the columns "x", "y", "z", which are `xyz_m` too."""
+        return self.xyz_m
+
+    def __array__(self, dtype: Any = None, copy: bool | None = None) -> Numbers:
+        """Structured array of `to_structured`, for ``np.asarray(cloud)``; it is always a copy."""
+        if copy is False:
+            raise ValueError("a point cloud holds columns: its rows must be a copy, got copy=False")
+        rows = self.to_structured()
+        return rows if dtype is None else rows.astype(dtype)
+
+    @overload
+    def __getitem__(self, key: str) -> Numbers: ...
+
+    @overload
+    def __getitem__(self, key: Numbers | slice | Sequence[int]) -> Self: ...
+
+    def __getitem__(self, key: Any) -> Any:
+        """Column by its name (`column`), or points by a mask, an index array or a slice (`select`)."""
+        if isinstance(key, str):
+            return self.column(key)
+        if np.ndim(key) == 0 and not isinstance(key, slice):
+            raise InputError(
+                f"cloud[{key!r}]: must be the name of a column, a mask, an index array or a slice; one point is "
+                "cloud[5:6]"
+            )
+        return self.select(key)
 
     def column(self, name: str) -> Numbers:
         """(n,) values of the column of this name, as in files: "x", "snr", "class", ..."""

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from ..cloud.builder import CloudBuilder
-from ..cloud.pixels import NOTHING, cells_of
+from ..cloud.pixels import OPTIONAL, images
 from ..cloud.point_cloud import PointCloud
 from ..errors import InputError
 from ..files.atomic import atomic_output
@@ -27,26 +27,7 @@ from ..maths.arrays import Numbers
 RANGE_STEP_M = 0.01
 """Step of a 16-bit range, which ends at 655.35 m."""
 
-OPTIONAL = ("ambient",)
-"""Columns that are shown where a cloud has them, beside range, intensity and status."""
-
 SUFFIXES = (".png", ".npz")
-
-
-def images(cloud: PointCloud) -> dict[str, Numbers]:
-    """Make the images of a cloud: name -> (rows, columns), 0 where no point is.
-
-    range, intensity and the OPTIONAL columns have the cloud's values and types; status is 1 + the cloud's, so
-    that 0 is nothing and 1 an echo; point is the index of the point, -1 for none.
-    azimuth_deg (columns + 1,) and elevation_deg (rows + 1,) are the edges of the pixels; both fall.
-    """
-    cells = cells_of(cloud)
-    # Cells count from the lowest and rightmost; an image from its top left, as the sensor sees it.
-    point = cells.point[::-1, ::-1]
-    names = ["range", "intensity", *(n for n in OPTIONAL if n in (c.name for c in cloud.columns))]
-    arrays = {name: _pixels(cloud.column(name), point) for name in names}
-    arrays["status"] = _pixels(cloud.status + np.uint8(1), point)
-    return arrays | {"point": point, "azimuth_deg": cells.azimuth_deg[::-1], "elevation_deg": cells.elevation_deg[::-1]}
 
 
 @contextmanager
@@ -102,12 +83,6 @@ def _image_columns(cloud: PointCloud) -> PointCloud:
             # A cloud needs all columns; a broadcast number takes no memory.
             repeated[column.attribute] = np.broadcast_to(values.dtype.type(0), values.shape)
     return dataclasses.replace(measured, **repeated)
-
-
-def _pixels(values: Numbers, point: Numbers) -> Numbers:
-    """Values of the points that the pixels show; 0 for NOTHING."""
-    # One value more than points: the pixels without a point take it.
-    return np.append(values, values.dtype.type(0))[np.where(point == NOTHING, len(values), point)]
 
 
 def _levels(image: Numbers, name: str, cloud: PointCloud) -> tuple[Numbers, str]:

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 
 from ..cloud.builder import CloudBuilder
+from ..cloud.pixels import images
 from ..cloud.point_cloud import PointCloud
 from ..detection.outcomes import OUTCOME_TEXT
 from ..detection.sampled_waveforms import check_pulses
@@ -34,7 +35,6 @@ from ..scene.scene import Scene
 from ..sensor.sensor_model import Sensor
 from .output_options import FEW_PULSES, Outputs
 from .plan import Plan
-from .range_image import images
 
 Append = Callable[[PointCloud], None]
 

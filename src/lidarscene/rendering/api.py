@@ -75,7 +75,7 @@ def _prepare(
     """Load scene and sensor and compile them: the simulator, and the options and observers of the frame."""
     keywords = Keywords(options)
     trace, frame, observers = (keywords.take(TraceOptions), keywords.take(FrameOptions), keywords.take(Observers))
-    keywords.end()
+    keywords.end("scene", "sensor", "overrides", "scene_overrides")
     described = load_scene(scene, overrides=scene_overrides)
     equipped = load_sensor(described.sensor_name if sensor is None else sensor, overrides=overrides)
     simulator = Simulator(described, equipped, trace, pose=frame.pose)

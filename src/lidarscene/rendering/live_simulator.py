@@ -26,18 +26,10 @@ from ..maths.trajectory import ALWAYS, LARGEST_STEP_RAD, Course, HeldAtEnds, Mot
 from ..scene.clearance import Clearance
 from ..scene.scene import Body, Scene
 from ..scene.scene_file import load_scene
+from ..sensor.pose_file import Placed, finite_numbers, to_pose
 from ..sensor.sensor_model import Sensor
 from .frame import TOLERANCE_S, frame_edges
-from .render_options import (
-    FrameKeywords,
-    FrameOptions,
-    Keywords,
-    Placed,
-    TraceKeywords,
-    TraceOptions,
-    finite_numbers,
-    to_pose,
-)
+from .render_options import FrameKeywords, FrameOptions, Keywords, TraceKeywords, TraceOptions
 from .simulator import Simulator
 
 ROTATION_ERROR = 1e-5

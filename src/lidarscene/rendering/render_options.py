@@ -9,13 +9,11 @@ or their fields as keywords, or both:
 from __future__ import annotations
 
 import dataclasses
-import math
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from numbers import Real
-from typing import TYPE_CHECKING, Any, ClassVar, TypeAlias, TypedDict, TypeVar, cast
+from typing import TYPE_CHECKING, Any, ClassVar, TypedDict, TypeVar
 
-from ..errors import InputError, OptionError
+from ..errors import InputError, did_you_mean
 from ..light.limits import INTERACTIONS, MOST_INTERACTIONS
 from .option_fields import Finite, Function, OneOf, Whole, check_options, list_options, option
 
@@ -23,10 +21,8 @@ from .option_fields import Finite, Function, OneOf, Whole, check_options, list_o
 if TYPE_CHECKING:
     from ..maths.arrays import Numbers
     from ..maths.pose import Pose
+    from ..sensor.pose_file import Placed
     from .frame_summary import Summary
-
-Placed: TypeAlias = "Pose | Sequence[float]"
-"""Pose of a sensor: a `Pose`, or x, y, z in metres, with or without yaw, pitch, roll in degrees."""
 
 DEFAULT_CHUNK = 2**20
 """Rays traced at a time: some 100 MB of arrays; smaller chunks spend more of their time in Python."""
@@ -115,32 +111,9 @@ class FrameOptions:
     def __post_init__(self) -> None:
         check_options(self)
         if self.pose is not None:
+            from ..sensor.pose_file import to_pose
+
             object.__setattr__(self, "pose", to_pose(self.pose))
-
-
-def finite_numbers(values: object) -> list[float]:
-    """Numbers of a sequence, as floats; none for anything but finite numbers."""
-    try:
-        numbers = [float(n) if isinstance(n, Real) else math.nan for n in cast(Iterable[object], values)]
-    except (TypeError, OverflowError):  # no sequence, nor is an array without axes; a whole number beyond floats
-        return []
-    return numbers if all(map(math.isfinite, numbers)) else []
-
-
-def to_pose(pose: object) -> Pose:
-    """Convert a `Pose` or three to six numbers (see `Placed`) to a `Pose`. Raises OptionError for anything else."""
-    from ..maths.pose import Pose
-
-    if isinstance(pose, Pose):
-        return pose
-    numbers = finite_numbers(pose)
-    if not 3 <= len(numbers) <= 6:
-        raise OptionError(
-            "{pose}: must be a Pose, or x, y, z in metres with or without yaw, pitch, roll in degrees, got {0}",
-            " ".join(repr(pose).split()),
-        )
-    x, y, z, yaw, pitch, roll = numbers + [0.0] * (6 - len(numbers))
-    return Pose.from_degrees(position_m=(x, y, z), yaw_deg=yaw, pitch_deg=pitch, roll_deg=roll)
 
 
 @list_options
@@ -243,9 +216,12 @@ class Keywords:
         changes: dict[str, Any] = {name: self._remaining.pop(name) for name in names if name in self._remaining}
         return dataclasses.replace(whole or kind(), **changes)
 
-    def end(self) -> None:
-        """Raise InputError for a keyword that was a field of none of the kinds taken."""
+    def end(self, *parameters: str) -> None:
+        """Raise InputError for a keyword that was a field of none of the kinds taken.
+
+        parameters  names of the other parameters of the call, which may have been meant
+        """
         if self._remaining:
-            raise InputError(
-                f"unknown option '{next(iter(self._remaining))}'; known here: {', '.join(self._field_names)}"
-            )
+            known, word = [*self._field_names, *parameters], next(iter(self._remaining))
+            meant = did_you_mean(word, known)
+            raise InputError(f"unknown option '{word}'; {meant}{' ' if meant else ''}known here: {', '.join(known)}")

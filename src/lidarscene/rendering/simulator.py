@@ -30,6 +30,7 @@ from ..maths.trajectory import Motion, pose_at
 from ..scene.clearance import Clearance
 from ..scene.scene import Scene
 from ..scene.scene_file import load_scene
+from ..sensor.pose_file import Placed, to_pose
 from ..sensor.sensor_file import load_sensor
 from ..sensor.sensor_model import Sensor
 from .chunk import Chunk, Placing, detection_values, join_columns, without_lanes
@@ -42,11 +43,9 @@ from .render_options import (
     FrameOptions,
     Keywords,
     Observers,
-    Placed,
     StreamKeywords,
     TraceKeywords,
     TraceOptions,
-    to_pose,
 )
 from .stages import Chain, Stages, TracedPaths
 from .tiles import PACKET, DevicePulses, Numbering

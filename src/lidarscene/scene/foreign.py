@@ -1,4 +1,4 @@
-"""Scenes of other programs: a trimesh object or a Mitsuba XML file in, a `Scene` out.
+"""Scenes of other programs: a mesh of another library or a Mitsuba XML file in, a `Scene` out.
 
 They describe shapes but neither materials in the infrared nor sensors, so both are arguments.
 """
@@ -14,13 +14,14 @@ from ..files.inputs import LARGEST_TEXT, require_file
 from ..materials.material import Material
 from ..materials.material_file import catalogue_material
 from .meshes.mesh_cache import SubMesh
-from .meshes.reading import check_pieces, grey_material, pieces_of
+from .meshes.mesh_objects import named_pieces
+from .meshes.reading import check_pieces, grey_material
 from .scene import Body, Part, Scene
 
 MaterialChoice = str | Material
 
 
-def trimesh_scene(
+def object_scene(
     mesh: Any,
     *,
     material: MaterialChoice | None,
@@ -28,16 +29,9 @@ def trimesh_scene(
     classes: Mapping[str, str],
     settings: Mapping[str, Any],
 ) -> Scene:
-    """Make a scene of a Trimesh or trimesh.Scene; arguments as for `load_scene`. Raises InputError."""
-    import trimesh
-
+    """Make a scene of a mesh of another library; arguments as for `load_scene`. Raises InputError."""
     where = "load_scene"
-    loaded = trimesh.Scene(mesh) if isinstance(mesh, trimesh.Trimesh) else mesh
-    if not isinstance(loaded, trimesh.Scene):
-        raise InputError(
-            f"scene: must be a name, a file, a Scene, a Trimesh or a trimesh.Scene, got {type(mesh).__name__}"
-        )
-    pieces = pieces_of(loaded)
+    pieces = named_pieces(mesh, "scene", "a name, a file, a Scene")
     check_pieces([piece for _, piece in pieces], where)
     piece_names = {key for _, piece in pieces for key in piece.keys}
     _refuse_unknown(materials, piece_names, f"{where}: materials")

@@ -5,9 +5,10 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -16,11 +17,15 @@ import numpy as np
 from ..errors import InputError
 from ..files import facts
 from ..materials.material import Material
+from ..materials.material_file import catalogue_material
 from ..maths.arrays import Numbers, frozen
 from ..maths.pose import Pose, direction_from_angles
 from ..maths.trajectory import ALWAYS, Motion, Riding, pose_at
 from ..maths.units import FileKey, Quantity
 from ..physics.optics import air
+from ..sensor.pose_file import Placed, to_pose
+from .meshes.mesh_objects import pieces_of_object
+from .meshes.reading import grey_material
 from .meshes.reflectivity_patterns import ReflectivityPattern
 from .weather import Weather
 
@@ -225,6 +230,47 @@ class Scene:
     base: Path | None = None
     base_materials: Mapping[str, str] = field(default_factory=dict)
     reach_m: float = math.inf
+
+    def add(
+        self,
+        mesh: Any,
+        material: str | Material | None = None,
+        pose: Placed | None = None,
+        *,
+        name: str = "body",
+        class_name: str | None = None,
+    ) -> Scene:
+        """Scene with one more body.
+
+        mesh        a file; a Trimesh or trimesh.Scene; a triangle mesh of Open3D, a PolyData of PyVista, a mesh or
+                    scene of Mitsuba; or (vertices, faces). Metres, z up, except for formats that say otherwise
+        material    catalogue name, a name among the scene's `materials`, or a `Material`; None: a diffuse one with the
+                    mean of the mesh's own colour
+        pose        in the world, a `Pose` or x, y, z in metres with or without yaw, pitch, roll in degrees
+        name        of the body; it gets a number if the scene has one of the name
+        class_name  of its points; None: its name
+        Raises InputError.
+        """
+        pieces = pieces_of_object(mesh, "scene.add")
+        materials = dict(self.materials)
+        parts = []
+        for piece in pieces:
+            chosen = material
+            if chosen is None:
+                if piece.grey is None:
+                    raise InputError("scene.add: the mesh has no colour of its own and must have a material, got none")
+                chosen = grey_material(f"colour of {name}", piece.grey)
+            key = chosen if isinstance(chosen, str) else chosen.name
+            if isinstance(chosen, Material) and materials.get(key, chosen) != chosen:
+                raise InputError(f"scene.add: material '{key}': the scene has another of this name")
+            if key not in materials:
+                materials[key] = catalogue_material(chosen) if isinstance(chosen, str) else chosen
+            parts.append(Part(vertices_m=piece.vertices_m, faces=piece.faces, material=key, name=piece.keys[0]))
+        taken = {body.name for body in self.bodies}
+        free = name if name not in taken else next(n for i in itertools.count(2) if (n := f"{name} {i}") not in taken)
+        placed = Pose() if pose is None else to_pose(pose)
+        body = Body(name=free, class_name=class_name or name, parts=tuple(parts), pose=placed)
+        return replace(self, bodies=(*self.bodies, body), materials=materials)
 
     def __repr__(self) -> str:
         return facts.facts_line("Scene", self.name, self.facts())

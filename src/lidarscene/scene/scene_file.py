@@ -32,7 +32,7 @@ from ..physics.road.roughness import RoughSurface
 from ..sensor.pose_file import LARGEST_COORDINATE_M
 from .bare_mesh import is_mesh, mesh_tables, warn_of_assumptions
 from .derived import extended, files_extended, from_current_folder, is_early, with_ego_mesh
-from .foreign import is_xml, mitsuba_scene, trimesh_scene, xml_file
+from .foreign import is_xml, mitsuba_scene, object_scene, xml_file
 from .ground import Ground, Sheet
 from .meshes import primitives, reading, reflectivity_patterns
 from .meshes.mesh_axes import UNITS, Axis, axis_of, turn_upright
@@ -56,10 +56,10 @@ def load_scene(
     classes: Mapping[str, str] | None = None,
     **settings: Any,
 ) -> Scene:
-    """Load a scene by name or file, or make one of a trimesh object; a `Scene` is returned as it is.
+    """Load a scene by name or file, or make one of a mesh of trimesh, Open3D, PyVista or Mitsuba.
 
-    scene      a TOML file, a Mitsuba XML file, a mesh file, which is put on a plain of asphalt, or the name of a scene
-               that comes with the package, such as "car"
+    scene      a `Scene`, which is returned as it is; a TOML file, a Mitsuba XML file, a mesh file, which is put on a
+               plain of asphalt, or the name of a scene that comes with the package, such as "car"
     overrides  changes to values of a TOML file: "sun.illuminance_klux=1", a list of these, or
                {"sun.illuminance_klux": 1}
     material   catalogue name or `Material` of all meshes of a Trimesh or trimesh.Scene that ``materials`` does not
@@ -79,7 +79,7 @@ def load_scene(
         return scene
     if not isinstance(scene, (str, os.PathLike)):
         _refuse([f"override {change}" for change in changes], "a mesh")
-        return trimesh_scene(
+        return object_scene(
             scene, material=material, materials=materials or {}, classes=classes or {}, settings=settings
         )
     path = scene_path(scene)

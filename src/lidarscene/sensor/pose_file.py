@@ -2,10 +2,14 @@
 
 from __future__ import annotations
 
-from typing import Annotated
+import math
+from collections.abc import Iterable, Sequence
+from numbers import Real
+from typing import Annotated, cast
 
 from pydantic import Field
 
+from ..errors import OptionError
 from ..files.table_model import Number
 from ..files.toml import FileModel
 from ..maths.pose import Pose
@@ -31,3 +35,30 @@ class PoseFile(FileModel):
         return Pose.from_degrees(
             position_m=self.position_m, yaw_deg=self.yaw_deg, pitch_deg=self.pitch_deg, roll_deg=self.roll_deg
         )
+
+
+Placed = Pose | Sequence[float]
+"""Pose of a sensor: a `Pose`, or x, y, z in metres, with or without yaw, pitch, roll in degrees."""
+
+
+def finite_numbers(values: object) -> list[float]:
+    """Numbers of a sequence, as floats; none for anything but finite numbers."""
+    try:
+        numbers = [float(n) if isinstance(n, Real) else math.nan for n in cast(Iterable[object], values)]
+    except (TypeError, OverflowError):  # no sequence, nor is an array without axes; a whole number beyond floats
+        return []
+    return numbers if all(map(math.isfinite, numbers)) else []
+
+
+def to_pose(pose: object) -> Pose:
+    """Convert a `Pose` or three to six numbers (see `Placed`) to a `Pose`. Raises OptionError for anything else."""
+    if isinstance(pose, Pose):
+        return pose
+    numbers = finite_numbers(pose)
+    if not 3 <= len(numbers) <= 6:
+        raise OptionError(
+            "{pose}: must be a Pose, or x, y, z in metres with or without yaw, pitch, roll in degrees, got {0}",
+            " ".join(repr(pose).split()),
+        )
+    x, y, z, yaw, pitch, roll = numbers + [0.0] * (6 - len(numbers))
+    return Pose.from_degrees(position_m=(x, y, z), yaw_deg=yaw, pitch_deg=pitch, roll_deg=roll)

@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Field, model_validator
 
 from ..catalog import path_of
-from ..errors import InputError, OptionError
+from ..errors import InputError
 from ..files.overrides import Overrides, assignments, with_overrides
 from ..files.table_model import Number, Table
 from ..files.toml import FileModel, read_toml, validate
@@ -369,7 +369,13 @@ def sensor_from_tables(
     # Neither does its uncertainty.
     replaced = {key_in_si(key)[0] for key in override_sources}
     uncertainty = {name: half for name, half in sensor.uncertainty.items() if name not in replaced}
-    return replace(sensor, sources={**sensor.sources, **override_sources}, uncertainty=uncertainty)
+    sourced = replace(sensor, sources={**sensor.sources, **override_sources}, uncertainty=uncertainty)
+
+    def rebuild(changes: Sequence[str]) -> Sensor:
+        return sensor_from_tables(tables, where=where, overrides=[*overrides, *changes], folder=folder)
+
+    object.__setattr__(sourced, "_rebuild", rebuild)
+    return sourced
 
 
 def _derived_rate(tables: dict[str, Any], overrides: Sequence[str]) -> dict[str, Any]:
@@ -397,16 +403,14 @@ def files_of_sensor(path: Path, *, overrides: Sequence[str] = ()) -> Iterator[Pa
 
 
 def load_sensor(sensor: str | os.PathLike[str] | Sensor, *, overrides: Overrides = ()) -> Sensor:
-    """Load a sensor by catalogue name, or from a file if the name ends in .toml; a `Sensor` is returned unchanged.
+    """Load a sensor by catalogue name, or from a file if the name ends in .toml; a `Sensor` is returned as it is.
 
     overrides  changes to the file's values: "detector.gain=60", a list of these, or {"detector.gain": 60}
     Raises InputError.
     """
     changes = assignments(overrides)
     if isinstance(sensor, Sensor):
-        if changes:
-            raise OptionError("{overrides}: must go with the name or file of a sensor, got a Sensor")
-        return sensor
+        return sensor.replace(changes) if changes else sensor
     if not isinstance(sensor, str | os.PathLike):
         raise InputError(f"sensor: must be a name, a file or a Sensor, got {type(sensor).__name__}")
     name = os.fspath(sensor)

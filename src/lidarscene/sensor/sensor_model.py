@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, field
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from ..errors import OptionWarning
+from ..errors import InputError, OptionWarning
 from ..files import facts
+from ..files.overrides import Overrides, assignments
 from ..maths.arrays import Lanes, xp
 from ..maths.pose import Pose
 from ..maths.units import FileKey, Quantity
@@ -201,8 +202,19 @@ def overlap_geometry(laser: Laser, optics: Optics, detector: Detector, alignment
     )
 
 
+class _Rebuilt:
+    """Base with the function that builds a sensor anew from the tables of its file, with changes.
+
+    It is no field: `dataclasses.replace` does not hand it on, since the file does not have what was replaced.
+    """
+
+    __slots__ = ("_rebuild",)
+
+    _rebuild: Callable[[Overrides], Sensor]
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Sensor:
+class Sensor(_Rebuilt):
     """All of a lidar. ``sources`` says where each number comes from, by dotted key of the sensor file.
 
     sampler      sampler that measures the pulses that trip the comparator; None: the TDC alone
@@ -243,6 +255,22 @@ class Sensor:
             "detector": type(self.detector).__name__,
             "pulses": f"{self.scanner.pulses:,} a frame",
         }
+
+    def replace(self, overrides: Overrides = (), /, **tables: Any) -> Sensor:
+        """Build the sensor anew with other values in its file; all that follows from them follows.
+
+        overrides  "laser.peak_power_w=60", a list of these, or {"laser.peak_power_w": 60}, in the file's units
+        tables     the same by table: ``laser={"peak_power_w": 60}``, or ``**{"laser.peak_power_w": 60}``
+        Raises InputError for a key or value that the file cannot have, and for a sensor that no file describes.
+        """
+        rebuild = getattr(self, "_rebuild", None)
+        if rebuild is None:
+            raise InputError(
+                f"'{self.name}': must be as `load_sensor` gave it for its file's keys to be replaced, got a sensor "
+                "made or changed in Python; dataclasses.replace changes its fields"
+            )
+        rebuilt: Sensor = rebuild([*assignments(overrides), *assignments(tables)])
+        return rebuilt
 
     def source_of(self, key: str) -> str | None:
         """Source of the number with this dotted key of the sensor file: its own, or its table's; None: no source."""

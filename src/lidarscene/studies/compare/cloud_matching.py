@@ -11,11 +11,10 @@ import os
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
-from ...cloud.point_cloud import PointCloud
+from ...cloud.point_cloud import PointCloud, with_common_names
 from ...errors import InputError
 from ...maths.arrays import Numbers
 from .comparison_statistics import common_pulses, first_echoes
@@ -23,8 +22,6 @@ from .observations import Observation, Surfaces
 
 LEAST_SHARED = 0.05
 """Share of the smaller cloud's pulses that the other must have for the two to count as fired by one scanner."""
-
-_NAME_TABLES = {"body": "body_names", "class_id": "class_names", "material": "material_names"}
 
 
 def read_clouds(clouds: Sequence[str | os.PathLike[str] | PointCloud]) -> list[Observation]:
@@ -47,7 +44,7 @@ def observe_clouds(names: Sequence[str], clouds: Sequence[PointCloud]) -> list[O
     Equal names get a number.
     """
     labels = [f"{name} ({names[:i].count(name) + 1})" if name in names[:i] else name for i, name in enumerate(names)]
-    unified_clouds = _with_common_names(clouds)
+    unified_clouds = with_common_names(clouds)
     pulses = _pulse_numbers(unified_clouds)
     if not all(_share_pulses(pulses[0], pulse_numbers) for pulse_numbers in pulses[1:]):
         return [
@@ -128,24 +125,3 @@ def _share_pulses(a: Numbers, b: Numbers) -> bool:
     a, b = np.unique(a), np.unique(b)
     smaller = min(len(a), len(b))
     return smaller == 0 or len(common_pulses(a, b)[0]) >= LEAST_SHARED * smaller
-
-
-def _with_common_names(clouds: Sequence[PointCloud]) -> list[PointCloud]:
-    """Renumber bodies, classes and materials so that equal numbers mean equal names in all clouds."""
-    if all(getattr(cloud, key) == getattr(clouds[0], key) for cloud in clouds for key in _NAME_TABLES.values()):
-        return list(clouds)
-    tables = {
-        key: tuple(dict.fromkeys(name for cloud in clouds for name in getattr(cloud, key)))
-        for key in _NAME_TABLES.values()
-    }
-    renamed_clouds = []
-    for cloud in clouds:
-        changes: dict[str, Any] = {}
-        for attribute, key in _NAME_TABLES.items():
-            names = getattr(cloud, key)
-            # One more entry, the last, for -1 and for numbers without a name.
-            renumbered = np.array([*(tables[key].index(name) for name in names), -1], np.int32)
-            values = renumbered[np.minimum(getattr(cloud, attribute), len(names))]
-            changes |= {key: tables[key], attribute: values}
-        renamed_clouds.append(replace(cloud, **changes))
-    return renamed_clouds

@@ -1,0 +1,81 @@
+"""Meshes of other libraries as pieces: of trimesh, Open3D, PyVista and Mitsuba, or plain arrays.
+
+None of these libraries is imported: an object is known by its attributes.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from ...errors import InputError
+from ...maths.arrays import Numbers
+from .mesh_axes import axis_of, turn_upright
+from .mesh_cache import SubMesh
+from .reading import check_pieces, pieces_of, read_mesh, refuse_other_formats
+
+OBJECTS = "(vertices, faces) or a mesh of trimesh, Open3D, PyVista or Mitsuba"
+
+
+def pieces_of_object(mesh: Any, where: str) -> list[SubMesh]:
+    """Pieces of a mesh file or of an object of another library, z up. Raises InputError that begins with ``where``."""
+    if isinstance(mesh, str | os.PathLike):
+        path = Path(mesh)
+        refuse_other_formats(path)
+        axis = axis_of(path) or "z"
+        return [replace(piece, vertices_m=turn_upright(piece.vertices_m, axis)) for piece in read_mesh(path)]
+    return check_pieces([piece for _, piece in named_pieces(mesh, where)], where)
+
+
+def named_pieces(mesh: Any, where: str, others: str = "a mesh file") -> list[tuple[str, SubMesh]]:
+    """Name and piece of each mesh of an object. Raises InputError for one of no known kind.
+
+    where, others  start of messages, and what else could be given
+    """
+    if hasattr(mesh, "graph") and hasattr(mesh, "geometry"):  # trimesh.Scene
+        return pieces_of(mesh)
+    if hasattr(mesh, "faces") and hasattr(mesh, "vertices"):  # trimesh.Trimesh
+        import trimesh
+
+        return pieces_of(trimesh.Scene(mesh))
+    if hasattr(mesh, "shapes") and callable(mesh.shapes):  # mitsuba.Scene
+        return [_mitsuba_piece(shape, where) for shape in mesh.shapes()]
+    if hasattr(mesh, "vertex_positions_buffer"):  # mitsuba.Mesh
+        return [_mitsuba_piece(mesh, where)]
+    if hasattr(mesh, "triangles") and hasattr(mesh, "vertices"):  # open3d.geometry.TriangleMesh
+        return [("mesh", _piece("mesh", mesh.vertices, mesh.triangles))]
+    if hasattr(mesh, "triangle") and hasattr(mesh, "vertex"):  # open3d.t.geometry.TriangleMesh
+        return [("mesh", _piece("mesh", mesh.vertex.positions.numpy(), mesh.triangle.indices.numpy()))]
+    if hasattr(mesh, "triangulate") and hasattr(mesh, "points"):  # pyvista.PolyData
+        return [_polydata_piece(mesh)]
+    if isinstance(mesh, Sequence) and len(mesh) == 2 and all(np.ndim(part) == 2 for part in mesh):
+        return [("mesh", _piece("mesh", *mesh))]
+    raise InputError(f"{where}: must be {others}, {OBJECTS}, got {type(mesh).__name__}")
+
+
+def _piece(name: str, vertices: Any, faces: Any) -> SubMesh:
+    vertices_m = np.asarray(vertices, dtype=np.float64).reshape(-1, 3)
+    return SubMesh(vertices_m=vertices_m, faces=np.asarray(faces, dtype=np.int64).reshape(-1, 3), keys=(name,))
+
+
+def _mitsuba_piece(shape: Any, where: str) -> tuple[str, SubMesh]:
+    """Name and piece of a Mitsuba mesh, whose vertices are in the world; its keys are its own id and its BSDF's."""
+    name = str(shape.id())
+    if not hasattr(shape, "vertex_positions_buffer"):
+        raise InputError(f"{where}: '{name}': a shape of Mitsuba must be a mesh, cube or rectangle, got {type(shape)}")
+    piece = _piece(name, np.array(shape.vertex_positions_buffer()), np.array(shape.faces_buffer()))
+    bsdf = shape.bsdf()
+    keys = (name, *([str(bsdf.id())] if bsdf is not None and bsdf.id() else []))
+    return name, replace(piece, keys=tuple(dict.fromkeys(keys)))
+
+
+def _polydata_piece(mesh: Any) -> tuple[str, SubMesh]:
+    """Piece of a PyVista PolyData, whose faces are triangulated first; each begins with its number of corners."""
+    triangles = mesh.triangulate()
+    faces: Numbers = np.asarray(triangles.faces).reshape(-1, 4)[:, 1:]
+    return "mesh", _piece("mesh", triangles.points, faces)
