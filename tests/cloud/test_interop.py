@@ -209,11 +209,7 @@ def test_a_body_from_open3d(open3d: Any) -> None:
 @pytest.mark.parametrize(
     ("mesh", "material", "complaint"),
     [
-        (
-            3,
-            "brick",
-            "scene.add: must be a mesh file, .vertices, faces. or a mesh of trimesh, Open3D, PyVista",
-        ),
+        (3, "brick", "scene.add: must be a mesh file, .vertices, faces. or a mesh of trimesh, Open3D, PyVista"),
         (BOX, "brik", "no material 'brik' in the catalogue; did you mean brick"),
         ((np.zeros((3, 3)), np.array([[0, 1, 7]])), "brick", "scene.add: a face names vertex 7, there are 3"),
         ("car.blend", "brick", "car.blend: a Blender file, which is not read; open it in Blender"),
