@@ -46,4 +46,6 @@ def reported_intensity(
         exponent=scale.exponent,
         retro=scale.retro,
         retro_reflectivity=scale.retro_reflectivity,
+        coarse_above=scale.coarse_above,
+        coarse_step=scale.coarse_step,
     )

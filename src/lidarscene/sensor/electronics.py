@@ -129,6 +129,11 @@ class Intensity:
         Literal["linear", "logarithmic"], FileKey(about="the scale above white: the same law, or a logarithmic one")
     ] = "logarithmic"
     retro_reflectivity: Annotated[Lanes, Quantity(gt=1, le=1e9, about="that reads 255 on a logarithmic scale")] = 1000.0
+    coarse_above: Annotated[
+        Lanes | None,
+        Quantity(ge=0, le=255, about="value above which there are only steps of coarse_step; none if left out"),
+    ] = None
+    coarse_step: Annotated[Lanes | None, Quantity(gt=1, le=128, about="from one value to the next above that")] = None
 
     @property
     def unit(self) -> str:

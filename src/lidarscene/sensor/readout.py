@@ -74,10 +74,19 @@ class RangeCorrectedFile(Table[Intensity], only=("kind", "reference_m")):
     kind: Literal["range_corrected"]
 
 
-class ReflectivityFile(Table[Intensity], only=("kind", "white_value", "exponent", "retro", "retro_reflectivity")):
+_REFLECTIVITY = ("kind", "white_value", "exponent", "retro", "retro_reflectivity", "coarse_above", "coarse_step")
+
+
+class ReflectivityFile(Table[Intensity], only=_REFLECTIVITY):
     """[intensity] kind = "reflectivity": 0 to 255, from the echo's power and range."""
 
     kind: Literal["reflectivity"]
+
+    @model_validator(mode="after")
+    def _has_both_of_the_coarse(self) -> ReflectivityFile:
+        if (self.coarse_above is None) != (self.coarse_step is None):
+            raise ValueError("coarse_above and coarse_step must be given together, got one")
+        return self
 
 
 AnyIntensityFile = Annotated[RangeCorrectedFile | ReflectivityFile, Field(discriminator="kind")]

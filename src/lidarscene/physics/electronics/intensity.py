@@ -43,7 +43,14 @@ def reflectivity_estimate(*, power_w: Lanes, range_m: Lanes, white_w_m2: Lanes, 
 
 
 def on_scale(
-    *, reflectivity: Lanes, white_value: Lanes, retro: str, retro_reflectivity: Lanes, exponent: Lanes | None = None
+    *,
+    reflectivity: Lanes,
+    white_value: Lanes,
+    retro: str,
+    retro_reflectivity: Lanes,
+    exponent: Lanes | None = None,
+    coarse_above: Lanes | None = None,
+    coarse_step: Lanes | None = None,
 ) -> Lanes:
     """A reflectivity on the maker's scale: whole numbers from 0 to 255.
 
@@ -51,12 +58,16 @@ def on_scale(
     retro               scale above one: "linear" goes on as below it; "logarithmic" grows with ln(rho)
     retro_reflectivity  reflectivity that gets 255 on a logarithmic scale
     exponent            gamma of white_value rho^gamma, the scale below one (T46a); None: linear
+    coarse_above        value above which only every ``coarse_step``-th is sent (T46b), and 255; None: all are
     """
-    ops = xp(reflectivity, white_value, retro_reflectivity, exponent)
+    ops = xp(reflectivity, white_value, retro_reflectivity, exponent, coarse_above, coarse_step)
     value = white_value * reflectivity
     if exponent is not None:
         value = white_value * ops.exp(exponent * ops.log(ops.maximum(reflectivity, _DARKEST)))
     if retro == "logarithmic":
         above = ops.log(ops.maximum(reflectivity, 1.0)) / ops.log(retro_reflectivity + 0.0 * reflectivity)
         value = ops.where(reflectivity > 1.0, white_value + (LARGEST - white_value) * above, value)
+    if coarse_above is not None and coarse_step is not None:
+        steps = ops.rint((value - coarse_above) / coarse_step)
+        value = ops.where(value > coarse_above, coarse_above + coarse_step * steps, value)
     return ops.rint(ops.minimum(ops.maximum(value, 0.0), LARGEST))
