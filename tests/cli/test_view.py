@@ -30,6 +30,11 @@ def test_frames_of_a_folder_come_by_their_numbers(tmp_path: Path) -> None:
     assert [path.name for path in list_clouds([tmp_path])] == names
     single_file = tmp_path / "b.ply"
     assert list_clouds([single_file, tmp_path])[0] == single_file
+    for sensor in ("right", "left"):
+        (tmp_path / "rig" / sensor).mkdir(parents=True)
+        (tmp_path / "rig" / sensor / "frame_0000.ply").touch()
+    rig = [path.parent.name for path in list_clouds([tmp_path / "rig"])]
+    assert rig == ["left", "right"]
 
 
 @pytest.mark.parametrize(

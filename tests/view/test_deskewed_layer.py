@@ -53,3 +53,21 @@ def test_why_there_is_one_layer(moving: Simulator, tmp_path: Path) -> None:
     rig = dataclasses.replace(cloud, sensor_names=("left", "right"))
     assert page_sources.deskewed_positions_m(rig, moving.scene) == (None, page_sources.SEVERAL)
     assert page_sources.deskewed_positions_m(deskewed(cloud, moving.motion), moving.scene) == (None, "")
+
+
+def test_a_frame_and_itself_deskewed_are_one_with_two_layers(moving: Simulator, tmp_path: Path) -> None:
+    """Without the scene, from the file that `render --deskew` writes beside; not from one of other points."""
+    cloud = moving.render(coordinates="world")
+    still = deskewed(cloud, moving.motion)
+    names = ("frame_0000.ply", "frame_0000.deskewed.ply", "frame_0001.ply", "frame_0001.deskewed.ply")
+    for name, points in zip(names, (cloud, still, cloud, still.select(np.arange(len(still)) > 0)), strict=True):
+        points.save(tmp_path / name)
+    clouds = Clouds([tmp_path / name for name in names])
+    assert clouds.frames == names[::2]
+    header, arrays = unpack_blob(clouds.frame(0))
+    np.testing.assert_array_equal(arrays["still"].reshape(-1, 3), still.xyz_m.astype(np.float32))
+    np.testing.assert_array_equal(arrays["xyz"].reshape(-1, 3), cloud.xyz_m.astype(np.float32))
+    assert header["layers"] == ""
+    header, arrays = unpack_blob(clouds.frame(1))
+    assert ("still" in arrays, header["layers"]) == (False, page_sources.NO_SCENE)
+    assert Clouds([tmp_path / names[1]]).frames == names[1:2]  # alone it is a frame

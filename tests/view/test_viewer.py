@@ -72,3 +72,39 @@ def test_a_command_is_copied(browser: Chromium, mi: object, scene_file: Path, tm
     words[output] = str(tmp_path / "again.ply")
     assert main(words[1:]) == 0
     assert PointCloud.load(tmp_path / "again.ply").snr.tolist() == pytest.approx(snr, rel=1e-6)
+
+
+def test_keys_fingers_and_fewer_points_while_it_moves(browser: Chromium, tmp_path: Path) -> None:
+    """Keys do what the buttons do; two fingers apart by twice as much bring the eye to half its distance; of too
+    many points every third is drawn while the camera moves, and all of them when it stands.
+    """
+    small_cloud(500).save(tmp_path / "a.ply")
+    assert main(["view", str(tmp_path / "a.ply"), "--save", str(tmp_path / "a.html")]) == 0
+    browser.open((tmp_path / "a.html").as_uri())
+    browser.until("viewer?.frame !== null")
+    browser.value("viewer.renderer.mostDragged = 200")
+    press_key = "key => dispatchEvent(new KeyboardEvent('keydown', { key }))"
+    first = browser.value("viewer.camera.eye")
+    browser.value(f"({press_key})('t'), 0")
+    assert browser.value("viewer.camera.axes.away")[2] > 0.9
+    browser.value(f"({press_key})('R'), 0")
+    assert browser.value("viewer.camera.eye") == pytest.approx(first)
+    size = browser.value("Number(document.getElementById('size').value)")
+    browser.value(f"({press_key})('+'), 0")
+    assert browser.value("Number(document.getElementById('size').value)") == pytest.approx(size + 0.3)
+    before_m = browser.value("viewer.camera.distance")
+    finger = """(type, id, x) => viewer.canvas.dispatchEvent(
+        new PointerEvent(type, { pointerId: id, clientX: x, clientY: 300, button: 0, buttons: 1 }))"""
+    drawn = browser.value(f"""(() => {{
+        const finger = {finger}, steps = [];
+        viewer.canvas.setPointerCapture = () => {{}};
+        finger("pointerdown", 1, 500), finger("pointerdown", 2, 600);
+        finger("pointermove", 2, 700);
+        viewer.draw(), steps.push(viewer.renderer.step);
+        finger("pointerup", 1, 500), finger("pointerup", 2, 700);
+        viewer.draw(), steps.push(viewer.renderer.step);
+        return [...steps, viewer.renderer.gl.getError()];
+    }})()""")
+    assert drawn == [3, 1, 0]
+    assert browser.value("viewer.camera.distance") == pytest.approx(before_m / 2)
+    assert browser.value("viewer.selected") == -1

@@ -12,7 +12,7 @@ import re
 import sys
 import threading
 import webbrowser
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence, Set
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -140,7 +140,7 @@ def _recording_source(arguments: argparse.Namespace, path: Path) -> Source:
 
 
 def list_clouds(paths: Sequence[Path]) -> list[Path]:
-    """List cloud files in the order given; files of a folder are sorted by the numbers in their names."""
+    """List cloud files in the order given; those of a folder, or of its folders, go by the numbers in their names."""
     from ..formats.registry import FORMATS
 
     suffixes = {file_format.suffix for file_format in FORMATS.values() if file_format.read}
@@ -150,12 +150,17 @@ def list_clouds(paths: Sequence[Path]) -> list[Path]:
         if not os.path.isdir(path):
             files.append(path)
             continue
-        inside = [file for file in path.iterdir() if file.suffix.lower() in suffixes and file.name[0] != "."]
+        # The folders of a rig, a job or a data set have their clouds in further folders.
+        inside = _clouds_in(path.iterdir(), suffixes) or _clouds_in(path.rglob("*"), suffixes)
         if not inside:
             expected = ", ".join(sorted(suffixes))
             raise InputError(f"{path}: must hold files that end in {expected}, got none")
-        files += sorted(inside, key=_by_numbers)
+        files += sorted(inside, key=lambda file: (_by_numbers(file.parent), _by_numbers(file)))
     return files
+
+
+def _clouds_in(files: Iterable[Path], suffixes: Set[str]) -> list[Path]:
+    return [file for file in files if file.suffix.lower() in suffixes and file.name[0] != "." and file.is_file()]
 
 
 def _by_numbers(path: Path) -> list[tuple[int, str]]:

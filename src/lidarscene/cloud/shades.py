@@ -10,19 +10,21 @@ from ..maths.arrays import Numbers
 from .scales import Scale, scale_of
 
 PALETTE = (
-    "#4cc9f0",
-    "#ffb703",
-    "#80ed99",
-    "#f15bb5",
-    "#a78bfa",
-    "#ff6b35",
-    "#e9ff70",
-    "#2ec4b6",
-    "#c08552",
-    "#9fb4ff",
-    "#ff8fa3",
-    "#6a994e",
+    "#f09669",
+    "#0069ff",
+    "#fff000",
+    "#a5ffe1",
+    "#00a5ff",
+    "#2d874b",
+    "#ff6900",
+    "#c3ff69",
+    "#78780f",
+    "#fff0b4",
+    "#f078a5",
+    "#e1d2ff",
 )
+"""Colours of kinds, apart for deuteranopes too; the page of the view has the same."""
+
 NO_SURFACE = "#6b7280"
 
 

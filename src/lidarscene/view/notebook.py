@@ -63,5 +63,5 @@ class _CloudsInMemory(Clouds):
         self._clouds = tuple(clouds)
         super().__init__([Path(f"cloud {number}") for number in range(len(clouds))], **options)
 
-    def _read(self, number: int) -> PointCloud:
-        return self._clouds[number]
+    def _read(self, path: Path) -> PointCloud:
+        return self._clouds[int(path.name.split()[1])]

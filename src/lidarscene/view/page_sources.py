@@ -78,8 +78,19 @@ class Source(Protocol):
         """Blob of the frame rendered with these settings. Raises InputError for a source that cannot render."""
 
 
+def pair_deskewed(paths: Sequence[Path]) -> dict[Path, Path | None]:
+    """Cloud file -> file of the same frame deskewed, which `render --deskew` calls NAME.deskewed.ply; None without."""
+    deskewed_of: dict[Path, Path] = {}
+    for path in paths:
+        for mark in (".deskewed.", "-deskewed."):
+            raw = path.with_name(".".join(path.name.rsplit(mark, 1)))
+            if raw != path and raw in paths:
+                deskewed_of[raw] = path
+    return {path: deskewed_of.get(path) for path in paths if path not in deskewed_of.values()}
+
+
 class Clouds:
-    """Cloud files as frames, with the surfaces of a scene if one is given.
+    """Cloud files as frames, with the surfaces of a scene if one is given; a frame and itself deskewed are one.
 
     A point's link budget needs the scene and the sensor: `sensor`, or the one that the cloud names if the catalogue has
     it.
@@ -94,8 +105,12 @@ class Clouds:
         overrides: Sequence[str] = (),
     ) -> None:
         """Read the first file. Raises InputError."""
-        self.paths, self.scene, self.overrides = tuple(paths), scene, tuple(overrides)
-        self.frames = tuple(path.name for path in self.paths)
+        pairs = pair_deskewed(paths)
+        self.paths, self.scene, self.overrides = tuple(pairs), scene, tuple(overrides)
+        self._deskewed_paths = tuple(pairs.values())
+        names = [path.name for path in self.paths]
+        is_unique = len(set(names)) == len(names)  # of a rig each sensor's folder has the same names
+        self.frames = tuple(names if is_unique else (f"{path.parent.name}/{path.name}" for path in self.paths))
         self.sensor = load_sensor(sensor, overrides=overrides) if sensor is not None else None
         self._first = self._load(0)
         self._origin = _origin_of(self._first.sensor_position_m)
@@ -119,7 +134,7 @@ class Clouds:
         """Read a file, and compute its points' budgets if scene, sensor and truth are known."""
         cloud = self._load(number) if number else self._first
         sensor = self._sensor_of(cloud)
-        still, no_layer_reason = deskewed_positions_m(cloud, self.scene)
+        still, no_layer_reason = self._deskewed_positions_m(number, cloud)
         budget: Budget | None = None
         page_header: dict[str, Any] = {"layers": no_layer_reason}
         if sensor is not None and self.scene is not None and cloud.has_truth:
@@ -134,17 +149,31 @@ class Clouds:
             still_m=still,
         )
 
+    def _deskewed_positions_m(self, number: int, cloud: PointCloud) -> tuple[Numbers | None, str]:
+        """(n, 3) deskewed positions, of the file beside the frame's or by the scene, or None with the reason."""
+        path = self._deskewed_paths[number]
+        if path is not None:
+            beside = self._load_path(path)
+            same_frame = beside.metadata.get("frame") == cloud.metadata.get("frame")
+            if same_frame and np.array_equal(beside.time_s, cloud.time_s):
+                return beside.xyz_m, ""
+        return deskewed_positions_m(cloud, self.scene)
+
     def render(self, settings: Settings) -> bytes:
         """Raise InputError: clouds cannot be rendered."""
         raise InputError("clouds are shown as they are; only a scene can be rendered anew")
 
-    def _read(self, number: int) -> PointCloud:
+    def _read(self, path: Path) -> PointCloud:
         """Read a cloud file."""
-        return PointCloud.load(self.paths[number])
+        return PointCloud.load(path)
 
     def _load(self, number: int) -> PointCloud:
+        """Read the cloud of a frame."""
+        return self._load_path(self.paths[number])
+
+    def _load_path(self, path: Path) -> PointCloud:
         """Read a cloud; with a scene, move it to world coordinates by the pose of the scene's sensor or vehicle."""
-        cloud = self._read(number)
+        cloud = self._read(path)
         frame = cloud.metadata.get("frame", "sensor")
         if self.scene is None or frame == "world":
             return cloud

@@ -86,28 +86,51 @@ class Camera {
   }
 }
 
-// What moves the camera; `changed` is called after each move, `clicked` with a place in pixels.
-function steer(canvas, camera, { changed, clicked, doubled }) {
+// What moves the camera; `dragged` is called while it moves, `changed` when it stands, `clicked` with a place in pixels.
+function steer(canvas, camera, { changed, dragged, clicked, doubled }) {
   let moved = 0, before = null;
+  const fingers = new Map();
+  const pinch = () => {
+    const [a, b] = [...fingers.values()];
+    return { x: (a.clientX + b.clientX) / 2, y: (a.clientY + b.clientY) / 2, apart: Math.hypot(a.clientX - b.clientX, a.clientY - b.clientY) };
+  };
   canvas.addEventListener("contextmenu", event => event.preventDefault());
   canvas.addEventListener("pointerdown", event => {
     canvas.setPointerCapture(event.pointerId);
-    [moved, before] = [0, event];
+    fingers.set(event.pointerId, event);
+    // A second finger makes a pinch of it, and no click.
+    [moved, before] = [fingers.size > 1 ? Infinity : 0, event];
   });
   canvas.addEventListener("pointermove", event => {
     if (!before) return;
+    if (fingers.size === 2 && fingers.has(event.pointerId)) {
+      const was = pinch();
+      fingers.set(event.pointerId, event);
+      const now = pinch();
+      camera.zoom(was.apart / Math.max(now.apart, 1));
+      camera.shift((now.x - was.x) / canvas.clientWidth, (now.y - was.y) / canvas.clientWidth);
+      before = event;
+      dragged();
+      return;
+    }
+    fingers.set(event.pointerId, event);
     const dx = event.clientX - before.clientX, dy = event.clientY - before.clientY;
     moved += Math.hypot(dx, dy);
     const width = canvas.clientWidth;
     if (event.buttons & 6 || event.shiftKey) camera.shift(dx / width, dy / width);
     else camera.turn(dx * 0.005, dy * 0.005);
     before = event;
+    dragged();
+  });
+  const end = event => {
+    fingers.delete(event.pointerId);
+    if (event.type === "pointerup" && before && moved < 4 && event.button === 0) {
+      clicked(event.offsetX, event.offsetY, event.shiftKey);
+    }
+    before = fingers.size ? [...fingers.values()][0] : null;
     changed();
-  });
-  canvas.addEventListener("pointerup", event => {
-    if (before && moved < 4 && event.button === 0) clicked(event.offsetX, event.offsetY, event.shiftKey);
-    before = null;
-  });
+  };
+  for (const type of ["pointerup", "pointercancel"]) canvas.addEventListener(type, end);
   canvas.addEventListener("dblclick", event => doubled(event.offsetX, event.offsetY));
   canvas.addEventListener("wheel", event => {
     event.preventDefault();

@@ -9,8 +9,8 @@ const MAPS = {
   inferno: "6a176e 7d1e6d 8f2469 a02a63 b1325a c13a50 d24644 df5337 ea632a "
     + "f2741c f8870e fb9d07 fcb216 f9c72f f4dd4f f1f179 fcffa4",
 };
-const KINDS = ["4cc9f0", "ffb703", "80ed99", "f15bb5", "a78bfa", "ff6b35", "e9ff70", "2ec4b6", "c08552", "9fb4ff",
-  "ff8fa3", "6a994e"];
+// As PALETTE of cloud/shades.py: apart for deuteranopes too, from each other, from NONE and from false alarms.
+const KINDS = "f09669 0069ff fff000 a5ffe1 00a5ff 2d874b ff6900 c3ff69 78780f fff0b4 f078a5 e1d2ff".split(" ");
 const NONE = [107, 114, 128];
 
 const bytesOf = hex => [0, 2, 4].map(i => parseInt(hex.slice(i, i + 2), 16));

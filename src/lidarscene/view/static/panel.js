@@ -80,6 +80,9 @@ function showChoices(choices, settings, changed) {
       ...names.map(name => made("option", { value: name, selected: settings[key] === name }, name))))));
 }
 
+// Whether a group of the card is open, as it was left.
+const openGroups = new Map();
+
 // Every field of a point, by group; `missing` says why there is none.
 function showCard(frame, index, { origin, closed, missing }) {
   const card = byId("card");
@@ -89,11 +92,11 @@ function showCard(frame, index, { origin, closed, missing }) {
     card.replaceChildren(close, missing);
     return;
   }
-  const rows = [];
+  const groups = [];
   for (const group of frame.groups) {
     const fields = frame.fields.filter(field => field.group === group);
     if (!fields.length) continue;
-    rows.push(made("tr", {}, made("th", { colSpan: 2 }, group)));
+    const rows = [];
     for (const field of fields) {
       const value = frame.values(field.name)[index] + ("xyz".includes(field.name) ? origin["xyz".indexOf(field.name)] : 0);
       const text = field.names ? field.names[value] ?? (value < 0 ? "none" : String(value))
@@ -101,9 +104,12 @@ function showCard(frame, index, { origin, closed, missing }) {
       rows.push(made("tr", { title: field.meaning },
         made("td", {}, field.label, made("i", {}, field.symbol)), made("td", {}, text)));
     }
+    // The first group is open, the others on a click, so that the card leaves the picture free.
+    const open = openGroups.get(group) ?? !groups.length;
+    groups.push(made("details", { open, ontoggle: event => openGroups.set(group, event.target.open) },
+      made("summary", {}, group), made("table", {}, made("tbody", {}, ...rows))));
   }
-  const table = made("table", {}, made("tbody", {}, ...rows));
-  card.replaceChildren(close, made("p", {}, note(frame, index)), table);
+  card.replaceChildren(close, made("p", {}, note(frame, index)), ...groups);
 }
 
 // What a budget lacks.

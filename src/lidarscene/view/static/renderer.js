@@ -23,7 +23,7 @@ class Renderer {
     this.points = this.#program(POINT_SHADER);
     this.surface = this.#program(SURFACE_SHADER);
     this.line = this.#program(LINE_SHADER);
-    this.buffers = {};
+    [this.buffers, this.pointers, this.step, this.mostDragged] = [{}, {}, 1, 200000];
     this.arrays = Object.fromEntries(["points", "still", "surface", "caster", "line"].map(name => [name, this.gl.createVertexArray()]));
     this.map = this.gl.createTexture();
     this.counts = { points: 0, faces: 0, opaque: 0 };
@@ -95,7 +95,18 @@ class Renderer {
     gl.bufferData(gl.ARRAY_BUFFER, data, gl.DYNAMIC_DRAW);
     const place = gl.getAttribLocation(shader.program, name);
     gl.enableVertexAttribArray(place);
-    gl.vertexAttribPointer(place, size, type, normalised, 0, 0);
+    const bytes = size * data.BYTES_PER_ELEMENT;
+    this.pointers[key] = step => gl.vertexAttribPointer(place, size, type, normalised, step > 1 ? step * bytes : 0, 0);
+    this.pointers[key](1);
+  }
+
+  // Every so many points of a layer from now on, drawn from its bound array.
+  #thin(layer, step) {
+    const gl = this.gl;
+    for (const name of ["position", "status", "value"]) {
+      gl.bindBuffer(gl.ARRAY_BUFFER, this.buffers[`${layer}.${name}`]);
+      this.pointers[`${layer}.${name}`](step);
+    }
   }
 
   // `still` are the same points without the sensor's own motion, or nothing.
@@ -188,6 +199,8 @@ class Renderer {
 
   #drawPoints(matrix, camera, style, ratio) {
     if (!this.counts.points) return;
+    // A stride is at most 255 bytes, of which a position has 12.
+    this.step = style.dragging ? Math.min(21, Math.ceil(this.counts.points / this.mostDragged)) : 1;
     const gl = this.gl, { program, uniforms } = this.points;
     gl.useProgram(program);
     gl.bindTexture(gl.TEXTURE_2D, this.map);
@@ -201,7 +214,8 @@ class Renderer {
     gl.uniform1i(uniforms.alarms, style.alarms ? 1 : 0);
     for (const layer of style.layers.filter(name => name in this.layers)) {
       gl.bindVertexArray(this.arrays[layer]);
-      gl.drawArrays(gl.POINTS, 0, this.counts.points);
+      this.#thin(layer, this.step);
+      gl.drawArrays(gl.POINTS, 0, Math.ceil(this.counts.points / this.step));
     }
   }
 

@@ -33,7 +33,14 @@ class Viewer {
       else this.render();
     };
     steer(this.canvas, this.camera, {
-      changed: redraw,
+      changed: () => {
+        this.dragging = false;
+        redraw();
+      },
+      dragged: () => {
+        this.dragging = true;
+        redraw();
+      },
       clicked: (left, top, second) => {
         if (second && this.selected >= 0) this.measure(this.pick(left, top));
         else this.select(this.pick(left, top));
@@ -46,9 +53,11 @@ class Viewer {
     });
     new ResizeObserver(redraw).observe(this.canvas);
     addEventListener("keydown", event => {
-      if (event.key.toLowerCase() === "r" && !["INPUT", "SELECT"].includes(event.target.tagName)) {
-        this.go("first");
-      }
+      if (["INPUT", "SELECT", "BUTTON"].includes(event.target.tagName) || event.ctrlKey || event.metaKey || event.altKey) return;
+      const action = this.keys[event.key.toLowerCase()];
+      if (!action) return;
+      event.preventDefault();
+      action();
     });
     byId("reset").onclick = () => {
       this.settings = {};
@@ -60,6 +69,28 @@ class Viewer {
     byId("frame").max = frames.length - 1;
     byId("frame").oninput = event => this.load(Number(event.target.value));
     byId("play").onclick = () => this.play();
+  }
+
+  // What the keys do.
+  get keys() {
+    const count = this.stage.frames.length;
+    const step = by => () => count > 1 && this.load((this.number + by + count) % count);
+    const grow = by => () => {
+      byId("size").value = Number(byId("size").value) + by;
+      this.redraw();
+    };
+    const swap = () => {
+      if (byId("layers").hidden) return;
+      const still = byId("raw").checked;
+      [byId("raw").checked, byId("still").checked] = [!still, still];
+      this.redraw();
+    };
+    const places = { r: "first", s: "sensor", t: "top", e: "side", f: "fit" };
+    return {
+      ...Object.fromEntries(Object.entries(places).map(([key, place]) => [key, () => this.go(place)])),
+      " ": () => count > 1 && this.play(), arrowright: step(1), arrowleft: step(-1), d: swap,
+      "+": grow(0.3), "-": grow(-0.3), escape: () => this.select(-1),
+    };
   }
 
   // The camera at the sensor, above, beside, or where all points are seen.
@@ -144,6 +175,7 @@ class Viewer {
     while (this.waiting) {
       this.waiting = false;
       const since = performance.now();
+      const word = setTimeout(() => { byId("speed").textContent = "rendering … what is new is compiled first"; }, 500);
       try {
         // A budget takes longer than the points: it is asked for where it is seen.
         const budget = this.pulse || this.ofBudget(this.colourBy) ? 1 : 0;
@@ -158,6 +190,8 @@ class Viewer {
           + `all ${this.milliseconds.toFixed(0)} ms`;
       } catch (error) {
         if (!tellBeside(error.message)) complain(error);
+      } finally {
+        clearTimeout(word);
       }
     }
     this.busy = false;
@@ -303,7 +337,7 @@ class Viewer {
     this.matrix = this.renderer.draw(this.camera, {
       ...this.legend.style, size: Number(byId("size").value), opacity: Number(byId("opacity").value),
       sun: this.sun, hidden: this.hidden, alarms: this.colourBy !== "status", line: point && [...(second ?? sensor), ...point],
-      layers: this.frame.arrays.still ? layers : ["points"],
+      layers: this.frame.arrays.still ? layers : ["points"], dragging: this.dragging,
     });
     this.#mark("ring", point);
     this.#mark("second", second);
