@@ -46,8 +46,12 @@ def test_no_two_entries_differ_in_case_and_separators_alone(kind: str) -> None:
     ("kind", "typed", "question"),
     [
         ("sensors", "velodyne", "did you mean hdl-32e or hdl-64e or vlp-16 or vlp-32c or vls-128?"),
-        ("sensors", "Ouster", "did you mean os0-128 or os1-128 or os2-128?"),
-        ("sensors", "OS1-64", "did you mean os1-128?"),
+        (
+            "sensors",
+            "Ouster",
+            "did you mean os0-128 or os0-128-rev7 or os1-128 or os1-128-rev7 or os2-128 or os2-128-rev7 or osdome-128?",
+        ),
+        ("sensors", "OS1-64", "did you mean os1-128 or os1-128-rev7?"),
         ("sensors", "VLP-64C", "did you mean vlp-16 or vlp-32c?"),
         ("sensors", "table1", "did you mean table1-apd or table1-sipm?"),
         ("sensors", "Car", "car is a scene"),

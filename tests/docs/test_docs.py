@@ -171,7 +171,7 @@ def test_theory_names_the_formulas() -> None:
 
 def test_equations_are_numbered_in_order() -> None:
     """On each page they rise, and no two equations have the same number."""
-    others = [ROOT / "docs" / name for name in ("photon_counting.md", "sipm.md", "fit.md")]
+    others = [ROOT / "docs" / name for name in ("photon_counting.md", "sipm.md", "fit.md", "recordings.md")]
     pages = [[int(n) for n in re.findall(r"\\tag\{T(\d+)\}", text_of(page))] for page in (*THEORY, *others)]
     assert all(page == sorted(page) for page in pages)
     numbers = [n for page in pages for n in page]

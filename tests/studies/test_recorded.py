@@ -20,7 +20,7 @@ from lidarscene.studies.held import LIMITS, Limits
 from lidarscene.studies.ranging import statistics
 from lidarscene.studies.ranging.plane import Target, echoes_of_plane
 
-OUSTERS = ("os0-128", "os1-128", "os2-128")
+OUSTERS = ("os0-128", "os0-128-rev7", "os1-128", "os2-128")
 TWO_RETURNS = ("pandar40p", "pandar64", "pandarqt", "pandarxt-16", "pandarxt-32", "qt128c2x", "vlp-16", "xt32m2x")
 POINTS = (*TWO_RETURNS, "at128", "ot128", "rs-bpearl", "rs-e1", "rs-helios", "rs-ruby-plus", "vlp-32c", "vls-128")
 MODE = ["scanner.columns_per_turn=1024"]

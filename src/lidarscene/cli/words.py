@@ -11,6 +11,7 @@ import math
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING
 
+from ..errors import InputError
 from ..rendering.option_fields import Whole
 
 if TYPE_CHECKING:
@@ -103,3 +104,11 @@ def pose(text: str) -> Pose:
             f"must be X,Y,Z[,YAW,PITCH,ROLL] in metres (to {LARGEST_COORDINATE_M:g}) and degrees, got {text}"
         )
     return to_pose(numbers)
+
+
+def frame_numbers(text: str) -> tuple[int, ...]:
+    """Parse the numbers of frames, each once. Raises InputError."""
+    words = text.split(",")
+    if not all(word.isdecimal() for word in words):
+        raise InputError(f"--frames: must be numbers with commas between them, such as 0,1,2, got '{text}'")
+    return tuple(dict.fromkeys(int(word) for word in words))

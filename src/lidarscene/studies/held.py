@@ -67,6 +67,7 @@ LIMITS = {
     "losses kept": Limits(None, 0.50, f"{_CHOICE}: share of the recorded losses on surfaces"),
     "disagreement": Limits(None, 0.03, f"{_CHOICE}: excess over the disagreement of two recorded frames"),
     "farthest ground": Limits(-0.15, 0.15, f"{_CHOICE}: relative difference of the 99.9 % quantile"),
+    "clusters": Limits(0.8, None, f"{_CHOICE}: two frames of a recording at rest share 0.8 to 1"),
     "second returns": _either_way(1.5, f"{_CHOICE}: ratio of the shares"),
     "second separation": Limits(-0.15, 0.15, f"{_CHOICE}: relative difference of the least separation"),
     # Of twins, fits and the catalogue.

@@ -103,6 +103,9 @@ class RecordedFile(FileModel):
 
     recording: Annotated[str, Field(min_length=1)]
     settings: tuple[str, ...] = Field(default=(), description="the sensor's mode, as for --set")
+    at_rest: bool = Field(
+        default=False, description="scatter is that between two frames of a sensor at rest, not along rows of one"
+    )
     signal: SignalFile
     threshold: NoiseFile
     noise: NoiseFile
@@ -239,9 +242,8 @@ def compare_curves(curves: RecordedFile, sensor: Sensor) -> Iterator[Held]:
         )
     scatter = curves.scatter
     for signal, near_ir, sigma_mm in zip(scatter.signal, scatter.near_ir, scatter.sigma_mm, strict=True):
-        yield _row(
-            "scatter ratio", "scatter", f"SIGNAL {signal:g}", sigma_mm, scatter_mm(sensor, signal, near_ir), "mm"
-        )
+        simulated_mm = scatter_mm(sensor, signal, near_ir, at_rest=curves.at_rest)
+        yield _row("scatter ratio", "scatter", f"SIGNAL {signal:g}", sigma_mm, simulated_mm, "mm")
 
 
 def _row(limits: str, quantity: str, condition: str, recorded: float, simulated: float | None, unit: str = "") -> Held:
@@ -291,10 +293,11 @@ def highest_noise(sensor: Sensor, near_ir: float) -> float:
     return low
 
 
-def scatter_mm(sensor: Sensor, signal: float, near_ir: float) -> float | None:
+def scatter_mm(sensor: Sensor, signal: float, near_ir: float, *, at_rest: bool = False) -> float | None:
     """Scatter of the reported range in mm at this number of photons, as it is read; None if few echoes are found.
 
-    It is read from every second column, about a parabola, and columns may share their noise.
+    It is read from every second column, about a parabola, and columns may share their noise; or, of a sensor at rest,
+    from the same pixels of two frames, which share none.
     """
     power = background_w(sensor, near_ir)
     light = echoes_of_plane(sensor, Target(illuminance_klux=100.0), 20.0 * np.ones(1))
@@ -304,7 +307,7 @@ def scatter_mm(sensor: Sensor, signal: float, near_ir: float) -> float | None:
     sigma_m = scatter_m(sensor, Target(illuminance_klux=klux), range_m=20.0, snr=signal / noise)
     if sigma_m is None:
         return None
-    if sensor.histogram is None or sensor.histogram.column_weights is None:
+    if at_rest or sensor.histogram is None or sensor.histogram.column_weights is None:
         return 1e3 * sigma_m
     weights = [float(weight) for weight in sensor.histogram.column_weights]
     return 1e3 * sigma_m * scatter_share(weights, points=PATCH, step=COLUMN_STEP)

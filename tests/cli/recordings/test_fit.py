@@ -28,14 +28,25 @@ def test_the_code_says_whether_the_laws_held(
 
     monkeypatch.setattr(recording_fit, "fit_recordings", record_call)
     assert (
-        run_fit(tmp_path, "-o", str(tmp_path / "u.toml"), "--metadata", "u.json", "--json", "--sensor-index", "1")
+        run_fit(
+            tmp_path,
+            "-o",
+            str(tmp_path / "u.toml"),
+            "--metadata",
+            "u.json",
+            "--json",
+            "--sensor-index",
+            "1",
+            "--frames",
+            "2,0",
+        )
         == code
     )
     assert json.loads(capsys.readouterr().out) == {"found": 1, "files": [str(tmp_path / "r" / "index.html")]}
     assert (tmp_path / "u.toml").read_text() == "name = 'fitted'"
     ((arguments, more),) = calls
     assert arguments == ([OUSTER], "os0-128")
-    assert more == {"metadata": Path("u.json"), "sensor_index": 1}
+    assert more == {"metadata": Path("u.json"), "sensor_index": 1, "frames": (2, 0)}
 
 
 def test_with_a_scene_it_is_another_fit(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -63,6 +74,8 @@ def test_with_a_scene_it_is_another_fit(tmp_path: Path, monkeypatch: pytest.Monk
     [
         (["--poses", "p.csv", "--sensor", "os0-128"], "--poses: goes with --scene"),
         ([], "--sensor: must name the sensor"),
+        (["--frames", "1", "--scene", "s.toml"], "--frames: goes without --scene"),
+        (["--frames", "1;2", "--sensor", "os0-128"], "--frames: must be numbers with commas"),
     ],
 )
 def test_what_goes_with_a_scene(

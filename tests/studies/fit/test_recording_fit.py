@@ -330,3 +330,20 @@ def test_points_without_rows_are_refused() -> None:
 def test_a_unit_is_drawn_anew() -> None:
     assert isinstance(TRUTH, Truth)
     assert drawn_truth(1) != TRUTH
+
+
+def test_only_the_frames_asked_for_are_fitted(
+    tmp_path: Path, without_figures: pytest.MonkeyPatch, sweep: Sweep
+) -> None:
+    """The other frame has no pulses at all, so that fitting both would change the count."""
+    empty = replace(sweep, range_m=np.full(sweep.shape, np.nan))
+
+    def open_drawn(path: Path, metadata: Path | None, *, sensor_index: int) -> Recording:
+        return Recording(path=path, count=2, read=lambda number: (empty, sweep)[number])
+
+    without_figures.setattr(recording_fit, "open_recording", open_drawn)
+    recordings = [tmp_path / "drawn.pcap"]
+    _, report = fit_recordings(recordings, "os1-128", frames=(1,))
+    assert f"{sweep.range_m.size:,} pulses of 1 frame" in str(report)
+    with pytest.raises(InputError, match="frame must be 0 to 1, got 2"):
+        fit_recordings(recordings, "os1-128", frames=(2,))

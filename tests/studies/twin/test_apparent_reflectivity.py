@@ -1,12 +1,20 @@
 """From strength to reflectivity."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from helpers.twins import room_sweep
 
-from lidarscene.studies.twin.apparent_reflectivity import ReflectivityGauge, scattering_law, withheld_mask
+from lidarscene.sensor.sensor_file import load_sensor
+from lidarscene.studies.twin.apparent_reflectivity import (
+    LEAST_REFLECTIVITY,
+    ReflectivityGauge,
+    is_explained,
+    scattering_law,
+    withheld_mask,
+)
 
 
 def test_the_law_is_that_of_rough_matt_surfaces() -> None:
@@ -104,7 +112,7 @@ def test_a_steep_table_is_continued_by_the_fourth_power_and_nothing_is_blacker_t
     np.testing.assert_allclose(apparent, 1.6 / 16.0)
     for signal in (0.0, np.nan):
         dark = room_sweep(signal=np.full((24, 360), signal))
-        np.testing.assert_allclose(gauge.apparent(dark, np.full(dark.shape, 5.0)), 0.002)
+        np.testing.assert_allclose(gauge.apparent(dark, np.full(dark.shape, 5.0)), LEAST_REFLECTIVITY)
 
 
 def test_a_makers_reflectivity_alone_is_in_per_cent() -> None:
@@ -113,3 +121,19 @@ def test_a_makers_reflectivity_alone_is_in_per_cent() -> None:
     assert gauge is not None
     assert sweep.reflectivity is not None
     np.testing.assert_allclose(gauge.apparent(sweep, sweep.range_m), 0.01 * sweep.reflectivity, rtol=1e-6)
+
+
+def test_a_loss_is_explained_up_to_two_sigma_above_the_threshold() -> None:
+    """(T208) by hand: of os0-128 U = 0.202 (900 + 54 x 5.2)^0.5 = 6.93 photons, and e^(2 (0.253^2 + 1/U)^0.5) 2.50."""
+    sensor = load_sensor("os0-128", overrides=["scanner.columns_per_turn=1024"])
+    shape = (24, 360)
+    signal = np.full(shape, 17.0)
+    signal[:, 1:3] = 17.8
+    range_m = room_sweep().range_m.copy()
+    range_m[:, :2] = np.nan
+    sweep = room_sweep(range_m=range_m, signal=signal, near_ir=np.full(shape, 900.0))
+    explained = is_explained(sweep, sensor)
+    assert not explained[:, 1].any()
+    assert explained[:, [0, *range(2, 360)]].all()
+    assert is_explained(replace(sweep, near_ir=None), sensor).all()
+    assert is_explained(sweep, load_sensor("vlp-16")).all()

@@ -9,7 +9,7 @@ from helpers.twins import room_sweep
 
 from lidarscene.maths.pose import Pose
 from lidarscene.studies.twin import frame_poses
-from lidarscene.studies.twin.frame_poses import angles_deg, place_frames
+from lidarscene.studies.twin.frame_poses import angles_deg, is_at_rest, place_frames
 
 MOVED = Pose.from_degrees(position_m=(0.6, -0.3, 0.05), yaw_deg=3.0, pitch_deg=0.5)
 
@@ -45,6 +45,7 @@ def test_frames_are_laid_on_the_one_before_and_chained(monkeypatch: pytest.Monke
         return truth[target].inverse() @ truth[cloud]
 
     sweeps = {number: room_sweep(metadata={"frame": str(number)}) for number in truth}
+    monkeypatch.setattr(frame_poses, "is_at_rest", lambda *_: False)
     monkeypatch.setattr(frame_poses, "_thin", lambda sweep: int(sweep.metadata["frame"]))
     monkeypatch.setattr(frame_poses, "_register", laid)
     laid_places = place_frames(sweeps, 2)
@@ -53,6 +54,25 @@ def test_frames_are_laid_on_the_one_before_and_chained(monkeypatch: pytest.Monke
         expected = truth[2].inverse() @ pose
         np.testing.assert_allclose(laid_places[number].position_m, expected.position_m, atol=1e-9)
         np.testing.assert_allclose(laid_places[number].rotation, expected.rotation, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("pose", "at_rest"),
+    [
+        ({}, True),
+        ({"position_m": (0.01, 0.0, 0.0)}, False),
+        ({"position_m": (0.0, 0.0, -0.01)}, False),
+        ({"yaw_deg": 1.0}, False),
+    ],
+)
+def test_a_sensor_at_rest_keeps_its_pose_exactly(pose: Any, at_rest: bool, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A centimetre, three times what counts as rest, or one column; 5 mm of noise on 8,000 pixels leave 0.1 mm."""
+    sweeps = {0: room_sweep(noise_m=0.005), 1: room_sweep(pose=Pose.from_degrees(**pose), noise_m=0.005, seed=1)}
+    assert is_at_rest(sweeps[1], sweeps[0]) is at_rest
+    if at_rest:
+        monkeypatch.setattr(frame_poses, "_thin", lambda _: None)
+        monkeypatch.setattr(frame_poses, "_register", lambda *_: pytest.fail("registered"))
+        assert not place_frames(sweeps, 0)[1].position_m.any()
 
 
 def test_angles_make_the_pose_again() -> None:

@@ -63,6 +63,22 @@ def test_a_hole_is_filled_no_brighter_than_the_lost_pulse_allows() -> None:
     assert quads.reflectivity[quads.kind == FILLED][0] == pytest.approx(0.05 * np.median(neighbours), rel=0.05)
 
 
+def test_a_pulse_lost_before_a_bright_sky_is_as_far_below_the_threshold_in_the_twin() -> None:
+    """Four times the median NEAR_IR is twice its threshold, so half of the strength; a dark one gains nothing."""
+    bounds = []
+    for light in (1.0, 4.0, 0.25):
+        plain = room_sweep()
+        range_m, signal, reflectivity = (
+            np.array(values) for values in (plain.range_m, plain.signal, plain.reflectivity)
+        )
+        near_ir = np.full(plain.shape, 500.0)
+        range_m[6, 45], signal[6, 45], reflectivity[6, 45] = np.nan, 0.1 * signal[6, 45], 0.0
+        near_ir[6, 45] *= light
+        quads = surfels_of(room_sweep(range_m=range_m, signal=signal, reflectivity=reflectivity, near_ir=near_ir))
+        bounds.append(quads.reflectivity[quads.kind == FILLED][0])
+    assert np.array(bounds) / bounds[0] == pytest.approx([1.0, 0.5, 1.0])
+
+
 @pytest.mark.parametrize("strength", ["reflectivity", "intensity", "silent"])
 def test_a_hole_wider_than_its_neighbours_in_the_row_is_as_bright_as_those_above_and_below(strength: str) -> None:
     """Rationale: without the signal of lost pulses nothing bounds them, and the middle of the hole has no neighbour in

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 from ...errors import InputError
 from ..options import CommandOptions, add_options
 from ..terminal import Answer, save_report
+from ..words import frame_numbers
 
 if TYPE_CHECKING:
     from ...figures.report import Report
@@ -17,6 +18,7 @@ FIT_HELP = """\
 examples:
   lidarscene fit os1.pcap --sensor os1-128 -o my-os1.toml --report out/fit
   lidarscene fit a.osf b.osf --sensor os2-128 --sensor-index 1 -o my-os2.toml --report out/fit --json
+  lidarscene fit drive.osf --frames 0,1,2 --sensor os0-128 -o my-os0.toml --report out/fit
   lidarscene twin os1.pcap --held-out columns -o out/twin
   lidarscene fit os1.pcap --scene out/twin/scene.toml -o my-os1.toml --report out/fit
 """
@@ -41,6 +43,7 @@ def add_fit(commands: Any) -> None:
         help="the catalogue's sensor of its kind, or a sensor file, for what the recording leaves open "
         "(default: with --scene, the scene's)",
     )
+    add("--frames", metavar="N,N,...", type=frame_numbers, help="frames of each recording, from 0 (default: all)")
     add(
         "--scene",
         metavar="SCENE.toml",
@@ -83,6 +86,8 @@ def _fit(arguments: argparse.Namespace) -> tuple[str, Report]:
     if arguments.scene is not None:
         from ...studies.fit.on_scene.scene_fit import SceneFitInputs, fit_on_scene
 
+        if arguments.frames is not None:
+            raise InputError("--frames: goes without --scene, whose twin says which frames are fitted")
         inputs = SceneFitInputs(
             recordings=arguments.recordings,
             scene=arguments.scene,
@@ -99,5 +104,9 @@ def _fit(arguments: argparse.Namespace) -> tuple[str, Report]:
     from ...studies.fit.recording_fit import fit_recordings
 
     return fit_recordings(
-        arguments.recordings, arguments.sensor, metadata=arguments.metadata, sensor_index=arguments.sensor_index
+        arguments.recordings,
+        arguments.sensor,
+        metadata=arguments.metadata,
+        sensor_index=arguments.sensor_index,
+        frames=arguments.frames,
     )

@@ -8,6 +8,7 @@ from typing import Any
 
 from ...errors import InputError
 from ..options import CommandOptions, add_options
+from ..words import frame_numbers
 
 TWIN_HELP = """\
 examples:
@@ -34,7 +35,7 @@ def add_twin(commands: Any) -> None:
     command.add_argument("recording", metavar="REC", type=Path, help="recording of a real lidar")
     add = command.add_argument
     add_options(command, CommandOptions, "output")
-    add("--frames", metavar="N,N,...", type=_frames, help="frames to make it of, from 0 (default: all)")
+    add("--frames", metavar="N,N,...", type=frame_numbers, help="frames to make it of, from 0 (default: all)")
     add(
         "--held-out",
         metavar="K|columns",
@@ -65,13 +66,6 @@ def twin_text(arguments: argparse.Namespace) -> str:
             sensor=arguments.sensor,
             sensor_index=index,
         )
-
-
-def _frames(text: str) -> tuple[int, ...]:
-    words = text.split(",")
-    if not all(word.isdecimal() for word in words):
-        raise InputError(f"--frames: must be numbers with commas between them, such as 0,1,2, got '{text}'")
-    return tuple(dict.fromkeys(int(word) for word in words))
 
 
 def _held_out(text: str) -> int | str:

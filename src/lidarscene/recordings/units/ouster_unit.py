@@ -22,7 +22,7 @@ from ...formats.cloud_description import input_errors
 from ...formats.packets.layouts import OUSTER_MODES
 from .unit_beams import Unit
 
-MODELS = {"OS-0": "os0-128", "OS-1": "os1-128", "OS-2": "os2-128"}
+MODELS = {"OS-0": "os0-128", "OS-1": "os1-128", "OS-2": "os2-128", "OS-DOME": "osdome-128"}
 """Start of the product's name -> the catalogue's sensor."""
 
 LIDAR_TO_SENSOR = (-1, 0, 0, 0, 0, -1, 0, 0, 0, 0, 1, 36.18, 0, 0, 0, 1)

@@ -74,7 +74,12 @@ class RecordingFit:
 
 
 def fit_recordings(
-    recordings: Sequence[Path], sensor: str, *, metadata: Path | None = None, sensor_index: int = 0
+    recordings: Sequence[Path],
+    sensor: str,
+    *,
+    metadata: Path | None = None,
+    sensor_index: int = 0,
+    frames: Sequence[int] | None = None,
 ) -> tuple[str, Report]:
     """Fit recordings of one unit; returns the text of its sensor file, and the report.
 
@@ -82,6 +87,7 @@ def fit_recordings(
                   open
     metadata      the maker's description of the unit; None: the json beside the recording or in the OSF, if any
     sensor_index  which sensor of an OSF, from 0
+    frames        indices of the frames of each recording; None: all
     Raises InputError.
     """
     base = base_text(sensor, metadata_of(recordings[0], metadata), sensor_index=sensor_index)
@@ -89,7 +95,7 @@ def fit_recordings(
     base_sensor = parse_sensor(base, where)
     recording = ", ".join(path.name for path in recordings)
     try:
-        sweeps = _read_sweeps(recordings, metadata, sensor_index)
+        sweeps = _read_sweeps(recordings, metadata, sensor_index, frames)
         pulses = gather_pulses(sweeps)
         fit = fit_pulses(pulses, base_sensor)
     except ValueError as error:
@@ -114,11 +120,14 @@ def _illuminance_klux(sweeps: Sequence[Sweep], sensor: Sensor) -> float:
     return float(np.median(known_klux)) if known_klux else 0.0
 
 
-def _read_sweeps(recordings: Sequence[Path], metadata: Path | None, sensor_index: int) -> list[Sweep]:
+def _read_sweeps(
+    recordings: Sequence[Path], metadata: Path | None, sensor_index: int, frames: Sequence[int] | None
+) -> list[Sweep]:
+    """Read the chosen frames of each recording. Raises InputError."""
     sweeps: list[Sweep] = []
     for path in recordings:
         with open_recording(path, metadata, sensor_index=sensor_index) as recording:
-            sweeps += list(recording)
+            sweeps += list(recording) if frames is None else [recording[number] for number in frames]
     return sweeps
 
 

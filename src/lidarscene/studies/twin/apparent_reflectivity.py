@@ -13,12 +13,13 @@ import numpy as np
 from ...maths.arrays import Numbers
 from ...physics.optics import reflection
 from ...recordings.sweep import Second, Sweep
+from ...sensor.sensor_model import Sensor
 
 SLOPE_DEG = 45.0
 """Slope of the facets of all measured surfaces, that of the catalogue's asphalt."""
 
-LEAST_REFLECTIVITY = 2e-3
-"""Least reflectivity; lower ones are unknown surfaces, taken as black."""
+LEAST_REFLECTIVITY = 1e-5
+"""Least reflectivity; lower ones are unknown surfaces, taken as black: 0.1 photons of an OS0 at 0.7 m."""
 
 WHITE = 100.0
 """REFLECTIVITY of a white surface, up to which an Ouster counts linearly, and intensity of a Velodyne."""
@@ -28,6 +29,9 @@ ASSUMED_MEDIAN = 0.2
 
 STEEPEST = 4.0
 """Largest exponent of the range in the extrapolation of a table to near ranges."""
+
+LOSS_SIGMAS = 2.0
+"""Sigmas above the threshold from which on a lost pulse was not lost for lack of light: one pulse in 44 is."""
 
 _LEAST_COUNTS = 5.0
 _BINS_PER_OCTAVE = 4
@@ -42,6 +46,26 @@ def withheld_mask(sweep: Sweep) -> Numbers:
     if sweep.reflectivity is None:
         return np.zeros(sweep.shape, bool)
     return np.asarray(sweep.lost & (sweep.reflectivity > 0.0))
+
+
+def is_explained(sweep: Sweep, sensor: Sensor) -> Numbers:
+    r"""Mask of the pulses that returned, or that this sensor's threshold may have lost.
+
+    The others have more SIGNAL than `LOSS_SIGMAS` above the threshold (T110) of their NEAR_IR, by its own spread and by
+    the noise of so many photons:
+
+    .. math:: S > U\, e^{2 \sqrt{\mathrm{spread}^2 + 1 / U}} \tag{T208}
+
+    Their echo is nearer than the sensor reports, or was withheld: they say nothing of the surfaces behind.
+    """
+    histogram = sensor.histogram
+    if histogram is None or sweep.signal is None or sweep.near_ir is None or not sweep.includes_lost:
+        return np.ones(sweep.shape, bool)
+    counts = np.maximum(np.nan_to_num(sweep.near_ir), 0.0) + float(histogram.threshold_pedestal * histogram.shots)
+    level = np.maximum(float(histogram.threshold_floor) + float(histogram.threshold_slope) * np.sqrt(counts), 1.0)
+    spread = float(histogram.threshold_spread or 0.0)
+    most = level * np.exp(LOSS_SIGMAS * np.sqrt(spread * spread + 1.0 / level))
+    return np.asarray(~sweep.lost | ~(sweep.signal > most))
 
 
 def scattering_law(cos: Numbers) -> Numbers:

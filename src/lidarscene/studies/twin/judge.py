@@ -19,6 +19,7 @@ from ...maths.special import SIGMA_PER_MAD
 from ...recordings.sweep import Sweep
 from ..compare.recording_comparison import measure_ground
 from ..held import LIMITS, UNLIMITED, Held, ratio, relative
+from .clusters import share_found_again
 from .matched_pulses import NO_SURFACE, MatchedPulses
 from .surfels import SMOOTH
 
@@ -38,6 +39,9 @@ LEAST_PULSES = 50
 
 LEAST_SCATTERED = 200
 """Least number of pulses in an octave of signal whose scatters are compared."""
+
+LEAST_CLUSTERS = 5
+"""Least number of recorded clusters of which a share is held to a limit."""
 
 SCATTER_SIGMA = 1.46
 """Sigma of the logarithm of the ratio of two `spread`s, of second differences of n pulses each, times root n: by
@@ -72,7 +76,7 @@ def twin_quantities(
         *_points(pulses),
         *_kept_quantities(pulses, between),
     ]
-    rows += [*_ground(sweep, cloud), *_second(pulses)]
+    rows += [*_ground(sweep, cloud), *_second(pulses), _clusters(pulses)]
     return rows
 
 
@@ -286,6 +290,20 @@ def _ground(sweep: Sweep, cloud: PointCloud) -> Iterator[Held]:
         value=relative(simulated, real),
         limits=LIMITS["farthest ground"],
         unit="m",
+    )
+
+
+def _clusters(pulses: MatchedPulses) -> Held:
+    """Share of the clusters above the ground that perception finds again in the simulated cloud."""
+    clusters = share_found_again(
+        pulses.xyz_m[pulses.has_return], pulses.simulated_xyz_m[pulses.has_simulated_return].astype(np.float64)
+    )
+    share, number = (None, 0) if clusters is None else clusters
+    return Held(
+        quantity="clusters found again",
+        condition=f"of {number}",
+        value=share if number >= LEAST_CLUSTERS else None,
+        limits=LIMITS["clusters"],
     )
 
 

@@ -41,6 +41,7 @@ class MatchedPulses:
     ring             row of the recording
     range_m, signal  range and photons of the first return; signal None if not recorded (an intensity does not count).
                      Ranges count from the beam's exit in the simulated sensor, makers count from elsewhere
+    xyz_m            (n, 3) point of the first return, in the sensor's axes
     change_m         `_second_difference` of the ranges along the ring, on smooth surfaces
     gap_m            distance between the two returns
     withheld         True if the sensor found an echo and reported no range (`withheld_mask`)
@@ -53,11 +54,13 @@ class MatchedPulses:
     ring: Numbers
     range_m: Numbers
     signal: Numbers | None
+    xyz_m: Numbers
     change_m: Numbers
     gap_m: Numbers
     withheld: Numbers
     simulated_range_m: Numbers
     simulated_signal: Numbers
+    simulated_xyz_m: Numbers
     simulated_change_m: Numbers
     simulated_gap_m: Numbers
     true_range_m: Numbers
@@ -118,9 +121,11 @@ def simulate_pulses(
         range_m=recorded_m,
         gap_m=gap_m,
         signal=None if sweep.signal is None else sweep.signal.astype(np.float64),
+        xyz_m=sweep.xyz_m,
         change_m=_second_difference(np.where(smooth, recorded_m, np.nan), step),
         simulated_range_m=simulated_m,
         simulated_signal=_at_points(cloud.signal, first)[numbers],
+        simulated_xyz_m=_at_points(cloud.in_sensor_frame().xyz_m, first)[numbers],
         simulated_change_m=_second_difference(np.where(smooth, simulated_m, np.nan), step),
         simulated_gap_m=np.abs(other_m - range_m)[numbers],
         true_range_m=true_range_m[numbers],
@@ -195,6 +200,6 @@ def _by_pulse(pulse: Numbers, n: int) -> tuple[Numbers, Numbers]:
 
 def _at_points(values: Numbers, point_index: Numbers) -> Numbers:
     """Values at these indices; NaN at -1."""
-    gathered = np.full(len(point_index), np.nan)
+    gathered = np.full((len(point_index), *np.shape(values)[1:]), np.nan)
     gathered[point_index >= 0] = np.asarray(values, np.float64)[point_index[point_index >= 0]]
     return gathered

@@ -160,8 +160,21 @@ def _reflectivity_bound(grid: Grid, gauge: ReflectivityGauge, range_m: Numbers) 
     signal = grid.sweep.signal
     if not grid.sweep.includes_lost or gauge.field != "signal" or signal is None:
         return np.full(grid.sweep.shape, np.inf)
-    bound = gauge.apparent(grid.sweep, np.nan_to_num(range_m, nan=1.0))
-    return np.where(np.nan_to_num(signal) > 0.0, LOST_SHARE * bound, np.inf)
+    bound = LOST_SHARE * _threshold_share(grid.sweep) * gauge.apparent(grid.sweep, np.nan_to_num(range_m, nan=1.0))
+    return np.where(np.nan_to_num(signal) > 0.0, bound, np.inf)
+
+
+def _threshold_share(sweep: Sweep) -> Numbers:
+    """Threshold that a pulse will meet in the twin over the recorded one, at most 1.
+
+    Thresholds go with the root of the background, and the twin's is that of the median return, in light that is the
+    same everywhere. So what was lost before a bright sky is lost in the twin, too.
+    """
+    if sweep.near_ir is None or not sweep.has_return.any():
+        return np.ones(sweep.shape)
+    median = float(np.nanmedian(sweep.near_ir[sweep.has_return]))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.asarray(np.nan_to_num(np.sqrt(np.minimum(median / sweep.near_ir, 1.0)), nan=1.0))
 
 
 def _two_returns(grid: Grid) -> Numbers:

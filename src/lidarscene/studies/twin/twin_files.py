@@ -11,7 +11,7 @@ import re
 import shutil
 import tomllib
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -32,7 +32,7 @@ from ...recordings.units.unit_file import read_unit, with_second_returns, write_
 from ...scene.tables import SceneFile
 from ...sensor.sensor_file import load_sensor
 from ..compare.recording_comparison import ground_plane
-from .apparent_reflectivity import SLOPE_DEG, ReflectivityGauge
+from .apparent_reflectivity import SLOPE_DEG, ReflectivityGauge, is_explained
 from .daylight import BRIGHTEST_KLUX, illuminance_klux
 from .frame_poses import angles_deg, place_frames
 from .planes import align_columns, has_grid, select_columns
@@ -126,6 +126,7 @@ def build_twin(
     for number in choice.frames:
         sweep = choice.visible_part(sweeps[number])
         gauge = ReflectivityGauge.from_sweep(sweep)
+        sweep = replace(sweep, recorded=sweep.recorded & is_explained(sweep, unit))
         plane = ground_plane(sweep.xyz_m[sweep.has_return])
         surfels = (
             surfels_of_grid(align_columns(sweep), gauge, plane)
