@@ -35,7 +35,11 @@ def folder(kind: str) -> Path:
 def files(kind: str) -> dict[str, Path]:
     """Name -> file of all entries of one kind, sorted."""
     suffixes = SUFFIXES.get(kind, (".toml",))
-    return {path.stem: path for path in sorted(folder(kind).glob("*"), key=lambda path: path.stem) if path.suffix in suffixes}
+    return {
+        path.stem: path
+        for path in sorted(folder(kind).glob("*"), key=lambda path: path.stem)
+        if path.suffix in suffixes
+    }
 
 
 @functools.cache
