@@ -260,10 +260,14 @@ class DrjitOps:
         kind = self._dr.float32_array_t(type(index))
         if not isinstance(table, LookupTable):
             return self._dr.gather(kind, table, self.uint32(index))
+        return self._dr.gather(kind, self.upload(table, kind), self.uint32(index))
+
+    def upload(self, table: LookupTable, kind: Any) -> Any:
+        """Values of a table on the device, as an array of this kind; uploaded once."""
         uploaded = self._uploaded.setdefault(table, {})
         if kind not in uploaded:
             uploaded[kind] = kind(table.values.ravel().astype(np.float32))
-        return self._dr.gather(kind, uploaded[kind], self.uint32(index))
+        return uploaded[kind]
 
     def take_four(self, values: Any, index: Any) -> tuple[Any, Any, Any, Any]:
         """Entries 4 i to 4 i + 3 of an array, for each index i: one load, not four."""
@@ -376,6 +380,13 @@ _drjit: Any = None
 def uploaded_tables() -> list[Lanes]:
     """Return the device arrays of all tables that have been uploaded."""
     return [] if _drjit is None else [array for by_dtype in _drjit._uploaded.values() for array in by_dtype.values()]
+
+
+def upload(table: LookupTable, kind: Any) -> None:
+    """Put a table on the device, as an array of this kind of Dr.Jit, before it is looked up."""
+    global _drjit
+    _drjit = _drjit or DrjitOps()
+    _drjit.upload(table, kind)
 
 
 def is_drjit(x: object) -> bool:

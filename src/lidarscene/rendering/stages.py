@@ -273,9 +273,10 @@ class Stages:
 
 def _in_sensor(hits: Hits, place: Placement) -> Hits:
     """Rotate normals and velocities of hits into the sensor's axes at the time when the pulse leaves."""
-    if hits.normal is None or hits.velocity_m_s is None:
+    if hits.normal is None:
         return hits
-    return replace(hits, normal=place.vector_within(hits.normal), velocity_m_s=place.vector_within(hits.velocity_m_s))
+    velocity_m_s = None if hits.velocity_m_s is None else place.vector_within(hits.velocity_m_s)
+    return replace(hits, normal=place.vector_within(hits.normal), velocity_m_s=velocity_m_s)
 
 
 class Chain:

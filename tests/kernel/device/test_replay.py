@@ -113,6 +113,25 @@ def test_frames_are_those_of_stages_that_python_writes_down_and_compile_nothing(
     assert not plain._chain.recordings
 
 
+@pytest.mark.parametrize(
+    ("name", "options"),
+    [("vlp-16", {"vectors": True}), ("table1-apd", {"vectors": True, "rays": 2, "interactions": 0})],
+)
+def test_no_option_loses_a_recording(name, options):
+    """Frames of other numbers of lanes, in a scene in which nothing moves; one recording of each variant of the stages.
+
+    Velocities that are zero everywhere had the length that they were recorded with, and each frame was written down.
+    """
+    scene, world = compiled_scene("glass")
+    overrides = () if name == "vlp-16" else COARSE
+    simulator = Simulator(scene, load_sensor(name, overrides=overrides), world=world, **options)
+    for number, chunk in enumerate((2**20, 3000, 2000)):
+        cloud = simulator.render(seed=number, chunk=chunk)
+        assert not cloud.velocity_x_m_s.any()
+        assert cloud.normal_x.any()
+    assert set(simulator._chain.recordings) == {1}
+
+
 def test_only_what_is_wanted_comes_out():
     import drjit as dr
     import mitsuba as mi

@@ -20,9 +20,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, cast
 
-from ...maths.arrays import is_drjit, uploaded_tables
+from ...maths.arrays import LookupTable, is_drjit, upload, uploaded_tables
 from . import transfer
-from .backend import is_cuda
+from .backend import is_cuda, mitsuba
 from .types import DeviceArray
 
 _RECORDINGS = 4
@@ -75,8 +75,9 @@ class Replay:
                 cause = _root_cause(error)
                 if not isinstance(cause, RuntimeError):
                     raise cause from None
-                # With one exception: a table is uploaded at its first lookup. If that happens during the recording,
-                # the table is an array that is no input, which Dr.Jit refuses. It is an input of the next attempt.
+                # With one exception: a table that is in none of the descriptions is uploaded at its first lookup. If
+                # that happens during the recording, the table is an array that is no input, which Dr.Jit refuses. It is
+                # an input of the next attempt.
                 self._records = len(uploaded_tables()) > tables
         description = self._function(*arguments)
         transfer.start(self._select_outputs(description))
@@ -174,9 +175,12 @@ LEFT_OUT = _LeftOut()
 
 
 def _collect_arrays(value: object, arrays: list[DeviceArray]) -> None:
-    """Append to ``arrays`` every array in descriptions and tuples, however deep."""
+    """Append to ``arrays`` every array in descriptions and tuples, however deep; upload their tables."""
     if is_drjit(value):
         arrays.append(cast(DeviceArray, value))
+    elif isinstance(value, LookupTable):
+        # Now, not at its first lookup: that would be in the middle of the first recording, which then fails.
+        upload(value, mitsuba().Float)
     elif isinstance(value, tuple | list):
         for inner in value:
             _collect_arrays(inner, arrays)

@@ -71,13 +71,14 @@ class Meeting:
         return dr.select(self.is_mover, mitsuba().Vector3f(*self.placement.vector(components(direction))), direction)
 
     def velocity(self, point: DeviceVector) -> Any:
-        """Velocity [m/s] of the body that was met, at points of the traced frame, in its axes."""
+        """Velocity [m/s] of the body that was met, at points of the traced frame, in its axes; None: nothing moves."""
         import drjit as dr
 
-        still = mitsuba().Vector3f(0.0)
         if self.placement is None:
-            return still
-        return dr.select(self.is_mover, mitsuba().Vector3f(*self.placement.velocity_at(components(point))), still)
+            return None
+        mi = mitsuba()
+        velocity_m_s = mi.Vector3f(*self.placement.velocity_at(components(point)))
+        return dr.select(self.is_mover, velocity_m_s, mi.Vector3f(0.0))
 
     def receding(self, point: DeviceVector, along: DeviceVector) -> Any:
         """Speed [m/s] of the body that was met, at points of the traced frame, along a vector; None: nothing moves."""

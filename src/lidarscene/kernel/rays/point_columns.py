@@ -232,10 +232,15 @@ def _vector_columns(ends: _Ends, turn: tuple[Lanes, ...]) -> dict[str, Any]:
 
     turn  rotation from the sensor's axes, row by row
     """
+    import drjit as dr
+
     vector_columns: dict[str, Any] = {}
     names = iter(OF_VECTORS)
     for name in ("normal", "velocity_m_s"):
-        x, y, z = (ends.get(name, axis) for axis in range(3))
+        if getattr(ends.paths[0], name) is None:  # nothing moves
+            x = y = z = dr.zeros(mitsuba().Float, dr.width(ends.index))
+        else:
+            x, y, z = (ends.get(name, axis) for axis in range(3))
         for row in range(0, 9, 3):
             vector_columns[next(names)] = turn[row] * x + turn[row + 1] * y + turn[row + 2] * z
     return vector_columns

@@ -241,6 +241,7 @@ def _hits(
     # Above the surface, or rounding would put half of the shadow rays inside of it ("shadow acne").
     start = meeting.point_outside(surface.p + side * START_OFFSET_M)
     surface_receding = meeting.receding(start, path.ray.d)
+    velocity_m_s = meeting.velocity(start) if firing.vectors else None
     receding = path.receding_m_s if surface_receding is None else path.receding_m_s + surface_receding
     lit, share = sunshine(mi.Ray3f(start, mi.Vector3f(*moment.sun)), sunny)
     backscatter, towards_sun, reflectivity = _scattering(mi, dr, world, surface, meeting.to_sun, valid, lit)
@@ -268,7 +269,7 @@ def _hits(
         mirrored=path.mirrored,
         direction=tuple(path.ray.d) if is_drjit(path.interactions) else None,
         normal=_components_where(valid, meeting.direction_outside(normal)) if firing.vectors else None,
-        velocity_m_s=_components_where(valid, meeting.velocity(start)) if firing.vectors else None,
+        velocity_m_s=None if velocity_m_s is None else _components_where(valid, velocity_m_s),
     )
 
 
