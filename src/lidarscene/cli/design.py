@@ -52,7 +52,7 @@ def design_text(arguments: argparse.Namespace) -> str:
     path = Path(arguments.study) if arguments.study.endswith(".toml") else catalog.path_of("designs", arguments.study)
     require_writable_report(arguments.output)
     with ExitStack() as opened:
-        evaluate, show = None, opened.enter_context(progress("designs"))
+        evaluate, show = None, opened.enter_context(progress("designs", logged=True))
         if arguments.workers is not None:
             from ..batch import cluster
             from ..studies.design.workers import on_workers

@@ -133,8 +133,8 @@ class Lines:
         self._next_s = FIRST_LINE_S
         self._first: tuple[float, int] | None = None
 
-    def __call__(self, finished: int, total: int) -> None:
-        """Print a line if one is due."""
+    def __call__(self, finished: int, total: int, words: str = "") -> None:
+        """Print a line if one is due; with words on what there is so far."""
         from ..outputs.size import duration_text
 
         seconds = self._clock() - self._since
@@ -150,36 +150,38 @@ class Lines:
             line += f", some {duration_text((seconds - first_s) * (total - finished) / (finished - first))} left"
         else:
             self._next_s = seconds + FIRST_LINE_S
-        sys.stderr.write(f"lidarscene: {line}\n")
+        sys.stderr.write(f"lidarscene: {line}{'; ' if words else ''}{words}\n")
         sys.stderr.flush()
 
 
 @contextmanager
-def progress(counted: str, *, after_s: float = 0.0, logged: bool = False) -> Iterator[Callable[[int, int], None]]:
+def progress(counted: str, *, after_s: float = 0.0, logged: bool = False) -> Iterator[Callable[..., None]]:
     """Give a function of (finished, total) steps that shows progress: a bar on a terminal, removed at the end.
+
+    It takes words on what there is so far as a third argument, if there are any.
 
     counted  name of the steps
     after_s  time before the bar appears: a shorter run has none
     logged   whether `Lines` are printed where the error stream is no terminal
     """
     if is_quiet() or not sys.stderr.isatty():
-        yield Lines(counted) if logged else lambda finished, total: None
+        yield Lines(counted) if logged else lambda finished, total, words="": None
         return
     since = time.monotonic()
-    bars: list[Callable[[int], None]] = []
+    bars: list[Callable[[int, str], None]] = []
     with ExitStack() as opened:
 
-        def report(finished: int, total: int) -> None:
+        def report(finished: int, total: int, words: str = "") -> None:
             if not bars and time.monotonic() - since >= after_s:
                 bars.append(opened.enter_context(_bar(counted, total)))
             for bar in bars:
-                bar(finished)
+                bar(finished, words)
 
         yield report
 
 
 @contextmanager
-def _bar(counted: str, total: int) -> Iterator[Callable[[int], None]]:
+def _bar(counted: str, total: int) -> Iterator[Callable[[int, str], None]]:
     """Show a bar until the block ends; loads `rich`, which no other run needs."""
     from rich.console import Console
     from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
@@ -187,7 +189,9 @@ def _bar(counted: str, total: int) -> Iterator[Callable[[int], None]]:
     columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
     with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
         task = bar.add_task(counted, total=total)
-        yield lambda finished: bar.update(task, completed=finished)
+        yield lambda finished, words: bar.update(
+            task, completed=finished, description=f"{counted}: {words}" if words else counted
+        )
 
 
 @contextmanager

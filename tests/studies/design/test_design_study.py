@@ -221,6 +221,18 @@ SNR = 'snr = {maximize = "snr"}'
         ({"objectives": ""}, "objectives: must be a table of at least 1|objectives"),
         ({"last": '[constraints]\nb = {quantity = "snr"}'}, "constraints.b: must have at_least or at_most"),
         ({"last": '[constraints]\nb = {quantity = "snr", at_least = 1e9}'}, "no design of 6 meets all constraints"),
+        ({"free": '"gain" = {low = 5, high = 9}'}, "free.gain: .*; did you mean detector.gain?"),
+        (
+            {"free": '"detector.gain" = {low = 5, high = 6, step = 2}'},
+            "step: must leave two values or more, got 2 from 5",
+        ),
+        ({"sensor": '["table1-apd", "table1-apd"]'}, "sensor: must be different sensors, got table1-apd, table1-apd"),
+        ({"objectives": '"a/b" = {maximize = "snr"}'}, "objectives: must have names of letters, .* got 'a/b'"),
+        ({"objectives": 'a = {maximize = "body_points"}', "more": 'scene = "streat"'}, "scene: no scene 'streat'"),
+        (
+            {"last": '[constraints]\nb = {quantity = "snr", at_least = 2, at_most = 1}'},
+            "constraints.b: at_least: must be <= at_most, got 2 and 1",
+        ),
         ({"more": "evaluation = 3"}, "unknown key 'evaluation'; did you mean evaluations"),
     ],
     ids=lambda value: None if isinstance(value, dict) else value[:40],
@@ -232,6 +244,24 @@ def test_each_mistake_is_one_line(tmp_path: Path, changes: dict[str, str], messa
     assert "\n" not in str(error.value)
     assert "study.toml" in str(error.value)
     assert not (tmp_path / "out" / "index.html").exists()
+
+
+def test_a_dotted_key_needs_no_quotes(tmp_path: Path) -> None:
+    """A search in which nothing changes says so, and its progress has the front so far."""
+    text = STUDY.format(
+        sensor='"table1-apd"',
+        more="",
+        free="detector.gain = {low = 5, high = 9}",
+        objectives='area = {minimize = "aperture_area_mm2"}',
+        last="",
+    )
+    said: list[str] = []
+    numbers = numbers_of(
+        write(tmp_path, text), tmp_path / "out", progress=lambda count, total, words: said.append(words)
+    )
+    assert list(numbers["chosen"]["values"]) == ["detector.gain"]
+    assert numbers["verdict"].endswith("No design changes area: are pose, class and keys as meant?")
+    assert said[0] == "1 on the front, best area 1963"
 
 
 def test_a_sensor_is_a_choice_and_keys_belong_to_one(tmp_path: Path) -> None:

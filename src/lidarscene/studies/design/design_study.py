@@ -53,12 +53,13 @@ def run_study(
     folder: Path,
     *,
     evaluate: EvaluateAll | None = None,
-    progress: Callable[[int, int], object] = lambda count, total: None,
+    progress: Callable[[int, int, str], object] = lambda count, total, words: None,
 ) -> Report:
     """Search the designs of a study; returns the front, with charts and sensor files. Raises InputError, OutputError.
 
     folder    for all evaluations, from which a run that was broken off goes on
     evaluate  computes the quantities of several designs; by default one after the other in this process
+    progress  called with the number of designs so far, the greatest number, and words on the front so far
     """
     study, evaluator = load_study(path)
     require_writable(folder / EVALUATIONS)
@@ -187,7 +188,9 @@ def _verdict(study: StudyFile, designs: Sequence[Design], best: Sequence[Design]
     )
     values = ", ".join(f"{key} = {_short(value)}" for key, value in chosen.values.items())
     among = "the best" if len(best) == 1 else f"the middle of a front of {len(best)}"
-    return f"{reached} with {values}: {among} among {len(designs)} designs tried{_rests_on(study)}."
+    text = f"{reached} with {values}: {among} among {len(designs)} designs tried{_rests_on(study)}."
+    idle = [name for name in study.objectives if len({design.quantities.get(name) for design in designs}) == 1]
+    return f"{text} No design changes {', '.join(idle)}: are pose, class and keys as meant?" if idle else text
 
 
 def _rests_on(study: StudyFile) -> str:

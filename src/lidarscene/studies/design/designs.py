@@ -219,7 +219,8 @@ def _free_key(key: str, entry: FreeFile, bases: Mapping[str, Sequence[Base]], wh
                 if plain in numbers:
                     whole = numbers[plain].whole
                 elif entry.choices is None and not has_number(base.tables, plain):
-                    hint = did_you_mean(plain, list(numbers))
+                    ends = [name for name in numbers if name.endswith(f".{plain}")]
+                    hint = f"did you mean {ends[0]}?" if ends else did_you_mean(plain, list(numbers))
                     raise InputError(f"{where}: {base.name} has no number of that name; {hint}".rstrip("; "))
     if entry.choices is not None:
         return Free(key=key, values=entry.choices)

@@ -56,7 +56,10 @@ class Evaluator:
         self.study, self.space = study, space
         self.entries = {**study.objectives, **study.constraints}
         self._reports: dict[Any, EyeSafetyReport] = {}
-        self._bench = _bench(study, folder) if study.is_traced else None
+        try:
+            self._bench = _bench(study, folder) if study.is_traced else None
+        except InputError as error:
+            raise InputError(f"{where}: scene: {error}") from None
         self._check_keys(where)
 
     def _check_keys(self, where: str) -> None:
@@ -71,9 +74,8 @@ class Evaluator:
             for base in self.space.bases[entry.sensor or next(iter(self.space.bases))]:
                 if base.tables is not None and not has_number(base.tables, quantity):
                     hint = did_you_mean(quantity, [*QUANTITIES, *numeric_keys(base.tables)])
-                    raise InputError(
-                        f"{where}: {name}: must be of a quantity or a number of {base.name}, got '{quantity}'; {hint}"
-                    )
+                    message = f"{where}: {name}: must be of a quantity or a number of {base.name}, got '{quantity}'"
+                    raise InputError(f"{message}; {hint}".rstrip("; "))
 
     def __call__(self, values: Values) -> dict[str, float]:
         """Objectives and constraints of a design by name. Raises InputError for a sensor that cannot be."""

@@ -16,6 +16,7 @@ from __future__ import annotations
 import functools
 import json
 import math
+import time
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -49,7 +50,7 @@ class Log:
     """Evaluations of a search: asks for each design once, and writes it to a file as soon as it is known.
 
     slopes    of the quantities of a design, for steps; not counted as evaluations. None: differences of ``evaluate``
-    progress  called with the number of evaluations so far, the greatest number, and words on the best so far
+    progress  called with the number of evaluations so far, the greatest number, and words on the front so far
     """
 
     study: StudyFile
@@ -57,9 +58,11 @@ class Log:
     evaluate: EvaluateAll
     slopes: SlopesOf | None = None
     file: IO[str] | None = None
-    progress: Callable[[int, int], object] = lambda count, total: None
+    progress: Callable[[int, int, str], object] = lambda count, total, words: None
     designs: dict[str, Design] = field(default_factory=dict)
     recorded: dict[str, Design] = field(default_factory=dict)
+    _text: str = field(default="", init=False)
+    _next_text_s: float = field(default=0.0, init=False)
 
     @property
     def remaining(self) -> int:
@@ -80,9 +83,26 @@ class Log:
             self.recorded[key] = _design(fresh[key], answer)
             if self.file is not None:
                 print(record_line(self.recorded[key]), file=self.file, flush=True)
-            self.progress(min(len(self.recorded), self.study.evaluations), self.study.evaluations)
+            self.progress(min(len(self.recorded), self.study.evaluations), self.study.evaluations, self._front_text())
         self.designs |= {key: self.recorded[key] for key in fresh}
         return [self.designs.get(key) for key in keys]
+
+    def _front_text(self) -> str:
+        """Number of designs on the front so far and the best of each objective; worked out once a second at most."""
+        now_s = time.monotonic()
+        if now_s >= self._next_text_s:
+            self._next_text_s = now_s + 1.0
+            best = front(self.study, list(self.recorded.values()))
+            if not best:
+                self._text = "no design is feasible so far"
+                return self._text
+            values = np.array([losses(self.study, design) for design in best])
+            bests = [
+                f"{name} {best[place].quantities[name]:.4g}"
+                for name, place in zip(self.study.objectives, np.argmin(values, axis=0), strict=True)
+            ]
+            self._text = f"{len(best)} on the front, best {', '.join(bests)}"
+        return self._text
 
     def slopes_of(self, design: Design) -> dict[str, Numbers] | None:
         """Slopes of the quantities of a design by name; None if no step leaves a sensor that can be."""

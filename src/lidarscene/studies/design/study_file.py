@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Any, Literal
+import re
+from collections.abc import Iterator
+from typing import Annotated, Any, Literal, TypeVar
 
-from pydantic import Field, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from ...errors import InputError
 from ...files.toml import FileModel
 from ...rendering.render_options import SEEDS
 from ..ranging.conditions import CLEAR_AIR, Conditions
 
+T = TypeVar("T")
 Name = Annotated[str, Field(min_length=1)]
 MOST_EVALUATIONS = 1_000_000
 
@@ -71,6 +74,10 @@ class FreeFile(FileModel):
             raise ValueError(f"low: must be more than 0 with log, got {self.low:g}")
         if self.log and self.step is not None:
             raise ValueError("step: goes without log")
+        if self.step is not None and self.low + self.step > self.high:
+            raise ValueError(
+                f"step: must leave two values or more, got {self.step:g} from {self.low:g} to {self.high:g}"
+            )
         return self
 
 
@@ -168,6 +175,8 @@ class ConstraintFile(QuantityFile):
     def _bounded(self) -> ConstraintFile:
         if self.at_least is None and self.at_most is None:
             raise ValueError("must have at_least or at_most")
+        if self.at_least is not None and self.at_most is not None and self.at_least > self.at_most:
+            raise ValueError(f"at_least: must be <= at_most, got {self.at_least:g} and {self.at_most:g}")
         _require_used(self.quantity, self, {"quantity", "at_least", "at_most"})
         return self
 
@@ -177,6 +186,22 @@ class ConstraintFile(QuantityFile):
         return self.quantity
 
 
+def _require_different(names: T) -> T:
+    """Raise ValueError for a sensor that is named twice."""
+    if isinstance(names, tuple) and len(set(names)) < len(names):
+        raise ValueError(f"must be different sensors, got {', '.join(names)}")
+    return names
+
+
+def _joined_tables(tables: dict[str, Any], before: str) -> Iterator[tuple[str, Any]]:
+    """Keys and entries of [free]; a table of tables is the beginning of keys."""
+    for key, entry in tables.items():
+        if isinstance(entry, dict) and entry and all(isinstance(inner, dict) for inner in entry.values()):
+            yield from _joined_tables(entry, f"{before}{key}.")
+        else:
+            yield f"{before}{key}", entry
+
+
 class PlacedFile(FileModel):
     """[sensors.LABEL]: one of several sensors on a vehicle."""
 
@@ -184,6 +209,11 @@ class PlacedFile(FileModel):
         description='catalogue name or sensor file; of a list one is chosen, and "none" leaves the sensor out'
     )
     set: dict[str, Any] = Field(default={}, description="values of its keys that are not free")
+
+    @field_validator("base")
+    @classmethod
+    def _different(cls, base: str | tuple[str, ...]) -> str | tuple[str, ...]:
+        return _require_different(base)
 
     @property
     def bases(self) -> tuple[str, ...]:
@@ -211,6 +241,25 @@ class StudyFile(FileModel):
         default=2000, description="designs to try at most"
     )
     seed: Annotated[int, Field(ge=SEEDS.low, le=SEEDS.high)] = 0
+
+    @field_validator("free", mode="before")
+    @classmethod
+    def _joined_keys(cls, free: Any) -> Any:
+        """Join the parts of a dotted key without quotes, which TOML takes apart: detector.gain = { low = 5 }."""
+        return dict(_joined_tables(free, "")) if isinstance(free, dict) else free
+
+    @field_validator("sensor")
+    @classmethod
+    def _different(cls, sensor: str | tuple[str, ...] | None) -> str | tuple[str, ...] | None:
+        return sensor if sensor is None else _require_different(sensor)
+
+    @field_validator("objectives", "constraints")
+    @classmethod
+    def _named(cls, entries: dict[str, Any]) -> dict[str, Any]:
+        for name in entries:
+            if not re.fullmatch(r"\w[\w .-]*", name):
+                raise ValueError(f"must have names of letters, digits, spaces, dots and dashes, got '{name}'")
+        return entries
 
     @model_validator(mode="after")
     def _complete(self) -> StudyFile:
