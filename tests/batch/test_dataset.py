@@ -14,9 +14,10 @@ from helpers.walls import LEFT_AND_RIGHT, MOVING
 from lidarscene.batch import dataset, dispatch, work
 from lidarscene.batch.dataset import PARTS, share_out
 from lidarscene.batch.dispatch import Connect, Progress, run_job
+from lidarscene.batch.drives import DriveTask
 from lidarscene.batch.store import Store
 from lidarscene.batch.tasks import Job
-from lidarscene.errors import InputError
+from lidarscene.errors import InputError, LidarSceneError, OutputError
 from lidarscene.labels import nuscenes_dataset
 from lidarscene.maths.pose import Pose
 from lidarscene.scene.meshes.primitives import plane_mesh
@@ -150,7 +151,7 @@ def test_a_street_is_in_one_part(tmp_path: Path) -> None:
 # --- files ------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", dataset.CLOUD_FOLDERS)
+@pytest.mark.parametrize("name", ["kitti", "semantickitti", "nuscenes"])
 @pytest.mark.parametrize("options", ["", "truth = false\n", 'rigs = ["rig.toml"]\n', 'coordinates = "sensor"\n'])
 def test_as_many_labels_as_clouds(threads: Connect, tmp_path: Path, name: str, options: str) -> None:
     job = read_job(tmp_path, f'dataset = "{name}"\nframes = 2\nseed_count = 3\n{options}{SPLITS}')
@@ -219,9 +220,9 @@ def test_what_is_missing_is_rendered_again_and_no_more(threads: Connect, tmp_pat
 def test_frames_of_another_job_are_refused(threads: Connect, tmp_path: Path) -> None:
     """Rationale: a loader takes every file of the folder for a frame of the data set."""
     run(read_job(tmp_path, 'dataset = "kitti"\nframes = 3\n'), tmp_path / "out", threads)
-    with pytest.raises(InputError, match=r"000002\.bin: is no frame of this job, but of an earlier one"):
+    with pytest.raises(InputError, match=r"000002\.bin: is of an earlier job, not of this one"):
         run(read_job(tmp_path, 'dataset = "kitti"\nframes = 2\n'), tmp_path / "out", threads)
-    with pytest.raises(InputError, match="is no frame of this job"):
+    with pytest.raises(InputError, match="is of an earlier job"):
         run(read_job(tmp_path, 'dataset = "semantickitti"\nframes = 3\n'), tmp_path / "out", threads)
     assert run(read_job(tmp_path, 'dataset = "kitti"\nframes = 4\n'), tmp_path / "out", threads).finished == 4
 
@@ -248,6 +249,125 @@ def test_the_manifest_names_parts_and_files(threads: Connect, tmp_path: Path) ->
     assert [row["file"] for row in rows] == [f"samples/LIDAR_TOP/{n:06d}.pcd.bin" for n in range(6)]
     assert {row["sequence"] for row in rows} == {"scene-0001", "scene-0002", "scene-0003"}
     assert {(row["format"], row["stray"], row["revived"], row["error"]) for row in rows} == {("nuscenes", 0, 0, None)}
+
+
+# --- whole drives -----------------------------------------------------------------------------------
+
+
+COARSE = [
+    f"scanner.{axis}_{key}_deg={value}"
+    for axis, fov in (("azimuth", 40), ("elevation", 20))
+    for key, value in (("fov", fov), ("step", 2.0))
+]
+
+
+def log_of(path: Path) -> dict[str, list[str]]:
+    """Entity of a log of Rerun -> its rows but for the time of writing, as text."""
+    from rerun import chunk
+
+    rows = defaultdict(list)
+    for part in chunk.RrdReader(path).stream():
+        batch = part.to_record_batch()
+        # How many rows are together depends on the time that passed while they were written.
+        names = sorted({*batch.schema.names} - {"log_time", "log_tick"})
+        names = [name for name in names if "row_id" not in name.lower() and "RowId" not in name]
+        for row in range(batch.num_rows):
+            values = {name: batch[name][row].as_py() for name in names}
+            rows[str(part.entity_path)].append(repr({name: v for name, v in values.items() if v is not None}))
+    return {entity: sorted(texts) for entity, texts in rows.items() if not entity.startswith("/__")}
+
+
+@pytest.mark.parametrize(
+    ("name", "package", "rig", "truth"),
+    [
+        ("mcap", "rosbags", "", True),
+        ("mcap-ouster", "rosbags", 'rigs = ["rig.toml"]\n', False),
+        ("rrd", "rerun", "", False),
+        ("rrd", "rerun", 'rigs = ["rig.toml"]\n', True),
+    ],
+)
+def test_a_whole_drive_is_that_of_render(
+    threads: Connect, library: Any, tmp_path: Path, name: str, package: str, rig: str, truth: bool
+) -> None:
+    """Reference: the same frames by `record`, whose bags and logs other readers open in its own tests."""
+    from lidarscene.outputs.output_options import Outputs
+    from lidarscene.outputs.record import record
+    from lidarscene.sensor.rig_file import load_rig
+
+    library(package)
+    text = f'dataset = "{name}"\nframes = 3\nseed_count = 2\n{rig}truth = {str(truth).lower()}\n'
+    job = read_job(tmp_path, text + "[splits]\ntrain = 0.5\nval = 0.5\n")
+    assert run(job, tmp_path / "out", threads).rendered == len(job)
+    suffix = f".{name[:4].rstrip('-')}"
+    files = {
+        path.relative_to(tmp_path / "out").as_posix() for path in (tmp_path / "out").rglob("*") if path.suffix == suffix
+    }
+    assert {file[-len(f"drive_0000{suffix}") :] for file in files} == {f"drive_000{n}{suffix}" for n in range(2)}
+    assert len({file.split("/")[0] for file in files} & {"train", "val"}) == len(files) == 2
+    for file in files:
+        seed = int(file.split("_")[-1].split(".")[0])
+        path = tmp_path / f"drive_{seed:04d}{suffix}"
+        outputs = Outputs(path, format=name, truth=truth)
+        sensor = load_rig(tmp_path / "rig.toml", overrides=COARSE) if rig else "table1-apd"
+        changes = () if rig else COARSE
+        record(tmp_path / "street.toml", sensor, outputs=outputs, frames=3, seed=seed, overrides=changes)
+        if suffix == ".mcap":
+            assert (tmp_path / "out" / file).read_bytes() == path.read_bytes()
+        else:
+            expected = log_of(path)
+            assert log_of(tmp_path / "out" / file) == expected
+            assert len(expected["/world/boxes"]) == 3
+
+
+def test_a_drive_that_was_broken_off_goes_on(
+    threads: Connect, library: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A drive with a hole has no file and keeps its frames; once it is written they are gone. A file that was lost
+    is made anew, and one that is there is not touched.
+    """
+    library("rosbags")
+    parquet = pytest.importorskip("pyarrow.parquet")
+    job, folder = read_job(tmp_path, 'dataset = "mcap"\nframes = 3\nseed_count = 2\n'), tmp_path / "out"
+    frames_there = lambda: len(list(folder.glob("frames/*/*.ply")))  # noqa: E731
+    render = work._try_render
+
+    def fail_once(task: Any, *more: Any) -> str:
+        hole = isinstance(task, work.FrameTask) and (task.frame.seed, task.frame.number) == (1, 1)
+        return "no room" if hole else render(task, *more)
+
+    monkeypatch.setattr(work, "_try_render", fail_once)
+    assert len(run_job(job, folder, connect=threads, threads=1).failed) == 1
+    first, second = folder / "train/drive_0000.mcap", folder / "train/drive_0001.mcap"
+    assert (first.is_file(), second.exists(), frames_there()) == (True, False, 2)
+    written = first.stat()
+    monkeypatch.setattr(work, "_try_render", render)
+    progress = run(job, folder, threads)
+    assert (progress.rendered, progress.reused, frames_there()) == (1, 5, 0)
+    assert (first.stat().st_mtime_ns, second.is_file()) == (written.st_mtime_ns, True)
+    rows = parquet.read_table(Store(folder).manifest).to_pylist()
+    assert [row["file"] for row in rows] == [f"train/drive_000{drive}.mcap" for drive in (0, 0, 0, 1, 1, 1)]
+    assert {(row["error"], row["sequence"][:6], row["points"] > 0) for row in rows} == {(None, "drive_", True)}
+    content = second.read_bytes()
+    second.unlink()
+    assert run(job, folder, threads).rendered == 3
+    assert second.read_bytes() == content
+    with pytest.raises(InputError, match=r"drive_0001\.mcap: is of an earlier job"):
+        run(read_job(tmp_path, 'dataset = "mcap"\nframes = 3\n'), folder, threads)
+
+
+def test_a_drive_that_cannot_be_written_says_why(
+    threads: Connect, library: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Its frames are kept, and the same command writes it."""
+    library("rosbags")
+    job, folder = read_job(tmp_path, 'dataset = "mcap"\nframes = 2\n'), tmp_path / "out"
+    write = DriveTask.write
+    monkeypatch.setattr(DriveTask, "write", lambda *_: (_ for _ in ()).throw(OutputError("no room")))
+    with pytest.raises(LidarSceneError, match=r"drive_0000\.mcap: no room; its frames are kept"):
+        run_job(job, folder, connect=threads, threads=1)
+    monkeypatch.setattr(DriveTask, "write", write)
+    assert run(job, folder, threads).reused == 2
+    assert (folder / "train/drive_0000.mcap").is_file()
 
 
 # --- tables of nuScenes -----------------------------------------------------------------------------

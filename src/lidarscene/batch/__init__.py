@@ -7,6 +7,7 @@ never rendered again, and neither a data base nor the scheduler holds any state.
 job_file  the job file: what to render
 tasks     the frames of a job, each named by its hash
 dataset   data sets: parts, places, tables
+drives    whole drives: their frames in one file
 store     the folder of a job: clouds and a row for each
 work      one frame in a worker process
 cluster   processes on this machine, or a Dask scheduler

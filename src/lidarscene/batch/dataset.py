@@ -19,6 +19,7 @@ import numpy as np
 from ..cloud.point_cloud import PointCloud
 from ..errors import InputError
 from ..files.atomic import atomic_output
+from ..formats.registry import FORMATS
 from ..labels import kitti_dataset, nuscenes_dataset
 from ..labels.boxes import sensor_place
 from ..labels.nuscenes_dataset import Sample
@@ -29,12 +30,16 @@ from .job_file import JobFile, SplitFile
 
 PARTS = ("train", "val", "test")
 
+WHOLE_DRIVES = ("mcap", "mcap-ouster", "rrd")
+"""Data sets of a file for each drive, by its format."""
+
 CLOUD_FOLDERS = {
     "kitti": ("training/velodyne/*.bin", "testing/velodyne/*.bin"),
     "semantickitti": ("dataset/sequences/*/velodyne/*.bin",),
     "nuscenes": ("samples/*/*.pcd.bin",),
+    **{name: tuple(f"{part}/drive_*{FORMATS[name].suffix}" for part in PARTS) for name in WHOLE_DRIVES},
 }
-"""Where the clouds of a data set lie."""
+"""Where the clouds of a data set lie, or its drives."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -64,15 +69,24 @@ class Place:
         return Sample(scene=self.sequence, split=self.split, step=self.step, channel=self.channel, number=self.number)
 
     @property
+    def is_whole_drive(self) -> bool:
+        """Whether all frames of the drive are in one file."""
+        return self.dataset in WHOLE_DRIVES
+
+    @property
     def name(self) -> str:
         """Name of the sequence as its data set writes it; "" in KITTI, which has none."""
         if self.dataset == "kitti":
             return ""
+        if self.is_whole_drive:
+            return f"drive_{self.sequence:04d}"
         return f"{self.sequence:02d}" if self.dataset == "semantickitti" else nuscenes_dataset.scene_name(self.sequence)
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """Files of the frame in the data set; the cloud is the first."""
+        """Files of the frame in the data set, the cloud the first; or the drive's."""
+        if self.is_whole_drive:
+            return (Path(self.split) / f"{self.name}{FORMATS[self.dataset].suffix}",)
         if self.dataset == "nuscenes":
             sample = self.sample
             return Path(sample.cloud), Path(sample.classes), *([Path(sample.map)] if self._has_map else [])
@@ -162,8 +176,12 @@ class Places:
             runs = [(self._part_of_unit[self._unit(drive)], file.frames)]
         is_nuscenes = file.dataset == "nuscenes"
         for part, length in runs:
-            # nuScenes' sensors of one rig are in one drive; elsewhere each sensor has a sequence of its own.
-            key = f"{drive.run} {part}" if is_nuscenes else f"{drive.run} {part} {drive.label}"
+            # In KITTI's data sets each sensor of a rig has a sequence of its own; elsewhere they share a drive.
+            key = (
+                f"{drive.run} {part}"
+                if is_nuscenes or file.dataset in WHOLE_DRIVES
+                else f"{drive.run} {part} {drive.label}"
+            )
             sequence = self._sequences.setdefault(key, len(self._sequences))
             channel = ""
             if is_nuscenes:
@@ -219,7 +237,7 @@ def require_no_other_clouds(folder: Path, places: Iterable[Place | None]) -> Non
         if path.relative_to(folder).as_posix() not in expected
     )
     if (other := next(others, None)) is not None:
-        raise InputError(f"{other}: is no frame of this job, but of an earlier one; choose another folder")
+        raise InputError(f"{other}: is of an earlier job, not of this one; choose another folder")
 
 
 def write_tables(folder: Path, rows: Callable[[], Iterator[tuple[Place, Mapping[str, Any]]]]) -> None:
@@ -231,6 +249,8 @@ def write_tables(folder: Path, rows: Callable[[], Iterator[tuple[Place, Mapping[
     if first is None:
         return
     dataset = first[0].dataset
+    if first[0].is_whole_drive:
+        return
     if dataset == "nuscenes":
         nuscenes_dataset.write_tables(folder, ((place.sample, row["truth"]) for place, row in rows()))
     elif dataset == "kitti":

@@ -11,7 +11,7 @@ import signal
 import threading
 import time
 import uuid
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -19,6 +19,7 @@ from typing import Any
 
 from ..errors import LidarSceneError
 from .dataset import Place, require_no_other_clouds, write_tables
+from .drives import DriveTask, drives_of
 from .manifest import write_manifest
 from .store import Store
 from .tasks import FrameTask, Job
@@ -78,6 +79,7 @@ class Progress:
 
 
 FrameCallback = Callable[[Progress, FrameTask | None, str], None]
+Bundle = Sequence[FrameTask | DriveTask]
 Connect = Callable[[], AbstractContextManager[Any]]
 
 
@@ -101,21 +103,26 @@ def run_job(
              given to another, and it is ended where that is possible
     Other runs may work in the same folder: each frame is rendered by one of them.
     Raises InputError for a folder with clouds of another data set, OutputError where the manifest cannot be written,
-    LidarSceneError where the scheduler or the workers end before the job does; the result lists frames that failed.
+    LidarSceneError where a drive's file cannot be written, or where the scheduler or the workers end before the job
+    does; the result lists frames that failed.
     """
     store = Store(folder.absolute())
     require_no_other_clouds(store.folder, (task.place for task in job.tasks()))
-    stored = bytearray(store.row(task.key) is not None for task in job.tasks())
+    drives = drives_of(job.tasks())
+    unwritten, written = _sort_drives(drives, store)
+    stored = bytearray(task.key in written or store.row(task.key) is not None for task in job.tasks())
+    causes: dict[Path, str] = {}
     progress = Progress(len(stored), reused=sum(stored))
     ended: dict[str, bool] = {}
     starts = 0
-    while progress.finished < progress.frames:
+    while progress.finished < progress.frames or unwritten:
         missing = itertools.compress(job.tasks(), (not is_stored for is_stored in stored))
         progress.reused = sum(stored) + sum(ended.values())
         before = len(ended)
         try:
             with connect() as client, _Dispatcher(client, store, threads, waiting) as dispatcher:
                 _render(missing, dispatcher, progress, report or (lambda *_: None), ended)
+                _write_drives(unwritten, dispatcher, progress, causes)
         except (_SchedulerGone, _WorkersGone) as error:
             # A cluster of this machine is started again; a remote one is not ours to start.
             starts = 1 if len(ended) > before else starts + 1
@@ -126,10 +133,27 @@ def run_job(
                 f"the {subject} gone; {progress.finished:,} of {progress.frames:,} frames were done, and the same "
                 "command goes on from there"
             ) from error
-    write_manifest(job, store, progress.failed)
+    write_manifest(job, store, progress.failed, drives)
+    for file, cause in causes.items():
+        raise LidarSceneError(
+            f"{store.folder / file}: {cause}; its frames are kept, the same command goes on from there"
+        )
     if job.file.dataset is not None and not progress.failed:
         write_tables(store.folder, functools.partial(_rows, job, store))
     return progress
+
+
+def _sort_drives(drives: Sequence[DriveTask], store: Store) -> tuple[list[DriveTask], set[str]]:
+    """Return the whole drives without a file, and the keys of the frames of all others."""
+    unwritten: list[DriveTask] = []
+    written: set[str] = set()
+    for drive in drives:
+        if store.row(drive.key) is None:
+            unwritten.append(drive)
+        else:
+            drive.remove_frames(store)  # of a run that was broken off after it wrote the file
+            written.update(frame.key for frame in drive.frames)
+    return unwritten, written
 
 
 def _rows(job: Job, store: Store) -> Iterator[tuple[Place, Mapping[str, Any]]]:
@@ -155,6 +179,7 @@ def _render(
 
     def take() -> None:
         for task, cause in dispatcher.next():
+            assert isinstance(task, FrameTask)
             if cause == ELSEWHERE:
                 elsewhere.append(task)
                 continue
@@ -192,6 +217,30 @@ def _render(
             time.sleep(AGAIN_EVERY_S)
 
 
+def _write_drives(
+    unwritten: list[DriveTask], dispatcher: _Dispatcher, progress: Progress, causes: dict[Path, str]
+) -> None:
+    """Write the drives that have all their frames, a bounded number at once, and wait for all of them.
+
+    unwritten  emptied
+    causes     filled: file of a drive -> why it could not be written
+    """
+    waiting = [drive for drive in unwritten if not any(frame.key in progress.failed for frame in drive.frames)]
+    unwritten[:] = waiting
+    while unwritten:
+        while waiting and not dispatcher.is_enough():
+            dispatcher.submit([waiting.pop(0)])
+        for drive, cause in dispatcher.next():
+            assert isinstance(drive, DriveTask)
+            if cause == ELSEWHERE:
+                waiting.append(drive)
+                time.sleep(AGAIN_EVERY_S)
+                continue
+            unwritten.remove(drive)
+            if cause not in ("", REUSED):
+                causes[drive.file] = cause
+
+
 class _SchedulerGone(Exception):
     """Raised when the scheduler answers no more."""
 
@@ -209,7 +258,7 @@ class _Dispatcher:
     def __init__(self, client: Any, store: Store, threads: int | None, waiting: Callable[[str], object]) -> None:
         from distributed import as_completed
 
-        self.bundles: dict[str, list[FrameTask]] = {}
+        self.bundles: dict[str, Bundle] = {}
         self._client = client
         self._arguments = (str(store.folder), threads)
         self._names = (f"render-{uuid.uuid4().hex}-{number}" for number in itertools.count())
@@ -257,7 +306,7 @@ class _Dispatcher:
         now_s = time.monotonic()
         for name, since_s in list(self._since_s.items()):
             bundle = self.bundles.get(name)
-            if bundle is None or now_s - since_s <= self._limit_s(len(bundle)):
+            if bundle is None or now_s - since_s <= self._limit_s(_frame_count(bundle)):
                 continue
             self._since_s[name] = now_s
             # A result that was not fetched before its worker hung is with that worker, too.
@@ -277,7 +326,7 @@ class _Dispatcher:
     def _limit_s(self, frames: int) -> float:
         """Time after which a bundle of so many frames is late [s]."""
         if self._longest_s is None:
-            return UNKNOWN_S
+            return max(UNKNOWN_S, LATENESS * frames)
         return max(LEAST_LIMIT_S, LATENESS * self._longest_s * frames * (BUNDLES_FOR_EACH + 1))
 
     def share(self, remaining: int) -> int:
@@ -285,7 +334,7 @@ class _Dispatcher:
         by_time = int(BUNDLE_S / max(self._frame_s, 1e-3))
         return max(1, min(by_time, MOST_IN_BUNDLE, remaining // (2 * self._count())))
 
-    def submit(self, bundle: list[FrameTask], *, hanging: str | None = None) -> None:
+    def submit(self, bundle: Bundle, *, hanging: str | None = None) -> None:
         """Hand out some frames, to be rendered one after the other.
 
         hanging  address of a worker that has them and hangs: others render them, whatever it has claimed
@@ -304,7 +353,7 @@ class _Dispatcher:
         """Whether the cluster has all the bundles that it should have at once."""
         return len(self.bundles) >= BUNDLES_FOR_EACH * self._count()
 
-    def next(self) -> list[tuple[FrameTask, str]]:
+    def next(self) -> list[tuple[FrameTask | DriveTask, str]]:
         """Wait for a bundle: its frames, each with the cause of its failure or ""."""
         future, result = next(self._waiting)
         bundle = self.bundles.pop(future.key)
@@ -318,7 +367,7 @@ class _Dispatcher:
             raise _WorkersGone if self._no_workers else _SchedulerGone
         if future.status == "finished":
             causes, seconds = result
-            self._frame_s = seconds / len(bundle)
+            self._frame_s = seconds / _frame_count(bundle)
             self._longest_s = max(self._frame_s, self._longest_s or 0.0)
             return list(zip(bundle, causes, strict=True))
         if len(bundle) == 1:
@@ -339,6 +388,10 @@ class _Dispatcher:
         return self._threads
 
 
+def _frame_count(bundle: Bundle) -> int:
+    return sum(task.frame_count for task in bundle)
+
+
 class _Call:
     """Call of `render_frames` that unpickling executes.
 
@@ -346,7 +399,7 @@ class _Call:
     itself had to unpickle the function, the worker would end.
     """
 
-    def __init__(self, bundle: list[FrameTask], folder: str, threads: int | None, claiming: bool) -> None:
+    def __init__(self, bundle: Bundle, folder: str, threads: int | None, claiming: bool) -> None:
         self._arguments = (bundle, folder, threads, claiming)
 
     def __reduce__(self) -> tuple[Any, ...]:

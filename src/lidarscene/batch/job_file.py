@@ -138,8 +138,9 @@ class JobFile(FileModel):
         default=None, description="seeds 0 to this number less one, in place of seeds"
     )
     sweep: SweepFile = SweepFile()
-    dataset: Literal["kitti", "semantickitti", "nuscenes"] | None = Field(
-        default=None, description="the folder becomes such a data set, clouds and labels"
+    dataset: Literal["kitti", "semantickitti", "nuscenes", "mcap", "mcap-ouster", "rrd"] | None = Field(
+        default=None,
+        description="the folder becomes such a data set, clouds and labels; the last three are a file for each drive",
     )
     splits: SplitFile | None = None
     format: str = Field(default="ply", description="of the clouds' files", json_schema_extra={"enum": list(FORMATS)})

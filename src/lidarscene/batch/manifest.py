@@ -10,6 +10,7 @@ from typing import Any
 from ..files.atomic import atomic_output
 from ..files.overrides import toml_text
 from ..outputs import run_report
+from .drives import DriveTask
 from .store import Store
 from .tasks import FrameTask, Job, cloud_settings
 
@@ -17,17 +18,27 @@ ROWS_AT_A_TIME = 20_000
 COUNTS = ("beams", "hits", "points", "echoes", "false_alarms", "weather", "stray", "revived")
 
 
-def write_manifest(job: Job, store: Store, failed: Mapping[str, str]) -> None:
+def write_manifest(job: Job, store: Store, failed: Mapping[str, str], drives: Iterable[DriveTask] = ()) -> None:
     """Write the rows of all frames of a job, in its order. Raises OutputError.
 
     failed  key of a frame -> cause of its failure. A frame neither done nor failed gets the error "not rendered"
+    drives  whole drives of the job
     """
     import pyarrow
     from pyarrow import parquet
 
     types = _sweep_types(job)
     schema = pyarrow.schema([(name, getattr(pyarrow, kind)()) for name, kind in _columns(types).items()])
-    rows = (_row(task, store, failed, types) for task in job.tasks())
+    drive_of = {frame.key: drive for drive in drives for frame in drive.frames}
+    rows = (
+        _row(
+            task,
+            drive_of[task.key].row_of_frame(store, task) if drive_of else store.row(task.key, read=False),
+            failed,
+            types,
+        )
+        for task in job.tasks()
+    )
     with atomic_output(store.manifest) as temporary, parquet.ParquetWriter(temporary, schema) as writer:
         while part := list(itertools.islice(rows, ROWS_AT_A_TIME)):
             writer.write_table(pyarrow.Table.from_pylist(part, schema=schema))
@@ -48,7 +59,10 @@ def _columns(sweep: Mapping[str, str]) -> dict[str, str]:
     )
 
 
-def _row(task: FrameTask, store: Store, failed: Mapping[str, str], types: Mapping[str, str]) -> dict[str, Any]:
+def _row(
+    task: FrameTask, result: Mapping[str, Any] | None, failed: Mapping[str, str], types: Mapping[str, str]
+) -> dict[str, Any]:
+    """Row of the manifest of a frame; ``result`` is its row in the store, None if it is not done."""
     row: dict[str, Any] = {
         "key": task.key,
         "scene": task.scene.path,
@@ -65,7 +79,6 @@ def _row(task: FrameTask, store: Store, failed: Mapping[str, str], types: Mappin
         row |= {"format": task.place.dataset, "split": task.place.split, "sequence": task.place.name}
     for name, value in task.parameters.items():
         row[name] = toml_text(value) if types[name] == "string" and not isinstance(value, str) else value
-    result = store.row(task.key, read=False)
     if result is None:
         return row | {"error": failed.get(task.key, "not rendered")}
     row |= {name: result.get(name) for name in (*COUNTS, "file", "bytes")}

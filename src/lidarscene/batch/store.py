@@ -40,12 +40,22 @@ class Store:
 
         read  whether files are read to compare their hashes; else only sizes are compared
         """
+        entry = self.entry(key)
+        if entry is None:
+            return None
         try:
-            entry: dict[str, Any] = json.loads(self._row(key).read_bytes())
             whole = all(_is_whole(self.folder / file["file"], file, read) for file in (entry, *entry.get("beside", ())))
-        except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError):
+        except (OSError, ValueError, KeyError, TypeError):
             return None
         return entry if whole else None
+
+    def entry(self, key: str) -> dict[str, Any] | None:
+        """Row of a frame as it was written, whatever has become of its files; None without one."""
+        try:
+            entry = json.loads(self._row(key).read_bytes())
+        except (OSError, ValueError, RecursionError):
+            return None
+        return entry if isinstance(entry, dict) else None
 
     @contextmanager
     def claim(self, key: str) -> Iterator[bool]:

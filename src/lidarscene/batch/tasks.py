@@ -76,7 +76,7 @@ class SensorChoice:
     @property
     def digest(self) -> str:
         """Hash of all that the sensor depends on."""
-        return _hash([self.content, self.label])
+        return digest_of_data([self.content, self.label])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -95,6 +95,11 @@ class FrameTask:
     format: str
     truth: bool
     place: Place | None = None
+
+    @property
+    def frame_count(self) -> int:
+        """Number of frames."""
+        return 1
 
     @property
     def parameters(self) -> dict[str, Any]:
@@ -148,8 +153,9 @@ class Job:
                 frame = file.frame_options(seed, number)
                 settings = cloud_settings(trace, frame) | {"format": file.format, "truth": file.truth}
                 if place is not None:
-                    settings |= dataclasses.asdict(place)
-                key = _hash([LAYOUT, __version__, scene.digest, sensor.digest, settings])
+                    # A frame of a whole drive is put into its place when the drive is written.
+                    settings |= {"dataset": place.dataset} if place.is_whole_drive else dataclasses.asdict(place)
+                key = digest_of_data([LAYOUT, __version__, scene.digest, sensor.digest, settings])
                 yield FrameTask(
                     key=key,
                     version=__version__,
@@ -164,7 +170,7 @@ class Job:
 
 
 def _drive(scene: SceneChoice, sensor: SensorChoice, seed: int) -> Drive:
-    return Drive(street=scene.world, run=_hash([scene.digest, sensor.content, seed]), label=sensor.label)
+    return Drive(street=scene.world, run=digest_of_data([scene.digest, sensor.content, seed]), label=sensor.label)
 
 
 def cloud_settings(trace: TraceOptions, frame: FrameOptions) -> dict[str, Any]:
@@ -216,15 +222,15 @@ def _scene_choice(path: Path, trajectory: TrajectoryFile | None, parameters: Par
         parameters=parameters,
         trajectory=trajectory.label if trajectory else "",
         content=content,
-        digest=_hash([path.stem, content, list(portable)]),
-        world=_hash([content, in_world]),
+        digest=digest_of_data([path.stem, content, list(portable)]),
+        world=digest_of_data([content, in_world]),
     )
 
 
 def scene_content(path: Path, overrides: Sequence[str]) -> str:
     """Hash of a scene file and of all files that it names but the sensor's. Raises InputError."""
     sensor = Path(sensor_of_scene(path, overrides=overrides))
-    return _hash([_digest(file) for file in files_of_scene(path, overrides=overrides) if file != sensor])
+    return digest_of_data([_digest(file) for file in files_of_scene(path, overrides=overrides) if file != sensor])
 
 
 def _sensors(file: JobFile, names: tuple[str, ...], folder: Path) -> Iterator[SensorChoice]:
@@ -258,7 +264,7 @@ def sensor_content(name: str, overrides: Sequence[str]) -> str:
     """Hash of a sensor: its files, and the changes. Raises InputError."""
     load_sensor(name, overrides=overrides)
     path = Path(name) if name.endswith(".toml") else catalog.path_of("sensors", name)
-    return _hash([[_digest(file) for file in files_of_sensor(path, overrides=overrides)], list(overrides)])
+    return digest_of_data([[_digest(file) for file in files_of_sensor(path, overrides=overrides)], list(overrides)])
 
 
 def rig_content(path: str, overrides: Sequence[str]) -> str:
@@ -270,10 +276,10 @@ def rig_content(path: str, overrides: Sequence[str]) -> str:
         return load_sensor(name, overrides=overrides)
 
     read_rig(Path(path), sensor=sensor, overrides=overrides)
-    return _hash(digests)
+    return digest_of_data(digests)
 
 
-def _hash(value: Any) -> str:
+def digest_of_data(value: Any) -> str:
     """Hash of plain data: 128 bits, in hexadecimal."""
     text = json.dumps(value, sort_keys=True, separators=(",", ":"))
     return hashlib.sha256(text.encode()).hexdigest()[:32]

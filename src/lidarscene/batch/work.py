@@ -23,6 +23,7 @@ from ..scene.scene_file import load_scene
 from ..sensor.rig_file import Mounted, load_rig
 from ..sensor.sensor_file import load_sensor
 from ..sensor.sensor_model import Sensor
+from .drives import DriveTask
 from .store import Store
 from .tasks import FrameTask, SceneChoice, SensorChoice, rig_content, scene_content, sensor_content
 
@@ -34,9 +35,9 @@ CACHED = 4
 
 
 def render_frames(
-    tasks: Sequence[FrameTask], folder: str, threads: int | None, claiming: bool = True
+    tasks: Sequence[FrameTask | DriveTask], folder: str, threads: int | None, claiming: bool = True
 ) -> tuple[list[str], float]:
-    """Render frames into the job's folder unless they are there.
+    """Render frames into the job's folder, or write drives of frames, unless they are there.
 
     threads   threads of Dr.Jit; None: those of the Dask worker
     claiming  whether frames that another process has claimed are left to it; it may hang
@@ -65,7 +66,7 @@ def _threads_of_worker() -> int:
     return int(get_worker().state.nthreads)
 
 
-def _try_render(task: FrameTask, store: Store, threads: int, claiming: bool = True) -> str:
+def _try_render(task: FrameTask | DriveTask, store: Store, threads: int, claiming: bool = True) -> str:
     """Render one frame; any failure becomes one line of text, so that the other frames go on."""
     try:
         transfer.use_threads(threads)
@@ -76,7 +77,7 @@ def _try_render(task: FrameTask, store: Store, threads: int, claiming: bool = Tr
         return " ".join(shorten(f"{type(error).__name__}: {error}").split())
 
 
-def _render(task: FrameTask, store: Store, claiming: bool = True) -> str:
+def _render(task: FrameTask | DriveTask, store: Store, claiming: bool = True) -> str:
     if task.version != __version__:
         raise InputError(f"lidarscene {task.version} gave this frame out, the worker has {__version__}")
     with store.claim(task.key) as is_ours:
@@ -84,7 +85,10 @@ def _render(task: FrameTask, store: Store, claiming: bool = True) -> str:
             return ELSEWHERE
         if store.row(task.key) is not None:  # another worker was faster
             return REUSED
-        _save(task, store)
+        if isinstance(task, DriveTask):
+            task.write(store, _scene_of(task.frames[0].scene))
+        else:
+            _save(task, store)
     return ""
 
 
@@ -92,14 +96,19 @@ def _save(task: FrameTask, store: Store) -> None:
     simulator = _simulator(task)
     summary = Summary()
     cloud = simulator.render(task.frame, summary=summary)
-    if task.place is not None:
+    if task.place is not None and not task.place.is_whole_drive:
         truth = task.place.write(store.folder, cloud, simulator, _scene_of(task.scene))
         files = [store.folder / file for file in task.place.files]
         store.finish(task.key, files, run_report.as_dict(summary) | {"truth": truth})
         return
-    path = store.cloud(task.key, task.format)
-    (cloud if task.truth else cloud.without_truth()).save(path, format=task.format)
-    store.finish(task.key, [path], run_report.as_dict(summary))
+    path, row = store.cloud(task.key, task.format), run_report.as_dict(summary)
+    if task.place is not None:
+        # Boxes are made of the truth when the drive is written, which leaves it out if it is not wanted.
+        row |= {"truth": {"start_s": cloud.frame_start_s}}
+    elif not task.truth:
+        cloud = cloud.without_truth()
+    cloud.save(path, format=task.format)
+    store.finish(task.key, [path], row)
 
 
 class _Cache:
