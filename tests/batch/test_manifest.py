@@ -58,8 +58,9 @@ def test_each_thread_has_one_bundle_waiting() -> None:
 def test_the_time_of_a_frame_is_that_of_its_bundle_over_its_frames() -> None:
     """Three frames in 0.6 s: 0.2 s each, and five of these are a second."""
     future = SimpleNamespace(key="render-1", cancelled=lambda: False, status="finished")
+    bundle = [SimpleNamespace(frame_count=1) for _ in range(3)]
     dispatcher = SimpleNamespace(
-        bundles={"render-1": ["a", "b", "c"]},
+        bundles={"render-1": bundle},
         _waiting=iter([(future, (["", "broken", ""], 0.6))]),
         _frame_s=1.0,
         _count=lambda: 4,
@@ -68,7 +69,7 @@ def test_the_time_of_a_frame_is_that_of_its_bundle_over_its_frames() -> None:
         _late={},
         _longest_s=0.3,
     )
-    assert _Dispatcher.next(dispatcher) == [("a", ""), ("b", "broken"), ("c", "")]
+    assert _Dispatcher.next(dispatcher) == list(zip(bundle, ("", "broken", ""), strict=True))
     assert dispatcher.bundles == {}
     assert dispatcher._frame_s == pytest.approx(0.2)
     assert dispatcher._longest_s == 0.3

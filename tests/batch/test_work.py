@@ -276,8 +276,8 @@ def test_no_truth_if_none_is_wanted(job_file: Path, tmp_path: Path) -> None:
     assert not PointCloud.load(render_in_process(task, Store(tmp_path / "out"))).has_truth
 
 
-def test_the_manifest_has_the_cause_of_what_failed(job: Job, tmp_path: Path) -> None:
+def test_the_manifest_has_the_cause_of_what_failed(job: Job) -> None:
     task = next(iter(job.tasks()))
     types = dict.fromkeys(task.parameters, "float64")
-    rows = [manifest._row(task, Store(tmp_path), failed, types) for failed in ({task.key: "no room"}, {})]
+    rows = [manifest._row(task, None, failed, types) for failed in ({task.key: "no room"}, {})]
     assert [row["error"] for row in rows] == ["no room", "not rendered"]
