@@ -12,6 +12,7 @@ from .errors import BackendError as BackendError
 from .errors import InputError as InputError
 from .errors import LidarSceneError as LidarSceneError
 from .errors import OutputError as OutputError
+from .figures.report import Report as Report
 from .labels.boxes import boxes as boxes
 from .materials.material import Material as Material
 from .maths.pose import Pose as Pose
@@ -36,3 +37,8 @@ from .sensor.rig_file import Rig as Rig
 from .sensor.rig_file import load_rig as load_rig
 from .sensor.sensor_file import load_sensor as load_sensor
 from .sensor.sensor_model import Sensor as Sensor
+from .studies.api import compare as compare
+from .studies.api import fit as fit
+from .studies.api import fov as fov
+from .studies.api import max_range as max_range
+from .studies.api import twin as twin

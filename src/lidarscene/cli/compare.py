@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 from ..errors import InputError
 from ..rendering.render_options import FrameOptions
 from .options import StudyOptions, add_options, flag_of, options_from
-from .recordings.recording_options import add_recording, is_recording
+from .recordings.recording_options import add_recording
 from .terminal import progress, save_report
 from .words import rising_numbers
 
@@ -141,8 +141,7 @@ def _compare_sensors(arguments: argparse.Namespace) -> Report:
 
 
 def _compare_real(arguments: argparse.Namespace) -> Report:
-    from ..recordings.opening import open_recording
-    from ..studies.compare.recording_comparison import compare_with_recording, side_of_cloud, side_of_sweep
+    from ..studies.api import compare
 
     is_twin = len(arguments.inputs) == 1 and arguments.inputs[0].suffix == ".toml"
     for option in (*_OF_SCENES, "sensors"):
@@ -150,29 +149,15 @@ def _compare_real(arguments: argparse.Namespace) -> Report:
             raise InputError(f"{flag_of(option)}: goes with a scene, not with --real")
     if len(arguments.inputs) != 1:
         raise InputError(f"--real: must go with one cloud or recording, got {len(arguments.inputs)} files")
-    if is_twin:
-        return _compare_twin(arguments)
-    path, frame = arguments.inputs[0], arguments.frame or 0
-    with open_recording(arguments.real, arguments.metadata, sensor_index=arguments.sensor_index) as recording:
-        real = side_of_sweep(f"{arguments.real.name} frame {frame}", recording[frame])
-    if is_recording(path):
-        with open_recording(path) as recording:
-            side = side_of_sweep(path.name, recording[0])
-    else:
-        from ..cloud.point_cloud import PointCloud
-
-        side = side_of_cloud(path.name, PointCloud.load(path))
-    return compare_with_recording(side, real)
-
-
-def _compare_twin(arguments: argparse.Namespace) -> Report:
-    from ..recordings.opening import open_recording
-    from ..studies.twin.twin_page import compare_twin
-
-    with open_recording(arguments.real, arguments.metadata, sensor_index=arguments.sensor_index) as recording:
-        return compare_twin(
-            arguments.inputs[0], recording, frame=arguments.frame, options=options_from(FrameOptions, arguments)
-        )
+    frame = {name: value for name in ("seed", "chunk") if (value := getattr(arguments, name)) is not None}
+    return compare(
+        arguments.inputs[0],
+        real=arguments.real,
+        recorded_frame=arguments.frame,
+        metadata=arguments.metadata,
+        sensor_index=arguments.sensor_index,
+        **frame,
+    )
 
 
 _OF_SCENES = ("same_beams", "illuminance", "overrides", "pose", "seed", "chunk")

@@ -236,26 +236,10 @@ def _write(arguments: argparse.Namespace, swept: Curves, conditions: str, thresh
 
 def _summary(arguments: argparse.Namespace, subjects: list[Subject], conditions: Conditions) -> str:
     """Text or JSON of each sensor's maximum range, its closed form, and SNR and P_d at one distance."""
-    from ..studies.ranging.equal_terms import ILLUMINANCES_KLUX, equal_terms, verdict
-    from ..studies.ranging.range_summary import summary_of, text_of
+    from ..studies.ranging.range_summary import range_report
 
-    target, distance_m, visibility_m = conditions.target(), conditions.distance, conditions.visibility_m
-    rows = [summary_of(subject, target, distance_m=distance_m, visibility_m=visibility_m) for subject in subjects]
-    terms = []
-    if len(subjects) > 1:
-        terms = equal_terms([(s.name, s.sensor()) for s in subjects], target, visibility_m=visibility_m)
-    if arguments.json:
-        for row, entry in zip(rows, terms, strict=False):
-            row["equal_terms"] = {
-                "range_m": entry.range_m,
-                "range_interval_m": entry.interval_m,
-                "ranges_m": dict(zip(map("{:g} klux".format, ILLUMINANCES_KLUX), entry.course_m, strict=True)),
-                "file_range_m": entry.file_range_m,
-                "changes": entry.changes,
-            }
-        return json_text({row.pop("name"): row for row in rows})
-    text = text_of(rows, target, distance_m, conditions.sun_angle, visibility_m)
-    return "\n".join([*verdict(terms, target, visibility_m=visibility_m), "", text]) if terms else text
+    report = range_report([(subject.name, subject.sensor()) for subject in subjects], conditions)
+    return report.as_json() if arguments.json else str(report)
 
 
 def _sensitivities(arguments: argparse.Namespace, subjects: list[Subject], conditions: Conditions) -> list[str]:

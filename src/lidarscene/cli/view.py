@@ -20,7 +20,7 @@ from ..errors import InputError
 from ..rendering.option_fields import Whole
 from ..rendering.render_options import FrameOptions
 from .options import CommandOptions, add_options, flag_of, options_from
-from .recordings.recording_options import add_recording, is_recording, with_progress
+from .recordings.recording_options import add_recording, with_progress
 from .words import whole_number
 
 if TYPE_CHECKING:
@@ -94,6 +94,7 @@ def view_text(arguments: argparse.Namespace) -> str:
 
 
 def _source(arguments: argparse.Namespace) -> Source:
+    from ..recordings.opening import is_recording
     from ..scene.scene_file import load_scene
     from ..view.page_sources import Clouds, Live
 

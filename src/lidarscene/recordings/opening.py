@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 
 from ..catalog import file_or_example
@@ -125,3 +126,38 @@ READERS: dict[str, Reader] = {
     ".laz": _open_cloud,
 }
 """Suffix of a file's name, the longest first -> reader."""
+
+
+ONLY_RECORDINGS = (".pcap", ".osf", ".mcap", ".db3", ".bin")
+"""Suffixes of recordings; no cloud that lidarscene can read back has them."""
+
+EITHER = (".ply", ".pcd", ".las", ".laz")
+"""Suffixes of clouds; one that another program than lidarscene wrote counts as a recording."""
+
+HEADER_BYTES = 1 << 16
+"""Bytes from the start in which the formats of `EITHER` name the program that wrote the file."""
+
+
+def is_recording(path: Path) -> bool:
+    """Whether a path, or an example's name, is a recording and no cloud of lidarscene; False if it cannot be read.
+
+    Reading such a file later raises the error.
+    """
+    with suppress(OSError):
+        return _is_recording(file_or_example(path))
+    return False
+
+
+def _is_recording(path: Path) -> bool:
+    name = path.name.lower()
+    if os.path.isdir(path):
+        inside = [entry.name.lower() for entry in path.iterdir()]
+        return "metadata.yaml" in inside or (
+            any(name.endswith(".bin") for name in inside) and not any(name.endswith(EITHER) for name in inside)
+        )
+    if name.endswith(ONLY_RECORDINGS):
+        return True
+    if not name.endswith(EITHER) or not os.path.isfile(path):
+        return False
+    with path.open("rb") as file:
+        return b"lidarscene" not in file.read(HEADER_BYTES)

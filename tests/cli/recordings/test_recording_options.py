@@ -7,8 +7,8 @@ import pytest
 from helpers.clouds import small_cloud
 from helpers.command_line import Run
 
-from lidarscene.cli.recordings.recording_options import is_recording, with_progress
-from lidarscene.recordings.opening import open_recording
+from lidarscene.cli.recordings.recording_options import with_progress
+from lidarscene.recordings.opening import is_recording, open_recording
 
 
 def room(path: Path, radius_m: float) -> str:

@@ -6,23 +6,104 @@ import math
 from collections.abc import Sequence
 from typing import Any
 
-from ...figures.report import text_table
+import numpy as np
+
+from ...figures.lines import Chart, Line, Mark
+from ...figures.report import PAGE, Figure, Report, text_table
+from ...sensor.sensor_model import Sensor
 from . import plane
+from .conditions import Conditions
 from .curves import limit_word, with_haze
+from .equal_terms import ILLUMINANCES_KLUX, equal_terms, verdict
 from .plane import RangeStatus, Target
-from .subjects import Subject
 from .sweep_report import air_text, window_note
+
+NUMBERS = "range.json"
+POINTS = 200
+"""Points of the chart's curves, which are smooth."""
 
 _LIMITS = {RangeStatus.FOUND: "signal", RangeStatus.WINDOW: "window"}
 """What limits a range that is reported."""
 
 
-def summary_of(subject: Subject, target: Target, *, distance_m: float, visibility_m: float | None) -> dict[str, Any]:
+def range_report(sensors: Sequence[tuple[str, Sensor]], conditions: Conditions) -> Report:
+    """Maximum range of each sensor, its closed form, and SNR and P_d at one distance; several also on equal terms.
+
+    sensors  names, which differ, and sensors
+    """
+    target, distance_m, visibility_m = conditions.target(), conditions.distance, conditions.visibility_m
+    rows = [
+        summary_of(name, sensor, target, distance_m=distance_m, visibility_m=visibility_m) for name, sensor in sensors
+    ]
+    numbers = {row["name"]: {key: value for key, value in row.items() if key != "name"} for row in rows}
+    report = Report("Maximum range", numbers=numbers, pages=(PAGE, NUMBERS))
+    sentences: tuple[str, ...] = ()
+    if len(sensors) > 1:
+        terms = equal_terms(sensors, target, visibility_m=visibility_m)
+        sentences = verdict(terms, target, visibility_m=visibility_m)
+        for entry in terms:
+            numbers[entry.name]["equal_terms"] = {
+                "range_m": entry.range_m,
+                "range_interval_m": entry.interval_m,
+                "ranges_m": dict(zip(map("{:g} klux".format, ILLUMINANCES_KLUX), entry.course_m, strict=True)),
+                "file_range_m": entry.file_range_m,
+                "changes": entry.changes,
+            }
+    columns = [key for key in rows[0] if key != "note"]
+    report.main_table = (columns, [[row[key] for key in columns] for row in rows])
+    conditions_line, table, notes = _summary_table(rows, target, distance_m, conditions.sun_angle, visibility_m)
+    for sentence in (*sentences, conditions_line):
+        report.add_paragraph(sentence)
+    report.add_table(table[0], table[1:])
+    for note in notes:
+        report.add_paragraph(note)
+    report.add_figure(_snr_figure(sensors, rows, target, visibility_m))
+    text = "\n".join([conditions_line, text_table(table[0], table[1:], "<>"), *notes])
+    report.summary = "\n".join([*sentences, "", text]) if sentences else text
+    return report
+
+
+def _snr_figure(
+    sensors: Sequence[tuple[str, Sensor]], rows: Sequence[dict[str, Any]], target: Target, visibility_m: float | None
+) -> Figure:
+    """SNR over the distance, with each maximum range marked."""
+    longest_m = max(row["signal_range_m"] or row["window_m"] for row in rows)
+    distance_m = np.geomspace(0.02 * longest_m, 1.5 * longest_m, POINTS)
+    curves = [
+        (name, np.asarray(plane.snr(sensor, with_haze(sensor, target, visibility_m), distance_m)))
+        for name, sensor in sensors
+    ]
+    chart = Chart(
+        lines=tuple(Line(label=name, x=distance_m, y=snr, colour=number) for number, (name, snr) in enumerate(curves)),
+        x_label="distance [m]",
+        y_label="signal-to-noise ratio",
+        x_log=True,
+        y_log=True,
+        marks=tuple(
+            Mark(
+                x=row["maximum_range_m"],
+                y=float(np.interp(row["maximum_range_m"], distance_m, snr)),
+                text=f"{row['maximum_range_m']:.4g} m",
+                colour=number,
+            )
+            for number, (row, (_, snr)) in enumerate(zip(rows, curves, strict=True))
+            if row["maximum_range_m"] is not None
+        ),
+    )
+    table = (
+        ("distance_m", *(name for name, _ in curves)),
+        list(zip(distance_m, *(snr for _, snr in curves), strict=True)),
+    )
+    return Figure("snr", chart, table, "Signal-to-noise ratio over the distance; maximum ranges are marked.")
+
+
+def summary_of(
+    name: str, sensor: Sensor, target: Target, *, distance_m: float, visibility_m: float | None
+) -> dict[str, Any]:
     """Farthest range that is reported and what limits it, closed form, window; SNR and P_d at ``distance_m``.
 
     The entry "note" is a line if the window ends before the range at which the signal does, else None.
     """
-    sensor = subject.sensor()
     target = with_haze(sensor, target, visibility_m)
     limit, signal_status = plane.maximum_range_m(sensor, target)
     reported, status = plane.reported_range_m(sensor, target)
@@ -32,7 +113,7 @@ def summary_of(subject: Subject, target: Target, *, distance_m: float, visibilit
     bound = None if fixed else plane.closed_form_range_m(sensor, target)
     snr = float(plane.snr(sensor, target, distance_m)[0])
     return {
-        "name": subject.name,
+        "name": name,
         "maximum_range_m": reported if math.isfinite(reported) else None,
         "limited_by": _LIMITS.get(status),
         "signal_range_m": limit if math.isfinite(limit) else None,
@@ -42,14 +123,14 @@ def summary_of(subject: Subject, target: Target, *, distance_m: float, visibilit
         "distance_m": distance_m,
         "snr": snr if math.isfinite(snr) else None,
         "detection_probability": float(plane.detection_probability(sensor, target, distance_m)[0]),
-        "note": window_note(subject.name, sensor, farthest_m=float(limit), limit_text=limit_text),
+        "note": window_note(name, sensor, farthest_m=float(limit), limit_text=limit_text),
     }
 
 
-def text_of(
+def _summary_table(
     rows: Sequence[dict[str, Any]], target: Target, distance_m: float, sun_angle_deg: float, visibility_m: float | None
-) -> str:
-    """Text table of the rows, with the conditions above it."""
+) -> tuple[str, list[list[str]], list[str]]:
+    """Line of the conditions, header and rows of the table, and notes."""
     incidence = math.degrees(math.acos(min(float(target.cos_incidence), 1.0)))
     distance_text = f"at {distance_m:g} m"
     columns = ["sensor", "maximum range", "limited by", "closed form", "window"]
@@ -74,6 +155,4 @@ def text_of(
         f"{target.illuminance_klux:g} klux, sun {sun_angle_deg:g}° off the normal, reflectivity "
         f"{target.reflectivity:g}, incidence {incidence:g}°, {air_text(target, visibility_m)}"
     )
-    return "\n".join(
-        [conditions, text_table(table[0], table[1:], "<>"), *(row["note"] for row in rows if row["note"] is not None)]
-    )
+    return conditions, table, [row["note"] for row in rows if row["note"] is not None]

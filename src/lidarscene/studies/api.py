@@ -1,0 +1,311 @@
+"""Studies in one call: names, files or objects in, a `Report` out.
+
+`Report.table` has its numbers, `plot` its figures, `save` writes its page, and a notebook shows it. The commands of the
+same names make the same reports.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from functools import partial
+from pathlib import Path
+from typing import Any, TypedDict, Unpack
+
+from ..cloud.point_cloud import PointCloud
+from ..errors import InputError, did_you_mean
+from ..figures.report import Report
+from ..files.atomic import put_text
+from ..files.overrides import Overrides, assignments
+from ..recordings.opening import is_recording, open_recording
+from ..rendering.render_options import FrameKeywords, FrameOptions, Keywords
+from ..scene.scene import Scene
+from ..scene.scene_file import load_scene
+from ..sensor.pose_file import Placed, to_pose
+from ..sensor.rig_file import Rig
+from ..sensor.sensor_model import Sensor, warn_of_doubts
+from .field_of_view.study_options import FieldOfViewStudy
+from .ranging.conditions import CONDITIONS, Conditions
+from .ranging.subjects import subjects
+
+File = str | os.PathLike[str]
+SensorChoice = str | os.PathLike[str] | Sensor
+"""Catalogue name, sensor file or `Sensor`."""
+
+
+class ConditionKeywords(TypedDict, total=False):
+    """Keywords for the fields of `Conditions`."""
+
+    distance: float
+    illuminance: float
+    sun_angle: float
+    reflectivity: float
+    incidence: float
+    transmittance: float | None
+    extinction: float | None
+    visibility: float | None
+
+
+class FovKeywords(TypedDict, total=False):
+    """Keywords of `fov`: settings of the study, and of the target whose range is mapped."""
+
+    times_s: Sequence[float]
+    cell_deg: float
+    mask: str
+    reflectivity: float
+    illuminance: float
+
+
+class CompareKeywords(FrameKeywords, total=False):
+    """Keywords of `compare`: fields of `FrameOptions`, and which part of a recording is meant."""
+
+    recorded_frame: int | None
+    metadata: File | None
+    sensor_index: int
+
+
+def max_range(
+    sensors: SensorChoice | Sequence[SensorChoice],
+    *,
+    overrides: Overrides = (),
+    **conditions: Unpack[ConditionKeywords],
+) -> Report:
+    """Maximum range of sensors on a flat target, with SNR and detection probability at a distance.
+
+    sensors        catalogue names, sensor files or `Sensor`s, one or several; several are put on equal terms too
+    overrides      changes to values of the files, of all or, as "vlp-16:laser.peak_power_w=60", of one
+    distance       of SNR and detection probability [m], 100 by default
+    illuminance    of the sun on the target [klux], 100 by default
+    sun_angle      between sun and surface normal [degrees], 60 by default
+    reflectivity   of the target, 0.1 by default
+    incidence      of the beam on it [degrees], 0 by default
+    transmittance  of the air, one way, fixed; else extinction [1/m] or visibility [km]; without any 0.98
+    Raises InputError.
+    """
+    from .ranging.range_summary import range_report
+
+    _refuse_unknown(conditions, ConditionKeywords, "sensors", "overrides")
+    return range_report(_named(sensors, overrides), Conditions(**conditions))
+
+
+def fov(
+    sensors: SensorChoice | Rig | Sequence[SensorChoice],
+    *,
+    scene: File | Scene | None = None,
+    pose: Placed | None = None,
+    overrides: Overrides = (),
+    **settings: Unpack[FovKeywords],
+) -> Report:
+    """Study what scan patterns cover: how densely, how soon, how far.
+
+    sensors       catalogue names, sensor files or `Sensor`s, one or several; or a `Rig`
+    scene         scene on whose bodies points are counted too
+    pose          where the sensors' vehicle stands in it; None: the scene's sensor pose, of a rig the origin
+    overrides     changes to values of the files, of all or, as "vlp-16:laser.peak_power_w=60", of one
+    times_s       when coverage is given
+    cell_deg      size of the cells
+    mask          the field of view: "outline", the pattern's convex outline, or "reached", cells ever reached
+    reflectivity, illuminance  of the target whose maximum range is mapped; klux
+    Raises InputError.
+    """
+    from .field_of_view.field_of_view_study import field_of_view_study
+
+    if pose is not None and scene is None:
+        raise InputError("pose: goes with scene")
+    _refuse_unknown(settings, FovKeywords, "sensors", "scene", "pose", "overrides")
+    lit = {name: settings[name] for name in ("reflectivity", "illuminance") if name in settings}
+    scanned: dict[str, Any] = {name: value for name, value in settings.items() if name not in lit}
+    if "times_s" in scanned:
+        scanned["times_s"] = tuple(scanned["times_s"])
+    study = FieldOfViewStudy(**scanned, target=Conditions(**lit).target())
+    vehicle = None if pose is None else to_pose(pose)
+    if isinstance(sensors, Rig):
+        if assignments(overrides):
+            raise InputError("overrides: must go with load_rig, got a Rig")
+        named = [(mounted.label, mounted.placed) for mounted in sensors.sensors]
+        vehicle = vehicle or to_pose((0.0, 0.0, 0.0))
+    else:
+        named = _named(sensors, overrides)
+    return field_of_view_study(named, study, scene=None if scene is None else load_scene(scene), vehicle=vehicle)
+
+
+def compare(
+    scene: File | Scene | PointCloud | Sequence[File | PointCloud],
+    sensors: Sequence[SensorChoice] | None = None,
+    *,
+    real: File | None = None,
+    overrides: Overrides = (),
+    same_beams: bool = False,
+    illuminances_klux: Sequence[float] | None = None,
+    **options: Unpack[CompareKeywords],
+) -> Report:
+    """Compare sensors in a scene, clouds with each other, or a cloud, or a twin, with a recording.
+
+    scene              scene that all ``sensors`` see; without them two clouds or more, or files of them; with ``real``
+                       one cloud, file or recording, or the scene file of a twin
+    sensors            catalogue names, sensor files or `Sensor`s; the first is compared with each other
+    real               recording of a real lidar; ``recorded_frame``, ``metadata`` and ``sensor_index`` say which part
+    overrides          changes to values of the sensor files, of all or of one
+    same_beams         all run with the first sensor's scanner and mounting
+    illuminances_klux  sweep over these, and find where sensors overtake each other
+    options            fields of `FrameOptions`: ``seed=1``
+    Raises InputError.
+    """
+    from .compare.bench import Bench
+    from .compare.comparison_study import compare_clouds, compare_sensors
+
+    part: dict[str, Any] = {
+        name: options[name] for name in ("recorded_frame", "metadata", "sensor_index") if name in options
+    }
+    keywords = Keywords({name: value for name, value in options.items() if name not in part})
+    frame = keywords.take(FrameOptions)
+    keywords.end("scene", "sensors", "real", "overrides", "same_beams", "illuminances_klux", "recorded_frame")
+    if real is not None:
+        if isinstance(scene, Scene) or not isinstance(scene, str | os.PathLike | PointCloud):
+            raise InputError("real: must go with one cloud, recording or scene file of a twin, got another kind")
+        return _compare_real(scene, real, frame, **part)
+    if sensors is None:
+        if isinstance(scene, str | os.PathLike | Scene | PointCloud) or len(scene) < 2:
+            raise InputError("compare: must have sensors for a scene, or two clouds or more, got neither")
+        return compare_clouds(scene)
+    if not isinstance(scene, str | os.PathLike | Scene):
+        raise InputError("sensors: must go with one scene, got clouds")
+    named = _named(sensors, overrides)
+    if len(named) < 2:
+        raise InputError(f"sensors: must be two or more, got {len(named)}")
+    for value in illuminances_klux or ():
+        CONDITIONS["illuminance"].check("illuminances_klux", value)
+        CONDITIONS["illuminance"].warn_of_unit("illuminances_klux", value)
+    bench = Bench(load_scene(scene), frame)
+    return compare_sensors(bench, named, same_beams=same_beams, illuminances_klux=illuminances_klux)
+
+
+def _compare_real(
+    simulated: File | PointCloud,
+    real: File,
+    frame: FrameOptions,
+    *,
+    recorded_frame: int | None = None,
+    metadata: File | None = None,
+    sensor_index: int = 0,
+) -> Report:
+    from .compare.recording_comparison import compare_with_recording, side_of_cloud, side_of_sweep
+    from .twin.twin_page import compare_twin
+
+    with open_recording(real, metadata, sensor_index=sensor_index) as recording:
+        if not isinstance(simulated, PointCloud) and Path(simulated).suffix == ".toml":
+            return compare_twin(Path(simulated), recording, frame=recorded_frame, options=frame)
+        real_side = side_of_sweep(f"{Path(real).name} frame {recorded_frame or 0}", recording[recorded_frame or 0])
+    if isinstance(simulated, PointCloud):
+        side = side_of_cloud(simulated.metadata.get("sensor", "cloud"), simulated)
+    elif is_recording(Path(simulated)):
+        with open_recording(simulated) as other:
+            side = side_of_sweep(Path(simulated).name, other[0])
+    else:
+        side = side_of_cloud(Path(simulated).name, PointCloud.load(simulated))
+    return compare_with_recording(side, real_side)
+
+
+def fit(
+    recordings: File | Sequence[File],
+    sensor: str | None = None,
+    *,
+    scene: File | None = None,
+    poses: File | None = None,
+    metadata: File | None = None,
+    sensor_index: int = 0,
+) -> Report:
+    """Fit numbers of a sensor to recordings of one unit; the report's files have its ``sensor.toml``.
+
+    sensor        catalogue name or sensor file of its kind, for what the recording leaves open; None: the scene's
+    scene         scene file of the recording's twin, or of the scene it was recorded in
+    poses         with ``scene``, file of the sensor's poses at each frame
+    metadata      the maker's description of the unit; None: the json beside the recording or in the OSF, if any
+    sensor_index  which sensor of an OSF, from 0
+    Raises InputError.
+    """
+    from .fit.on_scene.scene_fit import SceneFitInputs, fit_on_scene
+    from .fit.recording_fit import fit_recordings
+
+    paths = [Path(path) for path in ([recordings] if isinstance(recordings, str | os.PathLike) else recordings)]
+    described = None if metadata is None else Path(metadata)
+    if scene is not None:
+        inputs = SceneFitInputs(
+            recordings=paths,
+            scene=Path(scene),
+            sensor=sensor,
+            metadata=described,
+            poses=None if poses is None else Path(poses),
+            sensor_index=sensor_index,
+        )
+        text, report = fit_on_scene(inputs)
+    elif sensor is None or poses is not None:
+        raise InputError("fit: must have a sensor, or a scene, with which poses go")
+    else:
+        text, report = fit_recordings(paths, sensor, metadata=described, sensor_index=sensor_index)
+    report.add_file("sensor.toml", partial(put_text, text=text))
+    return report
+
+
+def twin(
+    recording: File,
+    folder: File,
+    *,
+    frames: Sequence[int] | None = None,
+    held_out: int | str | None = None,
+    metadata: File | None = None,
+    sensor: str | None = None,
+    sensor_index: int = 0,
+) -> Path:
+    """Make the scene of a recording and write it into a folder; returns the scene file, for `render` and `compare`.
+
+    frames        frames that it is made of, from 0; None: all
+    held_out      frame that is left out, or "columns" for every second column of the only frame, to judge the twin by
+    metadata      the maker's description of the unit; None: the json beside the recording or in the OSF, if any
+    sensor        catalogue name or sensor file, in place of the unit's own
+    sensor_index  which sensor of an OSF, from 0
+    Raises InputError, OutputError.
+    """
+    from .twin.twin_files import SCENE, build_twin, choose_frames
+
+    described = None if metadata is None else Path(metadata)
+    with open_recording(recording, described, sensor_index=sensor_index) as opened:
+        choice = choose_frames(opened, frames, held_out)
+        build_twin(opened, choice, Path(folder), metadata=described, sensor=sensor, sensor_index=sensor_index)
+    return Path(folder) / SCENE
+
+
+def _refuse_unknown(keywords: Mapping[str, object], kind: Any, *parameters: str) -> None:
+    """Raise InputError for a keyword that a TypedDict lacks; ``parameters`` are the call's others."""
+    known = [*kind.__annotations__, *parameters]
+    for word in keywords:
+        if word not in known:
+            meant = did_you_mean(word, known)
+            raise InputError(f"unknown option '{word}'; {meant}{' ' if meant else ''}known here: {', '.join(known)}")
+
+
+def _named(sensors: SensorChoice | Sequence[SensorChoice], overrides: Overrides) -> list[tuple[str, Sensor]]:
+    """Names, made unique, and sensors. Raises InputError; warns of doubts about them."""
+    if not isinstance(sensors, Sequence | os.PathLike | Sensor):
+        raise InputError(f"sensors: must be names, files or Sensors, got {type(sensors).__name__}")
+    choices = [sensors] if isinstance(sensors, str | os.PathLike | Sensor) else list(sensors)
+    if not choices:
+        raise InputError("sensors: must be at least one, got none")
+    for choice in choices:
+        if not isinstance(choice, str | os.PathLike | Sensor):
+            raise InputError(f"sensors: must be names, files or Sensors, got {type(choice).__name__}")
+    changes = assignments(overrides)
+    if changes and any(isinstance(choice, Sensor) for choice in choices):
+        raise InputError("overrides: must go with names or files of sensors, got a Sensor; see Sensor.replace")
+    read = iter(subjects([os.fspath(choice) for choice in choices if not isinstance(choice, Sensor)], changes))
+    named: list[tuple[str, Sensor]] = []
+    for choice in choices:
+        if isinstance(choice, Sensor):
+            name, sensor = choice.name, choice
+        else:
+            subject = next(read)
+            name, sensor = subject.name, subject.sensor()
+        count = sum(taken == name or taken.startswith(f"{name} (") for taken, _ in named)
+        named.append((name if not count else f"{name} ({count + 1})", sensor))
+    warn_of_doubts(sensor for _, sensor in named)
+    return named
