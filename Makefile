@@ -6,7 +6,7 @@ BIN := .venv/bin
 READY := .venv/.ready
 SYNC := UV_PROJECT_ENVIRONMENT=.venv $(BIN)/uv sync --quiet --locked --inexact --python $(BIN)/python
 
-.PHONY: car test quick fuzz test-all lint docs format bench bench-check lock clean
+.PHONY: car test quick fuzz test-all lint docs format bench bench-check lock release clean
 .DELETE_ON_ERROR:
 
 # Without what Python keeps of a compiled module, each of some 200 starts compiles all libraries anew.
@@ -57,6 +57,10 @@ bench: $(READY)
 
 bench-check: $(READY)
 	$(BIN)/pytest -n 0 benchmarks
+
+# What is published: sdist and wheel in dist/, checked, and the site in out/site. Nothing is uploaded.
+release: $(READY) docs
+	$(BIN)/python tools/release.py
 
 lock: $(READY)
 	$(BIN)/uv lock --upgrade

@@ -2,7 +2,8 @@
 """Environments that are not the one of `make`, as `make test-all` and .ci/run make them.
 
     wheel    the sdist and from it the wheel are built; the wheel is installed in empty environments (with the newest
-             releases, with the lowest that pyproject.toml allows, with the newest Python) and used in an empty folder
+             releases, with the lowest that pyproject.toml allows, with the newest Python) and used in an empty folder;
+             then every command of README.md and docs/recipes.md runs from it, with the extras that they name
     lowest   a part of the suite on the lowest Python with the lowest releases that pyproject.toml allows
     newest   the same part on the newest Python of this machine, or on $PYTHON_NEWEST, with what uv.lock says; where no
              Python is newer than 3.12, uv installs one
@@ -22,6 +23,8 @@ import tempfile
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+
+from release import sdist_mistakes, tracked, version_mistakes, wheel_mistakes
 
 from lidarscene import __version__
 from lidarscene.formats.registry import FORMATS
@@ -60,6 +63,8 @@ PART = (
     "tests/kernel/rays/test_meeting.py",
     "tests/chain/test_scanners.py",
 )
+# What tests/docs/test_commands.py needs beside the package.
+TEST_TOOLS = ("hypothesis", "pytest", "pytest-timeout", "pytest-xdist")
 # Releases of last year warn of what today's Python and libraries will drop; the tests' own environment does not.
 OLD = ("-W", "ignore::DeprecationWarning", "-W", "ignore::PendingDeprecationWarning")
 
@@ -127,7 +132,10 @@ def check_wheel() -> None:
     """Build it as it is published, and use it with only what it asks for."""
     with tempfile.TemporaryDirectory() as folder:
         uv("build", "--quiet", "--out-dir", folder)  # the sdist, and the wheel from the sdist
-        (wheel,) = Path(folder).glob("*.whl")
+        (wheel,), (sdist,) = Path(folder).glob("*.whl"), Path(folder).glob("*.tar.gz")
+        mistakes = [*version_mistakes(), *wheel_mistakes(wheel, tracked()), *sdist_mistakes(sdist, tracked())]
+        if mistakes:
+            raise SystemExit("\n".join(f"environments: wheel: {mistake}" for mistake in mistakes))
         kinds = [
             ("newest releases", sys.executable, ()),
             ("lowest bounds", lowest_python(), LOWEST),
@@ -139,15 +147,37 @@ def check_wheel() -> None:
             home = Path(folder) / name.replace(" ", "_")
             python = make_environment(home / "env", version)
             uv("pip", "install", "--quiet", "--python", python, *options, str(wheel))
-            use_package(home, python)
+            # What an error says depends on no release: once is enough.
+            use_package(home, python, errors=name == "newest releases")
             report(f"wheel: {name}: {output(python, '--version')}")
 
         with ThreadPoolExecutor(2) as threads:  # two at a time: a command waits for one core, mostly
+            followed = threads.submit(follow_pages, Path(folder), wheel)
             list(threads.map(check, kinds))
+            followed.result()
 
 
-def use_package(home: Path, python: str) -> None:
-    """Every kind of command, what an extra is needed for, and a machine without LLVM."""
+def follow_pages(folder: Path, wheel: Path) -> None:
+    """The commands of the pages in an empty folder, as tests/docs/test_commands.py runs them, from the wheel."""
+    python = make_environment(folder / "pages", sys.executable)
+    install = ("pip", "install", "--quiet", "--python", python)
+    uv(*install, f"{wheel}[batch,ouster]", *TEST_TOOLS)
+    uv(*install, "rosbags>=0.11.6")  # after ouster-sdk, which asks for an older one
+    home = folder / "pages_home"
+    home.mkdir()
+    pytest = [python, "-m", "pytest", "-q", "-n", "0", "-o", "pythonpath=tests", "-k", "README or recipes"]
+    environment = clean_environment(str(home)) | {"TEST_NO_SKIPS": "1"}
+    ran = run([*pytest, "tests/docs/test_commands.py"], ROOT, environment)
+    place = run([python, "-c", "import lidarscene; print(lidarscene.__file__)"], ROOT, environment).stdout.strip()
+    if ran.returncode or "2 passed" not in ran.stdout or not place.startswith(str(folder)):
+        raise SystemExit(
+            f"environments: wheel: commands of README and recipes, from {place}:\n{ran.stdout}{ran.stderr}"
+        )
+    report("wheel: every command of README.md and docs/recipes.md")
+
+
+def use_package(home: Path, python: str, *, errors: bool) -> None:
+    """Every kind of command; with ``errors`` also what an extra is needed for, and a machine without LLVM."""
     folder = home / "elsewhere"
     folder.mkdir()
     environment = clean_environment(str(home))
@@ -171,6 +201,8 @@ def use_package(home: Path, python: str) -> None:
     require_outcome(lidarscene("render", "range", "-o", "a.ply", "--picture", "a.png", *COARSE), 0, "a.png")
     require_outcome(lidarscene("view", "range", "--save", "view.html", *COARSE), 0, "view.html")
 
+    if not errors:
+        return
     for name, extra in {
         name: written_format.extra for name, written_format in FORMATS.items() if written_format.extra
     }.items():

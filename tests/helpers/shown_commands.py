@@ -19,16 +19,7 @@ from typing import Any
 import pytest
 import trimesh
 
-from helpers.documentation import (
-    IN_AN_EMPTY_FOLDER,
-    PAGES,
-    ROOT,
-    blocks,
-    commands,
-    in_order,
-    make_workplace,
-    shell_lines,
-)
+from helpers.documentation import IN_AN_EMPTY_FOLDER, PAGES, blocks, commands, in_order, make_workplace, shell_lines
 from helpers.in_this_process import draw_nothing, draw_roughly
 from helpers.small_job import threads_of_this_process, use_no_worlds_of_others
 from lidarscene import catalog
@@ -255,7 +246,7 @@ class Reader:
 
         def load(path: Path, **options: Any) -> Scene:
             file, overrides = scene_path(path).resolve(), tuple(options.get("overrides", ()))
-            if file.parent != ROOT / "scenes":
+            if file.parent != catalog.folder("scenes"):
                 return whole(path, **options)
             key = (file, overrides)
             if key not in self.scenes:

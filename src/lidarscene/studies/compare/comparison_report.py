@@ -159,7 +159,7 @@ RATES = (
     "found",
     "95 % interval",
     "expected",
-    "found less expected",
+    "found minus expected",
     "mean range error",
     "deviation of range error",
 )

@@ -121,8 +121,8 @@ def compare_clouds(clouds: Sequence[str | os.PathLike[str] | PointCloud]) -> Rep
 
 
 _RATES_NOTE = (
-    "A pulse found its surface when an echo of it is a point. Expected is the mean of the computed detection "
-    "probabilities, over the same pulses; found less expected counts every echo that tripped the comparator, also out "
+    "A pulse is a hit if at least one of its points is an echo. Expected is the mean of the computed detection "
+    "probabilities, over the same pulses; found minus expected counts every echo that tripped the comparator, also out "
     "of its window or hidden, against the sum of the probabilities, in standard deviations of independent draws."
 )
 _MATCHED_CLOUDS = (
