@@ -305,9 +305,12 @@ def _white_w_m2(beams: Beams, sensor: Sensor) -> Lanes:
     """Echo of a white surface on the sensor's intensity scale, W m2; 1 if the scale does not need it."""
     if sensor.intensity is None or sensor.intensity.kind != "reflectivity":
         return 1.0
-    return intensity.white_echo_w_m2(
+    white_w_m2 = intensity.white_echo_w_m2(
         peak_power_w=sensor.laser.peak_power_w, aperture_m2=beams.aperture_m2, efficiency=sensor.calibrated_efficiency
     )
+    # A laser whose reflectivities read too high is calibrated to a white echo that is too weak.
+    gain = sensor.scanner.intensity_gain(beams.pulse)
+    return white_w_m2 if gain is None else white_w_m2 / gain
 
 
 def gather_background(paths: Sequence[Echoes]) -> list[Echoes]:

@@ -61,6 +61,9 @@ class Scanner(Protocol):
         An extended source fills the detector, so its light goes with this product.
         """
 
+    def intensity_gain(self, pulse: Lanes) -> Lanes | None:
+        """Factor of each pulse's reported reflectivity that the maker's calibration leaves; None: all 1."""
+
     def offset_m(self, pulse: Lanes) -> Vector | None:
         """Start of each beam in the sensor's frame, or None: all start at its origin."""
 
@@ -133,6 +136,10 @@ class Mechanism:
     def background_share(self, pulse: Lanes) -> Lanes:
         """Aperture share: what stops the beam leaves the field of view unchanged."""
         return self.aperture_share(pulse)
+
+    def intensity_gain(self, pulse: Lanes) -> Lanes | None:
+        """None: all are calibrated alike."""
+        return None
 
     def channel(self, pulse: Lanes) -> Lanes:
         """0: there is one laser."""

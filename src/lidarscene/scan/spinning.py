@@ -43,6 +43,7 @@ class Bank:
     start_m          (x, y, z) of each laser's exit in the head; None: all in the origin
     responsivity     responsivity of each laser's receiver, over that of the sensor file's numbers; None: all 1
     background_gain  background that each receiver counts beside that, as with a wider field of view; None: all 1
+    intensity_gain   reported reflectivity of each laser over the true one, what its calibration leaves; None: all 1
     """
 
     elevation_rad: Annotated[Sequence[float], Quantity("deg", ge=-90, le=90, least=1)]
@@ -75,6 +76,12 @@ class Bank:
             about="of each laser's receiver, to the background beside that, as of wider fields; all 1 if left out",
         ),
     ] = None
+    intensity_gain: Annotated[
+        Sequence[float] | None,
+        Quantity(
+            ge=0.1, le=10, about="of each laser's reported reflectivity, what its calibration leaves; all 1 if left out"
+        ),
+    ] = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -101,7 +108,7 @@ class Spinning(Mechanism):
 
     Tables by place in the firing order: elevation_rad, azimuth_rad (the laser's own), lead_rad (turn of the head from
     the cycle's start to the firing), lasers_by_place (number of the laser as given), start_m (x, y, z of the laser's
-    exit in the head, or None), responsivity and background_gain (or None: all 1).
+    exit in the head, or None), responsivity, background_gain and gains (of the reported reflectivity; or None: all 1).
     """
 
     cycles: int
@@ -116,6 +123,7 @@ class Spinning(Mechanism):
     start_m: tuple[LookupTable, LookupTable, LookupTable] | None = None
     responsivity: LookupTable | None = None
     background_gain: LookupTable | None = None
+    gains: LookupTable | None = None
     sweep_period_s: float | None = None
 
     @classmethod
@@ -172,6 +180,7 @@ class Spinning(Mechanism):
             start_m=None if start_m is None else (table(start_m[0]), table(start_m[1]), table(start_m[2])),
             responsivity=None if bank.responsivity is None else table(bank.responsivity),
             background_gain=None if bank.background_gain is None else table(bank.background_gain),
+            gains=None if bank.intensity_gain is None else table(bank.intensity_gain),
             sweep_period_s=None if sweep.sweep_rad is None or sweep.frame_hz is None else 1.0 / sweep.frame_hz,
             jitter_rad=jitter_rad,
             encoder_rad=encoder_rad,
@@ -227,6 +236,10 @@ class Spinning(Mechanism):
     def background_share(self, pulse: Lanes) -> Lanes:
         """The responsivity, times what each receiver counts of the background beside."""
         return self._laser_factor(self.responsivity, pulse) * self._laser_factor(self.background_gain, pulse)
+
+    def intensity_gain(self, pulse: Lanes) -> Lanes | None:
+        """Reported reflectivity over the true one, by laser."""
+        return None if self.gains is None else self._laser_factor(self.gains, pulse)
 
     def _laser_factor(self, factors: LookupTable | None, pulse: Lanes) -> Lanes:
         if factors is None:
@@ -320,6 +333,7 @@ class SpinningFile(ScannerFile[Spinning]):
             "height_mm",
             "responsivity",
             "background_gain",
+            "intensity_gain",
         ):
             values = getattr(self, key)
             if values is not None and len(values) != lasers:
