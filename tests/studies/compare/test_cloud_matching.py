@@ -49,7 +49,7 @@ def test_truth_is_that_of_the_first_that_found_the_pulse() -> None:
 def test_names_are_numbered_alike_and_none_stays_none() -> None:
     body = np.array([0, 1, -1], np.int32)
     a, b = (cloud_of_pulses(np.arange(3), body=body, body_names=names) for names in (("car", "road"), ("tree", "car")))
-    first, second = cloud_matching._with_common_names([a, b])
+    first, second = cloud_matching.with_common_names([a, b])
     assert first.body_names == second.body_names == ("car", "road", "tree")
     assert first.body.tolist() == [0, 1, -1]
     assert second.body.tolist() == [2, 0, -1]
