@@ -8,6 +8,7 @@ from helpers import photons, trains, volley
 
 from lidarscene.detection import receivers
 from lidarscene.detection.outcomes import Outcome, Status
+from lidarscene.errors import InputError
 from lidarscene.kernel.device import transfer
 from lidarscene.light.echoes import Echoes
 from lidarscene.light.stray_light import Crosstalk, add_stray_light, channel_light, reaches_others
@@ -196,6 +197,91 @@ def test_points_of_stray_light_in_a_histogram(withheld):
     expected = np.broadcast_to(point.response.signal(train.parts[-1].peak_power_w), stray.shape)[stray]
     assert np.abs((counted - expected) / np.sqrt(expected)).max() < 5.0
     np.testing.assert_allclose(np.stack([stop.range_m for stop in detection.stops])[stray], 30.0, atol=0.2)
+
+
+def glare(*keys):
+    """A head that withholds beside 500 photons, within 2.5 m; a sign of 3,000 photons in channel 5 at 30 m, walls of
+    40 photons in the others, a metre farther from row to row. Returns the sensor, the train and the ranges.
+    """
+    sensor = photons.spinning(
+        f"scanner.elevation_deg={[float(row) for row in range(ROWS)]}",
+        "scanner.columns_per_turn=1024",
+        "detector.spads=4096",
+        "optics.stray.share=1e-6",
+        "optics.stray.glare_photons=500",
+        "optics.stray.glare_reach_m=2.5",
+        *keys,
+    )
+    point = sensor.working_point(np.zeros(1))
+    sign_w, wall_w = (float(np.ravel(point.response.power_w(np.array([count])))[0]) for count in (3000.0, 40.0))
+    ranges, powers = 30.0 + 1.0 * (np.arange(ROWS) - 5.0)[:, None], np.full((ROWS, 1), wall_w)
+    powers[5] = sign_w
+    return sensor, trains.train(ranges, powers, background_w=0.0), ranges[:, 0]
+
+
+def withheld_beside(sensor, train, pulse, crosstalk=None):
+    """Detection of whole lines without what lies beside a glaring echo."""
+    crosstalk = crosstalk or Crosstalk.from_sensor(sensor)
+    light = channel_light(train, crosstalk)
+    whole = add_stray_light(train, light, crosstalk, pulse=pulse)
+    detection = receivers.detect(whole, sensor, seed=3, pulse=pulse)
+    return receivers.withhold_beside_glare(detection, light, crosstalk, sensor, pulse=pulse)
+
+
+def test_returns_beside_a_glaring_one_are_withheld():
+    """(T200): walls within 2.5 m of the sign are hidden, those beyond and the sign are kept. Reported ranges scatter by
+    60 mm, an eighth of what is left to the edge. With a wall in the place of the sign all are kept.
+    """
+    sensor, train, ranges = glare()
+    pulse = np.arange(ROWS, dtype=np.uint32)
+    detection = withheld_beside(sensor, train, pulse)
+    hidden = (np.abs(ranges - 30.0) < 2.5) & (np.arange(ROWS) != 5)
+    assert hidden.sum() == 4
+    np.testing.assert_array_equal(detection.stops[0].reported, ~hidden)
+    np.testing.assert_array_equal(detection.outcome, np.where(hidden, Outcome.HIDDEN, Outcome.KEPT))
+    dim = dataclasses.replace(train.parts[0], peak_power_w=np.full(ROWS, train.parts[0].peak_power_w.min()))
+    without_sign = withheld_beside(sensor, dataclasses.replace(train, parts=(dim,)), pulse)
+    assert without_sign.stops[0].reported.all()
+
+
+def test_glaring_echoes_have_their_lines_traced_together():
+    """A share of 1e-6 alone would leave these lines to themselves: a sign's photons call for them, a wall's do not."""
+    sensor, train, _ = glare()
+    crosstalk = Crosstalk.from_sensor(sensor)
+    part = train.parts[0]
+    echoes = Echoes(
+        has_surface=train.has_surface,
+        range_m=part.range_m,
+        peak_power_w=part.peak_power_w,
+        background_power_w=train.background_power_w,
+    )
+    np.testing.assert_array_equal(reaches_others([echoes], crosstalk), np.arange(ROWS) == 5)
+
+
+def test_glare_is_the_same_on_the_device(mi):
+    """Kept and withheld on NumPy and Dr.Jit."""
+    sensor, train, _ = glare()
+    pulse = np.arange(ROWS, dtype=np.uint32)
+    host = withheld_beside(sensor, train, pulse)
+    part = train.parts[0]
+    on_device = dataclasses.replace(
+        train,
+        parts=(
+            dataclasses.replace(
+                part, range_m=transfer.from_numpy(part.range_m), peak_power_w=transfer.from_numpy(part.peak_power_w)
+            ),
+        ),
+        has_surface=transfer.unsigned_numbers(np.ones(ROWS, np.uint32)) > 0,
+        background_power_w=transfer.from_numpy(np.zeros(ROWS)),
+    )
+    crosstalk = transfer.opaque(Crosstalk.from_sensor(sensor))
+    device = withheld_beside(transfer.opaque(sensor), on_device, transfer.counter(0, ROWS), crosstalk)
+    np.testing.assert_array_equal(device.stops[0].reported.numpy(), host.stops[0].reported)
+
+
+def test_glare_needs_photons():
+    with pytest.raises(InputError, match=r"optics\.stray\.glare_photons: must go with \[histogram\]"):
+        volley.sensor("optics.stray.glare_photons=500")
 
 
 @pytest.mark.parametrize("keys", [(), ("tdc.timing='peak'",)])

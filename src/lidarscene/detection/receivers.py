@@ -6,10 +6,12 @@ orders of returns need the waveform (`multi_echo`). SPADs that sum shots need a 
 
 from __future__ import annotations
 
-from dataclasses import replace
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 from ..light.echoes import Echoes, EchoTrain, SubEchoes
-from ..maths.arrays import Array, Lanes, xp
+from ..light.stray_light import ChannelLight, Crosstalk
+from ..maths.arrays import Array, Lanes, Mask, xp
 from ..sensor.sensor_model import Sensor
 from . import multi_echo, returns
 from .outcomes import Outcome, Status
@@ -53,11 +55,70 @@ def _withhold(detection: Detection, pulse_train: EchoTrain, sensor: Sensor) -> D
     ops, point = xp(stray_w), sensor.working_point(pulse_train.background_power_w)
     deviation = point.noise.deviation
     stray_snr = point.response.signal(stray_w) / ops.where(deviation <= 0.0, 1e-30, deviation)
-    stops, has_echo = [], ops.full(stray_w, False)
+    masks = []
     for stop in detection.stops:
         assert stop.snr is not None
-        weaker = (stray_w > 0.0) & ((stop.snr < stray_snr) | (stop.status == int(Status.STRAY)))
-        reported = stop.reported & ~weaker
+        masks.append((stray_w > 0.0) & ((stop.snr < stray_snr) | (stop.status == int(Status.STRAY))))
+    return _without(detection, masks)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Glare:
+    """Search of a volley for channels that glare; fields but for the number have an entry (n,) for each stop.
+
+    number  next pulse of the volley
+    beside  whether the stop lies beside the range of one of them
+    """
+
+    number: Lanes
+    beside: tuple[Mask, ...]
+
+
+def withhold_beside_glare(
+    detection: Detection, light: ChannelLight, crosstalk: Crosstalk, sensor: Sensor, *, pulse: Array
+) -> Detection:
+    """Leave out the returns at the range of a glaring echo of another channel of their volley, theory (T200).
+
+    light  of the pulses, computed before
+    pulse  (n,) uint32 pulse numbers of whole scan lines in order of time
+    """
+    stray, glare_w, volleys = sensor.optics.stray, crosstalk.glare_w, crosstalk.volleys
+    if stray is None or stray.glare_photons is None or glare_w is None:
+        return detection
+    glare_photons, reach_m = stray.glare_photons, stray.glare_reach_m
+    ops = xp(pulse, light.power_w)
+    place = ops.divmod(ops.int32(pulse), volleys.line)[1]
+    channel = ops.index(light.power_w)
+    first, row = channel - place + ops.int32(ops.take(volleys.first, place)), place * volleys.size
+
+    def search(state: _Glare) -> _Glare:
+        # Shares are 0 of the pulse itself, and beyond the end of a volley that is smaller than the largest.
+        is_other = ops.take(volleys.share, row + state.number) > 0.0
+        source = ops.where(is_other, first + state.number, channel)
+        glares = is_other & (ops.take(light.power_w, source) >= glare_w)
+        range_m = ops.take(light.range_m, source)
+        beside = tuple(
+            is_beside | (glares & (ops.abs(stop.range_m - range_m) < reach_m))
+            for is_beside, stop in zip(state.beside, detection.stops, strict=True)
+        )
+        return _Glare(number=state.number + 1, beside=beside)
+
+    never = ops.full(light.power_w, False)
+    start = _Glare(number=ops.full(light.power_w, 0), beside=(never,) * len(detection.stops))
+    beside = ops.loop(start, lambda state: state.number < volleys.size, search).beside
+    masks = []
+    for is_beside, stop in zip(beside, detection.stops, strict=True):
+        assert stop.photons is not None
+        masks.append(is_beside & (stop.photons < glare_photons))
+    return _without(detection, masks)
+
+
+def _without(detection: Detection, withheld: Sequence[Mask]) -> Detection:
+    """Leave out the withheld returns, a mask (n,) for each stop; pulses that lose their last echo are hidden."""
+    ops = xp(detection.outcome)
+    stops, has_echo = [], ops.full(detection.outcome, 0) > 0
+    for stop, mask in zip(detection.stops, withheld, strict=True):
+        reported = stop.reported & ~mask
         of_own_light = (stop.status == int(Status.ECHO)) | (stop.status == int(Status.ALIASED))
         stops.append(replace(stop, reported=reported))
         has_echo = has_echo | (reported & of_own_light)

@@ -26,13 +26,15 @@ NEGLIGIBLE = 0.1
 class Crosstalk:
     """Volleys of a scanner and what its receivers notice of them.
 
-    least_w  power of an echo from which on its scan line has stray light
+    least_w  power of an echo from which on its scan line has stray light, or glares
     unit_m   c sigma_p / 2: range in which light comes back one standard deviation of the pulse later
+    glare_w  power of an echo from which on other channels withhold returns at its range; None: they report them
     """
 
     volleys: Volleys
     least_w: Lanes
     unit_m: Lanes
+    glare_w: Lanes | None = None
 
     @classmethod
     def from_sensor(cls, sensor: Sensor) -> Crosstalk | None:
@@ -43,11 +45,17 @@ class Crosstalk:
         threshold_w = np.ravel(point.response.power_w(sensor.threshold(point)))[0]
         sigma_s = sensor.laser.pulse_fwhm_s / SIGMAS_PER_FWHM
         volleys = find_volleys(sensor.scanner, sensor.optics.stray)
+        # No channel then has more than NEGLIGIBLE of it, even if all others are as bright as the brightest.
+        least_w = NEGLIGIBLE * float(threshold_w) / max(volleys.largest_sum, 1e-30)
+        glare_w = None
+        if sensor.optics.stray.glare_photons is not None:
+            glare_w = float(np.ravel(point.response.power_w(sensor.optics.stray.glare_photons * np.ones(1)))[0])
+            least_w = min(least_w, glare_w)
         return cls(
             volleys=volleys,
-            # No channel then has more than NEGLIGIBLE of it, even if all others are as bright as the brightest.
-            least_w=NEGLIGIBLE * float(threshold_w) / max(volleys.largest_sum, 1e-30),
+            least_w=least_w,
             unit_m=radiometry.range_from_time_of_flight_m(time_of_flight_s=sigma_s),
+            glare_w=glare_w,
         )
 
 

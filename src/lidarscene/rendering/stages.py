@@ -22,7 +22,7 @@ from ..light.fluctuations import FluctuationLaw, fluctuate
 from ..light.footprint import Footprint, aim, footprint, polarisation, spread, sweep
 from ..light.hits import Hits
 from ..light.pulse_train import LitAir, join_echoes
-from ..light.stray_light import Crosstalk, add_stray_light, channel_light, reaches_others
+from ..light.stray_light import ChannelLight, Crosstalk, add_stray_light, channel_light, reaches_others
 from ..maths.arrays import Array, Lanes, flatten, is_drjit
 from ..maths.box_tree import BoxTree
 from ..maths.motion_table import MotionTable, MovingBodies, Placement
@@ -142,11 +142,15 @@ class Stages:
         if lone and receivers.is_plain(sensor):
             detection = returns.detect(lit.light[0], sensor, seed=seed, pulse=pulse)
             return drop_continuing(pulse, lit.paths, detection, lit.goes_on)
-        whole = self._combine(lit, seed)
+        whole, light = self._combine(lit, seed), None
         if self.crosstalk is not None and not survey:
-            whole = self._add_stray_light(whole, self.crosstalk, pulse)
+            light = self._channel_light(whole, self.crosstalk)
+            whole = add_stray_light(whole, light, self.crosstalk, pulse=pulse)
+        detection = receivers.detect(whole, sensor, seed=seed, pulse=pulse)
+        if self.crosstalk is not None and light is not None:
+            detection = receivers.withhold_beside_glare(detection, light, self.crosstalk, sensor, pulse=pulse)
         goes_on = None if lit.goes_on is None else kept_lanes.any_of_pulse(lit.goes_on, self.rays)
-        return drop_continuing(pulse, lit.paths, receivers.detect(whole, sensor, seed=seed, pulse=pulse), goes_on)
+        return drop_continuing(pulse, lit.paths, detection, goes_on)
 
     def pulse_train(self, frame: Frame, pulses: DevicePulses, seed: Lanes) -> EchoTrain:
         """All that comes back of some pulses, on the device.
@@ -155,7 +159,10 @@ class Stages:
         """
         lit = self._optical_stages(partial(frame.placements, pulses.times), pulses.number, seed)
         train = self._combine(lit, seed)
-        return train if self.crosstalk is None else self._add_stray_light(train, self.crosstalk, pulses.number)
+        if self.crosstalk is None:
+            return train
+        light = self._channel_light(train, self.crosstalk)
+        return add_stray_light(train, light, self.crosstalk, pulse=pulses.number)
 
     def ray_pulses(self, pulse: Array) -> RayPulses:
         """Pulse number of each ray, for every footprint with several rays to a pulse."""
@@ -263,12 +270,11 @@ class Stages:
             air = LitAir(light=self.air, sensor=self.sensor, ambient=self.ambient, seed=seed, pulse=lit.pulse)
         return join_echoes(lit.light, lit.rays, rays=self.rays, skirt=self.footprint.skirt, air=air)
 
-    def _add_stray_light(self, train: EchoTrain, crosstalk: Crosstalk, pulse: Array) -> EchoTrain:
-        """Add the light of other channels to the trains of whole scan lines."""
+    def _channel_light(self, train: EchoTrain, crosstalk: Crosstalk) -> ChannelLight:
+        """Light of the channels of whole scan lines, computed, so that other lanes can read it."""
         light = channel_light(train, crosstalk)
-        # Other lanes read it, which they can once it is computed.
         transfer.start([light.range_m, light.power_w])
-        return add_stray_light(train, light, crosstalk, pulse=pulse)
+        return light
 
 
 def _in_sensor(hits: Hits, place: Placement) -> Hits:

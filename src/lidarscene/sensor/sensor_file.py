@@ -277,6 +277,10 @@ class SensorFile(FileModel):
         _check_response(sensor)
         if optics.stray is not None:
             find_volleys(sensor.scanner, optics.stray)  # refuses what cannot be
+            if optics.stray.glare_photons is not None and sensor.histogram is None:
+                raise InputError(
+                    "optics.stray.glare_photons: must go with [histogram], whose returns are counted in photons"
+                )
         _check_columns(sensor)
         if self.sampler is None:
             return sensor

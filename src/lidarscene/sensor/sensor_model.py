@@ -157,6 +157,17 @@ class StrayLight:
     withheld: Annotated[
         bool, FileKey(about="whether returns with less light than the stray light of their pulse are not reported")
     ] = False
+    glare_photons: Annotated[
+        Lanes | None,
+        Quantity(
+            gt=0,
+            le=1e9,
+            about="of a channel from which on others report no weaker return at its range; all do if left out",
+        ),
+    ] = None
+    glare_reach_m: Annotated[
+        Lanes, Quantity(gt=0, le=100, about="m from that range within which returns are withheld")
+    ] = 0.25
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
