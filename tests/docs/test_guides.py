@@ -249,7 +249,7 @@ def test_sensors() -> None:
     documented_names = re.findall(r"`([\w-]+)`", " ".join(row[0] for row in table("sensors.md", "name | exact")))
     assert sorted(documented_names) == catalog.names("sensors")
     os1 = load_sensor("os1-128").scanner
-    says("sensors.md", "| {} beams at once, {} columns", os1.lasers, os1.cycles)
+    says("sensors.md", "`os1-128-rev7` | {} beams at once, {} columns", os1.lasers, os1.cycles)
 
 
 def test_one_laser_at_a_time() -> None:
