@@ -1,8 +1,6 @@
 """Public names of lidarscene and where each is: imported when first asked for (`lazy_loader`)."""
 
 from ._version import __version__ as __version__
-from .catalog import scenes as scenes
-from .catalog import sensors as sensors
 from .cloud.deskew import deskewed as deskewed
 from .cloud.point_cloud import PointCloud as PointCloud
 from .cloud.point_cloud import load as load
@@ -33,9 +31,11 @@ from .scene.scene import Scene as Scene
 from .scene.scene import Sky as Sky
 from .scene.scene import Sun as Sun
 from .scene.scene_file import load_scene as load_scene
+from .scene.scene_file import scenes as scenes
 from .sensor.rig_file import Rig as Rig
 from .sensor.rig_file import load_rig as load_rig
 from .sensor.sensor_file import load_sensor as load_sensor
+from .sensor.sensor_file import sensors as sensors
 from .sensor.sensor_model import Sensor as Sensor
 from .studies.api import compare as compare
 from .studies.api import fit as fit

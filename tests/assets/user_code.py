@@ -46,7 +46,7 @@ ls.render(t)
 with ls.open_recording("os1.pcap") as rec:
     sweep = rec[0]
     print(sweep.range_m.max(), len(rec))
-print(ls.sensors()[0])
+print(ls.sensors()[0], ls.scenes())
 rec2 = ls.record("car", outputs="a.ply")
 rec3 = ls.record("car", outputs=Outputs("a.ply"))
 boxes = ls.boxes(cloud, scene)

@@ -54,16 +54,6 @@ def names(kind: str) -> list[str]:
     return list(files(kind))
 
 
-def sensors() -> list[str]:
-    """Names of the catalogue's sensors, which `load_sensor`, `render` and the studies take."""
-    return names("sensors")
-
-
-def scenes() -> list[str]:
-    """Names of the scenes that come with the package, which `load_scene` and `render` take."""
-    return names("scenes")
-
-
 def path_of(kind: str, name: str) -> Path:
     """File of an entry; case, dashes and underscores do not matter. Raises InputError with the names that fit."""
     path = folder(kind) / f"{name}{SUFFIXES.get(kind, ('.toml',))[0]}"

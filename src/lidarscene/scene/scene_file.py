@@ -95,6 +95,11 @@ def load_scene(
     return loaded
 
 
+def scenes() -> list[str]:
+    """Names of the scenes that come with the package, which `load_scene` and `render` take."""
+    return catalog.names("scenes")
+
+
 def scene_path(scene: str | os.PathLike[str]) -> Path:
     """Path of a scene's file, or of a bare mesh; a word without a suffix is one of the catalogue. Raises InputError."""
     path = Path(scene)

@@ -11,7 +11,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
-from ..catalog import path_of
+from ..catalog import names, path_of
 from ..errors import InputError
 from ..files.overrides import Overrides, assignments, with_overrides
 from ..files.table_model import Number, Table
@@ -404,6 +404,11 @@ def files_of_sensor(path: Path, *, overrides: Sequence[str] = ()) -> Iterator[Pa
         yield from file.imu.files(path.parent)
     if file.optics.filter is not None and file.optics.filter.csv is not None:
         yield path.parent / file.optics.filter.csv
+
+
+def sensors() -> list[str]:
+    """Names of the catalogue's sensors, which `load_sensor`, `render` and the studies take."""
+    return names("sensors")
 
 
 def load_sensor(sensor: str | os.PathLike[str] | Sensor, *, overrides: Overrides = ()) -> Sensor:
