@@ -64,7 +64,7 @@ def test_a_notebook_is_valid_and_small(path: Path) -> None:
 
 
 def test_there_are_three_and_the_docs_name_them() -> None:
-    page = (ROOT / "docs" / "notebooks.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "tutorials.md").read_text(encoding="utf-8")
     assert len(NOTEBOOKS) == 3
     assert [path.name for path in NOTEBOOKS if f"notebooks/{path.name}" not in page] == []
 
