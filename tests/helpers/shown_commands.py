@@ -37,6 +37,9 @@ PARSED_ONLY = {
     "lidarscene batch factory.toml": "tests/batch/test_dataset.py::test_as_many_labels_as_clouds",
     "lidarscene batch job -o /shared": "tests/batch/test_cluster.py::test_the_bits_of_render",
     "lidarscene render drive --sensor os0-128": "tests/outputs/test_captures.py::test_ouster_metadata_and_background",
+    "lidarscene render town -o out/long": (
+        "tests/scene/street/test_street.py::test_a_longer_street_keeps_its_drivers_and_its_numbers_in_sight_few"
+    ),
     "lidarscene render avenue.toml": "tests/outputs/test_run_motion.py::test_synchronous_packets_of_an_ousters_imu",
     "lidarscene view out/os0.pcap": "tests/cli/recordings/test_recording_options.py::test_view_saves_all_frames_or_one",
     "lidarscene view os1.pcap": "tests/cli/recordings/test_recording_options.py::test_view_saves_all_frames_or_one",
