@@ -15,7 +15,7 @@ from lidarscene.rendering.frame import sensor_motion
 from lidarscene.rendering.surroundings import Surroundings
 from lidarscene.scene.clearance import Clearance
 from lidarscene.scene.meshes.primitives import box_mesh, plane_mesh
-from lidarscene.scene.scene import Air, Ball, Body, Part
+from lidarscene.scene.scene import Air, Ball, Body, Part, Sky
 
 
 def body(name, mesh, position_m=(0.0, 0.0, 0.0), **turns):
@@ -122,6 +122,10 @@ WRONG = {
         ),
     ),
 }
+
+
+def test_a_sky_may_light_a_scene_alone():
+    assert inspect_place(**scene_with(sun=Sun(elevation_rad=-1.5), sky=Sky(diffuse_share=1.0))).doubts == ()
 
 
 @pytest.mark.parametrize("fault", WRONG)

@@ -138,7 +138,8 @@ def _light_doubts(scene: Scene) -> Iterator[OptionWarning]:
             SUN_KLUX,
             klux / 1e3,
         )
-    if klux > 0.0 and sun.elevation_rad < 0.0:
+    # A sky as bright as the sun is meant to light the scene alone, as a twin's.
+    if klux > 0.0 and sun.elevation_rad < 0.0 and scene.sky.diffuse_share < 1.0:
         yield OptionWarning(
             "sun.elevation_deg is {0:.4g}, so that its {1:g} klux come from below the horizon: give an elevation above "
             "0, or sun.illuminance_klux=0 for night",
