@@ -4,6 +4,7 @@ import json
 import math
 import re
 import signal
+import subprocess
 import tomllib
 import warnings
 from pathlib import Path
@@ -77,6 +78,20 @@ def test_help_is_a_command_too(run: Run, words: list[str], option: list[str]) ->
 
 def test_version(run: Run) -> None:
     assert run("--version").out == run("version").out == f"lidarscene {__version__}\n"
+
+
+def test_bash_completes_commands_and_options(run: Run, tmp_path: Path) -> None:
+    """Reference: Bash itself, which runs the script and completes two lines."""
+    (tmp_path / "completion.sh").write_text(run("completion", "bash").out)
+    for line, completed in (("lidarscene ren", "render"), ("lidarscene render --pict", "--picture")):
+        words = line.split()
+        script = f"source completion.sh; COMP_WORDS=({line}); COMP_CWORD={len(words) - 1}; "
+        script += "_shtab_lidarscene; echo ${COMPREPLY[@]}"
+        ran = subprocess.run(["bash", "-c", script], cwd=tmp_path, capture_output=True, text=True, check=True)
+        assert ran.stdout == f"{completed}\n"
+    ran = run("completion", "fish")
+    assert (ran.code, ran.out) == (2, "")
+    assert "'fish'" in ran.err
 
 
 def test_a_quiet_command_prints_no_summary(run: Run, tmp_path: Path) -> None:

@@ -16,6 +16,7 @@ from typing import Any, NoReturn
 
 from .._version import __version__
 from ..errors import InputError, LidarSceneError, did_you_mean
+from ..files.optional import import_optional
 from .batch import add_batch
 from .catalog_commands import add_catalogue
 from .compare import add_compare
@@ -145,6 +146,16 @@ def _parser() -> argparse.ArgumentParser:
     help_of = commands.add_parser("help", help="options and examples of a command, as its -h prints them")
     help_of.add_argument("command", metavar="COMMAND", nargs="?", choices=list(commands.choices), help="any of these")
     help_of.set_defaults(run=lambda arguments: commands.choices.get(arguments.command, parser).format_help())
+    completion = commands.add_parser(
+        "completion",
+        help="a script with which the shell completes commands and options",
+        description='Print a script for the shell; for Bash: eval "$(lidarscene completion bash)". '
+        "It needs pip install 'lidarscene[completion]'.",
+    )
+    completion.add_argument("shell", metavar="SHELL", choices=("bash", "zsh", "tcsh"), help="bash, zsh or tcsh")
+    completion.set_defaults(
+        run=lambda arguments: import_optional("shtab", extra="completion").complete(parser, arguments.shell)
+    )
     return parser
 
 

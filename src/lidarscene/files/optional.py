@@ -25,6 +25,7 @@ EXTRAS = {
     "ouster": {"ouster.sdk": "ouster-sdk"},
     "velodyne": {"velodyne_decoder": "velodyne-decoder", "yaml": "pyyaml"},
     "design": {"pymoo": "pymoo"},
+    "completion": {"shtab": "shtab"},
     "open3d": {"open3d": "open3d libusb-package"},
 }
 """Group of pyproject.toml -> {module that is imported: packages that bring it}."""
