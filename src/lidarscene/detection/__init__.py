@@ -2,7 +2,7 @@
 
 A detector's signal is noisy, so chance decides whether and when a pulse is reported. One random deviate for each echo
 decides both, in closed form; the waveform is not sampled. The functions run on NumPy and Dr.Jit arrays alike, so the
-range analysis and the scene simulation share them (docs/theory.md 7 to 9, 23 and 24).
+range analysis and the scene simulation share them (docs/theory.md 7 to 9, 17 and 34).
 
 shots              the inputs that every step of the electronics takes
 outcomes           causes of points and outcomes of pulses

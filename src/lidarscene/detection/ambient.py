@@ -1,7 +1,7 @@
 """Ambient counts: background power to the number of background events that each pulse's channel counts.
 
 Some sensors report the background as a near-infrared image. It is a count over a fixed time, so it has Poisson noise;
-in a SiPM the dead time of its cells makes this noise narrower (docs/theory_light.md 19).
+in a SiPM the dead time of its cells makes this noise narrower (docs/theory_light.md 15).
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from ..sensor.sensor_model import Sensor
 def counts(background_power_w: Lanes, sensor: Sensor, *, seed: Lanes, pulse: Array) -> Lanes:
     """Noisy counts of detected photons and dark events in the sensor's ambient window, (n,) whole numbers.
 
-    Echoes are not counted (docs/theory_light.md 19).
+    Echoes are not counted (docs/theory_light.md 15).
 
     background_power_w  (n,) optical power on the detector
     seed                32-bit frame seed

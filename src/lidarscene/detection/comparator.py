@@ -202,7 +202,7 @@ def trailing_level(shots: Shots, trip: Trip, *, threshold: Lanes | None = None, 
 
 
 def width_s(shots: Shots, trip: Trip, *, peak_power_w: Lanes, early_s: Lanes) -> Lanes:
-    """Time over the threshold of a single Gaussian pulse, (n,) s (docs/theory_receivers.md 20).
+    """Time over the threshold of a single Gaussian pulse, (n,) s (docs/theory_receivers.md 32).
 
     early_s  (n,) crossing time of the rising edge relative to the peak: negative
     """
@@ -328,7 +328,7 @@ before it, 0 at first, and returns the progress at it. Once an alarm is beyond t
 
 
 def false_alarms(shots: Shots, sources: tuple[Interference, ...]) -> list[Alarms]:
-    """Generators of each pulse's false alarms (docs/theory.md 9 and 19).
+    """Generators of each pulse's false alarms (docs/theory.md 9 and 15).
 
     One generator for all alarms in order of time; with ``keep = "strongest"`` one for noise and one for each source.
 

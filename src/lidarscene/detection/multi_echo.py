@@ -2,7 +2,7 @@
 
 The sub-echoes of a pulse overlap and add up to a waveform. The comparator sees its rises: from a valley to a peak. Each
 rise has its own deviate, as the single echo has in `returns`, and the same formulas hold for it. The waveform is not
-sampled: `rises` walks from peak to peak, and crossings are roots of the waveform (docs/theory_light.md 23).
+sampled: `rises` walks from peak to peak, and crossings are roots of the waveform (docs/theory_light.md 17).
 
 Symbols: P power over time, z deviate of a rise, P_d probability that it trips, sigma_p width of the laser pulse.
 """
@@ -33,7 +33,7 @@ from .shots import Received
 
 
 def detect(pulse_train: EchoTrain, sensor: Sensor, *, seed: Lanes, pulse: Array) -> Detection:
-    """Detect every pulse of a train: one `Returns` for each stop, in order of time (docs/theory_light.md 23).
+    """Detect every pulse of a train: one `Returns` for each stop, in order of time (docs/theory_light.md 17).
 
     seed   32-bit frame seed; every random number is keyed by (seed, stage, pulse)
     pulse  (n,) uint32 pulse numbers

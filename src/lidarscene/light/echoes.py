@@ -1,7 +1,7 @@
 """Echoes: the signal and background power that each ray brings to the detector.
 
 The lidar equation turns the geometry of `Hits` into watts, before any electronics: what the detector makes of the power
-is another stage, so a missing point can be traced back to a lack of light or to noise (docs/theory.md 1 to 3 and 19).
+is another stage, so a missing point can be traced back to a lack of light or to noise (docs/theory.md 1 to 3 and 15).
 
 Symbols: P_t peak power of the laser, eta efficiency of the optics, A aperture of the receiver, alpha extinction of the
 air, V(R) course of the air's light over range.
@@ -27,7 +27,7 @@ from .hits import Hits
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Interference:
-    """Pulses of another lidar on the detector, at random times (docs/theory_light.md 19).
+    """Pulses of another lidar on the detector, at random times (docs/theory_light.md 15).
 
     rate_hz       mean rate of its pulses
     peak_power_w  (n,) median of their peak powers

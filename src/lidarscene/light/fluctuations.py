@@ -1,7 +1,7 @@
 """Fluctuations: echoes that scatter about their mean, by speckle and by turbulence.
 
 One draw for each pulse moves all of its light together. The comparator sees the power that was drawn; SNR and P_d of a
-point are those of the mean echo and of all echoes (docs/theory_light.md 34). Where a pulse meets no surface, the light
+point are those of the mean echo and of all echoes (docs/theory_light.md 22). Where a pulse meets no surface, the light
 of the air comes from many particles at all ranges, and does not fluctuate.
 """
 

@@ -355,7 +355,7 @@ class Sensor(_Rebuilt):
 
     @property
     def received_fwhm_s(self) -> Lanes:
-        """Width of the pulse behind the low pass: its area stays (docs/theory_receivers.md 28)."""
+        """Width of the pulse behind the low pass: its area stays (docs/theory_receivers.md 35)."""
         if self.receiver.low_pass is None:
             return self.laser.pulse_fwhm_s
         return self.laser.pulse_fwhm_s / self.low_pass_share

@@ -41,7 +41,7 @@ def crossing_source(
 
     The cause is the light that rises most steeply at the crossing, of the surfaces or of the air. The most light
     would be the wrong test: fog may trip the comparator on the way up to the peak of a surface far behind it, and a
-    surface may trip it on top of fog that is brighter (docs/theory_light.md 23).
+    surface may trip it on top of fog that is brighter (docs/theory_light.md 17).
     """
     ops, wave = shots.ops, shots.wave
     number, range_m = _surface_or_air(

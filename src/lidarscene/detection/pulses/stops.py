@@ -2,7 +2,7 @@
 
 A converter reports a few returns of a pulse: the first, the last, the strongest, or the strongest and the last. Returns
 come one after the other, so the best so far are held in a short list, into which each new one is inserted
-(docs/theory.md 23 and 29).
+(docs/theory.md 17 and 36).
 """
 
 from __future__ import annotations

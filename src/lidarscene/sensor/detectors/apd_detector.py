@@ -154,7 +154,7 @@ class Apd(Detector):
         return None if self.saturation_a is None else step_s
 
     def course_in_time(self, wave: Wave, time_s: Numbers, step_s: float) -> Numbers:
-        """Signal behind an amplifier that clips and drains (docs/theory_receivers.md 20)."""
+        """Signal behind an amplifier that clips and drains (docs/theory_receivers.md 32)."""
         assert self.saturation_a is not None
         return saturation.clipped_course(
             signal=wave.signal(time_s),

@@ -33,7 +33,7 @@ class CellMemory:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Filtered:
-    """Shares of signal and noise that pass an amplifier's frequency response (docs/theory_receivers.md 28).
+    """Shares of signal and noise that pass an amplifier's frequency response (docs/theory_receivers.md 35).
 
     peak        share of a pulse's peak
     noise       share of the variance without echo
