@@ -12,6 +12,7 @@ from lidarscene.errors import LidarSceneError
 from lidarscene.files import open3d as open3d_door
 
 MODULE = ModuleType("open3d")
+WAY_OUT = r"try: pip install 'lidarscene\[open3d\]', or pip install open3d"
 NO_LIBUSB = ImportError("libusb-1.0.so.0: cannot open shared object file: No such file or directory")
 
 
@@ -55,7 +56,10 @@ def test_libusb_is_loaded_only_where_it_is_missing(monkeypatch: pytest.MonkeyPat
 @pytest.mark.parametrize(
     ("error", "way_out"),
     [
-        (ModuleNotFoundError("No module named 'open3d'"), "try: pip install open3d"),
+        (
+            ModuleNotFoundError("No module named 'open3d'"),
+            r"try: pip install 'lidarscene\[open3d\]', or pip install open3d",
+        ),
         (NO_LIBUSB, "try: pip install libusb-package, or apt install libusb-1.0-0"),
         (OSError("libGL.so.1: cannot open\nshared object file"), "try: apt install .*libgl1"),
         (ImportError("/lib/libm.so.6: version `GLIBC_2.38' not found"), "libm.so.6: version `GLIBC_2.38'"),
@@ -90,7 +94,7 @@ def test_a_failure_is_not_remembered(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_without_the_module_it_is_the_module_that_is_asked_for(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "open3d", None)
-    with pytest.raises(LidarSceneError, match="try: pip install open3d"):
+    with pytest.raises(LidarSceneError, match=WAY_OUT):
         open3d_door.open3d()
 
 

@@ -52,6 +52,8 @@ TOO_NEAR = {
     "sony-spad-189x600 laser.repetition_rate_khz": "20 Hz: heads at 20 kHz are real",
     "rs-e1 laser.repetition_rate_khz": "10 Hz: heads at 10 kHz are real",
     "os0-128 laser.divergence_mrad": "10.8 mrad: 0.0108 mrad is a beam of telescopes, which are real",
+    "os0-128-rev7 laser.divergence_mrad": "10.4 mrad: refused for its beam of 5 mm, as narrower than diffraction",
+    "osdome-128 laser.divergence_mrad": "as os0-128-rev7",
     "hdl-64e scanner.height_mm": "all exits are 200 mm up, and 0.2 mm is not finer than a calibration",
 }
 """Why a value in SI units may pass."""

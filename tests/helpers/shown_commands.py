@@ -62,10 +62,11 @@ COPIES = {"my-sensor": "table1-sipm", "my-risley": "livox-mid-40", "my-spinning"
 MESH, VAN = "my_mesh.glb", "van.obj"
 """A box of each name is written."""
 MADE_BEFORE = {
+    "index.md": ("lidarscene render car -o out/car.ply",),
     "view.md": (
         "lidarscene render car -o out/car.ply --picture out/car.png",
         "lidarscene render scenes/drive.toml -o out/frames --frames 2",
-    )
+    ),
 }
 RASTER = ("scanner.azimuth_step_deg=4", "scanner.elevation_step_deg=4")
 SPINNING = ("scanner.columns_per_turn=64", "laser.repetition_rate_khz=81.92")

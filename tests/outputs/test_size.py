@@ -103,7 +103,7 @@ def test_a_bar_on_a_terminal_alone(monkeypatch: pytest.MonkeyPatch, capsys: pyte
     @contextmanager
     def bar(label: str, total: int) -> Iterator[Any]:
         steps.append((label, total))
-        yield steps.append
+        yield lambda finished, _: steps.append(finished)
         steps.append("gone")
 
     monkeypatch.setattr(terminal, "_bar", bar)
@@ -134,7 +134,7 @@ def test_long_commands_tell_how_far_they_are(
 
     @contextmanager
     def bar(label: str, total: int) -> Iterator[Any]:
-        yield lambda steps_done: reports.append((steps_done, total))
+        yield lambda steps_done, _: reports.append((steps_done, total))
 
     monkeypatch.setattr(terminal, "_bar", bar)
     monkeypatch.setattr(render, "PATIENCE_S", 0.0)

@@ -362,6 +362,10 @@ def range_m(sensor, name, file, parameter, value):
     return limit_m(dataclasses.replace(sensor, **{part: component}), Target())
 
 
+BENT = {"sipm-905": ("laser.pulse_fwhm_s", "detector.dead_time_s")}
+"""Where the pulse is as long as the dead time, cells that fire twice begin: the slope is the mean of both sides'."""
+
+
 @pytest.mark.parametrize("name", catalog.names("sensors"))
 def test_every_row_is_what_two_runs_of_range_give(name):
     """Rationale: a number that is computed when the file is loaded must not be held while others vary.
@@ -385,6 +389,9 @@ def test_every_row_is_what_two_runs_of_range_give(name):
                 smallest = 1e-4  # the least offset of a file that is not 0
             step = 1e-3 * row.value or smallest
             slope = (range_m(sensor, name, file, row.parameter, row.value + step) - table.range_m) / step
+            if row.parameter in BENT.get(name, ()):
+                below_m = range_m(sensor, name, file, row.parameter, row.value - step)
+                slope = 0.5 * (slope + (table.range_m - below_m) / step)
             scale = 1e3 * step
         assert slope * scale == pytest.approx(row.range_slope * scale, abs=tolerance * table.range_m), row
 
