@@ -12,7 +12,6 @@ from typing import Any
 
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
-from mkdocs.structure.pages import Page
 
 NOTEBOOK_LINK = re.compile(r"(\]\([\w/.]*notebooks/\w+)\.ipynb")
 
@@ -29,7 +28,7 @@ def on_files(files: Files, *, config: MkDocsConfig) -> Files:
     return files
 
 
-def on_page_markdown(markdown: str, *, page: Page, **_: Any) -> str:
+def on_page_markdown(markdown: str, **_: Any) -> str:
     """The page's text with links to notebooks' pages in place of links to their files."""
     return NOTEBOOK_LINK.sub(r"\1.md", markdown)
 

@@ -1,8 +1,10 @@
 """Errors: mistakes of the user or faults of the machine, each with one plain message."""
 
+from __future__ import annotations
+
 import difflib
 import string
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Collection, Iterable, Mapping
 from typing import Any
 
 LONGEST = 1000
@@ -29,6 +31,12 @@ def question(choices: Iterable[str]) -> str:
     """Question whether one of these was meant, such as "did you mean 60 or 90?"; empty without any."""
     words = " or ".join(choices)
     return f"did you mean {words}?" if words else ""
+
+
+def unknown_option(word: str, options: Collection[str]) -> InputError:
+    """Error for a keyword that is none of a call's options."""
+    meant = did_you_mean(word, options)
+    return InputError(f"unknown option '{word}'; {meant}{' ' if meant else ''}known here: {', '.join(options)}")
 
 
 class LidarSceneError(Exception):

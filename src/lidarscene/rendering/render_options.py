@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, TypedDict, TypeVar
 
-from ..errors import InputError, did_you_mean
+from ..errors import InputError, unknown_option
 from ..light.limits import INTERACTIONS, MOST_INTERACTIONS
 from .option_fields import Finite, Function, OneOf, Whole, check_options, list_options, option
 
@@ -222,6 +222,4 @@ class Keywords:
         parameters  names of the other parameters of the call, which may have been meant
         """
         if self._remaining:
-            known, word = [*self._field_names, *parameters], next(iter(self._remaining))
-            meant = did_you_mean(word, known)
-            raise InputError(f"unknown option '{word}'; {meant}{' ' if meant else ''}known here: {', '.join(known)}")
+            raise unknown_option(next(iter(self._remaining)), [*self._field_names, *parameters])

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, TypedDict, Unpack
 
 from ..cloud.point_cloud import PointCloud
-from ..errors import InputError, did_you_mean
+from ..errors import InputError, unknown_option
 from ..figures.report import Report
 from ..files.atomic import put_text
 from ..files.overrides import Overrides, assignments
@@ -277,11 +277,10 @@ def twin(
 
 def _refuse_unknown(keywords: Mapping[str, object], kind: Any, *parameters: str) -> None:
     """Raise InputError for a keyword that a TypedDict lacks; ``parameters`` are the call's others."""
-    known = [*kind.__annotations__, *parameters]
+    options = [*kind.__annotations__, *parameters]
     for word in keywords:
-        if word not in known:
-            meant = did_you_mean(word, known)
-            raise InputError(f"unknown option '{word}'; {meant}{' ' if meant else ''}known here: {', '.join(known)}")
+        if word not in options:
+            raise unknown_option(word, options)
 
 
 def _named(sensors: SensorChoice | Sequence[SensorChoice], overrides: Overrides) -> list[tuple[str, Sensor]]:

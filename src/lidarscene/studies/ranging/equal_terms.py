@@ -213,7 +213,7 @@ def range_interval_m(
     None if the sensor states no uncertainty of a number that its range depends on.
     """
     values, below, above = sensitivities.parameters(sensor, target), [], []
-    for name in sensor.uncertainty.keys() & values.keys() - set(without):
+    for name in sorted(sensor.uncertainty.keys() & values.keys() - set(without)):  # in an order that stays
         half = sensor.uncertainty[name]
         ends = []
         for value in (max(values[name] - half, 0.0), values[name] + half):

@@ -61,8 +61,7 @@ def is_explained(sweep: Sweep, sensor: Sensor) -> Numbers:
     histogram = sensor.histogram
     if histogram is None or sweep.signal is None or sweep.near_ir is None or not sweep.includes_lost:
         return np.ones(sweep.shape, bool)
-    counts = np.maximum(np.nan_to_num(sweep.near_ir), 0.0) + float(histogram.threshold_pedestal * histogram.shots)
-    level = np.maximum(float(histogram.threshold_floor) + float(histogram.threshold_slope) * np.sqrt(counts), 1.0)
+    level = np.maximum(histogram.threshold(np.maximum(np.nan_to_num(sweep.near_ir), 0.0)), 1.0)
     spread = float(histogram.threshold_spread or 0.0)
     most = level * np.exp(LOSS_SIGMAS * np.sqrt(spread * spread + 1.0 / level))
     return np.asarray(~sweep.lost | ~(sweep.signal > most))
