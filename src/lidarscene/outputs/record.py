@@ -14,15 +14,17 @@ from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, Unpack
+from typing import Any, NamedTuple, Unpack
 
 from ..errors import InputError, OptionError, OptionWarning
 from ..files.atomic import name_path_in_errors
 from ..files.overrides import Overrides, assignments
+from ..formats.packets.packet_encoder import PacketEncoder
 from ..formats.rerun import require_viewer, rerun_live
 from ..rendering.frame_summary import Summary
 from ..rendering.render_options import FrameKeywords, FrameOptions, Keywords, Observers, TraceKeywords, TraceOptions
 from ..rendering.rig_simulators import require_common_frames, simulators
+from ..rendering.simulator import Simulator
 from ..rendering.surroundings import Surroundings, simulator_surroundings, warn_of_surroundings
 from ..scene.scene import Scene
 from ..scene.scene_file import files_of_scene, load_scene
@@ -125,37 +127,29 @@ def record(
         outputs = Outputs(outputs)
     if not isinstance(outputs, Outputs):
         raise InputError(f"outputs: must be a file or Outputs, got {type(outputs).__name__}")
+    # What can be refused is refused in order of its cost: names first, then files, then the world, then tracing.
     plan = Plan(outputs, frames, rig is not None, frame.begin_s)
     if outputs.rrd:
         require_viewer()
     plan.check(frame.coordinates, vectors=trace.vectors)
     before, since = Summary(), time.perf_counter()
     labels = [""] if rig is None else [mounted.label for mounted in rig.sensors]
-    # Each group of sensors becomes one cloud: all of them when merged, else one at a time.
-    groups = [labels] if outputs.merge else [[label] for label in labels]
     numbers = range(frame.number, frame.number + (frames or 1))
-    clouds = [("" if outputs.merge else group[0], group, number) for number in numbers for group in groups]
-    planned = [plan.files(label, number) for label, _, number in clouds]
+    clouds = _planned_clouds(plan, labels, numbers)
     pose_files = plan.run_files("poses", [""] if outputs.merge else labels)
-    # What can be refused is refused in order of its cost: names first, then files, then the world, then tracing.
+    planned = [cloud.files for cloud in clouds]
     check_writable(plan, [*planned, *({"poses": path} for path in pose_files.values())])
     described = load_scene(scene, overrides=scene_changes)
     sensors = _sensors(described, sensor, changes, frame)
     _warn_of_thin_beams(trace, sensors)
     warn_of_doubts(mounted.sensor for mounted in sensors)
     warn_of_size(plan, sensors, trace, frame.chunk)
-    encoders = {}
-    if outputs.packets:
-        sensor_by_label = {mounted.label: mounted.sensor for mounted in sensors}
-        encoders = packet_encoders(sensor_by_label, plan.format.profile or "")
-    for (label, _, _), files in zip(clouds, planned, strict=True):
-        if label in encoders:
-            files |= description_files(files["output"], encoders[label])
+    encoders = _encoders(plan, sensors, clouds)
     has_imu = {mounted.label: mounted.sensor.imu is not None for mounted in sensors}
     imu_files = plan.run_files("imu", [] if outputs.imu is None else imu_labels(has_imu, rig))
-    run_files = [{"poses": path} for path in pose_files.values()] + [{"imu": path} for path in imu_files.values()]
-    check_writable(plan, [*planned, *run_files])
-    protect_inputs([*planned, *run_files], [*_inputs(scene, scene_changes, sensor)])
+    planned += [{"poses": path} for path in pose_files.values()] + [{"imu": path} for path in imu_files.values()]
+    check_writable(plan, planned)
+    protect_inputs(planned, [*_inputs(scene, scene_changes, sensor)])
     # Wrong pulse numbers raise here, not after an hour of tracing.
     if outputs.waveforms is not None:
         for mounted in sensors:
@@ -172,48 +166,110 @@ def record(
     )
     warn_of_surroundings(surroundings)
     before.add_time("build", since)
-    pulses = len(numbers) * sum(mounted.sensor.scanner.pulses for mounted in sensors)
-    progress = None if callback is None else _Progress(callback, pulses)
-    epoch_ns = outputs.epoch_ns(frame.begin_s)
     with_imus = outputs.imu is not None or outputs.packets or outputs.rrd or plan.format.rig
     motion = RunMotion.of_run(described, simulator_by_label, frame, len(numbers), rig=rig, with_imus=with_imus)
-    written: list[RecordedCloud] = []
-    paths = {label: files["output"] for (label, _, _), files in zip(clouds, planned, strict=True)}
-    with ExitStack() as opened:
-        bags = _bags(plan, planned, opened, epoch_ns)
-        live = opened.enter_context(rerun_live(epoch_ns=epoch_ns)) if outputs.rrd else None
-        open_captures = opened.enter_context(captures(paths if encoders else {}, encoders))
-        for (label, group, number), files in zip(clouds, planned, strict=True):
-            parts = list(motion.parts(group, number - frame.number))
-            frame_files = FrameFiles(
-                plan=plan,
-                scene=described,
-                simulators={name: simulator_by_label[name] for name in group},
-                frame=replace(frame, number=number, pose=None),
-                files=files,
-                placed=rig is not None or frame.pose is not None,
-                # Loading and building happened once; the first frame is charged for it.
-                summary=Summary(seconds={} if written else before.seconds),
-                bags={
-                    path: name_path_in_errors(path, partial(append, label=label) if plan.format.rig else append)
-                    for path, append in bags.items()
-                },
-                live=None if live is None else partial(live, label=label),
-                epoch_ns=epoch_ns,
-                capture=open_captures.get(label),
-                imu=next((samples for track, samples in parts if track.label == label), None),
-            )
-            frame_files.write(progress)
-            logs = [*(bags.values() if plan.format.rig else ()), *([] if live is None else [live])]
-            for bag in logs:
-                for track, samples in parts:
-                    bag.append_imu(samples, label=track.label, mounting=track.on_vehicle)
-            written.append(RecordedCloud(label=label, number=number, files=files, summary=frame_files.summary))
+    pulses = len(numbers) * sum(mounted.sensor.scanner.pulses for mounted in sensors)
+    run = _Run(plan, described, simulator_by_label, frame, motion, placed=rig is not None or frame.pose is not None)
+    # Loading and building happened once; the first frame is charged for it.
+    written = run.write(clouds, encoders, before, None if callback is None else _Progress(callback, pulses))
+    epoch_ns = outputs.epoch_ns(frame.begin_s)
     for label, path in imu_files.items():
         motion.write_imu(path, label, epoch_ns)
     for label, path in pose_files.items():
         motion.write_poses(path, label, epoch_ns)
-    return RecordedRun(tuple(written), surroundings, (*imu_files.values(), *pose_files.values()))
+    return RecordedRun(written, surroundings, (*imu_files.values(), *pose_files.values()))
+
+
+class _PlannedCloud(NamedTuple):
+    """Cloud that the run will write.
+
+    label          label of the rig's sensor; "" for a single sensor, and for merged clouds
+    sensor_labels  labels of the sensors whose points are in it
+    number         number of the frame
+    files          key of `Plan.files` -> path
+    """
+
+    label: str
+    sensor_labels: Sequence[str]
+    number: int
+    files: dict[str, Path]
+
+
+def _planned_clouds(plan: Plan, labels: Sequence[str], numbers: Sequence[int]) -> list[_PlannedCloud]:
+    """Clouds of all frames in the order of writing: all sensors in one when merged, else one for each."""
+    groups = {"": labels} if plan.outputs.merge else {label: [label] for label in labels}
+    return [
+        _PlannedCloud(label, group, number, plan.files(label, number))
+        for number in numbers
+        for label, group in groups.items()
+    ]
+
+
+def _encoders(plan: Plan, sensors: Sequence[Mounted], clouds: Sequence[_PlannedCloud]) -> dict[str, PacketEncoder]:
+    """Encoder of each sensor's packets, by label; empty without packets. Their description files join the clouds'."""
+    if not plan.outputs.packets:
+        return {}
+    encoders = packet_encoders({mounted.label: mounted.sensor for mounted in sensors}, plan.format.profile or "")
+    for cloud in clouds:
+        cloud.files.update(description_files(cloud.files["output"], encoders[cloud.label]))
+    return encoders
+
+
+@dataclass(frozen=True, slots=True)
+class _Run:
+    """Run whose options are checked and whose simulators are built.
+
+    simulators  label of the sensor -> its simulator
+    placed      whether the sensors have another pose than the scene's
+    """
+
+    plan: Plan
+    scene: Scene
+    simulators: Mapping[str, Simulator]
+    frame: FrameOptions
+    motion: RunMotion
+    placed: bool
+
+    def write(
+        self,
+        clouds: Sequence[_PlannedCloud],
+        encoders: Mapping[str, PacketEncoder],
+        before: Summary,
+        progress: ProgressCallback | None,
+    ) -> tuple[RecordedCloud, ...]:
+        """Trace all clouds into their files; the first has the times of ``before`` in its summary."""
+        plan, written = self.plan, list[RecordedCloud]()
+        epoch_ns, keeps_rig = plan.outputs.epoch_ns(self.frame.begin_s), plan.format.rig
+        with ExitStack() as opened:
+            bags = _bags(plan, [cloud.files for cloud in clouds], opened, epoch_ns)
+            live = opened.enter_context(rerun_live(epoch_ns=epoch_ns)) if plan.outputs.rrd else None
+            packet_files = {cloud.label: cloud.files["output"] for cloud in clouds} if encoders else {}
+            open_captures = opened.enter_context(captures(packet_files, encoders))
+            for label, group, number, files in clouds:
+                parts = list(self.motion.parts(group, number - self.frame.number))
+                frame_files = FrameFiles(
+                    plan=plan,
+                    scene=self.scene,
+                    simulators={name: self.simulators[name] for name in group},
+                    frame=replace(self.frame, number=number, pose=None),
+                    files=files,
+                    placed=self.placed,
+                    summary=Summary(seconds={} if written else before.seconds),
+                    bags={
+                        path: name_path_in_errors(path, partial(append, label=label) if keeps_rig else append)
+                        for path, append in bags.items()
+                    },
+                    live=None if live is None else partial(live, label=label),
+                    epoch_ns=epoch_ns,
+                    capture=open_captures.get(label),
+                    imu=next((samples for track, samples in parts if track.label == label), None),
+                )
+                frame_files.write(progress)
+                for log in (*(bags.values() if keeps_rig else ()), *(() if live is None else (live,))):
+                    for track, samples in parts:
+                        log.append_imu(samples, label=track.label, mounting=track.on_vehicle)
+                written.append(RecordedCloud(label=label, number=number, files=files, summary=frame_files.summary))
+        return tuple(written)
 
 
 def _bags(plan: Plan, clouds: Sequence[Mapping[str, Path]], opened: ExitStack, epoch_ns: int) -> dict[Path, Any]:
