@@ -218,9 +218,9 @@ def test_sensitivities_of_a_histogram_are_those_of_its_formulas():
 
 def test_a_sensor_says_what_walk_may_be_left():
     """Pixels that cannot tell all powers apart have a line for the summary; others, and raw ranges, have none."""
-    assert "0.75 m of pile-up may be left" in load_sensor("sony-spad-189x600").histogram.walk_left
-    assert load_sensor("os1-128").histogram.walk_left is None
+    assert "0.75 m of pile-up may be left" in load_sensor("sony-spad-189x600").histogram.residual_walk
+    assert load_sensor("os1-128").histogram.residual_walk is None
     together = ["detector.spads=16", "detector.coincidence=2"]
-    assert " to 10000 detections" in load_sensor("os1-128", overrides=together).histogram.walk_left
+    assert " to 10000 detections" in load_sensor("os1-128", overrides=together).histogram.residual_walk
     raw = [*together, "histogram.walk='raw'"]
-    assert load_sensor("os1-128", overrides=raw).histogram.walk_left is None
+    assert load_sensor("os1-128", overrides=raw).histogram.residual_walk is None

@@ -81,7 +81,7 @@ class Surroundings:
                 *_size_doubts(clearance),
                 *_place_doubts(sensor, around, place_m, alone=scene.base is None),
             ),
-            walk=None if sensor.histogram is None else sensor.histogram.walk_left,
+            walk=None if sensor.histogram is None else sensor.histogram.residual_walk,
         )
 
     def line(self) -> str:

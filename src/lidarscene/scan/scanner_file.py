@@ -35,7 +35,7 @@ class ScannerFile(Table[Target], Generic[Target]):
     """Base of all scanners."""
 
     @property
-    def own_rate_hz(self) -> float | None:
+    def firing_rate_hz(self) -> float | None:
         """Pulse rate that follows from the table; None: the laser's."""
         return None
 

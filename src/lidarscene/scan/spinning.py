@@ -297,7 +297,7 @@ class SpinningFile(ScannerFile[Spinning]):
         return 1.0 / float(abs(self.rotation_hz) * self.columns_per_turn)
 
     @property
-    def own_rate_hz(self) -> float:
+    def firing_rate_hz(self) -> float:
         """All lasers once in each cycle."""
         return len(self.elevation_deg) / self.cycle_s
 
@@ -347,7 +347,7 @@ class SpinningFile(ScannerFile[Spinning]):
     def build(self, context: ScannerContext) -> Spinning:
         """Convert to SI units; the laser's rate must agree with the firing table to 1 %. Raises InputError."""
         lasers = len(self.elevation_deg)
-        rate_hz = self.own_rate_hz
+        rate_hz = self.firing_rate_hz
         # The rate follows from the firing table. The file states it too, for the laser: both must agree.
         if abs(context.rate_hz / rate_hz - 1.0) > 0.01:
             raise InputError(

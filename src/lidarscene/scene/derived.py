@@ -20,7 +20,7 @@ Tables = dict[str, Any]
 DEEPEST = 8
 """Most scene files that extend each other in a chain."""
 
-OWN_CAR, OWN_CLASS, OWN_PAINT = "own_car", "car", "car_paint_white"
+EGO_CAR, EGO_CLASS, EGO_PAINT = "own_car", "car", "car_paint_white"
 """Name, class and material of an ego vehicle's mesh if nothing else says them."""
 
 _OF_SHAPE = (
@@ -117,10 +117,10 @@ def with_ego_mesh(tables: Tables, folder: Path, where: str) -> Tables:
     except InputError as error:
         raise InputError(f"{where}: ego.mesh: {error}") from None
     body = {
-        "name": replaced.get("name", OWN_CAR),
-        "class": replaced.get("class", OWN_CLASS),
+        "name": replaced.get("name", EGO_CAR),
+        "class": replaced.get("class", EGO_CLASS),
         "mesh": mesh,
-        "materials": {piece.keys[0]: OWN_PAINT for piece in pieces if piece.grey is None},
+        "materials": {piece.keys[0]: EGO_PAINT for piece in pieces if piece.grey is None},
         "motion": {"with_ego": True},
     }
     rest = [body for number, body in enumerate(bodies) if number not in cars]

@@ -123,14 +123,16 @@ class Histogram:
         return self.threshold_of_point(threshold, deviate, 1.0 if self.neighbours else 0.0)
 
     @property
-    def walk_left(self) -> str | None:
-        """Line on echoes whose shift by pile-up is not told for sure; None: there are none."""
+    def residual_walk(self) -> str | None:
+        """Line on echoes whose shift by pile-up is ambiguous; None: there are none."""
         if self.calibrated is None or self.calibrated.alike is None:
             return None
-        left_m = self.calibrated.left * float(self.bin_s) / self.bin_to_sigma * 0.5 * SPEED_OF_LIGHT_M_S
+        residual_m = self.calibrated.residual * float(self.bin_s) / self.bin_to_sigma * 0.5 * SPEED_OF_LIGHT_M_S
         low, high = self.calibrated.alike
         lights = f"{low:.1f} to {high:.0f}"
-        return f"up to {left_m:.2f} m of pile-up may be left of echoes of {lights} detections on a SPAD in each shot"
+        return (
+            f"up to {residual_m:.2f} m of pile-up may be left of echoes of {lights} detections on a SPAD in each shot"
+        )
 
 
 class HistogramFile(
@@ -193,7 +195,7 @@ class HistogramFile(
 
     @field_validator("column_weights")
     @classmethod
-    def _own_column_counts(cls, weights: tuple[float, ...] | None) -> tuple[float, ...] | None:
+    def _first_weight(cls, weights: tuple[float, ...] | None) -> tuple[float, ...] | None:
         if weights is not None and weights[0] <= 0.0:
             raise ValueError(f"the first, of the point's own column, must be > 0, got {weights[0]:g}")
         return weights

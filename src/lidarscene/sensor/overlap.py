@@ -87,13 +87,13 @@ class OverlapGeometry:
         width_m = self.alignment.offset_m + self.aperture_radius_m + self.spot.exit_radius_m
         return width_m / (self.field_rad + self.spot.half_divergence_rad)
 
-    def with_scatter(self, seen: Lanes) -> Lanes:
+    def with_scatter(self, spot_share: Lanes) -> Lanes:
         """Share of the light on the detector, from that of the spot in the field of view."""
-        return self.alignment.scattered + (1.0 - self.alignment.scattered) * seen
+        return self.alignment.scattered + (1.0 - self.alignment.scattered) * spot_share
 
     def share(self, range_m: Numbers) -> Numbers:
         """Share of the light on the detector at these ranges, (n,), by the integral itself; NumPy."""
-        return np.asarray(self.with_scatter(_seen(self.spot.profile, {**self.lengths, "range_m": range_m})))
+        return np.asarray(self.with_scatter(_spot_share(self.spot.profile, {**self.lengths, "range_m": range_m})))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -137,14 +137,14 @@ class Overlap:
             return self.table.at(self.scale_m / (self.scale_m + range_m))
         # The integral has 4,096 terms: as a kernel with derivatives it would compile for minutes.
         centre_m = float(np.ravel(cast(Any, range_m).numpy() if is_drjit(range_m) else range_m)[0])
-        seen, slopes = _seen_and_slopes(self.geometry, centre_m)
+        spot_share, slopes = _spot_share_and_slopes(self.geometry, centre_m)
         values = {**self.moved.lengths, "range_m": range_m}
         centres = {**self.geometry.lengths, "range_m": centre_m}
         shift = sum((slope * (values[name] - centres[name]) for name, slope in slopes.items()), 0.0)
-        return self.moved.with_scatter(seen + shift)
+        return self.moved.with_scatter(spot_share + shift)
 
 
-def _seen(profile: str, lengths: Mapping[str, Lanes]) -> Numbers:
+def _spot_share(profile: str, lengths: Mapping[str, Lanes]) -> Numbers:
     """Share of the spot in the field of view for `OverlapGeometry.lengths` and ``range_m``, NumPy."""
     range_m = lengths["range_m"]
     return np.asarray(
@@ -167,7 +167,7 @@ def _seen(profile: str, lengths: Mapping[str, Lanes]) -> Numbers:
 
 
 @functools.lru_cache(maxsize=64)
-def _seen_and_slopes(geometry: OverlapGeometry, range_m: float) -> tuple[float, dict[str, float]]:
+def _spot_share_and_slopes(geometry: OverlapGeometry, range_m: float) -> tuple[float, dict[str, float]]:
     """Share of the spot in the field of view at a range, and its derivatives with respect to all finite lengths.
 
     A length of 0 is left out: the share is even in each of them.
@@ -179,9 +179,9 @@ def _seen_and_slopes(geometry: OverlapGeometry, range_m: float) -> tuple[float, 
     columns = {name: np.full(len(varied) * len(factors) + 1, value) for name, value in lengths.items()}
     for number, name in enumerate(varied):
         columns[name][number * len(factors) : (number + 1) * len(factors)] *= factors
-    seen = _seen(geometry.spot.profile, columns)
+    spot_share = _spot_share(geometry.spot.profile, columns)
     weights = np.array([sign * weight for _, weight in SIXTH_ORDER for sign in (1.0, -1.0)])
-    rises = seen[:-1].reshape(len(varied), len(factors)) @ weights
-    return float(seen[-1]), {
+    rises = spot_share[:-1].reshape(len(varied), len(factors)) @ weights
+    return float(spot_share[-1]), {
         name: float(rise / (_STEP * lengths[name])) for name, rise in zip(varied, rises, strict=True)
     }

@@ -85,7 +85,7 @@ class RigFile(FileModel):
     imu: ImuFile | None = Field(default=None, description="the vehicle's IMU; none if left out")
 
     @model_validator(mode="after")
-    def _own_labels(self) -> RigFile:
+    def _distinct_labels(self) -> RigFile:
         labels = [mounted.label for mounted in self.sensors]
         repeated = sorted({label for label in labels if labels.count(label) > 1})
         if repeated:
@@ -111,9 +111,9 @@ def read_rig(path: Path, *, sensor: SensorLookup = load_sensor, overrides: Seque
     mounted = []
     for index, entry in enumerate(file.sensors):
         name = str(path.parent / entry.sensor) if entry.sensor.endswith(".toml") else entry.sensor
-        own_changes = [*entry.set, *(text for target, text in changes if target in (None, entry.label))]
+        entry_changes = [*entry.set, *(text for target, text in changes if target in (None, entry.label))]
         try:
-            built = sensor(name, overrides=own_changes)
+            built = sensor(name, overrides=entry_changes)
         except InputError as error:
             raise InputError(f'{path}: sensors[{index} "{entry.label}"]: {error}') from None
         mounted.append(Mounted(label=entry.label, sensor=built, pose=entry.pose()))

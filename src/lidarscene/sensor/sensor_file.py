@@ -229,7 +229,7 @@ class SensorFile(FileModel):
     @model_validator(mode="after")
     def _window_within_a_period(self) -> SensorFile:
         rate_khz = self.laser.repetition_rate_khz
-        if rate_khz is None and self.scanner.own_rate_hz is None:
+        if rate_khz is None and self.scanner.firing_rate_hz is None:
             raise ValueError(
                 f'laser.repetition_rate_khz: must be given with scanner.type = "{self.scanner.type}", got none'
             )
@@ -290,9 +290,9 @@ class SensorFile(FileModel):
     def _rate_hz(self) -> float:
         """Points per second. A histogram's shots, and so the rate of its points, follow from the scanner's mode."""
         rate_khz = self.laser.repetition_rate_khz
-        own_rate_hz = self.scanner.own_rate_hz
-        if own_rate_hz is not None and (self.histogram is not None or rate_khz is None):
-            return own_rate_hz
+        firing_rate_hz = self.scanner.firing_rate_hz
+        if firing_rate_hz is not None and (self.histogram is not None or rate_khz is None):
+            return firing_rate_hz
         return si(float(rate_khz or 0.0), "khz")
 
     @property

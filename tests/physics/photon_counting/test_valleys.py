@@ -40,9 +40,9 @@ def test_valleys_are_as_many_as_in_counts(bin_sigmas, echoes, even):
         return sum(s * np.exp(-0.5 * (unit - c / matched_filter.OUTPUT_WIDTH) ** 2) for s, c in echoes)
 
     def variance(place):
-        off = [(place - c) / (matched_filter.OUTPUT_WIDTH * valleys.OWN_WIDTH) for _, c in echoes]
+        off = [(place - c) / (matched_filter.OUTPUT_WIDTH * valleys.SIGNAL_WIDTH) for _, c in echoes]
         own = sum(s * np.exp(-0.5 * x * x) for (s, _), x in zip(echoes, off, strict=True))
-        return matched_filter.background_variance(rate_hz=even, sigma_s=1.0) + valleys.OWN_HEIGHT * own
+        return matched_filter.background_variance(rate_hz=even, sigma_s=1.0) + valleys.SIGNAL_HEIGHT * own
 
     at = middle[between]
     share = valleys.probability(
@@ -64,5 +64,5 @@ def test_even_light_and_echoes_have_the_variance_of_the_filter():
     for place in (0.0, 1.7):
         echo = np.exp(-0.5 * (offset - place) ** 2) / math.sqrt(2.0 * math.pi)
         own = (template**2 * echo).sum() * step
-        off = place / (matched_filter.OUTPUT_WIDTH * valleys.OWN_WIDTH)
-        assert own == pytest.approx(valleys.OWN_HEIGHT * math.exp(-0.5 * off * off), rel=1e-6)
+        off = place / (matched_filter.OUTPUT_WIDTH * valleys.SIGNAL_WIDTH)
+        assert own == pytest.approx(valleys.SIGNAL_HEIGHT * math.exp(-0.5 * off * off), rel=1e-6)

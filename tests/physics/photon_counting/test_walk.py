@@ -88,4 +88,4 @@ def test_look_alikes_are_named():
     assert 50.0 < low < high < 2000.0
     together = walk.calibrate(walk.Filtering(**ARRAYS["two together"], centroid=False))
     assert 1.0 < together.alike[0] < 3.0
-    assert 2.0 < together.left < 4.0
+    assert 2.0 < together.residual < 4.0

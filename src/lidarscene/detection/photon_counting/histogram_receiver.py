@@ -421,14 +421,14 @@ class _Receiver(Shots):
         noise = point.noise.deviation * point.noise.deviation
 
         def moments_at(place: Lanes) -> tuple[Lanes, Lanes]:
-            own: Lanes = 0.0 * place
             mean: Lanes = 0.0 * place
+            broadened: Lanes = 0.0 * place
             for centre, height in zip(wave.centres, wave.heights, strict=True):
                 square = (centre - place) * (centre - place)
                 mean = mean + height * ops.exp(-0.5 * square)
-                own = own + height * ops.exp((-0.5 / valleys.OWN_WIDTH**2) * square)
+                broadened = broadened + height * ops.exp((-0.5 / valleys.SIGNAL_WIDTH**2) * square)
             even = wave.air_w(place)
-            variance = valleys.OWN_HEIGHT * own + valleys.EVEN_HEIGHT * even
+            variance = valleys.SIGNAL_HEIGHT * broadened + valleys.EVEN_HEIGHT * even
             return photons_per_w * (mean + even), noise + photons_per_w * variance
 
         def inside(place: Lanes, first: Lanes, last: Lanes) -> Lanes:
@@ -736,7 +736,7 @@ class _Receiver(Shots):
         return matched_filter.gain_of_breadth(
             signal=signal,
             background=point.noise.deviation * point.noise.deviation,
-            own_variance=ops.maximum(point.noise.kappa_1 * signal + point.noise.kappa_2 * signal * signal, 0.0),
+            signal_variance=ops.maximum(point.noise.kappa_1 * signal + point.noise.kappa_2 * signal * signal, 0.0),
             bend=self.filtered.at(place)[2] / ops.maximum(power_w, 1e-30),
         )
 

@@ -89,13 +89,13 @@ def is_cuda() -> bool:
 
 
 @functools.cache
-def own_plugins() -> frozenset[str]:
+def mitsuba_plugins() -> frozenset[str]:
     """Return the names of the plugins in Mitsuba's own folder."""
     return frozenset(file.stem for file in (_mitsuba_folder(mitsuba()) / "plugins").iterdir())
 
 
 @contextlib.contextmanager
-def only_own_files() -> Iterator[None]:
+def without_outside_files() -> Iterator[None]:
     """Let Mitsuba look for files and plugins in its own folder only, within the block."""
     mi = mitsuba()
     before = mi.file_resolver()

@@ -82,23 +82,23 @@ def verdict(variant: str, reference: str, *, render: Callable[[str, str], Column
 
 def _compare(variant: str, reference: str, render: Callable[[str, str], Columns | str]) -> Verdict:
     for frame in FRAMES:
-        mine = render(frame, variant)
-        if isinstance(mine, str):
-            return Verdict(f"cannot render a small frame ({frame}): {mine}", renders=False)
-        theirs = render(frame, reference)
+        cloud = render(frame, variant)
+        if isinstance(cloud, str):
+            return Verdict(f"cannot render a small frame ({frame}): {cloud}", renders=False)
+        expected = render(frame, reference)
         # Without the other there is nothing to fall back on either.
-        unlikeness = "" if isinstance(theirs, str) else difference(mine, theirs)
+        unlikeness = "" if isinstance(expected, str) else difference(cloud, expected)
         if unlikeness:
             return Verdict(f"a small frame ({frame}) is not that of {reference}: {unlikeness}")
     return Verdict()
 
 
-def difference(mine: Columns, theirs: Columns) -> str:
+def difference(cloud: Columns, expected: Columns) -> str:
     """Return how two clouds of the same pulses differ beyond rounding, in words; "" if they do not.
 
     Points are matched by time and return number.
     """
-    keys = [np.stack([cloud["time"], cloud["return_number"]], axis=1) for cloud in (mine, theirs)]
+    keys = [np.stack([columns["time"], columns["return_number"]], axis=1) for columns in (cloud, expected)]
     most = max(len(key) for key in keys)
     all_keys, places = np.unique(np.concatenate(keys), axis=0, return_inverse=True)
     places = places.reshape(-1)
@@ -111,7 +111,7 @@ def difference(mine: Columns, theirs: Columns) -> str:
         return f"{alone} of {most} points have no counterpart"
     a, b = row[0, in_both], row[1, in_both]
     for name, (absolute, relative) in LIMITS.items():
-        x, y = mine[name][a].astype(np.float64), theirs[name][b].astype(np.float64)
+        x, y = cloud[name][a].astype(np.float64), expected[name][b].astype(np.float64)
         with np.errstate(invalid="ignore"):  # the same infinity is the same
             agrees = (x == y) | (np.abs(x - y) <= absolute + relative * np.abs(y))
         if np.count_nonzero(~agrees) > LARGEST_DIFFERING_SHARE * most:

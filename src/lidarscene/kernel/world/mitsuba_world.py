@@ -217,7 +217,7 @@ def build_world(
     bsdfs: dict[str, object] = {}
     if standing is not None:
         still = _near_and_of_all_materials(still, standing)
-    shapes = _own_shapes(still, centre, resolved, bsdfs)
+    shapes = _loaded_shapes(still, centre, resolved, bsdfs)
     moving = _moving_groups(scene.bodies, resolved, bsdfs)
     body_names = [body.name for body in scene.bodies]
     class_of = [body.class_name for body in scene.bodies]
@@ -284,7 +284,7 @@ def _warn_of_stand_ins(shapes: Sequence[mitsuba_xml.FileShape], path: Path) -> N
         )
 
 
-def _own_shapes(
+def _loaded_shapes(
     bodies: Mapping[int, Body], centre: Numbers, resolved: dict[str, dict[str, object]], bsdfs: dict[str, object]
 ) -> list[PlacedShape]:
     """Return one mesh for each material and image of these bodies, where they stand, and a shape for each sphere.
@@ -349,7 +349,7 @@ def _moving_groups(
     for indices in sharing.values():
         first = bodies[indices[0]]
         at_origin = Body(name=first.name, class_name=first.class_name, parts=first.parts)
-        shapes = _own_shapes({indices[0]: at_origin}, np.zeros(3), resolved, bsdfs)
+        shapes = _loaded_shapes({indices[0]: at_origin}, np.zeros(3), resolved, bsdfs)
         if shapes:
             moving.append(_BodiesOfOneShape(tuple(indices), shapes))
     return moving

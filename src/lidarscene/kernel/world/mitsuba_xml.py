@@ -17,7 +17,7 @@ from typing import Any
 from ...errors import InputError
 from ...files.inputs import LARGEST_TEXT, require_file
 from ...materials.material_file import catalogue_material
-from ..device.backend import mitsuba, only_own_files, own_plugins
+from ..device.backend import mitsuba, mitsuba_plugins, without_outside_files
 from ..device.types import Bsdf
 from . import xml_bsdfs
 from .bsdfs import bsdf_dict, diffuse_share
@@ -59,7 +59,7 @@ def load_shapes(
     """
     root = _parse(path)
     _insert_included(root, path.parent, [])
-    parameters, plugins = _default_parameters(root), own_plugins()
+    parameters, plugins = _default_parameters(root), mitsuba_plugins()
     replaced_elements = xml_bsdfs.empty_named_bsdfs(root, path, replaced)
     stand_ins = xml_bsdfs.empty_unknown_bsdfs(
         root, lambda kind: not kind or _fill_parameters(kind, parameters) in plugins, materials
@@ -74,17 +74,17 @@ def load_shapes(
     shapes = _load(root, path).shapes()
     if not shapes:
         raise InputError(f"{path}: the scene has no shapes")
-    ours = {str(element.get("id")): material for element, material in replaced_elements + stand_ins}
+    replaced = {str(element.get("id")): material for element, material in replaced_elements + stand_ins}
     by_name = {str(element.get("id")) for element, _ in stand_ins}
     answers: dict[int, Any] = {}
     file_shapes: list[FileShape] = []
     for number, shape in enumerate(shapes):
-        name, bsdf = _own_id_or(shape.id(), f"shape_{number}"), shape.bsdf()
+        name, bsdf = _declared_id_or(shape.id(), f"shape_{number}"), shape.bsdf()
         if shape.class_name() == "Instance":
             raise InputError(f"{path}: shape '{name}' must be a plain shape, got an instance")
-        identity = _own_id_or(bsdf.id() if bsdf is not None else "", "bsdf")
-        material = ours.get(identity, identity)
-        if identity not in ours:
+        identity = _declared_id_or(bsdf.id() if bsdf is not None else "", "bsdf")
+        material = replaced.get(identity, identity)
+        if identity not in replaced:
             if id(bsdf) not in answers:
                 if fault := _fault(bsdf):
                     # Every kernel asks all BSDFs that are alive: what a traceback kept of this one would stop them all.
@@ -103,7 +103,7 @@ def load_shapes(
                 faces=shape.primitive_count(),
                 bsdf=bsdf,
                 material=material,
-                values=used_materials[material] if identity in ours else None,
+                values=used_materials[material] if identity in replaced else None,
                 assumed=identity if identity in by_name else "",
             )
         )
@@ -125,7 +125,7 @@ def _fault(bsdf: Bsdf) -> str:
     return ""
 
 
-def _own_id_or(identity: str, fallback: str) -> str:
+def _declared_id_or(identity: str, fallback: str) -> str:
     """Return an id of the file, or the fallback where Mitsuba made up the id."""
     return identity if identity and not identity.startswith("_unnamed") else fallback
 
@@ -197,7 +197,7 @@ def _resolve_files_and_plugins(root: Element, path: Path) -> None:
     Mitsuba looks for plugins, which are native code, where it looks for files: in `plugins/` of any folder in
     its search path, and by a relative or absolute path in the name of a type. A scene from elsewhere must not run code.
     """
-    parameters, plugins = _default_parameters(root), own_plugins()
+    parameters, plugins = _default_parameters(root), mitsuba_plugins()
     folders, working_folder = [path.parent.resolve()], Path.cwd()
     for parent in list(root.iter()):
         # Integrators are not used, and some of Mitsuba's own are Python, which are no plugins.
@@ -225,7 +225,7 @@ def _load(root: Element, path: Path) -> Any:
     """Return the Mitsuba scene; files in it are named by absolute paths."""
     mi = mitsuba()
     try:
-        with only_own_files():
+        with without_outside_files():
             return mi.load_string(ElementTree.tostring(root, encoding="unicode"), optimize=False)
     except Exception as error:
         # Mitsuba raises RuntimeError and others, with its own source line and our line numbers in front.

@@ -29,10 +29,10 @@ SCALE = 1.0 / _GAIN
 """Weight of a count in the middle of the template, so that F is a number of photons."""
 
 _BACKGROUND_GAIN = (1.0 + TEMPLATE**2) / (4.0 * TEMPLATE**2)
-_OWN_GAIN = (1.0 + TEMPLATE**2) / (2.0 * TEMPLATE**2 * (TEMPLATE**2 + 2.0))
+_SIGNAL_GAIN = (1.0 + TEMPLATE**2) / (2.0 * TEMPLATE**2 * (TEMPLATE**2 + 2.0))
 """var F' / (2 |F''|) of (T98), for each unit of variance and times S."""
 
-OWN_SLOPE = 2.0 * _OWN_GAIN
+SIGNAL_SLOPE = 2.0 * _SIGNAL_GAIN
 """Variance of F' by an echo's own photons for each unit of theirs in F, in widths of the filter's response."""
 
 _LEAST_STEEP = 1.5
@@ -69,7 +69,7 @@ def background_variance(*, rate_hz: Lanes, sigma_s: Lanes) -> Lanes:
     return rate_hz * sigma_s * (math.sqrt(math.pi) * (1.0 + TEMPLATE**2) / TEMPLATE)
 
 
-OWN_VARIANCE = (1.0 + TEMPLATE**2) / (TEMPLATE * math.sqrt(TEMPLATE**2 + 2.0))
+SIGNAL_VARIANCE = (1.0 + TEMPLATE**2) / (TEMPLATE * math.sqrt(TEMPLATE**2 + 2.0))
 """Variance of F by the echo's own photons, for each of them (T95)."""
 
 OUTPUT_WIDTH = math.sqrt(1.0 + TEMPLATE**2)
@@ -81,7 +81,7 @@ def background_skewness(*, variance: Lanes, rate_hz: Lanes, sigma_s: Lanes) -> L
     return _THIRD / _GAIN * variance / background_variance(rate_hz=rate_hz, sigma_s=sigma_s)
 
 
-OWN_SKEWNESS = (TEMPLATE / math.sqrt(TEMPLATE**2 + 3.0)) / (TEMPLATE / math.sqrt(TEMPLATE**2 + 2.0)) / _GAIN
+SIGNAL_SKEWNESS = (TEMPLATE / math.sqrt(TEMPLATE**2 + 3.0)) / (TEMPLATE / math.sqrt(TEMPLATE**2 + 2.0)) / _GAIN
 """The same by the echo's own photons."""
 
 
@@ -274,36 +274,36 @@ def detection_probability(*, threshold: Lanes, signal: Lanes, variance: Lanes, u
     return ops.where(lit, probability, 0.0)
 
 
-def gain_of_place(*, signal: Lanes, background: Lanes, own_variance: Lanes, bend: Lanes = 1.0) -> Lanes:
+def gain_of_place(*, signal: Lanes, background: Lanes, signal_variance: Lanes, bend: Lanes = 1.0) -> Lanes:
     """Photons that the search for the highest value gains on a lone echo, var F' / (2 |F''|) (T98).
 
     The receiver takes the highest value near the echo, which noise moves.
 
     signal        S
     background    variance of F by the background, as far as its slope has it (`slope_excluded`)
-    own_variance  variance of F by the echo's own photons, as far as the slope has it
+    signal_variance  variance of F by the echo's own photons, as far as the slope has it
     bend          |F''| over that of a weak echo of this height
     """
-    return (_BACKGROUND_GAIN * background + _OWN_GAIN * own_variance) / _steepness(
-        signal, background, own_variance, bend
+    return (_BACKGROUND_GAIN * background + _SIGNAL_GAIN * signal_variance) / _steepness(
+        signal, background, signal_variance, bend
     )
 
 
-def _steepness(signal: Lanes, background: Lanes, own_variance: Lanes, bend: Lanes) -> Lanes:
+def _steepness(signal: Lanes, background: Lanes, signal_variance: Lanes, bend: Lanes) -> Lanes:
     """|F''| at the peak of an echo; arguments as of `gain_of_place`."""
-    ops = xp(signal, background, own_variance)
-    spread = ops.maximum(background + own_variance, 1e-30)
+    ops = xp(signal, background, signal_variance)
+    spread = ops.maximum(background + signal_variance, 1e-30)
     return ops.where(signal > 1e-6, ops.maximum(signal * bend, _LEAST_STEEP * ops.sqrt(spread)), 1.0)
 
 
-def place_variance(*, signal: Lanes, background: Lanes, own_variance: Lanes, bend: Lanes = 1.0) -> Lanes:
+def place_variance(*, signal: Lanes, background: Lanes, signal_variance: Lanes, bend: Lanes = 1.0) -> Lanes:
     """Variance of the place of the filter's peak at a lone echo, var F' / F''^2, in sigmas of the pulse squared (T176).
 
     Arguments as of `gain_of_place`.
     """
-    second_order = 1.0 + SECOND_ORDER / xp(signal).maximum(signal, 1.0)
-    gain = gain_of_place(signal=signal, background=background, own_variance=second_order * own_variance, bend=bend)
-    return 2.0 * OUTPUT_WIDTH * OUTPUT_WIDTH * gain / _steepness(signal, background, own_variance, bend)
+    variance = (1.0 + SECOND_ORDER / xp(signal).maximum(signal, 1.0)) * signal_variance
+    gain = gain_of_place(signal=signal, background=background, signal_variance=variance, bend=bend)
+    return 2.0 * OUTPUT_WIDTH * OUTPUT_WIDTH * gain / _steepness(signal, background, signal_variance, bend)
 
 
 def loss_between_bins(*, signal: Lanes, bin_sigmas: Lanes, bend: Lanes = 1.0) -> Lanes:
@@ -317,7 +317,7 @@ def loss_between_bins(*, signal: Lanes, bin_sigmas: Lanes, bend: Lanes = 1.0) ->
     return signal * bend * bin_sigmas * bin_sigmas * (1.0 / (24.0 * OUTPUT_WIDTH * OUTPUT_WIDTH))
 
 
-OWN_REACH = TEMPLATE * math.sqrt((TEMPLATE**2 + 2.0) / (TEMPLATE**2 + 1.0))
+SIGNAL_REACH = TEMPLATE * math.sqrt((TEMPLATE**2 + 2.0) / (TEMPLATE**2 + 1.0))
 """Width in which a count of the background shares the template with one of the echo, in sigmas of the pulse (T104)."""
 
 BACKGROUND_REACH = math.sqrt(2.0) * TEMPLATE
@@ -332,7 +332,7 @@ def excluded(*, rate_hz: Lanes, free: Lanes, dead_time_s: Lanes, reach_s: Lanes)
 
     rate_hz  lambda
     free     share of the SPADs that are free
-    reach_s  width of the Gaussian, `OWN_REACH` or `BACKGROUND_REACH`
+    reach_s  width of the Gaussian, `SIGNAL_REACH` or `BACKGROUND_REACH`
     """
     ops = xp(rate_hz, dead_time_s, reach_s)
     bright, later = rate_hz * reach_s, dead_time_s / reach_s
@@ -369,7 +369,7 @@ def slope_excluded(*, rate_hz: Lanes, dead_time_s: Lanes, sigma_s: Lanes) -> Lan
     return ops.maximum(1.0 + 2.0 * bright * ops.exp(-0.5 * later * later) * weighted, 0.0)
 
 
-def own_variance_of(*, narrowing: Lanes) -> tuple[Lanes, Lanes]:
+def signal_variance_of(*, narrowing: Lanes) -> tuple[Lanes, Lanes]:
     """Variance of F by an echo's photons for each of them, and what of it the slope has (T95).
 
     narrowing  value of the filter over that of an echo as wide as the pulse, from 1 on: pile-up narrows the echo
@@ -377,25 +377,25 @@ def own_variance_of(*, narrowing: Lanes) -> tuple[Lanes, Lanes]:
     ops = xp(narrowing)
     square = ops.maximum((1.0 + TEMPLATE**2) / (narrowing * narrowing) - TEMPLATE**2, 0.0)
     share = (TEMPLATE**2 + 2.0) / (TEMPLATE**2 + 2.0 * square)
-    of_value = OWN_VARIANCE * ops.sqrt(share)
+    of_value = SIGNAL_VARIANCE * ops.sqrt(share)
     return of_value, of_value * square * share
 
 
-def gain_of_breadth(*, signal: Lanes, background: Lanes, own_variance: Lanes, bend: Lanes) -> Lanes:
+def gain_of_breadth(*, signal: Lanes, background: Lanes, signal_variance: Lanes, bend: Lanes) -> Lanes:
     """Additional gain of a broad peak from the noise of its place, over that of a lone echo, in photons.
 
     The gain of (T98) grows as the peak's curvature falls, by x = |F''| of a lone echo / |F''| - 1. A top that is
     flat at its middle still falls off to its sides: echoes at every distance, drawn bin by bin, gain
     x / sqrt(1 + (x / 3)^2), so 4 times as much at most (T98a).
 
-    signal, background, own_variance  as of `gain_of_place`
+    signal, background, signal_variance  as of `gain_of_place`
     bend                              second derivative of the peak over its height, in widths of a lone echo (which
                                       has -1)
     """
     ops = xp(signal, bend)
     flatness = ops.maximum(1.0 / ops.maximum(-bend, 1e-3) - 1.0, 0.0)
     broader = flatness / ops.sqrt(1.0 + flatness * flatness * (1.0 / (_BROADEST * _BROADEST)))
-    return gain_of_place(signal=signal, background=background, own_variance=own_variance) * broader
+    return gain_of_place(signal=signal, background=background, signal_variance=signal_variance) * broader
 
 
 def bound_s(*, signal: Lanes, rate_hz: Lanes, sigma_s: float, bin_s: float) -> Lanes:

@@ -13,12 +13,12 @@ import math
 
 from ...maths.arrays import Lanes, xp
 from ...maths.special import normal_tail
-from .matched_filter import OUTPUT_WIDTH, OWN_VARIANCE, SCALE, TEMPLATE
+from .matched_filter import OUTPUT_WIDTH, SCALE, SIGNAL_VARIANCE, TEMPLATE
 
-OWN_WIDTH = math.sqrt(0.5 * (TEMPLATE * TEMPLATE + 2.0)) / OUTPUT_WIDTH
+SIGNAL_WIDTH = math.sqrt(0.5 * (TEMPLATE * TEMPLATE + 2.0)) / OUTPUT_WIDTH
 """Width of the variance that an echo's photons give F over that of the filter's response to it (T165)."""
 
-OWN_HEIGHT = OWN_VARIANCE
+SIGNAL_HEIGHT = SIGNAL_VARIANCE
 """Variance in the middle of an echo, for each of its photons."""
 
 EVEN_HEIGHT = SCALE / math.sqrt(2.0)

@@ -71,7 +71,7 @@ class Walk:
     blinding  shift of an echo of the same y that is so strong that fewer SPADs count together; None: y tells them apart
     divide    q from which on an echo is such a one
     alike     Lambda between which noise may take an echo for another of nearly the same y, in the dark; None: nowhere
-    left      most of the shift that is left of such an echo then, in sigmas
+    residual  largest shift of such an echo after the correction, in sigmas
     """
 
     highest: LookupTable
@@ -79,7 +79,7 @@ class Walk:
     blinding: LookupTable | None
     divide: LookupTable | None
     alike: tuple[float, float] | None
-    left: float
+    residual: float
 
     def at(self, *, height: Lanes, narrowing: Lanes, sun: Lanes) -> Lanes:
         """Look up the shift of an echo.
@@ -154,19 +154,19 @@ def calibrate(sensor: Filtering) -> Walk:
         )
         tables[2, :, j] = np.where(nodes[:, j] < _FAR_BELOW * high[0], _NEVER, middle)
     folds = sensor.coincidence > 1
-    alike, left = _look_alikes(course, int(tops[0]))
+    alike, residual = _look_alikes(course, int(tops[0]))
     return Walk(
         highest=LookupTable(highest),
         shift=LookupTable(tables[0]),
         blinding=LookupTable(tables[1]) if folds else None,
         divide=LookupTable(tables[2]) if folds else None,
         alike=alike,
-        left=left,
+        residual=residual,
     )
 
 
 def _look_alikes(course: Course, top: int) -> tuple[tuple[float, float] | None, float]:
-    """`Walk.alike` and `Walk.left` of the course in the dark.
+    """`Walk.alike` and `Walk.residual` of the course in the dark.
 
     top  number of the power with the highest y
     """
@@ -175,10 +175,10 @@ def _look_alikes(course: Course, top: int) -> tuple[tuple[float, float] | None, 
         first = int(np.argmax(height > _NEARLY * height[top]))
         return (float(lights[first]), _MOST), float(shift[first] - shift[-1])
     jump = int(np.argmax(np.abs(np.diff(shift))))
-    left = float(abs(shift[jump + 1] - shift[jump]))
-    if left < _JUMP:
+    residual = float(abs(shift[jump + 1] - shift[jump]))
+    if residual < _JUMP:
         return None, 0.0
-    return (float(lights[jump] / _BLUR), float(lights[jump] * _BLUR)), left
+    return (float(lights[jump] / _BLUR), float(lights[jump] * _BLUR)), residual
 
 
 def expected_course(lights: Numbers, suns: Numbers, sensor: Filtering) -> Course:
@@ -266,5 +266,5 @@ def _heights() -> Numbers:
 def _height_coordinate(share: Lanes) -> Lanes:
     """Coordinate of y over the highest in the tables."""
     ops = xp(share)
-    left = ops.maximum((1.0 + _ROUND) - share, _ROUND)
-    return (math.log(1.0 + _ROUND) - ops.log(left)) * (1.0 / math.log((1.0 + _ROUND) / _ROUND))
+    remaining = ops.maximum((1.0 + _ROUND) - share, _ROUND)
+    return (math.log(1.0 + _ROUND) - ops.log(remaining)) * (1.0 / math.log((1.0 + _ROUND) / _ROUND))

@@ -358,8 +358,8 @@ class Macropixel:
     def peak(self, signal: Lanes) -> _FilteredEcho:
         """Peak of the filter at an echo of so many photons, from the renewal course of the SPADs (T101), (T104)."""
         if self.corrected:
-            own = matched_filter.OWN_VARIANCE / self.free * signal
-            return _FilteredEcho(height=signal, variance=own, of_slope=own, bend=1.0)
+            variance = matched_filter.SIGNAL_VARIANCE / self.free * signal
+            return _FilteredEcho(height=signal, variance=variance, of_slope=variance, bend=1.0)
         ops = xp(signal, self.free)
         if self.spad.coincidence > 1:
             unit_w = self.per_watt * pulse.pulse_energy_j(peak_power_w=1.0, fwhm_s=self.fwhm_s)
@@ -371,11 +371,11 @@ class Macropixel:
         narrowing = ops.maximum(top.height / weak, 1.0)
         height = signal * narrowing
         # The echo's photons stand in the place of counts of the background that their SPADs would have made.
-        own, of_slope = matched_filter.own_variance_of(narrowing=narrowing)
-        shared = 1.0 + 4.0 * self.excluded(matched_filter.OWN_REACH)
+        of_value, of_slope = matched_filter.signal_variance_of(narrowing=narrowing)
+        shared = 1.0 + 4.0 * self.excluded(matched_filter.SIGNAL_REACH)
         return _FilteredEcho(
             height=height,
-            variance=own * signal * shared - height * height / self.trials,
+            variance=of_value * signal * shared - height * height / self.trials,
             of_slope=of_slope * signal,
             bend=top.bend,
         )
@@ -385,7 +385,7 @@ class Macropixel:
         echo, sigma = self.peak(signal), self.sigma_s
         background = matched_filter.background_variance(rate_hz=self.count_rate_hz, sigma_s=sigma)
         variance = matched_filter.place_variance(
-            signal=echo.height, background=self.slope_share * background, own_variance=echo.of_slope, bend=echo.bend
+            signal=echo.height, background=self.slope_share * background, signal_variance=echo.of_slope, bend=echo.bend
         )
         return sigma * xp(variance).sqrt(variance)
 
@@ -440,8 +440,8 @@ class Macropixel:
         ratio = matched_filter.OUTPUT_WIDTH / matched_filter.TEMPLATE
         return _FilteredEcho(
             height=self.trials * ops.maximum(peak_height, 0.0),
-            variance=self.trials * of_value * (1.0 + 4.0 * coupled * self.excluded(matched_filter.OWN_REACH)),
-            of_slope=self.trials * ops.maximum(of_slope, 0.0) * (ratio * ratio / matched_filter.OWN_SLOPE),
+            variance=self.trials * of_value * (1.0 + 4.0 * coupled * self.excluded(matched_filter.SIGNAL_REACH)),
+            of_slope=self.trials * ops.maximum(of_slope, 0.0) * (ratio * ratio / matched_filter.SIGNAL_SLOPE),
             bend=ops.maximum(ratio * ratio * bend / ops.maximum(peak_height, 1e-30), _LEAST_BEND),
         )
 
@@ -464,10 +464,10 @@ class Macropixel:
         zero = 0.0 * (counts + self.free)
 
         def halve(state: tuple[Lanes, Lanes, Lanes]) -> tuple[Lanes, Lanes, Lanes]:
-            low, high, steps_left = state
+            low, high, remaining_steps = state
             middle = 0.5 * (low + high)
             above = self.counts(ops.exp(middle)) > counts
-            return ops.where(above, low, middle), ops.where(above, middle, high), steps_left - 1.0
+            return ops.where(above, low, middle), ops.where(above, middle, high), remaining_steps - 1.0
 
         low, high, _ = ops.loop(
             (zero - 20.0, zero + 9.0, zero + float(_INVERSIONS)), lambda state: state[2] > 0.5, halve
@@ -490,23 +490,23 @@ def working_point(pixel: Macropixel, *, ambient_s: Lanes) -> WorkingPoint:
     rate, sigma = pixel.count_rate_hz, pixel.sigma_s
     variance = pixel.variance_share * matched_filter.background_variance(rate_hz=rate, sigma_s=sigma)
     ops = xp(variance)
-    own_variance = matched_filter.OWN_VARIANCE / (pixel.free if pixel.corrected else 1.0)
+    signal_variance = matched_filter.SIGNAL_VARIANCE / (pixel.free if pixel.corrected else 1.0)
     poisson_variance = matched_filter.background_variance(rate_hz=rate, sigma_s=sigma)
     slope_variance = pixel.slope_share * poisson_variance
     most_counts = pixel.trials * (pixel.free * pixel.shade if pixel.spad.coincidence == 1 else 1.0)
-    kappa_2 = 0.0 if pixel.corrected else -own_variance / most_counts
+    kappa_2 = 0.0 if pixel.corrected else -signal_variance / most_counts
     background_unit = matched_filter.background_skewness(variance=variance, rate_hz=rate, sigma_s=sigma)
-    own_unit = own_variance * (matched_filter.OWN_SKEWNESS / matched_filter.OWN_VARIANCE)
+    signal_unit = signal_variance * (matched_filter.SIGNAL_SKEWNESS / matched_filter.SIGNAL_VARIANCE)
 
     def probability(threshold: Lanes, signal: Lanes, echo: _FilteredEcho) -> Lanes:
         noise = ops.maximum(variance + echo.variance, _LEAST_NOISE * variance)
         gained = matched_filter.gain_of_place(
-            signal=echo.height, background=slope_variance, own_variance=echo.of_slope, bend=echo.bend
+            signal=echo.height, background=slope_variance, signal_variance=echo.of_slope, bend=echo.bend
         )
         lost = matched_filter.loss_between_bins(signal=echo.height, bin_sigmas=histogram.bin_s / sigma, bend=echo.bend)
-        counted = own_variance * signal
+        counted = signal_variance * signal
         poisson = ops.maximum(poisson_variance + counted, 1e-30)
-        unit = (poisson_variance * background_unit + counted * own_unit) / poisson
+        unit = (poisson_variance * background_unit + counted * signal_unit) / poisson
         return matched_filter.detection_probability(
             threshold=threshold, signal=echo.height, variance=noise, unit=unit, gained=gained - lost
         )
@@ -542,7 +542,7 @@ def working_point(pixel: Macropixel, *, ambient_s: Lanes) -> WorkingPoint:
     return WorkingPoint(
         noise=Noise(
             deviation=ops.sqrt(variance),
-            kappa_1=own_variance,
+            kappa_1=signal_variance,
             kappa_2=kappa_2,
             tail=false_peak,
             echo_tail=echo_probability,

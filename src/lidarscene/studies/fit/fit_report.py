@@ -130,17 +130,17 @@ class FitReport:
         return {name: solved.misfit for name, (_, solved) in self.solutions.items() if solved.misfit > 1.0}
 
 
-def law_rows(signal_error: float | None, kept_error: float | None, octaves: Numbers, *, missing: str) -> list[Held]:
+def law_rows(signal_error: float | None, share_error: float | None, octaves: Numbers, *, missing: str) -> list[Held]:
     """Signal, share of returns and scatter of the held-out pulses beside the fitted laws.
 
     signal_error  mean relative error of the signal over the range; None: not known
-    kept_error    mean difference of the share of returns; None: not known
+    share_error    mean difference of the share of returns; None: not known
     octaves       (k, 4) signal, recorded scatter [m], fitted scatter [m], relative sigma of their ratio
     missing       note where there is nothing to compare
     """
     rows = [
         Held(quantity="signal, mean error over the range", value=signal_error, limits=LIMITS["signal error"]),
-        Held(quantity="kept and lost, mean difference", value=kept_error, limits=LIMITS["share of returns"]),
+        Held(quantity="kept and lost, mean difference", value=share_error, limits=LIMITS["share of returns"]),
     ]
     # Of octaves whose true ratio is the limit one in 40 is beyond it by 2 sigma; if it is 1, fewer than one in 1000.
     rows += [

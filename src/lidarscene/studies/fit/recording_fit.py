@@ -116,8 +116,8 @@ def fit_recordings(
 def _illuminance_klux(sweeps: Sequence[Sweep], sensor: Sensor) -> float:
     """Median illuminance of the frames that explains their NEAR_IR; 0 if none is known."""
     klux = [illuminance_klux(sweep, ReflectivityGauge.from_sweep(sweep), sensor) for sweep in sweeps]
-    known_klux = [value for value in klux if value is not None]
-    return float(np.median(known_klux)) if known_klux else 0.0
+    recorded_klux = [value for value in klux if value is not None]
+    return float(np.median(recorded_klux)) if recorded_klux else 0.0
 
 
 def _read_sweeps(

@@ -138,8 +138,8 @@ def build_twin(
     quads = join_surfels(parts)
     bodies = _meshes(quads, folder / MESHES)
     _poses_file(folder / POSES, sweeps, places)
-    known_klux = [value for value in klux if value is not None]
-    median_klux = float(np.median(known_klux)) if known_klux else ASSUMED_KLUX
+    recorded_klux = [value for value in klux if value is not None]
+    median_klux = float(np.median(recorded_klux)) if recorded_klux else ASSUMED_KLUX
     text = scene_text(recording.path.stem, bodies, places[choice.judged_frame], median_klux)
     # Nothing is written that `load_scene` would refuse, such as a number that is not finite.
     validate(SceneFile, tomllib.loads(text), str(folder / SCENE))
@@ -150,7 +150,7 @@ def build_twin(
         "held_out": choice.held_out,
         "judged": choice.judged_frame,
         "illuminance_klux": median_klux,
-        "illuminance_assumed": not known_klux,
+        "illuminance_assumed": not recorded_klux,
         "quads": {name: int(n) for name, n in zip(KINDS, np.bincount(quads.kind, minlength=len(KINDS)), strict=True)},
         "reflectivity": _reflectivity_note(gauge),
         "places": {str(number): [*place.position_m.tolist(), *angles_deg(place)] for number, place in places.items()},

@@ -46,7 +46,7 @@ def test_the_error_of_the_signal_is_over_what_was_recorded() -> None:
         scatter=np.zeros((0, 4)),
     )
     assert judged_by_hand.signal_error == pytest.approx(0.3)
-    assert judged_by_hand.kept_error == pytest.approx(0.3)
+    assert judged_by_hand.share_error == pytest.approx(0.3)
 
 
 POWER = "laser.peak_power_w"
@@ -110,4 +110,4 @@ def test_a_law_is_known_no_better_than_its_power() -> None:
 def test_only_weak_pulses_tell_of_the_threshold() -> None:
     """Far above it none is lost; those would be but a share of one in the last bin."""
     strong = wall_pulses(has_return=np.zeros(1600, bool))
-    assert judge(strong, fit_with_power_sigma(1e-9)).kept_error is None
+    assert judge(strong, fit_with_power_sigma(1e-9)).share_error is None

@@ -44,7 +44,7 @@ class HeldOutBins:
         return float(np.mean(np.abs(self.signal[:, 2] / self.signal[:, 1] - 1.0))) if len(self.signal) else None
 
     @property
-    def kept_error(self) -> float | None:
+    def share_error(self) -> float | None:
         """Mean absolute difference of the shares; bins count alike, since nearly all pulses are in the last."""
         return (
             float(np.mean(np.abs(self.kept_shares[:, 0] - self.kept_shares[:, 1]))) if len(self.kept_shares) else None

@@ -54,7 +54,7 @@ Both are 2 without the cap."""
 HUBER_SIGMAS = 4.0
 """Sigmas beyond which a signal counts less (Huber's weight): an edge, or a surface other than the scene's."""
 
-LEAST_OWN_INFORMATION = 1e-6
+LEAST_INFORMATION = 1e-6
 """Least share of a parameter's information that no other parameter has; below it, only a product is determined."""
 
 LAST_STEP = 1e-2
@@ -202,7 +202,7 @@ def _held_covariance(matrix: Numbers, rows: Sequence[int], held: Sequence[int]) 
     free_matrix = matrix[np.ix_(rows, rows)]
     drag = np.linalg.solve(free_matrix, matrix[np.ix_(rows, held)])
     held_matrix = matrix[np.ix_(held, held)] - matrix[np.ix_(held, rows)] @ drag
-    independent = np.diag(held_matrix) > LEAST_OWN_INFORMATION * np.diag(matrix)[held]
+    independent = np.diag(held_matrix) > LEAST_INFORMATION * np.diag(matrix)[held]
     drag, held_matrix = drag[:, independent], held_matrix[np.ix_(independent, independent)]
     return np.asarray(drag @ np.linalg.solve(held_matrix + np.eye(len(held_matrix)) * UNKNOWN_SIGMA**-2, drag.T))
 

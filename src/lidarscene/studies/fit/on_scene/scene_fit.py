@@ -256,7 +256,7 @@ def _report(fit: SceneFit, names: tuple[str, str, str], frames: int, notes: Sequ
         f"free, patch by patch, within {REFLECTIVITY_SIGMA:.0%} of the scene's. Signals scatter by {fit.texture:.0%} "
         "more than photons do: texture of the surfaces, and what the scene has wrong. "
         f"{fit.strangers:.1%} of the pulses met something that is not in the scene.",
-        checks=law_rows(bins.signal_error, bins.kept_error, bins.scatter, missing="too few"),
+        checks=law_rows(bins.signal_error, bins.share_error, bins.scatter, missing="too few"),
         estimates=parameter_fit.estimates,
         notes=notes,
         null=parameter_fit.null,
