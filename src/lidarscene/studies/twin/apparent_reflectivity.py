@@ -14,6 +14,7 @@ from ...maths.arrays import Numbers
 from ...physics.optics import reflection
 from ...recordings.sweep import Second, Sweep
 from ...sensor.sensor_model import Sensor
+from ..ranging.plane import Target, echoes_of_plane
 
 SLOPE_DEG = 45.0
 """Slope of the facets of all measured surfaces, that of the catalogue's asphalt."""
@@ -36,6 +37,9 @@ LOSS_SIGMAS = 2.0
 _LEAST_COUNTS = 5.0
 _BINS_PER_OCTAVE = 4
 _LEAST_PIXELS = 10
+_COMPANY = 0.05
+_CURVE_RANGES = 200
+_LEAST_PHOTONS = 1e-12
 
 
 def withheld_mask(sweep: Sweep) -> Numbers:
@@ -61,10 +65,18 @@ def is_explained(sweep: Sweep, sensor: Sensor) -> Numbers:
     histogram = sensor.histogram
     if histogram is None or sweep.signal is None or sweep.near_ir is None or not sweep.includes_lost:
         return np.ones(sweep.shape, bool)
-    level = np.maximum(histogram.threshold(np.maximum(np.nan_to_num(sweep.near_ir), 0.0)), 1.0)
+    level = threshold_of(sweep, sensor)
     spread = float(histogram.threshold_spread or 0.0)
     most = level * np.exp(LOSS_SIGMAS * np.sqrt(spread * spread + 1.0 / level))
     return np.asarray(~sweep.lost | ~(sweep.signal > most))
+
+
+def threshold_of(sweep: Sweep, sensor: Sensor | None) -> Numbers:
+    """Threshold (T110) of each pulse's NEAR_IR in photons, 1 at least; inf of a sensor that counts none, or without."""
+    if sensor is None or sensor.histogram is None or sweep.near_ir is None:
+        return np.full(sweep.shape, np.inf)
+    near_ir = np.maximum(np.nan_to_num(sweep.near_ir), 0.0)
+    return np.asarray(np.maximum(sensor.histogram.threshold(near_ir), 1.0))
 
 
 def scattering_law(cos: Numbers) -> Numbers:
@@ -95,24 +107,30 @@ class ReflectivityGauge:
     field               field of the sweep that holds the strengths: signal, reflectivity or intensity
     range_m, per_count  reflectivity per count over the range; one entry where strengths are calibrated already
     assumed             True if the scale is a guess
+    sensor              sensor that counts photons, whose near field continues the table; None: below it goes on by its
+                        own slope, beyond by the square of the range
     """
 
     field: str
     range_m: Numbers
     per_count: Numbers
     assumed: bool = False
+    sensor: Sensor | None = None
 
     @classmethod
-    def from_sweep(cls, sweep: Sweep) -> ReflectivityGauge | None:
+    def from_sweep(cls, sweep: Sweep, sensor: Sensor | None = None) -> ReflectivityGauge | None:
         """Calibrate from a sweep; None if it has no strengths.
 
         The ratio of reflectivity to signal over the range is the maker's own calibration, near field included. Signals
         are finer than reflectivities, which come in steps of 1 % and are not linear above white.
+
+        sensor  sensor whose near field continues the calibration to ranges of which the sweep has none
         """
         if sweep.reflectivity is not None and sweep.signal is not None:
             table = _reflectivity_per_photon(sweep)
             if table is not None:
-                return cls(field="signal", range_m=table[0], per_count=table[1])
+                counter = None if sensor is None or sensor.histogram is None else sensor
+                return cls(field="signal", range_m=table[0], per_count=table[1], sensor=counter)
         if sweep.reflectivity is not None:
             return cls(field="reflectivity", range_m=np.ones(1), per_count=np.full(1, 1.0 / WHITE))
         if sweep.intensity is None:
@@ -131,7 +149,13 @@ class ReflectivityGauge:
         strength = np.asarray(getattr(returns, self.field), np.float64)
         log_range, table, value = np.log(np.maximum(range_m, 1e-3)), np.log(self.range_m), np.log(self.per_count)
         log_factor = np.interp(log_range, table, value)
-        if len(table) > 1:
+        if self.sensor is not None:
+            outside = (log_range < table[0]) | (log_range > table[-1])
+            ends_m = np.exp(np.clip(log_range[outside], table[0], table[-1]))
+            if len(ends_m):
+                white, white_at_end = np.split(_white_signal(self.sensor, np.r_[np.exp(log_range[outside]), ends_m]), 2)
+                log_factor[outside] += np.log(white_at_end / white)
+        elif len(table) > 1:
             # Below the table: the slope of its first two bins. Beyond it signals fall as 1 / range^2, so the factor
             # grows as range^2.
             slope = np.clip((value[1] - value[0]) / (table[1] - table[0]), -STEEPEST, STEEPEST)
@@ -144,13 +168,34 @@ class ReflectivityGauge:
         return np.maximum(np.nan_to_num(strength * factor, posinf=0.0), LEAST_REFLECTIVITY)
 
 
+def _white_signal(sensor: Sensor, range_m: Numbers) -> Numbers:
+    """Photons of a white target at these ranges, up to a factor: of one so dim that no SPAD fires twice."""
+    grid_m = np.geomspace(range_m.min(), 1.01 * range_m.max(), _CURVE_RANGES)
+    light = echoes_of_plane(sensor, Target(reflectivity=1e-3, illuminance_klux=0.0), grid_m)
+    photons = np.asarray(sensor.working_point(light.background_power_w).response.signal(light.peak_power_w))
+    return np.asarray(np.exp(np.interp(np.log(range_m), np.log(grid_m), np.log(np.maximum(photons, _LEAST_PHOTONS)))))
+
+
+def _has_company(sweep: Sweep) -> Numbers:
+    """Mask of the returns with a neighbour in their row within `_COMPANY` of their range; all in a list of points."""
+    if len(sweep.shape) < 2:
+        return sweep.has_return
+    with np.errstate(invalid="ignore"):
+        close = np.abs(np.diff(sweep.range_m, axis=1)) < _COMPANY * sweep.range_m[:, :-1]
+    none = np.zeros((sweep.shape[0], 1), bool)
+    return np.asarray(np.hstack([close, none]) | np.hstack([none, close]))
+
+
 def _reflectivity_per_photon(sweep: Sweep) -> tuple[Numbers, Numbers] | None:
-    """Reflectivity per photon over the range, from pixels well above the steps of the reflectivity and below white."""
+    """Reflectivity per photon over the range, from pixels well above the steps of the reflectivity and below white.
+
+    False points do not count, since their REFLECTIVITY is not that of their SIGNAL: an OS0-128 of revision 7 gives them
+    SIGNAL + 0.5 sqrt(NEAR_IR). They have no neighbour at their range.
+    """
     assert sweep.reflectivity is not None
     assert sweep.signal is not None
-    usable = (
-        sweep.has_return & (sweep.reflectivity >= _LEAST_COUNTS) & (sweep.reflectivity < WHITE) & (sweep.signal > 0.0)
-    )
+    usable = _has_company(sweep) & (sweep.reflectivity >= _LEAST_COUNTS) & (sweep.reflectivity < WHITE)
+    usable &= sweep.signal > 0.0
     if usable.sum() < _LEAST_PIXELS:
         return None
     log_range = np.log2(sweep.range_m[usable])

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -22,6 +22,7 @@ from .apparent_reflectivity import (
     ReflectivityGauge,
     largest_reflectivity,
     scattering_law,
+    threshold_of,
     withheld_mask,
 )
 from .planes import LEAST_COS, Grid, Planes, finite_median, fit_planes, median_around
@@ -160,7 +161,9 @@ def _reflectivity_bound(grid: Grid, gauge: ReflectivityGauge, range_m: Numbers) 
     signal = grid.sweep.signal
     if not grid.sweep.includes_lost or gauge.field != "signal" or signal is None:
         return np.full(grid.sweep.shape, np.inf)
-    bound = LOST_SHARE * _threshold_share(grid.sweep) * gauge.apparent(grid.sweep, np.nan_to_num(range_m, nan=1.0))
+    # No echo of the surface is stronger than the threshold that lost it: a higher peak is other light.
+    peak = replace(grid.sweep, signal=np.fmin(signal, threshold_of(grid.sweep, gauge.sensor)))
+    bound = LOST_SHARE * _threshold_share(grid.sweep) * gauge.apparent(peak, np.nan_to_num(range_m, nan=1.0))
     return np.where(np.nan_to_num(signal) > 0.0, bound, np.inf)
 
 

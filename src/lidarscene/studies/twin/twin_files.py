@@ -125,7 +125,7 @@ def build_twin(
     parts, klux = [], []
     for number in choice.frames:
         sweep = choice.visible_part(sweeps[number])
-        gauge = ReflectivityGauge.from_sweep(sweep)
+        gauge = ReflectivityGauge.from_sweep(sweep, unit)
         sweep = replace(sweep, recorded=sweep.recorded & is_explained(sweep, unit))
         plane = ground_plane(sweep.xyz_m[sweep.has_return])
         surfels = (
