@@ -8,6 +8,7 @@ import pytest
 from helpers.twins import room_sweep
 
 from lidarscene.sensor.sensor_file import load_sensor
+from lidarscene.studies import recorded
 from lidarscene.studies.twin.apparent_reflectivity import (
     LEAST_REFLECTIVITY,
     ReflectivityGauge,
@@ -77,6 +78,32 @@ def test_a_table_is_continued() -> None:
     sweep = room_sweep(signal=np.full((24, 360), 100.0))
     reflectivities = [float(gauge.apparent(sweep, np.full(sweep.shape, range_m))[0, 0]) for range_m in (2.5, 5.0, 20.0)]
     assert reflectivities == pytest.approx([0.05, 0.1, 0.8])
+
+
+def test_a_sensors_near_field_continues_the_table_and_points_without_company_have_no_part_in_it() -> None:
+    """A room of 0.4 to 8 m before a sensor with two lenses: twice as far as it reaches, what returns is as bright as
+    its light says, though a third of the pulses there, each alone at its range, have REFLECTIVITY of half as much more.
+    The law is by `studies.recorded`, which scales another target; between two of 200 ranges it is a straight line.
+    """
+    sensor = load_sensor("os0-128-rev7")
+    plain = room_sweep()
+    shape = plain.shape
+    columns = np.broadcast_to(np.arange(shape[1]), shape)
+    far = columns % 3 == 0
+    range_m = np.where(columns % 3 == 1, 0.4 + 0.02 * columns, 0.4 + 0.02 * (columns - 1))
+    range_m = np.where(far, 16.0, range_m)
+    photons = 0.3 * recorded.white_m2(sensor, range_m.ravel()).reshape(shape) / range_m**2
+    reflectivity = np.where(far, 45.0, 30.0)
+    sweep = room_sweep(range_m=range_m, signal=photons, reflectivity=reflectivity)
+    gauge = ReflectivityGauge.from_sweep(sweep, sensor)
+    assert gauge is not None
+    assert gauge.range_m.max() < 8.0
+    apparent = gauge.apparent(sweep, range_m)
+    np.testing.assert_allclose(apparent[far], 0.3, rtol=0.05)
+    # Without the near field it is the square of the range, which an OS0 does not reach at 8 m.
+    plain_gauge = ReflectivityGauge.from_sweep(sweep)
+    assert plain_gauge is not None
+    assert plain_gauge.apparent(sweep, range_m)[far].min() > 0.33
 
 
 def test_without_strengths_there_is_no_gauge() -> None:

@@ -7,6 +7,7 @@ from helpers.twins import COLUMNS, HEIGHT_M, RINGS, WHITE_M2, directions, room_s
 from lidarscene.maths.arrays import Numbers
 from lidarscene.maths.pose import Pose
 from lidarscene.recordings.sweep import Second, Sweep
+from lidarscene.sensor.sensor_file import load_sensor
 from lidarscene.studies.twin.apparent_reflectivity import ReflectivityGauge, scattering_law
 from lidarscene.studies.twin.planes import align_columns
 from lidarscene.studies.twin.surfels import (
@@ -77,6 +78,26 @@ def test_a_pulse_lost_before_a_bright_sky_is_as_far_below_the_threshold_in_the_t
         quads = surfels_of(room_sweep(range_m=range_m, signal=signal, reflectivity=reflectivity, near_ir=near_ir))
         bounds.append(quads.reflectivity[quads.kind == FILLED][0])
     assert np.array(bounds) / bounds[0] == pytest.approx([1.0, 0.5, 1.0])
+
+
+def test_no_lost_echo_is_stronger_than_the_threshold_that_lost_it() -> None:
+    """A lost pulse of ten times the threshold of its NEAR_IR: other light, so the hole has half of the threshold.
+
+    It is that of an os0-128 at a NEAR_IR of 900, 0.202 (900 + 54 x 5.2)^0.5 = 6.93 photons.
+    """
+    plain = room_sweep()
+    sensor = load_sensor("os0-128", overrides=["scanner.columns_per_turn=1024"])
+    range_m, signal, reflectivity = (np.array(values) for values in (plain.range_m, plain.signal, plain.reflectivity))
+    white = signal[6, 45] / (0.01 * reflectivity[6, 45])  # photons of a white target
+    range_m[6, 45], signal[6, 45], reflectivity[6, 45] = np.nan, 69.3, 0.0
+    near_ir = np.full(plain.shape, 900.0)
+    sweep = room_sweep(range_m=range_m, signal=signal, reflectivity=reflectivity, near_ir=near_ir)
+    quads = surfels_of_grid(align_columns(sweep), ReflectivityGauge.from_sweep(sweep, sensor), None)
+    hole = quads.kind == FILLED
+    assert hole.sum() == 1
+    # It is on the wall across y. The gauge interpolates a quarter of an octave.
+    law = scattering_law(np.abs(sweep.direction[6, 45, 1]))
+    np.testing.assert_allclose(quads.reflectivity[hole] * law, 0.5 * 6.93 / white, rtol=0.05)
 
 
 @pytest.mark.parametrize("strength", ["reflectivity", "intensity", "silent"])
