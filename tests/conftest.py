@@ -32,11 +32,13 @@ if "PYTEST_XDIST_WORKER" not in os.environ:
     CACHE = tempfile.TemporaryDirectory(prefix="lidarscene_tests_")
     os.environ["LIDARSCENE_CACHE"] = CACHE.name
     os.environ["HYPOTHESIS_STORAGE_DIRECTORY"] = f"{CACHE.name}/hypothesis"
-# This process and each that a test starts find the same sources, and draw the run's random numbers.
-RESEEDING = Path(__file__).parent / "helpers" / "reseeding"
-os.environ["PYTHONPATH"] = os.pathsep.join(map(str, (Path(__file__).parents[1] / "src", RESEEDING)))
-sys.path.append(str(RESEEDING))
-reseed = importlib.import_module("reseed")
+# This process and each that a test starts find the same sources, draw the run's random numbers, and compile quickly.
+EVERY_PROCESS = Path(__file__).parent / "helpers" / "every_process"
+os.environ["PYTHONPATH"] = os.pathsep.join(map(str, (Path(__file__).parents[1] / "src", EVERY_PROCESS)))
+sys.path.append(str(EVERY_PROCESS))
+reseed, quick_kernels = map(importlib.import_module, ("reseed", "quick_kernels"))
+reseed.use()
+quick_kernels.use()
 OUTSIDE = dict(os.environ)
 with contextlib.suppress(BackendError):
     llvm.use()  # before any test file imports drjit, which looks for LLVM only then

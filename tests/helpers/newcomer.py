@@ -1,5 +1,6 @@
 """Sources with a change that a newcomer makes, and commands that run on them."""
 
+import json
 import os
 import shutil
 import subprocess
@@ -8,6 +9,20 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 
 ROOT = Path(__file__).parents[2]
+
+COMMANDS = """
+import contextlib, io, json, sys
+from lidarscene.cli.main import main
+
+printed = []
+for line in json.loads(sys.argv[1]):
+    with contextlib.redirect_stdout(io.StringIO()) as text:
+        code = main(line.split())
+    if code:
+        sys.exit(f"{line}: ended with {code}")
+    printed.append(text.getvalue())
+json.dump(printed, sys.stdout)
+"""
 
 
 def changed_sources(
@@ -44,3 +59,9 @@ def changed_sources(
         return process.stdout
 
     return run
+
+
+def command_lines(run: Callable[..., str], *lines: str) -> list[str]:
+    """Run lines of `lidarscene` one after another in one process; return what each prints."""
+    printed: list[str] = json.loads(run("-c", COMMANDS, json.dumps(lines)))
+    return printed

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from helpers.newcomer import changed_sources
+from helpers.newcomer import changed_sources, command_lines
 
 PIN = Path(__file__).parents[2] / "helpers" / "pin_detector.py"
 
@@ -51,25 +51,11 @@ def run(tmp_path_factory):
 
 def test_it_renders_the_points_of_an_apd_without_gain(run):
     folder, command = run
-    for kind in ("pin", "apd"):
-        command(
-            "-m",
-            "lidarscene",
-            "render",
-            "car",
-            "-o",
-            f"{kind}.npz",
-            "--sensor",
-            f"{kind}.toml",
-            "--seed",
-            "3",
-            "--waveforms",
-            f"{kind}_waveforms.npz",
-            "--pulses",
-            "500-505",
-            "--ambient",
-            f"{kind}_ambient.npz",
-        )
+    render = (
+        "render car -o {0}.npz --sensor {0}.toml --seed 3 --waveforms {0}_waveforms.npz --pulses 500-505 "
+        "--ambient {0}_ambient.npz"
+    )
+    command_lines(command, render.format("pin"), render.format("apd"))
     for name in ("{}.npz", "{}_waveforms.npz", "{}_ambient.npz"):
         with np.load(folder / name.format("pin")) as pin, np.load(folder / name.format("apd")) as diode:
             assert set(pin.files) == set(diode.files)
@@ -83,19 +69,25 @@ def test_it_renders_the_points_of_an_apd_without_gain(run):
 
 def test_studies_know_it(run):
     folder, command = run
-    ranges = json.loads(command("-m", "lidarscene", "range", "pin.toml", "apd.toml", "--json"))
-    pin, diode = ranges["pin"], ranges["apd"]
+    ranges, table, sensitivities, _, _, _, _, checked = command_lines(
+        command,
+        "range pin.toml apd.toml --json",
+        "range pin.toml",
+        "range pin.toml --sensitivities",
+        "range pin.toml --eye-safety",
+        "compare car --sensors pin.toml,table1-apd -o compared",
+        "fov pin.toml -o fov",
+        "schema sensor",
+        "check pin.toml",
+    )
+    pin, diode = (json.loads(ranges)[name] for name in ("pin", "apd"))
     # The APD's load of 1e12 ohm adds 3e-9 of the variance.
     assert pin["maximum_range_m"] == pytest.approx(diode["maximum_range_m"], rel=1e-8)
     assert pin["closed_form_m"] is None
-    assert "-" in command("-m", "lidarscene", "range", "pin.toml")
-    assert "detector.quantum_efficiency" in command("-m", "lidarscene", "range", "pin.toml", "--sensitivities")
-    command("-m", "lidarscene", "range", "pin.toml", "--eye-safety")
-    command("-m", "lidarscene", "compare", "car", "--sensors", "pin.toml,table1-apd", "-o", "compared")
+    assert "-" in table
+    assert "detector.quantum_efficiency" in sensitivities
     assert (folder / "compared" / "index.html").is_file()
-    command("-m", "lidarscene", "fov", "pin.toml", "-o", "fov")
-    command("-m", "lidarscene", "schema", "sensor")
-    assert "pin" in command("-m", "lidarscene", "check", "pin.toml")
+    assert "pin" in checked
 
 
 def test_the_view_has_its_slider_and_its_unit(run):

@@ -7,15 +7,13 @@ that a test starts (see `sitecustomize`).
 """
 
 import importlib
-import importlib.abc
-import importlib.machinery
-import importlib.util
 import os
-import sys
 import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from types import ModuleType
 from typing import Any
+
+import on_import
 
 RUN = os.environ.get("TEST_SEED") or None
 _paused = False
@@ -67,31 +65,9 @@ def _seed_word(module: ModuleType) -> None:
     module.seed_word = lambda seed: word(frame_seed(seed))  # type: ignore[attr-defined]
 
 
-CHANGES = {"numpy.random": _numpy, "lidarscene.maths.random": _words, "lidarscene.kernel.device.transfer": _seed_word}
-
-
-class _Importer(importlib.abc.MetaPathFinder):
-    """Imports the modules of `CHANGES` as the other finders do, and changes each right after."""
-
-    def find_spec(
-        self, name: str, path: Sequence[str] | None, target: ModuleType | None = None
-    ) -> importlib.machinery.ModuleSpec | None:
-        if name not in CHANGES:
-            return None
-        spec = importlib.machinery.PathFinder.find_spec(name, path, target)
-        if spec is None or spec.loader is None:
-            return None
-        execute = spec.loader.exec_module
-
-        def executed(module: ModuleType) -> None:
-            execute(module)
-            CHANGES[name](module)
-
-        spec.loader.exec_module = executed  # type: ignore[method-assign]
-        return spec
-
-
-if RUN is not None:
-    sys.meta_path.insert(0, _Importer())
-    for name in CHANGES.keys() & sys.modules.keys():
-        CHANGES[name](sys.modules[name])
+def use() -> None:
+    """Change the modules that draw random numbers, in a run that has a seed."""
+    if RUN is not None:
+        on_import.change("numpy.random", _numpy)
+        on_import.change("lidarscene.maths.random", _words)
+        on_import.change("lidarscene.kernel.device.transfer", _seed_word)

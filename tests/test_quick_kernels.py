@@ -1,0 +1,40 @@
+"""Kernels that the tests compile without optimisation compute what users' kernels do."""
+
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+import quick_kernels
+
+RENDER = """
+import hashlib
+from lidarscene import Simulator, load_scene, load_sensor
+
+sensor = load_sensor("os1-128", overrides=["scanner.columns_per_turn=32"])
+cloud = Simulator(load_scene("car"), sensor).render(seed=3)
+assert len(cloud) > 100
+print([hashlib.sha256(getattr(cloud, column.attribute).tobytes()).hexdigest() for column in cloud.columns])
+"""
+
+
+def test_optimised_kernels_compute_the_same(
+    mi: Any, run_python: Callable[..., subprocess.CompletedProcess[str]], tmp_path: Path
+) -> None:
+    """Bit by bit; and the kernels differ, so the options are in force."""
+    if not quick_kernels.can_be_used():
+        pytest.skip("no LLVM whose options are known")
+    frames, kernels = [], []
+    for optimised in ("0", "1"):
+        home = tmp_path / optimised
+        home.mkdir()
+        ended = run_python(RENDER, HOME=str(home), **{quick_kernels.VARIABLE: optimised})
+        assert ended.returncode == 0, ended.stderr
+        frames.append(ended.stdout)
+        kernels.append({path.name: path.read_bytes() for path in (home / ".drjit").iterdir()})
+    assert frames[0] == frames[1]
+    quick, users = kernels
+    both = quick.keys() & users.keys()
+    assert len(both) >= 10
+    assert sum(quick[name] != users[name] for name in both) > 0.9 * len(both)
