@@ -19,17 +19,19 @@ SEED = int(os.environ.get("FUZZ_SEED") or run_seed() or 1)
 
 COARSE_RASTER = ("scanner.azimuth_step_deg=2", "scanner.elevation_step_deg=2")
 COARSE_HEAD = ("scanner.columns_per_turn=128",)
+QUICK_TURN = ("scanner.rotation_hz=-100",)
 KINDS = {
     "table1-apd": COARSE_RASTER,
     "table1-sipm": COARSE_RASTER,
     "os0-128": COARSE_HEAD,
     "os1-128": COARSE_HEAD,
     "os2-128": COARSE_HEAD,
-    "sony-spad-189x600": (),
-    "vlp-16": (),
-    "hdl-64e": (),
-    "livox-horizon": (),
+    "sony-spad-189x600": ("scanner.columns=50", "scanner.rows=21"),
+    "vlp-16": QUICK_TURN,
+    "hdl-64e": QUICK_TURN,
+    "livox-horizon": ("laser.repetition_rate_khz=24",),
 }
+"""Sensors with a few thousand pulses a frame."""
 SCENES = ("car", "glass", "retro", "edges")
 
 
