@@ -15,6 +15,8 @@ import griffe
 ITEM = re.compile(r"^(?P<name>\S+(?:,? \S+){0,3}?) {2,}(?P<about>\S.*)$")
 # `:func:`-like words, in ours single backquotes, are code already; a bar would end a cell.
 BAR = re.compile(r"(?<!\\)\|")
+# A page, and a section of it by its number.
+PAGE = re.compile(r"\bdocs/(\w+)\.md(?:,? (\d+)\b)?")
 
 
 class Lists(griffe.Extension):
@@ -37,7 +39,7 @@ def as_markdown(docstring: str) -> str:
     """The docstring with each list of "name  what it is" as a table of two columns."""
     out: list[str] = []
     rows: list[list[str]] = []
-    for line in [*docstring.splitlines(), ""]:
+    for line in [*PAGE.sub(_link, docstring).splitlines(), ""]:
         found = ITEM.match(line)
         if found:
             rows.append([found["name"], found["about"]])
@@ -49,6 +51,12 @@ def as_markdown(docstring: str) -> str:
                 rows = []
             out.append(line)
     return "\n".join(out).strip()
+
+
+def _link(page: re.Match[str]) -> str:
+    """Link to a page of the site, by its name and the number of the section."""
+    name = page[1].replace("_", " ")
+    return f"[{name}{f', {page[2]}' if page[2] else ''}]({page[1]}.md)"
 
 
 def _row(name: str, about: str) -> str:

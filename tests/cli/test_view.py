@@ -1,12 +1,14 @@
 """The command `view`: what it takes, what it writes, and how it tells mistakes."""
 
+import time
 from pathlib import Path
 from typing import Any
 
 import pytest
 from helpers.command_line import COARSE, Run
 
-from lidarscene.cli.view import list_clouds
+from lidarscene.cli.terminal import explained, quietly
+from lidarscene.cli.view import COMPILING, list_clouds
 
 
 @pytest.fixture
@@ -54,7 +56,7 @@ def test_frames_of_a_folder_come_by_their_numbers(tmp_path: Path) -> None:
         ([], "the following arguments are required: CLOUD|DIR|SCENE"),
     ],
 )
-def test_mistakes_are_told_in_one_line(run: Run, wall: str, arguments: list[str], message: str) -> None:
+def test_a_mistake_prints_one_line(run: Run, wall: str, arguments: list[str], message: str) -> None:
     Path("empty").mkdir()
     ran = run("view", *arguments)
     assert ran.code == 2
@@ -62,3 +64,13 @@ def test_mistakes_are_told_in_one_line(run: Run, wall: str, arguments: list[str]
     assert ran.err.startswith("lidarscene: error: ")
     assert ran.err.count("\n") == 1
     assert not Path("p.html").exists()
+
+
+@pytest.mark.parametrize(("quiet", "wait_s", "lines"), [(False, 0.3, 1), (True, 0.3, 0), (False, 0.0, 0)])
+def test_a_long_start_is_explained_once(
+    capsys: pytest.CaptureFixture[str], quiet: bool, wait_s: float, lines: int
+) -> None:
+    """A start below ``after_s`` prints nothing: 0 s against an hour; the long one has 30 times as long as is asked."""
+    with quietly(quiet), explained(COMPILING, after_s=0.01 if wait_s else 3600.0):
+        time.sleep(wait_s)
+    assert capsys.readouterr().err == f"lidarscene: {COMPILING}\n" * lines

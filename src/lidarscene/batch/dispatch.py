@@ -94,8 +94,8 @@ def run_job(
 ) -> Progress:
     """Render the missing frames of a job into ``folder``; write its manifest and, if none failed, a data set's tables.
 
-    connect  gives a Dask client, called if frames are missing; ``lambda: nullcontext(client)`` for one's own. All
-             workers must see ``folder``, and the files of the job, by the same names. It is called again if all
+    connect  gives a Dask client, called if frames are missing; ``lambda: nullcontext(client)`` for an existing client.
+             All workers must see ``folder``, and the files of the job, by the same names. It is called again if all
              workers of a cluster of this machine are gone
     threads  threads of Dr.Jit in each worker; None: those of the Dask worker
     report   called after each frame, with its task and cause if it failed

@@ -1,6 +1,6 @@
 """Whole drives: all frames of a drive in one file, a bag of ROS 2 or a log of Rerun.
 
-Any worker renders any frame, to a file of its own. When all frames of a drive are there, one worker writes them in
+Any worker renders any frame, to a separate file. When all frames of a drive are there, one worker writes them in
 order of time to the drive's file, and removes them. So a drive that was broken off loses no frame.
 """
 

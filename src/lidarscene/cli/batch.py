@@ -31,7 +31,7 @@ examples:
   lidarscene batch job -o out/job --workers 2
   lidarscene batch job.toml -o /shared/job --scheduler tcp://10.0.0.1:8786
 
-A run that was broken off goes on where it was: the same command again renders what is missing.
+The same command resumes a broken run: it renders what is missing.
 docs/batch.md has the job file, docs/scaling.md SLURM, Kubernetes and millions of frames.
 """
 
@@ -51,7 +51,7 @@ def add_batch(commands: Any) -> None:
     batch.add_argument("job", metavar="JOB", type=Path, help="job file, or the example's name")
     add = batch.add_argument
     add_options(
-        batch, CommandOptions, output="frames/ and manifest.parquet in it; what is there already is not done again"
+        batch, CommandOptions, output="frames/ and manifest.parquet in it; existing frames stay"
     )
     add(
         "--scheduler",

@@ -40,7 +40,7 @@ def add_compare(commands: Any) -> None:
         "compare",
         help="what different sensors make of one scene",
         epilog=COMPARE_HELP,
-        description="Compare sensors in a scene, or clouds that were written with ground truth: what each found, "
+        description="Compare sensors in a scene, or clouds that were written with ground truth: what each detects, "
         "range errors, rates of detection; a page, JSON, CSV, pictures and a difference cloud.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )

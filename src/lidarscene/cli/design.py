@@ -18,7 +18,7 @@ examples:
   lidarscene design aperture -o out/aperture
   lidarscene design my-study.toml -o out/study --workers 2
 
-A run that was broken off goes on where it was. docs/design.md has the study file and its quantities.
+The same command resumes a broken run. docs/design.md has the study file and its quantities.
 """
 
 

@@ -58,7 +58,7 @@ def _add_range(commands: Any) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     command.add_argument("sensors", metavar="SENSOR", nargs="+", help="catalogue name or sensor file")
-    add = command.add_argument_group("what is asked").add_argument
+    add = command.add_argument_group("what is computed").add_argument
     add(
         "--over",
         metavar="AXIS",
@@ -77,7 +77,7 @@ def _add_range(commands: Any) -> None:
     scale.add_argument("--linear", action="store_true", help="even steps")
     add("--sensitivities", action="store_true", help="what each parameter of the sensor is worth in range")
     add("--eye-safety", action="store_true", help="class 1 or not; exit code 1: the laser is not known")
-    held = command.add_argument_group("what is held")
+    held = command.add_argument_group("conditions")
     add = held.add_argument
     add_options(held, Conditions, "distance", "illuminance", "sun_angle", "reflectivity", "incidence")
     add(

@@ -25,7 +25,7 @@ def add_stream(commands: Any) -> None:
     """Add `stream`."""
     stream = commands.add_parser(
         "stream",
-        help="packets over UDP in real time, as the sensor itself sends them",
+        help="the sensor's packets over UDP in real time",
         epilog=STREAM_HELP,
         description="Simulate a lidar and send its maker's packets while the scene moves, until Ctrl-C. Drivers, "
         "viewers and recorders of the real sensor read them. Late frames are reported, and go at up to twice the "

@@ -32,7 +32,7 @@ def add_street(commands: Any) -> None:
     add = command.add_argument
     add("-o", "--output", metavar="DIR", type=Path, required=True, help="folder to write to")
     add("--length-m", metavar="M", type=number, help="way of the vehicle that carries the sensor (default: 1000)")
-    add("--seed", metavar="N", type=whole_number(SEEDS), help="of all that is drawn (default: 1)")
+    add("--seed", metavar="N", type=whole_number(SEEDS), help="of all random choices (default: 1)")
     add(
         "--set",
         dest="overrides",

@@ -9,6 +9,7 @@ from __future__ import annotations
 import os
 import signal
 import sys
+import threading
 import time
 import warnings
 from collections.abc import Callable, Iterator
@@ -119,6 +120,24 @@ def quietly(quiet: bool) -> Iterator[None]:
 def is_quiet() -> bool:
     """Whether the command that runs is to show no progress."""
     return any(_QUIET)
+
+
+@contextmanager
+def explained(text: str, *, after_s: float = 1.0) -> Iterator[None]:
+    """Print a line to the error stream if the block takes longer than ``after_s``."""
+
+    def explain() -> None:
+        sys.stderr.write(f"lidarscene: {text}\n")
+        sys.stderr.flush()
+
+    timer = threading.Timer(after_s, explain)
+    timer.daemon = True
+    if not is_quiet():
+        timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
 
 
 class Lines:

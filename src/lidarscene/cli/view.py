@@ -21,6 +21,7 @@ from ..rendering.option_fields import Whole
 from ..rendering.render_options import FrameOptions
 from .options import CommandOptions, add_options, flag_of, options_from
 from .recordings.recording_options import add_recording, with_progress
+from .terminal import explained
 from .words import whole_number
 
 if TYPE_CHECKING:
@@ -35,6 +36,7 @@ examples:
   lidarscene view os1.pcap --metadata os1.json --frame 3
 """
 
+COMPILING = "reading and compiling; this takes some seconds"
 SCENES = (".toml", ".xml", ".glb", ".gltf", ".obj", ".off", ".stl")
 
 
@@ -66,7 +68,7 @@ def add_view(commands: Any) -> None:
     add(
         "--port", metavar="N", type=whole_number(Whole(0, 65535)), default=0, help="of the page (default: any free one)"
     )
-    add("--no-browser", action="store_true", help="only say where the page is")
+    add("--no-browser", action="store_true", help="only print the address of the page")
     view.set_defaults(run=view_text)
 
 
@@ -77,12 +79,14 @@ def view_text(arguments: argparse.Namespace) -> str:
 
     if arguments.save is not None:
         _check_save(arguments.save)
-        source = _source(arguments)
+        with explained(COMPILING):
+            source = _source(arguments)
         save(source, arguments.save)
         return f"wrote {arguments.save} ({arguments.save.stat().st_size / 1e6:.1f} MB)"
     with Server(arguments.port) as server:
         # The port is opened before the scene is loaded: a busy one is reported at once.
-        source = _source(arguments)
+        with explained(COMPILING):
+            source = _source(arguments)
         sys.stdout.write(f"{source.title}: {server.url} (Ctrl-C ends)\n")
         sys.stdout.flush()
         if not arguments.no_browser:

@@ -179,7 +179,7 @@ def amplitude(shots: Shots, trip: Trip, *, lag_s: Lanes) -> Lanes:
 def trailing_level(shots: Shots, trip: Trip, *, threshold: Lanes | None = None, lag_s: Lanes, draw: Lanes = 0) -> Lanes:
     """Noiseless signal at which the falling edge leaves a level, (n,); theory (T25) and (T26a).
 
-    The falling edge has a deviate of its own, correlated with that of the rising edge.
+    The falling edge has another deviate, correlated with that of the rising edge.
 
     threshold  (n,) the level; None: the comparator's threshold
     lag_s      (n,) time between the two edges, of either sign

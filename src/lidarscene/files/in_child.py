@@ -1,4 +1,4 @@
-"""Read foreign bytes in a process of its own: a compiled parser of a damaged file may crash, or wait without end.
+"""Read foreign bytes in a separate process: a compiled parser of a damaged file may crash, or wait without end.
 
 The child answers requests over a pipe, with a function that it imports. If it dies, or takes longer than a file of
 this size may, the file counts as damaged. It ends with its parent, whose end of the pipe closes.

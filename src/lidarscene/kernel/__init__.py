@@ -1,6 +1,6 @@
 """All code that uses Mitsuba and Dr.Jit: scenes in, geometry and scattering out.
 
-A ray tracer on a just-in-time compiler has rules of its own: what is a number in a kernel, what is memory, how many
+A ray tracer on a just-in-time compiler has special rules: what is a number in a kernel, what is memory, how many
 scenes one kernel may ask. They are kept here, so that physics and electronics are plain formulas on arrays. No module
 elsewhere imports Mitsuba (`maths.arrays` calls functions of Dr.Jit).
 

@@ -204,7 +204,7 @@ class FrameFiles:
         from ..figures.pictures import frame_picture
 
         view = self._view(picture.cloud().frame_start_s)
-        # Several sensors are told apart by colour: their intensities may be amperes and cells.
+        # Colours distinguish several sensors: their intensities may be amperes and cells.
         colour_by = "sensor_index" if self.plan.outputs.merge else "intensity"
         frame_picture(picture, self.files["picture"], colour_by=colour_by, view=view, surfaces=self._surfaces)
 

@@ -1,4 +1,4 @@
-"""Read a recording in a process of its own, with `files.in_child`."""
+"""Read a recording in a separate process, with `files.in_child`."""
 
 from __future__ import annotations
 

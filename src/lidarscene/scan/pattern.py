@@ -88,7 +88,7 @@ class Pattern(GivenAngles):
 
 
 class TableFile(ScannerFile[Pattern]):
-    """[scanner] type = "table": a pattern of one's own, CSV or npz."""
+    """[scanner] type = "table": a pattern of your choice, CSV or npz."""
 
     type: Literal["table"]
     file: Annotated[str, Field(min_length=1)] = Field(

@@ -307,7 +307,7 @@ class SpinningFile(ScannerFile[Spinning]):
         return _TWO_PI * float(self.rotation_hz)
 
     def shot_period_us(self, pulse_period_us: float) -> float:
-        """Each laser has a receiver of its own, which listens until that laser's next pulse."""
+        """Each laser has a receiver, which listens until that laser's next pulse."""
         return self.cycle_s * 1e6
 
     @model_validator(mode="after")

@@ -137,7 +137,7 @@ class PictureFile(Table[View]):
     @model_validator(mode="after")
     def _check_direction(self) -> PictureFile:
         if self.eye_m[:2] == self.target_m[:2]:
-            raise ValueError("eye_m and target_m one above the other: which way is up cannot be told")
+            raise ValueError("eye_m and target_m: must not be one above the other, which leaves the up direction open")
         return self
 
 

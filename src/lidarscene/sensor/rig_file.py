@@ -42,7 +42,7 @@ class Mounted:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Rig:
-    """The sensors of a vehicle, each with a label of its own; ``files`` are those that it was read from.
+    """The sensors of a vehicle, each with a unique label; ``files`` are those that it was read from.
 
     imu  the vehicle's own, or None
     """

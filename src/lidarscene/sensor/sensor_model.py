@@ -314,7 +314,7 @@ class Sensor(_Rebuilt):
 
     @property
     def matches(self) -> bool:
-        """True if pulses are found behind a matched filter."""
+        """True if pulses are detected behind a matched filter."""
         if self.detector.counts_whole_cells:
             return False  # behind a filter no whole cells are counted
         samples_match = isinstance(self.sampler, Adc) and self.sampler.estimator == "matched_filter"
@@ -419,7 +419,7 @@ class Sensor(_Rebuilt):
         )
 
     def working_point(self, background_power_w: Lanes, *, range_m: Lanes | None = None) -> WorkingPoint:
-        """Working point of the detector under this background; behind a matched filter, if pulses are found there.
+        """Working point of the detector under this background; behind a matched filter, if pulses are detected there.
 
         range_m  range of the echo, for SPADs that fire once in a shot: those that fired before are blind; None: none is
         """

@@ -102,7 +102,7 @@ def fov(
     scene         scene on whose bodies points are counted too
     pose          where the sensors' vehicle stands in it; None: the scene's sensor pose, of a rig the origin
     overrides     changes to values of the files, of all or, as "vlp-16:laser.peak_power_w=60", of one
-    times_s       when coverage is given
+    times_s       times of the coverage
     cell_deg      size of the cells
     mask          the field of view: "outline", the pattern's convex outline, or "reached", cells ever reached
     reflectivity, illuminance  of the target whose maximum range is mapped; klux

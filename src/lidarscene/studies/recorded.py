@@ -34,7 +34,7 @@ from .published_values import repeatability, scatter_m
 from .ranging.plane import Target, echoes_of_plane
 
 RECORDED_KLUX = 20.0
-"""Light that is assumed where a recording does not tell it; near targets scatter alike at any."""
+"""Light that is assumed where a recording does not have it; near targets scatter alike at any."""
 
 SHOTS_OF_PAIRS = 20
 """Pulses with two echoes at each separation."""

@@ -1,4 +1,4 @@
-"""The command `fit`: what a recording says of its sensor, as a sensor file and a page."""
+"""The command `fit`: numbers of a sensor from its recording, as a sensor file and a page."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ def add_fit(commands: Any) -> None:
     """Add `fit`."""
     command = commands.add_parser(
         "fit",
-        help="what a recording says of its sensor, with uncertainties",
+        help="numbers of a sensor from its recording, with uncertainties",
         epilog=FIT_HELP,
         description="Fit near field, threshold, scatter of the range and gains of the rows to recordings of one unit. "
         "Writes its sensor file, with value, uncertainty and recording in [sources], and a page. "

@@ -1,4 +1,4 @@
-"""The command `twin`: the scene of a recording, to simulate its sensor in."""
+"""The command `twin`: a scene made from a recording."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ def add_twin(commands: Any) -> None:
     """Add `twin`."""
     command = commands.add_parser(
         "twin",
-        help="the scene of a recording, to simulate its sensor in",
+        help="a scene made from a recording",
         epilog=TWIN_HELP,
         description="Make a scene of what a real lidar recorded: every pixel becomes a small surface with the "
         "reflectivity that was measured, the ground is completed. With the sensor's file and its poses.",

@@ -3,7 +3,7 @@
 Dr.Jit compiles CPU kernels with LLVM. It looks for the library once, while it is imported, and takes the first it
 finds. It refuses LLVM 14, and with 15 and 16 the first kernel aborts the whole process. So this module chooses the
 library, and reads its version before Dr.Jit is imported. It never loads LLVM into this process, because two LLVMs in
-one process can clash: the version is read from the file's name, or asked in a process of its own.
+one process can clash: the version is read from the file's name, or read by a separate process.
 """
 
 import functools
@@ -129,7 +129,7 @@ def version_in_name(path: str) -> tuple[int, ...]:
 
 @functools.cache
 def ask_version(path: str) -> tuple[int, ...]:
-    """Ask the library itself for its version, in a process of its own (about 0.1 s). Raises `BackendError`."""
+    """Read the version from the library itself, in a separate process (about 0.1 s). Raises `BackendError`."""
     import subprocess
 
     try:

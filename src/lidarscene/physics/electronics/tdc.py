@@ -2,7 +2,7 @@
 
 The echo's own shot noise grows along its edge. One standard normal deviate z sets the noise n(s) = z sigma(s) at
 every signal level s, with sigma(s)^2 = sigma_0^2 + kappa_1 s + kappa_2 s^2 (13). The comparator trips where s + n(s)
-= U, which is a quadratic in s. The echo is found if and only if its peak reaches that level, so that P_d = Q((U -
+= U, which is a quadratic in s. The echo is detected if and only if its peak reaches that level, so that P_d = Q((U -
 peak) / sigma(peak)) exactly (docs/theory.md, section 8).
 
 Symbols: U threshold, sigma_0 noise without echo, kappa_1 and kappa_2 its growth, z deviate, B bandwidth, TNR = U /

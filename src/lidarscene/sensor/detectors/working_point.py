@@ -195,7 +195,7 @@ class CellCounts:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class ThresholdLaw:
-    """Threshold that follows the background by a law of its own.
+    """Threshold that follows the background by a special law.
 
     level  median over points, signal
     lone   (threshold, signal) -> how far the neighbours of an echo lack it, from 0, as on a surface, to 1, alone

@@ -1,7 +1,7 @@
 """Compare different sensors on one scene.
 
 Clouds of two sensors differ by chance alone. All sensors get the same seed, pulses are matched one by one where both
-sensors fire the same ones, and every number comes with a 95 % interval, so that a difference can be told from noise.
+sensors fire the same ones, and every number comes with a 95 % interval, so that a difference stands out from noise.
 
 comparison_study       entry points: from a scene and sensors, or from clouds, to all files of the report
 bench                  simulated observations of one scene

@@ -87,7 +87,7 @@ _TRUTH_COLUMNS = ("true_range_m", "incidence_angle_rad", "reflectivity", "body",
 
 
 def disagreeing_share(a: Observation, b: Observation, *, tolerance_m: float = 0.01) -> float:
-    """Share of the pulses found by both whose true ranges differ by more than the tolerance.
+    """Share of the pulses detected by both whose true ranges differ by more than the tolerance.
 
     More than a few per cent mean that the scenes differ.
     """

@@ -70,7 +70,7 @@ class Comparison:
 
 
 def verdict(comparison: Comparison) -> str:
-    """The outcome in one sentence: who found more and by how much, and who measured ranges better."""
+    """The outcome in one sentence: who detected more and by how much, and who measured ranges better."""
     if not comparison.rated:
         counts = [
             f"{observation.name} {int(np.count_nonzero(observation.is_echo)):,}"

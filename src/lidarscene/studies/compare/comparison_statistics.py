@@ -1,6 +1,6 @@
 """Detection rates, range errors and paired counts of observations, with 95 % intervals.
 
-A rate is the share of the pulses in `Surfaces` that were found. Two sensors that fire the same pulses are compared
+A rate is the share of the pulses in `Surfaces` that were detected. Two sensors that fire the same pulses are compared
 pulse by pulse, which needs far fewer pulses than comparing two rates.
 
 Symbols: k found of n, p = k / n rate, z = 1.96.

@@ -57,7 +57,7 @@ def run_study(
 ) -> Report:
     """Search the designs of a study; returns the front, with charts and sensor files. Raises InputError, OutputError.
 
-    folder    for all evaluations, from which a run that was broken off goes on
+    folder    for all evaluations; a broken run resumes from it
     evaluate  computes the quantities of several designs; by default one after the other in this process
     progress  called with the number of designs so far, the greatest number, and words on the front so far
     """

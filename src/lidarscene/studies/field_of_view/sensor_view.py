@@ -22,7 +22,7 @@ class SensorView:
 
     slug           start of the sensor's file names
     frame          pulses of the first frame
-    watched_s      time in which the field of view was found
+    watched_s      time over which the field of view was determined
     coverage_s     the longest requested time
     revisit_s      that time or two frames, whichever is longer
     coverage_maps  numbers of the cells after coverage_s

@@ -22,7 +22,7 @@ class FieldOfViewStudy:
 
     times_s: tuple[float, ...] = option(
         TIMES_S,
-        help=f"when coverage is given, seconds (default {','.join(f'{time_s:g}' for time_s in TIMES_S)})",
+        help=f"times of the coverage, seconds (default {','.join(f'{time_s:g}' for time_s in TIMES_S)})",
         metavar="S,S,...",
         flags=("--time",),
     )

@@ -4,7 +4,7 @@ An Ouster reports SIGNAL, the photons of a return, and REFLECTIVITY, which its m
 field. So SIGNAL R^2 100 / REFLECTIVITY is K share(R), K being the photons of a white wall times the square of its
 range, far away. The share is that of T18 with the lens focused at infinity: the blur has the radius r_A / R, the
 detector r_PD / f, and below R0 = r_A f / r_PD the blur is the larger one. The laser's spot makes the knee at R0 round.
-A sensor whose file has two lenses, or a focus, has a curve of its own: that one is stretched over the range. If that
+A sensor whose file has two lenses, or a focus, has a special curve, which is stretched over the range. If that
 is not enough, the transmitter's place, crossing, focus and scattered share (`LENSES`) are free, too.
 """
 

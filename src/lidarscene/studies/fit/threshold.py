@@ -163,7 +163,7 @@ def fit_threshold(pulses: RecordedPulses) -> Threshold | None:
 
 
 def threshold_pulses(pulses: RecordedPulses) -> Numbers:
-    """Mask of the pulses with SIGNAL and NEAR_IR that met a threshold, so were not found and withheld."""
+    """Mask of the pulses with SIGNAL and NEAR_IR that met a threshold, so were not withheld."""
     assert pulses.signal is not None
     assert pulses.near_ir is not None
     usable = pulses.recorded & np.isfinite(pulses.signal) & np.isfinite(pulses.near_ir)

@@ -132,7 +132,7 @@ def _interval_text(entry: Terms) -> str:
 
 
 def _certainty(order: Sequence[Terms]) -> str:
-    """Sentence on what the intervals are, and whether they tell the two farthest sensors apart."""
+    """Sentence on what the intervals are, and whether they separate the two farthest sensors."""
     unknown = [entry.name for entry in order if entry.interval_m is None]
     if len(unknown) == len(order):
         return "Their files state no uncertainty."

@@ -149,7 +149,7 @@ def snr(sensor: Sensor, target: Target, range_m: Numbers | float) -> Numbers:
 
 
 def detection_margin(sensor: Sensor, target: Target, range_m: Numbers | float) -> Numbers:
-    """(n,) peak signal over the comparator's level; at 1 the echo is found half of the time."""
+    """(n,) peak signal over the comparator's level; at 1 the echo is detected half of the time."""
     _, signal, level = _response(sensor, echoes_of_plane(sensor, target, range_m))
     return _ratio(signal, level)
 

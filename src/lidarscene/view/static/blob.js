@@ -1,4 +1,4 @@
-// Blobs: a name in; header and typed arrays out, from this page or from the server. The form is told in blob.py.
+// Blobs: a name in; header and typed arrays out, from this page or from the server. blob.py describes the form.
 
 const TYPES = { float32: Float32Array, uint8: Uint8Array, int32: Int32Array, uint32: Uint32Array };
 

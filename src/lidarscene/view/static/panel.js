@@ -9,7 +9,7 @@ function showFields(fields, groups, chosen) {
 }
 
 function showStatuses(names, counts, hidden, changed) {
-  // Of kinds that have no points, echoes alone are told; what is hidden stays there to be shown again.
+  // Kinds without points are left out, except echoes; hidden kinds stay, to be shown again.
   const told = names.map((name, i) => [name, i]).filter(([, i]) => i === 0 || counts[i] || hidden >> i & 1);
   byId("statuses").replaceChildren(byId("statuses").firstElementChild, ...told.map(([name, i]) => made("label", {},
     made("input", { type: "checkbox", checked: !(hidden >> i & 1), onchange: event => changed(i, event.target.checked) }),

@@ -175,7 +175,7 @@ class Viewer {
     while (this.waiting) {
       this.waiting = false;
       const since = performance.now();
-      const word = setTimeout(() => { byId("speed").textContent = "rendering … what is new is compiled first"; }, 500);
+      const word = setTimeout(() => { byId("speed").textContent = "compiling and rendering …"; }, 500);
       try {
         // A budget takes longer than the points: it is asked for where it is seen.
         const budget = this.pulse || this.ofBudget(this.colourBy) ? 1 : 0;
@@ -279,7 +279,7 @@ class Viewer {
     this.redraw();
   }
 
-  // Another point, whose distance from the selected one is told.
+  // Another point, whose distance from the selected one is shown.
   measure(index) {
     this.other = index;
     this.#card();
