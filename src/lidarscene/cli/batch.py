@@ -50,9 +50,7 @@ def add_batch(commands: Any) -> None:
     )
     batch.add_argument("job", metavar="JOB", type=Path, help="job file, or the example's name")
     add = batch.add_argument
-    add_options(
-        batch, CommandOptions, output="frames/ and manifest.parquet in it; existing frames stay"
-    )
+    add_options(batch, CommandOptions, output="frames/ and manifest.parquet in it; existing frames stay")
     add(
         "--scheduler",
         metavar="ADDRESS",
