@@ -16,6 +16,7 @@ import numpy as np
 from ..detection.outcomes import Outcome
 from ..detection.returns import Detection
 from ..kernel.device import transfer
+from ..kernel.rays.kept_lanes import Retraced
 from ..kernel.rays.point_columns import Staged, with_nan_outcomes
 from ..light.beams import Beams
 from ..light.echoes import Echoes
@@ -35,6 +36,7 @@ class Chunk:
     detection  `Detection` of the pulses
     goes_on    (n,) mask of pulses that continue through glass or mirrors and are traced again; None: no survey
     order      permutation between pulses and lanes, or None
+    retraced   lanes of the surveyed chunk that these lanes are; None: these are not traced again
     twice      the two lanes are one and the same pulse (`kept_lanes.more_than_one`)
     """
 
@@ -43,6 +45,7 @@ class Chunk:
     detection: Detection
     goes_on: Any = None
     order: Order | None = None
+    retraced: Retraced | None = None
     twice: bool = False
 
     def staged(self, rays: int) -> Staged:
@@ -89,8 +92,8 @@ def without_lanes(part: Chunk, dropped: Numbers) -> Chunk:
     return dataclasses.replace(part, detection=detection, goes_on=goes_on)
 
 
-def detection_values(parts: Sequence[Chunk], first: int, name: str, *, ordered: bool = True) -> Numbers:
-    """Field ``name`` of the detections, (n,) for the pulses from ``first`` on; later parts replace the first.
+def detection_values(parts: Sequence[Chunk], name: str, *, ordered: bool = True) -> Numbers:
+    """Field ``name`` of the detections, (n,) for the pulses of the first part; later parts replace it.
 
     ordered  in the order of pulses; False: in that of lanes, which is enough to count them
     """
@@ -100,8 +103,8 @@ def detection_values(parts: Sequence[Chunk], first: int, name: str, *, ordered: 
     if len(parts) > 1:
         values = values.copy()
     for part in parts[1:]:
-        pulse = part.pulse.numpy() - first
-        values[pulse if order is None else order.lane[pulse]] = getattr(part.detection, name).numpy()
+        if part.retraced is not None:
+            values[part.retraced.lanes.numpy()] = getattr(part.detection, name).numpy()
     return values[order.lane] if ordered and order is not None else values
 
 

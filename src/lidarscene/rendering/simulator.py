@@ -278,10 +278,10 @@ class Simulator:
             check_detections(self.scene, self.sensor, [traced.detection for traced in parts])
             since = summary.add_time("trace", since)
             pulse, columns = self._columns(frame, parts, placing)
-            outcome = detection_values(parts, first, "outcome", ordered=observers.missed is not None)
+            outcome = detection_values(parts, "outcome", ordered=observers.missed is not None)
             if observers.ambient is not None:
                 numbers = np.arange(first, first + len(outcome), dtype=np.uint32)
-                observers.ambient(numbers, detection_values(parts, first, "ambient").astype(np.uint64))
+                observers.ambient(numbers, detection_values(parts, "ambient").astype(np.uint64))
             if observers.points is not None:
                 observers.points(pulse, join_columns([self._surfaces(frame, traced) for traced in parts]))
             summary.add_time("collect", since)
@@ -303,15 +303,16 @@ class Simulator:
             line = part.pulse.numpy() // whole
             lines = np.unique(line[lanes.numpy()])
             part = without_lanes(part, np.isin(line, lines))
-            numbers = (lines[:, None] * whole + np.arange(whole)).ravel()
-            pulse = transfer.unsigned_numbers(numbers)
-            twice = False
-        else:
-            several = kept_lanes.more_than_one(lanes)
-            pulse, twice = kept_lanes.gather_lanes(part.pulse, several), several is not lanes
+            numbers = part.pulse.numpy()
+            again = np.flatnonzero(np.isin(line, lines))
+            lanes = transfer.unsigned_numbers(again[np.argsort(numbers[again])])
+        several = kept_lanes.more_than_one(lanes)
+        retraced = kept_lanes.Retraced.from_lanes(several, part.goes_on)
+        pulse = retraced.gather(part.pulse)
+        blocks.share_out(len(pulse) * self.trace.rays)
         traced = self._chain(frame, DevicePulses(pulse, lambda: frame.times(pulse.numpy())), seed)
         transfer.wait()
-        return [part, replace(traced, twice=twice)]
+        return [part, replace(traced, retraced=retraced, twice=several is not lanes)]
 
     def waveforms(
         self,
@@ -368,19 +369,25 @@ class Simulator:
 
         Raises InputError for points with NaN or infinities.
         """
-        collected = [self._on_device(part, placing) for part in parts]
-        # Without any point the columns of one part are computed all the same, for the kernels of later frames.
-        filled = [pair for pair in collected if pair[1]] or collected[:1]
-        # The survey decides, not whether any pulse of this chunk went on: else a later chunk would compile kernels. But
-        # few chunks have light that goes on to other channels, and to merge takes as long as the columns themselves:
-        # those kernels are compiled with the first chunk that has some.
-        alone = parts[0].goes_on is None or (self._stages.crosstalk is not None and len(parts) == 1)
-        columns = transfer.fetch_columns(
-            collect.with_flat_positions(filled[0][0]) if alone else collect.merge_by_pulse(filled)
+        surveyed = parts[0]
+        lane_of = None if surveyed.order is None else surveyed.order.device_lane
+        again = [(part.retraced, part) for part in parts[1:] if part.retraced is not None]
+        lane, stop, count = kept_lanes.reported_lanes(
+            surveyed.detection, lane_of, again=[(retraced, part.detection) for retraced, part in again]
         )
+        # First of all, since it waits for the device.
+        replaced = [(part, retraced.among(lane, stop, stops=len(part.detection.stops))) for retraced, part in again]
+        # Columns of all returns as the survey has them. Those of pulses that were traced again are replaced.
+        on_device = collect.with_flat_positions(self._on_device(surveyed, (lane, stop), placing))
+        # Started before the others are written down: else those would change this kernel.
+        transfer.start([*on_device.values()])
+        for part, returns in replaced:
+            if returns is not None:
+                index, lanes = returns
+                collect.put_columns(on_device, self._on_device(part, lanes, placing), index)
+        columns = transfer.fetch_columns(on_device)
         columns["xyz_m"] = columns["xyz_m"].reshape(-1, 3)
         # A single point is there twice (`kept_lanes.more_than_one`): the count leaves the copy out.
-        count = sum(number for _, number in filled)
         if not count:
             return np.zeros(0, np.uint32), None
         columns = {name: values[:count] for name, values in columns.items()}
@@ -397,20 +404,17 @@ class Simulator:
             columns.setdefault(name, np.broadcast_to(default, len(pulse)))
         return pulse, columns
 
-    def _on_device(self, part: Chunk, placing: Placing) -> tuple[dict[str, Any], int]:
-        """`collect.point_columns` of the pulses of one part, on the device, and the number of their points."""
-        lane_of = None if part.order is None else part.order.device_lane
-        lane, stop, count = kept_lanes.reported_lanes(part.detection, lane_of, twice=part.twice)
-        columns = collect.point_columns(
+    def _on_device(self, part: Chunk, lanes: tuple[Any, Any], placing: Placing) -> dict[str, Any]:
+        """`collect.point_columns` of these lanes and stops of one part, on the device."""
+        return collect.point_columns(
             world=self.world,
             sensor=self._stages.sensor,
             staged=part.staged(self.trace.rays),
             air_classes=self._air_classes,
-            lanes=(lane, stop),
+            lanes=lanes,
             turn=placing.turn,
             shift=placing.shift,
         )
-        return columns, count
 
     def _surfaces(self, frame: Frame, part: Chunk) -> dict[str, Numbers]:
         """`collect.surface_columns` of one part in NumPy; empty without any surface."""

@@ -26,11 +26,38 @@ def test_returns_come_by_pulse_and_then_by_stop(mi, stops, ordered):
     assert list(zip(*reported_pairs, strict=True)) == expected
 
 
-@pytest.mark.parametrize(("reported", "twice", "count"), [((), False, 0), ((3,), False, 1), ((0, 1), True, 1)])
-def test_one_return_or_none_is_two_lanes(mi, reported, twice, count):
+@pytest.mark.parametrize("stops", [1, 2])
+@pytest.mark.parametrize("again", [[4, 11, 3], [7, 7]])
+def test_returns_of_lanes_traced_again_are_in_their_places(mi, stops, again):
+    """As many returns as they have then; a single lane is traced as two, and its returns come once."""
+    rng = np.random.default_rng(7)
+    lane_of = rng.permutation(15).astype(np.uint32)
+    first, later = rng.random((stops, 15)) < 0.5, rng.random((stops, len(again))) < 0.7
+    later[:, :2] = True
+    mask = np.isin(np.arange(15), again)
+    first[:, mask] = False
+    retraced = kept_lanes.Retraced.from_lanes(mi.UInt32(again), mi.Bool(mask))
+    lane, stop, count = kept_lanes.reported_lanes(
+        detection(mi, first), mi.UInt32(lane_of), again=[(retraced, detection(mi, later))]
+    )
+    merged = first.copy()
+    merged[:, again] = later
+    expected = [(number, s) for number in lane_of for s in range(stops) if merged[s, number]]
+    assert count == len(expected)
+    assert list(zip(*np.broadcast_arrays(lane.numpy(), stop.numpy()), strict=True)) == expected
+    index, (place, later_stop) = retraced.among(lane, stop, stops=stops)
+    rows = [row for row, (number, _) in enumerate(expected) if mask[number]]
+    assert set(index.numpy()) == set(rows)
+    assert [again[lane] for lane in place.numpy()] == [expected[row][0] for row in index.numpy()]
+    stops_there = np.broadcast_to(later_stop.numpy(), len(index.numpy()))
+    assert stops_there.tolist() == [expected[row][1] for row in index.numpy()]
+
+
+@pytest.mark.parametrize(("reported", "count"), [((), 0), ((3,), 1)])
+def test_one_return_or_none_is_two_lanes(mi, reported, count):
     """Dr.Jit would take one lane for all lanes, and compile anew."""
-    flags = np.isin(np.arange(2 if twice else 5), reported)[None]
-    lane, _, lane_count = kept_lanes.reported_lanes(detection(mi, flags), twice=twice)
+    flags = np.isin(np.arange(5), reported)[None]
+    lane, _, lane_count = kept_lanes.reported_lanes(detection(mi, flags))
     assert lane_count == count
     assert len(lane.numpy()) == 2
     if reported:
@@ -42,5 +69,7 @@ def test_flags_of_rays_and_lanes(mi):
     assert kept_lanes.any_of_pulse(mi.Bool(flags), 3).numpy().tolist() == [True, False, True]
     lanes = kept_lanes.lanes_where(mi.Bool(flags))
     assert lanes.numpy().tolist() == [1, 6, 7]
-    assert kept_lanes.gather_lanes(mi.Float(np.arange(9) * 2.0), lanes).numpy().tolist() == [2.0, 12.0, 14.0]
+    retraced = kept_lanes.Retraced.from_lanes(lanes, mi.Bool(flags))
+    assert retraced.gather(mi.Float(np.arange(9) * 2.0)).numpy().tolist() == [2.0, 12.0, 14.0]
+    assert retraced.place.numpy()[[1, 6, 7]].tolist() == [0, 1, 2]
     assert kept_lanes.lanes_where(mi.Bool(np.zeros(4, bool))) is None

@@ -9,6 +9,7 @@ Symbols: n pulse lanes, k kept lanes.
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -37,13 +38,63 @@ def more_than_one(lanes: DeviceArray) -> Any:
     return lanes if dr.width(lanes) > 1 else transfer.unsigned_numbers(lanes.numpy().repeat(2))
 
 
-def gather_lanes(values: Array, lanes: Array) -> Any:
-    """Return the entries of these lanes, computed."""
-    import drjit as dr
+@dataclass(frozen=True, slots=True, eq=False)
+class Retraced:
+    """Which of n lanes are traced again, as m lanes of their own.
 
-    entries = dr.gather(type(values), values, lanes)
-    dr.eval(entries)
-    return entries
+    lanes  (m,) number of each lane that is traced again
+    place  (n,) which of the m it is; 0 for a lane that is not traced again
+    mask   (n,) whether a lane is traced again
+    """
+
+    lanes: Any
+    place: Any
+    mask: Any
+
+    @classmethod
+    def from_lanes(cls, lanes: Array, mask: Mask) -> Retraced:
+        """Number the lanes that are traced again, in this order; ``place`` is computed with what reads it first."""
+        import drjit as dr
+
+        mi = mitsuba()
+        place = dr.zeros(mi.UInt32, dr.width(mask))
+        dr.scatter(place, dr.arange(mi.UInt32, dr.width(lanes)), lanes)
+        return cls(lanes, place, mask)
+
+    def gather(self, values: Array) -> Any:
+        """Return the entries of these lanes, (m,), computed together with ``place``."""
+        import drjit as dr
+
+        entries = dr.gather(type(values), values, self.lanes)
+        dr.eval(entries, self.place)
+        return entries
+
+    def replace(self, flag: Mask, values: Mask) -> Any:
+        """Return (n,) flags with those of the lanes traced again, ``values`` (m,), in their places."""
+        import drjit as dr
+
+        # Flags of lanes that are traced again are not set (`rendering.chunk.drop_continuing`).
+        return flag | dr.gather(mitsuba().Bool, values, self.place, self.mask)
+
+    def among(self, lanes: Array, stop: Array, *, stops: int) -> tuple[Any, tuple[Any, Any]] | None:
+        """Find the returns of lanes that are traced again among k: index there; which of the m lanes, stop number.
+
+        lanes, stop  those of `reported_lanes`, of this many stops to a pulse
+        Returns None without any. A single one is there twice (`more_than_one`).
+        """
+        import drjit as dr
+
+        mi = mitsuba()
+        # Lanes and stops are not computed for themselves: whoever reads them has the same kernel if none is found here.
+        number = dr.gather(mi.UInt32, self.place, lanes) * stops + stop
+        is_again = dr.gather(mi.Bool, self.mask, lanes)
+        dr.eval(number, is_again)
+        index = dr.compress(is_again)
+        if dr.width(index) == 0:
+            return None
+        index = more_than_one(index)
+        number = dr.gather(mi.UInt32, number, index)
+        return index, (number // stops, number % stops)
 
 
 def any_of_pulse(flag: Mask, rays: int) -> Any:
@@ -55,26 +106,31 @@ def any_of_pulse(flag: Mask, rays: int) -> Any:
     return is_set
 
 
-def reported_lanes(detection: Detection, lane_of: Array | None = None, *, twice: bool = False) -> tuple[Any, Any, int]:
+def reported_lanes(
+    detection: Detection, lane_of: Array | None = None, *, again: Sequence[tuple[Retraced, Detection]] = ()
+) -> tuple[Any, Any, int]:
     """Return lane and stop number of every reported return, by pulse and then by stop, and their number k.
 
     Each is (k,), but (2,) if k is 1: a single return is there twice (see `more_than_one`). If k is 0 they are those of
     the first lane: its columns are computed and left out, so that a later frame with a point compiles nothing.
 
     lane_of  (n,) lane of each pulse, in firing order; None: lane i has pulse i
-    twice    the two lanes are one pulse: its returns are there twice
+    again    lanes that are traced again, and what was detected then: their returns are those
     """
     import drjit as dr
 
     mi = mitsuba()
     stops = len(detection.stops)
-    reported = [stop.reported for stop in detection.stops]
+    reported: list[Any] = [stop.reported for stop in detection.stops]
+    for retraced, later in again:
+        pairs = zip(reported, later.stops, strict=True)
+        reported = [retraced.replace(flag, stop.reported) for flag, stop in pairs]
     # Rays are traced tile by tile, because neighbours in angle meet the same triangles. The flags are put back into
     # firing order here, before anything is gathered: then the points come out in firing order by themselves.
     if lane_of is not None:
         reported = [dr.gather(mi.Bool, flag, lane_of) for flag in reported]
     index = dr.compress(interleave(reported))
-    count = dr.width(index) // (2 if twice else 1)
+    count = dr.width(index)
     index = more_than_one(index) if count else transfer.unsigned_numbers(np.zeros(2, np.uint32))
     place, stop = (index, mi.UInt32(0)) if stops == 1 else (index // stops, index % stops)
     # `place` counts pulses in firing order; the lane at which the stages left a pulse's numbers is looked up.
@@ -92,5 +148,6 @@ def interleave(arrays: Sequence[object]) -> Any:
     place = dr.arange(mi.UInt32, lanes) * count
     together = dr.zeros(type(arrays[0]), lanes * count)
     for number, array in enumerate(arrays):
-        dr.scatter(together, array, place + number)
+        # No two lanes write to the same place: one kernel writes all arrays.
+        dr.scatter(together, array, place + number, mode=dr.ReduceMode.Permute)
     return together

@@ -23,13 +23,13 @@ from ...detection.returns import Detection
 from ...formats.cloud_columns import COLUMNS, OF_VECTORS
 from ...light.beams import reported_beams
 from ...light.hits import Hits
-from ...maths.arrays import Array, Lanes, Numbers, inverse, is_drjit
+from ...maths.arrays import Array, Lanes, is_drjit
 from ...sensor.sensor_model import Sensor
 from ..device import transfer
 from ..device.backend import mitsuba
 from ..device.types import DeviceArray
 from ..world.mitsuba_world import World
-from .kept_lanes import interleave, more_than_one
+from .kept_lanes import more_than_one
 
 DEFAULT_VALUES = {
     column.attribute: np.dtype(column.dtype).type(column.absent) for column in COLUMNS if column.absent is not None
@@ -149,14 +149,17 @@ def point_columns(
     mi = mitsuba()
     lane, stop = lanes
     paths, rays, detection = staged.paths, staged.rays, staged.detection
-    stops = len(detection.stops)
 
     def of_lane(values: Lanes) -> Any:
         return dr.gather(type(values), values, lane)
 
     def of_stop(name: str) -> Any:
-        values = interleave([getattr(returns, name) for returns in detection.stops])
-        return dr.gather(type(values), values, lane * stops + stop)
+        # Gathered from each stop's own array: to join the arrays first would be a kernel for each of a dozen columns.
+        values: Any = of_lane(getattr(detection.stops[0], name))
+        for number, returns in enumerate(detection.stops[1:], start=1):
+            array, is_stop = getattr(returns, name), stop == number
+            values = dr.select(is_stop, dr.gather(type(array), array, lane, is_stop), values)
+        return values
 
     def of_return(name: str) -> Any:
         """Values of the return; with one echo to a pulse they are the pulse's."""
@@ -253,52 +256,28 @@ def with_flat_positions(columns: dict[str, DeviceArray]) -> dict[str, Any]:
     return columns | {"xyz_m": dr.ravel(columns["xyz_m"])}
 
 
-def merge_by_pulse(parts: Sequence[tuple[dict[str, DeviceArray], int]]) -> dict[str, Any]:
-    """Merge several `point_columns` by pulse number, in the layout of `with_flat_positions`.
+def put_columns(columns: dict[str, Any], later: dict[str, DeviceArray], index: Array) -> None:
+    """Put the columns of returns that were traced again in their places among (k,) flat columns, which were started.
 
-    Pulses that end at the first surface and those that go on through glass are traced apart; their points are put
-    together here. All returns of a pulse are in one part, in order. `PATH_COLUMNS` are always in the result,
-    so that a frame with one part needs no other kernels than one with two.
+    Columns that only ``later`` has, as `PATH_COLUMNS`, are added with their value of `DEFAULT_VALUES` elsewhere.
 
-    parts  columns, and the number of their points; one point may be there twice (`kept_lanes.more_than_one`). Either
-           every part has a point, or there is one part, and its lanes hold none
+    columns  those of all returns, in the layout of `with_flat_positions`
+    later    `point_columns` of the returns that were traced again
+    index    (m,) place of each of these among the k
     """
     import drjit as dr
 
-    mi = mitsuba()
-    pulses = [columns["time_s"] for columns, _ in parts]
-    # The pulse numbers alone come to the host and are sorted there; the columns stay, and are scattered to the places.
-    dr.eval(*pulses)
-    merged = _merged_places(
-        [pulse_numbers.numpy()[:count] for pulse_numbers, (_, count) in zip(pulses, parts, strict=True)]
-    )
-    total = max(sum(count for _, count in parts), 2)
-    # A part without glass or motion lacks columns that another part has: it gets their value of `DEFAULT_VALUES`.
-    kinds: dict[str, Any] = dict.fromkeys(PATH_COLUMNS, mi.UInt8)
-    kinds |= {name: type(values) for columns, _ in parts for name, values in columns.items()}
-    joined = {
-        name: dr.empty(mi.Float, 3 * total) if name == "xyz_m" else dr.empty(kind, total)
-        for name, kind in kinds.items()
-    }
-    # Dr.Jit evaluates an array before it is written a second time. So all columns of one part are scattered before
-    # those of the next: one kernel for each part, not one for each column.
-    for (columns, _), numbers in zip(parts, merged, strict=True):
-        # A single point that is there twice is written twice to the same place.
-        place = transfer.unsigned_numbers(np.resize(numbers, dr.width(columns["time_s"])))
-        for name, room in joined.items():
-            if name == "xyz_m":
-                for axis, values in enumerate(columns[name]):
-                    dr.scatter(room, values, 3 * place + axis)
-            else:
-                values = columns[name] if name in columns else type(room)(DEFAULT_VALUES[name].item())
-                dr.scatter(room, values, place)
-    return joined
-
-
-def _merged_places(pulses: Sequence[Numbers]) -> list[Numbers]:
-    """Return, for each element of several lists, its index in all of them sorted together; the sort is stable."""
-    order = np.argsort(np.concatenate(pulses), kind="stable")
-    return np.split(inverse(order), np.cumsum([len(pulse_numbers) for pulse_numbers in pulses])[:-1])
+    points = dr.width(columns["time_s"])
+    for name in later:
+        if name not in columns:
+            columns[name] = dr.full(type(later[name]), DEFAULT_VALUES[name].item(), points)
+    # Three numbers of a point lie side by side, and no two lanes write to the same place: one kernel writes them all.
+    dr.scatter(columns["xyz_m"], later["xyz_m"], index, mode=dr.ReduceMode.Permute)
+    for name, room in columns.items():
+        if name == "xyz_m":
+            continue
+        values = later[name] if name in later else type(room)(DEFAULT_VALUES[name].item())
+        dr.scatter(room, values, index, mode=dr.ReduceMode.Permute)
 
 
 def surface_columns(*, world: World, staged: Staged, twice: bool) -> tuple[dict[str, Any], int] | None:
