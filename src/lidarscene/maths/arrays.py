@@ -10,6 +10,7 @@ from __future__ import annotations
 import dataclasses
 import sys
 from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, cast
 from weakref import WeakKeyDictionary
@@ -216,6 +217,7 @@ class DrjitOps:
         self.where: Any = dr.select
         self._dr = dr
         self._uploaded: WeakKeyDictionary[LookupTable, dict[Any, Any]] = WeakKeyDictionary()
+        self.lookups: list[Any] | None = None  # `table_lookups`
 
     # dr.minimum and dr.maximum compile to LLVM's fminimum and fmaximum, which some releases cannot lower for scalars:
     # they abort the process ("Cannot select"). A comparison and a select always compile.
@@ -267,7 +269,10 @@ class DrjitOps:
         uploaded = self._uploaded.setdefault(table, {})
         if kind not in uploaded:
             uploaded[kind] = kind(table.values.ravel().astype(np.float32))
-        return uploaded[kind]
+        array = uploaded[kind]
+        if self.lookups is not None and all(array is not known for known in self.lookups):
+            self.lookups.append(array)
+        return array
 
     def take_four(self, values: Any, index: Any) -> tuple[Any, Any, Any, Any]:
         """Entries 4 i to 4 i + 3 of an array, for each index i: one load, not four."""
@@ -377,16 +382,26 @@ NUMPY = NumpyOps()
 _drjit: Any = None
 
 
-def uploaded_tables() -> list[Lanes]:
-    """Return the device arrays of all tables that have been uploaded."""
-    return [] if _drjit is None else [array for by_dtype in _drjit._uploaded.values() for array in by_dtype.values()]
+@contextmanager
+def table_lookups() -> Iterator[list[Any]]:
+    """Collect the device arrays of all tables that are looked up on the device in this block, each once."""
+    ops = _drjit_ops()
+    outer, ops.lookups = ops.lookups, []
+    try:
+        yield ops.lookups
+    finally:
+        ops.lookups = outer
 
 
-def upload(table: LookupTable, kind: Any) -> None:
-    """Put a table on the device, as an array of this kind of Dr.Jit, before it is looked up."""
+def upload(table: LookupTable, kind: Any) -> Any:
+    """Put a table on the device before it is looked up; returns its array, of this kind of Dr.Jit."""
+    return _drjit_ops().upload(table, kind)
+
+
+def _drjit_ops() -> DrjitOps:
     global _drjit
     _drjit = _drjit or DrjitOps()
-    _drjit.upload(table, kind)
+    return cast(DrjitOps, _drjit)
 
 
 def is_drjit(x: object) -> bool:
@@ -403,11 +418,8 @@ def inverse(order: Numbers) -> Numbers:
 
 def xp(*arguments: object) -> Ops:
     """Return the functions for these arguments: Dr.Jit's if any of them is a Dr.Jit array, else numpy's."""
-    global _drjit
     if any(is_drjit(argument) for argument in arguments):
-        if _drjit is None:
-            _drjit = DrjitOps()
-        return cast(Ops, _drjit)
+        return cast(Ops, _drjit_ops())
     return cast(Ops, NUMPY)
 
 

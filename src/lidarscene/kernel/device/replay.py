@@ -20,7 +20,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import Any, cast
 
-from ...maths.arrays import LookupTable, is_drjit, upload, uploaded_tables
+from ...maths.arrays import LookupTable, is_drjit, table_lookups, upload
 from . import transfer
 from .backend import is_cuda, mitsuba
 from .types import DeviceArray
@@ -66,19 +66,22 @@ class Replay:
     def __call__(self, *arguments: object) -> Any:
         """Return what the function returns for these arguments; its selected arrays are being computed."""
         while self._records:
-            tables = len(uploaded_tables())
-            try:
-                return self._replay(*arguments)
-            except RuntimeError as error:
-                # Dr.Jit wraps whatever goes wrong while it records. An error of the function itself, or Ctrl-C, is
-                # raised as it was; Dr.Jit's own RuntimeError means that this cannot be recorded.
-                cause = _root_cause(error)
-                if not isinstance(cause, RuntimeError):
-                    raise cause from None
-                # With one exception: a table that is in none of the descriptions is uploaded at its first lookup. If
-                # that happens during the recording, the table is an array that is no input, which Dr.Jit refuses. It is
-                # an input of the next attempt.
-                self._records = len(uploaded_tables()) > tables
+            with table_lookups() as tables:
+                try:
+                    return self._replay(*arguments)
+                except RuntimeError as error:
+                    # Dr.Jit wraps whatever goes wrong while it records. An error of the function itself, or Ctrl-C, is
+                    # raised as it was; Dr.Jit's own RuntimeError means that this cannot be recorded.
+                    cause = _root_cause(error)
+                    if not isinstance(cause, RuntimeError):
+                        raise cause from None
+            # With one exception: a table that is in none of the descriptions is no input, which Dr.Jit refuses. It is
+            # one of the next attempt. Only the function's own tables are: those of other simulators would be a new
+            # layout of the inputs, and a new recording, whenever one is made.
+            known = {id(array) for array in self._inputs}
+            missing = [array for array in tables if id(array) not in known]
+            self._inputs += missing
+            self._records = bool(missing)
         description = self._function(*arguments)
         transfer.start(self._select_outputs(description))
         return description
@@ -127,7 +130,7 @@ class Replay:
 
         def inputs(*_: object) -> Any:
             """Return all arrays that are read and are not arguments, which Dr.Jit must watch, too."""
-            return shared["inputs"], uploaded_tables()
+            return shared["inputs"]
 
         _settle(inputs)
         # auto_opaque would begin with literals in the kernels and turn those into arrays that change from call to
@@ -180,7 +183,7 @@ def _collect_arrays(value: object, arrays: list[DeviceArray]) -> None:
         arrays.append(cast(DeviceArray, value))
     elif isinstance(value, LookupTable):
         # Now, not at its first lookup: that would be in the middle of the first recording, which then fails.
-        upload(value, mitsuba().Float)
+        arrays.append(upload(value, mitsuba().Float))
     elif isinstance(value, tuple | list):
         for inner in value:
             _collect_arrays(inner, arrays)
