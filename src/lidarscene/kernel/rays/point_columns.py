@@ -25,7 +25,6 @@ from ...light.beams import reported_beams
 from ...light.hits import Hits
 from ...maths.arrays import Array, Lanes, is_drjit
 from ...sensor.sensor_model import Sensor
-from ..device import transfer
 from ..device.backend import mitsuba
 from ..device.types import DeviceArray
 from ..world.mitsuba_world import World
