@@ -16,12 +16,14 @@ from lidarscene.maths.trajectory import (
     GoingOn,
     HeldAtEnds,
     Repeated,
+    Riding,
     Spline,
     States,
     _exp,
     _log,
     motion_in_frame,
     pose_at,
+    states_of,
 )
 
 STEP_S = 1e-4
@@ -261,3 +263,28 @@ def test_what_is_repeated_jumps_between_frames_only() -> None:
     assert x_m(2.05, [2.05, 2.15]) == pytest.approx([0.5, 1.5])
     assert x_m(-0.5, [-0.5]) == pytest.approx([15.0])
     assert repeated.at(np.array([2.05, 40.1])).position_m[:, 0] == pytest.approx([0.5, 1.0])
+
+
+def test_motions_of_all_kinds_together_are_each_of_them() -> None:
+    """No tolerance: the table of a frame must not depend on what else moves. One is of a kind of its own."""
+    rng = np.random.default_rng(5)
+
+    class Still:
+        span_s, is_straight = (0.0, 1.0), True
+
+        def at(self, time_s: np.ndarray) -> States:
+            return Course().at(time_s)
+
+    def spline(poses: int) -> Spline:
+        turns = (Pose.from_degrees(position_m=rng.normal(size=3), yaw_deg=rng.uniform(-80, 80)) for _ in range(poses))
+        return Spline(time_s=np.sort(rng.uniform(0.0, 9.0, poses)), poses=tuple(turns))
+
+    arc = Course(speed_m_s=4.0, yaw_rate_rad_s=0.4, velocity_m_s=(0.1, 0.0, 0.3), start=spline(2).poses[0], since_s=2.0)
+    around = [kind(motion=spline(4)) for kind in (HeldAtEnds, GoingOn, Repeated, Repeated)]
+    motions = [arc, *around, Still(), spline(5), Riding(carrier=spline(3), pose=arc.start), Course()]
+    motions += [motion_in_frame(around[-1], 6.0), spline(2)]
+    times = rng.uniform(-3.0, 12.0, (len(motions), 7))
+    together = states_of(motions, times)
+    for row, motion in enumerate(motions):
+        for name in ("position_m", "rotation", "velocity_m_s", "turning_rad_s"):
+            np.testing.assert_array_equal(getattr(together, name)[row], getattr(motion.at(times[row]), name))

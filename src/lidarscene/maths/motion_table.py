@@ -18,7 +18,7 @@ import numpy as np
 from .arrays import Lanes, Numbers, xp
 from .box_tree import BoxTree
 from .pose import rotation_numbers
-from .trajectory import Motion
+from .trajectory import Motion, states_of
 from .vectors import Vector
 
 STEP_S = 5e-4
@@ -27,6 +27,9 @@ arc at 30 m/s and 30 degrees/s."""
 
 NOWHERE = ((math.inf,) * 3, (-math.inf,) * 3)
 """Lowest and highest corner of a box that nothing is in, and that no ray passes."""
+
+_TOGETHER = 4096
+"""Instants of motions that are computed together: more would not fit into a processor's cache."""
 
 _NUMBERS = 16  # place, quaternion, velocity, angular velocity, and three of padding: four neighbours are one load
 
@@ -117,10 +120,17 @@ class MotionTable:
         times = start_s + np.linspace(0.0, length_s, steps + 1)
         table = np.zeros((len(motions), steps + 1, _NUMBERS))
         rotations = np.zeros((len(motions), steps + 1, 3, 3))
-        for row, rotation, motion in zip(table, rotations, motions, strict=True):
-            states = motion.at(times)
-            rotation[:] = states.rotation
-            row[:, :3], row[:, 7:10], row[:, 10:13] = (states.position_m, states.velocity_m_s, states.turning_rad_s)
+        # So many together as processors hold in their caches.
+        many = max(_TOGETHER // len(times), 1)
+        for part in (slice(first, first + many) for first in range(0, len(motions), many)):
+            rows, together = table[part], motions[part]
+            states = states_of(together, np.broadcast_to(times, (len(together), len(times))))
+            rotations[part] = states.rotation
+            rows[:, :, :3], rows[:, :, 7:10], rows[:, :, 10:13] = (
+                states.position_m,
+                states.velocity_m_s,
+                states.turning_rad_s,
+            )
         table[:, :, :3] -= centre_m
         table[:, :, 3:7] = _with_continuous_signs(_quaternion(rotations))
         boxes = None
