@@ -2,7 +2,8 @@
 
 A kernel of the tests traces a few thousand rays once. To compile it is most of the work, and optimising is two thirds
 of that. What a kernel computes is the same: neither LLVM nor Dr.Jit reorders floating-point operations. So the tests
-hold for both, and `tools/environments.py` and `make bench-check` compile as users do.
+hold for both. The commands of the wheel in `tools/environments.py`, and its part of the tests with the lowest releases,
+compile as users do.
 
 LLVM has no switch for this in Dr.Jit: its own options are those of its tool `opt`.
 """
