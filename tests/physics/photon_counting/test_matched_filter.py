@@ -106,3 +106,26 @@ def test_bound_of_the_precision(signal, rate):
     light = signal * np.exp(-0.5 * t * t) / np.sqrt(2 * np.pi)
     information = np.sum((light * t) ** 2 / np.maximum(light + rate, 1e-30)) * (t[1] - t[0])
     assert bound == pytest.approx(1 / np.sqrt(information), rel=3e-3)
+
+
+@pytest.mark.parametrize(
+    ("bright", "later"), [(0.02, 0.5), (0.1, 1.0), (0.3, 1.5), (0.3, 2.0), (1.0, 1.5), (1.0, 2.0), (1.0, 3.0)]
+)
+def test_exclusion_has_the_spectrum_of_a_renewal_process(bright, later):
+    """Firings of a SPAD have the spectrum Re (1 + phi) / (1 - phi), with phi that of the times between them (D. R. Cox,
+    Renewal Theory, 1962). The template's weights over frequency, in units of 1 / reach, are a Gaussian, those of its
+    slope have the frequency squared too.
+
+    (T104) leaves out the third of three firings in the template, which is at least two dead times after the first:
+    that is ``3 bright^2 exp(-2 later^2)`` at most.
+    """
+    frequency = (np.arange(20_000) + 0.5) * 6e-4
+    between = np.exp(-1j * frequency * later) * bright / (bright + 1j * frequency)
+    spectrum, gaussian = ((1.0 + between) / (1.0 - between)).real, np.exp(-0.5 * frequency**2)
+    reach_s = 1e-9 * matched_filter.BACKGROUND_REACH
+    spad = {"rate_hz": np.array(bright / reach_s), "dead_time_s": np.array(later * reach_s)}
+    excluded = matched_filter.excluded(**spad, free=1.0 / (1.0 + bright * later), reach_s=reach_s)
+    slope = matched_filter.slope_excluded(**spad, sigma_s=np.array(1e-9))
+    third = 3.0 * bright**2 * np.exp(-2.0 * later**2) + 1e-5
+    assert excluded == pytest.approx(0.5 * (np.average(spectrum, weights=gaussian) - 1.0), abs=third)
+    assert slope == pytest.approx(np.average(spectrum, weights=frequency**2 * gaussian), abs=third)
