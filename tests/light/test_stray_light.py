@@ -199,8 +199,8 @@ def test_points_of_stray_light_in_a_histogram(withheld):
     np.testing.assert_allclose(np.stack([stop.range_m for stop in detection.stops])[stray], 30.0, atol=0.2)
 
 
-def glare(*keys):
-    """A head that withholds beside 500 photons, within 2.5 m; a sign of 3,000 photons in channel 5 at 30 m, walls of
+def glare(*keys, sign=5):
+    """A head that withholds beside 500 photons, within 2.5 m; a sign of 3,000 photons in a channel at 30 m, walls of
     40 photons in the others, a metre farther from row to row. Returns the sensor, the train and the ranges.
     """
     sensor = photons.spinning(
@@ -214,8 +214,8 @@ def glare(*keys):
     )
     point = sensor.working_point(np.zeros(1))
     sign_w, wall_w = (float(np.ravel(point.response.power_w(np.array([count])))[0]) for count in (3000.0, 40.0))
-    ranges, powers = 30.0 + 1.0 * (np.arange(ROWS) - 5.0)[:, None], np.full((ROWS, 1), wall_w)
-    powers[5] = sign_w
+    ranges, powers = 30.0 + 1.0 * (np.arange(ROWS) - sign)[:, None], np.full((ROWS, 1), wall_w)
+    powers[sign] = sign_w
     return sensor, trains.train(ranges, powers, background_w=0.0), ranges[:, 0]
 
 
@@ -242,6 +242,16 @@ def test_returns_beside_a_glaring_one_are_withheld():
     dim = dataclasses.replace(train.parts[0], peak_power_w=np.full(ROWS, train.parts[0].peak_power_w.min()))
     without_sign = withheld_beside(sensor, dataclasses.replace(train, parts=(dim,)), pulse)
     assert without_sign.stops[0].reported.all()
+
+
+def test_only_a_glaring_echo_of_the_same_volley_hides_others():
+    """Rows 0 to 3 of a column fire 4 us before the others: a sign in row 10 hides all of these, and not row 3, whose
+    range is near enough.
+    """
+    times = [0.0] * 4 + [4.0] * (ROWS - 4)
+    sensor, train, _ = glare(f"scanner.firing_time_us={times}", "optics.stray.glare_reach_m=7.5", sign=10)
+    detection = withheld_beside(sensor, train, np.arange(ROWS, dtype=np.uint32))
+    np.testing.assert_array_equal(np.flatnonzero(~detection.stops[0].reported), [4, 5, 6, 7, 8, 9, 11, 12, 13, 14, 15])
 
 
 def test_glaring_echoes_have_their_lines_traced_together():
