@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from helpers import chain, launches
+from helpers import chain, launches, panes
 
 from lidarscene.errors import InputError
 from lidarscene.maths.pose import Pose
@@ -29,7 +29,7 @@ def half_wall(offset_m):
 def scene(*bodies, sky=0.0, sun=BEHIND):
     # What stands behind the sensor is seen by nobody: a scene has something in it.
     bodies = (*bodies, chain.box(at=(-20.0, 0.0, 0.0)))
-    return chain.scene(*bodies, materials=(chain.diffuse("white", 0.8),), sun=sun, sky=sky)
+    return chain.scene(*bodies, materials=(chain.diffuse("white", 0.8), panes.pane_material()), sun=sun, sky=sky)
 
 
 def background_w(described, rays, sensor=None):
@@ -90,6 +90,15 @@ def test_the_suns_disc_counts_once_and_hides_behind_walls():
     aside = Sun(azimuth_rad=7e-3, elevation_rad=0.0, illuminance_klux=100.0)
     assert background_w(scene(half_wall(0.02), sun=aside), None) > 1e-4
     assert background_w(scene(half_wall(0.02), sun=aside), 64) == 0.0
+
+
+def test_the_suns_disc_through_a_pane_loses_what_the_pane_reflects():
+    """All but what both faces reflect of sun along the axis, by any number of rays. Tolerance: single precision."""
+    ahead = Sun(azimuth_rad=0.0, elevation_rad=0.0, illuminance_klux=100.0)
+    open_sky = background_w(scene(sun=ahead), 19)
+    for rays in (None, 19):
+        behind_pane = background_w(scene(panes.pane(5.0), sun=ahead), rays)
+        assert behind_pane == pytest.approx((1.0 - panes.both_sides(1.0)) * open_sky, rel=1e-4)
 
 
 def test_a_second_scene_compiles_nothing():
