@@ -369,11 +369,40 @@ def keys_of(name: str) -> dict[str, tuple[str, str, str]]:
     return rows
 
 
+REFERENCE = re.compile(r"\bdocs/(\w+)\.md(?: (\d+)\b)?")
+
+
+def linked(description: str) -> str:
+    """The description with links in place of pages, such as `docs/theory_light.md 21`, as the page writes it."""
+
+    def link(found: re.Match[str]) -> str:
+        page, section = found[1], found[2]
+        if section is None:
+            return f"[{page.replace('_', ' ')}]({page}.md)"
+        headings = re.findall(rf"^## ({section} .*)$", text_of(ROOT / "docs" / f"{page}.md"), re.MULTILINE)
+        assert headings, f"docs/{page}.md has no section {section}"
+        anchor = re.sub(r"[^\w\- ]", "", headings[0].lower()).replace(" ", "-")
+        return f"[{page.partition('_')[0]}]({page}.md#{anchor})"
+
+    return REFERENCE.sub(link, description)
+
+
+def declared_rows(name: str) -> dict[str, tuple[str, str, str]]:
+    """Default, values and meaning of each key, as the model declares them. Nothing is said of a key without words."""
+    words = {info.alias or field: info.description or "" for field, info in MODELS[name].model_fields.items()}
+    return {key: (*columns, linked(words[key])) for key, columns in declared_keys(name).items()}
+
+
+WITHOUT_WORDS = {"bsdf", "projection", "lane_width_m", "value", "wavelength_nm"}
+"""Keys whose name and values say enough."""
+
+
 @pytest.mark.parametrize("name", MODELS)
 def test_every_key_has_its_row(name: str) -> None:
-    """Key, default, values and some words for each field, in the model's order or another."""
-    documented = {key: (default, values) for key, (default, values, _) in keys_of(name).items()}
-    assert documented == declared_keys(name), "run: PYTHONPATH=src:tests python tests/docs/test_docs.py"
+    """Rationale: the declaration is the one source of the pages, and of what editors show by the JSON Schema."""
+    declared = declared_rows(name)
+    assert keys_of(name) == declared, "run: PYTHONPATH=src:tests python tests/docs/test_docs.py"
+    assert {key for key, (*_, words) in declared.items() if not words} <= WITHOUT_WORDS
 
 
 def limits(schema: Any) -> set[float]:
@@ -422,16 +451,12 @@ def refresh_tables() -> None:
     texts = {page: text_of(page) for page in KEYS}
     for name in MODELS:
         parents, table_rows = rows_of(name)
-        words = {key: meaning for key, (*_, meaning) in table_rows.items()}
-        keys = declared_keys(name)
-        descriptions = {
-            info.alias or field: info.description or "" for field, info in MODELS[name].model_fields.items()
-        }
+        keys = declared_rows(name)
         inherited_keys = {key for parent in parents for key in keys_of(parent)}
-        order = [key for key in words if key in keys]
-        order += [key for key in keys if key not in words and key not in inherited_keys]
+        order = [key for key in table_rows if key in keys]
+        order += [key for key in keys if key not in table_rows and key not in inherited_keys]
         rows = ["| key | default | values | meaning |", "|---|---|---|---|"]
-        rows += [f"| `{key}` | {' | '.join(keys[key])} | {words.get(key, descriptions[key])} |" for key in order]
+        rows += [f"| `{key}` | {' | '.join(keys[key])} |" for key in order]
         new = "\n".join(rows)
         for page, text in texts.items():
             texts[page] = re.sub(keys_table(name), lambda table: table[1] + new, text, flags=re.DOTALL)  # noqa: B023

@@ -58,10 +58,12 @@ class SweepFile(FileModel):
     """[sweep]: values of the scene's and the sensor's keys; every one with every other."""
 
     scene: dict[str, Any] = Field(
-        default={}, description='lists of values, as "sun.illuminance_klux" = [1, 100]', json_schema_extra=SWEPT
+        default={}, description="lists of values of the scene file's keys, as `--scene-set`", json_schema_extra=SWEPT
     )
     sensor: dict[str, Any] = Field(
-        default={}, description='lists of values, as "detector.gain" = [50, 60]', json_schema_extra=SWEPT
+        default={},
+        description="lists of values of the sensor file's keys, as `--set`; for every sensor of a rig",
+        json_schema_extra=SWEPT,
     )
 
     @model_validator(mode="after")
@@ -98,7 +100,9 @@ class TrajectoryFile(EgoFile):
 class SplitFile(FileModel):
     """[splits]: parts of a data set."""
 
-    train: Annotated[float, Number(ge=0, le=1)] = Field(default=1.0, description="share of the training frames")
+    train: Annotated[float, Number(ge=0, le=1)] = Field(
+        default=1.0, description="share of the training frames; the three add up to 1"
+    )
     val: Annotated[float, Number(ge=0, le=1)] = Field(default=0.0, description="share of the frames for validation")
     test: Annotated[float, Number(ge=0, le=1)] = Field(default=0.0, description="share of the frames for tests")
     by: Literal["drive", "street", "frames"] = Field(
@@ -122,29 +126,35 @@ class SplitFile(FileModel):
 class JobFile(FileModel):
     """A whole job file: the product of its lists."""
 
-    name: str = ""
+    name: str = Field(default="", description="for people")
     scenes: Annotated[tuple[Name, ...], Field(min_length=1)] = Field(description="scene files")
     sensors: tuple[Name, ...] = Field(
         default=(), description="catalogue names or sensor files; each scene's own if there are no rigs either"
     )
     rigs: tuple[Name, ...] = Field(default=(), description="rig files; a cloud for each of their sensors")
-    trajectories: tuple[TrajectoryFile, ...] = ()
+    trajectories: tuple[TrajectoryFile, ...] = Field(
+        default=(), description="motions of the ego vehicle in place of the scene's `[ego]`"
+    )
     frames: Annotated[int, Field(ge=1, le=MOST_FRAMES)] = Field(
-        default=1, description="of each combination, one after the other"
+        default=1, description="frames of each combination, one after the other"
     )
     begin_s: Annotated[float, Number(ge=-1e12, le=1e12)] = _key(FrameOptions, "begin_s")
-    seeds: Annotated[tuple[Seed, ...], Field(min_length=1)] = (0,)
+    seeds: Annotated[tuple[Seed, ...], Field(min_length=1)] = Field(default=(0,), description="seeds")
     seed_count: Annotated[int, Field(ge=1, le=2**32)] | None = Field(
-        default=None, description="seeds 0 to this number less one, in place of seeds"
+        default=None, description="seeds 0 to this number less one, in place of `seeds`"
     )
-    sweep: SweepFile = SweepFile()
+    sweep: SweepFile = Field(default=SweepFile(), description="values to vary")
     dataset: Literal["kitti", "semantickitti", "nuscenes", "mcap", "mcap-ouster", "rrd"] | None = Field(
         default=None,
         description="the folder becomes such a data set, clouds and labels; the last three are a file for each drive",
     )
-    splits: SplitFile | None = None
-    format: str = Field(default="ply", description="of the clouds' files", json_schema_extra={"enum": list(FORMATS)})
-    coordinates: Literal["world", "vehicle", "sensor"] = "world"
+    splits: SplitFile | None = Field(default=None, description="parts of the data set; all of it trains without")
+    format: str = Field(
+        default="ply",
+        description="of the clouds' files, one of these (docs/formats.md)",
+        json_schema_extra={"enum": list(FORMATS)},
+    )
+    coordinates: Literal["world", "vehicle", "sensor"] = Field(default="world", description="frame of the points")
     truth: bool = Field(default=True, description="false leaves the ground truth out")
     rays: int = _key(TraceOptions, "rays")
     interactions: int = _key(TraceOptions, "interactions")

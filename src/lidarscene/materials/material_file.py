@@ -57,16 +57,16 @@ class ReflectivityRow(FileModel):
 
     wavelength_nm: Wavelength
     value: UnitInterval
-    source: str = ""
+    source: str = Field(default="", description='publication, data set or "estimate", and why')
 
 
 class IndexRow(FileModel):
     """One published complex refractive index n + i k."""
 
     wavelength_nm: Wavelength
-    n: Annotated[float, Number(gt=0, le=1000)]
-    k: Annotated[float, Number(ge=0, le=1000)] = 0.0
-    source: str = ""
+    n: Annotated[float, Number(gt=0, le=1000)] = Field(description="real part")
+    k: Annotated[float, Number(ge=0, le=1000)] = Field(default=0.0, description="imaginary part")
+    source: str = Field(default="", description="source")
 
 
 def _is_table(value: object) -> str:
@@ -82,28 +82,57 @@ Reflectivity = Annotated[
 class MaterialFile(FileModel):
     """A surface: its kind, its diffuse reflectivity by wavelength (or one for all), and what its kind needs."""
 
-    name: str = ""
-    description: str = ""
-    note: str = ""
+    name: str = Field(
+        default="", description="for people: a material goes by its file's name or its key in the scene file"
+    )
+    description: str = Field(default="", description="one line for `lidarscene catalog materials`")
+    note: str = Field(default="", description="doubts, spread, related values")
     bsdf: Literal["diffuse", "coated", "conductor", "mirror", "glass", "retroreflector"] = "diffuse"
-    reflectivity: Reflectivity
-    transmittance: Reflectivity | None = None
-    facet_slope_deg: Annotated[float, Field(gt=0, le=60)] | None = None
-    facet_slope_source: str = ""
-    cover: Annotated[float, Field(gt=0, le=1)] | None = None
-    cover_source: str = ""
-    coat_ior: Annotated[float, Field(gt=1, lt=4)] | None = None
-    coat_roughness: Annotated[float, Field(gt=0, le=1)] | None = None
-    coat_source: str = ""
-    roughness: Annotated[float, Field(gt=0, le=1)] | None = None
-    roughness_source: str = ""
-    index: tuple[IndexRow, ...] | None = None
-    thickness_mm: Annotated[float, Number("mm", ge=0.01, le=1e4)] | None = None
-    thickness_source: str = ""
-    retro_coefficient_cd_per_lx_m2: Annotated[float, Number(ge=1e-3, le=1e7)] | None = None
-    retro_source: str = ""
-    retro_half_angle_deg: Annotated[float, Field(gt=0, le=5)] | None = None
-    retro_half_angle_source: str = ""
+    reflectivity: Reflectivity = Field(
+        description="a number for every wavelength, or rows as below; its meaning depends on `bsdf`: above"
+    )
+    transmittance: Reflectivity | None = Field(
+        default=None,
+        description=(
+            "diffuse: what comes out on the other side of a thin surface, evenly; a number or "
+            "rows as of `reflectivity`, together at most 1: docs/theory_glass.md 29"
+        ),
+    )
+    facet_slope_deg: Annotated[float, Field(gt=0, le=60)] | None = Field(
+        default=None,
+        description="diffuse: standard deviation of the slope of its facets, Lambertian without: docs/theory.md 4",
+    )
+    facet_slope_source: str = Field(default="", description="source")
+    cover: Annotated[float, Field(gt=0, le=1)] | None = Field(
+        default=None,
+        description="all but mirror and glass: share of the surface that is not gaps; without it there are no gaps",
+    )
+    cover_source: str = Field(default="", description="source")
+    coat_ior: Annotated[float, Field(gt=1, lt=4)] | None = Field(
+        default=None, description="coated: refractive index of the coat"
+    )
+    coat_roughness: Annotated[float, Field(gt=0, le=1)] | None = Field(
+        default=None, description="coated: GGX roughness of the coat"
+    )
+    coat_source: str = Field(default="", description="source")
+    roughness: Annotated[float, Field(gt=0, le=1)] | None = Field(default=None, description="conductor: GGX roughness")
+    roughness_source: str = Field(default="", description="source")
+    index: tuple[IndexRow, ...] | None = Field(
+        default=None, description="conductor, mirror, glass: complex refractive index, rows as below"
+    )
+    thickness_mm: Annotated[float, Number("mm", ge=0.01, le=1e4)] | None = Field(
+        default=None,
+        description="glass: of the pane; with k of `index` it says what the pane absorbs, nothing if left out",
+    )
+    thickness_source: str = Field(default="", description="source")
+    retro_coefficient_cd_per_lx_m2: Annotated[float, Number(ge=1e-3, le=1e7)] | None = Field(
+        default=None, description="retroreflector: R_A at 0.2 degrees of observation and 4 degrees of entrance"
+    )
+    retro_source: str = Field(default="", description="source")
+    retro_half_angle_deg: Annotated[float, Field(gt=0, le=5)] | None = Field(
+        default=None, description="retroreflector: observation angle at which R_A has fallen to half of its peak"
+    )
+    retro_half_angle_source: str = Field(default="", description="source")
 
     @model_validator(mode="after")
     def _complete(self) -> MaterialFile:

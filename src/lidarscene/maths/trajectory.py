@@ -113,7 +113,13 @@ class Course:
         0.0
     )
     yaw_rate_rad_s: Annotated[
-        float, Quantity("deg_s", ge=-LARGEST_YAW_RATE_DEG_S, le=LARGEST_YAW_RATE_DEG_S, about="positive to the left")
+        float,
+        Quantity(
+            "deg_s",
+            ge=-LARGEST_YAW_RATE_DEG_S,
+            le=LARGEST_YAW_RATE_DEG_S,
+            about="about its own z axis, positive to the left",
+        ),
     ] = 0.0
     velocity_m_s: Annotated[
         tuple[float, float, float],

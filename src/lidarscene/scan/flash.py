@@ -23,7 +23,7 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import numpy as np
-from pydantic import model_validator
+from pydantic import Field, model_validator
 
 from ..errors import InputError
 from ..files.table_model import Number
@@ -43,7 +43,7 @@ LARGEST_HEIGHT = {
 """h at 90 degrees from the axis (for a rectilinear lens, at 88.9)."""
 
 
-Count = Annotated[int, Quantity(ge=1, le=2**24)]
+Count = Annotated[int, Quantity(ge=1, le=2**24, about="pixels")]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -64,8 +64,7 @@ class Flash(Mechanism):
         Literal["rectilinear", "equidistant", "equisolid", "stereographic", "orthographic"], FileKey()
     ] = "rectilinear"
     falloff: Annotated[
-        Literal["pupil", "pupil_and_pixel"],
-        FileKey(about="what weakens the edge: foreshortened pupil, or solid angle of the pixels too"),
+        Literal["pupil", "pupil_and_pixel"], FileKey(about='`"pupil"` or `"pupil_and_pixel"`; see docs/scanners.md')
     ] = "pupil"
     rows_at_once: Annotated[
         int | None, Quantity(ge=1, le=2**24, about="rows that light up together; all if left out")
@@ -145,7 +144,7 @@ class FlashFile(ScannerFile[Flash]):
     """[scanner] type = "flash": all pixels at once; the laser's rate is that of the flashes."""
 
     type: Literal["flash"]
-    pixel_pitch_um: Annotated[float, Number("um", ge=0.01, le=1e4)]
+    pixel_pitch_um: Annotated[float, Number("um", ge=0.01, le=1e4)] = Field(description="from pixel to pixel")
 
     @model_validator(mode="after")
     def _flashes_fit(self) -> FlashFile:

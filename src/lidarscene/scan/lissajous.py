@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import Annotated, Literal
 
 import numpy as np
+from pydantic import Field
 
 from ..files.table_model import Number
 from ..maths.arrays import Lanes, Numbers, xp
@@ -54,7 +55,7 @@ class Lissajous(Mechanism):
         cls,
         *,
         rate_hz: float,
-        frame_hz: Annotated[float, Quantity(ge=1e-4, le=1e6)],
+        frame_hz: Annotated[float, Quantity(ge=1e-4, le=1e6, about="frames per second")],
         mirrors: Mirrors,
         azimuth: Swing,
         elevation: Swing,
@@ -107,10 +108,10 @@ class LissajousFile(MirrorsFile[Lissajous]):
     """[scanner] type = "lissajous": both turns are sines."""
 
     type: Literal["lissajous"]
-    azimuth_hz: Frequency
-    elevation_hz: Frequency
-    azimuth_phase_deg: Phase = 0.0
-    elevation_phase_deg: Phase = 0.0
+    azimuth_hz: Frequency = Field(description="frequency")
+    elevation_hz: Frequency = Field(description="frequency")
+    azimuth_phase_deg: Phase = Field(default=0.0, description="of the sine at the start")
+    elevation_phase_deg: Phase = Field(default=0.0, description="of the sine at the start")
 
     def build(self, context: ScannerContext) -> Lissajous:
         """Convert to SI units; the keys of the two axes give one `Swing` each."""

@@ -133,18 +133,18 @@ Turn = Annotated[float, Field(ge=0, le=45)]
 class MirrorsFile(ScannerFile[Target], Generic[Target]):
     """Mirrors: how they stand, and how far they turn."""
 
-    mirrors: Literal["one", "two"] = "one"
+    mirrors: Literal["one", "two"] = Field(default="one", description='`"one"` on two axes, or `"two"` on one each')
     incidence_deg: Annotated[float, Field(ge=0, le=80)] | None = Field(
-        default=None, description="of one mirror at rest: beam to normal; 45 if left out, as two always have"
+        default=None, description="of one mirror at rest; 45 if left out"
     )
     side: Literal["left", "right", "above", "below"] | None = Field(
-        default=None, description="from where the beam comes onto one mirror; below if left out"
+        default=None, description='from where the beam meets one mirror; `"below"` if left out'
     )
     outer: Literal["azimuth", "elevation"] = Field(
-        default="elevation", description="axis that stands still, or that of the last of two mirrors"
+        default="elevation", description="the axis that stands still, or that of the last of two mirrors"
     )
     mirror_radius_mm: Annotated[float, Number("mm", ge=0.05, le=1e4)] | None = Field(
-        default=None, description="of one round mirror before the receiver's lens; the mirror is the stop if left out"
+        default=None, description="of one round mirror before the lens; if left out the mirror is the stop"
     )
     azimuth_turn_deg: Turn = Field(description="mechanical amplitude, zero to peak")
     elevation_turn_deg: Turn = Field(description="mechanical amplitude, zero to peak")

@@ -34,15 +34,15 @@ class MirrorRaster(Mechanism):
               those around its middle, so a smaller duty uses less of its amplitude
     """
 
-    columns: Annotated[int, Quantity(name="pulses_per_line", ge=1, le=2**24)]
-    rows: Annotated[int, Quantity(name="lines", ge=1, le=2**24)]
+    columns: Annotated[int, Quantity(name="pulses_per_line", ge=1, le=2**24, about="columns")]
+    rows: Annotated[int, Quantity(name="lines", ge=1, le=2**24, about="rows")]
     mirrors: Mirrors
     fast_turn_rad: Lanes
     slow_turn_rad: Lanes
     rate_hz: float
     fast: Annotated[Literal["azimuth", "elevation"], FileKey(about="the turn that scans a line")] = "azimuth"
-    waveform: Annotated[Literal["sawtooth", "triangle", "sine"], FileKey()] = "sawtooth"
-    slow: Annotated[Literal["step", "ramp"], FileKey()] = "step"
+    waveform: Annotated[Literal["sawtooth", "triangle", "sine"], FileKey(about="of the fast turn")] = "sawtooth"
+    slow: Annotated[Literal["step", "ramp"], FileKey(about="the other turn, from line to line")] = "step"
     line_duty: Annotated[Lanes, Quantity(gt=0, le=1, about="part of a line's time in which pulses leave")] = 1.0
     frame_duty: Annotated[Lanes, Quantity(gt=0, le=1, about="part of a frame's time in which lines are scanned")] = 1.0
 

@@ -92,10 +92,12 @@ class TableFile(ScannerFile[Pattern]):
 
     type: Literal["table"]
     file: Annotated[str, Field(min_length=1)] = Field(
-        description="with columns azimuth_deg, elevation_deg, time_s (or _rad, _ms, _us) and, if wanted, channel"
+        description=(
+            "CSV or npz with `azimuth_deg`, `elevation_deg`, `time_s` and perhaps `channel`; beside the sensor file"
+        )
     )
     frame_ms: Annotated[float, Number("ms", ge=1e-3, le=1e7)] | None = Field(
-        default=None, description="length of a frame; from the times if left out"
+        default=None, description="length of a frame; by the times if left out"
     )
 
     @property

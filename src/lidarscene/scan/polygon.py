@@ -49,8 +49,10 @@ class Facets:
         ),
     ]
     duty: Annotated[float, Quantity(gt=0, le=1, about="part of a facet's time in which pulses leave")] = 1.0
-    incidence_rad: Annotated[float, Quantity("deg", ge=0, le=80)] = math.radians(45.0)
-    side: Annotated[Literal["left", "right"], FileKey()] = "left"
+    incidence_rad: Annotated[float, Quantity("deg", ge=0, le=80, about="on the facet that sends the beam along x")] = (
+        math.radians(45.0)
+    )
+    side: Annotated[Literal["left", "right"], FileKey(about="from where the beam comes")] = "left"
     inradius_m: Annotated[
         float | None,
         Quantity(

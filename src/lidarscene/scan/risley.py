@@ -56,13 +56,15 @@ class Wedge:
         cls,
         *,
         rate_hz: float,
-        angle_rad: Annotated[float, Quantity("deg", gt=0, le=45)],
-        index: Annotated[float, Quantity(ge=1, le=4)],
+        angle_rad: Annotated[float, Quantity("deg", gt=0, le=45, about="between the faces")],
+        index: Annotated[float, Quantity(ge=1, le=4, about="refractive index")],
         rotation_hz: Annotated[float, Quantity(ge=-1e6, le=1e6, about="positive from the left to the top")],
         phase_rad: Annotated[
             float, Quantity("deg", ge=-36e3, le=36e3, about="of the thick side at the start, from the left to the top")
         ] = 0.0,
-        tilted: Annotated[Literal["in", "out"], FileKey(name="inclined_face", about="out is towards the scene")],
+        tilted: Annotated[
+            Literal["in", "out"], FileKey(name="inclined_face", about='`"out"` (towards the scene) or `"in"`')
+        ],
     ) -> Wedge:
         """A prism that turns at a constant rate, from y (left) to z (up) if positive; ``rate_hz`` is that of pulses."""
         turns = Turns.per_pulse(frequency_hz=rotation_hz, rate_hz=rate_hz, start_rad=phase_rad)
@@ -133,12 +135,16 @@ class Risley(Mechanism):
         cls,
         *,
         rate_hz: float,
-        frame_hz: Annotated[float, Quantity(ge=1e-4, le=1e6)],
+        frame_hz: Annotated[float, Quantity(ge=1e-4, le=1e6, about="frames per second")],
         wedges: Sequence[Wedge],
         beam_elevation_rad: Annotated[
             Sequence[float] | None,
             Quantity(
-                "deg", ge=-45, le=45, least=1, about="of each laser before the prisms; one along the axis if left out"
+                "deg",
+                ge=-45,
+                le=45,
+                least=1,
+                about="of each laser before the prisms, in turn; one along the axis if left out",
             ),
         ] = None,
         mirror: TurningMirror | None = None,
@@ -220,8 +226,10 @@ class RisleyFile(ScannerFile[Risley]):
     """[scanner] type = "risley": two or three rotating wedges, or one and more with a mirror behind them."""
 
     type: Literal["risley"]
-    wedges: Annotated[tuple[WedgeFile, ...], Field(min_length=1, max_length=3)]
-    mirror: TurningMirrorFile | None = None
+    wedges: Annotated[tuple[WedgeFile, ...], Field(min_length=1, max_length=3)] = Field(
+        description="as below, the first next to the laser"
+    )
+    mirror: TurningMirrorFile | None = Field(default=None, description="as below, behind the wedges")
 
     @model_validator(mode="after")
     def _scans_an_area(self) -> RisleyFile:

@@ -46,12 +46,15 @@ class Bank:
     intensity_gain   reported reflectivity of each laser over the true one, what its calibration leaves; None: all 1
     """
 
-    elevation_rad: Annotated[Sequence[float], Quantity("deg", ge=-90, le=90, least=1)]
+    elevation_rad: Annotated[Sequence[float], Quantity("deg", ge=-90, le=90, least=1, about="of each laser")]
     channel: Annotated[
         Sequence[float] | None,
         Quantity(ge=0, le=1e6, about="number of each laser, where one fires more than once; 0, 1, 2, ... if left out"),
     ] = None
-    azimuth_rad: Annotated[Sequence[float] | None, Quantity("deg", name="azimuth_offset_deg", ge=-360, le=360)] = None
+    azimuth_rad: Annotated[
+        Sequence[float] | None,
+        Quantity("deg", name="azimuth_offset_deg", ge=-360, le=360, about="of each laser in the head; 0 if left out"),
+    ] = None
     firing_s: Annotated[
         Sequence[float] | None,
         Quantity(
@@ -92,7 +95,9 @@ class Sweep:
     frame_hz   frames per second; None: one after the other
     """
 
-    start_azimuth_rad: Annotated[float, Quantity("deg", ge=-360, le=360)] = 0.0
+    start_azimuth_rad: Annotated[
+        float, Quantity("deg", ge=-360, le=360, about="of the head at the start of the first frame")
+    ] = 0.0
     sweep_rad: Annotated[
         float | None,
         Quantity("deg", gt=0, le=360, about="of a mirror's face, then the next one starts anew; else whole turns"),
@@ -132,11 +137,10 @@ class Spinning(Mechanism):
         *,
         rotation_hz: Rotation,
         cycle_s: Annotated[
-            float | None, Quantity("us", ge=0.01, le=1e7, about="from cycle to cycle, if clocked by time")
+            float | None, Quantity("us", ge=0.01, le=1e7, about="from cycle to cycle; this or the next")
         ] = None,
         cycles_per_turn: Annotated[
-            int | None,
-            Quantity(name="columns_per_turn", ge=1, le=2**24, about="cycles in a turn, if clocked by the encoder"),
+            int | None, Quantity(name="columns_per_turn", ge=1, le=2**24, about="cycles in a turn")
         ] = None,
         bank: Annotated[Bank, SameTable()],
         sweep: Annotated[Sweep, SameTable()] = Sweep(),
@@ -280,14 +284,16 @@ class SpinningFile(ScannerFile[Spinning]):
 
     type: Literal["spinning"]
     elevation_shift_deg: Annotated[float, Field(ge=-10, le=10)] = Field(
-        default=0.0, description="added to all elevations: how one unit differs from another"
+        default=0.0, description="added to all elevations, as units differ"
     )
     elevation_scale: Annotated[float, Field(ge=0.8, le=1.2)] = Field(
         default=1.0, description="factor of all elevations, before the shift"
     )
-    forward_mm: tuple[Millimetres, ...] | None = Field(default=None, description="of the exits, in the head")
-    left_mm: tuple[Millimetres, ...] | None = None
-    height_mm: tuple[Millimetres, ...] | None = None
+    forward_mm: tuple[Millimetres, ...] | None = Field(
+        default=None, description="where each beam starts, in the head; 0 if left out"
+    )
+    left_mm: tuple[Millimetres, ...] | None = Field(default=None, description="the same")
+    height_mm: tuple[Millimetres, ...] | None = Field(default=None, description="the same")
 
     @property
     def cycle_s(self) -> float:

@@ -25,30 +25,33 @@ from .ride import Height, Ride
 class TimedPoseFile(PoseFile):
     """A pose at a time."""
 
-    time_s: Annotated[float, Number(ge=-1e12, le=1e12)]
+    time_s: Annotated[float, Number(ge=-1e12, le=1e12)] = Field(description="rising from pose to pose")
 
 
 class RideFile(Table[Suspension]):
     """[ego.ride], [bodies.motion.ride]: the vehicle's springs, on which it rides over the scene's ground."""
 
-    active: bool = Field(default=True, description="false: the path as it is, without heave, pitch and roll")
+    active: bool = Field(default=True, description="`false`: the path as it is, without heave, pitch and roll")
 
 
 class MotionFile(Table[Course]):
     """A motion: constant speed and yaw rate, or poses with times."""
 
     poses: Annotated[tuple[TimedPoseFile, ...], Field(min_length=2)] | None = Field(
-        default=None, description="at rising times; smoothly from one to the next"
+        default=None, description="poses with times, as below, two or more; smoothly from one to the next"
     )
     poses_file: Annotated[str, Field(min_length=1)] | None = Field(
-        default=None, description="the same from a file, CSV or TUM, beside the scene file"
+        default=None, description="the same from a file beside the scene file, CSV or TUM"
     )
 
     at_end: Literal["hold", "repeat", "hide", "leave"] | None = Field(
         default=None,
-        description="what it does before its first and after its last pose; frames there are refused without",
+        description=(
+            "behaviour before the first and after the last pose; without it frames there are "
+            "refused, see docs/motion.md"
+        ),
     )
-    ride: RideFile | None = Field(default=None, description="how it rides over the ground; steadily without")
+    ride: RideFile | None = Field(default=None, description="ride over the ground on its springs; steady if left out")
 
     @model_validator(mode="after")
     def _check_single_way(self) -> MotionFile:
@@ -111,7 +114,7 @@ class MotionFile(Table[Course]):
 class EgoFile(MotionFile, PoseFile):
     """[ego]: the vehicle that carries the sensor."""
 
-    on_ground: bool = Field(default=False, description="its height counts from the ground below, without a ride too")
+    on_ground: bool = Field(default=False, description="its height counts from the ground below, also without a ride")
     mesh: Annotated[str, Field(min_length=1)] | None = Field(
         default=None, description="mesh file of the vehicle, in place of the meshes that ride with it"
     )
@@ -133,7 +136,7 @@ class EgoFile(MotionFile, PoseFile):
 class BodyMotionFile(MotionFile):
     """[bodies.motion]: as [ego], or the ego vehicle's own."""
 
-    with_ego: bool = Field(default=False, description="fixed to the ego vehicle, where the body's own pose says")
+    with_ego: bool = Field(default=False, description="fixed to the ego vehicle, at the body's own pose there")
 
     @model_validator(mode="after")
     def _check_alone(self) -> BodyMotionFile:

@@ -129,9 +129,19 @@ class Sun:
     Azimuth is counter-clockwise from x, seen from above.
     """
 
-    azimuth_rad: Annotated[float, Quantity("deg", ge=-36e3, le=36e3)] = 0.0
-    elevation_rad: Annotated[float, Quantity("deg", ge=-90, le=90)] = math.radians(45.0)
-    illuminance_klux: Annotated[float, Quantity(ge=0, le=1e4, multiple=1e3)] = 100.0
+    azimuth_rad: Annotated[
+        float, Quantity("deg", ge=-36e3, le=36e3, about="towards the sun, counter-clockwise from x")
+    ] = 0.0
+    elevation_rad: Annotated[float, Quantity("deg", ge=-90, le=90, about="above the horizon")] = math.radians(45.0)
+    illuminance_klux: Annotated[
+        float,
+        Quantity(
+            ge=0,
+            le=1e4,
+            multiple=1e3,
+            about="photopic (docs/sun.md), on a surface that faces the sun; scales the sensor's E_sun",
+        ),
+    ] = 100.0
 
     @property
     def direction(self) -> Numbers:
@@ -143,24 +153,31 @@ class Sun:
 class Sky:
     """Uniform sky. ``diffuse_share`` is its irradiance over the sun's at normal incidence, in band."""
 
-    diffuse_share: Annotated[float, Quantity(ge=0, le=1000)] = 0.0
+    diffuse_share: Annotated[
+        float,
+        Quantity(ge=0, le=1000, about="irradiance of the uniform sky over the sun's at normal incidence, in band"),
+    ] = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Air:
     """One-way transmittance: a fixed factor times extinction over the range (given, by visibility, by weather)."""
 
-    transmittance: Annotated[float, Quantity(gt=0, le=1)] = 1.0
-    extinction_per_m: Annotated[float, Quantity(ge=0, le=100)] = 0.0
-    visibility_m: Annotated[float | None, Quantity("km", ge=1e-4, le=1000)] = None
-    model: Annotated[Literal["kruse", "kim"], FileKey()] = "kim"
+    transmittance: Annotated[float, Quantity(gt=0, le=1, about="one way, at any range")] = 1.0
+    extinction_per_m: Annotated[
+        float, Quantity(ge=0, le=100, about="extinction coefficient at the laser's wavelength")
+    ] = 0.0
+    visibility_m: Annotated[float | None, Quantity("km", ge=1e-4, le=1000, about="meteorological visibility")] = None
+    model: Annotated[Literal["kruse", "kim"], FileKey(about="from visibility to extinction")] = "kim"
     structure_constant: Annotated[
         float,
         Quantity(
             name="cn2",
             ge=0,
             le=1e-9,
-            about="C_n^2 of the refractive index [m^(-2/3)]: turbulence, by which echoes scatter",
+            about=(
+                "C_n^2 of the refractive index, m^(-2/3): turbulence, by which echoes scatter (docs/theory_light.md 22)"
+            ),
         ),
     ] = 0.0
     weather: Weather = field(default_factory=Weather)
@@ -182,11 +199,15 @@ class Interferer:
     spread_db  of ten times the decimal logarithm of the peak
     """
 
-    rate_hz: Annotated[float, Quantity(ge=0, le=1e12, about="mean rate of the pulses that reach the receiver")]
+    rate_hz: Annotated[
+        float, Quantity(ge=0, le=1e12, about="mean rate of the pulses that reach the receiver, strong or weak")
+    ]
     irradiance_w_m2: Annotated[
         float, Quantity(ge=1e-15, le=1e9, about="median of their peaks, at the receiver's aperture, in its band")
     ]
-    spread_db: Annotated[float, Quantity(ge=0.1, le=40, about="standard deviation of the peaks' level")] = 6.0
+    spread_db: Annotated[
+        float, Quantity(ge=0.1, le=40, about="standard deviation of ten times the decimal logarithm of the peak")
+    ] = 6.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -195,7 +216,7 @@ class View:
 
     eye_m: Annotated[tuple[float, float, float], FileKey()]
     target_m: Annotated[tuple[float, float, float], FileKey()]
-    fov_deg: Annotated[float, Quantity(gt=0, lt=180, about="across")] = 60.0
+    fov_deg: Annotated[float, Quantity(gt=0, lt=180, about="full angle across")] = 60.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -59,13 +59,17 @@ class SunFile(Table[Sun]):
     """
 
     place: tuple[Annotated[float, Field(ge=-90, le=90)], Annotated[float, Field(ge=-180, le=180)]] | None = Field(
-        default=None, description="latitude (north positive) and longitude (east positive) in degrees"
+        default=None,
+        description=(
+            "`[latitude, longitude]` in degrees, north and east positive; with `time` in place of"
+            " the angles; needs pvlib"
+        ),
     )
     time: Annotated[datetime, BeforeValidator(_parse_time)] | None = Field(
-        default=None, description="with its offset from UTC"
+        default=None, description="date and time with the offset from UTC, such as `2026-06-21T12:00:00+02:00`"
     )
     north_deg: Turned = Field(
-        default=90.0, description="azimuth of north in the scene; at 90 degrees x points east and y north"
+        default=90.0, description="with `place`: azimuth of north in the scene; at 90 x points east and y north"
     )
 
     @model_validator(mode="after")
@@ -113,7 +117,7 @@ class WeatherFile(Table[Weather]):
 class GroundFile(FileModel):
     """[ground]: roughness of the scene's ground, on which vehicles ride."""
 
-    roughness: Roughness = Field(default="flat", description='road class of ISO 8608, "A" to "H"')
+    roughness: Roughness = Field(default="flat", description='road class of ISO 8608; `"flat"` is a plane')
     seed: Annotated[int, Number(ge=0, le=2**32 - 1)] = Field(default=1, description="of the random surface")
 
     def surface(self) -> RoughSurface:
@@ -124,15 +128,17 @@ class GroundFile(FileModel):
 class SceneSensorFile(PoseFile):
     """[sensor]: which sensor by default (a catalogue name or a file), and where it stands."""
 
-    name: Name = "table1-apd"
-    position_m: Vector = (0.0, 0.0, USUAL_HEIGHT_M)
+    name: Name = Field(default="table1-apd", description="catalogue name, or a sensor file (a name that ends in .toml)")
+    position_m: Vector = Field(
+        default=(0.0, 0.0, USUAL_HEIGHT_M), description="where the sensor stands; on the roof of a car if left out"
+    )
 
 
 class PictureFile(Table[View]):
     """[picture]: where pictures of the scene are taken from; chosen by what is near the sensor without."""
 
-    eye_m: Vector
-    target_m: Vector
+    eye_m: Vector = Field(description="where the camera is")
+    target_m: Vector = Field(description="what is in the middle")
 
     @model_validator(mode="after")
     def _check_direction(self) -> PictureFile:
@@ -157,7 +163,9 @@ _OF_GROUND = ("crown_m", "kerb_m", "spacing_m")
 class InstanceFile(PoseFile):
     """Each of a body's instances."""
 
-    motion: BodyMotionFile | None = Field(default=None, description="of this one, in place of the body's")
+    motion: BodyMotionFile | None = Field(
+        default=None, description="motion in place of the body's, with the keys of `[bodies.motion]`"
+    )
 
 
 class BodyFile(PoseFile):
@@ -166,12 +174,19 @@ class BodyFile(PoseFile):
     Instances stand in the body's own frame, and are bodies named NAME.0, NAME.1, ...
     """
 
-    name: Name
-    mesh: Name | None = None
-    primitive: Literal["plane", "ground", "box", "sphere", "cylinder"] | None = None
-    size_m: tuple[Length, ...] | None = None
-    radius_m: Length | None = None
-    height_m: Length | None = None
+    name: Name = Field(description="unique")
+    mesh: Name | None = Field(default=None, description="mesh file of any format that trimesh reads, or a USD stage")
+    primitive: Literal["plane", "ground", "box", "sphere", "cylinder"] | None = Field(
+        default=None,
+        description=(
+            '`"plane"` (normal +z), `"ground"`, `"box"`, `"sphere"`, `"cylinder"` (about z), centred on the origin'
+        ),
+    )
+    size_m: tuple[Length, ...] | None = Field(
+        default=None, description="two lengths of a plane or ground, three of a box"
+    )
+    radius_m: Length | None = Field(default=None, description="of a sphere or cylinder")
+    height_m: Length | None = Field(default=None, description="of a cylinder")
     crown_m: Annotated[float, Number(ge=-10, le=10)] = Field(
         default=0.0, description="rise of the middle of a ground over its sides"
     )
@@ -182,19 +197,33 @@ class BodyFile(PoseFile):
         default=SPACING_M, description="between the vertices of a ground"
     )
     on_ground: bool = Field(default=False, description="its height counts from the ground below")
-    class_name: str = Field(default="", alias="class", description="the body's name if left out")
-    material: Name | None = Field(default=None, description="for all sub-meshes that materials does not name")
-    materials: dict[str, Name] = Field(default_factory=dict, description="sub-mesh to material")
+    class_name: str = Field(default="", alias="class", description="class label; the body's name if empty")
+    material: Name | None = Field(
+        default=None, description="for all parts that `materials` does not name; a primitive needs it"
+    )
+    materials: dict[str, Name] = Field(
+        default_factory=dict,
+        description="part to material; a part goes by its material, geometry or node name in the mesh file",
+    )
     pattern: Literal["reflectivity", "colour"] | None = Field(
-        default=None, description="what of the mesh file varies the reflectivity of its diffuse parts"
+        default=None,
+        description="feature of the mesh file that varies the reflectivity of its diffuse parts: docs/materials.md",
     )
-    unit: Unit | None = Field(default=None, description="of the mesh file's lengths; metres if left out")
+    unit: Unit | None = Field(
+        default=None, description="of the mesh file's lengths; metres if left out. A USD stage says its own"
+    )
     up: Axis | None = Field(
-        default=None, description="axis of the mesh file that points up; if left out y for glTF, z for others"
+        default=None,
+        description=(
+            "axis of the mesh file that points up; if left out y for glTF, by its standard, and z"
+            " for all others. A USD stage says its own"
+        ),
     )
-    scale: Length = 1.0
-    motion: BodyMotionFile | None = Field(default=None, description="it stands still without")
-    instances: Annotated[tuple[InstanceFile, ...], Field(min_length=1)] | None = None
+    scale: Length = Field(default=1.0, description="factor on all lengths of the shape")
+    motion: BodyMotionFile | None = Field(default=None, description="how it moves; still if left out")
+    instances: Annotated[tuple[InstanceFile, ...], Field(min_length=1)] | None = Field(
+        default=None, description="poses in the body's own frame; bodies NAME.0, NAME.1, ..."
+    )
 
     @model_validator(mode="after")
     def _check_shape(self) -> BodyFile:
@@ -249,7 +278,7 @@ class LampsFile(FileModel):
     """[[interference]] kind = "lamps": headlights and street lamps, on all surfaces alike."""
 
     kind: Literal["lamps"]
-    irradiance_w_m2: Irradiance = Field(description="of the surfaces, in the sensor's band")
+    irradiance_w_m2: Irradiance = Field(description="of every surface, in the sensor's band")
 
 
 class LidarsFile(Table[Interferer]):
@@ -264,27 +293,39 @@ AnyInterferenceFile = Annotated[LampsFile | LidarsFile, Field(discriminator="kin
 class SceneFile(FileModel):
     """A whole scene file."""
 
-    name: str = ""
-    description: str = ""
+    name: str = Field(default="", description="name in the metadata; the file's name if empty")
+    description: str = Field(default="", description="free text")
     extends: Name | None = Field(default=None, description="scene, by name or file, whose tables and bodies it adds to")
     without: tuple[Name, ...] = Field(default=(), description="bodies of that scene that are left out")
-    base: Name | None = Field(default=None, description="Mitsuba XML scene whose shapes are added")
-    base_materials: dict[str, Name] = Field(default_factory=dict, description="BSDF id in it to material")
-    sun: SunFile = SunFile()
-    sky: SkyFile = SkyFile()
-    air: AirFile = AirFile()
-    weather: WeatherFile = WeatherFile()
-    interference: tuple[AnyInterferenceFile, ...] = ()
-    reach_m: Annotated[float, Number(ge=10, le=1e6)] | None = Field(
-        default=None, description="bodies that stand farther than this from the ego vehicle may be left out of a frame"
+    base: Name | None = Field(
+        default=None,
+        description="Mitsuba XML scene whose shapes are added; body names are shape ids, their class is `unlabelled`",
     )
-    ground: GroundFile = GroundFile()
+    base_materials: dict[str, Name] = Field(
+        default_factory=dict, description="material of each BSDF id in that file (docs/your_own.md)"
+    )
+    sun: SunFile = Field(default=SunFile(), description="direction and strength of the sun")
+    sky: SkyFile = Field(default=SkyFile(), description="light of the sky")
+    air: AirFile = Field(default=AirFile(), description="transmittance of the air")
+    weather: WeatherFile = Field(default=WeatherFile(), description="fog, rain and snow")
+    interference: tuple[AnyInterferenceFile, ...] = Field(default=(), description="lamps and other lidars")
+    reach_m: Annotated[float, Number(ge=10, le=1e6)] | None = Field(
+        default=None,
+        description=(
+            "bodies that stand farther than this from the ego vehicle may be left out of a frame: docs/motion.md"
+        ),
+    )
+    ground: GroundFile = Field(default=GroundFile(), description="roughness of the ground")
     street: StreetFile | None = Field(default=None, description="made from a seed, with all that is on it")
-    ego: EgoFile | None = Field(default=None, description="the vehicle that carries the sensor, if it moves")
-    sensor: SceneSensorFile = SceneSensorFile()
-    picture: PictureFile | None = None
-    materials: dict[str, MaterialFile] = Field(default_factory=dict)
-    bodies: tuple[BodyFile, ...] = ()
+    ego: EgoFile | None = Field(default=None, description="the vehicle that carries the sensor")
+    sensor: SceneSensorFile = Field(default=SceneSensorFile(), description="sensor and where it stands")
+    picture: PictureFile | None = Field(
+        default=None, description="camera of `--picture`; else chosen by what is near the sensor"
+    )
+    materials: dict[str, MaterialFile] = Field(
+        default_factory=dict, description="materials by name, as in docs/materials.md; they go before the catalogue's"
+    )
+    bodies: tuple[BodyFile, ...] = Field(default=(), description="bodies of the scene")
 
     @model_validator(mode="after")
     def _check_references(self) -> SceneFile:

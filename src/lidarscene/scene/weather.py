@@ -53,15 +53,19 @@ class Weather:
                       and the end of its slider
     """
 
-    fog: Annotated[FogKind | None, FileKey(about="kind, as dense as published unless fog_visibility_km is given")] = (
-        None
-    )
-    fog_visibility_m: Annotated[
-        float | None, Quantity("km", ge=0.005, le=50), Slider("fog visibility", "km", 0.02, 50.0, log=True)
+    fog: Annotated[
+        FogKind | None, FileKey(about='kind of fog; with `fog_visibility_km` alone it is `"moderate_advection"`')
     ] = None
-    rain_mm_h: Annotated[float, Quantity(ge=0, le=300), Slider("rain", "mm/h", 0.0, 100.0)] = 0.0
-    snow_mm_h: Annotated[float, Quantity(ge=0, le=50, about="of water"), Slider("snow", "mm/h", 0.0, 20.0)] = 0.0
-    snow: Annotated[Literal["dry", "wet"], FileKey()] = "dry"
+    fog_visibility_m: Annotated[
+        float | None,
+        Quantity("km", ge=0.005, le=50, about="meteorological visibility in the fog; that of the kind if left out"),
+        Slider("fog visibility", "km", 0.02, 50.0, log=True),
+    ] = None
+    rain_mm_h: Annotated[float, Quantity(ge=0, le=300, about="rain rate"), Slider("rain", "mm/h", 0.0, 100.0)] = 0.0
+    snow_mm_h: Annotated[
+        float, Quantity(ge=0, le=50, about="snow rate, of water"), Slider("snow", "mm/h", 0.0, 20.0)
+    ] = 0.0
+    snow: Annotated[Literal["dry", "wet"], FileKey(about="kind of flakes")] = "dry"
 
     def extinction_at_per_m(self, wavelength_m: float) -> float:
         """Total extinction coefficient at a laser wavelength."""

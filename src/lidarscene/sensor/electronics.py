@@ -30,24 +30,38 @@ class Tdc:
                               how often the noise rises through the threshold (docs/theory.md, section 9)
     """
 
-    window_s: Annotated[Lanes, Quantity("us", ge=1e-3, le=1e5)]
-    bandwidth_hz: Annotated[Lanes, Quantity("mhz", ge=1e-3, le=1e5)]
-    threshold_to_noise: Annotated[Lanes | None, Quantity(ge=0.01, le=1e4)] = None
-    threshold_level: Annotated[Lanes | None, Quantity(ge=1e-15, le=1e9, about="amperes (APD) or cells (SiPM)")] = None
-    least_significant_bit_s: Annotated[Lanes, Quantity("ps", name="lsb_ps", ge=0, le=1e6, finest=1e-3)] = 0.0
-    jitter_s: Annotated[Lanes, Quantity("ps", ge=0, le=1e6, finest=1e-3)] = 0.0
-    stops: Annotated[int, Quantity(ge=1, le=MOST_STOPS)] = 1
+    window_s: Annotated[Lanes, Quantity("us", ge=1e-3, le=1e5, about="listening time after each pulse; 4 us is 600 m")]
+    bandwidth_hz: Annotated[
+        Lanes, Quantity("mhz", ge=1e-3, le=1e5, about="B_w: of the noise, and comparisons per second")
+    ]
+    threshold_to_noise: Annotated[
+        Lanes | None, Quantity(ge=0.01, le=1e4, about="TNR: threshold over the noise without echo")
+    ] = None
+    threshold_level: Annotated[
+        Lanes | None, Quantity(ge=1e-15, le=1e9, about="fixed threshold, amperes (APD) or cells (SiPM)")
+    ] = None
+    least_significant_bit_s: Annotated[
+        Lanes, Quantity("ps", name="lsb_ps", ge=0, le=1e6, finest=1e-3, about="step of the reported time; 0: none")
+    ] = 0.0
+    jitter_s: Annotated[
+        Lanes, Quantity("ps", ge=0, le=1e6, finest=1e-3, about="standard deviation of the converter's jitter")
+    ] = 0.0
+    stops: Annotated[int, Quantity(ge=1, le=MOST_STOPS, about="crossings reported per shot")] = 1
     keep: str = "first"
     order: Annotated[
-        Literal["time", "strength"], FileKey(about="of the returns: that of their crossings, or the strongest first")
+        Literal["time", "strength"], FileKey(about="of the returns: the nearest first, or the strongest first")
     ] = "time"
     timing: Annotated[
         Literal["leading_edge", "constant_fraction", "peak", "matched_filter"],
-        FileKey(about="what is timed of a pulse; a matched filter also lowers the threshold, with the noise"),
+        FileKey(
+            about=(
+                "timed feature of a pulse: where it crosses the threshold, a fraction of its peak, "
+                "its peak, or its peak behind a matched filter, which also finds weaker ones; not "
+                "with `[sampler]` (docs/theory_receivers.md 36)"
+            )
+        ),
     ] = "leading_edge"
-    fraction: Annotated[Lanes, Quantity(gt=0, lt=1, about="of its peak, at which constant_fraction times a pulse")] = (
-        0.5
-    )
+    fraction: Annotated[Lanes, Quantity(gt=0, lt=1, about='with `timing = "constant_fraction"`: of the peak')] = 0.5
     blanking_s: Annotated[
         Lanes,
         Quantity(
@@ -55,18 +69,35 @@ class Tdc:
             ge=0,
             le=1e6,
             finest=1e-3,
-            about="after the pulse leaves, in which crossings go unnoticed: the shortest range",
+            about="after the pulse leaves, no crossing counts: the shortest range, 6.67 ns for each metre",
         ),
     ] = 0.0
     dead_time_s: Annotated[
-        Lanes, Quantity("ns", ge=0, le=1e6, finest=1e-3, about="from an echo's crossing to the next that can be taken")
+        Lanes,
+        Quantity(
+            "ns",
+            ge=0,
+            le=1e6,
+            finest=1e-3,
+            about="after a crossing by an echo, no other counts; of peaks nearer than that the highest",
+        ),
     ] = 0.0
     both_edges: bool = False
-    walk: Annotated[Literal["none", "raw", "corrected"], FileKey()] = "corrected"
-    false_alarms: Annotated[Literal["published", "crossings"], FileKey(about="how often noise trips")] = "published"
+    walk: Annotated[
+        Literal["none", "raw", "corrected"], FileKey(about='`"raw"`, `"none"` or `"corrected"`; see docs/theory.md 8')
+    ] = "corrected"
+    false_alarms: Annotated[
+        Literal["published", "crossings"],
+        FileKey(
+            about=(
+                'how often noise trips: `"published"`, the paper\'s (9) and (10), or `"crossings"` of '
+                "band-limited noise; see docs/theory.md 9"
+            )
+        ),
+    ] = "published"
     ambient_window_s: Annotated[
         Lanes | None,
-        Quantity("us", ge=1e-3, le=1e6, about="time in which the background is counted; the window if left out"),
+        Quantity("us", ge=1e-3, le=1e6, about="time in which the background is counted; `window_us` if left out"),
     ] = None
 
     @property
@@ -87,9 +118,10 @@ class Receiver:
     response  of its low pass: "none" filters the noise and not the pulse, as the paper does
     """
 
-    response: Annotated[Literal["none", "gaussian", "single_pole"], FileKey(about="the low pass of the amplifier")] = (
-        "none"
-    )
+    response: Annotated[
+        Literal["none", "gaussian", "single_pole"],
+        FileKey(about='low pass for pulse and noise; `"none"` filters the noise only, as the paper does'),
+    ] = "none"
     ac_coupling_hz: Annotated[
         Lanes | None,
         Quantity("khz", ge=1e-3, le=5e4, about="-3 dB of an AC-coupled amplifier's high pass; DC-coupled if left out"),
@@ -119,16 +151,19 @@ class Intensity:
     """
 
     kind: Annotated[Literal["range_corrected", "reflectivity"], FileKey()]
-    reference_m: Annotated[Lanes, Quantity(gt=0, le=1e6, about="that range")] = 10.0
+    reference_m: Annotated[Lanes, Quantity(gt=0, le=1e6, about="the reference range")] = 10.0
     white_value: Annotated[Lanes, Quantity(gt=0, lt=255, about="of a white Lambertian surface across the beam")] = 100.0
     exponent: Annotated[
         Lanes | None,
-        Quantity(gt=0, le=4, about="of the reflectivity on the scale below that, 0.5: its root; linear if left out"),
+        Quantity(gt=0, le=4, about="of the reflectivity on that scale, such as 0.5 for its root; linear if left out"),
     ] = None
     retro: Annotated[
-        Literal["linear", "logarithmic"], FileKey(about="the scale above white: the same law, or a logarithmic one")
+        Literal["linear", "logarithmic"],
+        FileKey(about='the scale above white: `"linear"` continues, `"logarithmic"` reaches 255 at the next'),
     ] = "logarithmic"
-    retro_reflectivity: Annotated[Lanes, Quantity(gt=1, le=1e9, about="that reads 255 on a logarithmic scale")] = 1000.0
+    retro_reflectivity: Annotated[
+        Lanes, Quantity(gt=1, le=1e9, about="reflectivity that reads 255: of a retro-reflector, pi R_A")
+    ] = 1000.0
     coarse_above: Annotated[
         Lanes | None,
         Quantity(ge=0, le=255, about="value above which there are only steps of coarse_step; none if left out"),
@@ -163,9 +198,13 @@ class Adc:
     estimator   "matched_filter" or "centroid"
     """
 
-    rate_hz: Annotated[Lanes, Quantity("mhz", ge=0.1, le=1e6)]
+    rate_hz: Annotated[
+        Lanes, Quantity("mhz", ge=0.1, le=1e6, about="samples per second; from one in a pulse width to 1024 in four")
+    ]
     step: Lanes
     full_scale: Annotated[Lanes, Quantity(ge=1e-12, le=1e9, about="largest sample, amperes (APD) or cells (SiPM)")]
     samples: int
     room: int
-    estimator: Annotated[Literal["matched_filter", "centroid"], FileKey()] = "matched_filter"
+    estimator: Annotated[Literal["matched_filter", "centroid"], FileKey(about="of time and amplitude")] = (
+        "matched_filter"
+    )

@@ -47,9 +47,12 @@ class Histogram:
 
     shots: Lanes
     period_s: Lanes | None
-    bin_s: Annotated[Lanes, Quantity("ns", ge=1e-3, le=1e4)]
+    bin_s: Annotated[Lanes, Quantity("ns", ge=1e-3, le=1e4, about="width of a bin")]
     threshold_slope: Annotated[
-        Lanes, Quantity(ge=0, le=1e4, about="photons for the square root of the background counts and the pedestal")
+        Lanes,
+        Quantity(
+            ge=0, le=1e4, about="photons for the square root of the background counts and the pedestal, in all shots"
+        ),
     ]
     threshold_pedestal: Annotated[
         Lanes, Quantity(ge=0, le=1e6, about="counts a shot that the threshold adds to those of the background")
@@ -62,7 +65,10 @@ class Histogram:
         Quantity(
             ge=1e-3,
             le=1.5,
-            about="standard deviation of the threshold's logarithm from point to point; sharp if left out",
+            about=(
+                "standard deviation of the threshold's logarithm from point to point; sharp if left "
+                "out. With a `lone_factor` for echoes alone"
+            ),
         ),
     ] = None
     threshold_least: Annotated[
@@ -77,11 +83,19 @@ class Histogram:
             "if left out",
         ),
     ] = None
-    estimator: Annotated[Literal["matched_filter", "centroid"], FileKey()] = "matched_filter"
+    estimator: Annotated[
+        Literal["matched_filter", "centroid"],
+        FileKey(
+            about=(
+                "time of a peak: of the filter, or the centroid of the counts around it; both in "
+                "docs/photon_counting.md"
+            )
+        ),
+    ] = "matched_filter"
     coates: Annotated[bool, FileKey(about="whether counts are corrected for pile-up before the filter")] = False
     walk: Annotated[
         Literal["corrected", "raw"],
-        FileKey(about="whether the shift of strong echoes by pile-up is taken off, by a calibration"),
+        FileKey(about="whether a calibration corrects the shift of strong echoes by pile-up"),
     ] = "corrected"
     reach: int
     search: int
@@ -172,7 +186,7 @@ class HistogramFile(
         default=0.0, description="after each pulse, in which nothing is counted: the shortest range"
     )
     separation_ns: Annotated[float, Number("ns", ge=0, le=1e6, finest=1e-3)] = Field(
-        default=0.0, description="least distance of two returns; of nearer ones the first is kept"
+        default=0.0, description="least distance of two returns; of nearer returns the first counts"
     )
     lsb_ps: Annotated[float, Number("ps", ge=0, le=1e6, finest=1e-3)] = Field(
         default=0.0, description="step of the reported time"
@@ -185,12 +199,17 @@ class HistogramFile(
         default=None,
         min_length=2,
         max_length=MOST_COLUMNS,
-        description="of the shots of a point's own column and of those before it in the noise of its range; of its own "
-        "alone if left out",
+        description=(
+            "weights of a point's column and of those before it in the noise of its range; its "
+            "column alone if left out (docs/photon_counting.md)"
+        ),
     )
     turn: bool = Field(
         default=True,
-        description="whether a spinning head turns while it sums the shots of a point; with several rays a pulse",
+        description=(
+            "whether a spinning head turns while it sums the shots of a point; with several rays "
+            "a pulse (docs/theory_light.md 20)"
+        ),
     )
 
     @field_validator("column_weights")

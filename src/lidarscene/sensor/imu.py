@@ -192,7 +192,7 @@ class ImuFile(ImuNumbers, PoseFile):
     """[imu]: an IMU on the lidar, or on the vehicle of a rig; keys that are given replace those of the model."""
 
     model: str | None = Field(
-        default=None, description="name in the catalogue, or file beside this one, whose numbers it has"
+        default=None, description="catalogue name, or a file beside this one with the keys below, whose numbers it has"
     )
 
     def build(self, folder: Path) -> Imu:

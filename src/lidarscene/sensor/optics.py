@@ -37,19 +37,23 @@ COLUMNS = ("wavelength_nm", "transmittance")
 class FilterFile(FileModel):
     """[optics.filter]: what the receiver lets through, by shape or from a CSV file, and of which sunlight."""
 
-    centre_nm: Wavelength | None = None
+    centre_nm: Wavelength | None = Field(default=None, description="middle of the band")
     width_nm: Annotated[float, Number("nm", ge=0.01, le=1000)] | None = Field(
         default=None, description="full width at half of the peak, which is 1"
     )
-    shape: Literal["box", "gaussian", "super_gaussian"] = "box"
+    shape: Literal["box", "gaussian", "super_gaussian"] = Field(default="box", description="of the transmittance")
     order: Annotated[float, Field(ge=2, le=100)] = Field(
-        default=6.0, description="of a super_gaussian; 2 is a Gaussian, large is a box"
+        default=6.0, description="of a super-Gaussian; 2 is a Gaussian"
     )
     csv: Annotated[str, Field(min_length=1)] | None = Field(
-        default=None, description="file with the columns wavelength_nm and transmittance, zero outside"
+        default=None,
+        description=(
+            "file with the columns `wavelength_nm` (rising) and `transmittance` (0 to 1): straight lines, zero outside"
+        ),
     )
     spectrum: Literal["global", "direct", "extraterrestrial"] = Field(
-        default="global", description="column of ASTM G173, scaled to 100 klux"
+        default="global",
+        description='sunlight: `"global"` or `"direct"` at air mass 1.5, or `"extraterrestrial"`, of ASTM G173',
     )
     incidence_deg: Annotated[float, Number("deg", ge=0, le=45)] = Field(
         default=0.0, description="of the echo on the filter, which moves its band to shorter wavelengths; with the next"
@@ -170,7 +174,11 @@ class OverlapFile(FileModel):
     """[optics.overlap]: where the transmitter stands beside the receiver, and at what range this is in focus."""
 
     transmitter_offset_mm: tuple[Millimetres, Millimetres] = Field(
-        default=(0.0, 0.0), description="to the left and up from the receiver's axis, where the beam leaves"
+        default=(0.0, 0.0),
+        description=(
+            "to the left and up from the receiver's axis, where the beam leaves; for a round spot"
+            " only the distance counts"
+        ),
     )
     parallax_free_at_m: Distance | None = Field(
         default=None, description="range at which the two axes meet; side by side if left out"
@@ -203,11 +211,14 @@ class OpticsFile(Table[Optics]):
     """[optics]: the receiver."""
 
     sun_irradiance_w_m2: Irradiance | None = Field(
-        default=None, description="in band, normal incidence, at 100 klux; or a filter to compute it from"
+        default=None, description="E_sun in band, at normal incidence and 100 klux; exactly one of this and `filter`"
     )
-    filter: FilterFile | None = None
+    filter: FilterFile | None = Field(
+        default=None, description="the receiver's filter, from which E_sun is computed; needs pvlib"
+    )
     overlap: OverlapFile | None = Field(
-        default=None, description="of spot and field of view; the spot is wholly in it, and sharp, if left out"
+        default=None,
+        description=("of the laser's spot and the field of view; all of the spot is seen, and sharp, if left out"),
     )
     halo: HaloFile | None = Field(
         default=None, description="around the beam, with four rays a pulse or more; none if left out"

@@ -25,10 +25,10 @@ Turned = Annotated[float, Number("deg", ge=-36e3, le=36e3)]
 class PoseFile(FileModel):
     """A pose as people write it: yaw about z, then pitch (positive looks up), then roll."""
 
-    position_m: Vector = (0.0, 0.0, 0.0)
-    yaw_deg: Turned = 0.0
-    pitch_deg: Turned = 0.0
-    roll_deg: Turned = 0.0
+    position_m: Vector = Field(default=(0.0, 0.0, 0.0), description="origin in the parent frame")
+    yaw_deg: Turned = Field(default=0.0, description="turn to the left")
+    pitch_deg: Turned = Field(default=0.0, description="look up")
+    roll_deg: Turned = Field(default=0.0, description="right side down")
 
     def pose(self) -> Pose:
         """Convert to a rotation and a position."""

@@ -21,7 +21,7 @@ class MultiLevelFile(FileModel):
 
     type: Literal["multi_level_tdc"]
     levels: Annotated[tuple[Annotated[float, Number(gt=1, le=1e6)], ...], Field(min_length=1, max_length=8)] = Field(
-        description="above the threshold, in thresholds, rising"
+        description="of the comparators above the threshold, in thresholds, rising"
     )
 
     @model_validator(mode="after")
@@ -43,7 +43,7 @@ class AdcFile(Table[Adc]):
     """[sampler] type = "adc"."""
 
     type: Literal["adc"]
-    bits: Annotated[int, Field(ge=1, le=24)]
+    bits: Annotated[int, Field(ge=1, le=24)] = Field(description="from zero to full scale")
 
     def build(self, pulse_fwhm_ns: float) -> Adc:
         """Convert to SI units, with as many samples as four pulse widths hold. Raises InputError."""
@@ -99,17 +99,21 @@ Share = Annotated[float, Field(gt=0, le=1)]
 class RepeatabilityFile(FileModel):
     """[[published.repeatability]]: scatter of the range at an SNR, or at a range on a target."""
 
-    sigma_m: Positive = Field(description="standard deviation of the range")
-    snr: Positive | None = Field(default=None, description="at which, or")
-    at_m: Positive | None = Field(default=None, description="range of the target, with its reflectivity")
+    sigma_m: Positive = Field(description="standard deviation of one shot's range")
+    snr: Positive | None = Field(default=None, description="of the echo, (11)")
+    at_m: Positive | None = Field(default=None, description="range of the target")
     reflectivity: Share | None = Field(default=None, description="of that target")
-    illuminance_klux: Illuminance | None = Field(default=None, description="there; if left out that of [published]")
-    at_most: bool = Field(default=False, description="an upper bound")
-    recording: bool = Field(default=False, description="measured by others in recordings, not said by the maker")
+    illuminance_klux: Illuminance | None = Field(default=None, description="there; if left out that of `[published]`")
+    at_most: bool = Field(default=False, description="the figure is an upper bound")
+    recording: bool = Field(default=False, description="measured by others in recordings, not stated by the maker")
     assumed: tuple[Literal["snr", "reflectivity", "illuminance_klux"], ...] = Field(
-        default=(), description="conditions above that are not published but assumed; snr: that it is (11)"
+        default=(),
+        description=(
+            'keys of conditions above that are not published but assumed here; `"snr"`: the maker'
+            " does not say what its SNR is, and (11) is taken"
+        ),
     )
-    source: Annotated[str, Field(min_length=1)]
+    source: Annotated[str, Field(min_length=1)] = Field(description="source of the figures")
 
     @model_validator(mode="after")
     def _one_condition(self) -> RepeatabilityFile:
@@ -127,15 +131,15 @@ class ModesFile(FileModel):
     """[published.modes]: factors of the range in a sensor's modes, as a table of settings and signal multipliers."""
 
     settings: Annotated[tuple[tuple[str, ...], ...], Field(min_length=1)] = Field(
-        description="of each row, as for --set; they replace those of [published]"
+        description="of each row, as for `--set`; they replace those of `[published]`"
     )
     multiplier: Annotated[tuple[Positive, ...], Field(min_length=1)] = Field(
-        description="histogram.multiplier of each column"
+        description="`histogram.multiplier` of each column"
     )
     range_factors: tuple[tuple[Positive, ...], ...] = Field(
-        description="rows of ranges over that in the mode of [published]"
+        description="rows of ranges over that in the mode of `[published]`"
     )
-    source: Annotated[str, Field(min_length=1)]
+    source: Annotated[str, Field(min_length=1)] = Field(description="source of the figures")
 
     @model_validator(mode="after")
     def _rectangular(self) -> ModesFile:
@@ -150,25 +154,25 @@ class ModesFile(FileModel):
 class PublishedFile(FileModel):
     """[published]: performance and its conditions; what is left out is not published."""
 
-    range_m: Positive | None = None
+    range_m: Positive | None = Field(default=None, description="range at the next two conditions")
     reflectivity: Share | None = Field(default=None, description="of the target at that range")
     illuminance_klux: Illuminance | None = Field(default=None, description="at that range")
     also: tuple[tuple[Share, Positive], ...] = Field(
-        default=(), description="further reflectivities and ranges, at the same illuminance"
+        default=(), description="further pairs of reflectivity and range, at the same illuminance"
     )
     settings: tuple[str, ...] = Field(
-        default=(), description="the sensor's mode in which ranges, scatter and false points hold, as for --set"
+        default=(), description="the mode in which ranges, scatter and false points hold, as for `--set`"
     )
-    repeatability: tuple[RepeatabilityFile, ...] = Field(default=(), description="scatter of the range")
-    modes: ModesFile | None = Field(default=None, description="ranges in other modes")
+    repeatability: tuple[RepeatabilityFile, ...] = Field(default=(), description="scatter of the range, below")
+    modes: ModesFile | None = Field(default=None, description="ranges in other modes, below")
     false_points: Annotated[float, Field(gt=0, lt=1)] | None = Field(
         default=None, description="share of the pulses that report noise, at that illuminance"
     )
-    points_per_second: Positive | None = Field(default=None, description="one return, as rounded there")
+    points_per_second: Positive | None = Field(default=None, description="one return a pulse, rounded as published")
     assumed: tuple[str, ...] = Field(
-        default=(), description="keys of conditions above that are not published but assumed"
+        default=(), description="keys of the conditions above that are not published but assumed here"
     )
-    source: Annotated[str, Field(min_length=1)]
+    source: Annotated[str, Field(min_length=1)] = Field(description="source of the other figures")
 
     @model_validator(mode="after")
     def _complete(self) -> PublishedFile:

@@ -66,9 +66,16 @@ MOST_SENSORS = 256
 class MountedFile(PoseFile):
     """[[sensors]]: one sensor, and where it is on the vehicle."""
 
-    label: Annotated[str, Field(min_length=1)] = Field(description="names its files: letters, digits, - and _")
-    sensor: Annotated[str, Field(min_length=1)] = Field(description="catalogue name, or file beside this one")
-    set: tuple[str, ...] = Field(default=(), description="changes to the sensor file, as detector.gain=60")
+    label: Annotated[str, Field(min_length=1)] = Field(
+        description="names the sensor's files: letters, digits, - and _ ; each once"
+    )
+    sensor: Annotated[str, Field(min_length=1)] = Field(
+        description="catalogue name, or a file (a name that ends in .toml)"
+    )
+    set: tuple[str, ...] = Field(
+        default=(),
+        description=('changes to the sensor\'s values, such as `"detector.gain=60"`; `--set` comes after them'),
+    )
 
     @model_validator(mode="after")
     def _plain(self) -> MountedFile:
@@ -80,8 +87,10 @@ class MountedFile(PoseFile):
 class RigFile(FileModel):
     """A whole rig file."""
 
-    name: str = ""
-    sensors: Annotated[tuple[MountedFile, ...], Field(min_length=1, max_length=MOST_SENSORS)]
+    name: str = Field(default="", description="for people; the file's name if empty")
+    sensors: Annotated[tuple[MountedFile, ...], Field(min_length=1, max_length=MOST_SENSORS)] = Field(
+        description="sensors and where they stand"
+    )
     imu: ImuFile | None = Field(default=None, description="the vehicle's IMU; none if left out")
 
     @model_validator(mode="after")

@@ -49,18 +49,19 @@ class LaserFile(Table[Laser]):
     """[laser]: the pulsed transmitter."""
 
     repetition_rate_khz: Annotated[float, Number("khz", ge=1e-4, le=2e4)] | None = Field(
-        default=None, description="pulses per second; a spinning scanner's lasers and cycle give it if left out"
+        default=None, description="pulses per second"
     )
     drift_nm_per_k: Annotated[float, Number(ge=-2, le=2, finest=1e-4)] = Field(
-        default=0.0, description="growth of the wavelength with the temperature, with optics.filter"
+        default=0.0,
+        description="growth of the wavelength with the temperature; needs `optics.filter` (docs/theory_light.md 21)",
     )
     temperature_c: Annotated[float, Field(ge=-100, le=200)] = Field(
-        default=NOMINAL_TEMPERATURE_C, description="of the laser, with drift_nm_per_k; wavelength_nm is that at 25"
+        default=NOMINAL_TEMPERATURE_C, description="of the laser, with `drift_nm_per_k`; `wavelength_nm` is that at 25"
     )
     polarisation: PolarisationFile | None = Field(
         default=None, description="of the light, for panes; they treat all light alike if left out"
     )
-    speckle: SpeckleFile | None = Field(default=None, description="of the light, in echoes; none if left out")
+    speckle: SpeckleFile | None = Field(default=None, description="scatter of echoes; none if left out")
 
     @model_validator(mode="after")
     def _temperature_matters(self) -> LaserFile:
@@ -112,11 +113,18 @@ class TdcFile(Table[Tdc]):
 
     keep: Literal["first", "last", "strongest", "strongest_and_last", "all"] = Field(
         default="first",
-        description="which returns, if there are more than stops; all is the first 16, strongest_and_last two",
+        description=(
+            'which crossings, if there are more; `"strongest_and_last"` are two, the second '
+            'strongest if the strongest is the last; `"all"` is the first 16, without `stops`'
+        ),
     )
     edges: Literal["rising", "both"] | None = Field(
         default=None,
-        description="of a pulse that are timed: both give its width; left out: both where the detector can saturate",
+        description=(
+            '`"rising"` or `"both"`: which edges of a pulse are timed; both give `pulse_width`, '
+            "and the walk of saturated pulses. Left out: both for a SiPM or with `saturation_ua`,"
+            " else rising"
+        ),
     )
 
     @model_validator(mode="after")
@@ -143,7 +151,7 @@ class ReceiverFile(Table[Receiver]):
 
     bandwidth_mhz: Annotated[float, Number("mhz", ge=1e-3, le=1e5)] | None = Field(
         default=None,
-        description="-3 dB of the low pass, in place of tdc.bandwidth_mhz, which it follows from if left out",
+        description="-3 dB of the low pass, in place of `tdc.bandwidth_mhz`, which it follows from if left out",
     )
 
     def build(self, tdc: Tdc) -> tuple[Receiver, Tdc]:
@@ -161,26 +169,32 @@ UNCERTAIN = ("laser", "optics", "detector", "tdc", "receiver", "histogram", "sam
 class SensorFile(FileModel):
     """A whole sensor file. ``sources`` says where each number comes from, by dotted key (or its table)."""
 
-    name: Annotated[str, Field(min_length=1)]
-    description: str = ""
-    laser: LaserFile
-    optics: OpticsFile
-    scanner: Annotated[AnyScannerFile, Field(discriminator="type")]
-    detector: Annotated[AnyDetectorFile, Field(discriminator="type")]
-    tdc: TdcFile | None = Field(default=None, description="of an APD or a SiPM")
-    receiver: ReceiverFile = Field(
-        default_factory=ReceiverFile, description="frequency response of the amplifier, of an APD or a SiPM"
+    name: Annotated[str, Field(min_length=1)] = Field(description="name in the metadata")
+    description: str = Field(default="", description="for people")
+    laser: LaserFile = Field(description="laser and its beam")
+    optics: OpticsFile = Field(description="lenses, filter, overlap")
+    scanner: Annotated[AnyScannerFile, Field(discriminator="type")] = Field(
+        description="directions and times of the pulses"
     )
-    histogram: HistogramFile | None = Field(default=None, description="of SPADs, in place of tdc")
+    detector: Annotated[AnyDetectorFile, Field(discriminator="type")] = Field(description="APD, SiPM or SPADs")
+    tdc: TdcFile | None = Field(default=None, description="comparator and converter")
+    receiver: ReceiverFile = Field(default_factory=ReceiverFile, description="frequency response of the amplifier")
+    histogram: HistogramFile | None = Field(default=None, description="with SPADs, in place of `tdc` and `sampler`")
     sampler: AnySamplerFile | None = Field(
-        default=None, description="what measures the pulses that trip the comparator; the TDC alone if left out"
+        default=None, description="measures the pulses that trip the comparator; the TDC alone if left out"
     )
-    mounting: PoseFile = PoseFile()
-    imu: ImuFile | None = Field(default=None, description="an IMU in the same housing, see below; none if left out")
-    wear: WearFile | None = Field(default=None, description="of window, lasers and mounting; as new if left out")
-    intensity: AnyIntensityFile | None = Field(default=None, description="the maker's scale; the amplitude if left out")
-    published: PublishedFile | None = Field(default=None, description="for comparison; not used by the simulation")
-    sources: dict[str, str] = Field(default_factory=dict)
+    mounting: PoseFile = Field(default=PoseFile(), description="pose of the sensor frame in the vehicle's")
+    imu: ImuFile | None = Field(default=None, description="an IMU in the same housing; none if left out")
+    wear: WearFile | None = Field(
+        default=None, description="dirt and drops on the window, weak lasers, a shifted mounting; as new if left out"
+    )
+    intensity: AnyIntensityFile | None = Field(
+        default=None, description="the maker's scale; the amplitude itself if left out"
+    )
+    published: PublishedFile | None = Field(
+        default=None, description="the maker's claims; the simulation does not use them"
+    )
+    sources: dict[str, str] = Field(default_factory=dict, description="sources of the numbers, by dotted key or table")
     uncertainty: dict[str, Annotated[float, Field(gt=0, le=1e12)]] = Field(
         default_factory=dict, description="how far a number may be off, either way, by dotted key and in its unit"
     )

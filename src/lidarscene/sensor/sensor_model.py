@@ -39,7 +39,16 @@ class Polarisation:
     """Linear polarisation of a laser's light."""
 
     angle_rad: Annotated[
-        Lanes, Quantity("deg", ge=-36e3, le=36e3, about="about the beam, from the left to the top: 0 swings level")
+        Lanes,
+        Quantity(
+            "deg",
+            ge=-36e3,
+            le=36e3,
+            about=(
+                "about the beam, from the left to the top: 0 swings level, in the plane of incidence "
+                "of an upright pane beside the beam; 90 upright, in that of a raked windscreen ahead"
+            ),
+        ),
     ]
     share: Annotated[Lanes, Quantity(ge=0, le=1, about="of the light; the rest is unpolarised")] = 1.0
 
@@ -48,7 +57,12 @@ class Polarisation:
 class Speckle:
     """Speckle of the laser's light on rough surfaces, which lets echoes scatter."""
 
-    linewidth_m: Annotated[Lanes, Quantity("nm", ge=0, le=100, about="full width at half of the laser's line")] = 0.0
+    linewidth_m: Annotated[
+        Lanes,
+        Quantity(
+            "nm", ge=0, le=100, about="full width at half of the laser's line: more wavelengths, less speckle on slopes"
+        ),
+    ] = 0.0
     polarisations: Annotated[
         Lanes, Quantity(ge=1, le=2, about="2: surfaces return unpolarised light; 1: they keep the polarisation")
     ] = 2.0
@@ -64,9 +78,11 @@ class Laser:
     speckle       of the light; None: echoes have none
     """
 
-    wavelength_m: Annotated[float, Quantity("nm", ge=300, le=2500)]
-    peak_power_w: Annotated[Lanes, Quantity(ge=1e-6, le=1e6)]
-    pulse_fwhm_s: Annotated[Lanes, Quantity("ns", ge=0.01, le=1000)]
+    wavelength_m: Annotated[float, Quantity("nm", ge=300, le=2500, about="materials must have data there")]
+    peak_power_w: Annotated[Lanes, Quantity(ge=1e-6, le=1e6, about="P_t, leaving the sensor")]
+    pulse_fwhm_s: Annotated[
+        Lanes, Quantity("ns", ge=0.01, le=1000, about="width of the Gaussian pulse at half of its peak power")
+    ]
     repetition_rate_hz: Annotated[float, Quantity("khz", ge=1e-4, le=2e4)]
     divergence_rad: Annotated[
         float,
@@ -75,12 +91,20 @@ class Laser:
             ge=0,
             le=3000,
             finest=0.01,
-            about="full angle at 1/e^2, or to the edge of a top hat; not used with one ray a pulse",
+            about="full angle at 1/e^2, or to the edge of a top hat; not used where one ray stands for a pulse",
         ),
     ] = 0.0
-    profile: Annotated[Literal["gaussian", "top_hat"], FileKey(name="beam_profile")] = "gaussian"
+    profile: Annotated[
+        Literal["gaussian", "top_hat"], FileKey(name="beam_profile", about="of the power across the beam")
+    ] = "gaussian"
     divergence_elevation_rad: Annotated[
-        float | None, Quantity("mrad", ge=0.01, le=3000, about="the same on the second axis; a round beam if left out")
+        float | None,
+        Quantity(
+            "mrad",
+            ge=0.01,
+            le=3000,
+            about="the divergence on the second axis, then the first is that of azimuth; a round beam if left out",
+        ),
     ] = None
     beam_rotation_rad: Annotated[
         float,
@@ -88,7 +112,12 @@ class Laser:
     ] = 0.0
     exit_diameter_m: Annotated[
         float | None,
-        Quantity("mm", ge=0.05, le=1e4, about="1/e^2 diameter where the beam leaves; not known if left out"),
+        Quantity(
+            "mm",
+            ge=0.05,
+            le=1e4,
+            about="1/e^2 diameter where the beam leaves, which is its waist; rays start from a point if left out",
+        ),
     ] = None
     source_rad: Annotated[
         float,
@@ -140,7 +169,7 @@ class Halo:
     """Wide skirt around the beam: light that window, lens and dust scatter on the ways out and back, taken together."""
 
     share: Annotated[Lanes, Quantity(gt=0, lt=1, about="of a wide surface's echo that comes from the halo")]
-    divergence_rad: Annotated[Lanes, Quantity("mrad", ge=0.1, le=3000, about="full angle at 1/e^2")]
+    divergence_rad: Annotated[Lanes, Quantity("mrad", ge=0.1, le=3000, about="full angle at 1/e^2 of its Gaussian")]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -182,10 +211,12 @@ class Optics:
     stray                stray light of channels that fire together, or None
     """
 
-    aperture_radius_m: Annotated[Lanes, Quantity("mm", ge=0.05, le=5000)]
-    focal_length_m: Annotated[Lanes, Quantity("mm", ge=0.1, le=1e5)]
-    efficiency_laser: Annotated[Lanes, Quantity(gt=0, le=1)]
-    efficiency_sun: Annotated[Lanes, Quantity(gt=0, le=1)]
+    aperture_radius_m: Annotated[Lanes, Quantity("mm", ge=0.05, le=5000, about="r_A of the receiver")]
+    focal_length_m: Annotated[
+        Lanes, Quantity("mm", ge=0.1, le=1e5, about="f; the field of view has the half angle atan(`radius_mm` / f)")
+    ]
+    efficiency_laser: Annotated[Lanes, Quantity(gt=0, le=1, about="eta_r, for the echo")]
+    efficiency_sun: Annotated[Lanes, Quantity(gt=0, le=1, about="eta_rs, for sunlight")]
     sun_irradiance_w_m2: Annotated[Lanes, Quantity(ge=0, le=1e9)]
     overlap: Overlap | None = None
     halo: Halo | None = None

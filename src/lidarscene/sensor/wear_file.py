@@ -30,33 +30,33 @@ class WearFile(FileModel):
     """[wear]: dirt, drops and scratches on the window, weak lasers, a mounting that is off."""
 
     film_transmittance: Annotated[float, Number(ge=1e-3, le=1)] = Field(
-        default=1.0, description="of a film all over the window that absorbs, one way"
+        default=1.0, description="one-way transmittance of an absorbing film on the window"
     )
     covered_share: Annotated[float, Number(ge=0, le=0.9)] = Field(
-        default=0.0, description="of the window that opaque grains or scratches cover"
+        default=0.0, description="share of the window under opaque grains or scratches"
     )
     grain_um: Annotated[float, Number("um", ge=5, le=1000)] = Field(
-        default=50.0, description="diameter of a grain or width of a scratch; finer ones diffract farther"
+        default=50.0,
+        description=(
+            "diameter of a grain, or width of a scratch; what they diffract is a halo, with four rays a pulse or more"
+        ),
     )
     drops_per_cm2: Annotated[float, Number(ge=0, le=1000)] = Field(
-        default=0.0, description="drops on the window, at random places; light that meets one is lost"
+        default=0.0, description="drops on the window at random places; the light that meets one is lost"
     )
-    drop_diameter_mm: Annotated[float, Number("mm", ge=0.1, le=50)] = 3.0
+    drop_diameter_mm: Annotated[float, Number("mm", ge=0.1, le=50)] = Field(default=3.0, description="of each drop")
     window_radius_mm: Annotated[float, Number("mm", ge=1, le=2000)] | None = Field(
-        default=None, description="of the window's sphere about the sensor's origin; must be given with drops"
+        default=None, description="of the window's sphere about the sensor's origin; required with drops"
     )
     seed: Annotated[int, Field(ge=0, le=2**32 - 1)] = Field(default=0, description="of the drops' places")
     laser_power: tuple[tuple[Annotated[int, Field(ge=0, le=2**20)], Annotated[float, Number(ge=0, le=1)]], ...] = Field(
-        default=(), description="channels and their laser's relative power, 0 of a dead one; 1 where not listed"
+        default=(), description="channels and the relative power of their lasers, 0 for a dead laser; 1 if not listed"
     )
     mounting_error_mrad: tuple[
         Annotated[float, Number("mrad", ge=-500, le=500)],
         Annotated[float, Number("mrad", ge=-500, le=500)],
         Annotated[float, Number("mrad", ge=-500, le=500)],
-    ] = Field(
-        default=(0.0, 0.0, 0.0),
-        description="yaw, pitch and roll by which the sensor stands off its mounting, which it reports all the same",
-    )
+    ] = Field(default=(0.0, 0.0, 0.0), description="yaw, pitch and roll of the real mounting against the reported one")
 
     @model_validator(mode="after")
     def _window_with_drops(self) -> Self:

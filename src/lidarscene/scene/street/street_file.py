@@ -34,7 +34,7 @@ class StreetFile(FileModel):
     The vehicle that carries the sensor drives along x, on the right, from 0 to ``length_m``.
     """
 
-    seed: Annotated[int, Field(ge=0, le=2**32 - 1)] = Field(default=1, description="of all that is drawn")
+    seed: Annotated[int, Field(ge=0, le=2**32 - 1)] = Field(default=1, description="of all random choices")
     length_m: Annotated[float, Field(ge=50, le=2e4)] = Field(default=1000.0, description="way of the ego vehicle")
     lanes: Annotated[int, Field(ge=1, le=3)] = Field(default=1, description="in each direction")
     lane_width_m: Annotated[float, Field(ge=2.6, le=5)] = Field(default=3.2, description="of each lane")

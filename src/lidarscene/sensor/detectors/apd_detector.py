@@ -32,26 +32,39 @@ class Apd(Detector):
     label: ClassVar[str] = "APD"
     unit: ClassVar[str] = "A"
 
-    gain: Annotated[Lanes, Quantity(ge=1, le=1e5), Slider("gain", "", 1.0, 1000.0, log=True)]
-    radius_m: Annotated[Lanes, Quantity("mm", ge=1e-3, le=100)]
-    quantum_efficiency: Annotated[Lanes, Quantity(gt=0, le=1)]
-    surface_dark_current_a: Annotated[Lanes, Quantity("na", ge=0, le=1e6, finest=1e-6)]
-    bulk_dark_current_a: Annotated[Lanes, Quantity("na", ge=0, le=1e6, finest=1e-6)]
-    excess_noise_index: Annotated[Lanes | None, Quantity(ge=0, le=10)] = None
-    ionisation_ratio: Annotated[Lanes | None, Quantity(ge=0, le=1)] = None
-    load_resistance_ohm: Annotated[Lanes, Quantity(ge=0.01, le=1e12)]
-    temperature_k: Annotated[Lanes, Quantity(ge=1, le=1e4)] = 300.0
-    circuit_noise_a: Annotated[Lanes, Quantity("na", ge=0, le=1e6, finest=1e-6)] = 0.0
-    tail: Annotated[Literal["gaussian", "mcintyre"], FileKey()] = "gaussian"
+    gain: Annotated[Lanes, Quantity(ge=1, le=1e5, about="M"), Slider("gain", "", 1.0, 1000.0, log=True)]
+    radius_m: Annotated[Lanes, Quantity("mm", ge=1e-3, le=100, about="of the photosensitive area")]
+    quantum_efficiency: Annotated[Lanes, Quantity(gt=0, le=1, about="eta_d")]
+    surface_dark_current_a: Annotated[Lanes, Quantity("na", ge=0, le=1e6, finest=1e-6, about="not multiplied")]
+    bulk_dark_current_a: Annotated[Lanes, Quantity("na", ge=0, le=1e6, finest=1e-6, about="multiplied")]
+    excess_noise_index: Annotated[Lanes | None, Quantity(ge=0, le=10, about="x of F = M^x; this or the next")] = None
+    ionisation_ratio: Annotated[Lanes | None, Quantity(ge=0, le=1, about="k of McIntyre's F")] = None
+    load_resistance_ohm: Annotated[Lanes, Quantity(ge=0.01, le=1e12, about="R_l of the thermal noise")]
+    temperature_k: Annotated[Lanes, Quantity(ge=1, le=1e4, about="of the thermal noise")] = 300.0
+    circuit_noise_a: Annotated[
+        Lanes, Quantity("na", ge=0, le=1e6, finest=1e-6, about="sigma_c, standard deviation at the amplifier's input")
+    ] = 0.0
+    tail: Annotated[
+        Literal["gaussian", "mcintyre"],
+        FileKey(about='of false alarms: `"gaussian"` (9), or `"mcintyre"`; see docs/theory_receivers.md 31'),
+    ] = "gaussian"
     saturation_a: Annotated[
         Lanes | None,
         Quantity(
-            "ua", ge=0.01, le=1e6, about="current at which the amplifier clips, after multiplication; never if left out"
+            "ua",
+            ge=0.01,
+            le=1e6,
+            about="current at which the amplifier clips, after multiplication; it never does if left out",
         ),
     ] = None
     recovery_s: Annotated[
         Lanes | None,
-        Quantity("ns", ge=0.01, le=1e5, about="with saturation_ua: time constant with which a clipped pulse drains"),
+        Quantity(
+            "ns",
+            ge=0.01,
+            le=1e5,
+            about="with `saturation_ua`: time constant with which a clipped pulse drains; at once if left out",
+        ),
     ] = None
 
     @property

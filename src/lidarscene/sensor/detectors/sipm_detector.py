@@ -43,14 +43,27 @@ class Sipm(Detector):
     unit: ClassVar[str] = "cells"
     has_white_noise: ClassVar[bool] = False
 
-    cells: Annotated[Lanes, Quantity(ge=1, le=1e9, whole=True)]
-    radius_m: Annotated[Lanes, Quantity("mm", ge=1e-3, le=100)]
-    pde: Annotated[Lanes, Quantity(gt=0, le=1), Slider("PDE", "", 0.01, 1.0)]
-    dead_time_s: Annotated[Lanes, Quantity("ns", ge=0.01, le=1e5)]
+    cells: Annotated[Lanes, Quantity(ge=1, le=1e9, whole=True, about="N")]
+    radius_m: Annotated[Lanes, Quantity("mm", ge=1e-3, le=100, about="of the photosensitive area")]
+    pde: Annotated[Lanes, Quantity(gt=0, le=1, about="photon detection efficiency"), Slider("PDE", "", 0.01, 1.0)]
+    dead_time_s: Annotated[Lanes, Quantity("ns", ge=0.01, le=1e5, about="tau")]
     dark_count_rate_hz: Annotated[Lanes, Quantity(ge=0, le=1e9, about="of each cell")]
-    cell_floor: Annotated[Lanes, Quantity(ge=0, le=1e5)] = 1.0
-    statistics: Annotated[Literal["steady_state", "published", "time_domain"], FileKey()] = "time_domain"
-    counting: Annotated[Literal["gaussian", "binomial"], FileKey()] = "gaussian"
+    cell_floor: Annotated[
+        Lanes, Quantity(ge=0, le=1e5, about="least threshold, cells; 0 reproduces the paper's Fig. 6")
+    ] = 1.0
+    statistics: Annotated[
+        Literal["steady_state", "published", "time_domain"],
+        FileKey(
+            about=(
+                '`"time_domain"`: cells followed in time (docs/sipm.md); `"steady_state"`: busy cells'
+                ' so, but of the echo (24)\'s half pulse; `"published"`: (22)-(27) as printed'
+            )
+        ),
+    ] = "time_domain"
+    counting: Annotated[
+        Literal["gaussian", "binomial"],
+        FileKey(about='tails of detection and false alarms: `"gaussian"`, or `"binomial"` for exact counts'),
+    ] = "gaussian"
     crosstalk: Annotated[
         Lanes | None,
         Quantity(ge=0, le=0.5, about="share of avalanches that fire another cell at once; none if left out"),
@@ -60,11 +73,11 @@ class Sipm(Detector):
         Quantity(
             ge=0,
             le=0.5,
-            about="with afterpulse_ns: share of avalanches that fire their own cell again; none if left out",
+            about="with `afterpulse_ns`: share of avalanches that fire the same cell again; none if left out",
         ),
     ] = None
     afterpulse_s: Annotated[
-        Lanes | None, Quantity("ns", ge=0.01, le=1e5, about="with afterpulse: mean delay of afterpulses, exponential")
+        Lanes | None, Quantity("ns", ge=0.01, le=1e5, about="with `afterpulse`: mean delay of afterpulses, exponential")
     ] = None
 
     @property

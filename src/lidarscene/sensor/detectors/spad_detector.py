@@ -54,7 +54,7 @@ class Spad(Detector):
         Lanes, Quantity("mm", ge=1e-3, le=100, about="of a disc of the pixel's area: the field of view")
     ]
     pde: Annotated[Lanes, Quantity(gt=0, le=1, about="with the fill factor"), Slider("PDE", "", 0.01, 1.0)]
-    dead_time_s: Annotated[Lanes, Quantity("ns", ge=0.01, le=1e5)]
+    dead_time_s: Annotated[Lanes, Quantity("ns", ge=0.01, le=1e5, about="after a firing")]
     dark_count_rate_hz: Annotated[Lanes, Quantity(ge=0, le=1e9, about="of each SPAD")]
     jitter_s: Annotated[
         Lanes, Quantity("ps", ge=0, le=1e6, finest=1e-3, about="standard deviation of a time stamp")

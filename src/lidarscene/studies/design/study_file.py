@@ -50,8 +50,8 @@ QUANTITIES = CLOSED_FORM | TRACED
 class FreeFile(FileModel):
     """One free key: values from low to high, or a list of choices."""
 
-    low: float | None = None
-    high: float | None = None
+    low: float | None = Field(default=None, description="least value")
+    high: float | None = Field(default=None, description="largest value")
     step: Annotated[float, Field(gt=0)] | None = Field(default=None, description="between values; any if left out")
     log: bool = Field(default=False, description="search in equal ratios, not in equal steps")
     choices: tuple[float | int | bool | str, ...] | None = Field(
@@ -143,8 +143,8 @@ def _require_used(quantity: str, entry: QuantityFile, also: set[str]) -> None:
 class ObjectiveFile(QuantityFile):
     """One objective: a quantity, or a key of a sensor file, to maximize or to minimize."""
 
-    maximize: Name | None = None
-    minimize: Name | None = None
+    maximize: Name | None = Field(default=None, description="quantity, or key of the sensor file")
+    minimize: Name | None = Field(default=None, description="the same")
 
     @model_validator(mode="after")
     def _one_goal(self) -> ObjectiveFile:
@@ -167,9 +167,9 @@ class ObjectiveFile(QuantityFile):
 class ConstraintFile(QuantityFile):
     """One constraint: bounds of a quantity, or of a key of a sensor file."""
 
-    quantity: Name
-    at_least: float | None = None
-    at_most: float | None = None
+    quantity: Name = Field(description="quantity, or key of the sensor file")
+    at_least: float | None = Field(default=None, description="least value that is allowed")
+    at_most: float | None = Field(default=None, description="largest value that is allowed")
 
     @model_validator(mode="after")
     def _bounded(self) -> ConstraintFile:
@@ -224,7 +224,7 @@ class PlacedFile(FileModel):
 class StudyFile(FileModel):
     """A whole study file."""
 
-    name: str = ""
+    name: str = Field(default="", description="for people")
     sensor: Name | Annotated[tuple[Name, ...], Field(min_length=2)] | None = Field(
         default=None, description="catalogue name or sensor file to start from; of a list one is chosen"
     )
@@ -235,12 +235,14 @@ class StudyFile(FileModel):
         default=None, description="x, y, z of the vehicle in the scene; the scene's sensor pose if left out"
     )
     free: dict[str, FreeFile] = Field(default={}, description="keys of the sensor file and their ranges")
-    objectives: Annotated[dict[str, ObjectiveFile], Field(min_length=1)]
-    constraints: dict[str, ConstraintFile] = Field(default={})
+    objectives: Annotated[dict[str, ObjectiveFile], Field(min_length=1)] = Field(description="what is wanted, by name")
+    constraints: dict[str, ConstraintFile] = Field(default={}, description="what is allowed, by name")
     evaluations: Annotated[int, Field(ge=2, le=MOST_EVALUATIONS)] = Field(
         default=2000, description="designs to try at most"
     )
-    seed: Annotated[int, Field(ge=SEEDS.low, le=SEEDS.high)] = 0
+    seed: Annotated[int, Field(ge=SEEDS.low, le=SEEDS.high)] = Field(
+        default=0, description="of the search and of the traced frame"
+    )
 
     @field_validator("free", mode="before")
     @classmethod
