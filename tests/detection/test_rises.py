@@ -55,6 +55,30 @@ def test_fog_is_crossed_where_it_reaches_the_level(lenses):
         assert stop.range_m[pulse] == pytest.approx(0.5 * c * crossed, abs=2e-4)
 
 
+@pytest.mark.parametrize("name", ["vlp-16", "table1-apd"])
+def test_a_lone_echo_needs_no_search(name):
+    """What a receiver makes of pulses with one echo is what it makes of them with a second one without light.
+
+    From echoes below the threshold to clipped ones; pulses without an echo among them. Tolerance: the search finds
+    the peak to 1e-10 of a pulse's width.
+    """
+    equipped = load_sensor(name, overrides=["tdc.keep='last'"])
+    peak_w = 10.0 ** np.linspace(-9.0, -2.0, 400)
+    peak_w[::10] = 0.0
+    range_m = np.linspace(2.0, 90.0, len(peak_w))
+    alone = trains.detect(trains.train(range_m[:, None], peak_w[:, None]), equipped)
+    nothing = np.zeros_like(peak_w)
+    searched = trains.detect(
+        trains.train(np.stack([range_m, nothing], axis=1), np.stack([peak_w, nothing], axis=1)), equipped
+    )
+    assert 100 < np.sum(alone.stops[0].reported) < 380
+    for field in ("reported", "status", "range_m", "amplitude", "intensity", "snr", "detection_probability", "source"):
+        direct, by_search = (getattr(detection.stops[0], field) for detection in (alone, searched))
+        np.testing.assert_allclose(direct, by_search, rtol=1e-8, err_msg=field)
+    np.testing.assert_array_equal(alone.outcome, searched.outcome)
+    np.testing.assert_allclose(alone.detection_probability, searched.detection_probability, rtol=1e-8)
+
+
 def test_the_search_does_not_stop_where_the_air_begins():
     """A course that is exactly zero up to 0 and then u^2, with differences over a step for its slope, as a table has.
 

@@ -340,7 +340,12 @@ def false_alarms(shots: Shots, sources: tuple[Interference, ...]) -> list[Alarms
     # lambda does the same in continuous time. It has no memory, so it may begin when blanking ends, or run backwards
     # from the end of the window.
     # Crossings of the noise come as rarely and as independently, so they are one too.
-    noise_rate = shots.sensor.false_alarm_rate_hz(shots.point, shots.threshold)
+    # Both generators begin with this number: without a rate that brings its alarm into the window there is none.
+    first = random.exponential(shots.words(Stage.FALSE_ALARM, 0))
+    others_hz = sum((lidar.rate_hz for lidar in other_lidars), 0.0)
+    noise_rate = shots.sensor.false_alarm_rate_hz(
+        shots.point, shots.threshold, first / converter.listening_s - others_hz
+    )
     crossings = _Crossings(shots=shots, noise_rate_hz=noise_rate, other_lidars=other_lidars)
     if converter.keep == "strongest":
         return [partial(crossings.alarm_by_height, number) for number in range(1 + len(other_lidars))]

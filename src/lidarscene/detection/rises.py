@@ -80,6 +80,8 @@ def visit_all(wave: Waveform, visit: Callable[[Rise, S], S], state: S) -> S:
     visit  ``visit(rise, state) -> state``, called once for each rise
     state  state before the first rise: arrays of one entry for each pulse
     """
+    if wave.lone:
+        return _visit_lone(wave, visit, state)
     ops = xp(wave.origin_m)
     intervals = wave.intervals()
 
@@ -123,6 +125,29 @@ def visit_all(wave: Waveform, visit: Callable[[Rise, S], S], state: S) -> S:
     first_march = _march(wave, next_start, begin, zero + 1.0, zero, start)
     search: tuple[_March, Lanes, S] = first_march, number, state
     return ops.loop(search, active, step)[2]
+
+
+def _visit_lone(wave: Waveform, visit: Callable[[Rise, S], S], state: S) -> S:
+    """Visit the only rise of pulses with one echo at most: it is the echo, and needs no search."""
+    ops = xp(wave.origin_m)
+    (height,), zero = wave.heights, ops.full(wave.origin_m, 0.0)
+    exists = height > 0.0
+    # Places count from the first echo.
+    rise = Rise(
+        exists=exists,
+        number=ops.uint32(ops.full(zero, 0)),
+        valley=wave.start(zero - 1.0),
+        valley_w=zero,
+        peak=zero,
+        top=(height, zero, -height),
+    )
+
+    def step(loop_state: tuple[Lanes, S]) -> tuple[Lanes, S]:
+        return loop_state[0] + 1, visit(rise, loop_state[1])
+
+    # A loop of one step: packets without an echo skip it, and no derivatives pass.
+    start: tuple[Lanes, S] = ops.full(zero, 0), state
+    return ops.loop(start, lambda loop_state: exists & (loop_state[0] < 1), step)[1]
 
 
 def _march(

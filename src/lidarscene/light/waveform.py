@@ -92,6 +92,11 @@ class Waveform:
     volume: Volume | None
     undershoot: Undershoot | None = None
 
+    @property
+    def lone(self) -> bool:
+        """True if each pulse has one echo at most, and no other light."""
+        return len(self.centres) == 1 and self.volume is None and self.undershoot is None
+
     def at(self, place: Lanes) -> Shape:
         """Power and its first and second derivative by place, (n,) each."""
         value, slope, bend = sum_of_pulses(place=self._pulse_place(place), centres=self.centres, heights=self.heights)

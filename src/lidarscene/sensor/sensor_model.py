@@ -487,11 +487,14 @@ class Sensor(_Rebuilt):
             return bandwidth_hz
         return bandwidth_hz * filtering.crossing_ratio
 
-    def false_alarm_rate_hz(self, point: WorkingPoint, threshold: Lanes) -> Lanes:
-        """Rate at which noise trips the comparator, Hz: (T28), or the rate of its crossings."""
+    def false_alarm_rate_hz(self, point: WorkingPoint, threshold: Lanes, least_hz: Lanes | None = None) -> Lanes:
+        """Rate at which noise trips the comparator, Hz: (T28), or the rate of its crossings.
+
+        least_hz  rate below which 0 may stand for it, as an alarm would be too late; None: none
+        """
         bandwidth_hz = self.tdc.bandwidth_hz
         if self.tdc.false_alarms == "crossings":
-            return point.crossing_rate_hz(threshold, self.crossing_bandwidth_hz)
+            return point.crossing_rate_hz(threshold, self.crossing_bandwidth_hz, least_hz)
         return tdc.false_alarm_rate_hz(p_false=point.false_alarm_probability(threshold), bandwidth_hz=bandwidth_hz)
 
     def pixel(self, background_power_w: Lanes, *, range_m: Lanes | None = None) -> Macropixel:

@@ -203,7 +203,8 @@ def test_on_the_device(mi):
     np.testing.assert_allclose(computed.numpy(), expected, rtol=5e-3)
 
 
-def test_rendered_false_alarms(mi):
+@pytest.mark.parametrize("counted", ["published", "crossings"])
+def test_rendered_false_alarms(mi, counted):
     """`detector.tail` in a frame: a million beams at a target in full sun; 4 standard errors."""
     fine = [
         "scanner.azimuth_fov_deg=0.001",
@@ -211,13 +212,61 @@ def test_rendered_false_alarms(mi):
         "scanner.azimuth_step_deg=1e-6",
         "scanner.elevation_step_deg=1e-6",
     ]
-    sensor = load_sensor("table1-apd", overrides=[*fine, "detector.tail='mcintyre'"])
+    sensor = load_sensor("table1-apd", overrides=[*fine, "detector.tail='mcintyre'", f"tdc.false_alarms='{counted}'"])
     summary = Summary()
     Simulator(chain.scene(chain.facing(range_m=300.0)), sensor).render(seed=2, summary=summary)
     expected = statistics.false_points(sensor, Target(), 300.0).per_frame
     assert abs(summary.false_alarms - expected) < 4.0 * math.sqrt(expected)
-    gaussian = load_sensor("table1-apd", overrides=fine)
+    gaussian = load_sensor("table1-apd", overrides=[*fine, f"tdc.false_alarms='{counted}'"])
     assert expected > 20.0 * statistics.false_points(gaussian, Target(), 300.0).per_frame
+
+
+def test_rare_crossings_are_known_by_their_bound():
+    """The bound is one, for any diode in any light, and a rate is left out only where it is below the least.
+
+    Tolerance: the series of the cumulants, 1e-9.
+    """
+    rng, count = np.random.default_rng(8), 20_000
+    gain, primaries = 10.0 ** rng.uniform(0.05, 2.5, count), 10.0 ** rng.uniform(-4.0, 6.0, count)
+    k, amplifier = rng.choice([0.0, 0.02, 0.5], count), 10.0 ** rng.uniform(0.0, 5.0, count)
+    deviation = np.sqrt(primaries * gain**2 * (k * gain + (1.0 - k) * (2.0 - 1.0 / gain)) + amplifier**2)
+    noise = {
+        "excess": rng.uniform(2.0, 8.0, count) * deviation,
+        "primaries": primaries,
+        "gain": gain,
+        "ionisation_ratio": k,
+        "amplifier": amplifier,
+    }
+    rate = mcintyre.crossings_per_frequency(**noise)
+    assert (mcintyre.crossings_bound(**noise) >= rate * (1.0 - 1e-9)).all()
+    currents = mcintyre.Currents(
+        primary_a=5e-9 * 10.0 ** rng.uniform(-2.0, 2.0, count),
+        unmultiplied_a2=1e-15,
+        gain=80.0,
+        excess_noise=80.0**0.3,
+        bandwidth_hz=167e6,
+    )
+    threshold_a, least_hz = 1.2e-6, 10.0 ** rng.uniform(-2.0, 6.0, count)
+    exact_hz = mcintyre.crossing_rate_hz(currents, threshold_a=threshold_a)
+    rate_hz = mcintyre.crossing_rate_hz(currents, threshold_a=threshold_a, least_hz=least_hz)
+    matters = exact_hz >= least_hz
+    assert 0.1 < matters.mean() < 0.9
+    np.testing.assert_array_equal(rate_hz[matters], exact_hz[matters])
+    assert ((rate_hz == 0.0) | (rate_hz == exact_hz)).all()
+    assert (rate_hz == 0.0).sum() > 0.7 * (~matters).sum()
+
+
+def test_slope_of_crossings_on_the_device(mi):
+    """Derivatives come through the saddle point's last step; reference: differences in double precision."""
+    import drjit as dr
+
+    threshold = mi.Float(np.array([4e3, 8e3, 1.2e4]))
+    dr.enable_grad(threshold)
+    share = mcintyre.crossings_per_frequency(**{**TABLE_1, "excess": threshold})
+    dr.forward(threshold)
+    excess = np.array([4e3, 8e3, 1.2e4])
+    high, low = (mcintyre.crossings_per_frequency(**{**TABLE_1, "excess": excess * scale}) for scale in (1.001, 0.999))
+    np.testing.assert_allclose(dr.grad(share).numpy(), (high - low) / (0.002 * excess), rtol=5e-3)
 
 
 @pytest.mark.parametrize(

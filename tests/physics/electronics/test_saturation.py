@@ -104,15 +104,20 @@ def test_sipm_does_not_clip():
 
 
 def test_a_width_tells_the_peak():
-    """Solved for the peak: what `width_at_level_s` made of it, to one part in a million."""
+    """Solved for the peak: what `width_at_level_s` made of it. Newton's method squares 1e-5 to 1e-10."""
     signal = np.geomspace(0.2, 1e5, 40)
     for recovery_s in (0.0, RECOVERY_S, 20e-9):
         shape = {"level": 0.1, "saturation": 1.0, "fwhm_s": FWHM_S, "recovery_s": recovery_s}
         width_s = saturation.width_at_level_s(signal=signal, **shape)
         assert (np.diff(width_s) > 0.0).all()
         np.testing.assert_allclose(
-            saturation.overdrive_of_width(width_s=width_s, **shape), np.log(signal / 0.1), rtol=1e-6
+            saturation.overdrive_of_width(width_s=width_s, **shape), np.log(signal / 0.1), rtol=1e-9
         )
+    # Clipping makes a pulse longer at once: widths between those just below and above S are of a peak at S.
+    shape = {"level": 0.1, "saturation": 1.0, "fwhm_s": FWHM_S, "recovery_s": 20e-9}
+    below_s, above_s = saturation.width_at_level_s(signal=np.array([1.0, 1.0 + 1e-9]), **shape)
+    assert above_s > 2.0 * below_s
+    assert saturation.overdrive_of_width(width_s=0.5 * (below_s + above_s), **shape) == pytest.approx(np.log(10.0))
     even = saturation.width_at_level_s(level=0.1, signal=signal, saturation=np.inf, fwhm_s=FWHM_S, recovery_s=0.0)
     np.testing.assert_allclose(
         saturation.overdrive_of_symmetric_width(width_s=even, fwhm_s=FWHM_S), np.log(signal / 0.1), rtol=1e-12

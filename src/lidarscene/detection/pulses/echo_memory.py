@@ -69,7 +69,9 @@ Memory = tuple[Earlier, ...]
 
 
 def empty_memory(shots: Received) -> Memory:
-    """Memory before the first rise."""
+    """Memory before the first rise; empty if there is no second one."""
+    if shots.wave.lone:
+        return ()
     point, zero = shots.point, shots.ops.full(shots.wave.origin_m, 0.0)
     if point.memory is not None:
         return (Earlier(place=zero, amount=zero),) * _REMEMBERED

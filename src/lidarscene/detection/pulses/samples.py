@@ -66,31 +66,37 @@ class Window:
         shots, adc, ops = self.shots, self.adc, self.shots.ops
         correlation = shots.sensor.noise_correlation(1.0 / adc.rate_hz)
         fresh = ops.sqrt(1.0 - correlation * correlation)
-        # Each rise of a pulse has a block of draws of its own, one for each sample.
+        # Each rise of a pulse has a block of draws of its own, numbered by the samples.
         first_draw = self.rise.number * ops.uint32(adc.samples)
         # Samples are evenly spaced, so each sub-echo's part follows from the one before by a multiplication.
         comb = shots.wave.comb(self.start, self.spacing, self.start + 0.5 * (adc.samples - 1) * self.spacing)
 
         def step(number: Lanes, state: _Sampled) -> _Sampled:
-            fresh_deviate = random.normal_pair(shots.words(Stage.SAMPLES, first_draw + ops.uint32(number)))[0]
-            # Noise through a single pole is a first-order recursion: each deviate keeps the share r of the one before
-            # (T26a), and sqrt(1 - r^2) of a fresh one keeps its variance at 1.
-            deviate = ops.where(number == 0, fresh_deviate, correlation * state.deviate + fresh * fresh_deviate)
-            signal = shots.point.response.signal(comb.power_w(self.place(number), state.parts))
-            sample = sampling.quantise(
-                signal=shots.point.response.measured(signal + deviate * shots.noise_at(signal)),
-                step=adc.step,
-                full_scale=adc.full_scale,
-            )
-            samples = ops.put(state.samples, number, sample - self.base)
-            return _Sampled(deviate=deviate, samples=samples, parts=comb.advance(state.parts))
+            # A random number gives two deviates, so samples come in pairs; there is room for one more than there are.
+            deviates = random.normal_pair(shots.words(Stage.SAMPLES, first_draw + ops.uint32(number)))
+            for index, fresh_deviate in zip((number, number + 1), deviates, strict=True):
+                # Noise through a single pole is a first-order recursion: each deviate keeps the share r of the one
+                # before (T26a), and sqrt(1 - r^2) of a fresh one keeps its variance at 1.
+                deviate = ops.where(index == 0, fresh_deviate, correlation * state.deviate + fresh * fresh_deviate)
+                signal = shots.point.response.signal(comb.power_w(self.place(index), state.parts))
+                sample = sampling.quantise(
+                    signal=shots.point.response.measured(signal + deviate * shots.noise_at(signal)),
+                    step=adc.step,
+                    full_scale=adc.full_scale,
+                )
+                samples = ops.put(state.samples, index, sample - self.base)
+                state = _Sampled(deviate=deviate, samples=samples, parts=comb.advance(state.parts))
+            return state
 
         zero = ops.full(self.start, 0.0)
         start = _Sampled(deviate=zero, samples=ops.room(self.start, adc.room), parts=tuple(comb.parts))
-        return self._loop(step, start, mask).samples
+        return self._loop(step, start, mask, each=2).samples
 
-    def _loop(self, step: Callable[[Lanes, S], S], state: S, mask: Mask) -> S:
-        """Run ``step(number, state) -> state`` over all samples in order of time; returns the last state."""
+    def _loop(self, step: Callable[[Lanes, S], S], state: S, mask: Mask, *, each: int = 1) -> S:
+        """Run ``step(number, state) -> state`` over all samples in order of time; returns the last state.
+
+        each  samples of a step
+        """
         samples = self.adc.samples
 
         def active(loop_state: tuple[Lanes, S]) -> Mask:
@@ -98,7 +104,7 @@ class Window:
 
         def next_sample(loop_state: tuple[Lanes, S]) -> tuple[Lanes, S]:
             number, so_far = loop_state
-            return number + 1, step(number, so_far)
+            return number + each, step(number, so_far)
 
         start: tuple[Lanes, S] = self.shots.ops.full(self.rise.number, 0), state
         return self.shots.ops.loop(start, active, next_sample)[1]

@@ -26,7 +26,9 @@ from ..constants import ELEMENTARY_CHARGE_C
 from .tdc import MEAN_FREQUENCY_LOW_PASS
 
 _STEPS = 14  # of Newton's method for the saddle point
+_LAST = 1e-5  # step of it, over the solution, that ends at the root in single precision
 _TERMS = 14  # of the cumulants' series near the mean
+_ROUNDING = 1.01  # of a bound in single precision
 
 
 def ionisation_ratio(*, gain: Lanes, excess_noise: Lanes) -> Lanes:
@@ -151,6 +153,17 @@ def crossings_per_frequency(
     return ops.where(saddle.variance > 0.0, share, 0.0)
 
 
+def crossings_bound(
+    *, excess: Lanes, primaries: Lanes, gain: Lanes, ionisation_ratio: Lanes, amplifier: Lanes
+) -> Lanes:
+    """Upper bound of `crossings_per_frequency`: within ten times of it for the diodes of real sensors.
+
+    H. Chernoff's exp(K(s) - s x) is one for any tilt s; here it is the tilt of a Gaussian of this variance.
+    """
+    saddle = _saddle_point(excess, primaries, gain, ionisation_ratio, amplifier, steps=0)
+    return xp(saddle.exponent).exp(-saddle.exponent)
+
+
 class _Saddle(NamedTuple):
     """The saddle point s, the exponent s x - K(s) and the curvature K''(s) there, and the variance K''(0)."""
 
@@ -163,8 +176,13 @@ class _Saddle(NamedTuple):
 _TINY = 1e-30
 
 
-def _saddle_point(excess: Lanes, primaries: Lanes, gain: Lanes, ionisation_ratio: Lanes, amplifier: Lanes) -> _Saddle:
-    """Find the tilt exp(s x) that moves the mean of electrons and amplifier to the level; as `tail_probability`."""
+def _saddle_point(
+    excess: Lanes, primaries: Lanes, gain: Lanes, ionisation_ratio: Lanes, amplifier: Lanes, *, steps: int = _STEPS
+) -> _Saddle:
+    """Find the tilt exp(s x) that moves the mean of electrons and amplifier to the level; as `tail_probability`.
+
+    steps  of Newton's method, from the tilt that a Gaussian would need
+    """
     ops = xp(excess, primaries, gain, ionisation_ratio, amplifier)
     k, b, q = ionisation_ratio, (1.0 - ionisation_ratio) * (gain - 1.0) / gain, (gain - 1.0) / gain
     variance = amplifier * amplifier
@@ -183,7 +201,10 @@ def _saddle_point(excess: Lanes, primaries: Lanes, gain: Lanes, ionisation_ratio
     second_moment = k * gain + (1.0 - k) * (2.0 - 1.0 / gain)
     total = primaries * gain * gain * second_moment + variance
     d = ops.minimum(gain * excess / (total + tiny), 0.9 * high)
-    for _ in range(_STEPS):
+
+    def narrow(bracket: tuple[Lanes, Lanes, Lanes]) -> tuple[Lanes, Lanes, Lanes]:
+        """Narrow the bracket around d by a step."""
+        d, low, high = bracket
         room = 1.0 / gain - k * q * d
         s = log_z(d)
         value = d * (linear + square * d) - excess / gain + variance * s * room
@@ -191,7 +212,15 @@ def _saddle_point(excess: Lanes, primaries: Lanes, gain: Lanes, ionisation_ratio
         slope = room / ((1.0 + d) * (1.0 + b * d))
         rise = linear + 2.0 * square * d + variance * (slope * room - k * q * s)
         newton = d - value / ops.where(ops.abs(rise) > tiny, rise, tiny)
-        d = ops.where((newton > low) & (newton < high), newton, 0.5 * (low + high))
+        # At the root the bracket is as narrow as rounding makes it, and says nothing of the last step.
+        inside = ((newton >= low) & (newton <= high)) | (ops.abs(newton - d) < _LAST * d)
+        return ops.where(inside, newton, 0.5 * (low + high)), low, high
+
+    if steps:
+        # Derivatives do not pass the loop. Newton's last step has them: at the root its own by d is 0.
+        start: tuple[Lanes, tuple[Lanes, Lanes, Lanes]] = ops.full(d, 0), (d, low, high)
+        end = ops.loop(start, lambda state: state[0] < steps - 1, lambda state: (state[0] + 1, narrow(state[1])))
+        d, _, _ = narrow(end[1])
     # Step 2, the cumulant generating function there, less its linear part: M s - d. Near d = 0 the two logarithms
     # cancel in single precision, so there its power series is summed (Horner's scheme).
     series, power = 0.0 * d, 1.0 + 0.0 * b
@@ -245,10 +274,20 @@ def false_alarm_probability(currents: Currents, *, threshold_a: Lanes) -> Lanes:
     return tail_probability(**currents.electrons(threshold_a))
 
 
-def crossing_rate_hz(currents: Currents, *, threshold_a: Lanes) -> Lanes:
-    """Upward crossings a second, `tdc.rice_rate_hz` with McIntyre's tail: `crossings_per_frequency` in amperes."""
-    share = crossings_per_frequency(**currents.electrons(threshold_a))
-    return MEAN_FREQUENCY_LOW_PASS * currents.bandwidth_hz * share
+def crossing_rate_hz(currents: Currents, *, threshold_a: Lanes, least_hz: Lanes | None = None) -> Lanes:
+    """Upward crossings a second, `tdc.rice_rate_hz` with McIntyre's tail: `crossings_per_frequency` in amperes.
+
+    least_hz  rates below it are 0 where `crossings_bound` says that they are: it takes a tenth of the time; None: none
+    """
+    electrons, frequency_hz = currents.electrons(threshold_a), MEAN_FREQUENCY_LOW_PASS * currents.bandwidth_hz
+    if least_hz is None:
+        return frequency_hz * crossings_per_frequency(**electrons)
+    bound_hz = frequency_hz * crossings_bound(**electrons)
+    return xp(bound_hz, least_hz).where_any(
+        bound_hz * _ROUNDING > least_hz,
+        lambda: frequency_hz * crossings_per_frequency(**electrons) + 0.0 * bound_hz,
+        0.0 * bound_hz,
+    )
 
 
 def tail_probability_exact(

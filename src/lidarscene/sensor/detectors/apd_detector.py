@@ -127,10 +127,11 @@ class Apd(Detector):
         def mcintyre_tail(threshold: Lanes) -> Lanes:
             return mcintyre.false_alarm_probability(currents, threshold_a=threshold)
 
-        def mcintyre_crossings_hz(threshold: Lanes, crossing_hz: Lanes) -> Lanes:
+        def mcintyre_crossings_hz(threshold: Lanes, crossing_hz: Lanes, least_hz: Lanes | None) -> Lanes:
             # The tail is of the electrons in a resolution time of the noise, whatever filter follows.
-            rate_hz = mcintyre.crossing_rate_hz(currents, threshold_a=threshold)
-            return rate_hz * (crossing_hz / bandwidth_hz)
+            ratio = crossing_hz / bandwidth_hz
+            least = None if least_hz is None else least_hz / ratio
+            return mcintyre.crossing_rate_hz(currents, threshold_a=threshold, least_hz=least) * ratio
 
         ampere_per_watt = responsivity * self.gain
         return WorkingPoint(

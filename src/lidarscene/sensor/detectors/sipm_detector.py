@@ -152,7 +152,7 @@ class Sipm(Detector):
             arriving = photons_of(share=level / free_cells, **cells)
             return 2.0 * before_peak(arriving) * photon_energy_j / pulse_fwhm_s
 
-        def crossings_hz(threshold: Lanes, _: Lanes) -> Lanes:
+        def crossings_hz(threshold: Lanes, _bandwidth_hz: Lanes, _least_hz: Lanes | None) -> Lanes:
             busy = self.cells - free_cells
             return counting.upcrossings_hz(
                 least=least_count(threshold + busy),

@@ -56,8 +56,8 @@ class Noise:
     tail              threshold to P_f where (9) does not hold: McIntyre's for an APD, that of a filter over counted
                       photons; None for (9)
     echo_tail         threshold and signal to P_d where counts are not Gaussian; None: they are, or cells are counted
-    crossings_hz      threshold and bandwidth to crossings a second where Rice's formula for Gaussian noise does not
-                      hold; None where it does
+    crossings_hz      threshold, bandwidth and a rate below which 0 may stand for it to crossings a second where Rice's
+                      formula for Gaussian noise does not hold; None where it does
     """
 
     deviation: Lanes
@@ -65,7 +65,7 @@ class Noise:
     kappa_2: Lanes
     tail: Callable[[Lanes], Lanes] | None = None
     echo_tail: Callable[[Lanes, Lanes], Lanes] | None = None
-    crossings_hz: Callable[[Lanes, Lanes], Lanes] | None = None
+    crossings_hz: Callable[[Lanes, Lanes, Lanes | None], Lanes] | None = None
 
     def matched(self, noise_share: Lanes, *, of_cells: bool) -> Noise:
         """Noise behind a matched filter (T78); see `WorkingPoint.matched`.
@@ -81,9 +81,9 @@ class Noise:
             assert tail is not None
             return tail(threshold / ratio)
 
-        def same_multiple_hz(threshold: Lanes, bandwidth_hz: Lanes) -> Lanes:
+        def same_multiple_hz(threshold: Lanes, bandwidth_hz: Lanes, least_hz: Lanes | None) -> Lanes:
             assert crossings_hz is not None
-            return crossings_hz(threshold / ratio, bandwidth_hz)
+            return crossings_hz(threshold / ratio, bandwidth_hz, least_hz)
 
         # Behind a filter no whole cells rise and fall: Rice's rate takes the place of theirs.
         return replace(
@@ -263,13 +263,14 @@ class WorkingPoint:
             tail = self.counts.tail(threshold)
         return self.response.reachable(threshold, tail)
 
-    def crossing_rate_hz(self, threshold: Lanes, bandwidth_hz: Lanes) -> Lanes:
+    def crossing_rate_hz(self, threshold: Lanes, bandwidth_hz: Lanes, least_hz: Lanes | None = None) -> Lanes:
         """Rate at which noise rises through the threshold, Hz: Rice's (T28a) or the noise's own.
 
         bandwidth_hz  bandwidth of an ideal low-pass whose white noise has the same mean square frequency
+        least_hz      rate below which 0 may stand for it; None: none
         """
         if self.noise.crossings_hz is not None:
-            rate = self.noise.crossings_hz(threshold, bandwidth_hz)
+            rate = self.noise.crossings_hz(threshold, bandwidth_hz, least_hz)
         else:
             rate = tdc.rice_rate_hz(threshold=threshold, noise=self.noise.deviation, bandwidth_hz=bandwidth_hz)
         return self.response.reachable(threshold, rate)
