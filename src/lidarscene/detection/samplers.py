@@ -241,9 +241,7 @@ def _read_samples(shots: Received, adc: Adc, rise: Rise, trip: Trip, place: Lane
         clipped = mask & (sums.highest >= clipped_from)
         sampled = _Sampled(window=window, samples=samples, clipped_from=clipped_from, place=peak_place, width_s=width_s)
         peak_place, width_s = ops.where_any(
-            clipped,
-            lambda: _read_clipped(shots, adc, rise, trip, place, sampled, mask=clipped),
-            (peak_place, width_s),
+            clipped, lambda: _read_clipped(shots, adc, rise, trip, place, sampled, mask=clipped), (peak_place, width_s)
         )
     return Reading(
         reported_s=comparator.converted_time_s(shots, shots.time_s(peak_place), draw=rise.number),
