@@ -200,7 +200,7 @@ def _saddle_point(
     low = 0.0 * high
     second_moment = k * gain + (1.0 - k) * (2.0 - 1.0 / gain)
     total = primaries * gain * gain * second_moment + variance
-    d = ops.minimum(gain * excess / (total + tiny), 0.9 * high)
+    d: Lanes = ops.minimum(gain * excess / (total + tiny), 0.9 * high)
 
     def narrow(bracket: tuple[Lanes, Lanes, Lanes]) -> tuple[Lanes, Lanes, Lanes]:
         """Narrow the bracket around d by a step."""
