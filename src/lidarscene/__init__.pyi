@@ -38,7 +38,11 @@ from .sensor.sensor_file import load_sensor as load_sensor
 from .sensor.sensor_file import sensors as sensors
 from .sensor.sensor_model import Sensor as Sensor
 from .studies.api import compare as compare
+from .studies.api import design as design
+from .studies.api import eye_safety as eye_safety
 from .studies.api import fit as fit
 from .studies.api import fov as fov
 from .studies.api import max_range as max_range
+from .studies.api import sensitivities as sensitivities
+from .studies.api import sweep as sweep
 from .studies.api import twin as twin

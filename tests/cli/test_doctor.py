@@ -2,15 +2,16 @@
 
 import platform
 
-from lidarscene.cli.doctor import run_doctor
+from lidarscene.cli.doctor import examine
 from lidarscene.kernel.device import backend
 
-REPORT = "from lidarscene.cli.doctor import run_doctor; text, ok = run_doctor(); print(text); raise SystemExit(not ok)"
+REPORT = "from lidarscene.cli.main import main; raise SystemExit(main(['doctor']))"
 
 
 def test_a_healthy_machine(mi) -> None:
-    text, healthy = run_doctor()
-    assert healthy
+    findings = examine()
+    text = findings.as_text()
+    assert findings.healthy
     assert platform.python_version() in text
     assert mi.__version__ in text
     assert mi.variant() in text
@@ -31,20 +32,20 @@ def test_a_back_end_that_fails_at_work(mi, monkeypatch) -> None:
         raise RuntimeError("no OptiX")
 
     monkeypatch.setattr(backend, "trace_one_ray", fail)
-    text, healthy = run_doctor()
-    assert not healthy
-    assert "failed: no OptiX" in text
+    findings = examine()
+    assert not findings.healthy
+    assert "failed: no OptiX" in findings.as_text()
 
 
 def test_a_back_end_that_is_wrong(mi, monkeypatch) -> None:
     monkeypatch.setattr(backend, "trace_one_ray", lambda: (5.0, 4.0))
-    text, healthy = run_doctor()
-    assert not healthy
-    assert "WRONG" in text
+    findings = examine()
+    assert not findings.healthy
+    assert "WRONG" in findings.as_text()
 
 
 def test_doctor_does_not_import_what_it_names(run_python) -> None:
     process = run_python(
-        "import sys; from lidarscene.cli.doctor import run_doctor; run_doctor(); print('open3d' in sys.modules)"
+        "import sys; from lidarscene.cli.doctor import examine; examine(); print('open3d' in sys.modules)"
     )
     assert process.stdout.strip() == "False"

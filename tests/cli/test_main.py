@@ -386,7 +386,7 @@ def test_a_signal_that_a_library_makes_an_error_of(run: Run, monkeypatch: pytest
         monkeypatch.setattr(terminal, "_ENDED_BY", [signal.SIGTERM])
         raise RuntimeError("SystemExit: 143")
 
-    monkeypatch.setattr("lidarscene.cli.catalog_commands.schema_text", raise_runtime_error)
+    monkeypatch.setattr("lidarscene.cli.catalog_commands.run_schema", raise_runtime_error)
     ran = run("schema", "scene")
     assert (ran.code, ran.out, ran.err) == (143, "", "")
 

@@ -102,10 +102,7 @@ WRONG = {
     ),
     "lux": (
         scene_with(sun=Sun(illuminance_klux=500.0)),
-        (
-            "sun.illuminance_klux is 500, and no sun has more than 140: if these are lux, give scene_overrides "
-            "sun.illuminance_klux=0.5"
-        ),
+        ("sun.illuminance_klux is 500, and no sun has more than 140: if these are lux, set sun.illuminance_klux=0.5"),
     ),
     "low": (
         scene_with(sun=Sun(elevation_rad=-0.1)),
@@ -116,10 +113,7 @@ WRONG = {
     ),
     "metres": (
         scene_with(air=Air(visibility_m=500e3)),
-        (
-            "air.visibility_km is 500, and the clearest air has 300: if these are metres, give scene_overrides "
-            "air.visibility_km=0.5"
-        ),
+        ("air.visibility_km is 500, and the clearest air has 300: if these are metres, set air.visibility_km=0.5"),
     ),
 }
 
@@ -201,7 +195,7 @@ def test_render_says_it(run: Run, tmp_path: Path) -> None:
     options = ("--set=scanner.azimuth_step_deg=5", "--set=scanner.elevation_step_deg=5")
     ran = run("render", str(scene), "-o", str(tmp_path / "o.ply"), *options)
     assert "note: sun.illuminance_klux is 300" in ran.err
-    assert "give --scene-set sun.illuminance_klux=0.3" in ran.err
+    assert "set sun.illuminance_klux=0.3" in ran.err
     with pytest.warns(OptionWarning, match="sun.illuminance_klux is 300"):
         render(scene, overrides=[option.removeprefix("--set=") for option in options])
     line = "scene         s: 0 x 4 x 4 m, 1 body, 2 triangles; sensor 10 m off 'wall', the nearest surface"

@@ -1,16 +1,31 @@
 """Studies in one call: what comes out is what the commands print, whatever names a sensor."""
 
+import dataclasses
 import json
+import warnings
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 from helpers.clouds import small_cloud
+from helpers.command_line import Run
 
 import lidarscene
 from lidarscene.cli.main import main
-from lidarscene.errors import InputError
+from lidarscene.errors import InputError, OptionWarning
+from lidarscene.files.toml import validate
 from lidarscene.studies import api
+from lidarscene.studies.compare.bench import Bench
+from lidarscene.studies.design.study_file import StudyFile
+
+GAIN = "detector.gain"
+
+
+def study(klux: float) -> dict[str, Any]:
+    """Tables of a study file of one free key."""
+    free, snr = {"low": 5, "high": 150}, {"maximize": "snr", "illuminance": klux}
+    return {"sensor": "apd-905", "free": {GAIN: free}, "objectives": {"snr": snr}}
 
 
 def test_the_maximum_range_of_names_and_sensors_is_what_the_command_prints(capsys: pytest.CaptureFixture[str]) -> None:
@@ -33,6 +48,68 @@ def test_one_sensor_twice_and_changed(no_charts: None) -> None:
     assert (
         lidarscene.max_range("table1-apd", overrides="laser.peak_power_w=90").table["maximum_range_m"] == ranges_m[2:]
     )
+
+
+@pytest.mark.parametrize(
+    ("call", "options"),
+    [
+        (
+            lambda: lidarscene.sweep(["table1-apd", lidarscene.load_sensor("sipm-905")], "illuminance", points=3),
+            "table1-apd sipm-905 --over illuminance --n 3",
+        ),
+        (
+            lambda: lidarscene.sweep(lidarscene.load_sensor("apd-905").replace("laser.peak_power_w=9"), GAIN, points=2),
+            f"apd-905 --set laser.peak_power_w=9 --over {GAIN} --n 2",
+        ),
+        (
+            lambda: lidarscene.sensitivities("table1-apd", reflectivity=0.5),
+            "table1-apd --sensitivities --reflectivity 0.5",
+        ),
+        (lambda: lidarscene.eye_safety("table1-apd"), "table1-apd --eye-safety"),
+    ],
+)  # fmt: skip
+def test_each_report_of_range_is_what_the_command_prints(
+    call: Callable[[], lidarscene.Report], options: str, run: Run, tmp_path: Path, no_charts: None
+) -> None:
+    report = call()
+    assert run("range", *options.split()).out == f"{report}\n"
+    assert json.loads(run("range", *options.split(), "--json").out) == json.loads(report.as_json())
+    assert len({len(column) for column in report.table.values()}) == 1
+    report.save(tmp_path / "out")
+    assert sorted(report.file_names) == sorted(path.name for path in (tmp_path / "out").iterdir())
+
+
+def test_a_sensor_of_ones_own_equations_is_swept_over_conditions_alone() -> None:
+    """It has no file, so that its keys have no values; over a condition it is the sensor that it was made of."""
+    apd = lidarscene.load_sensor("table1-apd")
+    changed = dataclasses.replace(apd, name="changed")
+    over_distance = lidarscene.sweep([apd, changed], "distance", points=5).table
+    assert over_distance["changed"] == over_distance["table1-apd"]
+    with pytest.raises(InputError, match=r"'changed': must be as `load_sensor` gave it for a key"):
+        lidarscene.sweep(changed, "detector.gain")
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        lambda klux: lidarscene.max_range("table1-apd", illuminance=klux),
+        lambda klux: lidarscene.sweep("table1-apd", "distance", illuminance=klux, points=2),
+        lambda klux: lidarscene.sweep("table1-apd", "illuminance", stop=klux, points=2),
+        lambda klux: lidarscene.sensitivities("table1-apd", illuminance=klux),
+        lambda klux: lidarscene.fov("table1-apd", illuminance=klux),
+        lambda klux: lidarscene.compare("car", ["table1-apd", "vlp-16"], illuminances_klux=[klux]),
+        lambda klux: validate(StudyFile, study(klux), "study"),
+        lambda klux: Bench(lidarscene.load_scene("car", overrides={"sun.illuminance_klux": klux})),
+    ],
+)
+def test_lux_for_klux_are_noticed_wherever_light_is_given(call: Callable[[float], object]) -> None:
+    """More than the sun has is doubted, and what no lamp has is refused, as by `render`."""
+    with pytest.raises((InputError, ValueError), match=r"did you mean 100\?"):
+        call(100_000.0)
+    with warnings.catch_warnings():
+        warnings.simplefilter("error", OptionWarning)
+        with pytest.raises(OptionWarning, match="no sun has more than 140: if these are lux"):
+            call(5_000.0)
 
 
 def test_clouds_are_compared_as_they_are(tmp_path: Path) -> None:
@@ -64,7 +141,17 @@ def test_a_fit_has_its_sensor_file(monkeypatch: pytest.MonkeyPatch, tmp_path: Pa
         (lambda: lidarscene.compare("car", ["table1-apd"]), "sensors: must be two or more, got 1"),
         (lambda: lidarscene.compare("car", sensor="table1-apd"), "unknown option 'sensor'; did you mean sensors[?]"),
         (lambda: lidarscene.compare("car"), "compare: must have sensors for a scene, or two clouds or more"),
-        (lambda: lidarscene.fit("a.pcap"), "fit: must have a sensor, or a scene, with which poses go"),
+        (lambda: lidarscene.fit("a.pcap"), "sensor: must name the sensor of the recording, or scene one"),
+        (lambda: lidarscene.fit("a.pcap", "os1-128", poses="p.csv"), "poses: goes with scene"),
+        (lambda: lidarscene.fit("a.pcap", scene="a.toml", frames=[1]), "frames: goes without scene"),
+        (lambda: lidarscene.sweep("table1-apd", "power"), "over power: .* did you mean laser.peak_power_w[?]"),
+        (lambda: lidarscene.sweep("table1-apd", "distance", quantity="range"), "over distance quantity range: the qua"),
+        (lambda: lidarscene.sweep("table1-apd", "illuminance", illuminance=1), "illuminance does not go with over ill"),
+        (lambda: lidarscene.sweep("table1-apd", "distance", start=2, stop=1), "start 2 stop 1: start must be below st"),
+        (lambda: lidarscene.sweep("table1-apd", "distance", pionts=3), "unknown option 'pionts'; did you mean points"),
+        (lambda: lidarscene.sensitivities("table1-apd", distanse=3), "unknown option 'distanse'; did you mean distanc"),
+        (lambda: lidarscene.eye_safety([]), "sensors: must be at least one, got none"),
+        (lambda: lidarscene.design("gian", "out"), "no design 'gian' in the catalogue; did you mean gain[?]"),
         (lambda: lidarscene.twin("nothing.pcap", "out"), "nothing.pcap"),
     ],
 )  # fmt: skip
@@ -74,5 +161,6 @@ def test_mistakes_are_one_line(call: Any, complaint: str) -> None:
 
 
 def test_the_front_door_is_public() -> None:
-    assert {"compare", "fit", "fov", "max_range", "twin"} <= set(lidarscene.__all__)
+    names = {"compare", "design", "eye_safety", "fit", "fov", "max_range", "sensitivities", "sweep", "twin"}
+    assert names <= set(lidarscene.__all__)
     assert lidarscene.compare is api.compare

@@ -8,6 +8,7 @@ import hashlib
 import itertools
 import json
 import os
+import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -19,6 +20,7 @@ from ..errors import InputError
 from ..files.overrides import toml_text
 from ..formats.registry import FORMATS
 from ..rendering.render_options import FrameOptions, TraceOptions
+from ..rendering.surroundings import sun_doubts
 from ..scene.scene_file import files_of_scene, scene_path, sensor_of_scene
 from ..sensor.rig_file import load_rig, read_rig
 from ..sensor.sensor_file import files_of_sensor, load_sensor
@@ -125,9 +127,12 @@ class Job:
         try:
             job = cls(file, tuple(_choices(file, path.parent)))
             job.places()
-            return job
         except InputError as error:
             raise InputError(f"{path}: {error}") from None
+        for klux in file.sweep.scene_values().get("sun.illuminance_klux", ()):
+            for doubt in sun_doubts(klux):
+                warnings.warn(doubt, stacklevel=2)
+        return job
 
     def __len__(self) -> int:
         """Number of frames."""

@@ -15,7 +15,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
-from ..files.json_text import json_text
 from ..rendering.option_fields import Whole
 from .options import CommandOptions, add_options
 from .terminal import Answer, Lines, is_quiet
@@ -62,11 +61,10 @@ def add_batch(commands: Any) -> None:
         type=whole_number(Whole(1, 1024)),
         help="processes of this machine (default: one for each core)",
     )
-    add_options(batch, CommandOptions, "json", "quiet")
-    batch.set_defaults(run=batch_answer)
+    batch.set_defaults(run=run_batch)
 
 
-def batch_answer(arguments: argparse.Namespace) -> Answer:
+def run_batch(arguments: argparse.Namespace) -> Answer:
     """Run `batch`; the code is 1 if frames failed. Raises InputError and OutputError before anything is rendered."""
     from .. import catalog
     from ..batch import cluster
@@ -104,8 +102,7 @@ def batch_answer(arguments: argparse.Namespace) -> Answer:
             report=display.report,
             waiting=display.report_waiting,
         )
-    text = _as_json(progress, manifest) if arguments.json else _as_text(progress, manifest)
-    return Answer(text, 1 if progress.failed else 0)
+    return Answer(_as_text(progress, manifest), 1 if progress.failed else 0, _numbers(progress, manifest))
 
 
 class _Display:
@@ -176,13 +173,11 @@ def _as_text(progress: Progress, manifest: Path) -> str:
     return "\n".join(lines)
 
 
-def _as_json(progress: Progress, manifest: Path) -> str:
-    return json_text(
-        {
-            "frames": progress.frames,
-            "rendered": progress.rendered,
-            "reused": progress.reused,
-            "failed": progress.failed,
-            "manifest": str(manifest),
-        }
-    )
+def _numbers(progress: Progress, manifest: Path) -> dict[str, Any]:
+    return {
+        "frames": progress.frames,
+        "rendered": progress.rendered,
+        "reused": progress.reused,
+        "failed": progress.failed,
+        "manifest": str(manifest),
+    }

@@ -7,13 +7,12 @@ from __future__ import annotations
 
 import argparse
 import json
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 from ..errors import InputError
-from ..files.json_text import json_text
-from .options import CommandOptions, add_options
 from .terminal import Answer
 
 KINDS = ("scene", "sensor", "imu", "rig", "material", "job", "design")
@@ -44,7 +43,6 @@ def add_catalogue(commands: Any) -> None:
         help="list only these, or check sensors",
     )
     catalog.add_argument("name", metavar="NAME", nargs="?", help="print, or check, this entry")
-    add_options(catalog, CommandOptions, json="of a check only")
     catalog.add_argument(
         "--real",
         action="store_true",
@@ -53,7 +51,7 @@ def add_catalogue(commands: Any) -> None:
     catalog.add_argument(
         "--copy", metavar="DIR", type=Path, help="copy this scene and its meshes into a folder, to be edited"
     )
-    catalog.set_defaults(run=catalog_text)
+    catalog.set_defaults(run=run_catalog)
 
     schema = commands.add_parser(
         "schema",
@@ -62,7 +60,7 @@ def add_catalogue(commands: Any) -> None:
         "and check with it.",
     )
     schema.add_argument("kind", choices=KINDS)
-    schema.set_defaults(run=schema_text)
+    schema.set_defaults(run=run_schema)
 
     check = commands.add_parser(
         "check",
@@ -72,11 +70,11 @@ def add_catalogue(commands: Any) -> None:
     )
     check.add_argument("files", metavar="FILE", nargs="+", type=Path, help="file, or the name of a scene or example")
     check.add_argument("--kind", choices=KINDS, help="what they are (default: by their tables)")
-    check.set_defaults(run=check_text)
+    check.set_defaults(run=run_check)
 
 
-def catalog_text(arguments: argparse.Namespace) -> str | Answer:
-    """Run `catalog`; returns the text to print."""
+def run_catalog(arguments: argparse.Namespace) -> Answer:
+    """Run `catalog`."""
     from .. import catalog
     from ..outputs import run_report
     from ..scene.derived import copy_scene
@@ -84,16 +82,20 @@ def catalog_text(arguments: argparse.Namespace) -> str | Answer:
     if arguments.copy is not None:
         if arguments.kind != "scenes" or not arguments.name:
             raise InputError("--copy goes with the name of a scene: catalog scenes drive --copy DIR")
-        return f"wrote {copy_scene(arguments.name, arguments.copy)}"
+        copy = str(copy_scene(arguments.name, arguments.copy))
+        return Answer(f"wrote {copy}", numbers={"scene": copy})
     if arguments.kind == "check":
         return _check_answer(arguments)
-    for option in ("json", "real"):
-        if getattr(arguments, option):
-            raise InputError(f"--{option} goes with catalog check")
+    if arguments.real:
+        raise InputError("--real goes with catalog check")
     if arguments.name:
         path = catalog.path_of(arguments.kind, arguments.name)
-        return path.read_text(encoding="utf-8") if path.suffix == ".toml" else str(path)
-    return "\n".join(run_report.catalog_text(kind) for kind in ([arguments.kind] if arguments.kind else catalog.KINDS))
+        text = path.read_text(encoding="utf-8") if path.suffix == ".toml" else str(path)
+        return Answer(text, numbers=tomllib.loads(text) if path.suffix == ".toml" else {"file": text})
+    entries = {
+        kind: run_report.catalog_entries(kind) for kind in ([arguments.kind] if arguments.kind else catalog.KINDS)
+    }
+    return Answer("\n".join(run_report.catalog_text(kind, entries[kind]) for kind in entries), numbers=entries)
 
 
 def _check_answer(arguments: argparse.Namespace) -> Answer:
@@ -106,14 +108,12 @@ def _check_answer(arguments: argparse.Namespace) -> Answer:
     rows = [row for name in names for row in study.compare(name)]
     if not rows:
         raise InputError(f"{arguments.name}: no recording of such a sensor is known")
-    if arguments.json:
-        text = json_text(study.as_dicts(rows), indent=2)
-    elif arguments.real:
+    if arguments.real:
         with_rows = {row.subject for row in rows}
         text = recorded.as_text(rows, without=[name for name in names if name not in with_rows])
     else:
         text = published_values.as_text(rows)
-    return Answer(text, 0 if passed(rows) else 1)
+    return Answer(text, 0 if passed(rows) else 1, study.as_dicts(rows))
 
 
 def file_models() -> dict[str, Any]:
@@ -137,20 +137,18 @@ def file_models() -> dict[str, Any]:
     }
 
 
-def schema_text(arguments: argparse.Namespace) -> str:
-    """Run `schema`; returns the text to print."""
+def run_schema(arguments: argparse.Namespace) -> Answer:
+    """Run `schema`."""
     dialect = {"$schema": "https://json-schema.org/draft/2020-12/schema"}
-    return json.dumps(dialect | file_models()[arguments.kind].model_json_schema(by_alias=True), indent=2)
+    return Answer(json.dumps(dialect | file_models()[arguments.kind].model_json_schema(by_alias=True), indent=2))
 
 
-def check_text(arguments: argparse.Namespace) -> Answer:
+def run_check(arguments: argparse.Namespace) -> Answer:
     """Run `check`; one line for each mistake, and one for each file without any."""
-    lines, code = [], 0
-    for path in arguments.files:
-        mistakes = list(_mistakes(path, arguments.kind))
-        lines += mistakes or [f"{path}: no mistake found"]
-        code = InputError.exit_code if mistakes else code
-    return Answer("\n".join(lines), code)
+    mistakes = {str(path): list(_mistakes(path, arguments.kind)) for path in arguments.files}
+    lines = [line for path, messages in mistakes.items() for line in messages or [f"{path}: no mistake found"]]
+    code = InputError.exit_code if any(mistakes.values()) else 0
+    return Answer("\n".join(lines), code, {"mistakes": mistakes})
 
 
 def _mistakes(path: Path, kind: str | None) -> Iterator[str]:

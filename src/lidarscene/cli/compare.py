@@ -14,7 +14,7 @@ from ..errors import InputError
 from ..rendering.render_options import FrameOptions
 from .options import StudyOptions, add_options, flag_of, options_from
 from .recordings.recording_options import add_recording
-from .terminal import progress, save_report
+from .terminal import Answer, progress, save_report
 from .words import rising_numbers
 
 if TYPE_CHECKING:
@@ -63,7 +63,6 @@ def add_compare(commands: Any) -> None:
     )
     add_options(command, StudyOptions, "overrides")
     add_options(command, FrameOptions, "pose", "seed", "chunk")
-    add_options(command, StudyOptions, "json", "quiet")
     add(
         "--real",
         metavar="REC",
@@ -72,18 +71,18 @@ def add_compare(commands: Any) -> None:
     )
     add_recording(command)
     # None without the option: it is refused where it would change nothing.
-    command.set_defaults(run=compare_text, **dict.fromkeys(_OF_SCENES))
+    command.set_defaults(run=run_compare, **dict.fromkeys(_OF_SCENES))
 
 
-def compare_text(arguments: argparse.Namespace) -> str:
-    """Run `compare`; returns the text to print. Raises InputError and OutputError before anything is written."""
+def run_compare(arguments: argparse.Namespace) -> Answer:
+    """Run `compare`. Raises InputError and OutputError before anything is written."""
     from ..figures.report import require_writable_report
 
     report_of = _choose(arguments)
     require_writable_report(arguments.output)
     report = report_of(arguments)
     _refuse_inputs(arguments, report)
-    return save_report(report, arguments.output, as_json=arguments.json)
+    return save_report(report, arguments.output)
 
 
 def _refuse_inputs(arguments: argparse.Namespace, report: Report) -> None:

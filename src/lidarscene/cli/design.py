@@ -4,12 +4,11 @@ from __future__ import annotations
 
 import argparse
 from contextlib import ExitStack
-from pathlib import Path
 from typing import Any
 
 from ..rendering.option_fields import Whole
 from .options import CommandOptions, add_options
-from .terminal import progress, save_report
+from .terminal import Answer, progress, save_report
 from .words import whole_number
 
 DESIGN_HELP = """\
@@ -39,17 +38,16 @@ def add_design(commands: Any) -> None:
         type=whole_number(Whole(1, 1024)),
         help="processes of this machine, for what is traced (default: this one alone)",
     )
-    add_options(command, CommandOptions, "json", "quiet")
-    command.set_defaults(run=design_text)
+    command.set_defaults(run=run_design)
 
 
-def design_text(arguments: argparse.Namespace) -> str:
-    """Run `design`; returns the text to print. Raises InputError and OutputError before anything is searched."""
-    from .. import catalog
+def run_design(arguments: argparse.Namespace) -> Answer:
+    """Run `design`. Raises InputError and OutputError before anything is searched."""
     from ..figures.report import require_writable_report
+    from ..studies.api import study_path
     from ..studies.design.design_study import run_study
 
-    path = Path(arguments.study) if arguments.study.endswith(".toml") else catalog.path_of("designs", arguments.study)
+    path = study_path(arguments.study)
     require_writable_report(arguments.output)
     with ExitStack() as opened:
         evaluate, show = None, opened.enter_context(progress("designs", logged=True))
@@ -62,4 +60,4 @@ def design_text(arguments: argparse.Namespace) -> str:
             client = opened.enter_context(cluster.local_client(arguments.workers))
             evaluate = on_workers(client, path, threads=threads)
         report = run_study(path, arguments.output, evaluate=evaluate, progress=show)
-        return save_report(report, arguments.output, as_json=arguments.json)
+        return save_report(report, arguments.output)

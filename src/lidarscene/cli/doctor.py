@@ -8,6 +8,8 @@ import os
 import platform
 import sys
 from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any
 
 from ..kernel.device import backend
 from ..kernel.device.backend import BackendReport
@@ -26,25 +28,58 @@ PACKAGES = (
 SETTINGS = ("LIDARSCENE_VARIANT", "DRJIT_LIBLLVM_PATH", "DRJIT_LIBCUDA_PATH", "DRJIT_CACHE_DIR", "CUDA_VISIBLE_DEVICES")
 
 
-def run_doctor() -> tuple[str, bool]:
-    """Text of the report, and whether rays can be traced here. Works with a broken back end."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Findings:
+    """What lidarscene can run on this machine.
+
+    sections  title -> rows of a name and a text
+    error     why no back end works, or ""
+    healthy   whether rays can be traced here
+    """
+
+    sections: dict[str, list[tuple[str, str]]]
+    error: str
+    healthy: bool
+
+    def as_text(self) -> str:
+        """Lines of all sections, and the verdict."""
+        lines = []
+        for title, rows in self.sections.items():
+            lines += [title, *(f"  {name:<20}{_indent(text)}".rstrip() for name, text in rows or [("none", "")])]
+        if self.error:
+            lines += ["error", "  " + self.error.replace("\n", "\n  ")]
+        lines.append("lidarscene can trace rays here" if self.healthy else "lidarscene cannot trace rays here")
+        return "\n".join(lines)
+
+    def as_dict(self) -> dict[str, Any]:
+        """Entries for JSON; a name that comes twice, such as a library that was looked at, has a list."""
+        entries: dict[str, Any] = {}
+        for title, rows in self.sections.items():
+            texts: dict[str, list[str]] = {}
+            for name, text in rows:
+                texts.setdefault(_key(name), []).append(text)
+            entries[_key(title)] = {name: text[0] if len(text) == 1 else text for name, text in texts.items()}
+        return {**entries, "error": self.error or None, "can_trace_rays": self.healthy}
+
+
+def examine() -> Findings:
+    """Examine this machine. Works with a broken back end."""
     settings = {name: os.environ[name] for name in SETTINGS if name in os.environ}
     report = backend.probe()
     ray, healthy = _ray(report)
     sections = {
-        "machine": _machine(),
-        "packages": ((name, _version(name)) for name in PACKAGES),
-        "settings": settings.items() or [("none", "")],
-        "back ends": _backends(report),
+        "machine": list(_machine()),
+        "packages": [(name, _version(name)) for name in PACKAGES],
+        "settings": list(settings.items()),
+        "back ends": list(_backends(report)),
         "proof": [("one ray", ray)],
     }
-    lines = []
-    for title, rows in sections.items():
-        lines += [title, *(f"  {name:<20}{_indent(text)}".rstrip() for name, text in rows)]
-    if report.error:
-        lines += ["error", "  " + report.error.replace("\n", "\n  ")]
-    lines.append("lidarscene can trace rays here" if healthy else "lidarscene cannot trace rays here")
-    return "\n".join(lines), healthy
+    return Findings(sections=sections, error=report.error or "", healthy=healthy)
+
+
+def _key(words: str) -> str:
+    """Key of a title or a name in JSON."""
+    return words.strip().replace(" ", "_")
 
 
 def _machine() -> Iterator[tuple[str, str]]:

@@ -15,7 +15,7 @@ from ..rendering.render_options import FrameOptions
 from ..studies.field_of_view.study_options import FieldOfViewStudy
 from ..studies.ranging.conditions import Conditions
 from .options import StudyOptions, add_options, options_from
-from .terminal import progress, save_report
+from .terminal import Answer, progress, save_report
 
 if TYPE_CHECKING:
     from ..sensor.sensor_model import Sensor
@@ -46,12 +46,11 @@ def add_fov(commands: Any) -> None:
     add_options(command, FrameOptions, pose="of a rig, where its vehicle stands (default: the origin); with --scene")
     add_options(command, Conditions, "reflectivity", "illuminance")
     add_options(command, StudyOptions, overrides="LABEL:KEY=VALUE for one of a rig")
-    add_options(command, StudyOptions, "json", "quiet")
-    command.set_defaults(run=fov_text)
+    command.set_defaults(run=run_fov)
 
 
-def fov_text(arguments: argparse.Namespace) -> str:
-    """Run `fov`; returns the text to print. Raises InputError and OutputError before anything is written."""
+def run_fov(arguments: argparse.Namespace) -> Answer:
+    """Run `fov`. Raises InputError and OutputError before anything is written."""
     from ..figures.report import require_writable_report
     from ..studies.field_of_view.field_of_view_study import field_of_view_study
 
@@ -73,7 +72,7 @@ def fov_text(arguments: argparse.Namespace) -> str:
     require_writable_report(arguments.output)
     with progress("sensors") as show:
         report = field_of_view_study(sensors, study, scene=scene, vehicle=vehicle, progress=show)
-    return save_report(report, arguments.output, as_json=arguments.json)
+    return save_report(report, arguments.output)
 
 
 def _sensors(arguments: argparse.Namespace) -> list[tuple[str, Sensor]]:

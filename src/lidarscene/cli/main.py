@@ -16,12 +16,14 @@ from typing import Any, NoReturn
 
 from .._version import __version__
 from ..errors import InputError, LidarSceneError, did_you_mean
+from ..files.json_text import json_text
 from ..files.optional import import_optional
 from .batch import add_batch
 from .catalog_commands import add_catalogue
 from .compare import add_compare
 from .design import add_design
 from .fov import add_fov
+from .options import CommandOptions, add_options
 from .ranging import add_commands
 from .recordings.fit import add_fit
 from .recordings.sensor import add_sensor
@@ -46,11 +48,11 @@ def main(argv: Sequence[str] | None = None) -> int:
         quiet = bool(getattr(arguments, "quiet", False))
         with notes(), quietly(quiet):
             answer = arguments.run(arguments)
-        # Most commands return a text; those that may fail in part also return a code.
-        text, code = (answer, 0) if isinstance(answer, str) else answer
-        if text and (not quiet or arguments.json):
-            print_text(text)
-        return int(code)
+        if getattr(arguments, "json", False):
+            print_text(json_text(answer.numbers, indent=1))
+        elif answer.text and (not quiet or answer.code):
+            print_text(answer.text)
+        return int(answer.code)
     except Exception as error:
         # Libraries turn the SystemExit that a signal raises within them into errors of their own.
         if (number := ended_by()) is not None:
@@ -108,11 +110,14 @@ class _Parser(argparse.ArgumentParser):
 
 _VERSION = f"lidarscene {__version__}"
 
+WITHOUT_FIGURES = ("view", "schema", "version", "help", "completion")
+"""Commands that compute no numbers; all others take `--json` and `--quiet`."""
+
 _CHOICE = re.compile(r"invalid choice: '([^']*)' \(choose from (.*)\)$")
 
 
 def _parser() -> argparse.ArgumentParser:
-    """Parser of all commands. Each sets ``run``, which returns its text, or an `Answer` with an exit code."""
+    """Parser of all commands. Each sets ``run``, a function of the arguments that returns an `Answer`."""
     parser = _Parser(
         prog="lidarscene", description="What an automotive direct-time-of-flight lidar would really report."
     )
@@ -142,10 +147,10 @@ def _parser() -> argparse.ArgumentParser:
     )
     doctor.set_defaults(run=_doctor)
     version = commands.add_parser("version", help="this program's version, as --version prints it")
-    version.set_defaults(run=lambda _: _VERSION)
+    version.set_defaults(run=lambda _: Answer(_VERSION))
     help_of = commands.add_parser("help", help="options and examples of a command, as its -h prints them")
     help_of.add_argument("command", metavar="COMMAND", nargs="?", choices=list(commands.choices), help="any of these")
-    help_of.set_defaults(run=lambda arguments: commands.choices.get(arguments.command, parser).format_help())
+    help_of.set_defaults(run=lambda arguments: Answer(commands.choices.get(arguments.command, parser).format_help()))
     completion = commands.add_parser(
         "completion",
         help="a script with which the shell completes commands and options",
@@ -154,8 +159,11 @@ def _parser() -> argparse.ArgumentParser:
     )
     completion.add_argument("shell", metavar="SHELL", choices=("bash", "zsh", "tcsh"), help="bash, zsh or tcsh")
     completion.set_defaults(
-        run=lambda arguments: import_optional("shtab", extra="completion").complete(parser, arguments.shell)
+        run=lambda arguments: Answer(import_optional("shtab", extra="completion").complete(parser, arguments.shell))
     )
+    for name, command in commands.choices.items():
+        if name not in WITHOUT_FIGURES:
+            add_options(command.add_argument_group("what is printed"), CommandOptions, "json", "quiet")
     return parser
 
 
@@ -166,7 +174,7 @@ def _help(parser: argparse.ArgumentParser) -> Answer:
 
 
 def _doctor(_: argparse.Namespace) -> Answer:
-    from .doctor import run_doctor
+    from .doctor import examine
 
-    text, healthy = run_doctor()
-    return Answer(text, 0 if healthy else 1)
+    findings = examine()
+    return Answer(findings.as_text(), 0 if findings.healthy else 1, findings.as_dict())

@@ -16,6 +16,7 @@ from ..outputs.output_options import FRAMES, Outputs
 from ..rendering.option_fields import OneOf, Whole, declared, option, options_of
 from ..rendering.render_options import FrameOptions, TraceOptions
 from ..studies.field_of_view.study_options import FieldOfViewStudy
+from ..studies.ranging.conditions import Conditions, SweepOptions
 from .words import number, pose, pulses, rising_numbers, whole_number
 
 Kind = TypeVar("Kind")
@@ -66,7 +67,9 @@ class CommandOptions:
     sensor_index: int = option(0, Whole(0, 255), help="which sensor of an OSF that has several, from 0", metavar="K")
     json: bool = option(False, help="print JSON instead of text")
     quiet: bool = option(
-        False, help="print no progress and no summary; errors, notes and JSON remain", flags=("-q", "--quiet")
+        False,
+        help="print no progress, and no summary if all is well; errors, notes and JSON remain",
+        flags=("-q", "--quiet"),
     )
 
 
@@ -90,7 +93,7 @@ def scene_changes(arguments: argparse.Namespace) -> tuple[str, ...]:
 
 FLAGS = {
     name: next(flag for flag in entry.flags if flag.startswith("--"))
-    for kind in (TraceOptions, FrameOptions, Outputs, FieldOfViewStudy, CommandOptions)
+    for kind in (TraceOptions, FrameOptions, Outputs, FieldOfViewStudy, Conditions, SweepOptions, CommandOptions)
     for name, (_, entry) in options_of(kind).items()
     if entry.flags
 }

@@ -14,11 +14,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
-from ..files.json_text import json_text
 from ..outputs.output_options import Outputs
 from ..rendering.render_options import FrameOptions, TraceOptions
 from .options import CommandOptions, add_options, options_from, scene_changes
-from .terminal import progress
+from .terminal import Answer, progress
 
 if TYPE_CHECKING:
     from ..kernel.device.profile import KernelHistory
@@ -76,24 +75,23 @@ def add_render(commands: Any) -> None:
     add_options(group, Outputs, "imu", "poses", "range_image", "ambient", "waveforms", "pulses")
     add_options(group, FrameOptions, coordinates="--frame is the older name")
     add_options(group, Outputs, "merge", "deskew", "rrd", "colours", "truth", "ascii", "missed", "picture")
-    add_options(group, CommandOptions, "json", "quiet")
     group.add_argument(
         "--profile",
         action="store_true",
         help="print the time by stage, kernels launched and compiled, and the peak of memory",
     )
-    render.set_defaults(run=render_text)
+    render.set_defaults(run=run_render)
 
 
-def render_text(arguments: argparse.Namespace) -> str:
-    """Run `render`; returns the text to print. Raises InputError and OutputError before anything is traced."""
+def run_render(arguments: argparse.Namespace) -> Answer:
+    """Run `render`. Raises InputError and OutputError before anything is traced."""
     from ..kernel.device.profile import kernel_history
 
     with kernel_history() if arguments.profile else nullcontext() as history:
         run = _record(arguments, history)
         if history is not None:
             history.take()
-        return (_as_json if arguments.json else _as_text)(arguments, run, history)
+        return Answer(_as_text(arguments, run, history), numbers=_numbers(run, history))
 
 
 def _record(arguments: argparse.Namespace, history: KernelHistory | None) -> RecordedRun:
@@ -135,8 +133,8 @@ def _as_text(arguments: argparse.Namespace, run: RecordedRun, history: KernelHis
     return run_report.as_text(run.summary, written, run.surroundings[0]) + profile
 
 
-def _as_json(_: argparse.Namespace, run: RecordedRun, history: KernelHistory | None) -> str:
-    """JSON of the summary of all frames, and of each of them if there are several."""
+def _numbers(run: RecordedRun, history: KernelHistory | None) -> dict[str, Any]:
+    """Numbers of the summary of all frames, and of each of them if there are several."""
     from ..outputs import run_report
 
     names = [{KEYS.get(key, key): str(path) for key, path in cloud.files.items()} for cloud in run.clouds]
@@ -145,9 +143,9 @@ def _as_json(_: argparse.Namespace, run: RecordedRun, history: KernelHistory | N
         summary["profile"] = run_report.profile_as_dict(history)
     # A single cloud keeps the flat form that scripts read; several have a list.
     if len(names) == 1:
-        return json_text(summary | names[0])
+        return summary | names[0]
     frames = [run_report.as_dict(cloud.summary) | files for cloud, files in zip(run.clouds, names, strict=True)]
-    return json_text(summary | {"frames": frames})
+    return summary | {"frames": frames}
 
 
 @contextmanager

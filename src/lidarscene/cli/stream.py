@@ -5,6 +5,7 @@ from __future__ import annotations
 import argparse
 import json
 import sys
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +13,7 @@ from ..errors import InputError
 from ..formats.registry import PACKETS
 from ..rendering.render_options import FrameOptions, TraceOptions
 from .options import CommandOptions, add_options, options_from, scene_changes
+from .terminal import Answer, is_quiet, print_text
 from .words import number
 
 STREAM_HELP = """\
@@ -61,15 +63,16 @@ def add_stream(commands: Any) -> None:
         help=f"profile of an Ouster's packets, as render has them: {', '.join(PACKETS)}",
     )
     add("--metadata", metavar="F.json", type=Path, help="write what an Ouster's readers need beside the packets")
-    stream.set_defaults(run=stream_text)
+    stream.set_defaults(run=run_stream)
 
 
-def stream_text(arguments: argparse.Namespace) -> str:
-    """Run `stream`; returns the text to print at its end."""
+def run_stream(arguments: argparse.Namespace) -> Answer:
+    """Run `stream`."""
     from ..files.atomic import put_text
     from ..formats.packets.select_encoder import select_encoder
     from ..outputs.live.sending import render_firings, send_frames, udp
     from ..rendering.simulator import Simulator
+    from ..rendering.surroundings import simulator_surroundings, warn_of_surroundings
     from ..scene.scene_file import load_scene
     from ..sensor.sensor_file import load_sensor
 
@@ -85,16 +88,20 @@ def stream_text(arguments: argparse.Namespace) -> str:
             ports = {"udp_port_lidar": port, "udp_port_imu": port + 1}
             put_text(arguments.metadata, json.dumps(json.loads(encoder.description[0]) | ports, indent=1))
         simulator = Simulator(scene, sensor, trace, pose=frame.pose)
+        warn_of_surroundings([simulator_surroundings(simulator, begin_s=frame.begin_s)])
         if arguments.frames is not None:
             simulator.check_frames(range(arguments.frames), begin_s=frame.begin_s)
-        sys.stdout.write(f"{sensor.name} in {scene.name} to {host}:{port} (Ctrl-C ends)\n")
-        sys.stdout.flush()
+        if not arguments.json and not is_quiet():
+            print_text(f"{sensor.name} in {scene.name} to {host}:{port} (Ctrl-C ends)")
         frames = render_firings(simulator, frame, needs_ambient=encoder.needs_ambient, frames=arguments.frames)
         frame_s = sensor.scanner.frame_s
-        return send_frames(frames, encoder, send, frame_s=frame_s, rate_hz=arguments.rate, report=_print_line).as_text()
+        sent = send_frames(frames, encoder, send, frame_s=frame_s, rate_hz=arguments.rate, report=_print_line)
+        return Answer(sent.as_text(), numbers=asdict(sent))
 
 
 def _print_line(line: str) -> None:
+    if is_quiet():
+        return
     sys.stderr.write(f"lidarscene: {line}\n")
     sys.stderr.flush()
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ..rendering.render_options import SEEDS
+from .terminal import Answer
 from .words import number, whole_number
 
 STREET_HELP = """\
@@ -41,18 +42,19 @@ def add_street(commands: Any) -> None:
         default=[],
         help='another key of [street], such as lanes=2 or "speed_m_s=[8, 11]"; may be repeated',
     )
-    command.set_defaults(run=street_text)
+    command.set_defaults(run=run_street)
 
 
-def street_text(arguments: argparse.Namespace) -> str:
-    """Run `street`; returns the text to print."""
+def run_street(arguments: argparse.Namespace) -> Answer:
+    """Run `street`."""
     from ..files.overrides import with_overrides
     from ..files.toml import validate
     from ..scene.street.street_file import StreetFile
-    from ..scene.street.street_tables import summary_text, write_street
+    from ..scene.street.street_tables import street_summary, write_street
 
     named = {key: getattr(arguments, key) for key in ("length_m", "seed")}
     tables = {key: value for key, value in named.items() if value is not None}
     file = validate(StreetFile, with_overrides(tables, arguments.overrides), "[street]", overrides=arguments.overrides)
     path = write_street(file, arguments.output)
-    return f"wrote {path}: {summary_text(file)}"
+    summary = street_summary(file)
+    return Answer(f"wrote {path}: {summary.as_text()}", numbers={"scene": str(path), **summary._asdict()})

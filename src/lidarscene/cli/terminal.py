@@ -18,7 +18,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 from ..errors import BackendError, LidarSceneError, OptionError, OptionWarning, OutputError
-from ..files.json_text import json_text
 from .options import flag_of
 
 if TYPE_CHECKING:
@@ -28,10 +27,11 @@ FIRST_LINE_S, LONGEST_PAUSE_S = 10.0, 300.0
 
 
 class Answer(NamedTuple):
-    """Text that a command prints, and the program's exit code."""
+    """Result of a command: text to print, the program's exit code, and the numbers that `--json` prints instead."""
 
     text: str
     code: int = 0
+    numbers: Any = None
 
 
 def print_text(text: str) -> None:
@@ -49,13 +49,13 @@ def print_text(text: str) -> None:
             raise OutputError(f"standard output: cannot be written: {error.strerror}") from None
 
 
-def save_report(report: Report, folder: Path, *, as_json: bool) -> str:
-    """Write a study's report into a folder; returns the text to print."""
+def save_report(report: Report, folder: Path) -> Answer:
+    """Write a study's report into a folder."""
     with progress("files", after_s=1.0) as show:
         report.save(folder, progress=show)
-    if as_json:
-        return json_text({**report.numbers, "files": [str(folder / name) for name in report.file_names]}, indent=1)
-    return f"{report}\nwrote {folder / report.pages[0]} and the files beside it"
+    text = f"{report}\nwrote {folder / report.pages[0]} and the files beside it"
+    files = [str(folder / name) for name in report.file_names]
+    return Answer(text, numbers={**report.numbers, "files": files})
 
 
 def print_error(text: str) -> None:
@@ -215,17 +215,20 @@ def _bar(counted: str, total: int) -> Iterator[Callable[[int, str], None]]:
 
 @contextmanager
 def notes() -> Iterator[None]:
-    """Print each `OptionWarning` as a one-line note, as soon as it is issued.
+    """Print each `OptionWarning` as a one-line note, once, as soon as it is issued.
 
     Warnings of libraries are for programmers, who ask for them with Python's -W.
     """
     with warnings.catch_warnings():
         warnings.simplefilter("always", OptionWarning)
-        show_other = warnings.showwarning
+        show_other, printed = warnings.showwarning, set[str]()
 
         def show(message: Any, *about: Any, **more: Any) -> None:
             if isinstance(message, OptionWarning):
-                sys.stderr.write(f"lidarscene: note: {printable(message.message_with(flag_of))}\n")
+                note = printable(message.message_with(flag_of))
+                if note not in printed:
+                    printed.add(note)
+                    sys.stderr.write(f"lidarscene: note: {note}\n")
             elif sys.warnoptions:
                 show_other(message, *about, **more)
 

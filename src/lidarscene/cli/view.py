@@ -21,7 +21,7 @@ from ..rendering.option_fields import Whole
 from ..rendering.render_options import FrameOptions
 from .options import CommandOptions, add_options, flag_of, options_from
 from .recordings.recording_options import add_recording, with_progress
-from .terminal import explained
+from .terminal import Answer, explained
 from .words import whole_number
 
 if TYPE_CHECKING:
@@ -69,11 +69,11 @@ def add_view(commands: Any) -> None:
         "--port", metavar="N", type=whole_number(Whole(0, 65535)), default=0, help="of the page (default: any free one)"
     )
     add("--no-browser", action="store_true", help="only print the address of the page")
-    view.set_defaults(run=view_text)
+    view.set_defaults(run=run_view)
 
 
-def view_text(arguments: argparse.Namespace) -> str:
-    """Run `view`; returns the text to print at its end."""
+def run_view(arguments: argparse.Namespace) -> Answer:
+    """Run `view`."""
     from ..view.html_page import save
     from ..view.serve import Server
 
@@ -82,7 +82,7 @@ def view_text(arguments: argparse.Namespace) -> str:
         with explained(COMPILING):
             source = _source(arguments)
         save(source, arguments.save)
-        return f"wrote {arguments.save} ({arguments.save.stat().st_size / 1e6:.1f} MB)"
+        return Answer(f"wrote {arguments.save} ({arguments.save.stat().st_size / 1e6:.1f} MB)")
     with Server(arguments.port) as server:
         # The port is opened before the scene is loaded: a busy one is reported at once.
         with explained(COMPILING):
@@ -94,7 +94,7 @@ def view_text(arguments: argparse.Namespace) -> str:
             threading.Thread(target=webbrowser.open, args=(server.url,), daemon=True).start()
         with contextlib.suppress(KeyboardInterrupt):
             server.serve(source)
-    return "ended"
+    return Answer("ended")
 
 
 def _source(arguments: argparse.Namespace) -> Source:

@@ -321,6 +321,16 @@ class Report:
             for name in self.pages:
                 put_text(temporary / name, self._page(name, temporary))
 
+    def write(self, name: str, path: str | os.PathLike[str]) -> None:
+        """Write one of the files beside the page to a path; a chart's in the form of the path's suffix.
+
+        Raises InputError for a name that is none of `file_names`, OutputError.
+        """
+        writers = {file: write for names, write in self._files.items() for file in names}
+        if name not in writers:
+            raise InputError(f"write: must be one of {', '.join(writers)}, got {name!r}")
+        writers[name](Path(path))
+
     def as_json(self) -> str:
         """JSON text of the numbers; a number that is not finite is null."""
         return json_text(self.numbers, indent=1)

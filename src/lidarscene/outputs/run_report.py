@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import dataclasses
 import json
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -102,27 +102,45 @@ def as_text(summary: Summary, written: Sequence[str], surroundings: Surroundings
     return "\n".join(lines)
 
 
-def catalog_text(kind: str) -> str:
-    """Text of the catalogue's entries of one kind, a line each."""
+def catalog_text(kind: str, entries: Mapping[str, Mapping[str, Any]]) -> str:
+    """Text of `catalog_entries`, a line each."""
     lines = [f"{kind}:"]
-    for name in catalog.names(kind):
-        if kind == "sensors":
-            lines.append(f"  {name:<26} {load_sensor(name).description}")
-        elif kind == "imus":
-            lines.append(f"  {name:<26} {imu_model(name).description}")
-        elif kind == "meshes":
-            lines.append(f"  {name:<26} {mesh_description(catalog.path_of(kind, name))}")
-        elif kind == "examples":
-            lines.append(f"  {name:<26} {_example_description(catalog.path_of(kind, name))}")
-        elif kind == "designs":
-            lines.append(f"  {name:<26} {read_toml(catalog.path_of(kind, name)).get('name', '')}")
-        elif kind == "scenes":
-            lines.append(f"  {name:<26} {scene_description(catalog.path_of(kind, name))}")
-        else:
-            material = catalogue_material(name)
-            value = f"{material.reflectivity.at(905e-9):.1%} at 905 nm"
-            lines.append(f"  {name:<26} {value:<18} {material.bsdf:<15} {material.description}")
+    for name, entry in entries.items():
+        columns = [f"{name:<26}"]
+        if kind == "materials":
+            share = f"{entry['reflectivity_905_nm']:.1%} at 905 nm"
+            columns += [f"{share:<18}", f"{entry['bsdf']:<15}"]
+        lines.append(f"  {' '.join([*columns, entry['description']])}")
     return "\n".join(lines)
+
+
+def catalog_entries(kind: str) -> dict[str, dict[str, Any]]:
+    """Name -> file and description of the catalogue's entries of one kind, of materials also BSDF and reflectivity."""
+    entries = {name: {"file": str(path)} for name, path in catalog.files(kind).items()}
+    return {name: entry | _described(kind, name) for name, entry in entries.items()}
+
+
+def _described(kind: str, name: str) -> dict[str, Any]:
+    path = catalog.path_of(kind, name)
+    match kind:
+        case "sensors":
+            return {"description": load_sensor(name).description}
+        case "imus":
+            return {"description": imu_model(name).description}
+        case "meshes":
+            return {"description": mesh_description(path)}
+        case "examples":
+            return {"description": _example_description(path)}
+        case "designs":
+            return {"description": read_toml(path).get("name", "")}
+        case "scenes":
+            return {"description": scene_description(path)}
+    material = catalogue_material(name)
+    return {
+        "description": material.description,
+        "bsdf": material.bsdf,
+        "reflectivity_905_nm": float(material.reflectivity.at(905e-9)),
+    }
 
 
 def _example_description(path: Path) -> str:

@@ -127,17 +127,28 @@ def warn_of_surroundings(sensors: Sequence[Surroundings]) -> None:
         warnings.warn(doubt, stacklevel=3)
 
 
-def _light_doubts(scene: Scene) -> Iterator[OptionWarning]:
-    """Warn of a sun that no sky has, and of air that is too clear."""
-    klux, sun = scene.sun.illuminance_klux, scene.sun
+def warn_of_light(scene: Scene) -> None:
+    """Issue the doubts about sun and air alone, for scenes whose sensors are not known yet."""
+    for doubt in _light_doubts(scene):
+        warnings.warn(doubt, stacklevel=3)
+
+
+def sun_doubts(klux: float) -> Iterator[OptionWarning]:
+    """Warn of a sun that no sky has."""
     if klux > SUN_KLUX:
         yield OptionWarning(
-            "sun.illuminance_klux is {0:g}, and no sun has more than {1:g}: if these are lux, give {scene_overrides} "
+            "sun.illuminance_klux is {0:g}, and no sun has more than {1:g}: if these are lux, set "
             "sun.illuminance_klux={2:g}",
             klux,
             SUN_KLUX,
             klux / 1e3,
         )
+
+
+def _light_doubts(scene: Scene) -> Iterator[OptionWarning]:
+    """Warn of a sun that no sky has, and of air that is too clear."""
+    klux, sun = scene.sun.illuminance_klux, scene.sun
+    yield from sun_doubts(klux)
     # A sky as bright as the sun is meant to light the scene alone, as a twin's.
     if klux > 0.0 and sun.elevation_rad < 0.0 and scene.sky.diffuse_share < 1.0:
         yield OptionWarning(
@@ -149,7 +160,7 @@ def _light_doubts(scene: Scene) -> Iterator[OptionWarning]:
     if scene.air.visibility_m is not None and scene.air.visibility_m > CLEAREST_M:
         km = scene.air.visibility_m / 1e3
         yield OptionWarning(
-            "air.visibility_km is {0:g}, and the clearest air has 300: if these are metres, give {scene_overrides} "
+            "air.visibility_km is {0:g}, and the clearest air has 300: if these are metres, set "
             "air.visibility_km={1:g}",
             km,
             km / 1e3,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import os
 from collections.abc import Iterator, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
@@ -389,11 +389,34 @@ def sensor_from_tables(
     uncertainty = {name: half for name, half in sensor.uncertainty.items() if name not in replaced}
     sourced = replace(sensor, sources={**sensor.sources, **override_sources}, uncertainty=uncertainty)
 
-    def rebuild(changes: Sequence[str]) -> Sensor:
-        return sensor_from_tables(tables, where=where, overrides=[*overrides, *changes], folder=folder)
-
-    object.__setattr__(sourced, "_rebuild", rebuild)
+    object.__setattr__(sourced, "_rebuild", SensorTables(tables, where, tuple(overrides), folder))
     return sourced
+
+
+@dataclass(frozen=True, slots=True)
+class SensorTables:
+    """Tables that a sensor was built from: a function of changes, KEY=VALUE, that builds it anew.
+
+    tables     of the file, without overrides
+    where      file, for messages
+    overrides  assignments, KEY=VALUE
+    """
+
+    tables: dict[str, Any]
+    where: str
+    overrides: tuple[str, ...]
+    folder: Path | None
+
+    def __call__(self, changes: Sequence[str]) -> Sensor:
+        """Build the sensor with these changes. Raises InputError."""
+        overrides = [*self.overrides, *changes]
+        return sensor_from_tables(self.tables, where=self.where, overrides=overrides, folder=self.folder)
+
+
+def tables_of(sensor: Sensor) -> SensorTables | None:
+    """Tables that a sensor was built from; None if a program made or changed it."""
+    rebuild = getattr(sensor, "_rebuild", None)
+    return rebuild if isinstance(rebuild, SensorTables) else None
 
 
 def _derived_rate(tables: dict[str, Any], overrides: Sequence[str]) -> dict[str, Any]:

@@ -7,13 +7,15 @@ same names make the same reports.
 from __future__ import annotations
 
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import fields
 from functools import partial
 from pathlib import Path
 from typing import Any, TypedDict, Unpack
 
+from .. import catalog
 from ..cloud.point_cloud import PointCloud
-from ..errors import InputError, unknown_option
+from ..errors import InputError, OptionError, unknown_option
 from ..figures.report import Report
 from ..files.atomic import put_text
 from ..files.overrides import Overrides, assignments
@@ -25,12 +27,15 @@ from ..sensor.pose_file import Placed, to_pose
 from ..sensor.rig_file import Rig
 from ..sensor.sensor_model import Sensor, warn_of_doubts
 from .field_of_view.study_options import FieldOfViewStudy
-from .ranging.conditions import CONDITIONS, Conditions
-from .ranging.subjects import subjects
+from .ranging.conditions import CONDITIONS, Conditions, SweepOptions
+from .ranging.subjects import subject_of, subjects
 
 File = str | os.PathLike[str]
 SensorChoice = str | os.PathLike[str] | Sensor
 """Catalogue name, sensor file or `Sensor`."""
+
+FITTED_SENSOR = "sensor.toml"
+"""Sensor file among the files of a fit's report."""
 
 
 class ConditionKeywords(TypedDict, total=False):
@@ -44,6 +49,17 @@ class ConditionKeywords(TypedDict, total=False):
     transmittance: float | None
     extinction: float | None
     visibility: float | None
+
+
+class SweepKeywords(ConditionKeywords, total=False):
+    """Keywords of `sweep`: fields of `SweepOptions`, and conditions that are not swept."""
+
+    quantity: str | None
+    start: float | None
+    stop: float | None
+    points: int
+    aperture_law: str | None
+    log: bool | None
 
 
 class FovKeywords(TypedDict, total=False):
@@ -84,8 +100,94 @@ def max_range(
     """
     from .ranging.range_summary import range_report
 
-    _refuse_unknown(conditions, ConditionKeywords, "sensors", "overrides")
+    _refuse_unknown(conditions, ConditionKeywords.__annotations__, "sensors", "overrides")
     return range_report(_named(sensors, overrides), Conditions(**conditions))
+
+
+def sweep(
+    sensors: SensorChoice | Sequence[SensorChoice],
+    over: str,
+    *,
+    overrides: Overrides = (),
+    **options: Unpack[SweepKeywords],
+) -> Report:
+    """SNR, maximum range or detection probability over an axis, with crossings and limits.
+
+    sensors       catalogue names, sensor files or `Sensor`s, one or several
+    over          "distance", "illuminance", "elevation", "azimuth", "reflectivity", "incidence", or a key such as
+                  "detector.gain"
+    overrides     changes to values of the files, of all or, as "vlp-16:laser.peak_power_w=60", of one
+    quantity      "snr", "range" or "pd"; by default the SNR over distance, and the maximum range over all else
+    start, stop   ends of the axis, in its unit
+    points        on the axis, 200 by default
+    aperture_law  of the receiver off its axis, over elevation or azimuth: "scanner", "constant", "cosine" or "mirror"
+    log           logarithmic steps, or even ones
+    and the conditions of `max_range` that are held
+    Raises InputError.
+    """
+    from .ranging.sweep_report import sweep_report
+
+    _refuse_unknown(options, {**SweepKeywords.__annotations__, **ConditionKeywords.__annotations__}, "sensors", "over")
+    names = [field.name for field in fields(SweepOptions)]
+    axis: dict[str, Any] = {name: value for name, value in options.items() if name in names}
+    held: dict[str, Any] = {name: value for name, value in options.items() if name not in names}
+    sweep_options = SweepOptions(over=over, **axis)
+    sweep_options.require_sense(held)
+    conditions = Conditions(**held)
+    return sweep_report([subject_of(*named) for named in _named(sensors, overrides)], sweep_options, conditions)
+
+
+def sensitivities(
+    sensors: SensorChoice | Sequence[SensorChoice],
+    *,
+    overrides: Overrides = (),
+    **conditions: Unpack[ConditionKeywords],
+) -> Report:
+    """Effect of each number of sensors, target and air on the maximum range, and on the detection probability.
+
+    sensors    catalogue names, sensor files or `Sensor`s, one or several
+    overrides  changes to values of the files, of all or of one
+    distance   of the detection probability [m]; by default each sensor's maximum range
+    and the other conditions of `max_range`
+    Raises InputError.
+    """
+    from .ranging.sensitivities import sensitivity_report
+
+    _refuse_unknown(conditions, ConditionKeywords.__annotations__, "sensors", "overrides")
+    named, distance_m = _named(sensors, overrides), conditions.get("distance")
+    return sensitivity_report(named, Conditions(**conditions), distance_m=distance_m)
+
+
+def eye_safety(sensors: SensorChoice | Sequence[SensorChoice], *, overrides: Overrides = ()) -> Report:
+    """Every criterion of class 1 of IEC 60825-1:2014, with the beam scanning and standing still; no certification.
+
+    ``passed`` says whether the scanning beams are of class 1; None: a pulse energy is a guess, so nothing is judged.
+
+    sensors    catalogue names, sensor files or `Sensor`s, one or several
+    overrides  changes to values of the files, of all or of one
+    Raises InputError.
+    """
+    from .eye_safety.eye_safety_report import class_1_report
+
+    return class_1_report([sensor for _, sensor in _named(sensors, overrides)])
+
+
+def design(study: File, folder: File) -> Report:
+    """Search the designs of a study; the report has the designs that no other beats, and their sensor files.
+
+    study   name of a shipped study, or a study file
+    folder  for all evaluations, with which a search that was broken off goes on; ``save(folder)`` adds the page
+    Raises InputError, OutputError.
+    """
+    from .design.design_study import run_study
+
+    return run_study(study_path(study), Path(folder))
+
+
+def study_path(study: File) -> Path:
+    """File of a design study, by its path or its name in the catalogue. Raises InputError."""
+    name = os.fspath(study)
+    return Path(name) if name.endswith(".toml") else catalog.path_of("designs", name)
 
 
 def fov(
@@ -112,7 +214,7 @@ def fov(
 
     if pose is not None and scene is None:
         raise InputError("pose: goes with scene")
-    _refuse_unknown(settings, FovKeywords, "sensors", "scene", "pose", "overrides")
+    _refuse_unknown(settings, FovKeywords.__annotations__, "sensors", "scene", "pose", "overrides")
     lit = {name: settings[name] for name in ("reflectivity", "illuminance") if name in settings}
     scanned: dict[str, Any] = {name: value for name, value in settings.items() if name not in lit}
     if "times_s" in scanned:
@@ -212,6 +314,7 @@ def fit(
     *,
     scene: File | None = None,
     poses: File | None = None,
+    frames: Sequence[int] | None = None,
     metadata: File | None = None,
     sensor_index: int = 0,
 ) -> Report:
@@ -220,6 +323,7 @@ def fit(
     sensor        catalogue name or sensor file of its kind, for what the recording leaves open; None: the scene's
     scene         scene file of the recording's twin, or of the scene it was recorded in
     poses         with ``scene``, file of the sensor's poses at each frame
+    frames        without ``scene``, frames of each recording, from 0; None: all
     metadata      the maker's description of the unit; None: the json beside the recording or in the OSF, if any
     sensor_index  which sensor of an OSF, from 0
     Raises InputError.
@@ -230,6 +334,8 @@ def fit(
     paths = [Path(path) for path in ([recordings] if isinstance(recordings, str | os.PathLike) else recordings)]
     described = None if metadata is None else Path(metadata)
     if scene is not None:
+        if frames is not None:
+            raise OptionError("{frames}: goes without {scene}, whose twin says which frames are fitted")
         inputs = SceneFitInputs(
             recordings=paths,
             scene=Path(scene),
@@ -239,11 +345,13 @@ def fit(
             sensor_index=sensor_index,
         )
         text, report = fit_on_scene(inputs)
-    elif sensor is None or poses is not None:
-        raise InputError("fit: must have a sensor, or a scene, with which poses go")
+    elif poses is not None:
+        raise OptionError("{poses}: goes with {scene}")
+    elif sensor is None:
+        raise OptionError("{sensor}: must name the sensor of the recording, or {scene} one that has it, got neither")
     else:
-        text, report = fit_recordings(paths, sensor, metadata=described, sensor_index=sensor_index)
-    report.add_file("sensor.toml", partial(put_text, text=text))
+        text, report = fit_recordings(paths, sensor, metadata=described, sensor_index=sensor_index, frames=frames)
+    report.add_file(FITTED_SENSOR, partial(put_text, text=text))
     return report
 
 
@@ -275,9 +383,9 @@ def twin(
     return Path(folder) / SCENE
 
 
-def _refuse_unknown(keywords: Mapping[str, object], kind: Any, *parameters: str) -> None:
-    """Raise InputError for a keyword that a TypedDict lacks; ``parameters`` are the call's others."""
-    options = [*kind.__annotations__, *parameters]
+def _refuse_unknown(keywords: Mapping[str, object], known: Collection[str], *parameters: str) -> None:
+    """Raise InputError for a keyword that is not known; ``parameters`` are the call's others."""
+    options = [*known, *parameters]
     for word in keywords:
         if word not in options:
             raise unknown_option(word, options)

@@ -4,15 +4,12 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from ...errors import InputError
 from ..options import CommandOptions, add_options
 from ..terminal import Answer, save_report
 from ..words import frame_numbers
-
-if TYPE_CHECKING:
-    from ...figures.report import Report
 
 FIT_HELP = """\
 examples:
@@ -61,52 +58,28 @@ def add_fit(commands: Any) -> None:
     add_options(command, CommandOptions, "metadata", "sensor_index")
     add("-o", "--output", metavar="F.toml", type=Path, required=True, help="sensor file to write")
     add("--report", metavar="DIR", type=Path, required=True, help="folder of the page, its figures and fit.json")
-    add_options(command, CommandOptions, "json", "quiet")
-    command.set_defaults(run=fit_text)
+    command.set_defaults(run=run_fit)
 
 
-def fit_text(arguments: argparse.Namespace) -> Answer:
-    """Run `fit`; returns the text to print and the code."""
+def run_fit(arguments: argparse.Namespace) -> Answer:
+    """Run `fit`."""
     from ...figures.report import require_writable_report
-    from ...files.atomic import put_text, require_writable
+    from ...files.atomic import require_writable
+    from ...studies.api import FITTED_SENSOR, fit
 
     if arguments.output.suffix.lower() != ".toml":
         raise InputError(f"--output {arguments.output}: the name must end in .toml")
     require_writable(arguments.output)
     require_writable_report(arguments.report)
-    sensor_text, report = _fit(arguments)
-    put_text(arguments.output, sensor_text)
-    text = save_report(report, arguments.report, as_json=arguments.json)
-    written = "" if arguments.json else f"\nwrote {arguments.output}"
-    return Answer(text + written, 1 if report.passed is False else 0)
-
-
-def _fit(arguments: argparse.Namespace) -> tuple[str, Report]:
-    """Text of the fitted sensor file, and the report. Raises InputError."""
-    if arguments.scene is not None:
-        from ...studies.fit.on_scene.scene_fit import SceneFitInputs, fit_on_scene
-
-        if arguments.frames is not None:
-            raise InputError("--frames: goes without --scene, whose twin says which frames are fitted")
-        inputs = SceneFitInputs(
-            recordings=arguments.recordings,
-            scene=arguments.scene,
-            sensor=arguments.sensor,
-            metadata=arguments.metadata,
-            poses=arguments.poses,
-            sensor_index=arguments.sensor_index,
-        )
-        return fit_on_scene(inputs)
-    if arguments.poses is not None:
-        raise InputError("--poses: goes with --scene")
-    if arguments.sensor is None:
-        raise InputError("--sensor: must name the sensor of the recording, or --scene one that has it, got neither")
-    from ...studies.fit.recording_fit import fit_recordings
-
-    return fit_recordings(
+    report = fit(
         arguments.recordings,
         arguments.sensor,
+        scene=arguments.scene,
+        poses=arguments.poses,
+        frames=arguments.frames,
         metadata=arguments.metadata,
         sensor_index=arguments.sensor_index,
-        frames=arguments.frames,
     )
+    report.write(FITTED_SENSOR, arguments.output)
+    answer = save_report(report, arguments.report)
+    return answer._replace(text=f"{answer.text}\nwrote {arguments.output}", code=1 if report.passed is False else 0)

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from ..options import CommandOptions, add_options
+from ..terminal import Answer
 
 SENSOR_HELP = """\
 examples:
@@ -34,14 +35,22 @@ def add_sensor(commands: Any) -> None:
     add("--like", metavar="NAME", help="the catalogue's sensor that is of its kind (default: by maker and beams)")
     add("--mode", metavar="COLUMNSxHZ", help="of an Ouster's firmware, as 1024x10 (default: the one in its metadata)")
     add_options(command, CommandOptions, "sensor_index")
-    command.set_defaults(run=sensor_text)
+    command.set_defaults(run=run_sensor)
 
 
-def sensor_text(arguments: argparse.Namespace) -> str:
-    """Run `sensor`; returns the text to print."""
+def run_sensor(arguments: argparse.Namespace) -> Answer:
+    """Run `sensor`."""
     from ...files.atomic import require_writable
     from ...recordings.units.unit_file import read_unit, write_unit
 
     unit = read_unit(arguments.source, arguments.mode, sensor_index=arguments.sensor_index)
     require_writable(arguments.output)
-    return write_unit(unit, arguments.source, arguments.output, like=arguments.like)
+    text = write_unit(unit, arguments.source, arguments.output, like=arguments.like)
+    numbers = {
+        "sensor": str(arguments.output),
+        "name": unit.name,
+        "beams": len(unit.lists["elevation_deg"]),
+        "like": arguments.like or unit.model,
+        "notes": text.splitlines()[1:],
+    }
+    return Answer(text, numbers=numbers)

@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import argparse
+import json
 from pathlib import Path
 from typing import Any
 
 from ...errors import InputError
 from ..options import CommandOptions, add_options
+from ..terminal import Answer
 from ..words import frame_numbers
 
 TWIN_HELP = """\
@@ -45,20 +47,20 @@ def add_twin(commands: Any) -> None:
     )
     add_options(command, CommandOptions, "metadata", "sensor_index")
     add("--sensor", metavar="NAME", help="a catalogue sensor or a sensor file, in place of the unit's own")
-    command.set_defaults(run=twin_text)
+    command.set_defaults(run=run_twin)
 
 
-def twin_text(arguments: argparse.Namespace) -> str:
-    """Run `twin`; returns the text to print. Raises InputError and OutputError."""
+def run_twin(arguments: argparse.Namespace) -> Answer:
+    """Run `twin`. Raises InputError and OutputError."""
     from ...files.optional import require_together
     from ...recordings.opening import extras_of, open_recording
-    from ...studies.twin.twin_files import build_twin, choose_frames
+    from ...studies.twin.twin_files import PROVENANCE, SCENE, build_twin, choose_frames
 
     require_together(*extras_of(arguments.recording, arguments.metadata), "open3d")
     index = arguments.sensor_index
     with open_recording(arguments.recording, arguments.metadata, sensor_index=index) as recording:
         choice = choose_frames(recording, arguments.frames, arguments.held_out)
-        return build_twin(
+        text = build_twin(
             recording,
             choice,
             arguments.output,
@@ -66,6 +68,8 @@ def twin_text(arguments: argparse.Namespace) -> str:
             sensor=arguments.sensor,
             sensor_index=index,
         )
+    provenance = json.loads((arguments.output / PROVENANCE).read_text(encoding="utf-8"))
+    return Answer(text, numbers={"scene": str(arguments.output / SCENE), **provenance})
 
 
 def _held_out(text: str) -> int | str:

@@ -12,7 +12,7 @@ import shutil
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from ... import catalog
 from ...files.atomic import atomic_folder
@@ -122,14 +122,35 @@ def write_street(file: StreetFile, folder: Path) -> Path:
     return folder / "street.toml"
 
 
-def summary_text(file: StreetFile) -> str:
-    """What the street has, in a line."""
+class StreetSummary(NamedTuple):
+    """Length and time of the drive through a street, and the numbers of things along it."""
+
+    length_m: float
+    duration_s: float
+    houses: int
+    parked_cars: int
+    cars_in_traffic: int
+    people: int
+
+    def as_text(self) -> str:
+        """One line of text."""
+        return (
+            f"{self.length_m:g} m of driving in {self.duration_s:g} s; {self.houses} houses, {self.parked_cars} parked "
+            f"cars, {self.cars_in_traffic} cars in traffic, {self.people} people"
+        )
+
+
+def street_summary(file: StreetFile) -> StreetSummary:
+    """Summarise what the street has."""
     tables = street_tables(file)
     counts = Counter(body["name"].split("_")[0] for body in tables["bodies"] for _ in body.get("instances", ()))
-    people, way_s = counts["pedestrians"] + counts["walkers"], tables["ego"]["poses"][-1]["time_s"]
-    return (
-        f"{file.length_m:g} m of driving in {way_s:g} s; {counts['houses']} houses, {counts['cars']} parked cars, "
-        f"{counts['traffic']} cars in traffic, {people} people"
+    return StreetSummary(
+        length_m=file.length_m,
+        duration_s=tables["ego"]["poses"][-1]["time_s"],
+        houses=counts["houses"],
+        parked_cars=counts["cars"],
+        cars_in_traffic=counts["traffic"],
+        people=counts["pedestrians"] + counts["walkers"],
     )
 
 

@@ -20,6 +20,7 @@ from ...outputs.run_report import OUTCOME_TEXT
 from ...rendering.render_options import FrameOptions
 from ...rendering.simulator import Simulator, Summary
 from ...rendering.stages import TracedPaths
+from ...rendering.surroundings import warn_of_light
 from ...scene.scene import Scene
 from ...sensor.sensor_model import Sensor
 from .observations import Observation, Surfaces
@@ -42,6 +43,7 @@ class Bench:
         """
         self.scene, self.frame, self._keeps_paths = scene, frame or FrameOptions(), keeps_paths
         self._worlds: dict[float, World] = {}
+        warn_of_light(scene)
         self._paths: dict[bytes, TracedPaths] = {}
 
     def observe(self, name: str, sensor: Sensor, *, illuminance_klux: float | None = None) -> Observation:

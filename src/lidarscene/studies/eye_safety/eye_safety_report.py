@@ -15,6 +15,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import Any, Literal
 
 from ...errors import InputError
+from ...figures.report import PAGE, Report
 from ...physics import eye_safety as iec
 from ...physics.optics.pulse import pulse_energy_j
 from ...sensor.sensor_model import Sensor
@@ -221,6 +222,49 @@ def _row(criterion: Held) -> str:
 def both_reports(sensor: Sensor) -> tuple[EyeSafetyReport, EyeSafetyReport]:
     """Reports with the beam scanning, and with the beam standing still."""
     return eye_safety_report(sensor, scanned=True), eye_safety_report(sensor)
+
+
+def class_1_report(sensors: Sequence[Sensor]) -> Report:
+    """Every criterion of each sensor, with the beam scanning and standing still; passed if the scanning beams pass.
+
+    A sensor whose pulse energy is a guess is not judged, and so are all beside it.
+    """
+    reports_by_sensor = [both_reports(sensor) for sensor in sensors]
+    scanned = [reports[0].is_class_1 for reports in reports_by_sensor]
+    numbers = [entry.as_dict() for reports in reports_by_sensor for entry in reports]
+    verdict = None if None in scanned else all(scanned)
+    report = Report("Eye safety", numbers=numbers, passed=verdict, pages=(PAGE, "eye_safety.json"))
+    report.add_paragraph(NOTICE)
+    for sensor, reports in zip(sensors, reports_by_sensor, strict=True):
+        report.add_heading(sensor.name)
+        report.add_paragraph(_verdict_text(reports))
+        for entry in reports:
+            report.add_paragraph(f"{_MOTION_TEXT[entry.motion].capitalize()}:")
+            report.add_table(("viewer", "criterion", "clause", "emitted", "allowed", "margin"), _cells(entry))
+    columns = ("viewer", "name", "clause", "emission", "limit", "unit", "margin")
+    rows = [
+        [entry["sensor"], entry["motion"], *(criterion[column] for column in columns)]
+        for entry in numbers
+        for criterion in entry["criteria"]
+    ]
+    report.main_table = (("sensor", "motion", *columns), rows)
+    report.summary = "\n\n".join(map(report_text, sensors))
+    return report
+
+
+def _cells(report: EyeSafetyReport) -> list[tuple[str, ...]]:
+    """Rows of a page's table."""
+    return [
+        (
+            _VIEWER_TEXT[criterion.subject],
+            criterion.quantity,
+            criterion.condition,
+            si_text(criterion.simulated or 0.0, criterion.unit),
+            si_text(criterion.reference or 0.0, criterion.unit),
+            f"{margin_of(criterion):.3g}",
+        )
+        for criterion in report.criteria
+    ]
 
 
 def report_text(sensor: Sensor) -> str:

@@ -7,12 +7,13 @@ from __future__ import annotations
 
 import math
 import warnings
+from collections.abc import Collection
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from ...errors import OptionError, OptionWarning
 from ...physics.constants import SUN_KLUX
-from ...rendering.option_fields import check_options, list_options, option
+from ...rendering.option_fields import Finite, OneOf, Whole, check_options, list_options, option
 
 if TYPE_CHECKING:
     from .plane import Target
@@ -88,6 +89,11 @@ CONDITIONS: dict[str, Bounds] = {
 }
 """Conditions that can be swept, besides the keys of the sensor file."""
 
+QUANTITIES = {"snr": "signal-to-noise ratio", "range": "maximum range [m]", "pd": "detection probability"}
+"""Quantity that can be swept -> words for the axis of a chart."""
+
+APERTURE_LAWS = ("scanner", "constant", "cosine", "mirror")
+
 CLEAR_AIR = 0.98
 """Transmittance of the air one way at any range (Table 1)."""
 
@@ -151,3 +157,59 @@ class Conditions:
             transmittance=clear if self.transmittance is None else self.transmittance,
             extinction_per_m=self.extinction or 0.0,
         )
+
+
+@list_options
+@dataclass(frozen=True, slots=True, kw_only=True)
+class SweepOptions:
+    """Axis of a sweep and the quantity along it.
+
+    log  logarithmic steps, or even ones; None: as is usual for the axis
+    """
+
+    over: str | None = option(
+        None,
+        help="distance, illuminance, elevation, azimuth, reflectivity, incidence, or a key such as detector.gain",
+        metavar="AXIS",
+    )
+    quantity: str | None = option(
+        None, OneOf(QUANTITIES), help="default: snr over distance, the maximum range over everything else"
+    )
+    start: float | None = option(
+        None, Finite("the axis's unit"), help="start of the axis, in its unit", metavar="X", flags=("--from",)
+    )
+    stop: float | None = option(None, Finite("the axis's unit"), help="end of the axis", metavar="X", flags=("--to",))
+    points: int = option(
+        200, Whole(2, 100_000), help="points on the axis (default {default})", metavar="N", flags=("--n",)
+    )
+    aperture_law: str | None = option(
+        None,
+        OneOf(APERTURE_LAWS),
+        help="receiver off the axis, over elevation or azimuth (default: the sensor's own scanner's)",
+    )
+    log: bool | None = None
+
+    def __post_init__(self) -> None:
+        check_options(self)
+
+    @property
+    def quantity_name(self) -> str:
+        """Quantity along the axis, the default included."""
+        return self.quantity or ("snr" if self.over == "distance" else "range")
+
+    def require_sense(self, conditions: Collection[str]) -> None:
+        """Raise OptionError for options that contradict each other, or a condition that would be ignored.
+
+        conditions  names of the conditions that the user set
+        """
+        axis, quantity = self.over, self.quantity_name
+        if axis == "distance" and quantity == "range":
+            raise OptionError(
+                "{over} distance {quantity} range: the quantity must be snr or pd; the range is their limit"
+            )
+        if axis in conditions:
+            raise OptionError(f"{{{axis}}} does not go with {{over}} {axis}")
+        if "distance" in conditions and quantity == "range":
+            raise OptionError("{distance} goes with {quantity} snr or pd, not with the maximum range")
+        if self.aperture_law and axis not in ("elevation", "azimuth"):
+            raise OptionError("{aperture_law} goes with {over} elevation or azimuth")

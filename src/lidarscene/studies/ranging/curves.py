@@ -23,8 +23,6 @@ from .plane import RangeStatus, Target
 from .subjects import Subject
 from .sweep_axes import Axis
 
-QUANTITIES = {"snr": "signal-to-noise ratio", "range": "maximum range [m]", "pd": "detection probability"}
-
 _FINE = 33  # evaluations in a bracket at a time
 _CLOSE = 1e-10  # relative width of a crossing's final bracket
 _JUMP = 1e-4  # a larger difference in the final bracket is a jump of a curve, not a crossing

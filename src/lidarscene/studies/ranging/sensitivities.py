@@ -14,12 +14,14 @@ from __future__ import annotations
 import dataclasses
 import math
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
 from ...errors import BackendError, InputError
+from ...figures.report import PAGE, Figure, Report
 from ...light.beams import Beams
 from ...light.echoes import Ambient, Echoes, receive
 from ...light.hits import Hits
@@ -30,6 +32,8 @@ from ...sensor.detectors import Apd
 from ...sensor.overlap import SIXTH_ORDER
 from ...sensor.sensor_model import Sensor, overlap_geometry
 from . import gain, plane
+from .conditions import Conditions
+from .curves import with_haze
 from .plane import RangeStatus, Target
 
 Formula = Callable[[Mapping[str, Lanes]], Lanes]
@@ -296,7 +300,10 @@ def differences(formula: Formula, values: Mapping[str, float]) -> tuple[float, d
 
 def report_text(sensor: Sensor, target: Target, *, distance_m: float | None = None, method: str = "auto") -> str:
     """Text of the elasticities, plain derivatives where a value is zero, and for an APD the best gain."""
-    table = sensitivities(sensor, target, distance_m=distance_m, method=method)
+    return _text(sensor, target, sensitivities(sensor, target, distance_m=distance_m, method=method))
+
+
+def _text(sensor: Sensor, target: Target, table: SensitivityTable) -> str:
     text = table_text(table)
     if isinstance(sensor.detector, Apd):  # the one detector with a gain
         best = gain.best_gain(sensor, target, range_m=table.distance_m)
@@ -341,18 +348,50 @@ def table_text(table: SensitivityTable) -> str:
     return "\n".join(lines)
 
 
-def tornado(
-    path: str | os.PathLike[str],
-    sensor: Sensor,
-    target: Target,
-    *,
-    distance_m: float | None = None,
-    method: str = "auto",
-) -> None:
+def sensitivity_report(
+    sensors: Sequence[tuple[str, Sensor]], conditions: Conditions, *, distance_m: float | None = None
+) -> Report:
+    """Sensitivities of each sensor, by its name, with a chart of the strongest.
+
+    distance_m  distance of the detection probability; None: each sensor's maximum range
+    """
+    report = Report("Sensitivities of the maximum range", numbers={}, pages=(PAGE, "sensitivities.json"))
+    texts, rows = [], []
+    for name, sensor in sensors:
+        target = with_haze(sensor, conditions.target(), conditions.visibility_m)
+        table = sensitivities(sensor, target, distance_m=distance_m)
+        entries = [dataclasses.asdict(row) for row in table.rows]
+        report.numbers[name] = {**dataclasses.asdict(table), "rows": entries}
+        del report.numbers[name]["sensor"]
+        rows += [[name, *entry.values()] for entry in entries]
+        columns = ("parameter", "value", "unit", "range_elasticity", "detection_points")
+        cells = [["" if entry[key] is None else _cell(entry[key]) for key in columns] for entry in entries]
+        report.add_heading(name)
+        report.add_paragraph(
+            f"Maximum range {table.range_m:.3f} m; P_d {100 * table.detection_probability:.2f} % at "
+            f"{table.distance_m:.3f} m."
+        )
+        caption = "Change of the maximum range for +1 % of each parameter."
+        bars = [(entry["parameter"], entry["range_elasticity"]) for entry in entries]
+        report.add_figure(
+            Figure(f"tornado_{name}", partial(tornado, table=table), (("parameter", "range_elasticity"), bars), caption)
+        )
+        report.add_table(("parameter", "value", "unit", "range [% per %]", "P_d [points per %]"), cells)
+        texts.append(_text(sensor, target, table))
+    names = [field.name for field in dataclasses.fields(Sensitivity)]
+    report.main_table = (("sensor", *names), rows)
+    report.summary = "\n\n".join(texts)
+    return report
+
+
+def _cell(value: float | str) -> str:
+    return f"{value:.6g}" if isinstance(value, float) else value
+
+
+def tornado(path: str | os.PathLike[str], table: SensitivityTable) -> None:
     """Chart of the elasticities of the maximum range, strongest on top; PNG or SVG by the path's suffix."""
     from ...figures import lines as charts
 
-    table = sensitivities(sensor, target, distance_m=distance_m, method=method)
     charts.tornado(
         [path],
         bars=[(row.parameter, size) for row in table.rows if abs(size := row.range_elasticity or 0.0) > 5e-4],

@@ -12,9 +12,10 @@ from pathlib import Path
 from typing import Any
 
 from ... import catalog
+from ...errors import InputError
 from ...files.overrides import split_sensor, with_overrides
 from ...files.toml import read_toml
-from ...sensor.sensor_file import sensor_from_tables
+from ...sensor.sensor_file import sensor_from_tables, tables_of
 from ...sensor.sensor_model import Sensor
 
 
@@ -27,22 +28,31 @@ class Subject:
     where      file, for messages
     tables     tables of the file, without assignments
     overrides  assignments, KEY=VALUE
+    built      sensor that a program made or changed, so that there are no tables; else None
     """
 
     name: str
     argument: str
     where: str
     tables: dict[str, Any]
-    folder: Path
+    folder: Path | None
     overrides: tuple[str, ...] = ()
+    built: Sensor | None = None
 
     @property
     def changed(self) -> dict[str, Any]:
-        """Tables with the assignments applied."""
+        """Tables with the assignments applied. Raises InputError without tables."""
+        if self.built is not None:
+            raise InputError(
+                f"'{self.name}': must be as `load_sensor` gave it for a key of its file to be swept, got a sensor made "
+                "or changed in Python"
+            )
         return with_overrides(self.tables, self.overrides)
 
     def sensor(self) -> Sensor:
         """Build the sensor. Raises InputError."""
+        if self.built is not None:
+            return self.built
         return sensor_from_tables(self.tables, where=self.where, overrides=self.overrides, folder=self.folder)
 
     def sensor_with(self, key: str, value: float, *, whole: bool) -> Sensor:
@@ -53,6 +63,21 @@ class Subject:
             where=f"{self.where} --over {key}",
             folder=self.folder,
         )
+
+
+def subject_of(name: str, sensor: Sensor) -> Subject:
+    """Subject of a sensor, with its tables if `load_sensor` or `Sensor.replace` built it."""
+    tables = tables_of(sensor)
+    if tables is None:
+        return Subject(name=name, argument=name, where=name, tables={}, folder=None, built=sensor)
+    return Subject(
+        name=name,
+        argument=name,
+        where=tables.where,
+        tables=tables.tables,
+        folder=tables.folder,
+        overrides=tables.overrides,
+    )
 
 
 def subjects(arguments: Sequence[str], assignments: Sequence[str] = ()) -> list[Subject]:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel
 
-from ...errors import InputError, did_you_mean, question
+from ...errors import OptionError, did_you_mean, question
 from ...files.toml import keys_like
 from ...maths.arrays import Numbers
 from ...maths.units import split_unit
@@ -54,8 +54,9 @@ def condition_axis(key: str, *, start: float | None, stop: float | None, count: 
     """Make an axis over one of `CONDITIONS`. Raises InputError."""
     bounds = CONDITIONS[key]
     first, last = bounds.start if start is None else start, bounds.stop if stop is None else stop
-    bounds.check("from", first)
-    bounds.check("to", last)
+    for option, end in (("start", first), ("stop", last)):
+        bounds.check(option, end)
+        bounds.warn_of_unit(option, end)
     log = bounds.log if log is None else log
     return Axis(
         key=key,
@@ -84,12 +85,12 @@ def parameter_axis(
     for where, tables in files:
         info = numeric_keys(tables).get(key)
         if info is None:
-            raise InputError(f"--over {key}: {_unknown_key_text(key, where, tables)}")
+            raise OptionError("{over} {0}: {1}", key, _unknown_key_text(key, where, tables))
         whole = whole or info.whole
         if start is None or stop is None:
             if not info.value:
                 state = "is 0" if info.value == 0.0 else "is not given"
-                raise InputError(f"--over {key}: {state} in {where}, so --from and --to must be given")
+                raise OptionError("{over} {0}: {1} in {2}, so {start} and {stop} must be given", key, state, where)
             ends = sorted((info.value / 5.0, info.value * 5.0))
             lows.append(min(max(ends[0], info.low), info.value))
             highs.append(max(min(ends[1], info.high), info.value))
@@ -112,11 +113,11 @@ def parameter_axis(
 def _steps(start: float, stop: float, count: int, *, log: bool) -> Numbers:
     """(count,) values from start to stop. Raises InputError."""
     if not (math.isfinite(start) and math.isfinite(stop)):
-        raise InputError(f"--from {start:g} --to {stop:g}: must be finite numbers")
+        raise OptionError("{start} {0:g} {stop} {1:g}: must be finite numbers", start, stop)
     if start >= stop:
-        raise InputError(f"--from {start:g} --to {stop:g}: --from must be below --to")
+        raise OptionError("{start} {0:g} {stop} {1:g}: {start} must be below {stop}", start, stop)
     if log and start <= 0.0:
-        raise InputError(f"--from {start:g}: must be more than 0 on a logarithmic axis (or --linear)")
+        raise OptionError("{start} {0:g}: must be more than 0 on a logarithmic axis (or {linear})", start)
     steps = np.geomspace(start, stop, count) if log else np.linspace(start, stop, count)
     steps[0], steps[-1] = start, stop  # geomspace may miss them by a rounding
     return steps
@@ -198,7 +199,10 @@ def _unknown_key_text(key: str, where: str, tables: Mapping[str, Any]) -> str:
 def require_within_law(axis: Axis) -> None:
     """Raise InputError for angles at which a fixed window or a mirror has no aperture."""
     if np.max(np.abs(axis.values)) > LARGEST_DEG:
-        raise InputError(
-            f"--over {axis.key}: this aperture law holds to {LARGEST_DEG:g} degrees, "
-            f"got {axis.values[0]:g} to {axis.values[-1]:g}"
+        raise OptionError(
+            "{over} {0}: this aperture law holds to {1:g} degrees, got {2:g} to {3:g}",
+            axis.key,
+            LARGEST_DEG,
+            axis.values[0],
+            axis.values[-1],
         )

@@ -1,38 +1,83 @@
-"""Report of a sweep: notes, table, CSV, JSON and chart of its curves.
-
-Nothing is computed here; formats and sentences only.
-"""
+"""Report of a sweep: notes, table, CSV, JSON and chart of its curves."""
 
 from __future__ import annotations
 
-import csv
-import io
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
 from ...figures.lines import Chart, Level, Line, Mark
-from ...figures.report import text_table
+from ...figures.report import PAGE, Data, Figure, Report, text_table
 from ...physics.optics import radiometry
 from ...sensor.sensor_model import Sensor
-from .aperture_laws import LAWS, of_scanner
-from .curves import QUANTITIES, CurveCrossing, Curves, SweepCurve, is_flat, limit_word
+from .aperture_laws import LAWS, field_of_view_deg, of_scanner
+from .conditions import CONDITIONS, QUANTITIES, Conditions, SweepOptions
+from .curves import CurveCrossing, Curves, Question, SweepCurve, curves, is_flat, limit_word
 from .plane import RangeStatus, Target, window_m
+from .subjects import Subject
+from .sweep_axes import Axis, condition_axis, parameter_axis, require_within_law
+
+DIGITS = 10
+"""Significant digits of the curves' CSV."""
 
 _ROWS = 12
 _SYMBOL = {"snr": "SNR", "pd": "P_d"}
 
 
-def csv_text(swept: Curves) -> str:
-    """CSV of the axis with its unit and one column for each sensor; 0: never detected, inf: no limit."""
-    out = io.StringIO()
-    writer = csv.writer(out, lineterminator="\n")
-    writer.writerow([swept.question.axis.column, *(curve.name for curve in swept.curves)])
+def sweep_report(subjects: Sequence[Subject], sweep: SweepOptions, conditions: Conditions) -> Report:
+    """Curves of several sensors over an axis, with their crossings and limits. Raises InputError."""
+    swept = curves(subjects, _question(subjects, sweep, conditions))
+    sensors = {subject.name: subject.sensor() for subject in subjects}
+    conditions_line = conditions_text(swept, sun_angle_deg=conditions.sun_angle)
+    lines = notes(swept, sensors)
+    quantity = QUANTITIES[sweep.quantity_name]
+    numbers = as_dict(swept) | {"conditions": conditions_line, "notes": lines}
+    report = Report(f"{quantity} over {sweep.over}", numbers=numbers, pages=(PAGE, "sweep.json"), digits=DIGITS)
+    report.main_table = _columns(swept)
+    report.add_paragraph(f"{quantity}: {conditions_line}")
+    thresholds = {name: sensor.tdc.threshold_to_noise for name, sensor in sensors.items()}
+    chart = chart_of(swept, conditions_line, thresholds=thresholds)
+    report.add_figure(Figure("curves", chart, report.main_table, f"{quantity} over {sweep.over}."))
+    for line in lines:
+        report.add_paragraph(line)
+    report.summary = "\n".join([f"{quantity}: {conditions_line}", table_text(swept), *lines])
+    return report
+
+
+def _question(subjects: Sequence[Subject], sweep: SweepOptions, conditions: Conditions) -> Question:
+    axis = _axis(subjects, sweep)
+    law = sweep.aperture_law or "scanner"
+    if law in ("cosine", "mirror"):
+        require_within_law(axis)
+    return Question(
+        quantity=sweep.quantity_name,
+        axis=axis,
+        target=conditions.target(),
+        law=law,
+        distance_m=conditions.distance,
+        visibility_m=conditions.visibility_m,
+    )
+
+
+def _axis(subjects: Sequence[Subject], sweep: SweepOptions) -> Axis:
+    name, start, stop = sweep.over or "", sweep.start, sweep.stop
+    if name not in CONDITIONS:
+        files = [(subject.where, subject.changed) for subject in subjects]
+        return parameter_axis(name, files, start=start, stop=stop, count=sweep.points, log=sweep.log)
+    if name in ("elevation", "azimuth"):
+        fields = [field_of_view_deg(subject.sensor().scanner, name) for subject in subjects]
+        start = max(low for low, _ in fields) if start is None else start
+        stop = min(high for _, high in fields) if stop is None else stop
+    return condition_axis(name, start=start, stop=stop, count=sweep.points, log=sweep.log)
+
+
+def _columns(swept: Curves) -> Data:
+    """Axis with its unit, and one column for each sensor; 0: never detected, inf: no limit."""
     columns = [swept.question.axis.values, *(curve.values for curve in swept.curves)]
-    writer.writerows([f"{value:.10g}" for value in row] for row in zip(*columns, strict=True))
-    return out.getvalue()
+    rows = [[float(value) for value in row] for row in zip(*columns, strict=True)]
+    return [swept.question.axis.column, *(curve.name for curve in swept.curves)], rows
 
 
 def conditions_text(swept: Curves, *, sun_angle_deg: float) -> str:
@@ -183,7 +228,7 @@ def as_dict(swept: Curves) -> dict[str, Any]:
     }
 
 
-def chart_of(swept: Curves, title: str, *, thresholds: dict[str, float | None]) -> Chart:
+def chart_of(swept: Curves, title: str, *, thresholds: Mapping[str, Any]) -> Chart:
     """Chart of the curves, with crossings and limits marked.
 
     thresholds  ratio to noise at which each comparator trips; None if it is fixed in another way
