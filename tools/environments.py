@@ -3,7 +3,8 @@
 
     wheel    the sdist and from it the wheel are built; the wheel is installed in empty environments (with the newest
              releases, with the lowest that pyproject.toml allows, with the newest Python) and used in an empty folder;
-             then every command of README.md and docs/recipes.md runs from it, with the extras that they name
+             then every command of README.md and docs/recipes.md runs from it, with the extras that they name, and the
+             walks of tools/walks.py
     lowest   a part of the suite on the lowest Python with the lowest releases that pyproject.toml allows
     newest   the same part on the newest Python of this machine, or on $PYTHON_NEWEST, with what uv.lock says; where no
              Python is newer than 3.12, uv installs one
@@ -177,6 +178,10 @@ def follow_pages(folder: Path, wheel: Path) -> None:
             f"environments: wheel: commands of README and recipes, from {place}:\n{ran.stdout}{ran.stderr}"
         )
     report("wheel: every command of README.md and docs/recipes.md")
+    walked = run([python, str(ROOT / "tools" / "walks.py"), str(folder / "walks")], folder, environment)
+    if walked.returncode:
+        raise SystemExit(f"environments: wheel: {walked.stdout}{walked.stderr}")
+    report(f"wheel: every walk of tools/walks.py\n{walked.stdout}")
 
 
 def use_package(home: Path, python: str, *, errors: bool) -> None:

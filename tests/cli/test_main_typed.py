@@ -127,7 +127,7 @@ TYPED = [
     ("catalog materials brik", "no material 'brik' in the catalogue; did you mean brick"),
     ("catalog check vlp17", "no sensor 'vlp17' in the catalogue; did you mean vlp-16"),
     ("schema scenes", "invalid choice: 'scenes'; did you mean scene?"),
-    ("doctor --jsn", "unrecognized arguments: --jsn; see lidarscene doctor -h"),
+    ("doctor --jsn", "unrecognized arguments: --jsn; did you mean --json?; see lidarscene doctor -h"),
     ("paper out", "see lidarscene paper -h"),
     ("paper -o notes.txt", "notes.txt' is a file, not a folder"),
 ]

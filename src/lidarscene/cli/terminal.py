@@ -55,7 +55,7 @@ def save_report(report: Report, folder: Path) -> Answer:
         report.save(folder, progress=show)
     text = f"{report}\nwrote {folder / report.pages[0]} and the files beside it"
     files = [str(folder / name) for name in report.file_names]
-    return Answer(text, numbers={**report.numbers, "files": files})
+    return Answer(text, numbers={**(report.numbers or {}), "files": files})
 
 
 def print_error(text: str) -> None:

@@ -79,14 +79,15 @@ def run_view(arguments: argparse.Namespace) -> Answer:
 
     if arguments.save is not None:
         _check_save(arguments.save)
-        with explained(COMPILING):
-            source = _source(arguments)
-        save(source, arguments.save)
+        with contextlib.ExitStack() as opened:
+            with explained(COMPILING):
+                source = _source(arguments, opened)
+            save(source, arguments.save)
         return Answer(f"wrote {arguments.save} ({arguments.save.stat().st_size / 1e6:.1f} MB)")
-    with Server(arguments.port) as server:
+    with contextlib.ExitStack() as opened, Server(arguments.port) as server:
         # The port is opened before the scene is loaded: a busy one is reported at once.
         with explained(COMPILING):
-            source = _source(arguments)
+            source = _source(arguments, opened)
         sys.stdout.write(f"{source.title}: {server.url} (Ctrl-C ends)\n")
         sys.stdout.flush()
         if not arguments.no_browser:
@@ -97,14 +98,15 @@ def run_view(arguments: argparse.Namespace) -> Answer:
     return Answer("ended")
 
 
-def _source(arguments: argparse.Namespace) -> Source:
+def _source(arguments: argparse.Namespace, opened: contextlib.ExitStack) -> Source:
+    """What the page shows; ``opened`` closes a recording."""
     from ..recordings.opening import is_recording
     from ..scene.scene_file import load_scene
     from ..view.page_sources import Clouds, Live
 
     recorded = [path for path in arguments.paths if is_recording(path)]
     if recorded:
-        return _recording_source(arguments, recorded[0])
+        return _recording_source(arguments, recorded[0], opened)
     for option in ("frame", "metadata"):
         if getattr(arguments, option) is not None:
             raise InputError(f"--{option}: goes with a recording, got {arguments.paths[0]}")
@@ -131,7 +133,7 @@ def _is_scene(path: Path) -> bool:
     return path.suffix.lower() in NOT_READ or path.suffix.lower() in SCENES or not (path.suffix or os.path.exists(path))
 
 
-def _recording_source(arguments: argparse.Namespace, path: Path) -> Source:
+def _recording_source(arguments: argparse.Namespace, path: Path, opened: contextlib.ExitStack) -> Source:
     from ..recordings.opening import open_recording
     from ..view.page_sources import RecordingFrames
 
@@ -141,6 +143,7 @@ def _recording_source(arguments: argparse.Namespace, path: Path) -> Source:
         if getattr(arguments, option):
             raise InputError(f"{flag_of(option)}: goes with a scene or clouds, not with the recording {path}")
     recording = open_recording(path, arguments.metadata, sensor_index=arguments.sensor_index)
+    opened.enter_context(recording)
     return RecordingFrames(with_progress(recording) if arguments.save else recording, frame=arguments.frame)
 
 

@@ -34,9 +34,6 @@ File = str | os.PathLike[str]
 SensorChoice = str | os.PathLike[str] | Sensor
 """Catalogue name, sensor file or `Sensor`."""
 
-FITTED_SENSOR = "sensor.toml"
-"""Sensor file among the files of a fit's report."""
-
 
 class ConditionKeywords(TypedDict, total=False):
     """Keywords for the fields of `Conditions`."""
@@ -328,6 +325,27 @@ def fit(
     sensor_index  which sensor of an OSF, from 0
     Raises InputError.
     """
+    text, report = fit_sensor(
+        recordings, sensor, scene=scene, poses=poses, frames=frames, metadata=metadata, sensor_index=sensor_index
+    )
+    report.add_file("sensor.toml", partial(put_text, text=text))
+    return report
+
+
+def fit_sensor(
+    recordings: File | Sequence[File],
+    sensor: str | None,
+    *,
+    scene: File | None,
+    poses: File | None,
+    frames: Sequence[int] | None,
+    metadata: File | None,
+    sensor_index: int,
+) -> tuple[str, Report]:
+    """Choose the fit with a scene or without, and run it; returns the text of the sensor file, and the report.
+
+    Arguments as of `fit`. Raises InputError.
+    """
     from .fit.on_scene.scene_fit import SceneFitInputs, fit_on_scene
     from .fit.recording_fit import fit_recordings
 
@@ -344,15 +362,12 @@ def fit(
             poses=None if poses is None else Path(poses),
             sensor_index=sensor_index,
         )
-        text, report = fit_on_scene(inputs)
-    elif poses is not None:
+        return fit_on_scene(inputs)
+    if poses is not None:
         raise OptionError("{poses}: goes with {scene}")
-    elif sensor is None:
+    if sensor is None:
         raise OptionError("{sensor}: must name the sensor of the recording, or {scene} one that has it, got neither")
-    else:
-        text, report = fit_recordings(paths, sensor, metadata=described, sensor_index=sensor_index, frames=frames)
-    report.add_file(FITTED_SENSOR, partial(put_text, text=text))
-    return report
+    return fit_recordings(paths, sensor, metadata=described, sensor_index=sensor_index, frames=frames)
 
 
 def twin(

@@ -31,7 +31,7 @@ from ..rendering.frame import LARGEST_FLOAT32_M, Frame
 from ..rendering.render_options import FrameOptions, TraceOptions
 from ..rendering.simulator import Simulator, Summary
 from ..rendering.stages import ambient_of
-from ..rendering.surroundings import simulator_surroundings, warn_of_surroundings
+from ..rendering.surroundings import warn_of_light
 from ..scene.scene import Scene
 from ..sensor.sensor_file import load_sensor
 from ..sensor.sensor_model import Sensor
@@ -255,7 +255,7 @@ class Live:
         self.sensors = tuple(dict.fromkeys([sensor_name, *catalog.names("sensors")]))
         self._worlds: dict[float, World] = {}
         simulator = self._simulator(self.scene, self.equipment.sensor, TraceOptions())
-        warn_of_surroundings([simulator_surroundings(simulator, begin_s=self.options.begin_s)])
+        warn_of_light(scene)
         self._first = simulator.render(self.options)
         self._place = pose_at(simulator.motion, simulator.start_s(self.options))
         self._origin = _origin_of(self._place.position_m)

@@ -64,14 +64,14 @@ def add_fit(commands: Any) -> None:
 def run_fit(arguments: argparse.Namespace) -> Answer:
     """Run `fit`."""
     from ...figures.report import require_writable_report
-    from ...files.atomic import require_writable
-    from ...studies.api import FITTED_SENSOR, fit
+    from ...files.atomic import put_text, require_writable
+    from ...studies.api import fit_sensor
 
     if arguments.output.suffix.lower() != ".toml":
         raise InputError(f"--output {arguments.output}: the name must end in .toml")
     require_writable(arguments.output)
     require_writable_report(arguments.report)
-    report = fit(
+    text, report = fit_sensor(
         arguments.recordings,
         arguments.sensor,
         scene=arguments.scene,
@@ -80,6 +80,6 @@ def run_fit(arguments: argparse.Namespace) -> Answer:
         metadata=arguments.metadata,
         sensor_index=arguments.sensor_index,
     )
-    report.write(FITTED_SENSOR, arguments.output)
+    put_text(arguments.output, text)
     answer = save_report(report, arguments.report)
     return answer._replace(text=f"{answer.text}\nwrote {arguments.output}", code=1 if report.passed is False else 0)
