@@ -10,11 +10,15 @@ import re
 from typing import Any
 
 import griffe
+from latex2mathml.converter import convert
 
 # A name or several, or an expression of a few words, before two spaces or more; what it is goes on in lines further in.
 ITEM = re.compile(r"^(?P<name>\S+(?:,? \S+){0,3}?) {2,}(?P<about>\S.*)$")
 # `:func:`-like words, in ours single backquotes, are code already; a bar would end a cell.
 BAR = re.compile(r"(?<!\\)\|")
+# A displayed equation, with the lines that go on, and its number.
+MATH = re.compile(r"^\.\. math:: (.*(?:\n {2,}\S.*)*)", re.MULTILINE)
+TAG = re.compile(r"\\tag\{\w+\}")
 # A page, and a section of it by its number.
 PAGE = re.compile(r"\bdocs/(\w+)\.md(?:,? (\d+)\b)?")
 
@@ -39,7 +43,7 @@ def as_markdown(docstring: str) -> str:
     """The docstring with each list of "name  what it is" as a table of two columns."""
     out: list[str] = []
     rows: list[list[str]] = []
-    for line in [*PAGE.sub(_link, docstring).splitlines(), ""]:
+    for line in [*MATH.sub(_drawn, PAGE.sub(_link, docstring)).splitlines(), ""]:
         found = ITEM.match(line)
         if found:
             rows.append([found["name"], found["about"]])
@@ -51,6 +55,12 @@ def as_markdown(docstring: str) -> str:
                 rows = []
             out.append(line)
     return "\n".join(out).strip()
+
+
+def _drawn(math: re.Match[str]) -> str:
+    """Draw an equation as MathML, as `equations.py` does for the pages."""
+    drawn = convert(TAG.sub("", " ".join(math[1].split())), display="block")
+    return f'\n<div class="equation">{drawn}</div>\n'
 
 
 def _link(page: re.Match[str]) -> str:

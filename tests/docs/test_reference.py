@@ -49,6 +49,15 @@ def test_lists_become_tables(docstrings: ModuleType) -> None:
     )
 
 
+def test_equations_and_pages_of_docstrings_are_drawn_and_linked(docstrings: ModuleType) -> None:
+    text = "As in docs/theory_light.md 21,\n\n.. math:: K = B / A,\\quad\n          A = 1 \\tag{T7}\n\nand so on."
+    first, second, third = docstrings.as_markdown(text).split("\n\n")
+    assert first == "As in [theory light, 21](theory_light.md),"
+    assert second.strip().startswith('<div class="equation"><math ')
+    assert "tag" not in second
+    assert third.strip() == "and so on."
+
+
 def test_no_list_of_the_public_names_is_lost(docstrings: ModuleType) -> None:
     """Each word of their docstrings is on the page, whether in a table or not."""
     for name in names_of_page("api.md"):

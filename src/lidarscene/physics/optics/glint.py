@@ -32,7 +32,7 @@ def share_on_aperture(
 
     For a Gaussian, the mean density over the aperture times its area,
 
-    .. math:: \frac{2A}{\pi w_1 w_2}\,\overline{e^{-2 (x_1^2 / w_1^2 + x_2^2 / w_2^2)}}
+    .. math:: \frac{2A}{\pi w_1 w_2}\,\langle e^{-2 (x_1^2 / w_1^2 + x_2^2 / w_2^2)}\rangle
 
     (ISO 11146), by cubature on the disc. For a top hat, the area that the two circles share; an ellipse counts as the
     circle of its area, with distances in its own units.
