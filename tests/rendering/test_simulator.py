@@ -2,16 +2,21 @@
 
 import json
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 from helpers.clouds import assert_same
+from helpers.traffic import traffic
 
 from lidarscene import load_scene, load_sensor
 from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.errors import InputError
+from lidarscene.rendering.chunk import Chunk
+from lidarscene.rendering.frame import Frame
+from lidarscene.rendering.render_options import FrameOptions
 from lidarscene.rendering.simulator import Simulator, Summary, _intensity_unit
 
 CAR = Path(__file__).parents[2] / "scenes" / "car.toml"
@@ -49,6 +54,33 @@ def test_pieces_are_the_whole(simulator: MakeSimulator) -> None:
     assert np.array_equal(streamed.outcomes, rendered.outcomes)
     assert progress[-1] == (streamed.beams, sim.sensor.scanner.pulses)
     assert streamed.beams == sim.sensor.scanner.pulses
+
+
+def test_a_frame_that_was_begun_is_the_same() -> None:
+    """Everything moves; also one that was begun and is not the next, and one that has a mistake."""
+    scene, overrides = traffic(), ("scanner.azimuth_step_deg=1.5", "scanner.elevation_step_deg=1")
+    sim = Simulator(scene, load_sensor("table1-apd", overrides=list(overrides)))
+    orders = [FrameOptions(seed=3, number=number, chunk=700) for number in (0, 1, 2)]
+    alone = [sim.render(order) for order in orders]
+    started = list[Frame]()
+    start = sim._started
+
+    def counted(frame: Frame, options: FrameOptions, first: int | None = None) -> Chunk:
+        started.append(frame)
+        return start(frame, options, first)
+
+    sim._started = counted  # type: ignore[method-assign]
+    chunks = -(-sim.sensor.scanner.pulses // sim._chunk_pulses(orders[0]))
+    assert chunks > 1
+    for order, following, reference in zip(orders, [*orders[1:], None], alone, strict=True):
+        ahead = None if following is None else partial(sim.begin, following)
+        assert_same(sim.render(order, ahead=ahead), reference)
+    assert len(started) == 3 * chunks  # none was started twice
+    sim.begin(orders[1])
+    assert_same(sim.render(orders[2]), alone[2])
+    sim.begin(FrameOptions(number=2**31 - 1))
+    assert_same(sim.render(orders[0]), alone[0])
+    assert len(started) == 5 * chunks + 1
 
 
 def test_light_is_that_of_the_render(simulator: MakeSimulator) -> None:

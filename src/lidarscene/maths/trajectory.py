@@ -88,6 +88,17 @@ def pose_at(motion: Motion, time_s: float = 0.0) -> Pose:
     return motion.at(np.clip([time_s], *motion.span_s)).pose()
 
 
+def poses_at(motions: Sequence[Motion | None], time_s: float) -> list[Pose | None]:
+    """Poses of several motions at a time, as `pose_at`; None for None."""
+    moving = [motion for motion in motions if motion is not None]
+    if not moving:
+        return [None] * len(motions)
+    spans = np.array([motion.span_s for motion in moving])
+    states = states_of(moving, np.clip(time_s, spans[:, :1], spans[:, 1:]))
+    poses = iter([states.taken(row).pose() for row in range(len(moving))])
+    return [None if motion is None else next(poses) for motion in motions]
+
+
 LARGEST_SPEED_M_S = 1e4
 """Faster than anything on a road, in each direction."""
 
@@ -144,7 +155,7 @@ class Course:
 
     def at(self, time_s: Numbers) -> States:
         """x = (v / w) sin(w t), y = (v / w) (1 - cos(w t)) in the frame of the start."""
-        return _alone(self, time_s)
+        return states_alone(self, time_s)
 
     @staticmethod
     def together(motions: Sequence[Course], time_s: Numbers) -> States:
@@ -198,7 +209,8 @@ class Riding:
     @staticmethod
     def together(motions: Sequence[Riding], time_s: Numbers) -> States:
         """States of m poses at their own (m, n) times, each carried along."""
-        return _stacked([motion.at(times) for motion, times in zip(motions, time_s, strict=True)])
+        carriers = states_of([motion.carrier for motion in motions], time_s)
+        return _stacked([carriers.taken(row) @ motion.pose for row, motion in enumerate(motions)])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -246,7 +258,7 @@ class Spline:
 
     def at(self, time_s: Numbers) -> States:
         """States; before the first pose and after the last, those at that pose."""
-        return _alone(self, time_s)
+        return states_alone(self, time_s)
 
     @staticmethod
     def together(motions: Sequence[Spline], time_s: Numbers) -> States:
@@ -286,7 +298,7 @@ class HeldAtEnds(_BeyondEnds):
 
     def at(self, time_s: Numbers) -> States:
         """States of the motion, clipped to its span; beyond it both velocities are zero."""
-        return _alone(self, time_s)
+        return states_alone(self, time_s)
 
     @staticmethod
     def together(motions: Sequence[HeldAtEnds], time_s: Numbers) -> States:
@@ -306,7 +318,7 @@ class GoingOn(_BeyondEnds):
 
     def at(self, time_s: Numbers) -> States:
         """States of the motion; beyond its span the velocity is that at its end, and it turns no more."""
-        return _alone(self, time_s)
+        return states_alone(self, time_s)
 
     @staticmethod
     def together(motions: Sequence[GoingOn], time_s: Numbers) -> States:
@@ -355,7 +367,7 @@ class Repeated(_BeyondEnds):
 
     def at(self, time_s: Numbers) -> States:
         """States of the round that runs at (n,) times; at rest at its ends if there is a ``delay_s``, its start."""
-        return _alone(self, time_s)
+        return states_alone(self, time_s)
 
     @staticmethod
     def together(motions: Sequence[Repeated], time_s: Numbers) -> States:
@@ -373,31 +385,28 @@ class Repeated(_BeyondEnds):
         return states_of(rounds, times)
 
 
-_KINDS: tuple[Any, ...] = (Course, Riding, Spline, HeldAtEnds, GoingOn, Repeated)
-"""Kinds of motion of which many are computed together, by a function `together` of each."""
-
-
 def states_of(motions: Sequence[Motion], time_s: Numbers) -> States:
     """States of m motions at their own (m, n) times, with arrays (m, n, ...): those of `Motion.at`, bit for bit.
 
-    A motion alone takes NumPy a hundred calls, a millisecond for a spline: those of one kind are computed together.
+    A motion alone takes NumPy a hundred calls, a millisecond for a spline: those of one kind, with a function
+    `together`, are computed in one go.
     """
     rows: dict[Any, list[int]] = {}
     for row, motion in enumerate(motions):
-        rows.setdefault(type(motion) if type(motion) in _KINDS else None, []).append(row)
+        rows.setdefault(getattr(type(motion), "together", None), []).append(row)
     groups = []
-    for kind, indices in rows.items():
+    for together, indices in rows.items():
         members, times = [motions[row] for row in indices], time_s[indices]
-        if kind is None:
+        if together is None:
             groups.append(_stacked([motion.at(row) for motion, row in zip(members, times, strict=True)]))
         else:
-            groups.append(kind.together(members, times))
+            groups.append(together(members, times))
     if len(groups) == 1:
         return groups[0]
     return _joined(groups).taken(np.argsort([row for indices in rows.values() for row in indices]))
 
 
-def _alone(motion: Motion, time_s: Numbers) -> States:
+def states_alone(motion: Motion, time_s: Numbers) -> States:
     """States of one motion at (n,) times."""
     return states_of([motion], np.asarray(time_s, dtype=np.float64)[None]).taken(0)
 

@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -61,6 +62,7 @@ class FrameFiles:
     live        function that appends a cloud to a viewer, or None
     epoch_ns    from 1970 to the scene's second 0, for packets
     imu         samples of the sensor's IMU until the next frame, for packets, or None
+    ahead       called once the device has done its part of the frame: time to begin the next one
     """
 
     plan: Plan
@@ -75,6 +77,7 @@ class FrameFiles:
     live: Append | None = None
     epoch_ns: int = 0
     imu: ImuSamples | None = None
+    ahead: Callable[[], None] | None = None
 
     def write(self, progress: Callable[[int, int], object] | None) -> None:
         """Trace the frame into its files; ``progress`` is called with (done, pulses) of each sensor."""
@@ -82,12 +85,14 @@ class FrameFiles:
         ambient = AmbientImage() if "ambient" in self.files else None
         packets = self._packets()
         with self._takers(picture, packets) as takers:
-            for simulator, take in zip(self._simulators, takers, strict=True):
+            for number, (simulator, take) in enumerate(zip(self._simulators, takers, strict=True), start=1):
+                later = self._simulators[number:]
+                ahead = partial(later[0].begin, self.frame) if later else self.ahead
                 with self._missed(simulator) as missed:
                     observers = Observers(
                         progress=progress, missed=missed, ambient=self._ambient(ambient, packets), summary=self.summary
                     )
-                    simulator.stream(take, self.frame, observers)
+                    simulator.stream(take, self.frame, observers, ahead=ahead)
             since = time.perf_counter()
         if self.capture is not None and packets is not None:
             self.capture.take(packets.firings())

@@ -245,13 +245,13 @@ class _Run:
             live = opened.enter_context(rerun_live(epoch_ns=epoch_ns)) if plan.outputs.rrd else None
             packet_files = {cloud.label: cloud.files["output"] for cloud in clouds} if encoders else {}
             open_captures = opened.enter_context(captures(packet_files, encoders))
-            for label, group, number, files in clouds:
+            for (label, group, number, files), following in zip(clouds, [*clouds[1:], None], strict=True):
                 parts = list(self.motion.parts(group, number - self.frame.number))
                 frame_files = FrameFiles(
                     plan=plan,
                     scene=self.scene,
                     simulators={name: self.simulators[name] for name in group},
-                    frame=replace(self.frame, number=number, pose=None),
+                    frame=self._frame_of(number),
                     files=files,
                     placed=self.placed,
                     summary=Summary(seconds={} if written else before.seconds),
@@ -263,6 +263,7 @@ class _Run:
                     epoch_ns=epoch_ns,
                     capture=open_captures.get(label),
                     imu=next((samples for track, samples in parts if track.label == label), None),
+                    ahead=None if following is None else partial(self._begin, following),
                 )
                 frame_files.write(progress)
                 for log in (*(bags.values() if keeps_rig else ()), *(() if live is None else (live,))):
@@ -270,6 +271,13 @@ class _Run:
                         log.append_imu(samples, label=track.label, mounting=track.on_vehicle)
                 written.append(RecordedCloud(label=label, number=number, files=files, summary=frame_files.summary))
         return tuple(written)
+
+    def _begin(self, cloud: _PlannedCloud) -> None:
+        """Start the first sensor of a cloud: the device computes while the files of the last one are written."""
+        self.simulators[cloud.sensor_labels[0]].begin(self._frame_of(cloud.number))
+
+    def _frame_of(self, number: int) -> FrameOptions:
+        return replace(self.frame, number=number, pose=None)
 
 
 def _bags(plan: Plan, clouds: Sequence[Mapping[str, Path]], opened: ExitStack, epoch_ns: int) -> dict[Path, Any]:

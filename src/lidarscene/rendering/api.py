@@ -8,6 +8,7 @@ from __future__ import annotations
 import os
 from collections.abc import Iterator
 from dataclasses import replace
+from functools import partial
 from typing import Unpack
 
 from ..cloud.point_cloud import PointCloud
@@ -39,8 +40,15 @@ def render_frames(
     simulator, first, observers = _prepare(scene, sensor, overrides, scene_overrides, options)
     numbers = range(first.number, first.number + frames)
     simulator.check_frames(numbers, begin_s=first.begin_s)
-    # A generator expression, not `yield`: so the call itself raises for mistakes, and not the first frame.
-    return (simulator.render(replace(first, number=number), observers) for number in numbers)
+
+    def frame(number: int) -> PointCloud:
+        # While the caller has this frame, the device computes the next one.
+        following = replace(first, number=number + 1)
+        ahead = partial(simulator.begin, following) if following.number in numbers else None
+        return simulator.render(replace(first, number=number), observers, ahead=ahead)
+
+    # No `yield`: so the call itself raises for mistakes, and not the first frame.
+    return map(frame, numbers)
 
 
 def render(

@@ -9,7 +9,7 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import Any, Unpack, cast
 
 import numpy as np
@@ -18,6 +18,7 @@ from ..cloud.builder import CloudBuilder
 from ..cloud.deskew import MOTION_KEPT
 from ..cloud.point_cloud import PointCloud
 from ..detection.sampled_waveforms import Waveforms, check_pulses, sample_waveforms
+from ..errors import InputError
 from ..formats.cloud_columns import SENSOR_TO_VEHICLE, SENSOR_TO_WORLD
 from ..kernel.device import blocks, transfer
 from ..kernel.rays import kept_lanes
@@ -37,7 +38,7 @@ from .chunk import Chunk, Placing, detection_values, join_columns, without_lanes
 from .extremes import check_detections, points_error
 from .frame import Frame, check_frame, sensor_motion
 from .frame_summary import Summary as Summary
-from .pieces import piece_of, world_of_piece
+from .pieces import Piece, piece_of, world_of_piece
 from .render_options import (
     FrameKeywords,
     FrameOptions,
@@ -63,6 +64,19 @@ class _Piece:
     first: int
     columns: dict[str, Any] | None
     outcome: Numbers
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Begun:
+    """Frame whose first chunk was started (`Simulator.begin`)."""
+
+    options: FrameOptions
+    frame: Frame
+    part: Chunk
+
+    def is_of(self, options: FrameOptions) -> bool:
+        """Return whether it is the frame of these options."""
+        return all(getattr(self.options, each.name) == getattr(options, each.name) for each in fields(options))
 
 
 class Simulator:
@@ -128,6 +142,7 @@ class Simulator:
         return build_world(self.scene, centre_m=centre_m, takes_turns=self._takes_turns, **keys)
 
     def _prepare_stages(self) -> None:
+        self._begun: _Begun | None = None
         self._stages = Stages.from_scene(self.scene, self.sensor, self.world, self.trace)
         self._chain = Chain(self._stages)
 
@@ -137,6 +152,7 @@ class Simulator:
         For sensors that are rendered once each: the stages are not recorded for later frames.
         """
         traced.rewind()
+        self._begun = None
         self._stages = replace(self._stages, traced=traced)
         self._chain = Chain(self._stages)
 
@@ -158,11 +174,30 @@ class Simulator:
             start_s = begin_s + scanner_s
             self._check_clearance(pose_at(self.motion, start_s), start_s)
 
+    def begin(self, frame: FrameOptions) -> None:
+        """Start the first chunk of the frame that is rendered next, so that the device has it when its turn comes.
+
+        The frame is the same without. Does nothing where the frame has a mistake, which is raised when it is rendered,
+        or where the vehicle is in another piece of the scene then.
+        """
+        try:
+            if self._piece_at(frame) == self._piece:
+                current_frame = self._traced_frame(frame)
+                self._begun = _Begun(frame, current_frame, self._started(current_frame, frame))
+        except InputError:
+            self._begun = None
+
     def render(
-        self, frame: FrameOptions | None = None, observers: Observers | None = None, **options: Unpack[StreamKeywords]
+        self,
+        frame: FrameOptions | None = None,
+        observers: Observers | None = None,
+        *,
+        ahead: Callable[[], None] | None = None,
+        **options: Unpack[StreamKeywords],
     ) -> PointCloud:
         """Render one frame as a point cloud.
 
+        ahead    called once the device has done its part of the frame: time to `begin` another one
         options  fields of `FrameOptions` and `Observers`, in place of those of ``frame`` and ``observers``
         Raises InputError for an unknown option, or a motion that ends too early.
         """
@@ -173,9 +208,11 @@ class Simulator:
         )
         most = self.sensor.scanner.pulses * self.sensor.tdc.stops
         builder = CloudBuilder(capacity=most, vectors=self.trace.vectors)
-        self._hand_out(current_frame, builder.append, "assemble", frame_options, replace(observers, summary=summary))
+        description = self._description(current_frame, frame_options)
+        taking = replace(observers, summary=summary)
+        self._hand_out(current_frame, builder.append, "assemble", frame_options, taking, ahead)
         since = time.perf_counter()
-        cloud = PointCloud(**builder.fields(**self._description(current_frame, frame_options)), checked=True)
+        cloud = PointCloud(**builder.fields(**description), checked=True)
         summary.add_time("assemble", since)
         return cloud
 
@@ -184,6 +221,8 @@ class Simulator:
         sink: Callable[[PointCloud], None],
         frame: FrameOptions | None = None,
         observers: Observers | None = None,
+        *,
+        ahead: Callable[[], None] | None = None,
         **options: Unpack[StreamKeywords],
     ) -> None:
         """Render one frame chunk by chunk: the memory that it takes does not grow with its pulses.
@@ -201,7 +240,7 @@ class Simulator:
             empty = False
             sink(PointCloud(**columns, **description, checked=True))
 
-        self._hand_out(current_frame, take, "write", frame_options, observers)
+        self._hand_out(current_frame, take, "write", frame_options, observers, ahead)
         if empty:
             sink(PointCloud(**CloudBuilder(vectors=self.trace.vectors).fields(**description)))
 
@@ -227,13 +266,14 @@ class Simulator:
         stage: str,
         options: FrameOptions,
         observers: Observers,
+        ahead: Callable[[], None] | None,
     ) -> None:
         """Hand the columns of each piece of a frame to ``take``, and the rest to the observers.
 
         stage  name under which the summary counts the time of this
         """
         finished, summary = 0, Summary() if observers.summary is None else observers.summary
-        for piece in self._pieces(frame, options, observers, summary):
+        for piece in self._pieces(frame, options, observers, summary, ahead):
             since = time.perf_counter()
             finished += len(piece.outcome)
             summary.count(piece.outcome, None if piece.columns is None else piece.columns["status"])
@@ -246,31 +286,32 @@ class Simulator:
                 observers.progress(finished, self.sensor.scanner.pulses)
             summary.add_time(stage, since)
 
-    def _pieces(self, frame: Frame, options: FrameOptions, observers: Observers, summary: Summary) -> Iterator[_Piece]:
+    def _pieces(
+        self,
+        frame: Frame,
+        options: FrameOptions,
+        observers: Observers,
+        summary: Summary,
+        ahead: Callable[[], None] | None,
+    ) -> Iterator[_Piece]:
         """Iterate over the results of the chunks; outcomes are in the order of pulses if ``observers.missed`` is set.
 
         The device starts the next chunk before this one is handed out: it computes while NumPy copies.
         """
         begin, end = frame.first_pulse, frame.first_pulse + self.sensor.scanner.pulses
-        # The option counts rays, since they take the memory; a chunk counts pulses.
-        chunk = max(1, options.chunk // max(self.trace.rays, self.trace.background_rays or 1))
-        # Whole bands of tiles, or whole packets: so the same rays are traced together whatever the option says. Where a
-        # ray meets the edge of two triangles, which of them it meets depends on the rays beside it.
-        step = self.numbering.step
-        chunk = max(step, chunk - chunk % step)
+        chunk = self._chunk_pulses(options)
         seed_word = transfer.seed_word(options.seed)
         placing = Placing.from_pose(frame.goal(options.coordinates))
 
         def started(first: int) -> Chunk:
             since = time.perf_counter()
-            count = min(chunk, end - first)
-            blocks.share_out(count * self.trace.rays)
-            pulses = self.numbering.pulses(frame, first, count)
-            part = self._chain(frame, pulses, seed_word, survey=self._stages.surveys)
+            part = self._started(frame, options, first)
             summary.add_time("record", since)
-            return replace(part, order=pulses.order)
+            return part
 
-        part, first = started(begin), begin
+        begun, self._begun = self._begun, None
+        part = begun.part if begun is not None and begun.frame is frame else started(begin)
+        first = begin
         for following in [*range(begin + chunk, end, chunk), None]:
             since = time.perf_counter()
             transfer.wait()
@@ -288,7 +329,27 @@ class Simulator:
             piece_first = first
             if following is not None:
                 part, first = started(following), following
+            elif ahead is not None:
+                ahead()
             yield _Piece(piece_first, columns, outcome)
+
+    def _chunk_pulses(self, options: FrameOptions) -> int:
+        """Number of pulses of a chunk."""
+        # The option counts rays, since they take the memory; a chunk counts pulses.
+        chunk = max(1, options.chunk // max(self.trace.rays, self.trace.background_rays or 1))
+        # Whole bands of tiles, or whole packets: so the same rays are traced together whatever the option says. Where a
+        # ray meets the edge of two triangles, which of them it meets depends on the rays beside it.
+        step = self.numbering.step
+        return max(step, chunk - chunk % step)
+
+    def _started(self, frame: Frame, options: FrameOptions, first: int | None = None) -> Chunk:
+        """Start the chunk of a frame that begins at pulse ``first``, or its first one."""
+        first = frame.first_pulse if first is None else first
+        count = min(self._chunk_pulses(options), frame.first_pulse + self.sensor.scanner.pulses - first)
+        blocks.share_out(count * self.trace.rays)
+        pulses = self.numbering.pulses(frame, first, count)
+        part = self._chain(frame, pulses, transfer.seed_word(options.seed), survey=self._stages.surveys)
+        return replace(part, order=pulses.order)
 
     def _trace_continuing(self, frame: Frame, part: Chunk, seed: Lanes) -> list[Chunk]:
         """Trace the pulses of a chunk whose light goes on, past panes or to other channels, once more and in full.
@@ -434,13 +495,19 @@ class Simulator:
 
     def _traced_frame(self, options: FrameOptions) -> Frame:
         """Frame of these options, in the piece of the scene that is compiled then."""
-        scanner_s, _ = check_frame(self.scene, self.sensor.scanner, number=options.number, begin_s=options.begin_s)
-        piece = piece_of(self.scene, options.begin_s + scanner_s)
+        if self._begun is not None and self._begun.is_of(options):
+            return self._begun.frame
+        piece = self._piece_at(options)
         if piece != self._piece:
             self._piece = piece
             self.world = self._build_world()
             self._prepare_stages()
         return self._frame(options)
+
+    def _piece_at(self, options: FrameOptions) -> Piece | None:
+        """Piece of the scene in which the vehicle is as a frame begins. Raises InputError as `check_frame`."""
+        scanner_s, _ = check_frame(self.scene, self.sensor.scanner, number=options.number, begin_s=options.begin_s)
+        return piece_of(self.scene, options.begin_s + scanner_s)
 
     def _check_clearance(self, place: Pose, start_s: float) -> None:
         """Raise InputError for a sensor on or in a surface."""

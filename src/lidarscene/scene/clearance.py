@@ -15,7 +15,7 @@ import numpy as np
 
 from ..errors import OptionError
 from ..maths.arrays import Numbers
-from ..maths.trajectory import pose_at
+from ..maths.trajectory import pose_at, poses_at
 from .scene import Ball, Body, Part, Scene, box_of
 
 NARROWEST_ROOM_M = 1.0
@@ -91,11 +91,12 @@ class Clearance:
         time_s    time by the clock of the scene's motions
         """
         low, high = self.around[:, 0] - radius_m, self.around[:, 1] + radius_m
-        for body_index in np.flatnonzero(((low <= place_m) & (place_m <= high)).all(axis=1)):
+        near_boxes = np.flatnonzero(((low <= place_m) & (place_m <= high)).all(axis=1)).tolist()
+        nearby = [body_index for body_index in near_boxes if self.bodies[body_index].is_present(time_s)]
+        poses = poses_at([self.bodies[body_index].motion for body_index in nearby], time_s)
+        for body_index, pose_then in zip(nearby, poses, strict=True):
             body, box = self.bodies[body_index], self.boxes[body_index]
-            if not body.is_present(time_s):
-                continue
-            pose = body.pose if body.motion is None else pose_at(body.motion, time_s)
+            pose = body.pose if pose_then is None else pose_then
             point = pose.inverse_apply(place_m)
             if not ((box[0] - radius_m <= point) & (point <= box[1] + radius_m)).all():
                 continue

@@ -7,13 +7,13 @@ same surface that the ground's meshes show.
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from ..maths.arrays import Numbers
-from ..maths.trajectory import Motion, States
+from ..maths.trajectory import Motion, States, states_alone, states_of
 from ..physics.road.suspension import Suspension
 
 STEP_S = 0.005
@@ -68,25 +68,35 @@ class Ride:
 
     def at(self, time_s: Numbers) -> States:
         """States at (n,) times in the span; beyond it, those at its end."""
-        time_s = np.clip(np.asarray(time_s, dtype=np.float64), *self.span_s)
-        base = self.path.at(time_s)
-        body, rate = self.body_at(time_s)
-        heave, pitch, roll = body.T
+        return states_alone(self, time_s)
+
+    @staticmethod
+    def together(motions: Sequence[Ride], time_s: Numbers) -> States:
+        """States of m rides at their own (m, n) times, as `at` of each."""
+        spans = np.array([motion.span_s for motion in motions])
+        time_s = np.clip(time_s, spans[:, :1], spans[:, 1:])
+        base = states_of([motion.path for motion in motions], time_s)
+        pairs = [motion.body_at(times) for motion, times in zip(motions, time_s, strict=True)]
+        body, rate = (np.stack(arrays) for arrays in zip(*pairs, strict=True))
+        heave, pitch, roll = np.moveaxis(body, -1, 0)
         cp, sp, cr, sr = np.cos(pitch), np.sin(pitch), np.cos(roll), np.sin(roll)
         zero = np.zeros_like(pitch)
-        tilt = np.stack([cp, -sp * sr, -sp * cr, zero, cr, -sr, sp, cp * sr, cp * cr], axis=-1).reshape(-1, 3, 3)
+        tilt = np.stack([cp, -sp * sr, -sp * cr, zero, cr, -sr, sp, cp * sr, cp * cr], axis=-1).reshape(
+            *pitch.shape, 3, 3
+        )
         # In the path's frame: the origin swings ahead below the centre of mass as the nose lifts.
-        centre_m = 0.0 if self.suspension is None else self.suspension.height_m
+        suspensions = [motion.suspension for motion in motions]
+        centre_m = np.array([[0.0 if each is None else each.height_m] for each in suspensions])
         shift = np.stack([centre_m * sp, zero, heave + centre_m * (1.0 - cp)], axis=-1)
-        drift = np.stack([centre_m * cp * rate[:, 1], zero, rate[:, 0] + centre_m * sp * rate[:, 1]], axis=-1)
-        shift, drift = (np.einsum("nij,nj->ni", base.rotation, vector) for vector in (shift, drift))
+        drift = np.stack([centre_m * cp * rate[..., 1], zero, rate[..., 0] + centre_m * sp * rate[..., 1]], axis=-1)
+        shift, drift = (np.einsum("mnij,mnj->mni", base.rotation, vector) for vector in (shift, drift))
         # Rates in the path's frame: -pitch about y, then roll about the x axis that pitch has turned.
-        turning = np.stack([cp * rate[:, 2], -rate[:, 1], sp * rate[:, 2]], axis=-1)
+        turning = np.stack([cp * rate[..., 2], -rate[..., 1], sp * rate[..., 2]], axis=-1)
         return States(
             position_m=base.position_m + shift,
             rotation=base.rotation @ tilt,
             velocity_m_s=base.velocity_m_s + drift + np.cross(base.turning_rad_s, shift),
-            turning_rad_s=base.turning_rad_s + np.einsum("nij,nj->ni", base.rotation, turning),
+            turning_rad_s=base.turning_rad_s + np.einsum("mnij,mnj->mni", base.rotation, turning),
         )
 
     def body_at(self, time_s: Numbers) -> tuple[Numbers, Numbers]:
