@@ -194,14 +194,14 @@ def most_chunks_alive(monkeypatch: pytest.MonkeyPatch) -> Callable[[], int]:
     most_alive = [0]
     stream = Simulator.stream
 
-    def stream_and_watch(self: Simulator, sink: Callable[[PointCloud], None], *options: Any) -> None:
+    def stream_and_watch(self: Simulator, sink: Callable[[PointCloud], None], *options: Any, **keywords: Any) -> None:
         def watch_chunk(cloud: PointCloud) -> None:
             most_alive[0] = max(most_alive[0], sum(column_ref() is not None for column_ref in columns))
             # Whoever keeps a slice of a column keeps the array that it is of.
             columns.append(weakref.ref(cloud.intensity if cloud.intensity.base is None else cloud.intensity.base))
             sink(cloud)
 
-        stream(self, watch_chunk, *options)
+        stream(self, watch_chunk, *options, **keywords)
 
     monkeypatch.setattr(Simulator, "stream", stream_and_watch)
     return lambda: most_alive[0] if len(columns) > 3 else 10**6
