@@ -138,7 +138,7 @@ def test_without_packages(
     argv = ["batch", str(job_file), "-o", str(tmp_path / "out")]
     assert main.main(argv) == 1
     error_text = capsys.readouterr().err
-    missing = f"lidarscene: error: batch needs {package} and python-neo-lzf; try: pip install 'lidarscene[batch,pcd]'"
-    assert error_text.startswith(missing)
+    missing = f"lidarscene: error: {package} and python-neo-lzf are needed and cannot be found; try: pip install "
+    assert error_text.startswith(f"{missing}'lidarscene[batch,pcd]', or pip install {package} python-neo-lzf")
     assert main.main([*argv, "--scheduler", "nonsense"]) == 1
     assert capsys.readouterr().err.startswith(missing) == (package == "distributed")

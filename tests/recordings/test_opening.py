@@ -1,5 +1,6 @@
 """Which reader a recording gets, and what is said where its library is missing."""
 
+import importlib.metadata
 import sys
 from pathlib import Path
 
@@ -28,6 +29,18 @@ def test_a_missing_library_is_told_with_what_to_type(tmp_path: Path, monkeypatch
         packages = " ".join(optional.EXTRAS[extra].values())
         assert f"try: pip install 'lidarscene[{extra}]', or pip install {packages}" in str(caught.value)
         assert "\n" not in str(caught.value)
+
+
+def test_an_old_release_is_told_with_what_to_type(run: Run, wall: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rationale: ouster-sdk brings rosbags 0.9.23, whose writer is another; who has it wants both."""
+    releases = importlib.metadata.version
+    monkeypatch.setattr(importlib.metadata, "version", lambda name: "0.9.23" if name == "rosbags" else releases(name))
+    Path("a.mcap").write_bytes(b"1")
+    for line in (f"render {wall} -o b.mcap", "view a.mcap --save a.html"):
+        ran = run(*line.split())
+        assert (ran.code, ran.out, ran.err.count("\n")) == (1, "", 1)
+        assert "rosbags 0.9.23 is too old; try: pip install 'rosbags>=0.11.6'" in ran.err
+    assert not Path("b.mcap").exists()
 
 
 def test_a_twin_names_all_that_is_missing_at_once(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -11,7 +11,7 @@ from contextlib import ExitStack, contextmanager
 from typing import Any
 
 from ..errors import LidarSceneError, OptionWarning, shorten
-from ..files.optional import EXTRAS, is_installed
+from ..files.optional import is_installed, require_together
 
 PATIENCE_S = 30
 """Longest wait for a scheduler's answer: Dask's own default."""
@@ -42,16 +42,8 @@ def require_packages(extra: str = "", *, local: bool) -> None:
     extra  group of packages of the clouds' format; "" if it needs none
     local  whether the cluster runs on this machine, where connections are encrypted
     """
-    modules = {"distributed": "distributed", "pyarrow": "pyarrow"}
-    modules |= {"cryptography": "cryptography"} if local else {}
-    modules |= EXTRAS[extra] if extra else {}
-    missing = [package for module, package in modules.items() if not is_installed(module)]
-    if missing:
-        groups = ",".join(filter(None, ("batch", extra)))
-        raise LidarSceneError(
-            f"batch needs {' and '.join(missing)}; try: pip install 'lidarscene[{groups}]', or "
-            f"pip install {' '.join(missing)}"
-        )
+    # Without bokeh there are no pages, and all else works.
+    require_together("batch", *filter(None, [extra]), without=("bokeh",) if local else ("bokeh", "cryptography"))
 
 
 def usable_cores() -> int:

@@ -8,6 +8,8 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+import re
+from collections.abc import Collection
 from typing import Any
 
 from ..errors import LidarSceneError
@@ -27,8 +29,15 @@ EXTRAS = {
     "design": {"pymoo": "pymoo"},
     "completion": {"shtab": "shtab"},
     "open3d": {"open3d": "open3d libusb-package"},
+    "batch": {"distributed": "distributed", "pyarrow": "pyarrow", "cryptography": "cryptography", "bokeh": "bokeh"},
 }
 """Group of pyproject.toml -> {module that is imported: packages that bring it}."""
+
+LEAST = {"rosbags": "0.11.6"}
+"""Package of which another one may bring an older release -> the first that works, as in pyproject.toml.
+
+ouster-sdk 1.0.1 asks for rosbags 0.9.23, and reads its own files with any.
+"""
 
 
 def import_optional(module: str, *, extra: str = "") -> Any:
@@ -37,15 +46,36 @@ def import_optional(module: str, *, extra: str = "") -> Any:
     extra  group of `EXTRAS` that brings it; "" if none does
     Raises LidarSceneError, in one line, with what to type.
     """
+    package = module.partition(".")[0]
     try:
+        _require_release(package)
         return importlib.import_module(module)
     except (ImportError, OSError) as error:
-        reason, package = " ".join(str(error).split()), module.partition(".")[0]
+        reason = " ".join(str(error).split())
         group = f"pip install 'lidarscene[{extra}]', or " if extra else ""
         packages = " ".join(EXTRAS[extra].values()) if extra else package
         raise LidarSceneError(
             f"{package} is needed and cannot be imported ({reason}); try: {group}pip install {packages}"
         ) from error
+
+
+def _require_release(package: str) -> None:
+    """Raise LidarSceneError for a release older than `LEAST`. Raises ImportError for a package that is missing."""
+    least = LEAST.get(package)
+    if least is None:
+        return
+    from importlib import metadata
+
+    release = metadata.version(package)
+    if _numbers(release) < _numbers(least):
+        raise LidarSceneError(
+            f"{package} {release} is too old; try: pip install '{package}>={least}', whatever pip says of others that "
+            "ask for the old one"
+        )
+
+
+def _numbers(release: str) -> list[int]:
+    return [int(number) for number in re.findall(r"\d+", release)[:3]]
 
 
 def is_installed(module: str) -> bool:
@@ -56,14 +86,23 @@ def is_installed(module: str) -> bool:
         return False
 
 
-def require_together(*extras: str) -> None:
-    """Raise one LidarSceneError for all of these groups that lack a module, before the first of them is imported."""
-    missing = [extra for extra in extras if not all(map(is_installed, EXTRAS[extra]))]
-    if missing:
-        packages = " ".join(package for extra in missing for package in EXTRAS[extra].values())
+def require_together(*extras: str, without: Collection[str] = ()) -> None:
+    """Raise one LidarSceneError for all modules that these groups lack, before the first of them is imported.
+
+    without  modules that are not needed
+    """
+    missing = {
+        extra: [
+            packages for module, packages in EXTRAS[extra].items() if module not in without and not is_installed(module)
+        ]
+        for extra in extras
+    }
+    groups = [extra for extra in extras if missing[extra]]
+    packages = [package for extra in groups for package in missing[extra]]
+    if packages:
         raise LidarSceneError(
-            f"{' and '.join(missing)}: packages of these groups are missing; "
-            f"try: pip install 'lidarscene[{','.join(missing)}]', or pip install {packages}"
+            f"{' and '.join(packages)} {'is' if len(packages) == 1 else 'are'} needed and cannot be found; "
+            f"try: pip install 'lidarscene[{','.join(groups)}]', or pip install {' '.join(packages)}"
         )
 
 
