@@ -178,14 +178,21 @@ def _has_embree(folder: Path) -> bool:
     return (folder / "include" / "embree3" / "rtcore.h").is_file() and (folder / "libembree3.so").is_file()
 
 
-def task(library: Any, simulator: Simulator) -> Callable[[], tuple[np.ndarray, np.ndarray]]:
-    """Distances (n,), infinite for none, and whether the sun is seen (n,), by lane."""
+def task(
+    library: Any, simulator: Simulator, *, lanes: np.ndarray | None = None
+) -> Callable[[], tuple[np.ndarray, np.ndarray]]:
+    """Distances (n,), infinite for none, and whether the sun is seen (n,), by lane.
+
+    lanes  which of the frame's beams are traced, in order; None: all
+    """
     vertices, faces = (np.ascontiguousarray(array) for array in chain.triangles(simulator))
     scene = library.bare_scene(vertices.ctypes.data, len(vertices), faces.ctypes.data, len(faces))
     pulses = simulator.sensor.scanner.pulses
     order = simulator.numbering.lane_order(pulses)
-    lanes = np.arange(pulses) if order is None else order.pulse
-    rays = chain.beam_rays(simulator)[lanes]
+    pulse = np.arange(pulses) if order is None else order.pulse
+    if lanes is not None:
+        pulse, pulses = pulse[lanes], len(lanes)
+    rays = chain.beam_rays(simulator)[pulse]
     origin = np.array(chain.origin(simulator), np.float32)
     axes = [np.ascontiguousarray(rays[:, 3 + axis]) for axis in range(3)]
     sun = np.asarray(simulator.scene.sun.direction, np.float32)

@@ -20,6 +20,7 @@ import peers
 import process
 import rays
 import receivers
+import sensors
 import table
 
 from lidarscene.errors import LidarSceneError
@@ -56,7 +57,7 @@ def main() -> int:
     return 0
 
 
-PARTS = ("chain", "bare", "receivers", "peers", "rays", "motion", "start", "memory", "batch")
+PARTS = ("sensors", "chain", "bare", "receivers", "peers", "rays", "motion", "start", "memory", "batch")
 
 
 def full_parts(*, large: bool) -> Parts:
@@ -64,6 +65,7 @@ def full_parts(*, large: bool) -> Parts:
     street, car = ROOT / "scenes" / "street.toml", ROOT / "scenes" / "car.toml"
     sizes = SIZES | (LARGER if large else {})
     return {
+        "sensors": lambda: [sensors.measure(street, rounds=7)],
         "chain": lambda: chain.measure(street, step_deg=STREET_DEG, rounds=9),
         "bare": lambda: [
             bare.measure(street, sizes=BARE_SIZES, triangles=SYNTHETIC[-1], middle="131k", city=True, rounds=9)
@@ -82,6 +84,7 @@ def quick_parts() -> Parts:
     """The same in small."""
     car = ROOT / "scenes" / "car.toml"
     return {
+        "sensors": lambda: [sensors.measure(car, sensors=("vlp-16",), rounds=2)],
         "chain": lambda: chain.measure(car, step_deg=0.5, rounds=3),
         "bare": lambda: [bare.measure(car, sizes={"12k": 0.5}, triangles=2_000, middle="12k", city=False, rounds=2)],
         "receivers": lambda: [receivers.measure(car, step_deg=0.5, rounds=2)],
@@ -99,7 +102,8 @@ def report(sections: list[table.Section], *, quick: bool) -> str:
     if quick:
         head = ["Small sizes by `--quick`: these figures say nothing about speed."]
         for section in sections:
-            section.rows[:] = [dataclasses.replace(row, goal="") for row in section.rows]
+            if not section.columns:
+                section.rows[:] = [dataclasses.replace(row, goal="") for row in section.rows]
     if hasattr(os, "getloadavg"):
         head.append(f"Load average of the last 15 minutes at its end: {os.getloadavg()[2]:.1f}, this run included.")
     lines = "".join(f"* {line}\n" for line in [*head, *machine.description_lines()])

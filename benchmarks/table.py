@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import astuple, dataclass
+from typing import Any
 
 
 @dataclass(frozen=True)
@@ -17,11 +18,15 @@ class Row:
 
 @dataclass(frozen=True)
 class Section:
-    """Rows that belong together, under a title, with what to know before reading them."""
+    """Rows that belong together, under a title, with what to know before reading them.
+
+    columns  heads of a table with columns of its own, whose rows are tuples of text
+    """
 
     title: str
     text: str
-    rows: list[Row]
+    rows: list[Any]
+    columns: tuple[str, ...] = ()
 
 
 def verdict(goal: str, is_met: object) -> str:
@@ -34,10 +39,17 @@ HEAD = Row("what", "median", "lowest to highest", "note", "goal")
 
 def markdown(sections: Iterable[Section]) -> str:
     """A heading, the text and the table of each section."""
-    return "\n".join(f"## {section.title}\n\n{section.text}\n\n{_table(section.rows)}" for section in sections)
+    return "\n".join(f"## {section.title}\n\n{section.text}\n\n{_table(section)}" for section in sections)
 
 
-def _table(rows: Iterable[Row]) -> str:
-    lines = [astuple(HEAD), ("---", "---:", "---:", "---", "---")]
-    lines += [astuple(row) for row in rows]
-    return "".join("| " + " | ".join(cell.replace("|", "/") for cell in line) + " |\n" for line in lines)
+def _table(section: Section) -> str:
+    if section.columns:
+        lines = [section.columns, ("---", *["---:"] * (len(section.columns) - 1)), *section.rows]
+    else:
+        lines = [astuple(HEAD), ("---", "---:", "---:", "---", "---"), *map(astuple, section.rows)]
+    return "".join(map(line, lines))
+
+
+def line(cells: Iterable[str]) -> str:
+    """One line of a table."""
+    return "| " + " | ".join(cell.replace("|", "/") for cell in cells) + " |\n"

@@ -69,7 +69,7 @@ SECTIONS = {
 }
 
 
-HALVES = (("chain", "bare", "receivers", "peers", "memory"), ("motion", "rays", "start", "batch"))
+HALVES = (("chain", "bare", "receivers", "peers", "memory"), ("sensors", "motion", "rays", "start", "batch"))
 """Parts that are run in one process, beside the others in another: both take some 20 s of a processor."""
 
 
@@ -111,6 +111,15 @@ def test_every_row_is_there_with_a_figure(page: str, title: str) -> None:
     figures = {row[0]: row[1] for row in rows[2:]}
     assert set(SECTIONS[title]) <= set(figures)
     assert all(figures.values())
+
+
+def test_every_sensor_has_a_row(page: str) -> None:
+    """In small one sensor's: the ratios are numbers, those to Open3D where there is one."""
+    section = page.split("## Every sensor\n")[1].split("\n## ")[0]
+    head, _, *rows = ([cell.strip() for cell in line.split("|")[1:-1]] for line in section.splitlines() if line[:1] == "|")
+    assert [row[0] for row in rows] == ["vlp-16"]
+    assert head[3:6] == ["first surface / bare", "default / bare", "default / bare through glass"]
+    assert all(cell == "-" or float(cell) > 0.1 for cell in rows[0][2:])
 
 
 def test_the_machine_is_described_and_quick_runs_judge_nothing(page: str) -> None:

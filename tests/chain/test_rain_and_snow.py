@@ -226,10 +226,10 @@ def test_share_of_beams_that_one_takes(sky, range_m):
 
 
 def test_more_particles_to_a_pulse_change_nothing(simulator, frame, monkeypatch):
-    """Drops down to a quarter of what the comparator sees, rather than to a half of it: 0.4 % more points.
+    """Drops down to half as strong ones: 1 % more points at most.
 
-    The strongest ones of each pulse are the same, so that counting errors nearly cancel; with drops down to all of
-    what it sees 4 % were missing.
+    The strongest ones of each pulse are the same, so that counting errors nearly cancel; drops down to twice as strong
+    ones only lack 2 % here.
     """
     clouds = [frame("rain")]
     monkeypatch.setattr(air_light, "_LEFT_OUT", 0.5 * air_light._LEFT_OUT)

@@ -202,17 +202,11 @@ def test_motion_and_limits() -> None:
 
 def test_particles() -> None:
     means = particles.MEAN_HITS
-    says(
-        "theory.md",
-        "down to a Lambda of one (of {}, {} or {} where not four but {}, {} or {} are drawn",
-        *(means[n] for n in (8, 16, 32)),
-        8,
-        16,
-        32,
-    )
+    says("theory.md", "One drop of each pulse is drawn up to a Lambda of {}", means[1])
+    says("theory.md", "2, 4, 8, 16 or 32 up to {}, {}, {}, {} or {}", *(means[n] for n in (2, 4, 8, 16, 32)))
     mean = means[4]
     more = 1.0 - sum(math.exp(-mean) * mean**k / math.factorial(k) for k in range(5))
-    says("theory.md", "A pulse with more than four above the cut, one in {}", pytest.approx(1.0 / more, abs=5.0))
+    says("theory.md", "loses its weakest: of four, one in {}", pytest.approx(1.0 / more, abs=5.0))
     says(
         "weather.md",
         "{} R^0.63 dB/km, which is the fit",

@@ -90,7 +90,7 @@ def test_drops_are_lit_before_the_surface_only(monkeypatch):
 
 def test_what_is_drawn_and_what_is_even_are_the_whole_rain(monkeypatch):
     """Mean light of drops of each range, over many pulses, with that which is left: the backscatter of all rain, in a
-    beam whose cross-section is an ellipse. Weaker than half of what trips alone nothing is drawn.
+    beam whose cross-section is an ellipse. Nothing is drawn that is weaker than 0.27 of what trips alone.
     """
     drops.as_bright_as_their_faces(monkeypatch)
     equipped, air, extinction = lit_air(RAIN, *BEAM)
@@ -100,7 +100,8 @@ def test_what_is_drawn_and_what_is_even_are_the_whole_rain(monkeypatch):
     sent = 45.0 * float(equipped.optics.efficiency_laser) * float(equipped.optics.aperture_m2)
     least = float(np.ravel(point.response.power_w(equipped.threshold(point)))[0]) / sent
     weakest = math.exp(float(tables.log_strength.values[-1]))
-    assert tables.count == 32 or weakest <= 0.5 * least
+    # The count is limited to 32; within it the cut is at that share, as exactly as a table of 1500 strengths says.
+    assert tables.count == 32 or weakest == pytest.approx(0.27 * least, rel=1e-2)
     pulse = np.arange(60_000, dtype=np.uint32)
     lanes = {"scale": np.ones(len(pulse)), "end_m": np.full(len(pulse), 1e3), "seed": 3, "pulse": pulse}
     drawn = air.sub_echoes(**lanes)

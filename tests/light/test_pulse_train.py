@@ -69,6 +69,7 @@ def test_air_ends_where_the_last_ray_of_the_core_does(halo, ends_m):
         far_m=150.0,
         hump_m=(0.0, 1.0),
         extinction_per_m=0.01,
+        highest=None,
         particles=(),
         names=("fog",),
         strongest="fog",

@@ -23,7 +23,7 @@ from .overrides import get_entry, key_path, number_list_entries, short_text
 class FileModel(BaseModel):
     """Base of all file models: unknown keys are errors, no value is turned into another type, NaN is refused."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False, defer_build=True)
 
 
 Model = TypeVar("Model", bound=BaseModel)

@@ -9,6 +9,7 @@ air, V(R) course of the air's light over range.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Any
@@ -109,6 +110,7 @@ class Volume:
     scale             (n,) P_t eta A of each pulse
     end_m             (n,) range at which the last of a pulse's light meets a surface: none comes from behind it
     extinction_per_m  alpha, for the way in which the course ends there
+    highest           (samples,) largest value of V from each of these ranges on; None: not known
     """
 
     shape: LookupTable
@@ -118,6 +120,17 @@ class Volume:
     end_m: Lanes
     extinction_per_m: Lanes
     near_m: Lanes = 0.0
+    highest: LookupTable | None = None
+
+    def along(self, range_m: Lanes) -> Lanes:
+        """Place of a range in the course: 0 at the first sample, 1 at the last."""
+        return (range_m - self.near_m) / (self.far_m - self.near_m)
+
+    def highest_w(self, range_m: Lanes) -> Lanes:
+        """Bound of the power from a range on, (n,) W; infinite for one that is lit where the bound is not known."""
+        if self.highest is None:
+            return xp(self.scale).where(self.scale > 0.0, math.inf, 0.0)
+        return self.scale * self.highest.at(self.along(range_m))
 
 
 def hump_of(shape: LookupTable, far_m: float, near_m: float = 0.0) -> tuple[float, float]:

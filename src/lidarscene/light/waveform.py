@@ -324,7 +324,7 @@ def _sample_powers_w(pulse_train: EchoTrain, sensor: Sensor, times_s: Numbers) -
 def _volume_w(air: Volume, range_m: Lanes, fwhm_s: Lanes) -> Lanes:
     """Power of the air's even light, (n,) W; it ends where the last of a pulse's light meets a surface (T37)."""
     ops = xp(range_m, air.scale)
-    along = (range_m - air.near_m) / (air.far_m - air.near_m)
+    along = air.along(range_m)
     unblocked = soft_target.share_before_surface(
         range_m=range_m, surface_m=air.end_m, extinction_per_m=air.extinction_per_m, fwhm_s=fwhm_s
     )

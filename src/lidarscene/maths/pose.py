@@ -69,11 +69,18 @@ class Pose:
 
     def apply(self, points_m: Numbers) -> Numbers:
         """(n, 3) points of this frame, in the parent's coordinates."""
-        return np.asarray(points_m @ self.rotation.T + self.position_m)
+        return np.asarray(_turned(points_m, self.rotation, about_m=np.zeros(3)) + self.position_m)
 
     def inverse_apply(self, points_m: Numbers) -> Numbers:
         """(n, 3) points of the parent, in this frame's coordinates."""
-        return np.asarray((points_m - self.position_m) @ self.rotation)
+        return _turned(points_m, self.rotation.T, about_m=self.position_m)
+
+
+def _turned(points_m: Numbers, rotation: Numbers, *, about_m: Numbers) -> Numbers:
+    """(..., 3) points from a place, turned; column by column, since NumPy is slow at products of (n, 3) and (3, 3)."""
+    columns = np.ascontiguousarray(np.moveaxis(np.asarray(points_m), -1, 0), dtype=np.float64)
+    x, y, z = (column - place_m for column, place_m in zip(columns, about_m, strict=True))
+    return np.moveaxis(np.stack([row[0] * x + row[1] * y + row[2] * z for row in rotation]), 0, -1)
 
 
 def direction_from_angles(*, azimuth_rad: Lanes, elevation_rad: Lanes) -> tuple[Lanes, Lanes, Lanes]:

@@ -74,8 +74,10 @@ def moment_above_cut(tables, power):
 
 @pytest.mark.parametrize(("count", "mean"), particles.MEAN_HITS.items())
 def test_so_many_drops_a_pulse_are_strong(count, mean):
-    """The cut is where that number is expected, and few are lost. Tolerance: 1000 ranges and linear tables."""
-    assert moment_above_cut(drawn_tables(count), 0) == pytest.approx(mean, rel=2e-3)
+    """The cut is where that number is expected, and few are lost. Tolerance: 1000 ranges and linear tables, and the
+    closed sigma, which is 5 % too large for drops of 5 mm: of the few strongest drops many are that large.
+    """
+    assert moment_above_cut(drawn_tables(count), 0) == pytest.approx(mean, rel=2e-3, abs=1.5e-4)
     number = np.arange(400)
     assert ((number - count).clip(0) * poisson.pmf(number, mean)).sum() < 0.005 * mean
 

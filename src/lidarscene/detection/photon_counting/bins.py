@@ -12,6 +12,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, replace
 
+from ...light.echoes import Volume
 from ...light.waveform import Waveform
 from ...maths import random
 from ...maths.arrays import Array, Lanes, Mask, Ops, xp
@@ -19,7 +20,7 @@ from ...maths.random import Stage
 from ...physics.photon_counting import dead_time, draws, matched_filter, pile_up
 from ...physics.photon_counting.pile_up import BOX
 from ...sensor.detectors.spad_detector import Macropixel
-from .shadows import Shadow
+from .shadows import DEAD_TIMES, Shadow
 
 BOX_SHARE = math.erf(BOX / math.sqrt(2.0))
 
@@ -53,7 +54,8 @@ class Peak:
 
 
 _FEW = 2e-3
-"""Share of the SPADs that may be left out when they come free again: 0.1 % of the noise in any light."""
+"""Share of the SPADs that may be left out when they come free again, or when the air's light fires them: 0.1 % of the
+noise in any light."""
 
 _NOTHING_BEFORE = 4.5
 """Widths (sigmas) behind the first bin from which on an echo has no light before it."""
@@ -248,8 +250,17 @@ class Bins:
         # Places count from the nearest echo.
         shaded = start > -_NOTHING_BEFORE
         if wave.volume is not None:
-            shaded = shaded | (wave.volume.scale > 0.0)
+            shaded = shaded | self._air_fires(wave.volume, start)
         return self._follow(start, time_s, shaded, free, middle)
+
+    def _air_fires(self, air: Volume, start: Lanes) -> Mask:
+        """Whether the air's light fires enough SPADs before a place to be missed there, (n,)."""
+        pixel = self.pixel
+        if pixel.spad.stamps == "first":
+            return air.scale > 0.0  # none that has fired since the pulse left comes back
+        # Older firings count in the light of the dead times before only.
+        earliest_m = self.wave.range_m(start - (DEAD_TIMES + 1) * pixel.blind_sigmas)
+        return air.highest_w(earliest_m) * pixel.per_watt * pixel.spad.dead_time_s > _FEW
 
     def _follow(self, start: Lanes, time_s: Lanes, shaded: Mask, even: Lanes, middle: Lanes) -> _Before:
         """Follow the SPADs through the light before the bins, three dead times to none before (T100), (T109).

@@ -18,7 +18,7 @@ from ...maths.arrays import Lanes, xp
 from ...physics.photon_counting import dead_time, pile_up
 from ...sensor.detectors.spad_detector import Macropixel
 
-_DEAD_TIMES = 4
+DEAD_TIMES = 4
 """Dead times before a place in which light is looked for: of older firings a tenth and less is still missing."""
 
 _STEPS = (12, 6, 6, 6, 6)
@@ -45,7 +45,7 @@ class Shadow:
     def free(self, earlier: int = 0) -> Lanes:
         """Free SPADs over those of even light, (n,), so many whole dead times before the place."""
         ops, free = xp(self.place), 1.0 + 0.0 * self.place
-        for number in range(earlier, min(len(self.firings), _DEAD_TIMES)):
+        for number in range(earlier, min(len(self.firings), DEAD_TIMES)):
             # Light of the dead time before has come back once, and so on.
             back = number - earlier
             since = ops.maximum(self.place - earlier * self.dead - self.places[number], back * self.dead)
@@ -87,9 +87,9 @@ class Shadow:
             return cls(place=place, sun=0.0, dead=dead, firings=(fired,), places=(place,))
         shadow = cls(place=place, sun=sun, dead=dead, firings=(), places=())
         # Afterpulses come of all that is older, too.
-        for number in reversed(range(_DEAD_TIMES + (pixel.spad.afterpulse is not None))):
+        for number in reversed(range(DEAD_TIMES + (pixel.spad.afterpulse is not None))):
             end = place - number * dead
-            begin = end - dead if number < _DEAD_TIMES else None
+            begin = end - dead if number < DEAD_TIMES else None
             light, mean, whole = _light_between(
                 pixel, wave, (end, begin), time_s - number * pixel.spad.dead_time_s, number
             )
@@ -104,7 +104,7 @@ class Shadow:
                 back = tuple(
                     dead_time.firing_share(detections=light * share_before(since - count * dead))
                     / ops.maximum(at_first, 1e-20)
-                    for count in range(1, _DEAD_TIMES)
+                    for count in range(1, DEAD_TIMES)
                 )
                 free = free - fired * shadow._missing(since, back)
             # Of an echo that is cut off fewer SPADs come free within its light.

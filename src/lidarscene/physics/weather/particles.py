@@ -22,10 +22,11 @@ from ...maths import random
 from ...maths.arrays import Array, Lanes, LookupTable, Numbers, xp
 from .precipitation import Sizes
 
-MEAN_HITS = {4: 1.0, 8: 3.5, 16: 9.5, 32: 23.0}
-"""Particles drawn for a pulse, and the mean number above the cut. Pulses with more lose their weakest: less than 0.5 %
-of the particles above the cut, and less of their power."""
+MEAN_HITS = {1: 0.01, 2: 0.18, 4: 1.0, 8: 3.5, 16: 9.5, 32: 23.0}
+"""Particles drawn for a pulse, and the largest mean number above the cut. Pulses with more lose their weakest: less than
+0.5 % of the particles above the cut, and less of their power."""
 
+_FEWEST_HITS = 1e-4  # mean number above the cut: the tables need a range of strengths
 _FIRST_LOG = math.log(1e-6)  # of Lambda: rarer echoes than one in 1e6 pulses count as this strong
 _RANGES, _LEVELS, _SHARES = 1000, 193, 1025  # points of the tables
 
@@ -35,13 +36,15 @@ class Strengths:
     """Strengths and ranges of the drawn particles, and the medium that is left without them.
 
     count         particles to draw for a pulse
-    log_strength  ln s over the logarithm of Lambda, from 1e-6 to `MEAN_HITS` of the count
+    last_log      ln Lambda at the cut, Lambda being the mean number of particles above it
+    log_strength  ln s over the logarithm of Lambda, from 1e-6 to the cut
     log_range     ln R of a particle of that strength, over the same and the share of such particles that are nearer
     range_m       (n,) rising, from the nearest to the farthest particle
     backscatter_per_m_sr  (n,) beta of the particles too weak to be drawn, at these ranges
     """
 
     count: int
+    last_log: Lanes
     log_strength: LookupTable
     log_range: LookupTable
     range_m: Numbers
@@ -84,7 +87,7 @@ def strengths(
     backscatter_m2_sr: Callable[..., Lanes],
     gain: Callable[..., Numbers] | None = None,
     count: int = 4,
-    down_to: float = math.inf,
+    down_to: float | None = None,
 ) -> Strengths:
     """Tables for `hits`.
 
@@ -94,9 +97,8 @@ def strengths(
 
     backscatter_m2_sr  sigma(diameter_m=D): W/sr per W/m2 on the particle
     gain               g(diameter_m=D, within_rad=..., from_rad=...) of it into the lens; None: one
-    count              a key of `MEAN_HITS`; more particles mean a weaker cut
-    down_to            strength: the count is the least from ``count`` on whose weakest particle is below it, or the
-                       most
+    count              a key of `MEAN_HITS`, whose mean number gives the cut
+    down_to            strength of the cut in its place: as many particles as it takes, if that is not above the most
 
     Strengths grow as R^-4 towards the sensor, up to sigma / (S R^2) at ``nearest_m``: use the distance from which the
     receiver sees its beam, not less.
@@ -119,10 +121,12 @@ def strengths(
     expected = np.concatenate([nearer(part)[:, -1] for part in np.array_split(trial, 3)])
     usable = expected > 1e-12
     log_expected, log_trial = np.log(expected[usable]), np.log(trial[usable])
-    for count in (candidate for candidate in MEAN_HITS if candidate >= count):
-        last_log = math.log(MEAN_HITS[count])
-        if math.exp(np.interp(last_log, log_expected, log_trial)) < down_to:
-            break
+    mean_hits = MEAN_HITS[count]
+    if down_to is not None:
+        wanted = math.exp(np.interp(-math.log(down_to), -log_trial, log_expected))
+        count, most = next((entry for entry in MEAN_HITS.items() if entry[1] >= wanted), max(MEAN_HITS.items()))
+        mean_hits = min(max(wanted, _FEWEST_HITS), most)
+    last_log = math.log(mean_hits)
     half = 0.5 * (last_log - _FIRST_LOG) / (_LEVELS - 1)
     level = np.linspace(_FIRST_LOG - half, last_log + half, 2 * _LEVELS + 1)
     log_strength = np.interp(level, log_expected, log_trial)
@@ -136,6 +140,7 @@ def strengths(
     cut = math.exp(log_strength[-2]) / np.maximum(strength_per_sigma, 1e-300)
     return Strengths(
         count=count,
+        last_log=last_log,
         log_strength=LookupTable(log_strength[1::2]),
         log_range=LookupTable(log_range),
         range_m=r,
@@ -223,13 +228,13 @@ def hits(tables: Strengths, *, seed: Lanes, pulse: Lanes, first_draw: int = 0) -
     ops = xp(pulse)
     particles = []
     expected: Lanes = 0.0
-    mean_hits = MEAN_HITS[tables.count]
     for number in range(tables.count):
         draw = first_draw + 2 * number
         words = [random.words(seed=seed, stage=random.Stage.PARTICLES, pulse=pulse, draw=draw + i) for i in (0, 1)]
         expected = expected + random.exponential(words[0])
-        level = (ops.log(expected) - _FIRST_LOG) / (math.log(mean_hits) - _FIRST_LOG)
+        log_expected = ops.log(expected)
+        level = (log_expected - _FIRST_LOG) / (tables.last_log - _FIRST_LOG)
         range_m = ops.exp(tables.log_range.at(level, random.open_uniform(words[1][0])))
-        strength = ops.where(expected <= mean_hits, ops.exp(tables.log_strength.at(level)), 0.0)
+        strength = ops.where(log_expected <= tables.last_log, ops.exp(tables.log_strength.at(level)), 0.0)
         particles.append((range_m, strength))
     return particles

@@ -1,0 +1,116 @@
+"""Every sensor of the catalogue, as people run it: the whole chain against the least that its rays can cost, and Open3D.
+
+Run alone: python benchmarks/sensors.py [--scene FILE] [--rounds N] [SENSOR ...]. Each line is printed when it is measured.
+"""
+
+import argparse
+import os
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+import bare
+import chain
+import clock
+import numpy as np
+from table import Section, line
+
+from lidarscene import load_scene, load_sensor
+from lidarscene.catalog import names
+from lidarscene.errors import LidarSceneError
+from lidarscene.rendering.simulator import Simulator
+
+ROOT = Path(__file__).parents[1]
+FIRST, DEFAULT, BARE, GLASS, OPEN3D = "first surface", "default", "bare Embree", "bare Embree through glass", "Open3D"
+COLUMNS = (
+    "sensor",
+    "beams",
+    "bare, CPU ms",
+    "first surface / bare",
+    "default / bare",
+    "default / bare through glass",
+    "Open3D / default",
+    "first, clock",
+    "default, clock",
+    "Open3D / default, clock",
+)
+
+TEXT = """A frame of each sensor with its own rays, from pulse numbers to a `PointCloud`, over what others need for these
+rays; medians of ratios in the same round, by the time of the processor of all threads, the last three by the clock.
+`bare` is `bare.cpp`: closest hits and sun rays with Mitsuba's Embree, and nothing else. `bare through glass` traces the beams
+that meet a pane first once more, straight on through all panes: the least that the default can cost, which goes on through panes and
+off mirrors. `Open3D` has its beam rays ready, makes the sun rays of its hits, and stops at the first surface. Load of the machine over
+1, 5 and 15 minutes at the end, this included: {load}."""
+
+
+def measure(scene_file: Path, *, sensors: Sequence[str] = (), rounds: int) -> Section:
+    """One row for each of these sensors, or of the catalogue's."""
+    rows = [*measured_rows(scene_file, sensors or names("sensors"), rounds)]
+    load = ", ".join(f"{value:.1f}" for value in os.getloadavg())
+    return Section("Every sensor", TEXT.format(load=load), rows, COLUMNS)
+
+
+def measured_rows(scene_file: Path, sensors: Sequence[str], rounds: int) -> Iterator[tuple[str, ...]]:
+    """Yield the cells of each sensor's row."""
+    scene = load_scene(scene_file)
+    library = bare.compile_library()
+    worlds: dict[tuple[float, bool], Any] = {}  # by wavelength, and whether beams go on
+    for name in sensors:
+        sensor = load_sensor(name)
+        simulators = {}
+        for label, options in ((FIRST, {"interactions": 0}), (DEFAULT, {})):
+            key = sensor.laser.wavelength_m, label == DEFAULT
+            simulator = Simulator(scene, sensor, world=worlds.get(key), **options)
+            worlds[key], simulators[label] = simulator.world, simulator
+        yield _row(name, simulators, library, rounds)
+
+
+def _row(name: str, simulators: dict[str, Simulator], library: Any | None, rounds: int) -> tuple[str, ...]:
+    tasks: dict[str, Callable[[], Any]] = {label: simulator.render for label, simulator in simulators.items()}
+    if library is not None:
+        tasks[BARE] = bare.task(library, simulators[FIRST])
+        tasks[GLASS] = _through_glass(library, simulators, tasks[BARE])
+    try:
+        tasks[OPEN3D] = chain.open3d_tasks(simulators[FIRST])[OPEN3D]
+    except LidarSceneError:
+        pass  # its cells say so
+    seconds, busy = clock.both_in_turns(tasks, rounds=rounds)
+
+    def ratio(times: clock.Seconds, slow: str, fast: str) -> str:
+        return f"{clock.ratio(times, slow, fast)[0]:.2f}" if slow in tasks and fast in tasks else "-"
+
+    return (
+        name,
+        f"{simulators[FIRST].sensor.scanner.pulses:,}",
+        f"{1e3 * np.median(busy[BARE]):.1f}" if BARE in tasks else "-",
+        ratio(busy, FIRST, BARE),
+        ratio(busy, DEFAULT, BARE),
+        ratio(busy, DEFAULT, GLASS),
+        ratio(busy, OPEN3D, DEFAULT),
+        ratio(seconds, FIRST, BARE),
+        ratio(seconds, DEFAULT, BARE),
+        ratio(seconds, OPEN3D, DEFAULT),
+    )
+
+
+def _through_glass(library: Any, simulators: dict[str, Simulator], first: Callable[[], Any]) -> Callable[[], Any]:
+    """First surfaces of all beams, and what is behind the panes of those that meet one."""
+    behind = bare.task(library, simulators[DEFAULT])  # this world's own scene has no panes
+    lanes = np.flatnonzero(first()[0] < behind()[0] * (1.0 - 1e-6))
+    onward = bare.task(library, simulators[DEFAULT], lanes=lanes)
+    return lambda: (first(), onward())
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("sensors", nargs="*", metavar="SENSOR")
+    parser.add_argument("--scene", type=Path, default=ROOT / "scenes" / "street.toml")
+    parser.add_argument("--rounds", type=int, default=7)
+    arguments = parser.parse_args()
+    print(line(COLUMNS), end="")
+    for row in measured_rows(arguments.scene, arguments.sensors or names("sensors"), arguments.rounds):
+        print(line(row), end="", flush=True)
+
+
+if __name__ == "__main__":
+    main()
