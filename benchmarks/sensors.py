@@ -1,9 +1,11 @@
 """Every sensor of the catalogue, as people run it: the whole chain against the least that its rays can cost, and Open3D.
 
-Run alone: python benchmarks/sensors.py [--scene FILE] [--rounds N] [SENSOR ...]. Each line is printed when it is measured.
+Run alone: python benchmarks/sensors.py [--scene FILE] [--rounds N] [SENSOR ...]. Each line is printed when it is
+measured.
 """
 
 import argparse
+import contextlib
 import os
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
@@ -37,10 +39,10 @@ COLUMNS = (
 
 TEXT = """A frame of each sensor with its own rays, from pulse numbers to a `PointCloud`, over what others need for these
 rays; medians of ratios in the same round, by the time of the processor of all threads, the last three by the clock.
-`bare` is `bare.cpp`: closest hits and sun rays with Mitsuba's Embree, and nothing else. `bare through glass` traces the beams
-that meet a pane first once more, straight on through all panes: the least that the default can cost, which goes on through panes and
-off mirrors. `Open3D` has its beam rays ready, makes the sun rays of its hits, and stops at the first surface. Load of the machine over
-1, 5 and 15 minutes at the end, this included: {load}."""
+`bare` is `bare.cpp`: closest hits and sun rays with Mitsuba's Embree, and nothing else. `bare through glass` traces the
+beams that meet a pane first once more, straight on through all panes: the least that the default can cost, which goes
+on through panes and off mirrors. `Open3D` has its beam rays ready, makes the sun rays of its hits, and stops at the
+first surface. Load of the machine over 1, 5 and 15 minutes at the end, this included: {load}."""
 
 
 def measure(scene_file: Path, *, sensors: Sequence[str] = (), rounds: int) -> Section:
@@ -70,10 +72,8 @@ def _row(name: str, simulators: dict[str, Simulator], library: Any | None, round
     if library is not None:
         tasks[BARE] = bare.task(library, simulators[FIRST])
         tasks[GLASS] = _through_glass(library, simulators, tasks[BARE])
-    try:
+    with contextlib.suppress(LidarSceneError):  # without Open3D its cells are empty
         tasks[OPEN3D] = chain.open3d_tasks(simulators[FIRST])[OPEN3D]
-    except LidarSceneError:
-        pass  # its cells say so
     seconds, busy = clock.both_in_turns(tasks, rounds=rounds)
 
     def ratio(times: clock.Seconds, slow: str, fast: str) -> str:

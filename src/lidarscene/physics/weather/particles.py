@@ -23,8 +23,8 @@ from ...maths.arrays import Array, Lanes, LookupTable, Numbers, xp
 from .precipitation import Sizes
 
 MEAN_HITS = {1: 0.01, 2: 0.18, 4: 1.0, 8: 3.5, 16: 9.5, 32: 23.0}
-"""Particles drawn for a pulse, and the largest mean number above the cut. Pulses with more lose their weakest: less than
-0.5 % of the particles above the cut, and less of their power."""
+"""Particles drawn for a pulse, and the largest mean number above the cut. Pulses with more lose their weakest: less
+than 0.5 % of the particles above the cut, and less of their power."""
 
 _FEWEST_HITS = 1e-4  # mean number above the cut: the tables need a range of strengths
 _FIRST_LOG = math.log(1e-6)  # of Lambda: rarer echoes than one in 1e6 pulses count as this strong
