@@ -38,7 +38,7 @@ COLUMNS = (
 )
 
 TEXT = """A frame of each sensor with its own rays, from pulse numbers to a `PointCloud`, over what others need for
-these rays; medians of ratios in the same round, by the time of the processor of all threads, the last three by the clock.
+these rays: medians of ratios in a round, by the time of the processor of all threads, the last three by the clock.
 `bare` is `bare.cpp`: closest hits and sun rays with Mitsuba's Embree, and nothing else. `bare through glass` traces the
 beams that meet a pane first once more, straight on through all panes: the least that the default can cost, which goes
 on through panes and off mirrors. `Open3D` has its beam rays ready, makes the sun rays of its hits, and stops at the
