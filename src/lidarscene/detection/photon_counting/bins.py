@@ -248,7 +248,7 @@ class Bins:
             # The pulse's only echo is the one in these bins.
             return _Before(free=free)
         # Places count from the nearest echo.
-        shaded = start > -_NOTHING_BEFORE
+        shaded: Mask = start > -_NOTHING_BEFORE
         if wave.volume is not None:
             shaded = shaded | self._air_fires(wave.volume, start)
         return self._follow(start, time_s, shaded, free, middle)
