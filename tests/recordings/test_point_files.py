@@ -125,7 +125,7 @@ def test_what_is_damaged_is_told(tmp_path: Path, library: Callable[[str], Any]) 
     assert error_text("a.bin", bytes(17)) == (
         "cannot be read: must be rows of 16 bytes (x, y, z, intensity), got 17 bytes"
     )
-    assert error_text("b.bin", b"") == "must be a recording, got an empty file"
+    assert error_text("b.bin", b"") == "must have points or packets, got an empty file"
     assert error_text("c.bin", bytes(32)) == "must have points, got none"
     assert error_text("a.abc", b"1").startswith("must be a recording that ends in .pcap, .osf, ")
     assert error_text("a.ply", b"ply\nformat ascii 1.0\nelement face 1\nend_header\n").endswith(

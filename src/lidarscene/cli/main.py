@@ -33,7 +33,7 @@ from .stream import add_stream
 from .street import add_street
 from .terminal import Answer, end_cleanly, ended_by, error_text, mute_errors, notes, print_error, print_text, quietly
 from .view import add_view
-from .words import with_joined_pose
+from .words import require_no_empty, with_joined_pose
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -44,7 +44,9 @@ def main(argv: Sequence[str] | None = None) -> int:
         # Garbage collection of all imported modules at exit would take 0.15 s.
         atexit.register(gc.freeze)
     try:
-        arguments = _parser().parse_args(with_joined_pose(sys.argv[1:] if argv is None else argv))
+        words = sys.argv[1:] if argv is None else argv
+        require_no_empty(words)
+        arguments = _parser().parse_args(with_joined_pose(words))
         quiet = bool(getattr(arguments, "quiet", False))
         with notes(), quietly(quiet):
             answer = arguments.run(arguments)

@@ -80,6 +80,13 @@ def pulses(text: str) -> tuple[int, ...]:
     return tuple(chosen)
 
 
+def require_no_empty(argv: Sequence[str]) -> None:
+    """Raise InputError for an argument without a letter: as a path it would be the current folder."""
+    if "" in argv:
+        before = argv[argv.index("") - 1] if argv[0] else "lidarscene"
+        raise InputError(f"an argument is empty, behind {before}: is a variable of the shell not set?")
+
+
 def with_joined_pose(argv: Sequence[str]) -> list[str]:
     """Join ``--pose -5,0,2`` to ``--pose=-5,0,2``: argparse takes a value with a minus for an option."""
     words = list(argv)

@@ -38,7 +38,7 @@ def open_recording(
         if suffix is None:
             raise InputError(f"{file}: must be a recording that ends in {', '.join(READERS)}, got '{file.suffix}'")
         if not file.stat().st_size:
-            raise InputError(f"{file}: must be a recording, got an empty file")
+            raise InputError(f"{file}: must have points or packets, got an empty file")
         read = READERS[suffix]
     if read is _open_osf:
         recording = _open_osf(file, metadata_file, sensor_index)

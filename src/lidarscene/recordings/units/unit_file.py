@@ -35,7 +35,7 @@ def read_unit(path: Path, mode: str | None = None, *, sensor_index: int = 0) -> 
     """
     path = catalog.file_or_example(path)
     if not path.is_file():
-        raise InputError(f"{path}: no such file")
+        raise InputError(f"{path}: must be a file, got a folder" if path.is_dir() else f"{path}: no such file")
     if path.suffix.lower() == ".pcap" and json_beside(path).is_file():
         path = json_beside(path)
     suffix = path.suffix.lower()
