@@ -20,6 +20,7 @@ from lidarscene.maths.pose import Pose
 from lidarscene.rendering.simulator import Simulator
 from lidarscene.rendering.stages import Chain
 from lidarscene.scene.scene import Air
+from lidarscene.scene.weather import Weather
 
 pytestmark = pytest.mark.usefixtures("mi")
 
@@ -130,6 +131,30 @@ def test_no_option_loses_a_recording(name, options):
         assert not cloud.velocity_x_m_s.any()
         assert cloud.normal_x.any()
     assert set(simulator._chain.recordings) == {1}
+
+
+def test_sensors_that_alternate_record_nothing_after_their_first_frames(monkeypatch):
+    """As on a rig, one of each kind of receiver, on the move, in rain, with vectors or the last of two returns."""
+    drops.as_bright_as_their_faces(monkeypatch)
+    scene, world = compiled_scene("traffic")
+    rain = dataclasses.replace(scene, air=Air(weather=Weather(rain_mm_h=5.0)))
+    sensors = {
+        "os1-128": (rain, {"vectors": True}, ["scanner.columns_per_turn=64"]),
+        "vlp-16": (scene, {"vectors": True}, ["tdc.stops=2", "tdc.keep='last'"]),
+        "table1-sipm": (scene, {"vectors": True}, [*COARSE, "detector.statistics='time_domain'"]),
+        "table1-apd": (rain, {"interactions": 0}, COARSE),
+    }
+    simulators = [
+        Simulator(air, load_sensor(name, overrides=list(overrides)), world=world, **options)
+        for name, (air, options, overrides) in sensors.items()
+    ]
+    recordings = []
+    for number in range(2):
+        clouds = [simulator.render(number=number, seed=number) for simulator in simulators]
+        assert min(map(len, clouds)) > 300
+        recordings.append([simulator._chain.recordings for simulator in simulators])
+    assert recordings[0] == recordings[1]
+    assert all(min(counts) > 0 for counts in recordings[0]), recordings[0]
 
 
 def test_only_what_is_wanted_comes_out():
