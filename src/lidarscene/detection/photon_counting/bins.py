@@ -557,7 +557,6 @@ class Bins:
             inside = ops.minimum(ops.maximum(half + 0.5 - ops.abs(i - middle), 0.0), 1.0)
             total = total + inside * (count - background)
         pixel = self.pixel
-        if not (pixel.corrected or pixel.spad.coincidence > 1):
-            weak = pixel.weak_top
-            return ops.maximum(total, 0.0) * (weak.height / pile_up.shade_of_box(sun=pixel.sun))
+        if pixel.weak is not None:
+            return ops.maximum(total, 0.0) * (pixel.weak.height / pile_up.shade_of_box(sun=pixel.sun))
         return ops.maximum(total, 0.0) / BOX_SHARE

@@ -62,8 +62,9 @@ class _Stop:
     status: Lanes
 
 
-_SURE = 7.0
-"""Deviations of the filter's value by which an echo exceeds its highest threshold: the rest of P_d is below 1e-9."""
+_SURE = 5.3
+"""Deviations of the filter's value by which an echo exceeds its highest threshold: the rest of P_d is below 6e-8, which
+single precision does not tell from none."""
 
 _LOWEST_HUMP = 0.1
 """Expected height, in thresholds, below which no hump of SPADs that come back is looked for: noise is as high."""
@@ -191,18 +192,21 @@ def detect(pulse_train: EchoTrain, sensor: Sensor, *, seed: Lanes, pulse: Array)
     assert histogram is not None
     light = fold(pulse_train, histogram)
     background = pulse_train.background_power_w
-    point = sensor.working_point(background)
-    sigma = sensor.pixel(background).sigma_s
+    point, pixel = sensor.working_point(background), sensor.pixel(background)
+    level, deviate = sensor.threshold(point), _draw_deviate(seed, pulse)
     receiver = _Receiver(
         sensor=sensor,
         point=point,
         seed=seed,
         pulse=pulse,
-        threshold=histogram.threshold_of_noise(sensor.threshold(point), _draw_deviate(seed, pulse)),
+        threshold=histogram.threshold_of_noise(level, deviate),
+        pixel=pixel,
+        level=level,
+        deviate=deviate,
         train=light.train,
         folds_m=light.folds_m,
-        light=waveform(*broaden(light.train, sensor, sigma)),
-        filtered=waveform(*broaden(light.train, sensor, matched_filter.OUTPUT_WIDTH * sigma)),
+        light=waveform(*broaden(light.train, sensor, pixel.sigma_s)),
+        filtered=waveform(*broaden(light.train, sensor, matched_filter.OUTPUT_WIDTH * pixel.sigma_s)),
         fluctuation=pulse_train.fluctuation,
     )
     alone = receiver.alone()
@@ -233,17 +237,36 @@ class _Receiver(Shots):
     folds_m   range by which each sub-echo of a surface was folded, (n,) each; None: nothing folds
     light     expected light as wide as in the histogram
     filtered  expected light as wide as behind the filter
+    pixel     SPADs under the background, as they are where their number does not depend on the range
+    level     (n,) median threshold of `point`, which is that of `pixel`
+    deviate   (n,) standard normal number of the point, which scatters its thresholds
     """
 
     train: EchoTrain
     folds_m: Sequence[Lanes] | None
     light: Waveform
     filtered: Waveform
+    pixel: Macropixel
+    level: Lanes
+    deviate: Lanes
 
     @property
     def ops(self) -> Ops:
         """Array functions of the arrays' kind, NumPy's or Dr.Jit's."""
         return xp(self.light.origin_m)
+
+    def _pixel_at(self, range_m: Lanes) -> Macropixel:
+        """SPADs at this range, (n,): those that fire once in a shot become fewer."""
+        if self.pixel.spad.stamps == "all":
+            return self.pixel
+        return self.sensor.pixel(self.train.background_power_w, range_m=range_m)
+
+    def _point_at(self, range_m: Lanes) -> tuple[WorkingPoint, Lanes]:
+        """Working point at this range and its median threshold, (n,)."""
+        if self.pixel.spad.stamps == "all":
+            return self.point, self.level
+        point = self.sensor.working_point(self.train.background_power_w, range_m=range_m)
+        return point, self.sensor.threshold(point)
 
     @property
     def _multi_peak(self) -> bool:
@@ -375,8 +398,7 @@ class _Receiver(Shots):
         """
         ops, wave, on_flank, place = self.ops, self.filtered, candidate.on_flank, candidate.place
         before, behind = place - candidate.previous < _NEIGHBOURS, candidate.following - place < _NEIGHBOURS
-        point = self.sensor.working_point(self.train.background_power_w)
-        noise = point.noise.deviation
+        point, noise = self.point, self.point.noise.deviation
 
         def count() -> Array:
             height, slope, _ = wave.at(place)
@@ -413,8 +435,7 @@ class _Receiver(Shots):
         power_w    power of the filtered light at the candidate, which gives the photons of all light there
         """
         ops, wave = self.ops, self.filtered
-        background_w = self.train.background_power_w
-        pixel, point = self.sensor.pixel(background_w), self.sensor.working_point(background_w)
+        pixel, point = self.pixel, self.point
         bin_sigmas = pixel.histogram.bin_s / pixel.sigma_s
         stride = bin_sigmas * (0.5 / matched_filter.OUTPUT_WIDTH)
         photons_per_w = self._signal(point, power_w) / ops.maximum(power_w, 1e-30)
@@ -474,7 +495,7 @@ class _Receiver(Shots):
         state = ops.where_any(likely, lambda: self._add_return(drawn, power_w, expected, state), state)
         if not self._sees_humps:
             return state
-        pixel = self.sensor.pixel(self.train.background_power_w)
+        pixel = self.pixel
         detections = pixel.detections(self._lone_w(power_w))
         by_echo, by_sun = (dead_time.firing_share(detections=x) for x in (detections, pixel.sun * pixel.blind_sigmas))
         peaks = likely & ~candidate.on_flank if self._multi_peak else likely
@@ -488,7 +509,7 @@ class _Receiver(Shots):
         They are fewer than those that the echo fired, so the strongest return is never theirs. Coates' correction knows
         how many SPADs are free.
         """
-        sensor, pixel = self.sensor, self.sensor.pixel(self.train.background_power_w)
+        sensor, pixel = self.sensor, self.pixel
         only_strongest = sensor.tdc.stops == 1 and sensor.tdc.keep == "strongest"
         return pixel.spad.stamps == "all" and not pixel.corrected and not only_strongest
 
@@ -503,8 +524,7 @@ class _Receiver(Shots):
         ops, sensor, converter, place = self.ops, self.sensor, self.sensor.tdc, candidate.place
         range_m = self.filtered.range_m(place)
         arrival_s = radiometry.time_of_flight_s(range_m=range_m)
-        background = self.train.background_power_w
-        pixel = sensor.pixel(background, range_m=range_m)
+        pixel = self._pixel_at(range_m)
         detections = pixel.detections(self._lone_w(power_w))
         early = pixel.sigma_s * pile_up.shift(detections=detections, sun=pixel.sun, dead=pixel.blind_sigmas)
         bins = Bins(pixel=pixel, wave=self.light, seed=self.seed, pulse=self.pulse)
@@ -517,9 +537,7 @@ class _Receiver(Shots):
         at = place * matched_filter.OUTPUT_WIDTH + early / pixel.sigma_s
         peak = bins.highest(at, arrival_s + early, limits_s=limits_s)
         expected = self._expect_shaded(candidate, power_w, expected, peak)
-        threshold = pixel.histogram.threshold_of_point(
-            expected.level, _draw_deviate(self.seed, self.pulse), expected.lone
-        )
+        threshold = pixel.histogram.threshold_of_point(expected.level, self.deviate, expected.lone)
         tripped = candidate.exists & peak.exists & (peak.value >= threshold)
         time_s = self._reported_s(pixel, peak)
         accepted = tripped & comparator.accepts_crossing(sensor, arrival_s) & comparator.is_range(time_s)
@@ -587,8 +605,7 @@ class _Receiver(Shots):
         are visited.
         """
         ops, sensor = self.ops, self.sensor
-        background = self.train.background_power_w
-        pixel, point = sensor.pixel(background), sensor.working_point(background)
+        pixel, point = self.pixel, self.point
         assert point.law is not None
         echo = pile_up.firings(detections=detections, sun=pixel.sun)
         hump = pile_up.hump(echo, sun=pixel.sun, dead=pixel.blind_sigmas)
@@ -605,7 +622,7 @@ class _Receiver(Shots):
             height = ops.where(peak.shaded, peak.expected, height)
         level, signal = expected.level, pixel.signal_of_height(height)
         lone = point.law.lone(level, signal)
-        threshold = pixel.histogram.threshold_of_point(level, _draw_deviate(self.seed, self.pulse), lone)
+        threshold = pixel.histogram.threshold_of_point(level, self.deviate, lone)
         time_s, apart_s = self._reported_s(pixel, peak), sensor.tdc.dead_time_s
         accepted = exists & (peak.value >= threshold) & comparator.accepts_crossing(sensor, arrival_s)
         accepted = accepted & (time_s - state.last_s >= apart_s) & comparator.is_range(time_s)
@@ -633,7 +650,7 @@ class _Receiver(Shots):
 
     def _shadow(self, place: Lanes, signal: Lanes) -> Lanes:
         """Photons of a peak and its background that SPADs fired by nearer echoes miss, (n,) (T168)."""
-        pixel = self.sensor.pixel(self.train.background_power_w)
+        pixel = self.pixel
         if not self._multi_peak or pixel.corrected or pixel.spad.coincidence > 1:
             return 0.0
         ops, wave = self.ops, self.filtered
@@ -655,13 +672,13 @@ class _Receiver(Shots):
         ops, value = self.ops, peak.expected
         if value is None:
             return expected
-        background_w, place = self.train.background_power_w, candidate.place
+        place = candidate.place
         shaded = candidate.exists & peak.shaded & ~candidate.on_flank
 
         def expect() -> _Expected:
             range_m = self.filtered.range_m(place)
-            alone = self._signal(self.sensor.working_point(background_w, range_m=range_m), power_w)
-            height = self.sensor.pixel(background_w, range_m=range_m).peak(alone).height
+            alone = self._signal(self._point_at(range_m)[0], power_w)
+            height = self._pixel_at(range_m).peak(alone).height
             part = ops.maximum(value, 0.0) / ops.maximum(height, 1e-6)
             dimmed = self._expect(place, power_w, part=part)
             return replace(
@@ -679,9 +696,9 @@ class _Receiver(Shots):
 
         part  its height over that of an echo of this power alone; None: by the light before it, to first order
         """
-        point = self.sensor.working_point(self.train.background_power_w, range_m=self.filtered.range_m(place))
+        point, level = self._point_at(self.filtered.range_m(place))
         assert point.law is not None
-        level, signal = self.sensor.threshold(point), self._signal(point, power_w)
+        signal = self._signal(point, power_w)
         shadow: Lanes = self._shadow(place, signal) if part is None else 0.0
         share: Lanes = 1.0 if part is None else part
         signal = share * signal

@@ -63,14 +63,15 @@ class Top:
     bend: Lanes
 
 
-def top(*, detections: Lanes, sun: Lanes, dead: Lanes) -> Top:
+def top(*, detections: Lanes, sun: Lanes, dead: Lanes, weak: Top | None = None) -> Top:
     """Highest value of the filter at an echo, from the renewal course of the free SPADs (T101).
 
     detections  Lambda
     sun         lambda sigma
     dead        tau / sigma
+    weak        `weak_top` of these, if computed before
     """
-    weak = weak_top(sun=sun, dead=dead)
+    weak = weak or weak_top(sun=sun, dead=dead)
     place = _Place.of(detections, sun, dead)
     # No branch: derivatives pass here.
     faint = weak.height + place.faint * _tables_of_weak()["filled"].at(place.bright)

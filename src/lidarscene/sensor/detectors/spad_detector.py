@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Annotated, ClassVar, Literal
 
 from pydantic import model_validator
@@ -182,6 +182,9 @@ class Macropixel:
     free         share of the SPADs that are free, before the echo
     trials       N, or the shots alone if SPADs count only together
     armed_s      time from when the SPADs were armed to the echo
+    weak         highest value of the filter at a weak echo (T101); None where it is 1: counts are corrected for
+                 pile-up, or SPADs count together
+    crowded      factor of an echo's variance by SPADs that exclude each other's firings (T104)
     """
 
     spad: Spad
@@ -194,6 +197,8 @@ class Macropixel:
     free: Lanes
     trials: Lanes
     armed_s: Lanes
+    weak: pile_up.Top | None = None
+    crowded: Lanes = 1.0
 
     @classmethod
     def for_background(
@@ -227,7 +232,7 @@ class Macropixel:
             free = dead_time.free_share_of_first(rate_hz=rate, time_s=armed_s)
         else:
             free = dead_time.free_share(rate_hz=rate, dead_time_s=spad.dead_time_s)
-        return cls(
+        pixel = cls(
             spad=spad,
             histogram=histogram,
             fwhm_s=pulse_fwhm_s,
@@ -239,6 +244,11 @@ class Macropixel:
             armed_s=armed_s,
             trials=histogram.shots * (spad.spads if spad.coincidence == 1 else 1.0),
         )
+        # Once for all echoes: what a loop or a branch computes it computes at each pass.
+        weak = None
+        if not pixel.corrected and spad.coincidence == 1:
+            weak = pile_up.weak_top(sun=pixel.sun, dead=pixel.blind_sigmas)
+        return replace(pixel, weak=weak, crowded=1.0 + 4.0 * pixel.excluded(matched_filter.SIGNAL_REACH))
 
     @property
     def corrected(self) -> bool:
@@ -308,16 +318,9 @@ class Macropixel:
         return slope * slope * self.spad.spads * share / xp(counted).maximum(counted, 1e-30)
 
     @property
-    def weak_top(self) -> pile_up.Top:
-        """Highest value of the filter at a weak echo, and its place (T101)."""
-        return pile_up.weak_top(sun=self.sun, dead=self.blind_sigmas)
-
-    @property
     def shade(self) -> Lanes:
         """Value of the filter at a weak echo over its photons: its shadow lacks some of the background (T101)."""
-        if self.corrected or self.spad.coincidence > 1:
-            return 1.0
-        return self.weak_top.height
+        return 1.0 if self.weak is None else self.weak.height
 
     def background_counts(self, time_s: Lanes) -> tuple[Lanes, Lanes]:
         """Background counts per second over ``time_s`` of each shot, and the factor that narrows their noise."""
@@ -364,18 +367,17 @@ class Macropixel:
         if self.spad.coincidence > 1:
             unit_w = self.per_watt * pulse.pulse_energy_j(peak_power_w=1.0, fwhm_s=self.fwhm_s)
             return self._peak_of_coincidences(self.power_w(signal) * unit_w)
-        weak = self.shade
-        share = signal / (self.trials * self.free * weak)
+        assert self.weak is not None
+        share = signal / (self.trials * self.free * self.weak.height)
         detections = dead_time.detections_of_share(share=share)
-        top = pile_up.top(detections=detections, sun=self.sun, dead=self.blind_sigmas)
-        narrowing = ops.maximum(top.height / weak, 1.0)
+        top = pile_up.top(detections=detections, sun=self.sun, dead=self.blind_sigmas, weak=self.weak)
+        narrowing = ops.maximum(top.height / self.weak.height, 1.0)
         height = signal * narrowing
         # The echo's photons stand in the place of counts of the background that their SPADs would have made.
         of_value, of_slope = matched_filter.signal_variance_of(narrowing=narrowing)
-        shared = 1.0 + 4.0 * self.excluded(matched_filter.SIGNAL_REACH)
         return _FilteredEcho(
             height=height,
-            variance=of_value * signal * shared - height * height / self.trials,
+            variance=of_value * signal * self.crowded - height * height / self.trials,
             of_slope=of_slope * signal,
             bend=top.bend,
         )
