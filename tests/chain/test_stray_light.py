@@ -123,6 +123,25 @@ def test_glass_in_the_same_lines():
     assert (column == 0).all()
 
 
+def test_light_from_behind_a_pane_leaks():
+    """The board's light is known when the pane's pulses are traced again; then its whole line is, once more."""
+    simulator = Simulator(scene(panes.pane(10.0, 30.0, size_m=6.0)), volley.sensor(*STRONG))
+    column, row, status, _ = points_of(simulator)
+    assert (column == 0).all()
+    assert sorted(row[status == Status.ECHO]) == [6, 7, 8, 9]
+    assert sorted(row[status == Status.STRAY]) == [r for r in range(ROWS) if r not in (6, 7, 8, 9)]
+
+
+def test_panes_in_quiet_lines():
+    """Where no light leaks, pulses that meet panes are traced alone, with the same points as without stray light."""
+    pane, wall = panes.pane(10.0, 30.0, size_m=1.1), chain.facing(range_m=60.0, size_m=200.0, material="white")
+    quiet = volley.sensor("optics.stray.share=0", "optics.stray.veil=0", "tdc.stops=3")
+    sensors = quiet, dataclasses.replace(quiet, optics=dataclasses.replace(quiet.optics, stray=None))
+    clouds = [everything(Simulator(scene(pane, wall), sensor).render(seed=1)) for sensor in sensors]
+    for name, values in clouds[1].items():
+        np.testing.assert_array_equal(clouds[0][name], values, err_msg=name)
+
+
 def test_frames_compile_nothing():
     """Whatever the seed, and whether a line has stray light or not."""
     simulator = Simulator(scene(), volley.sensor(*STRONG))

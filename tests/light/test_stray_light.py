@@ -128,6 +128,18 @@ def test_lines_without_strong_echoes_are_left_alone():
         assert np.all(reaches_others([ray], crosstalk) == reaches)
 
 
+def test_stray_light_that_is_too_faint_to_compute_is_none():
+    """Of a millionth of the least power that a detector finds in the dark, single precision loses the peak's shape: a
+    sub-echo of 1e-18 W made the receiver miss strong ones. (A neighbour gets 7e-12 W with a share of 1e-5.)
+    """
+    power = np.zeros((ROWS, 1))
+    power[5] = 1e-6
+    for share, is_lit in ((1e-12, False), (1e-5, True)):
+        sensor = volley.sensor(f"optics.stray.share={share}", "optics.stray.veil=0")
+        _, stray_w = stray_of(trains.train(37.0, power), sensor=sensor, crosstalk=Crosstalk.from_sensor(sensor))
+        assert (stray_w[4] > 0.0) == is_lit
+
+
 @pytest.mark.parametrize("keys", [(), ("tdc.keep='strongest'",), ("tdc.timing='peak'", "tdc.keep='last'")])
 @pytest.mark.parametrize("withheld", [False, True])
 def test_points_of_stray_light(keys, withheld):
@@ -207,7 +219,7 @@ def glare(*keys, sign=5):
         f"scanner.elevation_deg={[float(row) for row in range(ROWS)]}",
         "scanner.columns_per_turn=1024",
         "detector.spads=4096",
-        "optics.stray.share=1e-6",
+        "optics.stray.share=0",
         "optics.stray.glare_photons=500",
         "optics.stray.glare_reach_m=2.5",
         *keys,
@@ -255,7 +267,7 @@ def test_only_a_glaring_echo_of_the_same_volley_hides_others():
 
 
 def test_glaring_echoes_have_their_lines_traced_together():
-    """A share of 1e-6 alone would leave these lines to themselves: a sign's photons call for them, a wall's do not."""
+    """Without stray light these lines would be left to themselves: a sign's photons call for them, a wall's do not."""
     sensor, train, _ = glare()
     crosstalk = Crosstalk.from_sensor(sensor)
     part = train.parts[0]
@@ -287,6 +299,13 @@ def test_glare_is_the_same_on_the_device(mi):
     crosstalk = transfer.opaque(Crosstalk.from_sensor(sensor))
     device = withheld_beside(transfer.opaque(sensor), on_device, transfer.counter(0, ROWS), crosstalk)
     np.testing.assert_array_equal(device.stops[0].reported.numpy(), host.stops[0].reported)
+
+
+def test_more_photons_than_spads_count_never_glare():
+    """4096 SPADs in 54 shots count 221,184 at most, so no echo glares from 1e6 on."""
+    sensor, train, _ = glare("optics.stray.glare_photons=1e6")
+    assert Crosstalk.from_sensor(sensor).glare_w == np.inf
+    assert withheld_beside(sensor, train, np.arange(ROWS, dtype=np.uint32)).stops[0].reported.all()
 
 
 def test_glare_needs_photons():

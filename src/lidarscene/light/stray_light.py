@@ -6,6 +6,7 @@ time of the strongest, and as high as all of them are together at that time, the
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -21,18 +22,23 @@ from .echoes import Echoes, EchoTrain, SubEchoes
 NEGLIGIBLE = 0.1
 """Share of the least power that a detector finds in the dark: a scan line with less stray light than that has none."""
 
+UNSEEN = 1e-6
+"""Share of that power below which stray light is none: in single precision its shape could not be computed."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Crosstalk:
     """Volleys of a scanner and what its receivers notice of them.
 
     least_w  power of an echo from which on its scan line has stray light, or glares
+    unseen_w power of stray light up to which a detector has none
     unit_m   c sigma_p / 2: range in which light comes back one standard deviation of the pulse later
     glare_w  power of an echo from which on other channels withhold returns at its range; None: they report them
     """
 
     volleys: Volleys
     least_w: Lanes
+    unseen_w: Lanes
     unit_m: Lanes
     glare_w: Lanes | None = None
 
@@ -49,11 +55,16 @@ class Crosstalk:
         least_w = NEGLIGIBLE * float(threshold_w) / max(volleys.largest_sum, 1e-30)
         glare_w = None
         if sensor.optics.stray.glare_photons is not None:
-            glare_w = float(np.ravel(point.response.power_w(sensor.optics.stray.glare_photons * np.ones(1)))[0])
+            glare_photons = float(sensor.optics.stray.glare_photons)
+            glare_w = float(np.ravel(point.response.power_w(glare_photons * np.ones(1)))[0])
+            # More than all SPADs can count has no power.
+            if float(np.ravel(point.response.signal(np.full(1, glare_w)))[0]) < 0.99 * glare_photons:
+                glare_w = math.inf
             least_w = min(least_w, glare_w)
         return cls(
             volleys=volleys,
             least_w=least_w,
+            unseen_w=UNSEEN * float(threshold_w),
             unit_m=radiometry.range_from_time_of_flight_m(time_of_flight_s=sigma_s),
             glare_w=glare_w,
         )
@@ -177,7 +188,7 @@ def add_stray_light(train: EchoTrain, light: ChannelLight, crosstalk: Crosstalk,
         apart = (source_range_m(state.number, power_w) - brightest.range_m) / crosstalk.unit_m
         return _Total(number=state.number + 1, power_w=state.power_w + power_w * ops.exp(-0.5 * apart * apart))
 
-    lit = brightest.power_w > 0.0
+    lit = brightest.power_w > crosstalk.unseen_w
     total = ops.loop(_Total(number=start, power_w=zero), lambda state: (state.number < volleys.size) & lit, added)
     part = SubEchoes(range_m=brightest.range_m, peak_power_w=total.power_w, count=1)
     return replace(train, parts=(*train.parts, part), stray=True)

@@ -34,7 +34,8 @@ class Chunk:
     pulse      (n,) pulse numbers
     paths      `Hits` of each path of the rays
     detection  `Detection` of the pulses
-    goes_on    (n,) mask of pulses that continue through glass or mirrors and are traced again; None: no survey
+    goes_on    (n,) mask of pulses that are traced again: they continue through glass or mirrors, or leak; None: no survey
+    leaks      (n,) mask of pulses whose light other channels notice; None: channels do not see each other, or no survey
     order      permutation between pulses and lanes, or None
     retraced   lanes of the surveyed chunk that these lanes are; None: these are not traced again
     twice      the two lanes are one and the same pulse (`kept_lanes.more_than_one`)
@@ -44,6 +45,7 @@ class Chunk:
     paths: Sequence[Hits]
     detection: Detection
     goes_on: Any = None
+    leaks: Any = None
     order: Order | None = None
     retraced: Retraced | None = None
     twice: bool = False
@@ -56,7 +58,7 @@ class Chunk:
         """Device arrays that the columns of points need: the outputs of the stages' kernel."""
         detection = self.detection
         needed = [self.pulse, detection.snr, detection.detection_probability, detection.outcome, detection.ambient]
-        needed += [array for array in (self.goes_on, detection.source) if array is not None]
+        needed += [array for array in (self.goes_on, self.leaks, detection.source) if array is not None]
         for hits in self.paths:
             needed += truth_arrays(hits)
         for stop in detection.stops:
@@ -73,18 +75,22 @@ class Chunk:
         return needed
 
 
-def drop_continuing(pulse: Array, paths: Sequence[Hits], detection: Detection, goes_on: Mask | None) -> Chunk:
-    """Chunk whose pulses that continue through glass count as without a surface: their full trace replaces them."""
+def drop_continuing(
+    pulse: Array, paths: Sequence[Hits], detection: Detection, goes_on: Mask | None, leaks: Mask | None = None
+) -> Chunk:
+    """Chunk whose pulses that are traced again count as without a surface: their full trace replaces them."""
+    if leaks is not None:
+        goes_on = leaks if goes_on is None else goes_on | leaks
     if goes_on is None:
         return Chunk(pulse, paths, with_nan_outcomes(detection))
     stops = [dataclasses.replace(stop, reported=stop.reported & ~goes_on) for stop in detection.stops]
     outcome = xp(goes_on).where(goes_on, int(Outcome.NO_SURFACE), detection.outcome)
     remaining = dataclasses.replace(detection, stops=tuple(stops), outcome=outcome)
-    return Chunk(pulse, paths, with_nan_outcomes(remaining), goes_on)
+    return Chunk(pulse, paths, with_nan_outcomes(remaining), goes_on, leaks)
 
 
 def without_lanes(part: Chunk, dropped: Numbers) -> Chunk:
-    """Return a surveyed chunk in which these lanes, (n,) bool, count as without a surface, as in `drop_continuing`."""
+    """Return a chunk in which these lanes, (n,) bool, count as without a surface, as in `drop_continuing`."""
     goes_on = transfer.unsigned_numbers(dropped) != 0
     stops = [dataclasses.replace(stop, reported=stop.reported & ~goes_on) for stop in part.detection.stops]
     outcome = xp(goes_on).where(goes_on, int(Outcome.NO_SURFACE), part.detection.outcome)
@@ -127,6 +133,7 @@ class OpticalChunk:
     paths    what the rays met, for each path
     light    what comes back along each path, aligned with ``paths``
     goes_on  mask of rays that continue through glass or mirrors, or None
+    leaks    mask of rays whose light other channels notice, or None
     """
 
     pulse: Any
@@ -134,6 +141,7 @@ class OpticalChunk:
     paths: Sequence[Hits]
     light: Sequence[Echoes]
     goes_on: Any
+    leaks: Any = None
 
 
 def light_arrays(light: Echoes) -> list[Any]:

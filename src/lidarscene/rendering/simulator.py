@@ -25,7 +25,7 @@ from ..kernel.rays import kept_lanes
 from ..kernel.rays import point_columns as collect
 from ..kernel.world.mitsuba_world import World, build_world
 from ..light.echoes import EchoTrain
-from ..maths.arrays import Lanes, Numbers
+from ..maths.arrays import Array, Lanes, Mask, Numbers
 from ..maths.pose import Pose
 from ..maths.trajectory import Motion, pose_at
 from ..scene.clearance import Clearance
@@ -356,24 +356,43 @@ class Simulator:
 
         Returns the chunk without them, and them; the chunk alone without any.
         """
-        lanes = None if part.goes_on is None else kept_lanes.lanes_where(part.goes_on)
-        if lanes is None:
+        if part.goes_on is None:
             return [part]
-        if (whole := self.numbering.whole) > 1:
-            # Channels that see each other's light are traced together: all pulses of the lines concerned.
-            line = part.pulse.numpy() // whole
-            lines = np.unique(line[lanes.numpy()])
-            part = without_lanes(part, np.isin(line, lines))
-            numbers = part.pulse.numpy()
-            again = np.flatnonzero(np.isin(line, lines))
-            lanes = transfer.unsigned_numbers(again[np.argsort(numbers[again])])
+        parts = [part]
+        alone = part.goes_on if part.leaks is None else part.goes_on & ~part.leaks
+        if (lanes := kept_lanes.lanes_where(alone)) is not None:
+            parts.append(self._traced_again(frame, part, (lanes, alone), seed, lines=self._stages.crosstalk is None))
+        if part.leaks is None:
+            return parts
+        # Channels that see each other's light are traced together: all pulses of the lines concerned.
+        whole = self.numbering.whole
+        leaking = np.concatenate([traced.pulse.numpy()[traced.leaks.numpy()] for traced in parts]) // whole
+        if not len(leaking):
+            return parts
+        numbers = part.pulse.numpy()
+        again = np.flatnonzero(np.isin(numbers // whole, leaking))
+        lanes = transfer.unsigned_numbers(again[np.argsort(numbers[again])])
+        parts = [without_lanes(traced, np.isin(traced.pulse.numpy() // whole, leaking)) for traced in parts]
+        in_lines = parts[0].goes_on
+        # The pulses of panes in these lines are traced a third time, which replaces the second.
+        for number, traced in enumerate(parts[1:], start=1):
+            assert traced.retraced is not None
+            outside = replace(traced.retraced, mask=traced.retraced.mask & ~in_lines)
+            parts[number] = replace(traced, retraced=outside)
+        return [*parts, self._traced_again(frame, part, (lanes, in_lines), seed, lines=True)]
+
+    def _traced_again(
+        self, frame: Frame, part: Chunk, chosen: tuple[Array, Mask], seed: Lanes, *, lines: bool
+    ) -> Chunk:
+        """Trace the chosen lanes of a chunk, and the mask (n,) of them, in full; ``lines`` as in `Stages.chain`."""
+        lanes, mask = chosen
         several = kept_lanes.more_than_one(lanes)
-        retraced = kept_lanes.Retraced.from_lanes(several, part.goes_on)
+        retraced = kept_lanes.Retraced.from_lanes(several, mask)
         pulse = retraced.gather(part.pulse)
         blocks.share_out(len(pulse) * self.trace.rays)
-        traced = self._chain(frame, DevicePulses(pulse, lambda: frame.times(pulse.numpy())), seed)
+        traced = self._chain(frame, DevicePulses(pulse, lambda: frame.times(pulse.numpy())), seed, lines=lines)
         transfer.wait()
-        return [part, replace(traced, retraced=retraced, twice=several is not lanes)]
+        return replace(traced, retraced=retraced, twice=several is not lanes)
 
     def waveforms(
         self,

@@ -128,29 +128,41 @@ class Stages:
         return self.interactions > 0 or self.crosstalk is not None
 
     def chain(
-        self, places: Places, pulse: Array, seed: Lanes, *, survey: bool, ray_pulses: RayPulses | None = None
+        self,
+        places: Places,
+        pulse: Array,
+        seed: Lanes,
+        *,
+        survey: bool,
+        lines: bool = True,
+        ray_pulses: RayPulses | None = None,
     ) -> Chunk:
         """Beams, hits, echoes, returns of some pulses, on the device.
 
-        survey      leave out the pulses that meet panes or mirrors or whose light other channels see, and mark them in
-                    ``goes_on``; without, the pulses of channels that see each other are whole scan lines in order
+        survey      leave out the pulses that meet panes or mirrors and mark them in ``goes_on``
+        lines       the pulses are whole scan lines in order, of which channels see each other's light; False, and in a
+                    survey: pulses whose light other channels notice are left out, and marked in ``leaks``
         ray_pulses  `ray_pulses` of these pulses, if computed before
         """
-        sensor, lit = self.sensor, self._optical_stages(places, pulse, seed, survey=survey, ray_pulses=ray_pulses or {})
+        lines = lines and not survey and self.crosstalk is not None
+        sensor = self.sensor
+        lit = self._optical_stages(places, pulse, seed, survey=survey, lines=lines, ray_pulses=ray_pulses or {})
         # One echo at most, and a converter that keeps the first: detection has a closed form, and no search for peaks.
-        lone = self.rays == len(lit.paths) == 1 and self.air is None and (self.crosstalk is None or survey)
+        lone = self.rays == len(lit.paths) == 1 and self.air is None and not lines
         if lone and receivers.is_plain(sensor):
             detection = returns.detect(lit.light[0], sensor, seed=seed, pulse=pulse)
-            return drop_continuing(pulse, lit.paths, detection, lit.goes_on)
+            return drop_continuing(pulse, lit.paths, detection, lit.goes_on, lit.leaks)
         whole, light = self._combine(lit, seed), None
-        if self.crosstalk is not None and not survey:
+        if lines and self.crosstalk is not None:
             light = self._channel_light(whole, self.crosstalk)
             whole = add_stray_light(whole, light, self.crosstalk, pulse=pulse)
         detection = receivers.detect(whole, sensor, seed=seed, pulse=pulse)
         if self.crosstalk is not None and light is not None:
             detection = receivers.withhold_beside_glare(detection, light, self.crosstalk, sensor, pulse=pulse)
-        goes_on = None if lit.goes_on is None else kept_lanes.any_of_pulse(lit.goes_on, self.rays)
-        return drop_continuing(pulse, lit.paths, detection, goes_on)
+        goes_on, leaks = (
+            None if rays is None else kept_lanes.any_of_pulse(rays, self.rays) for rays in (lit.goes_on, lit.leaks)
+        )
+        return drop_continuing(pulse, lit.paths, detection, goes_on, leaks)
 
     def pulse_train(self, frame: Frame, pulses: DevicePulses, seed: Lanes) -> EchoTrain:
         """All that comes back of some pulses, on the device.
@@ -170,7 +182,14 @@ class Stages:
         return {shape.rays: transfer.repeat_lanes(pulse, shape.rays)[0] for shape in shapes if shape.rays > 1}
 
     def _optical_stages(
-        self, places: Places, pulse: Array, seed: Lanes, *, survey: bool = False, ray_pulses: RayPulses = NO_RAYS
+        self,
+        places: Places,
+        pulse: Array,
+        seed: Lanes,
+        *,
+        survey: bool = False,
+        lines: bool = True,
+        ray_pulses: RayPulses = NO_RAYS,
     ) -> OpticalChunk:
         """Run the optical stages: beams, hits, echoes."""
         # The background may have rays of its own: the receiver can see more than the laser lights.
@@ -182,11 +201,8 @@ class Stages:
         if background is not None:
             ray_background = background if self.rays == 1 else transfer.repeat_lanes(background, self.rays)[0]
             light[0] = replace(light[0], background_power_w=ray_background)
-        goes_on = paths[0].goes_on
-        if self.crosstalk is not None and survey:
-            leaks = reaches_others(light, self.crosstalk)
-            goes_on = leaks if goes_on is None else goes_on | leaks
-        return OpticalChunk(pulse, rays, paths, light, goes_on)
+        leaks = None if self.crosstalk is None or lines else reaches_others(light, self.crosstalk)
+        return OpticalChunk(pulse, rays, paths, light, paths[0].goes_on, leaks)
 
     def _receive(self, rays: Beams, hits: Hits, seed: Lanes) -> Echoes:
         """Echoes of the laser's rays along one path, as they fluctuate."""
@@ -262,7 +278,7 @@ class Stages:
             [
                 *(array for path_light in lit.light for array in light_arrays(path_light)),
                 *(array for hits in lit.paths for array in truth_arrays(hits)),
-                *([] if lit.goes_on is None else [lit.goes_on]),
+                *(mask for mask in (lit.goes_on, lit.leaks) if mask is not None),
             ]
         )
         air = None
@@ -297,9 +313,11 @@ class Chain:
         self._stages = stages
         self._replays: dict[tuple[bool, ...], Replay] = {}
 
-    def __call__(self, frame: Frame, pulses: DevicePulses, seed: Lanes, *, survey: bool = False) -> Chunk:
-        """Start the stages for some pulses of a frame."""
-        pulse = pulses.number
+    def __call__(
+        self, frame: Frame, pulses: DevicePulses, seed: Lanes, *, survey: bool = False, lines: bool = True
+    ) -> Chunk:
+        """Start the stages for some pulses of a frame; ``survey`` and ``lines`` as in `Stages.chain`."""
+        pulse, lines = pulses.number, lines and not survey
         if self.repeats and self._stages.traced is None:
             # A recording takes arrays only, so `MotionTable` goes in as its parts and is built again inside.
             moving: tuple[Any, ...] = ()
@@ -312,9 +330,9 @@ class Chain:
             # before it, and an input of their kernel has an element for each.
             ray_pulses = dict(self._stages.ray_pulses(pulse))
             transfer.start([*ray_pulses.values()])
-            repeated: Chunk = self._replay(frame, survey)(pulse, seed, place, moving, ray_pulses)
+            repeated: Chunk = self._replay(frame, survey, lines)(pulse, seed, place, moving, ray_pulses)
             return repeated
-        part = self._stages.chain(partial(frame.placements, pulses.times), pulse, seed, survey=survey)
+        part = self._stages.chain(partial(frame.placements, pulses.times), pulse, seed, survey=survey, lines=lines)
         transfer.start(part.arrays())
         return part
 
@@ -323,11 +341,11 @@ class Chain:
         """Number of recordings of each variant of the stages (tests expect one of each)."""
         return [replay.recordings for replay in self._replays.values()]
 
-    def _replay(self, frame: Frame, survey: bool) -> Replay:
-        """Replay of the stages for this variant: with survey or without, sensor and bodies at rest or moving."""
+    def _replay(self, frame: Frame, survey: bool, lines: bool) -> Replay:
+        """Replay of the stages for this variant: survey, whole lines or neither, sensor and bodies at rest or moving."""
         # All that chooses code is part of the key: each variant has its own recording.
         moves, count = frame.moves, 0 if frame.paths is None else frame.paths.count
-        key = survey, moves, count > 0
+        key = survey, lines, moves, count > 0
         if key not in self._replays:
             stages = self._stages
 
@@ -350,7 +368,7 @@ class Chain:
                     ray_times = times if times is None or rays == 1 else transfer.repeat_lanes(times, rays)[0]
                     return placements(origin, paths, ray_times, moves=moves)
 
-                return stages.chain(places, pulse, seed, survey=survey, ray_pulses=ray_pulses)
+                return stages.chain(places, pulse, seed, survey=survey, lines=lines, ray_pulses=ray_pulses)
 
             light = stages.ambient, stages.footprint, stages.field, stages.air, stages.crosstalk, stages.fluctuation
             held = (stages.sensor, *light, stages.sun, stages.world)

@@ -22,6 +22,9 @@ LARGEST_TABLE = 2**24
 LARGEST_SUM = 0.5
 """Most of a channel's light that may come from others, all of which see the same."""
 
+LEAST_SHARE = 1e-30
+"""Share in the table of channels that fire together without stray light: those of 0 are of no volley."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Volleys:
@@ -81,7 +84,7 @@ def find_volleys(scanner: Scanner, stray: StrayLight) -> Volleys:
     )
     # The light that another channel's receiver counts is that on its lens times its responsivity; ours has its own.
     responsivity = np.broadcast_to(np.asarray(scanner.aperture_share(pulse), np.float64), line + 1)
-    shares = np.where(exists, shares * (responsivity[:line, None] / responsivity[source]), 0.0)
+    shares = np.where(exists, np.maximum(shares * (responsivity[:line, None] / responsivity[source]), LEAST_SHARE), 0.0)
     most = float(shares.sum(axis=1).max())
     if most > LARGEST_SUM:
         raise InputError(

@@ -19,10 +19,11 @@ from pydantic import Field, model_validator
 
 from .. import catalog
 from ..detection.outcomes import Status
-from ..detection.receivers import detect
+from ..detection.receivers import detect, withhold_beside_glare
 from ..figures.report import text_table
 from ..files.toml import FileModel, read_toml, validate
 from ..light.echoes import EchoTrain, SubEchoes
+from ..light.stray_light import Crosstalk, add_stray_light, channel_light
 from ..maths.arrays import Numbers
 from ..physics.constants import SPEED_OF_LIGHT_M_S
 from ..physics.photon_counting.shared_shots import scatter_share
@@ -35,6 +36,12 @@ from .ranging.plane import Target, echoes_of_plane
 
 RECORDED_KLUX = 20.0
 """Light that is assumed where a recording does not have it; near targets scatter alike at any."""
+
+GLARE_STEPS = 20
+"""Steps in which the strength and the reach of a glaring return are searched, each of 7.6 %."""
+
+WEAK_PHOTONS = 200.0
+"""Photons of the returns beside it: surely found, and with a scatter of the range below a tenth of the reach."""
 
 SHOTS_OF_PAIRS = 20
 """Pulses with two echoes at each separation."""
@@ -77,6 +84,13 @@ class ScatterFile(_Curves):
     sigma_mm: PositiveNumbers
 
 
+class GlareFile(FileModel):
+    """[glare]: where half of the pixels beside a strong return of their column are withheld."""
+
+    photons: Annotated[float, Field(gt=0)] = Field(description="of that return, at its range")
+    reach_m: Annotated[float, Field(gt=0)] = Field(description="from its range, if it has many more")
+
+
 class ScatterByTargetFile(_Curves):
     """[scatter] of points: deviation of the range on targets of known reflectivity and range."""
 
@@ -110,6 +124,7 @@ class RecordedFile(FileModel):
     threshold: NoiseFile
     noise: NoiseFile
     scatter: ScatterFile
+    glare: GlareFile | None = Field(default=None, description="None: too few strong returns were recorded")
 
 
 def recorded_curves(name: str) -> RecordedFile | RecordedPointsFile | None:
@@ -244,6 +259,46 @@ def compare_curves(curves: RecordedFile, sensor: Sensor) -> Iterator[Held]:
     for signal, near_ir, sigma_mm in zip(scatter.signal, scatter.near_ir, scatter.sigma_mm, strict=True):
         simulated_mm = scatter_mm(sensor, signal, near_ir, at_rest=curves.at_rest)
         yield _row("scatter ratio", "scatter", f"SIGNAL {signal:g}", sigma_mm, simulated_mm, "mm")
+    if curves.glare is not None:
+        photons = np.geomspace(0.5, 2.0, GLARE_STEPS) * curves.glare.photons
+        apart_m = np.geomspace(0.5, 2.0, GLARE_STEPS) * curves.glare.reach_m
+        least = _first(photons, withheld_beside(sensor, photons, np.zeros(GLARE_STEPS)))
+        most_m = _first(apart_m, ~withheld_beside(sensor, np.full(GLARE_STEPS, photons[-1]), apart_m))
+        yield _row("threshold ratio", "withheld beside glare", "from photons", curves.glare.photons, least, "photons")
+        yield _row("threshold ratio", "withheld beside glare", "within", curves.glare.reach_m, most_m, "m")
+
+
+def _first(values: Numbers, mask: Numbers) -> float | None:
+    """First value of a mask; None without one."""
+    return float(values[np.argmax(mask)]) if mask.any() else None
+
+
+def withheld_beside(sensor: Sensor, photons: Numbers, apart_m: Numbers) -> Numbers:
+    """(n,) whether most weak returns so far behind a return of so many photons of the same column are withheld.
+
+    The weak ones have `WEAK_PHOTONS` and are those of all other channels.
+    """
+    crosstalk, line = Crosstalk.from_sensor(sensor), sensor.scanner.line_pulses
+    assert line is not None
+    if crosstalk is None:
+        return np.zeros(len(photons), bool)
+    background_w = np.zeros(len(photons) * line)
+    power_w = sensor.working_point(np.zeros(1)).response.power_w
+    is_strong = np.broadcast_to(np.arange(line) == line // 2, (len(photons), line))
+    level_w = np.where(is_strong, power_w(photons)[:, None], power_w(np.full(1, WEAK_PHOTONS)))
+    range_m = np.where(is_strong, 30.0, 30.0 + apart_m[:, None])
+    train = EchoTrain(
+        parts=(SubEchoes(range_m=range_m.ravel(), peak_power_w=level_w.ravel(), count=1),),
+        surfaces=1,
+        has_surface=background_w == 0.0,
+        background_power_w=background_w,
+    )
+    pulse = np.arange(background_w.size, dtype=np.uint32)
+    light = channel_light(train, crosstalk)
+    detection = detect(add_stray_light(train, light, crosstalk, pulse=pulse), sensor, seed=1, pulse=pulse)
+    detection = withhold_beside_glare(detection, light, crosstalk, sensor, pulse=pulse)
+    reported = np.asarray(detection.stops[0].reported).reshape(is_strong.shape)
+    return np.asarray(np.mean(reported & ~is_strong, axis=1) < 0.5)
 
 
 def _row(limits: str, quantity: str, condition: str, recorded: float, simulated: float | None, unit: str = "") -> Held:
