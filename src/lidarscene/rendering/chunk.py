@@ -34,8 +34,8 @@ class Chunk:
     pulse      (n,) pulse numbers
     paths      `Hits` of each path of the rays
     detection  `Detection` of the pulses
-    goes_on    (n,) mask of pulses that are traced again: they continue through glass or mirrors, or leak; None: no survey
-    leaks      (n,) mask of pulses whose light other channels notice; None: channels do not see each other, or no survey
+    goes_on    (n,) mask of pulses that are traced again, for glass, mirrors or since they leak; None: no survey
+    leaks      (n,) mask of pulses whose light other channels notice; None: they do not see it, or no survey
     order      permutation between pulses and lanes, or None
     retraced   lanes of the surveyed chunk that these lanes are; None: these are not traced again
     twice      the two lanes are one and the same pulse (`kept_lanes.more_than_one`)

@@ -342,7 +342,7 @@ class Chain:
         return [replay.recordings for replay in self._replays.values()]
 
     def _replay(self, frame: Frame, survey: bool, lines: bool) -> Replay:
-        """Replay of the stages for this variant: survey, whole lines or neither, sensor and bodies at rest or moving."""
+        """Replay of the stages for this variant: survey, whole lines or neither, at rest or moving."""
         # All that chooses code is part of the key: each variant has its own recording.
         moves, count = frame.moves, 0 if frame.paths is None else frame.paths.count
         key = survey, lines, moves, count > 0
