@@ -21,11 +21,12 @@ from ..detection.sampled_waveforms import Waveforms, check_pulses, sample_wavefo
 from ..errors import InputError
 from ..formats.cloud_columns import SENSOR_TO_VEHICLE, SENSOR_TO_WORLD
 from ..kernel.device import blocks, transfer
+from ..kernel.device.types import DeviceArray
 from ..kernel.rays import kept_lanes
 from ..kernel.rays import point_columns as collect
 from ..kernel.world.mitsuba_world import World, build_world
 from ..light.echoes import EchoTrain
-from ..maths.arrays import Array, Lanes, Mask, Numbers
+from ..maths.arrays import Lanes, Mask, Numbers
 from ..maths.pose import Pose
 from ..maths.trajectory import Motion, pose_at
 from ..scene.clearance import Clearance
@@ -382,7 +383,7 @@ class Simulator:
         return [*parts, self._traced_again(frame, part, (lanes, in_lines), seed, lines=True)]
 
     def _traced_again(
-        self, frame: Frame, part: Chunk, chosen: tuple[Array, Mask], seed: Lanes, *, lines: bool
+        self, frame: Frame, part: Chunk, chosen: tuple[DeviceArray, Mask], seed: Lanes, *, lines: bool
     ) -> Chunk:
         """Trace the chosen lanes of a chunk, and the mask (n,) of them, in full; ``lines`` as in `Stages.chain`."""
         lanes, mask = chosen

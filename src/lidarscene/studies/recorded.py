@@ -260,10 +260,10 @@ def compare_curves(curves: RecordedFile, sensor: Sensor) -> Iterator[Held]:
         simulated_mm = scatter_mm(sensor, signal, near_ir, at_rest=curves.at_rest)
         yield _row("scatter ratio", "scatter", f"SIGNAL {signal:g}", sigma_mm, simulated_mm, "mm")
     if curves.glare is not None:
-        photons = np.geomspace(0.5, 2.0, GLARE_STEPS) * curves.glare.photons
+        strengths = np.geomspace(0.5, 2.0, GLARE_STEPS) * curves.glare.photons
         apart_m = np.geomspace(0.5, 2.0, GLARE_STEPS) * curves.glare.reach_m
-        least = _first(photons, withheld_beside(sensor, photons, np.zeros(GLARE_STEPS)))
-        most_m = _first(apart_m, ~withheld_beside(sensor, np.full(GLARE_STEPS, photons[-1]), apart_m))
+        least = _first(strengths, withheld_beside(sensor, strengths, np.zeros(GLARE_STEPS)))
+        most_m = _first(apart_m, ~withheld_beside(sensor, np.full(GLARE_STEPS, strengths[-1]), apart_m))
         yield _row("threshold ratio", "withheld beside glare", "from photons", curves.glare.photons, least, "photons")
         yield _row("threshold ratio", "withheld beside glare", "within", curves.glare.reach_m, most_m, "m")
 
@@ -285,7 +285,7 @@ def withheld_beside(sensor: Sensor, photons: Numbers, apart_m: Numbers) -> Numbe
     background_w = np.zeros(len(photons) * line)
     power_w = sensor.working_point(np.zeros(1)).response.power_w
     is_strong = np.broadcast_to(np.arange(line) == line // 2, (len(photons), line))
-    level_w = np.where(is_strong, power_w(photons)[:, None], power_w(np.full(1, WEAK_PHOTONS)))
+    level_w = np.where(is_strong, np.asarray(power_w(photons))[:, None], power_w(np.full(1, WEAK_PHOTONS)))
     range_m = np.where(is_strong, 30.0, 30.0 + apart_m[:, None])
     train = EchoTrain(
         parts=(SubEchoes(range_m=range_m.ravel(), peak_power_w=level_w.ravel(), count=1),),
