@@ -21,7 +21,7 @@ from hypothesis import HealthCheck, settings
 
 from lidarscene.errors import BackendError, LidarSceneError
 from lidarscene.files import open3d as open3d_door
-from lidarscene.kernel.device import backend, llvm, transfer
+from lidarscene.kernel.device import backend, blocks, llvm
 
 os.environ.setdefault("MPLBACKEND", "Agg")
 SEED = run_seed()
@@ -179,7 +179,7 @@ def _mitsuba() -> ModuleType:
     try:
         mitsuba = backend.mitsuba()
         if "PYTEST_XDIST_WORKER" in os.environ:
-            transfer.use_threads(1)  # there is a worker for each core; a thread that waits costs a fifth of the CPU
+            blocks.use_threads(1)  # there is a worker for each core; a thread that waits costs a fifth of the CPU
         return mitsuba
     except BackendError as error:
         pytest.skip(f"no usable back end: {' '.join(str(error).split())}")

@@ -13,7 +13,7 @@ from typing import Any
 
 from .._version import __version__
 from ..errors import InputError, LidarSceneError, shorten
-from ..kernel.device import transfer
+from ..kernel.device import blocks
 from ..maths.trajectory import pose_at
 from ..outputs import run_report
 from ..rendering.frame import sensor_motion
@@ -69,7 +69,7 @@ def _threads_of_worker() -> int:
 def _try_render(task: FrameTask | DriveTask, store: Store, threads: int, claiming: bool = True) -> str:
     """Render one frame; any failure becomes one line of text, so that the other frames go on."""
     try:
-        transfer.use_threads(threads)
+        blocks.use_threads(threads)
         return _render(task, store, claiming)
     except LidarSceneError as error:
         return " ".join(str(error).split())

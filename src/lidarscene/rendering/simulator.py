@@ -347,7 +347,7 @@ class Simulator:
         """Start the chunk of a frame that begins at pulse ``first``, or its first one."""
         first = frame.first_pulse if first is None else first
         count = min(self._chunk_pulses(options), frame.first_pulse + self.sensor.scanner.pulses - first)
-        blocks.share_out(count * self.trace.rays)
+        blocks.share_frame(count * self.trace.rays)
         pulses = self.numbering.pulses(frame, first, count)
         part = self._chain(frame, pulses, transfer.seed_word(options.seed), survey=self._stages.surveys)
         return replace(part, order=pulses.order)
@@ -441,6 +441,7 @@ class Simulator:
         before = first % whole
         traced = -(-(before + count) // whole) * whole
         numbers = np.arange(first - before, first - before + traced, dtype=np.uint32)
+        blocks.share_frame(traced * self.trace.rays)
         pulses = DevicePulses(transfer.counter(first - before, traced), lambda: frame.times(numbers))
         train = cast(EchoTrain, transfer.fetch(self._stages.pulse_train(frame, pulses, seed)))
         return train if traced == count else train.part(before, count, of=traced)

@@ -33,6 +33,27 @@ def test_blocks_for_every_thread(lanes: int, threads: int, size: int) -> None:
 
 
 @pytest.mark.usefixtures("mi")
+def test_threads_for_the_work() -> None:
+    """Never more than there were, and all of them again for a large frame; a number that somebody sets is the most."""
+    assert [blocks.thread_count(lanes, 8) for lanes in (1, 20_000, 10**6)] == [1, 4, 8]
+    dr, before = drjit(), drjit().thread_count()
+    try:
+        for most in (5, 3):
+            dr.set_thread_count(most)
+            counts = []
+            for lanes in (10**6, 9_000, 100, 10**6):
+                blocks.share_frame(lanes)
+                counts.append(dr.thread_count())
+            assert counts == [most, 2, 1, most]
+        blocks.share_frame(100)
+        blocks.use_threads(1)  # as many as there are just then: no frame has more from now on
+        blocks.share_frame(10**6)
+        assert dr.thread_count() == 1
+    finally:
+        blocks.use_threads(before)
+
+
+@pytest.mark.usefixtures("mi")
 def test_the_library_takes_the_size() -> None:
     """Its own answer, in lanes."""
     if is_cuda():

@@ -1,4 +1,4 @@
-"""Divide the lanes of a small frame among all cores.
+"""Divide the lanes of a small frame among the cores, as many as its work is worth.
 
 Dr.Jit gives its threads blocks of 16,384 lanes. A frame of 20,000 beams is two blocks, one of them four times the
 other, and most cores have nothing to do. Dr.Jit can make blocks smaller, though not from Python: the function that does
@@ -23,6 +23,57 @@ SMALLEST_BLOCK = 1_024
 
 BLOCKS_PER_THREAD = 4
 """Blocks for each thread: a slower thread, or one with harder rays, then ends little later than the others."""
+
+
+LANES_PER_THREAD = 4_096
+"""Lanes of a frame, some 4 ms of work, for which a further thread is used. Each spins for 20 ms when it has nothing to
+do: 32 threads take ten times the processor time of two for a frame of 29,000 beams."""
+
+
+class _Threads:
+    """Number of Dr.Jit's threads for small frames, and the number that it had before.
+
+    most  the most to use: Dr.Jit's own choice, one for each core, or what somebody has set since
+    used  what was set here last
+    """
+
+    def __init__(self) -> None:
+        self.most = self.used = 0
+
+    def limit(self, count: int) -> None:
+        """Use this many threads from now on, and never more."""
+        self.most = self.used = count
+        if drjit().thread_count() != count:
+            drjit().set_thread_count(count)
+
+    def set_for(self, lanes: int) -> None:
+        """Use as many threads as a frame of so many lanes is worth."""
+        dr = drjit()
+        if (count := dr.thread_count()) != self.used:
+            self.most = count
+        self.used = thread_count(lanes, self.most)
+        if self.used != count:
+            dr.set_thread_count(self.used)
+
+
+_threads = _Threads()
+
+
+def thread_count(lanes: int, most: int) -> int:
+    """Return how many threads a frame of so many lanes should have, of ``most``."""
+    return max(min(most, lanes // LANES_PER_THREAD), 1)
+
+
+def use_threads(count: int) -> None:
+    """Set the number of Dr.Jit's threads, the most that any frame uses."""
+    _threads.limit(count)
+
+
+def share_frame(lanes: int) -> None:
+    """Set threads and blocks for a frame or a chunk of so many lanes; results do not depend on it."""
+    if not is_cuda():
+        _threads.set_for(lanes)
+    share_out(lanes)
 
 
 def block_size(lanes: int, threads: int) -> int:

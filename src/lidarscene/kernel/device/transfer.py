@@ -162,12 +162,3 @@ def split_kernel(*arrays: object) -> None:
     # queries to the second scene out. Computing the first answers here splits the kernel. A CPU has no such limit.
     if is_cuda():
         dr.eval(*arrays)
-
-
-def use_threads(count: int) -> None:
-    """Set the number of Dr.Jit's threads."""
-    from .backend import drjit
-
-    dr = drjit()
-    if dr.thread_count() != count:
-        dr.set_thread_count(count)

@@ -47,7 +47,7 @@ def _evaluator(study: str, threads: int) -> EvaluateAll:
 
     settings, evaluator = load_study(Path(study))
     if settings.is_traced:
-        from ...kernel.device import transfer
+        from ...kernel.device import blocks
 
-        transfer.use_threads(threads)
+        blocks.use_threads(threads)
     return alone(evaluator)
