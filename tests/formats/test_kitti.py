@@ -31,3 +31,13 @@ def test_blocks_do_not_show(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
         cloud.save(tmp_path / "a.bin")
         rows = np.fromfile(tmp_path / "a.bin", "<f4").reshape(-1, 4)
         np.testing.assert_array_equal(rows, np.column_stack([cloud.xyz_m, cloud.intensity]))
+
+
+def test_the_order_of_coordinates_in_memory_does_not_show(tmp_path: Path) -> None:
+    """Columns of coordinates that lie one behind the other in memory, as a device gives them, are points in the file."""
+    cloud = small_cloud(9)
+    by_columns = small_cloud(9, xyz_m=np.asfortranarray(cloud.xyz_m))
+    for suffix in ("bin", "pcd.bin"):
+        for name, ordered_cloud in (("a", cloud), ("b", by_columns)):
+            ordered_cloud.save(tmp_path / f"{name}.{suffix}")
+        assert (tmp_path / f"a.{suffix}").read_bytes() == (tmp_path / f"b.{suffix}").read_bytes()

@@ -49,7 +49,7 @@ def rows_stream(
                 local = cloud.select(slice(first, first + BLOCK_POINTS)).in_sensor_frame()
                 xyz_m = local.xyz_m if axes is None else local.xyz_m @ axes.T.astype(local.xyz_m.dtype)
                 values = [xyz_m, *(local.column(name) for name in columns)]
-                file.write(np.column_stack(values).astype("<f4").data)
+                file.write(np.column_stack(values).astype("<f4", order="C").data)
 
         yield append
 
