@@ -34,7 +34,7 @@ def test_blocks_do_not_show(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> 
 
 
 def test_the_order_of_coordinates_in_memory_does_not_show(tmp_path: Path) -> None:
-    """Columns of coordinates that lie one behind the other in memory, as a device gives them, are points in the file."""
+    """A device gives all x, then all y, then all z; the file has point after point."""
     cloud = small_cloud(9)
     by_columns = small_cloud(9, xyz_m=np.asfortranarray(cloud.xyz_m))
     for suffix in ("bin", "pcd.bin"):
