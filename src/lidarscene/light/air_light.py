@@ -138,6 +138,8 @@ def air_light(weather: Weather, sensor: Sensor, *, extinction_per_m: float) -> A
             sizes=medium.sizes,
             backscatter_m2_sr=medium.particle_m2_sr,
             gain=medium.particle_gain,
+            # Photons that scatter let many a weaker drop trip where shots are summed.
+            count=1 if sensor.histogram is None else 4,
             down_to=_LEFT_OUT * _least_strength(sensor),
         )
 

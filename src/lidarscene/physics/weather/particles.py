@@ -26,7 +26,6 @@ MEAN_HITS = {1: 0.01, 2: 0.18, 4: 1.0, 8: 3.5, 16: 9.5, 32: 23.0}
 """Particles drawn for a pulse, and the largest mean number above the cut. Pulses with more lose their weakest: less
 than 0.5 % of the particles above the cut, and less of their power."""
 
-_FEWEST_HITS = 1e-4  # mean number above the cut: the tables need a range of strengths
 _FIRST_LOG = math.log(1e-6)  # of Lambda: rarer echoes than one in 1e6 pulses count as this strong
 _RANGES, _LEVELS, _SHARES = 1000, 193, 1025  # points of the tables
 
@@ -98,7 +97,7 @@ def strengths(
     backscatter_m2_sr  sigma(diameter_m=D): W/sr per W/m2 on the particle
     gain               g(diameter_m=D, within_rad=..., from_rad=...) of it into the lens; None: one
     count              a key of `MEAN_HITS`, whose mean number gives the cut
-    down_to            strength of the cut in its place: as many particles as it takes, if that is not above the most
+    down_to            strength down to which more are drawn, as many as it takes and up to the most
 
     Strengths grow as R^-4 towards the sensor, up to sigma / (S R^2) at ``nearest_m``: use the distance from which the
     receiver sees its beam, not less.
@@ -123,9 +122,9 @@ def strengths(
     log_expected, log_trial = np.log(expected[usable]), np.log(trial[usable])
     mean_hits = MEAN_HITS[count]
     if down_to is not None:
-        wanted = math.exp(np.interp(-math.log(down_to), -log_trial, log_expected))
+        wanted = max(math.exp(np.interp(-math.log(down_to), -log_trial, log_expected)), mean_hits)
         count, most = next((entry for entry in MEAN_HITS.items() if entry[1] >= wanted), max(MEAN_HITS.items()))
-        mean_hits = min(max(wanted, _FEWEST_HITS), most)
+        mean_hits = min(wanted, most)
     last_log = math.log(mean_hits)
     half = 0.5 * (last_log - _FIRST_LOG) / (_LEVELS - 1)
     level = np.linspace(_FIRST_LOG - half, last_log + half, 2 * _LEVELS + 1)
