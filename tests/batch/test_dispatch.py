@@ -233,7 +233,7 @@ from lidarscene.cli import main
 cluster.local_client = threads_of_this_process
 for _ in range(2):
     code = main.main(["batch", "job.toml", "-o", "out", "--json"])
-    print(code, sorted(name for _, _, names in os.walk("out") for name in names), sep="\\n")
+    print("RUN", code, sorted(name for _, _, names in os.walk("out") for name in names), "", sep="\\n")
     subprocess.run(["mount", "-o", "remount,size=10m", "out"], check=True)
 """
 
@@ -256,16 +256,16 @@ def test_a_disk_that_is_full_and_then_larger(mi: Any, job_file: Path, tmp_path: 
     if completed.returncode in (1, 77) and not completed.stdout:
         pytest.skip(f"no disk of its own can be mounted here: {completed.stderr}")
     assert completed.returncode == 0, completed.stderr
-    *_, code, files, second_run, code_again, listing = (
-        completed.stdout.splitlines()
-    )  # a full disk may have no manifest either
+    _, first_run, second_run = completed.stdout.split("RUN\n")
+    code, files, summary_text = first_run.split("\n", 2)
+    code_again, listing, _ = second_run.split("\n", 2)
     failed = [line for line in completed.stderr.splitlines() if line.startswith("failed")]
     assert failed
     assert all(line.endswith("cannot be written: No space left on device") for line in failed)
     rows_kept = files.count(".json")
     assert rows_kept == 4 - len(failed) > 0
     assert ".part" not in files
-    summary = json.loads(second_run)
+    summary = json.loads(summary_text)
     assert (summary["reused"], summary["rendered"], summary["failed"]) == (rows_kept, 4 - rows_kept, {})
     assert code != code_again == "0"
     assert listing.count(".ply") == 4

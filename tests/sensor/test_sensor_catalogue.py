@@ -642,7 +642,6 @@ def test_check_of_what_is_not_published(capsys: pytest.CaptureFixture[str]) -> N
 def test_check_of_an_unknown_sensor(capsys: pytest.CaptureFixture[str]) -> None:
     assert main.main(["catalog", "check", "vlp17"]) == 2
     assert "did you mean vlp-16" in capsys.readouterr().err
-    assert main.main(["catalog", "sensors", "--json"]) == 2
 
 
 @pytest.mark.parametrize(
