@@ -36,7 +36,8 @@ _LEFT_OUT = 0.27
 """Particles are drawn down to this share of the weakest whose mean light trips the comparator or histogram alone.
 
 Weaker ones become even light, in which single particles have no echo of their own: four of them may reach a
-comparator's threshold together. Of a histogram, more are drawn (see `air_light`): its photons scatter. In heavy rain (`rain.toml`) this share lacks 1.5 % of the points, and a half 6 %."""
+comparator's threshold together. Of a histogram, more are drawn (see `air_light`): its photons scatter. In heavy rain
+(`rain.toml`) this share lacks 1.5 % of the points, and a half 6 %."""
 
 _DRAWS_APART = 1000
 """Random draws that each kind of particle has for itself."""
