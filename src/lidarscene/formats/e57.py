@@ -33,7 +33,6 @@ FIELDS = {
     "channel": "rowIndex",
 }
 BLOCK_POINTS = 1 << 18
-LARGEST_ROW = 2**31 - 1
 
 
 def write_e57(path: str | os.PathLike[str], cloud: Cloud) -> None:

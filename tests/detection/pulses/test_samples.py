@@ -93,12 +93,12 @@ def test_quantisation_noise():
     )
     coarse = ["sampler.bits=8", f"sampler.full_scale={2560.0 * sigma!r}"]
     _, amplitude, _ = readings(snr, *WHITE, *ADC, *coarse)
-    noise = math.hypot(1.0, sampling.quantisation_noise(step=10.0))
+    noise = math.hypot(1.0, 10.0 / math.sqrt(12.0))
     gain = math.sqrt(1e9 * math.sqrt(math.pi) * SIGMA_S)
     assert amplitude.std() == pytest.approx(noise / snr / gain, rel=0.1)
     steps = np.random.default_rng(2).uniform(-50.0, 50.0, 1_000_000)
     error = sampling.quantise(signal=steps, step=1.0, full_scale=100.0) - steps
-    assert error.std() == pytest.approx(sampling.quantisation_noise(step=1.0), rel=2e-3)  # 1e6 errors: 1e-3 / sqrt(2)
+    assert error.std() == pytest.approx(1.0 / math.sqrt(12.0), rel=2e-3)  # 1e6 errors: 1e-3 / sqrt(2)
 
 
 def test_an_adc_that_is_full_clips():

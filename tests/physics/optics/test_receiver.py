@@ -192,11 +192,6 @@ def test_scattered_light():
     np.testing.assert_allclose(hazy.share(range_m)[[0, 2]], [0.02, 1.0], rtol=1e-3)
 
 
-def test_half_angle():
-    half = receiver.field_of_view_half_angle_rad(detector_radius_m=np.array([1e-4]), focal_length_m=0.03)
-    assert half[0] == pytest.approx(3.33332e-3, rel=1e-6)
-
-
 def test_the_echo_has_the_factor(mi):
     """On a wall at 5 m, on the device and on numpy; without the table nothing of (5) changes."""
     described = chain.scene(chain.facing(range_m=5.0))

@@ -75,22 +75,6 @@ def log_probability(*, primary: Lanes, total: Lanes, gain: Lanes, ionisation_rat
     return np.where(possible, value, -np.inf)
 
 
-def webb_density(*, excess: Lanes, primaries: Lanes, gain: Lanes, excess_noise: Lanes) -> Lanes:
-    """Density per electron of the output of Poisson primaries, ``excess`` above its mean (Webb et al., 1974).
-
-    With sigma^2 = N M^2 F, x = excess / sigma and lambda = sqrt(N F) / (F - 1):
-    exp(-x^2 / (2 (1 + x / lambda))) / (sqrt(2 pi) sigma (1 + x / lambda)^(3/2)), zero below x = -lambda.
-    Needs F > 1.
-    """
-    ops = xp(excess, primaries, gain, excess_noise)
-    sigma = gain * ops.sqrt(primaries * excess_noise)
-    x = excess / sigma
-    y = 1.0 + x * (excess_noise - 1.0) / ops.sqrt(primaries * excess_noise)
-    inside = ops.where(y > 0.0, y, 1.0)
-    density = ops.exp(-0.5 * x * x / inside) / (math.sqrt(2.0 * math.pi) * sigma * inside * ops.sqrt(inside))
-    return ops.where(y > 0.0, density, 0.0)
-
-
 def webb_tail(*, excess: Lanes, primaries: Lanes, gain: Lanes, excess_noise: Lanes) -> Lanes:
     """Probability of an output more than ``excess`` above its mean, by Webb's approximation; no amplifier.
 

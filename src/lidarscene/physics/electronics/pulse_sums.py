@@ -101,16 +101,6 @@ def even_sum(*, place: Lanes, middle: Lanes, parts: Sequence[Lanes], half: float
     return value
 
 
-def broadened_fwhm_s(*, pulse_fwhm_s: Lanes, radius_m: Lanes, tangent: Lanes, light_m_s: float) -> Lanes:
-    """Width of the echo of a plane that is tilted by atan(tangent) against a Gaussian beam of 1/e^2 radius w.
-
-    Across the beam the power has the standard deviation w / 2, so ranges have w tangent / 2 and times w tangent / c.
-    Variances add: sigma^2 = sigma_p^2 + (w tangent / c)^2. The echo is again a Gaussian.
-    """
-    spread = SIGMAS_PER_FWHM * radius_m * tangent / light_m_s
-    return xp(pulse_fwhm_s, spread).sqrt(pulse_fwhm_s * pulse_fwhm_s + spread * spread)
-
-
 def highest_between(evaluate: Callable[[Lanes], Shape], low: Lanes, high: Lanes, *, mask: Mask) -> tuple[Lanes, Shape]:
     """Peak of the waveform between two places: its slope is positive at the first and negative at the second.
 

@@ -110,11 +110,6 @@ def quantise(*, signal: Lanes, step: Lanes, full_scale: Lanes) -> Lanes:
     return ops.minimum(ops.rint(signal / step) * step, full_scale)
 
 
-def quantisation_noise(*, step: Lanes) -> Lanes:
-    """step / sqrt(12): deviation of an error even over one step (Bennett, Bell Syst. Tech. J. 27, 446, 1948)."""
-    return step / math.sqrt(12.0)
-
-
 def least_time_deviation_s(*, snr: Lanes, rate_hz: Lanes, pulse_fwhm_s: Lanes) -> Lanes:
     """Cramer-Rao bound of the time of a Gaussian pulse in white noise, with unknown height.
 

@@ -59,8 +59,3 @@ def extinction_from_visibility_per_m(*, visibility_m: float, wavelength_m: float
     exponent = {"kruse": kruse_exponent, "kim": kim_exponent}[model](visibility_m / 1000.0)
     ratio = wavelength_m * 1e6 / _REFERENCE_WAVELENGTH_UM
     return _KRUSE_CONTRAST / visibility_m * math.pow(ratio, -exponent)
-
-
-def extinction_from_transmittance_per_m(*, transmittance: float, range_m: float) -> float:
-    """alpha with this one-way transmittance over this range."""
-    return -math.log(transmittance) / range_m

@@ -27,11 +27,6 @@ _NARROWEST = 20.0  # largest sqrt(radius x distance) of a circle over the spot's
 _RADII = 32  # circles that stand for the blur: 5e-4 for a top hat, 5e-5 for a Gaussian, usually far better
 
 
-def field_of_view_half_angle_rad(*, detector_radius_m: Lanes, focal_length_m: Lanes) -> Lanes:
-    """Half angle of the receiver's field of view, atan(r_PD / f); 3.3 mrad at Table 1."""
-    return xp(detector_radius_m, focal_length_m).atan2(detector_radius_m, focal_length_m)
-
-
 def spot_radius_rad(*, exit_radius_m: Lanes, half_divergence_rad: Lanes, range_m: Lanes) -> Lanes:
     """Angular radius of the spot, sqrt((w_0 / R)^2 + theta^2), for a beam with its waist w_0 at the exit."""
     exit_angle = exit_radius_m / range_m

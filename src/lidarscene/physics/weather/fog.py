@@ -86,15 +86,3 @@ def scattering(droplets: Droplets, wavelength_m: float) -> tuple[float, float]:
 def visibility_m(droplets: Droplets) -> float:
     """Meteorological visibility in these droplets, 3.912 over their extinction at 550 nm (Koschmieder)."""
     return _CONTRAST / scattering(droplets, VISIBLE_M)[0]
-
-
-def extinction_al_naboulsi_per_m(*, visibility_m: float, wavelength_m: float, kind: str) -> float:
-    """Extinction of "advection" or "radiation" fog from visibility, 690 to 1550 nm and 50 m to 1 km.
-
-    M. Al Naboulsi, H. Sizun and F. de Fornel, Opt. Eng. 43, 319 (2004): fits to FASCOD, (0.11478 lambda + 3.8367) / V
-    and (0.18126 lambda^2 + 0.13709 lambda + 3.7502) / V per km, lambda in micrometres, V in km. Used to check Mie's
-    theory.
-    """
-    um = wavelength_m * 1e6
-    fits = {"advection": 0.11478 * um + 3.8367, "radiation": 0.18126 * um * um + 0.13709 * um + 3.7502}
-    return fits[kind] / visibility_m
