@@ -10,19 +10,28 @@ import contextlib
 import io
 import json
 import tempfile
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
 
-def run(path: Path) -> dict[str, Any]:
-    """The notebook with the outputs of a run, from top to bottom; what a cell raises is raised."""
+def run(path: Path, changes: Mapping[str, str] | None = None) -> dict[str, Any]:
+    """The notebook with the outputs of a run, from top to bottom; what a cell raises is raised.
+
+    changes  pieces of its code, and by what they are replaced for the run; each must be there
+    """
     notebook: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
     namespace: dict[str, Any] = {"__name__": "__main__"}
+    pending = dict(changes or {})
     cells = [cell for cell in notebook["cells"] if cell["cell_type"] == "code"]
     with tempfile.TemporaryDirectory() as folder, contextlib.chdir(folder):
         for number, cell in enumerate(cells, start=1):
             where = f"{path.name}, cell {number}"
-            cell |= {"execution_count": number, "outputs": _outputs("".join(cell["source"]), namespace, where, number)}
+            source = "".join(cell["source"])
+            for piece in [piece for piece in pending if piece in source]:
+                source = source.replace(piece, pending.pop(piece))
+            cell |= {"execution_count": number, "outputs": _outputs(source, namespace, where, number)}
+    assert not pending, f"{path.name} has no {', '.join(pending)}"
     return notebook
 
 
