@@ -280,6 +280,11 @@ class Report:
         return [*self.pages, *itertools.chain(*self._files)]
 
     @property
+    def figure_names(self) -> list[str]:
+        """Names of the figures and pictures that `plot` draws, in the order of the page."""
+        return list(self._drawings)
+
+    @property
     def _drawings(self) -> dict[str, Callable[..., object]]:
         """Name of a figure or picture -> function that draws it to a path."""
         return {names[0].removesuffix(".png"): draw for names, draw in self._files.items() if names[0].endswith(".png")}
