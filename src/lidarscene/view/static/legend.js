@@ -15,14 +15,14 @@ const NONE = [107, 114, 128];
 
 const bytesOf = hex => [0, 2, 4].map(i => parseInt(hex.slice(i, i + 2), 16));
 
-function made(tag, attributes = {}, ...children) {
+function createElement(tag, attributes = {}, ...children) {
   const element = Object.assign(document.createElement(tag), attributes);
   element.append(...children);
   return element;
 }
 
 // A number in its unit: with a prefix where the unit takes one.
-function told(value, unit, digits = 4) {
+function formatted(value, unit, digits = 4) {
   if (!Number.isFinite(value)) return "none";
   if (value === 0 || !["W", "A", "s"].includes(unit)) {
     const text = Math.abs(value) >= 1e5 || (value !== 0 && Math.abs(value) < 1e-3)
@@ -68,8 +68,8 @@ class Legend {
   // Limits from the 1st to the 99th percentile.
   fit() {
     if (this.isCategory) return;
-    const kept = this.values.filter(value => Number.isFinite(value) && (value > 0 || !this.log)).sort();
-    const at = part => kept.length ? kept[Math.round(part * (kept.length - 1))] : this.log ? 0.1 : 0;
+    const finite = this.values.filter(value => Number.isFinite(value) && (value > 0 || !this.log)).sort();
+    const at = part => finite.length ? finite[Math.round(part * (finite.length - 1))] : this.log ? 0.1 : 0;
     const rounded = value => Number(value.toPrecision(4));
     [this.low, this.high] = [rounded(at(0.01)), rounded(at(0.99))];
     if (this.field.name === "detection_probability") [this.low, this.high] = [0, 1];
@@ -97,46 +97,46 @@ class Legend {
 
   build() {
     const { label, unit, meaning } = this.field;
-    const title = made("div", { title: meaning }, made("b", {}, label), unit ? ` [${unit}]` : "");
+    const title = createElement("div", { title: meaning }, createElement("b", {}, label), unit ? ` [${unit}]` : "");
     this.element.replaceChildren(title, ...(this.isCategory ? [this.#kinds()] : this.#scale()));
   }
 
   #scale() {
-    const bar = made("canvas", { width: 256, height: 1 });
+    const bar = createElement("canvas", { width: 256, height: 1 });
     bar.getContext("2d").putImageData(new ImageData(new Uint8ClampedArray(this.map), 256, 1), 0, 0);
     const part = value => this.log ? Math.log(value / this.low) / Math.log(this.high / this.low)
       : (value - this.low) / (this.high - this.low);
-    const ticks = made("div", { className: "ticks" });
+    const ticks = createElement("div", { className: "ticks" });
     for (const tick of this.#ticks()) {
-      const text = made("span", {}, told(tick, ["W", "A"].includes(this.field.unit) ? this.field.unit : "", 3));
+      const text = createElement("span", {}, formatted(tick, ["W", "A"].includes(this.field.unit) ? this.field.unit : "", 3));
       const place = Math.max(0, Math.min(1, part(tick)));
       // Texts at the ends stay within the bar.
       Object.assign(text.style, { left: `${100 * place}%`, transform: `translateX(${-100 * place}%)` });
       ticks.append(text);
     }
-    const limit = key => made("input", {
+    const limit = key => createElement("input", {
       type: "number", step: "any", value: typed(this[key]), ariaLabel: `${key}est of the scale`,
       onchange: event => this.#limit(key, event.target.valueAsNumber),
     });
-    const log = made("input", { type: "checkbox", checked: this.log, onchange: () => {
+    const log = createElement("input", { type: "checkbox", checked: this.log, onchange: () => {
       this.log = !this.log;
       this.fit();
-      this.#told();
+      this.#report();
     } });
-    const fit = made("button", { type: "button", onclick: () => {
+    const fit = createElement("button", { type: "button", onclick: () => {
       this.fit();
-      this.#told();
+      this.#report();
     } }, "fit");
-    return [bar, ticks, made("div", { className: "limits" }, limit("low"), limit("high"), fit, made("label", {}, log, "log"))];
+    return [bar, ticks, createElement("div", { className: "limits" }, limit("low"), limit("high"), fit, createElement("label", {}, log, "log"))];
   }
 
   #limit(key, value) {
     const limits = { low: this.low, high: this.high, [key]: value };
     if (limits.high > limits.low && (limits.low > 0 || !this.log)) Object.assign(this, limits);
-    this.#told();
+    this.#report();
   }
 
-  #told() {
+  #report() {
     this.build();
     this.changed();
   }
@@ -163,14 +163,14 @@ class Legend {
     const counts = new Map();
     for (const value of this.values) counts.set(value, (counts.get(value) ?? 0) + 1);
     const rows = [...counts].sort((a, b) => b[1] - a[1]).map(([value, count]) => {
-      const dot = made("i");
+      const dot = createElement("i");
       dot.style.background = value < 0 ? `rgb(${NONE})` : `#${KINDS[value % KINDS.length]}`;
       const name = value < 0 ? "none" : this.field.names[value] ?? String(value);
-      return made("button", { type: "button", ariaPressed: String(!this.off.has(value)), onclick: () => {
+      return createElement("button", { type: "button", ariaPressed: String(!this.off.has(value)), onclick: () => {
         if (!this.off.delete(value)) this.off.add(value);
-        this.#told();
-      } }, dot, name, made("em", {}, count.toLocaleString("en")));
+        this.#report();
+      } }, dot, name, createElement("em", {}, count.toLocaleString("en")));
     });
-    return made("div", { className: "kinds" }, ...rows);
+    return createElement("div", { className: "kinds" }, ...rows);
   }
 }

@@ -3,16 +3,16 @@
 const byId = id => document.getElementById(id);
 
 function showFields(fields, groups, chosen) {
-  byId("field").replaceChildren(...groups.map(group => made("optgroup", { label: group },
+  byId("field").replaceChildren(...groups.map(group => createElement("optgroup", { label: group },
     ...fields.filter(field => field.group === group).map(field =>
-      made("option", { value: field.name, selected: field.name === chosen, title: field.meaning }, field.label)))));
+      createElement("option", { value: field.name, selected: field.name === chosen, title: field.meaning }, field.label)))));
 }
 
 function showStatuses(names, counts, hidden, changed) {
   // Kinds without points are left out, except echoes; hidden kinds stay, to be shown again.
-  const told = names.map((name, i) => [name, i]).filter(([, i]) => i === 0 || counts[i] || hidden >> i & 1);
-  byId("statuses").replaceChildren(byId("statuses").firstElementChild, ...told.map(([name, i]) => made("label", {},
-    made("input", { type: "checkbox", checked: !(hidden >> i & 1), onchange: event => changed(i, event.target.checked) }),
+  const listed = names.map((name, i) => [name, i]).filter(([, i]) => i === 0 || counts[i] || hidden >> i & 1);
+  byId("statuses").replaceChildren(byId("statuses").firstElementChild, ...listed.map(([name, i]) => createElement("label", {},
+    createElement("input", { type: "checkbox", checked: !(hidden >> i & 1), onchange: event => changed(i, event.target.checked) }),
     `${name} (${(counts[i] ?? 0).toLocaleString("en")})`)));
 }
 
@@ -22,9 +22,9 @@ function showControls(controls, settings, changed) {
     const { key, label, unit, low, high, log, whole } = control;
     const value = settings[key] ?? control.value;
     const place = v => log ? Math.log(Math.max(v, low) / low) / Math.log(high / low) : (v - low) / (high - low);
-    const slider = made("input", { type: "range", min: 0, max: 1, step: 0.001, value: place(value), ariaLabel: label });
-    const box = made("input", { type: "number", step: "any", value: Number(value.toPrecision(4)), ariaLabel: label });
-    const note = made("p", { id: `note-${key}`, hidden: true });
+    const slider = createElement("input", { type: "range", min: 0, max: 1, step: 0.001, value: place(value), ariaLabel: label });
+    const box = createElement("input", { type: "number", step: "any", value: Number(value.toPrecision(4)), ariaLabel: label });
+    const note = createElement("p", { id: `note-${key}`, hidden: true });
     slider.oninput = () => {
       const part = Number(slider.value);
       const moved = log ? low * (high / low) ** part : low + part * (high - low);
@@ -39,8 +39,8 @@ function showControls(controls, settings, changed) {
       slider.value = place(box.valueAsNumber);
       changed(key, box.valueAsNumber);
     };
-    return made("div", { className: "control" },
-      made("div", {}, label, made("span", {}, box, " ", made("span", { className: "unit" }, unit))), slider, note);
+    return createElement("div", { className: "control" },
+      createElement("div", {}, label, createElement("span", {}, box, " ", createElement("span", { className: "unit" }, unit))), slider, note);
   }));
 }
 
@@ -63,7 +63,7 @@ function tell(box, note, text) {
 // The server's complaint beside the field that it names; false if it names none.
 function tellBeside(message) {
   const notes = [...document.querySelectorAll("#controls p")];
-  const note = notes.find(one => message.includes(`${one.id.slice("note-".length)}: `));
+  const note = notes.find(note => message.includes(`${note.id.slice("note-".length)}: `));
   if (note) tell(note.parentElement.querySelector("input[type=number]"), note, message.split(": ").slice(-1)[0]);
   return Boolean(note);
 }
@@ -75,9 +75,9 @@ function clearNotes() {
 }
 
 function showChoices(choices, settings, changed) {
-  byId("choices").replaceChildren(...Object.entries(choices).map(([key, names]) => made("label", {}, key,
-    made("select", { id: `choice-${key}`, onchange: event => changed(key, event.target.value) },
-      ...names.map(name => made("option", { value: name, selected: settings[key] === name }, name))))));
+  byId("choices").replaceChildren(...Object.entries(choices).map(([key, names]) => createElement("label", {}, key,
+    createElement("select", { id: `choice-${key}`, onchange: event => changed(key, event.target.value) },
+      ...names.map(name => createElement("option", { value: name, selected: settings[key] === name }, name))))));
 }
 
 // Whether a group of the card is open, as it was left.
@@ -87,7 +87,7 @@ const openGroups = new Map();
 function showCard(frame, index, { origin, closed, missing }) {
   const card = byId("card");
   card.hidden = false;
-  const close = made("button", { type: "button", ariaLabel: "close", onclick: closed }, "✕");
+  const close = createElement("button", { type: "button", ariaLabel: "close", onclick: closed }, "✕");
   if (index < 0) {
     card.replaceChildren(close, missing);
     return;
@@ -100,16 +100,16 @@ function showCard(frame, index, { origin, closed, missing }) {
     for (const field of fields) {
       const value = frame.values(field.name)[index] + ("xyz".includes(field.name) ? origin["xyz".indexOf(field.name)] : 0);
       const text = field.names ? field.names[value] ?? (value < 0 ? "none" : String(value))
-        : field.unit === "m" && Number.isFinite(value) ? `${value.toFixed(4)}\u202fm` : told(value, field.unit);
-      rows.push(made("tr", { title: field.meaning },
-        made("td", {}, field.label, made("i", {}, field.symbol)), made("td", {}, text)));
+        : field.unit === "m" && Number.isFinite(value) ? `${value.toFixed(4)}\u202fm` : formatted(value, field.unit);
+      rows.push(createElement("tr", { title: field.meaning },
+        createElement("td", {}, field.label, createElement("i", {}, field.symbol)), createElement("td", {}, text)));
     }
     // The first group is open, the others on a click, so that the card leaves the picture free.
     const open = openGroups.get(group) ?? !groups.length;
-    groups.push(made("details", { open, ontoggle: event => openGroups.set(group, event.target.open) },
-      made("summary", {}, group), made("table", {}, made("tbody", {}, ...rows))));
+    groups.push(createElement("details", { open, ontoggle: event => openGroups.set(group, event.target.open) },
+      createElement("summary", {}, group), createElement("table", {}, createElement("tbody", {}, ...rows))));
   }
-  card.replaceChildren(close, made("p", {}, note(frame, index)), ...groups);
+  card.replaceChildren(close, createElement("p", {}, note(frame, index)), ...groups);
 }
 
 // What a budget lacks.

@@ -7,7 +7,7 @@ function around(xyz) {
   const count = xyz.length / 3, sum = [0, 0, 0];
   if (!count) return { centre: sum, radius: 40 };
   for (let i = 0; i < xyz.length; i++) sum[i % 3] += xyz[i];
-  const centre = sum.map(one => Math.round(one / count));
+  const centre = sum.map(total => Math.round(total / count));
   let square = 0;
   for (let i = 0; i < xyz.length; i++) square += (xyz[i] - centre[i % 3]) ** 2;
   // Steps of ten metres: the shadows of one sweep do not shimmer in the next.
@@ -240,14 +240,14 @@ class Renderer {
     const near = [];
     let front = Infinity;
     for (let i = 0; 3 * i < xyz.length; i++) {
-      const seen = this.project(matrix, xyz[3 * i], xyz[3 * i + 1], xyz[3 * i + 2]);
-      if (!seen) continue;
-      const away = Math.hypot(seen[0] - left, seen[1] - top);
+      const projected = this.project(matrix, xyz[3 * i], xyz[3 * i + 1], xyz[3 * i + 2]);
+      if (!projected) continue;
+      const away = Math.hypot(projected[0] - left, projected[1] - top);
       if (away > 7 || !isShown(i)) continue;
-      near.push([i, away, seen[2]]);
-      front = Math.min(front, seen[2]);
+      near.push([i, away, projected[2]]);
+      front = Math.min(front, projected[2]);
     }
     const candidates = near.filter(([, , depth]) => depth < 1.03 * front + 0.1);
-    return candidates.reduce((best, one) => one[1] < best[1] ? one : best, [-1, Infinity])[0];
+    return candidates.reduce((best, candidate) => candidate[1] < best[1] ? candidate : best, [-1, Infinity])[0];
   }
 }

@@ -118,7 +118,7 @@ class Viewer {
     this.draw();
     const name = `${this.stage.title.replace(/[^\w.-]+/g, "-") || "lidarscene"}.png`;
     this.canvas.toBlob(image => {
-      const link = made("a", { href: URL.createObjectURL(image), download: name });
+      const link = createElement("a", { href: URL.createObjectURL(image), download: name });
       link.click();
       setTimeout(() => URL.revokeObjectURL(link.href), 1000);
     });
@@ -217,8 +217,8 @@ class Viewer {
     frame.values = name => frame.arrays[name] ?? xyz.filter((_, i) => i % 3 === "xyz".indexOf(name));
     const names = frame.fields.map(field => field.name);
     // Fields of a budget that was not asked for can be asked for.
-    const left = frame.budget === false ? (this.fields ?? []).filter(field => !names.includes(field.name)) : [];
-    this.fields = [...frame.fields, ...left.filter(field => field.computed)];
+    const computed = frame.budget === false ? (this.fields ?? []).filter(field => !names.includes(field.name)) : [];
+    this.fields = [...frame.fields, ...computed.filter(field => field.computed)];
     const known = this.fields.map(field => field.name);
     if (!names.includes(this.colourBy)) this.colourBy = "range";
     if (known.join() !== this.names) showFields(this.fields, frame.groups, this.colourBy);
@@ -228,7 +228,7 @@ class Viewer {
     byId("no-layers").textContent = frame.layers ?? "";
     const statuses = frame.fields.find(field => field.name === "status").names;
     const counts = Array(statuses.length).fill(0);
-    for (const one of status) counts[one] += 1;
+    for (const value of status) counts[value] += 1;
     showStatuses(statuses, counts, this.hidden, (bit, shown) => {
       this.hidden = shown ? this.hidden & ~(1 << bit) : this.hidden | 1 << bit;
       this.redraw();
@@ -249,7 +249,7 @@ class Viewer {
   }
 
   colour(keep) {
-    const field = this.frame.fields.find(one => one.name === this.colourBy);
+    const field = this.frame.fields.find(field => field.name === this.colourBy);
     const values = this.frame.values(field.name);
     this.legend.show(field, values, keep);
     this.renderer.setValues(values);
@@ -316,8 +316,8 @@ class Viewer {
     if (this.other >= 0 && this.selected >= 0) {
       const apart = minus(this.#place(this.other), this.#place(this.selected));
       const parts = apart.map((d, k) => `${"xyz"[k]} ${d.toFixed(3)}`).join(", ");
-      const told = `${Math.hypot(...apart).toFixed(3)}\u202fm to the other point: ${parts}`;
-      byId("card").insertBefore(made("p", { id: "distance" }, told), byId("card").children[1]);
+      const text = `${Math.hypot(...apart).toFixed(3)}\u202fm to the other point: ${parts}`;
+      byId("card").insertBefore(createElement("p", { id: "distance" }, text), byId("card").children[1]);
     }
   }
 
