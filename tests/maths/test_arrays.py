@@ -28,6 +28,18 @@ def test_where_any_is_a_choice():
                 np.testing.assert_allclose(np.asarray(part), expected_part, rtol=1e-6)
 
 
+def test_where_any_leaves_what_it_chooses_from_as_it_was():
+    """Dr.Jit's `if_stmt` puts its results into the arrays that a branch returns: the caller still needs these."""
+    import mitsuba as mi
+
+    x = np.arange(8, dtype=np.float32)
+    if_true, if_false, where = mi.Float(10.0 * x), mi.Float(x), mi.Bool(x > 3.5)
+    chosen = xp(if_false).where_any(where, lambda: if_true, if_false)
+    np.testing.assert_array_equal(np.asarray(chosen), np.where(x > 3.5, 10.0 * x, x))
+    np.testing.assert_array_equal(np.asarray(if_true), 10.0 * x)
+    np.testing.assert_array_equal(np.asarray(if_false), x)
+
+
 def test_poisson_counts_of_mixed_means():
     """Lanes of few counts beside lanes of many, which the loop passes over: the same as of numpy, but where the sum of
     probabilities comes within rounding of the uniform number (1e-6 of it, at some ten steps: 1 in 10,000 lanes).

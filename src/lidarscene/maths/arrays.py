@@ -344,9 +344,12 @@ class DrjitOps:
 
         A packet of lanes in which the condition holds nowhere skips it.
         """
-        arrays = self._dr.if_stmt(
-            (), condition, lambda: tuple(flatten(compute())), lambda: tuple(flatten(otherwise)), mode="symbolic"
-        )
+
+        # Dr.Jit puts the results into the objects that a branch returns: without copies the caller's would change.
+        def copies(values: S) -> tuple[Any, ...]:
+            return tuple(type(array)(array) for array in flatten(values))
+
+        arrays = self._dr.if_stmt((), condition, lambda: copies(compute()), lambda: copies(otherwise), mode="symbolic")
         return rebuild(otherwise, iter(arrays))
 
 
