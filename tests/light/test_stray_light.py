@@ -128,6 +128,26 @@ def test_lines_without_strong_echoes_are_left_alone():
         assert np.all(reaches_others([ray], crosstalk) == reaches)
 
 
+def test_faint_echoes_add_nothing_to_a_bright_line():
+    """A channel that a line has for its brightness, and all others just below and just above the power from which on
+    they count. Left out is less than a hundredth of what a detector finds in the dark, for each channel.
+    """
+    crosstalk = Crosstalk.from_sensor(SENSOR)
+    point = SENSOR.working_point(np.zeros(1))
+    dark_w = float(np.ravel(point.response.power_w(SENSOR.threshold(point)))[0])
+    power = np.zeros((ROWS, 1))
+    power[5] = 2.0 * crosstalk.least_w
+    _, alone_w = stray_of(trains.train(50.0, power))
+    added_w = []
+    for factor in (0.999, 1.001):
+        _, stray_w = stray_of(trains.train(50.0, np.where(power > 0.0, power, factor * crosstalk.faint_w)))
+        added_w.append(stray_w - alone_w)
+    assert (added_w[0] == 0.0).all()
+    others = shares().sum(axis=1) - shares()[:, 5]
+    np.testing.assert_allclose(added_w[1], 1.001 * crosstalk.faint_w * others, rtol=1e-3)
+    assert 0.005 * dark_w < added_w[1].max() < 0.0101 * dark_w
+
+
 def test_stray_light_that_is_too_faint_to_compute_is_none():
     """Of a millionth of the least power that a detector finds in the dark, single precision loses the peak's shape: a
     sub-echo of 1e-18 W made the receiver miss strong ones. (A neighbour gets 7e-12 W with a share of 1e-5.)

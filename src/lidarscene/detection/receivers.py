@@ -10,7 +10,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from ..light.echoes import Echoes, EchoTrain, SubEchoes
-from ..light.stray_light import ChannelLight, Crosstalk
+from ..light.stray_light import ChannelLight, Crosstalk, Volley
 from ..maths.arrays import Array, Lanes, Mask, xp
 from ..sensor.sensor_model import Sensor
 from . import multi_echo, returns
@@ -86,22 +86,20 @@ def withhold_beside_glare(
     if stray is None or stray.glare_photons is None or glare_w is None:
         return detection
     glare_photons, reach_m = stray.glare_photons, stray.glare_reach_m
-    ops = xp(pulse, light.power_w)
-    place = ops.divmod(ops.int32(pulse), volleys.line)[1]
-    channel = ops.index(light.power_w)
-    first, row = channel - place + ops.int32(ops.take(volleys.first, place)), place * volleys.size
+    ops, volley = xp(pulse, light.power_w), Volley.of_pulses(volleys, light, pulse)
 
     def search(state: _Glare) -> _Glare:
-        # Shares are 0 of the pulse itself, and beyond the end of a volley that is smaller than the largest.
-        is_other = ops.take(volleys.share, row + state.number) > 0.0
-        source = ops.where(is_other, first + state.number, channel)
-        glares = is_other & (ops.take(light.power_w, source) >= glare_w)
-        range_m = ops.take(light.range_m, source)
-        beside = tuple(
-            is_beside | (glares & (ops.abs(stop.range_m - range_m) < reach_m))
-            for is_beside, stop in zip(state.beside, detection.stops, strict=True)
-        )
-        return _Glare(number=state.number + 1, beside=beside)
+        source = volley.source(state.number)
+        glares = ops.take(light.power_w, source) >= glare_w
+
+        def compare() -> tuple[Mask, ...]:
+            is_other, range_m = volley.share(state.number) > 0.0, ops.take(light.range_m, source)
+            return tuple(
+                is_beside | (glares & is_other & (ops.abs(stop.range_m - range_m) < reach_m))
+                for is_beside, stop in zip(state.beside, detection.stops, strict=True)
+            )
+
+        return _Glare(number=state.number + 1, beside=ops.where_any(glares, compare, state.beside))
 
     never = ops.full(light.power_w, False)
     start = _Glare(number=ops.full(light.power_w, 0), beside=(never,) * len(detection.stops))

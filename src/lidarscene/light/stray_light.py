@@ -22,6 +22,10 @@ from .echoes import Echoes, EchoTrain, SubEchoes
 NEGLIGIBLE = 0.1
 """Share of the least power that a detector finds in the dark: a scan line with less stray light than that has none."""
 
+FAINT = 0.1
+"""Power of an echo over that of one which gives its scan line stray light, up to which it adds none to that of others:
+all such echoes together give a channel less than a hundredth of the least power that it finds in the dark."""
+
 UNSEEN = 1e-6
 """Share of that power below which stray light is none: in single precision its shape could not be computed."""
 
@@ -31,6 +35,7 @@ class Crosstalk:
     """Volleys of a scanner and what its receivers notice of them.
 
     least_w  power of an echo from which on its scan line has stray light, or glares
+    faint_w  power of an echo up to which it adds nothing to the stray light of others
     unseen_w power of stray light up to which a detector has none
     unit_m   c sigma_p / 2: range in which light comes back one standard deviation of the pulse later
     glare_w  power of an echo from which on other channels withhold returns at its range; None: they report them
@@ -38,6 +43,7 @@ class Crosstalk:
 
     volleys: Volleys
     least_w: Lanes
+    faint_w: Lanes
     unseen_w: Lanes
     unit_m: Lanes
     glare_w: Lanes | None = None
@@ -53,7 +59,7 @@ class Crosstalk:
         volleys = find_volleys(sensor.scanner, sensor.optics.stray)
         # No channel then has more than NEGLIGIBLE of it, even if all others are as bright as the brightest.
         least_w = NEGLIGIBLE * float(threshold_w) / max(volleys.largest_sum, 1e-30)
-        glare_w = None
+        faint_w, glare_w = FAINT * least_w, None
         if sensor.optics.stray.glare_photons is not None:
             glare_photons = float(sensor.optics.stray.glare_photons)
             glare_w = float(np.ravel(point.response.power_w(glare_photons * np.ones(1)))[0])
@@ -64,6 +70,7 @@ class Crosstalk:
         return cls(
             volleys=volleys,
             least_w=least_w,
+            faint_w=faint_w,
             unseen_w=UNSEEN * float(threshold_w),
             unit_m=radiometry.range_from_time_of_flight_m(time_of_flight_s=sigma_s),
             glare_w=glare_w,
@@ -80,6 +87,46 @@ class ChannelLight:
 
     range_m: Lanes
     power_w: Lanes
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Volley:
+    """The volley of each pulse of whole scan lines in order of time; each field (n,).
+
+    volleys  of the scanner
+    lane     lane of the pulse
+    first    lane of the volley's first pulse
+    in_line  number of pulses of the line from that one on
+    row      first entry of the pulse in the table of shares
+    """
+
+    volleys: Volleys
+    lane: Array
+    first: Array
+    in_line: Array
+    row: Array
+
+    @classmethod
+    def of_pulses(cls, volleys: Volleys, light: ChannelLight, pulse: Array) -> Volley:
+        """Find the volleys of these pulses, (n,) uint32, with this light."""
+        ops = xp(pulse, light.power_w)
+        place, lane = ops.divmod(ops.int32(pulse), volleys.line)[1], ops.index(light.power_w)
+        begin = ops.int32(ops.take(volleys.first, place))
+        return cls(
+            volleys=volleys,
+            lane=lane,
+            first=lane - place + begin,
+            in_line=volleys.line - begin,
+            row=place * volleys.size,
+        )
+
+    def source(self, number: Lanes) -> Array:
+        """Lane of a pulse of the volley, by its number in it; beyond the end of the line that of the pulse itself."""
+        return xp(number).where(number < self.in_line, self.first + number, self.lane)
+
+    def share(self, number: Lanes) -> Array:
+        """Share of that pulse's light that reaches this one; 0 of itself, and beyond the end of the volley."""
+        return xp(number).take(self.volleys.share, self.row + number)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -153,42 +200,41 @@ def add_stray_light(train: EchoTrain, light: ChannelLight, crosstalk: Crosstalk,
     light  computed before
     pulse  (n,) uint32 pulse numbers of whole scan lines in order of time
     """
-    ops, volleys = xp(pulse, light.power_w), crosstalk.volleys
-    place = ops.divmod(ops.int32(pulse), volleys.line)[1]
-    channel = ops.index(light.power_w)
-    first = channel - place + ops.int32(ops.take(volleys.first, place))
-    row = place * volleys.size
-    zero, start = ops.full(light.power_w, 0.0), ops.full(light.power_w, 0)
-
-    def source_power_w(number: Lanes) -> Lanes:
-        share = ops.take(volleys.share, row + number)
-        # The last volley of all may be smaller than the largest: its shares beyond are 0.
-        return ops.where(
-            share > 0.0, share * ops.take(light.power_w, ops.where(share > 0.0, first + number, channel)), 0.0
-        )
-
-    def source_range_m(number: Lanes, power_w: Lanes) -> Lanes:
-        return ops.take(light.range_m, ops.where(power_w > 0.0, first + number, channel))
+    volley, light_w = Volley.of_pulses(crosstalk.volleys, light, pulse), light.power_w
+    ops, size = xp(pulse, light_w), crosstalk.volleys.size
+    zero, start = ops.full(light_w, 0.0), ops.full(light_w, 0)
 
     def brighter(state: _Brightest) -> _Brightest:
-        power_w = source_power_w(state.number)
-        higher = power_w > state.power_w
-        return _Brightest(
-            number=state.number + 1,
-            range_m=ops.where(higher, source_range_m(state.number, power_w), state.range_m),
-            power_w=ops.where(higher, power_w, state.power_w),
-        )
+        source = volley.source(state.number)
+        source_w = ops.take(light_w, source)
+
+        def compare() -> tuple[Lanes, Lanes]:
+            power_w = volley.share(state.number) * source_w
+            higher = power_w > state.power_w
+            range_m = ops.where(higher, ops.take(light.range_m, source), state.range_m)
+            return range_m, ops.where(higher, power_w, state.power_w)
+
+        # The lanes of a packet have the same source, most of which are faint.
+        range_m, power_w = ops.where_any(source_w > crosstalk.faint_w, compare, (state.range_m, state.power_w))
+        return _Brightest(number=state.number + 1, range_m=range_m, power_w=power_w)
 
     brightest = ops.loop(
-        _Brightest(number=start, range_m=zero, power_w=zero), lambda state: state.number < volleys.size, brighter
+        _Brightest(number=start, range_m=zero, power_w=zero), lambda state: state.number < size, brighter
     )
 
     def added(state: _Total) -> _Total:
-        power_w = source_power_w(state.number)
-        apart = (source_range_m(state.number, power_w) - brightest.range_m) / crosstalk.unit_m
-        return _Total(number=state.number + 1, power_w=state.power_w + power_w * ops.exp(-0.5 * apart * apart))
+        source = volley.source(state.number)
+        source_w = ops.take(light_w, source)
+
+        def add() -> Lanes:
+            apart = (ops.take(light.range_m, source) - brightest.range_m) / crosstalk.unit_m
+            power_w: Lanes = volley.share(state.number) * source_w * ops.exp(-0.5 * apart * apart)
+            return state.power_w + power_w
+
+        power_w = ops.where_any(source_w > crosstalk.faint_w, add, state.power_w)
+        return _Total(number=state.number + 1, power_w=power_w)
 
     lit = brightest.power_w > crosstalk.unseen_w
-    total = ops.loop(_Total(number=start, power_w=zero), lambda state: (state.number < volleys.size) & lit, added)
+    total = ops.loop(_Total(number=start, power_w=zero), lambda state: (state.number < size) & lit, added)
     part = SubEchoes(range_m=brightest.range_m, peak_power_w=total.power_w, count=1)
     return replace(train, parts=(*train.parts, part), stray=True)

@@ -54,7 +54,7 @@ class Peak:
 
 
 _FEW = 2e-3
-"""Share of the SPADs that may be left out when they come free again, or when the air's light fires them: 0.1 % of the
+"""Share of the SPADs that may be left out when they come free again, or when earlier light fires them: 0.1 % of the
 noise in any light."""
 
 _NOTHING_BEFORE = 4.5
@@ -248,10 +248,18 @@ class Bins:
             # The pulse's only echo is the one in these bins.
             return _Before(free=free)
         # Places count from the nearest echo.
-        shaded: Mask = start > -_NOTHING_BEFORE
+        shaded: Mask = start > -_NOTHING_BEFORE if behind else self._echoes_fire(start)
         if wave.volume is not None:
             shaded = shaded | self._air_fires(wave.volume, start)
         return self._follow(start, time_s, shaded, free, middle)
+
+    def _echoes_fire(self, start: Lanes) -> Mask:
+        """Whether echoes that begin before a place fire enough SPADs to be missed there, (n,)."""
+        pixel, ops = self.pixel, self.ops
+        power_w: Lanes = 0.0
+        for centre, height in zip(self.wave.centres, self.wave.heights, strict=True):
+            power_w = power_w + ops.where(centre - start < _NOTHING_BEFORE, height, 0.0)
+        return power_w * (pixel.per_watt * pixel.sigma_s * math.sqrt(2.0 * math.pi)) > _FEW
 
     def _air_fires(self, air: Volume, start: Lanes) -> Mask:
         """Whether the air's light fires enough SPADs before a place to be missed there, (n,)."""
@@ -428,14 +436,14 @@ class Bins:
         if pixel.corrected:
             # Coates' correction knows the counts before these bins too, and so how many SPADs are free.
             revived = revived + pixel.trials * released
-        # Of the trials that may fire the first ones have the mean trials share / silent, the second ones that of free
-        # SPADs. One division gives the mean probability and the share of the second ones.
         silent = ops.maximum(state.silent, 1e-6)
+        # Of the trials that may fire the first ones have the mean trials share / silent, the second ones that of
+        # free SPADs. One division gives the mean probability and the share of the second ones.
         of_again = silent * (state.again * of_free + revived * of_released)
         of_all = ops.maximum(state.trials * share + of_again, 1e-15)
         pool = ops.maximum(state.trials + state.again + revived, 1e-6)
         inverse = 1.0 / (of_all * silent * pool)
-        probability = of_all * of_all * inverse
+        probability, second = of_all * of_all * inverse, of_again * silent * pool * inverse
         counts, index = state.counts, ops.int32(state.number)
         if spad.coincidence == 1:
             firings = draws.binomial_count(trials=pool, probability=probability, uniform=uniform)
@@ -454,7 +462,7 @@ class Bins:
             assert counts is not None
             counts = ops.put(counts, index, coincidences)
         # Which of the firings are second ones is not drawn: as many as expected.
-        again = firings * of_again * silent * pool * inverse
+        again = firings * second
         room, number, still_silent = ops.put(state.firings, index, firings), state.number + 1.0, state.silent - share
         return replace(
             state,

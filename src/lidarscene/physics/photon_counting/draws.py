@@ -21,7 +21,7 @@ _TERMS = 14
 """Terms that are inverted: P(count > 14) is 1e-5 at a mean of 4."""
 
 _FIRST_TERMS = 5
-"""Terms that are inverted in any case: P(count >= 5) is 4e-3 at a mean of 1."""
+"""Terms that are inverted where a count is not 0: P(count >= 5) is 4e-3 at a mean of 1."""
 
 _TAIL = 5.0
 """Beyond this -ln(1 - x^2), which 0.3 % of the numbers exceed, the normal deviate has a polynomial of its own."""
@@ -37,28 +37,37 @@ def binomial_count(*, trials: Lanes, probability: Lanes, uniform: Lanes) -> Lane
     ops = xp(trials, probability, uniform)
     p = ops.minimum(ops.maximum(probability, 0.0), 1.0 - 1e-6)
     few = trials * p < _FEW
-    # Inversion: how many terms of the distribution lie below the uniform number. (1 - p)^N is the first.
-    odds = p / (1.0 - p)
+    # (1 - p)^N >= 1 - N p: below that the count is 0. In the dark most packets are done by this alone.
+    small: Lanes = ops.where_any(
+        few & (uniform > 1.0 - trials * p), lambda: _small_count(trials, p, uniform), 0.0 * uniform
+    )
+    return ops.where_any(~few, lambda: _large_count(trials, p, uniform), small)
+
+
+def _small_count(trials: Lanes, p: Lanes, uniform: Lanes) -> Lanes:
+    """The count if its mean is small, (n,): how many terms of the distribution lie below the uniform number."""
+    ops = xp(trials, p, uniform)
     # Few of many trials: three terms of ln(1 - p), off by p^3 / 4 of a count.
     series: Lanes = -p * (1.0 + p * (0.5 + p * (1.0 / 3.0)))
-    log_none: Lanes = ops.where_any(few & (p > _RARE), lambda: 0.0 * p + log1p(-p), series)
-    term = ops.exp(trials * log_none)
+    log_none: Lanes = ops.where_any(p > _RARE, lambda: 0.0 * p + log1p(-p), series)
+    none = ops.exp(trials * log_none)
+    # P(k) / P(k - 1) = (N + 1) odds / k - odds: written so that each term waits for one product of the term before.
+    odds = p / (1.0 - p)
+    all_odds = (trials + 1.0) * odds
 
     def add_terms(state: tuple[Lanes, Lanes, Lanes], first: int, end: int) -> tuple[Lanes, Lanes, Lanes]:
         """Count, term and sum of the terms after more terms."""
         count, term, below = state
         for k in range(first, end):
-            term = term * ops.maximum(trials - (k - 1.0), 0.0) * odds * (1.0 / k)
+            term = term * ops.maximum(all_odds * (1.0 / k) - odds, 0.0)
             below = below + term
             count = count + ops.where(uniform > below, 1.0, 0.0)
         return count, term, below
 
-    # Most counts end within the first terms, so packets in which all do skip the rest.
-    first_count: Lanes = ops.where(uniform > term, 1.0, 0.0)
-    state = add_terms((first_count, term, term), 1, _FIRST_TERMS)
-    count, _, _ = ops.where_any(few & (uniform > state[2]), lambda: add_terms(state, _FIRST_TERMS, _TERMS), state)
-    few_count: Lanes = ops.minimum(count, trials)
-    return ops.where_any(~few, lambda: _large_count(trials, p, uniform), few_count)
+    first_count: Lanes = ops.where(uniform > none, 1.0, 0.0)
+    state = add_terms((first_count, none, none), 1, _FIRST_TERMS)
+    count, _, _ = ops.where_any(uniform > state[2], lambda: add_terms(state, _FIRST_TERMS, _TERMS), state)
+    return ops.minimum(count, trials)
 
 
 def _large_count(trials: Lanes, p: Lanes, uniform: Lanes) -> Lanes:
