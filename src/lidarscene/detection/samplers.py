@@ -221,8 +221,7 @@ def _read_samples(shots: Received, adc: Adc, rise: Rise, trip: Trip, place: Lane
     base = trip.base / sampling.LASTING_GAIN if shots.sensor.matches else trip.base
     # The window lies around the peak of light that rises slowly, far behind where it trips the comparator.
     window = Window.from_crossing(shots, adc, rise, ops.maximum(place, rise.peak - _SLOW), base)
-    samples = window.read(mask)
-    sums = window.centroid(samples, mask)
+    samples, sums = window.read(mask)
     any_over = sums.count > 0
     # Weak pulses have no sample above the threshold, and are seen behind the filter only.
     peak_place: Lanes = ops.where(

@@ -61,15 +61,32 @@ class Window:
         """Place of a sample, (n,)."""
         return self.start + self.shots.ops.float32(number) * self.spacing
 
-    def read(self, mask: Mask) -> Array:
-        """Draw all samples of each lane into local memory, in order of time; they have noise and are quantised."""
-        shots, adc, ops = self.shots, self.adc, self.shots.ops
+    def read(self, mask: Mask) -> tuple[Array, RunOfSamples]:
+        """Draw all samples of each lane, in order of time, into local memory; they have noise and are quantised.
+
+        Returns the sums over the first run of samples above the threshold too. It ends at the first sample below half
+        the threshold. Noise alone should not cut a pulse in two at its foot, so it cannot end within sigma_p of the
+        crossing.
+        """
+        shots, adc, ops, threshold = self.shots, self.adc, self.shots.ops, self.shots.sample_threshold
         correlation = shots.sensor.noise_correlation(1.0 / adc.rate_hz)
         fresh = ops.sqrt(1.0 - correlation * correlation)
         # Each rise of a pulse has a block of draws of its own, numbered by the samples.
         first_draw = self.rise.number * ops.uint32(adc.samples)
         # Samples are evenly spaced, so each sub-echo's part follows from the one before by a multiplication.
         comb = shots.wave.comb(self.start, self.spacing, self.start + 0.5 * (adc.samples - 1) * self.spacing)
+
+        def add(run: RunOfSamples, index: Lanes, place: Lanes, sample: Lanes) -> RunOfSamples:
+            # Samples come in pairs: there may be one more than the window has.
+            above = (sample >= threshold) & ~run.closed & (index < adc.samples)
+            part = ops.where(above, sample, 0.0)
+            return RunOfSamples(
+                total=run.total + part,
+                moment=run.moment + part * place,
+                count=run.count + ops.where(above, 1, 0),
+                highest=ops.maximum(run.highest, part),
+                closed=run.closed | ((sample < 0.5 * threshold) & (place > self.crossing + 1.0)),
+            )
 
         def step(number: Lanes, state: _Sampled) -> _Sampled:
             # A random number gives two deviates, so samples come in pairs; there is room for one more than there are.
@@ -78,19 +95,23 @@ class Window:
                 # Noise through a single pole is a first-order recursion: each deviate keeps the share r of the one
                 # before (T26a), and sqrt(1 - r^2) of a fresh one keeps its variance at 1.
                 deviate = ops.where(index == 0, fresh_deviate, correlation * state.deviate + fresh * fresh_deviate)
-                signal = shots.point.response.signal(comb.power_w(self.place(index), state.parts))
-                sample = sampling.quantise(
-                    signal=shots.point.response.measured(signal + deviate * shots.noise_at(signal)),
-                    step=adc.step,
-                    full_scale=adc.full_scale,
+                place = self.place(index)
+                signal = shots.point.response.signal(comb.power_w(place, state.parts))
+                measured = shots.point.response.measured(signal + deviate * shots.noise_at(signal))
+                sample = sampling.quantise(signal=measured, step=adc.step, full_scale=adc.full_scale) - self.base
+                state = _Sampled(
+                    deviate=deviate,
+                    samples=ops.put(state.samples, index, sample),
+                    parts=comb.advance(state.parts),
+                    run=add(state.run, index, place, sample),
                 )
-                samples = ops.put(state.samples, index, sample - self.base)
-                state = _Sampled(deviate=deviate, samples=samples, parts=comb.advance(state.parts))
             return state
 
-        zero = ops.full(self.start, 0.0)
-        start = _Sampled(deviate=zero, samples=ops.room(self.start, adc.room), parts=tuple(comb.parts))
-        return self._loop(step, start, mask, each=2).samples
+        zero, count = ops.full(self.start, 0.0), ops.full(self.rise.number, 0)
+        empty = RunOfSamples(total=zero, moment=zero, count=count, highest=zero, closed=ops.full(self.start, False))
+        start = _Sampled(deviate=zero, samples=ops.room(self.start, adc.room), parts=tuple(comb.parts), run=empty)
+        final = self._loop(step, start, mask, each=2)
+        return final.samples, final.run
 
     def _loop(self, step: Callable[[Lanes, S], S], state: S, mask: Mask, *, each: int = 1) -> S:
         """Run ``step(number, state) -> state`` over all samples in order of time; returns the last state.
@@ -108,30 +129,6 @@ class Window:
 
         start: tuple[Lanes, S] = self.shots.ops.full(self.rise.number, 0), state
         return self.shots.ops.loop(start, active, next_sample)[1]
-
-    def centroid(self, samples: Array, mask: Mask) -> _Centroid:
-        """Sums over the first run of samples above the threshold.
-
-        The run ends at the first sample below half the threshold. Noise alone should not cut a pulse in two at its
-        foot, so it cannot end within sigma_p of the crossing.
-        """
-        ops, threshold = self.shots.ops, self.shots.sample_threshold
-        zero, count = ops.full(self.start, 0.0), ops.full(self.rise.number, 0)
-
-        def step(number: Lanes, state: _Centroid) -> _Centroid:
-            place, sample = self.place(number), ops.get(samples, number)
-            above = (sample >= threshold) & ~state.closed
-            part = ops.where(above, sample, 0.0)
-            return _Centroid(
-                total=state.total + part,
-                moment=state.moment + part * place,
-                count=state.count + ops.where(above, 1, 0),
-                highest=ops.maximum(state.highest, part),
-                closed=state.closed | ((sample < 0.5 * threshold) & (place > self.crossing + 1.0)),
-            )
-
-        empty = _Centroid(total=zero, moment=zero, count=count, highest=zero, closed=ops.full(self.start, False))
-        return self._loop(step, empty, mask)
 
     def foot(self, samples: Array, level: Lanes, mask: Mask) -> tuple[Lanes, Lanes]:
         """Place and value of the last sample before the first at or above a level."""
@@ -160,21 +157,31 @@ class Window:
 
         Returns the next place and the height of the pulse that fits the samples best at ``centre``.
         """
-        ops = self.shots.ops
-        zero = ops.full(self.start, 0.0)
+        ops, spacing = self.shots.ops, self.spacing
+        zero, begin = ops.full(self.start, 0.0), self.start - centre
+        # At even steps a Gaussian grows by factors that themselves grow by a constant one.
+        second = ops.exp(-spacing * spacing)
 
         def step(number: Lanes, state: _Correlation) -> _Correlation:
-            ahead = self.place(number) - centre
-            pulse = ops.exp(-0.5 * ahead * ahead)
+            ahead, pulse = self.place(number) - centre, state.pulse
             part = ops.get(samples, number) * pulse
             return _Correlation(
+                pulse=pulse * state.growth,
+                growth=state.growth * second,
                 slope=state.slope + part * ahead,
                 bend=state.bend + part * (1.0 - ahead * ahead),
                 height=state.height + part,
                 power=state.power + pulse * pulse,
             )
 
-        empty = _Correlation(slope=zero, bend=zero, height=zero, power=zero)
+        empty = _Correlation(
+            pulse=ops.exp(-0.5 * begin * begin),
+            growth=ops.exp(-spacing * (begin + 0.5 * spacing)),
+            slope=zero,
+            bend=zero,
+            height=zero,
+            power=zero,
+        )
         correlation = self._loop(step, empty, mask)
         # Near a maximum the second derivative is negative; ``bend`` is its negative. Where it is too small for a
         # sensible step, and beyond half a sigma_p, the step is not trusted.
@@ -192,15 +199,17 @@ class _Sampled:
     deviate  (n,) deviate of the last sample's noise, N(0, 1)
     samples  local memory for all samples of each lane
     parts    (n,) each, every sub-echo's part at the next sample (`light.waveform.Comb`)
+    run      first samples above the threshold so far
     """
 
     deviate: Lanes
     samples: Array
     parts: tuple[Lanes, ...]
+    run: RunOfSamples
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Centroid:
+class RunOfSamples:
     """Sums over the first run of samples above the threshold; each field (n,).
 
     total    sum of the samples
@@ -235,12 +244,16 @@ class _Foot:
 class _Correlation:
     """Correlation of the samples with a pulse at some place; each field (n,).
 
+    pulse   the pulse at the next sample
+    growth  its factor from that sample to the one after
     slope   its derivative by the pulse's place
     bend    its second derivative, with the sign changed
     height  the correlation
     power   sum of the pulse's squares
     """
 
+    pulse: Lanes
+    growth: Lanes
     slope: Array
     bend: Array
     height: Array
