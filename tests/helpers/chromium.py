@@ -66,7 +66,7 @@ class Chromium:
         self._session = attached["sessionId"]
         for domain in ("Page", "Runtime", "Log", "Network"):
             self._send(f"{domain}.enable")
-        self._send("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
+        self.resize(width, height)
 
     def __enter__(self) -> Chromium:
         return self
@@ -75,6 +75,10 @@ class Chromium:
         self._process.terminate()
         self._process.wait(PATIENCE_S)
         os.close(self._write)
+
+    def resize(self, width: int, height: int) -> None:
+        """Give the window this size, in CSS pixels."""
+        self._send("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
 
     def navigate(self, url: str) -> None:
         """Go there."""

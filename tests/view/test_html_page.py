@@ -164,6 +164,22 @@ def test_a_click_shows_the_budget(browser: Chromium, saved_page: Path, cloud: Po
     assert browser.value("document.getElementById('card').hidden")
 
 
+def test_a_phone_shows_the_budget_below_the_picture(browser: Chromium, saved_page: Path) -> None:
+    """Rationale: a narrow page has no room beside the point, and its budget shall not hide the point."""
+    browser.resize(390, 844)
+    try:
+        browser.open(saved_page.as_uri())
+        browser.value("viewer.select(0)")
+        card, picture = browser.value(
+            "['#card', 'main'].map(s => (({top, bottom, width}) => [top, bottom, width])"
+            "(document.querySelector(s).getBoundingClientRect()))"
+        )
+        assert card == [pytest.approx(picture[1], abs=1), 844, 390]
+        assert picture[2] == browser.value("document.documentElement.scrollWidth") == 390
+    finally:
+        browser.resize(WIDTH, HEIGHT)
+
+
 def test_what_is_hidden_is_not_there(browser: Chromium, saved_page: Path, cloud: PointCloud, tmp_path: Path) -> None:
     """The status filter and a click on a kind in the legend: out of the picture, and not to be picked."""
     browser.open(saved_page.as_uri())

@@ -93,10 +93,14 @@ def test_another_sensor_and_budgets_only_where_asked(mi: Any, scene_file: Path) 
     assert "echo_power" in with_budget[1]
     assert "echo_power" not in without[1]
     np.testing.assert_array_equal(with_budget[1]["snr"], without[1]["snr"])
-    header, arrays = unpack_blob(live.render({"sensor": "vlp-16", BUDGET: 0}))
+    header, arrays = unpack_blob(live.render({"sensor": "vlp-16", BUDGET: 1}))
     cloud = lidarscene.render(scene_file, "vlp-16")
     np.testing.assert_array_equal(arrays["range"], cloud.range_m)
     assert header["choices"]["sensor"][0] == "table1-apd"
+    # The sensor reports 0 to 255, its comparator sees amperes.
+    fields = {field["name"]: field for field in header["fields"]}
+    assert {fields[name]["unit"] for name in ("peak_signal", "noise", "noise_at_peak", "threshold")} == {"A"}
+    assert (fields["intensity"]["unit"], fields["intensity"]["symbol"]) == ("of 255", "")
     with pytest.raises(InputError, match="sensor: must be one of table1-apd, "):
         live.render({"sensor": "eye"})
 

@@ -35,7 +35,7 @@ recovered from the signal of a saturated SiPM.
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Budget:
-    """Light and electronics of each point; all (n,) float64. Signals are in amperes (APD) or cells (SiPM).
+    """Light and electronics of each point; all (n,) float64. Signals are at the comparator, before an intensity scale.
 
     echo_power_w           peak P_r: by (5) if it matches the cloud's SNR, else computed from the SNR; 0 without surface
     lambertian_power_w     P_r by (5) with rho cos(theta) / pi; 0 without surface
@@ -45,6 +45,7 @@ class Budget:
     signal                 peak of the echo without noise
     noise_at_peak          sigma at the peak: with the echo's own shot noise
     detection_probability  P_d of that signal
+    signal_unit            unit of signal, noises and threshold: "A", "cells" or "photons", by the detector
     """
 
     echo_power_w: Numbers
@@ -55,6 +56,7 @@ class Budget:
     signal: Numbers
     noise_at_peak: Numbers
     detection_probability: Numbers
+    signal_unit: str
 
 
 def budget_of(cloud: PointCloud, sensor: Sensor, ambient: Ambient, *, light: Echoes | None = None) -> Budget:
@@ -92,6 +94,7 @@ def budget_of(cloud: PointCloud, sensor: Sensor, ambient: Ambient, *, light: Ech
         signal=signal,
         noise_at_peak=np.asarray(at_peak),
         detection_probability=np.where(has_surface, probability, 0.0),
+        signal_unit=sensor.detector.unit,
     )
 
 

@@ -33,6 +33,9 @@ SYMBOLS = {
     "peak_signal": "s",
     "intensity": "s + noise",
 }
+SCALES = ("W", "of 255")
+"""Units of an intensity by the sensor file's [intensity], which is no signal at the comparator."""
+
 LOGARITHMIC = ("intensity", "snr", "echo_power", "lambertian_power", "background_power", "signal", "peak_signal")
 OF_BUDGET = (
     "echo_power",
@@ -69,7 +72,7 @@ class Field:
         return {
             "name": self.name,
             "label": self.name.replace("_", " "),
-            "symbol": SYMBOLS.get(self.name, ""),
+            "symbol": "" if self.name == "intensity" and self.unit in SCALES else SYMBOLS.get(self.name, ""),
             "group": self.group,
             "unit": self.unit,
             "meaning": self.meaning,
@@ -99,7 +102,7 @@ def frame_blob(
     arrays: dict[str, Numbers] = {"xyz": (cloud.xyz_m - origin_m).astype(np.float32).ravel()}
     if still_m is not None:
         arrays["still"] = (still_m - origin_m).astype(np.float32).ravel()
-    for field, values in [*_column_fields(cloud), *_budget_fields(cloud, budget)]:
+    for field, values in [*_column_fields(cloud), *_budget_fields(budget)]:
         fields.append(field)
         if field.name not in ("x", "y", "z"):  # the page takes these from xyz
             arrays[field.name] = values
@@ -151,11 +154,11 @@ def _names(cloud: PointCloud, column: Column) -> tuple[str, ...] | None:
     return {"status": STATUS_NAMES, "in_shadow": ("lit", "in shadow")}.get(column.name)
 
 
-def _budget_fields(cloud: PointCloud, budget: Budget | None) -> list[tuple[Field, Numbers]]:
+def _budget_fields(budget: Budget | None) -> list[tuple[Field, Numbers]]:
     """Fields and values of the link budget; none without one."""
     if budget is None:
         return []
-    unit = cloud.metadata.get("intensity_unit", "A or cells")
+    unit = budget.signal_unit
     quantities = (
         ("echo_power", budget.echo_power_w, "W", "peak power of the echo on the detector"),
         ("lambertian_power", budget.lambertian_power_w, "W", "the same by (5), of a Lambertian surface"),
