@@ -176,6 +176,11 @@ def test_a_phone_shows_the_budget_below_the_picture(browser: Chromium, saved_pag
         )
         assert card == [pytest.approx(picture[1], abs=1), 844, 390]
         assert picture[2] == browser.value("document.documentElement.scrollWidth") == 390
+        buttons, frames = browser.value(
+            "document.getElementById('frames').hidden = false, ['places', 'frames'].map(name => "
+            "(({top, bottom}) => [top, bottom])(document.getElementById(name).getBoundingClientRect()))"
+        )
+        assert buttons[1] <= frames[0]
     finally:
         browser.resize(WIDTH, HEIGHT)
 
