@@ -112,6 +112,8 @@ def test_suffix_names_the_format() -> None:
         InputError, match=re.escape(f"b.abc: suffix '.abc' names no point cloud format; known: {suffixes}")
     ):
         format_of("b.abc")
+    with pytest.raises(InputError, match="a folder names no point cloud format"):
+        format_of(os.curdir)
     with pytest.raises(InputError, match=f"format 'ascii': there is none; the choices are {', '.join(FORMATS)}"):
         format_of("b.ply", "ascii")
 

@@ -47,6 +47,7 @@ def test_a_twin_names_all_that_is_missing_at_once(run: Run, monkeypatch: pytest.
     hide_packages(monkeypatch, "ouster", "open3d")
     ran = run("twin", "os0-32", "-o", "out")
     assert (ran.code, ran.err.count("\n")) == (1, 1)
+    assert "error: ouster-sdk, open3d and libusb-package are needed and cannot be found" in ran.err
     assert "try: pip install 'lidarscene[ouster,open3d]', or pip install ouster-sdk open3d libusb-package" in ran.err
 
 

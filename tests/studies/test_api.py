@@ -153,6 +153,10 @@ def test_a_fit_has_its_sensor_file(monkeypatch: pytest.MonkeyPatch, tmp_path: Pa
         (lambda: lidarscene.eye_safety([]), "sensors: must be at least one, got none"),
         (lambda: lidarscene.design("gian", "out"), "no design 'gian' in the catalogue; did you mean gain[?]"),
         (lambda: lidarscene.twin("nothing.pcap", "out"), "nothing.pcap"),
+        (lambda: lidarscene.twin("a.pcap", "out", heldout="columns"), "'heldout'; did you mean held_out[?]"),
+        (lambda: lidarscene.fit("a.pcap", sensors="os1-128"), "'sensors'; did you mean sensor[?]"),
+        (lambda: lidarscene.design("gain", foldr="out"), "'foldr'; did you mean folder[?]"),
+        (lambda: lidarscene.eye_safety("vlp-16", override=()), "'override'; did you mean overrides[?]"),
     ],
 )  # fmt: skip
 def test_mistakes_are_one_line(call: Any, complaint: str) -> None:

@@ -98,10 +98,11 @@ def require_together(*extras: str, without: Collection[str] = ()) -> None:
         for extra in extras
     }
     groups = [extra for extra in extras if missing[extra]]
-    packages = [package for extra in groups for package in missing[extra]]
+    packages = [package for extra in groups for names in missing[extra] for package in names.split()]
     if packages:
+        listed = " and ".join(filter(None, (", ".join(packages[:-1]), packages[-1])))
         raise LidarSceneError(
-            f"{' and '.join(packages)} {'is' if len(packages) == 1 else 'are'} needed and cannot be found; "
+            f"{listed} {'is' if len(packages) == 1 else 'are'} needed and cannot be found; "
             f"try: pip install 'lidarscene[{','.join(groups)}]', or pip install {' '.join(packages)}"
         )
 

@@ -232,5 +232,6 @@ def format_of(path: str | os.PathLike[str], name: str | None = None) -> Format:
     matches = [file_format for file_format in ALL.values() if file.endswith(file_format.suffix)]
     if not matches:
         suffix, choices = os.path.splitext(file)[1], ", ".join(SUFFIXES)
-        raise InputError(f"{os.fspath(path)}: suffix '{suffix}' names no point cloud format; known: {choices}")
+        suffix_or_folder = "a folder" if os.path.isdir(path) else f"suffix '{suffix}'"
+        raise InputError(f"{os.fspath(path)}: {suffix_or_folder} names no point cloud format; known: {choices}")
     return max(matches, key=lambda file_format: len(file_format.suffix))

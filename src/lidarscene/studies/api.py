@@ -6,12 +6,13 @@ same names make the same reports.
 
 from __future__ import annotations
 
+import inspect
 import os
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import fields
-from functools import partial
+from functools import partial, wraps
 from pathlib import Path
-from typing import Any, TypedDict, Unpack
+from typing import Any, ParamSpec, TypedDict, TypeVar, Unpack
 
 from .. import catalog
 from ..cloud.point_cloud import PointCloud
@@ -30,6 +31,8 @@ from .field_of_view.study_options import FieldOfViewStudy
 from .ranging.conditions import CONDITIONS, Conditions, SweepOptions
 from .ranging.subjects import subject_of, subjects
 
+Parameters = ParamSpec("Parameters")
+Result = TypeVar("Result")
 File = str | os.PathLike[str]
 SensorChoice = str | os.PathLike[str] | Sensor
 """Catalogue name, sensor file or `Sensor`."""
@@ -75,6 +78,18 @@ class CompareKeywords(FrameKeywords, total=False):
     recorded_frame: int | None
     metadata: File | None
     sensor_index: int
+
+
+def _checks_keywords(function: Callable[Parameters, Result]) -> Callable[Parameters, Result]:
+    """Make an unknown keyword of a call an InputError that names the right one."""
+    parameters = list(inspect.signature(function).parameters)
+
+    @wraps(function)
+    def call(*arguments: Parameters.args, **keywords: Parameters.kwargs) -> Result:
+        _refuse_unknown(keywords, parameters)
+        return function(*arguments, **keywords)
+
+    return call
 
 
 def max_range(
@@ -155,6 +170,7 @@ def sensitivities(
     return sensitivity_report(named, Conditions(**conditions), distance_m=distance_m)
 
 
+@_checks_keywords
 def eye_safety(sensors: SensorChoice | Sequence[SensorChoice], *, overrides: Overrides = ()) -> Report:
     """Every criterion of class 1 of IEC 60825-1:2014, with the beam scanning and standing still; no certification.
 
@@ -169,6 +185,7 @@ def eye_safety(sensors: SensorChoice | Sequence[SensorChoice], *, overrides: Ove
     return class_1_report([sensor for _, sensor in _named(sensors, overrides)])
 
 
+@_checks_keywords
 def design(study: File, folder: File) -> Report:
     """Search the designs of a study; the report has the designs that no other beats, and their sensor files.
 
@@ -305,6 +322,7 @@ def _compare_real(
     return compare_with_recording(side, real_side)
 
 
+@_checks_keywords
 def fit(
     recordings: File | Sequence[File],
     sensor: str | None = None,
@@ -370,6 +388,7 @@ def fit_sensor(
     return fit_recordings(paths, sensor, metadata=described, sensor_index=sensor_index, frames=frames)
 
 
+@_checks_keywords
 def twin(
     recording: File,
     folder: File,
