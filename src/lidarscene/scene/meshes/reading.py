@@ -28,7 +28,7 @@ from .usd import is_usd, read_usd
 NOT_READ = {
     ".blend": ("a Blender file", "open it in Blender"),
     ".fbx": ("an FBX file", "import it into Blender"),
-    ".dae": ("a Collada file", "import it into Blender, up to version 4"),
+    ".dae": ("a Collada file", "import it into Blender up to version 4,"),
     ".3ds": ("a 3D Studio file", "import it into Blender"),
     ".max": ("a 3ds Max file", "export FBX from 3ds Max, import that into Blender"),
     ".step": ("a STEP file of CAD", "export OBJ or STL from FreeCAD; or import that into Blender"),
