@@ -164,9 +164,9 @@ def check_wheel() -> None:
 def follow_pages(folder: Path, wheel: Path) -> None:
     """The commands of the pages in an empty folder, as tests/docs/test_commands.py runs them, from the wheel."""
     python = make_environment(folder / "pages", sys.executable)
-    install = ("pip", "install", "--quiet", "--python", python)
-    uv(*install, f"{wheel}[batch,ouster]", *TEST_TOOLS)
-    uv(*install, "rosbags>=0.11.6")  # after ouster-sdk, which asks for an older one
+    install = ("pip", "install", "--quiet", "--no-config", "--python", python)  # overrides are the repository's alone
+    uv(*install, "--dry-run", f"{wheel}[all]")
+    uv(*install, f"{wheel}[batch,ouster,ros]", *TEST_TOOLS)
     home = folder / "pages_home"
     home.mkdir()
     pytest = [python, "-m", "pytest", "-q", "-n", "0", "-o", "pythonpath=tests", "-k", "README or recipes"]

@@ -3,8 +3,11 @@
 import struct
 from collections.abc import Collection, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+
+from helpers.clouds import small_cloud
 
 DATA = Path(__file__).parents[1] / "recordings" / "data"
 OUSTER = DATA / "os0-32-one-packet.pcap"
@@ -74,6 +77,31 @@ def pcap(path: Path, payloads: Sequence[bytes], *, order: str = "<", nanoseconds
         part = number * (1_000_000 if nanoseconds else 1000)
         content += struct.pack(order + "IIII", 100, part, len(frame), len(frame)) + frame
     path.write_bytes(content)
+    return path
+
+
+def copy_to_mcap(path: Path, **options: Any) -> Path:
+    """Two clouds of 3 and 5 points as an MCAP, by the writer of mcap with these options."""
+    from mcap.writer import Writer
+
+    from lidarscene.formats.ros import write_ros
+    from lidarscene.formats.ros_messages import MessageTypes
+    from lidarscene.recordings.bag_files import Bag
+
+    source = path.with_suffix(".db3")
+    write_ros(source, [small_cloud(3), small_cloud(5)], storage="sqlite3")
+    types = MessageTypes()
+    bag = Bag(source, types)
+    with open(path, "wb") as file:
+        writer = Writer(file, **options)
+        writer.start(profile="ros2", library="test")
+        for topic, kind in bag.topics.items():
+            schema = writer.register_schema(kind, "ros2msg", types.text_of(kind).encode())
+            channel = writer.register_channel(topic, "cdr", schema)
+            for message in bag.messages(topic):
+                writer.add_message(channel, message.time_ns, message.file.read(message.place), message.time_ns)
+        writer.finish()
+    bag.close()
     return path
 
 

@@ -8,11 +8,13 @@ import numpy as np
 import pytest
 from helpers.clouds import small_cloud
 from helpers.formats import PLACED, need
-from helpers.recordings import hesai_packet, scan_bag
+from helpers.recordings import copy_to_mcap, hesai_packet, scan_bag
 
 from lidarscene.errors import InputError
 from lidarscene.formats.clock import EPOCH, to_ns
 from lidarscene.formats.ros import ros_frames, write_ros
+from lidarscene.formats.ros_messages import MessageTypes
+from lidarscene.recordings.bag_files import Bag
 from lidarscene.recordings.bags import DEFINITIONS, _Scans
 from lidarscene.recordings.opening import open_recording
 
@@ -57,6 +59,53 @@ def test_the_pose_of_a_rig_follows_the_vehicle(tmp_path: Path) -> None:
     assert pose is not None
     np.testing.assert_allclose(pose.rotation, [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-12)
     np.testing.assert_allclose(pose.position_m, [1.0, 2.0, 3.0], atol=1e-12)
+
+
+@pytest.mark.parametrize("mode", ["FILE", "MESSAGE", "STORAGE"])
+@pytest.mark.parametrize("plugin", ["SQLITE3", "MCAP"])
+def test_bags_compressed_by_rosbag2(tmp_path: Path, library: Callable[[str], Any], plugin: str, mode: str) -> None:
+    """Reference: rosbags, which writes what rosbag2 does: whole files, each message, or chunks of an MCAP."""
+    rosbag2 = library("rosbags.rosbag2")
+    if (plugin, mode) == ("SQLITE3", "STORAGE"):
+        return  # rosbag2 has none
+    writer = rosbag2.Writer(tmp_path / "bag", version=8, storage_plugin=rosbag2.StoragePlugin[plugin])
+    writer.set_compression(rosbag2.CompressionMode[mode], rosbag2.CompressionFormat.ZSTD)
+    with writer:
+        write_cloud_bag(writer, library)
+    with open_recording(tmp_path / "bag") as recording:
+        assert [sweep.xyz_m[0, 0, 0] for sweep in recording] == pytest.approx([1.0, 11.0])
+        pose = recording[1].pose
+        assert pose is not None
+        assert pose.position_m.tolist() == [4.0, 0.0, 0.0]
+
+
+@pytest.mark.parametrize("compression", ["NONE", "LZ4", "ZSTD"])
+def test_mcaps_of_another_writer(tmp_path: Path, library: Callable[[str], Any], compression: str) -> None:
+    """Reference: the writer of mcap, with and without chunks. One that was cut off is refused."""
+    mcap = library("mcap.writer")
+    for use_chunking in (True, False):
+        path = tmp_path / f"{use_chunking}.mcap"
+        kind = mcap.CompressionType[compression]
+        copy_to_mcap(path, use_chunking=use_chunking, compression=kind, chunk_size=100)
+        with open_recording(path) as recording:
+            assert [sweep.intensity.size for sweep in recording if sweep.intensity is not None] == [3, 5]
+        content = path.read_bytes()
+        for size in (3, 40, len(content) // 2):
+            path.write_bytes(content[:size])
+            with pytest.raises(InputError, match=r"cannot be read: (not an MCAP|an MCAP ends)"):
+                open_recording(path)
+
+
+def test_a_bag_split_into_files(tmp_path: Path) -> None:
+    """Their order is that of their numbers, and they need no metadata."""
+    for number, points in ((10, 5), (9, 3), (2, 4)):
+        write_ros(tmp_path / "one", small_cloud(points), storage="sqlite3")
+        folder = tmp_path / "bag"
+        folder.mkdir(exist_ok=True)
+        (tmp_path / "one" / "one.db3").rename(folder / f"bag_{number}.db3")
+    (folder / "metadata.yaml").write_text("rosbag2_bagfile_information:\n")
+    with open_recording(folder) as recording:
+        assert [sweep.range_m.size for sweep in recording] == [4, 3, 5]
 
 
 def test_packets_of_a_driver(tmp_path: Path, library: Callable[[str], Any]) -> None:
@@ -106,10 +155,17 @@ POINT = np.dtype(
 
 
 def cloud_bag(path: Path, library: Callable[[str], Any]) -> Path:
+    """A bag of `write_cloud_bag`."""
+    with library("rosbags.rosbag2").Writer(path, version=8) as writer:
+        write_cloud_bag(writer, library)
+    return path
+
+
+def write_cloud_bag(writer: Any, library: Callable[[str], Any]) -> None:
     """Two clouds of one instant, of two rows and three columns that are filled up to 90 bytes; and where the lidar was
     after 1 s, 4 s and 9 s.
     """
-    rosbag2, typesys = library("rosbags.rosbag2"), library("rosbags.typesys")
+    typesys = library("rosbags.typesys")
     store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
     types, kind, transform = store.types, "sensor_msgs/msg/PointCloud2", "tf2_msgs/msg/TFMessage"
 
@@ -122,39 +178,37 @@ def cloud_bag(path: Path, library: Callable[[str], Any]) -> Path:
         types["sensor_msgs/msg/PointField"](name=name, offset=POINT.fields[name][1], datatype=datatype, count=count)
         for name, (datatype, count) in constants.items()
     ]
-    with rosbag2.Writer(path, version=8) as writer:
-        points = writer.add_connection("/lidar", kind, typestore=store)
-        moves = writer.add_connection("/tf", transform, typestore=store)
-        for seconds in (1, 4, 9):
-            stamped = types["geometry_msgs/msg/TransformStamped"](
-                header=header(seconds),
-                child_frame_id="lidar",
-                transform=types["geometry_msgs/msg/Transform"](
-                    translation=types["geometry_msgs/msg/Vector3"](x=float(seconds), y=0.0, z=0.0),
-                    rotation=types["geometry_msgs/msg/Quaternion"](x=0.0, y=0.0, z=0.0, w=1.0),
-                ),
-            )
-            message = types[transform](transforms=[stamped])
-            writer.write(moves, seconds, store.serialize_cdr(message, transform))
-        for number in range(2):
-            data = np.full((2, 90), 255, np.uint8)
-            rows = np.zeros((2, 3), POINT)
-            rows["x"] = 1.0 + 10 * number + np.arange(6).reshape(2, 3)
-            rows["y"], rows["z"], rows["ring"] = 20.0, 30.0, np.arange(6).reshape(2, 3) + 258
-            data[:, : 3 * 28] = rows.view(np.uint8).reshape(2, -1)
-            message = types[kind](
-                header=header(6),
-                height=2,
-                width=3,
-                fields=fields,
-                is_bigendian=True,
-                point_step=28,
-                row_step=90,
-                data=data.ravel(),
-                is_dense=True,
-            )
-            writer.write(points, 100, store.serialize_cdr(message, kind))
-    return path
+    points = writer.add_connection("/lidar", kind, typestore=store)
+    moves = writer.add_connection("/tf", transform, typestore=store)
+    for seconds in (1, 4, 9):
+        stamped = types["geometry_msgs/msg/TransformStamped"](
+            header=header(seconds),
+            child_frame_id="lidar",
+            transform=types["geometry_msgs/msg/Transform"](
+                translation=types["geometry_msgs/msg/Vector3"](x=float(seconds), y=0.0, z=0.0),
+                rotation=types["geometry_msgs/msg/Quaternion"](x=0.0, y=0.0, z=0.0, w=1.0),
+            ),
+        )
+        message = types[transform](transforms=[stamped])
+        writer.write(moves, seconds, store.serialize_cdr(message, transform))
+    for number in range(2):
+        data = np.full((2, 90), 255, np.uint8)
+        rows = np.zeros((2, 3), POINT)
+        rows["x"] = 1.0 + 10 * number + np.arange(6).reshape(2, 3)
+        rows["y"], rows["z"], rows["ring"] = 20.0, 30.0, np.arange(6).reshape(2, 3) + 258
+        data[:, : 3 * 28] = rows.view(np.uint8).reshape(2, -1)
+        message = types[kind](
+            header=header(6),
+            height=2,
+            width=3,
+            fields=fields,
+            is_bigendian=True,
+            point_step=28,
+            row_step=90,
+            data=data.ravel(),
+            is_dense=True,
+        )
+        writer.write(points, 100, store.serialize_cdr(message, kind))
 
 
 def test_clouds_of_a_driver_of_its_own_ways(tmp_path: Path, library: Callable[[str], Any]) -> None:
@@ -180,7 +234,6 @@ def test_clouds_of_a_driver_of_its_own_ways(tmp_path: Path, library: Callable[[s
 def test_packets_of_hesais_driver(tmp_path: Path, library: Callable[[str], Any]) -> None:
     """They have room for 1500 bytes, of which as many count as the message says; and a time of their own."""
     rosbag2, typesys = library("rosbags.rosbag2"), library("rosbags.typesys")
-    highlevel = library("rosbags.highlevel")
     store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
     for name, text in DEFINITIONS.items():
         store.register(typesys.get_types_from_msg(text, name))
@@ -194,6 +247,10 @@ def test_packets_of_hesais_driver(tmp_path: Path, library: Callable[[str], Any])
         connection = writer.add_connection("/pandar", kind, typestore=store)
         message = store.types[kind](header=header, packets=[packet])
         writer.write(connection, 1, store.serialize_cdr(message, kind))
-    with highlevel.AnyReader([tmp_path / "bag"], default_typestore=store) as bag:
-        (stored_packet,) = _Scans(bag, tmp_path / "bag", bag.connections[0])[0]
+    types = MessageTypes()
+    for name, text in DEFINITIONS.items():
+        types.add(text, name)
+    bag = Bag(tmp_path / "bag", types)
+    (stored_packet,) = _Scans(bag, tmp_path / "bag", bag.messages("/pandar"))[0]
+    bag.close()
     assert (stored_packet.time_s, stored_packet.payload) == (9.125, payload)

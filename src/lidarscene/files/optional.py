@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
-import re
 from collections.abc import Collection
 from typing import Any
 
@@ -19,7 +18,7 @@ EXTRAS = {
     "e57": {"pye57": "pye57"},
     "parquet": {"pyarrow": "pyarrow"},
     "pcd": {"lzf": "python-neo-lzf"},
-    "ros": {"rosbags": "rosbags"},
+    "ros": {"mcap": "mcap"},
     "osi": {"betterosi": "betterosi", "mcap": "mcap"},
     "rerun": {"rerun": "rerun-sdk"},
     "usd": {"pxr": "usd-core"},
@@ -33,12 +32,6 @@ EXTRAS = {
 }
 """Group of pyproject.toml -> {module that is imported: packages that bring it}."""
 
-LEAST = {"rosbags": "0.11.6"}
-"""Package of which another one may bring an older release -> the first that works, as in pyproject.toml.
-
-ouster-sdk 1.0.1 asks for rosbags 0.9.23, and reads its own files with any.
-"""
-
 
 def import_optional(module: str, *, extra: str = "") -> Any:
     """Import a module.
@@ -48,7 +41,6 @@ def import_optional(module: str, *, extra: str = "") -> Any:
     """
     package = module.partition(".")[0]
     try:
-        _require_release(package)
         return importlib.import_module(module)
     except (ImportError, OSError) as error:
         reason = " ".join(str(error).split())
@@ -57,25 +49,6 @@ def import_optional(module: str, *, extra: str = "") -> Any:
         raise LidarSceneError(
             f"{package} is needed and cannot be imported ({reason}); try: {group}pip install {packages}"
         ) from error
-
-
-def _require_release(package: str) -> None:
-    """Raise LidarSceneError for a release older than `LEAST`. Raises ImportError for a package that is missing."""
-    least = LEAST.get(package)
-    if least is None:
-        return
-    from importlib import metadata
-
-    release = metadata.version(package)
-    if _numbers(release) < _numbers(least):
-        raise LidarSceneError(
-            f"{package} {release} is too old; try: pip install '{package}>={least}', whatever pip says of others that "
-            "ask for the old one"
-        )
-
-
-def _numbers(release: str) -> list[int]:
-    return [int(number) for number in re.findall(r"\d+", release)[:3]]
 
 
 def is_installed(module: str) -> bool:

@@ -1,4 +1,4 @@
-"""Write point clouds as a bag of ROS 2 messages: an MCAP file, or a folder with SQLite. Needs rosbags, no ROS.
+"""Write point clouds as a bag of ROS 2 messages: an MCAP file, or a folder with SQLite. Needs no ROS.
 
 Topic `/points` has a sensor_msgs/PointCloud2 for each frame, in the sensor's frame (frame_id `lidar`); of a rig
 `/LABEL/points` in the frame `LABEL`. A merged cloud is in the vehicle's frame. `/tf` has the vehicle's pose at the
@@ -20,7 +20,6 @@ from typing import Any, cast
 import numpy as np
 
 from ..files.atomic import atomic_folder, atomic_output, folder_beside
-from ..files.optional import import_optional
 from ..maths.arrays import Numbers
 from ..maths.pose import Pose
 from ..maths.rotations import quaternion
@@ -28,11 +27,11 @@ from ..sensor.imu import ImuSamples
 from .clock import default_epoch_ns, stamp_ns
 from .cloud_columns import Cloud, frame_starts_s, sensor_positions_m
 from .cloud_description import description, library_errors
+from .ros_bag import LATCHED, BagWriter, Topic
+from .ros_messages import MessageTypes
 
 POINTS, IMU, TRANSFORMS, STATIC_TRANSFORMS = "points", "imu", "/tf", "/tf_static"
 SENSOR_FRAME, VEHICLE_FRAME, WORLD_FRAME = "lidar", "base_link", "map"
-BAG_VERSION = 8
-"""Version of rosbag2's metadata, which ROS 2 Humble, Iron and later read."""
 
 # Offset and type of each field of a point, and its bytes in all.
 LAYOUTS: dict[str, tuple[dict[str, tuple[int, str]], int]] = {
@@ -94,16 +93,13 @@ def ros_frames(
 
     epoch_ns  from 1970 to the scene's second 0; None: `formats.clock.default_epoch_ns` of the first cloud
     """
-    rosbag2 = import_optional("rosbags.rosbag2", extra="ros")
-    plugin = rosbag2.StoragePlugin[storage.upper()]
     # A bag is a folder with one file of the folder's name, which the file's own metadata repeat. It is made where a
     # killed process leaves its unfinished files, so that the next write removes it.
     with _bag_folder(path, storage) as folder:
         # Errors between two frames come from the caller, not from the library: they stay as they are.
-        writer = rosbag2.Writer(folder, version=BAG_VERSION, storage_plugin=plugin)
-        with library_errors(path), _closed_on_error(writer):
-            _open(writer)
-            bag = Bag(path, writer, layout, epoch_ns)
+        with library_errors(path):
+            writer = BagWriter(folder, storage)
+        bag = Bag(path, writer, layout, epoch_ns)
         try:
             yield bag
         finally:
@@ -113,7 +109,7 @@ def ros_frames(
 
 @contextmanager
 def _bag_folder(path: str | os.PathLike[str], storage: str) -> Iterator[Path]:
-    """Yield a folder that does not exist yet, for rosbags; what it holds appears at ``path`` when the block ends."""
+    """Yield a folder that does not exist yet, for the bag; what it holds appears at ``path`` when the block ends."""
     name = Path(path).stem
     if storage == "sqlite3":
         with atomic_folder(path) as temporary:
@@ -128,17 +124,9 @@ def _bag_folder(path: str | os.PathLike[str], storage: str) -> Iterator[Path]:
         os.replace(next(file for file in (folder / name).iterdir() if file.suffix != ".yaml"), temporary)
 
 
-def _open(writer: Any) -> None:
-    """Open the writer's file as its own `open` does, but so that a full disk leaves no open SQLite file."""
-    writer.path.mkdir()
-    kind = writer.STORAGE_PLUGINS[writer.storage_plugin]
-    writer.storage = kind.__new__(kind)  # known to the writer before it opens the file, so that `abort` closes it
-    writer.storage.__init__(writer.path, writer.compression_mode)
-
-
 @contextmanager
-def _closed_on_error(writer: Any) -> Iterator[None]:
-    """Close the file if the block fails: without room, rosbags leaves it open."""
+def _closed_on_error(writer: BagWriter) -> Iterator[None]:
+    """Close the file if the block fails, as without room."""
     try:
         yield
     except Exception:
@@ -150,11 +138,10 @@ def _closed_on_error(writer: Any) -> Iterator[None]:
 class Bag:
     """Open bag: a function that appends clouds. Topics are made when their first message comes."""
 
-    def __init__(self, path: str | os.PathLike[str], writer: Any, layout: str, epoch_ns: int | None) -> None:
-        typesys = import_optional("rosbags.typesys", extra="ros")
-        self._store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+    def __init__(self, path: str | os.PathLike[str], writer: BagWriter, layout: str, epoch_ns: int | None) -> None:
+        self._types = MessageTypes()
         self._path, self._writer, self._layout, self._epoch_ns = path, writer, layout, epoch_ns
-        self._connections: dict[str, Any] = {}
+        self._topics: dict[str, Topic] = {}
         self._mountings: dict[str, Any] = {}
         self._vehicle_ns: int | None = None
 
@@ -167,14 +154,14 @@ class Bag:
         if self._epoch_ns is None:
             self._epoch_ns = default_epoch_ns(cloud.frame_start_s)
         time_ns = stamp_ns(cloud.frame_start_s, self._epoch_ns)
-        self._writer.set_custom_data("/".join(filter(None, ("lidarscene", label))), description(cloud))
+        self._writer.custom_data["/".join(filter(None, ("lidarscene", label)))] = description(cloud)
         if len(sensor_positions_m(cloud.metadata)) > 1:
             cloud, frame = _in_vehicle_frame(cloud)
         else:
             cloud, frame = cloud.in_sensor_frame(), _ros_name(label) or SENSOR_FRAME
         self._append_transforms(cloud, frame, time_ns)
         rows = structured_rows(cloud, self._layout)
-        points = _points_message(rows, self._store, _header(self._store, time_ns, frame))
+        points = _points_message(rows, self._types, _header(self._types, time_ns, frame))
         self._write(topic(POINTS, label), "sensor_msgs/msg/PointCloud2", time_ns, points)
 
     def append_imu(self, samples: ImuSamples, *, label: str, mounting: Pose) -> None:
@@ -189,12 +176,12 @@ class Bag:
             for time_s, angular_velocity, force in rows:
                 time_ns = stamp_ns(time_s, self._epoch_ns or 0)
                 self._append_mounting(mounting, frame, time_ns)
-                message = self._imu(_header(self._store, time_ns, frame), angular_velocity, force, samples.sigmas)
+                message = self._imu(_header(self._types, time_ns, frame), angular_velocity, force, samples.sigmas)
                 self._write(topic(IMU, label), "sensor_msgs/msg/Imu", time_ns, message)
 
     def _imu(self, header: Any, angular_velocity: Numbers, force: Numbers, sigmas: tuple[float, float]) -> Any:
         """Message of one sample; a first covariance of -1 says that it has no orientation."""
-        types = self._store.types
+        types = self._types
         vector, identity = types["geometry_msgs/msg/Vector3"], np.eye(3).ravel()
         return types["sensor_msgs/msg/Imu"](
             header=header,
@@ -230,25 +217,21 @@ class Bag:
             self._write(STATIC_TRANSFORMS, "tf2_msgs/msg/TFMessage", time_ns, message)
 
     def _write(self, topic: str, message_type: str, time_ns: int, message: Any) -> None:
-        if topic not in self._connections:
-            self._connections[topic] = self._writer.add_connection(
-                topic,
-                message_type,
-                typestore=self._store,
-                offered_qos_profiles=_latched() if topic == STATIC_TRANSFORMS else (),
-            )
-        self._writer.write(self._connections[topic], time_ns, self._store.serialize_cdr(message, message_type))
+        if topic not in self._topics:
+            qos = LATCHED if topic == STATIC_TRANSFORMS else ""
+            self._topics[topic] = self._writer.add_topic(topic, message_type, self._types, qos=qos)
+        self._writer.write(self._topics[topic], time_ns, self._types.serialize(message, message_type))
 
     def _transforms(self, stamped: list[Any]) -> Any:
-        return self._store.types["tf2_msgs/msg/TFMessage"](transforms=stamped)
+        return self._types["tf2_msgs/msg/TFMessage"](transforms=stamped)
 
     def _transform(self, pose: Pose, parent: str, child: str, time_ns: int) -> Any:
         """Stamped pose of a frame in its parent."""
-        types = self._store.types
+        types = self._types
         x, y, z = pose.position_m.tolist()
         qw, qx, qy, qz = quaternion(pose.rotation)
         return types["geometry_msgs/msg/TransformStamped"](
-            header=_header(self._store, time_ns, parent),
+            header=_header(self._types, time_ns, parent),
             child_frame_id=child,
             transform=types["geometry_msgs/msg/Transform"](
                 translation=types["geometry_msgs/msg/Vector3"](x=x, y=y, z=z),
@@ -266,25 +249,6 @@ def _ros_name(label: str) -> str:
     """Label as a name in ROS: letters, digits and _, and no digit first."""
     name = label.replace("-", "_")
     return f"sensor_{name}" if name[:1].isdigit() else name
-
-
-def _latched() -> tuple[Any, ...]:
-    """Quality of service of `/tf_static`: the last message is kept for those who subscribe later."""
-    ros = import_optional("rosbags.interfaces", extra="ros")
-    forever = ros.QosTime(9223372036, 854775807)
-    return (
-        ros.Qos(
-            ros.QosHistory.KEEP_LAST,
-            1,
-            ros.QosReliability.RELIABLE,
-            ros.QosDurability.TRANSIENT_LOCAL,
-            forever,
-            forever,
-            ros.QosLiveliness.AUTOMATIC,
-            forever,
-            False,
-        ),
-    )
 
 
 def _in_vehicle_frame(cloud: Cloud) -> tuple[Cloud, str]:
@@ -338,8 +302,7 @@ def _driver_value(cloud: Cloud, name: str, dtype: np.dtype[Any]) -> Numbers:
     return np.clip(np.rint(scale * values.astype(np.float64)), limits.min, limits.max).astype(dtype)
 
 
-def _points_message(rows: Numbers, store: Any, header: Any) -> Any:
-    types = store.types
+def _points_message(rows: Numbers, types: MessageTypes, header: Any) -> Any:
     fields = [
         types["sensor_msgs/msg/PointField"](name=name, offset=offset, datatype=_DATATYPES[kind.str[1:]], count=1)
         for name, (kind, offset, *_) in (rows.dtype.fields or {}).items()
@@ -357,7 +320,7 @@ def _points_message(rows: Numbers, store: Any, header: Any) -> Any:
     )
 
 
-def _header(store: Any, time_ns: int, frame: str) -> Any:
+def _header(types: MessageTypes, time_ns: int, frame: str) -> Any:
     seconds, nanoseconds = divmod(time_ns, 10**9)
-    stamp = store.types["builtin_interfaces/msg/Time"](sec=seconds, nanosec=nanoseconds)
-    return store.types["std_msgs/msg/Header"](stamp=stamp, frame_id=frame)
+    stamp = types["builtin_interfaces/msg/Time"](sec=seconds, nanosec=nanoseconds)
+    return types["std_msgs/msg/Header"](stamp=stamp, frame_id=frame)

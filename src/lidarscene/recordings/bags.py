@@ -1,4 +1,4 @@
-"""Recordings in ROS 2 bags, SQLite or MCAP: PointCloud2 of any driver, packets of Velodyne and Hesai, by rosbags."""
+"""Recordings in ROS 2 bags, SQLite or MCAP: PointCloud2 of any driver, packets of Velodyne and Hesai."""
 
 from __future__ import annotations
 
@@ -10,11 +10,12 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
-from ..files.optional import import_optional
 from ..formats.cloud_description import input_errors
 from ..formats.packets.layouts import Packet
+from ..formats.ros_messages import MessageTypes
 from ..maths.pose import Pose, rotation_numbers
 from . import hesai_reader, velodyne_reader
+from .bag_files import Bag, Message
 from .recording import Recording
 from .sweep import Sweep
 from .sweep_from_columns import sweep_of
@@ -40,82 +41,45 @@ _TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"
 
 def open_bag(path: Path, metadata: Path | None) -> Recording:
     """Open the first topic of a lidar; a pose is the last transform of the cloud's frame before it."""
-    highlevel = import_optional("rosbags.highlevel", extra="ros")
-    typesys = import_optional("rosbags.typesys", extra="ros")
-    store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+    types = MessageTypes()
     for name, text in DEFINITIONS.items():
-        store.register(typesys.get_types_from_msg(text, name))
+        types.add(text, name)
     with input_errors(path, folder=True):
-        bag = _open(lambda file: highlevel.AnyReader([file], default_typestore=store), path)
-    connections = [connection for connection in bag.connections if connection.msgtype in (POINTS, *SCANS)]
-    if not connections:
-        topics = ", ".join(f"{connection.topic} ({connection.msgtype})" for connection in bag.connections) or "none"
+        bag = Bag(path, types)
+    topic = next((topic for topic, kind in bag.topics.items() if kind in (POINTS, *SCANS)), None)
+    if topic is None:
+        topics = ", ".join(f"{topic} ({kind})" for topic, kind in bag.topics.items()) or "none"
         bag.close()
         raise InputError(f"{path}: must have a topic of PointCloud2 or of Velodyne's or Hesai's packets, got {topics}")
-    connection = connections[0]
-    if connection.msgtype in SCANS:
-        scans = _Scans(bag, path, connection)
-        kind = connection.msgtype.partition("_")[0]
-        return SCANS[connection.msgtype](path, metadata, scans, name=f"{kind} {path.suffix[1:] or 'bag'}")
+    messages, kind = bag.messages(topic), bag.topics[topic]
+    if kind in SCANS:
+        maker = kind.partition("_")[0]
+        return SCANS[kind](path, metadata, _Scans(bag, path, messages), name=f"{maker} {path.suffix[1:] or 'bag'}")
     if metadata is not None:
         raise InputError(f"--metadata {metadata}: goes with recordings of packets, not with PointCloud2")
     with input_errors(path, folder=True):
-        stamps = _stamps(bag, connection)
         transforms = _transforms(bag)
-    recording_metadata = {"format": f"ros {path.suffix[1:] or 'bag'}", "sensor": "", "topic": connection.topic}
+    recording_metadata = {"format": f"ros {path.suffix[1:] or 'bag'}", "sensor": "", "topic": topic}
 
     def read(frame: int) -> Sweep:
         with input_errors(path, folder=True):
-            return _sweep(
-                _message(bag, connection, stamps, frame), transforms, recording_metadata | {"frame": str(frame)}
-            )
+            return _sweep(bag.read(messages[frame]), transforms, recording_metadata | {"frame": str(frame)})
 
-    return Recording(path=path, count=len(stamps), read=read, close_file=bag.close, metadata=recording_metadata)
-
-
-def _open(reader: Callable[[Path], Any], path: Path) -> Any:
-    """Open the bag, or the one file in it if its metadata.yaml is incomplete, as some recorders leave it."""
-    bag = reader(path)
-    try:
-        bag.open()
-    except Exception:
-        files = [file for file in path.iterdir() if file.suffix in (".db3", ".mcap")] if path.is_dir() else []
-        if len(files) != 1:
-            raise
-        bag = reader(files[0])
-        bag.open()
-    return bag
-
-
-def _stamps(bag: Any, connection: Any) -> list[int]:
-    """Stamps [ns] at which each message of a topic was written."""
-    return [stamp for _, stamp, _ in bag.messages(connections=[connection])]
-
-
-def _message(bag: Any, connection: Any, stamps: Sequence[int], number: int) -> Any:
-    """Deserialize the message of this number."""
-    # Several messages may have one stamp: skip those of the same stamp that come before.
-    earlier = sum(stamp == stamps[number] for stamp in stamps[:number])
-    messages = bag.messages(connections=[connection], start=stamps[number], stop=stamps[number] + 1)
-    for index, (_, _, raw) in enumerate(messages):
-        if index == earlier:
-            return bag.deserialize(raw, connection.msgtype)
-    raise ValueError(f"message {number} of {connection.topic} is missing")
+    return Recording(path=path, count=len(messages), read=read, close_file=bag.close, metadata=recording_metadata)
 
 
 class _Scans(Sequence[list[Packet]]):
     """Packets of each message, read when it is indexed."""
 
-    def __init__(self, bag: Any, path: Path, connection: Any) -> None:
-        self._bag, self._connection = bag, connection
-        with input_errors(path, folder=True):
-            self._stamps = _stamps(bag, connection)
+    def __init__(self, bag: Bag, path: Path, messages: Sequence[Message]) -> None:
+        self._bag, self._path, self._messages = bag, path, messages
 
     def __len__(self) -> int:
-        return len(self._stamps)
+        return len(self._messages)
 
     def __getitem__(self, number: Any) -> Any:
-        message = _message(self._bag, self._connection, self._stamps, number)
+        with input_errors(self._path, folder=True):
+            message = self._bag.read(self._messages[number])
         return [
             Packet(packet.stamp.sec + 1e-9 * packet.stamp.nanosec, bytes(packet.data)[: getattr(packet, "size", None)])
             for packet in message.packets
@@ -166,18 +130,19 @@ def _pose_at(transforms: Transforms, frame: str, time_s: float) -> Pose | None:
     return pose
 
 
-def _transforms(bag: Any) -> Transforms:
+def _transforms(bag: Bag) -> Transforms:
     """Transforms of all frames, those of `/tf_static` for all times."""
     transforms: Transforms = {}
-    connections = [connection for connection in bag.connections if connection.msgtype == TRANSFORMS]
-    for connection, _, raw in bag.messages(connections=connections) if connections else ():
-        for stamped in bag.deserialize(raw, connection.msgtype).transforms:
+    topics = [topic for topic, kind in bag.topics.items() if kind == TRANSFORMS]
+    messages = [message for topic in topics for message in bag.messages(topic)]
+    for message in sorted(messages, key=lambda message: message.time_ns):
+        for stamped in bag.read(message).transforms:
             translation, rotation = stamped.transform.translation, stamped.transform.rotation
             pose = Pose(
                 position_m=np.array([translation.x, translation.y, translation.z]),
                 rotation=np.array(rotation_numbers(rotation.w, rotation.x, rotation.y, rotation.z)).reshape(3, 3),
             )
-            stamp, is_static = stamped.header.stamp, connection.topic.endswith("tf_static")
+            stamp, is_static = stamped.header.stamp, message.topic.endswith("tf_static")
             stamp_s = -math.inf if is_static else stamp.sec + 1e-9 * stamp.nanosec
             transforms.setdefault(stamped.child_frame_id, []).append((stamp_s, stamped.header.frame_id, pose))
     return transforms
