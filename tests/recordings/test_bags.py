@@ -96,6 +96,28 @@ def test_mcaps_of_another_writer(tmp_path: Path, library: Callable[[str], Any], 
                 open_recording(path)
 
 
+@pytest.mark.filterwarnings("ignore::lidarscene.errors.OptionWarning")  # returns beyond 10 km are left out
+@pytest.mark.parametrize("suffix", ["mcap", "db3"])
+def test_a_spoilt_bag_is_refused_in_one_line(tmp_path: Path, library: Callable[[str], Any], suffix: str) -> None:
+    """Bytes changed at random, in lengths, sizes and definitions too, where they do not only change values."""
+    library("mcap.writer")
+    copy_to_mcap(tmp_path / "a.mcap")
+    path = {"mcap": tmp_path / "a.mcap", "db3": tmp_path / "a.db3" / "a.db3"}[suffix]
+    content, rng = path.read_bytes(), np.random.default_rng(1)
+    complaints = []
+    for _ in range(150):
+        spoilt = np.frombuffer(content, np.uint8).copy()
+        spoilt[rng.integers(0, len(spoilt), 8)] = rng.integers(0, 256, 8)
+        path.write_bytes(spoilt.tobytes())
+        try:
+            with open_recording(path) as recording:
+                assert all(sweep.range_m.size >= 0 for sweep in recording)
+        except InputError as error:
+            complaints.append(str(error))
+    assert complaints
+    assert not any("\n" in complaint for complaint in complaints)
+
+
 def test_a_bag_split_into_files(tmp_path: Path) -> None:
     """Their order is that of their numbers, and they need no metadata."""
     for number, points in ((10, 5), (9, 3), (2, 4)):

@@ -68,10 +68,10 @@ class MessageTypes:
 
     def __init__(self, definitions: Mapping[str, str] = DEFINITIONS) -> None:
         self._definitions = dict(definitions)
-        self._made: dict[str, tuple[Callable[..., Any], list[MessageField]]] = {}
+        self._parsed: dict[str, tuple[Callable[..., Any], list[MessageField]]] = {}
 
     def __getitem__(self, name: str) -> Callable[..., Any]:
-        return self._made_of(name)[0]
+        return self._type_of(name)[0]
 
     def add(self, text: str, name: str) -> None:
         """Add the definition of a message, and those of its parts that follow in the text, as in a bag."""
@@ -80,15 +80,15 @@ class MessageTypes:
         for part in parts:
             part_name, _, definition = part.partition("\n")
             self._definitions[_full_name(part_name.strip(), "")] = definition
-        self._made.clear()
+        self._parsed.clear()
 
     def text_of(self, name: str) -> str:
         """Definition of a message with those of all its parts, as a bag holds it."""
         names = [name]
-        for known in names:  # grows
+        for part in names:  # grows
             names += [
                 field.type
-                for field in self._made_of(known)[1]
+                for field in self._type_of(part)[1]
                 if field.type in self._definitions and field.type not in names
             ]
         parts = [f"{part.replace('/msg/', '/')}\n{self._definitions[part]}" for part in names[1:]]
@@ -106,19 +106,19 @@ class MessageTypes:
             raise ValueError(f"a message of {name} must be plain CDR, got {bytes(data[:4]).hex(' ') or 'no bytes'}")
         return self._get(_Cursor(memoryview(data)[4:], "<" if data[1] else ">"), name)
 
-    def _made_of(self, name: str) -> tuple[Callable[..., Any], list[MessageField]]:
+    def _type_of(self, name: str) -> tuple[Callable[..., Any], list[MessageField]]:
         """Constructor and fields of a message."""
-        if name not in self._made:
+        if name not in self._parsed:
             if name not in self._definitions:
                 raise ValueError(f"there is no definition of the message {name}")
             fields = list(_fields(self._definitions[name], name.partition("/")[0]))
             message_type = namedtuple(name.rpartition("/")[2], [field.name for field in fields], rename=True)  # type: ignore[misc]
-            self._made[name] = (message_type, fields)
-        return self._made[name]
+            self._parsed[name] = (message_type, fields)
+        return self._parsed[name]
 
     def _put(self, out: bytearray, message: Any, name: str) -> None:
         """Append a message."""
-        for field, value in zip(self._made_of(name)[1], message, strict=True):
+        for field, value in zip(self._type_of(name)[1], message, strict=True):
             if field.length == 0:
                 _put_number(out, len(value), "u4")
             if field.length is not None and field.type in NUMBERS:
@@ -136,7 +136,7 @@ class MessageTypes:
 
     def _get(self, cursor: _Cursor, name: str) -> Any:
         """Take a message."""
-        message_type, fields = self._made_of(name)
+        message_type, fields = self._type_of(name)
         return message_type(*(self._get_field(cursor, field) for field in fields))
 
     def _get_field(self, cursor: _Cursor, field: MessageField) -> Any:

@@ -193,23 +193,23 @@ class _McapFile:
                 raise ValueError("an MCAP ends within a record")
             if kind == _CHUNK:
                 for inner_kind, inner_begin, record in _records(self._unpacked(begin)):
-                    self._note(inner_kind, record, (begin, inner_begin, len(record)))
+                    self._take(inner_kind, record, (begin, inner_begin, len(record)))
             elif kind in (_SCHEMA, _CHANNEL, _MESSAGE):
-                self._note(kind, self._file.read(length), (-1, begin, length))
+                self._take(kind, self._file.read(length), (-1, begin, length))
             self._file.seek(begin + length)
         self.contents.messages.sort(key=lambda message: message.time_ns)
 
-    def _note(self, kind: int, record: bytes, place: tuple[int, int, int]) -> None:
+    def _take(self, kind: int, record: bytes, place: tuple[int, int, int]) -> None:
         """Take what a record says."""
         if kind == _SCHEMA:
-            at = _At(record)
-            number, name, encoding = at.number("H"), at.text(), at.text()
+            cursor = _RecordCursor(record)
+            number, name, encoding = cursor.number("H"), cursor.text(), cursor.text()
             if encoding == "ros2msg":
-                self.contents.definitions[name] = at.bytes_of("I").decode(errors="replace")
+                self.contents.definitions[name] = cursor.bytes_of("I").decode(errors="replace")
             self._types[number] = name
         elif kind == _CHANNEL:
-            at = _At(record)
-            number, schema, topic = at.number("H"), at.number("H"), at.text()
+            cursor = _RecordCursor(record)
+            number, schema, topic = cursor.number("H"), cursor.number("H"), cursor.text()
             self._channels[number] = topic
             self.contents.topics[topic] = self._types.get(schema, "")
         elif kind == _MESSAGE:
@@ -217,14 +217,13 @@ class _McapFile:
             self.contents.messages.append(Message(time_ns, self._channels[channel], self, place))
 
     def _unpacked(self, begin: int) -> bytes:
-        """Records of the chunk that begins here."""
+        """Records of the chunk that begins here, behind its length."""
         if self._chunk[0] != begin:
-            self._file.seek(begin)
-            _, _, size, _ = struct.unpack("<QQQI", self._file.read(28))
-            (length,) = struct.unpack("<I", self._file.read(4))
-            compression = self._file.read(length).decode()
+            self._file.seek(begin - 8)
             (length,) = struct.unpack("<Q", self._file.read(8))
-            self._chunk = (begin, _decompress(compression, self._file.read(length), size))
+            cursor = _RecordCursor(self._file.read(length))
+            _, _, size, _ = (cursor.number(kind) for kind in "QQQI")
+            self._chunk = (begin, _decompress(cursor.text(), cursor.bytes_of("Q"), size))
         return self._chunk[1]
 
     def read(self, place: tuple[int, int, int]) -> bytes:
@@ -242,17 +241,17 @@ class _McapFile:
 
 def _records(data: bytes) -> Iterator[tuple[int, int, bytes]]:
     """Kind, place and bytes of the records of a chunk."""
-    at = 0
-    while at < len(data):
-        kind, length = struct.unpack_from("<BQ", data, at)
-        at += 9
-        if at + length > len(data):
+    begin = 0
+    while begin < len(data):
+        kind, length = struct.unpack_from("<BQ", data, begin)
+        begin += 9
+        if begin + length > len(data):
             raise ValueError("a chunk of an MCAP ends within a record")
-        yield kind, at, data[at : at + length]
-        at += length
+        yield kind, begin, data[begin : begin + length]
+        begin += length
 
 
-class _At:
+class _RecordCursor:
     """Place in a record."""
 
     def __init__(self, record: bytes) -> None:
