@@ -169,7 +169,9 @@ def follow_pages(folder: Path, wheel: Path) -> None:
     uv(*install, f"{wheel}[batch,ouster,ros]", *TEST_TOOLS)
     home = folder / "pages_home"
     home.mkdir()
-    pytest = [python, "-m", "pytest", "-q", "-n", "0", "-o", "pythonpath=tests", "-k", "README or recipes"]
+    # ouster-sdk brings pytest-asyncio, whose plugin warns while it is loaded.
+    pytest = [python, "-m", "pytest", "-q", "-n", "0", "-p", "no:asyncio", "-o", "pythonpath=tests"]
+    pytest += ["-k", "README or recipes"]
     environment = clean_environment(str(home)) | {"TEST_NO_SKIPS": "1"}
     ran = run([*pytest, "tests/docs/test_commands.py"], ROOT, environment)
     place = run([python, "-c", "import lidarscene; print(lidarscene.__file__)"], ROOT, environment).stdout.strip()

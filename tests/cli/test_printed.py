@@ -2,6 +2,7 @@
 
 import json
 import socket
+from pathlib import Path
 from typing import Any
 
 import pytest
@@ -55,6 +56,12 @@ def test_json_alone_or_nothing(line: str, mi: Any, run: Run, wall: str, no_chart
     assert numbers
     assert (quiet.code, quiet.out) == (0, "")
     assert quiet.err == ""
+
+
+def test_a_page_is_saved_quietly(mi: Any, run: Run, wall: str) -> None:
+    ran = run("view", wall, "--save", "a.html", "-q")
+    assert (ran.code, ran.out, ran.err) == (0, "", "")
+    assert Path("a.html").stat().st_size > 0
 
 
 def test_what_is_amiss_is_printed_even_if_quiet(run: Run) -> None:

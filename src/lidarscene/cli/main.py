@@ -113,7 +113,7 @@ class _Parser(argparse.ArgumentParser):
 _VERSION = f"lidarscene {__version__}"
 
 WITHOUT_FIGURES = ("view", "schema", "version", "help", "completion")
-"""Commands that compute no numbers; all others take `--json` and `--quiet`."""
+"""Commands that compute no numbers; all others take `--json` and `--quiet`. `view` takes `--quiet`."""
 
 _CHOICE = re.compile(r"invalid choice: '([^']*)' \(choose from (.*)\)$")
 
@@ -164,8 +164,9 @@ def _parser() -> argparse.ArgumentParser:
         run=lambda arguments: Answer(import_optional("shtab", extra="completion").complete(parser, arguments.shell))
     )
     for name, command in commands.choices.items():
-        if name not in WITHOUT_FIGURES:
-            add_options(command.add_argument_group("what is printed"), CommandOptions, "json", "quiet")
+        options = ("quiet",) if name == "view" else () if name in WITHOUT_FIGURES else ("json", "quiet")
+        if options:
+            add_options(command.add_argument_group("what is printed"), CommandOptions, *options)
     return parser
 
 
