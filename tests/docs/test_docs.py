@@ -230,20 +230,19 @@ def formats_table() -> str:
     groups: dict[tuple[str, ...], list[str]] = {}
     for name, format_of_file in (FORMATS | BAGS).items():
         abilities = ("yes" if able else "no" for able in (format_of_file.stream, format_of_file.read))
-        cells_of_format = (
-            f"`{format_of_file.extra}`" if format_of_file.extra else "-",
-            format_of_file.columns,
-            format_of_file.positions,
-            format_of_file.beside,
-            *abilities,
-        )
+        cells_of_format = (format_of_file.columns, format_of_file.positions, format_of_file.beside, *abilities)
         groups.setdefault(cells_of_format, []).append(name)
     rows = ["| `--format` | suffix | needs | columns | positions | also in the file | in pieces | read again |"]
     rows += ["|---|---|---|---|---|---|---|---|"]
     for cells_of_format, names in groups.items():
         suffixes = dict.fromkeys(ALL[name].suffix for name in names)
         cells = [", ".join(f"`{word}`" for word in words) for words in (names, suffixes)]
-        rows.append(f"| {' | '.join((*cells, *cells_of_format))} |")
+        extras = {name: ALL[name].extra for name in names}
+        if len({*extras.values()}) == 1:
+            needs = f"`{extras[names[0]]}`" if extras[names[0]] else "-"
+        else:
+            needs = ", ".join(f"`{name}`: `{extra}`" for name, extra in extras.items() if extra)
+        rows.append(f"| {' | '.join((*cells, needs, *cells_of_format))} |")
     return "\n".join(rows)
 
 
