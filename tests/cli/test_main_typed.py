@@ -110,7 +110,7 @@ TYPED = [
     ("sensor vlp-16", "required: --from, -o/--output; see lidarscene sensor -h"),
     (
         "sensor --from notes.txt -o a.toml",
-        "must be json, OSF or pcap with a json (Ouster), YAML or XML (Velodyne) or CSV (Hesai)",
+        "must be json, OSF or pcap with a json (Ouster), YAML or XML (Velodyne), CSV or dat (Hesai)",
     ),
     ("sensor --from . -o a.toml", ".: must be a file, got a folder"),
     ("render '' -o a.ply", "an argument is empty, behind render: is a variable of the shell not set?"),

@@ -66,6 +66,29 @@ def hesai_packet(azimuth: int, distance: int) -> bytes:
     return header + body + tail + bytes(4)
 
 
+def at128_corrections(
+    path: Path,
+    *,
+    azimuth: Sequence[int],
+    elevation: Sequence[int],
+    face_start: Sequence[int] = (0, 120 * 25_600, 240 * 25_600),
+    azimuth_shift: Sequence[int] = (0,) * 180,
+    elevation_shift: Sequence[int] = (0,) * 180,
+    unit: int = 1,
+) -> Path:
+    """The file of corrections of an AT128, all of whose lasers have the same corrections along the sweep.
+
+    Angles are in 1/25,600 degrees, corrections in hundredths, both times ``unit``.
+    """
+    lasers, faces = len(elevation), len(face_start)
+    content = bytes([0xEE, 0xFF, 1, 5, lasers, faces, faces, *range(8), unit])
+    content += struct.pack(f"<{faces}I", *face_start) + struct.pack(f"<{faces}I", *face_start[1:], face_start[0])
+    content += struct.pack(f"<{lasers}i", *azimuth) + struct.pack(f"<{lasers}i", *elevation)
+    content += struct.pack("<180b", *azimuth_shift) * lasers + struct.pack("<180b", *elevation_shift) * lasers
+    path.write_bytes(content + bytes(32))
+    return path
+
+
 def pcap(path: Path, payloads: Sequence[bytes], *, order: str = "<", nanoseconds: bool = False) -> Path:
     """A pcap of UDP packets over Ethernet, a millisecond apart."""
     magic = 0xA1B23C4D if nanoseconds else 0xA1B2C3D4

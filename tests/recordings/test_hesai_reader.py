@@ -1,5 +1,6 @@
 """Hesai: packets of every model that is read, made by their layouts, and those of hydra4's decoders."""
 
+import json
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -8,28 +9,36 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.recordings import hesai_packet, pcap
+from helpers.recordings import DATA, at128_corrections, hesai_packet, pcap
 
 from lidarscene.errors import InputError
 from lidarscene.recordings.hesai_reader import FORMATS, Format, format_of
 from lidarscene.recordings.opening import open_recording
 from lidarscene.sensor.sensor_file import load_sensor
 
-RPM = 600
+COUNT = {"AT128": 2000}
+"""Turns per minute as packets count them, 600 of a head; the beams of an AT128 turn by 2,400 degrees per second."""
+
 MODELS = {layout.name: layout for layout in reversed(FORMATS)}
 """One layout of each model: the OT128's without options."""
 
 
 def payloads(layout: Format, steps: Any, *, mode: int = 0x37, returns: int = 1, packets: int = 6) -> list[bytes]:
     """Packets of a head that turns at 600 in a minute, each laser's distances [steps] by the block in its firing."""
+    count = COUNT.get(layout.name, 600)
     rows = np.zeros(packets, layout.dtype)
     firings = layout.blocks // returns
     firing = np.arange(packets)[:, None] * firings + np.arange(firings)
-    azimuth = np.rint(6.0 * RPM * firing * layout.cycle_s * 100.0) % 36_000
+    if layout.has_mirror:  # which turns by half of what the beams do, and is at the left edge after 15 degrees
+        azimuth = np.rint(25_600.0 * (15.0 + 0.5 * layout.speed_deg_s * count * firing * layout.cycle_s)).astype(int)
+        rows["blocks"]["fine"] = np.repeat(azimuth % 256, returns, axis=1)
+        azimuth //= 256
+    else:
+        azimuth = np.rint(layout.speed_deg_s * count * firing * layout.cycle_s * 100.0) % 36_000
     rows["blocks"]["azimuth"] = np.repeat(azimuth, returns, axis=1)
     rows["blocks"]["points"]["distance"] = np.tile(np.asarray(steps), (packets, firings, 1))
     rows["blocks"]["points"]["reflectivity"] = 7
-    rows["turns_per_minute"], rows["mode"] = RPM, mode
+    rows["turns_per_minute"], rows["mode"] = count, mode
     rows["stamp"] = np.rint(1e6 * layout.cycle_s * firings * np.arange(packets)) + 1000
     if layout.phase is not None:
         rows["phase"] = (np.arange(packets) + 1) % 2 if returns > 1 else 0
@@ -50,13 +59,24 @@ def payloads(layout: Format, steps: Any, *, mode: int = 0x37, returns: int = 1, 
     return [bytes(content) for content in contents]
 
 
+def unit_file(folder: Path, layout: Format) -> Path | None:
+    """The file of corrections without which a model is not read, with the catalogue's angles; None for another."""
+    if not layout.has_mirror:
+        return None
+    scanner = load_sensor(layout.sensor).scanner
+    laser = np.argsort(scanner.lasers_by_place.values)
+    angles = (np.degrees(angle.values[laser]) * 25_600.0 for angle in (scanner.azimuth_rad, scanner.elevation_rad))
+    azimuth, elevation = (np.rint(angle).astype(int).tolist() for angle in angles)
+    return at128_corrections(folder / "a.dat", azimuth=azimuth, elevation=elevation)
+
+
 @pytest.mark.parametrize("layout", FORMATS, ids=lambda layout: f"{layout.name}-{layout.flags or 0}")
 def test_every_model_is_read_with_the_catalogues_beams(tmp_path: Path, layout: Format) -> None:
     """Ranges to rounding; elevations and the head's turn between pulses to 1e-4 degrees, azimuths come in 0.01."""
     steps = 500 + np.arange(layout.lasers)
     packets = payloads(layout, steps)
     assert format_of(packets[0]) is layout
-    with open_recording(pcap(tmp_path / "a.pcap", packets)) as recording:
+    with open_recording(pcap(tmp_path / "a.pcap", packets), unit_file(tmp_path, layout)) as recording:
         sweep = recording[0]
         assert recording.metadata["sensor"] == layout.name
     assert sweep.shape == (layout.lasers, 6 * layout.blocks)
@@ -86,7 +106,7 @@ def test_two_returns(tmp_path: Path, name: str, mode: int, first: int, second: i
     steps = np.stack([np.full(layout.lasers, first), np.full(layout.lasers, second)])
     steps[1, 1::2] = steps[0, 1::2] = min(first, second)  # every other laser has one return, told twice
     packets = payloads(layout, steps, mode=mode, returns=2)
-    with open_recording(pcap(tmp_path / "a.pcap", packets)) as recording:
+    with open_recording(pcap(tmp_path / "a.pcap", packets), unit_file(tmp_path, layout)) as recording:
         sweep = recording[0]
         assert recording.metadata["mode"] == "dual"
     assert sweep.shape == (layout.lasers, 6 * layout.blocks // 2)
@@ -144,16 +164,16 @@ def test_turns_are_frames(tmp_path: Path) -> None:
 def test_a_table_of_another_sensor_is_refused(tmp_path: Path) -> None:
     table = tmp_path / "angles.csv"
     table.write_text("Channel,Elevation,Azimuth\n1,3,0\n2,2,0\n")
-    with pytest.raises(InputError, match=r"angles\.csv: must have 32 channels of a PandarXT32, got 2"):
+    with pytest.raises(InputError, match=r"angles\.csv: must have the 32 channels of PandarXT32, got 2"):
         open_recording(pcap(tmp_path / "a.pcap", [hesai_packet(0, 2500)]), table)
 
 
-@pytest.mark.parametrize(("protocol", "lasers", "blocks"), [((3, 4), 32, 8), ((6, 1), 24, 8), ((4, 3), 128, 2)])
+@pytest.mark.parametrize(("protocol", "lasers", "blocks"), [((3, 4), 32, 8), ((6, 1), 24, 8), ((4, 7), 128, 2)])
 def test_other_models_are_refused(tmp_path: Path, protocol: tuple[int, int], lasers: int, blocks: int) -> None:
     payload = bytearray(hesai_packet(0, 2500))
     payload[2:4], payload[6:8] = bytes(protocol), bytes([lasers, blocks])
     message = f"got protocol {protocol[0]}.{protocol[1]}, {lasers} lasers, {blocks} blocks"
-    with pytest.raises(InputError, match=rf"must be packets of Pandar40P, .*, OT128, {message}"):
+    with pytest.raises(InputError, match=rf"must be packets of Pandar40P, .*, AT128, {message}"):
         open_recording(pcap(tmp_path / "other.pcap", [bytes(payload)]))
 
 
@@ -169,3 +189,62 @@ def test_layouts_do_not_fit_each_others_packets() -> None:
         (payload,) = payloads(layout, np.zeros(layout.lasers), packets=1)
         assert [other for other in FORMATS if other.fits(payload)] == [layout]
         assert not replace(layout, blocks=layout.blocks + 1).fits(payload)
+
+
+def test_points_of_an_at128_are_those_of_another_decoder(tmp_path: Path) -> None:
+    """Of nebula, which rounds both corrections to 0.01 degrees: 0.0071 degrees at most, and lets the mirror stand."""
+    recorded, layout = json.loads((DATA / "at128.json").read_text()), MODELS["AT128"]
+    keys = ("azimuth", "elevation", "face_start", "azimuth_shift", "elevation_shift", "unit")
+    table = at128_corrections(tmp_path / "a.dat", **{key: recorded[key] for key in keys})
+    points = np.array(recorded["points"])
+    azimuths, place = np.unique(points[:, 0].astype(int), return_inverse=True)
+    laser = points[:, 1].astype(int)
+    packets = [bytearray(payload) for payload in payloads(layout, np.zeros(128), packets=len(azimuths) // 2)]
+    for number, content in enumerate(packets):
+        packet = np.frombuffer(content, layout.dtype)[0]
+        packet["turns_per_minute"] = 0
+        for block in range(2):
+            is_here = place == 2 * number + block
+            packet["blocks"][block]["azimuth"], packet["blocks"][block]["fine"] = divmod(
+                azimuths[2 * number + block], 256
+            )
+            packet["blocks"][block]["points"]["distance"][laser[is_here]] = points[is_here, 2]
+    with open_recording(pcap(tmp_path / "a.pcap", [bytes(content) for content in packets]), table) as recording:
+        sweep = recording[0]
+    apart_m = np.linalg.norm(sweep.xyz_m[laser, place] - points[:, 3:], axis=-1)  # its x is ahead, its y to the left
+    # Coordinates are rounded to 0.1 mm in the extract.
+    assert (apart_m < np.radians(0.0072) * sweep.range_m[laser, place] + 2e-4).all()
+    assert sweep.has_return.sum() == len(points)
+
+
+def test_faces_of_a_mirror_are_frames(tmp_path: Path) -> None:
+    """Three faces carry the same beams past the same directions; what is between them is no pulse."""
+    layout = MODELS["AT128"]
+    packets = [bytearray(payload) for _ in range(3) for payload in payloads(layout, np.full(128, 500), packets=4)]
+    for number, content in enumerate(packets):
+        np.frombuffer(content, layout.dtype)["blocks"]["azimuth"] += np.uint16(12_000 * (number // 4))
+    path = pcap(tmp_path / "a.pcap", [bytes(content) for content in packets])
+    with open_recording(path, unit_file(tmp_path, layout)) as recording:
+        directions = [sweep.direction for sweep in recording]
+    assert [direction.shape for direction in directions] == [(128, 8, 3)] * 3
+    for direction in directions[1:]:
+        np.testing.assert_allclose(direction, directions[0], atol=1e-12)
+
+
+def test_an_at128_needs_the_units_file(tmp_path: Path) -> None:
+    path = pcap(tmp_path / "a.pcap", payloads(MODELS["AT128"], np.full(128, 500)))
+    with pytest.raises(InputError, match=r"--metadata: must name the unit's file of corrections \(\.dat\).*AT128"):
+        open_recording(path)
+    table = at128_corrections(tmp_path / "a.dat", azimuth=[0] * 64, elevation=[0] * 64)
+    with pytest.raises(InputError, match=r"a\.dat: must have the 128 channels of AT128, got 64"):
+        open_recording(path, table)
+    whole = table.read_bytes()
+    for content, message in (
+        (whole[:-400], "truncated: 64 lasers and 3 faces need 23592 bytes"),
+        (whole[:3] + b"\x03" + whole[4:], "must be version 1.5, got 1.3"),
+        (b"Channel,Elevation,Azimuth\n", "its first bytes are of none"),
+        (b"", "its first bytes are of none"),
+    ):
+        table.write_bytes(content)
+        with pytest.raises(InputError, match=message):
+            open_recording(path, table)

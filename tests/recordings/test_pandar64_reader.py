@@ -49,7 +49,7 @@ def test_a_units_own_angles_are_used(tmp_path: Path) -> None:
 def test_a_table_of_another_sensor_is_told(tmp_path: Path) -> None:
     table = tmp_path / "angles.csv"
     table.write_text("Channel,Elevation,Azimuth\n1,3,0\n2,2,0\n")
-    with pytest.raises(InputError, match=r"angles\.csv: must have 64 channels of a Pandar64, got 2"):
+    with pytest.raises(InputError, match=r"angles\.csv: must have the 64 channels of Pandar64, got 2"):
         open_recording(pcap(tmp_path / "a.pcap", payloads()), table)
 
 

@@ -61,7 +61,7 @@ class CommandOptions:
     metadata: Path | None = option(
         None,
         help="what the maker says of the unit: json of an Ouster (default: beside the recording), YAML of a Velodyne, "
-        "CSV of a Hesai; an OSF has its own",
+        "CSV of a Hesai (.dat of an AT128); an OSF has its own",
         metavar="F",
     )
     sensor_index: int = option(0, Whole(0, 255), help="which sensor of an OSF that has several, from 0", metavar="K")

@@ -1,16 +1,19 @@
-"""Recordings of Hesai's spinning sensors: packets out of pcap files and ROS bags, as the makers' manuals have them.
+"""Recordings of Hesai's sensors: packets out of pcap files and ROS bags, as the makers' manuals have them.
 
 A packet has blocks of the distances and reflectivities of all lasers, each block with an azimuth of the head. With two
 or three returns, blocks of one firing follow each other. Layouts and delays are those of the maker's
 HesaiLidar_General_SDK at d7f39ee (Pandar64) and of tier4/nebula at 606ac41f (the others). Angles and firing times are
 those of the catalogue's sensor, which are nominal or another unit's; a unit's own are in the CSV that Hesai gives
 with it. Azimuths are clockwise from the sensor's y axis, ahead; here they are counter-clockwise from x, forward.
+
+The azimuths of an AT128 are those of its mirror, whose faces carry the beams past 90 degrees, ahead. Where a face
+begins differs by 10 degrees between units, so its packets are read with the unit's file of corrections only.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
 from typing import Any
@@ -35,7 +38,7 @@ from ..sensor.sensor_file import load_sensor
 from .pcap_reader import turns_of
 from .recording import Recording
 from .sweep import Second, Sweep
-from .units.hesai_unit import read_hesai
+from .units.hesai_unit import MirrorCorrections, read_hesai, read_mirror
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,6 +50,7 @@ class Format:
     protocol    major and minor version; None: the header has none
     header      length of the header
     mark        length of the mark before each block's azimuth
+    fine        length of what follows that azimuth: 1 for 256ths of its unit
     point       length of a point: distance, reflectivity, and perhaps more
     gap         length of what stands between the last block and the tail
     mode, turns_per_minute, stamp  of the tail
@@ -58,6 +62,8 @@ class Format:
     phase       of the tail: 1 if a packet with several returns has the first firing of a cycle, else 0; None: a cycle
                 is one firing
     flags       the header's bits that choose the layout; None: they choose nothing
+    speed_deg_s turn of the beams for each count of `turns_per_minute`
+    has_mirror  whether azimuths are those of a mirror's encoder, and directions need the unit's file of corrections
     tells_silence  whether a distance of 0 means a laser that did not fire, and one of `LEAST_STEPS` or less no return
     """
 
@@ -73,6 +79,7 @@ class Format:
     stamp_us: float
     header: int = 12
     mark: int = 0
+    fine: int = 0
     point: int = 4
     gap: int = 0
     azimuth_us: float = 0.0
@@ -80,7 +87,14 @@ class Format:
     phase: int | None = None
     stamps_first: bool = False
     flags: int | None = None
+    speed_deg_s: float = 6.0
+    has_mirror: bool = False
     tells_silence: bool = False
+
+    @property
+    def block_bytes(self) -> int:
+        """Length of a block: its mark, azimuth and points."""
+        return self.mark + 2 + self.fine + self.point * self.lasers
 
     @property
     def dtype(self) -> np.dtype[np.void]:
@@ -88,16 +102,16 @@ class Format:
         points = np.dtype(
             {"names": ["distance", "reflectivity"], "formats": ["<u2", "u1"], "offsets": [0, 2], "itemsize": self.point}
         )
-        block_bytes = self.mark + 2 + self.point * self.lasers
+        azimuths = ["azimuth", "fine"] if self.fine else ["azimuth"]
         block = np.dtype(
             {
-                "names": ["azimuth", "points"],
-                "formats": ["<u2", (points, self.lasers)],
-                "offsets": [self.mark, self.mark + 2],
-                "itemsize": block_bytes,
+                "names": [*azimuths, "points"],
+                "formats": [*["<u2", "u1"][: len(azimuths)], (points, self.lasers)],
+                "offsets": [*[self.mark, self.mark + 2][: len(azimuths)], self.mark + 2 + self.fine],
+                "itemsize": self.block_bytes,
             }
         )
-        tail = self.header + self.blocks * block_bytes + self.gap
+        tail = self.header + self.blocks * self.block_bytes + self.gap
         fields: dict[str, tuple[Any, int]] = {
             "blocks": ((block, self.blocks), self.header),
             "turns_per_minute": ("<u2", tail + self.turns_per_minute),
@@ -123,8 +137,7 @@ class Format:
         if len(payload) < self.dtype.itemsize:
             return False
         if not self.header:  # no header, but a mark before each block
-            block_bytes = self.mark + 2 + self.point * self.lasers
-            return all(payload[block * block_bytes :][:2] == BLOCK_START for block in range(self.blocks))
+            return all(payload[block * self.block_bytes :][:2] == BLOCK_START for block in range(self.blocks))
         if payload[:2] != HESAI_START:
             return False
         if self.protocol is None:
@@ -240,6 +253,22 @@ FORMATS = (
         for has_noise in (False, True)
         for has_safety in (False, True)
     ),
+    Format(
+        name="AT128",
+        sensor="at128",
+        lasers=128,
+        blocks=2,
+        protocol=(4, 3),
+        fine=1,
+        gap=4,
+        mode=24,
+        turns_per_minute=18,  # tenths, of the mirror
+        stamp=20,
+        cycle_s=1.0 / 24_000.0,
+        stamp_us=50.915,
+        speed_deg_s=1.2,
+        has_mirror=True,
+    ),
 )
 """Models whose packets are read."""
 
@@ -259,14 +288,16 @@ def open_hesai(path: Path, metadata: Path | None, packets: Sequence[Packet]) -> 
     layout = _format(path, packets)
     packets = [packet for packet in packets if layout.fits(packet.payload)]
     first_azimuths = _rows(layout, packets)["blocks"]["azimuth"][:, 0]
-    scans = [packets[turn] for turn in turns_of(first_azimuths)]
+    mirror = _beams(layout, metadata).mirror
+    turns = turns_of(first_azimuths) if mirror is None else mirror.sweeps_of(0.01 * first_azimuths)
+    scans = [packets[turn] for turn in turns]
     return recording_of_scans(path, metadata, scans, name="hesai pcap")
 
 
 def recording_of_scans(path: Path, metadata: Path | None, scans: Sequence[Sequence[Packet]], *, name: str) -> Recording:
     """Recording of which each of these runs of packets is a frame. Raises InputError."""
     layout = _format(path, scans[0])
-    angles = _angles(layout, metadata)
+    beams = _beams(layout, metadata)
     mode = RETURNS.get(int(_rows(layout, scans[0])["mode"][0]), 1)
     recording_metadata = {"format": name, "sensor": layout.name, "mode": ("single", "dual", "triple")[mode - 1]}
 
@@ -276,7 +307,7 @@ def recording_of_scans(path: Path, metadata: Path | None, scans: Sequence[Sequen
             if not packets:
                 raise ValueError(f"must have packets of a {layout.name} in this turn, got none")
             stamps_s = np.array([packet.time_s for packet in packets])
-            return _sweep(layout, _rows(layout, packets), stamps_s, angles, recording_metadata | {"frame": str(frame)})
+            return _sweep(layout, _rows(layout, packets), stamps_s, beams, recording_metadata | {"frame": str(frame)})
 
     return Recording(path=path, count=len(scans), read=read, metadata=recording_metadata)
 
@@ -303,27 +334,46 @@ def _rows(layout: Format, packets: Sequence[Packet]) -> Numbers:
     return np.frombuffer(b"".join(packet.payload[: dtype.itemsize] for packet in packets), dtype)
 
 
-Angles = tuple[Numbers, Numbers, Numbers]
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Beams:
+    """Bank of beams of a unit.
 
-
-def _angles(layout: Format, metadata: Path | None) -> Angles:
-    """(lasers,) elevations and azimuths against the head's [rad], and (phases, lasers) delays in a firing [s].
-
-    A laser that does not fire in a phase has a delay of NaN.
+    elevation, azimuth  (lasers,) against the head [rad]
+    firing_s            (phases, lasers) delays in a firing; NaN: the laser does not fire in this phase
+    mirror              corrections of a unit with a mirror, which replace elevation and azimuth
     """
-    elevation, azimuth, firing_s = (values.copy() for values in _nominal_angles(layout))
-    if metadata is not None:
-        unit = read_hesai(metadata).lists
-        if len(unit["elevation_deg"]) != layout.lasers:
+
+    elevation: Numbers
+    azimuth: Numbers
+    firing_s: Numbers
+    mirror: MirrorCorrections | None = None
+
+
+def _beams(layout: Format, metadata: Path | None) -> Beams:
+    """Beams of a unit, or the catalogue's without ``metadata``. Raises InputError."""
+    nominal = _nominal_beams(layout)
+    if layout.has_mirror:
+        if metadata is None:
             raise InputError(
-                f"{metadata}: must have {layout.lasers} channels of a {layout.name}, got {len(unit['elevation_deg'])}"
+                f"--metadata: must name the unit's file of corrections (.dat) for packets of an {layout.name}, got none"
             )
-        elevation, azimuth = np.radians(unit["elevation_deg"]), np.radians(unit["azimuth_offset_deg"])
-    return elevation, azimuth, firing_s
+        mirror = read_mirror(metadata)
+        _check_channels(layout, metadata, len(mirror.elevation_deg))
+        return replace(nominal, mirror=mirror)
+    if metadata is None:
+        return nominal
+    unit = read_hesai(metadata).lists
+    _check_channels(layout, metadata, len(unit["elevation_deg"]))
+    return replace(nominal, elevation=np.radians(unit["elevation_deg"]), azimuth=np.radians(unit["azimuth_offset_deg"]))
+
+
+def _check_channels(layout: Format, metadata: Path, channels: int) -> None:
+    if channels != layout.lasers:
+        raise InputError(f"{metadata}: must have the {layout.lasers} channels of {layout.name}, got {channels}")
 
 
 @cache
-def _nominal_angles(layout: Format) -> Angles:
+def _nominal_beams(layout: Format) -> Beams:
     scanner = load_sensor(layout.sensor).scanner
     assert isinstance(scanner, Spinning)
     number = scanner.lasers_by_place.values.astype(np.int64)
@@ -334,11 +384,10 @@ def _nominal_angles(layout: Format) -> Angles:
     phase = np.floor(scanner.firing_s / layout.cycle_s + 1e-3).astype(np.int64)
     firing_s = np.full((phases, layout.lasers), np.nan)
     firing_s[phase, number] = scanner.firing_s - scanner.firing_s[0] - phase * layout.cycle_s
-    return elevation, azimuth, firing_s
+    return Beams(elevation=elevation, azimuth=azimuth, firing_s=firing_s)
 
 
-def _sweep(layout: Format, rows: Numbers, stamps_s: Numbers, angles: Angles, metadata: dict[str, str]) -> Sweep:
-    elevation, azimuth, firing_s_by_phase = angles
+def _sweep(layout: Format, rows: Numbers, stamps_s: Numbers, beams: Beams, metadata: dict[str, str]) -> Sweep:
     mode = int(rows["mode"][0])
     returns = RETURNS.get(mode, 1)
     firings = layout.blocks // returns
@@ -346,20 +395,17 @@ def _sweep(layout: Format, rows: Numbers, stamps_s: Numbers, angles: Angles, met
     first_phase: Numbers = np.zeros(len(rows), np.int64)
     if layout.phase is not None and returns > 1:
         first_phase = 1 - (rows["phase"] & 1)
-    phase = (first_phase[:, None] + np.arange(firings)) % len(firing_s_by_phase)
-    firing_s = firing_s_by_phase[phase]
-    per_second_deg = 6.0 * rows["turns_per_minute"][:, None, None].astype(np.float64)
-    delay_s = np.nan_to_num(firing_s)
-    head_deg = 0.01 * blocks["azimuth"][:, ::returns, None] - per_second_deg * (1e-6 * layout.azimuth_us - delay_s)
+    phase = (first_phase[:, None] + np.arange(firings)) % len(beams.firing_s)
+    firing_s = beams.firing_s[phase]
     # The sensor's clock gives the time within a second, the recorder's clock the second.
     part_s = 1e-6 * rows["stamp"]
     second = np.rint(stamps_s - part_s)
     number = np.arange(firings) - (0 if layout.stamps_first else firings - 1)
     begin_s = (second + part_s - 1e-6 * layout.stamp_us)[:, None] + layout.cycle_s * number
     time_s = begin_s[..., None] + firing_s
-    beam_azimuth = azimuth - np.radians(head_deg)
-    beam_elevation = np.broadcast_to(elevation, beam_azimuth.shape)
-    direction = np.stack(direction_from_angles(azimuth_rad=beam_azimuth, elevation_rad=beam_elevation), axis=-1)
+    speed_deg_s = layout.speed_deg_s * rows["turns_per_minute"][:, None, None]
+    turn_deg = speed_deg_s * (np.nan_to_num(firing_s) - 1e-6 * layout.azimuth_us)
+    direction = _directions(layout, beams, blocks[:, ::returns], turn_deg)
     step_mm: Numbers | float = rows["step_mm"][:, None, None] if layout.step_mm is None else float(layout.step_mm)
     steps = blocks["points"]["distance"]
     metres = 1e-3 * step_mm * steps.astype(np.float64)
@@ -397,6 +443,20 @@ def _sweep(layout: Format, rows: Numbers, stamps_s: Numbers, angles: Angles, met
         includes_lost=True,
         metadata=metadata,
     )
+
+
+def _directions(layout: Format, beams: Beams, blocks: Numbers, turn_deg: Numbers) -> Numbers:
+    """(packets, firings, lasers, 3) directions of blocks (packets, firings), whose lasers fire ``turn_deg`` later."""
+    block_deg = 0.01 * blocks["azimuth"]
+    if layout.fine:
+        block_deg = block_deg + (0.01 / 256.0) * blocks["fine"]
+    if beams.mirror is None:
+        elevation: Numbers = np.broadcast_to(beams.elevation, turn_deg.shape)
+        azimuth = beams.azimuth - np.radians(block_deg[..., None] + turn_deg)
+    else:
+        elevation_deg, azimuth_deg = beams.mirror.angles_deg(block_deg)
+        elevation, azimuth = np.radians(elevation_deg), np.radians(azimuth_deg - turn_deg)
+    return np.stack(direction_from_angles(azimuth_rad=azimuth, elevation_rad=elevation), axis=-1)
 
 
 def _main_block(mode: int, first_m: Numbers, second_m: Numbers) -> int:

@@ -1,5 +1,6 @@
 """Tables of angles of Hesais: points of the decoder lie on the written sensor's beams."""
 
+import json
 from collections.abc import Callable
 from pathlib import Path
 from types import SimpleNamespace
@@ -7,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.recordings import hesai_packet
+from helpers.recordings import DATA, at128_corrections, hesai_packet
 
 from lidarscene.errors import InputError
 from lidarscene.recordings.units.unit_file import read_unit, write_unit
@@ -63,6 +64,22 @@ def test_a_model_that_the_catalogue_lacks_needs_a_like_and_warns(tmp_path: Path)
     path = table_of(tmp_path / "qt.csv", "pandarqt")
     text = write_unit(read_unit(path), path, tmp_path / "unit.toml", like="pandar64")
     assert text.endswith("another product: the catalogue has this one as pandarqt")
+
+
+def test_corrections_of_an_at128_are_its_angles(tmp_path: Path) -> None:
+    """The catalogue's unit: its angles to their rounding, the mean correction ahead to that of 0.12 degrees."""
+    keys = ("azimuth", "elevation", "face_start", "azimuth_shift", "elevation_shift", "unit")
+    recorded = json.loads((DATA / "at128.json").read_text())
+    path = at128_corrections(tmp_path / "a.dat", **{key: recorded[key] for key in keys})
+    text = write_unit(read_unit(path), path, tmp_path / "unit.toml")
+    assert text.endswith("128 beams, else as at128")
+    scanner, catalogue = (load_sensor(name).scanner for name in (str(tmp_path / "unit.toml"), "at128"))
+    np.testing.assert_allclose(
+        np.degrees(scanner.elevation_rad.values - catalogue.elevation_rad.values), 0.0, atol=2e-3
+    )
+    np.testing.assert_allclose(np.degrees(scanner.azimuth_rad.values - catalogue.azimuth_rad.values), 0.0, atol=1e-4)
+    np.testing.assert_array_equal(scanner.firing_s, catalogue.firing_s)
+    assert (scanner.pulses, scanner.frame_s) == (catalogue.pulses, catalogue.frame_s)
 
 
 def test_what_is_no_table_is_told(tmp_path: Path) -> None:

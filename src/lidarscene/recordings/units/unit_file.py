@@ -16,7 +16,7 @@ from ...files.toml_edit import get_value, put_values
 from ...sensor.sensor_file import sensor_from_tables
 from ..opening import open_recording
 from ..pcap_reader import json_beside
-from .hesai_unit import read_hesai
+from .hesai_unit import read_corrections, read_hesai
 from .ouster_unit import read_ouster
 from .unit_beams import LIST_KEYS, Unit
 from .velodyne_unit import read_velodyne
@@ -24,7 +24,16 @@ from .velodyne_unit import read_velodyne
 PER_LINE = 8
 """Numbers of a list that stand in one line."""
 
-MODEL_KEYS = ("rotation_hz", "cycle_us", "columns_per_turn", "start_azimuth_deg", "firing_time_us", "encoder_step_deg")
+MODEL_KEYS = (
+    "rotation_hz",
+    "cycle_us",
+    "columns_per_turn",
+    "start_azimuth_deg",
+    "sweep_deg",
+    "frame_hz",
+    "firing_time_us",
+    "encoder_step_deg",
+)
 """Keys of `[scanner]` that come from the model where the unit's description lacks them."""
 
 
@@ -50,8 +59,10 @@ def read_unit(path: Path, mode: str | None = None, *, sensor_index: int = 0) -> 
         return read_velodyne(path)
     if suffix == ".csv":
         return read_hesai(path)
+    if suffix == ".dat":
+        return read_corrections(path)
     raise InputError(
-        f"{path}: must be json, OSF or pcap with a json (Ouster), YAML or XML (Velodyne) or CSV (Hesai), "
+        f"{path}: must be json, OSF or pcap with a json (Ouster), YAML or XML (Velodyne), CSV or dat (Hesai), "
         f"got '{path.suffix}'"
     )
 
