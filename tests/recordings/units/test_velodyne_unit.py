@@ -137,7 +137,7 @@ def test_what_is_no_calibration_is_told(tmp_path: Path, library: Callable[[str],
         (
             "a.txt",
             "",
-            r"must be json, OSF or pcap with a json \(Ouster\), YAML or XML \(Velodyne\), CSV or dat \(Hesai\), got '.txt'",
+            r"pcap with a json \(Ouster\), YAML or XML \(Velodyne\), CSV or dat \(Hesai\), got '.txt'",
         ),
     ):
         path = tmp_path / name
