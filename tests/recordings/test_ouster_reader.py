@@ -117,6 +117,15 @@ def test_every_sensor_of_an_osf_is_in_reach_with_its_own_metadata(
         open_recording(OUSTER, sensor_index=1)
 
 
+def test_a_field_of_zeros_is_not_recorded(tmp_path: Path, core: Any, library: Callable[[str], Any]) -> None:
+    """Writers fill the fields of a profile that they lack with zeros: black surfaces and no light, taken as numbers."""
+    with open_recording(osf(tmp_path, core, library, frames=1)) as recording:
+        sweep = recording[0]
+    assert (sweep.near_ir, sweep.reflectivity) == (None, None)
+    assert sweep.signal is not None
+    assert np.unique(sweep.signal).tolist() == [33.0]
+
+
 def test_osf_frames_losses_and_poses(tmp_path: Path, core: Any, library: Callable[[str], Any]) -> None:
     path = osf(tmp_path, core, library)
     before = hashlib.sha256(path.read_bytes()).hexdigest()

@@ -134,8 +134,14 @@ def _sweep(frame: Any, info: Any, tables: tuple[Numbers, Numbers], metadata: dic
     direction, origin_m = tables
     fields = set(frame.fields)
 
+    if "RANGE" not in fields:
+        raise ValueError("must have frames of a lidar, with RANGE, got others")
+
     def scalar(name: str) -> Numbers | None:
-        return np.where(recorded, frame.field(name), np.nan) if name in fields else None
+        """Field of the frame; None if it is missing, or zero everywhere, as a recorder writes what it lacks."""
+        if name not in fields or not np.any(frame.field(name)):
+            return None
+        return np.where(recorded, frame.field(name), np.nan)
 
     def metres(name: str) -> Numbers:
         millimetres = np.asarray(frame.field(name), np.float64)

@@ -68,6 +68,26 @@ def test_first_firmware_does_not_say_where_the_beams_begin(tmp_path: Path) -> No
     assert read_unit(source).lists["forward_mm"][0] == 27.67
 
 
+@pytest.mark.parametrize(
+    ("firmware", "product", "model"),
+    [
+        ({"build_rev": "v3.0.1"}, "OS-0-128", "os0-128-rev7"),
+        (
+            {"build_rev": "767798045", "image_rev": "ousteros-image-dev-bootes-v3.1.0-alpha.1+2023"},
+            "OS-1-128",
+            "os1-128-rev7",
+        ),
+        ({"build_rev": "", "image_rev": "ousteros-image-prod-bootes-v3.2.0-rc.5+2025"}, "OS-DOME-128", "osdome-128"),
+        ({"build_rev": "v2.5.2", "image_rev": "ousteros-image-prod-aries-v2.5.2+2023"}, "OS-2-128", "os2-128"),
+        ({"build_rev": "", "image_rev": ""}, "OS-2-128", "os2-128"),
+    ],
+)
+def test_firmware_3_is_of_revision_7(tmp_path: Path, firmware: dict[str, str], product: str, model: str) -> None:
+    source = tmp_path / "a.json"
+    source.write_text(json.dumps(json.loads(JSON.read_text()) | firmware | {"prod_line": product}))
+    assert read_unit(source).model == model
+
+
 def test_what_is_wrong_is_one_line(tmp_path: Path) -> None:
     source = tmp_path / "a.json"
 

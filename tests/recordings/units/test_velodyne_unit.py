@@ -134,11 +134,7 @@ def test_what_is_no_calibration_is_told(tmp_path: Path, library: Callable[[str],
         ("a.yaml", "lasers: [{laser_id: 1, vert_correction: 0}]", "must have lasers 0, 1, 2, ..., got 1"),
         ("a.yaml", "lasers: [{laser_id: 0}]", "laser 0: must have vert_correction, got none"),
         ("a.xml", "<a><b></a>", "a.xml: cannot be read: "),
-        (
-            "a.txt",
-            "",
-            r"pcap with a json \(Ouster\), YAML or XML \(Velodyne\), CSV or dat \(Hesai\), got '.txt'",
-        ),
+        ("a.txt", "", r"pcap with a json \(Ouster\), YAML or XML \(Velodyne\), CSV or dat \(Hesai\), got '.txt'"),
     ):
         path = tmp_path / name
         path.write_text(text)

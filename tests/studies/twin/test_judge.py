@@ -233,6 +233,17 @@ def test_the_simulated_signal_is_of_all_that_was_simulated() -> None:
     assert value_of(rows, "signal, mean").value == pytest.approx(1.0, abs=0.01)
 
 
+def test_ranges_without_a_recorded_signal_have_no_error() -> None:
+    """A field of zeros is one that the recorder lacked: of its half of the range nothing is judged."""
+    plain = exact_pulses()
+    assert plain.signal is not None
+    far = plain.true_range_m >= np.median(plain.true_range_m)
+    rows = list(judge._signals(exact_pulses(signal=np.where(far, 0.0, plain.signal))))
+    assert [row.value for row in rows_named(rows, "signal, mean")] == [pytest.approx(0.0, abs=1e-3)] * 4
+    none = judge._signals(exact_pulses(signal=np.zeros(N)))
+    assert [row.value for row in rows_named(none, "signal, mean error over the range")] == [None]
+
+
 def test_signals_that_go_against_each_other_correlate_with_minus_one() -> None:
     plain = exact_pulses()
     assert plain.signal is not None

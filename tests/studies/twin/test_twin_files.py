@@ -154,6 +154,13 @@ def test_what_is_missing_is_one_line(tmp_path: Path) -> None:
         build_twin(recording, TwinFrames(frames=(0,)), tmp_path / "twin")
     with pytest.raises(InputError, match=r"--sensor no\.toml: no such file"):
         build_twin(recording, TwinFrames(frames=(0,)), tmp_path / "twin", sensor="no.toml")
+    empty = recording_of(
+        tmp_path / "empty.pcap",
+        replace(room_sweep(), recorded=np.zeros(room_sweep().shape, bool), range_m=np.full(room_sweep().shape, np.nan)),
+    )
+    with pytest.raises(InputError, match=r"empty\.pcap: the frames of a twin must have returns, got none"):
+        build_twin(empty, TwinFrames(frames=(0,)), tmp_path / "twin", sensor="os1-128")
+    assert not (tmp_path / "twin" / "sensor.toml").exists()
     with pytest.raises(InputError, match=r"must be the scene of a twin, with twin\.json beside it"):
         read_provenance(tmp_path / "scene.toml")
 

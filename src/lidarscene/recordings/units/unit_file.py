@@ -87,7 +87,8 @@ def unit_text(unit: Unit, source: Path, *, like: str | None = None) -> tuple[str
     if not model:
         beams = len(unit.lists["elevation_deg"])
         raise InputError(
-            f"{source}: no sensor of the catalogue is of this kind ({beams} beams); --like says which is near"
+            f"{source}: no sensor of the catalogue is of this kind ({beams} beams); --like (of twin: --sensor) says "
+            "which is near"
         )
     base = catalog.path_of("sensors", model).read_text(encoding="utf-8")
     tables = _split_tables(base)

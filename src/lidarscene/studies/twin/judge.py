@@ -200,6 +200,8 @@ def _mean_signals(pulses: MatchedPulses, edges_m: Numbers) -> Iterator[Held]:
         if of_real.sum() < LEAST_PULSES or of_simulated.sum() < LEAST_PULSES:
             continue
         real = float(np.mean(pulses.signal[of_real]))
+        if real == 0.0:  # as recorders write what they lack
+            continue
         simulated_mean = float(np.mean(pulses.simulated_signal[of_simulated]))
         yield Held(
             quantity="signal, mean",

@@ -115,6 +115,8 @@ def build_twin(
     """
     require_writable(folder / SCENE)
     sweeps = {number: recording[number] for number in {*choice.frames, choice.judged_frame}}
+    if not any(choice.visible_part(sweeps[number]).has_return.any() for number in choice.frames):
+        raise InputError(f"{recording.path}: the frames of a twin must have returns, got none")
     if sensor is None:
         has_second = sweeps[choice.judged_frame].second is not None
         notes = [_unit_file(recording, folder / SENSOR, metadata, sensor_index, has_second)]
