@@ -8,6 +8,7 @@ from lidarscene.maths.arrays import Numbers
 from lidarscene.maths.pose import Pose
 from lidarscene.recordings.sweep import Second, Sweep
 from lidarscene.sensor.sensor_file import load_sensor
+from lidarscene.studies.twin import surfels
 from lidarscene.studies.twin.apparent_reflectivity import ReflectivityGauge, scattering_law
 from lidarscene.studies.twin.planes import align_columns
 from lidarscene.studies.twin.surfels import (
@@ -186,6 +187,41 @@ def test_no_ground_is_seen_through_a_roof() -> None:
     assert not hidden.any()
 
 
+def test_a_beam_between_a_near_and_a_far_return_meets_either() -> None:
+    """Every second column is at 5 m. Borders are drawn evenly, half a half width to either side, and quads 4 % wider
+    than pixels, so the nearer one reaches beyond half way in 0.54 of 5,700 cases, with a standard deviation of 0.007.
+    Between 8,225 such pairs of columns of a recorded OS2 the nearer one was met in 0.53, of 2,155 of an OS1 in 0.54.
+    """
+    plain = room_sweep()
+    is_near = np.broadcast_to(np.arange(COLUMNS) % 2 == 0, plain.shape)
+    quads = surfels_of(room_sweep(range_m=np.where(is_near, 5.0, plain.range_m)))
+    middle, ends = quads.corners_m.mean(axis=1), quads.corners_m[:, :2]
+    near = (np.abs(np.linalg.norm(middle, axis=1) - 5.0) < 0.1) & (middle[:, 2] > -1.2) & (middle[:, 0] > -4.8)
+    azimuth = np.degrees(np.arctan2(ends[near, :, 1], ends[near, :, 0])) / (360.0 / COLUMNS)
+    # Near columns have even numbers of steps from straight behind, so half way to their neighbours is an odd half.
+    column = 2.0 * np.rint(azimuth.mean(axis=1, keepdims=True) / 2.0)
+    reach = np.abs((azimuth - column + 180.0) % 360.0 - 180.0)
+    assert np.mean(reach > 0.5) == pytest.approx(0.54, abs=0.021)
+    assert (reach.min(), reach.max()) == pytest.approx((0.26, 0.78), abs=0.01)
+
+
+def test_borders_leave_no_gap_and_are_half_way_beside_a_lost_pulse() -> None:
+    plain = room_sweep()
+    range_m = np.array(plain.range_m)
+    range_m[6, 45] = np.nan
+    left, right = surfels._borders(align_columns(room_sweep(range_m=range_m)))
+    np.testing.assert_allclose(np.roll(left, -1, axis=1) - right, 2.0)  # columns go to the right
+    assert (left[6, 45], left[6, 46], right[6, 44]) == (1.0, 1.0, -1.0)
+    assert np.abs(left - 1.0).max() == pytest.approx(surfels.BORDER, rel=0.01)
+
+
+@pytest.fixture
+def half_way(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Borders of quads half way between columns."""
+    monkeypatch.setattr(surfels, "BORDER", 0.0)
+
+
+@pytest.mark.usefixtures("half_way")
 def test_two_returns_share_the_pixel() -> None:
     """Each covers half of the beam, so each reflects twice of what it would alone."""
     plain = room_sweep()
@@ -243,6 +279,7 @@ def test_quads_of_uneven_rings_end_where_the_next_begin() -> None:
     np.testing.assert_allclose(ends, expected[ring], atol=0.15)
 
 
+@pytest.mark.usefixtures("half_way")
 @pytest.mark.parametrize("second_m", [2.0, -2.0])
 def test_the_nearer_of_two_returns_hides_half_of_the_other(second_m: float) -> None:
     """Ahead, where walls are square to the beam. The pixel returned a quarter each of what a white board would."""

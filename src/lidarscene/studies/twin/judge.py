@@ -57,11 +57,17 @@ MOST_CLIPS = 50
 
 
 def twin_quantities(
-    pulses: MatchedPulses, sweep: Sweep, cloud: PointCloud, *, between: float | None = None
+    pulses: MatchedPulses,
+    sweep: Sweep,
+    cloud: PointCloud,
+    *,
+    between: float | None = None,
+    other_columns: Sweep | None = None,
 ) -> list[Held]:
     """Compute the whole table.
 
-    between  share of pulses that two recorded frames keep or lose differently (`disagreement`); None: not known
+    between        share of pulses that two recorded frames keep or lose differently (`disagreement`); None: not known
+    other_columns  recorded columns of the same frame that the twin was made of; None: it was made of others
     """
     rows = [
         Held(
@@ -76,7 +82,7 @@ def twin_quantities(
         *_points(pulses),
         *_kept_quantities(pulses, between),
     ]
-    rows += [*_ground(sweep, cloud), *_second(pulses), _clusters(pulses)]
+    rows += [*_ground(sweep, cloud), *_second(pulses), _clusters(pulses, other_columns)]
     return rows
 
 
@@ -295,15 +301,21 @@ def _ground(sweep: Sweep, cloud: PointCloud) -> Iterator[Held]:
     )
 
 
-def _clusters(pulses: MatchedPulses) -> Held:
-    """Share of the clusters above the ground that perception finds again in the simulated cloud."""
-    clusters = share_found_again(
-        pulses.xyz_m[pulses.has_return], pulses.simulated_xyz_m[pulses.has_simulated_return].astype(np.float64)
-    )
+def _clusters(pulses: MatchedPulses, other_columns: Sweep | None = None) -> Held:
+    """Share of the clusters above the ground that perception finds again in the simulated cloud.
+
+    The reference is the share that it finds in the recorded ``other_columns``: a twin of them knows no more.
+    """
+    real_m = pulses.xyz_m[pulses.has_return]
+    clusters = share_found_again(real_m, pulses.simulated_xyz_m[pulses.has_simulated_return].astype(np.float64))
     share, number = (None, 0) if clusters is None else clusters
+    in_others = (
+        None if other_columns is None else share_found_again(real_m, other_columns.xyz_m[other_columns.has_return])
+    )
     return Held(
         quantity="clusters found again",
-        condition=f"of {number}",
+        condition=f"of {number}" if in_others is None else f"of {number}, real: in the other columns",
+        reference=None if in_others is None else in_others[0],
         value=share if number >= LEAST_CLUSTERS else None,
         limits=LIMITS["clusters"],
     )

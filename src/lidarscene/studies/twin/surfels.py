@@ -54,6 +54,13 @@ EDGE = 0.5
 """Distance from the pixel's middle at which a surface ends beside a lost neighbour, in half widths of the pixel. As far
 beyond the pixel's edge it has the mean strength of the two."""
 
+BORDER = 0.5
+"""Largest distance, in half widths of the pixel, of the border between two returns from half way. Where between them
+one surface ends is not recorded; half way, the nearer one would hide each beam of a held-out column."""
+
+BORDER_SEED = 0
+"""Seed of the borders, so that a recording always gives the same twin."""
+
 BEAM_SHARE = 0.5
 """Share of a pixel that the nearer of two returns covers."""
 
@@ -113,7 +120,8 @@ def surfels_of_grid(grid: Grid, gauge: ReflectivityGauge | None, ground: Numbers
     range_m = np.where(planes.has_plane, planes.range_m, sweep.range_m)
     two_returns = _two_returns(grid)
     ends_left, ends_right = (_surface_ends(grid, side) & returned & ~two_returns for side in (1, -1))
-    span = np.where(ends_left, EDGE, 1.0), np.where(ends_right, -EDGE, -1.0)
+    borders = _borders(grid)
+    span = np.where(ends_left, EDGE, borders[0]), np.where(ends_right, -EDGE, borders[1])
     parts = [
         _quads(grid, mask, range_m, planes.normal, apparent, kind, span=span)
         for kind, mask in (
@@ -127,7 +135,7 @@ def surfels_of_grid(grid: Grid, gauge: ReflectivityGauge | None, ground: Numbers
         beyond_span = (2.0 - EDGE, EDGE) if side > 0 else (-EDGE, EDGE - 2.0)
         parts.append(_quads(grid, ends, range_m, planes.normal, faded, ROUGH, span=beyond_span))
     if two_returns.any():
-        parts += _two_return_quads(grid, two_returns, range_m, planes.normal, gauge)
+        parts += _two_return_quads(grid, two_returns, range_m, planes.normal, gauge, borders)
     if ground is not None:
         parts.append(_ground(grid, planes, apparent, ground, gauge))
     return join_surfels(parts)
@@ -187,6 +195,14 @@ def _two_returns(grid: Grid) -> Numbers:
     return np.asarray(grid.sweep.has_return & np.isfinite(second.range_m))
 
 
+def _borders(grid: Grid) -> tuple[Numbers, Numbers]:
+    """Left and right end of each pixel's quad [half widths]; drawn evenly between two returns, else half way."""
+    returned = grid.sweep.has_return
+    shift = np.random.default_rng(BORDER_SEED).uniform(-BORDER, BORDER, returned.shape)
+    shift = np.where(returned & _neighbour(grid, returned, 1), shift, 0.0)
+    return 1.0 + shift, _neighbour(grid, shift, -1) - 1.0
+
+
 def _surface_ends(grid: Grid, side: int) -> Numbers:
     """Mask of the pixels whose neighbour to the left (side 1) or right (-1) was lost without a withheld echo."""
     sweep = grid.sweep
@@ -207,11 +223,18 @@ def _neighbour(grid: Grid, values: Numbers, side: int) -> Numbers:
 
 
 def _two_return_quads(
-    grid: Grid, two_returns: Numbers, range_m: Numbers, normal: Numbers, gauge: ReflectivityGauge | None
+    grid: Grid,
+    two_returns: Numbers,
+    range_m: Numbers,
+    normal: Numbers,
+    gauge: ReflectivityGauge | None,
+    borders: tuple[Numbers, Numbers],
 ) -> list[Surfels]:
     """Quads of pixels with two returns: the nearer quad covers half of the pixel, the farther one shows beside it.
 
     Each gets its apparent reflectivity over `BEAM_SHARE`, since only that share of the beam meets it.
+
+    borders  left and right ends (`_borders`)
     """
     sweep = grid.sweep
     assert sweep.second is not None
@@ -224,7 +247,7 @@ def _two_return_quads(
     for nearer in (True, False):
         of_first = two_returns & (first_nearer == nearer)
         of_second = two_returns & (first_nearer != nearer)
-        span = (1.0, 1.0 - 2.0 * BEAM_SHARE) if nearer else (1.0, -1.0)
+        span = (borders[0], 1.0 - 2.0 * BEAM_SHARE) if nearer else borders
         quads.append(_quads(grid, of_first, range_m, normal, first_apparent / BEAM_SHARE, ROUGH, span=span))
         quads.append(_quads(grid, of_second, second.range_m, facing, second_apparent / BEAM_SHARE, ROUGH, span=span))
     return quads

@@ -47,8 +47,9 @@ def compare_twin(
     scene = load_scene(scene_file)
     sensor = load_sensor(scene.sensor_name)
     sweep = full_sweep = recording[number]
+    other_columns = None
     if provenance["held_out"] == COLUMNS:
-        sweep = select_columns(sweep, slice(1, None, 2))
+        sweep, other_columns = (select_columns(full_sweep, slice(first, None, 2)) for first in (1, 0))
     if not has_grid(sweep):
         cloud = Simulator(scene, sensor, pose=pose).render(options)
         sides = side_of_cloud("twin", cloud), side_of_sweep(f"{recording.path.name} frame {number}", sweep)
@@ -56,7 +57,8 @@ def compare_twin(
     pulses, cloud = simulate_pulses(scene, sensor, sweep, pose=pose, options=options)
     next_number = (number + 1) % len(recording)
     real_disagreement = disagreement(full_sweep, recording[next_number]) if next_number != number else None
-    rows = [row for row in twin_quantities(pulses, sweep, cloud, between=real_disagreement) if row.is_shown]
+    quantities = twin_quantities(pulses, sweep, cloud, between=real_disagreement, other_columns=other_columns)
+    rows = [row for row in quantities if row.is_shown]
     numbers: dict[str, Any] = {
         "verdict": verdict(rows, "The twin"),
         "recording": recording.path.name,
