@@ -40,3 +40,14 @@ def test_clusters_are_found_again_where_half_of_both_is_shared() -> None:
     assert share_found_again(real, simulated) == (0.5, 4)
     assert share_found_again(real, np.zeros((0, 3))) == (0.0, 4)
     assert share_found_again(np.zeros((0, 3)), real) is None
+
+
+def test_a_simulated_cluster_of_fewer_voxels_is_found_too() -> None:
+    """A column of 2 x 2 x 8 voxels is counted as recorded; without 4 of its 32 it fills the same cubes."""
+    x, y, z = (axis.ravel() for axis in np.meshgrid(*(0.15 * (np.arange(n) + 0.5) for n in (2, 2, 8))))
+    real = np.stack([x, y, z], axis=-1)
+    is_top = (z > 1.0) & (x < 0.2) & (y < 0.2)
+    simulated = real[~(is_top | ((x > 0.2) & (y > 0.2) & (z < 0.5)))]
+    assert (len(real), len(simulated)) == (32, 28)
+    assert share_found_again(real, simulated) == (1.0, 1)
+    assert share_found_again(simulated, real) is None

@@ -1,6 +1,7 @@
 """What the table counts, on pulses made by hand."""
 
 import math
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ from helpers.clouds import small_cloud
 from helpers.twins import room_sweep
 
 from lidarscene.maths.arrays import Numbers
+from lidarscene.recordings.sweep import Sweep
 from lidarscene.studies.held import Held
 from lidarscene.studies.twin import judge
 from lidarscene.studies.twin.judge import bias_and_scatter, spread
@@ -231,6 +233,26 @@ def test_the_simulated_signal_is_of_all_that_was_simulated() -> None:
         )
     )
     assert value_of(rows, "signal, mean").value == pytest.approx(1.0, abs=0.01)
+
+
+def test_clusters_stand_beside_those_of_the_columns_that_made_the_twin() -> None:
+    """Five poles on a circle of 10 m: the simulated cloud has all of them, the recorded other columns four."""
+    x, y, z = (axis.ravel() for axis in np.meshgrid(*(0.15 * (np.arange(n) + 0.5) for n in (2, 2, 9))))
+    angle = np.radians(np.repeat(np.arange(0.0, 360.0, 72.0), len(x)))
+    points_m = np.stack([10.0 * np.cos(angle), 10.0 * np.sin(angle), np.zeros_like(angle)], axis=-1)
+    points_m += np.tile(np.stack([x, y, z], axis=-1), (5, 1))
+    n = len(points_m)
+    here = pulses(
+        range_m=np.r_[np.ones(n), np.full(N - n, np.nan)], simulated_range_m=np.r_[np.ones(n), np.full(N - n, np.nan)]
+    )
+    cloud_m = np.concatenate([points_m, np.zeros((N - n, 3))])
+    range_m = np.linalg.norm(points_m[n // 5 :], axis=1)
+    sweep = Sweep(
+        range_m=range_m, recorded=np.ones(len(range_m), bool), direction=points_m[n // 5 :] / range_m[:, None]
+    )
+    row = judge._clusters(replace(here, xyz_m=cloud_m, simulated_xyz_m=cloud_m), sweep)
+    assert (row.value, row.reference, row.condition) == (1.0, 0.8, "of 5, real: in the other columns")
+    assert judge._clusters(replace(here, xyz_m=cloud_m, simulated_xyz_m=cloud_m)).condition == "of 5"
 
 
 def test_ranges_without_a_recorded_signal_have_no_error() -> None:

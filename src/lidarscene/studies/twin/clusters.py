@@ -19,7 +19,7 @@ LEAST_NEIGHBOURS = 5
 """Least number of voxels within reach, its own among them, that make a core. This project's choice."""
 
 LEAST_VOXELS = 30
-"""Least number of voxels of a cluster that is counted. This project's choice."""
+"""Least number of voxels of a recorded cluster that is counted. This project's choice."""
 
 LEAST_OVERLAP = 0.5
 """Least intersection over union of two clusters that are the same."""
@@ -37,9 +37,10 @@ def share_found_again(real_m: Numbers, simulated_m: Numbers) -> tuple[float, int
     real_m, simulated_m  (n, 3) points in the sensor's axes [m]
     """
     plane = ground_plane(real_m)
-    real, simulated = (_clusters(_above(points_m, plane)) for points_m in (real_m, simulated_m))
+    real = _clusters(_above(real_m, plane), LEAST_VOXELS)
     if not real:
         return None
+    simulated = _clusters(_above(simulated_m, plane))  # one voxel too few does not hide a cluster
     best = [max((len(cubes & others) / len(cubes | others) for others in simulated), default=0.0) for cubes in real]
     return float(np.mean(np.array(best) >= LEAST_OVERLAP)), len(real)
 
@@ -75,12 +76,12 @@ def _above(points_m: Numbers, plane: Numbers | None) -> Numbers:
     return np.asarray(points_m[np.abs(height_m) > ABOVE_GROUND_M])
 
 
-def _clusters(points_m: Numbers) -> list[set[tuple[int, ...]]]:
-    """Cubes of edge `REACH_M` that each cluster of at least `LEAST_VOXELS` fills."""
+def _clusters(points_m: Numbers, least_voxels: int = 1) -> list[set[tuple[int, ...]]]:
+    """Cubes of edge `REACH_M` that each cluster of at least so many voxels fills."""
     middles_m = VOXEL_M * (np.unique(np.floor(points_m / VOXEL_M), axis=0) + 0.5)
     if not len(middles_m):
         return []
     index = density_clusters(middles_m, REACH_M, LEAST_NEIGHBOURS)
     cubes = np.floor(middles_m / REACH_M).astype(int)
     members = [cubes[index == number] for number in range(index.max() + 1)]
-    return [set(map(tuple, voxels.tolist())) for voxels in members if len(voxels) >= LEAST_VOXELS]
+    return [set(map(tuple, voxels.tolist())) for voxels in members if len(voxels) >= least_voxels]
