@@ -106,6 +106,21 @@ def test_a_sensors_near_field_continues_the_table_and_points_without_company_hav
     assert plain_gauge.apparent(sweep, range_m)[far].min() > 0.33
 
 
+@pytest.mark.parametrize("name", ["os0-128-rev7", "os2-128"])
+def test_signals_without_reflectivities_are_the_sensors_own_photons(name: str) -> None:
+    """Of 0.3 at 1 to 60 m, near field included; between two of 200 ranges the law is a straight line."""
+    sensor = load_sensor(name)
+    plain = room_sweep()
+    range_m = np.geomspace(1.0, 60.0, plain.range_m.size).reshape(plain.shape)
+    photons = 0.3 * recorded.white_m2(sensor, range_m.ravel()).reshape(plain.shape) / range_m**2
+    sweep = room_sweep(range_m=range_m, signal=photons, reflectivity=None)
+    gauge = ReflectivityGauge.from_sweep(sweep, sensor)
+    assert gauge is not None
+    assert (gauge.field, gauge.by_sensor, gauge.assumed) == ("signal", True, False)
+    np.testing.assert_allclose(gauge.apparent(sweep, range_m), 0.3, rtol=0.05)
+    assert ReflectivityGauge.from_sweep(sweep) is None
+
+
 def test_without_strengths_there_is_no_gauge() -> None:
     assert ReflectivityGauge.from_sweep(room_sweep(signal=None, reflectivity=None)) is None
 

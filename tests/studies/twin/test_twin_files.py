@@ -148,6 +148,21 @@ def test_strengths_that_are_no_numbers_are_in_no_file(tmp_path: Path, value: flo
     assert scene.sun.illuminance_klux == pytest.approx(klux, rel=0.01)
 
 
+@pytest.mark.parametrize(("firmware", "is_calibrated"), [("v2.0.0-rc.2", False), ("v2.1.1", True), ("767798045", True)])
+def test_reflectivities_of_old_firmware_are_a_line(tmp_path: Path, firmware: str, is_calibrated: bool) -> None:
+    sweep = room_sweep(near_ir=np.full(room_sweep().shape, 50.0))
+    recording = replace(recording_of(tmp_path / "room.pcap", sweep), metadata={"firmware": firmware})
+    text = build_twin(recording, TwinFrames(frames=(0,)), tmp_path / "twin", sensor="os1-128")
+    assert ("firmware 2.0 does not calibrate REFLECTIVITY" in text) is not is_calibrated
+    assert text.endswith("reflectivities: by the recording's signal")
+
+
+def test_signals_alone_are_of_the_sensor_files_scale(tmp_path: Path) -> None:
+    sweep = room_sweep(reflectivity=None, near_ir=np.full(room_sweep().shape, 50.0))
+    text = build_twin(recording_of(tmp_path / "room.pcap", sweep), TwinFrames(frames=(0,)), tmp_path, sensor="os1-128")
+    assert text.endswith("by the recording's signal, as the sensor file has it, since no reflectivity is recorded")
+
+
 def test_what_is_missing_is_one_line(tmp_path: Path) -> None:
     recording = recording_of(tmp_path / "room.pcap", room_sweep())
     with pytest.raises(InputError, match="must have the unit's metadata"):

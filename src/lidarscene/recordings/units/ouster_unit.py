@@ -28,8 +28,11 @@ MODELS = {"OS-0": "os0-128", "OS-1": "os1-128", "OS-2": "os2-128", "OS-DOME": "o
 REVISION_7 = {"os0-128": "os0-128-rev7", "os1-128": "os1-128-rev7", "os2-128": "os2-128-rev7"}
 """These sensors -> those of revision 7, which requires firmware 3 (ouster-ros, discussion 122). An OSDome is of it."""
 
-FIRST_OF_REVISION_7 = 3
-"""First major version of the firmware for revision 7; of ouster-sdk's recordings no older unit has it."""
+FIRST_OF_REVISION_7 = (3, 0)
+"""First firmware for revision 7; of ouster-sdk's recordings no older unit has it."""
+
+FIRST_CALIBRATED = (2, 1)
+"""First firmware with calibrated reflectivities (ouster.com/sensor-docs)."""
 
 LIDAR_TO_SENSOR = (-1, 0, 0, 0, 0, -1, 0, 0, 0, 0, 1, 36.18, 0, 0, 0, 1)
 """Transform of sensors whose metadata have none, (4, 4) row by row [mm]."""
@@ -80,7 +83,8 @@ def read_ouster(path: Path, mode: str | None = None, *, text: str | None = None)
             f"azimuth window {window[0]} to {window[1]} millidegrees is not taken over: it fires all around"
         )
     model = next((name for start, name in MODELS.items() if product.startswith(start)), "")
-    if _firmware(metadata) >= FIRST_OF_REVISION_7:
+    names = (str(metadata.get(key, "")) for key in ("build_rev", "image_rev"))
+    if next((version for version in map(firmware_version, names) if version), (0, 0)) >= FIRST_OF_REVISION_7:
         model = REVISION_7.get(model, model)
     return Unit(
         model=model,
@@ -104,11 +108,10 @@ def _leaves(table: Any) -> Iterator[tuple[str, Any]]:
             yield key, value
 
 
-def _firmware(metadata: dict[str, Any]) -> int:
-    """Major version of the firmware; 0 if it is not said. Builds between releases name it in the image only."""
-    names = (str(metadata.get(key, "")) for key in ("build_rev", "image_rev"))
-    versions = (re.search(r"(?:^|-)v(\d+)\.\d", name) for name in names)
-    return next((int(version[1]) for version in versions if version), 0)
+def firmware_version(name: str) -> tuple[int, int] | None:
+    """Major and minor version in a name of the firmware; None if there is none, as of builds between releases."""
+    version = re.search(r"(?:^|-)v(\d+)\.(\d+)", name)
+    return (int(version[1]), int(version[2])) if version else None
 
 
 def _angles(path: Path, metadata: dict[str, Any], key: str) -> tuple[float, ...]:

@@ -34,6 +34,12 @@ STEEPEST = 4.0
 LOSS_SIGMAS = 2.0
 """Sigmas above the threshold from which on a lost pulse was not lost for lack of light: one pulse in 44 is."""
 
+DIM = 1e-3
+"""Reflectivity of the target whose photons, over it, are those of a white one."""
+
+FAR_M = 30.0
+"""Range at which a sensor's photons calibrate signals without reflectivities; its near field continues them."""
+
 _LEAST_COUNTS = 5.0
 _BINS_PER_OCTAVE = 4
 _LEAST_PIXELS = 10
@@ -107,6 +113,7 @@ class ReflectivityGauge:
     field               field of the sweep that holds the strengths: signal, reflectivity or intensity
     range_m, per_count  reflectivity per count over the range; one entry where strengths are calibrated already
     assumed             True if the scale is a guess
+    by_sensor           True if it is that of the sensor's own photons
     sensor              sensor that counts photons, whose near field continues the table; None: below it goes on by its
                         own slope, beyond by the square of the range
     """
@@ -115,6 +122,7 @@ class ReflectivityGauge:
     range_m: Numbers
     per_count: Numbers
     assumed: bool = False
+    by_sensor: bool = False
     sensor: Sensor | None = None
 
     @classmethod
@@ -124,15 +132,19 @@ class ReflectivityGauge:
         The ratio of reflectivity to signal over the range is the maker's own calibration, near field included. Signals
         are finer than reflectivities, which come in steps of 1 % and are not linear above white.
 
-        sensor  sensor whose near field continues the calibration to ranges of which the sweep has none
+        sensor  sensor whose near field continues the calibration to ranges of which the sweep has none, and whose
+                photons calibrate signals without reflectivities
         """
+        counter = None if sensor is None or sensor.histogram is None else sensor
         if sweep.reflectivity is not None and sweep.signal is not None:
             table = _reflectivity_per_photon(sweep)
             if table is not None:
-                counter = None if sensor is None or sensor.histogram is None else sensor
                 return cls(field="signal", range_m=table[0], per_count=table[1], sensor=counter)
         if sweep.reflectivity is not None:
             return cls(field="reflectivity", range_m=np.ones(1), per_count=np.full(1, 1.0 / WHITE))
+        if sweep.signal is not None and counter is not None:
+            per_count = 1.0 / _white_signal(counter, np.full(1, FAR_M))
+            return cls(field="signal", range_m=np.full(1, FAR_M), per_count=per_count, by_sensor=True, sensor=counter)
         if sweep.intensity is None:
             return None
         strength = sweep.intensity[sweep.has_return & np.isfinite(sweep.intensity)]
@@ -169,11 +181,12 @@ class ReflectivityGauge:
 
 
 def _white_signal(sensor: Sensor, range_m: Numbers) -> Numbers:
-    """Photons of a white target at these ranges, up to a factor: of one so dim that no SPAD fires twice."""
+    """Photons of a white target at these ranges, as one so dim gives that no SPAD fires twice."""
     grid_m = np.geomspace(range_m.min(), 1.01 * range_m.max(), _CURVE_RANGES)
-    light = echoes_of_plane(sensor, Target(reflectivity=1e-3, illuminance_klux=0.0), grid_m)
+    light = echoes_of_plane(sensor, Target(reflectivity=DIM, illuminance_klux=0.0), grid_m)
     photons = np.asarray(sensor.working_point(light.background_power_w).response.signal(light.peak_power_w))
-    return np.asarray(np.exp(np.interp(np.log(range_m), np.log(grid_m), np.log(np.maximum(photons, _LEAST_PHOTONS)))))
+    log_photons = np.log(np.maximum(photons / DIM, _LEAST_PHOTONS))
+    return np.asarray(np.exp(np.interp(np.log(range_m), np.log(grid_m), log_photons)))
 
 
 def _has_company(sweep: Sweep) -> Numbers:

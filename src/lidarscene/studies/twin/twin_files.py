@@ -28,6 +28,7 @@ from ...maths.pose import Pose
 from ...recordings.pcap_reader import metadata_of
 from ...recordings.recording import Recording
 from ...recordings.sweep import Sweep
+from ...recordings.units.ouster_unit import FIRST_CALIBRATED, firmware_version
 from ...recordings.units.unit_file import read_unit, with_second_returns, write_unit
 from ...scene.tables import SceneFile
 from ...sensor.sensor_file import load_sensor
@@ -167,6 +168,12 @@ def build_twin(
             f"{median_klux:.3g} klux is more than the sun gives ({BRIGHTEST_KLUX:g} at most): the sensor file counts "
             f"{median_klux / BRIGHTEST_KLUX:.2g} times too little background or more (PDE, filter, window of NEAR_IR)"
         )
+    firmware = firmware_version(recording.metadata.get("firmware", ""))
+    if firmware is not None and firmware < FIRST_CALIBRATED:
+        notes.append(
+            f"firmware {'.'.join(map(str, firmware))} does not calibrate REFLECTIVITY, as it does from "
+            f"{'.'.join(map(str, FIRST_CALIBRATED))} on: the scale of the reflectivities is not known"
+        )
     return "\n".join([*notes, _reflectivity_note(gauge)])
 
 
@@ -174,7 +181,8 @@ def _reflectivity_note(gauge: ReflectivityGauge | None) -> str:
     if gauge is None:
         return "reflectivities: not recorded, so all are 0.2"
     guess = ", scaled to a median of 0.2, since its unit is not known" if gauge.assumed else ""
-    return f"reflectivities: by the recording's {gauge.field}{guess}"
+    scale = ", as the sensor file has it, since no reflectivity is recorded" if gauge.by_sensor else guess
+    return f"reflectivities: by the recording's {gauge.field}{scale}"
 
 
 def _copy_sensor(sensor: str, path: Path) -> str:
