@@ -8,6 +8,7 @@ from lidarscene.maths.arrays import Numbers
 from lidarscene.maths.pose import Pose
 from lidarscene.recordings.sweep import Second, Sweep
 from lidarscene.sensor.sensor_file import load_sensor
+from lidarscene.studies import recorded
 from lidarscene.studies.twin import surfels
 from lidarscene.studies.twin.apparent_reflectivity import ReflectivityGauge, scattering_law
 from lidarscene.studies.twin.planes import align_columns
@@ -81,9 +82,11 @@ def test_a_pulse_lost_before_a_bright_sky_is_as_far_below_the_threshold_in_the_t
     assert np.array(bounds) / bounds[0] == pytest.approx([1.0, 0.5, 1.0])
 
 
-def test_no_lost_echo_is_stronger_than_the_threshold_that_lost_it() -> None:
+@pytest.mark.parametrize("has_signals", [True, False])
+def test_no_lost_echo_is_stronger_than_the_threshold_that_lost_it(has_signals: bool) -> None:
     """A lost pulse of ten times the threshold of its NEAR_IR: other light, so the hole has half of the threshold.
 
+    Without signals it is the same, in photons that the sensor would count of a white wall there.
     It is that of an os0-128 at a NEAR_IR of 900, 0.202 (900 + 54 x 5.2)^0.5 = 6.93 photons.
     """
     plain = room_sweep()
@@ -92,7 +95,11 @@ def test_no_lost_echo_is_stronger_than_the_threshold_that_lost_it() -> None:
     white = signal[6, 45] / (0.01 * reflectivity[6, 45])  # photons of a white target
     range_m[6, 45], signal[6, 45], reflectivity[6, 45] = np.nan, 69.3, 0.0
     near_ir = np.full(plain.shape, 900.0)
-    sweep = room_sweep(range_m=range_m, signal=signal, reflectivity=reflectivity, near_ir=near_ir)
+    if not has_signals:
+        there_m = plain.range_m[6, 45]
+        white = recorded.white_m2(sensor, np.array([there_m]))[0] / there_m**2
+    signals = signal if has_signals else None
+    sweep = room_sweep(range_m=range_m, signal=signals, reflectivity=reflectivity, near_ir=near_ir)
     quads = surfels_of_grid(align_columns(sweep), ReflectivityGauge.from_sweep(sweep, sensor), None)
     hole = quads.kind == FILLED
     assert hole.sum() == 1

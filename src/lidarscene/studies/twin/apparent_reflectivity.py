@@ -114,8 +114,8 @@ class ReflectivityGauge:
     range_m, per_count  reflectivity per count over the range; one entry where strengths are calibrated already
     assumed             True if the scale is a guess
     by_sensor           True if it is that of the sensor's own photons
-    sensor              sensor that counts photons, whose near field continues the table; None: below it goes on by its
-                        own slope, beyond by the square of the range
+    sensor              sensor that counts photons, whose near field continues a table of signals; None: below the table
+                        they go on by its own slope, beyond by the square of the range
     """
 
     field: str
@@ -141,9 +141,9 @@ class ReflectivityGauge:
             if table is not None:
                 return cls(field="signal", range_m=table[0], per_count=table[1], sensor=counter)
         if sweep.reflectivity is not None:
-            return cls(field="reflectivity", range_m=np.ones(1), per_count=np.full(1, 1.0 / WHITE))
+            return cls(field="reflectivity", range_m=np.ones(1), per_count=np.full(1, 1.0 / WHITE), sensor=counter)
         if sweep.signal is not None and counter is not None:
-            per_count = 1.0 / _white_signal(counter, np.full(1, FAR_M))
+            per_count = 1.0 / white_signal(counter, np.full(1, FAR_M))
             return cls(field="signal", range_m=np.full(1, FAR_M), per_count=per_count, by_sensor=True, sensor=counter)
         if sweep.intensity is None:
             return None
@@ -161,11 +161,11 @@ class ReflectivityGauge:
         strength = np.asarray(getattr(returns, self.field), np.float64)
         log_range, table, value = np.log(np.maximum(range_m, 1e-3)), np.log(self.range_m), np.log(self.per_count)
         log_factor = np.interp(log_range, table, value)
-        if self.sensor is not None:
+        if self.sensor is not None and self.field == "signal":
             outside = (log_range < table[0]) | (log_range > table[-1])
             ends_m = np.exp(np.clip(log_range[outside], table[0], table[-1]))
             if len(ends_m):
-                white, white_at_end = np.split(_white_signal(self.sensor, np.r_[np.exp(log_range[outside]), ends_m]), 2)
+                white, white_at_end = np.split(white_signal(self.sensor, np.r_[np.exp(log_range[outside]), ends_m]), 2)
                 log_factor[outside] += np.log(white_at_end / white)
         elif len(table) > 1:
             # Below the table: the slope of its first two bins. Beyond it signals fall as 1 / range^2, so the factor
@@ -180,7 +180,7 @@ class ReflectivityGauge:
         return np.maximum(np.nan_to_num(strength * factor, posinf=0.0), LEAST_REFLECTIVITY)
 
 
-def _white_signal(sensor: Sensor, range_m: Numbers) -> Numbers:
+def white_signal(sensor: Sensor, range_m: Numbers) -> Numbers:
     """Photons of a white target at these ranges, as one so dim gives that no SPAD fires twice."""
     grid_m = np.geomspace(range_m.min(), 1.01 * range_m.max(), _CURVE_RANGES)
     light = echoes_of_plane(sensor, Target(reflectivity=DIM, illuminance_klux=0.0), grid_m)

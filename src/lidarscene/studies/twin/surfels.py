@@ -23,6 +23,7 @@ from .apparent_reflectivity import (
     largest_reflectivity,
     scattering_law,
     threshold_of,
+    white_signal,
     withheld_mask,
 )
 from .planes import LEAST_COS, Grid, Planes, finite_median, fit_planes, median_around
@@ -49,6 +50,9 @@ BEHIND_M = 0.3
 
 LOST_SHARE = 0.5
 """Share of the echo in a lost pulse's highest peak, which may be all echo or all noise."""
+
+RANGES_M = (0.1, 1000.0)
+"""Ranges between which the photons of a white surface are computed; planes meet beams anywhere."""
 
 EDGE = 0.5
 """Distance from the pixel's middle at which a surface ends beside a lost neighbour, in half widths of the pixel. As far
@@ -162,17 +166,25 @@ def _apparent(grid: Grid, gauge: ReflectivityGauge | None, planes: Planes) -> Nu
 
 
 def _reflectivity_bound(grid: Grid, gauge: ReflectivityGauge, range_m: Numbers) -> Numbers:
-    """Largest apparent reflectivity that the strength of a lost pulse allows; inf where none is recorded.
+    """Largest apparent reflectivity that the strength of a lost pulse allows; inf where nothing is known of it.
 
-    Ousters report the highest peak of a pulse even if they lost it.
+    Ousters report the highest peak of a pulse even if they lost it. In profiles without SIGNAL the threshold of their
+    NEAR_IR stands for it.
     """
-    signal = grid.sweep.signal
-    if not grid.sweep.includes_lost or gauge.field != "signal" or signal is None:
-        return np.full(grid.sweep.shape, np.inf)
+    sweep = grid.sweep
+    if not sweep.includes_lost:
+        return np.full(sweep.shape, np.inf)
     # No echo of the surface is stronger than the threshold that lost it: a higher peak is other light.
-    peak = replace(grid.sweep, signal=np.fmin(signal, threshold_of(grid.sweep, gauge.sensor)))
-    bound = LOST_SHARE * _threshold_share(grid.sweep) * gauge.apparent(peak, np.nan_to_num(range_m, nan=1.0))
-    return np.where(np.nan_to_num(signal) > 0.0, bound, np.inf)
+    threshold = threshold_of(sweep, gauge.sensor)
+    if gauge.field == "signal" and sweep.signal is not None:
+        peak = replace(sweep, signal=np.fmin(sweep.signal, threshold))
+        allowed = gauge.apparent(peak, np.nan_to_num(range_m, nan=1.0))
+        allowed[~(np.nan_to_num(sweep.signal) > 0.0)] = np.inf
+    elif gauge.field == "reflectivity" and gauge.sensor is not None:
+        allowed = threshold / white_signal(gauge.sensor, np.nan_to_num(range_m, nan=1.0).clip(*RANGES_M))
+    else:
+        return np.full(sweep.shape, np.inf)
+    return np.asarray(LOST_SHARE * _threshold_share(sweep) * allowed)
 
 
 def _threshold_share(sweep: Sweep) -> Numbers:
