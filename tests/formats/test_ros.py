@@ -1,6 +1,5 @@
-"""ROS 2: as mcap_ros2 reads it."""
+"""ROS 2: as rosbags reads it."""
 
-import sqlite3
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,7 +11,7 @@ from helpers.formats import file_of, need, rotated
 
 from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.cloud.rig_clouds import merge_clouds
-from lidarscene.formats.ros import ros_frames, structured_rows
+from lidarscene.formats.ros import ros_frames, structured_rows, write_ros
 from lidarscene.maths.pose import Pose
 
 LAYOUTS = {
@@ -36,30 +35,24 @@ NEW_YEAR_NS = 1_767_225_600_000_000_000
 NUMPY = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 
 
+def stamped_messages(path: Path, library: Any) -> list[tuple[str, int, Any]]:
+    """Topic, time [ns] and fields of each message, as rosbags reads them by the definitions that the bag holds."""
+    with library("rosbags.highlevel").AnyReader([path]) as bag:
+        return [
+            (connection.topic, time_ns, bag.deserialize(raw, connection.msgtype))
+            for connection, time_ns, raw in bag.messages()
+        ]
+
+
 def messages(path: Path, library: Any) -> dict[str, Any]:
-    """Messages by topic, decoded by mcap_ros2 from the definitions that the file holds."""
-    if path.suffix == ".mcap":
-        reader, decoder = library("mcap.reader"), library("mcap_ros2.decoder")
-        with open(path, "rb") as file:
-            decoded = reader.make_reader(file, decoder_factories=[decoder.DecoderFactory()])
-            return {channel.topic: message for _, channel, _, message in decoded.iter_decoded_messages()}
-    dynamic = library("mcap_ros2._dynamic")
-    connection = sqlite3.connect(path / path.name)
-    try:
-        definitions = dict(connection.execute("SELECT topic_type, encoded_message_definition FROM message_definitions"))
-        query = "SELECT name, type, data FROM messages JOIN topics ON topics.id = messages.topic_id"
-        return {
-            topic: dynamic.generate_dynamic(kind, definitions[kind])[kind](data)
-            for topic, kind, data in connection.execute(query)
-        }
-    finally:
-        connection.close()
+    """Last message of each topic."""
+    return {topic: message for topic, _, message in stamped_messages(path, library)}
 
 
 @pytest.mark.parametrize("layout", LAYOUTS)
 @pytest.mark.parametrize("suffix", [".mcap", ".db3"])
 def test_point_cloud_2(tmp_path: Path, library: Any, street_cloud: PointCloud, suffix: str, layout: str) -> None:
-    """Reference: the fields of both drivers, and mcap_ros2 as reader; rosbags wrote."""
+    """Reference: the fields of both drivers, and rosbags as reader."""
     name = {".mcap": "mcap", ".db3": "rosbag2"}[suffix] + ("-ouster" if layout == "ouster" else "")
     need(name)
     path = file_of(tmp_path, name)
@@ -180,14 +173,9 @@ def test_a_merged_cloud_is_in_the_vehicles_frame(tmp_path: Path, library: Any, s
 
 def test_a_bag_of_several_frames(tmp_path: Path, library: Any) -> None:
     need("mcap")
-    reader, decoder = library("mcap.reader"), library("mcap_ros2.decoder")
-    from lidarscene.formats.ros import write_ros
-
     frames = [small_cloud(n, metadata={"frame_start_s": repr(0.1 * n)}) for n in (3, 5)]
     write_ros(tmp_path / "a.mcap", iter(frames))
-    with open(tmp_path / "a.mcap", "rb") as file:
-        decoded = reader.make_reader(file, decoder_factories=[decoder.DecoderFactory()])
-        received = [(m.log_time, d.header.stamp, d.width) for _, _, m, d in decoded.iter_decoded_messages()]
+    received = [(log, d.header.stamp, d.width) for _, log, d in stamped_messages(tmp_path / "a.mcap", library)]
     assert [(log, stamp.sec * 10**9 + stamp.nanosec, n) for log, stamp, n in received] == [
         (NEW_YEAR_NS + 300_000_000, NEW_YEAR_NS + 300_000_000, 3),
         (NEW_YEAR_NS + 500_000_000, NEW_YEAR_NS + 500_000_000, 5),

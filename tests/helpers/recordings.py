@@ -105,26 +105,22 @@ def pcap(path: Path, payloads: Sequence[bytes], *, order: str = "<", nanoseconds
 
 def copy_to_mcap(path: Path, **options: Any) -> Path:
     """Two clouds of 3 and 5 points as an MCAP, by the writer of mcap with these options."""
+    from mcap.reader import make_reader
     from mcap.writer import Writer
 
     from lidarscene.formats.ros import write_ros
-    from lidarscene.formats.ros_messages import MessageTypes
-    from lidarscene.recordings.bag_files import Bag
 
-    source = path.with_suffix(".db3")
-    write_ros(source, [small_cloud(3), small_cloud(5)], storage="sqlite3")
-    types = MessageTypes()
-    bag = Bag(source, types)
-    with open(path, "wb") as file:
+    source = path.with_suffix(".source.mcap")
+    write_ros(source, [small_cloud(3), small_cloud(5)])
+    with open(source, "rb") as original, open(path, "wb") as file:
         writer = Writer(file, **options)
         writer.start(profile="ros2", library="test")
-        for topic, kind in bag.topics.items():
-            schema = writer.register_schema(kind, "ros2msg", types.text_of(kind).encode())
-            channel = writer.register_channel(topic, "cdr", schema)
-            for message in bag.messages(topic):
-                writer.add_message(channel, message.time_ns, message.file.read(message.place), message.time_ns)
+        for schema, channel, message in make_reader(original).iter_messages():
+            assert schema is not None
+            schema_id = writer.register_schema(schema.name, schema.encoding, schema.data)
+            channel_id = writer.register_channel(channel.topic, channel.message_encoding, schema_id)
+            writer.add_message(channel_id, message.log_time, message.data, message.publish_time)
         writer.finish()
-    bag.close()
     return path
 
 
@@ -132,12 +128,10 @@ def scan_bag(path: Path, packets: int, scans: int = 1) -> Path:
     """A bag of `VelodyneScan` messages, as a Velodyne's driver records them. Needs rosbags."""
     from rosbags import rosbag2, typesys
 
-    from lidarscene.recordings.bags import DEFINITIONS
+    from lidarscene.formats.ros_bag import definition
 
-    store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
-    for name, definition in DEFINITIONS.items():
-        store.register(typesys.get_types_from_msg(definition, name))
-    kind = "velodyne_msgs/msg/VelodyneScan"
+    store, kind = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE), "velodyne_msgs/msg/VelodyneScan"
+    store.register(typesys.get_types_from_msg(definition(kind), kind))
     stamp = store.types["builtin_interfaces/msg/Time"](sec=9, nanosec=0)
     header = store.types["std_msgs/msg/Header"](stamp=stamp, frame_id="velodyne")
     messages = [

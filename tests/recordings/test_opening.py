@@ -20,7 +20,7 @@ def hide_packages(monkeypatch: pytest.MonkeyPatch, *packages: str) -> None:
 
 def test_a_missing_library_is_told_with_what_to_type(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     bag = copy_to_mcap(tmp_path / "a.mcap")
-    hide_packages(monkeypatch, "ouster", "velodyne_decoder", "zstandard")
+    hide_packages(monkeypatch, "ouster", "velodyne_decoder", "mcap", "mcap_ros2")
     for path, extra in ((OUSTER, "ouster"), (pcap(tmp_path / "v.pcap", turns(1)), "velodyne"), (bag, "ros")):
         with pytest.raises(LidarSceneError) as caught:
             open_recording(path)

@@ -108,7 +108,7 @@ _ROS_COLUMNS = {
 def _ros(suffix: str, storage: str, layout: str = "velodyne") -> Format:
     return Format(
         suffix=suffix,
-        extra="ros" if storage == "mcap" else "",
+        extra="ros",
         columns=_ROS_COLUMNS[layout],
         positions="float32, sensor frame",
         beside="poses as `/tf` and `/tf_static`; metadata, units, names",

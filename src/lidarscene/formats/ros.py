@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Iterator
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
 from typing import Any, cast
@@ -27,8 +27,7 @@ from ..sensor.imu import ImuSamples
 from .clock import default_epoch_ns, stamp_ns
 from .cloud_columns import Cloud, frame_starts_s, sensor_positions_m
 from .cloud_description import description, library_errors
-from .ros_bag import LATCHED, BagWriter, Topic
-from .ros_messages import MessageTypes
+from .ros_bag import LATCHED, BagWriter
 
 POINTS, IMU, TRANSFORMS, STATIC_TRANSFORMS = "points", "imu", "/tf", "/tf_static"
 SENSOR_FRAME, VEHICLE_FRAME, WORLD_FRAME = "lidar", "base_link", "map"
@@ -70,6 +69,9 @@ _REPLACED = {"velodyne": ("channel",), "ouster": ("channel", "time")}
 _DATATYPES = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8": 8}
 """Constants of sensor_msgs/PointField."""
 
+Message = dict[str, Any]
+"""Fields of a message by name."""
+
 
 def write_ros(
     path: str | os.PathLike[str], clouds: Cloud | Iterable[Cloud], *, storage: str = "mcap", layout: str = "velodyne"
@@ -99,12 +101,10 @@ def ros_frames(
         # Errors between two frames come from the caller, not from the library: they stay as they are.
         with library_errors(path):
             writer = BagWriter(folder, storage)
-        bag = Bag(path, writer, layout, epoch_ns)
-        try:
-            yield bag
-        finally:
-            with library_errors(path), _closed_on_error(writer):
-                writer.close()
+        with closing(writer):
+            yield Bag(path, writer, layout, epoch_ns)
+            with library_errors(path):
+                writer.finish()
 
 
 @contextmanager
@@ -124,25 +124,12 @@ def _bag_folder(path: str | os.PathLike[str], storage: str) -> Iterator[Path]:
         os.replace(next(file for file in (folder / name).iterdir() if file.suffix != ".yaml"), temporary)
 
 
-@contextmanager
-def _closed_on_error(writer: BagWriter) -> Iterator[None]:
-    """Close the file if the block fails, as without room."""
-    try:
-        yield
-    except Exception:
-        with suppress(Exception):
-            writer.abort()
-        raise
-
-
 class Bag:
     """Open bag: a function that appends clouds. Topics are made when their first message comes."""
 
     def __init__(self, path: str | os.PathLike[str], writer: BagWriter, layout: str, epoch_ns: int | None) -> None:
-        self._types = MessageTypes()
         self._path, self._writer, self._layout, self._epoch_ns = path, writer, layout, epoch_ns
-        self._topics: dict[str, Topic] = {}
-        self._mountings: dict[str, Any] = {}
+        self._mountings: dict[str, Message] = {}
         self._vehicle_ns: int | None = None
 
     def __call__(self, cloud: Cloud, label: str = "") -> None:
@@ -160,9 +147,8 @@ class Bag:
         else:
             cloud, frame = cloud.in_sensor_frame(), _ros_name(label) or SENSOR_FRAME
         self._append_transforms(cloud, frame, time_ns)
-        rows = structured_rows(cloud, self._layout)
-        points = _points_message(rows, self._types, _header(self._types, time_ns, frame))
-        self._write(topic(POINTS, label), "sensor_msgs/msg/PointCloud2", time_ns, points)
+        points = _points_message(structured_rows(cloud, self._layout), _header(time_ns, frame))
+        self._writer.write(topic(POINTS, label), "sensor_msgs/msg/PointCloud2", time_ns, points)
 
     def append_imu(self, samples: ImuSamples, *, label: str, mounting: Pose) -> None:
         """Append samples of the IMU with this label; ``mounting`` is its pose on the vehicle."""
@@ -176,68 +162,33 @@ class Bag:
             for time_s, angular_velocity, force in rows:
                 time_ns = stamp_ns(time_s, self._epoch_ns or 0)
                 self._append_mounting(mounting, frame, time_ns)
-                message = self._imu(_header(self._types, time_ns, frame), angular_velocity, force, samples.sigmas)
-                self._write(topic(IMU, label), "sensor_msgs/msg/Imu", time_ns, message)
-
-    def _imu(self, header: Any, angular_velocity: Numbers, force: Numbers, sigmas: tuple[float, float]) -> Any:
-        """Message of one sample; a first covariance of -1 says that it has no orientation."""
-        types = self._types
-        vector, identity = types["geometry_msgs/msg/Vector3"], np.eye(3).ravel()
-        return types["sensor_msgs/msg/Imu"](
-            header=header,
-            orientation=types["geometry_msgs/msg/Quaternion"](x=0.0, y=0.0, z=0.0, w=1.0),
-            orientation_covariance=np.array([-1.0, *(0.0,) * 8]),
-            angular_velocity=vector(*angular_velocity.tolist()),
-            angular_velocity_covariance=sigmas[0] ** 2 * identity,
-            linear_acceleration=vector(*force.tolist()),
-            linear_acceleration_covariance=sigmas[1] ** 2 * identity,
-        )
+                message = _imu_message(_header(time_ns, frame), angular_velocity, force, samples.sigmas)
+                self._writer.write(topic(IMU, label), "sensor_msgs/msg/Imu", time_ns, message)
 
     def _append_transforms(self, cloud: Cloud, frame: str, time_ns: int) -> None:
         """Append the vehicle's pose, once for sensors whose frames begin together, and a sensor's place on it."""
-        vehicle, message_type = cloud.vehicle_to_world, "tf2_msgs/msg/TFMessage"
+        vehicle = cloud.vehicle_to_world
         if vehicle is None:
             if cloud.sensor_to_world is not None:  # of a recording, which knows no vehicle
-                message = self._transforms([self._transform(cloud.sensor_to_world, WORLD_FRAME, frame, time_ns)])
-                self._write(TRANSFORMS, message_type, time_ns, message)
+                transform = _transform(cloud.sensor_to_world, WORLD_FRAME, frame, time_ns)
+                self._write_transforms(TRANSFORMS, time_ns, [transform])
             return
         if frame != VEHICLE_FRAME:
             self._append_mounting(cloud.sensors_to_vehicle[0], frame, time_ns)
         if time_ns != self._vehicle_ns:
             self._vehicle_ns = time_ns
-            message = self._transforms([self._transform(vehicle, WORLD_FRAME, VEHICLE_FRAME, time_ns)])
-            self._write(TRANSFORMS, message_type, time_ns, message)
+            transform = _transform(vehicle, WORLD_FRAME, VEHICLE_FRAME, time_ns)
+            self._write_transforms(TRANSFORMS, time_ns, [transform])
 
     def _append_mounting(self, mounting: Pose, frame: str, time_ns: int) -> None:
         """Append the place of a frame on the vehicle, once."""
         if frame not in self._mountings:
-            self._mountings[frame] = self._transform(mounting, VEHICLE_FRAME, frame, time_ns)
+            self._mountings[frame] = _transform(mounting, VEHICLE_FRAME, frame, time_ns)
             # The last message is all that a late subscriber gets: it has every frame so far.
-            message = self._transforms(list(self._mountings.values()))
-            self._write(STATIC_TRANSFORMS, "tf2_msgs/msg/TFMessage", time_ns, message)
+            self._write_transforms(STATIC_TRANSFORMS, time_ns, list(self._mountings.values()), qos=LATCHED)
 
-    def _write(self, topic: str, message_type: str, time_ns: int, message: Any) -> None:
-        if topic not in self._topics:
-            qos = LATCHED if topic == STATIC_TRANSFORMS else ""
-            self._topics[topic] = self._writer.add_topic(topic, message_type, self._types, qos=qos)
-        self._writer.write(self._topics[topic], time_ns, self._types.serialize(message, message_type))
-
-    def _transforms(self, stamped: list[Any]) -> Any:
-        return self._types["tf2_msgs/msg/TFMessage"](transforms=stamped)
-
-    def _transform(self, pose: Pose, parent: str, child: str, time_ns: int) -> Any:
-        """Stamped pose of a frame in its parent."""
-        types = self._types
-        x, y, z = pose.position_m.tolist()
-        qw, qx, qy, qz = quaternion(pose.rotation)
-        return types["geometry_msgs/msg/TransformStamped"](
-            header=_header(self._types, time_ns, parent),
-            child_frame_id=child,
-            transform=types["geometry_msgs/msg/Transform"](
-                translation=types["geometry_msgs/msg/Vector3"](x=x, y=y, z=z),
-                rotation=types["geometry_msgs/msg/Quaternion"](x=qx, y=qy, z=qz, w=qw),
-            ),
-        )
+    def _write_transforms(self, topic: str, time_ns: int, transforms: list[Message], *, qos: str = "") -> None:
+        self._writer.write(topic, "tf2_msgs/msg/TFMessage", time_ns, {"transforms": transforms}, qos=qos)
 
 
 def topic(name: str, label: str) -> str:
@@ -302,25 +253,52 @@ def _driver_value(cloud: Cloud, name: str, dtype: np.dtype[Any]) -> Numbers:
     return np.clip(np.rint(scale * values.astype(np.float64)), limits.min, limits.max).astype(dtype)
 
 
-def _points_message(rows: Numbers, types: MessageTypes, header: Any) -> Any:
+def _points_message(rows: Numbers, header: Message) -> Message:
     fields = [
-        types["sensor_msgs/msg/PointField"](name=name, offset=offset, datatype=_DATATYPES[kind.str[1:]], count=1)
+        {"name": name, "offset": offset, "datatype": _DATATYPES[kind.str[1:]], "count": 1}
         for name, (kind, offset, *_) in (rows.dtype.fields or {}).items()
     ]
-    return types["sensor_msgs/msg/PointCloud2"](
-        header=header,
-        height=1,
-        width=len(rows),
-        fields=fields,
-        is_bigendian=False,
-        point_step=rows.dtype.itemsize,
-        row_step=rows.nbytes,
-        data=np.frombuffer(rows.tobytes(), np.uint8),
-        is_dense=True,
-    )
+    return {
+        "header": header,
+        "height": 1,
+        "width": len(rows),
+        "fields": fields,
+        "is_bigendian": False,
+        "point_step": rows.dtype.itemsize,
+        "row_step": rows.nbytes,
+        "data": rows.tobytes(),
+        "is_dense": True,
+    }
 
 
-def _header(types: MessageTypes, time_ns: int, frame: str) -> Any:
+def _imu_message(header: Message, angular_velocity: Numbers, force: Numbers, sigmas: tuple[float, float]) -> Message:
+    """Message of one sample; a first covariance of -1 says that it has no orientation."""
+    identity = np.eye(3).ravel()
+    return {
+        "header": header,
+        "orientation": {"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0},
+        "orientation_covariance": [-1.0, *(0.0,) * 8],
+        "angular_velocity": _vector(angular_velocity),
+        "angular_velocity_covariance": (sigmas[0] ** 2 * identity).tolist(),
+        "linear_acceleration": _vector(force),
+        "linear_acceleration_covariance": (sigmas[1] ** 2 * identity).tolist(),
+    }
+
+
+def _transform(pose: Pose, parent: str, child: str, time_ns: int) -> Message:
+    """Stamped pose of a frame in its parent."""
+    rotation = dict(zip("wxyz", quaternion(pose.rotation), strict=True))
+    return {
+        "header": _header(time_ns, parent),
+        "child_frame_id": child,
+        "transform": {"translation": _vector(pose.position_m), "rotation": rotation},
+    }
+
+
+def _vector(xyz: Numbers) -> Message:
+    return dict(zip("xyz", xyz.tolist(), strict=True))
+
+
+def _header(time_ns: int, frame: str) -> Message:
     seconds, nanoseconds = divmod(time_ns, 10**9)
-    stamp = types["builtin_interfaces/msg/Time"](sec=seconds, nanosec=nanoseconds)
-    return types["std_msgs/msg/Header"](stamp=stamp, frame_id=frame)
+    return {"stamp": {"sec": seconds, "nanosec": nanoseconds}, "frame_id": frame}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -12,7 +13,6 @@ import numpy as np
 from ..errors import InputError
 from ..formats.cloud_description import input_errors
 from ..formats.packets.layouts import Packet
-from ..formats.ros_messages import MessageTypes
 from ..maths.pose import Pose, rotation_numbers
 from . import hesai_reader, velodyne_reader
 from .bag_files import Bag, Message
@@ -27,34 +27,31 @@ SCANS: dict[str, Callable[..., Recording]] = {
 }
 """Types of messages that hold packets -> their reader."""
 
-DEFINITIONS = {
-    "velodyne_msgs/msg/VelodynePacket": "builtin_interfaces/Time stamp\nuint8[1206] data",
-    "velodyne_msgs/msg/VelodyneScan": "std_msgs/Header header\nvelodyne_msgs/VelodynePacket[] packets",
-    "pandar_msgs/msg/PandarPacket": "builtin_interfaces/Time stamp\nuint8[1500] data\nuint32 size",
-    "pandar_msgs/msg/PandarScan": "std_msgs/Header header\npandar_msgs/PandarPacket[] packets",
-}
-"""Definitions of these messages by the drivers, for bags without definitions."""
-
 _TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"}
 """Types of numpy by the constants of sensor_msgs/PointField."""
 
 
 def open_bag(path: Path, metadata: Path | None) -> Recording:
     """Open the first topic of a lidar; a pose is the last transform of the cloud's frame before it."""
-    types = MessageTypes()
-    for name, text in DEFINITIONS.items():
-        types.add(text, name)
     with input_errors(path, folder=True):
-        bag = Bag(path, types)
+        bag = Bag(path)
+    try:
+        return _recording_of(bag, path, metadata)
+    except BaseException:
+        bag.close()
+        raise
+
+
+def _recording_of(bag: Bag, path: Path, metadata: Path | None) -> Recording:
     topic = next((topic for topic, kind in bag.topics.items() if kind in (POINTS, *SCANS)), None)
     if topic is None:
         topics = ", ".join(f"{topic} ({kind})" for topic, kind in bag.topics.items()) or "none"
-        bag.close()
         raise InputError(f"{path}: must have a topic of PointCloud2 or of Velodyne's or Hesai's packets, got {topics}")
     messages, kind = bag.messages(topic), bag.topics[topic]
     if kind in SCANS:
         maker = kind.partition("_")[0]
-        return SCANS[kind](path, metadata, _Scans(bag, path, messages), name=f"{maker} {path.suffix[1:] or 'bag'}")
+        scans, name = _Scans(bag, path, messages), f"{maker} {path.suffix[1:] or 'bag'}"
+        return replace(SCANS[kind](path, metadata, scans, name=name), close_file=bag.close)
     if metadata is not None:
         raise InputError(f"--metadata {metadata}: goes with recordings of packets, not with PointCloud2")
     with input_errors(path, folder=True):
@@ -98,7 +95,7 @@ def _sweep(message: Any, transforms: Transforms, metadata: dict[str, str]) -> Sw
         }
     )
     rows, columns = message.height, message.width
-    data = np.asarray(message.data, np.uint8)
+    data = np.frombuffer(message.data, np.uint8)
     if len(data) < rows * message.row_step or message.row_step < columns * dtype.itemsize:
         raise ValueError(f"a cloud must have {rows} rows of {message.row_step} bytes, got {len(data)} bytes")
     rows_bytes = data[: rows * message.row_step].reshape(rows, -1)[:, : columns * dtype.itemsize]

@@ -47,6 +47,7 @@ def open_recording(
     else:
         recording = read(file, metadata_file)
     if not recording.count:
+        recording.close_file()
         raise InputError(f"{file}: must have frames of a lidar, got none")
     return recording
 
@@ -60,11 +61,8 @@ def extras_of(path: str | os.PathLike[str], metadata: str | os.PathLike[str] | N
     if suffix in (".osf", ".pcap"):
         description = metadata_of(file, None if metadata is None else Path(metadata))
         return ("ouster",) if description is not None and description.suffix.lower() in (".json", ".osf") else ()
-    if (file / "metadata.yaml").is_file():
-        from .bag_files import bag_files
-
-        suffix = next((path.suffix for path in bag_files(file) if path.suffix != ".db3"), "")
-    return {".mcap": ("ros",), ".zstd": ("ros",), ".las": ("las",), ".laz": ("las",)}.get(suffix, ())
+    is_bag = suffix in (".mcap", ".db3") or (file / "metadata.yaml").is_file()
+    return ("ros",) if is_bag else ("las",) if suffix in (".las", ".laz") else ()
 
 
 def _open_ouster(path: Path, metadata: Path | None) -> Recording:
