@@ -77,7 +77,7 @@ def test_bytes_hash_and_definition_are_those_of_rosbags(library: Any, name: str)
 
 
 def test_metadata_are_read_as_yaml(tmp_path: Path, library: Any) -> None:
-    """Reference: rosbags, which reads a folder by its metadata.yaml, and ruamel.yaml."""
+    """Reference: rosbags, which reads a folder by its metadata.yaml, and PyYAML."""
     need("rosbag2")
     rosbag2, yaml = library("rosbags.rosbag2"), library("yaml")
     write_ros(
