@@ -12,7 +12,7 @@ from helpers.clouds import small_cloud
 from helpers.formats import PLACED, need
 
 from lidarscene.formats.ros import write_ros
-from lidarscene.formats.ros_bag import HASHES, definition, encoder
+from lidarscene.formats.ros_bag import HASHES, decoder, definition, encoder
 
 CLOUD, IMU, TRANSFORMS = "sensor_msgs/msg/PointCloud2", "sensor_msgs/msg/Imu", "tf2_msgs/msg/TFMessage"
 
@@ -68,8 +68,12 @@ def test_bytes_hash_and_definition_are_those_of_rosbags(library: Any, name: str)
     need("mcap")
     typesys = library("rosbags.typesys")
     store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
-    message = store.deserialize_cdr(encoder(name)(MESSAGES[name]), name)
+    data = encoder(name)(MESSAGES[name])
+    message = store.deserialize_cdr(data, name)
     assert fields(message) == MESSAGES[name]
+    assert bytes(store.serialize_cdr(message, name)) == data
+    big_endian = bytes(store.serialize_cdr(message, name, little_endian=False))
+    assert encoder(name)(decoder(name)(big_endian)) == data
     assert HASHES[name] == store.hash_rihs01(name)
     without_constants = lambda parsed: {name: definition[1] for name, definition in parsed.items()}  # noqa: E731
     theirs = typesys.get_types_from_msg(store.generate_msgdef(name, ros_version=2)[0], name)

@@ -14,7 +14,7 @@ from lidarscene.errors import InputError
 from lidarscene.formats.clock import EPOCH, to_ns
 from lidarscene.formats.ros import ros_frames, write_ros
 from lidarscene.formats.ros_bag import definition
-from lidarscene.recordings.bag_files import Bag
+from lidarscene.recordings.bag_files import BagReader
 from lidarscene.recordings.bags import _Scans
 from lidarscene.recordings.opening import open_recording
 
@@ -271,7 +271,7 @@ def test_packets_of_hesais_driver(tmp_path: Path, library: Callable[[str], Any])
         connection = writer.add_connection("/pandar", kind, typestore=store)
         message = store.types[kind](header=header, packets=[packet])
         writer.write(connection, 1, store.serialize_cdr(message, kind))
-    bag = Bag(tmp_path / "bag")
+    bag = BagReader(tmp_path / "bag")
     (stored_packet,) = _Scans(bag, tmp_path / "bag", bag.messages("/pandar"))[0]
     bag.close()
     assert (stored_packet.time_s, stored_packet.payload) == (9.125, payload)

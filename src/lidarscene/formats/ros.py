@@ -27,7 +27,7 @@ from ..sensor.imu import ImuSamples
 from .clock import default_epoch_ns, stamp_ns
 from .cloud_columns import Cloud, frame_starts_s, sensor_positions_m
 from .cloud_description import description, library_errors
-from .ros_bag import LATCHED, BagWriter
+from .ros_bag import LATCHED, BagWriter, MessageFields
 
 POINTS, IMU, TRANSFORMS, STATIC_TRANSFORMS = "points", "imu", "/tf", "/tf_static"
 SENSOR_FRAME, VEHICLE_FRAME, WORLD_FRAME = "lidar", "base_link", "map"
@@ -68,9 +68,6 @@ _REPLACED = {"velodyne": ("channel",), "ouster": ("channel", "time")}
 
 _DATATYPES = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8": 8}
 """Constants of sensor_msgs/PointField."""
-
-Message = dict[str, Any]
-"""Fields of a message by name."""
 
 
 def write_ros(
@@ -129,7 +126,7 @@ class Bag:
 
     def __init__(self, path: str | os.PathLike[str], writer: BagWriter, layout: str, epoch_ns: int | None) -> None:
         self._path, self._writer, self._layout, self._epoch_ns = path, writer, layout, epoch_ns
-        self._mountings: dict[str, Message] = {}
+        self._mountings: dict[str, MessageFields] = {}
         self._vehicle_ns: int | None = None
 
     def __call__(self, cloud: Cloud, label: str = "") -> None:
@@ -187,7 +184,7 @@ class Bag:
             # The last message is all that a late subscriber gets: it has every frame so far.
             self._write_transforms(STATIC_TRANSFORMS, time_ns, list(self._mountings.values()), qos=LATCHED)
 
-    def _write_transforms(self, topic: str, time_ns: int, transforms: list[Message], *, qos: str = "") -> None:
+    def _write_transforms(self, topic: str, time_ns: int, transforms: list[MessageFields], *, qos: str = "") -> None:
         self._writer.write(topic, "tf2_msgs/msg/TFMessage", time_ns, {"transforms": transforms}, qos=qos)
 
 
@@ -253,7 +250,7 @@ def _driver_value(cloud: Cloud, name: str, dtype: np.dtype[Any]) -> Numbers:
     return np.clip(np.rint(scale * values.astype(np.float64)), limits.min, limits.max).astype(dtype)
 
 
-def _points_message(rows: Numbers, header: Message) -> Message:
+def _points_message(rows: Numbers, header: MessageFields) -> MessageFields:
     fields = [
         {"name": name, "offset": offset, "datatype": _DATATYPES[kind.str[1:]], "count": 1}
         for name, (kind, offset, *_) in (rows.dtype.fields or {}).items()
@@ -271,7 +268,9 @@ def _points_message(rows: Numbers, header: Message) -> Message:
     }
 
 
-def _imu_message(header: Message, angular_velocity: Numbers, force: Numbers, sigmas: tuple[float, float]) -> Message:
+def _imu_message(
+    header: MessageFields, angular_velocity: Numbers, force: Numbers, sigmas: tuple[float, float]
+) -> MessageFields:
     """Message of one sample; a first covariance of -1 says that it has no orientation."""
     identity = np.eye(3).ravel()
     return {
@@ -285,7 +284,7 @@ def _imu_message(header: Message, angular_velocity: Numbers, force: Numbers, sig
     }
 
 
-def _transform(pose: Pose, parent: str, child: str, time_ns: int) -> Message:
+def _transform(pose: Pose, parent: str, child: str, time_ns: int) -> MessageFields:
     """Stamped pose of a frame in its parent."""
     rotation = dict(zip("wxyz", quaternion(pose.rotation), strict=True))
     return {
@@ -295,10 +294,10 @@ def _transform(pose: Pose, parent: str, child: str, time_ns: int) -> Message:
     }
 
 
-def _vector(xyz: Numbers) -> Message:
+def _vector(xyz: Numbers) -> MessageFields:
     return dict(zip("xyz", xyz.tolist(), strict=True))
 
 
-def _header(time_ns: int, frame: str) -> Message:
+def _header(time_ns: int, frame: str) -> MessageFields:
     seconds, nanoseconds = divmod(time_ns, 10**9)
     return {"stamp": {"sec": seconds, "nanosec": nanoseconds}, "frame_id": frame}

@@ -56,22 +56,22 @@ VERSION = 8
 """Version of rosbag2's metadata."""
 
 _FOREVER = {"sec": 9223372036, "nsec": 854775807}
-LATCHED = json.dumps(
-    [
-        {
-            "history": 1,  # keep last
-            "depth": 1,
-            "reliability": 1,  # reliable
-            "durability": 1,  # transient local
-            "deadline": _FOREVER,
-            "lifespan": _FOREVER,
-            "liveliness": 1,  # automatic
-            "liveliness_lease_duration": _FOREVER,
-            "avoid_ros_namespace_conventions": False,
-        }
-    ]
-)
+_LATCHED = {
+    "history": 1,  # keep last
+    "depth": 1,
+    "reliability": 1,  # reliable
+    "durability": 1,  # transient local
+    "deadline": _FOREVER,
+    "lifespan": _FOREVER,
+    "liveliness": 1,  # automatic
+    "liveliness_lease_duration": _FOREVER,
+    "avoid_ros_namespace_conventions": False,
+}
+LATCHED = json.dumps([_LATCHED])
 """Quality of service of a topic whose last message is kept for those who subscribe later; JSON is YAML."""
+
+MessageFields = dict[str, Any]
+"""Message to write: values by field, messages in it as such dictionaries, uint8[] as bytes, other arrays as lists."""
 
 _TABLES = """
 CREATE TABLE schema(schema_version INTEGER PRIMARY KEY, ros_distro TEXT NOT NULL);
@@ -97,25 +97,24 @@ def definition(message_type: str) -> str:
     return f"\n{'=' * 80}\n".join(texts)
 
 
-def encoder(message_type: str) -> Callable[[dict[str, Any]], bytes]:
-    """Return the function from a message, a dictionary of its fields, to its bytes (CDR)."""
+Encoder = Callable[[MessageFields], bytes]
+
+
+def encoder(message_type: str) -> Encoder:
+    """Return the function from a message to its bytes (CDR)."""
     # Private there: the library's own writer has no SQLite, and no quality of service.
     dynamic = import_optional("mcap_ros2._dynamic", extra="ros")
-    encode: Callable[[dict[str, Any]], bytes] = dynamic.serialize_dynamic(message_type, definition(message_type))[
-        message_type
-    ]
-    return encode
+    encoders: dict[str, Encoder] = dynamic.serialize_dynamic(message_type, definition(message_type))
+    return encoders[message_type]
 
 
 @cache
 def decoder(message_type: str) -> Callable[[bytes], Any]:
     """Return the function from the bytes of a message to an object with its fields; those of uint8[] are bytes."""
-    schema = import_optional("mcap.records", extra="ros").Schema(
-        id=1, name=message_type, encoding="ros2msg", data=definition(message_type).encode()
-    )
-    decode: Callable[[bytes], Any] = (
-        import_optional("mcap_ros2.decoder", extra="ros").DecoderFactory().decoder_for("cdr", schema)
-    )
+    schema_type = import_optional("mcap.records", extra="ros").Schema
+    schema = schema_type(id=1, name=message_type, encoding="ros2msg", data=definition(message_type).encode())
+    factory = import_optional("mcap_ros2.decoder", extra="ros").DecoderFactory()
+    decode: Callable[[bytes], Any] = factory.decoder_for("cdr", schema)
     return decode
 
 
@@ -196,7 +195,7 @@ class _Topic:
 
     id: int
     metadata: dict[str, str]
-    encode: Callable[[dict[str, Any]], bytes]
+    encode: Encoder
     count: int = 0
 
 
@@ -215,9 +214,7 @@ class BagWriter:
         self._first_ns, self._last_ns = (1 << 63) - 1, 0
         self.custom_data: dict[str, str] = {}
 
-    def write(
-        self, topic_name: str, message_type: str, time_ns: int, message: dict[str, Any], *, qos: str = ""
-    ) -> None:
+    def write(self, topic_name: str, message_type: str, time_ns: int, message: MessageFields, *, qos: str = "") -> None:
         """Append a message; ``qos`` is the quality of service of its topic as YAML, "" for the default."""
         if topic_name not in self._topics:
             metadata = {

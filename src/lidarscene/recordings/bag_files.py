@@ -35,7 +35,7 @@ class Message(NamedTuple):
     read: Callable[[], bytes]
 
 
-class Bag:
+class BagReader:
     """Open bag: ``topics`` has the type of each topic. Raises whatever a damaged file causes."""
 
     def __init__(self, path: Path) -> None:

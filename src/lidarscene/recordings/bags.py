@@ -15,7 +15,7 @@ from ..formats.cloud_description import input_errors
 from ..formats.packets.layouts import Packet
 from ..maths.pose import Pose, rotation_numbers
 from . import hesai_reader, velodyne_reader
-from .bag_files import Bag, Message
+from .bag_files import BagReader, Message
 from .recording import Recording
 from .sweep import Sweep
 from .sweep_from_columns import sweep_of
@@ -34,7 +34,7 @@ _TYPES = {1: "i1", 2: "u1", 3: "i2", 4: "u2", 5: "i4", 6: "u4", 7: "f4", 8: "f8"
 def open_bag(path: Path, metadata: Path | None) -> Recording:
     """Open the first topic of a lidar; a pose is the last transform of the cloud's frame before it."""
     with input_errors(path, folder=True):
-        bag = Bag(path)
+        bag = BagReader(path)
     try:
         return _recording_of(bag, path, metadata)
     except BaseException:
@@ -42,7 +42,7 @@ def open_bag(path: Path, metadata: Path | None) -> Recording:
         raise
 
 
-def _recording_of(bag: Bag, path: Path, metadata: Path | None) -> Recording:
+def _recording_of(bag: BagReader, path: Path, metadata: Path | None) -> Recording:
     topic = next((topic for topic, kind in bag.topics.items() if kind in (POINTS, *SCANS)), None)
     if topic is None:
         topics = ", ".join(f"{topic} ({kind})" for topic, kind in bag.topics.items()) or "none"
@@ -68,7 +68,7 @@ def _recording_of(bag: Bag, path: Path, metadata: Path | None) -> Recording:
 class _Scans(Sequence[list[Packet]]):
     """Packets of each message, read when it is indexed."""
 
-    def __init__(self, bag: Bag, path: Path, messages: Sequence[Message]) -> None:
+    def __init__(self, bag: BagReader, path: Path, messages: Sequence[Message]) -> None:
         self._bag, self._path, self._messages = bag, path, messages
 
     def __len__(self) -> int:
@@ -127,7 +127,7 @@ def _pose_at(transforms: Transforms, frame: str, time_s: float) -> Pose | None:
     return pose
 
 
-def _transforms(bag: Bag) -> Transforms:
+def _transforms(bag: BagReader) -> Transforms:
     """Transforms of all frames, those of `/tf_static` for all times."""
     transforms: Transforms = {}
     topics = [topic for topic, kind in bag.topics.items() if kind == TRANSFORMS]
