@@ -96,6 +96,25 @@ def test_mistakes_in_one_line(tmp_path: Path, text: str, message: str) -> None:
     assert "\n" not in str(caught.value)
 
 
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ('bodies = ["x"]', r'bodies\[0\]: must be a table, got "x"'),
+        ("bodies = 3", r"bodies: must be a list, got 3"),
+        ('bodies = [{ name = ["x"] }]', r'bodies\[0\]\.name: must be text, got \["x"\]'),
+        ('bodies = [{ name = "x", instances = 3 }]', r"bodies\[0\]\.instances: must be a list, got 3"),
+        ("without = 3", r"without: must be a list, got 3"),
+        ('without = [["x"]]', r'without\[0\]: must be text, got \["x"\]'),
+        ("sensor = 3", r"sensor: must be a table, got 3"),
+    ],
+)
+def test_lists_of_something_else_are_named_with_their_file(tmp_path: Path, text: str, message: str) -> None:
+    (tmp_path / "below.toml").write_text(text)
+    for own, file in (('extends = "below.toml"\n', "below"), (text, "mine")):
+        with pytest.raises(InputError, match=rf"{file}\.toml: {message}\Z"):
+            scene_of(tmp_path, own)
+
+
 def test_the_own_van_rides(tmp_path: Path) -> None:
     """`ego.mesh` takes the place, the name and the class of the car that rides, with one material where it has none."""
     van(tmp_path)

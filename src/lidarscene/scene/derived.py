@@ -61,10 +61,10 @@ def extended(tables: Tables, path: Path, find: Callable[[str | Path], Path]) -> 
     files become absolute.
 
     find  gives the file of a scene's name or path
-    Raises InputError for a file that extends itself, or a body in ``without`` that is not there.
+    Raises InputError for a file that extends itself, a body in ``without`` that is not there, or lists that are none.
     """
     chain = [path.absolute()]
-    layers = [tables]
+    layers = [_checked(tables, path)]
     while "extends" in layers[-1]:
         name = layers[-1]["extends"]
         if not isinstance(name, str) or len(chain) > DEEPEST:
@@ -75,7 +75,7 @@ def extended(tables: Tables, path: Path, find: Callable[[str | Path], Path]) -> 
         if base.suffix != ".toml":
             raise InputError(f"{chain[-1]}: extends: must be a TOML scene file, got {base.name}")
         chain.append(base)
-        layers.append(_with_absolute_paths(read_toml(base), base.parent))
+        layers.append(_with_absolute_paths(_checked(read_toml(base), base), base.parent))
     result: Tables = {}
     for file, layer in zip(reversed(chain), reversed(layers), strict=True):
         result = merged(result, layer)
@@ -86,6 +86,28 @@ def extended(tables: Tables, path: Path, find: Callable[[str | Path], Path]) -> 
         if without:
             result["bodies"] = [body for body in result["bodies"] if body.get("name") not in without]
     return result
+
+
+def _checked(tables: Tables, file: Path) -> Tables:
+    """Return the tables of a file, whose lists can be joined with those of others. Raises InputError.
+
+    Everything else is checked when all files are joined.
+    """
+
+    def check(key: str, value: object, kind: type, expected: str) -> None:
+        if not isinstance(value, kind):
+            raise InputError(f"{file}: {key}: must be {expected}, got {toml_text(value)}")
+
+    for key, kind, expected in (("bodies", dict, "a table"), ("without", str, "text")):
+        items = tables.get(key, [])
+        check(key, items, list, "a list")
+        for number, item in enumerate(items):
+            check(f"{key}[{number}]", item, kind, expected)
+    for number, body in enumerate(tables.get("bodies", ())):
+        check(f"bodies[{number}].name", body.get("name", ""), str, "text")
+        check(f"bodies[{number}].instances", body.get("instances", []), list, "a list")
+    check("sensor", tables.get("sensor", {}), dict, "a table")
+    return tables
 
 
 def files_extended(path: Path, find: Callable[[str | Path], Path]) -> Iterator[Path]:
