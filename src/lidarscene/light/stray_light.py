@@ -214,7 +214,7 @@ def add_stray_light(train: EchoTrain, light: ChannelLight, crosstalk: Crosstalk,
             range_m = ops.where(higher, ops.take(light.range_m, source), state.range_m)
             return range_m, ops.where(higher, power_w, state.power_w)
 
-        # The lanes of a packet have the same source, most of which are faint.
+        # All lanes of a packet have the same source, and most sources are faint.
         range_m, power_w = ops.where_any(source_w > crosstalk.faint_w, compare, (state.range_m, state.power_w))
         return _Brightest(number=state.number + 1, range_m=range_m, power_w=power_w)
 

@@ -26,3 +26,9 @@ def test_counts_have_the_binomial_distribution(trials, share):
 def test_no_trials_no_counts():
     assert not draws.binomial_count(trials=0.0, probability=0.3, uniform=UNIFORM).any()
     assert not draws.binomial_count(trials=50.0, probability=0.0, uniform=UNIFORM).any()
+
+
+def test_less_than_one_trial_counts_as_often_as_it_should():
+    """The mean number of the trials that are left need not be whole: below one, none counts with (1 - p)^N."""
+    counts = draws.binomial_count(trials=0.5, probability=0.75, uniform=UNIFORM)
+    assert (counts == 0.0).mean() == pytest.approx(0.5, abs=1e-5)

@@ -37,10 +37,9 @@ def binomial_count(*, trials: Lanes, probability: Lanes, uniform: Lanes) -> Lane
     ops = xp(trials, probability, uniform)
     p = ops.minimum(ops.maximum(probability, 0.0), 1.0 - 1e-6)
     few = trials * p < _FEW
-    # (1 - p)^N >= 1 - N p: below that the count is 0. In the dark most packets are done by this alone.
-    small: Lanes = ops.where_any(
-        few & (uniform > 1.0 - trials * p), lambda: _small_count(trials, p, uniform), 0.0 * uniform
-    )
+    # (1 - p)^N >= 1 - N p for N >= 1, and up to that the count is 0: many packets in the dark need no more.
+    may_count = few & (uniform > 1.0 - ops.maximum(trials, 1.0) * p)
+    small: Lanes = ops.where_any(may_count, lambda: _small_count(trials, p, uniform), 0.0 * uniform)
     return ops.where_any(~few, lambda: _large_count(trials, p, uniform), small)
 
 
