@@ -10,6 +10,7 @@ import json
 import re
 import sqlite3
 from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -131,9 +132,12 @@ class _McapFile:
     def __init__(self, path: Path) -> None:
         mcap = import_optional("mcap.writer", extra="ros")
         self._file = open(path, "xb")  # noqa: SIM115
-        self._writer = mcap.Writer(self._file, compression=mcap.CompressionType.NONE)
-        self._writer.start(profile="ros2", library=f"lidarscene-{__version__}")
         self._schemas: dict[str, int] = {}
+        with ExitStack() as on_error:
+            on_error.callback(self._file.close)
+            self._writer = mcap.Writer(self._file, compression=mcap.CompressionType.NONE)
+            self._writer.start(profile="ros2", library=f"lidarscene-{__version__}")
+            on_error.pop_all()
 
     def add_topic(self, topic: dict[str, str]) -> int:
         kind, metadata = topic["type"], {"offered_qos_profiles": topic["offered_qos_profiles"]}
@@ -157,8 +161,11 @@ class _SqliteFile:
 
     def __init__(self, path: Path) -> None:
         self._connection = sqlite3.connect(path)
-        self._connection.executescript(_TABLES)
         self._types: set[str] = set()
+        with ExitStack() as on_error:  # as without room
+            on_error.callback(self._connection.close)
+            self._connection.executescript(_TABLES)
+            on_error.pop_all()
 
     def add_topic(self, topic: dict[str, str]) -> int:
         kind = topic["type"]
