@@ -8,7 +8,6 @@ from __future__ import annotations
 import argparse
 import contextlib
 import os
-import re
 import sys
 import threading
 import webbrowser
@@ -17,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
+from ..files.inputs import by_numbers
 from ..rendering.option_fields import Whole
 from ..rendering.render_options import FrameOptions
 from .options import CommandOptions, add_options, flag_of, options_from
@@ -163,17 +163,12 @@ def list_clouds(paths: Sequence[Path]) -> list[Path]:
         if not inside:
             expected = ", ".join(sorted(suffixes))
             raise InputError(f"{path}: must hold files that end in {expected}, got none")
-        files += sorted(inside, key=lambda file: (_by_numbers(file.parent), _by_numbers(file)))
+        files += sorted(inside, key=lambda file: (by_numbers(file.parent), by_numbers(file)))
     return files
 
 
 def _clouds_in(files: Iterable[Path], suffixes: Set[str]) -> list[Path]:
     return [file for file in files if file.suffix.lower() in suffixes and file.name[0] != "." and file.is_file()]
-
-
-def _by_numbers(path: Path) -> list[tuple[int, str]]:
-    """Key that sorts frame_9 before frame_10."""
-    return [(int(word), "") if word.isdecimal() else (-1, word) for word in re.split(r"(\d+)", path.name)]
 
 
 def _check_save(path: Path) -> None:

@@ -1,15 +1,18 @@
-"""Checks of files before they are read: refuse devices, pipes, and archives that unpack to far more than their size.
+"""Input files: their order in a folder, and checks before they are read.
 
-A pipe blocks until another process writes into it, /dev/zero has no end, and an archive of 6 MB may hold 6 GB. No user
-means one of these, and each would stop the program without a message.
+Devices, pipes, and archives that unpack to far more than their size are refused. A pipe blocks until another process
+writes into it, /dev/zero has no end, and an archive of 6 MB may hold 6 GB. No user means one of these, and each would
+stop the program without a message.
 """
 
 from __future__ import annotations
 
 import errno
 import os
+import re
 import stat
 import zipfile
+from pathlib import Path
 from typing import IO
 
 from ..errors import InputError
@@ -24,6 +27,11 @@ FREE_UNPACKED = 1 << 27
 """Bytes that may be unpacked at any ratio, since 128 MiB do no harm, nor do a few copies of them."""
 
 NOT_THERE = (errno.ENOENT, errno.ENOTDIR, errno.ENAMETOOLONG)
+
+
+def by_numbers(path: Path) -> list[tuple[int, str]]:
+    """Return the key of a file's name that sorts frame_9 before frame_10."""
+    return [(int(word), "") if word.isdecimal() else (-1, word) for word in re.split(r"(\d+)", path.name)]
 
 
 def require_file(path: str | os.PathLike[str], kind: str = "a file", *, largest: int | None = None) -> None:

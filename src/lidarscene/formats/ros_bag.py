@@ -162,7 +162,7 @@ class _SqliteFile:
     def __init__(self, path: Path) -> None:
         self._connection = sqlite3.connect(path)
         self._types: set[str] = set()
-        with ExitStack() as on_error:  # as without room
+        with ExitStack() as on_error:  # the disk may be full
             on_error.callback(self._connection.close)
             self._connection.executescript(_TABLES)
             on_error.pop_all()

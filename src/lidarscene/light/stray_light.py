@@ -23,8 +23,8 @@ NEGLIGIBLE = 0.1
 """Share of the least power that a detector finds in the dark: a scan line with less stray light than that has none."""
 
 FAINT = 0.1
-"""Power of an echo over that of one which gives its scan line stray light, up to which it adds none to that of others:
-all such echoes together give a channel less than a hundredth of the least power that it finds in the dark."""
+"""Share of the power from which on an echo gives its scan line stray light. Echoes of less than this share add nothing:
+all of them together give a channel less than a hundredth of the least power that it finds in the dark."""
 
 UNSEEN = 1e-6
 """Share of that power below which stray light is none: in single precision its shape could not be computed."""

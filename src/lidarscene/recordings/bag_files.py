@@ -7,7 +7,6 @@ the definitions of its messages: those that are read here are the same everywher
 from __future__ import annotations
 
 import os
-import re
 import sqlite3
 import tempfile
 from collections.abc import Callable
@@ -17,6 +16,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 from urllib.parse import quote
 
+from ..files.inputs import by_numbers
 from ..files.optional import import_optional
 from ..formats.ros_bag import decoder
 
@@ -133,7 +133,4 @@ class BagReader:
 
 def _bag_files(folder: Path) -> list[Path]:
     """Files of a bag's folder, by the numbers in their names."""
-    paths = [path for path in folder.iterdir() if path.name.endswith(SUFFIXES)]
-    return sorted(
-        paths, key=lambda path: [int(part) if part.isdigit() else part for part in re.split(r"(\d+)", path.name)]
-    )
+    return sorted((path for path in folder.iterdir() if path.name.endswith(SUFFIXES)), key=by_numbers)

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 
 from ..errors import InputError
+from ..files.inputs import by_numbers
 from ..formats.cloud_description import input_errors
 from ..formats.las import las_columns
 from ..formats.pcd import pcd_columns
@@ -62,7 +62,7 @@ def open_cloud(path: Path, metadata: Path | None) -> Recording:
     """Open one file, or a folder of them in the order of the numbers in their names. Raises InputError."""
     if metadata is not None:
         raise InputError(f"--metadata {metadata}: goes with recordings of packets, not with {path.name}")
-    files = [path] if path.is_file() else sorted(filter(suffix_of, path.iterdir()), key=_sort_key)
+    files = [path] if path.is_file() else sorted(filter(suffix_of, path.iterdir()), key=by_numbers)
     if not files:
         raise InputError(f"{path}: must hold files that end in {', '.join(CLOUDS)}, got none")
     recording_metadata = {"format": CLOUDS[str(suffix_of(files[0]))][0], "sensor": "", "frame": "0"}
@@ -78,8 +78,3 @@ def open_cloud(path: Path, metadata: Path | None) -> Recording:
         return sweep
 
     return Recording(path=path, count=len(files), read=read, metadata=recording_metadata)
-
-
-def _sort_key(path: Path) -> list[tuple[int, str]]:
-    """Sort key that puts frame_9 before frame_10."""
-    return [(int(word), "") if word.isdecimal() else (-1, word) for word in re.split(r"(\d+)", path.name)]

@@ -61,7 +61,8 @@ def extended(tables: Tables, path: Path, find: Callable[[str | Path], Path]) -> 
     files become absolute.
 
     find  gives the file of a scene's name or path
-    Raises InputError for a file that extends itself, a body in ``without`` that is not there, or lists that are none.
+    Raises InputError for a file that extends itself, a body in ``without`` that is not there, or another value in the
+    place of a list.
     """
     chain = [path.absolute()]
     layers = [_checked(tables, path)]
