@@ -5,7 +5,6 @@ import json
 import socket
 import threading
 from collections.abc import Iterator
-from concurrent.futures import Future
 
 import pytest
 from helpers.waiting import PATIENCE_S, wait_until
@@ -34,26 +33,13 @@ class Nothing:
         return json.dumps(dict(settings)).encode()
 
 
-class End(BaseException):
-    """Ends the serving thread, as Ctrl-C does."""
-
-
-def _end() -> bytes:
-    raise End
-
-
 @contextlib.contextmanager
 def running_server() -> Iterator[Server]:
     with Server(0) as server:
-
-        def serve() -> None:
-            with contextlib.suppress(End):
-                server.serve(Nothing())
-
-        thread = threading.Thread(target=serve)
+        thread = threading.Thread(target=server.serve, args=(Nothing(),))
         thread.start()
         yield server
-        server.jobs.put((_end, Future()))
+        server.shutdown()
         thread.join()
 
 
@@ -196,15 +182,22 @@ def test_connections_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
     with Server(0) as server:
         threading.Thread(target=server.serve_forever, daemon=True).start()
         server.source = Nothing()
+        answered, arrived = threading.Semaphore(0), []
+
+        def held_job(job: serve.Job) -> bytes:
+            arrived.append(job)
+            answered.acquire()
+            return job()
+
+        monkeypatch.setattr(server, "run_job", held_job)
         page = f"GET /stage HTTP/1.1\r\nHost: {HOST}:{server.server_port}\r\nConnection: close\r\n\r\n".encode()
         held = [socket.create_connection((HOST, server.server_port)) for _ in range(3)]
         for connection in held:
-            connection.sendall(page)  # nobody runs its job, so it is being answered
-        wait_until(lambda: server.jobs.qsize() == 3)
+            connection.sendall(page)  # its job is not run, so it is being answered
+        wait_until(lambda: len(arrived) == 3)
         request = page.replace(b"/stage", b"/none")
         assert status(answer_to(server, request)) == 503
-        for _ in held:
-            server._do(*server.jobs.get())
+        answered.release(3)
         wait_until(lambda: status(answer_to(server, request)) == 404)
         for connection in held:
             connection.close()

@@ -2,18 +2,17 @@
 
 from __future__ import annotations
 
-import functools
 import signal
 import time
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
 from .._version import __version__
 from ..errors import InputError, LidarSceneError, shorten
 from ..kernel.device import blocks
+from ..kernel.device.gate import exclusive
 from ..maths.trajectory import pose_at
 from ..outputs import run_report
 from ..rendering.frame import sensor_motion
@@ -45,7 +44,7 @@ def render_frames(
     """
     since = time.monotonic()
     store, thread_count = Store(Path(folder)), threads or _threads_of_worker()
-    causes = [_thread().submit(_try_render, task, store, thread_count, claiming).result() for task in tasks]
+    causes = [_try_render(task, store, thread_count, claiming) for task in tasks]
     return causes, time.monotonic() - since
 
 
@@ -54,18 +53,13 @@ def dask_setup(_: Any) -> None:
     signal.signal(signal.SIGINT, signal.SIG_IGN)
 
 
-@functools.cache
-def _thread() -> ThreadPoolExecutor:
-    """Single rendering thread of this process: Mitsuba's variant is set for it alone, and frames do not overlap."""
-    return ThreadPoolExecutor(1, thread_name_prefix="lidarscene")
-
-
 def _threads_of_worker() -> int:
     from distributed import get_worker
 
     return int(get_worker().state.nthreads)
 
 
+@exclusive
 def _try_render(task: FrameTask | DriveTask, store: Store, threads: int, claiming: bool = True) -> str:
     """Render one frame; any failure becomes one line of text, so that the other frames go on."""
     try:

@@ -13,6 +13,7 @@ from typing import Any
 
 from ..kernel.device import backend
 from ..kernel.device.backend import BackendReport
+from ..kernel.device.gate import exclusive
 
 PACKAGES = (
     "lidarscene",
@@ -62,6 +63,7 @@ class Findings:
         return {**entries, "error": self.error or None, "can_trace_rays": self.healthy}
 
 
+@exclusive
 def examine() -> Findings:
     """Examine this machine. Works with a broken back end."""
     settings = {name: os.environ[name] for name in SETTINGS if name in os.environ}

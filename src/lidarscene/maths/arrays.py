@@ -9,11 +9,12 @@ from __future__ import annotations
 
 import dataclasses
 import sys
+from collections import deque
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, cast
-from weakref import WeakKeyDictionary
+from weakref import WeakKeyDictionary, finalize
 
 import numpy as np
 
@@ -266,7 +267,9 @@ class DrjitOps:
 
     def upload(self, table: LookupTable, kind: Any) -> Any:
         """Values of a table on the device, as an array of this kind; uploaded once."""
-        uploaded = self._uploaded.setdefault(table, {})
+        if (uploaded := self._uploaded.get(table)) is None:
+            uploaded = self._uploaded[table] = {}
+            retire_with(table, uploaded)
         if kind not in uploaded:
             uploaded[kind] = kind(table.values.ravel().astype(np.float32))
         array = uploaded[kind]
@@ -379,6 +382,15 @@ class LookupTable:
         """All entries of one row of a table with two axes."""
         ops, columns = xp(row), self.values.shape[1]
         return tuple(ops.take(self, row * columns + column) for column in range(columns))
+
+
+retired: deque[object] = deque()
+"""Device arrays and scenes whose owners have gone. Their last reference: `kernel.device.gate` frees them in time."""
+
+
+def retire_with(owner: object, *things: object, then: Callable[[object], None] = retired.append) -> None:
+    """Keep things of the device until their owner goes, and hand them to ``then``: it may go while Dr.Jit records."""
+    finalize(owner, then, things).atexit = False
 
 
 NUMPY = NumpyOps()

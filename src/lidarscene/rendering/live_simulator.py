@@ -21,6 +21,7 @@ import numpy as np
 
 from ..cloud.point_cloud import PointCloud
 from ..errors import InputError, OptionWarning
+from ..kernel.device.gate import exclusive
 from ..maths.pose import Pose
 from ..maths.trajectory import ALWAYS, LARGEST_STEP_RAD, Course, HeldAtEnds, Motion, Riding, Spline
 from ..scene.clearance import Clearance
@@ -87,6 +88,7 @@ class LiveSimulator(Simulator):
         self._tracks: dict[str | None, Track] = {}  # None is the ego vehicle
         self._now_s, self._rendered = -math.inf, 0
 
+    @exclusive
     def place(self, name: str, pose: Placed, **motion: Unpack[MotionKeywords]) -> None:
         """Place a body at this pose in the world from the next frame on, at rest or with a ``motion`` from there.
 
@@ -97,12 +99,14 @@ class LiveSimulator(Simulator):
         self._tracks.pop(name, None)
         self._change({name: course})
 
+    @exclusive
     def move_ego(self, pose: Placed, **motion: Unpack[MotionKeywords]) -> None:
         """Place the ego vehicle, with the sensor and all that is fixed to it, at this pose from the next frame on."""
         course = _course("ego", pose, motion)
         self._tracks.pop(None, None)
         self._change({None: course})
 
+    @exclusive
     def add(self, name: str, pose: Placed, **motion: Unpack[MotionKeywords]) -> str:
         """Add a spare copy of a body at a pose, as `place` does, and return the copy's name.
 
@@ -121,12 +125,14 @@ class LiveSimulator(Simulator):
         self._change({free: _course(f"'{name}'", pose, motion)}, absence={free: False})
         return free
 
+    @exclusive
     def remove(self, name: str) -> None:
         """Remove a body from the next frame on. `add` brings it back if it has spares, or is one."""
         self._require(name)
         self._tracks.pop(name, None)
         self._change({}, absence={name: True})
 
+    @exclusive
     def advance(
         self,
         to_s: float,
@@ -175,7 +181,7 @@ class LiveSimulator(Simulator):
             try:
                 clouds.append(self.render(replace(frame_options, number=number)))
             except InputError as error:
-                warnings.warn(OptionWarning("advance: frame {0} is left out: {1}", number, error), stacklevel=2)
+                warnings.warn(OptionWarning("advance: frame {0} is left out: {1}", number, error), stacklevel=3)
         for track in self._tracks.values():
             track.forget(next_start_s)
         return clouds

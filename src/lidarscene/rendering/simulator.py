@@ -21,6 +21,7 @@ from ..detection.sampled_waveforms import Waveforms, check_pulses, sample_wavefo
 from ..errors import InputError
 from ..formats.cloud_columns import SENSOR_TO_VEHICLE, SENSOR_TO_WORLD
 from ..kernel.device import blocks, transfer
+from ..kernel.device.gate import exclusive
 from ..kernel.device.types import DeviceArray
 from ..kernel.rays import kept_lanes
 from ..kernel.rays import point_columns as collect
@@ -90,6 +91,7 @@ class Simulator:
     _takes_turns = True
     """Whether bodies that hide may share a place among the movers (`build_world`)."""
 
+    @exclusive
     def __init__(
         self,
         scene: str | os.PathLike[str] | Scene,
@@ -147,6 +149,7 @@ class Simulator:
         self._stages = Stages.from_scene(self.scene, self.sensor, self.world, self.trace)
         self._chain = Chain(self._stages)
 
+    @exclusive
     def share_paths(self, traced: TracedPaths) -> None:
         """Read the paths of the next frame from ``traced``, or trace them into it: see there for what may differ.
 
@@ -175,6 +178,7 @@ class Simulator:
             start_s = begin_s + scanner_s
             self._check_clearance(pose_at(self.motion, start_s), start_s)
 
+    @exclusive
     def begin(self, frame: FrameOptions) -> None:
         """Start the first chunk of the frame that is rendered next, so that the device has it when its turn comes.
 
@@ -188,6 +192,7 @@ class Simulator:
         except InputError:
             self._begun = None
 
+    @exclusive
     def render(
         self,
         frame: FrameOptions | None = None,
@@ -217,6 +222,7 @@ class Simulator:
         summary.add_time("assemble", since)
         return cloud
 
+    @exclusive
     def stream(
         self,
         sink: Callable[[PointCloud], None],
@@ -245,16 +251,19 @@ class Simulator:
         if empty:
             sink(PointCloud(**CloudBuilder(vectors=self.trace.vectors).fields(**description)))
 
+    @exclusive
     def empty(self, frame: FrameOptions | None = None, **options: Unpack[FrameKeywords]) -> PointCloud:
         """Cloud of `render` without its points: names and metadata, available before anything is traced."""
         frame_options, _ = _resolve_options(frame, None, options)
         description = self._description(self._frame(frame_options), frame_options)
         return PointCloud(**CloudBuilder(vectors=self.trace.vectors).fields(**description))
 
+    @exclusive
     def start_s(self, frame: FrameOptions) -> float:
         """Time at which a frame begins, by the clock of the scene's motions [s]."""
         return self._frame(frame).start_s
 
+    @exclusive
     def to_world(self, frame: FrameOptions) -> Pose:
         """Pose in the world, as the frame begins, of the coordinates of its points."""
         current_frame = self._frame(frame)
@@ -395,6 +404,7 @@ class Simulator:
         transfer.wait()
         return replace(traced, retraced=retraced, twice=several is not lanes)
 
+    @exclusive
     def waveforms(
         self,
         pulses: Sequence[int],
@@ -421,6 +431,7 @@ class Simulator:
             train_of, chosen, self.sensor, times_s, first_pulse=current_frame.first_pulse, seed=frame_options.seed
         )
 
+    @exclusive
     def light(self, frame: FrameOptions | None = None, **options: Unpack[FrameKeywords]) -> EchoTrain:
         """All that comes back of each pulse of a frame, before any detector; NumPy arrays.
 

@@ -1,24 +1,23 @@
 """Server of the page for one source, at 127.0.0.1 only.
 
-Threads answer the requests, but the thread that called `serve` does all work of the source: Mitsuba's state belongs to
-one thread, and Ctrl-C arrives there.
+Threads answer the requests, one at a time behind the gate to the device (`kernel.device.gate`): the source's work is
+tracing.
 """
 
 from __future__ import annotations
 
 import contextlib
-import queue
 import re
 import socket
 import sys
 import threading
 from collections.abc import Callable
-from concurrent.futures import Future
 from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
 from ..errors import InputError, LidarSceneError
+from ..kernel.device.gate import exclusive
 from .html_page import page
 from .page_sources import Source, settings_from
 
@@ -41,8 +40,6 @@ SECURITY = {
 }
 """Headers of every answer: no other site may embed the page or read its data."""
 
-POLL_S = 0.5  # a wait without end cannot be interrupted on Windows
-
 Job = Callable[[], bytes]
 
 
@@ -54,8 +51,8 @@ class Server(ThreadingHTTPServer):
 
     def __init__(self, port: int) -> None:
         """Port 0 takes any free one. Raises InputError if the port is not available."""
-        self.jobs: queue.SimpleQueue[tuple[Job, Future[bytes]]] = queue.SimpleQueue()
         self._free = threading.BoundedSemaphore(MOST_CONNECTIONS)
+        self._is_over = False
         self._waiting: dict[_Handler, None] = {}
         """Connections whose next request has not arrived as a whole, the oldest first."""
         try:
@@ -77,13 +74,10 @@ class Server(ThreadingHTTPServer):
     def serve(self, source: Source) -> None:
         """Answer until interrupted."""
         self.source = source
-        threading.Thread(target=self.serve_forever, daemon=True).start()
         try:
-            while True:
-                with contextlib.suppress(queue.Empty):
-                    self._do(*self.jobs.get(timeout=POLL_S))
+            self.serve_forever()
         finally:
-            self.shutdown()
+            self._end_work()
 
     def process_request(self, request: Any, client_address: Any) -> None:
         """Answer in a new thread; if all connections are taken, in place of the one that has sent nothing for longest.
@@ -129,18 +123,17 @@ class Server(ThreadingHTTPServer):
         if not isinstance(sys.exc_info()[1], (ConnectionError, TimeoutError)):
             super().handle_error(request, client_address)
 
+    @exclusive
     def run_job(self, job: Job) -> bytes:
-        """Let the serving thread run a job, and return its result. Called by the other threads."""
-        future: Future[bytes] = Future()
-        self.jobs.put((job, future))
-        return future.result()
+        """Run a job of the source, and return its result."""
+        if self._is_over:
+            raise ConnectionAbortedError("the server has ended")
+        return job()
 
-    @staticmethod
-    def _do(job: Job, future: Future[bytes]) -> None:
-        try:
-            future.set_result(job())
-        except Exception as error:
-            future.set_exception(error)
+    @exclusive
+    def _end_work(self) -> None:
+        """Wait for the job that runs, and run no more: the process must not end while a thread traces."""
+        self._is_over = True
 
 
 class _Handler(BaseHTTPRequestHandler):

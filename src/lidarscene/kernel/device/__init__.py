@@ -3,6 +3,7 @@
 A kernel takes 10 to 500 ms to compile and often less than one to run. So everything that changes between frames has
 to be data. Python takes half the time of a small frame to describe it to Dr.Jit; that is done once, where it can be.
 
+gate       one thread at a time; what is freed, and when
 backend    choose a Mitsuba variant that works
 trial      compare frames of a GPU with those of the CPU
 types      protocols for what Mitsuba and Dr.Jit return

@@ -25,6 +25,7 @@ VARIANT_VARIABLE = "LIDARSCENE_VARIANT"
 DEFAULT_ORDER = ("cuda_ad_mono", "llvm_ad_mono")
 
 _refused: dict[str, str] = {}  # variant: the reason why it does not work
+_chosen: str | None = None  # the variant in use
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,6 +48,13 @@ def mitsuba() -> ModuleType:
     cuda_ad_mono if a GPU works and its frames are those of the CPU (`trial`); else llvm_ad_mono. Raises `BackendError`
     if none works.
     """
+    global _chosen
+    mi = _first_that_works()
+    _chosen = str(mi.variant())
+    return mi
+
+
+def _first_that_works() -> ModuleType:
     requested = os.environ.get(VARIANT_VARIABLE)
     if requested:
         try:
@@ -68,6 +76,35 @@ def mitsuba() -> ModuleType:
             _refused[name] = str(error)
     reasons = "".join(f"\n  {name}: {_refused[name]}" for name in DEFAULT_ORDER)
     raise BackendError(f"no usable Mitsuba back end{reasons}")
+
+
+@contextlib.contextmanager
+def chosen_variant() -> Iterator[None]:
+    """Set the variant in use for the block, where the user has set another one since; that one is set again after it.
+
+    Does nothing before a variant is chosen.
+    """
+    current = sys.modules["mitsuba"].variant() if _chosen else None
+    if current == _chosen:
+        yield
+        return
+    mi = mitsuba()
+    mi.set_variant(_chosen)
+    try:
+        yield
+    finally:
+        mi.set_variant(current)
+
+
+def prepare_thread(*, after_another: bool) -> None:
+    """Give Dr.Jit's settings to this thread, which alone has them, and wait for what another thread has started."""
+    if _chosen is None or not is_cuda():
+        return  # one queue for all threads, and no settings
+    import drjit as dr
+
+    # A GPU has a queue for each thread: this one's kernels must not overtake those of another.
+    if after_another:
+        dr.sync_device()
 
 
 def drjit() -> ModuleType:

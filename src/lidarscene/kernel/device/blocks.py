@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import cast
 
 from .backend import drjit, is_cuda
+from .gate import exclusive
 
 LARGEST_BLOCK = 16_384
 """Dr.Jit's own size of a block, lanes."""
@@ -64,6 +65,7 @@ def thread_count(lanes: int, most: int) -> int:
     return max(min(most, lanes // LANES_PER_THREAD), 1)
 
 
+@exclusive
 def use_threads(count: int) -> None:
     """Set the number of Dr.Jit's threads, the most that any frame uses."""
     _threads.limit(count)

@@ -13,8 +13,10 @@ import numpy as np
 
 from ...maths.arrays import Array, Lanes, Numbers
 from . import backend
+from .gate import exclusive
 
 
+@exclusive
 def gradient(
     formula: Callable[[Mapping[str, Array]], Lanes], values: Mapping[str, float]
 ) -> tuple[float, dict[str, float]]:
@@ -40,6 +42,7 @@ def gradient(
     return float(result[0]), slopes
 
 
+@exclusive
 def jacobian(
     formula: Callable[[Mapping[str, Array]], Sequence[Lanes]], values: Mapping[str, float]
 ) -> tuple[list[Numbers], dict[str, list[Numbers]]]:

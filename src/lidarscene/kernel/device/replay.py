@@ -30,7 +30,7 @@ _RECORDINGS = 4
 the same length."""
 
 _PASSES = 10
-"""Limit of `_settle`; three passes were needed."""
+"""Limit of `_settle`, where three passes were needed, and of the attempts to record, where two were."""
 
 
 class Replay:
@@ -61,14 +61,18 @@ class Replay:
         _collect_arrays(captured, self._inputs)
         self._plan: list[Any] = []
         self._frozen: Any = None
+        self._attempts = 0
         self._records = not is_cuda()  # on a GPU nobody has tried it
 
     def __call__(self, *arguments: object) -> Any:
         """Return what the function returns for these arguments; its selected arrays are being computed."""
         while self._records:
+            self._attempts += 1
             with table_lookups() as tables:
                 try:
-                    return self._replay(*arguments)
+                    result = self._replay(*arguments)
+                    self._attempts = 0
+                    return result
                 except RuntimeError as error:
                     # Dr.Jit wraps whatever goes wrong while it records. An error of the function itself, or Ctrl-C, is
                     # raised as it was; Dr.Jit's own RuntimeError means that this cannot be recorded.
@@ -81,7 +85,7 @@ class Replay:
             known = {id(array) for array in self._inputs}
             missing = [array for array in tables if id(array) not in known]
             self._inputs += missing
-            self._records = bool(missing)
+            self._records = bool(missing) and self._attempts < _PASSES
         description = self._function(*arguments)
         transfer.start(self._select_outputs(description))
         return description

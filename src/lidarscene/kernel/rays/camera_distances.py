@@ -8,10 +8,12 @@ from ...maths.arrays import Numbers
 from ...maths.trajectory import motion_in_frame, pose_at
 from ..device import transfer
 from ..device.backend import mitsuba
+from ..device.gate import exclusive
 from ..device.types import TracedScene
 from ..world.mitsuba_world import World
 
 
+@exclusive
 def distances_m(world: World, eye_m: Numbers, directions: Numbers, *, time_s: float) -> Numbers:
     """Return (n,) float32 distance of the first surface along each ray; infinite where there is none.
 

@@ -13,12 +13,14 @@ from ...maths.arrays import Numbers
 from ...maths.motion_table import MovingBodies, Placement
 from ...sensor.sensor_model import Sensor
 from ..device import transfer
+from ..device.gate import exclusive
 from ..world.mitsuba_world import World
 from .trace import Firing, trace
 
 LIGHT_COLUMNS = ("has_surface", "range_m", "peak_power_w", "background_power_w")
 
 
+@exclusive
 def retraced_light(
     world: World,
     sensor: Sensor,

@@ -21,13 +21,14 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError, OptionWarning
-from ...maths.arrays import Array, Mask, Numbers
+from ...maths.arrays import Array, Mask, Numbers, retire_with
 from ...maths.motion_table import NOWHERE, MotionTable, MovingBodies, Placement
 from ...maths.pose import Pose
 from ...maths.trajectory import Course, Motion
 from ...scene.scene import CLOCK_ROUNDING_S, Ball, Body, Part, Scene, box_of
 from ..device import transfer
 from ..device.backend import is_cuda, mitsuba
+from ..device.gate import exclusive, retire
 from ..device.types import TracedScene
 from . import merged_meshes, mitsuba_xml
 from .bsdfs import ATTRIBUTE, bsdf_dict, make_bsdf, reflectivities, texture, texture_key
@@ -159,6 +160,10 @@ class World:
     see_through: bool
     scene_of: Scene
 
+    def __post_init__(self) -> None:
+        """Keep the Mitsuba scenes, should this go while another thread traces, until that is done."""
+        retire_with(self, self.scene, self.panes, self.mover_scenes, self.mover_panes, self.speculars, then=retire)
+
     def bodies_in_frame(self, start_s: float) -> Numbers | None:
         """Return the number of the body that a frame shows by that of the body in the tables, the last entry for none.
 
@@ -192,6 +197,7 @@ class _BodiesOfOneShape:
     shapes: list[PlacedShape]
 
 
+@exclusive
 def build_world(
     scene: Scene,
     *,

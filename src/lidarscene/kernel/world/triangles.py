@@ -13,6 +13,7 @@ import numpy as np
 from ...maths.arrays import Numbers
 from ...scene.scene import Scene
 from ..device.backend import mitsuba
+from ..device.gate import exclusive
 from ..device.types import Shape
 from . import mitsuba_xml
 
@@ -39,6 +40,7 @@ class DrawnShape:
     material: str
 
 
+@exclusive
 def triangles_of_base(scene: Scene, wavelength_m: float) -> list[DrawnShape]:
     """Return what a scene takes from its Mitsuba file: meshes, and shapes of the kinds in PROFILES."""
     if scene.base is None:

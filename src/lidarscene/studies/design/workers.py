@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Iterable, Sequence
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
+from ...kernel.device.gate import exclusive
 from .designs import Values
 from .search import EvaluateAll, alone
 
@@ -27,18 +27,10 @@ def on_workers(client: Any, study: Path, *, threads: int) -> EvaluateAll:
     return evaluate
 
 
+@exclusive
 def _evaluate(values: Values, *, study: str, threads: int) -> dict[str, float] | str:
-    """Evaluate one design in this process. Mitsuba's variant belongs to one thread, which all designs share."""
-    return _thread().submit(_answer, values, study, threads).result()
-
-
-def _answer(values: Values, study: str, threads: int) -> dict[str, float] | str:
+    """Evaluate one design in this process, one at a time: all designs share the scene."""
     return next(iter(_evaluator(study, threads)([values])))
-
-
-@functools.cache
-def _thread() -> ThreadPoolExecutor:
-    return ThreadPoolExecutor(1, thread_name_prefix="lidarscene")
 
 
 @functools.cache

@@ -264,10 +264,10 @@ def choose_derivation(method: str) -> tuple[str, Derivation]:
     if method not in ("auto", "drjit", "differences"):
         raise ValueError(f"no method '{method}'; expected auto, drjit or differences")
     if method != "differences":
-        from ...kernel.device import backend, gradients
+        from ...kernel.device import backend, gate, gradients
 
         try:
-            backend.mitsuba()
+            gate.exclusive(backend.mitsuba)()
         except BackendError:
             if method == "drjit":
                 raise
