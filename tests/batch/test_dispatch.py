@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from helpers.folders import part_name
 from helpers.small_job import fails_in_company
 from helpers.waiting import PATIENCE_S, wait_until
 
@@ -211,7 +212,7 @@ def test_a_corrupt_file_is_made_again_and_no_other(client: Any, job: Job, tmp_pa
     clouds_before, before = clouds(out), times(out)
     spoilt = next((out / "frames").rglob("*.ply"))
     spoilt.write_bytes(spoilt.read_bytes()[:-100])
-    (spoilt.parent / f".{spoilt.name}.999999999.part").write_bytes(b"half")
+    (spoilt.parent / part_name(spoilt.name)).write_bytes(b"half")
     repaired = run_job(job, out, connect=connect, threads=1)
     assert (repaired.rendered, repaired.reused) == (1, 3)
     assert clouds(out) == clouds_before
