@@ -1,18 +1,23 @@
 """Killed workers and clients, corrupt files, frames that fail: nothing is lost, and nothing is done twice."""
 
 import contextlib
+import itertools
 import json
+import math
 import os
+import re
 import signal
 import subprocess
 import sys
 from collections.abc import Callable
 from contextlib import nullcontext
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from helpers.small_job import fails_in_company
+from helpers.folders import part_name
+from helpers.small_job import STOP, fails_in_company
 from helpers.waiting import PATIENCE_S, wait_until
 
 from lidarscene import __version__
@@ -146,25 +151,85 @@ def test_a_killed_worker_costs_nothing(client: Any, long_job: Path, tmp_path: Pa
 def test_a_stopped_worker_is_replaced(
     client: Any, long_job: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """SIGSTOP to one of two workers after the third frame: a process that neither works nor ends. It is reported."""
-    monkeypatch.setattr(dispatch, "LEAST_LIMIT_S", 3.0)
+    """SIGSTOP to one of two workers in its first frame: a process that neither works nor ends. It is reported.
+
+    However long its first bundle took: the limit is that of its heartbeats.
+    """
+    monkeypatch.setattr(dispatch, "LEAST_LIMIT_S", math.inf)
+    monkeypatch.setattr(dispatch, "SILENT_S", 10.0)
     monkeypatch.setattr(dispatch, "COUNT_EVERY_S", 0.5)
-    job, stopped, lines = Job.read(long_job), [], []
-
-    def stop(progress: Progress, *_: object) -> None:
-        if progress.rendered == 3:
-            stopped.append(next(iter(client.run(os.getpid).values())))
-            os.kill(stopped[0], signal.SIGSTOP)
-
-    progress = run_job(
-        job, tmp_path / "stopped", connect=lambda: nullcontext(client), threads=1, report=stop, waiting=lines.append
-    )
+    job, lines = Job.read(long_job), list[str]()
+    worker, stopped = next(iter(client.run(os.getpid).items()))
+    client.run(exec, STOP, {}, workers=[worker])
+    progress = run_job(job, tmp_path / "stopped", connect=lambda: nullcontext(client), threads=1, waiting=lines.append)
     assert (progress.rendered + progress.reused, progress.failed) == (10, {})
-    assert [line.partition(" hangs for ")[2] != "" for line in lines] == [True] * len(lines) != []
+    assert [re.sub(r"\d+ s;", "N s;", line) for line in lines] == [
+        f"{worker} is silent for N s; its frames go to another worker"
+    ]
     assert all_done(job, tmp_path / "stopped")
     psutil = pytest.importorskip("psutil")
-    wait_until(lambda: not psutil.pid_exists(stopped[0]) or psutil.Process(stopped[0]).status() == "zombie")
+    wait_until(lambda: not psutil.pid_exists(stopped) or psutil.Process(stopped).status() == "zombie")
     client.wait_for_workers(2, timeout=PATIENCE_S)
+
+
+HANG = """
+import time
+from lidarscene.batch import work
+render = work._render
+def hang(*arguments):
+    work._render = render
+    time.sleep(3600.0)
+work._render = hang
+"""
+
+
+def test_a_worker_that_hangs_is_replaced(
+    client: Any, long_job: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It waits for a disk that does not answer, say: its bundle never comes back, though it sends heartbeats.
+
+    So a worker that is busy for longer than `SILENT_S` is not taken for one that was stopped.
+    """
+    monkeypatch.setattr(dispatch, "LEAST_LIMIT_S", 15.0)
+    monkeypatch.setattr(dispatch, "LATENESS", 0.0)
+    monkeypatch.setattr(dispatch, "SILENT_S", 10.0)
+    monkeypatch.setattr(dispatch, "COUNT_EVERY_S", 0.5)
+    job, lines = Job.read(long_job), []
+    client.run(exec, HANG, {}, workers=[next(iter(client.nthreads()))])
+    progress = run_job(job, tmp_path, connect=lambda: nullcontext(client), threads=1, waiting=lines.append)
+    assert (progress.rendered + progress.reused, progress.failed) == (10, {})
+    assert [line.partition(" hangs for ")[2] != "" for line in lines] == [True] * len(lines) != []
+    client.wait_for_workers(2, timeout=PATIENCE_S)
+
+
+class SilentClient:
+    """A client of one worker, whose last heartbeat stays the same."""
+
+    cluster, loop, scheduler = None, None, SimpleNamespace(identity=None)
+
+    def sync(self, _: Any) -> dict[str, Any]:
+        return {"workers": {"worker": {"last_seen": 1.0}}}
+
+    def who_has(self, _: Any) -> dict[str, Any]:
+        return {}
+
+    processing = dict
+
+
+@pytest.mark.parametrize(
+    ("ticks_s", "silent"), [([5.0] * 8, {"worker"}), ([5.0, 600.0, 5.0, 5.0], set())], ids=["the worker", "all"]
+)
+def test_silence_is_counted_while_this_process_runs(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, ticks_s: list[float], silent: set[str]
+) -> None:
+    """Ctrl-Z stops the command and its workers: when it goes on, none of them has been silent."""
+    monkeypatch.setattr("distributed.as_completed", lambda **_: None)
+    watching = dispatch._Dispatcher(SilentClient(), Store(tmp_path), 1, lambda _: None)
+    times_s, overs = itertools.accumulate([0.0, *ticks_s]), iter([False] * len(ticks_s) + [True])
+    monkeypatch.setattr(dispatch, "time", SimpleNamespace(monotonic=lambda: next(times_s)))
+    monkeypatch.setattr(watching, "_over", SimpleNamespace(wait=lambda _: next(overs)))
+    watching._watch()
+    assert watching._silent == silent
 
 
 def test_a_killed_client_is_run_again(client: Any, long_job: Path, tmp_path: Path) -> None:
@@ -211,7 +276,7 @@ def test_a_corrupt_file_is_made_again_and_no_other(client: Any, job: Job, tmp_pa
     clouds_before, before = clouds(out), times(out)
     spoilt = next((out / "frames").rglob("*.ply"))
     spoilt.write_bytes(spoilt.read_bytes()[:-100])
-    (spoilt.parent / f".{spoilt.name}.999999999.part").write_bytes(b"half")
+    (spoilt.parent / part_name(spoilt.name)).write_bytes(b"half")
     repaired = run_job(job, out, connect=connect, threads=1)
     assert (repaired.rendered, repaired.reused) == (1, 3)
     assert clouds(out) == clouds_before

@@ -2,11 +2,17 @@
 
 import errno
 import os
+import stat
 import subprocess
+import sys
+import time
+from collections.abc import Callable
+from contextlib import ExitStack
 from pathlib import Path
+from typing import Any
 
 import pytest
-from helpers.folders import raise_disk_full
+from helpers.folders import begun, part_name, raise_disk_full
 
 from lidarscene.errors import OutputError
 from lidarscene.files import atomic
@@ -32,7 +38,8 @@ def test_writes_and_replaces(tmp_path: Path) -> None:
 
 def test_temporary_is_hidden_and_beside(tmp_path: Path) -> None:
     with atomic_output(tmp_path / "a.ply") as temporary:
-        assert temporary == tmp_path / f".a.ply.{os.getpid()}.part"
+        assert temporary.parent == tmp_path
+        assert begun(tmp_path, os.getpid()) == {"a.ply"}
         assert not (tmp_path / "a.ply").exists()
 
 
@@ -121,15 +128,153 @@ def test_link_is_followed(tmp_path: Path) -> None:
     assert (tmp_path / "real" / "a.txt").read_text() == "new"
 
 
+@pytest.mark.parametrize(
+    ("link", "message"),
+    [
+        ("disk/a.txt", "'{link}' is a link to '{folder}/disk/a.txt', whose folder is not there"),
+        ("link.txt", "Too many levels of symbolic links"),
+    ],
+    ids=["of a disk that is not mounted", "to itself"],
+)
+@pytest.mark.parametrize("check", [write, require_writable])
+def test_links_that_lead_nowhere(tmp_path: Path, check: Callable[[Path], None], link: str, message: str) -> None:
+    """Rationale: the file would go to another disk than its owner thinks, or take the place of the link."""
+    path = tmp_path / "link.txt"
+    path.symlink_to(tmp_path / link)
+    with pytest.raises(OutputError) as caught:
+        check(path)
+    assert str(caught.value) == f"{path}: cannot be written: {message.format(link=path, folder=tmp_path)}"
+    assert names(tmp_path) == ["link.txt"]
+    assert path.is_symlink()
+
+
+def test_a_folder_on_a_disk_that_is_not_mounted(tmp_path: Path) -> None:
+    (tmp_path / "out").symlink_to(tmp_path / "disk" / "out")
+    for write_into in (lambda: write(tmp_path / "out" / "a.txt"), lambda: atomic_folder(tmp_path / "out").__enter__()):
+        with pytest.raises(OutputError, match=r"/out' is a link to '.*/disk/out', whose folder is not there$"):
+            write_into()
+    assert names(tmp_path) == ["out"]
+
+
+def mode_of(path: Path) -> int:
+    return stat.S_IMODE(path.stat().st_mode)
+
+
+@pytest.mark.skipif(os.name == "nt", reason="no modes")
+def test_a_file_that_is_replaced_hands_its_mode_on(tmp_path: Path) -> None:
+    """Rationale: what others may not read stays so, while it is written too; what they may write as well."""
+    for mode in (0o600, 0o640, 0o666, 0o755):
+        target = tmp_path / f"{mode:o}.txt"
+        target.write_text("old")
+        target.chmod(mode)
+        with atomic_output(target) as temporary:
+            assert mode_of(temporary) & ~mode & 0o077 == 0
+            with atomic.folder_beside(temporary) as folder:
+                assert mode_of(folder) == 0o700
+                (folder / "a").write_text("new")
+                os.replace(folder / "a", temporary)
+        assert (target.read_text(), mode_of(target)) == ("new", mode)
+    private = tmp_path / "600.txt"
+    with atomic_folder(tmp_path) as temporary:
+        write(temporary / private.name, "again")
+        write(temporary / "new.txt")
+    assert (private.read_text(), mode_of(private)) == ("again", 0o600)
+    (tmp_path / "usual.txt").touch()
+    assert mode_of(tmp_path / "new.txt") == mode_of(tmp_path / "usual.txt")
+
+
 def test_remains_of_the_dead_are_removed_and_only_they(tmp_path: Path) -> None:
     dead = subprocess.Popen(["true"])
     dead.wait()
-    removed = [f".a[1].txt.{dead.pid}.part", f".a[1].txt.{os.getpid()}.part"]
-    stay = [f".a[1].txt.{os.getppid()}.part", f".b.txt.{dead.pid}.part", ".a[1].txt.x.part", ".a1.txt.5.part"]
+    own = {"pid": os.getpid(), "start": atomic._start_of(os.getpid())}
+    removed = [part_name("a[1].txt", pid=dead.pid), part_name("a[1].txt.folder", pid=dead.pid)]
+    stay = [
+        part_name("a[1].txt", **own),
+        part_name("a[1].txt", pid=os.getppid(), start=0),
+        part_name("a[1].txt", pid=dead.pid, place="0" * 8),  # of another host or PID namespace
+        part_name("b.txt", pid=dead.pid),
+        ".a[1].txt.x.part",
+        part_name("a1.txt", pid=dead.pid),
+    ]
     for name in removed + stay:
         (tmp_path / name).write_text("half")
     write(tmp_path / "a[1].txt")
     assert names(tmp_path) == sorted([*stay, "a[1].txt"])
+
+
+@pytest.mark.skipif(not Path("/proc/self/stat").exists(), reason="no /proc")
+def test_a_pid_that_another_process_has_got(tmp_path: Path) -> None:
+    own = {"pid": os.getpid(), "start": atomic._start_of(os.getpid())}
+    kept, removed = part_name("a.txt", **own), part_name("a.txt", **own | {"start": own["start"] - 1})
+    for name in (kept, removed):
+        (tmp_path / name).touch()
+    write(tmp_path / "a.txt")
+    assert names(tmp_path) == sorted([kept, "a.txt"])
+
+
+def test_remains_of_nobody_knows_whom_go_when_they_are_old(tmp_path: Path) -> None:
+    """What another machine writes may live. A folder is as old as the newest file in it."""
+    old_s = time.time() - atomic.ABANDONED_S - 60.0
+    for target in ("a.txt", "b.txt", "c.txt"):
+        part = tmp_path / part_name(target, place="0" * 8)
+        if target == "a.txt":
+            part.touch()
+        else:
+            part.mkdir()
+            (part / "half").touch()
+            os.utime(part / "half", None if target == "c.txt" else (old_s, old_s))
+        os.utime(part, (old_s, old_s))
+        write(tmp_path / target)
+    assert names(tmp_path) == sorted(["a.txt", "b.txt", "c.txt", part_name("c.txt", place="0" * 8)])
+
+
+WRITER = """
+import os, sys
+from lidarscene.files.atomic import atomic_output
+os.getpid = lambda: int(sys.argv[3])
+with atomic_output(sys.argv[1]) as temporary, open(temporary, "w") as file:
+    for _ in range(2):
+        file.write(sys.argv[2])
+        file.flush()
+        print("half", flush=True)
+        sys.stdin.readline()
+"""
+
+
+def test_two_processes_of_one_pid(tmp_path: Path) -> None:
+    """As in two containers: each file is whole, and the last stays."""
+    target = tmp_path / "a.txt"
+    environment = os.environ | {"PYTHONPATH": str(Path(atomic.__file__).parents[2])}
+    with ExitStack() as opened:
+        writers = []
+        for text in ("one ", "two "):
+            command = [sys.executable, "-c", WRITER, str(target), text, str(os.getpid())]
+            writer = opened.enter_context(
+                subprocess.Popen(
+                    command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True, bufsize=1, env=environment
+                )
+            )
+            writers.append(writer)
+            assert writer.stdout is not None
+            assert writer.stdout.readline() == "half\n"
+        for writer, text in zip(writers, ("one one ", "two two "), strict=True):
+            writer.communicate("\n\n")
+            assert (writer.returncode, target.read_text()) == (0, text)
+    assert names(tmp_path) == ["a.txt"]
+
+
+def test_a_folder_that_another_process_removes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Another run that asks whether it can write makes the folder, too, and removes it while it is empty."""
+    made = os.open
+
+    def remove_folder_first(path: Any, *arguments: Any) -> int:
+        monkeypatch.setattr(os, "open", made)
+        (tmp_path / "out").rmdir()
+        return made(path, *arguments)
+
+    monkeypatch.setattr(os, "open", remove_folder_first)
+    write(tmp_path / "out" / "a.txt")
+    assert names(tmp_path / "out") == ["a.txt"]
 
 
 def test_two_at_once_in_one_process(tmp_path: Path) -> None:
@@ -163,6 +308,17 @@ def test_a_folder_appears_whole(tmp_path: Path) -> None:
         assert (tmp_path / "new" / "out" / "a").read_text() == "new"
     assert names(tmp_path / "new" / "out") == ["a", "b", "other"]
     assert (tmp_path / "new" / "out" / "a").read_text() == "again"
+
+
+def test_two_processes_make_one_folder(tmp_path: Path) -> None:
+    with atomic_folder(tmp_path / "out") as slow:
+        with atomic_folder(tmp_path / "out") as quick:
+            write(quick / "a", "quick")
+            write(quick / "b", "quick")
+        write(slow / "a", "slow")
+    assert names(tmp_path / "out") == ["a", "b"]
+    assert (tmp_path / "out" / "a").read_text() == "slow"
+    assert names(tmp_path) == ["out"]
 
 
 @pytest.mark.parametrize("error", [RuntimeError("no"), KeyboardInterrupt(), OSError(errno.ENOSPC, "No space left")])
@@ -199,7 +355,7 @@ def test_errors_name_the_folder_that_was_asked_for(tmp_path: Path) -> None:
 def test_folders_of_dead_processes_go(tmp_path: Path, is_there: bool) -> None:
     folder = tmp_path / "out"
     place = folder if is_there else tmp_path
-    for name in (".out.999999999.part", ".out.folder.999999999.part"):
+    for name in (part_name("out"), part_name("out.folder")):
         (place / name).mkdir(parents=True)
         (place / name / "a").touch()
     with atomic_folder(folder) as temporary:
@@ -217,7 +373,7 @@ def test_a_name_with_nul(tmp_path: Path) -> None:
 def test_names_as_long_as_a_file_system_takes(tmp_path: Path, name: str) -> None:
     """The temporary name has no room for them, so it has a hash; what a dead process leaves goes all the same."""
     target = tmp_path / name
-    remains = target.with_name(atomic._part_prefix(target) + "999999999.part")
+    remains = target.with_name(part_name(atomic._part_prefix(target).strip(".")))
     remains.write_text("half")
     require_writable(target)
     with atomic_output(target) as temporary:

@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 from helpers.command_line import COARSE
+from helpers.folders import begun
 from helpers.run_seed import run_seed
 from helpers.waiting import PATIENCE_S, wait_until
 from helpers.walls import MOVING
@@ -89,11 +90,11 @@ def test_killed_at_any_moment(mi: Any, tmp_path: Path) -> None:
         running.send_signal(signal_number)
         running.wait(PATIENCE_S)
         assert running.returncode == (-signal_number if signal_number == signal.SIGKILL else 128 + signal_number)
-        parts_left = sorted(part for part in out.rglob("*.part") if f".{running.pid}." in part.name)
+        parts_left = begun(out, running.pid)
         assert len(parts_left) <= (4 if signal_number == signal.SIGKILL else 0)
         for path in out.glob("*.ply"):
             PointCloud.load(path)
-        left_frames = {part.name.split(".")[1].split("_")[-1] for part in parts_left}
+        left_frames = {name.split(".")[0].split("_")[-1] for name in parts_left}
         assert len(left_frames) <= 1
     if LONG:
         command = running.args

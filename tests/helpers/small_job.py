@@ -24,6 +24,13 @@ seeds = [0, 7]
 "scanner.elevation_step_deg" = [{step}]
 """
 
+STOP = """
+import os, signal
+from lidarscene.batch import work
+work._save = lambda *_: os.kill(os.getpid(), signal.SIGSTOP)
+"""
+"""Program for a worker: it is stopped as soon as it has claimed a frame."""
+
 
 @pytest.fixture
 def job_file(tmp_path: Path) -> Path:

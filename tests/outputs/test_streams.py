@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.command_line import BEAMS, COARSE, Run
-from helpers.folders import file_contents
+from helpers.folders import begun, file_contents
 from helpers.waiting import wait_until
 from helpers.walls import write_moving_rig
 
@@ -240,12 +240,12 @@ def test_a_killed_process_leaves_no_file(run: Run, moving: str, tmp_path: Path) 
     fine = ["--set=scanner.azimuth_step_deg=0.01", "--set=scanner.elevation_step_deg=0.01"]
     argv = ["render", moving, *all_outputs("o")["single"], "-o", "o/a.laz", *fine, "--chunk=1000"]
     with subprocess.Popen([sys.executable, "-m", "lidarscene", *argv]) as child:
-        names = ("a.laz", "a.txt", "a.deskewed.laz", "a.deskewed.txt", "m.npz")
-        begun = {f".{name}.{child.pid}.part" for name in names}
-        wait_until(lambda: begun <= _names(tmp_path / "o") or child.poll() is not None)
+        files = {"a.laz", "a.txt", "a.deskewed.laz", "a.deskewed.txt", "m.npz"}
+        wait_until(lambda: files <= begun(tmp_path / "o", child.pid) or child.poll() is not None)
         child.kill()
         assert child.wait() == -signal.SIGKILL
-    assert _names(tmp_path / "o") == begun
+    assert begun(tmp_path / "o", child.pid) == files
+    assert len(_names(tmp_path / "o")) == len(files)
     assert run("render", moving, *all_outputs("o")["single"], "-o", "o/a.laz", *COARSE).code == 0
     assert not [path for path in _names(tmp_path / "o") if path.startswith(".")]
 

@@ -42,13 +42,21 @@ WITHOUT_WORKERS_S = 120.0
 three quarters of a minute where eight other programs run, but not one that dies while it starts.
 """
 
+SILENT_S = 30.0
+"""Time without a heartbeat after which a worker counts as stopped, or a tenth of a second for each worker of a large
+cluster. Dask's workers send one every half second, and every 1 + n / 200 s if there are n, from a thread that does not
+render: compiling a world delays them by 0.2 s.
+"""
+
 UNKNOWN_S = 900.0
 """Time limit of a bundle before any has come back: worlds are compiled, and files come over a network."""
 
 LEAST_LIMIT_S = 60.0
 LATENESS = 20.0
 """A bundle is late after so many times the time that it and those before it on its worker should take, and after
-`LEAST_LIMIT_S` at least. Frames of one job differ, and so do machines; a worker that hangs never answers."""
+`LEAST_LIMIT_S` at least. Frames of one job differ, and so do machines; a worker whose disk is dead sends heartbeats,
+but never a frame.
+"""
 
 STARTS = 3
 """Consecutive clusters that may end without finishing a frame."""
@@ -99,8 +107,8 @@ def run_job(
              workers of a cluster of this machine are gone
     threads  threads of Dr.Jit in each worker; None: those of the Dask worker
     report   called after each frame, with its task and cause if it failed
-    waiting  called with a line when the cluster has had no worker for a while, or when a worker hangs: its frames are
-             given to another, and it is ended where that is possible
+    waiting  called with a line when the cluster has had no worker for a while, or when a worker is silent or hangs: its
+             frames are given to another, and it is ended where that is possible
     Other runs may work in the same folder: each frame is rendered by one of them.
     Raises InputError for a folder with clouds of another data set, OutputError where the manifest cannot be written,
     LidarSceneError where a drive's file cannot be written, or where the scheduler or the workers end before the job
@@ -269,6 +277,10 @@ class _Dispatcher:
         self._futures: dict[str, Any] = {}
         self._since_s: dict[str, float] = {}
         self._late: dict[str, str] = {}  # name of a bundle that was taken back -> address of the worker that hangs
+        self._now_s = 0.0  # stands still while this process is stopped, say by Ctrl-Z, and its workers with it
+        self._heard: dict[str, tuple[float, float]] = {}  # address of a worker -> its last heartbeat, and our time then
+        self._silent: set[str] = set()  # addresses of workers without heartbeats
+        self._reported: set[str] = set()  # those of them whose frames were given to others
         self._over, self._no_workers, self._on_waiting = threading.Event(), False, waiting
 
     def __enter__(self) -> _Dispatcher:
@@ -279,20 +291,24 @@ class _Dispatcher:
         self._over.set()
 
     def _watch(self) -> None:
-        """Watch for a cluster without workers and for workers that hang (runs in a thread).
+        """Watch for a cluster without workers and for workers that are silent or hang (runs in a thread).
 
         A bundle that no worker has never comes back, nor one whose worker was stopped or waits for a dead disk.
         """
-        since, was_reported = time.monotonic(), False
-        while not self._over.wait(min(COUNT_EVERY_S, WITHOUT_WORKERS_S / 4.0)):
+        since_s, was_reported = self._now_s, False
+        interval_s, ticked_s = min(COUNT_EVERY_S, WITHOUT_WORKERS_S / 4.0), time.monotonic()
+        while not self._over.wait(interval_s):
+            before_s, ticked_s = ticked_s, time.monotonic()
+            self._now_s += min(ticked_s - before_s, 2.0 * interval_s)
             try:
-                is_any = bool(self._client.nthreads())
+                workers = self._client.sync(self._client.scheduler.identity)["workers"]
             except Exception:  # `next` reports a scheduler that is gone
                 return
-            if is_any:
-                since, was_reported = time.monotonic(), False
-                self._take_back_late()
-            elif time.monotonic() - since > WITHOUT_WORKERS_S:
+            if workers:
+                since_s, was_reported = self._now_s, False
+                self._listen(workers)
+                self._take_back()
+            elif self._now_s - since_s > WITHOUT_WORKERS_S:
                 if not was_reported:
                     self._on_waiting("there are no workers; waiting for them")
                 was_reported = True
@@ -301,27 +317,49 @@ class _Dispatcher:
                     self._client.cancel(list(self._futures.values()), force=True)
                     return
 
-    def _take_back_late(self) -> None:
-        """End the workers of late bundles, or let other workers render these."""
-        now_s = time.monotonic()
-        for name, since_s in list(self._since_s.items()):
-            bundle = self.bundles.get(name)
-            if bundle is None or now_s - since_s <= self._limit_s(_frame_count(bundle)):
+    def _listen(self, workers: Mapping[str, Mapping[str, Any]]) -> None:
+        """Note which workers are silent. Clocks of other machines do not matter: a heartbeat is a new number."""
+        heard = {}
+        for address, worker in workers.items():
+            beat, heard_s = self._heard.get(address, (None, 0.0))
+            heard[address] = worker["last_seen"], heard_s if worker["last_seen"] == beat else self._now_s
+        limit_s = max(SILENT_S, 0.1 * len(workers))
+        self._heard = heard
+        self._silent = {address for address, (_, heard_s) in heard.items() if self._now_s - heard_s > limit_s}
+        self._reported &= self._silent
+
+    def _take_back(self) -> None:
+        """End the workers that are silent or have late bundles, or let other workers render what these have."""
+        late = {
+            name: self._now_s - since_s
+            for name, since_s in list(self._since_s.items())
+            if (bundle := self.bundles.get(name)) and self._now_s - since_s > self._limit_s(_frame_count(bundle))
+        }
+        self._since_s.update(dict.fromkeys(late, self._now_s))
+        if not (late or self._silent):
+            return
+        # A result that was not fetched before its worker stopped is with that worker, too.
+        places = {name: workers[0] for name, workers in self._client.who_has(list(self.bundles)).items() if workers}
+        places |= {name: address for address, names in self._client.processing().items() for name in names}
+        ended = set[str]()
+        for name, address in places.items():
+            future, is_silent = self._futures.get(name), address in self._silent
+            if future is None or not (is_silent or name in late):
                 continue
-            self._since_s[name] = now_s
-            # A result that was not fetched before its worker hung is with that worker, too.
-            address = next((worker for worker, keys in self._client.processing().items() if name in keys), None)
-            address = address or next(iter(self._client.who_has([name]).get(name, ())), None)
-            if address is None:
-                continue  # no worker has it yet
-            self._on_waiting(f"{address} hangs for {now_s - since_s:.0f} s; its frames go to another worker")
+            if address not in self._reported | ended:
+                if is_silent:
+                    cause = f"is silent for {self._now_s - self._heard[address][1]:.0f} s"
+                else:
+                    cause = f"hangs for {late[name]:.0f} s"
+                self._on_waiting(f"{address} {cause}; its frames go to another worker")
+            ended.add(address)
             if self._client.cluster is None:
                 self._late[name] = address
-                self._client.cancel([self._futures[name]], force=True)
-                continue
-            for nanny in self._client.cluster.workers.values():
-                if nanny.worker_address == address and nanny.pid:
-                    os.kill(nanny.pid, signal.SIGKILL)  # also ends a stopped process; its nanny starts another
+                self._client.cancel([future], force=True)
+        self._reported |= ended & self._silent
+        for nanny in self._client.cluster.workers.values() if ended and self._client.cluster else ():
+            if nanny.worker_address in ended and nanny.pid:
+                os.kill(nanny.pid, signal.SIGKILL)  # also ends a stopped process; its nanny starts another
 
     def _limit_s(self, frames: int) -> float:
         """Time after which a bundle of so many frames is late [s]."""
@@ -341,9 +379,12 @@ class _Dispatcher:
         """
         name = next(self._names)  # unique to each run: Dask would answer a repeated one from its memory
         call = pickle.dumps(_Call(bundle, *self._arguments, hanging is None))
-        awake = [] if hanging is None else [worker for worker in self._client.nthreads() if worker != hanging]
-        self._futures[name] = self._client.submit(pickle.loads, call, key=name, pure=False, workers=awake or None)
-        self._since_s[name] = time.monotonic()
+        shunned = self._silent if hanging is None else self._silent | {hanging}
+        awake = [worker for worker in self._client.nthreads() if worker not in shunned] if shunned else []
+        self._futures[name] = self._client.submit(
+            pickle.loads, call, key=name, pure=False, workers=awake or None, allow_other_workers=bool(awake)
+        )
+        self._since_s[name] = self._now_s
         self._waiting.add(self._futures[name])
         self.bundles[name] = bundle
         if self._no_workers:  # the workers went before `_watch` could cancel this bundle

@@ -2,14 +2,21 @@
 
 A run of hours may be killed at any moment, and a half-written cloud looks like a whole one. So a file is written beside
 its target, synced to disk and renamed: on one file system a rename is atomic. A file with its final name is complete.
+Several processes may write the same file, on any machines that share its disk: each has a temporary file of its own,
+and the last rename stays.
 """
 
 from __future__ import annotations
 
 import glob
 import hashlib
+import math
 import os
+import platform
+import re
 import shutil
+import stat
+import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -20,11 +27,20 @@ from ..errors import OutputError
 LONGEST_NAME = 255
 """Bytes of a file's name, on all file systems in use."""
 
-_PART_BYTES = len(f"..folder.{2**32}.part")
+ABANDONED_S = 7 * 86400.0
+"""Age from which a temporary file counts as abandoned where nobody can know whether its process lives."""
+
+ATTEMPTS = 5
+"""How often a temporary file is made before its folder counts as missing."""
+
+_MARK = re.compile(r"(?:folder\.)?([0-9a-f]{8})-(\d+)-(\d+)-[0-9a-f]{8}\.part")
+"""What the name of a temporary file has behind the target's: by `_part_of`."""
+
+_PART_BYTES = len(f"..folder.{0:08x}-{2**32}-{2**64}-{0:08x}.part")
 """What the name of a temporary file has beside the target's."""
 
 _ours: set[Path] = set()
-"""Temporary files that this process is writing."""
+"""Files that this process is writing."""
 
 
 @contextmanager
@@ -32,26 +48,25 @@ def atomic_output(path: str | os.PathLike[str], *, synced: bool = True) -> Itera
     """Yield the path of an empty temporary file beside ``path``; it becomes ``path`` when the block ends without error.
 
     Missing folders are made. If anything goes wrong, a kill included, ``path`` is what it was before. An OSError
-    becomes one OutputError that names the path. What a killed process leaves, `.NAME.PID.part`, is removed by the next
-    write to the same name.
+    becomes one OutputError that names the path. A file that is replaced hands its mode on. Links are followed. What a
+    killed process leaves, `.NAME.MARK.part`, is removed by the next write to the same name: at once where that process
+    is known to be dead, else after `ABANDONED_S`.
 
     synced  wait until the disk has the data; else a power failure may lose or empty the file
     """
     target = _target(path)
-    temporary = target.with_name(_part_prefix(target) + f"{os.getpid()}.part")
-    if temporary in _ours:
+    if target in _ours:
         raise OutputError(f"{path}: is being written by another thread of this process")
+    temporary = _part_of(target)
     new_folders: list[Path] = []
-    _ours.add(temporary)
+    _ours.add(target)
     try:
-        new_folders = _make_folders(target.parent)
-        _remove_stale(target)
-        with open(temporary, "wb"):
-            pass
+        new_folders = _make(temporary, _file_like(target))
+        _remove_stale(target, temporary)
         yield temporary
         if synced:
             _sync(temporary, os.O_RDWR)
-        os.replace(temporary, target)
+        _replace(temporary, target)
         if synced:
             with suppress(OSError):  # some file systems cannot sync a folder
                 _sync(target.parent, os.O_RDONLY)
@@ -62,7 +77,7 @@ def atomic_output(path: str | os.PathLike[str], *, synced: bool = True) -> Itera
         _remove(temporary, new_folders)
         raise
     finally:
-        _ours.discard(temporary)
+        _ours.discard(target)
 
 
 def put_text(path: str | os.PathLike[str], text: str) -> None:
@@ -76,27 +91,30 @@ def atomic_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
     """Yield the path of an empty temporary folder; its files move to ``path`` when the block ends without error.
 
     Other files of ``path`` stay. A new folder appears whole; into one that is there each file moves whole. If anything
-    goes wrong, ``path`` is what it was, and the error names it. What a killed process leaves is removed by the next
-    write.
+    goes wrong, ``path`` is what it was, and the error names it. What a killed process leaves goes as by
+    `atomic_output`.
     """
     target = _folder_target(path)
     # Inside an existing folder: it may be the mount point of another disk, onto which nothing can be renamed.
     beside_path = target / target.name if target.exists() else target
-    temporary = beside_path.with_name(_part_prefix(target) + f"{os.getpid()}.part")
+    temporary = _part_of(beside_path)
     new_folders: list[Path] = []
     try:
-        new_folders = _make_folders(temporary.parent)
-        _remove_stale(beside_path)
-        temporary.mkdir()
+        new_folders = _make(temporary, Path.mkdir)
+        _remove_stale(beside_path, temporary)
         yield temporary
         if not target.exists():
-            os.replace(temporary, target)
+            try:
+                os.replace(temporary, target)
+            except OSError:
+                if not target.is_dir():  # else another process has just made it
+                    raise
         for file in sorted(temporary.rglob("*")) if temporary.exists() else ():
             moved = target / file.relative_to(temporary)
             if file.is_dir():
                 moved.mkdir(exist_ok=True)
             else:
-                os.replace(file, moved)
+                _replace(file, moved)
     except OSError as error:
         _remove(temporary, new_folders)
         raise _unwritable(path, error) from error
@@ -112,9 +130,9 @@ def atomic_folder(path: str | os.PathLike[str]) -> Iterator[Path]:
 @contextmanager
 def folder_beside(temporary: Path) -> Iterator[Path]:
     """Yield a folder beside a temporary of `atomic_output`, for a library that writes nothing else; then remove it."""
-    end = f".{os.getpid()}.part"
-    folder = temporary.with_name(f"{temporary.name.removesuffix(end)}.folder{end}")
-    folder.mkdir()
+    name, mark, suffix = temporary.name.rsplit(".", 2)
+    folder = temporary.with_name(f"{name}.folder.{mark}.{suffix}")
+    folder.mkdir(0o700)  # the file that is replaced may be private
     try:
         yield folder
     finally:
@@ -123,7 +141,7 @@ def folder_beside(temporary: Path) -> Iterator[Path]:
 
 def _folder_target(path: str | os.PathLike[str]) -> Path:
     """Folder that this path names or would make, links followed."""
-    target = Path(os.path.realpath(path))
+    target = _followed(path)
     if target.exists() and not target.is_dir():
         raise OutputError(f"{path}: cannot be written: must be a folder, got a file")
     return target
@@ -151,12 +169,10 @@ def _unwritable(path: str | os.PathLike[str], error: OSError) -> OutputError:
 def require_writable(path: str | os.PathLike[str]) -> None:
     """Raise the OutputError that writing this file would raise, before hours of work go into its content."""
     target = _target(path)
-    probe = target.with_name(_part_prefix(target) + f"{os.getpid()}.part")
+    probe = _part_of(target)
     new_folders: list[Path] = []
     try:
-        new_folders = _make_folders(target.parent)
-        with open(probe, "wb"):
-            pass
+        new_folders = _make(probe, _file_like(target))
     except OSError as error:
         raise _unwritable(path, error) from error
     finally:
@@ -164,17 +180,30 @@ def require_writable(path: str | os.PathLike[str]) -> None:
 
 
 def _target(path: str | os.PathLike[str]) -> Path:
-    """Return the regular file that this path names or would make, links followed."""
+    """Return the regular file that this path names or would make, links followed. Raises OutputError."""
+    target = _followed(path)
+    if reason := _obstacle(target):
+        raise OutputError(f"{path}: cannot be written: {reason}")
+    return target
+
+
+def _followed(path: str | os.PathLike[str]) -> Path:
+    """Return what this path names or would make, links followed. Raises OutputError.
+
+    A link into a folder that is not there is refused: the disk that it leads to may not be mounted, and the folder
+    would be made on another.
+    """
     try:
-        target = Path(os.path.realpath(path))
-        reason = _obstacle(target)
+        with suppress(FileNotFoundError, NotADirectoryError):
+            os.stat(path)
     except ValueError:
         raise OutputError(f"{path}: cannot be written: its name has a NUL character") from None
     except OSError as error:
-        reason = error.strerror or str(error)
-    if reason:
-        raise OutputError(f"{path}: cannot be written: {reason}")
-    return target
+        raise _unwritable(path, error) from error
+    for place in (Path(path), *Path(path).parents):
+        if place.is_symlink() and not (end := Path(os.path.realpath(place))).parent.exists():
+            raise OutputError(f"{path}: cannot be written: '{place}' is a link to '{end}', whose folder is not there")
+    return Path(os.path.realpath(path))
 
 
 def _obstacle(target: Path) -> str:
@@ -187,6 +216,46 @@ def _obstacle(target: Path) -> str:
         return "the file is write-protected"
     nearest = next(folder for folder in target.parents if folder.exists())
     return "" if nearest.is_dir() else f"'{nearest}' is a file, not a folder"
+
+
+def _make(temporary: Path, make: Callable[[Path], object]) -> list[Path]:
+    """Make a temporary file or folder, and return the folders that were missing, deepest first."""
+    attempts = ATTEMPTS
+    while True:
+        attempts -= 1
+        new_folders: list[Path] = []
+        try:
+            new_folders = _make_folders(temporary.parent)
+            make(temporary)
+            return new_folders
+        except BaseException as error:
+            _remove(temporary, new_folders)
+            # Another process removes a folder that it has made and does not need.
+            if not (attempts and isinstance(error, FileNotFoundError)):
+                raise
+
+
+def _file_like(target: Path) -> Callable[[Path], object]:
+    """Return a function that makes a new file that nobody may read who may not read the target."""
+    mode = _mode(target)
+    flags = os.O_WRONLY | os.O_CREAT | os.O_EXCL
+    return lambda path: os.close(os.open(path, flags, 0o666 if mode is None else mode | stat.S_IRUSR | stat.S_IWUSR))
+
+
+def _mode(path: Path) -> int | None:
+    """Permissions of a file; None without one."""
+    try:
+        return stat.S_IMODE(path.stat().st_mode)
+    except FileNotFoundError:
+        return None
+
+
+def _replace(temporary: Path, target: Path) -> None:
+    """Rename a file; one that it replaces hands its mode on."""
+    mode = _mode(target)
+    if mode is not None and mode != _mode(temporary):
+        temporary.chmod(mode)
+    os.replace(temporary, target)
 
 
 def _make_folders(folder: Path) -> list[Path]:
@@ -208,17 +277,55 @@ def _part_prefix(target: Path) -> str:
     return f".{name}."
 
 
-def _remove_stale(target: Path) -> None:
-    """Remove what dead processes of this machine left of earlier writes to this name."""
-    prefix, suffix = _part_prefix(target), ".part"
-    for name in glob.glob(glob.escape(prefix) + "*" + suffix, root_dir=target.parent, include_hidden=True):
-        pid = name[len(prefix) : -len(suffix)].rpartition(".")[2]
-        if pid.isdecimal() and not _is_alive(int(pid)):
-            _remove(target.parent / name, [])
+def _part_of(target: Path) -> Path:
+    """Path of a new temporary file of this target: it names this process among those of all machines, and is random."""
+    pid = os.getpid()
+    mark = f"{_place()}-{pid}-{_start_of(pid)}-{os.urandom(4).hex()}.part"
+    return target.with_name(_part_prefix(target) + mark)
 
 
-def _is_alive(pid: int) -> bool:
-    """True if a process of this number runs; always on Windows, where `os.kill` with 0 would end it."""
+def _place() -> str:
+    """Hash of where a PID means something: the host, since it booted, and its PID namespace. Random if unknown."""
+    place = platform.node()
+    if sys.platform == "linux":
+        try:
+            boot = Path("/proc/sys/kernel/random/boot_id").read_text(encoding="ascii")
+            place += boot + os.readlink("/proc/self/ns/pid")
+        except OSError:
+            return os.urandom(4).hex()
+    return hashlib.sha256(place.encode()).hexdigest()[:8]
+
+
+def _start_of(pid: int) -> int:
+    """When a process was started [ticks since the boot], which tells it from later ones of its PID; 0 if unknown."""
+    try:
+        if os.readlink("/proc/self") != str(os.getpid()):
+            return 0  # PIDs there are those of another namespace
+        return int(Path(f"/proc/{pid}/stat").read_bytes().rpartition(b")")[2].split()[19])
+    except (OSError, ValueError, IndexError):
+        return 0
+
+
+def _remove_stale(target: Path, temporary: Path) -> None:
+    """Remove what dead processes left of earlier writes to this name.
+
+    temporary  a new file: it tells the time of the disk, which may be another machine's
+    """
+    prefix, now_s = _part_prefix(target), temporary.stat().st_mtime
+    for name in glob.glob(glob.escape(prefix) + "*.part", root_dir=target.parent, include_hidden=True):
+        if mark := _MARK.fullmatch(name, len(prefix)):
+            place, pid, start = mark.groups()
+            part = target.with_name(name)
+            is_dead = place == _place() and not _is_alive(int(pid), int(start))
+            if is_dead or now_s - _changed_s(part) > ABANDONED_S:
+                _remove(part, [])
+
+
+def _is_alive(pid: int, start: int) -> bool:
+    """False if the process of this PID and start is known to have ended.
+
+    Never on Windows, where `os.kill` with 0 would end it.
+    """
     if os.name == "nt":
         return True
     try:
@@ -227,7 +334,16 @@ def _is_alive(pid: int) -> bool:
         return False
     except PermissionError:
         pass
-    return True
+    now = _start_of(pid)
+    return 0 in (start, now) or start == now
+
+
+def _changed_s(part: Path) -> float:
+    """When a temporary file, or the newest file in a temporary folder, was written [s]; never if it has just gone."""
+    try:
+        return max(path.stat().st_mtime for path in (part, *part.rglob("*")))
+    except OSError:
+        return math.inf
 
 
 def _sync(path: Path, flags: int) -> None:
