@@ -8,7 +8,6 @@ from __future__ import annotations
 import argparse
 import contextlib
 import os
-import sys
 import threading
 import webbrowser
 from collections.abc import Iterable, Sequence, Set
@@ -21,7 +20,7 @@ from ..rendering.option_fields import Whole
 from ..rendering.render_options import FrameOptions
 from .options import CommandOptions, add_options, flag_of, options_from
 from .recordings.recording_options import add_recording, with_progress
-from .terminal import Answer, explained
+from .terminal import Answer, explained, print_text
 from .words import whole_number
 
 if TYPE_CHECKING:
@@ -88,8 +87,7 @@ def run_view(arguments: argparse.Namespace) -> Answer:
         # The port is opened before the scene is loaded: a busy one is reported at once.
         with explained(COMPILING):
             source = _source(arguments, opened)
-        sys.stdout.write(f"{source.title}: {server.url} (Ctrl-C ends)\n")
-        sys.stdout.flush()
+        print_text(f"{source.title}: {server.url} (Ctrl-C ends)")
         if not arguments.no_browser:
             # In a thread, because a browser in the terminal would block, waiting for the page before it is served.
             threading.Thread(target=webbrowser.open, args=(server.url,), daemon=True).start()
