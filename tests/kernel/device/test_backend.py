@@ -225,7 +225,7 @@ llvm._chosen = None
 report = backend.probe()
 print(report.variant, report.llvm, "|", report.error.splitlines()[0])
 del os.environ["DRJIT_LIBLLVM_PATH"]
-for name in ("nonsense", "scalar_rgb"):
+for name in ("nonsense", "scalar_rgb", "llvm_ad_mono_polarized"):
     print_error_of(LIDARSCENE_VARIANT=name)
 """
 
@@ -237,7 +237,7 @@ def test_what_is_unfit_is_an_error_not_an_abort(run_python) -> None:
     """
     process = run_python(UNFIT.format(olds=OLD_LLVMS))
     assert (process.returncode, process.stderr) == (0, "")
-    *old, nowhere, nonsense, scalar = process.stdout.splitlines()
+    *old, nowhere, nonsense, scalar, polarised = process.stdout.splitlines()
     assert len(old) == len(OLD_LLVMS)
     for path, line in zip(OLD_LLVMS, old, strict=True):
         assert line.startswith("BackendError:")
@@ -250,6 +250,7 @@ def test_what_is_unfit_is_an_error_not_an_abort(run_python) -> None:
     assert scalar.startswith(
         "BackendError: LIDARSCENE_VARIANT=scalar_rgb: scalar variants trace one ray at a time; a vectorised"
     )
+    assert "polarized: polarised variants have matrices" in polarised
 
 
 def test_an_old_llvm_that_drjit_has_loaded_is_an_error_too(run_python) -> None:
@@ -271,19 +272,67 @@ def test_the_door_opens_without_noise(mi, run_python) -> None:
     assert float(measured) == pytest.approx(float(expected), abs=5e-7)
 
 
-def test_a_vectorised_variant_of_the_user_stays(mi, run_python) -> None:
+FRAME = """
+import lidarscene
+cloud = lidarscene.render("edges", seed=1)
+print(hashlib.sha256(cloud.xyz_m.tobytes() + cloud.intensity.tobytes()).hexdigest())
+"""
+
+
+def test_a_variant_that_the_user_sets_first_is_used_and_gives_the_same_cloud(mi, run_python) -> None:
+    """Rationale: of a surface only the reflectivity at the laser's wavelength is asked, in every variant."""
     if backend.is_cuda():
         pytest.skip("for LLVM")
     path = os.environ[llvm.PATH_VARIABLE]
-    code = f"import mitsuba; mitsuba.set_variant('llvm_ad_spectral')\n{OPEN}"
+    told = set()
+    for variant in ("llvm_ad_mono", "llvm_ad_rgb", "llvm_ad_spectral"):
+        code = f"import hashlib, mitsuba; mitsuba.set_variant('{variant}')\n{FRAME}print(mitsuba.variant())"
+        process = run_python(code, DRJIT_LIBLLVM_PATH=path, LIDARSCENE_VARIANT=None)
+        cloud, used = process.stdout.split()
+        assert used == variant, process.stderr
+        told.add(cloud)
+    assert len(told) == 1
+
+
+def test_a_variant_that_the_user_sets_later_costs_nothing(mi, run_python) -> None:
+    """Frames are those of the first variant; what the user has set is set again after `users_variant_kept`."""
+    if backend.is_cuda():
+        pytest.skip("for LLVM")
+    code = f"""
+import hashlib
+{FRAME}
+import mitsuba as mi
+from lidarscene.kernel.device.backend import users_variant_kept
+for variant in ("llvm_ad_rgb", "scalar_rgb", "llvm_ad_mono_polarized"):
+    mi.set_variant(variant)
+    with users_variant_kept():
+        {FRAME.strip().splitlines()[1]}
+        {FRAME.strip().splitlines()[2]}
+        assert mi.variant() == "llvm_ad_mono"
+    assert mi.variant() == variant
+    plate = mi.load_dict({{"type": "scene", "plate": {{"type": "rectangle"}}}})
+    try:
+        with users_variant_kept():
+            {FRAME.strip().splitlines()[2]}
+            lidarscene.render("nowhere")
+    except lidarscene.InputError:
+        assert mi.variant() == variant
+"""
+    process = run_python(code, LIDARSCENE_VARIANT="llvm_ad_mono")
+    assert (process.returncode, process.stderr) == (0, "")
+    first, *others = process.stdout.split()
+    assert others == [first] * 6
+
+
+@pytest.mark.parametrize("variant", ["scalar_rgb", "llvm_ad_mono_polarized", "llvm_ad_spectral_polarized"])
+def test_a_variant_of_the_user_that_is_of_no_use_is_an_error(mi, run_python, variant: str) -> None:
+    path = os.environ[llvm.PATH_VARIABLE]
+    code = f"import mitsuba; mitsuba.set_variant('{variant}')\n{OPEN}mitsuba.set_variant('llvm_ad_mono')\n{OPEN}"
     process = run_python(code, DRJIT_LIBLLVM_PATH=path, LIDARSCENE_VARIANT=None)
-    assert process.stdout.split()[0] == "llvm_ad_spectral"
-
-
-def test_a_scalar_variant_of_the_user_is_an_error(run_python) -> None:
-    code = f"import mitsuba; mitsuba.set_variant('scalar_rgb')\n{OPEN}"
-    process = run_python(code, LIDARSCENE_VARIANT=None)
-    assert "BackendError: the Mitsuba variant 'scalar_rgb' is set" in process.stdout
+    refused, used = process.stdout.splitlines()
+    assert refused.startswith(f"BackendError: the Mitsuba variant '{variant}' is set, but ")
+    assert refused.endswith("; try: mitsuba.set_variant('llvm_ad_mono'), or set none at all")
+    assert used.startswith("llvm_ad_mono ")
 
 
 def test_hidden_gpus_are_respected(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -319,7 +368,7 @@ backend.cuda_problem = lambda: ""  # the cheap look finds a driver
 report = backend.probe()
 print(report.variant, report.cuda)
 # As in a new process; now Dr.Jit finds a GPU too.
-backend.mitsuba.cache_clear()
+backend._chosen.cache_clear()
 backend._refused["llvm_ad_mono"] = "not yet tried"
 check = backend._require_backend
 backend._require_backend = lambda name: name.startswith("cuda") or check(name)

@@ -39,18 +39,41 @@ class BackendReport:
     candidates: tuple[LlvmCandidate, ...]  # best first
 
 
-@functools.cache
 def mitsuba() -> ModuleType:
-    """Return the `mitsuba` module with a variant set.
+    """Return the `mitsuba` module with the variant set that the first call has chosen. Raises `BackendError`.
 
-    The order: LIDARSCENE_VARIANT if it is set; else a vectorised variant that the user has already set; else
+    Mitsuba has one variant for the whole process: if the user has set another since, it is set again.
+    """
+    mi, name = _chosen()
+    if mi.variant() != name:
+        _switch(mi, name)
+    return mi
+
+
+@contextlib.contextmanager
+def users_variant_kept() -> Iterator[None]:
+    """Leave Mitsuba's variant as it was before the block, once `mitsuba()` has changed it."""
+    loaded: Any = sys.modules.get("mitsuba")
+    before = loaded.variant() if loaded else None
+    try:
+        yield
+    finally:
+        if before and before != loaded.variant():
+            _switch(loaded, before)
+
+
+@functools.cache
+def _chosen() -> tuple[ModuleType, str]:
+    """Return Mitsuba and the variant that is chosen and set.
+
+    The order: LIDARSCENE_VARIANT if it is set; else a variant that the user has already set, if it is of use here; else
     cuda_ad_mono if a GPU works and its frames are those of the CPU (`trial`); else llvm_ad_mono. Raises `BackendError`
     if none works.
     """
     requested = os.environ.get(VARIANT_VARIABLE)
     if requested:
         try:
-            return _set_variant(requested)
+            return _set_variant(requested), requested
         except BackendError as error:
             raise BackendError(f"{VARIANT_VARIABLE}={requested}: {error}") from None
     loaded: Any = sys.modules.get("mitsuba")
@@ -58,12 +81,12 @@ def mitsuba() -> ModuleType:
     # A variant of ours that failed after it was set (CUDA without OptiX) stays current in Mitsuba. It is no choice of
     # the user's, and must not be taken for one when this is called again: the cache keeps results, not errors.
     if current and current not in _refused:
-        return _users_variant(loaded, current)
+        return _users_variant(loaded, current), current
     for name in DEFAULT_ORDER:
         try:
             if name.startswith("cuda"):
                 _require_trial(name)
-            return _set_variant(name)
+            return _set_variant(name), name
         except BackendError as error:
             _refused[name] = str(error)
     reasons = "".join(f"\n  {name}: {_refused[name]}" for name in DEFAULT_ORDER)
@@ -192,25 +215,39 @@ def _require_trial(name: str) -> None:
 
 def _set_variant(name: str) -> ModuleType:
     """Set this variant and return Mitsuba. Raises `BackendError` with the reason if the variant does not work."""
-    if name.startswith("scalar"):
-        raise BackendError("scalar variants trace one ray at a time; a vectorised one is needed")
+    if problem := _misfit(name):
+        raise BackendError(problem)
     if name.startswith("cuda") and (problem := cuda_problem()):
         raise BackendError(problem)
     if name.startswith("llvm") and "drjit" not in sys.modules:
         llvm.use()  # raises if there is no usable library; `_import_mitsuba` only tries
     mi = _import_mitsuba()
     if name not in mi.variants():
-        choices = ", ".join(choice for choice in mi.variants() if not choice.startswith("scalar"))
+        choices = ", ".join(choice for choice in mi.variants() if not _misfit(choice))
         raise BackendError(f"no such variant; known are {choices}")
     _require_backend(name)
     try:
-        with _syntax_on_demand():
-            mi.set_variant(name)
+        _switch(mi, name)
         if name.startswith("cuda"):  # a driver without OptiX is found out only now
             trace_one_ray(mi)
     except Exception as error:
         raise BackendError(" ".join(str(error).split())) from error
     return mi
+
+
+def _misfit(name: str) -> str:
+    """Return why the chain cannot run in a variant of this name; "" if nothing speaks against it."""
+    if name.startswith("scalar"):
+        return "scalar variants trace one ray at a time; a vectorised one is needed"
+    if name.endswith("polarized"):
+        return "polarised variants have matrices where numbers are needed; one without 'polarized' is needed"
+    return ""
+
+
+def _switch(mi: Any, name: str) -> None:
+    """Set a variant."""
+    with _syntax_on_demand():
+        mi.set_variant(name)
 
 
 @contextlib.contextmanager
@@ -243,10 +280,10 @@ def _syntax_on_demand() -> Iterator[None]:
 
 
 def _users_variant(mi: ModuleType, current: str) -> ModuleType:
-    """Return Mitsuba with the variant that the user has set. Raises `BackendError` if it is a scalar one."""
-    if current.startswith("scalar"):
+    """Return Mitsuba with the variant that the user has set. Raises `BackendError` if it is of no use here."""
+    if problem := _misfit(current):
         raise BackendError(
-            f"the Mitsuba variant '{current}' is set, but lidarscene needs a vectorised one; "
+            f"the Mitsuba variant '{current}' is set, but {problem}; "
             "try: mitsuba.set_variant('llvm_ad_mono'), or set none at all"
         )
     _require_backend(current)
