@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from lidarscene.errors import BackendError, LidarSceneError
+from lidarscene.files import installed_llvm
 from lidarscene.kernel.device import backend, llvm
 
 OPEN = """
@@ -44,7 +45,7 @@ def places(monkeypatch: pytest.MonkeyPatch) -> dict[str, list[str]]:
     by_place: dict[str, list[str]] = {"environment": [], "wheel": [], "system": []}
     for name, paths in by_place.items():
         monkeypatch.setattr(llvm, f"_in_{name}", lambda paths=paths: iter(paths))
-    monkeypatch.setattr(llvm, "_chosen", None)
+    monkeypatch.setattr(installed_llvm, "_written", "")
     # Set before it is deleted, so that what the test itself sets is taken back too.
     monkeypatch.setenv(llvm.PATH_VARIABLE, "")
     monkeypatch.delenv(llvm.PATH_VARIABLE)
@@ -201,15 +202,56 @@ def test_linker_cache_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
     assert list(llvm._in_linker_cache("x86_64")) == ["/lib/x86_64-linux-gnu/libLLVM.so.19.1"]
 
 
+@pytest.fixture
+def environment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, places) -> Path:
+    """A Python environment, whose folder `lib` has no library but what the test puts in; Dr.Jit is not imported."""
+    monkeypatch.setattr(sys, "prefix", str(tmp_path))
+    monkeypatch.setattr("site.ENABLE_USER_SITE", False)
+    monkeypatch.delitem(sys.modules, "drjit", raising=False)
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("names", "written"),
+    [
+        ([], None),
+        (["libLLVM-15.so", "libLLVM.so.16.0"], None),
+        (["libLLVM.so"], None),
+        (["libLLVM.so.9.0", "libLLVM.so.19.1", "libLLVM-15.so.1"], "libLLVM.so.19.1"),
+    ],
+)
+def test_the_environments_newest_library_is_written_at_import(
+    names: list[str], written: str | None, environment: Path, library
+) -> None:
+    """Rationale: the name tells the version, and no process is asked for it."""
+    for name in names:
+        library(f"lib/{name}")
+    installed_llvm.write_newest_path()
+    assert os.environ.get(llvm.PATH_VARIABLE) == (written and os.path.realpath(environment / "lib" / written))
+    assert installed_llvm.users_path() == ""
+
+
+def test_what_is_set_or_loaded_stays_at_import(environment: Path, library, monkeypatch: pytest.MonkeyPatch) -> None:
+    library("lib/libLLVM.so.19.1")
+    monkeypatch.setitem(sys.modules, "drjit", sys)
+    installed_llvm.write_newest_path()
+    assert llvm.PATH_VARIABLE not in os.environ
+    monkeypatch.delitem(sys.modules, "drjit")
+    monkeypatch.setenv(llvm.PATH_VARIABLE, "/mine/libLLVM.so.20.1")
+    installed_llvm.write_newest_path()
+    assert installed_llvm.users_path() == os.environ[llvm.PATH_VARIABLE] == "/mine/libLLVM.so.20.1"
+
+
 # --- the door itself, in processes of its own --------------------------------------------------------
 
 
 UNFIT = """
 import os
 from lidarscene.errors import BackendError
-from lidarscene.kernel.device import backend, llvm
+from lidarscene.files import installed_llvm
+from lidarscene.kernel.device import backend
 def print_error_of(**environment):
-    llvm._chosen = None
+    installed_llvm._written = ""
     os.environ.update(environment)
     try:
         backend.mitsuba()
@@ -221,7 +263,7 @@ for old in {olds}:
     print_error_of(DRJIT_LIBLLVM_PATH=old, LIDARSCENE_VARIANT="llvm_ad_mono")
 del os.environ["LIDARSCENE_VARIANT"]
 os.environ.update(DRJIT_LIBLLVM_PATH="/nowhere/libLLVM.so", CUDA_VISIBLE_DEVICES="")
-llvm._chosen = None
+installed_llvm._written = ""
 report = backend.probe()
 print(report.variant, report.llvm, "|", report.error.splitlines()[0])
 del os.environ["DRJIT_LIBLLVM_PATH"]
@@ -261,6 +303,21 @@ def test_an_old_llvm_that_drjit_has_loaded_is_an_error_too(run_python) -> None:
     process = run_python(code, DRJIT_LIBLLVM_PATH=old, LIDARSCENE_VARIANT="llvm_ad_mono")
     assert process.returncode == 0
     assert "imported before lidarscene and has loaded LLVM 15" in process.stdout
+
+
+def test_mitsuba_imported_after_lidarscene_has_a_usable_llvm(mi, run_python) -> None:
+    """Rationale: Dr.Jit alone takes the system's, of which 15 and 16 abort the process."""
+    if backend.is_cuda() or not list(installed_llvm.in_environment()):
+        pytest.skip("for LLVM in this Python environment")
+    code = """
+import lidarscene, sys
+print("drjit" in sys.modules)
+import mitsuba as mi, drjit as dr
+mi.set_variant("llvm_ad_mono")
+print(dr.detail.llvm_version()[0] >= 17)
+"""
+    process = run_python(f"{code}{OPEN}", DRJIT_LIBLLVM_PATH=None, LIDARSCENE_VARIANT=None)
+    assert process.stdout.split()[:3] == ["False", "True", "llvm_ad_mono"], process.stderr
 
 
 def test_the_door_opens_without_noise(mi, run_python) -> None:
