@@ -1,4 +1,7 @@
-"""Standard streams that are closed, full or without a reader: files are written, and what can be said is said once."""
+"""What a shell may hand over: streams that are closed, full or without a reader, and a folder that is gone.
+
+Files are written, and what can be said is said once.
+"""
 
 import subprocess
 import sys
@@ -13,9 +16,9 @@ from lidarscene.cloud.point_cloud import PointCloud
 NO_ROOM = "lidarscene: error: standard output: cannot be written: No space left on device\n"
 
 
-def shell(line: str, folder: Path) -> tuple[int, str, str]:
+def shell(line: str, folder: Path, *, before: str = "") -> tuple[int, str, str]:
     """Run a command line of the program and a shell's redirections; returns exit code, standard output and errors."""
-    words = ["bash", "-c", f"set -o pipefail; {sys.executable} -m lidarscene {line}"]
+    words = ["bash", "-c", f"set -o pipefail; {before}{sys.executable} -m lidarscene {line}"]
     ran = subprocess.run(words, cwd=folder, capture_output=True, text=True, timeout=PATIENCE_S)
     return ran.returncode, ran.stdout, ran.stderr
 
@@ -51,6 +54,13 @@ def test_a_full_disk_behind_the_error_stream_costs_nothing(tmp_path: Path, full:
     assert shell(f"render kar -o a.ply 2>{full}", tmp_path) == (2, "", "")
     assert shell(f"catalog scenes >{full} 2>{full}", tmp_path) == (2, "", "")
     assert shell(f"2>{full}", tmp_path) == (2, "", "")
+
+
+def test_a_current_folder_that_is_gone_is_one_line(tmp_path: Path, mi: object) -> None:
+    """Rationale: Mitsuba's import aborts the process there."""
+    code, out, err = shell(f"render edges -o {tmp_path}/a.ply", tmp_path, before="mkdir gone; cd gone; rmdir ../gone; ")
+    line = "lidarscene: error: the current folder cannot be read (No such file or directory); try: cd to another one\n"
+    assert (code, out, err) == (2, "", line)
 
 
 def test_a_reader_that_has_gone_is_no_mistake(tmp_path: Path) -> None:
