@@ -18,6 +18,7 @@ from types import ModuleType
 from typing import Any
 
 from ...errors import BackendError, InputError, OptionWarning
+from ...files.installed_llvm import OLDEST, PATH_VARIABLE
 from . import llvm, trial
 from .llvm import LlvmCandidate
 
@@ -329,14 +330,14 @@ def _require_backend(name: str) -> None:
         if not dr.has_backend(dr.JitBackend.CUDA):
             raise BackendError("Dr.Jit finds no GPU that it can use")
         return
-    path = os.environ.get(llvm.PATH_VARIABLE)
+    path = os.environ.get(PATH_VARIABLE)
     if path and not dr.has_backend(dr.JitBackend.LLVM):
         raise BackendError(f"Dr.Jit cannot load LLVM from {path}; try: {llvm.remedy()}")
     # LLVM 15 and 16 load without complaint and abort the process when the first kernel is compiled.
     version = dr.detail.llvm_version()
-    if version[0] < llvm.OLDEST:
+    if version[0] < OLDEST:
         loaded = f"LLVM {'.'.join(map(str, version))}" if version[0] > 0 else "no LLVM"
         raise BackendError(
-            f"Dr.Jit was imported before lidarscene and has loaded {loaded}, but {llvm.OLDEST} or newer "
-            f"is needed; try: set {llvm.PATH_VARIABLE} before that, or call lidarscene first"
+            f"Dr.Jit was imported before lidarscene and has loaded {loaded}, but {OLDEST} or newer "
+            f"is needed; try: set {PATH_VARIABLE} before that, or call lidarscene first"
         )
