@@ -20,6 +20,7 @@ from helpers.waiting import PATIENCE_S
 from hypothesis import HealthCheck, settings
 
 from lidarscene.errors import BackendError, LidarSceneError
+from lidarscene.files import installed_llvm
 from lidarscene.files import open3d as open3d_door
 from lidarscene.kernel.device import backend, blocks, llvm
 
@@ -40,6 +41,8 @@ reseed, quick_kernels = map(importlib.import_module, ("reseed", "quick_kernels")
 reseed.use()
 quick_kernels.use()
 OUTSIDE = dict(os.environ)
+if not installed_llvm.users_path():
+    OUTSIDE.pop(installed_llvm.PATH_VARIABLE, None)  # each process that a test starts looks for itself
 with contextlib.suppress(BackendError):
     llvm.use()  # before any test file imports drjit, which looks for LLVM only then
 

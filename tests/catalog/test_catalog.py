@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from lidarscene import InputError, catalog, load_sensor
+from lidarscene.scene.scene_file import scene_path
 
 
 @pytest.mark.parametrize(
@@ -31,8 +32,21 @@ def test_a_file_here_comes_before_the_example_of_its_name(tmp_path: Path, monkey
     assert catalog.file_or_example("job", tmp_path) == catalog.path_of("examples", "job")
     for path in ("rig.toml", "nothing", tmp_path / "rig"):
         assert catalog.file_or_example(path) == Path(path)
-    (tmp_path / "rig").mkdir()
+    (tmp_path / "rig").touch()
     assert catalog.file_or_example("rig") == Path("rig")
+
+
+@pytest.mark.parametrize("kind", catalog.KINDS)
+def test_a_folder_here_hides_no_entry_of_its_name(kind: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    for name in catalog.names(kind):
+        (tmp_path / name).mkdir(exist_ok=True)
+        assert catalog.path_of(kind, name) == catalog.files(kind)[name]
+        assert kind != "examples" or catalog.file_or_example(name) == catalog.files(kind)[name]
+        assert kind != "scenes" or scene_path(name) == catalog.files(kind)[name]
+    (tmp_path / "folder").mkdir()
+    with pytest.raises(InputError, match=f"folder: must be an? {catalog.singular(kind)} of the catalogue or a file"):
+        catalog.path_of(kind, "folder")
 
 
 @pytest.mark.parametrize("kind", catalog.KINDS)

@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 from helpers.command_line import COARSE, Run
 
+from lidarscene.cli import view
 from lidarscene.cli.terminal import explained, quietly
 from lidarscene.cli.view import COMPILING, list_clouds
 
@@ -23,6 +24,15 @@ def test_save_says_where_and_how_large(run: Run, cloud: str, wall: str) -> None:
         assert (ran.code, ran.err) == (0, "")
         assert ran.out.startswith("wrote out/page.html (")
         assert Path("out/page.html").read_text(encoding="utf-8").startswith("<!DOCTYPE html>")
+
+
+def test_a_folder_hides_a_scene_of_its_name_only_with_clouds(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "car").mkdir()
+    assert view._is_scene(Path("car"))
+    assert not view._is_scene(tmp_path / "car")
+    (tmp_path / "car" / "a.ply").touch()
+    assert not view._is_scene(Path("car"))
 
 
 def test_frames_of_a_folder_come_by_their_numbers(tmp_path: Path) -> None:

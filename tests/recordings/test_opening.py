@@ -9,7 +9,7 @@ from helpers.recordings import OUSTER, copy_to_mcap, pcap, turns
 
 from lidarscene.errors import InputError, LidarSceneError
 from lidarscene.files import optional
-from lidarscene.recordings.opening import open_recording
+from lidarscene.recordings.opening import is_recording, open_recording
 
 
 def hide_packages(monkeypatch: pytest.MonkeyPatch, *packages: str) -> None:
@@ -35,6 +35,17 @@ def test_a_twin_names_all_that_is_missing_at_once(run: Run, monkeypatch: pytest.
     assert (ran.code, ran.err.count("\n")) == (1, 1)
     assert "error: ouster-sdk, open3d and libusb-package are needed and cannot be found" in ran.err
     assert "try: pip install 'lidarscene[ouster,open3d]', or pip install ouster-sdk open3d libusb-package" in ran.err
+
+
+def test_a_folder_with_nothing_to_read_hides_no_example(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A folder of a bag or of files of points is a recording, though."""
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "os0-32").mkdir()
+    (tmp_path / "os0-32" / "notes.txt").touch()
+    assert is_recording(Path("os0-32"))
+    (tmp_path / "os0-32" / "000000.bin").touch()
+    with open_recording("os0-32") as recording:
+        assert recording.path == Path("os0-32")
 
 
 def test_what_is_no_recording(tmp_path: Path) -> None:

@@ -65,6 +65,8 @@ def path_of(kind: str, name: str) -> Path:
     if _letters(name) in spelled:
         return files(kind)[spelled[_letters(name)]]
     noun = singular(kind)
+    if os.path.isdir(name):
+        raise InputError(f"{name}: must be a {noun} of the catalogue or a file, got a folder")
     parts = name.split(",")
     if len(parts) > 1 and all(_letters(part.strip()) in spelled for part in parts):
         raise InputError(f"'{name}': must be one {noun}; several go with spaces between them")
@@ -87,10 +89,14 @@ def with_article(kind: str) -> str:
 
 
 def file_or_example(path: str | os.PathLike[str], folder: Path = Path()) -> Path:
-    """Path in a folder, or the example of this bare name if nothing there has it."""
+    """Path in a folder, or the example of this bare name if no file there has it; a folder hides no example."""
     name, file = os.fspath(path), folder / path
-    is_name = Path(name).name == name and not Path(name).suffix and not os.path.exists(file)
-    return files("examples").get(name, file) if is_name else file
+    return files("examples").get(name, file) if is_bare(name) and not os.path.isfile(file) else file
+
+
+def is_bare(name: str) -> bool:
+    """Whether a text is a name without folder and suffix, as entries of the catalogue have it."""
+    return Path(name).name == name and not Path(name).suffix
 
 
 def _letters(text: str) -> str:

@@ -11,6 +11,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
 
+from ..files.installed_llvm import PATH_VARIABLE, users_path
 from ..kernel.device import backend
 from ..kernel.device.backend import BackendReport
 from ..kernel.device.gate import exclusive
@@ -26,7 +27,7 @@ PACKAGES = (
     "matplotlib",
     "open3d",
 )
-SETTINGS = ("LIDARSCENE_VARIANT", "DRJIT_LIBLLVM_PATH", "DRJIT_LIBCUDA_PATH", "DRJIT_CACHE_DIR", "CUDA_VISIBLE_DEVICES")
+SETTINGS = ("LIDARSCENE_VARIANT", PATH_VARIABLE, "DRJIT_LIBCUDA_PATH", "DRJIT_CACHE_DIR", "CUDA_VISIBLE_DEVICES")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -67,6 +68,8 @@ class Findings:
 def examine() -> Findings:
     """Examine this machine. Works with a broken back end."""
     settings = {name: os.environ[name] for name in SETTINGS if name in os.environ}
+    if not users_path():
+        settings.pop(PATH_VARIABLE, None)
     report = backend.probe()
     ray, healthy = _ray(report)
     sections = {

@@ -31,7 +31,19 @@ from .recordings.twin import add_twin
 from .render import add_render
 from .stream import add_stream
 from .street import add_street
-from .terminal import Answer, end_cleanly, ended_by, error_text, mute_errors, notes, print_error, print_text, quietly
+from .terminal import (
+    Answer,
+    end_cleanly,
+    ended_by,
+    error_text,
+    mute_errors,
+    notes,
+    print_error,
+    print_text,
+    quietly,
+    secure_streams,
+    tell,
+)
 from .view import add_view
 from .words import require_no_empty, with_joined_pose
 
@@ -39,6 +51,7 @@ from .words import require_no_empty, with_joined_pose
 def main(argv: Sequence[str] | None = None) -> int:
     """Run a command; returns the exit code: 0, 2 for usage, input and output mistakes, 3 without a back end."""
     if argv is None:
+        secure_streams()
         end_cleanly()
         atexit.register(mute_errors)  # registered first, it runs last
         # Garbage collection of all imported modules at exit would take 0.15 s.
@@ -98,6 +111,10 @@ class _Parser(argparse.ArgumentParser):
             hint = f"{did_you_mean(choice[1].lower(), choices)} choose from {', '.join(choices)}".strip()
             message = f"{message[: choice.end(1)]}'; {hint}"
         raise InputError(f"{message}; see {self.prog} -h")
+
+    def _print_message(self, message: str, file: Any = None) -> None:
+        """Print help and version as all answers: argparse drops them where they cannot be written."""
+        print_text(message)
 
     def _suggestion(self, argument: str) -> str:
         """Suggest an option for an unknown argument."""
@@ -172,7 +189,7 @@ def _parser() -> argparse.ArgumentParser:
 
 def _help(parser: argparse.ArgumentParser) -> Answer:
     """Print the help for a call without a command, which is a usage mistake."""
-    parser.print_help(sys.stderr)
+    tell(parser.format_help().rstrip("\n"))
     return Answer("", InputError.exit_code)
 
 

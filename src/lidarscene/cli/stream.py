@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import argparse
 import json
-import sys
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
@@ -13,7 +12,7 @@ from ..errors import InputError
 from ..formats.registry import PACKETS
 from ..rendering.render_options import FrameOptions, TraceOptions
 from .options import CommandOptions, add_options, options_from, scene_changes
-from .terminal import Answer, is_quiet, print_text
+from .terminal import Answer, is_quiet, print_text, tell
 from .words import number
 
 STREAM_HELP = """\
@@ -100,10 +99,8 @@ def run_stream(arguments: argparse.Namespace) -> Answer:
 
 
 def _print_line(line: str) -> None:
-    if is_quiet():
-        return
-    sys.stderr.write(f"lidarscene: {line}\n")
-    sys.stderr.flush()
+    if not is_quiet():
+        tell(f"lidarscene: {line}")
 
 
 def _address(text: str) -> tuple[str, int]:

@@ -1,7 +1,7 @@
 """Terminal: prints a command's answer, its one-line error, its notes and its progress.
 
-Names of files may hold letters that a terminal lacks, and the reader of a pipe may be gone: neither may end in a
-traceback.
+Names of files may hold letters that a terminal lacks, the reader of a pipe may be gone, a disk full, a stream closed
+from the start: none of these may end in a traceback, or cost a file.
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ import warnings
 from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple, TextIO, cast
 
 from ..errors import BackendError, LidarSceneError, OptionError, OptionWarning, OutputError
 from .options import flag_of
@@ -43,8 +43,7 @@ def print_text(text: str) -> None:
         sys.stdout.write(printed + "\n")
         sys.stdout.flush()
     except OSError as error:
-        # Python flushes standard output once more when it ends: redirected, so that this cannot fail.
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _discard(sys.stdout)
         if not isinstance(error, BrokenPipeError):
             raise OutputError(f"standard output: cannot be written: {error.strerror}") from None
 
@@ -59,8 +58,71 @@ def save_report(report: Report, folder: Path) -> Answer:
 
 
 def print_error(text: str) -> None:
-    """Print an error to the error stream."""
-    sys.stderr.write(f"lidarscene: error: {text}\n")
+    """Print an error to the error stream, or to standard output if the caller has closed that."""
+    line = f"lidarscene: error: {text}"
+    if not _ERRORS_TO_STDOUT:
+        tell(line)
+        return
+    with suppress(OutputError):  # both streams are lost
+        print_text(line)
+
+
+def tell(line: str) -> None:
+    """Print a line to the error stream at once."""
+    sys.stderr.write(f"{line}\n")
+    sys.stderr.flush()
+
+
+_ERRORS_TO_STDOUT: list[bool] = []
+
+
+class ErrorStream:
+    """An error stream that takes everything: progress and notes for a full disk or a closed pipe must not end a run."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self._stream = stream
+
+    def write(self, text: str) -> int:
+        """Write a text, or drop it and all later ones."""
+        try:
+            return self._stream.write(text)
+        except OSError:
+            _discard(self._stream)
+            return len(text)
+
+    def flush(self) -> None:
+        """Write what is buffered, or drop it and all later texts."""
+        try:
+            self._stream.flush()
+        except OSError:
+            _discard(self._stream)
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self._stream, name)
+
+
+def secure_streams() -> None:
+    """Open the standard streams that the caller has closed (`2>&-`), and let the error stream take everything.
+
+    Otherwise the next file that is opened would have a closed stream's number, and get what libraries print there.
+    Answers then go to the error stream, and errors to standard output; notes and progress are dropped.
+    """
+    closed = [number for number, stream in enumerate((sys.stdin, sys.stdout, sys.stderr)) if stream is None]
+    for _ in closed:
+        os.set_inheritable(os.open(os.devnull, os.O_RDWR), True)  # a file gets the lowest number that is free
+    if 0 in closed:
+        sys.stdin = os.fdopen(0, closefd=False)
+    if 2 in closed:
+        sys.stderr = os.fdopen(2, "w", closefd=False)
+        _ERRORS_TO_STDOUT.append(True)
+    sys.stderr = cast(TextIO, ErrorStream(sys.stderr))
+    if 1 in closed:
+        sys.stdout = sys.stderr
+
+
+def _discard(stream: TextIO) -> None:
+    """Lead a stream into nothing: Python flushes it once more when it ends, and that must not fail."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), stream.fileno())
 
 
 def error_text(error: LidarSceneError) -> str:
@@ -74,7 +136,7 @@ def mute_errors() -> None:
     """Close the error stream at exit: compiled libraries report objects there that they think are leaked."""
     with suppress(OSError, ValueError):
         sys.stderr.flush()
-        os.dup2(os.open(os.devnull, os.O_WRONLY), 2)
+        _discard(sys.stderr)
 
 
 def printable(text: str) -> str:
@@ -127,8 +189,7 @@ def explained(text: str, *, after_s: float = 1.0) -> Iterator[None]:
     """Print a line to the error stream if the block takes longer than ``after_s``."""
 
     def explain() -> None:
-        sys.stderr.write(f"lidarscene: {text}\n")
-        sys.stderr.flush()
+        tell(f"lidarscene: {text}")
 
     timer = threading.Timer(after_s, explain)
     timer.daemon = True
@@ -169,8 +230,7 @@ class Lines:
             line += f", some {duration_text((seconds - first_s) * (total - finished) / (finished - first))} left"
         else:
             self._next_s = seconds + FIRST_LINE_S
-        sys.stderr.write(f"lidarscene: {line}{'; ' if words else ''}{words}\n")
-        sys.stderr.flush()
+        tell(f"lidarscene: {line}{'; ' if words else ''}{words}")
 
 
 @contextmanager
@@ -228,7 +288,7 @@ def notes() -> Iterator[None]:
                 note = printable(message.message_with(flag_of))
                 if note not in printed:
                     printed.add(note)
-                    sys.stderr.write(f"lidarscene: note: {note}\n")
+                    tell(f"lidarscene: note: {note}")
             elif sys.warnoptions:
                 show_other(message, *about, **more)
 

@@ -8,20 +8,20 @@ from __future__ import annotations
 import argparse
 import contextlib
 import os
-import sys
 import threading
 import webbrowser
 from collections.abc import Iterable, Sequence, Set
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from .. import catalog
 from ..errors import InputError
 from ..files.inputs import by_numbers
 from ..rendering.option_fields import Whole
 from ..rendering.render_options import FrameOptions
 from .options import CommandOptions, add_options, flag_of, options_from
 from .recordings.recording_options import add_recording, with_progress
-from .terminal import Answer, explained
+from .terminal import Answer, explained, print_text
 from .words import whole_number
 
 if TYPE_CHECKING:
@@ -88,8 +88,7 @@ def run_view(arguments: argparse.Namespace) -> Answer:
         # The port is opened before the scene is loaded: a busy one is reported at once.
         with explained(COMPILING):
             source = _source(arguments, opened)
-        sys.stdout.write(f"{source.title}: {server.url} (Ctrl-C ends)\n")
-        sys.stdout.flush()
+        print_text(f"{source.title}: {server.url} (Ctrl-C ends)")
         if not arguments.no_browser:
             # In a thread, because a browser in the terminal would block, waiting for the page before it is served.
             threading.Thread(target=webbrowser.open, args=(server.url,), daemon=True).start()
@@ -127,9 +126,11 @@ def _source(arguments: argparse.Namespace, opened: contextlib.ExitStack) -> Sour
 
 
 def _is_scene(path: Path) -> bool:
-    """Whether a path is a scene: by its suffix, or as a bare name that is no folder. A PLY file is a cloud here."""
+    """Whether a path is a scene: by its suffix, or as a bare name; but a folder of clouds, or a PLY file, is clouds."""
     from ..scene.meshes.reading import NOT_READ
 
+    if os.path.isdir(path):
+        return path.name in catalog.names("scenes") and catalog.is_bare(str(path)) and not _clouds_of(path)
     return path.suffix.lower() in NOT_READ or path.suffix.lower() in SCENES or not (path.suffix or os.path.exists(path))
 
 
@@ -149,26 +150,33 @@ def _recording_source(arguments: argparse.Namespace, path: Path, opened: context
 
 def list_clouds(paths: Sequence[Path]) -> list[Path]:
     """List cloud files in the order given; those of a folder, or of its folders, go by the numbers in their names."""
-    from ..formats.registry import FORMATS
-
-    suffixes = {file_format.suffix for file_format in FORMATS.values() if file_format.read}
-
     files: list[Path] = []
     for path in paths:
         if not os.path.isdir(path):
             files.append(path)
             continue
-        # The folders of a rig, a job or a data set have their clouds in further folders.
-        inside = _clouds_in(path.iterdir(), suffixes) or _clouds_in(path.rglob("*"), suffixes)
+        inside = _clouds_of(path)
         if not inside:
-            expected = ", ".join(sorted(suffixes))
+            expected = ", ".join(sorted(_suffixes()))
             raise InputError(f"{path}: must hold files that end in {expected}, got none")
         files += sorted(inside, key=lambda file: (by_numbers(file.parent), by_numbers(file)))
     return files
 
 
-def _clouds_in(files: Iterable[Path], suffixes: Set[str]) -> list[Path]:
+def _clouds_of(folder: Path) -> list[Path]:
+    """Clouds in a folder, else in its folders: a rig, a job or a data set has them there."""
+    return _clouds_in(folder.iterdir()) or _clouds_in(folder.rglob("*"))
+
+
+def _clouds_in(files: Iterable[Path]) -> list[Path]:
+    suffixes = _suffixes()
     return [file for file in files if file.suffix.lower() in suffixes and file.name[0] != "." and file.is_file()]
+
+
+def _suffixes() -> Set[str]:
+    from ..formats.registry import FORMATS
+
+    return {file_format.suffix for file_format in FORMATS.values() if file_format.read}
 
 
 def _check_save(path: Path) -> None:

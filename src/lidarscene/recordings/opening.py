@@ -26,7 +26,7 @@ def open_recording(
     sensor_index  which sensor of an OSF, from 0
     Raises InputError, in one line, for a file that is missing, empty, damaged or of no known kind.
     """
-    file, metadata_file = file_or_example(path), None if metadata is None else Path(metadata)
+    file, metadata_file = _located(path), None if metadata is None else Path(metadata)
     if not file.exists():
         raise InputError(f"{file}: no such recording")
     if metadata_file is not None and not metadata_file.is_file():
@@ -56,7 +56,7 @@ def extras_of(path: str | os.PathLike[str], metadata: str | os.PathLike[str] | N
     """Groups of packages that open a recording, as far as its name and the files beside it say."""
     from .pcap_reader import metadata_of
 
-    file = file_or_example(path)
+    file = _located(path)
     suffix = file.suffix.lower()
     if suffix in (".osf", ".pcap"):
         description = metadata_of(file, None if metadata is None else Path(metadata))
@@ -139,13 +139,22 @@ HEADER_BYTES = 1 << 16
 """Bytes from the start in which the formats of `EITHER` name the program that wrote the file."""
 
 
+def _located(path: str | os.PathLike[str]) -> Path:
+    """Path of a recording, or of the example of this name; a folder with nothing to read does not hide it."""
+    kinds = ("metadata.yaml", *READERS)
+    with suppress(OSError):
+        if any(name.lower().endswith(kinds) for name in os.listdir(path)):
+            return Path(path)
+    return file_or_example(path)
+
+
 def is_recording(path: Path) -> bool:
     """Whether a path, or an example's name, is a recording and no cloud of lidarscene; False if it cannot be read.
 
     Reading such a file later raises the error.
     """
     with suppress(OSError):
-        return _is_recording(file_or_example(path))
+        return _is_recording(_located(path))
     return False
 
 

@@ -103,7 +103,7 @@ def scenes() -> list[str]:
 def scene_path(scene: str | os.PathLike[str]) -> Path:
     """Path of a scene's file, or of a bare mesh; a word without a suffix is one of the catalogue. Raises InputError."""
     path = Path(scene)
-    if not path.suffix and path.name == str(scene) and not os.path.isdir(path):
+    if catalog.is_bare(str(scene)):
         is_mesh_name = path.name in catalog.names("meshes") and path.name not in catalog.names("scenes")
         return catalog.path_of("meshes" if is_mesh_name else "scenes", path.name)
     reading.refuse_other_formats(path)

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 
 from lidarscene.errors import BackendError, LidarSceneError
+from lidarscene.files import installed_llvm
 from lidarscene.kernel.device import backend, llvm
 
 OPEN = """
@@ -44,7 +45,7 @@ def places(monkeypatch: pytest.MonkeyPatch) -> dict[str, list[str]]:
     by_place: dict[str, list[str]] = {"environment": [], "wheel": [], "system": []}
     for name, paths in by_place.items():
         monkeypatch.setattr(llvm, f"_in_{name}", lambda paths=paths: iter(paths))
-    monkeypatch.setattr(llvm, "_chosen", None)
+    monkeypatch.setattr(installed_llvm, "_written", "")
     # Set before it is deleted, so that what the test itself sets is taken back too.
     monkeypatch.setenv(llvm.PATH_VARIABLE, "")
     monkeypatch.delenv(llvm.PATH_VARIABLE)
@@ -201,15 +202,56 @@ def test_linker_cache_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
     assert list(llvm._in_linker_cache("x86_64")) == ["/lib/x86_64-linux-gnu/libLLVM.so.19.1"]
 
 
+@pytest.fixture
+def environment(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, places) -> Path:
+    """A Python environment, whose folder `lib` has no library but what the test puts in; Dr.Jit is not imported."""
+    monkeypatch.setattr(sys, "prefix", str(tmp_path))
+    monkeypatch.setattr("site.ENABLE_USER_SITE", False)
+    monkeypatch.delitem(sys.modules, "drjit", raising=False)
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("names", "written"),
+    [
+        ([], None),
+        (["libLLVM-15.so", "libLLVM.so.16.0"], None),
+        (["libLLVM.so"], None),
+        (["libLLVM.so.9.0", "libLLVM.so.19.1", "libLLVM-15.so.1"], "libLLVM.so.19.1"),
+    ],
+)
+def test_the_environments_newest_library_is_written_at_import(
+    names: list[str], written: str | None, environment: Path, library
+) -> None:
+    """Rationale: the name tells the version, and no process is asked for it."""
+    for name in names:
+        library(f"lib/{name}")
+    installed_llvm.write_newest_path()
+    assert os.environ.get(llvm.PATH_VARIABLE) == (written and os.path.realpath(environment / "lib" / written))
+    assert installed_llvm.users_path() == ""
+
+
+def test_what_is_set_or_loaded_stays_at_import(environment: Path, library, monkeypatch: pytest.MonkeyPatch) -> None:
+    library("lib/libLLVM.so.19.1")
+    monkeypatch.setitem(sys.modules, "drjit", sys)
+    installed_llvm.write_newest_path()
+    assert llvm.PATH_VARIABLE not in os.environ
+    monkeypatch.delitem(sys.modules, "drjit")
+    monkeypatch.setenv(llvm.PATH_VARIABLE, "/mine/libLLVM.so.20.1")
+    installed_llvm.write_newest_path()
+    assert installed_llvm.users_path() == os.environ[llvm.PATH_VARIABLE] == "/mine/libLLVM.so.20.1"
+
+
 # --- the door itself, in processes of its own --------------------------------------------------------
 
 
 UNFIT = """
 import os
 from lidarscene.errors import BackendError
-from lidarscene.kernel.device import backend, llvm
+from lidarscene.files import installed_llvm
+from lidarscene.kernel.device import backend
 def print_error_of(**environment):
-    llvm._chosen = None
+    installed_llvm._written = ""
     os.environ.update(environment)
     try:
         backend.mitsuba()
@@ -221,11 +263,11 @@ for old in {olds}:
     print_error_of(DRJIT_LIBLLVM_PATH=old, LIDARSCENE_VARIANT="llvm_ad_mono")
 del os.environ["LIDARSCENE_VARIANT"]
 os.environ.update(DRJIT_LIBLLVM_PATH="/nowhere/libLLVM.so", CUDA_VISIBLE_DEVICES="")
-llvm._chosen = None
+installed_llvm._written = ""
 report = backend.probe()
 print(report.variant, report.llvm, "|", report.error.splitlines()[0])
 del os.environ["DRJIT_LIBLLVM_PATH"]
-for name in ("nonsense", "scalar_rgb"):
+for name in ("nonsense", "scalar_rgb", "llvm_ad_mono_polarized"):
     print_error_of(LIDARSCENE_VARIANT=name)
 """
 
@@ -237,7 +279,7 @@ def test_what_is_unfit_is_an_error_not_an_abort(run_python) -> None:
     """
     process = run_python(UNFIT.format(olds=OLD_LLVMS))
     assert (process.returncode, process.stderr) == (0, "")
-    *old, nowhere, nonsense, scalar = process.stdout.splitlines()
+    *old, nowhere, nonsense, scalar, polarised = process.stdout.splitlines()
     assert len(old) == len(OLD_LLVMS)
     for path, line in zip(OLD_LLVMS, old, strict=True):
         assert line.startswith("BackendError:")
@@ -250,6 +292,7 @@ def test_what_is_unfit_is_an_error_not_an_abort(run_python) -> None:
     assert scalar.startswith(
         "BackendError: LIDARSCENE_VARIANT=scalar_rgb: scalar variants trace one ray at a time; a vectorised"
     )
+    assert "polarized: polarised variants have matrices" in polarised
 
 
 def test_an_old_llvm_that_drjit_has_loaded_is_an_error_too(run_python) -> None:
@@ -262,6 +305,21 @@ def test_an_old_llvm_that_drjit_has_loaded_is_an_error_too(run_python) -> None:
     assert "imported before lidarscene and has loaded LLVM 15" in process.stdout
 
 
+def test_mitsuba_imported_after_lidarscene_has_a_usable_llvm(mi, run_python) -> None:
+    """Rationale: Dr.Jit alone takes the system's, of which 15 and 16 abort the process."""
+    if backend.is_cuda() or not list(installed_llvm.in_environment()):
+        pytest.skip("for LLVM in this Python environment")
+    code = """
+import lidarscene, sys
+print("drjit" in sys.modules)
+import mitsuba as mi, drjit as dr
+mi.set_variant("llvm_ad_mono")
+print(dr.detail.llvm_version()[0] >= 17)
+"""
+    process = run_python(f"{code}{OPEN}", DRJIT_LIBLLVM_PATH=None, LIDARSCENE_VARIANT=None)
+    assert process.stdout.split()[:3] == ["False", "True", "llvm_ad_mono"], process.stderr
+
+
 def test_the_door_opens_without_noise(mi, run_python) -> None:
     process = run_python(OPEN, LIDARSCENE_VARIANT=mi.variant())
     assert (process.returncode, process.stderr) == (0, "")
@@ -271,19 +329,62 @@ def test_the_door_opens_without_noise(mi, run_python) -> None:
     assert float(measured) == pytest.approx(float(expected), abs=5e-7)
 
 
-def test_a_vectorised_variant_of_the_user_stays(mi, run_python) -> None:
+FRAME = """
+import lidarscene
+cloud = lidarscene.render("edges", seed=1)
+print(hashlib.sha256(cloud.xyz_m.tobytes() + cloud.intensity.tobytes()).hexdigest())
+"""
+
+
+def test_a_variant_that_the_user_sets_first_is_used_and_gives_the_same_cloud(mi, run_python) -> None:
+    """Rationale: of a surface only the reflectivity at the laser's wavelength is asked, in every variant."""
     if backend.is_cuda():
         pytest.skip("for LLVM")
     path = os.environ[llvm.PATH_VARIABLE]
-    code = f"import mitsuba; mitsuba.set_variant('llvm_ad_spectral')\n{OPEN}"
+    told = set()
+    for variant in ("llvm_ad_mono", "llvm_ad_rgb", "llvm_ad_spectral"):
+        code = f"import hashlib, mitsuba; mitsuba.set_variant('{variant}')\n{FRAME}print(mitsuba.variant())"
+        process = run_python(code, DRJIT_LIBLLVM_PATH=path, LIDARSCENE_VARIANT=None)
+        cloud, used = process.stdout.split()
+        assert used == variant, process.stderr
+        told.add(cloud)
+    assert len(told) == 1
+
+
+def test_a_variant_that_the_user_sets_later_costs_nothing(mi, run_python) -> None:
+    """Frames are those of the first variant; what the user has set is set again after each call."""
+    if backend.is_cuda():
+        pytest.skip("for LLVM")
+    code = f"""
+import hashlib
+{FRAME}
+import mitsuba as mi
+for variant in ("llvm_ad_rgb", "scalar_rgb", "llvm_ad_mono_polarized"):
+    mi.set_variant(variant)
+    {FRAME.strip().splitlines()[1]}
+    {FRAME.strip().splitlines()[2]}
+    assert mi.variant() == variant
+    plate = mi.load_dict({{"type": "scene", "plate": {{"type": "rectangle"}}}})
+    try:
+        lidarscene.render("car", "vlp-16", rays=-1)
+    except lidarscene.InputError:
+        assert mi.variant() == variant
+"""
+    process = run_python(code, LIDARSCENE_VARIANT="llvm_ad_mono")
+    assert (process.returncode, process.stderr) == (0, "")
+    first, *others = process.stdout.split()
+    assert others == [first] * 6
+
+
+@pytest.mark.parametrize("variant", ["scalar_rgb", "llvm_ad_mono_polarized", "llvm_ad_spectral_polarized"])
+def test_a_variant_of_the_user_that_is_of_no_use_is_an_error(mi, run_python, variant: str) -> None:
+    path = os.environ[llvm.PATH_VARIABLE]
+    code = f"import mitsuba; mitsuba.set_variant('{variant}')\n{OPEN}mitsuba.set_variant('llvm_ad_mono')\n{OPEN}"
     process = run_python(code, DRJIT_LIBLLVM_PATH=path, LIDARSCENE_VARIANT=None)
-    assert process.stdout.split()[0] == "llvm_ad_spectral"
-
-
-def test_a_scalar_variant_of_the_user_is_an_error(run_python) -> None:
-    code = f"import mitsuba; mitsuba.set_variant('scalar_rgb')\n{OPEN}"
-    process = run_python(code, LIDARSCENE_VARIANT=None)
-    assert "BackendError: the Mitsuba variant 'scalar_rgb' is set" in process.stdout
+    refused, used = process.stdout.splitlines()
+    assert refused.startswith(f"BackendError: the Mitsuba variant '{variant}' is set, but ")
+    assert refused.endswith("; try: mitsuba.set_variant('llvm_ad_mono'), or set none at all")
+    assert used.startswith("llvm_ad_mono ")
 
 
 def test_hidden_gpus_are_respected(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -319,7 +420,7 @@ backend.cuda_problem = lambda: ""  # the cheap look finds a driver
 report = backend.probe()
 print(report.variant, report.cuda)
 # As in a new process; now Dr.Jit finds a GPU too.
-backend.mitsuba.cache_clear()
+backend._chosen.cache_clear()
 backend._refused["llvm_ad_mono"] = "not yet tried"
 check = backend._require_backend
 backend._require_backend = lambda name: name.startswith("cuda") or check(name)

@@ -265,16 +265,3 @@ def test_a_world_out_of_scope_is_freed_at_once() -> None:
     gc.collect()
     assert len(gc.get_referrers(scene)) < before
     assert not arrays.retired
-
-
-def test_a_variant_of_the_users_is_set_again() -> None:
-    mi = backend.mitsuba()
-    ours = mi.variant()
-    alone = small().render(seed=2)
-    mi.set_variant("scalar_rgb")
-    try:
-        cloud = small().render(seed=2)
-        assert mi.variant() == "scalar_rgb"
-        assert cloud.range_m.tobytes() == alone.range_m.tobytes()
-    finally:
-        mi.set_variant(ours)

@@ -151,7 +151,7 @@ for renders in (True, False):
         report = backend.probe()
     print(report.variant, "|", report.cuda, "|", *(one.message for one in told))
     # As in a new process: nothing chosen, no verdict kept.
-    backend.mitsuba.cache_clear()
+    backend._chosen.cache_clear()
     backend._refused["llvm_ad_mono"] = "not yet tried"
     trial._verdict_file = lambda *_: None
 """

@@ -87,7 +87,9 @@ def test_what_is_no_table_is_told(tmp_path: Path) -> None:
     for text, message in (
         ("", "must have columns Elevation and Azimuth, got none"),
         ("a,b\n1,2\n", "must have columns Elevation and Azimuth, got a, b"),
-        ("Elevation,Azimuth\n1,x\n", "line 2: must be numbers, got '1,x'"),
+        ("Elevation,Azimuth\n1,x\n", "line 2: azimuth: must be a finite number, got 'x'"),
+        ("Elevation,Azimuth\nnan,1\n", "line 2: elevation: must be a finite number, got 'nan'"),
+        ("Elevation,Azimuth\n1\n", "line 2: azimuth: must be a finite number, got ''"),
         ("Elevation,Azimuth\n", "must have a line for each channel, got none"),
     ):
         path.write_text(text)

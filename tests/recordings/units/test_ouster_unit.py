@@ -108,9 +108,20 @@ def test_what_is_wrong_is_one_line(tmp_path: Path) -> None:
         lidar_to_sensor_transform=[1, 0, 0, 0, 0, 0, -1, 0, 0, 1, 0, 0, 0, 0, 0, 1]
     )
     assert "no sensor of the catalogue is of this kind (32 beams); --like" in error_text(prod_line="XX")
+    for key in ("lidar_to_sensor_transform", "beam_to_lidar_transform"):
+        assert f"{key}: must have 16 numbers, got [1, 2]" in error_text(**{key: [1, 2]})
+        assert f"{key}[15]: must be a finite number, got None" in error_text(**{key: [1] * 15 + [None]})
+    assert "beam_azimuth_angles[1]: must be a finite number, got 'x'" in error_text(beam_azimuth_angles=[1, "x"])
     source.write_text("{")
     with pytest.raises(InputError, match=r"a.json: cannot be read: "):
         read_unit(source)
+
+
+@pytest.mark.parametrize("window", [None, 5, [], "all", [0, 90000]])
+def test_an_odd_azimuth_window_is_a_comment(tmp_path: Path, window: object) -> None:
+    source = tmp_path / "a.json"
+    source.write_text(json.dumps(json.loads(JSON.read_text()) | {"azimuth_window": window}))
+    assert f"azimuth window {window} in millidegrees is not taken over" in read_unit(source).comments[1]
 
 
 @pytest.mark.parametrize("key", ["build_rev", "prod_sn", "prod_line"])

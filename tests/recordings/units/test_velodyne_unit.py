@@ -140,3 +140,51 @@ def test_what_is_no_calibration_is_told(tmp_path: Path, library: Callable[[str],
         path.write_text(text)
         with pytest.raises(InputError, match=message):
             read_unit(path)
+
+
+ODD = (" ", "ten", "nan", "inf", "-inf", "1e999", "1,5", "0x10", "true", "[1]")
+
+
+def test_odd_numbers_of_xml_are_told_by_laser_and_key(tmp_path: Path) -> None:
+    """Nothing at all is zero, as the maker's program writes it."""
+    path = tmp_path / "db.xml"
+    for column, key in enumerate(
+        ("id_", "rotCorrection_", "vertCorrection_", "vertOffsetCorrection_", "horizOffsetCorrection_")
+    ):
+        for odd in ODD:
+            laser: list[Any] = [1, 0, 5, 0, 0]
+            laser[column] = odd
+            path.write_text(XML.format(points=POINT.format(0, 0, -10, 0, 0) + POINT.format(*laser)))
+            with pytest.raises(InputError) as error:
+                read_unit(path)
+            kind = "whole" if key == "id_" else "finite"
+            assert str(error.value).endswith(
+                f"db.xml: cannot be read: laser 1: {key}: must be a {kind} number, got {odd!r}"
+            )
+
+
+def test_odd_flags_of_xml_are_told(tmp_path: Path) -> None:
+    path = tmp_path / "db.xml"
+    text = XML.format(points=POINT.format(0, 0, -10, 0, 0))
+    for odd in ODD:
+        path.write_text(text.replace("<item>0</item>", f"<item>{odd}</item>"))
+        with pytest.raises(InputError, match="enabled_ 2: must be a whole number, got "):
+            read_unit(path)
+
+
+def test_odd_numbers_of_yaml_are_told_by_laser_and_key(tmp_path: Path, library: Callable[[str], Any]) -> None:
+    yaml = library("yaml")
+    path = tmp_path / "unit.yaml"
+    keys = ("laser_id", "vert_correction", "rot_correction", "vert_offset_correction", "horiz_offset_correction")
+    for key in keys:
+        for odd in ("", "ten", "true", "[1]", "1,5", ".nan", ".inf", "-.inf", "~", "2024-01-01"):
+            laser = dict.fromkeys(keys, "1") | {key: odd}
+            path.write_text("lasers:\n-\n" + "".join(f"    {name}: {text}\n" for name, text in laser.items()))
+            with pytest.raises(InputError) as error:
+                read_unit(path)
+            kind = "whole" if key == "laser_id" else "finite"
+            value = yaml.safe_load(odd)
+            assert f": laser 0: {key}: must be a {kind} number, got {value!r}" in str(error.value)
+    path.write_text("lasers: [1]")
+    with pytest.raises(InputError, match="laser 0: must be a table, got 1"):
+        read_unit(path)

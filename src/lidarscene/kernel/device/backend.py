@@ -17,7 +17,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from ...errors import BackendError, OptionWarning
+from ...errors import BackendError, InputError, OptionWarning
+from ...files.installed_llvm import OLDEST, PATH_VARIABLE
 from . import llvm, trial
 from .llvm import LlvmCandidate
 
@@ -25,7 +26,6 @@ VARIANT_VARIABLE = "LIDARSCENE_VARIANT"
 DEFAULT_ORDER = ("cuda_ad_mono", "llvm_ad_mono")
 
 _refused: dict[str, str] = {}  # variant: the reason why it does not work
-_chosen: str | None = None  # the variant in use
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,25 +40,41 @@ class BackendReport:
     candidates: tuple[LlvmCandidate, ...]  # best first
 
 
-@functools.cache
 def mitsuba() -> ModuleType:
-    """Return the `mitsuba` module with a variant set.
+    """Return the `mitsuba` module with the variant set that the first call has chosen. Raises `BackendError`.
 
-    The order: LIDARSCENE_VARIANT if it is set; else a vectorised variant that the user has already set; else
-    cuda_ad_mono if a GPU works and its frames are those of the CPU (`trial`); else llvm_ad_mono. Raises `BackendError`
-    if none works.
+    Mitsuba has one variant for the whole process: if the user has set another since, it is set again.
     """
-    global _chosen
-    mi = _first_that_works()
-    _chosen = str(mi.variant())
+    mi, name = _chosen()
+    if mi.variant() != name:
+        _switch(mi, name)
     return mi
 
 
-def _first_that_works() -> ModuleType:
+@contextlib.contextmanager
+def users_variant_kept() -> Iterator[None]:
+    """Leave Mitsuba's variant as it was before the block, once `mitsuba()` has changed it."""
+    loaded: Any = sys.modules.get("mitsuba")
+    before = loaded.variant() if loaded else None
+    try:
+        yield
+    finally:
+        if before and before != loaded.variant():
+            _switch(loaded, before)
+
+
+@functools.cache
+def _chosen() -> tuple[ModuleType, str]:
+    """Return Mitsuba and the variant that is chosen and set.
+
+    The order: LIDARSCENE_VARIANT if it is set; else a variant that the user has already set, if it is of use here; else
+    cuda_ad_mono if a GPU works and its frames are those of the CPU (`trial`); else llvm_ad_mono. Raises `BackendError`
+    if none works.
+    """
     requested = os.environ.get(VARIANT_VARIABLE)
     if requested:
         try:
-            return _set_variant(requested)
+            return _set_variant(requested), requested
         except BackendError as error:
             raise BackendError(f"{VARIANT_VARIABLE}={requested}: {error}") from None
     loaded: Any = sys.modules.get("mitsuba")
@@ -66,39 +82,21 @@ def _first_that_works() -> ModuleType:
     # A variant of ours that failed after it was set (CUDA without OptiX) stays current in Mitsuba. It is no choice of
     # the user's, and must not be taken for one when this is called again: the cache keeps results, not errors.
     if current and current not in _refused:
-        return _users_variant(loaded, current)
+        return _users_variant(loaded, current), current
     for name in DEFAULT_ORDER:
         try:
             if name.startswith("cuda"):
                 _require_trial(name)
-            return _set_variant(name)
+            return _set_variant(name), name
         except BackendError as error:
             _refused[name] = str(error)
     reasons = "".join(f"\n  {name}: {_refused[name]}" for name in DEFAULT_ORDER)
     raise BackendError(f"no usable Mitsuba back end{reasons}")
 
 
-@contextlib.contextmanager
-def chosen_variant() -> Iterator[None]:
-    """Set the variant in use for the block, where the user has set another one since; that one is set again after it.
-
-    Does nothing before a variant is chosen.
-    """
-    current = sys.modules["mitsuba"].variant() if _chosen else None
-    if current == _chosen:
-        yield
-        return
-    mi = mitsuba()
-    mi.set_variant(_chosen)
-    try:
-        yield
-    finally:
-        mi.set_variant(current)
-
-
 def prepare_thread(*, after_another: bool) -> None:
     """Give Dr.Jit's settings to this thread, which alone has them, and wait for what another thread has started."""
-    if _chosen is None or not is_cuda():
+    if not _chosen.cache_info().currsize or not is_cuda():
         return  # one queue for all threads, and no settings
     import drjit as dr
 
@@ -229,25 +227,39 @@ def _require_trial(name: str) -> None:
 
 def _set_variant(name: str) -> ModuleType:
     """Set this variant and return Mitsuba. Raises `BackendError` with the reason if the variant does not work."""
-    if name.startswith("scalar"):
-        raise BackendError("scalar variants trace one ray at a time; a vectorised one is needed")
+    if problem := _misfit(name):
+        raise BackendError(problem)
     if name.startswith("cuda") and (problem := cuda_problem()):
         raise BackendError(problem)
     if name.startswith("llvm") and "drjit" not in sys.modules:
         llvm.use()  # raises if there is no usable library; `_import_mitsuba` only tries
     mi = _import_mitsuba()
     if name not in mi.variants():
-        choices = ", ".join(choice for choice in mi.variants() if not choice.startswith("scalar"))
+        choices = ", ".join(choice for choice in mi.variants() if not _misfit(choice))
         raise BackendError(f"no such variant; known are {choices}")
     _require_backend(name)
     try:
-        with _syntax_on_demand():
-            mi.set_variant(name)
+        _switch(mi, name)
         if name.startswith("cuda"):  # a driver without OptiX is found out only now
             trace_one_ray(mi)
     except Exception as error:
         raise BackendError(" ".join(str(error).split())) from error
     return mi
+
+
+def _misfit(name: str) -> str:
+    """Return why the chain cannot run in a variant of this name; "" if nothing speaks against it."""
+    if name.startswith("scalar"):
+        return "scalar variants trace one ray at a time; a vectorised one is needed"
+    if name.endswith("polarized"):
+        return "polarised variants have matrices where numbers are needed; one without 'polarized' is needed"
+    return ""
+
+
+def _switch(mi: Any, name: str) -> None:
+    """Set a variant."""
+    with _syntax_on_demand():
+        mi.set_variant(name)
 
 
 @contextlib.contextmanager
@@ -280,10 +292,10 @@ def _syntax_on_demand() -> Iterator[None]:
 
 
 def _users_variant(mi: ModuleType, current: str) -> ModuleType:
-    """Return Mitsuba with the variant that the user has set. Raises `BackendError` if it is a scalar one."""
-    if current.startswith("scalar"):
+    """Return Mitsuba with the variant that the user has set. Raises `BackendError` if it is of no use here."""
+    if problem := _misfit(current):
         raise BackendError(
-            f"the Mitsuba variant '{current}' is set, but lidarscene needs a vectorised one; "
+            f"the Mitsuba variant '{current}' is set, but {problem}; "
             "try: mitsuba.set_variant('llvm_ad_mono'), or set none at all"
         )
     _require_backend(current)
@@ -291,7 +303,12 @@ def _users_variant(mi: ModuleType, current: str) -> ModuleType:
 
 
 def _import_mitsuba() -> Any:
-    """Import Mitsuba and silence its log."""
+    """Import Mitsuba and silence its log. Raises `BackendError`, and InputError without a current folder."""
+    try:
+        current_folder = Path.cwd()
+    except OSError as error:
+        # Mitsuba has it on its search path: its import would abort the process.
+        raise InputError(f"the current folder cannot be read ({error.strerror}); try: cd to another one") from None
     # Dr.Jit looks for LLVM once, while it is imported. So the path is set before, also when CUDA is tried first: if
     # CUDA fails, LLVM is next, in the same process.
     if "drjit" not in sys.modules:
@@ -307,7 +324,7 @@ def _import_mitsuba() -> Any:
     # Mitsuba loads plugins, which are native code, from `plugins/` of each folder of its search path, and has the
     # current folder there. What lies beside a user's files must not run.
     search_folders = [
-        str(folder) for folder in mi.file_resolver() if Path(str(folder)) not in (Path.cwd(), _mitsuba_folder(mi))
+        str(folder) for folder in mi.file_resolver() if Path(str(folder)) not in (current_folder, _mitsuba_folder(mi))
     ]
     mi.set_file_resolver(_resolver(mi, search_folders))
     if mi.variant() is None:
@@ -324,14 +341,14 @@ def _require_backend(name: str) -> None:
         if not dr.has_backend(dr.JitBackend.CUDA):
             raise BackendError("Dr.Jit finds no GPU that it can use")
         return
-    path = os.environ.get(llvm.PATH_VARIABLE)
+    path = os.environ.get(PATH_VARIABLE)
     if path and not dr.has_backend(dr.JitBackend.LLVM):
         raise BackendError(f"Dr.Jit cannot load LLVM from {path}; try: {llvm.remedy()}")
     # LLVM 15 and 16 load without complaint and abort the process when the first kernel is compiled.
     version = dr.detail.llvm_version()
-    if version[0] < llvm.OLDEST:
+    if version[0] < OLDEST:
         loaded = f"LLVM {'.'.join(map(str, version))}" if version[0] > 0 else "no LLVM"
         raise BackendError(
-            f"Dr.Jit was imported before lidarscene and has loaded {loaded}, but {llvm.OLDEST} or newer "
-            f"is needed; try: set {llvm.PATH_VARIABLE} before that, or call lidarscene first"
+            f"Dr.Jit was imported before lidarscene and has loaded {loaded}, but {OLDEST} or newer "
+            f"is needed; try: set {PATH_VARIABLE} before that, or call lidarscene first"
         )

@@ -60,7 +60,7 @@ def exclusive(function: _Function) -> _Function:
             _gate.occupied = True
             try:
                 _free_retired()
-                with backend.chosen_variant():
+                with backend.users_variant_kept():
                     _take_over()
                     return function(*arguments, **keywords)
             finally:

@@ -8,33 +8,34 @@ one process can clash: the version is read from the file's name, or read by a se
 
 import functools
 import glob
-import itertools
 import os
 import platform
-import re
-import site
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
 from ...errors import BackendError
+from ...files.installed_llvm import (
+    OLDEST,
+    PATH_VARIABLE,
+    is_library,
+    libraries_in,
+    users_path,
+    version_in_name,
+    write_path,
+)
+from ...files.installed_llvm import in_environment as _in_environment
 
-OLDEST = 17  # 15 and 16 abort the process: they cannot select an instruction that Dr.Jit emits (fmaximum)
-PATH_VARIABLE = "DRJIT_LIBLLVM_PATH"  # Dr.Jit reads the path of the library from it
 WHEEL = "karellen-llvm-core"  # LLVM as a wheel, for Linux on x86_64
 PATIENCE_S = 120  # time limit of a helper process: it takes 0.1 s, and far longer on a busy machine
 
-_NAME = re.compile(r"libLLVM(-(?P<dashed>\d+(\.\d+)*))?(\.(?P<mac>\d+(\.\d+)*))?\.(so|dylib)(\.(?P<so>\d+(\.\d+)*))?")
-_FOLDER = re.compile(r"[/\\](llvm[-@]?|Cellar[/\\]llvm(@\d+)?[/\\])(?P<version>\d+(\.\d+)*)[/\\]")
 _ASK = """
 import ctypes, sys
 numbers = [ctypes.c_uint() for _ in range(3)]
 ctypes.CDLL(sys.argv[1]).LLVMGetVersion(*map(ctypes.byref, numbers))
 sys.stdout.write(".".join(str(n.value) for n in numbers))
 """
-
-_chosen: str | None = None  # what use() wrote to PATH_VARIABLE, to tell it from the user's own path
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,10 +59,9 @@ class LlvmCandidate:
 
 def use() -> None:
     """Set the path from which Dr.Jit loads LLVM. Raises `BackendError` if no library is usable."""
-    global _chosen
     path = choose().path
-    if path != os.environ.get(PATH_VARIABLE):
-        os.environ[PATH_VARIABLE] = _chosen = path
+    if path != users_path():
+        write_path(path)
 
 
 def choose() -> LlvmCandidate:
@@ -83,8 +83,7 @@ def choose() -> LlvmCandidate:
 
 def candidates() -> Iterator[LlvmCandidate]:
     """Examine all libraries, best first: the user's, this environment's, the wheel's, the system's."""
-    users = os.environ.get(PATH_VARIABLE)
-    if users and users != _chosen:
+    if users := users_path():
         yield examine(users, PATH_VARIABLE)
     examined: set[str] = set()
     for source, paths in (
@@ -92,7 +91,7 @@ def candidates() -> Iterator[LlvmCandidate]:
         (f"wheel {WHEEL}", _in_wheel),
         ("system", _in_system),
     ):
-        real = dict.fromkeys(os.path.realpath(path) for path in paths() if _is_library(path))
+        real = dict.fromkeys(os.path.realpath(path) for path in paths() if is_library(path))
         batch = [examine(path, source) for path in real if path not in examined]
         examined.update(real)
         yield from sorted(batch, key=lambda library: (library.usable, library.version), reverse=True)
@@ -111,20 +110,6 @@ def examine(path: str, source: str) -> LlvmCandidate:
         return LlvmCandidate(path, source, (), str(error))
     too_old = version[0] < OLDEST
     return LlvmCandidate(path, source, version, f"too old, {OLDEST} or newer is needed" if too_old else "")
-
-
-def version_in_name(path: str) -> tuple[int, ...]:
-    """Read the version from the name of the file or its folder, links followed; () if neither has one."""
-    real = os.path.realpath(path)
-    name = _NAME.fullmatch(os.path.basename(real))
-    folder = _FOLDER.search(real)
-    numbers = [name["dashed"], name["mac"], name["so"]] if name else []
-    numbers += [folder["version"]] if folder else []
-    for text in filter(None, numbers):
-        version = tuple(map(int, text.split(".")))
-        if version[0] > 3:  # libLLVM.so.1: the version of the binary interface, not of LLVM
-            return version
-    return ()
 
 
 @functools.cache
@@ -160,34 +145,16 @@ def remedy() -> str:
 # --- where to look: generators of paths, links and repetitions welcome -------------------------------
 
 
-def _is_library(path: str) -> bool:
-    name = os.path.basename(path)
-    return bool(name == "LLVM-C.dll" or _NAME.fullmatch(name)) and os.path.isfile(path)
-
-
-def _libraries_in(folders: Iterable[str]) -> Iterator[str]:
-    names = {"win32": ["LLVM-C.dll"], "darwin": ["libLLVM*.dylib"]}.get(sys.platform, ["libLLVM*.so*"])
-    for folder, name in itertools.product(folders, names):
-        yield from glob.iglob(os.path.join(glob.escape(folder), name))
-
-
-def _in_environment() -> Iterator[str]:
-    inside = ("lib", "bin", os.path.join("Library", "bin"))  # the last two on Windows
-    return _libraries_in(os.path.join(sys.prefix, folder) for folder in inside)
-
-
 def _in_wheel() -> Iterator[str]:
-    """Yield libraries of a wheel installed elsewhere: `pip install --user`, `--target`, on PYTHONPATH."""
+    """Yield libraries of a wheel installed elsewhere: `pip install --target`, on PYTHONPATH."""
     import importlib.metadata
 
-    if site.ENABLE_USER_SITE and site.USER_BASE:
-        yield from _libraries_in([os.path.join(site.USER_BASE, "lib")])
     try:
         wheel = importlib.metadata.distribution(WHEEL)
     except importlib.metadata.PackageNotFoundError:
         return
     yield from (str(wheel.locate_file(file)) for file in wheel.files or ())
-    yield from _libraries_in([str(wheel.locate_file("lib"))])
+    yield from libraries_in([str(wheel.locate_file("lib"))])
 
 
 def _in_system() -> Iterator[str]:
@@ -205,7 +172,7 @@ def _in_system() -> Iterator[str]:
         folders = [f"/usr/lib/{machine}-linux-gnu", "/usr/lib64", "/usr/lib", "/usr/local/lib"]
         for pattern in ("/usr/lib/llvm*/lib", "/usr/lib64/llvm*/lib*", "/usr/lib/llvm/*/lib64", "/opt/llvm*/lib"):
             folders += glob.glob(pattern)
-    yield from _libraries_in(folders)
+    yield from libraries_in(folders)
 
 
 def _in_linker_cache(machine: str) -> Iterator[str]:

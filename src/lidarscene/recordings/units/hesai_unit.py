@@ -13,7 +13,7 @@ import numpy as np
 
 from ...formats.cloud_description import input_errors
 from ...maths.arrays import Numbers
-from .unit_beams import Unit, nearest_model
+from .unit_beams import Unit, nearest_model, number_of
 
 MODELS = ("pandar40p", "pandar64", "pandarqt", "pandarxt-16", "pandarxt-32", "xt32m2x", "ot128", "at128")
 """The catalogue's sensors. A QT128C2X is not among them: its table says not which lasers fire together."""
@@ -29,10 +29,8 @@ def read_hesai(path: Path) -> Unit:
             raise ValueError(f"must have columns Elevation and Azimuth, got {', '.join(rows[0]) if rows else 'none'}")
         angles = []
         for number, row in enumerate(rows[1:], 2):
-            try:
-                angles.append(tuple(float(row[index]) for index in column_index.values()))
-            except (ValueError, IndexError):
-                raise ValueError(f"line {number}: must be numbers, got '{','.join(row)}'") from None
+            cells = {name: row[index] if index < len(row) else "" for name, index in column_index.items()}
+            angles.append(tuple(number_of(cell, f"line {number}: {name}") for name, cell in cells.items()))
         if not angles:
             raise ValueError("must have a line for each channel, got none")
     return Unit(

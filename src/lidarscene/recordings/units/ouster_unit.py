@@ -20,7 +20,7 @@ import numpy as np
 from ...errors import InputError
 from ...formats.cloud_description import input_errors
 from ...formats.packets.layouts import OUSTER_MODES
-from .unit_beams import Unit
+from .unit_beams import Unit, number_of
 
 MODELS = {"OS-0": "os0-128", "OS-1": "os1-128", "OS-2": "os2-128", "OS-DOME": "osdome-128"}
 """Start of the product's name -> the catalogue's sensor."""
@@ -76,12 +76,9 @@ def read_ouster(path: Path, mode: str | None = None, *, text: str | None = None)
         "height_mm": (float(up_mm),) * len(altitude),
     }
     start_deg = math.degrees(math.atan2(to_sensor[1, 0], to_sensor[0, 0]))
-    window = metadata.get("azimuth_window", [0, 360000])
     comments = [f"firmware {metadata.get('build_rev') or metadata.get('image_rev') or 'unknown'}"]
-    if list(window) != [0, 360000]:
-        comments.append(
-            f"azimuth window {window[0]} to {window[1]} millidegrees is not taken over: it fires all around"
-        )
+    if (window := metadata.get("azimuth_window", [0, 360000])) != [0, 360000]:
+        comments.append(f"azimuth window {window} in millidegrees is not taken over: it fires all around")
     model = next((name for start, name in MODELS.items() if product.startswith(start)), "")
     names = (str(metadata.get(key, "")) for key in ("build_rev", "image_rev"))
     if next((version for version in map(firmware_version, names) if version), (0, 0)) >= FIRST_OF_REVISION_7:
@@ -119,21 +116,27 @@ def _angles(path: Path, metadata: dict[str, Any], key: str) -> tuple[float, ...]
     with input_errors(path):
         if not isinstance(values, list) or not values:
             raise ValueError(f"must have a list {key} of an Ouster, got none")
-        angles = tuple(float(angle) for angle in values)
-        if not all(map(math.isfinite, angles)):
-            raise ValueError(f"{key}: must be numbers, got one that is not finite")
-    return angles
+        return tuple(number_of(angle, f"{key}[{beam}]") for beam, angle in enumerate(values))
+
+
+def _matrix(metadata: dict[str, Any], key: str, default: tuple[float, ...]) -> Any:
+    """(4, 4) transform of the metadata, which list it row by row; the default where they have none."""
+    values = np.ravel(np.array(metadata.get(key) or default, object))
+    if len(values) != 16:
+        raise ValueError(f"{key}: must have 16 numbers, got {metadata[key]!r}")
+    return np.reshape([number_of(value, f"{key}[{place}]") for place, value in enumerate(values)], (4, 4))
 
 
 def _transforms(path: Path, metadata: dict[str, Any]) -> tuple[Any, Any]:
     """(4, 4) transforms from lidar to sensor and from beam to lidar [mm]; only rotations about z fit a sensor file."""
     product = str(metadata.get("prod_line") or "")
     product_mm = next((mm for start, mm in BEAM_ORIGIN_MM.items() if product.startswith(start)), FIRST_ORIGIN_MM)
-    origin_mm = metadata.get("lidar_origin_to_beam_origin_mm", product_mm)
-    origin_only = (1, 0, 0, origin_mm, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1)
     with input_errors(path):
-        to_sensor = np.array(metadata.get("lidar_to_sensor_transform") or LIDAR_TO_SENSOR, float).reshape(4, 4)
-        to_lidar = np.array(metadata.get("beam_to_lidar_transform") or origin_only, float).reshape(4, 4)
+        origin_key = "lidar_origin_to_beam_origin_mm"
+        origin_mm = number_of(metadata.get(origin_key, product_mm), origin_key)
+        origin_only = (1.0, 0, 0, origin_mm, 0, 1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1)
+        to_sensor = _matrix(metadata, "lidar_to_sensor_transform", LIDAR_TO_SENSOR)
+        to_lidar = _matrix(metadata, "beam_to_lidar_transform", origin_only)
         level = abs(to_sensor[2, 2] - 1.0) < 1e-9 and np.abs(to_sensor[:2, 3]).max() < 1e-9
         if not level or np.abs(to_lidar[:3, :3] - np.eye(3)).max() > 1e-9:
             raise ValueError("lidar_to_sensor_transform: must turn about z and move along it, got another")

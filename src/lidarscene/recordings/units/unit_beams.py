@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 
@@ -30,6 +32,17 @@ def nearest_model(names: Sequence[str], elevation_deg: Sequence[float]) -> str:
             apart_deg[name] = float(np.sqrt(np.mean((nominal - elevation) ** 2)))
     nearest = min(apart_deg, key=lambda name: apart_deg[name], default="")
     return nearest if nearest and apart_deg[nearest] <= FARTHEST_DEG else ""
+
+
+def number_of(value: Any, key: str, *, whole: bool = False) -> float:
+    """Finite number that a maker's file has for a key, a ``whole`` one if that is needed. Raises ValueError."""
+    try:
+        number = math.nan if isinstance(value, bool) else float(value)
+    except (TypeError, ValueError, OverflowError):
+        number = math.nan
+    if not math.isfinite(number) or (whole and number != int(number)):
+        raise ValueError(f"{key}: must be a {'whole' if whole else 'finite'} number, got {value!r}")
+    return number
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -15,7 +15,7 @@ from xml.etree import ElementTree
 
 from ...files.optional import import_optional
 from ...formats.cloud_description import input_errors
-from .unit_beams import Unit, nearest_model
+from .unit_beams import Unit, nearest_model, number_of
 
 MODELS = ("vlp-16", "vlp-32c", "hdl-32e", "hdl-64e", "vls-128")
 """The catalogue's sensors."""
@@ -67,34 +67,36 @@ def _read_yaml(path: Path) -> Iterator[Laser]:
     if not isinstance(lasers, list):
         raise ValueError("must be a calibration of a Velodyne with a list 'lasers', got none")
     for number, laser in enumerate(lasers):
-        missing_keys = [key for key in ("laser_id", "vert_correction") if key not in laser]
+        if not isinstance(laser, dict):
+            raise ValueError(f"laser {number}: must be a table, got {laser!r}")
+        missing_keys = [key for key in _YAML[:2] if key not in laser]
         if missing_keys:
             raise ValueError(f"laser {number}: must have {missing_keys[0]}, got none")
-        yield (
-            int(laser["laser_id"]),
-            float(laser["vert_correction"]),
-            float(laser.get("rot_correction", 0.0)),
-            float(laser.get("vert_offset_correction", 0.0)),
-            float(laser.get("horiz_offset_correction", 0.0)),
-        )
+        yield _laser({key: laser.get(key, 0.0) for key in _YAML}, number)
 
 
 def _read_xml(path: Path) -> Iterator[Laser]:
     """Read degrees and centimetres. The file lists lasers that are not enabled, too, with zeros: skip them."""
     root = ElementTree.parse(path).getroot()
-    enabled = [int(float(flag.text or 0)) for flag in root.iterfind(".//enabled_/item")]
-    for laser in root.iterfind(".//points_/item/px"):
-        values = {key: float(laser.findtext(key) or 0.0) for key in _XML}
-        number = int(values["id_"])
+    flags = [flag.text or 0 for flag in root.iterfind(".//enabled_/item")]
+    enabled = [number_of(flag, f"enabled_ {number}", whole=True) for number, flag in enumerate(flags)]
+    for place, laser in enumerate(root.iterfind(".//points_/item/px")):
+        number, vertical_deg, rotation_deg, up_cm, left_cm = _laser(
+            {key: laser.findtext(key) or 0.0 for key in _XML}, place
+        )
         if enabled and not (number < len(enabled) and enabled[number]):
             continue
-        yield (
-            number,
-            math.radians(values["vertCorrection_"]),
-            math.radians(values["rotCorrection_"]),
-            0.01 * values["vertOffsetCorrection_"],
-            0.01 * values["horizOffsetCorrection_"],
-        )
+        yield number, math.radians(vertical_deg), math.radians(rotation_deg), 0.01 * up_cm, 0.01 * left_cm
 
 
-_XML = ("id_", "rotCorrection_", "vertCorrection_", "vertOffsetCorrection_", "horizOffsetCorrection_")
+def _laser(values: dict[str, Any], place: int) -> Laser:
+    """Laser in the file's units, from its values in the order of `Laser`; ``place`` is its place in the list."""
+    number, *others = (
+        number_of(value, f"laser {place}: {key}", whole=not n) for n, (key, value) in enumerate(values.items())
+    )
+    vertical, rotation, up, left = others
+    return int(number), vertical, rotation, up, left
+
+
+_YAML = ("laser_id", "vert_correction", "rot_correction", "vert_offset_correction", "horiz_offset_correction")
+_XML = ("id_", "vertCorrection_", "rotCorrection_", "vertOffsetCorrection_", "horizOffsetCorrection_")
