@@ -214,14 +214,6 @@ def test_a_motion_that_ends_is_told_before_anything_is_traced(
     assert not files_of(tmp_path)
 
 
-def test_frames_beyond_the_scanners_numbers(run: Run, drive: str, mi, tmp_path: Path) -> None:
-    fine = ("--set=scanner.azimuth_step_deg=0.005", "--set=scanner.elevation_step_deg=0.005")
-    rendered = run("render", drive, "-o", "out", "--frames", "100", *fine)
-    assert rendered.code == 2
-    assert "frame number: must be from 0 to" in rendered.err
-    assert not files_of(tmp_path)
-
-
 def test_inputs_are_not_written_over(run: Run, drive: str, tmp_path: Path) -> None:
     (tmp_path / "way.ply").write_text("0 0 0 0 0 0 0 1\n1 1 0 0 0 0 0 1\n")
     (tmp_path / "drive.toml").write_text('[ego]\nposes_file = "way.ply"\n' + WALL)

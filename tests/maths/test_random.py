@@ -1,5 +1,7 @@
 """Random numbers: the published test vectors, the same bits on both array types, and the right distributions."""
 
+import itertools
+
 import numpy as np
 import pytest
 from scipy import stats
@@ -28,9 +30,10 @@ def test_published_vectors(counter, key, expected):
 
 def test_same_bits_on_the_device(mi):
     pulse = np.arange(5000, dtype=np.uint32) * np.uint32(858_993)
-    for seed, stage, draw in ((0, 1, 0), (4_294_967_295, 3, 7)):
-        host = random.words(seed=seed, stage=stage, pulse=pulse, draw=draw)
-        device = random.words(seed=transfer.seed_word(seed), stage=stage, pulse=mi.UInt32(pulse), draw=draw)
+    for seed, stage, draw, rollover in ((0, 1, 0, 0), (4_294_967_295, 3, 7, 0), (4_294_967_295, 3, 7, 2**24 - 1)):
+        host = random.words(seed=(seed, rollover), stage=stage, pulse=pulse, draw=draw)
+        words = transfer.seed_word(seed), transfer.opaque_uint32(rollover)
+        device = random.words(seed=words, stage=stage, pulse=mi.UInt32(pulse), draw=draw)
         for a, b in zip(host, device, strict=True):
             np.testing.assert_array_equal(a, b.numpy())
     for deviate in (random.normal_pair, lambda w: (random.exponential(w),)):
@@ -38,11 +41,28 @@ def test_same_bits_on_the_device(mi):
             np.testing.assert_allclose(a, b.numpy(), rtol=2e-5, atol=2e-6)
 
 
+def test_no_two_draws_share_key_and_counter(monkeypatch):
+    """Least and greatest of each number, and some between, all with all; and the first rollover has the plain key."""
+    assert max(random.Stage) < 2**8
+    monkeypatch.setattr(random, "threefry2x32", lambda key, counter: (*key, *counter))
+    pulse = np.array([0, 1, 2**24, 2**31 - 1], dtype=np.uint32)
+    seen = set()
+    seeds, stages, rollovers, draws = (0, 1, 2**32 - 1), (0, 1, 255), (0, 1, 2**8, 2**24 - 1), (0, 1, 2**32 - 1)
+    for seed, stage, rollover, draw in itertools.product(seeds, stages, rollovers, draws):
+        pair = random.words(seed=(seed, rollover), stage=stage, pulse=pulse, draw=draw)
+        assert all(word.dtype == np.uint32 for word in pair)
+        seen |= set(zip(*(word.tolist() for word in pair), strict=True))
+        if rollover == 0:
+            plain = random.words(seed=seed, stage=stage, pulse=pulse, draw=draw)
+            assert np.array_equal(plain, pair)
+    assert len(seen) == len(seeds) * len(stages) * len(rollovers) * len(draws) * len(pulse)
+
+
 def test_stages_draws_and_seeds_are_independent():
     pulse = np.arange(100_000, dtype=np.uint32)
     streams = [
         random.normal_pair(random.words(seed=seed, stage=stage, pulse=pulse, draw=draw))
-        for seed, stage, draw in ((0, 1, 0), (1, 1, 0), (0, 2, 0), (0, 1, 1))
+        for seed, stage, draw in ((0, 1, 0), (1, 1, 0), (0, 2, 0), (0, 1, 1), ((0, 1), 1, 0))
     ]
     flat = np.stack([deviate for pair in streams for deviate in pair])
     correlation = np.corrcoef(flat)[np.triu_indices(len(flat), 1)]

@@ -21,13 +21,13 @@ def test_the_archive_is_that_of_numpy(tmp_path: Path, monkeypatch: pytest.Monkey
     """Reference: `numpy.savez` of arrays that are computed of all pulses at once. Blocks of 30 rows."""
     monkeypatch.setattr(spool, "BLOCK_ROWS", 30)
     first = FRAME * SENSOR.scanner.pulses
-    pulse = (first + 3 + 7 * np.arange(cuts[-1])).astype(np.uint32)  # the first one has an echo
+    pulse = (first + 3 + 7 * np.arange(cuts[-1])).astype(np.int64)  # the first one has an echo
     reason = (1 + np.arange(cuts[-1]) % 4).astype(np.uint8)
     with missed_stream(tmp_path / "pieces.npz", SENSOR) as append:
         for begin, end in itertools.pairwise(cuts):
             append(pulse[begin:end], reason[begin:end])
     azimuth, elevation = SENSOR.scanner.angles(pulse)
-    begin_s = SENSOR.scanner.time_s(np.array([first], np.uint32))
+    begin_s = SENSOR.scanner.time_s(np.array([first]))
     np.savez(
         tmp_path / "whole.npz",
         pulse=pulse,

@@ -16,9 +16,13 @@ from lidarscene.labels.files import point_labels
 from lidarscene.maths.pose import Pose
 from lidarscene.maths.trajectory import Course, Riding
 from lidarscene.rendering.live_simulator import live_scene, spare_names
+from lidarscene.rendering.render_options import FrameKeywords
 from lidarscene.scene.scene import Scene
 
 pytestmark = pytest.mark.usefixtures("mi")
+
+DAY = 24 * 3600 * 20
+"""Number of a frame a day later, at 20 Hz."""
 
 SENSOR = ("scanner.azimuth_step_deg=0.6", "scanner.elevation_step_deg=0.6", "tdc.threshold_to_noise=4")
 
@@ -364,18 +368,23 @@ def test_mistakes_are_told_in_a_line(wrong, message) -> None:
     assert "\n" not in str(caught.value)
 
 
-def test_a_frame_that_fails_is_reported_and_the_next_goes_on() -> None:
-    """A car drives through the sensor in the second frame of four: one warning, three clouds, in one call or many."""
+@pytest.mark.parametrize("first", [0, DAY])
+def test_a_frame_that_fails_is_reported_and_the_next_goes_on(first: int) -> None:
+    """A car drives through the sensor in the second frame of four: one warning, three clouds, in one call or many.
+
+    So it is in the first frames and after a day at 20 Hz, when the pulses have numbers of more than 32 bits.
+    """
     for calls in (1, 8):
         simulator = live()
         frame_s = simulator.sensor.scanner.frame_s
+        options: FrameKeywords = {"number": first, "begin_s": -first * frame_s}
         times = [4.001 * frame_s] if calls == 1 else [(call + 1) * 4.001 * frame_s / calls for call in range(calls)]
-        simulator.advance(0.0, {"car": (12.0, 0.0, 0.0)})
+        simulator.advance(0.0, {"car": (12.0, 0.0, 0.0)}, **options)
         simulator.place("car", (0.0, -0.89, 0.0), velocity_m_s=(6.0 / frame_s, 0.0, 0.0), time_s=frame_s)
-        with pytest.warns(OptionWarning, match="advance: frame 1 is left out: .*must stand") as warned:
-            clouds = [cloud for time_s in times for cloud in simulator.advance(time_s)]
+        with pytest.warns(OptionWarning, match=f"advance: frame {first + 1} is left out: .*must stand") as warned:
+            clouds = [cloud for time_s in times for cloud in simulator.advance(time_s, **options)]
         assert len(warned) == 1
-        assert [cloud.metadata["frame_number"] for cloud in clouds] == ["0", "2", "3"]
+        assert [int(cloud.metadata["frame_number"]) - first for cloud in clouds] == [0, 2, 3]
 
 
 def test_a_mistake_leaves_the_world_as_it_was() -> None:

@@ -1,6 +1,7 @@
 """Frames: field of view, times, closing, points per second, channels."""
 
 import math
+from fractions import Fraction
 
 import numpy as np
 import pytest
@@ -166,6 +167,16 @@ def test_turns_are_exact(frequency_hz, rate_hz):
     error = np.remainder(angle_rad - expected + math.pi, 2 * math.pi) - math.pi
     assert np.abs(error).max() < 1e-6
     assert np.abs(angle_rad).max() <= np.float32(math.pi)
+    # After days, against fractions: numbers of 64 bits, and 32 bits of turns that go on from there.
+    turns = Turns.per_pulse(frequency_hz=frequency_hz, rate_hz=rate_hz, start_rad=0.7)
+    for first in (2**32 - 2, 2**38 + 12_345, 2**49):
+        number = np.arange(5)
+        step = Fraction(frequency_hz) / Fraction(rate_hz)
+        expected = [2 * math.pi * float((first + n) * step % 1) + 0.7 for n in number.tolist()]
+        going_on = turns.from_start(turns.steps(first))
+        for angle_rad in (turns.angle_rad(first + number), going_on.angle_rad(number.astype(np.uint32))):
+            error = np.remainder(angle_rad - expected + math.pi, 2 * math.pi) - math.pi
+            assert np.abs(error).max() < 1e-6
 
 
 @pytest.mark.parametrize("name", [n for n in ALL if not n.startswith("flash")])

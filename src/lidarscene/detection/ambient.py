@@ -8,11 +8,12 @@ from __future__ import annotations
 
 from ..maths import random
 from ..maths.arrays import Array, Lanes
+from ..maths.random import Seed
 from ..physics.electronics import counting
 from ..sensor.sensor_model import Sensor
 
 
-def counts(background_power_w: Lanes, sensor: Sensor, *, seed: Lanes, pulse: Array) -> Lanes:
+def counts(background_power_w: Lanes, sensor: Sensor, *, seed: Seed, pulse: Array) -> Lanes:
     """Noisy counts of detected photons and dark events in the sensor's ambient window, (n,) whole numbers.
 
     Echoes are not counted (docs/theory_light.md 15).

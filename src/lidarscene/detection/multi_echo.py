@@ -15,6 +15,7 @@ from typing import Any
 from ..light.echoes import EchoTrain
 from ..light.waveform import waveform
 from ..maths.arrays import Array, Lanes, Mask, select_state
+from ..maths.random import Seed
 from ..physics.electronics.pulse_sums import crossing
 from ..physics.optics import radiometry
 from ..sensor.electronics import MultiLevel
@@ -32,7 +33,7 @@ from .samplers import read
 from .shots import Received
 
 
-def detect(pulse_train: EchoTrain, sensor: Sensor, *, seed: Lanes, pulse: Array) -> Detection:
+def detect(pulse_train: EchoTrain, sensor: Sensor, *, seed: Seed, pulse: Array) -> Detection:
     """Detect every pulse of a train: one `Returns` for each stop, in order of time (docs/theory_light.md 17).
 
     seed   32-bit frame seed; every random number is keyed by (seed, stage, pulse)

@@ -12,6 +12,7 @@ from dataclasses import dataclass, replace
 from ..light.echoes import Echoes, EchoTrain, SubEchoes
 from ..light.stray_light import ChannelLight, Crosstalk, Volley
 from ..maths.arrays import Array, Lanes, Mask, xp
+from ..maths.random import Seed
 from ..sensor.sensor_model import Sensor
 from . import multi_echo, returns
 from .outcomes import Outcome, Status
@@ -28,7 +29,7 @@ def is_plain(sensor: Sensor) -> bool:
     return not needs_waveform and sensor.tdc.keep == "first"
 
 
-def detect(pulse_train: EchoTrain, sensor: Sensor, *, seed: Lanes, pulse: Array) -> Detection:
+def detect(pulse_train: EchoTrain, sensor: Sensor, *, seed: Seed, pulse: Array) -> Detection:
     """Detect pulses with any number of sub-echoes.
 
     seed   32-bit frame seed; every random number is keyed by (seed, stage, pulse)
@@ -125,7 +126,7 @@ def _without(detection: Detection, withheld: Sequence[Mask]) -> Detection:
     return replace(detection, stops=tuple(stops), outcome=outcome)
 
 
-def detect_alone(echoes: Echoes, sensor: Sensor, *, seed: Lanes, pulse: Array) -> Detection:
+def detect_alone(echoes: Echoes, sensor: Sensor, *, seed: Seed, pulse: Array) -> Detection:
     """Detect pulses with one echo each in clear air, as `render` does.
 
     seed, pulse  as of `detect`

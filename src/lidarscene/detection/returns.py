@@ -13,6 +13,7 @@ from dataclasses import dataclass
 
 from ..light.echoes import Echoes
 from ..maths.arrays import Array, Lanes, Mask, select_state, xp
+from ..maths.random import Seed
 from ..physics.optics import pulse as pulse_shape
 from ..physics.optics import radiometry
 from ..sensor.sensor_model import Sensor
@@ -108,7 +109,7 @@ class _Alarm:
     status: Lanes
 
 
-def detect(echoes: Echoes, sensor: Sensor, *, seed: Lanes, pulse: Array) -> Detection:
+def detect(echoes: Echoes, sensor: Sensor, *, seed: Seed, pulse: Array) -> Detection:
     """Detect pulses with one echo each: one `Returns` for each stop (docs/theory.md 7 to 9).
 
     seed   32-bit frame seed; every random number is keyed by (seed, stage, pulse)

@@ -16,6 +16,7 @@ from ..errors import InputError
 from ..light.echoes import EchoTrain
 from ..light.waveform import sample_power_and_signal, sample_power_w
 from ..maths.arrays import Numbers
+from ..maths.random import Seed
 from ..physics.optics import radiometry
 from ..sensor.detectors import Wave
 from ..sensor.sensor_model import Sensor
@@ -33,7 +34,7 @@ SAMPLES_PER_FWHM = 16
 class Waveforms:
     """Waveforms of some pulses, without noise.
 
-    pulse         (n,) uint32 pulse numbers, rising, counted from the run's first frame as in `--keep-missed`
+    pulse         (n,) int64 pulse numbers, rising, counted from the run's first frame as in `--keep-missed`
     time_s        (times,) time since the middle of the pulse left
     range_m       (times,) c t / 2
     power_w       (n, times) float32, optical power of echoes and air, without the background
@@ -112,20 +113,20 @@ def sample_with_memory(train: EchoTrain, sensor: Sensor, times_s: Numbers) -> tu
 
 def sample_waveforms(
     train_of: Callable[[int, int], EchoTrain],
-    chosen: Numbers,
+    pulse: Numbers,
     sensor: Sensor,
     times_s: Numbers | None,
     *,
-    first_pulse: int,
-    seed: int = 0,
+    pulse_in_run: Numbers,
+    seed: Seed = 0,
 ) -> Waveforms:
     """Waveforms of chosen pulses of a frame.
 
-    train_of     ``train_of(first, count)`` traces consecutive pulses of the frame; its EchoTrain is NumPy
-    chosen       (n,) rising pulse numbers within the frame, from `check_pulses`
-    times_s      (times,) time since the middle of the pulse left; None: `window_times_s`
-    first_pulse  pulse number of the frame's first pulse
-    seed         seed of the frame, for the counts of a histogram
+    train_of      ``train_of(first, count)`` traces consecutive pulses of the frame; its EchoTrain is NumPy
+    pulse         (n,) rising pulse numbers since the rollover of the frame
+    times_s       (times,) time since the middle of the pulse left; None: `window_times_s`
+    pulse_in_run  (n,) int64 the pulses' numbers counted from the run's first frame
+    seed          seed of the frame, for the counts of a histogram
 
     Raises InputError for times with a sensor whose histogram has its own.
     """
@@ -134,12 +135,12 @@ def sample_waveforms(
     times = window_times_s(sensor) if times_s is None else np.asarray(times_s, dtype=np.float64)
     powers, signals, backgrounds, counts = [], [], [], []
     # Each run of consecutive pulses is traced in one call.
-    for run in np.split(chosen, np.flatnonzero(np.diff(chosen) > 1) + 1):
+    for run in np.split(pulse, np.flatnonzero(np.diff(pulse) > 1) + 1):
         pulse_train = train_of(int(run[0]), len(run))
         if sensor.histogram is None:
             power, signal = sample_with_memory(pulse_train, sensor, times)
         else:
-            pulse_histograms = histograms(pulse_train, sensor, seed=seed, pulse=(run + first_pulse).astype(np.uint32))
+            pulse_histograms = histograms(pulse_train, sensor, seed=seed, pulse=run.astype(np.uint32))
             times, signal = pulse_histograms.time_s, pulse_histograms.expected
             counts.append(pulse_histograms.counts.astype(np.float32))
             power = sample_power_w(fold(pulse_train, sensor.histogram).train, sensor, times)
@@ -147,11 +148,10 @@ def sample_waveforms(
         signals.append(signal.astype(np.float32))
         backgrounds.append(pulse_train.background_power_w + np.zeros(len(run)))
     background = np.concatenate(backgrounds)
-    threshold = np.asarray(sensor.threshold(sensor.working_point(background))) + np.zeros(len(chosen))
-    pulse = (chosen + first_pulse).astype(np.uint32)
-    azimuth, elevation = sensor.scanner.angles(pulse)
+    threshold = np.asarray(sensor.threshold(sensor.working_point(background))) + np.zeros(len(pulse))
+    azimuth, elevation = sensor.scanner.angles(pulse_in_run)
     return Waveforms(
-        pulse=pulse,
+        pulse=pulse_in_run,
         time_s=times,
         range_m=np.asarray(radiometry.range_from_time_of_flight_m(time_of_flight_s=times)),
         power_w=np.concatenate(powers),
@@ -159,7 +159,7 @@ def sample_waveforms(
         signal=np.concatenate(signals),
         threshold=threshold.astype(np.float32),
         unit=sensor.detector.unit,
-        channel=np.asarray(sensor.scanner.channel(pulse)).astype(np.uint16),
+        channel=np.asarray(sensor.scanner.channel(pulse_in_run)).astype(np.uint16),
         azimuth_rad=np.asarray(azimuth, dtype=np.float32),
         elevation_rad=np.asarray(elevation, dtype=np.float32),
         counts=np.concatenate(counts) if counts else None,

@@ -14,7 +14,7 @@ from ..light.echoes import Fluctuation
 from ..light.waveform import Waveform
 from ..maths import random
 from ..maths.arrays import Array, Lanes, Ops, xp
-from ..maths.random import Stage
+from ..maths.random import Seed, Stage
 from ..physics.electronics import tdc
 from ..physics.electronics.pulse_sums import SIGMAS_PER_FWHM
 from ..physics.optics import radiometry
@@ -37,7 +37,7 @@ class Shots:
     sensor: Sensor
     point: WorkingPoint
     threshold: Lanes
-    seed: Lanes
+    seed: Seed
     pulse: Array
     fluctuation: Fluctuation | None = None
 

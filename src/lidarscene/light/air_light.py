@@ -17,6 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ..maths.arrays import Lanes, LookupTable, Numbers, xp
+from ..maths.random import Seed
 from ..physics.amplifier import high_pass
 from ..physics.constants import SPEED_OF_LIGHT_M_S
 from ..physics.optics import radiometry
@@ -89,7 +90,7 @@ class AirLight:
             highest=self.highest,
         )
 
-    def sub_echoes(self, *, scale: Lanes, end_m: Lanes, seed: Lanes, pulse: Lanes) -> list[SubEchoes]:
+    def sub_echoes(self, *, scale: Lanes, end_m: Lanes, seed: Seed, pulse: Lanes) -> list[SubEchoes]:
         """Sub-echoes of the drops and flakes that are drawn for each pulse; power 0 behind ``end_m``.
 
         scale, end_m  (n,) as of `volume`

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from ..maths import random
 from ..maths.arrays import Lanes, Numbers
 from ..maths.pose import direction_from_angles
+from ..maths.random import Seed
 from ..maths.vectors import Vector, perpendicular_pair, unit, weighted_sum
 from ..sensor.sensor_model import Sensor
 
@@ -39,7 +40,7 @@ class Beams:
     receiver_share: Lanes = 1.0
 
 
-def fire(sensor: Sensor, *, pulse: Lanes, origin_m: Vector, rotation: tuple[Lanes, ...], seed: Lanes = 0) -> Beams:
+def fire(sensor: Sensor, *, pulse: Lanes, origin_m: Vector, rotation: tuple[Lanes, ...], seed: Seed = 0) -> Beams:
     """True rays of these pulses, with the scanner's pointing jitter.
 
     pulse     (n,) uint32 pulse numbers
@@ -92,7 +93,7 @@ def _rotate(r: tuple[Lanes, ...], v: Vector) -> Vector:
     return x, y, z
 
 
-def _add_jitter(direction: Vector, jitter_rad: Lanes, *, seed: Lanes, pulse: Lanes) -> Vector:
+def _add_jitter(direction: Vector, jitter_rad: Lanes, *, seed: Seed, pulse: Lanes) -> Vector:
     """Add Gaussian pointing noise on both axes across the beam."""
     # Jitter is a small angle: add a small vector across the beam and restore unit length.
     words = random.words(seed=seed, stage=random.Stage.POINTING, pulse=pulse)

@@ -11,6 +11,7 @@ from dataclasses import dataclass, replace
 
 from ..maths import random
 from ..maths.arrays import Lanes
+from ..maths.random import Seed
 from ..physics.optics import receiver, scintillation
 from ..physics.optics.radiometry import disc_radius_m
 from ..scene.scene import Air
@@ -78,7 +79,7 @@ class FluctuationLaw:
         return variance
 
 
-def fluctuate(light: Echoes, variance: Lanes, *, seed: Lanes, pulse: Lanes) -> Echoes:
+def fluctuate(light: Echoes, variance: Lanes, *, seed: Seed, pulse: Lanes) -> Echoes:
     """Draw the powers of echoes about their means.
 
     variance  (n,) `FluctuationLaw.variance`

@@ -14,6 +14,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 from ..maths.arrays import Array, Lanes, xp
+from ..maths.random import Seed
 from ..physics.optics import radiometry
 from ..sensor.sensor_model import Sensor
 from .air_light import AirLight
@@ -36,7 +37,7 @@ class LitAir:
     light: AirLight
     sensor: Sensor
     ambient: Ambient
-    seed: Lanes
+    seed: Seed
     pulse: Array
 
 

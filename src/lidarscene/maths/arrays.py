@@ -140,7 +140,10 @@ class NumpyOps:
     @staticmethod
     def divmod(number: Any, divisor: Any) -> tuple[Any, Any]:
         """Quotient and rest of whole numbers."""
-        return cast(tuple[Any, Any], np.divmod(np.asarray(number, np.int32), np.int32(divisor)))
+        number = np.asarray(number)
+        kind = np.int64 if number.dtype.itemsize == 8 else np.int32
+        quotient, rest = np.divmod(number.astype(kind, copy=False), kind(divisor))
+        return quotient, rest.astype(np.int32, copy=False)
 
     @staticmethod
     def take(table: Any, index: Any) -> Any:
@@ -251,9 +254,10 @@ class DrjitOps:
         # Processors divide whole numbers one by one, and a scan pattern divides twice for each pulse. So they are
         # multiplied in double precision: (n + 1/2) / d is at least 1 / 2d off every whole number, and for n < 2^31 its
         # rounding is below 2^-20 / d, so that its floor is the quotient.
+        number = self.int32(number)
         double = self._dr.float64_array_t(type(number))
         whole = self.int32((double(number) + 0.5) * (1.0 / double(divisor)))
-        return whole, self.int32(number) - whole * divisor
+        return whole, number - whole * divisor
 
     def take(self, table: Any, index: Any) -> Any:
         """Entries of a table's values, or of an array, by flat index.

@@ -130,7 +130,10 @@ class Ops(Protocol):
         """32-bit signed integers."""
 
     def divmod(self, number: Lanes, divisor: Lanes) -> tuple[Array, Array]:
-        """Quotient and rest of whole numbers, 0 to 2^31 - 1 by 1 to 2^31 - 1; 32-bit signed integers."""
+        """Quotient and rest of whole numbers, 0 to 2^31 - 1 by 1 to 2^31 - 1; 32-bit signed integers.
+
+        NumPy divides 64-bit numbers, too; their quotients have 64 bits.
+        """
 
     def take(self, table: Tabulated | Lanes, index: Lanes) -> Array:
         """Entries of a table's values, or of an array, by flat index."""

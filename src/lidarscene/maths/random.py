@@ -4,20 +4,33 @@ A frame is traced in chunks, on several threads, on CPU or GPU, perhaps by sever
 on that. Threefry-2x32 with 20 rounds (Salmon, Moraes, Dror and Shaw, "Parallel random numbers: as easy as 1, 2, 3",
 SC11) is counter-based and needs only 32-bit additions, rotations and exclusive-ors, so numpy and Dr.Jit give the same
 bits.
+
+No two draws share a key and a counter. The key is (seed, stage + 2^8 rollover), with stages below 2^8 and rollovers
+below 2^24, so its second word gives both; the counter is (pulse, draw). The rollover counts how often the pulse numbers
+on the device, which have 31 bits, have begun again after whole frames (`rendering.frame`): with it the pulse's number
+gives the frame. Under one key different counters give different words, since each round can be undone. In the first
+frames, up to 2^31 pulses, the rollover is 0 and the second word the stage alone.
 """
 
 from __future__ import annotations
 
 import enum
 import math
+from typing import TypeAlias
 
 from .arrays import Array, Lanes, xp
+
+Seed: TypeAlias = Lanes | tuple[Lanes, Lanes]
+"""Seed of a frame, 32 bits, or the pair of it and the rollover of the frame's pulse numbers, 24 bits."""
+
+ROLLOVERS = 2**24
+"""Rollovers are below this."""
 
 
 class Stage(enum.IntEnum):
     """Purpose of a draw, part of its key: two purposes never share a random number of a pulse.
 
-    Values are never used again: 7 and 10 are retired. A new stage takes a value that no other has ever had.
+    Values are below 2^8 and never used again: 7 and 10 are retired. A new stage takes one that no other has ever had.
     """
 
     EDGE_NOISE = 1
@@ -58,18 +71,19 @@ def threefry2x32(key: tuple[Array, Array], counter: tuple[Array, Array]) -> tupl
     return x0, x1
 
 
-def words(*, seed: Lanes, stage: int, pulse: Lanes, draw: Lanes = 0) -> tuple[Array, Array]:
+def words(*, seed: Seed, stage: int, pulse: Lanes, draw: Lanes = 0) -> tuple[Array, Array]:
     """Two independent 32-bit words for every pulse.
 
-    seed   of the frame, 32 bits (an opaque Dr.Jit integer, or a Python int)
+    seed   of the frame (opaque Dr.Jit integers, or Python ints), see `Seed`
     stage  purpose of the draw, a `Stage`
-    pulse  (n,) 32-bit unsigned pulse numbers in the frame
+    pulse  (n,) 32-bit unsigned pulse numbers since the rollover
     draw   number of the draw in this stage, a number or (n,) unsigned
     """
     ops = xp(pulse)
     pulse = ops.uint32(pulse)
     zero = pulse ^ pulse
-    return threefry2x32((zero + ops.uint32(seed), zero + int(stage)), (pulse, zero + draw))
+    word, rollover = seed if isinstance(seed, tuple) else (seed, 0)
+    return threefry2x32((zero + ops.uint32(word), zero + (rollover * 2**8 + int(stage))), (pulse, zero + draw))
 
 
 def open_uniform(word: Array) -> Array:

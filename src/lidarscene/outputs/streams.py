@@ -137,7 +137,7 @@ def missed_stream(path: str | os.PathLike[str], sensor: Sensor) -> Iterator[Call
     """
     with (
         atomic_output(path) as temporary,
-        Spool(temporary.parent, [("pulse", np.uint32), ("reason", np.uint8)]) as spool,
+        Spool(temporary.parent, [("pulse", np.int64), ("reason", np.uint8)]) as spool,
     ):
         # An archive needs the length of an array before its data: so number and reason are spooled to disk while the
         # frame runs. Most of its pulses may be missed.

@@ -18,17 +18,18 @@ from ..kernel.world.mitsuba_world import World, fixed_placement, motions_on_devi
 from ..maths.arrays import Lanes, Numbers
 from ..maths.motion_table import MotionTable, MovingBodies, Placement
 from ..maths.pose import Pose
+from ..maths.random import ROLLOVERS, Seed
 from ..maths.trajectory import Course, Motion, Riding, motion_in_frame, pose_at
 from ..scan import Scanner
 from ..scene.scene import CLOCK_ROUNDING_S, Body, Scene
 from ..sensor.sensor_model import Sensor
-from .render_options import FrameOptions
+from .render_options import NUMBERS, FrameOptions
 
 LARGEST_FLOAT32_M = 1000.0
 """Coordinates beyond this are double precision: float32 steps reach 0.1 mm there."""
 
 PULSE_NUMBERS = 2**31
-"""Scanners number their pulses below this."""
+"""Pulse numbers on the device are below this: as many whole frames as fit, then they begin again at 0 (a rollover)."""
 
 TOLERANCE_S = CLOCK_ROUNDING_S
 """A trajectory that ends this much early still lasts to the end of a frame: 30 um at 30 m/s."""
@@ -42,7 +43,8 @@ class Frame:
     """One frame of a scanner, as the device needs it.
 
     number        number of the frame
-    first_pulse   number of its first pulse
+    rollover      how often the pulse numbers have begun again before it
+    first_pulse   number of its first pulse since then
     scanner_s     time at which the first pulse leaves, by the scanner's clock
     start_s       the same time by the scene's clock, in which motions are given
     place         pose of the sensor in the world at the start
@@ -54,6 +56,7 @@ class Frame:
     """
 
     number: int
+    rollover: int
     first_pulse: int
     scanner_s: float
     start_s: float
@@ -89,9 +92,11 @@ class Frame:
                 centre_m=world.centre_m,
                 carried_m=mover_boxes(movers, start_s),
             )
+        rollover, since = divmod(number, _frames_numbered(sensor.scanner))
         return cls(
             number=number,
-            first_pulse=number * sensor.scanner.pulses,
+            rollover=rollover,
+            first_pulse=since * sensor.scanner.pulses,
             scanner_s=scanner_s,
             start_s=start_s,
             place=place,
@@ -103,9 +108,27 @@ class Frame:
             _scanner=sensor.scanner,
         )
 
+    @property
+    def phase(self) -> tuple[Any, ...]:
+        """`Scanner.phase` of pulse 0 since the rollover, on the device."""
+        return tuple(map(transfer.opaque, self._scanner.phase(self._earlier_pulses)))
+
+    def seed_words(self, seed: int) -> Seed:
+        """Key of the frame's random numbers, on the device."""
+        return transfer.seed_word(seed), transfer.opaque_uint32(self.rollover)
+
+    def pulses_in_run(self, pulse: Numbers) -> Numbers:
+        """Numbers of pulses of the frame counted from frame 0, (n,) int64, from those since the rollover."""
+        return np.add(pulse, self._earlier_pulses, dtype=np.int64)
+
+    @property
+    def _earlier_pulses(self) -> int:
+        """Pulses from frame 0 to the rollover."""
+        return self.number * self._scanner.pulses - self.first_pulse
+
     def time_s(self, pulse: Numbers) -> Numbers:
         """Times since the start of the frame at which these pulses leave, (n,) float64."""
-        times_s = self._scanner.time_s(pulse)
+        times_s = self._scanner.time_s(self.pulses_in_run(pulse))
         times_s -= self.scanner_s
         return times_s
 
@@ -168,16 +191,18 @@ def check_frame(scene: Scene, scanner: Scanner, *, number: int, begin_s: float) 
 
 def frame_edges(scanner: Scanner, number: int) -> tuple[float, float]:
     """Times of a frame's first and last pulse by the scanner's clock [s]. Raises InputError for a number too high."""
-    first = number * scanner.pulses
-    if number < 0 or first + scanner.pulses > PULSE_NUMBERS:
-        raise InputError(
-            f"frame number: must be from 0 to {PULSE_NUMBERS // scanner.pulses - 1}, with {scanner.pulses} "
-            f"pulses in a frame, got {number}"
-        )
+    highest = min(NUMBERS.high, ROLLOVERS * _frames_numbered(scanner) - 1)
+    if not 0 <= number <= highest:
+        raise InputError(f"frame number: must be from 0 to {highest}, got {number}")
     # The last pulse leaves before the frame ends: a motion needs to last only that long.
-    edges = np.array([first, first + scanner.pulses - 1], dtype=np.uint32)
+    edges = number * scanner.pulses + np.array([0, scanner.pulses - 1], dtype=np.int64)
     first_s, last_s = (float(t) for t in scanner.time_s(edges))
     return first_s, last_s
+
+
+def _frames_numbered(scanner: Scanner) -> int:
+    """Frames from one rollover to the next."""
+    return PULSE_NUMBERS // scanner.pulses
 
 
 def _check_spans(scene: Scene, start_s: float, end_s: float) -> None:

@@ -30,7 +30,7 @@ from ..scene.scene_file import load_scene
 from ..sensor.pose_file import Placed, finite_numbers, to_pose
 from ..sensor.sensor_model import Sensor
 from .frame import TOLERANCE_S, frame_edges
-from .render_options import FrameKeywords, FrameOptions, Keywords, TraceKeywords, TraceOptions
+from .render_options import NUMBERS, FrameKeywords, FrameOptions, Keywords, TraceKeywords, TraceOptions
 from .simulator import Simulator
 
 ROTATION_ERROR = 1e-5
@@ -188,7 +188,10 @@ class LiveSimulator(Simulator):
 
     def _frames_over(self, options: FrameOptions, now_s: float) -> tuple[range, float]:
         """Numbers of the frames of `advance` that are over, and the start of the next one [s]. Raises InputError."""
-        first = number = options.number + self._rendered
+        first = options.number + self._rendered
+        # Not one by one from the first: a caller's clock may be off by years.
+        passed = min((now_s - options.begin_s) / self.sensor.scanner.frame_s, NUMBERS.high + 1)
+        number = max(first, int(passed) - 1)
         while True:
             start_s, end_s = frame_edges(self.sensor.scanner, number)
             if options.begin_s + end_s > now_s + TOLERANCE_S:

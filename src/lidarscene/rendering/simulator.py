@@ -27,8 +27,9 @@ from ..kernel.rays import kept_lanes
 from ..kernel.rays import point_columns as collect
 from ..kernel.world.mitsuba_world import World, build_world
 from ..light.echoes import EchoTrain
-from ..maths.arrays import Lanes, Mask, Numbers
+from ..maths.arrays import Mask, Numbers
 from ..maths.pose import Pose
+from ..maths.random import Seed
 from ..maths.trajectory import Motion, pose_at
 from ..scene.clearance import Clearance
 from ..scene.scene import Scene
@@ -291,7 +292,7 @@ class Simulator:
                 take(piece.columns)
             if observers.missed is not None:
                 missed = np.flatnonzero(piece.outcome)
-                observers.missed((missed + piece.first).astype(np.uint32), piece.outcome[missed].astype(np.uint8))
+                observers.missed(frame.pulses_in_run(missed + piece.first), piece.outcome[missed].astype(np.uint8))
             if observers.progress is not None:
                 observers.progress(finished, self.sensor.scanner.pulses)
             summary.add_time(stage, since)
@@ -310,7 +311,7 @@ class Simulator:
         """
         begin, end = frame.first_pulse, frame.first_pulse + self.sensor.scanner.pulses
         chunk = self._chunk_pulses(options)
-        seed_word = transfer.seed_word(options.seed)
+        seed_words = frame.seed_words(options.seed)
         placing = Placing.from_pose(frame.goal(options.coordinates))
 
         def started(first: int) -> Chunk:
@@ -325,16 +326,19 @@ class Simulator:
         for following in [*range(begin + chunk, end, chunk), None]:
             since = time.perf_counter()
             transfer.wait()
-            parts = self._trace_continuing(frame, part, seed_word)
+            parts = self._trace_continuing(frame, part, seed_words)
             check_detections(self.scene, self.sensor, [traced.detection for traced in parts])
             since = summary.add_time("trace", since)
             pulse, columns = self._columns(frame, parts, placing)
             outcome = detection_values(parts, "outcome", ordered=observers.missed is not None)
             if observers.ambient is not None:
-                numbers = np.arange(first, first + len(outcome), dtype=np.uint32)
-                observers.ambient(numbers, detection_values(parts, "ambient").astype(np.uint64))
+                numbers = np.arange(first, first + len(outcome))
+                observers.ambient(frame.pulses_in_run(numbers), detection_values(parts, "ambient").astype(np.uint64))
             if observers.points is not None:
-                observers.points(pulse, join_columns([self._surfaces(frame, traced) for traced in parts]))
+                surfaces = join_columns([self._surfaces(frame, traced) for traced in parts])
+                if surfaces:
+                    surfaces["pulse"] = frame.pulses_in_run(surfaces["pulse"])
+                observers.points(frame.pulses_in_run(pulse), surfaces)
             summary.add_time("collect", since)
             piece_first = first
             if following is not None:
@@ -358,10 +362,10 @@ class Simulator:
         count = min(self._chunk_pulses(options), frame.first_pulse + self.sensor.scanner.pulses - first)
         blocks.share_frame(count * self.trace.rays)
         pulses = self.numbering.pulses(frame, first, count)
-        part = self._chain(frame, pulses, transfer.seed_word(options.seed), survey=self._stages.surveys)
+        part = self._chain(frame, pulses, frame.seed_words(options.seed), survey=self._stages.surveys)
         return replace(part, order=pulses.order)
 
-    def _trace_continuing(self, frame: Frame, part: Chunk, seed: Lanes) -> list[Chunk]:
+    def _trace_continuing(self, frame: Frame, part: Chunk, seed: Seed) -> list[Chunk]:
         """Trace the pulses of a chunk whose light goes on, past panes or to other channels, once more and in full.
 
         Returns the chunk without them, and them; the chunk alone without any.
@@ -392,7 +396,7 @@ class Simulator:
         return [*parts, self._traced_again(frame, part, (lanes, in_lines), seed, lines=True)]
 
     def _traced_again(
-        self, frame: Frame, part: Chunk, chosen: tuple[DeviceArray, Mask], seed: Lanes, *, lines: bool
+        self, frame: Frame, part: Chunk, chosen: tuple[DeviceArray, Mask], seed: Seed, *, lines: bool
     ) -> Chunk:
         """Trace the chosen lanes of a chunk, and the mask (n,) of them, in full; ``lines`` as in `Stages.chain`."""
         lanes, mask = chosen
@@ -422,13 +426,19 @@ class Simulator:
         frame_options, _ = _resolve_options(frame, None, options)
         current_frame = self._traced_frame(frame_options)
         chosen = check_pulses(pulses, self.sensor)
-        seed_word = transfer.seed_word(frame_options.seed)
+        seed_words = current_frame.seed_words(frame_options.seed)
 
         def train_of(first: int, count: int) -> EchoTrain:
-            return self._train(current_frame, current_frame.first_pulse + first, count, seed_word)
+            return self._train(current_frame, first, count, seed_words)
 
+        pulse = chosen + current_frame.first_pulse
         return sample_waveforms(
-            train_of, chosen, self.sensor, times_s, first_pulse=current_frame.first_pulse, seed=frame_options.seed
+            train_of,
+            pulse,
+            self.sensor,
+            times_s,
+            pulse_in_run=current_frame.pulses_in_run(pulse),
+            seed=(frame_options.seed, current_frame.rollover),
         )
 
     @exclusive
@@ -442,10 +452,10 @@ class Simulator:
         """
         frame_options, _ = _resolve_options(frame, None, options)
         current_frame = self._traced_frame(frame_options)
-        seed_word = transfer.seed_word(frame_options.seed)
-        return self._train(current_frame, current_frame.first_pulse, self.sensor.scanner.pulses, seed_word)
+        seed_words = current_frame.seed_words(frame_options.seed)
+        return self._train(current_frame, current_frame.first_pulse, self.sensor.scanner.pulses, seed_words)
 
-    def _train(self, frame: Frame, first: int, count: int, seed: Lanes) -> EchoTrain:
+    def _train(self, frame: Frame, first: int, count: int, seed: Seed) -> EchoTrain:
         """All that comes back of ``count`` pulses from ``first`` on, in firing order; NumPy arrays."""
         # Channels that see each other's light are traced together, and those that were not asked for are left out.
         whole = self.numbering.whole
@@ -471,13 +481,13 @@ class Simulator:
         # First of all, since it waits for the device.
         replaced = [(part, retraced.among(lane, stop, stops=len(part.detection.stops))) for retraced, part in again]
         # Columns of all returns as the survey has them. Those of pulses that were traced again are replaced.
-        on_device = collect.with_flat_positions(self._on_device(surveyed, (lane, stop), placing))
+        on_device = collect.with_flat_positions(self._on_device(frame, surveyed, (lane, stop), placing))
         # Started before the others are written down: else those would change this kernel.
         transfer.start([*on_device.values()])
         for part, returns in replaced:
             if returns is not None:
                 index, lanes = returns
-                collect.put_columns(on_device, self._on_device(part, lanes, placing), index)
+                collect.put_columns(on_device, self._on_device(frame, part, lanes, placing), index)
         columns = transfer.fetch_columns(on_device)
         columns["xyz_m"] = columns["xyz_m"].reshape(-1, 3)
         # A single point is there twice (`kept_lanes.more_than_one`): the count leaves the copy out.
@@ -497,11 +507,11 @@ class Simulator:
             columns.setdefault(name, np.broadcast_to(default, len(pulse)))
         return pulse, columns
 
-    def _on_device(self, part: Chunk, lanes: tuple[Any, Any], placing: Placing) -> dict[str, Any]:
+    def _on_device(self, frame: Frame, part: Chunk, lanes: tuple[Any, Any], placing: Placing) -> dict[str, Any]:
         """`collect.point_columns` of these lanes and stops of one part, on the device."""
         return collect.point_columns(
             world=self.world,
-            sensor=self._stages.sensor,
+            sensor=self._stages.at_phase(frame.phase).sensor,
             staged=part.staged(self.trace.rays),
             air_classes=self._air_classes,
             lanes=lanes,

@@ -26,6 +26,7 @@ from ..light.stray_light import ChannelLight, Crosstalk, add_stray_light, channe
 from ..maths.arrays import Array, Lanes, flatten, is_drjit
 from ..maths.box_tree import BoxTree
 from ..maths.motion_table import MotionTable, MovingBodies, Placement
+from ..maths.random import Seed
 from ..maths.vectors import Vector
 from ..physics.optics import sunlight
 from ..scene.scene import Scene
@@ -127,11 +128,16 @@ class Stages:
         """True if some pulses may be traced twice: first all of them, then those whose light goes on."""
         return self.interactions > 0 or self.crosstalk is not None
 
+    def at_phase(self, phase: tuple[Lanes, ...]) -> Stages:
+        """The stages with the scanner `at_phase`: that of a `Frame`."""
+        scanner = self.sensor.scanner.at_phase(phase)
+        return replace(self, sensor=replace(self.sensor, scanner=scanner))
+
     def chain(
         self,
         places: Places,
         pulse: Array,
-        seed: Lanes,
+        seed: Seed,
         *,
         survey: bool,
         lines: bool = True,
@@ -164,13 +170,14 @@ class Stages:
         )
         return drop_continuing(pulse, lit.paths, detection, goes_on, leaks)
 
-    def pulse_train(self, frame: Frame, pulses: DevicePulses, seed: Lanes) -> EchoTrain:
+    def pulse_train(self, frame: Frame, pulses: DevicePulses, seed: Seed) -> EchoTrain:
         """All that comes back of some pulses, on the device.
 
         If channels see each other's light, the pulses are whole scan lines in order.
         """
-        lit = self._optical_stages(partial(frame.placements, pulses.times), pulses.number, seed)
-        train = self._combine(lit, seed)
+        stages = self.at_phase(frame.phase)
+        lit = stages._optical_stages(partial(frame.placements, pulses.times), pulses.number, seed)
+        train = stages._combine(lit, seed)
         if self.crosstalk is None:
             return train
         light = self._channel_light(train, self.crosstalk)
@@ -185,7 +192,7 @@ class Stages:
         self,
         places: Places,
         pulse: Array,
-        seed: Lanes,
+        seed: Seed,
         *,
         survey: bool = False,
         lines: bool = True,
@@ -204,7 +211,7 @@ class Stages:
         leaks = None if self.crosstalk is None or lines else reaches_others(light, self.crosstalk)
         return OpticalChunk(pulse, rays, paths, light, paths[0].goes_on, leaks)
 
-    def _receive(self, rays: Beams, hits: Hits, seed: Lanes) -> Echoes:
+    def _receive(self, rays: Beams, hits: Hits, seed: Seed) -> Echoes:
         """Echoes of the laser's rays along one path, as they fluctuate."""
         received, law = echoes.receive(rays, hits, self.sensor, self.ambient), self.fluctuation
         if law is None:
@@ -216,7 +223,7 @@ class Stages:
         self,
         places: Places,
         pulse: Array,
-        seed: Lanes,
+        seed: Seed,
         shape: Footprint,
         *,
         survey: bool = False,
@@ -263,7 +270,7 @@ class Stages:
         paths = trace_all() if self.traced is None else self.traced.following(trace_all)
         return rays, [_in_sensor(hits, place) for hits in paths]
 
-    def _background(self, places: Places, pulse: Array, seed: Lanes, shape: Footprint, ray_pulses: RayPulses) -> Any:
+    def _background(self, places: Places, pulse: Array, seed: Seed, shape: Footprint, ray_pulses: RayPulses) -> Any:
         """Background power of each pulse [W], (n,), gathered over the receiver's field of view."""
         rays, paths = self._trace_rays(places, pulse, seed, shape, ray_pulses=ray_pulses)
         power = background_power_w(rays, paths, self.sensor, self.ambient, count=shape.rays)
@@ -271,7 +278,7 @@ class Stages:
         transfer.start([power])
         return power
 
-    def _combine(self, lit: OpticalChunk, seed: Lanes) -> EchoTrain:
+    def _combine(self, lit: OpticalChunk, seed: Seed) -> EchoTrain:
         """Join the echoes of all rays and paths, and the light of the air, by pulse."""
         # Lanes of rays are traced in a kernel of their own, before they come together in their pulses.
         transfer.start(
@@ -314,7 +321,7 @@ class Chain:
         self._replays: dict[tuple[bool, ...], Replay] = {}
 
     def __call__(
-        self, frame: Frame, pulses: DevicePulses, seed: Lanes, *, survey: bool = False, lines: bool = True
+        self, frame: Frame, pulses: DevicePulses, seed: Seed, *, survey: bool = False, lines: bool = True
     ) -> Chunk:
         """Start the stages for some pulses of a frame; ``survey`` and ``lines`` as in `Stages.chain`."""
         pulse, lines = pulses.number, lines and not survey
@@ -330,9 +337,10 @@ class Chain:
             # before it, and an input of their kernel has an element for each.
             ray_pulses = dict(self._stages.ray_pulses(pulse))
             transfer.start([*ray_pulses.values()])
-            repeated: Chunk = self._replay(frame, survey, lines)(pulse, seed, place, moving, ray_pulses)
+            repeated: Chunk = self._replay(frame, survey, lines)(pulse, seed, frame.phase, place, moving, ray_pulses)
             return repeated
-        part = self._stages.chain(partial(frame.placements, pulses.times), pulse, seed, survey=survey, lines=lines)
+        stages = self._stages.at_phase(frame.phase)
+        part = stages.chain(partial(frame.placements, pulses.times), pulse, seed, survey=survey, lines=lines)
         transfer.start(part.arrays())
         return part
 
@@ -351,7 +359,8 @@ class Chain:
 
             def chain(
                 pulse: Array,
-                seed: Lanes,
+                seed: Seed,
+                phase: tuple[Lanes, ...],
                 place: tuple[Vector, tuple[Lanes, ...]],
                 moving: tuple[Any, ...],
                 ray_pulses: RayPulses,
@@ -368,7 +377,9 @@ class Chain:
                     ray_times = times if times is None or rays == 1 else transfer.repeat_lanes(times, rays)[0]
                     return placements(origin, paths, ray_times, moves=moves)
 
-                return stages.chain(places, pulse, seed, survey=survey, lines=lines, ray_pulses=ray_pulses)
+                return stages.at_phase(phase).chain(
+                    places, pulse, seed, survey=survey, lines=lines, ray_pulses=ray_pulses
+                )
 
             light = stages.ambient, stages.footprint, stages.field, stages.air, stages.crosstalk, stages.fluctuation
             held = (stages.sensor, *light, stages.sun, stages.world)

@@ -6,7 +6,7 @@ The rest of the simulation uses only the protocol `Scanner`, so a new mechanism 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Annotated, Protocol
+from typing import Annotated, Protocol, Self
 
 import numpy as np
 
@@ -20,8 +20,9 @@ class Scanner(Protocol):
     """Pulse numbers in firing order to times and directions in the sensor's frame.
 
     A frame is pulses 0 .. pulses - 1; the next numbers belong to the next frame, and the pattern continues as the
-    mechanism does. Pulse numbers are (n,) 32-bit unsigned below 2^31, numpy or Dr.Jit. Results are of the same kind,
-    in float32; only times are always numpy, in float64.
+    mechanism does. Pulse numbers are (n,) whole numbers: of 64 bits in numpy, below 2^31 in Dr.Jit, where they begin
+    again after whole frames, with a scanner `at_phase`. Results are of the same kind, in float32; only times are always
+    numpy, in float64.
     """
 
     @property
@@ -69,6 +70,12 @@ class Scanner(Protocol):
 
     def time_s(self, pulse: Numbers) -> Numbers:
         """(n,) float64 emission time since the first pulse of frame 0; a new array, which the caller may change."""
+
+    def phase(self, pulse: int) -> tuple[int, ...]:
+        """State of the mechanism at the first pulse of a frame, signed 32-bit numbers; () if all frames are alike."""
+
+    def at_phase(self, phase: tuple[Lanes, ...]) -> Self:
+        """The same scanner, with the mechanism in this state at pulse 0."""
 
 
 Jitter = Annotated[
@@ -148,6 +155,14 @@ class Mechanism:
     def offset_m(self, pulse: Lanes) -> Vector | None:
         """None: all beams start at the sensor's origin."""
         return None
+
+    def phase(self, pulse: int) -> tuple[int, ...]:
+        """(): all frames are alike."""
+        return ()
+
+    def at_phase(self, phase: tuple[Lanes, ...]) -> Self:
+        """The scanner itself: all frames are alike."""
+        return self
 
 
 class GivenAngles(Mechanism):

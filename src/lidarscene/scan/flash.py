@@ -91,7 +91,7 @@ class Flash(Mechanism):
 
     def _row_and_column(self, pulse: Lanes) -> tuple[Lanes, Lanes]:
         ops = xp(pulse)
-        line, column = ops.divmod(ops.int32(pulse), self.columns)
+        line, column = ops.divmod(pulse, self.columns)
         row = ops.divmod(line, self.rows)[1]
         return row if self.first_row == "top" else self.rows - 1 - row, column
 

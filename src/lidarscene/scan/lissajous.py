@@ -10,8 +10,8 @@ Symbols: f frequency, phi phase, A and E amplitudes, zero to peak.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
-from typing import Annotated, Literal
+from dataclasses import dataclass, replace
+from typing import Annotated, Literal, Self
 
 import numpy as np
 from pydantic import Field
@@ -94,6 +94,15 @@ class Lissajous(Mechanism):
 
     def _optics(self, pulse: Lanes, turned: tuple[Lanes, ...]) -> tuple[Vector, Lanes]:
         return self.mirrors.beam(turned[0], turned[1])
+
+    def phase(self, pulse: int) -> tuple[int, ...]:
+        """Those of the two turns."""
+        return self.azimuth.steps(pulse), self.elevation.steps(pulse)
+
+    def at_phase(self, phase: tuple[Lanes, ...]) -> Self:
+        """With the mirrors there."""
+        azimuth, elevation = phase
+        return replace(self, azimuth=self.azimuth.from_start(azimuth), elevation=self.elevation.from_start(elevation))
 
     def time_s(self, pulse: Numbers) -> Numbers:
         """One pulse after the other, without a pause."""

@@ -70,7 +70,7 @@ class Pattern(GivenAngles):
 
     def _row(self, pulse: Lanes) -> Lanes:
         ops = xp(pulse)
-        return ops.divmod(ops.int32(pulse), self.pulses)[1]
+        return ops.divmod(pulse, self.pulses)[1]
 
     def _mechanism(self, pulse: Lanes) -> tuple[Lanes, Lanes]:
         ops, row = xp(pulse), self._row(pulse)

@@ -73,7 +73,7 @@ class Raster(GivenAngles):
 
     def _row_and_column(self, pulse: Lanes) -> tuple[Lanes, Lanes]:
         ops = xp(pulse)
-        line, column = ops.divmod(ops.int32(pulse), self.columns)
+        line, column = ops.divmod(pulse, self.columns)
         return ops.divmod(line, self.rows)[1], column
 
     def _mechanism(self, pulse: Lanes) -> tuple[Lanes, Lanes]:

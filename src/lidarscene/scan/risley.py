@@ -21,8 +21,8 @@ Symbols: n refractive index, alpha wedge angle, theta_i and theta_t angles befor
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Annotated, Literal
+from dataclasses import dataclass, replace
+from typing import Annotated, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -129,6 +129,7 @@ class Risley(Mechanism):
     beams: int = 1
     beam_elevation_rad: LookupTable | None = None
     mirror: TurningMirror | None = None
+    first_beam: Lanes = 0
 
     @classmethod
     def create(
@@ -170,11 +171,13 @@ class Risley(Mechanism):
         """Length of a frame."""
         return self.pulses / self.rate_hz
 
+    @property
+    def _moving(self) -> list[Turns]:
+        """Turns of the wedges, and of the mirror if there is one."""
+        return [part.turns for part in (*self.wedges, self.mirror) if part is not None]
+
     def _mechanism(self, pulse: Lanes) -> tuple[Lanes, ...]:
-        moving: list[Turns] = [wedge.turns for wedge in self.wedges]
-        if self.mirror is not None:
-            moving.append(self.mirror.turns)
-        return tuple(turns.angle_rad(pulse) for turns in moving)
+        return tuple(turns.angle_rad(pulse) for turns in self._moving)
 
     def _optics(self, pulse: Lanes, turned: tuple[Lanes, ...]) -> tuple[Vector, Lanes]:
         phases, elevation_rad = turned[: len(self.wedges)], None
@@ -187,7 +190,8 @@ class Risley(Mechanism):
     def channel(self, pulse: Lanes) -> Lanes:
         """Number of the laser."""
         ops = xp(pulse)
-        return ops.divmod(ops.int32(pulse), self.beams)[1]
+        beam = ops.divmod(pulse, self.beams)[1] + self.first_beam
+        return ops.where(beam < self.beams, beam, beam - self.beams)
 
     def refract(self, phases_rad: tuple[Lanes, ...], elevation_rad: Lanes | None = None) -> tuple[Vector, Lanes]:
         """Direction behind the wedges and share of the aperture, with thick sides in these directions.
@@ -208,6 +212,22 @@ class Risley(Mechanism):
     def background_share(self, pulse: Lanes) -> Lanes:
         """1: refraction trades aperture for field of view, and their product stays that of the lens."""
         return 1.0
+
+    def phase(self, pulse: int) -> tuple[int, ...]:
+        """Number of the laser, and the phases of all that turns."""
+        return pulse % self.beams, *(turns.steps(pulse) for turns in self._moving)
+
+    def at_phase(self, phase: tuple[Lanes, ...]) -> Self:
+        """With this laser first, and all that turns there."""
+        first_beam, *starts = phase
+        mirror = self.mirror
+        if mirror is not None:
+            mirror = replace(mirror, turns=mirror.turns.from_start(starts.pop()))
+        wedges = tuple(
+            replace(wedge, turns=wedge.turns.from_start(start))
+            for wedge, start in zip(self.wedges, starts, strict=True)
+        )
+        return replace(self, first_beam=first_beam, wedges=wedges, mirror=mirror)
 
     def time_s(self, pulse: Numbers) -> Numbers:
         """One pulse after the other, without a pause."""

@@ -13,9 +13,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
-from typing import Annotated, Literal
+from typing import Annotated, Literal, Self
 
 import numpy as np
 from pydantic import Field, model_validator
@@ -208,14 +208,14 @@ class Spinning(Mechanism):
     def _place(self, pulse: Lanes) -> tuple[Lanes, Lanes]:
         """Cycle of each pulse, and the laser's place in the firing order."""
         ops = xp(pulse)
-        return ops.divmod(ops.int32(pulse), self.lasers)
+        return ops.divmod(pulse, self.lasers)
 
     def _mechanism(self, pulse: Lanes) -> tuple[Lanes]:
         cycle, place = self._place(pulse)
         ops = xp(pulse)
         if self.sweep_period_s is not None:
             cycle = ops.divmod(cycle, self.cycles)[1]
-        return (self.head.angle_rad(ops.uint32(cycle)) + ops.float32(ops.take(self.lead_rad, place)),)
+        return (self.head.angle_rad(cycle) + ops.float32(ops.take(self.lead_rad, place)),)
 
     def _azimuth_elevation(self, pulse: Lanes, head: Lanes) -> tuple[Lanes, Lanes]:
         ops, place = xp(pulse), self._place(pulse)[1]
@@ -265,6 +265,14 @@ class Spinning(Mechanism):
         (head,) = self._mechanism(pulse)
         cos, sin = ops.cos(head), ops.sin(head)
         return cos * x - sin * y, sin * x + cos * y, z
+
+    def phase(self, pulse: int) -> tuple[int, ...]:
+        """The head's; () of sweeps, which begin anew."""
+        return () if self.sweep_period_s is not None else (self.head.steps(pulse // self.lasers),)
+
+    def at_phase(self, phase: tuple[Lanes, ...]) -> Self:
+        """With the head there."""
+        return replace(self, head=self.head.from_start(phase[0])) if phase else self
 
     def time_s(self, pulse: Numbers) -> Numbers:
         """Times from the firing table."""

@@ -7,8 +7,11 @@ which wraps around by itself as the turn does: pulse p is at ``start + p * step`
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fractions import Fraction
+from typing import Any
+
+import numpy as np
 
 from ..maths.arrays import Lanes, xp
 
@@ -24,7 +27,7 @@ class Turns:
     start  steps at pulse 0, signed 32 bits
 
     Error of `angle_rad`: 3e-7 rad from single precision, and 2e-16 of the turns since pulse 0 from the double
-    precision of ``low``'s product; below 1e-6 rad for every 32-bit pulse number.
+    precision of ``low``'s product; below 1e-6 rad for every pulse number below 2^50.
     """
 
     high: int
@@ -45,14 +48,25 @@ class Turns:
         start = round(start_rad / (2.0 * math.pi) % 1.0 * _WORD)
         return cls(high=_signed(high), low=float(steps - high), start=_signed(start))
 
+    def steps(self, pulse: int) -> int:
+        """`start` of turns that go on from this pulse."""
+        return _signed(self.start + self.high * pulse + round(Fraction(self.low) * pulse))
+
+    def from_start(self, start: Any) -> Turns:
+        """The same rotation with another `start`."""
+        return replace(self, start=start)
+
     def angle_rad(self, pulse: Lanes) -> Lanes:
-        """Angle [rad], float32, -pi to pi, at each pulse (32-bit unsigned)."""
+        """Angle [rad], float32, -pi to pi, at each pulse (32 bits, of NumPy 64)."""
         ops = xp(pulse)
         number = ops.uint32(pulse)
         # The rest of the steps: at most half the pulse number, good to 1e-7 of that, which is 1e-8 turns.
         remainder = ops.int32(ops.rint(ops.float32(number) * self.low))
         # 32-bit numbers wrap around at a whole turn, which is what an angle does.
         word = number * ops.uint32(self.high) + ops.uint32(self.start) + ops.uint32(remainder)
+        if isinstance(pulse, np.ndarray) and pulse.dtype.itemsize == 8:
+            # Of the upper half of a number only the rest counts: 2^32 times the whole steps are whole turns.
+            word = word + ops.uint32(np.rint((pulse >> 32) * (self.low * _WORD)).astype(np.int64))
         return ops.float32(ops.int32(word)) * (2.0 * math.pi / _WORD)
 
 

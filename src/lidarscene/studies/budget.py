@@ -137,9 +137,9 @@ def _beams(cloud: PointCloud, sensor: Sensor) -> Beams:
 
 
 def pulses_of(cloud: PointCloud, scanner: Scanner) -> Numbers:
-    """(n,) uint32 pulse of each point: the pulse of its channel that is nearest in time, then in azimuth."""
+    """(n,) int64 pulse of each point: the pulse of its channel that is nearest in time, then in azimuth."""
     first = int(cloud.metadata.get("frame_number", "0")) * scanner.pulses
-    pulse = np.arange(first, first + scanner.pulses, dtype=np.uint32)
+    pulse = np.arange(first, first + scanner.pulses, dtype=np.int64)
     times, rank = np.unique(scanner.time_s(pulse) - scanner.time_s(pulse[:1]), return_inverse=True)
     channel = np.asarray(scanner.channel(pulse), dtype=np.int64)
     width = int(channel.max()) + 1

@@ -391,18 +391,18 @@ class Live:
         """Light on the detector for the pulse of each point, traced once more."""
         scene, sensor, world = simulator.scene, simulator.sensor, simulator.world
         timed_frame = Frame.from_options(scene, sensor, world, frame)
-        count = sensor.scanner.pulses
-        numbers = np.arange(timed_frame.first_pulse, timed_frame.first_pulse + count, dtype=np.uint32)
+        pulses = range(timed_frame.first_pulse, timed_frame.first_pulse + sensor.scanner.pulses)
+        numbers = np.arange(pulses.start, pulses.stop, dtype=np.uint32)
         light = retraced_light(
             world,
-            sensor,
+            dataclasses.replace(sensor, scanner=sensor.scanner.at_phase(timed_frame.phase)),
             ambient,
             sun=scene.sun.direction,
             placements=timed_frame.placements(lambda: timed_frame.times(numbers)),
-            pulses=range(timed_frame.first_pulse, timed_frame.first_pulse + count),
-            seed=frame.seed,
+            pulses=pulses,
+            seed=timed_frame.seed_words(frame.seed),
         )
-        pulse = pulses_of(cloud, sensor.scanner) - timed_frame.first_pulse
+        pulse = pulses_of(cloud, sensor.scanner) - frame.number * sensor.scanner.pulses
         return Echoes(**{name: getattr(light, name)[pulse] for name in LIGHT_COLUMNS})
 
 

@@ -54,7 +54,9 @@ def _words(module: ModuleType) -> None:
     words, on_device = module.words, importlib.import_module("lidarscene.maths.arrays").is_drjit
 
     def of_run(*, seed: Any, **counters: Any) -> Any:
-        return words(seed=seed if on_device(seed) else frame_seed(seed), **counters)
+        word, *rollover = seed if isinstance(seed, tuple) else (seed,)
+        word = word if on_device(word) else frame_seed(word)
+        return words(seed=(word, *rollover) if rollover else word, **counters)
 
     module.words = of_run  # type: ignore[attr-defined]
 

@@ -152,29 +152,22 @@ def test_stamps_are_of_the_clock_whatever_the_frames_number() -> None:
     assert stamps[0] == pytest.approx(1e6 * SENSOR.scanner.frame_s, abs=0.51)
 
 
-def test_frames_begin_anew_where_numbers_of_pulses_end() -> None:
-    """Pulses have numbers below 2^31. The frame after the last one is number 0 with another seed, as much later."""
+def test_frames_go_on_where_numbers_on_the_device_begin_again() -> None:
+    """After 2^31 pulses, of which the device counts no more: the same seed, and firings counted on."""
     scanner = SENSOR.scanner
-    frames_of_seed = 2**31 // scanner.pulses
+    last = 2**31 // scanner.pulses - 1
     requested_frames: list[FrameOptions] = []
 
     def record_frame(take: Any, frame: FrameOptions, tell: Any) -> None:
         requested_frames.append(frame)
 
     simulator: Any = SimpleNamespace(sensor=SENSOR, stream=record_frame)
-    first = FrameOptions(number=frames_of_seed - 1, seed=2**32 - 1, begin_s=5.0)
+    first = FrameOptions(number=last, seed=2**32 - 1, begin_s=5.0)
     firings_of_frames = list(render_firings(simulator, first, needs_ambient=False, frames=3))
-    assert [frame.number for frame in requested_frames] == [frames_of_seed - 1, 0, 1]
-    assert [frame.seed for frame in requested_frames] == [2**32 - 1, 0, 0]
-    assert [frame.begin_s for frame in requested_frames] == [
-        5.0,
-        *[pytest.approx(5.0 + frames_of_seed * scanner.frame_s)] * 2,
-    ]
-    assert [firings_of_frame.number for firings_of_frame in firings_of_frames] == [
-        (frames_of_seed - 1) * scanner.cycles,
-        0,
-        scanner.cycles,
-    ]
+    numbers = [last, last + 1, last + 2]
+    assert [frame.number for frame in requested_frames] == numbers
+    assert {(frame.seed, frame.begin_s) for frame in requested_frames} == {(2**32 - 1, 5.0)}
+    assert [firings.number for firings in firings_of_frames] == [number * scanner.cycles for number in numbers]
 
 
 def test_what_was_late_in_words() -> None:

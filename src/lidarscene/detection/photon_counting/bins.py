@@ -16,7 +16,7 @@ from ...light.echoes import Volume
 from ...light.waveform import Waveform
 from ...maths import random
 from ...maths.arrays import Array, Lanes, Mask, Ops, xp
-from ...maths.random import Stage
+from ...maths.random import Seed, Stage
 from ...physics.photon_counting import dead_time, draws, matched_filter, pile_up
 from ...physics.photon_counting.pile_up import BOX
 from ...sensor.detectors.spad_detector import Macropixel
@@ -164,7 +164,7 @@ class Bins:
 
     pixel: Macropixel
     wave: Waveform
-    seed: Lanes
+    seed: Seed
     pulse: Array
 
     @property

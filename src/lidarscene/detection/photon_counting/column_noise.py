@@ -12,6 +12,7 @@ from dataclasses import replace
 from ...light.echoes import EchoTrain
 from ...maths import random
 from ...maths.arrays import Array, Lanes, xp
+from ...maths.random import Seed
 from ...physics.electronics import tdc
 from ...physics.optics import radiometry
 from ...sensor.sensor_model import Sensor
@@ -26,7 +27,7 @@ _MOST_NOISE = 3.0
 """Deviations of a point's range from the true one that are taken for noise; what lies beyond is no noise and stays."""
 
 
-def share_noise(detection: Detection, train: EchoTrain, sensor: Sensor, *, seed: Lanes, pulse: Array) -> Detection:
+def share_noise(detection: Detection, train: EchoTrain, sensor: Sensor, *, seed: Seed, pulse: Array) -> Detection:
     """Replace the noise of the ranges of echoes by noise of the same size that neighbouring columns share.
 
     Only the noise is shared: the range stays that of the point's own surface. Points that are no echo, echoes that were
@@ -44,7 +45,7 @@ def share_noise(detection: Detection, train: EchoTrain, sensor: Sensor, *, seed:
 
 
 def _share_in_stop(
-    stop: Returns, number: int, train: EchoTrain, sensor: Sensor, *, seed: Lanes, pulse: Array
+    stop: Returns, number: int, train: EchoTrain, sensor: Sensor, *, seed: Seed, pulse: Array
 ) -> Returns:
     """Replace the noise of one stop's ranges; ``number`` is the stop's."""
 
@@ -79,7 +80,7 @@ def _range_with_noise(stop: Returns, train: EchoTrain, sensor: Sensor, deviate: 
     return ops.where(signal < _MOST_FIRED * point.response.largest, shared_m, stop.range_m)
 
 
-def _column_deviate(sensor: Sensor, *, seed: Lanes, pulse: Array, stop: int) -> Lanes:
+def _column_deviate(sensor: Sensor, *, seed: Seed, pulse: Array, stop: int) -> Lanes:
     """Draw the weighted sum of the standard normal numbers of a point's column and of those before it, (n,) (T177).
 
     Any point can draw the numbers of its neighbours, which need not be in the same chunk.

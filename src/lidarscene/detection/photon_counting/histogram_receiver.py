@@ -17,6 +17,7 @@ from ...light.echoes import EchoTrain, Interference
 from ...light.waveform import Waveform, waveform
 from ...maths import random
 from ...maths.arrays import Array, Lanes, Mask, Ops, select_state, xp
+from ...maths.random import Seed
 from ...maths.special import normal_tail
 from ...physics.electronics import tdc
 from ...physics.electronics.pulse_sums import SIGMAS_PER_FWHM
@@ -182,7 +183,7 @@ class _PeakSearch:
     stops: tuple[_Stop, ...]
 
 
-def detect(pulse_train: EchoTrain, sensor: Sensor, *, seed: Lanes, pulse: Array) -> Detection:
+def detect(pulse_train: EchoTrain, sensor: Sensor, *, seed: Seed, pulse: Array) -> Detection:
     """Detect every pulse: one `Returns` for each stop, in order of time (docs/photon_counting.md).
 
     seed   32-bit frame seed; every random number is keyed by (seed, stage, pulse)
@@ -216,7 +217,7 @@ def detect(pulse_train: EchoTrain, sensor: Sensor, *, seed: Lanes, pulse: Array)
     return receiver.detection(state, stops if len(stops) == 1 else _sort_by_time(stops), number, alone)
 
 
-def _draw_deviate(seed: Lanes, pulse: Array) -> Lanes:
+def _draw_deviate(seed: Seed, pulse: Array) -> Lanes:
     """Draw the standard normal number of each point, (n,), that sets its threshold for all of its peaks (T111)."""
     return random.normal_pair(random.words(seed=seed, stage=random.Stage.THRESHOLD, pulse=pulse))[0]
 

@@ -14,7 +14,7 @@ from ...light.echoes import EchoTrain
 from ...light.waveform import sample_power_w
 from ...maths import random
 from ...maths.arrays import Numbers
-from ...maths.random import Stage
+from ...maths.random import Seed, Stage
 from ...physics.photon_counting import dead_time, draws
 from ...sensor.detectors.spad_detector import Spad
 from ...sensor.sensor_model import Sensor
@@ -39,7 +39,7 @@ class Histograms:
     counts: Numbers
 
 
-def histograms(train: EchoTrain, sensor: Sensor, *, seed: int, pulse: Numbers) -> Histograms:
+def histograms(train: EchoTrain, sensor: Sensor, *, seed: Seed, pulse: Numbers) -> Histograms:
     """Expected and drawn histograms of n pulses over the whole window.
 
     train  their light; NumPy

@@ -37,7 +37,7 @@ class PacketEncoder(Protocol):
 
 def head_deg(scanner: Spinning, number: Numbers) -> Numbers:
     """(n,) azimuths of the head as read when these firings begin, degrees counter-clockwise from x, float64."""
-    angle = np.asarray(scanner.head.angle_rad(number.astype(np.uint32)), np.float64)
+    angle = np.asarray(scanner.head.angle_rad(number), np.float64)
     step = scanner.encoder_rad
     return np.degrees(angle if step is None else np.rint(angle / float(step)) * float(step))
 
@@ -65,5 +65,5 @@ def last_and_strongest(frame: Firings, *, step_m: float, two_returns: bool) -> d
 def turns_clockwise(scanner: Spinning) -> bool:
     """True if the head turns clockwise seen from above, as all of these makers' do."""
     # By the head itself: two firings may lie within one step of the encoder.
-    first, second = np.asarray(scanner.head.angle_rad(np.arange(2, dtype=np.uint32)), np.float64)
+    first, second = np.asarray(scanner.head.angle_rad(np.arange(2)), np.float64)
     return math.sin(second - first) < 0.0

@@ -17,6 +17,7 @@ import numpy as np
 
 from ...maths import random
 from ...maths.arrays import Lanes, LookupTable, Mask, xp
+from ...maths.random import Seed
 from ..device.backend import mitsuba
 from ..device.types import Interaction
 
@@ -35,7 +36,7 @@ class Draws:
     ray    (n,) number of each ray within its pulse; 0 if it is the only one
     """
 
-    seed: Lanes
+    seed: Seed
     pulse: Lanes
     ray: Lanes = 0
 

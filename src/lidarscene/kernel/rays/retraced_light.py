@@ -11,6 +11,7 @@ from ...light.echoes import Ambient, Echoes
 from ...light.footprint import polarisation
 from ...maths.arrays import Numbers
 from ...maths.motion_table import MovingBodies, Placement
+from ...maths.random import Seed
 from ...sensor.sensor_model import Sensor
 from ..device import transfer
 from ..device.gate import exclusive
@@ -29,14 +30,15 @@ def retraced_light(
     sun: Numbers,
     placements: tuple[Placement, MovingBodies | None],
     pulses: range,
-    seed: int,
+    seed: Seed,
 ) -> Echoes:
     """Trace pulses again and return their mean light on the beam's first path, without pulses of other lidars.
 
-    pulses      consecutive pulse numbers
+    sensor      with its scanner `at_phase` of the frame
+    pulses      consecutive pulse numbers since the rollover
     sun         (3,) unit vector towards the sun
     placements  of the sensor and of the movers, as `rendering.frame.Frame.placements` returns them for these pulses
-    seed        of the frame; it decides the pointing jitter and the gaps
+    seed        of the frame, on the device; it decides the pointing jitter and the gaps
     """
     place, movers = placements
     equipment = transfer.opaque(sensor)
@@ -45,12 +47,12 @@ def retraced_light(
         pulse=transfer.counter(pulses.start, len(pulses)),
         origin_m=place.origin_m,
         rotation=place.rotation,
-        seed=transfer.seed_word(seed),
+        seed=seed,
     )
     towards = transfer.opaque(tuple(float(component) for component in sun))
     air = transfer.opaque(ambient)
     swing = None if world.speculars is None else polarisation(rays, equipment.laser, rotation=place.rotation)
-    firing = Firing(seed=transfer.seed_word(seed), polarisation=swing)
+    firing = Firing(seed=seed, polarisation=swing)
     paths = trace(world, rays, sun=towards, moving=movers, firing=firing)
     light = echoes.gather_background([echoes.receive(rays, hits, equipment, air) for hits in paths])[0]
     columns = {name: getattr(light, name) for name in LIGHT_COLUMNS}

@@ -25,6 +25,7 @@ from ...light.hits import Hits
 from ...light.limits import INTERACTIONS
 from ...maths.arrays import Array, Lanes, Mask, is_drjit, xp
 from ...maths.motion_table import MovingBodies
+from ...maths.random import Seed
 from ...maths.vectors import Vector
 from ..device.backend import mitsuba
 from ..device.types import DeviceVector, Interaction, Ray, components
@@ -49,7 +50,7 @@ class Firing:
     polarisation  axis across each ray along which its light swings, and the share of it that does; None: left out
     """
 
-    seed: Lanes = 0
+    seed: Seed = 0
     ray: Lanes = 0
     housing_m: Lanes = 0.0
     velocity_m_s: Vector | None = None

@@ -21,7 +21,6 @@ from ...errors import InputError, OutputError
 from ...formats.packets.firings import Firings, FiringsBuilder
 from ...formats.packets.layouts import Packet
 from ...formats.packets.packet_encoder import PacketEncoder
-from ...rendering.frame import PULSE_NUMBERS
 from ...rendering.render_options import FrameOptions, Observers
 from ...rendering.simulator import Simulator
 from .pacing import LATE_S, Clock, Pacer, RealClock
@@ -122,20 +121,9 @@ def render_firings(
 
     frames  number of frames; None: until a motion of the scene ends, which raises MotionEnded
     """
-    scanner = simulator.sensor.scanner
-    # Pulse numbers are below 2^31, which a VLS-128 reaches after a quarter of an hour: the frame number then begins
-    # anew, with another seed, so that no noise repeats.
-    most = PULSE_NUMBERS // scanner.pulses
     for count in itertools.count() if frames is None else range(frames):
-        round_number, number = divmod(frame.number + count, most)
-        frame_options = replace(
-            frame,
-            number=number,
-            seed=(frame.seed + round_number) % 2**32,
-            coordinates="sensor",
-            begin_s=frame.begin_s + round_number * most * scanner.frame_s,
-        )
-        gathering = FiringsBuilder(simulator.sensor, number)
+        frame_options = replace(frame, number=frame.number + count, coordinates="sensor")
+        gathering = FiringsBuilder(simulator.sensor, frame_options.number)
         observers = Observers(ambient=gathering.ambient if needs_ambient else None)
         try:
             simulator.stream(gathering.add, frame_options, observers)

@@ -20,6 +20,7 @@ import numpy as np
 
 from ...maths import random
 from ...maths.arrays import Array, Lanes, LookupTable, Numbers, xp
+from ...maths.random import Seed
 from .precipitation import Sizes
 
 MEAN_HITS = {1: 0.01, 2: 0.18, 4: 1.0, 8: 3.5, 16: 9.5, 32: 23.0}
@@ -218,7 +219,7 @@ def medium_backscatter_per_m_sr(
     return np.asarray(ranked.fainter[:, -1])
 
 
-def hits(tables: Strengths, *, seed: Lanes, pulse: Lanes, first_draw: int = 0) -> list[tuple[Array, Array]]:
+def hits(tables: Strengths, *, seed: Seed, pulse: Lanes, first_draw: int = 0) -> list[tuple[Array, Array]]:
     """Range and strength of the strongest particles of each pulse, strongest first; strength 0 if there are no more.
 
     seed, pulse  as in `maths.random.words`
