@@ -21,7 +21,7 @@ from ..kernel.rays.point_columns import Staged, with_nan_outcomes
 from ..light.beams import Beams
 from ..light.echoes import Echoes
 from ..light.hits import Hits
-from ..maths.arrays import Array, Mask, Numbers, is_drjit, xp
+from ..maths.arrays import Array, Mask, Numbers, flatten, is_drjit, xp
 from ..maths.pose import Pose
 from .frame import LARGEST_FLOAT32_M
 from .tiles import Order
@@ -56,23 +56,12 @@ class Chunk:
 
     def arrays(self) -> list[Any]:
         """Device arrays that the columns of points need: the outputs of the stages' kernel."""
-        detection = self.detection
-        needed = [self.pulse, detection.snr, detection.detection_probability, detection.outcome, detection.ambient]
-        needed += [array for array in (self.goes_on, self.leaks, detection.source) if array is not None]
-        for hits in self.paths:
-            needed += truth_arrays(hits)
-        for stop in detection.stops:
-            needed += [stop.reported, stop.status, stop.range_m, stop.intensity]
-            optional = (
-                stop.width_s,
-                stop.photons,
-                stop.snr,
-                stop.detection_probability,
-                stop.source,
-                stop.true_range_m,
-            )
-            needed += [array for array in optional if array is not None]
-        return needed
+        # Points have the intensity, not the amplitude that it is made of.
+        stops = tuple(dataclasses.replace(stop, amplitude=0.0) for stop in self.detection.stops)
+        detection = dataclasses.replace(self.detection, stops=stops)
+        found = flatten((self.pulse, detection, self.goes_on, self.leaks))
+        truth = (array for hits in self.paths for array in truth_arrays(hits))
+        return [array for array in (*found, *truth) if is_drjit(array)]
 
 
 def drop_continuing(

@@ -26,7 +26,7 @@ from ...light.beams import Beams
 from ...light.echoes import Ambient, Echoes, receive
 from ...light.hits import Hits
 from ...maths.arrays import Lanes, xp
-from ...maths.units import split_unit
+from ...maths.units import is_static, split_unit
 from ...physics.optics import scintillation, sunlight
 from ...sensor.detectors import Apd
 from ...sensor.overlap import SIXTH_ORDER
@@ -45,7 +45,6 @@ Derivation = Callable[[Formula, Mapping[str, float]], tuple[float, dict[str, flo
 _RANGE = "range_m"
 _DEVIATE = "deviate"
 _ALIGNMENT = "optics.overlap"
-_CODE = ("stops", "reach", "search", "coincidence", "bin_to_sigma", "samples", "room")
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,8 +87,7 @@ class SensitivityTable:
 def parameters(sensor: Sensor, target: Target) -> dict[str, float]:
     """Every continuous number of laser, optics, detector, electronics and target, by dotted name, in SI units.
 
-    Counts that choose code (``tdc.stops``, ``detector.coincidence``) are left out; the number of cells counts as
-    continuous.
+    Whole numbers (``tdc.stops``) and what chooses code are left out; the number of cells counts as continuous.
     """
     parts = {name: getattr(sensor, name) for name in plane.PARTS} | {"target": target}
     if sensor.optics.overlap is not None:
@@ -100,12 +98,7 @@ def parameters(sensor: Sensor, target: Target) -> dict[str, float]:
             continue
         for field in dataclasses.fields(part):
             value = getattr(part, field.name)
-            if (
-                isinstance(value, (int, float))
-                and not isinstance(value, bool)
-                and math.isfinite(value)
-                and field.name not in _CODE
-            ):
+            if isinstance(value, float) and math.isfinite(value) and not is_static(field):
                 numbers[f"{prefix}.{field.name}"] = float(value)
     return numbers
 
