@@ -12,6 +12,7 @@ spool         rows stored on disk to be read again
 cache_folder  folder of files kept between runs
 inputs        checks of files before they are read
 facts         a few facts of an object, for a prompt and a notebook
+late_binding  functions of higher tiers that methods of lower ones call
 optional      optional packages, or what to install
 open3d        Open3D
 pvlib         pvlib: standard spectra, position of the sun
