@@ -20,6 +20,8 @@ from lidarscene.physics.constants import SPEED_OF_LIGHT_M_S
 from lidarscene.physics.electronics import sampling, sipm, tdc
 from lidarscene.physics.optics import dielectrics, glint, receiver, reflection, scintillation, solar_spectrum
 from lidarscene.physics.optics.polarisation import pane_shares
+from lidarscene.physics.reference import electronics as reference_electronics
+from lidarscene.physics.reference import optics as reference_optics
 from lidarscene.scene.weather import Weather
 from lidarscene.studies import published_values
 from lidarscene.studies.eye_safety.eye_safety_report import eye_safety_report
@@ -319,7 +321,7 @@ def test_deviations_of_four_ways_to_time_a_pulse() -> None:
     for row in table("theory.md", "SNR | edge"):
         noise = 1.0 / float(row[0])
         edge = 1.0 / (5.0 * math.sqrt(2.0 * math.log(float(row[0]) / 5.0)))
-        half = sampling.fraction_deviation(
+        half = reference_electronics.fraction_deviation(
             fraction=0.5, noise_share_at_fraction=noise, noise_share_at_peak=noise, correlation=correlation
         )
         peak = sampling.peak_deviation(noise_share=noise, slope_noise=sampling.slope_noise(x=x), curvature=1.0)
@@ -410,10 +412,10 @@ def test_sun() -> None:
     spectra = {name: pvlib.reference_spectrum(name) for name in ("global", "direct", "extraterrestrial")}
     for name, _, w_m2, klux in table("sun.md", "`spectrum` | what"):
         spectrum = spectra[name.split("`")[1]]
-        row_says([w_m2], solar_spectrum.total_irradiance_w_m2(spectrum))
+        row_says([w_m2], reference_optics.total_irradiance_w_m2(spectrum))
         row_says([klux], 1e-3 * solar_spectrum.illuminance_lux(spectrum))
     for name, width in table("sun.md", "spectrum | box"):
-        box_m = solar_spectrum.implied_box_width_m(spectra[name.strip("`")], centre_m=905e-9, irradiance_w_m2=29.4)
+        box_m = reference_optics.implied_box_width_m(spectra[name.strip("`")], centre_m=905e-9, irradiance_w_m2=29.4)
         row_says([width], 1e9 * box_m)
 
     def mean(nm: float, width: float = 20.0) -> float:
