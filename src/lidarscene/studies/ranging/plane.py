@@ -20,7 +20,7 @@ from ...light.beams import Beams
 from ...light.echoes import Ambient, Echoes, receive
 from ...light.fluctuations import FluctuationLaw
 from ...light.hits import Hits
-from ...maths.arrays import Lanes, Numbers
+from ...maths.arrays import Lanes, Numbers, xp
 from ...physics.electronics import range_limit, tdc
 from ...physics.optics import radiometry, scintillation, sunlight
 from ...scene.scene import Air
@@ -93,29 +93,27 @@ def stack_sensors(sensors: Sequence[Sensor]) -> Sensor | None:
     return replace(first, **changes)
 
 
-def echoes_of_plane(sensor: Sensor, target: Target, range_m: Numbers | float) -> Echoes:
-    """Light on the detector from the target at these ranges, by the same stage that `render` runs."""
-    shape = np.broadcast_shapes(np.shape(range_m), conditions_shape(sensor, target))
-    ranges = np.array(np.broadcast_to(np.asarray(range_m, dtype=np.float64), shape or (1,)))
-    ones = np.ones_like(ranges)
+def light_of_plane(sensor: Sensor, target: Target, range_m: Lanes) -> Echoes:
+    """Light on the detector from the target, by the same stage that `render` runs; all numbers NumPy or Dr.Jit."""
     sun = sunlight.sun_irradiance_w_m2(
         irradiance_at_100_klux_w_m2=sensor.optics.sun_irradiance_w_m2, illuminance_klux=target.illuminance_klux
     )
+    lit = xp(range_m, target.cos_sun).maximum(target.cos_sun, 0.0)
     hits = Hits(
-        has_surface=ranges > 0.0,
-        range_m=ranges,
-        cos_incidence=target.cos_incidence * ones,
-        backscatter_per_sr=target.reflectivity * target.cos_incidence / math.pi * ones,
-        sun_scatter_per_sr=target.reflectivity * np.maximum(target.cos_sun, 0.0) / math.pi * ones,
-        reflectivity=target.reflectivity * ones,
-        cos_sun=target.cos_sun * ones,
-        lit=(target.cos_sun * ones > 0.0) & (ranges > 0.0),
-        face=np.zeros(ranges.shape, dtype=np.int32),
+        has_surface=range_m > 0.0,
+        range_m=range_m,
+        cos_incidence=target.cos_incidence,
+        backscatter_per_sr=target.reflectivity * target.cos_incidence / math.pi,
+        sun_scatter_per_sr=target.reflectivity * lit / math.pi,
+        reflectivity=target.reflectivity,
+        cos_sun=target.cos_sun,
+        lit=target.cos_sun > 0.0,
+        face=0,
     )
     beams = Beams(
-        pulse=np.arange(ranges.size, dtype=np.uint32).reshape(ranges.shape),
+        pulse=0,
         origin_m=(0.0, 0.0, 0.0),
-        direction=(ones, 0.0 * ones, 0.0 * ones),
+        direction=(1.0, 0.0, 0.0),
         aperture_m2=sensor.optics.aperture_m2 * target.aperture_share,
     )
     ambient = Ambient(
@@ -125,6 +123,16 @@ def echoes_of_plane(sensor: Sensor, target: Target, range_m: Numbers | float) ->
         extinction_per_m=target.extinction_per_m,
     )
     return receive(beams, hits, sensor, ambient)
+
+
+def echoes_of_plane(sensor: Sensor, target: Target, range_m: Numbers | float) -> Echoes:
+    """`light_of_plane` at these ranges, in the common shape of ranges and conditions."""
+    shape = np.broadcast_shapes(np.shape(range_m), conditions_shape(sensor, target))
+    ranges = np.array(np.broadcast_to(np.asarray(range_m, dtype=np.float64), shape or (1,)))
+    surface = {
+        name: getattr(target, name) * np.ones_like(ranges) for name in ("reflectivity", "cos_incidence", "cos_sun")
+    }
+    return light_of_plane(sensor, replace(target, **surface), ranges)
 
 
 def _response(sensor: Sensor, light: Echoes) -> tuple[WorkingPoint, Numbers, Numbers]:
