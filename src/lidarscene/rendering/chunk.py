@@ -72,19 +72,20 @@ def drop_continuing(
         goes_on = leaks if goes_on is None else goes_on | leaks
     if goes_on is None:
         return Chunk(pulse, paths, with_nan_outcomes(detection))
-    stops = [dataclasses.replace(stop, reported=stop.reported & ~goes_on) for stop in detection.stops]
-    outcome = xp(goes_on).where(goes_on, int(Outcome.NO_SURFACE), detection.outcome)
-    remaining = dataclasses.replace(detection, stops=tuple(stops), outcome=outcome)
-    return Chunk(pulse, paths, with_nan_outcomes(remaining), goes_on, leaks)
+    return Chunk(pulse, paths, with_nan_outcomes(_without(detection, goes_on)), goes_on, leaks)
 
 
 def without_lanes(part: Chunk, dropped: Numbers) -> Chunk:
     """Return a chunk in which these lanes, (n,) bool, count as without a surface, as in `drop_continuing`."""
     goes_on = transfer.unsigned_numbers(dropped) != 0
-    stops = [dataclasses.replace(stop, reported=stop.reported & ~goes_on) for stop in part.detection.stops]
-    outcome = xp(goes_on).where(goes_on, int(Outcome.NO_SURFACE), part.detection.outcome)
-    detection = dataclasses.replace(part.detection, stops=tuple(stops), outcome=outcome)
-    return dataclasses.replace(part, detection=detection, goes_on=goes_on)
+    return dataclasses.replace(part, detection=_without(part.detection, goes_on), goes_on=goes_on)
+
+
+def _without(detection: Detection, lanes: Mask) -> Detection:
+    """Return the detection as if these lanes had met no surface."""
+    stops = tuple(dataclasses.replace(stop, reported=stop.reported & ~lanes) for stop in detection.stops)
+    outcome = xp(lanes).where(lanes, int(Outcome.NO_SURFACE), detection.outcome)
+    return dataclasses.replace(detection, stops=stops, outcome=outcome)
 
 
 def detection_values(parts: Sequence[Chunk], name: str, *, ordered: bool = True) -> Numbers:

@@ -10,7 +10,7 @@ from typing import Any
 from ... import catalog
 from ...errors import InputError
 from ...files.atomic import put_text
-from ...files.toml_edit import get_value, put_values, remove_values
+from ...files.toml_edit import KeyPath, get_value, put_values, remove_values
 from ...sensor.sensor_file import sensor_from_tables
 from ..opening import open_recording
 from ..pcap_reader import json_beside
@@ -118,10 +118,10 @@ def _file_text(unit: Unit, source: Path, model: str, text: str) -> tuple[str, li
     of_model, replaced_sources = get_value(text, ("scanner",)), get_value(text, ("sources",)) or {}
     kept, notes = _kept_keys(unit, of_model)
     # Published values belong to the model, and hold with the model's own beams only.
-    removed = [("laser", "repetition_rate_khz"), ("published",)]
+    removed: list[KeyPath] = [("laser", "repetition_rate_khz"), ("published",)]
     removed += [("scanner", key) for key in of_model if key not in ("type", *kept)]
     removed += [("sources", key) for key in replaced_sources if key.startswith(REPLACED_SOURCES)]
-    values = {("name",): _one_line(unit.name)}
+    values: dict[KeyPath, Any] = {("name",): _one_line(unit.name)}
     values["description",] = _one_line(f"{unit.name}: beams of {source.name}, all else of the catalogue's {model}")
     values |= {("scanner", key): value for key, value in unit.scanner.items()}
     values |= {("scanner", key): list(unit.lists[key]) for key in LIST_KEYS if key in unit.lists}
