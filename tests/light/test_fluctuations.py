@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 from helpers import chain
+from helpers.shots import simulated_shots
 from scipy import stats
 
 from lidarscene import load_sensor
@@ -94,9 +95,9 @@ def test_studies_agree_with_shots() -> None:
     range_m = 0.9 * plane.maximum_range_m(sensor, Target())[0]
     expected = statistics.detection_probability(sensor, Target(), range_m)
     assert float(plane.detection_probability(sensor, Target(), range_m)[0]) == pytest.approx(expected, rel=1e-9)
-    found = statistics.simulated_shots(sensor, Target(), range_m, shots=shots, seed=2).echoes / shots
+    found = simulated_shots(sensor, Target(), range_m, shots=shots, seed=2).echoes / shots
     calm = load_sensor("mems-1550", overrides=SPECKLED[:1])
-    calm_gap = statistics.simulated_shots(
+    calm_gap = simulated_shots(
         calm, Target(), range_m, shots=shots, seed=2
     ).echoes / shots - statistics.detection_probability(calm, Target(), range_m)
     assert found - calm_gap == pytest.approx(expected, abs=4.0 * math.sqrt(0.5 / shots) + 1e-3)

@@ -1,7 +1,7 @@
-"""Detection statistics of a sensor on a target: detection curves, detection against false alarms, simulated shots.
+"""Detection statistics of a sensor on a target: detection and false alarms of a shot, false points of a frame.
 
-The formulas are those of `physics.electronics.tdc` and of the detector's working point, which `render` uses too.
-Shots are simulated by `detection.receivers.detect_alone`, on numpy with made-up echoes. No tracing, no LLVM.
+The formulas are those of `physics.electronics.tdc` and of the detector's working point, which `render` uses too. No
+tracing, no LLVM.
 
 Symbols: TNR threshold over noise, P_d detection and P_f false-alarm probability.
 """
@@ -17,12 +17,9 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from ...detection.outcomes import Outcome, Status
-from ...detection.receivers import detect_alone
-from ...light.fluctuations import fluctuate
 from ...maths.arrays import Lanes, Numbers
 from ...physics.constants import ELEMENTARY_CHARGE_C, SPEED_OF_LIGHT_M_S
-from ...physics.electronics import apd, mcintyre, tdc
+from ...physics.electronics import apd, mcintyre
 from ...physics.optics import radiometry, sunlight
 from ...sensor.detectors import Apd, WorkingPoint
 from ...sensor.sensor_model import Sensor
@@ -38,25 +35,6 @@ _DEVIATES = [NormalDist().inv_cdf((k + 0.5) / 200.0) for k in range(200)]
 
 
 @dataclass(frozen=True, slots=True)
-class OperatingCurve:
-    """Receiver operating characteristic: detection and false alarms over the threshold. All (n,), one for each
-    threshold.
-
-    threshold_to_noise     TNR
-    false_alarms_per_shot  mean number of noise crossings in the whole window
-    quiet_probability      probability of a whole window without any
-    detection_probability  P_d of the echo
-    correct_probability    (10): correct returns among all, for a target at the end of the window
-    """
-
-    threshold_to_noise: Numbers
-    false_alarms_per_shot: Numbers
-    quiet_probability: Numbers
-    detection_probability: Numbers
-    correct_probability: Numbers
-
-
-@dataclass(frozen=True, slots=True)
 class FalsePoints:
     """Expected false alarms among the points of one frame.
 
@@ -66,57 +44,6 @@ class FalsePoints:
 
     per_pulse: float
     per_frame: float
-
-
-@dataclass(frozen=True, slots=True)
-class ShotCounts:
-    """Counts of simulated shots: reported echoes and reported false alarms."""
-
-    shots: int
-    echoes: int
-    false_alarms: int
-
-    @property
-    def correct_share(self) -> float:
-        """Correct returns among all; 1 if nothing was returned."""
-        returned = self.echoes + self.false_alarms
-        return self.echoes / returned if returned else 1.0
-
-
-def detection_curve(sensor: Sensor, target: Target, snr: Numbers, *, own_noise: bool = True) -> Numbers:
-    """(n,) P_d of echoes with these signal-to-noise ratios, under the target's background.
-
-    own_noise   False leaves out the echo's own shot noise, so that P_d = Q(TNR - SNR) for a Gaussian
-    """
-    point = sensor.working_point(_background_w(sensor, target))
-    signal = np.asarray(snr, dtype=np.float64) * point.noise.deviation
-    sigma = _sigma(point, signal) if own_noise else point.noise.deviation + 0.0 * signal
-    return np.asarray(point.detection_probability(sensor.threshold(point), signal, sigma))
-
-
-def operating_curve(sensor: Sensor, target: Target, range_m: float, threshold_to_noise: Numbers) -> OperatingCurve:
-    """Detection and false alarms for a target at this range, over the threshold."""
-    ratios = np.asarray(threshold_to_noise, dtype=np.float64)
-    varied = dataclasses.replace(sensor.tdc, threshold_to_noise=ratios, threshold_level=None)
-    tuned = dataclasses.replace(sensor, tdc=varied)
-    light = plane.echoes_of_plane(sensor, target, range_m)
-    point = tuned.working_point(light.background_power_w, range_m=light.range_m)
-    threshold = tuned.threshold(point) + 0.0 * ratios  # the shape of the ratios, also where they do not matter
-    variance = plane.fluctuation_variance(sensor, target, light.range_m)
-    p_detect = np.asarray(plane.expected_probability(point, threshold, light.peak_power_w + 0.0 * ratios, variance))
-    rate_hz = np.asarray(_alarms_hz(sensor, point, threshold))
-    p_false = -np.expm1(-rate_hz / sensor.tdc.bandwidth_hz)  # of one comparison, as in (10)
-    comparisons = tdc.comparisons(window_s=sensor.tdc.listening_s, bandwidth_hz=sensor.tdc.bandwidth_hz)
-    mean = rate_hz * sensor.tdc.listening_s
-    return OperatingCurve(
-        threshold_to_noise=ratios,
-        false_alarms_per_shot=mean,
-        quiet_probability=np.exp(-mean),
-        detection_probability=p_detect,
-        correct_probability=np.asarray(
-            tdc.correct_probability(p_false=p_false, p_detect=p_detect, comparisons=comparisons)
-        ),
-    )
 
 
 def detection_probability(sensor: Sensor, target: Target, range_m: float) -> float:
@@ -136,7 +63,7 @@ def false_alarm_probability(sensor: Sensor, target: Target, *, sky: bool = False
            `detector.tail`), "webb" (Webb's approximation of the electrons, averaged over the amplifier's noise) or
            "exact" (McIntyre's probabilities summed)
     """
-    background = _background_w(sensor, target, sky)
+    background = background_w(sensor, target, sky=sky)
     point = sensor.working_point(background)
     threshold = sensor.threshold(point)
     if tail is None:
@@ -161,7 +88,7 @@ def false_points(sensor: Sensor, target: Target, range_m: float | None = None) -
     Exact for the Poisson alarms of (10) and a converter of any number of stops: alarms before the echo may take its
     stop, and alarms after it need a stop that is still free.
     """
-    point = sensor.working_point(_background_w(sensor, target, range_m is None))
+    point = sensor.working_point(background_w(sensor, target, sky=range_m is None))
     rate = float(np.ravel(_alarms_hz(sensor, point, sensor.threshold(point)))[0])
     blanking_s, window_s = float(sensor.tdc.blanking_s), float(sensor.tdc.window_s)
     stops = sensor.tdc.stops
@@ -176,34 +103,6 @@ def false_points(sensor: Sensor, target: Target, range_m: float | None = None) -
         )
         per_pulse = p_detect * with_echo + (1.0 - p_detect) * per_pulse
     return FalsePoints(per_pulse, per_pulse * sensor.scanner.pulses)
-
-
-def simulated_shots(
-    sensor: Sensor, target: Target, range_m: float | None, *, shots: int = 100_000, seed: int = 0
-) -> ShotCounts:
-    """Simulate pulses at a target, or for a range of None into the sky, by `receivers.detect_alone` on NumPy."""
-    ones = np.ones(shots)
-    echoes = plane.echoes_of_plane(sensor, target, ones if range_m is None else range_m * ones)
-    if range_m is None:
-        background = _background_w(sensor, target, True) * ones
-        echoes = dataclasses.replace(
-            echoes, has_surface=ones < 0.0, peak_power_w=0.0 * ones, background_power_w=background
-        )
-    pulse = np.arange(shots, dtype=np.uint32)
-    variance = plane.fluctuation_variance(sensor, target, echoes.range_m)
-    if variance is not None:
-        echoes = fluctuate(echoes, variance, seed=seed, pulse=pulse)
-    detection = detect_alone(echoes, sensor, seed=seed, pulse=pulse)
-    alarms = sum(
-        int(np.sum(np.asarray(stop.reported & (stop.status == int(Status.FALSE_ALARM))))) for stop in detection.stops
-    )
-    return ShotCounts(shots, int(np.sum(detection.outcome == int(Outcome.KEPT))), alarms)
-
-
-def end_of_window(sensor: Sensor, range_m: float) -> Sensor:
-    """The sensor with its window closed just after an echo of this range, as in (10)."""
-    end_s = 2.0 * range_m / SPEED_OF_LIGHT_M_S + 0.5 * float(sensor.received_fwhm_s)
-    return dataclasses.replace(sensor, tdc=dataclasses.replace(sensor.tdc, window_s=end_s))
 
 
 def electrons(sensor: Sensor, background_power_w: float) -> dict[str, float]:
@@ -232,7 +131,7 @@ def electrons(sensor: Sensor, background_power_w: float) -> dict[str, float]:
     }
 
 
-def _background_w(sensor: Sensor, target: Target, sky: bool = False) -> Numbers:
+def background_w(sensor: Sensor, target: Target, *, sky: bool) -> Numbers:
     """(1,) light on the detector in W from the target or the sky."""
     if not sky:
         return np.asarray(plane.echoes_of_plane(sensor, target, 1.0).background_power_w)
@@ -266,15 +165,6 @@ def _mean_over_points(sensor: Sensor, threshold: Lanes, formula: Callable[[Lanes
         return formula(histogram.threshold_of_noise(threshold, 0.0))
     values = [np.asarray(formula(histogram.threshold_of_noise(threshold, place))) for place in _DEVIATES]
     return np.asarray(np.mean(values, axis=0))
-
-
-def _sigma(point: WorkingPoint, signal: Lanes) -> Numbers:
-    """Noise at the peak, with the echo's own shot noise."""
-    return np.asarray(
-        tdc.noise_at_level(
-            level=signal, noise=point.noise.deviation, kappa_1=point.noise.kappa_1, kappa_2=point.noise.kappa_2
-        )
-    )
 
 
 def _webb_with_amplifier(
