@@ -72,13 +72,21 @@ def split_unit(name: str) -> tuple[str, str]:
 STATIC = {"static": True}
 """Metadata of a field that chooses code, such as the number of a kernel's outputs or steps, or the size of its memory.
 
-It stays a Python number where others go to the device (`kernel.device.transfer.opaque`), and nothing is derived by it.
+It stays a Python number where others go to the device (`kernel.device.transfer.opaque`).
 """
+
+COUNT = {"static": False}
+"""Metadata of a field that is a whole number and chooses no code."""
 
 
 def is_static(field: Field[Any]) -> bool:
     """Whether a field of a dataclass is `STATIC`."""
-    return "static" in field.metadata
+    return bool(field.metadata.get("static", False))
+
+
+def is_continuous(field: Field[Any]) -> bool:
+    """Whether a number of a dataclass may change by a little: it is neither `STATIC` nor a `COUNT`."""
+    return "static" not in field.metadata
 
 
 Number = TypeVar("Number", float, float | None, tuple[float, ...])

@@ -6,7 +6,7 @@ from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
 from ..maths.arrays import Lanes
-from ..maths.units import STATIC, FileKey, Quantity
+from ..maths.units import COUNT, STATIC, FileKey, Quantity
 from ..physics.amplifier.low_pass import LOW_PASSES, LowPass
 
 MOST_STOPS = 16
@@ -205,7 +205,7 @@ class Adc:
     ]
     step: Lanes
     full_scale: Annotated[Lanes, Quantity(ge=1e-12, le=1e9, about="largest sample, amperes (APD) or cells (SiPM)")]
-    samples: int
+    samples: int = field(metadata=COUNT)
     room: int = field(metadata=STATIC)
     estimator: Annotated[Literal["matched_filter", "centroid"], FileKey(about="of time and amplitude")] = (
         "matched_filter"

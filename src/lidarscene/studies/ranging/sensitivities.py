@@ -23,7 +23,7 @@ import numpy as np
 from ...errors import BackendError, InputError
 from ...figures.report import PAGE, Figure, Report
 from ...maths.arrays import Lanes, xp
-from ...maths.units import is_static, split_unit
+from ...maths.units import is_continuous, split_unit
 from ...physics.optics import scintillation
 from ...sensor.detectors import Apd
 from ...sensor.overlap import SIXTH_ORDER
@@ -84,7 +84,7 @@ class SensitivityTable:
 def parameters(sensor: Sensor, target: Target) -> dict[str, float]:
     """Every continuous number of laser, optics, detector, electronics and target, by dotted name, in SI units.
 
-    Whole numbers (``tdc.stops``) and what chooses code are left out; the number of cells counts as continuous.
+    Counts (``tdc.stops``) and what else chooses code are left out; the number of cells counts as continuous.
     """
     parts = {name: getattr(sensor, name) for name in plane.PARTS} | {"target": target}
     if sensor.optics.overlap is not None:
@@ -95,7 +95,8 @@ def parameters(sensor: Sensor, target: Target) -> dict[str, float]:
             continue
         for field in dataclasses.fields(part):
             value = getattr(part, field.name)
-            if isinstance(value, float) and math.isfinite(value) and not is_static(field):
+            is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
+            if is_number and math.isfinite(value) and is_continuous(field):
                 numbers[f"{prefix}.{field.name}"] = float(value)
     return numbers
 
