@@ -8,6 +8,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from helpers import false_alarms
 from helpers.documentation import ROOT, printed_numbers, row_says, says, table, text_of, value_of
 from scipy.stats import norm
 
@@ -38,7 +39,7 @@ from lidarscene.studies.paper.case import (
     sipm_steady,
 )
 from lidarscene.studies.paper.numbers import closed_forms
-from lidarscene.studies.ranging import plane, statistics
+from lidarscene.studies.ranging import plane
 from lidarscene.studies.ranging.plane import Target
 
 pytestmark = pytest.mark.fixed_streams
@@ -101,7 +102,7 @@ def test_sizes_of_fluctuations() -> None:
         load_sensor("mems-1550", overrides=["laser.divergence_mrad=1", *more]) for more in ([], ["laser.speckle={}"])
     ]
     near_m = 0.9 * plane.maximum_range_m(lidars[0], TABLE_1)[0]
-    found = [statistics.detection_probability(lidar, TABLE_1, near_m) for lidar in lidars]
+    found = [float(plane.detection_probability(lidar, TABLE_1, near_m)[0]) for lidar in lidars]
     says("theory_light.md", "P_d falls from {} to {} at nine tenths", *found)
     field = float(load_sensor("table1-apd").detector.radius_m / load_sensor("table1-apd").optics.focal_length_m)
     says("limits.md", "half angle phi: {} % rho rho' at Table 1, 10 m", 100.0 * (field * 10.0 / 1.0) ** 2 / 3.0)
@@ -308,7 +309,7 @@ def test_tails_of_the_avalanche() -> None:
     assert [row[0] for row in rows] == list(places)
     for row in rows:
         tails = ("gaussian", "mcintyre", "webb", "exact")
-        row_says(row[1:], *(statistics.false_alarm_probability(apd, tail=tail, **places[row[0]]) for tail in tails))
+        row_says(row[1:], *(false_alarms.false_alarm_probability(apd, tail=tail, **places[row[0]]) for tail in tails))
 
 
 def test_deviations_of_four_ways_to_time_a_pulse() -> None:

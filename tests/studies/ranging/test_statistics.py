@@ -8,13 +8,14 @@ import math
 
 import numpy as np
 import pytest
-from helpers import photons
+from helpers import false_alarms, photons
 from helpers.shots import simulated_shots
 from scipy.stats import binom, norm
 
 from lidarscene import load_sensor
 from lidarscene.physics.constants import SPEED_OF_LIGHT_M_S
-from lidarscene.physics.electronics import mcintyre, tdc
+from lidarscene.physics.electronics import tdc
+from lidarscene.physics.reference import mcintyre as reference_mcintyre
 from lidarscene.studies.ranging import plane, statistics
 from lidarscene.studies.ranging.plane import Target
 
@@ -47,7 +48,7 @@ def test_detection_over_the_signal(sensor):
         assert (probability[1:10] > plain[1:10]).all()
         assert (probability[11:] < plain[11:]).all()
     limit, _ = plane.maximum_range_m(sensor, Target())
-    assert statistics.detection_probability(sensor, Target(), float(limit)) == pytest.approx(0.5, rel=1e-6)
+    assert float(plane.detection_probability(sensor, Target(), float(limit))[0]) == pytest.approx(0.5, rel=1e-6)
 
 
 def test_both_errors_over_the_threshold():
@@ -98,7 +99,7 @@ def test_correct_probability_by_shots(tnr, tail):
     ends = dataclasses.replace(sensor.tdc, window_s=2.0 * limit / SPEED_OF_LIGHT_M_S + 3e-9)
     sensor = dataclasses.replace(sensor, tdc=ends)
     tally = simulated_shots(sensor, Target(), limit, shots=80_000, seed=3)
-    p_false = statistics.false_alarm_probability(sensor, Target())
+    p_false = false_alarms.false_alarm_probability(sensor, Target())
     comparisons = float(sensor.tdc.window_s) * 167e6
     expected = tdc.correct_probability(p_false=p_false, p_detect=0.5, comparisons=comparisons)
     returned = tally.echoes + tally.false_alarms
@@ -112,25 +113,25 @@ def test_correct_probability_by_shots(tnr, tail):
 
 def test_tails_of_the_avalanche():
     """Gaussian, McIntyre's saddle point and exact sum, Webb's: at Table 1, in sunlight and in the dark."""
-    p = {tail: statistics.false_alarm_probability(APD, Target(), tail=tail) for tail in statistics.TAILS}
+    p = {tail: false_alarms.false_alarm_probability(APD, Target(), tail=tail) for tail in false_alarms.TAILS}
     assert p["gaussian"] == pytest.approx(norm.sf(5.0), rel=1e-6)
     assert p["mcintyre"] == pytest.approx(p["exact"], rel=1e-3)
     assert p["exact"] == pytest.approx(1.0812e-5, rel=1e-3)
     assert p["webb"] == pytest.approx(p["exact"], rel=0.25)
-    assert statistics.false_alarm_probability(APD, Target()) == p["gaussian"]
-    assert statistics.false_alarm_probability(apd_with("detector.tail='mcintyre'"), Target()) == p["mcintyre"]
-    dark = [statistics.false_alarm_probability(APD, Target(), sky=True, tail=t) for t in ("mcintyre", "exact")]
+    assert false_alarms.false_alarm_probability(APD, Target()) == p["gaussian"]
+    assert false_alarms.false_alarm_probability(apd_with("detector.tail='mcintyre'"), Target()) == p["mcintyre"]
+    dark = [false_alarms.false_alarm_probability(APD, Target(), sky=True, tail=t) for t in ("mcintyre", "exact")]
     assert dark[0] == pytest.approx(dark[1], rel=0.15)
     with pytest.raises(ValueError, match="for an APD"):
-        statistics.false_alarm_probability(SIPM, Target(), tail="exact")
+        false_alarms.false_alarm_probability(SIPM, Target(), tail="exact")
     with pytest.raises(ValueError, match="no avalanche"):
-        statistics.electrons(SIPM, 1e-9)
+        false_alarms.electrons(SIPM, 1e-9)
 
 
 def test_electrons_hold_the_variance_of_18():
     """Electrons in 1 / (2 B): their variance is that of (18), to rounding."""
     background = float(plane.echoes_of_plane(APD, Target(), 100.0).background_power_w[0])
-    numbers = statistics.electrons(APD, background)
+    numbers = false_alarms.electrons(APD, background)
     variance = numbers["primaries"] * numbers["gain"] ** 2 * numbers["excess_noise"] + numbers["amplifier"] ** 2
     noise = float(APD.working_point(np.array([background])).noise.deviation[0])
     assert math.sqrt(variance) == pytest.approx(noise * numbers["per_ampere"], rel=1e-12)
@@ -164,7 +165,7 @@ def test_false_points_per_frame(range_m, blanking_ns, stops):
     tally = simulated_shots(sensor, Target(), range_m, shots=shots, seed=5)
     expected = statistics.false_points(sensor, Target(), range_m)
     # Alarms are Poisson or fewer; the echo's edge comes up to 3 ns before its range.
-    slack = 0.6 * shots * statistics.false_alarm_probability(sensor, Target())
+    slack = 0.6 * shots * false_alarms.false_alarm_probability(sensor, Target())
     mean = expected.per_pulse * shots
     assert abs(tally.false_alarms - mean) < 4.0 * math.sqrt(mean) + slack
     assert expected.per_frame == expected.per_pulse * sensor.scanner.pulses
@@ -221,19 +222,8 @@ def test_webbs_tail_is_blurred_by_the_amplifier():
     """Mean of the electrons' tail over the amplifier's noise, by Gauss and Hermite's sum."""
     law = {"primaries": 200.0, "gain": 50.0, "excess_noise": 3.0}
     place, weight = np.polynomial.hermite_e.hermegauss(100)
-    tails = mcintyre.webb_tail(excess=8000.0 - 1500.0 * place, **law)
+    tails = reference_mcintyre.webb_tail(excess=8000.0 - 1500.0 * place, **law)
     mean = float(np.dot(weight, tails) / weight.sum())
-    blurred = statistics._webb_with_amplifier(8000.0, ionisation_ratio=0.02, amplifier=1500.0, **law)
+    blurred = false_alarms.webb_with_amplifier(8000.0, ionisation_ratio=0.02, amplifier=1500.0, **law)
     assert blurred == pytest.approx(mean, rel=1e-6)
-    assert blurred > 1.2 * float(mcintyre.webb_tail(excess=8000.0, **law))
-
-
-@pytest.mark.parametrize("sensor", [APD, SIPM], ids=["apd", "sipm"])
-def test_two_roads_to_the_probability_of_detection(sensor):
-    """At the limit, nearer and farther: arrays of `plane` and numbers of `statistics`."""
-    limit_m, _ = plane.maximum_range_m(sensor, Target())
-    for factor in (0.8, 0.95, 1.0, 1.1):
-        probability = statistics.detection_probability(sensor, Target(), factor * limit_m)
-        assert float(plane.detection_probability(sensor, Target(), factor * limit_m)[0]) == pytest.approx(
-            probability, rel=1e-9
-        )
+    assert blurred > 1.2 * float(reference_mcintyre.webb_tail(excess=8000.0, **law))

@@ -5,6 +5,7 @@ point of a cloud. `tests/chain/test_formulas.py` holds that everything else in `
 
 apd              noise and SNR of an avalanche photodiode, (12), (13), (18), (19)
 sipm             SNR and probabilities of a silicon photomultiplier, (21), (26), (27), (S1) to (S3)
+mcintyre         electrons of an avalanche, one by one; Webb's tail
 electronics      comparator and clock, bounds of a pulse's time, an amplifier that clips
 optics           flat Lambertian walls, (2) to (8); wet surfaces, points of light, spectra
 photon_counting  Coates' correction, the bound of a pulse's time

@@ -1,34 +1,27 @@
-"""Detection statistics of a sensor on a target: detection and false alarms of a shot, false points of a frame.
+"""False alarms of a sensor among the points of a frame.
 
 The formulas are those of `physics.electronics.tdc` and of the detector's working point, which `render` uses too. No
 tracing, no LLVM.
 
-Symbols: TNR threshold over noise, P_d detection and P_f false-alarm probability.
+Symbols: P_d detection probability.
 """
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from statistics import NormalDist
-from typing import Literal, get_args
 
 import numpy as np
 
 from ...maths.arrays import Lanes, Numbers
-from ...physics.constants import ELEMENTARY_CHARGE_C, SPEED_OF_LIGHT_M_S
-from ...physics.electronics import apd, mcintyre
+from ...physics.constants import SPEED_OF_LIGHT_M_S
 from ...physics.optics import radiometry, sunlight
-from ...sensor.detectors import Apd, WorkingPoint
+from ...sensor.detectors import WorkingPoint
 from ...sensor.sensor_model import Sensor
 from . import plane
 from .plane import Target
-
-Tail = Literal["gaussian", "mcintyre", "webb", "exact"]
-TAILS: tuple[Tail, ...] = get_args(Tail)
-
 
 _DEVIATES = [NormalDist().inv_cdf((k + 0.5) / 200.0) for k in range(200)]
 """Quantiles of the standard normal distribution at 200 equally likely places."""
@@ -46,42 +39,6 @@ class FalsePoints:
     per_frame: float
 
 
-def detection_probability(sensor: Sensor, target: Target, range_m: float) -> float:
-    """P_d of the target at this range."""
-    light = plane.echoes_of_plane(sensor, target, range_m)
-    point = sensor.working_point(light.background_power_w, range_m=light.range_m)
-    variance = plane.fluctuation_variance(sensor, target, light.range_m)
-    probability = plane.expected_probability(point, sensor.threshold(point), light.peak_power_w, variance)
-    return float(np.ravel(probability)[0])
-
-
-def false_alarm_probability(sensor: Sensor, target: Target, *, sky: bool = False, tail: Tail | None = None) -> float:
-    """P_f of one comparison, with the target's background. With `false_alarms = "crossings"` it sets no rate.
-
-    sky    True for the sky in place of the target; it is dark unless the target's light has a diffuse share
-    tail   statistics of the noise; None: the sensor's own. For an APD also "gaussian" (9), "mcintyre" (saddle point, as
-           `detector.tail`), "webb" (Webb's approximation of the electrons, averaged over the amplifier's noise) or
-           "exact" (McIntyre's probabilities summed)
-    """
-    background = background_w(sensor, target, sky=sky)
-    point = sensor.working_point(background)
-    threshold = sensor.threshold(point)
-    if tail is None:
-        return float(np.ravel(_mean_over_points(sensor, threshold, point.false_alarm_probability))[0])
-    diode = sensor.detector
-    if not isinstance(diode, Apd) or tail not in TAILS:
-        raise ValueError(f"tail must be one of {', '.join(TAILS)}, for an APD, got '{tail}'")
-    if tail == "gaussian" or tail == "mcintyre":
-        changed = dataclasses.replace(sensor, detector=dataclasses.replace(diode, tail=tail))
-        return false_alarm_probability(changed, target, sky=sky)
-    numbers = electrons(sensor, float(background[0]))
-    excess = float(np.ravel(threshold)[0]) * numbers.pop("per_ampere")
-    excess_noise = numbers.pop("excess_noise")
-    if tail == "exact":
-        return mcintyre.tail_probability_exact(excess=excess, **numbers)
-    return _webb_with_amplifier(excess, excess_noise=excess_noise, **numbers)
-
-
 def false_points(sensor: Sensor, target: Target, range_m: float | None = None) -> FalsePoints:
     """Expected false points of a frame whose pulses all meet this target, or for a range of None the sky.
 
@@ -95,7 +52,7 @@ def false_points(sensor: Sensor, target: Target, range_m: float | None = None) -
     per_pulse = _mean_of_first(rate * (window_s - blanking_s), stops)
     arrival_s = math.inf if range_m is None else 2.0 * range_m / SPEED_OF_LIGHT_M_S
     if range_m is not None and blanking_s <= arrival_s < window_s:
-        p_detect = detection_probability(sensor, target, range_m)
+        p_detect = float(plane.detection_probability(sensor, target, range_m)[0])
         before, after = rate * (arrival_s - blanking_s), rate * (window_s - arrival_s)
         # With n alarms before it, the echo takes a stop if n < stops; stops - 1 - n are then free for alarms after it.
         with_echo = _mean_of_first(before, stops) + sum(
@@ -103,32 +60,6 @@ def false_points(sensor: Sensor, target: Target, range_m: float | None = None) -
         )
         per_pulse = p_detect * with_echo + (1.0 - p_detect) * per_pulse
     return FalsePoints(per_pulse, per_pulse * sensor.scanner.pulses)
-
-
-def electrons(sensor: Sensor, background_power_w: float) -> dict[str, float]:
-    """An APD's background in electrons of one resolution time, for `mcintyre.tail_probability`.
-
-    Also ``per_ampere``, electrons per ampere, and ``excess_noise``, F. Raises ValueError without an APD.
-    """
-    diode = sensor.detector
-    if not isinstance(diode, Apd):
-        raise ValueError(f"the detector of '{sensor.name}' has no avalanche of McIntyre's kind")
-    bandwidth = float(sensor.tdc.bandwidth_hz)
-    per_ampere = float(mcintyre.resolution_time_s(bandwidth_hz=bandwidth) / ELEMENTARY_CHARGE_C)
-    responsivity = apd.responsivity_a_w(
-        quantum_efficiency=diode.quantum_efficiency, photon_energy_j=sensor.laser.photon_energy_j
-    )
-    primary_a = float(responsivity * background_power_w + diode.bulk_dark_current_a)
-    excess = float(diode.excess_noise)
-    ratio = mcintyre.ionisation_ratio(gain=diode.gain, excess_noise=excess)
-    return {
-        "primaries": primary_a * per_ampere,
-        "gain": float(diode.gain),
-        "ionisation_ratio": float(ratio),
-        "amplifier": math.sqrt(diode.unmultiplied_variance_a2(bandwidth)) * per_ampere,
-        "per_ampere": per_ampere,
-        "excess_noise": excess,
-    }
 
 
 def background_w(sensor: Sensor, target: Target, *, sky: bool) -> Numbers:
@@ -153,10 +84,10 @@ def background_w(sensor: Sensor, target: Target, *, sky: bool) -> Numbers:
 
 def _alarms_hz(sensor: Sensor, point: WorkingPoint, threshold: Lanes) -> Lanes:
     """Rate of false alarms."""
-    return _mean_over_points(sensor, threshold, lambda level: sensor.false_alarm_rate_hz(point, level))
+    return mean_over_points(sensor, threshold, lambda level: sensor.false_alarm_rate_hz(point, level))
 
 
-def _mean_over_points(sensor: Sensor, threshold: Lanes, formula: Callable[[Lanes], Lanes]) -> Lanes:
+def mean_over_points(sensor: Sensor, threshold: Lanes, formula: Callable[[Lanes], Lanes]) -> Lanes:
     """Mean of a formula over the thresholds that the noise of the points meets, where these scatter (T111)."""
     histogram = sensor.histogram
     if histogram is None:
@@ -165,19 +96,6 @@ def _mean_over_points(sensor: Sensor, threshold: Lanes, formula: Callable[[Lanes
         return formula(histogram.threshold_of_noise(threshold, 0.0))
     values = [np.asarray(formula(histogram.threshold_of_noise(threshold, place))) for place in _DEVIATES]
     return np.asarray(np.mean(values, axis=0))
-
-
-def _webb_with_amplifier(
-    excess: float, *, primaries: float, gain: float, ionisation_ratio: float, amplifier: float, excess_noise: float
-) -> float:
-    """Webb's tail, averaged over the amplifier's Gaussian noise."""
-    # Weighted mean over an even grid of normal deviates; beyond 8 sigma lie 1e-15 of them.
-    deviates = np.linspace(-8.0, 8.0, 3201)
-    weight = np.exp(-0.5 * deviates**2)
-    tail = mcintyre.webb_tail(
-        excess=excess - amplifier * deviates, primaries=primaries, gain=gain, excess_noise=excess_noise
-    )
-    return float((weight * tail).sum() / weight.sum())
 
 
 def _poisson(mean: float, count: int) -> float:
