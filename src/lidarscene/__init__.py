@@ -9,8 +9,8 @@ from typing import Any
 
 import lazy_loader
 
-from .files.facts import register
 from .files.installed_llvm import write_newest_path
+from .files.late_binding import bind
 
 # Public names stand in __init__.pyi, and are imported when first asked for: importing the package costs nothing.
 __getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
@@ -28,7 +28,7 @@ def _draw(cloud: Any, **options: Any) -> Any:
     return draw_in_memory(cloud, **options)
 
 
-# Methods of `PointCloud` and `Scene` need what is in higher tiers: it is registered here.
-register(view=_view, draw=_draw)
+# Methods of `PointCloud` and `Scene` call these by name.
+bind(view=_view, draw=_draw)
 
 write_newest_path()  # for a program that imports Dr.Jit or Mitsuba by itself after lidarscene

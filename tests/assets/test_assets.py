@@ -1,4 +1,4 @@
-"""The meshes and scenes that assets/ makes: the same bytes again, sound triangles, the geometry they promise."""
+"""The meshes and scenes that tools/scenes/ makes: the same bytes again, sound triangles, the geometry they promise."""
 
 import math
 import re
@@ -57,7 +57,7 @@ def made(tmp_path_factory):
     """A folder with everything made afresh."""
     folder = tmp_path_factory.mktemp("made")
     for script in ("make_assets.py", "make_scenes.py"):
-        command = [sys.executable, "-B", str(ROOT / "assets" / script), "--out", str(folder)]
+        command = [sys.executable, "-B", str(ROOT / "tools" / "scenes" / script), "--out", str(folder)]
         subprocess.run(command, check=True, capture_output=True, text=True)
     return folder
 

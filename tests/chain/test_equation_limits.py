@@ -44,7 +44,8 @@ from helpers.table_1 import (
 from scipy.constants import e, k
 
 from lidarscene.physics.electronics import apd, range_limit, sipm
-from lidarscene.physics.optics import radiometry
+from lidarscene.physics.reference import optics as reference_optics
+from lidarscene.physics.reference import sipm as reference_sipm
 
 # --- dimensions: a change of units changes nothing but the unit ---------------------------------------
 
@@ -54,7 +55,7 @@ from lidarscene.physics.optics import radiometry
 @pytest.mark.parametrize("watt", [1e-6, 1.0])
 def test_scaling_of_units(metre, second, watt):
     """Lengths, times and powers in other units: powers and photon numbers follow, ratios stay."""
-    echo = radiometry.lambertian_echo_power_w(
+    echo = reference_optics.lambertian_echo_power_w(
         peak_power_w=PT * watt,
         reflectivity=RHO,
         cos_incidence=1.0,
@@ -64,7 +65,7 @@ def test_scaling_of_units(metre, second, watt):
         efficiency=ETA_R,
     )
     assert echo == pytest.approx(watt * P_R / cos(THETA), rel=1e-12)
-    sun = radiometry.lambertian_sun_power_w(
+    sun = reference_optics.lambertian_sun_power_w(
         sun_irradiance_w_m2=ESUN * watt / metre**2,
         reflectivity=RHO,
         cos_sun=CS,
@@ -124,8 +125,8 @@ def test_many_cells_count_photons():
     dark = {"dark_count_rate_hz": 0.0, "dead_time_s": DEAD}
     photons = {"signal_photons": N_SP, "background_photons": N_BP}
     simple = sipm.snr_approximate(pde=PDE, **photons)
-    assert sipm.snr_published(**photons, **many_cells, **dark) == pytest.approx(simple, rel=1e-5)
-    assert sipm.snr_steady_state(**photons, **many_cells, **dark) == pytest.approx(simple, rel=1e-5)
+    assert reference_sipm.snr_published(**photons, **many_cells, **dark) == pytest.approx(simple, rel=1e-5)
+    assert reference_sipm.snr_steady_state(**photons, **many_cells, **dark) == pytest.approx(simple, rel=1e-5)
 
 
 def test_without_sun_the_electronics_remain():
@@ -134,5 +135,5 @@ def test_without_sun_the_electronics_remain():
     share = {"signal_photons": N_SP, "background_photons": 0.0, **CELLS, **DARK}
     dark = N * DCR * DEAD
     expected = (N - dark) * (1 - exp(N_SP * EXPONENT)) / sqrt(dark)
-    assert sipm.snr_published(**share) == pytest.approx(expected, rel=1e-9)
-    assert sipm.snr_steady_state(**share) == pytest.approx(expected, rel=1e-3)  # (S2): PDE / 2N
+    assert reference_sipm.snr_published(**share) == pytest.approx(expected, rel=1e-9)
+    assert reference_sipm.snr_steady_state(**share) == pytest.approx(expected, rel=1e-3)  # (S2): PDE / 2N

@@ -8,7 +8,7 @@ import pytest
 from helpers import chain
 
 from lidarscene import Simulator, load_scene
-from lidarscene.physics.electronics import saturation
+from lidarscene.physics.reference import electronics as reference_electronics
 
 pytestmark = pytest.mark.usefixtures("mi")
 
@@ -98,10 +98,10 @@ def test_width_and_range_of_a_saturated_plate(clouds):
     point = sensor.working_point(background.astype(float))
     shape = {"signal": point.response.signal(power), "saturation": CLIPS_A, "fwhm_s": 6e-9}
     level = sensor.threshold(point)
-    expected_s = saturation.width_at_level_s(level=level, recovery_s=RECOVERY_S, **shape)
+    expected_s = reference_electronics.width_at_level_s(level=level, recovery_s=RECOVERY_S, **shape)
     assert both_edges.pulse_width_s.mean() == pytest.approx(expected_s.mean(), rel=0.01)
     assert abs((both_edges.range_m - both_edges.true_range_m).mean()) < 0.015
-    bias_m = saturation.walk_bias_m(threshold=level, **shape).mean()
+    bias_m = reference_electronics.walk_bias_m(threshold=level, **shape).mean()
     assert bias_m < -0.3
     assert (rising.range_m - rising.true_range_m).mean() == pytest.approx(bias_m, abs=0.015)
     assert (rising.pulse_width_s == 0.0).all()

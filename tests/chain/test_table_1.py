@@ -7,7 +7,7 @@ from helpers.table_1 import field_of_view_sr
 
 from lidarscene import load_sensor
 from lidarscene.physics.electronics import range_limit, sipm, tdc
-from lidarscene.physics.optics import radiometry
+from lidarscene.physics.reference import optics as reference_optics
 from lidarscene.studies.ranging import plane
 from lidarscene.studies.ranging.plane import RangeStatus, Target
 
@@ -39,7 +39,7 @@ def test_optical_powers():
 def test_lambertian_forms_agree_with_the_stage():
     """(5) and (8) written out, against the scene's form with f_r = rho / pi."""
     optics, detector = APD.optics, APD.detector
-    echo = radiometry.lambertian_echo_power_w(
+    echo = reference_optics.lambertian_echo_power_w(
         peak_power_w=45.0,
         reflectivity=0.1,
         cos_incidence=1.0,
@@ -48,7 +48,7 @@ def test_lambertian_forms_agree_with_the_stage():
         aperture_m2=optics.aperture_m2,
         efficiency=0.7206,
     )
-    sun = radiometry.lambertian_sun_power_w(
+    sun = reference_optics.lambertian_sun_power_w(
         sun_irradiance_w_m2=29.4,
         reflectivity=0.1,
         cos_sun=0.5,

@@ -13,8 +13,10 @@ from lidarscene import Simulator, Status
 from lidarscene.detection import comparator
 from lidarscene.detection.shots import Shots
 from lidarscene.physics.constants import SPEED_OF_LIGHT_M_S
-from lidarscene.physics.electronics import saturation, tdc
+from lidarscene.physics.electronics import tdc
 from lidarscene.physics.optics import pulse
+from lidarscene.physics.reference import electronics as reference_electronics
+from lidarscene.physics.reference import optics as reference_optics
 from lidarscene.studies.ranging import plane
 from lidarscene.studies.ranging.plane import Target
 
@@ -48,7 +50,7 @@ def slope_formula(sensor, range_m):
     """Mean and deviation of the range to first order: crossing at U, sigma(U) over the slope there."""
     point, level, peak = working_point(sensor, range_m)
     time = pulse.leading_edge_time_s(level=level / peak, fwhm_s=FWHM_S)
-    slope = peak * pulse.leading_edge_slope_per_s(level=level / peak, fwhm_s=FWHM_S)
+    slope = peak * reference_optics.leading_edge_slope_per_s(level=level / peak, fwhm_s=FWHM_S)
     sigma = tdc.noise_at_level(
         level=level, noise=point.noise.deviation[0], kappa_1=point.noise.kappa_1, kappa_2=point.noise.kappa_2
     )
@@ -174,7 +176,7 @@ def test_width_of_a_clipped_pulse_by_a_fine_march(overdrive):
     early_s = pulse.leading_edge_time_s(level=level / peak, fwhm_s=FWHM_S)
     width_s = comparator.width_s(shots, trip, peak_power_w=power_w, early_s=early_s)
     time_s = np.linspace(-30e-9, 300e-9, 330_001)
-    waveform = saturation.clipped_waveform(
+    waveform = reference_electronics.clipped_waveform(
         time_s=time_s, signal=peak, saturation=np.array([clips]), fwhm_s=FWHM_S, recovery_s=25e-9
     )
     above = np.flatnonzero(waveform >= level)

@@ -14,7 +14,7 @@ from lidarscene.detection import returns
 from lidarscene.errors import InputError
 from lidarscene.light.echoes import Echoes
 from lidarscene.physics.constants import SPEED_OF_LIGHT_M_S
-from lidarscene.physics.electronics import saturation
+from lidarscene.physics.reference import electronics as reference_electronics
 
 HALF_C = 0.5 * SPEED_OF_LIGHT_M_S
 LEVELS = ["sampler.type='multi_level_tdc'", "sampler.levels=[2, 4, 8, 16]"]
@@ -185,7 +185,7 @@ def test_walk_that_the_levels_tell(name, recovery_s):
         error_m, raw_m, width_s = error_m[:200], raw_m[:200], width_s[:200]
 
         def too_wide_s(overdrive, width_s):
-            return width_s - saturation.width_at_level_s(
+            return width_s - reference_electronics.width_at_level_s(
                 level=level, signal=level * np.exp(overdrive), saturation=2e-6, fwhm_s=FWHM_S, recovery_s=recovery_s
             )
 
@@ -356,7 +356,7 @@ def test_clipped_samples_have_no_bias(name, overdrive):
     error_m = (stop.range_m - range_m)[is_echo]
     assert abs(error_m.mean()) < (0.16 + 4.0 / math.sqrt(shots)) * error_m.std()
     assert error_m.std() < 0.05
-    width_s = saturation.width_at_level_s(
+    width_s = reference_electronics.width_at_level_s(
         level=equipped.threshold(point)[0],
         signal=overdrive * point.response.saturation,
         saturation=point.response.saturation,

@@ -26,6 +26,7 @@ from lidarscene.outputs import range_image
 from lidarscene.physics import eye_safety
 from lidarscene.physics.electronics import sipm
 from lidarscene.physics.optics import sunlight
+from lidarscene.physics.reference import surroundings as reference_surroundings
 from lidarscene.physics.weather import particles, precipitation
 from lidarscene.rendering.render_options import DEFAULT_CHUNK
 from lidarscene.scene.meshes import primitives
@@ -216,7 +217,7 @@ def test_particles() -> None:
         100.0
         * (
             1.0
-            - precipitation.rain_extinction_carbonneau_per_m(rate_mm_h=r)
+            - reference_surroundings.rain_extinction_carbonneau_per_m(rate_mm_h=r)
             / precipitation.rain_extinction_per_m(rate_mm_h=r)
         )
         for r in (1.0, 100.0)

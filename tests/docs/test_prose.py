@@ -8,14 +8,19 @@ import math
 
 import numpy as np
 import pytest
+from helpers import false_alarms
 from helpers.documentation import says
 
 from lidarscene import load_sensor
 from lidarscene.materials.material_file import catalogue_material
 from lidarscene.physics.constants import ELEMENTARY_CHARGE_C, SPEED_OF_LIGHT_M_S
-from lidarscene.physics.electronics import apd, mcintyre, saturation, sipm, sipm_response, tdc
+from lidarscene.physics.electronics import apd, mcintyre, sipm, sipm_response, tdc
 from lidarscene.physics.optics import air, dielectrics, pulse, radiometry
 from lidarscene.physics.optics.polarisation import pane_shares
+from lidarscene.physics.reference import electronics as reference_electronics
+from lidarscene.physics.reference import mcintyre as reference_mcintyre
+from lidarscene.physics.reference import optics as reference_optics
+from lidarscene.physics.reference import sipm as reference_sipm
 from lidarscene.sensor.sensor_model import Sensor
 from lidarscene.studies.paper import case
 from lidarscene.studies.paper.case import (
@@ -29,7 +34,7 @@ from lidarscene.studies.paper.case import (
     sipm_steady,
 )
 from lidarscene.studies.paper.numbers import SHORT_PULSE, closed_forms
-from lidarscene.studies.ranging import plane, statistics
+from lidarscene.studies.ranging import plane
 from lidarscene.studies.ranging.plane import Target
 
 pytestmark = pytest.mark.fixed_streams
@@ -128,7 +133,7 @@ def edge_errors(tnr: float) -> tuple[float, float]:
         level=tdc.crossing_level(threshold=level, deviate=z, **noise_parameters) / peak, fwhm_s=6e-9
     )
     model = np.sqrt((weight * (time_s - (weight * time_s).sum()) ** 2).sum())
-    slope = peak * pulse.leading_edge_slope_per_s(level=level / peak, fwhm_s=6e-9)
+    slope = peak * reference_optics.leading_edge_slope_per_s(level=level / peak, fwhm_s=6e-9)
     sigma = float(tdc.noise_at_level(level=level, **noise_parameters))
     return sigma / level, sigma / slope / float(model)
 
@@ -224,8 +229,8 @@ def test_tails() -> None:
     says("theory.md", "With {} primaries in a resolution time", primaries)
     tail = {
         name: {
-            tail: statistics.false_alarm_probability(APD, Target(illuminance_klux=klux), tail=tail)
-            for tail in statistics.TAILS
+            tail: false_alarms.false_alarm_probability(APD, Target(illuminance_klux=klux), tail=tail)
+            for tail in false_alarms.TAILS
         }
         for name, klux in (("bright", 100.0), ("dim", 10.0))
     }
@@ -234,7 +239,9 @@ def test_tails() -> None:
     says("theory.md", "has {} times too few at Table 1 (`tail", times)
     says("limits.md", "the APD's avalanche has {} times as many", times)
     equal = 5.0
-    while statistics.false_alarm_probability(with_threshold(equal), TABLE_1, tail="exact") > tail["bright"]["gaussian"]:
+    while (
+        false_alarms.false_alarm_probability(with_threshold(equal), TABLE_1, tail="exact") > tail["bright"]["gaussian"]
+    ):
         equal += 0.05
     says("theory.md", "and TNR {} is needed for the alarms that (9) promises", pytest.approx(equal, abs=0.05))
     percent_off = {n: saddle_point(n) for n in (24.0, 2.4, 0.5)}
@@ -259,7 +266,7 @@ def saddle_point(primaries: float) -> float:
     return max(
         1.0
         - mcintyre.tail_probability(excess=k * sigma, **numbers)
-        / mcintyre.tail_probability_exact(excess=k * sigma, **numbers)
+        / reference_mcintyre.tail_probability_exact(excess=k * sigma, **numbers)
         for k in (1.0, 3.0, 5.0, 8.0)
     )
 
@@ -268,7 +275,7 @@ def test_saturation() -> None:
     light = plane.echoes_of_plane(APD, Target(reflectivity=0.8), 20.0)
     point = APD.working_point(light.background_power_w)
     signal, level = float(point.response.signal(light.peak_power_w)[0]), float(APD.threshold(point)[0])
-    bias = saturation.walk_bias_m(threshold=level, signal=signal, saturation=50e-6, fwhm_s=6e-9)
+    bias = reference_electronics.walk_bias_m(threshold=level, signal=signal, saturation=50e-6, fwhm_s=6e-9)
     says(
         "theory.md", "a wall of 80 % at 20 m has {} times that and is reported {} m too near", signal / 50e-6, abs(bias)
     )
@@ -299,7 +306,7 @@ def test_panes() -> None:
     says(
         "theory.md", "aluminium reflects {} % more of s, and less of p, than their mean at 45 degrees, and {} %", *metal
     )
-    water = 1.0 - (1.0 - dielectrics.diffuse_fresnel_reflectance(1.33)) / 1.33**2
+    water = 1.0 - (1.0 - reference_optics.diffuse_fresnel_reflectance(1.33)) / 1.33**2
     says("theory.md", "p = 1 - (1 - R_d) / n^2, {} for water", water)
     wet, dry = (catalogue_material(name).at(905e-9)["reflectivity"] for name in ("asphalt_wet", "asphalt"))
     says("theory.md", "{} instead of {} at 905 nm", wet, dry)
@@ -346,7 +353,7 @@ def test_sipm_page() -> None:
         share = photons * 0.22 / 400.0 / (1.0 + photons * 0.22 / 400.0)
         p[photons] = (
             float(point.false_alarm_probability(exact.threshold(point))[0]),
-            float(sipm_response.binomial_skewness(share=share, cells=400.0)),
+            float(reference_sipm.binomial_skewness(share=share, cells=400.0)),
         )
     gaussian = tdc.false_alarm_probability(threshold=5.0, noise=1.0)
     says(

@@ -8,6 +8,7 @@ from functools import cache
 
 import numpy as np
 import pytest
+from helpers import false_alarms
 from helpers.documentation import ROOT, printed_numbers, row_says, says, table, text_of, value_of
 from scipy.stats import norm
 
@@ -20,6 +21,8 @@ from lidarscene.physics.constants import SPEED_OF_LIGHT_M_S
 from lidarscene.physics.electronics import sampling, sipm, tdc
 from lidarscene.physics.optics import dielectrics, glint, receiver, reflection, scintillation, solar_spectrum
 from lidarscene.physics.optics.polarisation import pane_shares
+from lidarscene.physics.reference import electronics as reference_electronics
+from lidarscene.physics.reference import optics as reference_optics
 from lidarscene.scene.weather import Weather
 from lidarscene.studies import published_values
 from lidarscene.studies.eye_safety.eye_safety_report import eye_safety_report
@@ -36,7 +39,7 @@ from lidarscene.studies.paper.case import (
     sipm_steady,
 )
 from lidarscene.studies.paper.numbers import closed_forms
-from lidarscene.studies.ranging import plane, statistics
+from lidarscene.studies.ranging import plane
 from lidarscene.studies.ranging.plane import Target
 
 pytestmark = pytest.mark.fixed_streams
@@ -99,7 +102,7 @@ def test_sizes_of_fluctuations() -> None:
         load_sensor("mems-1550", overrides=["laser.divergence_mrad=1", *more]) for more in ([], ["laser.speckle={}"])
     ]
     near_m = 0.9 * plane.maximum_range_m(lidars[0], TABLE_1)[0]
-    found = [statistics.detection_probability(lidar, TABLE_1, near_m) for lidar in lidars]
+    found = [float(plane.detection_probability(lidar, TABLE_1, near_m)[0]) for lidar in lidars]
     says("theory_light.md", "P_d falls from {} to {} at nine tenths", *found)
     field = float(load_sensor("table1-apd").detector.radius_m / load_sensor("table1-apd").optics.focal_length_m)
     says("limits.md", "half angle phi: {} % rho rho' at Table 1, 10 m", 100.0 * (field * 10.0 / 1.0) ** 2 / 3.0)
@@ -306,7 +309,7 @@ def test_tails_of_the_avalanche() -> None:
     assert [row[0] for row in rows] == list(places)
     for row in rows:
         tails = ("gaussian", "mcintyre", "webb", "exact")
-        row_says(row[1:], *(statistics.false_alarm_probability(apd, tail=tail, **places[row[0]]) for tail in tails))
+        row_says(row[1:], *(false_alarms.false_alarm_probability(apd, tail=tail, **places[row[0]]) for tail in tails))
 
 
 def test_deviations_of_four_ways_to_time_a_pulse() -> None:
@@ -319,7 +322,7 @@ def test_deviations_of_four_ways_to_time_a_pulse() -> None:
     for row in table("theory.md", "SNR | edge"):
         noise = 1.0 / float(row[0])
         edge = 1.0 / (5.0 * math.sqrt(2.0 * math.log(float(row[0]) / 5.0)))
-        half = sampling.fraction_deviation(
+        half = reference_electronics.fraction_deviation(
             fraction=0.5, noise_share_at_fraction=noise, noise_share_at_peak=noise, correlation=correlation
         )
         peak = sampling.peak_deviation(noise_share=noise, slope_noise=sampling.slope_noise(x=x), curvature=1.0)
@@ -410,10 +413,10 @@ def test_sun() -> None:
     spectra = {name: pvlib.reference_spectrum(name) for name in ("global", "direct", "extraterrestrial")}
     for name, _, w_m2, klux in table("sun.md", "`spectrum` | what"):
         spectrum = spectra[name.split("`")[1]]
-        row_says([w_m2], solar_spectrum.total_irradiance_w_m2(spectrum))
+        row_says([w_m2], reference_optics.total_irradiance_w_m2(spectrum))
         row_says([klux], 1e-3 * solar_spectrum.illuminance_lux(spectrum))
     for name, width in table("sun.md", "spectrum | box"):
-        box_m = solar_spectrum.implied_box_width_m(spectra[name.strip("`")], centre_m=905e-9, irradiance_w_m2=29.4)
+        box_m = reference_optics.implied_box_width_m(spectra[name.strip("`")], centre_m=905e-9, irradiance_w_m2=29.4)
         row_says([width], 1e9 * box_m)
 
     def mean(nm: float, width: float = 20.0) -> float:

@@ -42,3 +42,10 @@ def test_keys_are_removed_where_they_are() -> None:
     assert tomllib.loads(text) == {"name": "x", "laser": {"power_w": 5, "pulse": {}}, "sources": {}}
     assert get_value(text, ("laser", "pulse", "fwhm_ns")) is None
     assert get_value(TEXT, ("laser", "pulse")) == {"fwhm_ns": 1.5}
+
+
+def test_long_lists_have_eight_numbers_in_a_line() -> None:
+    values = [0.1 * n for n in range(20)]
+    text = put_values(TEXT, {("laser", "pulse", "shape"): values}, digits=17)
+    assert tomllib.loads(text)["laser"]["pulse"]["shape"] == values
+    assert [line.count(",") for line in text.splitlines() if line.startswith("    ")] == [8, 8, 4]

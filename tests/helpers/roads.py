@@ -4,7 +4,8 @@ import numpy as np
 from scipy.special import k1
 
 from lidarscene.maths.arrays import Numbers
-from lidarscene.physics.road.roughness import Roughness, profile_density_m3
+from lidarscene.physics.reference.surroundings import profile_density_m3
+from lidarscene.physics.road.roughness import Roughness
 from lidarscene.physics.road.suspension import Suspension
 
 

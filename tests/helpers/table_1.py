@@ -5,8 +5,9 @@ from math import cos, exp, pi, radians, sqrt
 
 from scipy.constants import c, e, h, k
 
-from lidarscene.physics.electronics import apd, range_limit
+from lidarscene.physics.electronics import range_limit
 from lidarscene.physics.optics import radiometry
+from lidarscene.physics.reference import apd as reference_apd
 
 PT, RHO, TAU, ETA_R, RA, ESUN, CS, ETA_RS = 45.0, 0.1, 0.98, 0.7206, 0.025, 29.4, cos(pi / 3), 0.7986
 F, BW, RPD, LAMBDA, R, THETA = 0.03, 167e6, 1e-4, 905e-9, 100.0, radians(20.0)
@@ -72,10 +73,10 @@ def noise_18(**changed):
         "load_resistance_ohm": RL,
         **AVALANCHE,
     } | changed
-    of_amplifier = {field.name for field in dataclasses.fields(apd.Amplifier)}
+    of_amplifier = {field.name for field in dataclasses.fields(reference_apd.Amplifier)}
     power_w = numbers.pop("background_power_w")
-    return apd.noise_without_echo_a(
-        apd.Diode(**{name: value for name, value in numbers.items() if name not in of_amplifier}),
-        apd.Amplifier(**{name: value for name, value in numbers.items() if name in of_amplifier}),
+    return reference_apd.noise_without_echo_a(
+        reference_apd.Diode(**{name: value for name, value in numbers.items() if name not in of_amplifier}),
+        reference_apd.Amplifier(**{name: value for name, value in numbers.items() if name in of_amplifier}),
         background_power_w=power_w,
     )

@@ -21,7 +21,7 @@ from lidarscene.formats.osi import framed
 from lidarscene.formats.registry import DATASETS, LABELS
 from lidarscene.labels import boxes as labels_boxes
 from lidarscene.labels import kinds, kitti_dataset
-from lidarscene.labels.boxes import Box, box_of_body, boxes, upright_size_and_yaw
+from lidarscene.labels.boxes import Box, boxes, boxes_of_bodies, upright_size_and_yaw
 from lidarscene.labels.files import (
     CAMERA,
     PICTURE_PX,
@@ -170,7 +170,7 @@ def test_the_sensor_may_be_inside_a_box() -> None:
 def test_up_is_the_axis_that_is_up(roll_deg: float, pitch_deg: float, size_m: tuple[float, ...]) -> None:
     """Rationale: a mesh with y up is turned by the scene's pose; its height is still its height."""
     pose = Pose.from_degrees(position_m=(5, 6, 7), yaw_deg=30.0, pitch_deg=pitch_deg, roll_deg=roll_deg)
-    box = box_of_body(street.block("b", "car", (4.0, 2.0, 1.0), pose), 0)
+    (box,) = boxes_of_bodies([(0, street.block("b", "car", (4.0, 2.0, 1.0), pose))])
     np.testing.assert_allclose(box.size_m, size_m, atol=1e-12)
     np.testing.assert_allclose(box.pose.rotation[:, 2], [0, 0, 1], atol=1e-12)
     assert np.linalg.det(box.pose.rotation) == pytest.approx(1.0)
@@ -182,10 +182,11 @@ def test_up_is_the_axis_that_is_up(roll_deg: float, pitch_deg: float, size_m: tu
 
 def test_balls_and_bodies_off_their_origin() -> None:
     ball = Body(name="b", class_name="car", parts=(Ball(radius_m=0.5, material="m"),), pose=street.pose_at(1, 2, 3, 0))
-    np.testing.assert_allclose(box_of_body(ball, 0).size_m, [1, 1, 1])
+    np.testing.assert_allclose(boxes_of_bodies([(0, ball)])[0].size_m, [1, 1, 1])
     part = street.block("c", "car", (2.0, 2.0, 2.0), Pose()).parts[0]
     shifted_part = replace(part, vertices_m=part.vertices_m + np.array([10.0, 0.0, 1.0]))
-    box = box_of_body(Body(name="c", class_name="car", parts=(shifted_part,), pose=street.pose_at(0, 0, 0, 90.0)), 0)
+    shifted = Body(name="c", class_name="car", parts=(shifted_part,), pose=street.pose_at(0, 0, 0, 90.0))
+    (box,) = boxes_of_bodies([(0, shifted)])
     np.testing.assert_allclose(box.pose.position_m, [0.0, 10.0, 1.0], atol=1e-12)
 
 

@@ -14,6 +14,7 @@ from lidarscene.light import beams, echoes
 from lidarscene.light.footprint import footprint, spread
 from lidarscene.light.waveform import sample_power_and_signal, waveform
 from lidarscene.physics.optics import radiometry
+from lidarscene.physics.reference import optics as reference_optics
 from lidarscene.rendering.stages import ambient_of
 
 pytestmark = pytest.mark.usefixtures("mi")
@@ -290,7 +291,7 @@ def test_a_plane_wider_than_the_spot_gives_5(rays, profile):
     light = echoes.receive(fan, hits, on_device, transfer.opaque(ambient_of(described, equipped)))
     power = np.array(light.peak_power_w.numpy()).reshape(9, rays).astype(float) * shape.weight
     range_m = np.array(light.range_m.numpy()).reshape(9, rays)
-    expected_w = radiometry.lambertian_echo_power_w(
+    expected_w = reference_optics.lambertian_echo_power_w(
         peak_power_w=45.0,
         reflectivity=0.1,
         cos_incidence=1.0,

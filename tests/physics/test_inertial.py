@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from lidarscene.physics import inertial
+from lidarscene.physics.reference import surroundings as reference_surroundings
 
 
 def test_a_body_at_rest_is_pushed_up() -> None:
@@ -25,7 +26,9 @@ def test_random_walk_of_a_data_sheet() -> None:
     An angle after one hour is the mean rate over it times the hour. The tolerance is half of their last digit.
     """
     hour_s = 3600.0
-    mean_rate_deg_s = float(inertial.allan_deviation(density=0.008, instability=0.0, tau_s=np.array(hour_s)))
+    mean_rate_deg_s = float(
+        reference_surroundings.allan_deviation(density=0.008, instability=0.0, tau_s=np.array(hour_s))
+    )
     assert mean_rate_deg_s * hour_s == pytest.approx(0.34, abs=0.005)
 
 
@@ -33,7 +36,7 @@ def test_white_noise_of_a_sample() -> None:
     """A sample is the mean over its period: both formulas give its standard deviation."""
     sigma = inertial.white_sigma(density=0.014, rate_hz=200.0)
     assert sigma == pytest.approx(0.014 * math.sqrt(100.0))
-    mean = inertial.allan_deviation(density=0.014, instability=0.0, tau_s=np.array(1.0 / 200.0))
+    mean = reference_surroundings.allan_deviation(density=0.014, instability=0.0, tau_s=np.array(1.0 / 200.0))
     assert mean == pytest.approx(sigma, rel=1e-12)
 
 
@@ -43,9 +46,9 @@ def test_flicker_noise_is_flat() -> None:
     Ten processes a factor of 4 apart ripple by 2e-4; beyond the longest and below the shortest they fall off.
     """
     tau_s = np.geomspace(20.0, 2e4, 50)
-    flat = inertial.allan_deviation(density=0.0, instability=3.0, tau_s=tau_s)
+    flat = reference_surroundings.allan_deviation(density=0.0, instability=3.0, tau_s=tau_s)
     np.testing.assert_allclose(flat, 3.0 * math.sqrt(2.0 * math.log(2.0) / math.pi), rtol=0.02)
-    assert inertial.allan_deviation(density=0.0, instability=3.0, tau_s=np.array(0.05)) < 0.7
+    assert reference_surroundings.allan_deviation(density=0.0, instability=3.0, tau_s=np.array(0.05)) < 0.7
 
 
 @pytest.mark.parametrize("tau_s", [0.3, 5.0, 400.0])
@@ -62,5 +65,5 @@ def test_allan_variance_of_the_processes(tau_s: float) -> None:
     for correlation_s in inertial.CORRELATION_TIMES_S:
         covariance = inertial.markov_sigma(instability=2.0) ** 2 * np.exp(-apart_s / correlation_s)
         variance += 0.5 * float(weights @ covariance @ weights)
-    expected = inertial.allan_deviation(density=0.0, instability=2.0, tau_s=np.array(tau_s))
+    expected = reference_surroundings.allan_deviation(density=0.0, instability=2.0, tau_s=np.array(tau_s))
     assert math.sqrt(variance) == pytest.approx(float(expected), rel=1e-4)

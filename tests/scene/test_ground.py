@@ -11,7 +11,8 @@ from scipy.signal import welch
 from lidarscene.errors import InputError
 from lidarscene.maths.pose import Pose
 from lidarscene.maths.trajectory import Course
-from lidarscene.physics.road.roughness import RoughSurface, profile_density_m3
+from lidarscene.physics.reference.surroundings import profile_density_m3
+from lidarscene.physics.road.roughness import RoughSurface
 from lidarscene.scene.ground import SPACINGS_A_WAVE, Ground, Sheet
 from lidarscene.scene.ride import Ride
 from lidarscene.scene.scene import Part, Scene

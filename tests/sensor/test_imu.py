@@ -15,6 +15,7 @@ from lidarscene.maths.arrays import Numbers
 from lidarscene.maths.pose import Pose
 from lidarscene.maths.trajectory import Course, Motion, Riding, Spline
 from lidarscene.physics import inertial
+from lidarscene.physics.reference import surroundings as reference_surroundings
 from lidarscene.sensor.imu import Imu
 from lidarscene.sensor.rig_file import load_rig
 
@@ -112,7 +113,9 @@ def test_allan_deviation_is_that_of_the_data_sheet(name: str) -> None:
         density = printed[f"{part}_noise_{'deg_s' if part == 'gyroscope' else 'ug'}_sqrt_hz"]
         instability = scale * printed.get(f"{part}_instability_{unit}", 0.0)
         for size in (1, 16, 256):
-            expected = inertial.allan_deviation(density=density, instability=instability, tau_s=np.array(size / 50.0))
+            expected = reference_surroundings.allan_deviation(
+                density=density, instability=instability, tau_s=np.array(size / 50.0)
+            )
             variances = allan_variances(values, size)
             error = np.std(variances, ddof=1) / math.sqrt(len(variances))
             assert abs(np.mean(variances) - expected**2) < 5.0 * error
@@ -127,7 +130,7 @@ def test_flicker_noise_of_the_samples() -> None:
     rng, imu = np.random.default_rng(2), Imu(rate_hz=16.0, gyroscope_instability_rad_s=1e-3)
     runs = [imu.measure(Course(), np.arange(8192) / 16.0, rng).angular_velocity_rad_s for _ in range(16)]
     for size in (16, 160, 640):
-        expected = inertial.allan_deviation(density=0.0, instability=1e-3, tau_s=np.array(size / 16.0))
+        expected = reference_surroundings.allan_deviation(density=0.0, instability=1e-3, tau_s=np.array(size / 16.0))
         variances = allan_variances(np.hstack(runs), size)
         error = np.std(variances, ddof=1) / math.sqrt(len(variances))
         assert abs(np.mean(variances) - expected**2) < 5.0 * error + 2e-3 * expected**2

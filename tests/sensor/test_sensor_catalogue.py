@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers import chain
+from helpers import chain, false_alarms
 
 from lidarscene import Simulator, catalog
 from lidarscene.cli import main
@@ -23,7 +23,7 @@ from lidarscene.sensor.readout import PublishedFile
 from lidarscene.sensor.sensor_file import load_sensor, published_performance
 from lidarscene.studies import published_values
 from lidarscene.studies.held import Held
-from lidarscene.studies.ranging import plane, statistics
+from lidarscene.studies.ranging import plane
 from lidarscene.studies.ranging.plane import Target
 
 SENSORS = {
@@ -495,7 +495,7 @@ def test_an_echo_that_fades_is_found_as_often_as_noise(name: str, klux: float) -
     assert (np.diff(found) >= -1e-9 * found[1:]).all()
     assert found[-1] > 0.99
     tail: Any = "gaussian" if isinstance(sensor.detector, Apd) else None
-    of_noise = statistics.false_alarm_probability(sensor, Target(illuminance_klux=klux), tail=tail)
+    of_noise = false_alarms.false_alarm_probability(sensor, Target(illuminance_klux=klux), tail=tail)
     if sensor.histogram is None and point.edge is not None:
         assert of_noise < found[0] < 30.0 * of_noise
     elif sensor.histogram is None:
@@ -520,8 +520,8 @@ def test_a_dark_board_far_off_sends_no_echo(mi: Any, name: str) -> None:
     target = Target(reflectivity=0.02)
     assert sensor.histogram is not None
     bins = 2 * sensor.histogram.search + 1
-    expected = 2816 * bins * statistics.false_alarm_probability(sensor, target)
-    assert statistics.detection_probability(sensor, target, 260.0) < 1e-4
+    expected = 2816 * bins * false_alarms.false_alarm_probability(sensor, target)
+    assert float(plane.detection_probability(sensor, target, 260.0)[0]) < 1e-4
     assert int(np.sum(np.asarray(cloud.status) == 0)) <= expected + 4.0 * math.sqrt(expected)
 
 
@@ -552,7 +552,7 @@ def test_ranges_of_revision_7_are_as_far_beyond_the_published_as_the_recorded_on
     assert row.value == pytest.approx(recorded.value, abs=0.002)
     sensor = load_sensor("os0-128-rev7", overrides=["scanner.columns_per_turn=1024"])
     target = Target(reflectivity=0.1, illuminance_klux=100.0)
-    chances = [statistics.detection_probability(sensor, target, 35.0 * factor) for factor in (0.92, 1.08)]
+    chances = [float(plane.detection_probability(sensor, target, 35.0 * factor)[0]) for factor in (0.92, 1.08)]
     assert chances[0] > 0.9 > chances[1]
 
 

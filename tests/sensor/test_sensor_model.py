@@ -2,6 +2,7 @@
 
 import dataclasses
 import math
+import pickle
 
 import numpy as np
 import pytest
@@ -372,3 +373,10 @@ def test_in_the_dark_one_cell_is_the_least_level():
     point = equipped.working_point(np.array([1e-16]))
     assert 5.0 * point.noise.deviation[0] < 0.5
     assert equipped.threshold(point)[0] == 1.0
+
+
+def test_a_copy_of_another_process_is_built_anew_from_its_file():
+    """A sensor that went through pickle, as to a worker, still knows its file; one with replaced parts has none."""
+    sensor = pickle.loads(pickle.dumps(load_sensor("vlp-16", overrides="laser.peak_power_w=50")))
+    assert sensor.replace("laser.pulse_fwhm_ns=5").laser.peak_power_w == 50.0
+    assert dataclasses.replace(sensor, name="mine").origin is None

@@ -16,6 +16,7 @@ import numpy as np
 from ..detection.outcomes import Status
 from ..errors import InputError
 from ..files import facts
+from ..files.late_binding import call_bound
 from ..formats.cloud_columns import NAMES, OF_VECTORS, SENSOR_TO_VEHICLE, SENSOR_TO_WORLD, STATUS_PLURALS, TRUTH, Cloud
 from ..formats.cloud_description import input_errors
 from ..formats.registry import format_of, formats_with
@@ -120,7 +121,7 @@ class PointCloud(Cloud):
         colour_by  a column
         view       camera, a `scene.scene.View`; None: from above and behind the sensor
         """
-        picture: facts.Picture = facts.call_registered("draw", self, colour_by=colour_by, view=view, size_px=size_px)
+        picture: facts.Picture = call_bound("draw", self, colour_by=colour_by, view=view, size_px=size_px)
         return picture
 
     def save(
@@ -204,7 +205,7 @@ class PointCloud(Cloud):
         height_px  of the frame in the notebook
         The object returned also has `save(path)`, which writes the page. Raises InputError.
         """
-        return facts.call_registered("view", self, scene=scene, sensor=sensor, height_px=height_px)
+        return call_bound("view", self, scene=scene, sensor=sensor, height_px=height_px)
 
     def _repr_png_(self) -> bytes:
         """A small picture, for notebooks."""

@@ -11,7 +11,6 @@ import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
 
 from .atomic import atomic_output
 
@@ -48,17 +47,3 @@ class Picture:
 
     def _repr_png_(self) -> bytes:
         return self.png
-
-
-_REGISTERED: dict[str, Callable[..., Any]] = {}
-"""Functions of higher tiers that methods of clouds and scenes call, by name: they register themselves."""
-
-
-def register(**functions: Callable[..., Any]) -> None:
-    """Register functions for `call_registered`; `lidarscene/__init__.py` does so."""
-    _REGISTERED.update(functions)
-
-
-def call_registered(name: str, *arguments: Any, **options: Any) -> Any:
-    """Call the registered function of this name, and return its result."""
-    return _REGISTERED[name](*arguments, **options)

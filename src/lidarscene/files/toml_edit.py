@@ -14,6 +14,9 @@ import tomlkit
 DIGITS = 6
 """Significant digits of the numbers that are put."""
 
+PER_LINE = 8
+"""Numbers of a list that stand in one line."""
+
 KeyPath = tuple[str, ...]
 
 
@@ -55,5 +58,11 @@ def _at(node: Any, path: KeyPath) -> Any:
 
 def _rounded(value: Any, digits: int) -> Any:
     if isinstance(value, list):
-        return [_rounded(number, digits) for number in value]
+        numbers, lines = [_rounded(number, digits) for number in value], tomlkit.array()
+        if len(numbers) <= PER_LINE:
+            return numbers
+        for start in range(0, len(numbers), PER_LINE):
+            lines.add_line(*numbers[start : start + PER_LINE])
+        lines.add_line(indent="")
+        return lines
     return float(f"{value:.{digits}g}") if isinstance(value, float) else value

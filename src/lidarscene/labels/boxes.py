@@ -284,11 +284,6 @@ def _require_pose(pose: Pose | None) -> Pose:
     return pose
 
 
-def box_of_body(body: Body, index: int) -> Box:
-    """Box of a body at its pose in the scene, in the world frame."""
-    return boxes_of_bodies([(index, body)])[0]
-
-
 def boxes_of_bodies(bodies: Sequence[tuple[int, Body]]) -> list[Box]:
     """Boxes of bodies with surfaces, each with its index, at their poses in the scene, in the world frame."""
     if not bodies:

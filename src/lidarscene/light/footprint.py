@@ -13,11 +13,12 @@ Symbols: q place of a ray in units of the beam radius, w_0 radius at the exit, t
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from ..maths.arrays import Lanes, LookupTable, Numbers, xp
+from ..maths.units import STATIC
 from ..maths.vectors import Vector, cross, dot, unit, weighted_sum
 from ..physics.optics import beam
 from ..sensor.sensor_model import Halo, Laser
@@ -39,7 +40,7 @@ class Skirt:
     slope  tangent of the halo's half divergence
     """
 
-    count: int
+    count: int = field(metadata=STATIC)
     share: Lanes
     slope: Lanes
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -19,6 +19,7 @@ from .arrays import Lanes, Numbers, xp
 from .box_tree import BoxTree
 from .pose import rotation_numbers
 from .trajectory import Motion, states_of
+from .units import STATIC
 from .vectors import Vector
 
 STEP_S = 5e-4
@@ -95,7 +96,7 @@ class MotionTable:
     table: Lanes
     rate_hz: Lanes
     last: Lanes
-    count: int
+    count: int = field(metadata=STATIC)
     boxes: BoxTree | None = None
 
     @classmethod

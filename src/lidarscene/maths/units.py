@@ -8,7 +8,7 @@ its default, its place in the JSON Schema and the conversion follow from that (`
 from __future__ import annotations
 
 import math
-from dataclasses import KW_ONLY, dataclass
+from dataclasses import KW_ONLY, Field, dataclass
 from typing import Any, TypeVar, get_type_hints
 
 UNITS = {
@@ -67,6 +67,26 @@ def split_unit(name: str) -> tuple[str, str]:
     """Split the unit off the name of a key or field: "laser.pulse_fwhm_us" -> ("laser.pulse_fwhm", "µs")."""
     unit = max((unit for unit in SYMBOLS if name.endswith(f"_{unit}")), key=len, default="")
     return name.removesuffix(f"_{unit}"), SYMBOLS.get(unit, "")
+
+
+STATIC = {"static": True}
+"""Metadata of a field that chooses code, such as the number of a kernel's outputs or steps, or the size of its memory.
+
+It stays a Python number where others go to the device (`kernel.device.transfer.opaque`).
+"""
+
+COUNT = {"static": False}
+"""Metadata of a field that is a whole number and chooses no code."""
+
+
+def is_static(field: Field[Any]) -> bool:
+    """Whether a field of a dataclass is `STATIC`."""
+    return bool(field.metadata.get("static", False))
+
+
+def is_continuous(field: Field[Any]) -> bool:
+    """Whether a number of a dataclass may change by a little: it is neither `STATIC` nor a `COUNT`."""
+    return "static" not in field.metadata
 
 
 Number = TypeVar("Number", float, float | None, tuple[float, ...])

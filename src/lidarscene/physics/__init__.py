@@ -10,6 +10,7 @@ electronics  detectors, comparators and clocks
 amplifier    frequency response
 weather      fog, rain and snow
 road         roughness of roads, and how vehicles ride over it
+reference    formulas that no render and no study runs, to compare with
 inertial     what IMUs measure, and their noise
 eye_safety   emission limits of IEC 60825-1:2014
 """

@@ -47,19 +47,3 @@ def markov_sigma(*, instability: float) -> float:
     Processes of correlation times T_0 r^j together have the two-sided density B^2 / (2 pi f) of flicker noise.
     """
     return instability * math.sqrt(math.log(RATIO) / math.pi)
-
-
-def allan_deviation(*, density: float, instability: float, tau_s: Numbers) -> Numbers:
-    """Allan deviation of white noise and of the sum of Gauss-Markov processes (T153), in the unit of the signal.
-
-    It falls as N / sqrt(2 tau) and then is flat at 0.664 B.
-    """
-    tau_s = np.asarray(tau_s, dtype=np.float64)
-    decay = np.exp(-tau_s[..., None] / CORRELATION_TIMES_S)
-    ratio = CORRELATION_TIMES_S / tau_s[..., None]
-    # Small differences of long correlation times: 2 x - x^2 (3 - 4 e^(-1/x) + e^(-2/x)) cancels to 1/x for large x.
-    markov = np.where(ratio > 1e4, 2.0 / (3.0 * ratio), 2.0 * ratio - ratio**2 * (3.0 - 4.0 * decay + decay**2)).sum(
-        axis=-1
-    )
-    variance = 0.5 * density**2 / tau_s + markov_sigma(instability=instability) ** 2 * markov
-    return np.asarray(np.sqrt(variance))

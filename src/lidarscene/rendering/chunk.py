@@ -21,7 +21,7 @@ from ..kernel.rays.point_columns import Staged, with_nan_outcomes
 from ..light.beams import Beams
 from ..light.echoes import Echoes
 from ..light.hits import Hits
-from ..maths.arrays import Array, Mask, Numbers, is_drjit, xp
+from ..maths.arrays import Array, Mask, Numbers, flatten, is_drjit, xp
 from ..maths.pose import Pose
 from .frame import LARGEST_FLOAT32_M
 from .tiles import Order
@@ -56,23 +56,12 @@ class Chunk:
 
     def arrays(self) -> list[Any]:
         """Device arrays that the columns of points need: the outputs of the stages' kernel."""
-        detection = self.detection
-        needed = [self.pulse, detection.snr, detection.detection_probability, detection.outcome, detection.ambient]
-        needed += [array for array in (self.goes_on, self.leaks, detection.source) if array is not None]
-        for hits in self.paths:
-            needed += truth_arrays(hits)
-        for stop in detection.stops:
-            needed += [stop.reported, stop.status, stop.range_m, stop.intensity]
-            optional = (
-                stop.width_s,
-                stop.photons,
-                stop.snr,
-                stop.detection_probability,
-                stop.source,
-                stop.true_range_m,
-            )
-            needed += [array for array in optional if array is not None]
-        return needed
+        # Points have the intensity, not the amplitude that it is made of.
+        stops = tuple(dataclasses.replace(stop, amplitude=0.0) for stop in self.detection.stops)
+        detection = dataclasses.replace(self.detection, stops=stops)
+        found = flatten((self.pulse, detection, self.goes_on, self.leaks))
+        truth = (array for hits in self.paths for array in truth_arrays(hits))
+        return [array for array in (*found, *truth) if is_drjit(array)]
 
 
 def drop_continuing(
@@ -83,19 +72,20 @@ def drop_continuing(
         goes_on = leaks if goes_on is None else goes_on | leaks
     if goes_on is None:
         return Chunk(pulse, paths, with_nan_outcomes(detection))
-    stops = [dataclasses.replace(stop, reported=stop.reported & ~goes_on) for stop in detection.stops]
-    outcome = xp(goes_on).where(goes_on, int(Outcome.NO_SURFACE), detection.outcome)
-    remaining = dataclasses.replace(detection, stops=tuple(stops), outcome=outcome)
-    return Chunk(pulse, paths, with_nan_outcomes(remaining), goes_on, leaks)
+    return Chunk(pulse, paths, with_nan_outcomes(_without(detection, goes_on)), goes_on, leaks)
 
 
 def without_lanes(part: Chunk, dropped: Numbers) -> Chunk:
     """Return a chunk in which these lanes, (n,) bool, count as without a surface, as in `drop_continuing`."""
     goes_on = transfer.unsigned_numbers(dropped) != 0
-    stops = [dataclasses.replace(stop, reported=stop.reported & ~goes_on) for stop in part.detection.stops]
-    outcome = xp(goes_on).where(goes_on, int(Outcome.NO_SURFACE), part.detection.outcome)
-    detection = dataclasses.replace(part.detection, stops=tuple(stops), outcome=outcome)
-    return dataclasses.replace(part, detection=detection, goes_on=goes_on)
+    return dataclasses.replace(part, detection=_without(part.detection, goes_on), goes_on=goes_on)
+
+
+def _without(detection: Detection, lanes: Mask) -> Detection:
+    """Return the detection as if these lanes had met no surface."""
+    stops = tuple(dataclasses.replace(stop, reported=stop.reported & ~lanes) for stop in detection.stops)
+    outcome = xp(lanes).where(lanes, int(Outcome.NO_SURFACE), detection.outcome)
+    return dataclasses.replace(detection, stops=stops, outcome=outcome)
 
 
 def detection_values(parts: Sequence[Chunk], name: str, *, ordered: bool = True) -> Numbers:

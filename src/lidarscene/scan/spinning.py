@@ -338,19 +338,8 @@ class SpinningFile(ScannerFile[Spinning]):
                 f"frame_hz: must be <= {1.0 / sweep_s:g}, for a sweep takes {sweep_s:g} s, got {self.frame_hz:g}"
             )
         lasers = len(self.elevation_deg)
-        for key in (
-            "channel",
-            "azimuth_offset_deg",
-            "firing_time_us",
-            "forward_mm",
-            "left_mm",
-            "height_mm",
-            "responsivity",
-            "background_gain",
-            "intensity_gain",
-        ):
-            values = getattr(self, key)
-            if values is not None and len(values) != lasers:
+        for key, values in self:
+            if isinstance(values, tuple) and len(values) != lasers:
                 raise ValueError(f"{key}: must have {lasers} entries, as elevation_deg has, got {len(values)}")
         last_us = max(self.firing_time_us or (0.0,))
         if si(last_us, "us") >= self.cycle_s:

@@ -164,7 +164,7 @@ def copy_scene(name: str, folder: Path) -> Path:
             shutil.copyfile(path.parent / mesh, temporary / "meshes" / Path(mesh).name)
             text = text.replace(f'"{mesh}"', f'"meshes/{Path(mesh).name}"')
         heading = f"# A copy of lidarscene's scene {path.stem}, to be edited.\n"
-        lines = [line for line in text.splitlines(keepends=True) if not line.startswith("# Made by assets/")]
+        lines = [line for line in text.splitlines(keepends=True) if not line.startswith("# Made by tools/scenes/")]
         (temporary / path.name).write_text(heading + "".join(lines), encoding="utf-8", newline="\n")
     return folder / path.name
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..files import facts
+from ..files.late_binding import call_bound
 from ..materials.material import Material
 from ..materials.material_file import catalogue_material
 from ..maths.arrays import Numbers, frozen
@@ -306,7 +307,7 @@ class Scene:
         height_px  of the frame in the notebook
         The object returned also has `save(path)`, which writes the page. Raises InputError, BackendError.
         """
-        return facts.call_registered("view", self, sensor=sensor, height_px=height_px)
+        return call_bound("view", self, sensor=sensor, height_px=height_px)
 
     def facts(self) -> dict[str, str]:
         """Facts for a line about the scene, label -> text."""

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
 from ..maths.arrays import Lanes
-from ..maths.units import FileKey, Quantity
+from ..maths.units import COUNT, STATIC, FileKey, Quantity
 from ..physics.amplifier.low_pass import LOW_PASSES, LowPass
 
 MOST_STOPS = 16
@@ -46,7 +46,9 @@ class Tdc:
     jitter_s: Annotated[
         Lanes, Quantity("ps", ge=0, le=1e6, finest=1e-3, about="standard deviation of the converter's jitter")
     ] = 0.0
-    stops: Annotated[int, Quantity(ge=1, le=MOST_STOPS, about="crossings reported per shot")] = 1
+    stops: Annotated[int, Quantity(ge=1, le=MOST_STOPS, about="crossings reported per shot")] = field(
+        default=1, metadata=STATIC
+    )
     keep: str = "first"
     order: Annotated[
         Literal["time", "strength"], FileKey(about="of the returns: the nearest first, or the strongest first")
@@ -203,8 +205,8 @@ class Adc:
     ]
     step: Lanes
     full_scale: Annotated[Lanes, Quantity(ge=1e-12, le=1e9, about="largest sample, amperes (APD) or cells (SiPM)")]
-    samples: int
-    room: int
+    samples: int = field(metadata=COUNT)
+    room: int = field(metadata=STATIC)
     estimator: Annotated[Literal["matched_filter", "centroid"], FileKey(about="of time and amplitude")] = (
         "matched_filter"
     )

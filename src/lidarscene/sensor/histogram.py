@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, field_validator
@@ -11,7 +11,7 @@ from pydantic import Field, field_validator
 from ..errors import InputError
 from ..files.table_model import Number, Table
 from ..maths.arrays import Lanes, xp
-from ..maths.units import FileKey, Quantity, si
+from ..maths.units import STATIC, FileKey, Quantity, si
 from ..physics.constants import SPEED_OF_LIGHT_M_S
 from ..physics.electronics.pulse_sums import SIGMAS_PER_FWHM
 from ..physics.photon_counting.walk import Filtering, Walk, calibrate
@@ -97,9 +97,9 @@ class Histogram:
         Literal["corrected", "raw"],
         FileKey(about="whether a calibration corrects the shift of strong echoes by pile-up"),
     ] = "corrected"
-    reach: int
-    search: int
-    bin_to_sigma: float
+    reach: int = field(metadata=STATIC)
+    search: int = field(metadata=STATIC)
+    bin_to_sigma: float = field(metadata=STATIC)
     calibrated: Walk | None = None
     sweep_rad: float = 0.0
     column_weights: tuple[Lanes, ...] | None = None

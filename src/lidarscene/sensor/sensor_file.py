@@ -388,8 +388,7 @@ def sensor_from_tables(
     replaced = {key_in_si(key)[0] for key in override_sources}
     uncertainty = {name: half for name, half in sensor.uncertainty.items() if name not in replaced}
     sourced = replace(sensor, sources={**sensor.sources, **override_sources}, uncertainty=uncertainty)
-
-    object.__setattr__(sourced, "_rebuild", SensorTables(tables, where, tuple(overrides), folder))
+    object.__setattr__(sourced, "origin", SensorTables(tables, where, tuple(overrides), folder))
     return sourced
 
 
@@ -411,12 +410,6 @@ class SensorTables:
         """Build the sensor with these changes. Raises InputError."""
         overrides = [*self.overrides, *changes]
         return sensor_from_tables(self.tables, where=self.where, overrides=overrides, folder=self.folder)
-
-
-def tables_of(sensor: Sensor) -> SensorTables | None:
-    """Tables that a sensor was built from; None if a program made or changed it."""
-    rebuild = getattr(sensor, "_rebuild", None)
-    return rebuild if isinstance(rebuild, SensorTables) else None
 
 
 def _derived_rate(tables: dict[str, Any], overrides: Sequence[str]) -> dict[str, Any]:

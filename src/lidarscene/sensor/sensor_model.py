@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 import warnings
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 
@@ -16,7 +16,7 @@ from ..files import facts
 from ..files.overrides import Overrides, assignments
 from ..maths.arrays import Lanes, xp
 from ..maths.pose import Pose
-from ..maths.units import FileKey, Quantity
+from ..maths.units import STATIC, FileKey, Quantity
 from ..physics.amplifier import high_pass
 from ..physics.electronics import sampling, tdc
 from ..physics.optics import radiometry
@@ -244,19 +244,8 @@ def overlap_geometry(laser: Laser, optics: Optics, detector: Detector, alignment
     )
 
 
-class _Rebuilt:
-    """Base with the function that builds a sensor anew from the tables of its file, with changes.
-
-    It is no field: `dataclasses.replace` does not hand it on, since the file does not have what was replaced.
-    """
-
-    __slots__ = ("_rebuild",)
-
-    _rebuild: Callable[[Overrides], Sensor]
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Sensor(_Rebuilt):
+class Sensor:
     """All of a lidar. ``sources`` says where each number comes from, by dotted key of the sensor file.
 
     sampler      sampler that measures the pulses that trip the comparator; None: the TDC alone
@@ -265,6 +254,8 @@ class Sensor(_Rebuilt):
     intensity    as the maker reports it, or None: the amplitude
     imu          IMU in its housing, or None
     uncertainty  how far numbers may be off, either way, by dotted field: detector.dead_time_s
+    origin       `sensor_file.SensorTables`, which build it anew with changes of its file; None if a program made or
+                 changed it: `dataclasses.replace` does not hand it on, since the file does not have what was replaced
     """
 
     name: str
@@ -283,6 +274,9 @@ class Sensor(_Rebuilt):
     description: str = ""
     sources: Mapping[str, str] = field(default_factory=dict)
     uncertainty: Mapping[str, float] = field(default_factory=dict)
+    origin: Callable[[Sequence[str]], Sensor] | None = field(
+        default=None, init=False, repr=False, compare=False, metadata=STATIC
+    )
 
     def __repr__(self) -> str:
         return facts.facts_line("Sensor", self.name, self.facts())
@@ -305,14 +299,12 @@ class Sensor(_Rebuilt):
         tables     the same by table: ``laser={"peak_power_w": 60}``, or ``**{"laser.peak_power_w": 60}``
         Raises InputError for a key or value that the file cannot have, and for a sensor that no file describes.
         """
-        rebuild = getattr(self, "_rebuild", None)
-        if rebuild is None:
+        if self.origin is None:
             raise InputError(
                 f"'{self.name}': must be as `load_sensor` gave it for its file's keys to be replaced, got a sensor "
                 "made or changed in Python; dataclasses.replace changes its fields"
             )
-        rebuilt: Sensor = rebuild([*assignments(overrides), *assignments(tables)])
-        return rebuilt
+        return self.origin([*assignments(overrides), *assignments(tables)])
 
     def source_of(self, key: str) -> str | None:
         """Source of the number with this dotted key of the sensor file: its own, or its table's; None: no source."""

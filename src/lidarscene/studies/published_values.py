@@ -21,7 +21,7 @@ from ..sensor.sensor_file import load_sensor, published_performance
 from ..sensor.sensor_model import Sensor
 from .held import Held, held_table, relative
 from .ranging import statistics
-from .ranging.plane import Target, echoes_of_plane, maximum_range_m
+from .ranging.plane import Target, detection_probability, echoes_of_plane, maximum_range_m
 
 SHOTS = 20_000
 """Shots for one standard deviation, whose own error is then 0.5 %."""
@@ -122,7 +122,8 @@ def _twice_the_range(sensor: Sensor, published: PublishedFile) -> Held:
     klux = 100.0 if published.illuminance_klux is None else published.illuminance_klux
     target = Target(reflectivity=published.reflectivity or 0.1, illuminance_klux=klux)
     limit, _ = maximum_range_m(sensor, target)
-    probability = None if not 0.0 < limit < np.inf else statistics.detection_probability(sensor, target, 2.0 * limit)
+    has_limit = 0.0 < limit < np.inf
+    probability = float(detection_probability(sensor, target, 2.0 * limit)[0]) if has_limit else None
     return _row("P_d", f"{target.reflectivity:.0%}, {klux:g} klux, at twice that range", None, probability)
 
 

@@ -17,6 +17,7 @@ from lidarscene.detection.photon_counting.histogram_receiver import broaden
 from lidarscene.light.echoes import EchoTrain, SubEchoes
 from lidarscene.light.waveform import waveform
 from lidarscene.physics.photon_counting import matched_filter, pile_up
+from lidarscene.physics.reference import photon_counting as reference_photon_counting
 from lidarscene.sensor.sensor_file import load_sensor
 from lidarscene.studies.ranging import plane
 
@@ -411,7 +412,7 @@ def test_precision_is_close_to_the_bound(estimator, photons_of_echo, klux):
         * C
         * float(
             np.mean(
-                matched_filter.bound_s(
+                reference_photon_counting.bound_s(
                     signal=photons_of_echo,
                     rate_hz=float(np.mean(pixel.count_rate_hz)),
                     sigma_s=float(pixel.sigma_s),

@@ -11,6 +11,7 @@ from scipy.stats import chi2, norm
 
 from lidarscene.physics.constants import SPEED_OF_LIGHT_M_S
 from lidarscene.physics.electronics import sampling
+from lidarscene.physics.reference import electronics as reference_electronics
 
 HALF_C = 0.5 * SPEED_OF_LIGHT_M_S
 
@@ -22,7 +23,7 @@ def test_matched_filter_reaches_the_cramer_rao_bound(snr):
     Chi-square at 1e-4 on either side, bias by a z-test at 1e-4. At SNR 30 and below the bound itself is a limit.
     """
     error, amplitude, _ = readings(snr, *WHITE, *ADC)
-    bound = HALF_C * sampling.least_time_deviation_s(snr=snr, rate_hz=1e9, pulse_fwhm_s=FWHM_S)
+    bound = HALF_C * reference_electronics.least_time_deviation_s(snr=snr, rate_hz=1e9, pulse_fwhm_s=FWHM_S)
     count = len(error)
     low, high = (math.sqrt(chi2.ppf(p, count - 1) / (count - 1)) for p in (1e-4, 1.0 - 1e-4))
     assert low * bound < error.std() < 1.05 * high * bound
@@ -36,7 +37,7 @@ def test_the_bound_is_that_of_the_sum_over_samples():
     for phase in (0.0, 0.3, 0.7):
         time = (np.arange(-40, 41) + phase) * 1e-9 / SIGMA_S
         information = ((time * np.exp(-0.5 * time**2)) ** 2).sum() / SIGMA_S**2
-        bound = sampling.least_time_deviation_s(snr=50.0, rate_hz=1e9, pulse_fwhm_s=FWHM_S)
+        bound = reference_electronics.least_time_deviation_s(snr=50.0, rate_hz=1e9, pulse_fwhm_s=FWHM_S)
         assert bound == pytest.approx(1.0 / math.sqrt(information) / 50.0, rel=1e-9)
 
 
@@ -45,7 +46,7 @@ def test_the_centroid_is_unbiased(snr):
     """Cut at the same level on both sides: a z-test at 1e-4; and it cannot be better than the bound."""
     error, _, _ = readings(snr, *WHITE, *ADC, "sampler.estimator='centroid'")
     assert abs(error.mean()) < norm.isf(0.5e-4) * error.std() / math.sqrt(len(error))
-    bound = HALF_C * sampling.least_time_deviation_s(snr=snr, rate_hz=1e9, pulse_fwhm_s=FWHM_S)
+    bound = HALF_C * reference_electronics.least_time_deviation_s(snr=snr, rate_hz=1e9, pulse_fwhm_s=FWHM_S)
     assert error.std() > bound
 
 

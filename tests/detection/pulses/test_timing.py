@@ -22,6 +22,7 @@ from lidarscene.detection import returns
 from lidarscene.errors import InputError
 from lidarscene.light.echoes import Echoes
 from lidarscene.physics.electronics import sampling, tdc
+from lidarscene.physics.reference import electronics as reference_electronics
 
 SHOTS, BAND_HZ, STEP_S = 4000, 167e6, 0.125e-9
 QUIET_ECHO = "detector.circuit_noise_na=1e5"
@@ -136,7 +137,7 @@ def test_closed_forms_of_the_deviations():
     early_s = SIGMA_S * math.sqrt(2.0 * math.log(2.0))
     expected = {
         "constant_fraction": SIGMA_S
-        * sampling.fraction_deviation(
+        * reference_electronics.fraction_deviation(
             fraction=0.5,
             noise_share_at_fraction=share,
             noise_share_at_peak=share,
@@ -144,7 +145,9 @@ def test_closed_forms_of_the_deviations():
         ),
         "peak": SIGMA_S
         * sampling.peak_deviation(noise_share=share, slope_noise=sampling.slope_noise(x=x), curvature=1.0),
-        "matched_filter": sampling.least_time_deviation_s(snr=snr, rate_hz=2.0 * BAND_HZ, pulse_fwhm_s=FWHM_S),
+        "matched_filter": reference_electronics.least_time_deviation_s(
+            snr=snr, rate_hz=2.0 * BAND_HZ, pulse_fwhm_s=FWHM_S
+        ),
     }
     for rule, deviation_s in expected.items():
         time_s = chain_errors(rule, snr, QUIET_ECHO)[0]

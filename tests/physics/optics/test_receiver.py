@@ -10,6 +10,7 @@ from scipy.stats import ncx2
 
 from lidarscene.errors import InputError
 from lidarscene.physics.optics import receiver
+from lidarscene.physics.reference import optics as reference_optics
 from lidarscene.sensor.overlap import Alignment, Overlap, OverlapGeometry, Spot
 from lidarscene.studies.ranging import plane
 from lidarscene.studies.ranging.plane import Target
@@ -92,10 +93,10 @@ def test_point_share(off_axis):
     """Reference: rays over the lens. The share of a whole spot is the mean of those of its points."""
     x, y = disc(np.random.default_rng(5), 0.8, RAYS)
     counted = np.mean(np.hypot(off_axis + x, y) <= 1.0)
-    share = receiver.point_share(off_axis_rad=np.array([off_axis]), field_rad=1.0, blur_rad=0.8)[0]
+    share = reference_optics.point_share(off_axis_rad=np.array([off_axis]), field_rad=1.0, blur_rad=0.8)[0]
     assert share == pytest.approx(counted, abs=SIGMAS * 0.5 / math.sqrt(RAYS))
     sx, sy = spot(np.random.default_rng(6), "gaussian", 0.7, RAYS)
-    points = receiver.point_share(off_axis_rad=np.hypot(off_axis + sx, sy), field_rad=1.0, blur_rad=0.8)
+    points = reference_optics.point_share(off_axis_rad=np.hypot(off_axis + sx, sy), field_rad=1.0, blur_rad=0.8)
     whole = receiver.spot_share(
         profile="gaussian", spot_rad=np.array([0.7]), off_axis_rad=off_axis, field_rad=1.0, blur_rad=0.8
     )[0]
@@ -165,7 +166,7 @@ def test_near_and_far():
 def test_blind_below():
     """A top hat side by side: nothing from below the blind range, something beyond."""
     measures = {"offset_m": 0.06, "exit_radius_m": 0.0, "aperture_radius_m": 0.015}
-    blind = receiver.blind_range_m(field_rad=1.7e-3, edge_rad=1.5e-3, **measures)
+    blind = reference_optics.blind_range_m(field_rad=1.7e-3, edge_rad=1.5e-3, **measures)
     assert blind == pytest.approx(0.045 / 3.2e-3)
     overlap = Overlap.from_geometry(
         OverlapGeometry(
@@ -226,7 +227,7 @@ def test_axes_meet_and_the_lens_is_sharp_at_ranges_of_their_own():
 def test_nothing_is_seen_nearer_than_the_blind_range():
     """A beam with straight edges that starts 5 mm wide, beside the lens: its inner edge, blurred, leaves the field."""
     optics = {"exit_radius_m": 0.005, "aperture_radius_m": 0.01, "field_rad": 3e-3}
-    blind_m = float(receiver.blind_range_m(offset_m=np.array(0.05), edge_rad=1e-3, **optics))
+    blind_m = float(reference_optics.blind_range_m(offset_m=np.array(0.05), edge_rad=1e-3, **optics))
     for range_m, visible in ((0.99 * blind_m, False), (1.01 * blind_m, True)):
         share = receiver.spot_share(
             profile="top_hat",
@@ -236,4 +237,4 @@ def test_nothing_is_seen_nearer_than_the_blind_range():
             blur_rad=0.01 / range_m,
         )
         assert (share[0] > 0.0) == visible
-    assert receiver.blind_range_m(offset_m=np.array(0.014), edge_rad=1e-3, **optics) == 0.0
+    assert reference_optics.blind_range_m(offset_m=np.array(0.014), edge_rad=1e-3, **optics) == 0.0

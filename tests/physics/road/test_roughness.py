@@ -7,7 +7,8 @@ import pytest
 from scipy.signal import csd
 from scipy.special import k1
 
-from lidarscene.physics.road.roughness import HIGHEST_PER_M, LOWEST_PER_M, RoughSurface, density_m3, profile_density_m3
+from lidarscene.physics.reference.surroundings import profile_density_m3
+from lidarscene.physics.road.roughness import HIGHEST_PER_M, LOWEST_PER_M, RoughSurface, density_m3
 
 STEP_M = 0.2  # samples 2.5 cycles/m; what is above folds back onto 2.2 to 2.5
 OCTAVES_PER_M = 0.022 * 2.0 ** np.arange(7)  # 0.022 to 1.4 cycles/m

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from scipy.integrate import quad
 
+from lidarscene.physics.reference import surroundings as reference_surroundings
 from lidarscene.physics.weather import mie, precipitation
 
 DB_PER_KM = math.log(10) / 1e4
@@ -35,12 +36,12 @@ def test_published_attenuation_of_rain(rate):
     """
     alpha = precipitation.rain_extinction_per_m(rate_mm_h=rate)
     assert alpha / DB_PER_KM == pytest.approx(1.58 * rate**0.63, rel=4e-3)
-    assert 0.67 < precipitation.rain_extinction_carbonneau_per_m(rate_mm_h=rate) / alpha < 0.83
+    assert 0.67 < reference_surroundings.rain_extinction_carbonneau_per_m(rate_mm_h=rate) / alpha < 0.83
 
 
 def test_carbonneau():
     """9.30 dB/km at 25 mm/h by hand."""
-    alpha = precipitation.rain_extinction_carbonneau_per_m(rate_mm_h=25.0)
+    alpha = reference_surroundings.rain_extinction_carbonneau_per_m(rate_mm_h=25.0)
     assert alpha / DB_PER_KM == pytest.approx(9.30, abs=0.005)
 
 

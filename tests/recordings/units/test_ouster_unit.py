@@ -154,7 +154,7 @@ def test_transforms_of_the_metadata(tmp_path: Path) -> None:
     beams = [1, 0, 0, 27.0, 0, 1, 0, 0, 0, 0, 1, 5.0, 0, 0, 0, 1]
     source.write_text(json.dumps(content | {"lidar_to_sensor_transform": turned, "beam_to_lidar_transform": beams}))
     unit = read_unit(source)
-    assert float(unit.scanner["start_azimuth_deg"]) == 90.0
+    assert unit.scanner["start_azimuth_deg"] == 90.0
     assert (unit.lists["forward_mm"][0], unit.lists["height_mm"][0]) == pytest.approx((27.0, 41.18))
     old = {key: value for key, value in content.items() if "origin" not in key and key != "prod_line"}
     old.pop("beam_to_lidar_transform", None)

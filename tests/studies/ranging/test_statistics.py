@@ -8,11 +8,14 @@ import math
 
 import numpy as np
 import pytest
-from helpers import photons
+from helpers import false_alarms, photons
+from helpers.shots import simulated_shots
 from scipy.stats import binom, norm
 
 from lidarscene import load_sensor
-from lidarscene.physics.electronics import mcintyre, tdc
+from lidarscene.physics.constants import SPEED_OF_LIGHT_M_S
+from lidarscene.physics.electronics import tdc
+from lidarscene.physics.reference import mcintyre as reference_mcintyre
 from lidarscene.studies.ranging import plane, statistics
 from lidarscene.studies.ranging.plane import Target
 
@@ -23,53 +26,67 @@ def apd_with(*overrides):
     return load_sensor("table1-apd", overrides=list(overrides))
 
 
+def tuned(sensor, ratios):
+    """The sensor with thresholds at these TNR."""
+    tdc_with = dataclasses.replace(sensor.tdc, threshold_to_noise=np.asarray(ratios), threshold_level=None)
+    return dataclasses.replace(sensor, tdc=tdc_with)
+
+
 @pytest.mark.parametrize("sensor", [APD, SIPM], ids=lambda s: s.name)
-def test_detection_curve(sensor):
+def test_detection_over_the_signal(sensor):
     """Without the echo's own noise P_d = Q(5 - SNR); with it the curve is flatter and meets it at SNR 5."""
-    snr = np.linspace(0.0, 12.0, 25)
-    plain = statistics.detection_curve(sensor, Target(), snr, own_noise=False)
+    point = sensor.working_point(plane.echoes_of_plane(sensor, Target(), 1.0).background_power_w)
+    noise, snr = point.noise, np.linspace(0.0, 12.0, 25)
+    signal, threshold = snr * noise.deviation, sensor.threshold(point)
+    own_noise = np.sqrt(noise.deviation**2 + noise.kappa_1 * signal + noise.kappa_2 * signal**2)
+    plain = point.detection_probability(threshold, signal, noise.deviation * np.ones(25))
     np.testing.assert_allclose(plain, norm.sf(5.0 - snr), rtol=1e-8)
-    probability = statistics.detection_curve(sensor, Target(), snr)
+    probability = point.detection_probability(threshold, signal, own_noise)
     assert probability[10] == pytest.approx(0.5, rel=1e-9)
     assert (np.diff(probability) > 0.0).all()
     if sensor is APD:  # a SiPM's busy cells are quieter, not noisier, above the middle
         assert (probability[1:10] > plain[1:10]).all()
         assert (probability[11:] < plain[11:]).all()
     limit, _ = plane.maximum_range_m(sensor, Target())
-    assert statistics.detection_probability(sensor, Target(), float(limit)) == pytest.approx(0.5, rel=1e-6)
+    assert float(plane.detection_probability(sensor, Target(), float(limit))[0]) == pytest.approx(0.5, rel=1e-6)
 
 
-def test_operating_curve():
+def test_both_errors_over_the_threshold():
     """Against SciPy, threshold by threshold; and both errors grow against each other."""
     ratios = np.linspace(2.0, 8.0, 13)
-    curve = statistics.operating_curve(APD, Target(), 340.0, ratios)
+    sensor = tuned(APD, ratios)
+    light = plane.echoes_of_plane(APD, Target(), 340.0)
+    point = sensor.working_point(light.background_power_w)
     m = 4e-6 * 167e6
     p_false = norm.sf(ratios)
-    np.testing.assert_allclose(curve.quiet_probability, (1.0 - p_false) ** m, rtol=1e-6)
-    np.testing.assert_allclose(curve.false_alarms_per_shot, -m * np.log1p(-p_false), rtol=1e-6)
-    point = APD.working_point(plane.echoes_of_plane(APD, Target(), 340.0).background_power_w)
+    alarms_hz = sensor.false_alarm_rate_hz(point, sensor.threshold(point))
+    np.testing.assert_allclose(alarms_hz * 4e-6, -m * np.log1p(-p_false), rtol=1e-6)
     signal = plane.snr(APD, Target(), 340.0) * point.noise.deviation
     sigma = np.sqrt(point.noise.deviation**2 + point.noise.kappa_1 * signal)
-    np.testing.assert_allclose(
-        curve.detection_probability, norm.sf((ratios * point.noise.deviation - signal) / sigma), rtol=1e-8
-    )
+    p_detect = plane.detection_probability(sensor, Target(), 340.0)
+    np.testing.assert_allclose(p_detect, norm.sf((ratios * point.noise.deviation - signal) / sigma), rtol=1e-8)
     quiet = (1.0 - p_false) ** (m - 1.0)
-    correct = quiet * curve.detection_probability / (1.0 - quiet * (1.0 - curve.detection_probability))
-    np.testing.assert_allclose(curve.correct_probability, correct, rtol=1e-6)
-    assert (np.diff(curve.detection_probability) < 0.0).all()
-    assert (np.diff(curve.false_alarms_per_shot) < 0.0).all()
+    correct = quiet * p_detect / (1.0 - quiet * (1.0 - p_detect))
+    found = tdc.correct_probability(
+        p_false=-np.expm1(-alarms_hz / 167e6),
+        p_detect=p_detect,
+        comparisons=tdc.comparisons(window_s=sensor.tdc.listening_s, bandwidth_hz=167e6),
+    )
+    np.testing.assert_allclose(found, correct, rtol=1e-6)
+    assert (np.diff(p_detect) < 0.0).all()
+    assert (np.diff(alarms_hz) < 0.0).all()
 
 
-def test_operating_curve_of_counted_cells():
+def test_false_alarms_of_counted_cells():
     """A SiPM counted exactly: steps, by SciPy's binomial."""
-    sensor = load_sensor("table1-sipm", overrides=["detector.counting='binomial'"])
-    curve = statistics.operating_curve(sensor, Target(illuminance_klux=1.0), 300.0, np.array([3.0, 5.0]))
+    sensor = tuned(load_sensor("table1-sipm", overrides=["detector.counting='binomial'"]), [3.0, 5.0])
     point = sensor.working_point(plane.echoes_of_plane(sensor, Target(illuminance_klux=1.0), 300.0).background_power_w)
+    alarms_hz = sensor.false_alarm_rate_hz(point, sensor.threshold(point))
     busy, noise = float(point.counts.busy[0]), float(point.noise.deviation[0])
     for i, ratio in enumerate((3.0, 5.0)):
         p = binom.sf(math.ceil(ratio * noise + busy) - 1, 400, busy / 400.0)
         expected = -math.log1p(-p) * 4e-6 * 167e6
-        assert curve.false_alarms_per_shot[i] == pytest.approx(expected, rel=1e-6)
+        assert alarms_hz[i] * 4e-6 == pytest.approx(expected, rel=1e-6)
 
 
 @pytest.mark.parametrize("tail", ["gaussian", "mcintyre"])
@@ -78,9 +95,11 @@ def test_correct_probability_by_shots(tnr, tail):
     """(10) through `detection.returns.detect`: P_d 0.5 at the end of the window, P_f with either tail."""
     sensor = apd_with(f"tdc.threshold_to_noise={tnr}", f"detector.tail='{tail}'")
     limit = float(plane.maximum_range_m(sensor, Target())[0])
-    sensor = statistics.end_of_window(sensor, limit)
-    tally = statistics.simulated_shots(sensor, Target(), limit, shots=80_000, seed=3)
-    p_false = statistics.false_alarm_probability(sensor, Target())
+    # The half of the pulse of 6 ns comes after the peak of an echo at the limit.
+    ends = dataclasses.replace(sensor.tdc, window_s=2.0 * limit / SPEED_OF_LIGHT_M_S + 3e-9)
+    sensor = dataclasses.replace(sensor, tdc=ends)
+    tally = simulated_shots(sensor, Target(), limit, shots=80_000, seed=3)
+    p_false = false_alarms.false_alarm_probability(sensor, Target())
     comparisons = float(sensor.tdc.window_s) * 167e6
     expected = tdc.correct_probability(p_false=p_false, p_detect=0.5, comparisons=comparisons)
     returned = tally.echoes + tally.false_alarms
@@ -94,25 +113,25 @@ def test_correct_probability_by_shots(tnr, tail):
 
 def test_tails_of_the_avalanche():
     """Gaussian, McIntyre's saddle point and exact sum, Webb's: at Table 1, in sunlight and in the dark."""
-    p = {tail: statistics.false_alarm_probability(APD, Target(), tail=tail) for tail in statistics.TAILS}
+    p = {tail: false_alarms.false_alarm_probability(APD, Target(), tail=tail) for tail in false_alarms.TAILS}
     assert p["gaussian"] == pytest.approx(norm.sf(5.0), rel=1e-6)
     assert p["mcintyre"] == pytest.approx(p["exact"], rel=1e-3)
     assert p["exact"] == pytest.approx(1.0812e-5, rel=1e-3)
     assert p["webb"] == pytest.approx(p["exact"], rel=0.25)
-    assert statistics.false_alarm_probability(APD, Target()) == p["gaussian"]
-    assert statistics.false_alarm_probability(apd_with("detector.tail='mcintyre'"), Target()) == p["mcintyre"]
-    dark = [statistics.false_alarm_probability(APD, Target(), sky=True, tail=t) for t in ("mcintyre", "exact")]
+    assert false_alarms.false_alarm_probability(APD, Target()) == p["gaussian"]
+    assert false_alarms.false_alarm_probability(apd_with("detector.tail='mcintyre'"), Target()) == p["mcintyre"]
+    dark = [false_alarms.false_alarm_probability(APD, Target(), sky=True, tail=t) for t in ("mcintyre", "exact")]
     assert dark[0] == pytest.approx(dark[1], rel=0.15)
     with pytest.raises(ValueError, match="for an APD"):
-        statistics.false_alarm_probability(SIPM, Target(), tail="exact")
+        false_alarms.false_alarm_probability(SIPM, Target(), tail="exact")
     with pytest.raises(ValueError, match="no avalanche"):
-        statistics.electrons(SIPM, 1e-9)
+        false_alarms.electrons(SIPM, 1e-9)
 
 
 def test_electrons_hold_the_variance_of_18():
     """Electrons in 1 / (2 B): their variance is that of (18), to rounding."""
     background = float(plane.echoes_of_plane(APD, Target(), 100.0).background_power_w[0])
-    numbers = statistics.electrons(APD, background)
+    numbers = false_alarms.electrons(APD, background)
     variance = numbers["primaries"] * numbers["gain"] ** 2 * numbers["excess_noise"] + numbers["amplifier"] ** 2
     noise = float(APD.working_point(np.array([background])).noise.deviation[0])
     assert math.sqrt(variance) == pytest.approx(noise * numbers["per_ampere"], rel=1e-12)
@@ -143,10 +162,10 @@ def test_false_points_per_frame(range_m, blanking_ns, stops):
     """
     sensor = apd_with("tdc.threshold_to_noise=3.3", f"tdc.stops={stops}", f"tdc.blanking_ns={blanking_ns}")
     shots = 50_000
-    tally = statistics.simulated_shots(sensor, Target(), range_m, shots=shots, seed=5)
+    tally = simulated_shots(sensor, Target(), range_m, shots=shots, seed=5)
     expected = statistics.false_points(sensor, Target(), range_m)
     # Alarms are Poisson or fewer; the echo's edge comes up to 3 ns before its range.
-    slack = 0.6 * shots * statistics.false_alarm_probability(sensor, Target())
+    slack = 0.6 * shots * false_alarms.false_alarm_probability(sensor, Target())
     mean = expected.per_pulse * shots
     assert abs(tally.false_alarms - mean) < 4.0 * math.sqrt(mean) + slack
     assert expected.per_frame == expected.per_pulse * sensor.scanner.pulses
@@ -164,12 +183,6 @@ def test_no_alarms_without_noise():
     dark = dataclasses.replace(APD.detector, surface_dark_current_a=0.0, bulk_dark_current_a=0.0, temperature_k=0.0)
     silent = dataclasses.replace(APD, detector=dark)
     assert statistics.false_points(silent, Target()).per_frame == 0.0
-    assert statistics.ShotCounts(10, 0, 0).correct_share == 1.0
-
-
-def test_a_window_closes_behind_the_echos_half():
-    """100 m are 667.1 ns there and back; the half of a pulse of 6 ns comes after its peak."""
-    assert statistics.end_of_window(APD, 100.0).tdc.window_s == pytest.approx(667.128e-9 + 3e-9, rel=1e-6)
 
 
 def test_thresholds_that_scatter_trip_oftener():
@@ -209,19 +222,8 @@ def test_webbs_tail_is_blurred_by_the_amplifier():
     """Mean of the electrons' tail over the amplifier's noise, by Gauss and Hermite's sum."""
     law = {"primaries": 200.0, "gain": 50.0, "excess_noise": 3.0}
     place, weight = np.polynomial.hermite_e.hermegauss(100)
-    tails = mcintyre.webb_tail(excess=8000.0 - 1500.0 * place, **law)
+    tails = reference_mcintyre.webb_tail(excess=8000.0 - 1500.0 * place, **law)
     mean = float(np.dot(weight, tails) / weight.sum())
-    blurred = statistics._webb_with_amplifier(8000.0, ionisation_ratio=0.02, amplifier=1500.0, **law)
+    blurred = false_alarms.webb_with_amplifier(8000.0, ionisation_ratio=0.02, amplifier=1500.0, **law)
     assert blurred == pytest.approx(mean, rel=1e-6)
-    assert blurred > 1.2 * float(mcintyre.webb_tail(excess=8000.0, **law))
-
-
-@pytest.mark.parametrize("sensor", [APD, SIPM], ids=["apd", "sipm"])
-def test_two_roads_to_the_probability_of_detection(sensor):
-    """At the limit, nearer and farther: arrays of `plane` and numbers of `statistics`."""
-    limit_m, _ = plane.maximum_range_m(sensor, Target())
-    for factor in (0.8, 0.95, 1.0, 1.1):
-        probability = statistics.detection_probability(sensor, Target(), factor * limit_m)
-        assert float(plane.detection_probability(sensor, Target(), factor * limit_m)[0]) == pytest.approx(
-            probability, rel=1e-9
-        )
+    assert blurred > 1.2 * float(reference_mcintyre.webb_tail(excess=8000.0, **law))

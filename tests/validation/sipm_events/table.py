@@ -12,6 +12,7 @@ import numpy as np
 
 from lidarscene.maths.arrays import Numbers
 from lidarscene.physics.electronics import sipm, sipm_response
+from lidarscene.physics.reference import sipm as reference_sipm
 
 from .cells import CellArray, Light
 from .working_point import moments, pulse_outputs
@@ -114,7 +115,7 @@ def response_by_equation(
         noise=np.sqrt(array.cells * before * (1.0 - before)),
         mean=array.cells * share,
         variance=array.cells * share * (1.0 - share),
-        skewness=np.asarray(sipm_response.binomial_skewness(share=share, cells=array.cells)),
+        skewness=np.asarray(reference_sipm.binomial_skewness(share=share, cells=array.cells)),
         peak_time_s=time[busy.argmax(axis=0)] * tau,
         shots=0,
     )

@@ -1,7 +1,9 @@
 """Encode PNG files: 8-bit colours or 16-bit grey, with texts.
 
-Range images are 16-bit grey with texts that explain the grey values. A PNG is a few chunks around a zlib stream:
-forty lines instead of one more package.
+Range images are 16-bit grey with texts that explain the grey values. A PNG is a few chunks around a zlib stream.
+Pillow takes 90 ms to import, for which a thumbnail in a notebook need not wait. And it tries five filters on every row:
+for a picture of points, dots on one colour, that takes five times as long (95 ms against 19 for 1920 by 1080) and makes
+files that are larger by four tenths.
 """
 
 from __future__ import annotations

@@ -18,11 +18,9 @@ from typing import Any, cast
 import numpy as np
 
 from ...maths.arrays import Array, LookupTable, Numbers, is_drjit
+from ...maths.units import is_static
 from .backend import is_cuda, mitsuba
 from .types import DeviceArray
-
-_KEPT_STATIC = frozenset({"stops", "count", "room", "reach", "search", "coincidence", "bin_to_sigma"})
-"""Fields that stay Python numbers: they decide how many outputs, how many steps or how much memory a kernel has."""
 
 _ALIGNMENT = 64
 """Bytes; no load that LLVM emits (AVX-512) wants a larger alignment."""
@@ -31,8 +29,8 @@ _ALIGNMENT = 64
 def opaque(value: object) -> Any:
     """Return a copy in which every float and int is opaque, however deep in frozen dataclasses and tuples.
 
-    Strings, booleans, None, poses and arrays stay as they are: they select code or never enter a kernel. Tables stay
-    too; they are uploaded at their first lookup.
+    Fields that are `maths.units.STATIC`, strings, booleans, None, poses and arrays stay as they are: they select code
+    or never enter a kernel. Tables stay too; they are uploaded at their first lookup.
     """
     if isinstance(value, bool | LookupTable):  # bool before int, of which it is a subclass
         return value
@@ -44,7 +42,7 @@ def opaque(value: object) -> Any:
         changed = {
             field.name: opaque(getattr(value, field.name))
             for field in dataclasses.fields(value)
-            if field.name not in _KEPT_STATIC
+            if not is_static(field)
         }
         return dataclasses.replace(value, **changed)
     return value

@@ -9,8 +9,6 @@ Symbols: K responsivity [A/W], M gain, F excess noise factor, x its index, k ion
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from ...maths.arrays import Lanes, xp
 from ..constants import BOLTZMANN_J_K, ELEMENTARY_CHARGE_C
 
@@ -49,11 +47,6 @@ def excess_noise_mcintyre(*, gain: Lanes, ionisation_ratio: Lanes) -> Lanes:
     return ionisation_ratio * gain + (1.0 - ionisation_ratio) * (2.0 - 1.0 / gain)
 
 
-def signal_a(*, responsivity_a_w: Lanes, gain: Lanes, power_w: Lanes) -> Lanes:
-    """Peak signal current i_s = K M P_r, (12)."""
-    return responsivity_a_w * gain * power_w
-
-
 def light_shot_variance_a2(
     *, responsivity_a_w: Lanes, gain: Lanes, excess_noise: Lanes, bandwidth_hz: Lanes, power_w: Lanes
 ) -> Lanes:
@@ -77,69 +70,6 @@ def thermal_variance_a2(*, temperature_k: Lanes, load_resistance_ohm: Lanes, ban
 def shot_variance_per_ampere_a(*, gain: Lanes, excess_noise: Lanes, bandwidth_hz: Lanes) -> Lanes:
     """kappa = 2 e M F B: the echo's shot noise at a signal current i_s is sigma_s^2 = kappa i_s, (14) over (12)."""
     return 2.0 * ELEMENTARY_CHARGE_C * gain * excess_noise * bandwidth_hz
-
-
-def total_noise_a(
-    *,
-    signal_variance_a2: Lanes,
-    background_variance_a2: Lanes,
-    dark_variance_a2: Lanes,
-    thermal_variance_a2: Lanes,
-    circuit_noise_a: Lanes,
-) -> Lanes:
-    """sigma_APD, (13): root of the sum of five independent variances. Without signal variance it is (18)."""
-    variance = (
-        signal_variance_a2 + background_variance_a2 + dark_variance_a2 + thermal_variance_a2
-    ) + circuit_noise_a * circuit_noise_a
-    return xp(variance).sqrt(variance)
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Diode:
-    """An avalanche photodiode; the bulk dark current is multiplied, the surface's is not."""
-
-    responsivity_a_w: Lanes
-    gain: Lanes
-    excess_noise: Lanes
-    surface_dark_current_a: Lanes
-    bulk_dark_current_a: Lanes
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Amplifier:
-    """Amplifier behind the diode: load, bandwidth and the noise of the rest of the circuit."""
-
-    bandwidth_hz: Lanes
-    temperature_k: Lanes
-    load_resistance_ohm: Lanes
-    circuit_noise_a: Lanes = 0.0
-
-
-def noise_without_echo_a(diode: Diode, amplifier: Amplifier, *, background_power_w: Lanes) -> Lanes:
-    """sigma_APD(i(P_rs)), (18): (13) with (15)-(17) and without (14). Noise is white within the bandwidth."""
-    avalanche = {"gain": diode.gain, "excess_noise": diode.excess_noise, "bandwidth_hz": amplifier.bandwidth_hz}
-    return total_noise_a(
-        signal_variance_a2=0.0,
-        background_variance_a2=light_shot_variance_a2(
-            responsivity_a_w=diode.responsivity_a_w, power_w=background_power_w, **avalanche
-        ),
-        dark_variance_a2=dark_shot_variance_a2(
-            surface_dark_current_a=diode.surface_dark_current_a,
-            bulk_dark_current_a=diode.bulk_dark_current_a,
-            **avalanche,
-        ),
-        thermal_variance_a2=thermal_variance_a2(
-            temperature_k=amplifier.temperature_k,
-            load_resistance_ohm=amplifier.load_resistance_ohm,
-            bandwidth_hz=amplifier.bandwidth_hz,
-        ),
-        circuit_noise_a=amplifier.circuit_noise_a,
-    )
-
-
-def snr(*, responsivity_a_w: Lanes, gain: Lanes, echo_power_w: Lanes, noise_a: Lanes) -> Lanes:
-    """SNR_APD, (19): signal (12) over noise without echo (18)."""
-    return signal_a(responsivity_a_w=responsivity_a_w, gain=gain, power_w=echo_power_w) / noise_a
 
 
 def snr_of_gain(

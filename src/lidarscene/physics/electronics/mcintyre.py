@@ -1,4 +1,4 @@
-"""Electrons out of an avalanche photodiode: McIntyre's distribution, Webb's approximation, and their tails.
+"""Electrons out of an avalanche photodiode: the tail of McIntyre's distribution.
 
 An electron that enters the avalanche leaves as a random number of electrons with mean M and second moment M^2 F.
 The sum over Poisson primaries is skewed, so its upper tail lies above that of the Gaussian (9) with the same
@@ -14,14 +14,11 @@ Symbols: M gain, F excess noise factor, k ionisation ratio, N mean number of pri
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass
 from typing import NamedTuple
 
-import numpy as np
-
 from ...maths.arrays import Lanes, xp
-from ...maths.special import log1p, log_gamma, normal_tail, scaled_normal_tail
+from ...maths.special import log1p, normal_tail
 from ..constants import ELEMENTARY_CHARGE_C
 from .tdc import MEAN_FREQUENCY_LOW_PASS
 
@@ -49,47 +46,6 @@ def resolution_time_s(*, bandwidth_hz: Lanes) -> Lanes:
     return 0.5 / bandwidth_hz
 
 
-def log_probability(*, primary: Lanes, total: Lanes, gain: Lanes, ionisation_ratio: Lanes) -> Lanes:
-    """Log of the probability that ``primary`` electrons leave as ``total``; -inf for total < primary. numpy.
-
-    For n in and m out (McIntyre, 1972):
-    n Gamma(m / (1 - k) + 1) / (m (m - n)! Gamma(k m / (1 - k) + n + 1))
-    ((1 + k (M - 1)) / M)^(n + k m / (1 - k)) ((1 - k)(M - 1) / M)^(m - n).
-    """
-    n, m = np.broadcast_arrays(np.asarray(primary, dtype=float), np.asarray(total, dtype=float))
-    k = ionisation_ratio
-    possible = m >= n
-    m = np.where(possible, m, n)
-    through = k * m / (1.0 - k)
-    log_beta = math.log((1.0 - k) * (gain - 1.0) / gain) if gain > 1.0 else -math.inf
-    created = np.where(m > n, (m - n) * log_beta, 0.0) if gain > 1.0 else np.where(m > n, log_beta, 0.0)
-    value = (
-        np.log(n)
-        - np.log(m)
-        + log_gamma(m + through + 1.0)
-        - log_gamma(m - n + 1.0)
-        - log_gamma(through + n + 1.0)
-        + (n + through) * math.log((1.0 + k * (gain - 1.0)) / gain)
-        + created
-    )
-    return np.where(possible, value, -np.inf)
-
-
-def webb_tail(*, excess: Lanes, primaries: Lanes, gain: Lanes, excess_noise: Lanes) -> Lanes:
-    """Probability of an output more than ``excess`` above its mean, by Webb's approximation; no amplifier.
-
-    In closed form, because 1 + x / lambda is an inverse Gaussian variable (K. R. Baker, IEEE Trans. Commun. 44, 15,
-    1996). Needs F > 1; ``excess`` may be negative.
-    """
-    ops = xp(excess, primaries, gain, excess_noise)
-    shape = ops.sqrt(primaries * excess_noise) / (excess_noise - 1.0)
-    y = 1.0 + excess / (gain * ops.sqrt(primaries * excess_noise)) / shape
-    inside = ops.maximum(y, 1e-12)
-    below, above = shape * (inside - 1.0) / ops.sqrt(inside), shape * (inside + 1.0) / ops.sqrt(inside)
-    tail = normal_tail(below) - ops.exp(-0.5 * below * below) * scaled_normal_tail(above)
-    return ops.where(y > 0.0, ops.maximum(tail, 0.0), 1.0)
-
-
 def tail_probability(
     *, excess: Lanes, primaries: Lanes, gain: Lanes, ionisation_ratio: Lanes, amplifier: Lanes
 ) -> Lanes:
@@ -100,11 +56,11 @@ def tail_probability(
     amplifier  standard deviation of the amplifier's Gaussian noise, in output electrons
 
     The generating function G of one electron's output obeys z = G (1 - b + b G)^(-1 / (1 - k)) with b = (1 - k)(M -
-    1) / M; expanded by Lagrange's theorem it gives `log_probability`. So the cumulants are known exactly with d = G -
-    1 as parameter, and a saddle point gives the tail Q(r + ln(v / r) / r), in Barndorff-Nielsen's form (Biometrika
-    73, 307, 1986), which stays between 0 and 1. Compared with the exact sum (`tail_probability_exact`) it is 0.7 %
-    low with 24 primaries, 10 % with 2.4 and a half with 0.5. With fewer it misses single electrons that stand out of
-    the amplifier's noise. numpy and Dr.Jit.
+    1) / M; expanded by Lagrange's theorem it gives `reference.mcintyre.log_probability`. So the cumulants are known
+    exactly with d = G - 1 as parameter, and a saddle point gives the tail Q(r + ln(v / r) / r), in Barndorff-Nielsen's
+    form (Biometrika 73, 307, 1986), which stays between 0 and 1. Compared with the exact sum
+    (`reference.mcintyre.tail_probability_exact`) it is 0.7 % low with 24 primaries, 10 % with 2.4 and a half with 0.5.
+    With fewer it misses single electrons that stand out of the amplifier's noise. numpy and Dr.Jit.
     """
     saddle = _saddle_point(excess, primaries, gain, ionisation_ratio, amplifier)
     ops = xp(saddle.exponent)
@@ -272,58 +228,3 @@ def crossing_rate_hz(currents: Currents, *, threshold_a: Lanes, least_hz: Lanes 
         lambda: frequency_hz * crossings_per_frequency(**electrons) + 0.0 * bound_hz,
         0.0 * bound_hz,
     )
-
-
-def tail_probability_exact(
-    *, excess: float, primaries: float, gain: float, ionisation_ratio: float, amplifier: float
-) -> float:
-    """`tail_probability` by summing McIntyre's probabilities: slow, and without approximation. numpy.
-
-    The distribution of one electron's output is tabulated, compounded over Poisson primaries and convolved with the
-    amplifier's noise by Fourier transform. It is first tilted by exp(s m), with s near the saddle point, so that the
-    tail keeps its relative precision however small it is.
-    """
-    deviation = math.hypot(amplifier, gain * math.sqrt(primaries * _second_moment(gain, ionisation_ratio)))
-    mean = primaries * gain
-    tilt = 0.9 * excess / deviation**2
-    tilt = min(tilt, 0.5 * _steepest(gain, ionisation_ratio))
-    length = 2 ** math.ceil(math.log2(mean + 4.0 * excess + 24.0 * deviation + 64.0 * gain))
-    electrons = np.arange(length, dtype=float)
-    single = np.zeros(length)
-    single[1:] = np.exp(
-        log_probability(primary=1.0, total=electrons[1:], gain=gain, ionisation_ratio=ionisation_ratio)
-        + tilt * (electrons[1:] - gain)
-    )
-    weight = single.sum()
-    # Both factors are centred on their means, so that the exponentials stay within the floating range.
-    frequency = 2.0 * math.pi * np.fft.rfftfreq(length)
-    growth = math.exp(tilt * gain)
-    transform = np.exp(
-        primaries * growth * (np.fft.rfft(single) - weight)
-        - 0.5 * (amplifier * frequency) ** 2
-        - 1j * frequency * amplifier**2 * tilt
-    )
-    tilted = np.fft.irfft(transform, length)
-    log_scale = primaries * (growth * weight - 1.0 - tilt * gain) + 0.5 * (amplifier * tilt) ** 2
-    # Untilt, and sum what lies above; half of the count at the limit, as a continuous variable has it.
-    above = electrons - mean - excess
-    share = np.clip(above + 0.5, 0.0, 1.0)
-    with np.errstate(over="ignore"):
-        untilted = np.where(share > 0.0, tilted * share * np.exp(np.minimum(-tilt * above, 50.0)), 0.0)
-    return float(untilted.sum() * math.exp(log_scale - tilt * excess))
-
-
-def _second_moment(gain: float, k: float) -> float:
-    """F: second moment of one electron's output over the square of its mean."""
-    return k * gain + (1.0 - k) * (2.0 - 1.0 / gain)
-
-
-def _steepest(gain: float, k: float) -> float:
-    """The s beyond which the mean of exp(s m) over one electron's output diverges."""
-    if gain <= 1.0:
-        return math.inf
-    b = (1.0 - k) * (gain - 1.0) / gain
-    if k <= 0.0:
-        return -math.log(b)
-    d = 1.0 / (k * (gain - 1.0))
-    return math.log1p(d) - math.log1p(b * d) / (1.0 - k)

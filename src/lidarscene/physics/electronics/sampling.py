@@ -86,43 +86,10 @@ def peak_deviation(*, noise_share: Lanes, slope_noise: Lanes, curvature: Lanes) 
     return ops.minimum(noise_share * slope_noise / curved, ops.sqrt(2.0 * noise_share / curved))
 
 
-def fraction_deviation(
-    *, fraction: Lanes, noise_share_at_fraction: Lanes, noise_share_at_peak: Lanes, correlation: Lanes
-) -> Lanes:
-    """Deviation of the time at which an edge reaches a fraction of the measured peak, in sigma_p; slope formula (T76).
-
-    noise_share_at_fraction, noise_share_at_peak  deviations of the noise at both, over the peak's height
-    correlation                                   correlation of the noise between both
-    """
-    ops = xp(fraction, noise_share_at_peak)
-    held = fraction * noise_share_at_peak
-    variance = (
-        noise_share_at_fraction * noise_share_at_fraction
-        + held * held
-        - 2.0 * correlation * noise_share_at_fraction * held
-    )
-    return ops.sqrt(variance) / (fraction * ops.sqrt(-2.0 * ops.log(fraction)))
-
-
 def quantise(*, signal: Lanes, step: Lanes, full_scale: Lanes) -> Lanes:
     """Nearest multiple of the converter's step, at most full scale. The error has the deviation step / sqrt(12)."""
     ops = xp(signal, step, full_scale)
     return ops.minimum(ops.rint(signal / step) * step, full_scale)
-
-
-def least_time_deviation_s(*, snr: Lanes, rate_hz: Lanes, pulse_fwhm_s: Lanes) -> Lanes:
-    """Cramer-Rao bound of the time of a Gaussian pulse in white noise, with unknown height.
-
-    snr      peak over the standard deviation of one sample
-    rate_hz  samples per second, several in a pulse
-
-    The information is sum_k (dg/dt)^2 snr^2 = snr^2 rate sqrt(pi) / (2 sigma_p): S. M. Kay, Fundamentals of
-    Statistical Signal Processing I, section 3.5. Errors of height and time are not correlated, because the pulse is
-    even and its slope odd.
-    """
-    ops = xp(snr, rate_hz, pulse_fwhm_s)
-    sigma_s = pulse_fwhm_s / SIGMAS_PER_FWHM
-    return ops.sqrt(2.0 * sigma_s / (math.sqrt(math.pi) * rate_hz)) / snr
 
 
 def _erf(x: Lanes) -> Lanes:

@@ -21,8 +21,6 @@ import math
 import numpy as np
 
 from ...maths.arrays import Lanes, Numbers, xp
-from ..constants import SPEED_OF_LIGHT_M_S
-from ..optics.pulse import gaussian_pulse, leading_edge_time_s
 
 _STEPS = 3  # of Newton's method in `overdrive_of_width`: 1e-8 of any overdrive up to the largest
 LARGEST_OVERDRIVE = 80.0
@@ -34,23 +32,14 @@ def clip(*, signal: Lanes, saturation: Lanes) -> Lanes:
     return xp(signal, saturation).minimum(signal, saturation)
 
 
-def clipped_waveform(*, time_s: Lanes, signal: Lanes, saturation: Lanes, fwhm_s: Lanes, recovery_s: Lanes) -> Lanes:
-    """v(t) of a pulse of peak ``signal``, centred on zero; the pulse itself if its peak is below S."""
-    ops = xp(time_s, signal, saturation)
-    pulse = signal * gaussian_pulse(time_s=time_s, fwhm_s=fwhm_s)
-    released = -leading_edge_time_s(level=saturation / signal, fwhm_s=fwhm_s)
-    since = ops.maximum(time_s - released, 0.0)
-    drained = signal * ops.exp(-since / ops.maximum(recovery_s, 1e-18))
-    held = (signal > saturation) & (time_s > released)
-    return ops.minimum(ops.where(held, ops.maximum(pulse, drained), pulse), saturation)
-
-
 _RISE = 1e-3
 """Light counts as new from this share of S on, and as gone when that share of it is left."""
 
 
 def clipped_course(*, signal: Numbers, step_s: float, saturation: float, recovery_s: float) -> Numbers:
-    """v(t) of any light, (n, times): of a lone pulse `clipped_waveform`; later light comes on top of what is held.
+    """v(t) of any light, (n, times): later light comes on top of what is held.
+
+    Of a lone pulse it is `reference.electronics.clipped_waveform`.
 
     signal  (n, times) what the amplifier would pass without clipping, in even steps
     """
@@ -79,25 +68,6 @@ def clipped_course(*, signal: Numbers, step_s: float, saturation: float, recover
     return output
 
 
-def width_at_level_s(*, level: Lanes, signal: Lanes, saturation: Lanes, fwhm_s: Lanes, recovery_s: Lanes) -> Lanes:
-    """Time that v(t) spends above a level at or below S, between the comparator's two crossings; 0 if s < U.
-
-    Below saturation it is 2 t(U), with t(U) = FWHM sqrt(ln(s / U) / (4 ln 2)). Above it is
-    t(U) + max(t(U), t(S) + tau ln(s / U)).
-    """
-    ops = xp(level, signal, saturation)
-    rise = -leading_edge_time_s(level=level / signal, fwhm_s=fwhm_s)
-    fall = held_until(
-        fall_s=rise,
-        released_s=-leading_edge_time_s(level=saturation / signal, fwhm_s=fwhm_s),
-        level=level,
-        signal=signal,
-        saturation=saturation,
-        recovery_s=recovery_s,
-    )
-    return ops.where(signal > level, rise + fall, 0.0)
-
-
 def held_until(
     *, fall_s: Lanes, released_s: Lanes, level: Lanes, signal: Lanes, saturation: Lanes, recovery_s: Lanes
 ) -> Lanes:
@@ -122,8 +92,9 @@ def remaining_charge(*, held: Lanes, since_s: Lanes, recovery_s: Lanes) -> Lanes
 
 
 def overdrive_of_width(*, width_s: Lanes, level: Lanes, saturation: Lanes, fwhm_s: Lanes, recovery_s: Lanes) -> Lanes:
-    """ln(s / U) of a pulse that stays above the level U for this time: `width_at_level_s` solved for the peak.
+    """ln(s / U) of a pulse that stays above the level U for this time.
 
+    It is `reference.electronics.width_at_level_s` solved for the peak.
     The longer of two widths, so the smaller of two solutions: that of a pulse that falls with its light, and that of
     one that drains. With a = FWHM / sqrt(4 ln 2), l = ln(S / U) and ln(s / U) = l + y^2 the second one solves
     a sqrt(l + y^2) + a y + tau (l + y^2) = w. Its left side is convex in y and grows, so Newton's method comes down
@@ -153,15 +124,3 @@ def overdrive_of_symmetric_width(*, width_s: Lanes, fwhm_s: Lanes) -> Lanes:
     """ln(s / U) of a pulse of this width that falls as it rises: ln 2 (w / FWHM)^2."""
     ratio = width_s / fwhm_s
     return math.log(2.0) * ratio * ratio
-
-
-def walk_bias_m(*, threshold: Lanes, signal: Lanes, saturation: Lanes, fwhm_s: Lanes) -> Lanes:
-    """Range error if the walk is corrected with the clipped peak: negative (too near); 0 below S. Without noise.
-
-    The edge crosses U at -t(U / s) from the pulse's peak, but the correction assumes -t(U / S). For a detector whose
-    response is not linear, all three arguments are powers of light: at U, of the echo, and at S.
-    """
-    true_s = leading_edge_time_s(level=threshold / signal, fwhm_s=fwhm_s)
-    measured = clip(signal=signal, saturation=saturation)
-    thought_s = leading_edge_time_s(level=threshold / measured, fwhm_s=fwhm_s)
-    return 0.5 * SPEED_OF_LIGHT_M_S * (true_s - thought_s)

@@ -129,12 +129,6 @@ def peak_lag_s(*, pulse_fwhm_s: Lanes, dead_time_s: Lanes) -> Lanes:
     return xp(whole_pulse_s, dead_time_s).minimum(whole_pulse_s, 0.5 * dead_time_s)
 
 
-def binomial_skewness(*, share: Lanes, cells: Lanes) -> Lanes:
-    """Third standardised moment of a count of cells: (1 - 2b) / sqrt(N b (1 - b))."""
-    variance = cells * share * (1.0 - share)
-    return (1.0 - 2.0 * share) / xp(variance).sqrt(variance)
-
-
 def busy_share_over_time(
     *, background: Numbers, flash: Numbers, pulse_to_dead_time: float, steps: int | None = None
 ) -> tuple[Numbers, Numbers]:

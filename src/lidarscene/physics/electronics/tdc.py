@@ -14,7 +14,7 @@ from __future__ import annotations
 import math
 
 from ...maths.arrays import Lanes, xp
-from ...maths.special import log1p, normal_tail, normal_tail_inverse
+from ...maths.special import log1p, normal_tail
 
 MEAN_FREQUENCY_LOW_PASS = 1.0 / math.sqrt(3.0)
 """Root of the mean square frequency of white noise behind an ideal low-pass, in units of B."""
@@ -25,11 +25,6 @@ def false_alarm_probability(*, threshold: Lanes, noise: Lanes) -> Lanes:
     ops = xp(threshold, noise)
     quiet = noise <= 0.0
     return ops.where(quiet, 0.0, normal_tail(threshold / ops.where(quiet, 1.0, noise)))
-
-
-def threshold_to_noise(*, p_false: Lanes) -> Lanes:
-    """TNR at which one comparison of Gaussian noise has this P_f: (9) solved for U / sigma_0."""
-    return normal_tail_inverse(p_false)
 
 
 def rice_rate_hz(*, threshold: Lanes, noise: Lanes, bandwidth_hz: Lanes) -> Lanes:
@@ -74,11 +69,6 @@ def excursion_width_s(*, height: Lanes, threshold: Lanes, bandwidth_hz: Lanes) -
     ops = xp(height, threshold, bandwidth_hz)
     excess = ops.maximum(1.0 - threshold / height, 0.0)
     return math.sqrt(6.0) / math.pi / bandwidth_hz * ops.sqrt(excess)
-
-
-def signal_to_noise(*, signal: Lanes, noise: Lanes) -> Lanes:
-    """Trigger SNR, (11): peak with echo over deviation without. The echo's own shot noise is left out."""
-    return signal / noise
 
 
 def noise_at_level(*, level: Lanes, noise: Lanes, kappa_1: Lanes, kappa_2: Lanes) -> Lanes:

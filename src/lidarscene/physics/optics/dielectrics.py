@@ -10,8 +10,6 @@ from __future__ import annotations
 
 import math
 
-import numpy as np
-
 from ...maths.arrays import Lanes, xp
 
 
@@ -37,17 +35,6 @@ def fresnel_amplitudes(*, cos_incidence: Lanes, index: Lanes) -> tuple[Lanes, La
     across = (cos_incidence - index * inside) / (cos_incidence + index * inside)
     along = (index * cos_incidence - inside) / (index * cos_incidence + inside)
     return across, along
-
-
-def diffuse_fresnel_reflectance(index: float) -> float:
-    """Reflectance of a smooth surface for light from all directions equally, from outside (index > 1).
-
-    2 int R(mu) mu dmu by Gauss-Legendre quadrature with 64 points; 0.0659 at n = 1.33, 0.0918 at 1.5.
-    """
-    nodes, weights = np.polynomial.legendre.leggauss(64)
-    cosines = 0.5 * (nodes + 1.0)
-    reflected = fresnel_reflectance(cos_incidence=cosines, index=index)
-    return float(np.dot(weights, cosines * reflected))
 
 
 def optical_depth(*, index_k: float, thickness_m: float, wavelength_m: float) -> float:
@@ -81,23 +68,3 @@ def pane_reflectance(*, surface: Lanes, internal: Lanes) -> Lanes:
 def pane_transmittance(*, surface: Lanes, internal: Lanes) -> Lanes:
     """T of a pane, with `pane_reflectance`'s arguments: (1 - r)^2 a / (1 - r^2 a^2)."""
     return (1.0 - surface) * (1.0 - surface) * internal / (1.0 - surface * surface * internal * internal)
-
-
-def wet_reflectivity(*, dry: float, index: float, internal: float = 1.0, internal_diffuse: float = 1.0) -> float:
-    """Diffuse reflectivity at normal incidence of a rough surface of reflectivity ``dry`` under a film of water.
-
-    (1 - R(0)) a b (1 - p) a_d / (1 - b p a_d^2), b the dry reflectivity: light that the surface scatters upwards is
-    reflected back at the water's face with probability p = 1 - (1 - R_d) / n^2, R_d from
-    `diffuse_fresnel_reflectance`, and meets the surface again.
-
-    index             n of the water
-    internal          a of one passage straight down
-    internal_diffuse  a_d of one passage in all directions equally, 2 E_3(alpha d)
-
-    Lekner and Dorf, Appl. Opt. 27, 1278 (1988), their first extension of Angstrom's model. Left out: water in the
-    pores also lowers the contrast of the grains (their second extension, and Twomey's), which darkens further.
-    """
-    entering = (1.0 - float(fresnel_reflectance(cos_incidence=np.float64(1.0), index=index))) * internal
-    internal_reflection = 1.0 - (1.0 - diffuse_fresnel_reflectance(index)) / index**2
-    leaving = (1.0 - internal_reflection) * internal_diffuse
-    return entering * dry * leaving / (1.0 - dry * internal_reflection * internal_diffuse**2)

@@ -27,11 +27,6 @@ def leading_edge_time_s(*, level: Lanes, fwhm_s: Lanes) -> Lanes:
     return -fwhm_s * ops.sqrt(ops.maximum(-ops.log(level), 0.0) / _FOUR_LN2)
 
 
-def leading_edge_slope_per_s(*, level: Lanes, fwhm_s: Lanes) -> Lanes:
-    """dg/dt where g rises through ``level``."""
-    return -2.0 * _FOUR_LN2 * level * leading_edge_time_s(level=level, fwhm_s=fwhm_s) / (fwhm_s * fwhm_s)
-
-
 def pulse_energy_j(*, peak_power_w: Lanes, fwhm_s: Lanes) -> Lanes:
     """Energy of a Gaussian pulse, P_t FWHM sqrt(pi / (4 ln 2)) = 1.0645 P_t FWHM."""
     return peak_power_w * fwhm_s * math.sqrt(math.pi / _FOUR_LN2)

@@ -27,11 +27,6 @@ def time_of_flight_s(*, range_m: Lanes) -> Lanes:
     return (2.0 / SPEED_OF_LIGHT_M_S) * range_m
 
 
-def time_of_flight_from_beat_s(*, beat_frequency_hz: Lanes, chirp_rate_hz_s: Lanes) -> Lanes:
-    """Time of flight of a frequency-modulated continuous-wave lidar from its beat, (2). Not used here."""
-    return beat_frequency_hz / chirp_rate_hz_s
-
-
 def photon_energy_j(*, wavelength_m: float) -> float:
     """Photon energy h nu; 2.19497e-19 J at 905 nm."""
     return PLANCK_J_S * SPEED_OF_LIGHT_M_S / wavelength_m
@@ -47,37 +42,9 @@ def disc_radius_m(*, area_m2: Lanes) -> Lanes:
     return xp(area_m2).sqrt(area_m2 / math.pi)
 
 
-def lambertian_intensity_w_sr(
-    *, reflectivity: Lanes, transmittance: Lanes, peak_power_w: Lanes, cos_incidence: Lanes
-) -> Lanes:
-    """Radiant intensity of the spot towards the sensor, (3). The target must hold the whole spot."""
-    return reflectivity * transmittance * peak_power_w * cos_incidence / math.pi
-
-
 def aperture_solid_angle_sr(*, aperture_m2: Lanes, range_m: Lanes) -> Lanes:
     """Solid angle of the aperture seen from the spot, A / R^2, (4), for R far above the aperture's size."""
     return aperture_m2 / (range_m * range_m)
-
-
-def lambertian_echo_power_w(
-    *,
-    peak_power_w: Lanes,
-    reflectivity: Lanes,
-    cos_incidence: Lanes,
-    range_m: Lanes,
-    transmittance: Lanes,
-    aperture_m2: Lanes,
-    efficiency: Lanes,
-) -> Lanes:
-    """Peak echo power on the detector from a Lambertian plane wider than the spot, (5)."""
-    return echo_power_w(
-        peak_power_w=peak_power_w,
-        backscatter_per_sr=reflectivity * cos_incidence / math.pi,
-        range_m=range_m,
-        transmittance=transmittance,
-        aperture_m2=aperture_m2,
-        efficiency=efficiency,
-    )
 
 
 def echo_power_w(
@@ -111,54 +78,3 @@ def background_power_w(
     transmittance is one way. The source fills the field of view, so range does not enter.
     """
     return radiance_w_m2_sr * aperture_m2 * field_of_view_sr * transmittance * efficiency
-
-
-def field_of_view_area_m2(
-    *, range_m: Lanes, detector_radius_m: Lanes, focal_length_m: Lanes, cos_incidence: Lanes
-) -> Lanes:
-    """Area of the target that the receiver sees, A_b = pi (R r_PD / f)^2 / cos(theta), under (6).
-
-    Small angles; the target is plane and larger than that.
-    """
-    solid_angle = field_of_view_solid_angle_sr(detector_radius_m=detector_radius_m, focal_length_m=focal_length_m)
-    return solid_angle * range_m * range_m / cos_incidence
-
-
-def sun_flux_w(*, sun_irradiance_w_m2: Lanes, seen_area_m2: Lanes, cos_sun: Lanes) -> Lanes:
-    """Sunlight on the part of the target that the receiver sees, Phi_s of (6).
-
-    sun_irradiance_w_m2  in band, at normal incidence: the integral under (6), `physics.optics.solar_spectrum`
-    """
-    return sun_irradiance_w_m2 * seen_area_m2 * cos_sun
-
-
-def sun_intensity_w_sr(*, sun_flux_w: Lanes, reflectivity: Lanes, cos_incidence: Lanes) -> Lanes:
-    """Radiant intensity of sunlight from a Lambertian target towards the sensor, I_theta_s of (7).
-
-    The cosine of the incidence cancels against the one in `field_of_view_area_m2`.
-    """
-    return reflectivity * sun_flux_w / math.pi * cos_incidence
-
-
-def lambertian_sun_power_w(
-    *,
-    sun_irradiance_w_m2: Lanes,
-    reflectivity: Lanes,
-    cos_sun: Lanes,
-    aperture_m2: Lanes,
-    field_of_view_sr: Lanes,
-    transmittance: Lanes,
-    efficiency: Lanes,
-) -> Lanes:
-    """Sunlight from a Lambertian target on the detector, (8): (6) and (7) through the aperture (4).
-
-    The middle of (8) prints eta_r; its right side has eta_rs, which is correct. Range does not enter if the
-    transmittance is that of the target's range.
-    """
-    return background_power_w(
-        radiance_w_m2_sr=sun_irradiance_w_m2 * reflectivity * cos_sun / math.pi,
-        aperture_m2=aperture_m2,
-        field_of_view_sr=field_of_view_sr,
-        transmittance=transmittance,
-        efficiency=efficiency,
-    )

@@ -98,14 +98,6 @@ def top_hat_in_circle(*, spot_radius: Lanes, circle_radius: Lanes, distance: Lan
     return area / (math.pi * spot * spot)
 
 
-def point_share(*, off_axis_rad: Lanes, field_rad: Lanes, blur_rad: Lanes) -> Lanes:
-    """Share of the light of one point that falls on the detector: the part of its blur disc in the field of view.
-
-    off_axis_rad  between the point's direction and the receiver's axis
-    """
-    return top_hat_in_circle(spot_radius=blur_rad, circle_radius=field_rad, distance=off_axis_rad)
-
-
 def spot_share(*, profile: str, spot_rad: Lanes, off_axis_rad: Lanes, field_rad: Lanes, blur_rad: Lanes) -> Lanes:
     r"""Share of the spot's light that falls on the detector, in or out of focus.
 
@@ -113,10 +105,10 @@ def spot_share(*, profile: str, spot_rad: Lanes, off_axis_rad: Lanes, field_rad:
     off_axis_rad  angle of the spot's centre off the axis, `parallax_rad`
     blur_rad      `blur_radius_rad`; 0 in focus
 
-    It is the mean of `point_share` over the spot. As a function of the distance r from the axis, `point_share` falls
-    to zero between |b - phi| and b + phi (blur b, field phi), and its slope is the chord c(r) that the two circles
-    share. Integration by parts makes the mean an average over the light within circles of these radii, which both
-    profiles have in closed form:
+    It is the mean of `reference.optics.point_share` over the spot. As a function of the distance r from the axis, that
+    falls to zero between |b - phi| and b + phi (blur b, field phi), and its slope is the chord c(r) that the two
+    circles share. Integration by parts makes the mean an average over the light within circles of these radii, which
+    both profiles have in closed form:
 
     .. math:: \frac{1}{\pi b^2}\int_{|b-\varphi|}^{b+\varphi} c(r)\,P(r)\,dr
     """
@@ -152,16 +144,3 @@ def _share_with_blur(within: Callable[[Lanes], Lanes], field_rad: Lanes, blur_ra
         missing = missing - weight
     total = total + missing * within(near)
     return total / (math.pi * blur * blur)
-
-
-def blind_range_m(
-    *, offset_m: Lanes, exit_radius_m: Lanes, aperture_radius_m: Lanes, field_rad: Lanes, edge_rad: Lanes
-) -> Lanes:
-    """Range below which none of the spot reaches the detector, for parallel axes and focus at infinity.
-
-    There o / R = phi + theta + (r_A + w_0) / R: the spot's inner edge, blurred, leaves the field of view. 0 if the
-    axes are closer than the sum of the radii of exit and lens. For beams with straight edges that start
-    ``exit_radius_m`` wide and open by ``edge_rad``.
-    """
-    ops = xp(offset_m, aperture_radius_m, field_rad, edge_rad)
-    return ops.maximum(offset_m - aperture_radius_m - exit_radius_m, 0.0) / (field_rad + edge_rad)

@@ -81,11 +81,6 @@ def integral(curve: SpectralCurve, weight: Callable[[Numbers], Numbers], *, node
     return float(np.sum(np.diff(points) * (ends[1:] + ends[:-1] + 4.0 * centres)) / 6.0)
 
 
-def total_irradiance_w_m2(spectrum: SpectralCurve) -> float:
-    """Irradiance over all wavelengths of the spectrum."""
-    return integral(spectrum, np.ones_like)
-
-
 def illuminance_lux(spectrum: SpectralCurve) -> float:
     """E_v = 683 lm/W times the integral of V(lambda) E(lambda)."""
     return LUMINOUS_EFFICACY_LM_W * integral(spectrum, lambda x: photopic_efficiency(wavelength_m=x))
@@ -107,11 +102,6 @@ def super_gaussian_filter(*, centre_m: float, width_m: float, order: float = 2.0
     return SpectralCurve(wavelength_m=centre_m + 0.5 * width_m * u, value=np.exp(-math.log(2.0) * np.abs(u) ** order))
 
 
-def equivalent_width_m(transmittance: SpectralCurve) -> float:
-    """Width of the box filter that passes as much of a flat spectrum: the integral of the transmittance."""
-    return integral(transmittance, np.ones_like)
-
-
 def in_band_irradiance_w_m2(spectrum: SpectralCurve, transmittance: SpectralCurve) -> float:
     """Irradiance behind the filter, without scaling the spectrum."""
     return integral(spectrum, transmittance.at, nodes_m=transmittance.wavelength_m)
@@ -121,25 +111,3 @@ def irradiance_at_100_klux_w_m2(spectrum: SpectralCurve, transmittance: Spectral
     """Irradiance behind the filter with the spectrum scaled to 100 klux: the value in a sensor file."""
     scale = 1e3 * REFERENCE_ILLUMINANCE_KLUX / illuminance_lux(spectrum)
     return scale * in_band_irradiance_w_m2(spectrum, transmittance)
-
-
-def implied_box_width_m(spectrum: SpectralCurve, *, centre_m: float, irradiance_w_m2: float) -> float:
-    """Width of the box filter that passes this irradiance at 100 klux, by bisection.
-
-    Raises ValueError if the whole spectrum has less.
-    """
-
-    def passed(width_m: float) -> float:
-        return irradiance_at_100_klux_w_m2(spectrum, box_filter(centre_m=centre_m, width_m=width_m))
-
-    shortest, longest = float(spectrum.wavelength_m[0]), float(spectrum.wavelength_m[-1])
-    narrow, wide = 0.0, 2.0 * max(longest - centre_m, centre_m - shortest)
-    if not passed(wide) >= irradiance_w_m2 > 0.0:
-        raise ValueError(
-            f"irradiance must be more than 0 and at most {passed(wide):.1f} W/m2, all of this spectrum at 100 klux, "
-            f"got {irradiance_w_m2} W/m2"
-        )
-    for _ in range(60):
-        middle = 0.5 * (narrow + wide)
-        narrow, wide = (middle, wide) if passed(middle) < irradiance_w_m2 else (narrow, middle)
-    return 0.5 * (narrow + wide)

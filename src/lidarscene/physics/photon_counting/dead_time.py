@@ -24,7 +24,7 @@ _TERMS = 14
 _LITTLE, _FIFTH = 0.2, 1.0 / 120.0
 """Detections in a step up to which the share that fires is a series, and the last factor of that: off by 1e-6."""
 
-_MOST = 1.0 - 1e-6
+LARGEST_SHARE = 1.0 - 1e-6
 """Largest share of SPADs that single precision distinguishes from all of them."""
 
 
@@ -61,7 +61,7 @@ def firing_share(*, detections: Lanes) -> Lanes:
 
 def detections_of_share(*, share: Lanes) -> Lanes:
     """Lambda from the share of the free SPADs that fire: Coates' correction of one bin, -ln(1 - share) (T94)."""
-    return -log1p(-xp(share).minimum(share, _MOST))
+    return -log1p(-xp(share).minimum(share, LARGEST_SHARE))
 
 
 def coincidence_share(*, least: int, spads: Lanes, share: Lanes) -> Lanes:
@@ -70,7 +70,7 @@ def coincidence_share(*, least: int, spads: Lanes, share: Lanes) -> Lanes:
     The binomial tail, with relative precision: summed upwards where it is small, else one minus the terms below.
     """
     ops = xp(spads, share)
-    odds_of = ops.minimum(share, _MOST)
+    odds_of = ops.minimum(share, LARGEST_SHARE)
     odds = odds_of / (1.0 - odds_of)
     none_fires = ops.exp(spads * log1p(-odds_of))
     term, below = none_fires, none_fires
@@ -202,24 +202,3 @@ def missing_share(*, firings_s: Lanes, rate_hz: Lanes, dead_time_s: Lanes, back:
             term = term * since * (1.0 / factor)
         missing = missing - term
     return missing
-
-
-def coates(counts: Numbers, *, trials: float, dead_bins: float | None = None) -> Numbers:
-    """(n,) detections of each bin, per SPAD and shot, from a histogram with pile-up: Coates' correction (T94); NumPy.
-
-    Lambda_i = -ln(1 - n_i / (N - sum n_j)), with the sum over the bins in which those fired that are still blind
-    (P. B. Coates, "The correction for photon pile-up in the measurement of radiative lifetimes", J. Phys. E 1, 878,
-    1968).
-
-    counts     (n,) counts of the histogram, from the moment when all SPADs were free
-    trials     N, number of SPADs times shots
-    dead_bins  dead time in bins, whole or not; None: the rest of the shot. Firings are spread over their bin, so half
-               of them are free again in the bin that lies a whole dead time behind it
-    """
-    values = np.asarray(counts, dtype=np.float64)
-    count = len(values)
-    behind = np.arange(1.0, count + 1.0)
-    blind = np.ones(count) if dead_bins is None else np.clip(dead_bins + 0.5 - behind, 0.0, 1.0)
-    free = trials - np.concatenate([[0.0], np.convolve(values, blind)[: count - 1]])
-    with np.errstate(divide="ignore", invalid="ignore"):
-        return np.asarray(-np.log1p(-np.minimum(values / free, _MOST)))

@@ -396,21 +396,3 @@ def gain_of_breadth(*, signal: Lanes, background: Lanes, signal_variance: Lanes,
     flatness = ops.maximum(1.0 / ops.maximum(-bend, 1e-3) - 1.0, 0.0)
     broader = flatness / ops.sqrt(1.0 + flatness * flatness * (1.0 / (_BROADEST * _BROADEST)))
     return gain_of_place(signal=signal, background=background, signal_variance=signal_variance) * broader
-
-
-def bound_s(*, signal: Lanes, rate_hz: Lanes, sigma_s: float, bin_s: float) -> Lanes:
-    """Cramer and Rao's bound on the time of an echo, from counts in bins (T99).
-
-    1 / sqrt(sum (S g_i')^2 / (S g_i + r bin_s)), with g_i the share of the pulse in each bin and g_i' its derivative.
-    """
-    ops = xp(signal, rate_hz)
-    information: Lanes = 0.0
-    steps = math.ceil(6.0 * sigma_s / bin_s)
-    for k in range(-steps, steps + 1):
-        # Bins that lie symmetrically about the echo; another place changes the sum by less than 1e-3 for fine bins.
-        low, high = (k - 0.5) * bin_s / sigma_s, (k + 0.5) * bin_s / sigma_s
-        share = 0.5 * (math.erf(high * math.sqrt(0.5)) - math.erf(low * math.sqrt(0.5)))
-        slope = (math.exp(-0.5 * low * low) - math.exp(-0.5 * high * high)) / math.sqrt(2.0 * math.pi) / sigma_s
-        expected = signal * share + rate_hz * bin_s
-        information = information + (signal * slope) ** 2 / ops.maximum(expected, 1e-30)
-    return 1.0 / ops.sqrt(information)

@@ -18,12 +18,13 @@ narrowing, that height over the counts around the peak.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
 
 from ...maths.arrays import Lanes, LookupTable, Numbers, xp
+from ...maths.units import STATIC
 from . import dead_time
 from .matched_filter import SCALE, TEMPLATE
 from .pile_up import BOX
@@ -112,7 +113,7 @@ class Filtering:
     bin_sigmas: float
     dead_sigmas: float
     spads: float
-    coincidence: int
+    coincidence: int = field(metadata=STATIC)
     side: int
     centroid: bool
 

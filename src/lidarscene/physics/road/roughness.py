@@ -36,11 +36,6 @@ def density_m3(roughness: Roughness) -> float:
     return 0.0 if roughness == "flat" else 16e-6 * 4.0 ** "ABCDEFGH".index(roughness)
 
 
-def profile_density_m3(frequency_per_m: Numbers, roughness: Roughness) -> Numbers:
-    """One-sided spectral density of the height along a line, G(n) = G(n0) (n / n0)^-2 [m3] (T140)."""
-    return np.asarray(density_m3(roughness) * (frequency_per_m / REFERENCE_PER_M) ** -2.0)
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class RoughSurface:
     """A random surface as a sum of plane waves: h(r) = sum a_i cos 2 pi (k_i r + p_i).

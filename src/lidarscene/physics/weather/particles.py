@@ -14,13 +14,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from ...maths import random
 from ...maths.arrays import Array, Lanes, LookupTable, Numbers, xp
 from ...maths.random import Seed
+from ...maths.units import STATIC
 from .precipitation import Sizes
 
 MEAN_HITS = {1: 0.01, 2: 0.18, 4: 1.0, 8: 3.5, 16: 9.5, 32: 23.0}
@@ -43,7 +44,7 @@ class Strengths:
     backscatter_per_m_sr  (n,) beta of the particles too weak to be drawn, at these ranges
     """
 
-    count: int
+    count: int = field(metadata=STATIC)
     last_log: Lanes
     log_strength: LookupTable
     log_range: LookupTable

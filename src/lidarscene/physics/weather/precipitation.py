@@ -17,7 +17,7 @@ import numpy as np
 from ...maths.arrays import Lanes, xp
 from . import mie
 
-_DB_PER_KM = math.log(10.0) / 10.0 / 1000.0  # one decibel per kilometre, in 1/m
+DB_PER_KM = math.log(10.0) / 10.0 / 1000.0  # one decibel per kilometre, in 1/m
 
 FLAKE_DENSITY = {"dry": 0.1, "wet": 0.2}
 """Density of flakes over that of water: order of magnitude from C. Magono and T. Nakamura, J. Meteorol. Soc. Japan 43,
@@ -107,18 +107,13 @@ def rain_extinction_per_m(*, rate_mm_h: float) -> float:
     return marshall_palmer(rate_mm_h=rate_mm_h).extinction_per_m if rate_mm_h > 0.0 else 0.0
 
 
-def rain_extinction_carbonneau_per_m(*, rate_mm_h: float) -> float:
-    """1.076 R^0.67 dB/km, measured in France: T. H. Carbonneau and D. R. Wisely, Proc. SPIE 3232, 119 (1998)."""
-    return float(1.076 * rate_mm_h**0.67 * _DB_PER_KM)
-
-
 def snow_extinction_per_m(*, rate_mm_h: float, wavelength_m: float, kind: str) -> float:
     """alpha of snow, "dry" or "wet", for R mm/h of water: a R^b dB/km, Recommendation ITU-R P.1814.
 
     Wet: a = 1.023e-4 lambda + 3.7855466, b = 0.72. Dry: a = 5.42e-5 lambda + 5.4958776, b = 1.38. lambda in nm.
     """
     slope, constant, power = {"wet": (1.023e-4, 3.7855466, 0.72), "dry": (5.42e-5, 5.4958776, 1.38)}[kind]
-    return float((slope * wavelength_m * 1e9 + constant) * rate_mm_h**power * _DB_PER_KM)
+    return float((slope * wavelength_m * 1e9 + constant) * rate_mm_h**power * DB_PER_KM)
 
 
 def drop_backscatter_m2_sr(*, diameter_m: Lanes, wavelength_m: float) -> Lanes:

@@ -88,9 +88,9 @@ def read_ouster(path: Path, mode: str | None = None, *, text: str | None = None)
         name=f"{product} {metadata.get('prod_sn', '')}".strip(),
         lists=lists,
         scanner={
-            "rotation_hz": f"-{int(mode_match[2])}",
-            "columns_per_turn": str(int(mode_match[1])),
-            "start_azimuth_deg": repr(round(start_deg, 6)),
+            "rotation_hz": -int(mode_match[2]),
+            "columns_per_turn": int(mode_match[1]),
+            "start_azimuth_deg": round(start_deg, 6),
         },
         comments=tuple(comments),
     )

@@ -53,12 +53,12 @@ class Unit:
     name        product and serial number
     lists       lists by key of `[scanner]`: elevation, offset of the azimuth (counter-clockwise from above), place of
                 the exit in the head
-    scanner     other keys of `[scanner]` -> value as written in TOML
+    scanner     other keys of `[scanner]` -> value
     comments    lines on parts of the description for which a sensor file has no key
     """
 
     model: str
     name: str
     lists: dict[str, tuple[float, ...]]
-    scanner: dict[str, str] = field(default_factory=dict)
+    scanner: dict[str, float] = field(default_factory=dict)
     comments: tuple[str, ...] = ()

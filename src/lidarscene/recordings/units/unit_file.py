@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import re
 import tomllib
-from collections.abc import Sequence
+from collections.abc import Mapping
 from pathlib import Path
-
-import tomlkit
+from typing import Any
 
 from ... import catalog
 from ...errors import InputError
 from ...files.atomic import put_text
-from ...files.toml_edit import get_value, put_values
+from ...files.toml_edit import KeyPath, get_value, put_values, remove_values
 from ...sensor.sensor_file import sensor_from_tables
 from ..opening import open_recording
 from ..pcap_reader import json_beside
@@ -21,13 +19,12 @@ from .ouster_unit import read_ouster
 from .unit_beams import LIST_KEYS, Unit
 from .velodyne_unit import read_velodyne
 
-PER_LINE = 8
-"""Numbers of a list that stand in one line."""
+CYCLE_KEYS = ("cycle_us", "columns_per_turn")
+"""Keys of `[scanner]` of which a file has one."""
 
 MODEL_KEYS = (
     "rotation_hz",
-    "cycle_us",
-    "columns_per_turn",
+    *CYCLE_KEYS,
     "start_azimuth_deg",
     "sweep_deg",
     "frame_hz",
@@ -35,6 +32,12 @@ MODEL_KEYS = (
     "encoder_step_deg",
 )
 """Keys of `[scanner]` that come from the model where the unit's description lacks them."""
+
+REPLACED_SOURCES = ("scanner", "laser.repetition_rate_khz", "published")
+"""How the keys of `[sources]` begin that tell of numbers which the unit's file has not."""
+
+ALL_DIGITS = 17
+"""Significant digits with which any number comes back as it was."""
 
 
 def read_unit(path: Path, mode: str | None = None, *, sensor_index: int = 0) -> Unit:
@@ -90,12 +93,10 @@ def unit_text(unit: Unit, source: Path, *, like: str | None = None) -> tuple[str
             f"{source}: no sensor of the catalogue is of this kind ({beams} beams); --like (of twin: --sensor) says "
             "which is near"
         )
-    base = catalog.path_of("sensors", model).read_text(encoding="utf-8")
-    tables = _split_tables(base)
-    scanner = tables.get("scanner", "")
-    if 'type = "spinning"' not in scanner:
+    text = catalog.path_of("sensors", model).read_text(encoding="utf-8")
+    if get_value(text, ("scanner", "type")) != "spinning":
         raise InputError(f"--like {model}: must be a sensor that spins")
-    text, notes = _file_text(unit, source, model, tables)
+    text, notes = _file_text(unit, source, model, text)
     if model != unit.model:
         notes.append(
             f"warning: laser, optics, detector and timing are of the {model}, another product: the catalogue "
@@ -112,76 +113,37 @@ def with_second_returns(text: str) -> str:
     return put_values(text, {("histogram", "stops"): 2, ("histogram", "keep"): "strongest"})
 
 
-def _split_tables(text: str) -> dict[str, str]:
-    """Split a TOML file: header of each table -> its text, in order; "" -> the text before the first."""
-    tables = {"": ""}
-    name = ""
-    for line in text.splitlines(keepends=True):
-        header = re.fullmatch(r"\[+([\w.]+)\]+\s*", line)
-        if header:
-            name = header[1] if line.startswith("[[") is False else f"{header[1]} {len(tables)}"
-            tables[name] = ""
-        tables[name] += line
-    return tables
-
-
-def _file_text(unit: Unit, source: Path, model: str, tables: dict[str, str]) -> tuple[str, list[str]]:
-    """Text of the file, and notes on keys that were left out."""
-    scanner, notes = _scanner_text(unit, tables["scanner"])
-    summary = f"{unit.name}: beams of {source.name}, all else of the catalogue's {model}"
-    head = "".join(f"# {_one_line(comment)}\n" for comment in unit.comments)
-    head += f"name = {_toml_string(unit.name)}\ndescription = {_toml_string(summary)}\n\n"
-    laser = re.sub(r"(?m)^repetition_rate_khz = .*\n", "", tables["laser"])
+def _file_text(unit: Unit, source: Path, model: str, text: str) -> tuple[str, list[str]]:
+    """The model's text with the unit's beams and mode in place, and notes on keys that were left out."""
+    of_model, replaced_sources = get_value(text, ("scanner",)), get_value(text, ("sources",)) or {}
+    kept, notes = _kept_keys(unit, of_model)
     # Published values belong to the model, and hold with the model's own beams only.
-    other_tables = [
-        text
-        for name, text in tables.items()
-        if name not in ("", "laser", "scanner", "sources") and not name.startswith("published")
-    ]
-    replaced_sources = r'(?m)^"?(scanner\b|laser\.repetition_rate_khz|published)[^\n]*\n'
-    sources = re.sub(replaced_sources, "", tables.get("sources", "[sources]\n"))
-    sources = sources.rstrip("\n") + f"\nscanner = {_toml_string('unit-specific: ' + source.name)}\n"
-    model_keys = [key for key in MODEL_KEYS if re.search(rf"(?m)^{key} = ", scanner) and key not in unit.scanner]
-    for key in model_keys:
-        sources += f'"scanner.{key}" = "of the catalogue\'s {model}"\n'
-    return head + laser + scanner + "".join(other_tables) + sources, notes
+    removed: list[KeyPath] = [("laser", "repetition_rate_khz"), ("published",)]
+    removed += [("scanner", key) for key in of_model if key not in ("type", *kept)]
+    removed += [("sources", key) for key in replaced_sources if key.startswith(REPLACED_SOURCES)]
+    values: dict[KeyPath, Any] = {("name",): _one_line(unit.name)}
+    values["description",] = _one_line(f"{unit.name}: beams of {source.name}, all else of the catalogue's {model}")
+    values |= {("scanner", key): value for key, value in unit.scanner.items()}
+    values |= {("scanner", key): list(unit.lists[key]) for key in LIST_KEYS if key in unit.lists}
+    values["sources", "scanner"] = _one_line(f"unit-specific: {source.name}")
+    values |= {("sources", f"scanner.{key}"): f"of the catalogue's {model}" for key in kept}
+    head = "".join(f"# {_one_line(comment)}\n" for comment in unit.comments)
+    return head + put_values(remove_values(text, removed), values, digits=ALL_DIGITS), notes
 
 
-def _scanner_text(unit: Unit, of_model: str) -> tuple[str, list[str]]:
-    """Text of the unit's [scanner], and notes; keys that the description lacks come from the model if they fit."""
-    lines, notes = ['[scanner]\ntype = "spinning"\n'], []
-    lines += [f"{key} = {value}\n" for key, value in unit.scanner.items()]
-    beams = len(unit.lists["elevation_deg"])
-    clocked = {"cycle_us", "columns_per_turn"} & unit.scanner.keys()
-    for key in MODEL_KEYS:
-        if key in unit.scanner or (clocked and key in ("cycle_us", "columns_per_turn")):
-            continue
-        entry = re.search(rf"(?ms)^{key} = (\[.*?^\]|[^\n\[]+)\n", of_model)
-        if entry is None:
-            continue
-        if entry[1].startswith("[") and len(re.findall(r"[-\d.]+", entry[1])) != beams:
+def _kept_keys(unit: Unit, of_model: Mapping[str, Any]) -> tuple[list[str], list[str]]:
+    """Keys of the model's [scanner] that the unit's description lacks and that fit it, and notes on the others."""
+    kept, notes = [], []
+    given = {*unit.scanner, *(CYCLE_KEYS if not unit.scanner.keys().isdisjoint(CYCLE_KEYS) else ())}
+    for key in [key for key in MODEL_KEYS if key in of_model and key not in given]:
+        if isinstance(of_model[key], list) and len(of_model[key]) != len(unit.lists["elevation_deg"]):
             notes.append(f"{key}: left out, since the model has it for another number of lasers")
-            continue
-        lines.append(entry[0])
-    for key in LIST_KEYS:
-        if key in unit.lists:
-            lines.append(f"{key} = [\n{_list_text(unit.lists[key])}]\n")
-    return "".join([*lines, "\n"]), notes
-
-
-def _list_text(values: Sequence[float]) -> str:
-    starts = range(0, len(values), PER_LINE)
-    return "".join(
-        f"    {', '.join(repr(float(number)) for number in values[first : first + PER_LINE])},\n" for first in starts
-    )
+        else:
+            kept.append(key)
+    return kept, notes
 
 
 def _one_line(text: str) -> str:
     """Text of a maker's file as one line of UTF-8: it may hold line breaks, control characters, or half a letter."""
     whole = text.encode("utf-8", "replace").decode("utf-8")
     return " ".join("".join(letter if letter.isprintable() else " " for letter in whole).split())
-
-
-def _toml_string(text: str) -> str:
-    """The line as a string of TOML."""
-    return tomlkit.string(_one_line(text)).as_string()

@@ -13,14 +13,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Annotated, ClassVar, Literal
 
 from pydantic import model_validator
 
 from ...files.table_model import Table
 from ...maths.arrays import Lanes, xp
-from ...maths.units import FileKey, Quantity, Slider
+from ...maths.units import STATIC, FileKey, Quantity, Slider
 from ...physics.electronics.pulse_sums import SIGMAS_PER_FWHM
 from ...physics.optics import pulse, radiometry
 from ...physics.photon_counting import dead_time, matched_filter, pile_up
@@ -65,7 +65,7 @@ class Spad(Detector):
     ] = "all"
     coincidence: Annotated[
         int, Quantity(ge=1, le=16, about="SPADs that must fire in one bin to count; 1: each one counts")
-    ] = 1
+    ] = field(default=1, metadata=STATIC)
     afterpulse: Annotated[
         Lanes | None,
         Quantity(

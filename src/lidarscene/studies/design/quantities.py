@@ -243,8 +243,8 @@ def _revisit_s(sensor: Sensor, entry: QuantityFile) -> float:
 
 _FORMULAS: dict[str, Formula] = {
     "range": lambda sensor, entry: plane.range_at_probability_m(sensor, target_of(sensor, entry), entry.probability),
-    "detection_probability": lambda sensor, entry: statistics.detection_probability(
-        sensor, target_of(sensor, entry), entry.distance
+    "detection_probability": lambda sensor, entry: float(
+        plane.detection_probability(sensor, target_of(sensor, entry), entry.distance)[0]
     ),
     "snr": lambda sensor, entry: float(plane.snr(sensor, target_of(sensor, entry), entry.distance)[0]),
     "scatter_mm": _scatter_mm,

@@ -238,24 +238,6 @@ def front(study: StudyFile, designs: Sequence[Design]) -> list[Design]:
     return [feasible[number] for number in best]
 
 
-def hypervolume(points: Numbers, reference: Numbers) -> float:
-    """Volume that points to be minimized dominate below a reference; two or three objectives, exact."""
-    points = np.asarray(points, dtype=np.float64)
-    points = points[np.all(points < reference, axis=1)]
-    if points.shape[1] == 2:
-        points = points[np.argsort(points[:, 0])]
-        height = np.minimum.accumulate(np.concatenate([[reference[1]], points[:, 1]]))
-        right = np.append(points[:, 0], reference[0])
-        return float(np.sum((right[1:] - right[:-1]) * (reference[1] - height[1:])))
-    levels = np.append(np.unique(points[:, 2]), reference[2])
-    total = sum(
-        (levels[number + 1] - levels[number])
-        * hypervolume(points[points[:, 2] <= levels[number]][:, :2], np.asarray(reference)[:2])
-        for number in range(len(levels) - 1)
-    )
-    return float(total)
-
-
 def _size(bound: float) -> float:
     return abs(bound) or 1.0
 

@@ -4,7 +4,7 @@ A target at a distance is one pulse with a known echo: SNR, detection and range 
 stages of the simulation, over any axis and for any sensor.
 
 plane          SNR and range limit of a flat target
-statistics     detection, false alarms and range error
+statistics     false alarms among the points of a frame
 conditions     target, light and air, their bounds and defaults
 sweep_axes     what can be varied
 subjects       which sensors, with which changes

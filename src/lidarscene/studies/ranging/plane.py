@@ -10,7 +10,7 @@ from __future__ import annotations
 import dataclasses
 import enum
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -20,7 +20,7 @@ from ...light.beams import Beams
 from ...light.echoes import Ambient, Echoes, receive
 from ...light.fluctuations import FluctuationLaw
 from ...light.hits import Hits
-from ...maths.arrays import Lanes, Numbers
+from ...maths.arrays import Lanes, Numbers, xp
 from ...physics.electronics import range_limit, tdc
 from ...physics.optics import radiometry, scintillation, sunlight
 from ...scene.scene import Air
@@ -29,10 +29,9 @@ from ...sensor.sensor_model import Sensor
 
 _NEAREST_M, _FARTHEST_M = 1e-2, 1e6
 _STEPS_PER_DECADE = 16  # of the grid for the last crossing
-_ACCURACY = 1e-12  # relative accuracy of the maximum range
+_ACCURACY = 5e-14  # of the maximum range, as a share of eight decades: 1e-12 relative
 _AT_ONCE = 4096  # most points of the grid in one call
-_EVEN = np.arange(9) / 8.0  # places in a bracket at which ranges are tried,
-_CLOSER = 2.0 ** -np.arange(4, 48, 2)  # and distances from the guess, as shares of the way to the ends
+_MOST_LOG = 700.0  # of the margin: without noise, or without signal, it is infinite
 _BLINDING_W = 1e20  # more light than any detector resolves
 _NOTHING = 1e-100  # below this the products of the closed forms underflow
 PARTS = ("laser", "optics", "detector", "tdc", "sampler", "receiver", "histogram")
@@ -94,29 +93,27 @@ def stack_sensors(sensors: Sequence[Sensor]) -> Sensor | None:
     return replace(first, **changes)
 
 
-def echoes_of_plane(sensor: Sensor, target: Target, range_m: Numbers | float) -> Echoes:
-    """Light on the detector from the target at these ranges, by the same stage that `render` runs."""
-    shape = np.broadcast_shapes(np.shape(range_m), conditions_shape(sensor, target))
-    ranges = np.array(np.broadcast_to(np.asarray(range_m, dtype=np.float64), shape or (1,)))
-    ones = np.ones_like(ranges)
+def light_of_plane(sensor: Sensor, target: Target, range_m: Lanes) -> Echoes:
+    """Light on the detector from the target, by the same stage that `render` runs; all numbers NumPy or Dr.Jit."""
     sun = sunlight.sun_irradiance_w_m2(
         irradiance_at_100_klux_w_m2=sensor.optics.sun_irradiance_w_m2, illuminance_klux=target.illuminance_klux
     )
+    lit = xp(range_m, target.cos_sun).maximum(target.cos_sun, 0.0)
     hits = Hits(
-        has_surface=ranges > 0.0,
-        range_m=ranges,
-        cos_incidence=target.cos_incidence * ones,
-        backscatter_per_sr=target.reflectivity * target.cos_incidence / math.pi * ones,
-        sun_scatter_per_sr=target.reflectivity * np.maximum(target.cos_sun, 0.0) / math.pi * ones,
-        reflectivity=target.reflectivity * ones,
-        cos_sun=target.cos_sun * ones,
-        lit=(target.cos_sun * ones > 0.0) & (ranges > 0.0),
-        face=np.zeros(ranges.shape, dtype=np.int32),
+        has_surface=range_m > 0.0,
+        range_m=range_m,
+        cos_incidence=target.cos_incidence,
+        backscatter_per_sr=target.reflectivity * target.cos_incidence / math.pi,
+        sun_scatter_per_sr=target.reflectivity * lit / math.pi,
+        reflectivity=target.reflectivity,
+        cos_sun=target.cos_sun,
+        lit=target.cos_sun > 0.0,
+        face=0,
     )
     beams = Beams(
-        pulse=np.arange(ranges.size, dtype=np.uint32).reshape(ranges.shape),
+        pulse=0,
         origin_m=(0.0, 0.0, 0.0),
-        direction=(ones, 0.0 * ones, 0.0 * ones),
+        direction=(1.0, 0.0, 0.0),
         aperture_m2=sensor.optics.aperture_m2 * target.aperture_share,
     )
     ambient = Ambient(
@@ -126,6 +123,16 @@ def echoes_of_plane(sensor: Sensor, target: Target, range_m: Numbers | float) ->
         extinction_per_m=target.extinction_per_m,
     )
     return receive(beams, hits, sensor, ambient)
+
+
+def echoes_of_plane(sensor: Sensor, target: Target, range_m: Numbers | float) -> Echoes:
+    """`light_of_plane` at these ranges, in the common shape of ranges and conditions."""
+    shape = np.broadcast_shapes(np.shape(range_m), conditions_shape(sensor, target))
+    ranges = np.array(np.broadcast_to(np.asarray(range_m, dtype=np.float64), shape or (1,)))
+    surface = {
+        name: getattr(target, name) * np.ones_like(ranges) for name in ("reflectivity", "cos_incidence", "cos_sun")
+    }
+    return light_of_plane(sensor, replace(target, **surface), ranges)
 
 
 def _response(sensor: Sensor, light: Echoes) -> tuple[WorkingPoint, Numbers, Numbers]:
@@ -192,25 +199,48 @@ def detection_probability(sensor: Sensor, target: Target, range_m: Numbers | flo
 def range_at_probability_m(sensor: Sensor, target: Target, probability: float) -> float:
     """Farthest range at which P_d is at least this, within the converter's window; 0 if it is nowhere. One condition.
 
-    The last crossing on a grid of 16 points per decade, narrowed to 1e-9 relative. The next ranges that are tried lie
-    closer and closer around the place where a straight line from end to end would cross, as in `_narrow`.
+    The last crossing on a grid of 16 points per decade, to 1e-9 relative.
     """
+    from scipy.optimize import brentq
+
     decades = math.log10(_FARTHEST_M / _NEAREST_M)
     ranges = np.geomspace(_NEAREST_M, _FARTHEST_M, round(decades * _STEPS_PER_DECADE) + 1)
     start = radiometry.range_from_time_of_flight_m(time_of_flight_s=sensor.tdc.blanking_s)
     end = float(window_m(sensor))
     ranges = np.concatenate([ranges[ranges < end], [end]])
-    while True:
-        excess = detection_probability(sensor, target, ranges) - probability
-        reached = np.flatnonzero(excess >= 0.0)
-        if not reached.size:
-            return 0.0
-        near = int(reached[-1])
-        if near == len(ranges) - 1 or ranges[near + 1] <= ranges[near] * (1.0 + 1e-9):
-            return float(ranges[near]) if ranges[near] > start else 0.0
-        guess = excess[near] / (excess[near] - excess[near + 1])
-        places = np.concatenate([_EVEN, guess - guess * _CLOSER, [guess], guess + (1.0 - guess) * _CLOSER])
-        ranges = ranges[near] * (ranges[near + 1] / ranges[near]) ** np.unique(places)
+    reached = np.flatnonzero(detection_probability(sensor, target, ranges) >= probability)
+    if not reached.size:
+        return 0.0
+    last = float(ranges[reached[-1]])
+    if last < end:
+
+        def excess(range_m: float) -> float:
+            return float(detection_probability(sensor, target, range_m)[0]) - probability
+
+        last = float(brentq(excess, last, ranges[reached[-1] + 1], xtol=1e-9 * last))
+    return last if last > start else 0.0
+
+
+def _crossing_m(excess: Callable[[Numbers], Numbers], near: Numbers, far: Numbers) -> Numbers:
+    """(n,) ranges at which an excess, >= 0 at ``near`` and < 0 at ``far``, goes through 0; NaN where it does not.
+
+    Chandrupatla's method on the logarithm of the range: a power law's own is a straight line there.
+    """
+    from scipy.optimize import elementwise
+
+    ranges = near.copy()
+
+    def of_some(share: Numbers, index: Numbers) -> Numbers:
+        # The excess is of all conditions, so all are computed, those that are found too. At the ends the very ranges
+        # that are known to be on either side: the nearest float may be on the other.
+        start, end = near[index], far[index]
+        ranges[index] = np.where(share < 1.0, start * (end / start) ** share, end)
+        return excess(ranges)[index]
+
+    ends, index = (np.zeros_like(near), np.ones_like(near)), np.arange(len(near))
+    tolerances = {"xatol": _ACCURACY, "xrtol": 0.0, "fatol": 0.0, "frtol": 0.0}
+    share = elementwise.find_root(of_some, ends, args=(index,), tolerances=tolerances).x
+    return np.asarray(near * (far / near) ** share)
 
 
 def window_m(sensor: Sensor) -> Any:
@@ -240,7 +270,7 @@ def maximum_range_m(sensor: Sensor, target: Target) -> tuple[Any, Any]:
     It is that of the signal: a converter whose window ends before reports less, `reported_range_m`.
 
     Two scalars, or two arrays of the conditions' shape. 0 if there is no such range, inf if there is no limit; never
-    NaN. Accurate to 1e-12 relative, by secants in log range on the exact response.
+    NaN. Accurate to 1e-12 relative, on the exact response.
 
     Between 1 cm and 1000 km the signal falls while, in clear air, the level stays, so there is one crossing. With
     extinction sunlight fades with range too, and a SiPM that is blinded nearby may see again farther away; with an
@@ -260,43 +290,18 @@ def maximum_range_m(sensor: Sensor, target: Target) -> tuple[Any, Any]:
     last = np.where(detected.any(axis=0), cuts - np.argmax(detected[::-1], axis=0), -1)
     near, far = grid[np.maximum(last, 0)], grid[np.minimum(last + 1, cuts)]
     last = np.where((last >= 0) & _is_noiseless(sensor, target), cuts, last)
-    # Conditions without a crossing get a closed bracket, so that bisection skips them.
-    open_bracket = (last >= 0) & (last < cuts)
-    near, far = np.where(open_bracket, near, 1.0), np.where(open_bracket, far, 1.0)
-    while np.any(far / near > 1.0 + _ACCURACY):
-        near, far = _narrow(sensor, target, near, far)
-    limit = np.where(last < 0, 0.0, np.where(last == cuts, math.inf, np.sqrt(near * far)))
+
+    def margin(range_m: Numbers) -> Numbers:
+        with np.errstate(divide="ignore"):
+            return np.clip(np.log(detection_margin(sensor, target, range_m)), -_MOST_LOG, _MOST_LOG)
+
+    found = _crossing_m(lambda range_m: margin(range_m.reshape(ones.shape)).ravel(), near.ravel(), far.ravel())
+    limit = np.where(last < 0, 0.0, np.where(last == cuts, math.inf, found.reshape(ones.shape)))
     never = np.where(_is_saturated(sensor, target), RangeStatus.SATURATED, RangeStatus.NEVER_DETECTED)
     status = np.where(last < 0, never, np.where(last == cuts, RangeStatus.NO_LIMIT, RangeStatus.FOUND))
     if not shape:
         return float(limit[0]), RangeStatus(int(status[0]))
     return limit, status
-
-
-def _narrow(sensor: Sensor, target: Target, near: Numbers, far: Numbers) -> tuple[Numbers, Numbers]:
-    """Narrow brackets of the crossing to at most an eighth in log range, mostly to far less.
-
-    The secant of log margin over log range says where the crossing may be, and is exact for any power law. Ranges are
-    tried closer and closer around that place, in one call, for a call takes nearly the same time for 1 range and for
-    100. The error of the secant goes with the square of the width, so five steps do. Where the level jumps, the secant
-    is wrong, and a crossing is found between the ranges that are tried evenly.
-    """
-    ends, width = np.stack([near, far]), np.log(far / near)
-    with np.errstate(divide="ignore", invalid="ignore"):
-        above, below = np.log(_ratio(*_response(sensor, echoes_of_plane(sensor, target, ends))[1:]))
-        guess = above / (above - below)
-    # Without noise, or without signal, there is no guess.
-    guess = np.where((guess > 0.0) & (guess < 1.0), guess, 0.5)
-    even = np.multiply.outer(_EVEN, np.ones_like(near))
-    closer = np.multiply.outer(_CLOSER, np.ones_like(near))
-    parts = np.concatenate([even, guess - guess * closer, guess[None], guess + (1.0 - guess) * closer])
-    ranges = near * np.exp(np.sort(parts, axis=0) * width)
-    ranges[0], ranges[-1] = near, far
-    detected = _is_detected(sensor, target, ranges)
-    detected[0], detected[-1] = True, False
-    last = len(ranges) - 1 - np.argmax(detected[::-1], axis=0)
-    bracket = np.take_along_axis(ranges, np.stack([last, last + 1]), axis=0)
-    return bracket[0], bracket[1]
 
 
 def _is_detected(sensor: Sensor, target: Target, range_m: Numbers) -> Numbers:

@@ -22,12 +22,9 @@ import numpy as np
 
 from ...errors import BackendError, InputError
 from ...figures.report import PAGE, Figure, Report
-from ...light.beams import Beams
-from ...light.echoes import Ambient, Echoes, receive
-from ...light.hits import Hits
 from ...maths.arrays import Lanes, xp
-from ...maths.units import split_unit
-from ...physics.optics import scintillation, sunlight
+from ...maths.units import is_continuous, split_unit
+from ...physics.optics import scintillation
 from ...sensor.detectors import Apd
 from ...sensor.overlap import SIXTH_ORDER
 from ...sensor.sensor_model import Sensor, overlap_geometry
@@ -45,7 +42,6 @@ Derivation = Callable[[Formula, Mapping[str, float]], tuple[float, dict[str, flo
 _RANGE = "range_m"
 _DEVIATE = "deviate"
 _ALIGNMENT = "optics.overlap"
-_CODE = ("stops", "reach", "search", "coincidence", "bin_to_sigma", "samples", "room")
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,8 +84,7 @@ class SensitivityTable:
 def parameters(sensor: Sensor, target: Target) -> dict[str, float]:
     """Every continuous number of laser, optics, detector, electronics and target, by dotted name, in SI units.
 
-    Counts that choose code (``tdc.stops``, ``detector.coincidence``) are left out; the number of cells counts as
-    continuous.
+    Counts (``tdc.stops``) and what else chooses code are left out; the number of cells counts as continuous.
     """
     parts = {name: getattr(sensor, name) for name in plane.PARTS} | {"target": target}
     if sensor.optics.overlap is not None:
@@ -100,12 +95,8 @@ def parameters(sensor: Sensor, target: Target) -> dict[str, float]:
             continue
         for field in dataclasses.fields(part):
             value = getattr(part, field.name)
-            if (
-                isinstance(value, (int, float))
-                and not isinstance(value, bool)
-                and math.isfinite(value)
-                and field.name not in _CODE
-            ):
+            is_number = isinstance(value, (int, float)) and not isinstance(value, bool)
+            if is_number and math.isfinite(value) and is_continuous(field):
                 numbers[f"{prefix}.{field.name}"] = float(value)
     return numbers
 
@@ -135,7 +126,7 @@ def margin_and_detection(
 
     deviate  normal deviate of the power that P_d is of, if the echo fluctuates
     """
-    light = _light(sensor, target, range_m)
+    light = plane.light_of_plane(sensor, target, range_m)
     point = sensor.working_point(light.background_power_w, range_m=light.range_m)
     signal, level = point.response.signal(light.peak_power_w), sensor.threshold(point)
     variance = plane.fluctuation_variance(sensor, target, light.range_m)
@@ -156,7 +147,7 @@ def _detection(sensor: Sensor, target: Target, range_m: Lanes, *, deviate: Lanes
 
 def _snr(sensor: Sensor, target: Target, range_m: Lanes, *, deviate: Lanes) -> Lanes:
     """`plane.snr`, which is that of the mean power whatever the deviate."""
-    light = _light(sensor, target, range_m)
+    light = plane.light_of_plane(sensor, target, range_m)
     point = sensor.working_point(light.background_power_w, range_m=light.range_m)
     return point.response.signal(light.peak_power_w) / point.noise.deviation
 
@@ -398,39 +389,6 @@ def tornado(path: str | os.PathLike[str], table: SensitivityTable) -> None:
         title=f"{table.sensor}: maximum range {table.range_m:.1f} m",
         label="change of the maximum range for +1 % [%]",
     )
-
-
-def _light(sensor: Sensor, target: Target, range_m: Lanes) -> Echoes:
-    """`ranging.echoes_of_plane` for numbers of any kind, at one range."""
-    ops = xp(range_m)
-    sun = sunlight.sun_irradiance_w_m2(
-        irradiance_at_100_klux_w_m2=sensor.optics.sun_irradiance_w_m2, illuminance_klux=target.illuminance_klux
-    )
-    lit = ops.maximum(target.cos_sun, 0.0)
-    hits = Hits(
-        has_surface=range_m > 0.0,
-        range_m=range_m,
-        cos_incidence=target.cos_incidence,
-        backscatter_per_sr=target.reflectivity * target.cos_incidence / math.pi,
-        sun_scatter_per_sr=target.reflectivity * lit / math.pi,
-        reflectivity=target.reflectivity,
-        cos_sun=target.cos_sun,
-        lit=target.cos_sun > 0.0,
-        face=0,
-    )
-    beams = Beams(
-        pulse=0,
-        origin_m=(0.0, 0.0, 0.0),
-        direction=(1.0, 0.0, 0.0),
-        aperture_m2=sensor.optics.aperture_m2 * target.aperture_share,
-    )
-    ambient = Ambient(
-        sun_irradiance_w_m2=sun,
-        transmittance=target.transmittance,
-        extinction_per_m=target.extinction_per_m,
-        sky_irradiance_w_m2=sunlight.sky_irradiance_w_m2(sun_irradiance_w_m2=sun, diffuse_share=target.diffuse_share),
-    )
-    return receive(beams, hits, sensor, ambient)
 
 
 def _signed_text(value: float) -> str:

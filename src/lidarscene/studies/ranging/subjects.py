@@ -15,7 +15,7 @@ from ... import catalog
 from ...errors import InputError
 from ...files.overrides import split_sensor, with_overrides
 from ...files.toml import read_toml
-from ...sensor.sensor_file import sensor_from_tables, tables_of
+from ...sensor.sensor_file import SensorTables, sensor_from_tables
 from ...sensor.sensor_model import Sensor
 
 
@@ -67,8 +67,8 @@ class Subject:
 
 def subject_of(name: str, sensor: Sensor) -> Subject:
     """Subject of a sensor, with its tables if `load_sensor` or `Sensor.replace` built it."""
-    tables = tables_of(sensor)
-    if tables is None:
+    tables = sensor.origin
+    if not isinstance(tables, SensorTables):
         return Subject(name=name, argument=name, where=name, tables={}, folder=None, built=sensor)
     return Subject(
         name=name,

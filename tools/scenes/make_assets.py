@@ -1,4 +1,4 @@
-"""Make every mesh of the shipped scenes: python assets/make_assets.py [--out DIR].
+"""Make every mesh of the shipped scenes: python tools/scenes/make_assets.py [--out DIR].
 
 All is modelled here, by lofts, lathes and cuts; nothing is downloaded and nothing is drawn at random that is
 not fixed by a seed, so that a second run writes the same bytes. Coordinates are written as they are, z up,
@@ -44,7 +44,7 @@ def make(folder):
 def main():
     """Run from the command line."""
     parser = argparse.ArgumentParser(description="make the meshes of the shipped scenes")
-    parser.add_argument("--out", type=Path, default=Path(__file__).parent / "meshes")
+    parser.add_argument("--out", type=Path, default=Path(__file__).parents[2] / "assets" / "meshes")
     sys.stdout.write("\n".join(make(parser.parse_args().out)) + "\n")
 
 

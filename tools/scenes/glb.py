@@ -58,7 +58,7 @@ def _length(vectors):
 def glb_bytes(parts, colours):
     """`parts` name -> Mesh and `colours` name -> (r, g, b, alpha), as one GLB file."""
     tree = {
-        "asset": {"version": "2.0", "generator": "lidarscene assets/make_assets.py"},
+        "asset": {"version": "2.0", "generator": "lidarscene tools/scenes/make_assets.py"},
         "scene": 0,
         "scenes": [{"nodes": [len(parts)]}],
         "nodes": [

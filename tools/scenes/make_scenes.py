@@ -1,4 +1,4 @@
-"""Write the shipped scenes: python assets/make_scenes.py [--out DIR]."""
+"""Write the shipped scenes: python tools/scenes/make_scenes.py [--out DIR]."""
 
 import argparse
 import sys
@@ -51,7 +51,7 @@ def make(folder):
 def main():
     """Run from the command line."""
     parser = argparse.ArgumentParser(description="write the shipped scenes")
-    parser.add_argument("--out", type=Path, default=Path(__file__).parent.parent / "scenes")
+    parser.add_argument("--out", type=Path, default=Path(__file__).parents[2] / "scenes")
     make(parser.parse_args().out)
     sys.stdout.write(f"{', '.join(SCENES)} written\n")
 

@@ -7,7 +7,7 @@ LENGTH_M = 900.0
 
 def text():
     """The scene file: all but the street's own keys is as `[street]` has it."""
-    first = "# Made by assets/make_scenes.py; change it there and run it again.\n"
+    first = "# Made by tools/scenes/make_scenes.py; change it there and run it again.\n"
     description = "two minutes along a street that is made from a seed, with traffic, crossings and people"
     first += table(f"name = {value('town')}", description=description)
     return "\n".join([first, table("[street]", seed=1, length_m=LENGTH_M)])

@@ -4,7 +4,7 @@ import tomllib
 from pathlib import Path
 
 MESHES = "../assets/meshes"
-KINDS = tomllib.loads((Path(__file__).parents[1] / "src/lidarscene/catalog/meshes.toml").read_text(encoding="utf-8"))
+KINDS = tomllib.loads((Path(__file__).parents[2] / "src/lidarscene/catalog/meshes.toml").read_text(encoding="utf-8"))
 
 
 def value(item):
@@ -80,7 +80,7 @@ def primitive(name, shape, kind, material, *, position_m=None, instances=None, *
 
 def header(name, description, *, made_by, sun, sky, air, sensor, picture, weather=None, ground=None, ego=None):
     """What stands above the bodies: the tables of numbers."""
-    first = f"# Made by assets/{made_by}; change it there and run it again.\n"
+    first = f"# Made by tools/scenes/{made_by}; change it there and run it again.\n"
     first += table(f"name = {value(name)}", description=description)
     parts = {"sun": sun, "sky": sky, "air": air, "weather": weather, "ground": ground, "ego": ego}
     parts |= {"sensor": sensor, "picture": picture}
