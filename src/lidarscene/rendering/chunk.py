@@ -13,15 +13,14 @@ from typing import Any
 
 import numpy as np
 
-from ..detection.outcomes import Outcome
-from ..detection.returns import Detection
+from ..detection.report import Detection, without_pulses
 from ..kernel.device import transfer
 from ..kernel.rays.kept_lanes import Retraced
 from ..kernel.rays.point_columns import Staged, with_nan_outcomes
 from ..light.beams import Beams
 from ..light.echoes import Echoes
 from ..light.hits import Hits
-from ..maths.arrays import Array, Mask, Numbers, is_drjit, xp
+from ..maths.arrays import Array, Mask, Numbers, flatten, is_drjit
 from ..maths.pose import Pose
 from .frame import LARGEST_FLOAT32_M
 from .tiles import Order
@@ -56,23 +55,9 @@ class Chunk:
 
     def arrays(self) -> list[Any]:
         """Device arrays that the columns of points need: the outputs of the stages' kernel."""
-        detection = self.detection
-        needed = [self.pulse, detection.snr, detection.detection_probability, detection.outcome, detection.ambient]
-        needed += [array for array in (self.goes_on, self.leaks, detection.source) if array is not None]
-        for hits in self.paths:
-            needed += truth_arrays(hits)
-        for stop in detection.stops:
-            needed += [stop.reported, stop.status, stop.range_m, stop.intensity]
-            optional = (
-                stop.width_s,
-                stop.photons,
-                stop.snr,
-                stop.detection_probability,
-                stop.source,
-                stop.true_range_m,
-            )
-            needed += [array for array in optional if array is not None]
-        return needed
+        masks = [mask for mask in (self.goes_on, self.leaks) if mask is not None]
+        truth = (array for hits in self.paths for array in truth_arrays(hits))
+        return [self.pulse, *masks, *truth, *flatten(self.detection)]
 
 
 def drop_continuing(
@@ -83,19 +68,13 @@ def drop_continuing(
         goes_on = leaks if goes_on is None else goes_on | leaks
     if goes_on is None:
         return Chunk(pulse, paths, with_nan_outcomes(detection))
-    stops = [dataclasses.replace(stop, reported=stop.reported & ~goes_on) for stop in detection.stops]
-    outcome = xp(goes_on).where(goes_on, int(Outcome.NO_SURFACE), detection.outcome)
-    remaining = dataclasses.replace(detection, stops=tuple(stops), outcome=outcome)
-    return Chunk(pulse, paths, with_nan_outcomes(remaining), goes_on, leaks)
+    return Chunk(pulse, paths, with_nan_outcomes(without_pulses(detection, goes_on)), goes_on, leaks)
 
 
 def without_lanes(part: Chunk, dropped: Numbers) -> Chunk:
     """Return a chunk in which these lanes, (n,) bool, count as without a surface, as in `drop_continuing`."""
     goes_on = transfer.unsigned_numbers(dropped) != 0
-    stops = [dataclasses.replace(stop, reported=stop.reported & ~goes_on) for stop in part.detection.stops]
-    outcome = xp(goes_on).where(goes_on, int(Outcome.NO_SURFACE), part.detection.outcome)
-    detection = dataclasses.replace(part.detection, stops=tuple(stops), outcome=outcome)
-    return dataclasses.replace(part, detection=detection, goes_on=goes_on)
+    return dataclasses.replace(part, detection=without_pulses(part.detection, goes_on), goes_on=goes_on)
 
 
 def detection_values(parts: Sequence[Chunk], name: str, *, ordered: bool = True) -> Numbers:

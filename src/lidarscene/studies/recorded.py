@@ -19,7 +19,8 @@ from pydantic import Field, model_validator
 
 from .. import catalog
 from ..detection.outcomes import Status
-from ..detection.receivers import detect, withhold_beside_glare
+from ..detection.receiver import detect
+from ..detection.withholding import withhold_beside_glare
 from ..figures.report import text_table
 from ..files.toml import FileModel, read_toml, validate
 from ..light.echoes import EchoTrain, SubEchoes

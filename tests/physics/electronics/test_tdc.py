@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
-from scipy.stats import norm
 from numpy.typing import NDArray
+from scipy.stats import norm
 
 from lidarscene.physics.electronics import tdc
 

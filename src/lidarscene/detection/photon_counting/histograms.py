@@ -18,8 +18,8 @@ from ...maths.random import Stage
 from ...physics.photon_counting import dead_time, draws
 from ...sensor.detectors.spad_detector import Spad
 from ...sensor.sensor_model import Sensor
+from .expectation import broaden
 from .folding import fold
-from .histogram_receiver import broaden
 
 _FINE = 8
 """Steps of each bin in which the course of the free SPADs is followed."""

@@ -1,7 +1,7 @@
 """Detection statistics of a sensor on a target: detection curves, detection against false alarms, simulated shots.
 
 The formulas are those of `physics.electronics.tdc` and of the detector's working point, which `render` uses too.
-Shots are simulated by `detection.receivers.detect_alone`, on numpy with made-up echoes. No tracing, no LLVM.
+Shots are simulated by `detection.receiver.detect`, on numpy with made-up echoes. No tracing, no LLVM.
 
 Symbols: TNR threshold over noise, P_d detection and P_f false-alarm probability.
 """
@@ -18,7 +18,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from ...detection.outcomes import Outcome, Status
-from ...detection.receivers import detect_alone
+from ...detection.receiver import detect
 from ...light.fluctuations import fluctuate
 from ...maths.arrays import Lanes, Numbers
 from ...physics.constants import ELEMENTARY_CHARGE_C, SPEED_OF_LIGHT_M_S
@@ -90,7 +90,7 @@ def detection_curve(sensor: Sensor, target: Target, snr: Numbers, *, own_noise: 
     """
     point = sensor.working_point(_background_w(sensor, target))
     signal = np.asarray(snr, dtype=np.float64) * point.noise.deviation
-    sigma = _sigma(point, signal) if own_noise else point.noise.deviation + 0.0 * signal
+    sigma = point.noise.at(signal) if own_noise else point.noise.deviation + 0.0 * signal
     return np.asarray(point.detection_probability(sensor.threshold(point), signal, sigma))
 
 
@@ -181,7 +181,7 @@ def false_points(sensor: Sensor, target: Target, range_m: float | None = None) -
 def simulated_shots(
     sensor: Sensor, target: Target, range_m: float | None, *, shots: int = 100_000, seed: int = 0
 ) -> ShotCounts:
-    """Simulate pulses at a target, or for a range of None into the sky, by `receivers.detect_alone` on NumPy."""
+    """Simulate pulses at a target, or for a range of None into the sky, by `receiver.detect` on NumPy."""
     ones = np.ones(shots)
     echoes = plane.echoes_of_plane(sensor, target, ones if range_m is None else range_m * ones)
     if range_m is None:
@@ -193,7 +193,7 @@ def simulated_shots(
     variance = plane.fluctuation_variance(sensor, target, echoes.range_m)
     if variance is not None:
         echoes = fluctuate(echoes, variance, seed=seed, pulse=pulse)
-    detection = detect_alone(echoes, sensor, seed=seed, pulse=pulse)
+    detection = detect(echoes, sensor, seed=seed, pulse=pulse)
     alarms = sum(
         int(np.sum(np.asarray(stop.reported & (stop.status == int(Status.FALSE_ALARM))))) for stop in detection.stops
     )
@@ -266,15 +266,6 @@ def _mean_over_points(sensor: Sensor, threshold: Lanes, formula: Callable[[Lanes
         return formula(histogram.threshold_of_noise(threshold, 0.0))
     values = [np.asarray(formula(histogram.threshold_of_noise(threshold, place))) for place in _DEVIATES]
     return np.asarray(np.mean(values, axis=0))
-
-
-def _sigma(point: WorkingPoint, signal: Lanes) -> Numbers:
-    """Noise at the peak, with the echo's own shot noise."""
-    return np.asarray(
-        tdc.noise_at_level(
-            level=signal, noise=point.noise.deviation, kappa_1=point.noise.kappa_1, kappa_2=point.noise.kappa_2
-        )
-    )
 
 
 def _webb_with_amplifier(
