@@ -5,8 +5,8 @@ come one after the other, so the best so far are held in a short list, into whic
 (docs/theory.md 17 and 36).
 
 One time decides about a return, whether an echo or noise causes it: when it crosses the comparator's threshold. By that
-time it is within the window or not, nearer than another than the dead time or not, and before or behind it. A receiver
-that has no crossings, but peaks of a histogram, goes by the time that it reports of them.
+time it is within the window or not, and before or behind another. A histogram has no crossings: its returns are ordered
+and held apart by the time that is reported of them, and are within the window if their light is.
 """
 
 from __future__ import annotations

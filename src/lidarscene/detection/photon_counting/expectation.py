@@ -16,7 +16,7 @@ from ...physics.electronics.pulse_sums import SIGMAS_PER_FWHM
 from ...physics.optics import scintillation
 from ...physics.photon_counting import dead_time, matched_filter, valleys
 from ...sensor.detectors import WorkingPoint
-from ...sensor.detectors.spad_detector import PLACES, Macropixel
+from ...sensor.detectors.macropixel import PLACES, Macropixel
 from ...sensor.sensor_model import Sensor
 from ..shots import Shots
 from .tuning import MERGED, SURE
@@ -73,13 +73,13 @@ class FilteredLight(Shots):
 
     def pixel_at(self, range_m: Lanes) -> Macropixel:
         """SPADs at this range, (n,): those that fire once in a shot become fewer."""
-        if self.pixel.spad.stamps == "all":
+        if not self.pixel.spad.fires_once:
             return self.pixel
         return self.sensor.pixel(self.train.background_power_w, range_m=range_m)
 
     def point_at(self, range_m: Lanes) -> tuple[WorkingPoint, Lanes]:
         """Working point at this range and its median threshold, (n,)."""
-        if self.pixel.spad.stamps == "all":
+        if not self.pixel.spad.fires_once:
             return self.point, self.level
         point = self.sensor.working_point(self.train.background_power_w, range_m=range_m)
         return point, self.sensor.threshold(point)
@@ -184,7 +184,7 @@ class FilteredLight(Shots):
     def _shadow(self, place: Lanes, signal: Lanes) -> Lanes:
         """Photons of a peak and its background that SPADs fired by nearer echoes miss, (n,) (T168)."""
         pixel = self.pixel
-        if not self.has_several or pixel.corrected or pixel.spad.coincidence > 1:
+        if not self.has_several or not pixel.shades:
             return 0.0
         ops, wave = self.ops, self.filtered
         before: Lanes = 0.0

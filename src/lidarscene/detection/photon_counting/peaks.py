@@ -18,14 +18,14 @@ from ...maths import random
 from ...maths.arrays import Array, Lanes, Mask
 from ...physics.optics import radiometry
 from ...physics.photon_counting import dead_time, matched_filter, pile_up
-from ...sensor.detectors.spad_detector import Macropixel
+from ...sensor.detectors.macropixel import Macropixel
 from ...sensor.sensor_model import Sensor
 from .. import comparator
 from .. import stops as stop_list
 from ..outcomes import Status
 from ..sources import brightest, of_number, strongest
 from ..stops import EMPTY, Found, Stop, Stops
-from .bins import BOX_SHARE, Bins, Peak
+from .bins import Bins, Peak
 from .candidates import Candidate, visit_candidates
 from .expectation import Expected, FilteredLight, broaden
 from .folding import fold
@@ -164,7 +164,7 @@ class Peaks(FilteredLight):
         """
         sensor, pixel = self.sensor, self.pixel
         only_strongest = sensor.tdc.stops == 1 and sensor.tdc.keep == "strongest"
-        return pixel.spad.stamps == "all" and not pixel.corrected and not only_strongest
+        return pixel.has_humps and not only_strongest
 
     def _add_return(self, candidate: Candidate, power_w: Lanes, expected: Expected, state: _PeakSearch) -> _PeakSearch:
         """Draw the bins around a candidate and add its return to the search; arguments as of `_add_peak`."""
@@ -303,10 +303,9 @@ class Peaks(FilteredLight):
         calibrated = pixel.histogram.calibrated
         if calibrated is None:
             return 0.0
-        trials = pixel.trials * (pixel.free if pixel.spad.coincidence == 1 else 1.0)
         shift = calibrated.at(
-            height=peak.height / trials,
-            narrowing=peak.height / self.ops.maximum(peak.photons * BOX_SHARE, 1e-6),
+            height=peak.height / pixel.free_trials,
+            narrowing=peak.height / self.ops.maximum(peak.photons * pile_up.BOX_SHARE, 1e-6),
             sun=pixel.rate_hz * pixel.sigma_s,
         )
         return pixel.sigma_s * shift

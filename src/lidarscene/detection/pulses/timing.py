@@ -48,7 +48,7 @@ def amplitude(shots: Shots, trip: Trip, *, lag_s: Lanes) -> Lanes:
         lag_s = _fraction_s(shots)
     elif timing != "leading_edge":
         # The peak itself is compared with the threshold: both share one deviate.
-        lag_s = 0.0 * trip.signal
+        lag_s = xp(trip.signal).full(trip.signal, 0.0)
     return comparator.amplitude(shots, trip, lag_s=lag_s)
 
 

@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from helpers.drawn_scenes import published_sensor
 
-from lidarscene.detection.photon_counting.bins import BOX, BOX_SHARE
 from lidarscene.detection.receiver import detect
+from lidarscene.physics.photon_counting.pile_up import BOX, BOX_SHARE
 from lidarscene.studies.fit.near_field import share
 from lidarscene.studies.fit.on_scene.known_scene import KnownScene, predict
 from lidarscene.studies.fit.products import near_field_m, width_of_place
