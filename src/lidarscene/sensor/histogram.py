@@ -194,10 +194,7 @@ class HistogramFile(
     stops: Annotated[int, Field(ge=1, le=MOST_STOPS)] = Field(default=1, description="returns for each point")
     keep: Keep = Field(
         default="strongest",
-        description=(
-            'which peaks, if there are more than stops; `"strongest_and_last"` are two, the second strongest if the '
-            'strongest is the last; `"all"` is the first 16, without `stops`'
-        ),
+        description='which peaks, if there are more than stops; `"strongest_and_last"` and `"all"` as of `[tdc]`',
     )
     column_weights: tuple[Annotated[float, Field(ge=0, le=1)], ...] | None = Field(
         default=None,

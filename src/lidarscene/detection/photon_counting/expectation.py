@@ -177,7 +177,7 @@ class FilteredLight(Shots):
         return matched_filter.gain_of_breadth(
             signal=signal,
             background=point.noise.deviation * point.noise.deviation,
-            signal_variance=ops.maximum(point.noise.kappa_1 * signal + point.noise.kappa_2 * signal * signal, 0.0),
+            signal_variance=point.noise.of_echo(signal),
             bend=self.filtered.at(place)[2] / ops.maximum(power_w, 1e-30),
         )
 

@@ -241,7 +241,7 @@ class Macropixel(ABC):
 
     @property
     def signal_variance(self) -> Lanes:
-        """Variance that a photon of an echo adds to the filter's value (T97)."""
+        """Variance that a photon of an echo adds to the value of the filter (T95)."""
         return matched_filter.SIGNAL_VARIANCE
 
     @property
@@ -452,12 +452,12 @@ class CoincidentSpads(Macropixel):
     @staticmethod
     def trials_of(histogram: Histogram, spad: SpadArray) -> Lanes:
         """The shots alone."""
-        return histogram.shots * 1.0
+        return histogram.shots
 
     @property
     def free_trials(self) -> Lanes:
         """All shots."""
-        return self.trials * 1.0
+        return self.trials
 
     @property
     def variance_share(self) -> Lanes:

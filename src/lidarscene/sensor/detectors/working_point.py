@@ -71,6 +71,10 @@ class Noise:
         """Standard deviation sigma(s) at a signal level; (13), (T12) or (T20)."""
         return tdc.noise_at_level(level=signal, noise=self.deviation, kappa_1=self.kappa_1, kappa_2=self.kappa_2)
 
+    def of_echo(self, signal: Lanes) -> Lanes:
+        """Variance that an echo of this signal adds at its peak; none where its cells take more from the background."""
+        return xp(signal).maximum(self.kappa_1 * signal + self.kappa_2 * signal * signal, 0.0)
+
     def crossing_level(self, threshold: Lanes, deviate: Lanes) -> Lanes:
         """Noiseless signal at which an edge with this standard normal deviate crosses the threshold (T25)."""
         return tdc.crossing_level(
