@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from helpers import photons, trains, volley
 
-from lidarscene.detection import receiver, withholding
+from lidarscene.detection import receiver
 from lidarscene.detection.outcomes import Outcome, Status
 from lidarscene.errors import InputError
 from lidarscene.kernel.device import transfer
@@ -256,8 +256,7 @@ def withheld_beside(sensor, train, pulse, crosstalk=None):
     crosstalk = crosstalk or Crosstalk.from_sensor(sensor)
     light = channel_light(train, crosstalk)
     whole = add_stray_light(train, light, crosstalk, pulse=pulse)
-    detection = receiver.detect(whole, sensor, seed=3, pulse=pulse)
-    return withholding.withhold_beside_glare(detection, light, crosstalk, sensor, pulse=pulse)
+    return receiver.detect(whole, sensor, seed=3, pulse=pulse, channels=light, crosstalk=crosstalk)
 
 
 def test_returns_beside_a_glaring_one_are_withheld():

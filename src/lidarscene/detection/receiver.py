@@ -11,6 +11,7 @@ from __future__ import annotations
 from dataclasses import fields
 
 from ..light.echoes import Echoes, EchoTrain, SubEchoes
+from ..light.stray_light import ChannelLight, Crosstalk
 from ..maths.arrays import Array, Lanes
 from ..physics.optics import radiometry
 from ..sensor.sensor_model import Sensor
@@ -23,7 +24,7 @@ from .report import Detection, Measurement, Returns, outcome_of
 from .reported_intensity import reported_intensity
 from .single_echo import SingleEcho
 from .stops import Stop, reported_stops
-from .withholding import withhold_stray_light
+from .withholding import withhold_beside_glare, withhold_stray_light
 
 Finder = SingleEcho | Rises | Peaks
 
@@ -37,10 +38,7 @@ def is_plain(sensor: Sensor) -> bool:
 
 
 def _choose_finder(light: Echoes | EchoTrain, sensor: Sensor, *, seed: Lanes, pulse: Array) -> Finder:
-    """Choose how the sensor looks for echoes in this light: the only place that asks what kind of receiver it is.
-
-    Arguments as of `detect`.
-    """
+    """Choose how the sensor looks for echoes in this light; arguments as of `detect`."""
     if isinstance(light, Echoes):
         return SingleEcho.of(light, sensor, seed=seed, pulse=pulse)
     if sensor.histogram is None:
@@ -48,12 +46,22 @@ def _choose_finder(light: Echoes | EchoTrain, sensor: Sensor, *, seed: Lanes, pu
     return Peaks.of(light, sensor, seed=seed, pulse=pulse)
 
 
-def detect(light: Echoes | EchoTrain, sensor: Sensor, *, seed: Lanes, pulse: Array) -> Detection:
+def detect(
+    light: Echoes | EchoTrain,
+    sensor: Sensor,
+    *,
+    seed: Lanes,
+    pulse: Array,
+    channels: ChannelLight | None = None,
+    crosstalk: Crosstalk | None = None,
+) -> Detection:
     """Detect pulses: one `Returns` for each stop of the converter (docs/theory.md 7 to 9, docs/theory_light.md 17).
 
-    light  of each pulse: one echo in clear air, or a train of sub-echoes
-    seed   32-bit frame seed; every random number is keyed by (seed, stage, pulse)
-    pulse  (n,) uint32 pulse numbers
+    light      of each pulse: one echo in clear air, or a train of sub-echoes
+    seed       32-bit frame seed; every random number is keyed by (seed, stage, pulse)
+    pulse      (n,) uint32 pulse numbers; with ``channels``, of whole scan lines in order of time
+    channels   light of the pulses, computed before, in which other channels of their volley may glare; None: none does
+    crosstalk  with ``channels``: which channels see each other's light
     """
     if isinstance(light, Echoes) and not is_plain(sensor):
         light = _train_of(light)
@@ -73,7 +81,10 @@ def detect(light: Echoes | EchoTrain, sensor: Sensor, *, seed: Lanes, pulse: Arr
     if isinstance(light, Echoes):
         return detection
     detection = share_noise(detection, light, sensor, seed=seed, pulse=pulse)
-    return withhold_stray_light(detection, light, sensor)
+    detection = withhold_stray_light(detection, light, sensor)
+    if channels is None or crosstalk is None:
+        return detection
+    return withhold_beside_glare(detection, channels, crosstalk, sensor, pulse=pulse)
 
 
 def _returns(finder: Finder, light: Echoes | EchoTrain, stop: Stop) -> Returns:

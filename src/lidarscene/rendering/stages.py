@@ -8,7 +8,6 @@ from functools import partial
 from typing import Any
 
 from ..detection import receiver
-from ..detection.withholding import withhold_beside_glare
 from ..kernel.device import transfer
 from ..kernel.device.replay import Replay
 from ..kernel.rays import kept_lanes
@@ -157,9 +156,7 @@ class Stages:
         if lines and self.crosstalk is not None:
             light = self._channel_light(whole, self.crosstalk)
             whole = add_stray_light(whole, light, self.crosstalk, pulse=pulse)
-        detection = receiver.detect(whole, sensor, seed=seed, pulse=pulse)
-        if self.crosstalk is not None and light is not None:
-            detection = withhold_beside_glare(detection, light, self.crosstalk, sensor, pulse=pulse)
+        detection = receiver.detect(whole, sensor, seed=seed, pulse=pulse, channels=light, crosstalk=self.crosstalk)
         goes_on, leaks = (
             None if rays is None else kept_lanes.any_of_pulse(rays, self.rays) for rays in (lit.goes_on, lit.leaks)
         )
