@@ -105,7 +105,7 @@ CASES = {
         tdc.correct_probability(p_false=norm.sf(5), p_detect=0.5, comparisons=400.0),
         (1 - norm.sf(5)) ** 399 * 0.5 / (1 - (1 - norm.sf(5)) ** 399 * 0.5),
     ),
-    "11": (reference_electronics.signal_to_noise(signal=7.0, noise=2.0), 3.5),
+    "11": (tdc.signal_to_noise(signal=7.0, noise=2.0), 3.5),
     "12": (
         reference_apd.signal_a(
             responsivity_a_w=apd.responsivity_a_w(quantum_efficiency=QE, photon_energy_j=HNU), gain=M, power_w=P_R

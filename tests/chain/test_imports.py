@@ -166,7 +166,7 @@ def test_imports_point_downwards() -> None:
 @pytest.mark.parametrize(
     ("file", "code", "complaint"),
     [
-        ("light/beams.py", "from ..detection.returns import R", "'light' must not import 'detection'"),
+        ("light/beams.py", "from ..detection.report import R", "'light' must not import 'detection'"),
         ("light/beams.py", "def f():\n    from lidarscene.kernel.rays.trace import t", "must not import 'kernel'"),
         ("light/beams.py", "import lidarscene.cli.main", "must not import 'cli'"),
         ("light/beams.py", "from lidarscene import cli", "must not import 'cli'"),

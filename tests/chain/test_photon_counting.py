@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from helpers import chain, launches, photons, trains
 
-from lidarscene.detection import receivers
+from lidarscene.detection import receiver
 from lidarscene.detection.outcomes import Status
 from lidarscene.kernel.device import transfer
 from lidarscene.rendering.simulator import Simulator
@@ -36,7 +36,7 @@ def detect_on_device(counter, light, *, seed):
     on_device = dataclasses.replace(light, has_surface=arrays["range_m"] > 0.0, **arrays)
     pulse = transfer.counter(0, len(light.range_m))
     return transfer.fetch(
-        receivers.detect_alone(on_device, transfer.opaque(counter), seed=transfer.seed_word(seed), pulse=pulse)
+        receiver.detect(on_device, transfer.opaque(counter), seed=transfer.seed_word(seed), pulse=pulse)
     )
 
 
@@ -104,7 +104,7 @@ def test_echoes_on_flanks_are_those_of_numpy():
         background_power_w=background_w,
     )
     device = transfer.fetch(
-        receivers.detect(
+        receiver.detect(
             on_device, transfer.opaque(counter), seed=transfer.seed_word(4), pulse=transfer.counter(0, 1_000)
         )
     )

@@ -8,7 +8,7 @@ from helpers import chain, launches
 from helpers.documentation import ROOT
 
 from lidarscene import Pose, Simulator, load_scene, load_sensor
-from lidarscene.detection import returns
+from lidarscene.detection import receiver
 from lidarscene.light import beams, echoes
 from lidarscene.light.hits import Hits
 from lidarscene.rendering.stages import ambient_of
@@ -113,7 +113,7 @@ def test_numpy_and_device_agree(name, extra):
     light = echoes.receive(rays, hits, sensor, ambient_of(scene, sensor))
     np.testing.assert_allclose(light.peak_power_w, lanes.light.peak_power_w, rtol=2e-6)
     np.testing.assert_allclose(light.background_power_w, lanes.light.background_power_w, rtol=2e-6)
-    detection = returns.detect(light, sensor, seed=9, pulse=pulse)
+    detection = receiver.detect(light, sensor, seed=9, pulse=pulse)
     np.testing.assert_allclose(detection.snr, lanes.detection.snr, rtol=1e-4, atol=1e-6)
     assert np.mean(detection.outcome != lanes.detection.outcome) < 2e-4
     for host, device in zip(detection.stops, lanes.detection.stops, strict=True):

@@ -5,7 +5,7 @@ import pytest
 from helpers import chain, launches
 
 from lidarscene import Simulator
-from lidarscene.detection import returns
+from lidarscene.detection import receiver
 from lidarscene.light import beams, echoes
 from lidarscene.rendering.stages import ambient_of
 
@@ -41,7 +41,7 @@ def test_numpy_and_device_agree(counting, more):
         sensor,
         ambient_of(scene(), sensor),
     )
-    detection = returns.detect(light, sensor, seed=9, pulse=pulse)
+    detection = receiver.detect(light, sensor, seed=9, pulse=pulse)
     assert (detection.snr > 5.0).sum() > 1000
     np.testing.assert_allclose(detection.snr, lanes.detection.snr, rtol=2e-4, atol=1e-6)
     assert np.mean(detection.outcome != lanes.detection.outcome) < 2e-4

@@ -7,7 +7,7 @@ import pytest
 from helpers import chain, trains
 from scipy.stats import ks_2samp, kstest, norm, spearmanr
 
-from lidarscene.detection import returns
+from lidarscene.detection import receiver
 from lidarscene.detection.outcomes import Outcome, Status
 from lidarscene.errors import InputError
 from lidarscene.light.echoes import Interference
@@ -32,7 +32,7 @@ def light_among_lidars(sensor, *sources, range_m=None):
 
 
 def detect_shots(sensor, light, seed=5):
-    return returns.detect(light, sensor, seed=seed, pulse=np.arange(SHOTS, dtype=np.uint32))
+    return receiver.detect(light, sensor, seed=seed, pulse=np.arange(SHOTS, dtype=np.uint32))
 
 
 def lidar(rate_hz, median_w=MEDIAN_W):

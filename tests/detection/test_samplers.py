@@ -10,7 +10,7 @@ from helpers.trains import FWHM_S, SIGMA_M, SIGMA_S, detect, sensor, train
 from scipy.optimize import brentq
 from scipy.stats import kstest, norm
 
-from lidarscene.detection import returns
+from lidarscene.detection import receiver
 from lidarscene.errors import InputError
 from lidarscene.light.echoes import Echoes
 from lidarscene.physics.constants import SPEED_OF_LIGHT_M_S
@@ -35,7 +35,7 @@ def lone_echoes(equipped, snr, road, *, seed=6, widths=False):
             background_power_w=trains.BACKGROUND_W * ones,
         )
         pulse = np.arange(SHOTS, dtype=np.uint32)
-        stop = returns.detect(light, equipped, seed=seed, pulse=pulse).stops[0]
+        stop = receiver.detect(light, equipped, seed=seed, pulse=pulse).stops[0]
     is_echo = stop.reported & (stop.status == 0)
     assert is_echo.mean() > 0.999  # a false alarm or two
     point = equipped.working_point(np.array([trains.BACKGROUND_W]))

@@ -31,7 +31,7 @@ from lidarscene.physics.weather import particles, precipitation
 from lidarscene.rendering.render_options import DEFAULT_CHUNK
 from lidarscene.scene.meshes import primitives
 from lidarscene.sensor import readout
-from lidarscene.sensor.sensor_file import MOST_STOPS
+from lidarscene.sensor.electronics import MOST_STOPS
 from lidarscene.studies.compare import cloud_matching
 from lidarscene.studies.eye_safety.eye_safety_report import TIME_BASE_S
 from lidarscene.studies.field_of_view import field_of_view_figures as figures

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from lidarscene import Scene, Sensor, load_sensor
-from lidarscene.detection import receivers
+from lidarscene.detection import receiver
 from lidarscene.kernel.device import transfer
 from lidarscene.kernel.rays.trace import Firing, trace
 from lidarscene.kernel.world.mitsuba_world import build_world
@@ -122,7 +122,7 @@ def run_stages(
     ambient = transfer.opaque(ambient_of(described, equipped))
     light_of_ways = [echoes.receive(rays, hits, on_device, ambient) for hits in ways]
     light = echoes.gather_background(light_of_ways)[0]
-    detection = receivers.detect_alone(light, on_device, seed=transfer.seed_word(seed), pulse=pulse)
+    detection = receiver.detect(light, on_device, seed=transfer.seed_word(seed), pulse=pulse)
     # In one kernel: each array alone would take one of its own, with all that comes before it.
     transfer.start(
         [x for x in flatten((rays.direction, tuple(ways), tuple(light_of_ways), light, detection)) if is_drjit(x)]

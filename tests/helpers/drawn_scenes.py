@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from helpers.premises import premise
-from lidarscene.detection.receivers import detect_alone
+from lidarscene.detection.receiver import detect
 from lidarscene.sensor.sensor_file import load_sensor
 from lidarscene.sensor.sensor_model import Sensor
 from lidarscene.studies.fit.on_scene.known_scene import KnownScene, Observations
@@ -115,12 +115,12 @@ def drawn_report(unit: Sensor, seed: int, pulses: int = 3000) -> tuple[KnownScen
     scene, range_m, target, off = drawn_scene(seed, pulses)
     real = replace(target, reflectivity=target.reflectivity * np.exp(off[scene.group]))
     light = echoes_of_plane(unit, real, range_m)
-    detection = detect_alone(light, unit, seed=seed, pulse=np.arange(pulses, dtype=np.uint32))
+    detection = detect(light, unit, seed=seed, pulse=np.arange(pulses, dtype=np.uint32))
     stop = detection.stops[0]
     is_echo = np.asarray(stop.reported) & (np.asarray(stop.status) == 0)
     return scene, Observations(
         has_return=is_echo,
-        signal=np.where(is_echo, stop.photons, np.nan),
+        signal=np.where(is_echo, stop.amplitude, np.nan),
         near_ir=np.asarray(detection.ambient, float),
         range_m=np.where(is_echo, stop.range_m, np.nan),
     )

@@ -4,7 +4,7 @@ import numpy as np
 from scipy.special import ndtr
 
 from lidarscene.catalog import path_of
-from lidarscene.detection import receivers
+from lidarscene.detection import receiver
 from lidarscene.files.toml import read_toml
 from lidarscene.sensor.sensor_file import sensor_from_tables
 from lidarscene.studies.ranging import plane
@@ -60,13 +60,13 @@ def echoes_of(counter, range_m, *, photons=None, count=4000, **target):
 def detect(counter, light, *, seed=1):
     """The detection of these echoes; their pulses are numbered."""
     pulse = np.arange(len(light.range_m), dtype=np.uint32)
-    return receivers.detect_alone(light, counter, seed=seed, pulse=pulse)
+    return receiver.detect(light, counter, seed=seed, pulse=pulse)
 
 
 def detect_train(counter, train, *, seed=1):
     """The detection of a train of sub-echoes."""
     pulse = np.arange(len(train.background_power_w), dtype=np.uint32)
-    return receivers.detect(train, counter, seed=seed, pulse=pulse)
+    return receiver.detect(train, counter, seed=seed, pulse=pulse)
 
 
 def echo_of(stop):

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from helpers.chain import sensor as sensor
-from lidarscene.detection import multi_echo
+from lidarscene.detection import receiver
 from lidarscene.kernel.device import transfer
 from lidarscene.light.air_light import air_light
 from lidarscene.light.echoes import EchoTrain, SubEchoes
@@ -66,7 +66,7 @@ def in_fog(equipped, scale, *, wall_m=None, reflectivity=0.3):
 
 def detect(light, equipped, *, seed=0):
     pulses = len(light.background_power_w)
-    return multi_echo.detect(light, equipped, seed=seed, pulse=np.arange(pulses, dtype=np.uint32))
+    return receiver.detect(light, equipped, seed=seed, pulse=np.arange(pulses, dtype=np.uint32))
 
 
 def power_at_snr(equipped, snr):

@@ -10,7 +10,7 @@ from helpers.shots import simulated_shots
 from scipy import stats
 
 from lidarscene import load_sensor
-from lidarscene.detection import receivers
+from lidarscene.detection import receiver
 from lidarscene.detection.outcomes import Status
 from lidarscene.errors import InputError
 from lidarscene.light.fluctuations import FluctuationLaw, fluctuate
@@ -58,8 +58,8 @@ def test_the_share_found_is_the_column(detector: str, variance: float) -> None:
     light = plane.echoes_of_plane(sensor, target, range_m * np.ones(PULSES))
     pulse = np.arange(PULSES, dtype=np.uint32)
     drawn = fluctuate(light, np.full(PULSES, variance), seed=5, pulse=pulse)
-    detection = receivers.detect_alone(drawn, sensor, seed=5, pulse=pulse)
-    calm = receivers.detect_alone(light, sensor, seed=5, pulse=pulse)
+    detection = receiver.detect(drawn, sensor, seed=5, pulse=pulse)
+    calm = receiver.detect(light, sensor, seed=5, pulse=pulse)
     found = np.mean(np.asarray(detection.outcome) == 0)
     probability = np.asarray(detection.detection_probability)
     assert np.ptp(probability) < 1e-6  # the column is that of all powers, not of the drawn one
@@ -82,7 +82,7 @@ def test_a_strong_echo_is_lost_as_the_gamma_distribution_says() -> None:
     level = float(np.ravel(point.response.power_w(sensor.threshold(point)) / light.peak_power_w)[0])
     pulse = np.arange(PULSES, dtype=np.uint32)
     drawn = fluctuate(light, np.full(PULSES, variance), seed=7, pulse=pulse)
-    detection = receivers.detect_alone(drawn, sensor, seed=7, pulse=pulse)
+    detection = receiver.detect(drawn, sensor, seed=7, pulse=pulse)
     expected = stats.gamma.sf(level, 1.0 / variance, scale=variance)
     assert 0.7 < expected < 0.85
     assert detection.detection_probability[0] == pytest.approx(expected, abs=0.02)

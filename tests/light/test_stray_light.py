@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from helpers import photons, trains, volley
 
-from lidarscene.detection import receivers
+from lidarscene.detection import receiver
 from lidarscene.detection.outcomes import Outcome, Status
 from lidarscene.errors import InputError
 from lidarscene.kernel.device import transfer
@@ -172,7 +172,7 @@ def test_points_of_stray_light(keys, withheld):
     powers[11:] = 1e-6
     ranges[5], powers[5] = 30.0, 1e-3
     train = with_stray(trains.train(ranges, powers), sensor)
-    detection = receivers.detect(train, sensor, seed=3, pulse=np.arange(ROWS, dtype=np.uint32))
+    detection = receiver.detect(train, sensor, seed=3, pulse=np.arange(ROWS, dtype=np.uint32))
     status = np.stack([np.where(stop.reported, stop.status, -1) for stop in detection.stops])
     at_m = np.stack([stop.range_m for stop in detection.stops])
     true_m = np.stack([stop.true_range_m for stop in detection.stops])
@@ -214,7 +214,7 @@ def test_points_of_stray_light_in_a_histogram(withheld):
     powers[11:] = wall_w
     ranges[5], powers[5] = 30.0, sign_w
     train = with_stray(trains.train(ranges, powers, background_w=0.0), sensor)
-    detection = receivers.detect(train, sensor, seed=3, pulse=np.arange(ROWS, dtype=np.uint32))
+    detection = receiver.detect(train, sensor, seed=3, pulse=np.arange(ROWS, dtype=np.uint32))
     status = np.stack([np.where(stop.reported, stop.status, -1) for stop in detection.stops])
     stray = status == Status.STRAY
     dark = np.arange(ROWS) != 5
@@ -225,7 +225,7 @@ def test_points_of_stray_light_in_a_histogram(withheld):
     if withheld:
         assert (detection.outcome[11:] == Outcome.HIDDEN).all()
         return
-    counted = np.stack([stop.photons for stop in detection.stops])[stray]
+    counted = np.stack([stop.amplitude for stop in detection.stops])[stray]
     expected = np.broadcast_to(point.response.signal(train.parts[-1].peak_power_w), stray.shape)[stray]
     assert np.abs((counted - expected) / np.sqrt(expected)).max() < 5.0
     np.testing.assert_allclose(np.stack([stop.range_m for stop in detection.stops])[stray], 30.0, atol=0.2)
@@ -256,8 +256,7 @@ def withheld_beside(sensor, train, pulse, crosstalk=None):
     crosstalk = crosstalk or Crosstalk.from_sensor(sensor)
     light = channel_light(train, crosstalk)
     whole = add_stray_light(train, light, crosstalk, pulse=pulse)
-    detection = receivers.detect(whole, sensor, seed=3, pulse=pulse)
-    return receivers.withhold_beside_glare(detection, light, crosstalk, sensor, pulse=pulse)
+    return receiver.detect(whole, sensor, seed=3, pulse=pulse, channels=light, crosstalk=crosstalk)
 
 
 def test_returns_beside_a_glaring_one_are_withheld():
@@ -345,7 +344,7 @@ def test_sensor_withholds_what_may_be_stray_light(keys):
     ranges[5], powers[5] = 30.0, 1e-3
     train = with_stray(trains.train(ranges, powers), sensor)
     assert train.parts[-1].peak_power_w[5] < 1e-3
-    detection = receivers.detect(train, sensor, seed=3, pulse=np.arange(ROWS, dtype=np.uint32))
+    detection = receiver.detect(train, sensor, seed=3, pulse=np.arange(ROWS, dtype=np.uint32))
     reported = np.sum([stop.reported for stop in detection.stops], axis=0)
     expected = (factor[:, 0] > 1.0) | (np.arange(ROWS) == 5)
     np.testing.assert_array_equal(reported, expected.astype(int))
@@ -361,6 +360,6 @@ def test_stray_light_on_top_of_an_echo_is_an_echo_while_it_is_less():
     reached = 1e-2 * shares()[:, 5]
     powers[6], powers[7] = 2.0 * reached[6], 0.5 * reached[7]
     train = with_stray(trains.train(ranges, powers))
-    detection = receivers.detect(train, SENSOR, seed=3, pulse=np.arange(ROWS, dtype=np.uint32))
+    detection = receiver.detect(train, SENSOR, seed=3, pulse=np.arange(ROWS, dtype=np.uint32))
     status = detection.stops[0].status
     assert status[[5, 6, 7]].tolist() == [Status.ECHO, Status.ECHO, Status.STRAY]

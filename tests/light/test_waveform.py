@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from helpers import chain, launches, trains
 
-from lidarscene.detection import multi_echo
+from lidarscene.detection import receiver
 from lidarscene.kernel.device import transfer
 from lidarscene.kernel.rays.trace import trace
 from lidarscene.kernel.world.mitsuba_world import build_world
@@ -47,7 +47,7 @@ with those of the sub-echoes, so that seven are left to two cases.
 def detect_on_device(light, equipped, mi, *, seed=0):
     """What the device makes of a train, as numpy."""
     count = len(light.background_power_w)
-    detection = multi_echo.detect(
+    detection = receiver.detect(
         trains.on_device(light),
         transfer.opaque(equipped),
         seed=transfer.seed_word(seed),

@@ -15,7 +15,7 @@ from helpers import chain, false_alarms
 
 from lidarscene import Simulator, catalog
 from lidarscene.cli import main
-from lidarscene.detection.receivers import detect_alone
+from lidarscene.detection.receiver import detect
 from lidarscene.errors import InputError
 from lidarscene.files.toml import validate
 from lidarscene.sensor.detectors import Apd
@@ -309,7 +309,7 @@ def test_hdl64e_intensity_of_the_road() -> None:
         cos = float(asphalt_ahead(np.array([range_m]))[0]) / 0.114
         target = Target(reflectivity=0.114, cos_incidence=cos, illuminance_klux=20.0)
         light = plane.echoes_of_plane(sensor, target, np.full(500, range_m))
-        intensity = np.asarray(detect_alone(light, sensor, seed=1, pulse=pulse).stops[0].intensity)
+        intensity = np.asarray(detect(light, sensor, seed=1, pulse=pulse).stops[0].intensity)
         assert 0.28 / 1.15 < intensity.mean() / 255.0 < 0.31 * 1.15, range_m
         assert (intensity == np.rint(intensity)).all()
 

@@ -11,7 +11,7 @@ import pytest
 
 from lidarscene import catalog
 from lidarscene.cli import main
-from lidarscene.detection.receivers import detect_alone
+from lidarscene.detection.receiver import detect
 from lidarscene.errors import InputError
 from lidarscene.sensor.readout import PublishedFile, RepeatabilityFile
 from lidarscene.sensor.sensor_file import load_sensor
@@ -125,7 +125,7 @@ def test_half_are_kept_at_the_threshold() -> None:
     def kept_share(photons: float) -> float:
         power = np.full(shots, float(np.ravel(point.response.power_w(np.array([photons])))[0]))
         lit = replace(light, peak_power_w=power, background_power_w=np.full(shots, background[0]))
-        return float(np.mean(detect_alone(lit, sensor, seed=3, pulse=np.arange(shots)).stops[0].reported))
+        return float(np.mean(detect(lit, sensor, seed=3, pulse=np.arange(shots)).stops[0].reported))
 
     level = float(np.ravel(sensor.threshold(point))[0])
     assert kept_share(level - 2.0) < 0.5 < kept_share(level + 0.5)
@@ -155,7 +155,7 @@ def test_highest_noise_of_simulated_windows() -> None:
         peak_power_w=np.zeros(shots),
         background_power_w=np.full(shots, recorded.background_w(sensor, near_ir)[0]),
     )
-    share = np.mean(detect_alone(dark, low, seed=1, pulse=np.arange(shots, dtype=np.uint32)).stops[0].reported)
+    share = np.mean(detect(dark, low, seed=1, pulse=np.arange(shots, dtype=np.uint32)).stops[0].reported)
     assert abs(share - 0.5) < 4.0 * math.sqrt(0.25 / shots)
 
 

@@ -1,7 +1,7 @@
-"""Multi-echo: comparator and TDC for pulses with several sub-echoes.
+"""Multi-echo: finder for pulses with several sub-echoes, at a comparator and TDC.
 
 The sub-echoes of a pulse overlap and add up to a waveform. The comparator sees its rises: from a valley to a peak. Each
-rise has its own deviate, as the single echo has in `returns`, and the same formulas hold for it. The waveform is not
+rise has its own deviate, as the echo has in `single_echo`, and the same formulas hold for it. The waveform is not
 sampled: `rises` walks from peak to peak, and crossings are roots of the waveform (docs/theory_light.md 17).
 
 Symbols: P power over time, z deviate of a rise, P_d probability that it trips, sigma_p width of the laser pulse.
@@ -17,45 +17,17 @@ from ..light.waveform import waveform
 from ..maths.arrays import Array, Lanes, Mask, select_state
 from ..maths.random import Seed
 from ..physics.electronics.pulse_sums import crossing
-from ..physics.optics import radiometry
 from ..sensor.electronics import MultiLevel
 from ..sensor.sensor_model import Sensor
-from . import ambient, comparator
-from .outcomes import Outcome, Status
+from . import comparator
+from . import stops as stop_list
+from .outcomes import Status
 from .pulses import crossing_sources, echo_memory, timing
-from .pulses import stops as stop_list
-from .pulses.alarms import add_alarms
-from .pulses.stops import EMPTY, Stop, Stops
-from .reported_intensity import reported_intensity
-from .returns import Detection, Returns
 from .rises import Rise, visit_all
 from .samplers import read
 from .shots import Received
-
-
-def detect(pulse_train: EchoTrain, sensor: Sensor, *, seed: Seed, pulse: Array) -> Detection:
-    """Detect every pulse of a train: one `Returns` for each stop, in order of time (docs/theory_light.md 17).
-
-    seed   32-bit frame seed; every random number is keyed by (seed, stage, pulse)
-    pulse  (n,) uint32 pulse numbers
-    """
-    point = sensor.working_point(pulse_train.background_power_w)
-    converter = _Converter(
-        sensor=sensor,
-        point=point,
-        threshold=sensor.threshold(point),
-        wave=waveform(pulse_train, sensor),
-        seed=seed,
-        pulse=pulse,
-        surfaces=pulse_train.surfaces,
-        stray=pulse_train.stray,
-        fluctuation=pulse_train.fluctuation,
-    )
-    # Echoes first: only they obey the dead time. Then false alarms compete with them for the stops.
-    state = converter.search()
-    strongest = converter.strongest()
-    stops = add_alarms(converter, state.stops, pulse_train.interference, *strongest)
-    return converter.detection(pulse_train, state, stop_list.reported_stops(sensor.tdc, stops), strongest[0])
+from .sources import strongest
+from .stops import EMPTY, Found, Stop, Stops
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -103,8 +75,8 @@ class _RiseSearch:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class _Converter(Received):
-    """Comparator and TDC at work on the waveforms of some pulses.
+class Rises(Received):
+    """Comparator and TDC at work on the waveforms of some pulses: each rise may be a return.
 
     surfaces  number of sub-echoes that are of surfaces; they come before those of the air
     stray     whether the last sub-echo is stray light of other channels
@@ -113,11 +85,70 @@ class _Converter(Received):
     surfaces: int
     stray: bool
 
-    def search(self) -> _RiseSearch:
+    @classmethod
+    def of(cls, train: EchoTrain, sensor: Sensor, *, seed: Seed, pulse: Array) -> Rises:
+        """Prepare the search; arguments as of `receiver.detect`."""
+        point = sensor.working_point(train.background_power_w)
+        return cls(
+            sensor=sensor,
+            point=point,
+            threshold=sensor.threshold(point),
+            wave=waveform(train, sensor),
+            seed=seed,
+            pulse=pulse,
+            surfaces=train.surfaces,
+            stray=train.stray,
+            fluctuation=train.fluctuation,
+        )
+
+    def search(self) -> Found:
         """Visit all rises and keep the best crossings of each pulse."""
+        state = self._visit_all()
+        number, range_m = strongest(self.wave, self.surfaces)
+        # The search passes no derivatives on, so the power of the highest peak is evaluated once more outside of it.
+        # The derivative of its place is not needed: P' is zero there, so moving the place does not change the power.
+        ops, lit = self.ops, state.highest_w > 0.0
+        point = self.point if state.at_highest is None else state.at_highest.working_point(self.point)
+        highest_w = ops.where(lit, self.wave.at(state.highest)[0], 0.0)
+        signal, probability = comparator.expectation(replace(self, point=point), highest_w)
+        return Found(
+            stops=tuple(self._with_status(stop) for stop in state.stops),
+            tripped=state.tripped,
+            in_window=state.in_window,
+            snr=ops.where(lit, self.point.snr(signal), 0.0),
+            detection_probability=ops.where(lit, probability, 0.0),
+            source=number,
+            true_range_m=range_m,
+        )
+
+    def _with_status(self, stop: Stop) -> Stop:
+        """Status of a return by the light that caused it."""
+        ops = self.ops
+        assert stop.source is not None
+        is_weather = (stop.source < 0) | (stop.source >= self.surfaces)
+        status = ops.where(is_weather, int(Status.WEATHER), int(Status.ECHO))
+        if self.stray:
+            status = ops.where(stop.source == len(self.wave.centres) - 1, int(Status.STRAY), status)
+        return replace(stop, status=status)
+
+    def _visit_all(self) -> _RiseSearch:
+        """Visit all rises in order of time."""
         ops, like, tdc = self.ops, self.wave.origin_m, self.sensor.tdc
         zero, never, earliest = ops.full(like, 0.0), ops.full(like, False), ops.full(like, EMPTY)
         peaks = self.sensor.finds_peaks
+        # What caused a return is told by its source, after the search.
+        empty = Stop(
+            status=None,
+            key=earliest,
+            crossing_s=zero,
+            reported_s=zero,
+            amplitude=zero,
+            width_s=zero if self.sensor.measures_width else None,
+            snr=zero,
+            detection_probability=zero,
+            source=ops.full(like, 0),
+            true_range_m=zero,
+        )
         start = _RiseSearch(
             high=never,
             tripped=never,
@@ -125,17 +156,15 @@ class _Converter(Received):
             last=earliest,
             highest=zero,
             highest_w=zero,
-            stops=stop_list.empty_stops(tdc, like),
-            pulse=_Pulse(stop=stop_list.empty_stop(like), peak=earliest, top=zero, lowest=zero) if peaks else None,
+            stops=stop_list.empty_stops(tdc, empty),
+            pulse=_Pulse(stop=empty, peak=earliest, top=zero, lowest=zero) if peaks else None,
             memory=(memory := echo_memory.empty_memory(self)),
             at_highest=echo_memory.Residue(floor=zero, held=zero, share=zero + 1.0) if memory else None,
         )
         state = visit_all(self.wave, self._visit_peak if peaks else self._visit_edge, start)
-        stops = state.stops
-        if state.pulse is not None:
-            stops = stop_list.insert_stop(tdc, stops, state.pulse.stop, later=True)
-        status = ops.full(like, int(Status.ECHO))
-        return replace(state, stops=tuple(replace(stop, status=status) for stop in stops))
+        if state.pulse is None:
+            return state
+        return replace(state, stops=stop_list.insert_stop(tdc, state.stops, state.pulse.stop, later=True))
 
     def _visit_edge(self, rise: Rise, state: _RiseSearch) -> _RiseSearch:
         """Draw the noise of one rise; keep its crossing if the converter accepts it and it is among the best."""
@@ -214,13 +243,13 @@ class _Converter(Received):
         if self.sensor.times_edge:
             # The edge of a pulse stays where it was, if what comes later only raises it.
             raised = ~tripped & last_pulse.stop.occupied
-            key = stop_list.sort_key(tdc, last_pulse.stop.crossing_s, new_stop.amplitude)
+            key = stop_list.sort_key(tdc, last_pulse.stop.time_s, new_stop.amplitude)
             same_edge = replace(
                 last_pulse.stop,
                 key=ops.where(new_stop.occupied, key, EMPTY),
                 amplitude=new_stop.amplitude,
                 snr=new_stop.snr,
-                probability=new_stop.probability,
+                detection_probability=new_stop.detection_probability,
             )
             stop = select_state(raised, same_edge, new_stop)
         pulse = _Pulse(
@@ -318,77 +347,10 @@ class _Converter(Received):
             crossing_s=crossing_s,
             reported_s=reading.reported_s,
             amplitude=reading.amplitude,
-            width_s=reading.width_s,
-            snr=self.snr(trip.expected),
-            probability=trip.probability,
+            width_s=reading.width_s if self.sensor.measures_width else None,
+            snr=self.point.snr(trip.expected),
+            detection_probability=trip.probability,
             source=source,
             true_range_m=true_range,
-        )
-
-    def snr(self, signal: Lanes) -> Lanes:
-        """Signal over the noise without an echo, (n,); (19) or (27)."""
-        return signal / self.ops.where(self.point.noise.deviation <= 0.0, 1e-30, self.point.noise.deviation)
-
-    def strongest(self) -> tuple[Array, Lanes]:
-        """Number and range [m] of each pulse's strongest sub-echo of a surface, both (n,)."""
-        ops, wave = self.ops, self.wave
-        number, highest = ops.full(wave.origin_m, 0), ops.full(wave.origin_m, 0.0)
-        place = ops.full(wave.origin_m, 0.0)
-        for k, (centre, height) in enumerate(zip(wave.centres[: self.surfaces], wave.heights, strict=False)):
-            number = ops.where(height > highest, k, number)
-            place = ops.where(height > highest, centre, place)
-            highest = ops.maximum(height, highest)
-        return number, wave.range_m(place)
-
-    def detection(self, pulse_train: EchoTrain, state: _RiseSearch, stops: Stops, strongest: Array) -> Detection:
-        """Convert the stops to `Returns`, and find the outcome of each pulse."""
-        ops = self.ops
-        returns = []
-        has_echo = ops.full(self.wave.origin_m, False)
-        for stop in stops:
-            assert stop.status is not None
-            occupied = stop.occupied
-            of_light = stop.status == int(Status.ECHO)
-            is_weather = of_light & ((stop.source < 0) | (stop.source >= self.surfaces))
-            status = ops.where(is_weather, int(Status.WEATHER), stop.status)
-            if self.stray:
-                is_stray = of_light & (stop.source == len(self.wave.centres) - 1)
-                status = ops.where(is_stray, int(Status.STRAY), status)
-            has_echo = has_echo | (occupied & (status == int(Status.ECHO)))
-            range_m = radiometry.range_from_time_of_flight_m(time_of_flight_s=stop.reported_s)
-            width_s = stop.width_s if self.sensor.measures_width else None
-            returns.append(
-                Returns(
-                    reported=occupied,
-                    status=status,
-                    range_m=range_m,
-                    amplitude=stop.amplitude,
-                    intensity=reported_intensity(
-                        self, pulse_train, amplitude=stop.amplitude, width_s=width_s, range_m=range_m
-                    ),
-                    width_s=width_s,
-                    snr=stop.snr,
-                    detection_probability=stop.probability,
-                    source=stop.source,
-                    true_range_m=stop.true_range_m,
-                )
-            )
-        # Later lines overrule earlier ones: the first stage at which the pulse's echo was lost names the outcome.
-        outcome = ops.where(has_echo, int(Outcome.KEPT), int(Outcome.HIDDEN))
-        outcome = ops.where(state.in_window, outcome, int(Outcome.OUT_OF_WINDOW))
-        outcome = ops.where(state.tripped, outcome, int(Outcome.BELOW_THRESHOLD))
-        outcome = ops.where(pulse_train.has_surface, outcome, int(Outcome.NO_SURFACE))
-        # The search passes no derivatives on, so the power of the highest peak is evaluated once more outside of it.
-        # The derivative of its place is not needed: P' is zero there, so moving the place does not change the power.
-        lit = state.highest_w > 0.0
-        point = self.point if state.at_highest is None else state.at_highest.working_point(self.point)
-        highest_w = ops.where(lit, self.wave.at(state.highest)[0], 0.0)
-        signal, probability = comparator.expectation(replace(self, point=point), highest_w)
-        return Detection(
-            snr=ops.where(lit, self.snr(signal), 0.0),
-            detection_probability=ops.where(lit, probability, 0.0),
-            outcome=outcome,
-            ambient=ambient.counts(pulse_train.background_power_w, self.sensor, seed=self.seed, pulse=self.pulse),
-            stops=tuple(returns),
-            source=strongest,
+            status=None,
         )

@@ -13,7 +13,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 
 from ..maths.arrays import Array, Lanes, Mask, select_state, xp
-from ..physics.electronics import sampling, tdc
+from ..physics.electronics import sampling
 from ..physics.electronics.pulse_sums import SIGMAS_PER_FWHM, crossing
 from ..physics.optics import pulse as pulse_shape
 from ..sensor.electronics import Adc, MultiLevel
@@ -182,13 +182,7 @@ class _Level:
     def for_pulse(cls, shots: Received, rise: Rise, trip: Trip, place: Lanes, level: Lanes, mask: Mask) -> _Level:
         """Compare one threshold with a pulse that crossed the lowest one at ``place``."""
         point = shots.point
-        up = tdc.crossing_level(
-            threshold=level,
-            deviate=trip.deviate,
-            noise=point.noise.deviation,
-            kappa_1=point.noise.kappa_1,
-            kappa_2=point.noise.kappa_2,
-        )
+        up = point.noise.crossing_level(level, trip.deviate)
         down = edges.trailing_level(shots, rise, trip, place, level)
         reached = mask & (up < trip.signal) & (down < trip.signal)
         if point.response.saturation is not None:

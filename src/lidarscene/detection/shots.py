@@ -15,7 +15,6 @@ from ..light.waveform import Waveform
 from ..maths import random
 from ..maths.arrays import Array, Lanes, Ops, xp
 from ..maths.random import Seed, Stage
-from ..physics.electronics import tdc
 from ..physics.electronics.pulse_sums import SIGMAS_PER_FWHM
 from ..physics.optics import radiometry
 from ..sensor.detectors import WorkingPoint
@@ -74,7 +73,4 @@ class Received(Shots):
 
     def noise_at(self, signal: Lanes) -> Lanes:
         """Standard deviation of a sample's noise at a signal level, (n,); (T12) or (T20)."""
-        point = self.point.unfiltered or self.point
-        return tdc.noise_at_level(
-            level=signal, noise=point.noise.deviation, kappa_1=point.noise.kappa_1, kappa_2=point.noise.kappa_2
-        )
+        return (self.point.unfiltered or self.point).noise.at(signal)

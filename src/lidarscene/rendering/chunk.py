@@ -13,15 +13,14 @@ from typing import Any
 
 import numpy as np
 
-from ..detection.outcomes import Outcome
-from ..detection.returns import Detection
+from ..detection.report import Detection, without_pulses
 from ..kernel.device import transfer
 from ..kernel.rays.kept_lanes import Retraced
 from ..kernel.rays.point_columns import Staged, with_nan_outcomes
 from ..light.beams import Beams
 from ..light.echoes import Echoes
 from ..light.hits import Hits
-from ..maths.arrays import Array, Mask, Numbers, flatten, is_drjit, xp
+from ..maths.arrays import Array, Mask, Numbers, flatten, is_drjit
 from ..maths.pose import Pose
 from .frame import LARGEST_FLOAT32_M
 from .tiles import Order
@@ -56,12 +55,9 @@ class Chunk:
 
     def arrays(self) -> list[Any]:
         """Device arrays that the columns of points need: the outputs of the stages' kernel."""
-        # Points have the intensity, not the amplitude that it is made of.
-        stops = tuple(dataclasses.replace(stop, amplitude=0.0) for stop in self.detection.stops)
-        detection = dataclasses.replace(self.detection, stops=stops)
-        found = flatten((self.pulse, detection, self.goes_on, self.leaks))
+        masks = [mask for mask in (self.goes_on, self.leaks) if mask is not None]
         truth = (array for hits in self.paths for array in truth_arrays(hits))
-        return [array for array in (*found, *truth) if is_drjit(array)]
+        return [self.pulse, *masks, *truth, *flatten(self.detection)]
 
 
 def drop_continuing(
@@ -72,20 +68,13 @@ def drop_continuing(
         goes_on = leaks if goes_on is None else goes_on | leaks
     if goes_on is None:
         return Chunk(pulse, paths, with_nan_outcomes(detection))
-    return Chunk(pulse, paths, with_nan_outcomes(_without(detection, goes_on)), goes_on, leaks)
+    return Chunk(pulse, paths, with_nan_outcomes(without_pulses(detection, goes_on)), goes_on, leaks)
 
 
 def without_lanes(part: Chunk, dropped: Numbers) -> Chunk:
     """Return a chunk in which these lanes, (n,) bool, count as without a surface, as in `drop_continuing`."""
     goes_on = transfer.unsigned_numbers(dropped) != 0
-    return dataclasses.replace(part, detection=_without(part.detection, goes_on), goes_on=goes_on)
-
-
-def _without(detection: Detection, lanes: Mask) -> Detection:
-    """Return the detection as if these lanes had met no surface."""
-    stops = tuple(dataclasses.replace(stop, reported=stop.reported & ~lanes) for stop in detection.stops)
-    outcome = xp(lanes).where(lanes, int(Outcome.NO_SURFACE), detection.outcome)
-    return dataclasses.replace(detection, stops=stops, outcome=outcome)
+    return dataclasses.replace(part, detection=without_pulses(part.detection, goes_on), goes_on=goes_on)
 
 
 def detection_values(parts: Sequence[Chunk], name: str, *, ordered: bool = True) -> Numbers:

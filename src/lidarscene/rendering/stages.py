@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any
 
-from ..detection import receivers, returns
+from ..detection import receiver
 from ..kernel.device import transfer
 from ..kernel.device.replay import Replay
 from ..kernel.rays import kept_lanes
@@ -155,16 +155,14 @@ class Stages:
         lit = self._optical_stages(places, pulse, seed, survey=survey, lines=lines, ray_pulses=ray_pulses or {})
         # One echo at most, and a converter that keeps the first: detection has a closed form, and no search for peaks.
         lone = self.rays == len(lit.paths) == 1 and self.air is None and not lines
-        if lone and receivers.is_plain(sensor):
-            detection = returns.detect(lit.light[0], sensor, seed=seed, pulse=pulse)
+        if lone and receiver.is_plain(sensor):
+            detection = receiver.detect(lit.light[0], sensor, seed=seed, pulse=pulse)
             return drop_continuing(pulse, lit.paths, detection, lit.goes_on, lit.leaks)
         whole, light = self._combine(lit, seed), None
         if lines and self.crosstalk is not None:
             light = self._channel_light(whole, self.crosstalk)
             whole = add_stray_light(whole, light, self.crosstalk, pulse=pulse)
-        detection = receivers.detect(whole, sensor, seed=seed, pulse=pulse)
-        if self.crosstalk is not None and light is not None:
-            detection = receivers.withhold_beside_glare(detection, light, self.crosstalk, sensor, pulse=pulse)
+        detection = receiver.detect(whole, sensor, seed=seed, pulse=pulse, channels=light, crosstalk=self.crosstalk)
         goes_on, leaks = (
             None if rays is None else kept_lanes.any_of_pulse(rays, self.rays) for rays in (lit.goes_on, lit.leaks)
         )

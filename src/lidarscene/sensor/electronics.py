@@ -12,6 +12,26 @@ from ..physics.amplifier.low_pass import LOW_PASSES, LowPass
 MOST_STOPS = 16
 
 
+Keep = Literal["first", "last", "strongest", "strongest_and_last", "all"]
+"""Returns that a sensor file keeps, if there are more."""
+
+_STOPS_OF = {"all": MOST_STOPS, "strongest_and_last": 2}
+"""Returns of the orders that have a number of their own."""
+
+
+def check_stops(keep: Keep, stops: int | None) -> None:
+    """Check that a number of stops goes with what is kept; None: the file gives none. Raises ValueError."""
+    if stops is not None and keep == "all":
+        raise ValueError(f'stops: not together with keep = "all", which has {MOST_STOPS}')
+    if stops not in (None, 2) and keep == "strongest_and_last":
+        raise ValueError(f'stops: must be 2 with keep = "strongest_and_last", got {stops}')
+
+
+def kept_stops(keep: Keep, stops: int) -> tuple[int, str]:
+    """Number of stops and `Tdc.keep` of what a sensor file keeps."""
+    return _STOPS_OF.get(keep, stops), "first" if keep == "all" else keep
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tdc:
     """Comparator and time-to-digital converter.

@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 
-from pydantic import Field, field_validator
+from pydantic import Field, field_validator, model_validator
 
 from ..errors import InputError
 from ..files.table_model import Number, Table
@@ -15,7 +15,7 @@ from ..maths.units import STATIC, FileKey, Quantity, si
 from ..physics.constants import SPEED_OF_LIGHT_M_S
 from ..physics.electronics.pulse_sums import SIGMAS_PER_FWHM
 from ..physics.photon_counting.walk import Filtering, Walk, calibrate
-from .electronics import MOST_STOPS, Tdc
+from .electronics import MOST_STOPS, Keep, Tdc, check_stops, kept_stops
 
 MOST_BINS = 64
 """Most bins that are drawn around an echo: each is some hundred instructions of the kernel."""
@@ -192,8 +192,9 @@ class HistogramFile(
         default=0.0, description="step of the reported time"
     )
     stops: Annotated[int, Field(ge=1, le=MOST_STOPS)] = Field(default=1, description="returns for each point")
-    keep: Literal["first", "last", "strongest"] = Field(
-        default="strongest", description="which peaks, if there are more than stops"
+    keep: Keep = Field(
+        default="strongest",
+        description='which peaks, if there are more than stops; `"strongest_and_last"` and `"all"` as of `[tdc]`',
     )
     column_weights: tuple[Annotated[float, Field(ge=0, le=1)], ...] | None = Field(
         default=None,
@@ -211,6 +212,11 @@ class HistogramFile(
             "a pulse (docs/theory_light.md 20)"
         ),
     )
+
+    @model_validator(mode="after")
+    def _stops_of_what_is_kept(self) -> HistogramFile:
+        check_stops(self.keep, self.stops if "stops" in self.model_fields_set else None)
+        return self
 
     @field_validator("column_weights")
     @classmethod
@@ -334,12 +340,13 @@ class HistogramFile(
         longest_us = dwell_us if period_us is None else period_us
         if window_us > longest_us * (1.0 + 1e-9):
             raise InputError(f"histogram.window_us: must be <= {longest_us:g}, the pulse period, got {window_us:g}")
+        stops, keep = kept_stops(self.keep, self.stops)
         values: dict[str, Any] = {
             "window_s": si(window_us, "us"),
             "bandwidth_hz": 1.0 / si(float(self.bin_ns), "ns"),
             "least_significant_bit_s": si(self.lsb_ps, "ps"),
-            "stops": self.stops,
-            "keep": self.keep,
+            "stops": stops,
+            "keep": keep,
             "blanking_s": si(self.blanking_ns, "ns"),
             "dead_time_s": si(self.separation_ns, "ns"),
             "walk": "none",

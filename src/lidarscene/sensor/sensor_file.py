@@ -22,7 +22,7 @@ from ..physics.optics import beam
 from ..scan import AnyScannerFile, Scanner
 from ..scan.scanner_file import ScannerContext
 from .detectors import AnyDetectorFile, Detector, Spad
-from .electronics import MOST_STOPS, Receiver, Tdc
+from .electronics import Keep, Receiver, Tdc, check_stops, kept_stops
 from .histogram import Histogram, HistogramFile
 from .imu import ImuFile
 from .optics import OpticsFile
@@ -104,14 +104,10 @@ class LaserFile(Table[Laser]):
         return self
 
 
-STOPS_OF = {"all": MOST_STOPS, "strongest_and_last": 2}
-"""Returns of the orders that have a number of their own."""
-
-
 class TdcFile(Table[Tdc]):
     """[tdc]: comparator and time-to-digital converter."""
 
-    keep: Literal["first", "last", "strongest", "strongest_and_last", "all"] = Field(
+    keep: Keep = Field(
         default="first",
         description=(
             'which crossings, if there are more; `"strongest_and_last"` are two, the second '
@@ -131,17 +127,14 @@ class TdcFile(Table[Tdc]):
     def _one_threshold(self) -> TdcFile:
         if (self.threshold_to_noise is None) == (self.threshold_level is None):
             raise ValueError("one of threshold_to_noise and threshold_level must be given, got both or none")
-        if self.keep == "all" and "stops" in self.model_fields_set:
-            raise ValueError('stops: not together with keep = "all", which has 16')
-        if self.keep == "strongest_and_last" and self.stops != 2 and "stops" in self.model_fields_set:
-            raise ValueError(f'stops: must be 2 with keep = "strongest_and_last", got {self.stops}')
+        check_stops(self.keep, self.stops if "stops" in self.model_fields_set else None)
         if self.blanking_ns >= 1e3 * self.window_us:
             raise ValueError(f"blanking_ns: must be < {1e3 * self.window_us:g}, the window, got {self.blanking_ns:g}")
         return self
 
     def build(self, detector: Detector) -> Tdc:
         """Convert to SI units; with ``edges`` left out, both are timed where the detector saturates."""
-        stops, keep = STOPS_OF.get(self.keep, self.stops), "first" if self.keep == "all" else self.keep
+        stops, keep = kept_stops(self.keep, self.stops)
         both_edges = detector.saturates if self.edges is None else self.edges == "both"
         return self.in_si(stops=stops, keep=keep, both_edges=both_edges)
 

@@ -22,8 +22,8 @@ from ..physics.electronics import sampling, tdc
 from ..physics.optics import radiometry
 from ..scan import Flash, Scanner
 from .detectors import Detector, Filtered, Reception, Spad, WorkingPoint
+from .detectors.macropixel import Macropixel
 from .detectors.matching import silicon_doubt, spot_doubt
-from .detectors.spad_detector import Macropixel
 from .electronics import Adc, Intensity, MultiLevel, Receiver, Tdc
 from .histogram import Histogram
 from .imu import Imu

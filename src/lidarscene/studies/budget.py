@@ -23,7 +23,6 @@ from ..light.beams import Beams
 from ..light.echoes import Ambient, Echoes, receive
 from ..light.hits import Hits
 from ..maths.arrays import Numbers
-from ..physics.electronics import tdc
 from ..scan import Scanner
 from ..sensor.sensor_model import Sensor
 
@@ -83,7 +82,7 @@ def budget_of(cloud: PointCloud, sensor: Sensor, ambient: Ambient, *, light: Ech
     # A saturated signal does not determine the power, so the traced or Lambertian power stays if it matches.
     explained = np.abs(point.response.signal(light.peak_power_w) - signal) <= SAME_SIGNAL * signal
     power = np.where(explained, light.peak_power_w, point.response.power_w(signal))
-    at_peak = tdc.noise_at_level(level=signal, noise=noise, kappa_1=point.noise.kappa_1, kappa_2=point.noise.kappa_2)
+    at_peak = point.noise.at(signal)
     probability = np.broadcast_to(point.detection_probability(threshold, signal, at_peak), len(cloud))
     return Budget(
         echo_power_w=np.where(has_surface, power, 0.0),

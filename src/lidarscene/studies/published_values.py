@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from ..detection.outcomes import Status
-from ..detection.receivers import detect_alone
+from ..detection.receiver import detect
 from ..figures.report import text_table
 from ..physics.constants import SPEED_OF_LIGHT_M_S
 from ..sensor.readout import PublishedFile, RepeatabilityFile
@@ -57,7 +57,7 @@ def scatter_m(sensor: Sensor, target: Target, *, range_m: float, snr: float | No
         if point.response.largest is not None and np.any(level > point.response.largest):
             return None  # more than the cells can show
         light = replace(light, peak_power_w=point.response.power_w(level))
-    stop = detect_alone(light, sensor, seed=_SEED, pulse=np.arange(SHOTS, dtype=np.uint32)).stops[0]
+    stop = detect(light, sensor, seed=_SEED, pulse=np.arange(SHOTS, dtype=np.uint32)).stops[0]
     echo = stop.reported & (stop.status == int(Status.ECHO))
     errors = (np.asarray(stop.range_m) - ranges)[np.asarray(echo)]
     return float(np.std(errors)) if errors.size > SHOTS // 100 else None

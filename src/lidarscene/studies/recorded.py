@@ -19,7 +19,7 @@ from pydantic import Field, model_validator
 
 from .. import catalog
 from ..detection.outcomes import Status
-from ..detection.receivers import detect, withhold_beside_glare
+from ..detection.receiver import detect
 from ..figures.report import text_table
 from ..files.toml import FileModel, read_toml, validate
 from ..light.echoes import EchoTrain, SubEchoes
@@ -295,8 +295,8 @@ def withheld_beside(sensor: Sensor, photons: Numbers, apart_m: Numbers) -> Numbe
     )
     pulse = np.arange(background_w.size, dtype=np.uint32)
     light = channel_light(train, crosstalk)
-    detection = detect(add_stray_light(train, light, crosstalk, pulse=pulse), sensor, seed=1, pulse=pulse)
-    detection = withhold_beside_glare(detection, light, crosstalk, sensor, pulse=pulse)
+    whole = add_stray_light(train, light, crosstalk, pulse=pulse)
+    detection = detect(whole, sensor, seed=1, pulse=pulse, channels=light, crosstalk=crosstalk)
     reported = np.asarray(detection.stops[0].reported).reshape(is_strong.shape)
     return np.asarray(np.mean(reported & ~is_strong, axis=1) < 0.5)
 

@@ -9,7 +9,7 @@ from helpers import photons
 from helpers.trains import in_fog, on_device, train
 
 from lidarscene.detection.photon_counting.bins import Bins
-from lidarscene.detection.photon_counting.histogram_receiver import broaden
+from lidarscene.detection.photon_counting.expectation import broaden
 from lidarscene.detection.photon_counting.histograms import histograms
 from lidarscene.kernel.device import transfer
 from lidarscene.light.waveform import waveform

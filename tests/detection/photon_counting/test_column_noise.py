@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from helpers import photons
 
-from lidarscene.detection import receivers
+from lidarscene.detection import receiver
 from lidarscene.errors import InputError
 from lidarscene.kernel.device import transfer
 from lidarscene.physics.photon_counting import shared_shots
@@ -113,13 +113,11 @@ def test_any_part_of_a_frame_has_the_numbers_of_the_whole_frame():
     counter = head()
     light = walls(counter, 400.0, count=900, illuminance_klux=0.0)
     pulse = np.arange(900, dtype=np.uint32)
-    whole = receivers.detect_alone(light, counter, seed=3, pulse=pulse).stops[0].range_m
+    whole = receiver.detect(light, counter, seed=3, pulse=pulse).stops[0].range_m
     names = ("range_m", "peak_power_w", "background_power_w", "has_surface")
     part = dataclasses.replace(light, **{name: np.broadcast_to(getattr(light, name), 900)[::3] for name in names})
-    np.testing.assert_array_equal(
-        receivers.detect_alone(part, counter, seed=3, pulse=pulse[::3]).stops[0].range_m, whole[::3]
-    )
-    other = receivers.detect_alone(light, counter, seed=4, pulse=pulse).stops[0].range_m
+    np.testing.assert_array_equal(receiver.detect(part, counter, seed=3, pulse=pulse[::3]).stops[0].range_m, whole[::3])
+    other = receiver.detect(light, counter, seed=4, pulse=pulse).stops[0].range_m
     assert (other != whole).mean() > 0.9
 
 
@@ -133,7 +131,7 @@ def test_numpy_and_device_share_the_same_noise(mi):
     }
     on_device = dataclasses.replace(light, has_surface=arrays["range_m"] > 0.0, **arrays)
     device = transfer.fetch(
-        receivers.detect_alone(
+        receiver.detect(
             on_device, transfer.opaque(counter), seed=transfer.seed_word(4), pulse=transfer.counter(0, 3_000)
         )
     ).stops[0]

@@ -9,7 +9,7 @@ from helpers import trains
 from helpers.trains import SIGMA_S, detect, sensor, train
 from scipy.special import erf
 
-from lidarscene.detection import multi_echo
+from lidarscene.detection import receiver
 from lidarscene.detection.pulses.echo_memory import Residue
 from lidarscene.detection.sampled_waveforms import sample_with_memory
 from lidarscene.kernel.device import transfer
@@ -215,7 +215,7 @@ def test_on_the_device(mi, equipment):
     power = point.response.power_w(point.noise.deviation * 60.0)[0] * random.uniform(0.1, 1.5, (count, 3))
     light = train(30.0 + np.cumsum(random.uniform(1.0, 5.0, (count, 3)), axis=1), power, background_w=DIM_W)
     host = detect(light, equipped)
-    device = multi_echo.detect(
+    device = receiver.detect(
         trains.on_device(light), transfer.opaque(equipped), seed=transfer.seed_word(0), pulse=transfer.counter(0, count)
     )
     device_reported = [np.array(stop.reported.numpy()) for stop in device.stops]
@@ -331,7 +331,7 @@ def test_cells_in_strong_light_stay_finite_on_the_device(mi, background_w):
     light = trains.in_fog(equipped, np.geomspace(0.1, 1e3, 60), wall_m=40.0)
     light = replace(light, background_power_w=np.full(60, background_w))
     host = detect(light, equipped)
-    device = multi_echo.detect(
+    device = receiver.detect(
         trains.on_device(light), transfer.opaque(equipped), seed=transfer.seed_word(0), pulse=transfer.counter(0, 60)
     )
     assert np.isfinite(host.snr).all()

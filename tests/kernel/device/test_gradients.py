@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from helpers import chain, trains
 
-from lidarscene.detection import multi_echo
+from lidarscene.detection import receiver
 from lidarscene.kernel.device import transfer
 from lidarscene.kernel.rays.trace import trace
 from lidarscene.kernel.world.mitsuba_world import build_world
@@ -132,7 +132,7 @@ def test_many_rays_on_one_pulse(case, mi):
         pulse = transfer.counter(0, 40) if on_device else np.arange(40, dtype=np.uint32)
         rays, _, light = light_of(attached, sensor)
         whole = trains_of.join_echoes([light], rays, rays=RAYS)
-        return multi_echo.detect(whole, sensor, seed=0, pulse=pulse)
+        return receiver.detect(whole, sensor, seed=0, pulse=pulse)
 
     far = (
         candidate
@@ -183,7 +183,7 @@ def test_reflectivity_of_a_traced_plane(mi):
     ambient = transfer.opaque(ambient_of(described, equipped))
     light = echoes.receive(fan, hits, sensor, ambient)
     whole = trains_of.join_echoes([light], fan, rays=7)
-    snr = multi_echo.detect(whole, sensor, seed=transfer.seed_word(0), pulse=pulse).snr
+    snr = receiver.detect(whole, sensor, seed=transfer.seed_word(0), pulse=pulse).snr
     dr.backward(dr.sum(snr))
     total = float(np.sum(dr.detach(snr).numpy()))
     assert float(np.sum(dr.grad(parameters[key]).numpy())) == pytest.approx(total / 0.1, rel=1e-4)
@@ -201,7 +201,7 @@ def test_what_a_converter_reports_has_none(mi):
     dr.enable_grad(scale)
     (part,) = light.parts
     light = replace(light, parts=(replace(part, peak_power_w=part.peak_power_w * scale),))
-    detection = multi_echo.detect(
+    detection = receiver.detect(
         light, transfer.opaque(equipped), seed=transfer.seed_word(0), pulse=transfer.counter(0, 1)
     )
     assert dr.grad_enabled(detection.snr)

@@ -7,7 +7,7 @@ import pytest
 from helpers import chain, trains
 from scipy.stats import norm
 
-from lidarscene.detection import multi_echo, returns
+from lidarscene.detection import receiver
 from lidarscene.detection.outcomes import Outcome
 from lidarscene.physics.electronics import saturation, tdc
 from lidarscene.physics.reference import electronics as reference_electronics
@@ -23,7 +23,7 @@ STEADY = "detector.statistics='steady_state'"  # solved for the light in closed 
 
 def shots(sensor, range_m, reflectivity=0.8):
     light = plane.echoes_of_plane(sensor, Target(reflectivity=reflectivity), np.full(SHOTS, range_m))
-    return light, returns.detect(light, sensor, seed=3, pulse=np.arange(SHOTS, dtype=np.uint32))
+    return light, receiver.detect(light, sensor, seed=3, pulse=np.arange(SHOTS, dtype=np.uint32))
 
 
 @pytest.mark.parametrize("signal", [0.5, 0.99, 1.5, 10.0, 1e3])
@@ -54,7 +54,7 @@ def test_width_grows_with_the_logarithm():
 
 @pytest.mark.parametrize("range_m", [5.0, 20.0, 50.0])
 def test_walk_bias_of_shots(range_m):
-    """Reference: the mean of a frame's ranges, through `detection.returns.detect`.
+    """Reference: the mean of a frame's ranges, through `detection.receiver.detect`.
 
     The same frame without clipping has its own small bias, from noise on a curved edge, taken off; what is left
     is counted, four standard errors.
@@ -146,9 +146,9 @@ def test_width_and_range_of_a_clipped_echo(range_m, rays, recovery_ns):
         whole = trains.train(
             range_m, light.peak_power_w[:, None] * [0.25, 0.75], background_w=light.background_power_w[0]
         )
-        detection = multi_echo.detect(whole, sensor, seed=3, pulse=pulse)
+        detection = receiver.detect(whole, sensor, seed=3, pulse=pulse)
     else:
-        detection = returns.detect(light, sensor, seed=3, pulse=pulse)
+        detection = receiver.detect(light, sensor, seed=3, pulse=pulse)
     point, stop = sensor.working_point(light.background_power_w), detection.stops[0]
     expected_s = reference_electronics.width_at_level_s(
         level=sensor.threshold(point)[0],
@@ -174,8 +174,8 @@ def test_one_sub_echo_is_several(name):
     light = plane.echoes_of_plane(sensor, Target(), range_m)
     pulse = np.arange(len(range_m), dtype=np.uint32)
     whole = trains.train(range_m[:, None], light.peak_power_w[:, None], background_w=light.background_power_w[0])
-    single = returns.detect(light, sensor, seed=5, pulse=pulse).stops[0]
-    several = multi_echo.detect(whole, sensor, seed=5, pulse=pulse).stops[0]
+    single = receiver.detect(light, sensor, seed=5, pulse=pulse).stops[0]
+    several = receiver.detect(whole, sensor, seed=5, pulse=pulse).stops[0]
     assert (single.reported == several.reported).all()
     reported = single.reported
     # Where an edge crosses within rounding of the peak its place is the root of 1e-16: 1e-8 of a pulse.
@@ -195,7 +195,7 @@ def test_ranges_of_a_full_sipm(range_m):
     for edges in ("rising", "both"):
         sensor = chain.sensor("table1-sipm", STEADY, f"tdc.edges='{edges}'")
         light = plane.echoes_of_plane(sensor, target, np.full(SHOTS, range_m))
-        stop = returns.detect(light, sensor, seed=3, pulse=pulse).stops[0]
+        stop = receiver.detect(light, sensor, seed=3, pulse=pulse).stops[0]
         bias_m[edges] = (stop.range_m - range_m)[stop.status == 0].mean()
     point = sensor.working_point(light.background_power_w[:1])
     free = float(point.response.largest[0]) + 0.5

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from numpy.typing import NDArray
+from scipy.stats import norm
 
 from lidarscene.physics.electronics import tdc
 
@@ -58,3 +59,18 @@ def test_the_crossing_level_solves_its_equation(kappa_1: float, kappa_2: float) 
     level = tdc.crossing_level(threshold=30.0, noise=4.0, kappa_1=kappa_1, kappa_2=kappa_2, deviate=deviate)
     sigma = np.sqrt(16.0 + kappa_1 * level + kappa_2 * level**2)
     np.testing.assert_allclose(level + deviate * sigma, 30.0, rtol=1e-12)
+
+
+@pytest.mark.parametrize("kappa_2", [0.01, 0.04, 0.36, 1.2])
+def test_noise_that_grows_with_the_signal_detects_as_often_as_its_probability(kappa_2: float) -> None:
+    """Rationale: of a laser whose power scatters, kappa_2 = r^2. From r |z| = 1 on noise outgrows the signal, and no
+    echo, however strong, trips the comparator. On even quantiles of z, to one of them.
+    """
+    quantiles = 4001
+    deviate = norm.ppf((np.arange(quantiles) + 0.5) / quantiles)
+    level = tdc.crossing_level(threshold=30.0, noise=4.0, kappa_1=0.5, kappa_2=kappa_2, deviate=deviate)
+    assert (np.diff(level) <= 0.0).all()
+    for signal in (10.0, 30.0, 100.0, 1e4):
+        sigma = tdc.noise_at_level(level=signal, noise=4.0, kappa_1=0.5, kappa_2=kappa_2)
+        probability = tdc.detection_probability(signal=signal, threshold=30.0, noise_at_peak=sigma)
+        assert np.mean(signal >= level) == pytest.approx(float(probability), abs=1.0 / quantiles)

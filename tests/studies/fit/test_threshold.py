@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 from helpers.drawn_recordings import drawn_sweep, drawn_truth
 
-from lidarscene.detection.photon_counting.bins import BOX, BOX_SHARE
 from lidarscene.physics.photon_counting.matched_filter import SCALE, TEMPLATE
+from lidarscene.physics.photon_counting.pile_up import BOX, BOX_SHARE
 from lidarscene.sensor.sensor_file import load_sensor
 from lidarscene.studies.fit import threshold
 from lidarscene.studies.fit.estimates import Solution

@@ -92,7 +92,7 @@ def test_false_alarms_of_counted_cells():
 @pytest.mark.parametrize("tail", ["gaussian", "mcintyre"])
 @pytest.mark.parametrize("tnr", [3.2, 3.8])
 def test_correct_probability_by_shots(tnr, tail):
-    """(10) through `detection.returns.detect`: P_d 0.5 at the end of the window, P_f with either tail."""
+    """(10) through `detection.receiver.detect`: P_d 0.5 at the end of the window, P_f with either tail."""
     sensor = apd_with(f"tdc.threshold_to_noise={tnr}", f"detector.tail='{tail}'")
     limit = float(plane.maximum_range_m(sensor, Target())[0])
     # The half of the pulse of 6 ns comes after the peak of an echo at the limit.

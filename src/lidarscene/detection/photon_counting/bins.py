@@ -9,20 +9,16 @@ Symbols: N trials, lambda rate of detections of one free SPAD, sigma width of an
 
 from __future__ import annotations
 
-import math
 from dataclasses import dataclass, replace
 
-from ...light.echoes import Volume
 from ...light.waveform import Waveform
 from ...maths import random
 from ...maths.arrays import Array, Lanes, Mask, Ops, xp
 from ...maths.random import Seed, Stage
-from ...physics.photon_counting import dead_time, draws, matched_filter, pile_up
+from ...physics.photon_counting import dead_time, matched_filter
 from ...physics.photon_counting.pile_up import BOX
-from ...sensor.detectors.spad_detector import Macropixel
-from .shadows import DEAD_TIMES, Shadow
-
-BOX_SHARE = math.erf(BOX / math.sqrt(2.0))
+from ...sensor.detectors.macropixel import Macropixel
+from .courses import FEW, Courses, EarlierFirings
 
 _LEAST = 1e-3
 """Values beside the filter's peak below this share of it count as that much: their logarithm gives the peak's place."""
@@ -51,79 +47,6 @@ class Peak:
     photons: Lanes
     shaded: Mask
     expected: Lanes | None
-
-
-_FEW = 2e-3
-"""Share of the SPADs that may be left out when they come free again, or when earlier light fires them: 0.1 % of the
-noise in any light."""
-
-_NOTHING_BEFORE = 4.5
-"""Widths (sigmas) behind the first bin from which on an echo has no light before it."""
-
-
-_LEAD = 3.0
-"""Widths (sigmas) before the first bin from which on SPADs are followed: light there is as exact as in the bins."""
-
-_CHANGED = 0.01
-"""Change of the free share from which on an echo has its own expectation: it moves P_d by some 0.005."""
-
-_BESIDE = (-0.8, 0.0, 0.8)
-"""Places in sigmas about a peak, of whose expected values a parabola gives the highest."""
-
-_BACK = (3, 2, 1, 0)
-"""Dead times before the bins at which SPADs are followed, the earliest first."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Before:
-    """SPADs that fired before the first bin; each (n,), or a room with an entry for each bin.
-
-    free      share that is free at the first bin
-    released  share that comes free in each bin a dead time after it has fired; None: that of even light
-    due       afterpulses in each bin of those that light of its own fired, for each free SPAD; None: there are none
-    shaded    whether light came before the bins: else the rooms hold nothing
-    value     mean of the filter's value then, in photons; None: not followed
-    changed   whether the free share is another one than in even light
-    """
-
-    free: Lanes
-    released: Array | None = None
-    due: Array | None = None
-    shaded: Mask = False
-    value: Lanes | None = None
-    changed: Mask = False
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Course:
-    """Course of the free SPADs some dead times before the drawn bins, or within them; each field (n,).
-
-    free   share that is free when a step begins
-    due    afterpulses a step that free ones are to have, above those of even light
-    parts  light of each sub-echo in the step (`light.waveform.Comb`)
-    """
-
-    free: Lanes
-    due: Lanes
-    parts: tuple[Lanes, ...]
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Following:
-    """State of following the courses; each field (n,), rooms of `_Before`.
-
-    number   number of the next step, from the first bin: negative before it
-    courses  those of `_BACK`
-    free     share that is free at the first bin
-    values   counts behind the filter's template so far, at some places
-    """
-
-    number: Lanes
-    courses: tuple[_Course, ...]
-    free: Lanes
-    values: tuple[Lanes, ...]
-    released: Array
-    due: Array | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -172,7 +95,7 @@ class Bins:
         """Array functions of the arrays' kind, NumPy's or Dr.Jit's."""
         return xp(self.wave.origin_m)
 
-    def draw(self, place: Lanes, time_s: Lanes, *, behind: bool = False) -> tuple[Lanes, list[Lanes], _Before]:
+    def draw(self, place: Lanes, time_s: Lanes, *, behind: bool = False) -> tuple[Lanes, list[Lanes], EarlierFirings]:
         """Draw the counts around a place; returns the first bin's number, the counts, (n,) each, and what was before.
 
         Arguments as of `highest`.
@@ -183,7 +106,9 @@ class Bins:
         middle = ops.floor(time_s / bin_s)
         first = 2.0 * ops.floor(0.5 * (middle - pixel.histogram.reach))
         start = place + (first * bin_s + 0.5 * bin_s - time_s) / pixel.sigma_s
-        before = self._before(start, first * bin_s, time_s, place, behind=behind)
+        before = Courses(pixel=pixel, wave=self.wave).earlier_firings(
+            start, first * bin_s, time_s, place, behind=behind
+        )
         return first, self._draw_counts(first, start, before, place), before
 
     def highest(
@@ -201,13 +126,13 @@ class Bins:
         background = pixel.count_rate_hz * bin_s
         values = self._filter_counts(counts, background)
         first_searched = reach - search - 1
-        best, peak_bin = values[1], 0.0 * place + (first_searched + 1.0)
+        best, peak_bin = values[1], ops.full(place, first_searched + 1.0)
         before, after = values[0], values[2]
-        exists = place == place
+        exists = ops.full(place, limits_s is None)
         if limits_s is not None:
             # A bin belongs to the echo on whose side of the limit its middle lies.
             low, high = (limit_s / bin_s - 0.5 - first - first_searched for limit_s in limits_s)
-            best, exists = 0.0 * place - _BELOW_ALL, place != place
+            best = ops.full(place, -_BELOW_ALL)
         for k in range(1 if limits_s is not None else 2, len(values) - 1):
             better = values[k] > best
             if limits_s is not None:
@@ -232,148 +157,7 @@ class Bins:
             expected=earlier.value,
         )
 
-    def _before(self, start: Lanes, time_s: Lanes, echo_s: Lanes, middle: Lanes, *, behind: bool) -> _Before:
-        """SPADs that background, nearer echoes and the air have fired before the first bin.
-
-        start, time_s   place and time of flight of that bin
-        echo_s, middle  time of flight and place of the echo, for which the pixel is
-        behind          as of `highest`
-        """
-        pixel, wave = self.pixel, self.wave
-        free, fires_once = pixel.free, pixel.spad.stamps == "first"
-        if fires_once:
-            armed = pixel.armed_s + time_s - echo_s
-            free = dead_time.free_share_of_first(rate_hz=pixel.rate_hz, time_s=armed)
-        if len(wave.centres) == 1 and wave.volume is None and not behind:
-            # The pulse's only echo is the one in these bins.
-            return _Before(free=free)
-        # Places count from the nearest echo.
-        shaded: Mask = start > -_NOTHING_BEFORE if behind else self._echoes_fire(start)
-        if wave.volume is not None:
-            shaded = shaded | self._air_fires(wave.volume, start)
-        return self._follow(start, time_s, shaded, free, middle)
-
-    def _echoes_fire(self, start: Lanes) -> Mask:
-        """Whether echoes that begin before a place fire enough SPADs to be missed there, (n,)."""
-        pixel, ops = self.pixel, self.ops
-        power_w: Lanes = 0.0
-        for centre, height in zip(self.wave.centres, self.wave.heights, strict=True):
-            power_w = power_w + ops.where(centre - start < _NOTHING_BEFORE, height, 0.0)
-        return power_w * (pixel.per_watt * pixel.sigma_s * math.sqrt(2.0 * math.pi)) > _FEW
-
-    def _air_fires(self, air: Volume, start: Lanes) -> Mask:
-        """Whether the air's light fires enough SPADs before a place to be missed there, (n,)."""
-        pixel = self.pixel
-        if pixel.spad.stamps == "first":
-            return air.scale > 0.0  # none that has fired since the pulse left comes back
-        # Older firings count in the light of the dead times before only.
-        earliest_m = self.wave.range_m(start - (DEAD_TIMES + 1) * pixel.blind_sigmas)
-        return air.highest_w(earliest_m) * pixel.per_watt * pixel.spad.dead_time_s > _FEW
-
-    def _follow(self, start: Lanes, time_s: Lanes, shaded: Mask, even: Lanes, middle: Lanes) -> _Before:
-        """Follow the SPADs through the light before the bins, three dead times to none before (T100), (T109).
-
-        even    free share in even light
-        middle  place beside which the filter's highest value is expected
-
-        What fires a dead time before comes free in the bins, as sharply as the light that fired it came.
-        """
-        pixel, ops = self.pixel, self.ops
-        spad, bin_s = pixel.spad, pixel.histogram.bin_s
-        step, dead = bin_s / pixel.sigma_s, pixel.blind_sigmas
-        zero, count = 0.0 * start, 2 * pixel.histogram.reach + 2
-        # An echo that ends shortly before the bins is followed too.
-        fires_once = spad.stamps == "first"
-        lead = 0 if fires_once else math.ceil(_LEAD / pixel.histogram.bin_to_sigma)
-        followed = (0,) if fires_once else _BACK
-        begin, early = start - lead * step, lead + 0.5
-
-        def shares() -> tuple[Lanes, ...]:
-            shadow = Shadow.before(pixel, self.wave, start - early * step, time_s - early * bin_s)
-            dues = [0.0] * len(followed) if spad.afterpulse is None else [shadow.due_hz(pixel, n) for n in followed]
-            return tuple(zero + even * share for share in (*(shadow.free(n) for n in followed), *dues))
-
-        of_even = (1.0,) * len(followed) + (0.0,) * len(followed)
-        first = ops.where_any(shaded, shares, tuple(zero + even * share for share in of_even))
-        steps = lead + count - 1
-        combs = [
-            self.wave.comb(
-                begin - back * dead,
-                step,
-                begin + 0.5 * steps * step - back * dead,
-                half=0.5 * steps * pixel.histogram.bin_to_sigma,
-            )
-            for back in followed
-        ]
-        fired_evenly = 0.0 if fires_once else pixel.free * pixel.rate_hz * bin_s
-        scale = 1.0 / matched_filter.TEMPLATE
-        state = _Following(
-            number=zero - lead,
-            courses=tuple(
-                _Course(free=free, due=due_hz * bin_s, parts=tuple(comb.parts))
-                for free, due_hz, comb in zip(first, first[len(followed) :], combs, strict=False)
-            ),
-            free=first[len(followed) - 1],
-            values=(zero,) * len(_BESIDE),
-            released=ops.room(start, count),
-            due=None if spad.afterpulse is None else ops.room(start, count),
-        )
-
-        def follow_step(state: _Following) -> _Following:
-            place, index = start + state.number * step, ops.int32(ops.maximum(state.number, 0.0))
-            courses, released, caught = [], fired_evenly, zero
-            room, due_room = state.released, state.due
-            for back, comb, course in zip(followed, combs, state.courses, strict=True):
-                if back == 0:
-                    room = ops.put(room, index, zero + released)
-                light = comb.power_w(place - back * dead, course.parts) * (pixel.per_watt * bin_s)
-                of_free, of_released = dead_time.firing_parts(detections=light + pixel.rate_hz * bin_s)
-                fired, due = course.free * of_free + released * of_released, course.due
-                if due_room is not None and spad.afterpulse is not None and spad.afterpulse_s is not None:
-                    # As in `dead_time.firing_shares`: they fire, light fires their SPADs, or they go on.
-                    others = light + pixel.primary_hz * bin_s
-                    gone = others + bin_s / spad.afterpulse_s
-                    at_once, late = dead_time.firing_parts(detections=gone)
-                    returned = ops.exp(-spad.dead_time_s / spad.afterpulse_s) * caught
-                    again = (due * at_once + returned * late) / gone
-                    if back == 0:
-                        due_room = ops.put(due_room, index, again / ops.maximum(course.free + 0.5 * released, 1e-6))
-                    fired, due = fired + again, due + returned - again * gone
-                    caught = again * others + (fired - fired_evenly) * (spad.afterpulse * bin_s / spad.afterpulse_s)
-                courses.append(_Course(free=course.free + released - fired, due=due, parts=comb.advance(course.parts)))
-                released = fired
-            in_bins = state.number > -0.5
-            counted = ops.where(in_bins, pixel.coincidence_probability(released) - pixel.count_share, 0.0)
-            offsets = ((place - middle - beside) * scale for beside in _BESIDE)
-            return _Following(
-                number=state.number + 1.0,
-                courses=tuple(courses),
-                free=ops.where(in_bins, state.free, courses[-1].free),
-                values=tuple(
-                    value + counted * ops.exp(-0.5 * offset * offset)
-                    for value, offset in zip(state.values, offsets, strict=True)
-                ),
-                released=room,
-                due=due_room,
-            )
-
-        final = ops.loop(state, lambda state: shaded & (state.number < count - 0.5), follow_step)
-        value: Lanes | None = None
-        if not pixel.corrected:
-            low, top, high = final.values
-            bend = ops.minimum(low - 2.0 * top + high, -1e-6 * ops.abs(top) - 1e-20)
-            offset = ops.minimum(ops.maximum(0.5 * (low - high) / bend, -1.0), 1.0)
-            value = (top - 0.5 * (low - high - bend * offset) * offset) * (matched_filter.SCALE * pixel.trials)
-        return _Before(
-            free=final.free,
-            released=None if fires_once else final.released,
-            due=final.due,
-            shaded=shaded,
-            value=value,
-            changed=shaded & (ops.abs(final.free - even) > _CHANGED * even),
-        )
-
-    def _draw_counts(self, first: Lanes, start: Lanes, before: _Before, middle: Lanes) -> list[Lanes]:
+    def _draw_counts(self, first: Lanes, start: Lanes, before: EarlierFirings, middle: Lanes) -> list[Lanes]:
         """Draw the counts of each bin, (n,) each; corrected for pile-up if the sensor does so.
 
         first   number of the first bin, even
@@ -382,21 +166,21 @@ class Bins:
         middle  place of the echo
         """
         pixel, ops = self.pixel, self.ops
-        bin_s, count = pixel.histogram.bin_s, 2 * pixel.histogram.reach + 2
+        bin_s, count, zero = pixel.histogram.bin_s, 2 * pixel.histogram.reach + 2, ops.full(start, 0.0)
         # The first bin is even, so that it may be one bin farther away.
         half = (pixel.histogram.reach + 2) * pixel.histogram.bin_to_sigma
         comb = self.wave.comb(start, bin_s / pixel.sigma_s, middle, half=half)
-        all_trials = pixel.trials if pixel.spad.coincidence == 1 else 1.0
+        trials, again = pixel.first_trials(before.free)
         begin = _DrawState(
-            number=0.0 * start,
-            free=0.0 * start + before.free,
-            silent=0.0 * start + 1.0,
-            trials=0.0 * start + (0.0 if pixel.corrected else all_trials),
-            again=0.0 * start + (all_trials * before.free if pixel.corrected else 0.0),
-            revived=0.0 * start,
+            number=zero,
+            free=zero + before.free,
+            silent=ops.full(start, 1.0),
+            trials=zero + trials,
+            again=zero + again,
+            revived=zero,
             parts=tuple(comb.parts),
             firings=ops.room(start, count),
-            counts=ops.room(start, count) if pixel.corrected or pixel.spad.coincidence > 1 else None,
+            counts=None if pixel.counts_firings else ops.room(start, count),
         )
 
         def step(state: _DrawState) -> _DrawState:
@@ -418,7 +202,7 @@ class Bins:
         counts = final.firings if final.counts is None else final.counts
         return [ops.get(counts, ops.full(first, i)) for i in range(count)]
 
-    def _draw_bin(self, state: _DrawState, before: _Before, detections: Lanes, uniform: Lanes) -> _DrawState:
+    def _draw_bin(self, state: _DrawState, before: EarlierFirings, detections: Lanes, uniform: Lanes) -> _DrawState:
         """Draw the firings of the next bin and its counts (T105).
 
         How many SPADs are free is not known, only how many have fired in these bins: the others fire with the share
@@ -428,13 +212,12 @@ class Bins:
         uniform     in (0, 1]
         """
         pixel, ops = self.pixel, self.ops
-        spad = pixel.spad
         released = self._released(state.number, before)
         of_free, of_released = dead_time.firing_parts(detections=detections, branch=True)
         share = state.free * of_free + released * of_released
         revived = state.revived
-        if pixel.corrected:
-            # Coates' correction knows the counts before these bins too, and so how many SPADs are free.
+        if pixel.knows_free:
+            # The counts before these bins are known too.
             revived = revived + pixel.trials * released
         silent = ops.maximum(state.silent, 1e-6)
         # Of the trials that may fire the first ones have the mean trials share / silent, the second ones that of
@@ -444,23 +227,9 @@ class Bins:
         pool = ops.maximum(state.trials + state.again + revived, 1e-6)
         inverse = 1.0 / (of_all * silent * pool)
         probability, second = of_all * of_all * inverse, of_again * silent * pool * inverse
-        counts, index = state.counts, ops.int32(state.number)
-        if spad.coincidence == 1:
-            firings = draws.binomial_count(trials=pool, probability=probability, uniform=uniform)
-            if counts is not None:
-                free = ops.maximum(state.again + 0.5 * revived, 1e-6 * pixel.trials)
-                corrected = pixel.trials * dead_time.detections_of_share(share=firings / free)
-                counts = ops.put(counts, index, corrected)
-        else:
-            # How many SPADs have fired is not known from the pixel's counts: their mean with so many stands for them.
-            mean = pool * probability
-            together = dead_time.coincidence_share(least=spad.coincidence, spads=spad.spads, share=mean)
-            coincidences = draws.binomial_count(trials=pixel.trials, probability=together, uniform=uniform)
-            fired = dead_time.firings_in_coincidences(least=spad.coincidence, spads=spad.spads, share=mean)
-            excess = (coincidences / pixel.trials - together) / ops.maximum(together * (1.0 - together), 1e-12)
-            firings = ops.maximum(mean + excess * (fired / spad.spads - mean * together), 0.0)
-            assert counts is not None
-            counts = ops.put(counts, index, coincidences)
+        known_free, index = state.again + 0.5 * revived, ops.int32(state.number)
+        firings, counted = pixel.draw(pool=pool, probability=probability, known_free=known_free, uniform=uniform)
+        counts = None if state.counts is None else ops.put(state.counts, index, counted)
         # Which of the firings are second ones is not drawn: as many as expected.
         again = firings * second
         room, number, still_silent = ops.put(state.firings, index, firings), state.number + 1.0, state.silent - share
@@ -476,11 +245,11 @@ class Bins:
             counts=counts,
         )
 
-    def _released(self, number: Lanes, before: _Before) -> Lanes:
+    def _released(self, number: Lanes, before: EarlierFirings) -> Lanes:
         """Share of the SPADs, fired before the first bin, that come free in this one, (n,)."""
         pixel, ops = self.pixel, self.ops
-        if pixel.spad.stamps == "first":
-            return 0.0 * number
+        if pixel.spad.fires_once:
+            return ops.full(number, 0.0)
         bin_s = pixel.histogram.bin_s
         # In even light as many as fire. Beyond a dead time those come free that have fired in the bins.
         released: Lanes = pixel.free * pixel.rate_hz * bin_s
@@ -494,8 +263,8 @@ class Bins:
         silent  share of the SPADs that has not fired before the bin
         """
         pixel, ops = self.pixel, self.ops
-        zero = 0.0 * number
-        if pixel.spad.stamps == "first":
+        zero: Lanes = ops.full(number, 0.0)
+        if pixel.spad.fires_once:
             return zero
         # Firings are spread over their bin, so those of two bins come free in each.
         age = number - pixel.spad.dead_time_s / pixel.histogram.bin_s
@@ -510,7 +279,7 @@ class Bins:
             return total
 
         # Most bins are nearer to the first one than a dead time, or few SPADs have fired in these.
-        return ops.where_any((late >= -1.0) & (silent < 1.0 - _FEW), earlier, zero)
+        return ops.where_any((late >= -1.0) & (silent < 1.0 - FEW), earlier, zero)
 
     def _filter_counts(self, counts: list[Lanes], background: Lanes) -> list[Lanes]:
         """Filter the counts: values above the background at the searched bins and beside them, (n,) each; (T95)."""
@@ -546,7 +315,7 @@ class Bins:
         """Centroid of the counts above the background within 2.4 sigmas of a bin, in bins from it."""
         ops = self.ops
         half = BOX * self.pixel.sigma_s / self.pixel.histogram.bin_s
-        total, moment = 0.0 * middle, 0.0 * middle
+        total, moment = ops.full(middle, 0.0), ops.full(middle, 0.0)
         for i, count in enumerate(counts):
             offset = i - middle
             # The bins at both ends count by the part that lies inside.
@@ -559,12 +328,9 @@ class Bins:
         """Counts above the background within 2.4 sigmas of a place, which is in bins from the first one's centre."""
         ops = self.ops
         half = BOX * self.pixel.sigma_s / self.pixel.histogram.bin_s
-        total: Lanes = 0.0 * middle
+        total: Lanes = ops.full(middle, 0.0)
         for i, count in enumerate(counts):
             # The bins at both ends count by the part that lies inside, or the number would jump with the place.
             inside = ops.minimum(ops.maximum(half + 0.5 - ops.abs(i - middle), 0.0), 1.0)
             total = total + inside * (count - background)
-        pixel = self.pixel
-        if pixel.weak is not None:
-            return ops.maximum(total, 0.0) * (pixel.weak.height / pile_up.shade_of_box(sun=pixel.sun))
-        return ops.maximum(total, 0.0) / BOX_SHARE
+        return self.pixel.photons_of_box(ops.maximum(total, 0.0))

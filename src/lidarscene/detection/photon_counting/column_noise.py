@@ -17,7 +17,7 @@ from ...physics.electronics import tdc
 from ...physics.optics import radiometry
 from ...sensor.sensor_model import Sensor
 from ..outcomes import Status
-from ..returns import Detection, Returns
+from ..report import Detection, Returns
 
 _MOST_FIRED = 0.8
 """Share of the SPADs up to which an echo's noise follows (T176); brighter ones keep theirs, which is up to 1.5 times as
@@ -28,13 +28,16 @@ _MOST_NOISE = 3.0
 
 
 def share_noise(detection: Detection, train: EchoTrain, sensor: Sensor, *, seed: Seed, pulse: Array) -> Detection:
-    """Replace the noise of the ranges of echoes by noise of the same size that neighbouring columns share.
+    """Replace the noise of the ranges of echoes by noise of the same size that neighbouring columns share, if they do.
 
     Only the noise is shared: the range stays that of the point's own surface. Points that are no echo, echoes that were
     folded, and those that fire nearly all SPADs keep their noise.
 
-    seed, pulse  as of `detection.receivers.detect`
+    seed, pulse  as of `detection.receiver.detect`
     """
+    # Scanners without lines, such as flashes, have no neighbouring columns.
+    if sensor.histogram is None or sensor.histogram.column_weights is None or sensor.scanner.line_pulses is None:
+        return detection
     return replace(
         detection,
         stops=tuple(

@@ -18,8 +18,8 @@ from ...maths.random import Seed, Stage
 from ...physics.photon_counting import dead_time, draws
 from ...sensor.detectors.spad_detector import Spad
 from ...sensor.sensor_model import Sensor
+from .expectation import broaden
 from .folding import fold
-from .histogram_receiver import broaden
 
 _FINE = 8
 """Steps of each bin in which the course of the free SPADs is followed."""
@@ -57,7 +57,7 @@ def histograms(train: EchoTrain, sensor: Sensor, *, seed: Seed, pulse: Numbers) 
     width_s = np.sqrt(pixel.sigma_s**2 - bin_s**2 / 12.0)
     spread, narrow = broaden(light, sensor, width_s)
     power = sample_power_w(spread, narrow, times)
-    fires_once = spad.stamps == "first"
+    fires_once = spad.fires_once
     background = np.asarray(pixel.primary_hz) + np.zeros((len(pulse), 1))
     rate = power * pixel.per_watt + background
     armed = times >= float(sensor.tdc.blanking_s)
@@ -73,8 +73,7 @@ def histograms(train: EchoTrain, sensor: Sensor, *, seed: Seed, pulse: Numbers) 
         afterpulse_s=1.0 if spad.afterpulse_s is None else float(spad.afterpulse_s),
     )[:, 1:]
     share = fired.reshape(len(pulse), count, _FINE).sum(axis=2)
-    if spad.coincidence > 1:
-        share = np.asarray(dead_time.coincidence_share(least=spad.coincidence, spads=float(spad.spads), share=share))
+    share = np.asarray(pixel.count_probability(share))
     bins = np.arange(count, dtype=np.uint32)
     words = random.words(
         seed=seed, stage=Stage.HISTOGRAM, pulse=np.repeat(pulse, count), draw=np.tile(bins // 2, len(pulse))

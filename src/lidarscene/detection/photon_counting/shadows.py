@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from ...light.waveform import Waveform
 from ...maths.arrays import Lanes, xp
 from ...physics.photon_counting import dead_time, pile_up
-from ...sensor.detectors.spad_detector import Macropixel
+from ...sensor.detectors.macropixel import Macropixel
 
 DEAD_TIMES = 4
 """Dead times before a place in which light is looked for: of older firings a tenth and less is still missing."""
@@ -44,7 +44,8 @@ class Shadow:
 
     def free(self, earlier: int = 0) -> Lanes:
         """Free SPADs over those of even light, (n,), so many whole dead times before the place."""
-        ops, free = xp(self.place), 1.0 + 0.0 * self.place
+        ops = xp(self.place)
+        free: Lanes = ops.full(self.place, 1.0)
         for number in range(earlier, min(len(self.firings), DEAD_TIMES)):
             # Light of the dead time before has come back once, and so on.
             back = number - earlier
@@ -59,7 +60,7 @@ class Shadow:
         ops, spad = xp(self.place), pixel.spad
         assert spad.afterpulse is not None
         assert spad.afterpulse_s is not None
-        due = 0.0 * self.place
+        due: Lanes = ops.full(self.place, 0.0)
         for fired, place in zip(self.firings[earlier + 1 :], self.places[earlier + 1 :], strict=True):
             since_s = (self.place - earlier * self.dead - place) * pixel.sigma_s
             # The sun may have fired it by then; two dead times on it has its share of free SPADs again.
@@ -80,7 +81,7 @@ class Shadow:
         time_s  (n,) time of flight to the place
         """
         ops, sun, dead = xp(place), pixel.sun, pixel.blind_sigmas
-        if pixel.spad.stamps == "first":
+        if pixel.spad.fires_once:
             # None comes back, neither of those that the sun has fired.
             light, *_ = _light_between(pixel, wave, (place, None), time_s, 0)
             fired = dead_time.firing_share(detections=light)
@@ -97,7 +98,8 @@ class Shadow:
             mean = ops.minimum(mean + echo.mean, end)
             if begin is not None:
                 mean = ops.maximum(mean, begin)
-            free, at_first = 1.0 + 0.0 * place, dead_time.firing_share(detections=light)
+            free: Lanes = ops.full(place, 1.0)
+            at_first = dead_time.firing_share(detections=light)
             for fired, earlier in zip(shadow.firings, shadow.places, strict=True):
                 since = ops.maximum(mean - earlier, 0.0)
                 # SPADs that come back while the light lasts meet part of it.
@@ -134,7 +136,8 @@ def _light_between(
     number  dead times before the place whose shadow this is
     """
     ops, (end, begin), sigma = xp(time_s), ends, pixel.sigma_s
-    light, moment, inside = 0.0 * end, 0.0 * end, 0.0 * end
+    zero: Lanes = ops.full(end, 0.0)
+    light, moment, inside = zero, zero, zero
     energy = pixel.per_watt * sigma * math.sqrt(2.0 * math.pi)
     for centre, height in zip(wave.centres, wave.heights, strict=True):
         ahead = end - centre

@@ -1,31 +1,14 @@
 """Sources of crossings: the surface, drop or flake, or the even light of the air, that trips the comparator.
 
-Symbols: P power over time, p_k and u_k light and centre of sub-echo k, sigma_p unit of all places.
+Symbols: P power over time, sigma_p unit of all places.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
-
 from ...maths.arrays import Lanes, Mask
 from ..rises import Rise
 from ..shots import Received
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class _Brightest:
-    """Brightest of some sub-echoes at a place of the waveform, and sums over them; each field (n,).
-
-    number  number of the sub-echo with the most light there
-    total   sum of their light
-    slope   derivative of the sum of their light
-    mean    mean of their centres, weighted by their light there
-    """
-
-    number: Lanes
-    total: Lanes
-    slope: Lanes
-    mean: Lanes
+from ..sources import brightest
 
 
 def crossing_source(
@@ -57,7 +40,7 @@ def crossing_source(
         return number, range_m
     # Stray light is no surface of this pulse: the return is of it where it is more than half of the light.
     last = len(wave.centres) - 1
-    other = _brightest(shots, rise.peak, last, last + 1)
+    other = brightest(wave, rise.peak, last, last + 1)
     is_stray = other.total > 0.5 * rise.top[0]
     return ops.where(is_stray, last, number), ops.where(is_stray, wave.range_m(wave.centres[last]), range_m)
 
@@ -69,15 +52,15 @@ def _surface_or_air(
     ops, wave = shots.ops, shots.wave
     # The true range is the mean of the centres weighted by their light at the peak. There P' is zero, and P' is the
     # sum of light times distance: the weighted mean of all sub-echoes is then the place of the peak itself.
-    surface = _brightest(shots, rise.peak, 0, surfaces)
+    surface = brightest(wave, rise.peak, 0, surfaces)
     if wave.volume is None:
         return surface.number, wave.range_m(surface.mean)
     # At the peak and in the valley no light rises. A crossing there is judged by the slopes at a place on the way
     # up: sigma_p before the peak, or half the way from the valley if that is later.
     between = ops.maximum(rise.peak - 1.0, 0.5 * (rise.valley + rise.peak))
     edge = ops.where(in_valley, between, ops.minimum(place, between))
-    particle = _brightest(shots, edge, surfaces, end)
-    slope, surface_slope = wave.at(edge)[1], _brightest(shots, edge, 0, surfaces).slope
+    particle = brightest(wave, edge, surfaces, end)
+    slope, surface_slope = wave.at(edge)[1], brightest(wave, edge, 0, surfaces).slope
     # The slope is that of all light. Above twice the surfaces' slope, the air's share is larger than theirs; above
     # that of surfaces plus twice the particles', the even light's share is larger than the particles'.
     by_air, by_even_light = slope > 2.0 * surface_slope, slope > surface_slope + 2.0 * particle.slope
@@ -85,21 +68,3 @@ def _surface_or_air(
     number = ops.where(by_air, ops.where(by_even_light, -1, particle.number), surface.number)
     # Air just in front of the lens can trip the comparator while the pulse still leaves: no range is below 0.
     return number, ops.maximum(range_m, 0.0)
-
-
-def _brightest(shots: Received, place: Lanes, first: int, end: int) -> _Brightest:
-    """Find the brightest of the sub-echoes ``first`` to ``end`` - 1 at a place, and sum over them."""
-    ops, wave = shots.ops, shots.wave
-    strongest, number = ops.full(place, -1.0), ops.full(place, 0)
-    total: Lanes = ops.full(place, 0.0)
-    slope: Lanes = 0.0
-    for k in range(first, end):
-        ahead = wave.centres[k] - place
-        part = wave.heights[k] * ops.exp(-0.5 * ahead * ahead)
-        number = ops.where(part > strongest, k, number)
-        strongest = ops.maximum(part, strongest)
-        total, slope = total + part, slope + part * ahead
-    # slope = sum_k p_k (u_k - u), so u + slope / total = sum_k p_k u_k / sum_k p_k: the mean weighted by light.
-    lit = total > 0.0
-    mean = place + ops.where(lit, slope / ops.where(lit, total, 1.0), 0.0)
-    return _Brightest(number=number, total=total, slope=slope, mean=mean)

@@ -118,7 +118,8 @@ def _find_fall(shots: Received, level_w: Lanes, rise: Rise, since: Lanes, mask: 
 
     # Walk in steps until the waveform is below the level, then find the root in the last step. Further peaks on the way
     # belong to the same pulse if the valleys before them stay above the level.
-    start = _Fall(place=since + ops.full(since, 0.0), above=mask & (since == since), steps=ops.full(rise.number, 0))
+    every = ops.full(since, True)
+    start = _Fall(place=since + ops.full(since, 0.0), above=mask & every, steps=ops.full(rise.number, 0))
     far = ops.loop(start, lambda fall: fall.above & (fall.steps < _LONGEST), step).place
     near = far - STEP
     end = crossing(shots.wave.at, level_w, far=far, near=near, peak=rise.peak, top=rise.top, mask=mask)

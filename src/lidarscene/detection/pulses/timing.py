@@ -9,10 +9,12 @@ Symbols: s peak signal, f fraction, z deviate of the edge, sigma_p standard devi
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 from ...maths import random
 from ...maths.arrays import Lanes, Mask, xp
 from ...maths.random import Stage
-from ...physics.electronics import sampling, tdc
+from ...physics.electronics import sampling
 from ...physics.electronics.pulse_sums import SIGMAS_PER_FWHM, crossing
 from ...physics.optics import pulse as pulse_shape
 from ...sensor.sensor_model import Sensor
@@ -46,7 +48,7 @@ def amplitude(shots: Shots, trip: Trip, *, lag_s: Lanes) -> Lanes:
         lag_s = _fraction_s(shots)
     elif timing != "leading_edge":
         # The peak itself is compared with the threshold: both share one deviate.
-        lag_s = 0.0 * trip.signal
+        lag_s = xp(trip.signal).full(trip.signal, 0.0)
     return comparator.amplitude(shots, trip, lag_s=lag_s)
 
 
@@ -123,14 +125,8 @@ def rise_time_s(
 
 def fraction_level(shots: Shots, trip: Trip, measured: Lanes) -> Lanes:
     """Noiseless signal at which an edge reaches the fraction of its measured peak, (n,): (T25) with that for U."""
-    point = shots.point
-    return tdc.crossing_level(
-        threshold=trip.base + shots.sensor.tdc.fraction * (measured - trip.base),
-        deviate=trip.deviate,
-        noise=point.noise.deviation,
-        kappa_1=point.noise.kappa_1,
-        kappa_2=point.noise.kappa_2,
-    )
+    level = trip.base + shots.sensor.tdc.fraction * (measured - trip.base)
+    return shots.point.noise.crossing_level(level, trip.deviate)
 
 
 def _fraction_s(shots: Shots) -> Lanes:
@@ -163,12 +159,8 @@ def _peak_error_s(shots: Shots, trip: Trip, curved: Lanes, *, draw: Lanes) -> La
     sigma, slope = trip.sigma, sampling.slope_noise(x=x)
     if sensor.matches:
         # The slope of the pulse looks away from its peak, where most of the echo's own noise is.
-        sigma = tdc.noise_at_level(
-            level=trip.signal,
-            noise=point.noise.deviation,
-            kappa_1=2.0 / 3.0 * point.noise.kappa_1,
-            kappa_2=0.5 * point.noise.kappa_2,
-        )
+        off_peak = replace(point.noise, kappa_1=2.0 / 3.0 * point.noise.kappa_1, kappa_2=0.5 * point.noise.kappa_2)
+        sigma = off_peak.at(trip.signal)
         slope = sampling.matched_slope_noise(x=x)
         curved = sampling.matched_curvature(curvature=curved)
     ops = xp(trip.signal)

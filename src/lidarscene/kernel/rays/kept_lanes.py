@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from ...detection.returns import Detection
+from ...detection.report import Detection
 from ...maths.arrays import Array, Mask, xp
 from ..device import transfer
 from ..device.backend import mitsuba

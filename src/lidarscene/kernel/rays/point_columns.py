@@ -19,7 +19,7 @@ from typing import Any, cast
 import numpy as np
 
 from ...detection.outcomes import Outcome, Status
-from ...detection.returns import Detection
+from ...detection.report import Detection
 from ...formats.cloud_columns import COLUMNS, OF_VECTORS
 from ...light.beams import reported_beams
 from ...light.hits import Hits
@@ -198,7 +198,7 @@ def point_columns(
     if sensor.measures_width:
         optional["pulse_width_s"] = of_stop("width_s")
     if sensor.histogram is not None:
-        optional["signal"] = of_stop("photons")
+        optional["signal"] = of_stop("amplitude")
     result = optional | {
         "xyz_m": mi.Point3f(*(s + d * range_m for s, d in zip(beams.origin_m, beams.direction, strict=True))),
         "range_m": range_m,

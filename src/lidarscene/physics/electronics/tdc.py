@@ -19,6 +19,12 @@ from ...maths.special import log1p, normal_tail
 MEAN_FREQUENCY_LOW_PASS = 1.0 / math.sqrt(3.0)
 """Root of the mean square frequency of white noise behind an ideal low-pass, in units of B."""
 
+_NO_NOISE = 1e-30
+"""Choice: noise in the place of none, so that a signal over it is a number that files can hold."""
+
+_OUT_OF_REACH = 1e12
+"""Choice: multiple of the threshold that no signal reaches."""
+
 
 def false_alarm_probability(*, threshold: Lanes, noise: Lanes) -> Lanes:
     """P_f of one comparison, (9): probability that Gaussian noise exceeds the threshold. 0 without noise."""
@@ -71,6 +77,14 @@ def excursion_width_s(*, height: Lanes, threshold: Lanes, bandwidth_hz: Lanes) -
     return math.sqrt(6.0) / math.pi / bandwidth_hz * ops.sqrt(excess)
 
 
+def signal_to_noise(*, signal: Lanes, noise: Lanes) -> Lanes:
+    """Trigger SNR, (11): peak with echo over deviation without; finite without any noise.
+
+    The echo's own shot noise is left out.
+    """
+    return signal / xp(signal, noise).where(noise <= 0.0, _NO_NOISE, noise)
+
+
 def noise_at_level(*, level: Lanes, noise: Lanes, kappa_1: Lanes, kappa_2: Lanes) -> Lanes:
     """sigma(s) = sqrt(sigma_0^2 + kappa_1 s + kappa_2 s^2), noise with the echo's own part, (13)."""
     ops = xp(level, noise, kappa_1)
@@ -99,27 +113,28 @@ def crossing_level(*, threshold: Lanes, noise: Lanes, kappa_1: Lanes, kappa_2: L
     """Signal level s at which s + z sigma(s) = U.
 
     threshold, noise  U and sigma_0, in signal units
-    kappa_1, kappa_2  coefficients of the echo's own noise (kappa_2 <= 0)
+    kappa_1, kappa_2  coefficients of the echo's own noise; kappa_2 < 0 of cells, > 0 of a laser whose power scatters
     deviate           z, standard normal
 
     The root of (1 - z^2 k2) s^2 - (2 U + z^2 k1) s + U^2 - z^2 sigma_0^2 = 0 on the branch of z's sign, written
     without cancellation. Levels below 1e-3 U are raised to it, so that the time stays finite; there a noise peak
-    would have tripped the comparator without any echo (z sigma_0 > U).
+    would have tripped the comparator without any echo (z sigma_0 > U). Where z < 0 and z^2 k2 >= 1 noise grows faster
+    than the signal and no level is high enough: the level is `_OUT_OF_REACH` U or more.
     """
     ops = xp(threshold, noise, deviate)
     z2 = deviate * deviate
     a = 1.0 - z2 * kappa_2
     half_b = threshold + 0.5 * z2 * kappa_1
     c = threshold * threshold - z2 * noise * noise
-    # The discriminant half_b^2 - a c is z^2 times ``inner``, a sum of positive terms: U^2 is cancelled by hand, since
-    # in single precision the difference of two nearly equal squares would lose most digits.
+    # The discriminant half_b^2 - a c is z^2 times ``inner``, for kappa_2 <= 0 a sum of positive terms: U^2 is cancelled
+    # by hand, since in single precision the difference of two nearly equal squares would lose most digits.
     inner = (
         threshold * (kappa_1 + threshold * kappa_2)
         + noise * noise
         + z2 * (0.25 * kappa_1 * kappa_1 - kappa_2 * noise * noise)
     )
     root = ops.abs(deviate) * ops.sqrt(ops.maximum(inner, 0.0))
-    upper = (half_b + root) / a
+    upper = (half_b + root) / ops.maximum(a, 1.0 / _OUT_OF_REACH)
     # z < 0 needs more signal than U, the larger root; z > 0 less, the smaller one, as c over the larger.
     level = ops.where(deviate < 0.0, upper, c / (half_b + root))
     return ops.maximum(level, 1e-3 * threshold)

@@ -23,6 +23,9 @@ from .matched_filter import OUTPUT_WIDTH, SCALE, TEMPLATE
 BOX = 2.4
 """Half width of the bins whose counts are an echo's photons, in sigmas."""
 
+BOX_SHARE = math.erf(BOX / math.sqrt(2.0))
+"""Share of a Gaussian within it."""
+
 _WEAK = 1e-3
 """Lambda that stands for weak light."""
 

@@ -1,4 +1,4 @@
-"""Comparator, clock, samples and a clipping amplifier: closed forms and bounds, (9), (11).
+"""Comparator, clock, samples and a clipping amplifier: closed forms and bounds, (9).
 
 Nothing in a render or a study runs this: tests compare with it what does (`lidarscene.physics.reference`).
 """
@@ -18,11 +18,6 @@ from ..optics.pulse import gaussian_pulse, leading_edge_time_s
 def threshold_to_noise(*, p_false: Lanes) -> Lanes:
     """TNR at which one comparison of Gaussian noise has this P_f: (9) solved for U / sigma_0."""
     return normal_tail_inverse(p_false)
-
-
-def signal_to_noise(*, signal: Lanes, noise: Lanes) -> Lanes:
-    """Trigger SNR, (11): peak with echo over deviation without. The echo's own shot noise is left out."""
-    return signal / noise
 
 
 def fraction_deviation(

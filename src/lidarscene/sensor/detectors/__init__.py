@@ -3,7 +3,7 @@
 detector       what every kind gives
 apd_detector   avalanche photodiode with its amplifier
 sipm_detector  silicon photomultiplier
-spad_detector  macro-pixel of single-photon avalanche diodes
+spad_detector  macro-pixel of single-photon avalanche diodes: `spad_array` has its numbers, `macropixel` what it counts
 working_point  noise, response and its inverse, as the comparator uses them
 matching       checks that a laser and a detector fit each other
 """

@@ -67,6 +67,20 @@ class Noise:
     echo_tail: Callable[[Lanes, Lanes], Lanes] | None = None
     crossings_hz: Callable[[Lanes, Lanes, Lanes | None], Lanes] | None = None
 
+    def at(self, signal: Lanes) -> Lanes:
+        """Standard deviation sigma(s) at a signal level; (13), (T12) or (T20)."""
+        return tdc.noise_at_level(level=signal, noise=self.deviation, kappa_1=self.kappa_1, kappa_2=self.kappa_2)
+
+    def of_echo(self, signal: Lanes) -> Lanes:
+        """Variance that an echo of this signal adds at its peak; none where its cells take more from the background."""
+        return xp(signal).maximum(self.kappa_1 * signal + self.kappa_2 * signal * signal, 0.0)
+
+    def crossing_level(self, threshold: Lanes, deviate: Lanes) -> Lanes:
+        """Noiseless signal at which an edge with this standard normal deviate crosses the threshold (T25)."""
+        return tdc.crossing_level(
+            threshold=threshold, deviate=deviate, noise=self.deviation, kappa_1=self.kappa_1, kappa_2=self.kappa_2
+        )
+
     def matched(self, noise_share: Lanes, *, of_cells: bool) -> Noise:
         """Noise behind a matched filter (T78); see `WorkingPoint.matched`.
 
@@ -252,6 +266,10 @@ class WorkingPoint:
             edge=None,
             least_threshold=self.least_threshold * by.cell,
         )
+
+    def snr(self, signal: Lanes) -> Lanes:
+        """Signal-to-noise ratio of a peak, (11): the noise is that without an echo; (19) or (27)."""
+        return tdc.signal_to_noise(signal=signal, noise=self.noise.deviation)
 
     def false_alarm_probability(self, threshold: Lanes) -> Lanes:
         """P_f of one comparison: (9), the exact binomial tail, or McIntyre's."""

@@ -16,10 +16,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...detection.photon_counting.bins import BOX_SHARE
 from ...maths.arrays import Numbers
 from ...physics.photon_counting.matched_filter import SCALE, TEMPLATE
-from ...physics.photon_counting.pile_up import BOX
+from ...physics.photon_counting.pile_up import BOX, BOX_SHARE
 from ...sensor.sensor_model import Sensor
 from .estimates import Estimate, Solution, misfit_factor
 from .recorded_pulses import RecordedPulses

@@ -21,7 +21,7 @@ from ...light.echoes import Ambient, Echoes, receive
 from ...light.fluctuations import FluctuationLaw
 from ...light.hits import Hits
 from ...maths.arrays import Lanes, Numbers, xp
-from ...physics.electronics import range_limit, tdc
+from ...physics.electronics import range_limit
 from ...physics.optics import radiometry, scintillation, sunlight
 from ...scene.scene import Air
 from ...sensor.detectors import WorkingPoint
@@ -150,9 +150,9 @@ def _ratio(signal: Numbers, level: Numbers) -> Numbers:
 
 
 def snr(sensor: Sensor, target: Target, range_m: Numbers | float) -> Numbers:
-    """(n,) signal-to-noise ratio (19) or (27) at these ranges; inf without any noise."""
+    """(n,) signal-to-noise ratio (19) or (27) at these ranges."""
     point, signal, _ = _response(sensor, echoes_of_plane(sensor, target, range_m))
-    return _ratio(signal, np.asarray(point.noise.deviation * np.ones_like(signal)))
+    return np.asarray(point.snr(signal))
 
 
 def detection_margin(sensor: Sensor, target: Target, range_m: Numbers | float) -> Numbers:
@@ -179,10 +179,7 @@ def expected_probability(point: WorkingPoint, level: Lanes, peak_power_w: Lanes,
 
     def probability(relative_power: Lanes) -> Lanes:
         signal = point.response.signal(peak_power_w * relative_power)
-        sigma = tdc.noise_at_level(
-            level=signal, noise=point.noise.deviation, kappa_1=point.noise.kappa_1, kappa_2=point.noise.kappa_2
-        )
-        return point.detection_probability(level, signal, sigma)
+        return point.detection_probability(level, signal, point.noise.at(signal))
 
     return probability(1.0) if variance is None else scintillation.mean(probability, variance)
 

@@ -149,7 +149,7 @@ def _snr(sensor: Sensor, target: Target, range_m: Lanes, *, deviate: Lanes) -> L
     """`plane.snr`, which is that of the mean power whatever the deviate."""
     light = plane.light_of_plane(sensor, target, range_m)
     point = sensor.working_point(light.background_power_w, range_m=light.range_m)
-    return point.response.signal(light.peak_power_w) / point.noise.deviation
+    return point.snr(point.response.signal(light.peak_power_w))
 
 
 def sensitivities(

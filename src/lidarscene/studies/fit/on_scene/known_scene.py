@@ -14,15 +14,14 @@ from typing import Any
 
 import numpy as np
 
-from ....detection.photon_counting.bins import BOX_SHARE
 from ....light.echoes import Echoes, EchoTrain
 from ....maths.arrays import Lanes, Mask, Numbers, is_drjit, xp
 from ....maths.special import normal_tail
 from ....physics.constants import SPEED_OF_LIGHT_M_S
 from ....physics.photon_counting.matched_filter import SECOND_ORDER
-from ....physics.photon_counting.pile_up import BOX
+from ....physics.photon_counting.pile_up import BOX, BOX_SHARE
 from ....sensor.detectors import WorkingPoint
-from ....sensor.detectors.spad_detector import Macropixel
+from ....sensor.detectors.macropixel import Macropixel
 from ....sensor.sensor_model import Sensor
 from ..near_field import share
 from ..products import near_field_m, scatter_over_sigma, width_of_place

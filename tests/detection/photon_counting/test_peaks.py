@@ -8,12 +8,12 @@ import pytest
 from helpers import photons
 from helpers.trains import train
 
-from lidarscene.detection import receivers
+from lidarscene.detection import receiver
 from lidarscene.detection.outcomes import Outcome, Status
-from lidarscene.detection.photon_counting import histogram_receiver
 from lidarscene.detection.photon_counting import histograms as whole
 from lidarscene.detection.photon_counting.bins import Bins
-from lidarscene.detection.photon_counting.histogram_receiver import broaden
+from lidarscene.detection.photon_counting.expectation import broaden
+from lidarscene.errors import InputError
 from lidarscene.light.echoes import EchoTrain, SubEchoes
 from lidarscene.light.waveform import waveform
 from lidarscene.physics.photon_counting import matched_filter, pile_up
@@ -473,9 +473,9 @@ def test_two_boards_are_two_returns_and_the_first_shades_the_second():
     light = -math.log(1 - 1500.0 / float(pixel.trials) / float(pixel.free[0]))
     for apart, unshaded_share in ((1.2, math.exp(-light)), (6.0, 1.0)):
         train = trains(counter, [30.0, 30.0 + apart], [one_w, one_w], 4000)
-        stops = histogram_receiver.detect(train, counter, seed=1, pulse=np.arange(4000, dtype=np.uint32)).stops
+        stops = receiver.detect(train, counter, seed=1, pulse=np.arange(4000, dtype=np.uint32)).stops
         assert all(photons.echo_of(stop).all() for stop in stops)
-        assert stops[1].photons.mean() / stops[0].photons.mean() == pytest.approx(unshaded_share, rel=0.05)
+        assert stops[1].amplitude.mean() / stops[0].amplitude.mean() == pytest.approx(unshaded_share, rel=0.05)
         assert stops[1].true_range_m.mean() == pytest.approx(30.0 + apart, abs=0.03)
 
 
@@ -493,7 +493,7 @@ def test_echoes_that_merge_are_found_as_often_as_their_broad_peak(background_w, 
     range_m = 25.0 + np.linspace(0.0, 0.15, count)[:, None] + np.array([0.0, step_m])
     light = train(range_m, np.full((count, 2), one_w), background_w=background_w)
     pulse = np.arange(count, dtype=np.uint32)
-    expected = float(np.mean(histogram_receiver.detect(light, counter, seed=1, pulse=pulse).detection_probability))
+    expected = float(np.mean(receiver.detect(light, counter, seed=1, pulse=pulse).detection_probability))
     assert 0.4 < expected < 0.8
     values, _ = read_histograms(whole.histograms(light, counter, seed=1, pulse=pulse).counts, counter, pixel)
     middle = 1e9 * (2.0 * range_m.mean(axis=1) / C)
@@ -717,6 +717,44 @@ def test_which_of_two_boards_is_kept():
     np.testing.assert_allclose(alone.stops[0].true_range_m, 30.0, atol=0.01)
 
 
+@pytest.mark.parametrize(
+    ("keep", "photons_of_boards", "ranges_m"),
+    [
+        ("strongest_and_last", (600.0, 1500.0, 900.0), (33.0, 36.0)),
+        ("strongest_and_last", (600.0, 900.0, 1500.0), (33.0, 36.0)),
+        ("strongest_and_last", (1500.0, 900.0, 600.0), (30.0, 36.0)),
+        ("strongest_and_last", (1500.0,), (30.0,)),
+        ("all", (600.0, 1500.0, 900.0), (30.0, 33.0, 36.0)),
+    ],
+)
+def test_histograms_keep_two_returns_or_all_as_comparators_do(keep, photons_of_boards, ranges_m):
+    """The strongest and the last peak, the second strongest if these are one; or every peak. In order of time."""
+    counter = photons.sensor(
+        "detector.spads=100", "histogram.window_us=0.6", "histogram.threshold_floor=100", f"histogram.keep='{keep}'"
+    )
+    pixel = counter.pixel(np.full(1, 1e-10))
+    powers = [float(np.ravel(pixel.power_w(n * np.ones(1)))[0]) for n in photons_of_boards]
+    boards_m = [30.0 + 3.0 * number for number in range(len(powers))]
+    stops = photons.detect_train(counter, trains(counter, boards_m, powers, 50)).stops
+    assert len(stops) == {"strongest_and_last": 2, "all": 16}[keep]
+    for stop, range_m in zip(stops, ranges_m, strict=False):
+        assert photons.echo_of(stop).all()
+        np.testing.assert_allclose(stop.true_range_m, range_m, atol=0.01)
+    assert not any(np.asarray(stop.reported).any() for stop in stops[len(ranges_m) :])
+
+
+@pytest.mark.parametrize(
+    ("keys", "mistake"),
+    [
+        (("histogram.keep='all'", "histogram.stops=2"), 'stops: not together with keep = "all"'),
+        (("histogram.keep='strongest_and_last'", "histogram.stops=3"), "stops: must be 2 with keep"),
+    ],
+)
+def test_orders_with_a_number_of_returns_of_their_own_take_no_other(keys, mistake):
+    with pytest.raises(InputError, match=mistake):
+        photons.sensor(*keys)
+
+
 def test_what_comes_while_the_receiver_is_blanked_is_none():
     """Blanked for 210 ns, 31.5 m: of boards at 30 and 33 m the second alone is returned, and first photons count only
     from then on.
@@ -750,7 +788,7 @@ def test_what_lies_beyond_the_unambiguous_range_folds_back_and_says_so():
     assert stop.range_m.mean() == pytest.approx(300.0 - unambiguous, abs=0.01)
     np.testing.assert_allclose(stop.true_range_m, 300.0, atol=1e-3)
     # The first of 54 shots has no pulse before it.
-    assert stop.photons.mean() == pytest.approx(200.0 * 53 / 54, rel=0.02)
+    assert stop.amplitude.mean() == pytest.approx(200.0 * 53 / 54, rel=0.02)
 
 
 def test_coates_correction_straightens_the_photons_of_strong_echoes():
@@ -763,7 +801,7 @@ def test_coates_correction_straightens_the_photons_of_strong_echoes():
         unit = float(np.ravel(pixel.detections(1.0))[0])
         light.peak_power_w[:] = 2.0 / unit
         stop = photons.detect(counter, light).stops[0]
-        ratios[coates] = stop.photons.mean() / (2.0 * float(pixel.trials))
+        ratios[coates] = stop.amplitude.mean() / (2.0 * float(pixel.trials))
     assert ratios["true"] == pytest.approx(1.0, abs=0.01)
     assert ratios["false"] == pytest.approx((1 - math.exp(-2.0)) / 2.0, rel=0.03)
 
@@ -783,7 +821,7 @@ def test_coincidence_keeps_the_dark_and_loses_the_weak():
     detection = photons.detect(counter, light)
     stop = detection.stops[0]
     assert photons.echo_of(stop).mean() == pytest.approx(float(detection.detection_probability[0]), abs=0.045)
-    assert stop.photons.mean() == pytest.approx(30.0, rel=0.05)
+    assert stop.amplitude.mean() == pytest.approx(30.0, rel=0.05)
 
 
 @pytest.mark.parametrize("dark_hz", [0.0, 1000.0])
@@ -826,7 +864,7 @@ def test_corrected_walk_leaves_nothing(name, keys, lights):
     for detections in lights:
         power_w = detections / np.ravel(counter.pixel(light.background_power_w).detections(1.0))[0]
         lit = dataclasses.replace(light, peak_power_w=np.full(shots, power_w))
-        stop = receivers.detect_alone(lit, counter, seed=4, pulse=np.arange(shots, dtype=np.uint32)).stops[0]
+        stop = receiver.detect(lit, counter, seed=4, pulse=np.arange(shots, dtype=np.uint32)).stops[0]
         is_echo = stop.reported & (np.abs(stop.range_m - range_m) < 2.0)
         assert is_echo.mean() > 0.95
         error_m = (stop.range_m - range_m)[is_echo]
@@ -995,9 +1033,7 @@ def test_another_board_where_spads_come_back_is_an_echo_alone():
     ranges = np.tile([30.0, 33.3], (500, 1))
     powers = np.tile([first_w, first_w], (500, 1))
     pulse = np.arange(500, dtype=np.uint32)
-    stops = histogram_receiver.detect(
-        train(ranges, powers, background_w=background), counter, seed=1, pulse=pulse
-    ).stops
+    stops = receiver.detect(train(ranges, powers, background_w=background), counter, seed=1, pulse=pulse).stops
     near = [(np.abs(stop.range_m - 33.3) < 1.0) & stop.reported for stop in stops]
     assert (np.sum(near, axis=0) == 1).all()
     assert not any((is_revived(stop) & here).any() for stop, here in zip(stops, near, strict=True))

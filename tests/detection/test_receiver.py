@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from lidarscene import load_sensor
-from lidarscene.detection import receivers
+from lidarscene.detection import receiver
 
 TESTS = Path(__file__).parents[1]
 
@@ -18,13 +18,13 @@ import numpy as np
 from lidarscene.kernel.device import backend, transfer
 backend.mitsuba()
 from helpers.trains import on_device, sensor, train
-from lidarscene.detection import receivers
+from lidarscene.detection import receiver
 
 for name, setting, power_w in {cases}:
     equipped = sensor(name, setting)
     light = on_device(train(np.linspace(20.0, 60.0, 200)[:, None], np.full((200, 1), power_w)))
     seed, pulse = transfer.opaque_uint32(1), transfer.counter(0, 200)
-    stop = receivers.detect(light, transfer.opaque(equipped), seed=seed, pulse=pulse).stops[0]
+    stop = receiver.detect(light, transfer.opaque(equipped), seed=seed, pulse=pulse).stops[0]
     columns = transfer.fetch_columns(dict(reported=stop.reported, range_m=stop.range_m, amplitude=stop.amplitude))
     digest = hashlib.sha256(b"".join(column.tobytes() for column in columns.values())).hexdigest()
     print(name, setting, columns["reported"].sum(), digest, flush=True)
@@ -73,4 +73,4 @@ def test_receivers_of_several_sizes_share_a_process(mi: Any, run_python: Any, tm
 )
 def test_what_a_lone_echo_has_a_closed_form_for(overrides: list[str], plain: bool) -> None:
     """The first edge, whatever is timed of it; not a later return, a baseline that recovers, or samples."""
-    assert receivers.is_plain(load_sensor("table1-apd", overrides=overrides)) == plain
+    assert receiver.is_plain(load_sensor("table1-apd", overrides=overrides)) == plain

@@ -3,15 +3,21 @@
 A converter reports a few returns of a pulse: the first, the last, the strongest, or the strongest and the last. Returns
 come one after the other, so the best so far are held in a short list, into which each new one is inserted
 (docs/theory.md 17 and 36).
+
+One time decides about a return, whether an echo or noise causes it: when it crosses the comparator's threshold. By that
+time it is within the window or not, and before or behind another. A histogram has no crossings: its returns are ordered
+and held apart by the time that is reported of them, and are within the window if their light is.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
-from ...maths.arrays import Lanes, Mask, select_state, xp
-from ...sensor.electronics import MOST_STOPS, Tdc
+from ..maths.arrays import Array, Lanes, Mask, select_state, xp
+from ..sensor.electronics import MOST_STOPS, Tdc
+from .report import Measurement
 
 EMPTY = -1e30
 """Key of an unused stop: below every other key."""
@@ -21,58 +27,62 @@ Stops = tuple["Stop", ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Stop:
+class Stop(Measurement):
     """A stop of the converter and the return that it holds; each field (n,).
 
-    key           sort key: returns with larger keys are kept first; `EMPTY` if the stop is unused
-    crossing_s    time at which the comparator tripped
-    reported_s    time that the sampler reports
-    amplitude     peak that the sampler reports, in signal units
-    width_s       time over the threshold that the sampler reports
-    snr           peak signal of the rise over the noise without an echo
-    probability   P_d of the rise
-    source        number of the sub-echo that caused the crossing, -1 for the even light of the air
-    true_range_m  true range of the light that caused it
-    status        a `Status`; None while all stops hold echoes
+    key         sort key: returns with larger keys are kept first; `EMPTY` if the stop is unused
+    reported_s  time that the converter reports
+    crossing_s  time at which the comparator tripped; None: the reported time decides in its place
     """
 
     key: Lanes
-    crossing_s: Lanes
     reported_s: Lanes
-    amplitude: Lanes
-    width_s: Lanes
-    snr: Lanes
-    probability: Lanes
-    source: Lanes
-    true_range_m: Lanes
-    status: Lanes | None = None
+    crossing_s: Lanes | None = None
 
     @property
     def occupied(self) -> Mask:
         """True where the stop holds a return, (n,) bool."""
         return self.key > EMPTY
 
+    @property
+    def time_s(self) -> Lanes:
+        """Time that decides about the return, (n,)."""
+        return self.reported_s if self.crossing_s is None else self.crossing_s
 
-def empty_stop(like: Lanes) -> Stop:
-    """Stop without a return, for each lane of an array."""
-    ops = xp(like)
-    zero, number = ops.full(like, 0.0), ops.full(like, 0)
-    return Stop(
-        key=ops.full(like, EMPTY),
-        crossing_s=zero,
-        reported_s=zero,
-        amplitude=zero,
-        width_s=zero,
-        snr=zero,
-        probability=zero,
-        source=number,
-        true_range_m=zero,
-    )
+    def with_values(self, **values: Lanes | None) -> Stop:
+        """Return a stop with these values in the fields that this one has."""
+        changes: dict[str, Any] = {name: value for name, value in values.items() if getattr(self, name) is not None}
+        return replace(self, **changes)
+
+    def only_where(self, condition: Mask) -> Stop:
+        """Return the stop with its return where the condition holds, else unused."""
+        return replace(self, key=xp(self.key).where(condition, self.key, EMPTY))
 
 
-def empty_stops(tdc: Tdc, like: Lanes) -> Stops:
-    """Stops of a converter before its first crossing."""
-    return (empty_stop(like),) * (3 if tdc.keep == "strongest_and_last" else tdc.stops)
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Found:
+    """What a finder found in the light of n pulses; each field but the stops (n,).
+
+    stops                       echoes that the converter keeps, not yet in the order in which it reports them
+    tripped                     whether any light tripped the comparator
+    in_window                   whether the converter took any of it
+    snr, detection_probability  of the highest peak, as in `report.Detection`
+    source, true_range_m        of the strongest sub-echo of a surface, which alarms get too; None: there is only one
+    """
+
+    stops: Stops
+    tripped: Mask
+    in_window: Mask
+    snr: Lanes
+    detection_probability: Lanes
+    source: Array | None = None
+    true_range_m: Lanes | None = None
+
+
+def empty_stops(tdc: Tdc, like: Stop) -> Stops:
+    """Stops of a converter before its first return, with the fields of this one."""
+    empty = replace(like, key=xp(like.key).full(like.key, EMPTY))
+    return (empty,) * (3 if tdc.keep == "strongest_and_last" else tdc.stops)
 
 
 def sort_key(tdc: Tdc, time_s: Lanes, amplitude: Lanes) -> Lanes:
@@ -97,10 +107,20 @@ def insert_stop(tdc: Tdc, stops: Stops, new: Stop, *, later: bool = False) -> St
     later  whether the new one comes after all that are there
     """
     if tdc.keep == "strongest_and_last":
-        in_time = replace(new, key=xp(new.key).where(new.occupied, new.crossing_s, EMPTY))
+        in_time = replace(new, key=xp(new.key).where(new.occupied, new.time_s, EMPTY))
         return (*_insert(stops[:2], new), *_insert(stops[2:], in_time))
     # Later ones have the smaller keys if the first are kept: they go into the first unused stop.
     return _append(stops, new) if later and tdc.keep == "first" else _insert(stops, new)
+
+
+def best_first(tdc: Tdc, stops: Stops) -> Stops:
+    """Put the stops in order again after some of them were freed (`Stop.only_where`).
+
+    Returns can be inserted before that: a new one takes the place of the worst, wherever that is.
+    """
+    if tdc.keep == "strongest_and_last":
+        return (*_sort(stops[:2], [stop.key for stop in stops[:2]]), *stops[2:])
+    return _sort(stops, [stop.key for stop in stops])
 
 
 def most_alarms(tdc: Tdc) -> int:
@@ -113,10 +133,10 @@ def reported_stops(tdc: Tdc, stops: Stops) -> Stops:
     if tdc.keep == "strongest_and_last":
         strongest, second, last = stops
         # If the strongest is the last too, the second strongest takes its place.
-        stops = (strongest, select_state(last.crossing_s > strongest.crossing_s, last, second))
+        stops = (strongest, select_state(last.occupied & (last.time_s > strongest.time_s), last, second))
     if tdc.order == "strength":
         return _sort(stops, [stop.amplitude for stop in stops])
-    return stops if tdc.keep == "first" else _sort(stops, [-stop.crossing_s for stop in stops])
+    return stops if tdc.keep == "first" else _sort(stops, [-stop.time_s for stop in stops])
 
 
 def _sort(stops: Stops, keys: Sequence[Lanes]) -> Stops:

@@ -1,0 +1,143 @@
+"""False alarms among the stops of the converter."""
+
+import math
+
+import numpy as np
+import pytest
+from helpers import photons, trains
+from helpers.trains import detect, sensor, train
+from scipy.stats import norm
+
+from lidarscene.detection import receiver
+from lidarscene.detection.outcomes import Status
+from lidarscene.light.echoes import Echoes
+from lidarscene.physics.constants import SPEED_OF_LIGHT_M_S
+
+HALF_C = 0.5 * SPEED_OF_LIGHT_M_S
+
+
+@pytest.mark.parametrize("keep", ["first", "last", "strongest"])
+def test_false_alarms_by_what_is_kept(keep):
+    """Alarms in an empty window against brute force: a Poisson number, even times, exponential heights.
+
+    Means of time and excess of the kept ones over 12 000 pulses, z-tests at 1e-4 each.
+    """
+    equipped = sensor("table1-apd", "tdc.threshold_to_noise=3.3", "tdc.stops=2", f"tdc.keep='{keep}'")
+    count = 12_000
+    detection = detect(train(np.full((count, 1), 50.0), np.zeros((count, 1))), equipped, seed=4)
+    point = equipped.working_point(np.array([trains.BACKGROUND_W]))
+    threshold = float(equipped.threshold(point)[0])
+    p_false, window = norm.sf(3.3), equipped.tdc.window_s
+    expected = -np.log1p(-p_false) * equipped.tdc.bandwidth_hz * window
+    scale = float(point.noise.deviation[0]) ** 2 / threshold
+    random = np.random.default_rng(8)
+    times, excess = [], []
+    for _ in range(count):
+        number = random.poisson(expected)
+        time, height = random.uniform(0.0, window, number), random.exponential(scale, number)
+        order = np.argsort({"first": time, "last": -time, "strongest": -height}[keep])[:2]
+        times.append(np.sort(time[order]))
+        excess.append(height[order])
+    simulated = np.concatenate(times), np.concatenate(excess)
+    reported = [stop.reported for stop in detection.stops]
+    measured = (
+        np.concatenate([s.range_m[k] / HALF_C for s, k in zip(detection.stops, reported, strict=True)]),
+        np.concatenate([s.amplitude[k] - threshold for s, k in zip(detection.stops, reported, strict=True)]),
+    )
+    limit = norm.isf(0.5e-4)
+    for a, b in zip(measured, simulated, strict=True):
+        error = math.hypot(a.std() / math.sqrt(len(a)), b.std() / math.sqrt(len(b)))
+        assert abs(a.mean() - b.mean()) < limit * error
+    # Numbers of kept alarms have at most a Poisson number's variance.
+    assert abs(len(measured[0]) - len(simulated[0])) < limit * math.sqrt(2.0 * len(simulated[0]))
+    in_both = detection.stops[0].reported & detection.stops[1].reported
+    assert (detection.stops[0].range_m[in_both] <= detection.stops[1].range_m[in_both]).all()
+
+
+def test_an_alarm_is_beside_the_strongest_echo():
+    """Its source and true range are those of the pulse's strongest sub-echo, the second of three."""
+    equipped = sensor("table1-apd", "tdc.threshold_to_noise=3.3", "tdc.stops=2", "tdc.window_us=2")
+    power = trains.power_at_snr(equipped, 1.0) * np.array([0.2, 0.4, 0.3])
+    detection = detect(train(np.tile((50.0, 70.0, 90.0), (4000, 1)), np.tile(power, (4000, 1))), equipped)
+    for stop in detection.stops:
+        alarms = stop.reported & (stop.status == Status.FALSE_ALARM)
+        assert alarms.any()
+        np.testing.assert_allclose(stop.true_range_m[alarms], 70.0)
+        assert (stop.source[alarms] == 1).all()
+
+
+LOW, LSB_PS, JITTER_PS = "tdc.threshold_to_noise=3.3", 800.0, 300.0
+SAMPLER = ("sampler.type='multi_level_tdc'", "sampler.levels=[2, 4]")
+
+
+def alarm_times(equipped, light):
+    """(pulse, stop, time [s]) of the echoes and of the false alarms of pulses."""
+    pulse = np.arange(len(light.background_power_w), dtype=np.uint32)
+    found = {Status.ECHO: [], Status.FALSE_ALARM: []}
+    for number, stop in enumerate(receiver.detect(light, equipped, seed=2, pulse=pulse).stops):
+        for status, times in found.items():
+            mask = np.asarray(stop.reported) & (np.asarray(stop.status) == status)
+            times += [(k, number, t) for k, t in zip(pulse[mask], np.asarray(stop.range_m)[mask] / HALF_C, strict=True)]
+    return found[Status.ECHO], found[Status.FALSE_ALARM]
+
+
+def boards(equipped, *, of_train, count=3000):
+    """Light of pulses at boards from 40 to 70 m."""
+    ranges, power = np.linspace(40.0, 70.0, count), np.full(count, trains.power_at_snr(equipped, 12.0))
+    light = train(ranges[:, None], power[:, None])
+    if of_train:
+        return light
+    return Echoes(
+        range_m=ranges, peak_power_w=power, background_power_w=light.background_power_w, has_surface=light.has_surface
+    )
+
+
+RECEIVERS = {
+    "single echo": (lambda *keys: sensor("table1-apd", LOW, "tdc.stops=3", *keys), False),
+    "rises": (lambda *keys: sensor("table1-apd", LOW, "tdc.stops=3", *keys), True),
+    "strongest": (lambda *keys: sensor("table1-apd", LOW, "tdc.stops=3", "tdc.keep='strongest'", *keys), True),
+    "sampler": (lambda *keys: sensor("table1-apd", LOW, "tdc.stops=3", *SAMPLER, *keys), True),
+    "cells": (lambda *keys: sensor("table1-sipm", "tdc.threshold_to_noise=2.5", "tdc.stops=3", *keys), True),
+}
+
+
+@pytest.mark.parametrize("name", [*RECEIVERS, "histogram"])
+def test_alarms_lie_on_the_clocks_grid_as_echoes_do(name):
+    """A converter has one clock, so that the last digits of a range do not tell noise from signal."""
+    if name == "histogram":
+        low = ("histogram.threshold_floor=0", "histogram.threshold_slope=0.27", "histogram.stops=4")
+        equipped = photons.sensor(*low, f"histogram.lsb_ps={LSB_PS}")
+        light = photons.echoes_of(equipped, 60.0, photons=60.0, illuminance_klux=4.0)
+    else:
+        sensor_with, of_train = RECEIVERS[name]
+        equipped = sensor_with(f"tdc.lsb_ps={LSB_PS}", f"tdc.jitter_ps={JITTER_PS}")
+        light = boards(equipped, of_train=of_train)
+    found = alarm_times(equipped, light)
+    for times in found:
+        steps = np.array([time_s for _, _, time_s in times]) / (1e-12 * LSB_PS)
+        assert len(steps) > 200
+        assert np.abs(steps - np.rint(steps)).max() < 1e-6
+
+
+@pytest.mark.parametrize("name", list(RECEIVERS))
+def test_alarms_have_the_converters_jitter(name):
+    """Against the same alarms without it: mean and standard deviation, z-tests at 1e-4 each."""
+    sensor_with, of_train = RECEIVERS[name]
+    exact, jittered = (
+        {(pulse, stop): time_s for pulse, stop, time_s in alarm_times(equipped, boards(equipped, of_train=of_train))[1]}
+        for equipped in (sensor_with("tdc.blanking_ns=10", f"tdc.jitter_ps={ps}") for ps in (0.0, JITTER_PS))
+    )
+    # Jitter moves no crossing, so the same alarms have the same stops.
+    assert exact.keys() == jittered.keys()
+    error = np.array([jittered[key] - exact[key] for key in exact]) / (1e-12 * JITTER_PS)
+    limit = norm.isf(0.5e-4)
+    assert abs(error.mean()) < limit / math.sqrt(len(error))
+    assert abs(error.std() - 1.0) < limit / math.sqrt(2.0 * len(error))
+
+
+def test_an_alarm_that_the_clock_moves_before_the_pulse_is_none():
+    """As an echo there: time counts from the pulse, and 0 stands for no return."""
+    equipped = sensor("table1-apd", LOW, "tdc.lsb_ps=1e6", "tdc.window_us=2", "tdc.stops=3")
+    stops = detect(train(np.full((4000, 1), 50.0), np.zeros((4000, 1))), equipped).stops
+    reported = np.concatenate([np.asarray(stop.range_m)[np.asarray(stop.reported)] for stop in stops])
+    assert np.unique(np.rint(reported / HALF_C / 1e-6)).tolist() == [1.0, 2.0]
