@@ -9,7 +9,7 @@ import numpy as np
 from table import Row, Section, verdict
 
 from lidarscene import load_scene, load_sensor
-from lidarscene.detection import returns
+from lidarscene.detection import receiver
 from lidarscene.errors import LidarSceneError
 from lidarscene.files.open3d import open3d
 from lidarscene.kernel.device import transfer
@@ -286,7 +286,7 @@ def _device_rows(name: str, simulator: Simulator, rounds: int) -> list[Row]:
                 if last == "echoes":
                     outputs += [light.peak_power_w, light.background_power_w]
                 else:
-                    detection = returns.detect(light, sensor, seed=seed, pulse=pulse)
+                    detection = receiver.detect(light, sensor, seed=seed, pulse=pulse)
                     outputs += [detection.snr, detection.detection_probability, detection.outcome, detection.ambient]
                     for stop in detection.stops:
                         outputs += [stop.reported, stop.status, stop.range_m, stop.intensity]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from lidarscene.detection.outcomes import Outcome, Status
-from lidarscene.detection.receivers import detect_alone
+from lidarscene.detection.receiver import detect
 from lidarscene.light.fluctuations import fluctuate
 from lidarscene.sensor.sensor_model import Sensor
 from lidarscene.studies.ranging import plane, statistics
@@ -41,7 +41,7 @@ def simulated_shots(sensor: Sensor, target: Target, range_m: float | None, *, sh
     variance = plane.fluctuation_variance(sensor, target, echoes.range_m)
     if variance is not None:
         echoes = fluctuate(echoes, variance, seed=seed, pulse=pulse)
-    detection = detect_alone(echoes, sensor, seed=seed, pulse=pulse)
+    detection = detect(echoes, sensor, seed=seed, pulse=pulse)
     alarms = sum(
         int(np.sum(np.asarray(stop.reported & (stop.status == int(Status.FALSE_ALARM))))) for stop in detection.stops
     )
