@@ -159,8 +159,8 @@ _LEAST_RATE_HZ = 1e-3
 """No SPAD is darker; without any noise, the ratios of signal and threshold to it would have no value."""
 
 _LEAST_COUNTS = 1e-30
-"""Nor has a bin of a shot fewer counts, for the same reason: coincidences of many SPADs in the dark are rarer than single
-precision resolves."""
+"""Nor has a bin of a shot fewer counts, for the same reason: coincidences of many SPADs in the dark are rarer than
+single precision resolves."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
