@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.child import assert_ended
 from helpers.command_line import COARSE, WALL, Ran, Run
 from helpers.folders import raise_disk_full
 
@@ -388,7 +389,7 @@ def test_no_input_is_overwritten(run: Run, tmp_path: Path) -> None:
         ),
     ],
 )
-def testraise_disk_full(
+def test_a_full_disk(
     run: Run,
     tmp_path: Path,
     wall: str,
@@ -407,21 +408,20 @@ def testraise_disk_full(
     assert files_in(tmp_path) - before == kept_files
 
 
-def testraise_disk_full_behind_standard_output(run_python: Any) -> None:
+def test_a_full_disk_behind_standard_output(run_python: Any) -> None:
     if not Path("/dev/full").exists():
         pytest.skip("no /dev/full on this system")
     code = "import sys, os; os.dup2(os.open('/dev/full', os.O_WRONLY), 1)\n"
     code += "from lidarscene.cli.main import main; sys.exit(main(['catalog', 'scenes']))"
     process = run_python(code)
-    assert process.returncode == 2
-    assert process.stderr == "lidarscene: error: standard output: cannot be written: No space left on device\n"
+    assert_ended(process, 2, stderr="lidarscene: error: standard output: cannot be written: No space left on device\n")
 
 
 def test_reader_that_has_gone_is_no_mistake(run_python: Any) -> None:
     code = "import sys, os; r, w = os.pipe(); os.dup2(w, 1); os.close(w); os.close(r)\n"
     code += "from lidarscene.cli.main import main; sys.exit(main(['catalog', 'scenes']))"
     process = run_python(code)
-    assert (process.returncode, process.stderr) == (0, "")
+    assert_ended(process)
 
 
 def test_interrupt_leaves_nothing(
