@@ -206,6 +206,8 @@ def test_a_stopped_worker_of_another_machine(
 ) -> None:
     """It cannot be ended from here: its frames, which it has claimed, are rendered by the other worker."""
     monkeypatch.setattr(dispatch, "LEAST_LIMIT_S", 3.0)
+    # The first frame compiles, ten seconds among other tests: twenty times as long is minutes.
+    monkeypatch.setattr(dispatch, "LATENESS", 1.0)
     monkeypatch.setattr(dispatch, "COUNT_EVERY_S", 0.5)
     for _ in range(2):
         idle_scheduler.start_workers(1, "--no-nanny")

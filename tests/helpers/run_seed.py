@@ -4,6 +4,7 @@ import os
 import random
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TypeVar
 
 import pytest
 
@@ -17,6 +18,14 @@ def run_seed() -> int:
         raise pytest.UsageError(f"{NAME}: must be a whole number >= 0, got {value!r}")
     os.environ[NAME] = value
     return int(value)
+
+
+Case = TypeVar("Case")
+
+
+def chosen(count: int, cases: Sequence[Case]) -> list[Case]:
+    """Some of many cases for `parametrize`, others in each run."""
+    return random.Random(run_seed()).sample(cases, count)
 
 
 def shuffle(items: Sequence[pytest.Item], seed: int) -> list[pytest.Item]:
