@@ -26,7 +26,7 @@ from lidarscene.kernel.device import backend, blocks, llvm
 
 os.environ.setdefault("MPLBACKEND", "Agg")
 SEED = run_seed()
-"""Of the order of the tests and of their random streams; None: both are fixed."""
+"""Of the order of the tests and of their random streams; drawn unless TEST_SEED says it."""
 # Meshes and Hypothesis' examples are kept for this run alone, with all workers of xdist: what an earlier one left must
 # not decide a test.
 if "PYTEST_XDIST_WORKER" not in os.environ:
@@ -47,9 +47,7 @@ with contextlib.suppress(BackendError):
     llvm.use()  # before any test file imports drjit, which looks for LLVM only then
 
 # Hypothesis fails an example that takes 0.2 s, and a test whose examples take long to make.
-settings.register_profile(
-    "lidarscene", deadline=None, suppress_health_check=[HealthCheck.too_slow], derandomize=SEED is None
-)
+settings.register_profile("lidarscene", deadline=None, suppress_health_check=[HealthCheck.too_slow], derandomize=False)
 settings.load_profile("lidarscene")
 
 TESTS = Path(__file__).parent
@@ -90,7 +88,7 @@ MAY_BE_SKIPPED = (
 @pytest.hookimpl(tryfirst=True)
 def pytest_configure(config: pytest.Config) -> None:
     """Every folder is a marker: `pytest -m unit` runs tests/unit. Hypothesis has the run's seed."""
-    if SEED is not None and config.option.hypothesis_seed is None:
+    if config.option.hypothesis_seed is None:
         config.option.hypothesis_seed = str(SEED)
     if missing_files := [name for name in LONGEST if not (TESTS / name).is_file()]:
         raise pytest.UsageError(f"conftest.py: LONGEST: no such file: {', '.join(missing_files)}")
@@ -100,13 +98,12 @@ def pytest_configure(config: pytest.Config) -> None:
 
 def pytest_report_header() -> str:
     """How to run the tests once more in this order, on these random streams."""
-    return "order and random streams: " + ("fixed" if SEED is None else f"{SEED_NAME}={SEED}")
+    return f"order and random streams: {SEED_NAME}={SEED}"
 
 
 def pytest_terminal_summary(terminalreporter: Any) -> None:
     """The same in the end, where a long or quiet run shows it, and what should not have been skipped."""
-    if SEED is not None:
-        terminalreporter.line(pytest_report_header())
+    terminalreporter.line(pytest_report_header())
     for reason in refused_skips(terminalreporter):
         terminalreporter.line(f"TEST_NO_SKIPS=1: skipped: {reason}", red=True)
 
@@ -127,8 +124,7 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if item.path.is_relative_to(TESTS) and item.path.parent != TESTS:
             item.add_marker(item.path.relative_to(TESTS).parts[0])
-    if SEED is not None:
-        items[:] = shuffle(items, SEED)
+    items[:] = shuffle(items, SEED)
     turn = {TESTS / name: number for number, name in enumerate(LONGEST)}
     items.sort(key=lambda item: turn.get(item.path, len(turn)))
 
@@ -205,9 +201,10 @@ pytest_plugins = (
     "helpers.small_job",
     "helpers.browser",
     "helpers.dead_workers",
+    "helpers.chance",
 )
-"""Fixtures: a command line in this process; readers of other libraries; a job and a cluster; a browser. The last one
-ends a run whose worker dies."""
+"""Fixtures: a command line in this process; readers of other libraries; a job and a cluster; a browser. The last two
+end a run whose worker dies, and run a test that fails on other seeds."""
 
 RunPython = Callable[..., subprocess.CompletedProcess[str]]
 
@@ -217,7 +214,8 @@ def run_python() -> RunPython:
     """Run code in a fresh Python, with NAME=value in its environment, or NAME=None for unset."""
 
     def run(code: str, **environment: str | None) -> subprocess.CompletedProcess[str]:
-        merged = OUTSIDE | environment
+        drawn = {name: os.environ.get(name) for name in (SEED_NAME, reseed.READ)}  # of the test that runs now
+        merged = OUTSIDE | drawn | environment
         variables = {name: value for name, value in merged.items() if value is not None}
         return subprocess.run(
             [sys.executable, "-c", code], env=variables, capture_output=True, text=True, timeout=PATIENCE_S

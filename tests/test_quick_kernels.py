@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 import quick_kernels
+from helpers.child import assert_ended
 
 RENDER = """
 import hashlib
@@ -30,7 +31,7 @@ def test_optimised_kernels_compute_the_same(
         home = tmp_path / optimised
         home.mkdir()
         ended = run_python(RENDER, HOME=str(home), **{quick_kernels.VARIABLE: optimised})
-        assert ended.returncode == 0, ended.stderr
+        assert_ended(ended, stderr=None)
         frames.append(ended.stdout)
         kernels.append({path.name: path.read_bytes() for path in (home / ".drjit").iterdir()})
     assert frames[0] == frames[1]

@@ -61,6 +61,17 @@ def test_numpy_and_device_agree():
     assert (np.abs(range_m[0] - range_m[1]) < 1e-3).mean() > 0.98
 
 
+def test_many_spads_together_in_the_dark_have_a_signal_to_noise_ratio():
+    """Eight that fire in one bin by themselves, 1e-44 of all bins, are none in single precision."""
+    counter = photons.sensor("detector.spads=16", "detector.coincidence=8")
+    light = photons.echoes_of(counter, 20.0, count=32, illuminance_klux=0.0)
+    light.peak_power_w[::2] = 0.0
+    device = detect_on_device(counter, light, seed=1)
+    assert (device.snr[::2] == 0.0).all()
+    assert np.isfinite(device.snr).all()
+    assert (device.snr[1::2] > 0.0).all()
+
+
 def test_spads_that_come_back_are_found_on_the_device_too():
     """2,000 strong echoes in the sun, a third with a hump above the threshold: 1 % may be others, as above."""
     counter = photons.sensor(

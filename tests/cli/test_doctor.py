@@ -2,6 +2,8 @@
 
 import platform
 
+from helpers.child import assert_ended
+
 from lidarscene.cli.doctor import examine
 from lidarscene.kernel.device import backend
 
@@ -22,7 +24,7 @@ def test_a_healthy_machine(mi) -> None:
 def test_a_broken_machine(run_python) -> None:
     path = "/nowhere/libLLVM.so"
     process = run_python(REPORT, DRJIT_LIBLLVM_PATH=path, LIDARSCENE_VARIANT="llvm_ad_mono")
-    assert (process.returncode, process.stderr) == (1, "")
+    assert_ended(process, 1)
     assert f"DRJIT_LIBLLVM_PATH={path}: no such file" in process.stdout
     assert process.stdout.rstrip().endswith("lidarscene cannot trace rays here")
 

@@ -14,6 +14,7 @@ from typing import Any
 import jsonschema
 import numpy as np
 import pytest
+from helpers.child import assert_ended
 from helpers.command_line import BEAMS, COARSE, WALL, Run
 
 from lidarscene import __version__, catalog
@@ -117,7 +118,7 @@ def test_catalog(run: Run) -> None:
 def test_catalog_on_a_terminal_of_few_letters(run_python: Any) -> None:
     code = "from lidarscene.cli.main import main; main(['catalog']); main(['catalog', 'materials', 'concrete'])"
     process = run_python(code, PYTHONIOENCODING="ascii")
-    assert (process.returncode, process.stderr) == (0, "")
+    assert_ended(process)
 
 
 @pytest.mark.parametrize(
@@ -428,7 +429,7 @@ def test_the_first_cloud_takes_no_more_than_it_needs(tmp_path: Path, run_python)
     process = run_python(
         FIRST_CLOUD.format(scene=str(ROOT / "scenes" / "edges.toml"), path=str(tmp_path / "edges.ply"))
     )
-    assert process.returncode == 0, process.stderr
+    assert_ended(process, stderr=None)
     code, rewritten, kernels, modules = json.loads(process.stdout.splitlines()[-1])
     assert code == 0
     assert (tmp_path / "edges.ply").is_file()

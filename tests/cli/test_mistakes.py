@@ -388,7 +388,7 @@ def test_no_input_is_overwritten(run: Run, tmp_path: Path) -> None:
         ),
     ],
 )
-def testraise_disk_full(
+def test_a_full_disk(
     run: Run,
     tmp_path: Path,
     wall: str,

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from helpers.child import assert_ended
 from helpers.command_line import Run
 from helpers.paper_results import results, use
 
@@ -47,7 +48,7 @@ print([name for name in ("mitsuba", "drjit", "lidarscene.kernel") if name in sys
 sys.exit(code)
 """
     ran = run_python(code, LIDARSCENE_VARIANT="nonsense", DRJIT_LIBLLVM_PATH="/nowhere/libLLVM.so")
-    assert (ran.returncode, ran.stderr) == (0, "")
+    assert_ended(ran)
     printed, loaded = ran.stdout.rstrip("\n").rsplit("\n", 1)
     return output_folder, json.loads(printed), loaded
 

@@ -1,6 +1,7 @@
 """A machine without LLVM: one error with what to type, exit code 3, nothing written; and a report of doctor."""
 
 import pytest
+from helpers.child import assert_ended
 
 RUN = """
 import sys
@@ -36,7 +37,7 @@ def lidarscene(machine: str, run_python, tmp_path):
 def test_render_is_one_error(lidarscene, wall: str, tmp_path) -> None:
     run, message = lidarscene
     ran = run("render", str(tmp_path / wall), "-o", str(tmp_path / "new" / "out.ply"))
-    assert (ran.returncode, ran.stdout) == (3, "")
+    assert_ended(ran, 3, stdout="", stderr=None)
     assert ran.stderr.startswith("lidarscene: error: no usable Mitsuba back end\n")
     assert ran.stderr.count(message) == 1
     assert "Traceback" not in ran.stderr
@@ -48,6 +49,6 @@ def test_doctor_reports(lidarscene) -> None:
     """Here what is told of each machine, by the lines that `render` ends with too."""
     run, message = lidarscene
     ran = run("doctor")
-    assert (ran.returncode, ran.stderr) == (1, "")
+    assert_ended(ran, 1)
     assert message in ran.stdout
     assert ran.stdout.endswith("lidarscene cannot trace rays here\n")

@@ -11,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.child import assert_ended
 from helpers.clouds import NAMES, assert_same, chunk_of, small_cloud, small_columns
 
 import lidarscene
@@ -190,7 +191,7 @@ def test_memory_of_a_builder(run_python: Any) -> None:
     count, n = 20, 20_000
     path = os.pathsep.join((str(TESTS.parent / "src"), str(TESTS)))
     process = run_python(MEMORY.format(count=count, n=n), PYTHONPATH=path)
-    assert process.returncode == 0, process.stderr
+    assert_ended(process, stderr=None)
     join, changing = json.loads(process.stdout)
     assert join < count * n * 12 + 65536
     assert size * count * n <= changing < (size + 0.5) * count * n

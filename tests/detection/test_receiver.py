@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from helpers.child import assert_ended
 
 from lidarscene import load_sensor
 from lidarscene.detection import receiver
@@ -51,7 +52,7 @@ def test_receivers_of_several_sizes_share_a_process(mi: Any, run_python: Any, tm
             HOME=str(tmp_path),
             LIDARSCENE_VARIANT=mi.variant(),
         )
-        assert process.returncode == 0, (process.returncode, process.stderr)
+        assert_ended(process, stderr=None)
         outputs.append(sorted(process.stdout.splitlines()))
     rising, falling = outputs
     assert rising == falling

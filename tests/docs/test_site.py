@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 from helpers.browser import browser as browser
+from helpers.child import assert_ended
 from helpers.chromium import Chromium
 from helpers.documentation import PAGES, ROOT, prose, text_of
 from helpers.waiting import PATIENCE_S
@@ -27,7 +28,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
         text=True,
         timeout=PATIENCE_S,
     )
-    assert built.returncode == 0, built.stdout + built.stderr
+    assert_ended(built, stderr=None)
     return folder
 
 

@@ -15,7 +15,7 @@ from helpers.run_seed import run_seed
 from lidarscene import InputError, Simulator, load_scene, load_sensor
 
 SENSORS = int(os.environ.get("FUZZ_SENSORS", "3"))
-SEED = int(os.environ.get("FUZZ_SEED") or run_seed() or 1)
+SEED = int(os.environ.get("FUZZ_SEED") or run_seed())
 
 COARSE_RASTER = ("scanner.azimuth_step_deg=2", "scanner.elevation_step_deg=2")
 COARSE_HEAD = ("scanner.columns_per_turn=128",)
@@ -42,11 +42,12 @@ def drawn(rng: random.Random) -> tuple[str, tuple[str, ...], tuple[str, ...], di
     changes = [f"laser.peak_power_w={float(sensor.laser.peak_power_w) * 10.0 ** rng.uniform(-2, 2):.6g}"]
     changes += [f"optics.focal_length_mm={1e3 * float(sensor.optics.focal_length_m) * 10.0 ** rng.uniform(-1, 1):.6g}"]
     if sensor.histogram is not None:
-        changes += [f"detector.spads={rng.choice([1, 4, 64, 1000])}", f"histogram.stops={rng.choice([1, 2, 5])}"]
+        spads = rng.choice([1, 4, 64, 1000])
+        changes += [f"detector.spads={spads}", f"histogram.stops={rng.choice([1, 2, 5])}"]
         changes += [f"detector.dead_time_ns={rng.choice([4, 10, 40])}"]
         changes += [
             f'detector.stamps="{rng.choice(["all", "first"])}"',
-            f"detector.coincidence={rng.choice([1, 1, 2, 3])}",
+            f"detector.coincidence={min(rng.choice([1, 1, 2, 3, 8]), spads)}",
         ]
         changes += [f"histogram.threshold_floor={rng.choice([0.03, 3, 30])}"]
     else:

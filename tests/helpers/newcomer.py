@@ -8,6 +8,8 @@ import sys
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+from helpers.child import assert_ended
+
 ROOT = Path(__file__).parents[2]
 
 COMMANDS = """
@@ -55,7 +57,7 @@ def changed_sources(
             capture_output=True,
             text=True,
         )
-        assert process.returncode == 0, process.stderr
+        assert_ended(process, stderr=None)
         return process.stdout
 
     return run

@@ -4,25 +4,28 @@ import os
 import random
 from collections.abc import Sequence
 from pathlib import Path
+from typing import TypeVar
 
 import pytest
 
 NAME = "TEST_SEED"
 
 
-def run_seed() -> int | None:
-    """Seed of this run: None if TEST_SEED is unset (fixed order and streams), else the number in TEST_SEED.
-
-    TEST_SEED=random draws a number and leaves it in the environment, where xdist's workers find it.
-    """
-    value = os.environ.get(NAME, "")
-    if value == "random":
-        value = os.environ[NAME] = str(random.SystemRandom().randrange(2**32))
-    if not value:
-        return None
+def run_seed() -> int:
+    """Seed of this run: the number in TEST_SEED; without one it is drawn, and left there for xdist's workers."""
+    value = os.environ.get(NAME) or str(random.SystemRandom().randrange(2**32))
     if not value.isdecimal():
-        raise pytest.UsageError(f"{NAME}: must be a whole number >= 0 or 'random', got {value!r}")
+        raise pytest.UsageError(f"{NAME}: must be a whole number >= 0, got {value!r}")
+    os.environ[NAME] = value
     return int(value)
+
+
+Case = TypeVar("Case")
+
+
+def chosen(count: int, cases: Sequence[Case]) -> list[Case]:
+    """Some of many cases for `parametrize`, others in each run."""
+    return random.Random(run_seed()).sample(cases, count)
 
 
 def shuffle(items: Sequence[pytest.Item], seed: int) -> list[pytest.Item]:

@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.child import assert_ended
 
 from lidarscene.maths.arrays import map_arrays, xp
 from lidarscene.physics.electronics import counting
@@ -99,7 +100,7 @@ def test_each_room_has_its_own_size(mi: Any, run_python: Any, tmp_path: Any) -> 
     The largest number, 64 * 30,000, is exact in single precision.
     """
     process = run_python(ROOMS.format(sizes=(8, 9, 30_000, 8)), HOME=str(tmp_path), LIDARSCENE_VARIANT=mi.variant())
-    assert (process.returncode, process.stdout) == (0, "all\n"), (process.returncode, process.stderr)
+    assert_ended(process, stdout="all\n", stderr=None)
 
 
 @dataclass(frozen=True)

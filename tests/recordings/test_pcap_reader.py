@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from helpers.child import assert_ended
 from helpers.recordings import pcap
 
 from lidarscene.recordings.pcap_reader import metadata_of, packets_of, turns_of
@@ -113,7 +114,7 @@ def test_packets_stay_in_the_file(tmp_path: Path, run_python: Any) -> None:
     """Rationale: a drive is larger than memory. Of 5 MB of packets 24 bytes each are held, and what is asked for."""
     path = pcap(tmp_path / "a.pcap", [bytes([number % 256]) * 1200 for number in range(4000)])
     process = run_python(MEMORY.format(path=str(path)))
-    assert process.returncode == 0, process.stderr
+    assert_ended(process, stderr=None)
     *read, peak = json.loads(process.stdout)
     assert read == [4000, 50, 104, 1200]
     assert peak < 1e6

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.child import assert_ended
 from helpers.clouds import assert_same
 from helpers.traffic import traffic
 
@@ -155,7 +156,7 @@ def test_memory_does_not_grow_with_the_frame(mi: Any, run_python: Any, tmp_path:
     """
     code = MEMORY.format(folder=str(tmp_path), scene=str(CAR), chunk=CHUNK)
     process = run_python(code, LIDARSCENE_VARIANT=mi.variant())
-    assert process.returncode == 0, process.stderr
+    assert_ended(process, stderr=None)
     before, streamed, rendered, held = json.loads(process.stdout)
     if before is None:
         pytest.skip("the system does not say how much memory a process takes")

@@ -191,6 +191,11 @@ def test_what_cannot_be_is_one_line(override, words):
     assert "\n" not in str(caught.value)
 
 
+def test_more_spads_together_than_there_are_is_one_line():
+    with pytest.raises(InputError, match=r"coincidence: must be <= 2, the spads of the pixel, got 3$"):
+        photons.sensor("detector.spads=2", "detector.coincidence=3")
+
+
 def test_spads_have_a_histogram_and_others_a_converter():
     from lidarscene import load_sensor
 

@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 from helpers import photons
+from helpers.run_seed import chosen
 from helpers.trains import in_fog, on_device, train
 
 from lidarscene.detection.photon_counting.bins import Bins
@@ -86,10 +87,12 @@ def mean_counts(counter, light_of, place_m, *, count=10_000):
     return np.mean(drawn, axis=1), whole[int(first[0]) : int(first[0]) + len(drawn)]
 
 
-@pytest.mark.parametrize("coincidence", [1, 2])
-@pytest.mark.parametrize("detections", [0.0, 0.1])
+SUNS = [(60.0, 5.0, 4.0), (100.0, 5.3, 4.0), (50.0, 3.0, 3.0), (73.3, 6.0, 4.5)]
+
+
 @pytest.mark.parametrize(
-    ("rate_mhz", "dead_ns", "fwhm_ns"), [(60.0, 5.0, 4.0), (100.0, 5.3, 4.0), (50.0, 3.0, 3.0), (73.3, 6.0, 4.5)]
+    ("rate_mhz", "dead_ns", "fwhm_ns", "detections", "coincidence"),
+    chosen(6, [(*sun, detections, least) for sun in SUNS for detections in (0.0, 0.1) for least in (1, 2)]),
 )
 def test_drawn_bins_have_their_means_in_strong_sun(rate_mhz, dead_ns, fwhm_ns, detections, coincidence):
     """Rationale: SPADs come alive while the bins are drawn: those that the sun fired before, evenly over a dead time.
@@ -130,10 +133,13 @@ def test_spads_that_a_nearer_echo_has_fired_are_missing_in_the_bins_of_the_next(
     assert drawn.sum() == pytest.approx(expected.sum(), rel=within + error)
 
 
-@pytest.mark.parametrize("dead_times", [0.7, 0.95, 1.1, 1.4, 1.7, 2.1, 2.6, 3.3])
+STRONG = [(20.0, 12.0, 2.0), (60.0, 12.0, 2.0), (20.0, 20.0, 5.0), (60.0, 20.0, 5.0), (20.0, 10.0, 5.0)]
+DEAD_TIMES = (0.7, 0.95, 1.1, 1.4, 1.7, 2.1, 2.6, 3.3)
+
+
 @pytest.mark.parametrize(
-    ("rate_mhz", "dead_ns", "detections"),
-    [(20.0, 12.0, 2.0), (60.0, 12.0, 2.0), (20.0, 20.0, 5.0), (60.0, 20.0, 5.0), (20.0, 10.0, 5.0)],
+    ("rate_mhz", "dead_ns", "detections", "dead_times"),
+    chosen(8, [(*strong, dead_times) for strong in STRONG for dead_times in DEAD_TIMES]),
 )
 def test_drawn_bins_behind_a_strong_echo_have_their_means(rate_mhz, dead_ns, detections, dead_times):
     """Rationale: SPADs that an echo has fired come back together, the sun fires more of them than of others, and these

@@ -4,19 +4,35 @@ A generator that is asked for with a seed gets that seed and the run's: streams 
 that of another run. Without TEST_SEED nothing changes. Streams of Python's `random` are few: tests key these by
 themselves. The program knows nothing of this: modules are changed when they are imported, here and in every process
 that a test starts (see `sitecustomize`).
+
+While TEST_SEED_READ names a file, a process that draws makes it.
 """
 
 import importlib
 import os
 import zlib
 from collections.abc import Callable
+from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import on_import
 
 RUN = os.environ.get("TEST_SEED") or None
+READ = "TEST_SEED_READ"
 _paused = False
+
+
+def set_run(seed: int) -> None:
+    """Draw the numbers of this run from now on, here and in processes that are started."""
+    global RUN
+    RUN = os.environ["TEST_SEED"] = str(seed)
+
+
+def _note() -> None:
+    """Leave a trace that somebody has drawn by the run's seed."""
+    if path := os.environ.get(READ):
+        Path(path).touch()
 
 
 def pause(paused: bool) -> None:
@@ -31,6 +47,7 @@ def frame_seed(seed: int) -> int:
     """Seed of a frame in this run, 32 bits: different for different seeds."""
     if _paused:
         return int(seed)
+    _note()
     return (int(seed) ^ zlib.crc32(f"run {RUN}".encode())) & 0xFFFFFFFF
 
 
@@ -43,6 +60,7 @@ def _with_run(generator: Callable[..., Any]) -> Callable[..., Any]:
     def seeded(seed: Any = None) -> Any:
         if _paused or seed is None or hasattr(seed, "random") or hasattr(seed, "generate_state"):
             return generator(seed)  # no seed, or a stream that has its own
+        _note()
         words = [seed] if isinstance(seed, int) or not hasattr(seed, "__len__") else list(seed)
         return generator([*words, int(RUN or 0)])
 

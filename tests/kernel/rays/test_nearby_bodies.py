@@ -8,6 +8,7 @@ import pytest
 from helpers import chain, launches
 from helpers.traffic import SENSOR, direction, moving, traffic
 
+from lidarscene import load_scene
 from lidarscene.kernel.device import transfer
 from lidarscene.kernel.rays import nearby_bodies
 from lidarscene.kernel.world import mitsuba_world
@@ -173,6 +174,19 @@ def test_another_number_of_bodies_compiles_nothing() -> None:
     assert len(np.unique(cloud.body)) > 20
     for name in ("xyz_m", "body", "in_shadow", "radial_velocity_m_s", "snr"):
         np.testing.assert_array_equal(getattr(cloud, name), getattr(expected, name), err_msg=name)
+
+
+def test_worlds_of_other_simulators_compile_nothing() -> None:
+    """Nor do those that went: a kernel has the surfaces of its own world, whatever else this process holds."""
+    sensor = chain.sensor("table1-apd", *SENSOR, "scanner.azimuth_step_deg=0.8")
+    with launches.launched() as before:
+        Simulator(crowd(3, shapes=3), sensor).render(seed=0)
+    others = [Simulator(load_scene(name), sensor) for name in ("car", "glass")]
+    for _ in range(2):
+        with launches.launched() as later:
+            Simulator(crowd(3, shapes=3), sensor).render(seed=1)
+        launches.assert_none_is_new(later, before)
+        others.clear()
 
 
 def test_a_kernel_for_each_shape_gives_the_same(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -24,7 +24,7 @@ def test_noise_of_the_background(mean):
     noise = filtered_noise(np.random.default_rng(1), mean, 2_000_000)
     variance = matched_filter.background_variance(rate_hz=mean, sigma_s=SIGMA)
     assert noise.var() == pytest.approx(variance, rel=0.01)
-    unit = matched_filter.background_skewness(variance=variance, rate_hz=mean, sigma_s=SIGMA)
+    unit = matched_filter.background_skewness(variance_share=1.0)
     for sigmas in (2.0, 3.0):
         excess = sigmas * np.sqrt(variance)
         expected = float(matched_filter.tail(excess=excess, variance=variance, unit=unit))
@@ -41,7 +41,7 @@ def test_false_peaks_within_four_standard_errors(mean, sigma, sigmas):
     variance = matched_filter.background_variance(rate_hz=mean, sigma_s=sigma)
     level = sigmas * np.sqrt(variance)
     counted = int(((noise[1:] > level) & (noise[:-1] <= level)).sum())
-    share = matched_filter.false_peak_share(threshold=level, rate_hz=mean, variance=variance, sigma_s=sigma, bin_s=1.0)
+    share = matched_filter.false_peak_share(threshold=level, rate_hz=mean, sigma_s=sigma, bin_s=1.0)
     expected = 1e6 * float(share)
     assert abs(counted - expected) < 4 * np.sqrt(expected)
 
@@ -70,8 +70,7 @@ def test_false_peaks_of_few_counts(bin_to_sigma, counts):
     bins = 4_000_000
     before, after = passages(np.random.default_rng(8), counts, bin_to_sigma, bins)
     levels = np.arange(0.2, 9.2, 0.1)
-    variance = matched_filter.background_variance(rate_hz=np.full(len(levels), counts), sigma_s=1.0)
-    keys = {"rate_hz": counts, "variance": variance, "sigma_s": 1.0, "bin_s": bin_to_sigma}
+    keys = {"rate_hz": counts, "sigma_s": 1.0, "bin_s": bin_to_sigma}
     expected = bins * np.asarray(matched_filter.false_peak_share(threshold=levels, bin_to_sigma=bin_to_sigma, **keys))
     near = levels + np.array([[-0.08], [-0.04], [0.0], [0.04], [0.08]])
     counted = np.searchsorted(before, near, "right") - np.searchsorted(after, near, "right")
@@ -90,8 +89,7 @@ def test_false_peaks_of_few_counts(bin_to_sigma, counts):
 def test_a_single_count_exceeds_any_threshold_below_its_own_height(counts):
     """By hand: each count in the dark is a peak of 1.30 photons. Tolerance: two counts within the template."""
     levels = np.array([1e-3, 0.1, 1.2, 1.4])
-    variance = matched_filter.background_variance(rate_hz=np.full(4, counts), sigma_s=1.0)
-    keys = {"rate_hz": counts, "variance": variance, "sigma_s": 1.0, "bin_s": 0.8, "bin_to_sigma": 0.8}
+    keys = {"rate_hz": counts, "sigma_s": 1.0, "bin_s": 0.8, "bin_to_sigma": 0.8}
     share = np.asarray(matched_filter.false_peak_share(threshold=levels, **keys))
     assert share[:3] == pytest.approx(0.8 * counts, rel=0.01 + 10.0 * counts)
     assert share[3] < 0.8 * counts * max(10.0 * counts, 1e-3)

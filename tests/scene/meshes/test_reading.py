@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import trimesh
+from helpers.child import assert_ended
 from helpers.meshes import area_m2
 
 from lidarscene.errors import InputError
@@ -118,7 +119,7 @@ def test_nothing_is_printed(tmp_path: Path, run_python: Any) -> None:
     (tmp_path / "a.obj").write_text(HOUSE.format(mtl="mtllib a.mtl"))
     (tmp_path / "a.mtl").write_text("newmtl tile\nmap_Kd none.png\nKd x y z\n")
     process = run_python(f"from lidarscene.scene.meshes.reading import *; read_mesh(Path({str(tmp_path / 'a.obj')!r}))")
-    assert (process.returncode, process.stdout, process.stderr) == (0, "", "")
+    assert_ended(process, stdout="")
 
 
 def test_a_buffer_that_is_not_there(tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """Working points: power and signal there and back, and counted cells by SciPy."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -8,7 +9,9 @@ from scipy.constants import e
 from scipy.integrate import quad
 from scipy.stats import binom
 
-from lidarscene import load_sensor
+from lidarscene import catalog, load_sensor
+from lidarscene.sensor.detectors import Spad
+from lidarscene.studies.ranging import plane, statistics
 
 
 @pytest.mark.parametrize(
@@ -27,6 +30,33 @@ def test_a_working_point_finds_the_power_of_its_own_signal(overrides, rtol):
     power = np.geomspace(1e-9, 1.5e-7, 25)
     assert not overrides or 0.5 < point.response.signal(power).max() / (point.response.largest[0] + 0.5) < 0.99
     np.testing.assert_allclose(point.response.power_w(point.response.signal(power)), power, rtol=rtol)
+
+
+def lamps(name):
+    """A catalogue sensor and the light on its target: by night, in the brightest sun, and where nothing makes noise."""
+    sensor = load_sensor(name)
+    yield from ((sensor, plane.Target(illuminance_klux=klux)) for klux in (0.0, 130.0))
+    if isinstance(sensor.detector, Spad):
+        for pixel in ({}, {"stamps": "first"}, {"spads": 16.0, "coincidence": 16}, {"spads": 4.0, "coincidence": 8}):
+            still = replace(sensor.detector, dark_count_rate_hz=0.0, **pixel)
+            yield replace(sensor, detector=still), plane.Target(illuminance_klux=0.0)
+
+
+@pytest.mark.parametrize("name", catalog.names("sensors"))
+def test_every_light_has_a_working_point(name):
+    """Also SPADs that never count, too few to fire together: what vanishes with the light has a limit, not 0 / 0."""
+    for sensor, target in lamps(name):
+        light = plane.echoes_of_plane(sensor, target, np.geomspace(0.5, 500.0, 12))
+        point = sensor.working_point(light.background_power_w, range_m=light.range_m)
+        threshold, signal = sensor.threshold(point), point.response.signal(light.peak_power_w)
+        snr = plane.snr(sensor, target, light.range_m)
+        assert (snr >= 0.0).all()
+        assert np.isfinite(snr).all()
+        assert np.isfinite(threshold).all()
+        alarm = statistics.false_alarm_probability(sensor, target)
+        found = point.detection_probability(threshold, signal, statistics._sigma(point, signal))
+        for probability in (alarm, statistics.false_alarm_probability(sensor, target, sky=True), found):
+            assert np.all((probability >= 0.0) & (probability <= 1.0))
 
 
 def test_counted_cells_by_scipy():

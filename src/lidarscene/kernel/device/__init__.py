@@ -8,6 +8,7 @@ backend    choose a Mitsuba variant that works
 trial      compare frames of a GPU with those of the CPU
 types      protocols for what Mitsuba and Dr.Jit return
 llvm       find an LLVM library that Dr.Jit can use
+choice     one of several objects for each lane
 transfer   numbers to the device, results back
 replay     record stages once, launch them again
 blocks     small frames on all cores

@@ -19,7 +19,8 @@ from ...maths import random
 from ...maths.arrays import Lanes, LookupTable, Mask, xp
 from ...maths.random import Seed
 from ..device.backend import mitsuba
-from ..device.types import Interaction
+from ..device.types import Bsdf, Interaction
+from ..world.mitsuba_world import World
 
 _SLOPES = LookupTable(np.array([math.sqrt(prime) % 1.0 for prime in (5, 2, 3, 7, 11, 13, 17, 19)]))
 """Slopes s at the first, second, ... surface of a path: fractional parts of square roots of primes. Each makes a
@@ -52,8 +53,11 @@ class Draws:
         return place - ops.floor(place)
 
 
-def gap_share(surface: Interaction, porous: Mask) -> Any:
+def gap_share(world: World, surface: Interaction, porous: Mask) -> Any:
     """Return the share of gaps of a porous surface, 0 to 1; 0 where ``porous`` does not hold."""
     import drjit as dr
 
-    return dr.select(porous, surface.bsdf().eval_null_transmission(surface, porous)[0], 0.0)
+    def through(bsdf: Bsdf, surface: Interaction, active: Mask) -> Any:
+        return bsdf.eval_null_transmission(surface, active)[0]
+
+    return dr.select(porous, world.ask_bsdf(through, surface, active=porous), 0.0)

@@ -23,6 +23,7 @@ from ...maths.motion_table import MovingBodies, Placement
 from ...maths.vectors import Vector
 from ..device import transfer
 from ..device.backend import mitsuba
+from ..device.choice import ask_one
 from ..device.types import DeviceVector, Hit, Ray, TracedScene, components
 from ..world.mitsuba_world import MoverScenes, World
 from ..world.speculars import Speculars
@@ -243,7 +244,7 @@ class Moment:
             return scene.ray_intersect_preliminary(ray, coherent=self.coherent, active=active)
 
         number, has_scene = scenes.of_mover(candidate, is_near)
-        hit = _ask_scene(scenes, number, nearest, _ray_in_frame(ray, placement), has_scene)
+        hit = ask_one(scenes.scenes, number, nearest, _ray_in_frame(ray, placement), active=has_scene)
         # Rigid motion keeps lengths, so that distances of different frames compare. A miss has t = infinity.
         # Of two at one distance the first mover is met, whatever order the boxes are in.
         tied = (hit.t == first.t) & (candidate < mover_index)
@@ -300,29 +301,13 @@ class Moment:
             return scene.ray_test(ray, coherent=self.coherent, active=active)
 
         number, has_scene = scenes.of_mover(candidate, is_near)
-        meets = _ask_scene(scenes, number, blocked, _ray_in_frame(ray, placement), has_scene)
+        meets = ask_one(scenes.scenes, number, blocked, _ray_in_frame(ray, placement), active=has_scene)
         return (is_blocked | (has_scene & meets),)
 
     def _split_kernels(self, *arrays: object) -> None:
         """Keep the queries of several scenes in kernels of their own (`transfer.split_kernel`)."""
         if self.moving is not None or self.world.has_panes:
             transfer.split_kernel(*arrays)
-
-
-def _ask_scene(
-    scenes: MoverScenes, number: Array, ask: Callable[[TracedScene, Ray, Mask], Hit | Mask], ray: Ray, active: Mask
-) -> Any:
-    """Ask one of several scenes with each active ray; zeros for the others.
-
-    number  of the scene
-    ask     takes a scene, rays and whether each is active
-    """
-    import drjit as dr
-
-    if len(scenes.scenes) == 1:
-        return ask(scenes.scenes[0], ray, active)
-    # The same code for each scene, which Dr.Jit compiles once: the scenes are data.
-    return dr.switch(mitsuba().UInt32(number), [partial(ask, scene) for scene in scenes.scenes], ray, active)
 
 
 def _ray_in_frame(ray: Ray, place: Placement) -> Any:

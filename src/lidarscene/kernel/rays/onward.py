@@ -98,7 +98,7 @@ def is_stopped(moment: Moment, path: BeamPath, pane: Meeting) -> Any:
     if not moment.speculars.gaps:
         return pane.valid & False
     porous = moment.speculars.is_porous(kind_of(moment, pane))
-    return porous & (moment.draws.uniform(path.interactions) >= gap_share(pane.surface, porous))
+    return porous & (moment.draws.uniform(path.interactions) >= gap_share(moment.world, pane.surface, porous))
 
 
 def continued(moment: Moment, path: BeamPath, meeting: Meeting, active: Mask, *, reflected: bool) -> BeamPath:
@@ -173,8 +173,7 @@ def _lobe(moment: Moment, meeting: Meeting, kind: Array, active: Mask, *, reflec
     if speculars.gaps and not reflected:
         porous = speculars.is_porous(kind)
         direction, share = dr.select(porous, -meeting.surface.wi, direction), dr.select(porous, 1.0, share)
-    # One BSDF after the other, each for its own lanes. `surface.bsdf().sample` would be one call through a table of all
-    # BSDFs of the process, and Dr.Jit would compile the sampling code of every material for it.
+    # One BSDF after the other, each for its own lanes: what does not end a beam has few.
     for number, bsdf in enumerate(speculars.bsdfs[: speculars.panes] if reflected else speculars.bsdfs):
         of_bsdf = active & (kind == number + 1)
         # The first random number selects the lobe: 0 is always the pane's reflection, 1 always its transmission. A
@@ -222,6 +221,6 @@ def sunlight_share(moment: Moment, ray: Ray, active: Mask, *, interactions: int)
         path = select_fields(glazed, continued(moment, path, pane, glazed, reflected=False), path)
         if moment.speculars.gaps:
             porous = moment.speculars.is_porous(kind_of(moment, pane))
-            dimmed = path.throughput * gap_share(pane.surface, porous)
+            dimmed = path.throughput * gap_share(moment.world, pane.surface, porous)
             path = dataclasses.replace(path, throughput=dr.select(porous, dimmed, path.throughput))
     return dr.select(open_ & ~moment.glazed(path.ray, glazed), path.throughput, 0.0)

@@ -28,7 +28,7 @@ from ...maths.motion_table import MovingBodies
 from ...maths.random import Seed
 from ...maths.vectors import Vector
 from ..device.backend import mitsuba
-from ..device.types import DeviceVector, Interaction, Ray, components
+from ..device.types import Bsdf, DeviceVector, Interaction, Ray, components
 from ..world.mitsuba_world import World
 from .gaps import Draws, gap_share
 from .glints import specular_return
@@ -340,21 +340,27 @@ def _scattering(
     # Mitsuba's `eval` includes the cosine of the outgoing direction. Outgoing is `wi` itself in the first call: the
     # light returns along the ray by which it came.
     context = mi.BSDFContext()
-    bsdf = surface.bsdf()
-    backscatter = bsdf.eval(context, surface, surface.wi, valid)
+
+    def scattered(bsdf: Bsdf, surface: Interaction, towards: DeviceVector, active: Mask) -> Any:
+        return bsdf.eval(context, surface, towards, active)[0]
+
+    backscatter = world.ask_bsdf(scattered, surface, surface.wi, active=valid)
     # Reciprocity: light from the sun into the ray is light along the ray into the sun's direction.
-    towards_sun = bsdf.eval(context, surface, surface.to_local(to_sun), lit)
+    towards_sun = world.ask_bsdf(scattered, surface, surface.to_local(to_sun), active=lit)
     number = dr.reinterpret_array(mi.UInt32, surface.shape)
     if world.speculars is not None and world.speculars.gaps:
         # A ray that ends at a porous surface has met its solid part. Mitsuba's mask returns the mean over solid and
         # gaps, so it is divided by the share that is solid.
         porous = world.speculars.is_porous(dr.gather(mi.UInt32, world.speculars.kind, number, valid))
-        solid = 1.0 - gap_share(surface, porous)
+        solid = 1.0 - gap_share(world, surface, porous)
         solid = xp(solid).maximum(solid, 1e-6)
         backscatter, towards_sun = backscatter / solid, towards_sun / solid
     reflectivity = dr.gather(mi.Float, world.shape_reflectivity, number, valid)
     # -1 in the table: a BSDF of a Mitsuba file, whose reflectivity only the BSDF itself can give.
     if world.has_foreign:
-        file_reflectivity = bsdf.eval_diffuse_reflectance(surface, valid)[0]
-        reflectivity = dr.select(reflectivity < 0.0, file_reflectivity, reflectivity)
-    return dr.select(valid, backscatter[0], 0.0), dr.select(lit, towards_sun[0], 0.0), reflectivity
+
+        def diffuse(bsdf: Bsdf, surface: Interaction, active: Mask) -> Any:
+            return bsdf.eval_diffuse_reflectance(surface, active)[0]
+
+        reflectivity = dr.select(reflectivity < 0.0, world.ask_bsdf(diffuse, surface, active=valid), reflectivity)
+    return dr.select(valid, backscatter, 0.0), dr.select(lit, towards_sun, 0.0), reflectivity

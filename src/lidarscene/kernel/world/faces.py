@@ -87,14 +87,21 @@ class FaceTables:
         # Registry numbers are positive, with holes, and used again after shapes are freed. They are small, so a table
         # with unused rows is the simplest map from number to shape.
         numbers = [_registry_number(shape.shape) for shape, _ in self._first.values()]
-        first_face = np.zeros(max(numbers) + 1, dtype=np.uint32)
+        first_face, bsdf_index = np.zeros((2, max(numbers) + 1), dtype=np.uint32)
         reflectivity, transmittance = np.zeros((2, max(numbers) + 1), dtype=np.float32)
+        # In the order of the materials, which is that of all parts of a scene.
+        shapes = sorted((shape for shape, _ in self._first.values()), key=lambda s: self.material_names[s.material])
+        bsdfs = {_bsdf_number(shape.shape): shape.shape.bsdf() for shape in shapes}
+        places = {number: place for place, number in enumerate(bsdfs)}
         for number, (shape, start) in zip(numbers, self._first.values(), strict=True):
             first_face[number] = start
+            bsdf_index[number] = places[_bsdf_number(shape.shape)]
             reflectivity[number] = -1.0 if shape.reflectivity is None else shape.reflectivity
             transmittance[number] = shape.transmittance
         return {
             "first_face": mi.UInt32(first_face),
+            "bsdfs": tuple(bsdfs.values()),
+            "bsdf_index": mi.UInt32(bsdf_index),
             "shape_reflectivity": mi.Float(reflectivity),
             "shape_transmittance": mi.Float(transmittance) if transmittance.any() else None,
             "face_normal": self._normals(),
@@ -130,20 +137,23 @@ class FaceTables:
 
 def _surface_optics(shape: PlacedShape) -> SurfaceOptics:
     """Return what `Speculars` needs of a shape."""
-    import drjit as dr
-
-    mi = mitsuba()
-    bsdf = shape.shape.bsdf()
     # Our materials are known by name. In a Mitsuba file one name may stand for several BSDFs: their registry number
     # is the identity.
-    bsdf_number = int(dr.reinterpret_array(mi.UInt32, mi.BSDFPtr(bsdf))[0])
     return SurfaceOptics(
         number=_registry_number(shape.shape),
-        bsdf=bsdf,
-        material=bsdf_number if shape.reflectivity is None else shape.material,
+        bsdf=shape.shape.bsdf(),
+        material=_bsdf_number(shape.shape) if shape.reflectivity is None else shape.material,
         absorbs=shape.absorbs,
         is_retro=shape.values is not None and shape.values["bsdf"] == "retroreflector",
     )
+
+
+def _bsdf_number(shape: Shape) -> int:
+    """Return the number of a shape's BSDF in Mitsuba's registry."""
+    import drjit as dr
+
+    mi = mitsuba()
+    return int(dr.reinterpret_array(mi.UInt32, mi.BSDFPtr(shape.bsdf()))[0])
 
 
 def _registry_number(shape: Shape) -> int:

@@ -12,7 +12,7 @@ Symbols: b bodies, f faces (triangles, or a whole sphere) over all shapes, in th
 from __future__ import annotations
 
 import warnings
-from collections.abc import Collection, Hashable, Mapping, Sequence
+from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from types import ModuleType
@@ -28,8 +28,9 @@ from ...maths.trajectory import Course, Motion
 from ...scene.scene import CLOCK_ROUNDING_S, Ball, Body, Part, Scene, box_of
 from ..device import transfer
 from ..device.backend import is_cuda, mitsuba
+from ..device.choice import ask_one
 from ..device.gate import exclusive, retire
-from ..device.types import TracedScene
+from ..device.types import Bsdf, Interaction, TracedScene
 from . import merged_meshes, mitsuba_xml
 from .bsdfs import ATTRIBUTE, bsdf_dict, make_bsdf, reflectivities, texture, texture_key
 from .faces import FaceTables, PlacedShape
@@ -123,9 +124,10 @@ class World:
     resting         where that is at time 0, numbers on the device; None if nothing moves
     mover_shift     (movers,) UInt32, their `Mover.face_shift`; None if nothing moves
     centre_m        (3,) float64, numpy; subtracted from every coordinate before it became single precision
-    first_face, shape_reflectivity, shape_transmittance
-                    by the registry number of a shape: number of its first face; diffuse reflectivity (-1: ask the
-                    BSDF); diffuse transmittance (None: every shape is opaque)
+    bsdfs           Mitsuba BSDFs of all its surfaces, each once
+    first_face, bsdf_index, shape_reflectivity, shape_transmittance
+                    by the registry number of a shape: number of its first face; index into ``bsdfs``; diffuse
+                    reflectivity (-1: ask the BSDF); diffuse transmittance (None: every shape is opaque)
     face_normal     (4 f,) Float, unit normal of each face and one number of padding; zero for the further copies of
                     shared shapes. None if some shape is not a mesh of flat triangles
     face_body       (f,) Int32, index into ``body_names``
@@ -145,7 +147,9 @@ class World:
     resting: MovingBodies | None
     mover_shift: Any
     centre_m: Numbers
+    bsdfs: tuple[Bsdf, ...]
     first_face: Any
+    bsdf_index: Any
     shape_reflectivity: Any
     shape_transmittance: Any
     face_normal: Any
@@ -162,7 +166,20 @@ class World:
 
     def __post_init__(self) -> None:
         """Keep the Mitsuba scenes, should this go while another thread traces, until that is done."""
-        retire_with(self, self.scene, self.panes, self.mover_scenes, self.mover_panes, self.speculars, then=retire)
+        things = self.scene, self.panes, self.mover_scenes, self.mover_panes, self.speculars, self.bsdfs
+        retire_with(self, *things, then=retire)
+
+    def ask_bsdf(self, ask: Callable[..., object], surface: Interaction, *arguments: object, active: Mask) -> Any:
+        """Return what the BSDF of the surface that each active ray met answers; zeros for the others.
+
+        ask  takes a BSDF, the surface, the arguments and whether each ray is active
+        """
+        import drjit as dr
+
+        mi = mitsuba()
+        shape = dr.reinterpret_array(mi.UInt32, surface.shape)
+        index = dr.gather(mi.UInt32, self.bsdf_index, shape, active)
+        return ask_one(self.bsdfs, index, ask, surface, *arguments, active=active)
 
     def bodies_in_frame(self, start_s: float) -> Numbers | None:
         """Return the number of the body that a frame shows by that of the body in the tables, the last entry for none.

@@ -76,9 +76,12 @@ OUTPUT_WIDTH = math.sqrt(1.0 + TEMPLATE**2)
 """Width of the filter's response to an echo, in sigmas of the pulse."""
 
 
-def background_skewness(*, variance: Lanes, rate_hz: Lanes, sigma_s: Lanes) -> Lanes:
-    """Third cumulant of F by even background over its variance: photons that one unit of noise counts as (T95)."""
-    return _THIRD / _GAIN * variance / background_variance(rate_hz=rate_hz, sigma_s=sigma_s)
+def background_skewness(*, variance_share: Lanes) -> Lanes:
+    """Third cumulant of F by even background over its variance: photons that one unit of noise counts as (T95).
+
+    variance_share  variance of F over `background_variance`; in the dark, where both are 0, the limit of their ratio
+    """
+    return _THIRD / _GAIN * variance_share
 
 
 SIGNAL_SKEWNESS = (TEMPLATE / math.sqrt(TEMPLATE**2 + 3.0)) / (TEMPLATE / math.sqrt(TEMPLATE**2 + 2.0)) / _GAIN
@@ -127,9 +130,9 @@ def false_peak_share(
     *,
     threshold: Lanes,
     rate_hz: Lanes,
-    variance: Lanes,
     sigma_s: Lanes,
     bin_s: Lanes,
+    variance_share: Lanes = 1.0,
     bin_to_sigma: float | Numbers | None = None,
 ) -> Lanes:
     """Probability that noise makes a peak above the threshold, for each bin (T97).
@@ -139,28 +142,25 @@ def false_peak_share(
     is Rayleigh's. Few counts under the template are not smooth: F has the steps of their whole number, and a table
     holds how much more often, or more rarely, it passes the threshold.
 
-    rate_hz       r, counts per second
-    variance      variance of F, `background_variance` unless the counts are not Poisson's
-    bin_to_sigma  bin_s over sigma_s, as a number that chooses the table; None, or an array: no table
+    rate_hz         r, counts per second
+    variance_share  variance of F over `background_variance`: 1 unless the counts are not Poisson's
+    bin_to_sigma    bin_s over sigma_s, as a number that chooses the table; None, or an array: no table
     """
     if not isinstance(bin_to_sigma, float):
-        return _smooth_peak_share(threshold=threshold, rate_hz=rate_hz, variance=variance, sigma_s=sigma_s, bin_s=bin_s)
-    ops = xp(threshold, rate_hz, variance)
-    # Counts that are not Poisson's are like those of another rate, each of the weight ``unit``.
-    unit = variance / background_variance(rate_hz=rate_hz, sigma_s=sigma_s)
+        return _smooth_peak_share(
+            threshold=threshold, rate_hz=rate_hz, sigma_s=sigma_s, bin_s=bin_s, variance_share=variance_share
+        )
+    ops = xp(threshold, rate_hz, variance_share)
+    # Counts that are not Poisson's are like those of another rate, each of this weight.
+    unit = variance_share
     counts = rate_hz * sigma_s / unit
     # Below the fewest counts nearly all peaks are of a single one.
     single = ops.minimum(counts * (1.0 / _FEWEST), 1.0)
     counts = ops.maximum(counts, _FEWEST)
-    rate_hz = counts * unit / sigma_s
     # A single count exceeds any lower threshold, where the smooth form is steep.
     threshold = ops.maximum(threshold, 2.0 * _FINEST * unit)
     share = single * _smooth_peak_share(
-        threshold=threshold,
-        rate_hz=rate_hz,
-        variance=unit * background_variance(rate_hz=rate_hz, sigma_s=sigma_s),
-        sigma_s=sigma_s,
-        bin_s=bin_s,
+        threshold=threshold, rate_hz=counts * unit / sigma_s, sigma_s=sigma_s, bin_s=bin_s, variance_share=unit
     )
     most = ops.minimum(counts, _MOST)
     value = threshold / unit * ops.sqrt(most / counts) + _MEAN_SHARE * most
@@ -198,11 +198,7 @@ def _excess_of_few_counts(bin_to_sigma: float) -> LookupTable:
         resolved = passing > _LEAST_SHARE
         excess = np.maximum(values - _MEAN_SHARE * counts, 0.0)
         smooth = _smooth_peak_share(
-            threshold=excess,
-            rate_hz=counts,
-            variance=background_variance(rate_hz=np.full_like(excess, counts), sigma_s=1.0),
-            sigma_s=1.0,
-            bin_s=bin_to_sigma,
+            threshold=excess, rate_hz=counts, sigma_s=1.0, bin_s=bin_to_sigma, variance_share=1.0
         )
         exact = np.interp(excess + _MEAN_SHARE * counts, places[resolved], np.log(passing[resolved]))
         beyond = excess + _MEAN_SHARE * counts > places[resolved][-1]
@@ -240,9 +236,12 @@ def _passages(bin_to_sigma: float, counts: float) -> tuple[Numbers, Numbers]:
     return (np.arange(size - 1) + 0.5) * step, np.diagonal(above, offset=-1)
 
 
-def _smooth_peak_share(*, threshold: Lanes, rate_hz: Lanes, variance: Lanes, sigma_s: Lanes, bin_s: Lanes) -> Lanes:
+def _smooth_peak_share(
+    *, threshold: Lanes, rate_hz: Lanes, sigma_s: Lanes, bin_s: Lanes, variance_share: Lanes
+) -> Lanes:
     """`false_peak_share` of smooth noise."""
-    unit = background_skewness(variance=variance, rate_hz=rate_hz, sigma_s=sigma_s)
+    variance = variance_share * background_variance(rate_hz=rate_hz, sigma_s=sigma_s)
+    unit = background_skewness(variance_share=variance_share)
     above = tail(excess=threshold, variance=variance, unit=unit)
     root, theta, mean = _saddle(threshold, variance, unit)
     ops = xp(root)

@@ -53,6 +53,10 @@ _LEAST_NOISE = 0.05
 _LEAST_RATE_HZ = 1e-3
 """No SPAD is darker; without any noise, the ratios of signal and threshold to it would have no value."""
 
+_LEAST_COUNTS = 1e-30
+"""Nor has a bin of a shot fewer counts, for the same reason: coincidences of many SPADs in the dark are rarer than
+single precision resolves."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _FilteredEcho:
@@ -172,7 +176,8 @@ class Macropixel(ABC):
     def count_share(self) -> Lanes:
         """Mean background counts of one trial in one bin; at most one of each SPAD fits into a bin."""
         # SPADs that come alive within the bin count too: firings renew themselves at the rate a lambda throughout.
-        return self.count_probability(self.free * self.rate_hz * self.histogram.bin_s)
+        share = self.count_probability(self.free * self.rate_hz * self.histogram.bin_s)
+        return xp(share).maximum(share, _LEAST_COUNTS)
 
     @property
     def count_rate_hz(self) -> Lanes:
@@ -577,13 +582,14 @@ def working_point(pixel: Macropixel, *, ambient_s: Lanes) -> WorkingPoint:
     """
     histogram = pixel.histogram
     rate, sigma = pixel.count_rate_hz, pixel.sigma_s
-    variance = pixel.variance_share * matched_filter.background_variance(rate_hz=rate, sigma_s=sigma)
+    variance_share = pixel.variance_share
+    poisson_variance = matched_filter.background_variance(rate_hz=rate, sigma_s=sigma)
+    variance = variance_share * poisson_variance
     ops = xp(variance)
     signal_variance, most_counts = pixel.signal_variance, pixel.most_counts
-    poisson_variance = matched_filter.background_variance(rate_hz=rate, sigma_s=sigma)
     slope_variance = pixel.slope_share * poisson_variance
     kappa_2 = 0.0 if most_counts is None else -signal_variance / most_counts
-    background_unit = matched_filter.background_skewness(variance=variance, rate_hz=rate, sigma_s=sigma)
+    background_unit = matched_filter.background_skewness(variance_share=variance_share)
     signal_unit = signal_variance * (matched_filter.SIGNAL_SKEWNESS / matched_filter.SIGNAL_VARIANCE)
 
     def probability(threshold: Lanes, signal: Lanes, echo: _FilteredEcho) -> Lanes:
@@ -621,9 +627,9 @@ def working_point(pixel: Macropixel, *, ambient_s: Lanes) -> WorkingPoint:
         return matched_filter.false_peak_share(
             threshold=threshold,
             rate_hz=rate,
-            variance=variance,
             sigma_s=sigma,
             bin_s=histogram.bin_s,
+            variance_share=variance_share,
             bin_to_sigma=histogram.bin_to_sigma,
         )
 

@@ -57,6 +57,12 @@ class SpadFile(Table[Spad]):
     type: Literal["spad"]
 
     @model_validator(mode="after")
+    def _enough_spads_for_a_coincidence(self) -> SpadFile:
+        if self.coincidence > self.spads:
+            raise ValueError(f"coincidence: must be <= {self.spads:g}, the spads of the pixel, got {self.coincidence}")
+        return self
+
+    @model_validator(mode="after")
     def _afterpulses_of_spads_that_fire_again(self) -> SpadFile:
         if (self.afterpulse is None) != (self.afterpulse_ns is None):
             raise ValueError("afterpulse, afterpulse_ns: must be given together, got one of them")

@@ -1,0 +1,11 @@
+"""What a process that a test has started left behind."""
+
+import subprocess
+
+
+def assert_ended(
+    process: subprocess.CompletedProcess[str], code: int = 0, *, stdout: str | None = None, stderr: str | None = ""
+) -> None:
+    """Fail with all that it wrote, unless it ended with this exit code and this output; None: whatever it wrote."""
+    as_expected = process.returncode == code and stdout in (None, process.stdout) and stderr in (None, process.stderr)
+    assert as_expected, f"exit code {process.returncode}\n{process.stdout}\n--- standard error\n{process.stderr}"
