@@ -112,4 +112,4 @@ class OptionError(_NamingOptions, InputError):
 
 
 class OptionWarning(_NamingOptions, UserWarning):
-    """Issued when an option changes nothing, or a sensor is not what it seems."""
+    """Issued when an option changes nothing, a sensor is not what it seems, or a figure cannot be drawn."""
