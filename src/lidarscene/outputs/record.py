@@ -162,7 +162,7 @@ def record(
     for simulator in simulator_by_label.values():
         simulator.check_frames(numbers, begin_s=frame.begin_s)
     surroundings = tuple(
-        simulator_surroundings(simulator, begin_s=frame.begin_s) for simulator in simulator_by_label.values()
+        simulator_surroundings(simulator, frame, len(numbers)) for simulator in simulator_by_label.values()
     )
     warn_of_surroundings(surroundings)
     before.add_time("build", since)

@@ -37,7 +37,7 @@ def render_frames(
     The other parameters are those of `render`.
     """
     Whole(1, NUMBERS.high).check("frames", frames)
-    simulator, first, observers = _prepare(scene, sensor, overrides, scene_overrides, options)
+    simulator, first, observers = _prepare(scene, sensor, overrides, scene_overrides, options, frames)
     numbers = range(first.number, first.number + frames)
     simulator.check_frames(numbers, begin_s=first.begin_s)
 
@@ -79,6 +79,7 @@ def _prepare(
     overrides: Overrides,
     scene_overrides: Overrides,
     options: RenderKeywords,
+    frames: int = 1,
 ) -> tuple[Simulator, FrameOptions, Observers]:
     """Load scene and sensor and compile them: the simulator, and the options and observers of the frame."""
     keywords = Keywords(options)
@@ -88,5 +89,5 @@ def _prepare(
     equipped = load_sensor(described.sensor_name if sensor is None else sensor, overrides=overrides)
     simulator = Simulator(described, equipped, trace, pose=frame.pose)
     warn_of_doubts([equipped])
-    warn_of_surroundings([simulator_surroundings(simulator, begin_s=frame.begin_s)])
+    warn_of_surroundings([simulator_surroundings(simulator, frame, frames)])
     return simulator, frame, observers
