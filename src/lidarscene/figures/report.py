@@ -22,6 +22,7 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from ..errors import InputError, OptionWarning, OutputError
+from ..files.arguments import checks_arguments
 from ..files.atomic import atomic_folder, put_text, require_writable
 from ..files.facts import Picture
 from ..files.json_text import json_text
@@ -226,6 +227,7 @@ class _Files(NamedTuple):
         return f"data:{_MEDIA[name.rpartition('.')[2]]};base64,{data}"
 
 
+@checks_arguments
 @dataclass(repr=False)
 class Report:
     """Result of a study: blocks in order, each added once for all forms. Nothing is drawn before it is asked for.

@@ -12,9 +12,9 @@ from functools import partial
 from typing import Unpack
 
 from ..cloud.point_cloud import PointCloud
+from ..files.arguments import checks_arguments
 from ..files.overrides import Overrides
-from ..scene.scene import Scene
-from ..scene.scene_file import load_scene
+from ..scene.scene_file import SceneChoice, load_scene
 from ..sensor.sensor_file import load_sensor
 from ..sensor.sensor_model import Sensor, warn_of_doubts
 from .option_fields import Whole
@@ -23,8 +23,9 @@ from .simulator import Simulator
 from .surroundings import simulator_surroundings, warn_of_surroundings
 
 
+@checks_arguments
 def render_frames(
-    scene: str | os.PathLike[str] | Scene,
+    scene: SceneChoice,
     sensor: str | os.PathLike[str] | Sensor | None = None,
     *,
     frames: int,
@@ -51,8 +52,9 @@ def render_frames(
     return map(frame, numbers)
 
 
+@checks_arguments
 def render(
-    scene: str | os.PathLike[str] | Scene,
+    scene: SceneChoice,
     sensor: str | os.PathLike[str] | Sensor | None = None,
     *,
     overrides: Overrides = (),
@@ -74,7 +76,7 @@ def render(
 
 
 def _prepare(
-    scene: str | os.PathLike[str] | Scene,
+    scene: SceneChoice,
     sensor: str | os.PathLike[str] | Sensor | None,
     overrides: Overrides,
     scene_overrides: Overrides,

@@ -16,6 +16,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..files import facts
+from ..files.arguments import checks_arguments
 from ..materials.material import Material
 from ..materials.material_file import catalogue_material
 from ..maths.arrays import Numbers, frozen
@@ -219,6 +220,7 @@ class View:
     fov_deg: Annotated[float, Quantity(gt=0, lt=180, about="full angle across")] = 60.0
 
 
+@checks_arguments
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Scene:
     """Everything that light can meet.

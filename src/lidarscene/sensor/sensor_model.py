@@ -13,6 +13,7 @@ from typing import Annotated, Any, Literal
 
 from ..errors import InputError, OptionWarning
 from ..files import facts
+from ..files.arguments import checks_arguments
 from ..files.overrides import Overrides, assignments
 from ..maths.arrays import Lanes, xp
 from ..maths.pose import Pose
@@ -314,6 +315,7 @@ class Sensor(_Rebuilt):
         rebuilt: Sensor = rebuild([*assignments(overrides), *assignments(tables)])
         return rebuilt
 
+    @checks_arguments
     def source_of(self, key: str) -> str | None:
         """Source of the number with this dotted key of the sensor file: its own, or its table's; None: no source."""
         return self.sources.get(key, self.sources.get(key.partition(".")[0]))

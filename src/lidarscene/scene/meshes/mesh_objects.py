@@ -56,7 +56,8 @@ def named_pieces(mesh: Any, where: str, others: str = "a mesh file") -> list[tup
     if hasattr(mesh, "triangulate") and hasattr(mesh, "points"):  # pyvista.PolyData
         return [_polydata_piece(mesh, where)]
     if isinstance(mesh, Sequence) and len(mesh) == 2:
-        return [("mesh", _piece("mesh", *mesh, where))]
+        vertices, faces = mesh
+        return [("mesh", _piece("mesh", vertices, faces, where))]
     raise InputError(f"{where}: must be {others}, {OBJECTS}, got {type(mesh).__name__}")
 
 
@@ -86,7 +87,7 @@ def _real_rows(values: Any, lengths: Collection[int], must: str) -> Numbers:
     if array.ndim != 2 or array.shape[1] not in lengths or array.dtype.kind not in "iuf":
         raise InputError(f"{must}, got {array.dtype} of shape {array.shape}")
     if np.ma.is_masked(array):
-        raise InputError(f"{must}, got {np.ma.count_masked(array)} masked numbers")
+        raise InputError(f"{must}, got masked numbers")
     return np.asarray(array)
 
 
