@@ -328,7 +328,7 @@ def _warn_of_thin_beams(trace: TraceOptions, sensors: Sequence[Mounted]) -> None
                 trace.rays,
                 name,
             ),
-            stacklevel=3,
+            stacklevel=4,
         )
 
 

@@ -140,20 +140,20 @@ def simulator_surroundings(simulator: Simulator, frame: FrameOptions, frames: in
 def warn_of_surroundings(sensors: Sequence[Surroundings]) -> None:
     """Issue each doubt of these sensors once, as a warning."""
     for doubt in {str(doubt): doubt for surroundings in sensors for doubt in surroundings.doubts}.values():
-        warnings.warn(doubt, stacklevel=3)
+        warnings.warn(doubt, stacklevel=4)
 
 
 def warn_of_light(scene: Scene) -> None:
     """Issue the doubts about sun and air alone, for scenes whose sensors are not known yet."""
     for doubt in _light_doubts(scene):
-        warnings.warn(doubt, stacklevel=3)
+        warnings.warn(doubt, stacklevel=4)
 
 
 def warn_of_way(scene: Scene) -> None:
     """Issue the doubt about the way of the scene's ego vehicle, from time 0 or its first pose on."""
     begin_s = 0.0 if scene.ego is None else max(0.0, scene.ego.span_s[0])
     for doubt in _way_doubts(scene, Clearance.of_scene(scene), begin_s, begin_s + ENDLESS_S):
-        warnings.warn(doubt, stacklevel=3)
+        warnings.warn(doubt, stacklevel=4)
 
 
 def _way_doubts(scene: Scene, clearance: Clearance, begin_s: float, end_s: float) -> Iterator[OptionWarning]:

@@ -523,4 +523,4 @@ class Sensor(_Rebuilt):
 def warn_of_doubts(sensors: Iterable[Sensor]) -> None:
     """Warn of each doubt about the sensors once."""
     for doubt in dict.fromkeys(doubt for sensor in sensors for doubt in sensor.doubts):
-        warnings.warn(OptionWarning("{0}", doubt), stacklevel=3)
+        warnings.warn(OptionWarning("{0}", doubt), stacklevel=4)
