@@ -19,6 +19,12 @@ def shorten(text: str) -> str:
     return f"{text[: LONGEST - end - 5]} ... {text[-end:]}"
 
 
+def one_line(value: object) -> str:
+    """Return what Python prints of a value, in one line of at most 60 characters."""
+    text = " ".join(repr(value).split())
+    return text if len(text) <= 60 else f"{text[:57]}..."
+
+
 def did_you_mean(word: object, choices: Iterable[str], *, most: int = 1, cutoff: float = 0.6) -> str:
     """Question for the choices that are most like a word, such as "did you mean 60 or 90?"; empty if none is.
 
@@ -85,10 +91,18 @@ class _NamingOptions(Exception):
 
     def message_with(self, name_of: Callable[[str], str]) -> str:
         """Message in which options have the names that ``name_of`` gives them."""
-        return shorten(string.Formatter().vformat(self.template, self.values, _Names(name_of)))
+        return shorten(_OneLineFormatter().vformat(self.template, self.values, _Names(name_of)))
 
     def __reduce__(self) -> tuple[Any, ...]:
         return type(self), (self.template, *self.values)
+
+
+class _OneLineFormatter(string.Formatter):
+    """Formatter that writes what Python prints of a value in one line: that of an array has several."""
+
+    def convert_field(self, value: Any, conversion: Any) -> Any:
+        """Convert a value, by !r to one line."""
+        return " ".join(repr(value).split()) if conversion == "r" else super().convert_field(value, conversion)
 
 
 class _Names(Mapping[str, str]):
@@ -112,4 +126,4 @@ class OptionError(_NamingOptions, InputError):
 
 
 class OptionWarning(_NamingOptions, UserWarning):
-    """Issued when an option changes nothing, or a sensor is not what it seems."""
+    """Issued when an option changes nothing, a sensor is not what it seems, or a figure cannot be drawn."""

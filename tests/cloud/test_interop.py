@@ -219,3 +219,54 @@ def test_a_body_from_open3d(open3d: Any) -> None:
 def test_what_cannot_be_added(mesh: Any, material: str, complaint: str) -> None:
     with pytest.raises(InputError, match=complaint):
         Scene().add(mesh, material)
+
+
+CORNERS = np.array([(x, y, z) for x in (0.0, 1.0) for y in (0.0, 1.0) for z in (0.0, 1.0)])
+QUADS = np.array([(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)])
+"""A cube of 1 m, outward."""
+
+
+def test_quads_are_two_triangles_each() -> None:
+    """Rationale: the six quads of a cube became eight triangles of another body."""
+    (part,) = Scene().add((CORNERS, QUADS), "brick").bodies[0].parts
+    assert part.faces.tolist() == [[*q[:1], *q[k : k + 2]] for q in QUADS.tolist() for k in (1, 2)]
+    cube = trimesh.Trimesh(part.vertices_m, part.faces, process=False)
+    assert cube.is_watertight
+    assert cube.volume == pytest.approx(1.0)
+    assert cube.area == pytest.approx(6.0)
+    for same in (QUADS.astype(float), QUADS.astype(np.uint8), QUADS.tolist(), np.ma.array(QUADS)):
+        assert np.array_equal(Scene().add((CORNERS.tolist(), same), "brick").bodies[0].parts[0].faces, part.faces)
+
+
+@pytest.mark.parametrize(
+    ("vertices", "faces", "complaint"),
+    [
+        (CORNERS.T, QUADS, "vertices: must be finite real numbers .*, got float64 of shape (3, 8)"),
+        (CORNERS.ravel(), QUADS, "vertices: must be finite .*, got float64 of shape (24,)"),
+        (np.hstack([CORNERS, CORNERS]), QUADS, "vertices: must be finite .*, got float64 of shape (8, 6)"),
+        (CORNERS + 0j, QUADS, "vertices: must be finite real numbers .*, got complex128 of shape (8, 3)"),
+        (np.ma.masked_less(CORNERS, 0.5), QUADS, "vertices: must be finite .*, got masked numbers"),
+        ([[0, 0, 0], [1, 1]], QUADS, "vertices: must be finite .*, got rows of different lengths"),
+        (CORNERS.astype(str), QUADS, "vertices: must be finite .*, got <U32 of shape (8, 3)"),
+        (CORNERS > 0, QUADS, "vertices: must be finite .*, got bool of shape (8, 3)"),
+        (CORNERS * np.nan, QUADS, "8 of 8 vertices are not finite numbers"),
+        (CORNERS, QUADS.T, "faces: must be whole numbers in rows of triangles (m, 3) or quads (m, 4), .*(4, 6)"),
+        (CORNERS, QUADS.ravel(), "faces: must be whole .*, got int64 of shape (24,)"),
+        (CORNERS, np.insert(QUADS, 0, 4, axis=1), "faces: must be whole .*, got int64 of shape (6, 5)"),
+        (CORNERS, QUADS + 0.5, "faces: must be whole numbers .*, got 0.5"),
+        (CORNERS, QUADS * np.nan, "faces: must be whole numbers .*, got nan"),
+        (CORNERS, np.insert(QUADS[:, :3], 0, 3, axis=1), "got 3 first in each: .* give faces[:, 1:]"),
+        (CORNERS, QUADS - 1, "a face names vertex -1, there are 8"),
+        (CORNERS, QUADS * 1e30, "a face names vertex 1e+30, there are 8"),
+        (CORNERS, np.full((1, 3), 2**64 - 1, np.uint64), "a face names vertex 18446744073709551615, there are 8"),
+        (CORNERS, QUADS[:0], "must have at least one triangle, got none"),
+    ],
+)  # fmt: skip
+def test_arrays_that_are_no_mesh_are_refused(vertices: Any, faces: Any, complaint: str) -> None:
+    """In one line with the shape that came."""
+    with pytest.raises(InputError, match=re.escape(complaint).replace(r"\.\*", ".*")) as raised:
+        Scene().add((vertices, faces), "brick")
+    assert str(raised.value).startswith("scene.add: ")
+    assert "\n" not in str(raised.value)
+    with pytest.raises(InputError, match=r"^(load_)?scene: "):
+        load_scene((vertices, faces), material="brick")

@@ -95,3 +95,20 @@ def rough_charts(monkeypatch: pytest.MonkeyPatch) -> None:
 def no_charts(monkeypatch: pytest.MonkeyPatch) -> None:
     """Where no picture is looked at, and another test draws the same ones."""
     draw_nothing(monkeypatch)
+
+
+@pytest.fixture
+def failing_charts(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Nothing can be drawn: as with a fault of Matplotlib or Pillow, or for numbers that no one has tried."""
+
+    def fail(*_: Any, **__: Any) -> None:
+        raise ValueError("no chart")
+
+    for module, name in (
+        (lines, "_draw_chart"),
+        (lines, "_tornado"),
+        (maps, "save_figure"),
+        (intervals, "save_figure"),
+    ):
+        monkeypatch.setattr(module, name, fail)
+    monkeypatch.setattr(Canvas, "_png", fail)

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from helpers.command_line import Run
 
-from lidarscene import Scene, Sun, catalog, load_scene, load_sensor, render
+from lidarscene import Scene, Sun, catalog, load_scene, load_sensor, render, render_frames
 from lidarscene.errors import OptionWarning
 from lidarscene.maths.pose import Pose
 from lidarscene.maths.trajectory import pose_at
 from lidarscene.rendering.frame import sensor_motion
-from lidarscene.rendering.surroundings import Surroundings
+from lidarscene.rendering.surroundings import Surroundings, warn_of_way
 from lidarscene.scene.clearance import Clearance
 from lidarscene.scene.meshes.primitives import box_mesh, plane_mesh
 from lidarscene.scene.scene import Air, Ball, Body, Part, Sky
@@ -200,3 +200,64 @@ def test_render_says_it(run: Run, tmp_path: Path) -> None:
         render(scene, overrides=[option.removeprefix("--set=") for option in options])
     line = "scene         s: 0 x 4 x 4 m, 1 body, 2 triangles; sensor 10 m off 'wall', the nearest surface"
     assert ran.out.splitlines()[0] == line
+
+
+YARD = """
+[ego]
+position_m = [20.0, 0.0, 0.0]
+speed_m_s = 10.0
+[sensor]
+name = "table1-apd"
+position_m = [0.0, 0.0, 1.8]
+[[bodies]]
+name = "ground"
+primitive = "plane"
+size_m = [60.0, 40.0]
+material = "asphalt"
+[[bodies]]
+name = "lorry"
+primitive = "box"
+size_m = [8.0, 2.5, 3.0]
+material = "car_paint_white"
+position_m = [60.0, 0.0, 1.5]
+[bodies.motion]
+speed_m_s = 10.0
+"""
+LEAVES = "the ego vehicle leaves the ground 1.1 s after 0 s: from there on nothing is below it"
+
+
+def test_an_ego_that_leaves_the_ground_is_named_with_the_time(mi, run: Run, tmp_path: Path) -> None:
+    """It is over the end of the plane after 1 s; a lorry that moves along is no ground. Nothing is said of less than
+    1 s, of a beginning off the ground, or of a vehicle at rest.
+    """
+    path = tmp_path / "yard.toml"
+    path.write_text(YARD)
+    coarse = ["scanner.azimuth_step_deg=1", "scanner.elevation_step_deg=1"]
+    frame_s = load_sensor("table1-apd", overrides=coarse).scanner.frame_s
+    longer, shorter = (round(length_s / frame_s) for length_s in (1.25, 0.95))
+    with pytest.warns(OptionWarning, match=LEAVES):
+        render_frames(path, frames=longer, overrides=coarse)
+    render_frames(path, frames=shorter, overrides=coarse)
+    with pytest.warns(OptionWarning, match=r"leaves the ground 0\.2 s after 0\.85 s"):
+        render_frames(path, frames=longer, begin_s=0.85, overrides=coarse)
+    options = [word for value in coarse for word in ("--set", value)]
+    assert LEAVES in run("render", "yard.toml", "-o", "out", "--frames", str(longer), *options).err
+    ran = run("check", "yard.toml")
+    assert (ran.code, ran.out) == (0, "yard.toml: no mistake found\n")
+    assert ran.err.startswith(f"lidarscene: note: {LEAVES}")
+    for ego in ("position_m = [40.0, 0.0, 0.0]\nspeed_m_s = 10.0", "position_m = [20.0, 0.0, 0.0]"):
+        path.write_text(YARD.replace("position_m = [20.0, 0.0, 0.0]\nspeed_m_s = 10.0", ego))
+        assert run("check", "yard.toml").err == ""
+
+
+@pytest.mark.parametrize("name", ["drive", "town"])
+def test_shipped_drives_go_on_for_minutes(name: str) -> None:
+    """On a street, or behind it: `drive` left its own after 7 s, through a house."""
+    scene = load_scene(name)
+    warn_of_way(scene)
+    roads = Clearance.of_scene(replace(scene, bodies=[b for b in scene.bodies if b.class_name == "road"]))
+    houses = Clearance.of_scene(replace(scene, bodies=[b for b in scene.bodies if b.class_name == "building"]))
+    assert scene.ego is not None
+    way_m = scene.ego.at(np.linspace(0.0, 120.0, 400)).position_m
+    assert roads.over_ground(way_m).all()
+    assert not houses.over_ground(way_m).any()

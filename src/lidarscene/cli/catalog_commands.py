@@ -183,6 +183,7 @@ def _mistakes_in_content(kind: str, path: Path) -> Iterator[str]:
     """Mistakes that show only when all files it names are read: the first one, or in a scene one for each body."""
     from ..batch.job_file import read_job
     from ..materials.material_file import read_material
+    from ..rendering.surroundings import warn_of_way
     from ..scene.scene_file import load_scene, scene_from_model, scene_model
     from ..sensor.imu import read_imu_model
     from ..sensor.rig_file import load_rig
@@ -199,7 +200,9 @@ def _mistakes_in_content(kind: str, path: Path) -> Iterator[str]:
         "job": read_job,
     }
     try:
-        readers[kind](path)
+        content = readers[kind](path)
+        if kind == "scene":
+            warn_of_way(content)
         return
     except InputError as error:
         first = str(error)

@@ -153,15 +153,19 @@ def _check_outputs(arguments: argparse.Namespace) -> None:
 
 
 def _written(arguments: argparse.Namespace, report: Report) -> Answer:
-    """Write the chart and the data of a report's first figure where the options say."""
+    """Write the data and the chart of a report's first figure where the options say.
+
+    The code is 1 if the chart could not be drawn.
+    """
     figure, written = report.figure_names[0], {}
     for option, suffix in (("csv", ".csv"), ("plot", ".png")):
         path = getattr(arguments, option)
         if path is not None:
             report.write(f"{figure}{suffix}", path)
-            written[option] = str(path)
+            if suffix == ".csv" or not report.undrawn:
+                written[option] = str(path)
     text = "\n".join([str(report), *([f"wrote {', '.join(written.values())}"] if written else [])])
-    return Answer(text, numbers=report.numbers | written)
+    return Answer(text, 1 if report.undrawn else 0, report.numbers | written)
 
 
 def run_paper(arguments: argparse.Namespace) -> Answer:

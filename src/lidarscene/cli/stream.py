@@ -87,7 +87,7 @@ def run_stream(arguments: argparse.Namespace) -> Answer:
             ports = {"udp_port_lidar": port, "udp_port_imu": port + 1}
             put_text(arguments.metadata, json.dumps(json.loads(encoder.description[0]) | ports, indent=1))
         simulator = Simulator(scene, sensor, trace, pose=frame.pose)
-        warn_of_surroundings([simulator_surroundings(simulator, begin_s=frame.begin_s)])
+        warn_of_surroundings([simulator_surroundings(simulator, frame, arguments.frames)])
         if arguments.frames is not None:
             simulator.check_frames(range(arguments.frames), begin_s=frame.begin_s)
         if not arguments.json and not is_quiet():

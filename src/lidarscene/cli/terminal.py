@@ -49,12 +49,12 @@ def print_text(text: str) -> None:
 
 
 def save_report(report: Report, folder: Path) -> Answer:
-    """Write a study's report into a folder."""
+    """Write a study's report into a folder. The code is 1 if a figure could not be drawn."""
     with progress("files", after_s=1.0) as show:
         report.save(folder, progress=show)
     text = f"{report}\nwrote {folder / report.pages[0]} and the files beside it"
     files = [str(folder / name) for name in report.file_names]
-    return Answer(text, numbers={**(report.numbers or {}), "files": files})
+    return Answer(text, 1 if report.undrawn else 0, {**(report.numbers or {}), "files": files})
 
 
 def print_error(text: str) -> None:

@@ -6,12 +6,14 @@ A scanner measures its points one after the other while the vehicle drives: at 2
 
 from __future__ import annotations
 
+import math
 from dataclasses import replace
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from ..errors import InputError
+from ..files.arguments import checks_arguments
 from ..maths.motion_table import MotionTable
 from ..maths.pose import Pose
 from ..maths.trajectory import Motion, pose_at
@@ -24,7 +26,10 @@ MOTION_KEPT, MOTION_REMOVED = "in the points", "removed"
 """Values of the metadata's `ego_motion` before and after deskewing."""
 
 
-def deskewed(cloud: PointCloud, motion: Motion, *, length_s: float | None = None) -> PointCloud:
+@checks_arguments
+def deskewed(
+    cloud: PointCloud, motion: Annotated[Motion, "a motion such as Simulator.motion"], *, length_s: float | None = None
+) -> PointCloud:
     """Remove the sensor's motion; the points stay in their coordinates, those of the frame's start.
 
     Bodies that move stay distorted, since only the sensor's own motion is known.
@@ -35,8 +40,8 @@ def deskewed(cloud: PointCloud, motion: Motion, *, length_s: float | None = None
     Raises InputError for a cloud of several sensors, one that is deskewed already, or one whose metadata do not say
     when it began.
     """
-    if not hasattr(motion, "span_s"):
-        raise InputError(f"deskewed: motion: must be a motion such as Simulator.motion, got {type(motion).__name__}")
+    if length_s is not None and not 0.0 <= length_s < math.inf:
+        raise InputError(f"deskewed: length_s: must be finite and not below 0 s, got {length_s}")
     if len(cloud.sensor_names) > 1:
         raise InputError("deskewed: must be a cloud of one sensor, deskew before merging")
     if cloud.metadata.get("ego_motion") == MOTION_REMOVED:
@@ -48,7 +53,7 @@ def deskewed(cloud: PointCloud, motion: Motion, *, length_s: float | None = None
         raise InputError("deskewed: the cloud's metadata do not say when and where it was taken") from None
     length_s = max(float(cloud.time_s.max(initial=0.0)) if length_s is None else length_s, SHORTEST_S)
     at_start = pose_at(motion, start_s)
-    paths = MotionTable.from_motions([motion], start_s=start_s, length_s=length_s, centre_m=at_start.position_m)
+    paths = MotionTable.from_motions([motion], start_s=start_s, length_s=float(length_s), centre_m=at_start.position_m)
     # The traced frame has its origin at the sensor's position at the start; this pose leads from it to the points'.
     to_points = goal @ Pose(rotation=at_start.rotation.T)
     moved = np.zeros_like(cloud.xyz_m)

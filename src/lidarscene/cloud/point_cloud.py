@@ -16,14 +16,17 @@ import numpy as np
 from ..detection.outcomes import Status
 from ..errors import InputError
 from ..files import facts
+from ..files.arguments import checks_arguments
 from ..files.late_binding import call_bound
 from ..formats.cloud_columns import NAMES, OF_VECTORS, SENSOR_TO_VEHICLE, SENSOR_TO_WORLD, STATUS_PLURALS, TRUTH, Cloud
 from ..formats.cloud_description import input_errors
 from ..formats.registry import format_of, formats_with
 from ..maths.arrays import Numbers
+from ..scene.scene import View
 from .builder import CloudBuilder
 
 
+@checks_arguments
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class PointCloud(Cloud):
     """The points of one frame, struct of arrays, read-only; `CloudColumns` declares each column.
@@ -114,7 +117,7 @@ class PointCloud(Cloud):
         return images(self)
 
     def plot(
-        self, colour_by: str = "intensity", *, view: Any = None, size_px: tuple[int, int] = (1280, 720)
+        self, colour_by: str = "intensity", *, view: View | None = None, size_px: tuple[int, int] = (1280, 720)
     ) -> facts.Picture:
         """Picture of the points with title and scale, which a notebook shows and `Picture.save` writes.
 

@@ -138,8 +138,11 @@ def arrange(figure: Any) -> None:
 
 def _frame(axes: Any, chart: Chart) -> None:
     """Set limits, ticks, grid and labels."""
-    x = np.concatenate([line.x for line in chart.lines])
-    axes.set_xlim(*(chart.x_limits or (float(np.min(x)), float(np.max(x)))))
+    # A chart of marks alone, or of one place, has no width: there Matplotlib chooses the limits.
+    x = np.concatenate([line.x for line in chart.lines] or [np.zeros(0)])
+    low, high = chart.x_limits or (float(x.min(initial=np.inf)), float(x.max(initial=-np.inf)))
+    if low < high:
+        axes.set_xlim(low, high)
     if chart.y_limits:
         axes.set_ylim(*chart.y_limits)
     for axis, log in ((axes.xaxis, chart.x_log), (axes.yaxis, chart.y_log)):

@@ -1,6 +1,7 @@
 """A report: headings, paragraphs, tables and figures in; text, Markdown, HTML, JSON and CSV out.
 
-Every study writes its results as such a report, so that text, figures and data of a result lie together.
+Every study writes its results as such a report, so that text, figures and data of a result lie together. Numbers are
+written before anything is drawn: a figure that cannot be drawn is a warning, and costs no result.
 """
 
 from __future__ import annotations
@@ -13,12 +14,15 @@ import itertools
 import os
 import re
 import tempfile
+import warnings
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ..errors import InputError
+from ..errors import InputError, OptionWarning, OutputError
+from ..files.arguments import checks_arguments
 from ..files.atomic import atomic_folder, put_text, require_writable
 from ..files.facts import Picture
 from ..files.json_text import json_text
@@ -51,6 +55,9 @@ _NOTEBOOK_STYLE = """
 PAGE = "index.html"
 """Page of every report."""
 
+NOT_DRAWN = "(not drawn)"
+"""What a page has in place of a figure that could not be drawn."""
+
 _MEDIA = {"png": "image/png", "csv": "text/csv"}
 
 
@@ -82,7 +89,7 @@ class Figure(NamedTuple):
         return isinstance(self.drawing, Chart)
 
     def draw(self, *paths: Path) -> None:
-        """Draw it to files; a chart to several, of its forms. Raises OutputError."""
+        """Draw it to files; a chart to several, of its forms. Raises OutputError, and whatever a library raises."""
         if isinstance(self.drawing, Chart):
             lines.save(self.drawing, paths)
         else:
@@ -95,7 +102,7 @@ class _Heading(NamedTuple):
     def as_text(self) -> str:
         return f"\n{self.text}"
 
-    def as_markdown(self) -> str:
+    def as_markdown(self, _: Collection[str]) -> str:
         return f"## {_escape(self.text)}"
 
     def as_html(self, _: _Files) -> str:
@@ -108,7 +115,7 @@ class _Paragraph(NamedTuple):
     def as_text(self) -> str:
         return self.text
 
-    def as_markdown(self) -> str:
+    def as_markdown(self, _: Collection[str]) -> str:
         return _escape(self.text)
 
     def as_html(self, _: _Files) -> str:
@@ -122,7 +129,7 @@ class _TableBlock(NamedTuple):
     def as_text(self) -> str:
         return text_table(self.header, self.rows)
 
-    def as_markdown(self) -> str:
+    def as_markdown(self, _: Collection[str]) -> str:
         head_cells, *body_cells = ([_escape(cell) for cell in row] for row in (self.header, *self.rows))
         all_cells = [head_cells, ["---"] * len(self.header), *body_cells]
         return "\n".join("| " + " | ".join(cells) + " |" for cells in all_cells)
@@ -146,20 +153,21 @@ class _FigureBlock(NamedTuple):
     def shown_name(self) -> str:
         return f"Fig. {self.figure.number}" if self.figure.number else self.figure.name
 
-    def as_markdown(self) -> str:
+    def as_markdown(self, undrawn: Collection[str]) -> str:
         name = self.figure.name
-        drawn = f"[SVG]({name}.svg), " if self.figure.is_chart else ""
+        drawn = f"[SVG]({name}.svg), " if self.figure.is_chart and name not in undrawn else ""
         caption = f"**{self.shown_name}** {_escape(self.figure.caption)} {drawn}[CSV]({name}.csv)"
-        return f"![{self.shown_name}]({name}.png)\n\n{caption}"
+        return f"{_markdown_image(self.shown_name, name, undrawn)}\n\n{caption}"
 
     def as_html(self, files: _Files) -> str:
-        name = self.figure.name
-        linked = f'<a href="{name}.svg">SVG</a>, ' if self.figure.is_chart and files.are_beside else ""
-        size = ' width="1200" height="840"' if self.figure.is_chart else ""
+        name, is_chart = self.figure.name, self.figure.is_chart
+        linked = is_chart and files.are_beside and name not in files.undrawn
+        svg = f'<a href="{name}.svg">SVG</a>, ' if linked else ""
+        size = ' width="1200" height="840"' if is_chart else ""
         return (
-            f'<figure><img src="{files.source(f"{name}.png")}" alt="{html.escape(self.shown_name)}"{size}>'
+            f"<figure>{files.image(self.shown_name, name, size)}"
             f"<figcaption><b>{html.escape(self.shown_name)}</b> {html.escape(self.figure.caption)} "
-            f"{linked}<a {files.link(f'{name}.csv')}>CSV</a></figcaption></figure>"
+            f"{svg}<a {files.link(f'{name}.csv')}>CSV</a></figcaption></figure>"
         )
 
 
@@ -169,13 +177,14 @@ class _Pictures(NamedTuple):
     def as_text(self) -> str | None:
         return None
 
-    def as_markdown(self) -> str:
-        return "\n\n".join(f"![{name}]({name}.png)\n\n{_escape(caption)}" for name, caption in self.captioned)
+    def as_markdown(self, undrawn: Collection[str]) -> str:
+        return "\n\n".join(
+            f"{_markdown_image(name, name, undrawn)}\n\n{_escape(caption)}" for name, caption in self.captioned
+        )
 
     def as_html(self, files: _Files) -> str:
         figures = "".join(
-            f'<figure><img src="{files.source(f"{name}.png")}" alt="{html.escape(name)}">'
-            f"<figcaption>{html.escape(caption)}</figcaption></figure>"
+            f"<figure>{files.image(name, name)}<figcaption>{html.escape(caption)}</figcaption></figure>"
             for name, caption in self.captioned
         )
         return f'<div class="row">{figures}</div>'
@@ -187,27 +196,38 @@ _Block = _Heading | _Paragraph | _TableBlock | _FigureBlock | _Pictures
 class _Files(NamedTuple):
     """How HTML names the files of its figures.
 
-    folder      that they are in
+    folder      that the data are in
     embeds      whether the HTML contains them
+    drawn       folder of what is drawn
+    undrawn     names of figures that are not drawn
     are_beside  whether they will be beside the page
     """
 
     folder: Path
     embeds: bool
+    drawn: Path
+    undrawn: Collection[str]
     are_beside: bool = True
 
-    def source(self, name: str) -> str:
-        """A file's name, or its content as a data URL if figures are embedded."""
-        if not self.embeds:
-            return name
-        data = base64.b64encode((self.folder / name).read_bytes()).decode("ascii")
-        return f"data:{_MEDIA[name.rpartition('.')[2]]};base64,{data}"
+    def image(self, words: str, name: str, attributes: str = "") -> str:
+        """Image of a figure, with words for those who do not see it."""
+        if name in self.undrawn:
+            return f"<p>{NOT_DRAWN}</p>"
+        return f'<img src="{self.source(self.drawn, f"{name}.png")}" alt="{html.escape(words)}"{attributes}>'
 
     def link(self, name: str) -> str:
         """Attributes of a link to a file beside the page."""
-        return f'href="{self.source(name)}"' + (f' download="{name}"' if self.embeds else "")
+        return f'href="{self.source(self.folder, name)}"' + (f' download="{name}"' if self.embeds else "")
+
+    def source(self, folder: Path, name: str) -> str:
+        """A file's name, or its content as a data URL if figures are embedded."""
+        if not self.embeds:
+            return name
+        data = base64.b64encode((folder / name).read_bytes()).decode("ascii")
+        return f"data:{_MEDIA[name.rpartition('.')[2]]};base64,{data}"
 
 
+@checks_arguments
 @dataclass(repr=False)
 class Report:
     """Result of a study: blocks in order, each added once for all forms. Nothing is drawn before it is asked for.
@@ -220,6 +240,7 @@ class Report:
     embeds      whether the HTML contains the figures, so that it can be sent alone; False: it links to files beside it
     columns     whether figures that follow each other stand side by side, where there is room
     digits      of the numbers in CSV files
+    undrawn     names of the figures that `save` or `write` could not draw
     """
 
     title: str
@@ -231,9 +252,12 @@ class Report:
     embeds: bool = True
     columns: bool = False
     digits: int = 7
+    undrawn: set[str] = field(default_factory=set)
     _blocks: list[_Block] = field(default_factory=list)
-    # Names of files that are written together -> function of their paths.
-    _files: dict[tuple[str, ...], Callable[..., object]] = field(default_factory=dict)
+    # Name of a file of numbers -> function that writes it to a path.
+    _files: dict[str, Callable[[Path], object]] = field(default_factory=dict)
+    # Name of a figure or picture -> its suffixes, and function that draws it to so many paths.
+    _drawings: dict[str, tuple[tuple[str, ...], Callable[..., object]]] = field(default_factory=dict)
 
     def add_heading(self, text: str) -> None:
         """Add a heading of the second level."""
@@ -250,14 +274,13 @@ class Report:
     def add_figure(self, figure: Figure) -> None:
         """Add a figure, with its data as CSV beside it."""
         self._blocks.append(_FigureBlock(figure))
-        self._files[f"{figure.name}.png", *([f"{figure.name}.svg"] if figure.is_chart else [])] = figure.draw
+        self._drawings[figure.name] = (".png", ".svg") if figure.is_chart else (".png",), figure.draw
         self.add_data(figure.name, figure.data)
 
     def add_pictures(self, pictures: Sequence[tuple[str, str, Callable[[Path], object]]]) -> None:
         """Add PNGs, side by side if there is room: (name without suffix, caption, function that draws to a path)."""
         self._blocks.append(_Pictures([(name, caption) for name, caption, _ in pictures]))
-        for name, _, draw in pictures:
-            self.add_file(f"{name}.png", draw)
+        self._drawings |= {name: ((".png",), draw) for name, _, draw in pictures}
 
     def add_data(self, name: str, data: Data) -> None:
         """Add a table as CSV beside the page; ``name`` is without suffix."""
@@ -266,7 +289,7 @@ class Report:
 
     def add_file(self, name: str, write: Callable[[Path], object]) -> None:
         """Add a file beside the page, which a function writes to a path."""
-        self._files[(name,)] = write
+        self._files[name] = write
 
     def __repr__(self) -> str:
         return f"Report({self.title!r}: {', '.join(self.file_names)})"
@@ -276,8 +299,9 @@ class Report:
 
     @property
     def file_names(self) -> list[str]:
-        """Names of all files that `save` writes."""
-        return [*self.pages, *itertools.chain(*self._files)]
+        """Names of all files that `save` writes; without what could not be drawn."""
+        drawn = (file for file, figure in self._figure_files.items() if figure not in self.undrawn)
+        return [*self.pages, *self._files, *drawn]
 
     @property
     def figure_names(self) -> list[str]:
@@ -285,9 +309,9 @@ class Report:
         return list(self._drawings)
 
     @property
-    def _drawings(self) -> dict[str, Callable[..., object]]:
-        """Name of a figure or picture -> function that draws it to a path."""
-        return {names[0].removesuffix(".png"): draw for names, draw in self._files.items() if names[0].endswith(".png")}
+    def _figure_files(self) -> dict[str, str]:
+        """File of a figure or picture -> its name."""
+        return {f"{name}{suffix}": name for name, (suffixes, _) in self._drawings.items() for suffix in suffixes}
 
     @property
     def table(self) -> dict[str, list[Any]]:
@@ -300,36 +324,59 @@ class Report:
         return {name: [row[column] for row in rows] for column, name in enumerate(header)}
 
     def plot(self, name: str | None = None) -> Picture:
-        """Draw a figure of the report, or its first; a notebook shows it. Raises InputError for an unknown name."""
+        """Draw a figure of the report, or its first; a notebook shows it. Raises InputError for an unknown name.
+
+        A figure that cannot be drawn raises OutputError.
+        """
         drawings = self._drawings
         if not drawings:
             raise InputError(f"plot: '{self.title}' has no figures; its numbers are its table")
         name = next(iter(drawings)) if name is None else name
         if name not in drawings:
             raise InputError(f"plot: must be one of {', '.join(drawings)}, got {name!r}")
-        return Picture.drawn(drawings[name])
+        return Picture.drawn(partial(self._draw, name))
 
     def save(
         self, folder: str | os.PathLike[str], *, progress: Callable[[int, int], object] = lambda done, total: None
     ) -> None:
-        """Write the page, its figures and their data into a folder; all of them appear or none. Raises OutputError.
+        """Write the data and the page into a folder, all or none; then draw the figures into it and onto the page.
+
+        A figure that cannot be drawn is a warning: its name is in `undrawn`, and the page says so. Raises OutputError.
 
         progress  called with (done, total) files
         """
+        total = len(self._files) + len(self._drawings)
+        self.undrawn = set(self._drawings)
+        progress(0, total)
         with atomic_folder(folder) as temporary:
-            self._write_files(temporary, progress)
-            for name in self.pages:
-                put_text(temporary / name, self._page(name, temporary))
+            for done, (name, write) in enumerate(self._files.items(), start=1):
+                (temporary / name).parent.mkdir(exist_ok=True)
+                write(temporary / name)
+                progress(done, total)
+            self._put_pages(self.pages, _Files(temporary, self.embeds, temporary, self.undrawn))
+        if not self._drawings:
+            return
+        with atomic_folder(folder) as temporary:
+            for done, (name, (suffixes, _)) in enumerate(self._drawings.items(), start=len(self._files) + 1):
+                self._try_to_draw(name, *(temporary / f"{name}{suffix}" for suffix in suffixes))
+                progress(done, total)
+            illustrated = [page for page in self.pages if Path(page).suffix in (".html", ".md")]
+            self._put_pages(illustrated, _Files(Path(folder), self.embeds, temporary, self.undrawn))
 
     def write(self, name: str, path: str | os.PathLike[str]) -> None:
         """Write one of the files beside the page to a path; a chart's in the form of the path's suffix.
 
-        Raises InputError for a name that is none of `file_names`, OutputError.
+        A figure that cannot be drawn is a warning, and its name is in `undrawn`. Raises InputError for a name that is
+        none of `file_names`, OutputError.
         """
-        writers = {file: write for names, write in self._files.items() for file in names}
-        if name not in writers:
-            raise InputError(f"write: must be one of {', '.join(writers)}, got {name!r}")
-        writers[name](Path(path))
+        figures = self._figure_files
+        if name in figures:
+            lines.suffix_of(path)
+            self._try_to_draw(figures[name], Path(path))
+        elif name in self._files:
+            self._files[name](Path(path))
+        else:
+            raise InputError(f"write: must be one of {', '.join([*self._files, *figures])}, got {name!r}")
 
     def as_json(self) -> str:
         """JSON text of the numbers; a number that is not finite is null."""
@@ -341,36 +388,51 @@ class Report:
 
     def as_markdown(self) -> str:
         """The page in Markdown."""
-        return "\n\n".join([f"# {_escape(self.title)}", *(block.as_markdown() for block in self._blocks)]) + "\n"
+        blocks = (block.as_markdown(self.undrawn) for block in self._blocks)
+        return "\n\n".join([f"# {_escape(self.title)}", *blocks]) + "\n"
 
     def _repr_html_(self) -> str:
         """The page for a notebook, with all figures in it."""
         with tempfile.TemporaryDirectory() as folder:
-            for names, write in self._files.items():
-                if names[0].endswith((".png", ".csv")):
-                    write(Path(folder) / names[0])
-            body = "\n".join(self._body(_Files(Path(folder), embeds=True, are_beside=False)))
+            for name, write in self._files.items():
+                if name.endswith(".csv"):
+                    write(Path(folder) / name)
+            for name in self._drawings:
+                self._try_to_draw(name, Path(folder) / f"{name}.png")
+            files = _Files(Path(folder), True, Path(folder), self.undrawn, are_beside=False)
+            body = "\n".join(self._body(files))
         heading = f"<h1>{html.escape(self.title)}</h1>"
         return f'<style>{_NOTEBOOK_STYLE}</style>\n<div class="lidarscene">{heading}\n{body}</div>'
 
-    def _write_files(self, folder: Path, progress: Callable[[int, int], object]) -> None:
-        """Write the files beside the page."""
-        progress(0, len(self._files))
-        for done, (names, write) in enumerate(self._files.items(), start=1):
-            paths = [folder / name for name in names]
-            paths[0].parent.mkdir(exist_ok=True)
-            write(*paths)
-            progress(done, len(self._files))
+    def _draw(self, name: str, *paths: Path) -> None:
+        """Draw a figure to paths. Raises OutputError, whatever goes wrong in the libraries that draw."""
+        try:
+            self._drawings[name][1](*paths)
+        except OutputError:
+            raise
+        except Exception as error:
+            raise _UndrawnError(f"figure '{name}': cannot be drawn: {type(error).__name__}: {error}") from error
 
-    def _page(self, name: str, folder: Path) -> str:
-        """Text of a page in the form of its suffix; its figures lie in ``folder``."""
-        match Path(name).suffix:
-            case ".html":
-                return self._as_html(_Files(folder, self.embeds))
-            case ".md":
-                return self.as_markdown()
-            case _:
-                return self.as_json() + "\n"
+    def _try_to_draw(self, name: str, *paths: Path) -> None:
+        """Draw a figure to paths, and keep `undrawn`: a figure that cannot be drawn is a warning."""
+        try:
+            self._draw(name, *paths)
+            self.undrawn.discard(name)
+        except _UndrawnError as error:
+            self.undrawn.add(name)
+            warnings.warn(OptionWarning("{0}; the numbers are not affected", error), stacklevel=3)
+
+    def _put_pages(self, names: Iterable[str], files: _Files) -> None:
+        """Write pages, each in the form of its suffix, into the folder of what is drawn."""
+        for name in names:
+            match Path(name).suffix:
+                case ".html":
+                    text = self._as_html(files)
+                case ".md":
+                    text = self.as_markdown()
+                case _:
+                    text = self.as_json() + "\n"
+            put_text(files.drawn / name, text)
 
     def _body(self, files: _Files) -> Iterator[str]:
         """Yield the HTML of all blocks, figures side by side if `columns` is set."""
@@ -390,6 +452,10 @@ class Report:
             + "\n".join(self._body(files))
             + "\n</body>\n</html>\n"
         )
+
+
+class _UndrawnError(OutputError):
+    """Raised when a figure cannot be drawn."""
 
 
 def require_writable_report(folder: str | os.PathLike[str]) -> None:
@@ -431,6 +497,11 @@ def csv_text(header: Sequence[str], rows: Iterable[Any], *, digits: int = 7) -> 
     writer.writerow(header)
     writer.writerows([f"{cell:.{digits}g}" if isinstance(cell, float) else cell for cell in row] for row in rows)
     return out.getvalue()
+
+
+def _markdown_image(words: str, name: str, undrawn: Collection[str]) -> str:
+    """Image of a figure in Markdown."""
+    return NOT_DRAWN if name in undrawn else f"![{words}]({name}.png)"
 
 
 def _with_unit(text: str) -> str:

@@ -11,9 +11,10 @@ import os
 import tomllib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import date, time
-from typing import Any
+from typing import Annotated, Any
 
 from ..errors import InputError
+from .arguments import CHECKED_INSIDE
 
 
 def with_overrides(tables: Mapping[str, Any], assignments: Iterable[str], *, option: str = "--set") -> dict[str, Any]:
@@ -46,7 +47,7 @@ def with_overrides(tables: Mapping[str, Any], assignments: Iterable[str], *, opt
     return result
 
 
-Overrides = str | Sequence[str] | Mapping[str, Any]
+Overrides = Annotated[str | Iterable[str] | Mapping[str, Any], CHECKED_INSIDE]
 """Changes to a file's values: "a.b=value", several of these, or a mapping {"a.b": value} or {"a": {"b": value}}."""
 
 
@@ -69,7 +70,11 @@ def _iter_assignments(tables: Mapping[str, Any], path: str = "") -> Iterator[str
         if isinstance(value, Mapping):
             yield from _iter_assignments(value, f"{path}{key}.")
         else:
-            yield f"{path}{key}={toml_text(_to_builtin(value))}"
+            try:
+                text = toml_text(_to_builtin(value))
+            except InputError as error:
+                raise InputError(f"{path}{key}: {error}") from None
+            yield f"{path}{key}={text}"
 
 
 def _to_builtin(value: Any) -> Any:
@@ -115,6 +120,8 @@ def toml_text(value: Any) -> str:
         return value.isoformat()
     if isinstance(value, float) and not math.isfinite(value):
         return repr(float(value))  # "inf" and "nan"; the words of JSON are none of TOML
+    if not isinstance(value, str | int | float | None):
+        raise InputError(f"must be a text, a number, a list or a dict, got {type(value).__name__}")
     return json.dumps(value, ensure_ascii=False)
 
 

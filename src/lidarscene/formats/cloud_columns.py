@@ -16,7 +16,8 @@ from typing import Annotated, Any, Self, get_type_hints, overload
 import numpy as np
 
 from ..detection.outcomes import Status
-from ..errors import InputError, did_you_mean
+from ..errors import InputError, did_you_mean, one_line
+from ..files.arguments import checks_arguments
 from ..maths.arrays import Numbers, frozen
 from ..maths.pose import Pose
 
@@ -180,6 +181,7 @@ SENSOR_TO_VEHICLE = "sensor_to_vehicle"
 """Key of the metadata whose text has the pose of each sensor on its vehicle: (3, 4) matrices row by row."""
 
 
+@checks_arguments
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class Cloud(CloudColumns):
     """Data of a `cloud.point_cloud.PointCloud`, which documents them: all that formats need of a cloud."""
@@ -341,15 +343,22 @@ class Cloud(CloudColumns):
 
     def select(self, mask_or_index: Any) -> Self:
         """Select points by a (n,) mask, or by an index array or slice, in its order."""
-        if isinstance(mask_or_index, str):
-            raise InputError(
-                f"select: must be a mask, an index array or a slice, such as cloud.status == 0, got {mask_or_index!r}"
-            )
-        if (
-            getattr(mask_or_index, "dtype", None) == np.uint8
-        ):  # a column of categories, which NumPy would use as an index
-            raise InputError("select: must be a mask such as cloud.status == 0, an index array or a slice, got uint8")
-        return replace(self, checked=True, **{name: array[mask_or_index] for name, array in self._arrays().items()})
+        must = "select: must be a mask such as cloud.status == 0, an index array or a slice, got"
+        try:
+            index = mask_or_index if isinstance(mask_or_index, slice) else np.asarray(mask_or_index)
+        except ValueError:
+            raise InputError(f"{must} {one_line(mask_or_index)}") from None
+        if isinstance(index, np.ndarray):
+            if not index.size and index.ndim == 1:
+                index = index.astype(np.intp)
+            # A column of categories is uint8: NumPy would use it as an index.
+            if index.ndim != 1 or index.dtype.kind not in "bui" or index.dtype == np.uint8:
+                raise InputError(f"{must} {index.dtype} of shape {index.shape}")
+        try:
+            chosen: dict[str, Any] = {name: array[index] for name, array in self._arrays().items()}
+        except (IndexError, TypeError) as error:
+            raise InputError(f"{must} one that does not fit {len(self)} points: {error}") from None
+        return replace(self, checked=True, **chosen)
 
     def without_points(self) -> Self:
         """The cloud without its points: names, metadata and types. Unlike an empty slice it keeps no array."""

@@ -19,6 +19,7 @@ import numpy as np
 
 from ..cloud.point_cloud import PointCloud
 from ..errors import InputError
+from ..files.arguments import checks_arguments
 from ..files.spool import Spool
 from ..formats.cloud_columns import frame_starts_s, sensor_positions_m
 from ..maths.arrays import Numbers
@@ -83,6 +84,7 @@ class Box:
         return replace(self, pose=Pose(position_m=position, rotation=rotation))
 
 
+@checks_arguments
 def boxes(cloud: PointCloud, scene: Scene, *, as_seen: bool = True) -> list[Box]:
     """Box of every body that can be counted, in the world frame, with counts of the points and beams on it.
 

@@ -14,9 +14,10 @@ from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple, Unpack
+from typing import Annotated, Any, NamedTuple, Unpack
 
-from ..errors import InputError, OptionError, OptionWarning
+from ..errors import OptionError, OptionWarning
+from ..files.arguments import checks_arguments
 from ..files.atomic import name_path_in_errors
 from ..files.overrides import Overrides, assignments
 from ..formats.packets.packet_encoder import PacketEncoder
@@ -27,7 +28,7 @@ from ..rendering.rig_simulators import require_common_frames, simulators
 from ..rendering.simulator import Simulator
 from ..rendering.surroundings import Surroundings, simulator_surroundings, warn_of_surroundings
 from ..scene.scene import Scene
-from ..scene.scene_file import files_of_scene, load_scene
+from ..scene.scene_file import SceneChoice, files_of_scene, load_scene
 from ..sensor.rig_file import Mounted, Rig
 from ..sensor.sensor_file import load_sensor
 from ..sensor.sensor_model import Sensor, warn_of_doubts
@@ -90,11 +91,12 @@ class RecordedRun:
         return tuple(dict.fromkeys((*cloud_files, *self.run_files)))
 
 
+@checks_arguments
 def record(
-    scene: NameOrFile | Scene,
+    scene: SceneChoice,
     sensor: NameOrFile | Sensor | Rig | None = None,
     *,
-    outputs: Outputs | File,
+    outputs: Annotated[Outputs | File, "a file or Outputs"],
     frames: int | None = None,
     overrides: Overrides = (),
     scene_overrides: Overrides = (),
@@ -125,8 +127,6 @@ def record(
         raise OptionError("{overrides}: must go with the name or file of a sensor, got a {0}", type(sensor).__name__)
     if isinstance(outputs, str | os.PathLike):
         outputs = Outputs(outputs)
-    if not isinstance(outputs, Outputs):
-        raise InputError(f"outputs: must be a file or Outputs, got {type(outputs).__name__}")
     # What can be refused is refused in order of its cost: names first, then files, then the world, then tracing.
     plan = Plan(outputs, frames, rig is not None, frame.begin_s)
     if outputs.rrd:
@@ -162,7 +162,7 @@ def record(
     for simulator in simulator_by_label.values():
         simulator.check_frames(numbers, begin_s=frame.begin_s)
     surroundings = tuple(
-        simulator_surroundings(simulator, begin_s=frame.begin_s) for simulator in simulator_by_label.values()
+        simulator_surroundings(simulator, frame, len(numbers)) for simulator in simulator_by_label.values()
     )
     warn_of_surroundings(surroundings)
     before.add_time("build", since)
@@ -328,7 +328,7 @@ def _warn_of_thin_beams(trace: TraceOptions, sensors: Sequence[Mounted]) -> None
                 trace.rays,
                 name,
             ),
-            stacklevel=3,
+            stacklevel=4,
         )
 
 

@@ -61,7 +61,7 @@ def warn_of_size(plan: Plan, sensors: Sequence[Mounted], trace: TraceOptions, ch
             _bytes(free),
             _bytes(memory),
         ),
-        stacklevel=3,
+        stacklevel=4,
     )
 
 

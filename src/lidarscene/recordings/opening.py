@@ -9,6 +9,7 @@ from pathlib import Path
 
 from ..catalog import file_or_example
 from ..errors import InputError
+from ..files.arguments import checks_arguments
 from ..files.optional import import_optional
 from ..formats.cloud_description import input_errors
 from .recording import Recording
@@ -16,6 +17,7 @@ from .recording import Recording
 Reader = Callable[[Path, Path | None], Recording]
 
 
+@checks_arguments
 def open_recording(
     path: str | os.PathLike[str], metadata: str | os.PathLike[str] | None = None, *, sensor_index: int = 0
 ) -> Recording:

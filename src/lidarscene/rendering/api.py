@@ -12,9 +12,9 @@ from functools import partial
 from typing import Unpack
 
 from ..cloud.point_cloud import PointCloud
+from ..files.arguments import checks_arguments
 from ..files.overrides import Overrides
-from ..scene.scene import Scene
-from ..scene.scene_file import load_scene
+from ..scene.scene_file import SceneChoice, load_scene
 from ..sensor.sensor_file import load_sensor
 from ..sensor.sensor_model import Sensor, warn_of_doubts
 from .option_fields import Whole
@@ -23,8 +23,9 @@ from .simulator import Simulator
 from .surroundings import simulator_surroundings, warn_of_surroundings
 
 
+@checks_arguments
 def render_frames(
-    scene: str | os.PathLike[str] | Scene,
+    scene: SceneChoice,
     sensor: str | os.PathLike[str] | Sensor | None = None,
     *,
     frames: int,
@@ -37,7 +38,7 @@ def render_frames(
     The other parameters are those of `render`.
     """
     Whole(1, NUMBERS.high).check("frames", frames)
-    simulator, first, observers = _prepare(scene, sensor, overrides, scene_overrides, options)
+    simulator, first, observers = _prepare(scene, sensor, overrides, scene_overrides, options, frames)
     numbers = range(first.number, first.number + frames)
     simulator.check_frames(numbers, begin_s=first.begin_s)
 
@@ -51,8 +52,9 @@ def render_frames(
     return map(frame, numbers)
 
 
+@checks_arguments
 def render(
-    scene: str | os.PathLike[str] | Scene,
+    scene: SceneChoice,
     sensor: str | os.PathLike[str] | Sensor | None = None,
     *,
     overrides: Overrides = (),
@@ -74,11 +76,12 @@ def render(
 
 
 def _prepare(
-    scene: str | os.PathLike[str] | Scene,
+    scene: SceneChoice,
     sensor: str | os.PathLike[str] | Sensor | None,
     overrides: Overrides,
     scene_overrides: Overrides,
     options: RenderKeywords,
+    frames: int = 1,
 ) -> tuple[Simulator, FrameOptions, Observers]:
     """Load scene and sensor and compile them: the simulator, and the options and observers of the frame."""
     keywords = Keywords(options)
@@ -88,5 +91,5 @@ def _prepare(
     equipped = load_sensor(described.sensor_name if sensor is None else sensor, overrides=overrides)
     simulator = Simulator(described, equipped, trace, pose=frame.pose)
     warn_of_doubts([equipped])
-    warn_of_surroundings([simulator_surroundings(simulator, begin_s=frame.begin_s)])
+    warn_of_surroundings([simulator_surroundings(simulator, frame, frames)])
     return simulator, frame, observers

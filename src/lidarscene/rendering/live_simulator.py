@@ -20,13 +20,14 @@ from typing import TypedDict, Unpack
 import numpy as np
 
 from ..cloud.point_cloud import PointCloud
-from ..errors import InputError, OptionWarning
+from ..errors import InputError, OptionWarning, one_line
+from ..files.arguments import checks_arguments
 from ..kernel.device.gate import exclusive
 from ..maths.pose import Pose
 from ..maths.trajectory import ALWAYS, LARGEST_STEP_RAD, Course, HeldAtEnds, Motion, Riding, Spline
 from ..scene.clearance import Clearance
 from ..scene.scene import Body, Scene
-from ..scene.scene_file import load_scene
+from ..scene.scene_file import SceneChoice, load_scene
 from ..sensor.pose_file import Placed, finite_numbers, to_pose
 from ..sensor.sensor_model import Sensor
 from .frame import TOLERANCE_S, frame_edges
@@ -61,9 +62,10 @@ class LiveSimulator(Simulator):
 
     _takes_turns = False
 
+    @checks_arguments
     def __init__(
         self,
-        scene: str | os.PathLike[str] | Scene,
+        scene: SceneChoice,
         sensor: str | os.PathLike[str] | Sensor | None = None,
         trace: TraceOptions | None = None,
         *,
@@ -156,7 +158,7 @@ class LiveSimulator(Simulator):
         frame_options = keywords.take(FrameOptions, frame)
         keywords.end()
         if not _is_finite(to_s) or not self._now_s < to_s:
-            time_text = f"{to_s:g} s" if _is_finite(to_s) else repr(to_s)
+            time_text = f"{to_s:g} s" if _is_finite(to_s) else one_line(to_s)
             raise InputError(f"advance: must be to a time later than {self._now_s:g} s, got {time_text}")
         if poses is not None and not isinstance(poses, Mapping):
             raise InputError(f"poses: must be a dict of names and poses, got {type(poses).__name__}")
@@ -303,7 +305,7 @@ def live_scene(
     pools: dict[str, tuple[str, ...]] = {}
     for name, count in spares.items():
         if not isinstance(count, int) or isinstance(count, bool) or count < 0:
-            raise InputError(f"spares: '{name}': must be a whole number >= 0, got {count!r}")
+            raise InputError(f"spares: '{name}': must be a whole number >= 0, got {one_line(count)}")
         pools[name] = (name, *spare_names(name, count, bodies))
         for spare in pools[name][1:]:
             # The same parts: copies share the compiled meshes.
@@ -325,7 +327,7 @@ def spare_names(name: str, count: int, existing: Iterable[str]) -> list[str]:
 def _check_name(name: object) -> None:
     """Raise InputError for what is no name: some values cannot even be looked up."""
     if not isinstance(name, str):
-        raise InputError(f"body: must be a name, got {name!r}")
+        raise InputError(f"body: must be a name, got {one_line(name)}")
 
 
 def require_body(
@@ -348,11 +350,11 @@ def _course(subject: str, pose: Placed, motion: MotionKeywords) -> Course:
     velocity_m_s = motion.get("velocity_m_s", (0.0, 0.0, 0.0))
     velocity = finite_numbers(velocity_m_s)
     if len(velocity) != 3:
-        raise InputError(f"{subject}: velocity_m_s must be three finite numbers, got {velocity_m_s!r}")
+        raise InputError(f"{subject}: velocity_m_s must be three finite numbers, got {one_line(velocity_m_s)}")
     yaw_rate_deg_s, time_s = motion.get("yaw_rate_deg_s", 0.0), motion.get("time_s", 0.0)
     for keyword, number in (("yaw_rate_deg_s", yaw_rate_deg_s), ("time_s", time_s)):
         if not _is_finite(number):
-            raise InputError(f"{subject}: {keyword} must be a finite number, got {number!r}")
+            raise InputError(f"{subject}: {keyword} must be a finite number, got {one_line(number)}")
     x, y, z = velocity
     return Course(
         start=_checked_pose(subject, pose),

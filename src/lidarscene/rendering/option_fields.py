@@ -13,7 +13,8 @@ from numbers import Integral, Real
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol, TypeVar, cast
 
-from ..errors import OptionError
+from ..errors import OptionError, one_line
+from ..files.arguments import require_type, type_hints
 from ..formats.clock import parse_date
 
 Options = TypeVar("Options")
@@ -47,7 +48,7 @@ class Finite(NamedTuple):
         if not isinstance(value, Real) or not math.isfinite(value) or not self.low <= float(value) <= self.high:
             bounds = f"{self.low:g} to {self.high:g} {self.unit}"
             allowed = bounds if math.isfinite(self.low) else f"a finite number of {self.unit}"
-            value_text = f"{value:g}" if isinstance(value, float) else repr(value)
+            value_text = f"{value:g}" if isinstance(value, float) else one_line(value)
             raise OptionError(f"{{{option}}}: must be {allowed}, got {{0}}", value_text)
 
 
@@ -148,12 +149,16 @@ def options_of(kind: type[Any]) -> dict[str, tuple[Field[Any], Declaration]]:
 
 def check_options(options: Any) -> None:
     """Raise OptionError for an option out of its values. A field whose default is None may be None."""
-    for name, (entry, declaration) in options_of(type(options)).items():
+    kind: Any = type(options)
+    for name, (entry, declaration) in options_of(kind).items():
         value = getattr(options, name)
         if isinstance(entry.default, bool):
             if not isinstance(value, bool):
                 raise OptionError(f"{{{name}}}: must be True or False, got {{0!r}}", value)
-        elif declaration.values is not None and (value is not None or entry.default is not None):
+            continue
+        if not isinstance(declaration.values, Whole | Finite | Date | Function):  # these look at the type themselves
+            require_type(name, value, type_hints(kind)[name])
+        if declaration.values is not None and (value is not None or entry.default is not None):
             declaration.values.check(name, value)
 
 

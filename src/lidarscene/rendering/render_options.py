@@ -13,7 +13,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, TypedDict, TypeVar
 
-from ..errors import InputError, unknown_option
+from ..errors import InputError, one_line, unknown_option
 from ..light.limits import INTERACTIONS, MOST_INTERACTIONS
 from .option_fields import Finite, Function, OneOf, Whole, check_options, list_options, option
 
@@ -210,7 +210,7 @@ class Keywords:
         whole = self._remaining.pop(kind.KEYWORD, None) if options is None else options
         if whole is not None and not isinstance(whole, kind):
             more = "; the coordinate system is coordinates=" if kind is FrameOptions else ""
-            raise InputError(f"{kind.KEYWORD}: must be {kind.__name__}, got {whole!r}{more}")
+            raise InputError(f"{kind.KEYWORD}: must be {kind.__name__}, got {one_line(whole)}{more}")
         names = [field.name for field in dataclasses.fields(kind)]
         self._field_names += names
         changes: dict[str, Any] = {name: self._remaining.pop(name) for name in names if name in self._remaining}

@@ -19,6 +19,7 @@ from ..cloud.deskew import MOTION_KEPT
 from ..cloud.point_cloud import PointCloud
 from ..detection.sampled_waveforms import Waveforms, check_pulses, sample_waveforms
 from ..errors import InputError
+from ..files.arguments import checks_arguments
 from ..formats.cloud_columns import SENSOR_TO_VEHICLE, SENSOR_TO_WORLD
 from ..kernel.device import blocks, transfer
 from ..kernel.device.gate import exclusive
@@ -33,7 +34,7 @@ from ..maths.random import Seed
 from ..maths.trajectory import Motion, pose_at
 from ..scene.clearance import Clearance
 from ..scene.scene import Scene
-from ..scene.scene_file import load_scene
+from ..scene.scene_file import SceneChoice, load_scene
 from ..sensor.pose_file import Placed, to_pose
 from ..sensor.sensor_file import load_sensor
 from ..sensor.sensor_model import Sensor
@@ -82,6 +83,7 @@ class _Begun:
         return all(getattr(self.options, each.name) == getattr(options, each.name) for each in fields(options))
 
 
+@checks_arguments
 class Simulator:
     """A world and a sensor, ready for any number of frames; nothing is compiled twice.
 
@@ -95,7 +97,7 @@ class Simulator:
     @exclusive
     def __init__(
         self,
-        scene: str | os.PathLike[str] | Scene,
+        scene: SceneChoice,
         sensor: str | os.PathLike[str] | Sensor | None = None,
         trace: TraceOptions | None = None,
         *,

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
@@ -23,6 +23,8 @@ from ..physics.optics import radiometry
 from ..scene.clearance import Clearance, Surrounding
 from ..scene.scene import Ball, Scene
 from ..sensor.sensor_model import Sensor
+from .frame import frame_edges
+from .render_options import FrameOptions
 from .simulator import Simulator
 
 LARGEST_BODY_M = 200.0
@@ -33,6 +35,12 @@ SMALLEST_BODY_M = 0.01
 
 CLEAREST_M = 300e3
 """No air is clearer: molecules alone scatter 0.013 of green light in a km, and 3.912 over that is the visibility."""
+
+WAY_STEP_S = 0.1
+"""Between times at which the ground below the ego vehicle is looked for."""
+
+ENDLESS_S = 120.0
+"""Time for which the way of an ego vehicle is followed where nobody says how many frames there will be."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -113,24 +121,56 @@ class Surroundings:
         }
 
 
-def simulator_surroundings(simulator: Simulator, *, begin_s: float = 0.0) -> Surroundings:
-    """Surroundings of a simulator's sensor in its scene, as its first frame begins."""
-    place_m = pose_at(simulator.motion, begin_s).position_m
-    return Surroundings.inspect(
-        simulator.scene, simulator.sensor, place_m, time_s=begin_s, clearance=simulator.clearance
+def simulator_surroundings(simulator: Simulator, frame: FrameOptions, frames: int | None = 1) -> Surroundings:
+    """Surroundings of a simulator's sensor in its scene as the first frame begins, and doubts about its way until the
+    last one ends.
+
+    frames  number of frames; None: without end
+    """
+    scene, scanner, clearance = simulator.scene, simulator.sensor.scanner, simulator.clearance
+    begin_s = frame.begin_s + frame_edges(scanner, frame.number)[0]
+    length_s = ENDLESS_S if frames is None else frames * scanner.frame_s
+    surroundings = Surroundings.inspect(
+        scene, simulator.sensor, pose_at(simulator.motion, begin_s).position_m, time_s=begin_s, clearance=clearance
     )
+    way = _way_doubts(scene, clearance, begin_s, begin_s + length_s)
+    return replace(surroundings, doubts=(*surroundings.doubts, *way))
 
 
 def warn_of_surroundings(sensors: Sequence[Surroundings]) -> None:
     """Issue each doubt of these sensors once, as a warning."""
     for doubt in {str(doubt): doubt for surroundings in sensors for doubt in surroundings.doubts}.values():
-        warnings.warn(doubt, stacklevel=3)
+        warnings.warn(doubt, stacklevel=4)
 
 
 def warn_of_light(scene: Scene) -> None:
     """Issue the doubts about sun and air alone, for scenes whose sensors are not known yet."""
     for doubt in _light_doubts(scene):
-        warnings.warn(doubt, stacklevel=3)
+        warnings.warn(doubt, stacklevel=4)
+
+
+def warn_of_way(scene: Scene) -> None:
+    """Issue the doubt about the way of the scene's ego vehicle, from time 0 or its first pose on."""
+    begin_s = 0.0 if scene.ego is None else max(0.0, scene.ego.span_s[0])
+    for doubt in _way_doubts(scene, Clearance.of_scene(scene), begin_s, begin_s + ENDLESS_S):
+        warnings.warn(doubt, stacklevel=4)
+
+
+def _way_doubts(scene: Scene, clearance: Clearance, begin_s: float, end_s: float) -> Iterator[OptionWarning]:
+    """Warn of an ego vehicle that leaves the ground: from there on frames are of the sky."""
+    if scene.ego is None or scene.base is not None:
+        return
+    first_s, last_s = scene.ego.span_s
+    begin_s, end_s = max(begin_s, first_s), min(end_s, last_s)
+    time_s = np.linspace(begin_s, end_s, max(math.ceil((end_s - begin_s) / WAY_STEP_S), 1) + 1)
+    grounded = clearance.over_ground(scene.ego.at(time_s).position_m)
+    if grounded[0] and not grounded.all():
+        yield OptionWarning(
+            "the ego vehicle leaves the ground {0:.1f} s after {1:.16g} s: from there on nothing is below it; a wider "
+            "ground or another way ([ego]) keeps it in the scene",
+            time_s[np.argmin(grounded)] - begin_s,
+            round(begin_s, 3),
+        )
 
 
 def sun_doubts(klux: float) -> Iterator[OptionWarning]:

@@ -161,5 +161,5 @@ def warn_of_assumptions(path: Path, scene: Scene, *, up: Axis) -> None:
             float(scene.sensor_pose.position_m[2]),
             up,
         ),
-        stacklevel=3,
+        stacklevel=4,
     )

@@ -118,6 +118,12 @@ class Clearance:
         ]
         return np.concatenate([still, *moving])
 
+    def over_ground(self, place_m: Numbers) -> Numbers:
+        """(n,) whether a body that stands still is above or below (n, 3) places, by its box."""
+        low, high = (corner[np.isfinite(self.around).all(axis=(1, 2)), :2] for corner in np.moveaxis(self.around, 1, 0))
+        flags = [((low <= place) & (place <= high)).all(axis=1).any() for place in place_m[:, :2]]
+        return np.array(flags, dtype=bool)
+
     def around_place(self, place_m: Numbers, *, time_s: float) -> Surrounding:
         """Find the surfaces around a place in the world, and the body that encloses it.
 

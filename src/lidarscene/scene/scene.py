@@ -16,6 +16,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..files import facts
+from ..files.arguments import checks_arguments
 from ..files.late_binding import call_bound
 from ..materials.material import Material
 from ..materials.material_file import catalogue_material
@@ -220,6 +221,7 @@ class View:
     fov_deg: Annotated[float, Quantity(gt=0, lt=180, about="full angle across")] = 60.0
 
 
+@checks_arguments
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Scene:
     """Everything that light can meet.
@@ -265,7 +267,9 @@ class Scene:
         """Scene with one more body.
 
         mesh        a file; a Trimesh or trimesh.Scene; a triangle mesh of Open3D, a PolyData of PyVista, a mesh or
-                    scene of Mitsuba; or (vertices, faces). Metres, z up, except for formats that say otherwise
+                    scene of Mitsuba; or (vertices, faces): (n, 3) numbers, and (m, 3) triangles or (m, 4) quads,
+                    each of which becomes the triangles of its corners 0, 1, 2 and 0, 2, 3. Metres, z up, except for
+                    formats that say otherwise
         material    catalogue name, a name among the scene's `materials`, or a `Material`; None: a diffuse one with the
                     mean of the mesh's own colour
         pose        in the world, a `Pose` or x, y, z in metres with or without yaw, pitch, roll in degrees

@@ -15,12 +15,13 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, cast
+from typing import Annotated, Any, cast
 
 import numpy as np
 
 from .. import catalog
 from ..errors import InputError, OptionWarning
+from ..files.arguments import CHECKED_INSIDE, checks_arguments
 from ..files.overrides import Overrides, assignments, with_overrides
 from ..files.toml import read_toml, validate
 from ..materials.material import Material
@@ -47,6 +48,11 @@ SMALLEST_BODY_M = 1e-6
 """Smallest extent of a body: below it single precision cannot resolve the corners, so its scale must be wrong."""
 
 
+SceneChoice = Annotated[str | os.PathLike[str] | Scene, CHECKED_INSIDE]
+"""Name, file or `Scene`, or what else `load_scene` takes."""
+
+
+@checks_arguments
 def load_scene(
     scene: Any,
     *,

@@ -9,7 +9,7 @@ from typing import Annotated, cast
 
 from pydantic import Field
 
-from ..errors import OptionError
+from ..errors import OptionError, one_line
 from ..files.table_model import Number
 from ..files.toml import FileModel
 from ..maths.pose import Pose
@@ -37,7 +37,7 @@ class PoseFile(FileModel):
         )
 
 
-Placed = Pose | Sequence[float]
+Placed = Annotated[Pose | Sequence[float], "a Pose, or x, y, z in metres with or without yaw, pitch, roll in degrees"]
 """Pose of a sensor: a `Pose`, or x, y, z in metres, with or without yaw, pitch, roll in degrees."""
 
 
@@ -58,7 +58,7 @@ def to_pose(pose: object) -> Pose:
     if not 3 <= len(numbers) <= 6:
         raise OptionError(
             "{pose}: must be a Pose, or x, y, z in metres with or without yaw, pitch, roll in degrees, got {0}",
-            " ".join(repr(pose).split()),
+            one_line(pose),
         )
     x, y, z, yaw, pitch, roll = numbers + [0.0] * (6 - len(numbers))
     return Pose.from_degrees(position_m=(x, y, z), yaw_deg=yaw, pitch_deg=pitch, roll_deg=roll)

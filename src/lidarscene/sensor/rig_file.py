@@ -17,6 +17,7 @@ from pydantic import Field, model_validator
 
 from ..catalog import file_or_example
 from ..errors import InputError
+from ..files.arguments import checks_arguments
 from ..files.overrides import Overrides, assignments, split_sensor
 from ..files.toml import FileModel, read_toml, validate
 from ..maths.pose import Pose
@@ -102,13 +103,12 @@ class RigFile(FileModel):
         return self
 
 
-def load_rig(rig: str | os.PathLike[str] | Rig, *, overrides: Overrides = ()) -> Rig:
+@checks_arguments
+def load_rig(rig: Annotated[str | os.PathLike[str] | Rig, "a file or a Rig"], *, overrides: Overrides = ()) -> Rig:
     """Load a rig from a TOML file, or the catalogue's example by its name; a `Rig` is returned unchanged.
 
     overrides  KEY=VALUE for every sensor, or LABEL:KEY=VALUE for that one, after its own. Raises InputError.
     """
-    if not isinstance(rig, str | os.PathLike | Rig):
-        raise InputError(f"rig: must be a file or a Rig, got {type(rig).__name__}")
     return rig if isinstance(rig, Rig) else read_rig(file_or_example(rig), overrides=assignments(overrides))
 
 

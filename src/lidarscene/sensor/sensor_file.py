@@ -13,6 +13,7 @@ from pydantic import Field, model_validator
 
 from ..catalog import names, path_of
 from ..errors import InputError
+from ..files.arguments import checks_arguments
 from ..files.overrides import Overrides, assignments, with_overrides
 from ..files.table_model import Number, Table
 from ..files.toml import FileModel, read_toml, validate
@@ -434,6 +435,7 @@ def sensors() -> list[str]:
     return names("sensors")
 
 
+@checks_arguments
 def load_sensor(sensor: str | os.PathLike[str] | Sensor, *, overrides: Overrides = ()) -> Sensor:
     """Load a sensor by catalogue name, or from a file if the name ends in .toml; a `Sensor` is returned as it is.
 
@@ -443,8 +445,6 @@ def load_sensor(sensor: str | os.PathLike[str] | Sensor, *, overrides: Overrides
     changes = assignments(overrides)
     if isinstance(sensor, Sensor):
         return sensor.replace(changes) if changes else sensor
-    if not isinstance(sensor, str | os.PathLike):
-        raise InputError(f"sensor: must be a name, a file or a Sensor, got {type(sensor).__name__}")
     name = os.fspath(sensor)
     return read_sensor(Path(name) if name.endswith(".toml") else path_of("sensors", name), overrides=changes)
 

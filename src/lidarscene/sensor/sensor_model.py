@@ -13,6 +13,7 @@ from typing import Annotated, Any, Literal
 
 from ..errors import InputError, OptionWarning
 from ..files import facts
+from ..files.arguments import checks_arguments
 from ..files.overrides import Overrides, assignments
 from ..maths.arrays import Lanes, xp
 from ..maths.pose import Pose
@@ -306,6 +307,7 @@ class Sensor:
             )
         return self.origin([*assignments(overrides), *assignments(tables)])
 
+    @checks_arguments
     def source_of(self, key: str) -> str | None:
         """Source of the number with this dotted key of the sensor file: its own, or its table's; None: no source."""
         return self.sources.get(key, self.sources.get(key.partition(".")[0]))
@@ -513,4 +515,4 @@ class Sensor:
 def warn_of_doubts(sensors: Iterable[Sensor]) -> None:
     """Warn of each doubt about the sensors once."""
     for doubt in dict.fromkeys(doubt for sensor in sensors for doubt in sensor.doubts):
-        warnings.warn(OptionWarning("{0}", doubt), stacklevel=3)
+        warnings.warn(OptionWarning("{0}", doubt), stacklevel=4)

@@ -6,18 +6,18 @@ same names make the same reports.
 
 from __future__ import annotations
 
-import inspect
 import os
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import fields
-from functools import partial, wraps
+from functools import partial
 from pathlib import Path
-from typing import Any, ParamSpec, TypedDict, TypeVar, Unpack
+from typing import Annotated, Any, ParamSpec, TypedDict, TypeVar, Unpack
 
 from .. import catalog
 from ..cloud.point_cloud import PointCloud
 from ..errors import InputError, OptionError, unknown_option
 from ..figures.report import Report
+from ..files.arguments import checks_arguments
 from ..files.atomic import put_text
 from ..files.overrides import Overrides, assignments
 from ..recordings.opening import is_recording, open_recording
@@ -36,6 +36,9 @@ Result = TypeVar("Result")
 File = str | os.PathLike[str]
 SensorChoice = str | os.PathLike[str] | Sensor
 """Catalogue name, sensor file or `Sensor`."""
+
+SensorChoices = Annotated[SensorChoice | Sequence[SensorChoice], "names, files or Sensors"]
+"""One of them or several."""
 
 
 class ConditionKeywords(TypedDict, total=False):
@@ -80,24 +83,8 @@ class CompareKeywords(FrameKeywords, total=False):
     sensor_index: int
 
 
-def _checks_keywords(function: Callable[Parameters, Result]) -> Callable[Parameters, Result]:
-    """Make an unknown keyword of a call an InputError that names the right one."""
-    parameters = list(inspect.signature(function).parameters)
-
-    @wraps(function)
-    def call(*arguments: Parameters.args, **keywords: Parameters.kwargs) -> Result:
-        _refuse_unknown(keywords, parameters)
-        return function(*arguments, **keywords)
-
-    return call
-
-
-def max_range(
-    sensors: SensorChoice | Sequence[SensorChoice],
-    *,
-    overrides: Overrides = (),
-    **conditions: Unpack[ConditionKeywords],
-) -> Report:
+@checks_arguments
+def max_range(sensors: SensorChoices, *, overrides: Overrides = (), **conditions: Unpack[ConditionKeywords]) -> Report:
     """Maximum range of sensors on a flat target, with SNR and detection probability at a distance.
 
     sensors        catalogue names, sensor files or `Sensor`s, one or several; several are put on equal terms too
@@ -116,13 +103,8 @@ def max_range(
     return range_report(_named(sensors, overrides), Conditions(**conditions))
 
 
-def sweep(
-    sensors: SensorChoice | Sequence[SensorChoice],
-    over: str,
-    *,
-    overrides: Overrides = (),
-    **options: Unpack[SweepKeywords],
-) -> Report:
+@checks_arguments
+def sweep(sensors: SensorChoices, over: str, *, overrides: Overrides = (), **options: Unpack[SweepKeywords]) -> Report:
     """SNR, maximum range or detection probability over an axis, with crossings and limits.
 
     sensors       catalogue names, sensor files or `Sensor`s, one or several
@@ -149,11 +131,9 @@ def sweep(
     return sweep_report([subject_of(*named) for named in _named(sensors, overrides)], sweep_options, conditions)
 
 
+@checks_arguments
 def sensitivities(
-    sensors: SensorChoice | Sequence[SensorChoice],
-    *,
-    overrides: Overrides = (),
-    **conditions: Unpack[ConditionKeywords],
+    sensors: SensorChoices, *, overrides: Overrides = (), **conditions: Unpack[ConditionKeywords]
 ) -> Report:
     """Effect of each number of sensors, target and air on the maximum range, and on the detection probability.
 
@@ -170,8 +150,8 @@ def sensitivities(
     return sensitivity_report(named, Conditions(**conditions), distance_m=distance_m)
 
 
-@_checks_keywords
-def eye_safety(sensors: SensorChoice | Sequence[SensorChoice], *, overrides: Overrides = ()) -> Report:
+@checks_arguments
+def eye_safety(sensors: SensorChoices, *, overrides: Overrides = ()) -> Report:
     """Every criterion of class 1 of IEC 60825-1:2014, with the beam scanning and standing still; no certification.
 
     ``passed`` says whether the scanning beams are of class 1; None: a pulse energy is a guess, so nothing is judged.
@@ -185,7 +165,7 @@ def eye_safety(sensors: SensorChoice | Sequence[SensorChoice], *, overrides: Ove
     return class_1_report([sensor for _, sensor in _named(sensors, overrides)])
 
 
-@_checks_keywords
+@checks_arguments
 def design(study: File, folder: File) -> Report:
     """Search the designs of a study; the report has the designs that no other beats, and their sensor files.
 
@@ -204,6 +184,7 @@ def study_path(study: File) -> Path:
     return Path(name) if name.endswith(".toml") else catalog.path_of("designs", name)
 
 
+@checks_arguments
 def fov(
     sensors: SensorChoice | Rig | Sequence[SensorChoice],
     *,
@@ -231,8 +212,6 @@ def fov(
     _refuse_unknown(settings, FovKeywords.__annotations__, "sensors", "scene", "pose", "overrides")
     lit = {name: settings[name] for name in ("reflectivity", "illuminance") if name in settings}
     scanned: dict[str, Any] = {name: value for name, value in settings.items() if name not in lit}
-    if "times_s" in scanned:
-        scanned["times_s"] = tuple(scanned["times_s"])
     study = FieldOfViewStudy(**scanned, target=Conditions(**lit).target())
     vehicle = None if pose is None else to_pose(pose)
     if isinstance(sensors, Rig):
@@ -245,6 +224,7 @@ def fov(
     return field_of_view_study(named, study, scene=None if scene is None else load_scene(scene), vehicle=vehicle)
 
 
+@checks_arguments
 def compare(
     scene: File | Scene | PointCloud | Sequence[File | PointCloud],
     sensors: Sequence[SensorChoice] | None = None,
@@ -322,7 +302,7 @@ def _compare_real(
     return compare_with_recording(side, real_side)
 
 
-@_checks_keywords
+@checks_arguments
 def fit(
     recordings: File | Sequence[File],
     sensor: str | None = None,
@@ -368,6 +348,8 @@ def fit_sensor(
     from .fit.recording_fit import fit_recordings
 
     paths = [Path(path) for path in ([recordings] if isinstance(recordings, str | os.PathLike) else recordings)]
+    if not paths or not all(path.name for path in paths):
+        raise InputError("recordings: must be one file or more, got none")
     described = None if metadata is None else Path(metadata)
     if scene is not None:
         if frames is not None:
@@ -388,7 +370,7 @@ def fit_sensor(
     return fit_recordings(paths, sensor, metadata=described, sensor_index=sensor_index, frames=frames)
 
 
-@_checks_keywords
+@checks_arguments
 def twin(
     recording: File,
     folder: File,
@@ -427,14 +409,9 @@ def _refuse_unknown(keywords: Mapping[str, object], known: Collection[str], *par
 
 def _named(sensors: SensorChoice | Sequence[SensorChoice], overrides: Overrides) -> list[tuple[str, Sensor]]:
     """Names, made unique, and sensors. Raises InputError; warns of doubts about them."""
-    if not isinstance(sensors, Sequence | os.PathLike | Sensor):
-        raise InputError(f"sensors: must be names, files or Sensors, got {type(sensors).__name__}")
     choices = [sensors] if isinstance(sensors, str | os.PathLike | Sensor) else list(sensors)
     if not choices:
         raise InputError("sensors: must be at least one, got none")
-    for choice in choices:
-        if not isinstance(choice, str | os.PathLike | Sensor):
-            raise InputError(f"sensors: must be names, files or Sensors, got {type(choice).__name__}")
     changes = assignments(overrides)
     if changes and any(isinstance(choice, Sensor) for choice in choices):
         raise InputError("overrides: must go with names or files of sensors, got a Sensor; see Sensor.replace")

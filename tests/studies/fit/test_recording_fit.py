@@ -1,11 +1,13 @@
 """Draw a recording, forget the laws, fit: the truth is found again, and what is wrong is told."""
 
 import json
+from collections.abc import Callable
 from dataclasses import asdict, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.command_line import Run
 from helpers.drawn_recordings import Truth, drawn_sweep, drawn_truth, two_lenses
 
 from lidarscene.catalog import path_of
@@ -77,11 +79,17 @@ def test_a_law_that_fails_has_wider_sigmas_and_its_report_says_so(
     assert f"The law of the scatter misses its bins by {wrong.solved.misfit:.2g} times their sigmas" in text
 
 
-def fit_sweep(folder: Path, patch: pytest.MonkeyPatch, sweep: Sweep, sensor: str = "os1-128") -> tuple[str, bool]:
+def drawn_opener(sweep: Sweep) -> Callable[..., Recording]:
+    """In place of `open_recording`."""
+
     def open_drawn(path: Path, metadata: Path | None, *, sensor_index: int) -> Recording:
         return Recording(path=path, count=1, read=lambda _: sweep)
 
-    patch.setattr(recording_fit, "open_recording", open_drawn)
+    return open_drawn
+
+
+def fit_sweep(folder: Path, patch: pytest.MonkeyPatch, sweep: Sweep, sensor: str = "os1-128") -> tuple[str, bool]:
+    patch.setattr(recording_fit, "open_recording", drawn_opener(sweep))
     sensor_text, report = fit_recordings([folder / "drawn.pcap"], sensor)
     (folder / "unit.toml").write_text(sensor_text, "utf-8")
     report.save(folder / "report")
@@ -221,6 +229,19 @@ def white_over_range(sensor: Sensor, range_m: np.ndarray) -> np.ndarray:
     light = echoes_of_plane(sensor, Target(reflectivity=1e-3, illuminance_klux=0.0), range_m)
     photons = np.ravel(np.asarray(sensor.working_point(light.background_power_w).response.signal(light.peak_power_w)))
     return np.asarray(1e3 * photons * range_m**2)
+
+
+def test_figures_that_cannot_be_drawn_cost_no_numbers(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, sweep: Sweep, run: Run, failing_charts: None
+) -> None:
+    monkeypatch.setattr(recording_fit, "open_recording", drawn_opener(sweep))
+    ran = run("fit", "drawn.pcap", "--sensor", "os1-128", "-o", "unit.toml", "--report", "report")
+    assert ran.code == 1
+    assert len(ran.err.splitlines()) == ran.err.count("cannot be drawn: ValueError: no chart") > 0
+    assert json.loads((tmp_path / "report" / "fit.json").read_text("utf-8"))["estimates"]
+    assert load_sensor(tmp_path / "unit.toml")
+    names = {path.suffix for path in (tmp_path / "report").iterdir()}
+    assert names == {".html", ".md", ".json", ".csv"}
 
 
 @pytest.mark.usefixtures("no_charts")

@@ -82,4 +82,5 @@ def run_fit(arguments: argparse.Namespace) -> Answer:
     )
     put_text(arguments.output, text)
     answer = save_report(report, arguments.report)
-    return answer._replace(text=f"{answer.text}\nwrote {arguments.output}", code=1 if report.passed is False else 0)
+    code = max(answer.code, int(report.passed is False))
+    return answer._replace(text=f"{answer.text}\nwrote {arguments.output}", code=code)

@@ -21,6 +21,7 @@ import numpy as np
 from ...errors import InputError, LidarSceneError
 from ...files.inputs import require_archive, require_file
 from ...materials.material import Material, Spectrum
+from ...maths.arrays import Numbers
 from . import reflectivity_patterns
 from .mesh_cache import SubMesh, read_cached
 from .usd import is_usd, read_usd
@@ -72,10 +73,15 @@ def check_pieces(pieces: list[SubMesh], where: str) -> list[SubMesh]:
         bad = count - int(np.count_nonzero((np.abs(piece.vertices_m) < 1e30).all(axis=1)))
         if bad:
             raise InputError(f"{where}: {bad} of {count} vertices are not finite numbers")
-        low, high = int(piece.faces.min()), int(piece.faces.max())
-        if low < 0 or high >= count:
-            raise InputError(f"{where}: a face names vertex {low if low < 0 else high}, there are {count}")
+        require_vertices(piece.faces, count, where)
     return pieces
+
+
+def require_vertices(faces: Numbers, count: int, where: str) -> None:
+    """Raise InputError unless all corners of the faces are among so many vertices."""
+    outside = faces[(faces < 0) | (faces >= count)]
+    if outside.size:
+        raise InputError(f"{where}: a face names vertex {outside[0]}, there are {count}")
 
 
 def pieces_of(loaded: Any) -> list[tuple[str, SubMesh]]:

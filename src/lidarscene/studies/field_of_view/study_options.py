@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING
 
+from ...errors import OptionError, one_line
 from ...rendering.option_fields import Finite, OneOf, check_options, list_options, option
 from ..ranging.conditions import Conditions
 
@@ -42,3 +44,6 @@ class FieldOfViewStudy:
 
     def __post_init__(self) -> None:
         check_options(self)
+        object.__setattr__(self, "times_s", tuple(self.times_s))
+        if not self.times_s or not all(math.isfinite(time_s) and time_s > 0.0 for time_s in self.times_s):
+            raise OptionError("{times_s}: must be times above 0 s, got {0}", one_line(self.times_s))

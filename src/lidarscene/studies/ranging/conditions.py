@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from ...errors import OptionError, OptionWarning
+from ...files.arguments import require_type
 from ...physics.constants import SUN_KLUX
 from ...rendering.option_fields import Finite, OneOf, Whole, check_options, list_options, option
 
@@ -191,6 +192,7 @@ class SweepOptions:
 
     def __post_init__(self) -> None:
         check_options(self)
+        require_type("log", self.log, bool | None)
 
     @property
     def quantity_name(self) -> str:

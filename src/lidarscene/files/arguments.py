@@ -1,0 +1,183 @@
+"""Check arguments by their annotations: what a caller gives must be of the type that the signature says.
+
+`checks_arguments` checks the calls of a public function, or of the public methods of a class, before they do anything;
+`rendering.option_fields` checks the fields of options. Words for the values may stand in the annotation:
+``Annotated[Pose | Sequence[float], "a Pose, or x, y, z in metres"]``. With `CHECKED_INSIDE` in it the call checks.
+"""
+
+from __future__ import annotations
+
+import builtins
+import functools
+import inspect
+import itertools
+import os
+import sys
+import types
+import typing
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence, Sized
+from numbers import Integral, Real
+from typing import Annotated, Any, Literal, TypeVar
+
+from ..errors import OptionError, one_line, unknown_option
+
+Checked = TypeVar("Checked", bound=Callable[..., Any])
+
+CHECKED_INSIDE = object()
+"""Note in an annotation: more is taken than it says, or the call says best what is wrong."""
+
+_MOST_ELEMENTS = 1000
+"""Elements of a sequence that are looked at, each: of what is longer, only whether it is a sequence."""
+
+
+def checks_arguments(call: Checked) -> Checked:
+    """Check the arguments of a function, or of all public methods of a class, by their annotations (a decorator).
+
+    A wrong type, and an unknown keyword where there are no others to take it, is an InputError that names the argument.
+    """
+    if isinstance(call, type):
+        for name, method in list(vars(call).items()):
+            made = isinstance(method, classmethod | staticmethod)
+            function = method.__func__ if made else method
+            own_init = name == "__init__" and "__dataclass_fields__" not in vars(call)
+            if inspect.isfunction(function) and (own_init or not name.startswith("_")):
+                checked = checks_arguments(function)
+                setattr(call, name, type(method)(checked) if made else checked)
+        return call
+    signature = inspect.signature(call)
+    takes_all = any(parameter.kind is parameter.VAR_KEYWORD for parameter in signature.parameters.values())
+
+    @functools.wraps(call)
+    def checked_call(*arguments: Any, **keywords: Any) -> Any:
+        if not takes_all:
+            for word in keywords.keys() - signature.parameters.keys():
+                raise unknown_option(word, [name for name in signature.parameters if name != "self"])
+        try:
+            bound = signature.bind(*arguments, **keywords).arguments
+        except TypeError:  # the call itself says what is missing
+            bound = {}
+        for name, hint in _hints_of(call).items():
+            if name in bound:
+                require_type(name, bound[name], hint)
+        return call(*arguments, **keywords)
+
+    return typing.cast(Checked, checked_call)
+
+
+def require_type(name: str, value: object, hint: Any) -> None:
+    """Raise OptionError, with the argument's name, unless a value is of an annotated type."""
+    if not _fits(value, hint):
+        content = f" {one_line(value)}" if isinstance(value, str | bytes | Sequence | Mapping) else ""
+        raise OptionError(f"{{{name}}}: must be {{0}}, got {{1}}{{2}}", _words(hint), type(value).__name__, content)
+
+
+@functools.cache
+def _hints_of(call: Callable[..., Any]) -> dict[str, Any]:
+    """Types of the parameters that have one name each."""
+    named = {
+        name
+        for name, parameter in inspect.signature(call).parameters.items()
+        if parameter.kind not in (parameter.VAR_KEYWORD, parameter.VAR_POSITIONAL)
+    }
+    return {name: hint for name, hint in type_hints(call).items() if name in named}
+
+
+@functools.cache
+def type_hints(of: Any) -> dict[str, Any]:
+    """Annotations of a function or a class. A name that is imported for type checkers alone stands for any type."""
+    classes = of.__mro__ if isinstance(of, type) else (of,)
+    known = set(vars(builtins)).union(*(vars(sys.modules[owner.__module__]) for owner in classes))
+    return typing.get_type_hints(of, localns=_Names(known), include_extras=True)
+
+
+class _Names(dict[str, Any]):
+    """Local names of annotations: `Any` for each that is not known."""
+
+    def __init__(self, known: set[str]) -> None:
+        super().__init__()
+        self._known = known
+
+    def __missing__(self, name: str) -> Any:
+        if name in self._known:
+            raise KeyError(name)
+        return Any
+
+
+def _fits(value: object, hint: Any) -> bool:
+    """Whether a value is of a type; arrays and lists are sequences, and numbers are of any library."""
+    origin, inner = typing.get_origin(hint), typing.get_args(hint)
+    if origin is Annotated:
+        return CHECKED_INSIDE in inner or _fits(value, inner[0])
+    if origin in (typing.Union, types.UnionType):
+        return any(_fits(value, option) for option in inner)
+    if origin is Literal:
+        return isinstance(value, str | int) and value in inner
+    if hint is Any or isinstance(hint, TypeVar):
+        return True
+    if hint is None or hint is type(None):
+        return value is None
+    if hint in (int, float):
+        return isinstance(value, Integral if hint is int else Real) and not isinstance(value, bool)
+    if hint is bool:
+        return isinstance(value, bool) or type(value).__name__ in ("bool", "bool_")
+    kind = origin or hint
+    if kind is Callable:
+        return callable(value)
+    if kind in _SEQUENCES:
+        return _is_sequence(value, kind, inner)
+    # Anything may become an array of NumPy: the call looks at its shape.
+    if not isinstance(kind, type) or kind.__module__ == "numpy":
+        return True
+    if getattr(kind, "_is_protocol", False):
+        return all(hasattr(value, member) for member in vars(kind) if not member.startswith("_"))
+    if issubclass(kind, Mapping):
+        entries = value.items() if inner and isinstance(value, Mapping) else ()
+        return isinstance(value, Mapping) and all(_fits(k, inner[0]) and _fits(v, inner[1]) for k, v in entries)
+    return isinstance(value, kind)
+
+
+_SEQUENCES = (tuple, list, Sequence, Collection, Iterable)
+
+
+def _is_sequence(value: object, kind: Any, inner: tuple[Any, ...]) -> bool:
+    """Whether a value has elements of a type: a list, a tuple or an array; a set or an iterator where ``kind`` does."""
+    if isinstance(value, set | frozenset) and kind not in (Collection, Iterable):
+        return False
+    if isinstance(value, str | bytes | Mapping) or getattr(value, "ndim", 1) == 0 or not isinstance(value, Iterable):
+        return False
+    if not isinstance(value, Sized):
+        return kind is Iterable
+    if kind is tuple and inner and inner[-1] is not Ellipsis:
+        return len(value) == len(inner) and all(map(_fits, value, inner))
+    return not inner or all(_fits(element, inner[0]) for element in itertools.islice(value, _MOST_ELEMENTS))
+
+
+def _words(hint: Any) -> str:
+    """Words for the values of a type: "a name, a file or a Sensor"."""
+    origin, inner = typing.get_origin(hint), typing.get_args(hint)
+    if origin is Annotated:
+        return next((note for note in inner[1:] if isinstance(note, str)), _words(inner[0]))
+    if origin in (typing.Union, types.UnionType):
+        *first, last = dict.fromkeys(_words(option) for option in inner)
+        text = f"{', '.join(first)} or {last}" if first else last
+        return {"a text or a file": "the name of a file"}.get(text, text.replace("a text, a file", "a name, a file"))
+    if origin is Literal:
+        return " or ".join(map(repr, inner))
+    kind = origin or hint
+    if kind in _SEQUENCES:
+        return f"a list, each {_words(inner[0])}" if inner else "a list"
+    if kind in _WORDS:
+        return _WORDS[kind]
+    if not isinstance(kind, type):
+        return str(kind)
+    if issubclass(kind, os.PathLike):
+        return "a file"
+    if issubclass(kind, Mapping):
+        return "a dict"
+    return f"{'an' if kind.__name__[0] in 'AEIOU' else 'a'} {kind.__name__}"
+
+
+_WORDS: dict[Any, str] = {
+    str: "a text", int: "a whole number", float: "a number", bool: "True or False", Callable: "a function",
+    type(None): "None", None: "None",
+}  # fmt: skip
