@@ -9,14 +9,14 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from ..detection.outcomes import Status
 from ..errors import InputError
 from ..files import facts
-from ..files.arguments import checks_arguments
+from ..files.arguments import CHECKED_INSIDE, checks_arguments
 from ..files.late_binding import call_bound
 from ..formats.cloud_columns import NAMES, OF_VECTORS, SENSOR_TO_VEHICLE, SENSOR_TO_WORLD, STATUS_PLURALS, TRUTH, Cloud
 from ..formats.cloud_description import input_errors
@@ -200,7 +200,9 @@ class PointCloud(Cloud):
 
         return to_open3d(self, colours=None if colour_by is None else self.colours(colour_by), legacy=legacy)
 
-    def view(self, *, scene: Any = None, sensor: str | None = None, height_px: int = 620) -> Any:
+    def view(
+        self, *, scene: Any = None, sensor: Annotated[str | None, CHECKED_INSIDE] = None, height_px: int = 620
+    ) -> Any:
         """The page of `lidarscene view` in a notebook, where the cloud is turned, coloured and clicked.
 
         scene      where it was made, a `Scene`, its name or file: its surfaces are shown too, and a point's budget

@@ -16,7 +16,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..files import facts
-from ..files.arguments import checks_arguments
+from ..files.arguments import CHECKED_INSIDE, checks_arguments
 from ..files.late_binding import call_bound
 from ..materials.material import Material
 from ..materials.material_file import catalogue_material
@@ -304,7 +304,7 @@ class Scene:
     def _repr_html_(self) -> str:
         return facts.facts_table("Scene", self.name, self.facts())
 
-    def view(self, *, sensor: str | None = None, height_px: int = 620) -> Any:
+    def view(self, *, sensor: Annotated[str | None, CHECKED_INSIDE] = None, height_px: int = 620) -> Any:
         """The page of `lidarscene view` in a notebook, with a frame of the scene.
 
         sensor     catalogue name or file; the scene's own if None
