@@ -102,9 +102,19 @@ def prepare_thread(*, after_another: bool) -> None:
         return  # one queue for all threads, and no settings
     import drjit as dr
 
+    _set_cuda_flags()
     # A GPU has a queue for each thread: this one's kernels must not overtake those of another.
     if after_another:
         dr.sync_device()
+
+
+def _set_cuda_flags() -> None:
+    """Set what kernels of a GPU need; the flags are of one thread."""
+    import drjit as dr
+
+    # Dr.Jit 1.5 asks for it by a pragma that the assembler of CUDA 13 refuses in kernels that call functions (C7800),
+    # which aborts the process.
+    dr.set_flag(dr.JitFlag.SpillToSharedMemory, False)
 
 
 def drjit() -> ModuleType:
@@ -243,8 +253,9 @@ def _set_variant(name: str) -> ModuleType:
     try:
         with _syntax_on_demand():
             mi.set_variant(name)
-        if name.startswith("cuda"):  # a driver without OptiX is found out only now
-            trace_one_ray(mi)
+        if name.startswith("cuda"):
+            _set_cuda_flags()
+            trace_one_ray(mi)  # a driver without OptiX is found out only now
     except Exception as error:
         raise BackendError(" ".join(str(error).split())) from error
     return mi
@@ -287,6 +298,8 @@ def _users_variant(mi: ModuleType, current: str) -> ModuleType:
             "try: mitsuba.set_variant('llvm_ad_mono'), or set none at all"
         )
     _require_backend(current)
+    if current.startswith("cuda"):
+        _set_cuda_flags()
     return _import_mitsuba()
 
 
