@@ -7,6 +7,7 @@ first call of `mitsuba()`: commands that trace nothing run without any back end.
 """
 
 import contextlib
+import ctypes
 import functools
 import os
 import sys
@@ -100,12 +101,23 @@ def prepare_thread(*, after_another: bool) -> None:
     """Give Dr.Jit's settings to this thread, which alone has them, and wait for what another thread has started."""
     if _chosen is None or not is_cuda():
         return  # one queue for all threads, and no settings
-    import drjit as dr
-
     _set_cuda_flags()
     # A GPU has a queue for each thread: this one's kernels must not overtake those of another.
-    if after_another:
-        dr.sync_device()
+    if after_another and (synchronise := core_function("_Z20jit_sync_all_devicesv")) is not None:
+        synchronise()
+
+
+def core_function(mangled: str) -> Any:
+    """Return a function of Dr.Jit's library that Python has no name for; None where the library has no such function.
+
+    mangled  its name after the Itanium ABI: Linux and macOS
+    """
+    for name in ("libdrjit-core.so", "libdrjit-core.dylib"):
+        with contextlib.suppress(OSError, AttributeError):
+            function = getattr(ctypes.CDLL(str(Path(str(drjit().__file__)).parent / name)), mangled)
+            function.restype = None
+            return function
+    return None
 
 
 def _set_cuda_flags() -> None:
@@ -198,8 +210,6 @@ def cuda_problem() -> str:
         return "CUDA_VISIBLE_DEVICES hides every GPU"
     name = "nvcuda.dll" if sys.platform == "win32" else "libcuda.so.1"
     paths = [os.environ.get("DRJIT_LIBCUDA_PATH"), name, f"/usr/lib/wsl/lib/{name}"]
-    import ctypes
-
     for path in filter(None, paths):
         with contextlib.suppress(OSError):
             ctypes.CDLL(path)
