@@ -30,7 +30,6 @@ from ...files.cache_folder import cache_folder
 from ...formats.npz import read_npz
 from ...maths.arrays import Numbers
 from ...physics.optics import radiometry
-from ...sensor.sensor_file import load_sensor
 
 Columns = Mapping[str, Numbers]
 
@@ -183,6 +182,8 @@ def _render_in_process(frame: str, variant: str) -> Columns | str:
 
 def _step_m(sensor: str) -> float:
     """Step of the ranges of a sensor of the catalogue [m]; 0: none."""
+    from ...sensor.sensor_file import load_sensor  # only where there is a GPU: it takes a third of a second
+
     step_s = load_sensor(sensor).tdc.least_significant_bit_s
     return float(radiometry.range_from_time_of_flight_m(time_of_flight_s=step_s))
 
