@@ -7,6 +7,7 @@ first call of `mitsuba()`: commands that trace nothing run without any back end.
 """
 
 import contextlib
+import ctypes
 import functools
 import os
 import sys
@@ -98,11 +99,32 @@ def prepare_thread(*, after_another: bool) -> None:
     """Give Dr.Jit's settings to this thread, which alone has them, and wait for what another thread has started."""
     if not _chosen.cache_info().currsize or not is_cuda():
         return  # one queue for all threads, and no settings
+    _set_cuda_flags()
+    # A GPU has a queue for each thread: this one's kernels must not overtake those of another.
+    if after_another and (synchronise := core_function("_Z20jit_sync_all_devicesv")) is not None:
+        synchronise()
+
+
+def core_function(mangled: str) -> Any:
+    """Return a function of Dr.Jit's library that Python has no name for; None where the library has no such function.
+
+    mangled  its name after the Itanium ABI: Linux and macOS
+    """
+    for name in ("libdrjit-core.so", "libdrjit-core.dylib"):
+        with contextlib.suppress(OSError, AttributeError):
+            function = getattr(ctypes.CDLL(str(Path(str(drjit().__file__)).parent / name)), mangled)
+            function.restype = None
+            return function
+    return None
+
+
+def _set_cuda_flags() -> None:
+    """Set what kernels of a GPU need; the flags are of one thread."""
     import drjit as dr
 
-    # A GPU has a queue for each thread: this one's kernels must not overtake those of another.
-    if after_another:
-        dr.sync_device()
+    # Dr.Jit 1.5 asks for it by a pragma that the assembler of CUDA 13 refuses in kernels that call functions (C7800),
+    # which aborts the process.
+    dr.set_flag(dr.JitFlag.SpillToSharedMemory, False)
 
 
 def drjit() -> ModuleType:
@@ -186,8 +208,6 @@ def cuda_problem() -> str:
         return "CUDA_VISIBLE_DEVICES hides every GPU"
     name = "nvcuda.dll" if sys.platform == "win32" else "libcuda.so.1"
     paths = [os.environ.get("DRJIT_LIBCUDA_PATH"), name, f"/usr/lib/wsl/lib/{name}"]
-    import ctypes
-
     for path in filter(None, paths):
         with contextlib.suppress(OSError):
             ctypes.CDLL(path)
@@ -240,8 +260,9 @@ def _set_variant(name: str) -> ModuleType:
     _require_backend(name)
     try:
         _switch(mi, name)
-        if name.startswith("cuda"):  # a driver without OptiX is found out only now
-            trace_one_ray(mi)
+        if name.startswith("cuda"):
+            _set_cuda_flags()
+            trace_one_ray(mi)  # a driver without OptiX is found out only now
     except Exception as error:
         raise BackendError(" ".join(str(error).split())) from error
     return mi
@@ -299,6 +320,8 @@ def _users_variant(mi: ModuleType, current: str) -> ModuleType:
             "try: mitsuba.set_variant('llvm_ad_mono'), or set none at all"
         )
     _require_backend(current)
+    if current.startswith("cuda"):
+        _set_cuda_flags()
     return _import_mitsuba()
 
 

@@ -10,10 +10,9 @@ from __future__ import annotations
 import ctypes
 import functools
 from collections.abc import Callable
-from pathlib import Path
 from typing import cast
 
-from .backend import drjit, is_cuda
+from .backend import core_function, drjit, is_cuda
 from .gate import exclusive
 
 LARGEST_BLOCK = 16_384
@@ -98,14 +97,8 @@ def _block_size_setter() -> Callable[[int], None] | None:
     """Return Dr.Jit's function that sets the size; None if there is none, as on a GPU."""
     if is_cuda():
         return None
-    folder = Path(str(drjit().__file__)).parent
-    for name in ("libdrjit-core.so", "libdrjit-core.dylib"):
-        try:
-            # Mangled name (Itanium ABI: Linux and macOS) of `jit_llvm_set_block_size(unsigned int)`. The size is a
-            # power of two, at least the width of a packet.
-            set_block_size = ctypes.CDLL(str(folder / name))._Z23jit_llvm_set_block_sizej
-        except (OSError, AttributeError):
-            continue
-        set_block_size.argtypes, set_block_size.restype = [ctypes.c_uint32], None
-        return cast(Callable[[int], None], set_block_size)
-    return None
+    # `jit_llvm_set_block_size(unsigned int)`. The size is a power of two, at least the width of a packet.
+    setter = core_function("_Z23jit_llvm_set_block_sizej")
+    if setter is not None:
+        setter.argtypes = [ctypes.c_uint32]
+    return cast(Callable[[int], None] | None, setter)

@@ -22,7 +22,7 @@ from typing import Any, cast
 
 from ...maths.arrays import LookupTable, is_drjit, table_lookups, upload
 from . import transfer
-from .backend import is_cuda, mitsuba
+from .backend import mitsuba
 from .types import DeviceArray
 
 _RECORDINGS = 4
@@ -62,7 +62,7 @@ class Replay:
         self._plan: list[Any] = []
         self._frozen: Any = None
         self._attempts = 0
-        self._records = not is_cuda()  # on a GPU nobody has tried it
+        self._records = True
 
     def __call__(self, *arguments: object) -> Any:
         """Return what the function returns for these arguments; its selected arrays are being computed."""

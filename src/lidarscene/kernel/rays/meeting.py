@@ -150,7 +150,7 @@ class Moment:
             first = still.ray_intersect_preliminary(ray, coherent=self.coherent, active=active)
         mover_index = mi.Int32(-1)
         for scenes in moving:
-            transfer.split_kernel(first)
+            transfer.split_kernel(first, mover_index)
             # What is behind the nearest hit so far is not asked.
             first, mover_index = self._ask_nearby(
                 ray,
@@ -159,7 +159,7 @@ class Moment:
                 lambda hit, _: xp(ray.maxt).minimum(ray.maxt, hit.t),
                 partial(self._nearer_of_mover, ray, scenes),
             )
-        self._split_kernels(first)
+        self._split_kernels(first, mover_index)
         valid = first.is_valid() if active is True else first.is_valid() & active
         local_ray, to_sun, shift, placement = self._in_mover_frame(ray, mover_index)
         return Meeting(
