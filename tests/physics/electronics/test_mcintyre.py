@@ -292,8 +292,8 @@ def test_crossings_of_multiplied_shot_noise(
     """Electrons at random times through McIntyre's avalanche and an ideal low-pass, counted sample by sample.
 
     (T28b) takes slopes as independent of heights and heights as those of a box of 1 / (2 B): up to 25 % low with 24
-    electrons in that time, 10 % with more or behind a noisy amplifier; besides 4 standard errors, by which Rice's rate is
-    exceeded, too.
+    electrons in that time, 10 % with more or behind a noisy amplifier; besides 4 standard errors. By these Rice's rate
+    is exceeded, too.
     """
     gain, k, oversampling = 80.0, 0.02225, 16
     rng = np.random.default_rng(15)
