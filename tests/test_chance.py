@@ -79,6 +79,7 @@ def test_one_seed_of_six_is_chance(options: tuple[str, ...], tmp_path: Path) -> 
     assert done.returncode == pytest.ExitCode.OK, done.stdout
     assert "2 passed, 1 failed by chance" in done.stdout
     assert "failed by chance: test_drawn.py::test_seeded: on TEST_SEED=100" in done.stdout
+    assert "seeds that follow: AssertionError: assert '100' not in ['100']" in done.stdout
 
 
 def test_two_seeds_of_six_are_none(tmp_path: Path) -> None:

@@ -70,7 +70,8 @@ def _judged(item: pytest.Item, first: list[pytest.TestReport]) -> list[pytest.Te
             failure.sections.append((PROPERTY, f"failed on {NAME}={reseed.RUN} and on {NAME}={seed}"))
             return first
         reports = again
-    message = failure.longreprtext.strip().splitlines()[-1]
+    crash = getattr(failure.longrepr, "reprcrash", None)
+    message = (crash.message if crash else failure.longreprtext).strip().splitlines()[0]
     for report in reports:
         text = f"on {NAME}={reseed.RUN}, and not on the {OTHERS} seeds that follow: {message}"
         report.user_properties.append((PROPERTY, text))
