@@ -26,22 +26,22 @@ from ..sensor.sensor_model import Sensor
 from .echoes import EchoTrain, Volume
 
 _FAR = 1e30
-"""Place of an interval that a pulse does not have: beyond every window."""
+"""Choice: place of an interval that a pulse does not have: beyond every window."""
 
 _BEFORE = 8.0
-"""Distance before the first possible peak at which a sum of pulses counts as zero, in sigma_p."""
+"""Accuracy bought: distance before the first possible peak at which a sum of pulses counts as zero, in sigma_p."""
 
 _FADING = -4.0, 2.0
-"""Interval, in sigma_p about the place of steepest fall, in which the air's light may peak because a surface ends it:
-it is concave before that place, by less than 1e-3 of itself beyond the first of these, and where it also rises steeply
-a little behind it.
-"""
+"""Accuracy bought: interval, in sigma_p about the place of steepest fall, in which the air's light may peak because a
+surface ends it: it is concave before that place, by less than 1e-3 of itself beyond the first of these, and where it
+also rises steeply a little behind it."""
 
 _WEAK_W = 1e-12
-"""Power at which every detector is linear."""
+"""Choice: power at which every detector is linear."""
 
 _HALF_STEP = 0.5
-"""Step of the differences that stand for a volume's derivatives, in sigma_p: its course bends little over that."""
+"""Accuracy bought: step of the differences that stand for a volume's derivatives, in sigma_p: its course bends little
+over that."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

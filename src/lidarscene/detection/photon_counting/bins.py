@@ -21,10 +21,11 @@ from ...sensor.detectors.macropixel import Macropixel
 from .courses import FEW, Courses, EarlierFirings
 
 _LEAST = 1e-3
-"""Values beside the filter's peak below this share of it count as that much: their logarithm gives the peak's place."""
+"""Accuracy bought: values beside the filter's peak below this share of it count as that much: their logarithm gives the
+peak's place."""
 
 _BELOW_ALL = 1e9
-"""Photons that no value of the filter lies below its mean."""
+"""Choice: photons that no value of the filter lies below its mean."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

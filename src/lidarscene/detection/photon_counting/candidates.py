@@ -18,7 +18,7 @@ from .expectation import Expected, FilteredLight
 from .tuning import MERGED, NEIGHBOURS, OUTWARD
 
 _FAR = 1e30
-"""Place that no pulse has."""
+"""Choice: place that no pulse has."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -20,11 +20,12 @@ from ..outcomes import Status
 from ..report import Detection, Returns
 
 _MOST_FIRED = 0.8
-"""Share of the SPADs up to which an echo's noise follows (T176); brighter ones keep theirs, which is up to 1.5 times as
-large, with what the correction of their walk adds."""
+"""Accuracy bought: share of the SPADs up to which an echo's noise follows (T176); brighter ones keep theirs, which is
+up to 1.5 times as large, with what the correction of their walk adds."""
 
 _MOST_NOISE = 3.0
-"""Deviations of a point's range from the true one that are taken for noise; what lies beyond is no noise and stays."""
+"""Choice: deviations of a point's range from the true one that are taken for noise; what lies beyond is no noise and
+stays."""
 
 
 def share_noise(detection: Detection, train: EchoTrain, sensor: Sensor, *, seed: Seed, pulse: Array) -> Detection:

@@ -20,20 +20,22 @@ from ...sensor.detectors.macropixel import Macropixel
 from .shadows import DEAD_TIMES, Shadow
 
 FEW = 2e-3
-"""Share of the SPADs that may be left out when they come free again, or when earlier light fires them: 0.1 % of the
-noise in any light."""
+"""Accuracy bought: share of the SPADs that may be left out when they come free again, or when earlier light fires them:
+0.1 % of the noise in any light."""
 
 _NOTHING_BEFORE = 4.5
-"""Widths (sigmas) behind the first bin from which on an echo has no light before it."""
+"""Accuracy bought: widths (sigmas) behind the first bin from which on an echo has no light before it."""
 
 _LEAD = 3.0
-"""Widths (sigmas) before the first bin from which on SPADs are followed: light there is as exact as in the bins."""
+"""Accuracy bought: widths (sigmas) before the first bin from which on SPADs are followed: light there is as exact as in
+the bins."""
 
 _CHANGED = 0.01
-"""Change of the free share from which on an echo has its own expectation: it moves P_d by some 0.005."""
+"""Accuracy bought: change of the free share from which on an echo has its own expectation: it moves P_d by some
+0.005."""
 
 _BESIDE = (-0.8, 0.0, 0.8)
-"""Places in sigmas about a peak, of whose expected values a parabola gives the highest."""
+"""Accuracy bought: places in sigmas about a peak, of whose expected values a parabola gives the highest."""
 
 _BACK = (3, 2, 1, 0)
 """Dead times before the bins at which SPADs are followed, the earliest first."""
