@@ -24,7 +24,7 @@ _NEWTON_STEPS = 4
 """Newton steps to the peak behind a single pole: good to 1e-12 from the start that `_mills_inverse` takes."""
 
 _WIDEST = 1e3
-"""Largest sigma_p / tau in the formula: there the filter lowers the peak by 5e-7 only."""
+"""Accuracy bought: largest sigma_p / tau in the formula: there the filter lowers the peak by 5e-7 only."""
 
 
 class LowPass(ABC):

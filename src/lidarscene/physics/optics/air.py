@@ -12,8 +12,11 @@ import math
 
 from ...maths.arrays import Lanes, xp
 
-_KRUSE_CONTRAST = 3.912  # -ln(0.02): the 2 % contrast that defines meteorological visibility
+_KRUSE_CONTRAST = 3.912
+"""Source: Koschmieder, -ln(0.02): the 2 % contrast that defines meteorological visibility."""
+
 _REFERENCE_WAVELENGTH_UM = 0.55
+"""Source: Kruse, McGlauchlin and McQuistan, 1962; wavelength at which visibility is defined."""
 
 
 def transmittance(*, fixed: Lanes, extinction_per_m: Lanes, range_m: Lanes) -> Lanes:

@@ -21,37 +21,39 @@ from . import dead_time
 from .matched_filter import OUTPUT_WIDTH, SCALE, TEMPLATE
 
 BOX = 2.4
-"""Half width of the bins whose counts are an echo's photons, in sigmas."""
+"""Choice: half width of the bins whose counts are an echo's photons, in sigmas."""
 
 BOX_SHARE = math.erf(BOX / math.sqrt(2.0))
 """Share of a Gaussian within it."""
 
 _WEAK = 1e-3
-"""Lambda that stands for weak light."""
+"""Accuracy bought: Lambda that stands for weak light."""
 
 _MOST = 1e4
-"""Largest Lambda of the tables: all SPADs fire 4 sigmas before the peak."""
+"""Accuracy bought: largest Lambda of the tables: all SPADs fire 4 sigmas before the peak."""
 
 _MOST_SUN = 2.0
-"""Largest lambda sigma of the tables."""
+"""Choice: largest lambda sigma of the tables."""
 
 _BEND = 0.25
-"""lambda sigma at which the tables' axis bends: x / (x + 0.25) is its coordinate."""
+"""Accuracy bought: lambda sigma at which the tables' axis bends: x / (x + 0.25) is its coordinate."""
 
 _NEVER_AGAIN, _SHORTEST = 5.6, 1.5
-"""Dead time in sigmas from which on no SPAD comes back within the filter, and the shortest one of the tables."""
+"""Accuracy bought: dead time in sigmas from which on no SPAD comes back within the filter, and the shortest one of the
+tables."""
 
 _NODES, _NODES_OF_WEAK = (56, 16, 10), (32, 19)
 """Nodes of the tables over Lambda, lambda sigma and sigma / tau, and of weak light over the latter two."""
 
 _FAINT = 0.05
-"""Lambda up to which an echo's peak follows from that of a weak one, to 1e-3 of its height and of sigma."""
+"""Accuracy bought: Lambda up to which an echo's peak follows from that of a weak one, to 1e-3 of its height and of
+sigma."""
 
 _NEWTON = 4
 """Steps of Newton's method to the top of a hump: to 0.01 of its width."""
 
 _STEP = 0.08
-"""Step of the tables' courses, in sigmas."""
+"""Accuracy bought: step of the tables' courses, in sigmas."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

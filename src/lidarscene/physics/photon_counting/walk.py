@@ -30,37 +30,38 @@ from .matched_filter import SCALE, TEMPLATE
 from .pile_up import BOX
 
 _LEAST, _MOST = 1e-3, 1e4
-"""Smallest and largest Lambda of a calibration."""
+"""Choice: smallest and largest Lambda of a calibration."""
 
 _LIGHTS, _SUNS, _HEIGHTS, _PHASES = 96, 32, 96, 4
 """Powers and suns of a calibration, nodes of its tables over y, and places of the echo in a bin."""
 
 _MOST_SUN, _BEND = 2.0, 0.25
-"""Largest lambda sigma, and that at which the axis of suns bends: x / (x + 0.25) is its coordinate."""
+"""Accuracy bought: largest lambda sigma, and that at which the axis of suns bends: x / (x + 0.25) is its coordinate."""
 
 _ROUND = 0.01
-"""Share of the highest y at which the axis of heights bends: near the highest, small steps are large powers."""
+"""Accuracy bought: share of the highest y at which the axis of heights bends: near the highest, small steps are large
+powers."""
 
 _SEARCH = 1.25
-"""Half width of the search for a peak, in sigmas: less than a dead time."""
+"""Accuracy bought: half width of the search for a peak, in sigmas: less than a dead time."""
 
 _REVIVED, _FINE = 6.0, 0.15
-"""Dead time below which SPADs fire twice in an echo, and the step of the course that finds the higher hump, in sigmas.
-"""
+"""Accuracy bought: dead time below which SPADs fire twice in an echo, and the step of the course that finds the higher
+hump, in sigmas."""
 
 _JUMP, _BLUR, _NEARLY = 0.5, 2.2, 0.9
-"""Jump of the shift, in sigmas, from which on two humps are told apart; factor of Lambda to either side of it within
-which noise and the place in a bin confuse them; share of the highest y from which on noise confuses echoes that blind
-the pixel with those that do not."""
+"""Choice: jump of the shift, in sigmas, from which on two humps are told apart; factor of Lambda to either side of it
+within which noise and the place in a bin confuse them; share of the highest y from which on noise confuses echoes that
+blind the pixel with those that do not."""
 
 _FAR_BELOW = 0.9
-"""Share of the least y of blinding echoes below which an echo is none: noise reaches no farther."""
+"""Accuracy bought: share of the least y of blinding echoes below which an echo is none: noise reaches no farther."""
 
 _DARK = 1e-30
-"""Counts that are none."""
+"""Accuracy bought: counts that are none."""
 
 _NEVER = 1e9
-"""Narrowing that no echo has."""
+"""Choice: narrowing that no echo has."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

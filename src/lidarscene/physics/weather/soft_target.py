@@ -19,7 +19,9 @@ from ...maths.special import normal_tail
 from ..constants import SPEED_OF_LIGHT_M_S
 from ..optics.pulse import gaussian_pulse
 
-_REACH = 4.0  # pulse lengths FWHM c / 2 to integrate over; g is 1e-19 there
+_REACH = 4.0
+"""Accuracy bought: pulse lengths FWHM c / 2 to integrate over; g is 1e-19 there."""
+
 _PANELS, _NODES = 12, 8  # of Gauss-Legendre quadrature over the pulse; panels, because overlaps have kinks
 
 
