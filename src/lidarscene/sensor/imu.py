@@ -26,13 +26,14 @@ from ..physics import inertial
 from .pose_file import PoseFile
 
 STEP_S = 5e-4
-"""Step of the differences. An oscillation of 50 Hz is followed to 1e-7, and rounding adds 1e-11 m/s2."""
+"""Accuracy bought: step of the differences. An oscillation of 50 Hz is followed to 1e-7, and rounding adds 1e-11
+m/s2."""
 
 STENCIL = ((-3, -1 / 60), (-2, 3 / 20), (-1, -3 / 4), (1, 3 / 4), (2, -3 / 20), (3, 1 / 60))
 """Steps and weights of the central difference of sixth order."""
 
 ROUNDING_S = 1e-6
-"""Times this close are one: those of a clock that began in 1970 have steps of 0.24 us."""
+"""Accuracy bought: times this close are one: those of a clock that began in 1970 have steps of 0.24 us."""
 
 PIECE_SAMPLES = 1 << 15
 

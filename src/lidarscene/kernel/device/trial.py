@@ -38,16 +38,15 @@ FRAMES = {
 """Options of `lidarscene render` for each frame."""
 
 LARGEST_DIFFERING_SHARE = 1e-3
-"""Largest share of points that may differ: exp, log and roots are rounded differently, so that a few echoes cross the
-threshold on one side alone."""
+"""Accuracy bought: largest share of points that may differ: exp, log and roots are rounded differently, so that a few
+echoes cross the threshold on one side alone."""
 
 LIMITS = {"range": (1e-3, 0.0), "true_range": (1e-3, 0.0), "intensity": (0.0, 1e-3), "status": (0.0, 0.0)}
-"""Absolute and relative differences of a column that rounding explains: a traced range is good to 0.1 mm at 200 m, an
-amplitude to 1e-5.
-"""
+"""Accuracy bought: absolute and relative differences of a column that rounding explains: a traced range is good to 0.1
+mm at 200 m, an amplitude to 1e-5."""
 
 PATIENCE_S = 600.0
-"""Time limit for one frame, whose kernels are compiled for the first time, seconds."""
+"""Choice: time limit for one frame, whose kernels are compiled for the first time, seconds."""
 
 _DRIVER = Path("/proc/driver/nvidia/version")
 
