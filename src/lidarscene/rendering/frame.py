@@ -26,7 +26,7 @@ from ..sensor.sensor_model import Sensor
 from .render_options import NUMBERS, FrameOptions
 
 LARGEST_FLOAT32_M = 1000.0
-"""Coordinates beyond this are double precision: float32 steps reach 0.1 mm there."""
+"""Accuracy bought: coordinates beyond this are double precision: float32 steps reach 0.1 mm there."""
 
 PULSE_NUMBERS = 2**31
 """Pulse numbers on the device are below this: as many whole frames as fit, then they begin again at 0 (a rollover)."""

@@ -28,7 +28,8 @@ MESHES = (".glb", ".gltf", ".obj", ".off", ".ply", ".stl", *usd.SUFFIXES)
 """Suffixes of mesh files that are accepted in place of a scene file."""
 
 SMALLEST_M, LARGEST_M = 0.05, 2000.0
-"""Smallest and largest plausible extent of a mesh, from a bottle to a city quarter; beyond, its unit is wrong."""
+"""Choice: smallest and largest plausible extent of a mesh, from a bottle to a city quarter; beyond, its unit is
+wrong."""
 
 NAMES: dict[str, Unit] = {"millimetres": "mm", "centimetres": "cm", "inches": "in", "kilometres": "km"}
 """Units that may explain an implausible size, likeliest first: name in messages -> key in the file."""
@@ -40,10 +41,10 @@ HEIGHT_M = 1.8
 """Height of the sensor above the ground, as on a car's roof."""
 
 CLEAR_M = 5.0
-"""Distance from the sensor to the near side of a small mesh."""
+"""Choice: distance from the sensor to the near side of a small mesh."""
 
 ACROSS_DEG, HIGH_DEG = 60.0, 18.0
-"""Largest angles that the near side of the mesh subtends: a little less than the field of view of Table 1."""
+"""Choice: largest angles that the near side of the mesh subtends: a little less than the field of view of Table 1."""
 
 
 def is_mesh(path: Path) -> bool:

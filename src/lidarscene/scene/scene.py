@@ -87,7 +87,8 @@ def box_of(parts: Sequence[Part | Ball]) -> Numbers | None:
 
 
 CLOCK_ROUNDING_S = 1e-6
-"""Rounding of times by clocks that began in 1970: a motion that ends this much early still covers a time."""
+"""Accuracy bought: rounding of times by clocks that began in 1970: a motion that ends this much early still covers a
+time."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
