@@ -32,8 +32,10 @@ WAITING_POINTS = 1 << 20
 """Points of a frame, 18 MB, that wait in memory until the boxes are placed; those after them wait on disk."""
 
 PICOSECOND = 1e-12
+
 STOPPED_M = 0.05
-"""Tolerance for a beam that reaches a box: one that ends less than this before the box only has an error of range."""
+"""Choice: tolerance for a beam that reaches a box: one that ends less than this before the box only has an error of
+range."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
