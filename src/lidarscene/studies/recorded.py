@@ -35,13 +35,14 @@ from .published_values import repeatability, scatter_m
 from .ranging.plane import Target, echoes_of_plane
 
 RECORDED_KLUX = 20.0
-"""Light that is assumed where a recording does not have it; near targets scatter alike at any."""
+"""Choice: light that is assumed where a recording does not have it; near targets scatter alike at any."""
 
 GLARE_STEPS = 20
 """Steps in which the strength and the reach of a glaring return are searched, each of 7.6 %."""
 
 WEAK_PHOTONS = 200.0
-"""Photons of the returns beside it: surely found, and with a scatter of the range below a tenth of the reach."""
+"""Choice: photons of the returns beside it: surely found, and with a scatter of the range below a tenth of the
+reach."""
 
 SHOTS_OF_PAIRS = 20
 """Pulses with two echoes at each separation."""

@@ -21,9 +21,11 @@ from .slopes import SlopesOf
 from .study_file import StudyFile
 
 ACTIVE = 2e-3
-"""A bound is active where less than this share of it is slack, or of the range of a key."""
+"""Choice: a bound is active where less than this share of it is slack, or of the range of a key."""
 
 _LARGEST_RESIDUAL = 0.1
+"""Choice: largest residual of the first-order conditions, over the slopes' size, at which a point is called an
+optimum."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

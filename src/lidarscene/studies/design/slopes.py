@@ -36,7 +36,7 @@ Evaluate = Callable[[Values], Mapping[str, float]]
 """Function of a design; returns its quantities by name. Raises InputError for one that cannot be."""
 
 STEP = 1e-4
-"""Step of differences, as a share of a key's range."""
+"""Accuracy bought: step of differences, as a share of a key's range."""
 
 AUTOMATIC, CHAIN, DIFFERENCES = "automatic differentiation", "differences of the chain", "differences"
 

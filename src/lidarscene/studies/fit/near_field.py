@@ -27,13 +27,14 @@ from .products import FAR_RATIO, near_field_m
 from .recorded_pulses import RecordedPulses
 
 LEAST_REFLECTIVITY, MOST_REFLECTIVITY = 20.0, 100.0
-"""Range of REFLECTIVITY that is used: below, its whole steps are too coarse; above, its scale is logarithmic."""
+"""Choice: range of REFLECTIVITY that is used: below, its whole steps are too coarse; above, its scale is
+logarithmic."""
 
 LEAST_SIGNAL = 12.0
-"""Least SIGNAL: photons are whole numbers, too."""
+"""Choice: least SIGNAL: photons are whole numbers, too."""
 
 LOG_RANGE_STEP = 0.03
-"""Width of a bin in ln R."""
+"""Choice: width of a bin in ln R."""
 
 LEAST_PULSES = 30
 """Least number of pulses in a bin."""
@@ -41,44 +42,48 @@ LEAST_PULSES = 30
 LEAST_BINS = 6
 
 OUTLIER = 0.5
-"""Distance of ln white_m2 from the median of its bin beyond which the light is not only the return's."""
+"""Choice: distance of ln white_m2 from the median of its bin beyond which the light is not only the return's."""
 
 HUBER_SIGMAS = 1.5
-"""Sigmas beyond which a bin counts less (Huber's weight): the nearest ranges follow laws of their own."""
+"""Choice: sigmas beyond which a bin counts less (Huber's weight): the nearest ranges follow laws of their own."""
 
 SPOT_BOUNDS = (0.1, 2.0)
-"""Bounds of the laser's spot radius (1/e^2) over that of the field of view; beyond them the curve hardly changes."""
+"""Accuracy bought: bounds of the laser's spot radius (1/e^2) over that of the field of view; beyond them the curve
+hardly changes."""
 
 SAME_LAW = 0.01
-"""Largest difference of a sensor's near field from the law of one lens for it to count as one lens."""
+"""Choice: largest difference of a sensor's near field from the law of one lens for it to count as one lens."""
 
 LONGEST_STRETCH = 1.5
-"""Largest logarithm of the factor that stretches a sensor's own curve over the range."""
+"""Choice: largest logarithm of the factor that stretches a sensor's own curve over the range."""
 
 LEAST_SHARE = 1e-6
+"""Accuracy bought: least share of light whose logarithm is taken."""
 
 LENSES = ("offset_over_aperture", "near_field_over_crossing", "near_field_over_focus", "scattered_share")
 """Numbers of a receiver beside its transmitter that may be free: its offset over r_A, R0 over the range at which the
 axes meet and over that in focus (0: infinity), and the share of the light that reaches the detector by scatter."""
 
 LENS_BOUNDS = ((0.0, 20.0), (0.0, 20.0), (0.0, 20.0), (0.0, 0.2))
-"""Bounds of the `LENSES`."""
+"""Choice: bounds of the `LENSES`."""
 
 LENS_SIGMAS = (1.0, 0.3, 0.3, 0.03)
-"""Standard deviations of the `LENSES` about the file's values, before a recording is seen: this project's choice.
-Without them a recording that ends before its signals are those of far away leaves K open."""
+"""Choice: standard deviations of the `LENSES` about the file's values, before a recording is seen. Without them a
+recording that ends before its signals are those of far away leaves K open."""
 
 LEAST_MISFIT = 0.02
-"""Least misfit of the stretched curve for which free lenses are tried."""
+"""Choice: least misfit of the stretched curve for which free lenses are tried."""
 
 LEAST_GAIN = 0.2
-"""Least share of the error on held-out blocks by which free lenses must lower it, since they have four numbers more."""
+"""Choice: least share of the error on held-out blocks by which free lenses must lower it, since they have four numbers
+more."""
 
 LENS_RATIOS = np.geomspace(0.02, 50.0, 80)
-"""Ranges over R0 at which the overlap of free lenses is integrated: the curve between is smooth."""
+"""Accuracy bought: ranges over R0 at which the overlap of free lenses is integrated: the curve between is smooth."""
 
 LENS_STEP = 1e-4
-"""Step of the differences that are the slopes of the curve of free lenses, relative for values above 1."""
+"""Accuracy bought: step of the differences that are the slopes of the curve of free lenses, relative for values above
+1."""
 
 Curve = Callable[..., Numbers]
 """Function from range over R0, and perhaps the `LENSES`, to the share of the light on the detector, relative to that at

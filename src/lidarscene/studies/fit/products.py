@@ -21,13 +21,13 @@ from ...sensor.sensor_model import Sensor
 from ..ranging.plane import Target, echoes_of_plane
 
 FAR_RATIO = 30.0
-"""Range over R0 beyond which the near field changes the light by less than 0.1 %."""
+"""Accuracy bought: range over R0 beyond which the near field changes the light by less than 0.1 %."""
 
 REFLECTIVITY = "reflectivity of all targets"
 """Name of the reflectivities' common scale, which is the maker's and multiplies the power."""
 
 LEAST_EXPONENT = 0.02
-"""Exponents below this count as 0."""
+"""Choice: exponents below this count as 0."""
 
 
 def width_of_place(sigma_s: Lanes, bin_s: Lanes) -> Lanes:

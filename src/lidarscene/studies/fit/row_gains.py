@@ -19,10 +19,10 @@ LEAST_COLUMNS = 64
 """Least number of columns for a median."""
 
 LEAST_SIGNAL = 40.0
-"""Photons above which all pulses have a return, so that losses do not bias the median."""
+"""Accuracy bought: photons above which all pulses have a return, so that losses do not bias the median."""
 
 SAME_RANGE = 0.02
-"""Largest relative difference of the ranges of two pixels whose signals are compared."""
+"""Choice: largest relative difference of the ranges of two pixels whose signals are compared."""
 
 SMOOTHING_ROWS = 8
 """Rows to either side in the parabola that follows the scene's own course."""

@@ -24,16 +24,16 @@ PATCH, COLUMN_STEP = 5, 2
 """Pulses in a patch, and columns from one to the next."""
 
 LEAST_SIGNAL = 100.0
-"""Least harmonic mean of SIGNAL over a patch [photons]."""
+"""Choice: least harmonic mean of SIGNAL over a patch [photons]."""
 
 SMOOTH_SHARE = 0.5
-"""Share of the patches, by the scatter of their neighbours, that count as smooth."""
+"""Choice: share of the patches, by the scatter of their neighbours, that count as smooth."""
 
 LARGEST_SIGNAL_RATIO = 2.0
-"""Largest ratio of the signals within a patch."""
+"""Choice: largest ratio of the signals within a patch."""
 
 LARGEST_SQUARE = 6.0
-"""Sum of squares over sigma^2 above which a patch is left out: exp(-3) = 5 % of clean ones."""
+"""Choice: sum of squares over sigma^2 above which a patch is left out: exp(-3) = 5 % of clean ones."""
 
 LEAST_PATCHES = 60
 """Least number of patches."""
@@ -51,8 +51,8 @@ _MEDIAN_ONE, _MEDIAN_TWO = 0.45494, 2.0 * math.log(2.0)
 """Medians of chi^2 with one and two degrees of freedom."""
 
 _MEDIAN_VARIANCE_ONE, _MEDIAN_VARIANCE_TWO = 8.0, 2.1
-"""Variance of the logarithm of a median, times the number of values: 1 / (2 m f(m))^2, which is 5.4 and 2.1.
-Neighbouring third differences of a block are correlated by up to 0.6, which makes 5.4 some 8."""
+"""Source: statistics of chi^2; variance of the logarithm of a median, times the number of values: 1 / (2 m f(m))^2,
+which is 5.4 and 2.1. Neighbouring third differences of a block are correlated by up to 0.6, which makes 5.4 some 8."""
 
 _SHARE_BELOW = 1.0 - math.exp(-0.5 * LARGEST_SQUARE)
 _MEAN_BELOW = (2.0 - (2.0 + LARGEST_SQUARE) * math.exp(-0.5 * LARGEST_SQUARE)) / _SHARE_BELOW

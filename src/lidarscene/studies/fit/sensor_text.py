@@ -27,7 +27,7 @@ from .products import near_field_m, pulse_fwhm_s, white_m2
 from .row_gains import RowGains
 
 MOST_RELATIVE_SIGMA = 0.3
-"""Largest scatter of an estimate over its value; less certain estimates are not written."""
+"""Choice: largest scatter of an estimate over its value; less certain estimates are not written."""
 
 FILE_KEYS = {
     "white_m2": "laser.peak_power_w",
@@ -61,7 +61,7 @@ Changes = dict[str, tuple[float | list[float], str]]
 """Key of the file -> its new value and the source of that."""
 
 INFINITE = 1e-3
-"""R0 over a range beyond which that counts as infinity: the near field differs by less than 0.1 %."""
+"""Accuracy bought: R0 over a range beyond which that counts as infinity: the near field differs by less than 0.1 %."""
 
 WHOLE = ("detector.spads",)
 """Keys whose values are integers."""
@@ -77,9 +77,9 @@ STRETCHED = {
     "laser.divergence_mrad": -0.5,
     "laser.divergence_elevation_mrad": -0.5,
 }
-"""Key -> exponent of the factor that stretches the near field over the range. Transverse lengths grow by its square
-root, angles shrink by it. Aperture times field of view stays, and so does the background; the power makes up for the
-aperture."""
+"""Source: the lidar equation; key -> exponent of the factor that stretches the near field over the range. Transverse
+lengths grow by its square root, angles shrink by it. Aperture times field of view stays, and so does the background;
+the power makes up for the aperture."""
 
 SCALED_KEYS = (
     "laser.peak_power_w",

@@ -33,21 +33,23 @@ LONE_COLUMNS = 2
 """Columns to either side without a return that make a pulse a lone one."""
 
 LEAST_RATIO = 1.2
-"""SIGNAL over the median threshold above which lone pulses count: below, the law of surfaces lets none return."""
+"""Choice: SIGNAL over the median threshold above which lone pulses count: below, the law of surfaces lets none
+return."""
 
 LEAST_LONE = 10
 """Least number of lone pulses with a return, and without."""
 
 LEASTS = np.geomspace(0.2, 1.0, 161)
-"""Least thresholds over the median one that are tried, a per cent apart."""
+"""Accuracy bought: least thresholds over the median one that are tried, a per cent apart."""
 
 LARGEST_RATIO = 1.5
-"""SIGNAL over the median threshold up to which pulses say something of the least one."""
+"""Choice: SIGNAL over the median threshold up to which pulses say something of the least one."""
 
 DECISIVE = 2.0
-"""Least difference of ln L from that of a threshold without an end: two sigma."""
+"""Choice: least difference of ln L from that of a threshold without an end: two sigma."""
 
 _STEPS = np.linspace(-4.0, 4.0, 161)
+"""Accuracy bought: steps of the integral over a normal deviate, from -4 to 4."""
 
 
 def fit_lone_factor(pulses: RecordedPulses, threshold: Threshold) -> Estimate | None:

@@ -17,35 +17,43 @@ from ...sensor.sensor_model import Sensor
 from ..ranging.plane import Target, echoes_of_plane
 
 SLOPE_DEG = 45.0
-"""Slope of the facets of all measured surfaces, that of the catalogue's asphalt."""
+"""Choice: slope of the facets of all measured surfaces, that of the catalogue's asphalt."""
 
 LEAST_REFLECTIVITY = 1e-5
-"""Least reflectivity; lower ones are unknown surfaces, taken as black: 0.1 photons of an OS0 at 0.7 m."""
+"""Choice: least reflectivity; lower ones are unknown surfaces, taken as black: 0.1 photons of an OS0 at 0.7 m."""
 
 WHITE = 100.0
-"""REFLECTIVITY of a white surface, up to which an Ouster counts linearly, and intensity of a Velodyne."""
+"""Source: Ouster's and Velodyne's manuals; REFLECTIVITY of a white surface, up to which an Ouster counts linearly, and
+intensity of a Velodyne."""
 
 ASSUMED_MEDIAN = 0.2
-"""Median apparent reflectivity assumed where the recording's intensity has no known unit."""
+"""Choice: median apparent reflectivity assumed where the recording's intensity has no known unit."""
 
 STEEPEST = 4.0
-"""Largest exponent of the range in the extrapolation of a table to near ranges."""
+"""Choice: largest exponent of the range in the extrapolation of a table to near ranges."""
 
 LOSS_SIGMAS = 2.0
-"""Sigmas above the threshold from which on a lost pulse was not lost for lack of light: one pulse in 44 is."""
+"""Choice: sigmas above the threshold from which on a lost pulse was not lost for lack of light: one pulse in 44 is."""
 
 DIM = 1e-3
-"""Reflectivity of the target whose photons, over it, are those of a white one."""
+"""Choice: reflectivity of the target whose photons, over it, are those of a white one."""
 
 FAR_M = 30.0
-"""Range at which a sensor's photons calibrate signals without reflectivities; its near field continues them."""
+"""Choice: range at which a sensor's photons calibrate signals without reflectivities; its near field continues them."""
 
 _LEAST_COUNTS = 5.0
+"""Choice: least reflectivity of a return that calibrates photons: below, its whole steps are too coarse."""
+
 _BINS_PER_OCTAVE = 4
 _LEAST_PIXELS = 10
+
 _COMPANY = 0.05
+"""Choice: largest relative difference of the ranges of two neighbours of one surface."""
+
 _CURVE_RANGES = 200
+
 _LEAST_PHOTONS = 1e-12
+"""Accuracy bought: least photons whose logarithm is taken."""
 
 
 def withheld_mask(sweep: Sweep) -> Numbers:

@@ -14,17 +14,17 @@ from ...maths.pose import Pose
 from ...recordings.sweep import Sweep
 
 VOXEL_M = 0.3
-"""Edge of the cubes in which points are thinned to one before registration."""
+"""Choice: edge of the cubes in which points are thinned to one before registration."""
 
 LARGEST_PAIR_DISTANCE_M = (2.0, 0.5)
-"""Largest distance of paired points in the first and the second round of registration."""
+"""Choice: largest distance of paired points in the first and the second round of registration."""
 
 LARGEST_CHANGE_M = 0.1
-"""Change of a pixel's range beyond which it met another surface."""
+"""Choice: change of a pixel's range beyond which it met another surface."""
 
 LARGEST_SHIFT_M = 3e-3
-"""Shift between two frames below which the sensor was at rest: 3 cm/s at 10 Hz. Registration is good to a centimetre,
-which is three columns of a surface at 0.6 m."""
+"""Choice: shift between two frames below which the sensor was at rest: 3 cm/s at 10 Hz. Registration is good to a
+centimetre, which is three columns of a surface at 0.6 m."""
 
 LEAST_SHARED = 1000
 """Least number of pixels with a return in both frames that tell rest from motion."""

@@ -45,19 +45,20 @@ COLUMNS = "columns"
 """Value of ``held_out`` for every second column of the only frame."""
 
 BRIGHT_STEP = 1.15
-"""Largest ratio of the apparent reflectivities of bright quads that share a material."""
+"""Accuracy bought: largest ratio of the apparent reflectivities of bright quads that share a material."""
 
 BRIGHT_DIFFUSE = 0.8
-"""Diffuse reflectivity of bright quads, which sunlight sees; the rest is retro-reflected."""
+"""Choice: diffuse reflectivity of bright quads, which sunlight sees; the rest is retro-reflected."""
 
 LEAST_RETRO, MOST_RETRO = 1e-3, 1e7
-"""Bounds of a material file's retro-reflection [cd/lx/m2]; the least one is for quads no brighter than matt white."""
+"""Choice: bounds of a material file's retro-reflection [cd/lx/m2]; the least one is for quads no brighter than matt
+white."""
 
 RETRO_HALF_ANGLE_DEG = 5.0
-"""Half width of the retro-reflection, far above the beam's parallax: only light straight back was recorded."""
+"""Choice: half width of the retro-reflection, far above the beam's parallax: only light straight back was recorded."""
 
 ASSUMED_KLUX = 20.0
-"""Illuminance assumed for recordings without background light."""
+"""Choice: illuminance assumed for recordings without background light."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -21,7 +21,8 @@ LEAST_PULSES = 50
 and even a simulated recording misses the law there."""
 
 LOG_SIGMA_OF_ONE = 0.75
-"""Sigma of ln(`capped_scatter`), times the square root of the number of pulses."""
+"""Source: simulation of normal numbers; sigma of ln(`capped_scatter`), times the square root of the number of
+pulses."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -24,21 +24,21 @@ BLOCKS = 40
 """Blocks of consecutive pulses for the bootstrap."""
 
 LONGEST_STEP = 0.5
-"""Largest step of a logarithm."""
+"""Choice: largest step of a logarithm."""
 
 LARGEST_LOGARITHM = math.log(5.0)
-"""Logarithm beyond which a parameter is undetermined or absorbs what is not modelled, and is reset to 0. A scatter that
-falls so far is none, and stays there (`MAY_VANISH`)."""
+"""Choice: logarithm beyond which a parameter is undetermined or absorbs what is not modelled, and is reset to 0. A
+scatter that falls so far is none, and stays there (`MAY_VANISH`)."""
 
 MAY_VANISH = ("scatter_floor", "histogram.threshold_spread")
 """Scatters that may be zero."""
 
 OUTLIER_SIGMAS = 5.0
-"""Sigmas beyond which a range belongs to another surface; of normal errors one in 2 million is left out."""
+"""Choice: sigmas beyond which a range belongs to another surface; of normal errors one in 2 million is left out."""
 
 LARGEST_SQUARE = 9.0
-"""Cap on the squared distance of a range from the surface in sigmas, since surfaces are not quite where the scene has
-them. On a clean recording the cap widens sigma by 1 %."""
+"""Choice: cap on the squared distance of a range from the surface in sigmas, since surfaces are not quite where the
+scene has them. On a clean recording the cap widens sigma by 1 %."""
 
 _WITHIN = math.erf(math.sqrt(0.5 * LARGEST_SQUARE))
 _EDGE = math.sqrt(2.0 * LARGEST_SQUARE / math.pi) * math.exp(-0.5 * LARGEST_SQUARE)
@@ -52,19 +52,20 @@ _VARIANCE = (
 Both are 2 without the cap."""
 
 HUBER_SIGMAS = 4.0
-"""Sigmas beyond which a signal counts less (Huber's weight): an edge, or a surface other than the scene's."""
+"""Choice: sigmas beyond which a signal counts less (Huber's weight): an edge, or a surface other than the scene's."""
 
 LEAST_INFORMATION = 1e-6
-"""Least share of a parameter's information that no other parameter has; below it, only a product is determined."""
+"""Choice: least share of a parameter's information that no other parameter has; below it, only a product is
+determined."""
 
 LAST_STEP = 1e-2
-"""Length of the last step in sigmas."""
+"""Accuracy bought: length of the last step in sigmas."""
 
 LEAST_EVALUATIONS = 7
 """Evaluations after which a fit may end: one more than fix which returns are strong."""
 
 SLOW_RATIO = 0.7
-"""Ratio to the step before above which a step is halved; converging Fisher scoring shrinks faster."""
+"""Choice: ratio to the step before above which a step is halved; converging Fisher scoring shrinks faster."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -29,10 +29,10 @@ PATCH_ROWS = 8
 """Rows of a patch, `BLOCK_COLUMNS` columns wide, whose surfaces share one unknown factor of the reflectivity."""
 
 POWERS_W = np.geomspace(1e-16, 1e-5, 2000)
-"""Background powers of the table that inverts NEAR_IR counts."""
+"""Accuracy bought: background powers of the table that inverts NEAR_IR counts."""
 
 SAME_SURFACE_M = 1e-4
-"""Largest difference of two traced ranges to the same surface."""
+"""Accuracy bought: largest difference of two traced ranges to the same surface."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

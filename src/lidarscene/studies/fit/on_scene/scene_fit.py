@@ -31,13 +31,14 @@ from .likelihood import ParameterFit, fit_parameters
 from .pulses_on_scene import PulsesOnScene, lay_on_scene
 
 REFLECTIVITY_SIGMA = 0.1
-"""Prior sigma of a patch's reflectivity factor: the maker's REFLECTIVITY, which a twin has, is good to some 10 %."""
+"""Choice: prior sigma of a patch's reflectivity factor: the maker's REFLECTIVITY, which a twin has, is good to some 10
+%."""
 
 ROUNDS = 2
 """Rounds of a fit with a twin; texture and strangers follow from the round before."""
 
 LEAST_TEXTURE = 0.01
-"""Least relative scatter of the reflectivities within a patch."""
+"""Choice: least relative scatter of the reflectivities within a patch."""
 
 
 _TWIN_NOTE = (
