@@ -25,7 +25,7 @@ from ..physics.weather import soft_target
 from ..sensor.sensor_model import Sensor
 from .echoes import EchoTrain, Volume
 
-_FAR = 1e30
+FAR = 1e30
 """Choice: place of an interval that a pulse does not have: beyond every window."""
 
 _BEFORE = 8.0
@@ -168,19 +168,19 @@ class Waveform:
         ops = xp(*self.centres, self.origin_m)
         reach = 1.0 if self.undershoot is None else 1.0 + 2.0 * self.undershoot.rate
         intervals = [
-            (ops.where(height > 0.0, centre - 1.0, _FAR), ops.where(height > 0.0, centre + reach, -_FAR))
+            (ops.where(height > 0.0, centre - 1.0, FAR), ops.where(height > 0.0, centre + reach, -FAR))
             for centre, height in zip(self.centres, self.heights, strict=True)
         ]
         if self.volume is not None:
             start, end = ((edge - self.origin_m) / self.unit_m for edge in self.volume.hump_m)
             lit = self.volume.scale > 0.0
-            intervals.append((ops.where(lit, start, _FAR), ops.where(lit, end, -_FAR)))
+            intervals.append((ops.where(lit, start, FAR), ops.where(lit, end, -FAR)))
             ended = lit & (self.volume.end_m < self.volume.far_m)
             steepest = (self.volume.end_m - self.origin_m) / self.unit_m + self.unit_m * (
                 2.0 * self.volume.extinction_per_m + 2.0 / self.volume.end_m
             )
             before, behind = (steepest + offset for offset in _FADING)
-            intervals.append((ops.where(ended, before, _FAR), ops.where(ended, behind, -_FAR)))
+            intervals.append((ops.where(ended, before, FAR), ops.where(ended, behind, -FAR)))
         return intervals
 
 
@@ -230,11 +230,11 @@ def waveform(pulse_train: EchoTrain, sensor: Sensor) -> Waveform:
         for name in ("range_m", "peak_power_w")
     )
     unit = radiometry.range_from_time_of_flight_m(time_of_flight_s=sensor.received_fwhm_s / SIGMAS_PER_FWHM)
-    nearest = ops.full(heights[0], _FAR)
+    nearest = ops.full(heights[0], FAR)
     for distance, height in zip(ranges, heights, strict=True):
         nearest = ops.where(height > 0.0, ops.minimum(nearest, distance), nearest)
     # A sub-echo without light has height 0 and adds nothing, so its place does not matter.
-    origin = ops.where(nearest < _FAR, nearest, 0.0)
+    origin = ops.where(nearest < FAR, nearest, 0.0)
     centres = [
         ops.where(height > 0.0, (distance - origin) / unit, 0.0)
         for distance, height in zip(ranges, heights, strict=True)

@@ -22,6 +22,9 @@ from .units import Quantity
 SMALL_ANGLE_RAD = 1e-4
 """Accuracy bought: below it the series of sin(x)/x and similar functions, cut after x^2, are good to 1e-17."""
 
+CLOCK_ROUNDING_S = 1e-6
+"""Accuracy bought: times this close are one: those of a clock that began in 1970 have steps of 0.24 us."""
+
 LARGEST_STEP_RAD = math.radians(170.0)
 """Choice: largest turn between two poses of a spline: at 180 degrees the direction of the turn is not defined."""
 

@@ -16,9 +16,6 @@ import numpy as np
 
 from ..maths.arrays import Numbers
 
-STANDARD_GRAVITY_M_S2 = 9.80665
-"""Source: BIPM, 3rd CGPM, 1901; gravity by definition. On the ground it is 9.780 to 9.832 m/s2."""
-
 RATIO = 4.0
 """Accuracy bought: ratio of neighbouring correlation times: with it the sum is flat within 1 %."""
 

@@ -23,6 +23,7 @@ from ..maths.pose import Pose
 from .meshes import reading, usd
 from .meshes.mesh_axes import UNITS, Axis, Unit, axis_of, turn_upright
 from .scene import Part, Scene
+from .tables import USUAL_HEIGHT_M
 
 MESHES = (".glb", ".gltf", ".obj", ".off", ".ply", ".stl", *usd.SUFFIXES)
 """Suffixes of mesh files that are accepted in place of a scene file."""
@@ -36,9 +37,6 @@ NAMES: dict[str, Unit] = {"millimetres": "mm", "centimetres": "cm", "inches": "i
 
 PLAIN = "concrete"
 """Material of pieces without a colour of their own."""
-
-HEIGHT_M = 1.8
-"""Height of the sensor above the ground, as on a car's roof."""
 
 CLEAR_M = 5.0
 """Choice: distance from the sensor to the near side of a small mesh."""
@@ -101,13 +99,13 @@ def _tables(path: Path, corners: Numbers, plain: dict[str, str], placement: _Pla
     # makes the depth of the mesh irrelevant.
     side_m = float((size / 2.0 / np.tan(np.radians([180.0, ACROSS_DEG, HIGH_DEG]) / 2.0)).max())
     distance_m = max(CLEAR_M, side_m) + float(size[0]) / 2.0
-    pitch_deg = math.degrees(math.atan2(size[2] / 2.0 - HEIGHT_M, distance_m))
+    pitch_deg = math.degrees(math.atan2(size[2] / 2.0 - USUAL_HEIGHT_M, distance_m))
     return {
         "name": path.stem,
         "description": f"the mesh {path.name} on a plain",
         "sun": {"azimuth_deg": 140.0, "elevation_deg": 40.0, "illuminance_klux": 100.0},
         "sky": {"diffuse_share": 0.1},
-        "sensor": {"name": "table1-apd", "position_m": [-distance_m, 0.0, HEIGHT_M], "pitch_deg": pitch_deg},
+        "sensor": {"name": "table1-apd", "position_m": [-distance_m, 0.0, USUAL_HEIGHT_M], "pitch_deg": pitch_deg},
         "bodies": [
             {
                 "name": "ground",

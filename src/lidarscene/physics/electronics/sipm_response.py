@@ -24,6 +24,7 @@ import numpy as np
 
 from ...maths.arrays import Lanes, LookupTable, Numbers, xp
 from ...maths.special import log1p, normal_tail
+from .pulse_sums import SIGMAS_PER_FWHM
 
 _LN2 = math.log(2.0)
 _ENERGY = math.sqrt(math.pi / (4.0 * _LN2))  # of a Gaussian of unit peak and FWHM, 1.0645
@@ -136,7 +137,7 @@ def fired_by_pulse(*, peak: Lanes, rate_hz: Lanes, pulse_fwhm_s: Lanes, dead_tim
 
 def peak_lag_s(*, pulse_fwhm_s: Lanes, dead_time_s: Lanes) -> Lanes:
     """Time from the light's peak to the count's: half a dead time, or two sigma of a pulse that is all there before."""
-    whole_pulse_s = 2.0 / math.sqrt(8.0 * _LN2) * pulse_fwhm_s
+    whole_pulse_s = 2.0 / SIGMAS_PER_FWHM * pulse_fwhm_s
     return xp(whole_pulse_s, dead_time_s).minimum(whole_pulse_s, 0.5 * dead_time_s)
 
 
@@ -218,7 +219,7 @@ def busy_share_in_steps(
 
 def _arrived(time: Numbers) -> Numbers:
     """Share of a Gaussian pulse that has arrived by ``time``, in FWHM from its peak."""
-    return np.asarray(1.0 - normal_tail(math.sqrt(8.0 * _LN2) * time))
+    return np.asarray(1.0 - normal_tail(SIGMAS_PER_FWHM * time))
 
 
 @functools.cache

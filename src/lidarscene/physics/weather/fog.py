@@ -16,12 +16,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...maths.arrays import Numbers
+from ..constants import KOSCHMIEDER
 from . import mie
 
 VISIBLE_M = 550e-9
 """Source: Koschmieder; wavelength at which visibility is defined."""
 
-_CONTRAST = 3.912  # -ln(0.02), as in `physics.optics.air`
 _RADII = 4000  # steps of 0.03 um or less average the ripple of Q_back to 0.5 %
 
 
@@ -85,4 +85,4 @@ def scattering(droplets: Droplets, wavelength_m: float) -> tuple[float, float]:
 
 def visibility_m(droplets: Droplets) -> float:
     """Meteorological visibility in these droplets, 3.912 over their extinction at 550 nm (Koschmieder)."""
-    return _CONTRAST / scattering(droplets, VISIBLE_M)[0]
+    return KOSCHMIEDER / scattering(droplets, VISIBLE_M)[0]

@@ -15,9 +15,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...maths.arrays import Lanes, xp
+from ..constants import NEPERS_PER_DECIBEL
 from . import mie
 
-DB_PER_KM = math.log(10.0) / 10.0 / 1000.0  # one decibel per kilometre, in 1/m
+DB_PER_KM = NEPERS_PER_DECIBEL / 1000.0  # one decibel per kilometre, in 1/m
 
 FLAKE_DENSITY = {"dry": 0.1, "wet": 0.2}
 """Source: C. Magono and T. Nakamura, J. Meteorol. Soc. Japan 43, 139 (1965), the order of magnitude; density of flakes
