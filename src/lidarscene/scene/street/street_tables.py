@@ -69,7 +69,7 @@ SURROUNDINGS: Tables = {
     "sensor": {"name": "os1-128", "position_m": [0.0, 0.0, 1.75]},
     "picture": {"eye_m": [-9.0, 0.0, 7.0], "target_m": [14.0, 0.6, 0.5], "fov_deg": 70.0},
 }
-"""Tables that a scene with a street has unless it says otherwise."""
+"""Choice: tables that a scene with a street has unless it says otherwise."""
 
 
 def with_street(tables: Mapping[str, Any], file: StreetFile) -> Tables:
