@@ -24,7 +24,7 @@ NOTHING = -1
 """Index of a pixel that shows no point."""
 
 SAME_ANGLE_RAD = 2e-5
-"""Choice: angles that are closer belong to the same row or column of the scan."""
+"""Choice: difference of angles below which they belong to the same row or column of the scan."""
 SURFACE_PX = 3
 """Width in pixels of the picture of one pixel of the surfaces drawn behind the points."""
 

@@ -23,11 +23,11 @@ A step may pass over a valley and the peak behind it, if both are nearer than th
 pulses, 2.1 sigma_p apart, that is a dip of 0.7 %."""
 
 _SHORTEST = 0.1
-"""Accuracy bought: shortest step of the search, in sigma_p: it ends the search where a tangent leads nowhere."""
+"""Accuracy bought: shortest step of the search, in sigma_p: it passes a peak that the slope's tangent puts nearer."""
 
 _BEYOND = 1.2
-"""Accuracy bought: steps are longer by this factor than the way to where the slope's tangent is zero, so that they pass
-the peak."""
+"""Accuracy bought: factor by which steps are longer than the way to where the slope's tangent is zero, so that they
+pass the peak."""
 
 _END = 1e29
 """Choice: places beyond this are behind the last interval."""

@@ -39,8 +39,8 @@ GLARE_STEPS = 20
 """Steps in which the strength and the reach of a glaring return are searched, each of 7.6 %."""
 
 WEAK_PHOTONS = 200.0
-"""Choice: photons of the returns beside it: surely found, and with a scatter of the range below a tenth of the
-reach."""
+"""Choice: photons of the returns beside a glaring one: surely found, and with a scatter of the range below a tenth of
+the reach."""
 
 SHOTS_OF_PAIRS = 20
 """Pulses with two echoes at each separation."""

@@ -30,7 +30,7 @@ _LAST = 1e-5
 _TERMS = 14  # of the cumulants' series near the mean
 
 _ROUNDING = 1.01
-"""Accuracy bought: factor by which a bound is raised for its rounding in single precision."""
+"""Accuracy bought: factor by which a bound is raised, so that its rounding in single precision leaves out no rate."""
 
 
 def ionisation_ratio(*, gain: Lanes, excess_noise: Lanes) -> Lanes:

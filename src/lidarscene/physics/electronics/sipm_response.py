@@ -45,8 +45,8 @@ _LARGEST_FLASH = 1e3
 """Accuracy bought: end of the table over the light's firings of a cell that never dies."""
 
 _LARGEST_REFILL = 40.0
-"""Accuracy bought: background firings of a cell between the light's peak and the count's, beyond which no more refill
-it."""
+"""Accuracy bought: background firings of a cell between the light's peak and the count's that single precision can
+raise e to."""
 
 _LARGEST_YIELD = 14.0
 """Accuracy bought: -log(1 - share) at the inverse's end; single precision ends at a share of 1 - 1e-6."""

@@ -22,7 +22,7 @@ _LEAST_COSINE = 0.02
 """Accuracy bought: least cosine that the slope is divided by: flatter surfaces count as this flat."""
 
 _LEAST_POWER = 1e-6
-"""Accuracy bought: smallest drawn power over its mean."""
+"""Accuracy bought: smallest drawn power over its mean: an echo of none has no logarithm."""
 
 _DEVIATES = tuple(0.375 * (number - 11.5) for number in range(24))
 _WEIGHTS = tuple(math.exp(-0.5 * deviate * deviate) for deviate in _DEVIATES)

@@ -24,8 +24,7 @@ ACTIVE = 2e-3
 """Choice: a bound is active where less than this share of it is slack, or of the range of a key."""
 
 _LARGEST_RESIDUAL = 0.1
-"""Choice: largest residual of the first-order conditions, over the slopes' size, at which a point is called an
-optimum."""
+"""Choice: share of the objective's slope that constraints may leave at a design that counts as an optimum."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
