@@ -9,8 +9,9 @@ from helpers.roads import output_spectrum, wheel_spectrum
 from lidarscene.errors import InputError
 from lidarscene.maths.pose import Pose, rotation_matrix
 from lidarscene.maths.trajectory import Course, Riding, Spline
+from lidarscene.physics.constants import STANDARD_GRAVITY_M_S2
 from lidarscene.physics.road.roughness import RoughSurface
-from lidarscene.physics.road.suspension import GRAVITY_M_S2, Suspension
+from lidarscene.physics.road.suspension import Suspension
 from lidarscene.scene.ride import BLOCK_NODES, STEP_S, Ride
 from lidarscene.scene.scene import Scene
 from lidarscene.scene.scene_file import load_scene
@@ -81,11 +82,11 @@ def test_acceleration_of_a_roof() -> None:
     for seed in rng.integers(2**32, size=5):
         states = ride(int(seed)).at(time_s)
         velocity = states.velocity_m_s + np.cross(states.turning_rad_s, states.rotation @ place_m)
-        acceleration = np.gradient(velocity, time_s, axis=0) + np.array([0.0, 0.0, GRAVITY_M_S2])
+        acceleration = np.gradient(velocity, time_s, axis=0) + np.array([0.0, 0.0, STANDARD_GRAVITY_M_S2])
         squares.append((np.einsum("ni,ni->n", states.rotation[:, :, 1], acceleration) ** 2).mean())
     frequency_hz = np.geomspace(0.15, 39.0, 2000)
     spectrum = wheel_spectrum(suspension, frequency_hz, SPEED_M_S, "C")
-    arm = (2 * np.pi * frequency_hz) ** 2 * place_m[2] + GRAVITY_M_S2
+    arm = (2 * np.pi * frequency_hz) ** 2 * place_m[2] + STANDARD_GRAVITY_M_S2
     felt = output_spectrum(arm[:, None] * suspension.response(frequency_hz)[:, 2, :4], spectrum)
     expected = np.sqrt(np.trapezoid(felt, frequency_hz))
     assert expected == pytest.approx(1.3, abs=0.1)

@@ -14,7 +14,7 @@ from lidarscene.files.toml import read_toml
 from lidarscene.maths.arrays import Numbers
 from lidarscene.maths.pose import Pose
 from lidarscene.maths.trajectory import Course, Motion, Riding, Spline
-from lidarscene.physics import inertial
+from lidarscene.physics.constants import STANDARD_GRAVITY_M_S2
 from lidarscene.physics.reference import surroundings as reference_surroundings
 from lidarscene.sensor.imu import Imu
 from lidarscene.sensor.rig_file import load_rig
@@ -67,7 +67,7 @@ def test_a_lever_arm_in_a_circle() -> None:
     samples = imu.measure(circle, imu.times_s(0.0, 3.0), NO_NOISE)
     assert len(samples) == 300
     np.testing.assert_allclose(samples.angular_velocity_rad_s, np.tile([0.0, 0.0, 0.5], (300, 1)), atol=1e-12)
-    expected = np.tile([-0.5, 5.0 - 0.25, inertial.STANDARD_GRAVITY_M_S2], (300, 1))
+    expected = np.tile([-0.5, 5.0 - 0.25, STANDARD_GRAVITY_M_S2], (300, 1))
     np.testing.assert_allclose(samples.specific_force_m_s2, expected, atol=1e-8)
 
 

@@ -26,7 +26,7 @@ from .tasks import FrameTask, Job
 from .work import ELSEWHERE, REUSED, render_frames
 
 BUNDLE_S = 1.0
-"""Work [s] in one bundle of frames: Dask needs some 7 ms for each bundle."""
+"""Choice: work [s] in one bundle of frames: Dask needs some 7 ms for each bundle."""
 
 MOST_IN_BUNDLE = 100
 """Most frames in one bundle."""
@@ -35,34 +35,33 @@ BUNDLES_FOR_EACH = 2
 """Bundles queued per thread; more would pin work to slow workers."""
 
 AGAIN_EVERY_S = 1.0
-"""Interval at which frames are tried again that another run was rendering."""
+"""Choice: interval at which frames are tried again that another run was rendering."""
 
 WITHOUT_WORKERS_S = 120.0
-"""Longest time that a cluster of this machine may be without any worker. Dask replaces a worker that dies, which takes
-three quarters of a minute where eight other programs run, but not one that dies while it starts.
-"""
+"""Choice: longest time that a cluster of this machine may be without any worker. Dask replaces a worker that dies,
+which takes three quarters of a minute where eight other programs run, but not one that dies while it starts."""
 
 SILENT_S = 30.0
-"""Time without a heartbeat after which a worker counts as stopped, or a tenth of a second for each worker of a large
-cluster. Dask's workers send one every half second, and every 1 + n / 200 s if there are n, from a thread that does not
-render: compiling a world delays them by 0.2 s.
-"""
+"""Choice: time without a heartbeat after which a worker counts as stopped, or a tenth of a second for each worker of a
+large cluster. Dask's workers send one every half second, and every 1 + n / 200 s if there are n, from a thread that
+does not render: compiling a world delays them by 0.2 s."""
 
 UNKNOWN_S = 900.0
-"""Time limit of a bundle before any has come back: worlds are compiled, and files come over a network."""
+"""Choice: time limit of a bundle before any has come back: worlds are compiled, and files come over a network."""
 
 LEAST_LIMIT_S = 60.0
+"""Choice: shortest time limit of a bundle: a shorter one would call a busy machine dead."""
+
 LATENESS = 20.0
-"""A bundle is late after so many times the time that it and those before it on its worker should take, and after
+"""Choice: time of a bundle over what it and those before it on its worker should take, beyond which it is late, after
 `LEAST_LIMIT_S` at least. Frames of one job differ, and so do machines; a worker whose disk is dead sends heartbeats,
-but never a frame.
-"""
+but never a frame."""
 
 STARTS = 3
 """Consecutive clusters that may end without finishing a frame."""
 
 COUNT_EVERY_S = 5.0
-"""Interval at which the cluster's threads are counted."""
+"""Choice: interval at which the cluster's threads are counted."""
 
 
 @dataclass(slots=True)

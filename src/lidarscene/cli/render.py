@@ -36,7 +36,7 @@ TAKEN_EVERY = 16
 """Chunks after which `--profile` takes Dr.Jit's history: some 50 MB of kernels' texts. It waits for the device then."""
 
 PATIENCE_S = 1.0
-"""Runs longer than this show their progress on a terminal."""
+"""Choice: length of a run beyond which a terminal shows its progress."""
 
 KEYS = {"missed": "keep_missed"}
 """Key of a file in `Plan.files` -> in the JSON, where they differ."""

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from ..figures.report import Report
 
 FIRST_LINE_S, LONGEST_PAUSE_S = 10.0, 300.0
+"""Choice: seconds until the first line of progress in a log, and the longest between two."""
 
 
 class Answer(NamedTuple):

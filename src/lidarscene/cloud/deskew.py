@@ -20,7 +20,9 @@ from ..maths.trajectory import Motion, pose_at
 from .point_cloud import PointCloud
 
 BLOCK_POINTS = 2**18
+
 SHORTEST_S = 1e-9
+"""Accuracy bought: length [s] of a frame whose pulses all leave at once: a table of motions has to have one."""
 
 MOTION_KEPT, MOTION_REMOVED = "in the points", "removed"
 """Values of the metadata's `ego_motion` before and after deskewing."""

@@ -22,17 +22,23 @@ Vector = tuple[float, float, float]
 
 NOTHING = -1
 """Index of a pixel that shows no point."""
+
 SAME_ANGLE_RAD = 2e-5
-"""Angles that are closer belong to the same row or column of the scan."""
+"""Choice: difference of angles below which they belong to the same row or column of the scan."""
 SURFACE_PX = 3
 """Width in pixels of the picture of one pixel of the surfaces drawn behind the points."""
+
 FAINT = (0.35, 0.65)
-"""Brightness of a surface seen edge on, and the part added when it is seen square on."""
+"""Choice: brightness of a surface seen edge on, and the part added when it is seen square on."""
+
 SURFACE_RGB = (41.0, 48.0, 62.0)
+"""Choice: colour of a bright surface behind the points: dark, so that the points stand out."""
+
 DISCS = 1 << 13
 """Discs drawn at once, so that their pixels fit into the CPU's cache."""
+
 EMPTY = 200.0
-"""log2 of the depth of an empty pixel, beyond any float32 depth in metres."""
+"""Choice: log2 of the depth of an empty pixel, beyond any float32 depth in metres."""
 
 
 @dataclass(frozen=True, kw_only=True)

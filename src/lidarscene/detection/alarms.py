@@ -28,7 +28,7 @@ from .shots import Shots
 from .stops import EMPTY, Found, Stops
 
 _NEVER_S = 1.0
-"""Time of an alarm that does not happen: later than any window."""
+"""Choice: time of an alarm that does not happen: later than any window."""
 
 _DRAWS = 2**16
 """Draws of the jitter for each kind of alarm, from this number on: a pulse has fewer rises, which take those before."""

@@ -13,7 +13,8 @@ from ..physics.electronics import intensity as formulas
 from .shots import Shots
 
 _LEAST_OVERLAP = 1e-3
-"""Least share of the spot that the correction assumes: below it, it would amplify noise, so nearer echoes read dark."""
+"""Choice: least share of the spot that the correction assumes: below it, it would amplify noise, so nearer echoes read
+dark."""
 
 
 def reported_intensity(

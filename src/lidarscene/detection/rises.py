@@ -17,20 +17,20 @@ from ..maths.arrays import Array, Lanes, Mask, S, xp
 from ..physics.electronics.pulse_sums import Shape, highest_between, lowest_between
 
 STEP = 1.0
-"""Longest step of the search, in sigma_p: a single pulse takes two.
+"""Accuracy bought: longest step of the search, in sigma_p: a single pulse takes two.
 
 A step may pass over a valley and the peak behind it, if both are nearer than this to the peak before: of two equal
-pulses, 2.1 sigma_p apart, that is a dip of 0.7 %.
-"""
+pulses, 2.1 sigma_p apart, that is a dip of 0.7 %."""
 
 _SHORTEST = 0.1
-"""Shortest step, in sigma_p."""
+"""Accuracy bought: shortest step of the search, in sigma_p: it passes a peak that the slope's tangent puts nearer."""
 
 _BEYOND = 1.2
-"""Steps are longer by this factor than the way to where the slope's tangent is zero, so that they pass the peak."""
+"""Accuracy bought: factor by which steps are longer than the way to where the slope's tangent is zero, so that they
+pass the peak."""
 
 _END = 1e29
-"""Places beyond this are behind the last interval."""
+"""Choice: places beyond this are behind the last interval."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

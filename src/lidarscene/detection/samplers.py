@@ -25,11 +25,12 @@ from .rises import Rise
 from .shots import Received
 
 _SLOW = 2.0 * SIGMAS_PER_FWHM
-"""Farther than this before its peak, in sigma_p, only slow light is over the threshold: a pulse would have to be 65,000
-thresholds high."""
+"""Accuracy bought: farther than this before its peak, in sigma_p, only slow light is over the threshold: a pulse would
+have to be 65,000 thresholds high."""
 
 _OVERDRIVEN = 20.0
-"""Powers over that at which samples are clipped from which its width times a pulse: the window holds all of others."""
+"""Accuracy bought: powers over that at which samples are clipped from which its width times a pulse: the window holds
+all of others."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -20,7 +20,7 @@ from ..sensor.electronics import MOST_STOPS, Tdc
 from .report import Measurement
 
 EMPTY = -1e30
-"""Key of an unused stop: below every other key."""
+"""Choice: key of an unused stop: below every other key."""
 
 Stops = tuple["Stop", ...]
 """The returns kept so far, best first; of ``strongest_and_last`` the two strongest, then the last."""

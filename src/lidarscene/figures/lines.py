@@ -23,8 +23,13 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#0
 """Blue, vermilion, green, purple, orange, sky, black. Yellow is left out: too pale on white."""
 
 INK, GREY, GRID = "#1a1a1a", "#6b6b6b", "#dddddd"
+
 STYLES = {"solid": "-", "dashed": (0, (5, 2.2)), "dotted": (0, (1.2, 1.8)), "dashdot": (0, (6, 2, 1.2, 2))}
+"""Choice: dashes of the line styles by name."""
+
 SIZE_INCHES = (6.0, 4.2)
+"""Choice: size of a chart, width and height."""
+
 DPI = 200
 _LEGEND_CHARACTERS = 88  # characters in a row of the legend
 

@@ -18,6 +18,8 @@ from ..maths.arrays import Numbers
 from .lines import COLOURS, DPI, GREY, GRID, INK, arrange
 
 WIDTH_INCHES = 7.2
+"""Choice: width of a map."""
+
 NO_DATA_COLOUR = "#e4e4e4"
 MARKERS = "osD^vP*"
 

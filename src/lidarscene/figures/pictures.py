@@ -42,7 +42,7 @@ HEAD, FOOT, LEFT, RIGHT, STRIP = 84, 76, 110, 150, 250
 """Heights of title and lowest axis, margins of range images, and their height, of a picture 1920 pixels wide."""
 
 LARGE, MEDIUM, SMALL = 27.0, 21.0, 18.0
-"""Sizes of texts, pixels of a picture 1920 pixels wide."""
+"""Choice: sizes of texts, pixels of a picture 1920 pixels wide."""
 
 Surfaces = Callable[[Camera, tuple[int, int]], Numbers]
 """Function of a camera in the coordinates of the points, and a size; returns the depth of the surface in each pixel,
@@ -239,6 +239,7 @@ def _ticks(low: float, high: float, most: int) -> list[float]:
 
 
 _STEPS_DEG = (0.1, 0.2, 0.5, 1.0, 2.0, 5.0, 10.0, 20.0, 30.0, 60.0, 90.0)
+"""Choice: steps from which a picture's axis takes the one that leaves room for its numbers."""
 
 
 def _shorten(label: str, most: int) -> str:

@@ -28,7 +28,7 @@ LONGEST_NAME = 255
 """Bytes of a file's name, on all file systems in use."""
 
 ABANDONED_S = 7 * 86400.0
-"""Age from which a temporary file counts as abandoned where nobody can know whether its process lives."""
+"""Choice: age from which a temporary file counts as abandoned where nobody can know whether its process lives."""
 
 ATTEMPTS = 5
 """How often a temporary file is made before its folder counts as missing."""

@@ -20,8 +20,10 @@ from typing import IO, Any
 from ..errors import InputError, LidarSceneError, OptionWarning
 
 LEAST_S = 60.0
+"""Choice: least time limit [s] of an answer, for a small file on a busy machine."""
+
 SLOWEST_BYTES_S = 2e6
-"""Time limit of an answer: at least `LEAST_S`, and as if the whole file were read for each at this speed."""
+"""Choice: speed at which the time limit of an answer, besides `LEAST_S`, has the whole file read."""
 
 MOST_MEMORY = 16 << 30
 """Bytes of address space of the child, where the system can limit it."""

@@ -12,7 +12,7 @@ EPOCH = datetime(2026, 1, 1, tzinfo=UTC)
 """Date of the scene's second 0, unless another one is given."""
 
 COUNTED_FROM_1970_S = 1e9
-"""Times from here on (2001) are dates themselves: of a recorded trajectory, whose clock began in 1970."""
+"""Choice: time (2001) from which on times are dates themselves: of a recorded trajectory, whose clock began in 1970."""
 
 FIRST, LAST = datetime(1970, 1, 1, tzinfo=UTC), datetime(2038, 1, 1, tzinfo=UTC)
 """Dates that all stamps can hold: ROS 2 counts seconds in 32 bits with a sign."""

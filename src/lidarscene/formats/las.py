@@ -27,13 +27,18 @@ from .cloud_columns import Cloud, Column, Fields
 from .cloud_description import described_fields, description, input_errors, unit_of
 
 STEP_M = 1e-5
+"""Choice: step of the coordinates: 32-bit numbers of it reach 21 km."""
+
 REACH_M = STEP_M * 2**31
 LAS_NAMES = {"intensity": "echo_peak", "return_number": "return"}
 """Names of extra bytes that differ from the column's, because LAS has a coarser field of that name."""
 
 VLR_USER, VLR_RECORD, LARGEST_VLR = "lidarscene", 1, 65535
 UNCLASSIFIED, LOW_NOISE, FIRST_OF_USERS, LARGEST_CLASS = 1, 7, 64, 255
+
 SCAN_ANGLE_STEP_DEG = 0.006
+"""Source: LAS 1.4; step of the scan angle in point formats 6 to 10."""
+
 MOST_RETURNS = 15
 BLOCK_POINTS = 1 << 18
 PIECE_POINTS = 1 << 20

@@ -35,7 +35,10 @@ HOST, PORT = "127.0.0.1", 9876
 """Where a viewer listens that was started by `rerun`."""
 
 PATIENCE_S = 1.0
+"""Choice: time limit for a viewer of this machine to take a connection."""
+
 LONGEST_FLUSH_S = 120.0
+"""Choice: time limit for the viewer to take what was sent."""
 
 PROBE_BYTES = 1 << 16
 """Bytes that the disk must have room for before a log is begun."""

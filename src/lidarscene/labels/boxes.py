@@ -32,9 +32,10 @@ PIECE_POINTS = 1 << 20
 WAITING_POINTS = 1 << 20
 """Points of a frame, 18 MB, that wait in memory until the boxes are placed; those after them wait on disk."""
 
-PICOSECOND = 1e-12
+
 STOPPED_M = 0.05
-"""Tolerance for a beam that reaches a box: one that ends less than this before the box only has an error of range."""
+"""Choice: tolerance for a beam that reaches a box: one that ends less than this before the box only has an error of
+range."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -148,13 +149,13 @@ class BoxTally:
         place = place[counted]
         np.add.at(self._points_on, (place, cloud.sensor_index[counted]), 1)
         if self.moves:
-            np.add.at(self._time_ps, place, np.rint(cloud.time_s[counted] / PICOSECOND).astype(np.int64))
+            np.add.at(self._time_ps, place, np.rint(cloud.time_s[counted] / 1e-12).astype(np.int64))
 
     def place_boxes(self) -> None:
         """Place the boxes at the mean time of their bodies' points."""
         points = np.maximum(self._points_on.sum(axis=1), 1)
         starts_s = self._starts_s[0] + self._points_on @ (self._starts_s - self._starts_s[0]) / points
-        seen_s = starts_s + self._time_ps * PICOSECOND / points
+        seen_s = starts_s + self._time_ps * 1e-12 / points
         standing = boxes_of_bodies(self._things)
         self._boxes = [
             _carried(box, body, float(start_s), float(time_s))

@@ -37,23 +37,28 @@ from .osi_truth import gathered_truth
 Append = Callable[[PointCloud], None]
 
 SENSOR_TO_CAMERA = np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
-"""Axes of KITTI's cameras (x right, y down, z forward) by those of the sensor; both have one origin here."""
+"""Source: KITTI; axes of its cameras (x right, y down, z forward) by those of the sensor; both have one origin here."""
 
 PICTURE_PX = (1242, 375)
+
 CAMERA = np.array([[720.0, 0.0, 621.0, 0.0], [0.0, 720.0, 187.5, 0.0], [0.0, 0.0, 1.0, 0.0]])
-"""Projection matrix of the camera in KITTI labels: lidarscene has no camera, so one with KITTI's field of view stands
-in the sensor's place. With it loaders can project boxes and points, and grade boxes by their height in the picture."""
+"""Choice: projection matrix of the camera in KITTI labels: lidarscene has no camera, so one with KITTI's field of view
+stands in the sensor's place. With it loaders can project boxes and points, and grade boxes by their height in the
+picture."""
 
 DONT_CARE = "DontCare -1 -1 -10 0.00 0.00 0.00 0.00 -1 -1 -1 -1000 -1000 -1000 -10"
 """KITTI's line for a part of the picture that nobody labelled, here without area. A frame without a box has it alone:
 OpenPCDet joins the rectangles of all lines, and fails where there are none (`KittiDataset.get_infos`)."""
 
 NEAREST_M = 0.1
+"""Choice: nearest depth [m] at which a box is projected: its corners behind the camera are brought there."""
+
 OCCLUDED, UNKNOWN = ((0.8, 0), (0.4, 1), (0.0, 2)), 3
-"""KITTI's levels of occlusion by the least visibility: fully visible, partly, largely; unknown without a beam."""
+"""Choice: KITTI's levels of occlusion by the least visibility: fully visible, partly, largely; unknown without a
+beam."""
 
 VISIBILITY = ((0.8, "4"), (0.6, "3"), (0.4, "2"), (0.0, "1"))
-"""nuScenes' bins of visibility by their lower bounds."""
+"""Source: nuScenes; its bins of visibility by their lower bounds."""
 
 
 def write_labels(cloud: PointCloud, scene: Scene, path: str | os.PathLike[str], *, format: str) -> tuple[Path, ...]:

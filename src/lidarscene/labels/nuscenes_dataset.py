@@ -84,19 +84,21 @@ ATTRIBUTES = (
     "pedestrian.standing",
     "pedestrian.moving",
 )
+
 MOVING_M_S = 0.2
-"""Speed from which an object moves, against the millimetres a second of what stands on a real road."""
+"""Choice: speed from which an object moves, against the millimetres a second of what stands on a real road."""
 
 VISIBILITY = {"1": "v0-40", "2": "v40-60", "3": "v60-80", "4": "v80-100"}
 
 TO_NUSCENES = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-"""Vectors of our sensors (x forward, y left) in the axes of nuScenes' lidar (x right, y forward)."""
+"""Source: nuScenes; vectors of our sensors (x forward, y left) in the axes of its lidar (x right, y forward)."""
 
 MAP_MARGIN_M, MAP_PIXEL_M = 120.0, 0.1
-"""Width around a drive's path, and resolution of its map: what the devkit draws around the vehicle must be on it."""
+"""Choice: width around a drive's path, and resolution of its map: what the devkit draws around the vehicle must be on
+it."""
 
 DRIVES_APART_S = 3600.0
-"""Time between the starts of two drives in the tables: the devkit cannot sort scenes that begin at one time."""
+"""Choice: time between the starts of two drives in the tables: the devkit cannot sort scenes that begin at one time."""
 
 DRIVEABLE = frozenset({"road", "parking", "lane_marking"})
 """Classes that the map shows."""

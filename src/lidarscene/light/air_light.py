@@ -29,12 +29,12 @@ from ..sensor.sensor_model import Sensor, overlap_geometry
 from .echoes import SubEchoes, Volume, hump_of
 
 NEAREST_SHARE = 1e-3
-"""Particles are drawn from the range on at which the receiver sees this share of its beam; it sees nearer ones barely.
-
-The share is relative to the largest one over all ranges."""
+"""Choice: share of the receiver's beam, relative to the largest one over all ranges, from which on particles are drawn:
+it sees nearer ones barely."""
 
 _LEFT_OUT = 0.27
-"""Particles are drawn down to this share of the weakest whose mean light trips the comparator or histogram alone.
+"""Accuracy bought: particles are drawn down to this share of the weakest whose mean light trips the comparator or
+histogram alone.
 
 Weaker ones become even light, in which single particles have no echo of their own: four of them may reach a
 comparator's threshold together. Of a histogram, more are drawn (see `air_light`): its photons scatter. In heavy rain

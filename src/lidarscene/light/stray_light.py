@@ -20,14 +20,17 @@ from ..sensor.volleys import Volleys, find_volleys
 from .echoes import Echoes, EchoTrain, SubEchoes
 
 NEGLIGIBLE = 0.1
-"""Share of the least power that a detector finds in the dark: a scan line with less stray light than that has none."""
+"""Choice: share of the least power that a detector finds in the dark: a scan line with less stray light than that has
+none."""
 
 FAINT = 0.1
-"""Share of the power from which on an echo gives its scan line stray light. Echoes of less than this share add nothing:
-all of them together give a channel less than a hundredth of the least power that it finds in the dark."""
+"""Accuracy bought: share of the power from which on an echo gives its scan line stray light. Echoes of less than this
+share add nothing: all of them together give a channel less than a hundredth of the least power that it finds in the
+dark."""
 
 UNSEEN = 1e-6
-"""Share of that power below which stray light is none: in single precision its shape could not be computed."""
+"""Accuracy bought: share of the power below which stray light is none: in single precision its shape could not be
+computed."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -25,23 +25,23 @@ from ..physics.weather import soft_target
 from ..sensor.sensor_model import Sensor
 from .echoes import EchoTrain, Volume
 
-_FAR = 1e30
-"""Place of an interval that a pulse does not have: beyond every window."""
+FAR = 1e30
+"""Choice: place of an interval that a pulse does not have: beyond every window."""
 
 _BEFORE = 8.0
-"""Distance before the first possible peak at which a sum of pulses counts as zero, in sigma_p."""
+"""Accuracy bought: distance before the first possible peak at which a sum of pulses counts as zero, in sigma_p."""
 
 _FADING = -4.0, 2.0
-"""Interval, in sigma_p about the place of steepest fall, in which the air's light may peak because a surface ends it:
-it is concave before that place, by less than 1e-3 of itself beyond the first of these, and where it also rises steeply
-a little behind it.
-"""
+"""Accuracy bought: interval, in sigma_p about the place of steepest fall, in which the air's light may peak because a
+surface ends it: it is concave before that place, by less than 1e-3 of itself beyond the first of these, and where it
+also rises steeply a little behind it."""
 
 _WEAK_W = 1e-12
-"""Power at which every detector is linear."""
+"""Choice: power at which every detector is linear."""
 
 _HALF_STEP = 0.5
-"""Step of the differences that stand for a volume's derivatives, in sigma_p: its course bends little over that."""
+"""Accuracy bought: step of the differences that stand for a volume's derivatives, in sigma_p: its course bends little
+over that."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -168,19 +168,19 @@ class Waveform:
         ops = xp(*self.centres, self.origin_m)
         reach = 1.0 if self.undershoot is None else 1.0 + 2.0 * self.undershoot.rate
         intervals = [
-            (ops.where(height > 0.0, centre - 1.0, _FAR), ops.where(height > 0.0, centre + reach, -_FAR))
+            (ops.where(height > 0.0, centre - 1.0, FAR), ops.where(height > 0.0, centre + reach, -FAR))
             for centre, height in zip(self.centres, self.heights, strict=True)
         ]
         if self.volume is not None:
             start, end = ((edge - self.origin_m) / self.unit_m for edge in self.volume.hump_m)
             lit = self.volume.scale > 0.0
-            intervals.append((ops.where(lit, start, _FAR), ops.where(lit, end, -_FAR)))
+            intervals.append((ops.where(lit, start, FAR), ops.where(lit, end, -FAR)))
             ended = lit & (self.volume.end_m < self.volume.far_m)
             steepest = (self.volume.end_m - self.origin_m) / self.unit_m + self.unit_m * (
                 2.0 * self.volume.extinction_per_m + 2.0 / self.volume.end_m
             )
             before, behind = (steepest + offset for offset in _FADING)
-            intervals.append((ops.where(ended, before, _FAR), ops.where(ended, behind, -_FAR)))
+            intervals.append((ops.where(ended, before, FAR), ops.where(ended, behind, -FAR)))
         return intervals
 
 
@@ -230,11 +230,11 @@ def waveform(pulse_train: EchoTrain, sensor: Sensor) -> Waveform:
         for name in ("range_m", "peak_power_w")
     )
     unit = radiometry.range_from_time_of_flight_m(time_of_flight_s=sensor.received_fwhm_s / SIGMAS_PER_FWHM)
-    nearest = ops.full(heights[0], _FAR)
+    nearest = ops.full(heights[0], FAR)
     for distance, height in zip(ranges, heights, strict=True):
         nearest = ops.where(height > 0.0, ops.minimum(nearest, distance), nearest)
     # A sub-echo without light has height 0 and adds nothing, so its place does not matter.
-    origin = ops.where(nearest < _FAR, nearest, 0.0)
+    origin = ops.where(nearest < FAR, nearest, 0.0)
     centres = [
         ops.where(height > 0.0, (distance - origin) / unit, 0.0)
         for distance, height in zip(ranges, heights, strict=True)

@@ -23,8 +23,8 @@ from .units import STATIC
 from .vectors import Vector
 
 STEP_S = 5e-4
-"""Longest step of the tables. Linear interpolation is off by 0.3 um at 10 m/s2, 0.3 urad at 10 rad/s2, and 0.5 um on an
-arc at 30 m/s and 30 degrees/s."""
+"""Accuracy bought: longest step of the tables. Linear interpolation is off by 0.3 um at 10 m/s2, 0.3 urad at 10 rad/s2,
+and 0.5 um on an arc at 30 m/s and 30 degrees/s."""
 
 NOWHERE = ((math.inf,) * 3, (-math.inf,) * 3)
 """Lowest and highest corner of a box that nothing is in, and that no ray passes."""

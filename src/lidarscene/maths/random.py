@@ -51,7 +51,6 @@ class Stage(enum.IntEnum):
 
 _ROTATIONS = (13, 15, 26, 6, 17, 29, 16, 24)
 _PARITY = 0x1BD11BDA
-_TWO_PI = 2.0 * math.pi
 _ULP = 2.0**-32
 
 
@@ -96,7 +95,7 @@ def normal_pair(word: tuple[Array, Array]) -> tuple[Array, Array]:
     """Two independent standard normal deviates, by Box and Muller (reaches 6.7 sigma)."""
     ops = xp(word[0])
     radius = ops.sqrt(-2.0 * ops.log(open_uniform(word[0])))
-    angle = _TWO_PI * open_uniform(word[1])
+    angle = math.tau * open_uniform(word[1])
     return radius * ops.cos(angle), radius * ops.sin(angle)
 
 

@@ -20,10 +20,13 @@ from .pose import Pose
 from .units import Quantity
 
 SMALL_ANGLE_RAD = 1e-4
-"""Below it the series of sin(x)/x and similar functions, cut after x^2, are good to 1e-17."""
+"""Accuracy bought: below it the series of sin(x)/x and similar functions, cut after x^2, are good to 1e-17."""
+
+CLOCK_ROUNDING_S = 1e-6
+"""Accuracy bought: times this close are one: those of a clock that began in 1970 have steps of 0.24 us."""
 
 LARGEST_STEP_RAD = math.radians(170.0)
-"""Largest turn between two poses of a spline: at 180 degrees the direction of the turn is not defined."""
+"""Choice: largest turn between two poses of a spline: at 180 degrees the direction of the turn is not defined."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -100,10 +103,11 @@ def poses_at(motions: Sequence[Motion | None], time_s: float) -> list[Pose | Non
 
 
 LARGEST_SPEED_M_S = 1e4
-"""Faster than anything on a road, in each direction."""
+"""Choice: largest speed in each direction: faster than anything on a road."""
 
 LARGEST_YAW_RATE_DEG_S = 36_000.0
-"""A hundred turns a second: 18 degrees from one instant of the tables (`motion_table.STEP_S`) to the next."""
+"""Choice: largest rate of turn, a hundred turns a second: 18 degrees from one instant of the tables
+(`motion_table.STEP_S`) to the next."""
 
 ALWAYS = (-math.inf, math.inf)
 """Span of a motion without end."""
@@ -333,7 +337,8 @@ class GoingOn(_BeyondEnds):
 
 
 LOOP_M, LOOP_ENTRY = 1e-3, 1e-3
-"""Largest distance between the first and the last pose of a loop, and largest difference of a rotation's entries."""
+"""Choice: largest distance between the first and the last pose of a loop, and largest difference of a rotation's
+entries."""
 
 
 def is_loop(first: Pose, last: Pose) -> bool:

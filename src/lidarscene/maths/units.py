@@ -33,7 +33,7 @@ UNITS = {
     "ug": ("m_s2", 9.80665e-6),
     "ug_sqrt_hz": ("m_s2_sqrt_hz", 9.80665e-6),
 }
-"""Units that people write, as the names of keys end: the SI unit, and the factor to it."""
+"""Source: SI prefixes; units that people write, as the names of keys end: the SI unit, and the factor to it."""
 
 SYMBOLS = {unit: unit for unit in (*UNITS, "m", "s", "rad", "klux")} | {
     "um": "µm",

@@ -11,6 +11,15 @@ from .arrays import Lanes, xp
 
 Vector = tuple[Lanes, Lanes, Lanes]
 
+FORWARD: Vector = (1.0, 0.0, 0.0)
+"""Choice: axis x of the coordinates (docs/conventions.md)."""
+
+LEFT: Vector = (0.0, 1.0, 0.0)
+"""Choice: axis y of the coordinates."""
+
+UP: Vector = (0.0, 0.0, 1.0)
+"""Choice: axis z of the coordinates."""
+
 
 def dot(a: Vector, b: Vector) -> Lanes:
     """a . b."""

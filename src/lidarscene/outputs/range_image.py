@@ -25,7 +25,7 @@ from ..formats.cloud_description import unit_of
 from ..maths.arrays import Numbers
 
 RANGE_STEP_M = 0.01
-"""Step of a 16-bit range, which ends at 655.35 m."""
+"""Choice: step of a 16-bit range, which ends at 655.35 m."""
 
 SUFFIXES = (".png", ".npz")
 

@@ -24,7 +24,7 @@ LARGE = 100_000_000
 """Least pulses of a run for the warning: some twenty seconds, and up to 10 GB."""
 
 RAYS_A_SECOND = 5e6
-"""Rate of two cores in clear air (docs/benchmarks.md); a GPU takes less time, fog and several rays more."""
+"""Source: docs/benchmarks.md; rate of two cores in clear air. A GPU takes less time, fog and several rays more."""
 
 BYTES_OF_TEXT = 3
 """Size of a number as text, relative to binary."""

@@ -12,15 +12,19 @@ from __future__ import annotations
 import math
 
 RETINA_M = (400e-9, 1400e-9)
-"""Wavelengths that reach the retina."""
+"""Source: IEC 60825-1:2014; wavelengths that reach the retina."""
 
 LONGEST_WAVELENGTH_M = 2600e-9
+"""Choice: end of the wavelengths that are covered here; the standard goes on to 1 mm."""
+
 SHORTEST_S, LONGEST_S = 1e-13, 3e4
+"""Source: IEC 60825-1:2014; emission durations of its tables."""
 
 SMALLEST_SOURCE_RAD = 1.5e-3
-"""alpha_min: a source of a smaller angle counts as a point."""
+"""Source: IEC 60825-1:2014; alpha_min: a source of a smaller angle counts as a point."""
 
-_HELD_C7_M = 1250e-9  # C7 is held at its value here up to 1400 nm
+_HELD_C7_M = 1250e-9
+"""Source: IEC 60825-1:2014; C7 is held at its value here up to 1400 nm."""
 
 
 def reaches_retina(wavelength_m: float) -> bool:

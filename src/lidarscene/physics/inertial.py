@@ -16,11 +16,8 @@ import numpy as np
 
 from ..maths.arrays import Numbers
 
-STANDARD_GRAVITY_M_S2 = 9.80665
-"""Gravity by definition (BIPM, 3rd CGPM, 1901); on the ground it is 9.780 to 9.832 m/s2."""
-
 RATIO = 4.0
-"""Ratio of neighbouring correlation times: with it the sum is flat within 1 %."""
+"""Accuracy bought: ratio of neighbouring correlation times: with it the sum is flat within 1 %."""
 
 CORRELATION_TIMES_S = RATIO ** np.arange(10.0)
 """Correlation times of the processes whose sum is flicker noise: 1 s, below which white noise hides it, to 73 h."""

@@ -20,7 +20,7 @@ MAGIC = {
     b"\x4d\x3c\xb2\xa1": ("<", 1e-9),
     b"\xa1\xb2\x3c\x4d": (">", 1e-9),
 }
-"""First bytes of a pcap -> (order of its bytes, unit of the fraction of a second)."""
+"""Source: pcap's file format; first bytes -> (order of its bytes, unit of the fraction of a second)."""
 
 HEADER_BYTES, RECORD_BYTES = 24, 16
 ETHERNET, RAW_IP, COOKED = 1, 101, 113

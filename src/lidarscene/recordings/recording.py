@@ -14,7 +14,7 @@ from ..errors import InputError, OptionWarning
 from .sweep import Sweep
 
 FARTHEST_M = 10_000.0
-"""No lidar of this kind sees farther: a return from beyond is a damaged number."""
+"""Choice: range beyond which a return is a damaged number: no lidar of this kind sees farther."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -23,8 +23,8 @@ NAMES = {
 """Names that drivers and files give to a column of a sweep, the usual one first."""
 
 LEAST_M = 0.05
-"""Least distance of a point: nearer ones are zeros by which drivers fill their rows and columns, or lie on the sensor's
-own window, such as the markers of lost pulses in nuScenes' sweeps."""
+"""Choice: least distance of a point: nearer ones are zeros by which drivers fill their rows and columns, or lie on the
+sensor's own window, such as the markers of lost pulses in nuScenes' sweeps."""
 
 
 def sweep_of(

@@ -27,7 +27,8 @@ USUAL = ("table1-apd", "table1-sipm", "sony-spad-189x600")
 """Sensors with every kind of detector."""
 
 _SHARE = 1e-3
-"""Usual value over upper bound, for a number that may be 0: bounds are some hundred times wider than any device."""
+"""Choice: usual value over upper bound, for a number that may be 0: bounds are some hundred times wider than any
+device."""
 
 
 def check_detections(scene: Scene, sensor: Sensor, detections: Sequence[Any]) -> None:

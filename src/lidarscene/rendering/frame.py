@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from ..cloud.deskew import SHORTEST_S
 from ..errors import InputError
 from ..kernel.device import transfer
 from ..kernel.world.mitsuba_world import World, fixed_placement, motions_on_device, mover_boxes
@@ -19,23 +20,20 @@ from ..maths.arrays import Lanes, Numbers
 from ..maths.motion_table import MotionTable, MovingBodies, Placement
 from ..maths.pose import Pose
 from ..maths.random import ROLLOVERS, Seed
-from ..maths.trajectory import Course, Motion, Riding, motion_in_frame, pose_at
+from ..maths.trajectory import CLOCK_ROUNDING_S, Course, Motion, Riding, motion_in_frame, pose_at
 from ..scan import Scanner
-from ..scene.scene import CLOCK_ROUNDING_S, Body, Scene
+from ..scene.scene import Body, Scene
 from ..sensor.sensor_model import Sensor
 from .render_options import NUMBERS, FrameOptions
 
 LARGEST_FLOAT32_M = 1000.0
-"""Coordinates beyond this are double precision: float32 steps reach 0.1 mm there."""
+"""Accuracy bought: coordinates beyond this are double precision: float32 steps reach 0.1 mm there."""
 
 PULSE_NUMBERS = 2**31
 """Pulse numbers on the device are below this: as many whole frames as fit, then they begin again at 0 (a rollover)."""
 
 TOLERANCE_S = CLOCK_ROUNDING_S
 """A trajectory that ends this much early still lasts to the end of a frame: 30 um at 30 m/s."""
-
-SHORTEST_S = 1e-9
-"""The length of a frame whose pulses all leave at once."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -35,7 +35,8 @@ from .render_options import NUMBERS, FrameKeywords, FrameOptions, Keywords, Trac
 from .simulator import Simulator
 
 ROTATION_ERROR = 1e-5
-"""Largest error of a rotation's entries: those of a rotation in single precision, multiplied a few times."""
+"""Accuracy bought: largest error of a rotation's entries: those of a rotation in single precision, multiplied a few
+times."""
 
 _SHOWN = 8
 """Most names listed in an error."""

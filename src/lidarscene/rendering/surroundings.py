@@ -28,13 +28,15 @@ from .render_options import FrameOptions
 from .simulator import Simulator
 
 LARGEST_BODY_M = 200.0
-"""A body larger than this in all three directions is a mistake of its unit: terrain is flatter, a tower thinner."""
+"""Choice: extent in all three directions beyond which a body is a mistake of its unit: terrain is flatter, a tower
+thinner."""
 
 SMALLEST_BODY_M = 0.01
-"""A body that is smaller than this in all three is one too: a lidar would not see it from a metre."""
+"""Choice: extent in all three directions below which a body is one too: a lidar would not see it from a metre."""
 
 CLEAREST_M = 300e3
-"""No air is clearer: molecules alone scatter 0.013 of green light in a km, and 3.912 over that is the visibility."""
+"""Source: Rayleigh scattering; no air is clearer: molecules alone scatter 0.013 of green light in a km, and 3.912 over
+that is the visibility."""
 
 WAY_STEP_S = 0.1
 """Between times at which the ground below the ego vehicle is looked for."""

@@ -35,7 +35,7 @@ HEIGHT = 8
 """Scan lines of a tile; a packet of width w spans PACKET / w of them."""
 
 UPRIGHT = 1.1
-"""Weight of a horizontal angle relative to a vertical one in the girth of a packet."""
+"""Choice: weight of a horizontal angle relative to a vertical one in the girth of a packet."""
 
 CACHED = 2
 """Chunks whose order and times are cached: frames have chunks of two sizes at most, and mostly one chunk."""

@@ -40,7 +40,7 @@ LARGEST_HEIGHT = {
     "stereographic": 2.0,
     "orthographic": 1.0,
 }
-"""h at 90 degrees from the axis (for a rectilinear lens, at 88.9)."""
+"""Source: the lens's projection; h at 90 degrees from the axis (for a rectilinear lens, at 88.9)."""
 
 
 Count = Annotated[int, Quantity(ge=1, le=2**24, about="pixels")]

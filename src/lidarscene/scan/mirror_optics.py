@@ -19,14 +19,11 @@ from pydantic import Field, model_validator
 from ..files.table_model import Number, Target
 from ..maths.arrays import Lanes, xp
 from ..maths.units import si
-from ..maths.vectors import Vector, dot, reflected, weighted_sum
+from ..maths.vectors import FORWARD, LEFT, UP, Vector, dot, reflected, weighted_sum
 from .aperture import mirror_share, round_mirror_share
 from .scanner_file import ScannerContext, ScannerFile
 
-_X: Vector = (1.0, 0.0, 0.0)
-_LEFT: Vector = (0.0, 1.0, 0.0)
-_UP: Vector = (0.0, 0.0, 1.0)
-_SIDES: dict[str, Vector] = {"left": _LEFT, "right": (0.0, -1.0, 0.0), "above": _UP, "below": (0.0, 0.0, -1.0)}
+_SIDES: dict[str, Vector] = {"left": LEFT, "right": (0.0, -1.0, 0.0), "above": UP, "below": (0.0, 0.0, -1.0)}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -60,15 +57,15 @@ class Gimbal:
         in_plane, out_of_plane = (
             (elevation_turn_rad, azimuth_turn_rad) if folds_upright else (azimuth_turn_rad, elevation_turn_rad)
         )
-        across = _LEFT if folds_upright else _UP
+        across = LEFT if folds_upright else UP
         # The sign makes a positive turn move the beam left or up, from whichever side it comes.
         towards_side = in_plane * sum(side)
         ops = xp(in_plane, out_of_plane, self.incidence_rad)
         cos_rest, sin_rest = ops.cos(self.incidence_rad), ops.sin(self.incidence_rad)
         # The normal at rest, and the direction in the mirror within the plane of incidence.
         normal_at_rest, along = (
-            weighted_sum(cos_rest, _X, sin_rest, side),
-            weighted_sum(-sin_rest, _X, cos_rest, side),
+            weighted_sum(cos_rest, FORWARD, sin_rest, side),
+            weighted_sum(-sin_rest, FORWARD, cos_rest, side),
         )
         cos_in, sin_in = ops.cos(towards_side), ops.sin(towards_side)
         cos_out, sin_out = ops.cos(out_of_plane), ops.sin(out_of_plane)
@@ -76,7 +73,7 @@ class Gimbal:
             normal = weighted_sum(cos_out, weighted_sum(cos_in, normal_at_rest, sin_in, along), sin_out, across)
         else:
             normal = weighted_sum(cos_in, weighted_sum(cos_out, normal_at_rest, sin_out, across), sin_in, along)
-        incoming = weighted_sum(1.0, _X, -2.0 * cos_rest, normal_at_rest)
+        incoming = weighted_sum(1.0, FORWARD, -2.0 * cos_rest, normal_at_rest)
         cos_incidence = -dot(incoming, normal)
         return reflected(incoming, normal), self._share(cos_incidence, cos_rest)
 
@@ -109,12 +106,12 @@ class MirrorPair:
         upright = self.last == "elevation"
         first, last = (azimuth_turn_rad, elevation_turn_rad) if upright else (elevation_turn_rad, azimuth_turn_rad)
         # Where the first mirror moves the beam, and from where the last one gets it.
-        moved, side = (_LEFT, _UP) if upright else (_UP, _LEFT)
+        moved, side = (LEFT, UP) if upright else (UP, LEFT)
         ops = xp(first, last)
         angle, last_angle = 0.25 * math.pi + first, 0.25 * math.pi + last
         normal = weighted_sum(-ops.cos(angle), moved, -ops.sin(angle), side)
         between = reflected(moved, normal)
-        last_normal = weighted_sum(ops.cos(last_angle), _X, ops.sin(last_angle), side)
+        last_normal = weighted_sum(ops.cos(last_angle), FORWARD, ops.sin(last_angle), side)
         cos_rest = math.sqrt(0.5)
         shares = (
             mirror_share(cos_incidence=-dot(incoming, mirror_normal), cos_at_rest=cos_rest)

@@ -31,12 +31,10 @@ from ..errors import InputError
 from ..files.table_model import Table
 from ..maths.arrays import Lanes, LookupTable, Numbers, xp
 from ..maths.units import FileKey, Quantity, si
-from ..maths.vectors import Vector, reflected, refracted
+from ..maths.vectors import FORWARD, Vector, reflected, refracted
 from .base import Encoder, Jitter, Mechanism
 from .scanner_file import ScannerContext, ScannerFile
 from .turns import Turns
-
-_X: Vector = (1.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -76,7 +74,7 @@ class Wedge:
         # The normal of the inclined face leans away from the thick side if that face is the outer one, else towards it.
         sine = ops.sin(self.angle_rad) * (-1.0 if self.tilted == "out" else 1.0)
         inclined = ops.cos(self.angle_rad), sine * ops.cos(phase_rad), sine * ops.sin(phase_rad)
-        first, second = (_X, inclined) if self.tilted == "out" else (inclined, _X)
+        first, second = (FORWARD, inclined) if self.tilted == "out" else (inclined, FORWARD)
         # Into the glass and out of it. The cross-section widens with the cosine at both faces.
         inside, widened = refracted(direction, first, 1.0 / self.index)
         outside, widened_again = refracted(inside, second, self.index)
@@ -198,7 +196,7 @@ class Risley(Mechanism):
 
         elevation_rad  elevation of the beam before the prisms; along the axis if left out
         """
-        direction: Vector = _X
+        direction: Vector = FORWARD
         if elevation_rad is not None:
             ops = xp(elevation_rad)
             direction = ops.cos(elevation_rad), 0.0 * elevation_rad, ops.sin(elevation_rad)

@@ -30,8 +30,6 @@ from .base import Encoder, Jitter, Mechanism, Rotation, split_frame
 from .scanner_file import ScannerContext, ScannerFile, require_fewer
 from .turns import Turns
 
-_TWO_PI = 2.0 * math.pi
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Bank:
@@ -164,7 +162,7 @@ class Spinning(Mechanism):
             cycles_per_turn = max(1, round(period_s / cycle_s))
             step = Fraction(rotation_hz) * Fraction(cycle_s)
         if sweep.sweep_rad is not None:
-            cycles_per_turn = max(1, round(sweep.sweep_rad / _TWO_PI * cycles_per_turn))
+            cycles_per_turn = max(1, round(sweep.sweep_rad / math.tau * cycles_per_turn))
         # Pulse numbers follow time, while a data sheet lists lasers from the top: `lasers_by_place` leads back.
         order = np.argsort(np.asarray(firing_s), kind="stable")
 
@@ -179,7 +177,7 @@ class Spinning(Mechanism):
             head=Turns.from_fraction(step, start_rad=sweep.start_azimuth_rad),
             elevation_rad=table(bank.elevation_rad),
             azimuth_rad=table(azimuth_rad),
-            lead_rad=table(_TWO_PI * rotation_hz * np.asarray(firing_s)),
+            lead_rad=table(math.tau * rotation_hz * np.asarray(firing_s)),
             lasers_by_place=table(np.arange(len(order)) if bank.channel is None else bank.channel),
             start_m=None if start_m is None else (table(start_m[0]), table(start_m[1]), table(start_m[2])),
             responsivity=None if bank.responsivity is None else table(bank.responsivity),
@@ -222,7 +220,7 @@ class Spinning(Mechanism):
         # The head turns on while its lasers fire: `lead_rad` is in the head's angle, the laser's own offset comes here.
         azimuth = head + ops.float32(ops.take(self.azimuth_rad, place))
         # Into -pi to pi, where single precision is finest and where sensors report.
-        azimuth = azimuth - _TWO_PI * ops.rint(azimuth * (1.0 / _TWO_PI))
+        azimuth = azimuth - math.tau * ops.rint(azimuth * (1.0 / math.tau))
         return azimuth, ops.float32(ops.take(self.elevation_rad, place))
 
     def _optics(self, pulse: Lanes, turned: tuple[Lanes, ...]) -> tuple[Vector, Lanes]:
@@ -318,7 +316,7 @@ class SpinningFile(ScannerFile[Spinning]):
     @property
     def turn_rate_rad_s(self) -> float:
         """That of the head."""
-        return _TWO_PI * float(self.rotation_hz)
+        return math.tau * float(self.rotation_hz)
 
     def shot_period_us(self, pulse_period_us: float) -> float:
         """Each laser has a receiver, which listens until that laser's next pulse."""

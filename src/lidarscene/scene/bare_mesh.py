@@ -23,12 +23,14 @@ from ..maths.pose import Pose
 from .meshes import reading, usd
 from .meshes.mesh_axes import UNITS, Axis, Unit, axis_of, turn_upright
 from .scene import Part, Scene
+from .tables import USUAL_HEIGHT_M
 
 MESHES = (".glb", ".gltf", ".obj", ".off", ".ply", ".stl", *usd.SUFFIXES)
 """Suffixes of mesh files that are accepted in place of a scene file."""
 
 SMALLEST_M, LARGEST_M = 0.05, 2000.0
-"""Smallest and largest plausible extent of a mesh, from a bottle to a city quarter; beyond, its unit is wrong."""
+"""Choice: smallest and largest plausible extent of a mesh, from a bottle to a city quarter; beyond, its unit is
+wrong."""
 
 NAMES: dict[str, Unit] = {"millimetres": "mm", "centimetres": "cm", "inches": "in", "kilometres": "km"}
 """Units that may explain an implausible size, likeliest first: name in messages -> key in the file."""
@@ -36,14 +38,11 @@ NAMES: dict[str, Unit] = {"millimetres": "mm", "centimetres": "cm", "inches": "i
 PLAIN = "concrete"
 """Material of pieces without a colour of their own."""
 
-HEIGHT_M = 1.8
-"""Height of the sensor above the ground, as on a car's roof."""
-
 CLEAR_M = 5.0
-"""Distance from the sensor to the near side of a small mesh."""
+"""Choice: distance from the sensor to the near side of a small mesh."""
 
 ACROSS_DEG, HIGH_DEG = 60.0, 18.0
-"""Largest angles that the near side of the mesh subtends: a little less than the field of view of Table 1."""
+"""Choice: largest angles that the near side of the mesh subtends: a little less than the field of view of Table 1."""
 
 
 def is_mesh(path: Path) -> bool:
@@ -100,13 +99,13 @@ def _tables(path: Path, corners: Numbers, plain: dict[str, str], placement: _Pla
     # makes the depth of the mesh irrelevant.
     side_m = float((size / 2.0 / np.tan(np.radians([180.0, ACROSS_DEG, HIGH_DEG]) / 2.0)).max())
     distance_m = max(CLEAR_M, side_m) + float(size[0]) / 2.0
-    pitch_deg = math.degrees(math.atan2(size[2] / 2.0 - HEIGHT_M, distance_m))
+    pitch_deg = math.degrees(math.atan2(size[2] / 2.0 - USUAL_HEIGHT_M, distance_m))
     return {
         "name": path.stem,
         "description": f"the mesh {path.name} on a plain",
         "sun": {"azimuth_deg": 140.0, "elevation_deg": 40.0, "illuminance_klux": 100.0},
         "sky": {"diffuse_share": 0.1},
-        "sensor": {"name": "table1-apd", "position_m": [-distance_m, 0.0, HEIGHT_M], "pitch_deg": pitch_deg},
+        "sensor": {"name": "table1-apd", "position_m": [-distance_m, 0.0, USUAL_HEIGHT_M], "pitch_deg": pitch_deg},
         "bodies": [
             {
                 "name": "ground",

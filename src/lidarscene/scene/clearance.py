@@ -19,17 +19,19 @@ from ..maths.trajectory import pose_at, poses_at
 from .scene import Ball, Body, Part, Scene, box_of
 
 NARROWEST_ROOM_M = 1.0
-"""Least extent of a room. A sensor inside a closed body that is thinner along one of its axes is refused."""
+"""Choice: least extent of a room. A sensor inside a closed body that is thinner along one of its axes is refused."""
 
 _ENCLOSED = 0.5
-"""Least share of directions that a body blocks around a point inside it; it is 1 in a closed body, 0 beside it."""
+"""Choice: least share of directions that a body blocks around a point inside it; it is 1 in a closed body, 0 beside
+it."""
 
 _SHUT = 0.9
-"""Least share of directions blocked in a room that is closed but for gaps; a room with an open side has less."""
+"""Choice: least share of directions blocked in a room that is closed but for gaps; a room with an open side has
+less."""
 
 
 _NEAR_M = 10.0
-"""Margin beyond the nearest bounding box within which boxes are refined in the body's own frame."""
+"""Choice: margin beyond the nearest bounding box within which boxes are refined in the body's own frame."""
 
 
 class NearSurface(NamedTuple):

@@ -18,10 +18,10 @@ from ..physics.road.roughness import RoughSurface
 from .meshes.primitives import grid_faces
 
 SPACING_M = 0.5
-"""Distance of a sheet's vertices if the file says nothing."""
+"""Choice: distance of a sheet's vertices if the file says nothing."""
 
 SPACINGS_A_WAVE = 3.0
-"""Vertices that the shortest wave of a mesh has at least."""
+"""Accuracy bought: vertices that the shortest wave of a mesh has at least: shorter waves are left out."""
 
 MOST_VERTICES = 4_000_000
 """Most vertices of a sheet: 100 MB of triangles."""

@@ -22,7 +22,7 @@ from ..materials.material import Material
 from ..materials.material_file import catalogue_material
 from ..maths.arrays import Numbers, frozen
 from ..maths.pose import Pose, direction_from_angles
-from ..maths.trajectory import ALWAYS, Motion, Riding, pose_at
+from ..maths.trajectory import ALWAYS, CLOCK_ROUNDING_S, Motion, Riding, pose_at
 from ..maths.units import FileKey, Quantity
 from ..physics.optics import air
 from ..sensor.pose_file import Placed, to_pose
@@ -85,10 +85,6 @@ def box_of(parts: Sequence[Part | Ball]) -> Numbers | None:
         if isinstance(part, Ball) or len(part.vertices_m)
     ]
     return np.stack([np.min(corners, axis=(0, 1)), np.max(corners, axis=(0, 1))]) if corners else None
-
-
-CLOCK_ROUNDING_S = 1e-6
-"""Rounding of times by clocks that began in 1970: a motion that ends this much early still covers a time."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -45,7 +45,8 @@ from .street.street_tables import with_street
 from .tables import BodyFile, SceneFile, interferers, lamps_w_m2
 
 SMALLEST_BODY_M = 1e-6
-"""Smallest extent of a body: below it single precision cannot resolve the corners, so its scale must be wrong."""
+"""Accuracy bought: smallest extent of a body: below it single precision cannot resolve the corners, so its scale must
+be wrong."""
 
 
 SceneChoice = Annotated[str | os.PathLike[str] | Scene, CHECKED_INSIDE]

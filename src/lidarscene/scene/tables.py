@@ -33,7 +33,7 @@ Name = Annotated[str, Field(min_length=1)]
 
 
 USUAL_HEIGHT_M = 1.8
-"""Height of a sensor on the roof of a car, above a ground at 0."""
+"""Choice: height of a sensor on the roof of a car, above a ground at 0."""
 
 
 def _parse_time(value: object) -> datetime:

@@ -21,13 +21,17 @@ MOST_BINS = 64
 """Most bins that are drawn around an echo: each is some hundred instructions of the kernel."""
 
 SHORTEST_DEAD_TIME = 1.0
-"""Shortest dead time of a SPAD, in FWHM of the pulse: a SPAD counts an echo only once."""
+"""Choice: shortest dead time of a SPAD, in FWHM of the pulse: a SPAD counts an echo only once."""
 
 MOST_COLUMNS = 16
 """Most columns that share their noise: each two are a random number of the kernel."""
 
-_TEMPLATE_REACH = 3.0  # of the template to either side, in sigmas of the pulse
-_SEARCH_REACH = 1.25  # of the search for the filter's peak: its place scatters by a third of that at an SNR of 5
+_TEMPLATE_REACH = 3.0
+"""Accuracy bought: reach of the template to either side, in sigmas of the pulse."""
+
+_SEARCH_REACH = 1.25
+"""Accuracy bought: reach of the search for the filter's peak, in sigmas: its place scatters by a third of that at an
+SNR of 5."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

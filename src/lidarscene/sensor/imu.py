@@ -20,19 +20,18 @@ from ..files.table_model import Table
 from ..files.toml import read_toml, validate
 from ..maths.arrays import Numbers
 from ..maths.pose import Pose
-from ..maths.trajectory import Motion, Riding
+from ..maths.trajectory import CLOCK_ROUNDING_S, Motion, Riding
 from ..maths.units import Quantity
 from ..physics import inertial
+from ..physics.constants import STANDARD_GRAVITY_M_S2
 from .pose_file import PoseFile
 
 STEP_S = 5e-4
-"""Step of the differences. An oscillation of 50 Hz is followed to 1e-7, and rounding adds 1e-11 m/s2."""
+"""Accuracy bought: step of the differences. An oscillation of 50 Hz is followed to 1e-7, and rounding adds 1e-11
+m/s2."""
 
 STENCIL = ((-3, -1 / 60), (-2, 3 / 20), (-1, -3 / 4), (1, 3 / 4), (2, -3 / 20), (3, 1 / 60))
 """Steps and weights of the central difference of sixth order."""
-
-ROUNDING_S = 1e-6
-"""Times this close are one: those of a clock that began in 1970 have steps of 0.24 us."""
 
 PIECE_SAMPLES = 1 << 15
 
@@ -57,7 +56,7 @@ class ImuSamples:
 
     def between(self, start_s: float, end_s: float) -> ImuSamples:
         """Samples from a time on and before another; rounding moves none across."""
-        part = slice(*np.searchsorted(self.time_s, np.array([start_s, end_s]) - ROUNDING_S))
+        part = slice(*np.searchsorted(self.time_s, np.array([start_s, end_s]) - CLOCK_ROUNDING_S))
         return ImuSamples(
             time_s=self.time_s[part],
             angular_velocity_rad_s=self.angular_velocity_rad_s[part],
@@ -95,7 +94,7 @@ class Imu:
         float, Quantity("mg", ge=0, le=1e4, about="standard deviation of the bias at the start")
     ] = 0.0
     gravity_m_s2: Annotated[float, Quantity(ge=0, le=100, about="downwards; 9.780 at the equator, 9.832 at a pole")] = (
-        inertial.STANDARD_GRAVITY_M_S2
+        STANDARD_GRAVITY_M_S2
     )
 
     @property
@@ -107,7 +106,7 @@ class Imu:
 
     def times_s(self, start_s: float, end_s: float) -> Numbers:
         """Times of the samples from one time on and before another: multiples of the period."""
-        first, end = (np.ceil((time_s - ROUNDING_S) * self.rate_hz) for time_s in (start_s, end_s))
+        first, end = (np.ceil((time_s - CLOCK_ROUNDING_S) * self.rate_hz) for time_s in (start_s, end_s))
         return np.arange(first, end) / self.rate_hz
 
     def measure(self, carrier: Motion, time_s: Numbers, rng: np.random.Generator) -> ImuSamples:

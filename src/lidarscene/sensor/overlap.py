@@ -24,7 +24,7 @@ SIXTH_ORDER = ((1.0, 0.75), (2.0, -0.15), (3.0, 1.0 / 60.0))
 """Sixth-order central difference: sum of w_k (f(x + k h) - f(x - k h)) / h (Fornberg, Math. Comp. 51, 1988, 699)."""
 
 _STEP = 1e-3
-"""h over x: the slopes of the share are off by 1e-9."""
+"""Accuracy bought: h over x: the slopes of the share are off by 1e-9."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

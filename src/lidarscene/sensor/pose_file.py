@@ -15,7 +15,7 @@ from ..files.toml import FileModel
 from ..maths.pose import Pose
 
 LARGEST_COORDINATE_M = 1e8
-"""No position is farther off: enough for any map projection, and far from what single precision can hold."""
+"""Choice: farthest position: enough for any map projection, and far from what single precision can hold."""
 
 Coordinate = Annotated[float, Field(ge=-LARGEST_COORDINATE_M, le=LARGEST_COORDINATE_M)]
 Vector = tuple[Coordinate, Coordinate, Coordinate]

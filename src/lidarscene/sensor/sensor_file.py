@@ -35,7 +35,7 @@ from .volleys import find_volleys
 from .wear_file import WearFile
 
 NOMINAL_TEMPERATURE_C = 25.0
-"""Temperature at which data sheets state a laser's wavelength."""
+"""Source: data sheets; temperature at which they state a laser's wavelength."""
 
 
 class PolarisationFile(Table[Polarisation]):

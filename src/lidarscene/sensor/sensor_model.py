@@ -32,7 +32,8 @@ from .overlap import Alignment, Overlap, OverlapGeometry, Spot
 from .wear import Wear
 
 PULSE_BANDWIDTH = 0.35
-"""Bandwidth times FWHM that a pulse needs: rise time is 0.35 over the bandwidth, and a slower amplifier lowers it."""
+"""Source: an RC low-pass, whose rise time is 0.35 over its bandwidth; bandwidth times FWHM that a pulse needs: a slower
+amplifier lowers it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

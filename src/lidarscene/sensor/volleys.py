@@ -20,10 +20,11 @@ LARGEST_TABLE = 2**24
 """Most numbers of a table of shares: 64 MiB in single precision."""
 
 LARGEST_SUM = 0.5
-"""Most of a channel's light that may come from others, all of which see the same."""
+"""Choice: most of a channel's light that may come from others, all of which see the same."""
 
 LEAST_SHARE = 1e-30
-"""Share in the table of channels that fire together without stray light: those of 0 are of no volley."""
+"""Accuracy bought: share in the table of channels that fire together without stray light: those of 0 are of no
+volley."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -27,9 +27,8 @@ from ..scan import Scanner
 from ..sensor.sensor_model import Sensor
 
 SAME_SIGNAL = 1e-3
-"""Largest relative difference of two signals that count as equal: columns are single precision, and the power cannot be
-recovered from the signal of a saturated SiPM.
-"""
+"""Accuracy bought: largest relative difference of two signals that count as equal: columns are single precision, and
+the power cannot be recovered from the signal of a saturated SiPM."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -27,7 +27,7 @@ SHOTS = 20_000
 """Shots for one standard deviation, whose own error is then 0.5 %."""
 
 MODE_REFLECTIVITIES = (0.1, 0.8)
-"""Of the targets on which modes are compared."""
+"""Choice: reflectivities of the targets on which modes are compared."""
 
 _SEED = 1
 

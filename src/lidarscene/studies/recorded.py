@@ -33,15 +33,14 @@ from .fit.scatter import COLUMN_STEP, PATCH
 from .held import LIMITS, Held, held_table, verdict
 from .published_values import repeatability, scatter_m
 from .ranging.plane import Target, echoes_of_plane
-
-RECORDED_KLUX = 20.0
-"""Light that is assumed where a recording does not have it; near targets scatter alike at any."""
+from .twin.tuning import ASSUMED_KLUX
 
 GLARE_STEPS = 20
 """Steps in which the strength and the reach of a glaring return are searched, each of 7.6 %."""
 
 WEAK_PHOTONS = 200.0
-"""Photons of the returns beside it: surely found, and with a scatter of the range below a tenth of the reach."""
+"""Choice: photons of the returns beside a glaring one: surely found, and with a scatter of the range below a tenth of
+the reach."""
 
 SHOTS_OF_PAIRS = 20
 """Pulses with two echoes at each separation."""
@@ -176,7 +175,7 @@ def compare_points(recorded: RecordedPointsFile, name: str) -> Iterator[Held]:
     for reflectivity, range_m, sigma_mm in zip(
         recorded.scatter.reflectivity, recorded.scatter.range_m, recorded.scatter.sigma_mm, strict=True
     ):
-        target = Target(reflectivity=reflectivity, illuminance_klux=RECORDED_KLUX)
+        target = Target(reflectivity=reflectivity, illuminance_klux=ASSUMED_KLUX)
         sigma_m = scatter_m(sensor, target, range_m=range_m)
         simulated_mm = None if sigma_m is None else 1e3 * sigma_m
         yield _row("scatter ratio", "scatter", f"{reflectivity:.0%} at {range_m:g} m", sigma_mm, simulated_mm, "mm")
@@ -214,7 +213,7 @@ def least_separation_m(sensor: Sensor) -> float | None:
     shape = (len(separations_m), SHOTS_OF_PAIRS)
     apart_m = np.repeat(separations_m, SHOTS_OF_PAIRS)
     near_m = 10.0 + np.random.default_rng(1).uniform(-0.5, 0.5, apart_m.size)
-    light = echoes_of_plane(sensor, Target(reflectivity=0.3, illuminance_klux=RECORDED_KLUX), near_m)
+    light = echoes_of_plane(sensor, Target(reflectivity=0.3, illuminance_klux=ASSUMED_KLUX), near_m)
     half_w = 0.5 * light.peak_power_w
     train = EchoTrain(
         parts=tuple(SubEchoes(range_m=range_m, peak_power_w=half_w, count=1) for range_m in (near_m, near_m + apart_m)),

@@ -46,9 +46,10 @@ SENSOR = "sensor"
 """Key of the choice of a sensor."""
 
 IN_ROOM = 0.9
-"""Share of the way to the first surface at which the camera stops."""
+"""Choice: share of the way to the first surface at which the camera stops."""
 
-WAVELENGTH_M = 905e-9  # of the grey of a scene's surfaces, where no sensor is known
+WAVELENGTH_M = 905e-9
+"""Choice: wavelength of the grey of a scene's surfaces, where no sensor is known."""
 
 NO_SCENE = "no deskewed layer: name the cloud's scene too, which knows how the vehicle drove"
 OTHER_SCENE = "no deskewed layer: the vehicle of this scene stands still"

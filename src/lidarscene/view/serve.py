@@ -27,10 +27,11 @@ MOST_CONNECTIONS = 32
 """Most connections at a time. A browser opens six; each has a thread, so a script must not open thousands."""
 
 PATIENCE_S = 10.0
-"""Time limit for a request to arrive and for an answer to be read: half a request would block its thread for ever."""
+"""Choice: time limit for a request to arrive and for an answer to be read: half a request would block its thread for
+ever."""
 
 HANG_UP_S = 2.0
-"""Time limit for the thread of a connection that is hung up on to end."""
+"""Choice: time limit for the thread of a connection that is hung up on to end."""
 
 SECURITY = {
     "X-Content-Type-Options": "nosniff",

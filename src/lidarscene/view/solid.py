@@ -14,8 +14,11 @@ from ..maths.trajectory import pose_at
 from ..scene.scene import Part, Scene
 
 TINTS = {"glass": (0.55, 0.85, 1.0), "conductor": (0.70, 0.80, 0.95), "retroreflector": (1.0, 0.80, 0.45)}
-"""Tint by kind of BSDF: shiny materials get a hue, all others are grey."""
-UNKNOWN_REFLECTIVITY = 0.4  # of a BSDF of a Mitsuba file, for its grey
+"""Choice: tint by kind of BSDF: shiny materials get a hue, all others are grey."""
+
+UNKNOWN_REFLECTIVITY = 0.4
+"""Choice: reflectivity of a BSDF of a Mitsuba file, for its grey."""
+
 GLASS_ALPHA = 70
 
 

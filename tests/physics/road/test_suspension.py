@@ -5,7 +5,8 @@ import pytest
 from helpers.roads import output_spectrum, wheel_spectrum
 from scipy.integrate import solve_ivp
 
-from lidarscene.physics.road.suspension import GRAVITY_M_S2, Suspension
+from lidarscene.physics.constants import STANDARD_GRAVITY_M_S2
+from lidarscene.physics.road.suspension import Suspension
 
 CAR = Suspension()
 HEAVE, PITCH, ROLL = range(3)
@@ -32,8 +33,10 @@ def accelerations(q: np.ndarray, v: np.ndarray, road_m: np.ndarray, ahead: float
             result[wheel] = (tyre - push + by_bar) / (CAR.unsprung_kg[axle] / 2)
     weight = CAR.sprung_kg * CAR.height_m
     result[HEAVE] = lift / CAR.sprung_kg
-    result[PITCH] = (nose + weight * (ahead + GRAVITY_M_S2 * pitch)) / CAR.pitch_inertia_kg_m2
-    result[ROLL] = (right + weight * (left + GRAVITY_M_S2 * roll)) / (CAR.roll_inertia_kg_m2 + weight * CAR.height_m)
+    result[PITCH] = (nose + weight * (ahead + STANDARD_GRAVITY_M_S2 * pitch)) / CAR.pitch_inertia_kg_m2
+    result[ROLL] = (right + weight * (left + STANDARD_GRAVITY_M_S2 * roll)) / (
+        CAR.roll_inertia_kg_m2 + weight * CAR.height_m
+    )
     return result
 
 
@@ -96,10 +99,10 @@ def test_roll_in_a_bend_by_hand() -> None:
         tyres = CAR.tyre_n_per_m * track**2 / 2
         stiffness += springs * tyres / (springs + tyres)
     moment = CAR.sprung_kg * CAR.height_m
-    expected = moment / (stiffness - moment * GRAVITY_M_S2)
+    expected = moment / (stiffness - moment * STANDARD_GRAVITY_M_S2)
     response = CAR.response(np.zeros(1))[0].real
     assert response[ROLL, 5] == pytest.approx(expected, rel=1e-9)
-    assert 3.0 < np.degrees(expected) * GRAVITY_M_S2 < 10.0, "degrees per g of passenger cars"
+    assert 3.0 < np.degrees(expected) * STANDARD_GRAVITY_M_S2 < 10.0, "degrees per g of passenger cars"
     assert response[PITCH, 4] > 0, "speeding up lifts the nose"
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from lidarscene.maths.arrays import Numbers
-from lidarscene.studies.fit import scatter
+from lidarscene.studies.fit import scatter, tuning
 from lidarscene.studies.fit.estimates import Solution
 from lidarscene.studies.fit.recorded_pulses import RecordedPulses
 from lidarscene.studies.fit.scatter import Scatter, fit_scatter
@@ -171,15 +171,15 @@ def test_uncertainties_are_those_of_a_law_whose_far_patches_are_left_out() -> No
     """
     share = (np.arange(100_000) + 0.5) / 100_000
     square = -2.0 * np.log1p(-share)
-    mean = square[square < scatter.LARGEST_SQUARE].mean()
+    mean = square[square < tuning.PATCH_SQUARE].mean()
 
     def score(scale: float) -> float:
         relative = square / scale
-        return float(np.sum(np.where(relative < scatter.LARGEST_SQUARE, relative / mean - 1.0, 0.0)))
+        return float(np.sum(np.where(relative < tuning.PATCH_SQUARE, relative / mean - 1.0, 0.0)))
 
-    inside = np.sum(square < scatter.LARGEST_SQUARE)
+    inside = np.sum(square < tuning.PATCH_SQUARE)
     information = (score(0.99) - score(1.01)) / (np.log(1.01) - np.log(0.99)) / inside
-    variance = np.var(square[square < scatter.LARGEST_SQUARE]) / mean**2
+    variance = np.var(square[square < tuning.PATCH_SQUARE]) / mean**2
     blocks = 128
     share = (np.arange(4 * blocks) * 197 % (4 * blocks) + 0.5) / (4 * blocks)
     radius = 0.01 * np.sqrt(-2.0 * np.log1p(-share))

@@ -9,13 +9,8 @@ from helpers.twins import room_sweep
 
 from lidarscene.sensor.sensor_file import load_sensor
 from lidarscene.studies import recorded
-from lidarscene.studies.twin.apparent_reflectivity import (
-    LEAST_REFLECTIVITY,
-    ReflectivityGauge,
-    is_explained,
-    scattering_law,
-    withheld_mask,
-)
+from lidarscene.studies.twin.apparent_reflectivity import ReflectivityGauge, is_explained, scattering_law, withheld_mask
+from lidarscene.studies.twin.tuning import LEAST_REFLECTIVITY
 
 
 def test_the_law_is_that_of_rough_matt_surfaces() -> None:

@@ -9,7 +9,7 @@ from lidarscene.maths.pose import Pose
 from lidarscene.recordings.sweep import Second, Sweep
 from lidarscene.sensor.sensor_file import load_sensor
 from lidarscene.studies import recorded
-from lidarscene.studies.twin import surfels
+from lidarscene.studies.twin import surfels, tuning
 from lidarscene.studies.twin.apparent_reflectivity import ReflectivityGauge, scattering_law
 from lidarscene.studies.twin.planes import align_columns
 from lidarscene.studies.twin.surfels import (
@@ -219,7 +219,7 @@ def test_borders_leave_no_gap_and_are_half_way_beside_a_lost_pulse() -> None:
     left, right = surfels._borders(align_columns(room_sweep(range_m=range_m)))
     np.testing.assert_allclose(np.roll(left, -1, axis=1) - right, 2.0)  # columns go to the right
     assert (left[6, 45], left[6, 46], right[6, 44]) == (1.0, 1.0, -1.0)
-    assert np.abs(left - 1.0).max() == pytest.approx(surfels.BORDER, rel=0.01)
+    assert np.abs(left - 1.0).max() == pytest.approx(tuning.BORDER, rel=0.01)
 
 
 @pytest.fixture

@@ -7,7 +7,7 @@ import pytest
 from helpers.twins import COLUMNS, HEIGHT_M, RINGS, room_sweep
 
 from lidarscene.recordings.sweep import Sweep
-from lidarscene.studies.twin import surfels
+from lidarscene.studies.twin import surfels, tuning
 from lidarscene.studies.twin.apparent_reflectivity import ReflectivityGauge, largest_reflectivity, scattering_law
 from lidarscene.studies.twin.surfels import BRIGHT, GROUND, SMOOTH
 
@@ -35,7 +35,7 @@ def test_quads_of_a_list_lie_on_the_room(open3d: Any) -> None:
     off_m = np.min([np.abs(x - 10.0), np.abs(y - 8.0), np.abs(z - HEIGHT_M)], axis=0)
     assert np.quantile(off_m, 0.9) < 1e-4
     ground = quads.corners_m[quads.kind == GROUND]
-    assert np.all(ground[..., 2] == pytest.approx(-HEIGHT_M - surfels.BELOW_M))
+    assert np.all(ground[..., 2] == pytest.approx(-HEIGHT_M - tuning.BELOW_M))
 
 
 def test_reflectivities_are_those_of_the_intensities(open3d: Any) -> None:
@@ -109,10 +109,10 @@ def test_the_completed_ground_is_the_grounds_alone(open3d: Any, bright: float) -
     np.testing.assert_allclose(sides_m, np.repeat(sides_m[:, :1], 3, axis=1))  # squares, however they lean
     completed = quads.kind == GROUND
     corners_m = quads.corners_m[completed]
-    level_m = ground[0] + corners_m[..., :2] @ ground[1:] - surfels.BELOW_M
+    level_m = ground[0] + corners_m[..., :2] @ ground[1:] - tuning.BELOW_M
     np.testing.assert_allclose(corners_m[..., 2], level_m, atol=1e-9)
     reach_m = np.hypot(corners_m[..., 0], corners_m[..., 1]).max()
-    assert 8.0 < reach_m < 10.5 + np.sqrt(0.5) * surfels.CELL_M
+    assert 8.0 < reach_m < 10.5 + np.sqrt(0.5) * tuning.CELL_M
     np.testing.assert_allclose(quads.reflectivity[completed], min(bright, largest_reflectivity()), rtol=0.02)
 
 

@@ -9,5 +9,5 @@ shadows       how many SPADs light of the last dead times has fired
 folding       light that comes back after the next pulse has left
 column_noise  noise of the range that neighbouring columns share
 histograms    whole histograms of chosen pulses
-tuning        numbers of the search, and what each is worth
+tuning        numbers that no source gives, and what each is worth
 """

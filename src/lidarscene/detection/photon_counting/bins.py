@@ -18,13 +18,11 @@ from ...maths.random import Seed, Stage
 from ...physics.photon_counting import dead_time, matched_filter
 from ...physics.photon_counting.pile_up import BOX
 from ...sensor.detectors.macropixel import Macropixel
-from .courses import FEW, Courses, EarlierFirings
-
-_LEAST = 1e-3
-"""Values beside the filter's peak below this share of it count as that much: their logarithm gives the peak's place."""
+from .courses import Courses, EarlierFirings
+from .tuning import FEW, LEAST_LEVEL
 
 _BELOW_ALL = 1e9
-"""Photons that no value of the filter lies below its mean."""
+"""Choice: photons that no value of the filter lies below its mean."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -303,7 +301,7 @@ class Bins:
         Returns its height over that value too.
         """
         ops = self.ops
-        lowest = ops.maximum(_LEAST * best, 1e-20)
+        lowest = ops.maximum(LEAST_LEVEL * best, 1e-20)
         low, top, high = (ops.log(ops.maximum(height, lowest)) for height in (before, best, after))
         bend = low - 2.0 * top + high
         flat = bend > -1e-9

@@ -10,15 +10,13 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
+from ...light.waveform import FAR
 from ...maths.arrays import Array, Lanes, Mask, S
 from ...maths.special import normal_tail
 from ...physics.photon_counting import matched_filter, valleys
 from ..rises import Rise, visit_all
 from .expectation import Expected, FilteredLight
 from .tuning import MERGED, NEIGHBOURS, OUTWARD
-
-_FAR = 1e30
-"""Place that no pulse has."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -87,7 +85,7 @@ def visit_candidates(light: FilteredLight, visit: Visit[S], state: S) -> S:
 
     def next_flank(place: Lanes) -> Lanes:
         """First echo behind a place, and apart from the one there, that is not part of a peak."""
-        first: Lanes = ops.full(place, _FAR)
+        first: Lanes = ops.full(place, FAR)
         for centre, height, merged in zip(wave.centres, wave.heights, peaks.merged, strict=True):
             new = ~merged & (height > 0.0) & (centre > place + MERGED)
             first = ops.where(new, ops.minimum(first, centre), first)
@@ -95,7 +93,7 @@ def visit_candidates(light: FilteredLight, visit: Visit[S], state: S) -> S:
 
     def active(loop_state: tuple[_Walk, S]) -> Mask:
         walk = loop_state[0]
-        return (walk.number < peaks.count) | (next_flank(walk.flank) < _FAR)
+        return (walk.number < peaks.count) | (next_flank(walk.flank) < FAR)
 
     def step(loop_state: tuple[_Walk, S]) -> tuple[_Walk, S]:
         walk, so_far = loop_state
@@ -105,18 +103,18 @@ def visit_candidates(light: FilteredLight, visit: Visit[S], state: S) -> S:
         def get(room: Array, index: Lanes) -> Lanes:
             return ops.get(room, ops.int32(ops.maximum(ops.minimum(index, last), 0.0)))
 
-        exists = is_peak | (flank < _FAR)
-        place = ops.where(is_peak, get(walk.places, number), ops.where(flank < _FAR, flank, 0.0))
-        low = ops.where(is_peak & (number > 0.0), get(walk.valleys, number), -_FAR)
-        high = ops.where(is_peak & (number < last), get(walk.valleys, number + 1.0), _FAR)
+        exists = is_peak | (flank < FAR)
+        place = ops.where(is_peak, get(walk.places, number), ops.where(flank < FAR, flank, 0.0))
+        low = ops.where(is_peak & (number > 0.0), get(walk.valleys, number), -FAR)
+        high = ops.where(is_peak & (number < last), get(walk.valleys, number + 1.0), FAR)
         candidate = Candidate(
             exists=exists,
             place=place,
             on_flank=exists & ~is_peak,
             low=low,
             high=high,
-            previous=ops.where(low > -_FAR, get(walk.places, number - 1.0), -_FAR),
-            following=ops.where(high < _FAR, get(walk.places, number + 1.0), _FAR),
+            previous=ops.where(low > -FAR, get(walk.places, number - 1.0), -FAR),
+            following=ops.where(high < FAR, get(walk.places, number + 1.0), FAR),
         )
         height, slope, _ = wave.at(place)
         power_w = ops.where(exists, height, 0.0)
@@ -132,7 +130,7 @@ def visit_candidates(light: FilteredLight, visit: Visit[S], state: S) -> S:
         return onward, visit(candidate, power_w, expected, so_far)
 
     first = ops.full(wave.origin_m, 0.0)
-    begin = _Walk(number=first, flank=first - _FAR, places=peaks.places, valleys=peaks.valleys)
+    begin = _Walk(number=first, flank=first - FAR, places=peaks.places, valleys=peaks.valleys)
     return ops.loop((begin, state), active, step)[1]
 
 

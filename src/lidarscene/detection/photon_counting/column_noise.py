@@ -18,13 +18,7 @@ from ...physics.optics import radiometry
 from ...sensor.sensor_model import Sensor
 from ..outcomes import Status
 from ..report import Detection, Returns
-
-_MOST_FIRED = 0.8
-"""Share of the SPADs up to which an echo's noise follows (T176); brighter ones keep theirs, which is up to 1.5 times as
-large, with what the correction of their walk adds."""
-
-_MOST_NOISE = 3.0
-"""Deviations of a point's range from the true one that are taken for noise; what lies beyond is no noise and stays."""
+from .tuning import MOST_FIRED, MOST_NOISE
 
 
 def share_noise(detection: Detection, train: EchoTrain, sensor: Sensor, *, seed: Seed, pulse: Array) -> Detection:
@@ -71,7 +65,7 @@ def _range_with_noise(stop: Returns, train: EchoTrain, sensor: Sensor, deviate: 
     if train.fluctuation is not None:
         signal = signal * train.fluctuation.relative_power
     deviation_m = radiometry.range_from_time_of_flight_m(time_of_flight_s=pixel.place_deviation_s(signal))
-    most_m = _MOST_NOISE * deviation_m
+    most_m = MOST_NOISE * deviation_m
     drawn_m = ops.maximum(ops.minimum(stop.range_m - stop.true_range_m, most_m), -most_m)
     range_m = ops.maximum(stop.range_m - drawn_m + deviation_m * deviate, 0.0)
     time_s = tdc.quantise(
@@ -80,7 +74,7 @@ def _range_with_noise(stop: Returns, train: EchoTrain, sensor: Sensor, deviate: 
     shared_m = radiometry.range_from_time_of_flight_m(time_of_flight_s=time_s)
     if point.response.largest is None:
         return shared_m
-    return ops.where(signal < _MOST_FIRED * point.response.largest, shared_m, stop.range_m)
+    return ops.where(signal < MOST_FIRED * point.response.largest, shared_m, stop.range_m)
 
 
 def _column_deviate(sensor: Sensor, *, seed: Seed, pulse: Array, stop: int) -> Lanes:

@@ -18,22 +18,7 @@ from ...maths.arrays import Array, Lanes, Mask, Ops, xp
 from ...physics.photon_counting import dead_time, matched_filter
 from ...sensor.detectors.macropixel import Macropixel
 from .shadows import DEAD_TIMES, Shadow
-
-FEW = 2e-3
-"""Share of the SPADs that may be left out when they come free again, or when earlier light fires them: 0.1 % of the
-noise in any light."""
-
-_NOTHING_BEFORE = 4.5
-"""Widths (sigmas) behind the first bin from which on an echo has no light before it."""
-
-_LEAD = 3.0
-"""Widths (sigmas) before the first bin from which on SPADs are followed: light there is as exact as in the bins."""
-
-_CHANGED = 0.01
-"""Change of the free share from which on an echo has its own expectation: it moves P_d by some 0.005."""
-
-_BESIDE = (-0.8, 0.0, 0.8)
-"""Places in sigmas about a peak, of whose expected values a parabola gives the highest."""
+from .tuning import FEW, LEAD, LEAST_CHANGE, NOTHING_BEFORE, PEAK_PLACES
 
 _BACK = (3, 2, 1, 0)
 """Dead times before the bins at which SPADs are followed, the earliest first."""
@@ -139,7 +124,7 @@ class Courses:
             # The pulse's only echo is the one in these bins.
             return EarlierFirings(free=free)
         # Places count from the nearest echo.
-        shaded: Mask = start > -_NOTHING_BEFORE if behind else self._echoes_fire(start)
+        shaded: Mask = start > -NOTHING_BEFORE if behind else self._echoes_fire(start)
         if wave.volume is not None:
             shaded = shaded | self._air_fires(wave.volume, start)
         return self._follow(start, time_s, shaded, free, middle)
@@ -149,7 +134,7 @@ class Courses:
         pixel, ops = self.pixel, self.ops
         power_w: Lanes = 0.0
         for centre, height in zip(self.wave.centres, self.wave.heights, strict=True):
-            power_w = power_w + ops.where(centre - start < _NOTHING_BEFORE, height, 0.0)
+            power_w = power_w + ops.where(centre - start < NOTHING_BEFORE, height, 0.0)
         return power_w * (pixel.per_watt * pixel.sigma_s * math.sqrt(2.0 * math.pi)) > FEW
 
     def _air_fires(self, air: Volume, start: Lanes) -> Mask:
@@ -174,7 +159,7 @@ class Courses:
         spad = pixel.spad
         step, zero, count = pixel.histogram.bin_s / pixel.sigma_s, ops.full(start, 0.0), 2 * pixel.histogram.reach + 2
         # An echo that ends shortly before the bins is followed too.
-        lead = 0 if spad.fires_once else math.ceil(_LEAD / pixel.histogram.bin_to_sigma)
+        lead = 0 if spad.fires_once else math.ceil(LEAD / pixel.histogram.bin_to_sigma)
         steps, followed = lead + count - 1, self._followed
         begin = start - lead * step
         combs = [
@@ -194,7 +179,7 @@ class Courses:
             number=zero - lead,
             courses=courses,
             free=courses[-1].free,
-            values=(zero,) * len(_BESIDE),
+            values=(zero,) * len(PEAK_PLACES),
             released=ops.room(start, count),
             due=None if spad.afterpulse is None else ops.room(start, count),
         )
@@ -208,7 +193,7 @@ class Courses:
             stepped = self._step_courses(state, lights)
             in_bins = state.number > -0.5
             counted = ops.where(in_bins, pixel.count_probability(stepped.fired) - pixel.count_share, 0.0)
-            offsets = ((place - middle - beside) * (1.0 / matched_filter.TEMPLATE) for beside in _BESIDE)
+            offsets = ((place - middle - beside) * (1.0 / matched_filter.TEMPLATE) for beside in PEAK_PLACES)
             return _Following(
                 number=state.number + 1.0,
                 courses=tuple(
@@ -231,7 +216,7 @@ class Courses:
             due=final.due,
             shaded=shaded,
             value=None if pixel.knows_free else self._highest_of(final.values),
-            changed=shaded & (ops.abs(final.free - even) > _CHANGED * even),
+            changed=shaded & (ops.abs(final.free - even) > LEAST_CHANGE * even),
         )
 
     def _first_shares(
@@ -296,7 +281,7 @@ class Courses:
         return _Stepped(courses=tuple(courses), fired=released, released=room, due=due_room)
 
     def _highest_of(self, values: tuple[Lanes, ...]) -> Lanes:
-        """Highest of the parabola through the filter's values at `_BESIDE`, (n,) in photons."""
+        """Highest of the parabola through the filter's values at `PEAK_PLACES`, (n,) in photons."""
         ops, (low, top, high) = self.ops, values
         bend = ops.minimum(low - 2.0 * top + high, -1e-6 * ops.abs(top) - 1e-20)
         offset = ops.minimum(ops.maximum(0.5 * (low - high) / bend, -1.0), 1.0)

@@ -1,6 +1,8 @@
-"""Tuning: numbers of the search for peaks that no source gives, and what each of them is worth."""
+"""Tuning: numbers of the histogram that no source gives, by module, and what each of them is worth."""
 
 from __future__ import annotations
+
+# expectation, candidates and peaks
 
 SURE = 5.3
 """Accuracy bought: deviations of the filter's value by which an echo exceeds its highest threshold and is taken for
@@ -26,3 +28,39 @@ ASIDE = 2.5
 LOWEST_HUMP = 0.1
 """Accuracy bought: expected height, in thresholds, below which no hump of SPADs that come back is looked for: noise is
 as high."""
+
+# bins
+
+LEAST_LEVEL = 1e-3
+"""Accuracy bought: values beside the filter's peak below this share of it count as that much: their logarithm gives the
+peak's place."""
+
+# courses
+
+FEW = 2e-3
+"""Accuracy bought: share of the SPADs that may be left out when they come free again, or when earlier light fires them:
+0.1 % of the noise in any light."""
+
+NOTHING_BEFORE = 4.5
+"""Accuracy bought: widths (sigmas) behind the first bin from which on an echo has no light before it."""
+
+LEAD = 3.0
+"""Accuracy bought: widths (sigmas) before the first bin from which on SPADs are followed: light there is as exact as in
+the bins."""
+
+LEAST_CHANGE = 0.01
+"""Accuracy bought: change of the free share from which on an echo has its own expectation: it moves P_d by some
+0.005."""
+
+PEAK_PLACES = (-0.8, 0.0, 0.8)
+"""Accuracy bought: places in sigmas about a peak, of whose expected values a parabola gives the highest."""
+
+# column_noise
+
+MOST_FIRED = 0.8
+"""Accuracy bought: share of the SPADs up to which an echo's noise follows (T176); brighter ones keep theirs, which is
+up to 1.5 times as large, with what the correction of their walk adds."""
+
+MOST_NOISE = 3.0
+"""Choice: deviations of a point's range from the true one that are taken for noise; what lies beyond is no noise and
+stays."""

@@ -18,7 +18,8 @@ from ..rises import Rise
 from ..shots import Received
 
 _FOOT = 3.0
-"""Distance from an echo's start to its peak, in sigma_p: a thousandth of its light has come by then."""
+"""Accuracy bought: distance from an echo's start to its peak, in sigma_p: a thousandth of its light has come by
+then."""
 
 _REMEMBERED = 2
 """Earlier echoes with entries of their own: the last, and all others together."""

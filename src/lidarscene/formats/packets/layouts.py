@@ -50,11 +50,13 @@ HESAI_START = b"\xee\xff"
 """First bytes of every packet of a Hesai."""
 
 PANDAR64_BLOCKS, PANDAR64_LASERS = 6, 64
+
 PANDAR64_CYCLE_S = 0.1 / 1800
-"""Time from block to block, at any rate at which the head turns."""
+"""Source: HesaiLidar_General_SDK; time from block to block, at any rate at which the head turns."""
 
 PANDAR64_AZIMUTH_US, PANDAR64_STAMP_US = 54.668, 97.248
-"""Delay of a block's azimuth, and of the packet's stamp, after the first laser of the block, or of the last block."""
+"""Source: HesaiLidar_General_SDK; delay of a block's azimuth, and of the packet's stamp, after the first laser of the
+block, or of the last block."""
 
 PANDAR64_BLOCK = np.dtype([("azimuth", "<u2"), ("points", POINT, PANDAR64_LASERS)])
 PANDAR64_PACKET = np.dtype(

@@ -16,7 +16,7 @@ from ...errors import InputError
 from ...files.optional import import_optional
 from ...maths.arrays import Numbers
 from ...maths.pose import Pose
-from ...physics.inertial import STANDARD_GRAVITY_M_S2
+from ...physics.constants import STANDARD_GRAVITY_M_S2
 from ...scan.spinning import Spinning
 from ...sensor.imu import Imu, ImuSamples
 from ...sensor.sensor_model import Sensor

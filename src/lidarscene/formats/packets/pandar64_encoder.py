@@ -37,7 +37,7 @@ from .layouts import (
 from .packet_encoder import head_deg, last_and_strongest
 
 STEP_M = 0.004
-"""Step of the distances."""
+"""Source: Hesai's Pandar64 user manual; step of the distances."""
 
 
 class Pandar64Encoder:

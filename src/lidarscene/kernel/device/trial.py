@@ -41,12 +41,12 @@ FRAMES = {
 """Options of `lidarscene render` for each frame."""
 
 LARGEST_DIFFERING_SHARE = 1e-3
-"""Largest share of points that may differ: exp, log and roots are rounded differently, so that a few echoes cross the
-threshold on one side alone."""
+"""Accuracy bought: largest share of points that may differ: exp, log and roots are rounded differently, so that a few
+echoes cross the threshold on one side alone."""
 
 LARGEST_SHARE_ONE_STEP_OFF = 5e-3
-"""Largest share of points whose range may be the next step of the sensor's clock, and whose intensity that of its
-converter: rounding moves a value across the border between two steps. 0.1 to 0.2 % on an H200."""
+"""Accuracy bought: largest share of points whose range may be the next step of the sensor's clock, and whose intensity
+that of its converter: rounding moves a value across the border between two steps. 0.1 to 0.2 % on an H200."""
 
 LIMITS = {
     "range": (1e-3, 0.0),
@@ -56,15 +56,14 @@ LIMITS = {
     "detection_probability": (1e-3, 0.0),
     "status": (0.0, 0.0),
 }
-"""Absolute and relative differences of a column that rounding explains: a traced range is good to 0.1 mm at 200 m, an
-amplitude or an SNR to 1e-4.
-"""
+"""Accuracy bought: absolute and relative differences of a column that rounding explains: a traced range is good to
+0.1 mm at 200 m, an amplitude or an SNR to 1e-4."""
 
 _READ = ("time", "return_number", "body", *LIMITS)
 """Columns of a frame that are read."""
 
 PATIENCE_S = 600.0
-"""Time limit for one frame, whose kernels are compiled for the first time, seconds."""
+"""Choice: time limit for one frame, whose kernels are compiled for the first time, seconds."""
 
 _DRIVER = Path("/proc/driver/nvidia/version")
 

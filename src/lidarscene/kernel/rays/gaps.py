@@ -23,8 +23,8 @@ from ..device.types import Bsdf, Interaction
 from ..world.mitsuba_world import World
 
 _SLOPES = LookupTable(np.array([math.sqrt(prime) % 1.0 for prime in (5, 2, 3, 7, 11, 13, 17, 19)]))
-"""Slopes s at the first, second, ... surface of a path: fractional parts of square roots of primes. Each makes a
-Kronecker sequence, which fills the unit interval evenly; several together fill a square or a cube evenly, because the
+"""Choice: slopes s at the first, second, ... surface of a path: fractional parts of square roots of primes. Each makes
+a Kronecker sequence, which fills the unit interval evenly; several together fill a square or a cube evenly, because the
 roots are independent over the rationals. So the layers of a hedge are passed independently of each other."""
 
 

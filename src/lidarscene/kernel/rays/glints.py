@@ -21,9 +21,9 @@ from .meeting import Meeting, Moment
 from .onward import BeamPath
 
 _WIDTHS = 3.0
-"""Reach of a spot beyond the aperture's edge, in its radii (1/e^2). If the spot's centre is farther away, the path
-goes on instead: a Gaussian beam has fallen to exp(-2 * 3^2) = 1.5e-8 there, and would look no brighter than a board of
-a few per cent."""
+"""Accuracy bought: reach of a spot beyond the aperture's edge, in its radii (1/e^2). If the spot's centre is farther
+away, the path goes on instead: a Gaussian beam has fallen to exp(-2 * 3^2) = 1.5e-8 there, and would look no brighter
+than a board of a few per cent."""
 
 
 def specular_return(

@@ -18,7 +18,7 @@ from ..device.backend import mitsuba
 from ..device.types import Ray, components
 
 _SMALLEST_COMPONENT = 1e-20
-"""Smallest component of a direction to divide by; no ray is so long that it would matter."""
+"""Accuracy bought: smallest component of a direction to divide by; no ray is so long that it would matter."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -25,12 +25,12 @@ from .meeting import Meeting, Moment
 from .polarised import PolarisedBeam
 
 START_OFFSET_M = 3e-4
-"""Height above a surface at which the next ray starts. Mitsuba's own offset grows to 22 mm at 250 m (measured) and
-would jump over a 5 mm pane; float32 positions at 250 m are good to 0.03 mm."""
+"""Accuracy bought: height above a surface at which the next ray starts. Mitsuba's own offset grows to 22 mm at 250 m
+(measured) and would jump over a 5 mm pane; float32 positions at 250 m are good to 0.03 mm."""
 
 _LEAST_COSINE = 0.05
-"""Smallest cosine of incidence that the offset is divided by. A ray that grazes the surface has to go farther to gain
-the same height: 6 mm at this cosine, and no more than that."""
+"""Accuracy bought: smallest cosine of incidence that the offset is divided by. A ray that grazes the surface has to go
+farther to gain the same height: 6 mm at this cosine, and no more than that."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -18,7 +18,8 @@ from ..device.backend import mitsuba
 from ..device.types import DeviceVector
 
 _LEAST_SINE = 1e-5
-"""Sine of the angle of incidence below which s is not defined in single precision, and both polarisations go alike."""
+"""Accuracy bought: sine of the angle of incidence below which s is not defined in single precision, and both
+polarisations go alike."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

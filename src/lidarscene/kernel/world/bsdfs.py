@@ -44,8 +44,8 @@ ATTRIBUTE = "vertex_reflectivity"
 """Name of the mesh attribute that holds the reflectivity of each vertex."""
 
 _ENTRANCE_EXPONENT = 3.61
-"""R_A falls as cos(entrance angle)^3.61: the 150 against 250 cd/lx/m2 at 30 against 4 degrees that ASTM D4956
-asks of white type III sheeting, log(150/250) / log(cos 30 / cos 4)."""
+"""Source: ASTM D4956; R_A falls as cos(entrance angle)^3.61: the 150 against 250 cd/lx/m2 at 30 against 4 degrees that
+it asks of white type III sheeting, log(150/250) / log(cos 30 / cos 4)."""
 _STATED_ENTRANCE_COS = math.cos(math.radians(4.0))
 
 

@@ -24,8 +24,8 @@ from ...errors import InputError, OptionWarning
 from ...maths.arrays import Array, Mask, Numbers, retire_with
 from ...maths.motion_table import NOWHERE, MotionTable, MovingBodies, Placement
 from ...maths.pose import Pose
-from ...maths.trajectory import Course, Motion
-from ...scene.scene import CLOCK_ROUNDING_S, Ball, Body, Part, Scene, box_of
+from ...maths.trajectory import CLOCK_ROUNDING_S, Course, Motion
+from ...scene.scene import Ball, Body, Part, Scene, box_of
 from ..device import transfer
 from ..device.backend import is_cuda, mitsuba
 from ..device.choice import ask_one

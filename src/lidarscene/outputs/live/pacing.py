@@ -12,10 +12,10 @@ import numpy as np
 from ...formats.packets.layouts import Packet
 
 LATE_S = 0.01
-"""A frame whose last packet leaves later than this counts as late."""
+"""Choice: delay of its last packet beyond which a frame counts as late."""
 
 HURRY = 0.5
-"""Least gap between late packets, relative to their right gap: a reader's buffer is not flooded."""
+"""Choice: least gap between late packets, relative to their right gap: a reader's buffer is not flooded."""
 
 
 class Clock(Protocol):

@@ -29,10 +29,13 @@ AHEAD = 3
 """Frames computed before they are due: now and then a frame takes longer than its time."""
 
 REPORT_EVERY_S = 1.0
+"""Choice: shortest time between two reports of late packets."""
+
 SWITCH_S = 0.0005
-"""Python's switch interval while sending; its default of 5 ms would delay four packets of a VLP-16."""
+"""Accuracy bought: Python's switch interval while sending; its default of 5 ms would delay four packets of a VLP-16."""
 
 POLL_S = 0.5
+"""Choice: longest wait at a time: on Windows one without a limit cannot be interrupted."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

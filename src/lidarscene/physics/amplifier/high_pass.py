@@ -16,7 +16,7 @@ from ...maths.arrays import Lanes, Numbers, xp
 from ..electronics.pulse_sums import SIGMAS_PER_FWHM, Shape
 
 WIDEST_RATE = 0.1
-"""Largest w for which the forms here hold: the pulse keeps its shape but for some per cent."""
+"""Accuracy bought: largest w for which the forms here hold: the pulse keeps its shape but for some per cent."""
 
 
 def rate(*, coupling_hz: Lanes, fwhm_s: Lanes) -> Lanes:

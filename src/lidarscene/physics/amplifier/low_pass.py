@@ -17,14 +17,14 @@ from abc import ABC, abstractmethod
 
 from ...maths.arrays import Lanes, xp
 from ...maths.special import normal_tail, scaled_normal_tail
+from ..electronics.pulse_sums import SIGMAS_PER_FWHM
 
-_SIGMAS_PER_FWHM = math.sqrt(8.0 * math.log(2.0))
 _ROOT_2PI = math.sqrt(2.0 * math.pi)
 _NEWTON_STEPS = 4
 """Newton steps to the peak behind a single pole: good to 1e-12 from the start that `_mills_inverse` takes."""
 
 _WIDEST = 1e3
-"""Largest sigma_p / tau in the formula: there the filter lowers the peak by 5e-7 only."""
+"""Accuracy bought: largest sigma_p / tau in the formula: there the filter lowers the peak by 5e-7 only."""
 
 
 class LowPass(ABC):
@@ -73,7 +73,7 @@ class Gaussian(LowPass):
 
     def peak_share(self, *, fwhm_s: Lanes, cutoff_hz: Lanes) -> Lanes:
         """1 / sqrt(1 + (sigma_h / sigma_p)^2), (T70)."""
-        ratio = _SIGMAS_PER_FWHM * _sigma_s(cutoff_hz) / fwhm_s
+        ratio = SIGMAS_PER_FWHM * _sigma_s(cutoff_hz) / fwhm_s
         return 1.0 / xp(ratio).sqrt(1.0 + ratio * ratio)
 
     def echo_noise_share(self, *, fwhm_s: Lanes, cutoff_hz: Lanes) -> Lanes:
@@ -108,7 +108,7 @@ class SinglePole(LowPass):
         A Gaussian behind a single pole is exp(-u^2 / 2) w m(w - u), m the Mills ratio Q / phi. Its slope is (light -
         output) / tau, so the peak lies on the light's falling edge.
         """
-        w = (2.0 * math.pi / _SIGMAS_PER_FWHM) * fwhm_s * cutoff_hz
+        w = (2.0 * math.pi / SIGMAS_PER_FWHM) * fwhm_s * cutoff_hz
         w = xp(w).minimum(w, _WIDEST)
         u = w - _mills_inverse(w)
         return xp(u).exp(-0.5 * u * u)

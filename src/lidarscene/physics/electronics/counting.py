@@ -14,8 +14,12 @@ from dataclasses import dataclass
 from ...maths.arrays import Array, Lanes, xp
 from ...maths.special import log1p, log_gamma
 
-_FEW = 10.0  # below this mean the distribution is inverted term by term
-_TERMS = 35.0  # P(count > 35) is 1e-10 at a mean of 10
+_FEW = 10.0
+"""Accuracy bought: mean below which the distribution is inverted term by term; above it, Cornish and Fisher's expansion
+draws it."""
+
+_TERMS = 35.0
+"""Accuracy bought: terms that are inverted: P(count > 35) is 1e-10 at a mean of 10."""
 
 
 def detected_photons_hz(*, power_w: Lanes, efficiency: Lanes, photon_energy_j: Lanes) -> Lanes:

@@ -9,19 +9,16 @@ Symbols: Q upper tail of the standard normal distribution, s standard deviation 
 
 from __future__ import annotations
 
-import math
-
 from ...maths.arrays import Lanes, xp
 from ...maths.special import normal_tail, normal_tail_inverse
-
-_NEPERS = math.log(10.0) / 10.0  # ln(power ratio) of one decibel
+from ..constants import NEPERS_PER_DECIBEL
 
 
 def tripping_probability(*, needed_power_w: Lanes, median_power_w: Lanes, spread_db: Lanes) -> Lanes:
     """Share of the pulses whose peak is ``needed_power_w`` or more, Q(ln(needed / median) / s)."""
     ops = xp(needed_power_w, median_power_w, spread_db)
     ratio = ops.maximum(needed_power_w, 1e-30) / ops.maximum(median_power_w, 1e-30)
-    return normal_tail(ops.log(ratio) / (_NEPERS * spread_db))
+    return normal_tail(ops.log(ratio) / (NEPERS_PER_DECIBEL * spread_db))
 
 
 def tripping_power_w(*, uniform: Lanes, probability: Lanes, median_power_w: Lanes, spread_db: Lanes) -> Lanes:
@@ -32,4 +29,4 @@ def tripping_power_w(*, uniform: Lanes, probability: Lanes, median_power_w: Lane
     """
     ops = xp(uniform, probability, median_power_w)
     tail = ops.minimum(ops.maximum(uniform * probability, 1e-30), 1.0 - 1e-6)
-    return median_power_w * ops.exp(_NEPERS * spread_db * normal_tail_inverse(tail))
+    return median_power_w * ops.exp(NEPERS_PER_DECIBEL * spread_db * normal_tail_inverse(tail))

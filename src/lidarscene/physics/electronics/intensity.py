@@ -13,10 +13,11 @@ import math
 from ...maths.arrays import Lanes, xp
 
 LARGEST = 255.0
-"""Largest value of the one byte in which makers send it."""
+"""Source: packets; largest value of the one byte in which makers send it."""
 
 _DARKEST = 1e-9
-"""Least reflectivity of which a power is taken: it reads less than 1 on any scale with an exponent above 0.27."""
+"""Accuracy bought: least reflectivity of which a power is taken: it reads less than 1 on any scale with an exponent
+above 0.27."""
 
 
 def range_corrected_power_w(*, power_w: Lanes, range_m: Lanes, reference_m: Lanes) -> Lanes:

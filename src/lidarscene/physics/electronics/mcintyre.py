@@ -23,9 +23,14 @@ from ..constants import ELEMENTARY_CHARGE_C
 from .tdc import MEAN_FREQUENCY_LOW_PASS
 
 _STEPS = 14  # of Newton's method for the saddle point
-_LAST = 1e-5  # step of it, over the solution, that ends at the root in single precision
+
+_LAST = 1e-5
+"""Accuracy bought: step of Newton's method, over the solution, that ends at the root in single precision."""
+
 _TERMS = 14  # of the cumulants' series near the mean
-_ROUNDING = 1.01  # of a bound in single precision
+
+_ROUNDING = 1.01
+"""Accuracy bought: factor by which a bound is raised, so that its rounding in single precision leaves out no rate."""
 
 
 def ionisation_ratio(*, gain: Lanes, excess_noise: Lanes) -> Lanes:
@@ -114,6 +119,7 @@ class _Saddle(NamedTuple):
 
 
 _TINY = 1e-30
+"""Accuracy bought: least number that is divided by, or whose logarithm is taken."""
 
 
 def _saddle_point(

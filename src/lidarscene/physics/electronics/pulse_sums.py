@@ -21,22 +21,23 @@ Shape = tuple[Lanes, Lanes, Lanes]
 """Value, first and second derivative of the waveform at some place."""
 
 _TOLERANCE = 1e-5
-"""Last step of a root search, in sigma_p: 0.03 ps for a pulse of 6 ns. Newton's steps shrink by some hundred each."""
+"""Accuracy bought: last step of a root search, in sigma_p: 0.03 ps for a pulse of 6 ns. Newton's steps shrink by some
+hundred each."""
 
 _MOST_STEPS = 40
 
 _STEEPEST = 1e3
-"""Steeper slopes of a residual are not followed, per sigma_p.
-
-The logarithm of a pulse has at most its distance from the centre, 13 where single precision ends. But the slope of a
-tabulated course is a difference over a step: where the course begins it may be any multiple of the value, and Newton's
-step would be so short that the search seems to be over."""
+"""Accuracy bought: slope of a residual beyond which it is not followed, per sigma_p. The logarithm of a pulse has at
+most its distance from the centre, 13 where single precision ends. But the slope of a tabulated course is a difference
+over a step: where the course begins it may be any multiple of the value, and Newton's step would be so short that the
+search seems to be over."""
 
 _REACH = 13.0
-"""Farthest pulse that `comb_parts` takes, from the middle of its places, in sigma_p: 2 t_FWHM and 8 sigma_p."""
+"""Accuracy bought: farthest pulse that `comb_parts` takes, from the middle of its places, in sigma_p: 2 t_FWHM and 8
+sigma_p."""
 
 _NEAR = 5.0
-"""Distance of the places of `comb_parts` from their middle, in sigma_p, if no larger one is given: 2 t_FWHM."""
+"""Choice: distance of the places of `comb_parts` from their middle, in sigma_p, if no larger one is given: 2 t_FWHM."""
 
 
 def raised(half: float) -> float:

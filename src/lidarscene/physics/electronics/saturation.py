@@ -23,8 +23,9 @@ import numpy as np
 from ...maths.arrays import Lanes, Numbers, xp
 
 _STEPS = 3  # of Newton's method in `overdrive_of_width`: 1e-8 of any overdrive up to the largest
+
 LARGEST_OVERDRIVE = 80.0
-"""Largest ln(s / U): its exponential still fits single precision."""
+"""Accuracy bought: largest ln(s / U): its exponential still fits single precision."""
 
 
 def clip(*, signal: Lanes, saturation: Lanes) -> Lanes:
@@ -33,7 +34,7 @@ def clip(*, signal: Lanes, saturation: Lanes) -> Lanes:
 
 
 _RISE = 1e-3
-"""Light counts as new from this share of S on, and as gone when that share of it is left."""
+"""Accuracy bought: light counts as new from this share of S on, and as gone when that share of it is left."""
 
 
 def clipped_course(*, signal: Numbers, step_s: float, saturation: float, recovery_s: float) -> Numbers:

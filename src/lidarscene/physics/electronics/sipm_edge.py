@@ -32,19 +32,22 @@ from ...maths.arrays import Lanes, xp
 from ...maths.special import expm1, log1p, normal_tail
 
 _LATEST = 2.5
-"""Latest peak of the count, in sigma_p: 99.4 % of the pulse is there."""
+"""Accuracy bought: latest peak of the count, in sigma_p: 99.4 % of the pulse is there."""
 
 _SHORTEST, _FASTEST = 0.05, 3.0
-"""Bounds of T and a: beyond them the count follows the light, and single precision would end."""
+"""Accuracy bought: bounds of T and a: beyond them the count follows the light, and single precision would end."""
 
 _EARLIEST = 8.0
-"""Earliest place on the edge before the light's peak, in sigma_p: 6e-16 of the pulse has come."""
+"""Accuracy bought: earliest place on the edge before the light's peak, in sigma_p: 6e-16 of the pulse has come."""
 
 _STEPS = 6  # Newton's, of the edge's place: 1e-4 sigma_p below 98 % of the peak
-_STRETCHES = (0.5, 1.0, 2.0)
-"""Stretches of time on either side of the peak of which the one with the largest f counts, in sigma_p."""
 
-_SURE = 5.0  # deviations above the level at which P_d is 1 in single precision
+_STRETCHES = (0.5, 1.0, 2.0)
+"""Accuracy bought: stretches of time on either side of the peak of which the one with the largest f counts, in
+sigma_p."""
+
+_SURE = 5.0
+"""Accuracy bought: deviations above the level at which P_d is 1 in single precision."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -24,20 +24,32 @@ import numpy as np
 
 from ...maths.arrays import Lanes, LookupTable, Numbers, xp
 from ...maths.special import log1p, normal_tail
+from .pulse_sums import SIGMAS_PER_FWHM
 
 _LN2 = math.log(2.0)
 _ENERGY = math.sqrt(math.pi / (4.0 * _LN2))  # of a Gaussian of unit peak and FWHM, 1.0645
-LATEST_PEAK = 0.6
-"""Time after the light's peak by which the count has peaked, in dead times. In weak light it peaks at 0.5, in strong
-light earlier; with a short pulse when all of the pulse has arrived."""
 
-_EDGE = 2.0  # a pulse is cut off this many FWHM from its peak: 1.5e-5 of it
+LATEST_PEAK = 0.6
+"""Accuracy bought: time after the light's peak by which the count has peaked, in dead times. In weak light it peaks at
+0.5, in strong light earlier; with a short pulse when all of the pulse has arrived."""
+
+_EDGE = 2.0
+"""Accuracy bought: distance from its peak, in FWHM, at which a pulse is cut off: 1.5e-5 of it."""
 
 _WIDTHS, _SHARES, _FLASHES = 49, 15, 65  # points of the table along its axes
-_LARGEST_BACKGROUND = 30.0  # x
-_LARGEST_FLASH = 1e3  # firings of a cell that never dies
-_LARGEST_REFILL = 40.0  # background firings of a cell between the light's peak and the count's
-_LARGEST_YIELD = 14.0  # -log(1 - share) at the inverse's end; single precision ends at a share of 1 - 1e-6
+
+_LARGEST_BACKGROUND = 30.0
+"""Accuracy bought: end of the table over x, the background's firings in a dead time."""
+
+_LARGEST_FLASH = 1e3
+"""Accuracy bought: end of the table over the light's firings of a cell that never dies."""
+
+_LARGEST_REFILL = 40.0
+"""Accuracy bought: background firings of a cell between the light's peak and the count's that single precision can
+raise e to."""
+
+_LARGEST_YIELD = 14.0
+"""Accuracy bought: -log(1 - share) at the inverse's end; single precision ends at a share of 1 - 1e-6."""
 
 
 def captured_photons(*, photons: Lanes, pulse_fwhm_s: Lanes, dead_time_s: Lanes) -> Lanes:
@@ -125,7 +137,7 @@ def fired_by_pulse(*, peak: Lanes, rate_hz: Lanes, pulse_fwhm_s: Lanes, dead_tim
 
 def peak_lag_s(*, pulse_fwhm_s: Lanes, dead_time_s: Lanes) -> Lanes:
     """Time from the light's peak to the count's: half a dead time, or two sigma of a pulse that is all there before."""
-    whole_pulse_s = 2.0 / math.sqrt(8.0 * _LN2) * pulse_fwhm_s
+    whole_pulse_s = 2.0 / SIGMAS_PER_FWHM * pulse_fwhm_s
     return xp(whole_pulse_s, dead_time_s).minimum(whole_pulse_s, 0.5 * dead_time_s)
 
 
@@ -207,7 +219,7 @@ def busy_share_in_steps(
 
 def _arrived(time: Numbers) -> Numbers:
     """Share of a Gaussian pulse that has arrived by ``time``, in FWHM from its peak."""
-    return np.asarray(1.0 - normal_tail(math.sqrt(8.0 * _LN2) * time))
+    return np.asarray(1.0 - normal_tail(SIGMAS_PER_FWHM * time))
 
 
 @functools.cache

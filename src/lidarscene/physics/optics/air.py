@@ -11,9 +11,10 @@ from __future__ import annotations
 import math
 
 from ...maths.arrays import Lanes, xp
+from ..constants import KOSCHMIEDER
 
-_KRUSE_CONTRAST = 3.912  # -ln(0.02): the 2 % contrast that defines meteorological visibility
 _REFERENCE_WAVELENGTH_UM = 0.55
+"""Source: Kruse, McGlauchlin and McQuistan, 1962; wavelength at which visibility is defined."""
 
 
 def transmittance(*, fixed: Lanes, extinction_per_m: Lanes, range_m: Lanes) -> Lanes:
@@ -58,4 +59,4 @@ def extinction_from_visibility_per_m(*, visibility_m: float, wavelength_m: float
     """
     exponent = {"kruse": kruse_exponent, "kim": kim_exponent}[model](visibility_m / 1000.0)
     ratio = wavelength_m * 1e6 / _REFERENCE_WAVELENGTH_UM
-    return _KRUSE_CONTRAST / visibility_m * math.pow(ratio, -exponent)
+    return KOSCHMIEDER / visibility_m * math.pow(ratio, -exponent)

@@ -17,8 +17,10 @@ from ...maths.arrays import Lanes, xp
 from .receiver import top_hat_in_circle
 
 _RINGS, _SPOKES = (3, 8)  # of places on the aperture: good to 6e-3 for the narrowest spots, to 1e-6 for wide ones
+
 _NARROWEST = 0.7
-"""Least ratio of spot to aperture radius. Narrower spots count as this wide, which blurs the aperture's edge."""
+"""Accuracy bought: least ratio of spot to aperture radius. Narrower spots count as this wide, which blurs the
+aperture's edge."""
 
 
 def share_on_aperture(

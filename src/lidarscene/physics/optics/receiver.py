@@ -23,7 +23,10 @@ from ...maths.arrays import Lanes, xp
 from ...maths.special import expm1
 
 _BOUNDARY = 128  # points on half of a circle's boundary: good to 1e-8 for spots as narrow as `_NARROWEST`
-_NARROWEST = 20.0  # largest sqrt(radius x distance) of a circle over the spot's radius; narrower spots are widened
+
+_NARROWEST = 20.0
+"""Accuracy bought: largest sqrt(radius x distance) of a circle over the spot's radius; narrower spots are widened."""
+
 _RADII = 32  # circles that stand for the blur: 5e-4 for a top hat, 5e-5 for a Gaussian, usually far better
 
 

@@ -17,7 +17,7 @@ _GRAZING_ALBEDO = 0.5 - 2.0 / (3.0 * math.pi)
 """Mean of s / t of (T7a) over the outgoing hemisphere, weighted by the cosine, at grazing incidence: the most."""
 
 _LEAST_COS = 1e-6
-"""Least cosine by which s is divided. The two directions of a hit are never both this flat."""
+"""Accuracy bought: least cosine by which s is divided. The two directions of a hit are never both this flat."""
 
 
 def relief(slope_rad: Lanes) -> Lanes:

@@ -16,11 +16,13 @@ from collections.abc import Callable
 
 from ...maths.arrays import Lanes, xp
 from ...maths.special import expm1
+from ..electronics.pulse_sums import SIGMAS_PER_FWHM
 
-FWHM_PER_SIGMA = math.sqrt(8.0 * math.log(2.0))
 _LEAST_COSINE = 0.02
+"""Accuracy bought: least cosine that the slope is divided by: flatter surfaces count as this flat."""
+
 _LEAST_POWER = 1e-6
-"""Smallest drawn power over its mean."""
+"""Accuracy bought: smallest drawn power over its mean: an echo of none has no logarithm."""
 
 _DEVIATES = tuple(0.375 * (number - 11.5) for number in range(24))
 _WEIGHTS = tuple(math.exp(-0.5 * deviate * deviate) for deviate in _DEVIATES)
@@ -51,7 +53,7 @@ def speckle_cells(
     cos_incidence = xp(range_m, cos_incidence).maximum(cos_incidence, _LEAST_COSINE)
     across = math.pi * spot_rad * aperture_radius_m / wavelength_m
     slope_square = 1.0 / (cos_incidence * cos_incidence) - 1.0
-    spread = (4.0 * math.pi / FWHM_PER_SIGMA) * (linewidth_m / wavelength_m) * (spot_rad * range_m / wavelength_m)
+    spread = (4.0 * math.pi / SIGMAS_PER_FWHM) * (linewidth_m / wavelength_m) * (spot_rad * range_m / wavelength_m)
     even = 1.0 + across * across
     product = even * (even + spread * spread * slope_square)
     return polarisations * xp(product).sqrt(product)

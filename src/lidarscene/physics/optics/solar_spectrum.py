@@ -20,9 +20,12 @@ from ...maths.arrays import Numbers, frozen
 from ..constants import REFERENCE_ILLUMINANCE_KLUX
 
 LUMINOUS_EFFICACY_LM_W = 683.0
-"""K_m: lumens per watt at 555 nm, where V = 1 (the SI defines 683 lm/W at 540 THz, 0.0004 % less)."""
+"""Source: the SI's definition of the candela; K_m: lumens per watt at 555 nm, where V = 1 (defined is 683 lm/W at 540
+THz, 0.0004 % less)."""
 
-_TAIL = 1e-6  # transmittance at which a smooth filter is cut off
+_TAIL = 1e-6
+"""Accuracy bought: transmittance at which a smooth filter is cut off."""
+
 _POINTS = 801  # of a smooth filter
 
 

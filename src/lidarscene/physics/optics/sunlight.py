@@ -15,8 +15,8 @@ from ..constants import REFERENCE_ILLUMINANCE_KLUX
 from .receiver import circles_overlap
 
 SUN_RADIUS_RAD = math.radians(959.63 / 3600.0)
-"""Angular radius of the sun's disc at one astronomical unit, 0.26656 degrees (Auwers 1891, still used by almanacs).
-Over the year it varies by 1.7 %, as the distance does."""
+"""Source: Auwers 1891, still used by almanacs; angular radius of the sun's disc at one astronomical unit, 0.26656
+degrees. Over the year it varies by 1.7 %, as the distance does."""
 
 
 def sun_irradiance_w_m2(*, irradiance_at_100_klux_w_m2: Lanes, illuminance_klux: Lanes) -> Lanes:

@@ -17,7 +17,7 @@ import numpy as np
 from ...maths.arrays import Numbers
 
 _AIRY = 2.584
-"""x at which the Airy pattern (2 J_1(x) / x)^2 has fallen to 1 / e^2."""
+"""Source: Airy's pattern; x at which (2 J_1(x) / x)^2 has fallen to 1 / e^2."""
 
 
 def diffracted_share(*, covered: float) -> float:

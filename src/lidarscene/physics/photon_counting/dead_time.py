@@ -22,10 +22,11 @@ _TERMS = 14
 """Terms of a binomial tail: what is left is below 1e-6 of it where the mean is below the least count."""
 
 _LITTLE, _FIFTH = 0.2, 1.0 / 120.0
-"""Detections in a step up to which the share that fires is a series, and the last factor of that: off by 1e-6."""
+"""Accuracy bought: detections in a step up to which the share that fires is a series, and the last factor of that: off
+by 1e-6."""
 
 LARGEST_SHARE = 1.0 - 1e-6
-"""Largest share of SPADs that single precision distinguishes from all of them."""
+"""Accuracy bought: largest share of SPADs that single precision distinguishes from all of them."""
 
 
 def free_share(*, rate_hz: Lanes, dead_time_s: Lanes) -> Lanes:

@@ -12,10 +12,10 @@ from ...maths.arrays import Lanes, xp
 from ...maths.special import log1p
 
 _FEW = 4.0
-"""Below this mean the distribution is inverted term by term."""
+"""Accuracy bought: below this mean the distribution is inverted term by term."""
 
 _RARE = 0.03
-"""Below this probability of a trial the logarithm of its complement is a series."""
+"""Accuracy bought: below this probability of a trial the logarithm of its complement is a series."""
 
 _TERMS = 14
 """Terms that are inverted: P(count > 14) is 1e-5 at a mean of 4."""
@@ -24,7 +24,8 @@ _FIRST_TERMS = 5
 """Terms that are inverted where a count is not 0: P(count >= 5) is 4e-3 at a mean of 1."""
 
 _TAIL = 5.0
-"""Beyond this -ln(1 - x^2), which 0.3 % of the numbers exceed, the normal deviate has a polynomial of its own."""
+"""Accuracy bought: beyond this -ln(1 - x^2), which 0.3 % of the numbers exceed, the normal deviate has a polynomial of
+its own."""
 
 
 def binomial_count(*, trials: Lanes, probability: Lanes, uniform: Lanes) -> Lanes:

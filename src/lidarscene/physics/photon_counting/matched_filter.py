@@ -19,8 +19,9 @@ from ...maths.arrays import Lanes, LookupTable, Numbers, xp
 from ...maths.special import normal_tail, scaled_normal_tail
 
 TEMPLATE = 1.2
-"""w. The exact match, 1, is best against the background alone; against the echo's own noise a wider one is better. With
-1.2 the precision is within 1.15 of the bound with and without background, and the SNR 0.992 of the best."""
+"""Choice: w. The exact match, 1, is best against the background alone; against the echo's own noise a wider one is
+better. With 1.2 the precision is within 1.15 of the bound with and without background, and the SNR 0.992 of the
+best."""
 
 _GAIN = TEMPLATE / math.sqrt(1.0 + TEMPLATE**2)
 """Gain of the filter at the echo, before scaling."""
@@ -36,17 +37,17 @@ SIGNAL_SLOPE = 2.0 * _SIGNAL_GAIN
 """Variance of F' by an echo's own photons for each unit of theirs in F, in widths of the filter's response."""
 
 _LEAST_STEEP = 1.5
-"""Echoes below this SNR gain no more than one of it: their peaks are no longer theirs."""
+"""Choice: echoes below this SNR gain no more than one of it: their peaks are no longer theirs."""
 
 SECOND_ORDER = 1.5
-"""Coefficient k of the peak position's variance, proportional to (1 + k / photons) / photons: with few photons the
-position is not linear in them. Fitted to drawn histograms of 25 to 70 photons: 1.5 +/- 0.3."""
+"""Source: drawn histograms of 25 to 70 photons, 1.5 +/- 0.3; coefficient k of the peak position's variance,
+proportional to (1 + k / photons) / photons: with few photons the position is not linear in them."""
 
 _NEVER_AGAIN = 5.0
-"""Dead time in widths of the filter beyond which no SPAD fires twice in it, to 1e-5."""
+"""Accuracy bought: dead time in widths of the filter beyond which no SPAD fires twice in it, to 1e-5."""
 
 _BROADEST = 3.0
-"""Largest additional gain of a broad peak, in gains of a lone echo."""
+"""Choice: largest additional gain of a broad peak, in gains of a lone echo."""
 
 _THIRD = math.sqrt(2.0 / 3.0)
 """Integral of the template's cube over that of its square."""
@@ -57,11 +58,13 @@ _TILT_2 = 0.5 * (2.0**-1.5 - 1.5**-3.0)
 
 
 _FEWEST, _MOST = 1e-4, 4.0
-"""Background counts in sigma between which (T97) is corrected; above, the correction is that of the most."""
+"""Accuracy bought: background counts in sigma between which (T97) is corrected; above, the correction is that of the
+most."""
 
 _ROWS_PER_DECADE = 4
+
 _LEAST_SHARE = 1e-13
-"""Shares that the transform of the counts' distribution resolves: its rounding is 1e-16."""
+"""Accuracy bought: shares that the transform of the counts' distribution resolves: its rounding is 1e-16."""
 
 
 def background_variance(*, rate_hz: Lanes, sigma_s: Lanes) -> Lanes:
@@ -173,13 +176,14 @@ _MEAN_SHARE = SCALE * TEMPLATE * math.sqrt(2.0 * math.pi)
 """Mean of the filter's value, over the counts in sigma."""
 
 _FINEST = SCALE / 40.0
-"""Step of the filter's value, of which a count in the middle of the template is a whole number."""
+"""Accuracy bought: step of the filter's value, of which a count in the middle of the template is a whole number."""
 
 _COARSE_BIN, _FEW = 0.5, 0.3
-"""Bins from which on, in sigmas, more counts than these in sigma are corrected too: finer ones need a finer grid."""
+"""Accuracy bought: bins from which on, in sigmas, more counts than these in sigma are corrected too: finer ones need a
+finer grid."""
 
 _LARGEST = 45.0
-"""Largest value of the filter in the table: 7 deviations above the mean of `_MOST`."""
+"""Accuracy bought: largest value of the filter in the table: 7 deviations above the mean of `_MOST`."""
 
 
 @functools.lru_cache(maxsize=16)

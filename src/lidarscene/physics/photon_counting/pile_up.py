@@ -21,37 +21,39 @@ from . import dead_time
 from .matched_filter import OUTPUT_WIDTH, SCALE, TEMPLATE
 
 BOX = 2.4
-"""Half width of the bins whose counts are an echo's photons, in sigmas."""
+"""Choice: half width of the bins whose counts are an echo's photons, in sigmas."""
 
 BOX_SHARE = math.erf(BOX / math.sqrt(2.0))
 """Share of a Gaussian within it."""
 
 _WEAK = 1e-3
-"""Lambda that stands for weak light."""
+"""Accuracy bought: Lambda that stands for weak light."""
 
-_MOST = 1e4
-"""Largest Lambda of the tables: all SPADs fire 4 sigmas before the peak."""
+MOST = 1e4
+"""Accuracy bought: largest Lambda of the tables: all SPADs fire 4 sigmas before the peak."""
 
 _MOST_SUN = 2.0
-"""Largest lambda sigma of the tables."""
+"""Choice: largest lambda sigma of the tables."""
 
 _BEND = 0.25
-"""lambda sigma at which the tables' axis bends: x / (x + 0.25) is its coordinate."""
+"""Accuracy bought: lambda sigma at which the tables' axis bends: x / (x + 0.25) is its coordinate."""
 
 _NEVER_AGAIN, _SHORTEST = 5.6, 1.5
-"""Dead time in sigmas from which on no SPAD comes back within the filter, and the shortest one of the tables."""
+"""Accuracy bought: dead time in sigmas from which on no SPAD comes back within the filter, and the shortest one of the
+tables."""
 
 _NODES, _NODES_OF_WEAK = (56, 16, 10), (32, 19)
 """Nodes of the tables over Lambda, lambda sigma and sigma / tau, and of weak light over the latter two."""
 
 _FAINT = 0.05
-"""Lambda up to which an echo's peak follows from that of a weak one, to 1e-3 of its height and of sigma."""
+"""Accuracy bought: Lambda up to which an echo's peak follows from that of a weak one, to 1e-3 of its height and of
+sigma."""
 
 _NEWTON = 4
 """Steps of Newton's method to the top of a hump: to 0.01 of its width."""
 
 _STEP = 0.08
-"""Step of the tables' courses, in sigmas."""
+"""Accuracy bought: step of the tables' courses, in sigmas: a shorter one takes longer to tabulate."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -126,7 +128,7 @@ class _Place:
         zero = 0.0 * (detections + sun + dead)
         return cls(
             detections=xp(zero).maximum(detections + zero, 0.0),
-            bright=_coordinate(sun) + zero,
+            bright=sun_coordinate(sun) + zero,
             short=_SHORTEST / (dead + zero),
         )
 
@@ -143,10 +145,10 @@ class _Place:
     def coordinates(self) -> tuple[Lanes, Lanes, Lanes]:
         """Coordinates in the tables of three axes."""
         ops = xp(self.detections)
-        return ops.log(1.0 + self.detections) * (1.0 / math.log1p(_MOST)), self.bright, self.short
+        return ops.log(1.0 + self.detections) * (1.0 / math.log1p(MOST)), self.bright, self.short
 
 
-def _coordinate(sun: Lanes) -> Lanes:
+def sun_coordinate(sun: Lanes) -> Lanes:
     """Coordinate of lambda sigma in the tables."""
     return sun * (1.0 + _BEND / _MOST_SUN) / (sun + _BEND)
 
@@ -160,7 +162,7 @@ def shade_of_box(*, sun: Lanes) -> Lanes:
 
     sun  lambda sigma; the dead time is longer than the box
     """
-    return _tables_of_weak()["box"].at(_coordinate(sun))
+    return _tables_of_weak()["box"].at(sun_coordinate(sun))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -180,7 +182,7 @@ class Firings:
 def firings(*, detections: Lanes, sun: Lanes) -> Firings:
     """Firings of SPADs by an echo, to first order in the sun (T107); arguments as of `top`."""
     ops, tables = xp(detections + sun), _tables_of_firings()
-    bright = ops.log(1.0 + ops.maximum(detections, 0.0)) * (1.0 / math.log1p(_MOST))
+    bright = ops.log(1.0 + ops.maximum(detections, 0.0)) * (1.0 / math.log1p(MOST))
     at_first = dead_time.firing_share(detections=detections)
     early, deviation = tables["early"].at(bright), tables["deviation"].at(bright)
     # SPADs that come free within the echo fire too, later.
@@ -244,7 +246,7 @@ class _Node:
 @lru_cache(maxsize=1)
 def _tables() -> dict[str, LookupTable]:
     """Tables of height and shift over ln(1 + Lambda), lambda sigma and sigma / tau."""
-    tops = _by_dead_time(_detections(_NODES[0]), _suns(_NODES[1]), _NODES[2])
+    tops = _by_dead_time(_detections(_NODES[0]), sun_nodes(_NODES[1]), _NODES[2])
     return {
         name: LookupTable(np.stack([getattr(shape, name) for shape in tops], axis=-1)) for name in ("height", "shift")
     }
@@ -256,7 +258,7 @@ def _tables_of_weak() -> dict[str, LookupTable]:
 
     The others are the curvature of the peak, what a few detections add to height and shift, and the counts in the box.
     """
-    sun = _suns(_NODES_OF_WEAK[0])
+    sun = sun_nodes(_NODES_OF_WEAK[0])
     weak, faint = (_tops(np.array([light]), sun, _NEVER_AGAIN) for light in (_WEAK, _FAINT))
     by_dead = _by_dead_time(np.array([_WEAK]), sun, _NODES_OF_WEAK[1])
 
@@ -280,7 +282,7 @@ def _tables_of_firings() -> dict[str, LookupTable]:
     early, deviation                  mean time before the echo's middle of the former, and its deviation
     later, later_mean, later_variance  firings of those that come free within the echo, over lambda sigma; their time
     """
-    detections = np.expm1(np.linspace(0.0, 1.0, _NODES[0]) * math.log1p(_MOST))[:, None]
+    detections = np.expm1(np.linspace(0.0, 1.0, _NODES[0]) * math.log1p(MOST))[:, None]
     time = np.arange(-6.4, 6.4, _STEP)
     before, light = detections * normal_tail(-time), detections * np.exp(-0.5 * time * time) / math.sqrt(2.0 * math.pi)
     density = np.maximum(light, 1e-30) * np.exp(-before)
@@ -311,7 +313,7 @@ def _tables_of_firings() -> dict[str, LookupTable]:
 
 def _detections(count: int) -> Numbers:
     """Lambda at the nodes; the first is weak light, of which the share that fires is in proportion to it."""
-    return np.maximum(np.expm1(np.linspace(0.0, 1.0, count) * math.log1p(_MOST)), _WEAK)
+    return np.maximum(np.expm1(np.linspace(0.0, 1.0, count) * math.log1p(MOST)), _WEAK)
 
 
 def _by_dead_time(detections: Numbers, sun: Numbers, count: int) -> list[_Node]:
@@ -321,7 +323,7 @@ def _by_dead_time(detections: Numbers, sun: Numbers, count: int) -> list[_Node]:
     return [_tops(detections, sun, float(1.0 / k)) if k * _NEVER_AGAIN > 1.0 else lasting for k in inverse]
 
 
-def _suns(count: int) -> Numbers:
+def sun_nodes(count: int) -> Numbers:
     """Values of lambda sigma at the nodes."""
     coordinate = np.linspace(0.0, 1.0, count) / (1.0 + _BEND / _MOST_SUN)
     return _BEND * coordinate / (1.0 - coordinate)

@@ -27,40 +27,38 @@ from ...maths.arrays import Lanes, LookupTable, Numbers, xp
 from ...maths.units import STATIC
 from . import dead_time
 from .matched_filter import SCALE, TEMPLATE
-from .pile_up import BOX
+from .pile_up import BOX, MOST, sun_coordinate, sun_nodes
 
-_LEAST, _MOST = 1e-3, 1e4
-"""Smallest and largest Lambda of a calibration."""
+_LEAST = 1e-3
+"""Choice: smallest Lambda of a calibration; the largest is `pile_up.MOST`."""
 
 _LIGHTS, _SUNS, _HEIGHTS, _PHASES = 96, 32, 96, 4
 """Powers and suns of a calibration, nodes of its tables over y, and places of the echo in a bin."""
 
-_MOST_SUN, _BEND = 2.0, 0.25
-"""Largest lambda sigma, and that at which the axis of suns bends: x / (x + 0.25) is its coordinate."""
-
 _ROUND = 0.01
-"""Share of the highest y at which the axis of heights bends: near the highest, small steps are large powers."""
+"""Accuracy bought: share of the highest y at which the axis of heights bends: near the highest, small steps are large
+powers."""
 
 _SEARCH = 1.25
-"""Half width of the search for a peak, in sigmas: less than a dead time."""
+"""Accuracy bought: half width of the search for a peak, in sigmas: less than a dead time."""
 
 _REVIVED, _FINE = 6.0, 0.15
-"""Dead time below which SPADs fire twice in an echo, and the step of the course that finds the higher hump, in sigmas.
-"""
+"""Accuracy bought: dead time below which SPADs fire twice in an echo, and the step of the course that finds the higher
+hump, in sigmas."""
 
 _JUMP, _BLUR, _NEARLY = 0.5, 2.2, 0.9
-"""Jump of the shift, in sigmas, from which on two humps are told apart; factor of Lambda to either side of it within
-which noise and the place in a bin confuse them; share of the highest y from which on noise confuses echoes that blind
-the pixel with those that do not."""
+"""Choice: jump of the shift, in sigmas, from which on two humps are told apart; factor of Lambda to either side of it
+within which noise and the place in a bin confuse them; share of the highest y from which on noise confuses echoes that
+blind the pixel with those that do not."""
 
 _FAR_BELOW = 0.9
-"""Share of the least y of blinding echoes below which an echo is none: noise reaches no farther."""
+"""Accuracy bought: share of the least y of blinding echoes below which an echo is none: noise reaches no farther."""
 
 _DARK = 1e-30
-"""Counts that are none."""
+"""Accuracy bought: counts that are none."""
 
 _NEVER = 1e9
-"""Narrowing that no echo has."""
+"""Choice: narrowing that no echo has."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -90,7 +88,7 @@ class Walk:
         sun        lambda sigma
         """
         ops = xp(height, sun)
-        bright = _sun_coordinate(sun) + 0.0 * height
+        bright = sun_coordinate(sun) + 0.0 * height
         strong = _height_coordinate(ops.maximum(height, 0.0) / self.highest.at(bright))
         shift = self.shift.at(strong, bright)
         if self.blinding is None or self.divide is None:
@@ -135,7 +133,7 @@ class Course:
 @lru_cache(maxsize=64)
 def calibrate(sensor: Filtering) -> Walk:
     """Calibrate a sensor."""
-    lights, suns = _lights(), _suns()
+    lights, suns = _lights(), sun_nodes(_SUNS)
     course = expected_course(lights, suns, sensor)
     # Counts of single SPADs only crowd closer together as light grows.
     tops = np.argmax(course.height, axis=0) if sensor.coincidence > 1 else np.full(_SUNS, _LIGHTS - 1)
@@ -174,7 +172,7 @@ def _look_alikes(course: Course, top: int) -> tuple[tuple[float, float] | None, 
     lights, (height, shift) = _lights(), (course.height[:, 0], course.shift[:, 0])
     if top < len(lights) - 1:
         first = int(np.argmax(height > _NEARLY * height[top]))
-        return (float(lights[first]), _MOST), float(shift[first] - shift[-1])
+        return (float(lights[first]), MOST), float(shift[first] - shift[-1])
     jump = int(np.argmax(np.abs(np.diff(shift))))
     residual = float(abs(shift[jump + 1] - shift[jump]))
     if residual < _JUMP:
@@ -245,18 +243,7 @@ def _in_phase(lights: Numbers, suns: Numbers, sensor: Filtering, *, phase: float
 
 def _lights() -> Numbers:
     """Lambda of a calibration."""
-    return np.geomspace(_LEAST, _MOST, _LIGHTS)
-
-
-def _suns() -> Numbers:
-    """lambda sigma at the nodes."""
-    coordinate = np.linspace(0.0, 1.0, _SUNS) / (1.0 + _BEND / _MOST_SUN)
-    return np.asarray(_BEND * coordinate / (1.0 - coordinate))
-
-
-def _sun_coordinate(sun: Lanes) -> Lanes:
-    """Coordinate of lambda sigma in the tables."""
-    return sun * (1.0 + _BEND / _MOST_SUN) / (sun + _BEND)
+    return np.geomspace(_LEAST, MOST, _LIGHTS)
 
 
 def _heights() -> Numbers:

@@ -19,10 +19,10 @@ Roughness = Literal["flat", "A", "B", "C", "D", "E", "F", "G", "H"]
 """Road class of ISO 8608:2016, from very good (A) to impassable; "flat" is a plane."""
 
 REFERENCE_PER_M = 0.1
-"""Spatial frequency n0 at which ISO 8608 states the class."""
+"""Source: ISO 8608; spatial frequency n0 at which it states the class."""
 
 LOWEST_PER_M, HIGHEST_PER_M = 0.011, 2.83
-"""Band over which ISO 8608 fits a road's spectrum: waves of 91 m down to 0.35 m."""
+"""Source: ISO 8608; band over which it fits a road's spectrum: waves of 91 m down to 0.35 m."""
 
 WAVES = 512
 """Waves of a surface, 64 to an octave."""

@@ -20,8 +20,7 @@ import numpy as np
 
 from ...maths.arrays import Numbers
 from ...maths.units import Quantity
-
-GRAVITY_M_S2 = 9.80665
+from ..constants import STANDARD_GRAVITY_M_S2
 
 BODY, WHEELS = slice(0, 3), slice(3, 7)
 """Heave, pitch and roll, and the wheels (front left, front right, rear left, rear right), among the coordinates."""
@@ -83,7 +82,7 @@ class Suspension:
         stiffness = travel.T @ (spring[:, None] * travel) + turn.T @ (np.array(self.anti_roll_n_m)[:, None] * turn)
         stiffness[WHEELS, WHEELS] += self.tyre_n_per_m * np.eye(4)
         # The weight of a tilted body pulls it further over.
-        stiffness[[1, 2], [1, 2]] -= self.sprung_kg * GRAVITY_M_S2 * self.height_m
+        stiffness[[1, 2], [1, 2]] -= self.sprung_kg * STANDARD_GRAVITY_M_S2 * self.height_m
         forces = np.zeros((7, 6))
         forces[WHEELS, :4] = self.tyre_n_per_m * np.eye(4)
         # Inertia acts at the centre of mass and is held at the ground: speeding up lifts the nose, a bend to the left

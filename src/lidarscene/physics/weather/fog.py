@@ -16,12 +16,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...maths.arrays import Numbers
+from ..constants import KOSCHMIEDER
 from . import mie
 
 VISIBLE_M = 550e-9
-"""Wavelength at which visibility is defined."""
+"""Source: Koschmieder; wavelength at which visibility is defined."""
 
-_CONTRAST = 3.912  # -ln(0.02), as in `physics.optics.air`
 _RADII = 4000  # steps of 0.03 um or less average the ripple of Q_back to 0.5 %
 
 
@@ -56,8 +56,6 @@ class Droplets:
         return self.mode_m * math.pow((2.0 * (self.alpha + 3.0) / self.gamma + 25.0) / b, 1.0 / self.gamma)
 
 
-# R. H. Rasshofer, M. Spies and H. Spies, Adv. Radio Sci. 9, 49 (2011), table of particle distributions; the
-# two of radiation and advection fog are also fogs of E. P. Shettle and R. W. Fenn, AFGL-TR-79-0214 (1979).
 TYPES = {
     "strong_advection": Droplets(number_per_m3=20e6, alpha=3.0, gamma=1.0, mode_m=10e-6),
     "moderate_advection": Droplets(number_per_m3=20e6, alpha=3.0, gamma=1.0, mode_m=8e-6),
@@ -66,7 +64,9 @@ TYPES = {
     "moderate_spray": Droplets(number_per_m3=100e6, alpha=6.0, gamma=1.0, mode_m=2e-6),
     "chu_hogg": Droplets(number_per_m3=20e6, alpha=2.0, gamma=0.5, mode_m=1e-6),
 }
-"""Kinds of fog by name, each with its published density."""
+"""Source: R. H. Rasshofer, M. Spies and H. Spies, Adv. Radio Sci. 9, 49 (2011), table of particle distributions; kinds
+of fog by name, each with its published density. The two of radiation and advection fog are also fogs of E. P. Shettle
+and R. W. Fenn, AFGL-TR-79-0214 (1979)."""
 
 
 @functools.lru_cache(maxsize=64)
@@ -85,4 +85,4 @@ def scattering(droplets: Droplets, wavelength_m: float) -> tuple[float, float]:
 
 def visibility_m(droplets: Droplets) -> float:
     """Meteorological visibility in these droplets, 3.912 over their extinction at 550 nm (Koschmieder)."""
-    return _CONTRAST / scattering(droplets, VISIBLE_M)[0]
+    return KOSCHMIEDER / scattering(droplets, VISIBLE_M)[0]

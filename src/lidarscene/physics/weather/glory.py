@@ -26,12 +26,20 @@ from . import mie
 from .precipitation import drop_backscatter_m2_sr
 
 SPHERES_UP_TO_M, FLAT_FROM_M = 0.5e-3, 1e-3
-"""Diameters up to which drops are spheres, and from which they have no glory."""
+"""Source: Beard and Chuang, J. Atmos. Sci. 44, 1509, 1987; diameters up to which drops are spheres, and from which they
+have no glory."""
 
-_SMALLEST_M = 0.1e-3  # smaller drops have its gain: they are 2 % of the backscatter of a drizzle
+_SMALLEST_M = 0.1e-3
+"""Accuracy bought: diameter below which drops have the gain of this one: they are 2 % of the backscatter of a
+drizzle."""
+
 _NODES, _OF_A_NODE = (12, 16)  # diameters of the table, and sizes between two over which the ripples are averaged
-_STEP = 0.001  # of the table of Bessel functions, which are read at the nearest step
-_PLACES = np.linspace(0.0, 40.0, 81)  # u; Bessel functions turn every pi
+
+_STEP = 0.001
+"""Accuracy bought: step of the table of Bessel functions, which are read at the nearest one."""
+
+_PLACES = np.linspace(0.0, 40.0, 81)
+"""Accuracy bought: u of the table; Bessel functions turn every pi."""
 
 
 def gain(*, diameter_m: Numbers, wavelength_m: float, within_rad: Numbers, from_rad: Numbers | float = 0.0) -> Numbers:

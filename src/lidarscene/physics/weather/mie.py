@@ -16,9 +16,6 @@ import numpy as np
 
 from ...maths.arrays import Numbers
 
-# Wavelength in micrometres, n, k of liquid water at 25 C: G. M. Hale and M. R. Querry, Appl. Opt. 12, 555 (1973).
-# Their steps are too wide for the bands near 1.2 and 1.45 um; there D. J. Segelstein's thesis, University of
-# Missouri-Kansas City (1981). Both as in the refractiveindex.info database.
 _WATER = np.array(
     [
         (0.300, 1.349, 1.60e-8),
@@ -59,6 +56,9 @@ _WATER = np.array(
         (2.500, 1.261, 1.74e-3),
     ]
 )
+"""Source: G. M. Hale and M. R. Querry, Appl. Opt. 12, 555 (1973); wavelength in micrometres, n, k of liquid water at 25
+C. Their steps are too wide for the bands near 1.2 and 1.45 um; there D. J. Segelstein's thesis, University of
+Missouri-Kansas City (1981). Both as in the refractiveindex.info database."""
 
 _DERIVATIVES = 2**22  # at once: 64 MiB
 

@@ -25,10 +25,12 @@ from ...maths.units import STATIC
 from .precipitation import Sizes
 
 MEAN_HITS = {1: 0.01, 2: 0.18, 4: 1.0, 8: 3.5, 16: 9.5, 32: 23.0}
-"""Particles drawn for a pulse, and the largest mean number above the cut. Pulses with more lose their weakest: less
-than 0.5 % of the particles above the cut, and less of their power."""
+"""Accuracy bought: particles drawn for a pulse, and the largest mean number above the cut. Pulses with more lose their
+weakest: less than 0.5 % of the particles above the cut, and less of their power."""
 
-_FIRST_LOG = math.log(1e-6)  # of Lambda: rarer echoes than one in 1e6 pulses count as this strong
+_FIRST_LOG = math.log(1e-6)
+"""Accuracy bought: ln Lambda at the tables' begin: rarer echoes than one in 1e6 pulses count as this strong."""
+
 _RANGES, _LEVELS, _SHARES = 1000, 193, 1025  # points of the tables
 
 

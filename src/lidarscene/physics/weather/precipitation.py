@@ -15,19 +15,21 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...maths.arrays import Lanes, xp
+from ..constants import NEPERS_PER_DECIBEL
 from . import mie
 
-DB_PER_KM = math.log(10.0) / 10.0 / 1000.0  # one decibel per kilometre, in 1/m
+DB_PER_KM = NEPERS_PER_DECIBEL / 1000.0  # one decibel per kilometre, in 1/m
 
 FLAKE_DENSITY = {"dry": 0.1, "wet": 0.2}
-"""Density of flakes over that of water: order of magnitude from C. Magono and T. Nakamura, J. Meteorol. Soc. Japan 43,
-139 (1965). Flakes are then 2.2 or 1.7 times as wide as the drops they melt to."""
+"""Source: C. Magono and T. Nakamura, J. Meteorol. Soc. Japan 43, 139 (1965), the order of magnitude; density of flakes
+over that of water. Flakes are then 2.2 or 1.7 times as wide as the drops they melt to."""
 
-_FLAKE_LIDAR_RATIO_SR = 25.0  # of ice without absorption; ice clouds have 20 to 35
-_FLAKE_PATH_M = 0.3e-3  # path in ice of the light that comes back: an estimate, a few crystals
+_FLAKE_LIDAR_RATIO_SR = 25.0
+"""Choice: lidar ratio of ice without absorption; ice clouds have 20 to 35."""
 
-# Wavelength in micrometres and absorption index of ice: S. G. Warren and R. E. Brandt, J. Geophys. Res. 113,
-# D14220 (2008), as in the refractiveindex.info database.
+_FLAKE_PATH_M = 0.3e-3
+"""Choice: path in ice of the light that comes back: an estimate, a few crystals."""
+
 _ICE = np.array(
     [
         (0.30, 2.0e-11),
@@ -69,6 +71,8 @@ _ICE = np.array(
         (2.50, 7.530e-4),
     ]
 )
+"""Source: S. G. Warren and R. E. Brandt, J. Geophys. Res. 113, D14220 (2008), as in the refractiveindex.info database;
+wavelength in micrometres and absorption index of ice."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

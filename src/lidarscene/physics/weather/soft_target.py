@@ -17,9 +17,12 @@ import numpy as np
 from ...maths.arrays import Lanes, Numbers
 from ...maths.special import normal_tail
 from ..constants import SPEED_OF_LIGHT_M_S
+from ..electronics.pulse_sums import SIGMAS_PER_FWHM
 from ..optics.pulse import gaussian_pulse
 
-_REACH = 4.0  # pulse lengths FWHM c / 2 to integrate over; g is 1e-19 there
+_REACH = 4.0
+"""Accuracy bought: pulse lengths FWHM c / 2 to integrate over; g is 1e-19 there."""
+
 _PANELS, _NODES = 12, 8  # of Gauss-Legendre quadrature over the pulse; panels, because overlaps have kinks
 
 
@@ -69,7 +72,7 @@ def share_before_surface(*, range_m: Lanes, surface_m: Lanes, extinction_per_m: 
     Q((R - R_s - kappa sigma^2) / sigma), with sigma that of g in range and kappa = 2 alpha + 2 / R_s. Exact where
     exp(-2 alpha r) / r^2 falls as exp(-kappa r) over the pulse's length and beta xi is constant there.
     """
-    sigma_m = pulse_length_m(fwhm_s=fwhm_s) / math.sqrt(8.0 * math.log(2.0))
+    sigma_m = pulse_length_m(fwhm_s=fwhm_s) / SIGMAS_PER_FWHM
     falling_per_m = 2.0 * extinction_per_m + 2.0 / surface_m
     return normal_tail((range_m - surface_m) / sigma_m - falling_per_m * sigma_m)
 

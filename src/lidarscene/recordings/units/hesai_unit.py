@@ -62,13 +62,14 @@ CORRECTIONS_START, CORRECTIONS_VERSION = b"\xee\xff", 5
 """First bytes of a file of corrections, and the minor version that is read."""
 
 UNIT_DEG = 0.01 / 256.0
-"""Unit of the angles in a file of corrections; of the corrections along the sweep it is 0.01 degrees."""
+"""Source: Hesai's format; unit of the angles in a file of corrections. Of the corrections along the sweep it is 0.01
+degrees."""
 
 STEP_DEG, STEPS = 2.0, 180
-"""Step of the mirror's azimuth from correction to correction, and their number in a turn."""
+"""Source: Hesai's format; step of the mirror's azimuth from correction to correction, and their number in a turn."""
 
 AHEAD_DEG = (70.0, 110.0)
-"""Azimuths of the beams in the middle of a sweep, which goes from 30 to 150 degrees, 90 ahead."""
+"""Choice: azimuths of the beams in the middle of a sweep, which goes from 30 to 150 degrees, 90 ahead."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

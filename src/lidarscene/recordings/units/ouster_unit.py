@@ -35,13 +35,14 @@ FIRST_CALIBRATED = (2, 1)
 """First firmware with calibrated reflectivities (ouster.com/sensor-docs)."""
 
 LIDAR_TO_SENSOR = (-1, 0, 0, 0, 0, -1, 0, 0, 0, 0, 1, 36.18, 0, 0, 0, 1)
-"""Transform of sensors whose metadata have none, (4, 4) row by row [mm]."""
+"""Source: ouster-sdk; transform of sensors whose metadata have none, (4, 4) row by row [mm]."""
 
 BEAM_ORIGIN_MM = {"OS-0": 27.67, "OS-1": 15.806, "OS-2": 13.762}
-"""Product -> distance from the lidar's origin to that of the beams, for metadata of firmware 1 without it."""
+"""Source: ouster-sdk; product -> distance from the lidar's origin to that of the beams, for metadata of firmware 1
+without it."""
 
 FIRST_ORIGIN_MM = 12.163
-"""This distance of an OS1 of the first generation, and of files that name no product (as in ouster-sdk)."""
+"""Source: ouster-sdk; this distance of an OS1 of the first generation, and of files that name no product."""
 
 
 def read_ouster(path: Path, mode: str | None = None, *, text: str | None = None) -> Unit:

@@ -17,7 +17,7 @@ LIST_KEYS = ("elevation_deg", "azimuth_offset_deg", "forward_mm", "left_mm", "he
 
 
 FARTHEST_DEG = 1.0
-"""Largest rms difference of elevations between a unit and its model, twice what units differ by."""
+"""Choice: largest rms difference of elevations between a unit and its model, twice what units differ by."""
 
 
 def nearest_model(names: Sequence[str], elevation_deg: Sequence[float]) -> str:

@@ -21,7 +21,7 @@ MODELS = ("vlp-16", "vlp-32c", "hdl-32e", "hdl-64e", "vls-128")
 """The catalogue's sensors."""
 
 LEAST_MM = 0.1
-"""Least distance of an exit from an axis of the head that is written."""
+"""Choice: least distance of an exit from an axis of the head that is written."""
 
 Laser = tuple[int, float, float, float, float]
 """Number; vertical angle and rotation [rad]; offsets up and to the left [m]."""

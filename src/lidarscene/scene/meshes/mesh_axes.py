@@ -17,7 +17,7 @@ Axis = Literal["x", "y", "z"]
 Unit = Literal["m", "mm", "cm", "km", "in", "ft"]
 
 UNITS: dict[Unit, float] = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "km": 1e3, "in": 0.0254, "ft": 0.3048}
-"""Metres of each unit; inch and foot by the international yard of 1959."""
+"""Source: SI prefixes, and the international yard of 1959; metres of each unit."""
 
 _Y_UP = (".glb", ".gltf")
 

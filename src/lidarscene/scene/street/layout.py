@@ -15,35 +15,48 @@ import numpy as np
 from .street_file import StreetFile
 
 BAY_M, PARKING_M = 6.0, 2.3
-"""Length of a parking bay, and width of the strip of bays along each kerb."""
+"""Choice: length of a parking bay, and width of the strip of bays along each kerb."""
 
 CAR_M = (4.45, 2.15)
-"""Length and width of the car's mesh, with mirrors."""
+"""Source: the car's mesh; length and width, with mirrors."""
 
 KERB_M = 0.15
+"""Choice: width of a kerb."""
+
 CROSS_LANE_M = 3.2
+"""Choice: width of a lane of the streets that cross."""
+
 CROSS_HALF_M = CROSS_LANE_M + 0.8
 """Half the width of the streets that cross."""
 
 CROSS_REACH_M = 70.0
-"""From the middle of the street to the end of those that cross."""
+"""Choice: distance from the middle of the street to the end of those that cross."""
 
 ZEBRA_M = 4.0
+"""Choice: width of a zebra crossing, along the street."""
+
 STOP_LINE_M = 2.0
-"""From a stop line to the crossing or the zebra."""
+"""Choice: distance from a stop line to the crossing or the zebra."""
 
 HOUSE_SCALES = {"brick": 1.0, "plaster_white": 0.9, "concrete": 1.1}
+"""Choice: scale of the house's mesh by its walls, so that not all houses are as high."""
+
 HOUSE_M = (10.5, 4.5, 5.75)
-"""Of the house's mesh: width, from its middle to its front, and to the edge of its balconies."""
+"""Source: the house's mesh; width, from its middle to its front, and to the edge of its balconies."""
 
 TREE_SCALES = (0.7, 0.85, 1.0)
+"""Choice: scales of the tree's mesh, of which each tree draws one."""
+
 TREE_REACH_M = 2.6
+"""Source: the tree's mesh; from its trunk to the end of its branches."""
+
 TREE_LINE_M, POST_LINE_M = 1.0, 0.45
-"""From the kerb to the trunks, and to the posts of lamps and signs."""
+"""Choice: distance from the kerb to the trunks, and to the posts of lamps and signs."""
 
 PAINTS = ("white", "grey", "black", "red")
+
 FREE_M = 1.6
-"""Least distance between two things in the line along a kerb."""
+"""Choice: least distance between two things in the line along a kerb."""
 
 Place = tuple[float, float, float]
 """x, y [m] and yaw [degrees]."""

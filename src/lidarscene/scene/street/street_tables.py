@@ -53,12 +53,13 @@ SHAPES: dict[str, tuple[str, dict[str, str], float]] = {
 """Name of a body -> mesh, materials other than those of `catalog.shipped_meshes`, scale."""
 
 RAISED_M = 0.12
-"""Height of pavements and kerbs over the road."""
+"""Choice: height of pavements and kerbs over the road."""
 
 PAINT_M = 0.003
-"""Thickness of lane markings."""
+"""Choice: thickness of lane markings."""
 
 SOIL_M = (100.0, 160.0)
+"""Choice: size of a sheet of soil, along and across the street: beyond the houses on both sides."""
 
 SURROUNDINGS: Tables = {
     "sun": {"azimuth_deg": 215.0, "elevation_deg": 48.0, "illuminance_klux": 80.0},
@@ -68,7 +69,7 @@ SURROUNDINGS: Tables = {
     "sensor": {"name": "os1-128", "position_m": [0.0, 0.0, 1.75]},
     "picture": {"eye_m": [-9.0, 0.0, 7.0], "target_m": [14.0, 0.6, 0.5], "fov_deg": 70.0},
 }
-"""Tables that a scene with a street has unless it says otherwise."""
+"""Choice: tables that a scene with a street has unless it says otherwise."""
 
 
 def with_street(tables: Mapping[str, Any], file: StreetFile) -> Tables:

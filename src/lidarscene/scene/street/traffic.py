@@ -18,23 +18,31 @@ from ...maths.arrays import Numbers
 from .layout import CAR_M, CROSS_LANE_M, PAINTS, Crossing, Layout
 
 STEP_S = 0.1
+"""Accuracy bought: step of the driver model, a fifteenth of a driver's headway."""
+
 POSE_STEPS = 5
 """Steps from pose to pose of a motion."""
 
 ACCELERATION_M_S2, BRAKING_M_S2, HARDEST_M_S2 = 1.5, 2.0, 6.0
+"""Choice: of a driver: comfortable acceleration, comfortable braking, hardest braking."""
+
 HEADWAY_S, STANDING_GAP_M = 1.5, 2.5
-"""Of a driver: comfortable acceleration and braking; time to the vehicle ahead; distance to it in a queue."""
+"""Choice: of a driver: time to the vehicle ahead, distance to it in a queue."""
 
 WILLING_M_S2 = 3.5
-"""Who would have to brake harder than this to stop at a line that closes drives on."""
+"""Choice: braking beyond which nobody stops at a line that closes: they drive on."""
 
 WALK_M_S = (1.1, 1.6)
+"""Choice: slowest and fastest speed of people who walk, of which each draws one."""
+
 CROSS_M_S = 9.0
+"""Choice: speed of vehicles on the streets that cross."""
+
 QUEUE_M = 1.5
-"""From a vehicle that waits on a street that crosses to the kerb's line."""
+"""Choice: distance from a vehicle that waits on a street that crosses to the kerb's line."""
 
 CLEAR_S = 1.0
-"""Time for which a crossing must have been clear before others cross, and after which it opens again."""
+"""Choice: time for which a crossing must have been clear before others cross, and after which it opens again."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

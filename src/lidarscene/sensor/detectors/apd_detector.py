@@ -16,8 +16,8 @@ from .detector import Detector, Reception, Wave
 from .working_point import Noise, Response, WorkingPoint
 
 INGAAS_GAIN = 40.0
-"""Diodes of InGaAs, which see beyond silicon, reach a gain of 10 to 40 before noise drowns it (Campbell, J. Lightwave
-Technol. 25, 2007); silicon has 50 to 200."""
+"""Source: Campbell, J. Lightwave Technol. 25, 2007; diodes of InGaAs, which see beyond silicon, reach a gain of 10 to
+40 before noise drowns it. Silicon has 50 to 200."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

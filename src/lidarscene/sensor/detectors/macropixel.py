@@ -28,30 +28,32 @@ _INVERSIONS = 40
 
 
 _LARGEST_SHARE = 0.995
-"""Share of fired SPADs above which their number no longer depends on the light: 5.3 detections of each."""
+"""Accuracy bought: share of fired SPADs above which their number no longer depends on the light: 5.3 detections of
+each."""
 
 SUPPORTED_SHARE = 0.4
-"""Least share of neighbours with a return for which the law of the threshold holds: it is fitted to points with a
-return in 8 of the 20 columns beside them (`studies.fit.threshold`)."""
+"""Choice: least share of neighbours with a return for which the law of the threshold holds: it is fitted to points with
+a return in 8 of the 20 columns beside them (`studies.fit.threshold`)."""
 
 PLACES = tuple((1.2 * k, math.exp(-0.5 * (1.2 * k) ** 2)) for k in range(-2, 3))
 """Places of a standard normal distribution, evenly apart, and its density there up to a factor: the trapezoidal rule,
 to 0.004 for thresholds that scatter by 1.5 times the filter's noise, and to 0.03 by 2.5 times."""
 
 _FOR_EVER = 1e9
-"""Dead time in widths of an echo that no window is as long as."""
+"""Choice: dead time in widths of an echo that no window is as long as."""
 
 _EARLY = (0.0, 0.3, 0.6, 1.0, 1.5)
-"""Widths of an echo by which the filter's peak may come early where SPADs count together."""
+"""Accuracy bought: widths of an echo by which the filter's peak may come early where SPADs count together."""
 
 _LEAST_BEND = 0.2
-"""Least curvature of the filter's peak, over that of a weak echo as high whose SPADs count alone."""
+"""Accuracy bought: least curvature of the filter's peak, over that of a weak echo as high whose SPADs count alone."""
 
 _LEAST_NOISE = 0.05
-"""Least variance of the filter at an echo, over that of the background alone."""
+"""Accuracy bought: least variance of the filter at an echo, over that of the background alone."""
 
 _LEAST_RATE_HZ = 1e-3
-"""No SPAD is darker; without any noise, the ratios of signal and threshold to it would have no value."""
+"""Accuracy bought: no SPAD is darker; without any noise, the ratios of signal and threshold to it would have no
+value."""
 
 _LEAST_COUNTS = 1e-30
 """Nor has a bin of a shot fewer counts, for the same reason: coincidences of many SPADs in the dark are rarer than

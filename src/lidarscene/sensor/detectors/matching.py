@@ -5,11 +5,12 @@ from __future__ import annotations
 from .detector import Detector
 
 SILICON_M = 1150e-9
-"""Longest wavelength that silicon absorbs: its band gap of 1.12 eV is 1107 nm, phonons add some 40 nm (Green, Solar
-Energy Materials and Solar Cells 92, 2008)."""
+"""Source: Green, Solar Energy Materials and Solar Cells 92, 2008; longest wavelength that silicon absorbs: its band gap
+of 1.12 eV is 1107 nm, phonons add some 40 nm."""
 
 WIDER = 2.0
-"""Beam over field of view from which on more than half of a Gaussian beam is beside it: exp(-2 / 2^2) = 0.61."""
+"""Choice: beam over field of view from which on more than half of a Gaussian beam is beside it: exp(-2 / 2^2) =
+0.61."""
 
 
 def silicon_doubt(detector: Detector, *, wavelength_m: float) -> str | None:

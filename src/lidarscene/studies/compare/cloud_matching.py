@@ -21,7 +21,7 @@ from .comparison_statistics import common_pulses, first_echoes
 from .observations import Observation, Surfaces
 
 LEAST_SHARED = 0.05
-"""Share of the smaller cloud's pulses that the other must have for the two to count as fired by one scanner."""
+"""Choice: share of the smaller cloud's pulses that the other must have for the two to count as fired by one scanner."""
 
 
 def read_clouds(clouds: Sequence[str | os.PathLike[str] | PointCloud]) -> list[Observation]:

@@ -18,7 +18,7 @@ from ...maths.arrays import Numbers
 from .observations import Grouping, Observation, Surfaces, truth_column
 
 NORMAL_95 = 1.959963984540054
-"""Standard deviations that hold 95 % of a normal distribution, two-sided."""
+"""Source: normal distribution; standard deviations that hold 95 % of it, two-sided."""
 
 _ALL: tuple[str, ...] = ("all",)
 

@@ -17,7 +17,10 @@ from ...detection.outcomes import Status
 from ...maths.arrays import Numbers
 
 INCIDENCE_DEG = tuple(range(0, 91, 10))
+
 REFLECTIVITY = (0.0, 0.05, 0.1, 0.2, 0.3, 0.4, 0.6, 0.8, 1.0)
+"""Choice: edges of the bins by reflectivity: finer where surfaces are dark."""
+
 _MOST_RANGE_BINS = 16
 
 

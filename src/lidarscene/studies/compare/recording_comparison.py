@@ -20,14 +20,15 @@ from ...recordings.sweep import Sweep
 from ..held import Held, held_data, held_table, ratio, value_text
 
 NUMBERS = "real.json"
+
 QUANTILES = (1.0, 10.0, 50.0, 90.0, 99.0, 99.9)
-"""Quantiles of the ranges that are compared [%]."""
+"""Choice: quantiles of the ranges that are compared [%]."""
 
 FIRST_OCTAVE_M, OCTAVES = 2.0, 7
-"""Strengths are compared within 2 to 4 m, 4 to 8 m, ..."""
+"""Choice: octaves of range in which strengths are compared: 2 to 4 m, 4 to 8 m, ..."""
 
 GROUND_NEAR_M = 25.0
-"""Farthest points to which the ground's plane is fitted, so that a slope or a hill does not tilt it."""
+"""Choice: farthest points to which the ground's plane is fitted, so that a slope or a hill does not tilt it."""
 
 LEAST_GROUND = 100
 """Fewest points that make a plane, or a median of strengths."""
@@ -36,7 +37,8 @@ CHANNEL_PREFIX = "points at "
 """Start of the quantity in rows of single channels."""
 
 ALIKE = 0.1
-"""Distance of a ratio from 1 that the verdict ignores: two frames of one sensor in one street differ as much."""
+"""Choice: distance of a ratio from 1 that the verdict ignores: two frames of one sensor in one street differ as
+much."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

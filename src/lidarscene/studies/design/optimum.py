@@ -21,9 +21,10 @@ from .slopes import SlopesOf
 from .study_file import StudyFile
 
 ACTIVE = 2e-3
-"""A bound is active where less than this share of it is slack, or of the range of a key."""
+"""Choice: a bound is active where less than this share of it is slack, or of the range of a key."""
 
 _LARGEST_RESIDUAL = 0.1
+"""Choice: share of the objective's slope that constraints may leave at a design that counts as an optimum."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -41,7 +41,7 @@ if TYPE_CHECKING:
 Formula = Callable[[Sensor, QuantityFile], float]
 
 _REFERENCE_W = 1.0
-"""Peak power for which the report of eye safety is made; emissions are linear in it."""
+"""Choice: peak power for which the report of eye safety is made; emissions are linear in it."""
 
 
 class Evaluator:

@@ -36,11 +36,15 @@ EvaluateAll = Callable[[Sequence[Values]], Iterable["dict[str, float] | str"]]
 """Function of designs; returns the quantities of each in order, or the reason why it cannot be."""
 
 INSIDE = 2e-6
-"""Share of its bound by which the search stays within each constraint: SLSQP's own tolerance is half of that."""
+"""Accuracy bought: share of its bound by which the search stays within each constraint: SLSQP's own tolerance is half
+of that."""
 
 _POPULATION = 64
 _IDLE = 10  # generations without a new design after which NSGA-II ends
-_LARGE = 1e30  # in place of infinite: pymoo computes differences
+
+_LARGE = 1e30
+"""Choice: number in place of an infinite one: pymoo computes differences."""
+
 _STARTS = 4  # designs from which a search for one objective goes on
 _PLACES_OF_FRONT = 64  # places of a front to which a search goes, while evaluations remain
 

@@ -36,7 +36,8 @@ Evaluate = Callable[[Values], Mapping[str, float]]
 """Function of a design; returns its quantities by name. Raises InputError for one that cannot be."""
 
 STEP = 1e-4
-"""Step of differences, as a share of a key's range."""
+"""Accuracy bought: step of differences, as a share of a key's range: of a longer one the curve bends, a shorter one is
+rounded."""
 
 AUTOMATIC, CHAIN, DIFFERENCES = "automatic differentiation", "differences of the chain", "differences"
 

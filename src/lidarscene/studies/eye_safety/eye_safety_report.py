@@ -24,8 +24,9 @@ from .criteria import VIEWERS, ViewerCheck, geometry, margin_of, si_text
 from .exposure import PulseTrain, counted_train, scanned_train, stationary_train
 
 NOTICE = "An aid to design, not a certification: docs/eye_safety.md says what it rests on."
+
 TIME_BASE_S = 100.0
-"""Time base by 4.3 e, for light beyond 400 nm without intended long viewing."""
+"""Source: IEC 60825-1:2014, 4.3 e; time base for light beyond 400 nm without intended long viewing."""
 
 _NEEDED = ("laser.peak_power_w", "laser.pulse_fwhm_ns")
 """Keys that determine the energy of a pulse."""

@@ -41,7 +41,10 @@ NO_GROUND = (
 )
 DOTS = 60_000  # of a pattern that are drawn and listed
 OVERLAID = 120_000  # of all sensors together: three frames of 16 channels are whole
-_GAP_DEG = 5.0  # of azimuth that a turning head may leave out
+
+_GAP_DEG = 5.0
+"""Choice: degrees of azimuth that a turning head may leave out."""
+
 _WIDE = 1200  # pixels across a map at most
 
 

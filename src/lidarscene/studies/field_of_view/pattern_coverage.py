@@ -16,8 +16,9 @@ from ...scan import Scanner
 from .sphere_cells import SphereCells, convex_outline
 
 MOST_PULSES = 20_000_000
+
 DWELL_S = 1e-3
-"""Shortest pause between two pulses in a cell that makes them two visits."""
+"""Choice: shortest pause between two pulses in a cell that makes them two visits."""
 
 LONG = 4
 """Multiple of the longest requested time from which the field of view is found, if that is not too many pulses."""

@@ -17,10 +17,14 @@ from .pattern_coverage import CellMaps
 from .sphere_cells import SphereCells
 
 GROUND_M = 60.0
-GROUND_STEP_M = 0.5
+"""Choice: half side [m] of the square of ground around the sensor that is mapped."""
 
-# Aperture shares are rounded to this, so that few ranges are solved for: the range goes with their fourth root.
+GROUND_STEP_M = 0.5
+"""Choice: edge [m] of the cells of that map."""
+
 _SHARE_STEP = 1e-4
+"""Accuracy bought: aperture shares are rounded to this, so that few ranges are solved for: the range goes with their
+fourth root."""
 
 
 def range_map_m(sensor: Sensor, maps: CellMaps, target: Target) -> Numbers:

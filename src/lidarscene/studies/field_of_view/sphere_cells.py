@@ -15,7 +15,8 @@ import numpy as np
 
 from ...maths.arrays import Numbers
 
-_SHIFT = 0.381966  # of a cell: the golden section is far from every simple fraction
+_SHIFT = 0.381966
+"""Choice: shift of the edges, in cells: the golden section is far from every simple fraction."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -14,7 +14,10 @@ if TYPE_CHECKING:
     from ..ranging.plane import Target
 
 TIMES_S = (0.1, 0.2, 0.3, 0.4, 0.5, 0.7, 1.0, 1.4)
+"""Choice: times [s] of the coverage unless a user names others."""
+
 CELL_DEG = 0.28
+"""Choice: size [degrees] of the cells unless a user names another."""
 
 
 @list_options

@@ -14,20 +14,13 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...maths.arrays import Numbers
+from .tuning import DOUBTFUL_RATIO, UNKNOWN_SIGMA
 
 DRAWS = 400
 """Draws of the bootstrap: a sigma from n draws scatters by 1 / sqrt(2 n), here 3.5 %."""
 
-DOUBTFUL_RATIO = 1.3
-"""Ratio of the bootstrap's sigma to Fisher's above which the two differ.
-
-The sigma of a bootstrap over 40 blocks scatters by 11 %, by 20 % where few of the blocks matter."""
-
 MOST_EVALUATIONS = 50
 """Largest number of evaluations of a law or likelihood by its solver."""
-
-UNKNOWN_SIGMA = 1.0
-"""Sigma of a logarithm above which the number is not known: a factor of e either way."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -23,62 +23,36 @@ from ...physics.optics import receiver
 from ...sensor.overlap import Alignment
 from ...sensor.sensor_model import Sensor
 from .estimates import MOST_EVALUATIONS, Estimate, Solution
-from .products import FAR_RATIO, near_field_m
+from .products import near_field_m
 from .recorded_pulses import RecordedPulses
-
-LEAST_REFLECTIVITY, MOST_REFLECTIVITY = 20.0, 100.0
-"""Range of REFLECTIVITY that is used: below, its whole steps are too coarse; above, its scale is logarithmic."""
-
-LEAST_SIGNAL = 12.0
-"""Least SIGNAL: photons are whole numbers, too."""
-
-LOG_RANGE_STEP = 0.03
-"""Width of a bin in ln R."""
+from .tuning import (
+    CURVE_HUBER,
+    FAR_RATIO,
+    LEAST_GAIN,
+    LEAST_MISFIT,
+    LEAST_REFLECTIVITY,
+    LEAST_SHARE,
+    LEAST_SIGNAL,
+    LENS_BOUNDS,
+    LENS_RATIOS,
+    LENS_SIGMAS,
+    LENS_STEP,
+    LOG_RANGE_STEP,
+    LONGEST_STRETCH,
+    MOST_REFLECTIVITY,
+    OUTLIER,
+    SAME_LAW,
+    SPOT_BOUNDS,
+)
 
 LEAST_PULSES = 30
 """Least number of pulses in a bin."""
 
 LEAST_BINS = 6
 
-OUTLIER = 0.5
-"""Distance of ln white_m2 from the median of its bin beyond which the light is not only the return's."""
-
-HUBER_SIGMAS = 1.5
-"""Sigmas beyond which a bin counts less (Huber's weight): the nearest ranges follow laws of their own."""
-
-SPOT_BOUNDS = (0.1, 2.0)
-"""Bounds of the laser's spot radius (1/e^2) over that of the field of view; beyond them the curve hardly changes."""
-
-SAME_LAW = 0.01
-"""Largest difference of a sensor's near field from the law of one lens for it to count as one lens."""
-
-LONGEST_STRETCH = 1.5
-"""Largest logarithm of the factor that stretches a sensor's own curve over the range."""
-
-LEAST_SHARE = 1e-6
-
 LENSES = ("offset_over_aperture", "near_field_over_crossing", "near_field_over_focus", "scattered_share")
 """Numbers of a receiver beside its transmitter that may be free: its offset over r_A, R0 over the range at which the
 axes meet and over that in focus (0: infinity), and the share of the light that reaches the detector by scatter."""
-
-LENS_BOUNDS = ((0.0, 20.0), (0.0, 20.0), (0.0, 20.0), (0.0, 0.2))
-"""Bounds of the `LENSES`."""
-
-LENS_SIGMAS = (1.0, 0.3, 0.3, 0.03)
-"""Standard deviations of the `LENSES` about the file's values, before a recording is seen: this project's choice.
-Without them a recording that ends before its signals are those of far away leaves K open."""
-
-LEAST_MISFIT = 0.02
-"""Least misfit of the stretched curve for which free lenses are tried."""
-
-LEAST_GAIN = 0.2
-"""Least share of the error on held-out blocks by which free lenses must lower it, since they have four numbers more."""
-
-LENS_RATIOS = np.geomspace(0.02, 50.0, 80)
-"""Ranges over R0 at which the overlap of free lenses is integrated: the curve between is smooth."""
-
-LENS_STEP = 1e-4
-"""Step of the differences that are the slopes of the curve of free lenses, relative for values above 1."""
 
 Curve = Callable[..., Numbers]
 """Function from range over R0, and perhaps the `LENSES`, to the share of the light on the detector, relative to that at
@@ -287,7 +261,7 @@ def _solve(binned: Bins, check: Bins, sensor_curve: Curve | None, start: Numbers
         # What of the scatter is beyond the bins' own noise is the misfit of the law.
         excess = np.median(np.abs(residual)) * SIGMA_PER_MAD
         misfit = math.sqrt(max(excess**2 - float(np.median(sigma)) ** 2, 1e-6**2))
-        weight = np.minimum(1.0, HUBER_SIGMAS * np.sqrt(sigma**2 + misfit**2) / np.maximum(np.abs(residual), 1e-12))
+        weight = np.minimum(1.0, CURVE_HUBER * np.sqrt(sigma**2 + misfit**2) / np.maximum(np.abs(residual), 1e-12))
     root = np.sqrt(weight) / np.sqrt(sigma**2 + misfit**2)
     # Score of a block: its part of each bin's mean residual, times the slope of the law there.
     block_residuals = np.divide(sums - counts * _law(sensor_curve, value, x), counts.sum(axis=0))

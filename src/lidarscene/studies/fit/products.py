@@ -19,15 +19,10 @@ from ...physics.electronics.pulse_sums import SIGMAS_PER_FWHM
 from ...physics.photon_counting import matched_filter
 from ...sensor.sensor_model import Sensor
 from ..ranging.plane import Target, echoes_of_plane
-
-FAR_RATIO = 30.0
-"""Range over R0 beyond which the near field changes the light by less than 0.1 %."""
+from .tuning import FAR_RATIO, LEAST_EXPONENT
 
 REFLECTIVITY = "reflectivity of all targets"
 """Name of the reflectivities' common scale, which is the maker's and multiplies the power."""
-
-LEAST_EXPONENT = 0.02
-"""Exponents below this count as 0."""
 
 
 def width_of_place(sigma_s: Lanes, bin_s: Lanes) -> Lanes:

@@ -22,7 +22,7 @@ from ..twin.apparent_reflectivity import ReflectivityGauge
 from ..twin.daylight import illuminance_klux
 from .estimates import Estimate, Solution
 from .fit_report import FITTED, FitReport, law_figure, law_rows, share_figure
-from .near_field import MOST_REFLECTIVITY, NearField, fit_near_field
+from .near_field import NearField, fit_near_field
 from .products import QUANTITIES, Products, find_products, white_over_range_m2
 from .recorded_pulses import RecordedPulses, gather_pulses
 from .row_gains import RowGains, fit_rows
@@ -30,6 +30,7 @@ from .scatter import Scatter, fit_scatter
 from .sensor_text import base_text, fitted_text, parse_sensor, with_background_gain
 from .threshold import Threshold, fit_threshold
 from .threshold_ends import fit_least, fit_lone_factor
+from .tuning import MOST_REFLECTIVITY
 
 REFLECTIVITY_NOTE = (
     "SIGNAL is not recorded: the photons of the scatter are REFLECTIVITY by the file's own power and optics, and only "

@@ -14,15 +14,10 @@ import numpy as np
 
 from ...maths.arrays import Numbers
 from .recorded_pulses import RecordedPulses
+from .tuning import GAIN_SIGNAL, SAME_RANGE
 
 LEAST_COLUMNS = 64
 """Least number of columns for a median."""
-
-LEAST_SIGNAL = 40.0
-"""Photons above which all pulses have a return, so that losses do not bias the median."""
-
-SAME_RANGE = 0.02
-"""Largest relative difference of the ranges of two pixels whose signals are compared."""
 
 SMOOTHING_ROWS = 8
 """Rows to either side in the parabola that follows the scene's own course."""
@@ -75,7 +70,7 @@ def _signal_exponent(pulses: RecordedPulses, gains: Numbers) -> tuple[float, flo
     """Slope of the logarithmic gains of SIGNAL over those of NEAR_IR, and its sigma."""
     if pulses.signal is None:
         return None
-    strong_signals = pulses.has_return & (pulses.signal >= LEAST_SIGNAL)
+    strong_signals = pulses.has_return & (pulses.signal >= GAIN_SIGNAL)
     log_signal = _destagger(pulses, np.log(np.where(strong_signals, pulses.signal, 1.0)))
     range_m, strong_mask = _destagger(pulses, np.nan_to_num(pulses.range_m)), _destagger(pulses, 1.0 * strong_signals)
     with np.errstate(divide="ignore", invalid="ignore"):

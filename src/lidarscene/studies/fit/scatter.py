@@ -19,21 +19,10 @@ import numpy as np
 from ...maths.arrays import Numbers
 from .estimates import Estimate, Solution, misfit_factor
 from .recorded_pulses import RecordedPulses
+from .tuning import PATCH_SIGNAL, PATCH_SIGNAL_RATIO, PATCH_SQUARE, SMOOTH_SHARE
 
 PATCH, COLUMN_STEP = 5, 2
 """Pulses in a patch, and columns from one to the next."""
-
-LEAST_SIGNAL = 100.0
-"""Least harmonic mean of SIGNAL over a patch [photons]."""
-
-SMOOTH_SHARE = 0.5
-"""Share of the patches, by the scatter of their neighbours, that count as smooth."""
-
-LARGEST_SIGNAL_RATIO = 2.0
-"""Largest ratio of the signals within a patch."""
-
-LARGEST_SQUARE = 6.0
-"""Sum of squares over sigma^2 above which a patch is left out: exp(-3) = 5 % of clean ones."""
 
 LEAST_PATCHES = 60
 """Least number of patches."""
@@ -51,12 +40,12 @@ _MEDIAN_ONE, _MEDIAN_TWO = 0.45494, 2.0 * math.log(2.0)
 """Medians of chi^2 with one and two degrees of freedom."""
 
 _MEDIAN_VARIANCE_ONE, _MEDIAN_VARIANCE_TWO = 8.0, 2.1
-"""Variance of the logarithm of a median, times the number of values: 1 / (2 m f(m))^2, which is 5.4 and 2.1.
-Neighbouring third differences of a block are correlated by up to 0.6, which makes 5.4 some 8."""
+"""Source: statistics of chi^2; variance of the logarithm of a median, times the number of values: 1 / (2 m f(m))^2,
+which is 5.4 and 2.1. Neighbouring third differences of a block are correlated by up to 0.6, which makes 5.4 some 8."""
 
-_SHARE_BELOW = 1.0 - math.exp(-0.5 * LARGEST_SQUARE)
-_MEAN_BELOW = (2.0 - (2.0 + LARGEST_SQUARE) * math.exp(-0.5 * LARGEST_SQUARE)) / _SHARE_BELOW
-"""Mean of chi^2 with two degrees of freedom, given that it is below `LARGEST_SQUARE`."""
+_SHARE_BELOW = 1.0 - math.exp(-0.5 * PATCH_SQUARE)
+_MEAN_BELOW = (2.0 - (2.0 + PATCH_SQUARE) * math.exp(-0.5 * PATCH_SQUARE)) / _SHARE_BELOW
+"""Mean of chi^2 with two degrees of freedom, given that it is below `PATCH_SQUARE`."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -113,7 +102,7 @@ def fit_scatter(pulses: RecordedPulses) -> Scatter | None:
     inlier = np.ones(len(squares), bool)
     for _ in range(200):
         variance = law @ value
-        inlier = squares < LARGEST_SQUARE * variance
+        inlier = squares < PATCH_SQUARE * variance
         if inlier.sum() < LEAST_PATCHES // 4:
             return None
         # The squares are exponentially distributed with mean ``law @ value`` times the truncated mean: iteratively
@@ -125,11 +114,11 @@ def fit_scatter(pulses: RecordedPulses) -> Scatter | None:
         if converged:
             break
     variance = law @ value
-    inlier = squares < LARGEST_SQUARE * variance
+    inlier = squares < PATCH_SQUARE * variance
     patch_scores = np.where(inlier, squares / _MEAN_BELOW - variance, 0.0)[:, None] * law / variance[:, None] ** 2
     scores = np.column_stack([np.bincount(block, column) for column in patch_scores.T])
-    # Slope of the sum of the scores: the cut at LARGEST_SQUARE moves with the law, which takes off the share ``edge``.
-    edge = 0.5 * math.exp(-0.5 * LARGEST_SQUARE) * LARGEST_SQUARE * (LARGEST_SQUARE / _MEAN_BELOW - 1.0) / _SHARE_BELOW
+    # Slope of the sum of the scores: the cut at PATCH_SQUARE moves with the law, which takes off the share ``edge``.
+    edge = 0.5 * math.exp(-0.5 * PATCH_SQUARE) * PATCH_SQUARE * (PATCH_SQUARE / _MEAN_BELOW - 1.0) / _SHARE_BELOW
     relative = law[inlier] / variance[inlier, None]
     fisher = relative.T @ relative
     spread = float(np.var(squares[inlier] / variance[inlier] / _MEAN_BELOW))
@@ -163,7 +152,7 @@ def _patches(pulses: RecordedPulses) -> tuple[Numbers, Numbers, Numbers]:
     range_m, signal = pulses.range_m[:, columns], pulses.signal[:, columns]
     with np.errstate(invalid="ignore"):
         valid = np.isfinite(range_m).all(axis=2) & (signal.min(axis=2) > 0.0) & in_one_block
-        valid &= signal.max(axis=2) < LARGEST_SIGNAL_RATIO * signal.min(axis=2)
+        valid &= signal.max(axis=2) < PATCH_SIGNAL_RATIO * signal.min(axis=2)
     basis = np.linalg.qr(np.vander(np.arange(PATCH), 3))[0]  # orthonormal basis of the parabolas over a patch
     filled_range_m = np.where(valid[..., None], range_m, 0.0)
     squares = np.sum((filled_range_m - (filled_range_m @ basis) @ basis.T) ** 2, axis=2)
@@ -171,7 +160,7 @@ def _patches(pulses: RecordedPulses) -> tuple[Numbers, Numbers, Numbers]:
     relative = np.where(valid, squares / inverse, np.inf)
     neighbour_scatter = np.full_like(relative, np.inf)
     neighbour_scatter[1:-1] = np.maximum(relative[:-2], relative[2:])
-    usable = valid & np.isfinite(neighbour_scatter) & (inverse < 1.0 / LEAST_SIGNAL)
+    usable = valid & np.isfinite(neighbour_scatter) & (inverse < 1.0 / PATCH_SIGNAL)
     if not usable.any():
         return np.zeros(0), np.zeros(0), np.zeros(0, int)
     usable &= neighbour_scatter <= np.quantile(neighbour_scatter[usable], SMOOTH_SHARE)
@@ -193,8 +182,8 @@ def _correlation(pulses: RecordedPulses, relative: Numbers) -> tuple[float, floa
     range_m, signal = pulses.range_m[:, columns], pulses.signal[:, columns]
     with np.errstate(invalid="ignore", divide="ignore"):
         inverse = np.mean(1.0 / signal, axis=2)
-        valid = np.isfinite(range_m).all(axis=2) & (signal.min(axis=2) > 0.0) & (inverse < 1.0 / LEAST_SIGNAL)
-        valid &= signal.max(axis=2) < LARGEST_SIGNAL_RATIO * signal.min(axis=2)
+        valid = np.isfinite(range_m).all(axis=2) & (signal.min(axis=2) > 0.0) & (inverse < 1.0 / PATCH_SIGNAL)
+        valid &= signal.max(axis=2) < PATCH_SIGNAL_RATIO * signal.min(axis=2)
         wide = np.where(valid, (range_m @ WIDE) ** 2 / inverse, np.inf)
     neighbours = np.maximum(wide[:-2], wide[2:])
     usable = valid[1:-1] & np.isfinite(neighbours)
@@ -223,7 +212,7 @@ def _deviations(excess: Numbers, inverse: Numbers) -> Numbers:
 
 def _octaves(squares: Numbers, inverse: Numbers, value: Numbers) -> Numbers:
     """(k, 3) signal, sigma and number of patches by octave, without patches far above the law."""
-    inlier = squares < LARGEST_SQUARE * (value[0] * inverse + value[1])
+    inlier = squares < PATCH_SQUARE * (value[0] * inverse + value[1])
     octave = np.floor(np.log2(1.0 / inverse[inlier])).astype(int)
     rows = []
     for number in np.unique(octave):

@@ -20,14 +20,12 @@ from ...files.toml_edit import KeyPath, get_value, put_values, remove_values
 from ...recordings.units.unit_file import read_unit, unit_text
 from ...sensor.sensor_file import sensor_from_tables
 from ...sensor.sensor_model import Sensor
-from ..twin.daylight import BRIGHTEST_KLUX
+from ..twin.tuning import BRIGHTEST_KLUX
 from .estimates import Estimate
 from .near_field import LENSES
 from .products import near_field_m, pulse_fwhm_s, white_m2
 from .row_gains import RowGains
-
-MOST_RELATIVE_SIGMA = 0.3
-"""Largest scatter of an estimate over its value; less certain estimates are not written."""
+from .tuning import INFINITE, MOST_RELATIVE_SIGMA
 
 FILE_KEYS = {
     "white_m2": "laser.peak_power_w",
@@ -60,9 +58,6 @@ TWO_LENS_KEYS = (
 Changes = dict[str, tuple[float | list[float], str]]
 """Key of the file -> its new value and the source of that."""
 
-INFINITE = 1e-3
-"""R0 over a range beyond which that counts as infinity: the near field differs by less than 0.1 %."""
-
 WHOLE = ("detector.spads",)
 """Keys whose values are integers."""
 
@@ -77,9 +72,9 @@ STRETCHED = {
     "laser.divergence_mrad": -0.5,
     "laser.divergence_elevation_mrad": -0.5,
 }
-"""Key -> exponent of the factor that stretches the near field over the range. Transverse lengths grow by its square
-root, angles shrink by it. Aperture times field of view stays, and so does the background; the power makes up for the
-aperture."""
+"""Source: the lidar equation; key -> exponent of the factor that stretches the near field over the range. Transverse
+lengths grow by its square root, angles shrink by it. Aperture times field of view stays, and so does the background;
+the power makes up for the aperture."""
 
 SCALED_KEYS = (
     "laser.peak_power_w",

@@ -22,9 +22,7 @@ from ...physics.photon_counting.pile_up import BOX, BOX_SHARE
 from ...sensor.sensor_model import Sensor
 from .estimates import Estimate, Solution, misfit_factor
 from .recorded_pulses import RecordedPulses
-
-LARGEST_SIGNAL_RATIO = 3.0
-"""SIGNAL over the median threshold above which pulses are lost for other reasons (blanking, a window): left out."""
+from .tuning import LARGEST_CONDITION, LARGEST_PEDESTAL, LARGEST_SIGNAL_RATIO, LEAST_VARIANCE, RANGE_TOLERANCE
 
 NEIGHBOUR_COLUMNS = 10
 """Columns to either side that are searched for a pulse's neighbours."""
@@ -32,24 +30,11 @@ NEIGHBOUR_COLUMNS = 10
 LEAST_NEIGHBOURS = 8
 """Least number of neighbours with a return that make a surface."""
 
-RANGE_TOLERANCE = 0.1
-"""Largest relative difference of a neighbour's range from the neighbours' median. The pulse's own range does not count,
-since a lost pulse has none."""
-
 LEAST_PULSES = 200
 """Least number of pulses near the threshold, with a return and without."""
 
-LARGEST_CONDITION = 1e6
-"""Condition number of the Fisher matrix above which the background hardly varies; pedestal in median NEAR_IR."""
-
-LARGEST_PEDESTAL = 20.0
-"""Largest pedestal in median NEAR_IR: a threshold that the background hardly moves."""
-
 CHANCE_BINS = 20
 """Bins of the chance for the check."""
-
-LEAST_VARIANCE = 5.0
-"""Least variance of the number of returns in a bin that counts for the misfit: with fewer they are not normal."""
 
 LOGISTIC = math.pi / math.sqrt(3.0)
 """Standard deviation of a logistic distribution of width 1."""

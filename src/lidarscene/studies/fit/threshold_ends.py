@@ -28,26 +28,13 @@ from .threshold import (
     on_surface,
     threshold_pulses,
 )
+from .tuning import DECISIVE, FILTER_DEVIATES, LARGEST_RATIO, LEAST_RATIO, LEASTS
 
 LONE_COLUMNS = 2
 """Columns to either side without a return that make a pulse a lone one."""
 
-LEAST_RATIO = 1.2
-"""SIGNAL over the median threshold above which lone pulses count: below, the law of surfaces lets none return."""
-
 LEAST_LONE = 10
 """Least number of lone pulses with a return, and without."""
-
-LEASTS = np.geomspace(0.2, 1.0, 161)
-"""Least thresholds over the median one that are tried, a per cent apart."""
-
-LARGEST_RATIO = 1.5
-"""SIGNAL over the median threshold up to which pulses say something of the least one."""
-
-DECISIVE = 2.0
-"""Least difference of ln L from that of a threshold without an end: two sigma."""
-
-_STEPS = np.linspace(-4.0, 4.0, 161)
 
 
 def fit_lone_factor(pulses: RecordedPulses, threshold: Threshold) -> Estimate | None:
@@ -127,8 +114,8 @@ def _chances(ratio: Numbers, spread: float, filter_sigma: float, least: Numbers)
     """(2, ratios, leasts) chances of a return and of none (T183), not below 1e-6, which is noise."""
     from scipy.special import ndtr
 
-    output = np.maximum(ratio[:, None] + filter_sigma * _STEPS, 1e-9)
-    weight = np.exp(-0.5 * _STEPS**2)
+    output = np.maximum(ratio[:, None] + filter_sigma * FILTER_DEVIATES, 1e-9)
+    weight = np.exp(-0.5 * FILTER_DEVIATES**2)
     weight /= weight.sum()
     met = ndtr(np.log(output) / spread) * weight
     # Sum of what lies above each least threshold, from the far end.

@@ -36,7 +36,9 @@ from .case import (
 Numbers = dict[str, Any]
 Load = Callable[..., Sensor]
 
-EXCESS_NOISE_INDEX, GAIN = 0.3, 80.0  # Table 1
+EXCESS_NOISE_INDEX, GAIN = 0.3, 80.0
+"""Source: Table 1 of the paper; excess noise index and gain of the diode."""
+
 SHORT_PULSE = ("detector.cells=900", "detector.pde=0.15", "detector.dead_time_ns=11", "laser.pulse_fwhm_ns=2.2")
 """Cells whose dead time is five pulses long: nearly all of the pulse is in the count's peak."""
 

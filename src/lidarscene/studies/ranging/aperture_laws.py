@@ -17,7 +17,7 @@ from ...maths.arrays import Numbers
 from ...scan import Scanner
 
 LARGEST_DEG = 89.0
-"""Largest angle at which a fixed window or a scan mirror still has an aperture."""
+"""Choice: largest angle at which a fixed window or a scan mirror still has an aperture."""
 
 
 def constant(angle_deg: Numbers) -> Numbers:
@@ -46,7 +46,9 @@ def mirror(angle_deg: Numbers) -> Numbers:
 LAWS: dict[str, Callable[[Numbers], Numbers]] = {"constant": constant, "cosine": cosine, "mirror": mirror}
 
 _PULSES = 200_000  # pulses of a frame that are evaluated
-_SLICE = 0.02  # share of them, nearest to the axis, that count as lying on it
+
+_SLICE = 0.02
+"""Choice: share of the pulses, nearest to the axis, that count as lying on it."""
 
 
 def field_of_view_deg(scanner: Scanner, axis: str) -> tuple[float, float]:

@@ -96,7 +96,7 @@ QUANTITIES = {"snr": "signal-to-noise ratio", "range": "maximum range [m]", "pd"
 APERTURE_LAWS = ("scanner", "constant", "cosine", "mirror")
 
 CLEAR_AIR = 0.98
-"""Transmittance of the air one way at any range (Table 1)."""
+"""Source: Table 1 of the paper; transmittance of the air one way at any range."""
 
 
 @list_options

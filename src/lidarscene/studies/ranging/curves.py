@@ -24,8 +24,12 @@ from .subjects import Subject
 from .sweep_axes import Axis
 
 _FINE = 33  # evaluations in a bracket at a time
-_CLOSE = 1e-10  # relative width of a crossing's final bracket
-_JUMP = 1e-4  # a larger difference in the final bracket is a jump of a curve, not a crossing
+
+_CLOSE = 1e-10
+"""Accuracy bought: relative width of a crossing's final bracket."""
+
+_JUMP = 1e-4
+"""Accuracy bought: difference in the final bracket above which a curve jumps there, and does not cross."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

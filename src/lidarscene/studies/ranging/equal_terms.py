@@ -26,16 +26,22 @@ from .curves import with_haze
 from .plane import Target
 
 PROBABILITY = 0.9
-"""P_d at the range of a verdict."""
+"""Choice: P_d at the range of a verdict."""
 
 ILLUMINANCES_KLUX = (1.0, 10.0, 50.0, 100.0, 130.0)
-"""Light under which a verdict has the ranges, up to the brightest sun."""
+"""Choice: light under which a verdict has the ranges, up to the brightest sun."""
 
 _GAINS = (1.0, 1000.0)
-_RATIOS = (0.5, 50.0)  # thresholds over noise that are tried
-_ALIKE = 1e-6  # logarithm of false points over wanted ones within which they are as wanted
+"""Choice: least and largest gain among which the best one is sought."""
+
+_RATIOS = (0.5, 50.0)
+"""Choice: thresholds over noise that are tried."""
+
+_ALIKE = 1e-6
+"""Accuracy bought: logarithm of false points over wanted ones within which they are as wanted."""
+
 _NO_GAIN_WORTH = 0.01
-"""Share of the range below which a better gain is not named."""
+"""Choice: share of the range below which a better gain is not named."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -18,6 +18,7 @@ from . import plane
 from .plane import Target
 
 _HIGHEST = 1e6
+"""Choice: largest gain that is tried: no diode reaches it."""
 
 
 @dataclass(frozen=True, slots=True)

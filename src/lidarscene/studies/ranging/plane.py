@@ -28,12 +28,24 @@ from ...sensor.detectors import WorkingPoint
 from ...sensor.sensor_model import Sensor
 
 _NEAREST_M, _FARTHEST_M = 1e-2, 1e6
+"""Choice: nearest and farthest distance between which the maximum range is sought."""
+
 _STEPS_PER_DECADE = 16  # of the grid for the last crossing
-_ACCURACY = 5e-14  # of the maximum range, as a share of eight decades: 1e-12 relative
+
+_ACCURACY = 5e-14
+"""Accuracy bought: error of the maximum range, as a share of eight decades: 1e-12 relative."""
+
 _AT_ONCE = 4096  # most points of the grid in one call
-_MOST_LOG = 700.0  # of the margin: without noise, or without signal, it is infinite
-_BLINDING_W = 1e20  # more light than any detector resolves
-_NOTHING = 1e-100  # below this the products of the closed forms underflow
+
+_MOST_LOG = 700.0
+"""Accuracy bought: largest logarithm of the margin: without noise, or without signal, it is infinite."""
+
+_BLINDING_W = 1e20
+"""Choice: more light than any detector resolves."""
+
+_NOTHING = 1e-100
+"""Accuracy bought: least product that counts: below it those of the closed forms underflow."""
+
 PARTS = ("laser", "optics", "detector", "tdc", "sampler", "receiver", "histogram")
 """Parts of a sensor that decide its range."""
 

@@ -6,6 +6,7 @@ surfels                quads of a sweep of rows and columns, the ground complete
 frame_poses            pose of the sensor in each frame
 twin_files             files of a twin
 matched_pulses         recording and simulation of a frame, pulse by pulse
+tuning                 numbers of the twin that no source gives, and what each is worth
 judge                  differences between them, and their limits
 twin_page              page and JSON of the comparison
 """

@@ -15,37 +15,27 @@ from ...physics.optics import reflection
 from ...recordings.sweep import Second, Sweep
 from ...sensor.sensor_model import Sensor
 from ..ranging.plane import Target, echoes_of_plane
-
-SLOPE_DEG = 45.0
-"""Slope of the facets of all measured surfaces, that of the catalogue's asphalt."""
-
-LEAST_REFLECTIVITY = 1e-5
-"""Least reflectivity; lower ones are unknown surfaces, taken as black: 0.1 photons of an OS0 at 0.7 m."""
+from .tuning import (
+    ASSUMED_MEDIAN,
+    COMPANY,
+    DIM,
+    FAR_M,
+    LEAST_COUNTS,
+    LEAST_PHOTONS,
+    LEAST_REFLECTIVITY,
+    LOSS_SIGMAS,
+    SLOPE_DEG,
+    STEEPEST,
+)
 
 WHITE = 100.0
-"""REFLECTIVITY of a white surface, up to which an Ouster counts linearly, and intensity of a Velodyne."""
+"""Source: Ouster's and Velodyne's manuals; REFLECTIVITY of a white surface, up to which an Ouster counts linearly, and
+intensity of a Velodyne."""
 
-ASSUMED_MEDIAN = 0.2
-"""Median apparent reflectivity assumed where the recording's intensity has no known unit."""
-
-STEEPEST = 4.0
-"""Largest exponent of the range in the extrapolation of a table to near ranges."""
-
-LOSS_SIGMAS = 2.0
-"""Sigmas above the threshold from which on a lost pulse was not lost for lack of light: one pulse in 44 is."""
-
-DIM = 1e-3
-"""Reflectivity of the target whose photons, over it, are those of a white one."""
-
-FAR_M = 30.0
-"""Range at which a sensor's photons calibrate signals without reflectivities; its near field continues them."""
-
-_LEAST_COUNTS = 5.0
 _BINS_PER_OCTAVE = 4
 _LEAST_PIXELS = 10
-_COMPANY = 0.05
+
 _CURVE_RANGES = 200
-_LEAST_PHOTONS = 1e-12
 
 
 def withheld_mask(sweep: Sweep) -> Numbers:
@@ -185,16 +175,16 @@ def white_signal(sensor: Sensor, range_m: Numbers) -> Numbers:
     grid_m = np.geomspace(range_m.min(), 1.01 * range_m.max(), _CURVE_RANGES)
     light = echoes_of_plane(sensor, Target(reflectivity=DIM, illuminance_klux=0.0), grid_m)
     photons = np.asarray(sensor.working_point(light.background_power_w).response.signal(light.peak_power_w))
-    log_photons = np.log(np.maximum(photons / DIM, _LEAST_PHOTONS))
+    log_photons = np.log(np.maximum(photons / DIM, LEAST_PHOTONS))
     return np.asarray(np.exp(np.interp(np.log(range_m), np.log(grid_m), log_photons)))
 
 
 def _has_company(sweep: Sweep) -> Numbers:
-    """Mask of the returns with a neighbour in their row within `_COMPANY` of their range; all in a list of points."""
+    """Mask of the returns with a neighbour in their row within `COMPANY` of their range; all in a list of points."""
     if len(sweep.shape) < 2:
         return sweep.has_return
     with np.errstate(invalid="ignore"):
-        close = np.abs(np.diff(sweep.range_m, axis=1)) < _COMPANY * sweep.range_m[:, :-1]
+        close = np.abs(np.diff(sweep.range_m, axis=1)) < COMPANY * sweep.range_m[:, :-1]
     none = np.zeros((sweep.shape[0], 1), bool)
     return np.asarray(np.hstack([close, none]) | np.hstack([none, close]))
 
@@ -207,7 +197,7 @@ def _reflectivity_per_photon(sweep: Sweep) -> tuple[Numbers, Numbers] | None:
     """
     assert sweep.reflectivity is not None
     assert sweep.signal is not None
-    usable = _has_company(sweep) & (sweep.reflectivity >= _LEAST_COUNTS) & (sweep.reflectivity < WHITE)
+    usable = _has_company(sweep) & (sweep.reflectivity >= LEAST_COUNTS) & (sweep.reflectivity < WHITE)
     usable &= sweep.signal > 0.0
     if usable.sum() < _LEAST_PIXELS:
         return None

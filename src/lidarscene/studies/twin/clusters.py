@@ -11,21 +11,13 @@ import numpy as np
 
 from ...maths.arrays import Numbers
 from ..compare.recording_comparison import ground_plane
-
-VOXEL_M, REACH_M = 0.15, 0.6
-"""Edge of the voxels, and the distance within which they are neighbours."""
+from .tuning import ABOVE_GROUND_M, LEAST_OVERLAP, REACH_M, VOXEL_M
 
 LEAST_NEIGHBOURS = 5
 """Least number of voxels within reach, its own among them, that make a core. This project's choice."""
 
 LEAST_VOXELS = 30
 """Least number of voxels of a recorded cluster that is counted. This project's choice."""
-
-LEAST_OVERLAP = 0.5
-"""Least intersection over union of two clusters that are the same."""
-
-ABOVE_GROUND_M = 0.3
-"""Height above the ground's plane above which points are clustered. This project's choice, for roads are no planes."""
 
 
 def share_found_again(real_m: Numbers, simulated_m: Numbers) -> tuple[float, int] | None:

@@ -9,9 +9,6 @@ from ...sensor.sensor_model import Sensor
 from ..ranging.plane import Target, echoes_of_plane
 from .apparent_reflectivity import ReflectivityGauge, largest_reflectivity
 
-BRIGHTEST_KLUX = 130.0
-"""Largest illuminance of the ground by sun and sky: 133 klux from the sun beyond the air, 100 to 120 on clear days."""
-
 
 def illuminance_klux(sweep: Sweep, gauge: ReflectivityGauge | None, sensor: Sensor) -> float | None:
     """Illuminance of a uniform sky that explains the median recorded NEAR_IR on these reflectivities.

@@ -12,19 +12,7 @@ from ...files.open3d import open3d
 from ...maths.arrays import Numbers
 from ...maths.pose import Pose
 from ...recordings.sweep import Sweep
-
-VOXEL_M = 0.3
-"""Edge of the cubes in which points are thinned to one before registration."""
-
-LARGEST_PAIR_DISTANCE_M = (2.0, 0.5)
-"""Largest distance of paired points in the first and the second round of registration."""
-
-LARGEST_CHANGE_M = 0.1
-"""Change of a pixel's range beyond which it met another surface."""
-
-LARGEST_SHIFT_M = 3e-3
-"""Shift between two frames below which the sensor was at rest: 3 cm/s at 10 Hz. Registration is good to a centimetre,
-which is three columns of a surface at 0.6 m."""
+from .tuning import LARGEST_CHANGE_M, LARGEST_PAIR_DISTANCE_M, LARGEST_SHIFT_M, REGISTRATION_VOXEL_M
 
 LEAST_SHARED = 1000
 """Least number of pixels with a return in both frames that tell rest from motion."""
@@ -91,7 +79,7 @@ def _thin(sweep: Sweep) -> Any:
     """Thinned Open3D cloud of the first returns, with normals."""
     o3d = open3d()
     cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(sweep.xyz_m[sweep.has_return])).voxel_down_sample(
-        VOXEL_M
+        REGISTRATION_VOXEL_M
     )
     cloud.estimate_normals(o3d.geometry.KDTreeSearchParamKNN(20))
     return cloud

@@ -22,17 +22,10 @@ from ..held import LIMITS, UNLIMITED, Held, ratio, relative
 from .clusters import share_found_again
 from .matched_pulses import NO_SURFACE, MatchedPulses
 from .surfels import SMOOTH
+from .tuning import CLIP_SIGMAS, OCTAVES_M, SAME_SURFACE_M
 
 RANGE_BINS = 8
 """Bins of range for the mean signal, with as many recorded returns in each."""
-
-OCTAVES_M = 2.0 ** np.arange(-1.0, 10.0)
-"""Edges of fixed bins of range [m], 0.5 to 512: far bins of many returns do not hide the near ones of few."""
-
-SAME_SURFACE_M = 0.3
-"""Distance from the twin's surface beyond which a recorded return is another one's, at an edge or of another frame.
-
-This project's choice: 30 times the largest bias that is allowed."""
 
 LEAST_PULSES = 50
 """Least number of pulses in a bin of a share or a mean."""
@@ -44,14 +37,12 @@ LEAST_CLUSTERS = 5
 """Least number of recorded clusters of which a share is held to a limit."""
 
 SCATTER_SIGMA = 1.46
-"""Sigma of the logarithm of the ratio of two `spread`s, of second differences of n pulses each, times root n: by
-simulation of Gaussian noise, 60 to 1000 pulses."""
-
-CLIP_SIGMAS = 3.0
-"""Distance from the mean, in sigmas, beyond which a value is of an edge and not of the noise."""
+"""Source: simulation of Gaussian noise, 60 to 1000 pulses; sigma of the logarithm of the ratio of two `spread`s, of
+second differences of n pulses each, times root n."""
 
 CLIPPED_DEVIATION = 0.98658
-"""Deviation of a normal number that is cut off at 3 sigma, (1 - 6 phi(3) / P(|z| < 3))^0.5."""
+"""Source: normal distribution; deviation of a number of it that is cut off at 3 sigma, (1 - 6 phi(3) / P(|z| <
+3))^0.5."""
 
 MOST_CLIPS = 50
 

@@ -19,15 +19,10 @@ from ...sensor.sensor_model import Sensor
 from .apparent_reflectivity import withheld_mask
 from .planes import has_grid
 from .surfels import KINDS, SMOOTH
-
-LARGEST_ANGLE_RAD = np.radians(0.5)
-"""Largest median angle between recorded and simulated beams of the same sensor."""
+from .tuning import DIFFERENCE_STEP_RAD, LARGEST_ANGLE_RAD
 
 RAYS = 16
 """Rays per pulse if the sensor reports second returns, since a single ray meets one surface."""
-
-DIFFERENCE_STEP_RAD = np.radians(1.4)
-"""Angle between the ranges of a second difference: in recordings, columns up to four of 1024 apart share noise."""
 
 NO_SURFACE = -1
 """Value of `MatchedPulses.kind` without a surface."""

@@ -14,31 +14,10 @@ import numpy as np
 from ...errors import InputError
 from ...maths.arrays import Numbers, map_arrays
 from ...recordings.sweep import Sweep
-
-REACH_RAD = math.radians(0.5)
-"""Reach of a window to each side, but at least to the next ring and the second next column."""
+from .tuning import LEAST_COS, LEAST_SHARE, MOST_OFF_M, NEAR_SHARE, REACH_RAD, SCALES_M, SMOOTH_COS
 
 LARGEST_REACH = 3
 """Largest number of rings or columns to each side."""
-
-SMOOTH_COS = math.cos(math.radians(8.0))
-"""Least length of the mean normal of a pixel and its neighbours on a smooth surface."""
-
-SCALES_M = (0.5, 0.2, 0.1, 0.05)
-"""Distance from the plane at which a neighbour counts half, for each step of the fit."""
-
-NEAR_SHARE = 0.2
-"""Largest relative difference of the ranges of neighbours in the first step of the fit."""
-
-MOST_OFF_M = 0.1
-"""Largest distance of a pixel from the plane of its neighbours, along the normal: as large as the 1-sigma range error
-of an OS1's weakest returns (datasheet)."""
-
-LEAST_SHARE = 0.5
-"""Least mean weight of a window's neighbours that makes a plane."""
-
-LEAST_COS = 0.03
-"""Least cosine of incidence: on flatter planes 0.01 degrees move the pixel by more than 0.6 % of its range."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

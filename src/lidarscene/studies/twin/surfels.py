@@ -17,8 +17,6 @@ from ...maths.arrays import Numbers, map_arrays
 from ...maths.pose import Pose
 from ...recordings.sweep import Sweep
 from .apparent_reflectivity import (
-    ASSUMED_MEDIAN,
-    LEAST_REFLECTIVITY,
     ReflectivityGauge,
     largest_reflectivity,
     scattering_law,
@@ -26,62 +24,39 @@ from .apparent_reflectivity import (
     white_signal,
     withheld_mask,
 )
-from .planes import LEAST_COS, Grid, Planes, finite_median, fit_planes, median_around
+from .planes import Grid, Planes, finite_median, fit_planes, median_around
+from .tuning import (
+    ASSUMED_MEDIAN,
+    BEAM_SHARE,
+    BEHIND_M,
+    BELOW_M,
+    BORDER,
+    CELL_M,
+    EDGE,
+    GROUND_BEYOND,
+    LARGEST_STRETCH,
+    LEAST_COS,
+    LEAST_REFLECTIVITY,
+    LOST_SHARE,
+    ON_GROUND_M,
+    QUAD_OVERLAP,
+    RANGES_M,
+    SMOOTH_CURVATURE,
+)
 
 SMOOTH, ROUGH, FILLED, GROUND, BRIGHT = range(5)
 KINDS = ("smooth", "rough", "filled", "ground", "bright")
 """Kinds of quads: measured on a smooth surface, or on a rough one; hole in a plane; completed ground; brighter than
 matt white."""
 
-QUAD_OVERLAP = 1.04
-"""Width of a quad over that of its pixel, so that no beam slips between two."""
-
-LARGEST_STRETCH = 1.6
-"""Largest ratio of the ranges of corner and middle, either way."""
-
-GROUND_BEYOND = 1.3
-"""Range up to which ground is completed, over that of its farthest return (99 %)."""
-
-ON_GROUND_M = 0.1
-"""Largest distance of a return on the ground from its plane. This project's choice, as `planes.MOST_OFF_M`."""
-
-BEHIND_M = 0.3
-"""Least distance of ground behind a return, so that noise of the range puts none before it. This project's choice."""
-
-LOST_SHARE = 0.5
-"""Share of the echo in a lost pulse's highest peak, which may be all echo or all noise."""
-
-RANGES_M = (0.1, 1000.0)
-"""Ranges between which the photons of a white surface are computed; planes meet beams anywhere."""
-
-EDGE = 0.5
-"""Distance from the pixel's middle at which a surface ends beside a lost neighbour, in half widths of the pixel. As far
-beyond the pixel's edge it has the mean strength of the two."""
-
-BORDER = 0.5
-"""Largest distance, in half widths of the pixel, of the border between two returns from half way. Where between them
-one surface ends is not recorded; half way, the nearer one would hide each beam of a held-out column."""
-
 BORDER_SEED = 0
 """Seed of the borders, so that a recording always gives the same twin."""
-
-BEAM_SHARE = 0.5
-"""Share of a pixel that the nearer of two returns covers."""
 
 NEIGHBOURS = 20
 """Number of nearest points that the plane of a point is fitted to."""
 
 SPACING_OF = 5
 """Rank of the neighbour that a quad reaches half way to."""
-
-SMOOTH_CURVATURE = 0.01
-"""Smallest eigenvalue over the trace of the neighbours' covariance, below which a surface is smooth."""
-
-CELL_M = 2.0
-"""Edge of the ground's quads."""
-
-BELOW_M = 0.1
-"""Depth of the completed ground below its plane, so that it lies under the measured one. This project's choice."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

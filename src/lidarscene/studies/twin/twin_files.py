@@ -33,31 +33,26 @@ from ...recordings.units.unit_file import read_unit, with_second_returns, write_
 from ...scene.tables import SceneFile
 from ...sensor.sensor_file import load_sensor
 from ..compare.recording_comparison import ground_plane
-from .apparent_reflectivity import SLOPE_DEG, ReflectivityGauge, is_explained
-from .daylight import BRIGHTEST_KLUX, illuminance_klux
+from .apparent_reflectivity import ReflectivityGauge, is_explained
+from .daylight import illuminance_klux
 from .frame_poses import angles_deg, place_frames
 from .planes import align_columns, has_grid, select_columns
 from .surfels import BRIGHT, KINDS, Surfels, join_surfels, surfels_of_grid, surfels_of_points
+from .tuning import (
+    ASSUMED_KLUX,
+    BRIGHT_DIFFUSE,
+    BRIGHT_STEP,
+    BRIGHTEST_KLUX,
+    LEAST_RETRO,
+    MOST_RETRO,
+    RETRO_HALF_ANGLE_DEG,
+    SLOPE_DEG,
+)
 
 SCENE, SENSOR, POSES, PROVENANCE, MESHES = "scene.toml", "sensor.toml", "poses.csv", "twin.json", "meshes"
 
 COLUMNS = "columns"
 """Value of ``held_out`` for every second column of the only frame."""
-
-BRIGHT_STEP = 1.15
-"""Largest ratio of the apparent reflectivities of bright quads that share a material."""
-
-BRIGHT_DIFFUSE = 0.8
-"""Diffuse reflectivity of bright quads, which sunlight sees; the rest is retro-reflected."""
-
-LEAST_RETRO, MOST_RETRO = 1e-3, 1e7
-"""Bounds of a material file's retro-reflection [cd/lx/m2]; the least one is for quads no brighter than matt white."""
-
-RETRO_HALF_ANGLE_DEG = 5.0
-"""Half width of the retro-reflection, far above the beam's parallax: only light straight back was recorded."""
-
-ASSUMED_KLUX = 20.0
-"""Illuminance assumed for recordings without background light."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -10,6 +10,7 @@ from helpers.drawn_scenes import GROUPS, REFLECTIVITY_SIGMA, drawn_report, drawn
 from scipy import special
 
 from lidarscene.light.echoes import EchoTrain, SubEchoes
+from lidarscene.studies.fit import tuning
 from lidarscene.studies.fit.estimates import MOST_EVALUATIONS
 from lidarscene.studies.fit.on_scene import likelihood
 from lidarscene.studies.fit.on_scene.known_scene import PARAMETERS, KnownScene, Observations, predict
@@ -248,7 +249,7 @@ def test_moments_of_a_capped_square() -> None:
     """Of a normal number's square, at most nine, over its mean: by a sum over its quantiles."""
     share = (np.arange(1_000_000) + 0.5) / 1_000_000
     square = special.ndtri(share) ** 2
-    capped = np.minimum(square, likelihood.LARGEST_SQUARE)
+    capped = np.minimum(square, tuning.SQUARE_CAP)
     assert capped.mean() == pytest.approx(likelihood.MEAN_SQUARE, rel=1e-4)
     assert np.var(capped / capped.mean()) == pytest.approx(likelihood._VARIANCE, rel=1e-4)
     # d mean(min(x^2 / s^2, 9)) / d ln s, at one.

@@ -7,10 +7,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from ....maths.arrays import Numbers
-from ...twin.judge import SAME_SURFACE_M
+from ...twin.tuning import SAME_SURFACE_M
 from ..threshold import shares_by_chance
-from .known_scene import STRONG_RATIO, Prediction, predict
-from .likelihood import LARGEST_SQUARE, MEAN_SQUARE, OUTLIER_SIGMAS, ParameterFit
+from ..tuning import OUTLIER_SIGMAS, SQUARE_CAP, STRONG_RATIO
+from .known_scene import Prediction, predict
+from .likelihood import MEAN_SQUARE, ParameterFit
 from .pulses_on_scene import PulsesOnScene
 
 RANGE_BINS, CHANCE_BINS = 8, 10
@@ -21,7 +22,8 @@ LEAST_PULSES = 50
 and even a simulated recording misses the law there."""
 
 LOG_SIGMA_OF_ONE = 0.75
-"""Sigma of ln(`capped_scatter`), times the square root of the number of pulses."""
+"""Source: simulation of normal numbers; sigma of ln(`capped_scatter`), times the square root of the number of
+pulses."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -84,13 +86,13 @@ def _kept_shares(pulses: PulsesOnScene, prediction: Prediction) -> Numbers:
 
 
 def capped_scatter(relative: Numbers) -> float:
-    """Standard deviation of residuals in sigmas with the likelihood's cap (`LARGEST_SQUARE`).
+    """Standard deviation of residuals in sigmas with the likelihood's cap (`SQUARE_CAP`).
 
     A median absolute deviation would come out smaller where surfaces differ from the scene's: their tail is part of the
     fitted law.
     """
     inliers = relative[np.abs(relative) < OUTLIER_SIGMAS]
-    return float(np.sqrt(np.mean(np.minimum(inliers * inliers, LARGEST_SQUARE)) / MEAN_SQUARE))
+    return float(np.sqrt(np.mean(np.minimum(inliers * inliers, SQUARE_CAP)) / MEAN_SQUARE))
 
 
 def _scatter(

@@ -25,6 +25,7 @@ from ....sensor.detectors.macropixel import Macropixel
 from ....sensor.sensor_model import Sensor
 from ..near_field import share
 from ..products import near_field_m, scatter_over_sigma, width_of_place
+from ..tuning import MOST_FIRED, STRONG_RATIO
 
 SENSOR_FIELDS: Mapping[str, tuple[str, str]] = {
     "laser.pulse_fwhm_ns": ("laser", "pulse_fwhm_s"),
@@ -54,22 +55,12 @@ PARAMETERS = (
 )
 """All parameters, best known from publications last: of an undetermined combination the last one is held fixed."""
 
-STRONG_RATIO = 3.0
-"""Ratio of signal to threshold above which signal and range enter the likelihood: nearly all such are kept."""
-
-MOST_FIRED = 0.4
-"""Largest share of fired SPADs for which it does. With more, SPADs fire early and the echo gets narrower: at 0.85 this
-changes the signal by 0.2 % and the range by 2 mm, which the prediction leaves out."""
-
-LEAST_CHANCE = 1e-9
-"""Chances are clipped to so far from 0 and 1, where a pulse's weight 1 / (p (1 - p)) is infinite."""
-
 GAUSS_HERMITE = (0.0, math.sqrt(3.0), -math.sqrt(3.0)), (2 / 3, 1 / 6, 1 / 6)
-"""Nodes and weights of three-point Gauss-Hermite quadrature over a normal distribution: the chance is smooth over the
-threshold's own spread."""
+"""Accuracy bought: nodes and weights of three-point Gauss-Hermite quadrature over a normal distribution: the chance is
+smooth over the threshold's own spread."""
 
 LEAST_FLOOR_M = 3e-4
-"""Scatter from rounding to 1 mm, 1 / sqrt(12) mm; the filter's own scatter is known to 1 %."""
+"""Source: rounding to 1 mm, 1 / sqrt(12) mm; scatter from it. The filter's own scatter is known to 1 %."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

@@ -16,55 +16,39 @@ import numpy as np
 
 from ....errors import BackendError
 from ....maths.arrays import Lanes, Numbers
-from ..estimates import MOST_EVALUATIONS, UNKNOWN_SIGMA, Estimate, Solution
+from ..estimates import MOST_EVALUATIONS, Estimate, Solution
 from ..products import row_echelon
-from .known_scene import LEAST_CHANCE, PARAMETERS, KnownScene, Observations, Prediction, predict
+from ..tuning import (
+    LARGEST_LOGARITHM,
+    LAST_STEP,
+    LEAST_CHANCE,
+    LEAST_INFORMATION,
+    LONGEST_STEP,
+    OUTLIER_SIGMAS,
+    SIGNAL_HUBER,
+    SLOW_RATIO,
+    SQUARE_CAP,
+    UNKNOWN_SIGMA,
+)
+from .known_scene import PARAMETERS, KnownScene, Observations, Prediction, predict
 
 BLOCKS = 40
 """Blocks of consecutive pulses for the bootstrap."""
 
-LONGEST_STEP = 0.5
-"""Largest step of a logarithm."""
-
-LARGEST_LOGARITHM = math.log(5.0)
-"""Logarithm beyond which a parameter is undetermined or absorbs what is not modelled, and is reset to 0. A scatter that
-falls so far is none, and stays there (`MAY_VANISH`)."""
-
 MAY_VANISH = ("scatter_floor", "histogram.threshold_spread")
 """Scatters that may be zero."""
 
-OUTLIER_SIGMAS = 5.0
-"""Sigmas beyond which a range belongs to another surface; of normal errors one in 2 million is left out."""
-
-LARGEST_SQUARE = 9.0
-"""Cap on the squared distance of a range from the surface in sigmas, since surfaces are not quite where the scene has
-them. On a clean recording the cap widens sigma by 1 %."""
-
-_WITHIN = math.erf(math.sqrt(0.5 * LARGEST_SQUARE))
-_EDGE = math.sqrt(2.0 * LARGEST_SQUARE / math.pi) * math.exp(-0.5 * LARGEST_SQUARE)
+_WITHIN = math.erf(math.sqrt(0.5 * SQUARE_CAP))
+_EDGE = math.sqrt(2.0 * SQUARE_CAP / math.pi) * math.exp(-0.5 * SQUARE_CAP)
 _INSIDE = _WITHIN - _EDGE
-MEAN_SQUARE = _INSIDE + LARGEST_SQUARE * (1.0 - _WITHIN)
+MEAN_SQUARE = _INSIDE + SQUARE_CAP * (1.0 - _WITHIN)
 _SLOPE = 2.0 * _INSIDE / MEAN_SQUARE
-_VARIANCE = (
-    3.0 * _WITHIN - (3.0 + LARGEST_SQUARE) * _EDGE + LARGEST_SQUARE**2 * (1.0 - _WITHIN)
-) / MEAN_SQUARE**2 - 1.0
-"""Moments of min(x^2, `LARGEST_SQUARE`) over its mean, x standard normal: minus the slope by ln sigma, and variance.
+_VARIANCE = (3.0 * _WITHIN - (3.0 + SQUARE_CAP) * _EDGE + SQUARE_CAP**2 * (1.0 - _WITHIN)) / MEAN_SQUARE**2 - 1.0
+"""Moments of min(x^2, `SQUARE_CAP`) over its mean, x standard normal: minus the slope by ln sigma, and variance.
 Both are 2 without the cap."""
-
-HUBER_SIGMAS = 4.0
-"""Sigmas beyond which a signal counts less (Huber's weight): an edge, or a surface other than the scene's."""
-
-LEAST_INFORMATION = 1e-6
-"""Least share of a parameter's information that no other parameter has; below it, only a product is determined."""
-
-LAST_STEP = 1e-2
-"""Length of the last step in sigmas."""
 
 LEAST_EVALUATIONS = 7
 """Evaluations after which a fit may end: one more than fix which returns are strong."""
-
-SLOW_RATIO = 0.7
-"""Ratio to the step before above which a step is halved; converging Fisher scoring shrinks faster."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -282,13 +266,11 @@ def _step(
     chance_mask = 1.0 - strong_mask
     chance = np.clip(prediction.chance, LEAST_CHANCE, 1.0 - LEAST_CHANCE)
     signal = np.where(strong_mask, np.nan_to_num(reported.signal) - prediction.signal, 0.0)
-    huber_weight = np.minimum(1.0, HUBER_SIGMAS * np.sqrt(prediction.variance) / np.maximum(np.abs(signal), 1e-12))
+    huber_weight = np.minimum(1.0, SIGNAL_HUBER * np.sqrt(prediction.variance) / np.maximum(np.abs(signal), 1e-12))
     near_ir_mask = np.isfinite(reported.near_ir)
     range_sigmas = np.where(strong_mask, (np.nan_to_num(reported.range_m) - scene.range_m) / prediction.sigma_m, 0.0)
     near_mask = strong_mask & (np.abs(range_sigmas) < OUTLIER_SIGMAS)
-    square_excess = np.where(
-        near_mask, np.minimum(range_sigmas * range_sigmas, LARGEST_SQUARE) / MEAN_SQUARE - 1.0, 0.0
-    )
+    square_excess = np.where(near_mask, np.minimum(range_sigmas * range_sigmas, SQUARE_CAP) / MEAN_SQUARE - 1.0, 0.0)
     # Residual and weight of signal, chance, background and scatter: the score of each is slope x residual x weight.
     residuals = (
         signal,

@@ -23,16 +23,11 @@ from ...twin.matched_pulses import match_pulses, ranges_from_exit
 from ...twin.surfels import BRIGHT, KINDS, ROUGH, SMOOTH
 from ..near_field import spot_over_field
 from ..recorded_pulses import BLOCK_COLUMNS, fitted_blocks
+from ..tuning import POWERS_W, TRACED_SURFACE_M
 from .known_scene import KnownScene, Observations
 
 PATCH_ROWS = 8
 """Rows of a patch, `BLOCK_COLUMNS` columns wide, whose surfaces share one unknown factor of the reflectivity."""
-
-POWERS_W = np.geomspace(1e-16, 1e-5, 2000)
-"""Background powers of the table that inverts NEAR_IR counts."""
-
-SAME_SURFACE_M = 1e-4
-"""Largest difference of two traced ranges to the same surface."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -104,7 +99,7 @@ def _lay_frame(simulators: Sequence[Simulator], sweep: Sweep, pose: Pose | None,
     smooth = np.ones(len(pulse), bool)
     for other_light in lights[1:]:
         difference_m = np.asarray(other_light.parts[0].range_m - light.parts[0].range_m)
-        smooth &= np.asarray(other_light.has_surface) & (np.abs(difference_m) < SAME_SURFACE_M)
+        smooth &= np.asarray(other_light.has_surface) & (np.abs(difference_m) < TRACED_SURFACE_M)
     group = block * (rows // PATCH_ROWS + 1) + row // PATCH_ROWS
     scene = KnownScene.from_light(light, sensor, group, spot_over_field=spot_over_field(sensor))
     near_ir = None if sweep.near_ir is None else np.asarray(sweep.near_ir, np.float64).T[fired_mask][met_surface]

@@ -25,20 +25,14 @@ from ...twin.twin_files import COLUMNS, PROVENANCE, frame_pose, read_provenance
 from ..estimates import MOST_EVALUATIONS
 from ..fit_report import FitReport, law_figure, law_rows, share_figure
 from ..sensor_text import base_text, parse_sensor, scaled_text
+from ..tuning import LEAST_TEXTURE, REFLECTIVITY_SIGMA
 from .held_out_bins import HeldOutBins, judge
 from .known_scene import LEAST_FLOOR_M, PARAMETERS, predict
 from .likelihood import ParameterFit, fit_parameters
 from .pulses_on_scene import PulsesOnScene, lay_on_scene
 
-REFLECTIVITY_SIGMA = 0.1
-"""Prior sigma of a patch's reflectivity factor: the maker's REFLECTIVITY, which a twin has, is good to some 10 %."""
-
 ROUNDS = 2
 """Rounds of a fit with a twin; texture and strangers follow from the round before."""
-
-LEAST_TEXTURE = 0.01
-"""Least relative scatter of the reflectivities within a patch."""
-
 
 _TWIN_NOTE = (
     "the scene is a twin, whose light and scale of reflectivities are the recording's own: sun and dark counts are "

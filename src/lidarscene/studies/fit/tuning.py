@@ -1,0 +1,205 @@
+"""Tuning: numbers of the fit that no source gives, by module, and what each of them is worth."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+# near_field
+
+LEAST_REFLECTIVITY, MOST_REFLECTIVITY = 20.0, 100.0
+"""Choice: range of REFLECTIVITY that is used: below, its whole steps are too coarse; above, its scale is
+logarithmic."""
+
+LEAST_SIGNAL = 12.0
+"""Choice: least SIGNAL: photons are whole numbers, too."""
+
+LOG_RANGE_STEP = 0.03
+"""Choice: width of a bin in ln R."""
+
+OUTLIER = 0.5
+"""Choice: distance of ln white_m2 from the median of its bin beyond which the light is not only the return's."""
+
+CURVE_HUBER = 1.5
+"""Choice: sigmas beyond which a bin counts less (Huber's weight): the nearest ranges follow laws of their own."""
+
+SPOT_BOUNDS = (0.1, 2.0)
+"""Accuracy bought: bounds of the laser's spot radius (1/e^2) over that of the field of view; beyond them the curve
+hardly changes."""
+
+SAME_LAW = 0.01
+"""Choice: largest difference of a sensor's near field from the law of one lens for it to count as one lens."""
+
+LONGEST_STRETCH = 1.5
+"""Choice: largest logarithm of the factor that stretches a sensor's own curve over the range."""
+
+LEAST_SHARE = 1e-6
+"""Accuracy bought: least share of light whose logarithm is taken."""
+
+LENS_BOUNDS = ((0.0, 20.0), (0.0, 20.0), (0.0, 20.0), (0.0, 0.2))
+"""Choice: bounds of `near_field.LENSES`."""
+
+LENS_SIGMAS = (1.0, 0.3, 0.3, 0.03)
+"""Choice: standard deviations of `near_field.LENSES` about the file's values, before a recording is seen. Without them
+a recording that ends before its signals are those of far away leaves K open."""
+
+LEAST_MISFIT = 0.02
+"""Choice: least misfit of the stretched curve for which free lenses are tried."""
+
+LEAST_GAIN = 0.2
+"""Choice: least share of the error on held-out blocks by which free lenses must lower it, since they have four numbers
+more."""
+
+LENS_RATIOS = np.geomspace(0.02, 50.0, 80)
+"""Accuracy bought: ranges over R0 at which the overlap of free lenses is integrated: the curve between is smooth."""
+
+LENS_STEP = 1e-4
+"""Accuracy bought: step of the differences that are the slopes of the curve of free lenses, relative for values above
+1."""
+
+# threshold
+
+LARGEST_SIGNAL_RATIO = 3.0
+"""Choice: SIGNAL over the median threshold above which pulses are lost for other reasons (blanking, a window): left
+out."""
+
+RANGE_TOLERANCE = 0.1
+"""Choice: largest relative difference of a neighbour's range from the neighbours' median. The pulse's own range does
+not count, since a lost pulse has none."""
+
+LARGEST_CONDITION = 1e6
+"""Choice: condition number of the Fisher matrix above which the background hardly varies; pedestal in median
+NEAR_IR."""
+
+LARGEST_PEDESTAL = 20.0
+"""Choice: largest pedestal in median NEAR_IR: a threshold that the background hardly moves."""
+
+LEAST_VARIANCE = 5.0
+"""Choice: least variance of the number of returns in a bin that counts for the misfit: with fewer they are not
+normal."""
+
+# threshold_ends
+
+LEAST_RATIO = 1.2
+"""Choice: SIGNAL over the median threshold above which lone pulses count: below, the law of surfaces lets none
+return."""
+
+LEASTS = np.geomspace(0.2, 1.0, 161)
+"""Accuracy bought: least thresholds over the median one that are tried, a per cent apart."""
+
+LARGEST_RATIO = 1.5
+"""Choice: SIGNAL over the median threshold up to which pulses say something of the least one."""
+
+DECISIVE = 2.0
+"""Choice: least difference of ln L from that of a threshold without an end: two sigma."""
+
+FILTER_DEVIATES = np.linspace(-4.0, 4.0, 161)
+"""Accuracy bought: deviates of the filter's noise over which its density is summed, 0.05 apart."""
+
+# scatter
+
+PATCH_SIGNAL = 100.0
+"""Choice: least harmonic mean of SIGNAL over a patch [photons]."""
+
+SMOOTH_SHARE = 0.5
+"""Choice: share of the patches, by the scatter of their neighbours, that count as smooth."""
+
+PATCH_SIGNAL_RATIO = 2.0
+"""Choice: largest ratio of the signals within a patch."""
+
+PATCH_SQUARE = 6.0
+"""Choice: sum of squares over sigma^2 above which a patch is left out: exp(-3) = 5 % of clean ones."""
+
+# row_gains
+
+GAIN_SIGNAL = 40.0
+"""Accuracy bought: photons above which all pulses have a return, so that losses do not bias the median."""
+
+SAME_RANGE = 0.02
+"""Choice: largest relative difference of the ranges of two pixels whose signals are compared."""
+
+# estimates
+
+DOUBTFUL_RATIO = 1.3
+"""Choice: ratio of the bootstrap's sigma to Fisher's above which the two differ.
+
+The sigma of a bootstrap over 40 blocks scatters by 11 %, by 20 % where few of the blocks matter."""
+
+UNKNOWN_SIGMA = 1.0
+"""Choice: sigma of a logarithm above which the number is not known: a factor of e either way."""
+
+# products
+
+FAR_RATIO = 30.0
+"""Accuracy bought: range over R0 beyond which the near field changes the light by less than 0.1 %."""
+
+LEAST_EXPONENT = 0.02
+"""Choice: exponent below which it counts as 0."""
+
+# sensor_text
+
+MOST_RELATIVE_SIGMA = 0.3
+"""Choice: largest scatter of an estimate over its value; less certain estimates are not written."""
+
+INFINITE = 1e-3
+"""Accuracy bought: R0 over a range beyond which that counts as infinity: the near field differs by less than 0.1 %."""
+
+# on_scene.pulses_on_scene
+
+POWERS_W = np.geomspace(1e-16, 1e-5, 2000)
+"""Accuracy bought: background powers of the table that inverts NEAR_IR counts, 1.3 % apart."""
+
+TRACED_SURFACE_M = 1e-4
+"""Accuracy bought: largest difference of two traced ranges to the same surface."""
+
+# on_scene.known_scene
+
+STRONG_RATIO = 3.0
+"""Choice: ratio of signal to threshold above which signal and range enter the likelihood: nearly all such are kept."""
+
+MOST_FIRED = 0.4
+"""Accuracy bought: largest share of fired SPADs for which signal and range enter the likelihood. With more, SPADs fire
+early and the echo gets narrower: at 0.85 this changes the signal by 0.2 % and the range by 2 mm, which the prediction
+leaves out."""
+
+LEAST_CHANCE = 1e-9
+"""Accuracy bought: chances are clipped to so far from 0 and 1, where a pulse's weight 1 / (p (1 - p)) is infinite."""
+
+# on_scene.likelihood
+
+LONGEST_STEP = 0.5
+"""Choice: largest step of a logarithm."""
+
+LARGEST_LOGARITHM = math.log(5.0)
+"""Choice: logarithm beyond which a parameter is undetermined or absorbs what is not modelled, and is reset to 0. A
+scatter that falls so far is none, and stays there (`MAY_VANISH`)."""
+
+OUTLIER_SIGMAS = 5.0
+"""Choice: sigmas beyond which a range belongs to another surface; of normal errors one in 2 million is left out."""
+
+SQUARE_CAP = 9.0
+"""Choice: cap on the squared distance of a range from the surface in sigmas, since surfaces are not quite where the
+scene has them. On a clean recording the cap widens sigma by 1 %."""
+
+SIGNAL_HUBER = 4.0
+"""Choice: sigmas beyond which a signal counts less (Huber's weight): an edge, or a surface other than the scene's."""
+
+LEAST_INFORMATION = 1e-6
+"""Choice: least share of a parameter's information that no other parameter has; below it, only a product is
+determined."""
+
+LAST_STEP = 1e-2
+"""Accuracy bought: length of the last step, in sigmas: what noise leaves open is a hundred times as wide."""
+
+SLOW_RATIO = 0.7
+"""Choice: ratio to the step before above which a step is halved; converging Fisher scoring shrinks faster."""
+
+# on_scene.scene_fit
+
+REFLECTIVITY_SIGMA = 0.1
+"""Choice: prior sigma of a patch's reflectivity factor: the maker's REFLECTIVITY, which a twin has, is good to some 10
+%."""
+
+LEAST_TEXTURE = 0.01
+"""Choice: least relative scatter of the reflectivities within a patch."""

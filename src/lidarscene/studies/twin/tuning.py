@@ -1,0 +1,178 @@
+"""Tuning: numbers of the twin that no source gives, by module, and what each of them is worth."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+
+# planes
+
+REACH_RAD = math.radians(0.5)
+"""Choice: reach of a window to each side, but at least to the next ring and the second next column."""
+
+SMOOTH_COS = math.cos(math.radians(8.0))
+"""Choice: least length of the mean normal of a pixel and its neighbours on a smooth surface."""
+
+SCALES_M = (0.5, 0.2, 0.1, 0.05)
+"""Choice: distance from the plane at which a neighbour counts half, for each step of the fit."""
+
+NEAR_SHARE = 0.2
+"""Choice: largest relative difference of the ranges of neighbours in the first step of the fit."""
+
+MOST_OFF_M = 0.1
+"""Choice: largest distance of a pixel from the plane of its neighbours, along the normal: as large as the 1-sigma range
+error of an OS1's weakest returns (datasheet)."""
+
+LEAST_SHARE = 0.5
+"""Choice: least mean weight of a window's neighbours that makes a plane."""
+
+LEAST_COS = 0.03
+"""Accuracy bought: least cosine of incidence: on flatter planes 0.01 degrees move the pixel by more than 0.6 % of its
+range."""
+
+# apparent_reflectivity
+
+SLOPE_DEG = 45.0
+"""Choice: slope of the facets of all measured surfaces, that of the catalogue's asphalt."""
+
+LEAST_REFLECTIVITY = 1e-5
+"""Choice: least reflectivity; lower ones are unknown surfaces, taken as black: 0.1 photons of an OS0 at 0.7 m."""
+
+ASSUMED_MEDIAN = 0.2
+"""Choice: median apparent reflectivity assumed where the recording's intensity has no known unit."""
+
+STEEPEST = 4.0
+"""Choice: largest exponent of the range in the extrapolation of a table to near ranges."""
+
+LOSS_SIGMAS = 2.0
+"""Choice: sigmas above the threshold from which on a lost pulse was not lost for lack of light: one pulse in 44 is."""
+
+DIM = 1e-3
+"""Choice: reflectivity of the target whose photons, over it, are those of a white one."""
+
+FAR_M = 30.0
+"""Choice: range at which a sensor's photons calibrate signals without reflectivities; its near field continues them."""
+
+LEAST_COUNTS = 5.0
+"""Choice: least reflectivity of a return that calibrates photons: below, its whole steps are too coarse."""
+
+COMPANY = 0.05
+"""Choice: largest relative difference of the ranges of two neighbours of one surface."""
+
+LEAST_PHOTONS = 1e-12
+"""Accuracy bought: least photons whose logarithm is taken."""
+
+# surfels
+
+QUAD_OVERLAP = 1.04
+"""Choice: width of a quad over that of its pixel, so that no beam slips between two."""
+
+LARGEST_STRETCH = 1.6
+"""Choice: largest ratio of the ranges of corner and middle, either way."""
+
+GROUND_BEYOND = 1.3
+"""Choice: range up to which ground is completed, over that of its farthest return (99 %)."""
+
+ON_GROUND_M = 0.1
+"""Choice: largest distance of a return on the ground from its plane, as `MOST_OFF_M`."""
+
+BEHIND_M = 0.3
+"""Choice: least distance of ground behind a return, so that noise of the range puts none before it."""
+
+LOST_SHARE = 0.5
+"""Choice: share of the echo in a lost pulse's highest peak, which may be all echo or all noise."""
+
+RANGES_M = (0.1, 1000.0)
+"""Choice: ranges between which the photons of a white surface are computed; planes meet beams anywhere."""
+
+EDGE = 0.5
+"""Choice: distance from the pixel's middle at which a surface ends beside a lost neighbour, in half widths of the
+pixel. As far beyond the pixel's edge it has the mean strength of the two."""
+
+BORDER = 0.5
+"""Choice: largest distance, in half widths of the pixel, of the border between two returns from half way. Where between
+them one surface ends is not recorded; half way, the nearer one would hide each beam of a held-out column."""
+
+BEAM_SHARE = 0.5
+"""Choice: share of a pixel that the nearer of two returns covers."""
+
+SMOOTH_CURVATURE = 0.01
+"""Choice: smallest eigenvalue over the trace of the neighbours' covariance, below which a surface is smooth."""
+
+CELL_M = 2.0
+"""Choice: edge of the ground's quads."""
+
+BELOW_M = 0.1
+"""Choice: depth of the completed ground below its plane, so that it lies under the measured one."""
+
+# clusters
+
+VOXEL_M, REACH_M = 0.15, 0.6
+"""Choice: edge of the voxels, and the distance within which they are neighbours."""
+
+LEAST_OVERLAP = 0.5
+"""Choice: least intersection over union of two clusters that are the same."""
+
+ABOVE_GROUND_M = 0.3
+"""Choice: height above the ground's plane above which points are clustered, for roads are no planes."""
+
+# frame_poses
+
+REGISTRATION_VOXEL_M = 0.3
+"""Choice: edge of the cubes in which points are thinned to one before registration."""
+
+LARGEST_PAIR_DISTANCE_M = (2.0, 0.5)
+"""Choice: largest distance of paired points in the first and the second round of registration."""
+
+LARGEST_CHANGE_M = 0.1
+"""Choice: change of a pixel's range beyond which it met another surface."""
+
+LARGEST_SHIFT_M = 3e-3
+"""Choice: shift between two frames below which the sensor was at rest: 3 cm/s at 10 Hz. Registration is good to a
+centimetre, which is three columns of a surface at 0.6 m."""
+
+# daylight
+
+BRIGHTEST_KLUX = 130.0
+"""Choice: largest illuminance of the ground by sun and sky: 133 klux from the sun beyond the air, 100 to 120 on clear
+days."""
+
+# twin_files
+
+BRIGHT_STEP = 1.15
+"""Accuracy bought: largest ratio of the apparent reflectivities of bright quads that share a material."""
+
+BRIGHT_DIFFUSE = 0.8
+"""Choice: diffuse reflectivity of bright quads, which sunlight sees; the rest is retro-reflected."""
+
+LEAST_RETRO, MOST_RETRO = 1e-3, 1e7
+"""Choice: bounds of a material file's retro-reflection [cd/lx/m2]; the least one is for quads no brighter than matt
+white."""
+
+RETRO_HALF_ANGLE_DEG = 5.0
+"""Choice: half width of the retro-reflection, far above the beam's parallax: only light straight back was recorded."""
+
+ASSUMED_KLUX = 20.0
+"""Choice: illuminance assumed for recordings without background light; near targets scatter alike at any."""
+
+# matched_pulses
+
+LARGEST_ANGLE_RAD = np.radians(0.5)
+"""Choice: largest median angle between recorded and simulated beams of the same sensor."""
+
+DIFFERENCE_STEP_RAD = np.radians(1.4)
+"""Choice: angle between the ranges of a second difference: in recordings, columns up to four of 1024 apart share
+noise."""
+
+# judge
+
+OCTAVES_M = 2.0 ** np.arange(-1.0, 10.0)
+"""Choice: edges of fixed bins of range [m], 0.5 to 512: far bins of many returns do not hide the near ones of few."""
+
+SAME_SURFACE_M = 0.3
+"""Choice: distance from the twin's surface beyond which a recorded return is another one's, at an edge or of another
+frame: 30 times the largest bias that is allowed."""
+
+CLIP_SIGMAS = 3.0
+"""Choice: distance from the mean, in sigmas, beyond which a value is of an edge and not of the noise."""
