@@ -39,10 +39,11 @@ CLEAREST_M = 300e3
 that is the visibility."""
 
 WAY_STEP_S = 0.1
-"""Between times at which the ground below the ego vehicle is looked for."""
+"""Choice: seconds between times at which the ground below the ego vehicle is looked for."""
 
 ENDLESS_S = 120.0
-"""Time for which the way of an ego vehicle is followed where nobody says how many frames there will be."""
+"""Choice: time for which the way of an ego vehicle is followed where nobody says how many frames there will be,
+seconds."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

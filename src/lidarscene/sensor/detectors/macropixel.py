@@ -56,7 +56,7 @@ _LEAST_RATE_HZ = 1e-3
 value."""
 
 _LEAST_COUNTS = 1e-30
-"""Nor has a bin of a shot fewer counts, for the same reason: coincidences of many SPADs in the dark are rarer than
+"""Choice: fewest counts of a bin of a shot, for the same reason: coincidences of many SPADs in the dark are rarer than
 single precision resolves."""
 
 
