@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from helpers import chain, launches
+from helpers import chain, launches, rounding
 from helpers.documentation import ROOT
 
 from lidarscene import Pose, Simulator, load_scene, load_sensor
@@ -108,7 +108,7 @@ def test_numpy_and_device_agree(name, extra):
         sensor, pulse=pulse, origin_m=(0.0, 0.0, 0.0), rotation=tuple(np.eye(3, dtype=np.float32).ravel())
     )
     direction = np.stack(rays.direction, axis=1)
-    np.testing.assert_allclose(direction, lanes.direction, rtol=0.0, atol=3e-7)
+    np.testing.assert_allclose(direction, lanes.direction, rtol=0.0, atol=rounding.limit(3e-7))
     hits: Hits = lanes.hits
     light = echoes.receive(rays, hits, sensor, ambient_of(scene, sensor))
     np.testing.assert_allclose(light.peak_power_w, lanes.light.peak_power_w, rtol=2e-6)
