@@ -411,7 +411,7 @@ def test_ranges_of_the_sipm() -> None:
 def test_sun() -> None:
     pytest.importorskip("pvlib")
     spectra = {name: pvlib.reference_spectrum(name) for name in ("global", "direct", "extraterrestrial")}
-    for name, _, w_m2, klux in table("sun.md", "`spectrum` | what"):
+    for name, _, w_m2, klux in table("sun.md", "name | what"):
         spectrum = spectra[name.split("`")[1]]
         row_says([w_m2], reference_optics.total_irradiance_w_m2(spectrum))
         row_says([klux], 1e-3 * solar_spectrum.illuminance_lux(spectrum))

@@ -206,8 +206,7 @@ class Optics:
     sun_irradiance_w_m2  in band, at normal incidence and 100 klux (E_sun of (6))
     overlap              overlap of the laser's spot and the field of view; None: all of the spot is seen at any range
     halo                 around the spot, or None
-    filter_share         of the echo that the filter passes, over that at the laser's nominal wavelength straight
-                         through; None: the laser is there
+    filter_share         of the echo that the filter passes, over that without the laser's drift; None: it has none
     stray                stray light of channels that fire together, or None
     """
 
