@@ -76,7 +76,6 @@ def speckle_rms(divergence_mrad: float, lens_mm: float, wavelength_nm: float, **
             range_m=np.float64(50.0),
             aperture_radius_m=1e-3 * lens_mm,
             wavelength_m=1e-9 * wavelength_nm,
-            polarisations=2.0,
             **numbers,
         )
         ** -0.5

@@ -48,7 +48,6 @@ def test_the_mode_says_how_many_shots_a_point_has_and_how_far_they_are_unambiguo
         (("scanner.rotation_hz=-20",), 4e4 * math.pi * 27 * 1.8e-6),
         (("histogram.multiplier=3",), 2e4 * math.pi * 162 * 0.6e-6),
         (("histogram.multiplier=0.25",), 2e4 * math.pi * 14 * 1.8e-6),
-        (("histogram.turn=false",), 0.0),
     ],
 )
 def test_head_turns_while_the_shots_of_a_point_are_summed(keys, sweep_mrad):

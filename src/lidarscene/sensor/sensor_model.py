@@ -63,9 +63,6 @@ class Speckle:
             "nm", ge=0, le=100, about="full width at half of the laser's line: more wavelengths, less speckle on slopes"
         ),
     ] = 0.0
-    polarisations: Annotated[
-        Lanes, Quantity(ge=1, le=2, about="2: surfaces return unpolarised light; 1: they keep the polarisation")
-    ] = 2.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -103,13 +100,9 @@ class Laser:
             "mrad",
             ge=0.01,
             le=3000,
-            about="the divergence on the second axis, then the first is that of azimuth; a round beam if left out",
+            about="of an elliptical beam, whose `divergence_mrad` is that of azimuth; a round beam if left out",
         ),
     ] = None
-    beam_rotation_rad: Annotated[
-        float,
-        Quantity("deg", ge=-36e3, le=36e3, about="of the beam's two axes about the beam, from the left to the top"),
-    ] = 0.0
     exit_diameter_m: Annotated[
         float | None,
         Quantity(
