@@ -176,9 +176,6 @@ class StrayLight:
         Lanes, Quantity("deg", ge=1e-3, le=180, about="between two channels, at which the share has fallen to half")
     ] = math.pi / 180.0
     veil: Annotated[Lanes, Quantity(ge=0, le=0.5, about="share at any angle, as of ghosts between surfaces")] = 0.0
-    withheld: Annotated[
-        bool, FileKey(about="whether returns with less light than the stray light of their pulse are not reported")
-    ] = False
     glare_photons: Annotated[
         Lanes | None,
         Quantity(
