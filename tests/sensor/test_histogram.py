@@ -223,3 +223,10 @@ def test_a_sensor_says_what_walk_may_be_left():
     assert " to 10000 detections" in load_sensor("os1-128", overrides=together).histogram.residual_walk
     raw = [*together, "histogram.walk='raw'"]
     assert load_sensor("os1-128", overrides=raw).histogram.residual_walk is None
+
+
+def test_first_stamps_late_in_the_sun():
+    """No SPAD is left without a firing: a working point of numbers, in which nothing is seen."""
+    point = photons.spinning("detector.stamps='first'").working_point(np.array([1e-6]), range_m=np.array([1000.0]))
+    assert np.isfinite(point.noise.deviation).all()
+    assert point.response.signal(np.array([1e-6])) < 1e-3

@@ -138,8 +138,11 @@ def arrange(figure: Any) -> None:
 
 def _frame(axes: Any, chart: Chart) -> None:
     """Set limits, ticks, grid and labels."""
-    x = np.concatenate([line.x for line in chart.lines])
-    axes.set_xlim(*(chart.x_limits or (float(np.min(x)), float(np.max(x)))))
+    if chart.x_limits:
+        axes.set_xlim(*chart.x_limits)
+    elif chart.lines:  # marks alone have the axes' own limits
+        x = np.concatenate([line.x for line in chart.lines])
+        axes.set_xlim(float(np.min(x)), float(np.max(x)))
     if chart.y_limits:
         axes.set_ylim(*chart.y_limits)
     for axis, log in ((axes.xaxis, chart.x_log), (axes.yaxis, chart.y_log)):
