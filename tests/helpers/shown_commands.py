@@ -194,7 +194,8 @@ def coarse(arguments: list[str]) -> list[str]:
         sets = tuple(f"{name}:{setting}" for name in names if name in COARSE for setting in COARSE[name])
     elif command in ("render", "view") and scene is not None and rig is None:
         sensor = value_of("--sensor", options) or sensor_of_scene(scene)
-        sets = COARSE.get(sensor, ())
+        own_scanner = any(option.startswith("scanner={") for option in options)
+        sets = () if own_scanner else COARSE.get(sensor, ())
     else:
         sets = ()
     return [command, *options, *(f"--set={setting}" for setting in sets)]
