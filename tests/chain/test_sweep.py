@@ -1,6 +1,7 @@
 """A head that turns while it sums the shots of a point: the light of its rays against shots that are traced apart."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -17,9 +18,15 @@ SWEEP_RAD = 20.0 * math.pi * 868 * 1.8e-6
 """Of a column of 64 at 10 Hz, 868 shots every 1.8 us: 98 mrad."""
 
 
-def light_of(described, *keys, rays):
+def standing(sensor):
+    """The sensor with a head that stands while it sums."""
+    return replace(sensor, histogram=replace(sensor.histogram, sweep_rad=0.0))
+
+
+def light_of(described, *keys, rays, turns=True):
     """Ranges and powers of all rays of each pulse, (pulses, rays)."""
-    simulator = Simulator(described, photons.spinning(*BEAM, *keys), rays=rays)
+    sensor = photons.spinning(*BEAM, *keys)
+    simulator = Simulator(described, sensor if turns else standing(sensor), rays=rays)
     (part,) = simulator.light().parts
     return simulator.sensor, part.range_m.reshape(-1, rays), part.peak_power_w.reshape(-1, rays)
 
@@ -46,8 +53,8 @@ def swept_and_apart(described):
         described,
         f"scanner.columns_per_turn={COLUMNS * PARTS}",
         f"scanner.start_azimuth_deg={begin_deg}",
-        "histogram.turn=false",
         rays=64,
+        turns=False,
     )
     assert PARTS * apart.histogram.shots == pytest.approx(swept.histogram.shots, rel=0.01)
     parts_m, parts_w = (values[: 2 * PARTS].reshape(PARTS, 2, 64).swapaxes(0, 1).reshape(2, -1) for values in shots)
@@ -102,10 +109,10 @@ def test_spread_of_ranges_on_a_leaning_wall(theta_deg, columns):
 def test_one_ray_and_a_head_that_stands_see_no_sweep():
     """The middle of the column alone, or the beam's own width."""
     described, keys = leaning_wall(40.0), ("scanner.columns_per_turn=1024",)
-    for options in ((), ("histogram.turn=false",)):
-        _, range_m, _ = light_of(described, *keys, *options, rays=1)
+    for turns in (True, False):
+        _, range_m, _ = light_of(described, *keys, rays=1, turns=turns)
         assert range_m[0, 0] == pytest.approx(20.0, abs=1e-4)
-    _, range_m, power_w = light_of(described, *keys, "histogram.turn=false", "laser.divergence_mrad=3", rays=64)
+    _, range_m, power_w = light_of(described, *keys, "laser.divergence_mrad=3", rays=64, turns=False)
     beam_m = 20.0 * math.tan(math.radians(40.0)) * 0.25 * 3e-3
     assert math.sqrt(moments(range_m[0], power_w[0])[2]) == pytest.approx(beam_m, rel=0.02)
 
@@ -117,10 +124,11 @@ def test_background_is_that_of_the_sweep():
     board = chain.facing(range_m=10.0, size_m=20.0, at=(0.0, 10.3, 0.0))
     described = chain.scene(board, chain.box(at=(0.0, -500.0, 0.0)))
     powers_w = []
-    for keys in ((), ("histogram.turn=false",), ("scanner.start_azimuth_deg=20",)):
-        sensor = photons.spinning(*BEAM, f"scanner.columns_per_turn={COLUMNS}", "detector.radius_mm=0.01", *keys)
+    keys = *BEAM, f"scanner.columns_per_turn={COLUMNS}", "detector.radius_mm=0.01"
+    turning, turned = (photons.spinning(*keys, f"scanner.start_azimuth_deg={start_deg}") for start_deg in (0, 20))
+    for sensor in (turning, standing(turning), turned):
         light = Simulator(described, sensor, rays=1, background_rays=64).light()
         powers_w.append(float(light.background_power_w[0]))
-    swept, standing, full = powers_w
-    assert standing == 0.0
+    swept, still, full = powers_w
+    assert still == 0.0
     assert swept / full == pytest.approx(0.5 - math.atan(0.03) / SWEEP_RAD, abs=0.03)

@@ -162,7 +162,8 @@ def test_csv_holds_what_is_printed_as_json(run: Run, tmp_path: Path) -> None:
         "0",
         "--to",
         "100",
-        "--linear",
+        "--scale",
+        "linear",
         "--n",
         "5",
         "--set=detector.cell_floor=0",
@@ -192,7 +193,9 @@ def test_sensors_of_one_name_are_told_apart(run: Run, tmp_path: Path) -> None:
 
 
 def test_whole_parameters_have_whole_steps(run: Run, tmp_path: Path) -> None:
-    range_text(run, SIPM, "--over", "detector.cells", "--csv", "o.csv", "--from", "1", "--to", "20", "--linear")
+    range_text(
+        run, SIPM, "--over", "detector.cells", "--csv", "o.csv", "--from", "1", "--to", "20", "--scale", "linear"
+    )
     _, values = table(tmp_path / "o.csv")
     assert list(values[:, 0]) == list(range(1, 21))
     assert values[0, 1] == 0.0
@@ -330,20 +333,22 @@ def test_more_than_the_sun_is_noted(run: Run) -> None:
         (("nix.toml",), "nix.toml: no such file"),
         ((APD, "--csv", "o.csv"), "--csv goes with --over"),
         ((APD, "--from", "1"), "--from goes with --over"),
-        ((APD, "--log"), "--log goes with --over"),
+        ((APD, "--scale", "log"), "--scale goes with --over"),
         ((APD, "--over", "gain"), "--over gain: table1-apd.toml has no numeric key of that name"),
         ((APD, "--over", "detector.gian"), "did you mean detector.gain?"),
         ((APD, SIPM, "--over", "detector.gain"), "--over detector.gain: table1-sipm.toml has no numeric key"),
         ((APD, "--over", "detector.circuit_noise_na"), "is 0 in table1-apd.toml, so --from and --to must be given"),
         ((APD, "--over", "detector.gain", "--from", "0.5"), "must be >= 1, got 0.5"),
-        ((APD, "--over", "detector.gain", "--from", "-3", "--to", "5", "--log"), "must be more than 0 on a log"),
+        (
+            (APD, "--over", "detector.gain", "--from", "-3", "--to", "5", "--scale", "log"),
+            "must be more than 0 on a log",
+        ),
         ((APD, "--over", "detector.gain", "--from", "5", "--to", "5"), "--from must be below --to"),
         ((APD, "--over", "distance", "--from", "2000"), "--from must be below --to"),
         ((APD, "--over", "distance", "--from", "0"), "--from 0: must be more than 0"),
-        ((APD, "--over", "illuminance", "--from", "0"), "must be more than 0 on a logarithmic axis (or --linear)"),
+        ((APD, "--over", "illuminance", "--from", "0"), "must be more than 0 on a logarithmic axis; even steps may"),
         ((APD, "--over", "distance", "--n", "1"), "must be a whole number from 2 to 100000, got 1"),
         ((APD, "--over", "distance", "--to", "inf"), "must be a number, got inf"),
-        ((APD, "--over", "distance", "--log", "--linear"), "not allowed with argument"),
         ((APD, "--over", "distance", "--quantity", "range"), "--over distance --quantity range"),
         ((APD, "--over", "distance", "--distance", "5"), "--distance does not go with --over distance"),
         ((APD, "--over", "illuminance", "--illuminance", "5"), "--illuminance does not go with --over illuminance"),

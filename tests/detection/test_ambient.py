@@ -72,7 +72,7 @@ def test_cells_that_fire_others_are_counted_in_clusters():
             new = np.minimum(rng.binomial(new, crosstalk * (cells - busy) / cells), cells - busy)
         fired[k % steps] = cluster
         total += cluster if k >= 6 * steps else 0
-    more = f"detector.crosstalk={crosstalk}", f"tdc.ambient_window_us={1e6 * window * DEAD!r}"
+    more = f"detector.crosstalk={crosstalk}", f"tdc.window_us={1e6 * window * DEAD!r}"
     drawn = count_ambient("table1-sipm", P_RS, 3, "detector.statistics='steady_state'", *more)
     assert drawn.mean() == pytest.approx(total.mean(), rel=0.02)  # a step of a fiftieth of the dead time
     ratio = drawn.var() / total.var()
@@ -83,7 +83,7 @@ def test_cells_that_fire_others_are_counted_in_clusters():
 def test_window():
     """Half of the time, half of the counts; the listening window by default."""
     whole = count_ambient("table1-apd", P_RS).mean()
-    assert count_ambient("table1-apd", P_RS, 3, "tdc.ambient_window_us=2").mean() == pytest.approx(whole / 2, rel=1e-3)
+    assert count_ambient("table1-apd", P_RS, 3, "tdc.window_us=2").mean() == pytest.approx(whole / 2, rel=1e-3)
 
 
 def test_counts_belong_to_the_pulse():

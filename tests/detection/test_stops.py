@@ -172,13 +172,7 @@ ECHOES = ((100.0, 2000.0), (110.0, 4000.0), (130.0, 500.0))
     ("overrides", "ranges"),
     [
         (["tdc.keep='strongest_and_last'"], [110.0, 130.0]),
-        (["tdc.keep='strongest_and_last'", "tdc.order='strength'"], [110.0, 130.0]),
         (["tdc.keep='strongest_and_last'", "tdc.window_us=0.8"], [100.0, 110.0]),
-        (["tdc.keep='strongest_and_last'", "tdc.order='strength'", "tdc.window_us=0.8"], [110.0, 100.0]),
-        (["tdc.keep='strongest'", "tdc.stops=2", "tdc.order='strength'"], [110.0, 100.0]),
-        (["tdc.keep='strongest'", "tdc.stops=3", "tdc.order='strength'"], [110.0, 100.0, 130.0]),
-        (["tdc.keep='last'", "tdc.stops=2", "tdc.order='strength'"], [110.0, 130.0]),
-        (["tdc.keep='all'", "tdc.order='strength'"], [110.0, 100.0, 130.0] + [0.0] * 13),
         # Peaks at least a dead time apart: the higher of two that are nearer.
         (["tdc.timing='peak'", "tdc.stops=3", "tdc.dead_time_ns=80"], [110.0, 130.0, 0.0]),
         (["tdc.timing='peak'", "tdc.stops=3", "tdc.dead_time_ns=250"], [110.0, 0.0, 0.0]),

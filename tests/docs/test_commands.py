@@ -3,6 +3,7 @@
 Here those of all pages but the studies' (tests/docs/test_study_commands.py), and what all shell blocks may hold.
 """
 
+import argparse
 import re
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,8 @@ from typing import Any
 import pytest
 from helpers.documentation import PAGES, ROOT, commands, shell_lines
 from helpers.shown_commands import PARSED_ONLY, Reader, by_names, pages
+
+from lidarscene.cli import main
 
 pytestmark = pytest.mark.fixed_streams
 
@@ -41,6 +44,19 @@ def test_what_is_only_parsed_is_shown_and_run_elsewhere() -> None:
         assert any(command.startswith(start) for command in shown_commands), start
         file, _, name = test.partition("::")
         assert f"def {name}(" in (ROOT / file).read_text(encoding="utf-8")
+
+
+def test_every_option_is_in_an_example() -> None:
+    """Of some command: an option has one meaning in all."""
+    (chosen,) = [a for a in main._parser()._actions if isinstance(a, argparse._SubParsersAction)]
+    actions = [action for command in chosen.choices.values() for action in command._actions]
+    words = {word.partition("=")[0] for page in PAGES for command in commands(page) for word in command.split()}
+    unseen = {
+        action.option_strings[-1]
+        for action in actions
+        if action.option_strings and not words & {*action.option_strings}
+    }
+    assert unseen == set()
 
 
 def test_other_lines_of_shell_blocks() -> None:

@@ -483,3 +483,8 @@ def test_range_page() -> None:
     says("compare.md", "{} klux for the paper's APD and SiPM", equal)
     in_time = plane.equal_range_illuminance_klux(apd_lidar(), sipm_in_time(), TABLE_1)
     says("theory.md", "equal at {} klux by (27), at {} klux in the time domain", equal, in_time)
+
+
+def test_effects_page() -> None:
+    says("effects.md", "a mounting that slipped turns the cloud, {} cm at 10 m", 100.0 * 10.0 * 5e-3)
+    says("effects.md", "Blanking hides what is nearer than {} m", 0.5 * SPEED_OF_LIGHT_M_S * 20e-9)

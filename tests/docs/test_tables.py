@@ -76,7 +76,6 @@ def speckle_rms(divergence_mrad: float, lens_mm: float, wavelength_nm: float, **
             range_m=np.float64(50.0),
             aperture_radius_m=1e-3 * lens_mm,
             wavelength_m=1e-9 * wavelength_nm,
-            polarisations=2.0,
             **numbers,
         )
         ** -0.5
@@ -411,7 +410,7 @@ def test_ranges_of_the_sipm() -> None:
 def test_sun() -> None:
     pytest.importorskip("pvlib")
     spectra = {name: pvlib.reference_spectrum(name) for name in ("global", "direct", "extraterrestrial")}
-    for name, _, w_m2, klux in table("sun.md", "`spectrum` | what"):
+    for name, _, w_m2, klux in table("sun.md", "name | what"):
         spectrum = spectra[name.split("`")[1]]
         row_says([w_m2], reference_optics.total_irradiance_w_m2(spectrum))
         row_says([klux], 1e-3 * solar_spectrum.illuminance_lux(spectrum))

@@ -26,6 +26,14 @@ def saved_figures(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     return figures
 
 
+def test_a_chart_of_marks_alone(saved_figures: list[Any], tmp_path: Path) -> None:
+    """As of a front of one design: the mark lies within the axes."""
+    mark = Mark(x=300.0, y=5.0, text="chosen")
+    lines.save(Chart(lines=(), x_label="x", y_label="y", title="one", marks=(mark,)), [tmp_path / "a.png"])
+    low, high = saved_figures[0].axes[0].get_xlim()
+    assert low < 300.0 < high
+
+
 def test_a_chart_is_whole_in_its_picture(saved_figures: list[Any], tmp_path: Path) -> None:
     """Labels, title, legend and numbers, with a tall label at the left that needs room."""
     x = np.linspace(0.0, 1.0, 5)

@@ -27,4 +27,5 @@ def models(*roots: type[FileModel]) -> dict[str, type[FileModel]]:
     return by_name
 
 
-MODELS = models(SceneFile, SensorFile, MaterialFile, RigFile, JobFile, StudyFile)
+FILES = (SceneFile, SensorFile, MaterialFile, RigFile, JobFile, StudyFile)
+MODELS = models(*FILES)

@@ -152,5 +152,3 @@ def test_returns_of_weather_have_their_mean() -> None:
 def test_speckle_wants_a_spot() -> None:
     with pytest.raises(InputError, match=r"laser\.speckle: must go with laser\.divergence_mrad"):
         load_sensor("mems-1550", overrides=["laser.speckle={}"])
-    with pytest.raises(InputError, match=r"laser.speckle.polarisations: must be <= 2, got 3"):
-        load_sensor("mems-1550", overrides=["laser.speckle={ polarisations = 3 }"])

@@ -129,14 +129,11 @@ def test_every_ray_follows_the_gaussian_beam(profile, distance):
     np.testing.assert_allclose(np.linalg.norm(spot(shape, distance), axis=1), radius * width, rtol=1e-12)
 
 
-@pytest.mark.parametrize("turn_deg", [0.0, 30.0, 90.0])
-def test_ellipse_and_its_turn(turn_deg):
-    """Far away the spot's variances lie along the turned axes, (w / 2)^2 each; 1e-6 is what the exit adds at 1 km."""
-    shape = footprint(laser("divergence_mrad=4", "divergence_elevation_mrad=1", f"beam_rotation_deg={turn_deg}"), 64)
+def test_ellipse():
+    """Far away the spot's variances are (w / 2)^2 on each axis; 1e-6 is what the exit adds at 1 km."""
+    shape = footprint(laser("divergence_mrad=4", "divergence_elevation_mrad=1"), 64)
     places = spot(shape, 1000.0)
-    cos, sin = math.cos(math.radians(turn_deg)), math.sin(math.radians(turn_deg))
-    along = places @ np.array([[cos, -sin], [sin, cos]])
-    np.testing.assert_allclose(along.T @ along / 64, np.diag([1.0, 0.0625]), rtol=1e-5, atol=1e-9)
+    np.testing.assert_allclose(places.T @ places / 64, np.diag([1.0, 0.0625]), rtol=1e-5, atol=1e-9)
 
 
 def test_axes_are_azimuth_and_elevation():

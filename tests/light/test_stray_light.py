@@ -161,13 +161,12 @@ def test_stray_light_that_is_too_faint_to_compute_is_none():
 
 
 @pytest.mark.parametrize("keys", [(), ("tdc.keep='strongest'",), ("tdc.timing='peak'", "tdc.keep='last'")])
-@pytest.mark.parametrize("withheld", [False, True])
-def test_points_of_stray_light(keys, withheld):
+def test_points_of_stray_light(keys):
     """Ten channels see nothing of their own, five a wall of 0.1 uW at 70 m, one a sign of 1 mW at 30 m: all have a
-    point at 30 m, of stray light but for the sign's own, unless the sensor withholds these; walls stay echoes. An APD
-    with a threshold of 8 sigma finds 1e-7 W surely and has no false alarms (1e-15 a comparison).
+    point at 30 m, of stray light but for the sign's own; walls stay echoes. An APD with a threshold of 8 sigma finds
+    1e-7 W surely and has no false alarms (1e-15 a comparison).
     """
-    sensor = volley.sensor(*keys, f"optics.stray.withheld={str(withheld).lower()}")
+    sensor = volley.sensor(*keys)
     ranges, powers = np.full((ROWS, 1), 70.0), np.zeros((ROWS, 1))
     powers[11:] = 1e-6
     ranges[5], powers[5] = 30.0, 1e-3
@@ -178,7 +177,7 @@ def test_points_of_stray_light(keys, withheld):
     true_m = np.stack([stop.true_range_m for stop in detection.stops])
     stray = status == Status.STRAY
     dark = np.arange(ROWS) != 5
-    assert (stray.sum(axis=0) == (0 if withheld else dark.astype(int))).all()
+    assert (stray.sum(axis=0) == dark).all()
     np.testing.assert_allclose(at_m[stray], 30.0, atol=0.2)
     np.testing.assert_allclose(true_m[stray], 30.0, atol=1e-3)
     echo = status == Status.ECHO
@@ -189,12 +188,10 @@ def test_points_of_stray_light(keys, withheld):
     assert (detection.outcome[11:] == Outcome.KEPT).all()
 
 
-@pytest.mark.parametrize("withheld", [False, True])
-def test_points_of_stray_light_in_a_histogram(withheld):
+def test_points_of_stray_light_in_a_histogram():
     """SPADs that sum shots, two returns a point: a sign that fires all of them at 30 m, walls of 300 photons at 70 m in
     five channels. Each channel but the sign's has a return of stray light of its expected photons, 400 and more: within
-    five standard errors, so that one run in 100,000 fails. Walls stay echoes; with `withheld` neither the stray light
-    nor the walls, which are dimmer, are reported.
+    five standard errors, so that one run in 100,000 fails. Walls stay echoes.
     """
     sensor = photons.spinning(
         f"scanner.elevation_deg={[float(row) for row in range(ROWS)]}",
@@ -205,7 +202,6 @@ def test_points_of_stray_light_in_a_histogram(withheld):
         "optics.stray.share=1e-2",
         "optics.stray.half_angle_deg=2",
         "optics.stray.veil=1e-3",
-        f"optics.stray.withheld={str(withheld).lower()}",
     )
     point = sensor.working_point(np.zeros(1))
     wall_w, least_w = (float(np.ravel(point.response.power_w(np.array([count])))[0]) for count in (300.0, 400.0))
@@ -218,13 +214,8 @@ def test_points_of_stray_light_in_a_histogram(withheld):
     status = np.stack([np.where(stop.reported, stop.status, -1) for stop in detection.stops])
     stray = status == Status.STRAY
     dark = np.arange(ROWS) != 5
-    assert (stray.sum(axis=0) == (0 if withheld else dark.astype(int))).all()
-    assert (
-        (status == Status.ECHO).sum(axis=0) == ((np.arange(ROWS) == 5) | ((np.arange(ROWS) > 10) & (not withheld)))
-    ).all()
-    if withheld:
-        assert (detection.outcome[11:] == Outcome.HIDDEN).all()
-        return
+    assert (stray.sum(axis=0) == dark).all()
+    assert ((status == Status.ECHO).sum(axis=0) == ((np.arange(ROWS) == 5) | (np.arange(ROWS) > 10))).all()
     counted = np.stack([stop.amplitude for stop in detection.stops])[stray]
     expected = np.broadcast_to(point.response.signal(train.parts[-1].peak_power_w), stray.shape)[stray]
     assert np.abs((counted - expected) / np.sqrt(expected)).max() < 5.0
@@ -330,25 +321,6 @@ def test_more_photons_than_spads_count_never_glare():
 def test_glare_needs_photons():
     with pytest.raises(InputError, match=r"optics\.stray\.glare_photons: must go with \[histogram\]"):
         volley.sensor("optics.stray.glare_photons=500")
-
-
-@pytest.mark.parametrize("keys", [(), ("tdc.timing='peak'",)])
-def test_sensor_withholds_what_may_be_stray_light(keys):
-    """Walls at 70 m, some dimmer and some brighter than the sign's stray light at 30 m: of those that are found, as
-    each is with 0.1 uW, the dimmer are withheld and their pulses hidden. The sign itself has none.
-    """
-    sensor = volley.sensor(*keys, "optics.stray.withheld=true")
-    ranges, powers = np.full((ROWS, 1), 70.0), 1e-3 * shares()[:, 5:6]
-    factor = np.where(np.arange(ROWS) % 2 == 0, 0.9, 1.1)[:, None]
-    powers *= factor
-    ranges[5], powers[5] = 30.0, 1e-3
-    train = with_stray(trains.train(ranges, powers), sensor)
-    assert train.parts[-1].peak_power_w[5] < 1e-3
-    detection = receiver.detect(train, sensor, seed=3, pulse=np.arange(ROWS, dtype=np.uint32))
-    reported = np.sum([stop.reported for stop in detection.stops], axis=0)
-    expected = (factor[:, 0] > 1.0) | (np.arange(ROWS) == 5)
-    np.testing.assert_array_equal(reported, expected.astype(int))
-    np.testing.assert_array_equal(detection.outcome, np.where(expected, Outcome.KEPT, Outcome.HIDDEN))
 
 
 def test_stray_light_on_top_of_an_echo_is_an_echo_while_it_is_less():

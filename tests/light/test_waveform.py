@@ -30,7 +30,7 @@ CASES = {
     "strongest": ("table1-apd", "tdc.stops=2", "tdc.keep='strongest'", "tdc.dead_time_ns=15"),
     "last": ("table1-sipm", "tdc.keep='last'"),
     "fraction": ("table1-apd", "tdc.stops=3", "tdc.timing='constant_fraction'"),
-    "peak": ("table1-sipm", "tdc.timing='peak'", "tdc.keep='strongest_and_last'", "tdc.order='strength'"),
+    "peak": ("table1-sipm", "tdc.timing='peak'", "tdc.keep='strongest_and_last'"),
     "matched filter": ("table1-apd", "tdc.timing='matched_filter'", "tdc.stops=2", "tdc.dead_time_ns=15"),
     "levels": ("table1-apd", *LEVELS),
     "adc": ("table1-apd", *ADC),

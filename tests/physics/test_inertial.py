@@ -12,11 +12,11 @@ from lidarscene.physics.reference import surroundings as reference_surroundings
 def test_a_body_at_rest_is_pushed_up() -> None:
     """Specific force is what a spring scale shows: g upwards at rest, nothing in free fall."""
     upright = np.eye(3)[None]
-    force = inertial.specific_force_m_s2(rotation=upright, acceleration_m_s2=np.zeros((1, 3)), gravity_m_s2=9.8)
-    np.testing.assert_array_equal(force, [[0.0, 0.0, 9.8]])
-    falling = np.array([[0.0, 0.0, -9.8]])
+    force = inertial.specific_force_m_s2(rotation=upright, acceleration_m_s2=np.zeros((1, 3)))
+    np.testing.assert_array_equal(force, [[0.0, 0.0, 9.80665]])
+    falling = np.array([[0.0, 0.0, -9.80665]])
     np.testing.assert_array_equal(
-        inertial.specific_force_m_s2(rotation=upright, acceleration_m_s2=falling, gravity_m_s2=9.8), np.zeros((1, 3))
+        inertial.specific_force_m_s2(rotation=upright, acceleration_m_s2=falling), np.zeros((1, 3))
     )
 
 

@@ -48,7 +48,6 @@ def test_the_mode_says_how_many_shots_a_point_has_and_how_far_they_are_unambiguo
         (("scanner.rotation_hz=-20",), 4e4 * math.pi * 27 * 1.8e-6),
         (("histogram.multiplier=3",), 2e4 * math.pi * 162 * 0.6e-6),
         (("histogram.multiplier=0.25",), 2e4 * math.pi * 14 * 1.8e-6),
-        (("histogram.turn=false",), 0.0),
     ],
 )
 def test_head_turns_while_the_shots_of_a_point_are_summed(keys, sweep_mrad):
@@ -229,3 +228,10 @@ def test_a_sensor_says_what_walk_may_be_left():
     assert " to 10000 detections" in load_sensor("os1-128", overrides=together).histogram.residual_walk
     raw = [*together, "histogram.walk='raw'"]
     assert load_sensor("os1-128", overrides=raw).histogram.residual_walk is None
+
+
+def test_first_stamps_late_in_the_sun():
+    """No SPAD is left without a firing: a working point of numbers, in which nothing is seen."""
+    point = photons.spinning("detector.stamps='first'").working_point(np.array([1e-6]), range_m=np.array([1000.0]))
+    assert np.isfinite(point.noise.deviation).all()
+    assert point.response.signal(np.array([1e-6])) < 1e-3

@@ -69,7 +69,6 @@ def add_catalogue(commands: Any) -> None:
         "line. Exit code 2 if there are any.",
     )
     check.add_argument("files", metavar="FILE", nargs="+", type=Path, help="file, or the name of a scene or example")
-    check.add_argument("--kind", choices=KINDS, help="what they are (default: by their tables)")
     check.set_defaults(run=run_check)
 
 
@@ -145,13 +144,13 @@ def run_schema(arguments: argparse.Namespace) -> Answer:
 
 def run_check(arguments: argparse.Namespace) -> Answer:
     """Run `check`; one line for each mistake, and one for each file without any."""
-    mistakes = {str(path): list(_mistakes(path, arguments.kind)) for path in arguments.files}
+    mistakes = {str(path): list(_mistakes(path)) for path in arguments.files}
     lines = [line for path, messages in mistakes.items() for line in messages or [f"{path}: no mistake found"]]
     code = InputError.exit_code if any(mistakes.values()) else 0
     return Answer("\n".join(lines), code, {"mistakes": mistakes})
 
 
-def _mistakes(path: Path, kind: str | None) -> Iterator[str]:
+def _mistakes(path: Path) -> Iterator[str]:
     from .. import catalog
     from ..files.toml import list_mistakes, read_toml
     from ..scene.scene_file import scene_path
@@ -162,7 +161,7 @@ def _mistakes(path: Path, kind: str | None) -> Iterator[str]:
             yield from _mistakes_in_content("scene", path)
             return
         tables = read_toml(path)
-        kind = kind or _kind_of(tables)
+        kind = _kind_of(tables)
         mistakes = list_mistakes(file_models()[kind], tables)
         yield from (f"{path}: {line}" for line in mistakes)
         if not mistakes:

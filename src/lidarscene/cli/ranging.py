@@ -28,7 +28,7 @@ examples:
   lidarscene range table1-apd --over detector.gain --quantity snr --distance 200 --from 1 --to 300
 """
 
-_ONLY_OVER = ("start", "stop", "points", "log", "linear", "quantity", "csv", "plot", "aperture_law")
+_ONLY_OVER = ("start", "stop", "points", "scale", "quantity", "csv", "plot", "aperture_law")
 
 
 def add_commands(commands: Any) -> None:
@@ -56,10 +56,12 @@ def _add_range(commands: Any) -> None:
     command.add_argument("sensors", metavar="SENSOR", nargs="+", help="catalogue name or sensor file")
     asked = command.add_argument_group("what is computed")
     add_options(asked, SweepOptions, "over", "quantity", "start", "stop", "points")
-    scale = command.add_mutually_exclusive_group()
-    scale.add_argument("--log", action="store_true", help="logarithmic steps")
-    scale.add_argument("--linear", action="store_true", help="even steps")
     add = asked.add_argument
+    add(
+        "--scale",
+        choices=("log", "linear"),
+        help="of the axis: equal ratios or equal steps (default: by what is swept)",
+    )
     add("--sensitivities", action="store_true", help="what each parameter of the sensor is worth in range")
     add("--eye-safety", action="store_true", help="class 1 or not; exit code 1: the laser is not known")
     held = command.add_argument_group("conditions")
@@ -84,7 +86,7 @@ def run_range(arguments: argparse.Namespace) -> Answer:
     from ..sensor.sensor_model import warn_of_doubts
     from ..studies.ranging.subjects import subjects
 
-    log = True if arguments.log else False if arguments.linear else None
+    log = None if arguments.scale is None else arguments.scale == "log"
     sweep = replace(options_from(SweepOptions, arguments), log=log)
     _require_sense(arguments, sweep)
     conditions = options_from(Conditions, arguments)

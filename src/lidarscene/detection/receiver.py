@@ -25,7 +25,7 @@ from .report import Detection, Measurement, Returns, outcome_of
 from .reported_intensity import reported_intensity
 from .single_echo import SingleEcho
 from .stops import Stop, reported_stops
-from .withholding import withhold_beside_glare, withhold_stray_light
+from .withholding import withhold_beside_glare
 
 Finder = SingleEcho | Rises | Peaks
 
@@ -82,7 +82,6 @@ def detect(
     if isinstance(light, Echoes):
         return detection
     detection = share_noise(detection, light, sensor, seed=seed, pulse=pulse)
-    detection = withhold_stray_light(detection, light, sensor)
     if channels is None or crosstalk is None:
         return detection
     return withhold_beside_glare(detection, channels, crosstalk, sensor, pulse=pulse)

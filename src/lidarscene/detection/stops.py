@@ -134,8 +134,6 @@ def reported_stops(tdc: Tdc, stops: Stops) -> Stops:
         strongest, second, last = stops
         # If the strongest is the last too, the second strongest takes its place.
         stops = (strongest, select_state(last.occupied & (last.time_s > strongest.time_s), last, second))
-    if tdc.order == "strength":
-        return _sort(stops, [stop.amplitude for stop in stops])
     return stops if tdc.keep == "first" else _sort(stops, [-stop.time_s for stop in stops])
 
 

@@ -7,26 +7,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..light.echoes import EchoTrain
 from ..light.stray_light import ChannelLight, Crosstalk, Volley
 from ..maths.arrays import Array, Lanes, Mask, xp
 from ..sensor.sensor_model import Sensor
-from .outcomes import Status
 from .report import Detection, without_returns
-
-
-def withhold_stray_light(detection: Detection, train: EchoTrain, sensor: Sensor) -> Detection:
-    """Leave out the returns that have less light than the stray light of their pulse, whatever their range."""
-    if not train.stray or sensor.optics.stray is None or not sensor.optics.stray.withheld:
-        return detection
-    stray_w = train.parts[-1].peak_power_w
-    point = sensor.working_point(train.background_power_w)
-    stray_snr = point.snr(point.response.signal(stray_w))
-    masks = []
-    for stop in detection.stops:
-        assert stop.snr is not None
-        masks.append((stray_w > 0.0) & ((stop.snr < stray_snr) | (stop.status == int(Status.STRAY))))
-    return without_returns(detection, masks)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

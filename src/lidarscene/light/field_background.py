@@ -31,7 +31,6 @@ def field_of_view(sensor: Sensor, rays: int) -> Footprint:
         points=LookupTable(with_sweep(places) if sweeps else places),
         exit_radius_m=0.0,
         slope=(slope, slope),
-        turn_rad=0.0,
         sweep_rad=sensor.sweep_rad if sweeps else None,
     )
 

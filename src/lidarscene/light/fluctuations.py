@@ -72,7 +72,6 @@ class FluctuationLaw:
                 wavelength_m=self.wavelength_m,
                 linewidth_m=self.speckle.linewidth_m,
                 cos_incidence=cos_incidence,
-                polarisations=self.speckle.polarisations,
             ) * scintillation.swept_patterns(spot_rad=spot_rad, sweep_rad=self.sweep_rad)
             # Independent factors: (1 + v_1)(1 + v_2) - 1.
             variance = variance + (1.0 + variance) / cells

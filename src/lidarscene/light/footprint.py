@@ -53,12 +53,11 @@ class Skirt:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Footprint:
-    """The rays that stand for a beam, and the beam's measures on its two axes (azimuth and elevation, unturned).
+    """The rays that stand for a beam, and the beam's measures on its two axes, azimuth and elevation.
 
     points         (rays, 2) place q of each ray in the beam, in radii of the beam; (rays, 3) with that in the sweep
     exit_radius_m  w_0, radius of the beam at the sensor, the same on both axes; 0: the beam leaves from a point
     slope          tangent of the half divergence on each axis
-    turn_rad       rotation of the axes about the beam, from the left to the top
     skirt          the rays of a halo, or None
     sweep_rad      angle over which the head sweeps the beam while it sums shots, or None: it stands
     """
@@ -66,7 +65,6 @@ class Footprint:
     points: LookupTable
     exit_radius_m: Lanes
     slope: tuple[Lanes, Lanes]
-    turn_rad: Lanes
     skirt: Skirt | None = None
     sweep_rad: Lanes | None = None
 
@@ -102,7 +100,7 @@ class Aim:
 def aim(axes: Beams, shape: Footprint, *, profile: str, rotation: tuple[Lanes, ...]) -> Aim:
     """`Aim` of the beams with these axes; ``rotation`` as of `spread`."""
     return Aim(
-        across=_axes(axes.direction, shape.turn_rad, rotation),
+        across=_axes(axes.direction, rotation),
         exit_radius_m=shape.exit_radius_m,
         slope=shape.slope,
         profile=profile,
@@ -117,7 +115,10 @@ def polarisation(axes: Beams, laser: Laser, *, rotation: tuple[Lanes, ...]) -> t
     """
     if laser.polarisation is None:
         return None
-    return _axes(axes.direction, laser.polarisation.angle_rad, rotation)[0], laser.polarisation.share
+    azimuth, elevation = _axes(axes.direction, rotation)
+    angle_rad = laser.polarisation.angle_rad
+    ops = xp(*azimuth, angle_rad)
+    return weighted_sum(ops.cos(angle_rad), azimuth, ops.sin(angle_rad), elevation), laser.polarisation.share
 
 
 def footprint(laser: Laser, rays: int, halo: Halo | None = None, sweep_rad: float = 0.0) -> Footprint:
@@ -142,7 +143,6 @@ def footprint(laser: Laser, rays: int, halo: Halo | None = None, sweep_rad: floa
         points=LookupTable(table),
         exit_radius_m=0.5 * (laser.exit_diameter_m or 0.0),
         slope=(math.tan(0.5 * laser.divergence_rad), math.tan(0.5 * second)),
-        turn_rad=laser.beam_rotation_rad,
     )
 
 
@@ -211,7 +211,7 @@ def spread(rays: Beams, shape: Footprint, *, ray: Lanes, rotation: tuple[Lanes, 
     """
     if shape.rays == 1:
         return rays
-    a, b = _axes(rays.direction, shape.turn_rad, rotation)
+    a, b = _axes(rays.direction, rotation)
     first, second = shape.points.at_row(ray)[:2]
     slope = shape.slope
     if shape.skirt is not None:
@@ -244,16 +244,13 @@ def _add_skirt(
     return cos * first - sin * second, sin * first + cos * second, slope
 
 
-def _axes(direction: Vector, turn_rad: Lanes, rotation: tuple[Lanes, ...]) -> tuple[Vector, Vector]:
-    """Two unit vectors across the beam, towards growing azimuth and growing elevation, both rotated by ``turn_rad``."""
+def _axes(direction: Vector, rotation: tuple[Lanes, ...]) -> tuple[Vector, Vector]:
+    """Two unit vectors across the beam, towards growing azimuth and growing elevation."""
     left: Vector = (rotation[1], rotation[4], rotation[7])
     up: Vector = (rotation[2], rotation[5], rotation[8])
     across_beam = cross(up, direction)
-    ops = xp(*across_beam, turn_rad)
+    ops = xp(*across_beam)
     steep = dot(across_beam, across_beam) < 1e-10  # straight up or down azimuth is undefined: take the sensor's left
     x, y, z = (ops.where(steep, fallback, component) for fallback, component in zip(left, across_beam, strict=True))
     azimuth = unit((x, y, z))
-    elevation = cross(direction, azimuth)
-    # The beam's own axes are turned about the beam against azimuth and elevation.
-    cos, sin = ops.cos(turn_rad), ops.sin(turn_rad)
-    return weighted_sum(cos, azimuth, sin, elevation), weighted_sum(-sin, azimuth, cos, elevation)
+    return azimuth, cross(direction, azimuth)

@@ -70,9 +70,6 @@ class Tdc:
         default=1, metadata=STATIC
     )
     keep: str = "first"
-    order: Annotated[
-        Literal["time", "strength"], FileKey(about="of the returns: the nearest first, or the strongest first")
-    ] = "time"
     timing: Annotated[
         Literal["leading_edge", "constant_fraction", "peak", "matched_filter"],
         FileKey(
@@ -117,10 +114,7 @@ class Tdc:
             )
         ),
     ] = "published"
-    ambient_window_s: Annotated[
-        Lanes | None,
-        Quantity("us", ge=1e-3, le=1e6, about="time in which the background is counted; `window_us` if left out"),
-    ] = None
+    ambient_window_s: Lanes | None = None
 
     @property
     def listening_s(self) -> Lanes:

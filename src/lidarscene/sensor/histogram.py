@@ -209,13 +209,6 @@ class HistogramFile(
             "column alone if left out (docs/photon_counting.md)"
         ),
     )
-    turn: bool = Field(
-        default=True,
-        description=(
-            "whether a spinning head turns while it sums the shots of a point; with several rays "
-            "a pulse (docs/theory_light.md 20)"
-        ),
-    )
 
     @model_validator(mode="after")
     def _stops_of_what_is_kept(self) -> HistogramFile:
@@ -270,8 +263,6 @@ class HistogramFile(
 
     def sweep_rad(self, *, turn_rate_rad_s: float, dwell_us: float) -> float:
         """Angle by which a head of this turn rate turns from the first to the last of the shots of a point."""
-        if not self.turn:
-            return 0.0
         period_us = self.period_us(dwell_us)
         # Shots without a period of their own are taken to fill the time of a point.
         summed_us = dwell_us if period_us is None else period_us * self.shots_per_point(dwell_us)

@@ -23,7 +23,6 @@ from ..maths.pose import Pose
 from ..maths.trajectory import CLOCK_ROUNDING_S, Motion, Riding
 from ..maths.units import Quantity
 from ..physics import inertial
-from ..physics.constants import STANDARD_GRAVITY_M_S2
 from .pose_file import PoseFile
 
 STEP_S = 5e-4
@@ -93,9 +92,6 @@ class Imu:
     accelerometer_offset_m_s2: Annotated[
         float, Quantity("mg", ge=0, le=1e4, about="standard deviation of the bias at the start")
     ] = 0.0
-    gravity_m_s2: Annotated[float, Quantity(ge=0, le=100, about="downwards; 9.780 at the equator, 9.832 at a pole")] = (
-        STANDARD_GRAVITY_M_S2
-    )
 
     @property
     def sigmas(self) -> tuple[float, float]:
@@ -116,7 +112,7 @@ class Imu:
         """
         motion = Riding(carrier=carrier, pose=self.pose)
         pieces = [time_s[first : first + PIECE_SAMPLES] for first in range(0, len(time_s), PIECE_SAMPLES)]
-        exact = [np.zeros((0, 6)), *(_exact(motion, piece, self.gravity_m_s2) for piece in pieces)]
+        exact = [np.zeros((0, 6)), *(_exact(motion, piece) for piece in pieces)]
         angular_velocity, force = np.hsplit(np.concatenate(exact), 2)
         gyroscope, accelerometer = self._errors(len(time_s), rng)
         return ImuSamples(
@@ -138,7 +134,7 @@ class Imu:
             yield bias + white + _flicker(instability, 1.0 / self.rate_hz, count, rng)
 
 
-def _exact(motion: Motion, time_s: Numbers, gravity_m_s2: float) -> Numbers:
+def _exact(motion: Motion, time_s: Numbers) -> Numbers:
     """(n, 6) angular velocities [rad/s] and specific forces [m/s2] in the axes of the moving frame."""
     # Beyond its span a motion rests in its last pose: a difference across that edge would be a blow.
     reach_s = 3.0 * STEP_S
@@ -146,9 +142,7 @@ def _exact(motion: Motion, time_s: Numbers, gravity_m_s2: float) -> Numbers:
     centre_s = np.clip(time_s, min(first_s + reach_s, last_s), max(last_s - reach_s, first_s))
     shifted = [motion.at(centre_s + step * STEP_S).velocity_m_s * (weight / STEP_S) for step, weight in STENCIL]
     states = motion.at(time_s)
-    force = inertial.specific_force_m_s2(
-        rotation=states.rotation, acceleration_m_s2=np.sum(shifted, axis=0), gravity_m_s2=gravity_m_s2
-    )
+    force = inertial.specific_force_m_s2(rotation=states.rotation, acceleration_m_s2=np.sum(shifted, axis=0))
     return np.hstack([np.einsum("nji,nj->ni", states.rotation, states.turning_rad_s), force])
 
 

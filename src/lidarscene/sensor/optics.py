@@ -20,12 +20,12 @@ from ..files.inputs import LARGEST_TEXT, require_file
 from ..files.table_model import Number, Table
 from ..files.toml import FileModel
 from ..maths.units import si
-from ..physics.optics.interference_filter import oblique_factor, passed_share
 from ..physics.optics.solar_spectrum import (
     SpectralCurve,
     box_filter,
+    gaussian_filter,
     irradiance_at_100_klux_w_m2,
-    super_gaussian_filter,
+    passed_share,
 )
 from .overlap import Alignment
 from .sensor_model import Halo, Optics, StrayLight
@@ -35,46 +35,28 @@ COLUMNS = ("wavelength_nm", "transmittance")
 
 
 class FilterFile(FileModel):
-    """[optics.filter]: what the receiver lets through, by shape or from a CSV file, and of which sunlight."""
+    """[optics.filter]: what the receiver lets through, by shape or from a CSV file."""
 
     centre_nm: Wavelength | None = Field(default=None, description="middle of the band")
     width_nm: Annotated[float, Number("nm", ge=0.01, le=1000)] | None = Field(
         default=None, description="full width at half of the peak, which is 1"
     )
-    shape: Literal["box", "gaussian", "super_gaussian"] = Field(default="box", description="of the transmittance")
-    order: Annotated[float, Field(ge=2, le=100)] = Field(
-        default=6.0, description="of a super-Gaussian; 2 is a Gaussian"
-    )
+    shape: Literal["box", "gaussian"] = Field(default="box", description="of the transmittance")
     csv: Annotated[str, Field(min_length=1)] | None = Field(
         default=None,
         description=(
             "file with the columns `wavelength_nm` (rising) and `transmittance` (0 to 1): straight lines, zero outside"
         ),
     )
-    spectrum: Literal["global", "direct", "extraterrestrial"] = Field(
-        default="global",
-        description='sunlight: `"global"` or `"direct"` at air mass 1.5, or `"extraterrestrial"`, of ASTM G173',
-    )
-    incidence_deg: Annotated[float, Number("deg", ge=0, le=45)] = Field(
-        default=0.0, description="of the echo on the filter, which moves its band to shorter wavelengths; with the next"
-    )
-    effective_index: Annotated[float, Field(ge=1, le=5)] | None = Field(
-        default=None, description="of the layers of the filter, about 1.8"
-    )
 
     @model_validator(mode="after")
     def _one_way(self) -> FilterFile:
-        fields_set = self.model_fields_set
-        if self.incidence_deg and self.effective_index is None:
-            raise ValueError(f"effective_index: must go with incidence_deg, got {self.incidence_deg:g} degrees alone")
         if self.csv is not None:
-            extra = sorted(fields_set & {"centre_nm", "width_nm", "shape", "order"})
+            extra = sorted(self.model_fields_set & {"centre_nm", "width_nm", "shape"})
             if extra:
                 raise ValueError(f"csv says all of the filter and must stand alone, got {' and '.join(extra)} too")
         elif self.centre_nm is None or self.width_nm is None:
             raise ValueError("must have centre_nm and width_nm, or csv")
-        elif "order" in fields_set and self.shape != "super_gaussian":
-            raise ValueError(f'order must go with shape = "super_gaussian", got shape "{self.shape}"')
         return self
 
     def transmittance(self, folder: Path) -> SpectralCurve:
@@ -84,38 +66,26 @@ class FilterFile(FileModel):
         assert self.centre_nm is not None
         assert self.width_nm is not None
         centre_m, width_m = si(self.centre_nm, "nm"), si(self.width_nm, "nm")
-        if self.shape == "box":
-            return box_filter(centre_m=centre_m, width_m=width_m)
-        order = 2.0 if self.shape == "gaussian" else self.order
-        return super_gaussian_filter(centre_m=centre_m, width_m=width_m, order=order)
+        shaped = box_filter if self.shape == "box" else gaussian_filter
+        return shaped(centre_m=centre_m, width_m=width_m)
 
     def sun_irradiance_w_m2(self, folder: Path) -> float:
         """Solar irradiance behind the filter at 100 klux. Raises InputError, or LidarSceneError without pvlib."""
         curve = self.transmittance(folder)
-        return irradiance_at_100_klux_w_m2(pvlib.reference_spectrum(self.spectrum), curve)
+        return irradiance_at_100_klux_w_m2(pvlib.reference_spectrum("global"), curve)
 
-    def echo_share(self, folder: Path, *, reference_m: float, emitted_m: float) -> float | None:
-        """Share of the echo that passes, over that of ``reference_m`` straight through; None: nothing is shifted.
+    def echo_share(self, folder: Path, wavelength_m: float, *, drift_m: float) -> float | None:
+        """Share of the echo that passes, over that without the drift; None: nothing is shifted.
 
-        emitted_m  wavelength of the laser as it is
         Raises InputError if nothing passes.
         """
-        if emitted_m == reference_m and not self.incidence_deg:
+        if not drift_m:
             return None
-        angle_rad, index = si(self.incidence_deg, "deg"), self.effective_index or 1.0
-        factor = oblique_factor(incidence_rad=angle_rad, effective_index=index)
-        try:
-            share = passed_share(
-                self.transmittance(folder), reference_m=reference_m, emitted_m=emitted_m, incidence_factor=factor
-            )
-        except ValueError as error:
-            raise InputError(f"optics.filter: must pass the laser's light: {error}") from None
-        if share <= 0.0:
-            at_angle = f" at {self.incidence_deg:g} degrees" if self.incidence_deg else ""
-            raise InputError(
-                f"optics.filter: must pass the laser's light, got none at {1e9 * emitted_m:.6g} nm{at_angle}"
-            )
-        return share
+        curve = self.transmittance(folder)
+        for passed_m in (wavelength_m, wavelength_m + drift_m):
+            if not curve.at(passed_m) > 0.0:
+                raise InputError(f"optics.filter: must pass the laser's light, got none at {1e9 * passed_m:.6g} nm")
+        return passed_share(curve, wavelength_m=wavelength_m, drift_m=drift_m)
 
 
 def read_transmittance(path: Path) -> SpectralCurve:
@@ -242,16 +212,16 @@ class OpticsFile(Table[Optics]):
             )
         return self
 
-    def build(self, folder: Path, *, reference_m: float, emitted_m: float) -> Optics:
+    def build(self, folder: Path, wavelength_m: float, *, drift_m: float) -> Optics:
         """Convert to SI units, but for the overlap, which needs the detector; filter files lie in ``folder``.
 
-        reference_m  the laser's wavelength at which the file's efficiencies hold
-        emitted_m    its wavelength at its temperature
+        wavelength_m  of the laser, at which the file's efficiencies hold
+        drift_m       from there to the light that the laser emits
         """
         sun, share = self.sun_irradiance_w_m2, None
         if self.filter is not None:
             sun = self.filter.sun_irradiance_w_m2(folder)
-            share = self.filter.echo_share(folder, reference_m=reference_m, emitted_m=emitted_m)
+            share = self.filter.echo_share(folder, wavelength_m, drift_m=drift_m)
         halo = None if self.halo is None else self.halo.in_si()
         stray = None if self.stray is None else self.stray.in_si()
         return self.in_si(sun_irradiance_w_m2=sun, halo=halo, stray=stray, filter_share=share)

@@ -34,9 +34,6 @@ from .sensor_model import Laser, Optics, Polarisation, Sensor, Speckle, overlap_
 from .volleys import find_volleys
 from .wear_file import WearFile
 
-NOMINAL_TEMPERATURE_C = 25.0
-"""Source: data sheets; temperature at which they state a laser's wavelength."""
-
 
 class PolarisationFile(Table[Polarisation]):
     """[laser.polarisation]: linear polarisation, which panes see."""
@@ -52,23 +49,14 @@ class LaserFile(Table[Laser]):
     repetition_rate_khz: Annotated[float, Number("khz", ge=1e-4, le=2e4)] | None = Field(
         default=None, description="pulses per second"
     )
-    drift_nm_per_k: Annotated[float, Number(ge=-2, le=2, finest=1e-4)] = Field(
+    drift_nm: Annotated[float, Number("nm", ge=-100, le=100, finest=1e-3)] = Field(
         default=0.0,
-        description="growth of the wavelength with the temperature; needs `optics.filter` (docs/theory_light.md 21)",
-    )
-    temperature_c: Annotated[float, Field(ge=-100, le=200)] = Field(
-        default=NOMINAL_TEMPERATURE_C, description="of the laser, with `drift_nm_per_k`; `wavelength_nm` is that at 25"
+        description="of the light from `wavelength_nm`, as by heat; needs `optics.filter` (docs/theory_light.md 21)",
     )
     polarisation: PolarisationFile | None = Field(
         default=None, description="of the light, for panes; they treat all light alike if left out"
     )
     speckle: SpeckleFile | None = Field(default=None, description="scatter of echoes; none if left out")
-
-    @model_validator(mode="after")
-    def _temperature_matters(self) -> LaserFile:
-        if "temperature_c" in self.model_fields_set and not self.drift_nm_per_k:
-            raise ValueError("drift_nm_per_k: must go with temperature_c, got none")
-        return self
 
     def build(self, repetition_rate_hz: float) -> Laser:
         """Convert to SI units."""
@@ -80,12 +68,6 @@ class LaserFile(Table[Laser]):
                 "laser.speckle: must go with laser.divergence_mrad, which says how large the spot is, got none"
             )
         return laser
-
-    @property
-    def emitted_m(self) -> float:
-        """Wavelength at the laser's temperature."""
-        nominal_nm: float = self.wavelength_nm
-        return si(nominal_nm + self.drift_nm_per_k * (self.temperature_c - NOMINAL_TEMPERATURE_C), "nm")
 
     @model_validator(mode="after")
     def _not_finer_than_light(self) -> LaserFile:
@@ -217,8 +199,8 @@ class SensorFile(FileModel):
 
     @model_validator(mode="after")
     def _drifts_from_a_filter(self) -> SensorFile:
-        if self.laser.drift_nm_per_k and self.optics.filter is None:
-            raise ValueError("laser.drift_nm_per_k: must go with optics.filter, whose band the laser leaves, got none")
+        if self.laser.drift_nm and self.optics.filter is None:
+            raise ValueError("laser.drift_nm: must go with optics.filter, whose band the laser leaves, got none")
         return self
 
     @model_validator(mode="after")
@@ -250,7 +232,7 @@ class SensorFile(FileModel):
         """Build the sensor in SI units; the files that it names lie in ``folder``. Raises InputError."""
         detector: Detector = self.detector.in_si()
         laser = self.laser.build(self._rate_hz)
-        optics = self.optics.build(folder, reference_m=laser.wavelength_m, emitted_m=self.laser.emitted_m)
+        optics = self.optics.build(folder, laser.wavelength_m, drift_m=si(self.laser.drift_nm, "nm"))
         if self.optics.overlap is not None:
             geometry = overlap_geometry(laser, optics, detector, self.optics.overlap.build())
             optics = replace(optics, overlap=Overlap.from_geometry(geometry))

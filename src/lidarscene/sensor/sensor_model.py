@@ -65,9 +65,6 @@ class Speckle:
             "nm", ge=0, le=100, about="full width at half of the laser's line: more wavelengths, less speckle on slopes"
         ),
     ] = 0.0
-    polarisations: Annotated[
-        Lanes, Quantity(ge=1, le=2, about="2: surfaces return unpolarised light; 1: they keep the polarisation")
-    ] = 2.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -105,13 +102,9 @@ class Laser:
             "mrad",
             ge=0.01,
             le=3000,
-            about="the divergence on the second axis, then the first is that of azimuth; a round beam if left out",
+            about="of an elliptical beam, whose `divergence_mrad` is that of azimuth; a round beam if left out",
         ),
     ] = None
-    beam_rotation_rad: Annotated[
-        float,
-        Quantity("deg", ge=-36e3, le=36e3, about="of the beam's two axes about the beam, from the left to the top"),
-    ] = 0.0
     exit_diameter_m: Annotated[
         float | None,
         Quantity(
@@ -185,9 +178,6 @@ class StrayLight:
         Lanes, Quantity("deg", ge=1e-3, le=180, about="between two channels, at which the share has fallen to half")
     ] = math.pi / 180.0
     veil: Annotated[Lanes, Quantity(ge=0, le=0.5, about="share at any angle, as of ghosts between surfaces")] = 0.0
-    withheld: Annotated[
-        bool, FileKey(about="whether returns with less light than the stray light of their pulse are not reported")
-    ] = False
     glare_photons: Annotated[
         Lanes | None,
         Quantity(
@@ -208,8 +198,7 @@ class Optics:
     sun_irradiance_w_m2  in band, at normal incidence and 100 klux (E_sun of (6))
     overlap              overlap of the laser's spot and the field of view; None: all of the spot is seen at any range
     halo                 around the spot, or None
-    filter_share         of the echo that the filter passes, over that at the laser's nominal wavelength straight
-                         through; None: the laser is there
+    filter_share         of the echo that the filter passes, over that without the laser's drift; None: it has none
     stray                stray light of channels that fire together, or None
     """
 

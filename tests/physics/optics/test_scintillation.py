@@ -56,8 +56,8 @@ def simulated_variance(
 
 
 def cells(lens_m: float, *, slope: float = 0.0, linewidth_nm: float = 0.0, sweep_rad: float = 0.0) -> float:
-    """M of light that keeps its polarisation."""
-    return float(
+    """M of light of one polarisation, half of that of unpolarised light."""
+    return 0.5 * float(
         speckle_cells(
             spot_rad=SPOT_RAD,
             range_m=np.float64(RANGE_M),
@@ -65,7 +65,6 @@ def cells(lens_m: float, *, slope: float = 0.0, linewidth_nm: float = 0.0, sweep
             wavelength_m=WAVELENGTH_M,
             linewidth_m=1e-9 * linewidth_nm,
             cos_incidence=math.cos(math.atan(slope)),
-            polarisations=1.0,
         )
         * swept_patterns(spot_rad=SPOT_RAD, sweep_rad=sweep_rad)
     )

@@ -38,13 +38,11 @@ def speckle_cells(
     wavelength_m: Lanes,
     linewidth_m: Lanes,
     cos_incidence: Lanes,
-    polarisations: Lanes,
 ) -> Lanes:
-    """M: number of independent speckle cells that the lens gathers.
+    """M: number of independent speckle cells that the lens gathers of unpolarised light, as rough surfaces return it.
 
     spot_rad       angular radius w / R of the spot
     linewidth_m    full width at half maximum of the laser's line, as wavelength; 0: one line
-    polarisations  2 of a surface that returns unpolarised light, 1 of one that keeps the polarisation
 
     A cell is lambda R / w wide, so M = 1 + A_spot A_lens / (lambda R)^2 for light of one wavelength (Goodman, Speckle
     Phenomena in Optics, 2nd ed., 4.6), here with a Gaussian lens of the same variance. On a surface that leans each
@@ -56,7 +54,7 @@ def speckle_cells(
     spread = (4.0 * math.pi / SIGMAS_PER_FWHM) * (linewidth_m / wavelength_m) * (spot_rad * range_m / wavelength_m)
     even = 1.0 + across * across
     product = even * (even + spread * spread * slope_square)
-    return polarisations * xp(product).sqrt(product)
+    return 2.0 * xp(product).sqrt(product)
 
 
 def swept_patterns(*, spot_rad: Lanes, sweep_rad: Lanes) -> Lanes:

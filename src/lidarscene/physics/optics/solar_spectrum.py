@@ -95,14 +95,16 @@ def box_filter(*, centre_m: float, width_m: float) -> SpectralCurve:
     return SpectralCurve(wavelength_m=edges, value=np.ones(2))
 
 
-def super_gaussian_filter(*, centre_m: float, width_m: float, order: float = 2.0) -> SpectralCurve:
-    """Transmittance exp(-ln2 |2 (lambda - centre) / width|^order): ``width_m`` wide at half its peak of one.
-
-    Order 2 is a Gaussian; higher orders have flatter tops and steeper sides, as interference filters have.
-    """
-    reach = math.pow(-math.log2(_TAIL), 1.0 / order)
+def gaussian_filter(*, centre_m: float, width_m: float) -> SpectralCurve:
+    """Transmittance exp(-ln2 (2 (lambda - centre) / width)^2): ``width_m`` wide at half its peak of one."""
+    reach = math.sqrt(-math.log2(_TAIL))
     u = np.linspace(-reach, reach, _POINTS)
-    return SpectralCurve(wavelength_m=centre_m + 0.5 * width_m * u, value=np.exp(-math.log(2.0) * np.abs(u) ** order))
+    return SpectralCurve(wavelength_m=centre_m + 0.5 * width_m * u, value=np.exp(-math.log(2.0) * u**2))
+
+
+def passed_share(transmittance: SpectralCurve, *, wavelength_m: float, drift_m: float) -> float:
+    """Light that the filter passes of a laser that has drifted, over that at its wavelength: theory (T128)."""
+    return float(transmittance.at(wavelength_m + drift_m)) / float(transmittance.at(wavelength_m))
 
 
 def in_band_irradiance_w_m2(spectrum: SpectralCurve, transmittance: SpectralCurve) -> float:

@@ -51,6 +51,9 @@ _LEAST_BEND = 0.2
 _LEAST_NOISE = 0.05
 """Accuracy bought: least variance of the filter at an echo, over that of the background alone."""
 
+_LEAST_FREE = 1e-12
+"""Least share of SPADs without a first firing, which underflows late in the sun: no count is left of it."""
+
 _LEAST_RATE_HZ = 1e-3
 """Accuracy bought: no SPAD is darker; without any noise, the ratios of signal and threshold to it would have no
 value."""
@@ -144,6 +147,7 @@ class Macropixel(ABC):
             )
         if spad.fires_once:
             free = dead_time.free_share_of_first(rate_hz=rate, time_s=armed_s)
+            free = xp(free).maximum(free, _LEAST_FREE)
         else:
             free = dead_time.free_share(rate_hz=rate, dead_time_s=spad.dead_time_s)
         # Counts of coincidences do not give the number of free SPADs, so Coates' correction does not apply to them.

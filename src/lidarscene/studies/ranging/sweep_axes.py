@@ -117,7 +117,7 @@ def _steps(start: float, stop: float, count: int, *, log: bool) -> Numbers:
     if start >= stop:
         raise OptionError("{start} {0:g} {stop} {1:g}: {start} must be below {stop}", start, stop)
     if log and start <= 0.0:
-        raise OptionError("{start} {0:g}: must be more than 0 on a logarithmic axis (or {linear})", start)
+        raise OptionError("{start} {0:g}: must be more than 0 on a logarithmic axis; even steps may begin at 0", start)
     steps = np.geomspace(start, stop, count) if log else np.linspace(start, stop, count)
     steps[0], steps[-1] = start, stop  # geomspace may miss them by a rounding
     return steps
