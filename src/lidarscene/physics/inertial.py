@@ -15,6 +15,7 @@ import math
 import numpy as np
 
 from ..maths.arrays import Numbers
+from .constants import STANDARD_GRAVITY_M_S2
 
 RATIO = 4.0
 """Accuracy bought: ratio of neighbouring correlation times: with it the sum is flat within 1 %."""
