@@ -1,4 +1,4 @@
-"""The reference for Python has every public name, and the lists of docstrings come out as tables."""
+"""The reference for Python has every public name, and what the hooks of the site add to docstrings."""
 
 import importlib.util
 from types import ModuleType
@@ -7,15 +7,15 @@ import pytest
 from helpers.documentation import ROOT, text_of
 
 import lidarscene
+from lidarscene.rendering.option_fields import options_of
 
 PHYSICS = ROOT / "src" / "lidarscene" / "physics"
 
 
-@pytest.fixture(scope="module")
-def docstrings() -> ModuleType:
-    """The extension that the site is built with."""
-    pytest.importorskip("griffe")
-    spec = importlib.util.spec_from_file_location("docstrings", ROOT / "docs" / "docstrings.py")
+def hook(name: str) -> ModuleType:
+    """A hook that the site is built with."""
+    pytest.importorskip("mkdocs")
+    spec = importlib.util.spec_from_file_location(name, ROOT / "docs" / f"{name}.py")
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
@@ -38,30 +38,21 @@ def test_every_module_of_formulas_is_there() -> None:
     assert sorted(names_of_page("api_physics.md")) == sorted(".".join(path.with_suffix("").parts) for path in modules)
 
 
-def test_lists_become_tables(docstrings: ModuleType) -> None:
-    """Names, whatever is two spaces on, and lines that go on; text with single spaces stays text."""
-    markdown = docstrings.as_markdown(
-        "What it does.\n\nrange_m  in metres, a | b,\n         in 2 rows\nx, y     both\nRaises InputError. Not a list."
-    )
-    assert markdown == (
-        "What it does.\n\n\n| | |\n|---|---|\n| `range_m` | in metres, a \\| b, in 2 rows |\n| `x, y` | both |\n\n"
-        "Raises InputError. Not a list."
-    )
+def test_equations_and_pages_of_docstrings_are_drawn_and_linked() -> None:
+    math = ".. math:: K = B / A,\\quad\n    A = 1 \\tag{T7}"
+    text = f"As in (docs/theory_light.md 21) and `docs/theory.md`,\n\n{math}\n\nand so on."
+    first, equation, last = hook("equations").drawn(text).split("\n\n")
+    assert first == "As in ([theory light, 21](theory_light.md)) and `docs/theory.md`,"
+    assert equation.strip().startswith('<div class="equation" id="T7"')
+    assert "\\" not in equation.partition("<math ")[2].partition("<annotation")[0]
+    assert last.strip() == "and so on."
 
 
-def test_equations_and_pages_of_docstrings_are_drawn_and_linked(docstrings: ModuleType) -> None:
-    text = "As in docs/theory_light.md 21,\n\n.. math:: K = B / A,\\quad\n          A = 1 \\tag{T7}\n\nand so on."
-    first, second, third = docstrings.as_markdown(text).split("\n\n")
-    assert first == "As in [theory light, 21](theory_light.md),"
-    assert second.strip().startswith('<div class="equation"><math ')
-    assert "tag" not in second
-    assert third.strip() == "and so on."
-
-
-def test_no_list_of_the_public_names_is_lost(docstrings: ModuleType) -> None:
-    """Each word of their docstrings is on the page, whether in a table or not."""
-    for name in names_of_page("api.md"):
-        text = str(getattr(lidarscene, name).__doc__)
-        markdown = docstrings.as_markdown("\n".join(line.strip() for line in text.splitlines()))
-        words = markdown.replace("\\|", "|").replace("|", " ").replace("`", " ").split()
-        assert [word for word in text.replace("|", " ").replace("`", " ").split() if word not in words] == []
+@pytest.mark.parametrize(
+    "kind", [lidarscene.TraceOptions, lidarscene.FrameOptions, lidarscene.Observers, lidarscene.Outputs]
+)
+def test_the_page_lists_the_options_of_a_class(kind: type) -> None:
+    page = hook("option_tables").on_page_markdown(f"::: lidarscene.{kind.__name__}\n::: lidarscene.Scene")
+    rows, _, rest = page.partition("\n|---|---|\n")[2].partition("\n\n")
+    assert rows.splitlines() == [f"| `{name}` | {entry.help} |" for name, (_, entry) in options_of(kind).items()]
+    assert rest == "::: lidarscene.Scene"

@@ -46,6 +46,15 @@ def test_every_equation_is_drawn(site: Path, page: Path) -> None:
         assert f'id="{number}"' in html(site, page)
 
 
+def test_arguments_are_tables(site: Path) -> None:
+    """Google's sections are read: names with their types, and the options of a class."""
+    api = html(site, ROOT / "docs" / "api.md")
+    tables = re.findall(r"<table>.*?</table>", api, re.DOTALL)
+    for words in (("length_s", "float | None"), ("background_rays", "of each pulse, over the receiver")):
+        texts = [" ".join(re.sub("<[^>]*>", "", table).split()) for table in tables]
+        assert any(all(word in text for word in words) for text in texts), words
+
+
 def test_numbers_link_to_their_equations(site: Path) -> None:
     assert 'href="theory.html#T2"' in html(site, ROOT / "docs" / "theory.md")
     assert 'href="theory_light.html#T35"' in html(site, ROOT / "docs" / "theory_light.md")

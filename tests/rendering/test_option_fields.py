@@ -30,10 +30,11 @@ def test_the_docstring_lists_the_options() -> None:
     assert (Cake.__doc__ or "").splitlines() == [
         "A cake.",
         "",
-        "    plate   where it stands",
-        "    layers  one on the other (default 2)",
-        "    icing   on top",
-        "    is_cut  ready to eat",
+        "Attributes:",
+        "    plate: where it stands",
+        "    layers: one on the other (default 2)",
+        "    icing: on top",
+        "    is_cut: ready to eat",
     ]
 
 
@@ -41,7 +42,7 @@ def test_the_docstring_lists_the_options() -> None:
 def test_every_field_of_the_library_is_an_option(kind: Any) -> None:
     assert list(options_of(kind)) == [entry.name for entry in fields(kind)]
     for name, (_, declaration) in options_of(kind).items():
-        assert f"\n    {name} " in (kind.__doc__ or "")
+        assert f"\n    {name}: " in (kind.__doc__ or "")
         assert declaration.help[-1] not in ".;"
 
 

@@ -37,7 +37,7 @@ def by_numbers(path: Path) -> list[tuple[int, str]]:
 def require_file(path: str | os.PathLike[str], kind: str = "a file", *, largest: int | None = None) -> None:
     """Raise InputError, in one line, unless this is a regular file of at most ``largest`` bytes.
 
-    what  the kind of file that was expected, for the message: "a TOML file"
+    kind  the kind of file that was expected, for the message: "a TOML file"
     """
     try:
         status = os.stat(path)

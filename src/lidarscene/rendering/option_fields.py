@@ -6,6 +6,7 @@ docstring (`list_options`) and the argument of the command line (`cli.options.ad
 
 from __future__ import annotations
 
+import inspect
 import math
 from collections.abc import Collection
 from dataclasses import MISSING, Field, field, fields
@@ -163,9 +164,7 @@ def check_options(options: Any) -> None:
 
 
 def list_options(kind: type[Options]) -> type[Options]:
-    """Add the list of its options to the docstring of a dataclass (a decorator)."""
-    declarations = {name: declaration for name, (_, declaration) in options_of(kind).items()}
-    width = max(map(len, declarations))
-    lines = [f"    {name:<{width}}  {declaration.help}" for name, declaration in declarations.items()]
-    kind.__doc__ = "\n".join([f"{(kind.__doc__ or '').rstrip()}\n", *lines])
+    """Add its options to the docstring of a dataclass, as attributes (a decorator)."""
+    lines = [f"    {name}: {declaration.help}" for name, (_, declaration) in options_of(kind).items()]
+    kind.__doc__ = "\n".join([inspect.cleandoc(kind.__doc__ or ""), "", "Attributes:", *lines])
     return kind

@@ -68,8 +68,7 @@ class ImuSamples:
 class Imu:
     """An IMU. Noise densities are one-sided, as data sheets have them; all numbers are those of each axis.
 
-    pose     on the lidar, or on the vehicle of a rig: the lever arm
-    offsets  standard deviation of the bias that a run begins with
+    pose  on the lidar, or on the vehicle of a rig: the lever arm
     """
 
     pose: Pose = field(default_factory=Pose)

@@ -279,8 +279,9 @@ def _tables_of_weak() -> dict[str, LookupTable]:
 def _tables_of_firings() -> dict[str, LookupTable]:
     """Tables over ln(1 + Lambda) of the firings of an echo: times of SPADs that are free before it, and of others.
 
-    early, deviation                  mean time before the echo's middle of the former, and its deviation
-    later, later_mean, later_variance  firings of those that come free within the echo, over lambda sigma; their time
+    "early" and "deviation" are the mean time of the former before the echo's middle, and its deviation; "later",
+    "later_mean" and "later_variance" the firings of those that come free within the echo, over lambda sigma, and their
+    times.
     """
     detections = np.expm1(np.linspace(0.0, 1.0, _NODES[0]) * math.log1p(MOST))[:, None]
     time = np.arange(-6.4, 6.4, _STEP)
