@@ -48,7 +48,7 @@ def encoder_clocked():
             azimuth_rad=[0.05, -0.02, 0.02, -0.05],
             firing_s=[3e-6, 0.0, 3e-6, 0.0],
         ),
-        sweep=scan.Sweep(start_azimuth_rad=PI),
+        sweep=scan.AzimuthSweep(start_azimuth_rad=PI),
     )
 
 
@@ -164,7 +164,7 @@ ALL = {
     "vlp16": vlp16,
     "encoder_clocked": encoder_clocked,
     "sweeping": lambda: vlp16(
-        cycle_s=None, cycles_per_turn=360, sweep=scan.Sweep(start_azimuth_rad=1.0, sweep_rad=2.0, frame_hz=25.0)
+        cycle_s=None, cycles_per_turn=360, sweep=scan.AzimuthSweep(start_azimuth_rad=1.0, sweep_rad=2.0, frame_hz=25.0)
     ),
     "mirror_step": mirror,
     "mirror_sine_ramp": lambda: mirror(waveform="sine", slow="ramp", fast="elevation"),

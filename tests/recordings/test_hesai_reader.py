@@ -12,7 +12,7 @@ import pytest
 from helpers.recordings import DATA, at128_corrections, hesai_packet, pcap
 
 from lidarscene.errors import InputError
-from lidarscene.recordings.hesai_reader import FORMATS, Format, format_of
+from lidarscene.recordings.hesai_reader import FORMATS, PacketFormat, format_of
 from lidarscene.recordings.opening import open_recording
 from lidarscene.sensor.sensor_file import load_sensor
 
@@ -23,7 +23,7 @@ MODELS = {layout.name: layout for layout in reversed(FORMATS)}
 """One layout of each model: the OT128's without options."""
 
 
-def payloads(layout: Format, steps: Any, *, mode: int = 0x37, returns: int = 1, packets: int = 6) -> list[bytes]:
+def payloads(layout: PacketFormat, steps: Any, *, mode: int = 0x37, returns: int = 1, packets: int = 6) -> list[bytes]:
     """Packets of a head that turns at 600 in a minute, each laser's distances [steps] by the block in its firing."""
     count = COUNT.get(layout.name, 600)
     rows = np.zeros(packets, layout.dtype)
@@ -59,7 +59,7 @@ def payloads(layout: Format, steps: Any, *, mode: int = 0x37, returns: int = 1, 
     return [bytes(content) for content in contents]
 
 
-def unit_file(folder: Path, layout: Format) -> Path | None:
+def unit_file(folder: Path, layout: PacketFormat) -> Path | None:
     """The file of corrections without which a model is not read, with the catalogue's angles; None for another."""
     if not layout.has_mirror:
         return None
@@ -71,7 +71,7 @@ def unit_file(folder: Path, layout: Format) -> Path | None:
 
 
 @pytest.mark.parametrize("layout", FORMATS, ids=lambda layout: f"{layout.name}-{layout.flags or 0}")
-def test_every_model_is_read_with_the_catalogues_beams(tmp_path: Path, layout: Format) -> None:
+def test_every_model_is_read_with_the_catalogues_beams(tmp_path: Path, layout: PacketFormat) -> None:
     """Ranges to rounding; elevations and the head's turn between pulses to 1e-4 degrees, azimuths come in 0.01."""
     steps = 500 + np.arange(layout.lasers)
     packets = payloads(layout, steps)

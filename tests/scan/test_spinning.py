@@ -8,7 +8,7 @@ from helpers import scanners
 from helpers.scanners import DEG
 
 from lidarscene.errors import InputError
-from lidarscene.scan import Bank, Spinning, Sweep
+from lidarscene.scan import AzimuthSweep, Bank, Spinning
 from lidarscene.sensor.sensor_file import load_sensor
 
 
@@ -37,7 +37,9 @@ def test_each_receiver_has_its_responsivity():
 
 
 def test_exits_turn_with_the_head():
-    scanner = scanners.vlp16(start_m=([0.03] * 16, [0.01] * 16, [0.0] * 16), sweep=Sweep(start_azimuth_rad=math.pi / 2))
+    scanner = scanners.vlp16(
+        start_m=([0.03] * 16, [0.01] * 16, [0.0] * 16), sweep=AzimuthSweep(start_azimuth_rad=math.pi / 2)
+    )
     x, y, z = (v[0] for v in scanner.offset_m(np.zeros(1, dtype=np.uint32)))
     np.testing.assert_allclose([x, y, z], [-0.01, 0.03, 0.0], atol=1e-8)
 

@@ -42,7 +42,7 @@ from .units.hesai_unit import MirrorCorrections, read_hesai, read_mirror
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Format:
+class PacketFormat:
     """Packets of one model; bytes, in which the fields of the tail count from its start.
 
     name        product
@@ -173,7 +173,7 @@ _XT: dict[str, Any] = {
 """Source: tier4/nebula; bytes and times that its models have in common."""
 
 FORMATS = (
-    Format(
+    PacketFormat(
         name="Pandar40P",
         sensor="pandar40p",
         lasers=40,
@@ -190,7 +190,7 @@ FORMATS = (
         stamp_us=83.25,
         step_mm=4,
     ),
-    Format(
+    PacketFormat(
         name="Pandar64",
         sensor="pandar64",
         lasers=PANDAR64_LASERS,
@@ -205,10 +205,10 @@ FORMATS = (
         azimuth_us=PANDAR64_AZIMUTH_US,
         stamp_us=PANDAR64_STAMP_US,
     ),
-    Format(name="PandarXT16", sensor="pandarxt-16", lasers=16, blocks=8, **_XT),
-    Format(name="PandarXT32", sensor="pandarxt-32", lasers=32, blocks=8, **_XT),
-    Format(name="XT32M2X", sensor="xt32m2x", lasers=32, blocks=6, **_XT),
-    Format(
+    PacketFormat(name="PandarXT16", sensor="pandarxt-16", lasers=16, blocks=8, **_XT),
+    PacketFormat(name="PandarXT32", sensor="pandarxt-32", lasers=32, blocks=8, **_XT),
+    PacketFormat(name="XT32M2X", sensor="xt32m2x", lasers=32, blocks=6, **_XT),
+    PacketFormat(
         name="PandarQT",
         sensor="pandarqt",
         lasers=64,
@@ -221,7 +221,7 @@ FORMATS = (
         stamp_us=-38.02,
         stamps_first=True,
     ),
-    Format(
+    PacketFormat(
         name="QT128C2X",
         sensor="qt128c2x",
         lasers=128,
@@ -236,7 +236,7 @@ FORMATS = (
         phase=5,
     ),
     *(
-        Format(
+        PacketFormat(
             name="OT128",
             sensor="ot128",
             lasers=128,
@@ -255,7 +255,7 @@ FORMATS = (
         for has_noise in (False, True)
         for has_safety in (False, True)
     ),
-    Format(
+    PacketFormat(
         name="AT128",
         sensor="at128",
         lasers=128,
@@ -275,7 +275,7 @@ FORMATS = (
 """Models whose packets are read."""
 
 
-def format_of(payload: bytes) -> Format | None:
+def format_of(payload: bytes) -> PacketFormat | None:
     """Find the model whose packet this is; None for another."""
     return next((layout for layout in FORMATS if layout.fits(payload)), None)
 
@@ -314,7 +314,7 @@ def recording_of_scans(path: Path, metadata: Path | None, scans: Sequence[Sequen
     return Recording(path=path, count=len(scans), read=read, metadata=recording_metadata)
 
 
-def _format(path: Path, packets: Sequence[Packet]) -> Format:
+def _format(path: Path, packets: Sequence[Packet]) -> PacketFormat:
     """Find the model of the first packet that is one of Hesai's. Raises InputError."""
     with input_errors(path, folder=True):
         if not packets:
@@ -330,14 +330,14 @@ def _format(path: Path, packets: Sequence[Packet]) -> Format:
         )
 
 
-def _rows(layout: Format, packets: Sequence[Packet]) -> Numbers:
+def _rows(layout: PacketFormat, packets: Sequence[Packet]) -> Numbers:
     """(packets,) fields."""
     dtype = layout.dtype
     return np.frombuffer(b"".join(packet.payload[: dtype.itemsize] for packet in packets), dtype)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Beams:
+class BeamCalibration:
     """Bank of beams of a unit.
 
     elevation, azimuth  (lasers,) against the head [rad]
@@ -351,7 +351,7 @@ class Beams:
     mirror: MirrorCorrections | None = None
 
 
-def _beams(layout: Format, metadata: Path | None) -> Beams:
+def _beams(layout: PacketFormat, metadata: Path | None) -> BeamCalibration:
     """Beams of a unit, or the catalogue's without ``metadata``. Raises InputError."""
     nominal = _nominal_beams(layout)
     if layout.has_mirror:
@@ -369,13 +369,13 @@ def _beams(layout: Format, metadata: Path | None) -> Beams:
     return replace(nominal, elevation=np.radians(unit["elevation_deg"]), azimuth=np.radians(unit["azimuth_offset_deg"]))
 
 
-def _check_channels(layout: Format, metadata: Path, channels: int) -> None:
+def _check_channels(layout: PacketFormat, metadata: Path, channels: int) -> None:
     if channels != layout.lasers:
         raise InputError(f"{metadata}: must have the {layout.lasers} channels of {layout.name}, got {channels}")
 
 
 @cache
-def _nominal_beams(layout: Format) -> Beams:
+def _nominal_beams(layout: PacketFormat) -> BeamCalibration:
     scanner = load_sensor(layout.sensor).scanner
     assert isinstance(scanner, Spinning)
     number = scanner.lasers_by_place.values.astype(np.int64)
@@ -386,10 +386,12 @@ def _nominal_beams(layout: Format) -> Beams:
     phase = np.floor(scanner.firing_s / layout.cycle_s + 1e-3).astype(np.int64)
     firing_s = np.full((phases, layout.lasers), np.nan)
     firing_s[phase, number] = scanner.firing_s - scanner.firing_s[0] - phase * layout.cycle_s
-    return Beams(elevation=elevation, azimuth=azimuth, firing_s=firing_s)
+    return BeamCalibration(elevation=elevation, azimuth=azimuth, firing_s=firing_s)
 
 
-def _sweep(layout: Format, rows: Numbers, stamps_s: Numbers, beams: Beams, metadata: dict[str, str]) -> Sweep:
+def _sweep(
+    layout: PacketFormat, rows: Numbers, stamps_s: Numbers, beams: BeamCalibration, metadata: dict[str, str]
+) -> Sweep:
     mode = int(rows["mode"][0])
     returns = RETURNS.get(mode, 1)
     firings = layout.blocks // returns
@@ -447,7 +449,7 @@ def _sweep(layout: Format, rows: Numbers, stamps_s: Numbers, beams: Beams, metad
     )
 
 
-def _directions(layout: Format, beams: Beams, blocks: Numbers, turn_deg: Numbers) -> Numbers:
+def _directions(layout: PacketFormat, beams: BeamCalibration, blocks: Numbers, turn_deg: Numbers) -> Numbers:
     """(packets, firings, lasers, 3) directions of blocks (packets, firings), whose lasers fire ``turn_deg`` later."""
     block_deg = 0.01 * blocks["azimuth"]
     if layout.fine:

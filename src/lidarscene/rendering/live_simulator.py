@@ -88,7 +88,7 @@ class LiveSimulator(Simulator):
         self._number = {body.name: number for number, body in enumerate(built.bodies)}
         present = [replace(body, away=False) for body in built.bodies]
         self._everywhere = Clearance.of_scene(replace(built, bodies=tuple(present)))
-        self._tracks: dict[str | None, Track] = {}  # None is the ego vehicle
+        self._tracks: dict[str | None, PoseHistory] = {}  # None is the ego vehicle
         self._now_s, self._rendered = -math.inf, 0
 
     @exclusive
@@ -172,10 +172,10 @@ class LiveSimulator(Simulator):
         # A mistake raises before anything changes, so that the next call finds the world as it was.
         numbers, next_start_s = self._frames_over(frame_options, float(to_s))
         for key, pose in new_poses.items():
-            self._tracks.get(key, Track()).check_turn(pose, key or "ego")
+            self._tracks.get(key, PoseHistory()).check_turn(pose, key or "ego")
         self._now_s = float(to_s)
         for key, pose in new_poses.items():
-            self._tracks.setdefault(key, Track()).append(self._now_s, pose)
+            self._tracks.setdefault(key, PoseHistory()).append(self._now_s, pose)
         clouds: list[PointCloud] = []
         if numbers:
             self._change({key: track.motion() for key, track in self._tracks.items()})
@@ -247,7 +247,7 @@ class LiveSimulator(Simulator):
 
 
 @dataclass(slots=True)
-class Track:
+class PoseHistory:
     """Last poses of a body, at rising times [s]."""
 
     times_s: list[float] = field(default_factory=list)

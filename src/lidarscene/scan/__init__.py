@@ -40,10 +40,10 @@ from .risley import Risley as Risley
 from .risley import RisleyFile as RisleyFile
 from .risley import TurningMirror as TurningMirror
 from .risley import Wedge as Wedge
+from .spinning import AzimuthSweep as AzimuthSweep
 from .spinning import Bank as Bank
 from .spinning import Spinning as Spinning
 from .spinning import SpinningFile as SpinningFile
-from .spinning import Sweep as Sweep
 
 AnyScannerFile = (
     RasterFile | SpinningFile | MirrorFile | LissajousFile | PolygonFile | RisleyFile | FlashFile | TableFile

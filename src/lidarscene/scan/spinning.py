@@ -86,7 +86,7 @@ class Bank:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Sweep:
+class AzimuthSweep:
     """Where frames begin, and how far they go: whole turns, or the field of a mirror's face.
 
     sweep_rad  turn of the beams in a frame; the next one begins anew. None: they turn on
@@ -141,7 +141,7 @@ class Spinning(Mechanism):
             int | None, Quantity(name="columns_per_turn", ge=1, le=2**24, about="cycles in a turn")
         ] = None,
         bank: Annotated[Bank, SameTable()],
-        sweep: Annotated[Sweep, SameTable()] = Sweep(),
+        sweep: Annotated[AzimuthSweep, SameTable()] = AzimuthSweep(),
         jitter_rad: Jitter = None,
         encoder_rad: Encoder = None,
     ) -> Spinning:

@@ -257,7 +257,7 @@ def test_the_nearest_place_that_is_seen_and_its_area():
     is_seen = np.zeros((2, 4, 4), bool)
     is_seen[0, 2, 3] = True
     is_seen[1, 3, 3] = is_seen[1, 0, 0] = True
-    view = reach.Ground(x_m=2.0 * axis, y_m=2.0 * axis, is_seen=is_seen)
+    view = reach.GroundView(x_m=2.0 * axis, y_m=2.0 * axis, is_seen=is_seen)
     assert view.nearest_blind_m() == pytest.approx(2.0 * math.hypot(1.5, 0.5))
     assert view.square_metres.tolist() == [4.0, 8.0]
     assert view.count.sum() == 3

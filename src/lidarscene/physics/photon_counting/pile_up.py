@@ -166,7 +166,7 @@ def shade_of_box(*, sun: Lanes) -> Lanes:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Firings:
+class EchoFirings:
     """Firings of SPADs by an echo in the sun, times in sigmas; each field (n,).
 
     share      firings over the SPADs that are free in even light: those that come free within the echo fire too
@@ -179,7 +179,7 @@ class Firings:
     deviation: Lanes
 
 
-def firings(*, detections: Lanes, sun: Lanes) -> Firings:
+def firings(*, detections: Lanes, sun: Lanes) -> EchoFirings:
     """Firings of SPADs by an echo, to first order in the sun (T107); arguments as of `top`."""
     ops, tables = xp(detections + sun), _tables_of_firings()
     bright = ops.log(1.0 + ops.maximum(detections, 0.0)) * (1.0 / math.log1p(MOST))
@@ -191,7 +191,7 @@ def firings(*, detections: Lanes, sun: Lanes) -> Firings:
     part = later / ops.maximum(share, 1e-20)
     apart = early + tables["later_mean"].at(bright)
     spread = deviation * deviation + part * (tables["later_variance"].at(bright) - deviation * deviation)
-    return Firings(
+    return EchoFirings(
         share=share, mean=part * apart - early, deviation=ops.sqrt(spread + part * (1.0 - part) * apart * apart)
     )
 
@@ -208,7 +208,7 @@ class Hump:
     place: Lanes
 
 
-def hump(echo: Firings, *, sun: Lanes, dead: Lanes) -> Hump:
+def hump(echo: EchoFirings, *, sun: Lanes, dead: Lanes) -> Hump:
     """Hump of the SPADs that an echo has fired and that come back together (T108); arguments as of `top`.
 
     No SPAD comes back within the echo.

@@ -117,7 +117,7 @@ class Filtering:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Course:
+class ExpectedEchoes:
     """Expected echoes of a calibration, each field (lights, suns); the mean over places in a bin.
 
     height     y
@@ -164,7 +164,7 @@ def calibrate(sensor: Filtering) -> Walk:
     )
 
 
-def _look_alikes(course: Course, top: int) -> tuple[tuple[float, float] | None, float]:
+def _look_alikes(course: ExpectedEchoes, top: int) -> tuple[tuple[float, float] | None, float]:
     """`Walk.alike` and `Walk.residual` of the course in the dark.
 
     top  number of the power with the highest y
@@ -180,7 +180,7 @@ def _look_alikes(course: Course, top: int) -> tuple[tuple[float, float] | None, 
     return (float(lights[jump] / _BLUR), float(lights[jump] * _BLUR)), residual
 
 
-def expected_course(lights: Numbers, suns: Numbers, sensor: Filtering) -> Course:
+def expected_course(lights: Numbers, suns: Numbers, sensor: Filtering) -> ExpectedEchoes:
     """Compute the filter's peak at echoes of these Lambda on these suns."""
     near = None
     if sensor.dead_sigmas < _REVIVED:
@@ -191,7 +191,7 @@ def expected_course(lights: Numbers, suns: Numbers, sensor: Filtering) -> Course
     phases = (np.arange(_PHASES) + 0.5) / _PHASES - 0.5
     courses = [_in_phase(lights, suns, sensor, phase=float(phase), near=near) for phase in phases]
     height, narrowing, shift = np.mean(courses, axis=0)
-    return Course(height=height, narrowing=narrowing, shift=shift)
+    return ExpectedEchoes(height=height, narrowing=narrowing, shift=shift)
 
 
 def _in_phase(lights: Numbers, suns: Numbers, sensor: Filtering, *, phase: float, near: Numbers | None) -> Numbers:

@@ -27,7 +27,7 @@ from ...files.toml import read_toml, validate
 from ...files.toml_edit import put_values
 from ...maths.units import split_unit
 from .designs import Design, DesignSpace, files_of_base
-from .optimum import ACTIVE, Limits, limits_of
+from .optimum import ACTIVE, ActiveConstraints, limits_of
 from .quantities import Evaluator
 from .search import EvaluateAll, Log, alone, front, is_feasible, losses, record_line, search, slacks
 from .slopes import SlopesOf, derivatives
@@ -166,7 +166,7 @@ def _report(
     return report
 
 
-def _limits_numbers(limits: Limits | None) -> dict[str, Any] | None:
+def _limits_numbers(limits: ActiveConstraints | None) -> dict[str, Any] | None:
     if limits is None:
         return None
     return {"costs": limits.costs, "held": limits.held, "optimum": limits.stands, "slopes": dict(limits.methods)}
@@ -223,7 +223,7 @@ def _choices_text(fronts: Mapping[str, Sequence[Design]], best: Sequence[Design]
 
 
 def _costs_table(
-    study: StudyFile, shown: Mapping[str, Design], limits: Mapping[str, Limits | None]
+    study: StudyFile, shown: Mapping[str, Design], limits: Mapping[str, ActiveConstraints | None]
 ) -> tuple[Sequence[str], list[list[str]]]:
     """What an objective would gain if 1 % of each bound gave way, or how much is slack."""
     rows = []
@@ -270,7 +270,7 @@ def _keys(space: DesignSpace) -> list[str]:
     return [free.key for free in space.free]
 
 
-def _limits_text(limits: Limits | None) -> list[str]:
+def _limits_text(limits: ActiveConstraints | None) -> list[str]:
     """Sentences on the ends of ranges, and on how slopes were found."""
     if limits is None:
         return []

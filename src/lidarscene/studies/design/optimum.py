@@ -28,7 +28,7 @@ _LARGEST_RESIDUAL = 0.1
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Limits:
+class ActiveConstraints:
     """What limits a design; see `limits_of`.
 
     objective  what a bound that gives way improves
@@ -47,7 +47,7 @@ class Limits:
 
 def limits_of(
     study: StudyFile, space: DesignSpace, design: Design, slopes_of: SlopesOf, *, best: str | None = None
-) -> Limits | None:
+) -> ActiveConstraints | None:
     """Compute the limits of a design over its continuous keys; None if it has none, or no step leaves a sensor.
 
     best  objective of which this is the best design: the others bound it no more. None: they do
@@ -85,7 +85,7 @@ def limits_of(
     multipliers, residual = (np.zeros(0), size) if not columns else nnls(np.stack(columns, axis=1), target)
     scale = abs(design.quantities[objectives[first]]) or 1.0
     names = list(bounds)
-    return Limits(
+    return ActiveConstraints(
         objective=objectives[first],
         costs={names[number]: float(multipliers[place]) / scale for place, number in enumerate(active)},
         held=tuple(key for key, _, _ in held),

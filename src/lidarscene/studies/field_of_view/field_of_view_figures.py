@@ -17,7 +17,7 @@ from ...figures.report import Figure
 from ...maths.arrays import Numbers
 from ..ranging.plane import Target
 from .pattern_coverage import LONG, rate_hz
-from .reach import Ground
+from .reach import GroundView
 from .spacing import PERCENTILES, QUERIES
 from .sphere_cells import SphereCells
 
@@ -179,7 +179,7 @@ def spacing_rows(views: Sequence[SensorView]) -> list[tuple[str, ...]]:
     ]
 
 
-def ground_figure(views: Sequence[SensorView], below: Ground) -> Figure:
+def ground_figure(views: Sequence[SensorView], below: GroundView) -> Figure:
     """Map of the ground around the vehicle by the number of sensors that see it."""
     half = float(below.x_m[-1] + 0.5 * (below.x_m[1] - below.x_m[0]))
     stands = [(view.name, view.sensor.mounting.position_m) for view in views]

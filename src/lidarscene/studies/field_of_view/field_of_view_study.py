@@ -16,7 +16,7 @@ from ...figures.report import Data, Report, text_table
 from ...sensor.sensor_model import Sensor
 from . import field_of_view_figures as figures
 from .pattern_coverage import DWELL_S, rate_hz
-from .reach import Ground, ground_view
+from .reach import GroundView, ground_view
 from .sensor_view import SensorView, study_sensor
 from .spacing import PERCENTILES
 from .study_options import FieldOfViewStudy
@@ -106,7 +106,7 @@ def _on_vehicle(sensors: Sequence[tuple[str, Sensor]]) -> bool:
     return any(float(sensor.mounting.position_m[2]) > 0.0 for _, sensor in sensors)
 
 
-def _ground_around(views: Sequence[SensorView], study: FieldOfViewStudy) -> Ground:
+def _ground_around(views: Sequence[SensorView], study: FieldOfViewStudy) -> GroundView:
     cells = views[0].cells
     return ground_view([view.sensor for view in views], cells, [view.revisit_maps for view in views], study.target)
 

@@ -40,7 +40,7 @@ def range_map_m(sensor: Sensor, maps: CellMaps, target: Target) -> Numbers:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Ground:
+class GroundView:
     """A square of level ground around the vehicle from above: rows of equal y, columns of equal x.
 
     is_seen  (sensors, rows, columns) whether each sensor sees the place
@@ -74,7 +74,7 @@ def ground_view(
     *,
     half_m: float = GROUND_M,
     step_m: float = GROUND_STEP_M,
-) -> Ground:
+) -> GroundView:
     """Find the places of the plane z = 0 of the vehicle's frame that each sensor sees.
 
     maps    field of view of each sensor, in the same cells
@@ -104,4 +104,4 @@ def ground_view(
         tilted_target = replace(target, cos_incidence=height_m / distance_m, aperture_share=share)
         margin = detection_margin(sensor, tilted_target, distance_m)
         is_seen[number] = ((cell_maps.cell[place] == cell) & (margin >= 1.0)).reshape(is_seen.shape[1:])
-    return Ground(x_m=axis, y_m=axis, is_seen=is_seen)
+    return GroundView(x_m=axis, y_m=axis, is_seen=is_seen)

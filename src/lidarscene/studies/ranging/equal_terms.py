@@ -65,7 +65,7 @@ class Terms:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Crossing:
+class BreakEven:
     """Illuminance at which two sensors on equal terms see equally far."""
 
     illuminance_klux: float
@@ -88,7 +88,7 @@ def equal_terms(
     return [_terms(name, sensor, with_haze(sensor, target, visibility_m), per_pulse) for name, sensor in sensors]
 
 
-def crossings(terms: Sequence[Terms], target: Target, *, visibility_m: float | None = None) -> list[Crossing]:
+def crossings(terms: Sequence[Terms], target: Target, *, visibility_m: float | None = None) -> list[BreakEven]:
     """Illuminances between those of `ILLUMINANCES_KLUX` at which two of the sensors change places, to 1e-4."""
     from scipy.optimize import brentq
 
@@ -111,7 +111,7 @@ def crossings(terms: Sequence[Terms], target: Target, *, visibility_m: float | N
                 below, above = (first, second) if before > 0.0 else (second, first)
                 reached_m = range_under(first, klux)
                 places.append(
-                    Crossing(illuminance_klux=klux, range_m=reached_m, ahead_below=below.name, ahead_above=above.name)
+                    BreakEven(illuminance_klux=klux, range_m=reached_m, ahead_below=below.name, ahead_above=above.name)
                 )
     return sorted(places, key=lambda crossing: crossing.illuminance_klux)
 
@@ -152,7 +152,7 @@ def _certainty(order: Sequence[Terms]) -> str:
     return "; ".join(texts) + "."
 
 
-def _course_text(order: Sequence[Terms], places: Sequence[Crossing]) -> str:
+def _course_text(order: Sequence[Terms], places: Sequence[BreakEven]) -> str:
     """Sentence on the ranges over the illuminance, and on where the sensors change places."""
     steps = ", ".join(f"{klux:g}" for klux in ILLUMINANCES_KLUX)
     courses = "; ".join(
