@@ -70,7 +70,7 @@ def measure(scene: Path, *, frames: int, step_deg: float, rounds: int) -> Sectio
 
 
 def _seconds(job: Job, out: Path, client: Any) -> tuple[float, float]:
-    """From the start to the manifest, and of all workers' cores."""
+    """Seconds from the start to the manifest, and of all workers' cores."""
     since, before = time.perf_counter(), _cpu_s(client)
     progress = run_job(job, out, connect=lambda: nullcontext(client), threads=1)
     spent, worked = time.perf_counter() - since, _cpu_s(client) - before

@@ -1,4 +1,4 @@
-"""From beams to kept numpy points: against Open3D, against Mitsuba's bare trace, and stage by stage."""
+"""Times from beams to kept numpy points: against Open3D, against Mitsuba's bare trace, and stage by stage."""
 
 from collections.abc import Callable
 from pathlib import Path
@@ -126,7 +126,7 @@ def _rays(simulator: Simulator) -> tuple[Any, Any]:
 
 
 def origin(simulator: Simulator) -> tuple[float, float, float]:
-    """Of the rays where they are traced."""
+    """Origin of the rays where they are traced."""
     x, y, z = (float(x) for x in simulator.pose.position_m - simulator.world.centre_m)
     return x, y, z
 

@@ -47,7 +47,7 @@ print(json.dumps(marks))
 
 
 def start(scene: Path, *, rounds: int, warm_up: bool = True) -> Section:
-    """From process start to a .ply, by the command line, and what it is made of."""
+    """Time from process start to a .ply, by the command line, and what it is made of."""
     with tempfile.TemporaryDirectory() as folder:
         target = Path(folder) / "car.ply"
         command = ["-m", "lidarscene", "render", str(scene), "-o", str(target)]

@@ -87,7 +87,7 @@ def _sensor(step_deg: float, *changes: str) -> Any:
 
 
 def _device_seconds(simulators: dict[str, Simulator], rounds: int) -> tuple[clock.Seconds, clock.Seconds]:
-    """Of the trace and of the waveform of each simulator's frame in each round, in turns."""
+    """Seconds of the trace and of the waveform of each simulator's frame in each round, in turns."""
     tasks = {name: _frame(simulator) for name, simulator in simulators.items()}
     measured: dict[str, list[tuple[float, float]]] = {name: [] for name in tasks}
     for number in range(2 + rounds):

@@ -27,7 +27,7 @@ GOAL = 0.2
 
 
 def measure(scene_file: Path, *, pulses: int, rounds: int = 3) -> dict[str, tuple[float, float, float]]:
-    """By scanner: median, lowest and highest of (seconds of the pattern) / (seconds of tracing it).
+    """Figures by scanner: median, lowest and highest of (seconds of the pattern) / (seconds of tracing it).
 
     Tracing is what pattern and rays take together less the pattern alone, in the same round.
     """

@@ -114,7 +114,7 @@ def test_every_row_is_there_with_a_figure(page: str, title: str) -> None:
 
 
 def test_every_sensor_has_a_row(page: str) -> None:
-    """In small one sensor's: the ratios are numbers, those to Open3D where there is one."""
+    """One sensor's in small: the ratios are numbers, those to Open3D where there is one."""
     section = page.split("## Every sensor\n")[1].split("\n## ")[0]
     head, _, *rows = (
         [cell.strip() for cell in line.split("|")[1:-1]] for line in section.splitlines() if line[:1] == "|"

@@ -35,8 +35,8 @@ def test_slow(number):
 
 @pytest.mark.parametrize("ending", ENDINGS)
 def test_a_run_ends_with_the_worker_of_a_test(ending: str, tmp_path: Path) -> None:
-    """With the options of pyproject.toml, and files handed out as by `make test`: at most half of the other tests are
-    run, which take ten minutes.
+    """The run has the options of pyproject.toml, and files handed out as by `make test`: at most half of the other
+    tests are run, which take ten minutes.
     """
     call, options = ENDINGS[ending]
     (tmp_path / "test_a.py").write_text(CULPRIT.format(call=call))

@@ -68,7 +68,7 @@ def below(strips: list[Image.Image], name: str, *, colours: int = COLOURS, width
 
 
 def store(picture: Image.Image, name: str, *, colours: int = COLOURS, width: int = WIDTH) -> None:
-    """Beside this file, with fewer pixels and colours."""
+    """Store a picture beside this file, with fewer pixels and colours."""
     size = (width, round(width * picture.height / picture.width))
     small = picture.convert("RGB").resize(size, Image.Resampling.LANCZOS)
     reduced = small.quantize(colours, Image.Quantize.FASTOCTREE, dither=Image.Dither.NONE)

@@ -60,7 +60,9 @@ def car() -> None:
 
 
 def compare() -> None:
-    """Of the comparison in docs/compare.md: the difference cloud, below it rate over range and over illuminance."""
+    """Picture of the comparison in docs/compare.md: the difference cloud, below it rate over range and over
+    illuminance.
+    """
     scene = lidarscene.load_scene(SCENES / "street.toml")
     sensors = [
         (name, lidarscene.load_sensor(name, overrides=["laser.peak_power_w=1"]))

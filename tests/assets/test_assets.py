@@ -148,7 +148,7 @@ def test_no_triangle_is_degenerate(name):
 
 @pytest.mark.parametrize(("name", "share"), [("car", 0.02), ("pedestrian", 0.01), ("kerb", 0.0), ("sign", 0.02)])
 def test_surfaces_look_outwards(name, share):
-    """From around and above, a ray's first hit is on a front face; one part wound the wrong way fails this."""
+    """A ray from around and above first hits a front face; one part wound the wrong way fails this."""
     corners = soup(name)
     low, high = corners.min(axis=(0, 1)), corners.max(axis=(0, 1))
     i = np.arange(220)

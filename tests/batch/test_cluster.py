@@ -64,7 +64,7 @@ class Scheduler:
         self.processes.append(started)
 
     def start_workers(self, count: int, *options: str, first: Path | None = None) -> None:
-        """By the command of docs/scaling.md."""
+        """Start workers by the command of docs/scaling.md."""
         self.start(
             "worker",
             self.address,
@@ -112,7 +112,7 @@ def _scheduler_factory(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Cal
 
 @pytest.fixture
 def idle_scheduler(_scheduler_factory: Callable[[], Scheduler]) -> Scheduler:
-    """Without workers."""
+    """A scheduler without workers."""
     scheduler = _scheduler_factory()
     scheduler.end(1)
     return scheduler
@@ -120,7 +120,7 @@ def idle_scheduler(_scheduler_factory: Callable[[], Scheduler]) -> Scheduler:
 
 @pytest.fixture
 def scheduler_with_worker(_scheduler_factory: Callable[[], Scheduler]) -> Scheduler:
-    """With a worker: the same for all tests until one of them kills it."""
+    """A scheduler with a worker, the same for all tests until one of them kills it."""
     scheduler = _scheduler_factory()
     if len(scheduler.processes) == 1:
         scheduler.start_workers(1)

@@ -459,7 +459,7 @@ def test_a_cloud_lies_where_its_tables_say(threads: Connect, tmp_path: Path) -> 
 
 
 def test_a_map_shows_the_road(tmp_path: Path) -> None:
-    """Of a road of 40 by 6 m as many pixels are white as it covers; tolerance: a pixel along its edges."""
+    """A road of 40 by 6 m makes as many pixels white as it covers; tolerance: a pixel along its edges."""
     from PIL import Image
 
     vertices, faces = plane_mesh(size_m=(40.0, 6.0))

@@ -39,7 +39,7 @@ def folder(tmp_path: Path) -> Path:
 
 
 def keys(folder: Path, text: str = "") -> list[str]:
-    """Of the frames of a job over the one scene."""
+    """Keys of the frames of a job over the one scene."""
     path = folder / "job.toml"
     path.write_text('scenes = ["scene.toml"]\n' + text)
     return [task.key for task in Job.read(path).tasks()]

@@ -74,7 +74,7 @@ def test_the_bytes_are_those_of_render(job: Job, tmp_path: Path) -> None:
 
 
 def test_with_several_rays_too(job_file: Path, tmp_path: Path) -> None:
-    """Behind a pane, which one interaction goes through."""
+    """The wall stands behind a pane, which one interaction goes through."""
     pane = (tmp_path / "wall.toml").read_text().replace("wall", "pane").replace("concrete", "clear_glass")
     with (tmp_path / "wall.toml").open("a") as file:
         file.write(pane.replace("[10, 0, 1.8]", "[5, 0, 1.8]"))

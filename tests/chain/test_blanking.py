@@ -120,7 +120,7 @@ def test_no_echo_has_the_range_zero(road):
 
 @pytest.mark.parametrize("sampler", [[], ["tdc.keep='strongest'"]])
 def test_what_comes_before_the_pulse_takes_no_stop(sampler):
-    """As a blanked echo: the second one is the first that is reported."""
+    """The converter sees a blanked echo: the second one is the first that is reported."""
     plain = trains.sensor("table1-apd", *trains.QUIET, "tdc.walk='raw'", "tdc.dead_time_ns=100", *sampler)
     power = trains.power_at_snr(plain, 300.0)
     detection = trains.detect(trains.train(np.tile([[0.2, 10.0]], (50, 1)), power), plain)

@@ -217,7 +217,7 @@ def test_apd_noise_and_snr():
 
 
 def test_the_best_gain_is_the_derived_one():
-    """After (20): the SNR is flat at `best_gain` and not at `gain_of_equal_noise`, unless x = 2."""
+    """The SNR, after (20), is flat at `best_gain` and not at `gain_of_equal_noise`, unless x = 2."""
     parts = {"optical_variance_a2": 4e-20, "bulk_dark_variance_a2": 1e-21, "unmultiplied_variance_a2": 3e-16}
     two = {"multiplied_variance_a2": 4.1e-20, "unmultiplied_variance_a2": 3e-16}
     for index in (0.3, 1.0, 2.0):

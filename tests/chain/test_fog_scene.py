@@ -72,7 +72,7 @@ def fog_light():
 
 
 def lit_span_m(*, background_w, above=1.0):
-    """From where to where the fog's light is over the threshold, or over so many of it."""
+    """Nearest and farthest place where the fog's light is over the threshold, or over so many of it."""
     sensor = load_sensor("biaxial-905")
     point = sensor.working_point(np.array([background_w]))
     range_m, power_w = fog_light()

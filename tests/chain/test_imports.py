@@ -199,7 +199,7 @@ def test_the_rule_finds_what_it_should(file: str, code: str, complaint: str) -> 
 
 
 def test_a_circle_of_files_is_found() -> None:
-    """Inside one folder too, where no tier forbids it."""
+    """A circle is found inside one folder too, where no tier forbids it."""
     code = {Path("light/a.py"): "from .b import x", Path("light/b.py"): "def f():\n    from .a import y"}
     assert ["circle" in line for line in problems(code)] == [True]
 

@@ -23,7 +23,9 @@ SIGMAS = norm.isf(1e-4 / 2.0)  # of a test
 
 
 def tripping_hz():
-    """Of the pulses that trip, by numpy's own log-normal peaks; the power needed is at five times (18) in the dark."""
+    """Rate of the pulses that trip, by numpy's own log-normal peaks; the power needed is at five times (18) in the
+    dark.
+    """
     needed_w = table_1.TNR * table_1.sigma_18(0.0) / (table_1.K_PD * table_1.M)
     peaks = PEAK_W_M2 * 10.0 ** (0.1 * SPREAD_DB * np.random.default_rng(1).normal(size=10**6))
     return RATE_HZ * np.mean(peaks * table_1.A * table_1.ETA_R > needed_w)
@@ -75,7 +77,9 @@ def test_share_of_the_sky_that_has_a_false_point(frame):
 
 
 def test_false_points_know_nothing_of_our_clock(frame):
-    """Of the first arrival of a Poisson process within the window. Kolmogorov and Smirnov, one in 10 000 fails."""
+    """Their times are those of the first arrival of a Poisson process within the window. Kolmogorov and Smirnov, one in
+    10 000 fails.
+    """
     cloud, *_ = frame
     nu = tripping_hz() * WINDOW_S / WINDOW_M
 

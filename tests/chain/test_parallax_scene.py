@@ -72,7 +72,7 @@ def test_two_lenses_are_blind_up_close(clouds):
 
 
 def test_what_reaches_the_detector_grows_as_rays_through_the_lens_have_it(lanes):
-    """On each post beyond the blind range: power with two lenses over that with one.
+    """Measured on each post beyond the blind range: power with two lenses over that with one.
 
     Reference: rays from the spot to a thin lens, as in `test_receiver.py`. Tolerance: 4.5 sigma of the
     counted share (7e-6 false alarms each), 5e-4 of the formula and its table.

@@ -196,7 +196,7 @@ def test_echoes_from_beyond_the_unambiguous_range_are_labelled():
 
 
 def test_no_light_but_the_echo():
-    """Without sun and dark counts there is no noise; every number stays one, and the surfaces are found."""
+    """There is no noise without sun and dark counts; every number stays one, and the surfaces are found."""
     counter = photons.sensor(*RASTER, "detector.dark_count_rate_hz=0")
     dark = chain.scene(chain.facing(range_m=10.0, size_m=60.0), klux=0.0)
     cloud = Simulator(dark, counter).render(seed=2)

@@ -91,7 +91,7 @@ def needed_w():
 
 
 def beam(kind, r):
-    """At these ranges: area of the beam, power for each W/sr that a particle there sends back of 1 W/m2."""
+    """Area of the beam at these ranges, power for each W/sr that a particle there sends back of 1 W/m2."""
     share = receiver.spot_share(
         profile="top_hat",
         spot_rad=np.hypot(2.5e-3 / r, 1e-3),
@@ -213,7 +213,7 @@ def test_as_many_beams_as_where_all_particles_are_drawn(sky):
 
 @pytest.mark.parametrize("range_m", [8.0, 12.0, 20.0, 150.0])
 def test_share_of_beams_that_one_takes(sky, range_m):
-    """At least one that is strong enough up to this range: 1 - exp(-N), as they are a Poisson process.
+    """Share with at least one that is strong enough up to this range: 1 - exp(-N), as they are a Poisson process.
 
     Tolerance: counting, and 2 % of the expected: those just too weak are even light here, so that of two that only
     trip it together both are counted (1.3 % in rain, see above).
@@ -248,8 +248,8 @@ def test_they_are_labelled_and_none_is_where_the_lenses_see_nothing(sky):
 
 
 def test_things_behind_are_dimmer_by_the_extinction(simulator):
-    """Of every strong echo with and without snow: exp(-2 alpha R), alpha as ITU-R P.1814 has it, by hand:
-    dry snow, a = 5.42e-5 lambda + 5.4958776 (nm), a R^1.38 dB/km.
+    """Ratio of every strong echo with and without snow: exp(-2 alpha R), alpha as ITU-R P.1814 has it, by hand: dry
+    snow, a = 5.42e-5 lambda + 5.4958776 (nm), a R^1.38 dB/km.
 
     SNR of 100 and more, so that none is chosen for its noise; tolerance four standard errors, 6e-5.
     """

@@ -83,7 +83,7 @@ def test_a_weak_echo_behind_a_strong_one_is_lost():
 
 
 def test_undershoot_of_cells_is_that_of_the_cells_that_fired():
-    """Of a SiPM in blinding light: all of its cells, not all of the light."""
+    """A SiPM in blinding light fires all of its cells, not all of the light."""
     equipped = sensor("table1-sipm", "receiver.ac_coupling_khz=500")
     light = train(np.array([[40.0]]), np.array([[1e-2]]))
     _, (signal,) = sample_power_and_signal(light, equipped, TIME_S)

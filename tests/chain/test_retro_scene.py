@@ -28,7 +28,7 @@ def compiled():
 
 @pytest.fixture(scope="module")
 def clouds(compiled):
-    """By name: the scene with both edges timed, with rising edges only, and with a SiPM."""
+    """Clouds by name: the scene with both edges timed, with rising edges only, and with a SiPM."""
     (scene, world), rendered = compiled, {}
     options = {
         "both": ("table1-apd", *CLIPPING),

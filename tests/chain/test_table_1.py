@@ -136,7 +136,7 @@ def test_derived_closed_forms():
 
 
 def test_size_of_the_errata_in_the_closed_forms():
-    """At 60 degrees 1 / cos theta_s is worth sqrt(2) in range, and 1/2 for 1/sqrt(2) a factor 2^(-1/4)."""
+    """The factor 1 / cos theta_s is worth, at 60 degrees, sqrt(2) in range, and 1/2 for 1/sqrt(2) a factor 2^(-1/4)."""
     derived, printed = closed_forms(), closed_forms(as_printed=True)
     assert printed[0] / derived[0] == pytest.approx(math.sqrt(2.0) * 2.0**-0.25, rel=1e-12)
     assert printed[1] / derived[1] == pytest.approx(math.sqrt(2.0), rel=1e-12)
@@ -171,7 +171,7 @@ def test_one_cell_floor_at_no_light():
 
 
 def test_claims_of_figure_6():
-    """At 100 klux the APD is ahead at every range; SNR falls as 1/R^2 far out; the SiPM saturates close in."""
+    """The APD is ahead at every range at 100 klux; SNR falls as 1/R^2 far out; the SiPM saturates close in."""
     ranges = [5.0 * 1.2**k for k in range(25)]
     assert (plane.snr(APD, TABLE_1, ranges) > plane.snr(SIPM, TABLE_1, ranges)).all()
     for sensor in (APD, SIPM):

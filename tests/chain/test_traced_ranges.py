@@ -62,7 +62,7 @@ def test_sphere(range_m, place):
 @pytest.mark.parametrize("place", PLACES_M)
 @pytest.mark.parametrize("range_m", [1.0, 3.0, 20.0, 100.0, 500.0])
 def test_box(range_m, place):
-    """Against the slab method in float64, the box turned by 30 degrees."""
+    """Compared with the slab method in float64, the box turned by 30 degrees."""
     size, yaw = np.array([0.06, 0.08, 0.05]) * range_m, 30.0
     centre = np.array([1.04 * range_m, 0.0, 0.0])
     measured, direction, on_box = trace_hits(chain.box(at=np.array(place) + centre, size_m=size, yaw_deg=yaw), place)

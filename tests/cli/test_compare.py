@@ -110,7 +110,7 @@ def test_both_clouds_have_one_scale(monkeypatch: pytest.MonkeyPatch, tmp_path: P
     ],
 )
 def test_verdict_by_hand(counts_found: tuple[int, int], sentence: str) -> None:
-    """Of 100 pulses each, the same for both; all that the worse one finds the better one finds too.
+    """Each has 100 pulses, the same for both; all that the worse one finds the better one finds too.
 
     95 %: ten of a hundred found by one alone are no chance, none are.
     """
@@ -186,7 +186,7 @@ def test_numbers_agree(folder: Path) -> None:
 
 
 def test_difference_cloud_opens_elsewhere(folder: Path) -> None:
-    """By trimesh, with the column that says who found a point, and colours."""
+    """Read by trimesh, with the column that says who found a point, and colours."""
     (pair,) = json.loads((folder / "compare.json").read_text("utf-8"))["pairs"]
     cloud = trimesh.load(folder / "difference-table1-sipm.ply")
     kinds = cloud.metadata["_ply_raw"]["vertex"]["data"]["difference"]

@@ -146,14 +146,14 @@ def test_schema_takes_what_we_ship_and_no_more(run: Run, kind: str, files: list[
 
 
 def test_the_summary_says_what_walk_may_be_left(run: Run, wall: str, mi: ModuleType) -> None:
-    """Of SPADs whose echoes of different powers look alike; of others there is no such line."""
+    """The line stands for SPADs whose echoes of different powers look alike, and for no others."""
     text = run("render", wall, "--sensor", "sony-spad-189x600", "-o", "o.ply").out
     assert re.search(r"^walk +up to 0\.75 m of pile-up may be left", text, re.MULTILINE)
     assert "walk" not in run("render", wall, "-o", "o.ply").out
 
 
 def test_summary_adds_up(run: Run, wall: str, mi: ModuleType) -> None:
-    """With one stop a pulse gives an echo, or is missed for one reason."""
+    """A pulse with one stop gives an echo, or is missed for one reason."""
     counts_of_run = summary(run, wall, *HARD)
     cloud = PointCloud.load("o.ply")
     assert counts_of_run["beams"] == 81 * 41

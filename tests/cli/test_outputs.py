@@ -65,7 +65,7 @@ def test_labels_of_frames_and_of_deskewed_clouds(run: Run, wall: str, tmp_path: 
 
 
 def test_data_sets(run: Run, wall: str, tmp_path: Path) -> None:
-    """Of a wall that is called a car, since walls have no boxes."""
+    """The scene is a wall that is called a car, since walls have no boxes."""
     (tmp_path / wall).write_text((tmp_path / wall).read_text() + 'class = "car"\n')
     for name, folder in (("kitti", "training"), ("semantickitti", "dataset/sequences/00")):
         ran = run("render", wall, "-o", name, "--dataset", name, "--frames", "2", *COARSE)
@@ -122,7 +122,7 @@ def test_a_missing_package_is_told_before_the_work(
 
 @pytest.mark.parametrize(("output", "epoch"), [("drive.mcap", None), ("drive.db3", "2025-03-04"), ("drive", None)])
 def test_frames_in_one_bag(run: Run, wall: str, tmp_path: Path, library: Any, output: str, epoch: str | None) -> None:
-    """As rosbags reads it: a message for each frame, stamped when the frame begins; the points are those of a folder.
+    """Read by rosbags: a message for each frame, stamped when the frame begins; the points are those of a folder.
 
     With the stamp, the times of the points are when their pulses left. `rosbag2` is a folder with `metadata.yaml`.
     """

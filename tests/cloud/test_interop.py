@@ -45,7 +45,7 @@ def test_pandas_shares_the_memory(library: Any) -> None:
 
 
 def test_torch_gets_the_arrays_themselves(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Against a stand-in, which keeps what it is given: PyTorch is too large for the development group."""
+    """PyTorch has a stand-in here, which keeps what it is given: PyTorch is too large for the development group."""
     stand_in = ModuleType("torch")
     stand_in.from_numpy = lambda array: array  # type: ignore[attr-defined]
     monkeypatch.setitem(sys.modules, "torch", stand_in)
@@ -64,7 +64,7 @@ def test_without_the_library(monkeypatch: pytest.MonkeyPatch, method: str, way: 
 
 
 def test_notebooks_show_a_picture(street_cloud: PointCloud) -> None:
-    """Near points are of the one colour, far ones of the other, and most of the picture shows points."""
+    """The near points are of the one colour, far ones of the other, and most of the picture shows points."""
     text = street_cloud._repr_html_()
     picture = re.search(r"base64,([^\"]+)", text)
     assert picture
@@ -263,7 +263,7 @@ def test_quads_are_two_triangles_each() -> None:
     ],
 )  # fmt: skip
 def test_arrays_that_are_no_mesh_are_refused(vertices: Any, faces: Any, complaint: str) -> None:
-    """In one line with the shape that came."""
+    """The error is one line with the shape that came."""
     with pytest.raises(InputError, match=re.escape(complaint).replace(r"\.\*", ".*")) as raised:
         Scene().add((vertices, faces), "brick")
     assert str(raised.value).startswith("scene.add: ")

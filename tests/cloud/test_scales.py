@@ -18,7 +18,7 @@ from lidarscene.cloud.scales import Scale, scale_of
     ],
 )
 def test_places_on_a_scale(kind: str, low: float, high: float, value: float, part: float) -> None:
-    """By hand: a quarter of the way, its root, and factors of a decade or of 16."""
+    """Computed by hand: a quarter of the way, its root, and factors of a decade or of 16."""
     assert Scale(low=low, high=high, kind=kind, map="viridis").part(value) == pytest.approx(part)  # type: ignore[arg-type]
 
 
@@ -32,7 +32,9 @@ def test_places_on_a_scale(kind: str, low: float, high: float, value: float, par
     ],
 )
 def test_the_bulk_of_a_column_decides(name: str, low: float, high: float, kind: str) -> None:
-    """From the 1st to the 99th percentile of 0, 1, ..., 1000; probabilities from 0 to 1; nothing that is no number."""
+    """The bulk is from the 1st to the 99th percentile of 0, 1, ..., 1000; probabilities from 0 to 1; nothing that is no
+    number.
+    """
     values = np.append(np.arange(1001.0), [np.inf, np.nan])
     scale = scale_of(name, values)
     # Of powers only those above 0 count: percentiles of 1 to 1000.

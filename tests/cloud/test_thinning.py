@@ -22,7 +22,7 @@ SMALL = (480, 400)
 def test_every_kth_point_of_the_frame(
     monkeypatch: pytest.MonkeyPatch, cuts: list[int], most_points: int, step: int
 ) -> None:
-    """By hand: steps of 1, 3, 9, 27, 81 leave 1000, 334, 112, 38, 13 of a thousand points."""
+    """Computed by hand: steps of 1, 3, 9, 27, 81 leave 1000, 334, 112, 38, 13 of a thousand points."""
     monkeypatch.setattr(thinning, "MOST_POINTS", most_points)
     cloud, thinned = small_cloud(N), Thinned()
     for begin, end in itertools.pairwise(cuts):
@@ -34,7 +34,7 @@ def test_every_kth_point_of_the_frame(
 
 
 def test_all_channels_are_seen(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of a scanner that fires its 64 channels one after the other, all."""
+    """All 64 channels of a scanner that fires them one after the other."""
     monkeypatch.setattr(thinning, "MOST_POINTS", 200)
     cloud = small_cloud(64 * 100, channel=np.tile(np.arange(64, dtype=np.int32), 100))
     assert len(np.unique(Thinned.of_cloud(cloud).cloud().channel)) == 64
@@ -42,7 +42,7 @@ def test_all_channels_are_seen(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.mark.slow
 def test_the_picture_is_the_same_by_either_road(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of a cloud, and of its pieces; and it is another one than that of all points."""
+    """The picture of a cloud is that of its pieces, and another one than that of all points."""
     cloud, thinned = street(), Thinned()
     frame_picture(cloud, tmp_path / "all.png", size_px=SMALL)
     monkeypatch.setattr(thinning, "MOST_POINTS", len(cloud) // 2)

@@ -121,7 +121,7 @@ def test_alarms_lie_on_the_clocks_grid_as_echoes_do(name):
 
 @pytest.mark.parametrize("name", list(RECEIVERS))
 def test_alarms_have_the_converters_jitter(name):
-    """Against the same alarms without it: mean and standard deviation, z-tests at 1e-4 each."""
+    """Compared with the same alarms without it: mean and standard deviation, z-tests at 1e-4 each."""
     sensor_with, of_train = RECEIVERS[name]
     exact, jittered = (
         {(pulse, stop): time_s for pulse, stop, time_s in alarm_times(equipped, boards(equipped, of_train=of_train))[1]}
@@ -136,7 +136,7 @@ def test_alarms_have_the_converters_jitter(name):
 
 
 def test_an_alarm_that_the_clock_moves_before_the_pulse_is_none():
-    """As an echo there: time counts from the pulse, and 0 stands for no return."""
+    """The alarm is like an echo there: time counts from the pulse, and 0 stands for no return."""
     equipped = sensor("table1-apd", LOW, "tdc.lsb_ps=1e6", "tdc.window_us=2", "tdc.stops=3")
     stops = detect(train(np.full((4000, 1), 50.0), np.zeros((4000, 1))), equipped).stops
     reported = np.concatenate([np.asarray(stop.range_m)[np.asarray(stop.reported)] for stop in stops])

@@ -73,7 +73,7 @@ def test_slope_formula(range_m, tnr):
 
 @pytest.mark.parametrize("range_m", [5.0, 20.0, 50.0, 100.0, 140.0])
 def test_moments_at_the_papers_threshold(range_m):
-    """At TNR 5 the level itself moves by 25 %, so the edge's curvature counts.
+    """The level itself moves by 25 % at TNR 5, so the edge's curvature counts.
 
     The straight-line formula is 3 to 4 % short in the deviation. The model's own integral over z is the
     reference, 2 % the tolerance of check 4 (sampling leaves 0.15 % of the deviation).
@@ -191,7 +191,7 @@ def lone_echoes(equipped, snr, *, range_m=50.0, count=4000, seed=3):
 
 
 def test_counted_cells_and_gaussian_noise_trip_by_one_deviate():
-    """Near the threshold a large deviate is a likely detection with either: the same seeds trip, but for a few."""
+    """A large deviate near the threshold is a likely detection with either: the same seeds trip, but for a few."""
     counted, gaussian = (
         lone_echoes(chain.sensor("table1-sipm", f"detector.counting='{counting}'"), 5.0).reported
         for counting in ("binomial", "gaussian")
@@ -217,7 +217,7 @@ def test_no_time_is_before_the_pulse():
 
 
 def test_a_measured_peak_is_no_lower_than_what_it_tripped():
-    """Of a pulse on light that lasts, the light and a threshold: noise alone makes some as low as that.
+    """A pulse on light that lasts trips the light and a threshold: noise alone makes some as low as that.
 
     The light is eight deviations of the noise over the threshold: noise alone never lets the comparator fall there.
     """

@@ -143,7 +143,7 @@ def test_height_and_time_of_noise_alarms(keep):
 
 
 def test_width_of_another_lidars_pulse():
-    """As long as one of ours of that height: 2 sigma_p sqrt(2 ln(A / U)), to rounding."""
+    """The width is that of one of ours of that height: 2 sigma_p sqrt(2 ln(A / U)), to rounding."""
     sensor = chain.sensor("table1-apd", "tdc.edges='both'")
     light = light_among_lidars(sensor, lidar(1e6))
     stop = detect_shots(sensor, light).stops[0]

@@ -291,7 +291,7 @@ def volume(course, scale_w, end_m):
 
 
 def test_fog_trips_and_hides():
-    """Above the threshold fog is the first return; what stands in it is found once the waveform has fallen again.
+    """Fog above the threshold is the first return; what stands in it is found once the waveform has fallen again.
 
     The hard target at 60 m sees 0.3 % of the bump: two returns; at 8 m it sits on the bump and the comparator is still
     high: one. Reference for the place of the bump's crossing: the table, searched by hand.
@@ -488,7 +488,7 @@ def test_a_crossing_in_a_valley_is_of_what_rises_behind_it():
 
 
 def test_fog_ends_at_the_surface():
-    """Behind the surface there is no light; before it the waveform is the table's."""
+    """There is no light behind the surface; before it the waveform is the table's."""
     equipped = sensor("table1-apd")
     air = fog(1e-6, end_m=20.0)
     light = train(np.array([[20.0]]), np.array([[0.0]]), volume=air)
@@ -514,7 +514,7 @@ REACH = 13.0
 
 @pytest.mark.parametrize(("kind", "samples"), [("float64", 25), ("float32", 25), ("float32", 1024)])
 def test_even_places_by_factors(kind, samples):
-    """Against an exponential for each pulse and place.
+    """Compared with an exponential for each pulse and place.
 
     Tolerance, in units of the last place: exponents reach 140 where a pulse still counts, places 50 sigma_p times a
     slope of 8, with factors or without: 350 together. Each place multiplies by a factor, and both round: 2 more. Pulses
@@ -570,8 +570,9 @@ def test_fixed_levels_see_a_rise_only_if_it_reaches_one_of_them(second, stop_cou
 
 
 def test_a_comparator_that_missed_a_rise_is_low():
-    """As `test_a_crossing_in_a_valley_is_of_what_rises_behind_it`, behind a bright surface: that the comparator tripped
-    there before says nothing of the rise that it missed, and it trips in the valley behind that as often.
+    """The case is `test_a_crossing_in_a_valley_is_of_what_rises_behind_it`, behind a bright surface: that the
+    comparator tripped there before says nothing of the rise that it missed, and it trips in the valley behind that as
+    often.
     """
     equipped = sensor("table1-apd", "tdc.threshold_to_noise=6", "tdc.walk='raw'", "tdc.stops=2")
     count, power = 2000, power_at_snr(equipped, 6.0)
@@ -586,8 +587,8 @@ def test_a_comparator_that_missed_a_rise_is_low():
 
 
 def test_even_light_has_no_range_but_that_which_is_reported():
-    """Of fog, in front of the lens too: without walk and noise to speak of the true range is the reported one, of an
-    edge, of a peak and of the middle of its samples; none is below 0.
+    """The light is that of fog, in front of the lens too: without walk and noise to speak of the true range is the
+    reported one, of an edge, of a peak and of the middle of its samples; none is below 0.
     """
     quiet = ["detector.circuit_noise_na=1e6", "tdc.threshold_to_noise=1e4", "tdc.walk='raw'"]
     adc = ["sampler.type='adc'", "sampler.rate_mhz=1000", "sampler.bits=20", "sampler.full_scale=100"]
@@ -611,8 +612,8 @@ def test_even_light_has_no_range_but_that_which_is_reported():
 
 
 def test_light_that_rises_slowly_trips_where_it_reaches_the_level():
-    """Of a course that grows as exp(r / 5 m) up to 60 m and ends there: 23 m before its end it is a hundredth of that,
-    far before the first place where it can have a peak. There is no light before where the course begins.
+    """The course grows as exp(r / 5 m) up to 60 m and ends there: 23 m before its end it is a hundredth of that, far
+    before the first place where it can have a peak. There is no light before where the course begins.
     """
     quiet = ["detector.circuit_noise_na=1e6", "tdc.threshold_to_noise=1e4", "tdc.walk='raw'"]
     equipped = sensor("table1-apd", *quiet)

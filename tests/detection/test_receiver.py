@@ -40,9 +40,9 @@ CASES = [
 
 
 def test_receivers_of_several_sizes_share_a_process(mi: Any, run_python: Any, tmp_path: Path) -> None:
-    """From the smallest memory to the largest, and back in a second process with the same kernels on the disk: the same
-    bits, and both processes live. Kernels of a larger memory serve a smaller one well, so that the second process is
-    the reference of the first.
+    """Receivers run from the smallest memory to the largest, and back in a second process with the same kernels on the
+    disk: the same bits, and both processes live. Kernels of a larger memory serve a smaller one well, so that the
+    second process is the reference of the first.
     """
     outputs = []
     for order in (CASES, CASES[::-1]):

@@ -22,7 +22,7 @@ def detection(*stops):
 
 
 def test_the_first_stage_at_which_an_echo_is_lost_names_the_outcome():
-    """Of pulses that are lost at all later stages too."""
+    """The pulses are lost at all later stages too."""
     stop = returns([Status.ECHO] * 5, [True, False, False, False, False])
     outcome = outcome_of(
         [stop],

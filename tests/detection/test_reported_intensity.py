@@ -48,7 +48,7 @@ def test_angle_and_air_are_not_known():
 
 
 def test_the_overlap_is_known():
-    """At 4 m a coaxial sensor sees a quarter of the spot, and still reads the board right."""
+    """A coaxial sensor sees, at 4 m, a quarter of the spot, and still reads the board right."""
     sensor = chain.sensor("table1-apd", *REFLECTIVITY, "optics.overlap.transmitter_offset_mm=[0, 0]")
     assert sensor.optics.overlap.share(np.array([4.0]))[0] < 0.3
     assert reported(sensor, 4.0, reflectivity=0.5).mean() == pytest.approx(50.0, abs=0.5)
@@ -214,8 +214,9 @@ RECORDED_E1 = """93 95 98 100 103 106 108 111 113 116 118 121 124 126 129 131 13
     [("rs-e1", [int(value) for value in RECORDED_E1.split()]), ("pandarqt", list(range(52, 251, 3)))],
 )
 def test_coarse_values_are_those_recorded(name: str, recorded: list[int]) -> None:
-    """Above a value only some are sent, of a PandarQT every third (same repository at 606ac41f, decoder_ground_truth);
-    below it all are. No value is off by more than half a step, and the half of rounding to whole numbers.
+    """Only some values above one are sent, of a PandarQT every third (same repository at 606ac41f,
+    decoder_ground_truth); below it all are. No value is off by more than half a step, and the half of rounding to whole
+    numbers.
     """
     scale = load_sensor(name).intensity
     assert scale is not None

@@ -61,7 +61,7 @@ def test_a_walls_waveform_is_the_lidar_equations_gaussian(rays):
 
 
 def test_the_waveform_crosses_where_the_point_is():
-    """Of a quiet sensor that leaves the walk in: signal = threshold at the reported time.
+    """The sensor is quiet and leaves the walk in: signal = threshold at the reported time.
 
     Tolerance: five deviations of the noise at the threshold, with the echo's own, over the slope there (one of 2e5 runs
     of nine pulses), and a millimetre of grid and single precision.

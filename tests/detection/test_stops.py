@@ -48,7 +48,7 @@ def is_wall(stop):
     ],
 )
 def test_a_wall_behind_fog_is_found(overrides):
-    """At its top, 21.5 thresholds high, noise is 0.67 of a threshold; at that of the fog, 15.4 high, 0.58: the first is
+    """Noise at its top, 21.5 thresholds high, is 0.67 of a threshold; at that of the fog, 15.4 high, 0.58: the first is
     five deviations over the level at 18, the other four below it, so that not one of 300 beams in 300 runs is mistaken.
     """
     (stop,) = behind_fog(*overrides)
@@ -83,7 +83,7 @@ def test_samples_of_a_wall_stand_on_fog(estimator):
 
 
 def test_a_comparator_s_first_edge_is_the_fog():
-    """As a real one: it stays high up to the wall, which makes no edge of its own."""
+    """The comparator works as a real one: it stays high up to the wall, which makes no edge of its own."""
     (stop,) = behind_fog()
     assert (stop.status == Status.WEATHER).all()
     assert stop.range_m.max() < 6.0
@@ -108,7 +108,7 @@ def random_trains(sensor, pulses, *, seed):
 
 @pytest.mark.parametrize(("keep", "dead_time_ns"), [("all", 0.0), ("strongest", 0.0), ("strongest", 30.0)])
 def test_peaks_of_any_train(keep, dead_time_ns):
-    """Against SciPy's peaks of finely sampled waveforms that stand out by a threshold on both sides.
+    """Compared with SciPy's peaks of finely sampled waveforms that stand out by a threshold on both sides.
 
     Noise is 2e-4 of the threshold. Trains with a peak whose height or prominence is within 5 % of it are left out, and
     with a valley on which the two rules differ: they ask how far the light falls between two peaks, SciPy to the next
@@ -189,7 +189,7 @@ def test_orders_of_returns(overrides, ranges):
 
 
 def test_alarms_beside_the_strongest_and_the_last():
-    """In an empty window: both are a Poisson number's highest and last, against brute force; z-tests at 1e-4."""
+    """The window is empty: both are a Poisson number's highest and last, against brute force; z-tests at 1e-4."""
     sensor = load_sensor("table1-apd", overrides=["tdc.threshold_to_noise=3.3", "tdc.keep='strongest_and_last'"])
     count = 20_000
     detection = trains.detect(trains.train(np.full((count, 1), 50.0), np.zeros((count, 1))), sensor, seed=4)

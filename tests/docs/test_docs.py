@@ -170,7 +170,7 @@ def test_theory_names_the_formulas() -> None:
 
 
 def test_equations_are_numbered_in_order() -> None:
-    """On each page they rise, and no two equations have the same number."""
+    """Numbers rise on each page, and no two equations have the same number."""
     others = [ROOT / "docs" / name for name in ("photon_counting.md", "sipm.md", "fit.md", "recordings.md")]
     pages = [[int(n) for n in re.findall(r"\\tag\{T(\d+)\}", text_of(page))] for page in (*THEORY, *others)]
     assert all(page == sorted(page) for page in pages)
@@ -416,7 +416,7 @@ def limits(schema: Any) -> set[float]:
 
 @pytest.mark.parametrize("name", MODELS)
 def test_limits_of_keys(name: str) -> None:
-    """Of what is "300 to 2500", "up to 45" or "1 or more" the model has these bounds."""
+    """The model has these bounds where a page says "300 to 2500", "up to 45" or "1 or more"."""
     properties = MODELS[name].model_json_schema()["properties"]
     for key, (_, _, meaning) in keys_of(name).items():
         words = re.sub(r"`[^`]*`|\([^)]*\)|up to 1.5 it is a point", "", meaning)

@@ -51,7 +51,7 @@ def options(command: str) -> dict[str, argparse.Action]:
 
 
 def default(command: str, option: str) -> float:
-    """Of an option, as `-h` says."""
+    """Default of an option, as `-h` says."""
     action = options(command)[option]
     (default_text,) = re.findall(r"default:? (-?\d+(?:\.\d+)?)", action.help or "")
     assert action.default in (None, float(default_text))

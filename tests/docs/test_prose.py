@@ -366,7 +366,7 @@ def test_sipm_page() -> None:
 
 
 def test_crosstalk() -> None:
-    """Of a weak pulse under Table 1's sun: the events' number is held by test_what_crosstalk_costs, to 0.03."""
+    """The pulse is weak, under Table 1's sun: the events' number is held by test_what_crosstalk_costs, to 0.03."""
     snr_and_probability = []
     for keys in ((), ("detector.crosstalk=0.1",), ("detector.crosstalk=0.25",)):
         sensor = sipm_in_time(*keys)

@@ -71,7 +71,7 @@ def test_nothing_is_loaded_from_elsewhere(site: Path) -> None:
 
 
 def test_equations_have_no_scroll_bar(site: Path, browser: Chromium) -> None:
-    """In a window of 1280 pixels, on the page with most of them: neither across nor beside."""
+    """The window has 1280 pixels, and the page most equations: no bar, neither across nor beside."""
     browser.navigate((site / "theory.html").as_uri())
     browser.until("document.readyState === 'complete' && document.querySelectorAll('.equation').length > 10")
     barred = browser.value("""[...document.querySelectorAll('.equation')].filter(one =>

@@ -312,7 +312,7 @@ def test_tails_of_the_avalanche() -> None:
 
 
 def test_deviations_of_four_ways_to_time_a_pulse() -> None:
-    """Without the echo's own noise: the slope formula, (T76) at half of the peak, (T77), (T79)."""
+    """The ways, without the echo's own noise: the slope formula, (T76) at half of the peak, (T77), (T79)."""
     apd = apd_lidar()
     fwhm_s, bandwidth_hz = apd.laser.pulse_fwhm_s, apd.tdc.bandwidth_hz
     sigma_m = 0.5 * SPEED_OF_LIGHT_M_S * fwhm_s / math.sqrt(8.0 * math.log(2.0))

@@ -414,7 +414,9 @@ def test_uneven_rows_end_half_a_gap_beyond_their_beams() -> None:
 
 
 def test_each_false_alarm_is_drawn_in_its_own_colour(cloud: PointCloud, tmp_path: Path) -> None:
-    """Below the head, where a square of that colour explains it; interference is not among them."""
+    """The picture shows it below the head, where a square of that colour explains it; interference is not among
+    them.
+    """
     magenta = np.frombuffer(bytes.fromhex(pictures.ALARM[1:]), np.uint8)
     alarm_pixels = []
     for status in (0, 1, 2):

@@ -36,7 +36,7 @@ def test_names_are_text_in_markdown(block: str, tmp_path: Path) -> None:
 
 
 def test_a_number_stays_on_the_line_of_its_unit(tmp_path: Path) -> None:
-    """In HTML alone, where lines wrap; words and numbers without a unit wrap as they like."""
+    """Numbers stay in HTML alone, where lines wrap; words and numbers without a unit wrap as they like."""
     report = Report("t")
     report.add_table(["h"], [["99.37 to 99.50 %"], ["-2.74 ± 0.29 mm"], ["3 motorcycles of 7"]])
     report.save(tmp_path)

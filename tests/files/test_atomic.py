@@ -242,7 +242,7 @@ with atomic_output(sys.argv[1]) as temporary, open(temporary, "w") as file:
 
 
 def test_two_processes_of_one_pid(tmp_path: Path) -> None:
-    """As in two containers: each file is whole, and the last stays."""
+    """It happens in two containers: each file is whole, and the last stays."""
     target = tmp_path / "a.txt"
     environment = os.environ | {"PYTHONPATH": str(Path(atomic.__file__).parents[2])}
     with ExitStack() as opened:

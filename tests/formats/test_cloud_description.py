@@ -70,7 +70,9 @@ def test_a_block_that_fails_leaves_what_was_there(tmp_path: Path, name: str) -> 
 @pytest.mark.skipif(os.name == "nt", reason="no limit of a file's size")
 @pytest.mark.parametrize("name", STREAMED)
 def test_a_full_disk_is_one_line_and_leaves_nothing(tmp_path: Path, name: str) -> None:
-    """By the system's own limit of the size of files, which numbers without a pattern reach however they are packed."""
+    """The disk is full by the system's own limit of the size of files, which numbers without a pattern reach however
+    they are packed.
+    """
     need(name)
     resource = importlib.import_module("resource")
     cloud = small_cloud(50_000, intensity=np.random.default_rng(1).random(50_000, np.float32))

@@ -214,7 +214,8 @@ def test_two_sensors_meet_on_a_box(
 
 
 def test_place_of_the_host_vehicle(tmp_path: Path, library: Any) -> None:
-    """By hand: a sensor 2 m ahead of the vehicle's origin and 1 m up, turned to the left, of a vehicle at (10, 20, 0).
+    """Computed by hand: a sensor 2 m ahead of the vehicle's origin and 1 m up, turned to the left, of a vehicle at (10,
+    20, 0).
 
     Without bodies that ride with it the host is an object of its own, whose id follows those of three bodies. Its place
     in the sensor's frame, as OSI has host_vehicle_location, is 2 m to the left, where the rear is, and 1 m down.

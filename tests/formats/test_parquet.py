@@ -36,7 +36,7 @@ def test_row_groups_are_of_one_size(tmp_path: Path, monkeypatch: pytest.MonkeyPa
 
 
 def test_units_and_meanings_are_with_the_columns(tmp_path: Path) -> None:
-    """As pyarrow has them; the unit of an intensity is the detector's."""
+    """Read by pyarrow; the unit of an intensity is the detector's."""
     need("parquet")
     import pyarrow.parquet
 

@@ -16,7 +16,7 @@ def about(axis, angle):
 
 
 def mirrored(ray, normal):
-    """By splitting the ray in parts along and across the normal."""
+    """Mirror by splitting the ray in parts along and across the normal."""
     along = (ray @ normal) / (normal @ normal) * normal
     return (ray - along) - along
 
@@ -58,7 +58,7 @@ def pair(last, azimuth_turn, elevation_turn):
 
 
 def snell(ray, normal, n_before, n_after):
-    """By the angles themselves; returns the ray and the growth of the beam's cross-section."""
+    """Refract by the angles themselves; returns the ray and the growth of the beam's cross-section."""
     normal = normal if ray @ normal > 0 else -normal
     tangent = ray - (ray @ normal) * normal
     sine = np.linalg.norm(tangent)

@@ -128,7 +128,7 @@ class Chromium:
             self._send("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", clickCount=count)
 
     def drag(self, start: tuple[float, float], end: tuple[float, float]) -> None:
-        """With the left button."""
+        """Drag with the left button."""
         common = {"button": "left", "buttons": 1}
         self._send("Input.dispatchMouseEvent", type="mousePressed", x=start[0], y=start[1], clickCount=1, **common)
         self._send("Input.dispatchMouseEvent", type="mouseMoved", x=end[0], y=end[1], **common)
@@ -139,7 +139,7 @@ class Chromium:
         self._send("Page.setDownloadBehavior", behavior="allow", downloadPath=str(folder))
 
     def screenshot(self, path: Path) -> None:
-        """As PNG."""
+        """Screenshot as PNG."""
         path.write_bytes(base64.b64decode(self._send("Page.captureScreenshot", format="png")["data"]))
 
     def _send(self, method: str, **parameters: Any) -> dict[str, Any]:

@@ -13,7 +13,7 @@ from lidarscene.studies.fit.products import near_field_m
 
 @dataclass(frozen=True, kw_only=True)
 class Truth:
-    """Of a unit, by the keys of the fit's estimates; scatter in millimetres."""
+    """True numbers of a unit, by the keys of the fit's estimates; scatter in millimetres."""
 
     white_m2: float
     near_field_m: float

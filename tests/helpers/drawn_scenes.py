@@ -41,7 +41,7 @@ def published_sensor(columns: int = 1024) -> Sensor:
 
 
 def with_spot(sensor: Sensor, spot_over_field: float) -> Sensor:
-    """With a near field, and a spot so wide."""
+    """The sensor with a near field, and a spot so wide."""
     from lidarscene.sensor.overlap import Overlap, OverlapGeometry, Spot
 
     field = float(sensor.detector.radius_m / sensor.optics.focal_length_m)

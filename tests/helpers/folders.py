@@ -26,5 +26,5 @@ def part_name(name: str, *, pid: int = 999_999_999, start: int = 1, place: str =
 
 
 def raise_disk_full(*_: Any, **__: Any) -> None:
-    """In the place of a call that writes."""
+    """Fail as a call that writes does."""
     raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))

@@ -326,7 +326,7 @@ class Workshop:
         return Input(f"live {calls}", work)
 
     def settings(self, rng: random.Random) -> Input:
-        """As the page sends them."""
+        """Settings as the page sends them."""
         keys = ["detector", "detector.gain", "sun.azimuth_deg", "sun.illuminance_klux", "laser.peak_power_w", text(rng)]
         values = ["1", "-1", "1e308", "NaN", "Infinity", "null", "[]", "{}", '"x"', "true", number(rng), "9" * 400]
         pairs = [f"{json.dumps(rng.choice(keys))}: {rng.choice(values)}" for _ in range(rng.randint(0, 4))]

@@ -48,7 +48,9 @@ def wall(tmp_path: Path) -> str:
 
 @pytest.fixture
 def small_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of a sixteenth of the pixels, where pictures are compared with one another: whole ones take most of the time."""
+    """Draw pictures of a sixteenth of the pixels, where pictures are compared with one another: whole ones take most of
+    the time.
+    """
     monkeypatch.setitem(pictures.frame_picture.__kwdefaults__, "size_px", (480, 400))
 
 

@@ -36,7 +36,7 @@ def run(path: Path, changes: Mapping[str, str] | None = None) -> dict[str, Any]:
 
 
 def written(notebook: dict[str, Any]) -> str:
-    """As text of the file, the same on every run with the same outputs."""
+    """Text of the file, the same on every run with the same outputs."""
     return json.dumps(notebook, indent=1, ensure_ascii=False) + "\n"
 
 

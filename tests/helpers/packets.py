@@ -61,7 +61,7 @@ def points(sensor: Sensor, pulse: Any, ranges_m: Any, number: int, *, return_num
 
 
 def packets_of(maker: PacketEncoder, sensor: Sensor, clouds: list[PointCloud], ambient: Any = None) -> list[Packet]:
-    """Of these frames, the rest too; ``ambient`` are counts of every pulse of each."""
+    """Packets of these frames, the rest too; ``ambient`` are counts of every pulse of each."""
     packets = []
     for number, cloud in enumerate(clouds):
         gathering = FiringsBuilder(sensor, number)

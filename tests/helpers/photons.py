@@ -14,7 +14,9 @@ SUM = {"shots": 50, "window_us": 1.0, "bin_ns": 1.0, "threshold_floor": 4.0, "th
 
 
 def tables(name="table1-sipm"):
-    """Of a sensor file: a catalogue sensor's, with SPADs and a histogram in place of its detector and converter."""
+    """Tables of a sensor file: a catalogue sensor's, with SPADs and a histogram in place of its detector and
+    converter.
+    """
     sensor_tables = dict(read_toml(path_of("sensors", name)))
     sensor_tables["laser"] = sensor_tables["laser"] | {
         "pulse_fwhm_ns": 4.0,

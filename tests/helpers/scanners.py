@@ -17,7 +17,7 @@ VLP16_HEIGHT_MM = (11.2, -0.7, 9.7, -2.2, 8.1, -3.7, 6.6, -5.1, 5.1, -6.6, 3.7, 
 
 
 def part(kind, numbers):
-    """Of flat numbers, those of a part of a scanner; they are taken out."""
+    """Take those of a part of a scanner out of flat numbers."""
     names = {field.name for field in dataclasses.fields(kind)} & numbers.keys()
     return kind(**{name: numbers.pop(name) for name in names})
 
@@ -117,7 +117,7 @@ def mid40(**changes):
 
 
 def mirror_behind_prisms():
-    """As the Livox Mid-360, with a second prism."""
+    """A scanner as the Livox Mid-360, with a second prism."""
     turning = scan.TurningMirror.create(rate_hz=100e3, tilt_rad=0.97, rotation_hz=-182.4, phase_rad=0.4)
     return mid40(beam_elevation_rad=[-0.02, 0.0, 0.03], mirror=turning)
 

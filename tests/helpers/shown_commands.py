@@ -224,7 +224,7 @@ class Reader:
     worlds: dict[object, Any] = field(default_factory=dict)
 
     def follow(self, page: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]) -> None:
-        """In the order of the page, and its Python between them where it has files of its own."""
+        """Run the commands in the order of the page, and its Python between them where it has files of its own."""
         folder = self.folder / page.stem
         folder.mkdir()
         make_workplace(folder, page, monkeypatch)

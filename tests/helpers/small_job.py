@@ -58,7 +58,7 @@ def job(job_file: Path) -> Job:
 
 @pytest.fixture(scope="module")
 def client(mi: Any) -> Iterator[Any]:
-    """Of two worker processes."""
+    """A client of two worker processes."""
     pytest.importorskip("distributed")
     pytest.importorskip("pyarrow")
     with cluster.local_client(2) as client:

@@ -179,7 +179,7 @@ def spoilt_bytes(rng: random.Random, whole: bytes) -> bytes:
 
 
 def spoilt(rng: random.Random, whole: bytes) -> bytes:
-    """As lines if it is text, mostly."""
+    """A spoilt copy, by lines if it is text, mostly."""
     try:
         lines = whole.decode("utf-8")
     except UnicodeDecodeError:

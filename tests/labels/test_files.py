@@ -483,8 +483,8 @@ def test_levels_of_visibility(reached: int, level: str, token: str) -> None:
 
 
 def test_a_box_that_reaches_out_of_the_picture() -> None:
-    """Of a block 2 m wide and high and 1 m deep, 10 m ahead and 8.5 m to the left, a part is left of pixel 0: the
-    picture ends 621 pixels to the left, with 720 pixels for each metre at 1 m.
+    """A block 2 m wide and high and 1 m deep, 10 m ahead and 8.5 m to the left, is in part left of pixel 0: the picture
+    ends 621 pixels to the left, with 720 pixels for each metre at 1 m.
     """
     from lidarscene.labels.files import _picture_box
 
@@ -513,7 +513,7 @@ def test_a_box_around_the_camera_and_one_to_the_right() -> None:
 
 @pytest.mark.parametrize(("body", "instance"), [(0, 1), (65_534, 65_535), (65_535, 1), (65_536, 2)])
 def test_instances_fill_16_bits(body: int, instance: int) -> None:
-    """Of 65,536 bodies none has 0, which is no instance."""
+    """None of 65,536 bodies has 0, which is no instance."""
     cloud = street.cloud(step_deg=8.0)
     labelled = replace(cloud, body_names=(), body=np.full(len(cloud), body), class_id=np.full(len(cloud), 1))
     label = semantic_kitti(labelled, Scene(bodies=()))
@@ -860,7 +860,9 @@ def test_what_stands_is_not_labelled_as_moving() -> None:
 
 @pytest.mark.parametrize(("short_m", "reached"), [(-0.02, 1), (0.0, 1), (0.049, 1), (0.051, 0), (3.0, 0)])
 def test_a_beam_may_end_a_little_before_the_box_that_it_meets(short_m: float, reached: int) -> None:
-    """By 5 cm, the error of a range. The block's near face is 8 m ahead; the beam has an echo there or before."""
+    """The beam may end 5 cm before it, the error of a range. The block's near face is 8 m ahead; the beam has an echo
+    there or before.
+    """
     scene = Scene(bodies=(street.block("block", "car", CAR, street.pose_at(10.0, 0.0, 0.0, 0.0)),))
     cloud = street.cloud("sensor", described=scene, sensor=Pose(), step_deg=6.0)
     straight_ahead = np.flatnonzero((np.abs(cloud.azimuth_rad) < 1e-6) & (np.abs(cloud.elevation_rad) < 1e-6))

@@ -68,7 +68,7 @@ def test_fog_behind_a_high_pass():
 
 
 def test_drops_are_lit_before_the_surface_only(monkeypatch):
-    """Behind the pulse's end none is lit. Two kinds of particles have places of their own."""
+    """None is lit behind the pulse's end. Two kinds of particles have places of their own."""
     drops.as_bright_as_their_faces(monkeypatch)
     pulse = np.arange(4000, dtype=np.uint32)
     _, air, _ = lit_air(RAIN, *BEAM)
@@ -151,7 +151,7 @@ def test_as_many_drops_as_the_beam_holds(monkeypatch):
 
 
 def test_drops_are_seen_by_a_lens_that_stands_beside_the_laser(monkeypatch):
-    """From the near edge of the lens to the far one: 35 and 85 mm of one with 25 mm of radius, 60 mm off."""
+    """The lens reaches from its near edge to the far one: 35 and 85 mm of one with 25 mm of radius, 60 mm off."""
     ratios = []
 
     def gain(*, diameter_m, within_rad, from_rad=0.0, **_):

@@ -21,8 +21,8 @@ def test_rays_turn_and_move_with_the_sensor():
 
 
 def test_jitter_is_gaussian_on_two_axes():
-    """Of 1 mrad: both components across the beam are normal and know nothing of each other, at 1e-6; the rays stay
-    unit vectors.
+    """Jitter of 1 mrad: both components across the beam are normal and know nothing of each other, at 1e-6; the rays
+    stay unit vectors.
     """
     sensor = load_sensor("table1-apd", overrides=["scanner.jitter_mrad=1"])
     identity = tuple(np.eye(3).ravel())

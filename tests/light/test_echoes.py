@@ -60,7 +60,7 @@ def test_a_plane_wider_than_the_spot_gives_the_lidar_equation(rays):
 
 
 def test_one_ray_and_many_at_one_place_draw_the_same_noise():
-    """With a beam of no width all rays are the axis: the waveform's road must give the closed form's points.
+    """All rays of a beam of no width are the axis: the waveform's road must give the closed form's points.
 
     Tolerance: 2e-4 m; the crossing is searched in single precision of places, 0.03 ps, at 400 ns.
     """
@@ -111,7 +111,7 @@ def test_chunks_and_frames_do_not_show():
 
 @pytest.mark.slow
 def test_a_second_frame_compiles_nothing():
-    """With rays, fog and rain; another seed, divergence and place, another rain with as many drops to draw."""
+    """The frame has rays, fog and rain; another seed, divergence and place, another rain with as many drops to draw."""
     sensor = chain.sensor("table1-apd", *COARSE, *BEAM, "tdc.stops=2")
     wet = Air(weather=Weather(fog_visibility_m=300.0, rain_mm_h=8.0))
     scene = chain.scene(chain.facing(range_m=60.0, size_m=40.0), air=wet)
@@ -127,7 +127,7 @@ def test_a_second_frame_compiles_nothing():
 
 
 def test_fog_is_the_first_return_and_the_wall_the_last():
-    """In fog of 100 m the bump trips Table 1's comparator in every pulse; the wall at 30 m is behind it.
+    """The bump of fog of 100 m trips Table 1's comparator in every pulse; the wall at 30 m is behind it.
 
     Reference for the wall: clear air's SNR times exp(-2 alpha R), and the fog's light before the wall, which over a
     pulse's length L = c FWHM / 2 is 1.0645 L beta against rho / pi, about half of it before the wall.

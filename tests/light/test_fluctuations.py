@@ -70,7 +70,7 @@ def test_the_share_found_is_the_column(detector: str, variance: float) -> None:
 
 
 def test_a_strong_echo_is_lost_as_the_gamma_distribution_says() -> None:
-    """Without noise to speak of P_d is the share of powers above the threshold: scipy's gamma distribution.
+    """P_d is, without noise to speak of, the share of powers above the threshold: scipy's gamma distribution.
 
     Tolerance: 0.02, the worst of the quadrature for so steep a step, and 4 sigma of the drawn share.
     """

@@ -54,8 +54,8 @@ def test_a_sign_is_a_wall_in_every_neighbour():
 
 
 def test_light_is_conserved():
-    """At one range nothing of the stray light is lost: it adds up to the sum of all powers, each with the shares of
-    all others, to the rounding of single precision in the table's directions.
+    """Nothing of the stray light is lost at one range: it adds up to the sum of all powers, each with the shares of all
+    others, to the rounding of single precision in the table's directions.
     """
     power = RANDOM.exponential(size=(4 * ROWS, 1))
     _, stray_w = stray_of(trains.train(50.0, power))
@@ -78,8 +78,8 @@ def test_light_from_several_ranges():
 
 
 def test_several_echoes_of_a_channel_are_one():
-    """Of two echoes of a source, a wall's and a weaker one's four metres behind it, others see the wall's; two halves
-    at one range are a whole.
+    """Others see the wall's of two echoes of a source, a wall's and a weaker one's four metres behind it; two halves at
+    one range are a whole.
     """
     ranges = np.tile([[20.0, 24.0, 20.0]], (ROWS, 1))
     powers = np.zeros((ROWS, 3))
@@ -149,7 +149,7 @@ def test_faint_echoes_add_nothing_to_a_bright_line():
 
 
 def test_stray_light_that_is_too_faint_to_compute_is_none():
-    """Of a millionth of the least power that a detector finds in the dark, single precision loses the peak's shape: a
+    """Single precision loses the peak's shape of a millionth of the least power that a detector finds in the dark: a
     sub-echo of 1e-18 W made the receiver miss strong ones. (A neighbour gets 7e-12 W with a share of 1e-5.)
     """
     power = np.zeros((ROWS, 1))
@@ -277,7 +277,7 @@ def test_only_a_glaring_echo_of_the_same_volley_hides_others():
 
 
 def test_glaring_echoes_have_their_lines_traced_together():
-    """Without stray light these lines would be left to themselves: a sign's photons call for them, a wall's do not."""
+    """These lines would be left to themselves without stray light: a sign's photons call for them, a wall's do not."""
     sensor, train, _ = glare()
     crosstalk = Crosstalk.from_sensor(sensor)
     part = train.parts[0]
@@ -324,8 +324,8 @@ def test_glare_needs_photons():
 
 
 def test_stray_light_on_top_of_an_echo_is_an_echo_while_it_is_less():
-    """At the sign's own range: a wall brighter than the stray light stays an echo; one dimmer than it becomes a point
-    of stray light at the same place.
+    """The range is the sign's own: a wall brighter than the stray light stays an echo; one dimmer than it becomes a
+    point of stray light at the same place.
     """
     ranges, powers = np.full((ROWS, 1), 30.0), np.zeros((ROWS, 1))
     powers[5] = 1e-2

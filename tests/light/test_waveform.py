@@ -117,8 +117,8 @@ def test_fog_agrees(mi):
 
 @pytest.mark.parametrize("overrides", [(), CASES["filtered"][1:]])
 def test_derivatives_are_those_of_the_power(overrides):
-    """With and without an undershoot against differences, good to 1e-4 of the peak over 0.01 of a place; the part of an
-    air that swings by sin(R / 1.5 m) against its own derivatives, good to (0.13)^2 / 6 over half steps.
+    """Derivatives with and without an undershoot against differences, good to 1e-4 of the peak over 0.01 of a place;
+    the part of an air that swings by sin(R / 1.5 m) against its own derivatives, good to (0.13)^2 / 6 over half steps.
     """
     equipped = trains.sensor("table1-apd", *overrides)
     range_m, power = trains.random_trains(200, 3, equipped, seed=11)
@@ -164,8 +164,8 @@ def behind_a_high_pass(time, powers, arrivals, rate):
 
 @pytest.mark.parametrize("coupling_khz", [500, 5000])
 def test_pulses_behind_a_high_pass(coupling_khz):
-    """Of three pulses, the last one weak, value and slopes are those of a high pass in small steps, from whose time w
-    the places count, and whose lone peak is one: to the 1.4e-4 of the undershoot's own form.
+    """There are three pulses, the last one weak: value and slopes are those of a high pass in small steps, from whose
+    time w the places count, and whose lone peak is one: to the 1.4e-4 of the undershoot's own form.
     """
     equipped = trains.sensor("table1-apd", f"receiver.ac_coupling_khz={coupling_khz}")
     rate = float(equipped.coupling_rate)

@@ -41,7 +41,7 @@ def test_wavelengths_rise(pairs: tuple[tuple[float, float], ...]) -> None:
 
 
 def test_a_table_covers_its_own_wavelengths() -> None:
-    """To 1 nm on either side, and straight lines between."""
+    """A table reaches 1 nm farther on either side, and straight lines between."""
     material = read_material(reflectivity=spectrum_rows((850, 0.1), (950, 0.3))).build("sheet")
     assert material.at(875e-9)["reflectivity"] == pytest.approx(0.15)
     assert material.at(849.5e-9)["reflectivity"] == pytest.approx(0.1)

@@ -61,7 +61,7 @@ def test_poisson_counts_of_mixed_means():
 
 @pytest.mark.parametrize("denominator", [1, 2, 3, 7, 128, 1001, 65_537, 2**20, 2**30 + 1, 2**31 - 1])
 def test_whole_numbers_are_divided_exactly(mi, denominator):
-    """Around each of many multiples, up to the largest pulse number; against integers of Python."""
+    """The numbers lie around each of many multiples, up to the largest pulse number; against integers of Python."""
     largest = 2**31 - 1
     rng = np.random.default_rng(5)
     multiples = denominator * np.append(rng.integers(0, largest // denominator + 1, 300), largest // denominator)

@@ -79,7 +79,9 @@ def test_the_ends_and_a_frame_of_no_length() -> None:
 
 @pytest.mark.parametrize("degrees", [0.0, 1e-7, 0.5, 90.0, 119.9, 120.0, 179.999, 180.0, 240.0, 359.9])
 def test_quaternions_of_every_angle(degrees: float) -> None:
-    """Around 50 axes, among them those of the frame and of the cube's diagonals, against SciPy's matrices."""
+    """The turns are around 50 axes, among them those of the frame and of the cube's diagonals, against SciPy's
+    matrices.
+    """
     rng = np.random.default_rng(3)
     axes = np.concatenate([np.eye(3), -np.eye(3), np.sign(rng.normal(size=(8, 3))), rng.normal(size=(36, 3))])
     axes /= np.linalg.norm(axes, axis=1, keepdims=True)

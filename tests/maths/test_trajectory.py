@@ -80,7 +80,9 @@ def test_a_course_may_start_later() -> None:
 
 
 def test_a_spline_that_is_not_smooth_goes_evenly() -> None:
-    """Through the poses, with one twist in the body's frame from each to the next; held before and after."""
+    """The spline goes through the poses, with one twist in the body's frame from each to the next; held before and
+    after.
+    """
     spline = Spline(time_s=TIMES, poses=WAY, smooth=False)
     for number, waypoint in enumerate(WAY):
         np.testing.assert_allclose(spline.at(TIMES[number : number + 1]).position_m[0], waypoint.position_m, atol=1e-12)

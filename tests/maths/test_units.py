@@ -85,7 +85,7 @@ class Row:
         more_s: Annotated[Sequence[float] | None, Quantity("us")] = None,
         other: int = 0,
     ) -> "Row":
-        """From lists."""
+        """Create them from lists."""
         return cls((*times_s, *(more_s or ())))
 
 
@@ -242,7 +242,7 @@ def tables() -> list[type[Table[Any]]]:
 
 @pytest.mark.parametrize("table", tables(), ids=lambda table: table.__name__)
 def test_defaults_are_the_same_in_files_and_in_python(table: type[Table[Any]]) -> None:
-    """To the last bit; a default that the file writes in another unit comes back from there."""
+    """Defaults are the same to the last bit; a default that the file writes in another unit comes back from there."""
     parameters = dict(inspect.signature(getattr(table.target, "create", table.target)).parameters)
     for part in table.parts.values():
         parameters |= inspect.signature(part).parameters

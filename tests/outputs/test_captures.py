@@ -55,7 +55,7 @@ def test_a_capture_has_the_points_of_the_clouds(mi: Any, run: Run, wall: str, li
 
 
 def test_ouster_metadata_and_background(mi: Any, run: Run, wall: str, library: Callable[[str], Any]) -> None:
-    """Near infrared is the background of every pulse, as `--ambient` has it.
+    """The near infrared is the background of every pulse, as `--ambient` has it.
 
     Stamps are dates: to ouster-cli 0 means that there are none.
     """

@@ -150,7 +150,7 @@ def test_frames_go_on_from_a_number(mi, moving: str, tmp_path: Path) -> None:
 
 
 def test_progress_is_that_of_the_run(mi, moving: str) -> None:
-    """Of two frames of two sensors, in chunks; what is done only grows, and ends with all."""
+    """The run is of two frames of two sensors, in chunks; what is done only grows, and ends with all."""
     reports: list[tuple[int, int]] = []
     record(
         moving,

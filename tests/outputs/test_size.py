@@ -41,7 +41,7 @@ BEAMS = 20001 * 10001
 def test_it_is_said_before_anything_is_traced(
     run: Run, wall: str, mi: Any, monkeypatch: pytest.MonkeyPatch, options: list[str], disk: int, memory: float | None
 ) -> None:
-    """By hand: 200 million beams of one stop at 117 bytes, in 40 s. A run that is refused says nothing."""
+    """Computed by hand: 200 million beams of one stop at 117 bytes, in 40 s. A run that is refused says nothing."""
     monkeypatch.setattr("lidarscene.outputs.record.FrameFiles.write", lambda *_: None)
     ran = run("render", wall, "--sensor=table1-apd", *options, *FINE)
     if not disk:
@@ -85,7 +85,7 @@ def test_lines_in_a_log(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> N
 
 
 def test_the_time_left_does_not_count_the_first_step(capsys: pytest.CaptureFixture[str]) -> None:
-    """By hand: a frame that waits 40 s for the compiler, then one each second, of 101."""
+    """Computed by hand: a frame that waits 40 s for the compiler, then one each second, of 101."""
     clock_s = [0.0]
     lines = Lines("frames", clock=lambda: clock_s[0])
     for frame in range(1, 30):
@@ -126,7 +126,7 @@ def test_a_bar_on_a_terminal_alone(monkeypatch: pytest.MonkeyPatch, capsys: pyte
 def test_long_commands_tell_how_far_they_are(
     command: str, run: Run, wall: str, mi: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
-    """From the first step to the last, on a terminal."""
+    """A bar shows it from the first step to the last, on a terminal."""
     draw_nothing(monkeypatch)
     if command == "paper":
         use(monkeypatch, results())
@@ -183,7 +183,9 @@ def numbers_of(warning_text: str) -> tuple[str, float, float]:
 
 
 def test_what_makes_a_run_larger() -> None:
-    """By hand: 125 million pulses at 5 million rays a second; of an NPZ the larger cloud is in memory twice."""
+    """Computed by hand: 125 million pulses at 5 million rays a second; of an NPZ the larger cloud is in memory
+    twice.
+    """
     of_point = _bytes_of_a_point()
     assert numbers_of(size_warning()) == (
         "25 s",

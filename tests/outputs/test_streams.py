@@ -255,7 +255,7 @@ def _names(folder: Path) -> set[str]:
 
 
 def test_the_summary_counts_the_same(run: Run, wall: str) -> None:
-    """With a picture the cloud is put together; its counts are those of the chunks."""
+    """The cloud is put together for a picture; its counts are those of the chunks."""
     options = ("--sensor", SENSOR, *COARSE, CHUNKS, "--json", "--keep-missed", "m.npz")
     chunks = json.loads(run("render", wall, "-o", "a.ply", *options).out)
     missed = np.load("m.npz")["pulse"]

@@ -238,8 +238,8 @@ def write_cloud_bag(writer: Any, library: Callable[[str], Any]) -> None:
 
 
 def test_clouds_of_a_driver_of_its_own_ways(tmp_path: Path, library: Callable[[str], Any]) -> None:
-    """By the definition of PointCloud2: offsets, order of bytes, steps of points and rows; a field of several numbers
-    is no scalar. Of two messages at one instant each is read, and the pose is the last one before.
+    """The definition of PointCloud2 allows it: offsets, order of bytes, steps of points and rows; a field of several
+    numbers is no scalar. Of two messages at one instant each is read, and the pose is the last one before.
     """
     with open_recording(cloud_bag(tmp_path / "bag", library)) as recording:
         assert len(recording) == 2

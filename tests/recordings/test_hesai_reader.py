@@ -117,7 +117,7 @@ def test_two_returns(tmp_path: Path, name: str, mode: int, first: int, second: i
 
 
 def test_a_laser_that_does_not_fire_is_not_recorded(tmp_path: Path) -> None:
-    """Of a QT128C2X a quarter rests in each firing; an OT128 says which rest, and why the others saw nothing."""
+    """A quarter of a QT128C2X rests in each firing; an OT128 says which rest, and why the others saw nothing."""
     quarter = MODELS["QT128C2X"]
     with open_recording(pcap(tmp_path / "a.pcap", payloads(quarter, np.zeros(128)))) as recording:
         assert recording[0].recorded[:, 0].tolist() == [False] * 32 + [True] * 96
@@ -192,7 +192,9 @@ def test_layouts_do_not_fit_each_others_packets() -> None:
 
 
 def test_points_of_an_at128_are_those_of_another_decoder(tmp_path: Path) -> None:
-    """Of nebula, which rounds both corrections to 0.01 degrees: 0.0071 degrees at most, and lets the mirror stand."""
+    """The other is nebula, which rounds both corrections to 0.01 degrees: 0.0071 degrees at most, and lets the mirror
+    stand.
+    """
     recorded, layout = json.loads((DATA / "at128.json").read_text()), MODELS["AT128"]
     keys = ("azimuth", "elevation", "face_start", "azimuth_shift", "elevation_shift", "unit")
     table = at128_corrections(tmp_path / "a.dat", **{key: recorded[key] for key in keys})

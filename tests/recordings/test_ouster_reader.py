@@ -243,7 +243,7 @@ def test_what_is_wrong_is_one_line(tmp_path: Path, core: Any, library: Callable[
 
 
 def test_what_is_of_packets_that_came(tmp_path: Path, core: Any, library: Callable[[str], Any]) -> None:
-    """Of columns that were not received nothing is taken: neither stamp, nor pose, nor range; and a pose is of the
+    """Nothing is taken of columns that were not received: neither stamp, nor pose, nor range; and a pose is of the
     body, on which the sensor sits turned and aside: first the sensor on the body, then the body in the world.
     """
     info = core.SensorInfo(OUSTER.with_suffix(".json").read_text())

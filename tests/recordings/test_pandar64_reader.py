@@ -66,7 +66,7 @@ def test_the_second_is_the_recorders_and_its_part_the_sensors(tmp_path: Path, la
 
 
 def test_a_units_azimuths_are_clockwise(tmp_path: Path) -> None:
-    """As Hesai's tables have them: three degrees more are three degrees to the right."""
+    """Azimuths are so in Hesai's tables: three degrees more are three degrees to the right."""
     azimuths_deg = []
     for azimuth_deg in (0.0, 3.0):
         table = tmp_path / "angles.csv"

@@ -12,7 +12,7 @@ XYZ = {"x": np.array([1.0, 2.0, 0.0, np.inf]), "y": np.array([0.0, 0.0, 5e-4, 0.
 
 
 def test_what_is_no_point_is_no_point() -> None:
-    """Of a list they are left out, of an array they are pulses of which nothing came back."""
+    """Such rows are left out of a list; of an array they are pulses of which nothing came back."""
     columns = XYZ | {"Ring": np.arange(4)}
     listed = sweep_of(columns, metadata={})
     assert listed.range_m.tolist() == [1.0, 2.0]

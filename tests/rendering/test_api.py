@@ -27,7 +27,7 @@ def test_a_simulator_takes_names(mi: Any) -> None:
 
 
 def test_overrides_of_scene_and_sensor(mi: Any) -> None:
-    """As text, as a list and as a mapping, they make the same cloud; the scene's change its light."""
+    """Overrides make, as text, as a list and as a mapping, the same cloud; the scene's change its light."""
     steps = ["scanner.azimuth_step_deg=2.0", "scanner.elevation_step_deg=2.0"]
     dusk = lidarscene.render("edges", overrides=steps, scene_overrides="sun.illuminance_klux=1")
     same_dusk = lidarscene.render("edges", overrides=COARSE, scene_overrides={"sun": {"illuminance_klux": 1}})
@@ -73,7 +73,7 @@ def test_a_slip_is_one_line(call: Any, arguments: Any, options: Any, message: st
 
 
 def test_keys_of_a_sensors_file_are_replaced() -> None:
-    """In the file's units, with its checks; what follows from a key follows, and changes add up."""
+    """Keys have the file's units and checks; what follows from a key follows, and changes add up."""
     sensor = lidarscene.load_sensor("table1-apd", overrides="detector.gain=60")
     for changed in (
         sensor.replace("laser.peak_power_w=30"),

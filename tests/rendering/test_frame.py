@@ -11,7 +11,7 @@ from lidarscene.sensor.sensor_file import load_sensor
 
 
 def test_frames_go_on_where_numbers_on_the_device_begin_again() -> None:
-    """Below 2^31 pulses the last whole frame, the one after it, and the highest number of all."""
+    """The last whole frame below 2^31 pulses, the one after it, and the highest number of all."""
     scanner = load_sensor("vlp-16").scanner
     last = 2**31 // scanner.pulses - 1
     assert (last + 1) * scanner.pulses < 2**31 < (last + 2) * scanner.pulses

@@ -62,7 +62,7 @@ def file(folder: Path, *, car: str, ego: str = "position_m = [0, 0, 0]", motion:
 
 
 def assert_same(cloud: PointCloud, expected: PointCloud) -> None:
-    """To the last bit, metadata too."""
+    """Hold that they are the same to the last bit, metadata too."""
     assert len(cloud) == len(expected) > 500
     for column in columns_of(truth=True, vectors=False):
         np.testing.assert_array_equal(cloud.column(column.name), expected.column(column.name), err_msg=column.name)
@@ -79,7 +79,7 @@ CAR_POSE = (14.0, 2.0, -0.5, 30.0, 4.0, 0.0)
 
 
 def test_a_placed_body_is_that_of_a_scene_file(tmp_path: Path) -> None:
-    """To the last bit: where it stands, and where it drives on a curve."""
+    """The body is the same to the last bit: where it stands, and where it drives on a curve."""
     live = LiveSimulator(file(tmp_path, car="position_m = [20, -3, 0]"), sensor())
     cloud_elsewhere = live.render(seed=1)
     live.place("car", CAR_POSE)
@@ -155,7 +155,7 @@ def pose(x: float, y: float, z: float, yaw: float = 0.0) -> Pose:
 
 
 def test_bodies_come_and_go_as_in_worlds_built_anew() -> None:
-    """Against static meshes in the world's frame, for each step a world of its own."""
+    """Compared with static meshes in the world's frame, for each step a world of its own."""
     live = LiveSimulator(street(), sensor(), movable=("ball",), spares={"car": 2})
     assert live.world.body_names == ("plane", "car", "ball", "car.1", "car.2")
     poses, ego = {"car": pose(17, 3, 0.2, 40), "ball": pose(9, 1, 0.5)}, Pose()

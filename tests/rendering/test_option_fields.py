@@ -26,7 +26,7 @@ class Cake:
 
 
 def test_the_docstring_lists_the_options() -> None:
-    """In the order of the fields; what is no option is not there."""
+    """Options stand in the order of the fields; what is no option is not there."""
     assert (Cake.__doc__ or "").splitlines() == [
         "A cake.",
         "",

@@ -63,7 +63,7 @@ def test_pieces_are_the_scene(tmp_path: Path) -> None:
 
 
 def test_a_piece_follows_from_the_frame(tmp_path: Path) -> None:
-    """In any order, frames are the same to the bit; names of bodies, classes and materials are those of the scene."""
+    """Frames in any order are the same to the bit; names of bodies, classes and materials are those of the scene."""
     forward, backward = simulator(tmp_path, f"reach_m = {REACH_M}"), simulator(tmp_path, f"reach_m = {REACH_M}")
     clouds = {begin_s: forward.render(seed=2, begin_s=begin_s) for begin_s in BEGINS_S}
     assert {piece_of(forward.scene, begin_s) for begin_s in BEGINS_S} == {(0, 0), (1, 0), (2, 0)}

@@ -148,9 +148,10 @@ print(json.dumps([before, streamed, rendered, held]))
 
 
 def test_memory_does_not_grow_with_the_frame(mi: Any, run_python: Any, tmp_path: Path) -> None:
-    """From 48,080 pulses to 601,000 in chunks of one size, to a file: by less than a quarter of the large cloud. That
-    leaves room for some chunks of 1 MB and what the allocator cannot give back; the cloud has 32 MB. A render, which
-    holds it, is there to show that the measure sees it: it takes at least three quarters of the cloud more.
+    """Memory grows, from 48,080 pulses to 601,000 in chunks of one size, to a file, by less than a quarter of the large
+    cloud. That leaves room for some chunks of 1 MB and what the allocator cannot give back; the cloud has 32 MB. A
+    render, which holds it, is there to show that the measure sees it: it takes at least three quarters of the cloud
+    more.
 
     In a process of its own: the largest memory of a process never falls.
     """

@@ -186,7 +186,7 @@ def test_straight_up_and_down_by_hand():
 
 
 def test_render_says_it(run: Run, tmp_path: Path) -> None:
-    """On the command line, by its names of options; from Python as a warning."""
+    """The command line says it by its names of options, Python by a warning."""
     scene = tmp_path / "s.toml"
     scene.write_text(
         '[sun]\nilluminance_klux = 300.0\n[[bodies]]\nname = "wall"\nprimitive = "plane"\n'
@@ -252,7 +252,7 @@ def test_an_ego_that_leaves_the_ground_is_named_with_the_time(mi, run: Run, tmp_
 
 @pytest.mark.parametrize("name", ["drive", "town"])
 def test_shipped_drives_go_on_for_minutes(name: str) -> None:
-    """On a street, or behind it: `drive` left its own after 7 s, through a house."""
+    """They go on a street, or behind it: `drive` left its own after 7 s, through a house."""
     scene = load_scene(name)
     warn_of_way(scene)
     roads = Clearance.of_scene(replace(scene, bodies=[b for b in scene.bodies if b.class_name == "road"]))

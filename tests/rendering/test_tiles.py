@@ -51,7 +51,9 @@ def test_rays_traced_together_are_nearer_to_each_other_than_in_firing_order(name
 
 
 def test_a_packet_of_an_even_grid_is_two_across_and_four_up():
-    """By hand: of 1 x 8, 2 x 4, 4 x 2, 8 x 1 the two in the middle have the least girth, and the upright one wins."""
+    """Computed by hand: of 1 x 8, 2 x 4, 4 x 2, 8 x 1 the two in the middle have the least girth, and the upright one
+    wins.
+    """
     scanner = chain.sensor("table1-apd", "scanner.azimuth_step_deg=0.5", "scanner.elevation_step_deg=0.5").scanner
     tiling = Tiling.from_scanner(scanner)
     assert tiling.width == 2

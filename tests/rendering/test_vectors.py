@@ -89,7 +89,7 @@ def test_normals_are_those_of_the_triangles(moves: bool) -> None:
 
 
 def test_normals_of_a_sphere() -> None:
-    """Along its radii, to single precision of 12 m over a radius of 1 m."""
+    """Normals lie along its radii, to single precision of 12 m over a radius of 1 m."""
     scene = chain.scene(chain.ball(at=(12.0, 0.5, 0.3), radius_m=1.0))
     cloud = echoes(Simulator(scene, chain.sensor("table1-apd", *FEW), vectors=True).render())
     assert len(cloud) > 20
@@ -142,7 +142,7 @@ def test_velocities_are_differences_of_poses() -> None:
 
 @pytest.mark.parametrize("options", [{}, {"rays": 3}], ids=str)
 def test_they_change_no_other_column_and_nothing_is_compiled_twice(options) -> None:
-    """Behind panes too, where pulses go two ways; the first frame has all kernels."""
+    """The scene has panes too, where pulses go two ways; the first frame has all kernels."""
     wall, glass = chain.facing(range_m=30.0, size_m=80.0), panes.pane(8.0, 20.0)
     scene = dataclasses.replace(chain.scene(wall, glass, materials=panes.MATERIALS))
     sensor = chain.sensor("table1-apd", *FEW)

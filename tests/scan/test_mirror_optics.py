@@ -57,7 +57,9 @@ def test_small_mirror_turns_double():
 
 
 def test_the_turn_in_the_mirror_moves_the_beam_by_the_formula():
-    """Out of the plane of incidence by asin(cos(incidence) sin(2 t)), as `Gimbal` says. Reference: exact."""
+    """The beam moves out of the plane of incidence by asin(cos(incidence) sin(2 t)), as `Gimbal` says. Reference:
+    exact.
+    """
     t = np.linspace(-0.4, 0.4, 11)
     direction, _ = scanners.gimbal(incidence_rad=0.7).beam(t, np.zeros(11))
     np.testing.assert_allclose(direction[1], math.cos(0.7) * np.sin(2 * t), atol=1e-15)

@@ -36,7 +36,7 @@ def test_ramp_goes_on_within_a_line():
 
 
 def test_lines_are_vertical_where_the_fast_turn_is_that_of_elevation():
-    """From the left, each from the top."""
+    """Lines go from the left, each from the top."""
     scanner = scanners.mirror(fast="elevation")
     pulse = np.arange(scanner.pulses, dtype=np.uint32)
     azimuth, elevation = (np.asarray(angle).reshape(41, 120) for angle in scanner._mechanism(pulse))

@@ -72,7 +72,7 @@ def read_scanner(kind, folder=None, rate_khz=None, **changes):
     ],
 )
 def test_a_file_makes_the_same_scanner(kind, expected):
-    """As in scanners.py, which is in SI units."""
+    """The same as in scanners.py, which is in SI units."""
     scanner = read_scanner(kind).scanner
     assert type(scanner) is type(expected)
     assert scanner.pulses == expected.pulses
@@ -226,7 +226,7 @@ def test_not_an_npz(tmp_path):
 
 
 def test_exits_are_forward_left_and_up_in_the_head():
-    """At azimuth 0 the beams of a head start there; a quarter of a turn later forward is to the left."""
+    """The beams of a head start there at azimuth 0; a quarter of a turn later forward is to the left."""
     lasers = len(load_sensor("vlp-16").scanner.firing_s)
     keys = [
         f"scanner.{axis}_mm={[millimetres] * lasers}"

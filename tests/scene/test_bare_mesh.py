@@ -48,7 +48,7 @@ def test_y_is_up_in_gltf(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("across", [(0.3, 0.3, 0.3), BOX, (4.0, 40.0, 10.0), (300.0, 60.0, 80.0)])
 def test_the_sensor_sees_all_of_it(tmp_path: Path, across: tuple[float, float, float]) -> None:
-    """Within the field of view of Table 1: 120 by 25 degrees."""
+    """The mesh lies within the field of view of Table 1: 120 by 25 degrees."""
     trimesh.creation.box(across).export(tmp_path / "box.stl")
     with pytest.warns(OptionWarning):
         scene = load_scene(tmp_path / "box.stl")

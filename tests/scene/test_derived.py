@@ -127,7 +127,9 @@ def test_the_own_van_rides(tmp_path: Path) -> None:
 
 
 def test_the_own_van_drives_along_a_street(tmp_path: Path) -> None:
-    """On the street's way, with a key of its [ego] changed; a motion of the file's own takes its place."""
+    """The van drives on the street's way, with a key of its [ego] changed; a motion of the file's own takes its
+    place.
+    """
     van(tmp_path)
     street = "[street]\nlength_m = 60\nshown_m = 50\n"
     (tmp_path / "mine.toml").write_text(street + '[ego]\nmesh = "van.obj"\n')
@@ -176,7 +178,7 @@ def test_changes_take_files_from_the_current_folder(tmp_path: Path, monkeypatch:
 
 
 def test_a_copy_of_a_shipped_scene(run: Run, tmp_path: Path) -> None:
-    """With its meshes, and nothing of it outside of its folder: the same bodies at the same places."""
+    """The copy has its meshes, and nothing of it outside of its folder: the same bodies at the same places."""
     ran = run("catalog", "scenes", "drive", "--copy", "out/mine")
     assert (ran.code, ran.err, ran.out) == (0, "", "wrote out/mine/drive.toml\n")
     folder = tmp_path / "out" / "mine"
@@ -200,7 +202,7 @@ def test_what_a_copy_needs(run: Run) -> None:
 
 
 def test_the_catalogue_says_the_own_cars_size(run: Run) -> None:
-    """As its mesh is, to 0.1 m: 4.42 x 2.12 x 1.48 m."""
+    """The size is that of its mesh, to 0.1 m: 4.42 x 2.12 x 1.48 m."""
     ran = run("catalog", "scenes")
     assert next(line for line in ran.out.splitlines() if line.startswith("  drive ")).endswith(
         "own_car 4.4 x 2.1 x 1.5 m"

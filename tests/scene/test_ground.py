@@ -49,7 +49,7 @@ def mesh_of(scene: Scene, name: str) -> tuple[np.ndarray, np.ndarray]:
 
 
 def test_spectrum_of_the_mesh_is_that_of_the_class() -> None:
-    """Of its vertices along a line, octave by octave: as tight as for the surface itself (`test_roughness`).
+    """Spectrum of its vertices along a line, octave by octave: as tight as for the surface itself (`test_roughness`).
 
     A mesh shows no wave shorter than three spacings, so its density is G sqrt(1 - (n / k)^2) with k one over that.
     """
@@ -109,7 +109,7 @@ def test_height_of_the_mesh_is_that_of_its_triangles() -> None:
 
 
 def test_wheels_meet_the_surface_that_the_mesh_shows() -> None:
-    """At vertices they differ by the waves that the mesh leaves out; the highest sheet counts, and 0 beside all."""
+    """The two differ at vertices by the waves that the mesh leaves out; the highest sheet counts, and 0 beside all."""
     surface = RoughSurface.draw("C", 9)
     low = sheet(Pose(position_m=np.array([0.0, 0.0, -0.2])), size_m=(40.0, 40.0), surface=surface)
     road = sheet(size_m=(20.0, 6.0), crown_m=0.1, spacing_m=0.4, surface=surface)

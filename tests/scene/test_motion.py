@@ -171,7 +171,7 @@ ENDS = BOX + "[bodies.motion]\nposes = [{ time_s = 1 }, { time_s = 3, position_m
 def test_at_its_end_it_holds_hides_leaves_or_repeats(
     tmp_path: Path, at_end: str, places_m: list[float], is_there: list[bool]
 ) -> None:
-    """At 0.5, 2 and 5 s, of a motion from 1 to 3 s at 10 m/s."""
+    """States at 0.5, 2 and 5 s, of a motion from 1 to 3 s at 10 m/s."""
     (body,) = scene_of(tmp_path, ENDS + f'at_end = "{at_end}"\n').bodies
     assert body.motion is not None
     times_s = [0.5, 2.0, 5.0]
@@ -189,7 +189,7 @@ def test_without_an_end_a_frame_beyond_the_poses_is_refused(tmp_path: Path) -> N
 
 
 def test_a_vehicle_that_leaves_rides_on(tmp_path: Path) -> None:
-    """On its springs beyond the last pose, too; one that holds rests as it stood at the end."""
+    """The vehicle rides on its springs beyond the last pose, too; one that holds rests as it stood at the end."""
     ground = '[ground]\nroughness = "C"\n'
     poses = "poses = [{ time_s = 0 }, { time_s = 2, position_m = [20, 0, 0] }]\nride = {}\n"
     for at_end, rides in (("leave", True), ("hold", False)):

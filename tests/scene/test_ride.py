@@ -94,7 +94,9 @@ def test_acceleration_of_a_roof() -> None:
 
 
 def test_velocities_are_differences_of_the_poses() -> None:
-    """On an arc, across the end of a block. Central differences over 0.2 ms round to 1e-9, and miss f''' h^2 / 6."""
+    """The way is an arc, across the end of a block. Central differences over 0.2 ms round to 1e-9, and miss f''' h^2 /
+    6.
+    """
     riding = ride(yaw_rate_rad_s=0.2)
     time_s, h = BLOCK_NODES * STEP_S + np.linspace(-0.02, 0.02, 41), 1e-4
     before, here, after = (riding.at(time_s + shift) for shift in (-h, 0.0, h))
@@ -118,7 +120,7 @@ def test_accelerations_are_continuous() -> None:
 
 @pytest.mark.parametrize("coordinate", [0, 1, 2])
 def test_the_moving_body_has_the_energy_of_the_mass_matrix(coordinate: int) -> None:
-    """Of the centre of mass, wherever heave, pitch and roll carry it, and of the turning about it (T142).
+    """Energy of the centre of mass, wherever heave, pitch and roll carry it, and of the turning about it (T142).
 
     1e-3: squares of the tilt of 0.005 rad.
     """

@@ -52,7 +52,7 @@ def test_all_add_up_with_the_air(tmp_path: Path, wavelength_m: float) -> None:
 
 @pytest.mark.parametrize("kind", [None, "radiation"])
 def test_visibility_scales_the_number_of_droplets(kind: str | None) -> None:
-    """At 550 nm the extinction is 3.912 / V whatever the kind; the lidar ratio stays."""
+    """The extinction at 550 nm is 3.912 / V whatever the kind; the lidar ratio stays."""
     fog = Weather(fog=kind or "moderate_advection").media(905e-9)[0]
     (scaled,) = Weather(fog=kind, fog_visibility_m=50.0).media(905e-9)
     assert Weather(fog=kind, fog_visibility_m=50.0).extinction_at_per_m(550e-9) == pytest.approx(3.912 / 50)
@@ -81,7 +81,7 @@ def test_particles_make_up_their_medium(weather: Weather, wavelength_m: float) -
 
 
 def test_a_board_in_rain_loses_both_ways(mi, monkeypatch: pytest.MonkeyPatch) -> None:
-    """Through the whole chain, point by point: without sun an APD's SNR is proportional to the echo's power.
+    """Measured through the whole chain, point by point: without sun an APD's SNR is proportional to the echo's power.
 
     The last crossing is the board's. 1e-3: the rain's own light within a pulse's length, some 3e-4 of the board's for
     the faces of its drops.

@@ -61,7 +61,7 @@ def test_second_differences_of_the_pose_give_the_force(seed: int) -> None:
 
 
 def test_a_lever_arm_in_a_circle() -> None:
-    """By hand: at v and w about z the arm (x, y) feels -w^2 x ahead, and v w - w^2 y aside."""
+    """Computed by hand: at v and w about z the arm (x, y) feels -w^2 x ahead, and v w - w^2 y aside."""
     circle = Course(speed_m_s=10.0, yaw_rate_rad_s=0.5)
     imu = Imu(pose=Pose(position_m=np.array([2.0, 1.0, 5.0])))
     samples = imu.measure(circle, imu.times_s(0.0, 3.0), NO_NOISE)
@@ -72,7 +72,7 @@ def test_a_lever_arm_in_a_circle() -> None:
 
 
 def test_the_ends_of_a_motion_are_no_blows() -> None:
-    """At its ends a straight, even path has no acceleration, though beyond them it rests: 10 m/s in 1 ms."""
+    """A straight, even path has no acceleration at its ends, though beyond them it rests: 10 m/s in 1 ms."""
     poses = tuple(Pose(position_m=np.array([10.0 * t, 0.0, 0.0])) for t in (0.0, 0.5, 1.0))
     path = Spline(time_s=np.array([0.0, 0.5, 1.0]), poses=poses)
     samples = Imu().measure(path, np.array([0.0, 0.5, 1.0]), NO_NOISE)
@@ -153,7 +153,7 @@ def test_every_number_of_the_catalogue_has_a_source(name: str) -> None:
 
 
 def test_files_of_imus_are_checked(capsys: pytest.CaptureFixture[str], tmp_path: Path) -> None:
-    """By their keys `check` knows them; a number without its factor is told."""
+    """The command `check` knows them by their keys; a number without its factor is told."""
     paths = [str(catalog.path_of("imus", name)) for name in catalog.names("imus")]
     assert main(["check", *paths]) == 0
     text = (

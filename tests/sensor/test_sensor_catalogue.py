@@ -68,7 +68,7 @@ SCALED = {"os1-128-rev7", "os2-128-rev7", "osdome-128"}
 
 @cache
 def check_sensor(name: str) -> list[Held]:
-    """With a tenth of the draws: a scatter is good to 1.6 %, and is held to a factor."""
+    """Check a sensor with a tenth of the draws: a scatter is good to 1.6 %, and is held to a factor."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(published_values, "SHOTS", 2000)
         return published_values.compare(name)
@@ -152,7 +152,7 @@ def test_sources_tell_fitted_assumed_and_unknown(name: str) -> None:
 @pytest.mark.parametrize("name", sorted(set(OF_MAKERS) - RECORDED - SCALED))
 @pytest.mark.slow
 def test_fitted_range_is_the_published(name: str) -> None:
-    """To 1 %, in the lidar equation with everything else as assumed."""
+    """Ranges are the same to 1 %, in the lidar equation with everything else as assumed."""
     fitted, *_ = rows_of_quantity(name, "range")
     assert fitted.value is not None
     assert abs(fitted.value) < 0.01
@@ -160,7 +160,9 @@ def test_fitted_range_is_the_published(name: str) -> None:
 
 @pytest.mark.parametrize("name", OF_MAKERS)
 def test_points_per_second_round_to_the_published(name: str) -> None:
-    """In the digits that are published. A recorded VLS-128 fires every 55.3 us, and its manual says 53.3 us."""
+    """The numbers agree in the digits that are published. A recorded VLS-128 fires every 55.3 us, and its manual says
+    53.3 us.
+    """
     published = published_performance(name)
     assert published is not None
     if name == "vls-128":
@@ -181,7 +183,9 @@ SAMPLED = ("hdl-32e", "hdl-64e")
 
 @pytest.mark.parametrize("name", SAMPLED)
 def test_scatter_as_in_recordings(name: str) -> None:
-    """Within a factor of about 1.5 of recordings, which have the roughness of surfaces in them; draws have 1.6 %."""
+    """Scatter agrees within a factor of about 1.5 of recordings, which have the roughness of surfaces in them; draws
+    have 1.6 %.
+    """
     published = published_performance(name)
     assert published is not None
     rows = zip(published.repeatability, rows_of_quantity(name, "scatter"), strict=True)
@@ -219,7 +223,9 @@ def test_scatter_of_photons_as_in_recordings(photons: int) -> None:
 
 
 def test_scatter_at_an_snr() -> None:
-    """At the SNR that a target has at its range, the same as of that target; none beyond what cells can show."""
+    """The scatter at the SNR that a target has at its range is the same as of that target; none beyond what cells can
+    show.
+    """
     sensor = load_sensor("vlp-16")
     target = Target(reflectivity=0.5, illuminance_klux=0.0)
     snr = float(plane.snr(sensor, target, 30.0)[0])
@@ -372,8 +378,8 @@ def test_livox_fields_of_view(name: str, width: float, height: float) -> None:
 
 
 def test_a_horizon_fires_six_beams_in_turn() -> None:
-    """As in a recorded frame (Livox-SDK/livox_detection, test_data.csv): each point 0.90 degrees above the one before,
-    most often, in blocks of six. Prisms stretch the beams' 0.90 degrees by up to a tenth off the axis.
+    """A recorded frame shows it (Livox-SDK/livox_detection, test_data.csv): each point 0.90 degrees above the one
+    before, most often, in blocks of six. Prisms stretch the beams' 0.90 degrees by up to a tenth off the axis.
     """
     elevation = angles_deg("livox-horizon", 24_000)[1].reshape(-1, 6)
     steps = np.diff(elevation, axis=1)
@@ -409,7 +415,7 @@ Livox-SDK/livox_laser_simulation at 1cce1073, scan_mode/mid360.csv, 50 000 sampl
 
 
 def test_a_mid_360_scans_as_published() -> None:
-    """To 3 degrees, where the fit of 122 samples has an rms of 1.7."""
+    """The pattern agrees to 3 degrees, where the fit of 122 samples has an rms of 1.7."""
     sample, azimuth, zenith, last_azimuth, last_zenith = np.radians(np.loadtxt(MID_360.splitlines())).T
     sample = np.rint(np.degrees(sample)).astype(np.uint32)
     scanner = load_sensor("livox-mid-360").scanner
@@ -527,8 +533,8 @@ def test_a_dark_board_far_off_sends_no_echo(mi: Any, name: str) -> None:
 
 @pytest.mark.parametrize("name", ["os0-128-rev7", "os1-128", "os2-128"])
 def test_ranges_of_all_modes_are_the_published(name: str) -> None:
-    """To 4 %, at 10 and 80 %, in the sun and in the dark. Two digits of the table take 1 % of it, whole shots another
-    one: 6.75 of a point are 7.
+    """Ranges agree to 4 %, at 10 and 80 %, in the sun and in the dark. Two digits of the table take 1 % of it, whole
+    shots another one: 6.75 of a point are 7.
     """
     rows = rows_of_quantity(name, "range factor")
     assert len(rows) == 25
@@ -718,7 +724,7 @@ def test_sensor_loads_under_its_own_name(name: str) -> None:
 
 @pytest.mark.parametrize("name", catalog.names("sensors"))
 def test_every_number_has_a_source(name: str) -> None:
-    """By its dotted key, or by its table's."""
+    """A source by its dotted key, or by its table's."""
     tables = tables_of(name)
     sources = tables.pop("sources")
     numbers = list(number_keys(tables))

@@ -91,7 +91,7 @@ def test_a_beam_spreads_as_far_as_its_light_must() -> None:
 
 
 def test_the_window_ends_before_the_next_pulse() -> None:
-    """At 100 kHz it is 10 us long at most."""
+    """The window is 10 us long at most at 100 kHz."""
     rate = "laser.repetition_rate_khz=100"
     assert load_sensor("table1-apd", overrides=[rate, "tdc.window_us=10"])
     with pytest.raises(InputError, match=r"tdc.window_us: must be <= 10, the pulse period, got 10.5"):

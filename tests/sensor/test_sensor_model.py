@@ -44,7 +44,7 @@ def test_without_a_response_narrower_is_farther_without_end():
 
 @pytest.mark.parametrize(("kind", "best"), [("gaussian", 0.3120), ("single_pole", 0.1812)])
 def test_matched_bandwidth_is_best(kind, best):
-    """In white noise SNR goes with share / sqrt(f): of a Gaussian filter it is best where filter and pulse are alike.
+    """SNR in white noise goes with share / sqrt(f): of a Gaussian filter it is best where filter and pulse are alike.
 
     A search on R_max; the second road is the best of a sampled pulse behind the filter. 1 %: R_max is flat there.
     """
@@ -185,7 +185,7 @@ def test_signal_and_power_are_inverse(kind, name):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_peak_of_a_sipm_is_lowered_behind_the_cells(kind):
-    """In any light: what is filtered is the number of cells, which saturates before."""
+    """The peak is lower in any light: what is filtered is the number of cells, which saturates before."""
     filtered, plain = sensor(kind, name="table1-sipm"), load_sensor("table1-sipm")
     background = np.array([BACKGROUND_W])
     for power in (1e-9, 1e-7, 1e-3):
@@ -227,7 +227,7 @@ def test_samples_cover_the_received_pulse():
 
 
 def test_a_slow_amplifier_is_told():
-    """In one line, for each response; 0.35 / 6 ns is 58.3 MHz."""
+    """The amplifier is told in one line, for each response; 0.35 / 6 ns is 58.3 MHz."""
     assert sensor("none", bandwidth_mhz=58.4).doubts == ()
     slow = sensor("none", bandwidth_mhz=50.0)
     with pytest.warns(OptionWarning) as noted:
@@ -315,7 +315,9 @@ def test_crossings_behind_a_matched_filter_by_the_spectrum(kind, filtering, band
 
 @pytest.mark.parametrize("tail", ["mcintyre", "gaussian"])
 def test_a_gaussian_filter_crosses_more_often_than_an_ideal_one(tail):
-    """By sqrt(6 / pi) at the same noise (`physics.electronics.tdc.rice_rate_hz`), whatever the tail of its heights."""
+    """The rate is sqrt(6 / pi) times as high at the same noise (`physics.electronics.tdc.rice_rate_hz`), whatever the
+    tail of its heights.
+    """
     rates = []
     for kind in ("none", "gaussian"):
         equipped = sensor(kind, "tdc.false_alarms='crossings'", f"detector.tail='{tail}'")

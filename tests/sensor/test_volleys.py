@@ -29,7 +29,9 @@ def test_shares_of_a_head_that_fires_at_once():
 
 @pytest.mark.parametrize(("name", "size"), [("vls-128", 8), ("pandar64", 2), ("hdl-64e", 2), ("os1-128", 128)])
 def test_volleys_of_real_heads(name, size):
-    """As many as leave at each instant of a cycle; each pulse has the light of all others of its own and no more."""
+    """A volley has as many as leave at each instant of a cycle; each pulse has the light of all others of its own and
+    no more.
+    """
     sensor = load_sensor(name, overrides=STRAY)
     volleys = volleys_of(sensor)
     line = sensor.scanner.line_pulses

@@ -235,7 +235,7 @@ def test_the_signal_is_that_of_the_simulation_over_the_recorded(monkeypatch: pyt
 
 
 def test_alarms_are_no_scatter_of_the_range() -> None:
-    """At 3.3 sigmas many shots report noise before the echo, hundreds of metres off."""
+    """Many shots report, at 3.3 sigmas, noise before the echo, hundreds of metres off."""
     noisy = load_sensor("table1-apd", overrides=["tdc.threshold_to_noise=3.3"])
     scatter_m = published_values.scatter_m(noisy, Target(reflectivity=0.5), range_m=100.0)
     assert scatter_m is not None

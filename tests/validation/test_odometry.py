@@ -42,7 +42,8 @@ def errors(simulator: Simulator, poses: list[Numbers], begin_s: float) -> tuple[
 
 
 def test_kiss_icp_follows_a_vehicle_that_rides() -> None:
-    """Over 96 m of the street below 1 % of the length and 0.5 degrees per 100 m, the goals of odometry benchmarks.
+    """The error over 96 m of the street is below 1 % of the length and 0.5 degrees per 100 m, the goals of odometry
+    benchmarks.
 
     Poses of KISS-ICP are of the end of a frame, to which it moves the points.
     """

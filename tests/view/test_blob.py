@@ -7,7 +7,7 @@ from lidarscene.view.blob import TYPES, pack_blob, unpack_blob
 
 
 def test_what_goes_in_comes_out() -> None:
-    """With lengths that leave the arrays after them off their alignment unless they are padded."""
+    """The lengths leave the arrays after them off their alignment unless they are padded."""
     arrays = {f"{name}-{n}": np.arange(n, dtype=name) for name in TYPES for n in (0, 1, 3, 7)}
     blob = pack_blob({"name": "näme", "count": 3}, arrays)
     header, unpacked = unpack_blob(blob)

@@ -44,7 +44,9 @@ def test_deskewed_points_of_a_file(moving: Simulator, tmp_path: Path, coordinate
 
 
 def test_why_there_is_one_layer(moving: Simulator, tmp_path: Path) -> None:
-    """Without the scene, over one that stands still, of several sensors; what did not move lacks nothing."""
+    """One layer is left without the scene, over one that stands still, of several sensors; what did not move lacks
+    nothing.
+    """
     cloud = moving.render(coordinates="world")
     assert page_sources.deskewed_positions_m(cloud, None) == (None, page_sources.NO_SCENE)
     (tmp_path / "still.toml").write_text(SCENE)
@@ -56,7 +58,9 @@ def test_why_there_is_one_layer(moving: Simulator, tmp_path: Path) -> None:
 
 
 def test_a_frame_and_itself_deskewed_are_one_with_two_layers(moving: Simulator, tmp_path: Path) -> None:
-    """Without the scene, from the file that `render --deskew` writes beside; not from one of other points."""
+    """The layers are shown without the scene, from the file that `render --deskew` writes beside; not from one of other
+    points.
+    """
     cloud = moving.render(coordinates="world")
     still = deskewed(cloud, moving.motion)
     names = ("frame_0000.ply", "frame_0000.deskewed.ply", "frame_0001.ply", "frame_0001.deskewed.ply")

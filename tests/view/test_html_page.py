@@ -292,7 +292,7 @@ def test_the_camera_turns_and_comes_back(browser: Chromium, saved_page: Path) ->
 
 
 def test_places_of_the_camera(browser: Chromium, saved_page: Path, cloud: PointCloud) -> None:
-    """At the sensor the eye is the sensor's; from above, beside and in the fit nearly all points are in the window."""
+    """The eye at the sensor is the sensor's; from above, beside and in the fit nearly all points are in the window."""
     browser.open(saved_page.as_uri())
     browser.value("document.getElementById('go-sensor').click()")
     np.testing.assert_allclose(browser.value("viewer.camera.eye"), cloud.sensor_position_m, atol=1e-4)

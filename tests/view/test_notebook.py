@@ -41,7 +41,7 @@ def test_a_large_page_is_not_put_into_a_notebook(monkeypatch):
 
 
 def test_a_scene_is_rendered_by_its_sensor(mi, tmp_path, monkeypatch):
-    """Of a coarse one: the page of a whole frame is tested by `view --save`."""
+    """The sensor is a coarse one: the page of a whole frame is tested by `view --save`."""
     (tmp_path / "s.toml").write_text(SCENE)
     live = notebook.Live
     monkeypatch.setattr(notebook, "Live", lambda scene, sensor: live(scene, sensor=sensor, overrides=COARSE))

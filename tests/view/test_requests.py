@@ -205,7 +205,9 @@ def test_connections_are_bounded(monkeypatch: pytest.MonkeyPatch) -> None:
 
 
 def test_half_requests_do_not_lock_others_out(server: Server) -> None:
-    """As many as there may be, each with half a request: the next whole one is answered at once, not after 10 s."""
+    """Connections are as many as there may be, each with half a request: the next whole one is answered at once, not
+    after 10 s.
+    """
     request = f"GET /stage HTTP/1.1\r\nHost: {HOST}:{server.server_port}\r\nConnection: close\r\n\r\n".encode()
     with contextlib.ExitStack() as opened:
         for _ in range(serve.MOST_CONNECTIONS):

@@ -17,7 +17,7 @@ from lidarscene.cli.main import main
 
 
 def press(browser: Chromium, name: str) -> None:
-    """With the mouse, in the middle of a button."""
+    """Press the mouse in the middle of a button."""
     x, y = browser.value(f"""(button => {{
         button.scrollIntoView();
         const box = button.getBoundingClientRect();

@@ -94,7 +94,7 @@ class _AlarmsByTime:
         return converter.blanking_s + self._wait_s(elapsed) < converter.window_s
 
     def alarm(self, number: Lanes, elapsed: Lanes) -> _Alarm:
-        """At this time, of a random source."""
+        """An alarm at this time, of a random source."""
         shots, converter, threshold, point = self.shots, self.shots.sensor.tdc, self.shots.threshold, self.shots.point
         wait_s = self._wait_s(elapsed)
         time_s = converter.window_s - wait_s if self._backwards else converter.blanking_s + wait_s
@@ -143,7 +143,7 @@ class _AlarmsByHeight:
         return elapsed < self._expected
 
     def alarm(self, number: Lanes, elapsed: Lanes) -> _Alarm:
-        """As high as the share of the crossings that are higher says."""
+        """An alarm as high as the share of the crossings that are higher says."""
         shots, converter, threshold, point = self.shots, self.shots.sensor.tdc, self.shots.threshold, self.shots.point
         ops, exists = xp(threshold), self.happens(elapsed)
         share = ops.where(exists, elapsed / ops.where(exists, self._expected, 1.0), 1.0)

@@ -66,7 +66,7 @@ def strongest(wave: Waveform, surfaces: int, folds_m: Sequence[Lanes] | None = N
 
 
 def of_number(values: Sequence[Lanes], number: Lanes) -> Lanes:
-    """Of values of the sub-echoes that of this one, (n,)."""
+    """Value of this sub-echo among those of all, (n,)."""
     chosen: Lanes = values[0]
     for k, value in enumerate(values[1:], start=1):
         chosen = xp(number).where(number == k, value, chosen)

@@ -100,7 +100,7 @@ class Lissajous(Mechanism):
         return self.azimuth.steps(pulse), self.elevation.steps(pulse)
 
     def at_phase(self, phase: tuple[Lanes, ...]) -> Self:
-        """With the mirrors there."""
+        """The scanner with the mirrors there."""
         azimuth, elevation = phase
         return replace(self, azimuth=self.azimuth.from_start(azimuth), elevation=self.elevation.from_start(elevation))
 

@@ -216,7 +216,7 @@ class Risley(Mechanism):
         return pulse % self.beams, *(turns.steps(pulse) for turns in self._moving)
 
     def at_phase(self, phase: tuple[Lanes, ...]) -> Self:
-        """With this laser first, and all that turns there."""
+        """The scanner with this laser first, and all that turns there."""
         first_beam, *starts = phase
         mirror = self.mirror
         if mirror is not None:

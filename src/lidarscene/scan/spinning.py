@@ -269,7 +269,7 @@ class Spinning(Mechanism):
         return () if self.sweep_period_s is not None else (self.head.steps(pulse // self.lasers),)
 
     def at_phase(self, phase: tuple[Lanes, ...]) -> Self:
-        """With the head there."""
+        """The scanner with the head there."""
         return replace(self, head=self.head.from_start(phase[0])) if phase else self
 
     def time_s(self, pulse: Numbers) -> Numbers:

@@ -287,7 +287,7 @@ def test_the_snr_of_a_pulse_is_that_of_its_brightest_echo(order):
     ],
 )
 def test_the_signal_of_a_waveform_counts_avalanches_that_others_cause(keys, avalanches):
-    """Of a weak echo in the dark, over half a microsecond; also of one that comes while the pulse still leaves."""
+    """A weak echo in the dark, over half a microsecond; also of one that comes while the pulse still leaves."""
     areas = []
     for more in ((), keys):
         equipped = sensor("table1-sipm", IN_TIME, *KEYS, "detector.dark_count_rate_hz=0", *more)
@@ -301,7 +301,7 @@ def test_the_signal_of_a_waveform_counts_avalanches_that_others_cause(keys, aval
 
 
 def test_the_signal_of_a_clipped_waveform_drains():
-    """Behind the light's fall to the clipping level it fades by a factor of e in each recovery time."""
+    """The signal fades, behind the light's fall to the clipping level, by a factor of e in each recovery time."""
     equipped = sensor("table1-apd", "detector.saturation_ua=50", "detector.recovery_ns=20")
     point = equipped.working_point(np.array([DIM_W]))
     light = train(np.full((1, 1), 30.0), np.full((1, 1), float(np.ravel(point.response.power_w(5e-3))[0])))

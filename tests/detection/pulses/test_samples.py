@@ -18,7 +18,8 @@ HALF_C = 0.5 * SPEED_OF_LIGHT_M_S
 
 @pytest.mark.parametrize("snr", [30.0, 100.0, 300.0])
 def test_matched_filter_reaches_the_cramer_rao_bound(snr):
-    """At a high SNR, to 5 %: no unbiased estimate does better, and white noise is what a matched filter is for.
+    """Deviation at a high SNR, to 5 %: no unbiased estimate does better, and white noise is what a matched filter is
+    for.
 
     Chi-square at 1e-4 on either side, bias by a z-test at 1e-4. At SNR 30 and below the bound itself is a limit.
     """

@@ -209,7 +209,7 @@ def test_a_matched_filter_finds_what_a_comparator_misses(how):
 @pytest.mark.parametrize("fraction", [0.2, 0.5, 0.8])
 @pytest.mark.parametrize("name", ["table1-apd", "table1-sipm"])
 def test_a_fraction_has_no_walk(name, fraction):
-    """From SNR 30 to 1000 the mean range stays, where "raw" leading edges walk by metres; a SiPM's cells saturate, and
+    """The mean range stays from SNR 30 to 1000, where "raw" leading edges walk by metres; a SiPM's cells saturate, and
     its correction takes that off. Five deviations of the mean and 5 % of sigma_p.
     """
     sensor = load_sensor(name, overrides=["tdc.timing='constant_fraction'", f"tdc.fraction={fraction}"])
@@ -264,7 +264,7 @@ WITH_BRIGHTER = ("tdc.stops=2", "tdc.keep='strongest'")
 @pytest.mark.parametrize("walk", ["corrected", "none"])
 @pytest.mark.parametrize("rule", ["leading_edge", *RULES])
 def test_a_pulse_on_light_that_lasts_is_timed_as_if_alone(rule, walk):
-    """Without noise to speak of its range is its own, to 0.2 % of sigma_p for noise of 1e-4 of U, and its amplitude
+    """Its range without noise to speak of is its own, to 0.2 % of sigma_p for noise of 1e-4 of U, and its amplitude
     that of all light; behind a matched filter light that lasts is sqrt(2) times as high, by (T80) less where both mix.
     """
     sensor = load_sensor("table1-apd", overrides=[*CLEAN, f"tdc.timing='{rule}'", f"tdc.walk='{walk}'", *WITH_BRIGHTER])
@@ -316,8 +316,9 @@ def test_light_that_lasts_does_not_blur_a_peak(lasting, rule, too_much):
 
 @pytest.mark.parametrize("rule", ["peak", "matched_filter"])
 def test_a_broad_top_is_less_sharp(rule):
-    """Of a surface in depth, 1.2 sigma_p deep as a Gaussian, whose echo is a Gaussian of 1.56 sigma_p: its scatter is
-    that of fine samples of it, to 6 % beside chi-square at 1e-6. A lone pulse of that height has two thirds of it.
+    """The top is that of a surface in depth, 1.2 sigma_p deep as a Gaussian, whose echo is a Gaussian of 1.56 sigma_p:
+    its scatter is that of fine samples of it, to 6 % beside chi-square at 1e-6. A lone pulse of that height has two
+    thirds of it.
     """
     count, places = 4000, 0.5 * np.arange(-8, 9)
     shares = np.exp(-0.5 * (places / 1.2) ** 2)

@@ -74,7 +74,7 @@ def test_the_stronger_of_two_is_that_of_the_higher_snr_where_nothing_counts_phot
 
 
 def test_a_cycle_may_begin_before_its_first_laser_fires() -> None:
-    """Of 97.7 us, in which all lasers of an OS1 fire after 80 us."""
+    """The cycle takes 97.7 us, in which all lasers of an OS1 fire after 80 us."""
     sensor = load_sensor(
         "os1-128", overrides={"scanner.columns_per_turn": 1024, "scanner.firing_time_us": [80.0] * 128}
     )
@@ -87,7 +87,7 @@ def test_a_cycle_may_begin_before_its_first_laser_fires() -> None:
 
 @pytest.mark.parametrize("number", [1, 3])
 def test_background_is_of_lost_pulses_too(number: int) -> None:
-    """By laser, though pulses come in the order of firing."""
+    """Background stands by laser, though pulses come in the order of firing."""
     sensor = load_sensor("pandar64")
     gathering = FiringsBuilder(sensor, number)
     pulse = np.arange(sensor.scanner.pulses, dtype=np.uint32) + number * sensor.scanner.pulses

@@ -148,7 +148,9 @@ def test_what_no_field_can_say(
 
 
 def test_a_head_that_begins_aside(library: Callable[[str], Any], tmp_path: Path) -> None:
-    """At 90 degrees, where a turn the other way would show, and 36 mm up: points are where the sensor has them."""
+    """The head begins at 90 degrees, where a turn the other way would show, and 36 mm up: points are where the sensor
+    has them.
+    """
     high = f"scanner.height_mm={[36.18] * 128}"
     sensor = load_sensor("os1-128", overrides=(*NARROW, "scanner.start_azimuth_deg=90", high))
     cloud, _ = write_capture(tmp_path / "a.pcap", sensor)

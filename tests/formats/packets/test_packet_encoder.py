@@ -40,6 +40,6 @@ def test_distances_and_levels_are_the_nearest_that_there_are() -> None:
     ],
 )
 def test_the_last_and_the_strongest(ranges_m: Any, two_returns: bool, last: Any, strongest: Any) -> None:
-    """By the manuals of Velodyne (63-9243, 9.2) and Hesai: of two returns the last one and the strongest other."""
+    """The manuals of Velodyne (63-9243, 9.2) and Hesai say: of two returns the last one and the strongest other."""
     distance, reflectivity = encode_firing([ranges_m], [(1.0, 2.0)], two_returns=two_returns)
     assert [(d[0], r[0]) for d, r in zip(distance, reflectivity, strict=True)] == [last, strongest]

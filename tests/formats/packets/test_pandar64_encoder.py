@@ -69,8 +69,8 @@ def test_our_reader_gives_the_frame_back(tmp_path: Path, sets: tuple[str, ...]) 
 
 @pytest.mark.parametrize(("sets", "mode", "dual"), [((), 0x37, 0), (('tdc.keep="last"',), 0x38, 0), (DUAL, 0x39, 1)])
 def test_what_a_packet_says_of_itself(sets: tuple[str, ...], mode: int, dual: int) -> None:
-    """By the manual, byte by byte: the head EE FF, 64 lasers, 6 blocks, which return comes first, steps of 4 mm; in the
-    tail 600 turns a minute, the mode of returns, 0x42 of the factory, and year, month, day, hour, minute, second.
+    """The manual's bytes, one by one: the head EE FF, 64 lasers, 6 blocks, which return comes first, steps of 4 mm; in
+    the tail 600 turns a minute, the mode of returns, 0x42 of the factory, and year, month, day, hour, minute, second.
     """
     sensor = load_sensor("pandar64", overrides=sets)
     # datetime(2001, 9, 9, 1, 46, 40, tzinfo=UTC).timestamp() is 1e9.

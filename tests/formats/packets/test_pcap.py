@@ -33,8 +33,9 @@ def test_another_reader_finds_payloads_times_and_ports(library: Callable[[str], 
 
 
 def test_headers_are_those_of_a_sensor_that_sends_to_all(library: Callable[[str], Any], tmp_path: Path) -> None:
-    """From its address to the broadcast ones of Ethernet and IP (RFC 919); frames are whole, and the file says so: a
-    reader may cut them at its snapshot length. A stamp is the microsecond that has begun, of 32 bits of seconds.
+    """Packets go from its address to the broadcast ones of Ethernet and IP (RFC 919); frames are whole, and the file
+    says so: a reader may cut them at its snapshot length. A stamp is the microsecond that has begun, of 32 bits of
+    seconds.
     """
     dpkt = library("dpkt")
     path = tmp_path / "a.pcap"

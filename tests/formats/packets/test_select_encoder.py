@@ -54,7 +54,7 @@ def test_a_sensor_without_packets_is_told_in_one_line(
 def test_a_pandar64_is_known_by_the_time_from_its_first_laser_to_its_last(
     later_us: float, slower: float, is_one: bool
 ) -> None:
-    """By 51.05 us, whenever in the cycle the first of them fires; lasers that take 1.5 us less are others."""
+    """The time is 51.05 us, whenever in the cycle the first of them fires; lasers that take 1.5 us less are others."""
     scanner = load_sensor("pandar64").scanner
     times_us = slower * 1e6 * scanner.firing_s[np.argsort(scanner.lasers_by_place.values)] + later_us
     sensor = load_sensor("pandar64", overrides={"scanner.firing_time_us": times_us.round(6)})

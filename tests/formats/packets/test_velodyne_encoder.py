@@ -39,7 +39,7 @@ def decode_points(library: Callable[[str], Any], packets: list[Any]) -> Any:
 
 
 def ring_of(sensor: Sensor, cloud: PointCloud) -> Any:
-    """From the lowest laser up."""
+    """Number of a ring, from the lowest laser up."""
     scanner = sensor.scanner
     elevation = np.zeros(scanner.lasers)
     elevation[scanner.lasers_by_place.values.astype(int)] = scanner.elevation_rad.values
@@ -47,7 +47,7 @@ def ring_of(sensor: Sensor, cloud: PointCloud) -> Any:
 
 
 def in_order(ring: Any, time_s: Any, range_m: Any) -> Any:
-    """By laser, firing and range; two firings of a laser are 40 us apart."""
+    """Sort by laser, firing and range; two firings of a laser are 40 us apart."""
     return np.lexsort((range_m, np.rint(time_s / 20e-6), ring))
 
 
@@ -219,7 +219,7 @@ def test_the_last_packet_goes_on_without_points() -> None:
 @pytest.mark.parametrize(("sets", "mode"), [((), 0x37), (DUAL, 0x39)], ids=["single", "dual"])
 @pytest.mark.parametrize(("name", "code"), [("vlp-16", 0x22), ("hdl-32e", 0x21), ("vls-128", 0xA1)])
 def test_what_a_packet_says_of_itself(name: str, code: int, sets: tuple[str, ...], mode: int) -> None:
-    """By the manuals: mode and model in the last two bytes; blocks of lasers 0 to 31, 32 to 63 and so on begin with
+    """The manuals' bytes: mode and model in the last two bytes; blocks of lasers 0 to 31, 32 to 63 and so on begin with
     EEFF, DDFF, CCFF and BBFF, and with two returns the last four of a VLS-128 have no lasers.
     """
     sensor = load_sensor(name, overrides=sets)

@@ -114,7 +114,7 @@ OF_A_PULSE = ("snr", "detection_probability")
 
 @pytest.mark.parametrize("case", CASES)
 def test_many_rays_on_one_pulse(case, mi):
-    """Through the sum of sub-echoes and its peak, against central differences of the stage on numpy.
+    """Slopes through the sum of sub-echoes and its peak, against central differences of the stage on numpy.
 
     Rays of a pulse meet surfaces up to a pulse's width apart, so that the place of the peak moves with each of them.
     """
@@ -162,8 +162,8 @@ def test_many_rays_on_one_pulse(case, mi):
 
 
 def test_reflectivity_of_a_traced_plane(mi):
-    """From Mitsuba's own parameter, through footprint, waveform and comparator: an APD's SNR is in proportion to the
-    reflectivity, less what the sun on the plane adds to the noise. In the dark it is that alone.
+    """Slopes from Mitsuba's own parameter, through footprint, waveform and comparator: an APD's SNR is in proportion to
+    the reflectivity, less what the sun on the plane adds to the noise. In the dark it is that alone.
     """
     import drjit as dr
 

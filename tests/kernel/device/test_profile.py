@@ -99,7 +99,7 @@ def test_texts_of_kernels_do_not_gather(
 
 
 def test_scene_set(mi: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """From the command line it is what the file would say."""
+    """The command line sets what the file would say."""
     monkeypatch.chdir(tmp_path)
     Path("wall.toml").write_text(WALL)
     Path("near.toml").write_text('name = "wall"\n' + WALL.replace("[10, 0, 1.8]", "[8.5, 0, 1.8]"))

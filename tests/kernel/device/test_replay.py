@@ -48,7 +48,7 @@ CASES = {
 
 
 def with_pane(scene):
-    """With a pane before the sensor that drives along."""
+    """The scene with a pane before the sensor that drives along."""
     glass = pane(6.0, 30.0)
     moving = dataclasses.replace(glass, motion=dataclasses.replace(scene.ego, start=glass.pose))
     materials = {**scene.materials, **{material.name: material for material in MATERIALS}}
@@ -79,7 +79,7 @@ def frames(simulator):
 
 @pytest.mark.parametrize("case", CASES)
 def test_frames_are_those_of_stages_that_python_writes_down_and_compile_nothing(case, monkeypatch):
-    """Of one simulator, against one that does without. No tolerance: they are the same.
+    """Frames of one simulator, against one that does without. No tolerance: they are the same.
 
     Dr.Jit records once more where a number of lanes happens to be that of some array, as in these small scenes; it then
     launches the kernels that it has.
@@ -134,7 +134,9 @@ def test_no_option_loses_a_recording(name, options):
 
 
 def test_sensors_that_alternate_record_nothing_after_their_first_frames(monkeypatch):
-    """As on a rig, one of each kind of receiver, on the move, in rain, with vectors or the last of two returns."""
+    """Sensors alternate as on a rig, one of each kind of receiver, on the move, in rain, with vectors or the last of
+    two returns.
+    """
     drops.as_bright_as_their_faces(monkeypatch)
     scene, world = compiled_scene("traffic")
     rain = dataclasses.replace(scene, air=Air(weather=Weather(rain_mm_h=5.0)))

@@ -126,7 +126,9 @@ def roof(height_m):
 
 @pytest.mark.parametrize("roofs", [1, 2])
 def test_the_sun_comes_through_gaps(roofs):
-    """By 1 - cover for each layer, without chance: the receiver sees a patch wider than gaps and their shadows."""
+    """The share is 1 - cover for each layer, without chance: the receiver sees a patch wider than gaps and their
+    shadows.
+    """
     sun = Sun(azimuth_rad=math.pi, elevation_rad=math.radians(60.0))
     sensor = chain.sensor("table1-apd", *chain.NARROW)
     board = chain.facing(range_m=20.0)

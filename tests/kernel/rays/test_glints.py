@@ -92,7 +92,7 @@ def test_a_mirror_behind_a_pane():
 
 
 def test_a_pane_that_leans_too_far_mirrors_as_before():
-    """At 0.5 degrees the beam passes 17 cm beside the sensor: the board behind that is what the pane shows."""
+    """The beam passes, at 0.5 degrees, 17 cm beside the sensor: the board behind that is what the pane shows."""
     behind = chain.facing(range_m=-5.0, size_m=4.0)
     _, lanes = trace_with_glints(pane(RANGE_M, 0.5), behind)
     second = lanes.ways[1]
@@ -102,7 +102,7 @@ def test_a_pane_that_leans_too_far_mirrors_as_before():
 
 
 def test_with_a_moving_pane():
-    """In its own frame, turned: the same echo."""
+    """The same echo in its own frame, turned."""
     body = pane(RANGE_M, 0.06)
     moving = dataclasses.replace(body, motion=Course(start=body.pose))
     powers = [trace_with_glints(pane_body)[1].light_of_ways[1].peak_power_w[MIDDLE] for pane_body in (body, moving)]
@@ -122,7 +122,7 @@ def test_any_number_of_rays_gives_the_same_glint(rays):
 
 
 def test_its_point_is_the_panes():
-    """Of 9 beams some 0.01 degrees apart the one straight across and its neighbours get it, saturating."""
+    """Nine beams leave some 0.01 degrees apart; the one straight across and its neighbours get it, saturating."""
     sensor = chain.sensor("table1-apd", *chain.NARROW, *WIDE, "tdc.stops=2")
     described = chain.scene(pane(RANGE_M), chain.facing(range_m=50.0), materials=MATERIALS)
     cloud = Simulator(described, sensor).render(seed=1)

@@ -9,7 +9,7 @@ from lidarscene.kernel.rays import kept_lanes
 
 
 def detection(mi, flags):
-    """With these flags (stops, n) as what each stop reports."""
+    """A detection with these flags (stops, n) as what each stop reports."""
     return SimpleNamespace(stops=[SimpleNamespace(reported=mi.Bool(row)) for row in flags])
 
 
@@ -29,7 +29,7 @@ def test_returns_come_by_pulse_and_then_by_stop(mi, stops, ordered):
 @pytest.mark.parametrize("stops", [1, 2])
 @pytest.mark.parametrize("again", [[4, 11, 3], [7, 7]])
 def test_returns_of_lanes_traced_again_are_in_their_places(mi, stops, again):
-    """As many returns as they have then; a single lane is traced as two, and its returns come once."""
+    """There are as many returns as they have then; a single lane is traced as two, and its returns come once."""
     rng = np.random.default_rng(7)
     lane_of = rng.permutation(15).astype(np.uint32)
     first, later = rng.random((stops, 15)) < 0.5, rng.random((stops, len(again))) < 0.7

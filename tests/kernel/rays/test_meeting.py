@@ -62,8 +62,8 @@ def test_surface_is_mitsubas():
 
 
 def test_frame_is_the_same():
-    """With panes, mirrors and what moves. Powers differ by rounding: 1e-4 of them; a shadow's edge may fall to either
-    side of one of some hundred points on one, of which there is none here.
+    """The scene has panes, mirrors and what moves. Powers differ by rounding: 1e-4 of them; a shadow's edge may fall to
+    either side of one of some hundred points on one, of which there is none here.
     """
     sensor = chain.sensor("table1-apd", "scanner.azimuth_step_deg=0.5", "scanner.elevation_step_deg=0.5")
     first = Simulator(crossing(), sensor)

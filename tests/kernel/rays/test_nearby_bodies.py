@@ -133,7 +133,7 @@ def test_the_nearest_of_a_loop_over_all_bodies() -> None:
 
 @pytest.mark.parametrize("rays", [1, 3])
 def test_boxes_change_nothing(monkeypatch: pytest.MonkeyPatch, rays: int) -> None:
-    """To the last bit, against boxes that every ray passes, so that every ray asks every body."""
+    """Frames are the same to the last bit, against boxes that every ray passes, so that every ray asks every body."""
     sensor = chain.sensor("table1-apd", *SENSOR, "scanner.azimuth_step_deg=0.8")
     cloud = Simulator(crowd(), sensor, rays=rays).render(seed=2)
     monkeypatch.setattr(
@@ -190,7 +190,7 @@ def test_worlds_of_other_simulators_compile_nothing() -> None:
 
 
 def test_a_kernel_for_each_shape_gives_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
-    """As on a GPU, whose kernels ask one scene only."""
+    """A GPU does so: its kernels ask one scene only."""
     sensor = chain.sensor("table1-apd", *SENSOR, "scanner.azimuth_step_deg=0.8")
     expected = Simulator(crowd(12, shapes=3), sensor).render(seed=1)
     monkeypatch.setattr(mitsuba_world, "is_cuda", lambda: True)

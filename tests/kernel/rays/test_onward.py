@@ -52,7 +52,9 @@ def test_a_board_behind_panes(theta_deg, panes):
 
 
 def test_a_pane_mirrors_a_board_beside():
-    """At 45 degrees the second way goes to the left: its echo is that of a board at the whole length, times R^2."""
+    """The second way of a pane at 45 degrees goes to the left: its echo is that of a board at the whole length, times
+    R^2.
+    """
     lanes = trace_bodies(pane(10.0, -45.0), board_beside(5.0), chain.facing(range_m=50.0))
     direct = trace_bodies(chain.facing(range_m=15.0))
     r = both_sides(math.cos(math.radians(45.0)))
@@ -119,7 +121,7 @@ def test_a_mirror_at_45_degrees(described_by):
 
 
 def test_a_beam_meets_no_more_than_its_interactions():
-    """At the pane after the last one it ends, with neither echo nor light of sun and sky; with 0 at the first."""
+    """The beam ends at the pane after the last one, with neither echo nor light of sun and sky; with 0 at the first."""
     board = chain.facing(range_m=50.0)
     panes = [pane(10.0 + k) for k in range(3)]
     for allowed in range(5):
@@ -341,7 +343,7 @@ def test_moving_bodies_that_stand_still_are_still_ones():
 
 
 def test_points_are_where_the_sensor_places_them():
-    """Off a mirror: along the beam, at the length of the way; the body is the one that was seen in it."""
+    """Points off a mirror lie along the beam, at the length of the way; the body is the one that was seen in it."""
     described = chain.scene(pane(10.0, -45.0, material="mirror"), board_beside(5.0), materials=MATERIALS)
     cloud = Simulator(described, chain.sensor("table1-apd", *chain.NARROW)).render(seed=2)
     assert len(cloud) == 9
@@ -423,7 +425,7 @@ def test_a_single_pulse_that_meets_glass_is_told_once():
 
 
 def test_what_meets_glass_for_the_first_time_is_compiled_then_and_only_then():
-    """As docs/architecture.md has it: a frame that glass has left needs nothing new; one that it has come into does."""
+    """What docs/architecture.md says: a frame that glass has left needs nothing new; one that it has come into does."""
     aside = dataclasses.replace(
         pane(10.0, 6.0), motion=Course(start=pane(10.0, 6.0).pose, velocity_m_s=(0.0, 100.0, 0.0))
     )

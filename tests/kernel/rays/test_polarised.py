@@ -183,7 +183,7 @@ def test_the_way_that_a_pane_mirrors(angle_deg):
 
 
 def test_a_mirror_before_a_pane_turns_the_plane_of_the_swing():
-    """Off a mirror that leans out of two axes, then through a pane; an ideal mirror reverses the field."""
+    """Light goes off a mirror that leans out of two axes, then through a pane; an ideal mirror reverses the field."""
     mirror = turned_pane(10.0, 45.0, 30.0, material="mirror")
     normal = normal_of(45.0, 30.0)
     aside = AHEAD - 2.0 * (AHEAD @ normal) * normal

@@ -55,7 +55,7 @@ class View:
 
     @property
     def relative_difference(self) -> Array:
-        """Of ranges, where both found something."""
+        """Relative difference of ranges, where both found something."""
         t = self.theirs["t_hit"][self.hit_in_both].astype(np.float64)
         return np.abs(self.hits["range_m"][self.hit_in_both] - t) / t
 

@@ -28,7 +28,7 @@ def scattered_per_sr(mi, bsdf, incoming, outgoing):
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_the_plug_in_is_the_formula(mi, side):
-    """From both sides, and nothing through it. Single precision: 1e-5."""
+    """Seen from both sides, and nothing through it. Single precision: 1e-5."""
     bsdf = mi.load_dict(bsdfs.bsdf_dict(VALUES))
     rng = np.random.default_rng(0)
     for _ in range(20):

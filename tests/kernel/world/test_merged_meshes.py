@@ -93,7 +93,7 @@ def mixed(tmp_path: Path) -> Path:
 
 
 def test_shapes_of_one_bsdf_become_one(mi: ModuleType, mixed: Path) -> None:
-    """Of eight shapes five stay. The rectangle's normals are those of its triangles, the roof's are not."""
+    """Five of eight shapes stay. The rectangle's normals are those of its triangles, the roof's are not."""
     placed = merged_meshes.merge_by_bsdf(load_shapes(mixed, {}, {}, 905e-9), 3)
     assert [(mesh.material, mesh.face_body.tolist(), mesh.is_plain) for mesh in placed] == [
         ("grey", [3, 3, 5, 5, 8, 8], True),

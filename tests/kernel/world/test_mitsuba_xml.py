@@ -243,7 +243,7 @@ def test_a_library_beside_a_scene_does_not_run(
 
 
 def test_plugins_of_a_known_name_are_mitsubas_own(planted: Path) -> None:
-    """In a process of its own: Mitsuba keeps the plugins that it has loaded."""
+    """Run in a process of its own: Mitsuba keeps the plugins that it has loaded."""
     wall = planted.parent / "wall.xml"
     wall.write_text(WITH_PLUGIN.format(kind="diffuse", written="diffuse", more=""))
     code = f"import lidarscene; print(len(lidarscene.render({str(wall)!r}, overrides={COARSE!r})))"

@@ -153,7 +153,7 @@ def test_stamps_are_of_the_clock_whatever_the_frames_number() -> None:
 
 
 def test_frames_go_on_where_numbers_on_the_device_begin_again() -> None:
-    """After 2^31 pulses, of which the device counts no more: the same seed, and firings counted on."""
+    """The device counts no more than 2^31 pulses: the same seed, and firings counted on."""
     scanner = SENSOR.scanner
     last = 2**31 // scanner.pulses - 1
     requested_frames: list[FrameOptions] = []
@@ -171,7 +171,7 @@ def test_frames_go_on_where_numbers_on_the_device_begin_again() -> None:
 
 
 def test_what_was_late_in_words() -> None:
-    """Of 200 frames one in fifty is 40 ms late and one 300 ms: the 99th percentile is 40 ms."""
+    """There are 200 frames, of which one in fifty is 40 ms late and one 300 ms: the 99th percentile is 40 ms."""
     late_s = [0.001] * 195 + [0.04] * 4 + [0.3]
     words = Sent(packets=1_000, late_s=late_s, ended="").as_text()
     assert words == (

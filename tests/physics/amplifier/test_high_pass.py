@@ -14,7 +14,7 @@ RATES = [0.002, 0.016, 0.1]
 
 
 def couple(values, rate):
-    """Behind H = i nu / (f + i nu), by FFT; a sample's share of the step keeps the discrete pulse whole."""
+    """Pulse behind H = i nu / (f + i nu), by FFT; a sample's share of the step keeps the discrete pulse whole."""
     ratio = 2.0 * math.pi * np.fft.rfftfreq(len(values), STEP) / rate
     return np.fft.irfft(np.fft.rfft(values) * (1j * ratio) / (1.0 + 1j * ratio), len(values))
 

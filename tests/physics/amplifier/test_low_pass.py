@@ -38,7 +38,7 @@ def impulse_response(kind, cutoff_hz):
 
 @pytest.mark.parametrize(("cutoff_mhz", "share"), [(167, 0.94), (50, 0.73), (10, 0.29)])
 def test_peak_behind_a_single_pole(cutoff_mhz, share):
-    """Of a 6 ns pulse, in two digits."""
+    """Peak of a 6 ns pulse, in two digits."""
     peak_share = LOW_PASSES["single_pole"].peak_share(fwhm_s=FWHM_S, cutoff_hz=cutoff_mhz * 1e6)
     assert round(float(peak_share), 2) == share
 
@@ -64,7 +64,7 @@ def half_width_s(values):
 
 @pytest.mark.parametrize("cutoff_mhz", [20.0, 167.0])
 def test_a_gaussian_stays_a_gaussian(cutoff_mhz):
-    """As wide as peak and area make it."""
+    """The pulse is as wide as peak and area make it."""
     behind = low_pass_filter(PULSE, "gaussian", cutoff_mhz * 1e6)
     share = float(LOW_PASSES["gaussian"].peak_share(fwhm_s=FWHM_S, cutoff_hz=cutoff_mhz * 1e6))
     assert half_width_s(behind) == pytest.approx(FWHM_S / share, rel=1e-5)
@@ -74,7 +74,7 @@ def test_a_gaussian_stays_a_gaussian(cutoff_mhz):
 
 @pytest.mark.parametrize(("ratio", "steeper", "width"), [(1.0, 1.03, 0.01), (0.64, 1.07, 0.02), (0.35, 1.2, 0.05)])
 def test_edge_behind_a_single_pole(ratio, steeper, width):
-    """By how much the edge, at a fifth of the peak, is steeper than that of the Gaussian that stands for the pulse.
+    """How much the edge, at a fifth of the peak, is steeper than that of the Gaussian that stands for the pulse.
 
     As the module says it, to 1 % of the slope; the width at half of the peak is that of the Gaussian within 1, 2, 5 %.
     """
@@ -104,7 +104,9 @@ def filter_by_response(values, response):
 @pytest.mark.parametrize("cutoff_mhz", [20.0, 58.0, 167.0])
 @pytest.mark.parametrize("kind", KINDS)
 def test_noise_of_the_echo_is_filtered_by_the_square(kind, cutoff_mhz):
-    """At the peak of the filtered pulse; of a single pole the form is the largest, up to 3.5 % more."""
+    """The noise is that at the peak of the filtered pulse; of a single pole the form is the largest, up to 3.5 %
+    more.
+    """
     cutoff_hz = cutoff_mhz * 1e6
     squared = impulse_response(kind, cutoff_hz) ** 2
     at_peak = filter_by_response(PULSE, squared / squared.sum())[np.argmax(low_pass_filter(PULSE, kind, cutoff_hz))]
@@ -139,7 +141,7 @@ def test_a_cell_and_the_noise_of_many(kind, cutoff_mhz):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_single_precision(kind):
-    """As the device computes it, from a filter of no use to one of no effect."""
+    """Computed as on the device, from a filter of no use to one of no effect."""
     cutoff_hz = np.geomspace(1e5, 1e12, 400)
     double = LOW_PASSES[kind].peak_share(fwhm_s=FWHM_S, cutoff_hz=cutoff_hz)
     single = LOW_PASSES[kind].peak_share(fwhm_s=np.float32(FWHM_S), cutoff_hz=cutoff_hz.astype(np.float32))

@@ -324,7 +324,7 @@ def test_crossings_of_multiplied_shot_noise(
 
 
 def test_crossings_without_electrons_are_rices() -> None:
-    """With next to none, and with so many that the sum is Gaussian."""
+    """Rice's rate with next to no electrons, and with so many that the sum is Gaussian."""
     for primaries, amplifier, rel in ((0.0, 300.0, 1e-6), (1e-4, 300.0, 1e-3), (1e7, 300.0, 2e-2)):
         deviation = math.hypot(amplifier, 80.0 * math.sqrt(primaries * second_moment(80.0, 0.02225)))
         share = mcintyre.crossings_per_frequency(
@@ -335,7 +335,7 @@ def test_crossings_without_electrons_are_rices() -> None:
 
 @pytest.mark.parametrize("primaries", [2e-3, 0.05, 0.5])
 def test_the_amplifier_alone_passes_the_level_as_often(primaries):
-    """In a share exp(-N) of the times no electron comes: its noise alone then passes what lies above none."""
+    """No electron comes in a share exp(-N) of the times: its noise alone then passes what lies above none."""
     excess = np.linspace(200.0, 700.0, 26)
     tail = mcintyre.tail_probability(
         excess=excess, primaries=primaries, gain=80.0, ionisation_ratio=0.02, amplifier=150.0

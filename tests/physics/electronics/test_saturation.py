@@ -212,7 +212,7 @@ def test_ranges_of_a_full_sipm(range_m):
 
 
 def test_a_full_sipm_tells_the_power_of_half_a_cell_less():
-    """Of N cells of which n are free: -ln(0.5 / n) N / PDE photons, twice the pulse's mean power; the same above."""
+    """Let n of N cells be free: -ln(0.5 / n) N / PDE photons, twice the pulse's mean power; the same above."""
     sensor = chain.sensor("table1-sipm", STEADY)
     point = sensor.working_point(np.array([2.5e-8]))
     free = point.response.largest[0] + 0.5
@@ -256,7 +256,7 @@ def test_width_of_noise_peaks():
 @pytest.mark.parametrize("recovery_ns", [1.0, 8.0])
 @pytest.mark.parametrize("signal", [0.5, 1.5, 20.0])
 def test_the_course_of_a_lone_pulse_is_its_waveform(signal, recovery_ns):
-    """To 2 % of S, of the steps of 1/32 of the pulse; what is added later begins on top of what is held."""
+    """Tolerance: 2 % of S, for the steps of 1/32 of the pulse; what is added later begins on top of what is held."""
     step_s = FWHM_S / 32
     time_s = step_s * np.arange(-96, 640)
     shape = {"saturation": 1.0, "recovery_s": 1e-9 * recovery_ns}
@@ -271,7 +271,7 @@ def test_the_course_of_a_lone_pulse_is_its_waveform(signal, recovery_ns):
 
 
 def test_charge_is_whole_until_it_drains():
-    """Before the light has fallen back all is held, however early; then a factor of e in each recovery time."""
+    """All is held before the light has fallen back, however early; then a factor of e in each recovery time."""
     charge = saturation.remaining_charge(
         held=5.0, since_s=np.array([-20.0, 0.0, 2.0, 4.0]) * 1e-9, recovery_s=RECOVERY_S
     )

@@ -12,7 +12,7 @@ SIGMAS = math.sqrt(8.0 * math.log(2.0))
 
 @pytest.mark.parametrize("fwhm_s", [0.5e-9, 5e-9, 20e-9, 80e-9])
 def test_cells_of_a_weak_pulse_that_are_busy_at_once(fwhm_s):
-    """In the dark each photon keeps a cell busy for 20 ns: at any time those of the last 20 ns are, most of all when
+    """Each photon keeps, in the dark, a cell busy for 20 ns: at any time those of the last 20 ns are, most of all when
     that window lies around the light's peak. By sums over the pulse.
     """
     dead_s = 20e-9
@@ -29,7 +29,7 @@ def test_cells_of_a_weak_pulse_that_are_busy_at_once(fwhm_s):
 
 
 def test_what_is_two_dead_times_ago_is_over():
-    """Before, more or fewer cells are busy than the background keeps."""
+    """More or fewer cells are busy before then than the background keeps."""
     residual = sipm_response.residual_busy(
         age_s=np.array([10.0, 25.0, 41.0, 60.0, 200.0]) * 1e-9, rate_hz=5e7, dead_time_s=20e-9, sigma_s=1e-10
     )
@@ -39,7 +39,7 @@ def test_what_is_two_dead_times_ago_is_over():
 
 @pytest.mark.parametrize("keys", [{}, {"crosstalk": 0.25}, {"afterpulse": 0.2, "afterpulse_to_dead_time": 1.5}])
 def test_cells_in_steps_keep_their_balance(keys):
-    """Without light beyond the background's nothing changes. With more of it, for long, the share with crosstalk is
+    """Nothing changes without light beyond the background's. With more of it, for long, the share with crosstalk is
     that of all firings, the fixed point of f (x + dx) / (1 - p f) with f ready.
     """
     busy = np.array([0.05, 0.3])
@@ -65,8 +65,8 @@ def test_cells_in_steps_keep_their_balance(keys):
     ],
 )
 def test_weak_light_makes_so_many_avalanches_of_one(keys, avalanches):
-    """In the dark: 1 / (1 - p) by crosstalk, and 1 / (1 - a e^(-tau / delay)) by afterpulses that find their cell ready
-    again. The cells' busy time, summed, counts them.
+    """The numbers in the dark: 1 / (1 - p) by crosstalk, and 1 / (1 - a e^(-tau / delay)) by afterpulses that find
+    their cell ready again. The cells' busy time, summed, counts them.
     """
     steps = 50
     flash = np.zeros((1, 60 * steps))

@@ -35,7 +35,7 @@ def test_no_noise_never_crosses() -> None:
 
 
 def test_times_are_rounded_to_the_nearest_step() -> None:
-    """To either side, so that the error has no mean; no step leaves them as they are."""
+    """Rounding goes to either side, so that the error has no mean; no step leaves them as they are."""
     time_s = np.array([0.0, 1.4, 1.6, 2.49, 2.51]) * 1e-10
     rounded = tdc.quantise(time_s=time_s, least_significant_bit_s=1e-10)
     np.testing.assert_allclose(rounded, np.array([0.0, 1.0, 2.0, 2.0, 3.0]) * 1e-10)

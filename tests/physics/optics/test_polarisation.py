@@ -30,7 +30,7 @@ def test_shares_keep_their_order(internal: float) -> None:
 
 
 def test_brewster() -> None:
-    """At tan theta = n nothing of p is mirrored, and p passes whole."""
+    """Nothing of p is mirrored at tan theta = n, and p passes whole."""
     cosine = np.float64(1.0 / np.hypot(1.0, 1.52))
     shares = pane_shares(cos_incidence=cosine, index=1.52, internal=1.0, reflected=False)
     assert shares.along == pytest.approx(1.0, rel=1e-12)

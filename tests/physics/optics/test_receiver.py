@@ -194,7 +194,7 @@ def test_scattered_light():
 
 
 def test_the_echo_has_the_factor(mi):
-    """On a wall at 5 m, on the device and on numpy; without the table nothing of (5) changes."""
+    """The echo is that of a wall at 5 m, on the device and on numpy; without the table nothing of (5) changes."""
     described = chain.scene(chain.facing(range_m=5.0))
     with_overlap = chain.sensor("table1-apd", *chain.NARROW, COAXIAL)
     plain = chain.sensor("table1-apd", *chain.NARROW)

@@ -47,7 +47,7 @@ def grooves_per_sr(slope_deg, incoming, outgoing):
 
 @pytest.mark.parametrize("slope_deg", [20, 30, 45])
 def test_straight_back_it_is_the_integral_over_grooves(slope_deg):
-    """To 8 % of the brightness at normal incidence, from 0 to 81 degrees: what the published fit is worth.
+    """Agreement to 8 % of the brightness at normal incidence, from 0 to 81 degrees: what the published fit is worth.
 
     Lambert's law is 28 % (20 degrees of slope) to 64 % (45) off, by the same measure.
     """
@@ -95,7 +95,7 @@ def hemisphere():
 
 @pytest.mark.parametrize("slope_deg", [10, 30, 60])
 def test_energy(slope_deg):
-    """At normal incidence the hemispherical reflectance is the reflectivity; none beyond 1 at the largest allowed.
+    """The hemispherical reflectance at normal incidence is the reflectivity; none beyond 1 at the largest allowed.
 
     Tolerance: the sum over the hemisphere.
     """

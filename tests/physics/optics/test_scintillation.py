@@ -81,7 +81,7 @@ def test_speckle_of_one_wavelength(lens_m: float) -> None:
 
 @pytest.mark.parametrize(("slope", "linewidth_nm"), [(0.0, 0.5), (0.3, 0.05), (1.0, 0.05), (0.3, 0.3)])
 def test_speckle_of_a_line_on_a_slope(slope: float, linewidth_nm: float) -> None:
-    """On a level surface a line adds nothing, on a slope cells. Tolerances as above: 2,400 places, 6 %."""
+    """A line adds nothing on a level surface, and cells on a slope. Tolerances as above: 2,400 places, 6 %."""
     rng = np.random.default_rng(2)
     rms = math.sqrt(simulated_variance(rng, 3e-3, slope=slope, linewidth_m=1e-9 * linewidth_nm, patterns=4))
     assert 0.96 * 0.94 < rms * math.sqrt(cells(3e-3, slope=slope, linewidth_nm=linewidth_nm)) < 1.06
@@ -131,7 +131,7 @@ def test_weak_turbulence(range_m: float, lens_m: float, high: float) -> None:
 
 
 def test_strong_turbulence_saturates() -> None:
-    """Of a point it rises beyond 1 (focusing) and falls back to 1, as of fully developed speckle."""
+    """The scintillation of a point rises beyond 1 (focusing) and falls back to 1, as of fully developed speckle."""
     strength = np.geomspace(1e-13, 1e-5, 80)
     variance = turbulence_variance(
         structure_constant=strength, range_m=300.0, wavelength_m=905e-9, aperture_radius_m=1e-9

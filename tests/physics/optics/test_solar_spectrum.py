@@ -74,7 +74,7 @@ def band(name: str, centre_nm: float, width_nm: float) -> float:
 
 
 def test_luminous_efficiency_follows_the_table() -> None:
-    """As closely as the docstring says."""
+    """The fit is as close as the docstring says."""
     error = sun.photopic_efficiency(wavelength_m=np.array(list(TABLE)) * NM) - np.array(list(TABLE.values()))
     assert np.abs(error).max() < 0.0071
     assert sun.photopic_efficiency(wavelength_m=555 * NM) == pytest.approx(1.0, abs=5e-3)
@@ -128,7 +128,9 @@ def test_no_light_through_no_filter() -> None:
 @given(centre=st.floats(400, 1900), width=st.floats(0.01, 90), value=st.floats(1e-3, 1e3))
 @settings(max_examples=60)
 def test_flat_spectrum(centre: float, width: float, value: float) -> None:
-    """Through a box: value times width, however narrow. Through another shape: value times its equivalent width."""
+    """Light through a box: value times width, however narrow. Through another shape: value times its equivalent
+    width.
+    """
     light = flat(value)
     box = sun.box_filter(centre_m=centre * NM, width_m=width * NM)
     assert sun.in_band_irradiance_w_m2(light, box) == pytest.approx(value * width, rel=1e-6)

@@ -23,7 +23,7 @@ def test_what_grains_diffract_is_what_a_transform_finds(covered):
 
 
 def test_the_angle_is_that_of_airys_pattern():
-    """At half of the full angle (2 J_1(x) / x)^2 is 1/e^2; the constant has four digits."""
+    """The pattern (2 J_1(x) / x)^2 at half of the full angle is 1/e^2; the constant has four digits."""
     angle = window.diffraction_angle_rad(wavelength_m=905e-9, grain_m=50e-6)
     x = math.pi * 50e-6 * 0.5 * angle / 905e-9
     assert (2.0 * j1(x) / x) ** 2 == pytest.approx(math.exp(-2.0), rel=1e-3)

@@ -108,7 +108,7 @@ def test_even_light_leaves_the_share_of_free_spads_that_renewal_says(dead_s):
 
 
 def test_spads_that_start_free_come_into_balance():
-    """Before a dead time is over they have not fired, exp(-lambda t); after ten of them they are in balance."""
+    """SPADs have not fired before a dead time is over, exp(-lambda t); after ten of them they are in balance."""
     share = dead_time.firing_shares(np.full(1000, 63e6), bin_s=1e-10, dead_time_s=6e-9, steady=False)
     time_s = 1e-10 * np.arange(1000)
     np.testing.assert_allclose(share[:59], -np.expm1(-63e-4) * np.exp(-63e6 * time_s[:59]), rtol=1e-9)

@@ -87,7 +87,7 @@ def test_false_peaks_of_few_counts(bin_to_sigma, counts):
 
 @pytest.mark.parametrize("counts", [1e-7, 1e-5, 2e-4, 1e-3])
 def test_a_single_count_exceeds_any_threshold_below_its_own_height(counts):
-    """By hand: each count in the dark is a peak of 1.30 photons. Tolerance: two counts within the template."""
+    """Computed by hand: each count in the dark is a peak of 1.30 photons. Tolerance: two counts within the template."""
     levels = np.array([1e-3, 0.1, 1.2, 1.4])
     keys = {"rate_hz": counts, "sigma_s": 1.0, "bin_s": 0.8, "bin_to_sigma": 0.8}
     share = np.asarray(matched_filter.false_peak_share(threshold=levels, **keys))
@@ -97,7 +97,9 @@ def test_a_single_count_exceeds_any_threshold_below_its_own_height(counts):
 
 @pytest.mark.parametrize(("signal", "rate"), [(2000.0, 0.0), (200.0, 1.0), (60.0, 5.0)])
 def test_bound_of_the_precision(signal, rate):
-    """In the dark sigma / sqrt(S); else by the integral over the pulse. Tolerance: bins of a tenth of the width."""
+    """The bound is sigma / sqrt(S) in the dark; else by the integral over the pulse. Tolerance: bins of a tenth of the
+    width.
+    """
     bound = float(reference_photon_counting.bound_s(signal=signal, rate_hz=rate, sigma_s=1.0, bin_s=0.1))
     if rate == 0.0:
         assert bound == pytest.approx(1 / np.sqrt(signal), rel=2e-3)

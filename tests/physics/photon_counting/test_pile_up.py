@@ -10,7 +10,7 @@ from lidarscene.physics.photon_counting import dead_time, matched_filter, pile_u
 
 
 def test_pile_up_moves_strong_echoes_to_the_front():
-    """Against firings drawn one by one: the first of Poisson arrivals, 40,000 SPADs."""
+    """Compared with firings drawn one by one: the first of Poisson arrivals, 40,000 SPADs."""
     rng = np.random.default_rng(3)
     for light in (0.2, 2.0, 20.0):
         share = 1 - np.exp(-light)

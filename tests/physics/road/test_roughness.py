@@ -41,7 +41,7 @@ def test_classes_of_iso_8608(roughness, published) -> None:
 
 
 def test_measured_spectrum_is_that_of_the_class() -> None:
-    """Along lines of any direction, octave by octave.
+    """Measured along lines of any direction, octave by octave.
 
     Lines scatter by 25 % in the first octave, which holds few waves, to 7 % in the last (of 90 seeds), the mean
     of six by 10 to 3 %. Four times that: a false alarm in 3,000 runs. A class is a factor of 4 from the next. Waves

@@ -69,7 +69,7 @@ def test_lens_of_25_mm(range_m: float, low: float, high: float) -> None:
 
 
 def test_mean_over_a_lens() -> None:
-    """Against single spheres of the sizes around it, each averaged over the lens by quadrature.
+    """Compared with single spheres of the sizes around it, each averaged over the lens by quadrature.
 
     Sizes that the table does not have: their own ripples leave 10 % on 60 of them, at a fixed set of sizes.
     """
@@ -100,7 +100,7 @@ def test_large_drops_have_none() -> None:
 
 
 def test_drawn_and_even_light_are_the_whole_medium() -> None:
-    """With a gain that makes small drops the brighter: mean power of the drawn ones and beta of the rest.
+    """The gain makes small drops the brighter: mean power of the drawn ones and beta of the rest.
 
     Tolerance: 1 % for what is drawn beyond 1e-6 of the pulses and for the steps of the tables.
     """
@@ -136,7 +136,7 @@ def test_drawn_and_even_light_are_the_whole_medium() -> None:
 
 @pytest.mark.parametrize("diameter_m", [0.15e-3, 0.4e-3])
 def test_far_from_straight_back_the_brightness_goes_on(diameter_m: float) -> None:
-    """Beyond the table's last place, u = 40, rings are as bright as those before it: a turn there changes a tenth."""
+    """Rings beyond the table's last place, u = 40, are as bright as those before it: a turn there changes a tenth."""
     per_place = WAVELENGTH_M / (math.pi * diameter_m)
     rings = [
         glory.gain(

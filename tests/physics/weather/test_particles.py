@@ -20,7 +20,7 @@ SIGMA = functools.partial(precipitation.drop_backscatter_m2_sr, wavelength_m=WAV
 
 
 def beam_area_m2(r):
-    """Of 3 mm at the exit and 3 mrad."""
+    """Area of a beam of 3 mm at the exit and 3 mrad."""
     return math.pi * (1.5e-3 + 1.5e-3 * r) ** 2
 
 
@@ -94,7 +94,9 @@ def test_more_of_them():
 
 
 def test_number_is_poisson(drawn):
-    """Of each pulse, up to four: chi-square against the Poisson law of mean one, the rest in the last class."""
+    """The number of each pulse, up to four: chi-square against the Poisson law of mean one, the rest in the last
+    class.
+    """
     number = (drawn[1] > 0).sum(axis=0)
     observed = np.bincount(number, minlength=5)
     expected = PULSES * np.append(poisson.pmf(range(4), 1.0), poisson.sf(3, 1.0))
@@ -120,7 +122,7 @@ def test_mean_and_spread_of_the_power(tables, drawn, power):
 
 @pytest.mark.parametrize(("low", "high"), [(2.0, 2.5), (2.5, 4.0), (4.0, 8.0), (8.0, 20.0)])
 def test_drawn_and_weak_make_up_the_medium(tables, drawn, low, high):
-    """In every range bin: mean power of the hits plus that of the weak is beta xi exp(-2 alpha R) / R^2."""
+    """The sum in every range bin: mean power of the hits plus that of the weak is beta xi exp(-2 alpha R) / R^2."""
     beta = precipitation.rain_backscatter_per_m_sr(rate_mm_h=RATE_MM_H, wavelength_m=WAVELENGTH_M)
 
     def light(r):
@@ -186,7 +188,7 @@ def test_on_the_device(mi, tables):
 
 
 def test_a_lens_beside_the_laser_sees_a_ring_of_angles():
-    """From the near edge to the far edge of the lens; one around the laser sees from straight back on."""
+    """The ring is from the near edge to the far edge of the lens; one around the laser sees from straight back on."""
     sight = {
         "beam_area_m2": beam_area_m2,
         "overlap": np.ones_like,

@@ -58,7 +58,7 @@ def test_backscatter_of_rain(rate, wavelength_m):
 
 @pytest.mark.parametrize("diameter_mm", [1.0, 2.0])
 def test_backscatter_of_a_drop(diameter_mm):
-    """At 1550 nm the rays that a glory is made of are absorbed, so Mie's theory has the two axial rays only.
+    """The rays that a glory is made of are absorbed at 1550 nm, so Mie's theory has the two axial rays only.
 
     Mean over 10 % of the diameter; the next rays are worth 10 % at 1 mm.
     """

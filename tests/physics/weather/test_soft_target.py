@@ -54,7 +54,7 @@ def test_a_medium_between_two_ranges():
 
 @pytest.mark.parametrize("range_m", [0.9, 1.5, 1.8, 2.5, 10.0, 80.0])
 def test_adaptive_quadrature(range_m):
-    """With the overlap of Rasshofer and others: 0 up to R1 = 0.9 m, linear, 1 from R2 = 5 m on."""
+    """The overlap is that of Rasshofer and others: 0 up to R1 = 0.9 m, linear, 1 from R2 = 5 m on."""
 
     def overlap(r):
         return np.clip((r - 0.9) / (5.0 - 0.9), 0.0, 1.0)
@@ -103,7 +103,7 @@ def test_integral_over_all_ranges_is_half_the_lidar_ratio():
 
 @pytest.mark.parametrize("surface_m", [10.0, 40.0])
 def test_a_surface_ends_the_medium(surface_m):
-    """Against the integral that stops there, to the second order in sigma = 0.38 m over the range."""
+    """Compared with the integral that stops there, to the second order in sigma = 0.38 m over the range."""
     r = surface_m + np.linspace(-1.5, 0.8, 24)
     whole, stopped = response(r), response(r, farthest_m=surface_m)
     share = soft_target.share_before_surface(

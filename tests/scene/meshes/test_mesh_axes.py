@@ -19,7 +19,7 @@ TURNS = {"x": Pose.from_degrees(pitch_deg=90.0), "y": Pose.from_degrees(roll_deg
 
 @pytest.mark.parametrize("up", ["x", "y", "z"])
 def test_a_turn_is_a_rotation_that_lifts_the_axis(up: Axis) -> None:
-    """Against the rotation matrix of the same turn, and to the last bit of what was given."""
+    """Compared with the rotation matrix of the same turn, and to the last bit of what was given."""
     points = np.random.default_rng(1).normal(size=(20, 3))
     turned = turn_upright(points, up)
     np.testing.assert_array_equal(turned[:, 2], points[:, "xyz".index(up)])

@@ -79,7 +79,7 @@ def test_polygons_become_triangles(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("mtl", ["", "mtllib none.mtl", "mtllib half.mtl"])
 def test_obj_groups_keep_their_material_names(tmp_path: Path, mtl: str) -> None:
-    """With no .mtl at all, with one that is not there, and with one that lacks a material."""
+    """Groups keep them with no .mtl at all, with one that is not there, and with one that lacks a material."""
     (tmp_path / "half.mtl").write_text("newmtl tile\nKd 0.6 0.3 0.0\n")
     (tmp_path / "a.obj").write_text(HOUSE.format(mtl=mtl))
     pieces = {piece.keys[0]: piece for piece in read_mesh(tmp_path / "a.obj")}
@@ -115,7 +115,7 @@ def test_nodes_of_gltf_are_placed(tmp_path: Path, suffix: str) -> None:
 
 
 def test_nothing_is_printed(tmp_path: Path, run_python: Any) -> None:
-    """In a Python of its own: pytest would catch what is logged. A texture that is not there makes trimesh talk."""
+    """Run in a Python of its own: pytest would catch what is logged. A texture that is not there makes trimesh talk."""
     (tmp_path / "a.obj").write_text(HOUSE.format(mtl="mtllib a.mtl"))
     (tmp_path / "a.mtl").write_text("newmtl tile\nmap_Kd none.png\nKd x y z\n")
     process = run_python(f"from lidarscene.scene.meshes.reading import *; read_mesh(Path({str(tmp_path / 'a.obj')!r}))")

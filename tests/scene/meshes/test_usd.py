@@ -200,7 +200,7 @@ def test_a_point_instancer_puts_its_prototypes_at_its_points(stage: Any) -> None
 def test_solids_have_the_size_that_usd_gives_them(
     stage: Any, kind: str, numbers: dict[str, Any], low: tuple[int, ...], high: tuple[int, ...]
 ) -> None:
-    """Against USD's own bounding boxes; round ones are polygons, within 0.2 % of the radius."""
+    """Compared with USD's own bounding boxes; round ones are polygons, within 0.2 % of the radius."""
     from pxr import Usd, UsdGeom
 
     solid = getattr(UsdGeom, kind).Define(stage, "/s")
@@ -250,7 +250,9 @@ def test_faces_that_do_not_fit_are_refused(stage: Any) -> None:
 
 @pytest.mark.parametrize("arc", ["subLayers = [@./part.usda@]", "sublayers of a reference"])
 def test_a_stage_that_refers_to_a_pipe_is_refused(library: Any, tmp_path: Path, arc: str) -> None:
-    """At once: USD would open the pipe and wait without end. Also where a layer refers to a layer that does."""
+    """The stage is refused at once: USD would open the pipe and wait without end. Also where a layer refers to a layer
+    that does.
+    """
     library("pxr")
     os.mkfifo(tmp_path / "part.usda")
     bad = "#usda 1.0\n(\n    subLayers = [@./part.usda@]\n)\n"

@@ -101,7 +101,8 @@ def test_nobody_collides(seed: int, lanes: int) -> None:
 
 @pytest.mark.parametrize("seed", [1, 2])
 def test_the_way_is_driven_to_its_end_by_the_rules(seed: int) -> None:
-    """From 0 to its length, never back, never faster than a driver wants, never braking harder than drivers do.
+    """The way goes from 0 to its length, never back, never faster than a driver wants, never braking harder than
+    drivers do.
 
     It waits at crossings, and there is always traffic.
     """
@@ -142,7 +143,7 @@ def test_drivers_keep_the_gap_of_the_model() -> None:
 
 
 def test_a_closed_line_stops_those_who_can() -> None:
-    """At 10 m/s one stops within 100 / (2 * 3.5) = 14.3 m: who is 14 m away drives on, who is 15 m away stops."""
+    """One stops, at 10 m/s, within 100 / (2 * 3.5) = 14.3 m: who is 14 m away drives on, who is 15 m away stops."""
     for room_m, stops in ((14.0, False), (15.0, True)):
         lane = driven._Lane(0, 1, np.array([-room_m]), np.array([10.0]), np.array([10.0]), ["car"])
         for _ in range(200):

@@ -69,7 +69,7 @@ def test_mcintyre_detector_uses_its_ratio():
 
 
 def test_electrical_noise_floor_of_table_1():
-    """Without light: thermal noise of 10 kohm and dark current, typed out."""
+    """Noise without light: thermal noise of 10 kohm and dark current, typed out."""
     sensor = load_sensor("table1-apd")
     excess = 80.0**0.3
     dark = 2 * e * (1e-10 + 1e-10 * 6400 * excess) * 167e6

@@ -18,7 +18,7 @@ BACKGROUND_W = np.array([2e-10])
 @pytest.mark.parametrize("coincidence", [1, 2])
 @pytest.mark.parametrize("coates", ["true", "false"])
 def test_power_and_photons_are_inverse(coincidence, coates):
-    """To 1e-6, the bisection of the response of coincidences to 1e-4."""
+    """The inverse holds to 1e-6, the bisection of the response of coincidences to 1e-4."""
     counter = photons.sensor(f"detector.coincidence={coincidence}", f"histogram.coates={coates}")
     pixel = counter.pixel(BACKGROUND_W)
     power = np.geomspace(1e-10, 5e-9, 9)
@@ -160,7 +160,9 @@ def test_coincidences_of_an_echo_in_the_sun_are_those_of_its_bins(detections):
 
 
 def test_the_most_photons_that_tell_the_light():
-    """Above 0.995 of the free SPADs their number tells no more; with Coates' correction there is no such number."""
+    """The number of SPADs tells no more above 0.995 of the free ones; with Coates' correction there is no such
+    number.
+    """
     counter = photons.sensor()
     pixel, point = counter.pixel(BACKGROUND_W), counter.working_point(BACKGROUND_W)
     most = float(pixel.counts(np.array([50.0]))[0])

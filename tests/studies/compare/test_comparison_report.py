@@ -100,7 +100,7 @@ def test_the_same_number_of_other_pulses_is_alike() -> None:
 
 
 def test_pulses_without_light_and_bodies_that_differ_most() -> None:
-    """Of 200 pulses on each body A loses 10 on the left one, B 60 on the right one."""
+    """A loses, of 200 pulses on each body, 10 on the left one, B 60 on the right one."""
     a, b = observation("a", range(10, 400), dark=7), observation("b", [*range(200), *range(260, 400)])
     header, rows = fate_table(comparison(a, b))
     assert [row[header.index("of these without any light")] for row in rows] == ["7", "0"]

@@ -207,7 +207,7 @@ def test_equal_sensors_do_not_differ(bench) -> None:
 
 
 def test_difference_cloud(observed_pair) -> None:
-    """By the definition, pulse by pulse; the points of the first where both have one."""
+    """The definition, pulse by pulse; the points of the first where both have one."""
     a, b = observed_pair
     echoes = [set(observation.pulse[observation.is_echo].tolist()) for observation in observed_pair]
     cloud, kinds = statistics.difference_cloud(a, b)

@@ -65,7 +65,9 @@ def test_gain_of_an_apd_in_closed_form(tmp_path: Path) -> None:
 
 
 def test_the_front_is_that_of_a_grid(tmp_path: Path) -> None:
-    """At least 99 % of the hypervolume of all 60^3 designs; each design file is class 1 and detects at 200 m."""
+    """The front has at least 99 % of the hypervolume of all 60^3 designs; each design file is class 1 and detects at
+    200 m.
+    """
     indicator = pytest.importorskip("pymoo.indicators.hv")
     path = write(tmp_path, APERTURE.replace("250", "1200"))
     numbers = numbers_of(path, tmp_path / "out")
@@ -129,7 +131,7 @@ def test_a_search_that_was_killed_goes_on_with_the_same_front(tmp_path: Path) ->
 
 
 def test_workers_give_the_same_front(tmp_path: Path) -> None:
-    """Through the functions that run in the processes of a client; the client itself is Dask's."""
+    """The functions run here that run in the processes of a client; the client itself is Dask's."""
     pytest.importorskip("pymoo")
 
     class Client:

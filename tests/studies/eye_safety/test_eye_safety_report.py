@@ -42,7 +42,7 @@ def margins(report: EyeSafetyReport, viewer: str = "eye") -> dict[str, float]:
 
 
 def test_table_1_standing_still() -> None:
-    """By hand: 7.7e-8 C4 J, 3.9e-4 C4 W, and C5 = 0.4 for 5e5 pulses in 10 s, all of the beam in the pupil."""
+    """Computed by hand: 7.7e-8 C4 J, 3.9e-4 C4 W, and C5 = 0.4 for 5e5 pulses in 10 s, all of the beam in the pupil."""
     report = eye_safety_report(TABLE_1)
     assert report.pulse_energy_j == pytest.approx(PULSE_J)
     margins_by_name = margins(report)
@@ -56,7 +56,9 @@ def test_table_1_standing_still() -> None:
 
 
 def test_table_1_scanned() -> None:
-    """By hand: 21 columns of a row cross 7 mm at 100 mm (4.01 degrees at 0.2), about pi 10^2 = 314 pulses a frame."""
+    """Computed by hand: 21 columns of a row cross 7 mm at 100 mm (4.01 degrees at 0.2), about pi 10^2 = 314 pulses a
+    frame.
+    """
     train = scanned_train(TABLE_1, aperture_m=7e-3, distance_m=0.1)
     assert train.per_period == pytest.approx(math.pi * (math.degrees(math.atan(0.035)) / 0.2) ** 2, rel=0.05)
     assert train.period_s == pytest.approx(601 * 126 / 50e3)
@@ -70,7 +72,7 @@ def test_table_1_scanned() -> None:
 
 
 def test_smaller_pulses_or_a_wider_beam_pass() -> None:
-    """At the peak power that the report allows, the margin is one; a 25 mm beam sends 15 % through the pupil."""
+    """The margin is one at the peak power that the report allows; a 25 mm beam sends 15 % through the pupil."""
     allowed = eye_safety_report(TABLE_1).class_1_peak_power_w
     assert eye_safety_report(with_laser(peak_power_w=allowed)).margin == pytest.approx(1.0)
     wide = eye_safety_report(with_laser(exit_diameter_m=25e-3))
@@ -97,7 +99,7 @@ def test_1550_nm() -> None:
 
 
 def test_pulses_closer_than_the_grouping_time_count_as_one() -> None:
-    """At 1 MHz five pulses fall into 5 us; they are compared together, 2e6 of them in 10 s: C5 = 0.4."""
+    """Five pulses at 1 MHz fall into 5 us; they are compared together, 2e6 of them in 10 s: C5 = 0.4."""
     report = eye_safety_report(with_laser(repetition_rate_hz=1e6))
     train = next(c for c in report.criteria if c.quantity == "pulse train")
     assert train.simulated == pytest.approx(5 * PULSE_J)
@@ -278,7 +280,9 @@ def test_the_peak_that_class_1_allows_is_where_the_verdict_changes(factor: float
 
 
 def test_a_group_lasts_to_the_end_of_its_last_pulse() -> None:
-    """At 1550 nm, where no grouping time hides it: two pulses of 6 ns that start 1 us apart last 1.006 us."""
+    """The wavelength is 1550 nm, where no grouping time hides it: two pulses of 6 ns that start 1 us apart last 1.006
+    us.
+    """
     sensor = with_laser(wavelength_m=1550e-9)
     train = PulseTrain(time_s=np.array([0.0, 1e-6]), period_s=1.0)
     check = ViewerCheck(sensor=sensor, viewer="eye", train=train, energy_j=1e-6, source_rad=1.5e-3, time_base_s=100.0)

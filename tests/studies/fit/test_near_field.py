@@ -70,7 +70,7 @@ def test_the_error_is_that_of_the_blocks_that_were_not_fitted() -> None:
 
 
 def test_bins_that_follow_a_law_of_their_own_count_less() -> None:
-    """Within 2.5 m, a fifteenth of the bins, there is half as much light again: far away K and R0 stay."""
+    """There is half as much light again within 2.5 m, a fifteenth of the bins: far away K and R0 stay."""
     pulses = exact_pulses()
     fit = fit_near_field(with_signal_changed(pulses, pulses.range_m < 2.5, white=1.5))
     assert fit is not None

@@ -75,7 +75,7 @@ def test_without_the_scatter_the_pulse_is_not_told_from_the_power() -> None:
 
 
 def test_the_share_is_that_of_the_receiver() -> None:
-    """Against the sum over the spot, whose error is 5e-5; and (R / R0)^2 of a point, within 1 %."""
+    """Compared with the sum over the spot, whose error is 5e-5; and (R / R0)^2 of a point, within 1 %."""
     ratio = np.geomspace(0.1, 20.0, 40)
     for spot in (0.2, 0.6, 1.5):
         spot_share = receiver.spot_share(
@@ -86,7 +86,9 @@ def test_the_share_is_that_of_the_receiver() -> None:
 
 
 def test_scatter_of_the_filters_peak() -> None:
-    """By drawing photons: 4000 echoes of 400, the filter's peak by its slope's zero; sigma good to 1.1 %, 4 of them."""
+    """Measured by drawing photons: 4000 echoes of 400, the filter's peak by its slope's zero; sigma good to 1.1 %, 4 of
+    them.
+    """
     random = np.random.default_rng(0)
     width, photons = 1.2, 400
     times = random.standard_normal((4000, photons))

@@ -80,7 +80,7 @@ def test_a_law_that_fails_has_wider_sigmas_and_its_report_says_so(
 
 
 def drawn_opener(sweep: Sweep) -> Callable[..., Recording]:
-    """In place of `open_recording`."""
+    """An opener in place of `open_recording`."""
 
     def open_drawn(path: Path, metadata: Path | None, *, sensor_index: int) -> Recording:
         return Recording(path=path, count=1, read=lambda _: sweep)

@@ -70,7 +70,7 @@ def test_what_a_parabola_leaves_of_every_second_pulse() -> None:
 
 @pytest.mark.parametrize("upper", [True, False])
 def test_a_patch_counts_where_the_rings_around_it_are_smooth(upper: bool) -> None:
-    """Of eight patches half stay: the four whose neighbours, above or below, are the smoothest of the two rings."""
+    """Half of eight patches stay: the four whose neighbours, above or below, are the smoothest of the two rings."""
     rough = np.array([1, 9, 2, 8, 3, 7, 4, 6]).reshape(4, 2, 1) * np.full(2, 1e-3)
     levels = np.full(4, 400.0)
     residuals_m = np.arange(1.0, 9.0).reshape(4, 2, 1) * np.array([1e-2, 0.0])
@@ -82,7 +82,7 @@ def test_a_patch_counts_where_the_rings_around_it_are_smooth(upper: bool) -> Non
 
 @pytest.mark.usefixtures("all_are_smooth")
 def test_patches_of_two_blocks_of_edges_and_of_weak_light_do_not_count() -> None:
-    """Of ten patches one spans two blocks with its neighbour, one an edge, one is weak, one has a hole."""
+    """One of ten patches spans two blocks with its neighbour, one an edge, one is weak, one has a hole."""
     levels = np.full(5, 400.0)
     residuals = np.arange(1.0, 11.0).reshape(5, 2, 1) * np.array([1e-2, 0.0])
     smooth = ring_of(np.full((5, 2, 2), 1e-4), levels)
@@ -164,7 +164,8 @@ def test_held_out_patches_are_judged_by_the_law_of_the_others() -> None:
 
 @pytest.mark.usefixtures("without_correlation")
 def test_uncertainties_are_those_of_a_law_whose_far_patches_are_left_out() -> None:
-    """Along the law's own scale: information and variance of an exponential number, what is above six left out.
+    """Measured along the law's own scale: information and variance of an exponential number, what is above six left
+    out.
 
     By sums over its density: of n patches the mean score falls by some 0.6 n as the scale grows by a factor of e, for
     those at the edge come in; its variance is 0.71 n. Without a limit both are n. 512 patches stand for the density.

@@ -71,7 +71,9 @@ def surface_pulses(least: float, spread: float, filter_sigma: float) -> Recorded
 
 @pytest.mark.parametrize(("least", "spread"), [(0.7, 0.3), (0.55, 0.4)])
 def test_least_threshold(least: float, spread: float) -> None:
-    """Within five sigma, and two steps of the grid of 1 % that the filter's scatter, in steps of sigma / 20, needs."""
+    """The threshold is found within five sigma, and two steps of the grid of 1 % that the filter's scatter, in steps of
+    sigma / 20, needs.
+    """
     sensor = load_sensor("os1-128")
     filter_sigma = math.sqrt(filter_variance(sensor, photons=MEDIAN, near_ir=NEAR_IR)) / MEDIAN
     estimate = fit_least(surface_pulses(least, spread, filter_sigma), LAW, sensor, spread)

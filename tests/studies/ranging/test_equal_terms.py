@@ -80,7 +80,7 @@ def test_the_sentences_name_what_differs() -> None:
 
 
 def test_where_the_order_changes() -> None:
-    """At the crossing both see equally far, by the ranges themselves; the order is that of the ranges beside it."""
+    """Both see equally far at the crossing, by the ranges themselves; the order is that of the ranges beside it."""
     terms = equal_terms([(name, load_sensor(name)) for name in NAMES[:2]], Target())
     (crossing,) = crossings(terms, Target())
     assert ILLUMINANCES_KLUX[2] < crossing.illuminance_klux < ILLUMINANCES_KLUX[3]
@@ -150,7 +150,7 @@ def test_mistakes_of_uncertainties(tmp_path: Path, line: str, message: str) -> N
 
 
 def test_statistics_decide_the_papers_pair() -> None:
-    """As published the APD leads by a quarter; on equal terms the two are within 2 %, at 22.5 W each."""
+    """The APD leads, as published, by a quarter; on equal terms the two are within 2 %, at 22.5 W each."""
     apd, sipm = equal_terms([(name, load_sensor(name)) for name in NAMES[:2]], Target())
     assert apd.file_range_m > 1.25 * sipm.file_range_m
     assert apd.range_m == pytest.approx(sipm.range_m, rel=0.02)

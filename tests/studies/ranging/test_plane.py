@@ -174,7 +174,8 @@ def test_more_power_sees_farther(name, more, light, extinction):
 @monotone
 @given(more=factor, light=klux, dark=st.floats(0.02, 0.3))
 def test_brighter_targets_are_seen_farther(more, light, dark):
-    """For an APD under any sun: signal as rho, variance as a + b rho, so that their ratio rises with rho.
+    """The rule holds for an APD under any sun: signal as rho, variance as a + b rho, so that their ratio rises with
+    rho.
 
     A SiPM's cells run out (`test_brighter_targets_keep_a_sipm_busy`).
     """
@@ -223,7 +224,9 @@ def test_brighter_targets_keep_a_sipm_busy(dark, more, firings):
 
 
 def test_sipm_reflectivity_has_a_best():
-    """In 100 klux 0.28 is seen farther than 0.14 and 0.56: x = 1.05 there, more light than that blinds."""
+    """A target of 0.28 is seen, in 100 klux, farther than 0.14 and 0.56: x = 1.05 there, more light than that
+    blinds.
+    """
     brightness = np.geomspace(0.02, 1.0, 400)
     limit, _ = plane.maximum_range_m(SIPM, Target(reflectivity=brightness))
     best = brightness[np.argmax(limit)]
@@ -236,7 +239,7 @@ def test_sipm_reflectivity_has_a_best():
 @monotone
 @given(more=factor, light=klux)
 def test_more_aperture_sees_farther(more, light):
-    """For an APD always; a SiPM's cells run out (`test_sipm_aperture_has_a_best`)."""
+    """The rule holds for an APD always; a SiPM's cells run out (`test_sipm_aperture_has_a_best`)."""
     low, high = (sensor_with("table1-apd", optics__aperture_radius_mm=25.0 * f) for f in (1.0, more))
     assert reach(high, illuminance_klux=light) > reach(low, illuminance_klux=light)
 
@@ -369,7 +372,7 @@ def test_photons_are_what_counts(name):
 
 @BOTH
 def test_extinction_is_the_transmittance_at_the_limit(name):
-    """At the range R that exp(-alpha R) gives, a fixed transmittance of that value gives R too."""
+    """A fixed transmittance of the value exp(-alpha R) at the range R gives R too."""
     sensor, alpha = load_sensor(name), 2e-3
     limit = reach(sensor, transmittance=1.0, extinction_per_m=alpha)
     assert reach(sensor, transmittance=math.exp(-alpha * limit)) == pytest.approx(limit, rel=1e-9)
@@ -478,8 +481,8 @@ def test_the_closed_form_takes_a_share_of_the_aperture_for_a_smaller_one():
 
 
 def test_what_is_reported_ends_with_the_window():
-    """By hand: 1 us is 149.896 m; behind a blanking of 3 us nothing is left of 350 m. Two roads: boards on both sides
-    of the end, of which the comparator takes the nearer one alone.
+    """Computed by hand: 1 us is 149.896 m; behind a blanking of 3 us nothing is left of 350 m. Two roads: boards on
+    both sides of the end, of which the comparator takes the nearer one alone.
     """
     near = sensor_with("table1-apd", tdc__window_us=1, tdc__walk="raw", tdc__lsb_ps=0, tdc__jitter_ps=0)
     end_m = 0.5 * SPEED_OF_LIGHT_M_S * 1e-6

@@ -34,7 +34,7 @@ def tuned(sensor, ratios):
 
 @pytest.mark.parametrize("sensor", [APD, SIPM], ids=lambda s: s.name)
 def test_detection_over_the_signal(sensor):
-    """Without the echo's own noise P_d = Q(5 - SNR); with it the curve is flatter and meets it at SNR 5."""
+    """P_d = Q(5 - SNR) without the echo's own noise; with it the curve is flatter and meets it at SNR 5."""
     point = sensor.working_point(plane.echoes_of_plane(sensor, Target(), 1.0).background_power_w)
     noise, snr = point.noise, np.linspace(0.0, 12.0, 25)
     signal, threshold = snr * noise.deviation, sensor.threshold(point)
@@ -52,7 +52,7 @@ def test_detection_over_the_signal(sensor):
 
 
 def test_both_errors_over_the_threshold():
-    """Against SciPy, threshold by threshold; and both errors grow against each other."""
+    """Compared with SciPy, threshold by threshold; and both errors grow against each other."""
     ratios = np.linspace(2.0, 8.0, 13)
     sensor = tuned(APD, ratios)
     light = plane.echoes_of_plane(APD, Target(), 340.0)

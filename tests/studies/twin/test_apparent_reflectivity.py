@@ -1,4 +1,4 @@
-"""From strength to reflectivity."""
+"""Reflectivity from the strength of echoes."""
 
 import math
 from dataclasses import replace
@@ -38,7 +38,7 @@ def test_a_near_field_is_taken_out() -> None:
 
 
 def test_brighter_than_white_comes_from_the_signal() -> None:
-    """Above 100 an Ouster's reflectivity is logarithmic."""
+    """An Ouster's reflectivity above 100 is logarithmic."""
     plain = room_sweep()
     signal, reflectivity = np.array(plain.signal), np.array(plain.reflectivity)
     truth = float(reflectivity[10, 10]) * 50.0 / 100.0
@@ -68,7 +68,7 @@ def test_intensities_are_of_a_known_unit_or_said_to_be_guessed(form: str, assume
 
 
 def test_a_table_is_continued() -> None:
-    """Before its first bin as between the first two, beyond the last as the square of the range."""
+    """The table goes on before its first bin as between the first two, beyond the last as the square of the range."""
     gauge = ReflectivityGauge(field="signal", range_m=np.array([5.0, 10.0]), per_count=np.array([1e-3, 2e-3]))
     sweep = room_sweep(signal=np.full((24, 360), 100.0))
     reflectivities = [float(gauge.apparent(sweep, np.full(sweep.shape, range_m))[0, 0]) for range_m in (2.5, 5.0, 20.0)]
@@ -103,7 +103,7 @@ def test_a_sensors_near_field_continues_the_table_and_points_without_company_hav
 
 @pytest.mark.parametrize("name", ["os0-128-rev7", "os2-128"])
 def test_signals_without_reflectivities_are_the_sensors_own_photons(name: str) -> None:
-    """Of 0.3 at 1 to 60 m, near field included; between two of 200 ranges the law is a straight line."""
+    """Photons of 0.3 at 1 to 60 m, near field included; between two of 200 ranges the law is a straight line."""
     sensor = load_sensor(name)
     plain = room_sweep()
     range_m = np.geomspace(1.0, 60.0, plain.range_m.size).reshape(plain.shape)
@@ -131,7 +131,7 @@ def test_an_echo_without_a_range_was_dropped() -> None:
 
 @pytest.mark.parametrize("reported", [200.0, 2.0])
 def test_reflectivities_that_are_not_linear_do_not_calibrate(reported: float) -> None:
-    """Of three pixels two report a logarithm above white, or a step of one or two counts; the third is calibrated."""
+    """Two of three pixels report a logarithm above white, or a step of one or two counts; the third is calibrated."""
     shape = room_sweep().shape
     third = np.broadcast_to(np.arange(shape[1]) % 3 == 0, shape)
     signal = np.full(shape, 500.0)

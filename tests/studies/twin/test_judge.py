@@ -173,7 +173,7 @@ def test_disagreement_is_held_to_that_of_two_real_frames() -> None:
 
 
 def exact_pulses(**changed: Any) -> MatchedPulses:
-    """As `pulses`, but both sides agree to the last digit."""
+    """Pulses as `pulses`, but both sides agree to the last digit."""
     true_m = np.linspace(5.0, 40.0, N)
     return pulses(**{"range_m": true_m, "simulated_range_m": true_m} | changed)
 
@@ -221,7 +221,7 @@ def test_errors_of_the_signal_do_not_cancel_over_the_range() -> None:
 
 
 def test_the_simulated_signal_is_of_all_that_was_simulated() -> None:
-    """Of every second pulse nothing was recorded; simulated it is three times as strong: the mean is doubled."""
+    """Nothing was recorded of every second pulse; simulated it is three times as strong: the mean is doubled."""
     plain = exact_pulses()
     assert plain.signal is not None
     is_lost = np.arange(N) % 2 == 0
@@ -319,7 +319,7 @@ def test_beams_agree_to_a_hundredth_of_a_degree(
 def test_the_farthest_ground_is_held_to_15_per_cent(
     farthest_m: float, is_met: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Of several returns of a pulse only the first counts; the height above the ground is not what is compared."""
+    """Only the first of several returns of a pulse counts; the height above the ground is not what is compared."""
     clouds: list[Numbers] = []
 
     def ground(xyz_m: Numbers) -> tuple[float, float, float]:

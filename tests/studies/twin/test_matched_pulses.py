@@ -217,7 +217,7 @@ def test_points_of_a_pulse_are_its_first_and_second() -> None:
 
 
 def test_changes_along_a_ring_have_the_deviation_of_what_is_independent() -> None:
-    """Of a straight wall there is none; weights of one pulse and its neighbours have squares that sum to one."""
+    """A straight wall has no changes; weights of one pulse and its neighbours have squares that sum to one."""
     impulse = np.zeros((1, 9))
     impulse[0, 4] = 1.0
     assert np.sum(twin_pulses._second_difference(impulse, 2) ** 2) == pytest.approx(1.0)

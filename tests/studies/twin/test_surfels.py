@@ -180,7 +180,7 @@ def test_the_ground_is_completed_behind_a_box_and_where_nothing_came_back() -> N
 
 
 def test_no_ground_is_seen_through_a_roof() -> None:
-    """Below returns of a roof, a car's dark side gave nothing back: the ground there is hidden, not black."""
+    """A car's dark side gave nothing back below returns of a roof: the ground there is hidden, not black."""
     plain = room_sweep()
     range_m, signal, reflectivity = (np.array(layer) for layer in (plain.range_m, plain.signal, plain.reflectivity))
     range_m[10:13, 40:60] = 4.0
@@ -345,7 +345,7 @@ def test_ground_that_slopes_is_completed_along_its_slope_a_step_behind_what_stan
 
 
 def test_no_ground_is_seen_above_the_foot_of_a_wall() -> None:
-    """Above a wall's lowest returns all is lost, windows and sky: what is next below is a wall, so no ground shows."""
+    """All is lost above a wall's lowest returns, windows and sky: what is next below is a wall, so no ground shows."""
     plain = room_sweep()
     elevation_deg = np.degrees(np.arcsin(plain.direction[:, 0, 2]))
     is_lost = np.zeros(plain.shape, bool)
@@ -362,7 +362,7 @@ def test_no_ground_is_seen_above_the_foot_of_a_wall() -> None:
 
 
 def test_corners_of_a_grazing_quad_stay_near_its_middle() -> None:
-    """At a cosine of 0.02 a plane runs off within a pixel: corners are at 10 m times or over 1.6 at most."""
+    """A plane at a cosine of 0.02 runs off within a pixel: corners are at 10 m times or over 1.6 at most."""
     grid = align_columns(room_sweep())
     direction = grid.sweep.direction[6, 52]
     up = np.cross(np.cross(direction, [0.0, 0.0, 1.0]), direction)

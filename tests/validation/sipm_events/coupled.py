@@ -18,7 +18,7 @@ replaces the one that is due last."""
 
 
 class _State:
-    """For each shot: last avalanche of every cell, pending afterpulses, avalanches so far."""
+    """State of each shot: last avalanche of every cell, pending afterpulses, avalanches so far."""
 
     def __init__(self, array: CellArray, rates: Rates, shots: int, random: np.random.Generator) -> None:
         """Stationary for cells without memory; `CellArray.warm_up_s` covers the rest."""

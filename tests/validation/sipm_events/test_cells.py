@@ -1,4 +1,4 @@
-"""Against SimSiPM (MIT, `pip install SiPM`, tried with 2.1.0), another hand's event simulation.
+"""Comparison with SimSiPM (MIT, `pip install SiPM`, tried with 2.1.0), another hand's event simulation.
 
 No dependency: skipped where it is not installed. Its cells have no dead time, their charge recovers; ours are
 given a dead time of a hundredth of the recovery. Release 2.1.0 lets the charge recover from the *first* hit of the

@@ -232,7 +232,7 @@ def test_recovery_weakens_and_the_engines_agree():
 
 
 def test_crosstalk_and_afterpulses_add_as_branching():
-    """In the dark, where cells are free: p of crosstalk makes 1 / (1 - p) avalanches of one, and so on.
+    """Cells are free in the dark: p of crosstalk makes 1 / (1 - p) avalanches of one, and so on.
 
     Every avalanche is followed by p_c + p_a others, so the mean grows by 1 / (1 - p_c - p_a), less the afterpulses
     that come in the dead time, exp(-tau / delay) of which survive.

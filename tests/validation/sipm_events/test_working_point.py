@@ -316,7 +316,7 @@ def test_a_passage_is_upward_and_between_two_samples() -> None:
 
 
 def test_alarms_are_passages_of_shots_that_begin_low() -> None:
-    """Of four shots one is high at first, one later and two never: ln(3 / 2) in 2 us; three samples of 12 are high."""
+    """One of four shots is high at first, one later and two never: ln(3 / 2) in 2 us; three samples of 12 are high."""
     wave = np.array([[9.0, 0.0, 0.0], [0.0, 9.0, 9.0], [0.0, 0.0, 0.0], [0.0, 0.5, 0.0]])
     share, rate_hz = _alarms(wave, 1.0, 2e-6)
     assert share == pytest.approx(0.25)
@@ -324,7 +324,9 @@ def test_alarms_are_passages_of_shots_that_begin_low() -> None:
 
 
 def test_moments_of_a_number_that_is_drawn_once_in_four() -> None:
-    """Of 0, 0, 0 and 3: mean 0.75, variance 27/16, skewness (1 - 2 p) / sqrt(p (1 - p)) of p = 1/4; and of nothing."""
+    """Moments of 0, 0, 0 and 3: mean 0.75, variance 27/16, skewness (1 - 2 p) / sqrt(p (1 - p)) of p = 1/4; and of
+    nothing.
+    """
     output = moments(np.zeros(2), np.array([[0.0, 2.0], [0.0, 2.0], [0.0, 2.0], [3.0, 2.0]]))
     np.testing.assert_allclose(output.mean, [0.75, 2.0])
     np.testing.assert_allclose(output.variance, [27.0 / 16.0, 0.0])
@@ -332,7 +334,7 @@ def test_moments_of_a_number_that_is_drawn_once_in_four() -> None:
 
 
 def test_no_comparator_is_set_below_a_cell() -> None:
-    """In the dark five sigmas are less than one cell, which is the least that can be counted."""
+    """Five sigmas in the dark are less than one cell, which is the least that can be counted."""
     array = CellArray(cells=100, pde=0.2, dead_time_s=6e-9, dark_count_rate_hz=0.0)
     dark = Light(background_photons=0.0, signal_photons=20.0, pulse_fwhm_s=6e-9)
     assert measure(array, dark, shots=20).threshold == 1.0

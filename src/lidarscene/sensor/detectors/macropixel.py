@@ -336,7 +336,7 @@ class FreeSpads(Macropixel):
     weak: pile_up.Top | None = None
 
     def precompute(self) -> FreeSpads:
-        """With the filter's value at a weak echo."""
+        """Return the pixel with the filter's value at a weak echo."""
         return replace(self, weak=pile_up.weak_top(sun=self.sun, dead=self.blind_sigmas))
 
     @property
@@ -347,7 +347,7 @@ class FreeSpads(Macropixel):
 
     @property
     def most_counts(self) -> Lanes:
-        """Of all free SPADs."""
+        """Counts of all free SPADs."""
         return self.trials * (self.free * self.shade)
 
     @property
@@ -358,7 +358,7 @@ class FreeSpads(Macropixel):
 
     @property
     def slope_share(self) -> Lanes:
-        """As `variance_share`."""
+        """Share of the slope, as `variance_share`."""
         return matched_filter.slope_excluded(
             rate_hz=self.rate_hz, dead_time_s=self.blind_sigmas * self.sigma_s, sigma_s=self.sigma_s
         )
@@ -373,7 +373,7 @@ class FreeSpads(Macropixel):
         return dead_time.detections_of_share(share=share) / self.detections_of_watt
 
     def peak(self, signal: Lanes) -> _FilteredEcho:
-        """From the renewal course of the SPADs (T101), (T104)."""
+        """Peak from the renewal course of the SPADs (T101), (T104)."""
         ops = xp(signal, self.free)
         assert self.weak is not None
         share = signal / (self.trials * self.free * self.weak.height)
@@ -396,7 +396,7 @@ class FreeSpads(Macropixel):
         return firings, firings
 
     def photons_of_box(self, counts: Lanes) -> Lanes:
-        """With those of the background that the echo's shadow takes."""
+        """Photons with those of the background that the echo's shadow takes."""
         assert self.weak is not None
         return counts * (self.weak.height / pile_up.shade_of_box(sun=self.sun))
 
@@ -414,7 +414,7 @@ class CoatesSpads(Macropixel):
 
     @property
     def count_rate_hz(self) -> Lanes:
-        """As of SPADs without dead time."""
+        """Rate as of SPADs without dead time."""
         return self.trials * self.rate_hz
 
     @property
@@ -433,7 +433,7 @@ class CoatesSpads(Macropixel):
         return 1.0 / self.free
 
     def counts(self, detections: Lanes) -> Lanes:
-        """In proportion to the light."""
+        """Counts in proportion to the light."""
         return self.trials * detections
 
     def power_w(self, counts: Lanes) -> Lanes:
@@ -441,7 +441,7 @@ class CoatesSpads(Macropixel):
         return counts / (self.trials * self.detections_of_watt)
 
     def peak(self, signal: Lanes) -> _FilteredEcho:
-        """As high as the photons say."""
+        """Peak as high as the photons say."""
         variance = matched_filter.SIGNAL_VARIANCE / self.free * signal
         return _FilteredEcho(height=signal, variance=variance, of_slope=variance, bend=1.0)
 
@@ -479,7 +479,7 @@ class CoincidentSpads(Macropixel):
         return xp(self.rate_hz).maximum(variance, _LEAST_NOISE)
 
     def count_probability(self, share: Lanes) -> Lanes:
-        """Of a coincidence."""
+        """Probability of a coincidence."""
         return dead_time.coincidence_share(least=self.spad.coincidence, spads=self.spad.spads, share=share)
 
     def _coupling(self, share: Lanes, counted: Lanes) -> Lanes:
@@ -515,7 +515,7 @@ class CoincidentSpads(Macropixel):
         return self.trials * ops.maximum(total, 0.0)
 
     def peak(self, signal: Lanes) -> _FilteredEcho:
-        """From the counts of each bin (T93)."""
+        """Peak from the counts of each bin (T93)."""
         detections = self.power_w(signal) * self.detections_of_watt
         ops, dark = xp(detections, self.sigma_s), self.count_share
         step = self.histogram.bin_s / self.sigma_s
@@ -566,7 +566,7 @@ class CoincidentSpads(Macropixel):
         return ops.exp(0.5 * (low + high)) / unit
 
     def first_trials(self, free: Lanes) -> tuple[Lanes, Lanes]:
-        """Of one SPAD of each shot, whose mean stands for all."""
+        """Trials of one SPAD of each shot, whose mean stands for all."""
         return 1.0, 0.0
 
     def draw(self, *, pool: Lanes, probability: Lanes, known_free: Lanes, uniform: Lanes) -> tuple[Lanes, Lanes]:

@@ -14,7 +14,7 @@ WIDER = 2.0
 
 
 def silicon_doubt(detector: Detector, *, wavelength_m: float) -> str | None:
-    """In one line, that a detector of silicon does not see the laser; None if it does, or is none."""
+    """Say in one line that a detector of silicon does not see the laser; None if it does, or is none."""
     if wavelength_m <= SILICON_M:
         return None
     if detector.silicon is None:

@@ -87,7 +87,7 @@ class Sipm(Detector):
 
     @property
     def counts_whole_cells(self) -> bool:
-        """With ``counting = "binomial"``."""
+        """Whether ``counting`` is "binomial"."""
         return self.counting == "binomial"
 
     @property

@@ -104,7 +104,7 @@ def test_parameters_that_come_as_a_product_do_the_same() -> None:
 
 @pytest.mark.parametrize("spot_over_field", [0.5, None])
 def test_a_near_field_that_is_twice_as_far_is_the_same_at_twice_the_range(spot_over_field: float | None) -> None:
-    """With the power of an echo the same, only the share of the light on the detector is left."""
+    """The power of an echo is the same; only the share of the light on the detector is left."""
     scene = wall(spot_over_field=spot_over_field)
     scene = replace(scene, range_m=near_field_m(published_sensor()) * np.geomspace(0.3, 4.0, 5))
     scene_twice_as_far = replace(scene, range_m=2.0 * scene.range_m)
@@ -147,8 +147,9 @@ def test_ranges_of_few_photons_scatter_more_than_linearly() -> None:
 
 
 def test_background_scatters_ranges_and_counts_as_its_filters_have_it() -> None:
-    """By sums over time: the peak moves by noise of r int h'^2 / (S int h' s')^2, of filter h and echo s, and a box of
-    2 BOX sigma counts r times as much. Dark and sunlit echoes are else alike, but for SPADs that the sun keeps busy.
+    """Computed by sums over time: the peak moves by noise of r int h'^2 / (S int h' s')^2, of filter h and echo s, and
+    a box of 2 BOX sigma counts r times as much. Dark and sunlit echoes are else alike, but for SPADs that the sun keeps
+    busy.
     """
     scene = replace(wall(), floor_m=0.0)
     light, dark = predict(scene, {}), predict(replace(scene, background_w=0.0 * scene.background_w), {})

@@ -246,7 +246,7 @@ def test_ranges_that_scatter_as_the_law_says_ask_for_no_other_pulse() -> None:
 
 
 def test_moments_of_a_capped_square() -> None:
-    """Of a normal number's square, at most nine, over its mean: by a sum over its quantiles."""
+    """Moments of a normal number's square, at most nine, over its mean: by a sum over its quantiles."""
     share = (np.arange(1_000_000) + 0.5) / 1_000_000
     square = special.ndtri(share) ** 2
     capped = np.minimum(square, tuning.SQUARE_CAP)

@@ -61,7 +61,9 @@ def fitted(recorded_unit: RecordedUnit, tmp_path_factory: pytest.TempPathFactory
 
 
 def test_the_unit_that_recorded_is_found_again(fitted: Any) -> None:
-    """Within 4 of the stated sigmas each, which chance breaks in one of 2000 runs; the seed is fixed."""
+    """Parameters are found within 4 of the stated sigmas each, which chance breaks in one of 2000 runs; the seed is
+    fixed.
+    """
     report, _, passed = fitted
     assert passed
     assert report["evaluations"] <= 50
@@ -186,7 +188,7 @@ def test_what_photons_do_not_explain_is_texture_and_strangers() -> None:
 
 
 def test_blocks_that_judge_are_not_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of twelve blocks of pulses the fourth, eighth and twelfth judge; the signal of a pulse is its block."""
+    """The fourth, eighth and twelfth of twelve blocks of pulses judge; the signal of a pulse is its block."""
     laid = reported_walls(np.repeat(np.arange(12.0), 5), np.zeros(60))
     laid = replace(laid, block=np.repeat(np.arange(12), 5))
     signals: dict[str, Any] = {}
