@@ -51,8 +51,9 @@ def measure(
 ) -> Section:
     """Rows of a scene with each size, and with one of them of a ground of so many triangles and of a city.
 
-    middle  the size with which those are seen
-    city    whether it is asked for
+    Args:
+        middle: the size with which those are seen
+        city: whether it is asked for
     """
     import peers
 
@@ -183,7 +184,8 @@ def task(
 ) -> Callable[[], tuple[np.ndarray, np.ndarray]]:
     """Distances (n,), infinite for none, and whether the sun is seen (n,), by lane.
 
-    lanes  which of the frame's beams are traced, in order; None: all
+    Args:
+        lanes: which of the frame's beams are traced, in order; None: all
     """
     vertices, faces = (np.ascontiguousarray(array) for array in chain.triangles(simulator))
     scene = library.bare_scene(vertices.ctypes.data, len(vertices), faces.ctypes.data, len(faces))

@@ -162,7 +162,8 @@ def _bare(simulator: Simulator) -> Callable[[], Any]:
 def open3d_tasks(simulator: Simulator, *, threads: int = 0) -> dict[str, Callable[[], Any]]:
     """Open3D on the same triangles, rays and sun; only rays that hit a side facing the sun ask for it.
 
-    threads  0 for as many as there are
+    Args:
+        threads: 0 for as many as there are
     """
     module = open3d()
     tensor = module.core.Tensor

@@ -34,9 +34,10 @@ def measure(
 ) -> Section:
     """Rows of a scene with each size, and of grounds with one.
 
-    sizes      steps of the raster in degrees by number of beams
-    synthetic  triangles of each ground
-    middle     the size with which those are seen
+    Args:
+        sizes: steps of the raster in degrees by number of beams
+        synthetic: triangles of each ground
+        middle: the size with which those are seen
     """
     street = load_scene(scene_file)
     scenes = {scene_file.name: street} | {f"{count:,} triangles": ground(street, count) for count in synthetic}

@@ -153,7 +153,8 @@ def _row(quantity: str, seconds: Sequence[float], note: str = "", goal: float | 
 def _run(arguments: list[str], *, caches: Path | None = None) -> tuple[float, float, str, float]:
     """Wall seconds, peak memory [GiB], output and seconds of the processor of a Python of its own.
 
-    caches  a folder for what is kept between runs; None: where it always is
+    Args:
+        caches: a folder for what is kept between runs; None: where it always is
     """
     environment: dict[str, Any] = dict(os.environ, PYTHONPATH=str(ROOT / "src"))
     if caches is not None:

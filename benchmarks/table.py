@@ -20,7 +20,8 @@ class Row:
 class Section:
     """Rows that belong together, under a title, with what to know before reading them.
 
-    columns  heads of a table with columns of its own, whose rows are tuples of text
+    Attributes:
+        columns: heads of a table with columns of its own, whose rows are tuples of text
     """
 
     title: str

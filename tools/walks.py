@@ -97,7 +97,11 @@ def steps(user: str) -> Iterator[Step]:
 
 
 def walk(user: str) -> None:
-    """Walk in the current folder. Raises SystemExit with the command that did not end as it must."""
+    """Walk in the current folder.
+
+    Raises:
+        SystemExit: with the command that did not end as it must
+    """
     from lidarscene.cli.main import main
 
     began = time.monotonic()

@@ -28,7 +28,8 @@ def one_line(value: object) -> str:
 def did_you_mean(word: object, choices: Iterable[str], *, most: int = 1, cutoff: float = 0.6) -> str:
     """Question for the choices that are most like a word, such as "did you mean 60 or 90?"; empty if none is.
 
-    cutoff  least likeness, from 0 to 1 (`difflib.get_close_matches`)
+    Args:
+        cutoff: least likeness, from 0 to 1 (`difflib.get_close_matches`)
     """
     return question(difflib.get_close_matches(str(word), list(choices), n=most, cutoff=cutoff))
 

@@ -158,8 +158,10 @@ def test_least_significant_bit_and_jitter():
 def test_width_of_a_clipped_pulse_by_a_fine_march(overdrive):
     """What the comparator times of a pulse that clips, against the time that v(t) of the amplifier is above it.
 
-    overdrive  peak over the level where it clips
     Tolerance: two steps of the march, and 0.5 % for the edges' noise at a threshold of 1,000 deviations.
+
+    Args:
+        overdrive: peak over the level where it clips
     """
     sensor = chain.sensor(
         "table1-apd", "tdc.threshold_to_noise=1000", "detector.saturation_ua=600", "detector.recovery_ns=25"

@@ -551,8 +551,10 @@ def test_fixed_levels_see_a_rise_only_if_it_reaches_one_of_them(second, stop_cou
     """A board of 6 thresholds, and one behind it, 3.4 sigma later: the light between them is 1.8 to 2.8 thresholds. So
     the next edge is where the sum reaches the second level, of 4 thresholds.
 
-    second  peak of the second board, in thresholds
     Noise is 2 % of the threshold, 4 % on the light; the first board's light adds 2 % to the second's peak.
+
+    Args:
+        second: peak of the second board, in thresholds
     """
     equipped = sensor(
         "table1-apd",

@@ -99,8 +99,9 @@ def run_stages(
 ) -> Lanes:
     """One frame, stage by stage, on the device; every lane comes back. ``tracing`` goes to `trace`.
 
-    world   of the scene, if there is one already
-    glints  whether panes and mirrors may throw beams back, as in `Simulator`
+    Args:
+        world: of the scene, if there is one already
+        glints: whether panes and mirrors may throw beams back, as in `Simulator`
     """
     place = described.sensor_pose @ equipped.mounting
     centre = place.position_m if centre is None else np.asarray(centre)

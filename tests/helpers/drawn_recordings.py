@@ -63,7 +63,8 @@ def drawn_sweep(truth: Truth, seed: int, rows: int = 32, columns: int = 1000, cu
 
     The arrangement is the same in every run; photons and ranges are drawn.
 
-    curve  of two lenses, whose near field ends four times as far out; None: one lens
+    Args:
+        curve: of two lenses, whose near field ends four times as far out; None: one lens
     """
     layout, random = premise([seed, 7]), np.random.default_rng([seed, 2])
     tall, wide = 8, 20

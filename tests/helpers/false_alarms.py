@@ -23,10 +23,11 @@ TAILS: tuple[Tail, ...] = get_args(Tail)
 def false_alarm_probability(sensor: Sensor, target: Target, *, sky: bool = False, tail: Tail | None = None) -> float:
     """P_f of one comparison, with the target's background. With `false_alarms = "crossings"` it sets no rate.
 
-    sky    True for the sky in place of the target; it is dark unless the target's light has a diffuse share
-    tail   statistics of the noise; None: the sensor's own. For an APD also "gaussian" (9), "mcintyre" (saddle point, as
-           `detector.tail`), "webb" (Webb's approximation of the electrons, averaged over the amplifier's noise) or
-           "exact" (McIntyre's probabilities summed)
+    Args:
+        sky: True for the sky in place of the target; it is dark unless the target's light has a diffuse share
+        tail: statistics of the noise; None: the sensor's own. For an APD also "gaussian" (9), "mcintyre" (saddle point,
+            as `detector.tail`), "webb" (Webb's approximation of the electrons, averaged over the amplifier's noise) or
+            "exact" (McIntyre's probabilities summed)
     """
     background = background_w(sensor, target, sky=sky)
     point = sensor.working_point(background)
@@ -50,7 +51,10 @@ def false_alarm_probability(sensor: Sensor, target: Target, *, sky: bool = False
 def electrons(sensor: Sensor, background_power_w: float) -> dict[str, float]:
     """An APD's background in electrons of one resolution time, for `mcintyre.tail_probability`.
 
-    Also ``per_ampere``, electrons per ampere, and ``excess_noise``, F. Raises ValueError without an APD.
+    Also ``per_ampere``, electrons per ampere, and ``excess_noise``, F.
+
+    Raises:
+        ValueError: without an APD
     """
     diode = sensor.detector
     if not isinstance(diode, Apd):

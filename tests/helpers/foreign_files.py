@@ -288,8 +288,9 @@ PARTS = (
 class ForeignFiles:
     """Whole files of each kind, and spoilt copies of them.
 
-    whole    folder of the whole files
-    folder   folder of the spoilt ones
+    Args:
+        whole: folder of the whole files
+        folder: folder of the spoilt ones
     """
 
     def __init__(self, whole: Path, folder: Path) -> None:

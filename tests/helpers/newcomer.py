@@ -32,9 +32,10 @@ def changed_sources(
 ) -> Callable[..., str]:
     """Copy the sources with these changes; return a function that runs Python there and returns what it prints.
 
-    new    text of new files by path in the package
-    lines  path in the package, a piece of the text, and by what it is replaced
-    docs   True to copy the documentation and tests too
+    Args:
+        new: text of new files by path in the package
+        lines: path in the package, a piece of the text, and by what it is replaced
+        docs: True to copy the documentation and tests too
     """
     package = folder / "src" / "lidarscene"
     ignore = shutil.ignore_patterns("__pycache__", "images")

@@ -18,7 +18,8 @@ from typing import Any
 def run(path: Path, changes: Mapping[str, str] | None = None) -> dict[str, Any]:
     """The notebook with the outputs of a run, from top to bottom; what a cell raises is raised.
 
-    changes  pieces of its code, and by what they are replaced for the run; each must be there
+    Args:
+        changes: pieces of its code, and by what they are replaced for the run; each must be there
     """
     notebook: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
     namespace: dict[str, Any] = {"__name__": "__main__"}

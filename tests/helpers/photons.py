@@ -115,8 +115,9 @@ def renewal_counts(rng, shape, *, rate_per_ns, dead, bins, bin_ns, echo=(0.0, 0.
     that is even over the dead time. The next photon after a moment is where the integral of the light has grown by an
     exponential number.
 
-    echo        detections of a SPAD that is free throughout, place, sigma: numbers, or one for each of several echoes
-    afterpulse  probability after each firing, mean delay; up to four are to come at a time, none when it starts
+    Args:
+        echo: detections of a SPAD that is free throughout, place, sigma: numbers, or one for each of several echoes
+        afterpulse: probability after each firing, mean delay; up to four are to come at a time, none when it starts
     """
     mean, place, sigma = (np.atleast_1d(values) for values in echo)
     grid = np.linspace(0.0, bins * bin_ns, 40 * bins + 1)

@@ -22,7 +22,8 @@ CLEAN = ["detector.circuit_noise_na=1e6", "tdc.threshold_to_noise=1e4"]
 def readings(snr, *overrides, sub_echoes=((0.0, 1.0),), name="table1-apd", seed=6):
     """Errors of the range [m], amplitudes over the peak, widths [s] of echoes at SNR ``snr`` anywhere on the clock.
 
-    sub_echoes  places behind the first [m] and shares of the power
+    Args:
+        sub_echoes: places behind the first [m] and shares of the power
     """
     equipped = sensor(name, *overrides)
     range_m = np.random.default_rng(1).uniform(50.0, 60.0, SHOTS)
@@ -40,8 +41,9 @@ def readings(snr, *overrides, sub_echoes=((0.0, 1.0),), name="table1-apd", seed=
 def on_light(equipped, echoes, lasting):
     """Echoes on light that lasts: the train, U in watts, and the power over ranges in bins of sigma_p / 500.
 
-    echoes   (range [m], height in U) of each
-    lasting  (range [m], height in U) of corners, between which the other light goes straight; none beyond the last
+    Args:
+        echoes: (range [m], height in U) of each
+        lasting: (range [m], height in U) of corners, between which the other light goes straight; none beyond the last
     """
     point = equipped.working_point(np.array([trains.BACKGROUND_W]))
     level_w = float(point.response.power_w(equipped.threshold(point))[0])

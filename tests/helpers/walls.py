@@ -45,7 +45,8 @@ velocity_m_s = [-10, 2, 0]
 def write_moving_rig(folder: Path) -> str:
     """Write a car and a sensor that move, by 5 and 9 cm in a frame of 4.6 ms, and a rig of two sensors.
 
-    Returns the name of the scene.
+    Returns:
+        the name of the scene
     """
     (folder / "moving.toml").write_text(MOVING)
     (folder / "rig.toml").write_text(LEFT_AND_RIGHT)

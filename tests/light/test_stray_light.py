@@ -223,8 +223,11 @@ def test_points_of_stray_light_in_a_histogram():
 
 
 def glare(*keys, sign=5):
-    """A head that withholds beside 500 photons, within 2.5 m; a sign of 3,000 photons in a channel at 30 m, walls of
-    40 photons in the others, a metre farther from row to row. Returns the sensor, the train and the ranges.
+    """A head that withholds beside 500 photons, within 2.5 m; a sign of 3,000 photons in a channel at 30 m, walls of 40
+    photons in the others, a metre farther from row to row.
+
+    Returns:
+        the sensor, the train and the ranges
     """
     sensor = photons.spinning(
         f"scanner.elevation_deg={[float(row) for row in range(ROWS)]}",

@@ -69,7 +69,8 @@ def test_points_are_those_of_the_makers_table(core: Any) -> None:
 def osf(folder: Path, core: Any, library: Callable[[str], Any], frames: int = 2, sensors: int = 1) -> Path:
     """Frames of the real packet's sensor, with ranges and poses of ours.
 
-    sensors  number of such sensors; each has its own serial number, beams a degree higher and ranges 1 m longer
+    Args:
+        sensors: number of such sensors; each has its own serial number, beams a degree higher and ranges 1 m longer
     """
     infos = [core.SensorInfo(OUSTER.with_suffix(".json").read_text()) for _ in range(sensors)]
     for index, info in enumerate(infos):

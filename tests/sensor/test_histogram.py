@@ -103,7 +103,8 @@ def ranges_of_poisson_histograms(shares, *, background):
     """Range over the shots, by brute force: Poisson counts of background and echo, a filter 1.2 times as wide as the
     pulse, and the echo at which half of 4000 peaks pass 4.5 sigma. An echo's photons go with shots / R^2.
 
-    background  counts of a bin in 48 shots; a pulse's sigma is 1.7 bins
+    Args:
+        background: counts of a bin in 48 shots; a pulse's sigma is 1.7 bins
     """
     rng, bins = np.random.default_rng(0), np.arange(-16, 17)
     echo = np.exp(-0.5 * (bins / 1.7) ** 2) / (1.7 * math.sqrt(2.0 * math.pi))

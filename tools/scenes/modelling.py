@@ -9,8 +9,9 @@ import numpy as np
 class Mesh:
     """Triangles over points.
 
-    points_m  (n, 3) float64
-    faces     (m, 3) int64, counter-clockwise seen from outside
+    Attributes:
+        points_m: (n, 3) float64
+        faces: (m, 3) int64, counter-clockwise seen from outside
     """
 
     points_m: np.ndarray

@@ -39,8 +39,9 @@ LOCAL = {
 def require_packages(extra: str = "", *, local: bool) -> None:
     """Raise one LidarSceneError that names all packages that are missing, with a command to install them.
 
-    extra  group of packages of the clouds' format; "" if it needs none
-    local  whether the cluster runs on this machine, where connections are encrypted
+    Args:
+        extra: group of packages of the clouds' format; "" if it needs none
+        local: whether the cluster runs on this machine, where connections are encrypted
     """
     # Without bokeh there are no pages, and all else works.
     require_together("batch", *filter(None, [extra]), without=("bokeh",) if local else ("bokeh", "cryptography"))
@@ -99,7 +100,11 @@ def _start_cluster(workers: int) -> Iterator[Any]:
 
 @contextmanager
 def remote_client(address: str) -> Iterator[Any]:
-    """Connect to a running scheduler. Raises LidarSceneError where none answers."""
+    """Connect to a running scheduler.
+
+    Raises:
+        LidarSceneError: where none answers
+    """
     from distributed import Client
 
     for handler in logging.getLogger("distributed").handlers:  # our own messages replace its log

@@ -46,13 +46,14 @@ CLOUD_FOLDERS = {
 class Place:
     """Place of a frame in a data set.
 
-    dataset   name of the data set, a key of CLOUD_FOLDERS
-    split     part: train, val or test
-    sequence  number of the drive, or of the run of it that is in this part
-    step      number of the frame within the sequence
-    steps     number of frames of the sequence
-    number    number of the frame in its folder
-    channel   nuScenes' name of the sensor; "" in others
+    Attributes:
+        dataset: name of the data set, a key of CLOUD_FOLDERS
+        split: part: train, val or test
+        sequence: number of the drive, or of the run of it that is in this part
+        step: number of the frame within the sequence
+        steps: number of frames of the sequence
+        number: number of the frame in its folder
+        channel: nuScenes' name of the sensor; "" in others
     """
 
     dataset: str
@@ -132,9 +133,10 @@ TOP = "LIDAR_TOP"
 class Drive(NamedTuple):
     """Consecutive frames of one sensor.
 
-    street  hash of what is around, without light, weather and sensor
-    run     hash of scene, sensor or rig, and seed
-    label   label of the rig's sensor, or ""
+    Attributes:
+        street: hash of what is around, without light, weather and sensor
+        run: hash of scene, sensor or rig, and seed
+        label: label of the rig's sensor, or ""
     """
 
     street: str
@@ -146,7 +148,11 @@ class Places:
     """Places of a job's frames, asked for in its order, drive by drive."""
 
     def __init__(self, file: JobFile, drives: Iterable[Drive]) -> None:
-        """Share out the parts. Raises InputError for a part that would be empty."""
+        """Share out the parts.
+
+        Raises:
+            InputError: for a part that would be empty
+        """
         self._file, self._splits = file, file.splits or SplitFile()
         self._numbers: Counter[tuple[str, ...]] = Counter()
         self._sequences: dict[str, int] = {}
@@ -207,7 +213,11 @@ class Places:
 def share_out(count: int, shares: Mapping[str, float], name: str) -> dict[str, int]:
     """Share a number of things out by shares that add up to 1, at least one to each that is not 0.
 
-    name  of the things, for the error. Raises InputError where there are too few.
+    Args:
+        name: of the things, for the error
+
+    Raises:
+        InputError: where there are too few
     """
     wanted = [part for part in PARTS if shares[part] > 0.0]
     if count < len(wanted):
@@ -241,9 +251,13 @@ def require_no_other_clouds(folder: Path, places: Iterable[Place | None]) -> Non
 
 
 def write_tables(folder: Path, rows: Callable[[], Iterator[tuple[Place, Mapping[str, Any]]]]) -> None:
-    """Write what a data set has of all frames: splits, poses and times, nuScenes' tables. Raises OutputError.
+    """Write what a data set has of all frames: splits, poses and times, nuScenes' tables.
 
-    rows  iterates over the places of all frames, and their rows of the store, in the job's order
+    Args:
+        rows: iterates over the places of all frames, and their rows of the store, in the job's order
+
+    Raises:
+        OutputError: if a result cannot be written
     """
     first = next(rows(), None)
     if first is None:

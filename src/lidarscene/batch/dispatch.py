@@ -68,10 +68,11 @@ COUNT_EVERY_S = 5.0
 class Progress:
     """Progress of a job.
 
-    frames    number of frames in the job
-    reused    frames that were in the folder before, or occur twice in the job
-    rendered  frames rendered by this run
-    failed    key of a frame -> cause of its failure
+    Attributes:
+        frames: number of frames in the job
+        reused: frames that were in the folder before, or occur twice in the job
+        rendered: frames rendered by this run
+        failed: key of a frame -> cause of its failure
     """
 
     frames: int
@@ -101,17 +102,22 @@ def run_job(
 ) -> Progress:
     """Render the missing frames of a job into ``folder``; write its manifest and, if none failed, a data set's tables.
 
-    connect  gives a Dask client, called if frames are missing; ``lambda: nullcontext(client)`` for an existing client.
-             All workers must see ``folder``, and the files of the job, by the same names. It is called again if all
-             workers of a cluster of this machine are gone
-    threads  threads of Dr.Jit in each worker; None: those of the Dask worker
-    report   called after each frame, with its task and cause if it failed
-    waiting  called with a line when the cluster has had no worker for a while, or when a worker is silent or hangs: its
-             frames are given to another, and it is ended where that is possible
     Other runs may work in the same folder: each frame is rendered by one of them.
-    Raises InputError for a folder with clouds of another data set, OutputError where the manifest cannot be written,
-    LidarSceneError where a drive's file cannot be written, or where the scheduler or the workers end before the job
-    does; the result lists frames that failed.
+
+    Args:
+        connect: gives a Dask client, called if frames are missing; ``lambda: nullcontext(client)`` for an existing
+            client. All workers must see ``folder``, and the files of the job, by the same names. It is called again if
+            all workers of a cluster of this machine are gone
+        threads: threads of Dr.Jit in each worker; None: those of the Dask worker
+        report: called after each frame, with its task and cause if it failed
+        waiting: called with a line when the cluster has had no worker for a while, or when a worker is silent or hangs:
+            its frames are given to another, and it is ended where that is possible
+
+    Raises:
+        InputError: for a folder with clouds of another data set
+        OutputError: where the manifest cannot be written
+        LidarSceneError: where a drive's file cannot be written, or where the scheduler or the workers end before the
+            job does; the result lists frames that failed
     """
     store = Store(folder.absolute())
     require_no_other_clouds(store.folder, (task.place for task in job.tasks()))
@@ -180,7 +186,8 @@ def _render(
 ) -> None:
     """Hand out the missing frames, a bounded number at once, and wait for all of them.
 
-    ended  filled: key of a finished frame -> whether another run rendered it
+    Args:
+        ended: filled: key of a finished frame -> whether another run rendered it
     """
     elsewhere: list[FrameTask] = []
 
@@ -229,8 +236,9 @@ def _write_drives(
 ) -> None:
     """Write the drives that have all their frames, a bounded number at once, and wait for all of them.
 
-    unwritten  emptied
-    causes     filled: file of a drive -> why it could not be written
+    Args:
+        unwritten: emptied
+        causes: filled: file of a drive -> why it could not be written
     """
     waiting = [drive for drive in unwritten if not any(frame.key in progress.failed for frame in drive.frames)]
     unwritten[:] = waiting
@@ -259,7 +267,8 @@ class _WorkersGone(Exception):
 class _Dispatcher:
     """Hands bundles of frames to the cluster and collects their results.
 
-    bundles  Dask's key of a bundle -> its frames, for all that have not come back
+    Attributes:
+        bundles: Dask's key of a bundle -> its frames, for all that have not come back
     """
 
     def __init__(self, client: Any, store: Store, threads: int | None, waiting: Callable[[str], object]) -> None:
@@ -374,7 +383,8 @@ class _Dispatcher:
     def submit(self, bundle: Bundle, *, hanging: str | None = None) -> None:
         """Hand out some frames, to be rendered one after the other.
 
-        hanging  address of a worker that has them and hangs: others render them, whatever it has claimed
+        Args:
+            hanging: address of a worker that has them and hangs: others render them, whatever it has claimed
         """
         name = next(self._names)  # unique to each run: Dask would answer a repeated one from its memory
         call = pickle.dumps(_Call(bundle, *self._arguments, hanging is None))

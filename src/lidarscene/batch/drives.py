@@ -26,8 +26,9 @@ from .tasks import FrameTask, digest_of_data
 class DriveTask:
     """One file to be written from frames that are there.
 
-    file    path in the job's folder
-    frames  frames of the drive, sensor by sensor
+    Attributes:
+        file: path in the job's folder
+        frames: frames of the drive, sensor by sensor
     """
 
     key: str
@@ -47,7 +48,9 @@ class DriveTask:
     def write(self, store: Store, scene: Scene) -> None:
         """Write the file and its row, then remove the clouds of its frames.
 
-        Raises OutputError where it cannot be written, InputError where a frame is missing.
+        Raises:
+            OutputError: where it cannot be written
+            InputError: where a frame is missing
         """
         path, place = store.folder / self.file, self.frames[0].place
         assert place is not None

@@ -191,5 +191,9 @@ class JobFile(FileModel):
 
 
 def read_job(path: Path) -> JobFile:
-    """Read and check a job file. Raises InputError."""
+    """Read and check a job file.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+    """
     return validate(JobFile, read_toml(path), str(path))

@@ -19,10 +19,14 @@ COUNTS = ("beams", "hits", "points", "echoes", "false_alarms", "weather", "stray
 
 
 def write_manifest(job: Job, store: Store, failed: Mapping[str, str], drives: Iterable[DriveTask] = ()) -> None:
-    """Write the rows of all frames of a job, in its order. Raises OutputError.
+    """Write the rows of all frames of a job, in its order.
 
-    failed  key of a frame -> cause of its failure. A frame neither done nor failed gets the error "not rendered"
-    drives  whole drives of the job
+    Args:
+        failed: key of a frame -> cause of its failure. A frame neither done nor failed gets the error "not rendered"
+        drives: whole drives of the job
+
+    Raises:
+        OutputError: if a result cannot be written
     """
     import pyarrow
     from pyarrow import parquet

@@ -38,7 +38,8 @@ class Store:
     def row(self, key: str, *, read: bool = True) -> dict[str, Any] | None:
         """Row of a frame that is done; None if it is not, or if a file of it has changed since it was written.
 
-        read  whether files are read to compare their hashes; else only sizes are compared
+        Args:
+            read: whether files are read to compare their hashes; else only sizes are compared
         """
         entry = self.entry(key)
         if entry is None:
@@ -83,7 +84,11 @@ class Store:
             fcntl.lockf(file, fcntl.LOCK_UN, 1, offset)
 
     def finish(self, key: str, files: Sequence[Path], counts: dict[str, Any]) -> None:
-        """Write the row of a frame whose files are written, the cloud the first. Raises OutputError."""
+        """Write the row of a frame whose files are written, the cloud the first.
+
+        Raises:
+            OutputError: if a result cannot be written
+        """
         entry, *beside = (
             {"file": file.relative_to(self.folder).as_posix(), "bytes": file.stat().st_size, "sha256": _digest(file)}
             for file in files

@@ -41,11 +41,12 @@ Parameters = tuple[tuple[str, Any], ...]
 class SceneChoice:
     """A scene file with changes to it.
 
-    parameters  swept keys with their values
-    trajectory  label of the trajectory, or ""
-    content     hash of the content of all its files
-    digest      hash of the content, the file's name and the changes
-    world       hash of all that its compiled worlds depend on
+    Attributes:
+        parameters: swept keys with their values
+        trajectory: label of the trajectory, or ""
+        content: hash of the content of all its files
+        digest: hash of the content, the file's name and the changes
+        world: hash of all that its compiled worlds depend on
     """
 
     path: str
@@ -61,11 +62,12 @@ class SceneChoice:
 class SensorChoice:
     """A sensor, or one sensor of a rig, with changes to it.
 
-    name     catalogue name or file; "" for a rig
-    rig      rig file; "" for a single sensor
-    label    label of the rig's sensor
-    content  hash of the content of all its files, or all the rig's, and of the changes
-    digest   hash of the content and the label
+    Attributes:
+        name: catalogue name or file; "" for a rig
+        rig: rig file; "" for a single sensor
+        label: label of the rig's sensor
+        content: hash of the content of all its files, or all the rig's, and of the changes
+        digest: hash of the content and the label
     """
 
     name: str
@@ -85,7 +87,8 @@ class SensorChoice:
 class FrameTask:
     """One frame of one sensor. Equal keys are equal clouds, so that nothing is done twice.
 
-    place  place in a data set, which is part of the key; None without one
+    Attributes:
+        place: place in a data set, which is part of the key; None without one
     """
 
     key: str
@@ -119,7 +122,11 @@ class Job:
 
     @classmethod
     def read(cls, path: Path) -> Job:
-        """Read a job file and check every scene and sensor file that it names. Raises InputError."""
+        """Read a job file and check every scene and sensor file that it names.
+
+        Raises:
+            InputError: if a file, a key or a value cannot be understood
+        """
         from .job_file import read_job
 
         file = read_job(path)
@@ -139,7 +146,11 @@ class Job:
         return self.file.frames * len(self.file.all_seeds()) * sum(len(s) for _, s in self.choices)
 
     def places(self) -> Places | None:
-        """Places of the frames in the data set; None without one. Raises InputError for a part that would be empty."""
+        """Places of the frames in the data set; None without one.
+
+        Raises:
+            InputError: for a part that would be empty
+        """
         if self.file.dataset is None:
             return None
         return Places(self.file, itertools.starmap(_drive, self._drives()))
@@ -233,7 +244,11 @@ def _scene_choice(path: Path, trajectory: TrajectoryFile | None, parameters: Par
 
 
 def scene_content(path: Path, overrides: Sequence[str]) -> str:
-    """Hash of a scene file and of all files that it names but the sensor's. Raises InputError."""
+    """Hash of a scene file and of all files that it names but the sensor's.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+    """
     sensor = Path(sensor_of_scene(path, overrides=overrides))
     return digest_of_data([_digest(file) for file in files_of_scene(path, overrides=overrides) if file != sensor])
 
@@ -266,14 +281,22 @@ def _locate_sensor(name: str, folder: Path) -> str:
 
 
 def sensor_content(name: str, overrides: Sequence[str]) -> str:
-    """Hash of a sensor: its files, and the changes. Raises InputError."""
+    """Hash of a sensor: its files, and the changes.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+    """
     load_sensor(name, overrides=overrides)
     path = Path(name) if name.endswith(".toml") else catalog.path_of("sensors", name)
     return digest_of_data([[_digest(file) for file in files_of_sensor(path, overrides=overrides)], list(overrides)])
 
 
 def rig_content(path: str, overrides: Sequence[str]) -> str:
-    """Hash of a rig: its file, its sensors and the changes to them. Raises InputError."""
+    """Hash of a rig: its file, its sensors and the changes to them.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+    """
     digests = [_digest(Path(path))]
 
     def sensor(name: str, /, *, overrides: Sequence[str]) -> Sensor:

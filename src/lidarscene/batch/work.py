@@ -38,9 +38,12 @@ def render_frames(
 ) -> tuple[list[str], float]:
     """Render frames into the job's folder, or write drives of frames, unless they are there.
 
-    threads   threads of Dr.Jit; None: those of the Dask worker
-    claiming  whether frames that another process has claimed are left to it; it may hang
-    Returns for each frame "", REUSED, ELSEWHERE or the cause of a failure in one line; and the seconds for all.
+    Args:
+        threads: threads of Dr.Jit; None: those of the Dask worker
+        claiming: whether frames that another process has claimed are left to it; it may hang
+
+    Returns:
+        for each frame "", REUSED, ELSEWHERE or the cause of a failure in one line; and the seconds for all
     """
     since = time.monotonic()
     store, thread_count = Store(Path(folder)), threads or _threads_of_worker()

@@ -55,7 +55,11 @@ def names(kind: str) -> list[str]:
 
 
 def path_of(kind: str, name: str) -> Path:
-    """File of an entry; case, dashes and underscores do not matter. Raises InputError with the names that fit."""
+    """File of an entry; case, dashes and underscores do not matter.
+
+    Raises:
+        InputError: with the names that fit
+    """
     path = folder(kind) / f"{name}{SUFFIXES.get(kind, ('.toml',))[0]}"
     if Path(name).name == name and os.path.isfile(path):
         return path

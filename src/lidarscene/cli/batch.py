@@ -65,7 +65,12 @@ def add_batch(commands: Any) -> None:
 
 
 def run_batch(arguments: argparse.Namespace) -> Answer:
-    """Run `batch`; the code is 1 if frames failed. Raises InputError and OutputError before anything is rendered."""
+    """Run `batch`; the code is 1 if frames failed.
+
+    Raises:
+        InputError: before anything is rendered
+        OutputError: before anything is rendered
+    """
     from .. import catalog
     from ..batch import cluster
     from ..batch.dispatch import run_job

@@ -75,7 +75,12 @@ def add_compare(commands: Any) -> None:
 
 
 def run_compare(arguments: argparse.Namespace) -> Answer:
-    """Run `compare`. Raises InputError and OutputError before anything is written."""
+    """Run `compare`.
+
+    Raises:
+        InputError: before anything is written
+        OutputError: before anything is written
+    """
     from ..figures.report import require_writable_report
 
     report_of = _choose(arguments)
@@ -94,7 +99,11 @@ def _refuse_inputs(arguments: argparse.Namespace, report: Report) -> None:
 
 
 def _choose(arguments: argparse.Namespace) -> Callable[[argparse.Namespace], Report]:
-    """Choose the kind of comparison. Raises InputError for options of another kind."""
+    """Choose the kind of comparison.
+
+    Raises:
+        InputError: for options of another kind
+    """
     if arguments.real is not None:
         return _compare_real
     for option in ("frame", "metadata"):

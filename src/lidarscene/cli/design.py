@@ -42,7 +42,12 @@ def add_design(commands: Any) -> None:
 
 
 def run_design(arguments: argparse.Namespace) -> Answer:
-    """Run `design`. Raises InputError and OutputError before anything is searched."""
+    """Run `design`.
+
+    Raises:
+        InputError: before anything is searched
+        OutputError: before anything is searched
+    """
     from ..figures.report import require_writable_report
     from ..studies.api import study_path
     from ..studies.design.design_study import run_study

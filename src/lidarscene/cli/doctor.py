@@ -34,9 +34,10 @@ SETTINGS = ("LIDARSCENE_VARIANT", PATH_VARIABLE, "DRJIT_LIBCUDA_PATH", "DRJIT_CA
 class Findings:
     """What lidarscene can run on this machine.
 
-    sections  title -> rows of a name and a text
-    error     why no back end works, or ""
-    healthy   whether rays can be traced here
+    Attributes:
+        sections: title -> rows of a name and a text
+        error: why no back end works, or ""
+        healthy: whether rays can be traced here
     """
 
     sections: dict[str, list[tuple[str, str]]]

@@ -50,7 +50,12 @@ def add_fov(commands: Any) -> None:
 
 
 def run_fov(arguments: argparse.Namespace) -> Answer:
-    """Run `fov`. Raises InputError and OutputError before anything is written."""
+    """Run `fov`.
+
+    Raises:
+        InputError: before anything is written
+        OutputError: before anything is written
+    """
     from ..figures.report import require_writable_report
     from ..studies.field_of_view.field_of_view_study import field_of_view_study
 

@@ -79,9 +79,13 @@ def _add_range(commands: Any) -> None:
 
 
 def run_range(arguments: argparse.Namespace) -> Answer:
-    """Run `range`. Raises InputError and OutputError before anything is written.
+    """Run `range`.
 
     The code is 1 for a report of eye safety on a sensor whose laser is not known.
+
+    Raises:
+        InputError: before anything is written
+        OutputError: before anything is written
     """
     from ..sensor.sensor_model import warn_of_doubts
     from ..studies.ranging.subjects import subjects

@@ -84,7 +84,12 @@ def add_render(commands: Any) -> None:
 
 
 def run_render(arguments: argparse.Namespace) -> Answer:
-    """Run `render`. Raises InputError and OutputError before anything is traced."""
+    """Run `render`.
+
+    Raises:
+        InputError: before anything is traced
+        OutputError: before anything is traced
+    """
     from ..kernel.device.profile import kernel_history
 
     with kernel_history() if arguments.profile else nullcontext() as history:

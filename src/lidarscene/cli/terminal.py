@@ -240,9 +240,10 @@ def progress(counted: str, *, after_s: float = 0.0, logged: bool = False) -> Ite
 
     It takes words on what there is so far as a third argument, if there are any.
 
-    counted  name of the steps
-    after_s  time before the bar appears: a shorter run has none
-    logged   whether `Lines` are printed where the error stream is no terminal
+    Args:
+        counted: name of the steps
+        after_s: time before the bar appears: a shorter run has none
+        logged: whether `Lines` are printed where the error stream is no terminal
     """
     if is_quiet() or not sys.stderr.isatty():
         yield Lines(counted) if logged else lambda finished, total, words="": None

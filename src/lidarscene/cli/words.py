@@ -114,7 +114,11 @@ def pose(text: str) -> Pose:
 
 
 def frame_numbers(text: str) -> tuple[int, ...]:
-    """Parse the numbers of frames, each once. Raises InputError."""
+    """Parse the numbers of frames, each once.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+    """
     words = text.split(",")
     if not all(word.isdecimal() for word in words):
         raise InputError(f"--frames: must be numbers with commas between them, such as 0,1,2, got '{text}'")

@@ -20,9 +20,10 @@ class CloudBuilder:
 
     A column that is one broadcast value (all strides 0), the same in every chunk, stays one value.
 
-    capacity  largest number of points, if known: reserved room takes no memory until it is used. Beyond it, and
-              without it, columns grow by a quarter
-    vectors   True if a cloud without chunks has the columns of vectors
+    Args:
+        capacity: largest number of points, if known: reserved room takes no memory until it is used. Beyond it, and
+            without it, columns grow by a quarter
+        vectors: True if a cloud without chunks has the columns of vectors
     """
 
     def __init__(self, *, capacity: int = 0, vectors: bool = False) -> None:

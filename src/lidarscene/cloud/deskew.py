@@ -36,11 +36,14 @@ def deskewed(
 
     Bodies that move stay distorted, since only the sensor's own motion is known.
 
-    cloud     one frame of one sensor, as `Simulator.render` returns it
-    motion    motion of the sensor in the world, such as `Simulator.motion`
-    length_s  duration of the frame, if the cloud is a piece of one; None: until the cloud's last point
-    Raises InputError for a cloud of several sensors, one that is deskewed already, or one whose metadata do not say
-    when it began.
+    Args:
+        cloud: one frame of one sensor, as `Simulator.render` returns it
+        motion: motion of the sensor in the world, such as `Simulator.motion`
+        length_s: duration of the frame, if the cloud is a piece of one; None: until the cloud's last point
+
+    Raises:
+        InputError: for a cloud of several sensors, one that is deskewed already, or one whose metadata do not say when
+            it began
     """
     if length_s is not None and not 0.0 <= length_s < math.inf:
         raise InputError(f"deskewed: length_s: must be finite and not below 0 s, got {length_s}")

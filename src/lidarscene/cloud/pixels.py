@@ -80,7 +80,8 @@ def camera_for(
 ) -> Camera:
     """Camera from eye to target, z up. A missing eye or target is chosen from the echoes near the sensor.
 
-    shape  width and height of a picture that these echoes shall fill; adapts the target and the angle
+    Args:
+        shape: width and height of a picture that these echoes shall fill; adapts the target and the angle
     """
     sensor = cloud.sensor_position_m
     echoes_m = cloud.xyz_m[cloud.column("status") == 0] - sensor
@@ -128,7 +129,8 @@ def _fit_view(
 def _near_field(echoes_m: Numbers, distance: Numbers) -> tuple[float, Numbers, float]:
     """Reach of the bulk of the echoes, its horizontal direction (a unit vector, 0 if all around) and its height.
 
-    distance  (n,) horizontal distances in metres
+    Args:
+        distance: (n,) horizontal distances in metres
     """
     if not len(distance) or not distance.max() > 0:
         return 20.0, np.array([1.0, 0.0, 0.0]), -1.5
@@ -145,9 +147,10 @@ def _near_field(echoes_m: Numbers, distance: Numbers) -> tuple[float, Numbers, f
 class Front:
     """Points that a picture shows, farthest first, and which of them each pixel shows.
 
-    point    (m,) int64 indices in the cloud
-    depth_m  (m,) float32
-    rank     (height, width) int32 index into these two, or NOTHING; the larger of two ranks is the nearer point
+    Attributes:
+        point: (m,) int64 indices in the cloud
+        depth_m: (m,) float32
+        rank: (height, width) int32 index into these two, or NOTHING; the larger of two ranks is the nearer point
     """
 
     point: Numbers
@@ -158,9 +161,10 @@ class Front:
 def splat(camera: Camera, xyz_m: Numbers, *, size: tuple[int, int], large: Numbers | None = None) -> Front:
     """Draw points as discs that fill a part of the picture and grow with nearness; the nearest is on top.
 
-    xyz_m  (n, 3)
-    size   width and height in pixels
-    large  (n,) bool, drawn twice as wide
+    Args:
+        xyz_m: (n, 3)
+        size: width and height in pixels
+        large: (n,) bool, drawn twice as wide
     """
     width, height = size
     u, v, depth = camera.project(xyz_m, width=width, height=height)
@@ -195,7 +199,8 @@ def _farthest_first(depth: Numbers) -> Numbers:
 def _discs(rank: Numbers, centre: Numbers, radius: Numbers) -> None:
     """Write each point's number over the pixels of its disc.
 
-    centre  (m,) indices of the discs' middles in the flat image; the points come farthest first
+    Args:
+        centre: (m,) indices of the discs' middles in the flat image; the points come farthest first
     """
     flat, across = rank.reshape(-1), rank.shape[1]
     starts = np.flatnonzero(np.diff(radius, prepend=-1.0)).tolist()
@@ -228,10 +233,12 @@ def unpack_rgb(colour: Numbers) -> Numbers:
 def eye_dome_picture(front: Front, rgb: Numbers, *, background: Numbers, reduction: int) -> tuple[Numbers, Numbers]:
     """Picture reduced by this factor, with eye-dome lighting: pixels beside nearer ones are darker, so edges show.
 
-    Returns packed colours (height, width), and (height, width) bool, True where a pixel shows a point.
+    Args:
+        rgb: (n, 3) uint8 colours of the cloud's points
+        background: (3,) uint8 colour of pixels without a point
 
-    rgb         (n, 3) uint8 colours of the cloud's points
-    background  (3,) uint8 colour of pixels without a point
+    Returns:
+        packed colours (height, width), and (height, width) bool, True where a pixel shows a point
     """
     # Eye-dome lighting after C. Boucheny (thesis, Grenoble 2009), on four neighbours. The largest rank in a square of
     # pixels is its nearest point.
@@ -269,9 +276,10 @@ def draw_surfaces_behind(
 ) -> Numbers:
     """Draw surfaces faintly where no point is.
 
-    image     (height, width) packed colours
-    covered   (height, width) bool, True where a pixel shows a point
-    surfaces  function of a camera and a size; gives depths (height, width) in metres, inf without a surface
+    Args:
+        image: (height, width) packed colours
+        covered: (height, width) bool, True where a pixel shows a point
+        surfaces: function of a camera and a size; gives depths (height, width) in metres, inf without a surface
     """
     height, width = covered.shape
     small = -(-width // SURFACE_PX), -(-height // SURFACE_PX)
@@ -295,9 +303,10 @@ def draw_surfaces_behind(
 class Cells:
     """The sensor's view: cells of azimuth by elevation and the point in each.
 
-    azimuth_deg    (columns + 1,) rising edges
-    elevation_deg  (rows + 1,) rising edges
-    point          (rows, columns) int32 index of the point, or NOTHING
+    Attributes:
+        azimuth_deg: (columns + 1,) rising edges
+        elevation_deg: (rows + 1,) rising edges
+        point: (rows, columns) int32 index of the point, or NOTHING
     """
 
     azimuth_deg: Numbers

@@ -31,19 +31,24 @@ from .builder import CloudBuilder
 class PointCloud(Cloud):
     """The points of one frame, struct of arrays, read-only; `CloudColumns` declares each column.
 
-    xyz_m     (n, 3) float32 or float64, in the frame metadata["frame"]: "sensor" (default), "vehicle" or "world"
-    range_m   (n,) float32, c t / 2 as the sensor reports it; all others (n,) of the dtype declared
-    truth     true_range_m to material: all given or all None; -1 and inf mean no surface
-    vectors   normal_x to velocity_z_m_s: all given or all None; they need the truth
-    names     sensor_names[sensor_index], body_names[body], class_names[class_id], material_names[material]; each
-              may be empty
-    metadata  text by key: sensor, scene, seed, ...; a frame other than the sensor's needs
-              "sensor_position_m": "x y z", three numbers for each sensor
+    * `truth`: true_range_m to material: all given or all None; -1 and inf mean no surface
+    * `vectors`: normal_x to velocity_z_m_s: all given or all None; they need the truth
+    * `names`: sensor_names[sensor_index], body_names[body], class_names[class_id], material_names[material]; each may
+      be empty
 
-    checked   True if the numbers are valid, so that only shapes and types are checked
+    The arrays are not copied, so the caller must not write to them afterwards.
 
-    The arrays are not copied, so the caller must not write to them afterwards. Raises ValueError for a
-    wrong shape, an integer out of range, a NaN anywhere.
+    Attributes:
+        xyz_m: (n, 3) float32 or float64, in the frame metadata["frame"]: "sensor" (default), "vehicle" or "world"
+        range_m: (n,) float32, c t / 2 as the sensor reports it; all others (n,) of the dtype declared
+        metadata: text by key: sensor, scene, seed, ...; a frame other than the sensor's needs "sensor_position_m": "x y
+            z", three numbers for each sensor
+
+    Args:
+        checked: True if the numbers are valid, so that only shapes and types are checked
+
+    Raises:
+        ValueError: for a wrong shape, an integer out of range, a NaN anywhere
     """
 
     def __repr__(self) -> str:
@@ -63,8 +68,11 @@ class PointCloud(Cloud):
     def concatenate(parts: list[PointCloud], *, consume: bool = False) -> PointCloud:
         """Join all points of the parts in order; names and metadata are those of the first.
 
-        With ``consume`` the list is emptied: if nothing else holds the parts, memory peaks at one copy of the
-        cloud plus one column. Raises ValueError where names differ, or only some parts have truth.
+        With ``consume`` the list is emptied: if nothing else holds the parts, memory peaks at one copy of the cloud
+        plus one column.
+
+        Raises:
+            ValueError: where names differ, or only some parts have truth
         """
         if not parts:
             raise ValueError("PointCloud.concatenate: no parts")
@@ -82,7 +90,8 @@ class PointCloud(Cloud):
     def __add__(self, other: PointCloud) -> PointCloud:
         """Points of both clouds, bodies, classes and materials by their names; metadata are those of the first.
 
-        Raises InputError for clouds in different coordinates, or where only one has truth or vectors.
+        Raises:
+            InputError: for clouds in different coordinates, or where only one has truth or vectors
         """
         if not isinstance(other, PointCloud):
             return NotImplemented
@@ -121,8 +130,9 @@ class PointCloud(Cloud):
     ) -> facts.Picture:
         """Picture of the points with title and scale, which a notebook shows and `Picture.save` writes.
 
-        colour_by  a column
-        view       camera, a `scene.scene.View`; None: from above and behind the sensor
+        Args:
+            colour_by: a column
+            view: camera, a `scene.scene.View`; None: from above and behind the sensor
         """
         picture: facts.Picture = call_bound("draw", self, colour_by=colour_by, view=view, size_px=size_px)
         return picture
@@ -137,8 +147,9 @@ class PointCloud(Cloud):
     ) -> None:
         """Write a file of this format, or else of the one that the suffix names (`formats.registry`).
 
-        ascii      text instead of binary, where the format has both
-        colour_by  a column by which points get red, green and blue, as pictures have them; of a PLY file
+        Args:
+            ascii: text instead of binary, where the format has both
+            colour_by: a column by which points get red, green and blue, as pictures have them; of a PLY file
         """
         chosen = format_of(path, format)
         if colour_by is not None and not chosen.colour:
@@ -174,7 +185,8 @@ class PointCloud(Cloud):
     def to_pandas(self) -> Any:
         """A pandas.DataFrame with the columns of files, not copied; metadata in its `attrs`.
 
-        Raises LidarSceneError, with what to install, where pandas cannot be imported.
+        Raises:
+            LidarSceneError: with what to install, where pandas cannot be imported
         """
         from .interop import to_pandas
 
@@ -183,7 +195,8 @@ class PointCloud(Cloud):
     def to_torch(self) -> Any:
         """Tensors by name, in the memory of the cloud: do not write into them; "xyz" is (n, 3).
 
-        Raises LidarSceneError, with what to install, where PyTorch cannot be imported.
+        Raises:
+            LidarSceneError: with what to install, where PyTorch cannot be imported
         """
         from .interop import to_torch
 
@@ -192,9 +205,12 @@ class PointCloud(Cloud):
     def to_open3d(self, *, colour_by: str | None = None, legacy: bool = False) -> Any:
         """An open3d.t.geometry.PointCloud, copied: positions, and each other column as (n, 1) attribute.
 
-        colour_by  a column by which points are coloured, as in pictures; None: no colours
-        legacy     an open3d.geometry.PointCloud instead, which has positions and colours alone
-        Raises LidarSceneError, with what to install, where Open3D cannot be imported.
+        Args:
+            colour_by: a column by which points are coloured, as in pictures; None: no colours
+            legacy: an open3d.geometry.PointCloud instead, which has positions and colours alone
+
+        Raises:
+            LidarSceneError: with what to install, where Open3D cannot be imported
         """
         from .interop import to_open3d
 
@@ -205,10 +221,15 @@ class PointCloud(Cloud):
     ) -> Any:
         """The page of `lidarscene view` in a notebook, where the cloud is turned, coloured and clicked.
 
-        scene      where it was made, a `Scene`, its name or file: its surfaces are shown too, and a point's budget
-        sensor     catalogue name or file; None: the sensor that the cloud names
-        height_px  of the frame in the notebook
-        The object returned also has `save(path)`, which writes the page. Raises InputError.
+        The object returned also has `save(path)`, which writes the page.
+
+        Args:
+            scene: where it was made, a `Scene`, its name or file: its surfaces are shown too, and a point's budget
+            sensor: catalogue name or file; None: the sensor that the cloud names
+            height_px: of the frame in the notebook
+
+        Raises:
+            InputError: if a file, a key or a value cannot be understood
         """
         return call_bound("view", self, scene=scene, sensor=sensor, height_px=height_px)
 

@@ -30,8 +30,11 @@ def merge_clouds(clouds: Sequence[PointCloud], labels: Sequence[str]) -> PointCl
     """Merge clouds of several sensors, all in the vehicle's or all in the world's frame.
 
     `sensor_index` names the sensor of each point, `sensor_names` are the labels, and the metadata's `frame_start_s`,
-    `sensor_position_m` and `sensor_rotation` hold those of all sensors, one after the other. Times still count from
-    the start of each sensor's own frame. Raises ValueError for clouds in the sensor's frame or in different frames.
+    `sensor_position_m` and `sensor_rotation` hold those of all sensors, one after the other. Times still count from the
+    start of each sensor's own frame.
+
+    Raises:
+        ValueError: for clouds in the sensor's frame or in different frames
     """
     frames = {cloud.metadata.get("frame", "sensor") for cloud in clouds}
     if len(frames) != 1 or "sensor" in frames:

@@ -42,7 +42,8 @@ _SUPERSCRIPTS = str.maketrans("-0123456789", "⁻⁰¹²³⁴⁵⁶⁷⁸⁹")
 class Scale:
     """Mapping from values to colours.
 
-    kind  spacing of the colours; "root" gives more contrast at near ranges
+    Attributes:
+        kind: spacing of the colours; "root" gives more contrast at near ranges
     """
 
     low: float

@@ -36,9 +36,10 @@ def rgb(colour: str) -> Numbers:
 class Shades:
     """Colour of each point for one column, and the scale that explains it.
 
-    rgb    (n, 3) uint8
-    kinds  (label, colour) of each category, most frequent first; empty for a quantity
-    scale  scale of a quantity; None for categories
+    Attributes:
+        rgb: (n, 3) uint8
+        kinds: (label, colour) of each category, most frequent first; empty for a quantity
+        scale: scale of a quantity; None for categories
     """
 
     def __init__(self, cloud: Cloud, name: str, *, limits: tuple[float, float] | None = None) -> None:

@@ -23,7 +23,8 @@ class Thinned:
 
     The points do not depend on how the frame is cut.
 
-    statuses  number of points of each `Status` before thinning
+    Attributes:
+        statuses: number of points of each `Status` before thinning
     """
 
     def __init__(self) -> None:

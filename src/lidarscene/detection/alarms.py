@@ -38,9 +38,10 @@ _DRAWS = 2**16
 class _Alarm:
     """A crossing that no echo of the sensor's own pulse causes; each field (n,).
 
-    time_s       crossing time
-    amplitude    peak, in signal units
-    interfering  whether it is another lidar's pulse; None: it is not
+    Attributes:
+        time_s: crossing time
+        amplitude: peak, in signal units
+        interfering: whether it is another lidar's pulse; None: it is not
     """
 
     time_s: Lanes
@@ -70,9 +71,10 @@ class _Alarms(Protocol):
 class _AlarmsByTime:
     """Alarms of all sources in order of time; in reverse order where the last are kept.
 
-    noise_rate_hz  (n,) rate lambda of crossings by noise
-    rate_hz        (n,) that of all crossings
-    other_lidars   crossings by the pulses of each other lidar
+    Attributes:
+        noise_rate_hz: (n,) rate lambda of crossings by noise
+        rate_hz: (n,) that of all crossings
+        other_lidars: crossings by the pulses of each other lidar
     """
 
     shots: Shots
@@ -124,9 +126,10 @@ class _AlarmsByHeight:
     Crossings ordered by height, counted by how many are expected to be higher, are a Poisson process of rate one. It
     ends at the expected number of all crossings, lambda tau; Gamma / (lambda tau) is the upper tail.
 
-    rate_hz     (n,) rate of the source's crossings
-    lidar       whose pulses they are; None: noise
-    first_draw  draw of the first alarm
+    Attributes:
+        rate_hz: (n,) rate of the source's crossings
+        lidar: whose pulses they are; None: noise
+        first_draw: draw of the first alarm
     """
 
     shots: Shots
@@ -167,7 +170,8 @@ class _AlarmsByHeight:
 def add_alarms(shots: Shots, found: Found, sources: tuple[Interference, ...]) -> Stops:
     """Add the false alarms to the stops of the echoes (docs/theory.md 9 and 15).
 
-    sources  pulses of other lidars on the detector
+    Args:
+        sources: pulses of other lidars on the detector
     """
     stops = found.stops
     for kind, alarms in enumerate(_kinds(shots, sources), start=1):
@@ -201,7 +205,8 @@ def _kinds(shots: Shots, sources: tuple[Interference, ...]) -> Sequence[_Alarms]
 def _merge_alarms(shots: Shots, stops: Stops, alarms: _Alarms, found: Found, *, first_draw: int) -> Stops:
     """Add the alarms of one kind to the stops.
 
-    first_draw  of the jitter of their times
+    Args:
+        first_draw: of the jitter of their times
     """
     like, converter = stops[0], shots.sensor.tdc
     ops, most = xp(like.key), stop_list.most_alarms(converter)
@@ -242,7 +247,8 @@ def _merge_alarms(shots: Shots, stops: Stops, alarms: _Alarms, found: Found, *, 
 def _status(interfering: Mask | None) -> Lanes:
     """`Status` of a false alarm, (n,).
 
-    interfering  (n,) bool, whether it is another lidar's pulse; None without other lidars
+    Args:
+        interfering: (n,) bool, whether it is another lidar's pulse; None without other lidars
     """
     if interfering is None:
         return int(Status.FALSE_ALARM)

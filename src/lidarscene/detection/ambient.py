@@ -18,9 +18,10 @@ def counts(background_power_w: Lanes, sensor: Sensor, *, seed: Seed, pulse: Arra
 
     Echoes are not counted (docs/theory_light.md 15).
 
-    background_power_w  (n,) optical power on the detector
-    seed                32-bit frame seed
-    pulse               (n,) uint32 pulse numbers
+    Args:
+        background_power_w: (n,) optical power on the detector
+        seed: 32-bit frame seed
+        pulse: (n,) uint32 pulse numbers
     """
     rate, narrowing = sensor.background_counts(background_power_w)
     words = random.words(seed=seed, stage=random.Stage.AMBIENT, pulse=pulse)

@@ -28,15 +28,16 @@ from .shots import Shots
 class Trip:
     """An echo at the comparator, with the noise that was drawn for it; each field (n,).
 
-    signal        peak s of the signal without noise
-    sigma         standard deviation of the noise at the peak
-    deviate       z of the leading edge, N(0, 1), theory (T24)
-    peak_deviate  z' of the peak, N(0, 1), independent of the first, theory (T26a)
-    level         noiseless signal at which the edge trips the comparator, theory (T25)
-    probability   P_d, theory (T22) or (T23); of an echo that fluctuates, the mean over all of its powers
-    tripped       whether the echo trips the comparator
-    expected      signal of the mean power: ``signal`` if the echo does not fluctuate
-    base          signal from which the threshold counts: 0 but for what stands on other light
+    Attributes:
+        signal: peak s of the signal without noise
+        sigma: standard deviation of the noise at the peak
+        deviate: z of the leading edge, N(0, 1), theory (T24)
+        peak_deviate: z' of the peak, N(0, 1), independent of the first, theory (T26a)
+        level: noiseless signal at which the edge trips the comparator, theory (T25)
+        probability: P_d, theory (T22) or (T23); of an echo that fluctuates, the mean over all of its powers
+        tripped: whether the echo trips the comparator
+        expected: signal of the mean power: ``signal`` if the echo does not fluctuate
+        base: signal from which the threshold counts: 0 but for what stands on other light
     """
 
     signal: Lanes
@@ -61,9 +62,10 @@ def level(shots: Shots, *, draw: Lanes = 0) -> Lanes:
 def trip(shots: Shots, peak_power_w: Lanes, *, draw: Lanes = 0, base: Lanes = 0.0) -> Trip:
     """Draw the noise of an echo and compare it with the threshold (docs/theory.md 8).
 
-    peak_power_w  (n,) optical peak power
-    draw          number of the echo in its pulse: each has its own deviates
-    base          (n,) signal from which the threshold counts, that of the light on which the echo stands
+    Args:
+        peak_power_w: (n,) optical peak power
+        draw: number of the echo in its pulse: each has its own deviates
+        base: (n,) signal from which the threshold counts, that of the light on which the echo stands
     """
     point, threshold = shots.point, shots.threshold + base
     deviate, peak_deviate = random.normal_pair(shots.words(Stage.EDGE_NOISE, draw))
@@ -102,8 +104,9 @@ def trip(shots: Shots, peak_power_w: Lanes, *, draw: Lanes = 0, base: Lanes = 0.
 def expectation(shots: Shots, peak_power_w: Lanes, *, threshold: Lanes | None = None) -> tuple[Lanes, Lanes]:
     """Peak signal of an echo's mean power, and its P_d, (n,) each; theory (T22) or (T23).
 
-    peak_power_w  (n,) optical peak power as drawn
-    threshold     (n,) level that it must reach; None: the comparator's
+    Args:
+        peak_power_w: (n,) optical peak power as drawn
+        threshold: (n,) level that it must reach; None: the comparator's
     """
     level = shots.threshold if threshold is None else threshold
     point, fluctuation = shots.point, shots.fluctuation
@@ -124,8 +127,9 @@ def count_lag_s(shots: Shots, trip: Trip, *, share: Lanes, peak_power_w: Lanes) 
 
     Exact for a lone Gaussian pulse; of other waveforms the light's crossing is delayed by as much.
 
-    share         (n,) share of the peak power that makes the level, 1 if the peak is below it
-    peak_power_w  (n,) peak power, above 0
+    Args:
+        share: (n,) share of the peak power that makes the level, 1 if the peak is below it
+        peak_power_w: (n,) peak power, above 0
     """
     edge, point = shots.point.edge, shots.point
     if edge is None or trip.passage is None or not shots.sensor.times_edge:
@@ -142,7 +146,8 @@ def count_lag_s(shots: Shots, trip: Trip, *, share: Lanes, peak_power_w: Lanes) 
 def amplitude(shots: Shots, trip: Trip, *, lag_s: Lanes) -> Lanes:
     """Measured peak in signal units, (n,); at least the threshold (docs/theory.md 8).
 
-    lag_s  (n,) time between the crossing and the peak, of either sign
+    Args:
+        lag_s: (n,) time between the crossing and the peak, of either sign
     """
     ops = xp(trip.signal)
     # (T26a): noise of bandwidth B_w keeps the share r of the edge's deviate until the peak; the rest is fresh. At the
@@ -161,9 +166,10 @@ def trailing_level(shots: Shots, trip: Trip, *, threshold: Lanes | None = None, 
 
     The falling edge has another deviate, correlated with that of the rising edge.
 
-    threshold  (n,) the level; None: the comparator's threshold
-    lag_s      (n,) time between the two edges, of either sign
-    draw       number of the echo in its pulse
+    Args:
+        threshold: (n,) the level; None: the comparator's threshold
+        lag_s: (n,) time between the two edges, of either sign
+        draw: number of the echo in its pulse
     """
     ops, words = xp(trip.signal), shots.words(Stage.TRAILING_EDGE, draw)
     correlation = shots.sensor.noise_correlation(lag_s)
@@ -177,7 +183,8 @@ def trailing_level(shots: Shots, trip: Trip, *, threshold: Lanes | None = None, 
 def width_s(shots: Shots, trip: Trip, *, peak_power_w: Lanes, early_s: Lanes) -> Lanes:
     """Time over the threshold of a single Gaussian pulse, (n,) s (docs/theory_receivers.md 32).
 
-    early_s  (n,) crossing time of the rising edge relative to the peak: negative
+    Args:
+        early_s: (n,) crossing time of the rising edge relative to the peak: negative
     """
     ops, point, fwhm = xp(trip.signal), shots.point, shots.sensor.received_fwhm_s
     # The pulse is symmetric: without noise the falling edge crosses as long after the peak as the rising edge before.
@@ -205,11 +212,12 @@ def reported_s(
 ) -> Lanes:
     """Time that the converter reports for a crossing, (n,) s: walk taken off, jitter and rounding added.
 
-    crossing_s    (n,) time at which the comparator trips
-    measured      (n,) measured amplitude, in signal units
-    width_s       (n,) time over the threshold, or None: not measured
-    true_power_w  (n,) optical peak power without noise
-    draw          number of the echo in its pulse
+    Args:
+        crossing_s: (n,) time at which the comparator trips
+        measured: (n,) measured amplitude, in signal units
+        width_s: (n,) time over the threshold, or None: not measured
+        true_power_w: (n,) optical peak power without noise
+        draw: number of the echo in its pulse
     """
     walk = walk_s(shots, measured=measured, width_s=width_s, true_power_w=true_power_w)
     return converted_time_s(shots, crossing_s - walk, draw=draw)
@@ -242,7 +250,8 @@ def converted_time_s(shots: Shots, time_s: Lanes, *, draw: Lanes = 0) -> Lanes:
     Its jitter is added and the sum rounded to its step; 0 where that is not after the pulse. Of a histogram the time
     stamps have the jitter, before they are counted.
 
-    draw  number of the time in its pulse: each has a jitter of its own
+    Args:
+        draw: number of the time in its pulse: each has a jitter of its own
     """
     ops, converter = xp(time_s), shots.sensor.tdc
     if shots.sensor.histogram is None:

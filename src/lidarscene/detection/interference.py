@@ -22,9 +22,10 @@ from .shots import Shots
 class Crossings:
     """Pulses of one other lidar that trip the comparator, for each pulse of the sensor.
 
-    rate_hz       (n,) nu q, rate of the Poisson process
-    probability   (n,) q, that one of its pulses trips, theory (T43)
-    source        light of the other lidar
+    Attributes:
+        rate_hz: (n,) nu q, rate of the Poisson process
+        probability: (n,) q, that one of its pulses trips, theory (T43)
+        source: light of the other lidar
     """
 
     rate_hz: Lanes
@@ -36,8 +37,9 @@ class Crossings:
 class Assigned:
     """An alarm with its source; each field (n,).
 
-    amplitude    peak, in signal units
-    interfering  whether it is another lidar's pulse; None without other lidars
+    Attributes:
+        amplitude: peak, in signal units
+        interfering: whether it is another lidar's pulse; None without other lidars
     """
 
     amplitude: Lanes
@@ -64,9 +66,10 @@ def assign_source(
 ) -> Assigned:
     """Choose the source of an alarm at random, and with it the amplitude.
 
-    noise_rate_hz    (n,) rate of crossings by noise
-    noise_amplitude  (n,) amplitude that the alarm has if noise causes it
-    draw             number of the alarm
+    Args:
+        noise_rate_hz: (n,) rate of crossings by noise
+        noise_amplitude: (n,) amplitude that the alarm has if noise causes it
+        draw: number of the alarm
     """
     # Several Poisson processes together are one, with the sum of their rates. Each of its alarms comes from one of
     # them with a probability in proportion to that one's rate, whatever its time. So the rates are laid end to end,
@@ -86,7 +89,8 @@ def assign_source(
 def tripping_amplitude(shots: Shots, lidar: Crossings, *, uniform: Lanes) -> Lanes:
     """Peak of another lidar's pulse that trips, (n,) in signal units.
 
-    uniform  (n,) share of the tripping pulses that are at least as high
+    Args:
+        uniform: (n,) share of the tripping pulses that are at least as high
     """
     point, threshold = shots.point, shots.threshold
     power = formulas.tripping_power_w(

@@ -34,10 +34,11 @@ from .stops import EMPTY, Found, Stop, Stops
 class _Pulse:
     """Last peak of a peak-finding receiver, until later light shows that it is a pulse of its own; each field (n,).
 
-    stop    return that the peak would give
-    peak    place of its peak
-    top     signal there
-    lowest  lowest signal since
+    Attributes:
+        stop: return that the peak would give
+        peak: place of its peak
+        top: signal there
+        lowest: lowest signal since
     """
 
     stop: Stop
@@ -50,16 +51,17 @@ class _Pulse:
 class _RiseSearch:
     """State of the search over the rises of each pulse; each field (n,).
 
-    high       whether the rise before tripped the comparator
-    tripped    whether any rise has tripped it
-    in_window  whether the converter has taken any crossing
-    last       place of the last crossing that it took
-    highest    place of the highest peak
-    highest_w  power there
-    stops      crossings that the converter keeps so far, best first
-    pulse      the last peak, which is not yet among the stops; None of a receiver that times edges
-    memory     earlier echoes, as far as the detector remembers them
-    at_highest what earlier echoes leave at the highest peak; None: nothing
+    Attributes:
+        high: whether the rise before tripped the comparator
+        tripped: whether any rise has tripped it
+        in_window: whether the converter has taken any crossing
+        last: place of the last crossing that it took
+        highest: place of the highest peak
+        highest_w: power there
+        stops: crossings that the converter keeps so far, best first
+        pulse: the last peak, which is not yet among the stops; None of a receiver that times edges
+        memory: earlier echoes, as far as the detector remembers them
+        at_highest: what earlier echoes leave at the highest peak; None: nothing
     """
 
     high: Mask
@@ -78,8 +80,9 @@ class _RiseSearch:
 class Rises(Received):
     """Comparator and TDC at work on the waveforms of some pulses: each rise may be a return.
 
-    surfaces  number of sub-echoes that are of surfaces; they come before those of the air
-    stray     whether the last sub-echo is stray light of other channels
+    Attributes:
+        surfaces: number of sub-echoes that are of surfaces; they come before those of the air
+        stray: whether the last sub-echo is stray light of other channels
     """
 
     surfaces: int
@@ -274,7 +277,8 @@ class Rises(Received):
     def _base_signal(self, lowest: Lanes) -> Lanes:
         """Signal from which the threshold counts for a pulse on top of other light, (n,).
 
-        lowest  (n,) lowest signal of that light since the last pulse
+        Args:
+            lowest: (n,) lowest signal of that light since the last pulse
         """
         sampler = self.sensor.sampler
         if not isinstance(sampler, MultiLevel):
@@ -307,7 +311,8 @@ class Rises(Received):
         If the valley is above the level, it is the valley. If the peak is below it, as counted cells allow, it is the
         peak.
 
-        gain  (n,) gain of a matched filter
+        Args:
+            gain: (n,) gain of a matched filter
         """
         ops = self.ops
         reaches = edge & ~in_valley & (trip.level < trip.signal)

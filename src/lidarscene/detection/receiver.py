@@ -58,11 +58,13 @@ def detect(
 ) -> Detection:
     """Detect pulses: one `Returns` for each stop of the converter (docs/theory.md 7 to 9, docs/theory_light.md 17).
 
-    light      of each pulse: one echo in clear air, or a train of sub-echoes
-    seed       32-bit frame seed; every random number is keyed by (seed, stage, pulse)
-    pulse      (n,) uint32 pulse numbers; with ``channels``, of whole scan lines in order of time
-    channels   light of the pulses, computed before, in which other channels of their volley may glare; None: none does
-    crosstalk  with ``channels``: which channels see each other's light
+    Args:
+        light: of each pulse: one echo in clear air, or a train of sub-echoes
+        seed: 32-bit frame seed; every random number is keyed by (seed, stage, pulse)
+        pulse: (n,) uint32 pulse numbers; with ``channels``, of whole scan lines in order of time
+        channels: light of the pulses, computed before, in which other channels of their volley may glare; None: none
+            does
+        crosstalk: with ``channels``: which channels see each other's light
     """
     if isinstance(light, Echoes) and not is_plain(sensor):
         light = _train_of(light)

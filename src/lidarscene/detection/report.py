@@ -13,18 +13,19 @@ from .outcomes import Outcome, Status
 class Measurement:
     """Measurement of a return, and the light that caused it; each field (n,), NumPy or Dr.Jit.
 
-    status     a `Status`; None as long as the finder searches for more
-    amplitude  peak at the comparator, in amperes (APD) or cells (SiPM), or photons in a histogram
-    width_s    time over the threshold; None: the sensor does not measure it
-
     The following belong to this return alone. They are None if pulses have one echo and `single_echo` detects it: the
     `Detection` has them then.
 
-    snr, detection_probability  (n,) as in `Detection`; 0 for a false alarm
-    source                      (n,) number of the sub-echo that caused the return, -1 for the even light of the air;
-                                for a false alarm, the pulse's strongest sub-echo
-    true_range_m                (n,) mean range of the sub-echoes, weighted by their power at the peak; the range of the
-                                air if its light tripped the comparator
+    Attributes:
+        status: a `Status`; None as long as the finder searches for more
+        amplitude: peak at the comparator, in amperes (APD) or cells (SiPM), or photons in a histogram
+        width_s: time over the threshold; None: the sensor does not measure it
+        snr: (n,) as in `Detection`; 0 for a false alarm
+        detection_probability: (n,) as in `Detection`; 0 for a false alarm
+        source: (n,) number of the sub-echo that caused the return, -1 for the even light of the air; for a false alarm,
+            the pulse's strongest sub-echo
+        true_range_m: (n,) mean range of the sub-echoes, weighted by their power at the peak; the range of the air if
+            its light tripped the comparator
     """
 
     status: Lanes | None
@@ -45,9 +46,10 @@ class Measurement:
 class Returns(Measurement):
     """Returns that one stop of the converter reports for n pulses; NumPy or Dr.Jit.
 
-    reported   (n,) bool, whether this stop was used
-    range_m    (n,) c t / 2 of the reported time
-    intensity  (n,) on the maker's scale, `detection.reported_intensity.reported_intensity`
+    Attributes:
+        reported: (n,) bool, whether this stop was used
+        range_m: (n,) c t / 2 of the reported time
+        intensity: (n,) on the maker's scale, `detection.reported_intensity.reported_intensity`
     """
 
     reported: Mask
@@ -59,13 +61,13 @@ class Returns(Measurement):
 class Detection:
     """Result of the electronics for n pulses; NumPy or Dr.Jit.
 
-    snr                    (n,) peak signal over the noise without an echo, (19) or (27); of the highest peak; 0 without
-                           an echo
-    detection_probability  (n,) P_d, that this echo trips the comparator; of the highest peak; 0 without an echo
-    outcome                (n,) int32, an `Outcome`
-    ambient                (n,) background counts, `detection.ambient.counts`
-    stops                  one `Returns` for each stop, first crossing first
-    source                 (n,) number of the strongest sub-echo of a surface; None: there is only one
+    Attributes:
+        snr: (n,) peak signal over the noise without an echo, (19) or (27); of the highest peak; 0 without an echo
+        detection_probability: (n,) P_d, that this echo trips the comparator; of the highest peak; 0 without an echo
+        outcome: (n,) int32, an `Outcome`
+        ambient: (n,) background counts, `detection.ambient.counts`
+        stops: one `Returns` for each stop, first crossing first
+        source: (n,) number of the strongest sub-echo of a surface; None: there is only one
     """
 
     snr: Lanes
@@ -79,9 +81,10 @@ class Detection:
 def outcome_of(stops: Sequence[Returns], *, has_surface: Mask, tripped: Mask, in_window: Mask) -> Array:
     """Outcome of each pulse's echo, (n,) int32: the first stage at which it was lost.
 
-    has_surface  (n,) whether the pulse met a surface
-    tripped      (n,) whether any light tripped the comparator
-    in_window    (n,) whether the converter took any of it
+    Args:
+        has_surface: (n,) whether the pulse met a surface
+        tripped: (n,) whether any light tripped the comparator
+        in_window: (n,) whether the converter took any of it
     """
     ops = xp(stops[0].range_m)
     # Later lines overrule earlier ones.

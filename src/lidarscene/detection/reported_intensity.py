@@ -22,9 +22,10 @@ def reported_intensity(
 ) -> Lanes:
     """Reported intensity, (n,): the amplitude (raw), watts (range_corrected) or 0 to 255 (reflectivity), theory (T46).
 
-    amplitude  (n,) in signal units
-    width_s    (n,) time over the threshold, which gives the power of a saturated pulse; None: not measured
-    range_m    (n,) reported range
+    Args:
+        amplitude: (n,) in signal units
+        width_s: (n,) time over the threshold, which gives the power of a saturated pulse; None: not measured
+        range_m: (n,) reported range
     """
     sensor = shots.sensor
     scale = sensor.intensity

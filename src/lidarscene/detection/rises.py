@@ -37,12 +37,13 @@ _END = 1e29
 class Rise:
     """One peak of each pulse and the valley before it; each field (n,). Between the two the power only rises.
 
-    exists    whether the pulse has this peak; if not, the other fields are undefined
-    number    number of peaks before it, unsigned
-    valley    place of the lowest point before the peak
-    valley_w  power there
-    peak      place of the peak
-    top       power at the peak, and its first and second derivative
+    Attributes:
+        exists: whether the pulse has this peak; if not, the other fields are undefined
+        number: number of peaks before it, unsigned
+        valley: place of the lowest point before the peak
+        valley_w: power there
+        peak: place of the peak
+        top: power at the peak, and its first and second derivative
     """
 
     exists: Mask
@@ -57,11 +58,15 @@ class Rise:
 class _March:
     """State of the search for the next peak of each pulse; each field (n,).
 
-    previous, place  two consecutive places of the search; once ``bracketed``, the peak is between them
-    slope, bend      first and second derivative of the waveform at ``place``
-    ahead            start of the first interval that does not end before ``place``: there is no peak before it
-    low, high        two consecutive places with the valley between them
-    bracketed        whether a peak lies between the last two places
+    Attributes:
+        previous: place of the search before ``place``; once ``bracketed``, the peak is between them
+        place: place of the search
+        slope: first derivative of the waveform at ``place``
+        bend: second derivative there
+        ahead: start of the first interval that does not end before ``place``: there is no peak before it
+        low: the first of two consecutive places with the valley between them
+        high: the second
+        bracketed: whether a peak lies between the last two places
     """
 
     previous: Lanes
@@ -77,8 +82,9 @@ class _March:
 def visit_all(wave: Waveform, visit: Callable[[Rise, S], S], state: S) -> S:
     """Visit every rise of every pulse in order of time; returns the last state.
 
-    visit  ``visit(rise, state) -> state``, called once for each rise
-    state  state before the first rise: arrays of one entry for each pulse
+    Args:
+        visit: ``visit(rise, state) -> state``, called once for each rise
+        state: state before the first rise: arrays of one entry for each pulse
     """
     if wave.lone:
         return _visit_lone(wave, visit, state)
@@ -155,9 +161,12 @@ def _march(
 ) -> _March:
     """Walk on to the next pair of places with a peak between them.
 
-    next_start             gives the start of the first interval that ends behind a place
-    place, slope, bend    (n,) start of the walk, and the derivatives of the waveform there
-    ahead                 (n,) ``next_start(place)``
+    Args:
+        next_start: gives the start of the first interval that ends behind a place
+        place: (n,) start of the walk
+        slope: (n,) first derivative of the waveform there
+        bend: (n,) second derivative there
+        ahead: (n,) ``next_start(place)``
     """
     ops = xp(place, slope)
 

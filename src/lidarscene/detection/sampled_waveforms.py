@@ -34,20 +34,21 @@ SAMPLES_PER_FWHM = 16
 class Waveforms:
     """Waveforms of some pulses, without noise.
 
-    pulse         (n,) int64 pulse numbers, rising, counted from the run's first frame as in `--keep-missed`
-    time_s        (times,) time since the middle of the pulse left
-    range_m       (times,) c t / 2
-    power_w       (n, times) float32, optical power of echoes and air, without the background
-    background_w  (n,) float32, constant optical power of the background
-    signal        (n, times) float32, mean signal of the detector above that of the background, with what earlier
-                  light of the pulse leaves in it (`sample_with_memory`)
-    threshold     (n,) float32, level of the comparator
-    unit          unit of signal and threshold: "A" (APD), "cells" (SiPM) or "photons" (histogram of counts)
-    channel       (n,) uint16, as the sensor reports it
-    azimuth_rad   (n,) float32, as the sensor reports it
-    elevation_rad (n,) float32, as the sensor reports it
-    counts        (n, times) float32, of a receiver that sums shots: its histogram, with the noise of a frame; the times
-                  are the middles of its bins, and the signal is the mean count of each; None of any other
+    Attributes:
+        pulse: (n,) int64 pulse numbers, rising, counted from the run's first frame as in `--keep-missed`
+        time_s: (times,) time since the middle of the pulse left
+        range_m: (times,) c t / 2
+        power_w: (n, times) float32, optical power of echoes and air, without the background
+        background_w: (n,) float32, constant optical power of the background
+        signal: (n, times) float32, mean signal of the detector above that of the background, with what earlier light of
+            the pulse leaves in it (`sample_with_memory`)
+        threshold: (n,) float32, level of the comparator
+        unit: unit of signal and threshold: "A" (APD), "cells" (SiPM) or "photons" (histogram of counts)
+        channel: (n,) uint16, as the sensor reports it
+        azimuth_rad: (n,) float32, as the sensor reports it
+        elevation_rad: (n,) float32, as the sensor reports it
+        counts: (n, times) float32, of a receiver that sums shots: its histogram, with the noise of a frame; the times
+            are the middles of its bins, and the signal is the mean count of each; None of any other
     """
 
     pulse: Numbers
@@ -67,7 +68,8 @@ class Waveforms:
 def check_pulses(pulses: Sequence[int], sensor: Sensor) -> Numbers:
     """Check chosen pulse numbers; returns the distinct ones, rising, (n,) int64.
 
-    Raises InputError for a number that the frame does not have, and for none or more than `MOST_PULSES`.
+    Raises:
+        InputError: for a number that the frame does not have, and for none or more than `MOST_PULSES`
     """
     chosen = np.unique(np.asarray(pulses, dtype=np.int64))
     count = sensor.scanner.pulses
@@ -122,13 +124,15 @@ def sample_waveforms(
 ) -> Waveforms:
     """Waveforms of chosen pulses of a frame.
 
-    train_of      ``train_of(first, count)`` traces consecutive pulses of the frame; its EchoTrain is NumPy
-    pulse         (n,) rising pulse numbers since the rollover of the frame
-    times_s       (times,) time since the middle of the pulse left; None: `window_times_s`
-    pulse_in_run  (n,) int64 the pulses' numbers counted from the run's first frame
-    seed          seed of the frame, for the counts of a histogram
+    Args:
+        train_of: ``train_of(first, count)`` traces consecutive pulses of the frame; its EchoTrain is NumPy
+        pulse: (n,) rising pulse numbers since the rollover of the frame
+        times_s: (times,) time since the middle of the pulse left; None: `window_times_s`
+        pulse_in_run: (n,) int64 the pulses' numbers counted from the run's first frame
+        seed: seed of the frame, for the counts of a histogram
 
-    Raises InputError for times with a sensor whose histogram has its own.
+    Raises:
+        InputError: for times with a sensor whose histogram has its own
     """
     if sensor.histogram is not None and times_s is not None:
         raise InputError("times_s: must be left out for a histogram, whose bins are the times")

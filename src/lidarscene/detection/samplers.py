@@ -37,10 +37,11 @@ all of others."""
 class Reading:
     """Measurement of a pulse by the sampler; each field (n,).
 
-    reported_s  time that the converter reports
-    amplitude   peak, in signal units
-    width_s     time over the threshold; 0 from a TDC that times rising edges only
-    place       place on the waveform that was timed
+    Attributes:
+        reported_s: time that the converter reports
+        amplitude: peak, in signal units
+        width_s: time over the threshold; 0 from a TDC that times rising edges only
+        place: place on the waveform that was timed
     """
 
     reported_s: Lanes
@@ -52,8 +53,9 @@ class Reading:
 def read(shots: Received, rise: Rise, trip: Trip, place: Lanes, *, mask: Mask) -> Reading:
     """Measure a pulse with the sensor's sampler.
 
-    place   (n,) place at which the pulse crosses the threshold
-    mask    (n,) bool, lanes to measure; results of other lanes are undefined
+    Args:
+        place: (n,) place at which the pulse crosses the threshold
+        mask: (n,) bool, lanes to measure; results of other lanes are undefined
     """
     sampler = shots.sensor.sampler
     if isinstance(sampler, MultiLevel):
@@ -168,10 +170,11 @@ def _read_levels(shots: Received, sampler: MultiLevel, rise: Rise, trip: Trip, p
 class _Level:
     """One of several thresholds, and where the edges of a pulse pass it; each field (n,).
 
-    level    the threshold, in signal units
-    up       noiseless signal at which the leading edge passes it, theory (T25)
-    down     noiseless signal at which the trailing edge passes it
-    reached  whether both edges pass it
+    Attributes:
+        level: the threshold, in signal units
+        up: noiseless signal at which the leading edge passes it, theory (T25)
+        down: noiseless signal at which the trailing edge passes it
+        reached: whether both edges pass it
     """
 
     level: Lanes
@@ -249,9 +252,11 @@ def _read_samples(shots: Received, adc: Adc, rise: Rise, trip: Trip, place: Lane
 class _Sampled:
     """A pulse by the samples of its window alone.
 
-    samples         (room,) of the window
-    clipped_from    (n,) value from which a sample is clipped
-    place, width_s  (n,) of the pulse
+    Attributes:
+        samples: (room,) of the window
+        clipped_from: (n,) value from which a sample is clipped
+        place: (n,) place of the pulse
+        width_s: (n,) width of the pulse
     """
 
     window: Window
@@ -269,8 +274,9 @@ def _read_clipped(
     The width, which samples show to a tick of the clock, gives the power (T45), and the power how long before the peak
     the last sample was that is not clipped. Pulses that are less than `_OVERDRIVEN` stay where the samples say.
 
-    crossing  (n,) place of the crossing
-    mask      (n,) bool, pulses with clipped samples
+    Args:
+        crossing: (n,) place of the crossing
+        mask: (n,) bool, pulses with clipped samples
     """
     ops, point, fwhm = shots.ops, shots.point, shots.sensor.received_fwhm_s
     leaving = edges.trailing_level(shots, rise, trip, crossing, shots.sample_threshold + trip.base)

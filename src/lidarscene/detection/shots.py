@@ -25,12 +25,13 @@ from ..sensor.sensor_model import Sensor
 class Shots:
     """Inputs of the electronics for n pulses, known before their light comes back.
 
-    sensor       the sensor that fired the pulses
-    point        working point of the detector under each pulse's background
-    threshold    (n,) level U of the comparator, in the detector's unit of signal
-    seed         32-bit frame seed; every random number is keyed by (seed, stage, pulse)
-    pulse        (n,) uint32 pulse numbers
-    fluctuation  of the power that comes back; None: it has none
+    Attributes:
+        sensor: the sensor that fired the pulses
+        point: working point of the detector under each pulse's background
+        threshold: (n,) level U of the comparator, in the detector's unit of signal
+        seed: 32-bit frame seed; every random number is keyed by (seed, stage, pulse)
+        pulse: (n,) uint32 pulse numbers
+        fluctuation: of the power that comes back; None: it has none
     """
 
     sensor: Sensor

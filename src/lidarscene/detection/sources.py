@@ -16,11 +16,12 @@ from ..maths.arrays import Array, Lanes, xp
 class Brightest:
     """Brightest of some sub-echoes at a place of the waveform, and sums over them; each field (n,).
 
-    number   number of the sub-echo with the most light there
-    highest  its light there; -1 without any sub-echo
-    total    sum of their light
-    slope    derivative of the sum of their light
-    mean     mean of their centres, weighted by their light there
+    Attributes:
+        number: number of the sub-echo with the most light there
+        highest: its light there; -1 without any sub-echo
+        total: sum of their light
+        slope: derivative of the sum of their light
+        mean: mean of their centres, weighted by their light there
     """
 
     number: Lanes
@@ -51,8 +52,9 @@ def brightest(wave: Waveform, place: Lanes, first: int, end: int) -> Brightest:
 def strongest(wave: Waveform, surfaces: int, folds_m: Sequence[Lanes] | None = None) -> tuple[Array, Lanes]:
     """Number and range [m] of each pulse's strongest sub-echo of a surface, both (n,).
 
-    surfaces  number of sub-echoes that are of surfaces; they come before those of the air
-    folds_m   (n,) for each, by how much it appears too near; None: not at all
+    Args:
+        surfaces: number of sub-echoes that are of surfaces; they come before those of the air
+        folds_m: (n,) for each, by how much it appears too near; None: not at all
     """
     ops = xp(wave.origin_m)
     number, highest = ops.full(wave.origin_m, 0), ops.full(wave.origin_m, 0.0)

@@ -30,9 +30,10 @@ Stops = tuple["Stop", ...]
 class Stop(Measurement):
     """A stop of the converter and the return that it holds; each field (n,).
 
-    key         sort key: returns with larger keys are kept first; `EMPTY` if the stop is unused
-    reported_s  time that the converter reports
-    crossing_s  time at which the comparator tripped; None: the reported time decides in its place
+    Attributes:
+        key: sort key: returns with larger keys are kept first; `EMPTY` if the stop is unused
+        reported_s: time that the converter reports
+        crossing_s: time at which the comparator tripped; None: the reported time decides in its place
     """
 
     key: Lanes
@@ -63,11 +64,14 @@ class Stop(Measurement):
 class Found:
     """What a finder found in the light of n pulses; each field but the stops (n,).
 
-    stops                       echoes that the converter keeps, not yet in the order in which it reports them
-    tripped                     whether any light tripped the comparator
-    in_window                   whether the converter took any of it
-    snr, detection_probability  of the highest peak, as in `report.Detection`
-    source, true_range_m        of the strongest sub-echo of a surface, which alarms get too; None: there is only one
+    Attributes:
+        stops: echoes that the converter keeps, not yet in the order in which it reports them
+        tripped: whether any light tripped the comparator
+        in_window: whether the converter took any of it
+        snr: of the highest peak, as in `report.Detection`
+        detection_probability: of the highest peak, as in `report.Detection`
+        source: of the strongest sub-echo of a surface, which alarms get too; None: there is only one
+        true_range_m: as `source`
     """
 
     stops: Stops
@@ -104,7 +108,8 @@ def may_keep(tdc: Tdc, crossing_s: Lanes, stops: Stops) -> Mask:
 def insert_stop(tdc: Tdc, stops: Stops, new: Stop, *, later: bool = False) -> Stops:
     """Insert a return into the stops and keep the best.
 
-    later  whether the new one comes after all that are there
+    Args:
+        later: whether the new one comes after all that are there
     """
     if tdc.keep == "strongest_and_last":
         in_time = replace(new, key=xp(new.key).where(new.occupied, new.time_s, EMPTY))
@@ -116,7 +121,8 @@ def insert_stop(tdc: Tdc, stops: Stops, new: Stop, *, later: bool = False) -> St
 def best_first(tdc: Tdc, stops: Stops) -> Stops:
     """Put the stops in order again after some of them were freed (`Stop.only_where`).
 
-    Returns can be inserted before that: a new one takes the place of the worst, wherever that is.
+    Returns:
+        can be inserted before that: a new one takes the place of the worst, wherever that is
     """
     if tdc.keep == "strongest_and_last":
         return (*_sort(stops[:2], [stop.key for stop in stops[:2]]), *stops[2:])

@@ -17,8 +17,9 @@ from .report import Detection, without_returns
 class _Glare:
     """Search of a volley for channels that glare; fields but for the number have an entry (n,) for each stop.
 
-    number  next pulse of the volley
-    beside  whether the stop lies beside the range of one of them
+    Attributes:
+        number: next pulse of the volley
+        beside: whether the stop lies beside the range of one of them
     """
 
     number: Lanes
@@ -30,8 +31,9 @@ def withhold_beside_glare(
 ) -> Detection:
     """Leave out the returns at the range of a glaring echo of another channel of their volley, theory (T200).
 
-    light  of the pulses, computed before
-    pulse  (n,) uint32 pulse numbers of whole scan lines in order of time
+    Args:
+        light: of the pulses, computed before
+        pulse: (n,) uint32 pulse numbers of whole scan lines in order of time
     """
     stray, glare_w, volleys = sensor.optics.stray, crosstalk.glare_w, crosstalk.volleys
     if stray is None or stray.glare_photons is None or glare_w is None:

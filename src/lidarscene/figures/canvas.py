@@ -38,8 +38,11 @@ class _Text(NamedTuple):
 class Canvas:
     """A picture to draw on, of one colour at first; x to the right, y down, in pixels.
 
-    image  (height, width, 3) uint8
-    ink    colour of texts
+    Attributes:
+        image: (height, width, 3) uint8
+
+    Args:
+        ink: colour of texts
     """
 
     def __init__(self, size_px: tuple[int, int], colour: str, ink: str) -> None:
@@ -77,8 +80,9 @@ class Canvas:
     ) -> None:
         """Add a line of text.
 
-        anchor   point of the text that is at (x, y): l, m or r, and t, m or b
-        upright  read from below
+        Args:
+            anchor: point of the text that is at (x, y): l, m or r, and t, m or b
+            upright: read from below
         """
         pixels = max(round(size * self.unit), SMALLEST_PX)
         self._texts.append(_Text(x, y, text, pixels, anchor, bold, upright))
@@ -88,7 +92,12 @@ class Canvas:
         return float(_font(max(round(size * self.unit), SMALLEST_PX), bold).getlength(text))
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the format of the suffix, atomically. Raises InputError, OutputError."""
+        """Write the format of the suffix, atomically.
+
+        Raises:
+            InputError: if a file, a key or a value cannot be understood
+            OutputError: if a result cannot be written
+        """
         kind = Path(path).suffix.lower().lstrip(".")
         if kind not in ("png", "svg"):
             raise InputError(f"{os.fspath(path)}: suffix '.{kind}' names no picture format; known: .png, .svg")

@@ -41,7 +41,11 @@ def save_series(
     title: str,
     y_limits: tuple[float | None, float | None] | None = None,
 ) -> None:
-    """Draw series over bins: markers with bars for the intervals, lines for expected values. Raises OutputError."""
+    """Draw series over bins: markers with bars for the intervals, lines for expected values.
+
+    Raises:
+        OutputError: if a result cannot be written
+    """
 
     def draw(_: Any, axes: Any) -> None:
         _draw_over_bins(axes, series, y_label)
@@ -58,8 +62,11 @@ def save_panels(
 ) -> None:
     """Draw charts as of `save_series` one above the other.
 
-    panels  (label of the values, series) of each, from the top
-    Raises OutputError.
+    Args:
+        panels: (label of the values, series) of each, from the top
+
+    Raises:
+        OutputError: if a result cannot be written
     """
 
     def draw(figure: Any, axes: Any) -> None:
@@ -89,7 +96,11 @@ def _draw_over_bins(axes: Any, series: Sequence[Series], y_label: str) -> None:
 def save_named(
     path: str | os.PathLike[str], series: Sequence[Series], *, names: Sequence[str], x_label: str, title: str
 ) -> None:
-    """Draw series over names, from top to bottom; `Series.x` is the index of the name. Raises OutputError."""
+    """Draw series over names, from top to bottom; `Series.x` is the index of the name.
+
+    Raises:
+        OutputError: if a result cannot be written
+    """
 
     def draw(_: Any, axes: Any) -> None:
         for number, values in enumerate(series):
@@ -113,8 +124,9 @@ def save_named(
 class Pairs:
     """SNR of the same pulses for two sensors, A and B.
 
-    kind    (n,) index into ``kinds`` of each pulse
-    levels  thresholds of the two comparators; None: none
+    Attributes:
+        kind: (n,) index into ``kinds`` of each pulse
+        levels: thresholds of the two comparators; None: none
     """
 
     a: Numbers
@@ -127,7 +139,8 @@ class Pairs:
 def save_snr(path: str | os.PathLike[str], pairs: Pairs, *, x_label: str, y_label: str, title: str) -> None:
     """Draw SNR of B over SNR of A, both axes logarithmic, a colour for each kind, lines at the thresholds.
 
-    Raises OutputError.
+    Raises:
+        OutputError: if a result cannot be written
     """
     a, b, kind = pairs.a, pairs.b, pairs.kind
 

@@ -84,7 +84,11 @@ class Chart:
 
 
 def suffix_of(path: str | os.PathLike[str]) -> str:
-    """Picture format by the file's suffix: png or svg. Raises InputError."""
+    """Picture format by the file's suffix: png or svg.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+    """
     kind = Path(path).suffix.lower().lstrip(".")
     if kind not in ("png", "svg"):
         raise InputError(f"{os.fspath(path)}: suffix '.{kind}' names no picture format; known: .png, .svg")
@@ -92,7 +96,12 @@ def suffix_of(path: str | os.PathLike[str]) -> str:
 
 
 def save(chart: Chart, paths: Iterable[str | os.PathLike[str]]) -> None:
-    """Draw the chart once and write it to each path, atomically. Raises InputError, OutputError."""
+    """Draw the chart once and write it to each path, atomically.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+        OutputError: if a result cannot be written
+    """
     import matplotlib as mpl
 
     kinds = [(path, suffix_of(path)) for path in paths]
@@ -256,7 +265,11 @@ def tornado(
 ) -> None:
     """Draw horizontal bars left and right of zero, in the given order from the top, each with its number.
 
-    The sign shows in direction and in colour. Raises InputError, OutputError.
+    The sign shows in direction and in colour.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+        OutputError: if a result cannot be written
     """
     import matplotlib as mpl
     from matplotlib.backends.backend_agg import FigureCanvasAgg

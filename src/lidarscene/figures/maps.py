@@ -28,8 +28,9 @@ MARKERS = "osD^vP*"
 class AngleMap:
     """An image over azimuth and elevation, degrees. NaN is grey; nothing is drawn where ``outside`` holds (white).
 
-    extent   lowest and highest azimuth, lowest and highest elevation
-    missing  legend of the grey cells; empty: none
+    Attributes:
+        extent: lowest and highest azimuth, lowest and highest elevation
+        missing: legend of the grey cells; empty: none
     """
 
     values: Numbers
@@ -42,7 +43,11 @@ class AngleMap:
 
 
 def save_map(path: str | os.PathLike[str], angle_map: AngleMap) -> None:
-    """Draw a map over azimuth (to the left, as the sensor sees it) and elevation. Raises OutputError."""
+    """Draw a map over azimuth (to the left, as the sensor sees it) and elevation.
+
+    Raises:
+        OutputError: if a result cannot be written
+    """
 
     def draw(figure: Any, axes: Any) -> None:
         from matplotlib.colors import ListedColormap, LogNorm, Normalize
@@ -81,7 +86,11 @@ def save_pattern(
     extent: tuple[float, float, float, float],
     title: str,
 ) -> None:
-    """Draw pulses over azimuth and elevation, coloured by time. Raises OutputError."""
+    """Draw pulses over azimuth and elevation, coloured by time.
+
+    Raises:
+        OutputError: if a result cannot be written
+    """
 
     def draw(figure: Any, axes: Any) -> None:
         dots = axes.scatter(
@@ -116,7 +125,11 @@ class Layer:
 def save_layers(
     path: str | os.PathLike[str], layers: Sequence[Layer], *, extent: tuple[float, float, float, float], title: str
 ) -> None:
-    """Draw pulses of several sensors over azimuth and elevation, the first at the bottom. Raises OutputError."""
+    """Draw pulses of several sensors over azimuth and elevation, the first at the bottom.
+
+    Raises:
+        OutputError: if a result cannot be written
+    """
 
     def draw(figure: Any, axes: Any) -> None:
         for layer in layers:
@@ -143,7 +156,11 @@ def save_ground(
     sensors: Sequence[tuple[str, float, float]],
     title: str,
 ) -> None:
-    """Draw how many sensors see each place of the ground, x forward and up the page. Raises OutputError."""
+    """Draw how many sensors see each place of the ground, x forward and up the page.
+
+    Raises:
+        OutputError: if a result cannot be written
+    """
 
     def draw(figure: Any, axes: Any) -> None:
         from matplotlib import colormaps
@@ -191,7 +208,11 @@ def save_scatter(
     y_label: str,
     title: str,
 ) -> None:
-    """Draw points of each group on logarithmic axes, with a colour and a shape for each. Raises OutputError."""
+    """Draw points of each group on logarithmic axes, with a colour and a shape for each.
+
+    Raises:
+        OutputError: if a result cannot be written
+    """
 
     def draw(figure: Any, axes: Any) -> None:
         for number, (name, x, y) in enumerate(groups):
@@ -227,7 +248,12 @@ def save_scatter(
 
 
 def save_figure(path: str | os.PathLike[str], draw: Callable[[Any, Any], None], title: str, height: float) -> None:
-    """Let ``draw(figure, axes)`` draw, and write a PNG ``height`` inches high. Raises InputError, OutputError."""
+    """Let ``draw(figure, axes)`` draw, and write a PNG ``height`` inches high.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+        OutputError: if a result cannot be written
+    """
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

@@ -61,8 +61,9 @@ def perspective_picture(
 ) -> None:
     """Draw the cloud as the camera ``view`` sees it, which is in the coordinates of the points.
 
-    view   without one: from above and behind the sensor, towards what is near
-    scale  lowest and highest value of the colours (`common_scale`); None: those of this cloud
+    Args:
+        view: without one: from above and behind the sensor, towards what is near
+        scale: lowest and highest value of the colours (`common_scale`); None: those of this cloud
     """
     canvas, whole = Canvas(size_px, BACKGROUND, INK), Thinned.of_cloud(cloud)
     cloud = whole.cloud()

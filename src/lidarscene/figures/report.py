@@ -71,10 +71,11 @@ Data = tuple[Sequence[str], Iterable[Sequence[Any]]]
 class Figure(NamedTuple):
     """A figure and its data, from one place, so that they cannot disagree.
 
-    name     of its files, without suffix
-    drawing  chart, which is drawn as PNG and SVG, or function that draws a PNG to a path
-    data     table of the CSV beside it
-    number   number in the report: "4(e)"; "" for figures that are called by their name
+    Attributes:
+        name: of its files, without suffix
+        drawing: chart, which is drawn as PNG and SVG, or function that draws a PNG to a path
+        data: table of the CSV beside it
+        number: number in the report: "4(e)"; "" for figures that are called by their name
     """
 
     name: str
@@ -89,7 +90,11 @@ class Figure(NamedTuple):
         return isinstance(self.drawing, Chart)
 
     def draw(self, *paths: Path) -> None:
-        """Draw it to files; a chart to several, of its forms. Raises OutputError, and whatever a library raises."""
+        """Draw it to files; a chart to several, of its forms.
+
+        Raises:
+            OutputError: and whatever a library raises
+        """
         if isinstance(self.drawing, Chart):
             lines.save(self.drawing, paths)
         else:
@@ -196,11 +201,12 @@ _Block = _Heading | _Paragraph | _TableBlock | _FigureBlock | _Pictures
 class _Files(NamedTuple):
     """How HTML names the files of its figures.
 
-    folder      that the data are in
-    embeds      whether the HTML contains them
-    drawn       folder of what is drawn
-    undrawn     names of figures that are not drawn
-    are_beside  whether they will be beside the page
+    Attributes:
+        folder: that the data are in
+        embeds: whether the HTML contains them
+        drawn: folder of what is drawn
+        undrawn: names of figures that are not drawn
+        are_beside: whether they will be beside the page
     """
 
     folder: Path
@@ -232,15 +238,16 @@ class _Files(NamedTuple):
 class Report:
     """Result of a study: blocks in order, each added once for all forms. Nothing is drawn before it is asked for.
 
-    numbers     all numbers of the result by name, as its JSON file has them
-    main_table  header and rows of the numbers that `table` gives; None: those of the first table of the page
-    summary     text that a command prints; "": that of all blocks
-    passed      whether all limits that the study holds something to are met; None: there are none
-    pages       files of the page and of the numbers, in the form of each name's suffix
-    embeds      whether the HTML contains the figures, so that it can be sent alone; False: it links to files beside it
-    columns     whether figures that follow each other stand side by side, where there is room
-    digits      of the numbers in CSV files
-    undrawn     names of the figures that `save` or `write` could not draw
+    Attributes:
+        numbers: all numbers of the result by name, as its JSON file has them
+        main_table: header and rows of the numbers that `table` gives; None: those of the first table of the page
+        summary: text that a command prints; "": that of all blocks
+        passed: whether all limits that the study holds something to are met; None: there are none
+        pages: files of the page and of the numbers, in the form of each name's suffix
+        embeds: whether the HTML contains the figures, so that it can be sent alone; False: it links to files beside it
+        columns: whether figures that follow each other stand side by side, where there is room
+        digits: of the numbers in CSV files
+        undrawn: names of the figures that `save` or `write` could not draw
     """
 
     title: str
@@ -324,9 +331,12 @@ class Report:
         return {name: [row[column] for row in rows] for column, name in enumerate(header)}
 
     def plot(self, name: str | None = None) -> Picture:
-        """Draw a figure of the report, or its first; a notebook shows it. Raises InputError for an unknown name.
+        """Draw a figure of the report, or its first; a notebook shows it.
 
         A figure that cannot be drawn raises OutputError.
+
+        Raises:
+            InputError: for an unknown name
         """
         drawings = self._drawings
         if not drawings:
@@ -341,9 +351,13 @@ class Report:
     ) -> None:
         """Write the data and the page into a folder, all or none; then draw the figures into it and onto the page.
 
-        A figure that cannot be drawn is a warning: its name is in `undrawn`, and the page says so. Raises OutputError.
+        A figure that cannot be drawn is a warning: its name is in `undrawn`, and the page says so.
 
-        progress  called with (done, total) files
+        Args:
+            progress: called with (done, total) files
+
+        Raises:
+            OutputError: if a result cannot be written
         """
         total = len(self._files) + len(self._drawings)
         self.undrawn = set(self._drawings)
@@ -366,8 +380,11 @@ class Report:
     def write(self, name: str, path: str | os.PathLike[str]) -> None:
         """Write one of the files beside the page to a path; a chart's in the form of the path's suffix.
 
-        A figure that cannot be drawn is a warning, and its name is in `undrawn`. Raises InputError for a name that is
-        none of `file_names`, OutputError.
+        A figure that cannot be drawn is a warning, and its name is in `undrawn`.
+
+        Raises:
+            InputError: for a name that is none of `file_names`
+            OutputError: if a result cannot be written
         """
         figures = self._figure_files
         if name in figures:
@@ -405,7 +422,11 @@ class Report:
         return f'<style>{_NOTEBOOK_STYLE}</style>\n<div class="lidarscene">{heading}\n{body}</div>'
 
     def _draw(self, name: str, *paths: Path) -> None:
-        """Draw a figure to paths. Raises OutputError, whatever goes wrong in the libraries that draw."""
+        """Draw a figure to paths.
+
+        Raises:
+            OutputError: whatever goes wrong in the libraries that draw
+        """
         try:
             self._drawings[name][1](*paths)
         except OutputError:
@@ -459,7 +480,11 @@ class _UndrawnError(OutputError):
 
 
 def require_writable_report(folder: str | os.PathLike[str]) -> None:
-    """Check that a report can be written into a folder, before any work is done. Raises OutputError."""
+    """Check that a report can be written into a folder, before any work is done.
+
+    Raises:
+        OutputError: if a result cannot be written
+    """
     require_writable(Path(folder) / PAGE)
 
 
@@ -477,7 +502,8 @@ _NUMBER = re.compile(r"[-+]?[\d,]*\.?\d+(e[-+]?\d+)?( ?%)?|nan|inf|-|")
 def text_table(header: Sequence[str], rows: Sequence[Sequence[str]], align: str = "") -> str:
     """Text of a table in columns.
 
-    align  "<" or ">" for each column, the last one for all further ones; "": numbers to the right, text to the left
+    Args:
+        align: "<" or ">" for each column, the last one for all further ones; "": numbers to the right, text to the left
     """
     columns = list(zip(header, *rows, strict=True))
     if not align:

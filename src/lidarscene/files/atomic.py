@@ -52,7 +52,8 @@ def atomic_output(path: str | os.PathLike[str], *, synced: bool = True) -> Itera
     killed process leaves, `.NAME.MARK.part`, is removed by the next write to the same name: at once where that process
     is known to be dead, else after `ABANDONED_S`.
 
-    synced  wait until the disk has the data; else a power failure may lose or empty the file
+    Args:
+        synced: wait until the disk has the data; else a power failure may lose or empty the file
     """
     target = _target(path)
     if target in _ours:
@@ -81,7 +82,11 @@ def atomic_output(path: str | os.PathLike[str], *, synced: bool = True) -> Itera
 
 
 def put_text(path: str | os.PathLike[str], text: str) -> None:
-    """Write a text file, atomically: UTF-8, with line feeds. Raises OutputError."""
+    """Write a text file, atomically: UTF-8, with line feeds.
+
+    Raises:
+        OutputError: if a result cannot be written
+    """
     with atomic_output(path) as temporary:
         temporary.write_text(text, encoding="utf-8", newline="\n")
 
@@ -180,7 +185,11 @@ def require_writable(path: str | os.PathLike[str]) -> None:
 
 
 def _target(path: str | os.PathLike[str]) -> Path:
-    """Return the regular file that this path names or would make, links followed. Raises OutputError."""
+    """Return the regular file that this path names or would make, links followed.
+
+    Raises:
+        OutputError: if a result cannot be written
+    """
     target = _followed(path)
     if reason := _obstacle(target):
         raise OutputError(f"{path}: cannot be written: {reason}")
@@ -188,10 +197,13 @@ def _target(path: str | os.PathLike[str]) -> Path:
 
 
 def _followed(path: str | os.PathLike[str]) -> Path:
-    """Return what this path names or would make, links followed. Raises OutputError.
+    """Return what this path names or would make, links followed.
 
     A link into a folder that is not there is refused: the disk that it leads to may not be mounted, and the folder
     would be made on another.
+
+    Raises:
+        OutputError: if a result cannot be written
     """
     try:
         with suppress(FileNotFoundError, NotADirectoryError):
@@ -309,7 +321,8 @@ def _start_of(pid: int) -> int:
 def _remove_stale(target: Path, temporary: Path) -> None:
     """Remove what dead processes left of earlier writes to this name.
 
-    temporary  a new file: it tells the time of the disk, which may be another machine's
+    Args:
+        temporary: a new file: it tells the time of the disk, which may be another machine's
     """
     prefix, now_s = _part_prefix(target), temporary.stat().st_mtime
     for name in glob.glob(glob.escape(prefix) + "*.part", root_dir=target.parent, include_hidden=True):

@@ -41,7 +41,11 @@ class Picture:
             return cls(path.read_bytes())
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the PNG. Raises OutputError."""
+        """Write the PNG.
+
+        Raises:
+            OutputError: if a result cannot be written
+        """
         with atomic_output(path) as temporary:
             temporary.write_bytes(self.png)
 

@@ -32,7 +32,8 @@ MOST_MEMORY = 16 << 30
 class Child:
     """Child process that answers requests.
 
-    handler  function of a request; it is pickled, so a module's function or an instance of a module's class
+    Args:
+        handler: function of a request; it is pickled, so a module's function or an instance of a module's class
     """
 
     def __init__(self, handler: Callable[..., Any]) -> None:
@@ -55,7 +56,9 @@ class Child:
     def ask(self, path: Path, *request: object) -> Any:
         """Send a request about a file and return its answer. Issues the child's own `OptionWarning`s.
 
-        Raises InputError, and LidarSceneError for a missing package.
+        Raises:
+            InputError: if a file, a key or a value cannot be understood
+            LidarSceneError: for a missing package
         """
         process = self._process
         assert process.stdin is not None

@@ -37,7 +37,8 @@ def by_numbers(path: Path) -> list[tuple[int, str]]:
 def require_file(path: str | os.PathLike[str], kind: str = "a file", *, largest: int | None = None) -> None:
     """Raise InputError, in one line, unless this is a regular file of at most ``largest`` bytes.
 
-    kind  the kind of file that was expected, for the message: "a TOML file"
+    Args:
+        kind: the kind of file that was expected, for the message: "a TOML file"
     """
     try:
         status = os.stat(path)
@@ -59,7 +60,11 @@ def require_file(path: str | os.PathLike[str], kind: str = "a file", *, largest:
 
 
 def read_file(path: str | os.PathLike[str], kind: str, *, largest: int) -> bytes:
-    """Read a regular file of at most ``largest`` bytes. Raises InputError."""
+    """Read a regular file of at most ``largest`` bytes.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+    """
     require_file(path, kind, largest=largest)
     try:
         # The file may have grown since; and it is opened without waiting, should a pipe have taken its place.

@@ -23,7 +23,11 @@ _SYSTEM = "apt install libusb-1.0-0 libgl1 libegl1 libgomp1 libx11-6"
 
 @functools.cache
 def open3d() -> ModuleType:
-    """Return the `open3d` module. Raises LidarSceneError, in one line, with what to install and the loader's error."""
+    """Return the `open3d` module.
+
+    Raises:
+        LidarSceneError: in one line, with what to install and the loader's error
+    """
     try:
         try:
             return _import()

@@ -36,8 +36,11 @@ EXTRAS = {
 def import_optional(module: str, *, extra: str = "") -> Any:
     """Import a module.
 
-    extra  group of `EXTRAS` that brings it; "" if none does
-    Raises LidarSceneError, in one line, with what to type.
+    Args:
+        extra: group of `EXTRAS` that brings it; "" if none does
+
+    Raises:
+        LidarSceneError: in one line, with what to type
     """
     package = module.partition(".")[0]
     try:
@@ -62,7 +65,8 @@ def is_installed(module: str) -> bool:
 def require_together(*extras: str, without: Collection[str] = ()) -> None:
     """Raise one LidarSceneError for all modules that these groups lack, before the first of them is imported.
 
-    without  modules that are not needed
+    Args:
+        without: modules that are not needed
     """
     missing = {
         extra: [

@@ -22,7 +22,8 @@ def with_overrides(tables: Mapping[str, Any], assignments: Iterable[str], *, opt
 
     In a list of tables a part of the key is a name or a number: ``bodies.car.yaw_deg=30``.
 
-    option  the command line's option for them
+    Args:
+        option: the command line's option for them
     """
     result: dict[str, Any] = _copy(tables)
     for assignment in assignments:
@@ -52,7 +53,11 @@ Overrides = Annotated[str | Iterable[str] | Mapping[str, Any], CHECKED_INSIDE]
 
 
 def assignments(overrides: Overrides, *, name: str = "overrides") -> tuple[str, ...]:
-    """Convert overrides to assignments "a.b=value". Raises InputError, with the option's ``name``, for other types."""
+    """Convert overrides to assignments "a.b=value".
+
+    Raises:
+        InputError: with the option's ``name``, for other types
+    """
     if isinstance(overrides, str):
         return (overrides,)
     if isinstance(overrides, Mapping):
@@ -144,7 +149,8 @@ def _copy(value: Any) -> Any:
 def split_sensor(assignment: str, among: Sequence[str]) -> tuple[str | None, str]:
     """Split SENSOR:KEY=VALUE into the sensor (None: all of them) and KEY=VALUE.
 
-    Raises InputError if the sensor is not ``among`` these.
+    Raises:
+        InputError: if the sensor is not ``among`` these
     """
     key, equals, value = assignment.partition("=")
     sensor, colon, own_key = key.rpartition(":")

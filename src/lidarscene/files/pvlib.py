@@ -18,7 +18,11 @@ from ..physics.optics.solar_spectrum import SpectralCurve
 
 @functools.cache
 def pvlib() -> ModuleType:
-    """Return the `pvlib` module. Raises LidarSceneError, in one line, with what to install."""
+    """Return the `pvlib` module.
+
+    Raises:
+        LidarSceneError: in one line, with what to install
+    """
     try:
         import pvlib as module
 

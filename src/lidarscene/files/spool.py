@@ -22,7 +22,8 @@ BLOCK_ROWS = 1 << 18
 class Spool:
     """Rows of one dtype, in a file in ``folder``.
 
-    folder  that of the output made of the rows: a disk without room for the rows has none for the output either
+    Args:
+        folder: that of the output made of the rows: a disk without room for the rows has none for the output either
     """
 
     def __init__(self, folder: str | os.PathLike[str], dtype: Any) -> None:

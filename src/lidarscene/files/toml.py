@@ -55,7 +55,11 @@ _MUST_BE = {
 
 
 def read_toml(path: Path) -> dict[str, Any]:
-    """Return the tables of a TOML file. Raises InputError if it is missing, unreadable or not TOML."""
+    """Return the tables of a TOML file.
+
+    Raises:
+        InputError: if it is missing, unreadable or not TOML
+    """
     require_file(path, "a TOML file", largest=LARGEST_TEXT)
     try:
         # Windows editors write a byte-order mark first, which is not valid TOML.
@@ -95,11 +99,15 @@ def _require_shallow(value: Any) -> None:
 def validate(
     model: type[Model], tables: Mapping[str, Any], where: str, *, overrides: Iterable[str] = (), option: str = "--set"
 ) -> Model:
-    """Return ``tables`` as a model. Raises InputError with the first mistake and the number of further ones.
+    """Return ``tables`` as a model.
 
-    where      the name of the file, for messages
-    overrides  assignments that `with_overrides` has made: the message names those at the key of the mistake
-    option     the command line's option for them
+    Args:
+        where: the name of the file, for messages
+        overrides: assignments that `with_overrides` has made: the message names those at the key of the mistake
+        option: the command line's option for them
+
+    Raises:
+        InputError: with the first mistake and the number of further ones
     """
     try:
         return model.model_validate(_with_tuples(tables))

@@ -29,7 +29,11 @@ def default_epoch_ns(begin_s: float) -> int:
 
 
 def parse_date(text: str) -> datetime:
-    """Parse an ISO 8601 date, with or without time; UTC unless it says otherwise. Raises ValueError."""
+    """Parse an ISO 8601 date, with or without time; UTC unless it says otherwise.
+
+    Raises:
+        ValueError: if a value is not allowed
+    """
     date = datetime.fromisoformat(text)
     date = date if date.tzinfo else date.replace(tzinfo=UTC)
     if not FIRST <= date <= LAST:

@@ -39,11 +39,12 @@ Vectors = Annotated[Numbers | None, "vectors"]
 class Column:
     """Declaration of one scalar column: its name in files, dtype, unit and meaning.
 
-    dtype      one of `DTYPES`
-    attribute  field of `CloudColumns` that holds it
-    names      field with the names behind an index; index -1 has no name
-    absent     value in clouds of sensors or worlds that lack the quantity; None if all have it
-    group      "measured", "truth" or "vectors", from the type of the field
+    Attributes:
+        dtype: one of `DTYPES`
+        attribute: field of `CloudColumns` that holds it
+        names: field with the names behind an index; index -1 has no name
+        absent: value in clouds of sensors or worlds that lack the quantity; None if all have it
+        group: "measured", "truth" or "vectors", from the type of the field
     """
 
     name: str
@@ -367,7 +368,8 @@ class Cloud(CloudColumns):
     def in_sensor_frame(self) -> Self:
         """The same points with positions in the sensor's frame, float32.
 
-        Raises InputError for a cloud whose metadata do not say how the sensor stood, or of several sensors.
+        Raises:
+            InputError: for a cloud whose metadata do not say how the sensor stood, or of several sensors
         """
         if self.metadata.get("frame", "sensor") == "sensor":
             return self
@@ -387,7 +389,8 @@ class Cloud(CloudColumns):
     def vectors_turned(self, rotation: Numbers) -> dict[str, Any]:
         """Normals and velocities in other axes, attribute -> (n,) array; empty if the cloud has none.
 
-        rotation  (3, 3) or (n, 3, 3), from the axes of the points to the others
+        Args:
+            rotation: (3, 3) or (n, 3, 3), from the axes of the points to the others
         """
         if not self.has_vectors:
             return {}

@@ -48,7 +48,8 @@ def unit_of(cloud: Cloud, name: str) -> str:
 def described_fields(columns: Mapping[str, Numbers], text: str) -> Fields:
     """Return the fields of a cloud from its columns, by name as in files, and its `description`.
 
-    Raises ValueError if the description is none of ours, or if columns are missing.
+    Raises:
+        ValueError: if the description is none of ours, or if columns are missing
     """
     content = json.loads(text)
     if not isinstance(content, dict) or content.get("lidarscene") != VERSION:
@@ -108,8 +109,9 @@ def counted_stream(
 ) -> Iterator[Callable[[Cloud], None]]:
     """Write the clouds that are appended in the block as one cloud; names and metadata are those of the first.
 
-    header  from a cloud and a number of points to the header, whose length must not depend on the number
-    write   append the points of a cloud to the file
+    Args:
+        header: from a cloud and a number of points to the header, whose length must not depend on the number
+        write: append the points of a cloud to the file
     """
     with atomic_output(path) as temporary, open(temporary, "wb") as file:
         first: list[Cloud] = []

@@ -40,7 +40,8 @@ def rows_stream(
 ) -> Iterator[Append]:
     """Write rows of float32 without a header: the position in the sensor's frame, and these columns.
 
-    axes  (3, 3) rows x, y and z of the file in the sensor's frame; None: the sensor's own
+    Args:
+        axes: (3, 3) rows x, y and z of the file in the sensor's frame; None: the sensor's own
     """
     with atomic_output(path) as temporary, open(temporary, "wb") as file:
 

@@ -99,8 +99,9 @@ def _laspy(compressed: bool) -> Any:
 class _Writer:
     """Write the points of clouds into a file.
 
-    first    the first cloud, without its points
-    largest  largest intensity so far
+    Attributes:
+        first: the first cloud, without its points
+        largest: largest intensity so far
     """
 
     first: Cloud
@@ -165,7 +166,11 @@ class _Writer:
 
 
 def read_las(path: str | os.PathLike[str]) -> Fields:
-    """Read a file of `write_las`; the positions to 10 um. Raises InputError, in one line."""
+    """Read a file of `write_las`; the positions to 10 um.
+
+    Raises:
+        InputError: in one line
+    """
     laspy = import_optional("laspy", extra="las")
     with input_errors(path), open(path, "rb") as file:
         las = _read(laspy, file)
@@ -179,7 +184,11 @@ def read_las(path: str | os.PathLike[str]) -> Fields:
 
 
 def las_columns(path: str | os.PathLike[str]) -> dict[str, Numbers]:
-    """Columns of any LAS or LAZ by name, x, y and z in metres. Raises InputError, in one line."""
+    """Columns of any LAS or LAZ by name, x, y and z in metres.
+
+    Raises:
+        InputError: in one line
+    """
     laspy = import_optional("laspy", extra="las")
     with input_errors(path), open(path, "rb") as file:
         las = _read(laspy, file)

@@ -28,7 +28,8 @@ EUROC_COLUMNS = (
 def write_imu(path: str | os.PathLike[str], samples: ImuSamples, *, epoch_ns: int) -> None:
     """Write a line for each sample: stamp in ns, angular velocity, specific force.
 
-    epoch_ns  from 1970 to the scene's second 0
+    Args:
+        epoch_ns: from 1970 to the scene's second 0
     """
     values = np.hstack([samples.angular_velocity_rad_s, samples.specific_force_m_s2])
     lines = [

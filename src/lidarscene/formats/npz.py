@@ -25,7 +25,11 @@ def write_npz(path: str | os.PathLike[str], cloud: Cloud) -> None:
 
 
 def read_npz(path: str | os.PathLike[str]) -> Fields:
-    """Read a file of `write_npz`. Raises InputError, in one line."""
+    """Read a file of `write_npz`.
+
+    Raises:
+        InputError: in one line
+    """
     with input_errors(path), open(path, "rb") as file:
         require_archive(file)
         archive = np.load(file, allow_pickle=False)

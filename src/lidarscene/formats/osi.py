@@ -61,9 +61,10 @@ CLASSIFICATIONS = tuple({Status.ECHO: OTHER, Status.ALIASED: INVALID}.get(status
 class Host:
     """Host vehicle as OSI describes it.
 
-    id         of its MovingObject
-    centre     pose of the centre of its box in the world, with the axes of the vehicle's frame
-    to_rear_m  (3,) from there to the origin of the vehicle's frame, in its axes
+    Attributes:
+        id: of its MovingObject
+        centre: pose of the centre of its box in the world, with the axes of the vehicle's frame
+        to_rear_m: (3,) from there to the origin of the vehicle's frame, in its axes
     """
 
     id: int
@@ -95,8 +96,9 @@ class Host:
 class GroundTruth:
     """Objects of a frame.
 
-    objects  encoded fields of a GroundTruth, with the host
-    host     host vehicle, or None
+    Attributes:
+        objects: encoded fields of a GroundTruth, with the host
+        host: host vehicle, or None
     """
 
     objects: bytes
@@ -123,9 +125,10 @@ def osi_frames(
 ) -> Iterator[Append]:
     """Write the clouds that are appended in the block, a message each: ``append(cloud, truth=None)``.
 
-    storage   "binary": messages alone; "mcap": with their definitions and times, OSI's multi channel format
-    epoch_ns  from 1970 to the scene's second 0, from which times of OSI count; MCAP has it in its metadata. None:
-              `formats.clock.default_epoch_ns`
+    Args:
+        storage: "binary": messages alone; "mcap": with their definitions and times, OSI's multi channel format
+        epoch_ns: from 1970 to the scene's second 0, from which times of OSI count; MCAP has it in its metadata. None:
+            `formats.clock.default_epoch_ns`
     """
     trace = {"binary": _binary_trace, "mcap": _mcap_trace}[storage]
     with atomic_output(path) as temporary, open(temporary, "wb") as file, trace(path, file, epoch_ns) as write:
@@ -198,7 +201,8 @@ def trace_name(message_type: str, frames: int, name: str, epoch_ns: int, suffix:
 def sensor_data(cloud: Cloud, truth: GroundTruth | None = None) -> bytes:
     """Encode the fields of a SensorData.
 
-    truth  objects of the frame for its sensor view; None: the host vehicle alone
+    Args:
+        truth: objects of the frame for its sensor view; None: the host vehicle alone
     """
     start_s, vehicle = cloud.frame_start_s, cloud.vehicle_to_world
     if vehicle is not None and (truth is None or truth.host is None):
@@ -279,7 +283,8 @@ def _spherical(cloud: Cloud, sensor: int) -> tuple[Numbers, ...]:
     The range and the commanded angles of clouds that do not say how the sensor stood. They lack what the beam's exit is
     off the sensor's origin.
 
-    sensor  index of the sensor among those of the metadata
+    Args:
+        sensor: index of the sensor among those of the metadata
     """
     metadata = cloud.metadata
     if metadata.get("frame", "sensor") == "sensor":

@@ -77,7 +77,11 @@ def _table(arrow: Any, cloud: Cloud, schema: Any) -> Any:
 
 
 def read_parquet(path: str | os.PathLike[str]) -> Fields:
-    """Read a file of `write_parquet`. Raises InputError, in one line."""
+    """Read a file of `write_parquet`.
+
+    Raises:
+        InputError: in one line
+    """
     _, parquet = _arrow()
     with input_errors(path), open(path, "rb") as file:
         file_metadata = parquet.read_metadata(file)

@@ -64,7 +64,11 @@ def pcd_stream(path: str | os.PathLike[str], *, ascii: bool = False) -> Abstract
 
 
 def read_pcd(path: str | os.PathLike[str]) -> Fields:
-    """Read a file of `write_pcd`. Raises InputError, in one line."""
+    """Read a file of `write_pcd`.
+
+    Raises:
+        InputError: in one line
+    """
     with input_errors(path), open(path, "rb") as file:
         header, text = _read_header(file)
         dtype = np.dtype(
@@ -78,7 +82,11 @@ def read_pcd(path: str | os.PathLike[str]) -> Fields:
 
 
 def pcd_columns(path: str | os.PathLike[str]) -> tuple[dict[str, Numbers], tuple[int, int] | None]:
-    """Columns of any PCD by name, and (rows, columns) if it is an array of them. Raises InputError, in one line."""
+    """Columns of any PCD by name, and (rows, columns) if it is an array of them.
+
+    Raises:
+        InputError: in one line
+    """
     with input_errors(path), open(path, "rb") as file:
         header, _ = _header_words(file)
         counts = [int(word) for word in header.get("COUNT", ["1"] * len(header["FIELDS"]))]

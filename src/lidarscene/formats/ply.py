@@ -63,7 +63,8 @@ def write_ply(
 ) -> None:
     """Write the cloud, atomically; binary little-endian, or text with ``ascii``. Memory: one block.
 
-    colours  (n, 3) uint8: red, green and blue of each point, which viewers show; reading leaves them out
+    Args:
+        colours: (n, 3) uint8: red, green and blue of each point, which viewers show; reading leaves them out
     """
     with _stream(path, ascii=ascii, colours=colours) as append:
         append(cloud)
@@ -90,7 +91,8 @@ def _stream(
 def read_ply(path: str | os.PathLike[str]) -> Fields:
     """Read a file of `write_ply`, exactly.
 
-    Raises InputError, in one line, for a file that is missing, truncated or by another program.
+    Raises:
+        InputError: in one line, for a file that is missing, truncated or by another program
     """
     require_file(path, "a point cloud")
     try:
@@ -152,7 +154,11 @@ def _blocks(cloud: Cloud, colours: Numbers | None) -> Iterator[Numbers]:
 
 
 def ply_columns(path: str | os.PathLike[str]) -> dict[str, Numbers]:
-    """Scalar properties of the vertices of any PLY by name. Raises InputError, in one line."""
+    """Scalar properties of the vertices of any PLY by name.
+
+    Raises:
+        InputError: in one line
+    """
     with input_errors(path), open(path, "rb") as file:
         lines = _header_lines(file)
         words = [line.split() for line in lines if line.split()[:1] not in (["comment"], ["obj_info"])]
@@ -283,7 +289,11 @@ def _unescape(text: str) -> str:
 
 
 def _binary_blocks(file: IO[bytes], header: _Header) -> Iterator[Numbers]:
-    """Yield the points in blocks. Raises ValueError unless the size of the file is right to the byte."""
+    """Yield the points in blocks.
+
+    Raises:
+        ValueError: unless the size of the file is right to the byte
+    """
     start = file.tell()
     expected = start + header.points * header.dtype.itemsize
     size = file.seek(0, os.SEEK_END)
@@ -296,7 +306,11 @@ def _binary_blocks(file: IO[bytes], header: _Header) -> Iterator[Numbers]:
 
 
 def _text_blocks(file: IO[bytes], header: _Header) -> Iterator[Numbers]:
-    """Yield the points in blocks. Raises ValueError unless every line is there and whole."""
+    """Yield the points in blocks.
+
+    Raises:
+        ValueError: unless every line is there and whole
+    """
     for first in range(0, header.points, BLOCK_POINTS):
         count = min(BLOCK_POINTS, header.points - first)
         lines = list(itertools.islice(file, count))
@@ -340,8 +354,9 @@ def write_columns(
 ) -> None:
     """Write a property for each array, atomically, binary little-endian.
 
-    columns   (n,) each, of a dtype in PLY_TYPES
-    comments  one line each; what is not ASCII is backslash-escaped
+    Args:
+        columns: (n,) each, of a dtype in PLY_TYPES
+        comments: one line each; what is not ASCII is backslash-escaped
     """
     dtype = np.dtype([(name, values.dtype.newbyteorder("<")) for name, values in columns.items()])
     points = np.zeros(len(next(iter(columns.values()))), dtype)

@@ -29,22 +29,24 @@ Stream = Callable[..., AbstractContextManager[Callable[[Any], None]]]
 class Format:
     """One format.
 
-    suffix  end of the names of such files
-    write   write a cloud: path, cloud, options
-    read    read the fields of a cloud from a path; None if such a file does not hold all of a cloud
-    stream  context manager from a path (and ``ascii``) to a function that appends clouds; None if a file cannot be
+    Attributes:
+        suffix: end of the names of such files
+        write: write a cloud: path, cloud, options
+        read: read the fields of a cloud from a path; None if such a file does not hold all of a cloud
+        stream: context manager from a path (and ``ascii``) to a function that appends clouds; None if a file cannot be
             written piece by piece with the same bytes as from the whole cloud
-    profile profile of packets (`packets.select_encoder`): a run's frames are in one file. None: a file is a cloud
-    extra   group of optional packages that the format needs (`files.optional.EXTRAS`)
-    frames  context manager from a path (and ``epoch_ns``, as `formats.clock` has it) to a function that appends whole
-            clouds, the frames of one file, each with the label of its sensor; None if a file holds a single frame
-    rig     whether such a file holds the clouds of several sensors, each by itself, and IMUs (``append_imu``)
-    boxes   whether ``frames`` takes boxes of bodies and range images with a cloud
-    folder  whether it is a folder of files, so that its name needs no suffix
-    text    whether ``write`` and ``stream`` take ``ascii``
-    colour  whether ``write`` takes ``colours``
-    columns  what a file holds of a cloud's columns, in words; begins with "all" if it is every one
-    positions, beside  types and coordinates of its positions, and what else it holds, in words
+        profile: profile of packets (`packets.select_encoder`): a run's frames are in one file. None: a file is a cloud
+        extra: group of optional packages that the format needs (`files.optional.EXTRAS`)
+        frames: context manager from a path (and ``epoch_ns``, as `formats.clock` has it) to a function that appends
+            whole clouds, the frames of one file, each with the label of its sensor; None if a file holds a single frame
+        rig: whether such a file holds the clouds of several sensors, each by itself, and IMUs (``append_imu``)
+        boxes: whether ``frames`` takes boxes of bodies and range images with a cloud
+        folder: whether it is a folder of files, so that its name needs no suffix
+        text: whether ``write`` and ``stream`` take ``ascii``
+        colour: whether ``write`` takes ``colours``
+        columns: what a file holds of a cloud's columns, in words; begins with "all" if it is every one
+        positions: types and coordinates of its positions, in words
+        beside: what else it holds, in words
     """
 
     suffix: str
@@ -86,8 +88,9 @@ def _import_on_call(module: str, name: str, **options: object) -> Callable[..., 
 def _functions(module: str, others: str = "", *, name: str | None = None, **options: object) -> dict[str, Any]:
     """Functions of a format in its module: write_NAME, and of the ``others`` read_NAME, NAME_stream and NAME_frames.
 
-    name     of the format in the functions' names; None: the module's
-    options  of all but the reader
+    Args:
+        name: of the format in the functions' names; None: the module's
+        options: of all but the reader
     """
     name = name or module
     functions = {"write": f"write_{name}", "stream": f"{name}_stream", "frames": f"{name}_frames"}

@@ -74,7 +74,8 @@ def write_rerun(path: str | os.PathLike[str], cloud: Cloud) -> None:
 def rerun_frames(path: str | os.PathLike[str], *, epoch_ns: int | None = None) -> Iterator[RerunLog]:
     """Write a file of the clouds that are appended in the block.
 
-    epoch_ns  from 1970 to the scene's second 0; None: `formats.clock.default_epoch_ns` of the first cloud
+    Args:
+        epoch_ns: from 1970 to the scene's second 0; None: `formats.clock.default_epoch_ns` of the first cloud
     """
     rerun = import_optional("rerun", extra="rerun")
     with atomic_output(path) as temporary:
@@ -138,8 +139,9 @@ class RerunLog:
     ) -> None:
         """Append a frame of the sensor with this label; "" without a rig, and for merged clouds.
 
-        boxes   boxes of bodies in the world
-        images  images by ring and azimuth by name; "range" is in metres
+        Args:
+            boxes: boxes of bodies in the world
+            images: images by ring and azimuth by name; "range" is in metres
         """
         with library_errors(self._path):
             self._set_time(cloud.frame_start_s)
@@ -151,7 +153,11 @@ class RerunLog:
         self.flush()
 
     def flush(self) -> None:
-        """Wait until everything is written or sent. Raises OutputError."""
+        """Wait until everything is written or sent.
+
+        Raises:
+            OutputError: if a result cannot be written
+        """
         with library_errors(self._path):
             self._stream.flush(timeout_sec=LONGEST_FLUSH_S)
 

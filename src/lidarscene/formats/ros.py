@@ -75,8 +75,9 @@ def write_ros(
 ) -> None:
     """Write a bag of one frame, or of each that comes.
 
-    storage  "mcap": one file; "sqlite3": a folder with `metadata.yaml` and one file
-    layout   "velodyne" or "ouster"
+    Args:
+        storage: "mcap": one file; "sqlite3": a folder with `metadata.yaml` and one file
+        layout: "velodyne" or "ouster"
     """
     frames = [cast(Cloud, clouds)] if hasattr(clouds, "columns") else clouds
     with ros_frames(path, storage=storage, layout=layout) as append:
@@ -90,7 +91,8 @@ def ros_frames(
 ) -> Iterator[Bag]:
     """Write a bag of the clouds that are appended in the block: a message each, stamped at the start of its frame.
 
-    epoch_ns  from 1970 to the scene's second 0; None: `formats.clock.default_epoch_ns` of the first cloud
+    Args:
+        epoch_ns: from 1970 to the scene's second 0; None: `formats.clock.default_epoch_ns` of the first cloud
     """
     # A bag is a folder with one file of the folder's name, which the file's own metadata repeat. It is made where a
     # killed process leaves its unfinished files, so that the next write removes it.

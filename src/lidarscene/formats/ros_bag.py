@@ -209,7 +209,8 @@ class _Topic:
 class BagWriter:
     """Open bag in a new folder; `finish` writes its metadata, without which it is incomplete.
 
-    custom_data  texts by key, for the metadata
+    Attributes:
+        custom_data: texts by key, for the metadata
     """
 
     def __init__(self, folder: Path, storage: str) -> None:

@@ -42,14 +42,15 @@ range."""
 class Box:
     """The box around a body.
 
-    body           index into the scene's bodies, as in the cloud's column
-    size_m         (3,) length, width, height
-    pose           pose of the centre; x along the length, y along the width
-    velocity_m_s   (3,) velocity of the centre in the world
-    points_inside  number of points inside the box, of any body
-    points_on      number of echoes of the body itself
-    beams          number of echoes whose beams would enter the box if nothing stopped them
-    reached        number of those that nothing stopped before the box
+    Attributes:
+        body: index into the scene's bodies, as in the cloud's column
+        size_m: (3,) length, width, height
+        pose: pose of the centre; x along the length, y along the width
+        velocity_m_s: (3,) velocity of the centre in the world
+        points_inside: number of points inside the box, of any body
+        points_on: number of echoes of the body itself
+        beams: number of echoes whose beams would enter the box if nothing stopped them
+        reached: number of those that nothing stopped before the box
     """
 
     body: int
@@ -91,9 +92,13 @@ def boxes(cloud: PointCloud, scene: Scene, *, as_seen: bool = True) -> list[Box]
 
     The ego vehicle has none: data sets label what it meets.
 
-    as_seen  place moving bodies where the cloud shows them; False: where they are when the frame starts
-    Bodies of a Mitsuba base scene have no box: their shapes are not known here. Raises InputError for a cloud
-    without truth, or without the pose of its sensor.
+    Bodies of a Mitsuba base scene have no box: their shapes are not known here.
+
+    Args:
+        as_seen: place moving bodies where the cloud shows them; False: where they are when the frame starts
+
+    Raises:
+        InputError: for a cloud without truth, or without the pose of its sensor
     """
     tally = BoxTally(cloud, scene, as_seen=as_seen)
     pieces = [slice(first, first + PIECE_POINTS) for first in range(0, len(cloud), PIECE_POINTS)]
@@ -109,14 +114,16 @@ def boxes(cloud: PointCloud, scene: Scene, *, as_seen: bool = True) -> list[Box]
 class BoxTally:
     """`boxes` of a frame that comes in pieces: `add_echoes` for all, `place_boxes`, `count_points` for all, `boxes`.
 
-    moves  True if something moves: the places of the boxes are then known only after all pieces. If not, `place_boxes`
-           may come first, so that each piece can be added, counted and dropped
+    Attributes:
+        moves: True if something moves: the places of the boxes are then known only after all pieces. If not,
+            `place_boxes` may come first, so that each piece can be added, counted and dropped
     """
 
     def __init__(self, cloud: PointCloud, scene: Scene, *, as_seen: bool = True, with_ego: bool = False) -> None:
         """Begin a tally; ``cloud`` is any piece of the frame, whose names and metadata are used.
 
-        with_ego  whether bodies of the ego vehicle have a box too
+        Args:
+            with_ego: whether bodies of the ego vehicle have a box too
         """
         truth_of(cloud)
         self._to_world = frame_to_world(cloud)
@@ -194,8 +201,9 @@ class GatheredBoxes:
     If something moves, the place of a box is known only when all its points have come, and only then can the points
     inside be counted. Until then the points wait: `WAITING_POINTS` in memory, those after them on disk.
 
-    first   the first cloud, without its points
-    points  number of points of all clouds
+    Attributes:
+        first: the first cloud, without its points
+        points: number of points of all clouds
     """
 
     first: PointCloud
@@ -265,19 +273,31 @@ class GatheredBoxes:
 
 
 def truth_of(cloud: PointCloud) -> tuple[Numbers, Numbers]:
-    """(n,) true range and (n,) index of the body of each point. Raises InputError for a cloud without truth."""
+    """(n,) true range and (n,) index of the body of each point.
+
+    Raises:
+        InputError: for a cloud without truth
+    """
     if cloud.true_range_m is None or cloud.body is None:
         raise InputError("labels: the cloud has no truth, from which they are made")
     return cloud.true_range_m, cloud.body
 
 
 def sensor_place(cloud: PointCloud) -> Pose:
-    """Pose of the sensor in the world. Raises InputError if the cloud lacks it."""
+    """Pose of the sensor in the world.
+
+    Raises:
+        InputError: if the cloud lacks it
+    """
     return _require_pose(cloud.sensor_to_world)
 
 
 def frame_to_world(cloud: PointCloud) -> Pose:
-    """Pose of the frame of the points in the world. Raises InputError if the cloud lacks it."""
+    """Pose of the frame of the points in the world.
+
+    Raises:
+        InputError: if the cloud lacks it
+    """
     return _require_pose(cloud.frame_to_world)
 
 

@@ -64,9 +64,12 @@ VISIBILITY = ((0.8, "4"), (0.6, "3"), (0.4, "2"), (0.0, "1"))
 def write_labels(cloud: PointCloud, scene: Scene, path: str | os.PathLike[str], *, format: str) -> tuple[Path, ...]:
     """Write the labels of a frame; returns the files, all of which appear whole or not at all.
 
-    path    where the cloud is or would be written: the labels are put beside it, by `label_paths`
-    format  a key of `formats.registry.LABELS`
-    Raises InputError for a cloud without truth, or without the pose of its sensor.
+    Args:
+        path: where the cloud is or would be written: the labels are put beside it, by `label_paths`
+        format: a key of `formats.registry.LABELS`
+
+    Raises:
+        InputError: for a cloud without truth, or without the pose of its sensor
     """
     with labels_stream(path, scene, format=format) as append:
         append(cloud)
@@ -110,8 +113,10 @@ def point_labels(cloud: PointCloud, scene: Scene) -> tuple[Numbers, Numbers]:
     """Class and instance of each point: (n,) SemanticKITTI numbers, and (n,) body + 1 of a countable object, else 0.
 
     A point that is no echo (false alarm, interference, weather) is an outlier, so that a network learns what noise
-    looks like; an echo without a body, or of the ego vehicle, is unlabelled. Raises InputError for a cloud without
-    truth.
+    looks like; an echo without a body, or of the ego vehicle, is unlabelled.
+
+    Raises:
+        InputError: for a cloud without truth
     """
     (_, body_index), class_id = truth_of(cloud), np.asarray(cloud.class_id)
     kinds = [kind_of(name) for name in cloud.class_names]

@@ -13,7 +13,8 @@ from dataclasses import dataclass
 class Kind:
     """Class in the terms of data sets: number in SemanticKITTI, type in KITTI, category in nuScenes.
 
-    is_thing  True if bodies of the class can be counted, so that they get boxes and instances
+    Attributes:
+        is_thing: True if bodies of the class can be counted, so that they get boxes and instances
     """
 
     semantic_kitti: int

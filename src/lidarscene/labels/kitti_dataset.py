@@ -37,7 +37,9 @@ def cloud_path(
 ) -> Path:
     """Path of the cloud of this frame, in a data set of `formats.registry.DATASETS`.
 
-    sequence, part  folder of SemanticKITTI's sequence; KITTI's folder, training or testing
+    Args:
+        sequence: folder of SemanticKITTI's sequence
+        part: KITTI's folder, training or testing
     """
     parts = (part,) if dataset == "kitti" else ("dataset", "sequences", sequence)
     return Path(folder).joinpath(*parts, "velodyne", f"{frame:06d}.bin")
@@ -49,8 +51,11 @@ def frame_stream(
 ) -> Iterator[Append]:
     """Write the clouds that are appended in the block, at least one, as a frame of a data set (`DATASETS`).
 
-    frame  number of the frame, from 0
-    Raises InputError for a cloud without truth, of which the labels are made.
+    Args:
+        frame: number of the frame, from 0
+
+    Raises:
+        InputError: for a cloud without truth, of which the labels are made
     """
     clouds = cloud_path(dataset, folder, frame, sequence=sequence)
     with files_stream(dataset, clouds, scene) as (append, first):
@@ -63,8 +68,11 @@ def frame_stream(
 def files_stream(dataset: str, clouds: Path, scene: Scene) -> Iterator[tuple[Append, list[PointCloud]]]:
     """Write the files of a frame that no other frame has a part in: its cloud, its labels, and KITTI's calibration.
 
-    clouds  path of the cloud (`cloud_path`)
-    Yields the function that appends clouds, and a list that the first of them enters, without its points.
+    Args:
+        clouds: path of the cloud (`cloud_path`)
+
+    Yields:
+        the function that appends clouds, and a list that the first of them enters, without its points
     """
     first: list[PointCloud] = []
     with ExitStack() as streams:
@@ -135,8 +143,9 @@ def _write_picture(path: Path) -> None:
 def write_sequences(root: Path, frames: Iterable[tuple[str, float, Pose]]) -> None:
     """Write calibrations, times and poses of whole sequences.
 
-    root    folder `dataset`
-    frames  sequence, time at which the frame starts [s] and pose of the sensor then, in order
+    Args:
+        root: folder `dataset`
+        frames: sequence, time at which the frame starts [s] and pose of the sensor then, in order
     """
     for sequence, group in itertools.groupby(frames, key=operator.itemgetter(0)):
         folder, lines = root / "sequences" / sequence, [*group]

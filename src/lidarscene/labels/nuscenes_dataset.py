@@ -108,11 +108,12 @@ DRIVEABLE = frozenset({"road", "parking", "lane_marking"})
 class Sample:
     """One frame of one sensor in a data set.
 
-    scene    number of the drive, from 0
-    split    name of its part: train, val or test
-    step     number of the frame within the drive
-    channel  name of the sensor, such as LIDAR_TOP
-    number   number of the frame in the channel's folder
+    Attributes:
+        scene: number of the drive, from 0
+        split: name of its part: train, val or test
+        step: number of the frame within the drive
+        channel: name of the sensor, such as LIDAR_TOP
+        number: number of the frame in the channel's folder
     """
 
     scene: int
@@ -146,8 +147,11 @@ class Sample:
 def sample_stream(folder: Path, sample: Sample, scene: Scene, record: dict[str, Any]) -> Iterator[Append]:
     """Write the clouds that are appended in the block, at least one, as a frame.
 
-    record  filled when the block ends: what `write_tables` needs of the frame, as plain data
-    Raises InputError for a cloud without truth, of which the labels are made.
+    Args:
+        record: filled when the block ends: what `write_tables` needs of the frame, as plain data
+
+    Raises:
+        InputError: for a cloud without truth, of which the labels are made
     """
     with ExitStack() as streams:
         cloud_file = streams.enter_context(rows_stream(folder / sample.cloud, ("intensity", "channel"), TO_NUSCENES))
@@ -257,7 +261,8 @@ def path_of_drive(motion: Motion, begin_s: float, end_s: float) -> Numbers:
 def write_tables(folder: Path, frames: Iterable[tuple[Sample, Mapping[str, Any]]], *, vehicle: str = "ego") -> None:
     """Write all tables of a data set, and `splits.json`, the scenes of each part.
 
-    frames  frames and their records (`sample_stream`, with "map_corner_m" of their drive); those of one drive and
+    Args:
+        frames: frames and their records (`sample_stream`, with "map_corner_m" of their drive); those of one drive and
             channel in order of time
     """
     tables = _Tables()
@@ -278,7 +283,8 @@ def scene_name(scene: int) -> str:
 class _Tables:
     """Tables that grow frame by frame.
 
-    splits  part -> names of its scenes
+    Attributes:
+        splits: part -> names of its scenes
     """
 
     def __init__(self) -> None:

@@ -52,9 +52,10 @@ def ground_truth(
 ) -> GroundTruth:
     """Encode the objects of a frame.
 
-    vehicle  pose of the vehicle's frame in the world, None if it is unknown
-    riding   bodies that ride with it: the first of them that is a vehicle and has the frame's axes is the host's box
-    bodies   number of bodies of the scene
+    Args:
+        vehicle: pose of the vehicle's frame in the world, None if it is unknown
+        riding: bodies that ride with it: the first of them that is a vehicle and has the frame's axes is the host's box
+        bodies: number of bodies of the scene
     """
     host = None if vehicle is None else _host(boxes, vehicle, riding, bodies)
     encoded = [_moving_object(box, host) if _is_moving(box) else _stationary_object(box) for box in boxes]

@@ -48,14 +48,16 @@ _DRAWS_APART = 1000
 class AirLight:
     """Backscatter of the air around a sensor, per unit of P_t eta A.
 
-    shape             as in `light.echoes.Volume`
-    near_m, far_m     as in `light.echoes.Volume`
-    hump_m            as in `light.echoes.Volume`
-    extinction_per_m  as in `light.echoes.Volume`
-    highest           as in `light.echoes.Volume`
-    particles         particles that are drawn one by one: tables, and the name of their medium
-    names             names of the media, the classes of the points that they cause
-    strongest         name of the medium that gives most of the even light where that is brightest
+    Attributes:
+        shape: as in `light.echoes.Volume`
+        near_m: as in `light.echoes.Volume`
+        far_m: as in `light.echoes.Volume`
+        hump_m: as in `light.echoes.Volume`
+        extinction_per_m: as in `light.echoes.Volume`
+        highest: as in `light.echoes.Volume`
+        particles: particles that are drawn one by one: tables, and the name of their medium
+        names: names of the media, the classes of the points that they cause
+        strongest: name of the medium that gives most of the even light where that is brightest
     """
 
     shape: LookupTable
@@ -76,8 +78,9 @@ class AirLight:
     def volume(self, *, scale: Lanes, end_m: Lanes) -> Volume:
         """Even light of some pulses.
 
-        scale  (n,) P_t eta A of each pulse, with the fixed transmittance of the air
-        end_m  (n,) range at which the last of its light meets a surface
+        Args:
+            scale: (n,) P_t eta A of each pulse, with the fixed transmittance of the air
+            end_m: (n,) range at which the last of its light meets a surface
         """
         return Volume(
             shape=self.shape,
@@ -93,9 +96,11 @@ class AirLight:
     def sub_echoes(self, *, scale: Lanes, end_m: Lanes, seed: Seed, pulse: Lanes) -> list[SubEchoes]:
         """Sub-echoes of the drops and flakes that are drawn for each pulse; power 0 behind ``end_m``.
 
-        scale, end_m  (n,) as of `volume`
-        seed          32-bit frame seed
-        pulse         (n,) uint32 pulse numbers
+        Args:
+            scale: (n,) as of `volume`
+            end_m: (n,) as of `volume`
+            seed: 32-bit frame seed
+            pulse: (n,) uint32 pulse numbers
         """
         echoes = []
         # Each kind has random draws of its own, so that snow in a scene does not move the raindrops.
@@ -111,7 +116,8 @@ class AirLight:
 def air_light(weather: Weather, sensor: Sensor, *, extinction_per_m: float) -> AirLight | None:
     """Backscatter that this sensor receives in this weather; None in clear air.
 
-    extinction_per_m  alpha, one way, of everything in the air
+    Args:
+        extinction_per_m: alpha, one way, of everything in the air
     """
     media = weather.media(sensor.laser.wavelength_m)
     if not media:

@@ -22,13 +22,14 @@ from ..sensor.sensor_model import Sensor
 class Beams:
     """Rays in firing order, in tracing coordinates, NumPy or Dr.Jit.
 
-    pulse                   (n,) uint32 pulse numbers
-    origin_m                (x, y, z), each a scalar or (n,)
-    direction               (x, y, z), each (n,), unit length
-    aperture_m2             effective receiving aperture A(theta_r) of (4), a scalar or (n,)
-    background_aperture_m2  aperture that goes with the detector's field of view in (8); None: the same
-    laser_share             share of the laser's power that leaves a worn sensor
-    receiver_share          share of the light on its window that enters
+    Attributes:
+        pulse: (n,) uint32 pulse numbers
+        origin_m: (x, y, z), each a scalar or (n,)
+        direction: (x, y, z), each (n,), unit length
+        aperture_m2: effective receiving aperture A(theta_r) of (4), a scalar or (n,)
+        background_aperture_m2: aperture that goes with the detector's field of view in (8); None: the same
+        laser_share: share of the laser's power that leaves a worn sensor
+        receiver_share: share of the light on its window that enters
     """
 
     pulse: Lanes
@@ -43,10 +44,11 @@ class Beams:
 def fire(sensor: Sensor, *, pulse: Lanes, origin_m: Vector, rotation: tuple[Lanes, ...], seed: Seed = 0) -> Beams:
     """True rays of these pulses, with the scanner's pointing jitter.
 
-    pulse     (n,) uint32 pulse numbers
-    origin_m  (x, y, z) position of the sensor in tracing coordinates: scalars, or (n,) each if the sensor moves
-    rotation  nine numbers, row by row, sensor to tracing coordinates: scalars, or (n,) each if the sensor moves
-    seed      32-bit frame seed, for the jitter
+    Args:
+        pulse: (n,) uint32 pulse numbers
+        origin_m: (x, y, z) position of the sensor in tracing coordinates: scalars, or (n,) each if the sensor moves
+        rotation: nine numbers, row by row, sensor to tracing coordinates: scalars, or (n,) each if the sensor moves
+        seed: 32-bit frame seed, for the jitter
     """
     # The mechanism's true direction; the encoders of the sensor do not see the jitter that is added to it.
     direction = sensor.scanner.direction(pulse)

@@ -30,9 +30,10 @@ from .hits import Hits
 class Interference:
     """Pulses of another lidar on the detector, at random times (docs/theory_light.md 15).
 
-    rate_hz       mean rate of its pulses
-    peak_power_w  (n,) median of their peak powers
-    spread_db     standard deviation of their levels
+    Attributes:
+        rate_hz: mean rate of its pulses
+        peak_power_w: (n,) median of their peak powers
+        spread_db: standard deviation of their levels
     """
 
     rate_hz: Lanes
@@ -44,13 +45,14 @@ class Interference:
 class Ambient:
     """Light and air of a scene, in the sensor's spectral band.
 
-    sun_irradiance_w_m2  irradiance of the sun at normal incidence
-    sky_irradiance_w_m2  diffuse irradiance of the sky
-    transmittance        transmittance of the air, one way, the part that does not depend on range
-    extinction_per_m     alpha, for the part that does
-    sun_direction        (x, y, z) unit vector towards the sun; None: no beam looks into it
-    lamps_w_m2           irradiance of all surfaces by lamps; None: there are none
-    interferers          other lidars
+    Attributes:
+        sun_irradiance_w_m2: irradiance of the sun at normal incidence
+        sky_irradiance_w_m2: diffuse irradiance of the sky
+        transmittance: transmittance of the air, one way, the part that does not depend on range
+        extinction_per_m: alpha, for the part that does
+        sun_direction: (x, y, z) unit vector towards the sun; None: no beam looks into it
+        lamps_w_m2: irradiance of all surfaces by lamps; None: there are none
+        interferers: other lidars
     """
 
     sun_irradiance_w_m2: Lanes
@@ -66,8 +68,9 @@ class Ambient:
 class Fluctuation:
     """Scatter of echoes about their means, by speckle and turbulence; each field (n,).
 
-    variance        relative variance of the power
-    relative_power  power that was drawn, over its mean
+    Attributes:
+        variance: relative variance of the power
+        relative_power: power that was drawn, over its mean
     """
 
     variance: Lanes
@@ -78,14 +81,15 @@ class Fluctuation:
 class Echoes:
     """Light on the detector, for each ray; each array (n,).
 
-    has_surface         bool, whether there is an echo
-    range_m             range of the echo; 1 without one
-    peak_power_w        peak power of the echo; 0 without one
-    background_power_w  power of sun, sky and lamps
-    interference        pulses of other lidars
-    white_w_m2          peak power times range squared of a white surface, for which the sensor is calibrated; 1 if its
-                        intensity scale does not need it
-    fluctuation         of the peak power, which is drawn; None: it is the mean
+    Attributes:
+        has_surface: bool, whether there is an echo
+        range_m: range of the echo; 1 without one
+        peak_power_w: peak power of the echo; 0 without one
+        background_power_w: power of sun, sky and lamps
+        interference: pulses of other lidars
+        white_w_m2: peak power times range squared of a white surface, for which the sensor is calibrated; 1 if its
+            intensity scale does not need it
+        fluctuation: of the peak power, which is drawn; None: it is the mean
     """
 
     has_surface: Mask
@@ -101,16 +105,16 @@ class Echoes:
 class Volume:
     """Even light of the air: one course over range for all pulses, scaled for each pulse; theory (T36) and (T37).
 
-    shape             (samples,) V(R) from near_m to far_m in even steps, convolved with the pulse, in W at a scale of
-                      one
-    near_m            range of the first sample: no light comes from before it. Below 0 where the first of the pulse
-                      comes back while its middle has not left yet
-    far_m             range of the last sample: no light comes from behind it
-    hump_m            (from, to): the course is not concave outside of it (`hump_of`)
-    scale             (n,) P_t eta A of each pulse
-    end_m             (n,) range at which the last of a pulse's light meets a surface: none comes from behind it
-    extinction_per_m  alpha, for the way in which the course ends there
-    highest           (samples,) largest value of V from each of these ranges on; None: not known
+    Attributes:
+        shape: (samples,) V(R) from near_m to far_m in even steps, convolved with the pulse, in W at a scale of one
+        near_m: range of the first sample: no light comes from before it. Below 0 where the first of the pulse comes
+            back while its middle has not left yet
+        far_m: range of the last sample: no light comes from behind it
+        hump_m: (from, to): the course is not concave outside of it (`hump_of`)
+        scale: (n,) P_t eta A of each pulse
+        end_m: (n,) range at which the last of a pulse's light meets a surface: none comes from behind it
+        extinction_per_m: alpha, for the way in which the course ends there
+        highest: (samples,) largest value of V from each of these ranges on; None: not known
     """
 
     shape: LookupTable
@@ -152,9 +156,10 @@ def hump_of(shape: LookupTable, far_m: float, near_m: float = 0.0) -> tuple[floa
 class SubEchoes:
     """Sub-echoes of n pulses, the same number of each; lane = pulse lane * count + number.
 
-    range_m       (n count,) range; undefined without an echo
-    peak_power_w  (n count,) peak power; 0 without an echo
-    count         sub-echoes of each pulse
+    Attributes:
+        range_m: (n count,) range; undefined without an echo
+        peak_power_w: (n count,) peak power; 0 without an echo
+        count: sub-echoes of each pulse
     """
 
     range_m: Lanes
@@ -166,16 +171,17 @@ class SubEchoes:
 class EchoTrain:
     """Light on the detector, for pulses with several sub-echoes, theory (T50).
 
-    parts               groups of sub-echoes; a sub-echo's number counts through all parts
-    surfaces            number of sub-echoes that are of surfaces, which come first; the others are of the air, and the
-                        last may be stray
-    has_surface         (n,) bool, whether any ray of the pulse met a surface
-    background_power_w  (n,) power of sun, sky and lamps
-    volume              even light of the air, or None
-    interference        pulses of other lidars, as in `Echoes`
-    white_w_m2          (n,) as in `Echoes`
-    stray               whether the last sub-echo is stray light of other channels (`light.stray_light`)
-    fluctuation         of all sub-echoes together, as in `Echoes`
+    Attributes:
+        parts: groups of sub-echoes; a sub-echo's number counts through all parts
+        surfaces: number of sub-echoes that are of surfaces, which come first; the others are of the air, and the last
+            may be stray
+        has_surface: (n,) bool, whether any ray of the pulse met a surface
+        background_power_w: (n,) power of sun, sky and lamps
+        volume: even light of the air, or None
+        interference: pulses of other lidars, as in `Echoes`
+        white_w_m2: (n,) as in `Echoes`
+        stray: whether the last sub-echo is stray light of other channels (`light.stray_light`)
+        fluctuation: of all sub-echoes together, as in `Echoes`
     """
 
     parts: tuple[SubEchoes, ...]

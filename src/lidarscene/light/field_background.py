@@ -22,7 +22,8 @@ from .hits import Hits
 def field_of_view(sensor: Sensor, rays: int) -> Footprint:
     """Rays that share the receiver's field of view evenly: the detector's disc, seen through the lens.
 
-    rays  number of rays for each pulse
+    Args:
+        rays: number of rays for each pulse
     """
     # All rays start in the middle of the lens: a lens that is focused far away sees the patch sharp only there.
     slope = float(sensor.detector.radius_m) / float(sensor.optics.focal_length_m)
@@ -38,8 +39,9 @@ def field_of_view(sensor: Sensor, rays: int) -> Footprint:
 def background_power_w(rays: Beams, paths: Sequence[Hits], sensor: Sensor, ambient: Ambient, *, count: int) -> Lanes:
     """Background power of each pulse, (n,) W: the mean over its rays, with all paths of each.
 
-    rays   ``count`` of each pulse, lane = pulse lane * count + number
-    paths  for each path, what the rays met
+    Args:
+        rays: ``count`` of each pulse, lane = pulse lane * count + number
+        paths: for each path, what the rays met
     """
     background = sum(_ray_background_w(rays, hits, sensor, ambient) for hits in paths)
     ops = xp(background)

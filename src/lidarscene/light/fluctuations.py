@@ -23,10 +23,12 @@ from .echoes import Echoes, Fluctuation
 class FluctuationLaw:
     """Numbers of laser and air that say how much echoes fluctuate.
 
-    half_divergence_rad, exit_radius_m  of the beam
-    sweep_rad                           angle over which it turns while the shots of a point are summed
-    speckle                             None: the surface has no speckle
-    structure_constant                  C_n^2 of the air [m^(-2/3)]; None: it is calm
+    Attributes:
+        half_divergence_rad: half divergence of the beam
+        exit_radius_m: radius of the beam at the exit
+        sweep_rad: angle over which it turns while the shots of a point are summed
+        speckle: None: the surface has no speckle
+        structure_constant: C_n^2 of the air [m^(-2/3)]; None: it is calm
     """
 
     wavelength_m: Lanes
@@ -81,8 +83,9 @@ class FluctuationLaw:
 def fluctuate(light: Echoes, variance: Lanes, *, seed: Seed, pulse: Lanes) -> Echoes:
     """Draw the powers of echoes about their means.
 
-    variance  (n,) `FluctuationLaw.variance`
-    pulse     (n,) pulse number of each ray: rays of one pulse share the draw
+    Args:
+        variance: (n,) `FluctuationLaw.variance`
+        pulse: (n,) pulse number of each ray: rays of one pulse share the draw
     """
     deviate, _ = random.normal_pair(random.words(seed=seed, stage=random.Stage.FLUCTUATION, pulse=pulse))
     drawn = scintillation.relative_power(deviate, variance)

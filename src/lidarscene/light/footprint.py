@@ -35,9 +35,10 @@ _LEAST_WITH_HALO = 4
 class Skirt:
     """The rays of a beam's halo, which are the last ones of each pulse; theory (T49a).
 
-    count  number of them in each pulse
-    share  share of the pulse's power in all of them together
-    slope  tangent of the halo's half divergence
+    Attributes:
+        count: number of them in each pulse
+        share: share of the pulse's power in all of them together
+        slope: tangent of the halo's half divergence
     """
 
     count: int = field(metadata=STATIC)
@@ -55,11 +56,12 @@ class Skirt:
 class Footprint:
     """The rays that stand for a beam, and the beam's measures on its two axes, azimuth and elevation.
 
-    points         (rays, 2) place q of each ray in the beam, in radii of the beam; (rays, 3) with that in the sweep
-    exit_radius_m  w_0, radius of the beam at the sensor, the same on both axes; 0: the beam leaves from a point
-    slope          tangent of the half divergence on each axis
-    skirt          the rays of a halo, or None
-    sweep_rad      angle over which the head sweeps the beam while it sums shots, or None: it stands
+    Attributes:
+        points: (rays, 2) place q of each ray in the beam, in radii of the beam; (rays, 3) with that in the sweep
+        exit_radius_m: w_0, radius of the beam at the sensor, the same on both axes; 0: the beam leaves from a point
+        slope: tangent of the half divergence on each axis
+        skirt: the rays of a halo, or None
+        sweep_rad: angle over which the head sweeps the beam while it sums shots, or None: it stands
     """
 
     points: LookupTable
@@ -83,11 +85,12 @@ class Footprint:
 class Aim:
     """Geometry of beams and their receiver for specular returns, whose share at the receiver it determines.
 
-    across         two unit vectors across each beam, along its axes
-    exit_radius_m  as of a `Footprint`
-    slope          as of a `Footprint`
-    profile        "gaussian" or "top_hat"
-    aperture_m2    aperture of the receiver, whose axis is that of the beam
+    Attributes:
+        across: two unit vectors across each beam, along its axes
+        exit_radius_m: as of a `Footprint`
+        slope: as of a `Footprint`
+        profile: "gaussian" or "top_hat"
+        aperture_m2: aperture of the receiver, whose axis is that of the beam
     """
 
     across: tuple[Vector, Vector]
@@ -111,7 +114,8 @@ def aim(axes: Beams, shape: Footprint, *, profile: str, rotation: tuple[Lanes, .
 def polarisation(axes: Beams, laser: Laser, *, rotation: tuple[Lanes, ...]) -> tuple[Vector, Lanes] | None:
     """Axis along which the light of each beam swings, and the share of it that does; None: left out.
 
-    rotation  as of `spread`
+    Args:
+        rotation: as of `spread`
     """
     if laser.polarisation is None:
         return None
@@ -149,10 +153,11 @@ def footprint(laser: Laser, rays: int, halo: Halo | None = None, sweep_rad: floa
 def points(profile: str, rays: int) -> Numbers:
     """(rays, 2) places in a round beam of radius 1, each for the same share of its power.
 
-    profile  "gaussian" or "top_hat"
-
     A spiral with the golden angle (Vogel, Mathematical Biosciences 44, 179, 1979), theory (T47): the beam is cut into
     rings of equal power, and each ring has one ray at its mean r^2.
+
+    Args:
+        profile: "gaussian" or "top_hat"
     """
     ring = {"gaussian": beam.gaussian_ring, "top_hat": beam.top_hat_ring}[profile]
     number = np.arange(rays)
@@ -188,7 +193,10 @@ def with_sweep(places: Numbers) -> Numbers:
 def sweep(axes: Beams, shape: Footprint, *, ray: Lanes, rotation: tuple[Lanes, ...]) -> Beams:
     """Turn the axes of beams about the sensor's upright axis to where the head is when their ray stands for the light.
 
-    axes, ray, rotation  as of `spread`
+    Args:
+        axes: as of `spread`
+        ray: as of `spread`
+        rotation: as of `spread`
     """
     if shape.sweep_rad is None:
         return axes
@@ -203,11 +211,12 @@ def sweep(axes: Beams, shape: Footprint, *, ray: Lanes, rotation: tuple[Lanes, .
 def spread(rays: Beams, shape: Footprint, *, ray: Lanes, rotation: tuple[Lanes, ...]) -> Beams:
     """Spread the rays of a footprint around the axes of beams, lane by lane; theory (T48).
 
-    rays      axes of the beams, each already repeated on as many lanes as the footprint has rays
-    ray       (n,) number of the ray in its pulse
-    rotation  nine numbers, row by row: sensor to tracing coordinates
-
     An elliptical beam has the right width on both axes, but its spot is rotated between the near and the far field.
+
+    Args:
+        rays: axes of the beams, each already repeated on as many lanes as the footprint has rays
+        ray: (n,) number of the ray in its pulse
+        rotation: nine numbers, row by row: sensor to tracing coordinates
     """
     if shape.rays == 1:
         return rays

@@ -27,11 +27,12 @@ from .footprint import Skirt
 class LitAir:
     """The air that some pulses pass.
 
-    light    backscatter of the air
-    sensor   the sensor that fired the pulses
-    ambient  light and air of the scene
-    seed     32-bit frame seed
-    pulse    (n,) uint32 pulse numbers
+    Attributes:
+        light: backscatter of the air
+        sensor: the sensor that fired the pulses
+        ambient: light and air of the scene
+        seed: 32-bit frame seed
+        pulse: (n,) uint32 pulse numbers
     """
 
     light: AirLight
@@ -46,12 +47,13 @@ def join_echoes(
 ) -> EchoTrain:
     """Join the echoes of all rays and paths, and the light of the air, to one train for each pulse.
 
-    paths  Echoes of all rays for each path of their light, lane = pulse lane * rays + ray; the first path holds the
-           background
-    beams  the rays
-    rays   number of rays of a pulse
-    skirt  the rays of a halo among them; None: all rays share the power evenly
-    air    the air that the pulses pass; None: it sends nothing back
+    Args:
+        paths: Echoes of all rays for each path of their light, lane = pulse lane * rays + ray; the first path holds the
+            background
+        beams: the rays
+        rays: number of rays of a pulse
+        skirt: the rays of a halo among them; None: all rays share the power evenly
+        air: the air that the pulses pass; None: it sends nothing back
     """
     # What all paths have in common (background, interference, calibration) stands on the first one.
     first = paths[0]

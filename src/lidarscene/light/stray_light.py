@@ -37,11 +37,12 @@ computed."""
 class Crosstalk:
     """Volleys of a scanner and what its receivers notice of them.
 
-    least_w  power of an echo from which on its scan line has stray light, or glares
-    faint_w  power of an echo up to which it adds nothing to the stray light of others
-    unseen_w power of stray light up to which a detector has none
-    unit_m   c sigma_p / 2: range in which light comes back one standard deviation of the pulse later
-    glare_w  power of an echo from which on other channels withhold returns at its range; None: they report them
+    Attributes:
+        least_w: power of an echo from which on its scan line has stray light, or glares
+        faint_w: power of an echo up to which it adds nothing to the stray light of others
+        unseen_w: power of stray light up to which a detector has none
+        unit_m: c sigma_p / 2: range in which light comes back one standard deviation of the pulse later
+        glare_w: power of an echo from which on other channels withhold returns at its range; None: they report them
     """
 
     volleys: Volleys
@@ -84,8 +85,9 @@ class Crosstalk:
 class ChannelLight:
     """Light of each channel's own echoes at the time of the strongest, in order of time; each (n,).
 
-    range_m  range of the strongest
-    power_w  power of all of them there
+    Attributes:
+        range_m: range of the strongest
+        power_w: power of all of them there
     """
 
     range_m: Lanes
@@ -96,11 +98,12 @@ class ChannelLight:
 class Volley:
     """The volley of each pulse of whole scan lines in order of time; each field (n,).
 
-    volleys  of the scanner
-    lane     lane of the pulse
-    first    lane of the volley's first pulse
-    in_line  number of pulses of the line from that one on
-    row      first entry of the pulse in the table of shares
+    Attributes:
+        volleys: of the scanner
+        lane: lane of the pulse
+        first: lane of the volley's first pulse
+        in_line: number of pulses of the line from that one on
+        row: first entry of the pulse in the table of shares
     """
 
     volleys: Volleys
@@ -136,9 +139,10 @@ class Volley:
 class _Brightest:
     """Search for the brightest source of stray light; each field (n,).
 
-    number   next pulse of the volley
-    range_m  its range so far, 0 without one
-    power_w  its power on this detector
+    Attributes:
+        number: next pulse of the volley
+        range_m: its range so far, 0 without one
+        power_w: its power on this detector
     """
 
     number: Lanes
@@ -150,8 +154,9 @@ class _Brightest:
 class _Total:
     """Sum over the sources; each field (n,).
 
-    number   next pulse of the volley
-    power_w  sum so far
+    Attributes:
+        number: next pulse of the volley
+        power_w: sum so far
     """
 
     number: Lanes
@@ -200,8 +205,9 @@ def _combine(ops: Ops, ranges: Sequence[Lanes], powers: Sequence[Lanes], unit_m:
 def add_stray_light(train: EchoTrain, light: ChannelLight, crosstalk: Crosstalk, *, pulse: Array) -> EchoTrain:
     """Add the stray light of each pulse's volley to its train, as the last sub-echo.
 
-    light  computed before
-    pulse  (n,) uint32 pulse numbers of whole scan lines in order of time
+    Args:
+        light: computed before
+        pulse: (n,) uint32 pulse numbers of whole scan lines in order of time
     """
     volley, light_w = Volley.of_pulses(crosstalk.volleys, light, pulse), light.power_w
     ops, size = xp(pulse, light_w), crosstalk.volleys.size

@@ -48,8 +48,9 @@ over that."""
 class Undershoot:
     """Undershoot that AC coupling subtracts from the pulses (`physics.amplifier.high_pass`).
 
-    rate    w: recovery of the baseline, per sigma_p; the peaks of the pulses come early by as much
-    depths  (n,) each, power of every sub-echo, as far as the amplifier passes it
+    Attributes:
+        rate: w: recovery of the baseline, per sigma_p; the peaks of the pulses come early by as much
+        depths: (n,) each, power of every sub-echo, as far as the amplifier passes it
     """
 
     rate: Lanes
@@ -72,13 +73,14 @@ class Waveform:
 
     A place u is at the range origin_m + u unit_m.
 
-    origin_m    (n,) range of the pulse's first sub-echo
-    unit_m      c sigma_p / 2
-    fwhm_s      width of the received pulse
-    centres     (n,) each, place of every sub-echo
-    heights     (n,) each, power of every sub-echo; 0 without one
-    volume      even light of the air, or None
-    undershoot  undershoot of an AC-coupled amplifier, or None
+    Attributes:
+        origin_m: (n,) range of the pulse's first sub-echo
+        unit_m: c sigma_p / 2
+        fwhm_s: width of the received pulse
+        centres: (n,) each, place of every sub-echo
+        heights: (n,) each, power of every sub-echo; 0 without one
+        volume: even light of the air, or None
+        undershoot: undershoot of an AC-coupled amplifier, or None
     """
 
     # Places count from the first sub-echo in units of sigma_p. So the numbers near an echo are small, where single
@@ -118,10 +120,11 @@ class Waveform:
     def comb(self, start: Lanes, spacing: Lanes, middle: Lanes, *, half: float = 5.0) -> Comb:
         """Prepare the waveform at evenly spaced places.
 
-        start    (n,) first place
-        spacing  (n,) distance between two places
-        middle   (n,) middle of all places
-        half     largest distance of a place from it
+        Args:
+            start: (n,) first place
+            spacing: (n,) distance between two places
+            middle: (n,) middle of all places
+            half: largest distance of a place from it
         """
         parts, growths = comb_parts(
             start=self._pulse_place(start),
@@ -148,7 +151,8 @@ class Waveform:
     def start(self, first: Lanes) -> Lanes:
         """Place at which the waveform begins, (n,): there is no light before it.
 
-        first  (n,) start of the first of the `intervals`
+        Args:
+            first: (n,) start of the first of the `intervals`
         """
         ops = xp(first, self.origin_m)
         begin = first - _BEFORE
@@ -191,11 +195,12 @@ class Comb:
     Each sub-echo's part at a place is its part at the place before times a constant. So a sample costs a multiplication
     for each sub-echo instead of an exponential.
 
-    wave     the waveform
-    middle   (n,) middle of all places
-    half     largest distance of a place from it
-    parts    (n,) each, every sub-echo's part at the first place; a loop over the places carries them along
-    growths  (n,) each, the factor from one place to the next
+    Attributes:
+        wave: the waveform
+        middle: (n,) middle of all places
+        half: largest distance of a place from it
+        parts: (n,) each, every sub-echo's part at the first place; a loop over the places carries them along
+        growths: (n,) each, the factor from one place to the next
     """
 
     wave: Waveform
@@ -256,7 +261,8 @@ def couple_pulses(
 ) -> tuple[Sequence[Lanes], Undershoot | None]:
     """Pass pulses of these peak powers through AC coupling; returns their heights, and the undershoot or None.
 
-    heights  (n,) each, power of every sub-echo
+    Args:
+        heights: (n,) each, power of every sub-echo
     """
     rate = sensor.coupling_rate
     if rate is None:
@@ -274,10 +280,11 @@ def couple_pulses(
 def sample_power_and_signal(pulse_train: EchoTrain, sensor: Sensor, times_s: Numbers) -> tuple[Numbers, Numbers]:
     """Optical power [W] and mean detector signal over time, without noise: each (n, times), NumPy.
 
-    times_s  (times,) time since the middle of the pulse left
-
     The signal is what comes through the amplifier; the power is that on the detector, the air's even light in it as the
     amplifier passes it.
+
+    Args:
+        times_s: (times,) time since the middle of the pulse left
     """
     power, received = _sample_powers_w(pulse_train, sensor, times_s)
     point = sensor.working_point(np.asarray(pulse_train.background_power_w)[:, None])
@@ -287,7 +294,8 @@ def sample_power_and_signal(pulse_train: EchoTrain, sensor: Sensor, times_s: Num
 def sample_power_w(pulse_train: EchoTrain, sensor: Sensor, times_s: Numbers) -> Numbers:
     """Optical power over time, without the background: (n, times) W, NumPy.
 
-    times_s  (times,) time since the middle of the pulse left
+    Args:
+        times_s: (times,) time since the middle of the pulse left
     """
     return _sample_powers_w(pulse_train, sensor, times_s)[0]
 

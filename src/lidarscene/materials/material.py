@@ -20,8 +20,9 @@ from ..errors import InputError
 class Spectrum:
     """A quantity over wavelength, interpolated linearly between published values.
 
-    wavelength_m  (n,) rising
-    value         (n,)
+    Attributes:
+        wavelength_m: (n,) rising
+        value: (n,)
     """
 
     wavelength_m: tuple[float, ...]
@@ -47,13 +48,14 @@ class Spectrum:
 class Material:
     """A surface.
 
-    bsdf          "diffuse", "coated", "conductor", "mirror", "glass" or "retroreflector"
-    reflectivity  diffuse hemispherical reflectivity at normal incidence; the specular one for conductors, mirrors and
-                  glass
-    parameters    further numbers of that kind, constant or a `Spectrum`: facet_slope_deg (deviation of the facets'
-                  slope of a rough matt surface); coat_ior, coat_roughness; roughness, index_n, index_k; thickness_m;
-                  retro_coefficient_cd_per_lx_m2, retro_half_angle_deg; transmittance (diffuse hemispherical, of a thin
-                  surface); cover (share of the surface that is not gaps)
+    Attributes:
+        bsdf: "diffuse", "coated", "conductor", "mirror", "glass" or "retroreflector"
+        reflectivity: diffuse hemispherical reflectivity at normal incidence; the specular one for conductors, mirrors
+            and glass
+        parameters: further numbers of that kind, constant or a `Spectrum`: facet_slope_deg (deviation of the facets'
+            slope of a rough matt surface); coat_ior, coat_roughness; roughness, index_n, index_k; thickness_m;
+            retro_coefficient_cd_per_lx_m2, retro_half_angle_deg; transmittance (diffuse hemispherical, of a thin
+            surface); cover (share of the surface that is not gaps)
     """
 
     name: str
@@ -65,7 +67,8 @@ class Material:
     def at(self, wavelength_m: float) -> dict[str, Any]:
         """Name, kind, wavelength_m, reflectivity and parameters at one laser wavelength.
 
-        Raises InputError if a table does not include the wavelength.
+        Raises:
+            InputError: if a table does not include the wavelength
         """
         values: dict[str, Any] = {"name": self.name, "bsdf": self.bsdf, "wavelength_m": wavelength_m}
         for key, value in {"reflectivity": self.reflectivity, **self.parameters}.items():

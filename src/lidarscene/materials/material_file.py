@@ -195,11 +195,19 @@ def _spectrum(reflectivity: float | tuple[ReflectivityRow, ...]) -> Spectrum:
 
 
 def read_material(path: Path) -> Material:
-    """Read a material from a TOML file. Raises InputError."""
+    """Read a material from a TOML file.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+    """
     return validate(MaterialFile, read_toml(path), str(path)).build(path.stem)
 
 
 @cache
 def catalogue_material(name: str) -> Material:
-    """Load a material of the catalogue by name. Raises InputError."""
+    """Load a material of the catalogue by name.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+    """
     return read_material(path_of("materials", name))

@@ -445,7 +445,10 @@ def xp(*arguments: object) -> Ops:
 def frozen(values: object, dtype: Any, shape: tuple[int | None, ...]) -> Numbers:
     """Return ``values`` as a read-only array of this dtype and shape (None: any length).
 
-    Copies only if the dtype changes. Raises ValueError with the shape it got and the shape it needs.
+    Copies only if the dtype changes.
+
+    Raises:
+        ValueError: with the shape it got and the shape it needs
     """
     array = np.asarray(values, dtype=dtype).view()
     if len(array.shape) != len(shape) or any(

@@ -31,9 +31,11 @@ _CELLS = 1024
 class BoxTree:
     """Boxes along the axes, in a tree.
 
-    nodes      (8 n,): lowest corner; number of the node at which a walk goes on without those below, 0 at the end;
-               highest corner; number of the box, -1 for a box around others. Node 0 is the box around all
-    low, high  corners of the box around all, as plain numbers
+    Attributes:
+        nodes: (8 n,): lowest corner; number of the node at which a walk goes on without those below, 0 at the end;
+            highest corner; number of the box, -1 for a box around others. Node 0 is the box around all
+        low: lowest corner of the box around all, as plain numbers
+        high: highest corner of it, likewise
     """
 
     nodes: Any

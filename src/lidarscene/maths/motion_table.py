@@ -39,10 +39,11 @@ _NUMBERS = 16  # place, quaternion, velocity, angular velocity, and three of pad
 class Placement:
     """Pose and velocity of a frame in the traced frame, for each of n rays or for all; numpy or Dr.Jit.
 
-    origin_m       (x, y, z) of its origin
-    rotation       nine numbers, row by row: frame to traced frame
-    velocity_m_s   (x, y, z) of its origin, or None: it does not move
-    turning_rad_s  (x, y, z) angular velocity, or None
+    Attributes:
+        origin_m: (x, y, z) of its origin
+        rotation: nine numbers, row by row: frame to traced frame
+        velocity_m_s: (x, y, z) of its origin, or None: it does not move
+        turning_rad_s: (x, y, z) angular velocity, or None
     """
 
     origin_m: Vector
@@ -85,12 +86,13 @@ class Placement:
 class MotionTable:
     """Several motions over one frame, on an even grid of times.
 
-    table    (motions, instants, 16), flat: place, quaternion (w, x, y, z), velocity, angular velocity, padding
-    rate_hz  instants per second
-    last     number of the last instant
-    count    of motions
-    boxes    tree of m boxes along the axes of the traced frame [m], which hold all that the last m motions carry, all
-             the time; None without any
+    Attributes:
+        table: (motions, instants, 16), flat: place, quaternion (w, x, y, z), velocity, angular velocity, padding
+        rate_hz: instants per second
+        last: number of the last instant
+        count: of motions
+        boxes: tree of m boxes along the axes of the traced frame [m], which hold all that the last m motions carry, all
+            the time; None without any
     """
 
     table: Lanes
@@ -113,7 +115,9 @@ class MotionTable:
 
         carried_m (m, 2, 3) lowest and highest corner of what each of the last m motions carries, in its frame;
                   infinite where it carries nothing, whose box in the traced frame is `NOWHERE`
-        centre_m  (3,) origin of the traced frame in the world
+
+        Args:
+            centre_m: (3,) origin of the traced frame in the world
         """
         # Between two instants everything goes straight on: where it does so anyway, two are enough.
         bends = not all(motion.is_straight for motion in motions)
@@ -142,7 +146,8 @@ class MotionTable:
     def placement(self, time_s: Lanes, motion_index: Lanes) -> Placement:
         """Placement of motion number ``motion_index`` at (n,) seconds after the start; clipped to the table's ends.
 
-        motion_index  one number for all rays, or (n,) of them
+        Args:
+            motion_index: one number for all rays, or (n,) of them
         """
         ops = xp(time_s)
         place = ops.minimum(ops.maximum(time_s * self.rate_hz, 0.0), self.last)
@@ -172,8 +177,9 @@ class MotionTable:
 class MovingBodies:
     """Motions of several bodies, looked up at the times at which n rays leave.
 
-    motions  of the sensor (0) and of the bodies (1, ...), with the bodies' boxes
-    time_s   (n,) when the rays leave, after the start of the table
+    Attributes:
+        motions: of the sensor (0) and of the bodies (1, ...), with the bodies' boxes
+        time_s: (n,) when the rays leave, after the start of the table
     """
 
     motions: MotionTable

@@ -29,8 +29,9 @@ def rotation_matrix(*, yaw_rad: float, pitch_rad: float, roll_rad: float) -> Num
 class Pose:
     """Position and rotation of a frame in its parent.
 
-    position_m  (3,) float64
-    rotation    (3, 3) float64, frame to parent
+    Attributes:
+        position_m: (3,) float64
+        rotation: (3, 3) float64, frame to parent
     """
 
     position_m: Numbers = field(default_factory=lambda: np.zeros(3))

@@ -73,10 +73,11 @@ def threefry2x32(key: tuple[Array, Array], counter: tuple[Array, Array]) -> tupl
 def words(*, seed: Seed, stage: int, pulse: Lanes, draw: Lanes = 0) -> tuple[Array, Array]:
     """Two independent 32-bit words for every pulse.
 
-    seed   of the frame (opaque Dr.Jit integers, or Python ints), see `Seed`
-    stage  purpose of the draw, a `Stage`
-    pulse  (n,) 32-bit unsigned pulse numbers since the rollover
-    draw   number of the draw in this stage, a number or (n,) unsigned
+    Args:
+        seed: of the frame (opaque Dr.Jit integers, or Python ints), see `Seed`
+        stage: purpose of the draw, a `Stage`
+        pulse: (n,) 32-bit unsigned pulse numbers since the rollover
+        draw: number of the draw in this stage, a number or (n,) unsigned
     """
     ops = xp(pulse)
     pulse = ops.uint32(pulse)

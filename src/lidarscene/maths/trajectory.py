@@ -33,10 +33,11 @@ LARGEST_STEP_RAD = math.radians(170.0)
 class States:
     """States of a frame at n instants.
 
-    position_m      (n, 3) of its origin
-    rotation        (n, 3, 3) frame to parent
-    velocity_m_s    (n, 3) of its origin, in the parent's axes
-    turning_rad_s   (n, 3) angular velocity, in the parent's axes
+    Attributes:
+        position_m: (n, 3) of its origin
+        rotation: (n, 3, 3) frame to parent
+        velocity_m_s: (n, 3) of its origin, in the parent's axes
+        turning_rad_s: (n, 3) angular velocity, in the parent's axes
     """
 
     position_m: Numbers
@@ -117,10 +118,11 @@ ALWAYS = (-math.inf, math.inf)
 class Course:
     """Constant speed and yaw rate: an arc, or a straight line.
 
-    start            pose at the time ``since_s``
-    speed_m_s        along the frame's own x axis, which turns with it
-    yaw_rate_rad_s   about its own z axis, positive to the left
-    velocity_m_s     (x, y, z), a constant velocity on top, in the parent's axes
+    Attributes:
+        start: pose at the time ``since_s``
+        speed_m_s: along the frame's own x axis, which turns with it
+        yaw_rate_rad_s: about its own z axis, positive to the left
+        velocity_m_s: (x, y, z), a constant velocity on top, in the parent's axes
     """
 
     start: Pose = field(default_factory=Pose)
@@ -221,11 +223,6 @@ class Riding:
 class Spline:
     """A smooth motion through given poses: cubic on SE(3), with continuous velocities.
 
-    time_s     (k,) rising, k >= 2
-    poses      (k,) at these times
-    smooth     whether the velocity is continuous; else it is constant from one pose to the next, in the body's frame
-    closed     whether the velocity goes on from the last pose to the first, as on a loop
-
     Between two poses T_i and T_(i+1) with twists x_i and x_(i+1) in their own frames, over the time h,
 
         T(u) = T_i exp(b1 x_i h/3) exp(b2 y) exp(b3 x_(i+1) h/3),
@@ -235,6 +232,12 @@ class Spline:
     SIGGRAPH 1995, for quaternions). The twist at a pose is the mean of the twists before and after it, each weighted
     by the other's duration, as for a cubic through points (Catmull and Rom). A constant twist, so an arc at constant
     speed, is exact.
+
+    Attributes:
+        time_s: (k,) rising, k >= 2
+        poses: (k,) at these times
+        smooth: whether the velocity is continuous; else it is constant from one pose to the next, in the body's frame
+        closed: whether the velocity goes on from the last pose to the first, as on a loop
     """
 
     time_s: Numbers
@@ -244,7 +247,11 @@ class Spline:
     _segments: _Segments = field(init=False)
 
     def __post_init__(self) -> None:
-        """Check the times and compute the twists. Raises ValueError."""
+        """Check the times and compute the twists.
+
+        Raises:
+            ValueError: if a value is not allowed
+        """
         object.__setattr__(self, "time_s", frozen(self.time_s, np.float64, (None,)))
         if len(self.time_s) != len(self.poses) or len(self.poses) < 2 or not (np.diff(self.time_s) > 0.0).all():
             raise ValueError("must be two poses or more, at rising times")

@@ -128,8 +128,9 @@ def key_in_si(key: str) -> tuple[str, float]:
 class FileKey:
     """Declaration of a field that can be given in a file.
 
-    name   of the key in the file, where it is not the field's own (with the unit of the file)
-    about  what it is, for the JSON Schema
+    Attributes:
+        name: of the key in the file, where it is not the field's own (with the unit of the file)
+        about: what it is, for the JSON Schema
     """
 
     _: KW_ONLY
@@ -153,8 +154,9 @@ class FileKey:
 class Slider:
     """Slider of the view for a number of a file: its label, and its ends in the unit of the file.
 
-    unit  as the page writes it
-    log   in even steps of its logarithm
+    Attributes:
+        unit: as the page writes it
+        log: in even steps of its logarithm
     """
 
     label: str
@@ -173,13 +175,17 @@ class SameTable:
 class Quantity(FileKey):
     """Declaration of a number that can be given in a file.
 
-    unit            in the file, a key of `UNITS`; None: the field's own
-    gt, ge, lt, le  bounds in the unit of the file; of each number where the field has several. Some hundred times
-                    wider than any device: what is beyond is a mistake, most often of the unit
-    finest          the smallest size of a number that is not 0, in the unit of the file
-    multiple        the file's unit over the SI unit, where the field has the file's: 1e3 of klux
-    whole           the file takes whole numbers only; a field of floats or arrays gets the float
-    least           how many numbers there are at least, where the field has several
+    Attributes:
+        unit: in the file, a key of `UNITS`; None: the field's own
+        gt: what it must be greater than, in the unit of the file; each number where the field has several. Bounds are
+            some hundred times wider than any device: what is beyond is a mistake, most often of the unit
+        ge: what it must be greater than or equal to, likewise
+        lt: what it must be less than, likewise
+        le: what it must be less than or equal to, likewise
+        finest: the smallest size of a number that is not 0, in the unit of the file
+        multiple: the file's unit over the SI unit, where the field has the file's: 1e3 of klux
+        whole: the file takes whole numbers only; a field of floats or arrays gets the float
+        least: how many numbers there are at least, where the field has several
     """
 
     unit: str | None = None

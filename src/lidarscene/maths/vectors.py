@@ -50,11 +50,12 @@ def reflected(direction: Vector, normal: Vector) -> Vector:
 def refracted(direction: Vector, normal: Vector, index_ratio: Lanes) -> tuple[Vector, Lanes]:
     """A ray through a face, by Snell's law in vector form, and cos(theta_t) / cos(theta_i).
 
-    normal       unit, along the light (d . n > 0)
-    index_ratio  index before the face over index behind it
-
     The ratio of cosines is the factor by which a beam widens, since both beams cover the same part of the face. Under
     total reflection the direction is undefined and the ratio 0.
+
+    Args:
+        normal: unit, along the light (d . n > 0)
+        index_ratio: index before the face over index behind it
     """
     cos_in = dot(direction, normal)
     inside = 1.0 - index_ratio * index_ratio * (1.0 - cos_in * cos_in)

@@ -54,15 +54,16 @@ Change = Callable[[int, PointCloud], PointCloud]
 class FrameFiles:
     """One frame of one sensor, or of several whose clouds are merged.
 
-    simulators  label of the sensor -> its simulator
-    files       key of `Plan.files` -> path to write
-    placed      whether the sensor has another pose than the scene's
-    capture     open file of the sensor's packets, which replace the cloud; None: a cloud is written
-    bags        file that holds several frames -> function that appends a cloud to it
-    live        function that appends a cloud to a viewer, or None
-    epoch_ns    from 1970 to the scene's second 0, for packets
-    imu         samples of the sensor's IMU until the next frame, for packets, or None
-    ahead       called once the device has done its part of the frame: time to begin the next one
+    Attributes:
+        simulators: label of the sensor -> its simulator
+        files: key of `Plan.files` -> path to write
+        placed: whether the sensor has another pose than the scene's
+        capture: open file of the sensor's packets, which replace the cloud; None: a cloud is written
+        bags: file that holds several frames -> function that appends a cloud to it
+        live: function that appends a cloud to a viewer, or None
+        epoch_ns: from 1970 to the scene's second 0, for packets
+        imu: samples of the sensor's IMU until the next frame, for packets, or None
+        ahead: called once the device has done its part of the frame: time to begin the next one
     """
 
     plan: Plan

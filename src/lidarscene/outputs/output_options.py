@@ -53,8 +53,11 @@ FEW_PULSES = 9
 class Outputs:
     """Every file that a frame becomes.
 
-    Each of several frames or sensors has separate files: labels and numbers are added to the names. Labels are made
-    of the ground truth whether or not the cloud has it. Raises InputError for options that do not go together.
+    Each of several frames or sensors has separate files: labels and numbers are added to the names. Labels are made of
+    the ground truth whether or not the cloud has it.
+
+    Raises:
+        InputError: for options that do not go together
     """
 
     KEYWORD: ClassVar[str] = "outputs"

@@ -35,9 +35,10 @@ SHARED = (*CLOUDS, "metadata")
 class Plan:
     """File names of a run.
 
-    frames   number of frames; None: one, whose cloud is a file and not in a folder
-    rig      whether there is a rig
-    begin_s  time of the scene at which frame 0 begins
+    Attributes:
+        frames: number of frames; None: one, whose cloud is a file and not in a folder
+        rig: whether there is a rig
+        begin_s: time of the scene at which frame 0 begins
     """
 
     outputs: Outputs
@@ -86,7 +87,9 @@ class Plan:
     def check(self, coordinates: str, *, vectors: bool = False) -> None:
         """Raise InputError for outputs that this run cannot have, LidarSceneError where a package is missing.
 
-        coordinates, vectors  as in `FrameOptions` and `TraceOptions`
+        Args:
+            coordinates: as in `FrameOptions`
+            vectors: as in `TraceOptions`
         """
         outputs, place = self.outputs, self.outputs.place
         if outputs.merge:
@@ -125,7 +128,8 @@ class Plan:
     def files(self, label: str, number: int) -> dict[str, Path]:
         """Files of one cloud by key: "output", "deskewed", "output_labels", ..., and the options of EXTRA_FILES.
 
-        label  label of the rig's sensor; "" for a single sensor, and for merged clouds
+        Args:
+            label: label of the rig's sensor; "" for a single sensor, and for merged clouds
         """
         # F.png of a single cloud is F.png; of several, F_front_0003.png, so that none writes over another.
         counted = "" if self.frames is None else f"{number:04d}"
@@ -186,7 +190,8 @@ class Plan:
 def check_writable(plan: Plan, clouds: Sequence[Mapping[str, Path]]) -> None:
     """Raise OutputError for a file that could not be written, before any work goes into it.
 
-    Raises InputError for two outputs with one name: the second would overwrite the first.
+    Raises:
+        InputError: for two outputs with one name: the second would overwrite the first
     """
     clouds = plan.distinct(clouds)
     if plan.outputs.dataset is not None:

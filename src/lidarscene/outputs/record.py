@@ -55,10 +55,11 @@ class RecordKeywords(TraceKeywords, FrameKeywords, total=False):
 class RecordedCloud:
     """One cloud that was written: a frame of one sensor, or the merged frames of a rig.
 
-    label    label of the rig's sensor; "" for a single sensor, and for merged frames
-    number   number of the frame
-    files    key -> path: "output" is the cloud, `Plan.files` lists the other keys
-    summary  counts and times of the frame
+    Attributes:
+        label: label of the rig's sensor; "" for a single sensor, and for merged frames
+        number: number of the frame
+        files: key -> path: "output" is the cloud, `Plan.files` lists the other keys
+        summary: counts and times of the frame
     """
 
     label: str
@@ -71,8 +72,9 @@ class RecordedCloud:
 class RecordedRun:
     """Result of `record`: the clouds that were written.
 
-    surroundings  place of each sensor in the scene as the first frame begins
-    run_files     files of all frames: IMUs, poses
+    Attributes:
+        surroundings: place of each sensor in the scene as the first frame begins
+        run_files: files of all frames: IMUs, poses
     """
 
     clouds: tuple[RecordedCloud, ...]
@@ -104,15 +106,21 @@ def record(
 ) -> RecordedRun:
     """Render one frame, or ``frames`` consecutive ones, into the files of ``outputs``.
 
-    scene            scene file, Mitsuba XML or `Scene`
-    sensor           catalogue name, sensor file, `Sensor` or `Rig` (`load_rig`); the scene's own if None
-    outputs          an `Outputs`, or the file of the cloud alone
-    frames           number of frames, from the options' number on; None: one, whose cloud is the file `Outputs.path`
-    overrides        changes to the sensor file's values: "detector.gain=60", a list of these, or {"detector.gain": 60}
-    scene_overrides  changes to the scene file's values, likewise
-    options          `TraceOptions` as ``trace`` and `FrameOptions` as ``frame``, or their fields; the pose is the
-                     vehicle's if there is a rig. ``progress`` is called with (done, pulses) of all frames
-    Raises InputError and OutputError before anything is traced. No file that the run reads is overwritten.
+    No file that the run reads is overwritten.
+
+    Args:
+        scene: scene file, Mitsuba XML or `Scene`
+        sensor: catalogue name, sensor file, `Sensor` or `Rig` (`load_rig`); the scene's own if None
+        outputs: an `Outputs`, or the file of the cloud alone
+        frames: number of frames, from the options' number on; None: one, whose cloud is the file `Outputs.path`
+        overrides: changes to the sensor file's values: "detector.gain=60", a list of these, or {"detector.gain": 60}
+        scene_overrides: changes to the scene file's values, likewise
+        options: `TraceOptions` as ``trace`` and `FrameOptions` as ``frame``, or their fields; the pose is the vehicle's
+            if there is a rig. ``progress`` is called with (done, pulses) of all frames
+
+    Raises:
+        InputError: before anything is traced
+        OutputError: before anything is traced
     """
     changes = assignments(overrides)
     scene_changes = assignments(scene_overrides, name="scene_overrides")
@@ -183,10 +191,11 @@ def record(
 class _PlannedCloud(NamedTuple):
     """Cloud that the run will write.
 
-    label          label of the rig's sensor; "" for a single sensor, and for merged clouds
-    sensor_labels  labels of the sensors whose points are in it
-    number         number of the frame
-    files          key of `Plan.files` -> path
+    Attributes:
+        label: label of the rig's sensor; "" for a single sensor, and for merged clouds
+        sensor_labels: labels of the sensors whose points are in it
+        number: number of the frame
+        files: key of `Plan.files` -> path
     """
 
     label: str
@@ -219,8 +228,9 @@ def _encoders(plan: Plan, sensors: Sequence[Mounted], clouds: Sequence[_PlannedC
 class _Run:
     """Run whose options are checked and whose simulators are built.
 
-    simulators  label of the sensor -> its simulator
-    placed      whether the sensors have another pose than the scene's
+    Attributes:
+        simulators: label of the sensor -> its simulator
+        placed: whether the sensors have another pose than the scene's
     """
 
     plan: Plan

@@ -29,8 +29,9 @@ from ..sensor.rig_file import Rig
 class ImuTrack:
     """Samples of one IMU.
 
-    label      label of its sensor; "" without a rig, and of the vehicle's own
-    on_vehicle pose of the IMU on the vehicle
+    Attributes:
+        label: label of its sensor; "" without a rig, and of the vehicle's own
+        on_vehicle: pose of the IMU on the vehicle
     """
 
     label: str
@@ -42,8 +43,9 @@ class ImuTrack:
 class RunMotion:
     """Motion of all sensors of a run.
 
-    starts_s  label of each sensor -> (frames,) starts of its frames by the scene's clock
-    tracks    samples of its IMUs
+    Attributes:
+        starts_s: label of each sensor -> (frames,) starts of its frames by the scene's clock
+        tracks: samples of its IMUs
     """
 
     scene: Scene
@@ -84,7 +86,8 @@ class RunMotion:
     def parts(self, labels: Sequence[str], index: int) -> Iterator[tuple[ImuTrack, ImuSamples]]:
         """Yield the IMUs of these sensors, and their samples until the next frame; the vehicle's with the first.
 
-        index  of the frame within the run
+        Args:
+            index: of the frame within the run
         """
         first = next(iter(self.simulators))
         for track in self.tracks:
@@ -112,8 +115,11 @@ class RunMotion:
 def imu_labels(sensors: Mapping[str, bool], rig: Rig | None) -> list[str]:
     """Labels of the IMUs of a run: the vehicle's "" first.
 
-    sensors  label of each sensor -> whether it has an IMU
-    Raises OptionError where there is none, for a run that is to write one.
+    Args:
+        sensors: label of each sensor -> whether it has an IMU
+
+    Raises:
+        OptionError: where there is none, for a run that is to write one
     """
     labels = [""] if rig is not None and rig.imu is not None else []
     labels += [label for label, has_imu in sensors.items() if has_imu]

@@ -43,8 +43,9 @@ Append = Callable[[PointCloud], None]
 def cloud_stream(plan: Plan, path: Path, points: int, *, bag: Append | None = None) -> Iterator[Append]:
     """Write the clouds that are appended in the block as one cloud.
 
-    points  upper bound of the points, for formats that need all of them before the first is written
-    bag     function that appends the cloud to a file of several frames, or None
+    Args:
+        points: upper bound of the points, for formats that need all of them before the first is written
+        bag: function that appends the cloud to a file of several frames, or None
     """
     outputs, chosen = plan.outputs, plan.format
     options = {"ascii": True} if outputs.ascii else {}
@@ -66,7 +67,8 @@ def cloud_stream(plan: Plan, path: Path, points: int, *, bag: Append | None = No
 def trace_stream(plan: Plan, path: Path, scene: Scene, append: Callable[..., None]) -> Iterator[Append]:
     """Gather the clouds that are appended in the block, with their boxes, for one message of an OSI trace.
 
-    append  function that appends a cloud and its ground truth to the trace
+    Args:
+        append: function that appends a cloud and its ground truth to the trace
     """
     builder = CloudBuilder()
     with GatheredBoxes(path.parent, scene, as_seen=False, with_ego=True) as gathered:
@@ -83,8 +85,9 @@ def trace_stream(plan: Plan, path: Path, scene: Scene, append: Callable[..., Non
 def rerun_stream(outputs: Outputs, folder: Path, scene: Scene, append: Callable[..., None]) -> Iterator[Append]:
     """Gather the clouds that are appended in the block, with their boxes and range images, for one frame of a log.
 
-    folder  where points wait for their boxes
-    append  function that appends a cloud to the log
+    Args:
+        folder: where points wait for their boxes
+        append: function that appends a cloud to the log
     """
     builder = CloudBuilder()
     with GatheredBoxes(folder, scene) as gathered:
@@ -121,7 +124,11 @@ def _truth_filter(outputs: Outputs, append: Append) -> Append:
 
 
 def waveform_pulses(outputs: Outputs, sensor: Sensor) -> Sequence[int]:
-    """Pulse numbers whose waveforms are written: `Outputs.pulses`, or FEW_PULSES evenly spaced. Raises InputError."""
+    """Pulse numbers whose waveforms are written: `Outputs.pulses`, or FEW_PULSES evenly spaced.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+    """
     last = sensor.scanner.pulses - 1
     few = [last * number // (FEW_PULSES - 1) for number in range(FEW_PULSES)]
     chosen = check_pulses(outputs.pulses or few, sensor)
@@ -186,8 +193,9 @@ def _write_array(archive: zipfile.ZipFile, name: str, rows: int, blocks: Any, li
 class Capture:
     """Open file of one sensor's packets.
 
-    take           function that appends a frame
-    needs_ambient  whether packets hold the background of every pulse
+    Attributes:
+        take: function that appends a frame
+        needs_ambient: whether packets hold the background of every pulse
     """
 
     take: Callable[[Firings], None]
@@ -195,7 +203,11 @@ class Capture:
 
 
 def packet_encoders(sensors: Mapping[str, Sensor], profile: str) -> dict[str, PacketEncoder]:
-    """Label -> encoder of the sensor's packets. Raises InputError for a sensor without a packet format."""
+    """Label -> encoder of the sensor's packets.
+
+    Raises:
+        InputError: for a sensor without a packet format
+    """
     return {label: select_encoder(sensor, profile) for label, sensor in sensors.items()}
 
 

@@ -82,10 +82,11 @@ def grouping_time_s(*, wavelength_m: float) -> float:
 def c5(*, pulse_s: float, pulses: float, source_rad: float, grouping_s: float, time_base_s: float) -> float:
     """C5 (4.3 f 3): reduction of each pulse's limit for many pulses; thermal damage at 400 to 1400 nm only.
 
-    pulses    effective number in T2 or the time base, whichever is shorter; pulses within T_i count as one
-
     Pulses up to T_i: 1 for up to 600 of them, else 5 N^-0.25, at least 0.4. Longer pulses: 1 for sources up to 5 mrad
     and above 100 mrad, else N^-0.25, at least 0.4, or 0.2 for sources above alpha_max.
+
+    Args:
+        pulses: effective number in T2 or the time base, whichever is shorter; pulses within T_i count as one
     """
     if pulse_s > 0.25 or time_base_s <= 0.25 or pulses <= 1.0:
         return 1.0
@@ -120,7 +121,10 @@ def class_1_energy_j(*, wavelength_m: float, duration_s: float, source_rad: floa
     """AEL of class 1 for one emission of this duration, as an energy (tables 3 and 4), thermal limits.
 
     Divide by the duration for a power. From 1250 to 1400 nm C7 is held at 9: the retina would allow more, but the
-    cornea then needs limits of its own. Raises ValueError for a duration or wavelength out of range.
+    cornea then needs limits of its own.
+
+    Raises:
+        ValueError: for a duration or wavelength out of range
     """
     if not SHORTEST_S <= duration_s <= LONGEST_S:
         raise ValueError(f"emission duration must be 0.1 ps to 30000 s, got {duration_s:g} s")

@@ -27,8 +27,9 @@ CORRELATION_TIMES_S = RATIO ** np.arange(10.0)
 def specific_force_m_s2(*, rotation: Numbers, acceleration_m_s2: Numbers) -> Numbers:
     """(n, 3) specific force in the sensor's axes, f = R^T (a - g), with g down along z (T150): up where it rests.
 
-    rotation           (n, 3, 3) sensor to world
-    acceleration_m_s2  (n, 3) of the sensor in the world
+    Args:
+        rotation: (n, 3, 3) sensor to world
+        acceleration_m_s2: (n, 3) of the sensor in the world
     """
     upward = acceleration_m_s2 + np.array([0.0, 0.0, STANDARD_GRAVITY_M_S2])
     return np.asarray(np.einsum("nji,nj->ni", rotation, upward))

@@ -11,7 +11,11 @@ from .recording import Recording
 
 
 def open_in_child(opener: Callable[..., Recording], path: Path, *options: Any) -> Recording:
-    """Open a recording in a child process by `opener(path, *options)`. Raises InputError, also where the child ends."""
+    """Open a recording in a child process by `opener(path, *options)`.
+
+    Raises:
+        InputError: also where the child ends
+    """
     child = Child(_Frames(opener))
     try:
         count, described, unit_json = child.ask(path, path, *options)

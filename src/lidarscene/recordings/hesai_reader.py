@@ -45,26 +45,30 @@ from .units.hesai_unit import MirrorCorrections, read_hesai, read_mirror
 class PacketFormat:
     """Packets of one model; bytes, in which the fields of the tail count from its start.
 
-    name        product
-    sensor      the catalogue's sensor
-    protocol    major and minor version; None: the header has none
-    header      length of the header
-    mark        length of the mark before each block's azimuth
-    fine        length of what follows that azimuth: 1 for 256ths of its unit
-    point       length of a point: distance, reflectivity, and perhaps more
-    gap         length of what stands between the last block and the tail
-    mode, turns_per_minute, stamp  of the tail
-    cycle_s     time from firing to firing
-    azimuth_us  delay of a block's azimuth after its first laser
-    stamp_us    delay of the packet's stamp after the first laser of the last firing, or of the first one
-    stamps_first  whether the stamp is of the first firing
-    step_mm     step of the distances; None: the header's
-    phase       of the tail: 1 if a packet with several returns has the first firing of a cycle, else 0; None: a cycle
-                is one firing
-    flags       the header's bits that choose the layout; None: they choose nothing
-    speed_deg_s turn of the beams for each count of `turns_per_minute`
-    has_mirror  whether azimuths are those of a mirror's encoder, and directions need the unit's file of corrections
-    tells_silence  whether a distance of 0 means a laser that did not fire, and one of `LEAST_STEPS` or less no return
+    Attributes:
+        name: product
+        sensor: the catalogue's sensor
+        protocol: major and minor version; None: the header has none
+        header: length of the header
+        mark: length of the mark before each block's azimuth
+        fine: length of what follows that azimuth: 1 for 256ths of its unit
+        point: length of a point: distance, reflectivity, and perhaps more
+        gap: length of what stands between the last block and the tail
+        mode: place of the return mode in the tail
+        turns_per_minute: place of the speed in the tail
+        stamp: place of the time in the tail
+        cycle_s: time from firing to firing
+        azimuth_us: delay of a block's azimuth after its first laser
+        stamp_us: delay of the packet's stamp after the first laser of the last firing, or of the first one
+        stamps_first: whether the stamp is of the first firing
+        step_mm: step of the distances; None: the header's
+        phase: of the tail: 1 if a packet with several returns has the first firing of a cycle, else 0; None: a cycle is
+            one firing
+        flags: the header's bits that choose the layout; None: they choose nothing
+        speed_deg_s: turn of the beams for each count of `turns_per_minute`
+        has_mirror: whether azimuths are those of a mirror's encoder, and directions need the unit's file of corrections
+        tells_silence: whether a distance of 0 means a laser that did not fire, and one of `LEAST_STEPS` or less no
+            return
     """
 
     name: str
@@ -286,7 +290,11 @@ def is_hesai(payload: bytes) -> bool:
 
 
 def open_hesai(path: Path, metadata: Path | None, packets: Sequence[Packet]) -> Recording:
-    """Open the turns of these packets; ``metadata`` is the unit's table of angles, CSV. Raises InputError."""
+    """Open the turns of these packets; ``metadata`` is the unit's table of angles, CSV.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+    """
     layout = _format(path, packets)
     packets = [packet for packet in packets if layout.fits(packet.payload)]
     first_azimuths = _rows(layout, packets)["blocks"]["azimuth"][:, 0]
@@ -297,7 +305,11 @@ def open_hesai(path: Path, metadata: Path | None, packets: Sequence[Packet]) -> 
 
 
 def recording_of_scans(path: Path, metadata: Path | None, scans: Sequence[Sequence[Packet]], *, name: str) -> Recording:
-    """Recording of which each of these runs of packets is a frame. Raises InputError."""
+    """Recording of which each of these runs of packets is a frame.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+    """
     layout = _format(path, scans[0])
     beams = _beams(layout, metadata)
     mode = RETURNS.get(int(_rows(layout, scans[0])["mode"][0]), 1)
@@ -315,7 +327,11 @@ def recording_of_scans(path: Path, metadata: Path | None, scans: Sequence[Sequen
 
 
 def _format(path: Path, packets: Sequence[Packet]) -> PacketFormat:
-    """Find the model of the first packet that is one of Hesai's. Raises InputError."""
+    """Find the model of the first packet that is one of Hesai's.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+    """
     with input_errors(path, folder=True):
         if not packets:
             raise ValueError("must have packets, got none in the first turn")
@@ -340,9 +356,11 @@ def _rows(layout: PacketFormat, packets: Sequence[Packet]) -> Numbers:
 class BeamCalibration:
     """Bank of beams of a unit.
 
-    elevation, azimuth  (lasers,) against the head [rad]
-    firing_s            (phases, lasers) delays in a firing; NaN: the laser does not fire in this phase
-    mirror              corrections of a unit with a mirror, which replace elevation and azimuth
+    Attributes:
+        elevation: (lasers,) against the head [rad]
+        azimuth: (lasers,) against the head [rad]
+        firing_s: (phases, lasers) delays in a firing; NaN: the laser does not fire in this phase
+        mirror: corrections of a unit with a mirror, which replace elevation and azimuth
     """
 
     elevation: Numbers
@@ -352,7 +370,11 @@ class BeamCalibration:
 
 
 def _beams(layout: PacketFormat, metadata: Path | None) -> BeamCalibration:
-    """Beams of a unit, or the catalogue's without ``metadata``. Raises InputError."""
+    """Beams of a unit, or the catalogue's without ``metadata``.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+    """
     nominal = _nominal_beams(layout)
     if layout.has_mirror:
         if metadata is None:

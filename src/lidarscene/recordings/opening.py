@@ -23,10 +23,13 @@ def open_recording(
 ) -> Recording:
     """Open a recording: a file, a folder of a ROS bag, a folder of files of points, or the catalogue's example by name.
 
-    metadata  the unit's own description where the maker keeps it apart: json of an Ouster (None: the file of the
-              recording's name beside it), YAML of a Velodyne, CSV of a Hesai (None: the model's, from the decoder)
-    sensor_index  which sensor of an OSF, from 0
-    Raises InputError, in one line, for a file that is missing, empty, damaged or of no known kind.
+    Args:
+        metadata: the unit's own description where the maker keeps it apart: json of an Ouster (None: the file of the
+            recording's name beside it), YAML of a Velodyne, CSV of a Hesai (None: the model's, from the decoder)
+        sensor_index: which sensor of an OSF, from 0
+
+    Raises:
+        InputError: in one line, for a file that is missing, empty, damaged or of no known kind
     """
     file, metadata_file = _located(path), None if metadata is None else Path(metadata)
     if not file.exists():

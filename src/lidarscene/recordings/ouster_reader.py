@@ -24,7 +24,11 @@ VALID = 1
 
 
 def open_ouster(path: Path, metadata: Path | None, sensor_index: int = 0) -> Recording:
-    """Open the frames of one sensor of the file; incomplete frames at either end count. Raises InputError."""
+    """Open the frames of one sensor of the file; incomplete frames at either end count.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+    """
     sdk = import_optional("ouster.sdk", extra="ouster")
     core = import_optional("ouster.sdk.core", extra="ouster")
     core.init_logger("critical")  # its warnings would stand between our own lines
@@ -78,7 +82,8 @@ def open_ouster(path: Path, metadata: Path | None, sensor_index: int = 0) -> Rec
 def _path_with_index(path: Path, sensor_index: int, resources: ExitStack) -> Path:
     """Path of the OSF, or of a copy if it has no index: ouster-sdk would write one into the recording.
 
-    Raises ValueError if the file has no sensor of this index.
+    Raises:
+        ValueError: if the file has no sensor of this index
     """
     osf = import_optional("ouster.sdk.osf", extra="ouster")
     source = osf.OsfFrameSetSource(str(path))
@@ -113,7 +118,11 @@ def beams(core: Any, info: Any) -> tuple[Numbers, Numbers]:
 
 
 def _description(path: Path, metadata: Path | None) -> Path:
-    """Path of the json of a pcap. Raises InputError if there is none."""
+    """Path of the json of a pcap.
+
+    Raises:
+        InputError: if there is none
+    """
     if metadata is not None:
         if not metadata.is_file():
             raise InputError(f"{metadata}: no such metadata file")

@@ -59,7 +59,11 @@ def suffix_of(path: Path) -> str | None:
 
 
 def open_cloud(path: Path, metadata: Path | None) -> Recording:
-    """Open one file, or a folder of them in the order of the numbers in their names. Raises InputError."""
+    """Open one file, or a folder of them in the order of the numbers in their names.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+    """
     if metadata is not None:
         raise InputError(f"--metadata {metadata}: goes with recordings of packets, not with {path.name}")
     files = [path] if path.is_file() else sorted(filter(suffix_of, path.iterdir()), key=by_numbers)

@@ -21,11 +21,12 @@ FARTHEST_M = 10_000.0
 class Recording:
     """The frames of a file: `len`, `[frame]` and iteration; a context manager that closes the file.
 
-    count       number of frames
-    read        function from a frame's number to its sweep
-    close_file  function that closes the file
-    metadata    text by key: format, sensor, mode, ...
-    unit_json   the maker's description of the unit, where the recording has its own; "" without
+    Attributes:
+        count: number of frames
+        read: function from a frame's number to its sweep
+        close_file: function that closes the file
+        metadata: text by key: format, sensor, mode, ...
+        unit_json: the maker's description of the unit, where the recording has its own; "" without
     """
 
     path: Path
@@ -39,9 +40,12 @@ class Recording:
         return self.count
 
     def __getitem__(self, frame: int) -> Sweep:
-        """Read the sweep of this number, from 0; from the end if negative. Raises InputError beyond the recording.
+        """Read the sweep of this number, from 0; from the end if negative.
 
         Returns beyond `FARTHEST_M` are damage: they are left out, with an `OptionWarning`.
+
+        Raises:
+            InputError: beyond the recording
         """
         if not -self.count <= frame < self.count:
             raise InputError(f"{self.path}: frame must be 0 to {self.count - 1}, got {frame}")
@@ -57,7 +61,11 @@ class Recording:
         self.close_file()
 
     def _plausible(self, sweep: Sweep) -> Sweep:
-        """The sweep without returns that are farther than any lidar sees. Raises InputError for places of no number."""
+        """The sweep without returns that are farther than any lidar sees.
+
+        Raises:
+            InputError: for places of no number
+        """
         second = sweep.second
         has_point = np.isfinite(sweep.range_m) | (False if second is None else np.isfinite(second.range_m))
         places = {"directions of returns": sweep.direction[has_point]}

@@ -22,7 +22,8 @@ SECOND = ("range_m", "signal", "reflectivity", "intensity")
 class Second:
     """The second return of each pulse, in the maker's order (Ouster: strongest first); NaN where there is none.
 
-    range_m  float64, of the sweep's shape; the others float32, None where the recording has no such field
+    Attributes:
+        range_m: float64, of the sweep's shape; the others float32, None where the recording has no such field
     """
 
     range_m: Numbers
@@ -38,23 +39,24 @@ class Sweep:
     The shape is (rows, columns) for a spinning array, whose columns are in order of firing, and (n,) for a list of
     points. The point of a pulse is ``origin_m + range_m * direction``, in the sensor's frame: x forward, y left, z up.
 
-    range_m       float64, as reported; NaN where nothing came back or nothing was recorded
-    recorded      bool, False for pulses of lost packets
-    direction     (..., 3) float64 unit vectors; NaN for lost pulses whose direction the format does not give
-    origin_m      (..., 3) float64 points from which ranges count; None: the origin of the frame
-    time_s        float64, from `start_s`; NaN where nothing was recorded
-    signal        float32, photons of the return; of lost pulses the number that the maker reports for them
-    near_ir       float32, counts of the background light
-    reflectivity  float32, in the maker's scale; Ouster: 100 is a white Lambertian surface
-    intensity     float32, as recorded, in an unknown unit
-    second        the second return
-    ring          int32, number of the channel; with rows: from the top row down
-    column        int32, number of the firing within a turn
-    return_number int32, number of a point among its pulse's returns, in a list that has an entry for each return
-    start_s       start of the sweep, by the recording's clock; 0 if it has none
-    pose          pose of the sensor at the start, in the recording's world
-    includes_lost True if the arrays have the pulses without a return
-    metadata      text by key: sensor, format, mode, ...
+    Attributes:
+        range_m: float64, as reported; NaN where nothing came back or nothing was recorded
+        recorded: bool, False for pulses of lost packets
+        direction: (..., 3) float64 unit vectors; NaN for lost pulses whose direction the format does not give
+        origin_m: (..., 3) float64 points from which ranges count; None: the origin of the frame
+        time_s: float64, from `start_s`; NaN where nothing was recorded
+        signal: float32, photons of the return; of lost pulses the number that the maker reports for them
+        near_ir: float32, counts of the background light
+        reflectivity: float32, in the maker's scale; Ouster: 100 is a white Lambertian surface
+        intensity: float32, as recorded, in an unknown unit
+        second: the second return
+        ring: int32, number of the channel; with rows: from the top row down
+        column: int32, number of the firing within a turn
+        return_number: int32, number of a point among its pulse's returns, in a list that has an entry for each return
+        start_s: start of the sweep, by the recording's clock; 0 if it has none
+        pose: pose of the sensor at the start, in the recording's world
+        includes_lost: True if the arrays have the pulses without a return
+        metadata: text by key: sensor, format, mode, ...
     """
 
     range_m: Numbers
@@ -76,7 +78,11 @@ class Sweep:
     metadata: Mapping[str, str] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
-        """Check shapes and freeze the arrays. Raises ValueError that names the field."""
+        """Check shapes and freeze the arrays.
+
+        Raises:
+            ValueError: names the field
+        """
         shape = np.shape(self.range_m)
         dtypes: dict[str, Any] = {"range_m": np.float64, "recorded": np.bool_, "time_s": np.float64}
         dtypes |= dict.fromkeys(SCALARS, np.float32) | dict.fromkeys(("ring", "column", "return_number"), np.int32)

@@ -37,7 +37,8 @@ def sweep_of(
 ) -> Sweep:
     """Make a sweep of points by column; ValueError if x, y or z is missing.
 
-    shape  (rows, columns) of an array whose lost pulses are points at zero or NaN; None: a list, without those
+    Args:
+        shape: (rows, columns) of an array whose lost pulses are points at zero or NaN; None: a list, without those
     """
     by_name = {name.lower(): np.asarray(values).reshape(-1) for name, values in columns.items()}
     missing_axes = [axis for axis in "xyz" if axis not in by_name]

@@ -44,13 +44,21 @@ def is_velodyne(payload: bytes) -> bool:
 
 
 def open_velodyne(path: Path, metadata: Path | None, packets: Sequence[Packet]) -> Recording:
-    """Open the turns of these packets; ``metadata`` is the unit's calibration, YAML. Raises InputError."""
+    """Open the turns of these packets; ``metadata`` is the unit's calibration, YAML.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+    """
     turns = turns_of([struct.unpack_from("<H", packet.payload, 2)[0] for packet in packets])
     return recording_of_scans(path, metadata, [packets[turn] for turn in turns], name="velodyne pcap")
 
 
 def recording_of_scans(path: Path, metadata: Path | None, scans: Sequence[Sequence[Packet]], *, name: str) -> Recording:
-    """Recording of which each of these runs of packets is a frame. Raises InputError."""
+    """Recording of which each of these runs of packets is a frame.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+    """
     decoder = import_optional("velodyne_decoder", extra="velodyne")
     config = decoder.Config()
     if metadata is not None:
@@ -81,7 +89,11 @@ def _decode(decoder: Any, scan: Any, packets: Sequence[Packet]) -> tuple[float, 
 
 
 def sweep_of_points(points: Numbers, *, start_s: float, metadata: Mapping[str, str]) -> Sweep:
-    """Sweep of channels by firings from the decoder's (n, 8) points. Raises ValueError if there are none."""
+    """Sweep of channels by firings from the decoder's (n, 8) points.
+
+    Raises:
+        ValueError: if there are none
+    """
     if not len(points):
         raise ValueError("must have points, got none in this turn")
     channels, columns = int(points[:, RING].max()) + 1, int(points[:, COLUMN].max()) + 1

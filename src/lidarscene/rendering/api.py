@@ -63,13 +63,17 @@ def render(
 ) -> PointCloud:
     """Render one frame of a sensor in a scene.
 
-    scene            a scene's name, such as "car", scene file, Mitsuba XML, mesh file or `Scene`
-    sensor           catalogue name, sensor file or `Sensor`; the scene's own if None
-    overrides        changes to the sensor file's values: "detector.gain=60", a list of these, or {"detector.gain": 60}
-    scene_overrides  changes to the scene file's values, likewise
-    options          `TraceOptions` as ``trace``, `FrameOptions` as ``frame`` and `Observers` as ``observers``, or the
-                     fields of any of them: ``seed=1, rays=3``
-    Raises InputError for a mistake in a file or an option, BackendError without a usable Mitsuba back end.
+    Args:
+        scene: a scene's name, such as "car", scene file, Mitsuba XML, mesh file or `Scene`
+        sensor: catalogue name, sensor file or `Sensor`; the scene's own if None
+        overrides: changes to the sensor file's values: "detector.gain=60", a list of these, or {"detector.gain": 60}
+        scene_overrides: changes to the scene file's values, likewise
+        options: `TraceOptions` as ``trace``, `FrameOptions` as ``frame`` and `Observers` as ``observers``, or the
+            fields of any of them: ``seed=1, rays=3``
+
+    Raises:
+        InputError: for a mistake in a file or an option
+        BackendError: without a usable Mitsuba back end
     """
     simulator, frame, observers = _prepare(scene, sensor, overrides, scene_overrides, options)
     return simulator.render(frame, observers)

@@ -30,14 +30,15 @@ from .tiles import Order
 class Chunk:
     """Pulses after all stages, on the device; lanes are in the order of pulse numbers unless ``order`` is given.
 
-    pulse      (n,) pulse numbers
-    paths      `Hits` of each path of the rays
-    detection  `Detection` of the pulses
-    goes_on    (n,) mask of pulses that are traced again, for glass, mirrors or since they leak; None: no survey
-    leaks      (n,) mask of pulses whose light other channels notice; None: they do not see it, or no survey
-    order      permutation between pulses and lanes, or None
-    retraced   lanes of the surveyed chunk that these lanes are; None: these are not traced again
-    twice      the two lanes are one and the same pulse (`kept_lanes.more_than_one`)
+    Attributes:
+        pulse: (n,) pulse numbers
+        paths: `Hits` of each path of the rays
+        detection: `Detection` of the pulses
+        goes_on: (n,) mask of pulses that are traced again, for glass, mirrors or since they leak; None: no survey
+        leaks: (n,) mask of pulses whose light other channels notice; None: they do not see it, or no survey
+        order: permutation between pulses and lanes, or None
+        retraced: lanes of the surveyed chunk that these lanes are; None: these are not traced again
+        twice: the two lanes are one and the same pulse (`kept_lanes.more_than_one`)
     """
 
     pulse: Any
@@ -80,7 +81,8 @@ def without_lanes(part: Chunk, dropped: Numbers) -> Chunk:
 def detection_values(parts: Sequence[Chunk], name: str, *, ordered: bool = True) -> Numbers:
     """Field ``name`` of the detections, (n,) for the pulses of the first part; later parts replace it.
 
-    ordered  in the order of pulses; False: in that of lanes, which is enough to count them
+    Args:
+        ordered: in the order of pulses; False: in that of lanes, which is enough to count them
     """
     # A later part is the full trace of pulses that the first part only surveyed, so its values replace those.
     values: Numbers = getattr(parts[0].detection, name).numpy()
@@ -107,12 +109,13 @@ def join_columns(parts: Sequence[Mapping[str, Numbers]]) -> dict[str, Numbers]:
 class OpticalChunk:
     """Pulses after the optical stages: before any detector.
 
-    pulse    (n,) pulse numbers
-    rays     beams of the rays, rays of one pulse side by side
-    paths    what the rays met, for each path
-    light    what comes back along each path, aligned with ``paths``
-    goes_on  mask of rays that continue through glass or mirrors, or None
-    leaks    mask of rays whose light other channels notice, or None
+    Attributes:
+        pulse: (n,) pulse numbers
+        rays: beams of the rays, rays of one pulse side by side
+        paths: what the rays met, for each path
+        light: what comes back along each path, aligned with ``paths``
+        goes_on: mask of rays that continue through glass or mirrors, or None
+        leaks: mask of rays whose light other channels notice, or None
     """
 
     pulse: Any
@@ -148,8 +151,10 @@ class Placing:
     All points of a frame are placed from where the sensor stood at its start: a real sensor does not correct for its
     own motion either (`cloud.deskew` does).
 
-    turn, shift  rotation (9 numbers, row by row) and translation [m], on the device
-    added_m      (3,) translation that NumPy adds in float64; None near the origin, where float32 is good to 0.1 mm
+    Attributes:
+        turn: rotation, nine numbers, row by row, on the device
+        shift: translation [m], on the device
+        added_m: (3,) translation that NumPy adds in float64; None near the origin, where float32 is good to 0.1 mm
     """
 
     turn: Any

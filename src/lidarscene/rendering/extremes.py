@@ -34,7 +34,8 @@ device."""
 def check_detections(scene: Scene, sensor: Sensor, detections: Sequence[Any]) -> None:
     """Raise InputError for pulses whose signal is NaN or infinite, which would count as missed.
 
-    detections  results of `kernel.rays.point_columns.with_nan_outcomes`, computed
+    Args:
+        detections: results of `kernel.rays.point_columns.with_nan_outcomes`, computed
     """
     for detection in detections:
         if (detection.outcome.numpy() == NOT_A_NUMBER).any():
@@ -59,7 +60,8 @@ def _nan_error(scene: Scene, sensor: Sensor, values: Mapping[str, Numbers], kind
 def not_a_number(scene: Scene, sensor: Sensor, description: str) -> InputError:
     """Error that names the most extreme input, for a frame with NaN or infinities.
 
-    description  what is not finite, and how often
+    Args:
+        description: what is not finite, and how often
     """
     usual: dict[str, float] = {}
     for name in USUAL:

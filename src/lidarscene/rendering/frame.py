@@ -40,17 +40,18 @@ TOLERANCE_S = CLOCK_ROUNDING_S
 class Frame:
     """One frame of a scanner, as the device needs it.
 
-    number        number of the frame
-    rollover      how often the pulse numbers have begun again before it
-    first_pulse   number of its first pulse since then
-    scanner_s     time at which the first pulse leaves, by the scanner's clock
-    start_s       the same time by the scene's clock, in which motions are given
-    place         pose of the sensor in the world at the start
-    vehicle       pose of the ego vehicle in the world at the start
-    origin        ``place`` in traced coordinates, opaque; holds for all pulses unless the sensor moves
-    paths         sampled poses of the sensor (0) and of the world's movers (1, ...), on the device; None: nothing moves
-    moves         whether the sensor moves
-    bodies        `World.bodies_in_frame`
+    Attributes:
+        number: number of the frame
+        rollover: how often the pulse numbers have begun again before it
+        first_pulse: number of its first pulse since then
+        scanner_s: time at which the first pulse leaves, by the scanner's clock
+        start_s: the same time by the scene's clock, in which motions are given
+        place: pose of the sensor in the world at the start
+        vehicle: pose of the ego vehicle in the world at the start
+        origin: ``place`` in traced coordinates, opaque; holds for all pulses unless the sensor moves
+        paths: sampled poses of the sensor (0) and of the world's movers (1, ...), on the device; None: nothing moves
+        moves: whether the sensor moves
+        bodies: `World.bodies_in_frame`
     """
 
     number: int
@@ -70,7 +71,8 @@ class Frame:
     def from_options(cls, scene: Scene, sensor: Sensor, world: World, options: FrameOptions) -> Frame:
         """Build the frame that ``options`` choose; without a pose the sensor stands at the scene's.
 
-        Raises InputError where a motion does not last as long as the frame, or the frame's number is too high.
+        Raises:
+            InputError: where a motion does not last as long as the frame, or the frame's number is too high
         """
         number = options.number
         scanner_s, length_s = check_frame(scene, sensor.scanner, number=number, begin_s=options.begin_s)
@@ -140,7 +142,8 @@ class Frame:
     def placements(self, times: Callable[[], Any], rays: int = 1) -> tuple[Placement, MovingBodies | None]:
         """`placements` of the sensor and of the movers, for pulses of ``rays`` rays each.
 
-        times  gives `times` of the pulses; called only where something moves
+        Args:
+            times: gives `times` of the pulses; called only where something moves
         """
         times_s = None if self.paths is None else times()
         if times_s is not None and rays > 1:
@@ -164,7 +167,8 @@ def placements(
 ) -> tuple[Placement, MovingBodies | None]:
     """Placements of the sensor and of the movers at these times; the latter None where nothing but the sensor moves.
 
-    origin  placement of the sensor unless it ``moves``
+    Args:
+        origin: placement of the sensor unless it ``moves``
     """
     if paths is None or times is None:
         return origin, None
@@ -180,7 +184,8 @@ def sensor_motion(scene: Scene, sensor: Sensor, sensor_pose: Pose) -> Riding:
 def check_frame(scene: Scene, scanner: Scanner, *, number: int, begin_s: float) -> tuple[float, float]:
     """Compute the time of a frame's first pulse by the scanner's clock, and from it to the last pulse [s].
 
-    Raises InputError where a motion does not last as long as the frame, or the frame's number is too high.
+    Raises:
+        InputError: where a motion does not last as long as the frame, or the frame's number is too high
     """
     scanner_s, end_s = frame_edges(scanner, number)
     _check_spans(scene, begin_s + scanner_s, begin_s + end_s)
@@ -188,7 +193,11 @@ def check_frame(scene: Scene, scanner: Scanner, *, number: int, begin_s: float) 
 
 
 def frame_edges(scanner: Scanner, number: int) -> tuple[float, float]:
-    """Times of a frame's first and last pulse by the scanner's clock [s]. Raises InputError for a number too high."""
+    """Times of a frame's first and last pulse by the scanner's clock [s].
+
+    Raises:
+        InputError: for a number too high
+    """
     highest = min(NUMBERS.high, ROLLOVERS * _frames_numbered(scanner) - 1)
     if not 0 <= number <= highest:
         raise InputError(f"frame number: must be from 0 to {highest}, got {number}")

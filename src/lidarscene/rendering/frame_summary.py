@@ -19,11 +19,12 @@ from ..maths.arrays import Numbers
 class Summary:
     """Counts and times of one frame or several.
 
-    beams     pulses fired
-    outcomes  pulses by `Outcome`
-    points    points in the cloud
-    statuses  points by `Status`
-    seconds   name of a stage -> wall time [s]
+    Attributes:
+        beams: pulses fired
+        outcomes: pulses by `Outcome`
+        points: points in the cloud
+        statuses: points by `Status`
+        seconds: name of a stage -> wall time [s]
     """
 
     beams: int = 0

@@ -45,9 +45,10 @@ _SHOWN = 8
 class MotionKeywords(TypedDict, total=False):
     """Motion of a body from a pose on. Without any of these it stands there.
 
-    velocity_m_s    (x, y, z) in the world
-    yaw_rate_deg_s  about its own z axis, positive to the left
-    time_s          time of the pose, by the clock of the scene's motions; 0 by default
+    Attributes:
+        velocity_m_s: (x, y, z) in the world
+        yaw_rate_deg_s: about its own z axis, positive to the left
+        time_s: time of the pose, by the clock of the scene's motions; 0 by default
     """
 
     velocity_m_s: tuple[float, float, float]
@@ -77,11 +78,15 @@ class LiveSimulator(Simulator):
     ) -> None:
         """Compile the scene.
 
-        movable  names of bodies that can be placed, besides those that have a motion in the scene
-        spares   name of a body -> number of copies of it that can be added; the body itself can be placed, too
-        others   as for `Simulator`. The sensor rides on the ego vehicle, which stands at the world's origin if the
-                 scene has none
-        Raises InputError for a name that no body of the scene has.
+        Args:
+            movable: names of bodies that can be placed, besides those that have a motion in the scene
+            spares: name of a body -> number of copies of it that can be added; the body itself can be placed, too
+
+        Raises:
+            InputError: for a name that no body of the scene has
+
+        The other arguments are as for `Simulator`. The sensor rides on the ego vehicle, which stands at the world's
+        origin if the scene has none.
         """
         built, self._pools = live_scene(load_scene(scene), movable, spares or {})
         super().__init__(built, sensor, trace, pose=pose, **options)
@@ -95,7 +100,8 @@ class LiveSimulator(Simulator):
     def place(self, name: str, pose: Placed, **motion: Unpack[MotionKeywords]) -> None:
         """Place a body at this pose in the world from the next frame on, at rest or with a ``motion`` from there.
 
-        Raises InputError for an unknown name, and for a body that cannot be placed or is away.
+        Raises:
+            InputError: for an unknown name, and for a body that cannot be placed or is away
         """
         self._require(name)
         course = _course(f"'{name}'", pose, motion)
@@ -113,7 +119,8 @@ class LiveSimulator(Simulator):
     def add(self, name: str, pose: Placed, **motion: Unpack[MotionKeywords]) -> str:
         """Add a spare copy of a body at a pose, as `place` does, and return the copy's name.
 
-        Raises InputError where no spare is left.
+        Raises:
+            InputError: where no spare is left
         """
         _check_name(name)
         if name not in self._pools:
@@ -150,10 +157,13 @@ class LiveSimulator(Simulator):
         begins at ``begin_s`` and has the ``number`` of the options, later ones follow. A frame that cannot be rendered,
         since a body drives through the sensor, say, is left out with an `OptionWarning`; the next ones go on.
 
-        poses    name of a body -> its pose in the world
-        ego      pose of the ego vehicle
-        options  fields of `FrameOptions`, in place of those of ``frame``; they should be the same every time
-        Raises InputError for a time that is not later than the last one, and as `place`; nothing has changed then.
+        Args:
+            poses: name of a body -> its pose in the world
+            ego: pose of the ego vehicle
+            options: fields of `FrameOptions`, in place of those of ``frame``; they should be the same every time
+
+        Raises:
+            InputError: for a time that is not later than the last one, and as `place`; nothing has changed then
         """
         keywords = Keywords(options)
         frame_options = keywords.take(FrameOptions, frame)
@@ -190,7 +200,11 @@ class LiveSimulator(Simulator):
         return clouds
 
     def _frames_over(self, options: FrameOptions, now_s: float) -> tuple[range, float]:
-        """Numbers of the frames of `advance` that are over, and the start of the next one [s]. Raises InputError."""
+        """Numbers of the frames of `advance` that are over, and the start of the next one [s].
+
+        Raises:
+            InputError: if a file, a key or a value cannot be understood
+        """
         first = options.number + self._rendered
         # Not one by one from the first: a caller's clock may be off by years.
         passed = min((now_s - options.begin_s) / self.sensor.scanner.frame_s, NUMBERS.high + 1)
@@ -295,7 +309,10 @@ def live_scene(
     """Add an ego vehicle, placeable bodies and spare ones that are away to a scene; also name -> names of its copies.
 
     A placeable body has a motion: one at rest where the scene gives it none. Spare bodies come last, so that the others
-    keep their numbers. Raises InputError for an unknown body, or a number of spares that is no whole number >= 0.
+    keep their numbers.
+
+    Raises:
+        InputError: for an unknown body, or a number of spares that is no whole number >= 0
     """
     if isinstance(movable, str):
         raise InputError(f"movable: must be several names, got '{movable}'")
@@ -334,7 +351,11 @@ def _check_name(name: object) -> None:
 def require_body(
     bodies: Mapping[str, Body], name: str, why: str = "not in the scene", listed: str = "its bodies"
 ) -> Body:
-    """Look up a body by name. Raises InputError with ``why``, and the names there are, where it is missing."""
+    """Look up a body by name.
+
+    Raises:
+        InputError: with ``why``, and the names there are, where it is missing
+    """
     if name in bodies:
         return bodies[name]
     names = [f"'{key}'" for key in bodies]
@@ -343,7 +364,11 @@ def require_body(
 
 
 def _course(subject: str, pose: Placed, motion: MotionKeywords) -> Course:
-    """Motion from a pose on. Raises InputError for a keyword or number that is none of `MotionKeywords`."""
+    """Motion from a pose on.
+
+    Raises:
+        InputError: for a keyword or number that is none of `MotionKeywords`
+    """
     for keyword in motion:
         if keyword not in MotionKeywords.__annotations__:
             keywords = ", ".join(MotionKeywords.__annotations__)
@@ -373,7 +398,11 @@ def _is_finite(number: object) -> bool:
 
 
 def _checked_pose(subject: str, pose: Placed) -> Pose:
-    """Convert to a `Pose`. Raises InputError for numbers that are not finite, or a matrix that is no rotation."""
+    """Convert to a `Pose`.
+
+    Raises:
+        InputError: for numbers that are not finite, or a matrix that is no rotation
+    """
     checked = to_pose(pose)
     turn = checked.rotation
     square = np.isfinite(turn).all() and np.abs(turn @ turn.T - np.eye(3)).max() < ROTATION_ERROR

@@ -109,10 +109,11 @@ class Values(Protocol):
 class Declaration(NamedTuple):
     """What a field says of its option.
 
-    help     one line for the docstring and for ``--help``
-    values   allowed values; None: all of the field's type
-    metavar  name of the value in ``--help``
-    flags    names on the command line; none: the field's own name
+    Attributes:
+        help: one line for the docstring and for ``--help``
+        values: allowed values; None: all of the field's type
+        metavar: name of the value in ``--help``
+        flags: names on the command line; none: the field's own name
     """
 
     help: str
@@ -131,7 +132,8 @@ def option(
 ) -> Any:
     """Declare an option: the dataclass field with this default and a `Declaration`.
 
-    help  in which ``{default}`` stands for the default
+    Args:
+        help: in which ``{default}`` stands for the default
     """
     return field(default=default, metadata=declared(help.format(default=default), values, metavar, flags))
 

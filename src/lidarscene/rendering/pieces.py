@@ -36,7 +36,8 @@ def world_of_piece(
 ) -> World:
     """Compile a piece of a scene; sensors of one wavelength that are there together share it.
 
-    clearance  of the scene, with the boxes of its bodies
+    Args:
+        clearance: of the scene, with the boxes of its bodies
     """
     key = (id(scene), piece, wavelength_m, see_through)
     world = _worlds.get(key)

@@ -39,7 +39,11 @@ COORDINATES = OneOf(("world", "vehicle", "sensor"), "'world' or 'vehicle' or 'se
 @list_options
 @dataclass(frozen=True, slots=True, kw_only=True)
 class TraceOptions:
-    """Options of tracing: all that chooses the compiled kernels. Raises InputError for a value out of bounds."""
+    """Options of tracing: all that chooses the compiled kernels.
+
+    Raises:
+        InputError: for a value out of bounds
+    """
 
     KEYWORD: ClassVar[str] = "trace"
 
@@ -73,7 +77,9 @@ class FrameOptions:
     A pose is a `Pose`, or (x, y, z) in metres, with or without (..., yaw, pitch, roll) in degrees; the sensor's
     mounting is not included. None: the simulator's, or else the scene's own. Motion of the sensor within a frame is not
     corrected: all points are placed from where it stood at the frame's start (see `deskewed`).
-    Raises InputError for a value out of bounds.
+
+    Raises:
+        InputError: for a value out of bounds
     """
 
     KEYWORD: ClassVar[str] = "frame"
@@ -121,7 +127,8 @@ class FrameOptions:
 class Observers:
     """Functions called while a frame is rendered, once for each chunk, and a summary that is filled.
 
-    Raises InputError for an observer that cannot be called.
+    Raises:
+        InputError: for an observer that cannot be called
     """
 
     KEYWORD: ClassVar[str] = "observers"
@@ -204,8 +211,10 @@ class Keywords:
     def take(self, kind: type[Options], options: Options | None = None) -> Options:
         """Take the options of one kind: ``options`` or the default, with fields replaced by keywords of their names.
 
-        The keyword `KEYWORD` of the kind may give the whole object instead. Raises InputError for an object of another
-        kind.
+        The keyword `KEYWORD` of the kind may give the whole object instead.
+
+        Raises:
+            InputError: for an object of another kind
         """
         whole = self._remaining.pop(kind.KEYWORD, None) if options is None else options
         if whole is not None and not isinstance(whole, kind):
@@ -219,7 +228,8 @@ class Keywords:
     def end(self, *parameters: str) -> None:
         """Raise InputError for a keyword that was a field of none of the kinds taken.
 
-        parameters  names of the other parameters of the call, which may have been meant
+        Args:
+            parameters: names of the other parameters of the call, which may have been meant
         """
         if self._remaining:
             raise unknown_option(next(iter(self._remaining)), [*self._field_names, *parameters])

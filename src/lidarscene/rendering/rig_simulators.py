@@ -27,8 +27,10 @@ def simulators(
 ) -> Iterator[tuple[str, Simulator]]:
     """Iterate over label and simulator of each sensor; those of one wavelength share one compiled world.
 
-    pose            pose of the vehicle in the world or, in a scene with an ego vehicle, on that vehicle
-    trace, options  as for `Simulator`
+    Args:
+        pose: pose of the vehicle in the world or, in a scene with an ego vehicle, on that vehicle
+        trace: as for `Simulator`
+        options: as for `Simulator`
     """
     worlds: dict[float, World] = {}
     vehicle = pose or Pose()

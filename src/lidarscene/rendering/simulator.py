@@ -60,9 +60,10 @@ from .tiles import PACKET, DevicePulses, Numbering
 class _Piece:
     """Result of one chunk of pulses, in NumPy.
 
-    first    number of the chunk's first pulse
-    columns  name -> column of its points; None without points
-    outcome  (n,) `Outcome` of each pulse
+    Attributes:
+        first: number of the chunk's first pulse
+        columns: name -> column of its points; None without points
+        outcome: (n,) `Outcome` of each pulse
     """
 
     first: int
@@ -107,12 +108,15 @@ class Simulator:
     ) -> None:
         """Compile the scene around the sensor's place (or take a compiled ``world``).
 
-        scene    a name, a file or a `Scene`, as for `load_scene`
-        sensor   a catalogue name, a file or a `Sensor`; the scene's own if None
-        pose     where the sensor stands, its mounting not included: in the world, or on the scene's ego vehicle; the
-                 scene's own if None. `render` takes another per frame.
-        options  fields of `TraceOptions`, in place of those of ``trace``
-        Raises InputError for an unknown option.
+        Args:
+            scene: a name, a file or a `Scene`, as for `load_scene`
+            sensor: a catalogue name, a file or a `Sensor`; the scene's own if None
+            pose: where the sensor stands, its mounting not included: in the world, or on the scene's ego vehicle; the
+                scene's own if None. `render` takes another per frame.
+            options: fields of `TraceOptions`, in place of those of ``trace``
+
+        Raises:
+            InputError: for an unknown option
         """
         keywords = Keywords(options)
         self.trace = trace = keywords.take(TraceOptions, trace)
@@ -206,9 +210,12 @@ class Simulator:
     ) -> PointCloud:
         """Render one frame as a point cloud.
 
-        ahead    called once the device has done its part of the frame: time to `begin` another one
-        options  fields of `FrameOptions` and `Observers`, in place of those of ``frame`` and ``observers``
-        Raises InputError for an unknown option, or a motion that ends too early.
+        Args:
+            ahead: called once the device has done its part of the frame: time to `begin` another one
+            options: fields of `FrameOptions` and `Observers`, in place of those of ``frame`` and ``observers``
+
+        Raises:
+            InputError: for an unknown option, or a motion that ends too early
         """
         frame_options, observers = _resolve_options(frame, observers, options)
         current_frame, summary = (
@@ -237,9 +244,11 @@ class Simulator:
     ) -> None:
         """Render one frame chunk by chunk: the memory that it takes does not grow with its pulses.
 
-        sink    called with clouds, at least one, which joined are that of `render`; its time counts as the stage
+        Args:
+            sink: called with clouds, at least one, which joined are that of `render`; its time counts as the stage
                 "write". `formats.registry.Format.stream` gives such a sink
-        others  as those of `render`
+
+        The other arguments are those of `render`.
         """
         frame_options, observers = _resolve_options(frame, observers, options)
         current_frame = self._traced_frame(frame_options)
@@ -283,7 +292,8 @@ class Simulator:
     ) -> None:
         """Hand the columns of each piece of a frame to ``take``, and the rest to the observers.
 
-        stage  name under which the summary counts the time of this
+        Args:
+            stage: name under which the summary counts the time of this
         """
         finished, summary = 0, Summary() if observers.summary is None else observers.summary
         for piece in self._pieces(frame, options, observers, summary, ahead):
@@ -370,7 +380,8 @@ class Simulator:
     def _trace_continuing(self, frame: Frame, part: Chunk, seed: Seed) -> list[Chunk]:
         """Trace the pulses of a chunk whose light goes on, past panes or to other channels, once more and in full.
 
-        Returns the chunk without them, and them; the chunk alone without any.
+        Returns:
+            the chunk without them, and them; the chunk alone without any
         """
         if part.goes_on is None:
             return [part]
@@ -420,10 +431,14 @@ class Simulator:
     ) -> Waveforms:
         """Power on the detector and its signal against time, without noise, of chosen pulses of a frame.
 
-        pulses   numbers within the frame, 0 for its first pulse; the result has them in rising order
-        times_s  (times,) after the pulse left; if None the converter's window in sixteenths of the pulse's width
-        frame, options  as for `render`; coordinates and chunk change nothing here
-        Raises InputError for a number that no pulse has.
+        Args:
+            pulses: numbers within the frame, 0 for its first pulse; the result has them in rising order
+            times_s: (times,) after the pulse left; if None the converter's window in sixteenths of the pulse's width
+            frame: as for `render`; coordinates and chunk change nothing here
+            options: as for `render`; coordinates and chunk change nothing here
+
+        Raises:
+            InputError: for a number that no pulse has
         """
         frame_options, _ = _resolve_options(frame, None, options)
         current_frame = self._traced_frame(frame_options)
@@ -450,7 +465,9 @@ class Simulator:
         It depends on poses, surfaces and light, and is proportional to the laser's power: traced once, it serves any
         receiver.
 
-        frame, options  as for `render`; coordinates and chunk change nothing here
+        Args:
+            frame: as for `render`; coordinates and chunk change nothing here
+            options: as for `render`; coordinates and chunk change nothing here
         """
         frame_options, _ = _resolve_options(frame, None, options)
         current_frame = self._traced_frame(frame_options)
@@ -472,7 +489,8 @@ class Simulator:
     def _columns(self, frame: Frame, parts: Sequence[Chunk], placing: Placing) -> tuple[Numbers, dict[str, Any] | None]:
         """Kept points of a chunk, sorted by pulse and then by return: pulse numbers, columns of a PointCloud or None.
 
-        Raises InputError for points with NaN or infinities.
+        Raises:
+            InputError: for points with NaN or infinities
         """
         surveyed = parts[0]
         lane_of = None if surveyed.order is None else surveyed.order.device_lane
@@ -549,7 +567,11 @@ class Simulator:
         return self._frame(options)
 
     def _piece_at(self, options: FrameOptions) -> Piece | None:
-        """Piece of the scene in which the vehicle is as a frame begins. Raises InputError as `check_frame`."""
+        """Piece of the scene in which the vehicle is as a frame begins.
+
+        Raises:
+            InputError: as `check_frame`
+        """
         scanner_s, _ = check_frame(self.scene, self.sensor.scanner, number=options.number, begin_s=options.begin_s)
         return piece_of(self.scene, options.begin_s + scanner_s)
 

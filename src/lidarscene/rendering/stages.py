@@ -76,16 +76,17 @@ class TracedPaths:
 class Stages:
     """World, sensor and light of the stages; numbers are on the device, so that other values compile nothing.
 
-    rays          rays of each pulse
-    interactions  panes and mirrors that a beam may meet
-    vectors       whether normals and velocities of surfaces are computed
-    footprint     footprint of the laser's rays
-    field         receiver's field of view, whose rays gather the background; None: the laser's rays do
-    air           light of fog, rain and snow, or None
-    crosstalk     channels that see each other's light, or None
-    fluctuation   law by which echoes scatter, or None
-    sun           unit vector towards the sun
-    traced        paths of the frame, for rays that were traced before; None: each frame traces its own
+    Attributes:
+        rays: rays of each pulse
+        interactions: panes and mirrors that a beam may meet
+        vectors: whether normals and velocities of surfaces are computed
+        footprint: footprint of the laser's rays
+        field: receiver's field of view, whose rays gather the background; None: the laser's rays do
+        air: light of fog, rain and snow, or None
+        crosstalk: channels that see each other's light, or None
+        fluctuation: law by which echoes scatter, or None
+        sun: unit vector towards the sun
+        traced: paths of the frame, for rays that were traced before; None: each frame traces its own
     """
 
     world: World
@@ -145,10 +146,11 @@ class Stages:
     ) -> Chunk:
         """Beams, hits, echoes, returns of some pulses, on the device.
 
-        survey      leave out the pulses that meet panes or mirrors and mark them in ``goes_on``
-        lines       the pulses are whole scan lines in order, of which channels see each other's light; False, and in a
-                    survey: pulses whose light other channels notice are left out, and marked in ``leaks``
-        ray_pulses  `ray_pulses` of these pulses, if computed before
+        Args:
+            survey: leave out the pulses that meet panes or mirrors and mark them in ``goes_on``
+            lines: the pulses are whole scan lines in order, of which channels see each other's light; False, and in a
+                survey: pulses whose light other channels notice are left out, and marked in ``leaks``
+            ray_pulses: `ray_pulses` of these pulses, if computed before
         """
         lines = lines and not survey and self.crosstalk is not None
         sensor = self.sensor
@@ -309,7 +311,8 @@ def _in_sensor(hits: Hits, place: Placement) -> Hits:
 class Chain:
     """`Stages.chain` as a callable that starts the kernels; traced by Dr.Jit once and replayed for later chunks.
 
-    repeats  tests set it to False, for frames without replay to compare with
+    Attributes:
+        repeats: tests set it to False, for frames without replay to compare with
     """
 
     repeats = True

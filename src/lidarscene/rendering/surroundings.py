@@ -50,14 +50,15 @@ seconds."""
 class Surroundings:
     """A scene around one sensor, as a frame begins.
 
-    scene      name of the scene
-    extent_m   (3,) edges of the box around all bodies; None without any
-    bodies     number of bodies
-    triangles  number of triangles of all bodies
-    base       whether there is a Mitsuba scene too, whose shapes are not examined
-    around     nearest surfaces around the sensor
-    doubts     warnings of likely mistakes
-    walk       line on the walk that the sensor's correction may leave; None: none
+    Attributes:
+        scene: name of the scene
+        extent_m: (3,) edges of the box around all bodies; None without any
+        bodies: number of bodies
+        triangles: number of triangles of all bodies
+        base: whether there is a Mitsuba scene too, whose shapes are not examined
+        around: nearest surfaces around the sensor
+        doubts: warnings of likely mistakes
+        walk: line on the walk that the sensor's correction may leave; None: none
     """
 
     scene: str
@@ -73,8 +74,9 @@ class Surroundings:
     def inspect(cls, scene: Scene, sensor: Sensor, place_m: Numbers, *, time_s: float, clearance: Clearance) -> Self:
         """Examine the surroundings of a sensor at a place in the world, at a time of the scene's motions.
 
-        place_m    (3,) position of the sensor
-        clearance  `Clearance` of the scene
+        Args:
+            place_m: (3,) position of the sensor
+            clearance: `Clearance` of the scene
         """
         around = clearance.around_place(place_m, time_s=time_s)
         corners = clearance.corners(time_s=time_s)
@@ -128,7 +130,8 @@ def simulator_surroundings(simulator: Simulator, frame: FrameOptions, frames: in
     """Surroundings of a simulator's sensor in its scene as the first frame begins, and doubts about its way until the
     last one ends.
 
-    frames  number of frames; None: without end
+    Args:
+        frames: number of frames; None: without end
     """
     scene, scanner, clearance = simulator.scene, simulator.sensor.scanner, simulator.clearance
     begin_s = frame.begin_s + frame_edges(scanner, frame.number)[0]

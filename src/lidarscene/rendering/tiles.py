@@ -45,9 +45,10 @@ CACHED = 2
 class Tiling:
     """Division of a scanner's lines into tiles.
 
-    line   pulses of a line
-    along  (2, line) indices that sort a line by direction, for even and for odd lines
-    width  pulses of a tile along the line
+    Attributes:
+        line: pulses of a line
+        along: (2, line) indices that sort a line by direction, for even and for odd lines
+        width: pulses of a tile along the line
     """
 
     line: int
@@ -113,9 +114,11 @@ def _typical_angle(first: Numbers, second: Numbers) -> float:
 class Order:
     """Permutation between pulse order and lanes of a chunk.
 
-    pulse  (n,) uint32 pulse of each lane, counted from the chunk's first
-    lane   (n,) uint32 lane of each pulse, the inverse
-    device_pulse, device_lane  the same, on the device
+    Attributes:
+        pulse: (n,) uint32 pulse of each lane, counted from the chunk's first
+        lane: (n,) uint32 lane of each pulse, the inverse
+        device_pulse: ``pulse`` on the device
+        device_lane: ``lane`` on the device
     """
 
     pulse: Numbers
@@ -138,9 +141,10 @@ class Order:
 class DevicePulses:
     """Some pulses of a frame, on the device.
 
-    number  (n,) UInt32 pulse number of each lane
-    times   gives the times (n,) at which they leave [s] after the frame's first; called only where something moves
-    order   permutation of the lanes; None: lanes in the order of numbers
+    Attributes:
+        number: (n,) UInt32 pulse number of each lane
+        times: gives the times (n,) at which they leave [s] after the frame's first; called only where something moves
+        order: permutation of the lanes; None: lanes in the order of numbers
     """
 
     number: Any
@@ -154,8 +158,9 @@ class Numbering:
     def __init__(self, scanner: Scanner, *, tiled: bool, whole: int = 1) -> None:
         """Number the pulses of a scanner.
 
-        tiled  in tiles where the scanner's lines allow
-        whole  pulses of a frame that stay in one chunk: those of a line, if its channels see each other's light
+        Args:
+            tiled: in tiles where the scanner's lines allow
+            whole: pulses of a frame that stay in one chunk: those of a line, if its channels see each other's light
         """
         self.whole = whole
         self._tiling = Tiling.from_scanner(scanner) if tiled else None

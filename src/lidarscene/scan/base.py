@@ -99,10 +99,11 @@ Rotation = Annotated[float, Quantity(ge=-1e6, le=1e6, about="positive is counter
 class Mechanism:
     """Base of the scanners: mechanical angles, and optics that turn them into directions.
 
-    jitter_rad   as in `Scanner`
-    encoder_rad  step of the encoders on the mechanical angles, or None: read exactly
-
     The beam follows the mechanism; the sensor reports its encoders, which round to the nearest step.
+
+    Attributes:
+        jitter_rad: as in `Scanner`
+        encoder_rad: step of the encoders on the mechanical angles, or None: read exactly
     """
 
     jitter_rad: Jitter = None

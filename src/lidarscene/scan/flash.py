@@ -50,10 +50,11 @@ Count = Annotated[int, Quantity(ge=1, le=2**24, about="pixels")]
 class Flash(Mechanism):
     """Pixels row by row from the first row, each row from the left as seen from the sensor.
 
-    pitch          pitch of the pixels over the focal length
-    projection     a key of LARGEST_HEIGHT
-    frame_rate_hz  frames per second
-    rows_at_once   rows that one flash lights; None: all
+    Attributes:
+        pitch: pitch of the pixels over the focal length
+        projection: a key of LARGEST_HEIGHT
+        frame_rate_hz: frames per second
+        rows_at_once: rows that one flash lights; None: all
     """
 
     columns: Count
@@ -161,7 +162,11 @@ class FlashFile(ScannerFile[Flash]):
         return self
 
     def build(self, context: ScannerContext) -> Flash:
-        """Convert to SI units, the pitch over the focal length. Raises InputError for pixels that the lens misses."""
+        """Convert to SI units, the pitch over the focal length.
+
+        Raises:
+            InputError: for pixels that the lens misses
+        """
         pitch = si(self.pixel_pitch_um, "um") / context.focal_length_m
         height = 0.5 * pitch * math.hypot(self.columns - 1, self.rows - 1)
         if height >= LARGEST_HEIGHT[self.projection]:

@@ -39,7 +39,9 @@ class Swing:
 class Lissajous(Mechanism):
     """Pulses at a constant rate; ``pulses`` of them are a frame. Made by `create`.
 
-    azimuth_turn_rad, elevation_turn_rad  mechanical amplitudes, zero to peak
+    Attributes:
+        azimuth_turn_rad: mechanical amplitudes, zero to peak
+        elevation_turn_rad: mechanical amplitudes, zero to peak
     """
 
     pulses: int

@@ -30,18 +30,19 @@ _SIDES: dict[str, Vector] = {"left": LEFT, "right": (0.0, -1.0, 0.0), "above": U
 class Gimbal:
     """One mirror on two axes (MEMS, gimballed galvanometer).
 
-    incidence_rad    angle between the incoming beam and the normal at rest; the beam is folded by pi minus twice that
-    side             side from which the beam comes: "left", "right", "above" or "below" the x axis
-    outer            turn whose axis is fixed: "azimuth" or "elevation"; it carries the axis of the other turn
-    mirror_radius_m  radius of a round mirror in front of the lens, or None: the mirror is the stop
-    lens_radius_m    radius of the receiver's lens; used only with a mirror radius
-
     One axis is perpendicular to the plane of incidence: a turn about it moves the beam by twice as much. The other
     lies in the mirror and in that plane: a turn t moves the beam out of it by asin(cos(incidence) sin(2 t)).
 
     Aperture: the mirror is the stop, so A goes with its projected area (`aperture.mirror_share`). With a round mirror
     of given size, the lens is the stop while the mirror's projection covers it (`aperture.round_mirror_share`; share
     of the lens's whole area, below 1 at rest if the mirror is smaller).
+
+    Attributes:
+        incidence_rad: angle between the incoming beam and the normal at rest; the beam is folded by pi minus twice that
+        side: side from which the beam comes: "left", "right", "above" or "below" the x axis
+        outer: turn whose axis is fixed: "azimuth" or "elevation"; it carries the axis of the other turn
+        mirror_radius_m: radius of a round mirror in front of the lens, or None: the mirror is the stop
+        lens_radius_m: radius of the receiver's lens; used only with a mirror radius
     """
 
     incidence_rad: Lanes
@@ -89,14 +90,15 @@ class Gimbal:
 class MirrorPair:
     """Two mirrors on one axis each, at 45 degrees to the beam at rest (the usual pair of galvanometers).
 
-    last  turn of the mirror that the beam leaves from: "azimuth" or "elevation"
-
     The first mirror moves the beam by exactly twice its turn; the last mirror turns all of it by twice its own. So
     lines of equal first turn are cones about the last mirror's axis.
 
     Aperture: both mirrors are rectangles that just hold the beam at rest. Each narrows the beam in its own plane of
     incidence, and the planes are perpendicular, so the shares multiply. The walk of the beam over the second mirror
     is left out: the mirrors are close together.
+
+    Attributes:
+        last: turn of the mirror that the beam leaves from: "azimuth" or "elevation"
     """
 
     last: str

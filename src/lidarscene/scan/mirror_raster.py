@@ -25,13 +25,16 @@ from .scanner_file import ScannerContext, require_fewer
 class MirrorRaster(Mechanism):
     """A frame of ``rows`` lines of ``columns`` pulses, from the top, the first from the left.
 
-    fast_turn_rad, slow_turn_rad  mechanical amplitudes, zero to peak
-    fast      "azimuth" or "elevation": the turn that scans a line; with "elevation" lines are vertical, from the left
-    waveform  course of the fast turn: "sawtooth" (every line in one direction) or "triangle" (to and fro), both with
-              even steps and both ends included; "sine" (to and fro, resonant), with pulses at even times
-    slow      "step" (at rest during a line) or "ramp" (moves on during a line)
-    line_duty, frame_duty  part of the time in which pulses leave, in a line and in a frame; a sine's pulses are
-              those around its middle, so a smaller duty uses less of its amplitude
+    Attributes:
+        fast_turn_rad: mechanical amplitudes, zero to peak
+        slow_turn_rad: mechanical amplitudes, zero to peak
+        fast: "azimuth" or "elevation": the turn that scans a line; with "elevation" lines are vertical, from the left
+        waveform: course of the fast turn: "sawtooth" (every line in one direction) or "triangle" (to and fro), both
+            with even steps and both ends included; "sine" (to and fro, resonant), with pulses at even times
+        slow: "step" (at rest during a line) or "ramp" (moves on during a line)
+        line_duty: part of the time in which pulses leave, in a line; a sine's pulses are those around its middle, so a
+            smaller duty uses less of its amplitude
+        frame_duty: the same in a frame
     """
 
     columns: Annotated[int, Quantity(name="pulses_per_line", ge=1, le=2**24, about="columns")]

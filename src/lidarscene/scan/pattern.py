@@ -106,12 +106,20 @@ class TableFile(ScannerFile[Pattern]):
         return (self.file,)
 
     def build(self, context: ScannerContext) -> Pattern:
-        """Read the pattern's file and convert it to SI units. Raises InputError."""
+        """Read the pattern's file and convert it to SI units.
+
+        Raises:
+            InputError: if a file, a key or a value cannot be understood
+        """
         return read_pattern(context.folder / self.file, frame_s=si(self.frame_ms, "ms"), **self.values_in_si())
 
 
 def read_pattern(path: Path, *, frame_s: float | None, jitter_rad: float | None, encoder_rad: float | None) -> Pattern:
-    """Read a pattern; without ``frame_s`` a frame lasts one mean step longer than its last time. Raises InputError."""
+    """Read a pattern; without ``frame_s`` a frame lasts one mean step longer than its last time.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+    """
     columns = _read_npz(path) if path.suffix == ".npz" else read_columns(path, is_wanted=_is_known_column)
     length = len(next(iter(columns.values()), ()))
     for name, values in columns.items():
@@ -155,7 +163,11 @@ def read_pattern(path: Path, *, frame_s: float | None, jitter_rad: float | None,
 
 
 def _column(path: Path, columns: Mapping[str, Numbers], kind: str) -> Numbers:
-    """Column of this kind in SI units. Raises InputError."""
+    """Column of this kind in SI units.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+    """
     names = [name for name in COLUMN_NAMES[kind] if name in columns]
     if len(names) != 1:
         listed = " and ".join(names) or "none"

@@ -69,12 +69,13 @@ class Facets:
 class Polygon(Mechanism):
     """One frame is one turn: ``facets`` lines of ``columns`` pulses, in the middle of each facet. Made by `create`.
 
-    turn_rad       turn from pulse to pulse; positive is counter-clockwise seen from above
-    incidence_rad  incidence of the beam on the facet, in the middle of its line
-    side           1 if the beam comes from the left, -1 from the right
-    tilt_rad       tilt of each facet; positive looks up
-    inradius_m     distance from the axis to the facets, or None: the facets never cut the beam
-    lens_radius_m  lens radius of the receiver; used only with an inradius
+    Attributes:
+        turn_rad: turn from pulse to pulse; positive is counter-clockwise seen from above
+        incidence_rad: incidence of the beam on the facet, in the middle of its line
+        side: 1 if the beam comes from the left, -1 from the right
+        tilt_rad: tilt of each facet; positive looks up
+        inradius_m: distance from the axis to the facets, or None: the facets never cut the beam
+        lens_radius_m: lens radius of the receiver; used only with an inradius
     """
 
     facets: int
@@ -196,7 +197,11 @@ class PolygonFile(ScannerFile[Polygon]):
         return self
 
     def build(self, context: ScannerContext) -> Polygon:
-        """Convert to SI units; only a facet of known size needs the lens. Raises InputError if a facet has no pulse."""
+        """Convert to SI units; only a facet of known size needs the lens.
+
+        Raises:
+            InputError: if a facet has no pulse
+        """
         facets = len(self.facet_tilt_deg)
         on_facet = context.rate_hz * self.duty / (facets * abs(self.rotation_hz))
         # float32 counts columns exactly up to 2^24.

@@ -41,7 +41,8 @@ from .turns import Turns
 class Wedge:
     """One rotating prism. Its phase is the direction of its thick side, from y towards z, to which it bends the beam.
 
-    tilted  inclined face: "out" (towards the scene) or "in"
+    Attributes:
+        tilted: inclined face: "out" (towards the scene) or "in"
     """
 
     angle_rad: Lanes
@@ -117,8 +118,9 @@ class TurningMirror:
 class Risley(Mechanism):
     """Pulses at a constant rate; ``pulses`` of them are a frame, and the prisms keep turning. Made by `create`.
 
-    beams               lasers that fire in turn
-    beam_elevation_rad  elevation of each laser before the prisms, or None: one along the axis
+    Attributes:
+        beams: lasers that fire in turn
+        beam_elevation_rad: elevation of each laser before the prisms, or None: one along the axis
     """
 
     pulses: int
@@ -194,7 +196,8 @@ class Risley(Mechanism):
     def refract(self, phases_rad: tuple[Lanes, ...], elevation_rad: Lanes | None = None) -> tuple[Vector, Lanes]:
         """Direction behind the wedges and share of the aperture, with thick sides in these directions.
 
-        elevation_rad  elevation of the beam before the prisms; along the axis if left out
+        Args:
+            elevation_rad: elevation of the beam before the prisms; along the axis if left out
         """
         direction: Vector = FORWARD
         if elevation_rad is not None:
@@ -256,7 +259,11 @@ class RisleyFile(ScannerFile[Risley]):
         return self
 
     def build(self, context: ScannerContext) -> Risley:
-        """Convert to SI units. Raises InputError if light does not pass the wedges at every position."""
+        """Convert to SI units.
+
+        Raises:
+            InputError: if light does not pass the wedges at every position
+        """
         scanner = self.in_si(
             rate_hz=context.rate_hz,
             wedges=tuple(wedge.in_si(rate_hz=context.rate_hz) for wedge in self.wedges),

@@ -54,5 +54,9 @@ class ScannerFile(Table[Target], Generic[Target]):
         return pulse_period_us
 
     def build(self, context: ScannerContext) -> Scanner:
-        """Convert to SI units; mechanisms that need more than the pulse rate override this. Raises InputError."""
+        """Convert to SI units; mechanisms that need more than the pulse rate override this.
+
+        Raises:
+            InputError: if a file, a key or a value cannot be understood
+        """
         return cast(Scanner, self.in_si(rate_hz=context.rate_hz))

@@ -35,13 +35,14 @@ from .turns import Turns
 class Bank:
     """The lasers of a head, in any order.
 
-    channel          number of each laser, where one fires more than once in a cycle; None: 0, 1, 2, ...
-    azimuth_rad      azimuth of each laser, from the head's own; None: all 0
-    firing_s         after the cycle's start; None: all at once
-    start_m          (x, y, z) of each laser's exit in the head; None: all in the origin
-    responsivity     responsivity of each laser's receiver, over that of the sensor file's numbers; None: all 1
-    background_gain  background that each receiver counts beside that, as with a wider field of view; None: all 1
-    intensity_gain   reported reflectivity of each laser over the true one, what its calibration leaves; None: all 1
+    Attributes:
+        channel: number of each laser, where one fires more than once in a cycle; None: 0, 1, 2, ...
+        azimuth_rad: azimuth of each laser, from the head's own; None: all 0
+        firing_s: after the cycle's start; None: all at once
+        start_m: (x, y, z) of each laser's exit in the head; None: all in the origin
+        responsivity: responsivity of each laser's receiver, over that of the sensor file's numbers; None: all 1
+        background_gain: background that each receiver counts beside that, as with a wider field of view; None: all 1
+        intensity_gain: reported reflectivity of each laser over the true one, what its calibration leaves; None: all 1
     """
 
     elevation_rad: Annotated[Sequence[float], Quantity("deg", ge=-90, le=90, least=1, about="of each laser")]
@@ -89,8 +90,9 @@ class Bank:
 class AzimuthSweep:
     """Where frames begin, and how far they go: whole turns, or the field of a mirror's face.
 
-    sweep_rad  turn of the beams in a frame; the next one begins anew. None: they turn on
-    frame_hz   frames per second; None: one after the other
+    Attributes:
+        sweep_rad: turn of the beams in a frame; the next one begins anew. None: they turn on
+        frame_hz: frames per second; None: one after the other
     """
 
     start_azimuth_rad: Annotated[
@@ -107,11 +109,12 @@ class AzimuthSweep:
 class Spinning(Mechanism):
     """A head of ``lasers`` lasers; one frame is the number of cycles nearest to one turn, or a sweep. Made by `create`.
 
-    sweep_period_s  time from sweep to sweep, each from the same azimuth; None: the head turns on
-
     Tables by place in the firing order: elevation_rad, azimuth_rad (the laser's own), lead_rad (turn of the head from
     the cycle's start to the firing), lasers_by_place (number of the laser as given), start_m (x, y, z of the laser's
     exit in the head, or None), responsivity, background_gain and gains (of the reported reflectivity; or None: all 1).
+
+    Attributes:
+        sweep_period_s: time from sweep to sweep, each from the same azimuth; None: the head turns on
     """
 
     cycles: int
@@ -346,7 +349,11 @@ class SpinningFile(ScannerFile[Spinning]):
         return self
 
     def build(self, context: ScannerContext) -> Spinning:
-        """Convert to SI units; the laser's rate must agree with the firing table to 1 %. Raises InputError."""
+        """Convert to SI units; the laser's rate must agree with the firing table to 1 %.
+
+        Raises:
+            InputError: if a file, a key or a value cannot be understood
+        """
         lasers = len(self.elevation_deg)
         rate_hz = self.firing_rate_hz
         # The rate follows from the firing table. The file states it too, for the laser: both must agree.

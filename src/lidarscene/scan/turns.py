@@ -22,12 +22,13 @@ _WORD = 2**32
 class Turns:
     """Uniform rotation: the same angle from each pulse to the next.
 
-    high   whole steps of 2^-32 turns from pulse to pulse, signed 32 bits
-    low    the rest of a step, -0.5 to 0.5
-    start  steps at pulse 0, signed 32 bits
-
     Error of `angle_rad`: 3e-7 rad from single precision, and 2e-16 of the turns since pulse 0 from the double
     precision of ``low``'s product; below 1e-6 rad for every pulse number below 2^50.
+
+    Attributes:
+        high: whole steps of 2^-32 turns from pulse to pulse, signed 32 bits
+        low: the rest of a step, -0.5 to 0.5
+        start: steps at pulse 0, signed 32 bits
     """
 
     high: int

@@ -51,9 +51,12 @@ def is_mesh(path: Path) -> bool:
 
 
 def mesh_tables(path: Path, overrides: Sequence[str], *, option: str) -> dict[str, Any]:
-    """Tables of a scene file for this mesh, with the overrides in it. Raises InputError.
+    """Tables of a scene file for this mesh, with the overrides in it.
 
     The body is called "mesh": `bodies.mesh.unit=mm` says that its unit is the millimetre.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
     """
     pieces = reading.read_mesh(path)
     corners = np.concatenate([piece.vertices_m for piece in pieces])
@@ -130,9 +133,13 @@ def _tables(path: Path, corners: Numbers, plain: dict[str, str], placement: _Pla
 
 
 def _check_unit(path: Path, across: float, placement: _Placement, option: str) -> None:
-    """Refuse a size that a wrong unit explains better. Raises InputError.
+    """Refuse a size that a wrong unit explains better.
 
-    across  largest extent in the file's own unit
+    Args:
+        across: largest extent in the file's own unit
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
     """
     across_m = across * placement.metres
     if SMALLEST_M <= across_m <= LARGEST_M:

@@ -45,10 +45,11 @@ class NearSurface(NamedTuple):
 class Surrounding:
     """Surfaces around a place.
 
-    nearest  in any direction
-    below    straight down, among bodies that stand still
-    above    straight up, among bodies that stand still
-    within   name of a body that encloses the place, or None
+    Attributes:
+        nearest: in any direction
+        below: straight down, among bodies that stand still
+        above: straight up, among bodies that stand still
+        within: name of a body that encloses the place, or None
     """
 
     nearest: NearSurface
@@ -61,10 +62,11 @@ class Surrounding:
 class Clearance:
     """Bounding boxes of the bodies of a scene.
 
-    bodies  bodies that have surfaces
-    boxes   (b, 2, 3) lowest and highest corner of each in its own frame
-    around  (b, 2, 3) the same in the world; infinite for bodies that move
-    blocks  id of a part -> the part and the boxes of its triangles in blocks of 512; filled on demand
+    Attributes:
+        bodies: bodies that have surfaces
+        boxes: (b, 2, 3) lowest and highest corner of each in its own frame
+        around: (b, 2, 3) the same in the world; infinite for bodies that move
+        blocks: id of a part -> the part and the boxes of its triangles in blocks of 512; filled on demand
     """
 
     bodies: tuple[Body, ...]
@@ -88,9 +90,10 @@ class Clearance:
     def check(self, place_m: Numbers, *, radius_m: float, time_s: float, sensor: str) -> None:
         """Raise InputError unless a ball around this place is clear of all surfaces, and in no thin body.
 
-        place_m   (3,) position of the sensor in the world
-        radius_m  radius of the ball
-        time_s    time by the clock of the scene's motions
+        Args:
+            place_m: (3,) position of the sensor in the world
+            radius_m: radius of the ball
+            time_s: time by the clock of the scene's motions
         """
         low, high = self.around[:, 0] - radius_m, self.around[:, 1] + radius_m
         near_boxes = np.flatnonzero(((low <= place_m) & (place_m <= high)).all(axis=1)).tolist()
@@ -248,7 +251,8 @@ def _corners(box: Numbers) -> Numbers:
 def _distance_m(corners: Numbers, most_m: float) -> float:
     """Distance from the origin to the nearest triangle; inf beyond ``most_m``.
 
-    corners  (t, 3, 3) of the triangles
+    Args:
+        corners: (t, 3, 3) of the triangles
     """
     if not len(corners):
         return math.inf
@@ -279,7 +283,8 @@ def _distances_m(corners: Numbers) -> Numbers:
 def _along_m(corners: Numbers, up: Numbers, across: Numbers) -> Numbers:
     """(k,) positions along ``up`` at which the line through the origin meets triangles with corners (t, 3, 3).
 
-    across  (3, 2) two unit vectors normal to the line
+    Args:
+        across: (3, 2) two unit vectors normal to the line
     """
     flat = corners @ across
     near = np.flatnonzero((flat.min(axis=1) <= 0.0).all(axis=1) & (flat.max(axis=1) >= 0.0).all(axis=1))

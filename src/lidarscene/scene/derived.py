@@ -60,9 +60,12 @@ def extended(tables: Tables, path: Path, find: Callable[[str | Path], Path]) -> 
     Tables go over tables key by key, bodies over bodies of the same name; other bodies come behind. Paths of extended
     files become absolute.
 
-    find  gives the file of a scene's name or path
-    Raises InputError for a file that extends itself, a body in ``without`` that is not there, or another value in the
-    place of a list.
+    Args:
+        find: gives the file of a scene's name or path
+
+    Raises:
+        InputError: for a file that extends itself, a body in ``without`` that is not there, or another value in the
+            place of a list
     """
     chain = [path.absolute()]
     layers = [_checked(tables, path)]
@@ -90,9 +93,12 @@ def extended(tables: Tables, path: Path, find: Callable[[str | Path], Path]) -> 
 
 
 def _checked(tables: Tables, file: Path) -> Tables:
-    """Return the tables of a file, whose lists can be joined with those of others. Raises InputError.
+    """Return the tables of a file, whose lists can be joined with those of others.
 
     Everything else is checked when all files are joined.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
     """
 
     def check(key: str, value: object, kind: type, expected: str) -> None:
@@ -112,7 +118,11 @@ def _checked(tables: Tables, file: Path) -> Tables:
 
 
 def files_extended(path: Path, find: Callable[[str | Path], Path]) -> Iterator[Path]:
-    """Yield the scene files that a scene file extends, one after the other. Raises InputError."""
+    """Yield the scene files that a scene file extends, one after the other.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+    """
     tables, depth = read_toml(path), 0
     while isinstance(name := tables.get("extends"), str) and depth <= DEEPEST:
         path = find(path.parent / name if Path(name).suffix else name)
@@ -123,7 +133,10 @@ def files_extended(path: Path, find: Callable[[str | Path], Path]) -> Iterator[P
 def with_ego_mesh(tables: Tables, folder: Path, where: str) -> Tables:
     """Return tables in which `ego.mesh` is the body that rides with the vehicle, in place of the scene's own.
 
-    Its parts have their own colours, and without one car paint. Raises InputError.
+    Its parts have their own colours, and without one car paint.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
     """
     ego = tables.get("ego")
     if not isinstance(ego, dict) or "mesh" not in ego:
@@ -153,7 +166,9 @@ def with_ego_mesh(tables: Tables, folder: Path, where: str) -> Tables:
 def copy_scene(name: str, folder: Path) -> Path:
     """Copy a scene of the catalogue with its meshes, to be edited; return the path of the scene file.
 
-    Raises InputError for an unknown name, OutputError.
+    Raises:
+        InputError: for an unknown name
+        OutputError: if a result cannot be written
     """
     path = catalog.path_of("scenes", name)
     text = path.read_text(encoding="utf-8")

@@ -29,7 +29,11 @@ def object_scene(
     classes: Mapping[str, str],
     settings: Mapping[str, Any],
 ) -> Scene:
-    """Make a scene of a mesh of another library; arguments as for `load_scene`. Raises InputError."""
+    """Make a scene of a mesh of another library; arguments as for `load_scene`.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+    """
     where = "load_scene"
     pieces = named_pieces(mesh, "scene", "a name, a file, a Scene")
     check_pieces([piece for _, piece in pieces], where)
@@ -50,7 +54,11 @@ def object_scene(
 
 
 def mitsuba_scene(path: Path, *, materials: Mapping[str, MaterialChoice], settings: Mapping[str, Any]) -> Scene:
-    """Make a scene of the shapes of a Mitsuba XML file; arguments as for `load_scene`. Raises InputError."""
+    """Make a scene of the shapes of a Mitsuba XML file; arguments as for `load_scene`.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+    """
     scene_materials = _SceneMaterials()
     base_materials = {identity: scene_materials.add(material) for identity, material in materials.items()}
     return Scene(
@@ -82,7 +90,11 @@ def _material_for(
 
 
 def _part(piece: SubMesh, node: str, material: MaterialChoice | None, scene_materials: _SceneMaterials) -> Part:
-    """Part of a piece with its material, or else with its own colour. Raises InputError."""
+    """Part of a piece with its material, or else with its own colour.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+    """
     if material is None:
         if piece.grey is None:
             raise InputError(
@@ -106,7 +118,11 @@ def is_xml(path: Path) -> bool:
 
 
 def xml_file(path: Path, where: str = "") -> Path:
-    """The path, if it is an XML file that exists. Raises InputError."""
+    """The path, if it is an XML file that exists.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+    """
     try:
         require_file(path, "a Mitsuba XML scene", largest=LARGEST_TEXT)
     except InputError as error:

@@ -31,11 +31,12 @@ MOST_VERTICES = 4_000_000
 class Sheet:
     """A rectangle of ground: its mesh, and where it lies.
 
-    pose      of its middle; level
-    size_m    length along x, width along y
-    crown_m   rise of the middle over the sides: a parabola over the width, which fades out over one width towards both
-              ends
-    height_m  (nx + 1, ny + 1) heights of the vertices over the middle of a plane sheet
+    Attributes:
+        pose: of its middle; level
+        size_m: length along x, width along y
+        crown_m: rise of the middle over the sides: a parabola over the width, which fades out over one width towards
+            both ends
+        height_m: (nx + 1, ny + 1) heights of the vertices over the middle of a plane sheet
     """
 
     pose: Pose

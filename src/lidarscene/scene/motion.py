@@ -67,11 +67,15 @@ class MotionFile(Table[Course]):
         return self
 
     def motion(self, pose: Pose, *, height_m: Height, on_ground: bool, folder: Path, where: str) -> Motion:
-        """Motion in the world of a body that rides at ``pose``. Raises InputError.
+        """Motion in the world of a body that rides at ``pose``.
 
-        pose      pose at time 0 of a motion by speeds; with poses, the body's in the moving frame that they describe
-        height_m  height of the scene's ground at (n, 2) places
-        on_ground whether it follows that height without a ride, too
+        Args:
+            pose: pose at time 0 of a motion by speeds; with poses, the body's in the moving frame that they describe
+            height_m: height of the scene's ground at (n, 2) places
+            on_ground: whether it follows that height without a ride, too
+
+        Raises:
+            InputError: if a file, a key or a value cannot be understood
         """
         course = self._spline(folder=folder, where=where)
         path = self.in_si(start=pose) if course is None else self._unending(course, pose)
@@ -99,7 +103,11 @@ class MotionFile(Table[Course]):
         return GoingOn(motion=riding) if self.at_end == "leave" else riding
 
     def _spline(self, *, folder: Path, where: str) -> Spline | None:
-        """Course through the poses; None for a motion by speeds. Raises InputError."""
+        """Course through the poses; None for a motion by speeds.
+
+        Raises:
+            InputError: if a file, a key or a value cannot be understood
+        """
         if self.poses is not None:
             times = np.array([timed_pose.time_s for timed_pose in self.poses])
             return spline(times, [timed_pose.pose() for timed_pose in self.poses], f"{where}.poses")
@@ -126,7 +134,11 @@ class EgoFile(MotionFile, PoseFile):
         return self
 
     def motion(self, pose: Pose, *, height_m: Height, on_ground: bool, folder: Path, where: str) -> Motion:
-        """Motion of the vehicle, as `MotionFile.motion`. Raises InputError for one that jumps back to its beginning."""
+        """Motion of the vehicle, as `MotionFile.motion`.
+
+        Raises:
+            InputError: for one that jumps back to its beginning
+        """
         motion = super().motion(pose, height_m=height_m, on_ground=on_ground, folder=folder, where=where)
         if self.at_end == "repeat" and isinstance(motion, Repeated) and motion.jumps:
             raise InputError(f"{where}.at_end: repeat must have a last pose that is the first: the sensor cannot jump")

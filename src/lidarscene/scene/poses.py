@@ -27,9 +27,12 @@ _KNOWN = {"time_s", *PLACE, *ANGLES, *QUATERNION}
 def read_poses(path: Path) -> Spline:
     """Read the poses of a file as a spline.
 
-    CSV: the first line names the columns time_s, x_m, y_m, z_m, and yaw_deg, pitch_deg, roll_deg (0 if left out) or
-    qx, qy, qz, qw. Any other suffix: lines of time, x, y, z, qx, qy, qz, qw with # for comments, as in the TUM RGB-D
-    benchmark (Sturm et al., IROS 2012). Raises InputError.
+    CSV: the first line names the columns time_s, x_m, y_m, z_m, and yaw_deg, pitch_deg, roll_deg (0 if left out) or qx,
+    qy, qz, qw. Any other suffix: lines of time, x, y, z, qx, qy, qz, qw with # for comments, as in the TUM RGB-D
+    benchmark (Sturm et al., IROS 2012).
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
     """
     columns = read_columns(path, is_wanted=_KNOWN.__contains__) if path.suffix.lower() == ".csv" else _read_tum(path)
     missing = [name for name in ("time_s", *PLACE) if name not in columns]
@@ -48,7 +51,11 @@ def read_poses(path: Path) -> Spline:
 
 
 def spline(time_s: Numbers, poses: list[Pose], where: str) -> Spline:
-    """Spline through these poses. Raises InputError, where `Spline` raises ValueError."""
+    """Spline through these poses.
+
+    Raises:
+        InputError: where `Spline` raises ValueError
+    """
     try:
         return Spline(time_s=np.asarray(time_s), poses=tuple(poses))
     except ValueError as error:
@@ -56,7 +63,11 @@ def spline(time_s: Numbers, poses: list[Pose], where: str) -> Spline:
 
 
 def _read_tum(path: Path) -> dict[str, Numbers]:
-    """Read columns of a file in the TUM format. Raises InputError."""
+    """Read columns of a file in the TUM format.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+    """
     require_file(path)
     try:
         with path.open(encoding="utf-8-sig") as file, warnings.catch_warnings():
@@ -70,7 +81,11 @@ def _read_tum(path: Path) -> dict[str, Numbers]:
 
 
 def _rotations(path: Path, columns: dict[str, Numbers]) -> list[Numbers]:
-    """Rotation matrix of each pose, from quaternions or else angles. Raises InputError."""
+    """Rotation matrix of each pose, from quaternions or else angles.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+    """
     quaternion_columns = [name for name in QUATERNION if name in columns]
     if not quaternion_columns:
         zero = np.zeros(len(columns["time_s"]))

@@ -38,16 +38,18 @@ Height = Callable[[Numbers], Numbers]
 class Ride:
     """A motion along a path that rides over the ground below it.
 
-    path        motion of the vehicle on flat ground at its own height, which the ground's height is added to. Its
-                origin is below the body's centre of mass
-    height_m    height of the ground at (n, 2) places
-    suspension  the vehicle; None: what has no wheels, and follows the height of the ground below its origin, upright
-
     The pose is T(t) = path(t) (heave along z, Ry(-pitch) Rx(roll)), pitch about the centre of mass and roll about the
     ground below it (T143). Heave, pitch and roll are polynomials of the fifth degree between nodes `STEP_S` apart that
     meet the values, first and second derivatives there: accelerations are continuous where those of the path are. A
     block of nodes is computed when a time in it is first asked for, always from the same instant on, so that the order
     in which times are asked for changes nothing.
+
+    Attributes:
+        path: motion of the vehicle on flat ground at its own height, which the ground's height is added to. Its origin
+            is below the body's centre of mass
+        height_m: height of the ground at (n, 2) places
+        suspension: the vehicle; None: what has no wheels, and follows the height of the ground below its origin,
+            upright
     """
 
     path: Motion
@@ -163,8 +165,10 @@ class Ride:
 def _quintic(before: Numbers, after: Numbers, share: Numbers) -> tuple[Numbers, Numbers]:
     """Values and rates between two nodes, of polynomials that meet values and two derivatives at both.
 
-    before, after  (n, 3, m) values, first and second derivatives
-    share          (n, 1) of the step from the node before
+    Args:
+        before: (n, 3, m) values, first and second derivatives
+        after: (n, 3, m) values, first and second derivatives
+        share: (n, 1) of the step from the node before
     """
     u, h = share, STEP_S
     y, v, a = before[:, 0], h * before[:, 1], 0.5 * h * h * before[:, 2]

@@ -36,9 +36,10 @@ from .weather import Weather
 class Part:
     """A triangle mesh of one material, in its body's frame.
 
-    vertices_m  (v, 3) float64
-    faces       (f, 3) uint32, indices into the vertices
-    pattern     reflectivity pattern, for materials of kind "diffuse"; None: the material's reflectivity everywhere
+    Attributes:
+        vertices_m: (v, 3) float64
+        faces: (f, 3) uint32, indices into the vertices
+        pattern: reflectivity pattern, for materials of kind "diffuse"; None: the material's reflectivity everywhere
     """
 
     vertices_m: Numbers
@@ -91,10 +92,11 @@ def box_of(parts: Sequence[Part | Ball]) -> Numbers | None:
 class Body:
     """A named object with a class and a shape. Instances are bodies that share parts.
 
-    motion     motion in the world, or None for a body that stands at ``pose``. With a motion, ``pose`` is its pose at
-               time 0, or at the nearest end of the motion's span.
-    away       True while a body with a motion is absent from the scene: no light meets it
-    present_s  first and last time at which a frame may begin that shows the body; it is absent from all others
+    Attributes:
+        motion: motion in the world, or None for a body that stands at ``pose``. With a motion, ``pose`` is its pose at
+            time 0, or at the nearest end of the motion's span.
+        away: True while a body with a motion is absent from the scene: no light meets it
+        present_s: first and last time at which a frame may begin that shows the body; it is absent from all others
     """
 
     name: str
@@ -194,7 +196,8 @@ class Air:
 class Interferer:
     """Another lidar, whose pulses reach the receiver at random times, in any direction.
 
-    spread_db  of ten times the decimal logarithm of the peak
+    Attributes:
+        spread_db: of ten times the decimal logarithm of the peak
     """
 
     rate_hz: Annotated[
@@ -222,17 +225,18 @@ class View:
 class Scene:
     """Everything that light can meet.
 
-    bodies          in the order of the file; a point's `body` is an index into `body_names`
-    materials       by name, including every one that a part names
-    lamps_w_m2      irradiance of all surfaces by lamps, in the sensor's band
-    interferers     other lidars
-    sensor_name     catalogue name or file of the default sensor
-    sensor_pose     where the sensor stands: on the ego vehicle, or in the world if there is none
-    ego             motion of the vehicle that carries the sensor, or None: it stands at the world's origin
-    camera          camera of pictures and of the page's first view; None: chosen from the echoes near the sensor
-    base            a Mitsuba XML scene whose shapes are added, or None
-    base_materials  BSDF id in that file to material name; other BSDFs are the file's, two-sided
-    reach_m         bodies that stand farther than this from where the ego vehicle is may be left out of a frame
+    Attributes:
+        bodies: in the order of the file; a point's `body` is an index into `body_names`
+        materials: by name, including every one that a part names
+        lamps_w_m2: irradiance of all surfaces by lamps, in the sensor's band
+        interferers: other lidars
+        sensor_name: catalogue name or file of the default sensor
+        sensor_pose: where the sensor stands: on the ego vehicle, or in the world if there is none
+        ego: motion of the vehicle that carries the sensor, or None: it stands at the world's origin
+        camera: camera of pictures and of the page's first view; None: chosen from the echoes near the sensor
+        base: a Mitsuba XML scene whose shapes are added, or None
+        base_materials: BSDF id in that file to material name; other BSDFs are the file's, two-sided
+        reach_m: bodies that stand farther than this from where the ego vehicle is may be left out of a frame
     """
 
     name: str = "scene"
@@ -262,16 +266,19 @@ class Scene:
     ) -> Scene:
         """Scene with one more body.
 
-        mesh        a file; a Trimesh or trimesh.Scene; a triangle mesh of Open3D, a PolyData of PyVista, a mesh or
-                    scene of Mitsuba; or (vertices, faces): (n, 3) numbers, and (m, 3) triangles or (m, 4) quads,
-                    each of which becomes the triangles of its corners 0, 1, 2 and 0, 2, 3. Metres, z up, except for
-                    formats that say otherwise
-        material    catalogue name, a name among the scene's `materials`, or a `Material`; None: a diffuse one with the
-                    mean of the mesh's own colour
-        pose        in the world, a `Pose` or x, y, z in metres with or without yaw, pitch, roll in degrees
-        name        of the body; it gets a number if the scene has one of the name
-        class_name  of its points; None: its name
-        Raises InputError.
+        Args:
+            mesh: a file; a Trimesh or trimesh.Scene; a triangle mesh of Open3D, a PolyData of PyVista, a mesh or scene
+                of Mitsuba; or (vertices, faces): (n, 3) numbers, and (m, 3) triangles or (m, 4) quads, each of which
+                becomes the triangles of its corners 0, 1, 2 and 0, 2, 3. Metres, z up, except for formats that say
+                otherwise
+            material: catalogue name, a name among the scene's `materials`, or a `Material`; None: a diffuse one with
+                the mean of the mesh's own colour
+            pose: in the world, a `Pose` or x, y, z in metres with or without yaw, pitch, roll in degrees
+            name: of the body; it gets a number if the scene has one of the name
+            class_name: of its points; None: its name
+
+        Raises:
+            InputError: if a file, a key or a value cannot be understood
         """
         pieces = pieces_of_object(mesh, "scene.add")
         materials = dict(self.materials)
@@ -303,9 +310,15 @@ class Scene:
     def view(self, *, sensor: Annotated[str | None, CHECKED_INSIDE] = None, height_px: int = 620) -> Any:
         """The page of `lidarscene view` in a notebook, with a frame of the scene.
 
-        sensor     catalogue name or file; the scene's own if None
-        height_px  of the frame in the notebook
-        The object returned also has `save(path)`, which writes the page. Raises InputError, BackendError.
+        The object returned also has `save(path)`, which writes the page.
+
+        Args:
+            sensor: catalogue name or file; the scene's own if None
+            height_px: of the frame in the notebook
+
+        Raises:
+            InputError: if a file, a key or a value cannot be understood
+            BackendError: if Mitsuba has no back end that works on this machine
         """
         return call_bound("view", self, sensor=sensor, height_px=height_px)
 

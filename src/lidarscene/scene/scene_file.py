@@ -65,18 +65,21 @@ def load_scene(
 ) -> Scene:
     """Load a scene by name or file, or make one of a mesh of trimesh, Open3D, PyVista or Mitsuba.
 
-    scene      a `Scene`, which is returned as it is; a TOML file, a Mitsuba XML file, a mesh file, which is put on a
-               plain of asphalt, or the name of a scene that comes with the package, such as "car"
-    overrides  changes to values of a TOML file: "sun.illuminance_klux=1", a list of these, or
-               {"sun.illuminance_klux": 1}
-    material   catalogue name or `Material` of all meshes of a Trimesh or trimesh.Scene that ``materials`` does not
-               name. A mesh without either is diffuse with the mean of its own colour, if it has one.
-    materials  catalogue name or `Material` by the name of a mesh's material, geometry or node; for a Mitsuba XML file
-               by BSDF id, where BSDFs that are not named are used as they are
-    classes    class by node of a trimesh.Scene; each node is a body, and by default a class of its own
-    settings   for an XML file or a mesh, other attributes of the scene: name, sun, air, sensor_name, sensor_pose, ...
+    Args:
+        scene: a `Scene`, which is returned as it is; a TOML file, a Mitsuba XML file, a mesh file, which is put on a
+            plain of asphalt, or the name of a scene that comes with the package, such as "car"
+        overrides: changes to values of a TOML file: "sun.illuminance_klux=1", a list of these, or
+            {"sun.illuminance_klux": 1}
+        material: catalogue name or `Material` of all meshes of a Trimesh or trimesh.Scene that ``materials`` does not
+            name. A mesh without either is diffuse with the mean of its own colour, if it has one.
+        materials: catalogue name or `Material` by the name of a mesh's material, geometry or node; for a Mitsuba XML
+            file by BSDF id, where BSDFs that are not named are used as they are
+        classes: class by node of a trimesh.Scene; each node is a body, and by default a class of its own
+        settings: for an XML file or a mesh, other attributes of the scene: name, sun, air, sensor_name, sensor_pose,
+            ...
 
-    Raises InputError: one line with the file and the key.
+    Raises:
+        InputError: one line with the file and the key
     """
     changes = assignments(overrides, name="scene_overrides")
     options = {"material": material, "materials": materials, "classes": classes, **settings}
@@ -108,7 +111,11 @@ def scenes() -> list[str]:
 
 
 def scene_path(scene: str | os.PathLike[str]) -> Path:
-    """Path of a scene's file, or of a bare mesh; a word without a suffix is one of the catalogue. Raises InputError."""
+    """Path of a scene's file, or of a bare mesh; a word without a suffix is one of the catalogue.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+    """
     path = Path(scene)
     if catalog.is_bare(str(scene)):
         is_mesh_name = path.name in catalog.names("meshes") and path.name not in catalog.names("scenes")
@@ -127,7 +134,11 @@ def _refuse(options: Sequence[str], source: str) -> None:
 
 
 def scene_model(path: Path, *, overrides: Sequence[str] = ()) -> SceneFile:
-    """Read a TOML scene file, or the tables made for a bare mesh, as a checked model. Raises InputError."""
+    """Read a TOML scene file, or the tables made for a bare mesh, as a checked model.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+    """
     option = "--scene-set"
     if is_mesh(path):
         tables = mesh_tables(path, overrides, option=option)
@@ -177,7 +188,11 @@ def _size_text(body: BodyFile, folder: Path) -> str:
 
 
 def sensor_of_scene(scene: str | os.PathLike[str], *, overrides: Sequence[str] = ()) -> str:
-    """Name or file of the scene's own sensor; no mesh is read. Raises InputError."""
+    """Name or file of the scene's own sensor; no mesh is read.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+    """
     path = scene_path(scene)
     if is_xml(path):
         _refuse_overrides(path, overrides)
@@ -211,7 +226,11 @@ def files_of_scene(scene: str | os.PathLike[str], *, overrides: Sequence[str] = 
 
 
 def scene_from_model(file: SceneFile, *, path: Path) -> Scene:
-    """Build the scene of a checked scene file at ``path``. Raises InputError."""
+    """Build the scene of a checked scene file at ``path``.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+    """
     scene_materials = _SceneMaterials(file)
     reader = functools.cache(reading.read_mesh)
     ground = _lay_ground(file)
@@ -274,7 +293,11 @@ class _SceneMaterials:
         self.materials = {name: model.build(name) for name, model in file.materials.items()}
 
     def load(self, name: str, where: str) -> str:
-        """Load the material of this name unless it is there, and return the name. Raises InputError."""
+        """Load the material of this name unless it is there, and return the name.
+
+        Raises:
+            InputError: if a file, a key or a value cannot be understood
+        """
         if name not in self.materials:
             try:
                 self.materials[name] = catalogue_material(name)
@@ -336,7 +359,8 @@ def _sheet(body: BodyFile, pose: Pose, surface: RoughSurface) -> Sheet:
 def _ground_bodies(body: BodyFile, ground: Ground, sheets: Iterator[Sheet], *, where: str) -> list[Body]:
     """Build a ground, or one for each of its instances; one on the ground is laid over the meshes of the others.
 
-    sheets  of the grounds that are still to be built, those on the ground left out
+    Args:
+        sheets: of the grounds that are still to be built, those on the ground left out
     """
     bodies = []
     flat = RoughSurface.draw("flat", 0)
@@ -352,7 +376,11 @@ def _ground_bodies(body: BodyFile, ground: Ground, sheets: Iterator[Sheet], *, w
 
 
 def _ground_below(ground: Ground, place_m: Numbers, where: str) -> Numbers:
-    """Height of the ground's meshes at (n, 2) places. Raises InputError where there is none."""
+    """Height of the ground's meshes at (n, 2) places.
+
+    Raises:
+        InputError: where there is none
+    """
     height_m = ground.height_m(place_m)
     if np.isnan(height_m).any():
         x, y = place_m[np.isnan(height_m)][0]
@@ -421,7 +449,11 @@ def _parts(
 def _mesh_parts(
     body: BodyFile, path: Path, *, where: str, scene_materials: _SceneMaterials, reader: MeshReader
 ) -> tuple[Part, ...]:
-    """Parts of a mesh file with materials and patterns, upright and in metres. Raises InputError."""
+    """Parts of a mesh file with materials and patterns, upright and in metres.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+    """
     try:
         pieces = reader(path, body.pattern)
     except InputError as error:
@@ -449,7 +481,11 @@ def _mesh_parts(
 
 
 def _axes(body: BodyFile, path: Path, *, where: str) -> tuple[Axis, float]:
-    """Axis that points up in the body's mesh file, and the factor from its lengths to metres. Raises InputError."""
+    """Axis that points up in the body's mesh file, and the factor from its lengths to metres.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+    """
     standard_axis = axis_of(path)
     declared = [key for key in ("unit", "up") if getattr(body, key) is not None]
     if declared and is_usd(path) and (body.unit, body.up) != ("m", "z"):
@@ -473,7 +509,11 @@ def _axes(body: BodyFile, path: Path, *, where: str) -> tuple[Axis, float]:
 def _patterns(
     pieces_and_materials: Sequence[tuple[SubMesh, str]], body: BodyFile, where: str, scene_materials: _SceneMaterials
 ) -> list[reflectivity_patterns.ReflectivityPattern | None]:
-    """Pattern of each piece, None where its material is not diffuse. Raises InputError if no piece has one."""
+    """Pattern of each piece, None where its material is not diffuse.
+
+    Raises:
+        InputError: if no piece has one
+    """
     if body.pattern is None:
         return [None] * len(pieces_and_materials)
     varied = [

@@ -37,7 +37,11 @@ USUAL_HEIGHT_M = 1.8
 
 
 def _parse_time(value: object) -> datetime:
-    """Parse a time with its offset from UTC, a TOML date-time or text. Raises ValueError."""
+    """Parse a time with its offset from UTC, a TOML date-time or text.
+
+    Raises:
+        ValueError: if a value is not allowed
+    """
     if isinstance(value, str):
         with suppress(ValueError):
             value = datetime.fromisoformat(value)
@@ -84,7 +88,11 @@ class SunFile(Table[Sun]):
         return self
 
     def build(self) -> Sun:
-        """The sun in radians. Raises LidarSceneError where place and time are given and pvlib is missing."""
+        """The sun in radians.
+
+        Raises:
+            LidarSceneError: where place and time are given and pvlib is missing
+        """
         if self.place is None or self.time is None:
             return self.in_si()
         clockwise_deg, elevation_deg = pvlib.sun_north_up_deg(

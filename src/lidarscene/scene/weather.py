@@ -27,12 +27,13 @@ DEFAULT_FOG = "moderate_advection"
 class Medium:
     """Fog, rain or snow at one wavelength.
 
-    name                    class of its points: "fog", "rain" or "snow"
-    extinction_per_m        alpha, one way
-    backscatter_per_m_sr    beta
-    sizes                   of its drops or flakes; None for fog, whose droplets are too many to be drawn one by one
-    particle_m2_sr          backscatter of one particle of diameter_m=..., W/sr per W/m2 on it
-    particle_gain           factor on it for a lens that sees angles within_rad=..., from_rad=...; None: one
+    Attributes:
+        name: class of its points: "fog", "rain" or "snow"
+        extinction_per_m: alpha, one way
+        backscatter_per_m_sr: beta
+        sizes: of its drops or flakes; None for fog, whose droplets are too many to be drawn one by one
+        particle_m2_sr: backscatter of one particle of diameter_m=..., W/sr per W/m2 on it
+        particle_gain: factor on it for a lens that sees angles within_rad=..., from_rad=...; None: one
     """
 
     name: str
@@ -47,10 +48,11 @@ class Medium:
 class Weather:
     """Fog, rain and snow, the same everywhere. The default is clear air.
 
-    fog               name in `physics.weather.fog.TYPES`, with its published density; None: no fog, or the default kind
-                      if a visibility is given
-    fog_visibility_m  meteorological visibility, to which the number of droplets is scaled; None is clear air,
-                      and the end of its slider
+    Attributes:
+        fog: name in `physics.weather.fog.TYPES`, with its published density; None: no fog, or the default kind if a
+            visibility is given
+        fog_visibility_m: meteorological visibility, to which the number of droplets is scaled; None is clear air, and
+            the end of its slider
     """
 
     fog: Annotated[

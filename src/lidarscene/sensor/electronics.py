@@ -20,7 +20,11 @@ _STOPS_OF = {"all": MOST_STOPS, "strongest_and_last": 2}
 
 
 def check_stops(keep: Keep, stops: int | None) -> None:
-    """Check that a number of stops goes with what is kept; None: the file gives none. Raises ValueError."""
+    """Check that a number of stops goes with what is kept; None: the file gives none.
+
+    Raises:
+        ValueError: if a value is not allowed
+    """
     if stops is not None and keep == "all":
         raise ValueError(f'stops: not together with keep = "all", which has {MOST_STOPS}')
     if stops not in (None, 2) and keep == "strongest_and_last":
@@ -36,18 +40,19 @@ def kept_stops(keep: Keep, stops: int) -> tuple[int, str]:
 class Tdc:
     """Comparator and time-to-digital converter.
 
-    window_s                  listening time after each pulse
-    threshold_to_noise        U / sigma_0 (TNR), or None with a fixed level
-    threshold_level           fixed U in signal units, or None
-    least_significant_bit_s   step of the reported time; 0: none
-    jitter_s                  standard deviation of the converter's own jitter
-    stops                     crossings reported per shot, in order of time
-    keep                      crossings that are kept: "first", "last", "strongest" or "strongest_and_last"
-    both_edges                whether the end of a pulse is timed too: its width is known
-    walk                      "raw" leaves the walk error in; "corrected" subtracts the walk inferred from the measured
-                              amplitude, or from the width of a saturated pulse; "none" subtracts the exact walk
-    false_alarms              "published": (9) and (10), independent comparisons at the bandwidth's rate; "crossings":
-                              how often the noise rises through the threshold (docs/theory.md, section 9)
+    Attributes:
+        window_s: listening time after each pulse
+        threshold_to_noise: U / sigma_0 (TNR), or None with a fixed level
+        threshold_level: fixed U in signal units, or None
+        least_significant_bit_s: step of the reported time; 0: none
+        jitter_s: standard deviation of the converter's own jitter
+        stops: crossings reported per shot, in order of time
+        keep: crossings that are kept: "first", "last", "strongest" or "strongest_and_last"
+        both_edges: whether the end of a pulse is timed too: its width is known
+        walk: "raw" leaves the walk error in; "corrected" subtracts the walk inferred from the measured amplitude, or
+            from the width of a saturated pulse; "none" subtracts the exact walk
+        false_alarms: "published": (9) and (10), independent comparisons at the bandwidth's rate; "crossings": how often
+            the noise rises through the threshold (docs/theory.md, section 9)
     """
 
     window_s: Annotated[Lanes, Quantity("us", ge=1e-3, le=1e5, about="listening time after each pulse; 4 us is 600 m")]
@@ -131,7 +136,8 @@ class Tdc:
 class Receiver:
     """Frequency response of the amplifier, `physics.amplifier`. Its bandwidth is that of the noise, `Tdc.bandwidth_hz`.
 
-    response  of its low pass: "none" filters the noise and not the pulse, as the paper does
+    Attributes:
+        response: of its low pass: "none" filters the noise and not the pulse, as the paper does
     """
 
     response: Annotated[
@@ -163,7 +169,8 @@ class Receiver:
 class Intensity:
     """The scale on which the maker reports intensity, `physics.electronics.intensity`.
 
-    kind  "range_corrected": watts at ``reference_m``; "reflectivity": 0 to 255
+    Attributes:
+        kind: "range_corrected": watts at ``reference_m``; "reflectivity": 0 to 255
     """
 
     kind: Annotated[Literal["range_corrected", "reflectivity"], FileKey()]
@@ -196,7 +203,8 @@ class Intensity:
 class MultiLevel:
     """Comparators at several levels behind the first: amplitude and walk from the width of the pulse.
 
-    levels  in thresholds, rising, from 1 on
+    Attributes:
+        levels: in thresholds, rising, from 1 on
     """
 
     levels: tuple[Lanes, ...]
@@ -206,12 +214,13 @@ class MultiLevel:
 class Adc:
     """Converter that the comparator starts: samples around each crossing.
 
-    rate_hz     samples per second, on a clock that starts with the pulse
-    step        least significant bit, in signal units
-    full_scale  largest sample, with an offset that keeps noise off the lower end
-    samples     read for each crossing, from one pulse width before it to three behind
-    room        for how many samples kernels are made: more than there are
-    estimator   "matched_filter" or "centroid"
+    Attributes:
+        rate_hz: samples per second, on a clock that starts with the pulse
+        step: least significant bit, in signal units
+        full_scale: largest sample, with an offset that keeps noise off the lower end
+        samples: read for each crossing, from one pulse width before it to three behind
+        room: for how many samples kernels are made: more than there are
+        estimator: "matched_filter" or "centroid"
     """
 
     rate_hz: Annotated[

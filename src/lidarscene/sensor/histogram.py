@@ -38,15 +38,17 @@ SNR of 5."""
 class Histogram:
     """Sum of time stamps over shots, and what reads it.
 
-    shots       added up for one point
-    period_s    between the laser's pulses of one point: light that is longer under way folds back; None: no limit
-    reach       bins that are drawn to either side of an echo
-    search      bins to either side of an echo in which its peak is looked for
-    calibrated  shift of strong echoes by pile-up; None: it is left in the ranges, or the counts are corrected for it
-    bin_to_sigma  width of a bin over that of an echo
-    sweep_rad     angle by which the head turns while the shots of a point are summed; 0: it does not, or is left out
-    column_weights  of the noise of a point's own column and of those before it, their squares adding up to 1; None:
-                    columns share no noise
+    Attributes:
+        shots: added up for one point
+        period_s: between the laser's pulses of one point: light that is longer under way folds back; None: no limit
+        reach: bins that are drawn to either side of an echo
+        search: bins to either side of an echo in which its peak is looked for
+        calibrated: shift of strong echoes by pile-up; None: it is left in the ranges, or the counts are corrected for
+            it
+        bin_to_sigma: width of a bin over that of an echo
+        sweep_rad: angle by which the head turns while the shots of a point are summed; 0: it does not, or is left out
+        column_weights: of the noise of a point's own column and of those before it, their squares adding up to 1; None:
+            columns share no noise
     """
 
     shots: Lanes
@@ -124,9 +126,10 @@ class Histogram:
     def threshold_of_point(self, threshold: Lanes, deviate: Lanes, lone: Lanes = 0.0) -> Lanes:
         """Threshold that the echoes of a point meet (T111), (T113).
 
-        threshold  median one
-        deviate    standard normal number of the point
-        lone       how far its neighbours lack the echo: 0 as on a surface, 1 alone
+        Args:
+            threshold: median one
+            deviate: standard normal number of the point
+            lone: how far its neighbours lack the echo: 0 as on a surface, 1 alone
         """
         if self.lone_factor is not None:
             threshold = threshold * (1.0 + lone * (self.lone_factor - 1.0))
@@ -235,7 +238,11 @@ class HistogramFile(
         return tuple(weight / norm for weight in self.column_weights)
 
     def period_us(self, dwell_us: float) -> float | None:
-        """Time between the laser's pulses of one point, with the multiplier; None: not given. Raises InputError."""
+        """Time between the laser's pulses of one point, with the multiplier; None: not given.
+
+        Raises:
+            InputError: if a file, a key or a value cannot be understood
+        """
         if self.pulse_period_us is None:
             return None
         period = self.pulse_period_us / max(self.multiplier, 1.0)
@@ -247,7 +254,11 @@ class HistogramFile(
         return period
 
     def shots_per_point(self, dwell_us: float) -> int:
-        """Number of shots of a point of this dwell time. Raises InputError."""
+        """Number of shots of a point of this dwell time.
+
+        Raises:
+            InputError: if a file, a key or a value cannot be understood
+        """
         if self.shots is not None:
             return self.shots
         if self.pulse_period_us is None:
@@ -279,10 +290,15 @@ class HistogramFile(
         coincidence: int = 1,
         turn_rate_rad_s: float = 0.0,
     ) -> Histogram:
-        """Convert to SI units for points of this dwell time and a head of this turn rate. Raises InputError.
+        """Convert to SI units for points of this dwell time and a head of this turn rate.
 
-        dead_time_s         inf: a SPAD fires once in a shot
-        spads, coincidence  of the detector
+        Args:
+            dead_time_s: inf: a SPAD fires once in a shot
+            spads: of the detector
+            coincidence: of the detector
+
+        Raises:
+            InputError: if a file, a key or a value cannot be understood
         """
         period_us = self.period_us(dwell_us)
         sigma_ns = pulse_fwhm_ns / SIGMAS_PER_FWHM
@@ -327,7 +343,11 @@ class HistogramFile(
         )
 
     def converter(self, dwell_us: float) -> Tdc:
-        """Converter that stands for the peak finder: one comparison for each bin. Raises InputError."""
+        """Converter that stands for the peak finder: one comparison for each bin.
+
+        Raises:
+            InputError: if a file, a key or a value cannot be understood
+        """
         period_us = self.period_us(dwell_us)
         window_us = self.window_us if self.window_us is not None else period_us
         if window_us is None:

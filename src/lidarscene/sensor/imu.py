@@ -39,10 +39,11 @@ PIECE_SAMPLES = 1 << 15
 class ImuSamples:
     """Samples in the IMU's axes.
 
-    time_s                  (n,) by the scene's clock, rising
-    angular_velocity_rad_s  (n, 3) as measured
-    specific_force_m_s2     (n, 3) as measured: upwards where the IMU rests
-    sigmas                  standard deviation of their white noise [rad/s, m/s2]
+    Attributes:
+        time_s: (n,) by the scene's clock, rising
+        angular_velocity_rad_s: (n, 3) as measured
+        specific_force_m_s2: (n, 3) as measured: upwards where the IMU rests
+        sigmas: standard deviation of their white noise [rad/s, m/s2]
     """
 
     time_s: Numbers
@@ -68,7 +69,8 @@ class ImuSamples:
 class Imu:
     """An IMU. Noise densities are one-sided, as data sheets have them; all numbers are those of each axis.
 
-    pose  on the lidar, or on the vehicle of a rig: the lever arm
+    Attributes:
+        pose: on the lidar, or on the vehicle of a rig: the lever arm
     """
 
     pose: Pose = field(default_factory=Pose)
@@ -107,7 +109,8 @@ class Imu:
     def measure(self, carrier: Motion, time_s: Numbers, rng: np.random.Generator) -> ImuSamples:
         """Samples at (n,) times, evenly spaced.
 
-        carrier  motion of the lidar or the vehicle that the IMU is fixed to
+        Args:
+            carrier: motion of the lidar or the vehicle that the IMU is fixed to
         """
         motion = Riding(carrier=carrier, pose=self.pose)
         pieces = [time_s[first : first + PIECE_SAMPLES] for first in range(0, len(time_s), PIECE_SAMPLES)]
@@ -171,12 +174,20 @@ class ImuModelFile(ImuNumbers):
 
 
 def imu_model(name: str, folder: Path | None = None) -> ImuModelFile:
-    """Read an IMU of the catalogue by its name, or a file in a folder if the name ends in .toml. Raises InputError."""
+    """Read an IMU of the catalogue by its name, or a file in a folder if the name ends in .toml.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+    """
     return read_imu_model((folder or Path()) / name if name.endswith(".toml") else path_of("imus", name))
 
 
 def read_imu_model(path: Path) -> ImuModelFile:
-    """Read a file with the numbers of an IMU. Raises InputError."""
+    """Read a file with the numbers of an IMU.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+    """
     return validate(ImuModelFile, read_toml(path), str(path))
 
 
@@ -188,7 +199,11 @@ class ImuFile(ImuNumbers, PoseFile):
     )
 
     def build(self, folder: Path) -> Imu:
-        """Build the IMU in SI units; the file that it names lies in ``folder``. Raises InputError."""
+        """Build the IMU in SI units; the file that it names lies in ``folder``.
+
+        Raises:
+            InputError: if a file, a key or a value cannot be understood
+        """
         values: dict[str, Any] = {}
         if self.model is not None:
             try:

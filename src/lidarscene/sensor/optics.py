@@ -60,7 +60,11 @@ class FilterFile(FileModel):
         return self
 
     def transmittance(self, folder: Path) -> SpectralCurve:
-        """Transmittance over wavelength. Raises InputError."""
+        """Transmittance over wavelength.
+
+        Raises:
+            InputError: if a file, a key or a value cannot be understood
+        """
         if self.csv is not None:
             return read_transmittance(folder / self.csv)
         assert self.centre_nm is not None
@@ -70,14 +74,20 @@ class FilterFile(FileModel):
         return shaped(centre_m=centre_m, width_m=width_m)
 
     def sun_irradiance_w_m2(self, folder: Path) -> float:
-        """Solar irradiance behind the filter at 100 klux. Raises InputError, or LidarSceneError without pvlib."""
+        """Solar irradiance behind the filter at 100 klux.
+
+        Raises:
+            InputError: if a file, a key or a value cannot be understood
+            LidarSceneError: without pvlib
+        """
         curve = self.transmittance(folder)
         return irradiance_at_100_klux_w_m2(pvlib.reference_spectrum("global"), curve)
 
     def echo_share(self, folder: Path, wavelength_m: float, *, drift_m: float) -> float | None:
         """Share of the echo that passes, over that without the drift; None: nothing is shifted.
 
-        Raises InputError if nothing passes.
+        Raises:
+            InputError: if nothing passes
         """
         if not drift_m:
             return None
@@ -91,7 +101,10 @@ class FilterFile(FileModel):
 def read_transmittance(path: Path) -> SpectralCurve:
     """Read a filter from a CSV file with the columns wavelength_nm (rising) and transmittance (0 to 1).
 
-    The first line may name them; lines that begin with # are skipped. Raises InputError.
+    The first line may name them; lines that begin with # are skipped.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
     """
     where = f"optics.filter.csv: {path}"
     rows: list[tuple[float, float]] = []
@@ -215,8 +228,9 @@ class OpticsFile(Table[Optics]):
     def build(self, folder: Path, wavelength_m: float, *, drift_m: float) -> Optics:
         """Convert to SI units, but for the overlap, which needs the detector; filter files lie in ``folder``.
 
-        wavelength_m  of the laser, at which the file's efficiencies hold
-        drift_m       from there to the light that the laser emits
+        Args:
+            wavelength_m: of the laser, at which the file's efficiencies hold
+            drift_m: from there to the light that the laser emits
         """
         sun, share = self.sun_irradiance_w_m2, None
         if self.filter is not None:

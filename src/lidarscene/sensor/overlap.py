@@ -31,8 +31,9 @@ _STEP = 1e-3
 class Spot:
     """Width of the laser's spot.
 
-    profile        profile of the beam: "gaussian" or "top_hat"
-    exit_radius_m  radius at the exit, where the beam has its waist
+    Attributes:
+        profile: profile of the beam: "gaussian" or "top_hat"
+        exit_radius_m: radius at the exit, where the beam has its waist
     """
 
     profile: str
@@ -44,10 +45,11 @@ class Spot:
 class Alignment:
     """Place of the transmitter beside the receiver, and the receiver's focus.
 
-    offset_m        distance from the receiver's axis to the transmitter's, at the sensor
-    crossing_m      range at which the axes meet; inf: side by side
-    focus_m         range at which the receiver is in focus
-    scattered       share of the light that reaches the detector by scatter, wherever the spot lies
+    Attributes:
+        offset_m: distance from the receiver's axis to the transmitter's, at the sensor
+        crossing_m: range at which the axes meet; inf: side by side
+        focus_m: range at which the receiver is in focus
+        scattered: share of the light that reaches the detector by scatter, wherever the spot lies
     """
 
     offset_m: Lanes = 0.0
@@ -60,7 +62,8 @@ class Alignment:
 class OverlapGeometry:
     """All that decides the overlap.
 
-    field_rad  r_PD / f
+    Attributes:
+        field_rad: r_PD / f
     """
 
     spot: Spot
@@ -100,10 +103,11 @@ class OverlapGeometry:
 class Overlap:
     """Share of the spot's light that reaches the detector, by range.
 
-    table     the share, even in s / (s + R): from far (0) to near (1)
-    scale_m   s, the range around which the share changes
-    geometry  for which the table is
-    moved     geometry near that one, for which the share is computed to first order; None: that of the table
+    Attributes:
+        table: the share, even in s / (s + R): from far (0) to near (1)
+        scale_m: s, the range around which the share changes
+        geometry: for which the table is
+        moved: geometry near that one, for which the share is computed to first order; None: that of the table
     """
 
     table: LookupTable

@@ -51,7 +51,11 @@ def finite_numbers(values: object) -> list[float]:
 
 
 def to_pose(pose: object) -> Pose:
-    """Convert a `Pose` or three to six numbers (see `Placed`) to a `Pose`. Raises OptionError for anything else."""
+    """Convert a `Pose` or three to six numbers (see `Placed`) to a `Pose`.
+
+    Raises:
+        OptionError: for anything else
+    """
     if isinstance(pose, Pose):
         return pose
     numbers = finite_numbers(pose)

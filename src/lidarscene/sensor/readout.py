@@ -46,7 +46,11 @@ class AdcFile(Table[Adc]):
     bits: Annotated[int, Field(ge=1, le=24)] = Field(description="from zero to full scale")
 
     def build(self, pulse_fwhm_ns: float) -> Adc:
-        """Convert to SI units, with as many samples as four pulse widths hold. Raises InputError."""
+        """Convert to SI units, with as many samples as four pulse widths hold.
+
+        Raises:
+            InputError: if a file, a key or a value cannot be understood
+        """
         least_rate_mhz = 1e3 / pulse_fwhm_ns
         if self.rate_mhz < least_rate_mhz * (1.0 - 1e-9):
             raise InputError(
@@ -189,7 +193,11 @@ class PublishedFile(FileModel):
 
 
 def read_published(path: Path) -> PublishedFile | None:
-    """[published] of a sensor file, None where it has none. Raises InputError."""
+    """[published] of a sensor file, None where it has none.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+    """
     tables = read_toml(path)
     if "published" not in tables:
         return None

@@ -45,7 +45,8 @@ class Mounted:
 class Rig:
     """The sensors of a vehicle, each with a unique label; ``files`` are those that it was read from.
 
-    imu  the vehicle's own, or None
+    Attributes:
+        imu: the vehicle's own, or None
     """
 
     name: str
@@ -107,7 +108,11 @@ class RigFile(FileModel):
 def load_rig(rig: Annotated[str | os.PathLike[str] | Rig, "a file or a Rig"], *, overrides: Overrides = ()) -> Rig:
     """Load a rig from a TOML file, or the catalogue's example by its name; a `Rig` is returned unchanged.
 
-    overrides  KEY=VALUE for every sensor, or LABEL:KEY=VALUE for that one, after its own. Raises InputError.
+    Args:
+        overrides: KEY=VALUE for every sensor, or LABEL:KEY=VALUE for that one, after its own
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
     """
     return rig if isinstance(rig, Rig) else read_rig(file_or_example(rig), overrides=assignments(overrides))
 

@@ -229,7 +229,11 @@ class SensorFile(FileModel):
         return self
 
     def build(self, folder: Path) -> Sensor:
-        """Build the sensor in SI units; the files that it names lie in ``folder``. Raises InputError."""
+        """Build the sensor in SI units; the files that it names lie in ``folder``.
+
+        Raises:
+            InputError: if a file, a key or a value cannot be understood
+        """
         detector: Detector = self.detector.in_si()
         laser = self.laser.build(self._rate_hz)
         optics = self.optics.build(folder, laser.wavelength_m, drift_m=si(self.laser.drift_nm, "nm"))
@@ -321,7 +325,7 @@ class SensorFile(FileModel):
 
 
 def _check_columns(sensor: Sensor) -> None:
-    """Raises InputError for columns that share noise where the scanner has no columns."""
+    """Raise InputError for columns that share noise where the scanner has no columns."""
     if sensor.histogram is None or sensor.histogram.column_weights is None:
         return
     line = sensor.scanner.line_pulses
@@ -332,7 +336,7 @@ def _check_columns(sensor: Sensor) -> None:
 
 
 def _check_response(sensor: Sensor) -> None:
-    """Raises InputError for a frequency response that this detector or pulse cannot have."""
+    """Raise InputError for a frequency response that this detector or pulse cannot have."""
     rate = sensor.coupling_rate
     if rate is not None and rate > high_pass.WIDEST_RATE:
         coupling_khz, factor = 1e-3 * float(sensor.receiver.ac_coupling_hz or 0.0), high_pass.WIDEST_RATE / rate
@@ -345,7 +349,11 @@ def _check_response(sensor: Sensor) -> None:
 
 
 def read_sensor(path: Path, *, overrides: Sequence[str] = ()) -> Sensor:
-    """Read a sensor from a TOML file, with ``detector.gain=60``-like overrides. Raises InputError."""
+    """Read a sensor from a TOML file, with ``detector.gain=60``-like overrides.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+    """
     return sensor_from_tables(read_toml(path), where=str(path), overrides=overrides, folder=path.parent)
 
 
@@ -372,9 +380,10 @@ def sensor_from_tables(
 class SensorTables:
     """Tables that a sensor was built from: a function of changes, KEY=VALUE, that builds it anew.
 
-    tables     of the file, without overrides
-    where      file, for messages
-    overrides  assignments, KEY=VALUE
+    Attributes:
+        tables: of the file, without overrides
+        where: file, for messages
+        overrides: assignments, KEY=VALUE
     """
 
     tables: dict[str, Any]
@@ -383,7 +392,11 @@ class SensorTables:
     folder: Path | None
 
     def __call__(self, changes: Sequence[str]) -> Sensor:
-        """Build the sensor with these changes. Raises InputError."""
+        """Build the sensor with these changes.
+
+        Raises:
+            InputError: if a file, a key or a value cannot be understood
+        """
         overrides = [*self.overrides, *changes]
         return sensor_from_tables(self.tables, where=self.where, overrides=overrides, folder=self.folder)
 
@@ -402,7 +415,11 @@ def _derived_rate(tables: dict[str, Any], overrides: Sequence[str]) -> dict[str,
 
 
 def files_of_sensor(path: Path, *, overrides: Sequence[str] = ()) -> Iterator[Path]:
-    """List the sensor file and those that it names: a pattern, a filter. Raises InputError."""
+    """List the sensor file and those that it names: a pattern, a filter.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+    """
     file = validate(SensorFile, _derived_rate(read_toml(path), overrides), str(path), overrides=overrides)
     yield path
     yield from (path.parent / name for name in file.scanner.files)
@@ -421,8 +438,11 @@ def sensors() -> list[str]:
 def load_sensor(sensor: str | os.PathLike[str] | Sensor, *, overrides: Overrides = ()) -> Sensor:
     """Load a sensor by catalogue name, or from a file if the name ends in .toml; a `Sensor` is returned as it is.
 
-    overrides  changes to the file's values: "detector.gain=60", a list of these, or {"detector.gain": 60}
-    Raises InputError.
+    Args:
+        overrides: changes to the file's values: "detector.gain=60", a list of these, or {"detector.gain": 60}
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
     """
     changes = assignments(overrides)
     if isinstance(sensor, Sensor):
@@ -432,5 +452,9 @@ def load_sensor(sensor: str | os.PathLike[str] | Sensor, *, overrides: Overrides
 
 
 def published_performance(name: str) -> PublishedFile | None:
-    """Read the maker's published performance of a catalogue sensor; None if its file has none. Raises InputError."""
+    """Read the maker's published performance of a catalogue sensor; None if its file has none.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+    """
     return read_published(path_of("sensors", name))

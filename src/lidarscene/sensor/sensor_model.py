@@ -73,8 +73,9 @@ class Laser:
 
     The beam leaves the sensor at its waist, of ``exit_diameter_m``.
 
-    polarisation  of the light; None: panes treat all light alike
-    speckle       of the light; None: echoes have none
+    Attributes:
+        polarisation: of the light; None: panes treat all light alike
+        speckle: of the light; None: echoes have none
     """
 
     wavelength_m: Annotated[float, Quantity("nm", ge=300, le=2500, about="materials must have data there")]
@@ -195,11 +196,12 @@ class StrayLight:
 class Optics:
     """Receiver.
 
-    sun_irradiance_w_m2  in band, at normal incidence and 100 klux (E_sun of (6))
-    overlap              overlap of the laser's spot and the field of view; None: all of the spot is seen at any range
-    halo                 around the spot, or None
-    filter_share         of the echo that the filter passes, over that without the laser's drift; None: it has none
-    stray                stray light of channels that fire together, or None
+    Attributes:
+        sun_irradiance_w_m2: in band, at normal incidence and 100 klux (E_sun of (6))
+        overlap: overlap of the laser's spot and the field of view; None: all of the spot is seen at any range
+        halo: around the spot, or None
+        filter_share: of the echo that the filter passes, over that without the laser's drift; None: it has none
+        stray: stray light of channels that fire together, or None
     """
 
     aperture_radius_m: Annotated[Lanes, Quantity("mm", ge=0.05, le=5000, about="r_A of the receiver")]
@@ -239,14 +241,15 @@ def overlap_geometry(laser: Laser, optics: Optics, detector: Detector, alignment
 class Sensor:
     """All of a lidar. ``sources`` says where each number comes from, by dotted key of the sensor file.
 
-    sampler      sampler that measures the pulses that trip the comparator; None: the TDC alone
-    histogram    histogram over the shots of a `Spad`; None with any other detector
-    wear         drops, weak lasers and a knocked mounting, `sensor.wear`; None: as new
-    intensity    as the maker reports it, or None: the amplitude
-    imu          IMU in its housing, or None
-    uncertainty  how far numbers may be off, either way, by dotted field: detector.dead_time_s
-    origin       `sensor_file.SensorTables`, which build it anew with changes of its file; None if a program made or
-                 changed it: `dataclasses.replace` does not hand it on, since the file does not have what was replaced
+    Attributes:
+        sampler: sampler that measures the pulses that trip the comparator; None: the TDC alone
+        histogram: histogram over the shots of a `Spad`; None with any other detector
+        wear: drops, weak lasers and a knocked mounting, `sensor.wear`; None: as new
+        intensity: as the maker reports it, or None: the amplitude
+        imu: IMU in its housing, or None
+        uncertainty: how far numbers may be off, either way, by dotted field: detector.dead_time_s
+        origin: `sensor_file.SensorTables`, which build it anew with changes of its file; None if a program made or
+            changed it: `dataclasses.replace` does not hand it on, since the file does not have what was replaced
     """
 
     name: str
@@ -286,9 +289,12 @@ class Sensor:
     def replace(self, overrides: Overrides = (), /, **tables: Any) -> Sensor:
         """Build the sensor anew with other values in its file; all that follows from them follows.
 
-        overrides  "laser.peak_power_w=60", a list of these, or {"laser.peak_power_w": 60}, in the file's units
-        tables     the same by table: ``laser={"peak_power_w": 60}``, or ``**{"laser.peak_power_w": 60}``
-        Raises InputError for a key or value that the file cannot have, and for a sensor that no file describes.
+        Args:
+            overrides: "laser.peak_power_w=60", a list of these, or {"laser.peak_power_w": 60}, in the file's units
+            tables: the same by table: ``laser={"peak_power_w": 60}``, or ``**{"laser.peak_power_w": 60}``
+
+        Raises:
+            InputError: for a key or value that the file cannot have, and for a sensor that no file describes
         """
         if self.origin is None:
             raise InputError(
@@ -436,7 +442,9 @@ class Sensor:
     def working_point(self, background_power_w: Lanes, *, range_m: Lanes | None = None) -> WorkingPoint:
         """Working point of the detector under this background; behind a matched filter, if pulses are detected there.
 
-        range_m  range of the echo, for SPADs that fire once in a shot: those that fired before are blind; None: none is
+        Args:
+            range_m: range of the echo, for SPADs that fire once in a shot: those that fired before are blind; None:
+                none is
         """
         point = self.detector.working_point(background_power_w, self.reception, range_m=range_m)
         if self.receiver.filters:
@@ -474,7 +482,8 @@ class Sensor:
     def false_alarm_rate_hz(self, point: WorkingPoint, threshold: Lanes, least_hz: Lanes | None = None) -> Lanes:
         """Rate at which noise trips the comparator, Hz: (T28), or the rate of its crossings.
 
-        least_hz  rate below which 0 may stand for it, as an alarm would be too late; None: none
+        Args:
+            least_hz: rate below which 0 may stand for it, as an alarm would be too late; None: none
         """
         bandwidth_hz = self.tdc.bandwidth_hz
         if self.tdc.false_alarms == "crossings":

@@ -31,11 +31,12 @@ volley."""
 class Volleys:
     """Volleys of a scan line, the same in every line.
 
-    line         pulses of a line
-    size         most pulses of a volley
-    first        (line,) place in the line of the first pulse of each pulse's volley
-    share        (line, size) share of the light of each pulse of the volley that reaches the detector of this pulse
-    largest_sum  largest sum of the shares of a pulse
+    Attributes:
+        line: pulses of a line
+        size: most pulses of a volley
+        first: (line,) place in the line of the first pulse of each pulse's volley
+        share: (line, size) share of the light of each pulse of the volley that reaches the detector of this pulse
+        largest_sum: largest sum of the shares of a pulse
     """
 
     line: Lanes
@@ -48,8 +49,9 @@ class Volleys:
 def find_volleys(scanner: Scanner, stray: StrayLight) -> Volleys:
     """Find the volleys of a scanner's lines and the shares of stray light in them, by (T122).
 
-    Raises InputError for a scanner without any, for one whose lines leave together, and for shares that add up to more
-    than `LARGEST_SUM`.
+    Raises:
+        InputError: for a scanner without any, for one whose lines leave together, and for shares that add up to more
+            than `LARGEST_SUM`
     """
     line = scanner.line_pulses
     if line is None or line >= scanner.pulses:

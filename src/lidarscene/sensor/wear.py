@@ -21,9 +21,11 @@ from ..physics.optics import window
 class Drops:
     """Drops on a spherical window: the share of a beam that passes between them, by its direction.
 
-    outward, inward  clear shares of the laser's beam and of the receiver's aperture, over azimuth and elevation
-    start_rad        azimuth and elevation of the first entry
-    per_rad          one over the tables' extent on each axis
+    Attributes:
+        outward: clear share of the laser's beam, over azimuth and elevation
+        inward: clear share of the receiver's aperture, likewise
+        start_rad: azimuth and elevation of the first entry
+        per_rad: one over the tables' extent on each axis
     """
 
     outward: LookupTable
@@ -45,11 +47,14 @@ class Drops:
     ) -> Drops:
         """Tabulate the clear shares of both beams.
 
-        places     (drops, 3) unit vectors to the drops
-        axes_rad   azimuths and elevations of the tables, in even steps
-        window_m   radius of the window's sphere
-        drop_m, lens_m, exit_m  radii of a drop, of the receiver's lens and of the laser's beam where it leaves
-        offset_m   to the left and up from the receiver's axis, where the beam leaves
+        Args:
+            places: (drops, 3) unit vectors to the drops
+            axes_rad: azimuths and elevations of the tables, in even steps
+            window_m: radius of the window's sphere
+            drop_m: radius of a drop
+            lens_m: radius of the receiver's lens
+            exit_m: radius of the laser's beam where it leaves
+            offset_m: to the left and up from the receiver's axis, where the beam leaves
         """
         shape = len(axes_rad[0]), len(axes_rad[1])
         azimuth, elevation = (axis.ravel() for axis in np.meshgrid(*axes_rad, indexing="ij"))
@@ -80,10 +85,11 @@ class Drops:
 class Wear:
     """Wear that differs from beam to beam, or that the sensor's reports do not know. Film and grains are in `Optics`.
 
-    calibrated_share  share of an echo that film and grains leave, which the maker's intensity scale does not know
-    drops             drops on the window, or None
-    laser_power       relative power of each channel's laser, 0 of a dead one; None: all 1
-    rotation          nine numbers, row by row: from the axes of the sensor to those of its mounting; None: none
+    Attributes:
+        calibrated_share: share of an echo that film and grains leave, which the maker's intensity scale does not know
+        drops: drops on the window, or None
+        laser_power: relative power of each channel's laser, 0 of a dead one; None: all 1
+        rotation: nine numbers, row by row: from the axes of the sensor to those of its mounting; None: none
     """
 
     calibrated_share: Lanes = 1.0
@@ -102,8 +108,9 @@ class Wear:
     def shares(self, direction: Vector, channel: Lanes) -> tuple[Lanes, Lanes]:
         """Shares of the laser's power that leave, and of the echo's that enter, (n,) each, besides film and grains.
 
-        direction  of the beams against the sensor
-        channel    (n,) channel of each pulse
+        Args:
+            direction: of the beams against the sensor
+            channel: (n,) channel of each pulse
         """
         outward, inward = (1.0, 1.0) if self.drops is None else self.drops.shares(direction)
         if self.laser_power is not None:
@@ -124,9 +131,10 @@ def directions(azimuth_rad: Numbers, elevation_rad: Numbers) -> Numbers:
 def _clear_share(centres: Numbers, radius_m: float, drops: Numbers, drop_m: float) -> Numbers:
     """(n,) share of discs that no drop covers; drops that lie on each other count twice, to a least share of 0.
 
-    centres   (n, 3) middles of the discs, m
-    radius_m  of each; 0: a point
-    drops     (m, 3) middles of the drops, m
+    Args:
+        centres: (n, 3) middles of the discs, m
+        radius_m: of each; 0: a point
+        drops: (m, 3) middles of the drops, m
     """
     from scipy.spatial import cKDTree  # takes a quarter of a second to import, and few sensors have drops
 

@@ -87,7 +87,8 @@ class WearFile(FileModel):
     def build(self, *, optics: Optics, laser: Laser, scanner: Scanner, offset_m: tuple[float, float]) -> Wear:
         """Convert to SI units; raises InputError.
 
-        offset_m  to the left and up from the receiver's axis, where the laser's beam leaves
+        Args:
+            offset_m: to the left and up from the receiver's axis, where the laser's beam leaves
         """
         rotation = None
         if any(self.mounting_error_mrad):

@@ -87,15 +87,20 @@ class CompareKeywords(FrameKeywords, total=False):
 def max_range(sensors: SensorChoices, *, overrides: Overrides = (), **conditions: Unpack[ConditionKeywords]) -> Report:
     """Maximum range of sensors on a flat target, with SNR and detection probability at a distance.
 
-    sensors        catalogue names, sensor files or `Sensor`s, one or several; several are put on equal terms too
-    overrides      changes to values of the files, of all or, as "vlp-16:laser.peak_power_w=60", of one
-    distance       of SNR and detection probability [m], 100 by default
-    illuminance    of the sun on the target [klux], 100 by default
-    sun_angle      between sun and surface normal [degrees], 60 by default
-    reflectivity   of the target, 0.1 by default
-    incidence      of the beam on it [degrees], 0 by default
-    transmittance  of the air, one way, fixed; else extinction [1/m] or visibility [km]; without any 0.98
-    Raises InputError.
+    Args:
+        sensors: catalogue names, sensor files or `Sensor`s, one or several; several are put on equal terms too
+        overrides: changes to values of the files, of all or, as "vlp-16:laser.peak_power_w=60", of one
+
+    Keyword Args:
+        distance: of SNR and detection probability [m], 100 by default
+        illuminance: of the sun on the target [klux], 100 by default
+        sun_angle: between sun and surface normal [degrees], 60 by default
+        reflectivity: of the target, 0.1 by default
+        incidence: of the beam on it [degrees], 0 by default
+        transmittance: of the air, one way, fixed; else extinction [1/m] or visibility [km]; without any 0.98
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
     """
     from .ranging.range_summary import range_report
 
@@ -107,17 +112,25 @@ def max_range(sensors: SensorChoices, *, overrides: Overrides = (), **conditions
 def sweep(sensors: SensorChoices, over: str, *, overrides: Overrides = (), **options: Unpack[SweepKeywords]) -> Report:
     """SNR, maximum range or detection probability over an axis, with crossings and limits.
 
-    sensors       catalogue names, sensor files or `Sensor`s, one or several
-    over          "distance", "illuminance", "elevation", "azimuth", "reflectivity", "incidence", or a key such as
-                  "detector.gain"
-    overrides     changes to values of the files, of all or, as "vlp-16:laser.peak_power_w=60", of one
-    quantity      "snr", "range" or "pd"; by default the SNR over distance, and the maximum range over all else
-    start, stop   ends of the axis, in its unit
-    points        on the axis, 200 by default
-    aperture_law  of the receiver off its axis, over elevation or azimuth: "scanner", "constant", "cosine" or "mirror"
-    log           logarithmic steps, or even ones
-    and the conditions of `max_range` that are held
-    Raises InputError.
+    Args:
+        sensors: catalogue names, sensor files or `Sensor`s, one or several
+        over: "distance", "illuminance", "elevation", "azimuth", "reflectivity", "incidence", or a key such as
+            "detector.gain"
+        overrides: changes to values of the files, of all or, as "vlp-16:laser.peak_power_w=60", of one
+
+    Keyword Args:
+        quantity: "snr", "range" or "pd"; by default the SNR over distance, and the maximum range over all else
+        start: start of the axis, in its unit
+        stop: end of the axis, in its unit
+        points: on the axis, 200 by default
+        aperture_law: of the receiver off its axis, over elevation or azimuth: "scanner", "constant", "cosine" or
+            "mirror"
+        log: logarithmic steps, or even ones
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+
+    The other arguments are the conditions of `max_range` that are held.
     """
     from .ranging.sweep_report import sweep_report
 
@@ -137,11 +150,17 @@ def sensitivities(
 ) -> Report:
     """Effect of each number of sensors, target and air on the maximum range, and on the detection probability.
 
-    sensors    catalogue names, sensor files or `Sensor`s, one or several
-    overrides  changes to values of the files, of all or of one
-    distance   of the detection probability [m]; by default each sensor's maximum range
-    and the other conditions of `max_range`
-    Raises InputError.
+    Args:
+        sensors: catalogue names, sensor files or `Sensor`s, one or several
+        overrides: changes to values of the files, of all or of one
+
+    Keyword Args:
+        distance: of the detection probability [m]; by default each sensor's maximum range
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+
+    The other arguments are the other conditions of `max_range`.
     """
     from .ranging.sensitivities import sensitivity_report
 
@@ -156,9 +175,12 @@ def eye_safety(sensors: SensorChoices, *, overrides: Overrides = ()) -> Report:
 
     ``passed`` says whether the scanning beams are of class 1; None: a pulse energy is a guess, so nothing is judged.
 
-    sensors    catalogue names, sensor files or `Sensor`s, one or several
-    overrides  changes to values of the files, of all or of one
-    Raises InputError.
+    Args:
+        sensors: catalogue names, sensor files or `Sensor`s, one or several
+        overrides: changes to values of the files, of all or of one
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
     """
     from .eye_safety.eye_safety_report import class_1_report
 
@@ -169,9 +191,13 @@ def eye_safety(sensors: SensorChoices, *, overrides: Overrides = ()) -> Report:
 def design(study: File, folder: File) -> Report:
     """Search the designs of a study; the report has the designs that no other beats, and their sensor files.
 
-    study   name of a shipped study, or a study file
-    folder  for all evaluations, with which a search that was broken off goes on; ``save(folder)`` adds the page
-    Raises InputError, OutputError.
+    Args:
+        study: name of a shipped study, or a study file
+        folder: for all evaluations, with which a search that was broken off goes on; ``save(folder)`` adds the page
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+        OutputError: if a result cannot be written
     """
     from .design.design_study import run_study
 
@@ -179,7 +205,11 @@ def design(study: File, folder: File) -> Report:
 
 
 def study_path(study: File) -> Path:
-    """File of a design study, by its path or its name in the catalogue. Raises InputError."""
+    """File of a design study, by its path or its name in the catalogue.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+    """
     name = os.fspath(study)
     return Path(name) if name.endswith(".toml") else catalog.path_of("designs", name)
 
@@ -195,15 +225,21 @@ def fov(
 ) -> Report:
     """Study what scan patterns cover: how densely, how soon, how far.
 
-    sensors       catalogue names, sensor files or `Sensor`s, one or several; or a `Rig`
-    scene         scene on whose bodies points are counted too
-    pose          where the sensors' vehicle stands in it; None: the scene's sensor pose, of a rig the origin
-    overrides     changes to values of the files, of all or, as "vlp-16:laser.peak_power_w=60", of one
-    times_s       times of the coverage
-    cell_deg      size of the cells
-    mask          the field of view: "outline", the pattern's convex outline, or "reached", cells ever reached
-    reflectivity, illuminance  of the target whose maximum range is mapped; klux
-    Raises InputError.
+    Args:
+        sensors: catalogue names, sensor files or `Sensor`s, one or several; or a `Rig`
+        scene: scene on whose bodies points are counted too
+        pose: where the sensors' vehicle stands in it; None: the scene's sensor pose, of a rig the origin
+        overrides: changes to values of the files, of all or, as "vlp-16:laser.peak_power_w=60", of one
+
+    Keyword Args:
+        times_s: times of the coverage
+        cell_deg: size of the cells
+        mask: the field of view: "outline", the pattern's convex outline, or "reached", cells ever reached
+        reflectivity: of the target whose maximum range is mapped; klux
+        illuminance: of the target whose maximum range is mapped; klux
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
     """
     from .field_of_view.field_of_view_study import field_of_view_study
 
@@ -237,15 +273,18 @@ def compare(
 ) -> Report:
     """Compare sensors in a scene, clouds with each other, or a cloud, or a twin, with a recording.
 
-    scene              scene that all ``sensors`` see; without them two clouds or more, or files of them; with ``real``
-                       one cloud, file or recording, or the scene file of a twin
-    sensors            catalogue names, sensor files or `Sensor`s; the first is compared with each other
-    real               recording of a real lidar; ``recorded_frame``, ``metadata`` and ``sensor_index`` say which part
-    overrides          changes to values of the sensor files, of all or of one
-    same_beams         all run with the first sensor's scanner and mounting
-    illuminances_klux  sweep over these, and find where sensors overtake each other
-    options            fields of `FrameOptions`: ``seed=1``
-    Raises InputError.
+    Args:
+        scene: scene that all ``sensors`` see; without them two clouds or more, or files of them; with ``real`` one
+            cloud, file or recording, or the scene file of a twin
+        sensors: catalogue names, sensor files or `Sensor`s; the first is compared with each other
+        real: recording of a real lidar; ``recorded_frame``, ``metadata`` and ``sensor_index`` say which part
+        overrides: changes to values of the sensor files, of all or of one
+        same_beams: all run with the first sensor's scanner and mounting
+        illuminances_klux: sweep over these, and find where sensors overtake each other
+        options: fields of `FrameOptions`: ``seed=1``
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
     """
     from .compare.bench import Bench
     from .compare.comparison_study import compare_clouds, compare_sensors
@@ -315,13 +354,16 @@ def fit(
 ) -> Report:
     """Fit numbers of a sensor to recordings of one unit; the report's files have its ``sensor.toml``.
 
-    sensor        catalogue name or sensor file of its kind, for what the recording leaves open; None: the scene's
-    scene         scene file of the recording's twin, or of the scene it was recorded in
-    poses         with ``scene``, file of the sensor's poses at each frame
-    frames        without ``scene``, frames of each recording, from 0; None: all
-    metadata      the maker's description of the unit; None: the json beside the recording or in the OSF, if any
-    sensor_index  which sensor of an OSF, from 0
-    Raises InputError.
+    Args:
+        sensor: catalogue name or sensor file of its kind, for what the recording leaves open; None: the scene's
+        scene: scene file of the recording's twin, or of the scene it was recorded in
+        poses: with ``scene``, file of the sensor's poses at each frame
+        frames: without ``scene``, frames of each recording, from 0; None: all
+        metadata: the maker's description of the unit; None: the json beside the recording or in the OSF, if any
+        sensor_index: which sensor of an OSF, from 0
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
     """
     text, report = fit_sensor(
         recordings, sensor, scene=scene, poses=poses, frames=frames, metadata=metadata, sensor_index=sensor_index
@@ -342,7 +384,10 @@ def fit_sensor(
 ) -> tuple[str, Report]:
     """Choose the fit with a scene or without, and run it; returns the text of the sensor file, and the report.
 
-    Arguments as of `fit`. Raises InputError.
+    Arguments as of `fit`.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
     """
     from .fit.on_scene.scene_fit import SceneFitInputs, fit_on_scene
     from .fit.recording_fit import fit_recordings
@@ -383,12 +428,16 @@ def twin(
 ) -> Path:
     """Make the scene of a recording and write it into a folder; returns the scene file, for `render` and `compare`.
 
-    frames        frames that it is made of, from 0; None: all
-    held_out      frame that is left out, or "columns" for every second column of the only frame, to judge the twin by
-    metadata      the maker's description of the unit; None: the json beside the recording or in the OSF, if any
-    sensor        catalogue name or sensor file, in place of the unit's own
-    sensor_index  which sensor of an OSF, from 0
-    Raises InputError, OutputError.
+    Args:
+        frames: frames that it is made of, from 0; None: all
+        held_out: frame that is left out, or "columns" for every second column of the only frame, to judge the twin by
+        metadata: the maker's description of the unit; None: the json beside the recording or in the OSF, if any
+        sensor: catalogue name or sensor file, in place of the unit's own
+        sensor_index: which sensor of an OSF, from 0
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+        OutputError: if a result cannot be written
     """
     from .twin.twin_files import SCENE, build_twin, choose_frames
 
@@ -408,7 +457,11 @@ def _refuse_unknown(keywords: Mapping[str, object], known: Collection[str], *par
 
 
 def _named(sensors: SensorChoice | Sequence[SensorChoice], overrides: Overrides) -> list[tuple[str, Sensor]]:
-    """Names, made unique, and sensors. Raises InputError; warns of doubts about them."""
+    """Names, made unique, and sensors. Warns of doubts about them.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+    """
     choices = [sensors] if isinstance(sensors, str | os.PathLike | Sensor) else list(sensors)
     if not choices:
         raise InputError("sensors: must be at least one, got none")

@@ -35,15 +35,16 @@ the power cannot be recovered from the signal of a saturated SiPM."""
 class Budget:
     """Light and electronics of each point; all (n,) float64. Signals are at the comparator, before an intensity scale.
 
-    echo_power_w           peak P_r: by (5) if it matches the cloud's SNR, else computed from the SNR; 0 without surface
-    lambertian_power_w     P_r by (5) with rho cos(theta) / pi; 0 without surface
-    background_power_w     P_rs by (8), of a Lambertian surface unless the light is given, or of the sky
-    noise                  sigma_0, without an echo
-    threshold              level U of the comparator
-    signal                 peak of the echo without noise
-    noise_at_peak          sigma at the peak: with the echo's own shot noise
-    detection_probability  P_d of that signal
-    signal_unit            unit of signal, noises and threshold: "A", "cells" or "photons", by the detector
+    Attributes:
+        echo_power_w: peak P_r: by (5) if it matches the cloud's SNR, else computed from the SNR; 0 without surface
+        lambertian_power_w: P_r by (5) with rho cos(theta) / pi; 0 without surface
+        background_power_w: P_rs by (8), of a Lambertian surface unless the light is given, or of the sky
+        noise: sigma_0, without an echo
+        threshold: level U of the comparator
+        signal: peak of the echo without noise
+        noise_at_peak: sigma at the peak: with the echo's own shot noise
+        detection_probability: P_d of that signal
+        signal_unit: unit of signal, noises and threshold: "A", "cells" or "photons", by the detector
     """
 
     echo_power_w: Numbers
@@ -60,9 +61,11 @@ class Budget:
 def budget_of(cloud: PointCloud, sensor: Sensor, ambient: Ambient, *, light: Echoes | None = None) -> Budget:
     """Compute the budget of every point, for the sensor that made the cloud.
 
-    light  traced light of the points' pulses; None: that of Lambertian surfaces
+    Args:
+        light: traced light of the points' pulses; None: that of Lambertian surfaces
 
-    Raises InputError for a cloud without truth.
+    Raises:
+        InputError: for a cloud without truth
     """
     if not cloud.has_truth:
         raise InputError("budget: the cloud has no truth columns, from which it is computed")

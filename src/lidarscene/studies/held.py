@@ -91,13 +91,14 @@ LIMITS = {
 class Held:
     """A quantity held to its limits, one row of a report.
 
-    subject    sensor, viewer or other part that the quantity is of; "" if the whole report is of one
-    condition  where or how it was found, in words
-    reference  recorded, published or prescribed value; None: there is none
-    simulated  simulated or modelled value; None: there is none
-    value      number that the limits are for: their difference, ratio, or a share; None: not to be judged, NaN: fails
-    unit       unit of the reference and the simulated value, and of a value that is a difference
-    note       what else there is to say
+    Attributes:
+        subject: sensor, viewer or other part that the quantity is of; "" if the whole report is of one
+        condition: where or how it was found, in words
+        reference: recorded, published or prescribed value; None: there is none
+        simulated: simulated or modelled value; None: there is none
+        value: number that the limits are for: their difference, ratio, or a share; None: not to be judged, NaN: fails
+        unit: unit of the reference and the simulated value, and of a value that is a difference
+        note: what else there is to say
     """
 
     subject: str = ""
@@ -128,7 +129,8 @@ class Held:
     def as_dict(self, **keys: str) -> dict[str, Any]:
         """The row for JSON.
 
-        keys  field -> its key, where that is another word; subject and note are left out without one
+        Args:
+            keys: field -> its key, where that is another word; subject and note are left out without one
         """
         row = asdict(self)
         low, high, _ = row.pop("limits")
@@ -156,7 +158,8 @@ def passed(rows: Sequence[Held]) -> bool:
 def verdict(rows: Sequence[Held], whole: str) -> str:
     """Outcome in one sentence: how many limits are met, which are not, and for which there is no value.
 
-    whole  what is judged, to begin the sentence: "The twin"
+    Args:
+        whole: what is judged, to begin the sentence: "The twin"
     """
     limited = [row for row in rows if row.verdict is not None]
     missed = [row for row in limited if not row.verdict]
@@ -189,8 +192,9 @@ def value_text(value: float | None) -> str:
 def held_table(rows: Sequence[Held], *, percent: bool = False, **headings: str) -> Table:
     """Header and cells of the rows, without columns that are empty in all of them.
 
-    percent   write values in per cent, with their signs
-    headings  column -> its heading, where it is not the name of the field
+    Args:
+        percent: write values in per cent, with their signs
+        headings: column -> its heading, where it is not the name of the field
     """
     marks = {None: "", True: "met", False: "NOT MET"}
     columns = ("subject", "quantity", "condition", "reference", "simulated", "value", "limit", "", "note")

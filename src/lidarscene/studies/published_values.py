@@ -46,7 +46,8 @@ def points_per_second(sensor: Sensor) -> float:
 def scatter_m(sensor: Sensor, target: Target, *, range_m: float, snr: float | None = None) -> float | None:
     """Standard deviation of one shot's reported range, by the stages of `render`; None if few echoes are found.
 
-    snr  SNR (11) of the echo in place of that of the target; None: the target's
+    Args:
+        snr: SNR (11) of the echo in place of that of the target; None: the target's
     """
     # Ranges are spread over 1 m, so that echoes fall anywhere between the steps of a sampler or converter.
     ranges = range_m + np.random.default_rng(_SEED).uniform(-0.5, 0.5, SHOTS)
@@ -66,7 +67,8 @@ def scatter_m(sensor: Sensor, target: Target, *, range_m: float, snr: float | No
 def compare(name: str) -> list[Held]:
     """Compare a catalogue sensor with its `[published]` values: ranges, the fitted one first, modes, scatters, points.
 
-    Raises InputError.
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
     """
     published = published_performance(name) or PublishedFile(source="unknown")
     sensor = load_sensor(name, overrides=published.settings)
@@ -83,7 +85,11 @@ def compare(name: str) -> list[Held]:
 
 
 def compare_ranges(name: str) -> list[Held]:
-    """Compare only the published ranges of a catalogue sensor, the fitted one first. Raises InputError."""
+    """Compare only the published ranges of a catalogue sensor, the fitted one first.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+    """
     published = published_performance(name) or PublishedFile(source="unknown")
     rows = _ranges(load_sensor(name, overrides=published.settings), published)
     return [replace(row, subject=name) for row in rows]

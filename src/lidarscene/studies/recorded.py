@@ -127,13 +127,21 @@ class RecordedFile(FileModel):
 
 
 def recorded_curves(name: str) -> RecordedFile | RecordedPointsFile | None:
-    """Read what is recorded of this catalogue sensor; None without a recording. Raises InputError."""
+    """Read what is recorded of this catalogue sensor; None without a recording.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+    """
     path = catalog.folder("recorded") / f"{name}.toml"
     return read_recorded(path) if path.is_file() else None
 
 
 def read_recorded(path: Path) -> RecordedFile | RecordedPointsFile:
-    """Read a file of curves, or of statistics of points. Raises InputError."""
+    """Read a file of curves, or of statistics of points.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+    """
     tables = read_toml(path)
     if "signal" in tables:
         return validate(RecordedFile, tables, str(path))
@@ -141,7 +149,11 @@ def read_recorded(path: Path) -> RecordedFile | RecordedPointsFile:
 
 
 def compare(name: str) -> list[Held]:
-    """Compare a catalogue sensor with all that is recorded of it. Raises InputError."""
+    """Compare a catalogue sensor with all that is recorded of it.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+    """
     recorded = recorded_curves(name)
     if isinstance(recorded, RecordedFile):
         rows = list(compare_curves(recorded, load_sensor(name, overrides=recorded.settings)))
@@ -158,7 +170,11 @@ def compare(name: str) -> list[Held]:
 
 
 def compare_points(recorded: RecordedPointsFile, name: str) -> Iterator[Held]:
-    """Compare beams, steps, scatter and least separation of returns of a sensor with rows. Raises InputError."""
+    """Compare beams, steps, scatter and least separation of returns of a sensor with rows.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+    """
     sensor = load_sensor(name)
     elevation_deg, azimuth_step_deg = _beams_deg(sensor)
     error_deg = np.sort(elevation_deg) - np.sort(recorded.elevation_deg)
@@ -376,7 +392,8 @@ def as_dicts(rows: Sequence[Held]) -> list[dict[str, Any]]:
 def as_text(rows: Sequence[Held], without: Sequence[str] = ()) -> str:
     """Text table of the comparisons, with a verdict.
 
-    without  names of sensors of which there is no recording
+    Args:
+        without: names of sensors of which there is no recording
     """
     table = held_table(rows, subject="sensor", reference="recorded", value="ratio")
     text = f"{text_table(*table)}\n{verdict(rows, 'The catalogue')}"

@@ -19,7 +19,11 @@ TYPES = {"float32": "<f4", "uint8": "u1", "int32": "<i4", "uint32": "<u4"}
 
 
 def pack_blob(header: Mapping[str, Any], arrays: Mapping[str, Numbers]) -> bytes:
-    """Pack one blob. Raises KeyError for an array whose type is not in TYPES."""
+    """Pack one blob.
+
+    Raises:
+        KeyError: for an array whose type is not in TYPES
+    """
     start, places, parts = 0, {}, []
     for name, array in arrays.items():
         data = np.ascontiguousarray(array, dtype=TYPES[array.dtype.name]).tobytes()

@@ -23,11 +23,14 @@ DETECTOR = "detector"
 class Control:
     """Number that the page can change, with a slider and a box to type in.
 
-    key          key of the sensor file as --set takes it, or sun.*
-    low, high    ends of the slider
-    log          True for a logarithmic slider
-    least, most  bounds of a typed number
-    whole        True for a whole number
+    Attributes:
+        key: key of the sensor file as --set takes it, or sun.*
+        low: lower end of the slider
+        high: upper end of the slider
+        log: True for a logarithmic slider
+        least: lower bound of a typed number
+        most: upper bound of a typed number
+        whole: True for a whole number
     """
 
     key: str
@@ -62,7 +65,11 @@ class Equipment:
     """
 
     def __init__(self, scene: Scene, sensor: str, overrides: Sequence[str] = ()) -> None:
-        """``sensor`` is a catalogue name or a file. Raises InputError."""
+        """``sensor`` is a catalogue name or a file.
+
+        Raises:
+            InputError: if a file, a key or a value cannot be understood
+        """
         self.scene, self.name, self.overrides = scene, sensor, tuple(overrides)
         self.sensor = load_sensor(sensor, overrides=overrides)
         own_kind = self.sensor.detector.label
@@ -70,7 +77,11 @@ class Equipment:
         self.detectors = {f"{own_kind}, its own": "", f"{other_kind} of Table 1": f"table1-{other_kind.lower()}"}
 
     def with_settings(self, settings: Settings) -> tuple[Scene, Sensor]:
-        """Scene and sensor under settings. Raises InputError for an unknown key or a number out of bounds."""
+        """Scene and sensor under settings.
+
+        Raises:
+            InputError: for an unknown key or a number out of bounds
+        """
         numbers = {key: number_of(key, value) for key, value in settings.items() if key != DETECTOR}
         donor_name = self._chosen(settings)
         controls = {control.key: control for control in self._controls(donor_name)}
@@ -212,7 +223,11 @@ def _check_sun(values: Mapping[str, float]) -> None:
 
 
 def number_of(key: str, value: object) -> float:
-    """Check a number that came from the page. Raises InputError."""
+    """Check a number that came from the page.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+    """
     if isinstance(value, bool) or not isinstance(value, float | int) or not abs(value) < 1e300:
         raise InputError(f"{key}: must be a number, got {shorten(repr(value))}")
     return float(value)

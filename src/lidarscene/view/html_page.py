@@ -47,7 +47,11 @@ def standalone_page(source: Source) -> str:
 
 
 def save(source: Source, path: Path) -> None:
-    """Write the page with all blobs of a source; warn if it is large. Raises OutputError."""
+    """Write the page with all blobs of a source; warn if it is large.
+
+    Raises:
+        OutputError: if a result cannot be written
+    """
     text = standalone_page(source)
     if len(text) > LARGE_BYTES:
         warnings.warn(

@@ -69,7 +69,11 @@ def _whole(key: str, label: str, numbers: Whole, value: int, high: float) -> Con
 
 
 def conditions(scene: Scene, frame: FrameOptions, settings: Settings) -> LiveConditions:
-    """Apply settings to the scene's weather and to the options. Raises InputError for a number out of bounds."""
+    """Apply settings to the scene's weather and to the options.
+
+    Raises:
+        InputError: for a number out of bounds
+    """
     limits = {control.key: control for control in controls(scene, frame)}
     values = {key: number_of(key, settings[key]) for key in KEYS if key in settings}
     for key, value in values.items():
@@ -91,7 +95,11 @@ def conditions(scene: Scene, frame: FrameOptions, settings: Settings) -> LiveCon
 
 
 def command(scene: str, sensor: str, overrides: tuple[str, ...], settings: Settings) -> list[str]:
-    """Words of the command line that renders the same. Raises InputError for a setting that no option can make."""
+    """Words of the command line that renders the same.
+
+    Raises:
+        InputError: for a setting that no option can make
+    """
     if settings.get("detector", "").__class__ is str and settings.get("detector"):
         raise InputError("no option gives a sensor another's detector: choose that sensor")
     words = ["lidarscene", "render", scene]

@@ -36,7 +36,11 @@ class Viewed:
         )
 
     def save(self, path: str | os.PathLike[str]) -> None:
-        """Write the page. Raises OutputError."""
+        """Write the page.
+
+        Raises:
+            OutputError: if a result cannot be written
+        """
         put_text(Path(path), self._page)
 
 
@@ -47,7 +51,12 @@ def view_in_notebook(
     sensor: str | None = None,
     height_px: int,
 ) -> Viewed:
-    """Make the object that `PointCloud.view` and `Scene.view` return. Raises InputError, BackendError."""
+    """Make the object that `PointCloud.view` and `Scene.view` return.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+        BackendError: if Mitsuba has no back end that works on this machine
+    """
     if sensor is not None and not isinstance(sensor, str | os.PathLike):
         raise InputError(f"view: sensor: must be a catalogue name or a file, got {type(sensor).__name__}")
     if isinstance(content, Scene):

@@ -60,8 +60,9 @@ RECORDED = "no deskewed layer: of a recording, how its vehicle drove is not know
 class Source(Protocol):
     """Content of a page.
 
-    title   title in one line
-    frames  names of the frames
+    Attributes:
+        title: title in one line
+        frames: names of the frames
     """
 
     title: str
@@ -70,14 +71,19 @@ class Source(Protocol):
     def stage(self, number: int | None = None) -> bytes:
         """Blob of what stays the same in all frames: camera, meshes, names of the frames.
 
-        number  number of the frame of a live scene that moves; None: the first one shown
+        Args:
+            number: number of the frame of a live scene that moves; None: the first one shown
         """
 
     def frame(self, number: int) -> bytes:
         """Blob of a frame."""
 
     def render(self, settings: Settings) -> bytes:
-        """Blob of the frame rendered with these settings. Raises InputError for a source that cannot render."""
+        """Blob of the frame rendered with these settings.
+
+        Raises:
+            InputError: for a source that cannot render
+        """
 
 
 def pair_deskewed(paths: Sequence[Path]) -> dict[Path, Path | None]:
@@ -106,7 +112,11 @@ class Clouds:
         sensor: str | None = None,
         overrides: Sequence[str] = (),
     ) -> None:
-        """Read the first file. Raises InputError."""
+        """Read the first file.
+
+        Raises:
+            InputError: if a file, a key or a value cannot be understood
+        """
         pairs = pair_deskewed(paths)
         self.paths, self.scene, self.overrides = tuple(pairs), scene, tuple(overrides)
         self._deskewed_paths = tuple(pairs.values())
@@ -203,7 +213,11 @@ class RecordingFrames:
     """Frames of a recording, or one of them."""
 
     def __init__(self, recording: Recording, *, frame: int | None = None) -> None:
-        """Read the first frame. Raises InputError."""
+        """Read the first frame.
+
+        Raises:
+            InputError: if a file, a key or a value cannot be understood
+        """
         self.recording = recording
         self.numbers = range(len(recording)) if frame is None else (frame,)
         self.frames = tuple(f"frame {number}" for number in self.numbers)
@@ -242,9 +256,14 @@ class Live:
         frame: FrameOptions | None = None,
         scene_argument: str = "",
     ) -> None:
-        """Compile the scene and render it once. Raises InputError and BackendError.
+        """Compile the scene and render it once.
 
-        scene_argument  scene as named on the command line
+        Args:
+            scene_argument: scene as named on the command line
+
+        Raises:
+            InputError: if a file, a key or a value cannot be understood
+            BackendError: if Mitsuba has no back end that works on this machine
         """
         self.scene, self.options, self.scene_argument = scene, frame or FrameOptions(), scene_argument or scene.name
         sensor_name = sensor or scene.sensor_name
@@ -269,7 +288,11 @@ class Live:
         return next(iter(self._equipment.values()))
 
     def _choose_equipment(self, settings: Settings) -> Equipment:
-        """Equipment with the sensor chosen on the page. Raises InputError."""
+        """Equipment with the sensor chosen on the page.
+
+        Raises:
+            InputError: if a file, a key or a value cannot be understood
+        """
         name = settings.get(SENSOR, self.sensors[0])
         if not isinstance(name, str) or name not in self.sensors:
             raise InputError(f"{SENSOR}: must be one of {', '.join(self.sensors)}, got {name}")
@@ -483,7 +506,11 @@ def _title(metadata: Any, otherwise: str) -> str:
 
 
 def settings_from(body: bytes) -> Settings:
-    """Parse the settings that the page sends. Raises InputError unless they are a JSON object."""
+    """Parse the settings that the page sends.
+
+    Raises:
+        InputError: unless they are a JSON object
+    """
     try:
         settings = json.loads(body)
     except (ValueError, RecursionError):

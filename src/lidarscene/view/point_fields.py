@@ -56,8 +56,9 @@ OF_BUDGET = (
 class Field:
     """Quantity of the points that the page shows.
 
-    names     names of the values of a category; None for a number
-    computed  True if it comes from the link budget
+    Attributes:
+        names: names of the values of a category; None for a number
+        computed: True if it comes from the link budget
     """
 
     name: str
@@ -93,10 +94,11 @@ def frame_blob(
 ) -> bytes:
     """Pack one frame.
 
-    origin_m      (3,) subtracted from the positions before they become single precision
-    budget        link budget of the points, or None
-    extra_header  further entries of the header
-    still_m       (n, 3) positions without the sensor's own motion, or None
+    Args:
+        origin_m: (3,) subtracted from the positions before they become single precision
+        budget: link budget of the points, or None
+        extra_header: further entries of the header
+        still_m: (n, 3) positions without the sensor's own motion, or None
     """
     fields: list[Field] = []
     arrays: dict[str, Numbers] = {"xyz": (cloud.xyz_m - origin_m).astype(np.float32).ravel()}

@@ -51,7 +51,11 @@ class Server(ThreadingHTTPServer):
     source: Source
 
     def __init__(self, port: int) -> None:
-        """Port 0 takes any free one. Raises InputError if the port is not available."""
+        """Port 0 takes any free one.
+
+        Raises:
+            InputError: if the port is not available
+        """
         self._free = threading.BoundedSemaphore(MOST_CONNECTIONS)
         self._is_over = False
         self._waiting: dict[_Handler, None] = {}

@@ -26,10 +26,11 @@ GLASS_ALPHA = 70
 class Solid:
     """Triangles with colours; those of glass come last.
 
-    vertices_m  (v, 3) float64, world
-    colours     (v, 4) uint8, red, green, blue, alpha
-    faces       (f, 3) uint32
-    opaque      number of faces that are not glass
+    Attributes:
+        vertices_m: (v, 3) float64, world
+        colours: (v, 4) uint8, red, green, blue, alpha
+        faces: (f, 3) uint32
+        opaque: number of faces that are not glass
     """
 
     vertices_m: Numbers

@@ -49,7 +49,8 @@ def histograms(rng, counter, light, count):
 def read_histograms(counts, counter, pixel, place=None):
     """Filter, threshold and peak of whole histograms, written out again: found, and time [ns] of the highest value.
 
-    place  only within 3 ns of it; None: anywhere
+    Args:
+        place: only within 3 ns of it; None: anywhere
     """
     w = matched_filter.TEMPLATE * 1e9 * float(pixel.sigma_s)
     template = np.exp(-0.5 * (np.arange(-12, 13) / w) ** 2) * math.sqrt(1 + 1.44) / 1.2

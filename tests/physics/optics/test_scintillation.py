@@ -21,9 +21,10 @@ POINTS = 256
 def pattern_of(phases: np.ndarray, path_m: np.ndarray, shift_m: float, aside_m: float = 0.0) -> np.ndarray:
     """Intensity on the plane of the lens of a rough Gaussian spot, (POINTS, POINTS), by one Fourier transform.
 
-    path_m   depth of each scatterer
-    shift_m  wavelength less `WAVELENGTH_M`: light that goes there and back is 4 pi depth shift / lambda^2 ahead
-    aside_m  place of the spot's middle
+    Args:
+        path_m: depth of each scatterer
+        shift_m: wavelength less `WAVELENGTH_M`: light that goes there and back is 4 pi depth shift / lambda^2 ahead
+        aside_m: place of the spot's middle
     """
     spot = np.exp(-((X - aside_m) ** 2 + Y**2) / (SPOT_RAD * RANGE_M) ** 2)  # a field: 1/e there is 1/e^2 of the power
     phase = phases - 4.0 * math.pi * path_m * shift_m / WAVELENGTH_M**2

@@ -24,16 +24,18 @@ _LN2 = math.log(2.0)
 class CellArray:
     """A SiPM, cell by cell.
 
-    dark_count_rate_hz    of each cell
-    recovery_s            after the dead time an avalanche's charge recovers as 1 - exp(-t / recovery); 0: at once
-    trigger_recovery_s    the same for the probability to fire
-    crosstalk             probability that an avalanche fires another cell at the same moment, which may do so in turn;
-                          any cell of the array is equally likely, if it can fire
-    afterpulse            probability that an avalanche fires its own cell again, if it can fire by then
-    afterpulse_s          mean delay of afterpulses, exponential
-    shape                 of one avalanche at the output, unit height: "box" of the dead time, so that the sum is the
-                          number of busy cells as in the paper, or "exponential"
-    rise_s, fall_s        of the exponential shape; a rise of 0 is a step
+    Attributes:
+        dark_count_rate_hz: of each cell
+        recovery_s: after the dead time an avalanche's charge recovers as 1 - exp(-t / recovery); 0: at once
+        trigger_recovery_s: the same for the probability to fire
+        crosstalk: probability that an avalanche fires another cell at the same moment, which may do so in turn; any
+            cell of the array is equally likely, if it can fire
+        afterpulse: probability that an avalanche fires its own cell again, if it can fire by then
+        afterpulse_s: mean delay of afterpulses, exponential
+        shape: of one avalanche at the output, unit height: "box" of the dead time, so that the sum is the number of
+            busy cells as in the paper, or "exponential"
+        rise_s: of the exponential shape; a rise of 0 is a step
+        fall_s: of the exponential shape; a rise of 0 is a step
     """
 
     cells: int
@@ -81,8 +83,9 @@ class CellArray:
 class Light:
     """Light on the whole array: a constant background and a Gaussian pulse that peaks at time 0.
 
-    background_photons  in one dead time, N_b-photon of (23)
-    signal_photons      as in (24), half of P_r FWHM / (h nu); the whole pulse has 2.13 times as many
+    Attributes:
+        background_photons: in one dead time, N_b-photon of (23)
+        signal_photons: as in (24), half of P_r FWHM / (h nu); the whole pulse has 2.13 times as many
     """
 
     background_photons: float

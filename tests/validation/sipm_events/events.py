@@ -30,9 +30,10 @@ _EVENTS_AT_A_TIME = 2e6
 class Avalanches:
     """Firings of some shots, unordered.
 
-    shot    (n,) int, from 0
-    time_s  (n,) from the pulse's peak
-    gain    (n,) charge, 1 for a recovered cell
+    Attributes:
+        shot: (n,) int, from 0
+        time_s: (n,) from the pulse's peak
+        gain: (n,) charge, 1 for a recovered cell
     """
 
     shot: Numbers

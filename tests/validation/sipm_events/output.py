@@ -20,7 +20,10 @@ def waveforms(
 ) -> Numbers:
     """(shots, samples) output in units of one recovered cell, exact at each sample.
 
-    For a box shape the step must be the dead time over a whole number. Raises ValueError.
+    For a box shape the step must be the dead time over a whole number.
+
+    Raises:
+        ValueError: if a value is not allowed
     """
     if array.shape == "box":
         return _box(array, avalanches, shots, start_s, step_s, samples)

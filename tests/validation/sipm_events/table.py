@@ -22,12 +22,13 @@ from .working_point import moments, pulse_outputs
 class ResponseTable:
     """The output when its mean is highest, over light; in units of one recovered cell.
 
-    background_photons  (b,) in one dead time
-    signal_photons      (s,) as in (24)
-    mean                (b, s), also variance and skewness; ``before`` (b,) is the mean without echo and ``noise``
-                        (b,) the standard deviation
-    peak_time_s         (b, s) after the light's peak
-    shots               per point; 0 if the numbers are exact
+    Attributes:
+        background_photons: (b,) in one dead time
+        signal_photons: (s,) as in (24)
+        mean: (b, s), also variance and skewness; ``before`` (b,) is the mean without echo and ``noise`` (b,) the
+            standard deviation
+        peak_time_s: (b, s) after the light's peak
+        shots: per point; 0 if the numbers are exact
     """
 
     background_photons: Numbers
@@ -138,8 +139,9 @@ def published_snr(array: CellArray, *, background_photons: Sequence[float], sign
 def error_of_published_snr(array: CellArray, table: ResponseTable, *, pulse_fwhm_s: float | None = None) -> Numbers:
     """(b, s) SNR by (27) over that of the table, minus one.
 
-    pulse_fwhm_s  gives (24) the photons of this pulse in the dead time around its peak, instead of half of P_r FWHM,
-                  so that only the effect of dead cells is left; None: (27) as printed
+    Args:
+        pulse_fwhm_s: gives (24) the photons of this pulse in the dead time around its peak, instead of half of P_r
+            FWHM, so that only the effect of dead cells is left; None: (27) as printed
     """
     photons = table.signal_photons
     if pulse_fwhm_s is not None:

@@ -37,16 +37,22 @@ class Moments:
 class Measured:
     """A working point; levels in units of one recovered cell above the mean before the pulse.
 
-    noise, before, skewness_before       of the output without echo; ``before`` is its mean
-    signal, peak_noise, peak_skewness    of the output at ``peak_time_s``, where its mean is highest
-    snr                                  signal / noise, to compare with (27)
-    threshold                            of the comparator, U
-    false_alarm_probability              that one sample without echo is >= U, to compare with (9)
-    false_alarm_rate_hz                  of a single-stop converter: -log(share of quiet shots) over the watched window
-    detection_probability                that the sample at ``peak_time_s`` is >= U
-    tripped                              share of shots whose output passes U between 2 FWHM before the pulse's peak and
-                                         the end of what it leaves: 2 FWHM after its last cells revive
-    crossing_s, crossing_deviation_s     mean and standard deviation of the time of passing; nan if it never does
+    Attributes:
+        noise: of the output without echo; ``before`` is its mean
+        before: of the output without echo; ``before`` is its mean
+        skewness_before: of the output without echo; ``before`` is its mean
+        signal: of the output at ``peak_time_s``, where its mean is highest
+        peak_noise: of the output at ``peak_time_s``, where its mean is highest
+        peak_skewness: of the output at ``peak_time_s``, where its mean is highest
+        snr: signal / noise, to compare with (27)
+        threshold: of the comparator, U
+        false_alarm_probability: that one sample without echo is >= U, to compare with (9)
+        false_alarm_rate_hz: of a single-stop converter: -log(share of quiet shots) over the watched window
+        detection_probability: that the sample at ``peak_time_s`` is >= U
+        tripped: share of shots whose output passes U between 2 FWHM before the pulse's peak and the end of what it
+            leaves: 2 FWHM after its last cells revive
+        crossing_s: mean of the time of passing; nan if it never does
+        crossing_deviation_s: standard deviation of the time of passing
     """
 
     shots: int
@@ -72,7 +78,8 @@ def outputs(
 ) -> Iterator[tuple[Numbers, Numbers]]:
     """(samples,) times and (shots, samples) outputs in single precision, some shots at a time.
 
-    steps  samples per dead time
+    Args:
+        steps: samples per dead time
     """
     step = array.dead_time_s / steps
     samples = max(1, math.floor((end_s - start_s) / step + 1e-6) + 1)
@@ -96,7 +103,8 @@ def pulse_outputs(
 ) -> tuple[Numbers, Numbers]:
     """Times and outputs from 2 FWHM before the light's peak until the output's mean has peaked.
 
-    until_revival  go on until cells of a box shape have revived
+    Args:
+        until_revival: go on until cells of a box shape have revived
     """
     # On the sampling grid, so that one sample falls on the light's peak.
     step = array.dead_time_s / steps
@@ -137,8 +145,9 @@ def measure(
 ) -> Measured:
     """The working point of these cells under this light.
 
-    threshold  in cells above the mean before the pulse; if None, threshold_to_noise times the noise, at least 1
-    steps      samples per dead time, which is also how often the comparator looks
+    Args:
+        threshold: in cells above the mean before the pulse; if None, threshold_to_noise times the noise, at least 1
+        steps: samples per dead time, which is also how often the comparator looks
     """
     window_s = _DARK_WINDOW * array.dead_time_s
     dark_time, dark = all_outputs(

@@ -51,7 +51,12 @@ def add_twin(commands: Any) -> None:
 
 
 def run_twin(arguments: argparse.Namespace) -> Answer:
-    """Run `twin`. Raises InputError and OutputError."""
+    """Run `twin`.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+        OutputError: if a result cannot be written
+    """
     from ...files.optional import require_together
     from ...recordings.opening import extras_of, open_recording
     from ...studies.twin.twin_files import PROVENANCE, SCENE, build_twin, choose_frames

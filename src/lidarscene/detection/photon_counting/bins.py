@@ -29,13 +29,14 @@ _BELOW_ALL = 1e9
 class Peak:
     """The highest value of the filter near an echo; each field (n,).
 
-    value    value of the filter above the background, in photons
-    height   the same between bins, at the top of the Gaussian through the value and its neighbours
-    time_s   time of flight, with the shift by pile-up
-    photons  photons of the echo: counts around the peak above those of the background
-    exists   whether a searched bin is higher than its neighbours; all true where the search has no limits
-    shaded   whether earlier light has changed by a percent how many SPADs are free
-    expected  mean of the value there where it has; None: no light can have, or counts are corrected for it
+    Attributes:
+        value: value of the filter above the background, in photons
+        height: the same between bins, at the top of the Gaussian through the value and its neighbours
+        time_s: time of flight, with the shift by pile-up
+        photons: photons of the echo: counts around the peak above those of the background
+        exists: whether a searched bin is higher than its neighbours; all true where the search has no limits
+        shaded: whether earlier light has changed by a percent how many SPADs are free
+        expected: mean of the value there where it has; None: no light can have, or counts are corrected for it
     """
 
     value: Lanes
@@ -51,15 +52,16 @@ class Peak:
 class _DrawState:
     """State of drawing the bins around an echo; each field (n,), with one entry per bin for ``firings`` and ``counts``.
 
-    number   number of the next bin, from the first one
-    free     share of the SPADs that are free for the first time since the first bin
-    silent   share that has not fired in these bins
-    trials   trials that have not fired in these bins, drawn
-    again    trials that are free again after they have fired in these bins, drawn
-    revived  trials that come free again in the next bin, drawn
-    parts    light of each sub-echo in that bin (`light.waveform.Comb`)
-    firings  firings of each bin
-    counts   counts of each bin; None: they are the firings
+    Attributes:
+        number: number of the next bin, from the first one
+        free: share of the SPADs that are free for the first time since the first bin
+        silent: share that has not fired in these bins
+        trials: trials that have not fired in these bins, drawn
+        again: trials that are free again after they have fired in these bins, drawn
+        revived: trials that come free again in the next bin, drawn
+        parts: light of each sub-echo in that bin (`light.waveform.Comb`)
+        firings: firings of each bin
+        counts: counts of each bin; None: they are the firings
     """
 
     number: Lanes
@@ -77,10 +79,11 @@ class _DrawState:
 class Bins:
     """Histograms of some pulses, of which only the bins around echoes are drawn.
 
-    pixel  SPADs under each pulse's background
-    wave   light on the detector, as wide as echoes are in the histogram
-    seed   32-bit frame seed
-    pulse  (n,) uint32 pulse numbers
+    Attributes:
+        pixel: SPADs under each pulse's background
+        wave: light on the detector, as wide as echoes are in the histogram
+        seed: 32-bit frame seed
+        pulse: (n,) uint32 pulse numbers
     """
 
     pixel: Macropixel
@@ -114,9 +117,10 @@ class Bins:
     ) -> Peak:
         """Find the peak of the filter near a place of the waveform, at this time of flight.
 
-        behind    whether there is light before these bins even where a pulse has one echo
-        limits_s  times of flight between which bins count that are higher than their neighbours, other echoes being
-                  near; None: the highest bin
+        Args:
+            behind: whether there is light before these bins even where a pulse has one echo
+            limits_s: times of flight between which bins count that are higher than their neighbours, other echoes being
+                near; None: the highest bin
         """
         pixel, histogram, ops = self.pixel, self.pixel.histogram, self.ops
         bin_s, reach, search = histogram.bin_s, histogram.reach, histogram.search
@@ -158,10 +162,11 @@ class Bins:
     def _draw_counts(self, first: Lanes, start: Lanes, before: EarlierFirings, middle: Lanes) -> list[Lanes]:
         """Draw the counts of each bin, (n,) each; corrected for pile-up if the sensor does so.
 
-        first   number of the first bin, even
-        start   its place
-        before  SPADs that fired before it
-        middle  place of the echo
+        Args:
+            first: number of the first bin, even
+            start: its place
+            before: SPADs that fired before it
+            middle: place of the echo
         """
         pixel, ops = self.pixel, self.ops
         bin_s, count, zero = pixel.histogram.bin_s, 2 * pixel.histogram.reach + 2, ops.full(start, 0.0)
@@ -206,8 +211,9 @@ class Bins:
         How many SPADs are free is not known, only how many have fired in these bins: the others fire with the share
         that the renewal course gives of them, so the counts of a dead time are multinomial.
 
-        detections  x, detections of a free SPAD in the bin
-        uniform     in (0, 1]
+        Args:
+            detections: x, detections of a free SPAD in the bin
+            uniform: in (0, 1]
         """
         pixel, ops = self.pixel, self.ops
         released = self._released(state.number, before)
@@ -258,7 +264,8 @@ class Bins:
     def _revived(self, firings: Array, number: Lanes, silent: Lanes) -> Lanes:
         """Firings of the drawn bins that come free in a bin, a dead time later, (n,).
 
-        silent  share of the SPADs that has not fired before the bin
+        Args:
+            silent: share of the SPADs that has not fired before the bin
         """
         pixel, ops = self.pixel, self.ops
         zero: Lanes = ops.full(number, 0.0)

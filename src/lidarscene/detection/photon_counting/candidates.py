@@ -23,11 +23,14 @@ from .tuning import MERGED, NEIGHBOURS, OUTWARD
 class Candidate:
     """Place at which the histogram is searched; each field (n,).
 
-    exists       whether the pulse has it
-    place        place of the filtered light
-    on_flank     whether an echo lies there that is no peak of the expected light; such are visited after all peaks
-    low, high    places between which its peak is looked for: the valleys beside a peak
-    previous, following  places of the peaks beside a peak, if there are any
+    Attributes:
+        exists: whether the pulse has it
+        place: place of the filtered light
+        on_flank: whether an echo lies there that is no peak of the expected light; such are visited after all peaks
+        low: place from which its peak is looked for: the valley before a peak
+        high: place up to which it is looked for: the valley behind
+        previous: place of the peak before a peak, if there is any
+        following: place of the peak behind it, if there is any
     """
 
     exists: Mask
@@ -43,10 +46,11 @@ class Candidate:
 class _Peaks:
     """Peaks of the expected light behind the filter, in order of time.
 
-    count    (n,) how many
-    places   place of each, (n,) at a time
-    valleys  place of the valley before each, (n,) at a time
-    merged   (n,) for each sub-echo, whether it is part of a peak
+    Attributes:
+        count: (n,) how many
+        places: place of each, (n,) at a time
+        valleys: place of the valley before each, (n,) at a time
+        merged: (n,) for each sub-echo, whether it is part of a peak
     """
 
     count: Lanes
@@ -59,10 +63,11 @@ class _Peaks:
 class _Walk:
     """State of the walk to the candidates of each pulse.
 
-    number   (n,) number of the next peak
-    flank    (n,) place of the last echo on a flank
-    valleys  as of `_Peaks`
-    places   as of `_Peaks`
+    Attributes:
+        number: (n,) number of the next peak
+        flank: (n,) place of the last echo on a flank
+        valleys: as of `_Peaks`
+        places: as of `_Peaks`
     """
 
     number: Lanes
@@ -78,7 +83,8 @@ Visit = Callable[[Candidate, Lanes, Expected, S], S]
 def visit_candidates(light: FilteredLight, visit: Visit[S], state: S) -> S:
     """Visit the peaks of each pulse in order of time, and then the echoes on their flanks; returns the last state.
 
-    state  state before the first: arrays of one entry for each pulse
+    Args:
+        state: state before the first: arrays of one entry for each pulse
     """
     ops, wave = light.ops, light.filtered
     peaks = _find_peaks(light)
@@ -163,7 +169,8 @@ def _find_peaks(light: FilteredLight) -> _Peaks:
 def _peaks_of(light: FilteredLight, candidate: Candidate, power_w: Lanes) -> Lanes:
     """Mean number of peaks that a candidate has, whatever their height, (n,): at most 1 (T167).
 
-    power_w  power of the filtered light there
+    Args:
+        power_w: power of the filtered light there
     """
     ops, wave, on_flank, place = light.ops, light.filtered, candidate.on_flank, candidate.place
     before, behind = place - candidate.previous < NEIGHBOURS, candidate.following - place < NEIGHBOURS
@@ -200,9 +207,10 @@ def _peaks_of(light: FilteredLight, candidate: Candidate, power_w: Lanes) -> Lan
 def _valleys(light: FilteredLight, stretches: tuple[Lanes, ...], upwards: Lanes, power_w: Lanes) -> tuple[Lanes, ...]:
     """Mean number of valleys of the drawn histogram behind the filter in neighbouring stretches, (n,) each (T166).
 
-    stretches  their ends, one more than stretches
-    upwards    1 or -1: only where the expected light rises or falls; 0: wherever
-    power_w    power of the filtered light at the candidate, which gives the photons of all light there
+    Args:
+        stretches: their ends, one more than stretches
+        upwards: 1 or -1: only where the expected light rises or falls; 0: wherever
+        power_w: power of the filtered light at the candidate, which gives the photons of all light there
     """
     ops, wave = light.ops, light.filtered
     pixel, point = light.pixel, light.point

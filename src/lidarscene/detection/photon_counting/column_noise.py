@@ -27,7 +27,9 @@ def share_noise(detection: Detection, train: EchoTrain, sensor: Sensor, *, seed:
     Only the noise is shared: the range stays that of the point's own surface. Points that are no echo, echoes that were
     folded, and those that fire nearly all SPADs keep their noise.
 
-    seed, pulse  as of `detection.receiver.detect`
+    Args:
+        seed: as of `detection.receiver.detect`
+        pulse: as of `detection.receiver.detect`
     """
     # Scanners without lines, such as flashes, have no neighbouring columns.
     if sensor.histogram is None or sensor.histogram.column_weights is None or sensor.scanner.line_pulses is None:

@@ -28,12 +28,13 @@ _BACK = (3, 2, 1, 0)
 class EarlierFirings:
     """SPADs that fired before the first bin; each (n,), or a room with an entry for each bin.
 
-    free      share that is free at the first bin
-    released  share that comes free in each bin a dead time after it has fired; None: that of even light
-    due       afterpulses in each bin of those that light of its own fired, for each free SPAD; None: there are none
-    shaded    whether light came before the bins: else the rooms hold nothing
-    value     mean of the filter's value then, in photons; None: not followed
-    changed   whether the free share is another one than in even light
+    Attributes:
+        free: share that is free at the first bin
+        released: share that comes free in each bin a dead time after it has fired; None: that of even light
+        due: afterpulses in each bin of those that light of its own fired, for each free SPAD; None: there are none
+        shaded: whether light came before the bins: else the rooms hold nothing
+        value: mean of the filter's value then, in photons; None: not followed
+        changed: whether the free share is another one than in even light
     """
 
     free: Lanes
@@ -48,9 +49,10 @@ class EarlierFirings:
 class _Course:
     """Course of the free SPADs some dead times before the drawn bins, or within them; each field (n,).
 
-    free   share that is free when a step begins
-    due    afterpulses a step that free ones are to have, above those of even light
-    parts  light of each sub-echo in the step (`light.waveform.Comb`)
+    Attributes:
+        free: share that is free when a step begins
+        due: afterpulses a step that free ones are to have, above those of even light
+        parts: light of each sub-echo in the step (`light.waveform.Comb`)
     """
 
     free: Lanes
@@ -62,10 +64,11 @@ class _Course:
 class _Following:
     """State of following the courses; each field (n,), rooms of `EarlierFirings`.
 
-    number   number of the next step, from the first bin: negative before it
-    courses  those of `_BACK`
-    free     share that is free at the first bin
-    values   counts behind the filter's template so far, at some places
+    Attributes:
+        number: number of the next step, from the first bin: negative before it
+        courses: those of `_BACK`
+        free: share that is free at the first bin
+        values: counts behind the filter's template so far, at some places
     """
 
     number: Lanes
@@ -80,7 +83,8 @@ class _Following:
 class _Stepped:
     """Courses after a step, before their light advances; each field (n,), rooms of `EarlierFirings`.
 
-    fired  share that the last of them fires in the step
+    Attributes:
+        fired: share that the last of them fires in the step
     """
 
     courses: tuple[_Course, ...]
@@ -111,9 +115,12 @@ class Courses:
     ) -> EarlierFirings:
         """SPADs that background, nearer echoes and the air have fired before the first bin.
 
-        start, time_s   place and time of flight of that bin
-        echo_s, middle  time of flight and place of the echo, for which the pixel is
-        behind          whether there is light before these bins even where a pulse has one echo
+        Args:
+            start: place of that bin
+            time_s: time of flight of that bin
+            echo_s: time of flight of the echo, for which the pixel is
+            middle: place of the echo
+            behind: whether there is light before these bins even where a pulse has one echo
         """
         pixel, wave = self.pixel, self.wave
         free = pixel.free
@@ -152,8 +159,9 @@ class Courses:
         What fires a dead time before comes free in the bins, as sharply as the light that fired it came. So the courses
         of some dead times are followed side by side, the earliest first: what fires in one comes free in the next.
 
-        even    free share in even light
-        middle  place beside which the filter's highest value is expected
+        Args:
+            even: free share in even light
+            middle: place beside which the filter's highest value is expected
         """
         pixel, ops = self.pixel, self.ops
         spad = pixel.spad
@@ -224,7 +232,8 @@ class Courses:
     ) -> list[tuple[Lanes, Lanes]]:
         """Free share, and afterpulses that are due in a step, (n,) each, where each course begins; as of `_follow`.
 
-        lead  number of steps before the first bin
+        Args:
+            lead: number of steps before the first bin
         """
         pixel, ops = self.pixel, self.ops
         bin_s, early = pixel.histogram.bin_s, lead + 0.5
@@ -246,7 +255,8 @@ class Courses:
     def _step_courses(self, state: _Following, lights: list[Lanes]) -> _Stepped:
         """Follow the courses through a step.
 
-        lights  (n,) for each: detections of a free SPAD in the step, of light of its own
+        Args:
+            lights: (n,) for each: detections of a free SPAD in the step, of light of its own
         """
         pixel, ops = self.pixel, self.ops
         spad, bin_s = pixel.spad, pixel.histogram.bin_s

@@ -26,11 +26,12 @@ from .tuning import MERGED, SURE
 class Expected:
     """Expectation of a peak; each field (n,).
 
-    snr          its value over the noise without an echo
-    probability  P_d
-    level        median of its threshold, in photons
-    lone         how far its neighbours lack it (`sensor.detectors.working_point.ThresholdLaw`)
-    peaks        mean number of peaks there, a factor of the probability
+    Attributes:
+        snr: its value over the noise without an echo
+        probability: P_d
+        level: median of its threshold, in photons
+        lone: how far its neighbours lack it (`sensor.detectors.working_point.ThresholdLaw`)
+        peaks: mean number of peaks there, a factor of the probability
     """
 
     snr: Lanes
@@ -44,13 +45,14 @@ class Expected:
 class FilteredLight(Shots):
     """Light of n pulses, as it is expected in the histogram and behind its filter.
 
-    train     their light, folded into the unambiguous range
-    folds_m   range by which each sub-echo of a surface was folded, (n,) each; None: nothing folds
-    light     expected light as wide as in the histogram
-    filtered  expected light as wide as behind the filter
-    pixel     SPADs under the background, as they are where their number does not depend on the range
-    level     (n,) median threshold of `point`, which is that of `pixel`
-    deviate   (n,) standard normal number of the point, which scatters its thresholds
+    Attributes:
+        train: their light, folded into the unambiguous range
+        folds_m: range by which each sub-echo of a surface was folded, (n,) each; None: nothing folds
+        light: expected light as wide as in the histogram
+        filtered: expected light as wide as behind the filter
+        pixel: SPADs under the background, as they are where their number does not depend on the range
+        level: (n,) median threshold of `point`, which is that of `pixel`
+        deviate: (n,) standard normal number of the point, which scatters its thresholds
     """
 
     train: EchoTrain
@@ -95,7 +97,8 @@ class FilteredLight(Shots):
     def expect(self, place: Lanes, power_w: Lanes, *, part: Lanes | None = None) -> Expected:
         """Expectation of a peak of the light behind the filter, (n,).
 
-        part  its height over that of an echo of this power alone; None: by the light before it, to first order
+        Args:
+            part: its height over that of an echo of this power alone; None: by the light before it, to first order
         """
         point, level = self.point_at(self.filtered.range_m(place))
         assert point.law is not None
@@ -126,8 +129,9 @@ class FilteredLight(Shots):
 
         Before the bins are drawn it is known to first order only (`_shadow`).
 
-        value   (n,) mean of the filter's value at the peak
-        shaded  (n,) bool, whether the peak is such a one
+        Args:
+            value: (n,) mean of the filter's value at the peak
+            shaded: (n,) bool, whether the peak is such a one
         """
         ops = self.ops
 

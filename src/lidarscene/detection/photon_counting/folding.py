@@ -18,8 +18,10 @@ from ...sensor.histogram import Histogram
 class Folded:
     """Light folded into the unambiguous range.
 
-    train     sub-echoes at the ranges at which they appear, none of them beyond the unambiguous range
-    folds_m   (n,) each, by how much every sub-echo of a surface appears too near; None: the pulse period is not known
+    Attributes:
+        train: sub-echoes at the ranges at which they appear, none of them beyond the unambiguous range
+        folds_m: (n,) each, by how much every sub-echo of a surface appears too near; None: the pulse period is not
+            known
     """
 
     train: EchoTrain

@@ -29,9 +29,10 @@ _FINE = 8
 class Histograms:
     """Histograms of n pulses, over bins from the moment when the pulse leaves.
 
-    time_s    (bins,) middle of each bin
-    expected  (n, bins) mean counts
-    counts    (n, bins) counts, drawn
+    Attributes:
+        time_s: (bins,) middle of each bin
+        expected: (n, bins) mean counts
+        counts: (n, bins) counts, drawn
     """
 
     time_s: Numbers
@@ -42,8 +43,9 @@ class Histograms:
 def histograms(train: EchoTrain, sensor: Sensor, *, seed: Seed, pulse: Numbers) -> Histograms:
     """Expected and drawn histograms of n pulses over the whole window.
 
-    train  their light; NumPy
-    pulse  (n,) uint32 pulse numbers
+    Args:
+        train: their light; NumPy
+        pulse: (n,) uint32 pulse numbers
     """
     assert isinstance(sensor.detector, Spad)
     assert sensor.histogram is not None

@@ -37,13 +37,14 @@ from .tuning import ASIDE, LOWEST_HUMP, NEVER
 class _PeakSearch:
     """State of the search over the peaks of each pulse; each field (n,).
 
-    tripped    whether the filter exceeded the threshold at any peak
-    in_window  whether it did within the window
-    last_s     time of the last return
-    revived_s  time of the last return of SPADs that come back
-    highest    place of the highest peak of the light
-    highest_w  power there
-    stops      returns so far, best first
+    Attributes:
+        tripped: whether the filter exceeded the threshold at any peak
+        in_window: whether it did within the window
+        last_s: time of the last return
+        revived_s: time of the last return of SPADs that come back
+        highest: place of the highest peak of the light
+        highest_w: power there
+        stops: returns so far, best first
     """
 
     tripped: Mask
@@ -135,7 +136,8 @@ class Peaks(FilteredLight):
     def _add_peak(self, candidate: Candidate, power_w: Lanes, expected: Expected, state: _PeakSearch) -> _PeakSearch:
         """Add a candidate and its return to the search, which chance must be able to make.
 
-        power_w  (n,) power of the filtered light there
+        Args:
+            power_w: (n,) power of the filtered light there
         """
         ops, exists, place = self.ops, candidate.exists, candidate.place
         higher = exists & (power_w > state.highest_w)
@@ -224,8 +226,9 @@ class Peaks(FilteredLight):
     def _keep_first(self, accepted: Mask, on_flank: Mask, time_s: Lanes, stops: Stops) -> tuple[Mask, Stops]:
         """Hold the return of an echo on a flank, which is visited after all peaks, to the distance from the others.
 
-        Returns whether it is accepted, and the stops without those that lie less than that distance behind it. A peak
-        of the histogram that is a return already is no second one: two are two bins apart at least.
+        Returns:
+            whether it is accepted, and the stops without those that lie less than that distance behind it. A peak of
+            the histogram that is a return already is no second one: two are two bins apart at least.
         """
         ops, separation_s = self.ops, self.sensor.tdc.dead_time_s
         assert self.sensor.histogram is not None
@@ -246,12 +249,13 @@ class Peaks(FilteredLight):
     ) -> _PeakSearch:
         """Search where the SPADs that a peak has fired come back together; adds a return of them to the search.
 
-        place       (n,) place of the peak whose SPADs they are
-        detections  (n,) Lambda of that peak
-        expected    expectation of that peak
-
         A later echo is held to the distance from the last echo, not from these: nothing is known of them when the peaks
         are visited.
+
+        Args:
+            place: (n,) place of the peak whose SPADs they are
+            detections: (n,) Lambda of that peak
+            expected: expectation of that peak
         """
         ops, sensor = self.ops, self.sensor
         pixel, point = self.pixel, self.point

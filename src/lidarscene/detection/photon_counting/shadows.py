@@ -29,11 +29,12 @@ _STEPS = (12, 6, 6, 6, 6)
 class Shadow:
     """SPADs that light of the last dead times has fired, over those that are free in even light.
 
-    place    (n,) place, in sigmas, behind that light
-    sun      lambda sigma
-    dead     tau in sigmas
-    firings  (n,) each: firings within the last dead time before the place, the one before, and so on
-    places   (n,) each: their mean places
+    Attributes:
+        place: (n,) place, in sigmas, behind that light
+        sun: lambda sigma
+        dead: tau in sigmas
+        firings: (n,) each: firings within the last dead time before the place, the one before, and so on
+        places: (n,) each: their mean places
     """
 
     place: Lanes
@@ -76,9 +77,10 @@ class Shadow:
     def before(cls, pixel: Macropixel, wave: Waveform, place: Lanes, time_s: Lanes) -> Shadow:
         """Gather the light before a place.
 
-        wave    light on the detector, as wide as echoes are in the histogram
-        place   (n,) place on it
-        time_s  (n,) time of flight to the place
+        Args:
+            wave: light on the detector, as wide as echoes are in the histogram
+            place: (n,) place on it
+            time_s: (n,) time of flight to the place
         """
         ops, sun, dead = xp(place), pixel.sun, pixel.blind_sigmas
         if pixel.spad.fires_once:
@@ -131,9 +133,10 @@ def _light_between(
     """Detections of a free SPAD before a place and behind an earlier one, their mean place, and which part they are of
     whole echoes, (n,) each.
 
-    ends    the later place and the earlier one; None: when the pulse left
-    time_s  time of flight to the later one
-    number  dead times before the place whose shadow this is
+    Args:
+        ends: the later place and the earlier one; None: when the pulse left
+        time_s: time of flight to the later one
+        number: dead times before the place whose shadow this is
     """
     ops, (end, begin), sigma = xp(time_s), ends, pixel.sigma_s
     zero: Lanes = ops.full(end, 0.0)

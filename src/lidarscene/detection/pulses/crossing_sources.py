@@ -16,15 +16,16 @@ def crossing_source(
 ) -> tuple[Lanes, Lanes]:
     """Number (n,) of the sub-echo that causes a crossing, -1 for the air's even light, and its true range [m].
 
-    surfaces   number of sub-echoes that are of surfaces; they come before those of the air
-    stray      whether the last sub-echo is stray light of other channels
-    place      (n,) place of the crossing
-    in_valley  (n,) bool, whether that is the valley before the rise
-    measured   (n,) place that the sampler takes for the pulse's: even light has no other
-
     The cause is the light that rises most steeply at the crossing, of the surfaces or of the air. The most light
     would be the wrong test: fog may trip the comparator on the way up to the peak of a surface far behind it, and a
     surface may trip it on top of fog that is brighter (docs/theory_light.md 17).
+
+    Args:
+        surfaces: number of sub-echoes that are of surfaces; they come before those of the air
+        stray: whether the last sub-echo is stray light of other channels
+        place: (n,) place of the crossing
+        in_valley: (n,) bool, whether that is the valley before the rise
+        measured: (n,) place that the sampler takes for the pulse's: even light has no other
     """
     ops, wave = shots.ops, shots.wave
     number, range_m = _surface_or_air(

@@ -29,8 +29,9 @@ _REMEMBERED = 2
 class Earlier:
     """An earlier echo, or several; each field (n,).
 
-    place   place of its peak; for an amplifier: the place at which it leaves clipping
-    amount  cells that it fired; of an amplifier: charge that it holds, as a level of the signal
+    Attributes:
+        place: place of its peak; for an amplifier: the place at which it leaves clipping
+        amount: cells that it fired; of an amplifier: charge that it holds, as a level of the signal
     """
 
     place: Lanes
@@ -41,9 +42,10 @@ class Earlier:
 class Residue:
     """Residue of earlier echoes at one rise; each field (n,).
 
-    floor  signal that is left where the rise begins
-    held   signal that is left at its peak
-    share  share of the response that is left at its peak; 1 without memory
+    Attributes:
+        floor: signal that is left where the rise begins
+        held: signal that is left at its peak
+        share: share of the response that is left at its peak; 1 without memory
     """
 
     floor: Lanes
@@ -105,7 +107,8 @@ def find_residue(shots: Received, rise: Rise, memory: Memory) -> Residue | None:
 def update_memory(shots: Received, rise: Rise, signal: Lanes, residue: Residue | None, memory: Memory) -> Memory:
     """Memory after a rise.
 
-    signal  (n,) its peak, with what was left of earlier echoes
+    Args:
+        signal: (n,) its peak, with what was left of earlier echoes
     """
     if residue is None:
         return memory

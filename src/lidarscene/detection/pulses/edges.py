@@ -35,10 +35,12 @@ def trailing_level(shots: Received, rise: Rise, trip: Trip, place: Lanes, thresh
 def fall(shots: Received, rise: Rise, trip: Trip, level: Lanes, since: Lanes, mask: Mask) -> tuple[Lanes, Lanes]:
     """Place at which the amplifier's output falls to a signal level, (n,); the peak if that is below the level.
 
-    level  (n,) noiseless signal
-    since  (n,) place where the waveform is still above the level: the peak, or a place behind it
+    Args:
+        level: (n,) noiseless signal
+        since: (n,) place where the waveform is still above the level: the peak, or a place behind it
 
-    Returns a second place, that of `_find_fall` for the light itself.
+    Returns:
+        a second place, that of `_find_fall` for the light itself
     """
     ops, point = shots.ops, shots.point
     below = mask & (level < trip.signal)
@@ -90,10 +92,11 @@ def foot(shots: Received, rise: Rise, trip: Trip, mask: Mask) -> Lanes:
 class _Foot:
     """State of the walk behind a peak in search of the next rise; each field (n,).
 
-    place    current place of the walk
-    lowest   lowest signal so far
-    steps    number of steps so far
-    walking  whether the walk goes on
+    Attributes:
+        place: current place of the walk
+        lowest: lowest signal so far
+        steps: number of steps so far
+        walking: whether the walk goes on
     """
 
     place: Lanes
@@ -105,10 +108,12 @@ class _Foot:
 def _find_fall(shots: Received, level_w: Lanes, rise: Rise, since: Lanes, mask: Mask) -> tuple[Lanes, Lanes]:
     """Place behind a peak at which the waveform falls to a level, (n,).
 
-    level_w  (n,) optical power
-    since    (n,) place where the waveform is still above the level: the peak, or a place behind it
+    Args:
+        level_w: (n,) optical power
+        since: (n,) place where the waveform is still above the level: the peak, or a place behind it
 
-    Returns a second place, at most a step before the first, where the waveform is still above the level.
+    Returns:
+        a second place, at most a step before the first, where the waveform is still above the level
     """
     ops = shots.ops
 
@@ -130,9 +135,10 @@ def _find_fall(shots: Received, level_w: Lanes, rise: Rise, since: Lanes, mask: 
 class _Fall:
     """State of the walk down behind a peak; each field (n,).
 
-    place  current place of the walk
-    above  whether the waveform is still above the level there
-    steps  number of steps so far
+    Attributes:
+        place: current place of the walk
+        above: whether the waveform is still above the level there
+        steps: number of steps so far
     """
 
     place: Lanes

@@ -22,13 +22,14 @@ from ..shots import Received
 class Window:
     """The ADC's samples around a crossing; each array (n,), places in sigma_p.
 
-    shots     the pulses
-    adc       the converter
-    rise      the rise that crossed the threshold
-    crossing  place of the crossing
-    start     place of the first sample
-    spacing   distance between two samples
-    base      signal of the light on which the pulse stands: it is taken off the samples
+    Attributes:
+        shots: the pulses
+        adc: the converter
+        rise: the rise that crossed the threshold
+        crossing: place of the crossing
+        start: place of the first sample
+        spacing: distance between two samples
+        base: signal of the light on which the pulse stands: it is taken off the samples
     """
 
     shots: Received
@@ -116,7 +117,8 @@ class Window:
     def _loop(self, step: Callable[[Lanes, S], S], state: S, mask: Mask, *, each: int = 1) -> S:
         """Run ``step(number, state) -> state`` over all samples in order of time; returns the last state.
 
-        each  samples of a step
+        Args:
+            each: samples of a step
         """
         samples = self.adc.samples
 
@@ -153,9 +155,11 @@ class Window:
     def newton_step(self, samples: Array, centre: Lanes, mask: Mask) -> tuple[Lanes, Lanes]:
         """One step of Newton's method towards the maximum of the correlation sum_i s_i g(t_i - t).
 
-        centre  (n,) place from which the step is taken
+        Args:
+            centre: (n,) place from which the step is taken
 
-        Returns the next place and the height of the pulse that fits the samples best at ``centre``.
+        Returns:
+            the next place and the height of the pulse that fits the samples best at ``centre``
         """
         ops, spacing = self.shots.ops, self.spacing
         zero, begin = ops.full(self.start, 0.0), self.start - centre
@@ -196,10 +200,11 @@ class Window:
 class _Sampled:
     """State of reading the samples.
 
-    deviate  (n,) deviate of the last sample's noise, N(0, 1)
-    samples  local memory for all samples of each lane
-    parts    (n,) each, every sub-echo's part at the next sample (`light.waveform.Comb`)
-    run      first samples above the threshold so far
+    Attributes:
+        deviate: (n,) deviate of the last sample's noise, N(0, 1)
+        samples: local memory for all samples of each lane
+        parts: (n,) each, every sub-echo's part at the next sample (`light.waveform.Comb`)
+        run: first samples above the threshold so far
     """
 
     deviate: Lanes
@@ -212,11 +217,12 @@ class _Sampled:
 class RunOfSamples:
     """Sums over the first run of samples above the threshold; each field (n,).
 
-    total    sum of the samples
-    moment   sum of the samples times their places
-    count    number of samples
-    highest  highest sample
-    closed   whether the run has ended
+    Attributes:
+        total: sum of the samples
+        moment: sum of the samples times their places
+        count: number of samples
+        highest: highest sample
+        closed: whether the run has ended
     """
 
     total: Array
@@ -230,9 +236,10 @@ class RunOfSamples:
 class _Foot:
     """State of the walk up a leading edge; each field (n,).
 
-    place    place of the last sample below the level
-    sample   its value
-    reached  whether a sample has reached the level
+    Attributes:
+        place: place of the last sample below the level
+        sample: its value
+        reached: whether a sample has reached the level
     """
 
     place: Lanes
@@ -244,12 +251,13 @@ class _Foot:
 class _Correlation:
     """Correlation of the samples with a pulse at some place; each field (n,).
 
-    pulse   the pulse at the next sample
-    growth  its factor from that sample to the one after
-    slope   its derivative by the pulse's place
-    bend    its second derivative, with the sign changed
-    height  the correlation
-    power   sum of the pulse's squares
+    Attributes:
+        pulse: the pulse at the next sample
+        growth: its factor from that sample to the one after
+        slope: its derivative by the pulse's place
+        bend: its second derivative, with the sign changed
+        height: the correlation
+        power: sum of the pulse's squares
     """
 
     pulse: Lanes

@@ -41,7 +41,8 @@ def gains(sensor: Sensor, rise: Rise) -> tuple[Lanes, Lanes]:
 def amplitude(shots: Shots, trip: Trip, *, lag_s: Lanes) -> Lanes:
     """Measured peak, (n,) in signal units; its noise is correlated with that of the instant that is timed.
 
-    lag_s  (n,) time between the comparator's crossing and the peak
+    Args:
+        lag_s: (n,) time between the comparator's crossing and the peak
     """
     timing = shots.sensor.tdc.timing
     if timing == "constant_fraction":
@@ -64,11 +65,12 @@ def lone_pulse_time_s(
 ) -> Lanes:
     """Reported time of a single Gaussian echo, (n,) s.
 
-    arrival_s   (n,) time of its peak
-    crossing_s  (n,) time at which it trips the comparator
-    measured    (n,) measured amplitude, in signal units
-    power_w     (n,) optical peak power without noise
-    width_s     (n,) time over the threshold, or None: not measured
+    Args:
+        arrival_s: (n,) time of its peak
+        crossing_s: (n,) time at which it trips the comparator
+        measured: (n,) measured amplitude, in signal units
+        power_w: (n,) optical peak power without noise
+        width_s: (n,) time over the threshold, or None: not measured
     """
     ops, timing = xp(arrival_s), shots.sensor.tdc.timing
     if timing == "leading_edge":
@@ -88,10 +90,11 @@ def rise_time_s(
 ) -> tuple[Lanes, Lanes]:
     """Reported time of a rise, (n,) s, and the place on the waveform that was timed.
 
-    place     (n,) place at which it trips the comparator
-    measured  (n,) measured amplitude, in signal units
-    width_s   (n,) time over the threshold, or None: not measured
-    mask      (n,) bool, lanes to time; results of other lanes are undefined
+    Args:
+        place: (n,) place at which it trips the comparator
+        measured: (n,) measured amplitude, in signal units
+        width_s: (n,) time over the threshold, or None: not measured
+        mask: (n,) bool, lanes to time; results of other lanes are undefined
     """
     ops, timing = shots.ops, shots.sensor.tdc.timing
     pulse_w = ops.where(mask, _power_above_base_w(shots, rise, trip), 1.0)

@@ -18,7 +18,11 @@ from ..inputs import require_file
 
 
 def read_columns(path: Path, *, is_wanted: Callable[[str], bool]) -> dict[str, Numbers]:
-    """Read (n,) float64 values of each column whose name satisfies ``is_wanted``; n may be 0. Raises InputError."""
+    """Read (n,) float64 values of each column whose name satisfies ``is_wanted``; n may be 0.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+    """
     require_file(path, "a CSV file")
     try:
         with path.open(encoding="utf-8-sig") as file:

@@ -23,7 +23,8 @@ GREY, COLOUR = 0, 2
 def encode_png(image: Numbers, *, text: Mapping[str, str] | None = None, is_sparse: bool = False) -> bytes:
     """Encode a (h, w, 3) uint8 or (h, w) uint16 image as a PNG file, with Latin-1 texts by keyword.
 
-    is_sparse  for dots on one colour: rows are stored as they are and packed quickly; other images would get larger
+    Args:
+        is_sparse: for dots on one colour: rows are stored as they are and packed quickly; other images would get larger
     """
     is_colour = image.ndim == 3
     height, width = image.shape[:2]

@@ -26,13 +26,14 @@ class Firings:
     """One frame: a row for each firing of the bank, in order of time, a column for each laser, as the sensor file lists
     them. The first three have one number for each return, the strongest first; 0 where nothing came back.
 
-    range_m    (firings, lasers, 2) float64, from the beam's exit
-    intensity  (firings, lasers, 2) float32, as the sensor reports it
-    signal     (firings, lasers, 2) float32, photons
-    ambient    (firings, lasers) float32, background counts, of lost pulses too if the sensor's maker sends them
-    number     of the first firing, counted from the first frame's
-    time_s     (firings,) float64, when the first laser of each fires, since 1970
-    imu        samples of the sensor's IMU until the next frame, with times since 1970; None without one
+    Attributes:
+        range_m: (firings, lasers, 2) float64, from the beam's exit
+        intensity: (firings, lasers, 2) float32, as the sensor reports it
+        signal: (firings, lasers, 2) float32, photons
+        ambient: (firings, lasers) float32, background counts, of lost pulses too if the sensor's maker sends them
+        number: of the first firing, counted from the first frame's
+        time_s: (firings,) float64, when the first laser of each fires, since 1970
+        imu: samples of the sensor's IMU until the next frame, with times since 1970; None without one
     """
 
     range_m: Numbers
@@ -50,10 +51,11 @@ class Firings:
 class FiringsBuilder:
     """Builder of the `Firings` of a frame from its clouds, piece by piece.
 
-    sensor    a spinning one, which `select_encoder` accepts
-    number    number of the frame
-    epoch_ns  from 1970 to the scene's second 0
-    imu       samples of the sensor's IMU until the next frame, by the scene's clock
+    Args:
+        sensor: a spinning one, which `select_encoder` accepts
+        number: number of the frame
+        epoch_ns: from 1970 to the scene's second 0
+        imu: samples of the sensor's IMU until the next frame, by the scene's clock
     """
 
     def __init__(self, sensor: Sensor, number: int, *, epoch_ns: int = 0, imu: ImuSamples | None = None) -> None:

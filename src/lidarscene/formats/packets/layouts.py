@@ -15,7 +15,8 @@ import numpy as np
 class Packet(NamedTuple):
     """A UDP payload and its time [s]: when it leaves the simulated sensor, or when a recorder received it.
 
-    port  UDP port that it is sent to; None: that of the sensor's points
+    Attributes:
+        port: UDP port that it is sent to; None: that of the sensor's points
     """
 
     time_s: float

@@ -163,7 +163,11 @@ def match_ouster(sensor: Sensor, profile: str) -> OusterEncoder | None:
 
 
 def _metadata(sensor: Sensor, scanner: Spinning, profile: str, imu_packets: int) -> dict[str, Any]:
-    """Metadata in the words of the sensor's own json. Raises InputError for a sensor that no Ouster can be."""
+    """Metadata in the words of the sensor's own json.
+
+    Raises:
+        InputError: for a sensor that no Ouster can be
+    """
     imu_profile = "ACCEL32_GYRO32_NMEA" if imu_packets else "LEGACY"
     firmware = FIRMWARE[imu_profile]
     mode = f"{scanner.cycles}x{round(1.0 / scanner.frame_s)}"

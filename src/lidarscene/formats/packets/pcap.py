@@ -44,7 +44,8 @@ def record_of(packet: Packet, port: int) -> bytes:
 def pcap_stream(path: str | os.PathLike[str], encoder: PacketEncoder) -> Iterator[Callable[[Firings], None]]:
     """Write the frames that are appended in the block, and what the maker's readers need beside them.
 
-    encoder  one from `select_encoder`, for this file alone
+    Args:
+        encoder: one from `select_encoder`, for this file alone
     """
     with atomic_output(path) as temporary, open(temporary, "wb") as file:
         file.write(HEADER)

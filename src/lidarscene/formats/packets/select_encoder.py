@@ -16,8 +16,11 @@ KNOWN = (*(model.name for model in MODELS), "os0-128", "os1-128", "os2-128", "pa
 def select_encoder(sensor: Sensor, profile: str = "default") -> PacketEncoder:
     """Return a new encoder of this sensor's packets.
 
-    profile  profile of an Ouster's packets, a key of `ouster_encoder.PROFILES`
-    Raises InputError, in one line, for a sensor that has no format of packets.
+    Args:
+        profile: profile of an Ouster's packets, a key of `ouster_encoder.PROFILES`
+
+    Raises:
+        InputError: in one line, for a sensor that has no format of packets
     """
     ouster = match_ouster(sensor, profile)
     encoder = ouster or match_velodyne(sensor) or match_pandar64(sensor)

@@ -39,13 +39,14 @@ HOUR_US = 3_600_000_000
 class Model:
     """Timing and packet layout of one of Velodyne's sensors.
 
-    code        last byte of its packets
-    cycle_us    time from firing to firing
-    firing_us   delay of each laser within a firing
-    step_m      step of the distances
-    firings     firings in a packet with one return, and with two
-    stamp_us    delay of a packet's stamp after its first laser fired. That of a VLS-128 is taken when its fourth group
-                fires: velodyne-decoder takes off 7 us at 2.89 us a group, so 6.46 us at 2.667 us
+    Attributes:
+        code: last byte of its packets
+        cycle_us: time from firing to firing
+        firing_us: delay of each laser within a firing
+        step_m: step of the distances
+        firings: firings in a packet with one return, and with two
+        stamp_us: delay of a packet's stamp after its first laser fired. That of a VLS-128 is taken when its fourth
+            group fires: velodyne-decoder takes off 7 us at 2.89 us a group, so 6.46 us at 2.667 us
     """
 
     name: str

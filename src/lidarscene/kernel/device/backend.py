@@ -42,9 +42,12 @@ class BackendReport:
 
 
 def mitsuba() -> ModuleType:
-    """Return the `mitsuba` module with the variant set that the first call has chosen. Raises `BackendError`.
+    """Return the `mitsuba` module with the variant set that the first call has chosen.
 
     Mitsuba has one variant for the whole process: if the user has set another since, it is set again.
+
+    Raises:
+        BackendError: if Mitsuba has no back end that works on this machine
     """
     mi, name = _chosen()
     if mi.variant() != name:
@@ -69,8 +72,10 @@ def _chosen() -> tuple[ModuleType, str]:
     """Return Mitsuba and the variant that is chosen and set.
 
     The order: LIDARSCENE_VARIANT if it is set; else a variant that the user has already set, if it is of use here; else
-    cuda_ad_mono if a GPU works and its frames are those of the CPU (`trial`); else llvm_ad_mono. Raises `BackendError`
-    if none works.
+    cuda_ad_mono if a GPU works and its frames are those of the CPU (`trial`); else llvm_ad_mono.
+
+    Raises:
+        BackendError: if none works
     """
     requested = os.environ.get(VARIANT_VARIABLE)
     if requested:
@@ -108,7 +113,8 @@ def prepare_thread(*, after_another: bool) -> None:
 def core_function(mangled: str) -> Any:
     """Return a function of Dr.Jit's library that Python has no name for; None where the library has no such function.
 
-    mangled  its name after the Itanium ABI: Linux and macOS
+    Args:
+        mangled: its name after the Itanium ABI: Linux and macOS
     """
     for name in ("libdrjit-core.so", "libdrjit-core.dylib"):
         with contextlib.suppress(OSError, AttributeError):
@@ -246,7 +252,11 @@ def _require_trial(name: str) -> None:
 
 
 def _set_variant(name: str) -> ModuleType:
-    """Set this variant and return Mitsuba. Raises `BackendError` with the reason if the variant does not work."""
+    """Set this variant and return Mitsuba.
+
+    Raises:
+        BackendError: with the reason if the variant does not work
+    """
     if problem := _misfit(name):
         raise BackendError(problem)
     if name.startswith("cuda") and (problem := cuda_problem()):
@@ -313,7 +323,11 @@ def _syntax_on_demand() -> Iterator[None]:
 
 
 def _users_variant(mi: ModuleType, current: str) -> ModuleType:
-    """Return Mitsuba with the variant that the user has set. Raises `BackendError` if it is of no use here."""
+    """Return Mitsuba with the variant that the user has set.
+
+    Raises:
+        BackendError: if it is of no use here
+    """
     if problem := _misfit(current):
         raise BackendError(
             f"the Mitsuba variant '{current}' is set, but {problem}; "
@@ -326,7 +340,12 @@ def _users_variant(mi: ModuleType, current: str) -> ModuleType:
 
 
 def _import_mitsuba() -> Any:
-    """Import Mitsuba and silence its log. Raises `BackendError`, and InputError without a current folder."""
+    """Import Mitsuba and silence its log.
+
+    Raises:
+        BackendError: if Mitsuba has no back end that works on this machine
+        InputError: without a current folder
+    """
     try:
         current_folder = Path.cwd()
     except OSError as error:

@@ -33,8 +33,9 @@ do: 32 threads take ten times the processor time of two for a frame of 29,000 be
 class _Threads:
     """Number of Dr.Jit's threads for small frames, and the number that it had before.
 
-    most  the most to use: Dr.Jit's own choice, one for each core, or what somebody has set since
-    used  what was set here last
+    Attributes:
+        most: the most to use: Dr.Jit's own choice, one for each core, or what somebody has set since
+        used: what was set here last
     """
 
     def __init__(self) -> None:

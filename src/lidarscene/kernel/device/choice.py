@@ -21,8 +21,9 @@ def ask_one(
 ) -> Any:
     """Return what one of the targets answers each active lane; zeros for the others.
 
-    number  of the target
-    ask     takes a target, the arguments and whether each lane is active
+    Args:
+        number: of the target
+        ask: takes a target, the arguments and whether each lane is active
     """
     import drjit as dr
 

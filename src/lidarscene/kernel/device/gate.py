@@ -31,8 +31,9 @@ _Function = TypeVar("_Function", bound=Callable[..., Any])
 class _Gate:
     """State behind the lock; only the thread that holds it writes here.
 
-    occupied     whether a function is running behind the gate
-    last_thread  what stands for the thread that was there last
+    Attributes:
+        occupied: whether a function is running behind the gate
+        last_thread: what stands for the thread that was there last
     """
 
     def __init__(self) -> None:

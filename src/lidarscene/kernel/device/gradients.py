@@ -22,10 +22,15 @@ def gradient(
 ) -> tuple[float, dict[str, float]]:
     """Return the formula's value and its derivative with respect to every number, in double precision.
 
-    formula   a function of numbers by name (Dr.Jit arrays of one element that record derivatives); returns one number
-    values    the point at which the derivatives are taken
+    Reverse mode: one pass, however many numbers there are.
 
-    Reverse mode: one pass, however many numbers there are. Raises `BackendError` without a back end.
+    Args:
+        formula: a function of numbers by name (Dr.Jit arrays of one element that record derivatives); returns one
+            number
+        values: the point at which the derivatives are taken
+
+    Raises:
+        BackendError: without a back end
     """
     Float64 = _float64_type()  # first: it is the back end that loads LLVM
     import drjit as dr
@@ -48,9 +53,13 @@ def jacobian(
 ) -> tuple[list[Numbers], dict[str, list[Numbers]]]:
     """Return the formula's values, (n,) each, and their derivatives with respect to every number.
 
-    formula   as of `gradient`; returns arrays of n, or single numbers
+    Forward mode: one pass for each number, whatever n is.
 
-    Forward mode: one pass for each number, whatever n is. Raises `BackendError` without a back end.
+    Args:
+        formula: as of `gradient`; returns arrays of n, or single numbers
+
+    Raises:
+        BackendError: without a back end
     """
     Float64 = _float64_type()  # first: it is the back end that loads LLVM
     import drjit as dr
@@ -81,7 +90,11 @@ def jacobian(
 
 
 def _float64_type() -> Any:
-    """Return the back end's type of double precision. Raises `BackendError` without a back end."""
+    """Return the back end's type of double precision.
+
+    Raises:
+        BackendError: without a back end
+    """
     backend.mitsuba()
     if backend.is_cuda():
         from drjit.cuda.ad import Float64

@@ -58,7 +58,11 @@ class LlvmCandidate:
 
 
 def use() -> None:
-    """Set the path from which Dr.Jit loads LLVM. Raises `BackendError` if no library is usable."""
+    """Set the path from which Dr.Jit loads LLVM.
+
+    Raises:
+        BackendError: if no library is usable
+    """
     path = choose().path
     if path != users_path():
         write_path(path)
@@ -114,7 +118,11 @@ def examine(path: str, source: str) -> LlvmCandidate:
 
 @functools.cache
 def ask_version(path: str) -> tuple[int, ...]:
-    """Read the version from the library itself, in a separate process (about 0.1 s). Raises `BackendError`."""
+    """Read the version from the library itself, in a separate process (about 0.1 s).
+
+    Raises:
+        BackendError: if Mitsuba has no back end that works on this machine
+    """
     import subprocess
 
     try:

@@ -19,13 +19,14 @@ from .backend import mitsuba
 class KernelHistory:
     """Counts and times of kernels.
 
-    launched    kernels of recorded operations
-    compiled    those of them that neither this process nor the cache on disk had
-    from_disk   those that an earlier process compiled
-    helpers     launches of Dr.Jit's ready-made kernels, such as filling memory or compressing a mask
-    codegen_s   time from recorded operations to the text of kernels; every launch needs it
-    compile_s   time of LLVM or of the GPU's driver; 0 if nothing was compiled
-    device_s    run time of all kernels and helpers
+    Attributes:
+        launched: kernels of recorded operations
+        compiled: those of them that neither this process nor the cache on disk had
+        from_disk: those that an earlier process compiled
+        helpers: launches of Dr.Jit's ready-made kernels, such as filling memory or compressing a mask
+        codegen_s: time from recorded operations to the text of kernels; every launch needs it
+        compile_s: time of LLVM or of the GPU's driver; 0 if nothing was compiled
+        device_s: run time of all kernels and helpers
     """
 
     launched: int = 0

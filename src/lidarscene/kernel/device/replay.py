@@ -40,12 +40,13 @@ class Replay:
     rules: no number of lanes enters its kernels as a literal, and Python takes no decision in it by what differs
     between calls. If Dr.Jit cannot record it (a plug-in that hides its arrays), each call runs the function itself.
 
-    function        takes arrays and tuples of them, the first with an element for each lane; returns a description
-                    (frozen dataclasses and tuples) whose arrays have that length, or one element
-    select_outputs  takes such a description and returns the list of its arrays that are needed; `LEFT_OUT` stands for
-                    the others
-    captured        descriptions and Mitsuba objects whose arrays the function uses without getting them as arguments
-    rays            of each lane: the function may return arrays with an element for each of these, too
+    Args:
+        function: takes arrays and tuples of them, the first with an element for each lane; returns a description
+            (frozen dataclasses and tuples) whose arrays have that length, or one element
+        select_outputs: takes such a description and returns the list of its arrays that are needed; `LEFT_OUT` stands
+            for the others
+        captured: descriptions and Mitsuba objects whose arrays the function uses without getting them as arguments
+        rays: of each lane: the function may return arrays with an element for each of these, too
     """
 
     def __init__(
@@ -206,7 +207,8 @@ def _filler(value: object, places: dict[int, int]) -> Filler:
     Built once: to go through dataclasses by their fields takes half a millisecond, a tenth of Python's share of a
     frame.
 
-    places  index in the list of outputs by id of the array
+    Args:
+        places: index in the list of outputs by id of the array
     """
     if is_drjit(value):
         return operator.itemgetter(places[id(value)]) if id(value) in places else lambda _: LEFT_OUT

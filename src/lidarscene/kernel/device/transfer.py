@@ -79,7 +79,8 @@ def counter(first: int, count: int) -> Any:
 def repeat_lanes(values: Array, times: int) -> tuple[Any, Any]:
     """Repeat each of (n,) numbers on ``times`` neighbouring lanes.
 
-    Returns (n times,) values and (n times,) the lane's number 0 to times - 1 within its group.
+    Returns:
+        (n times,) values and (n times,) the lane's number 0 to times - 1 within its group
     """
     import drjit as dr
 

@@ -72,8 +72,9 @@ _DRIVER = Path("/proc/driver/nvidia/version")
 class Verdict:
     """Result of the trial of a variant.
 
-    fault    why its frames cannot be trusted; "" if they are the same
-    renders  whether it renders at all
+    Attributes:
+        fault: why its frames cannot be trusted; "" if they are the same
+        renders: whether it renders at all
     """
 
     fault: str = ""
@@ -83,7 +84,8 @@ class Verdict:
 def verdict(variant: str, reference: str, *, render: Callable[[str, str], Columns | str] | None = None) -> Verdict:
     """Compare frames of ``variant`` with those of ``reference``, or read the verdict of an earlier comparison.
 
-    render  takes frame and variant; returns the columns of its points, or why there are none
+    Args:
+        render: takes frame and variant; returns the columns of its points, or why there are none
     """
     entry = _verdict_file(variant, reference)
     if entry is not None:
@@ -114,7 +116,8 @@ def difference(cloud: Columns, expected: Columns, *, step_m: float = 0.0) -> str
 
     Points are matched by time and return number.
 
-    step_m  step of the sensor's ranges
+    Args:
+        step_m: step of the sensor's ranges
     """
     keys = [np.stack([columns["time"], columns["return_number"]], axis=1) for columns in (cloud, expected)]
     most = max(len(key) for key in keys)

@@ -72,10 +72,13 @@ class Bsdf(Protocol):
 class Interaction(Protocol):
     """`mitsuba.SurfaceInteraction3f`: the point at which each lane met a surface.
 
-    t, p, n     distance, point and normal
-    wi          direction back along the ray, in the frame whose z is the normal
-    shape       pointer to the shape; on the device its number in Mitsuba's registry
-    prim_index  number of the triangle within the shape
+    Attributes:
+        t: distance
+        p: point
+        n: normal
+        wi: direction back along the ray, in the frame whose z is the normal
+        shape: pointer to the shape; on the device its number in Mitsuba's registry
+        prim_index: number of the triangle within the shape
     """
 
     t: Lanes

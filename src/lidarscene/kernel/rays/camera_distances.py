@@ -17,9 +17,10 @@ from ..world.mitsuba_world import World
 def distances_m(world: World, eye_m: Numbers, directions: Numbers, *, time_s: float) -> Numbers:
     """Return (n,) float32 distance of the first surface along each ray; infinite where there is none.
 
-    eye_m       (3,) in the world
-    directions  (3, n) unit vectors, world; neighbours should be neighbours in the picture
-    time_s      by the clock of the scene's motions
+    Args:
+        eye_m: (3,) in the world
+        directions: (3, n) unit vectors, world; neighbours should be neighbours in the picture
+        time_s: by the clock of the scene's motions
     """
     distance_m = np.full(directions.shape[1], np.inf, np.float32)
     if world.scene is not None:

@@ -32,9 +32,10 @@ roots are independent over the rationals. So the layers of a hedge are passed in
 class Draws:
     """The source of the rays' random numbers.
 
-    seed   of the frame, 32 bits
-    pulse  (n,) pulse number of each ray
-    ray    (n,) number of each ray within its pulse; 0 if it is the only one
+    Attributes:
+        seed: of the frame, 32 bits
+        pulse: (n,) pulse number of each ray
+        ray: (n,) number of each ray within its pulse; 0 if it is the only one
     """
 
     seed: Seed

@@ -29,12 +29,16 @@ than a board of a few per cent."""
 def specular_return(
     moment: Moment, path: BeamPath, meeting: Meeting, further: BeamPath, active: Mask
 ) -> tuple[Any, BeamPath]:
-    """Find where the reflected beam comes back to the receiver. Returns (n,) flags, and the path that ends there.
+    """Find where the reflected beam comes back to the receiver.
 
-    path      the path up to the pane or mirror
-    further  the path beyond it, as it reflects
-    active   (n,) where it reflects. Paths that were reflected before do not come back: what they see of the sensor is
-             not traced
+    Args:
+        path: the path up to the pane or mirror
+        further: the path beyond it, as it reflects
+        active: (n,) where it reflects. Paths that were reflected before do not come back: what they see of the sensor
+            is not traced
+
+    Returns:
+        (n,) flags, and the path that ends there
     """
     import drjit as dr
 

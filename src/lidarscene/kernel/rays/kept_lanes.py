@@ -42,9 +42,10 @@ def more_than_one(lanes: DeviceArray) -> Any:
 class Retraced:
     """Which of n lanes are traced again, as m lanes of their own.
 
-    lanes  (m,) number of each lane that is traced again
-    place  (n,) which of the m it is; 0 for a lane that is not traced again
-    mask   (n,) whether a lane is traced again
+    Attributes:
+        lanes: (m,) number of each lane that is traced again
+        place: (n,) which of the m it is; 0 for a lane that is not traced again
+        mask: (n,) whether a lane is traced again
     """
 
     lanes: Any
@@ -79,8 +80,12 @@ class Retraced:
     def among(self, lanes: Array, stop: Array, *, stops: int) -> tuple[Any, tuple[Any, Any]] | None:
         """Find the returns of lanes that are traced again among k: index there; which of the m lanes, stop number.
 
-        lanes, stop  those of `reported_lanes`, of this many stops to a pulse
-        Returns None without any. A single one is there twice (`more_than_one`).
+        Args:
+            lanes: those of `reported_lanes`
+            stop: those of `reported_lanes`, of this many stops to a pulse
+
+        Returns:
+            None without any. A single one is there twice (`more_than_one`).
         """
         import drjit as dr
 
@@ -114,8 +119,9 @@ def reported_lanes(
     Each is (k,), but (2,) if k is 1: a single return is there twice (see `more_than_one`). If k is 0 they are those of
     the first lane: its columns are computed and left out, so that a later frame with a point compiles nothing.
 
-    lane_of  (n,) lane of each pulse, in firing order; None: lane i has pulse i
-    again    lanes that are traced again, and what was detected then: their returns are those
+    Args:
+        lane_of: (n,) lane of each pulse, in firing order; None: lane i has pulse i
+        again: lanes that are traced again, and what was detected then: their returns are those
     """
     import drjit as dr
 

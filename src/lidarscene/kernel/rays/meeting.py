@@ -35,15 +35,16 @@ from .nearby_bodies import BoxWalk
 class Meeting:
     """The nearest surface of each of n rays; each field has one element for each ray.
 
-    valid      whether the ray meets a surface
-    t          distance from the ray's start, metres
-    surface    Mitsuba's interaction, in the frame of the body that is met
-    local_ray  the ray in that frame
-    to_sun     unit vector towards the sun in that frame
-    shift      number to add to the face number: bodies of one shape share a mesh, but each has rows of its own in the
-               tables of faces
-    placement  of the body that is met, where ``is_mover``; None in a world in which nothing moves
-    is_mover   whether the body that is met moves
+    Attributes:
+        valid: whether the ray meets a surface
+        t: distance from the ray's start, metres
+        surface: Mitsuba's interaction, in the frame of the body that is met
+        local_ray: the ray in that frame
+        to_sun: unit vector towards the sun in that frame
+        shift: number to add to the face number: bodies of one shape share a mesh, but each has rows of its own in the
+            tables of faces
+        placement: of the body that is met, where ``is_mover``; None in a world in which nothing moves
+        is_mover: whether the body that is met moves
     """
 
     valid: Any
@@ -95,11 +96,13 @@ class Meeting:
 class Moment:
     """A world as it stands for each ray when its pulse leaves.
 
-    moving    where the world's movers are then; None: nothing moves
-    sun       unit vector towards the sun
-    coherent  whether neighbouring rays are neighbours in angle: Embree then traces them in packets, up to twice as fast
-    draws     random numbers of the rays, for gaps
-    aim       axes and widths of the beams, for specular returns; None: there are none
+    Attributes:
+        moving: where the world's movers are then; None: nothing moves
+        sun: unit vector towards the sun
+        coherent: whether neighbouring rays are neighbours in angle: Embree then traces them in packets, up to twice as
+            fast
+        draws: random numbers of the rays, for gaps
+        aim: axes and widths of the beams, for specular returns; None: there are none
     """
 
     world: World
@@ -134,8 +137,9 @@ class Moment:
     def _nearest(self, ray: Ray, active: Mask, still: TracedScene | None, moving: tuple[MoverScenes, ...]) -> Meeting:
         """Return the nearest surface among several Mitsuba scenes.
 
-        still   of what stands still, in the traced frame; None: empty
-        moving  of the movers, each in its frame
+        Args:
+            still: of what stands still, in the traced frame; None: empty
+            moving: of the movers, each in its frame
         """
         import drjit as dr
 
@@ -176,7 +180,8 @@ class Moment:
     def _in_mover_frame(self, ray: Ray, mover_index: Array) -> tuple[Any, Any, Any, Placement | None]:
         """Return each ray in the frame of the mover it met; in that frame the sun; the face's shift; the placement.
 
-        mover_index  -1 for what stands still
+        Args:
+            mover_index: -1 for what stands still
         """
         import drjit as dr
 
@@ -208,8 +213,9 @@ class Moment:
     ) -> tuple[Any, ...]:
         """Ask each mover that a ray comes near, one after the other, and return the last state.
 
-        length  how far a ray in this state still matters, metres; below 0 for one that is done
-        ask     takes the mover's number, whether the ray comes near any, the mover's placement, and the state; returns
+        Args:
+            length: how far a ray in this state still matters, metres; below 0 for one that is done
+            ask: takes the mover's number, whether the ray comes near any, the mover's placement, and the state; returns
                 the new state
         """
         import drjit as dr

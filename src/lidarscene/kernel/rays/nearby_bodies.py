@@ -25,9 +25,10 @@ _SMALLEST_COMPONENT = 1e-20
 class BoxWalk:
     """A walk of rays through a tree of boxes.
 
-    origin   where the rays start
-    inverse  reciprocals of their directions' components
-    rises    whether these are positive
+    Attributes:
+        origin: where the rays start
+        inverse: reciprocals of their directions' components
+        rises: whether these are positive
     """
 
     tree: BoxTree

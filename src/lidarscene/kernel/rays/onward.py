@@ -37,14 +37,15 @@ farther to gain the same height: 6 mm at this cosine, and no more than that."""
 class BeamPath:
     """The path of a beam from the sensor to the start of its latest ray; one element for each ray.
 
-    ray           the latest ray, in the traced frame
-    length_m      length of the path so far
-    throughput    share of the light that has come this far, one way
-    interactions  number of panes, mirrors and gaps so far
-    mirrored      whether any of them was a reflection
-    receding_m_s  rate at which the motion of sensor and mirrors lengthens the path
-    glint_per_sr  f_r cos(theta) of a specular return (`glints`) at which the path ends; 0 if there is none
-    polarised     polarisation of the light; then ``throughput`` is that of unpolarised light. None: left out
+    Attributes:
+        ray: the latest ray, in the traced frame
+        length_m: length of the path so far
+        throughput: share of the light that has come this far, one way
+        interactions: number of panes, mirrors and gaps so far
+        mirrored: whether any of them was a reflection
+        receding_m_s: rate at which the motion of sensor and mirrors lengthens the path
+        glint_per_sr: f_r cos(theta) of a specular return (`glints`) at which the path ends; 0 if there is none
+        polarised: polarisation of the light; then ``throughput`` is that of unpolarised light. None: left out
     """
 
     ray: Any
@@ -193,8 +194,10 @@ def _lobe(moment: Moment, meeting: Meeting, kind: Array, active: Mask, *, reflec
 def _absorbing_share(index: Lanes, depth: Lanes, *, cosine: Lanes, reflected: bool) -> Lanes:
     """Return T or R of a pane that absorbs. Mitsuba's `thindielectric` is lossless.
 
-    index, depth  refractive index, and optical depth at normal incidence
-    cosine        of the angle of incidence: at an angle the path inside the glass is longer
+    Args:
+        index: refractive index
+        depth: optical depth at normal incidence
+        cosine: of the angle of incidence: at an angle the path inside the glass is longer
     """
     surface = dielectrics.fresnel_reflectance(cos_incidence=cosine, index=index)
     internal = dielectrics.internal_transmittance(depth=depth, cos_incidence=cosine, index=index)
@@ -205,8 +208,9 @@ def _absorbing_share(index: Lanes, depth: Lanes, *, cosine: Lanes, reflected: bo
 def sunlight_share(moment: Moment, ray: Ray, active: Mask, *, interactions: int) -> Any:
     """Return the share of the sun's light along these shadow rays: 1 in the open, less through panes, 0 in shadow.
 
-    interactions  largest number of panes and porous surfaces on a ray; behind more of them there is shadow. Sunlight
-                  that mirrors send is left out.
+    Args:
+        interactions: largest number of panes and porous surfaces on a ray; behind more of them there is shadow.
+            Sunlight that mirrors send is left out.
     """
     import drjit as dr
 

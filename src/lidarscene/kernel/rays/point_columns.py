@@ -59,9 +59,10 @@ def with_nan_outcomes(detection: Detection) -> Detection:
 class Staged:
     """Results of the stages for some pulses, on the device.
 
-    pulse  (n,) pulse number of each lane
-    paths  Hits of each path of the beams, lane = pulse lane * rays + ray
-    rays   number of rays to a pulse
+    Attributes:
+        pulse: (n,) pulse number of each lane
+        paths: Hits of each path of the beams, lane = pulse lane * rays + ray
+        rays: number of rays to a pulse
     """
 
     pulse: Any
@@ -74,10 +75,11 @@ class Staged:
 class _Ends:
     """The surfaces from which some returns come.
 
-    paths      Hits of each path of the beams, lane = pulse lane * rays + ray
-    index      (k,) lane in these Hits
-    path       (k,) number of the path, or None if there is one path only
-    on_surface      (k,) whether the return comes from a surface at all
+    Attributes:
+        paths: Hits of each path of the beams, lane = pulse lane * rays + ray
+        index: (k,) lane in these Hits
+        path: (k,) number of the path, or None if there is one path only
+        on_surface: (k,) whether the return comes from a surface at all
     """
 
     paths: Sequence[Hits]
@@ -89,7 +91,8 @@ class _Ends:
     def at_lanes(cls, staged: Staged, lane: Array, source: Array | None) -> _Ends:
         """Find the surfaces of these pulse lanes.
 
-        source  (k,) number of the sub-echo; None if each pulse has one. Those of surfaces come first, path by path
+        Args:
+            source: (k,) number of the sub-echo; None if each pulse has one. Those of surfaces come first, path by path
                 (path * rays + ray), then those of the air; -1 is none
         """
         import drjit as dr
@@ -138,10 +141,12 @@ def point_columns(
     xyz_m is a Point3f, and `NAN_COLUMN` is among them. Columns of `DEFAULT_VALUES` are left out if nothing moves, if
     no surface lets through or mirrors, or if the sensor measures no widths.
 
-    sensor       its numbers opaque
-    air_classes  class of the light of the air, and of each sub-echo of the air; None in clear air
-    lanes        lanes and stop numbers, from `kept_lanes.reported_lanes`
-    turn, shift  rotation (nine numbers, row by row) and translation from the sensor's frame to that of the points
+    Args:
+        sensor: its numbers opaque
+        air_classes: class of the light of the air, and of each sub-echo of the air; None in clear air
+        lanes: lanes and stop numbers, from `kept_lanes.reported_lanes`
+        turn: rotation from the sensor's frame to that of the points, nine numbers, row by row
+        shift: translation from the sensor's frame to that of the points
     """
     import drjit as dr
 
@@ -232,7 +237,8 @@ def point_columns(
 def _vector_columns(ends: _Ends, turn: tuple[Lanes, ...]) -> dict[str, Any]:
     """Return the columns of normals and velocities, in the axes of the points.
 
-    turn  rotation from the sensor's axes, row by row
+    Args:
+        turn: rotation from the sensor's axes, row by row
     """
     import drjit as dr
 
@@ -260,9 +266,10 @@ def put_columns(columns: dict[str, Any], later: dict[str, DeviceArray], index: A
 
     Columns that only ``later`` has, as `PATH_COLUMNS`, are added with their value of `DEFAULT_VALUES` elsewhere.
 
-    columns  those of all returns, in the layout of `with_flat_positions`
-    later    `point_columns` of the returns that were traced again
-    index    (m,) place of each of these among the k
+    Args:
+        columns: those of all returns, in the layout of `with_flat_positions`
+        later: `point_columns` of the returns that were traced again
+        index: (m,) place of each of these among the k
     """
     import drjit as dr
 
@@ -282,10 +289,11 @@ def put_columns(columns: dict[str, Any], later: dict[str, DeviceArray], index: A
 def surface_columns(*, world: World, staged: Staged, twice: bool) -> tuple[dict[str, Any], int] | None:
     """Return columns of every pulse that met a surface, kept or not, on the device and not yet computed, and how many.
 
-    Returns None if no pulse met a surface. A single one is there twice, as in `kept_lanes.reported_lanes`.
-
     The columns are pulse, outcome (an `Outcome`), snr, detection_probability, and the truth by attribute of PointCloud.
     For a pulse of several sub-echoes they are those of the strongest.
+
+    Returns:
+        None if no pulse met a surface. A single one is there twice, as in `kept_lanes.reported_lanes`.
     """
     import drjit as dr
 

@@ -26,9 +26,10 @@ polarisations go alike."""
 class PolarisedBeam:
     """Polarised light at the start of the latest ray of a path; one element for each ray.
 
-    axis         reference axis of Stokes' parameters, across the ray, in the traced frame
-    laser        light of the laser that has come this far
-    unpolarised  what would have come this far of unpolarised light; by reciprocity, what comes back of it
+    Attributes:
+        axis: reference axis of Stokes' parameters, across the ray, in the traced frame
+        laser: light of the laser that has come this far
+        unpolarised: what would have come this far of unpolarised light; by reciprocity, what comes back of it
     """
 
     axis: Any
@@ -49,9 +50,10 @@ class PolarisedBeam:
     def beyond(self, direction: DeviceVector, normal: DeviceVector, shares: LobeShares) -> PolarisedBeam:
         """Return the beam beyond a surface.
 
-        direction  of the ray that met the surface
-        normal     of the surface, in the traced frame, of either sign
-        shares     of the light that go on
+        Args:
+            direction: of the ray that met the surface
+            normal: of the surface, in the traced frame, of either sign
+            shares: of the light that go on
         """
         import drjit as dr
 
@@ -69,8 +71,9 @@ class PolarisedBeam:
     def outward(self, keeps: Array) -> Lanes:
         """Return the share of the laser's light at the end of the path that counts for the echo, (n,).
 
-        keeps  (n,) bool, whether the surface returns light polarised as it came. Of that more, or less, passes on the
-               way back than of unpolarised light, for which the way back takes ``unpolarised.intensity``
+        Args:
+            keeps: (n,) bool, whether the surface returns light polarised as it came. Of that more, or less, passes on
+                the way back than of unpolarised light, for which the way back takes ``unpolarised.intensity``
         """
         import drjit as dr
 

@@ -34,11 +34,12 @@ def retraced_light(
 ) -> Echoes:
     """Trace pulses again and return their mean light on the beam's first path, without pulses of other lidars.
 
-    sensor      with its scanner `at_phase` of the frame
-    pulses      consecutive pulse numbers since the rollover
-    sun         (3,) unit vector towards the sun
-    placements  of the sensor and of the movers, as `rendering.frame.Frame.placements` returns them for these pulses
-    seed        of the frame, on the device; it decides the pointing jitter and the gaps
+    Args:
+        sensor: with its scanner `at_phase` of the frame
+        pulses: consecutive pulse numbers since the rollover
+        sun: (3,) unit vector towards the sun
+        placements: of the sensor and of the movers, as `rendering.frame.Frame.placements` returns them for these pulses
+        seed: of the frame, on the device; it decides the pointing jitter and the gaps
     """
     place, movers = placements
     equipment = transfer.opaque(sensor)

@@ -41,13 +41,14 @@ from .polarised import PolarisedBeam
 class Firing:
     """Properties of rays other than origin and direction.
 
-    seed          of the frame: random numbers of the gaps
-    ray           (n,) number of each ray within its pulse, for the same; 0 if it is the only one
-    velocity_m_s  of the point from which each ray leaves; None: it stands still
-    aim           axes and widths of the beams, for specular returns; None: there are none
-    housing_m     radius of the sensor itself: what is nearer is no hit
-    vectors       whether to return normals and velocities of the surfaces
-    polarisation  axis across each ray along which its light swings, and the share of it that does; None: left out
+    Attributes:
+        seed: of the frame: random numbers of the gaps
+        ray: (n,) number of each ray within its pulse, for the same; 0 if it is the only one
+        velocity_m_s: of the point from which each ray leaves; None: it stands still
+        aim: axes and widths of the beams, for specular returns; None: there are none
+        housing_m: radius of the sensor itself: what is nearer is no hit
+        vectors: whether to return normals and velocities of the surfaces
+        polarisation: axis across each ray along which its light swings, and the share of it that does; None: left out
     """
 
     seed: Seed = 0
@@ -75,14 +76,15 @@ def trace(
     there is a second path: it is reflected at the first pane that the first path meets, and goes on in the same way.
     If there is no such pane it carries no light.
 
-    sun           (x, y, z) unit vector towards the sun
-    moving        where each of the world's movers is when each ray leaves; None: as at time 0
-    interactions  largest number of panes, mirrors and gaps on each path. At the next pane or mirror the path ends
-                  without an echo; the next porous surface counts as solid
-    survey        end each ray at its first surface, and flag (`Hits.goes_on`) those that have to be traced in full:
-                  rays that meet a pane, mirror or porous surface, or whose sunlight comes through one. A kernel that
-                  follows all paths costs every ray its queries, and few rays meet glass
-    firing        None: one ray to a pulse, from a sensor at rest, without specular returns, seed 0
+    Args:
+        sun: (x, y, z) unit vector towards the sun
+        moving: where each of the world's movers is when each ray leaves; None: as at time 0
+        interactions: largest number of panes, mirrors and gaps on each path. At the next pane or mirror the path ends
+            without an echo; the next porous surface counts as solid
+        survey: end each ray at its first surface, and flag (`Hits.goes_on`) those that have to be traced in full: rays
+            that meet a pane, mirror or porous surface, or whose sunlight comes through one. A kernel that follows all
+            paths costs every ray its queries, and few rays meet glass
+        firing: None: one ray to a pulse, from a sensor at rest, without specular returns, seed 0
     """
     mi = mitsuba()
     firing = firing or Firing()
@@ -188,7 +190,8 @@ def _step(
 ) -> tuple[BeamPath, Meeting, Any]:
     """Take one step where ``active`` holds: through a pane or gap, or off a mirror.
 
-    Returns the path, what it meets next, and (n,) whether it has gone on.
+    Returns:
+        the path, what it meets next, and (n,) whether it has gone on
     """
     import drjit as dr
 
@@ -221,7 +224,9 @@ def _hits(
 ) -> Hits:
     """Return the Hits at the end of a path.
 
-    sunshine  from shadow rays and (n,) flags of those that matter: (n,) whether the sun is seen, and share of its light
+    Args:
+        sunshine: from shadow rays and (n,) flags of those that matter: (n,) whether the sun is seen, and share of its
+            light
     """
     import drjit as dr
 

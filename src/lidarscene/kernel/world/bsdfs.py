@@ -52,8 +52,10 @@ _STATED_ENTRANCE_COS = math.cos(math.radians(4.0))
 def bsdf_dict(values: dict[str, Any], reflectance: dict[str, object] | None = None) -> dict[str, Any]:
     """Return a Mitsuba dictionary for `Material.at`: reflectivity and parameters at the laser's wavelength.
 
-    reflectance  Mitsuba texture in place of the reflectivity of a diffuse material
     Gaps become Mitsuba's `mask`. Diffuse transmittance is left to `rays.trace`: Mitsuba has no BSDF for it.
+
+    Args:
+        reflectance: Mitsuba texture in place of the reflectivity of a diffuse material
     """
     whole = _BUILDERS[values["bsdf"]](values)
     if reflectance is not None:
@@ -151,7 +153,8 @@ def diffuse_throughput(coat: Bsdf) -> float:
     Reflectivities are measured near normal incidence and over the hemisphere. So a base whose reflectivity is the
     material's over this share has the material's reflectivity (docs/theory.md 4).
 
-    coat  Mitsuba's BSDF, over a white base
+    Args:
+        coat: Mitsuba's BSDF, over a white base
     """
     # Mitsuba tabulates the transmittance of the rough coat and does not give it away. So its own BSDF, without the
     # mirror lobe, is integrated over the hemisphere: 64-point Gauss-Legendre in the cosine.
@@ -387,8 +390,10 @@ def texture_key(pattern: ReflectivityPattern | None) -> Hashable:
 def reflectivities(pattern: ReflectivityPattern, values: Mapping[str, Any]) -> Numbers:
     """Return the pattern's values as reflectivities of a material at the laser's wavelength, float32.
 
-    values  the material by `Material.at`
     At most what conserves energy on its surface.
+
+    Args:
+        values: the material by `Material.at`
     """
     varied: Numbers = pattern.values
     if pattern.kind == "colour":
@@ -406,7 +411,8 @@ def reflectivities(pattern: ReflectivityPattern, values: Mapping[str, Any]) -> N
 def texture(pattern: ReflectivityPattern, values: Mapping[str, Any]) -> dict[str, Any]:
     """Return the Mitsuba texture of a pattern; a mesh brings the values of its vertices itself, by `ATTRIBUTE`.
 
-    Raises InputError for a material that is not diffuse.
+    Raises:
+        InputError: for a material that is not diffuse
     """
     if values["bsdf"] != "diffuse":
         raise InputError(

@@ -26,10 +26,11 @@ from .speculars import Speculars, SurfaceOptics
 class PlacedShape:
     """A Mitsuba shape on its way into a world.
 
-    face_body  (faces,) index of the body of each face
-    values     its material by `Material.at`; None for a BSDF of a Mitsuba file
-    is_plain   whether it is a mesh without smooth normals and images
-    is_varied  whether its reflectivity varies over it
+    Attributes:
+        face_body: (faces,) index of the body of each face
+        values: its material by `Material.at`; None for a BSDF of a Mitsuba file
+        is_plain: whether it is a mesh without smooth normals and images
+        is_varied: whether its reflectivity varies over it
     """
 
     shape: Any
@@ -68,8 +69,10 @@ class FaceTables:
     def add(self, shapes: Sequence[PlacedShape], *, body: int | None = None) -> int:
         """Append the faces of these shapes and return the number of the first.
 
-        body  index of the body that owns all of them; None: as the shapes say
         A shape may come several times, once for each body that shares it. A hit's number is in its first set of faces.
+
+        Args:
+            body: index of the body that owns all of them; None: as the shapes say
         """
         start = self._faces
         for shape in shapes:

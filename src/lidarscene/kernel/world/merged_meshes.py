@@ -22,7 +22,8 @@ from .mitsuba_xml import FileShape
 def merge_by_bsdf(shapes: Sequence[FileShape], first_body: int) -> list[PlacedShape]:
     """Return the shapes of a Mitsuba file, meshes of one BSDF merged; each shape is a body.
 
-    first_body  index of the first shape's body; those of the others follow
+    Args:
+        first_body: index of the first shape's body; those of the others follow
     """
     # By identity: Mitsuba gives one BSDF of a file to all shapes that refer to it.
     varies = {id(shape.bsdf): shape.values is None and _varies(shape.bsdf) for shape in shapes}

@@ -41,13 +41,14 @@ from .speculars import Speculars, lets_through
 class Mover:
     """A body that moves. Bodies with the same parts share their Mitsuba scenes, and follow each other.
 
-    scene       Mitsuba scene of its surfaces other than panes, in the body's frame; None if there are none
-    panes       Mitsuba scene of its panes and porous surfaces; None if there are none
-    box_m       (2, 3) float64, numpy; lowest and highest corner of a box around it, in its frame
-    face_shift  what to add to a face number of the shared scene to get this body's
-    number      of the body among the scene's bodies
-    body        the body, with its motion
-    others      numbers and bodies of the same shape and class that take its place in frames that do not show it
+    Attributes:
+        scene: Mitsuba scene of its surfaces other than panes, in the body's frame; None if there are none
+        panes: Mitsuba scene of its panes and porous surfaces; None if there are none
+        box_m: (2, 3) float64, numpy; lowest and highest corner of a box around it, in its frame
+        face_shift: what to add to a face number of the shared scene to get this body's
+        number: of the body among the scene's bodies
+        body: the body, with its motion
+        others: numbers and bodies of the same shape and class that take its place in frames that do not show it
     """
 
     scene: Any
@@ -80,8 +81,9 @@ _FEWEST_SCENES = 4
 class MoverScenes:
     """Mitsuba scenes that movers share, as rays ask them in one kernel.
 
-    scenes  each once, and the last as often as makes a power of two
-    index   (movers,) Int32 on the device, which of them each mover has; -1 where it has none of them
+    Attributes:
+        scenes: each once, and the last as often as makes a power of two
+        index: (movers,) Int32 on the device, which of them each mover has; -1 where it has none of them
     """
 
     scenes: tuple[TracedScene, ...]
@@ -115,28 +117,31 @@ class MoverScenes:
 class World:
     """Mitsuba scenes that the kernel traces, and the tables that identify a triangle. Device arrays unless stated.
 
-    scene           Mitsuba scene of what stands still, panes and porous surfaces left out; None if there is nothing.
-                    Vertices are relative to ``centre_m``
-    panes           Mitsuba scene of panes and porous surfaces that stand still; None if there are none
-    movers          what moves
-    mover_scenes    their scenes without panes and porous surfaces
-    mover_panes     their scenes of these
-    resting         where that is at time 0, numbers on the device; None if nothing moves
-    mover_shift     (movers,) UInt32, their `Mover.face_shift`; None if nothing moves
-    centre_m        (3,) float64, numpy; subtracted from every coordinate before it became single precision
-    bsdfs           Mitsuba BSDFs of all its surfaces, each once
-    first_face, bsdf_index, shape_reflectivity, shape_transmittance
-                    by the registry number of a shape: number of its first face; index into ``bsdfs``; diffuse
-                    reflectivity (-1: ask the BSDF); diffuse transmittance (None: every shape is opaque)
-    face_normal     (4 f,) Float, unit normal of each face and one number of padding; zero for the further copies of
-                    shared shapes. None if some shape is not a mesh of flat triangles
-    face_body       (f,) Int32, index into ``body_names``
-    face_material   (f,) Int32, index into ``material_names``
-    body_class      (b,) Int32, index into ``class_names``
-    has_foreign     whether some BSDF was taken from a Mitsuba file unchanged
-    speculars       panes, mirrors and porous surfaces; None if there are none, or if they end every beam
-    see_through     whether the world was built for beams that go on behind panes and mirrors
-    scene_of        the scene that was compiled
+    Attributes:
+        scene: Mitsuba scene of what stands still, panes and porous surfaces left out; None if there is nothing.
+            Vertices are relative to ``centre_m``
+        panes: Mitsuba scene of panes and porous surfaces that stand still; None if there are none
+        movers: what moves
+        mover_scenes: their scenes without panes and porous surfaces
+        mover_panes: their scenes of these
+        resting: where that is at time 0, numbers on the device; None if nothing moves
+        mover_shift: (movers,) UInt32, their `Mover.face_shift`; None if nothing moves
+        centre_m: (3,) float64, numpy; subtracted from every coordinate before it became single precision
+        bsdfs: Mitsuba BSDFs of all its surfaces, each once
+        first_face: by the registry number of a shape: number of its first face; index into ``bsdfs``; diffuse
+            reflectivity (-1: ask the BSDF); diffuse transmittance (None: every shape is opaque)
+        bsdf_index: as `first_face`
+        shape_reflectivity: as `first_face`
+        shape_transmittance: as `first_face`
+        face_normal: (4 f,) Float, unit normal of each face and one number of padding; zero for the further copies of
+            shared shapes. None if some shape is not a mesh of flat triangles
+        face_body: (f,) Int32, index into ``body_names``
+        face_material: (f,) Int32, index into ``material_names``
+        body_class: (b,) Int32, index into ``class_names``
+        has_foreign: whether some BSDF was taken from a Mitsuba file unchanged
+        speculars: panes, mirrors and porous surfaces; None if there are none, or if they end every beam
+        see_through: whether the world was built for beams that go on behind panes and mirrors
+        scene_of: the scene that was compiled
     """
 
     scene: Any
@@ -172,7 +177,8 @@ class World:
     def ask_bsdf(self, ask: Callable[..., object], surface: Interaction, *arguments: object, active: Mask) -> Any:
         """Return what the BSDF of the surface that each active ray met answers; zeros for the others.
 
-        ask  takes a BSDF, the surface, the arguments and whether each ray is active
+        Args:
+            ask: takes a BSDF, the surface, the arguments and whether each ray is active
         """
         import drjit as dr
 
@@ -226,12 +232,15 @@ def build_world(
 ) -> World:
     """Compile a scene.
 
-    centre_m     (3,) point that becomes the origin of the traced coordinates: the place of the sensor. Float32 errors
-                 grow with the distance from the origin. A scene from a Mitsuba file keeps its origin
-    see_through  whether beams go on through panes and off mirrors; if not they end there, which is traced faster
-    takes_turns  whether bodies that hide may share a place; not if they are placed elsewhere later (`with_bodies`)
-    standing     names of the bodies that stand still and are there; None: all of them
-    Raises InputError if a material has no data at the wavelength, or if there is nothing to trace.
+    Args:
+        centre_m: (3,) point that becomes the origin of the traced coordinates: the place of the sensor. Float32 errors
+            grow with the distance from the origin. A scene from a Mitsuba file keeps its origin
+        see_through: whether beams go on through panes and off mirrors; if not they end there, which is traced faster
+        takes_turns: whether bodies that hide may share a place; not if they are placed elsewhere later (`with_bodies`)
+        standing: names of the bodies that stand still and are there; None: all of them
+
+    Raises:
+        InputError: if a material has no data at the wavelength, or if there is nothing to trace
     """
     # In double precision, before anything becomes float32: at 5,000 km, a UTM northing, float32 is good to 4 m.
     centre = np.zeros(3) if centre_m is None or scene.base else np.asarray(centre_m, dtype=np.float64)
@@ -312,7 +321,8 @@ def _loaded_shapes(
 ) -> list[PlacedShape]:
     """Return one mesh for each material and image of these bodies, where they stand, and a shape for each sphere.
 
-    bsdfs  by material, those of the world so far: a coat's takes 10 ms to make
+    Args:
+        bsdfs: by material, those of the world so far: a coat's takes 10 ms to make
     """
     mi = mitsuba()
     grouped: dict[tuple[str, Hashable], list[tuple[int, Numbers, Part]]] = {}

@@ -29,8 +29,9 @@ Element = ElementTree.Element
 class FileShape:
     """A shape of the file: its name, number of faces, BSDF, and the name of its material.
 
-    values   `Material.at`; None if the BSDF is the file's own
-    assumed  name of the BSDF if the material was chosen by it; empty if not
+    Attributes:
+        values: `Material.at`; None if the BSDF is the file's own
+        assumed: name of the BSDF if the material was chosen by it; empty if not
     """
 
     shape: Any
@@ -52,10 +53,13 @@ def load_shapes(
 ) -> list[FileShape]:
     """Return the shapes of a Mitsuba XML file, in its order.
 
-    replaced      BSDF id -> material name
-    materials     material name -> `Material.at`
-    wavelength_m  for materials of the catalogue, where a BSDF that Mitsuba does not have suggests one
-    Raises InputError if the file is no XML or no Mitsuba scene, lacks such a BSDF, or has instances.
+    Args:
+        replaced: BSDF id -> material name
+        materials: material name -> `Material.at`
+        wavelength_m: for materials of the catalogue, where a BSDF that Mitsuba does not have suggests one
+
+    Raises:
+        InputError: if the file is no XML or no Mitsuba scene, lacks such a BSDF, or has instances
     """
     root = _parse(path)
     _insert_included(root, path.parent, [])
@@ -148,7 +152,11 @@ MOST_INCLUDED = 1000
 
 
 def _require_shallow(root: Element) -> Element:
-    """Return the element itself. Raises ValueError if the nesting is too deep."""
+    """Return the element itself.
+
+    Raises:
+        ValueError: if the nesting is too deep
+    """
     level = [root]
     for _ in range(DEEPEST):
         level = [child for element in level for child in element]
@@ -162,7 +170,8 @@ def _insert_included(element: Element, folder: Path, files: list[Path], depth: i
 
     As in Mitsuba, paths are relative to the first file, and names may hold parameters of <default>.
 
-    files  that were included so far
+    Args:
+        files: that were included so far
     """
     # From the last child to the first: an insertion does not shift the positions that are still to come.
     defaults = _default_parameters(element)

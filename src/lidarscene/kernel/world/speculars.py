@@ -26,11 +26,12 @@ from ..device.types import Bsdf
 class SurfaceOptics:
     """A shape's surface as `Speculars` sees it.
 
-    number    the shape's in Mitsuba's registry
-    bsdf      Mitsuba's
-    material  its identity
-    absorbs   `bsdfs.absorption`
-    is_retro  whether it sends light straight back, polarised as it came
+    Attributes:
+        number: the shape's in Mitsuba's registry
+        bsdf: Mitsuba's
+        material: its identity
+        absorbs: `bsdfs.absorption`
+        is_retro: whether it sends light straight back, polarised as it came
     """
 
     number: int
@@ -44,13 +45,14 @@ class SurfaceOptics:
 class Speculars:
     """Panes, mirrors and porous surfaces of a world.
 
-    bsdfs  Mitsuba BSDFs, p panes first, then m mirrors, one for each material
-    panes  p, the number of panes
-    glass  index and optical depth of each pane that absorbs, opaque; None for a pane that does not
-    kind   UInt32 by Mitsuba's registry number of a shape: 0, or 1 + the index into ``bsdfs``, or 1 + p + m if porous
-    gaps   whether there are porous surfaces
-    index  refractive index of each pane, opaque; None for one that passes all light
-    retro  Bool by registry number: retro-reflectors; None if there are none
+    Attributes:
+        bsdfs: Mitsuba BSDFs, p panes first, then m mirrors, one for each material
+        panes: p, the number of panes
+        glass: index and optical depth of each pane that absorbs, opaque; None for a pane that does not
+        kind: UInt32 by Mitsuba's registry number of a shape: 0, or 1 + the index into ``bsdfs``, or 1 + p + m if porous
+        gaps: whether there are porous surfaces
+        index: refractive index of each pane, opaque; None for one that passes all light
+        retro: Bool by registry number: retro-reflectors; None if there are none
     """
 
     bsdfs: tuple[Any, ...]

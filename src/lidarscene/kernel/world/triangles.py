@@ -31,7 +31,8 @@ PROFILES = {
 class DrawnShape:
     """A shape to draw: its name, (v, 3) float64 vertices, (f, 3) uint32 faces, and the name of its material.
 
-    material  one of ours, or the id of a BSDF of the file
+    Attributes:
+        material: one of ours, or the id of a BSDF of the file
     """
 
     name: str

@@ -85,7 +85,11 @@ def outermost_bsdfs(root: Element) -> Iterator[tuple[Element, Element]]:
 
 
 def empty_named_bsdfs(root: Element, path: Path, replaced: Mapping[str, str]) -> list[tuple[Element, str]]:
-    """Empty the BSDFs that a scene file names, by id, and return them with their materials. Raises InputError."""
+    """Empty the BSDFs that a scene file names, by id, and return them with their materials.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+    """
     # A BSDF inside another one (the base of a `twosided`) may have an id, but no shape refers to it.
     by_id = {str(bsdf.get("id")): bsdf for _, bsdf in outermost_bsdfs(root) if bsdf.get("id")}
     for identity in replaced:
@@ -100,9 +104,11 @@ def empty_unknown_bsdfs(
 ) -> list[tuple[Element, str]]:
     """Empty the BSDFs that have a type which Mitsuba lacks, and return them with materials by their names.
 
-    is_known         whether Mitsuba has a type
-    scene_materials  materials of the scene file by name, which go before those of the catalogue
     Those whose name says nothing stay as they are.
+
+    Args:
+        is_known: whether Mitsuba has a type
+        scene_materials: materials of the scene file by name, which go before those of the catalogue
     """
     emptied: list[tuple[Element, str]] = []
     for _, bsdf in list(outermost_bsdfs(root)):

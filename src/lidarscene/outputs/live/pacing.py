@@ -69,12 +69,15 @@ class RealClock:
 class Pacer:
     """Sends packets at their times.
 
-    send      function that sends a packet's payload
-    clock     clock to wait by
-    begin_s   time of the clock at which a packet of the time ``first_s`` is due
-    slowness  seconds of the clock for a second of the packets' times: 1 is real time
+    Attributes:
+        packets: number of packets sent
+        late_s: delay of the end of each frame [s]
 
-    packets, late_s  number of packets sent, and delay of the end of each frame [s]
+    Args:
+        send: function that sends a packet's payload
+        clock: clock to wait by
+        begin_s: time of the clock at which a packet of the time ``first_s`` is due
+        slowness: seconds of the clock for a second of the packets' times: 1 is real time
     """
 
     def __init__(
@@ -89,7 +92,8 @@ class Pacer:
     def frame(self, packets: Sequence[Packet], *, is_frame: bool = True) -> None:
         """Send the packets of a frame, each at its time; returns early where the clock is stopped.
 
-        is_frame  whether ``late_s`` gets an entry for them
+        Args:
+            is_frame: whether ``late_s`` gets an entry for them
         """
         for packet in packets:
             due_s = self._begin_s + (packet.time_s - self._first_s) * self._slowness

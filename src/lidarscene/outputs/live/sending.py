@@ -42,9 +42,10 @@ POLL_S = 0.5
 class Sent:
     """Result of `send_frames`.
 
-    packets  number of packets sent
-    late_s   delay of the end of each frame [s]
-    ended    why the frames ended by themselves, or ""
+    Attributes:
+        packets: number of packets sent
+        late_s: delay of the end of each frame [s]
+        ended: why the frames ended by themselves, or ""
     """
 
     packets: int
@@ -64,7 +65,12 @@ class Sent:
 
 @contextmanager
 def udp(host: str, port: int) -> Iterator[Callable[[bytes], object]]:
-    """Open a socket: a function that sends a payload. Raises InputError for an unknown host, OutputError in sending."""
+    """Open a socket: a function that sends a payload.
+
+    Raises:
+        InputError: for an unknown host
+        OutputError: in sending
+    """
     try:
         family, kind, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
     except (OSError, UnicodeError):
@@ -122,7 +128,8 @@ def render_firings(
 ) -> Iterator[Firings]:
     """Render frames pulse by pulse, from the one of ``frame`` on.
 
-    frames  number of frames; None: until a motion of the scene ends, which raises MotionEnded
+    Args:
+        frames: number of frames; None: until a motion of the scene ends, which raises MotionEnded
     """
     for count in itertools.count() if frames is None else range(frames):
         frame_options = replace(frame, number=frame.number + count, coordinates="sensor")
@@ -147,9 +154,10 @@ def send_frames(
 ) -> Sent:
     """Send frames until there are no more, or until KeyboardInterrupt.
 
-    frame_s  time from frame to frame, by the packets' times
-    rate_hz  frames sent in a second; None: real time, as the packets' times say
-    report   called with a line of text when frames end late, once a second at most
+    Args:
+        frame_s: time from frame to frame, by the packets' times
+        rate_hz: frames sent in a second; None: real time, as the packets' times say
+        report: called with a line of text when frames end late, once a second at most
     """
     clock = clock or RealClock()
     slowness = 1.0 if rate_hz is None else 1.0 / (rate_hz * frame_s)

@@ -30,8 +30,10 @@ _WIDEST = 1e3
 class LowPass(ABC):
     """A filter by its cutoff f; each method for numpy and Dr.Jit.
 
-    noise_ratio     B / f
-    crossing_ratio  rate at which white noise crosses a level behind it, over that behind an ideal low-pass of this B
+    Attributes:
+        noise_ratio: B / f
+        crossing_ratio: rate at which white noise crosses a level behind it, over that behind an ideal low-pass of this
+            B
     """
 
     noise_ratio: float

@@ -108,11 +108,12 @@ def gain_of_equal_noise(
 def best_gain(*, multiplied_variance_a2: Lanes, unmultiplied_variance_a2: Lanes, excess_noise_index: Lanes) -> Lanes:
     """Gain of the best SNR, from d SNR / dM = 0: M^(2+x) = 2 c / (x (a + b)).
 
-    multiplied_variance_a2    a + b: shot noise of background and bulk dark current at gain one
-    unmultiplied_variance_a2  c: noise that is not multiplied
-
     The text after (20) says that multiplied and unmultiplied noise are equal there. The derivative says that the
     multiplied noise is 2/x times the other (6.7 times at x = 0.3).
+
+    Args:
+        multiplied_variance_a2: a + b: shot noise of background and bulk dark current at gain one
+        unmultiplied_variance_a2: c: noise that is not multiplied
     """
     ratio = 2.0 * unmultiplied_variance_a2 / (excess_noise_index * multiplied_variance_a2)
     ops = xp(ratio)

@@ -51,8 +51,9 @@ def upcrossings_hz(*, least: Lanes, cells: Lanes, busy_share: Lanes, dead_time_s
 class _Inversion:
     """State of the inversion of a Poisson distribution.
 
-    remainder  part of the uniform number above the probabilities so far
-    term       probability of this count
+    Attributes:
+        remainder: part of the uniform number above the probabilities so far
+        term: probability of this count
     """
 
     remainder: Array
@@ -63,11 +64,12 @@ class _Inversion:
 def poisson_count(*, mean: Lanes, uniform: Lanes, deviate: Lanes, narrowing: Lanes) -> Lanes:
     """A whole number from a Poisson distribution: by inversion if the mean is below 10, else by Cornish and Fisher.
 
-    uniform    in (0, 1], for small means
-    deviate    standard normal, for large means; only one of the two is used, so they need not be independent
-    narrowing  factor of the standard deviation sqrt(mean), for large means only: 1 - b for cells that are dead for a
-               share b of the time. Their firings are a renewal process with dead time, whose variance is mean (1 - b)^2
-               (W. Feller, Introduction to Probability Theory, vol. 2, XI.4)
+    Args:
+        uniform: in (0, 1], for small means
+        deviate: standard normal, for large means; only one of the two is used, so they need not be independent
+        narrowing: factor of the standard deviation sqrt(mean), for large means only: 1 - b for cells that are dead for
+            a share b of the time. Their firings are a renewal process with dead time, whose variance is mean (1 - b)^2
+            (W. Feller, Introduction to Probability Theory, vol. 2, XI.4)
     """
     ops = xp(mean, uniform, deviate)
     few = ops.minimum(mean, _FEW)

@@ -24,8 +24,9 @@ def tripping_probability(*, needed_power_w: Lanes, median_power_w: Lanes, spread
 def tripping_power_w(*, uniform: Lanes, probability: Lanes, median_power_w: Lanes, spread_db: Lanes) -> Lanes:
     """Peak power of a pulse that trips: the inverse of its tail.
 
-    uniform      in (0, 1]: uniform times probability is uniform within the tail that trips
-    probability  `tripping_probability`
+    Args:
+        uniform: in (0, 1]: uniform times probability is uniform within the tail that trips
+        probability: `tripping_probability`
     """
     ops = xp(uniform, probability, median_power_w)
     tail = ops.minimum(ops.maximum(uniform * probability, 1e-30), 1.0 - 1e-6)

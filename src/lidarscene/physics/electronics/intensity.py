@@ -34,11 +34,12 @@ def white_echo_w_m2(*, peak_power_w: Lanes, aperture_m2: Lanes, efficiency: Lane
 def reflectivity_estimate(*, power_w: Lanes, range_m: Lanes, white_w_m2: Lanes, overlap: Lanes) -> Lanes:
     """rho of the Lambertian surface across the beam that would give this echo: (5) solved for rho.
 
-    white_w_m2  `white_echo_w_m2`
-    overlap     share of the spot in the field of view at this range, 0 to 1
-
     A surface at an angle reads rho cos(theta). Air lowers the value by its transmittance squared. A retro-reflector
     reads pi R_A, far above one.
+
+    Args:
+        white_w_m2: `white_echo_w_m2`
+        overlap: share of the spot in the field of view at this range, 0 to 1
     """
     return power_w * range_m * range_m / (white_w_m2 * overlap)
 
@@ -55,11 +56,12 @@ def on_scale(
 ) -> Lanes:
     """A reflectivity on the maker's scale: whole numbers from 0 to 255.
 
-    white_value         value of reflectivity one
-    retro               scale above one: "linear" goes on as below it; "logarithmic" grows with ln(rho)
-    retro_reflectivity  reflectivity that gets 255 on a logarithmic scale
-    exponent            gamma of white_value rho^gamma, the scale below one (T46a); None: linear
-    coarse_above        value above which only every ``coarse_step``-th is sent (T46b), and 255; None: all are
+    Args:
+        white_value: value of reflectivity one
+        retro: scale above one: "linear" goes on as below it; "logarithmic" grows with ln(rho)
+        retro_reflectivity: reflectivity that gets 255 on a logarithmic scale
+        exponent: gamma of white_value rho^gamma, the scale below one (T46a); None: linear
+        coarse_above: value above which only every ``coarse_step``-th is sent (T46b), and 255; None: all are
     """
     ops = xp(reflectivity, white_value, retro_reflectivity, exponent, coarse_above, coarse_step)
     value = white_value * reflectivity

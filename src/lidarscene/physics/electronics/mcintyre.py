@@ -56,16 +56,17 @@ def tail_probability(
 ) -> Lanes:
     """Probability that Poisson primaries through McIntyre's avalanche, plus amplifier noise, exceed the mean.
 
-    excess     output electrons above the mean, > 0
-    primaries  mean number N of primary electrons
-    amplifier  standard deviation of the amplifier's Gaussian noise, in output electrons
-
     The generating function G of one electron's output obeys z = G (1 - b + b G)^(-1 / (1 - k)) with b = (1 - k)(M -
     1) / M; expanded by Lagrange's theorem it gives `reference.mcintyre.log_probability`. So the cumulants are known
     exactly with d = G - 1 as parameter, and a saddle point gives the tail Q(r + ln(v / r) / r), in Barndorff-Nielsen's
     form (Biometrika 73, 307, 1986), which stays between 0 and 1. Compared with the exact sum
     (`reference.mcintyre.tail_probability_exact`) it is 0.7 % low with 24 primaries, 10 % with 2.4 and a half with 0.5.
     With fewer it misses single electrons that stand out of the amplifier's noise. numpy and Dr.Jit.
+
+    Args:
+        excess: output electrons above the mean, > 0
+        primaries: mean number N of primary electrons
+        amplifier: standard deviation of the amplifier's Gaussian noise, in output electrons
     """
     saddle = _saddle_point(excess, primaries, gain, ionisation_ratio, amplifier)
     ops = xp(saddle.exponent)
@@ -127,7 +128,8 @@ def _saddle_point(
 ) -> _Saddle:
     """Find the tilt exp(s x) that moves the mean of electrons and amplifier to the level; as `tail_probability`.
 
-    steps  of Newton's method, from the tilt that a Gaussian would need
+    Args:
+        steps: of Newton's method, from the tilt that a Gaussian would need
     """
     ops = xp(excess, primaries, gain, ionisation_ratio, amplifier)
     k, b, q = ionisation_ratio, (1.0 - ionisation_ratio) * (gain - 1.0) / gain, (gain - 1.0) / gain
@@ -190,11 +192,12 @@ def _saddle_point(
 class Currents:
     """Currents and gain that determine the noise of an avalanche photodiode.
 
-    primary_a         current of the background and of the bulk dark current, before the avalanche
-    unmultiplied_a2   variance of the noise that is not multiplied, as in (18); taken as Gaussian
-    gain              M
-    excess_noise      F at this gain; k follows from it (`ionisation_ratio`), so the variance is that of (18)
-    bandwidth_hz      B of the noise
+    Attributes:
+        primary_a: current of the background and of the bulk dark current, before the avalanche
+        unmultiplied_a2: variance of the noise that is not multiplied, as in (18); taken as Gaussian
+        gain: M
+        excess_noise: F at this gain; k follows from it (`ionisation_ratio`), so the variance is that of (18)
+        bandwidth_hz: B of the noise
     """
 
     primary_a: Lanes
@@ -223,7 +226,9 @@ def false_alarm_probability(currents: Currents, *, threshold_a: Lanes) -> Lanes:
 def crossing_rate_hz(currents: Currents, *, threshold_a: Lanes, least_hz: Lanes | None = None) -> Lanes:
     """Upward crossings a second, `tdc.rice_rate_hz` with McIntyre's tail: `crossings_per_frequency` in amperes.
 
-    least_hz  rates below it are 0 where `crossings_bound` says that they are: it takes a tenth of the time; None: none
+    Args:
+        least_hz: rates below it are 0 where `crossings_bound` says that they are: it takes a tenth of the time; None:
+            none
     """
     electrons, frequency_hz = currents.electrons(threshold_a), MEAN_FREQUENCY_LOW_PASS * currents.bandwidth_hz
     if least_hz is None:

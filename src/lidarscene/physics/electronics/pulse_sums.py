@@ -43,7 +43,9 @@ _NEAR = 5.0
 def raised(half: float) -> float:
     """Number added to the exponents in `comb_parts`, so that products stay within single precision, e^-87 to e^88.
 
-    half  largest distance of a place from the middle: an echo as far on the same side has the factor exp(half^2 / 2)
+    Args:
+        half: largest distance of a place from the middle: an echo as far on the same side has the factor exp(half^2 /
+            2)
     """
     return min(60.0, 87.0 - 0.5 * half * half)
 
@@ -73,15 +75,17 @@ def comb_parts(
 ) -> tuple[list[Array], list[Array]]:
     """`sum_of_pulses` at evenly spaced places u: each pulse's part at the first, and its factor from one to the next.
 
-    start, spacing  first place and distance between places
-    middle          centre of the places
-    half            largest distance of a place from it
-
     P(u) = exp(-(u - m)^2 / 2) sum_k P_k exp(-(t_k - m)^2 / 2) exp((t_k - m)(u - m)). The first exponential is common
     to all pulses, and the last one grows by the constant factor exp((t_k - m) du). So a place costs one
     multiplication for each pulse instead of one exponential. Pulses farther than 8 sigma_p from all places, whose
     light there is 1e-14 of their peak, are left out, and of those beyond the last place more where ``half`` is above 7:
     single precision loses their begin. Rounding accumulates: a hundred places are good to 1e-5.
+
+    Args:
+        start: first place
+        spacing: distance between places
+        middle: centre of the places
+        half: largest distance of a place from it
     """
     ops = xp(start, middle, *centres[:1])
     parts, growths = [], []
@@ -105,9 +109,11 @@ def even_sum(*, place: Lanes, middle: Lanes, parts: Sequence[Lanes], half: float
 def highest_between(evaluate: Callable[[Lanes], Shape], low: Lanes, high: Lanes, *, mask: Mask) -> tuple[Lanes, Shape]:
     """Peak of the waveform between two places: its slope is positive at the first and negative at the second.
 
-    mask  (n,) bool, lanes to search; results of other lanes are undefined
+    Args:
+        mask: (n,) bool, lanes to search; results of other lanes are undefined
 
-    Returns the place and the shape there.
+    Returns:
+        the place and the shape there
     """
 
     def uphill(shape: Shape) -> tuple[Lanes, Lanes]:
@@ -141,10 +147,11 @@ def crossing(
 ) -> Lanes:
     """Place at which the waveform crosses a level, between a peak and a lower place on either side of it.
 
-    far     place below the level
-    peak    place of the peak, and top the shape there
-    near    a place between both that is known to be above the level; the peak if None
-    mask    (n,) bool, lanes to search; results of other lanes are undefined
+    Args:
+        far: place below the level
+        peak: place of the peak, and top the shape there
+        near: a place between both that is known to be above the level; the peak if None
+        mask: (n,) bool, lanes to search; results of other lanes are undefined
     """
     ops = xp(level, far, peak)
     highest, _, bend = top
@@ -175,9 +182,10 @@ def _relative_shape(shape: Shape) -> Shape:
 class _Bracket:
     """A root between two places.
 
-    place  the best guess, ``moved`` from the one before
-    steps  number of steps so far
-    shape  shape of the waveform at the guess before
+    Attributes:
+        place: the best guess, ``moved`` from the one before
+        steps: number of steps so far
+        shape: shape of the waveform at the guess before
     """
 
     low: Lanes
@@ -198,7 +206,8 @@ def _root(
 ) -> tuple[Lanes, Shape]:
     """Root of a residual that rises through zero from ``low`` to ``high``: Newton's method, kept inside the bracket.
 
-    residual  (value, slope) from the waveform's shape
+    Args:
+        residual: (value, slope) from the waveform's shape
     """
     ops = xp(low, high, guess)
     guess = ops.where((guess > low) & (guess < high), guess, 0.5 * (low + high))

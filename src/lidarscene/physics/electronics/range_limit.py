@@ -19,9 +19,10 @@ from ...maths.arrays import Lanes, xp
 class Plane:
     """A Lambertian plane wider than the spot, in sunlight.
 
-    sun_irradiance_w_m2  in the receiver's band, at normal incidence
-    transmittance        transmittance of the air, one way
-    cos_incidence        cosine of incidence of the beam, and cos_sun that of the sunlight
+    Attributes:
+        sun_irradiance_w_m2: in the receiver's band, at normal incidence
+        transmittance: transmittance of the air, one way
+        cos_incidence: cosine of incidence of the beam, and cos_sun that of the sunlight
     """
 
     reflectivity: Lanes
@@ -35,10 +36,11 @@ class Plane:
 class Transceiver:
     """A lidar but for its detector.
 
-    peak_power_w        peak power of its laser, P_t
-    focal_over_radius   focal length over the detector's radius
-    threshold_to_noise  TNR of its comparator
-    efficiency_laser    efficiency of its optics for its own light, and efficiency_sun for sunlight
+    Attributes:
+        peak_power_w: peak power of its laser, P_t
+        focal_over_radius: focal length over the detector's radius
+        threshold_to_noise: TNR of its comparator
+        efficiency_laser: efficiency of its optics for its own light, and efficiency_sun for sunlight
     """
 
     peak_power_w: Lanes

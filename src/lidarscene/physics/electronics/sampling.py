@@ -75,11 +75,12 @@ def matched_curvature(*, curvature: Lanes) -> Lanes:
 def peak_deviation(*, noise_share: Lanes, slope_noise: Lanes, curvature: Lanes) -> Lanes:
     """Deviation of the place of a peak in noise, in sigma_p, (T77) and (T79).
 
-    noise_share  deviation of the noise over the peak's height
-    slope_noise  deviation of its derivative over its own, per sigma_p
-
     A maximum moves by n'(t) / s'': noise_share slope_noise / curvature, as long as the pulse is a parabola over that
     way. On a broad top it moves no farther than where the light has fallen by the noise.
+
+    Args:
+        noise_share: deviation of the noise over the peak's height
+        slope_noise: deviation of its derivative over its own, per sigma_p
     """
     ops = xp(noise_share, curvature)
     curved = ops.maximum(curvature, 1e-6)

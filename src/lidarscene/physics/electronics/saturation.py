@@ -42,7 +42,8 @@ def clipped_course(*, signal: Numbers, step_s: float, saturation: float, recover
 
     Of a lone pulse it is `reference.electronics.clipped_waveform`.
 
-    signal  (n, times) what the amplifier would pass without clipping, in even steps
+    Args:
+        signal: (n, times) what the amplifier would pass without clipping, in even steps
     """
     fading = math.exp(-step_s / max(recovery_s, 1e-18))
     output, zero = np.zeros_like(signal), np.zeros(len(signal))
@@ -74,9 +75,11 @@ def held_until(
 ) -> Lanes:
     """Time at which v(t) falls through a level at or below S.
 
-    fall_s      time at which the light falls through the level
-    released_s  time at which the light falls through S
     Any unit of time. A peak below S falls with the light.
+
+    Args:
+        fall_s: time at which the light falls through the level
+        released_s: time at which the light falls through S
     """
     ops = xp(fall_s, released_s, level, signal)
     drained = released_s + recovery_s * ops.log(ops.maximum(signal / level, 1.0))

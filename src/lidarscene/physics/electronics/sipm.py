@@ -107,14 +107,15 @@ def busy_share_correlated(
 ) -> Lanes:
     """Share of time that a cell is dead where avalanches cause others, theory (T20a).
 
-    firings                  firings by light and dark counts of a cell that never dies, in a dead time, x
-    crosstalk                probability p that an avalanche fires another cell at once, any alike
-    afterpulse               probability a that it fires its own cell again, after an exponential delay
-    afterpulse_to_dead_time  mean delay over the dead time
-
     A ready cell is fired x + p b times in a dead time, since each of the b avalanches of a cell tries another; and an
     afterpulse succeeds if its cell is ready by then, with the probability K: not in the dead time, as left by the
     background until 2 tau, as any cell after that. The fixed point is found in `_TURNS` turns.
+
+    Args:
+        firings: firings by light and dark counts of a cell that never dies, in a dead time, x
+        crosstalk: probability p that an avalanche fires another cell at once, any alike
+        afterpulse: probability a that it fires its own cell again, after an exponential delay
+        afterpulse_to_dead_time: mean delay over the dead time
     """
     ops = xp(firings, crosstalk, afterpulse)
     delay = 1.0 / afterpulse_to_dead_time
@@ -157,10 +158,11 @@ def firing_deviation(*, busy_share: Lanes, crosstalk: Lanes) -> Lanes:
 def add_crosstalk(*, photons: Lanes, pde: Lanes, cells: Lanes, ready_share: Lanes, crosstalk: Lanes) -> Lanes:
     """Photons of a flash that would fire without crosstalk as many cells as these do with it, theory (T20c).
 
-    ready_share  ready share of all cells before the flash
-
     Each of Y photons in a cell fires it if ready, and the avalanche fires a ready cell with p f, f the share of ready
     ones: d ln f = -dY / (1 - p f). The root of ln f - p f = ln f_0 - p f_0 - Y by Newton's method from below.
+
+    Args:
+        ready_share: ready share of all cells before the flash
     """
     ops = xp(photons, ready_share)
     start = ops.log(ready_share)

@@ -54,10 +54,11 @@ _SURE = 5.0
 class Passage:
     """Passages of a level around the peak of the count; each field (n,).
 
-    on_edge   probability that the count has passed the level by its peak
-    ever      probability that it passes the level before the cells revive, P_d
-    before    f of the stretch before the peak
-    duration  time behind the peak in which the late passages happen, in sigma_p
+    Attributes:
+        on_edge: probability that the count has passed the level by its peak
+        ever: probability that it passes the level before the cells revive, P_d
+        before: f of the stretch before the peak
+        duration: time behind the peak in which the late passages happen, in sigma_p
     """
 
     on_edge: Lanes
@@ -70,12 +71,13 @@ class Passage:
 class CountEdge:
     """Edge of the count under a background, for a Gaussian pulse.
 
-    sigma_s    standard deviation of the pulse
-    decay      a, rate at which the background takes back the count of an echo, times sigma_p
-    dead_time  T, in sigma_p
-    free       cells that the background leaves ready
-    jumps      variance of the background's steps up and down in a sigma_p, cells squared
-    cluster    variance of the cells that fire with one avalanche, over that of one cell: 1 without crosstalk
+    Attributes:
+        sigma_s: standard deviation of the pulse
+        decay: a, rate at which the background takes back the count of an echo, times sigma_p
+        dead_time: T, in sigma_p
+        free: cells that the background leaves ready
+        jumps: variance of the background's steps up and down in a sigma_p, cells squared
+        cluster: variance of the cells that fire with one avalanche, over that of one cell: 1 without crosstalk
     """
 
     sigma_s: Lanes
@@ -144,10 +146,11 @@ class CountEdge:
     def passage(self, at_peak: Lanes, *, threshold: Lanes, signal: Lanes, sigma: Lanes) -> Passage:
         """Probability that the count passes a level anywhere on the echo, (T119).
 
-        at_peak    probability that it is above the level at its peak
-        threshold  the level, above the mean background
-        signal     highest mean count, above the same
-        sigma      its standard deviation there
+        Args:
+            at_peak: probability that it is above the level at its peak
+            threshold: the level, above the mean background
+            signal: highest mean count, above the same
+            sigma: its standard deviation there
         """
         ops = xp(at_peak, signal, self.decay)
         sigma = ops.maximum(sigma, 1e-6)
@@ -195,9 +198,10 @@ class CountEdge:
         There the count steps forth and back, so that it passes a level before its mean would: by D / (2 m'), less the
         half cell, and by no more than at the peak.
 
-        share  of the light of the peak
-        level  mean count at that share
-        sigma  noise there
+        Args:
+            share: of the light of the peak
+            level: mean count at that share
+            sigma: noise there
         """
         place, ops = self.place(share), xp(share, level)
         # On an edge the count is free (1 - exp(-y)), with y in proportion to the light.
@@ -213,7 +217,9 @@ class CountEdge:
 def late_place(passage: Passage, tail: Lanes) -> Lanes:
     """Place behind the peak, in sigma_p from it, at which an echo passes a level that it has not reached by then.
 
-    tail  probability of an echo with more noise than this one's, between `Passage.on_edge` and `Passage.ever`; 0 below
+    Args:
+        tail: probability of an echo with more noise than this one's, between `Passage.on_edge` and `Passage.ever`; 0
+            below
     """
     ops = xp(tail, passage.ever)
     late = (tail - passage.on_edge) / ops.maximum(passage.ever - passage.on_edge, 1e-9)

@@ -55,10 +55,11 @@ _LARGEST_YIELD = 14.0
 def captured_photons(*, photons: Lanes, pulse_fwhm_s: Lanes, dead_time_s: Lanes) -> Lanes:
     """Photons of a Gaussian pulse in the dead time centred on its peak.
 
-    photons  as (24) counts them, half of P_r FWHM
-
     A box of tau around the peak holds 2 1.0645 erf(sqrt(ln 2) tau / FWHM) times that: 1.62 times at tau = FWHM, 2.13
     times (the whole pulse) at tau >> FWHM, as much at tau = 0.53 FWHM.
+
+    Args:
+        photons: as (24) counts them, half of P_r FWHM
     """
     inner = 1.0 - 2.0 * normal_tail(math.sqrt(2.0 * _LN2) * dead_time_s / pulse_fwhm_s)
     return 2.0 * _ENERGY * inner * photons
@@ -67,12 +68,13 @@ def captured_photons(*, photons: Lanes, pulse_fwhm_s: Lanes, dead_time_s: Lanes)
 def peak_photons(*, photons: Lanes, busy_share: Lanes, pulse_to_dead_time: Lanes, pde: Lanes, cells: Lanes) -> Lanes:
     """Photons of a flash that would fire as many free cells as the pulse adds to the busy cells at its peak.
 
-    photons             photons of the pulse in the dead time around its peak, `captured_photons`
-    busy_share          before the pulse, x / (1 + x)
-    pulse_to_dead_time  FWHM / tau
-
     Fewer than arrived: cells that fired early in the pulse are dead or alive again at its peak, and the background
     finds fewer free cells meanwhile. Interpolated to 0.5 % (docs/sipm.md).
+
+    Args:
+        photons: photons of the pulse in the dead time around its peak, `captured_photons`
+        busy_share: before the pulse, x / (1 + x)
+        pulse_to_dead_time: FWHM / tau
     """
     forward, _ = tables()
     per_cell = photons * pde / cells
@@ -101,14 +103,15 @@ def _place(pulse_to_dead_time: Lanes, busy_share: Lanes) -> tuple[Lanes, Lanes]:
 def residual_busy(*, age_s: Lanes, rate_hz: Lanes, dead_time_s: Lanes, sigma_s: Lanes) -> Lanes:
     """Count above the background's that an earlier echo leaves, for each cell that it fired: 1 at first, theory (T45b).
 
-    age_s    since the echo's light peaked
-    rate_hz  rate at which the background fires a ready cell, x / tau
-    sigma_s  standard deviation of the pulse
-
     Without the pulse's width it is exp(-r t) up to tau: the background fires fewer ready cells and the count falls
     back. At tau the echo's cells revive all together, none of them busy with background: until 2 tau the count is
     *below* what it was, -exp(-r a) (1 - exp(-x) - r a) at a = t - tau. Both solve (B) for a flash exactly. What is left
     after 2 tau, 4 % at Table 1's sun and 15 % at x = 1.25, counts as none. The pulse's width smears the revival.
+
+    Args:
+        age_s: since the echo's light peaked
+        rate_hz: rate at which the background fires a ready cell, x / tau
+        sigma_s: standard deviation of the pulse
     """
     ops = xp(age_s, rate_hz)
     revived = 1.0 - normal_tail((age_s - dead_time_s) / sigma_s)
@@ -146,12 +149,13 @@ def busy_share_over_time(
 ) -> tuple[Numbers, Numbers]:
     """Solve (B): times from the pulse's peak in dead times, (t,), and the busy share at them, (t, ...).
 
-    background  (...) firings per cell and dead time, x
-    flash       (...) firings that the whole pulse would cause in a cell that never dies
-    steps       per dead time; fine enough for the table if None
-
     From 2 FWHM before the light's peak until the count has peaked. Second order in the step and stable for any light,
     because within a step the rate and the share of reviving cells are taken as constant and integrated exactly.
+
+    Args:
+        background: (...) firings per cell and dead time, x
+        flash: (...) firings that the whole pulse would cause in a cell that never dies
+        steps: per dead time; fine enough for the table if None
     """
     steps = steps or max(24, math.ceil(24.0 / pulse_to_dead_time))
     steps_before = math.ceil(_EDGE * pulse_to_dead_time * steps)
@@ -188,11 +192,13 @@ def busy_share_in_steps(
 ) -> Numbers:
     """Solve (B) for any light: the busy share at the end of each step, (n, times).
 
-    rate        (n, times) firings of a ready cell by light beyond the background, per dead time
-    busy_share  (n,) under the background alone, its crosstalk and afterpulses in it
-    steps       per dead time
-    crosstalk, afterpulse, afterpulse_to_dead_time  as of `sipm.busy_share_correlated`; afterpulses within the dead time
-                are lost
+    Args:
+        rate: (n, times) firings of a ready cell by light beyond the background, per dead time
+        busy_share: (n,) under the background alone, its crosstalk and afterpulses in it
+        steps: per dead time
+        crosstalk: as of `sipm.busy_share_correlated`
+        afterpulse: as there; afterpulses within the dead time are lost
+        afterpulse_to_dead_time: as there
     """
     free = 1.0 - busy_share
     # What the background and all that follows from it does to a ready cell; light adds to it.

@@ -112,14 +112,17 @@ def noise_correlation(*, lag_s: Lanes, bandwidth_hz: Lanes) -> Lanes:
 def crossing_level(*, threshold: Lanes, noise: Lanes, kappa_1: Lanes, kappa_2: Lanes, deviate: Lanes) -> Lanes:
     """Signal level s at which s + z sigma(s) = U.
 
-    threshold, noise  U and sigma_0, in signal units
-    kappa_1, kappa_2  coefficients of the echo's own noise; kappa_2 < 0 of cells, > 0 of a laser whose power scatters
-    deviate           z, standard normal
-
     The root of (1 - z^2 k2) s^2 - (2 U + z^2 k1) s + U^2 - z^2 sigma_0^2 = 0 on the branch of z's sign, written
     without cancellation. Levels below 1e-3 U are raised to it, so that the time stays finite; there a noise peak
     would have tripped the comparator without any echo (z sigma_0 > U). Where z < 0 and z^2 k2 >= 1 noise grows faster
     than the signal and no level is high enough: the level is `_OUT_OF_REACH` U or more.
+
+    Args:
+        threshold: U, in signal units
+        noise: sigma_0, in signal units
+        kappa_1: coefficients of the echo's own noise; kappa_2 < 0 of cells, > 0 of a laser whose power scatters
+        kappa_2: as `kappa_1`
+        deviate: z, standard normal
     """
     ops = xp(threshold, noise, deviate)
     z2 = deviate * deviate

@@ -53,9 +53,10 @@ def kim_exponent(visibility_km: float) -> float:
 def extinction_from_visibility_per_m(*, visibility_m: float, wavelength_m: float, model: str = "kim") -> float:
     """Extinction coefficient alpha = (3.912 / V) (lambda / 550 nm)^-q, per metre.
 
-    model  exponent q: "kruse" or "kim" (equal above 6 km)
-
     8.9e-5 per metre at 905 nm and 23 km.
+
+    Args:
+        model: exponent q: "kruse" or "kim" (equal above 6 km)
     """
     exponent = {"kruse": kruse_exponent, "kim": kim_exponent}[model](visibility_m / 1000.0)
     ratio = wavelength_m * 1e6 / _REFERENCE_WAVELENGTH_UM

@@ -36,6 +36,8 @@ def top_hat_ring(*, inside: Lanes, outside: Lanes) -> Lanes:
 def beam_quality(*, exit_diameter_m: Lanes, divergence_rad: Lanes, wavelength_m: Lanes) -> Lanes:
     """M^2 = pi w_0 (theta / 2) / lambda of a beam with its waist at the exit; a real beam has M^2 >= 1.
 
-    exit_diameter_m, divergence_rad  full, at 1/e^2 (ISO 11146-1)
+    Args:
+        exit_diameter_m: full, at 1/e^2 (ISO 11146-1)
+        divergence_rad: full, at 1/e^2 (ISO 11146-1)
     """
     return 0.25 * math.pi * exit_diameter_m * divergence_rad / wavelength_m

@@ -16,7 +16,8 @@ from ...maths.arrays import Lanes, xp
 def fresnel_reflectance(*, cos_incidence: Lanes, index: Lanes) -> Lanes:
     """Reflectance of a smooth lossless surface for unpolarised light: (R_s + R_p) / 2.
 
-    index  n of the body over that of the medium, > 1
+    Args:
+        index: n of the body over that of the medium, > 1
     """
     across, along = fresnel_amplitudes(cos_incidence=cos_incidence, index=index)
     return 0.5 * (across * across + along * along)
@@ -25,10 +26,11 @@ def fresnel_reflectance(*, cos_incidence: Lanes, index: Lanes) -> Lanes:
 def fresnel_amplitudes(*, cos_incidence: Lanes, index: Lanes) -> tuple[Lanes, Lanes]:
     """r_s and r_p: amplitudes that a smooth lossless surface reflects, across the plane of incidence and in it.
 
-    index  n of the body over that of the medium, > 1
-
     Born and Wolf, Principles of Optics, 7th ed., 1.5.2: s, p and the direction of light are right-handed before and
     after, so that at normal incidence r_p = -r_s.
+
+    Args:
+        index: n of the body over that of the medium, > 1
     """
     ops = xp(cos_incidence)
     inside = ops.sqrt(1.0 - (1.0 - cos_incidence * cos_incidence) / (index * index))
@@ -45,7 +47,8 @@ def optical_depth(*, index_k: float, thickness_m: float, wavelength_m: float) ->
 def internal_transmittance(*, depth: Lanes, cos_incidence: Lanes, index: Lanes) -> Lanes:
     """a: transmittance of one passage of a pane, exp(-depth / cos(angle inside)) (Beer, Lambert, Snell).
 
-    depth  `optical_depth`
+    Args:
+        depth: `optical_depth`
     """
     ops = xp(cos_incidence)
     inside = ops.sqrt(1.0 - (1.0 - cos_incidence * cos_incidence) / (index * index))
@@ -55,11 +58,12 @@ def internal_transmittance(*, depth: Lanes, cos_incidence: Lanes, index: Lanes) 
 def pane_reflectance(*, surface: Lanes, internal: Lanes) -> Lanes:
     """R of a pane, all passages between its faces summed: r + (1 - r)^2 r a^2 / (1 - r^2 a^2).
 
-    surface   r of one face
-    internal  a of one passage; with a = 1 the pane has 2 r / (1 + r)
-
     No interference: the pulse's coherence length is shorter than the pane is thick, or the faces are not parallel to
     a wavelength. Rubin, Sol. Energy Mater. 12, 275 (1985).
+
+    Args:
+        surface: r of one face
+        internal: a of one passage; with a = 1 the pane has 2 r / (1 + r)
     """
     round_trip = internal * internal
     return surface + (1.0 - surface) * (1.0 - surface) * surface * round_trip / (1.0 - surface * surface * round_trip)

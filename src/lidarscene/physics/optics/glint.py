@@ -28,16 +28,17 @@ def share_on_aperture(
 ) -> Lanes:
     r"""Share of a beam on a round aperture, from 0 to 1.
 
-    profile        "gaussian" (radii at 1/e^2) or "top_hat" (radii of the edge, an ellipse)
-    aside_m        offset from the spot's centre to the aperture's, along the two axes of the beam
-    spot_radius_m  along the same axes
-
     For a Gaussian, the mean density over the aperture times its area,
 
     .. math:: \frac{2A}{\pi w_1 w_2}\,\langle e^{-2 (x_1^2 / w_1^2 + x_2^2 / w_2^2)}\rangle
 
     (ISO 11146), by cubature on the disc. For a top hat, the area that the two circles share; an ellipse counts as the
     circle of its area, with distances in its own units.
+
+    Args:
+        profile: "gaussian" (radii at 1/e^2) or "top_hat" (radii of the edge, an ellipse)
+        aside_m: offset from the spot's centre to the aperture's, along the two axes of the beam
+        spot_radius_m: along the same axes
     """
     ops = xp(*aside_m, *spot_radius_m, aperture_radius_m)
     narrowest = _NARROWEST * aperture_radius_m

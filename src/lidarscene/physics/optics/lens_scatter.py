@@ -15,10 +15,11 @@ from ...maths.arrays import Lanes
 def stray_share(*, angle_rad: Lanes, near: Lanes, half_angle_rad: Lanes, veil: Lanes) -> Lanes:
     """Share of a channel's light on the detector of another, theory (T122).
 
-    angle_rad       between the directions of both
-    near            share at a small angle, without the veil
-    half_angle_rad  angle at which that has fallen to half
-    veil            share at any angle
+    Args:
+        angle_rad: between the directions of both
+        near: share at a small angle, without the veil
+        half_angle_rad: angle at which that has fallen to half
+        veil: share at any angle
     """
     ratio = angle_rad / half_angle_rad
     return veil + near / (1.0 + ratio * ratio)

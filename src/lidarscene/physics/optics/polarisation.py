@@ -54,9 +54,10 @@ class Stokes:
 class LobeShares:
     """Shares of the light that go into one lobe of a surface; each (n,).
 
-    across  of light polarised across the plane of incidence (s)
-    along   of light polarised in it (p)
-    mixed   mean product of both amplitudes, which carries U; negative where a reflection turns one of them round
+    Attributes:
+        across: of light polarised across the plane of incidence (s)
+        along: of light polarised in it (p)
+        mixed: mean product of both amplitudes, which carries U; negative where a reflection turns one of them round
     """
 
     across: Lanes
@@ -67,10 +68,11 @@ class LobeShares:
 def pane_shares(*, cos_incidence: Lanes, index: Lanes, internal: Lanes, reflected: bool) -> LobeShares:
     """T or R of a pane for both polarisations, all passages between its faces summed.
 
-    internal  a of one passage, 1 if the pane does not absorb
-
     With r_s and r_p of one face: (T63) with r_s^2, with r_p^2, and for the mixed share with r_s r_p in place of r and
     (1 - r_s^2)(1 - r_p^2) in place of (1 - r)^2. Directions of s, p and light are right-handed before and after.
+
+    Args:
+        internal: a of one passage, 1 if the pane does not absorb
     """
     r_s, r_p = fresnel_amplitudes(cos_incidence=cos_incidence, index=index)
     law = pane_reflectance if reflected else pane_transmittance

@@ -104,16 +104,17 @@ def top_hat_in_circle(*, spot_radius: Lanes, circle_radius: Lanes, distance: Lan
 def spot_share(*, profile: str, spot_rad: Lanes, off_axis_rad: Lanes, field_rad: Lanes, blur_rad: Lanes) -> Lanes:
     r"""Share of the spot's light that falls on the detector, in or out of focus.
 
-    profile       "gaussian" (radius at 1/e^2) or "top_hat"
-    off_axis_rad  angle of the spot's centre off the axis, `parallax_rad`
-    blur_rad      `blur_radius_rad`; 0 in focus
-
     It is the mean of `reference.optics.point_share` over the spot. As a function of the distance r from the axis, that
     falls to zero between |b - phi| and b + phi (blur b, field phi), and its slope is the chord c(r) that the two
     circles share. Integration by parts makes the mean an average over the light within circles of these radii, which
     both profiles have in closed form:
 
     .. math:: \frac{1}{\pi b^2}\int_{|b-\varphi|}^{b+\varphi} c(r)\,P(r)\,dr
+
+    Args:
+        profile: "gaussian" (radius at 1/e^2) or "top_hat"
+        off_axis_rad: angle of the spot's centre off the axis, `parallax_rad`
+        blur_rad: `blur_radius_rad`; 0 in focus
     """
     within = {"gaussian": gaussian_in_circle, "top_hat": top_hat_in_circle}[profile]
     spot = {"spot_radius": spot_rad, "distance": off_axis_rad}

@@ -37,16 +37,17 @@ def rough_diffuse_per_sr(
 ) -> Lanes:
     r"""f_r of a rough matt surface, 1/sr.
 
-    reflectivity  reflectivity at normal incidence: the same into every direction and over the hemisphere
-    relief        K, by `relief`
-    cos_between   between the two directions, both away from the surface: 1 straight back
-
     .. math:: f_r = \frac{\rho}{\pi}\Bigl(1 + K\,\frac{s}{t}\Bigr),\quad s = \omega_i\cdot\omega_o -
               \cos\theta_i\cos\theta_o,\quad t = \max(\cos\theta_i, \cos\theta_o)\ \text{if}\ s > 0,\ \text{else}\ 1
 
     Oren and Nayar 1994, with the sign of s kept where it is negative (Y. Fujii, A tiny improvement of Oren-Nayar
     reflectance model, 2012): forward of the normal the integral over facets falls, and the published short form stays
     level. Divided by its value at normal incidence. Light that goes from facet to facet is left out.
+
+    Args:
+        reflectivity: reflectivity at normal incidence: the same into every direction and over the hemisphere
+        relief: K, by `relief`
+        cos_between: between the two directions, both away from the surface: 1 straight back
     """
     ops = xp(cos_between)
     lifted = cos_between - cos_in * cos_out

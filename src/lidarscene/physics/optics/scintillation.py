@@ -41,12 +41,13 @@ def speckle_cells(
 ) -> Lanes:
     """M: number of independent speckle cells that the lens gathers of unpolarised light, as rough surfaces return it.
 
-    spot_rad       angular radius w / R of the spot
-    linewidth_m    full width at half maximum of the laser's line, as wavelength; 0: one line
-
     A cell is lambda R / w wide, so M = 1 + A_spot A_lens / (lambda R)^2 for light of one wavelength (Goodman, Speckle
     Phenomena in Optics, 2nd ed., 4.6), here with a Gaussian lens of the same variance. On a surface that leans each
     wavelength of the line has a pattern that is moved sideways, which adds cells along the slope.
+
+    Args:
+        spot_rad: angular radius w / R of the spot
+        linewidth_m: full width at half maximum of the laser's line, as wavelength; 0: one line
     """
     cos_incidence = xp(range_m, cos_incidence).maximum(cos_incidence, _LEAST_COSINE)
     across = math.pi * spot_rad * aperture_radius_m / wavelength_m
@@ -72,10 +73,11 @@ def turbulence_variance(
 ) -> Lanes:
     """Relative variance of the power of a small source at a range that a lens gathers through turbulent air.
 
-    structure_constant  C_n^2 [m^(-2/3)], the same along the path
-
     Andrews and Phillips, Laser Beam Propagation through Random Media, 2nd ed., 10.3.2: aperture averaging of a
     spherical wave, from weak to strong turbulence, with no inner or outer scale.
+
+    Args:
+        structure_constant: C_n^2 [m^(-2/3)], the same along the path
     """
     ops, wave_number = xp(range_m, structure_constant, wavelength_m), 2.0 * math.pi / wavelength_m
 

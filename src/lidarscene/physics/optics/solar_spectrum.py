@@ -33,8 +33,9 @@ _POINTS = 801  # of a smooth filter
 class SpectralCurve:
     """A quantity over wavelength: straight lines between the points, zero outside.
 
-    wavelength_m  (n,) float64, rising
-    value         (n,) float64; W/m3 (W/m2 per metre of wavelength) for a spectrum, 0 to 1 for a filter
+    Attributes:
+        wavelength_m: (n,) float64, rising
+        value: (n,) float64; W/m3 (W/m2 per metre of wavelength) for a spectrum, 0 to 1 for a filter
     """
 
     wavelength_m: Numbers

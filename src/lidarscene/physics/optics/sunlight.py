@@ -34,10 +34,11 @@ def surface_radiance_w_m2_sr(
 ) -> Lanes:
     """Radiance of a surface towards the sensor, L = E_sun V f_r(w_sun, w) cos(theta_s) + rho E_sky / pi.
 
-    sun_scatter_per_sr  V f_r cos(theta_s), zero in shadow
-
     The sky is uniform and reflected by the diffuse part of the surface only. Parts of the sky hidden by the
     surroundings count too.
+
+    Args:
+        sun_scatter_per_sr: V f_r cos(theta_s), zero in shadow
     """
     return sun_irradiance_w_m2 * sun_scatter_per_sr + reflectivity * sky_irradiance_w_m2 / math.pi
 
@@ -58,9 +59,10 @@ def sun_disc_power_w(
     """Power of direct sunlight on the detector: radiance of the disc times the solid angle shared with the field of
     view.
 
-    sun_irradiance_w_m2  irradiance at the sensor: the air is accounted for
-    sun_angle_rad        angle from the receiver's axis to the centre of the disc
-    field_rad            half angle of the round field of view; small angles
+    Args:
+        sun_irradiance_w_m2: irradiance at the sensor: the air is accounted for
+        sun_angle_rad: angle from the receiver's axis to the centre of the disc
+        field_rad: half angle of the round field of view; small angles
     """
     seen_sr = circles_overlap(
         first_radius=field_rad, second_radius=SUN_RADIUS_RAD + 0.0 * field_rad, distance=sun_angle_rad

@@ -40,8 +40,10 @@ def diffraction_angle_rad(*, wavelength_m: float, grain_m: float) -> float:
 def overlap_area_m2(*, beam_m: float, drop_m: float, distance_m: Numbers) -> Numbers:
     """Area that two discs share, (n,) m2 (T159): a lens of two circular segments.
 
-    beam_m, drop_m  radii of the discs
-    distance_m      (n,) between their centres
+    Args:
+        beam_m: radius of the beam's disc
+        drop_m: radius of the drop's disc
+        distance_m: (n,) between their centres
     """
     distance = np.asarray(distance_m, dtype=np.float64)
     smaller = min(beam_m, drop_m)

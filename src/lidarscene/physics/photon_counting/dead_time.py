@@ -46,9 +46,10 @@ def afterpulse_factor(*, rate_hz: Lanes, dead_time_s: Lanes, afterpulse: Lanes, 
     G is the share of afterpulses that find their SPAD free: they outlast the dead time, and no other photon has fired
     it by then.
 
-    rate_hz       lambda, of light and dark counts alone
-    afterpulse    p, afterpulses of each firing
-    afterpulse_s  their mean delay
+    Args:
+        rate_hz: lambda, of light and dark counts alone
+        afterpulse: p, afterpulses of each firing
+        afterpulse_s: their mean delay
     """
     ops = xp(rate_hz, afterpulse_s)
     lasting = ops.exp(-dead_time_s / afterpulse_s)
@@ -105,7 +106,8 @@ def firing_parts(*, detections: Lanes, branch: bool = False) -> tuple[Lanes, Lan
     Of those that are free when the step begins 1 - exp(-x) fire, with x the detections of a free SPAD in the step.
     Those that come free evenly over the step meet half of its light on average: 1 - (1 - exp(-x)) / x of them fire.
 
-    branch  whether packets of lanes with little light skip the exponential; derivatives do not pass a branch
+    Args:
+        branch: whether packets of lanes with little light skip the exponential; derivatives do not pass a branch
     """
     # Where x is small both are differences of near equals, and a series takes their place; most bins have little light.
     ops = xp(detections)
@@ -134,11 +136,12 @@ def firing_shares(
     a_(i+1) = a_i - f_i + f_(i - tau / bin_s), with the firings f_i of `firing_parts` spread over their bin (T100).
     So do the afterpulses that free SPADs still have before them, to first order in their number (T109).
 
-    rate_hz       (..., n) lambda in each bin, of light and dark counts alone
-    dead_time_s   inf: a SPAD fires once in a shot
-    steady        whether SPADs are in balance with the light of the first bin when the shot begins; else all are free
-    afterpulse    p, afterpulses of each firing; of a SPAD that fires once in a shot there are none
-    afterpulse_s  their mean delay
+    Args:
+        rate_hz: (..., n) lambda in each bin, of light and dark counts alone
+        dead_time_s: inf: a SPAD fires once in a shot
+        steady: whether SPADs are in balance with the light of the first bin when the shot begins; else all are free
+        afterpulse: p, afterpulses of each firing; of a SPAD that fires once in a shot there are none
+        afterpulse_s: their mean delay
     """
     detections = np.asarray(rate_hz, dtype=np.float64) * bin_s
     count = detections.shape[-1]
@@ -190,9 +193,10 @@ def missing_share(*, firings_s: Lanes, rate_hz: Lanes, dead_time_s: Lanes, back:
     G(t) = exp(-lambda t) - sum_n H(t - n tau) exp(-lambda t_n) (lambda t_n)^(n - 1) / (n - 1)! (1 - lambda t_n / n),
     with t_n = t - n tau: the solution of G' = -lambda G(t) + lambda G(t - tau) for a firing that is back at tau.
 
-    firings_s  t, since the firing
-    rate_hz    lambda
-    back       H of n = 1, 2, ...: whether so many dead times have passed, or which part of many firings has
+    Args:
+        firings_s: t, since the firing
+        rate_hz: lambda
+        back: H of n = 1, 2, ...: whether so many dead times have passed, or which part of many firings has
     """
     ops = xp(firings_s, rate_hz, dead_time_s)
     missing: Lanes = ops.exp(-rate_hz * firings_s)

@@ -31,9 +31,10 @@ its own."""
 def binomial_count(*, trials: Lanes, probability: Lanes, uniform: Lanes) -> Lanes:
     """A whole number from a binomial distribution, (n,): by inversion if its mean is small, else by Cornish and Fisher.
 
-    trials       number of trials, whole or not
-    probability  probability of each, from 0 to 1
-    uniform      in (0, 1]
+    Args:
+        trials: number of trials, whole or not
+        probability: probability of each, from 0 to 1
+        uniform: in (0, 1]
     """
     ops = xp(trials, probability, uniform)
     p = ops.minimum(ops.maximum(probability, 0.0), 1.0 - 1e-6)

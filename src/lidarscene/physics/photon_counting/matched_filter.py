@@ -82,7 +82,9 @@ OUTPUT_WIDTH = math.sqrt(1.0 + TEMPLATE**2)
 def background_skewness(*, variance_share: Lanes) -> Lanes:
     """Third cumulant of F by even background over its variance: photons that one unit of noise counts as (T95).
 
-    variance_share  variance of F over `background_variance`; in the dark, where both are 0, the limit of their ratio
+    Args:
+        variance_share: variance of F over `background_variance`; in the dark, where both are 0, the limit of their
+            ratio
     """
     return _THIRD / _GAIN * variance_share
 
@@ -97,9 +99,10 @@ def tail(*, excess: Lanes, variance: Lanes, unit: Lanes) -> Lanes:
     F is taken for a scaled and shifted Poisson number with its variance and third cumulant, and that one's tail is
     Lugannani and Rice's (Adv. Appl. Probab. 12, 475, 1980) in the form of Barndorff-Nielsen.
 
-    excess    excess of the threshold over the mean
-    variance  variance of F
-    unit      third cumulant over variance: the step of the Poisson number
+    Args:
+        excess: excess of the threshold over the mean
+        variance: variance of F
+        unit: third cumulant over variance: the step of the Poisson number
     """
     root, _, mean = _saddle(excess, variance, unit)
     ops = xp(root)
@@ -145,9 +148,10 @@ def false_peak_share(
     is Rayleigh's. Few counts under the template are not smooth: F has the steps of their whole number, and a table
     holds how much more often, or more rarely, it passes the threshold.
 
-    rate_hz         r, counts per second
-    variance_share  variance of F over `background_variance`: 1 unless the counts are not Poisson's
-    bin_to_sigma    bin_s over sigma_s, as a number that chooses the table; None, or an array: no table
+    Args:
+        rate_hz: r, counts per second
+        variance_share: variance of F over `background_variance`: 1 unless the counts are not Poisson's
+        bin_to_sigma: bin_s over sigma_s, as a number that chooses the table; None, or an array: no table
     """
     if not isinstance(bin_to_sigma, float):
         return _smooth_peak_share(
@@ -265,10 +269,11 @@ def _smooth_peak_share(
 def detection_probability(*, threshold: Lanes, signal: Lanes, variance: Lanes, unit: Lanes, gained: Lanes) -> Lanes:
     """Probability that the filter's peak at an echo exceeds the threshold (T98).
 
-    signal    expected value of the filter at the echo
-    variance  variance of F there
-    unit      third cumulant of F over its variance
-    gained    photons by which the highest of the filter's values near the echo exceeds that at it, on average
+    Args:
+        signal: expected value of the filter at the echo
+        variance: variance of F there
+        unit: third cumulant of F over its variance
+        gained: photons by which the highest of the filter's values near the echo exceeds that at it, on average
     """
     ops = xp(threshold, signal, variance)
     lit = signal > 1e-6
@@ -282,10 +287,11 @@ def gain_of_place(*, signal: Lanes, background: Lanes, signal_variance: Lanes, b
 
     The receiver takes the highest value near the echo, which noise moves.
 
-    signal        S
-    background    variance of F by the background, as far as its slope has it (`slope_excluded`)
-    signal_variance  variance of F by the echo's own photons, as far as the slope has it
-    bend          |F''| over that of a weak echo of this height
+    Args:
+        signal: S
+        background: variance of F by the background, as far as its slope has it (`slope_excluded`)
+        signal_variance: variance of F by the echo's own photons, as far as the slope has it
+        bend: |F''| over that of a weak echo of this height
     """
     return (_BACKGROUND_GAIN * background + _SIGNAL_GAIN * signal_variance) / _steepness(
         signal, background, signal_variance, bend
@@ -314,8 +320,9 @@ def loss_between_bins(*, signal: Lanes, bin_sigmas: Lanes, bend: Lanes = 1.0) ->
 
     The peak lies anywhere within half a bin of the highest one, |F''| bin^2 / 24 above it.
 
-    bin_sigmas  length of a bin in widths of the echo
-    bend        |F''| over that of a weak echo of this height
+    Args:
+        bin_sigmas: length of a bin in widths of the echo
+        bend: |F''| over that of a weak echo of this height
     """
     return signal * bend * bin_sigmas * bin_sigmas * (1.0 / (24.0 * OUTPUT_WIDTH * OUTPUT_WIDTH))
 
@@ -333,9 +340,10 @@ def excluded(*, rate_hz: Lanes, free: Lanes, dead_time_s: Lanes, reach_s: Lanes)
     A firing of a SPAD excludes others for a dead time; then it fires with the rate of a free one, which falls back to
     the mean.
 
-    rate_hz  lambda
-    free     share of the SPADs that are free
-    reach_s  width of the Gaussian, `SIGNAL_REACH` or `BACKGROUND_REACH`
+    Args:
+        rate_hz: lambda
+        free: share of the SPADs that are free
+        reach_s: width of the Gaussian, `SIGNAL_REACH` or `BACKGROUND_REACH`
     """
     ops = xp(rate_hz, dead_time_s, reach_s)
     bright, later = rate_hz * reach_s, dead_time_s / reach_s
@@ -375,7 +383,8 @@ def slope_excluded(*, rate_hz: Lanes, dead_time_s: Lanes, sigma_s: Lanes) -> Lan
 def signal_variance_of(*, narrowing: Lanes) -> tuple[Lanes, Lanes]:
     """Variance of F by an echo's photons for each of them, and what of it the slope has (T95).
 
-    narrowing  value of the filter over that of an echo as wide as the pulse, from 1 on: pile-up narrows the echo
+    Args:
+        narrowing: value of the filter over that of an echo as wide as the pulse, from 1 on: pile-up narrows the echo
     """
     ops = xp(narrowing)
     square = ops.maximum((1.0 + TEMPLATE**2) / (narrowing * narrowing) - TEMPLATE**2, 0.0)
@@ -391,9 +400,11 @@ def gain_of_breadth(*, signal: Lanes, background: Lanes, signal_variance: Lanes,
     flat at its middle still falls off to its sides: echoes at every distance, drawn bin by bin, gain
     x / sqrt(1 + (x / 3)^2), so 4 times as much at most (T98a).
 
-    signal, background, signal_variance  as of `gain_of_place`
-    bend                              second derivative of the peak over its height, in widths of a lone echo (which
-                                      has -1)
+    Args:
+        signal: as of `gain_of_place`
+        background: as of `gain_of_place`
+        signal_variance: as of `gain_of_place`
+        bend: second derivative of the peak over its height, in widths of a lone echo (which has -1)
     """
     ops = xp(signal, bend)
     flatness = ops.maximum(1.0 / ops.maximum(-bend, 1e-3) - 1.0, 0.0)

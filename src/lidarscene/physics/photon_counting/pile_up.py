@@ -60,8 +60,10 @@ _STEP = 0.08
 class Top:
     """Highest value of the matched filter at a lone echo on even light (T101); each field a number or (n,).
 
-    height  value above that of the background, over the SPADs that the echo fires without sun, N a (1 - exp(-Lambda))
-    bend    second derivative there over that of a weak echo of this height without sun: 1 or more
+    Attributes:
+        height: value above that of the background, over the SPADs that the echo fires without sun, N a (1 -
+            exp(-Lambda))
+        bend: second derivative there over that of a weak echo of this height without sun: 1 or more
     """
 
     height: Lanes
@@ -71,10 +73,11 @@ class Top:
 def top(*, detections: Lanes, sun: Lanes, dead: Lanes, weak: Top | None = None) -> Top:
     """Highest value of the filter at an echo, from the renewal course of the free SPADs (T101).
 
-    detections  Lambda
-    sun         lambda sigma
-    dead        tau / sigma
-    weak        `weak_top` of these, if computed before
+    Args:
+        detections: Lambda
+        sun: lambda sigma
+        dead: tau / sigma
+        weak: `weak_top` of these, if computed before
     """
     weak = weak or weak_top(sun=sun, dead=dead)
     place = _Place.of(detections, sun, dead)
@@ -103,8 +106,9 @@ def shift(*, detections: Lanes, sun: Lanes, dead: Lanes) -> Lanes:
 def weak_top(*, sun: Lanes, dead: Lanes) -> Top:
     """Highest value of the filter at a weak echo, as `top` with few detections.
 
-    sun   lambda sigma
-    dead  tau / sigma
+    Args:
+        sun: lambda sigma
+        dead: tau / sigma
     """
     place, tables = _Place.of(0.0, sun, dead), _tables_of_weak()
     return Top(height=tables["height"].at(place.bright, place.short), bend=tables["bend"].at(place.bright))
@@ -114,8 +118,10 @@ def weak_top(*, sun: Lanes, dead: Lanes) -> Top:
 class _Place:
     """An echo in the tables; each field as wide as all of them, (n,) or numbers.
 
-    detections     Lambda
-    bright, short  coordinates of lambda sigma and of sigma / tau
+    Attributes:
+        detections: Lambda
+        bright: coordinate of lambda sigma
+        short: coordinate of sigma / tau
     """
 
     detections: Lanes
@@ -160,7 +166,8 @@ def shade_of_box(*, sun: Lanes) -> Lanes:
     echo fires is missing: the background has not fired them in its place. The counts are what is missing at the box's
     end, less that at its begin.
 
-    sun  lambda sigma; the dead time is longer than the box
+    Args:
+        sun: lambda sigma; the dead time is longer than the box
     """
     return _tables_of_weak()["box"].at(sun_coordinate(sun))
 
@@ -169,9 +176,10 @@ def shade_of_box(*, sun: Lanes) -> Lanes:
 class EchoFirings:
     """Firings of SPADs by an echo in the sun, times in sigmas; each field (n,).
 
-    share      firings over the SPADs that are free in even light: those that come free within the echo fire too
-    mean       mean time from the echo's middle: negative
-    deviation  standard deviation of the time
+    Attributes:
+        share: firings over the SPADs that are free in even light: those that come free within the echo fire too
+        mean: mean time from the echo's middle: negative
+        deviation: standard deviation of the time
     """
 
     share: Lanes
@@ -200,8 +208,9 @@ def firings(*, detections: Lanes, sun: Lanes) -> EchoFirings:
 class Hump:
     """Hump of the counts a dead time behind an echo, where the SPADs that it fired are back; each field (n,).
 
-    excess  share by which more SPADs are free there than in even light, behind the filter's template
-    place   of the highest value of the filter, in sigmas behind the return of these SPADs
+    Attributes:
+        excess: share by which more SPADs are free there than in even light, behind the filter's template
+        place: of the highest value of the filter, in sigmas behind the return of these SPADs
     """
 
     excess: Lanes

@@ -14,7 +14,8 @@ def correlation(weights: Sequence[float], columns: Numbers | int) -> Numbers:
 
     sum_k w_k w_(k+m) / sum_k w_k^2: 1 - m / n for n equal weights, a^m for weights a^k.
 
-    weights  of the shots of a point's own column and of those before it
+    Args:
+        weights: of the shots of a point's own column and of those before it
     """
     w = np.asarray(weights, np.float64)
     products = np.correlate(w, w, "full")[len(w) - 1 :] / (w @ w)
@@ -24,8 +25,9 @@ def correlation(weights: Sequence[float], columns: Numbers | int) -> Numbers:
 def scatter_share(weights: Sequence[float], *, points: int, step: int) -> float:
     """Scatter about a parabola through points of a ring, over the whole scatter of their noise (T178).
 
-    points  of the parabola
-    step    columns from one to the next
+    Args:
+        points: of the parabola
+        step: columns from one to the next
     """
     place = np.arange(points)
     covariance = correlation(weights, step * (place[:, None] - place))

@@ -31,9 +31,10 @@ TEMPLATE_AREA = TEMPLATE * math.sqrt(2.0 * math.pi)
 def probability(*, means: tuple[Lanes, Lanes, Lanes], variances: tuple[Lanes, ...], bin_sigmas: Lanes) -> Lanes:
     """Probability that a bin holds a valley of the filtered histogram, (n,) (T166).
 
-    means       M one bin before, at the bin and one behind
-    variances   g at five places half a bin apart, from one bin before to one behind
-    bin_sigmas  length of a bin in widths of the echo
+    Args:
+        means: M one bin before, at the bin and one behind
+        variances: g at five places half a bin apart, from one bin before to one behind
+        bin_sigmas: length of a bin in widths of the echo
     """
     first, middle, last = means
     before, half_before, here, half_behind, behind = variances

@@ -65,12 +65,14 @@ _NEVER = 1e9
 class Walk:
     """Calibration of one sensor: tables over lambda sigma, or over y and lambda sigma.
 
-    highest   largest y
-    shift     shift of an echo, in sigmas, negative
-    blinding  shift of an echo of the same y that is so strong that fewer SPADs count together; None: y tells them apart
-    divide    q from which on an echo is such a one
-    alike     Lambda between which noise may take an echo for another of nearly the same y, in the dark; None: nowhere
-    residual  largest shift of such an echo after the correction, in sigmas
+    Attributes:
+        highest: largest y
+        shift: shift of an echo, in sigmas, negative
+        blinding: shift of an echo of the same y that is so strong that fewer SPADs count together; None: y tells them
+            apart
+        divide: q from which on an echo is such a one
+        alike: Lambda between which noise may take an echo for another of nearly the same y, in the dark; None: nowhere
+        residual: largest shift of such an echo after the correction, in sigmas
     """
 
     highest: LookupTable
@@ -83,9 +85,10 @@ class Walk:
     def at(self, *, height: Lanes, narrowing: Lanes, sun: Lanes) -> Lanes:
         """Look up the shift of an echo.
 
-        height     y
-        narrowing  q
-        sun        lambda sigma
+        Args:
+            height: y
+            narrowing: q
+            sun: lambda sigma
         """
         ops = xp(height, sun)
         bright = sun_coordinate(sun) + 0.0 * height
@@ -100,12 +103,13 @@ class Walk:
 class Filtering:
     """What of a sensor decides its walk.
 
-    bin_sigmas   length of a bin, in sigmas
-    dead_sigmas  dead time, in sigmas; inf: a SPAD fires once in a shot
-    spads        of a pixel
-    coincidence  SPADs that must fire in a bin to count
-    side         bins of the filter on either side
-    centroid     whether the centroid of the counts is the place of an echo, and not the filter's peak
+    Attributes:
+        bin_sigmas: length of a bin, in sigmas
+        dead_sigmas: dead time, in sigmas; inf: a SPAD fires once in a shot
+        spads: of a pixel
+        coincidence: SPADs that must fire in a bin to count
+        side: bins of the filter on either side
+        centroid: whether the centroid of the counts is the place of an echo, and not the filter's peak
     """
 
     bin_sigmas: float
@@ -120,9 +124,10 @@ class Filtering:
 class ExpectedEchoes:
     """Expected echoes of a calibration, each field (lights, suns); the mean over places in a bin.
 
-    height     y
-    narrowing  q
-    shift      in sigmas
+    Attributes:
+        height: y
+        narrowing: q
+        shift: in sigmas
     """
 
     height: Numbers
@@ -167,7 +172,8 @@ def calibrate(sensor: Filtering) -> Walk:
 def _look_alikes(course: ExpectedEchoes, top: int) -> tuple[tuple[float, float] | None, float]:
     """`Walk.alike` and `Walk.residual` of the course in the dark.
 
-    top  number of the power with the highest y
+    Args:
+        top: number of the power with the highest y
     """
     lights, (height, shift) = _lights(), (course.height[:, 0], course.shift[:, 0])
     if top < len(lights) - 1:
@@ -197,8 +203,9 @@ def expected_course(lights: Numbers, suns: Numbers, sensor: Filtering) -> Expect
 def _in_phase(lights: Numbers, suns: Numbers, sensor: Filtering, *, phase: float, near: Numbers | None) -> Numbers:
     """Height, narrowing and shift (3, lights, suns) of echoes at one place in a bin.
 
-    phase  place of the echo in bins from a bin's middle
-    near   (lights, suns) shift near which the peak is looked for; None: everywhere
+    Args:
+        phase: place of the echo in bins from a bin's middle
+        near: (lights, suns) shift near which the peak is looked for; None: everywhere
     """
     bin_sigmas, dead_sigmas, side, coincidence = sensor.bin_sigmas, sensor.dead_sigmas, sensor.side, sensor.coincidence
     reach = math.ceil(6.0 / bin_sigmas) + side

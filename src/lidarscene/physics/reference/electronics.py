@@ -25,8 +25,10 @@ def fraction_deviation(
 ) -> Lanes:
     """Deviation of the time at which an edge reaches a fraction of the measured peak, in sigma_p; slope formula (T76).
 
-    noise_share_at_fraction, noise_share_at_peak  deviations of the noise at both, over the peak's height
-    correlation                                   correlation of the noise between both
+    Args:
+        noise_share_at_fraction: deviation of the noise at the fraction, over the peak's height
+        noise_share_at_peak: deviation of the noise at the peak, over its height
+        correlation: correlation of the noise between both
     """
     ops = xp(fraction, noise_share_at_peak)
     held = fraction * noise_share_at_peak
@@ -41,12 +43,13 @@ def fraction_deviation(
 def least_time_deviation_s(*, snr: Lanes, rate_hz: Lanes, pulse_fwhm_s: Lanes) -> Lanes:
     """Cramer-Rao bound of the time of a Gaussian pulse in white noise, with unknown height.
 
-    snr      peak over the standard deviation of one sample
-    rate_hz  samples per second, several in a pulse
-
     The information is sum_k (dg/dt)^2 snr^2 = snr^2 rate sqrt(pi) / (2 sigma_p): S. M. Kay, Fundamentals of
     Statistical Signal Processing I, section 3.5. Errors of height and time are not correlated, because the pulse is
     even and its slope odd.
+
+    Args:
+        snr: peak over the standard deviation of one sample
+        rate_hz: samples per second, several in a pulse
     """
     ops = xp(snr, rate_hz, pulse_fwhm_s)
     sigma_s = pulse_fwhm_s / SIGMAS_PER_FWHM

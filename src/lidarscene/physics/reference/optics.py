@@ -69,7 +69,8 @@ def field_of_view_area_m2(
 def sun_flux_w(*, sun_irradiance_w_m2: Lanes, seen_area_m2: Lanes, cos_sun: Lanes) -> Lanes:
     """Sunlight on the part of the target that the receiver sees, Phi_s of (6).
 
-    sun_irradiance_w_m2  in band, at normal incidence: the integral under (6), `physics.optics.solar_spectrum`
+    Args:
+        sun_irradiance_w_m2: in band, at normal incidence: the integral under (6), `physics.optics.solar_spectrum`
     """
     return sun_irradiance_w_m2 * seen_area_m2 * cos_sun
 
@@ -124,12 +125,13 @@ def wet_reflectivity(*, dry: float, index: float, internal: float = 1.0, interna
     reflected back at the water's face with probability p = 1 - (1 - R_d) / n^2, R_d from
     `diffuse_fresnel_reflectance`, and meets the surface again.
 
-    index             n of the water
-    internal          a of one passage straight down
-    internal_diffuse  a_d of one passage in all directions equally, 2 E_3(alpha d)
-
     Lekner and Dorf, Appl. Opt. 27, 1278 (1988), their first extension of Angstrom's model. Left out: water in the
     pores also lowers the contrast of the grains (their second extension, and Twomey's), which darkens further.
+
+    Args:
+        index: n of the water
+        internal: a of one passage straight down
+        internal_diffuse: a_d of one passage in all directions equally, 2 E_3(alpha d)
     """
     entering = (1.0 - float(fresnel_reflectance(cos_incidence=np.float64(1.0), index=index))) * internal
     internal_reflection = 1.0 - (1.0 - diffuse_fresnel_reflectance(index)) / index**2
@@ -140,7 +142,8 @@ def wet_reflectivity(*, dry: float, index: float, internal: float = 1.0, interna
 def point_share(*, off_axis_rad: Lanes, field_rad: Lanes, blur_rad: Lanes) -> Lanes:
     """Share of the light of one point that falls on the detector: the part of its blur disc in the field of view.
 
-    off_axis_rad  between the point's direction and the receiver's axis
+    Args:
+        off_axis_rad: between the point's direction and the receiver's axis
     """
     return top_hat_in_circle(spot_radius=blur_rad, circle_radius=field_rad, distance=off_axis_rad)
 
@@ -171,7 +174,8 @@ def equivalent_width_m(transmittance: SpectralCurve) -> float:
 def implied_box_width_m(spectrum: SpectralCurve, *, centre_m: float, irradiance_w_m2: float) -> float:
     """Width of the box filter that passes this irradiance at 100 klux, by bisection.
 
-    Raises ValueError if the whole spectrum has less.
+    Raises:
+        ValueError: if the whole spectrum has less
     """
 
     def passed(width_m: float) -> float:

@@ -20,10 +20,11 @@ def coates(counts: Numbers, *, trials: float, dead_bins: float | None = None) ->
     (P. B. Coates, "The correction for photon pile-up in the measurement of radiative lifetimes", J. Phys. E 1, 878,
     1968).
 
-    counts     (n,) counts of the histogram, from the moment when all SPADs were free
-    trials     N, number of SPADs times shots
-    dead_bins  dead time in bins, whole or not; None: the rest of the shot. Firings are spread over their bin, so half
-               of them are free again in the bin that lies a whole dead time behind it
+    Args:
+        counts: (n,) counts of the histogram, from the moment when all SPADs were free
+        trials: N, number of SPADs times shots
+        dead_bins: dead time in bins, whole or not; None: the rest of the shot. Firings are spread over their bin, so
+            half of them are free again in the bin that lies a whole dead time behind it
     """
     values = np.asarray(counts, dtype=np.float64)
     count = len(values)

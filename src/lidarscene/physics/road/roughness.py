@@ -40,9 +40,10 @@ def density_m3(roughness: Roughness) -> float:
 class RoughSurface:
     """A random surface as a sum of plane waves: h(r) = sum a_i cos 2 pi (k_i r + p_i).
 
-    wave_per_m   (n, 2) wave vectors k_i
-    phase        (n,) p_i, in cycles
-    amplitude_m  (n,) a_i
+    Attributes:
+        wave_per_m: (n, 2) wave vectors k_i
+        phase: (n,) p_i, in cycles
+        amplitude_m: (n,) a_i
     """
 
     wave_per_m: Numbers

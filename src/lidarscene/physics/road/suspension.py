@@ -99,8 +99,9 @@ class Suspension:
     def ride(self, inputs: Numbers, step_s: float) -> Numbers:
         """Body's heave, pitch and roll, with first and second derivatives: (n, 3, 3), coordinate last.
 
-        inputs  (n, 6) on an even grid, straight from one instant to the next, for which the steps are exact. Before the
-                first of them the vehicle stands still
+        Args:
+            inputs: (n, 6) on an even grid, straight from one instant to the next, for which the steps are exact. Before
+                the first of them the vehicle stands still
         """
         _, _, stiffness, forces = self.matrices()
         flow, drive, by_state, by_input, by_slope = _steps(self, step_s)

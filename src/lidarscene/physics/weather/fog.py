@@ -30,10 +30,11 @@ class Droplets:
     """Droplet sizes by a modified gamma distribution, n(r) = a r^alpha exp(-b r^gamma), b = (alpha / gamma) /
     r_c^gamma.
 
-    number_per_m3  number of all droplets; it fixes a
-    mode_m         r_c, the most frequent radius
-
     D. Deirmendjian, Electromagnetic Scattering on Spherical Polydispersions (1969).
+
+    Attributes:
+        number_per_m3: number of all droplets; it fixes a
+        mode_m: r_c, the most frequent radius
     """
 
     number_per_m3: float

@@ -45,10 +45,12 @@ _PLACES = np.linspace(0.0, 40.0, 81)
 def gain(*, diameter_m: Numbers, wavelength_m: float, within_rad: Numbers, from_rad: Numbers | float = 0.0) -> Numbers:
     """Backscatter of a raindrop into a lens over that of its two faces, `precipitation.drop_backscatter_m2_sr`.
 
-    diameter_m  D
-    within_rad  largest angle from straight back that the lens sees, a / R
-    from_rad    smallest one: of a lens beside the laser, as if it were the ring between both around it
     All are broadcast. The table averages the sizes between two of its diameters: rain has no single size, with ripples.
+
+    Args:
+        diameter_m: D
+        within_rad: largest angle from straight back that the lens sees, a / R
+        from_rad: smallest one: of a lens beside the laser, as if it were the ring between both around it
     """
     diameter = np.asarray(diameter_m, dtype=float)
     outer, inner = np.asarray(within_rad, dtype=float), np.asarray(from_rad, dtype=float)

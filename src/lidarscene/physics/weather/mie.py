@@ -74,15 +74,16 @@ def water_index(*, wavelength_m: float) -> complex:
 def efficiencies(*, size_parameter: Numbers, index: complex) -> tuple[Numbers, Numbers]:
     """Extinction and backscatter efficiency of spheres: cross-section over pi r^2.
 
-    size_parameter  (n,) 2 pi r / lambda, above 0, up to about 20000
-    index           n + i k of the sphere over that of the air
-
     Q_ext = 2/x^2 sum (2n + 1) Re(a_n + b_n) and Q_back = |sum (2n + 1) (-1)^n (a_n - b_n)|^2 / x^2, with the radar
     convention: power straight back per steradian is Q_back r^2 / 4 times the irradiance.
 
     C. F. Bohren and D. R. Huffman, Absorption and Scattering of Light by Small Particles (1983), chapter 4: the
     logarithmic derivative of psi(m x) by downward recurrence, psi(x) and chi(x) upward. Terms up to x + 4 x^(1/3) + 2
     (W. J. Wiscombe, Appl. Opt. 19, 1505 (1980)).
+
+    Args:
+        size_parameter: (n,) 2 pi r / lambda, above 0, up to about 20000
+        index: n + i k of the sphere over that of the air
     """
     x = np.asarray(size_parameter, dtype=float)
     order = np.argsort(x)

@@ -38,12 +38,13 @@ _RANGES, _LEVELS, _SHARES = 1000, 193, 1025  # points of the tables
 class Strengths:
     """Strengths and ranges of the drawn particles, and the medium that is left without them.
 
-    count         particles to draw for a pulse
-    last_log      ln Lambda at the cut, Lambda being the mean number of particles above it
-    log_strength  ln s over the logarithm of Lambda, from 1e-6 to the cut
-    log_range     ln R of a particle of that strength, over the same and the share of such particles that are nearer
-    range_m       (n,) rising, from the nearest to the farthest particle
-    backscatter_per_m_sr  (n,) beta of the particles too weak to be drawn, at these ranges
+    Attributes:
+        count: particles to draw for a pulse
+        last_log: ln Lambda at the cut, Lambda being the mean number of particles above it
+        log_strength: ln s over the logarithm of Lambda, from 1e-6 to the cut
+        log_range: ln R of a particle of that strength, over the same and the share of such particles that are nearer
+        range_m: (n,) rising, from the nearest to the farthest particle
+        backscatter_per_m_sr: (n,) beta of the particles too weak to be drawn, at these ranges
     """
 
     count: int = field(metadata=STATIC)
@@ -62,11 +63,12 @@ class Strengths:
 class Sight:
     """View of a sensor on the particles in its beam, from ``nearest_m`` to ``farthest_m``.
 
-    beam_area_m2  S(R): the light is taken to be even over it. Of a Gaussian beam the disc of the 1/e^2 radius, pi w^2:
-                  mean and variance of the echoes are then those of the Gaussian
-    overlap       xi(R), 0 where the receiver sees nothing of the beam
-    aperture_radius_m  a, of the lens
-    lens_offset_m      distance from the laser's exit to the middle of the lens
+    Attributes:
+        beam_area_m2: S(R): the light is taken to be even over it. Of a Gaussian beam the disc of the 1/e^2 radius, pi
+            w^2: mean and variance of the echoes are then those of the Gaussian
+        overlap: xi(R), 0 where the receiver sees nothing of the beam
+        aperture_radius_m: a, of the lens
+        lens_offset_m: distance from the laser's exit to the middle of the lens
     """
 
     beam_area_m2: Callable[[Numbers], Numbers]
@@ -98,13 +100,14 @@ def strengths(
 
         s = sigma(D) g(D, R) xi(R) exp(-2 alpha R) / (S(R) R^2)
 
-    backscatter_m2_sr  sigma(diameter_m=D): W/sr per W/m2 on the particle
-    gain               g(diameter_m=D, within_rad=..., from_rad=...) of it into the lens; None: one
-    count              a key of `MEAN_HITS`, whose mean number gives the cut
-    down_to            strength down to which more are drawn, as many as it takes and up to the most
-
     Strengths grow as R^-4 towards the sensor, up to sigma / (S R^2) at ``nearest_m``: use the distance from which the
     receiver sees its beam, not less.
+
+    Args:
+        backscatter_m2_sr: sigma(diameter_m=D): W/sr per W/m2 on the particle
+        gain: g(diameter_m=D, within_rad=..., from_rad=...) of it into the lens; None: one
+        count: a key of `MEAN_HITS`, whose mean number gives the cut
+        down_to: strength down to which more are drawn, as many as it takes and up to the most
     """
     r = np.geomspace(sight.nearest_m, sight.farthest_m, _RANGES)
     area = sight.beam_area_m2(r)
@@ -155,9 +158,10 @@ def strengths(
 class _Ranked:
     """Particles by their backscatter, at some ranges or at one that stands for all; rows (ranges, diameters).
 
-    sigma     backscatter, rising
-    brighter  particles of at least that, per m3
-    fainter   backscatter of those below it, per m sr
+    Attributes:
+        sigma: backscatter, rising
+        brighter: particles of at least that, per m3
+        fainter: backscatter of those below it, per m sr
     """
 
     sigma: Numbers
@@ -225,8 +229,10 @@ def medium_backscatter_per_m_sr(
 def hits(tables: Strengths, *, seed: Seed, pulse: Lanes, first_draw: int = 0) -> list[tuple[Array, Array]]:
     """Range and strength of the strongest particles of each pulse, strongest first; strength 0 if there are no more.
 
-    seed, pulse  as in `maths.random.words`
-    first_draw   first of 2 count random draws; a second population uses later ones
+    Args:
+        seed: as in `maths.random.words`
+        pulse: as in `maths.random.words`
+        first_draw: first of 2 count random draws; a second population uses later ones
     """
     ops = xp(pulse)
     particles = []

@@ -42,16 +42,18 @@ def volume_response(
 ) -> Numbers:
     """Power from a medium at the time of each range: P = P_t eta A V(R), V in 1/m2.
 
-    range_m               (n,) c t / 2 with t the time after the pulse
-    backscatter_per_m_sr  beta(r) xi(r), with xi the overlap of beam and receiver (1 where all is seen)
-    extinction_per_m      alpha, one way, of everything in the air
-    nearest_m, farthest_m where the medium begins (above 0) and ends
-
         V(R) = int g(2 (R - r) / c) beta(r) xi(r) exp(-2 alpha r) / r^2 dr
 
     by Gauss-Legendre quadrature, with the Gaussian g of `physics.optics.pulse`: the lidar equation with a pulse of
     its real length (R. H. Rasshofer, M. Spies and H. Spies, Adv. Radio Sci. 9, 49 (2011), with a sin^2 pulse). Single
     scattering. Far from the ends V is close to 1.0645 (c FWHM / 2) beta xi exp(-2 alpha R) / R^2.
+
+    Args:
+        range_m: (n,) c t / 2 with t the time after the pulse
+        backscatter_per_m_sr: beta(r) xi(r), with xi the overlap of beam and receiver (1 where all is seen)
+        extinction_per_m: alpha, one way, of everything in the air
+        nearest_m: where the medium begins, above 0
+        farthest_m: where the medium ends
     """
     reach = _REACH * pulse_length_m(fwhm_s=fwhm_s)
     lower = np.clip(range_m - reach, nearest_m, farthest_m)

@@ -20,7 +20,11 @@ MODELS = ("pandar40p", "pandar64", "pandarqt", "pandarxt-16", "pandarxt-32", "xt
 
 
 def read_hesai(path: Path) -> Unit:
-    """Read the table of angles of one unit. Raises InputError."""
+    """Read the table of angles of one unit.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+    """
     with input_errors(path), path.open(newline="", encoding="utf-8-sig") as file:
         rows = [[cell.strip() for cell in row] for row in csv.reader(file) if any(cell.strip() for cell in row)]
         header = [cell.lower() for cell in rows[0]] if rows else []
@@ -76,12 +80,14 @@ AHEAD_DEG = (70.0, 110.0)
 class MirrorCorrections:
     """Angles of the beams of an AT128, which a mirror of several faces carries along.
 
-    face_start_deg      (faces,) azimuths of the mirror at which each face begins, of which the beams turn by twice
-    elevation_deg       (lasers,)
-    azimuth_deg         (lasers,) counter-clockwise
-    elevation_shift_deg, azimuth_shift_deg  (lasers, STEPS) corrections by the mirror's azimuth; of azimuths clockwise
-
     Layout and formulas: tier4/nebula at 606ac41f, hesai_common.hpp and angle_corrector_correction_based.hpp.
+
+    Attributes:
+        face_start_deg: (faces,) azimuths of the mirror at which each face begins, of which the beams turn by twice
+        elevation_deg: (lasers,)
+        azimuth_deg: (lasers,) counter-clockwise
+        elevation_shift_deg: (lasers, STEPS) corrections by the mirror's azimuth; of azimuths clockwise
+        azimuth_shift_deg: (lasers, STEPS) corrections by the mirror's azimuth; of azimuths clockwise
     """
 
     face_start_deg: Numbers
@@ -118,7 +124,11 @@ class MirrorCorrections:
 
 
 def read_mirror(path: Path) -> MirrorCorrections:
-    """Read the file of corrections of one AT128. Raises InputError."""
+    """Read the file of corrections of one AT128.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+    """
     with input_errors(path):
         content = path.read_bytes()
         content = content[max(content.find(CORRECTIONS_START), 0) :]

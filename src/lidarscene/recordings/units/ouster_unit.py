@@ -46,9 +46,13 @@ FIRST_ORIGIN_MM = 12.163
 
 
 def read_ouster(path: Path, mode: str | None = None, *, text: str | None = None) -> Unit:
-    """Read the metadata; ``mode`` of the firmware replaces the one that they name. Raises InputError.
+    """Read the metadata; ``mode`` of the firmware replaces the one that they name.
 
-    text  the metadata themselves, where ``path`` is the recording that has them; None: the file's
+    Args:
+        text: the metadata themselves, where ``path`` is the recording that has them; None: the file's
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
     """
     with input_errors(path):
         metadata = dict(_leaves(json.loads(path.read_text(encoding="utf-8") if text is None else text)))

@@ -35,7 +35,11 @@ def nearest_model(names: Sequence[str], elevation_deg: Sequence[float]) -> str:
 
 
 def number_of(value: Any, key: str, *, whole: bool = False) -> float:
-    """Finite number that a maker's file has for a key, a ``whole`` one if that is needed. Raises ValueError."""
+    """Finite number that a maker's file has for a key, a ``whole`` one if that is needed.
+
+    Raises:
+        ValueError: if a value is not allowed
+    """
     try:
         number = math.nan if isinstance(value, bool) else float(value)
     except (TypeError, ValueError, OverflowError):
@@ -49,12 +53,13 @@ def number_of(value: Any, key: str, *, whole: bool = False) -> float:
 class Unit:
     """One unit: lists with an entry for each beam, and other numbers of its scanner.
 
-    model       the catalogue's nearest sensor; "" if none is near
-    name        product and serial number
-    lists       lists by key of `[scanner]`: elevation, offset of the azimuth (counter-clockwise from above), place of
-                the exit in the head
-    scanner     other keys of `[scanner]` -> value
-    comments    lines on parts of the description for which a sensor file has no key
+    Attributes:
+        model: the catalogue's nearest sensor; "" if none is near
+        name: product and serial number
+        lists: lists by key of `[scanner]`: elevation, offset of the azimuth (counter-clockwise from above), place of
+            the exit in the head
+        scanner: other keys of `[scanner]` -> value
+        comments: lines on parts of the description for which a sensor file has no key
     """
 
     model: str

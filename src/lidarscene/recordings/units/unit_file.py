@@ -41,9 +41,13 @@ ALL_DIGITS = 17
 
 
 def read_unit(path: Path, mode: str | None = None, *, sensor_index: int = 0) -> Unit:
-    """Read the maker's description of a unit: json, YAML, XML, CSV, or a recording that has one. Raises InputError.
+    """Read the maker's description of a unit: json, YAML, XML, CSV, or a recording that has one.
 
-    sensor_index  which sensor of an OSF, from 0
+    Args:
+        sensor_index: which sensor of an OSF, from 0
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
     """
     path = catalog.file_or_example(path)
     if not path.is_file():
@@ -71,9 +75,14 @@ def read_unit(path: Path, mode: str | None = None, *, sensor_index: int = 0) -> 
 
 
 def write_unit(unit: Unit, source: Path, output: Path, *, like: str | None = None) -> str:
-    """Write the sensor file; return the report that the command prints. Raises InputError and OutputError.
+    """Write the sensor file; return the report that the command prints.
 
-    like  the catalogue's sensor whose laser, optics, detector and timing the unit shares; None: that of its model
+    Args:
+        like: the catalogue's sensor whose laser, optics, detector and timing the unit shares; None: that of its model
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+        OutputError: if a result cannot be written
     """
     if output.suffix.lower() != ".toml":
         raise InputError(f"--output {output}: the name must end in .toml")
@@ -85,7 +94,11 @@ def write_unit(unit: Unit, source: Path, output: Path, *, like: str | None = Non
 
 
 def unit_text(unit: Unit, source: Path, *, like: str | None = None) -> tuple[str, str, list[str]]:
-    """Text of the unit's sensor file, the model that it is like, and notes on keys left out. Raises InputError."""
+    """Text of the unit's sensor file, the model that it is like, and notes on keys left out.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+    """
     model = like or unit.model
     if not model:
         beams = len(unit.lists["elevation_deg"])

@@ -28,7 +28,11 @@ Laser = tuple[int, float, float, float, float]
 
 
 def read_velodyne(path: Path) -> Unit:
-    """Read the calibration of one unit. Raises InputError."""
+    """Read the calibration of one unit.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+    """
     with input_errors(path):
         lasers = sorted(_read_xml(path) if path.suffix.lower() == ".xml" else _read_yaml(path))
         if [laser[0] for laser in lasers] != list(range(len(lasers))) or not lasers:

@@ -34,10 +34,11 @@ from .reflectivity_patterns import ReflectivityPattern
 class SubMesh:
     """One piece of a mesh file, placed by the file's own node transforms.
 
-    vertices_m  (v, 3) float64; faces (f, 3) integers
-    keys        names of its material, geometry and node
-    grey        mean of its base colour if the file has one, else None
-    pattern     reflectivity pattern, if it was read; not cached
+    Attributes:
+        vertices_m: (v, 3) float64; faces (f, 3) integers
+        keys: names of its material, geometry and node
+        grey: mean of its base colour if the file has one, else None
+        pattern: reflectivity pattern, if it was read; not cached
     """
 
     vertices_m: Numbers
@@ -121,7 +122,12 @@ def _evict(newest: Path) -> None:
 
 
 def _save(entry: Path, pieces: list[SubMesh]) -> None:
-    """Write pieces as an entry. Raises OSError, OutputError."""
+    """Write pieces as an entry.
+
+    Raises:
+        OSError: if the system refuses
+        OutputError: if a result cannot be written
+    """
     arrays = {
         f"{kind}_{index}": getattr(piece, kind)
         for index, piece in enumerate(pieces)
@@ -151,7 +157,11 @@ def _load(entry: Path) -> list[SubMesh]:
 
 
 def _rows_of_three(array: Numbers, kinds: str) -> Numbers:
-    """The array, if it is (n, 3) of these kinds of numbers. Raises ValueError."""
+    """The array, if it is (n, 3) of these kinds of numbers.
+
+    Raises:
+        ValueError: if a value is not allowed
+    """
     if array.ndim != 2 or array.shape[1] != 3 or array.dtype.kind not in kinds:
         raise ValueError(f"must be (n, 3) numbers, got {array.shape} of {array.dtype}")
     return array

@@ -25,7 +25,11 @@ OBJECTS = "(vertices, faces) or a mesh of trimesh, Open3D, PyVista or Mitsuba"
 
 
 def pieces_of_object(mesh: Any, where: str) -> list[SubMesh]:
-    """Pieces of a mesh file or of an object of another library, z up. Raises InputError that begins with ``where``."""
+    """Pieces of a mesh file or of an object of another library, z up.
+
+    Raises:
+        InputError: that begins with ``where``
+    """
     if isinstance(mesh, str | os.PathLike):
         path = Path(mesh)
         refuse_other_formats(path)
@@ -35,9 +39,14 @@ def pieces_of_object(mesh: Any, where: str) -> list[SubMesh]:
 
 
 def named_pieces(mesh: Any, where: str, others: str = "a mesh file") -> list[tuple[str, SubMesh]]:
-    """Name and piece of each mesh of an object. Raises InputError for one of no known kind.
+    """Name and piece of each mesh of an object.
 
-    where, others  start of messages, and what else could be given
+    Args:
+        where: start of messages
+        others: what else could be given
+
+    Raises:
+        InputError: for one of no known kind
     """
     if hasattr(mesh, "graph") and hasattr(mesh, "geometry"):  # trimesh.Scene
         return pieces_of(mesh)
@@ -62,7 +71,11 @@ def named_pieces(mesh: Any, where: str, others: str = "a mesh file") -> list[tup
 
 
 def _piece(name: str, vertices: Any, faces: Any, where: str) -> SubMesh:
-    """Piece of arrays. Each quad becomes two triangles, of its corners 0, 1, 2 and 0, 2, 3. Raises InputError."""
+    """Piece of arrays. Each quad becomes two triangles, of its corners 0, 1, 2 and 0, 2, 3.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+    """
     vertices_m = _real_rows(vertices, (3,), f"{where}: vertices: must be {VERTICES}")
     corners, must = _real_rows(faces, (3, 4), f"{where}: faces: must be {FACES}"), f"{where}: faces: must be {FACES}"
     fractions = corners[corners != np.floor(corners)]
@@ -79,7 +92,11 @@ def _piece(name: str, vertices: Any, faces: Any, where: str) -> SubMesh:
 
 
 def _real_rows(values: Any, lengths: Collection[int], must: str) -> Numbers:
-    """Array of real numbers in rows of one of these lengths. Raises InputError that begins with ``must``."""
+    """Array of real numbers in rows of one of these lengths.
+
+    Raises:
+        InputError: that begins with ``must``
+    """
     try:
         array = np.asanyarray(values)
     except ValueError:

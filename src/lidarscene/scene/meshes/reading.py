@@ -51,9 +51,13 @@ def refuse_other_formats(path: Path) -> None:
 
 
 def read_mesh(path: Path, pattern: reflectivity_patterns.Kind | None = None) -> list[SubMesh]:
-    """Read all pieces of a mesh file, in the order of its nodes. Raises InputError, one line.
+    """Read all pieces of a mesh file, in the order of its nodes.
 
-    pattern  kind of reflectivity pattern to read too; such a file is not cached
+    Args:
+        pattern: kind of reflectivity pattern to read too; such a file is not cached
+
+    Raises:
+        InputError: one line
     """
     require_file(path, "a mesh file")
     if pattern is not None:
@@ -62,7 +66,11 @@ def read_mesh(path: Path, pattern: reflectivity_patterns.Kind | None = None) -> 
 
 
 def check_pieces(pieces: list[SubMesh], where: str) -> list[SubMesh]:
-    """Keep the pieces that have triangles. Raises InputError, one line, if there are none or numbers are invalid."""
+    """Keep the pieces that have triangles.
+
+    Raises:
+        InputError: one line, if there are none or numbers are invalid
+    """
     pieces = [piece for piece in pieces if len(piece.faces)]
     if not pieces:
         cloud = "; a point cloud is for `lidarscene view`" if where.lower().endswith(".ply") else ""
@@ -91,7 +99,11 @@ def pieces_of(loaded: Any) -> list[tuple[str, SubMesh]]:
 
 
 def _pieces(path: Path, pattern: reflectivity_patterns.Kind | None = None) -> list[SubMesh]:
-    """Read the pieces of a file by trimesh or USD, including empty ones. Raises InputError."""
+    """Read the pieces of a file by trimesh or USD, including empty ones.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+    """
     try:
         with warnings.catch_warnings():
             if is_usd(path):

@@ -24,11 +24,12 @@ NAMES = ("reflectivity", "reflectance")
 class ReflectivityPattern:
     """Values over a part, in place of one reflectivity for all of it.
 
-    kind    "reflectivity": values are reflectivities at the laser's wavelength, in place of the material's;
-            "colour": they are the red of visible light, linear, and scale the material's reflectivity
-    values  (v,) at the vertices, linear between them; or (h, w) of an image, first row at the top
-    uv      (v, 2) where in the image the vertices are: (0, 0) its top left corner, (1, 1) the bottom right; it repeats
-    mean    mean of the values over the surface, at which the reflectivity is the material's own; for colours only
+    Attributes:
+        kind: "reflectivity": values are reflectivities at the laser's wavelength, in place of the material's; "colour":
+            they are the red of visible light, linear, and scale the material's reflectivity
+        values: (v,) at the vertices, linear between them; or (h, w) of an image, first row at the top
+        uv: (v, 2) where in the image the vertices are: (0, 0) its top left corner, (1, 1) the bottom right; it repeats
+        mean: mean of the values over the surface, at which the reflectivity is the material's own; for colours only
     """
 
     kind: Kind
@@ -44,12 +45,16 @@ class ReflectivityPattern:
 
 
 def read_pattern(geometry: Any, kind: Kind, *, linear: bool) -> tuple[ReflectivityPattern, Numbers | None] | None:
-    """Read the pattern of a trimesh mesh, and the (f, 3) faces that it needs; None if it has none. Raises InputError.
-
-    linear  True if the file's vertex colours are linear light (glTF), False for sRGB
+    """Read the pattern of a trimesh mesh, and the (f, 3) faces that it needs; None if it has none.
 
     Values at faces become values at vertices: the faces returned then have three vertices of their own each, in the
     order of the mesh's corners. Faces of None are those of the mesh.
+
+    Args:
+        linear: True if the file's vertex colours are linear light (glTF), False for sRGB
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
     """
     pattern_or_values = _reflectivities(geometry) if kind == "reflectivity" else _colours(geometry, linear=linear)
     if isinstance(pattern_or_values, ReflectivityPattern) or pattern_or_values is None:

@@ -38,10 +38,14 @@ def is_usd(path: Path) -> bool:
 
 
 def read_usd(path: Path) -> list[SubMesh]:
-    """Read all pieces of a stage, one for each material of a prim. Raises InputError; LidarSceneError without usd-core.
+    """Read all pieces of a stage, one for each material of a prim.
 
     The keys of a piece are the names of its material and prim, and the prim's path. USD ends the process over some
     damaged binary stages, so a child reads them; it stays for the next stage, since to import USD takes long.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+        LidarSceneError: without usd-core
     """
     global _child
     import_optional("pxr", extra="usd")
@@ -130,7 +134,8 @@ class _Reader:
     def pieces_below(self, root: Any, placed: Numbers) -> Iterator[SubMesh]:
         """Yield the pieces of a prim and of all prims below it.
 
-        placed  (4, 4) from the frame of the parent of ``root`` to the stage's; USD multiplies rows from the left
+        Args:
+            placed: (4, 4) from the frame of the parent of ``root`` to the stage's; USD multiplies rows from the left
         """
         pxr = self._pxr
         prims = iter(pxr.Usd.PrimRange(root, pxr.Usd.TraverseInstanceProxies(pxr.Usd.PrimDefaultPredicate)))
@@ -216,7 +221,11 @@ class _Reader:
     # of the prim's face that it belongs to, (f,).
 
     def _mesh(self, prim: Any) -> tuple[Numbers, Numbers, Numbers]:
-        """Polygon mesh, cut into triangles. Raises InputError."""
+        """Polygon mesh, cut into triangles.
+
+        Raises:
+            InputError: if a file, a key or a value cannot be understood
+        """
         mesh = self._pxr.UsdGeom.Mesh(prim)
         points = np.asarray(mesh.GetPointsAttr().Get(self._time) or (), dtype=np.float64).reshape(-1, 3)
         counts = np.asarray(mesh.GetFaceVertexCountsAttr().Get(self._time) or (), dtype=np.int64)

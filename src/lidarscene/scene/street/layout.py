@@ -66,8 +66,9 @@ Place = tuple[float, float, float]
 class Crossing:
     """A place where others cross the street: a street that crosses, or a zebra.
 
-    x_m     of its middle
-    half_m  from there to its edges along x
+    Attributes:
+        x_m: of its middle
+        half_m: from there to its edges along x
     """
 
     x_m: float
@@ -96,8 +97,9 @@ class Block:
 class Layout:
     """A street without its traffic.
 
-    kerb_m  |y| of the road's edges
-    items   name of a body -> places of its instances
+    Attributes:
+        kerb_m: |y| of the road's edges
+        items: name of a body -> places of its instances
     """
 
     file: StreetFile

@@ -49,7 +49,8 @@ CLEAR_S = 1.0
 class Track:
     """Way of one that moves: times [s], x, y [m] at these times, and yaw [degrees].
 
-    name  of the body whose instance it is
+    Attributes:
+        name: of the body whose instance it is
     """
 
     name: str
@@ -71,8 +72,10 @@ class Traffic:
 class _Lane:
     """Vehicles on one lane, the first one ahead; places along the direction of travel.
 
-    front_m, speed_m_s  (n,) of each vehicle's front, and its speed
-    desired_m_s         (n,)
+    Attributes:
+        front_m: (n,) place of each vehicle's front
+        speed_m_s: (n,) speed of each vehicle
+        desired_m_s: (n,)
     """
 
     lane: int
@@ -119,8 +122,9 @@ def driver_acceleration_m_s2(
 ) -> Numbers:
     """Acceleration of drivers (T173) who wish for a speed and for a gap to the vehicle ahead (T174).
 
-    gap_m        from a vehicle's front to the rear of the one ahead
-    closing_m_s  by how much it is faster
+    Args:
+        gap_m: from a vehicle's front to the rear of the one ahead
+        closing_m_s: by how much it is faster
     """
     pace = HEADWAY_S * speed_m_s + speed_m_s * closing_m_s / (2.0 * np.sqrt(ACCELERATION_M_S2 * BRAKING_M_S2))
     wanted_m = STANDING_GAP_M + np.maximum(pace, 0.0)

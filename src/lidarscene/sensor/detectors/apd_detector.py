@@ -24,9 +24,10 @@ INGAAS_GAIN = 40.0
 class Apd(Detector):
     """Linear-mode avalanche photodiode and its amplifier, (12)-(19). SI units; currents before gain.
 
-    tail          noise tail of false alarms: "gaussian" (9), or "mcintyre" (`electronics.mcintyre`), of the same
-                  variance but higher; detection is Gaussian with either
-    saturation_a  saturation current at the amplifier's input (`physics.electronics.saturation`)
+    Attributes:
+        tail: noise tail of false alarms: "gaussian" (9), or "mcintyre" (`electronics.mcintyre`), of the same variance
+            but higher; detection is Gaussian with either
+        saturation_a: saturation current at the amplifier's input (`physics.electronics.saturation`)
     """
 
     label: ClassVar[str] = "APD"

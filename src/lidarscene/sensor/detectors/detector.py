@@ -18,10 +18,11 @@ from .working_point import Filtered, WorkingPoint
 class Reception:
     """The rest of a sensor, as far as it decides what its detector makes of light.
 
-    bandwidth_hz  of the noise
-    blanking_s    after each pulse, in which nothing is counted
-    ambient_s     time of each shot in which the background is counted
-    histogram     that SPADs fill; None with any other detector
+    Attributes:
+        bandwidth_hz: of the noise
+        blanking_s: after each pulse, in which nothing is counted
+        ambient_s: time of each shot in which the background is counted
+        histogram: that SPADs fill; None with any other detector
     """
 
     photon_energy_j: Lanes
@@ -36,8 +37,9 @@ class Reception:
 class Wave:
     """Light on the detector over time, NumPy, for a detector that remembers what came before.
 
-    power_w  times (times,) to watts (n, times)
-    signal   times to the signal (n, times) of a detector without memory
+    Attributes:
+        power_w: times (times,) to watts (n, times)
+        signal: times to the signal (n, times) of a detector without memory
     """
 
     point: WorkingPoint
@@ -51,11 +53,12 @@ class Detector(ABC):
 
     Numbers with a `maths.units.Slider` can be changed in the view.
 
-    label            for people
-    unit             of its signal: "A", "cells" or "photons"
-    has_white_noise  whether the noise is white up to the amplifier's bandwidth
-    fills_histogram  whether [histogram] stands in the place of [tdc]
-    radius_m         of the disc that decides the field of view
+    Attributes:
+        label: for people
+        unit: of its signal: "A", "cells" or "photons"
+        has_white_noise: whether the noise is white up to the amplifier's bandwidth
+        fills_histogram: whether [histogram] stands in the place of [tdc]
+        radius_m: of the disc that decides the field of view
     """
 
     __slots__ = ()
@@ -92,7 +95,8 @@ class Detector(ABC):
     ) -> WorkingPoint:
         """Noise and response under this background.
 
-        range_m  of the echo, for SPADs that fire once in a shot: those that fired before are blind; None: none has
+        Args:
+            range_m: of the echo, for SPADs that fire once in a shot: those that fired before are blind; None: none has
         """
 
     @abstractmethod
@@ -102,8 +106,9 @@ class Detector(ABC):
     def filtered(self, low_pass: LowPass, *, peak: Lanes, fwhm_s: Lanes, cutoff_hz: Lanes) -> Filtered:
         """What a low pass leaves of the detector's signal and noise.
 
-        peak    what the whole amplifier leaves of a pulse's peak
-        fwhm_s  of the pulse before it
+        Args:
+            peak: what the whole amplifier leaves of a pulse's peak
+            fwhm_s: of the pulse before it
         """
         # White noise of the background has the low pass' bandwidth already.
         return Filtered(peak=peak, echo_noise=low_pass.echo_noise_share(fwhm_s=fwhm_s, cutoff_hz=cutoff_hz))
@@ -115,8 +120,9 @@ class Detector(ABC):
     def course_step_s(self, step_s: float, *, filtered: bool) -> float | None:
         """Step in which the course of the signal in time is computed; None: the detector has no memory.
 
-        step_s    longest step that shows the pulse
-        filtered  whether an amplifier with a frequency response follows
+        Args:
+            step_s: longest step that shows the pulse
+            filtered: whether an amplifier with a frequency response follows
         """
         return None
 

@@ -67,11 +67,12 @@ single precision resolves."""
 class _FilteredEcho:
     """Peak of the filter at an echo; each field (n,).
 
-    height    highest value above that of the background
-    variance  variance that the echo adds there; negative where its SPADs, which cannot count the background any more,
-              take more from it than the echo brings
-    of_slope  the same as far as the filter's slope has it
-    bend      second derivative over that of a weak echo of this height
+    Attributes:
+        height: highest value above that of the background
+        variance: variance that the echo adds there; negative where its SPADs, which cannot count the background any
+            more, take more from it than the echo brings
+        of_slope: the same as far as the filter's slope has it
+        bend: second derivative over that of a weak echo of this height
     """
 
     height: Lanes
@@ -87,19 +88,19 @@ class Macropixel(ABC):
     Its subclasses are the ways in which firings become counts: `FreeSpads`, of which each one counts, `CoatesSpads`,
     whose counts are corrected for pile-up, and `CoincidentSpads`, which count only together.
 
-    counts_firings  whether the counts of a bin are its firings
-    knows_free      whether the receiver knows how many SPADs are free
-    shades          whether SPADs fired by nearer echoes are known to be missing before the bins are drawn
-
-    fwhm_s       FWHM of the laser's pulse
-    sigma_s      width of an echo in the histogram: of the pulse, the jitter and a bin
-    per_watt     detections of one free SPAD in a second, for each watt on the pixel
-    rate_hz      lambda of the background and the dark counts, and of their afterpulses
-    primary_hz   the same without afterpulses
-    free         share of the SPADs that are free, before the echo
-    trials       N, or the shots alone if SPADs count only together
-    armed_s      time from when the SPADs were armed to the echo
-    crowded      factor of an echo's variance by SPADs that exclude each other's firings (T104)
+    Attributes:
+        counts_firings: whether the counts of a bin are its firings
+        knows_free: whether the receiver knows how many SPADs are free
+        shades: whether SPADs fired by nearer echoes are known to be missing before the bins are drawn
+        fwhm_s: FWHM of the laser's pulse
+        sigma_s: width of an echo in the histogram: of the pulse, the jitter and a bin
+        per_watt: detections of one free SPAD in a second, for each watt on the pixel
+        rate_hz: lambda of the background and the dark counts, and of their afterpulses
+        primary_hz: the same without afterpulses
+        free: share of the SPADs that are free, before the echo
+        trials: N, or the shots alone if SPADs count only together
+        armed_s: time from when the SPADs were armed to the echo
+        crowded: factor of an echo's variance by SPADs that exclude each other's firings (T104)
     """
 
     counts_firings: ClassVar[bool] = False
@@ -130,7 +131,8 @@ class Macropixel(ABC):
     ) -> Macropixel:
         """Build the macro-pixel under this background.
 
-        armed_s  time since the SPADs were armed, which matters with ``stamps = "first"``
+        Args:
+            armed_s: time since the SPADs were armed, which matters with ``stamps = "first"``
         """
         sigma = pulse_fwhm_s / SIGMAS_PER_FWHM
         bin_s, jitter = histogram.bin_s, spad.jitter_s
@@ -293,7 +295,8 @@ class Macropixel(ABC):
     def first_trials(self, free: Lanes) -> tuple[Lanes, Lanes]:
         """Trials that have not fired before the first drawn bin, and those known to be free again.
 
-        free  share of the SPADs that is free then
+        Args:
+            free: share of the SPADs that is free then
         """
         return self.trials, 0.0
 
@@ -301,10 +304,11 @@ class Macropixel(ABC):
     def draw(self, *, pool: Lanes, probability: Lanes, known_free: Lanes, uniform: Lanes) -> tuple[Lanes, Lanes]:
         """Draw the firings of a bin and its counts, (n,) each (T105).
 
-        pool         trials that may fire
-        probability  of each of them
-        known_free   trials known to be free
-        uniform      in (0, 1]
+        Args:
+            pool: trials that may fire
+            probability: of each of them
+            known_free: trials known to be free
+            uniform: in (0, 1]
         """
 
     def place_deviation_s(self, signal: Lanes) -> Lanes:
@@ -327,7 +331,8 @@ class Macropixel(ABC):
 class FreeSpads(Macropixel):
     """SPADs each of whose firings counts.
 
-    weak  highest value of the filter at a weak echo (T101)
+    Attributes:
+        weak: highest value of the filter at a weak echo (T101)
     """
 
     counts_firings: ClassVar[bool] = True
@@ -485,8 +490,9 @@ class CoincidentSpads(Macropixel):
     def _coupling(self, share: Lanes, counted: Lanes) -> Lanes:
         """Variance of coincidences by that of the firings, over the Poisson one, (n,).
 
-        share    probability that one SPAD fires in a bin
-        counted  that of a coincidence
+        Args:
+            share: probability that one SPAD fires in a bin
+            counted: that of a coincidence
         """
         slope = dead_time.coincidence_slope(least=self.spad.coincidence, spads=self.spad.spads, share=share)
         return slope * slope * self.spad.spads * share / xp(counted).maximum(counted, 1e-30)
@@ -584,7 +590,8 @@ class CoincidentSpads(Macropixel):
 def working_point(pixel: Macropixel, *, ambient_s: Lanes) -> WorkingPoint:
     """Working point of the filtered histogram; signals are photons, (T95) to (T98a), (T110) to (T113).
 
-    ambient_s  time in each shot in which the background is counted
+    Args:
+        ambient_s: time in each shot in which the background is counted
     """
     histogram = pixel.histogram
     rate, sigma = pixel.count_rate_hz, pixel.sigma_s

@@ -28,15 +28,17 @@ _STEPS = 24
 class Sipm(Detector):
     """Silicon photomultiplier, (21)-(27). SI units.
 
-    statistics   "time_domain": busy cells in steady state, signal from the cells' course in time through a table,
-                 see `physics.electronics.sipm_response`; "steady_state": the same noise, but (24)'s half pulse;
-                 "published": (23)-(27) as printed, see `physics.electronics.sipm`
-    counting     "gaussian" (9) or "binomial": exact counts of cells for false alarms and detection, which
-                 matter where the background fires few cells
-    cell_floor   least threshold in cells: 1, since a comparator cannot see less than one cell; 0 to
-                 reproduce the paper's Fig. 6
-    crosstalk, afterpulse  shares of the avalanches that cause another; None: no such thing. Not with "published", nor
-                 with counts of independent cells ("binomial")
+    Attributes:
+        statistics: "time_domain": busy cells in steady state, signal from the cells' course in time through a table,
+            see `physics.electronics.sipm_response`; "steady_state": the same noise, but (24)'s half pulse; "published":
+            (23)-(27) as printed, see `physics.electronics.sipm`
+        counting: "gaussian" (9) or "binomial": exact counts of cells for false alarms and detection, which matter where
+            the background fires few cells
+        cell_floor: least threshold in cells: 1, since a comparator cannot see less than one cell; 0 to reproduce the
+            paper's Fig. 6
+        crosstalk: share of the avalanches that cause another at once; None: no such thing. Not with "published", nor
+            with counts of independent cells ("binomial")
+        afterpulse: share of the avalanches that cause another later, likewise
     """
 
     label: ClassVar[str] = "SiPM"

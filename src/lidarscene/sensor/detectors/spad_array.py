@@ -14,9 +14,11 @@ from .detector import Detector
 class SpadArray(Detector):
     """Macro-pixel of single-photon avalanche diodes. SI units.
 
-    stamps       "all": a SPAD fires again after its dead time; "first": once in a shot
-    coincidence  1: each SPAD has its own time stamps; else the pixel has one for a bin in which that many SPADs fire
-    afterpulse   afterpulses of each firing, whether their SPAD is free by then or not; None: no such thing
+    Attributes:
+        stamps: "all": a SPAD fires again after its dead time; "first": once in a shot
+        coincidence: 1: each SPAD has its own time stamps; else the pixel has one for a bin in which that many SPADs
+            fire
+        afterpulse: afterpulses of each firing, whether their SPAD is free by then or not; None: no such thing
     """
 
     label: ClassVar[str] = "SPAD histogram"

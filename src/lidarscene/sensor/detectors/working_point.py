@@ -19,10 +19,11 @@ from ...physics.electronics.sipm_edge import CountEdge, Passage
 class CellMemory:
     """Parameters of a SiPM's memory of an echo, `physics.electronics.sipm_response.residual_busy`.
 
-    cells        all of them
-    free         those that the background leaves ready
-    rate_hz      rate at which the background fires a ready cell
-    dead_time_s  time until a fired cell is ready again
+    Attributes:
+        cells: all of them
+        free: those that the background leaves ready
+        rate_hz: rate at which the background fires a ready cell
+        dead_time_s: time until a fired cell is ready again
     """
 
     cells: Lanes
@@ -35,10 +36,11 @@ class CellMemory:
 class Filtered:
     """Shares of signal and noise that pass an amplifier's frequency response (docs/theory_receivers.md 35).
 
-    peak        share of a pulse's peak
-    noise       share of the variance without echo
-    echo_noise  share of the variance that the echo adds at its peak, before its peak is lowered
-    cell        share of the height of a single cell
+    Attributes:
+        peak: share of a pulse's peak
+        noise: share of the variance without echo
+        echo_noise: share of the variance that the echo adds at its peak, before its peak is lowered
+        cell: share of the height of a single cell
     """
 
     peak: Lanes
@@ -51,13 +53,15 @@ class Filtered:
 class Noise:
     """Noise of the signal, without echo and on its edge.
 
-    deviation         sigma_0, standard deviation without echo: root of (18), or of (25) + (26)
-    kappa_1, kappa_2  sigma(s)^2 = sigma_0^2 + kappa_1 s + kappa_2 s^2 at signal level s
-    tail              threshold to P_f where (9) does not hold: McIntyre's for an APD, that of a filter over counted
-                      photons; None for (9)
-    echo_tail         threshold and signal to P_d where counts are not Gaussian; None: they are, or cells are counted
-    crossings_hz      threshold, bandwidth and a rate below which 0 may stand for it to crossings a second where Rice's
-                      formula for Gaussian noise does not hold; None where it does
+    Attributes:
+        deviation: sigma_0, standard deviation without echo: root of (18), or of (25) + (26)
+        kappa_1: sigma(s)^2 = sigma_0^2 + kappa_1 s + kappa_2 s^2 at signal level s
+        kappa_2: sigma(s)^2 = sigma_0^2 + kappa_1 s + kappa_2 s^2 at signal level s
+        tail: threshold to P_f where (9) does not hold: McIntyre's for an APD, that of a filter over counted photons;
+            None for (9)
+        echo_tail: threshold and signal to P_d where counts are not Gaussian; None: they are, or cells are counted
+        crossings_hz: threshold, bandwidth and a rate below which 0 may stand for it to crossings a second where Rice's
+            formula for Gaussian noise does not hold; None where it does
     """
 
     deviation: Lanes
@@ -84,7 +88,8 @@ class Noise:
     def matched(self, noise_share: Lanes, *, of_cells: bool) -> Noise:
         """Noise behind a matched filter (T78); see `WorkingPoint.matched`.
 
-        of_cells  whether it is that of whole cells, which a filter leaves no longer whole
+        Args:
+            of_cells: whether it is that of whole cells, which a filter leaves no longer whole
         """
         ratio = xp(noise_share).sqrt(noise_share)
         tail, crossings_hz = self.tail, self.crossings_hz
@@ -125,12 +130,13 @@ class Noise:
 class Response:
     """Light to signal and back.
 
-    signal      optical peak power [W] to peak signal
-    power_w     signal to the optical power that makes it
-    saturation  signal at which the amplifier clips; None: nowhere
-    recovery_s  time constant with which a clipped pulse drains; None: at once
-    knee        amplitude above which a pulse's width gives its power better than its height; None: no such one
-    largest     amplitude above which the height no longer depends on the power; None: no such one
+    Attributes:
+        signal: optical peak power [W] to peak signal
+        power_w: signal to the optical power that makes it
+        saturation: signal at which the amplifier clips; None: nowhere
+        recovery_s: time constant with which a clipped pulse drains; None: at once
+        knee: amplitude above which a pulse's width gives its power better than its height; None: no such one
+        largest: amplitude above which the height no longer depends on the power; None: no such one
     """
 
     signal: Callable[[Lanes], Lanes]
@@ -211,8 +217,9 @@ class CellCounts:
 class ThresholdLaw:
     """Threshold that follows the background by a special law.
 
-    level  median over points, signal
-    lone   (threshold, signal) -> how far the neighbours of an echo lack it, from 0, as on a surface, to 1, alone
+    Attributes:
+        level: median over points, signal
+        lone: (threshold, signal) -> how far the neighbours of an echo lack it, from 0, as on a surface, to 1, alone
     """
 
     level: Lanes
@@ -223,13 +230,14 @@ class ThresholdLaw:
 class WorkingPoint:
     """A detector under one background, per pulse.
 
-    counts           of a SiPM that counts cells exactly; None where the noise is Gaussian
-    least_threshold  lowest threshold that can be set: one cell of a SiPM, 0 of an APD
-    law              of the threshold; None: the converter sets it
-    memory           memory of a SiPM whose cells are followed in time; None: earlier echoes leave no trace
-    edge             edge of its count; None: the signal follows the light, and is compared at its peak
-    unfiltered       the same before a matched filter; None without one
-    calibrated       point for which the sensor is calibrated, without residues of earlier echoes; None: this one
+    Attributes:
+        counts: of a SiPM that counts cells exactly; None where the noise is Gaussian
+        least_threshold: lowest threshold that can be set: one cell of a SiPM, 0 of an APD
+        law: of the threshold; None: the converter sets it
+        memory: memory of a SiPM whose cells are followed in time; None: earlier echoes leave no trace
+        edge: edge of its count; None: the signal follows the light, and is compared at its peak
+        unfiltered: the same before a matched filter; None without one
+        calibrated: point for which the sensor is calibrated, without residues of earlier echoes; None: this one
     """
 
     noise: Noise
@@ -249,7 +257,8 @@ class WorkingPoint:
     def matched(self, noise_share: Lanes) -> WorkingPoint:
         """Working point behind a matched filter, which leaves the height of a lone pulse as it is (T78).
 
-        noise_share  variance of white noise behind the filter over that before it
+        Args:
+            noise_share: variance of white noise behind the filter over that before it
         """
         noise = self.noise.matched(noise_share, of_cells=self._of_cells)
         return replace(self, noise=noise, edge=None, unfiltered=self)
@@ -284,8 +293,9 @@ class WorkingPoint:
     def crossing_rate_hz(self, threshold: Lanes, bandwidth_hz: Lanes, least_hz: Lanes | None = None) -> Lanes:
         """Rate at which noise rises through the threshold, Hz: Rice's (T28a) or the noise's own.
 
-        bandwidth_hz  bandwidth of an ideal low-pass whose white noise has the same mean square frequency
-        least_hz      rate below which 0 may stand for it; None: none
+        Args:
+            bandwidth_hz: bandwidth of an ideal low-pass whose white noise has the same mean square frequency
+            least_hz: rate below which 0 may stand for it; None: none
         """
         if self.noise.crossings_hz is not None:
             rate = self.noise.crossings_hz(threshold, bandwidth_hz, least_hz)

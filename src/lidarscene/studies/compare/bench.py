@@ -39,7 +39,8 @@ class Bench:
     def __init__(self, scene: Scene, frame: FrameOptions | None = None, *, keeps_paths: bool = False) -> None:
         """Place the bench at the pose of ``frame``, to which each sensor adds its mounting.
 
-        keeps_paths  whether the rays of sensors that differ in light and electronics alone are traced once
+        Args:
+            keeps_paths: whether the rays of sensors that differ in light and electronics alone are traced once
         """
         self.scene, self.frame, self._keeps_paths = scene, frame or FrameOptions(), keeps_paths
         self._worlds: dict[float, World] = {}
@@ -49,9 +50,11 @@ class Bench:
     def observe(self, name: str, sensor: Sensor, *, illuminance_klux: float | None = None) -> Observation:
         """Trace one frame with this sensor.
 
-        illuminance_klux  replaces that of the scene's sun; None keeps it
+        Args:
+            illuminance_klux: replaces that of the scene's sun; None keeps it
 
-        Raises BackendError.
+        Raises:
+            BackendError: if Mitsuba has no back end that works on this machine
         """
         scene = self.scene
         if illuminance_klux is not None:

@@ -25,7 +25,11 @@ LEAST_SHARED = 0.05
 
 
 def read_clouds(clouds: Sequence[str | os.PathLike[str] | PointCloud]) -> list[Observation]:
-    """Observations of clouds with ground truth, or of files of them, named after file or sensor. Raises InputError."""
+    """Observations of clouds with ground truth, or of files of them, named after file or sensor.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+    """
     names, loaded = [], []
     for cloud in clouds:
         name = cloud.metadata.get("sensor", "cloud") if isinstance(cloud, PointCloud) else Path(cloud).stem

@@ -51,7 +51,8 @@ _PAIR_HEADER = ("by", "group", "both", "only_a", "only_b", "neither", "differenc
 def comparison_page(comparison: Comparison, view: View | None = None) -> Report:
     """Report of a comparison: its page, JSON, CSV, pictures and clouds.
 
-    view  camera of its pictures; None: a camera that shows what is near the first sensor
+    Args:
+        view: camera of its pictures; None: a camera that shows what is near the first sensor
     """
     file_slugs = slugs([observation.name for observation in comparison.observations])
     numbers = comparison_as_dict(comparison)

@@ -31,16 +31,17 @@ MOST_BODIES = 25  # rows of the page's table
 class Comparison:
     """Observations of several sensors, and how they are compared: all that the report needs.
 
-    observations    one for each sensor; the first is compared with each other one
-    sensors         sensor of each observation; None for a cloud from a file
-    groups          how pulses are grouped
-    matched         whether equal pulse numbers mean the same pulse for all
-    population      what rates are shares of, in words
-    notes           how the comparison was made, for the reader
-    aliasing_notes  sentence for each sensor that reports echoes from beyond its unambiguous range too near
-    equal_terms     sentences on the ranges on equal terms (`ranging.equal_terms`); () for clouds from files
-    seed            seed of all simulated frames; None for clouds from files
-    sweep           results over the illuminance, if one was asked for
+    Attributes:
+        observations: one for each sensor; the first is compared with each other one
+        sensors: sensor of each observation; None for a cloud from a file
+        groups: how pulses are grouped
+        matched: whether equal pulse numbers mean the same pulse for all
+        population: what rates are shares of, in words
+        notes: how the comparison was made, for the reader
+        aliasing_notes: sentence for each sensor that reports echoes from beyond its unambiguous range too near
+        equal_terms: sentences on the ranges on equal terms (`ranging.equal_terms`); () for clouds from files
+        seed: seed of all simulated frames; None for clouds from files
+        sweep: results over the illuminance, if one was asked for
     """
 
     title: str
@@ -228,8 +229,9 @@ def pair_rows(comparison: Comparison) -> list[tuple[str, ...]]:
 def group_table(comparison: Comparison, key: str, most: int | None = None) -> Table:
     """Table by class or body: found by each sensor, and by A only or B only if pulses match.
 
-    most  number of rows at most: those where one sensor found most pulses that the other missed if pulses match, else
-          those with most pulses
+    Args:
+        most: number of rows at most: those where one sensor found most pulses that the other missed if pulses match,
+            else those with most pulses
     """
     grouping = comparison.group(key)
     names = [observation.name for observation in comparison.observations]

@@ -30,9 +30,10 @@ DIFFERENCE = ("both", "only_a", "only_b")
 class DetectionRate:
     """Detection rate of one group of pulses.
 
-    surfaces  pulses of the group that met a surface
-    found     those of them with an echo among the points
-    expected  mean of their P_d, None if unknown
+    Attributes:
+        surfaces: pulses of the group that met a surface
+        found: those of them with an echo among the points
+        expected: mean of their P_d, None if unknown
     """
 
     group: str

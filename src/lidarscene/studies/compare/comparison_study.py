@@ -43,10 +43,13 @@ def compare_sensors(
 ) -> Report:
     """Render the bench's scene with each sensor and compare what they report.
 
-    same_beams  all sensors get the first one's scanner and mounting
-    progress    called with (done, total) at the start and after each frame
+    Args:
+        same_beams: all sensors get the first one's scanner and mounting
+        progress: called with (done, total) at the start and after each frame
 
-    Raises InputError, BackendError.
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+        BackendError: if Mitsuba has no back end that works on this machine
     """
     scene, first = bench.scene, sensors[0][1]
     if same_beams:
@@ -96,7 +99,11 @@ def aliasing_notes(observations: Sequence[Observation], sensors: Sequence[Sensor
 
 
 def compare_clouds(clouds: Sequence[str | os.PathLike[str] | PointCloud]) -> Report:
-    """Compare clouds, or files of them. Raises InputError."""
+    """Compare clouds, or files of them.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+    """
     observations = tuple(cloud_matching.read_clouds(clouds))
     matched = all(observation.surfaces is not None for observation in observations)
     names = [observation.name for observation in observations]

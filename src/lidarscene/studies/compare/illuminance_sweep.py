@@ -60,11 +60,12 @@ class RateCrossing:
 class IlluminanceSweep:
     """Results of all sensors over the illuminance, and where others cross the first.
 
-    illuminances_klux  rising
-    courses            sensor -> its results in order of illuminance
-    crossings          other sensor -> its crossings with the first
-    on_plane_klux      other sensor -> illuminance at which both have the same maximum range on Table 1's plane; None
-                       if outside the sweep
+    Attributes:
+        illuminances_klux: rising
+        courses: sensor -> its results in order of illuminance
+        crossings: other sensor -> its crossings with the first
+        on_plane_klux: other sensor -> illuminance at which both have the same maximum range on Table 1's plane; None if
+            outside the sweep
     """
 
     illuminances_klux: tuple[float, ...]
@@ -82,10 +83,12 @@ def sweep_illuminance(
 ) -> IlluminanceSweep:
     """Observe every sensor under every illuminance, and find where the others cross the first.
 
-    illuminances_klux  rising, above 0
-    progress           called with the number of frames rendered so far; not during the search for crossings
+    Args:
+        illuminances_klux: rising, above 0
+        progress: called with the number of frames rendered so far; not during the search for crossings
 
-    Raises BackendError.
+    Raises:
+        BackendError: if Mitsuba has no back end that works on this machine
     """
     courses: dict[str, list[IlluminanceStep]] = {name: [] for name, _ in sensors}
     for rendered, ((name, sensor), lux) in enumerate(itertools.product(sensors, illuminances_klux), start=1):
@@ -127,11 +130,12 @@ def _crossings(
 def lead_changes(lead_at: Callable[[float], float], leads: Mapping[float, float]) -> list[tuple[float, bool]]:
     """Illuminances at which a lead changes its sign, and whether it is above 0 before; by bisection of the logarithm.
 
-    lead_at  function of the illuminance, dear to call
-    leads    the lead at some illuminances, rising
-
     A lead that has one sign at two neighbouring illuminances may change it twice in between: where it is smaller in
     their middle, its least size is searched until the sign is another.
+
+    Args:
+        lead_at: function of the illuminance, dear to call
+        leads: the lead at some illuminances, rising
     """
     places = list(leads.items())
     for (low, lead_at_low), (high, lead_at_high) in itertools.pairwise(leads.items()):

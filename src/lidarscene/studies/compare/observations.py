@@ -28,11 +28,12 @@ _MOST_RANGE_BINS = 16
 class Surfaces:
     """Pulses that rates are shares of, each once; all arrays (n,). Truth has the names of PointCloud's columns.
 
-    pulse        pulse numbers, rising
-    detected     whether an echo of the pulse is a point
-    snr          signal-to-noise ratio of the echo; 0 if unknown
-    probability  detection probability P_d of each echo, or None: unknown
-    tripped      whether the echo tripped the comparator, also if it was hidden or out of the window; None: unknown
+    Attributes:
+        pulse: pulse numbers, rising
+        detected: whether an echo of the pulse is a point
+        snr: signal-to-noise ratio of the echo; 0 if unknown
+        probability: detection probability P_d of each echo, or None: unknown
+        tripped: whether the echo tripped the comparator, also if it was hidden or out of the window; None: unknown
     """
 
     pulse: Numbers
@@ -51,10 +52,11 @@ class Surfaces:
 class Observation:
     """One sensor's frame of a scene: points, and what is known of the pulses that gave none.
 
-    pulse         (n,) pulse number of each point of the cloud, or None: they match no other cloud's
-    surfaces      pulses that rates refer to, or None: there are no rates
-    pulses_fired  pulses in the frame, or None: unknown
-    losses        reason -> number of pulses that met a surface and gave no point; empty if unknown
+    Attributes:
+        pulse: (n,) pulse number of each point of the cloud, or None: they match no other cloud's
+        surfaces: pulses that rates refer to, or None: there are no rates
+        pulses_fired: pulses in the frame, or None: unknown
+        losses: reason -> number of pulses that met a surface and gave no point; empty if unknown
     """
 
     name: str
@@ -85,9 +87,10 @@ class Observation:
 class Grouping:
     """Groups of pulses: bins of a truth column, or one group for each name.
 
-    attribute  column of Surfaces and PointCloud that decides the group
-    unit       unit in labels and on axes, "deg" for an attribute in radians
-    edges      edges of the bins, rising, in the attribute's unit; None for names
+    Attributes:
+        attribute: column of Surfaces and PointCloud that decides the group
+        unit: unit in labels and on axes, "deg" for an attribute in radians
+        edges: edges of the bins, rising, in the attribute's unit; None for names
     """
 
     key: str

@@ -45,12 +45,13 @@ much."""
 class Side:
     """Data of one side, a cloud or a recording; arrays (n,) and (n, 3) are of the first returns.
 
-    xyz_m         (n, 3) positions in the sensor's frame
-    range_m       (n,) ranges
-    ring          (n,) number of the channel, None if unknown
-    strength      (n,) signal, or intensity, in a unit of its own; None if unknown
-    return_share  share of the pulses with a return; None where lost pulses are not known
-    gap_m         (m,) distances between first and second returns of one pulse
+    Attributes:
+        xyz_m: (n, 3) positions in the sensor's frame
+        range_m: (n,) ranges
+        ring: (n,) number of the channel, None if unknown
+        strength: (n,) signal, or intensity, in a unit of its own; None if unknown
+        return_share: share of the pulses with a return; None where lost pulses are not known
+        gap_m: (m,) distances between first and second returns of one pulse
     """
 
     name: str

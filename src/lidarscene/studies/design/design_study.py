@@ -42,7 +42,11 @@ MOST_FILES = 50
 
 
 def load_study(path: Path) -> tuple[StudyFile, Evaluator]:
-    """Read a study file and all that it names. Raises InputError."""
+    """Read a study file and all that it names.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+    """
     study = validate(StudyFile, read_toml(path), str(path))
     space = DesignSpace.from_study(study, path.parent, str(path))
     return study, Evaluator(study, space, path.parent, str(path))
@@ -55,11 +59,16 @@ def run_study(
     evaluate: EvaluateAll | None = None,
     progress: Callable[[int, int, str], object] = lambda count, total, words: None,
 ) -> Report:
-    """Search the designs of a study; returns the front, with charts and sensor files. Raises InputError, OutputError.
+    """Search the designs of a study; returns the front, with charts and sensor files.
 
-    folder    for all evaluations; a broken run resumes from it
-    evaluate  computes the quantities of several designs; by default one after the other in this process
-    progress  called with the number of designs so far, the greatest number, and words on the front so far
+    Args:
+        folder: for all evaluations; a broken run resumes from it
+        evaluate: computes the quantities of several designs; by default one after the other in this process
+        progress: called with the number of designs so far, the greatest number, and words on the front so far
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+        OutputError: if a result cannot be written
     """
     study, evaluator = load_study(path)
     require_writable(folder / EVALUATIONS)

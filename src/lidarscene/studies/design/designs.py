@@ -36,8 +36,9 @@ Values = Mapping[str, Any]
 class Design:
     """A design that was evaluated.
 
-    quantities  objectives and constraints by name; {} if the sensor cannot be
-    reason      why it cannot be; "" if it can
+    Attributes:
+        quantities: objectives and constraints by name; {} if the sensor cannot be
+        reason: why it cannot be; "" if it can
     """
 
     values: Values
@@ -49,8 +50,9 @@ class Design:
 class Free:
     """Free key and its values; the search sees a share from 0 to 1 of the way from the first to the last.
 
-    key     key of the sensor file, after "LABEL:" or "BASE:" if it is not that of all sensors
-    values  all values of a key that has a finite number; () if it is continuous, from low to high
+    Attributes:
+        key: key of the sensor file, after "LABEL:" or "BASE:" if it is not that of all sensors
+        values: all values of a key that has a finite number; () if it is continuous, from low to high
     """
 
     key: str
@@ -84,8 +86,9 @@ class Free:
 class Base:
     """Sensor file that a design starts from.
 
-    settings  values that the study sets, by key
-    tables    its tables with these values; None for a sensor that is left out
+    Attributes:
+        settings: values that the study sets, by key
+        tables: its tables with these values; None for a sensor that is left out
     """
 
     name: str
@@ -102,7 +105,11 @@ class Chosen:
     changes: Mapping[str, Any]
 
     def sensor(self) -> Sensor:
-        """Build the sensor. Raises InputError where a value is out of bounds."""
+        """Build the sensor.
+
+        Raises:
+            InputError: where a value is out of bounds
+        """
         base = self.base
         folder = Path() if base.path is None else base.path.parent
         return sensor_from_tables(
@@ -119,10 +126,14 @@ class DesignSpace:
 
     @classmethod
     def from_study(cls, study: StudyFile, folder: Path, where: str) -> DesignSpace:
-        """Read the sensor files and check the free keys. Raises InputError.
+        """Read the sensor files and check the free keys.
 
-        folder  of the study file
-        where   study file, for messages
+        Args:
+            folder: of the study file
+            where: study file, for messages
+
+        Raises:
+            InputError: if a file, a key or a value cannot be understood
         """
         bases = {
             label: [_read_base(name, placed.set, folder, where) for name in placed.bases]
@@ -172,7 +183,11 @@ class DesignSpace:
         return sensors
 
     def sensors(self, values: Values) -> dict[str, Sensor]:
-        """Sensors of a design by label. Raises InputError where a value is out of bounds."""
+        """Sensors of a design by label.
+
+        Raises:
+            InputError: where a value is out of bounds
+        """
         return {label: chosen.sensor() for label, chosen in self.chosen(values).items()}
 
 

@@ -31,11 +31,12 @@ _LARGEST_RESIDUAL = 0.1
 class ActiveConstraints:
     """What limits a design; see `limits_of`.
 
-    objective  what a bound that gives way improves
-    costs      bound -> percent by which it would improve if the bound gave way by one percent
-    held       keys at an end of their range
-    stands     whether the bounds explain the gradient, so that this is an optimum and the costs mean something
-    methods    quantity by name -> how its slopes were found (`slopes.Slopes`)
+    Attributes:
+        objective: what a bound that gives way improves
+        costs: bound -> percent by which it would improve if the bound gave way by one percent
+        held: keys at an end of their range
+        stands: whether the bounds explain the gradient, so that this is an optimum and the costs mean something
+        methods: quantity by name -> how its slopes were found (`slopes.Slopes`)
     """
 
     objective: str
@@ -50,7 +51,8 @@ def limits_of(
 ) -> ActiveConstraints | None:
     """Compute the limits of a design over its continuous keys; None if it has none, or no step leaves a sensor.
 
-    best  objective of which this is the best design: the others bound it no more. None: they do
+    Args:
+        best: objective of which this is the best design: the others bound it no more. None: they do
     """
     from scipy.optimize import nnls
 

@@ -48,10 +48,14 @@ class Evaluator:
     """Quantities of the designs of one study. Scene, worlds and pulse trains are shared between designs."""
 
     def __init__(self, study: StudyFile, space: DesignSpace, folder: Path, where: str) -> None:
-        """Load the scene, if the study has one. Raises InputError.
+        """Load the scene, if the study has one.
 
-        folder  of the study file
-        where   study file, for messages
+        Args:
+            folder: of the study file
+            where: study file, for messages
+
+        Raises:
+            InputError: if a file, a key or a value cannot be understood
         """
         self.study, self.space = study, space
         self.entries = {**study.objectives, **study.constraints}
@@ -78,7 +82,11 @@ class Evaluator:
                     raise InputError(f"{message}; {hint}".rstrip("; "))
 
     def __call__(self, values: Values) -> dict[str, float]:
-        """Objectives and constraints of a design by name. Raises InputError for a sensor that cannot be."""
+        """Objectives and constraints of a design by name.
+
+        Raises:
+            InputError: for a sensor that cannot be
+        """
         chosen = self.space.chosen(values)
         sensors = {label: placed.sensor() for label, placed in chosen.items()}
         traced: dict[float | None, _Seen] = {}
@@ -201,7 +209,11 @@ def _number(tables: Mapping[str, Any], changes: Mapping[str, Any], key: str) -> 
 
 
 def bodies_of_class(scene: Scene, class_name: str | None, where: str = "class") -> list[int]:
-    """Numbers of the bodies of a class; of all for None. Raises InputError if there is none."""
+    """Numbers of the bodies of a class; of all for None.
+
+    Raises:
+        InputError: if there is none
+    """
     numbers = [number for number, body in enumerate(scene.bodies) if class_name in (None, body.class_name)]
     if not numbers:
         classes = sorted({body.class_name for body in scene.bodies if body.class_name})

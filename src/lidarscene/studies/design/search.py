@@ -53,8 +53,9 @@ _PLACES_OF_FRONT = 64  # places of a front to which a search goes, while evaluat
 class Log:
     """Evaluations of a search: asks for each design once, and writes it to a file as soon as it is known.
 
-    slopes    of the quantities of a design, for steps; not counted as evaluations. None: differences of ``evaluate``
-    progress  called with the number of evaluations so far, the greatest number, and words on the front so far
+    Attributes:
+        slopes: of the quantities of a design, for steps; not counted as evaluations. None: differences of ``evaluate``
+        progress: called with the number of evaluations so far, the greatest number, and words on the front so far
     """
 
     study: StudyFile
@@ -307,7 +308,8 @@ def _evaluated(log: Log, shares: Numbers) -> Design:
 def _slsqp(log: Log, start: Numbers, *, ftol: float, objective: int = 0, allowed: Numbers | None = None) -> None:
     """SLSQP from a design for one objective, over the continuous keys.
 
-    allowed  (objectives - 1,) largest losses of the objectives after the first; None: any
+    Args:
+        allowed: (objectives - 1,) largest losses of the objectives after the first; None: any
     """
     from scipy.optimize import minimize
 
@@ -399,7 +401,11 @@ def record_line(design: Design) -> str:
 
 
 def _single(evaluate: EvaluateAll) -> Callable[[Values], dict[str, float]]:
-    """Evaluate one design. Raises InputError for one that cannot be."""
+    """Evaluate one design.
+
+    Raises:
+        InputError: for one that cannot be
+    """
 
     def quantities_of(values: Values) -> dict[str, float]:
         (answer,) = evaluate([values])

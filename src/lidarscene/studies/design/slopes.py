@@ -46,8 +46,9 @@ AUTOMATIC, CHAIN, DIFFERENCES = "automatic differentiation", "differences of the
 class Slopes:
     """Slopes of quantities over the shares of the continuous keys of a design.
 
-    slopes   quantity by name -> (continuous keys of the space,); 0 for keys that the design does not have
-    methods  quantity by name -> `AUTOMATIC`, `CHAIN` or `DIFFERENCES`
+    Attributes:
+        slopes: quantity by name -> (continuous keys of the space,); 0 for keys that the design does not have
+        methods: quantity by name -> `AUTOMATIC`, `CHAIN` or `DIFFERENCES`
     """
 
     slopes: Mapping[str, Numbers]
@@ -142,7 +143,11 @@ class _Placed:
 
     @classmethod
     def of(cls, space: DesignSpace, values: Values) -> _Placed:
-        """Build the sensors. Raises InputError."""
+        """Build the sensors.
+
+        Raises:
+            InputError: if a file, a key or a value cannot be understood
+        """
         chosen = space.chosen(values)
         return cls(chosen=chosen, sensors={label: placed.sensor() for label, placed in chosen.items()})
 
@@ -154,7 +159,10 @@ def _continuous(space: DesignSpace) -> list[Free]:
 def _sides(entry: Free, values: Values, function: Callable[[Values], Any]) -> _Sides | None:
     """Function of the designs a step below and above one along a key; None for a key that the design does not have.
 
-    On one side only where the other is beyond the key's range, or cannot be. Raises InputError where neither can.
+    On one side only where the other is beyond the key's range, or cannot be.
+
+    Raises:
+        InputError: where neither can
     """
     if entry.key not in values:
         return None
@@ -195,8 +203,9 @@ def _gradient(
 ) -> dict[str, float] | None:
     """Derivatives of a quantity with respect to the numbers that keys move; None if it has no exact ones.
 
-    value   of the quantity
-    of_all  with respect to all numbers of the sensor, so that designs that differ in any share a kernel
+    Args:
+        value: of the quantity
+        of_all: with respect to all numbers of the sensor, so that designs that differ in any share a kernel
     """
     quantity = entry.quantity_name
     target = target_of(sensor, entry)

@@ -107,7 +107,11 @@ class QuantityFile(FileModel):
         raise NotImplementedError
 
     def conditions(self) -> Conditions:
-        """Target, light and air. Raises InputError for a value out of bounds."""
+        """Target, light and air.
+
+        Raises:
+            InputError: for a value out of bounds
+        """
         return Conditions(**{key: getattr(self, key) for key in _CONDITIONS})
 
 

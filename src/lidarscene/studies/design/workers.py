@@ -15,8 +15,9 @@ from .search import EvaluateAll, alone
 def on_workers(client: Any, study: Path, *, threads: int) -> EvaluateAll:
     """Evaluate many designs of a study file at once, each in a process that compiles the scene once.
 
-    client   of `distributed`; its processes see the study file
-    threads  of Dr.Jit in each process
+    Args:
+        client: of `distributed`; its processes see the study file
+        threads: of Dr.Jit in each process
     """
 
     def evaluate(designs: Sequence[Values]) -> Iterable[dict[str, float] | str]:

@@ -30,9 +30,10 @@ def margin_of(criterion: Held) -> float:
 class ViewerCheck:
     """Check of one pulse train for one viewer.
 
-    energy_j     energy of a pulse
-    source_rad   angle of the apparent source
-    time_base_s  longest viewing time
+    Attributes:
+        energy_j: energy of a pulse
+        source_rad: angle of the apparent source
+        time_base_s: longest viewing time
     """
 
     sensor: Sensor

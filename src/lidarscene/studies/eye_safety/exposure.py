@@ -23,15 +23,20 @@ _STEPS = 400  # most group sizes that are checked within one period
 class PulseTrain:
     """Pulses of one energy that repeat every period.
 
-    time_s    (n,) float64, non-decreasing, from 0; n >= 1
-    period_s  time after which they repeat, later than the last of them
+    Attributes:
+        time_s: (n,) float64, non-decreasing, from 0; n >= 1
+        period_s: time after which they repeat, later than the last of them
     """
 
     time_s: Numbers
     period_s: float
 
     def __post_init__(self) -> None:
-        """Check and freeze. Raises ValueError."""
+        """Check and freeze.
+
+        Raises:
+            ValueError: if a value is not allowed
+        """
         times = frozen(self.time_s, np.float64, (None,))
         object.__setattr__(self, "time_s", times)
         if len(times) == 0 or times[0] != 0.0 or not (np.diff(times) >= 0.0).all() or times[-1] >= self.period_s:
@@ -86,7 +91,11 @@ def stationary_train(sensor: Sensor) -> PulseTrain:
 
 
 def counted_train(sensor: Sensor, *, pulses_in_aperture: int) -> PulseTrain:
-    """Train of this many consecutive pulses, once in each frame. Raises ValueError."""
+    """Train of this many consecutive pulses, once in each frame.
+
+    Raises:
+        ValueError: if a value is not allowed
+    """
     if not 1 <= pulses_in_aperture <= sensor.scanner.pulses:
         raise ValueError(
             f"pulses_in_aperture must be 1 to {sensor.scanner.pulses} pulses of a frame, got {pulses_in_aperture}"

@@ -48,7 +48,8 @@ def not_known(sensor: Sensor) -> tuple[str, ...]:
 class EyeSafetyReport:
     """All criteria of one sensor in one state of motion ("stationary", "scanned" or "counted").
 
-    not_known  numbers that are guesses, so that there is no verdict (see `not_known`); () if there are none
+    Attributes:
+        not_known: numbers that are guesses, so that there is no verdict (see `not_known`); () if there are none
     """
 
     sensor: str
@@ -122,12 +123,14 @@ def eye_safety_report(
 ) -> EyeSafetyReport:
     """Apply every criterion to this sensor.
 
-    scanned             count the pulses that enter as the beam scans; False: every pulse of a beam that stands still
-    pulses_in_aperture  or this many consecutive pulses in each frame
-    source_rad          angle of the apparent source; the sensor's own by default
-    time_base_s         100 s, or 30 000 s where long viewing is intended
+    Args:
+        scanned: count the pulses that enter as the beam scans; False: every pulse of a beam that stands still
+        pulses_in_aperture: or this many consecutive pulses in each frame
+        source_rad: angle of the apparent source; the sensor's own by default
+        time_base_s: 100 s, or 30 000 s where long viewing is intended
 
-    Raises InputError for lasers outside the tables of the standard.
+    Raises:
+        InputError: for lasers outside the tables of the standard
     """
     if scanned and pulses_in_aperture is not None:
         raise InputError("must be scanned or pulses_in_aperture, not both")

@@ -21,9 +21,10 @@ from ...sensor.rig_file import Mounted
 class BodyPoints:
     """Points of one sensor's frame on one body.
 
-    label       class of the body
-    distance_m  median of the points' true ranges
-    points      number of points
+    Attributes:
+        label: class of the body
+        distance_m: median of the points' true ranges
+        points: number of points
     """
 
     body: str
@@ -37,9 +38,13 @@ def points_on_bodies(
 ) -> list[tuple[str, list[BodyPoints]]]:
     """Trace a frame with each sensor; returns sensor labels with the points on each body, from near to far.
 
-    vehicle  pose in the scene of the frame in which sensors are mounted; the scene's sensor pose if None
+    Bodies without a class or without a point are left out.
 
-    Bodies without a class or without a point are left out. Raises BackendError.
+    Args:
+        vehicle: pose in the scene of the frame in which sensors are mounted; the scene's sensor pose if None
+
+    Raises:
+        BackendError: if Mitsuba has no back end that works on this machine
     """
     place = scene.sensor_pose if vehicle is None else vehicle
     rendered = simulators(scene, sensors, pose=place)

@@ -330,10 +330,11 @@ def range_figure(view: SensorView) -> Figure:
 class _MapWords(NamedTuple):
     """Words of a map.
 
-    kind     end of its file name
-    label    text of its colour scale
-    missing  text for cells without a value
-    column   name of its column in the CSV
+    Attributes:
+        kind: end of its file name
+        label: text of its colour scale
+        missing: text for cells without a value
+        column: name of its column in the CSV
     """
 
     kind: str
@@ -379,8 +380,9 @@ def cell_raster(
 ) -> tuple[Numbers, Numbers, tuple[float, float, float, float]]:
     """Image of values given for cells: rows of equal elevation from below, columns of equal azimuth.
 
-    Returns the values (rows, columns), a mask of the pixels without a cell, and the image's edges in degrees (left,
-    right, low, high).
+    Returns:
+        the values (rows, columns), a mask of the pixels without a cell, and the image's edges in degrees (left, right,
+        low, high)
     """
     row = cells.row_of(cell)
     azimuth, _ = cells.middle_deg(cell)

@@ -52,12 +52,16 @@ def field_of_view_study(
     vehicle: Pose | None = None,
     progress: ProgressCallback = lambda done, total: None,
 ) -> Report:
-    """Study what sensors cover; returns figures and numbers. Raises InputError.
+    """Study what sensors cover; returns figures and numbers.
 
-    sensors   names and sensors, each at its mounting
-    scene     scene on whose bodies points are counted too, if not None
-    vehicle   pose in that scene of the frame of the mountings; the scene's sensor pose if None
-    progress  called with (done, total) sensors
+    Args:
+        sensors: names and sensors, each at its mounting
+        scene: scene on whose bodies points are counted too, if not None
+        vehicle: pose in that scene of the frame of the mountings; the scene's sensor pose if None
+        progress: called with (done, total) sensors
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
     """
     names = [name for name, _ in sensors]
     progress(0, len(sensors))

@@ -28,8 +28,9 @@ LONG = 4
 class FiredPulses:
     """Pulses that a scanner fires in some time, in firing order; arrays (n,), ``direction`` (n, 3).
 
-    direction  unit vectors in the sensor's frame, as the beam leaves: without jitter or the encoder's steps
-    share      effective aperture A(theta_r) over that on the axis, A(0)
+    Attributes:
+        direction: unit vectors in the sensor's frame, as the beam leaves: without jitter or the encoder's steps
+        share: effective aperture A(theta_r) over that on the axis, A(0)
     """
 
     time_s: Numbers
@@ -60,7 +61,11 @@ def rate_hz(scanner: Scanner) -> float:
 
 
 def fired_pulses(scanner: Scanner, time_s: float) -> FiredPulses:
-    """Compute the pulses fired within this time from the start of frame 0. Raises InputError if they are too many."""
+    """Compute the pulses fired within this time from the start of frame 0.
+
+    Raises:
+        InputError: if they are too many
+    """
     frames = max(math.ceil(time_s / scanner.frame_s - 1e-9), 1)
     count = min(frames * scanner.pulses, math.ceil(time_s * rate_hz(scanner)) + scanner.pulses)
     if count > MOST_PULSES + scanner.pulses:
@@ -80,10 +85,12 @@ def fired_pulses(scanner: Scanner, time_s: float) -> FiredPulses:
 def field_cells(scanner: Scanner, cells: SphereCells, time_s: float, *, kind: str = "outline") -> tuple[Numbers, float]:
     """Sorted cells of the field of view, and the time for which the scanner was watched to find them.
 
-    kind  "reached": cells that ever get a pulse; "outline": these, and those with their middle in the convex hull of
-          all pulses in azimuth and elevation
+    Args:
+        kind: "reached": cells that ever get a pulse; "outline": these, and those with their middle in the convex hull
+            of all pulses in azimuth and elevation
 
-    Raises InputError if the pulses are too many.
+    Raises:
+        InputError: if the pulses are too many
     """
     watched_s = max(LONG * time_s, scanner.frame_s)
     watched_s = max(min(watched_s, MOST_PULSES / rate_hz(scanner)), time_s)
@@ -99,13 +106,14 @@ def field_cells(scanner: Scanner, cells: SphereCells, time_s: float, *, kind: st
 class CellMaps:
     """Numbers for each cell of a field of view; arrays (cells,).
 
-    cell            number of the cell in `SphereCells`, rising
-    square_degrees  solid angle
-    first_s         time of its first pulse; inf: never
-    pulses          number of pulses
-    density         pulses per square degree
-    revisit_s       mean time between visits; NaN for fewer than two
-    share           mean A(theta_r) / A(0) of its pulses; NaN without
+    Attributes:
+        cell: number of the cell in `SphereCells`, rising
+        square_degrees: solid angle
+        first_s: time of its first pulse; inf: never
+        pulses: number of pulses
+        density: pulses per square degree
+        revisit_s: mean time between visits; NaN for fewer than two
+        share: mean A(theta_r) / A(0) of its pulses; NaN without
     """
 
     cell: Numbers
@@ -127,8 +135,9 @@ class CellMaps:
 def cell_maps(pulses: FiredPulses, cells: SphereCells, mask: Numbers, *, dwell_s: float = DWELL_S) -> CellMaps:
     """Count and time the pulses in each cell of the field of view.
 
-    mask     sorted numbers of the field's cells; pulses elsewhere are left out
-    dwell_s  pulses of a cell that follow each other sooner than this are one visit
+    Args:
+        mask: sorted numbers of the field's cells; pulses elsewhere are left out
+        dwell_s: pulses of a cell that follow each other sooner than this are one visit
     """
     pulse_cell = cells.locate(pulses.azimuth_deg, pulses.elevation_deg)
     place = np.searchsorted(mask, pulse_cell)

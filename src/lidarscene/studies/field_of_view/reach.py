@@ -43,7 +43,8 @@ def range_map_m(sensor: Sensor, maps: CellMaps, target: Target) -> Numbers:
 class GroundView:
     """A square of level ground around the vehicle from above: rows of equal y, columns of equal x.
 
-    is_seen  (sensors, rows, columns) whether each sensor sees the place
+    Attributes:
+        is_seen: (sensors, rows, columns) whether each sensor sees the place
     """
 
     x_m: Numbers
@@ -77,13 +78,14 @@ def ground_view(
 ) -> GroundView:
     """Find the places of the plane z = 0 of the vehicle's frame that each sensor sees.
 
-    maps    field of view of each sensor, in the same cells
-    half_m  half the side of the square around the origin
-    step_m  distance between places
-
     A place is seen if its direction is in a cell of the field of view, and an echo of ground with the target's
     reflectivity, at the beam's incidence there, reaches the comparator's level. Nothing is in the way, not even the
     vehicle's own body. A sensor that is not above the ground sees none of it.
+
+    Args:
+        maps: field of view of each sensor, in the same cells
+        half_m: half the side of the square around the origin
+        step_m: distance between places
     """
     axis = np.arange(-half_m + 0.5 * step_m, half_m, step_m)
     x, y = (coordinate.ravel() for coordinate in np.meshgrid(axis, axis))

@@ -20,15 +20,16 @@ from .study_options import FieldOfViewStudy
 class SensorView:
     """Results of a study for one sensor.
 
-    slug           start of the sensor's file names
-    frame          pulses of the first frame
-    watched_s      time over which the field of view was determined
-    coverage_s     the longest requested time
-    revisit_s      that time or two frames, whichever is longer
-    coverage_maps  numbers of the cells after coverage_s
-    revisit_maps   numbers of the cells after revisit_s
-    range_m        (cells,) maximum range on the target; NaN without a pulse, inf without a limit
-    spacing_deg    angles from pulses of the first frame to their nearest neighbours
+    Attributes:
+        slug: start of the sensor's file names
+        frame: pulses of the first frame
+        watched_s: time over which the field of view was determined
+        coverage_s: the longest requested time
+        revisit_s: that time or two frames, whichever is longer
+        coverage_maps: numbers of the cells after coverage_s
+        revisit_maps: numbers of the cells after revisit_s
+        range_m: (cells,) maximum range on the target; NaN without a pulse, inf without a limit
+        spacing_deg: angles from pulses of the first frame to their nearest neighbours
     """
 
     name: str
@@ -46,7 +47,11 @@ class SensorView:
 
 
 def study_sensor(name: str, slug: str, sensor: Sensor, study: FieldOfViewStudy) -> SensorView:
-    """Compute the results for one sensor. Raises InputError if its pulses are too many."""
+    """Compute the results for one sensor.
+
+    Raises:
+        InputError: if its pulses are too many
+    """
     cells, coverage_s = SphereCells.of_size(study.cell_deg), max(study.times_s)
     revisit_s = max(coverage_s, 2.0 * sensor.scanner.frame_s)
     pulses = fired_pulses(sensor.scanner, revisit_s)

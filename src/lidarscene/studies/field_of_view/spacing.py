@@ -13,7 +13,8 @@ PERCENTILES = (5, 25, 50, 75, 95)
 def nearest_deg(direction: Numbers, *, queries: int = QUERIES) -> Numbers:
     """Angle in degrees from unit vectors (n, 3) to their nearest other one.
 
-    queries  number of evenly chosen vectors whose neighbours are wanted; they are searched among all n
+    Args:
+        queries: number of evenly chosen vectors whose neighbours are wanted; they are searched among all n
     """
     from scipy.spatial import KDTree
 

@@ -23,10 +23,11 @@ _SHIFT = 0.381966
 class SphereCells:
     """Division of the sphere into cells, numbered row by row from below.
 
-    size_deg    height of a row [degrees]
-    columns     (rows,) number of cells in each row
-    first       (rows + 1,) number of the first cell of each row
-    edges_deg   (rows + 1,) elevations between the rows
+    Attributes:
+        size_deg: height of a row [degrees]
+        columns: (rows,) number of cells in each row
+        first: (rows + 1,) number of the first cell of each row
+        edges_deg: (rows + 1,) elevations between the rows
     """
 
     size_deg: float
@@ -77,7 +78,8 @@ class SphereCells:
     def within(self, outline: Numbers) -> Numbers:
         """Sorted numbers of the cells whose middle is inside a convex polygon.
 
-        outline  (n, 2) azimuth and elevation of its corners in degrees, counter-clockwise
+        Args:
+            outline: (n, 2) azimuth and elevation of its corners in degrees, counter-clockwise
         """
         low, high = outline[:, 1].min(), outline[:, 1].max()
         rows = np.flatnonzero((self.edges_deg[1:] > low) & (self.edges_deg[:-1] < high))

@@ -27,11 +27,12 @@ MOST_EVALUATIONS = 50
 class Estimate:
     """One number with its uncertainty.
 
-    key       name in the report
-    unit      "" for a pure number
-    fisher    sigma from the Fisher matrix
-    bootstrap sigma from the block bootstrap
-    misfit    factor on both, of a law that does not hold (`misfit_factor`)
+    Attributes:
+        key: name in the report
+        unit: "" for a pure number
+        fisher: sigma from the Fisher matrix
+        bootstrap: sigma from the block bootstrap
+        misfit: factor on both, of a law that does not hold (`misfit_factor`)
     """
 
     key: str
@@ -70,13 +71,14 @@ class Estimate:
 class Solution:
     """Solution of a fit with p parameters and b blocks of columns.
 
-    value   (p,) parameters
-    slope   (p, p) H, the negative slope of the sum of the scores; the Fisher matrix of a likelihood
-    scores  (b, p) score of each block at the solution
-    meat    (p, p) variance of the sum of the scores if the law is right; None: H
-    evaluations  number of evaluations of the law
-    held_covariance  (p, p) covariance added by the uncertainty of parameters held fixed; None: none
-    misfit  factor on the uncertainties (`misfit_factor`)
+    Attributes:
+        value: (p,) parameters
+        slope: (p, p) H, the negative slope of the sum of the scores; the Fisher matrix of a likelihood
+        scores: (b, p) score of each block at the solution
+        meat: (p, p) variance of the sum of the scores if the law is right; None: H
+        evaluations: number of evaluations of the law
+        held_covariance: (p, p) covariance added by the uncertainty of parameters held fixed; None: none
+        misfit: factor on the uncertainties (`misfit_factor`)
     """
 
     value: Numbers
@@ -140,8 +142,9 @@ def misfit_factor(deviations: Numbers, parameters: int) -> float:
 
     It is the scale factor S of the Particle Data Group (Review of Particle Physics, introduction, 5.2.2).
 
-    deviations  (n,) differences of bins from the law, in sigmas of their own
-    parameters  number of fitted parameters
+    Args:
+        deviations: (n,) differences of bins from the law, in sigmas of their own
+        parameters: number of fitted parameters
     """
     freedom = len(deviations) - parameters
     return max(1.0, float(np.sqrt(np.sum(deviations**2) / freedom))) if freedom > 0 else 1.0

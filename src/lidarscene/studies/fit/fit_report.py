@@ -30,12 +30,13 @@ STYLES: dict[str, dict[str, Any]] = {
 class FitReport:
     """Contents of a fit's report.
 
-    notes      notes for the reader, without full stop: which numbers of the file stay, with the reason
-    null       a line for each direction that the recording does not determine
-    held       keys that keep the values of the file
-    products   quantity -> product of numbers of the file that it is
-    solutions  name -> parameters, and solution
-    numbers    entries of the JSON that only this kind of fit has
+    Attributes:
+        notes: notes for the reader, without full stop: which numbers of the file stay, with the reason
+        null: a line for each direction that the recording does not determine
+        held: keys that keep the values of the file
+        products: quantity -> product of numbers of the file that it is
+        solutions: name -> parameters, and solution
+        numbers: entries of the JSON that only this kind of fit has
     """
 
     title: str
@@ -133,10 +134,11 @@ class FitReport:
 def law_rows(signal_error: float | None, share_error: float | None, octaves: Numbers, *, missing: str) -> list[Held]:
     """Signal, share of returns and scatter of the held-out pulses beside the fitted laws.
 
-    signal_error  mean relative error of the signal over the range; None: not known
-    share_error    mean difference of the share of returns; None: not known
-    octaves       (k, 4) signal, recorded scatter [m], fitted scatter [m], relative sigma of their ratio
-    missing       note where there is nothing to compare
+    Args:
+        signal_error: mean relative error of the signal over the range; None: not known
+        share_error: mean difference of the share of returns; None: not known
+        octaves: (k, 4) signal, recorded scatter [m], fitted scatter [m], relative sigma of their ratio
+        missing: note where there is nothing to compare
     """
     rows = [
         Held(quantity="signal, mean error over the range", value=signal_error, limits=LIMITS["signal error"]),
@@ -185,10 +187,11 @@ def law_figure(
 ) -> Figure:
     """Figure of a law beside recorded values, on logarithmic axes.
 
-    axes     their labels
-    curves   label, as in `STYLES` -> x and y
-    table    heading -> column of the data beside the figure
-    options  further options of the chart
+    Args:
+        axes: their labels
+        curves: label, as in `STYLES` -> x and y
+        table: heading -> column of the data beside the figure
+        options: further options of the chart
     """
     chart = Chart(
         lines=tuple(Line(label=label, x=x, y=y, **STYLES[label]) for label, (x, y) in curves.items()),
@@ -202,7 +205,8 @@ def law_figure(
 def share_figure(name: str, shares: Numbers) -> Figure:
     """Figure of the shares of returns of held-out pulses.
 
-    shares  (k, 3) chance of a return by the law, recorded share, number of pulses
+    Args:
+        shares: (k, 3) chance of a return by the law, recorded share, number of pulses
     """
     chance, kept, pulses = shares.T
     table = {"chance": chance, "kept": kept, "pulses": pulses.astype(int)}

@@ -63,13 +63,16 @@ Curve = Callable[..., Numbers]
 class NearField:
     """Fitted near field.
 
-    range_m, white_m2   (n,) mean range and K share(R) of each bin
-    sigma               (n,) standard deviation of ln white_m2
-    misfit              standard deviation of ln white_m2 that the law leaves unexplained
-    sensor_curve        curve of the sensor's own optics; None: law of one lens
-    solved              solution: ln K, ln R0; for one lens also ln of the spot's radius over the field's, for free
-                        lenses the `LENSES`
-    check_range_m, check_white_m2  the same for the held-out blocks
+    Attributes:
+        range_m: (n,) mean range of each bin
+        white_m2: (n,) K share(R) of each bin
+        sigma: (n,) standard deviation of ln white_m2
+        misfit: standard deviation of ln white_m2 that the law leaves unexplained
+        sensor_curve: curve of the sensor's own optics; None: law of one lens
+        solved: solution: ln K, ln R0; for one lens also ln of the spot's radius over the field's, for free lenses the
+            `LENSES`
+        check_range_m: ``range_m`` for the held-out blocks
+        check_white_m2: ``white_m2`` for the held-out blocks
     """
 
     range_m: Numbers
@@ -137,7 +140,8 @@ def own_curve(sensor: Sensor) -> Curve | None:
 class LensCurve:
     """Near field of a sensor whose `LENSES` are free: a `Curve` of range over R0 and of them.
 
-    own  (4,) the file's own values of the `LENSES`
+    Attributes:
+        own: (4,) the file's own values of the `LENSES`
     """
 
     def __init__(self, sensor: Sensor) -> None:
@@ -196,7 +200,8 @@ def _law(sensor_curve: Curve | None, p: Numbers, x: Numbers) -> Numbers:
 def fit_near_field(pulses: RecordedPulses, sensor: Sensor | None = None) -> NearField | None:
     """Fit the near field to a recording; None if SIGNAL or REFLECTIVITY is missing, or too few ranges.
 
-    sensor  sensor whose own curve is stretched, unless it has one lens; None: law of one lens
+    Args:
+        sensor: sensor whose own curve is stretched, unless it has one lens; None: law of one lens
     """
     if pulses.signal is None or pulses.reflectivity is None:
         return None

@@ -124,9 +124,10 @@ QUANTITIES: Mapping[str, Quantity] = {
 class Products:
     """Measured quantities as products of powers of a sensor file's numbers.
 
-    keys        keys of the sensor file, and `REFLECTIVITY`
-    quantities  keys of the measured quantities
-    exponents   (quantities, keys) d ln quantity / d ln key
+    Attributes:
+        keys: keys of the sensor file, and `REFLECTIVITY`
+        quantities: keys of the measured quantities
+        exponents: (quantities, keys) d ln quantity / d ln key
     """
 
     keys: tuple[str, ...]

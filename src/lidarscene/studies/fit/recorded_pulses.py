@@ -26,12 +26,15 @@ def fitted_blocks(block: Numbers) -> Numbers:
 class RecordedPulses:
     """Pulses of spinning sweeps: (rows, columns) arrays, the columns of all frames side by side.
 
-    range_m       NaN where nothing came back
-    recorded      True if the recording says whether the pulse had a return
-    signal, near_ir, reflectivity  as in `recordings.sweep.Sweep`; None if the recording lacks them
-    azimuth_rad   of the beam, NaN where not known
-    frame         (columns,) index of the frame
-    block         (columns,) index of the block
+    Attributes:
+        range_m: NaN where nothing came back
+        recorded: True if the recording says whether the pulse had a return
+        signal: as in `recordings.sweep.Sweep`; None if the recording lacks them
+        near_ir: as in `recordings.sweep.Sweep`; None if the recording lacks them
+        reflectivity: as in `recordings.sweep.Sweep`; None if the recording lacks them
+        azimuth_rad: of the beam, NaN where not known
+        frame: (columns,) index of the frame
+        block: (columns,) index of the block
     """
 
     range_m: Numbers
@@ -71,7 +74,8 @@ class RecordedPulses:
 def gather_pulses(sweeps: Iterable[Sweep]) -> RecordedPulses:
     """Gather the pulses of sweeps of rows and columns; columns without any record are left out.
 
-    Raises ValueError if there are none, for lists of points, or if the numbers of rows differ.
+    Raises:
+        ValueError: if there are none, for lists of points, or if the numbers of rows differ
     """
     parts: list[RecordedPulses] = []
     blocks = 0

@@ -45,9 +45,10 @@ PHOTON_RANGES = 200
 class RecordingFit:
     """Result of a fit without a scene; None for laws whose fields were not recorded.
 
-    ends      spread of the threshold, without what the sensor's filter adds to its width, its least value, and its
-              factor for lone echoes, as far as they are known
-    products  known quantities as products of numbers of the sensor file
+    Attributes:
+        ends: spread of the threshold, without what the sensor's filter adds to its width, its least value, and its
+            factor for lone echoes, as far as they are known
+        products: known quantities as products of numbers of the sensor file
     """
 
     near_field: NearField | None = None
@@ -84,12 +85,14 @@ def fit_recordings(
 ) -> tuple[str, Report]:
     """Fit recordings of one unit; returns the text of its sensor file, and the report.
 
-    sensor        catalogue sensor of its kind, or a sensor file: the source of all numbers that the recording leaves
-                  open
-    metadata      the maker's description of the unit; None: the json beside the recording or in the OSF, if any
-    sensor_index  which sensor of an OSF, from 0
-    frames        indices of the frames of each recording; None: all
-    Raises InputError.
+    Args:
+        sensor: catalogue sensor of its kind, or a sensor file: the source of all numbers that the recording leaves open
+        metadata: the maker's description of the unit; None: the json beside the recording or in the OSF, if any
+        sensor_index: which sensor of an OSF, from 0
+        frames: indices of the frames of each recording; None: all
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
     """
     base = base_text(sensor, metadata_of(recordings[0], metadata), sensor_index=sensor_index)
     where = f"--sensor {sensor}"
@@ -124,7 +127,11 @@ def _illuminance_klux(sweeps: Sequence[Sweep], sensor: Sensor) -> float:
 def _read_sweeps(
     recordings: Sequence[Path], metadata: Path | None, sensor_index: int, frames: Sequence[int] | None
 ) -> list[Sweep]:
-    """Read the chosen frames of each recording. Raises InputError."""
+    """Read the chosen frames of each recording.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+    """
     sweeps: list[Sweep] = []
     for path in recordings:
         with open_recording(path, metadata, sensor_index=sensor_index) as recording:
@@ -133,9 +140,13 @@ def _read_sweeps(
 
 
 def fit_pulses(pulses: RecordedPulses, sensor: Sensor | None = None) -> RecordingFit:
-    """Fit all laws to these pulses. Raises ValueError if none can be fitted.
+    """Fit all laws to these pulses.
 
-    sensor  sensor whose own near field is stretched, unless it has one lens; None: law of one lens
+    Args:
+        sensor: sensor whose own near field is stretched, unless it has one lens; None: law of one lens
+
+    Raises:
+        ValueError: if none can be fitted
     """
     fit = RecordingFit(
         near_field=fit_near_field(pulses, sensor),

@@ -27,7 +27,8 @@ SMOOTHING_ROWS = 8
 class RowGains:
     """Gain and its sigma, (rows,), from the top row down; their geometric mean is 1.
 
-    follows  exponent x of SIGNAL ~ gain^x from row to row, and its sigma; None if too few signals are strong
+    Attributes:
+        follows: exponent x of SIGNAL ~ gain^x from row to row, and its sigma; None if too few signals are strong
     """
 
     gain: Numbers

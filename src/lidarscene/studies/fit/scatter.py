@@ -52,10 +52,11 @@ _MEAN_BELOW = (2.0 - (2.0 + PATCH_SQUARE) * math.exp(-0.5 * PATCH_SQUARE)) / _SH
 class Scatter:
     """Fitted scatter of the range.
 
-    solved            solution: c^2 [m2 photons] and floor^2 [m2]
-    fitted, held_out  (k, 3) middle of each octave of SIGNAL, scatter [m] and number of patches, of fitted and held-out
-                      blocks
-    correlation       factor on the squares of the patches, for noise that neighbouring columns share; 1: none is seen
+    Attributes:
+        solved: solution: c^2 [m2 photons] and floor^2 [m2]
+        fitted: (k, 3) middle of each octave of SIGNAL, scatter [m] and number of patches, of fitted blocks
+        held_out: (k, 3) the same of held-out blocks
+        correlation: factor on the squares of the patches, for noise that neighbouring columns share; 1: none is seen
     """
 
     solved: Solution
@@ -173,7 +174,8 @@ def _correlation(pulses: RecordedPulses, relative: Numbers) -> tuple[float, floa
 
     The factor is that of the scatter of third differences over `WIDE_STEP` to that of the patches, both by medians.
 
-    relative  (n,) squares of the patches times their signals
+    Args:
+        relative: (n,) squares of the patches times their signals
     """
     assert pulses.signal is not None
     reach = WIDE_STEP * (len(WIDE) - 1)
@@ -203,7 +205,8 @@ def _start(squares: Numbers, inverse: Numbers) -> Numbers:
 def _deviations(excess: Numbers, inverse: Numbers) -> Numbers:
     """(k,) mean excess of the squares over the law in each octave, in sigmas of that mean.
 
-    excess  (n,) of each patch, in sigmas of one patch
+    Args:
+        excess: (n,) of each patch, in sigmas of one patch
     """
     octave = np.unique(np.floor(np.log2(1.0 / inverse)), return_inverse=True)[1]
     sums, patches = np.bincount(octave, excess), np.bincount(octave)

@@ -98,9 +98,11 @@ POWERS: Mapping[str, Mapping[str, float]] = {
 def base_text(sensor: str, metadata: Path | None, *, sensor_index: int = 0) -> str:
     """Text of the sensor file to start from, of the catalogue or a path; with metadata it has the beams of this unit.
 
-    sensor_index  which sensor of an OSF the metadata are of
+    Args:
+        sensor_index: which sensor of an OSF the metadata are of
 
-    Raises InputError if the file cannot be read.
+    Raises:
+        InputError: if the file cannot be read
     """
     path = Path(sensor) if sensor.endswith(".toml") else catalog.path_of("sensors", sensor)
     if metadata is not None and not sensor.endswith(".toml"):
@@ -113,7 +115,11 @@ def base_text(sensor: str, metadata: Path | None, *, sensor_index: int = 0) -> s
 
 
 def parse_sensor(text: str, where: str) -> Sensor:
-    """Parse the text of a sensor file. Raises InputError."""
+    """Parse the text of a sensor file.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+    """
     try:
         tables = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
@@ -126,9 +132,10 @@ def fitted_text(
 ) -> tuple[str, tuple[str, ...]]:
     """Put the estimates into a sensor file; returns the text, and notes on numbers that stay, with the reason.
 
-    rows  gains of the rows
-
     The near field comes first and the power last, since the power depends on all other numbers.
+
+    Args:
+        rows: gains of the rows
     """
     sensor = parse_sensor(text, where)
     if sensor.histogram is None:
@@ -211,8 +218,9 @@ def fitted_text(
 def _lens_changes(text: str, estimates: Mapping[str, Estimate], stretched: Sensor, source: str) -> tuple[Changes, str]:
     """Free lenses as changes, and the text without keys that are now at infinity.
 
-    stretched  sensor with the new aperture and field of view
-    source     source of the stretched near field
+    Args:
+        stretched: sensor with the new aperture and field of view
+        source: source of the stretched near field
     """
     offset, crossing, focus, scattered = (estimates[key].value for key in LENSES)
     r0_m, aperture_mm = near_field_m(stretched), 1e3 * float(stretched.optics.aperture_radius_m)
@@ -236,10 +244,12 @@ def _lens_changes(text: str, estimates: Mapping[str, Estimate], stretched: Senso
 def with_background_gain(text: str, klux: float, recording: str) -> tuple[str, str]:
     """Let the sensor count so much more background that the recording's light is what the sun gives at most.
 
-    klux  illuminance that explains the recorded NEAR_IR with this file
+    Args:
+        klux: illuminance that explains the recorded NEAR_IR with this file
 
-    Returns the text, and a note; both say that it is a bound, since the recording's own light is not known. Unchanged
-    if the sun gives as much, or without the key.
+    Returns:
+        the text, and a note; both say that it is a bound, since the recording's own light is not known. Unchanged if
+        the sun gives as much, or without the key.
     """
     key = "optics.sun_irradiance_w_m2"
     irradiance = _get_key(text, key)
@@ -297,7 +307,8 @@ def scaled_text(
 ) -> tuple[str, tuple[str, ...]]:
     """Scale the numbers of a sensor file by their estimates; returns the text, and notes on numbers that stay.
 
-    estimates  factors of the file's values; those with a relative sigma above `MOST_RELATIVE_SIGMA` are not written
+    Args:
+        estimates: factors of the file's values; those with a relative sigma above `MOST_RELATIVE_SIGMA` are not written
     """
     accepted = _certain(estimates)
     notes = [

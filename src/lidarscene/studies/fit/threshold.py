@@ -44,9 +44,10 @@ LOGISTIC = math.pi / math.sqrt(3.0)
 class Threshold:
     """Fitted chance of a return, 1 / (1 + exp(-ln(SIGNAL / U) / width)), U = slope sqrt(NEAR_IR + pedestal).
 
-    solved   solution: ln slope, pedestal, ln width
-    near_ir  median NEAR_IR of the pulses near the threshold
-    shares   (k, 3) chance by the law, share that was kept, and number of the held-out pulses, by the chance
+    Attributes:
+        solved: solution: ln slope, pedestal, ln width
+        near_ir: median NEAR_IR of the pulses near the threshold
+        shares: (k, 3) chance by the law, share that was kept, and number of the held-out pulses, by the chance
     """
 
     solved: Solution
@@ -160,8 +161,9 @@ def threshold_pulses(pulses: RecordedPulses) -> Numbers:
 def shares_by_chance(chance: Numbers, returned: Numbers, bins: int, least: int = 1) -> Numbers:
     """(k, 3) mean chance of a return, share that returned and number of pulses, by the chance.
 
-    bins   number of bins from 0 to 1
-    least  least number of pulses in a bin
+    Args:
+        bins: number of bins from 0 to 1
+        least: least number of pulses in a bin
     """
     bin_index = np.minimum((chance * bins).astype(int), bins - 1)
     masks = [bin_index == number for number in range(bins)]

@@ -67,8 +67,9 @@ def fit_lone_factor(pulses: RecordedPulses, threshold: Threshold) -> Estimate | 
 def fit_least(pulses: RecordedPulses, threshold: Threshold, sensor: Sensor, spread: float) -> Estimate | None:
     """Fit `threshold_least` to the pulses on surfaces (T183); None if an endless threshold is nearly as likely.
 
-    sensor  sensor whose filter scatters about SIGNAL
-    spread  fitted `threshold_spread`
+    Args:
+        sensor: sensor whose filter scatters about SIGNAL
+        spread: fitted `threshold_spread`
     """
     ratio = _ratio(pulses, threshold)
     mask = threshold_pulses(pulses) & on_surface(pulses) & (ratio < LARGEST_RATIO)

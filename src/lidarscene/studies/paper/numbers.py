@@ -190,9 +190,10 @@ def _approximate_snr(**place: float) -> float:
 def _lever(sign: int, keys: Mapping[str, tuple[str, float]], factor: float = 1.0) -> Callable[[], Numbers]:
     """Percent of range per percent of a key, by a central difference of 1 %, and whether its sign is the paper's.
 
-    sign    that the paper gives
-    keys    detector -> key and its value in Table 1; "": the reflectivity of the target
-    factor  scale of the exponent: area goes with the square of a radius
+    Args:
+        sign: that the paper gives
+        keys: detector -> key and its value in Table 1; "": the reflectivity of the target
+        factor: scale of the exponent: area goes with the square of a radius
     """
 
     def numbers() -> Numbers:

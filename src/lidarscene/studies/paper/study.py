@@ -38,7 +38,8 @@ SCANNER = (
 def paper_report(*, progress: Callable[[int, int], object] = lambda done, total: None) -> Report:
     """Compute all figures, claims and errata.
 
-    progress  called with (done, total) steps
+    Args:
+        progress: called with (done, total) steps
     """
     progress(0, 2)
     drawn_figures = figures()

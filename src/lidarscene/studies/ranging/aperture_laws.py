@@ -61,7 +61,9 @@ def of_scanner(scanner: Scanner, axis: str, angle_deg: Numbers) -> Numbers:
     """A(theta) as the sensor's own scanner has it, which is what `render` uses.
 
     Along one axis, from the pulses of a frame that are nearest to zero on the other, with linear interpolation.
-    Raises InputError outside the scanner's field of view, unless the share is one everywhere (a raster).
+
+    Raises:
+        InputError: outside the scanner's field of view, unless the share is one everywhere (a raster)
     """
     along, across, share = _frame(scanner, axis)
     if np.all(share == share[0]):

@@ -24,10 +24,11 @@ if TYPE_CHECKING:
 class Bounds:
     """Allowed values of a condition, and the default ends of an axis over it.
 
-    above     True if ``low`` itself is excluded
-    meaning   words for the axis of a chart
-    multiple  this unit over the one that is typed by mistake: 1e3 of klux, for lux
-    likely    largest value that needs no warning of that mistake
+    Attributes:
+        above: True if ``low`` itself is excluded
+        meaning: words for the axis of a chart
+        multiple: this unit over the one that is typed by mistake: 1e3 of klux, for lux
+        likely: largest value that needs no warning of that mistake
     """
 
     unit: str
@@ -102,7 +103,11 @@ CLEAR_AIR = 0.98
 @list_options
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Conditions:
-    """Target, light and air, in the units of the command line. Raises InputError for a value out of bounds."""
+    """Target, light and air, in the units of the command line.
+
+    Raises:
+        InputError: for a value out of bounds
+    """
 
     distance: float = option(
         100.0, CONDITIONS["distance"], help="of the target, for snr and pd (default {default:g})", metavar="M"
@@ -165,7 +170,8 @@ class Conditions:
 class SweepOptions:
     """Axis of a sweep and the quantity along it.
 
-    log  logarithmic steps, or even ones; None: as is usual for the axis
+    Attributes:
+        log: logarithmic steps, or even ones; None: as is usual for the axis
     """
 
     over: str | None = option(
@@ -202,7 +208,8 @@ class SweepOptions:
     def require_sense(self, conditions: Collection[str]) -> None:
         """Raise OptionError for options that contradict each other, or a condition that would be ignored.
 
-        conditions  names of the conditions that the user set
+        Args:
+            conditions: names of the conditions that the user set
         """
         axis, quantity = self.over, self.quantity_name
         if axis == "distance" and quantity == "range":

@@ -36,9 +36,10 @@ _JUMP = 1e-4
 class Question:
     """Quantity to compute along an axis, and the conditions.
 
-    distance_m    distance of the target, for "snr" and "pd" over an axis other than distance
-    law           for an elevation or azimuth axis: "scanner" (the sensor's own) or one of `aperture_laws.LAWS`
-    visibility_m  adds extinction by Kim at the sensor's wavelength; None for clear air
+    Attributes:
+        distance_m: distance of the target, for "snr" and "pd" over an axis other than distance
+        law: for an elevation or azimuth axis: "scanner" (the sensor's own) or one of `aperture_laws.LAWS`
+        visibility_m: adds extinction by Kim at the sensor's wavelength; None for clear air
     """
 
     quantity: str
@@ -53,8 +54,9 @@ class Question:
 class SweepCurve:
     """One sensor's values along the axis.
 
-    margin  peak signal over the comparator's level, for "snr" and "pd"; None for "range"
-    status  `RangeStatus`, for "range"
+    Attributes:
+        margin: peak signal over the comparator's level, for "snr" and "pd"; None for "range"
+        status: `RangeStatus`, for "range"
     """
 
     name: str
@@ -67,9 +69,10 @@ class SweepCurve:
 class CurveCrossing:
     """Place where two curves are equal or, with an empty ``second``, where one is at its comparator's level.
 
-    place  value on the axis
-    value  value of the curves
-    falls  True if the first falls below the second, or below the level, towards larger x
+    Attributes:
+        place: value on the axis
+        value: value of the curves
+        falls: True if the first falls below the second, or below the level, towards larger x
     """
 
     first: str
@@ -83,7 +86,8 @@ class CurveCrossing:
 class Curves:
     """All curves of a question and their crossings, in order along the axis.
 
-    detection_limits  places where a peak signal is at the comparator's level
+    Attributes:
+        detection_limits: places where a peak signal is at the comparator's level
     """
 
     question: Question

@@ -48,10 +48,11 @@ _NO_GAIN_WORTH = 0.01
 class Terms:
     """Sensor as its file has it and on equal terms, with the range of each at a P_d of `PROBABILITY`.
 
-    interval_m    ends of the range that the file's uncertainties give; None if it has none
-    false_points  per pulse, on equal terms
-    course_m      range under each of `ILLUMINANCES_KLUX`
-    changes       what its file has otherwise, in words: eye safety, gain, statistics, then the threshold
+    Attributes:
+        interval_m: ends of the range that the file's uncertainties give; None if it has none
+        false_points: per pulse, on equal terms
+        course_m: range under each of `ILLUMINANCES_KLUX`
+        changes: what its file has otherwise, in words: eye safety, gain, statistics, then the threshold
     """
 
     name: str
@@ -79,10 +80,11 @@ def equal_terms(
 ) -> list[Terms]:
     """Put sensors on equal terms; each has as many false points a pulse as the first.
 
-    visibility_m  of the air, whose extinction depends on the wavelength; None: that of the target
-
     Time-domain statistics, class 1 with the beam scanning, the gain of the longest range. A threshold that is no ratio
     to the noise stays, and so does a power that is not known; `Terms.changes` says so.
+
+    Args:
+        visibility_m: of the air, whose extinction depends on the wavelength; None: that of the target
     """
     per_pulse = false_points(_physical(sensors[0][1])[0], target)
     return [_terms(name, sensor, with_haze(sensor, target, visibility_m), per_pulse) for name, sensor in sensors]
@@ -213,10 +215,11 @@ def range_interval_m(
 ) -> tuple[float, float] | None:
     """Ends of the range of `PROBABILITY` that the sensor's uncertainties give, root of summed squares (T222).
 
-    range_m  range without them
-    without  numbers that are set and not read from the file, such as a power at the limit of class 1
-
     None if the sensor states no uncertainty of a number that its range depends on.
+
+    Args:
+        range_m: range without them
+        without: numbers that are set and not read from the file, such as a power at the limit of class 1
     """
     values, below, above = sensitivities.parameters(sensor, target), [], []
     for name in sorted(sensor.uncertainty.keys() & values.keys() - set(without)):  # in an order that stays

@@ -25,10 +25,11 @@ _HIGHEST = 1e6
 class BestGain:
     """Gains for the best SNR under one background.
 
-    closed_form  from d SNR / dM = 0: `physics.electronics.apd.best_gain` or `best_gain_mcintyre`; at least one, inf if
-                 only multiplied noise limits and there is no excess noise
-    searched     maximum of the exact SNR, from 1 to 1e6
-    snr_share    the sensor's SNR at its own gain over that at the searched one
+    Attributes:
+        closed_form: from d SNR / dM = 0: `physics.electronics.apd.best_gain` or `best_gain_mcintyre`; at least one, inf
+            if only multiplied noise limits and there is no excess noise
+        searched: maximum of the exact SNR, from 1 to 1e6
+        snr_share: the sensor's SNR at its own gain over that at the searched one
     """
 
     closed_form: float
@@ -37,9 +38,13 @@ class BestGain:
 
 
 def best_gain(sensor: Sensor, target: Target, *, range_m: float = 100.0) -> BestGain:
-    """Compute the best gain for this target. Raises ValueError for a detector without gain.
+    """Compute the best gain for this target.
 
-    range_m   distance of the target; it matters only through the air's extinction, which dims the background too
+    Args:
+        range_m: distance of the target; it matters only through the air's extinction, which dims the background too
+
+    Raises:
+        ValueError: for a detector without gain
     """
     diode = sensor.detector
     if not isinstance(diode, Apd):

@@ -64,7 +64,8 @@ class RangeStatus(enum.IntEnum):
 class Target:
     """A Lambertian plane wider than the spot, and the light and air around it (Table 1 by default).
 
-    aperture_share  effective aperture A(theta_r) of (4) over that on the axis; see `studies.ranging.aperture_laws`
+    Attributes:
+        aperture_share: effective aperture A(theta_r) of (4) over that on the axis; see `studies.ranging.aperture_laws`
     """
 
     reflectivity: Lanes = 0.1
@@ -185,8 +186,9 @@ def fluctuation_variance(sensor: Sensor, target: Target, range_m: Lanes) -> Lane
 def expected_probability(point: WorkingPoint, level: Lanes, peak_power_w: Lanes, variance: Lanes | None) -> Lanes:
     """P_d of an echo with its own shot noise, the mean over its fluctuation if it has one.
 
-    peak_power_w  its mean
-    variance      `fluctuation_variance`
+    Args:
+        peak_power_w: its mean
+        variance: `fluctuation_variance`
     """
 
     def probability(relative_power: Lanes) -> Lanes:
@@ -335,9 +337,12 @@ def closed_form_range_m(sensor: Sensor, target: Target) -> Any:
     """The derived closed forms (29) and (30) for this sensor: background shot noise only.
 
     An upper bound of `maximum_range_m`, unless a SiPM is far from linear; for one in the time domain (30) has all light
-    of the dead time around the peak, not half of the pulse. With extinction the range is on both sides,
-    R = R_0 exp(-3/4 alpha R), solved by Lambert's W: R = W(3/4 alpha R_0) / (3/4 alpha). inf without background, 0
-    without an echo; None for a detector without a closed form. Raises ValueError for a fixed threshold.
+    of the dead time around the peak, not half of the pulse. With extinction the range is on both sides, R = R_0
+    exp(-3/4 alpha R), solved by Lambert's W: R = W(3/4 alpha R_0) / (3/4 alpha). inf without background, 0 without an
+    echo; None for a detector without a closed form.
+
+    Raises:
+        ValueError: for a fixed threshold
     """
     if sensor.tdc.threshold_to_noise is None:
         raise ValueError(f"sensor '{sensor.name}' has a fixed threshold: the closed forms need a ratio to noise")

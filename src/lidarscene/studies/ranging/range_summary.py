@@ -29,7 +29,8 @@ _LIMITS = {RangeStatus.FOUND: "signal", RangeStatus.WINDOW: "window"}
 def range_report(sensors: Sequence[tuple[str, Sensor]], conditions: Conditions) -> Report:
     """Maximum range of each sensor, its closed form, and SNR and P_d at one distance; several also on equal terms.
 
-    sensors  names, which differ, and sensors
+    Args:
+        sensors: names, which differ, and sensors
     """
     target, distance_m, visibility_m = conditions.target(), conditions.distance, conditions.visibility_m
     rows = [

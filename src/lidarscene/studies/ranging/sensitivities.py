@@ -48,12 +48,14 @@ _ALIGNMENT = "optics.overlap"
 class Sensitivity:
     """Effect of one parameter on the maximum range and, at one distance, on the detection probability.
 
-    parameter          dotted name, such as detector.gain or target.reflectivity
-    value, unit        as the sensor holds it, SI
-    range_slope        dR_max / dp, metres per unit
-    range_elasticity   d ln R_max / d ln p; None if the value is zero
-    detection_slope    dP_d / dp at the table's distance
-    detection_points   percentage points of P_d per percent of p; None if the value is zero
+    Attributes:
+        parameter: dotted name, such as detector.gain or target.reflectivity
+        value: as the sensor holds it, SI
+        unit: unit of the value, SI
+        range_slope: dR_max / dp, metres per unit
+        range_elasticity: d ln R_max / d ln p; None if the value is zero
+        detection_slope: dP_d / dp at the table's distance
+        detection_points: percentage points of P_d per percent of p; None if the value is zero
     """
 
     parameter: str
@@ -69,8 +71,9 @@ class Sensitivity:
 class SensitivityTable:
     """Sensitivities of a sensor on a target, strongest first.
 
-    distance_m   distance at which the detection probability is taken
-    method       "drjit" (exact) or "differences" (sixth-order central differences)
+    Attributes:
+        distance_m: distance at which the detection probability is taken
+        method: "drjit" (exact) or "differences" (sixth-order central differences)
     """
 
     sensor: str
@@ -124,7 +127,8 @@ def margin_and_detection(
 ) -> tuple[Lanes, Lanes]:
     """ln(peak / comparator's level) and P_d at a range, by the stages that render; numpy or Dr.Jit numbers.
 
-    deviate  normal deviate of the power that P_d is of, if the echo fluctuates
+    Args:
+        deviate: normal deviate of the power that P_d is of, if the echo fluctuates
     """
     light = plane.light_of_plane(sensor, target, range_m)
     point = sensor.working_point(light.background_power_w, range_m=light.range_m)
@@ -155,10 +159,14 @@ def _snr(sensor: Sensor, target: Target, range_m: Lanes, *, deviate: Lanes) -> L
 def sensitivities(
     sensor: Sensor, target: Target, *, distance_m: float | None = None, method: str = "auto"
 ) -> SensitivityTable:
-    """Compute all sensitivities. Raises InputError if the sensor has no maximum range.
+    """Compute all sensitivities.
 
-    distance_m   distance at which P_d is taken; None: the maximum range, where P_d is near one half
-    method       "drjit", "differences", or "auto": Dr.Jit if there is a back end
+    Args:
+        distance_m: distance at which P_d is taken; None: the maximum range, where P_d is near one half
+        method: "drjit", "differences", or "auto": Dr.Jit if there is a back end
+
+    Raises:
+        InputError: if the sensor has no maximum range
     """
     limit, status = plane.maximum_range_m(sensor, target)
     if status != RangeStatus.FOUND:
@@ -226,8 +234,10 @@ def range_slopes(
 ) -> dict[str, float]:
     """Derivatives of `plane.range_at_probability_m`, which is ``range_m``, with respect to these of the `parameters`.
 
-    Where the window ends it, of the window's end; else dR/dp = -(dP_d/dp) / (dP_d/dR) (T221). Raises InputError where
-    P_d does not fall with range.
+    Where the window ends it, of the window's end; else dR/dp = -(dP_d/dp) / (dP_d/dR) (T221).
+
+    Raises:
+        InputError: where P_d does not fall with range
     """
     if range_m <= 0.0:
         return dict.fromkeys(values, 0.0)
@@ -248,9 +258,14 @@ def snr_slopes(
 
 
 def choose_derivation(method: str) -> tuple[str, Derivation]:
-    """Choose the method of differentiation; "auto" is Dr.Jit if there is a back end. Returns its name and function.
+    """Choose the method of differentiation; "auto" is Dr.Jit if there is a back end.
 
-    Raises ValueError for an unknown name, BackendError if "drjit" is asked for and not available.
+    Returns:
+        its name and function
+
+    Raises:
+        ValueError: for an unknown name
+        BackendError: if "drjit" is asked for and not available
     """
     if method not in ("auto", "drjit", "differences"):
         raise ValueError(f"no method '{method}'; expected auto, drjit or differences")
@@ -344,7 +359,8 @@ def sensitivity_report(
 ) -> Report:
     """Sensitivities of each sensor, by its name, with a chart of the strongest.
 
-    distance_m  distance of the detection probability; None: each sensor's maximum range
+    Args:
+        distance_m: distance of the detection probability; None: each sensor's maximum range
     """
     report = Report("Sensitivities of the maximum range", numbers={}, pages=(PAGE, "sensitivities.json"))
     texts, rows = [], []

@@ -31,8 +31,9 @@ _DEVIATES = [NormalDist().inv_cdf((k + 0.5) / 200.0) for k in range(200)]
 class FalsePoints:
     """Expected false alarms among the points of one frame.
 
-    per_pulse  mean number reported for one pulse
-    per_frame  per_pulse times the pulses of a frame, all of them on the same target or sky
+    Attributes:
+        per_pulse: mean number reported for one pulse
+        per_frame: per_pulse times the pulses of a frame, all of them on the same target or sky
     """
 
     per_pulse: float

@@ -23,12 +23,13 @@ from ...sensor.sensor_model import Sensor
 class Subject:
     """Sensor with the tables of its file.
 
-    name       name from the file, made unique
-    argument   name or path as the user gave it
-    where      file, for messages
-    tables     tables of the file, without assignments
-    overrides  assignments, KEY=VALUE
-    built      sensor that a program made or changed, so that there are no tables; else None
+    Attributes:
+        name: name from the file, made unique
+        argument: name or path as the user gave it
+        where: file, for messages
+        tables: tables of the file, without assignments
+        overrides: assignments, KEY=VALUE
+        built: sensor that a program made or changed, so that there are no tables; else None
     """
 
     name: str
@@ -41,7 +42,11 @@ class Subject:
 
     @property
     def changed(self) -> dict[str, Any]:
-        """Tables with the assignments applied. Raises InputError without tables."""
+        """Tables with the assignments applied.
+
+        Raises:
+            InputError: without tables
+        """
         if self.built is not None:
             raise InputError(
                 f"'{self.name}': must be as `load_sensor` gave it for a key of its file to be swept, got a sensor made "
@@ -50,13 +55,21 @@ class Subject:
         return with_overrides(self.tables, self.overrides)
 
     def sensor(self) -> Sensor:
-        """Build the sensor. Raises InputError."""
+        """Build the sensor.
+
+        Raises:
+            InputError: if a file, a key or a value cannot be understood
+        """
         if self.built is not None:
             return self.built
         return sensor_from_tables(self.tables, where=self.where, overrides=self.overrides, folder=self.folder)
 
     def sensor_with(self, key: str, value: float, *, whole: bool) -> Sensor:
-        """Build the sensor with another value of a key. Raises InputError."""
+        """Build the sensor with another value of a key.
+
+        Raises:
+            InputError: if a file, a key or a value cannot be understood
+        """
         number = repr(int(value)) if whole else repr(float(value))
         return sensor_from_tables(
             with_overrides(self.tables, [*self.overrides, f"{key}={number}"]),
@@ -81,9 +94,13 @@ def subject_of(name: str, sensor: Sensor) -> Subject:
 
 
 def subjects(arguments: Sequence[str], assignments: Sequence[str] = ()) -> list[Subject]:
-    """Load sensors from these catalogue names and files; equal names get a number. Raises InputError.
+    """Load sensors from these catalogue names and files; equal names get a number.
 
-    assignments  KEY=VALUE for all, or SENSOR:KEY=VALUE for one
+    Args:
+        assignments: KEY=VALUE for all, or SENSOR:KEY=VALUE for one
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
     """
     named_by_user: list[Subject] = []
     for argument in arguments:

@@ -26,10 +26,11 @@ from .conditions import CONDITIONS
 class Axis:
     """Quantity that is swept.
 
-    key     name as the user gave it
-    column  name with unit, for files
-    label   name with unit, for charts
-    whole   True if values are whole numbers
+    Attributes:
+        key: name as the user gave it
+        column: name with unit, for files
+        label: name with unit, for charts
+        whole: True if values are whole numbers
     """
 
     key: str
@@ -51,7 +52,11 @@ class Axis:
 
 
 def condition_axis(key: str, *, start: float | None, stop: float | None, count: int, log: bool | None) -> Axis:
-    """Make an axis over one of `CONDITIONS`. Raises InputError."""
+    """Make an axis over one of `CONDITIONS`.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+    """
     bounds = CONDITIONS[key]
     first, last = bounds.start if start is None else start, bounds.stop if stop is None else stop
     for option, end in (("start", first), ("stop", last)):
@@ -77,9 +82,13 @@ def parameter_axis(
     count: int,
     log: bool | None,
 ) -> Axis:
-    """Make an axis over a key of sensor files, by default from a fifth to five times its value. Raises InputError.
+    """Make an axis over a key of sensor files, by default from a fifth to five times its value.
 
-    files  name and tables of each
+    Args:
+        files: name and tables of each
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
     """
     whole, lows, highs = False, [], []
     for where, tables in files:
@@ -111,7 +120,11 @@ def parameter_axis(
 
 
 def _steps(start: float, stop: float, count: int, *, log: bool) -> Numbers:
-    """(count,) values from start to stop. Raises InputError."""
+    """(count,) values from start to stop.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+    """
     if not (math.isfinite(start) and math.isfinite(stop)):
         raise OptionError("{start} {0:g} {stop} {1:g}: must be finite numbers", start, stop)
     if start >= stop:

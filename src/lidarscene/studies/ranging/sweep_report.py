@@ -27,7 +27,11 @@ _SYMBOL = {"snr": "SNR", "pd": "P_d"}
 
 
 def sweep_report(subjects: Sequence[Subject], sweep: SweepOptions, conditions: Conditions) -> Report:
-    """Curves of several sensors over an axis, with their crossings and limits. Raises InputError."""
+    """Curves of several sensors over an axis, with their crossings and limits.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+    """
     swept = curves(subjects, _question(subjects, sweep, conditions))
     sensors = {subject.name: subject.sensor() for subject in subjects}
     conditions_line = conditions_text(swept, sun_angle_deg=conditions.sun_angle)
@@ -144,7 +148,8 @@ def window_note(name: str, sensor: Sensor, *, farthest_m: float, limit_text: str
 def notes(swept: Curves, sensors: Mapping[str, Sensor]) -> list[str]:
     """Notes on crossings, maximum ranges and warnings, one line each.
 
-    sensors  sensor by name
+    Args:
+        sensors: sensor by name
     """
     question = swept.question
     unit = f" {question.axis.unit}" if question.axis.unit else ""
@@ -231,7 +236,8 @@ def as_dict(swept: Curves) -> dict[str, Any]:
 def chart_of(swept: Curves, title: str, *, thresholds: Mapping[str, Any]) -> Chart:
     """Chart of the curves, with crossings and limits marked.
 
-    thresholds  ratio to noise at which each comparator trips; None if it is fixed in another way
+    Args:
+        thresholds: ratio to noise at which each comparator trips; None if it is fixed in another way
     """
     question = swept.question
     axis, quantity = question.axis, question.quantity

@@ -100,12 +100,14 @@ UNCALIBRATED = ("PandarQT",)
 class ReflectivityGauge:
     """Conversion of a recording's strengths to apparent reflectivities.
 
-    field               field of the sweep that holds the strengths: signal, reflectivity or intensity
-    range_m, per_count  reflectivity per count over the range; one entry where strengths are calibrated already
-    assumed             True if the scale is a guess
-    by_sensor           True if it is that of the sensor's own photons
-    sensor              sensor that counts photons, whose near field continues a table of signals; None: below the table
-                        they go on by its own slope, beyond by the square of the range
+    Attributes:
+        field: field of the sweep that holds the strengths: signal, reflectivity or intensity
+        range_m: ranges of ``per_count``
+        per_count: reflectivity per count over the range; one entry where strengths are calibrated already
+        assumed: True if the scale is a guess
+        by_sensor: True if it is that of the sensor's own photons
+        sensor: sensor that counts photons, whose near field continues a table of signals; None: below the table they go
+            on by its own slope, beyond by the square of the range
     """
 
     field: str
@@ -122,7 +124,8 @@ class ReflectivityGauge:
         The ratio of reflectivity to signal over the range is the maker's own calibration, near field included. Signals
         are finer than reflectivities, which come in steps of 1 % and are not linear above white.
 
-        sensor  sensor whose near field continues the calibration to ranges of which the sweep has none, and whose
+        Args:
+            sensor: sensor whose near field continues the calibration to ranges of which the sweep has none, and whose
                 photons calibrate signals without reflectivities
         """
         counter = None if sensor is None or sensor.histogram is None else sensor

@@ -26,7 +26,9 @@ def share_found_again(real_m: Numbers, simulated_m: Numbers) -> tuple[float, int
     Two clusters are the same if the cubes of edge `REACH_M` that both fill are at least `LEAST_OVERLAP` of those that
     one of them fills: finer than what joins them clusters have no shape.
 
-    real_m, simulated_m  (n, 3) points in the sensor's axes [m]
+    Args:
+        real_m: (n, 3) points in the sensor's axes [m]
+        simulated_m: (n, 3) points in the sensor's axes [m]
     """
     plane = ground_plane(real_m)
     real = _clusters(_above(real_m, plane), LEAST_VOXELS)

@@ -57,8 +57,9 @@ def twin_quantities(
 ) -> list[Held]:
     """Compute the whole table.
 
-    between        share of pulses that two recorded frames keep or lose differently (`disagreement`); None: not known
-    other_columns  recorded columns of the same frame that the twin was made of; None: it was made of others
+    Args:
+        between: share of pulses that two recorded frames keep or lose differently (`disagreement`); None: not known
+        other_columns: recorded columns of the same frame that the twin was made of; None: it was made of others
     """
     rows = [
         Held(

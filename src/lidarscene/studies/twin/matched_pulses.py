@@ -32,17 +32,20 @@ NO_SURFACE = -1
 class MatchedPulses:
     """Recorded pulses of a frame and their simulation, (n,) each; NaN where there is no return.
 
-    angle_rad        angle between recorded and simulated direction
-    ring             row of the recording
-    range_m, signal  range and photons of the first return; signal None if not recorded (an intensity does not count).
-                     Ranges count from the beam's exit in the simulated sensor, makers count from elsewhere
-    xyz_m            (n, 3) point of the first return, in the sensor's axes
-    change_m         `_second_difference` of the ranges along the ring, on smooth surfaces
-    gap_m            distance between the two returns
-    withheld         True if the sensor found an echo and reported no range (`withheld_mask`)
-    simulated_*      the same of the simulation
-    true_range_m     range of the twin's surface
-    kind             index of the twin's surface in `KINDS`, or `NO_SURFACE`
+    * `simulated_*`: the same of the simulation
+
+    Attributes:
+        angle_rad: angle between recorded and simulated direction
+        ring: row of the recording
+        range_m: range of the first return. It counts from the beam's exit in the simulated sensor, makers count from
+            elsewhere
+        signal: photons of the first return; None if not recorded (an intensity does not count)
+        xyz_m: (n, 3) point of the first return, in the sensor's axes
+        change_m: `_second_difference` of the ranges along the ring, on smooth surfaces
+        gap_m: distance between the two returns
+        withheld: True if the sensor found an echo and reported no range (`withheld_mask`)
+        true_range_m: range of the twin's surface
+        kind: index of the twin's surface in `KINDS`, or `NO_SURFACE`
     """
 
     angle_rad: Numbers
@@ -81,10 +84,12 @@ def simulate_pulses(
 ) -> tuple[MatchedPulses, PointCloud]:
     """Render the twin and match its pulses to the recorded ones; returns them and the cloud.
 
-    pose     pose of the sensor; None: the scene's own
-    options  seed and chunk of the rendering
+    Args:
+        pose: pose of the sensor; None: the scene's own
+        options: seed and chunk of the rendering
 
-    Raises InputError where the sensor does not fire the recording's pulses.
+    Raises:
+        InputError: where the sensor does not fire the recording's pulses
     """
     numbers, angle_rad = match_pulses(sensor, sweep)
     simulator = Simulator(scene, sensor, pose=pose, rays=RAYS if sensor.tdc.stops > 1 else 1)
@@ -146,8 +151,10 @@ def _second_difference(range_m: Numbers, step: int) -> Numbers:
 def match_pulses(sensor: Sensor, sweep: Sweep) -> tuple[Numbers, Numbers]:
     """Pulse number of each pixel of a sweep, and the angle between recorded and simulated direction [rad].
 
-    Rows go by elevation; in each row the pulse of the nearest azimuth is taken. Raises InputError for a list of points,
-    another number of channels, or a median angle above `LARGEST_ANGLE_RAD`.
+    Rows go by elevation; in each row the pulse of the nearest azimuth is taken.
+
+    Raises:
+        InputError: for a list of points, another number of channels, or a median angle above `LARGEST_ANGLE_RAD`
     """
     if not has_grid(sweep):
         raise InputError("the recording must have rows and columns, got a list of points")

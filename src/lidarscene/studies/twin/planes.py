@@ -24,9 +24,11 @@ LARGEST_REACH = 3
 class Grid:
     """Sweep whose columns have one azimuth in all rows. Arrays are (rows, columns) or (rows, columns, 3).
 
-    sweep      the pixels in the order of the grid
-    step_rad   azimuth from one column to the next, with its sign
-    above_rad, below_rad  (rows,) half the angle to the row above and below
+    Attributes:
+        sweep: the pixels in the order of the grid
+        step_rad: azimuth from one column to the next, with its sign
+        above_rad: (rows,) half the angle to the row above
+        below_rad: (rows,) half the angle to the row below
     """
 
     sweep: Sweep
@@ -39,8 +41,9 @@ class Grid:
 class Planes:
     """Plane at each pixel; the fields have the grid's shape.
 
-    range_m  range along the beam to the plane; NaN where there is none
-    normal   (..., 3) unit normal towards the sensor
+    Attributes:
+        range_m: range along the beam to the plane; NaN where there is none
+        normal: (..., 3) unit normal towards the sensor
     """
 
     range_m: Numbers
@@ -79,7 +82,11 @@ def has_grid(sweep: Sweep) -> bool:
 
 
 def align_columns(sweep: Sweep) -> Grid:
-    """Order rows by elevation, and shift each until its columns agree. Raises InputError for a list of points."""
+    """Order rows by elevation, and shift each until its columns agree.
+
+    Raises:
+        InputError: for a list of points
+    """
     if not has_grid(sweep):
         raise InputError("must be a sweep of rows and columns with all directions, got a list of points")
     azimuth = np.arctan2(sweep.direction[..., 1], sweep.direction[..., 0])

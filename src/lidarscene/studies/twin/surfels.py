@@ -63,9 +63,10 @@ SPACING_OF = 5
 class Surfels:
     """Quads with their reflectivities.
 
-    corners_m     (n, 4, 3) corners
-    reflectivity  (n,) reflectivity at normal incidence; of bright quads the apparent one, above that of matt white
-    kind          (n,) index in `KINDS`
+    Attributes:
+        corners_m: (n, 4, 3) corners
+        reflectivity: (n,) reflectivity at normal incidence; of bright quads the apparent one, above that of matt white
+        kind: (n,) index in `KINDS`
     """
 
     corners_m: Numbers
@@ -90,8 +91,9 @@ def join_surfels(parts: Sequence[Surfels]) -> Surfels:
 def surfels_of_grid(grid: Grid, gauge: ReflectivityGauge | None, ground: Numbers | None) -> Surfels:
     """Make the quads of a sweep of rows and columns, in the sensor's frame.
 
-    gauge   conversion of strengths; None: all reflectivities are `ASSUMED_MEDIAN`
-    ground  (3,) coefficients of the ground's plane, z = a + b x + c y [m]; None: no ground
+    Args:
+        gauge: conversion of strengths; None: all reflectivities are `ASSUMED_MEDIAN`
+        ground: (3,) coefficients of the ground's plane, z = a + b x + c y [m]; None: no ground
     """
     sweep, planes = grid.sweep, fit_planes(grid)
     returned, smooth = sweep.has_return, planes.smooth()
@@ -221,7 +223,8 @@ def _two_return_quads(
 
     Each gets its apparent reflectivity over `BEAM_SHARE`, since only that share of the beam meets it.
 
-    borders  left and right ends (`_borders`)
+    Args:
+        borders: left and right ends (`_borders`)
     """
     sweep = grid.sweep
     assert sweep.second is not None
@@ -297,7 +300,8 @@ def _quads(
 ) -> Surfels:
     """Make the quads of chosen pixels: the four corners of a pixel, seen from its exit, projected onto its plane.
 
-    span  left and right end of the quad, from the pixel's middle to the left, in half widths of the pixel
+    Args:
+        span: left and right end of the quad, from the pixel's middle to the left, in half widths of the pixel
     """
     sweep = grid.sweep
     direction = sweep.direction[chosen]

@@ -59,8 +59,9 @@ COLUMNS = "columns"
 class TwinFrames:
     """Frames that build the twin, and the data held out.
 
-    frames    indices of the frames
-    held_out  index of the frame that is not used, `COLUMNS`, or None
+    Attributes:
+        frames: indices of the frames
+        held_out: index of the frame that is not used, `COLUMNS`, or None
     """
 
     frames: tuple[int, ...]
@@ -77,7 +78,11 @@ class TwinFrames:
 
 
 def choose_frames(recording: Recording, frames: Sequence[int] | None, held_out: int | str | None) -> TwinFrames:
-    """Choose the frames that build the twin: ``frames``, or all if None, less the held-out one. Raises InputError."""
+    """Choose the frames that build the twin: ``frames``, or all if None, less the held-out one.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+    """
     numbers = tuple(frames) if frames is not None else tuple(range(len(recording)))
     for number in (*numbers, *([held_out] if isinstance(held_out, int) else [])):
         if number >= len(recording):
@@ -103,11 +108,16 @@ def build_twin(
     sensor: str | None = None,
     sensor_index: int = 0,
 ) -> str:
-    """Write the files of a twin; returns the text to print. Raises InputError and OutputError.
+    """Write the files of a twin; returns the text to print.
 
-    metadata      the maker's description of the unit, for its sensor file; None: json beside a pcap, or in the OSF
-    sensor        catalogue name or sensor file to use instead of the unit's own
-    sensor_index  which sensor of an OSF, from 0
+    Args:
+        metadata: the maker's description of the unit, for its sensor file; None: json beside a pcap, or in the OSF
+        sensor: catalogue name or sensor file to use instead of the unit's own
+        sensor_index: which sensor of an OSF, from 0
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+        OutputError: if a result cannot be written
     """
     require_writable(folder / SCENE)
     sweeps = {number: recording[number] for number in {*choice.frames, choice.judged_frame}}
@@ -312,7 +322,11 @@ def _poses_file(path: Path, sweeps: dict[int, Sweep], places: dict[int, Pose]) -
 
 
 def read_provenance(scene: Path) -> dict[str, Any]:
-    """Read what a twin was made from, by its scene file. Raises InputError if the scene is not a twin's."""
+    """Read what a twin was made from, by its scene file.
+
+    Raises:
+        InputError: if the scene is not a twin's
+    """
     path = scene.parent / PROVENANCE
     if not path.is_file():
         raise InputError(f"{scene}: must be the scene of a twin, with {PROVENANCE} beside it, or a cloud")
@@ -321,7 +335,11 @@ def read_provenance(scene: Path) -> dict[str, Any]:
 
 
 def frame_pose(provenance: dict[str, Any], number: int, scene: Path) -> Pose:
-    """Pose of a frame of the twin. Raises InputError for other frames."""
+    """Pose of a frame of the twin.
+
+    Raises:
+        InputError: for other frames
+    """
     pose = provenance["places"].get(str(number))
     if pose is None:
         raise InputError(f"--frame {number}: must be one of {', '.join(provenance['places'])}, the frames of {scene}")

@@ -36,10 +36,14 @@ def compare_twin(
 ) -> Report:
     """Render a twin at a frame's pose and compare it with that frame of the recording.
 
-    frame    index of the frame; None: the held-out one, or the first
-    options  seed and chunk of the rendering
     A list of points has no pulses to match: for it the report is that of `compare.recording_comparison`.
-    Raises InputError.
+
+    Args:
+        frame: index of the frame; None: the held-out one, or the first
+        options: seed and chunk of the rendering
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
     """
     provenance = read_provenance(scene_file)
     number = provenance["judged"] if frame is None else frame
@@ -98,7 +102,11 @@ def held_out_note(provenance: dict[str, Any], number: int) -> str:
 
 
 def picture(cloud: PointCloud, path: Path, *, scale: tuple[float, float]) -> None:
-    """Draw a cloud in the sensor's frame, seen from behind and above the sensor. Raises OutputError."""
+    """Draw a cloud in the sensor's frame, seen from behind and above the sensor.
+
+    Raises:
+        OutputError: if a result cannot be written
+    """
     perspective_picture(
         cloud, path, colour_by="range", view=_VIEW, highlight_false_alarms=False, size_px=(1280, 720), scale=scale
     )

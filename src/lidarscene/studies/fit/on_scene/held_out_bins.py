@@ -30,10 +30,11 @@ pulses."""
 class HeldOutBins:
     """Recorded and expected values of the held-out pulses by bin; the first column of each array is the bin's variable.
 
-    signal       (k, 3) range [m], mean recorded signal, mean expected signal
-    kept_shares  (k, 3) expected chance of a return, recorded share, number of pulses
-    scatter      (k, 4) signal, recorded scatter of the range [m], expected scatter [m], sigma of the logarithm of their
-                 ratio, from the number of pulses and the uncertainty of the parameters
+    Attributes:
+        signal: (k, 3) range [m], mean recorded signal, mean expected signal
+        kept_shares: (k, 3) expected chance of a return, recorded share, number of pulses
+        scatter: (k, 4) signal, recorded scatter of the range [m], expected scatter [m], sigma of the logarithm of their
+            ratio, from the number of pulses and the uncertainty of the parameters
     """
 
     signal: Numbers

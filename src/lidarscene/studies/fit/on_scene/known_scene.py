@@ -67,18 +67,19 @@ LEAST_FLOOR_M = 3e-4
 class KnownScene:
     """Light of n pulses from known surfaces, and the sensor that it was traced with.
 
-    range_m       (n,) range of the surface
-    power_w       (n,) peak power of the echo, with all of the spot on the detector
-    background_w  (n,) power of sun and sky
-    group         (n,) index of the reflectivity factor that the pulse shares with others
-    spot_over_field  radius of the laser's spot over that of the field of view, for the law of defocus; None: the
-                  sensor's own near field, over a range that `near_field_m` stretches
-    jitter_s      jitter at parameter `detector.jitter_ps` = 0
-    spread        threshold spread at parameter `histogram.threshold_spread` = 0, if the sensor has none
-    floor_m       scatter common to all ranges at parameter `scatter_floor` = 0: clock steps, unmodelled effects
-    texture       relative scatter of the reflectivities within a group
-    strangers     share of the pulses that met an unknown object; half of them count as kept
-    light_measured  True if the background was measured and does not scale with the reflectivities
+    Attributes:
+        range_m: (n,) range of the surface
+        power_w: (n,) peak power of the echo, with all of the spot on the detector
+        background_w: (n,) power of sun and sky
+        group: (n,) index of the reflectivity factor that the pulse shares with others
+        spot_over_field: radius of the laser's spot over that of the field of view, for the law of defocus; None: the
+            sensor's own near field, over a range that `near_field_m` stretches
+        jitter_s: jitter at parameter `detector.jitter_ps` = 0
+        spread: threshold spread at parameter `histogram.threshold_spread` = 0, if the sensor has none
+        floor_m: scatter common to all ranges at parameter `scatter_floor` = 0: clock steps, unmodelled effects
+        texture: relative scatter of the reflectivities within a group
+        strangers: share of the pulses that met an unknown object; half of them count as kept
+        light_measured: True if the background was measured and does not scale with the reflectivities
     """
 
     sensor: Sensor
@@ -102,8 +103,11 @@ class KnownScene:
 
         Of several echoes, as behind a pane, the strongest counts. The loss in the sensor's own near field is undone.
 
-        group  index of the reflectivity factor, for all pulses of the light
-        Raises ValueError for light of several rays per pulse.
+        Args:
+            group: index of the reflectivity factor, for all pulses of the light
+
+        Raises:
+            ValueError: for light of several rays per pulse
         """
         if isinstance(light, EchoTrain) and any(part.count != 1 for part in light.parts):
             raise ValueError("light: must be of one ray a pulse, got several")
@@ -145,12 +149,14 @@ class Observations:
 class Prediction:
     """Predicted values, (n,) each; NumPy or Dr.Jit.
 
-    signal, variance  mean and variance of the photons: counts around the peak minus the background's
-    chance            probability of a return
-    near_ir           background counts
-    sigma_m           scatter of the range
-    level             threshold [photons]
-    fired             share of the free SPADs that the echo fires
+    Attributes:
+        signal: mean of the photons: counts around the peak minus the background's
+        variance: variance of the photons
+        chance: probability of a return
+        near_ir: background counts
+        sigma_m: scatter of the range
+        level: threshold [photons]
+        fired: share of the free SPADs that the echo fires
     """
 
     signal: Lanes
@@ -170,8 +176,9 @@ class Prediction:
 def predict(scene: KnownScene, parameters: Mapping[str, Lanes], reflectivity: Numbers | float = 0.0) -> Prediction:
     """Predict what the sensor reports.
 
-    parameters    logarithms by name, as in `PARAMETERS`; those left out are 0
-    reflectivity  (n,) logarithm of each surface's reflectivity over the one it was traced with
+    Args:
+        parameters: logarithms by name, as in `PARAMETERS`; those left out are 0
+        reflectivity: (n,) logarithm of each surface's reflectivity over the one it was traced with
     """
     parameter: Any = next(iter(parameters.values()), 0.0)
     ops = xp(parameter)

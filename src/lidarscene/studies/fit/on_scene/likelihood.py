@@ -55,12 +55,13 @@ LEAST_EVALUATIONS = 7
 class ParameterFit:
     """Fitted parameters.
 
-    solved       solution: logarithms of the fitted parameters over those of the scene's sensor
-    names        names of the fitted parameters
-    held         names of the parameters held at their values
-    null         a line for each direction that the recording does not determine
-    values       logarithms of all parameters, fitted and held
-    reflectivity (groups,) logarithms of the reflectivities over those traced
+    Attributes:
+        solved: solution: logarithms of the fitted parameters over those of the scene's sensor
+        names: names of the fitted parameters
+        held: names of the parameters held at their values
+        null: a line for each direction that the recording does not determine
+        values: logarithms of all parameters, fitted and held
+        reflectivity: (groups,) logarithms of the reflectivities over those traced
     """
 
     solved: Solution
@@ -83,12 +84,13 @@ class ParameterFit:
 class _Step:
     """Scores and Fisher matrix at one point: p parameters, g reflectivities, n pulses.
 
-    score              (p,) profiled score
-    matrix             (p, p) profiled Fisher matrix
-    pulse_scores       (n, p) share of each pulse in the score
-    surface_score      (g,) score of the reflectivities
-    cross              (p, g) Fisher matrix between parameters and reflectivities
-    surface_curvature  (g,) diagonal Fisher matrix of the reflectivities
+    Attributes:
+        score: (p,) profiled score
+        matrix: (p, p) profiled Fisher matrix
+        pulse_scores: (n, p) share of each pulse in the score
+        surface_score: (g,) score of the reflectivities
+        cross: (p, g) Fisher matrix between parameters and reflectivities
+        surface_curvature: (g,) diagonal Fisher matrix of the reflectivities
     """
 
     score: Numbers
@@ -110,9 +112,10 @@ def fit_parameters(
 ) -> ParameterFit:
     """Maximise the likelihood over the named parameters.
 
-    reflectivity_sigma  prior sigma of the logarithms of the reflectivities; inf: no prior
-    start               earlier fit, with another texture, to start from; None: the scene's sensor
-    max_evaluations     largest number of evaluations of the likelihood
+    Args:
+        reflectivity_sigma: prior sigma of the logarithms of the reflectivities; inf: no prior
+        start: earlier fit, with another texture, to start from; None: the scene's sensor
+        max_evaluations: largest number of evaluations of the likelihood
     """
     prior_weight = 0.0 if np.isinf(reflectivity_sigma) else reflectivity_sigma**-2
     active, values = list(names), dict.fromkeys(names, 0.0)
@@ -225,7 +228,8 @@ def prediction_slopes(
 ) -> tuple[Prediction, dict[str, list[Numbers]]]:
     """Prediction, and by parameter the slopes of signal, chance, near_ir and sigma_m, (n,) each.
 
-    exact  True: slopes by Dr.Jit where there is a back end; else by central differences
+    Args:
+        exact: True: slopes by Dr.Jit where there is a back end; else by central differences
     """
     reflectivity = surfaces[scene.group]
 

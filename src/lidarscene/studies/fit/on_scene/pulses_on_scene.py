@@ -34,7 +34,8 @@ PATCH_ROWS = 8
 class PulsesOnScene:
     """Pulses of all frames, by frame and column; those of a patch share one ``scene.group``.
 
-    block  (n,) index of the block of columns
+    Attributes:
+        block: (n,) index of the block of columns
     """
 
     scene: KnownScene
@@ -62,9 +63,12 @@ def lay_on_scene(
 ) -> PulsesOnScene:
     """Match the pulses of frames to the light of a scene, each frame from its pose; None: the scene's own.
 
-    twin  True: leave out surfaces that fill in for lost pulses; use signals and ranges of smooth surfaces only, since
-          leaves and edges differ from the twin's; take the background from NEAR_IR
-    Raises InputError where the sensor does not fire the recording's pulses, or no surface stands before them.
+    Args:
+        twin: True: leave out surfaces that fill in for lost pulses; use signals and ranges of smooth surfaces only,
+            since leaves and edges differ from the twin's; take the background from NEAR_IR
+
+    Raises:
+        InputError: where the sensor does not fire the recording's pulses, or no surface stands before them
     """
     # Two scenes of a twin: all measured surfaces, and the smooth ones alone.
     worlds = [_keep_kinds(world, SMOOTH, ROUGH, BRIGHT), _keep_kinds(world, SMOOTH)] if twin else [world]

@@ -49,9 +49,11 @@ _HELD_OUT_NOTE = "the fitted pulses were held out of the twin"
 class SceneFit:
     """Result of a fit with a scene.
 
-    pulses             number of fitted pulses, and of held-out ones
-    evaluations        number of evaluations of the likelihood, over all rounds
-    texture, strangers  as in `known_scene.KnownScene`, estimated along with the parameters
+    Attributes:
+        pulses: number of fitted pulses, and of held-out ones
+        evaluations: number of evaluations of the likelihood, over all rounds
+        texture: as in `known_scene.KnownScene`, estimated along with the parameters
+        strangers: as in `known_scene.KnownScene`, estimated along with the parameters
     """
 
     pulses: tuple[int, int]
@@ -66,10 +68,11 @@ class SceneFit:
 class SceneFitInputs:
     """Input files of a fit with a scene.
 
-    sensor    catalogue name or sensor file; None: the scene's own
-    metadata  the maker's description of the unit; None: the json beside the recording or in the OSF, if any
-    poses     file of the sensor's poses; None: poses of the twin's frames, else the pose of the scene's sensor
-    sensor_index  which sensor of an OSF, from 0
+    Attributes:
+        sensor: catalogue name or sensor file; None: the scene's own
+        metadata: the maker's description of the unit; None: the json beside the recording or in the OSF, if any
+        poses: file of the sensor's poses; None: poses of the twin's frames, else the pose of the scene's sensor
+        sensor_index: which sensor of an OSF, from 0
     """
 
     recordings: Sequence[Path]
@@ -81,7 +84,11 @@ class SceneFitInputs:
 
 
 def fit_on_scene(inputs: SceneFitInputs) -> tuple[str, Report]:
-    """Fit with a scene; returns the text of the unit's sensor file, and the report. Raises InputError."""
+    """Fit with a scene; returns the text of the unit's sensor file, and the report.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+    """
     world = load_scene(inputs.scene)
     sensor_name = world.sensor_name if inputs.sensor is None else inputs.sensor
     where = f"--sensor {sensor_name}"
@@ -111,7 +118,8 @@ def fit_on_scene(inputs: SceneFitInputs) -> tuple[str, Report]:
 def fit_pulses_on_scene(pulses: PulsesOnScene, sensor: Sensor, *, twin: bool) -> SceneFit:
     """Maximise the likelihood of three of four blocks of columns, and judge the fit by the fourth.
 
-    twin  True: estimate texture, strangers and the scatter of the twin's surfaces, too
+    Args:
+        twin: True: estimate texture, strangers and the scatter of the twin's surfaces, too
     """
     fitted_pulses = pulses.select(pulses.fitted)
     group = np.unique(fitted_pulses.scene.group, return_inverse=True)[1]
@@ -220,7 +228,8 @@ def _frames_with_poses(
 def _place_frames(frames: list[tuple[Sweep, Pose | None]], path: Path) -> list[tuple[Sweep, Pose | None]]:
     """Place frames at the poses of a file, whose times are the recording's, or count from its first frame.
 
-    Raises InputError if the poses do not reach from the first frame to the last.
+    Raises:
+        InputError: if the poses do not reach from the first frame to the last
     """
     motion = read_poses(path)
     first, last = motion.span_s
