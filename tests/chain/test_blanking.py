@@ -114,7 +114,8 @@ def test_no_echo_has_the_range_zero(road):
     assert not np.any(detection.stops[0].reported)
     corrected = trains.sensor("table1-apd", *trains.QUIET)
     again = road(0.2, power, corrected)
-    np.testing.assert_allclose(again.stops[0].range_m[again.stops[0].reported], 0.2, atol=0.05)
+    # Six deviations of the walk-corrected edge, 11.5 mm.
+    np.testing.assert_allclose(again.stops[0].range_m[again.stops[0].reported], 0.2, atol=0.07)
     assert np.all(again.stops[0].reported)
 
 

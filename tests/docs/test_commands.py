@@ -47,7 +47,7 @@ def test_what_is_only_parsed_is_shown_and_run_elsewhere() -> None:
 
 
 def test_every_option_is_in_an_example() -> None:
-    """Of some command: an option has one meaning in all."""
+    """One command is enough: an option has one meaning in all."""
     (chosen,) = [a for a in main._parser()._actions if isinstance(a, argparse._SubParsersAction)]
     actions = [action for command in chosen.choices.values() for action in command._actions]
     words = {word.partition("=")[0] for page in PAGES for command in commands(page) for word in command.split()}

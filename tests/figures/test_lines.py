@@ -27,7 +27,7 @@ def saved_figures(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
 
 
 def test_a_chart_of_marks_alone(saved_figures: list[Any], tmp_path: Path) -> None:
-    """As of a front of one design: the mark lies within the axes."""
+    """The mark of a front of one design lies within the axes."""
     mark = Mark(x=300.0, y=5.0, text="chosen")
     lines.save(Chart(lines=(), x_label="x", y_label="y", title="one", marks=(mark,)), [tmp_path / "a.png"])
     low, high = saved_figures[0].axes[0].get_xlim()

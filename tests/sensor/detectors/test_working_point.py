@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.false_alarms import false_alarm_probability
 from scipy.constants import e
 from scipy.integrate import quad
 from scipy.stats import binom
@@ -53,9 +54,9 @@ def test_every_light_has_a_working_point(name):
         assert (snr >= 0.0).all()
         assert np.isfinite(snr).all()
         assert np.isfinite(threshold).all()
-        alarm = statistics.false_alarm_probability(sensor, target)
-        found = point.detection_probability(threshold, signal, statistics._sigma(point, signal))
-        for probability in (alarm, statistics.false_alarm_probability(sensor, target, sky=True), found):
+        alarm = false_alarm_probability(sensor, target)
+        found = point.detection_probability(threshold, signal, point.noise.at(signal))
+        for probability in (alarm, false_alarm_probability(sensor, target, sky=True), found):
             assert np.all((probability >= 0.0) & (probability <= 1.0))
 
 

@@ -52,7 +52,7 @@ _LEAST_NOISE = 0.05
 """Accuracy bought: least variance of the filter at an echo, over that of the background alone."""
 
 _LEAST_FREE = 1e-12
-"""Least share of SPADs without a first firing, which underflows late in the sun: no count is left of it."""
+"""Choice: least share of SPADs without a first firing, which underflows late in the sun: no count is left of it."""
 
 _LEAST_RATE_HZ = 1e-3
 """Accuracy bought: no SPAD is darker; without any noise, the ratios of signal and threshold to it would have no
