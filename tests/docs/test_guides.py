@@ -71,7 +71,7 @@ def test_defaults_of_range() -> None:
         incidence,
     )
     says("range.md", "`--transmittance` ({} one way at any range", tau)
-    says("range.md", "`--to`, `--n` ({}), `--log`", default("range", "--n"))
+    says("range.md", "`--to`, `--n` ({}), and `--scale`", default("range", "--n"))
     target = Target()
     assert (target.illuminance_klux, target.reflectivity, target.transmittance) == (klux, rho, tau)
     for name, _, axis, _ in table("range.md", "`--over` | unit"):

@@ -485,6 +485,12 @@ def test_range_page() -> None:
     says("theory.md", "equal at {} klux by (27), at {} klux in the time domain", equal, in_time)
 
 
+def test_wavelength_of_oblique_light() -> None:
+    shifts = (905.0 / math.sqrt(1.0 - (math.sin(math.radians(angle)) / 1.8) ** 2) - 905.0 for angle in (5.0, 14.0))
+    says("theory_light.md", "at 905 nm and n = 1.8 that is {} nm at 5 degrees and {} at 14", *shifts)
+    says("theory_light.md", "from 25 to 85 degrees the edge emitter moves by {} nm", 0.28 * 60.0)
+
+
 def test_effects_page() -> None:
     says("effects.md", "a mounting that slipped turns the cloud, {} cm at 10 m", 100.0 * 10.0 * 5e-3)
     says("effects.md", "Blanking hides what is nearer than {} m", 0.5 * SPEED_OF_LIGHT_M_S * 20e-9)
