@@ -158,7 +158,7 @@ def test_gaussian_at_half_height() -> None:
 
 
 def test_share_of_a_laser_that_drifts() -> None:
-    """Reference, by hand: a Gaussian 20 nm wide at half, 10 nm beside its middle, has half of the light. Tolerance: its table."""
+    """A Gaussian 20 nm wide at half, 10 nm beside its middle, has half of the light. Tolerance: its table."""
     curve = sun.gaussian_filter(centre_m=905 * NM, width_m=20 * NM)
     assert sun.passed_share(curve, wavelength_m=905 * NM, drift_m=10 * NM) == pytest.approx(0.5, rel=1e-4)
     assert sun.passed_share(curve, wavelength_m=895 * NM, drift_m=10 * NM) == pytest.approx(2.0, rel=1e-4)

@@ -12,7 +12,7 @@ from scipy.stats import binom
 
 from lidarscene import catalog, load_sensor
 from lidarscene.sensor.detectors import Spad
-from lidarscene.studies.ranging import plane, statistics
+from lidarscene.studies.ranging import plane
 
 
 @pytest.mark.parametrize(
