@@ -100,3 +100,41 @@ def test_what_does_not_draw_fails_at_once(tmp_path: Path) -> None:
     assert done.returncode == pytest.ExitCode.TESTS_FAILED, done.stdout
     assert "1 failed, 1 passed" in done.stdout
     assert "it does not draw by the run's seed" in done.stdout
+
+
+ONCE = """
+CALLS = []
+
+def test_once():
+    np.random.default_rng(1).random()
+    CALLS.append(1)
+    assert len(CALLS) > 1, "the first call in a process is wrong"
+"""
+
+
+def test_what_passes_on_the_same_seed_has_another_cause(tmp_path: Path) -> None:
+    """A kernel that is compiled, or a test before, decides: that is no chance."""
+    done = run(tmp_path, ONCE)
+    assert done.returncode == pytest.ExitCode.TESTS_FAILED, done.stdout
+    assert "passes on TEST_SEED=100 again: its cause is not the seed" in done.stdout
+
+
+BROKEN = """
+@pytest.fixture(scope="module")
+def broken():
+    yield 1
+    raise ValueError("its end")
+
+def test_first(broken):
+    assert False
+
+def test_second(broken):
+    pass
+"""
+
+
+def test_a_fixture_that_cannot_end_does_not_end_the_run(tmp_path: Path) -> None:
+    done = run(tmp_path, BROKEN)
+    assert done.returncode == pytest.ExitCode.TESTS_FAILED, done.stdout
+    assert "INTERNALERROR" not in done.stdout
+    assert "FAILED test_drawn.py::test_first" in done.stdout

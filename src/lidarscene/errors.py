@@ -3,12 +3,19 @@
 from __future__ import annotations
 
 import difflib
+import os
 import string
+import sys
+import warnings
 from collections.abc import Callable, Collection, Iterable, Mapping
 from typing import Any
 
 LONGEST = 1000
 """Most characters of a message, which may quote a user's text of any length."""
+
+
+_OURS = (os.path.dirname(__file__) + os.sep, "<string>")
+"""What the files of this package begin with, and the code that dataclasses make."""
 
 
 def shorten(text: str) -> str:
@@ -78,6 +85,14 @@ class BackendError(LidarSceneError):
 
     def __str__(self) -> str:
         return Exception.__str__(self)
+
+
+def warn(warning: Warning | str) -> None:
+    """Warn, and name the line of the caller outside of this package: decorators and helpers of ours do not count."""
+    level, frame = 2, sys._getframe(1)
+    while frame.f_back is not None and frame.f_code.co_filename.startswith(_OURS):
+        level, frame = level + 1, frame.f_back
+    warnings.warn(warning, stacklevel=level)
 
 
 class _NamingOptions(Exception):

@@ -2,7 +2,8 @@
 
 The limits of such tests are passed by chance once in some ten thousand tests, and every run draws its seed. Failing on
 one seed of six is chance, and reported as such; failing on two is not. What does not draw by the run's seed has no
-chance, and Hypothesis' examples and spoilt inputs (tests/fuzz) are counterexamples: they fail at once.
+chance, nor has what passes on the same seed again: its cause is what a process does once, or what came before.
+Hypothesis' examples and spoilt inputs (tests/fuzz) are counterexamples: they fail at once.
 """
 
 import os
@@ -61,11 +62,21 @@ def _judged(item: pytest.Item, first: list[pytest.TestReport]) -> list[pytest.Te
     failure = next(report for report in first if report.failed)
     if item.get_closest_marker("fuzz") or getattr(getattr(item, "obj", None), "is_hypothesis_test", False):
         return first
+    try:
+        item.session._setupstate.teardown_exact(None)  # what the module and the session have drawn is made anew
+    except Exception as error:
+        failure.sections.append((PROPERTY, f"not run again: a fixture ends with {error!r}"))
+        return first
     reports = first
     for number, (seed, again, has_drawn) in enumerate(_runs(item)):
         if number == 0 and not has_drawn:
             failure.sections.append((PROPERTY, "not run on other seeds: it does not draw by the run's seed"))
             return first
+        if number == 0:
+            if not _failed(again):
+                failure.sections.append((PROPERTY, f"passes on {NAME}={seed} again: its cause is not the seed"))
+                return first
+            continue
         if _failed(again):
             failure.sections.append((PROPERTY, f"failed on {NAME}={reseed.RUN} and on {NAME}={seed}"))
             return first
@@ -79,14 +90,13 @@ def _judged(item: pytest.Item, first: list[pytest.TestReport]) -> list[pytest.Te
 
 
 def _runs(item: pytest.Item) -> Iterator[tuple[int, list[pytest.TestReport], bool]]:
-    """Run a test on one seed after the other, with fixtures and cached results of its own; whether it draws by it."""
+    """Run a test on the run's seed and on others, each with fixtures and caches of its own; whether it draws by it."""
     seed = int(reseed.RUN)
     with tempfile.TemporaryDirectory() as folder:
         trace = Path(folder) / "drawn"
         os.environ[reseed.READ] = str(trace)
-        item.session._setupstate.teardown_exact(None)  # what the module and the session have drawn is made anew
         try:
-            for number in range(1, OTHERS + 1):
+            for number in range(OTHERS + 1):
                 _forget(item)
                 other = (seed + number) % 2**32
                 reseed.set_run(other)

@@ -5,12 +5,11 @@ from __future__ import annotations
 import asyncio
 import logging
 import os
-import warnings
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
 from typing import Any
 
-from ..errors import LidarSceneError, OptionWarning, shorten
+from ..errors import LidarSceneError, OptionWarning, shorten, warn
 from ..files.optional import is_installed, require_together
 
 PATIENCE_S = 30
@@ -115,13 +114,12 @@ def remote_client(address: str) -> Iterator[Any]:
     except (OSError, ValueError, TypeError) as error:
         raise LidarSceneError(f"--scheduler {address}: no Dask scheduler answers there: {_reason(error)}") from None
     if not client.scheduler.address.startswith(("tls:", "wss:")):
-        warnings.warn(
+        warn(
             OptionWarning(
                 "{scheduler} {0}: whoever reaches this port, or those of the workers, runs code as their owner; tls:// "
                 "asks for a key (docs/scaling.md)",
                 address,
-            ),
-            stacklevel=2,
+            )
         )
     with client:
         yield client

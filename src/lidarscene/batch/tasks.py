@@ -8,7 +8,6 @@ import hashlib
 import itertools
 import json
 import os
-import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +15,7 @@ from typing import Any
 
 from .. import catalog
 from .._version import __version__
-from ..errors import InputError
+from ..errors import InputError, warn
 from ..files.overrides import toml_text
 from ..formats.registry import FORMATS
 from ..rendering.render_options import FrameOptions, TraceOptions
@@ -138,7 +137,7 @@ class Job:
             raise InputError(f"{path}: {error}") from None
         for klux in file.sweep.scene_values().get("sun.illuminance_klux", ()):
             for doubt in sun_doubts(klux):
-                warnings.warn(doubt, stacklevel=2)
+                warn(doubt)
         return job
 
     def __len__(self) -> int:

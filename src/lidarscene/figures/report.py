@@ -14,14 +14,13 @@ import itertools
 import os
 import re
 import tempfile
-import warnings
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
-from ..errors import InputError, OptionWarning, OutputError
+from ..errors import InputError, OptionWarning, OutputError, warn
 from ..files.arguments import checks_arguments
 from ..files.atomic import atomic_folder, put_text, require_writable
 from ..files.facts import Picture
@@ -441,7 +440,7 @@ class Report:
             self.undrawn.discard(name)
         except _UndrawnError as error:
             self.undrawn.add(name)
-            warnings.warn(OptionWarning("{0}; the numbers are not affected", error), stacklevel=3)
+            warn(OptionWarning("{0}; the numbers are not affected", error))
 
     def _put_pages(self, names: Iterable[str], files: _Files) -> None:
         """Write pages, each in the form of its suffix, into the folder of what is drawn."""

@@ -17,7 +17,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import IO, Any
 
-from ..errors import InputError, LidarSceneError, OptionWarning
+from ..errors import InputError, LidarSceneError, OptionWarning, warn
 
 LEAST_S = 60.0
 """Choice: least time limit [s] of an answer, for a small file on a busy machine."""
@@ -79,7 +79,7 @@ class Child:
         finally:
             watch.cancel()
         for note in notes:
-            warnings.warn(note, stacklevel=2)
+            warn(note)
         if error is not None:
             raise error(answer)
         return answer

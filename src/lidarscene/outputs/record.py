@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import os
 import time
-import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
@@ -16,7 +15,7 @@ from functools import partial
 from pathlib import Path
 from typing import Annotated, Any, NamedTuple, Unpack
 
-from ..errors import OptionError, OptionWarning
+from ..errors import OptionError, OptionWarning, warn
 from ..files.arguments import checks_arguments
 from ..files.atomic import name_path_in_errors
 from ..files.overrides import Overrides, assignments
@@ -331,14 +330,13 @@ def _warn_of_thin_beams(trace: TraceOptions, sensors: Sequence[Mounted]) -> None
         if not (sensor.laser.has_width or sensor.optics.halo or sensor.sweep_rad)
     ]
     for name in dict.fromkeys(thin_beamed):
-        warnings.warn(
+        warn(
             OptionWarning(
                 "{rays} {0} changes nothing: laser.divergence_mrad of '{1}' is 0; a width is given by {overrides} "
                 "laser.divergence_mrad=3",
                 trace.rays,
                 name,
-            ),
-            stacklevel=4,
+            )
         )
 
 

@@ -8,13 +8,12 @@ from __future__ import annotations
 
 import os
 import shutil
-import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 
-from ..errors import OptionWarning
+from ..errors import OptionWarning, warn
 from ..formats.cloud_columns import columns_of
 from ..rendering.render_options import TraceOptions
 from ..sensor.rig_file import Mounted
@@ -50,7 +49,7 @@ def warn_of_size(plan: Plan, sensors: Sequence[Mounted], trace: TraceOptions, ch
     whole = float(sum(cloud_bytes) if outputs.merge else max(cloud_bytes))
     memory = CHUNK_BYTES * float(chunk) + (2.0 * whole if is_gathered else 0.0)
     free = shutil.disk_usage(_existing_folder(outputs.place)).free
-    warnings.warn(
+    warn(
         OptionWarning(
             "{path} {0}: {1:,} pulses take some {2} (at 5 million rays a second), up to {3} of disk ({4} are free) and "
             "up to {5} of memory",
@@ -60,8 +59,7 @@ def warn_of_size(plan: Plan, sensors: Sequence[Mounted], trace: TraceOptions, ch
             _bytes(disk),
             _bytes(free),
             _bytes(memory),
-        ),
-        stacklevel=4,
+        )
     )
 
 

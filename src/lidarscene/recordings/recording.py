@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -10,7 +9,7 @@ from typing import Self
 
 import numpy as np
 
-from ..errors import InputError, OptionWarning
+from ..errors import InputError, OptionWarning, warn
 from .sweep import Sweep
 
 FARTHEST_M = 10_000.0
@@ -80,15 +79,14 @@ class Recording:
         too_far = [np.abs(range_m) > FARTHEST_M for range_m in ranges_m]
         if not any(mask.any() for mask in too_far):
             return sweep
-        warnings.warn(
+        warn(
             OptionWarning(
                 "{0}: {1} of {2} returns are farther than {3} km and left out",
                 self.path,
                 sum(int(mask.sum()) for mask in too_far),
                 sum(int(np.isfinite(range_m).sum()) for range_m in ranges_m),
                 f"{1e-3 * FARTHEST_M:g}",
-            ),
-            stacklevel=3,
+            )
         )
         first_m, *second_m = (np.where(mask, np.nan, range_m) for mask, range_m in zip(too_far, ranges_m, strict=True))
         if second is not None:

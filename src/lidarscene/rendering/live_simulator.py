@@ -10,7 +10,6 @@ from __future__ import annotations
 import math
 import os
 import re
-import warnings
 from bisect import bisect_right
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
@@ -20,7 +19,7 @@ from typing import TypedDict, Unpack
 import numpy as np
 
 from ..cloud.point_cloud import PointCloud
-from ..errors import InputError, OptionWarning, one_line
+from ..errors import InputError, OptionWarning, one_line, warn
 from ..files.arguments import checks_arguments
 from ..kernel.device.gate import exclusive
 from ..maths.pose import Pose
@@ -194,7 +193,7 @@ class LiveSimulator(Simulator):
             try:
                 clouds.append(self.render(replace(frame_options, number=number)))
             except InputError as error:
-                warnings.warn(OptionWarning("advance: frame {0} is left out: {1}", number, error), stacklevel=3)
+                warn(OptionWarning("advance: frame {0} is left out: {1}", number, error))
         for track in self._tracks.values():
             track.forget(next_start_s)
         return clouds
@@ -322,9 +321,9 @@ def live_scene(
             bodies[name] = replace(body, motion=Course(start=body.pose))
     pools: dict[str, tuple[str, ...]] = {}
     for name, count in spares.items():
-        if not isinstance(count, int) or isinstance(count, bool) or count < 0:
+        if not isinstance(count, int | np.integer) or isinstance(count, bool) or count < 0:
             raise InputError(f"spares: '{name}': must be a whole number >= 0, got {one_line(count)}")
-        pools[name] = (name, *spare_names(name, count, bodies))
+        pools[name] = (name, *spare_names(name, int(count), bodies))
         for spare in pools[name][1:]:
             # The same parts: copies share the compiled meshes.
             bodies[spare] = replace(bodies[name], name=spare, away=True)

@@ -156,8 +156,7 @@ def check_options(options: Any) -> None:
     for name, (entry, declaration) in options_of(kind).items():
         value = getattr(options, name)
         if isinstance(entry.default, bool):
-            if not isinstance(value, bool):
-                raise OptionError(f"{{{name}}}: must be True or False, got {{0!r}}", value)
+            require_type(name, value, bool)
             continue
         if not isinstance(declaration.values, Whole | Finite | Date | Function):  # these look at the type themselves
             require_type(name, value, type_hints(kind)[name])

@@ -180,7 +180,7 @@ class Simulator:
 
         The same for a sensor that is on or in a surface as the first or the last of these frames begins.
         """
-        for number in (numbers[0], numbers[-1]):
+        for number in (*numbers[:1], *numbers[-1:]):
             scanner_s, _ = check_frame(self.scene, self.sensor.scanner, number=number, begin_s=begin_s)
             start_s = begin_s + scanner_s
             self._check_clearance(pose_at(self.motion, start_s), start_s)

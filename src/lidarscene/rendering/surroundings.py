@@ -8,14 +8,13 @@ one-line warning with its remedy; none is refused, since the scene may be intend
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from typing import Self
 
 import numpy as np
 
-from ..errors import OptionWarning
+from ..errors import OptionWarning, warn
 from ..maths.arrays import Numbers
 from ..maths.trajectory import pose_at
 from ..physics.constants import SUN_KLUX
@@ -146,20 +145,20 @@ def simulator_surroundings(simulator: Simulator, frame: FrameOptions, frames: in
 def warn_of_surroundings(sensors: Sequence[Surroundings]) -> None:
     """Issue each doubt of these sensors once, as a warning."""
     for doubt in {str(doubt): doubt for surroundings in sensors for doubt in surroundings.doubts}.values():
-        warnings.warn(doubt, stacklevel=4)
+        warn(doubt)
 
 
 def warn_of_light(scene: Scene) -> None:
     """Issue the doubts about sun and air alone, for scenes whose sensors are not known yet."""
     for doubt in _light_doubts(scene):
-        warnings.warn(doubt, stacklevel=4)
+        warn(doubt)
 
 
 def warn_of_way(scene: Scene) -> None:
     """Issue the doubt about the way of the scene's ego vehicle, from time 0 or its first pose on."""
     begin_s = 0.0 if scene.ego is None else max(0.0, scene.ego.span_s[0])
     for doubt in _way_doubts(scene, Clearance.of_scene(scene), begin_s, begin_s + ENDLESS_S):
-        warnings.warn(doubt, stacklevel=4)
+        warn(doubt)
 
 
 def _way_doubts(scene: Scene, clearance: Clearance, begin_s: float, end_s: float) -> Iterator[OptionWarning]:

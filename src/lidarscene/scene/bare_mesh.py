@@ -8,7 +8,6 @@ all of it.
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -16,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import InputError, OptionWarning
+from ..errors import InputError, OptionWarning, warn
 from ..files.overrides import with_overrides
 from ..maths.arrays import Numbers
 from ..maths.pose import Pose
@@ -155,7 +154,7 @@ def warn_of_assumptions(path: Path, scene: Scene, *, up: Axis) -> None:
     body = next(body for body in scene.bodies if body.name == "mesh")
     corners = np.concatenate([part.vertices_m for part in body.parts if isinstance(part, Part)])
     uses = {part.material for part in body.parts}
-    warnings.warn(
+    warn(
         OptionWarning(
             "{0}: a mesh alone is taken as {1:.3g} m across with {6} up, {2}on asphalt in {3:g} klux of sun, "
             "{4:.3g} m before the sensor, which is {5:.3g} m high; a scene file says what is really there",
@@ -166,6 +165,5 @@ def warn_of_assumptions(path: Path, scene: Scene, *, up: Axis) -> None:
             float(np.hypot(*scene.sensor_pose.position_m[:2])),
             float(scene.sensor_pose.position_m[2]),
             up,
-        ),
-        stacklevel=4,
+        )
     )

@@ -9,7 +9,6 @@ from __future__ import annotations
 import functools
 import math
 import os
-import warnings
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
@@ -20,7 +19,7 @@ from typing import Annotated, Any, cast
 import numpy as np
 
 from .. import catalog
-from ..errors import InputError, OptionWarning
+from ..errors import InputError, OptionWarning, warn
 from ..files.arguments import CHECKED_INSIDE, checks_arguments
 from ..files.overrides import Overrides, assignments, with_overrides
 from ..files.toml import read_toml, validate
@@ -493,15 +492,14 @@ def _axes(body: BodyFile, path: Path, *, where: str) -> tuple[Axis, float]:
             f"{where}.{declared[0]}: must be left out, since a USD stage says it, got {getattr(body, declared[0])}"
         )
     if standard_axis is not None and body.up is None and abs(abs(body.roll_deg) - 90.0) < 1.0:
-        warnings.warn(
+        warn(
             OptionWarning(
                 "{0}: {1} is {2} up by its standard and is set upright by itself, and roll_deg turns it once more: "
                 'leave roll_deg out, or say up = "z"',
                 where,
                 path.name,
                 standard_axis,
-            ),
-            stacklevel=2,
+            )
         )
     return body.up or standard_axis or "z", body.scale * UNITS[body.unit or "m"]
 

@@ -6,12 +6,11 @@
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 
-from ..errors import InputError, OptionWarning
+from ..errors import InputError, OptionWarning, warn
 from ..files import facts
 from ..files.arguments import checks_arguments
 from ..files.overrides import Overrides, assignments
@@ -514,4 +513,4 @@ class Sensor:
 def warn_of_doubts(sensors: Iterable[Sensor]) -> None:
     """Warn of each doubt about the sensors once."""
     for doubt in dict.fromkeys(doubt for sensor in sensors for doubt in sensor.doubts):
-        warnings.warn(OptionWarning("{0}", doubt), stacklevel=4)
+        warn(OptionWarning("{0}", doubt))

@@ -6,6 +6,7 @@ same names make the same reports.
 
 from __future__ import annotations
 
+import operator
 import os
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import fields
@@ -15,7 +16,7 @@ from typing import Annotated, Any, ParamSpec, TypedDict, TypeVar, Unpack
 
 from .. import catalog
 from ..cloud.point_cloud import PointCloud
-from ..errors import InputError, OptionError, unknown_option
+from ..errors import InputError, OptionError, one_line, unknown_option
 from ..figures.report import Report
 from ..files.arguments import checks_arguments
 from ..files.atomic import put_text
@@ -308,11 +309,14 @@ def compare(
     named = _named(sensors, overrides)
     if len(named) < 2:
         raise InputError(f"sensors: must be two or more, got {len(named)}")
-    for value in illuminances_klux or ():
+    swept = tuple(illuminances_klux if illuminances_klux is not None else ())
+    for value in swept:
         CONDITIONS["illuminance"].check("illuminances_klux", value)
         CONDITIONS["illuminance"].warn_of_unit("illuminances_klux", value)
+    if illuminances_klux is not None and not (swept and swept[0] > 0.0 and all(map(operator.lt, swept, swept[1:]))):
+        raise InputError(f"illuminances_klux: must be positive and rise, such as (10, 50, 100), got {one_line(swept)}")
     bench = Bench(load_scene(scene), frame)
-    return compare_sensors(bench, named, same_beams=same_beams, illuminances_klux=illuminances_klux)
+    return compare_sensors(bench, named, same_beams=same_beams, illuminances_klux=swept)
 
 
 def _compare_real(

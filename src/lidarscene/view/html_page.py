@@ -5,12 +5,11 @@ from __future__ import annotations
 import base64
 import gzip
 import html
-import warnings
 from collections.abc import Mapping
 from importlib import resources
 from pathlib import Path
 
-from ..errors import OptionWarning
+from ..errors import OptionWarning, warn
 from ..files.atomic import atomic_output
 from .page_sources import Source
 
@@ -54,14 +53,13 @@ def save(source: Source, path: Path) -> None:
     """
     text = standalone_page(source)
     if len(text) > LARGE_BYTES:
-        warnings.warn(
+        warn(
             OptionWarning(
                 "{save} {0}: the page has {1:.0f} MB, and browsers take long to open it: give fewer frames, or a cloud "
                 "of fewer points",
                 path,
                 len(text) / 1e6,
-            ),
-            stacklevel=2,
+            )
         )
     with atomic_output(path) as temporary:
         temporary.write_text(text, encoding="utf-8")

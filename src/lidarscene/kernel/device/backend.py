@@ -11,14 +11,13 @@ import ctypes
 import functools
 import os
 import sys
-import warnings
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from ...errors import BackendError, InputError, OptionWarning
+from ...errors import BackendError, InputError, OptionWarning, warn
 from ...files.installed_llvm import OLDEST, PATH_VARIABLE
 from . import llvm, trial
 from .llvm import LlvmCandidate
@@ -238,11 +237,10 @@ def _require_trial(name: str) -> None:
     _require_backend(name)
     result = trial.verdict(name, DEFAULT_ORDER[-1])
     if result.fault and result.renders:
-        warnings.warn(
+        warn(
             OptionWarning(
                 "the GPU is not used: {0}; {1}={2} uses it nevertheless", result.fault, VARIANT_VARIABLE, name
-            ),
-            stacklevel=2,
+            )
         )
     if result.fault:
         raise BackendError(result.fault)

@@ -11,7 +11,6 @@ Symbols: b bodies, f faces (triangles, or a whole sphere) over all shapes, in th
 
 from __future__ import annotations
 
-import warnings
 from collections.abc import Callable, Collection, Hashable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -20,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import InputError, OptionWarning
+from ...errors import InputError, OptionWarning, warn
 from ...maths.arrays import Array, Mask, Numbers, retire_with
 from ...maths.motion_table import NOWHERE, MotionTable, MovingBodies, Placement
 from ...maths.pose import Pose
@@ -305,14 +304,13 @@ def _warn_of_stand_ins(shapes: Sequence[mitsuba_xml.FileShape], path: Path) -> N
     chosen = {shape.assumed: shape.material for shape in shapes if shape.assumed}
     if chosen:
         pairs = ", ".join(f"{bsdf} is {material}" for bsdf, material in sorted(chosen.items()))
-        warnings.warn(
+        warn(
             OptionWarning(
                 "{0}: BSDFs that Mitsuba does not have are of the catalogue's materials, by their names: {1}; "
                 "base_materials can name others",
                 path,
                 pairs,
-            ),
-            stacklevel=3,
+            )
         )
 
 

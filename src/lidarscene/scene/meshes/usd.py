@@ -12,14 +12,13 @@ from __future__ import annotations
 import atexit
 import os
 import threading
-import warnings
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from ...errors import InputError, OptionWarning
+from ...errors import InputError, OptionWarning, warn
 from ...files.in_child import Child
 from ...files.inputs import require_file
 from ...files.optional import import_optional
@@ -122,13 +121,12 @@ class _Reader:
             "Capsule": self._round_solid,
         }
         if not pxr.UsdGeom.StageHasAuthoredMetersPerUnit(stage):
-            warnings.warn(
+            warn(
                 OptionWarning(
                     "{0}: says no metersPerUnit, which makes its unit the centimetre by USD's standard; "
                     "scale = 100 in the scene file makes it the metre",
                     path,
-                ),
-                stacklevel=2,
+                )
             )
 
     def pieces_below(self, root: Any, placed: Numbers) -> Iterator[SubMesh]:

@@ -6,12 +6,11 @@ The command line reads them for ``--help``, so that this module loads no NumPy.
 from __future__ import annotations
 
 import math
-import warnings
 from collections.abc import Collection
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from ...errors import OptionError, OptionWarning
+from ...errors import OptionError, OptionWarning, warn
 from ...files.arguments import require_type
 from ...physics.constants import SUN_KLUX
 from ...rendering.option_fields import Finite, OneOf, Whole, check_options, list_options, option
@@ -54,15 +53,14 @@ class Bounds:
     def warn_of_unit(self, option: str, value: float) -> None:
         """Warn of an illuminance that no sun has, as a scene of it does: it is probably in lux."""
         if value > self.likely:
-            warnings.warn(
+            warn(
                 OptionWarning(
                     f"{{{option}}} is {{0:g}} {self.unit}, and no sun has more than {{1:g}}: if these are lux, give "
                     f"{{{option}}} {{2:g}}",
                     value,
                     self.likely,
                     value / self.multiple,
-                ),
-                stacklevel=3,
+                )
             )
 
     def _holds(self, value: float) -> bool:
