@@ -66,7 +66,7 @@ def checks_arguments(call: Checked) -> Checked:
 
 def require_type(name: str, value: object, hint: Any) -> None:
     """Raise OptionError, with the argument's name, unless a value is of an annotated type."""
-    if not _fits(value, hint):
+    if not is_of_type(value, hint):
         content = f" {one_line(value)}" if isinstance(value, str | bytes | Sequence | Mapping) else ""
         raise OptionError(f"{{{name}}}: must be {{0}}, got {{1}}{{2}}", _words(hint), type(value).__name__, content)
 
@@ -103,13 +103,13 @@ class _Names(dict[str, Any]):
         return Any
 
 
-def _fits(value: object, hint: Any) -> bool:
+def is_of_type(value: object, hint: Any) -> bool:
     """Whether a value is of a type; arrays and lists are sequences, and numbers are of any library."""
     origin, inner = typing.get_origin(hint), typing.get_args(hint)
     if origin is Annotated:
-        return CHECKED_INSIDE in inner or _fits(value, inner[0])
+        return CHECKED_INSIDE in inner or is_of_type(value, inner[0])
     if origin in (typing.Union, types.UnionType):
-        return any(_fits(value, option) for option in inner)
+        return any(is_of_type(value, option) for option in inner)
     if origin is Literal:
         return isinstance(value, str | int) and value in inner
     if hint is Any or isinstance(hint, TypeVar):
@@ -132,7 +132,9 @@ def _fits(value: object, hint: Any) -> bool:
         return all(hasattr(value, member) for member in vars(kind) if not member.startswith("_"))
     if issubclass(kind, Mapping):
         entries = value.items() if inner and isinstance(value, Mapping) else ()
-        return isinstance(value, Mapping) and all(_fits(k, inner[0]) and _fits(v, inner[1]) for k, v in entries)
+        return isinstance(value, Mapping) and all(
+            is_of_type(k, inner[0]) and is_of_type(v, inner[1]) for k, v in entries
+        )
     return isinstance(value, kind)
 
 
@@ -148,8 +150,8 @@ def _is_sequence(value: object, kind: Any, inner: tuple[Any, ...]) -> bool:
     if not isinstance(value, Sized):
         return kind is Iterable
     if kind is tuple and inner and inner[-1] is not Ellipsis:
-        return len(value) == len(inner) and all(map(_fits, value, inner))
-    return not inner or all(_fits(element, inner[0]) for element in itertools.islice(value, _MOST_ELEMENTS))
+        return len(value) == len(inner) and all(map(is_of_type, value, inner))
+    return not inner or all(is_of_type(element, inner[0]) for element in itertools.islice(value, _MOST_ELEMENTS))
 
 
 def _words(hint: Any) -> str:

@@ -15,7 +15,7 @@ from pathlib import Path
 from typing import Any, NamedTuple, Protocol, TypeVar, cast
 
 from ..errors import OptionError, one_line
-from ..files.arguments import require_type, type_hints
+from ..files.arguments import is_of_type, require_type, type_hints
 from ..formats.clock import parse_date
 
 Options = TypeVar("Options")
@@ -156,7 +156,8 @@ def check_options(options: Any) -> None:
     for name, (entry, declaration) in options_of(kind).items():
         value = getattr(options, name)
         if isinstance(entry.default, bool):
-            require_type(name, value, bool)
+            if not is_of_type(value, bool):
+                raise OptionError(f"{{{name}}}: must be True or False, got {{0!r}}", value)
             continue
         if not isinstance(declaration.values, Whole | Finite | Date | Function):  # these look at the type themselves
             require_type(name, value, type_hints(kind)[name])
