@@ -16,7 +16,7 @@ from __future__ import annotations
 
 import enum
 import math
-from typing import TypeAlias
+from typing import Any, TypeAlias
 
 from .arrays import Array, Lanes, xp
 
@@ -83,7 +83,12 @@ def words(*, seed: Seed, stage: int, pulse: Lanes, draw: Lanes = 0) -> tuple[Arr
     pulse = ops.uint32(pulse)
     zero = pulse ^ pulse
     word, rollover = seed if isinstance(seed, tuple) else (seed, 0)
-    return threefry2x32((zero + ops.uint32(word), zero + (rollover * 2**8 + int(stage))), (pulse, zero + draw))
+    purpose: Any = rollover * 2**8 + int(stage)
+    # On the device it is one number for all lanes and stays one: widened, loops would compute it anew at each pass, and
+    # took half as long again.
+    if isinstance(purpose, int):
+        purpose = zero + purpose
+    return threefry2x32((zero + ops.uint32(word), purpose), (pulse, zero + draw))
 
 
 def open_uniform(word: Array) -> Array:
