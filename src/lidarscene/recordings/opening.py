@@ -147,7 +147,7 @@ HEADER_BYTES = 1 << 16
 def _located(path: str | os.PathLike[str]) -> Path:
     """Path of a recording, or of the example of this name; a folder with nothing to read does not hide it."""
     kinds = ("metadata.yaml", *READERS)
-    with suppress(OSError):
+    with suppress(OSError, ValueError):  # a name with a null character is no file
         if any(name.lower().endswith(kinds) for name in os.listdir(path)):
             return Path(path)
     return file_or_example(path)

@@ -24,6 +24,9 @@ from lidarscene.studies.fit.on_scene.pulses_on_scene import PulsesOnScene
 from lidarscene.studies.fit.on_scene.scene_fit import SceneFitInputs, fit_on_scene
 from lidarscene.studies.ranging.plane import Target, echoes_of_plane
 
+# One recording is fitted, and the verdict holds dozens of limits that are those of one recording.
+pytestmark = pytest.mark.fixed_streams
+
 TRUTH = {
     "laser.peak_power_w": 1.25,
     "near_field_m": 0.9,
