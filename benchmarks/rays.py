@@ -10,7 +10,7 @@ import numpy as np
 from table import Row, Section, verdict
 
 from lidarscene import load_scene, load_sensor
-from lidarscene.detection import multi_echo
+from lidarscene.detection import receiver
 from lidarscene.kernel.device import transfer
 from lidarscene.kernel.device.profile import kernel_history
 from lidarscene.kernel.rays.trace import trace
@@ -135,7 +135,7 @@ def _frame(simulator: Simulator) -> Callable[[], tuple[float, float]]:
             history.take()
             traced_s = history.device_s
             joined = pulse_train.join_echoes(light, rays, rays=count)
-            detection = multi_echo.detect(joined, sensor, seed=seed, pulse=pulse)
+            detection = receiver.detect(joined, sensor, seed=seed, pulse=pulse)
             outputs = [
                 array
                 for stop in detection.stops
