@@ -115,7 +115,7 @@ def test_noise_that_columns_share_does_not_make_the_scatter_small(shared: tuple[
     fit = fit_scatter(pulses_of_rings(*zip(range_m, signal, strict=True)))
     assert fit is not None
     c = fit.estimates[0]
-    assert c.sigma < 12.0
+    assert c.fisher < 12.0  # its misfit is drawn
     assert c.value == pytest.approx(200.0 * (0.98 if shared else 1.0), abs=4.0 * c.sigma)
     assert (fit.correlation > 1.25) is bool(shared)
 
