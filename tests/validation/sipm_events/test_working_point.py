@@ -170,8 +170,8 @@ def test_raw_edge_by_events(dead_ns, fwhm_ns, klux, distance_m):
     """First passage of the threshold: mean and deviation of the raw range, detected by the sensor and by events.
 
     The mean to 18 mm (measured: 1, 1, 9 and 12 to 15) and 4 standard errors, the deviation to 7 % (measured: 1 to 7)
-    and 4 of its errors, in all 1e-4 of false alarms each. On the edge of the light the deviation would be 12 to 24 % low
-    and the mean 0.10 to 0.16 m early.
+    and 4 of its errors, in all 1e-4 of false alarms each. On the edge of the light the deviation would be 12 to 24 %
+    low and the mean 0.10 to 0.16 m early.
     """
     sensor = chain.sensor(
         "table1-sipm",
