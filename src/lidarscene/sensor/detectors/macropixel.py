@@ -193,6 +193,11 @@ class Macropixel(ABC):
         return self.trials * self.count_share / self.histogram.bin_s
 
     @property
+    def even_afterpulses_hz(self) -> Lanes:
+        """Rate of the afterpulses of one free SPAD in even light."""
+        return self.rate_hz - self.primary_hz
+
+    @property
     def sun(self) -> Lanes:
         """Detections of the background by one free SPAD within the width of an echo, lambda sigma."""
         return self.rate_hz * self.sigma_s
