@@ -302,6 +302,36 @@ def test_the_share_found_in_strong_sun_is_that_of_photons_one_by_one(case):
     assert share == pytest.approx(simulated_share, abs=4.0 * math.sqrt(0.25 / 500 + 0.25 / 6000))
 
 
+def test_the_share_of_first_photons_found_is_that_of_photons_one_by_one():
+    """Rationale: a receiver has one threshold a point, by the counts of its window (T110), and does not know how far
+    the echo is, where fewer SPADs are left to count the sun. Reference: the first photon of each SPAD and shot, 800
+    histograms, a threshold by their own counts. Tolerance: 4 standard errors of both shares, and 0.01 for the gain of
+    the search (T98). By the rate at the echo's place the share is 0.13 off.
+    """
+    counter, light = sunlit(2.0, 12.0, 4.0, 0.0, 6000, "detector.stamps='first'")
+    light.range_m[:] = 45.0 + np.linspace(0.0, 0.15, 6000)
+    found = np.any([photons.echo_of(stop) for stop in photons.detect(counter, light).stops], axis=0).mean()
+    pixel, rng = counter.pixel(light.background_power_w[:1], range_m=light.range_m[:1]), np.random.default_rng(6)
+    rate, trials = 1e-9 * float(pixel.rate_hz[0]), 64 * 50
+    lit = -math.expm1(-float(np.ravel(pixel.detections(light.peak_power_w[:1]))[0]))
+    w = 1e9 * matched_filter.TEMPLATE * float(pixel.sigma_s)
+    template = np.exp(-0.5 * (np.arange(-12, 13) / w) ** 2) * math.sqrt(1 + 1.44) / 1.2
+    values, counts = [], 0
+    for _ in range(800):
+        place = 2e9 * 45.0 / C + rng.random()
+        times = rng.exponential(1.0 / rate, trials)
+        echo = np.where(rng.random(trials) < lit, rng.normal(place, 4.0 / 2.354820045, trials), np.inf)
+        row = photons.histogram(np.minimum(times, echo), bins=1000, bin_ns=1.0)
+        near = int(place) - 17
+        mean = trials * rate * math.exp(-rate * place) * template.sum()
+        values.append(np.convolve(row[near : near + 35], template, "valid").max() - mean)
+        counts += (times < 1000.0).sum() / 800
+    level = 4.0 + 0.3 * math.sqrt(counts)
+    share = (np.array(values) >= level).mean()
+    assert 0.1 < share < 0.9
+    assert found == pytest.approx(share, abs=0.01 + 4.0 * math.sqrt(0.25 / 800 + 0.25 / 6000))
+
+
 @pytest.mark.parametrize(
     ("rate_mhz", "dead_ns", "apart_m", "above", "keys"),
     [
