@@ -235,12 +235,13 @@ class Rises(Received):
         separate = (rise.peak - last_pulse.peak) * self.sigma_s >= tdc.dead_time_s
         separate = separate & (~held | (last_pulse.top >= self.threshold + base))
         fresh = tripped & separate
-        # Of two peaks that are one pulse the higher counts.
-        higher = rise.exists & ~separate & (trip.signal > last_pulse.top) & (tripped | state.high)
-        accepted = (fresh | higher) & comparator.accepts_crossing(self.sensor, crossing_s)
+        rival = rise.exists & ~separate & (tripped | state.high)
+        accepted = (fresh | rival) & comparator.accepts_crossing(self.sensor, crossing_s)
         measured = accepted & stop_list.may_keep(tdc, crossing_s, state.stops)
         new_stop = converter._stop(rise, trip, measured, place, in_valley, crossing_s)
-        accepted = accepted & (new_stop.occupied | ~measured)
+        # Of two peaks that are one pulse the higher counts, as it is measured: of like ones noise chooses.
+        higher = ops.where(measured, new_stop.amplitude > last_pulse.stop.amplitude, trip.signal > last_pulse.top)
+        accepted = accepted & (fresh | higher) & (new_stop.occupied | ~measured)
         finished = replace(last_pulse.stop, key=ops.where(accepted & separate, last_pulse.stop.key, EMPTY))
         stop = new_stop
         if self.sensor.times_edge:
