@@ -114,6 +114,17 @@ class Laser:
             about="1/e^2 diameter where the beam leaves, which is its waist; rays start from a point if left out",
         ),
     ] = None
+    energy_spread: Annotated[
+        Lanes | None,
+        Quantity(
+            ge=0,
+            le=0.5,
+            about=(
+                "relative standard deviation of the energy from pulse to pulse, which a detector's gain may have too: "
+                "it moves intensities and crossings; none if left out (docs/theory_light.md 22)"
+            ),
+        ),
+    ] = None
     source_rad: Annotated[
         float,
         Quantity(
