@@ -61,10 +61,10 @@ def test_energies_of_summed_pulses_even_out() -> None:
 
 @pytest.mark.parametrize("keys", [[], ["tdc.keep='strongest'"]])
 def test_the_energy_of_a_pulse_moves_its_amplitude_and_its_crossing(keys: list[str]) -> None:
-    """Rationale: an edge of more energy is higher, and crosses the threshold earlier. Reference: of a Gaussian edge that
-    crosses a share q of its peak, t = -FWHM sqrt(ln(1 / q) / (4 ln 2)), and dt / d ln P = FWHM^2 / (8 ln 2 t); noise at
-    the threshold, of 1 %, moves it as much as another energy does. Tolerance: 4 standard errors of a deviation of
-    20,000 pulses (2 %), and 1 % for the curvature of t.
+    """Rationale: an edge of more energy is higher, and crosses the threshold earlier. Reference: of a Gaussian edge
+    that crosses a share q of its peak, t = -FWHM sqrt(ln(1 / q) / (4 ln 2)), and dt / d ln P = FWHM^2 / (8 ln 2 t);
+    noise at the threshold, of 1 %, moves it as much as another energy does. Tolerance: 4 standard errors of a deviation
+    of 20,000 pulses (2 %), and 1 % for the curvature of t.
     """
     spread, fixed = 0.02, ["tdc.walk='raw'", "tdc.lsb_ps=0", "tdc.jitter_ps=0", "laser.peak_power_w=100"]
     keys = [*keys, "tdc.threshold_to_noise=1e4"]
