@@ -19,7 +19,7 @@ from ...sensor.detectors import WorkingPoint
 from ...sensor.detectors.macropixel import PLACES, Macropixel
 from ...sensor.sensor_model import Sensor
 from ..shots import Shots
-from .tuning import MERGED, SURE
+from .tuning import MERGED, RETURNING, SURE
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -193,8 +193,9 @@ class FilteredLight(Shots):
         before: Lanes = 0.0
         for centre, height in zip(wave.centres, wave.heights, strict=True):
             since = (place - centre) * matched_filter.OUTPUT_WIDTH
-            # The shadow that an echo casts on itself is in its own height.
-            blind = (since > MERGED * matched_filter.OUTPUT_WIDTH) & (since < pixel.blind_sigmas)
+            # The shadow that an echo casts on itself is in its own height. SPADs that come back while the light lasts
+            # meet part of it: how many do the drawn bins say.
+            blind = (since > MERGED * matched_filter.OUTPUT_WIDTH) & (since < pixel.blind_sigmas - RETURNING)
             before = before + ops.where(blind, height * ops.exp(-pixel.sun * ops.maximum(since, 0.0)), 0.0)
         fired = dead_time.firing_share(detections=pixel.detections(self.lone_w(before)))
         background = pixel.count_rate_hz * pixel.sigma_s * (matched_filter.SCALE * valleys.TEMPLATE_AREA)
