@@ -245,8 +245,8 @@ def _merge_alarms(shots: Shots, stops: Stops, alarms: _Alarms, found: Found, *, 
         number, kept = number + 1, kept + ops.where(taken, 1, 0)
         return number, kept, alarms.advance(ops.uint32(number), elapsed), stops
 
-    first: tuple[Lanes, Lanes, Lanes, Stops]
-    first = begin, begin, alarms.advance(ops.uint32(begin), ops.float32(zero)), stops
+    elapsed = alarms.advance(ops.uint32(begin), ops.float32(zero))
+    first: tuple[Lanes, Lanes, Lanes, Stops] = begin, begin, elapsed, stops
     return ops.loop(first, active, step)[3]
 
 

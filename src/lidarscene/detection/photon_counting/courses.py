@@ -266,7 +266,8 @@ class Courses:
         room, due_room = state.released, state.due
         # Before the first course light is even, so as many come free as fire.
         even = 0.0 if spad.fires_once else pixel.free * pixel.rate_hz * bin_s
-        released, caught = even, zero
+        released: Lanes = even
+        caught: Lanes = zero
         if spad.afterpulse is not None and spad.afterpulse_s is not None:
             even_due = pixel.free * pixel.even_afterpulses_hz * bin_s
             caught = even_due * pixel.primary_hz * bin_s + even * (spad.afterpulse * bin_s / spad.afterpulse_s)
