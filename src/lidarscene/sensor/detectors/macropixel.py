@@ -438,7 +438,7 @@ class CoatesSpads(Macropixel):
         return self.trials * self.rate_hz
 
     def window_counts(self, time_s: Lanes) -> Lanes:
-        """As of SPADs without dead time."""
+        """Counts as of SPADs without dead time."""
         return self.count_rate_hz * time_s
 
     @property
