@@ -158,6 +158,17 @@ def test_drawn_bins_behind_a_strong_echo_have_their_means(rate_mhz, dead_ns, det
     assert drawn.sum() == pytest.approx(expected.sum(), rel=0.012, abs=4.5 * math.sqrt(expected.sum() / 400))
 
 
+@pytest.mark.parametrize("dead_times", [4.4, 5.6, 7.2])
+def test_bins_far_behind_an_echo_in_strong_sun_have_their_means(dead_times):
+    """Rationale: at lambda tau of 1.8 the SPADs that an echo has fired come back together several times over.
+    Reference: the course of the free SPADs. Tolerance: 0.4 % and 4.5 standard errors of 2,000 pulses.
+    """
+    counter = photons.sensor("detector.dead_time_ns=12", "histogram.window_us=0.4")
+    light_of = echoes_in_sun(counter, [30.0, 30.0 + 1.8 * dead_times], [2.0, 1e-9], rate_hz=150e6)
+    drawn, expected = mean_counts(counter, light_of, 30.0 + 1.8 * dead_times, count=2000)
+    assert drawn.sum() == pytest.approx(expected.sum(), rel=0.004 + 4.5 / math.sqrt(2000 * expected.sum()))
+
+
 @pytest.mark.parametrize("dead_times", [0.95, 1.6])
 def test_drawn_bins_behind_a_strong_echo_are_those_of_photons_one_by_one(dead_times):
     """Rationale: as above. Reference: 300,000 SPADs, each followed from one firing to the next.

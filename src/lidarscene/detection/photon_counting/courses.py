@@ -20,7 +20,7 @@ from ...sensor.detectors.macropixel import Macropixel
 from .shadows import DEAD_TIMES, Shadow
 from .tuning import FEW, LEAD, LEAST_CHANGE, NOTHING_BEFORE, PEAK_PLACES
 
-_BACK = (3, 2, 1, 0)
+_BACK = (4, 3, 2, 1, 0)
 """Dead times before the bins at which SPADs are followed, the earliest first."""
 
 
@@ -154,7 +154,7 @@ class Courses:
         return air.highest_w(earliest_m) * pixel.per_watt * pixel.spad.dead_time_s > FEW
 
     def _follow(self, start: Lanes, time_s: Lanes, shaded: Mask, even: Lanes, middle: Lanes) -> EarlierFirings:
-        """Follow the SPADs through the light before the bins, three dead times to none before (T100), (T109).
+        """Follow the SPADs through the light before the bins, four dead times to none before (T100), (T109).
 
         What fires a dead time before comes free in the bins, as sharply as the light that fired it came. So the courses
         of some dead times are followed side by side, the earliest first: what fires in one comes free in the next.
