@@ -284,6 +284,12 @@ def test_saturation() -> None:
     says("theory.md", "{} ns in the mean at TNR 5 and 167 MHz", 1e9 * float(np.mean(width)))
 
 
+def test_a_road_stretches_an_echo() -> None:
+    """A quarter of the divergence at 1/e^2 is the beam's deviation, on ground that runs away by R / h of it."""
+    pulse_m, ground_m = 0.5 * SPEED_OF_LIGHT_M_S * 5e-9 / 2.354820045, 45.0 * 0.25 * 3e-3 * 45.0 / 2.4
+    says("limits.md", "pulse of 5 ns | the echo {} times as long", math.hypot(1.0, ground_m / pulse_m))
+
+
 def test_panes() -> None:
     r60 = [dielectrics.fresnel_reflectance(cos_incidence=0.5, index=n) for n in (1.5,)]
     mean = float(dielectrics.pane_reflectance(surface=r60[0], internal=1.0))
