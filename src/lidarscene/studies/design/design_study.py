@@ -27,7 +27,7 @@ from ...files.toml import read_toml, validate
 from ...files.toml_edit import put_values
 from ...maths.units import split_unit
 from .designs import Design, DesignSpace, files_of_base
-from .optimum import ACTIVE, ActiveConstraints, limits_of
+from .optimum import ACTIVE, ActiveConstraints, at_an_end, limits_of
 from .quantities import Evaluator
 from .search import EvaluateAll, Log, alone, front, is_feasible, losses, record_line, search, slacks
 from .slopes import SlopesOf, derivatives
@@ -91,7 +91,7 @@ def run_study(
     best = front(study, designs)
     if not best:
         raise InputError(f"{path}: {_none_feasible(study, designs)}")
-    return _report(study, evaluator, designs, best, slopes)
+    return _report(study, evaluator, designs, best, slopes, log.ending)
 
 
 def knee(study: StudyFile, best: Sequence[Design]) -> int:
@@ -121,9 +121,14 @@ def _none_feasible(study: StudyFile, designs: Sequence[Design]) -> str:
 
 
 def _report(
-    study: StudyFile, evaluator: Evaluator, designs: Sequence[Design], best: Sequence[Design], slopes: SlopesOf
+    study: StudyFile,
+    evaluator: Evaluator,
+    designs: Sequence[Design],
+    best: Sequence[Design],
+    slopes: SlopesOf,
+    ending: str,
 ) -> Report:
-    """Page, data and sensor files of the result."""
+    """Page, data and sensor files of the result; ``ending`` says why the search ended."""
     report = Report(study.name or "Design study", pages=PAGES, embeds=False)
     chosen = best[knee(study, best)]
     shown = {"chosen": chosen}
@@ -144,7 +149,9 @@ def _report(
     if study.constraints:
         report.add_heading("What each constraint costs")
         report.add_table(*_costs_table(study, shown, limits))
-    for text in (*_limits_text(limits["chosen"]), *safety.values()):
+    ends = at_an_end(evaluator.space, chosen)
+    ends_text = [f"At an end of its range: {', '.join(ends)}. A wider range may give a better design."] if ends else []
+    for text in (f"The search: {ending}.", *ends_text, *_limits_text(limits["chosen"]), *safety.values()):
         report.add_paragraph(text)
     report.add_heading("Front" if len(study.objectives) > 1 else "Search")
     for figure in _figures(study, designs, fronts or {"front": best}, chosen):
@@ -162,10 +169,12 @@ def _report(
     report.numbers = {
         "study": study.name,
         "evaluations": len(designs),
+        "ending": ending,
         "impossible": sum(bool(design.reason) for design in designs),
         "chosen": _numbers(chosen),
         "verdict": _verdict(study, designs, best, chosen),
         "limits": _limits_numbers(limits["chosen"]),
+        "at_an_end": list(ends),
         "choices": {name: _numbers(shown[name]) for name in fronts},
         "eye_safety": safety,
         "front": [_numbers(design) for design in best],
@@ -280,12 +289,10 @@ def _keys(space: DesignSpace) -> list[str]:
 
 
 def _limits_text(limits: ActiveConstraints | None) -> list[str]:
-    """Sentences on the ends of ranges, and on how slopes were found."""
+    """Sentences on how slopes were found, and on whether the constraints explain the design."""
     if limits is None:
         return []
     texts = []
-    if limits.held:
-        texts.append(f"At an end of its range: {', '.join(limits.held)}. A wider range would give a better design.")
     ways: dict[str, list[str]] = {}
     for name, way in limits.methods.items():
         ways.setdefault(way, []).append(name)

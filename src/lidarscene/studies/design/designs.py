@@ -5,9 +5,11 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from ... import catalog
 from ...errors import InputError, did_you_mean
@@ -65,6 +67,11 @@ class Free:
     def is_continuous(self) -> bool:
         """Whether the key takes any value in between."""
         return not self.values
+
+    @property
+    def is_ordered(self) -> bool:
+        """Whether all values are numbers, which rise."""
+        return all(isinstance(value, int | float) and not isinstance(value, bool) for value in self.values)
 
     def value(self, share: float) -> Any:
         """Value at a share."""
@@ -148,6 +155,43 @@ class DesignSpace:
         ]
         keys = [_free_key(key, entry, bases, f"{where}: free.{key}") for key, entry in study.free.items()]
         return cls(bases=bases, free=(*choices, *keys))
+
+    def every_design(self, most: int) -> Numbers | None:
+        """(n, keys) shares of all designs, n no more than ``most``; None where there are more."""
+        if any(free.is_continuous for free in self.free):
+            return None
+        places = [[(number + 0.5) / len(free.values) for number in range(len(free.values))] for free in self.free]
+        bases = self.sensor_choices()
+        designs: list[tuple[float, ...]] = []
+        for chosen in itertools.product(
+            *(p if f.key in bases else p[:1] for f, p in zip(self.free, places, strict=True))
+        ):
+            present = self.values(np.array(chosen))
+            # A key of a base that is not chosen has no effect.
+            varied = [
+                every if free.key in present and free.key not in bases else [share]
+                for free, every, share in zip(self.free, places, chosen, strict=True)
+            ]
+            if len(designs) + math.prod(map(len, varied)) > most:
+                return None
+            designs += itertools.product(*varied)
+        return np.array(designs)
+
+    def neighbours(self, shares: Numbers) -> list[Numbers]:
+        """Designs that differ in one key of finitely many values: by 1, 2, 4, ... steps, or in any other choice."""
+        present = self.values(shares)
+        moved = []
+        for place, free in enumerate(self.free):
+            if free.is_continuous or free.key not in present:
+                continue
+            number, count = free.values.index(present[free.key]), len(free.values)
+            steps = [2**power for power in range(count.bit_length())] if free.is_ordered else range(1, count)
+            for other in (number + sign * step for step in steps for sign in (-1, 1)):
+                if 0 <= other < count:
+                    neighbour = np.array(shares)
+                    neighbour[place] = free.share(free.values[other])
+                    moved.append(neighbour)
+        return moved
 
     def sensor_choices(self) -> dict[str, tuple[str, ...]]:
         """Bases that each free choice of a sensor has, by its key."""
@@ -238,7 +282,8 @@ def _free_key(key: str, entry: FreeFile, bases: Mapping[str, Sequence[Base]], wh
                     hint = f"did you mean {ends[0]}?" if ends else did_you_mean(plain, list(numbers))
                     raise InputError(f"{where}: {base.name} has no number of that name; {hint}".rstrip("; "))
     if entry.choices is not None:
-        return Free(key=key, values=entry.choices)
+        choices = Free(key=key, values=entry.choices)
+        return replace(choices, values=tuple(sorted(choices.values))) if choices.is_ordered else choices
     assert entry.low is not None
     assert entry.high is not None
     if entry.step is None and not whole:
