@@ -204,6 +204,7 @@ evaluations = 6
 
 GAIN = '"detector.gain" = {low = 5, high = 150}'
 SNR = 'snr = {maximize = "snr"}'
+OFF = 'eye_safety = "off"'
 
 
 @pytest.mark.parametrize(
@@ -225,7 +226,15 @@ SNR = 'snr = {maximize = "snr"}'
         ({"objectives": 'a = {maximize = "body_points"}'}, "body_points must go with a scene"),
         ({"objectives": ""}, "objectives: must be a table of at least 1|objectives"),
         ({"last": '[constraints]\nb = {quantity = "snr"}'}, "constraints.b: must have at_least or at_most"),
-        ({"last": '[constraints]\nb = {quantity = "snr", at_least = 1e9}'}, "no design of 6 meets all constraints"),
+        (
+            {"more": OFF, "last": '[constraints]\nb = {quantity = "snr", at_least = 1e9}'},
+            "no design of 6 meets all constraints",
+        ),
+        ({}, 'constraints.class 1: no free key moves it: class_1 is 0.4997, .* at least 1; eye_safety = "off"'),
+        (
+            {"more": OFF, "last": '[constraints]\nb = {quantity = "aperture_area_mm2", at_most = 1900}'},
+            "constraints.b: no free key moves it: aperture_area_mm2 is 1963 mm², and must be at most 1900 mm²",
+        ),
         ({"free": '"gain" = {low = 5, high = 9}'}, "free.gain: .*; did you mean detector.gain?"),
         (
             {"free": '"detector.gain" = {low = 5, high = 6, step = 2}'},
@@ -251,11 +260,85 @@ def test_each_mistake_is_one_line(tmp_path: Path, changes: dict[str, str], messa
     assert not (tmp_path / "out" / "index.html").exists()
 
 
+def test_class_1_holds_a_power_unless_it_is_off(tmp_path: Path) -> None:
+    """The best power is the limit of class 1; off, the end of its range; a bound of one's own counts."""
+    powers = {}
+    own = '[constraints]\neye = {quantity = "class_1_margin", at_least = 2}'
+    for name, more, last in (("default", "", ""), ("off", OFF, ""), ("own", "", own)):
+        text = STUDY.format(
+            sensor='"table1-apd"',
+            more=more,
+            free='"laser.peak_power_w" = {low = 5, high = 90}',
+            objectives=SNR,
+            last=last,
+        )
+        numbers = numbers_of(write(tmp_path, text.replace("evaluations = 6", "evaluations = 40")), tmp_path / name)
+        powers[name] = numbers["chosen"]["values"]["laser.peak_power_w"]
+    limit_w = eye_safety_report(load_sensor("table1-apd"), scanned=True).class_1_peak_power_w
+    assert powers == pytest.approx({"default": limit_w, "off": 90.0, "own": limit_w / 2.0}, rel=1e-4)
+
+
+def test_a_constraint_that_no_key_moves_is_said(tmp_path: Path) -> None:
+    """The warning comes first; false points are those in the light of the plane, which a threshold moves."""
+    last = '[constraints]\narea = {quantity = "aperture_area_mm2", at_most = 2000}'
+    text = STUDY.format(sensor='"apd-905"', more="", free=GAIN, objectives=SNR, last=last)
+    with pytest.warns(UserWarning, match=r"constraints\.area: no free key moves it: aperture_area_mm2 is 1963 mm²"):
+        run_study(write(tmp_path, text), tmp_path / "out")
+    noise = '[constraints]\nnoise = {quantity = "false_points", at_most = 20}'
+    free = '"tdc.threshold_to_noise" = {low = 3, high = 9}'
+    text = STUDY.format(sensor='"sipm-905"', more="", free=free, objectives='range = {maximize = "range"}', last=noise)
+    numbers = numbers_of(write(tmp_path, text.replace("evaluations = 6", "evaluations = 100")), tmp_path / "sipm")
+    # Between 5.98 (21.8) and 6 (11.9) times the noise the threshold passes a step of the counts: no slope leads there.
+    assert numbers["chosen"]["quantities"]["noise"] <= 20.0
+    reached_m = plane.range_at_probability_m(
+        load_sensor("sipm-905", overrides={"tdc.threshold_to_noise": 6.0}), plane.Target(), 0.9
+    )
+    assert numbers["chosen"]["quantities"]["range"] == pytest.approx(reached_m, rel=5e-3)
+
+
+TABLES = """
+sensor = ["apd-905", "sipm-905"]
+evaluations = 24
+[free]
+mounting = {choices = [{position_m = [0, 0, 1.8]}, {position_m = [0, 0, 2.2], pitch_deg = -3}]}
+"optics.aperture_radius_mm" = {low = 5, high = 20, step = 5}
+[cost]
+sensor = [["apd-905", 10], ["sipm-905", 30]]
+"optics.aperture_radius_mm" = [[5, 1], [20, 7]]
+[objectives]
+cost = {minimize = "cost"}
+range = {maximize = "range"}
+[constraints]
+height = {quantity = "mounting.position_m[2]", at_least = 2}
+rate = {quantity = "data_rate_mbit_s", at_most = 1000, bits_per_point = 64}
+"""
+
+
+@pytest.mark.filterwarnings("ignore:.*rate. no free key moves it")
+def test_tables_are_choices_and_parts_have_costs(tmp_path: Path) -> None:
+    """All 16 designs; the mounting is replaced as a whole, and a cost is that of the sensor and of its lens."""
+    numbers = numbers_of(write(tmp_path, TABLES), tmp_path / "out")
+    assert numbers["ending"] == "all 16 designs of the study were tried"
+    for design, file in zip(numbers["front"], numbers["files"], strict=True):
+        values, quantities = design["values"], design["quantities"]
+        assert values["mounting"] == {"position_m": [0, 0, 2.2], "pitch_deg": -3}
+        parts = {"apd-905": 10, "sipm-905": 30}[values["sensor"]]
+        assert quantities["cost"] == pytest.approx(parts + 1 + 0.4 * (values["optics.aperture_radius_mm"] - 5))
+        sensor = load_sensor(tmp_path / "out" / file)
+        assert sensor.mounting.position_m.tolist() == [0.0, 0.0, 2.2]
+        assert sensor.optics.aperture_radius_m == pytest.approx(1e-3 * values["optics.aperture_radius_mm"])
+        pulses_per_s = sensor.scanner.pulses / sensor.scanner.frame_s
+        assert quantities["rate"] == pytest.approx(pulses_per_s * sensor.tdc.stops * 64e-6)
+    missing = write(tmp_path, TABLES.replace("[20, 7]", "[12, 7]").replace("low = 5", "low = 15"))
+    with pytest.raises(InputError, match=r"cost.optics.aperture_radius_mm: must have a cost of 15.0, got 5.0, 12.0"):
+        run_study(missing, tmp_path / "missing")
+
+
 def test_a_dotted_key_needs_no_quotes(tmp_path: Path) -> None:
     """A search in which nothing changes says so, and its progress has the front so far."""
     text = STUDY.format(
         sensor='"table1-apd"',
-        more="",
+        more=OFF,
         free="detector.gain = {low = 5, high = 9}",
         objectives='area = {minimize = "aperture_area_mm2"}',
         last="",
@@ -275,6 +358,7 @@ def test_a_sensor_is_a_choice_and_keys_belong_to_one(tmp_path: Path) -> None:
     text = """
     sensor = ["table1-apd", "table1-sipm"]
     evaluations = 60
+    eye_safety = "off"
     [set]
     "table1-sipm:detector.statistics" = "time_domain"
     [free]

@@ -28,6 +28,7 @@ def study(objectives: dict[str, str], bounds: dict[str, dict[str, float]], **set
             "objectives": {name: ObjectiveFile(**{goal: "snr"}) for name, goal in objectives.items()},
             "constraints": {name: ConstraintFile(quantity="snr", **limits) for name, limits in bounds.items()},
             "evaluations": 400,
+            "eye_safety": "off",
             **settings,
         }
     )

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from ..._version import __version__
-from ...errors import InputError
+from ...errors import InputError, warn
 from ...figures import pictures
 from ...figures.lines import Chart, Line, Mark
 from ...figures.report import Figure, Report, text_table
@@ -29,9 +29,9 @@ from ...maths.units import split_unit
 from .designs import Design, DesignSpace, files_of_base
 from .optimum import ACTIVE, ActiveConstraints, at_an_end, limits_of
 from .quantities import Evaluator
-from .search import EvaluateAll, Log, alone, front, is_feasible, losses, record_line, search, slacks
+from .search import EvaluateAll, Log, alone, front, is_feasible, losses, probes, record_line, search, slacks
 from .slopes import SlopesOf, derivatives
-from .study_file import QUANTITIES, UNITS, QuantityFile, StudyFile
+from .study_file import CLASS_1, CLOSED_FORM, QUANTITIES, UNITS, QuantityFile, StudyFile
 
 EVALUATIONS = "evaluations.jsonl"
 PAGES = ("index.html", "index.md", "design.json")
@@ -71,6 +71,9 @@ def run_study(
         OutputError: if a result cannot be written
     """
     study, evaluator = load_study(path)
+    unmoved = _unmoved_constraints(study, evaluator, str(path))
+    for text in unmoved:
+        warn(f"{path}: {text}")
     require_writable(folder / EVALUATIONS)
     folder.mkdir(parents=True, exist_ok=True)
     record, head = folder / EVALUATIONS, _head(path, study, evaluator.space)
@@ -92,6 +95,34 @@ def run_study(
     if not best:
         raise InputError(f"{path}: {_none_feasible(study, designs)}")
     return _report(study, evaluator, designs, best, slopes, log.ending)
+
+
+def _unmoved_constraints(study: StudyFile, evaluator: Evaluator, where: str) -> list[str]:
+    """Sentences on constraints that the free keys do not move, asked of some designs before the search.
+
+    Raises:
+        InputError: where such a constraint is broken, so that no design would meet it
+    """
+    closed = {name: entry for name, entry in study.constraints.items() if entry.quantity_name in CLOSED_FORM}
+    answers = []
+    for shares in probes(len(evaluator.space.free)):
+        try:
+            answers.append(evaluator(evaluator.space.values(shares), closed))
+        except InputError:
+            continue  # a design that cannot be
+    texts = []
+    for name, entry in closed.items() if len(answers) > 1 else ():
+        values = {answer[name] for answer in answers}
+        # Constraints that no user wrote are not worth a sentence where they hold.
+        if len(values) > 1 or ((is_met := entry.allows(value := values.pop())) and name.startswith(CLASS_1)):
+            continue
+        unit = _unit(entry)
+        text = f"constraints.{name}: no free key moves it: {entry.quantity_name} is {value:.4g} {unit}".rstrip()
+        if not is_met:
+            off = '; eye_safety = "off" leaves it out' if name.startswith(CLASS_1) else ""
+            raise InputError(f"{where}: {text}, and must be {entry.bounds_text} {unit}".rstrip() + off)
+        texts.append(text)
+    return texts
 
 
 def knee(study: StudyFile, best: Sequence[Design]) -> int:
@@ -212,12 +243,7 @@ def _verdict(study: StudyFile, designs: Sequence[Design], best: Sequence[Design]
 
 
 def _rests_on(study: StudyFile) -> str:
-    bounds = [
-        f"{name} {words} {bound:g} {_unit(entry)}".rstrip()
-        for name, entry in study.constraints.items()
-        for words, bound in (("at least", entry.at_least), ("at most", entry.at_most))
-        if bound is not None
-    ]
+    bounds = [f"{name} {entry.bounds_text} {_unit(entry)}".rstrip() for name, entry in study.constraints.items()]
     return f", under {' and '.join(bounds)}" if bounds else ""
 
 
@@ -408,6 +434,8 @@ def _add_sensors(report: Report, space: DesignSpace, design: Design, place: int)
 
 
 def _short(value: Any) -> str:
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key} = {_short(inner)}" for key, inner in value.items()) + "}"
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 
 from ... import catalog
 from ...errors import InputError, did_you_mean
-from ...files.overrides import assignments, get_entry, key_path, number_list_entries, with_overrides
+from ...files.overrides import assignments, get_entry, key_path, number_list_entries, toml_text, with_overrides
 from ...files.toml import read_toml
 from ...maths.arrays import Numbers
 from ...sensor.sensor_file import files_of_sensor, sensor_from_tables
@@ -119,9 +119,13 @@ class Chosen:
         """
         base = self.base
         folder = Path() if base.path is None else base.path.parent
-        return sensor_from_tables(
-            base.tables or {}, where=base.name, overrides=assignments(self.changes), folder=folder
-        )
+        return sensor_from_tables(base.tables or {}, where=base.name, overrides=self.assignments, folder=folder)
+
+    @property
+    def assignments(self) -> list[str]:
+        """Changes as ``key=value``, tables first: they stand in place of the file's, and keys may be set in them."""
+        tables_first = sorted(self.changes.items(), key=lambda change: not isinstance(change[1], dict))
+        return [f"{key}={toml_text(value)}" for key, value in tables_first]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -298,13 +302,13 @@ def _free_key(key: str, entry: FreeFile, bases: Mapping[str, Sequence[Base]], wh
     return Free(key=key, values=tuple(values))
 
 
-def _entry_number(key: str) -> tuple[str, int | None]:
+def entry_number(key: str) -> tuple[str, int | None]:
     """Key and number of an entry of its list: `mounting.position_m[2]`; None for a plain key."""
     plain, bracket, number = key.partition("[")
     return (plain, int(number[:-1])) if bracket and number[:-1].isdecimal() and number.endswith("]") else (key, None)
 
 
-def _list_of(tables: Mapping[str, Any], key: str) -> list[Any] | None:
+def list_under(tables: Mapping[str, Any], key: str) -> list[Any] | None:
     """List under a key; the origin for a position that the file leaves out."""
     value: Any = tables
     for part in key_path(key):
@@ -318,9 +322,9 @@ def has_number(tables: Mapping[str, Any], key: str) -> bool:
     """Whether a sensor file has a number under a key, also within lists."""
     if key in TURNS or key in numeric_keys(tables):
         return True
-    plain, number = _entry_number(key)
+    plain, number = entry_number(key)
     if number is not None:
-        entries = _list_of(tables, plain)
+        entries = list_under(tables, plain)
         return entries is not None and number < len(entries)
     value: Any = tables
     for part in number_list_entries(key_path(key), tables):
@@ -332,9 +336,9 @@ def _merged(tables: Mapping[str, Any], changes: Sequence[tuple[str, Any]]) -> di
     """Changed keys and their values; entries of one list become one list."""
     merged: dict[str, Any] = {}
     for key, value in changes:
-        plain, number = _entry_number(key)
+        plain, number = entry_number(key)
         if number is None:
             merged[key] = value
         else:
-            merged.setdefault(plain, _list_of(tables, plain) or [])[number] = value
+            merged.setdefault(plain, list_under(tables, plain) or [])[number] = value
     return merged

@@ -15,6 +15,7 @@ of mixed variables).
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import json
 import math
@@ -47,6 +48,7 @@ _IDLE = 10  # generations without a new design after which NSGA-II ends
 _LARGE = 1e30
 """Choice: number in place of an infinite one: pymoo computes differences."""
 
+_PATIENCE = 12  # new designs without a better one after which SLSQP ends
 _STARTS = 4  # designs from which a search for one objective goes on
 _MOST_PROMISING = 2  # neighbours of a design that are looked at on the way along a front
 _PLACES_OF_FRONT = 64  # places of a front to which a search goes, while evaluations remain
@@ -163,8 +165,11 @@ def _search(log: Log) -> str:
         leaving = 2 * study.evaluations // 3 if not study.is_traced else 0 if is_smooth else study.evaluations // 3
         _nsga(log, first, leaving=leaving)
     if len(study.objectives) == 1:
-        for start in _starts(log, _STARTS):
+        for number, start in enumerate(_starts(log, _STARTS)):
             _descend(log, start)
+            if number == 0 and not study.is_traced:
+                # A constraint of counts, such as false alarms of SPADs, goes in steps: slopes lead nowhere there.
+                _cobyqa(log, *_starts(log, 1))
     else:
         _follow_front(log)
     return f"{log.remaining} of {study.evaluations} evaluations were left: no step from a best design gave a better one"
@@ -373,6 +378,11 @@ def _sobol(dimensions: int, count: int, seed: int) -> Numbers:
     return np.asarray(qmc.Sobol(dimensions, rng=np.random.default_rng(seed)).random_base2(power)[:count])
 
 
+def probes(keys: int) -> Numbers:
+    """(n, keys) shares of a few designs: both ends of all keys, and some between."""
+    return np.concatenate([np.zeros((1, keys)), np.ones((1, keys)), _sobol(keys, 6, 0)])
+
+
 def _violations(study: StudyFile, design: Design | None) -> Numbers:
     """(bounds,) excess over each bound less `INSIDE`, over its size; inf for a design that cannot be."""
     count = sum((entry.at_least is not None) + (entry.at_most is not None) for entry in study.constraints.values())
@@ -416,6 +426,10 @@ class _NoneRemain(Exception):
     """The allowed number of evaluations is used up."""
 
 
+class _NoProgress(Exception):
+    """A step of a library has led to nothing better for `_PATIENCE` new designs."""
+
+
 def _evaluated(log: Log, shares: Numbers) -> Design:
     answer = log.ask(shares)[0]
     if answer is None:
@@ -438,8 +452,17 @@ def _slsqp(log: Log, start: Numbers, *, ftol: float, objective: int = 0, allowed
     present = losses(study, _evaluated(log, start))
     size = np.where(np.isfinite(present) & (present != 0.0), np.abs(present), 1.0)
 
+    best, since = _rank(study, _evaluated(log, start), objective, allowed), len(log.designs)
+
     def design_at(shares: Numbers) -> Design:
-        return _evaluated(log, _moved(start, free, shares))
+        # Where a quantity goes in steps, SLSQP halves its step until nothing of it is left.
+        nonlocal best, since
+        design = _evaluated(log, _moved(start, free, shares))
+        if (rank := _rank(study, design, objective, allowed)) < best:
+            best, since = rank, len(log.designs)
+        if len(log.designs) - since > _PATIENCE:
+            raise _NoProgress
+        return design
 
     def loss(shares: Numbers) -> float:
         return float(losses(study, design_at(shares))[objective] / size[objective])
@@ -465,15 +488,16 @@ def _slsqp(log: Log, start: Numbers, *, ftol: float, objective: int = 0, allowed
             of_slacks = np.zeros((1, len(free)))
         return of_losses, of_slacks if allowed is None else np.concatenate([of_slacks, -of_losses[1:]])
 
-    minimize(
-        loss,
-        start[free],
-        method="SLSQP",
-        jac=lambda shares: slopes_at(shares.tobytes())[0][objective],
-        bounds=[(0.0, 1.0)] * len(free),
-        constraints=[{"type": "ineq", "fun": bounded, "jac": lambda shares: slopes_at(shares.tobytes())[1]}],
-        options={"ftol": ftol, "maxiter": 100},
-    )
+    with contextlib.suppress(_NoProgress):
+        minimize(
+            loss,
+            start[free],
+            method="SLSQP",
+            jac=lambda shares: slopes_at(shares.tobytes())[0][objective],
+            bounds=[(0.0, 1.0)] * len(free),
+            constraints=[{"type": "ineq", "fun": bounded, "jac": lambda shares: slopes_at(shares.tobytes())[1]}],
+            options={"ftol": ftol, "maxiter": 100},
+        )
 
 
 def _cobyqa(log: Log, start: Numbers) -> None:
