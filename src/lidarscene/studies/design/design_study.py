@@ -174,7 +174,8 @@ def _report(
     shown |= {name: designs_of_choice[knee(study, designs_of_choice)] for name, designs_of_choice in fronts.items()}
     safety = _eye_safety(evaluator, chosen)
     report.add_paragraph(_verdict(study, designs, best, chosen))
-    report.add_table(*_designs_table(study, evaluator.space, shown))
+    intervals = {words: _intervals(evaluator, design) for words, design in shown.items()}
+    report.add_table(*_designs_table(study, evaluator.space, shown, intervals))
     if fronts:
         report.add_paragraph(_choices_text(fronts, best))
     if study.constraints:
@@ -187,8 +188,15 @@ def _report(
     report.add_heading("Front" if len(study.objectives) > 1 else "Search")
     for figure in _figures(study, designs, fronts or {"front": best}, chosen):
         report.add_figure(figure)
+    of_front = [_intervals(evaluator, design) for design in best]
+    ranged = [name for name in evaluator.entries if any(name in ends for ends in of_front)]
     header = [*study.objectives, *study.constraints, *(free.key for free in evaluator.space.free)]
-    report.main_table = (header, [_row(study, evaluator.space, design) for design in best])
+    header += [f"{name} {end}" for name in ranged for end in ("low", "high")]
+    rows = [
+        [*_row(study, evaluator.space, design), *(end for name in ranged for end in ends.get(name, ("", "")))]
+        for design, ends in zip(best, of_front, strict=True)
+    ]
+    report.main_table = (header, rows)
     report.add_data("front", report.main_table)
     if study.is_traced:
         report.add_heading("Clouds")
@@ -202,7 +210,7 @@ def _report(
         "evaluations": len(designs),
         "ending": ending,
         "impossible": sum(bool(design.reason) for design in designs),
-        "chosen": _numbers(chosen),
+        "chosen": _numbers(chosen) | {"intervals": intervals["chosen"]},
         "verdict": _verdict(study, designs, best, chosen),
         "limits": _limits_numbers(limits["chosen"]),
         "at_an_end": list(ends),
@@ -286,7 +294,7 @@ def _costs_table(
 
 
 def _designs_table(
-    study: StudyFile, space: DesignSpace, shown: Mapping[str, Design]
+    study: StudyFile, space: DesignSpace, shown: Mapping[str, Design], intervals: Mapping[str, Intervals]
 ) -> tuple[Sequence[str], list[list[str]]]:
     header = ["", *shown]
     rows = [[key, *(_short(design.values.get(key, "-")) for design in shown.values())] for key in _keys(space)]
@@ -294,7 +302,25 @@ def _designs_table(
         cells = [_short(design.quantities[name]) for design in shown.values()]
         of = "" if name == entry.quantity_name else f" ({entry.quantity_name})"
         rows.append([" ".join(filter(None, [f"{name}{of}", _unit(entry)])), *cells])
+        ends = [intervals[words].get(name) for words in shown]
+        if any(ends):
+            texts = ["-" if end is None else f"{_short(end[0])} to {_short(end[1])}" for end in ends]
+            rows.append([f"{name} over the stated uncertainties, {_unit(entry)}", *texts])
     return header, rows
+
+
+Intervals = Mapping[str, tuple[float, float]]
+"""Ends of each range by the name of its objective or constraint."""
+
+
+def _intervals(evaluator: Evaluator, design: Design) -> Intervals:
+    """Intervals of the ranges of a design that the uncertainties of its sensor files give."""
+    ends = {
+        name: evaluator.range_interval_m(entry, design.values)
+        for name, entry in evaluator.entries.items()
+        if entry.quantity_name == "range"
+    }
+    return {name: interval for name, interval in ends.items() if interval is not None}
 
 
 def _unit(entry: QuantityFile) -> str:

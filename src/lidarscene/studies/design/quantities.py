@@ -12,6 +12,7 @@ import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from statistics import NormalDist
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from ...errors import InputError, did_you_mean
 from ...files.overrides import get_entry, key_path, number_list_entries, with_overrides
 from ...maths.arrays import Numbers
 from ...maths.pose import Pose
+from ...maths.units import key_in_si
 from ...physics.optics.pulse import pulse_energy_j
 from ...sensor.sensor_model import Sensor
 from .. import published_values
@@ -27,8 +29,9 @@ from ..eye_safety.exposure import stationary_train
 from ..eye_safety.eye_safety_report import EyeSafetyReport, eye_safety_report, not_known
 from ..field_of_view.pattern_coverage import cell_maps, field_cells, fired_pulses
 from ..field_of_view.sphere_cells import SphereCells
-from ..ranging import plane, statistics
+from ..ranging import equal_terms, plane, statistics
 from ..ranging.curves import with_haze
+from ..ranging.sensitivities import parameters
 from ..ranging.sweep_axes import numeric_keys
 from .designs import TURNS, Chosen, DesignSpace, Values, entry_number, has_number, list_under
 from .study_file import CLOSED_FORM, QUANTITIES, TRACED, QuantityFile, StudyFile
@@ -65,6 +68,9 @@ class Evaluator:
         """
         self.study, self.space = study, space
         self.entries = {**study.objectives, **study.constraints}
+        self._tolerances = {
+            name: half * factor for key, half in study.tolerance.items() for name, factor in [key_in_si(key)]
+        }
         self._reports: dict[Any, EyeSafetyReport] = {}
         try:
             self._bench = _bench(study, folder) if study.is_traced else None
@@ -79,6 +85,8 @@ class Evaluator:
             if quantity in TRACED:
                 assert self._bench is not None
                 bodies_of_class(self._bench.scene, entry.class_name, f"{where}: {name}")
+            if quantity == "range_of_units":
+                self._check_tolerances(entry, where)
             if quantity in QUANTITIES:
                 continue
             for base in self.space.bases[entry.sensor or next(iter(self.space.bases))]:
@@ -86,6 +94,27 @@ class Evaluator:
                     hint = did_you_mean(quantity, [*QUANTITIES, *numeric_keys(base.tables)])
                     message = f"{where}: {name}: must be of a quantity or a number of {base.name}, got '{quantity}'"
                     raise InputError(f"{message}; {hint}".rstrip("; "))
+
+    def _check_tolerances(self, entry: QuantityFile, where: str) -> None:
+        for base in self.space.bases[self.label_of(entry)]:
+            if base.tables is None:
+                continue
+            sensor = Chosen(base=base, changes={}).sensor()
+            known = parameters(sensor, target_of(sensor, entry))
+            for key in self.study.tolerance:
+                if key_in_si(key)[0] not in known:
+                    hint = did_you_mean(key, list(numeric_keys(base.tables)))
+                    message = f"{where}: tolerance.{key}: must be a number that the range of {base.name} depends on"
+                    raise InputError(f"{message}; {hint}".rstrip("; "))
+
+    def range_interval_m(self, entry: QuantityFile, values: Values) -> tuple[float, float] | None:
+        """Ends of the range of a design that the uncertainties of its sensor file give; None without any."""
+        sensor = self.space.sensors(values).get(self.label_of(entry))
+        if sensor is None:
+            return None
+        target = target_of(sensor, entry)
+        range_m = plane.range_at_probability_m(sensor, target, entry.probability)
+        return equal_terms.range_interval_m(sensor, target, range_m, probability=entry.probability)
 
     def __call__(self, values: Values, names: Collection[str] | None = None) -> dict[str, float]:
         """Objectives and constraints of a design by name; of these names only, if given.
@@ -125,6 +154,10 @@ class Evaluator:
             return self.eye_safety(sensor, entry.motion).margin
         if quantity == "class_1":
             return self._class_1(sensor, entry.motion)
+        if quantity == "range_of_units":
+            return range_of_units_m(
+                sensor, target_of(sensor, entry), self._tolerances, units=entry.units, probability=entry.probability
+            )
         if quantity in CLOSED_FORM:
             return _FORMULAS[quantity](sensor, entry)
         return float(_value(chosen[label], quantity))
@@ -269,6 +302,21 @@ def target_of(sensor: Sensor, entry: QuantityFile) -> plane.Target:
     """Plane target of a quantity; the extinction of its air depends on the sensor's wavelength."""
     conditions = entry.conditions()
     return with_haze(sensor, conditions.target(), conditions.visibility_m)
+
+
+def range_of_units_m(
+    sensor: Sensor, target: plane.Target, tolerances: Mapping[str, float], *, units: float, probability: float
+) -> float:
+    """Range that a share of built units reach: R - z sigma_R, for independent normal numbers (T223).
+
+    Args:
+        tolerances: half of the interval of 95 % of the units by dotted name, in SI units
+        units: share of them, z its normal quantile
+    """
+    range_m = plane.range_at_probability_m(sensor, target, probability)
+    moves = equal_terms.range_moves_m(sensor, target, range_m, tolerances, probability=probability)
+    sigma_m = math.hypot(*(0.5 * (moves[:, 1] - moves[:, 0]))) / NormalDist().inv_cdf(0.975)
+    return max(range_m - NormalDist().inv_cdf(units) * sigma_m, 0.0)
 
 
 def _scatter_mm(sensor: Sensor, entry: QuantityFile) -> float:

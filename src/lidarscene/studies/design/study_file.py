@@ -19,6 +19,7 @@ MOST_EVALUATIONS = 1_000_000
 
 CLOSED_FORM = {
     "range": "farthest at which a plane is detected with `probability`, at most the converter's window",
+    "range_of_units": "range that the share `units` of built ones reach, by the study's `[tolerance]`",
     "detection_probability": "P_d of a plane at `distance`",
     "snr": "signal-to-noise ratio of a plane at `distance`",
     "scatter_mm": "standard deviation of the reported range of a plane at `distance`, from 20,000 simulated shots",
@@ -45,6 +46,7 @@ OF_ALL_SENSORS = {*TRACED, "cost"}
 """Quantities of a design as a whole."""
 UNITS = {
     "range": "m",
+    "range_of_units": "m",
     "scatter_mm": "mm",
     "mean_power_mw": "mW",
     "aperture_area_mm2": "mm²",
@@ -99,6 +101,7 @@ class QuantityFile(FileModel):
 
     sensor: str | None = Field(default=None, description="label, of a study with several sensors")
     probability: Annotated[float, Field(gt=0, lt=1)] = Field(default=0.9, description="P_d at the range")
+    units: Annotated[float, Field(ge=0.5, lt=1)] = Field(default=0.95, description="share of the built units")
     distance: float = Field(default=100.0, description="of the plane, m")
     illuminance: float = Field(default=100.0, description="of the sun, klux")
     sun_angle: float = Field(default=60.0, description="between sun and normal of the plane, degrees")
@@ -135,6 +138,7 @@ _CONDITIONS = ("distance", "illuminance", "sun_angle", "reflectivity", "incidenc
 _PLANE = {key for key in _CONDITIONS if key != "distance"}
 _USED = {
     "range": _PLANE | {"probability"},
+    "range_of_units": _PLANE | {"probability", "units"},
     "detection_probability": _PLANE | {"distance"},
     "snr": _PLANE | {"distance"},
     "scatter_mm": _PLANE | {"distance"},
@@ -272,6 +276,9 @@ class StudyFile(FileModel):
     eye_safety: Literal["class 1", "off"] = Field(
         default="class 1", description="constraint of each sensor, the beam scanning, unless one on its margin is given"
     )
+    tolerance: dict[str, Annotated[float, Field(gt=0)]] = Field(
+        default={}, description="by key of the sensor file, in its unit: 95 % of built units are within it, either way"
+    )
     cost: dict[str, Annotated[tuple[tuple[float | str, float], ...], Field(min_length=1)]] = Field(
         default={},
         description='by key of the sensor file, or "sensor": pairs of value and cost, in a unit of your own; between '
@@ -334,10 +341,12 @@ class StudyFile(FileModel):
         if entry.quantity_name in TRACED:
             if self.scene is None:
                 raise ValueError(f"{where}: {entry.quantity_name} must go with a scene")
-        elif entry.quantity_name == "cost":
-            if not self.cost:
-                raise ValueError(f"{where}: cost must go with [cost]")
-        elif len(self.placed) > 1 and entry.sensor not in self.placed:
+        elif entry.quantity_name == "cost" and not self.cost:
+            raise ValueError(f"{where}: cost must go with [cost]")
+        elif entry.quantity_name == "range_of_units" and not self.tolerance:
+            raise ValueError(f"{where}: range_of_units must go with [tolerance]")
+        needs_label = entry.quantity_name not in OF_ALL_SENSORS and len(self.placed) > 1
+        if needs_label and entry.sensor not in self.placed:
             raise ValueError(f"{where}.sensor: must be one of {', '.join(self.placed)}, got {entry.sensor or 'none'}")
 
     @property
