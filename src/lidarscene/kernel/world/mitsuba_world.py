@@ -4,7 +4,7 @@ Three measurements decide its form. Every shape costs time on each call and tria
 take a hundred times as long as in one mesh), so all parts of one material become one mesh. Mitsuba's identities of
 shapes are no indices and differ between back ends, so the triangle's number is the identity, and tables say which body,
 class and material it belongs to. Moving a shape makes Embree rebuild everything (0.5 s beside a mesh of 330,000
-triangles), so each moving body is a Mitsuba scene in its own frame that is never rebuilt (`rays.meeting`).
+triangles), so all bodies that move are in a Mitsuba scene in which they stand still (`mover_scene`, `rays.meeting`).
 
 Symbols: b bodies, f faces (triangles, or a whole sphere) over all shapes, in the order in which shapes were added.
 """
@@ -20,29 +20,28 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError, OptionWarning, warn
-from ...maths.arrays import Array, Mask, Numbers, retire_with
+from ...maths.arrays import Mask, Numbers, retire_with
 from ...maths.motion_table import NOWHERE, MotionTable, MovingBodies, Placement
 from ...maths.pose import Pose
 from ...maths.trajectory import CLOCK_ROUNDING_S, Course, Motion
 from ...scene.scene import Ball, Body, Part, Scene, box_of
 from ..device import transfer
-from ..device.backend import is_cuda, mitsuba
+from ..device.backend import mitsuba
 from ..device.choice import ask_one
 from ..device.gate import exclusive, retire
-from ..device.types import Bsdf, Interaction, TracedScene
+from ..device.types import Bsdf, Interaction
 from . import merged_meshes, mitsuba_xml
 from .bsdfs import ATTRIBUTE, bsdf_dict, make_bsdf, reflectivities, texture, texture_key
 from .faces import FaceTables, PlacedShape
+from .mover_scene import MoverScene, mitsuba_scene, side_by_side
 from .speculars import Speculars, lets_through
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Mover:
-    """A body that moves. Bodies with the same parts share their Mitsuba scenes, and follow each other.
+    """A body that moves. Bodies with the same parts share their shapes, and follow each other.
 
     Attributes:
-        scene: Mitsuba scene of its surfaces other than panes, in the body's frame; None if there are none
-        panes: Mitsuba scene of its panes and porous surfaces; None if there are none
         box_m: (2, 3) float64, numpy; lowest and highest corner of a box around it, in its frame
         face_shift: what to add to a face number of the shared scene to get this body's
         number: of the body among the scene's bodies
@@ -50,8 +49,6 @@ class Mover:
         others: numbers and bodies of the same shape and class that take its place in frames that do not show it
     """
 
-    scene: Any
-    panes: Any
     box_m: Numbers
     face_shift: int
     number: int
@@ -72,46 +69,6 @@ class Mover:
         return self.body.motion
 
 
-_FEWEST_SCENES = 4
-"""Fewest scenes among which a kernel chooses, if there are several."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class MoverScenes:
-    """Mitsuba scenes that movers share, as rays ask them in one kernel.
-
-    Attributes:
-        scenes: each once, and the last as often as makes a power of two
-        index: (movers,) Int32 on the device, which of them each mover has; -1 where it has none of them
-    """
-
-    scenes: tuple[TracedScene, ...]
-    index: Any
-
-    @classmethod
-    def of_movers(cls, shared: Sequence[TracedScene | None]) -> tuple[MoverScenes, ...]:
-        """Build from the scene of each mover, None if it has none; one for each kernel that is needed."""
-        scenes = {id(scene): scene for scene in shared if scene is not None}
-        # On a GPU a kernel asks one scene only (`transfer.split_kernel`).
-        kernels = [[key] for key in scenes] if is_cuda() else [[*scenes]] if scenes else []
-        built = []
-        for kernel in kernels:
-            places = {key: place for place, key in enumerate(kernel)}
-            index = transfer.whole_numbers([places.get(id(scene), -1) for scene in shared])
-            # A kernel with several such choices has their number in it: up to the next power of two the last fills up.
-            count = len(kernel) if len(kernel) == 1 else max(_FEWEST_SCENES, 1 << (len(kernel) - 1).bit_length())
-            kernel += kernel[-1:] * (count - len(kernel))
-            built.append(cls(scenes=tuple(scenes[key] for key in kernel), index=index))
-        return tuple(built)
-
-    def of_mover(self, mover_index: Array, active: Mask) -> tuple[Any, Any]:
-        """Return the number of the scene of each ray's mover, and whether it has one; False for inactive rays."""
-        import drjit as dr
-
-        number = dr.gather(mitsuba().Int32, self.index, mitsuba().UInt32(mover_index), active)
-        return number, active & (number >= 0)
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, weakref_slot=True)
 class World:
     """Mitsuba scenes that the kernel traces, and the tables that identify a triangle. Device arrays unless stated.
@@ -121,8 +78,8 @@ class World:
             Vertices are relative to ``centre_m``
         panes: Mitsuba scene of panes and porous surfaces that stand still; None if there are none
         movers: what moves
-        mover_scenes: their scenes without panes and porous surfaces
-        mover_panes: their scenes of these
+        mover_scene: Mitsuba scene of all of them, without panes and porous surfaces; None if there is nothing
+        mover_panes: likewise of these
         resting: where that is at time 0, numbers on the device; None if nothing moves
         mover_shift: (movers,) UInt32, their `Mover.face_shift`; None if nothing moves
         centre_m: (3,) float64, numpy; subtracted from every coordinate before it became single precision
@@ -146,8 +103,8 @@ class World:
     scene: Any
     panes: Any
     movers: tuple[Mover, ...]
-    mover_scenes: tuple[MoverScenes, ...]
-    mover_panes: tuple[MoverScenes, ...]
+    mover_scene: MoverScene | None
+    mover_panes: MoverScene | None
     resting: MovingBodies | None
     mover_shift: Any
     centre_m: Numbers
@@ -170,7 +127,7 @@ class World:
 
     def __post_init__(self) -> None:
         """Keep the Mitsuba scenes, should this go while another thread traces, until that is done."""
-        things = self.scene, self.panes, self.mover_scenes, self.mover_panes, self.speculars, self.bsdfs
+        things = self.scene, self.panes, self.mover_scene, self.mover_panes, self.speculars, self.bsdfs
         retire_with(self, *things, then=retire)
 
     def ask_bsdf(self, ask: Callable[..., object], surface: Interaction, *arguments: object, active: Mask) -> Any:
@@ -213,10 +170,15 @@ class World:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _BodiesOfOneShape:
-    """Moving bodies with the same parts: their indices, and their shapes, whose faces are those of the first body."""
+    """Moving bodies with the same parts: their indices, and their shapes, whose faces are those of the first body.
+
+    Attributes:
+        offset_m: (3,) where the origin of their frame is in the scene of all movers
+    """
 
     bodies: tuple[int, ...]
     shapes: list[PlacedShape]
+    offset_m: Numbers
 
 
 @exclusive
@@ -267,29 +229,35 @@ def build_world(
         faces.material_names.update({name: number for number, name in enumerate(scene.materials)})
     faces.add(shapes)
     movers: list[Mover] = []
-    for group in moving:
-        traced, panes = _mitsuba_scenes(group.shapes, see_through)
-        # A hit on the shared scene has a face number of the first body. Each further body has the same faces once more
+    group_of: list[int] = []
+    for number, group in enumerate(moving):
+        # A hit on the shared shapes has a face number of the first body. Each further body has the same faces once more
         # in the tables, a constant number of rows later: that number is its shift.
         # Bodies that hide take turns: those of which no two are ever shown at a time share such rows, and a place among
         # the movers. So the tables are as long as the most bodies that are there at a time need.
         turns = _turns(scene.bodies, group.bodies) if takes_turns else [[index] for index in group.bodies]
         starts = [faces.add(group.shapes, body=turn[0]) for turn in turns]
+        group_of += [number] * len(turns)
         for turn, start in zip(turns, starts, strict=True):
-            mover = _mover(traced, panes, scene.bodies, number=turn[0], face_shift=start - starts[0])
+            mover = _mover(scene.bodies, number=turn[0], face_shift=start - starts[0])
             movers.append(replace(mover, others=tuple((index, scene.bodies[index]) for index in turn[1:])))
     class_names = tuple(dict.fromkeys(class_of))
     class_numbers = np.array([class_names.index(name) for name in class_of], dtype=np.int32)
-    standing, panes = _mitsuba_scenes(shapes, see_through)
+    solid, panes = _panes_apart(shapes, see_through)
+    moving_apart = [_panes_apart(group.shapes, see_through) for group in moving]
+    mover_scene, mover_panes = (
+        MoverScene.of_shapes(part, offsets_m=np.array([group.offset_m for group in moving]), of_mover=group_of)
+        for part in ([solid for solid, _ in moving_apart], [panes for _, panes in moving_apart])
+    )
     return World(
-        scene=standing,
-        panes=panes,
+        scene=mitsuba_scene(solid),
+        panes=mitsuba_scene(panes),
         see_through=see_through,
         scene_of=scene,
         movers=tuple(movers),
-        mover_scenes=MoverScenes.of_movers([mover.scene for mover in movers]),
-        mover_panes=MoverScenes.of_movers([mover.panes for mover in movers]),
-        resting=_resting_movers(movers, centre),
+        mover_scene=mover_scene,
+        mover_panes=mover_panes,
+        resting=placed_movers(movers, [mover.body.pose for mover in movers], centre_m=centre) if movers else None,
         mover_shift=transfer.unsigned_numbers(np.array([mover.face_shift for mover in movers])) if movers else None,
         centre_m=centre,
         body_class=mitsuba().Int32(class_numbers),
@@ -370,19 +338,22 @@ def _mesh_keys(body: Body) -> list[tuple[str, Hashable]]:
 def _moving_groups(
     bodies: Sequence[Body], resolved: dict[str, dict[str, object]], bsdfs: dict[str, object]
 ) -> list[_BodiesOfOneShape]:
-    """Group the bodies that move by their parts, and build the shapes of each group in the body's frame."""
+    """Group the bodies that move by their parts, and build the shapes of each group in its cell."""
     # By identity: the copies of one body of a scene file share their tuple of parts.
     sharing: dict[int, list[int]] = {}
     for index, body in enumerate(bodies):
         if body.motion is not None:
             sharing.setdefault(id(body.parts), []).append(index)
+    boxes = [(box_of(bodies[indices[0]].parts), indices) for indices in sharing.values()]
+    solid = [(box_m, indices) for box_m, indices in boxes if box_m is not None]
+    offsets_m = side_by_side(np.array([box_m for box_m, _ in solid]))
     moving = []
-    for indices in sharing.values():
+    for (_, indices), offset_m in zip(solid, offsets_m, strict=True):
         first = bodies[indices[0]]
         at_origin = Body(name=first.name, class_name=first.class_name, parts=first.parts)
-        shapes = _loaded_shapes({indices[0]: at_origin}, np.zeros(3), resolved, bsdfs)
+        shapes = _loaded_shapes({indices[0]: at_origin}, -offset_m, resolved, bsdfs)
         if shapes:
-            moving.append(_BodiesOfOneShape(tuple(indices), shapes))
+            moving.append(_BodiesOfOneShape(tuple(indices), shapes, offset_m))
     return moving
 
 
@@ -454,35 +425,17 @@ def _ball_shape(
     return PlacedShape(shape, np.array([index], np.int32), ball.material, values)
 
 
-def _mitsuba_scenes(shapes: Sequence[PlacedShape], see_through: bool) -> tuple[Any, Any]:
-    """Return two Mitsuba scenes: of everything but panes and porous surfaces, and of these; None if empty.
-
-    Without ``see_through`` all shapes are in the first one.
-    """
+def _panes_apart(shapes: Sequence[PlacedShape], see_through: bool) -> tuple[list[PlacedShape], list[PlacedShape]]:
+    """Return all but the panes and porous surfaces, and these; without ``see_through`` all are among the first."""
     panes = [shape for shape in shapes if see_through and lets_through(shape.shape.bsdf())]
-    solid = [shape for shape in shapes if shape not in panes]
-    return _mitsuba_scene(solid), _mitsuba_scene(panes)
+    return [shape for shape in shapes if shape not in panes], panes
 
 
-def _mitsuba_scene(shapes: Sequence[PlacedShape]) -> Any:
-    if not shapes:
-        return None
-    # Without robust intersections a ray that meets a shared edge exactly may pass between its triangles. They
-    # cost 8 % of the tracing and build three times as fast (measured on street.toml). A shape group is the other way to
-    # a fast build, and would lose the setting.
-    # optimize=False: Mitsuba would merge meshes of equal materials, and the number of a triangle would not be ours.
-    settings = {"type": "scene", "embree_use_robust_intersections": True}
-    children = {f"shape_{i}": shape.shape for i, shape in enumerate(shapes)}
-    return mitsuba().load_dict(settings | children, optimize=False)
-
-
-def _mover(
-    scene: TracedScene | None, panes: TracedScene | None, bodies: Sequence[Body], *, number: int, face_shift: int
-) -> Mover:
+def _mover(bodies: Sequence[Body], *, number: int, face_shift: int) -> Mover:
     body = bodies[number]
     box_m = box_of(body.parts)
     assert box_m is not None  # it has shapes
-    return Mover(scene=scene, panes=panes, box_m=box_m, face_shift=face_shift, number=number, body=body)
+    return Mover(box_m=box_m, face_shift=face_shift, number=number, body=body)
 
 
 def motions_on_device(motions: MotionTable) -> MotionTable:
@@ -504,13 +457,13 @@ def mover_boxes(movers: Sequence[Mover], start_s: float) -> Numbers | None:
     return np.stack([mover.box_m if mover.body.is_present(start_s) else NOWHERE for mover in movers])
 
 
-def _resting_movers(movers: Sequence[Mover], centre_m: Numbers) -> MovingBodies | None:
-    """Return the movers at the poses of their bodies; None if nothing moves."""
-    if not movers:
-        return None
-    stay = [Course(), *(Course(start=mover.body.pose) for mover in movers)]
+def placed_movers(
+    movers: Sequence[Mover], poses: Sequence[Pose], *, centre_m: Numbers, time_s: float = 0.0
+) -> MovingBodies:
+    """Return movers that stand at these poses; those that are not there at this time have boxes that no ray passes."""
+    stay = [Course(), *(Course(start=pose) for pose in poses)]
     motions = MotionTable.from_motions(
-        stay, start_s=0.0, length_s=1.0, centre_m=centre_m, carried_m=mover_boxes(movers, 0.0)
+        stay, start_s=0.0, length_s=1.0, centre_m=centre_m, carried_m=mover_boxes(movers, time_s)
     )
     return MovingBodies(motions=motions_on_device(motions), time_s=transfer.opaque(0.0))
 
