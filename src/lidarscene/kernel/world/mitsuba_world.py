@@ -26,7 +26,7 @@ from ...maths.pose import Pose
 from ...maths.trajectory import CLOCK_ROUNDING_S, Course, Motion
 from ...scene.scene import Ball, Body, Part, Scene, box_of
 from ..device import transfer
-from ..device.backend import mitsuba
+from ..device.backend import mitsuba, require_scene_trial
 from ..device.choice import ask_one
 from ..device.gate import exclusive, retire
 from ..device.types import Bsdf, Interaction
@@ -203,6 +203,8 @@ def build_world(
     Raises:
         InputError: if a material has no data at the wavelength, or if there is nothing to trace
     """
+    if scene.base is not None:
+        require_scene_trial(scene)
     # In double precision, before anything becomes float32: at 5,000 km, a UTM northing, float32 is good to 4 m.
     centre = np.zeros(3) if centre_m is None or scene.base else np.asarray(centre_m, dtype=np.float64)
     resolved = {name: material.at(wavelength_m) for name, material in scene.materials.items()}
