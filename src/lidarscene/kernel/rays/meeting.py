@@ -42,8 +42,8 @@ class Meeting:
         local_ray: the ray in that frame
         to_sun: unit vector towards the sun in that frame
         offset: where the origin of that frame is in the scene asked; None in a world in which nothing moves
-        shift: number to add to the face number: bodies of one shape share a mesh, but each has rows of its own in the
-            tables of faces
+        row: of what is met in the tables of bodies and materials: bodies that move share faces, but have rows of their
+            own there
         placement: of the body that is met, where ``is_mover``; None in a world in which nothing moves
         is_mover: whether the body that is met moves
     """
@@ -54,7 +54,7 @@ class Meeting:
     local_ray: Any
     to_sun: Any
     offset: Any
-    shift: Any
+    row: Any
     placement: Placement | None
     is_mover: Any
 
@@ -168,53 +168,56 @@ class Moment:
             )
         self._split_kernels(first, mover_index)
         valid = first.is_valid() if active is True else first.is_valid() & active
-        local_ray, to_sun, offset, shift, placement = self._in_mover_frame(ray, mover_index, movers)
+        shape = dr.reinterpret_array(mi.UInt32, first.shape)
+        face = dr.gather(mi.UInt32, self.world.first_face, shape, valid) + first.prim_index
+        local_ray, to_sun, offset, row, placement = self._in_mover_frame(ray, mover_index, movers, shape, face)
         return Meeting(
             valid=valid,
             t=first.t,
-            surface=self._surface(first, local_ray, valid, offset),
+            surface=self._surface(first, face, local_ray, valid, offset),
             local_ray=local_ray,
             to_sun=to_sun,
             offset=offset,
-            shift=shift,
+            row=row,
             placement=placement,
             is_mover=mover_index >= 0,
         )
 
     def _in_mover_frame(
-        self, ray: Ray, mover_index: Array, movers: MoverScene | None
+        self, ray: Ray, mover_index: Array, movers: MoverScene | None, shape: Array, face: Array
     ) -> tuple[Any, Any, Any, Any, Placement | None]:
-        """Return each ray in the frame of the mover it met; in that frame the sun; offset, shift and placement.
+        """Return each ray in the frame of the mover it met; in that frame the sun; offset, row and placement.
 
         Args:
             mover_index: -1 for what stands still
             movers: scene in which the mover was met
+            shape: number in Mitsuba's registry of what was met
+            face: number of its face, which is the row of what stands still
         """
         import drjit as dr
 
         mi = mitsuba()
-        to_sun, shift, offset = mi.Vector3f(*self.sun), mi.UInt32(0), mi.Vector3f(0.0)
+        to_sun, offset = mi.Vector3f(*self.sun), mi.Vector3f(0.0)
         if self.moving is None:
-            return ray, to_sun, None, shift, None
+            return ray, to_sun, None, face, None
         numbers = [mi.Float(0.0) for _ in range(_NUMBERS)]
         if movers is None:
-            return ray, to_sun, offset, shift, _placement_of_numbers(numbers)
-        moving = self.moving
+            return ray, to_sun, offset, face, _placement_of_numbers(numbers)
+        moving, world = self.moving, self.world
 
         # A loop of one round at most: packets of rays that met nothing that moves have no part in it.
         def into_frame(todo: Array, *_: object) -> tuple[Any, ...]:
             place = moving.placement(mover_index)
             carried = _ray_in_frame(ray, place)
-            face_shift = dr.gather(mi.UInt32, self.world.mover_shift, mi.UInt32(mover_index), todo)
+            row = dr.gather(mi.UInt32, world.mover_rows, mi.UInt32(mover_index), todo)
+            row += dr.gather(mi.UInt32, world.mover_shape, shape, todo)
             towards = mi.Vector3f(*place.vector_within(self.sun))
             offset = movers.offset(mover_index, todo)
-            return mi.Bool(False), carried.o, carried.d, towards, offset, face_shift, _placement_numbers(place)
+            return mi.Bool(False), carried.o, carried.d, towards, offset, row, _placement_numbers(place)
 
-        state = mover_index >= 0, ray.o, ray.d, to_sun, offset, shift, numbers
-        _, o, d, to_sun, offset, shift, numbers = dr.while_loop(
-            state, lambda todo, *_: todo, into_frame, mode="symbolic"
-        )
-        return _make_ray(o, d, ray.maxt), to_sun, offset, shift, _placement_of_numbers(numbers)
+        state = mover_index >= 0, ray.o, ray.d, to_sun, offset, face, numbers
+        _, o, d, to_sun, offset, row, numbers = dr.while_loop(state, lambda todo, *_: todo, into_frame, mode="symbolic")
+        return _make_ray(o, d, ray.maxt), to_sun, offset, row, _placement_of_numbers(numbers)
 
     def _ask_nearby(
         self,
@@ -269,7 +272,7 @@ class Moment:
         nearer = asked & hit.is_valid() & ((hit.t < first.t) | tied)
         return dr.select(nearer, hit, first), dr.select(nearer, candidate, mover_index)
 
-    def _surface(self, first: Hit, local_ray: Ray, valid: Mask, offset: DeviceVector | None) -> Any:
+    def _surface(self, first: Hit, face: Array, local_ray: Ray, valid: Mask, offset: DeviceVector | None) -> Any:
         """Return `Meeting.surface` at a hit, with the fields that our BSDFs read."""
         import drjit as dr
 
@@ -281,8 +284,6 @@ class Moment:
             return first.compute_surface_interaction(in_scene, mi.RayFlags.All, valid)
         # Plain meshes are flat and look the same all over: point, normal and incoming direction are all that their
         # BSDFs read. Mitsuba's own interaction is ready for textures and smooth normals, and takes twice as long.
-        shape = dr.reinterpret_array(mi.UInt32, first.shape)
-        face = dr.gather(mi.UInt32, self.world.first_face, shape, valid) + first.prim_index
         # The table has four numbers a face: Dr.Jit gathers four neighbours in one load, three in three.
         normal = mi.Normal3f(*dr.gather(mi.Vector4f, self.world.face_normal, face, valid)[:3])
         surface = dr.zeros(mi.SurfaceInteraction3f)

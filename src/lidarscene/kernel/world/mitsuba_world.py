@@ -6,7 +6,8 @@ shapes are no indices and differ between back ends, so the triangle's number is 
 class and material it belongs to. Moving a shape makes Embree rebuild everything (0.5 s beside a mesh of 330,000
 triangles), so all bodies that move are in a Mitsuba scene in which they stand still (`mover_scene`, `rays.meeting`).
 
-Symbols: b bodies, f faces (triangles, or a whole sphere) over all shapes, in the order in which shapes were added.
+Symbols: b bodies, f faces (triangles, or a whole sphere) over all shapes, in the order in which shapes were added, m
+movers, s their shapes.
 """
 
 from __future__ import annotations
@@ -43,14 +44,12 @@ class Mover:
 
     Attributes:
         box_m: (2, 3) float64, numpy; lowest and highest corner of a box around it, in its frame
-        face_shift: what to add to a face number of the shared scene to get this body's
         number: of the body among the scene's bodies
         body: the body, with its motion
         others: numbers and bodies of the same shape and class that take its place in frames that do not show it
     """
 
     box_m: Numbers
-    face_shift: int
     number: int
     body: Body
     others: tuple[tuple[int, Body], ...] = ()
@@ -81,18 +80,20 @@ class World:
         mover_scene: Mitsuba scene of all of them, without panes and porous surfaces; None if there is nothing
         mover_panes: likewise of these
         resting: where that is at time 0, numbers on the device; None if nothing moves
-        mover_shift: (movers,) UInt32, their `Mover.face_shift`; None if nothing moves
+        mover_rows: (movers,) UInt32, the first of the rows of each in `face_body` and `face_material`, one for each
+            shape; None if nothing moves
         centre_m: (3,) float64, numpy; subtracted from every coordinate before it became single precision
         bsdfs: Mitsuba BSDFs of all its surfaces, each once
         first_face: by the registry number of a shape: number of its first face; index into ``bsdfs``; diffuse
             reflectivity (-1: ask the BSDF); diffuse transmittance (None: every shape is opaque)
+        mover_shape: number of a shape among those of the movers, as `first_face`; None if nothing moves
         bsdf_index: as `first_face`
         shape_reflectivity: as `first_face`
         shape_transmittance: as `first_face`
-        face_normal: (4 f,) Float, unit normal of each face and one number of padding; zero for the further copies of
-            shared shapes. None if some shape is not a mesh of flat triangles
-        face_body: (f,) Int32, index into ``body_names``
-        face_material: (f,) Int32, index into ``material_names``
+        face_normal: (4 f,) Float, unit normal of each face and one number of padding. None if some shape is not a mesh
+            of flat triangles
+        face_body: (f + m s,) Int32, index into ``body_names``
+        face_material: (f + m s,) Int32, index into ``material_names``
         body_class: (b,) Int32, index into ``class_names``
         has_foreign: whether some BSDF was taken from a Mitsuba file unchanged
         speculars: panes, mirrors and porous surfaces; None if there are none, or if they end every beam
@@ -106,10 +107,11 @@ class World:
     mover_scene: MoverScene | None
     mover_panes: MoverScene | None
     resting: MovingBodies | None
-    mover_shift: Any
+    mover_rows: Any
     centre_m: Numbers
     bsdfs: tuple[Bsdf, ...]
     first_face: Any
+    mover_shape: Any
     bsdf_index: Any
     shape_reflectivity: Any
     shape_transmittance: Any
@@ -170,14 +172,9 @@ class World:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _BodiesOfOneShape:
-    """Moving bodies with the same parts: their indices, and their shapes, whose faces are those of the first body.
-
-    Attributes:
-        offset_m: (3,) where the origin of their frame is in the scene of all movers
-    """
+    """Moving bodies with the same parts: their indices, and where the origin of their frame is in their scene, (3,)."""
 
     bodies: tuple[int, ...]
-    shapes: list[PlacedShape]
     offset_m: Numbers
 
 
@@ -213,7 +210,9 @@ def build_world(
     if standing is not None:
         still = _near_and_of_all_materials(still, standing)
     shapes = _loaded_shapes(still, centre, resolved, bsdfs)
-    moving = _moving_groups(scene.bodies, resolved, bsdfs)
+    moving = _moving_groups(scene.bodies)
+    in_cells = {group.bodies[0]: _placed_alone(scene.bodies[group.bodies[0]], group.offset_m) for group in moving}
+    mover_shapes = _loaded_shapes(in_cells, np.zeros(3), resolved, bsdfs)
     body_names = [body.name for body in scene.bodies]
     class_of = [body.class_name for body in scene.bodies]
     if scene.base is not None:
@@ -231,25 +230,22 @@ def build_world(
         faces.material_names.update({name: number for number, name in enumerate(scene.materials)})
     faces.add(shapes)
     movers: list[Mover] = []
-    group_of: list[int] = []
-    for number, group in enumerate(moving):
-        # A hit on the shared shapes has a face number of the first body. Each further body has the same faces once more
-        # in the tables, a constant number of rows later: that number is its shift.
-        # Bodies that hide take turns: those of which no two are ever shown at a time share such rows, and a place among
-        # the movers. So the tables are as long as the most bodies that are there at a time need.
+    offsets_m: list[Numbers] = []
+    for group in moving:
+        # Bodies that hide take turns: those of which no two are ever shown at a time share a place among the movers. So
+        # there are as many as the most bodies that are there at a time need.
         turns = _turns(scene.bodies, group.bodies) if takes_turns else [[index] for index in group.bodies]
-        starts = [faces.add(group.shapes, body=turn[0]) for turn in turns]
-        group_of += [number] * len(turns)
-        for turn, start in zip(turns, starts, strict=True):
-            mover = _mover(scene.bodies, number=turn[0], face_shift=start - starts[0])
+        offsets_m += [group.offset_m] * len(turns)
+        for turn in turns:
+            mover = _mover(scene.bodies, number=turn[0])
             movers.append(replace(mover, others=tuple((index, scene.bodies[index]) for index in turn[1:])))
+    faces.add_movers(mover_shapes, [mover.number for mover in movers])
     class_names = tuple(dict.fromkeys(class_of))
     class_numbers = np.array([class_names.index(name) for name in class_of], dtype=np.int32)
     solid, panes = _panes_apart(shapes, see_through)
-    moving_apart = [_panes_apart(group.shapes, see_through) for group in moving]
     mover_scene, mover_panes = (
-        MoverScene.of_shapes(part, offsets_m=np.array([group.offset_m for group in moving]), of_mover=group_of)
-        for part in ([solid for solid, _ in moving_apart], [panes for _, panes in moving_apart])
+        MoverScene.of_shapes(part, boxes_m=_boxes_of_materials(movers, part), offsets_m=offsets_m)
+        for part in _panes_apart(mover_shapes, see_through)
     )
     return World(
         scene=mitsuba_scene(solid),
@@ -260,7 +256,6 @@ def build_world(
         mover_scene=mover_scene,
         mover_panes=mover_panes,
         resting=placed_movers(movers, [mover.body.pose for mover in movers], centre_m=centre) if movers else None,
-        mover_shift=transfer.unsigned_numbers(np.array([mover.face_shift for mover in movers])) if movers else None,
         centre_m=centre,
         body_class=mitsuba().Int32(class_numbers),
         body_names=tuple(body_names),
@@ -337,26 +332,30 @@ def _mesh_keys(body: Body) -> list[tuple[str, Hashable]]:
     return [(part.material, texture_key(part.pattern)) for part in body.parts if isinstance(part, Part)]
 
 
-def _moving_groups(
-    bodies: Sequence[Body], resolved: dict[str, dict[str, object]], bsdfs: dict[str, object]
-) -> list[_BodiesOfOneShape]:
-    """Group the bodies that move by their parts, and build the shapes of each group in its cell."""
+def _moving_groups(bodies: Sequence[Body]) -> list[_BodiesOfOneShape]:
+    """Group the bodies that move and have a surface by their parts."""
     # By identity: the copies of one body of a scene file share their tuple of parts.
     sharing: dict[int, list[int]] = {}
     for index, body in enumerate(bodies):
-        if body.motion is not None:
+        if body.motion is not None and any(isinstance(part, Ball) or len(part.faces) for part in body.parts):
             sharing.setdefault(id(body.parts), []).append(index)
-    boxes = [(box_of(bodies[indices[0]].parts), indices) for indices in sharing.values()]
-    solid = [(box_m, indices) for box_m, indices in boxes if box_m is not None]
-    offsets_m = side_by_side(np.array([box_m for box_m, _ in solid]))
-    moving = []
-    for (_, indices), offset_m in zip(solid, offsets_m, strict=True):
-        first = bodies[indices[0]]
-        at_origin = Body(name=first.name, class_name=first.class_name, parts=first.parts)
-        shapes = _loaded_shapes({indices[0]: at_origin}, -offset_m, resolved, bsdfs)
-        if shapes:
-            moving.append(_BodiesOfOneShape(tuple(indices), shapes, offset_m))
-    return moving
+    boxes_m = [box_of(bodies[indices[0]].parts) for indices in sharing.values()]
+    offsets_m = side_by_side(np.array(boxes_m, dtype=np.float64).reshape(-1, 2, 3))
+    return [
+        _BodiesOfOneShape(tuple(indices), offset_m)
+        for indices, offset_m in zip(sharing.values(), offsets_m, strict=True)
+    ]
+
+
+def _placed_alone(body: Body, position_m: Numbers) -> Body:
+    """Return a body that stands still here."""
+    return Body(name=body.name, class_name=body.class_name, parts=body.parts, pose=Pose(position_m=position_m))
+
+
+def _boxes_of_materials(movers: Sequence[Mover], shapes: Sequence[PlacedShape]) -> list[Numbers | None]:
+    """Return the box around each mover's parts of the materials of these shapes, in its frame; None without any."""
+    materials = {shape.material for shape in shapes}
+    return [box_of([part for part in mover.body.parts if part.material in materials]) for mover in movers]
 
 
 def _turns(bodies: Sequence[Body], indices: Sequence[int]) -> list[list[int]]:
@@ -433,11 +432,11 @@ def _panes_apart(shapes: Sequence[PlacedShape], see_through: bool) -> tuple[list
     return [shape for shape in shapes if shape not in panes], panes
 
 
-def _mover(bodies: Sequence[Body], *, number: int, face_shift: int) -> Mover:
+def _mover(bodies: Sequence[Body], *, number: int) -> Mover:
     body = bodies[number]
     box_m = box_of(body.parts)
     assert box_m is not None  # it has shapes
-    return Mover(box_m=box_m, face_shift=face_shift, number=number, body=body)
+    return Mover(box_m=box_m, number=number, body=body)
 
 
 def motions_on_device(motions: MotionTable) -> MotionTable:

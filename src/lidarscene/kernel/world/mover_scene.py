@@ -40,27 +40,22 @@ class MoverScene:
 
     @classmethod
     def of_shapes(
-        cls, shapes: Sequence[Sequence[PlacedShape]], *, offsets_m: Numbers, of_mover: Sequence[int]
+        cls, shapes: Sequence[PlacedShape], *, boxes_m: Sequence[Numbers | None], offsets_m: Sequence[Numbers]
     ) -> MoverScene | None:
-        """Build from the shapes of g groups of movers, each in its cell; None without any shape.
+        """Build from the shapes of all movers, each in its cell; None without any shape.
 
         Args:
-            offsets_m: (g, 3) where the origin of each group's frame is in the scene
-            of_mover: number of the group of each mover
+            boxes_m: (2, 3) lowest and highest corner of what each mover has in the scene, in its frame; None: nothing
+            offsets_m: (3,) where the origin of each mover's frame is in the scene
         """
-        everything = [shape for group in shapes for shape in group]
-        if not everything:
+        if not shapes:
             return None
-        cells = np.zeros((len(shapes), 3, 4))
-        for cell, group, offset_m in zip(cells, shapes, offsets_m, strict=True):
-            boxes = [shape.shape.bbox() for shape in group]
+        cells = np.zeros((len(boxes_m), 3, 4))
+        for cell, box_m, offset_m in zip(cells, boxes_m, offsets_m, strict=True):
             # A cell in which nothing is has a box that no ray passes.
-            cell[:2, :3] = NOWHERE
-            if boxes:
-                cell[0, :3] = np.min([np.array(box.min) for box in boxes], axis=0) - MARGIN_M
-                cell[1, :3] = np.max([np.array(box.max) for box in boxes], axis=0) + MARGIN_M
+            cell[:2, :3] = NOWHERE if box_m is None else box_m + offset_m + [[-MARGIN_M], [MARGIN_M]]
             cell[2, :3] = offset_m
-        return cls(scene=mitsuba_scene(everything), cells=transfer.from_numpy(cells[list(of_mover)].ravel()))
+        return cls(scene=mitsuba_scene(shapes), cells=transfer.from_numpy(cells.ravel()))
 
     def offset(self, mover_index: Array, active: Mask) -> Any:
         """Return where the origin of the frame of each active lane's mover is in the scene."""
