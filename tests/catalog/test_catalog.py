@@ -5,6 +5,7 @@ from pathlib import Path
 import pytest
 
 from lidarscene import InputError, catalog, load_sensor
+from lidarscene.cli.main import main
 from lidarscene.scene.scene_file import scene_path
 
 
@@ -94,3 +95,30 @@ def test_without_the_folder_of_scenes_a_line_says_where_it_was_searched(
 
 def test_a_sensor_has_its_name_however_it_was_typed() -> None:
     assert load_sensor("VLP16").name == load_sensor("vlp-16").name == "vlp-16"
+
+
+def test_an_example_is_a_sensor_by_its_name() -> None:
+    for typed in ("my-apd", "MY_APD"):
+        assert catalog.sensor_path(typed) == catalog.path_of("examples", "my-apd")
+        assert load_sensor(typed).name == "my-apd"
+    for other in ("rig", "os0-32"):
+        with pytest.raises(InputError, match=f"no sensor '{other}' in the catalogue; {other} is an example"):
+            load_sensor(other)
+
+
+@pytest.mark.parametrize(("kind", "name"), [("examples", "my-apd"), ("sensors", "vlp-16")])
+def test_a_file_that_is_not_there_yet_is_one_command_away(
+    kind: str, name: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """The line of the message, as typed, makes the file that was asked for."""
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError) as caught:
+        load_sensor(f"{name}.toml")
+    missing, _, rest = str(caught.value).partition("; lidarscene ")
+    assert missing == f"{name}.toml: no such file"
+    words, _, target = rest.removesuffix(" makes it").partition(" > ")
+    assert main(words.split()) == 0
+    Path(target).write_text(capsys.readouterr().out, encoding="utf-8")
+    assert load_sensor(f"{name}.toml").name == name
+    with pytest.raises(InputError, match=r"^nothing\.toml: no such file$"):
+        load_sensor("nothing.toml")

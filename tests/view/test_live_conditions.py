@@ -84,7 +84,13 @@ def test_the_command_renders_what_is_shown(
         "vlp-16",
     ]
     assert command("car", "vlp-16", (), {FOG: 50.0, "sensor": "vlp-16", BUDGET: 0})[5:] == ["--sensor", "vlp-16"]
-    assert unpack_blob(live.render({"detector": "SiPM of Table 1"}))[0]["command"].startswith("# no option")
+    header, arrays = unpack_blob(live.render({"detector": "SiPM of Table 1", "detector.pde": 0.3}))
+    assert "--set detector=table1-sipm" in header["command"]
+    assert main(shlex.split(header["command"])[1:]) == 0
+    np.testing.assert_array_equal(PointCloud.load("out.ply").snr, arrays["snr"])
+    own = ("detector.gain=60", "laser.peak_power_w=9")
+    words = command("car", "apd-905", own, {}, donor_name="sipm-905")
+    assert words[-4:] == ["--set", "detector=sipm-905", "--set", "laser.peak_power_w=9"]
 
 
 def test_another_sensor_and_budgets_only_where_asked(mi: Any, scene_file: Path) -> None:

@@ -21,6 +21,7 @@ from ..formats.registry import FORMATS
 from ..rendering.render_options import FrameOptions, TraceOptions
 from ..rendering.surroundings import sun_doubts
 from ..scene.scene_file import files_of_scene, scene_path, sensor_of_scene
+from ..sensor.parts import located_parts
 from ..sensor.rig_file import load_rig, read_rig
 from ..sensor.sensor_file import files_of_sensor, load_sensor
 from ..sensor.sensor_model import Sensor
@@ -255,7 +256,7 @@ def scene_content(path: Path, overrides: Sequence[str]) -> str:
 def _sensors(file: JobFile, names: tuple[str, ...], folder: Path) -> Iterator[SensorChoice]:
     """Iterate over the choices of sensors by name, and of the sensors of rigs."""
     for parameters in _points(file.sweep.sensor_values()):
-        overrides = _assignments(parameters)
+        overrides = tuple(located_parts(_assignments(parameters), folder))
         for name in names:
             yield SensorChoice(
                 name=name,
@@ -286,8 +287,8 @@ def sensor_content(name: str, overrides: Sequence[str]) -> str:
         InputError: if a file, a key or a value cannot be understood
     """
     load_sensor(name, overrides=overrides)
-    path = Path(name) if name.endswith(".toml") else catalog.path_of("sensors", name)
-    return digest_of_data([[_digest(file) for file in files_of_sensor(path, overrides=overrides)], list(overrides)])
+    files = files_of_sensor(catalog.sensor_path(name), overrides=overrides)
+    return digest_of_data([[_digest(file) for file in files], list(overrides)])
 
 
 def rig_content(path: str, overrides: Sequence[str]) -> str:

@@ -98,6 +98,29 @@ def file_or_example(path: str | os.PathLike[str], folder: Path = Path()) -> Path
     return files("examples").get(name, file) if is_bare(name) and not os.path.isfile(file) else file
 
 
+def sensor_path(name: str, folder: Path = Path()) -> Path:
+    """File of a sensor: in a folder if the name ends in .toml, else of the catalogue or an example.
+
+    Raises:
+        InputError: with the names that fit, or the command that copies a shipped sensor
+    """
+    if not name.endswith(".toml"):
+        example = {_letters(entry): path for entry, path in files("examples").items()}.get(_letters(name))
+        return example if example is not None and _is_sensor(example) else path_of("sensors", name)
+    file = folder / name
+    if is_bare(file.stem) and not os.path.lexists(file):
+        for kind in ("sensors", "examples"):
+            shipped = files(kind).get(file.stem)
+            if shipped is not None and _is_sensor(shipped):
+                raise InputError(f"{file}: no such file; lidarscene catalog {kind} {file.stem} > {file} makes it")
+    return file
+
+
+def _is_sensor(path: Path) -> bool:
+    """Whether an entry is a sensor file: sensors alone have a detector."""
+    return path.suffix == ".toml" and "detector" in tomllib.loads(path.read_text(encoding="utf-8"))
+
+
 def is_bare(name: str) -> bool:
     """Whether a text is a name without folder and suffix, as entries of the catalogue have it."""
     return Path(name).name == name and not Path(name).suffix

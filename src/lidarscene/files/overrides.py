@@ -44,7 +44,7 @@ def with_overrides(tables: Mapping[str, Any], assignments: Iterable[str], *, opt
                     )
             elif not isinstance(table, dict):
                 raise InputError(f"{option} {assignment}: {'.'.join(path[:depth])} is a value, not a table")
-        table[path[-1]] = _toml_value(text)
+        table[path[-1]] = toml_value(text)
     return result
 
 
@@ -130,7 +130,7 @@ def toml_text(value: Any) -> str:
     return json.dumps(value, ensure_ascii=False)
 
 
-def _toml_value(text: str) -> Any:
+def toml_value(text: str) -> Any:
     """Parse ``text`` as a TOML value; if it is none, return the text."""
     try:
         tables = tomllib.loads(f"value = {text}")
@@ -159,6 +159,13 @@ def split_sensor(assignment: str, among: Sequence[str]) -> tuple[str | None, str
     if sensor not in among:
         raise InputError(f"--set {assignment}: '{sensor}' is not among the sensors here: {', '.join(among)}")
     return sensor, f"{own_key}{equals}{value}"
+
+
+def get_at(tables: Any, path: Iterable[Any]) -> Any:
+    """Entry under a path of keys and indices; None without."""
+    for key in path:
+        tables = get_entry(tables, key)
+    return tables
 
 
 def get_entry(tables: Any, key: Any) -> Any:

@@ -43,6 +43,7 @@ _MUST_BE = {
     "less_than": "< {lt:g}",
     "less_than_equal": "<= {le:g}",
     "literal_error": "{expected}",
+    "model_attributes_type": "a table",
     "model_type": "a table",
     OUT_OF_BOUNDS: "{must}",
     "string_too_short": "text that is not empty",

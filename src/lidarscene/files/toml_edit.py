@@ -11,6 +11,8 @@ from typing import Any
 
 import tomlkit
 
+from .overrides import get_at
+
 DIGITS = 6
 """Significant digits of the numbers that are put."""
 
@@ -38,22 +40,16 @@ def put_values(text: str, values: Mapping[KeyPath, Any], *, digits: int = DIGITS
 
 def get_value(text: str, path: KeyPath) -> Any:
     """Value under a path; None if the file has none."""
-    return _at(tomllib.loads(text), path)
+    return get_at(tomllib.loads(text), path)
 
 
 def remove_values(text: str, paths: Iterable[KeyPath]) -> str:
     """Remove the keys of these paths; those that the file lacks are skipped."""
     document = tomlkit.parse(text)
     for path in paths:
-        if _at(document, path) is not None:
-            _at(document, path[:-1]).remove(path[-1])
+        if get_at(document, path) is not None:
+            get_at(document, path[:-1]).remove(path[-1])
     return tomlkit.dumps(document)
-
-
-def _at(node: Any, path: KeyPath) -> Any:
-    for name in path:
-        node = node.get(name) if isinstance(node, Mapping) else None
-    return node
 
 
 def _rounded(value: Any, digits: int) -> Any:

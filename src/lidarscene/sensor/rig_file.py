@@ -22,6 +22,7 @@ from ..files.overrides import Overrides, assignments, split_sensor
 from ..files.toml import FileModel, read_toml, validate
 from ..maths.pose import Pose
 from .imu import Imu, ImuFile
+from .parts import located_parts
 from .pose_file import PoseFile
 from .sensor_file import load_sensor
 from .sensor_model import Sensor
@@ -125,7 +126,10 @@ def read_rig(path: Path, *, sensor: SensorLookup = load_sensor, overrides: Seque
     mounted = []
     for index, entry in enumerate(file.sensors):
         name = str(path.parent / entry.sensor) if entry.sensor.endswith(".toml") else entry.sensor
-        entry_changes = [*entry.set, *(text for target, text in changes if target in (None, entry.label))]
+        entry_changes = [
+            *located_parts(entry.set, path.parent),
+            *(text for target, text in changes if target in (None, entry.label)),
+        ]
         try:
             built = sensor(name, overrides=entry_changes)
         except InputError as error:

@@ -11,10 +11,10 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Field, model_validator
 
-from ..catalog import names, path_of
+from ..catalog import names, path_of, sensor_path
 from ..errors import InputError
 from ..files.arguments import checks_arguments
-from ..files.overrides import Overrides, assignments, with_overrides
+from ..files.overrides import Overrides, assignments
 from ..files.table_model import Number, Table
 from ..files.toml import FileModel, read_toml, validate
 from ..maths.units import key_in_si, si
@@ -28,6 +28,7 @@ from .histogram import Histogram, HistogramFile
 from .imu import ImuFile
 from .optics import OpticsFile
 from .overlap import Overlap
+from .parts import changed_tables, part_files, split_parts
 from .pose_file import PoseFile
 from .readout import AnyIntensityFile, AnySamplerFile, PublishedFile, read_published
 from .sensor_model import UNPOLARISED, Laser, Optics, Polarisation, Sensor, Speckle, overlap_geometry
@@ -361,19 +362,16 @@ def sensor_from_tables(
     tables: dict[str, Any], *, where: str, overrides: Sequence[str] = (), folder: Path | None = None
 ) -> Sensor:
     """Build a sensor from the tables of a sensor file; its files lie in ``folder``, and errors name ``where``."""
-    file = validate(SensorFile, _derived_rate(tables, overrides), where, overrides=overrides)
+    changed = changed_tables(tables, overrides)
+    parts, others = split_parts(overrides)
+    named = " ".join([where, *(f"--set {text}" for text in parts)])
+    file = validate(SensorFile, changed, named, overrides=others)
     try:
         sensor = file.build(folder or Path())
     except InputError as error:
-        raise InputError(f"{where}: {error}") from None
-    # The source of a number does not hold for the one that replaces it.
-    override_sources = {text.partition("=")[0].strip(): f"--set {text}" for text in overrides}
-    # Neither does its uncertainty.
-    replaced = {key_in_si(key)[0] for key in override_sources}
-    uncertainty = {name: half for name, half in sensor.uncertainty.items() if name not in replaced}
-    sourced = replace(sensor, sources={**sensor.sources, **override_sources}, uncertainty=uncertainty)
-    object.__setattr__(sourced, "origin", SensorTables(tables, where, tuple(overrides), folder))
-    return sourced
+        raise InputError(f"{named}: {error}") from None
+    object.__setattr__(sensor, "origin", SensorTables(changed, where, folder))
+    return sensor
 
 
 @dataclass(frozen=True, slots=True)
@@ -381,14 +379,12 @@ class SensorTables:
     """Tables that a sensor was built from: a function of changes, KEY=VALUE, that builds it anew.
 
     Attributes:
-        tables: of the file, without overrides
+        tables: of the file, with all changes so far
         where: file, for messages
-        overrides: assignments, KEY=VALUE
     """
 
     tables: dict[str, Any]
     where: str
-    overrides: tuple[str, ...]
     folder: Path | None
 
     def __call__(self, changes: Sequence[str]) -> Sensor:
@@ -397,31 +393,18 @@ class SensorTables:
         Raises:
             InputError: if a file, a key or a value cannot be understood
         """
-        overrides = [*self.overrides, *changes]
-        return sensor_from_tables(self.tables, where=self.where, overrides=overrides, folder=self.folder)
-
-
-def _derived_rate(tables: dict[str, Any], overrides: Sequence[str]) -> dict[str, Any]:
-    """Apply the overrides to the tables; drop the file's rate where a changed firing table gives another."""
-    changed = with_overrides(tables, overrides)
-    keys = [text.partition("=")[0].strip() for text in overrides]
-    fires_anew = any(key.startswith("scanner.") for key in keys) and "laser.repetition_rate_khz" not in keys
-    laser, scanner = changed.get("laser"), changed.get("scanner")
-    if not (fires_anew and isinstance(laser, dict) and isinstance(scanner, dict)):
-        return changed
-    if scanner.get("type") != "spinning":
-        return changed
-    return changed | {"laser": {key: value for key, value in laser.items() if key != "repetition_rate_khz"}}
+        return sensor_from_tables(self.tables, where=self.where, overrides=changes, folder=self.folder)
 
 
 def files_of_sensor(path: Path, *, overrides: Sequence[str] = ()) -> Iterator[Path]:
-    """List the sensor file and those that it names: a pattern, a filter.
+    """List the sensor file, those whose parts it has, and those that they name: a pattern, a filter.
 
     Raises:
         InputError: if a file, a key or a value cannot be understood
     """
-    file = validate(SensorFile, _derived_rate(read_toml(path), overrides), str(path), overrides=overrides)
+    file = validate(SensorFile, changed_tables(read_toml(path), overrides), str(path), overrides=overrides)
     yield path
+    yield from part_files(overrides)
     yield from (path.parent / name for name in file.scanner.files)
     if file.imu is not None:
         yield from file.imu.files(path.parent)
@@ -439,7 +422,8 @@ def load_sensor(sensor: str | os.PathLike[str] | Sensor, *, overrides: Overrides
     """Load a sensor by catalogue name, or from a file if the name ends in .toml; a `Sensor` is returned as it is.
 
     Args:
-        overrides: changes to the file's values: "detector.gain=60", a list of these, or {"detector.gain": 60}
+        overrides: changes to the file's values: "detector.gain=60", a list of these, or {"detector.gain": 60}; the
+            name or file of a sensor in place of a table, "detector=sipm-905", means that part of it
 
     Raises:
         InputError: if a file, a key or a value cannot be understood
@@ -447,8 +431,7 @@ def load_sensor(sensor: str | os.PathLike[str] | Sensor, *, overrides: Overrides
     changes = assignments(overrides)
     if isinstance(sensor, Sensor):
         return sensor.replace(changes) if changes else sensor
-    name = os.fspath(sensor)
-    return read_sensor(Path(name) if name.endswith(".toml") else path_of("sensors", name), overrides=changes)
+    return read_sensor(sensor_path(os.fspath(sensor)), overrides=changes)
 
 
 def published_performance(name: str) -> PublishedFile | None:

@@ -6,6 +6,7 @@
 from __future__ import annotations
 
 import math
+import os
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
@@ -315,6 +316,36 @@ class Sensor:
                 "made or changed in Python; dataclasses.replace changes its fields"
             )
         return self.origin([*assignments(overrides), *assignments(tables)])
+
+    @checks_arguments
+    def with_laser(self, sensor: str | os.PathLike[str]) -> Sensor:
+        """Build the sensor anew with another's laser; it fires at the rate that this one's scanner has.
+
+        Args:
+            sensor: catalogue name or sensor file
+
+        Raises:
+            InputError: for parts that do not fit each other, and for a sensor that no file describes
+        """
+        return self.replace({"laser": sensor})
+
+    @checks_arguments
+    def with_optics(self, sensor: str | os.PathLike[str]) -> Sensor:
+        """Build the sensor anew with another's optics; arguments and errors as for `with_laser`."""
+        return self.replace({"optics": sensor})
+
+    @checks_arguments
+    def with_scanner(self, sensor: str | os.PathLike[str]) -> Sensor:
+        """Build the sensor anew with another's scanner and pulse rate; arguments and errors as for `with_laser`."""
+        return self.replace({"scanner": sensor})
+
+    @checks_arguments
+    def with_detector(self, sensor: str | os.PathLike[str]) -> Sensor:
+        """Build the sensor anew with another's detector, amplifier, threshold and converter.
+
+        The time in which it listens and the returns that it keeps stay. Arguments and errors as for `with_laser`.
+        """
+        return self.replace({"detector": sensor})
 
     @checks_arguments
     def source_of(self, key: str) -> str | None:

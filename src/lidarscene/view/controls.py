@@ -61,7 +61,7 @@ Settings = Mapping[str, float | str]
 class Equipment:
     """Scene and sensor of the files, and the same under settings.
 
-    The alternative detector is the APD or SiPM of Table 1, with its threshold.
+    The alternative detector is the APD or SiPM of Table 1, with what belongs to it.
     """
 
     def __init__(self, scene: Scene, sensor: str, overrides: Sequence[str] = ()) -> None:
@@ -70,7 +70,7 @@ class Equipment:
         Raises:
             InputError: if a file, a key or a value cannot be understood
         """
-        self.scene, self.name, self.overrides = scene, sensor, tuple(overrides)
+        self.scene, self.name = scene, sensor
         self.sensor = load_sensor(sensor, overrides=overrides)
         own_kind = self.sensor.detector.label
         other_kind = "SiPM" if own_kind == "APD" else "APD"
@@ -83,7 +83,7 @@ class Equipment:
             InputError: for an unknown key or a number out of bounds
         """
         numbers = {key: number_of(key, value) for key, value in settings.items() if key != DETECTOR}
-        donor_name = self._chosen(settings)
+        donor_name = self.donor_name(settings)
         controls = {control.key: control for control in self._controls(donor_name)}
         if unknown := sorted(set(numbers) - set(controls)):
             raise InputError(f"{unknown[0]}: no such control; known here: {', '.join(controls)}")
@@ -101,32 +101,23 @@ class Equipment:
 
     def controls(self, settings: Settings) -> list[Control]:
         """Sliders for the chosen detector, at the values of the files."""
-        return self._controls(self._chosen(settings))
+        return self._controls(self.donor_name(settings))
 
-    def _chosen(self, settings: Settings) -> str:
-        """Catalogue name of the sensor whose detector is chosen; "" for the sensor's own."""
+    def donor_name(self, settings: Settings) -> str:
+        """Catalogue name of the sensor whose detector is chosen; "" for the sensor's own.
+
+        Raises:
+            InputError: for a choice that is none
+        """
         choice = settings.get(DETECTOR, next(iter(self.detectors)))
         if not isinstance(choice, str) or choice not in self.detectors:
             raise InputError(f"{DETECTOR}: must be one of {', '.join(self.detectors)}, got {choice}")
         return self.detectors[str(choice)]
 
     def _sensor(self, donor_name: str, assigned: Sequence[str]) -> Sensor:
-        """Sensor with these assignments; detector, threshold and edges are those of the donor, if one is named."""
-        if not donor_name:
-            return load_sensor(self.name, overrides=[*self.overrides, *assigned])
-        detector_changes = [assignment for assignment in assigned if assignment.startswith(("detector.", "tdc."))]
-        other_changes = [assignment for assignment in assigned if assignment not in detector_changes]
-        sensor = load_sensor(self.name, overrides=[*self.overrides, *other_changes])
-        donor = load_sensor(donor_name, overrides=detector_changes)
-        tdc = dataclasses.replace(
-            sensor.tdc,
-            threshold_to_noise=donor.tdc.threshold_to_noise,
-            threshold_level=donor.tdc.threshold_level,
-            both_edges=donor.tdc.both_edges,
-        )
-        if sensor.histogram is not None:
-            tdc = dataclasses.replace(tdc, bandwidth_hz=donor.tdc.bandwidth_hz)
-        return dataclasses.replace(sensor, detector=donor.detector, tdc=tdc, histogram=None)
+        """Sensor with these assignments, and with the donor's detector if one is named."""
+        donor = [f"{DETECTOR}={donor_name}"] if donor_name else []
+        return self.sensor.replace([*donor, *assigned])
 
     def _controls(self, donor_name: str) -> list[Control]:
         """Sliders of sun, laser, optics, detector and threshold, for the detector of the donor if one is named."""

@@ -3,16 +3,17 @@
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from typing import NamedTuple
 
-from ..errors import InputError
 from ..maths.units import sliders
 from ..rendering.option_fields import Whole
 from ..rendering.render_options import NUMBERS, SEEDS, FrameOptions, TraceOptions
 from ..rendering.render_options import RAYS as TRACED
 from ..scene.scene import Scene
 from ..scene.weather import Weather
-from .controls import Control, Settings, number_of
+from ..sensor.parts import other_parts
+from .controls import DETECTOR, Control, Settings, number_of
 
 WEATHER = {
     f"weather.{quantity.for_field(field)}": (field, quantity, slider)
@@ -94,18 +95,20 @@ def conditions(scene: Scene, frame: FrameOptions, settings: Settings) -> LiveCon
     )
 
 
-def command(scene: str, sensor: str, overrides: tuple[str, ...], settings: Settings) -> list[str]:
+def command(
+    scene: str, sensor: str, overrides: Sequence[str], settings: Settings, *, donor_name: str = ""
+) -> list[str]:
     """Words of the command line that renders the same.
 
-    Raises:
-        InputError: for a setting that no option can make
+    Args:
+        donor_name: sensor whose detector is chosen; "" for the sensor's own
     """
-    if settings.get("detector", "").__class__ is str and settings.get("detector"):
-        raise InputError("no option gives a sensor another's detector: choose that sensor")
     words = ["lidarscene", "render", scene]
     frame = int(number_of(FRAME, settings.get(FRAME, 0)))
     words += ["-o", "out", "--frames", str(frame + 1)] if frame else ["-o", "out.ply"]
     words += ["--sensor", sensor]
+    if donor_name:
+        overrides = [f"{DETECTOR}={donor_name}", *other_parts(DETECTOR, overrides)]
     for assignment in overrides:
         words += ["--set", assignment]
     for key, value in settings.items():
@@ -113,7 +116,7 @@ def command(scene: str, sensor: str, overrides: tuple[str, ...], settings: Setti
             words += [f"--{key.partition('.')[2]}", f"{value:g}" if isinstance(value, float) else str(value)]
         elif key == FOG and number_of(key, value) >= CLEAR_KM:
             continue
-        elif key not in ("sensor", "detector", FRAME, BUDGET):
+        elif key not in ("sensor", DETECTOR, FRAME, BUDGET):
             option = "--scene-set" if key.startswith(("sun.", "weather.")) else "--set"
             words += [option, f"{key}={value:.6g}" if isinstance(value, float) else f"{key}={value}"]
     return words

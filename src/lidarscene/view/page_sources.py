@@ -268,7 +268,7 @@ class Live:
         self.scene, self.options, self.scene_argument = scene, frame or FrameOptions(), scene_argument or scene.name
         sensor_name = sensor or scene.sensor_name
         if not sensor_name.endswith(".toml"):
-            sensor_name = catalog.path_of("sensors", sensor_name).stem
+            sensor_name = catalog.sensor_path(sensor_name).stem
         self.overrides = tuple(overrides)
         # Overrides hold for the scene's own sensor only: another may lack the keys that they change.
         self._equipment = {sensor_name: Equipment(scene, sensor_name, overrides)}
@@ -395,15 +395,10 @@ class Live:
         )
 
     def _command(self, equipment: Equipment, settings: Settings) -> str:
-        """Command line that renders the same, or a comment that says why there is none."""
-        shown_settings = dict(settings)
-        if shown_settings.get(DETECTOR) == next(iter(equipment.detectors)):
-            del shown_settings[DETECTOR]
+        """Command line that renders the same."""
         overrides = self.overrides if equipment is self.equipment else ()
-        try:
-            words = command(self.scene_argument, equipment.name, overrides, shown_settings)
-        except InputError as error:
-            return f"# {error}"
+        donor_name = equipment.donor_name(settings)
+        words = command(self.scene_argument, equipment.name, overrides, settings, donor_name=donor_name)
         if self.options.pose is not None:
             place = self.options.pose
             yaw, pitch, roll = np.degrees(yaw_pitch_roll_rad(place.rotation))

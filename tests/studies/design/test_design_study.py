@@ -380,6 +380,43 @@ def test_tables_are_choices_and_parts_have_costs(tmp_path: Path) -> None:
         run_study(missing, tmp_path / "missing")
 
 
+PARTS = """
+sensor = "apd-905"
+evaluations = 8
+[free]
+detector = {choices = ["apd-905", "theirs.toml"]}
+"laser.peak_power_w" = {choices = [10, 20]}
+[cost]
+detector = [["apd-905", 30], ["theirs.toml", 10]]
+[objectives]
+cost = {minimize = "cost"}
+range = {maximize = "range"}
+"""
+
+
+def test_a_detector_of_another_file_is_a_choice(tmp_path: Path) -> None:
+    """A text in place of a table means that file's part, found beside the study; designs are files by themselves."""
+    theirs = catalog.path_of("sensors", "sipm-905").read_text(encoding="utf-8")
+    (tmp_path / "theirs.toml").write_text(theirs, encoding="utf-8")
+    numbers = numbers_of(write(tmp_path, PARTS), tmp_path / "out")
+    assert numbers["ending"] == "all 4 designs of the study were tried"
+    for design, file in zip(numbers["front"], numbers["files"], strict=True):
+        values, quantities = design["values"], design["quantities"]
+        name = {"apd-905": "apd-905", "theirs.toml": "sipm-905"}[values["detector"]]
+        power = {"laser.peak_power_w": values["laser.peak_power_w"]}
+        expected = load_sensor("apd-905").with_detector(name).replace(power)
+        sensor = load_sensor(tmp_path / "out" / file)
+        for field in ("detector", "tdc", "laser", "optics", "receiver"):
+            assert getattr(sensor, field) == getattr(expected, field)
+        assert sensor.source_of("tdc.window_us") == expected.source_of("tdc.window_us")
+        assert quantities["cost"] == {"apd-905": 30, "sipm-905": 10}[name]
+        range_m = plane.range_at_probability_m(expected, plane.Target(), 0.9)
+        assert quantities["range"] == pytest.approx(range_m, rel=1e-9)
+    assert {design["values"]["detector"] for design in numbers["front"]} == {"apd-905", "theirs.toml"}
+    files = [(tmp_path / "out" / file).read_text(encoding="utf-8") for file in numbers["files"]]
+    assert any("# Hamamatsu" in text for text in files)  # what no part replaces keeps its comments
+
+
 def test_a_dotted_key_needs_no_quotes(tmp_path: Path) -> None:
     """A search in which nothing changes says so, and its progress has the front so far."""
     text = STUDY.format(

@@ -24,8 +24,9 @@ from ...figures.report import Figure, Report, text_table
 from ...files.atomic import put_text, require_writable
 from ...files.overrides import key_path, number_list_entries
 from ...files.toml import read_toml, validate
-from ...files.toml_edit import put_values
+from ...files.toml_edit import put_values, remove_values
 from ...maths.units import split_unit
+from ...sensor.parts import is_part
 from .designs import Design, DesignSpace, files_of_base
 from .optimum import ACTIVE, ActiveConstraints, at_an_end, limits_of
 from .quantities import Evaluator
@@ -446,12 +447,15 @@ def _add_sensors(report: Report, space: DesignSpace, design: Design, place: int)
     for label, chosen in space.chosen(design.values).items():
         base = chosen.base
         assert base.path is not None
-        values = {
-            tuple(number_list_entries(key_path(key), base.tables)): value
+        text, replaced = base.path.read_text(encoding="utf-8"), chosen.replaced_tables()
+        text = remove_values(text, [(name,) for name in replaced])
+        values = {(name,): table for name, table in replaced.items() if table is not None} | {
+            tuple(number_list_entries(key_path(key), chosen.tables)): value
             for key, value in {**base.settings, **chosen.changes}.items()
+            if not is_part(key, value)
         }
         name = "-".join([f"designs/{place + 1:03}", *([label] if label else [])]) + ".toml"
-        text = put_values(base.path.read_text(encoding="utf-8"), values, digits=ALL_DIGITS)
+        text = put_values(text, values, digits=ALL_DIGITS)
         report.add_file(name, partial(put_text, text=text))
         for file in files_of_base(base):
             report.add_file(f"designs/{file.name}", partial(shutil.copyfile, file))

@@ -13,9 +13,10 @@ import numpy as np
 
 from ... import catalog
 from ...errors import InputError, did_you_mean
-from ...files.overrides import assignments, get_entry, key_path, number_list_entries, toml_text, with_overrides
+from ...files.overrides import assignments, get_at, get_entry, key_path, number_list_entries, toml_text
 from ...files.toml import read_toml
 from ...maths.arrays import Numbers
+from ...sensor.parts import changed_tables, located_parts, split_parts, with_parts
 from ...sensor.sensor_file import files_of_sensor, sensor_from_tables
 from ...sensor.sensor_model import Sensor
 from ..ranging.sweep_axes import numeric_keys
@@ -106,10 +107,11 @@ class Base:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Chosen:
-    """One sensor of a design: its base, and the keys that the design changes."""
+    """One sensor of a design: its base, and the keys that the design changes; files are named from ``folder``."""
 
     base: Base
     changes: Mapping[str, Any]
+    folder: Path = Path()
 
     def sensor(self) -> Sensor:
         """Build the sensor.
@@ -125,7 +127,28 @@ class Chosen:
     def assignments(self) -> list[str]:
         """Changes as ``key=value``, tables first: they stand in place of the file's, and keys may be set in them."""
         tables_first = sorted(self.changes.items(), key=lambda change: not isinstance(change[1], dict))
-        return [f"{key}={toml_text(value)}" for key, value in tables_first]
+        return located_parts((f"{key}={toml_text(value)}" for key, value in tables_first), self.folder)
+
+    def replaced_tables(self) -> dict[str, Any]:
+        """Tables of the base's file that parts of other sensors replace; None for one that they remove.
+
+        Raises:
+            InputError: if a file cannot be read
+        """
+        assert self.base.path is not None
+        settings = located_parts(assignments(self.base.settings), self.folder)
+        parts, own = split_parts([*settings, *self.assignments])[0], read_toml(self.base.path)
+        changed = with_parts(own, parts)
+        return {name: changed.get(name) for name in {**own, **changed} if changed.get(name) != own.get(name)}
+
+    @property
+    def tables(self) -> dict[str, Any]:
+        """Tables of its sensor file.
+
+        Raises:
+            InputError: for a part that cannot be read
+        """
+        return changed_tables(self.base.tables or {}, self.assignments)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -134,6 +157,7 @@ class DesignSpace:
 
     bases: Mapping[str, Sequence[Base]]
     free: tuple[Free, ...]
+    folder: Path = Path()
 
     @classmethod
     def from_study(cls, study: StudyFile, folder: Path, where: str) -> DesignSpace:
@@ -158,7 +182,7 @@ class DesignSpace:
             if len(alternatives) > 1
         ]
         keys = [_free_key(key, entry, bases, f"{where}: free.{key}") for key, entry in study.free.items()]
-        return cls(bases=bases, free=(*choices, *keys))
+        return cls(bases=bases, free=(*choices, *keys), folder=folder)
 
     def every_design(self, most: int) -> Numbers | None:
         """(n, keys) shares of all designs, n no more than ``most``; None where there are more."""
@@ -227,7 +251,7 @@ class DesignSpace:
                     for prefix, key in [_split(free.key)]
                     if key != _BASE and free.key in values and prefix in ("", label, base.name)
                 ]
-                sensors[label] = Chosen(base=base, changes=_merged(base.tables, changes))
+                sensors[label] = Chosen(base=base, changes=_merged(base.tables, changes), folder=self.folder)
         return sensors
 
     def sensors(self, values: Values) -> dict[str, Sensor]:
@@ -251,8 +275,8 @@ def _read_base(name: str, settings: Mapping[str, Any], folder: Path, where: str)
         key: value for text, value in settings.items() for prefix, key in [_split(text)] if prefix in ("", name)
     }
     try:
-        path = folder / name if name.endswith(".toml") else catalog.path_of("sensors", name)
-        tables = with_overrides(read_toml(path), assignments(settings))
+        path = catalog.sensor_path(name, folder)
+        tables = changed_tables(read_toml(path), located_parts(assignments(settings), folder))
         sensor_from_tables(tables, where=name, folder=path.parent)
     except InputError as error:
         raise InputError(f"{where}: sensor: {error}") from None
@@ -310,9 +334,7 @@ def entry_number(key: str) -> tuple[str, int | None]:
 
 def list_under(tables: Mapping[str, Any], key: str) -> list[Any] | None:
     """List under a key; the origin for a position that the file leaves out."""
-    value: Any = tables
-    for part in key_path(key):
-        value = value.get(part) if isinstance(value, Mapping) else None
+    value = get_at(tables, key_path(key))
     if value is None and key == "mounting.position_m":
         return [0.0, 0.0, 0.0]
     return list(value) if isinstance(value, (list, tuple)) else None

@@ -18,11 +18,12 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...errors import InputError, did_you_mean
-from ...files.overrides import get_entry, key_path, number_list_entries, with_overrides
+from ...files.overrides import get_entry, key_path, number_list_entries
 from ...maths.arrays import Numbers
 from ...maths.pose import Pose
 from ...maths.units import key_in_si
 from ...physics.optics.pulse import pulse_energy_j
+from ...sensor.parts import PARTS
 from ...sensor.sensor_model import Sensor
 from .. import published_values
 from ..eye_safety.exposure import stationary_train
@@ -250,7 +251,9 @@ def _scan_key(sensor: Sensor) -> str:
 
 def _value(chosen: Chosen, key: str) -> Any:
     """Value under a key of a sensor file with its changes, or its default."""
-    value: Any = with_overrides(chosen.base.tables or {}, chosen.assignments)
+    if key in PARTS:
+        return chosen.changes.get(key, chosen.base.settings.get(key))
+    value: Any = chosen.tables
     entry = numeric_keys(value).get(key)
     if entry is not None:
         return math.nan if entry.value is None else entry.value

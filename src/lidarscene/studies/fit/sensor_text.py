@@ -104,7 +104,7 @@ def base_text(sensor: str, metadata: Path | None, *, sensor_index: int = 0) -> s
     Raises:
         InputError: if the file cannot be read
     """
-    path = Path(sensor) if sensor.endswith(".toml") else catalog.path_of("sensors", sensor)
+    path = catalog.sensor_path(sensor)
     if metadata is not None and not sensor.endswith(".toml"):
         return unit_text(read_unit(metadata, sensor_index=sensor_index), metadata, like=sensor)[0]
     try:

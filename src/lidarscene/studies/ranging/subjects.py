@@ -13,8 +13,9 @@ from typing import Any
 
 from ... import catalog
 from ...errors import InputError
-from ...files.overrides import split_sensor, with_overrides
+from ...files.overrides import split_sensor
 from ...files.toml import read_toml
+from ...sensor.parts import changed_tables
 from ...sensor.sensor_file import SensorTables, sensor_from_tables
 from ...sensor.sensor_model import Sensor
 
@@ -52,7 +53,7 @@ class Subject:
                 f"'{self.name}': must be as `load_sensor` gave it for a key of its file to be swept, got a sensor made "
                 "or changed in Python"
             )
-        return with_overrides(self.tables, self.overrides)
+        return changed_tables(self.tables, self.overrides)
 
     def sensor(self) -> Sensor:
         """Build the sensor.
@@ -72,7 +73,7 @@ class Subject:
         """
         number = repr(int(value)) if whole else repr(float(value))
         return sensor_from_tables(
-            with_overrides(self.tables, [*self.overrides, f"{key}={number}"]),
+            changed_tables(self.tables, [*self.overrides, f"{key}={number}"]),
             where=f"{self.where} --over {key}",
             folder=self.folder,
         )
@@ -83,14 +84,7 @@ def subject_of(name: str, sensor: Sensor) -> Subject:
     tables = sensor.origin
     if not isinstance(tables, SensorTables):
         return Subject(name=name, argument=name, where=name, tables={}, folder=None, built=sensor)
-    return Subject(
-        name=name,
-        argument=name,
-        where=tables.where,
-        tables=tables.tables,
-        folder=tables.folder,
-        overrides=tables.overrides,
-    )
+    return Subject(name=name, argument=name, where=tables.where, tables=tables.tables, folder=tables.folder)
 
 
 def subjects(arguments: Sequence[str], assignments: Sequence[str] = ()) -> list[Subject]:
@@ -104,7 +98,7 @@ def subjects(arguments: Sequence[str], assignments: Sequence[str] = ()) -> list[
     """
     named_by_user: list[Subject] = []
     for argument in arguments:
-        path = Path(argument) if argument.endswith(".toml") else catalog.path_of("sensors", argument)
+        path = catalog.sensor_path(argument)
         where = argument if argument.endswith(".toml") else path.name
         subject = Subject(name=argument, argument=argument, where=where, tables=read_toml(path), folder=path.parent)
         named_by_user.append(subject)

@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from ...catalog import path_of
+from ...catalog import sensor_path
 from ...errors import InputError
 from ...figures.report import count_text
 from ...files.atomic import atomic_output, put_text, require_writable
@@ -192,7 +192,7 @@ def _reflectivity_note(gauge: ReflectivityGauge | None) -> str:
 
 def _copy_sensor(sensor: str, path: Path) -> str:
     """Copy a catalogue sensor or a sensor file; returns the text to print."""
-    source = Path(sensor) if sensor.endswith(".toml") else path_of("sensors", sensor)
+    source = sensor_path(sensor)
     if not source.is_file():
         raise InputError(f"--sensor {sensor}: no such file")
     path.parent.mkdir(parents=True, exist_ok=True)
