@@ -9,8 +9,9 @@ import os
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
-from typing import Unpack
+from typing import Literal, Unpack, cast, overload
 
+from ..cloud.device_cloud import DeviceCloud
 from ..cloud.point_cloud import PointCloud
 from ..files.arguments import checks_arguments
 from ..files.overrides import Overrides
@@ -23,6 +24,32 @@ from .simulator import Simulator
 from .surroundings import simulator_surroundings, warn_of_surroundings
 
 
+@overload
+def render_frames(
+    scene: SceneChoice,
+    sensor: str | os.PathLike[str] | Sensor | None = None,
+    *,
+    frames: int,
+    overrides: Overrides = (),
+    scene_overrides: Overrides = (),
+    on_device: Literal[False] = False,
+    **options: Unpack[RenderKeywords],
+) -> Iterator[PointCloud]: ...
+
+
+@overload
+def render_frames(
+    scene: SceneChoice,
+    sensor: str | os.PathLike[str] | Sensor | None = None,
+    *,
+    frames: int,
+    overrides: Overrides = (),
+    scene_overrides: Overrides = (),
+    on_device: Literal[True],
+    **options: Unpack[RenderKeywords],
+) -> Iterator[DeviceCloud]: ...
+
+
 @checks_arguments
 def render_frames(
     scene: SceneChoice,
@@ -31,8 +58,9 @@ def render_frames(
     frames: int,
     overrides: Overrides = (),
     scene_overrides: Overrides = (),
+    on_device: bool = False,
     **options: Unpack[RenderKeywords],
-) -> Iterator[PointCloud]:
+) -> Iterator[PointCloud] | Iterator[DeviceCloud]:
     """Iterate over ``frames`` consecutive frames of a sensor; each is rendered when the iterator reaches it.
 
     The other parameters are those of `render`.
@@ -42,14 +70,41 @@ def render_frames(
     numbers = range(first.number, first.number + frames)
     simulator.check_frames(numbers, begin_s=first.begin_s)
 
-    def frame(number: int) -> PointCloud:
+    def frame(number: int) -> PointCloud | DeviceCloud:
         # While the caller has this frame, the device computes the next one.
         following = replace(first, number=number + 1)
         ahead = partial(simulator.begin, following) if following.number in numbers else None
-        return simulator.render(replace(first, number=number), observers, ahead=ahead)
+        chosen = replace(first, number=number)
+        if on_device:
+            return simulator.render(chosen, observers, ahead=ahead, on_device=True)
+        return simulator.render(chosen, observers, ahead=ahead)
 
     # No `yield`: so the call itself raises for mistakes, and not the first frame.
-    return map(frame, numbers)
+    return cast(Iterator[PointCloud] | Iterator[DeviceCloud], map(frame, numbers))
+
+
+@overload
+def render(
+    scene: SceneChoice,
+    sensor: str | os.PathLike[str] | Sensor | None = None,
+    *,
+    overrides: Overrides = (),
+    scene_overrides: Overrides = (),
+    on_device: Literal[False] = False,
+    **options: Unpack[RenderKeywords],
+) -> PointCloud: ...
+
+
+@overload
+def render(
+    scene: SceneChoice,
+    sensor: str | os.PathLike[str] | Sensor | None = None,
+    *,
+    overrides: Overrides = (),
+    scene_overrides: Overrides = (),
+    on_device: Literal[True],
+    **options: Unpack[RenderKeywords],
+) -> DeviceCloud: ...
 
 
 @checks_arguments
@@ -59,8 +114,9 @@ def render(
     *,
     overrides: Overrides = (),
     scene_overrides: Overrides = (),
+    on_device: bool = False,
     **options: Unpack[RenderKeywords],
-) -> PointCloud:
+) -> PointCloud | DeviceCloud:
     """Render one frame of a sensor in a scene.
 
     Args:
@@ -68,6 +124,7 @@ def render(
         sensor: catalogue name, sensor file or `Sensor`; the scene's own if None
         overrides: changes to the sensor file's values: "detector.gain=60", a list of these, or {"detector.gain": 60}
         scene_overrides: changes to the scene file's values, likewise
+        on_device: leave the columns on the device, for libraries that compute there: a `DeviceCloud`
         options: `TraceOptions` as ``trace``, `FrameOptions` as ``frame`` and `Observers` as ``observers``, or the
             fields of any of them: ``seed=1, rays=3``
 
@@ -76,7 +133,7 @@ def render(
         BackendError: without a usable Mitsuba back end
     """
     simulator, frame, observers = _prepare(scene, sensor, overrides, scene_overrides, options)
-    return simulator.render(frame, observers)
+    return simulator.render(frame, observers, on_device=True) if on_device else simulator.render(frame, observers)
 
 
 def _prepare(
@@ -90,7 +147,7 @@ def _prepare(
     """Load scene and sensor and compile them: the simulator, and the options and observers of the frame."""
     keywords = Keywords(options)
     trace, frame, observers = (keywords.take(TraceOptions), keywords.take(FrameOptions), keywords.take(Observers))
-    keywords.end("scene", "sensor", "overrides", "scene_overrides")
+    keywords.end("scene", "sensor", "overrides", "scene_overrides", "on_device")
     described = load_scene(scene, overrides=scene_overrides)
     equipped = load_sensor(described.sensor_name if sensor is None else sensor, overrides=overrides)
     simulator = Simulator(described, equipped, trace, pose=frame.pose)

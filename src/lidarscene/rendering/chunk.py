@@ -21,8 +21,6 @@ from ..light.beams import Beams
 from ..light.echoes import Echoes
 from ..light.hits import Hits
 from ..maths.arrays import Array, Mask, Numbers, flatten, is_drjit
-from ..maths.pose import Pose
-from .frame import LARGEST_FLOAT32_M
 from .tiles import Order
 
 
@@ -142,36 +140,6 @@ def truth_arrays(hits: Hits) -> list[Any]:
     optional = (hits.radial_velocity_m_s, hits.interactions, hits.mirrored)
     needed += [*(hits.normal or ()), *(hits.velocity_m_s or ())]
     return [*needed, *(values for values in optional if is_drjit(values))]
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class Placing:
-    """Transform from the sensor's coordinates to those of the points, one for a whole frame.
-
-    All points of a frame are placed from where the sensor stood at its start: a real sensor does not correct for its
-    own motion either (`cloud.deskew` does).
-
-    Attributes:
-        turn: rotation, nine numbers, row by row, on the device
-        shift: translation [m], on the device
-        added_m: (3,) translation that NumPy adds in float64; None near the origin, where float32 is good to 0.1 mm
-    """
-
-    turn: Any
-    shift: Any
-    added_m: Numbers | None
-
-    @classmethod
-    def from_pose(cls, goal: Pose) -> Placing:
-        """Build from the sensor's pose in the coordinates of the points."""
-        # Far from the origin, as in map coordinates, float32 would round points to metres. The device then computes
-        # relative to the sensor, and NumPy adds the position in float64.
-        near = np.abs(goal.position_m).max() < LARGEST_FLOAT32_M
-        return cls(
-            turn=transfer.opaque(plain_numbers(goal.rotation)),
-            shift=transfer.opaque(plain_numbers(goal.position_m if near else np.zeros(3))),
-            added_m=None if near else goal.position_m,
-        )
 
 
 def plain_numbers(values: Numbers) -> tuple[Any, ...]:

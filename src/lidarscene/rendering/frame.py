@@ -22,12 +22,10 @@ from ..maths.pose import Pose
 from ..maths.random import ROLLOVERS, Seed
 from ..maths.trajectory import CLOCK_ROUNDING_S, Course, Motion, Riding, motion_in_frame, pose_at
 from ..scan import Scanner
+from ..scan.clock import PulseClock
 from ..scene.scene import Body, Scene
 from ..sensor.sensor_model import Sensor
 from .render_options import NUMBERS, FrameOptions
-
-LARGEST_FLOAT32_M = 1000.0
-"""Accuracy bought: coordinates beyond this are double precision: float32 steps reach 0.1 mm there."""
 
 PULSE_NUMBERS = 2**31
 """Pulse numbers on the device are below this: as many whole frames as fit, then they begin again at 0 (a rollover)."""
@@ -51,7 +49,7 @@ class Frame:
         origin: ``place`` in traced coordinates, opaque; holds for all pulses unless the sensor moves
         paths: sampled poses of the sensor (0) and of the world's movers (1, ...), on the device; None: nothing moves
         moves: whether the sensor moves
-        bodies: `World.bodies_in_frame`
+        bodies: `World.bodies_in_frame`, on the device
     """
 
     number: int
@@ -64,7 +62,7 @@ class Frame:
     origin: Placement
     paths: MotionTable | None
     moves: bool
-    bodies: Numbers | None
+    bodies: Any
     _scanner: Scanner
 
     @classmethod
@@ -92,6 +90,7 @@ class Frame:
                 centre_m=world.centre_m,
                 carried_m=mover_boxes(movers, start_s),
             )
+        bodies = world.bodies_in_frame(start_s)
         rollover, since = divmod(number, _frames_numbered(sensor.scanner))
         return cls(
             number=number,
@@ -104,7 +103,7 @@ class Frame:
             origin=fixed_placement(place, world.centre_m),
             paths=None if paths is None else motions_on_device(paths),
             moves=scene.ego is not None,
-            bodies=world.bodies_in_frame(start_s),
+            bodies=None if bodies is None else transfer.whole_numbers(bodies),
             _scanner=sensor.scanner,
         )
 
@@ -126,11 +125,16 @@ class Frame:
         """Pulses from frame 0 to the rollover."""
         return self.number * self._scanner.pulses - self.first_pulse
 
-    def time_s(self, pulse: Numbers) -> Numbers:
-        """Times since the start of the frame at which these pulses leave, (n,) float64."""
-        times_s = self._scanner.time_s(self.pulses_in_run(pulse))
-        times_s -= self.scanner_s
-        return times_s
+    def time_s(self, clock: PulseClock, pulse: Lanes) -> Any:
+        """Times since the start of the frame at which these pulses leave, (n,) Float64 on the device.
+
+        Args:
+            clock: the scanner's, its numbers opaque
+            pulse: on the device, since the rollover
+        """
+        before = self._scanner.clock.before(self._earlier_pulses)
+        earlier, start_s = transfer.opaque((before, self.scanner_s), double=True)
+        return clock.time_s(pulse, earlier=earlier) - start_s
 
     def times(self, pulse: Numbers) -> Any:
         """Times [s] since the frame's first pulse at which these pulses leave, (n,) on the device."""

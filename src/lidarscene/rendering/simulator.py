@@ -10,22 +10,26 @@ import os
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import Any, Unpack, cast
+from functools import partial
+from typing import Any, Literal, Unpack, cast, overload
 
 import numpy as np
 
 from ..cloud.builder import CloudBuilder
 from ..cloud.deskew import MOTION_KEPT
+from ..cloud.device_cloud import DeviceCloud
 from ..cloud.point_cloud import PointCloud
 from ..detection.sampled_waveforms import Waveforms, check_pulses, sample_waveforms
 from ..errors import InputError
 from ..files.arguments import checks_arguments
 from ..formats.cloud_columns import SENSOR_TO_VEHICLE, SENSOR_TO_WORLD
-from ..kernel.device import blocks, transfer
+from ..kernel.device import backend, blocks, transfer
 from ..kernel.device.gate import exclusive
 from ..kernel.device.types import DeviceArray
 from ..kernel.rays import kept_lanes
 from ..kernel.rays import point_columns as collect
+from ..kernel.rays.device_columns import DeviceColumns, join, start_columns
+from ..kernel.rays.point_columns import Placing
 from ..kernel.world.mitsuba_world import World, build_world
 from ..light.echoes import EchoTrain
 from ..maths.arrays import Mask, Numbers
@@ -38,7 +42,7 @@ from ..scene.scene_file import SceneChoice, load_scene
 from ..sensor.pose_file import Placed, to_pose
 from ..sensor.sensor_file import load_sensor
 from ..sensor.sensor_model import Sensor
-from .chunk import Chunk, Placing, detection_values, join_columns, without_lanes
+from .chunk import Chunk, detection_values, join_columns, without_lanes
 from .extremes import check_detections, points_error
 from .frame import Frame, check_frame, sensor_motion
 from .frame_summary import Summary as Summary
@@ -62,11 +66,13 @@ class _Piece:
 
     Attributes:
         first: number of the chunk's first pulse
-        columns: name -> column of its points; None without points
+        status: `Status` of each of its points
+        columns: name -> column of its points; None without points, and where they stay on the device
         outcome: (n,) `Outcome` of each pulse
     """
 
     first: int
+    status: Numbers
     columns: dict[str, Any] | None
     outcome: Numbers
 
@@ -133,6 +139,7 @@ class Simulator:
         if trace.interactions and not self.world.see_through:
             raise ValueError("world: must let beams go on (see_through) for interactions > 0, got one that does not")
         self._prepare_stages()
+        self._clock = transfer.opaque(sensor.scanner.clock, double=True)
         self.class_names = self.world.class_names
         self._air_classes = None
         if (air := self._stages.air) is not None:
@@ -199,6 +206,28 @@ class Simulator:
         except InputError:
             self._begun = None
 
+    @overload
+    def render(
+        self,
+        frame: FrameOptions | None = None,
+        observers: Observers | None = None,
+        *,
+        ahead: Callable[[], None] | None = None,
+        on_device: Literal[False] = False,
+        **options: Unpack[StreamKeywords],
+    ) -> PointCloud: ...
+
+    @overload
+    def render(
+        self,
+        frame: FrameOptions | None = None,
+        observers: Observers | None = None,
+        *,
+        ahead: Callable[[], None] | None = None,
+        on_device: Literal[True],
+        **options: Unpack[StreamKeywords],
+    ) -> DeviceCloud: ...
+
     @exclusive
     def render(
         self,
@@ -206,12 +235,14 @@ class Simulator:
         observers: Observers | None = None,
         *,
         ahead: Callable[[], None] | None = None,
+        on_device: bool = False,
         **options: Unpack[StreamKeywords],
-    ) -> PointCloud:
+    ) -> PointCloud | DeviceCloud:
         """Render one frame as a point cloud.
 
         Args:
             ahead: called once the device has done its part of the frame: time to `begin` another one
+            on_device: leave the columns on the device, for libraries that compute there: a `DeviceCloud`
             options: fields of `FrameOptions` and `Observers`, in place of those of ``frame`` and ``observers``
 
         Raises:
@@ -222,13 +253,23 @@ class Simulator:
             self._traced_frame(frame_options),
             Summary() if observers.summary is None else observers.summary,
         )
-        most = self.sensor.scanner.pulses * self.sensor.tdc.stops
-        builder = CloudBuilder(capacity=most, vectors=self.trace.vectors)
+        pulses = self.sensor.scanner.pulses
+        # Chunks are joined on the device where that is asked for, and on a card: its memory is a hundred times as fast.
+        parts: list[DeviceColumns] | None = [] if on_device or backend.is_cuda() else None
+        builder = CloudBuilder(
+            capacity=pulses * self.sensor.tdc.stops,
+            vectors=self.trace.vectors,
+            memory=transfer.pooled_memory if parts is None and pulses > self._chunk_pulses(frame_options) else None,
+        )
         description = self._description(current_frame, frame_options)
         taking = replace(observers, summary=summary)
-        self._hand_out(current_frame, builder.append, "assemble", frame_options, taking, ahead)
+        self._hand_out(current_frame, builder.append, "assemble", frame_options, taking, ahead, parts)
         since = time.perf_counter()
-        cloud = PointCloud(**builder.fields(**description), checked=True)
+        if parts is None:
+            cloud: PointCloud | DeviceCloud = PointCloud(**builder.fields(**description), checked=True)
+        else:
+            gathered = DeviceCloud(columns=join(parts), vectors=self.trace.vectors, **description)
+            cloud = gathered if on_device else gathered.numpy()
         summary.add_time("assemble", since)
         return cloud
 
@@ -289,17 +330,20 @@ class Simulator:
         options: FrameOptions,
         observers: Observers,
         ahead: Callable[[], None] | None,
+        kept: list[DeviceColumns] | None = None,
     ) -> None:
         """Hand the columns of each piece of a frame to ``take``, and the rest to the observers.
 
         Args:
+            take: called with the columns of each chunk that has points, in NumPy
+            kept: list to which the columns are appended on the device instead
             stage: name under which the summary counts the time of this
         """
         finished, summary = 0, Summary() if observers.summary is None else observers.summary
-        for piece in self._pieces(frame, options, observers, summary, ahead):
+        for piece in self._pieces(frame, options, observers, summary, ahead, kept):
             since = time.perf_counter()
             finished += len(piece.outcome)
-            summary.count(piece.outcome, None if piece.columns is None else piece.columns["status"])
+            summary.count(piece.outcome, piece.status)
             if piece.columns is not None:
                 take(piece.columns)
             if observers.missed is not None:
@@ -316,6 +360,7 @@ class Simulator:
         observers: Observers,
         summary: Summary,
         ahead: Callable[[], None] | None,
+        kept: list[DeviceColumns] | None,
     ) -> Iterator[_Piece]:
         """Iterate over the results of the chunks; outcomes are in the order of pulses if ``observers.missed`` is set.
 
@@ -324,7 +369,9 @@ class Simulator:
         begin, end = frame.first_pulse, frame.first_pulse + self.sensor.scanner.pulses
         chunk = self._chunk_pulses(options)
         seed_words = frame.seed_words(options.seed)
-        placing = Placing.from_pose(frame.goal(options.coordinates))
+        placing = Placing.from_pose(
+            frame.goal(options.coordinates), time_s=partial(frame.time_s, self._clock), bodies=frame.bodies
+        )
 
         def started(first: int) -> Chunk:
             since = time.perf_counter()
@@ -341,7 +388,7 @@ class Simulator:
             parts = self._trace_continuing(frame, part, seed_words)
             check_detections(self.scene, self.sensor, [traced.detection for traced in parts])
             since = summary.add_time("trace", since)
-            pulse, columns = self._columns(frame, parts, placing)
+            columns = self._columns(frame, parts, placing, pulses=observers.points is not None)
             outcome = detection_values(parts, "outcome", ordered=observers.missed is not None)
             if observers.ambient is not None:
                 numbers = np.arange(first, first + len(outcome))
@@ -350,14 +397,19 @@ class Simulator:
                 surfaces = join_columns([self._surfaces(frame, traced) for traced in parts])
                 if surfaces:
                     surfaces["pulse"] = frame.pulses_in_run(surfaces["pulse"])
-                observers.points(frame.pulses_in_run(pulse), surfaces)
+                observers.points(frame.pulses_in_run(columns.numpy(collect.PULSE_COLUMN)), surfaces)
+            # All that NumPy reads of this chunk: later it would wait for the next one, too.
+            status = columns.numpy("status")
+            in_numpy = columns.in_numpy() if kept is None and columns.count else None
+            if kept is not None:
+                kept.append(columns)
             summary.add_time("collect", since)
             piece_first = first
             if following is not None:
                 part, first = started(following), following
             elif ahead is not None:
                 ahead()
-            yield _Piece(piece_first, columns, outcome)
+            yield _Piece(piece_first, status, in_numpy, outcome)
 
     def _chunk_pulses(self, options: FrameOptions) -> int:
         """Number of pulses of a chunk."""
@@ -486,8 +538,11 @@ class Simulator:
         train = cast(EchoTrain, transfer.fetch(self._stages.pulse_train(frame, pulses, seed)))
         return train if traced == count else train.part(before, count, of=traced)
 
-    def _columns(self, frame: Frame, parts: Sequence[Chunk], placing: Placing) -> tuple[Numbers, dict[str, Any] | None]:
-        """Kept points of a chunk, sorted by pulse and then by return: pulse numbers, columns of a PointCloud or None.
+    def _columns(self, frame: Frame, parts: Sequence[Chunk], placing: Placing, *, pulses: bool) -> DeviceColumns:
+        """Kept points of a chunk, sorted by pulse and then by return.
+
+        Args:
+            pulses: whether `PULSE_COLUMN` is among the columns
 
         Raises:
             InputError: for points with NaN or infinities
@@ -500,53 +555,38 @@ class Simulator:
         )
         # First of all, since it waits for the device.
         replaced = [(part, retraced.among(lane, stop, stops=len(part.detection.stops))) for retraced, part in again]
-        # Columns of all returns as the survey has them. Those of pulses that were traced again are replaced.
-        on_device = collect.with_flat_positions(self._on_device(frame, surveyed, (lane, stop), placing))
-        # Started before the others are written down: else those would change this kernel.
-        transfer.start([*on_device.values()])
-        for part, returns in replaced:
-            if returns is not None:
-                index, lanes = returns
-                collect.put_columns(on_device, self._on_device(frame, part, lanes, placing), index)
-        columns = transfer.fetch_columns(on_device)
-        columns["xyz_m"] = columns["xyz_m"].reshape(-1, 3)
-        # A single point is there twice (`kept_lanes.more_than_one`): the count leaves the copy out.
-        if not count:
-            return np.zeros(0, np.uint32), None
-        columns = {name: values[:count] for name, values in columns.items()}
-        if columns.pop(collect.NAN_COLUMN).any():
-            raise points_error(self.scene, self.sensor, columns)
-        if frame.bodies is not None:
-            columns["body"] = frame.bodies[columns["body"]]
-        if placing.added_m is not None:
-            columns["xyz_m"] = columns["xyz_m"] + placing.added_m
-        # The device hands on pulse numbers; times need float64, which only NumPy has here.
-        pulse = columns["time_s"]
-        columns["time_s"] = frame.time_s(pulse)
-        for name, default in collect.DEFAULT_VALUES.items():
-            columns.setdefault(name, np.broadcast_to(default, len(pulse)))
-        return pulse, columns
+        on_device = partial(self._on_device, frame, placing, pulses)
+        # Columns of all returns as the survey has them. Those of pulses that were traced again are replaced. A single
+        # point is there twice (`kept_lanes.more_than_one`): the count leaves the copy out.
+        later = ((on_device(part, returns[1]), returns[0]) for part, returns in replaced if returns is not None)
+        columns = start_columns(on_device(surveyed, (lane, stop)), count, later)
+        if columns.numpy(collect.NAN_COLUMN).any():
+            raise points_error(self.scene, self.sensor, columns.in_numpy())
+        return columns
 
-    def _on_device(self, frame: Frame, part: Chunk, lanes: tuple[Any, Any], placing: Placing) -> dict[str, Any]:
+    def _on_device(
+        self, frame: Frame, placing: Placing, pulses: bool, part: Chunk, lanes: tuple[Any, Any]
+    ) -> dict[str, Any]:
         """`collect.point_columns` of these lanes and stops of one part, on the device."""
-        return collect.point_columns(
+        columns = collect.point_columns(
             world=self.world,
             sensor=self._stages.at_phase(frame.phase).sensor,
             staged=part.staged(self.trace.rays),
             air_classes=self._air_classes,
             lanes=lanes,
-            turn=placing.turn,
-            shift=placing.shift,
+            placing=placing,
         )
+        return columns if pulses else {name: v for name, v in columns.items() if name != collect.PULSE_COLUMN}
 
     def _surfaces(self, frame: Frame, part: Chunk) -> dict[str, Numbers]:
         """`collect.surface_columns` of one part in NumPy; empty without any surface."""
-        surfaces = collect.surface_columns(world=self.world, staged=part.staged(self.trace.rays), twice=part.twice)
+        surfaces = collect.surface_columns(
+            world=self.world, staged=part.staged(self.trace.rays), bodies=frame.bodies, twice=part.twice
+        )
         if surfaces is None:
             return {}
         columns, count = surfaces
-        fetched = {name: values[:count] for name, values in transfer.fetch_columns(columns).items()}
-        return fetched if frame.bodies is None else fetched | {"body": frame.bodies[fetched["body"]]}
+        return {name: values[:count] for name, values in transfer.fetch_columns(columns).items()}
 
     def _frame(self, options: FrameOptions) -> Frame:
         frame = Frame.from_options(
