@@ -77,14 +77,14 @@ def test_point_cloud_2(tmp_path: Path, library: Any, street_cloud: PointCloud, s
     )
     np.testing.assert_array_equal(np.stack([rows[a] for a in "xyz"], axis=-1), in_sensor_frame.xyz_m)
     np.testing.assert_array_equal(rows["intensity"], in_sensor_frame.intensity)
-    np.testing.assert_array_equal(rows["ring"], in_sensor_frame.channel)
+    np.testing.assert_array_equal(rows["ring"], in_sensor_frame.ring)
     if layout == "velodyne":
         np.testing.assert_array_equal(rows["time"], in_sensor_frame.time_s.astype(np.float32))
     else:
         np.testing.assert_array_equal(rows["t"], np.rint(in_sensor_frame.time_s * 1e9))
         np.testing.assert_allclose(rows["range"], 1e3 * in_sensor_frame.range_m, atol=0.51)
     for column in in_sensor_frame.columns:
-        if column.name not in (*LAYOUTS[layout], "channel", "time"):
+        if column.name not in (*LAYOUTS[layout], "time"):
             np.testing.assert_array_equal(rows[column.name], in_sensor_frame.column(column.name))
     check_transform(received["/tf"].transforms[0], street_cloud)
 

@@ -35,7 +35,7 @@ def test_frames_fields_and_poses_of_our_own_bag(tmp_path: Path, suffix: str, sto
     assert second.intensity is not None
     np.testing.assert_array_equal(second.intensity, local.intensity)
     assert second.ring is not None
-    np.testing.assert_array_equal(second.ring, local.channel)
+    np.testing.assert_array_equal(second.ring, local.ring)
     assert first.pose is None
     assert second.pose is not None
     np.testing.assert_allclose(second.pose.rotation, [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-12)

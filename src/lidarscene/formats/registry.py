@@ -103,7 +103,7 @@ def _functions(module: str, others: str = "", *, name: str | None = None, **opti
 
 
 _ROS_COLUMNS = {
-    "velodyne": "all; `time` as float32, `channel` as `ring` up to 65535",
+    "velodyne": "all; `time` as float32",
     "ouster": "all; `t` in ns, `range` in mm, `reflectivity` in percent, whole numbers",
 }
 
@@ -167,7 +167,7 @@ FORMATS = {
         **_functions("e57"),
     ),
     "kitti": _rows(".bin", "kitti", "`intensity`"),
-    "nuscenes": _rows(".pcd.bin", "nuscenes", "`intensity`, `channel`"),
+    "nuscenes": _rows(".pcd.bin", "nuscenes", "`intensity`, `ring` from the lowest up"),
     "npz": Format(suffix=".npz", **_functions("npz", "read")),
     "parquet": Format(suffix=".parquet", extra="parquet", **_functions("parquet", "read stream")),
     "mcap": _ros(".mcap", storage="mcap"),

@@ -63,7 +63,7 @@ LAYOUTS: dict[str, tuple[dict[str, tuple[int, str]], int]] = {
     ),
 }
 
-_REPLACED = {"velodyne": ("channel",), "ouster": ("channel", "time")}
+_REPLACED = {"velodyne": (), "ouster": ("time",)}
 """Columns that a layout has under another name only."""
 
 _DATATYPES = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8": 8}
@@ -242,7 +242,7 @@ def structured_rows(cloud: Cloud, layout: str) -> Numbers:
 def _driver_value(cloud: Cloud, name: str, dtype: np.dtype[Any]) -> Numbers:
     """Values of a driver's field, in its unit; zero where the cloud has no such column."""
     scales = {"t": ("time", 1e9), "range": ("range", 1e3), "reflectivity": ("reflectivity", 100.0)}
-    column, scale = scales.get(name, ("channel" if name == "ring" else name, 1.0))
+    column, scale = scales.get(name, (name, 1.0))
     if column not in ("range", *(column.name for column in cloud.columns)):
         return np.zeros(len(cloud), dtype)
     values = cloud.column(column)

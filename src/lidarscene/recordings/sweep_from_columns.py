@@ -15,7 +15,7 @@ NAMES = {
     "signal": ("signal", "signal_photons"),
     "near_ir": ("near_ir", "ambient", "nearir"),
     "reflectivity": ("reflectivity",),
-    "ring": ("ring", "channel", "laser_id", "line"),
+    "ring": ("ring", "line", "channel", "laser_id"),
     "column": ("column",),
     "return_number": ("return_number",),
     "time": ("time", "t", "timestamp", "time_stamp", "offset_time", "gps_time"),

@@ -20,7 +20,7 @@ from ..cloud.point_cloud import PointCloud
 from ..detection.sampled_waveforms import Waveforms, check_pulses, sample_waveforms
 from ..errors import InputError
 from ..files.arguments import checks_arguments
-from ..formats.cloud_columns import SENSOR_TO_VEHICLE, SENSOR_TO_WORLD
+from ..formats.cloud_columns import RING_ROWS, SENSOR_TO_VEHICLE, SENSOR_TO_WORLD
 from ..kernel.device import blocks, transfer
 from ..kernel.device.gate import exclusive
 from ..kernel.device.types import DeviceArray
@@ -523,6 +523,7 @@ class Simulator:
         # The device hands on pulse numbers; times need float64, which only NumPy has here.
         pulse = columns["time_s"]
         columns["time_s"] = frame.time_s(pulse)
+        columns["ring"] = self.sensor.rings(columns["channel"])
         for name, default in collect.DEFAULT_VALUES.items():
             columns.setdefault(name, np.broadcast_to(default, len(pulse)))
         return pulse, columns
@@ -619,6 +620,10 @@ def _metadata(scene: Scene, sensor: Sensor, frame: Frame, options: FrameOptions)
         SENSOR_TO_WORLD: _pose_text(frame.place),
         SENSOR_TO_VEHICLE: _pose_text(frame.goal("vehicle")),
     }
+    if sensor.driver:
+        metadata["driver"] = sensor.driver
+    if sensor.ring_rows is not None:
+        metadata[RING_ROWS] = " ".join(map(str, sensor.ring_rows.tolist()))
     if frame.moves:
         metadata["ego_motion"] = MOTION_KEPT
     if options.coordinates != "sensor":

@@ -23,6 +23,7 @@ from ..physics.optics import beam
 from ..scan import AnyScannerFile, Scanner
 from ..scan.scanner_file import ScannerContext
 from .detectors import AnyDetectorFile, Detector, Spad
+from .driver import DriverName
 from .electronics import Keep, Receiver, Tdc, check_stops, kept_stops
 from .histogram import Histogram, HistogramFile
 from .imu import ImuFile
@@ -147,6 +148,9 @@ class SensorFile(FileModel):
 
     name: Annotated[str, Field(min_length=1)] = Field(description="name in the metadata")
     description: str = Field(default="", description="for people")
+    driver: DriverName | None = Field(
+        default=None, description="of the maker for ROS: how it counts `ring`, lays out points, and names topics"
+    )
     laser: LaserFile = Field(description="laser and its beam")
     optics: OpticsFile = Field(description="lenses, filter, overlap")
     scanner: Annotated[AnyScannerFile, Field(discriminator="type")] = Field(
@@ -252,6 +256,7 @@ class SensorFile(FileModel):
         sensor = Sensor(
             name=self.name,
             description=self.description,
+            driver=self.driver or "",
             laser=laser,
             optics=optics,
             scanner=scanner,
