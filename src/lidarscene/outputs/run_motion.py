@@ -14,6 +14,7 @@ import numpy as np
 
 from ..errors import OptionError
 from ..formats.motion_files import write_imu, write_poses
+from ..formats.ros import TRANSFORM_HZ
 from ..maths.arrays import Numbers
 from ..maths.pose import Pose
 from ..maths.trajectory import Course, Motion, Riding, pose_at
@@ -97,6 +98,23 @@ class RunMotion:
                 start_s = -np.inf if index == 0 else starts_s[index]
                 end_s = starts_s[index + 1] if index + 1 < len(starts_s) else np.inf
                 yield track, track.samples.between(float(start_s), float(end_s))
+
+    def vehicle_poses(self, label: str, index: int) -> tuple[list[float], list[Pose]]:
+        """Times by the scene's clock and poses of the vehicle from the start of a sensor's frame to that of the next.
+
+        They are `formats.ros.TRANSFORM_HZ` a second; none where the vehicle never moves, and for the sensors of a rig
+        after its first.
+
+        Args:
+            index: of the frame within the run
+        """
+        ego, starts_s = self.scene.ego, self.starts_s[label]
+        if ego is None or label != next(iter(self.simulators)):
+            return [], []
+        last_s = float(starts_s[index]) + self.simulators[label].sensor.scanner.frame_s
+        end_s = float(starts_s[index + 1]) if index + 1 < len(starts_s) else last_s
+        times_s = np.arange(starts_s[index], end_s, 1.0 / TRANSFORM_HZ).tolist()
+        return times_s, [pose_at(ego, time_s) for time_s in times_s]
 
     def write_imu(self, path: Path, label: str, epoch_ns: int) -> None:
         """Write the samples of the IMU with this label."""
