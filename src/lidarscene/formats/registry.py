@@ -152,14 +152,15 @@ def _rows(suffix: str, name: str, columns: str) -> Format:
 ROS_LAYOUTS = ("velodyne", "ouster", "hesai", "robosense", "livox", "livox-custom")
 """Layouts of messages of ROS 2 that may be chosen by name; without, the sensor's driver chooses."""
 
-_PCD_BESIDE = "metadata, units, names, viewpoint"
+_PCD = {
+    "positions": "float32; far from the origin from the viewpoint's whole metres on",
+    "beside": "metadata, units, names, viewpoint",
+}
 
 FORMATS = {
     "ply": Format(suffix=".ply", text=True, colour=True, **_functions("ply", "read stream")),
-    "pcd": Format(suffix=".pcd", text=True, beside=_PCD_BESIDE, **_functions("pcd", "read stream")),
-    "pcd-compressed": Format(
-        suffix=".pcd", extra="pcd", beside=_PCD_BESIDE, **_functions("pcd", "read", compressed=True)
-    ),
+    "pcd": Format(suffix=".pcd", text=True, **_PCD, **_functions("pcd", "read stream")),
+    "pcd-compressed": Format(suffix=".pcd", extra="pcd", **_PCD, **_functions("pcd", "read", compressed=True)),
     "las": _las(".las", compressed=False),
     "laz": _las(".laz", compressed=True),
     "e57": Format(
