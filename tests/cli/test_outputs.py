@@ -99,6 +99,7 @@ def test_range_image(run: Run, wall: str, tmp_path: Path) -> None:
         (["-o", "a.las", "--frames", "2"], "--output a.las: must be a folder with --frames"),
         (["-o", "a.mcap", "--epoch", "noon"], "--epoch: must be a date such as 2026-01-31 or 2026-01-31T12:00:00Z"),
         (["-o", "a.mcap", "--epoch", "2040-01-01"], "got '2040-01-01' (must be from 1970 to 2038)"),
+        (["-o", "a.ply", "--keep-rays", "r.csv"], "r.csv: the name must end in .npz or .parquet or .ply"),
         (["-o", "a.ply", "--topic", "lidar"], "--topic: goes with a bag of ROS 2, such as OUT.mcap"),
         (["-o", "a.mcap", "--topic", "a b"], "--topic: must be a name of ROS such as lidar/points, got 'a b'"),
         (["-o", "a.mcap", "--frame-id", "9"], "--frame-id: must be a name of ROS such as lidar_top, got '9'"),
@@ -217,3 +218,13 @@ def test_the_vehicles_poses_come_a_hundred_times_a_second(run: Run, wall: str, t
     x_m = [t.transform.translation.x for t in transforms]
     np.testing.assert_allclose(np.array(x_m) - x_m[0], 20.0 * stamps_s, atol=1e-6)
     assert {topic for topic, _ in received} == {"/top/x", "/tf", "/tf_static"}
+
+
+def test_rays_of_every_pulse(run: Run, wall: str, tmp_path: Path) -> None:
+    """Reference: the points and the missed pulses of the same run, which together are all pulses."""
+    ran = run("render", wall, "-o", "a.npz", "--keep-rays", "r.npz", "--keep-missed", "m.npz", *COARSE)
+    assert (ran.code, ran.err) == (0, "")
+    with np.load(tmp_path / "r.npz") as rays, np.load(tmp_path / "m.npz") as missed:
+        assert len(rays["pulse"]) == BEAMS
+        np.testing.assert_array_equal(rays["outcome"][missed["pulse"]], missed["reason"])
+        assert np.isfinite(rays["range"]).sum() == len(PointCloud.load(tmp_path / "a.npz"))

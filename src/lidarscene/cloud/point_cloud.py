@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Annotated, Any
 
 import numpy as np
@@ -24,6 +24,7 @@ from ..formats.registry import format_of, formats_with
 from ..maths.arrays import Numbers
 from ..scene.scene import View
 from .builder import CloudBuilder
+from .rays import PulseRays
 
 
 @checks_arguments
@@ -50,6 +51,20 @@ class PointCloud(Cloud):
     Raises:
         ValueError: for a wrong shape, an integer out of range, a NaN anywhere
     """
+
+    _rays: PulseRays | None = field(init=False, default=None, repr=False, compare=False)
+
+    @property
+    def rays(self) -> PulseRays:
+        """Rays of every pulse of the frame, with a point or without, in the coordinates of this cloud.
+
+        Raises:
+            InputError: unless the cloud is as `render` gave it with ``keep_rays=True``: what is selected, moved or
+                read of a file has none
+        """
+        if self._rays is None:
+            raise InputError("cloud.rays: must be of a cloud as render(..., keep_rays=True) gave it, and this has none")
+        return self._rays
 
     def __repr__(self) -> str:
         kinds = np.bincount(self.status, minlength=len(Status))

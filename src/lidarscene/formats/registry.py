@@ -152,7 +152,7 @@ def _rows(suffix: str, name: str, columns: str) -> Format:
 ROS_LAYOUTS = ("velodyne", "ouster", "hesai", "robosense", "livox", "livox-custom")
 """Layouts of messages of ROS 2 that may be chosen by name; without, the sensor's driver chooses."""
 
-_PCD = {
+_PCD: dict[str, Any] = {
     "positions": "float32; far from the origin from the viewpoint's whole metres on",
     "beside": "metadata, units, names, viewpoint",
 }

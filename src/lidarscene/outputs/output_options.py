@@ -128,6 +128,12 @@ class Outputs:
         metavar="F.npz",
         flags=("--keep-missed",),
     )
+    keep_rays: File | None = option(
+        None,
+        FileName((".npz", ".parquet", ".ply")),
+        help="every pulse with its ray: origin, direction, time, outcome and range, for maps of what is free",
+        metavar="F.npz|F.parquet|F.ply",
+    )
     picture: File | None = option(
         None, FileName((".png", ".svg")), help="a view of the cloud and its range image (or F.svg)", metavar="F.png"
     )

@@ -7,7 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
-from ...errors import warn
+from ...errors import OptionWarning, warn
 from ...maths.arrays import Numbers
 from ...scan.spinning import Spinning
 from .firings import Firings
@@ -52,7 +52,8 @@ def last_and_strongest(frame: Firings, *, step_m: float, two_returns: bool) -> d
     """
     distance, most = np.rint(frame.range_m / step_m), np.iinfo(np.uint16).max
     if np.any(distance > most):
-        warn(f"packets of this sensor end at {most * step_m:.2f} m: returns beyond are left out")
+        last_m = f"{most * step_m:.2f}"
+        warn(OptionWarning("packets of this sensor end at {0} m: returns beyond are left out", last_m))
     distance = np.where(distance <= most, distance, 0.0).astype(np.uint16)
     reflectivity = np.rint(frame.intensity).clip(0, 255).astype(np.uint8)
     first, second = distance[..., 0], distance[..., 1]
