@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
 import numpy as np
@@ -27,9 +27,31 @@ from .builder import CloudBuilder
 from .rays import PulseRays
 
 
+class _CloudWithRays(Cloud):
+    """Cloud that may have the rays of its frame: no field, so that what is made of it by `replace` has none."""
+
+    __slots__ = ("_rays",)
+    _rays: PulseRays
+
+    @property
+    def rays(self) -> PulseRays:
+        """Rays of every pulse of the frame, with a point or without, in the coordinates of this cloud.
+
+        Raises:
+            InputError: unless the cloud is as `render` gave it with ``keep_rays=True``: what is selected, moved or
+                read of a file has none
+        """
+        try:
+            return self._rays
+        except AttributeError:
+            raise InputError(
+                "cloud.rays: must be of a cloud as render(..., keep_rays=True) gave it, and this has none"
+            ) from None
+
+
 @checks_arguments
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
-class PointCloud(Cloud):
+class PointCloud(_CloudWithRays):
     """The points of one frame, struct of arrays, read-only; `CloudColumns` declares each column.
 
     * `truth`: true_range_m to material: all given or all None; -1 and inf mean no surface
@@ -51,20 +73,6 @@ class PointCloud(Cloud):
     Raises:
         ValueError: for a wrong shape, an integer out of range, a NaN anywhere
     """
-
-    _rays: PulseRays | None = field(init=False, default=None, repr=False, compare=False)
-
-    @property
-    def rays(self) -> PulseRays:
-        """Rays of every pulse of the frame, with a point or without, in the coordinates of this cloud.
-
-        Raises:
-            InputError: unless the cloud is as `render` gave it with ``keep_rays=True``: what is selected, moved or
-                read of a file has none
-        """
-        if self._rays is None:
-            raise InputError("cloud.rays: must be of a cloud as render(..., keep_rays=True) gave it, and this has none")
-        return self._rays
 
     def __repr__(self) -> str:
         kinds = np.bincount(self.status, minlength=len(Status))
