@@ -105,6 +105,22 @@ def test_point_cloud_2(tmp_path: Path, library: Any, street_cloud: PointCloud, b
     check_transform(received["/tf"].transforms[0], cloud, frame)
 
 
+def test_the_vehicles_poses_are_there_once(tmp_path: Path, library: Any, street_cloud: PointCloud) -> None:
+    """Poses of two sensors whose frames begin together, and poses between: no stamp comes twice.
+
+    A sensor may be called map.
+    """
+    need("mcap")
+    with ros_frames(tmp_path / "a.mcap") as append:
+        append(on_vehicle(street_cloud, MOUNTINGS[0]), "map")
+        append.append_motion([street_cloud.frame_start_s + 0.01 * step for step in range(3)], [Pose()] * 3)
+        append(on_vehicle(street_cloud, MOUNTINGS[1]), "left")
+    received = stamped_messages(tmp_path / "a.mcap", library)
+    assert len([1 for topic, *_ in received if topic == "/tf"]) == 3
+    placed_frames = [message.transforms for topic, _, message in received if topic == "/tf_static"][-1]
+    assert [stamped.child_frame_id for stamped in placed_frames] == ["sensor_map", "left"]
+
+
 def test_times_of_each_driver(tmp_path: Path, library: Any) -> None:
     """Seconds from the stamp, nanoseconds from it, seconds since 1970, nanoseconds since 1970."""
     need("mcap")

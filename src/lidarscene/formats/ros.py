@@ -159,7 +159,7 @@ class Bag:
         self._topic, self._frame_id = topic, frame_id
         self._mountings: dict[str, MessageFields] = {}
         self._drivers: dict[str, Driver] = {}
-        self._vehicle_ns: int | None = None
+        self._vehicle_ns: set[int] = set()
 
     def __call__(self, cloud: Cloud, label: str = "") -> None:
         """Append a frame of the sensor with this label; "" without a rig, and for merged clouds."""
@@ -172,15 +172,16 @@ class Bag:
         time_ns = stamp_ns(cloud.frame_start_s, self._epoch_ns)
         self._writer.custom_data["/".join(filter(None, ("lidarscene", label)))] = description(cloud)
         maker = self._layout.partition("-")[0] or cloud.metadata.get("driver", "")
-        driver = self._drivers[label] = DRIVERS[maker]
+        is_merged = len(sensor_positions_m(cloud.metadata)) > 1
+        driver = self._drivers[label] = DRIVERS["" if is_merged or maker not in DRIVERS else maker]
         topic, frame = self._topic or driver.points, self._frame_id or driver.frame
-        if len(sensor_positions_m(cloud.metadata)) > 1:
+        if is_merged:
             cloud, frame = _in_vehicle_frame(cloud)
         else:
             cloud = cloud.in_sensor_frame()
             frame = "_".join(filter(None, (_ros_name(label), self._frame_id))) if label else frame
         self._append_transforms(cloud, frame, time_ns)
-        header, layout = _header(time_ns, frame), self._layout or maker or "velodyne"
+        header, layout = _header(time_ns, frame), self._layout or (maker if maker in LAYOUTS else "velodyne")
         if layout == CUSTOM:
             message_type, message = "livox_ros_driver2/msg/CustomMsg", _custom_message(cloud, header, time_ns)
         else:
@@ -224,8 +225,8 @@ class Bag:
                 self._append_vehicle(pose, stamp_ns(time_s, self._epoch_ns or 0))
 
     def _append_vehicle(self, pose: Pose, time_ns: int) -> None:
-        if time_ns != self._vehicle_ns:
-            self._vehicle_ns = time_ns
+        if time_ns not in self._vehicle_ns:
+            self._vehicle_ns.add(time_ns)
             transform = _transform(pose, WORLD_FRAME, VEHICLE_FRAME, time_ns)
             self._write_transforms(TRANSFORMS, time_ns, [transform])
 
@@ -247,9 +248,9 @@ def topic_of(name: str, label: str) -> str:
 
 
 def _ros_name(label: str) -> str:
-    """Label as a name in ROS: letters, digits and _, and no digit first."""
+    """Label as a name in ROS: letters, digits and _, no digit first, and no frame that sensors are placed in."""
     name = label.replace("-", "_")
-    return f"sensor_{name}" if name[:1].isdigit() else name
+    return f"sensor_{name}" if name[:1].isdigit() or name in (VEHICLE_FRAME, WORLD_FRAME) else name
 
 
 def _in_vehicle_frame(cloud: Cloud) -> tuple[Cloud, str]:

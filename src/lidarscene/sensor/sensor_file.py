@@ -148,9 +148,6 @@ class SensorFile(FileModel):
 
     name: Annotated[str, Field(min_length=1)] = Field(description="name in the metadata")
     description: str = Field(default="", description="for people")
-    driver: DriverName | None = Field(
-        default=None, description="of the maker for ROS: how it counts `ring`, lays out points, and names topics"
-    )
     laser: LaserFile = Field(description="laser and its beam")
     optics: OpticsFile = Field(description="lenses, filter, overlap")
     scanner: Annotated[AnyScannerFile, Field(discriminator="type")] = Field(
@@ -170,6 +167,9 @@ class SensorFile(FileModel):
     )
     intensity: AnyIntensityFile | None = Field(
         default=None, description="the maker's scale; the amplitude itself if left out"
+    )
+    driver: DriverName | None = Field(
+        default=None, description="of the maker for ROS: how it counts `ring`, lays out points, and names topics"
     )
     published: PublishedFile | None = Field(
         default=None, description="the maker's claims; the simulation does not use them"
