@@ -9,6 +9,7 @@ from helpers.clouds import assert_same
 
 from lidarscene import load_scene, load_sensor, render, render_frames
 from lidarscene.cloud.device_cloud import DeviceCloud
+from lidarscene.errors import InputError
 from lidarscene.formats.cloud_columns import attributes
 from lidarscene.kernel.device import backend
 from lidarscene.maths.pose import Pose
@@ -100,6 +101,8 @@ def test_every_way_to_render_leaves_columns_there() -> None:
     assert_same(frames[0].numpy(), cloud.numpy())
     with pytest.raises(AttributeError, match="no column or attribute 'rang_m'"):
         cloud.rang_m  # noqa: B018
+    with pytest.raises(InputError, match="keep_rays must be False where on_device is True"):
+        render("car", "table1-apd", overrides=overrides, on_device=True, keep_rays=True)
 
 
 @pytest.mark.skipif(find_spec("torch") is None, reason="needs PyTorch")

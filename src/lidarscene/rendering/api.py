@@ -19,7 +19,7 @@ from ..scene.scene_file import SceneChoice, load_scene
 from ..sensor.sensor_file import load_sensor
 from ..sensor.sensor_model import Sensor, warn_of_doubts
 from .option_fields import Whole
-from .render_options import NUMBERS, FrameOptions, Keywords, Observers, RenderKeywords, TraceOptions
+from .render_options import NUMBERS, FrameOptions, FramesKeywords, Keywords, Observers, RenderKeywords, TraceOptions
 from .simulator import Simulator
 from .surroundings import simulator_surroundings, warn_of_surroundings
 
@@ -33,7 +33,7 @@ def render_frames(
     overrides: Overrides = (),
     scene_overrides: Overrides = (),
     on_device: Literal[False] = False,
-    **options: Unpack[RenderKeywords],
+    **options: Unpack[FramesKeywords],
 ) -> Iterator[PointCloud]: ...
 
 
@@ -46,7 +46,7 @@ def render_frames(
     overrides: Overrides = (),
     scene_overrides: Overrides = (),
     on_device: Literal[True],
-    **options: Unpack[RenderKeywords],
+    **options: Unpack[FramesKeywords],
 ) -> Iterator[DeviceCloud]: ...
 
 
@@ -59,13 +59,14 @@ def render_frames(
     overrides: Overrides = (),
     scene_overrides: Overrides = (),
     on_device: bool = False,
-    **options: Unpack[RenderKeywords],
+    **options: Unpack[FramesKeywords],
 ) -> Iterator[PointCloud] | Iterator[DeviceCloud]:
     """Iterate over ``frames`` consecutive frames of a sensor; each is rendered when the iterator reaches it.
 
     The other parameters are those of `render`.
     """
     Whole(1, NUMBERS.high).check("frames", frames)
+    keep_rays = options.pop("keep_rays", False)
     simulator, first, observers = _prepare(scene, sensor, overrides, scene_overrides, options, frames)
     numbers = range(first.number, first.number + frames)
     simulator.check_frames(numbers, begin_s=first.begin_s)
@@ -76,8 +77,8 @@ def render_frames(
         ahead = partial(simulator.begin, following) if following.number in numbers else None
         chosen = replace(first, number=number)
         if on_device:
-            return simulator.render(chosen, observers, ahead=ahead, on_device=True)
-        return simulator.render(chosen, observers, ahead=ahead)
+            return simulator.render(chosen, observers, ahead=ahead, on_device=True, keep_rays=keep_rays)
+        return simulator.render(chosen, observers, ahead=ahead, keep_rays=keep_rays)
 
     # No `yield`: so the call itself raises for mistakes, and not the first frame.
     return cast(Iterator[PointCloud] | Iterator[DeviceCloud], map(frame, numbers))
@@ -90,6 +91,7 @@ def render(
     *,
     overrides: Overrides = (),
     scene_overrides: Overrides = (),
+    keep_rays: bool = False,
     on_device: Literal[False] = False,
     **options: Unpack[RenderKeywords],
 ) -> PointCloud: ...
@@ -102,6 +104,7 @@ def render(
     *,
     overrides: Overrides = (),
     scene_overrides: Overrides = (),
+    keep_rays: bool = False,
     on_device: Literal[True],
     **options: Unpack[RenderKeywords],
 ) -> DeviceCloud: ...
@@ -114,6 +117,7 @@ def render(
     *,
     overrides: Overrides = (),
     scene_overrides: Overrides = (),
+    keep_rays: bool = False,
     on_device: bool = False,
     **options: Unpack[RenderKeywords],
 ) -> PointCloud | DeviceCloud:
@@ -124,6 +128,7 @@ def render(
         sensor: catalogue name, sensor file or `Sensor`; the scene's own if None
         overrides: changes to the sensor file's values: "detector.gain=60", a list of these, or {"detector.gain": 60}
         scene_overrides: changes to the scene file's values, likewise
+        keep_rays: keep the ray of every pulse too, with an echo or without, in `PointCloud.rays`
         on_device: leave the columns on the device, for libraries that compute there: a `DeviceCloud`
         options: `TraceOptions` as ``trace``, `FrameOptions` as ``frame`` and `Observers` as ``observers``, or the
             fields of any of them: ``seed=1, rays=3``
@@ -133,7 +138,9 @@ def render(
         BackendError: without a usable Mitsuba back end
     """
     simulator, frame, observers = _prepare(scene, sensor, overrides, scene_overrides, options)
-    return simulator.render(frame, observers, on_device=True) if on_device else simulator.render(frame, observers)
+    if on_device:
+        return simulator.render(frame, observers, on_device=True, keep_rays=keep_rays)
+    return simulator.render(frame, observers, keep_rays=keep_rays)
 
 
 def _prepare(

@@ -19,10 +19,11 @@ from ..cloud.builder import CloudBuilder
 from ..cloud.deskew import MOTION_KEPT
 from ..cloud.device_cloud import DeviceCloud
 from ..cloud.point_cloud import PointCloud
+from ..cloud.rays import PulseRays
 from ..detection.sampled_waveforms import Waveforms, check_pulses, sample_waveforms
 from ..errors import InputError
 from ..files.arguments import checks_arguments
-from ..formats.cloud_columns import SENSOR_TO_VEHICLE, SENSOR_TO_WORLD
+from ..formats.cloud_columns import RING_ROWS, SENSOR_TO_VEHICLE, SENSOR_TO_WORLD
 from ..kernel.device import backend, blocks, transfer
 from ..kernel.device.gate import exclusive
 from ..kernel.device.types import DeviceArray
@@ -31,6 +32,7 @@ from ..kernel.rays import point_columns as collect
 from ..kernel.rays.device_columns import DeviceColumns, join, start_columns
 from ..kernel.rays.point_columns import Placing
 from ..kernel.world.mitsuba_world import World, build_world
+from ..light.beams import reported_beams
 from ..light.echoes import EchoTrain
 from ..maths.arrays import Mask, Numbers
 from ..maths.pose import Pose
@@ -66,12 +68,16 @@ class _Piece:
 
     Attributes:
         first: number of the chunk's first pulse
+        pulse: number of the pulse of each point; none unless an observer asks for pulses
+        range_m: its range, likewise
         status: `Status` of each of its points
         columns: name -> column of its points; None without points, and where they stay on the device
         outcome: (n,) `Outcome` of each pulse
     """
 
     first: int
+    pulse: Numbers
+    range_m: Numbers
     status: Numbers
     columns: dict[str, Any] | None
     outcome: Numbers
@@ -140,6 +146,8 @@ class Simulator:
             raise ValueError("world: must let beams go on (see_through) for interactions > 0, got one that does not")
         self._prepare_stages()
         self._clock = transfer.opaque(sensor.scanner.clock, double=True)
+        rings = sensor.rings_by_channel
+        self._rings = None if rings is None else transfer.whole_numbers(rings)
         self.class_names = self.world.class_names
         self._air_classes = None
         if (air := self._stages.air) is not None:
@@ -213,6 +221,7 @@ class Simulator:
         observers: Observers | None = None,
         *,
         ahead: Callable[[], None] | None = None,
+        keep_rays: bool = False,
         on_device: Literal[False] = False,
         **options: Unpack[StreamKeywords],
     ) -> PointCloud: ...
@@ -224,6 +233,7 @@ class Simulator:
         observers: Observers | None = None,
         *,
         ahead: Callable[[], None] | None = None,
+        keep_rays: bool = False,
         on_device: Literal[True],
         **options: Unpack[StreamKeywords],
     ) -> DeviceCloud: ...
@@ -235,12 +245,14 @@ class Simulator:
         observers: Observers | None = None,
         *,
         ahead: Callable[[], None] | None = None,
+        keep_rays: bool = False,
         on_device: bool = False,
         **options: Unpack[StreamKeywords],
     ) -> PointCloud | DeviceCloud:
         """Render one frame as a point cloud.
 
         Args:
+            keep_rays: keep the ray of every pulse too, in `PointCloud.rays`: 60 bytes a pulse
             ahead: called once the device has done its part of the frame: time to `begin` another one
             on_device: leave the columns on the device, for libraries that compute there: a `DeviceCloud`
             options: fields of `FrameOptions` and `Observers`, in place of those of ``frame`` and ``observers``
@@ -248,6 +260,8 @@ class Simulator:
         Raises:
             InputError: for an unknown option, or a motion that ends too early
         """
+        if on_device and keep_rays:
+            raise InputError("render: keep_rays must be False where on_device is True, got True: rays are NumPy's")
         frame_options, observers = _resolve_options(frame, observers, options)
         current_frame, summary = (
             self._traced_frame(frame_options),
@@ -262,14 +276,20 @@ class Simulator:
             memory=transfer.pooled_memory if parts is None and pulses > self._chunk_pulses(frame_options) else None,
         )
         description = self._description(current_frame, frame_options)
-        taking = replace(observers, summary=summary)
+        rays: list[PulseRays] = []
+        pulses_observer = observers.pulses if not keep_rays else _both(rays.append, observers.pulses)
+        taking = replace(observers, summary=summary, pulses=pulses_observer)
         self._hand_out(current_frame, builder.append, "assemble", frame_options, taking, ahead, parts)
         since = time.perf_counter()
         if parts is None:
-            cloud: PointCloud | DeviceCloud = PointCloud(**builder.fields(**description), checked=True)
+            cloud = PointCloud(**builder.fields(**description), checked=True)
         else:
             gathered = DeviceCloud(columns=join(parts), vectors=self.trace.vectors, **description)
-            cloud = gathered if on_device else gathered.numpy()
+            if on_device:
+                return gathered
+            cloud = gathered.numpy()
+        if keep_rays:
+            object.__setattr__(cloud, "_rays", PulseRays.concatenate(rays))
         summary.add_time("assemble", since)
         return cloud
 
@@ -349,9 +369,32 @@ class Simulator:
             if observers.missed is not None:
                 missed = np.flatnonzero(piece.outcome)
                 observers.missed(frame.pulses_in_run(missed + piece.first), piece.outcome[missed].astype(np.uint8))
+            if observers.pulses is not None:
+                observers.pulses(self._rays(frame, piece, options.coordinates))
             if observers.progress is not None:
                 observers.progress(finished, self.sensor.scanner.pulses)
             summary.add_time(stage, since)
+
+    def _rays(self, frame: Frame, piece: _Piece, coordinates: str) -> PulseRays:
+        """Rays of all pulses of a piece, in the coordinates of its points."""
+        pulse, goal = piece.first + np.arange(len(piece.outcome)), frame.goal(coordinates)
+        range_m = np.full(len(pulse), np.inf, np.float32)
+        np.minimum.at(range_m, piece.pulse.astype(np.int64) - piece.first, piece.range_m)
+        in_run = frame.pulses_in_run(pulse)
+        beams = reported_beams(
+            self.sensor, pulse=in_run, origin_m=tuple(goal.position_m), rotation=tuple(goal.rotation.ravel())
+        )
+        channel = np.asarray(self.sensor.scanner.channel(in_run))
+        return PulseRays(
+            pulse=in_run,
+            origin_m=np.stack([np.broadcast_to(np.float64(axis), pulse.shape) for axis in beams.origin_m], axis=-1),
+            direction=np.stack(beams.direction, axis=-1).astype(np.float32),
+            time_s=self.sensor.scanner.time_s(in_run) - frame.scanner_s,
+            channel=channel,
+            ring=self.sensor.rings(channel),
+            outcome=piece.outcome.astype(np.uint8),
+            range_m=range_m,
+        )
 
     def _pieces(
         self,
@@ -362,7 +405,7 @@ class Simulator:
         ahead: Callable[[], None] | None,
         kept: list[DeviceColumns] | None,
     ) -> Iterator[_Piece]:
-        """Iterate over the results of the chunks; outcomes are in the order of pulses if ``observers.missed`` is set.
+        """Iterate over the results of the chunks; outcomes are in the order of pulses if an observer needs them so.
 
         The device starts the next chunk before this one is handed out: it computes while NumPy copies.
         """
@@ -370,8 +413,12 @@ class Simulator:
         chunk = self._chunk_pulses(options)
         seed_words = frame.seed_words(options.seed)
         placing = Placing.from_pose(
-            frame.goal(options.coordinates), time_s=partial(frame.time_s, self._clock), bodies=frame.bodies
+            frame.goal(options.coordinates),
+            time_s=partial(frame.time_s, self._clock),
+            bodies=frame.bodies,
+            rings=self._rings,
         )
+        needs_order = observers.missed is not None or observers.pulses is not None
 
         def started(first: int) -> Chunk:
             since = time.perf_counter()
@@ -388,8 +435,8 @@ class Simulator:
             parts = self._trace_continuing(frame, part, seed_words)
             check_detections(self.scene, self.sensor, [traced.detection for traced in parts])
             since = summary.add_time("trace", since)
-            columns = self._columns(frame, parts, placing, pulses=observers.points is not None)
-            outcome = detection_values(parts, "outcome", ordered=observers.missed is not None)
+            columns = self._columns(frame, parts, placing)
+            outcome = detection_values(parts, "outcome", ordered=needs_order)
             if observers.ambient is not None:
                 numbers = np.arange(first, first + len(outcome))
                 observers.ambient(frame.pulses_in_run(numbers), detection_values(parts, "ambient").astype(np.uint64))
@@ -400,6 +447,9 @@ class Simulator:
                 observers.points(frame.pulses_in_run(columns.numpy(collect.PULSE_COLUMN)), surfaces)
             # All that NumPy reads of this chunk: later it would wait for the next one, too.
             status = columns.numpy("status")
+            pulse = range_m = np.zeros(0)
+            if observers.pulses is not None:
+                pulse, range_m = columns.numpy(collect.PULSE_COLUMN), columns.numpy("range_m")
             in_numpy = columns.in_numpy() if kept is None and columns.count else None
             if kept is not None:
                 kept.append(columns)
@@ -409,7 +459,7 @@ class Simulator:
                 part, first = started(following), following
             elif ahead is not None:
                 ahead()
-            yield _Piece(piece_first, status, in_numpy, outcome)
+            yield _Piece(piece_first, pulse, range_m, status, in_numpy, outcome)
 
     def _chunk_pulses(self, options: FrameOptions) -> int:
         """Number of pulses of a chunk."""
@@ -538,11 +588,8 @@ class Simulator:
         train = cast(EchoTrain, transfer.fetch(self._stages.pulse_train(frame, pulses, seed)))
         return train if traced == count else train.part(before, count, of=traced)
 
-    def _columns(self, frame: Frame, parts: Sequence[Chunk], placing: Placing, *, pulses: bool) -> DeviceColumns:
+    def _columns(self, frame: Frame, parts: Sequence[Chunk], placing: Placing) -> DeviceColumns:
         """Kept points of a chunk, sorted by pulse and then by return.
-
-        Args:
-            pulses: whether `PULSE_COLUMN` is among the columns
 
         Raises:
             InputError: for points with NaN or infinities
@@ -555,7 +602,7 @@ class Simulator:
         )
         # First of all, since it waits for the device.
         replaced = [(part, retraced.among(lane, stop, stops=len(part.detection.stops))) for retraced, part in again]
-        on_device = partial(self._on_device, frame, placing, pulses)
+        on_device = partial(self._on_device, frame, placing)
         # Columns of all returns as the survey has them. Those of pulses that were traced again are replaced. A single
         # point is there twice (`kept_lanes.more_than_one`): the count leaves the copy out.
         later = ((on_device(part, returns[1]), returns[0]) for part, returns in replaced if returns is not None)
@@ -564,11 +611,9 @@ class Simulator:
             raise points_error(self.scene, self.sensor, columns.in_numpy())
         return columns
 
-    def _on_device(
-        self, frame: Frame, placing: Placing, pulses: bool, part: Chunk, lanes: tuple[Any, Any]
-    ) -> dict[str, Any]:
+    def _on_device(self, frame: Frame, placing: Placing, part: Chunk, lanes: tuple[Any, Any]) -> dict[str, Any]:
         """`collect.point_columns` of these lanes and stops of one part, on the device."""
-        columns = collect.point_columns(
+        return collect.point_columns(
             world=self.world,
             sensor=self._stages.at_phase(frame.phase).sensor,
             staged=part.staged(self.trace.rays),
@@ -576,7 +621,6 @@ class Simulator:
             lanes=lanes,
             placing=placing,
         )
-        return columns if pulses else {name: v for name, v in columns.items() if name != collect.PULSE_COLUMN}
 
     def _surfaces(self, frame: Frame, part: Chunk) -> dict[str, Numbers]:
         """`collect.surface_columns` of one part in NumPy; empty without any surface."""
@@ -632,6 +676,13 @@ class Simulator:
         }
 
 
+def _both(
+    first: Callable[[PulseRays], object], second: Callable[[PulseRays], object] | None
+) -> Callable[[PulseRays], object]:
+    """Observer that calls two others."""
+    return first if second is None else lambda rays: (first(rays), second(rays))
+
+
 def _resolve_options(
     frame: FrameOptions | None, observers: Observers | None, options: Mapping[str, object]
 ) -> tuple[FrameOptions, Observers]:
@@ -659,6 +710,10 @@ def _metadata(scene: Scene, sensor: Sensor, frame: Frame, options: FrameOptions)
         SENSOR_TO_WORLD: _pose_text(frame.place),
         SENSOR_TO_VEHICLE: _pose_text(frame.goal("vehicle")),
     }
+    if sensor.driver:
+        metadata["driver"] = sensor.driver
+    if sensor.ring_rows is not None:
+        metadata[RING_ROWS] = " ".join(map(str, sensor.ring_rows.tolist()))
     if frame.moves:
         metadata["ego_motion"] = MOTION_KEPT
     if options.coordinates != "sensor":

@@ -26,10 +26,10 @@ from pydantic import Field, model_validator
 
 from ..errors import InputError
 from ..files.table_model import Number
-from ..maths.arrays import Lanes, xp
+from ..maths.arrays import Lanes, Numbers, xp
 from ..maths.units import FileKey, Quantity, si
 from ..maths.vectors import Vector
-from .base import Mechanism
+from .base import Mechanism, row_elevations
 from .clock import PulseClock
 from .scanner_file import ScannerContext, ScannerFile
 
@@ -111,6 +111,11 @@ class Flash(Mechanism):
     def channel(self, pulse: Lanes) -> Lanes:
         """Row of each pixel, 0 at the top."""
         return self._row_and_column(pulse)[0]
+
+    @property
+    def channel_elevation_rad(self) -> Numbers:
+        """Elevation of each row in its middle."""
+        return row_elevations(self)
 
     @property
     def clock(self) -> PulseClock:

@@ -12,10 +12,10 @@ from typing import Annotated, Literal
 
 from pydantic import model_validator
 
-from ..maths.arrays import Lanes, xp
+from ..maths.arrays import Lanes, Numbers, xp
 from ..maths.units import FileKey, Quantity
 from ..maths.vectors import Vector
-from .base import Mechanism
+from .base import Mechanism, row_elevations
 from .clock import PulseClock
 from .mirror_optics import Mirrors, MirrorsFile
 from .scanner_file import ScannerContext, require_fewer
@@ -101,6 +101,11 @@ class MirrorRaster(Mechanism):
     def channel(self, pulse: Lanes) -> Lanes:
         """Line of each pulse."""
         return self._row_and_column(pulse)[0]
+
+    @property
+    def channel_elevation_rad(self) -> Numbers | None:
+        """Elevation of each line in its middle; None of upright lines."""
+        return row_elevations(self) if self.fast == "azimuth" else None
 
     @property
     def clock(self) -> PulseClock:

@@ -83,6 +83,15 @@ class Pattern(GivenAngles):
         return row * 0 if self.laser is None else ops.int32(ops.take(self.laser, row))
 
     @property
+    def channel_elevation_rad(self) -> Numbers | None:
+        """Mean elevation of each channel of the table; None if it has none."""
+        if self.laser is None:
+            return None
+        laser = np.asarray(self.laser.values, np.int64)
+        with np.errstate(invalid="ignore"):
+            return np.bincount(laser, self.elevation_rad.values) / np.bincount(laser)
+
+    @property
     def clock(self) -> PulseClock:
         """Times from the table."""
         return PulseClock(levels=((self.pulses, self.frame_s),), times_s=self.emission_s)

@@ -25,11 +25,11 @@ import numpy as np
 from pydantic import model_validator
 
 from ..errors import InputError
-from ..maths.arrays import Lanes, LookupTable, xp
+from ..maths.arrays import Lanes, LookupTable, Numbers, xp
 from ..maths.units import FileKey, Quantity, SameTable
 from ..maths.vectors import Vector, dot, reflected, weighted_sum
 from .aperture import slit_share
-from .base import Encoder, Jitter, Mechanism, Rotation
+from .base import Encoder, Jitter, Mechanism, Rotation, row_elevations
 from .clock import PulseClock
 from .scanner_file import ScannerContext, ScannerFile
 
@@ -172,6 +172,11 @@ class Polygon(Mechanism):
     def channel(self, pulse: Lanes) -> Lanes:
         """Facet of each pulse."""
         return self._facet_and_column(pulse)[0]
+
+    @property
+    def channel_elevation_rad(self) -> Numbers:
+        """Elevation of each facet in its middle."""
+        return row_elevations(self)
 
     @property
     def clock(self) -> PulseClock:

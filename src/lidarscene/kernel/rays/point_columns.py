@@ -82,6 +82,7 @@ class Placing:
             0.1 mm
         time_s: gives the times of pulses in double precision: single precision would lose nanoseconds
         bodies: number of the body that the frame shows by that of the body in the tables; None: each is itself
+        rings: ring of each channel; None: rings are channels
     """
 
     turn: tuple[Lanes, ...]
@@ -89,9 +90,12 @@ class Placing:
     added_m: tuple[Lanes, ...] | None
     time_s: Callable[[Array], Array]
     bodies: Array | None
+    rings: Array | None
 
     @classmethod
-    def from_pose(cls, goal: Pose, *, time_s: Callable[[Array], Array], bodies: Array | None) -> Placing:
+    def from_pose(
+        cls, goal: Pose, *, time_s: Callable[[Array], Array], bodies: Array | None, rings: Array | None
+    ) -> Placing:
         """Build from the sensor's pose in the coordinates of the points."""
         # Far from the origin, as in map coordinates, float32 would round points to metres. Points are then computed
         # relative to the sensor, and the position is added in float64.
@@ -103,6 +107,7 @@ class Placing:
             added_m=None if near else transfer.opaque(position_m, double=True),
             time_s=time_s,
             bodies=bodies,
+            rings=rings,
         )
 
 
@@ -204,7 +209,7 @@ def point_columns(
     of_pulse, range_m = of_lane(staged.pulse), of_stop("range_m")
     source = None if detection.source is None else of_stop("source")
     ends = _Ends.at_lanes(staged, lane, source)
-    face, status = ends.face, of_stop("status")
+    face, status, channel = ends.face, of_stop("status"), cast(Array, sensor.scanner.channel(of_pulse))
     # Computed from the pulse's number again, by the functions that fired it: cheaper than to keep what all pulses had.
     azimuth, elevation = sensor.scanner.angles(of_pulse)
     beams = reported_beams(sensor, pulse=of_pulse, origin_m=placing.shift, rotation=placing.turn)
@@ -246,7 +251,8 @@ def point_columns(
         "ambient": of_lane(detection.ambient),
         "time_s": placing.time_s(of_pulse),
         PULSE_COLUMN: of_pulse,
-        "channel": sensor.scanner.channel(of_pulse),
+        "channel": channel,
+        "ring": channel if placing.rings is None else _look_up(placing.rings, channel),
         "azimuth_rad": azimuth,
         "elevation_rad": elevation,
         "return_number": mi.UInt8(stop + 1) + dr.zeros(mi.UInt8, dr.width(lane)),
