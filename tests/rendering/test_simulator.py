@@ -1,7 +1,8 @@
 """A frame handed out chunk by chunk: the points of the whole, in memory that does not grow with it."""
 
 import json
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -15,9 +16,7 @@ from helpers.traffic import traffic
 from lidarscene import load_scene, load_sensor
 from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.errors import InputError
-from lidarscene.rendering.chunk import Chunk
-from lidarscene.rendering.frame import Frame
-from lidarscene.rendering.render_options import FrameOptions
+from lidarscene.rendering.render_options import FrameOptions, Keywords, TraceOptions
 from lidarscene.rendering.simulator import Simulator, Summary, _intensity_unit
 
 CAR = Path(__file__).parents[2] / "scenes" / "car.toml"
@@ -57,20 +56,25 @@ def test_pieces_are_the_whole(simulator: MakeSimulator) -> None:
     assert streamed.beams == sim.sensor.scanner.pulses
 
 
+def count_launches(sim: Simulator) -> list[int]:
+    """Number of frames of each launch from now on; the list grows."""
+    started, start = list[int](), sim._started
+
+    def counted(frames: Sequence[Any], first: int) -> Any:
+        started.append(len(frames))
+        return start(frames, first)
+
+    sim._started = counted  # type: ignore[method-assign]
+    return started
+
+
 def test_a_frame_that_was_begun_is_the_same() -> None:
     """Everything moves; also one that was begun and is not the next, and one that has a mistake."""
     scene, overrides = traffic(), ("scanner.azimuth_step_deg=1.5", "scanner.elevation_step_deg=1")
     sim = Simulator(scene, load_sensor("table1-apd", overrides=list(overrides)))
     orders = [FrameOptions(seed=3, number=number, chunk=700) for number in (0, 1, 2)]
     alone = [sim.render(order) for order in orders]
-    started = list[Frame]()
-    start = sim._started
-
-    def counted(frame: Frame, options: FrameOptions, first: int | None = None) -> Chunk:
-        started.append(frame)
-        return start(frame, options, first)
-
-    sim._started = counted  # type: ignore[method-assign]
+    started = count_launches(sim)
     chunks = -(-sim.sensor.scanner.pulses // sim._chunk_pulses(orders[0]))
     assert chunks > 1
     for order, following, reference in zip(orders, [*orders[1:], None], alone, strict=True):
@@ -82,6 +86,36 @@ def test_a_frame_that_was_begun_is_the_same() -> None:
     sim.begin(FrameOptions(number=2**31 - 1))
     assert_same(sim.render(orders[0]), alone[0])
     assert len(started) == 5 * chunks + 1
+
+
+TOGETHER = (
+    ("street", "vlp-16", {"number": 2**31 // 28_928 - 2, "coordinates": "vehicle"}),
+    ("glass", "vlp-16", {"rays": 2}),
+    ("rain", "livox-mid-40", {}),
+    ("foliage", "livox-mid-40", {"interactions": 0}),
+    ("street", "rs-e1", {"seed": 7}),
+)
+
+
+@pytest.mark.parametrize(("scene", "sensor", "options"), TOGETHER)
+def test_frames_that_are_traced_together_are_those_rendered_alone(
+    scene: str, sensor: str, options: dict[str, Any]
+) -> None:
+    """A bank of lasers, scanners of single beams and a histogram; glass, drops and leaves; 2^31 pulses pass between."""
+    keywords = Keywords(options)
+    sim = Simulator(load_scene(CAR.with_name(f"{scene}.toml")), load_sensor(sensor), keywords.take(TraceOptions))
+    alone = Simulator(sim.scene, sim.sensor, sim.trace, world=sim.world)
+    first = keywords.take(FrameOptions)
+    orders = [replace(first, number=first.number + number) for number in range(6)]
+    together, missed = count_launches(sim), list[tuple[np.ndarray, np.ndarray]]()
+    for number, order in enumerate(orders, start=1):
+        ahead = partial(sim.begin, orders[number], len(orders) - number) if number < len(orders) else None
+        cloud = sim.render(order, missed=lambda *arrays: missed.append(arrays), ahead=ahead)
+        assert len(cloud) > 100
+        assert_same(cloud, alone.render(order, missed=lambda *arrays: missed.append(arrays)))
+        for array, reference in zip(missed.pop(), missed.pop(), strict=True):
+            assert np.array_equal(array, reference)
+    assert together == ([1, 1, 2, 2] if first.number else [1, 2, 3])
 
 
 def test_light_is_that_of_the_render(simulator: MakeSimulator) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 
 from ..detection.report import Detection, without_pulses
 from ..kernel.device import transfer
-from ..kernel.rays.kept_lanes import Retraced
+from ..kernel.rays.kept_lanes import NO_LANE, Retraced
 from ..kernel.rays.point_columns import Staged, with_nan_outcomes
 from ..light.beams import Beams
 from ..light.echoes import Echoes
@@ -78,21 +78,18 @@ def without_lanes(part: Chunk, dropped: Numbers) -> Chunk:
     return dataclasses.replace(part, detection=without_pulses(part.detection, goes_on), goes_on=goes_on)
 
 
-def detection_values(parts: Sequence[Chunk], name: str, *, ordered: bool = True) -> Numbers:
-    """Field ``name`` of the detections, (n,) for the pulses of the first part; later parts replace it.
-
-    Args:
-        ordered: in the order of pulses; False: in that of lanes, which is enough to count them
-    """
+def detection_values(parts: Sequence[Chunk], name: str) -> Numbers:
+    """Field ``name`` of the detections, (n,) for the lanes of the first part; later parts replace it."""
     # A later part is the full trace of pulses that the first part only surveyed, so its values replace those.
     values: Numbers = getattr(parts[0].detection, name).numpy()
-    order = parts[0].order
     if len(parts) > 1:
         values = values.copy()
     for part in parts[1:]:
         if part.retraced is not None:
-            values[part.retraced.lanes.numpy()] = getattr(part.detection, name).numpy()
-    return values[order.lane] if ordered and order is not None else values
+            lanes = part.retraced.lanes.numpy()
+            is_lane = lanes != NO_LANE
+            values[lanes[is_lane]] = getattr(part.detection, name).numpy()[is_lane]
+    return values
 
 
 def join_columns(parts: Sequence[Mapping[str, Numbers]]) -> dict[str, Numbers]:

@@ -15,6 +15,7 @@ import numpy as np
 from ..cloud.deskew import SHORTEST_S
 from ..errors import InputError
 from ..kernel.device import transfer
+from ..kernel.rays.kept_lanes import NO_PULSE
 from ..kernel.world.mitsuba_world import World, fixed_placement, motions_on_device, mover_boxes
 from ..maths.arrays import Lanes, Numbers
 from ..maths.motion_table import MotionTable, MovingBodies, Placement
@@ -29,7 +30,7 @@ from .render_options import NUMBERS, FrameOptions
 LARGEST_FLOAT32_M = 1000.0
 """Accuracy bought: coordinates beyond this are double precision: float32 steps reach 0.1 mm there."""
 
-PULSE_NUMBERS = 2**31
+PULSE_NUMBERS = NO_PULSE
 """Pulse numbers on the device are below this: as many whole frames as fit, then they begin again at 0 (a rollover)."""
 
 TOLERANCE_S = CLOCK_ROUNDING_S
@@ -107,6 +108,10 @@ class Frame:
             bodies=world.bodies_in_frame(start_s),
             _scanner=sensor.scanner,
         )
+
+    def goes_with(self, other: Frame) -> bool:
+        """Whether its pulses and those of another frame are one run: nothing moves, and no numbers begin again."""
+        return self.paths is None and other.paths is None and self.rollover == other.rollover
 
     @property
     def phase(self) -> tuple[Any, ...]:

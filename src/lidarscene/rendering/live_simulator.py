@@ -247,7 +247,7 @@ class LiveSimulator(Simulator):
             bodies[self._number[name]] = replace(bodies[self._number[name]], away=absent)
         self.scene = replace(self.scene, bodies=tuple(bodies), ego=ego)
         self.world = self.world.with_bodies(bodies)
-        self._begun = None
+        self._forget_launches()
         around = self._everywhere
         box_bodies = [bodies[self._number[body.name]] for body in around.bodies]
         present = np.array([not body.away for body in box_bodies], bool)
