@@ -13,6 +13,7 @@ import re
 from bisect import bisect_right
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from numbers import Real
 from typing import TypedDict, Unpack
 
@@ -190,8 +191,11 @@ class LiveSimulator(Simulator):
             self._change({key: track.motion() for key, track in self._tracks.items()})
         for number in numbers:
             self._rendered += 1
+            ahead, left = None, numbers.stop - number - 1
+            if left:
+                ahead = partial(self.begin, replace(frame_options, number=number + 1), left)
             try:
-                clouds.append(self.render(replace(frame_options, number=number)))
+                clouds.append(self.render(replace(frame_options, number=number), ahead=ahead))
             except InputError as error:
                 warn(OptionWarning("advance: frame {0} is left out: {1}", number, error))
         for track in self._tracks.values():

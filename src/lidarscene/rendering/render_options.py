@@ -121,6 +121,11 @@ class FrameOptions:
 
             object.__setattr__(self, "pose", to_pose(self.pose))
 
+    def differs_in_number(self, other: FrameOptions) -> bool:
+        """Whether the options are those of another frame of the same run, or of the same frame."""
+        names = [field.name for field in dataclasses.fields(self) if field.name != "number"]
+        return all(getattr(self, name) == getattr(other, name) for name in names)
+
 
 @list_options
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

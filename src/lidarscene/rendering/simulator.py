@@ -361,13 +361,14 @@ class Simulator:
 
     def _finish(self, launch: Launch, summary: Summary) -> None:
         """Wait for a launch, trace once more what goes on, and collect the points of all its frames."""
-        options, frame = launch.frames[0]
+        run, frames = launch.run, [frame for _, frame in launch.frames]
+        options, _ = launch.frames[0]
         since = time.perf_counter()
         transfer.wait()
-        launch.parts = self._trace_continuing(frame, launch.part, frame.seed_words(options.seed), len(launch.frames))
+        launch.parts = self._trace_continuing(run, launch.part, run.seed_words(options.seed), len(frames))
         since = summary.add_time("trace", since)
-        placing = Placing.from_pose(frame.goal(options.coordinates))
-        launch.pulse, launch.columns = self._columns(frame, launch.parts, placing)
+        placing = Placing.of_frames(frames, options.coordinates, self.sensor.scanner.pulses)
+        launch.pulse, launch.columns = self._columns(run, launch.parts, placing)
         launch.added_m = placing.added_m
         summary.add_time("collect", since)
 
@@ -388,8 +389,8 @@ class Simulator:
             raise points_error(self.scene, self.sensor, columns)
         if frame.bodies is not None:
             columns["body"] = frame.bodies[columns["body"]]
-        if launch.added_m is not None:
-            columns["xyz_m"] = columns["xyz_m"] + launch.added_m
+        if (added_m := launch.added_m[launch.place(frame)]) is not None:
+            columns["xyz_m"] = columns["xyz_m"] + added_m
         columns["time_s"] = frame.time_s(pulse)
         for name, default in collect.DEFAULT_VALUES.items():
             columns.setdefault(name, np.broadcast_to(default, len(pulse)))
@@ -437,8 +438,9 @@ class Simulator:
         count = min(self._chunk_pulses(options), frame.first_pulse + len(frames) * self.sensor.scanner.pulses - first)
         blocks.share_frame(count * self.trace.rays)
         pulses = self.numbering.pulses(frame, first, count)
-        part = self._chain(frame, pulses, frame.seed_words(options.seed), survey=self._stages.surveys)
-        return Launch(frames, replace(part, order=pulses.order))
+        run = frame.on_device(*(later for _, later in frames[1:]))
+        part = self._chain(run, pulses, run.seed_words(options.seed), survey=self._stages.surveys)
+        return Launch(frames, run, replace(part, order=pulses.order))
 
     def _trace_continuing(self, frame: Frame, part: Chunk, seed: Seed, frames: int) -> list[Chunk]:
         """Trace the pulses of a chunk whose light goes on, past panes or to other channels, once more and in full.
@@ -485,7 +487,7 @@ class Simulator:
         retraced = kept_lanes.Retraced.from_lanes(several, mask)
         pulse = retraced.pulses(part.pulse)
         blocks.share_out(len(pulse) * self.trace.rays)
-        traced = self._chain(frame, DevicePulses(pulse, lambda: frame.times(pulse.numpy())), seed, lines=lines)
+        traced = self._chain(frame, DevicePulses(pulse, lambda: frame.departures(pulse.numpy())), seed, lines=lines)
         transfer.wait()
         return replace(traced, retraced=retraced, twice=several is not lanes)
 
@@ -509,7 +511,7 @@ class Simulator:
             InputError: for a number that no pulse has
         """
         frame_options, _ = _resolve_options(frame, None, options)
-        current_frame = self._traced_frame(frame_options)
+        current_frame = self._traced_frame(frame_options).on_device()
         chosen = check_pulses(pulses, self.sensor)
         seed_words = current_frame.seed_words(frame_options.seed)
 
@@ -538,7 +540,7 @@ class Simulator:
             options: as for `render`; coordinates and chunk change nothing here
         """
         frame_options, _ = _resolve_options(frame, None, options)
-        current_frame = self._traced_frame(frame_options)
+        current_frame = self._traced_frame(frame_options).on_device()
         seed_words = current_frame.seed_words(frame_options.seed)
         return self._train(current_frame, current_frame.first_pulse, self.sensor.scanner.pulses, seed_words)
 
@@ -550,7 +552,7 @@ class Simulator:
         traced = -(-(before + count) // whole) * whole
         numbers = np.arange(first - before, first - before + traced, dtype=np.uint32)
         blocks.share_frame(traced * self.trace.rays)
-        pulses = DevicePulses(transfer.counter(first - before, traced), lambda: frame.times(numbers))
+        pulses = DevicePulses(transfer.counter(first - before, traced), lambda: frame.departures(numbers))
         train = cast(EchoTrain, transfer.fetch(self._stages.pulse_train(frame, pulses, seed)))
         return train if traced == count else train.part(before, count, of=traced)
 
@@ -587,8 +589,7 @@ class Simulator:
             staged=part.staged(self.trace.rays),
             air_classes=self._air_classes,
             lanes=lanes,
-            turn=placing.turn,
-            shift=placing.shift,
+            placing=placing.of_pulses,
         )
 
     def _surfaces(self, launch: Launch, frame: Frame, numbers: Numbers) -> dict[str, Numbers]:

@@ -143,12 +143,12 @@ class DevicePulses:
 
     Attributes:
         number: (n,) UInt32 pulse number of each lane
-        times: gives the times (n,) at which they leave [s] after the frame's first; called only where something moves
+        departures: gives `Frame.departures`; called only where something moves
         order: permutation of the lanes; None: lanes in the order of numbers
     """
 
     number: Any
-    times: Callable[[], Any]
+    departures: Callable[[], tuple[Any, Any]]
     order: Order | None = None
 
 
@@ -165,7 +165,7 @@ class Numbering:
         self.whole, self._frame = whole, scanner.pulses
         self._tiling = Tiling.from_scanner(scanner) if tiled else None
         self._orders: dict[int, Order] = {}
-        self._times: dict[tuple[int, int], Any] = {}
+        self._departures: dict[tuple[int, int], tuple[Any, Any]] = {}
 
     @property
     def step(self) -> int:
@@ -181,15 +181,15 @@ class Numbering:
         """Pulses of a chunk of a frame: ``count`` from number ``first`` on."""
         order = self.lane_order(count)
 
-        def times() -> Any:
+        def departures() -> tuple[Any, Any]:
             key = first - frame.first_pulse, count
-            if key not in self._times:
+            if key not in self._departures:
                 place = np.arange(count, dtype=np.uint32) if order is None else order.pulse
-                self._times = _with_entry(self._times, key, frame.times(place + np.uint32(first)))
-            return self._times[key]
+                self._departures = _with_entry(self._departures, key, frame.departures(place + np.uint32(first)))
+            return self._departures[key]
 
         number = transfer.counter(first, count) if order is None else order.on_device(first)
-        return DevicePulses(number, times, order)
+        return DevicePulses(number, departures, order)
 
     def lane_order(self, count: int) -> Order | None:
         """Order of the lanes of a chunk of ``count`` pulses; None: in the order of numbers."""
