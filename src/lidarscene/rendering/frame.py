@@ -69,8 +69,8 @@ class Frame:
     _scanner: Scanner
 
     @classmethod
-    def from_options(cls, scene: Scene, sensor: Sensor, world: World, options: FrameOptions) -> Frame:
-        """Build the frame that ``options`` choose; without a pose the sensor stands at the scene's.
+    def from_options(cls, scene: Scene, sensor: Sensor, world: World, options: FrameOptions, *, pose: Pose) -> Frame:
+        """Build the frame that ``options`` choose, with the sensor at a pose.
 
         Raises:
             InputError: where a motion does not last as long as the frame, or the frame's number is too high
@@ -78,7 +78,7 @@ class Frame:
         number = options.number
         scanner_s, length_s = check_frame(scene, sensor.scanner, number=number, begin_s=options.begin_s)
         start_s = options.begin_s + scanner_s
-        riding = sensor_motion(scene, sensor, options.pose or scene.sensor_pose)
+        riding = sensor_motion(scene, sensor, pose)
         # Where nothing carries the sensor, `pose_at` would only cost half a millisecond of a small frame.
         place = pose_at(riding, start_s) if scene.ego is not None else riding.pose
         # Poses at the times of all pulses would be large. So each path is sampled once a frame, and the device

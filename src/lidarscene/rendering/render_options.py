@@ -228,7 +228,9 @@ class Keywords:
         names = [field.name for field in dataclasses.fields(kind)]
         self._field_names += names
         changes: dict[str, Any] = {name: self._remaining.pop(name) for name in names if name in self._remaining}
-        return dataclasses.replace(whole or kind(), **changes)
+        if whole is None:
+            return kind(**changes)
+        return dataclasses.replace(whole, **changes) if changes else whole
 
     def end(self, *parameters: str) -> None:
         """Raise InputError for a keyword that was a field of none of the kinds taken.

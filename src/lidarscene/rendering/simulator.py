@@ -611,9 +611,7 @@ class Simulator:
         return {name: values[:count] for name, values in transfer.fetch_columns(columns).items()}
 
     def _frame(self, options: FrameOptions) -> Frame:
-        frame = Frame.from_options(
-            self.scene, self.sensor, self.world, replace(options, pose=options.pose or self.pose)
-        )
+        frame = Frame.from_options(self.scene, self.sensor, self.world, options, pose=options.pose or self.pose)
         self._check_clearance(frame.place, frame.start_s)
         return frame
 
