@@ -105,8 +105,9 @@ def test_every_way_to_render_leaves_columns_there() -> None:
 def test_frames_of_a_run_are_each_their_own() -> None:
     """Small frames may be traced together; each cloud has its own points, positions and times, and keeps no others."""
     clouds = [*render_frames("drive", "vlp-16", frames=6, on_device=True)]
+    sim = Simulator("drive", "vlp-16")
     for number, cloud in enumerate(clouds):
-        alone = Simulator("drive", "vlp-16").render(number=number)
+        alone = sim.render(number=number)
         assert_same(cloud.numpy(), alone)
         for name in ("xyz_m", "time_s", "body", "ghost"):
             np.testing.assert_array_equal(in_numpy(cloud, name), getattr(alone, name))
