@@ -105,6 +105,17 @@ def test_every_way_to_render_leaves_columns_there() -> None:
         render("car", "table1-apd", overrides=overrides, on_device=True, keep_rays=True)
 
 
+def test_frames_of_a_run_are_each_their_own() -> None:
+    """Small frames may be traced together; each cloud has its own points, positions and times, and keeps no others."""
+    clouds = [*render_frames("drive", "vlp-16", frames=6, on_device=True)]
+    sim = Simulator("drive", "vlp-16")
+    for number, cloud in enumerate(clouds):
+        alone = sim.render(number=number)
+        assert_same(cloud.numpy(), alone)
+        for name in ("xyz_m", "time_s", "body", "ghost"):
+            np.testing.assert_array_equal(in_numpy(cloud, name), getattr(alone, name))
+
+
 @pytest.mark.skipif(find_spec("torch") is None, reason="needs PyTorch")
 def test_tensors_of_pytorch_are_where_the_cloud_is() -> None:
     import torch

@@ -72,9 +72,10 @@ def render_frames(
     simulator.check_frames(numbers, begin_s=first.begin_s)
 
     def frame(number: int) -> PointCloud | DeviceCloud:
-        # While the caller has this frame, the device computes the next one.
-        following = replace(first, number=number + 1)
-        ahead = partial(simulator.begin, following) if following.number in numbers else None
+        # While the caller has this frame, the device computes the next ones.
+        ahead, left = None, numbers.stop - number - 1
+        if left:
+            ahead = partial(simulator.begin, replace(first, number=number + 1), left)
         chosen = replace(first, number=number)
         if on_device:
             return simulator.render(chosen, observers, ahead=ahead, on_device=True, keep_rays=keep_rays)

@@ -117,7 +117,7 @@ def _aligned_copy(values: Numbers, dtype: type[np.generic]) -> Any:
     return aligned
 
 
-def whole_numbers(values: Numbers | Sequence[int]) -> Any:
+def whole_numbers(values: Sequence[int] | Numbers) -> Any:
     """Upload (n,) 32-bit signed numbers."""
     return mitsuba().Int32(_aligned_copy(np.asarray(values), np.int32))
 

@@ -6,7 +6,7 @@ On a CPU NumPy and other libraries read the same memory.
 from __future__ import annotations
 
 from collections.abc import Iterable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from typing import Any, cast
 
 import numpy as np
@@ -14,7 +14,7 @@ import numpy as np
 from ...formats.cloud_columns import COLUMNS, OF_VECTORS, attributes
 from ...maths.arrays import Array, Numbers
 from ..device import transfer
-from ..device.backend import mitsuba
+from ..device.backend import is_cuda, mitsuba
 from ..device.types import DeviceArray
 
 DEFAULT_VALUES = {
@@ -32,11 +32,22 @@ class DeviceColumns:
             of the second
         first: place of the first of these points in the arrays
         count: number of these points
+        fetched: whole columns in NumPy, which were read before: later that would wait for all that was started since
     """
 
     arrays: Mapping[str, Any]
     first: int
     count: int
+    fetched: Mapping[str, Numbers] = field(default_factory=dict)
+
+    def fetch(self, names: Iterable[str] | None = None) -> DeviceColumns:
+        """Read these columns, or all; of a chunk's own arrays."""
+        chosen = self.arrays if names is None else names
+        return replace(self, fetched={name: self.numpy(name) for name in chosen})
+
+    def part(self, first: int, end: int) -> DeviceColumns:
+        """Some of these points."""
+        return replace(self, first=self.first + first, count=end - first)
 
     def array(self, name: str) -> Any:
         """Array of these points alone, (count,), or a tensor (count, 3) of xyz_m, on the device."""
@@ -57,6 +68,10 @@ class DeviceColumns:
         """(count,) values, or (count, 3) of xyz_m, in NumPy: on a CPU in the same memory."""
         import drjit as dr
 
+        if name in self.fetched:
+            return self.fetched[name][self.first : self.first + self.count]
+        if self.first and is_cuda():  # it would copy all that is before
+            return cast(DeviceArray, self.array(name)).numpy()
         whole, first, size = self._extent(name)
         shrunk = dr.reshape(type(whole), whole, first + size, shrink=True)
         values = cast(DeviceArray, shrunk).numpy()[first:]

@@ -22,9 +22,7 @@ from ...formats.cloud_columns import OF_VECTORS
 from ...light.beams import reported_beams
 from ...light.hits import Hits
 from ...maths.arrays import Array, Lanes, is_drjit
-from ...maths.pose import Pose
 from ...sensor.sensor_model import Sensor
-from ..device import transfer
 from ..device.backend import mitsuba
 from ..world.mitsuba_world import World
 from .kept_lanes import more_than_one
@@ -69,46 +67,27 @@ class Staged:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Placing:
-    """What turns numbers of the sensor and the tables into those of a frame's points.
-
-    All points of a frame are placed from where the sensor stood at its start: a real sensor does not correct for its
-    own motion either (`cloud.deskew` does).
+class PulsePlaces:
+    """What turns numbers of the sensor and of the tables into those of the points of (k,) pulses.
 
     Attributes:
-        turn: rotation from the sensor's coordinates to those of the points, nine numbers, row by row, opaque
+        turn: rotation from the sensor's coordinates to those of the points, nine numbers, row by row
         shift: translation likewise [m]
-        added_m: translation that is added in double precision, opaque; None near the origin, where float32 is good to
-            0.1 mm
-        time_s: gives the times of pulses in double precision: single precision would lose nanoseconds
-        bodies: number of the body that the frame shows by that of the body in the tables; None: each is itself
+        added_m: translation that is added in double precision; None near the origin, where float32 is good to 0.1 mm
+        time_s: time since the start of the frame, in double precision: single precision would lose nanoseconds
+        bodies: table of the number of the body that a frame shows by that of the body in the world's tables, frame by
+            frame; None: each is itself
+        first_body: place in that table at which the frame of the pulse begins
         rings: ring of each channel; None: rings are channels
     """
 
     turn: tuple[Lanes, ...]
     shift: tuple[Lanes, Lanes, Lanes]
     added_m: tuple[Lanes, ...] | None
-    time_s: Callable[[Array], Array]
+    time_s: Array
     bodies: Array | None
+    first_body: Lanes
     rings: Array | None
-
-    @classmethod
-    def from_pose(
-        cls, goal: Pose, *, time_s: Callable[[Array], Array], bodies: Array | None, rings: Array | None
-    ) -> Placing:
-        """Build from the sensor's pose in the coordinates of the points."""
-        # Far from the origin, as in map coordinates, float32 would round points to metres. Points are then computed
-        # relative to the sensor, and the position is added in float64.
-        position_m = tuple(goal.position_m.tolist())
-        near = max(map(abs, position_m)) < LARGEST_FLOAT32_M
-        return cls(
-            turn=transfer.opaque(tuple(goal.rotation.ravel().tolist())),
-            shift=transfer.opaque(position_m if near else (0.0, 0.0, 0.0)),
-            added_m=None if near else transfer.opaque(position_m, double=True),
-            time_s=time_s,
-            bodies=bodies,
-            rings=rings,
-        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -173,7 +152,7 @@ def point_columns(
     staged: Staged,
     air_classes: Array | None,
     lanes: tuple[Array, Array],
-    placing: Placing,
+    placing: Callable[[Array], PulsePlaces],
 ) -> dict[str, Any]:
     """Return (k,) columns of the kept points by attribute of PointCloud, on the device and not yet computed.
 
@@ -184,6 +163,7 @@ def point_columns(
         sensor: its numbers opaque
         air_classes: class of the light of the air, and of each sub-echo of the air; None in clear air
         lanes: lanes and stop numbers, from `kept_lanes.reported_lanes`
+        placing: gives `PulsePlaces` of (k,) pulses
     """
     import drjit as dr
 
@@ -207,12 +187,13 @@ def point_columns(
         return of_lane(getattr(detection, name)) if detection.source is None else of_stop(name)
 
     of_pulse, range_m = of_lane(staged.pulse), of_stop("range_m")
+    places = placing(of_pulse)
     source = None if detection.source is None else of_stop("source")
     ends = _Ends.at_lanes(staged, lane, source)
     face, status, channel = ends.face, of_stop("status"), cast(Array, sensor.scanner.channel(of_pulse))
     # Computed from the pulse's number again, by the functions that fired it: cheaper than to keep what all pulses had.
     azimuth, elevation = sensor.scanner.angles(of_pulse)
-    beams = reported_beams(sensor, pulse=of_pulse, origin_m=placing.shift, rotation=placing.turn)
+    beams = reported_beams(sensor, pulse=of_pulse, origin_m=places.shift, rotation=places.turn)
     body = _look_up(world.face_body, face)
     class_id = _look_up(world.body_class, body)
     true_range = ends.get("range_m") if source is None else of_stop("true_range_m")
@@ -233,7 +214,7 @@ def point_columns(
         optional["interactions"] = mi.UInt8(optional["interactions"])
         optional["ghost"] = mi.UInt8(dr.select(optional["ghost"], mi.UInt32(1), 0))
     if paths[0].normal is not None:
-        optional |= _vector_columns(ends, placing.turn)
+        optional |= _vector_columns(ends, places.turn)
     if sensor.wear is not None:
         loss = sensor.wear.loss(sensor.scanner.direction(of_pulse), sensor.scanner.channel(of_pulse))
         optional["wear"] = loss + dr.zeros(mi.Float, dr.width(lane))
@@ -243,16 +224,16 @@ def point_columns(
         optional["signal"] = of_stop("amplitude")
     xyz_m = mi.Point3f(*(s + d * range_m for s, d in zip(beams.origin_m, beams.direction, strict=True)))
     result = optional | {
-        "xyz_m": xyz_m if placing.added_m is None else mi.Point3d(xyz_m) + mi.Point3d(*placing.added_m),
+        "xyz_m": xyz_m if places.added_m is None else mi.Point3d(xyz_m) + mi.Point3d(*places.added_m),
         "range_m": range_m,
         "intensity": of_stop("intensity"),
         "snr": of_return("snr"),
         "detection_probability": of_return("detection_probability"),
         "ambient": of_lane(detection.ambient),
-        "time_s": placing.time_s(of_pulse),
+        "time_s": places.time_s,
         PULSE_COLUMN: of_pulse,
         "channel": channel,
-        "ring": channel if placing.rings is None else _look_up(placing.rings, channel),
+        "ring": channel if places.rings is None else _look_up(places.rings, channel),
         "azimuth_rad": azimuth,
         "elevation_rad": elevation,
         "return_number": mi.UInt8(stop + 1) + dr.zeros(mi.UInt8, dr.width(lane)),
@@ -262,7 +243,7 @@ def point_columns(
         "reflectivity": ends.get("reflectivity"),
         "sun_angle_rad": dr.acos(dr.clip(ends.get("cos_sun"), -1.0, 1.0)),
         "in_shadow": mi.UInt8(dr.select((face >= 0) & ~ends.get("lit"), mi.UInt32(1), 0)),
-        "body": body if placing.bodies is None else _look_up(placing.bodies, body),
+        "body": body if places.bodies is None else _look_up(places.bodies, body, places.first_body),
         "class_id": class_id,
         "material": _look_up(world.face_material, face),
     }
@@ -294,16 +275,11 @@ def _vector_columns(ends: _Ends, turn: tuple[Lanes, ...]) -> dict[str, Any]:
     return vector_columns
 
 
-def surface_columns(
-    *, world: World, staged: Staged, bodies: Array | None, twice: bool
-) -> tuple[dict[str, Any], int] | None:
+def surface_columns(*, world: World, staged: Staged, twice: bool) -> tuple[dict[str, Any], int] | None:
     """Return columns of every pulse that met a surface, kept or not, on the device and not yet computed, and how many.
 
     The columns are pulse, outcome (an `Outcome`), snr, detection_probability, and the truth by attribute of PointCloud.
     For a pulse of several sub-echoes they are those of the strongest.
-
-    Args:
-        bodies: as in `Placing`
 
     Returns:
         None if no pulse met a surface. A single one is there twice, as in `kept_lanes.reported_lanes`.
@@ -331,15 +307,15 @@ def surface_columns(
         "true_range_m": ends.get("range_m"),
         "incidence_angle_rad": dr.acos(ends.get("cos_incidence")),
         "reflectivity": ends.get("reflectivity"),
-        "body": body if bodies is None else _look_up(bodies, body),
+        "body": body,
         "class_id": _look_up(world.body_class, body),
     }
     return columns, count
 
 
-def _look_up(table: Array, index: Array) -> Any:
-    """Look up (k,) entries of an Int32 table; the result is -1 where the index is -1."""
+def _look_up(table: Array, index: Array, first: Lanes = 0) -> Any:
+    """Look up (k,) entries of an Int32 table from place ``first`` on; the result is -1 where the index is -1."""
     import drjit as dr
 
     mi = mitsuba()
-    return dr.select(index >= 0, dr.gather(mi.Int32, table, mi.UInt32(index), index >= 0), -1)
+    return dr.select(index >= 0, dr.gather(mi.Int32, table, mi.UInt32(index + first), index >= 0), -1)
