@@ -31,6 +31,7 @@ def render_frames(
     frames: int,
     overrides: Overrides = (),
     scene_overrides: Overrides = (),
+    keep_rays: bool = False,
     **options: Unpack[RenderKeywords],
 ) -> Iterator[PointCloud]:
     """Iterate over ``frames`` consecutive frames of a sensor; each is rendered when the iterator reaches it.
@@ -47,7 +48,7 @@ def render_frames(
         ahead, left = None, numbers.stop - number - 1
         if left:
             ahead = partial(simulator.begin, replace(first, number=number + 1), left)
-        return simulator.render(replace(first, number=number), observers, ahead=ahead)
+        return simulator.render(replace(first, number=number), observers, ahead=ahead, keep_rays=keep_rays)
 
     # No `yield`: so the call itself raises for mistakes, and not the first frame.
     return map(frame, numbers)
@@ -60,6 +61,7 @@ def render(
     *,
     overrides: Overrides = (),
     scene_overrides: Overrides = (),
+    keep_rays: bool = False,
     **options: Unpack[RenderKeywords],
 ) -> PointCloud:
     """Render one frame of a sensor in a scene.
@@ -69,6 +71,7 @@ def render(
         sensor: catalogue name, sensor file or `Sensor`; the scene's own if None
         overrides: changes to the sensor file's values: "detector.gain=60", a list of these, or {"detector.gain": 60}
         scene_overrides: changes to the scene file's values, likewise
+        keep_rays: keep the ray of every pulse too, with an echo or without, in `PointCloud.rays`
         options: `TraceOptions` as ``trace``, `FrameOptions` as ``frame`` and `Observers` as ``observers``, or the
             fields of any of them: ``seed=1, rays=3``
 
@@ -77,7 +80,7 @@ def render(
         BackendError: without a usable Mitsuba back end
     """
     simulator, frame, observers = _prepare(scene, sensor, overrides, scene_overrides, options)
-    return simulator.render(frame, observers)
+    return simulator.render(frame, observers, keep_rays=keep_rays)
 
 
 def _prepare(
