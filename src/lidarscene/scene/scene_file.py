@@ -472,6 +472,7 @@ def _mesh_parts(
             material=material,
             name=piece.keys[0],
             pattern=pattern,
+            cutout=piece.cutout,
         )
         for (piece, material), pattern in zip(
             pieces_and_materials, _patterns(pieces_and_materials, body, where, scene_materials), strict=True

@@ -1,6 +1,7 @@
 """Triangles: mesh files and USD stages in any unit and axis, primitives, and reflectivity that varies over them.
 
-reading                mesh files, by trimesh
+reading                mesh files, by the readers below or trimesh
+gltf                   glTF; gltf_document, what such a file declares, and its numbers
 usd                    USD stages
 mesh_axes              units and axes of files
 mesh_cache             meshes kept as arrays between runs

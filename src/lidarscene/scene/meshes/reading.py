@@ -1,4 +1,4 @@
-"""Mesh files in (any that trimesh reads, and USD), as vertices and faces in float64, in the file's own lengths.
+"""Mesh files in (glTF, USD, any that trimesh reads), as vertices and faces in float64, in the file's own lengths.
 
 trimesh runs without processing: it would merge vertices, reorder faces and drop material names, on which labels and
 materials depend.
@@ -19,10 +19,13 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError, LidarSceneError
-from ...files.inputs import require_archive, require_file
+from ...files.inputs import LARGEST_PART, require_archive, require_file
 from ...materials.material import Material, Spectrum
 from ...maths.arrays import Numbers
 from . import reflectivity_patterns
+from .gltf import read_gltf
+from .gltf_document import declaration
+from .mesh_axes import GLTF
 from .mesh_cache import SubMesh, read_cached
 from .usd import is_usd, read_usd
 
@@ -36,9 +39,6 @@ NOT_READ = {
     ".stp": ("a STEP file of CAD", "export OBJ or STL from FreeCAD; or import that into Blender"),
 }
 """Suffixes of scenes and meshes of other programs: what they are, and the way to glTF."""
-
-LARGEST_PART = 1 << 29
-"""Bytes of a file to which a mesh file refers: a buffer of glTF, a texture."""
 
 
 def refuse_other_formats(path: Path) -> None:
@@ -60,6 +60,8 @@ def read_mesh(path: Path, pattern: reflectivity_patterns.Kind | None = None) -> 
         InputError: one line
     """
     require_file(path, "a mesh file")
+    if path.suffix.lower() in GLTF:
+        declaration(path).check(path)
     if pattern is not None:
         return check_pieces(_pieces(path, pattern), str(path))
     return check_pieces(read_cached(path, lambda: _pieces(path)), str(path))
@@ -99,7 +101,7 @@ def pieces_of(loaded: Any) -> list[tuple[str, SubMesh]]:
 
 
 def _pieces(path: Path, pattern: reflectivity_patterns.Kind | None = None) -> list[SubMesh]:
-    """Read the pieces of a file by trimesh or USD, including empty ones.
+    """Read the pieces of a file, including empty ones.
 
     Raises:
         InputError: if a file, a key or a value cannot be understood
@@ -112,16 +114,14 @@ def _pieces(path: Path, pattern: reflectivity_patterns.Kind | None = None) -> li
                         "pattern: must be left out with USD, whose colours are not read by vertex or texture"
                     )
                 return read_usd(path)
+            if path.suffix.lower() in GLTF:
+                return read_gltf(path, pattern)
             warnings.simplefilter("ignore")
             loaded = _load_trimesh(path)
             pieces = pieces_of(loaded)
             if pattern is None:
                 return [piece for _, piece in pieces]
-            linear = path.suffix.lower() in (".glb", ".gltf")
-            return [
-                _add_pattern(piece, loaded.geometry[loaded.graph[node][1]], pattern, linear=linear)
-                for node, piece in pieces
-            ]
+            return [_add_pattern(piece, loaded.geometry[loaded.graph[node][1]], pattern) for node, piece in pieces]
     except InputError as error:
         raise InputError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
     except LidarSceneError:
@@ -206,9 +206,9 @@ def _place_mesh(loaded: Any, node: Any) -> SubMesh:
     )
 
 
-def _add_pattern(piece: SubMesh, geometry: Any, kind: reflectivity_patterns.Kind, *, linear: bool) -> SubMesh:
+def _add_pattern(piece: SubMesh, geometry: Any, kind: reflectivity_patterns.Kind) -> SubMesh:
     """Add the pattern of the geometry to a piece; without one the piece is unchanged."""
-    pattern_and_faces = reflectivity_patterns.read_pattern(geometry, kind, linear=linear)
+    pattern_and_faces = reflectivity_patterns.read_pattern(geometry, kind)
     if pattern_and_faces is None:
         return piece
     pattern, faces = pattern_and_faces
