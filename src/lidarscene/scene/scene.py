@@ -273,8 +273,7 @@ class Scene:
         Args:
             mesh: a file; a Trimesh or trimesh.Scene; a triangle mesh of Open3D, a PolyData of PyVista, a mesh or scene
                 of Mitsuba; or (vertices, faces): (n, 3) numbers, and (m, 3) triangles or (m, 4) quads, each of which
-                becomes the triangles of its corners 0, 1, 2 and 0, 2, 3. Metres, z up, except for formats that say
-                otherwise
+                becomes two triangles. Metres, z up, except for formats that say otherwise
             material: catalogue name, a name among the scene's `materials`, or a `Material`; None: a diffuse one with
                 the mean of the mesh's own colour
             pose: in the world, a `Pose` or x, y, z in metres with or without yaw, pitch, roll in degrees

@@ -265,8 +265,8 @@ class _Surface:
         angle = self._transform.get("rotation", 0.0)
         turn = np.array([[math.cos(angle), math.sin(angle)], [-math.sin(angle), math.cos(angle)]])
         scaled = uv.astype(np.float64) * self._transform.get("scale", (1.0, 1.0))
-        turned: Numbers = scaled @ turn.T
-        return turned + np.asarray(self._transform.get("offset", (0.0, 0.0)))
+        moved: Numbers = scaled @ turn.T + np.asarray(self._transform.get("offset", (0.0, 0.0)))
+        return moved
 
     def hides(self, uv: Numbers | None) -> bool:
         """Whether nothing of the surface is there: its alpha is below the cutoff all over."""

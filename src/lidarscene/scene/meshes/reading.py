@@ -27,6 +27,7 @@ from .gltf import read_gltf
 from .gltf_document import declaration
 from .mesh_axes import GLTF
 from .mesh_cache import SubMesh, read_cached
+from .polygons import obj_in_triangles, off_in_triangles, ply_as_text, triangulate
 from .usd import is_usd, read_usd
 
 NOT_READ = {
@@ -143,12 +144,59 @@ def _load_trimesh(path: Path) -> Any:
             require_archive(file)
     if path.suffix.lower() in (".gz", ".bz2", ".xz", ".tar"):
         raise ValueError(f"'{path.suffix}' must be unpacked first")
-    if path.suffix.lower() != ".obj":
+    suffix = path.suffix.lower()
+    if suffix == ".ply":
+        return _load_ply(path)
+    if suffix not in (".obj", ".off"):
         return trimesh.load_scene(str(path), process=False, resolver=_resolver(path))
     data = path.read_bytes()
-    if b"mtllib" not in data:
-        data = b"mtllib none.mtl\n" + data
+    if suffix == ".off":
+        mesh = trimesh.load_mesh(io.BytesIO(off_in_triangles(data)), file_type="off", process=False)
+        return trimesh.Scene({path.name: mesh})
+    data = obj_in_triangles(data if b"mtllib" in data else b"mtllib none.mtl\n" + data)
     return trimesh.load_scene(io.BytesIO(data), file_type="obj", process=False, resolver=_resolver(path, data))
+
+
+def _load_ply(path: Path) -> Any:
+    """A trimesh Scene of a PLY file, whose polygons are cut into triangles."""
+    import trimesh
+
+    def load(data: bytes, **settings: bool) -> Any:
+        file = io.BytesIO(data)
+        return trimesh.load(file, file_type="ply", process=False, resolver=_resolver(path), **settings)
+
+    data = path.read_bytes()
+    try:
+        mesh = load(data)
+    except ValueError:
+        data = ply_as_text(data)
+        mesh = load(data)
+    polygons = _ply_polygons(mesh)
+    if polygons and mesh.visual.kind == "texture":
+        # trimesh splits vertices where textures meet; the polygons are those of the file's own vertices.
+        mesh = load(data, fix_texture=False)
+    if not polygons:
+        return trimesh.Scene({path.name: mesh})
+    counts, corners = np.array([len(polygon) for polygon in polygons]), np.concatenate(polygons).astype(np.int64)
+    require_vertices(corners, len(mesh.vertices), str(path))
+    triangles, polygon = triangulate(np.asarray(mesh.vertices), counts, corners)
+    colours = np.asarray(mesh.visual.face_colors) if mesh.visual.kind == "face" else None
+    mesh.faces = corners[triangles]
+    if colours is not None:
+        mesh.visual.face_colors = colours[polygon]
+    return trimesh.Scene({path.name: mesh})
+
+
+def _ply_polygons(mesh: Any) -> list[Any]:
+    """Corners of the faces of a PLY file as trimesh keeps them; none if they are all triangles."""
+    faces = (mesh.metadata.get("_ply_raw") or {}).get("face", {}).get("data")
+    names = ("vertex_index", "vertex_indices")
+    if isinstance(faces, dict):
+        faces = next((faces[name] for name in names if name in faces), None)
+    elif getattr(getattr(faces, "dtype", None), "names", None):
+        faces = faces[next((name for name in names if name in faces.dtype.names), faces.dtype.names[0])]["f1"]
+    polygons = [] if faces is None else list(faces)
+    return polygons if any(len(polygon) > 3 for polygon in polygons) else []
 
 
 def _resolver(path: Path, data: bytes = b"") -> Any:

@@ -25,6 +25,7 @@ from ...files.optional import import_optional
 from ...maths.arrays import Numbers
 from .mesh_axes import turn_upright
 from .mesh_cache import SubMesh
+from .polygons import triangulate
 
 SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 
@@ -231,14 +232,9 @@ class _Reader:
         holes = mesh.GetHoleIndicesAttr().Get(self._time) or ()
         if counts.sum() != len(corners) or (len(corners) and not 0 <= corners.min() <= corners.max() < len(points)):
             raise InputError(f"{prim.GetPath()}: its faces do not fit its points")
-        # A polygon of n corners is a fan of n - 2 triangles around its first.
-        starts = np.cumsum(counts) - counts
-        fans = np.maximum(counts - 2, 0) * ~np.isin(np.arange(len(counts)), np.asarray(holes))
-        face_of = np.repeat(np.arange(len(counts)), fans)
-        step = np.arange(len(face_of)) - np.repeat(np.cumsum(fans) - fans, fans)
-        first = starts[face_of]
-        faces = np.stack([corners[first], corners[first + step + 1], corners[first + step + 2]], axis=1)
-        return points, faces, face_of
+        triangles, face_of = triangulate(points, counts, corners)
+        is_face = ~np.isin(face_of, np.asarray(holes))
+        return points, corners[triangles[is_face]], face_of[is_face]
 
     def _cube(self, prim: Any) -> tuple[Numbers, Numbers, Numbers]:
         import trimesh
