@@ -21,6 +21,7 @@ from ..device.backend import mitsuba, mitsuba_plugins, without_outside_files
 from ..device.types import Bsdf
 from . import xml_bsdfs
 from .bsdfs import bsdf_dict, diffuse_share
+from .xml_instances import expand_instances
 
 Element = ElementTree.Element
 
@@ -59,10 +60,11 @@ def load_shapes(
         wavelength_m: for materials of the catalogue, where a BSDF that Mitsuba does not have suggests one
 
     Raises:
-        InputError: if the file is no XML or no Mitsuba scene, lacks such a BSDF, or has instances
+        InputError: if the file is no XML or no Mitsuba scene, lacks such a BSDF, or an instance's group
     """
     root = _parse(path)
     _insert_included(root, path.parent, [])
+    expand_instances(root, path)
     parameters, plugins = _default_parameters(root), mitsuba_plugins()
     replaced_elements = xml_bsdfs.empty_named_bsdfs(root, path, replaced)
     stand_ins = xml_bsdfs.empty_unknown_bsdfs(
@@ -84,8 +86,6 @@ def load_shapes(
     file_shapes: list[FileShape] = []
     for number, shape in enumerate(shapes):
         name, bsdf = _declared_id_or(shape.id(), f"shape_{number}"), shape.bsdf()
-        if shape.class_name() == "Instance":
-            raise InputError(f"{path}: shape '{name}' must be a plain shape, got an instance")
         identity = _declared_id_or(bsdf.id() if bsdf is not None else "", "bsdf")
         material = replaced.get(identity, identity)
         if identity not in replaced:
