@@ -115,7 +115,7 @@ def test_quads_of_arrays() -> None:
 
 
 def test_convex_polygons_are_fans() -> None:
-    """The fan is around the first corner, and the order is the file's; polygons of fewer than three corners are nothing."""
+    """The fan is around the first corner, in the file's order; polygons of fewer than three corners are nothing."""
     vertices = np.array([[0, 0, 0], [2, 0, 0], [3, 1, 0], [2, 2, 0], [0, 2, 0]], float)
     counts, corners = np.array([5, 2, 3, 4]), np.array([0, 1, 2, 3, 4, 0, 1, 2, 1, 0, 0, 1, 3, 4])
     triangles, polygon = triangulate(vertices, counts, corners)
