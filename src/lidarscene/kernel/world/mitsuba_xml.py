@@ -9,15 +9,20 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ElementTree
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ...errors import InputError
 from ...files.inputs import LARGEST_TEXT, require_file
 from ...materials.material_file import catalogue_material
+from ...maths.arrays import Numbers
 from ..device.backend import mitsuba, mitsuba_plugins, without_outside_files
+from ..device.gate import exclusive
 from ..device.types import Bsdf
 from . import xml_bsdfs
 from .bsdfs import bsdf_dict, diffuse_share
@@ -47,6 +52,49 @@ class FileShape:
     def reflectivity(self) -> float | None:
         """Diffuse reflectivity; None if the BSDF is the file's own."""
         return None if self.values is None else diffuse_share(self.values)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FileContent:
+    """What a file holds.
+
+    Attributes:
+        shapes: number of shapes, those of instances included
+        triangles: of those that are meshes
+        materials: names of their BSDFs
+        box_m: (2, 3) lowest and highest corner around all shapes
+        left_out: kinds of elements that are not used, and how many there are of each
+    """
+
+    shapes: int
+    triangles: int
+    materials: tuple[str, ...]
+    box_m: Numbers
+    left_out: Mapping[str, int]
+
+
+@exclusive
+def file_content(path: Path) -> FileContent:
+    """Load the shapes of a Mitsuba XML file and return what it holds.
+
+    Raises:
+        InputError: as of `load_shapes`
+    """
+    shapes = load_shapes(path, {}, {}, _ANY_WAVELENGTH_M)
+    boxes = [shape.shape.bbox() for shape in shapes]
+    corners = np.array([np.ravel(corner) for box in boxes for corner in (box.min, box.max)])
+    elements = Counter(element.tag for element in _parse(path).iter())
+    return FileContent(
+        shapes=len(shapes),
+        triangles=sum(shape.faces for shape in shapes if shape.shape.is_mesh()),
+        materials=tuple(dict.fromkeys(shape.material for shape in shapes)),
+        box_m=np.stack([corners.min(axis=0), corners.max(axis=0)]),
+        left_out={f"{kind}s": elements[kind] for kind in ("emitter", "sensor", "medium") if elements[kind]},
+    )
+
+
+_ANY_WAVELENGTH_M = 905e-9
+"""Choice: wavelength of materials that stand in for unknown BSDFs, where only their names count."""
 
 
 def load_shapes(

@@ -69,19 +69,19 @@ class GltfDeclaration:
     Attributes:
         meshes: number of meshes
         skins: number of skins
-        materials: names of the materials; "" for one without
         used: extensions that it uses
         required: those without which it cannot be read
-        blended: names of the materials with `alphaMode` BLEND
+        masked: names of the materials with `alphaMode` MASK
+        blended: those with BLEND
         without_faces: number of primitives that are points or lines
         animations: number of animations
     """
 
     meshes: int
     skins: int
-    materials: tuple[str, ...]
     used: tuple[str, ...]
     required: tuple[str, ...]
+    masked: tuple[str, ...]
     blended: tuple[str, ...]
     without_faces: int
     animations: int
@@ -114,16 +114,18 @@ def declaration(path: Path) -> GltfDeclaration:
             tuple(str(name) for name in content.get(key, ())) for key in ("extensionsUsed", "extensionsRequired")
         )
         materials = content.get("materials", [])
+        named = {
+            mode: tuple(str(material.get("name", "")) for material in materials if material.get("alphaMode") == mode)
+            for mode in ("MASK", "BLEND")
+        }
         primitives = [primitive for mesh in content.get("meshes", []) for primitive in mesh["primitives"]]
         return GltfDeclaration(
             meshes=len(content.get("meshes", [])),
             skins=len(content.get("skins", [])),
-            materials=tuple(str(material.get("name", "")) for material in materials),
             used=tuple(dict.fromkeys((*used, *required))),
             required=required,
-            blended=tuple(
-                str(material.get("name", "")) for material in materials if material.get("alphaMode") == "BLEND"
-            ),
+            masked=named["MASK"],
+            blended=named["BLEND"],
             without_faces=sum(primitive.get("mode", TRIANGLES) < TRIANGLES for primitive in primitives),
             animations=len(content.get("animations", [])),
         )

@@ -28,7 +28,7 @@ from .gltf_document import declaration
 from .mesh_axes import GLTF
 from .mesh_cache import SubMesh, read_cached
 from .polygons import obj_in_triangles, off_in_triangles, ply_as_text, triangulate
-from .usd import is_usd, read_usd
+from .usd import is_usd, read_stage
 
 NOT_READ = {
     ".blend": ("a Blender file", "open it in Blender"),
@@ -114,7 +114,7 @@ def _pieces(path: Path, pattern: reflectivity_patterns.Kind | None = None) -> li
                     raise InputError(
                         "pattern: must be left out with USD, whose colours are not read by vertex or texture"
                     )
-                return read_usd(path)
+                return read_stage(path).pieces
             if path.suffix.lower() in GLTF:
                 return read_gltf(path, pattern)
             warnings.simplefilter("ignore")
