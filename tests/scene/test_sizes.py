@@ -8,7 +8,7 @@ import pytest
 import trimesh
 from helpers.command_line import Run
 
-from lidarscene.errors import OptionWarning
+from lidarscene.errors import OptionError, OptionWarning
 from lidarscene.scene.scene_file import load_scene, mesh_description
 from lidarscene.scene.sizes import size_text
 
@@ -40,9 +40,11 @@ def write_car(folder: Path, up: str, *, suffix: str = "glb", scale: float = 1.0)
 def test_a_vehicle_in_another_unit(tmp_path: Path, per_m: float, unit: str, class_name: str) -> None:
     trimesh.creation.box(np.array([4.8, 2.0, 2.3]) * per_m).export(tmp_path / "van.obj")
     size = size_text(np.array([4.8, 2.0, 2.3]) * per_m)
-    with pytest.warns(OptionWarning) as caught:
+    # A note; where it is a hundred times too long no sensor on it would see anything, and it is refused.
+    told = pytest.warns(OptionWarning) if unit == "in" else pytest.raises(OptionError)
+    with told as caught:
         body(tmp_path, "van.obj", class_name=class_name)
-    (message,) = (str(warning.message) for warning in caught)
+    message = str(caught[0].message if unit == "in" else caught.value)
     assert re.search(
         rf"own.*van\.obj: a vehicle of {size} m .*bodies\.own\.unit={unit} makes it 4\.8 x 2 x 2\.3 m", message
     )
@@ -82,6 +84,23 @@ def test_what_is_as_it_should_be_is_not_told(tmp_path: Path) -> None:
     body(tmp_path, "house.obj", class_name="building")
     write_car(tmp_path, "y", suffix="obj")
     body(tmp_path, "own.obj", keys="roll_deg = 90")
+
+
+def test_the_own_van_in_millimetres_is_one_line(run: Run, tmp_path: Path) -> None:
+    trimesh.creation.box([4800, 2000, 2300]).export(tmp_path / "van.obj")
+    ran = run("render", "drive", "-o", "o.ply", "--ego-mesh", "van.obj")
+    assert (ran.code, ran.err.count("\n")) == (2, 1)
+    assert "4,800 x 2,000 x 2,300 m" in ran.err
+    assert "--scene-set bodies.own_car.unit=mm makes it 4.8 x 2 x 2.3 m" in ran.err
+
+
+def test_a_stage_is_mended_by_a_scale(tmp_path: Path) -> None:
+    """A stage says its unit itself. This one says metres, and is in centimetres; the body makes it half as large."""
+    pytest.importorskip("pxr")
+    stage = '#usda 1.0\n( metersPerUnit = 1\n  upAxis = "Z" )\ndef Cube "van"\n{\n    double size = 960\n}\n'
+    (tmp_path / "van.usda").write_text(stage)
+    with pytest.raises(OptionError, match=r"480 x 480 x 480 m .*bodies\.own\.scale=0\.005 makes it 4\.8 x"):
+        body(tmp_path, "van.usda", keys="scale = 0.5")
 
 
 def test_sizes_read_alike(run: Run, tmp_path: Path) -> None:

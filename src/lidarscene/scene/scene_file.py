@@ -40,7 +40,7 @@ from .meshes.mesh_cache import SubMesh
 from .meshes.usd import is_usd
 from .motion import BodyMotionFile
 from .scene import Ball, Body, Part, Scene, box_of
-from .sizes import VEHICLES, size_text, vehicle_doubts
+from .sizes import VEHICLES, check_vehicle, size_text
 from .street.street_tables import with_street
 from .tables import BodyFile, SceneFile, interferers, lamps_w_m2
 
@@ -258,7 +258,7 @@ def scene_from_model(file: SceneFile, *, path: Path) -> Scene:
         shape = body.mesh, body.unit, body.up, body.scale, body.pitch_deg, body.roll_deg
         if shape not in shapes:
             shapes.add(shape)
-            _warn_of_size(body, parts, path.parent, where)
+            _check_vehicle(body, parts, path.parent, where)
         bodies.extend(_place_body(body, parts, ego=ego, ground=ground, folder=path.parent, where=where))
     _check_names(bodies, path)
     for identity, name in file.base_materials.items():
@@ -338,20 +338,19 @@ def _check_extent(parts: tuple[Part | Ball, ...], where: str) -> None:
         )
 
 
-def _warn_of_size(body: BodyFile, parts: tuple[Part | Ball, ...], folder: Path, where: str) -> None:
-    """Warn of a vehicle of a mesh file that is too long, or does not stand on its wheels."""
+def _check_vehicle(body: BodyFile, parts: tuple[Part | Ball, ...], folder: Path, where: str) -> None:
+    """Check size and axis of a vehicle of a mesh file."""
     if body.mesh is None or (body.class_name or body.name) not in VEHICLES:
         return
-    says_itself = is_usd(Path(body.mesh))
-    for doubt in vehicle_doubts(
+    check_vehicle(
         [part for part in parts if isinstance(part, Part)],
         Pose.from_degrees(pitch_deg=body.pitch_deg, roll_deg=body.roll_deg),
         where=f"{where}.mesh: {folder / body.mesh}",
         name=body.name,
-        unit=None if says_itself else body.unit or "m",
+        unit=None if is_usd(Path(body.mesh)) else body.unit or "m",
+        scale=body.scale,
         up=body.up or axis_of(Path(body.mesh)) or "z",
-    ):
-        warn(doubt)
+    )
 
 
 def _lay_ground(file: SceneFile) -> Ground:

@@ -7,11 +7,11 @@ render without complaint, and no sensor on such a vehicle stands clear of it.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 import numpy as np
 
-from ..errors import OptionWarning
+from ..errors import OptionError, OptionWarning, warn
 from ..maths.arrays import Numbers
 from ..maths.pose import Pose
 from .meshes.mesh_axes import UNITS, Axis, Unit, turn_upright
@@ -22,6 +22,9 @@ VEHICLES = ("bus", "car", "truck", "van")
 
 LONGEST_M = 30.0
 """Choice: length of a vehicle beyond which its unit is wrong: articulated buses have 25 m."""
+
+NO_LONGER_M = 300.0
+"""Choice: length of a vehicle that is refused, since no sensor on it would see anything else."""
 
 USUAL_M = 5.0
 """Choice: length of a vehicle to which the unit that explains its size comes nearest."""
@@ -44,9 +47,9 @@ def size_text(edges_m: Sequence[float] | Numbers) -> str:
     return " x ".join(map(metres_text, edges_m))
 
 
-def vehicle_doubts(
-    parts: Sequence[Part], turn: Pose, *, where: str, name: str, unit: Unit | None, up: Axis
-) -> Iterator[OptionWarning]:
+def check_vehicle(
+    parts: Sequence[Part], turn: Pose, *, where: str, name: str, unit: Unit | None, scale: float, up: Axis
+) -> None:
     """Warn of a vehicle that is too long, or that another axis of its mesh file would set upright.
 
     Args:
@@ -55,37 +58,40 @@ def vehicle_doubts(
         where: file and body
         name: of the body
         unit: that its mesh file was taken to have; None if the file says it
+        scale: of the body
         up: axis of its mesh file that was taken to point up
+
+    Raises:
+        OptionError: if the vehicle is longer than `NO_LONGER_M`
     """
     edges_m = _edges_m(parts, turn)
     length_m, size = float(edges_m[:2].max()), size_text(edges_m)
     if length_m > LONGEST_M:
         factors = {other: metres / UNITS[unit or "m"] for other, metres in UNITS.items()}
         likely = min(factors, key=lambda other: abs(math.log(length_m * factors[other] / USUAL_M)))
-        change = f"scale={factors[likely]:g}" if unit is None else f"unit={likely}"
-        yield OptionWarning(
-            "{0}: a vehicle of {1} m is too long: {scene_overrides} bodies.{2}.{3} makes it {4} m",
-            where,
-            size,
-            name,
-            change,
-            size_text(edges_m * factors[likely]),
-        )
+        change = f"scale={scale * factors[likely]:g}" if unit is None else f"unit={likely}"
+        message = "{0}: a vehicle of {1} m is too long: {scene_overrides} bodies.{2}.{3} makes it {4} m"
+        values = where, size, name, change, size_text(edges_m * factors[likely])
+        if length_m > NO_LONGER_M:
+            raise OptionError(message, *values)
+        warn(OptionWarning(message, *values))
     elif not _is_upright(parts, turn):
         change, turned = "roll_deg or pitch_deg turns it upright", ""
         if unit is not None:
             others: dict[Axis, list[Part]] = {axis: _set_upright(parts, up, axis) for axis in _AXES if axis != up}
             likely_up = next((axis for axis in others if _is_upright(others[axis], turn)), min(others))
             change, turned = f"up={likely_up}", f" makes it {size_text(_edges_m(others[likely_up], turn))} m"
-        yield OptionWarning(
-            "{0}: a vehicle of {1} m, with {2} up, lies on its side or stands on its end: {scene_overrides} "
-            "bodies.{3}.{4}{5}",
-            where,
-            size,
-            up,
-            name,
-            change,
-            turned,
+        warn(
+            OptionWarning(
+                "{0}: a vehicle of {1} m, with {2} up, lies on its side or stands on its end: {scene_overrides} "
+                "bodies.{3}.{4}{5}",
+                where,
+                size,
+                up,
+                name,
+                change,
+                turned,
+            )
         )
 
 

@@ -185,25 +185,32 @@ RASTER = {"scanner.azimuth_step_deg": 0.5, "scanner.elevation_step_deg": 0.5, "s
 
 
 @pytest.mark.parametrize(
-    ("material", "near"),
+    ("material", "keys", "near"),
     [
-        ({"alphaMode": "MASK"}, (True, False)),
-        ({"alphaMode": "MASK", "alphaCutoff": 0.2}, (True, True)),
-        ({"alphaMode": "OPAQUE"}, (True, True)),
+        ({"alphaMode": "MASK"}, "", (True, False)),
+        ({"alphaMode": "MASK"}, 'material = "brick"\npattern = "colour"\n', (True, False)),
+        ({"alphaMode": "MASK"}, "[bodies.motion]\nvelocity_m_s = [0, 0, 0.01]\n", (True, False)),
+        ({"alphaMode": "MASK"}, 'materials = { leaves = "mirror_chrome" }\n', (None, None)),
+        ({"alphaMode": "MASK", "alphaCutoff": 0.2}, "", (True, True)),
+        ({"alphaMode": "OPAQUE"}, "", (True, True)),
     ],
 )
 def test_beams_go_through_what_a_mask_cuts_out(
-    tmp_path: Path, material: dict[str, Any], near: tuple[bool, bool]
+    tmp_path: Path, material: dict[str, Any], keys: str, near: tuple[bool | None, bool | None]
 ) -> None:
     """Where alpha is at least the cutoff, half of it without one, there is a wall, and elsewhere what is behind it.
-    glTF's z = -2 is our y = 2, left of the sensor, where the image has its left side.
+    glTF's z = -2 is our y = 2, left of the sensor, where the image has its left side. A mirror has no gaps: nothing
+    comes back from it.
     """
     wall_of_halves(tmp_path / "a.glb", **material)
-    (tmp_path / "a.toml").write_text(ALONE)
+    (tmp_path / "a.toml").write_text(ALONE + keys)
     cloud = render(tmp_path / "a.toml", overrides=RASTER)
     across, up = cloud["y"] / cloud["x"] * 10, cloud["z"] / cloud["x"] * 10
     inside = (np.abs(up) < 1.9) & (np.abs(across) > 0.1) & (np.abs(across) < 1.9)
     for is_near, side in zip(near, (across > 0, across < 0), strict=True):
+        if is_near is None:
+            assert (inside & side).sum() < 10
+            continue
         assert (inside & side).sum() > 100
         np.testing.assert_allclose(cloud["x"][inside & side], 10.0 if is_near else 20.0, atol=0.5)
 
