@@ -57,7 +57,9 @@ def test_gltf(tmp_path: Path) -> None:
     file.add("materials", name="leaf", alphaMode="MASK")
     file.add("materials", name="pane", alphaMode="BLEND")
     file.mesh(WALL * [1, 2, 3], material=0)
-    file.mesh(material=1)
+    file.mesh(material=1, attributes={"COLOR_0": file.numbers(np.full((4, 4), 0.5))})
+    file.add("samplers", wrapS=33071)
+    file.add("samplers", wrapS=10497)
     file.mesh(faces=None, mode=1)
     file.content["scenes"] = [{"nodes": [0, 1, 2]}]
     for mesh in range(3):
@@ -84,9 +86,11 @@ def test_gltf(tmp_path: Path) -> None:
         ),
         left_out=(
             "EXT_b",
-            "transparency of pane (alphaMode BLEND): a material of glass has it",
+            "transparency (alphaMode BLEND), which a material of glass has: pane",
             "animations: 1",
             "points and lines: 1",
+            "alpha of the colours of vertices: 1",
+            "images that do not repeat: 1",
         ),
     )
 

@@ -108,13 +108,6 @@ def _of_gltf(path: Path, pieces: list[SubMesh]) -> ImportReport:
         honoured.append("skins, in the pose in which their joints rest")
     if declared.masked:
         honoured.append(f"gaps of {', '.join(declared.masked)} (alphaMode MASK)")
-    left_out = list(declared.left_out)
-    if declared.blended:
-        left_out.append(f"transparency of {', '.join(declared.blended)} (alphaMode BLEND): a material of glass has it")
-    if declared.animations:
-        left_out.append(f"animations: {declared.animations}")
-    if declared.without_faces:
-        left_out.append(f"points and lines: {declared.without_faces}")
     return ImportReport(
         kind="glTF 2",
         meshes=declared.meshes,
@@ -126,7 +119,7 @@ def _of_gltf(path: Path, pieces: list[SubMesh]) -> ImportReport:
         up=f"y, {SAID}",
         size_m=_size_m(pieces, path),
         honoured=tuple(honoured),
-        left_out=tuple(left_out),
+        left_out=(*declared.left_out, *declared.unread),
     )
 
 

@@ -71,10 +71,8 @@ class GltfDeclaration:
         skins: number of skins
         used: extensions that it uses
         required: those without which it cannot be read
-        masked: names of the materials with `alphaMode` MASK
-        blended: those with BLEND
-        without_faces: number of primitives that are points or lines
-        animations: number of animations
+        masked: names of the materials whose `alphaMode` is MASK
+        unread: what else of the file is not read, in words
     """
 
     meshes: int
@@ -82,9 +80,7 @@ class GltfDeclaration:
     used: tuple[str, ...]
     required: tuple[str, ...]
     masked: tuple[str, ...]
-    blended: tuple[str, ...]
-    without_faces: int
-    animations: int
+    unread: tuple[str, ...]
 
     @property
     def left_out(self) -> tuple[str, ...]:
@@ -113,24 +109,41 @@ def declaration(path: Path) -> GltfDeclaration:
         used, required = (
             tuple(str(name) for name in content.get(key, ())) for key in ("extensionsUsed", "extensionsRequired")
         )
-        materials = content.get("materials", [])
-        named = {
-            mode: tuple(str(material.get("name", "")) for material in materials if material.get("alphaMode") == mode)
-            for mode in ("MASK", "BLEND")
-        }
-        primitives = [primitive for mesh in content.get("meshes", []) for primitive in mesh["primitives"]]
         return GltfDeclaration(
             meshes=len(content.get("meshes", [])),
             skins=len(content.get("skins", [])),
             used=tuple(dict.fromkeys((*used, *required))),
             required=required,
-            masked=named["MASK"],
-            blended=named["BLEND"],
-            without_faces=sum(primitive.get("mode", TRIANGLES) < TRIANGLES for primitive in primitives),
-            animations=len(content.get("animations", [])),
+            masked=_named(content, "MASK"),
+            unread=_unread(content),
         )
-    except (AttributeError, KeyError, RecursionError, TypeError, ValueError) as error:
+    except (AttributeError, LookupError, RecursionError, TypeError, ValueError) as error:
         raise InputError(f"{path}: cannot be read as a mesh: {' '.join(str(error).split())[:200]}") from None
+
+
+def _named(content: Mapping[str, Any], alpha_mode: str) -> tuple[str, ...]:
+    """Names of the materials with an `alphaMode`."""
+    materials = enumerate(content.get("materials", []))
+    return tuple(str(entry.get("name", number)) for number, entry in materials if entry.get("alphaMode") == alpha_mode)
+
+
+def _unread(content: Mapping[str, Any]) -> tuple[str, ...]:
+    """What a file has that is not read, in words."""
+    primitives = [primitive for mesh in content.get("meshes", []) for primitive in mesh["primitives"]]
+    attributes = [primitive["attributes"] for primitive in primitives]
+    colours = [content["accessors"][names["COLOR_0"]] for names in attributes if "COLOR_0" in names]
+    samplers = content.get("samplers", [])
+    repeat = 10497  # the constant of OpenGL, and the default
+    found = {
+        "transparency (alphaMode BLEND), which a material of glass has: {}": ", ".join(_named(content, "BLEND")),
+        "animations: {}": len(content.get("animations", [])),
+        "points and lines: {}": sum(primitive.get("mode", TRIANGLES) < TRIANGLES for primitive in primitives),
+        "alpha of the colours of vertices: {}": sum(colour["type"] == "VEC4" for colour in colours),
+        "images that do not repeat: {}": sum(
+            {sampler.get("wrapS", repeat), sampler.get("wrapT", repeat)} != {repeat} for sampler in samplers
+        ),
+    }
+    return tuple(text.format(value) for text, value in found.items() if value)
 
 
 class GltfDocument:
