@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from ...maths.arrays import Lanes, xp
+from ...maths.arrays import Array, Lanes, xp
 from ...maths.special import log1p
 
 _FEW = 4.0
@@ -50,11 +50,11 @@ def binomial_count(*, trials: Lanes, probability: Lanes, uniform: Lanes) -> Lane
     counts, several = few & (uniform > 1.0 - mean), 0.5 * mean * mean + _MARGIN
     one = (uniform > 1.0 - mean + several) & (uniform <= 1.0 - several) & (trials >= 2.0)
     known = ops.where(counts & one, 1.0, 0.0)
-    small: Lanes = ops.where_any(counts & ~one, lambda: _small_count(trials, p, uniform), known)
+    small = ops.where_any(counts & ~one, lambda: _small_count(trials, p, uniform), known)
     return ops.where_any(~few, lambda: _large_count(trials, p, uniform), small)
 
 
-def _small_count(trials: Lanes, p: Lanes, uniform: Lanes) -> Lanes:
+def _small_count(trials: Lanes, p: Lanes, uniform: Lanes) -> Array:
     """The count if its mean is small, (n,): how many terms of the distribution lie below the uniform number."""
     ops = xp(trials, p, uniform)
     # Few of many trials: three terms of ln(1 - p), off by p^3 / 4 of a count.
@@ -80,7 +80,7 @@ def _small_count(trials: Lanes, p: Lanes, uniform: Lanes) -> Lanes:
     return ops.minimum(count, trials)
 
 
-def _large_count(trials: Lanes, p: Lanes, uniform: Lanes) -> Lanes:
+def _large_count(trials: Lanes, p: Lanes, uniform: Lanes) -> Array:
     """The count if its mean is not small, (n,): Cornish and Fisher to the kurtosis, rounded to a whole number."""
     # Rounding adds 1 / 12 to the variance, so it is taken off before (Sheppard).
     ops = xp(trials, p, uniform)
