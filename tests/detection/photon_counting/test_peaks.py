@@ -465,7 +465,7 @@ def trains(counter, ranges_m, powers_w, count):
 
 
 def test_a_sure_echo_is_as_sure_with_another_one_far_away():
-    """Of an echo from weak to strong P_d becomes 1, also beside a weak one: it is not followed closer than to 1e-11."""
+    """P_d of stronger and stronger echoes becomes 1, also beside a weak one. It is not followed closer than 1e-11."""
     counter = photons.sensor("histogram.threshold_spread=0.2")
     powers_w = photons.echoes_of(counter, 30.0, count=300).peak_power_w * np.geomspace(1e-4, 10.0, 300)
     for second in (0.0, 0.01):
