@@ -154,7 +154,7 @@ def test_conventions() -> None:
     says("conventions.md", "(`comment lidarscene {}`)", float(ply.VERSION_LINE.split()[1]))
     says("sensor_files.md", "the shortest range, {} ns for each metre", 2e9 / 299_792_458.0)
     says("sensor_files.md", '`"all"` is the first {}, without `stops`', MOST_STOPS)
-    says("sensor_files.md", "listening time after each pulse; 4 us is {} m", 0.5 * 4e-6 * 299_792_458.0)
+    says("sensor_files.md", "4 us is {} m for a weak one", 0.5 * 4e-6 * 299_792_458.0)
     says("sensor_files.md", "to {} in four", readout.MOST_SAMPLES)
     says("sensor_files.md", "for eye safety; up to {} it is a point", 1e3 * eye_safety.SMALLEST_SOURCE_RAD)
 

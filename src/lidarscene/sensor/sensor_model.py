@@ -54,6 +54,10 @@ class Polarisation:
     share: Annotated[Lanes, Quantity(ge=0, le=1, about="of the light; the rest is unpolarised")] = 1.0
 
 
+UNPOLARISED = Polarisation(angle_rad=0.0, share=0.0)
+"""Light of a laser of which nobody says how it stands."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Speckle:
     """Speckle of the laser's light on rough surfaces, which lets echoes scatter."""
@@ -73,7 +77,6 @@ class Laser:
     The beam leaves the sensor at its waist, of ``exit_diameter_m``.
 
     Attributes:
-        polarisation: of the light; None: panes treat all light alike
         speckle: of the light; None: echoes have none
     """
 
@@ -114,6 +117,17 @@ class Laser:
             about="1/e^2 diameter where the beam leaves, which is its waist; rays start from a point if left out",
         ),
     ] = None
+    energy_spread: Annotated[
+        Lanes | None,
+        Quantity(
+            ge=0,
+            le=0.5,
+            about=(
+                "relative standard deviation of the energy from pulse to pulse, which a detector's gain may have too: "
+                "it moves intensities and crossings; none if left out (docs/theory_light.md 22)"
+            ),
+        ),
+    ] = None
     source_rad: Annotated[
         float,
         Quantity(
@@ -125,7 +139,7 @@ class Laser:
             about="angle of the apparent source, for eye safety; up to 1.5 it is a point",
         ),
     ] = 0.0
-    polarisation: Polarisation | None = None
+    polarisation: Polarisation = UNPOLARISED
     speckle: Speckle | None = None
 
     @property

@@ -52,7 +52,7 @@ def _range_with_noise(stop: Returns, light: FilteredLight, deviate: Lanes) -> La
     assert stop.snr is not None
     assert stop.true_range_m is not None
     ops = xp(stop.range_m)
-    pixel, (point, _) = light.pixel_at(stop.true_range_m), light.point_at(stop.true_range_m)
+    pixel, point = light.pixel_at(stop.true_range_m), light.point_at(stop.true_range_m)
     signal = stop.snr * point.noise.deviation
     if light.fluctuation is not None:
         signal = signal * light.fluctuation.relative_power
