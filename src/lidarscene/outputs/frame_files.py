@@ -64,6 +64,7 @@ class FrameFiles:
         live: function that appends a cloud to a viewer, or None
         epoch_ns: from 1970 to the scene's second 0, for packets
         imu: samples of the sensor's IMU until the next frame, for packets, or None
+        frames: number of frames of the run from this one on
         ahead: called once the device has done its part of the frame: time to begin the next one
     """
 
@@ -79,6 +80,7 @@ class FrameFiles:
     live: Append | None = None
     epoch_ns: int = 0
     imu: ImuSamples | None = None
+    frames: int = 1
     ahead: Callable[[], None] | None = None
 
     def write(self, progress: Callable[[int, int], object] | None) -> None:
@@ -90,7 +92,7 @@ class FrameFiles:
         with self._takers(picture, packets) as takers:
             for number, (simulator, take) in enumerate(zip(self._simulators, takers, strict=True), start=1):
                 later = self._simulators[number:]
-                ahead = partial(later[0].begin, self.frame) if later else self.ahead
+                ahead = partial(later[0].begin, self.frame, self.frames) if later else self.ahead
                 with self._missed(simulator) as missed:
                     observers = Observers(
                         progress=progress,

@@ -44,9 +44,10 @@ def render_frames(
     simulator.check_frames(numbers, begin_s=first.begin_s)
 
     def frame(number: int) -> PointCloud:
-        # While the caller has this frame, the device computes the next one.
-        following = replace(first, number=number + 1)
-        ahead = partial(simulator.begin, following) if following.number in numbers else None
+        # While the caller has this frame, the device computes the next ones.
+        ahead, left = None, numbers.stop - number - 1
+        if left:
+            ahead = partial(simulator.begin, replace(first, number=number + 1), left)
         return simulator.render(replace(first, number=number), observers, ahead=ahead, keep_rays=keep_rays)
 
     # No `yield`: so the call itself raises for mistakes, and not the first frame.

@@ -15,14 +15,13 @@ import numpy as np
 
 from ..detection.report import Detection, without_pulses
 from ..kernel.device import transfer
-from ..kernel.rays.kept_lanes import Retraced
+from ..kernel.rays.kept_lanes import NO_LANE, Retraced
 from ..kernel.rays.point_columns import Staged, with_nan_outcomes
 from ..light.beams import Beams
 from ..light.echoes import Echoes
 from ..light.hits import Hits
-from ..maths.arrays import Array, Mask, Numbers, flatten, is_drjit
-from ..maths.pose import Pose
-from .frame import LARGEST_FLOAT32_M
+from ..maths.arrays import Array, Lanes, Mask, Numbers, flatten, is_drjit, xp
+from .frame import LARGEST_FLOAT32_M, Frame
 from .tiles import Order
 
 
@@ -78,21 +77,18 @@ def without_lanes(part: Chunk, dropped: Numbers) -> Chunk:
     return dataclasses.replace(part, detection=without_pulses(part.detection, goes_on), goes_on=goes_on)
 
 
-def detection_values(parts: Sequence[Chunk], name: str, *, ordered: bool = True) -> Numbers:
-    """Field ``name`` of the detections, (n,) for the pulses of the first part; later parts replace it.
-
-    Args:
-        ordered: in the order of pulses; False: in that of lanes, which is enough to count them
-    """
+def detection_values(parts: Sequence[Chunk], name: str) -> Numbers:
+    """Field ``name`` of the detections, (n,) for the lanes of the first part; later parts replace it."""
     # A later part is the full trace of pulses that the first part only surveyed, so its values replace those.
     values: Numbers = getattr(parts[0].detection, name).numpy()
-    order = parts[0].order
     if len(parts) > 1:
         values = values.copy()
     for part in parts[1:]:
         if part.retraced is not None:
-            values[part.retraced.lanes.numpy()] = getattr(part.detection, name).numpy()
-    return values[order.lane] if ordered and order is not None else values
+            lanes = part.retraced.lanes.numpy()
+            is_lane = lanes != NO_LANE
+            values[lanes[is_lane]] = getattr(part.detection, name).numpy()[is_lane]
+    return values
 
 
 def join_columns(parts: Sequence[Mapping[str, Numbers]]) -> dict[str, Numbers]:
@@ -146,32 +142,52 @@ def truth_arrays(hits: Hits) -> list[Any]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Placing:
-    """Transform from the sensor's coordinates to those of the points, one for a whole frame.
+    """Transform from the sensor's coordinates to those of the points, one for each frame.
 
     All points of a frame are placed from where the sensor stood at its start: a real sensor does not correct for its
     own motion either (`cloud.deskew` does).
 
     Attributes:
-        turn: rotation, nine numbers, row by row, on the device
-        shift: translation [m], on the device
-        added_m: (3,) translation that NumPy adds in float64; None near the origin, where float32 is good to 0.1 mm
+        numbers: rotation, nine numbers, row by row, and translation [m], three, on the device. Where the sensor moves
+            those of each frame, one behind the other
+        added_m: for each frame (3,) translation that NumPy adds in float64; None near the origin, where float32 is
+            good to 0.1 mm
+        frames: number of the first pulse, and pulses of each frame, on the device; None: the sensor does not move
     """
 
-    turn: Any
-    shift: Any
-    added_m: Numbers | None
+    numbers: Any
+    added_m: tuple[Numbers | None, ...]
+    frames: tuple[Any, Any] | None
 
     @classmethod
-    def from_pose(cls, goal: Pose) -> Placing:
-        """Build from the sensor's pose in the coordinates of the points."""
+    def of_frames(cls, frames: Sequence[Frame], coordinates: str, pulses: int) -> Placing:
+        """Build for frames that follow each other, of so many pulses each."""
         # Far from the origin, as in map coordinates, float32 would round points to metres. The device then computes
         # relative to the sensor, and NumPy adds the position in float64.
-        near = np.abs(goal.position_m).max() < LARGEST_FLOAT32_M
-        return cls(
-            turn=transfer.opaque(plain_numbers(goal.rotation)),
-            shift=transfer.opaque(plain_numbers(goal.position_m if near else np.zeros(3))),
-            added_m=None if near else goal.position_m,
-        )
+        goals = [frame.goal(coordinates) for frame in frames]
+        near = [np.abs(goal.position_m).max() < LARGEST_FLOAT32_M for goal in goals]
+        added_m = tuple(None if is_near else goal.position_m for goal, is_near in zip(goals, near, strict=True))
+        rows = [
+            np.append(goal.rotation.ravel(), goal.position_m if is_near else np.zeros(3))
+            for goal, is_near in zip(goals, near, strict=True)
+        ]
+        if not frames[0].moves:
+            return cls(transfer.opaque(plain_numbers(rows[0])), added_m, None)
+        table = transfer.from_numpy(np.concatenate(rows))
+        return cls(table, added_m, (transfer.opaque(frames[0].first_pulse), transfer.opaque(pulses)))
+
+    def of_pulses(self, pulse: Lanes) -> tuple[tuple[Lanes, ...], tuple[Lanes, Lanes, Lanes]]:
+        """Rotation and translation of the frame of each of (n,) pulses."""
+        numbers = self.numbers
+        if self.frames is not None:
+            ops, (first, pulses) = xp(pulse), self.frames
+            row = ops.divmod(ops.int32(pulse) - first, pulses)[0] * (_NUMBERS // 4)
+            numbers = tuple(x for four in range(_NUMBERS // 4) for x in ops.take_four(self.numbers, row + four))
+        x, y, z = numbers[9:]
+        return numbers[:9], (x, y, z)
+
+
+_NUMBERS = 12  # rotation and translation
 
 
 def plain_numbers(values: Numbers) -> tuple[Any, ...]:

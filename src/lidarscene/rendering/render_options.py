@@ -122,6 +122,11 @@ class FrameOptions:
 
             object.__setattr__(self, "pose", to_pose(self.pose))
 
+    def differs_in_number(self, other: FrameOptions) -> bool:
+        """Whether the options are those of another frame of the same run, or of the same frame."""
+        names = [field.name for field in dataclasses.fields(self) if field.name != "number"]
+        return all(getattr(self, name) == getattr(other, name) for name in names)
+
 
 @list_options
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -228,7 +233,9 @@ class Keywords:
         names = [field.name for field in dataclasses.fields(kind)]
         self._field_names += names
         changes: dict[str, Any] = {name: self._remaining.pop(name) for name in names if name in self._remaining}
-        return dataclasses.replace(whole or kind(), **changes)
+        if whole is None:
+            return kind(**changes)
+        return dataclasses.replace(whole, **changes) if changes else whole
 
     def end(self, *parameters: str) -> None:
         """Raise InputError for a keyword that was a field of none of the kinds taken.

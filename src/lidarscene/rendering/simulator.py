@@ -9,7 +9,8 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any, Unpack, cast
 
 import numpy as np
@@ -40,10 +41,11 @@ from ..scene.scene_file import SceneChoice, load_scene
 from ..sensor.pose_file import Placed, to_pose
 from ..sensor.sensor_file import load_sensor
 from ..sensor.sensor_model import Sensor
-from .chunk import Chunk, Placing, detection_values, join_columns, without_lanes
+from .chunk import Chunk, Placing, join_columns, without_lanes
 from .extremes import check_detections, points_error
 from .frame import Frame, check_frame, sensor_motion
 from .frame_summary import Summary as Summary
+from .launch import Launch, rows_of
 from .pieces import Piece, piece_of, world_of_piece
 from .render_options import (
     FrameKeywords,
@@ -55,7 +57,7 @@ from .render_options import (
     TraceOptions,
 )
 from .stages import Chain, Stages, TracedPaths
-from .tiles import PACKET, DevicePulses, Numbering
+from .tiles import LANES, PACKET, DevicePulses, Numbering
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,19 +75,6 @@ class _Piece:
     pulse: Numbers
     columns: dict[str, Any] | None
     outcome: Numbers
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Begun:
-    """Frame whose first chunk was started (`Simulator.begin`)."""
-
-    options: FrameOptions
-    frame: Frame
-    part: Chunk
-
-    def is_of(self, options: FrameOptions) -> bool:
-        """Return whether it is the frame of these options."""
-        return all(getattr(self.options, each.name) == getattr(options, each.name) for each in fields(options))
 
 
 @checks_arguments
@@ -155,8 +144,13 @@ class Simulator:
         centre_m = pose_at(self.motion).position_m
         return build_world(self.scene, centre_m=centre_m, takes_turns=self._takes_turns, **keys)
 
+    def _forget_launches(self) -> None:
+        self._traced: Launch | None = None
+        self._begun: Launch | None = None
+        self._together = 1
+
     def _prepare_stages(self) -> None:
-        self._begun: _Begun | None = None
+        self._forget_launches()
         self._stages = Stages.from_scene(self.scene, self.sensor, self.world, self.trace)
         self._chain = Chain(self._stages)
 
@@ -167,7 +161,7 @@ class Simulator:
         For sensors that are rendered once each: the stages are not recorded for later frames.
         """
         traced.rewind()
-        self._begun = None
+        self._forget_launches()
         self._stages = replace(self._stages, traced=traced)
         self._chain = Chain(self._stages)
 
@@ -190,18 +184,24 @@ class Simulator:
             self._check_clearance(pose_at(self.motion, start_s), start_s)
 
     @exclusive
-    def begin(self, frame: FrameOptions) -> None:
+    def begin(self, frame: FrameOptions, frames: int = 1) -> None:
         """Start the first chunk of the frame that is rendered next, so that the device has it when its turn comes.
 
         The frame is the same without. Does nothing where the frame has a mistake, which is raised when it is rendered,
         or where the vehicle is in another piece of the scene then.
+
+        Args:
+            frames: number of the frames that are rendered from this one on, one after the other: several small ones are
+                traced together
         """
-        try:
-            if self._piece_at(frame) == self._piece:
-                current_frame = self._traced_frame(frame)
-                self._begun = _Begun(frame, current_frame, self._started(current_frame, frame))
-        except InputError:
-            self._begun = None
+        end = frame.number + frames
+        if self._traced is not None and self._traced.frame_of(frame) is not None:
+            number = self._traced.frames[-1][0].number + 1
+            if number >= end:
+                return
+            frame = replace(frame, number=number)
+        if self._begun is None or self._begun.frame_of(frame) is None:
+            self._begun = self._started_together(frame, end - frame.number)
 
     @exclusive
     def render(
@@ -356,64 +356,133 @@ class Simulator:
         The device starts the next chunk before this one is handed out: it computes while NumPy copies.
         """
         begin, end = frame.first_pulse, frame.first_pulse + self.sensor.scanner.pulses
-        chunk = self._chunk_pulses(options)
-        seed_words = frame.seed_words(options.seed)
-        placing = Placing.from_pose(frame.goal(options.coordinates))
         needs_order = observers.missed is not None or observers.pulses is not None
-
-        def started(first: int) -> Chunk:
+        launch, first = self._launch_with(frame), begin
+        for following in [*range(begin + self._chunk_pulses(options), end, self._chunk_pulses(options)), None]:
+            if launch is None:
+                since = time.perf_counter()
+                launch = self._started([(options, frame)], first)
+                summary.add_time("record", since)
+            if not launch.parts:
+                self._finish(launch, summary)
             since = time.perf_counter()
-            part = self._started(frame, options, first)
-            summary.add_time("record", since)
-            return part
-
-        begun, self._begun = self._begun, None
-        part = begun.part if begun is not None and begun.frame is frame else started(begin)
-        first = begin
-        for following in [*range(begin + chunk, end, chunk), None]:
-            since = time.perf_counter()
-            transfer.wait()
-            parts = self._trace_continuing(frame, part, seed_words)
-            check_detections(self.scene, self.sensor, [traced.detection for traced in parts])
-            since = summary.add_time("trace", since)
-            pulse, columns = self._columns(frame, parts, placing)
-            outcome = detection_values(parts, "outcome", ordered=needs_order)
+            check_detections(self.scene, self.sensor, partial(launch.values, frame, ordered=False))
+            outcome = launch.values(frame, "outcome", ordered=needs_order)
+            numbers = np.arange(first, first + len(outcome))
+            pulse, columns = self._points(launch, frame, numbers)
             if observers.ambient is not None:
-                numbers = np.arange(first, first + len(outcome))
-                observers.ambient(frame.pulses_in_run(numbers), detection_values(parts, "ambient").astype(np.uint64))
+                observers.ambient(frame.pulses_in_run(numbers), launch.values(frame, "ambient").astype(np.uint64))
             if observers.points is not None:
-                surfaces = join_columns([self._surfaces(frame, traced) for traced in parts])
-                if surfaces:
-                    surfaces["pulse"] = frame.pulses_in_run(surfaces["pulse"])
-                observers.points(frame.pulses_in_run(pulse), surfaces)
+                observers.points(frame.pulses_in_run(pulse), self._surfaces(launch, frame, numbers))
             summary.add_time("collect", since)
-            piece_first = first
+            piece_first, launch = first, None
             if following is not None:
-                part, first = started(following), following
+                since = time.perf_counter()
+                launch, first = self._started([(options, frame)], following), following
+                summary.add_time("record", since)
             elif ahead is not None:
                 ahead()
             yield _Piece(piece_first, pulse, columns, outcome)
 
+    def _launch_with(self, frame: Frame) -> Launch | None:
+        """Launch that begins with the pulses of a frame, or has them among others; forget those that it comes after."""
+        launches, self._begun = (self._traced, self._begun), None
+        launch = next((launch for launch in launches if launch is not None and launch.has(frame)), None)
+        if launch is not None and launch is launches[0]:
+            self._begun = launches[1]
+        # Kept until its last frame is handed out.
+        self._traced = launch if launch is not None and launch.frames[-1][1] is not frame else None
+        return launch
+
+    def _finish(self, launch: Launch, summary: Summary) -> None:
+        """Wait for a launch, trace once more what goes on, and collect the points of all its frames."""
+        run, frames = launch.run, [frame for _, frame in launch.frames]
+        options, _ = launch.frames[0]
+        since = time.perf_counter()
+        transfer.wait()
+        launch.parts = self._trace_continuing(run, launch.part, run.seed_words(options.seed), len(frames))
+        since = summary.add_time("trace", since)
+        placing = Placing.of_frames(frames, options.coordinates, self.sensor.scanner.pulses)
+        launch.pulse, launch.columns = self._columns(run, launch.parts, placing)
+        launch.added_m = placing.added_m
+        summary.add_time("collect", since)
+
+    def _points(self, launch: Launch, frame: Frame, numbers: Numbers) -> tuple[Numbers, dict[str, Any] | None]:
+        """Points of the pulses of these numbers: pulse numbers, columns of a PointCloud or None.
+
+        Raises:
+            InputError: for points with NaN or infinities
+        """
+        rows = rows_of(launch.pulse, numbers)
+        pulse = launch.pulse[rows]
+        if not len(pulse):
+            return pulse, None
+        columns = {name: values[rows] for name, values in launch.columns.items()}
+        if len(launch.frames) > 1:  # a cloud that is kept must not keep those of the other frames
+            columns = {name: values.copy() for name, values in columns.items()}
+        if columns.pop(collect.NAN_COLUMN).any():
+            raise points_error(self.scene, self.sensor, columns)
+        if frame.bodies is not None:
+            columns["body"] = frame.bodies[columns["body"]]
+        if (added_m := launch.added_m[launch.place(frame)]) is not None:
+            columns["xyz_m"] = columns["xyz_m"] + added_m
+        columns["time_s"] = frame.time_s(pulse)
+        columns["ring"] = self.sensor.rings(columns["channel"])
+        for name, default in collect.DEFAULT_VALUES.items():
+            columns.setdefault(name, np.broadcast_to(default, len(pulse)))
+        return pulse, columns
+
     def _chunk_pulses(self, options: FrameOptions) -> int:
         """Number of pulses of a chunk."""
         # The option counts rays, since they take the memory; a chunk counts pulses.
-        chunk = max(1, options.chunk // max(self.trace.rays, self.trace.background_rays or 1))
+        chunk = max(1, options.chunk // self._rays_of_pulse)
         # Whole bands of tiles, or whole packets: so the same rays are traced together whatever the option says. Where a
         # ray meets the edge of two triangles, which of them it meets depends on the rays beside it.
         step = self.numbering.step
         return max(step, chunk - chunk % step)
 
-    def _started(self, frame: Frame, options: FrameOptions, first: int | None = None) -> Chunk:
-        """Start the chunk of a frame that begins at pulse ``first``, or its first one."""
-        first = frame.first_pulse if first is None else first
-        count = min(self._chunk_pulses(options), frame.first_pulse + self.sensor.scanner.pulses - first)
+    @property
+    def _rays_of_pulse(self) -> int:
+        return max(self.trace.rays, self.trace.background_rays or 1)
+
+    def _started_together(self, options: FrameOptions, frames: int) -> Launch | None:
+        """Start the first of the frames that follow each other, with as many of the others as are worth it.
+
+        None where the first has a mistake, or the vehicle is in another piece of the scene then.
+        """
+        most = min(self._chunk_pulses(options), blocks.lanes_per_launch() // self._rays_of_pulse)
+        # More from launch to launch, so that the first frames come soon.
+        most = min(frames, 2 * self._together, most // self.sensor.scanner.pulses)
+        together = list[tuple[FrameOptions, Frame]]()
+        for number in range(options.number, options.number + max(most if self.numbering.fills_packets else 1, 1)):
+            following = replace(options, number=number)
+            try:
+                if self._piece_at(following) != self._piece:
+                    break
+                frame = self._frame(following)
+            except InputError:  # raised when that frame is rendered
+                break
+            if together and not frame.goes_with(together[0][1]):
+                break
+            together.append((following, frame))
+        return self._started(together, together[0][1].first_pulse) if together else None
+
+    def _started(self, frames: Sequence[tuple[FrameOptions, Frame]], first: int) -> Launch:
+        """Start several frames, or the chunk of one that begins at pulse ``first``."""
+        options, frame = frames[0]
+        self._together = len(frames)
+        count = min(self._chunk_pulses(options), frame.first_pulse + len(frames) * self.sensor.scanner.pulses - first)
         blocks.share_frame(count * self.trace.rays)
         pulses = self.numbering.pulses(frame, first, count)
-        part = self._chain(frame, pulses, frame.seed_words(options.seed), survey=self._stages.surveys)
-        return replace(part, order=pulses.order)
+        run = frame.on_device(*(later for _, later in frames[1:]))
+        part = self._chain(run, pulses, run.seed_words(options.seed), survey=self._stages.surveys)
+        return Launch(frames, run, replace(part, order=pulses.order))
 
-    def _trace_continuing(self, frame: Frame, part: Chunk, seed: Seed) -> list[Chunk]:
+    def _trace_continuing(self, frame: Frame, part: Chunk, seed: Seed, frames: int) -> list[Chunk]:
         """Trace the pulses of a chunk whose light goes on, past panes or to other channels, once more and in full.
+
+        Args:
+            frames: number of the frames in the chunk
 
         Returns:
             the chunk without them, and them; the chunk alone without any
@@ -423,6 +492,8 @@ class Simulator:
         parts = [part]
         alone = part.goes_on if part.leaks is None else part.goes_on & ~part.leaks
         if (lanes := kept_lanes.lanes_where(alone)) is not None:
+            if frames > 1:
+                lanes = kept_lanes.in_packets(lanes, self.sensor.scanner.pulses, LANES)
             parts.append(self._traced_again(frame, part, (lanes, alone), seed, lines=self._stages.crosstalk is None))
         if part.leaks is None:
             return parts
@@ -450,9 +521,9 @@ class Simulator:
         lanes, mask = chosen
         several = kept_lanes.more_than_one(lanes)
         retraced = kept_lanes.Retraced.from_lanes(several, mask)
-        pulse = retraced.gather(part.pulse)
+        pulse = retraced.pulses(part.pulse)
         blocks.share_out(len(pulse) * self.trace.rays)
-        traced = self._chain(frame, DevicePulses(pulse, lambda: frame.times(pulse.numpy())), seed, lines=lines)
+        traced = self._chain(frame, DevicePulses(pulse, lambda: frame.departures(pulse.numpy())), seed, lines=lines)
         transfer.wait()
         return replace(traced, retraced=retraced, twice=several is not lanes)
 
@@ -476,7 +547,7 @@ class Simulator:
             InputError: for a number that no pulse has
         """
         frame_options, _ = _resolve_options(frame, None, options)
-        current_frame = self._traced_frame(frame_options)
+        current_frame = self._traced_frame(frame_options).on_device()
         chosen = check_pulses(pulses, self.sensor)
         seed_words = current_frame.seed_words(frame_options.seed)
 
@@ -505,7 +576,7 @@ class Simulator:
             options: as for `render`; coordinates and chunk change nothing here
         """
         frame_options, _ = _resolve_options(frame, None, options)
-        current_frame = self._traced_frame(frame_options)
+        current_frame = self._traced_frame(frame_options).on_device()
         seed_words = current_frame.seed_words(frame_options.seed)
         return self._train(current_frame, current_frame.first_pulse, self.sensor.scanner.pulses, seed_words)
 
@@ -517,16 +588,12 @@ class Simulator:
         traced = -(-(before + count) // whole) * whole
         numbers = np.arange(first - before, first - before + traced, dtype=np.uint32)
         blocks.share_frame(traced * self.trace.rays)
-        pulses = DevicePulses(transfer.counter(first - before, traced), lambda: frame.times(numbers))
+        pulses = DevicePulses(transfer.counter(first - before, traced), lambda: frame.departures(numbers))
         train = cast(EchoTrain, transfer.fetch(self._stages.pulse_train(frame, pulses, seed)))
         return train if traced == count else train.part(before, count, of=traced)
 
-    def _columns(self, frame: Frame, parts: Sequence[Chunk], placing: Placing) -> tuple[Numbers, dict[str, Any] | None]:
-        """Kept points of a chunk, sorted by pulse and then by return: pulse numbers, columns of a PointCloud or None.
-
-        Raises:
-            InputError: for points with NaN or infinities
-        """
+    def _columns(self, frame: Frame, parts: Sequence[Chunk], placing: Placing) -> tuple[Numbers, dict[str, Any]]:
+        """Kept points of a chunk, sorted by pulse and then by return: pulse numbers, columns."""
         surveyed = parts[0]
         lane_of = None if surveyed.order is None else surveyed.order.device_lane
         again = [(part.retraced, part) for part in parts[1:] if part.retraced is not None]
@@ -546,22 +613,9 @@ class Simulator:
         columns = transfer.fetch_columns(on_device)
         columns["xyz_m"] = columns["xyz_m"].reshape(-1, 3)
         # A single point is there twice (`kept_lanes.more_than_one`): the count leaves the copy out.
-        if not count:
-            return np.zeros(0, np.uint32), None
         columns = {name: values[:count] for name, values in columns.items()}
-        if columns.pop(collect.NAN_COLUMN).any():
-            raise points_error(self.scene, self.sensor, columns)
-        if frame.bodies is not None:
-            columns["body"] = frame.bodies[columns["body"]]
-        if placing.added_m is not None:
-            columns["xyz_m"] = columns["xyz_m"] + placing.added_m
         # The device hands on pulse numbers; times need float64, which only NumPy has here.
-        pulse = columns["time_s"]
-        columns["time_s"] = frame.time_s(pulse)
-        columns["ring"] = self.sensor.rings(columns["channel"])
-        for name, default in collect.DEFAULT_VALUES.items():
-            columns.setdefault(name, np.broadcast_to(default, len(pulse)))
-        return pulse, columns
+        return columns.pop("time_s"), columns
 
     def _on_device(self, frame: Frame, part: Chunk, lanes: tuple[Any, Any], placing: Placing) -> dict[str, Any]:
         """`collect.point_columns` of these lanes and stops of one part, on the device."""
@@ -571,30 +625,37 @@ class Simulator:
             staged=part.staged(self.trace.rays),
             air_classes=self._air_classes,
             lanes=lanes,
-            turn=placing.turn,
-            shift=placing.shift,
+            placing=placing.of_pulses,
         )
 
-    def _surfaces(self, frame: Frame, part: Chunk) -> dict[str, Numbers]:
-        """`collect.surface_columns` of one part in NumPy; empty without any surface."""
+    def _surfaces(self, launch: Launch, frame: Frame, numbers: Numbers) -> dict[str, Numbers]:
+        """`collect.surface_columns` of the pulses of these numbers in NumPy; empty without any surface."""
+        if launch.surfaces is None:
+            launch.surfaces = join_columns([self._surfaces_of_part(part) for part in launch.parts])
+        if not launch.surfaces or (rows := rows_of(launch.surfaces["pulse"], numbers)).start == rows.stop:
+            return {}
+        surfaces = {name: values[rows] for name, values in launch.surfaces.items()}
+        if frame.bodies is not None:
+            surfaces["body"] = frame.bodies[surfaces["body"]]
+        return surfaces | {"pulse": frame.pulses_in_run(surfaces["pulse"])}
+
+    def _surfaces_of_part(self, part: Chunk) -> dict[str, Numbers]:
         surfaces = collect.surface_columns(world=self.world, staged=part.staged(self.trace.rays), twice=part.twice)
         if surfaces is None:
             return {}
         columns, count = surfaces
-        fetched = {name: values[:count] for name, values in transfer.fetch_columns(columns).items()}
-        return fetched if frame.bodies is None else fetched | {"body": frame.bodies[fetched["body"]]}
+        return {name: values[:count] for name, values in transfer.fetch_columns(columns).items()}
 
     def _frame(self, options: FrameOptions) -> Frame:
-        frame = Frame.from_options(
-            self.scene, self.sensor, self.world, replace(options, pose=options.pose or self.pose)
-        )
+        frame = Frame.from_options(self.scene, self.sensor, self.world, options, pose=options.pose or self.pose)
         self._check_clearance(frame.place, frame.start_s)
         return frame
 
     def _traced_frame(self, options: FrameOptions) -> Frame:
         """Frame of these options, in the piece of the scene that is compiled then."""
-        if self._begun is not None and self._begun.is_of(options):
-            return self._begun.frame
+        for launch in (self._traced, self._begun):
+            if launch is not None and (frame := launch.frame_of(options)) is not None:
+                return frame
         piece = self._piece_at(options)
         if piece != self._piece:
             self._piece = piece

@@ -414,7 +414,7 @@ class Live:
     def _light(self, simulator: Simulator, cloud: PointCloud, ambient: Ambient, frame: FrameOptions) -> Echoes:
         """Light on the detector for the pulse of each point, traced once more."""
         scene, sensor, world = simulator.scene, simulator.sensor, simulator.world
-        timed_frame = Frame.from_options(scene, sensor, world, frame)
+        timed_frame = Frame.from_options(scene, sensor, world, frame, pose=frame.pose or simulator.pose).on_device()
         pulses = range(timed_frame.first_pulse, timed_frame.first_pulse + sensor.scanner.pulses)
         numbers = np.arange(pulses.start, pulses.stop, dtype=np.uint32)
         light = retraced_light(
@@ -422,7 +422,7 @@ class Live:
             dataclasses.replace(sensor, scanner=sensor.scanner.at_phase(timed_frame.phase)),
             ambient,
             sun=scene.sun.direction,
-            placements=timed_frame.placements(lambda: timed_frame.times(numbers)),
+            placements=timed_frame.placements(lambda: timed_frame.departures(numbers)),
             pulses=pulses,
             seed=timed_frame.seed_words(frame.seed),
         )

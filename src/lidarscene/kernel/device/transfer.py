@@ -111,11 +111,9 @@ def _aligned_copy(values: Numbers, dtype: type[np.generic]) -> Any:
     return aligned
 
 
-def whole_numbers(values: Sequence[int]) -> Any:
+def whole_numbers(values: Sequence[int] | Numbers) -> Any:
     """Upload (n,) 32-bit signed numbers."""
-    import numpy as np
-
-    return mitsuba().Int32(np.asarray(values, dtype=np.int32))
+    return mitsuba().Int32(_aligned_copy(np.asarray(values), np.int32))
 
 
 def fetch(value: object) -> Any:

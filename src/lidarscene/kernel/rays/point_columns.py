@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import functools
 import operator
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, cast
 
@@ -133,8 +133,7 @@ def point_columns(
     staged: Staged,
     air_classes: Array | None,
     lanes: tuple[Array, Array],
-    turn: tuple[Lanes, ...],
-    shift: tuple[Lanes, Lanes, Lanes],
+    placing: Callable[[Lanes], tuple[tuple[Lanes, ...], tuple[Lanes, Lanes, Lanes]]],
 ) -> dict[str, Any]:
     """Return (k,) columns of the kept points by attribute of PointCloud, on the device and not yet computed.
 
@@ -145,8 +144,8 @@ def point_columns(
         sensor: its numbers opaque
         air_classes: class of the light of the air, and of each sub-echo of the air; None in clear air
         lanes: lanes and stop numbers, from `kept_lanes.reported_lanes`
-        turn: rotation from the sensor's frame to that of the points, nine numbers, row by row
-        shift: translation from the sensor's frame to that of the points
+        placing: gives, for (k,) pulses, rotation (nine numbers, row by row) and translation from the sensor's frame to
+            that of the points
     """
     import drjit as dr
 
@@ -170,6 +169,7 @@ def point_columns(
         return of_lane(getattr(detection, name)) if detection.source is None else of_stop(name)
 
     of_pulse, range_m = of_lane(staged.pulse), of_stop("range_m")
+    turn, shift = placing(of_pulse)
     source = None if detection.source is None else of_stop("source")
     ends = _Ends.at_lanes(staged, lane, source)
     face, status = ends.face, of_stop("status")
