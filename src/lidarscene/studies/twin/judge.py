@@ -69,6 +69,7 @@ def twin_quantities(
             limits=LIMITS["beam direction"],
             unit="deg",
         ),
+        *_nearer(pulses),
         *_ranges(pulses),
         *_signals(pulses),
         *_points(pulses),
@@ -89,6 +90,21 @@ def bias_and_scatter(real: Numbers, simulated: Numbers) -> tuple[float, float]:
 def _double_metric(name: str, real: Numbers, simulated: Numbers, unit: str) -> Iterator[Held]:
     for part, value in zip(("bias", "scatter"), bias_and_scatter(real, simulated), strict=True):
         yield Held(quantity=f"{name}, double validation metric", condition=part, value=value, unit=unit)
+
+
+def _nearer(pulses: MatchedPulses) -> Iterator[Held]:
+    """Share of the simulated returns that are nearer than recorded in their direction, and that of the worst octave."""
+    both = pulses.select(pulses.has_return & pulses.has_simulated_return)
+    is_nearer = both.simulated_range_m < both.aimed_range_m - SAME_SURFACE_M
+    octave = np.digitize(both.range_m, OCTAVES_M)
+    full = np.bincount(octave) >= LEAST_PULSES
+    shares = {number: float(np.mean(is_nearer[octave == number])) for number in np.flatnonzero(full)}
+    worst = max(shares, key=lambda number: shares[number], default=None)
+    quantity = f"returns {SAME_SURFACE_M:g} m nearer than recorded"
+    yield Held(quantity=quantity, value=_share(is_nearer), limits=LIMITS["nearer returns"])
+    if worst is not None:
+        low, high = np.r_[0.0, OCTAVES_M, np.inf][worst : worst + 2]
+        yield Held(quantity=f"{quantity}, worst octave", condition=f"{low:.3g} to {high:.3g} m", value=shares[worst])
 
 
 def _ranges(pulses: MatchedPulses) -> Iterator[Held]:
