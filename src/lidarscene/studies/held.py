@@ -39,11 +39,6 @@ class Limits(NamedTuple):
         low, high = (None if end is None else end + by for end in self[:2])
         return self._replace(low=low, high=high)
 
-    def widened(self, factor: float) -> Limits:
-        """Limits of a ratio that are farther from 1 by this factor."""
-        low, high = None if self.low is None else self.low / factor, None if self.high is None else self.high * factor
-        return self._replace(low=low, high=high)
-
 
 UNLIMITED = Limits()
 

@@ -130,7 +130,7 @@ def test_scatter_in_millimetres_and_ratios_over_the_law() -> None:
     assert [estimate.value for estimate in scatter_fit.estimates] == pytest.approx([200.0, 5.0])
     # 25 patches give a deviation to 10 %.
     law_m = 0.005 * np.sqrt(2.0)
-    np.testing.assert_allclose(scatter_fit.octaves, [[1600.0, 1.2 * law_m, law_m, 0.1]])
+    np.testing.assert_allclose(scatter_fit.octaves, [[1600.0, 1.2 * law_m, law_m]])
 
 
 @pytest.mark.usefixtures("without_correlation")

@@ -70,7 +70,7 @@ class RecordingFit:
         return law_rows(
             None if self.near_field is None else self.near_field.error,
             None if self.threshold is None else self.threshold.error,
-            np.zeros((0, 4)) if self.scatter is None else self.scatter.octaves,
+            np.zeros((0, 3)) if self.scatter is None else self.scatter.octaves,
             missing="not recorded, or too few smooth surfaces",
         )
 

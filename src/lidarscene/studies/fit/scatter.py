@@ -28,7 +28,8 @@ LEAST_PATCHES = 60
 """Least number of patches."""
 
 LEAST_OF_OCTAVE = 20
-"""Least number of patches in an octave of SIGNAL."""
+"""Least number of patches in an octave of SIGNAL. The scatter of n has a relative sigma of 1 / (2 sqrt(n)), here 11 %:
+the limits are two of it from 1."""
 
 WIDE_STEP = 6
 """Columns from one pulse to the next in a difference whose pulses share no noise."""
@@ -71,12 +72,9 @@ class Scatter:
 
     @property
     def octaves(self) -> Numbers:
-        """(k, 4) signal, scatter of the held-out blocks [m], that of the law [m], relative sigma of their ratio.
-
-        The relative sigma of a standard deviation from n sums of two squares is 1 / (2 sqrt(n)).
-        """
-        signal, sigma_m, patches = self.held_out.T
-        return np.column_stack([signal, sigma_m, self.law(signal), 0.5 / np.sqrt(patches)])
+        """(k, 3) signal, scatter of the held-out blocks [m], and that of the law [m]."""
+        signal, sigma_m, _ = self.held_out.T
+        return np.column_stack([signal, sigma_m, self.law(signal)])
 
     @property
     def estimates(self) -> tuple[Estimate, ...]:
