@@ -103,11 +103,12 @@ def test_returns_before_what_was_recorded_are_counted_there() -> None:
     too_near = (base.range_m > 16.0) & (base.range_m < 20.0) & (np.arange(N) % 4 == 0)
     lost = np.arange(N) % 5 == 0
     simulated_m = with_nan(base.simulated_range_m - np.where(too_near, 0.5, 0.0), lost)
-    assert [row.value for row in judge._nearer(base)] == [0.0, 0.0]
-    whole, worst = judge._nearer(pulses(simulated_range_m=simulated_m))
+    assert [row.value for row in judge._nearer(base, True)] == [0.0, 0.0]
+    whole, worst = judge._nearer(pulses(simulated_range_m=simulated_m), True)
     assert whole.value == pytest.approx(too_near[~lost].mean())
     assert not whole.verdict
     assert worst.condition == "16 to 32 m"
+    assert not next(judge._nearer(pulses(simulated_range_m=simulated_m), False)).is_limited
     of_octave = (base.range_m >= 16.0) & ~lost & (base.range_m < 32.0)
     assert worst.value == pytest.approx(too_near[of_octave].mean())
 

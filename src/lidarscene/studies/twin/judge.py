@@ -50,12 +50,14 @@ def twin_quantities(
     *,
     between: float | None = None,
     other_columns: Sweep | None = None,
+    is_of_frame: bool = False,
 ) -> list[Held]:
     """Compute the whole table.
 
     Args:
         between: share of pulses that two recorded frames keep or lose differently (`disagreement`); None: not known
         other_columns: recorded columns of the same frame that the twin was made of; None: it was made of others
+        is_of_frame: whether the twin was made of this frame, so that its surfaces are where they were recorded
     """
     rows = [
         Held(
@@ -65,7 +67,7 @@ def twin_quantities(
             limits=LIMITS["beam direction"],
             unit="deg",
         ),
-        *_nearer(pulses),
+        *_nearer(pulses, is_of_frame),
         *_ranges(pulses),
         *_signals(pulses),
         *_points(pulses),
@@ -88,7 +90,7 @@ def _double_metric(name: str, real: Numbers, simulated: Numbers, unit: str) -> I
         yield Held(quantity=f"{name}, double validation metric", condition=part, value=value, unit=unit)
 
 
-def _nearer(pulses: MatchedPulses) -> Iterator[Held]:
+def _nearer(pulses: MatchedPulses, is_of_frame: bool) -> Iterator[Held]:
     """Share of the simulated returns that are nearer than recorded in their direction, and that of the worst octave."""
     both = pulses.select(pulses.has_return & pulses.has_simulated_return)
     is_nearer = both.simulated_range_m < both.aimed_range_m - SAME_SURFACE_M
@@ -97,7 +99,9 @@ def _nearer(pulses: MatchedPulses) -> Iterator[Held]:
     shares = {number: float(np.mean(is_nearer[octave == number])) for number in np.flatnonzero(full)}
     worst = max(shares, key=lambda number: shares[number], default=None)
     quantity = f"returns {SAME_SURFACE_M:g} m nearer than recorded"
-    yield Held(quantity=quantity, value=_share(is_nearer), limits=LIMITS["nearer returns"])
+    yield Held(
+        quantity=quantity, value=_share(is_nearer), limits=LIMITS["nearer returns"] if is_of_frame else UNLIMITED
+    )
     if worst is not None:
         low, high = np.r_[0.0, OCTAVES_M, np.inf][worst : worst + 2]
         yield Held(quantity=f"{quantity}, worst octave", condition=f"{low:.3g} to {high:.3g} m", value=shares[worst])

@@ -36,6 +36,7 @@ from ..compare.recording_comparison import ground_plane
 from .apparent_reflectivity import ReflectivityGauge, is_explained
 from .daylight import illuminance_klux
 from .frame_poses import angles_deg, place_frames
+from .matched_pulses import RAYS
 from .planes import align_columns, has_grid, select_columns
 from .recorded_beams import with_recorded_beams
 from .sensor_grid import grid_of, on_grid
@@ -131,6 +132,8 @@ def build_twin(
     else:
         notes = [_copy_sensor(sensor, folder / SENSOR, sweeps[choice.judged_frame], recording.path.name)]
     unit = load_sensor(str(folder / SENSOR))
+    if unit.tdc.stops > 1 and sweeps[choice.judged_frame].second is not None:
+        notes.append(f"second returns take several rays of a pulse: lidarscene render {folder / SCENE} --rays {RAYS}")
     sweeps = {number: on_grid(sweep, unit.scanner) for number, sweep in sweeps.items()}
     places = place_frames(sweeps, choice.frames[0])
     parts, klux, border = [], [], BORDER if choice.held_out == COLUMNS else 0.0

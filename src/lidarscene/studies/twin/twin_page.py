@@ -54,7 +54,14 @@ def compare_twin(
         sweep, other_columns = (select_columns(full_sweep, slice(first, None, 2)) for first in (1, 0))
     pulses, cloud = simulate_pulses(scene, sensor, sweep, pose=pose, options=options)
     real_disagreement = disagreement(full_sweep, next_sweep) if next_number != number else None
-    quantities = twin_quantities(pulses, sweep, cloud, between=real_disagreement, other_columns=other_columns)
+    quantities = twin_quantities(
+        pulses,
+        sweep,
+        cloud,
+        between=real_disagreement,
+        other_columns=other_columns,
+        is_of_frame=other_columns is None and number in provenance["frames"],
+    )
     rows = [row for row in quantities if row.is_shown]
     numbers: dict[str, Any] = {
         "verdict": verdict(rows, "The twin"),
