@@ -84,8 +84,8 @@ class FitReport:
         )
         report.add_paragraph(self.summary)
         report.add_heading("Pass or fail")
-        report.add_paragraph(verdict(self.checks, "The fit"))
-        report.add_table(*held_table(self.checks, reference="recorded", simulated="fitted"))
+        report.add_paragraph(verdict(self.checks, "The written file"))
+        report.add_table(*held_table(self.checks, reference="recorded", simulated="written file"))
         report.add_heading("Estimates")
         report.add_table(
             ("number", "value", "sigma, Fisher", "sigma, bootstrap", ""),

@@ -28,8 +28,7 @@ LEAST_PATCHES = 60
 """Least number of patches."""
 
 LEAST_OF_OCTAVE = 20
-"""Least number of patches in an octave of SIGNAL. The scatter of n has a relative sigma of 1 / (2 sqrt(n)), here 11 %:
-the limits are two of it from 1."""
+"""Least number of patches in an octave of SIGNAL. The scatter of n has a relative sigma of 1 / (2 sqrt(n)): 11 %."""
 
 WIDE_STEP = 6
 """Columns from one pulse to the next in a difference whose pulses share no noise."""
@@ -69,12 +68,6 @@ class Scatter:
         """Evaluate the fitted sigma at these signals [m]."""
         c2, floor2 = self.solved.value
         return np.asarray(np.sqrt(c2 / signal + floor2))
-
-    @property
-    def octaves(self) -> Numbers:
-        """(k, 3) signal, scatter of the held-out blocks [m], and that of the law [m]."""
-        signal, sigma_m, _ = self.held_out.T
-        return np.column_stack([signal, sigma_m, self.law(signal)])
 
     @property
     def estimates(self) -> tuple[Estimate, ...]:

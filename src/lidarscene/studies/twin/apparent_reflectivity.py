@@ -173,7 +173,7 @@ class ReflectivityGauge:
                 + 2.0 * np.maximum(log_range - table[-1], 0.0)
             )
         factor = np.exp(log_factor)
-        return np.maximum(np.nan_to_num(strength * factor, posinf=0.0), LEAST_REFLECTIVITY)
+        return np.asarray(np.maximum(np.nan_to_num(strength * factor, posinf=0.0), LEAST_REFLECTIVITY))
 
 
 def white_signal(sensor: Sensor, range_m: Numbers) -> Numbers:
