@@ -1,6 +1,6 @@
 """Follow the polarisation of a beam along its path, and that of light that comes back along it.
 
-Kernels have this code only if the laser is said to be polarised (`laser.polarisation_deg`) and the world has panes or
+Kernels have this code only if the laser is said to be polarised (`laser.polarisation`) and the world has panes or
 mirrors.
 
 Symbols: s direction across the plane of incidence; chi angle from the last reference axis to s.
