@@ -155,3 +155,19 @@ def test_an_ouster_sees_through_the_fog_before_its_window(name):
     found = np.asarray(shielded.range_m)[np.asarray(shielded.reported)]
     assert len(found) > 100
     np.testing.assert_allclose(found, 8.0, atol=0.3)
+
+
+@pytest.mark.parametrize("snr", [100.0, 4000.0])
+def test_the_window_bounds_the_crossing(snr):
+    """Rationale: a window of 60 ns is 9.0 m for a weak echo; the edge of a strong one comes earlier, by
+    t = FWHM sqrt(ln(P / P_U) / (4 ln 2)), and its middle may lie as much behind. Tolerance: 1 cm, a step of the boards,
+    and 7 cm for noise of a fiftieth of the threshold.
+    """
+    equipped = trains.sensor("table1-apd", "tdc.window_us=0.06", "tdc.lsb_ps=0", "tdc.jitter_ps=0", *trains.QUIET)
+    range_m = np.arange(8.5, 11.5, 0.01)
+    light = trains.train(range_m[:, None], np.full((len(range_m), 1), trains.power_at_snr(equipped, snr)))
+    found_m = range_m[np.asarray(trains.detect(light, equipped).stops[0].reported)]
+    early_s = trains.FWHM_S * math.sqrt(math.log(snr / 50.0) / (4.0 * math.log(2.0)))
+    last_m = 0.5 * SPEED_OF_LIGHT_M_S * (60e-9 + early_s)
+    spread_m = 0.5 * SPEED_OF_LIGHT_M_S * trains.FWHM_S / 50.0 * 4.0
+    assert found_m.max() == pytest.approx(last_m, abs=0.01 + spread_m)

@@ -20,8 +20,8 @@ pytestmark = pytest.mark.usefixtures("mi")
 def test_hits_are_those_of_a_scene_rebuilt_for_each_pulse() -> None:
     """Reference: for each of 32 pulses all that moves is put where it is then, in a scene of its own.
 
-    Tolerances: single precision of positions 50 m from the origin is 4 um, some ten of them in a row; beams that
-    graze an edge may fall to either side, of which 32 have none.
+    Tolerances: single precision of positions 50 m from the origin is 4 um, and 0.02 mm is some of them in a row; beams
+    that graze an edge may fall to either side, of which 32 have none.
     """
     scene, sensor = traffic(), chain.sensor("table1-apd", *SENSOR)
     simulator = Simulator(scene, sensor)
@@ -50,7 +50,7 @@ def test_hits_are_those_of_a_scene_rebuilt_for_each_pulse() -> None:
         alone = dataclasses.replace(sensor, scanner=beam, tdc=low, mounting=Pose())
         rebuilt = Simulator(frozen(scene, time_s), alone, pose=pose_at(simulator.motion, time_s)).render()
         assert rebuilt.body[0] == cloud.body[point]
-        assert rebuilt.true_range_m[0] == pytest.approx(cloud.true_range_m[point], abs=1e-4)
+        assert rebuilt.true_range_m[0] == pytest.approx(cloud.true_range_m[point], abs=2e-5)
         assert rebuilt.incidence_angle_rad[0] == pytest.approx(cloud.incidence_angle_rad[point], abs=1e-4)
         assert rebuilt.sun_angle_rad[0] == pytest.approx(cloud.sun_angle_rad[point], abs=1e-4)
         assert rebuilt.in_shadow[0] == cloud.in_shadow[point]

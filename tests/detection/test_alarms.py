@@ -1,6 +1,7 @@
 """False alarms among the stops of the converter."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -117,6 +118,28 @@ def test_alarms_lie_on_the_clocks_grid_as_echoes_do(name):
         steps = np.array([time_s for _, _, time_s in times]) / (1e-12 * LSB_PS)
         assert len(steps) > 200
         assert np.abs(steps - np.rint(steps)).max() < 1e-6
+
+
+@pytest.mark.parametrize("separation_ns", [0.0, 40.0])
+def test_false_peaks_of_a_histogram_are_held_apart(separation_ns):
+    """Rationale: of two peaks a bin between them is lower, and of nearer ones than the separation the first counts.
+    Reference: of a Poisson process of rate r at most r / (1 + r d) a second are taken where each one stops others for a
+    time d. Tolerance: 4.5 standard errors of a Poisson number.
+    """
+    low = ("histogram.threshold_floor=0", "histogram.threshold_slope=0.2", "histogram.keep='all'")
+    equipped = photons.sensor(*low, f"histogram.separation_ns={separation_ns}")
+    light = photons.echoes_of(equipped, 60.0, photons=60.0, illuminance_klux=4.0, count=1000)
+    light = replace(light, peak_power_w=0.0 * light.peak_power_w)
+    times = np.array([(pulse, time_s) for pulse, _, time_s in alarm_times(equipped, light)[1]])
+    times = times[np.lexsort(times.T[::-1])]
+    apart_s = np.diff(times[:, 1])[np.diff(times[:, 0]) == 0]
+    least_s = max(1e-9 * separation_ns, 2.0 * float(equipped.histogram.bin_s))
+    assert apart_s.min() >= least_s * (1.0 - 1e-6)
+    point = equipped.working_point(light.background_power_w[:1])
+    rate_hz = float(equipped.false_alarm_rate_hz(point, equipped.threshold(point))[0])
+    expected = 1000 * rate_hz / (1.0 + rate_hz * least_s) * float(equipped.tdc.listening_s)
+    assert expected > 2000
+    assert len(times) == pytest.approx(expected, abs=4.5 * math.sqrt(expected))
 
 
 @pytest.mark.parametrize("name", list(RECEIVERS))

@@ -262,6 +262,27 @@ def test_which_crossings_are_kept(overrides, ranges):
     assert set(detection.outcome) == {int(Outcome.KEPT)}
 
 
+SAMPLES = ["sampler={type='adc', rate_mhz=1000, bits=14, full_scale=1e-4}"]
+
+
+@pytest.mark.parametrize("keys", [["tdc.timing='peak'"], SAMPLES])
+@pytest.mark.parametrize("dead_time_ns", [0.0, 30.0])
+def test_noise_chooses_between_two_echoes_of_like_strength(keys, dead_time_ns):
+    """Rationale: the pixel of a sensor at rest whose beam is on an edge jumps from one surface to the other, whether
+    they are two returns or, within a dead time, one. Reference: amplitudes of each echo alone, half a deviation apart,
+    whose difference is normal. Tolerance: 4.5 standard errors of 2,000 pulses, and 0.01 for the deviations of theirs.
+    """
+    equipped = sensor("table1-apd", *keys, "tdc.keep='strongest'", f"tdc.dead_time_ns={dead_time_ns}", *trains.QUIET)
+    count, range_m, power_w = 2000, np.array([100.0, 102.2]), power_at_snr(equipped, 200.0)
+    alone = [detect(train(np.full((count, 1), r), np.full((count, 1), power_w)), equipped).stops[0] for r in range_m]
+    sigma = np.std(alone[0].amplitude)
+    powers_w = power_w * np.array([1.0, 1.0 + 0.5 * sigma / np.mean(alone[0].amplitude)])
+    stop = detect(train(np.tile(range_m, (count, 1)), np.tile(powers_w, (count, 1))), equipped, seed=7).stops[0]
+    assert stop.reported.all()
+    expected = norm.cdf(0.5 / math.sqrt(2.0))
+    assert np.mean(stop.true_range_m > 101.1) == pytest.approx(expected, abs=0.01 + 4.5 * math.sqrt(0.24 / count))
+
+
 def test_outcomes():
     equipped = sensor("table1-apd", *trains.QUIET, "tdc.window_us=0.8")
     power = power_at_snr(equipped, 2000.0) * np.array([[0.0, 0.0], [1e-3, 1e-3], [0.0, 1.0], [1.0, 1.0]])

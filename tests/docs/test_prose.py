@@ -284,6 +284,12 @@ def test_saturation() -> None:
     says("theory.md", "{} ns in the mean at TNR 5 and 167 MHz", 1e9 * float(np.mean(width)))
 
 
+def test_a_road_stretches_an_echo() -> None:
+    """A quarter of the divergence at 1/e^2 is the beam's deviation, on ground that runs away by R / h of it."""
+    pulse_m, ground_m = 0.5 * SPEED_OF_LIGHT_M_S * 5e-9 / 2.354820045, 45.0 * 0.25 * 3e-3 * 45.0 / 2.4
+    says("limits.md", "pulse of 5 ns | the echo {} times as long", math.hypot(1.0, ground_m / pulse_m))
+
+
 def test_panes() -> None:
     r60 = [dielectrics.fresnel_reflectance(cos_incidence=0.5, index=n) for n in (1.5,)]
     mean = float(dielectrics.pane_reflectance(surface=r60[0], internal=1.0))
@@ -291,11 +297,16 @@ def test_panes() -> None:
     across = ((0.5 - 1.5 * cos_t) / (0.5 + 1.5 * cos_t)) ** 2
     along = ((1.5 * 0.5 - cos_t) / (1.5 * 0.5 + cos_t)) ** 2
     separate = 0.5 * sum(2.0 * r / (1.0 + r) for r in (across, along))
-    says("theory.md", "the mean of the two panes would mirror {} % and not {}", 100.0 * separate, 100.0 * mean)
+    says("theory.md", "the mean of the two panes mirrors {} % and not {}", 100.0 * separate, 100.0 * mean)
     shares = 100.0 * np.array([clear_glass(degrees) for degrees in (0, 60, 75)]).T
     says("theory.md", "mirror {}, {} and {} % and let {}, {} and {} % through", *shares.ravel())
     pane = pane_shares(cos_incidence=math.cos(math.radians(62.0)), index=1.52, internal=1.0, reflected=False)
-    says("theory.md", "right mean of s and p, {} at 62 degrees", (0.5 * (pane.across + pane.along)) ** 2)
+    mean, mean_kept = 0.5 * (pane.across + pane.along), 0.5 * (pane.across**2 + pane.along**2)
+    says("theory.md", "right mean of s and p, {} at 62 degrees", mean**2)
+    kept = (100.0 * (share**2 / mean_kept - 1.0) for share in (pane.across, pane.along))
+    says("limits.md", "{} % across the plane of incidence, +{} % in it, against an unpolarised one", *kept)
+    matt = (100.0 * (share / mean - 1.0) for share in (pane.across, pane.along))
+    says("limits.md", "a diffuse surface {} and +{} %", *matt)
     metal = []
     for degrees in (45.0, 60.0):
         cosine, index = math.cos(math.radians(degrees)), complex(2.052, 8.257)

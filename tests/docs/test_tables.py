@@ -47,9 +47,9 @@ pytestmark = pytest.mark.fixed_streams
 # --- theory -----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("row", table("theory_glass.md", "at | without the key"), ids=lambda row: row[0])
+@pytest.mark.parametrize("row", table("theory_glass.md", "at | by the mean r"), ids=lambda row: row[0])
 def test_polarised_light_through_a_pane(row: list[str]) -> None:
-    """There and back: today's mean of r, then s and p, with an unpolarised and with a polarised way back."""
+    """There and back: mean of r, then s and p, with an unpolarised and with a polarised way back."""
     cosine = math.cos(math.radians(float(row[0].split()[0])))
     face = dielectrics.fresnel_reflectance(cos_incidence=cosine, index=1.52)
     mean = dielectrics.pane_transmittance(surface=face, internal=1.0) ** 2

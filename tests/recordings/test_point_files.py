@@ -146,7 +146,7 @@ def test_our_own_files_are_recordings_too(tmp_path: Path, name: str) -> None:
     # LAS holds positions in steps of 10 um.
     np.testing.assert_allclose(sweep.xyz_m, cloud.xyz_m, atol=1e-5 if name in ("las", "laz") else 0.0, rtol=1e-6)
     assert sweep.ring is not None
-    np.testing.assert_array_equal(sweep.ring, cloud.channel)
+    np.testing.assert_array_equal(sweep.ring, cloud.ring)
     assert sweep.time_s is not None
     np.testing.assert_allclose(sweep.time_s + sweep.start_s, cloud.time_s, atol=1e-12)
 

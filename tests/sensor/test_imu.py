@@ -121,6 +121,16 @@ def test_allan_deviation_is_that_of_the_data_sheet(name: str) -> None:
             assert abs(np.mean(variances) - expected**2) < 5.0 * error
 
 
+def test_the_floor_of_an_allan_curve_is_that_of_the_sheet() -> None:
+    """The ADIS16470's sheet states the lowest points, 8 deg/h and 13 ug."""
+    printed = read_toml(catalog.path_of("imus", "adis16470"))
+    for key, lowest in (("gyroscope_instability_deg_h", 8.0), ("accelerometer_instability_ug", 13.0)):
+        curve = reference_surroundings.allan_deviation(
+            density=0.0, instability=printed[key], tau_s=np.geomspace(20.0, 2000.0, 100)
+        )
+        assert curve == pytest.approx(np.full(100, lowest), rel=0.02)
+
+
 def test_flicker_noise_of_the_samples() -> None:
     """The same with flicker noise alone, at times that only it reaches: 1, 10 and 40 s.
 

@@ -2,7 +2,7 @@
 
 import math
 
-from scenefile import header, objects, paint, place, sheet
+from scenefile import header, in_row, objects, paint, place, sheet
 
 CAR_AT_M, SENSOR_AT_M = (0.0, 1.75), (-18.5, -10.5)
 
@@ -57,6 +57,7 @@ def _markings():
 
 
 def _things():
+    along, back, up = in_row(1)
     return [
         objects("car", "car", [place(*CAR_AT_M, yaw_deg=180)], on_ground=True, paint="car_paint_white"),
         objects("pedestrian", "pedestrian", [place(-2.6, 5.0, 0, 180)], on_ground=True),
@@ -68,5 +69,5 @@ def _things():
         ),
         objects("sign", "sign", [place(-7.5, 4.0, 0, 180)], on_ground=True),
         objects("lamp_post", "lamp_post", [place(9.5, 3.95, 0, -90)], on_ground=True),
-        objects("house", "house", [place(22.0, 19.0, 0, -90), place(32.0, 19.0, 0, -90)]),
+        objects("house", "house", [place(22.0, 19.0, 0, -90), place(32.0 + along, 19.0 + back, up, -90)]),
     ]

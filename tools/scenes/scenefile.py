@@ -39,6 +39,18 @@ def place(x, y, z=0.0, yaw_deg=0.0):
     return where | ({"yaw_deg": float(yaw_deg)} if yaw_deg else {})
 
 
+APART_M = 0.002
+"""Least distance between neighbouring houses of a row, in all three directions."""
+
+
+def in_row(number):
+    """(along, back, up): how far to shift a house of a row, so that no wall, roof or gutter lies in its neighbour's.
+
+    Which of two surfaces at one place a beam meets depends on rounding, and so on the machine.
+    """
+    return APART_M * number, APART_M * (number % 2), APART_M * (number % 2)
+
+
 def objects(name, mesh, instances, *, on_ground=False, **paint):
     """A body of one of our meshes, placed once per instance; `paint` gives or changes a part's material."""
     return table("[[bodies]]", name=name, **_shape(mesh, paint), **_standing(on_ground), instances=instances)

@@ -1,6 +1,6 @@
 """The street scene: a canyon of town houses with parked cars, trees and people, seen from a driving car."""
 
-from scenefile import header, objects, paint, place, sheet
+from scenefile import header, in_row, objects, paint, place, sheet
 
 KERB_M, FRONT_M = 5.475, 8.7  # |y| of the kerb stones and of the house fronts
 WEST_M, EAST_M = -40.0, 112.0
@@ -70,8 +70,13 @@ def _markings():
 
 def _houses():
     rows = [x for x in range(-35, 110, 10) if x != 45]  # a gap lets the sun into the street
-    homes = _both(rows, HOUSE_CENTRE_M, yaw_deg=-90)
-    homes += [place(EAST_M + 14.5, y, 0, 180) for y in (-10, 0, 10)]
+    homes = []
+    for number, x in enumerate(rows):
+        along, back, up = in_row(number)
+        homes += _both([x + along], HOUSE_CENTRE_M + back, up, yaw_deg=-90)
+    for number, y in enumerate((-10, 0, 10)):
+        along, back, up = in_row(number)
+        homes.append(place(EAST_M + 14.5 + back, y + along, up, 180))
     return [objects("houses", "house", homes)]
 
 

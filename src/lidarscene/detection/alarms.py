@@ -2,8 +2,8 @@
 
 False alarms are a Poisson process (docs/theory.md 9 and 15). They pass the converter as echoes do: its clock, with its
 jitter, gives them the time that they are reported at, and their crossing decides whether they are within the window
-and which of two comes first (`stops`). Two things are of echoes alone: the dead time, and the walk, which would only
-move a random time.
+and which of two comes first (`stops`). Two things are of echoes alone: the dead time of a comparator, and the walk,
+which would only move a random time. Peaks of a histogram are held apart, whatever causes them.
 
 Symbols: U threshold, sigma_0 noise without an echo, P_f probability of a false alarm, lambda rate of false alarms, tau
 time in which the converter listens.
@@ -209,17 +209,19 @@ def _merge_alarms(shots: Shots, stops: Stops, alarms: _Alarms, found: Found, *, 
         first_draw: of the jitter of their times
     """
     like, converter = stops[0], shots.sensor.tdc
-    ops, most = xp(like.key), stop_list.most_alarms(converter)
+    ops, apart_s = xp(like.key), _least_distance_s(shots)
     zero, begin = ops.full(like.key, 0.0), ops.full(like.key, 0)
+    # Alarms come in the order in which the converter prefers them, and at most as many as it has stops can be kept. But
+    # any of those that come from the last one on may be the strongest.
+    most = _DRAWS if converter.keep == "strongest_and_last" else converter.stops
 
-    # Alarms come in the order in which the converter prefers them, and at most as many as it has stops can be kept.
     # Whether there is a first one is known before the loop: most pulses have none in the window and never enter it.
-    def active(loop_state: tuple[Lanes, Lanes, Stops]) -> Mask:
-        number, elapsed, _ = loop_state
-        return alarms.happens(elapsed) & (number < most)
+    def active(loop_state: tuple[Lanes, Lanes, Lanes, Stops]) -> Mask:
+        _, kept, elapsed, _ = loop_state
+        return alarms.happens(elapsed) & (kept < most)
 
-    def step(loop_state: tuple[Lanes, Lanes, Stops]) -> tuple[Lanes, Lanes, Stops]:
-        number, elapsed, stops = loop_state
+    def step(loop_state: tuple[Lanes, Lanes, Lanes, Stops]) -> tuple[Lanes, Lanes, Lanes, Stops]:
+        number, kept, elapsed, stops = loop_state
         alarm = alarms.alarm(ops.uint32(number), elapsed)
         reported_s = comparator.converted_time_s(shots, alarm.time_s, draw=ops.uint32(number + first_draw))
         stop = like.with_values(
@@ -235,13 +237,26 @@ def _merge_alarms(shots: Shots, stops: Stops, alarms: _Alarms, found: Found, *, 
         if like.width_s is not None:
             stop = replace(stop, width_s=_width_s(shots, alarm))
         taken = comparator.accepts_crossing(shots.sensor, alarm.time_s) & comparator.is_range(reported_s)
+        if apart_s is not None:
+            for other in stops:
+                taken = taken & ~(other.occupied & (ops.abs(other.time_s - stop.time_s) < apart_s))
         key = ops.where(taken, stop_list.sort_key(converter, stop.time_s, alarm.amplitude), EMPTY)
         stops = stop_list.insert_stop(converter, stops, replace(stop, key=key))
-        number = number + 1
-        return number, alarms.advance(ops.uint32(number), elapsed), stops
+        number, kept = number + 1, kept + ops.where(taken, 1, 0)
+        return number, kept, alarms.advance(ops.uint32(number), elapsed), stops
 
-    first: tuple[Lanes, Lanes, Stops] = begin, alarms.advance(ops.uint32(begin), ops.float32(zero)), stops
-    return ops.loop(first, active, step)[2]
+    elapsed = alarms.advance(ops.uint32(begin), ops.float32(zero))
+    first: tuple[Lanes, Lanes, Lanes, Stops] = begin, begin, elapsed, stops
+    return ops.loop(first, active, step)[3]
+
+
+def _least_distance_s(shots: Shots) -> Lanes | None:
+    """Least distance of two peaks of a histogram that are both reported; None of a comparator, which has crossings."""
+    histogram, separation_s = shots.sensor.histogram, shots.sensor.tdc.dead_time_s
+    if histogram is None:
+        return None
+    # Between two peaks there is a bin that is lower.
+    return xp(separation_s, histogram.bin_s).maximum(separation_s, 2.0 * histogram.bin_s)
 
 
 def _status(interfering: Mask | None) -> Lanes:

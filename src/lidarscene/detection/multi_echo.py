@@ -16,6 +16,7 @@ from ..light.echoes import EchoTrain
 from ..light.waveform import waveform
 from ..maths.arrays import Array, Lanes, Mask, select_state
 from ..maths.random import Seed
+from ..physics.electronics import tdc as tdc_formulas
 from ..physics.electronics.pulse_sums import crossing
 from ..sensor.electronics import MultiLevel
 from ..sensor.sensor_model import Sensor
@@ -38,12 +39,14 @@ class _Pulse:
         stop: return that the peak would give
         peak: place of its peak
         top: signal there
+        noise: noise of it
         lowest: lowest signal since
     """
 
     stop: Stop
     peak: Lanes
     top: Lanes
+    noise: Lanes
     lowest: Lanes
 
 
@@ -160,7 +163,7 @@ class Rises(Received):
             highest=zero,
             highest_w=zero,
             stops=stop_list.empty_stops(tdc, empty),
-            pulse=_Pulse(stop=empty, peak=earliest, top=zero, lowest=zero) if peaks else None,
+            pulse=_Pulse(stop=empty, peak=earliest, top=zero, noise=zero, lowest=zero) if peaks else None,
             memory=(memory := echo_memory.empty_memory(self)),
             at_highest=echo_memory.Residue(floor=zero, held=zero, share=zero + 1.0) if memory else None,
         )
@@ -235,8 +238,11 @@ class Rises(Received):
         separate = (rise.peak - last_pulse.peak) * self.sigma_s >= tdc.dead_time_s
         separate = separate & (~held | (last_pulse.top >= self.threshold + base))
         fresh = tripped & separate
-        # Of two peaks that are one pulse the higher counts.
-        higher = rise.exists & ~separate & (trip.signal > last_pulse.top) & (tripped | state.high)
+        # Of two peaks that are one pulse the higher counts. Noise chooses between like ones, unless they share it.
+        noise, lag_s = trip.deviate * trip.sigma, (rise.peak - last_pulse.peak) * self.sigma_s
+        apart = tdc_formulas.noise_change(lag_s=lag_s, crossing_bandwidth_hz=self.sensor.crossing_bandwidth_hz)
+        rises = trip.signal - last_pulse.top + apart * (noise - last_pulse.noise) > 0.0
+        higher = rise.exists & ~separate & rises & (tripped | state.high)
         accepted = (fresh | higher) & comparator.accepts_crossing(self.sensor, crossing_s)
         measured = accepted & stop_list.may_keep(tdc, crossing_s, state.stops)
         new_stop = converter._stop(rise, trip, measured, place, in_valley, crossing_s)
@@ -259,6 +265,7 @@ class Rises(Received):
             stop=select_state(accepted, stop, last_pulse.stop),
             peak=ops.where(accepted, rise.peak, last_pulse.peak),
             top=ops.where(accepted, trip.signal, last_pulse.top),
+            noise=ops.where(accepted, noise, last_pulse.noise),
             lowest=ops.where(accepted, trip.signal, ops.where(rise.exists, lowest, last_pulse.lowest)),
         )
         return self._advance(

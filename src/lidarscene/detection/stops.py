@@ -16,7 +16,7 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 from ..maths.arrays import Array, Lanes, Mask, select_state, xp
-from ..sensor.electronics import MOST_STOPS, Tdc
+from ..sensor.electronics import Tdc
 from .report import Measurement
 
 EMPTY = -1e30
@@ -127,11 +127,6 @@ def best_first(tdc: Tdc, stops: Stops) -> Stops:
     if tdc.keep == "strongest_and_last":
         return (*_sort(stops[:2], [stop.key for stop in stops[:2]]), *stops[2:])
     return _sort(stops, [stop.key for stop in stops])
-
-
-def most_alarms(tdc: Tdc) -> int:
-    """Largest number of false alarms of a generator that the stops can hold."""
-    return MOST_STOPS if tdc.keep == "strongest_and_last" else tdc.stops
 
 
 def reported_stops(tdc: Tdc, stops: Stops) -> Stops:

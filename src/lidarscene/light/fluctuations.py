@@ -1,7 +1,8 @@
-"""Fluctuations: echoes that scatter about their mean, by speckle and by turbulence.
+"""Fluctuations: echoes that scatter about their mean, by speckle, by turbulence, and with the energy of the pulses.
 
-One draw for each pulse moves all of its light together. The comparator sees the power that was drawn; SNR and P_d of a
-point are those of the mean echo and of all echoes (docs/theory_light.md 22). Where a pulse meets no surface, the light
+One draw for each pulse moves all of its light together, and so the time at which it crosses a threshold. The
+comparator sees the power that was drawn; SNR and P_d of a point are those of the mean echo and of all echoes
+(docs/theory_light.md 22). Where a pulse meets no surface, the light
 of the air comes from many particles at all ranges, and does not fluctuate.
 """
 
@@ -29,6 +30,7 @@ class FluctuationLaw:
         sweep_rad: angle over which it turns while the shots of a point are summed
         speckle: None: the surface has no speckle
         structure_constant: C_n^2 of the air [m^(-2/3)]; None: it is calm
+        energy_variance: relative variance of the energy of a point's pulses; None: all have the same
     """
 
     wavelength_m: Lanes
@@ -37,13 +39,17 @@ class FluctuationLaw:
     sweep_rad: Lanes
     speckle: Speckle | None
     structure_constant: Lanes | None
+    energy_variance: Lanes | None
 
     @classmethod
     def of(cls, sensor: Sensor, air: Air) -> FluctuationLaw | None:
         """Gather the numbers; None if nothing fluctuates."""
         laser = sensor.laser
-        if laser.speckle is None and not air.structure_constant:
+        if laser.speckle is None and laser.energy_spread is None and not air.structure_constant:
             return None
+        energy_variance = None if laser.energy_spread is None else laser.energy_spread * laser.energy_spread
+        if energy_variance is not None and sensor.histogram is not None:
+            energy_variance = energy_variance / sensor.histogram.shots
         return cls(
             wavelength_m=laser.wavelength_m,
             half_divergence_rad=laser.spot.half_divergence_rad,
@@ -51,10 +57,11 @@ class FluctuationLaw:
             sweep_rad=sensor.sweep_rad,
             speckle=laser.speckle,
             structure_constant=air.structure_constant or None,
+            energy_variance=energy_variance,
         )
 
     def variance(self, *, range_m: Lanes, cos_incidence: Lanes, aperture_m2: Lanes) -> Lanes:
-        """Relative variance of echoes' powers, (n,): that of speckle and turbulence together."""
+        """Relative variance of echoes' powers, (n,): that of energy, speckle and turbulence together."""
         radius_m, variance = disc_radius_m(area_m2=aperture_m2), 0.0 * range_m
         if self.structure_constant is not None:
             variance = scintillation.turbulence_variance(
@@ -77,6 +84,8 @@ class FluctuationLaw:
             ) * scintillation.swept_patterns(spot_rad=spot_rad, sweep_rad=self.sweep_rad)
             # Independent factors: (1 + v_1)(1 + v_2) - 1.
             variance = variance + (1.0 + variance) / cells
+        if self.energy_variance is not None:
+            variance = variance + (1.0 + variance) * self.energy_variance
         return variance
 
 

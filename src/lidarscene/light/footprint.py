@@ -111,14 +111,12 @@ def aim(axes: Beams, shape: Footprint, *, profile: str, rotation: tuple[Lanes, .
     )
 
 
-def polarisation(axes: Beams, laser: Laser, *, rotation: tuple[Lanes, ...]) -> tuple[Vector, Lanes] | None:
-    """Axis along which the light of each beam swings, and the share of it that does; None: left out.
+def polarisation(axes: Beams, laser: Laser, *, rotation: tuple[Lanes, ...]) -> tuple[Vector, Lanes]:
+    """Axis along which the light of each beam swings, and the share of it that does.
 
     Args:
         rotation: as of `spread`
     """
-    if laser.polarisation is None:
-        return None
     azimuth, elevation = _axes(axes.direction, rotation)
     angle_rad = laser.polarisation.angle_rad
     ops = xp(*azimuth, angle_rad)

@@ -31,7 +31,7 @@ class Hits:
         lit: (n,) bool, whether the sun lights the surface; a thin one from either side
         radial_velocity_m_s: (n,) of the surface relative to the sensor, along the ray, positive if they move apart; 0.0
             if nothing in the scene moves
-        face: (n,) int32, triangle number in the world's tables; -1 where nothing was met
+        face: (n,) int32, row of its body and material in the world's tables; -1 where nothing was met
         goes_on: (n,) bool, of a survey: whether panes, mirrors or gaps affect this ray or its sunlight; None if all
             paths were traced in full
         throughput: (n,) share of the light that panes and mirrors pass, one way; the way back takes it once more

@@ -275,6 +275,8 @@ class _Run:
                     ahead=None if following is None else partial(self._begin, following),
                 )
                 frame_files.write(progress)
+                for log in bags.values() if plan.format.driver else ():
+                    log.append_motion(*self.motion.vehicle_poses(group[0], number - self.frame.number))
                 for log in (*(bags.values() if keeps_rig else ()), *(() if live is None else (live,))):
                     for track, samples in parts:
                         log.append_imu(samples, label=track.label, mounting=track.on_vehicle)
@@ -294,8 +296,9 @@ def _bags(plan: Plan, clouds: Sequence[Mapping[str, Path]], opened: ExitStack, e
     if not plan.is_bag or plan.format.frames is None:
         return {}
     paths = dict.fromkeys(files[key] for files in clouds for key in CLOUDS if key in files)
-    frames = plan.format.frames
-    return {path: opened.enter_context(frames(path, epoch_ns=epoch_ns)) for path in paths}
+    frames, outputs = plan.format.frames, plan.outputs
+    names = {"topic": outputs.topic, "frame_id": outputs.frame_id} if plan.format.driver else {}
+    return {path: opened.enter_context(frames(path, epoch_ns=epoch_ns, **names)) for path in paths}
 
 
 def _sensors(

@@ -31,6 +31,7 @@ def render_frames(
     frames: int,
     overrides: Overrides = (),
     scene_overrides: Overrides = (),
+    keep_rays: bool = False,
     **options: Unpack[RenderKeywords],
 ) -> Iterator[PointCloud]:
     """Iterate over ``frames`` consecutive frames of a sensor; each is rendered when the iterator reaches it.
@@ -46,7 +47,7 @@ def render_frames(
         # While the caller has this frame, the device computes the next one.
         following = replace(first, number=number + 1)
         ahead = partial(simulator.begin, following) if following.number in numbers else None
-        return simulator.render(replace(first, number=number), observers, ahead=ahead)
+        return simulator.render(replace(first, number=number), observers, ahead=ahead, keep_rays=keep_rays)
 
     # No `yield`: so the call itself raises for mistakes, and not the first frame.
     return map(frame, numbers)
@@ -59,6 +60,7 @@ def render(
     *,
     overrides: Overrides = (),
     scene_overrides: Overrides = (),
+    keep_rays: bool = False,
     **options: Unpack[RenderKeywords],
 ) -> PointCloud:
     """Render one frame of a sensor in a scene.
@@ -68,6 +70,7 @@ def render(
         sensor: catalogue name, sensor file or `Sensor`; the scene's own if None
         overrides: changes to the sensor file's values: "detector.gain=60", a list of these, or {"detector.gain": 60}
         scene_overrides: changes to the scene file's values, likewise
+        keep_rays: keep the ray of every pulse too, with an echo or without, in `PointCloud.rays`
         options: `TraceOptions` as ``trace``, `FrameOptions` as ``frame`` and `Observers` as ``observers``, or the
             fields of any of them: ``seed=1, rays=3``
 
@@ -76,7 +79,7 @@ def render(
         BackendError: without a usable Mitsuba back end
     """
     simulator, frame, observers = _prepare(scene, sensor, overrides, scene_overrides, options)
-    return simulator.render(frame, observers)
+    return simulator.render(frame, observers, keep_rays=keep_rays)
 
 
 def _prepare(

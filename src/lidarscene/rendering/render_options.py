@@ -19,6 +19,7 @@ from .option_fields import Finite, Function, OneOf, Whole, check_options, list_o
 
 # Options load no NumPy: the command line names them, and still answers --help at once.
 if TYPE_CHECKING:
+    from ..cloud.rays import PulseRays
     from ..maths.arrays import Numbers
     from ..maths.pose import Pose
     from ..sensor.pose_file import Placed
@@ -144,6 +145,9 @@ class Observers:
         FUNCTION,
         help="called with (pulse, counts): arrays of all pulses and of their background, `detection.ambient.counts`",
     )
+    pulses: Callable[[PulseRays], object] | None = option(
+        None, FUNCTION, help="called with the rays of all pulses, a `cloud.rays.PulseRays`"
+    )
     points: Callable[[Numbers, Mapping[str, Numbers]], object] | None = option(
         None,
         FUNCTION,
@@ -182,6 +186,7 @@ class ObserverKeywords(TypedDict, total=False):
     progress: Callable[[int, int], object] | None
     missed: Callable[[Numbers, Numbers], object] | None
     ambient: Callable[[Numbers, Numbers], object] | None
+    pulses: Callable[[PulseRays], object] | None
     points: Callable[[Numbers, Mapping[str, Numbers]], object] | None
     summary: Summary | None
 

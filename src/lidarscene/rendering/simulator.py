@@ -17,16 +17,18 @@ import numpy as np
 from ..cloud.builder import CloudBuilder
 from ..cloud.deskew import MOTION_KEPT
 from ..cloud.point_cloud import PointCloud
+from ..cloud.rays import PulseRays
 from ..detection.sampled_waveforms import Waveforms, check_pulses, sample_waveforms
 from ..errors import InputError
 from ..files.arguments import checks_arguments
-from ..formats.cloud_columns import SENSOR_TO_VEHICLE, SENSOR_TO_WORLD
+from ..formats.cloud_columns import RING_ROWS, SENSOR_TO_VEHICLE, SENSOR_TO_WORLD
 from ..kernel.device import blocks, transfer
 from ..kernel.device.gate import exclusive
 from ..kernel.device.types import DeviceArray
 from ..kernel.rays import kept_lanes
 from ..kernel.rays import point_columns as collect
 from ..kernel.world.mitsuba_world import World, build_world
+from ..light.beams import reported_beams
 from ..light.echoes import EchoTrain
 from ..maths.arrays import Mask, Numbers
 from ..maths.pose import Pose
@@ -62,11 +64,13 @@ class _Piece:
 
     Attributes:
         first: number of the chunk's first pulse
+        pulse: number of the pulse of each point
         columns: name -> column of its points; None without points
         outcome: (n,) `Outcome` of each pulse
     """
 
     first: int
+    pulse: Numbers
     columns: dict[str, Any] | None
     outcome: Numbers
 
@@ -206,11 +210,13 @@ class Simulator:
         observers: Observers | None = None,
         *,
         ahead: Callable[[], None] | None = None,
+        keep_rays: bool = False,
         **options: Unpack[StreamKeywords],
     ) -> PointCloud:
         """Render one frame as a point cloud.
 
         Args:
+            keep_rays: keep the ray of every pulse too, in `PointCloud.rays`: 60 bytes a pulse
             ahead: called once the device has done its part of the frame: time to `begin` another one
             options: fields of `FrameOptions` and `Observers`, in place of those of ``frame`` and ``observers``
 
@@ -225,10 +231,14 @@ class Simulator:
         most = self.sensor.scanner.pulses * self.sensor.tdc.stops
         builder = CloudBuilder(capacity=most, vectors=self.trace.vectors)
         description = self._description(current_frame, frame_options)
-        taking = replace(observers, summary=summary)
+        rays: list[PulseRays] = []
+        kept = observers.pulses if not keep_rays else _both(rays.append, observers.pulses)
+        taking = replace(observers, summary=summary, pulses=kept)
         self._hand_out(current_frame, builder.append, "assemble", frame_options, taking, ahead)
         since = time.perf_counter()
         cloud = PointCloud(**builder.fields(**description), checked=True)
+        if keep_rays:
+            object.__setattr__(cloud, "_rays", PulseRays.concatenate(rays))
         summary.add_time("assemble", since)
         return cloud
 
@@ -305,9 +315,33 @@ class Simulator:
             if observers.missed is not None:
                 missed = np.flatnonzero(piece.outcome)
                 observers.missed(frame.pulses_in_run(missed + piece.first), piece.outcome[missed].astype(np.uint8))
+            if observers.pulses is not None:
+                observers.pulses(self._rays(frame, piece, options.coordinates))
             if observers.progress is not None:
                 observers.progress(finished, self.sensor.scanner.pulses)
             summary.add_time(stage, since)
+
+    def _rays(self, frame: Frame, piece: _Piece, coordinates: str) -> PulseRays:
+        """Rays of all pulses of a piece, in the coordinates of its points."""
+        pulse, goal = piece.first + np.arange(len(piece.outcome)), frame.goal(coordinates)
+        range_m = np.full(len(pulse), np.inf, np.float32)
+        if piece.columns is not None:
+            np.minimum.at(range_m, piece.pulse.astype(np.int64) - piece.first, piece.columns["range_m"])
+        in_run = frame.pulses_in_run(pulse)
+        beams = reported_beams(
+            self.sensor, pulse=in_run, origin_m=tuple(goal.position_m), rotation=tuple(goal.rotation.ravel())
+        )
+        channel = np.asarray(self.sensor.scanner.channel(in_run))
+        return PulseRays(
+            pulse=in_run,
+            origin_m=np.stack([np.broadcast_to(np.float64(axis), pulse.shape) for axis in beams.origin_m], axis=-1),
+            direction=np.stack(beams.direction, axis=-1).astype(np.float32),
+            time_s=frame.time_s(pulse),
+            channel=channel,
+            ring=self.sensor.rings(channel),
+            outcome=piece.outcome.astype(np.uint8),
+            range_m=range_m,
+        )
 
     def _pieces(
         self,
@@ -317,7 +351,7 @@ class Simulator:
         summary: Summary,
         ahead: Callable[[], None] | None,
     ) -> Iterator[_Piece]:
-        """Iterate over the results of the chunks; outcomes are in the order of pulses if ``observers.missed`` is set.
+        """Iterate over the results of the chunks; outcomes are in the order of pulses if an observer needs them so.
 
         The device starts the next chunk before this one is handed out: it computes while NumPy copies.
         """
@@ -325,6 +359,7 @@ class Simulator:
         chunk = self._chunk_pulses(options)
         seed_words = frame.seed_words(options.seed)
         placing = Placing.from_pose(frame.goal(options.coordinates))
+        needs_order = observers.missed is not None or observers.pulses is not None
 
         def started(first: int) -> Chunk:
             since = time.perf_counter()
@@ -342,7 +377,7 @@ class Simulator:
             check_detections(self.scene, self.sensor, [traced.detection for traced in parts])
             since = summary.add_time("trace", since)
             pulse, columns = self._columns(frame, parts, placing)
-            outcome = detection_values(parts, "outcome", ordered=observers.missed is not None)
+            outcome = detection_values(parts, "outcome", ordered=needs_order)
             if observers.ambient is not None:
                 numbers = np.arange(first, first + len(outcome))
                 observers.ambient(frame.pulses_in_run(numbers), detection_values(parts, "ambient").astype(np.uint64))
@@ -357,7 +392,7 @@ class Simulator:
                 part, first = started(following), following
             elif ahead is not None:
                 ahead()
-            yield _Piece(piece_first, columns, outcome)
+            yield _Piece(piece_first, pulse, columns, outcome)
 
     def _chunk_pulses(self, options: FrameOptions) -> int:
         """Number of pulses of a chunk."""
@@ -523,6 +558,7 @@ class Simulator:
         # The device hands on pulse numbers; times need float64, which only NumPy has here.
         pulse = columns["time_s"]
         columns["time_s"] = frame.time_s(pulse)
+        columns["ring"] = self.sensor.rings(columns["channel"])
         for name, default in collect.DEFAULT_VALUES.items():
             columns.setdefault(name, np.broadcast_to(default, len(pulse)))
         return pulse, columns
@@ -592,6 +628,13 @@ class Simulator:
         }
 
 
+def _both(
+    first: Callable[[PulseRays], object], second: Callable[[PulseRays], object] | None
+) -> Callable[[PulseRays], object]:
+    """Observer that calls two others."""
+    return first if second is None else lambda rays: (first(rays), second(rays))
+
+
 def _resolve_options(
     frame: FrameOptions | None, observers: Observers | None, options: Mapping[str, object]
 ) -> tuple[FrameOptions, Observers]:
@@ -619,6 +662,10 @@ def _metadata(scene: Scene, sensor: Sensor, frame: Frame, options: FrameOptions)
         SENSOR_TO_WORLD: _pose_text(frame.place),
         SENSOR_TO_VEHICLE: _pose_text(frame.goal("vehicle")),
     }
+    if sensor.driver:
+        metadata["driver"] = sensor.driver
+    if sensor.ring_rows is not None:
+        metadata[RING_ROWS] = " ".join(map(str, sensor.ring_rows.tolist()))
     if frame.moves:
         metadata["ego_motion"] = MOTION_KEPT
     if options.coordinates != "sensor":

@@ -53,6 +53,10 @@ class Scanner(Protocol):
     def channel(self, pulse: Lanes) -> Lanes:
         """Channel (row, laser, ring, facet) of each pulse."""
 
+    @property
+    def channel_elevation_rad(self) -> Numbers | None:
+        """(channels,) elevation of each channel, NaN for numbers that none has; None if channels are no rows."""
+
     def aperture_share(self, pulse: Lanes) -> Lanes:
         """A(theta_r) / A(0) of (4): share of the receiver's aperture in each pulse's direction."""
 
@@ -153,6 +157,11 @@ class Mechanism:
         """0: there is one laser."""
         return xp(pulse).int32(pulse) * 0
 
+    @property
+    def channel_elevation_rad(self) -> Numbers | None:
+        """None: channels are no rows."""
+        return None
+
     def offset_m(self, pulse: Lanes) -> Vector | None:
         """None: all beams start at the sensor's origin."""
         return None
@@ -182,6 +191,15 @@ class GivenAngles(Mechanism):
         """Azimuth and elevation [rad], as the encoders read them."""
         azimuth, elevation = self._read(pulse)
         return azimuth, elevation
+
+
+def row_elevations(scanner: Scanner) -> Numbers:
+    """Elevation of each channel in the middle of its line, where each line is a channel."""
+    line = scanner.line_pulses or scanner.pulses
+    middle = np.arange(line // 2, scanner.pulses, line)
+    elevation = np.zeros(len(middle))
+    elevation[np.asarray(scanner.channel(middle))] = scanner.angles(middle)[1]
+    return elevation
 
 
 def split_frame(pulse: Numbers, pulses: int) -> tuple[Numbers, Numbers]:

@@ -30,7 +30,7 @@ from ..files.table_model import Number
 from ..maths.arrays import Lanes, Numbers, xp
 from ..maths.units import FileKey, Quantity, si
 from ..maths.vectors import Vector
-from .base import Mechanism, split_frame
+from .base import Mechanism, row_elevations, split_frame
 from .scanner_file import ScannerContext, ScannerFile
 
 LARGEST_HEIGHT = {
@@ -111,6 +111,11 @@ class Flash(Mechanism):
     def channel(self, pulse: Lanes) -> Lanes:
         """Row of each pixel, 0 at the top."""
         return self._row_and_column(pulse)[0]
+
+    @property
+    def channel_elevation_rad(self) -> Numbers:
+        """Elevation of each row in its middle."""
+        return row_elevations(self)
 
     def time_s(self, pulse: Numbers) -> Numbers:
         """The time of the flash, for all pixels of its rows."""

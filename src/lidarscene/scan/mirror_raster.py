@@ -16,7 +16,7 @@ from pydantic import model_validator
 from ..maths.arrays import Lanes, Numbers, xp
 from ..maths.units import FileKey, Quantity
 from ..maths.vectors import Vector
-from .base import Mechanism, split_frame
+from .base import Mechanism, row_elevations, split_frame
 from .mirror_optics import Mirrors, MirrorsFile
 from .scanner_file import ScannerContext, require_fewer
 
@@ -101,6 +101,11 @@ class MirrorRaster(Mechanism):
     def channel(self, pulse: Lanes) -> Lanes:
         """Line of each pulse."""
         return self._row_and_column(pulse)[0]
+
+    @property
+    def channel_elevation_rad(self) -> Numbers | None:
+        """Elevation of each line in its middle; None of upright lines."""
+        return row_elevations(self) if self.fast == "azimuth" else None
 
     def time_s(self, pulse: Numbers) -> Numbers:
         """Pulses of a line at the pulse rate; lines and frames after their pauses."""

@@ -81,6 +81,15 @@ class Pattern(GivenAngles):
         ops, row = xp(pulse), self._row(pulse)
         return row * 0 if self.laser is None else ops.int32(ops.take(self.laser, row))
 
+    @property
+    def channel_elevation_rad(self) -> Numbers | None:
+        """Mean elevation of each channel of the table; None if it has none."""
+        if self.laser is None:
+            return None
+        laser = np.asarray(self.laser.values, np.int64)
+        with np.errstate(invalid="ignore"):
+            return np.bincount(laser, self.elevation_rad.values) / np.bincount(laser)
+
     def time_s(self, pulse: Numbers) -> Numbers:
         """Times from the table."""
         frame, row = split_frame(pulse, self.pulses)

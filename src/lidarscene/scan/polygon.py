@@ -29,7 +29,7 @@ from ..maths.arrays import Lanes, LookupTable, Numbers, xp
 from ..maths.units import FileKey, Quantity, SameTable
 from ..maths.vectors import Vector, dot, reflected, weighted_sum
 from .aperture import slit_share
-from .base import Encoder, Jitter, Mechanism, Rotation, split_frame
+from .base import Encoder, Jitter, Mechanism, Rotation, row_elevations, split_frame
 from .scanner_file import ScannerContext, ScannerFile
 
 
@@ -171,6 +171,11 @@ class Polygon(Mechanism):
     def channel(self, pulse: Lanes) -> Lanes:
         """Facet of each pulse."""
         return self._facet_and_column(pulse)[0]
+
+    @property
+    def channel_elevation_rad(self) -> Numbers:
+        """Elevation of each facet in its middle."""
+        return row_elevations(self)
 
     def time_s(self, pulse: Numbers) -> Numbers:
         """Pulses of a line at the pulse rate; each line starts when its facet arrives."""

@@ -14,7 +14,7 @@ from pydantic import model_validator
 
 from ..maths.arrays import Lanes, Numbers, xp
 from ..maths.units import Quantity
-from .base import Encoder, GivenAngles, Jitter
+from .base import Encoder, GivenAngles, Jitter, row_elevations
 from .scanner_file import ScannerFile, require_fewer
 
 
@@ -87,6 +87,11 @@ class Raster(GivenAngles):
     def channel(self, pulse: Lanes) -> Lanes:
         """Row of each pulse, 0 at the top."""
         return self._row_and_column(pulse)[0]
+
+    @property
+    def channel_elevation_rad(self) -> Numbers:
+        """Elevation of each row in its middle."""
+        return row_elevations(self)
 
     def time_s(self, pulse: Numbers) -> Numbers:
         """One pulse after the other, without a pause."""

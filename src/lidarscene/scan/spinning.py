@@ -257,6 +257,14 @@ class Spinning(Mechanism):
         ops = xp(pulse)
         return ops.int32(ops.take(self.lasers_by_place, self._place(pulse)[1]))
 
+    @property
+    def channel_elevation_rad(self) -> Numbers:
+        """Elevation of each laser, by its number."""
+        laser = np.asarray(self.lasers_by_place.values, np.int64)
+        elevation = np.full(laser.max() + 1, np.nan)
+        elevation[laser] = self.elevation_rad.values
+        return elevation
+
     def offset_m(self, pulse: Lanes) -> Vector | None:
         """The laser's exit, turned with the head; None if all are at the origin."""
         if self.start_m is None:

@@ -41,7 +41,7 @@ class Tdc:
     """Comparator and time-to-digital converter.
 
     Attributes:
-        window_s: listening time after each pulse
+        window_s: time from when the middle of a pulse leaves, in which crossings are taken
         threshold_to_noise: U / sigma_0 (TNR), or None with a fixed level
         threshold_level: fixed U in signal units, or None
         least_significant_bit_s: step of the reported time; 0: none
@@ -55,7 +55,18 @@ class Tdc:
             the noise rises through the threshold (docs/theory.md, section 9)
     """
 
-    window_s: Annotated[Lanes, Quantity("us", ge=1e-3, le=1e5, about="listening time after each pulse; 4 us is 600 m")]
+    window_s: Annotated[
+        Lanes,
+        Quantity(
+            "us",
+            ge=1e-3,
+            le=1e5,
+            about=(
+                "from when a pulse's middle leaves; an echo counts that crosses the threshold by then, even if its "
+                "middle comes later: 4 us is 600 m for a weak one, and up to a pulse's width more for a strong one"
+            ),
+        ),
+    ]
     bandwidth_hz: Annotated[
         Lanes, Quantity("mhz", ge=1e-3, le=1e5, about="B_w: of the noise, and comparisons per second")
     ]

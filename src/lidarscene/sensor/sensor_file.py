@@ -23,6 +23,7 @@ from ..physics.optics import beam
 from ..scan import AnyScannerFile, Scanner
 from ..scan.scanner_file import ScannerContext
 from .detectors import AnyDetectorFile, Detector, Spad
+from .driver import DriverName
 from .electronics import Keep, Receiver, Tdc, check_stops, kept_stops
 from .histogram import Histogram, HistogramFile
 from .imu import ImuFile
@@ -30,7 +31,7 @@ from .optics import OpticsFile
 from .overlap import Overlap
 from .pose_file import PoseFile
 from .readout import AnyIntensityFile, AnySamplerFile, PublishedFile, read_published
-from .sensor_model import Laser, Optics, Polarisation, Sensor, Speckle, overlap_geometry
+from .sensor_model import UNPOLARISED, Laser, Optics, Polarisation, Sensor, Speckle, overlap_geometry
 from .volleys import find_volleys
 from .wear_file import WearFile
 
@@ -54,13 +55,13 @@ class LaserFile(Table[Laser]):
         description="of the light from `wavelength_nm`, as by heat; needs `optics.filter` (docs/theory_light.md 21)",
     )
     polarisation: PolarisationFile | None = Field(
-        default=None, description="of the light, for panes; they treat all light alike if left out"
+        default=None, description="of the light, for panes; unpolarised if left out"
     )
     speckle: SpeckleFile | None = Field(default=None, description="scatter of echoes; none if left out")
 
     def build(self, repetition_rate_hz: float) -> Laser:
         """Convert to SI units."""
-        polarisation = None if self.polarisation is None else self.polarisation.in_si()
+        polarisation = UNPOLARISED if self.polarisation is None else self.polarisation.in_si()
         speckle = None if self.speckle is None else self.speckle.in_si()
         laser: Laser = self.in_si(repetition_rate_hz=repetition_rate_hz, polarisation=polarisation, speckle=speckle)
         if speckle is not None and not laser.has_width:
@@ -167,6 +168,9 @@ class SensorFile(FileModel):
     intensity: AnyIntensityFile | None = Field(
         default=None, description="the maker's scale; the amplitude itself if left out"
     )
+    driver: DriverName | None = Field(
+        default=None, description="of the maker for ROS: how it counts `ring`, lays out points, and names topics"
+    )
     published: PublishedFile | None = Field(
         default=None, description="the maker's claims; the simulation does not use them"
     )
@@ -252,6 +256,7 @@ class SensorFile(FileModel):
         sensor = Sensor(
             name=self.name,
             description=self.description,
+            driver=self.driver or "",
             laser=laser,
             optics=optics,
             scanner=scanner,

@@ -302,6 +302,36 @@ def test_the_share_found_in_strong_sun_is_that_of_photons_one_by_one(case):
     assert share == pytest.approx(simulated_share, abs=4.0 * math.sqrt(0.25 / 500 + 0.25 / 6000))
 
 
+def test_the_share_of_first_photons_found_is_that_of_photons_one_by_one():
+    """Rationale: a receiver has one threshold a point, by the counts of its window (T110), and does not know how far
+    the echo is, where fewer SPADs are left to count the sun. Reference: the first photon of each SPAD and shot, 800
+    histograms, a threshold by their own counts. Tolerance: 4 standard errors of both shares, and 0.01 for the gain of
+    the search (T98). By the rate at the echo's place the share is 0.13 off.
+    """
+    counter, light = sunlit(2.0, 12.0, 4.0, 0.0, 6000, "detector.stamps='first'")
+    light.range_m[:] = 45.0 + np.linspace(0.0, 0.15, 6000)
+    found = np.any([photons.echo_of(stop) for stop in photons.detect(counter, light).stops], axis=0).mean()
+    pixel, rng = counter.pixel(light.background_power_w[:1], range_m=light.range_m[:1]), np.random.default_rng(6)
+    rate, trials = 1e-9 * float(pixel.rate_hz[0]), 64 * 50
+    lit = -math.expm1(-float(np.ravel(pixel.detections(light.peak_power_w[:1]))[0]))
+    w = 1e9 * matched_filter.TEMPLATE * float(pixel.sigma_s)
+    template = np.exp(-0.5 * (np.arange(-12, 13) / w) ** 2) * math.sqrt(1 + 1.44) / 1.2
+    values, counts = [], 0
+    for _ in range(800):
+        place = 2e9 * 45.0 / C + rng.random()
+        times = rng.exponential(1.0 / rate, trials)
+        echo = np.where(rng.random(trials) < lit, rng.normal(place, 4.0 / 2.354820045, trials), np.inf)
+        row = photons.histogram(np.minimum(times, echo), bins=1000, bin_ns=1.0)
+        near = int(place) - 17
+        mean = trials * rate * math.exp(-rate * place) * template.sum()
+        values.append(np.convolve(row[near : near + 35], template, "valid").max() - mean)
+        counts += (times < 1000.0).sum() / 800
+    level = 4.0 + 0.3 * math.sqrt(counts)
+    share = (np.array(values) >= level).mean()
+    assert 0.1 < share < 0.9
+    assert found == pytest.approx(share, abs=0.01 + 4.0 * math.sqrt(0.25 / 800 + 0.25 / 6000))
+
+
 @pytest.mark.parametrize(
     ("rate_mhz", "dead_ns", "apart_m", "above", "keys"),
     [
@@ -335,6 +365,40 @@ def test_a_second_echo_is_found_as_often_as_its_probability(rate_mhz, dead_ns, a
     expected = float(np.median(probabilities))
     assert 0.05 < expected < 0.99
     assert share == pytest.approx(expected, abs=0.02 + 4.0 * math.sqrt(expected * (1.0 - expected) / count))
+
+
+def test_an_echo_one_dead_time_behind_another_is_found_and_has_its_own_revived_spads():
+    """Rationale: SPADs that the first echo fired come back while the second lasts, which meets part of them, and all
+    come back together once more. Reference: every SPAD followed from one firing to the next, 200 histograms.
+    Tolerance: 4 standard errors, and 0.06 for the course that the third peak's bins follow.
+    """
+    counter = photons.sensor(
+        "histogram.keep='all'", "histogram.window_us=0.5", "detector.spads=16", "histogram.shots=120"
+    )
+    dark, tau_m, count = counter.pixel(np.zeros(1)), 12e-9 * C / 2.0, 2000
+    background_w = (40e6 - float(dark.rate_hz[0])) / float(dark.per_watt)
+    range_m = 30.0 + np.linspace(0.0, 0.15, count)[:, None] + np.array([0.0, tau_m])
+    light = train(range_m, np.full(2, 5.0 / float(dark.detections(1.0))), background_w=background_w)
+    behind_m = [
+        np.where(np.asarray(stop.reported), np.asarray(stop.range_m) - range_m[:, 1], np.inf)
+        for stop in photons.detect_train(counter, light).stops
+    ]
+    pixel, rng = counter.pixel(np.array([background_w])), np.random.default_rng(3)
+    w = matched_filter.TEMPLATE * 1e9 * float(np.ravel(pixel.sigma_s)[0])
+    template = np.exp(-0.5 * (np.arange(-12, 13) / w) ** 2) * math.sqrt(1 + 1.44) / 1.2
+    level = float(counter.threshold(counter.working_point(np.array([background_w])))[0])
+    options = {"rate_per_ns": 0.04, "dead": 12.0, "bins": 116, "bin_ns": 1.0}
+    echo = (np.full(2, 5.0), np.array([40.5, 52.5]), 4.0 / 2.354820045)
+    counts = photons.renewal_counts(rng, (200, 16 * 120), echo=echo, **options)
+    mean = float(np.ravel(pixel.count_rate_hz)[0]) * 1e-9 * template.sum()
+    values = np.array([np.convolve(row, template, "same") for row in counts]) - mean
+    peaks = (values[:, 1:-1] > values[:, :-2]) & (values[:, 1:-1] >= values[:, 2:]) & (values[:, 1:-1] >= level)
+    place_m = (np.arange(1, 115) + 0.5 - 52.5) * 1e-9 * C / 2.0
+    for low, high in ((-0.5, 0.5), (0.5, 1.6)):
+        found = np.any([(low * tau_m < m) & (m < high * tau_m) for m in behind_m], axis=0).mean()
+        simulated = peaks[:, (low * tau_m < place_m) & (place_m < high * tau_m)].any(axis=1).mean()
+        assert simulated > 0.5
+        assert found == pytest.approx(simulated, abs=0.06 + 4.0 * math.sqrt(0.25 / 200 + 0.25 / count))
 
 
 def test_coincidences_in_the_dark_are_found_as_often_as_their_probability():

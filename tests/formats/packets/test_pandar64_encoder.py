@@ -67,7 +67,9 @@ def test_our_reader_gives_the_frame_back(tmp_path: Path, sets: tuple[str, ...]) 
     assert np.abs(sweep.time_s[place] + sweep.start_s - cloud.time_s).max() < 1e-6
 
 
-@pytest.mark.parametrize(("sets", "mode", "dual"), [((), 0x37, 0), (('tdc.keep="last"',), 0x38, 0), (DUAL, 0x39, 1)])
+@pytest.mark.parametrize(
+    ("sets", "mode", "dual"), [(('tdc.keep="strongest"',), 0x37, 0), ((), 0x38, 0), (DUAL, 0x39, 1)]
+)
 def test_what_a_packet_says_of_itself(sets: tuple[str, ...], mode: int, dual: int) -> None:
     """The manual's bytes, one by one: the head EE FF, 64 lasers, 6 blocks, which return comes first, steps of 4 mm; in
     the tail 600 turns a minute, the mode of returns, 0x42 of the factory, and year, month, day, hour, minute, second.

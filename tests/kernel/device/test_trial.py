@@ -1,5 +1,6 @@
 """A GPU on trial: frames that are the same pass, once; others, and processes that die, leave the CPU."""
 
+import pickle
 import shutil
 import sys
 from pathlib import Path
@@ -7,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from lidarscene import load_scene
 from lidarscene.files.cache_folder import VARIABLE
 from lidarscene.kernel.device import trial
 from lidarscene.kernel.device.trial import Columns, Verdict
@@ -156,6 +158,83 @@ def test_frames_come_from_processes_of_their_own(mi, monkeypatch: pytest.MonkeyP
     assert message.startswith("LIDARSCENE_VARIANT=nonsense_variant: no such variant")
     monkeypatch.setattr(sys, "executable", "/bin/false")
     assert trial._render_in_process("drive", mi.variant()) == "the process ended with 1"
+
+
+BASE = """<scene version="3.0.0"><shape type="rectangle"><transform name="to_world"><rotate y="1" angle="-90"/>
+<translate x="9"/></transform><bsdf type="{bsdf}" id="own"/></shape></scene>"""
+
+
+def test_a_scene_is_tried_once_unless_it_changes(tmp_path: Path) -> None:
+    """What fails on the GPU alone is a fault of the GPU; a scene that is wrong is not."""
+    base, calls = tmp_path / "base.xml", []
+    base.write_text(BASE.format(bsdf="plastic"))
+
+    def fault(*failing: str) -> str:
+        def render(pickled: bytes, variant: str) -> str:
+            calls.append(variant)
+            assert pickle.loads(pickled).base == base
+            return "ptxas fatal" if variant in failing else ""
+
+        return trial.scene_verdict(load_scene(base), "cuda", "llvm", render=render).fault
+
+    assert fault("cuda") == fault("cuda") == "ptxas fatal"
+    assert calls == ["cuda", "llvm"]
+    base.write_text(BASE.format(bsdf="conductor"))
+    assert fault() == fault("cuda") == ""
+    base.write_text(BASE.format(bsdf="dielectric"))
+    assert fault("cuda", "llvm") == ""
+
+
+def test_a_scene_is_rendered_in_a_process_of_its_own(mi, tmp_path: Path) -> None:
+    base = tmp_path / "base.xml"
+    base.write_text(BASE.format(bsdf="plastic"))
+    pickled = pickle.dumps(load_scene(base))
+    assert trial._render_scene(pickled, mi.variant()) == ""
+    assert "no such variant" in trial._render_scene(pickled, "nonsense_variant")
+
+
+def test_a_gpu_that_fails_on_a_scene_is_left_with_one_line(run_python, tmp_path: Path) -> None:
+    """Nothing is on it yet; later that is an error. A variant of the CPU stands for the GPU's."""
+    (tmp_path / "base.xml").write_text(BASE.format(bsdf="plastic"))
+    code = """
+import warnings
+import lidarscene
+from lidarscene.errors import BackendError
+from lidarscene.kernel.device import backend, trial
+backend.cuda_problem = lambda: ""
+check, switch = backend._require_backend, backend._switch
+backend._require_backend = lambda name: name.startswith("cuda") or check(name)
+backend._switch = lambda mi, name: switch(mi, name.replace("cuda_ad_mono", "llvm_ad_rgb"))
+backend._refused["llvm_ad_rgb"] = "not the user's choice"
+trial._compare = lambda *_: trial.Verdict()
+trial._render_scene = lambda _, variant: "ptxas fatal" if variant.startswith("cuda") else ""
+scene = lidarscene.load_scene("BASE")
+if IN_USE:
+    backend.mitsuba()
+    try:
+        lidarscene.Simulator(scene, "vlp-16")
+    except BackendError as error:
+        print(error)
+else:
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        points = len(lidarscene.render(scene, "vlp-16"))
+    print(backend.variant(), points > 100, "|", *(one.message for one in told))
+"""
+    cannot = f"it cannot render {tmp_path / 'base.xml'}: ptxas fatal;"
+    for in_use, expected in (
+        ("True", f"the GPU is in use, and {cannot} try: LIDARSCENE_VARIANT=llvm_ad_mono"),
+        (
+            "False",
+            f"llvm_ad_mono True | the GPU is not used: {cannot} LIDARSCENE_VARIANT=cuda_ad_mono uses it nevertheless",
+        ),
+    ):
+        process = run_python(
+            code.replace("IN_USE", in_use).replace("BASE", str(tmp_path / "base.xml")),
+            LIDARSCENE_VARIANT=None,
+            LIDARSCENE_CACHE=str(tmp_path),
+        )
+        assert process.stdout.strip() == expected, process.stderr
 
 
 def test_a_gpu_with_other_frames_is_left_with_one_line(run_python, tmp_path: Path) -> None:

@@ -11,6 +11,7 @@ from lidarscene.errors import InputError
 from lidarscene.kernel.world.bsdfs import texture_key
 from lidarscene.kernel.world.mitsuba_world import build_world
 from lidarscene.materials.material import Material, Spectrum
+from lidarscene.maths.trajectory import Course
 from lidarscene.scene.meshes.reflectivity_patterns import ReflectivityPattern
 
 pytestmark = pytest.mark.usefixtures("mi")
@@ -45,11 +46,23 @@ def places_hit(lanes):
     return np.stack([y, z], axis=1) * np.asarray(lanes.hits.range_m, dtype=float)[:, None]
 
 
+@pytest.mark.parametrize("moves", [False, True], ids=["still", "moving"])
 @pytest.mark.parametrize("material", [MATT, ROUGH], ids=["matt", "rough"])
-def test_vertices(material):
-    """Reflectivity is linear over the triangles, and echo and sunlight follow it; 1e-4: the hit in single precision."""
-    flat = chain.run_stages(chain.scene(wall(lambda _: None, material=material), materials=(material,)), SENSOR)
-    lanes = chain.run_stages(chain.scene(wall(slope, material=material), materials=(material,)), SENSOR)
+def test_vertices(material, moves):
+    """Reflectivity is linear over the triangles, and echo and sunlight follow it; 1e-4: the hit in single precision.
+
+    A wall that moves stands beside another body in the scene of what moves, away from its own origin.
+    """
+    other = chain.box(at=(-20.0, 0.0, 0.0))
+
+    def scene_of(body):
+        bodies = [
+            dataclasses.replace(body, motion=Course(start=body.pose)) if moves else body for body in (body, other)
+        ]
+        return chain.scene(*bodies, materials=(material,))
+
+    flat = chain.run_stages(scene_of(wall(lambda _: None, material=material)), SENSOR)
+    lanes = chain.run_stages(scene_of(wall(slope, material=material)), SENSOR)
     y, z = places_hit(lanes).T
     expected = 0.4 + 0.05 * y + 0.02 * z
     assert np.ptp(expected) > 0.05

@@ -74,3 +74,16 @@ def test_noise_that_grows_with_the_signal_detects_as_often_as_its_probability(ka
         sigma = tdc.noise_at_level(level=signal, noise=4.0, kappa_1=0.5, kappa_2=kappa_2)
         probability = tdc.detection_probability(signal=signal, threshold=30.0, noise_at_peak=sigma)
         assert np.mean(signal >= level) == pytest.approx(float(probability), abs=1.0 / quantiles)
+
+
+@pytest.mark.parametrize(("lag", "close"), [(1.0 / 32.0, 0.01), (4.0 / 32.0, 0.02), (1.5, 0.1)])
+def test_noise_changes_as_sampled_noise_does(lag: float, close: float) -> None:
+    """White noise behind an ideal low-pass: the deviation of its change over that of independent noise, within the
+    tail of its correlation, sinc, that a Gaussian lacks.
+    """
+    samples = 2**20
+    spectrum = np.fft.rfft(np.random.default_rng(16).standard_normal(samples))
+    spectrum[np.fft.rfftfreq(samples, 1.0 / 32) > 1.0] = 0.0
+    noise = np.fft.irfft(spectrum, samples)
+    change = (noise - np.roll(noise, round(lag * 32))).std() / (np.sqrt(2.0) * noise.std())
+    assert tdc.noise_change(lag_s=lag, crossing_bandwidth_hz=1.0) == pytest.approx(change, rel=close)

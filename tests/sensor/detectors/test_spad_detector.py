@@ -73,6 +73,24 @@ def test_background_counts_of_first_photons():
     assert late.count_rate_hz[0] == pytest.approx(64 * 50 * rate * math.exp(-rate * armed_s), rel=1e-9)
 
 
+@pytest.mark.parametrize("least", [1, 2, 3])
+def test_the_threshold_of_first_photons_is_that_of_the_window(least):
+    """Rationale: it does not know where the echo is. Reference: bins of 20,000 shots of 16 SPADs, of each its first
+    firing. Tolerance: 4 standard errors of their counts.
+    """
+    keys = ("detector.stamps='first'", f"detector.coincidence={least}", "detector.spads=16", "histogram.shots=20000")
+    counter = photons.sensor(*keys, "histogram.threshold_floor=0", "histogram.threshold_slope=1")
+    levels = [counter.threshold(counter.working_point(BACKGROUND_W, range_m=range_m))[0] for range_m in (5.0, 120.0)]
+    assert levels[0] == levels[1]
+    rng, rate = np.random.default_rng(2), 1e-9 * float(counter.pixel(BACKGROUND_W).rate_hz[0])
+    bins = np.floor(rng.exponential(1.0 / rate, (20_000, 16))).astype(np.int64)
+    numbers = (np.arange(20_000)[:, None] * 1000 + bins)[bins < 1000]
+    counts = np.bincount(numbers)
+    total = len(numbers) if least == 1 else (counts >= least).sum()
+    assert total > 100
+    assert levels[0] ** 2 == pytest.approx(total, abs=4.0 * math.sqrt(total))
+
+
 @pytest.mark.parametrize(
     ("rate_mhz", "dead_ns", "within"),
     [(20.0, 12.0, 0.0), (20.0, 4.0, 0.0), (60.0, 12.0, 0.0), (60.0, 5.0, 0.007), (100.0, 5.0, 0.016)],

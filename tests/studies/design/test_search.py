@@ -2,13 +2,15 @@
 
 import itertools
 from collections.abc import Callable
+from typing import Any
 
 import numpy as np
 import pytest
+from helpers.run_seed import run_seed
 
 from lidarscene.errors import InputError
 from lidarscene.studies.design.designs import Design, DesignSpace, Free
-from lidarscene.studies.design.optimum import limits_of
+from lidarscene.studies.design.optimum import at_an_end, limits_of
 from lidarscene.studies.design.quantities import probability_of_points
 from lidarscene.studies.design.search import Log, alone, front, losses, search, slacks
 from lidarscene.studies.design.slopes import differences
@@ -26,6 +28,7 @@ def study(objectives: dict[str, str], bounds: dict[str, dict[str, float]], **set
             "objectives": {name: ObjectiveFile(**{goal: "snr"}) for name, goal in objectives.items()},
             "constraints": {name: ConstraintFile(quantity="snr", **limits) for name, limits in bounds.items()},
             "evaluations": 400,
+            "eye_safety": "off",
             **settings,
         }
     )
@@ -69,7 +72,15 @@ def test_a_key_at_the_end_of_its_range_is_named() -> None:
     space = DesignSpace(bases={}, free=free)
     limits = limits_of(study_file, space, best, differences(function, space))
     assert limits is not None
-    assert limits.held == ("x",)
+    assert limits.held == at_an_end(space, best) == ("x",)
+
+
+def test_a_choice_at_the_end_of_its_numbers_is_named() -> None:
+    """The least and the largest of numbers are ends, also of two; those between are none, and words have no ends."""
+    free = (Free(key="n", values=(1, 2, 3)), Free(key="kind", values=("a", "b")), Free(key="x", low=1.0, high=2.0))
+    space = DesignSpace(bases={}, free=free)
+    for n, x, ends in ((1, 1.5, ("n",)), (2, 1.5, ()), (3, 2.0, ("n", "x"))):
+        assert at_an_end(space, Design(values={"n": n, "kind": "a", "x": x}, quantities={})) == ends
 
 
 @pytest.mark.parametrize("seed", range(2))
@@ -101,6 +112,53 @@ def test_whole_numbers_and_choices() -> None:
     (best,) = front(study_file, run(study_file, free, function))
     assert (best.values["n"], best.values["kind"]) == (7, "b")
     assert best.values["x"] == pytest.approx(0.25, abs=1e-6)
+
+
+@pytest.mark.parametrize("choices", [(30, 5, 100, 60, 45), ("b", "a", "c", "e", "d")])
+def test_a_space_no_larger_than_the_budget_is_tried_whole(choices: tuple[int | str, ...]) -> None:
+    """Five choices with five evaluations: all are tried; with four the budget ends, and the search says so."""
+    free = (Free(key="x", values=choices),)
+
+    def function(values: dict[str, float]) -> dict[str, float]:
+        return {"size": float(choices.index(values["x"]))}
+
+    for count, ending in ((5, "all 5 designs of the study were tried"), (4, "all 4 evaluations were used")):
+        log = Log(
+            study=study({"size": "maximize"}, {}, evaluations=count),
+            space=DesignSpace(bases={}, free=free),
+            evaluate=alone(function),
+        )
+        assert len(search(log)) == count
+        assert log.ending == ending
+
+
+def test_a_front_of_whole_and_continuous_keys_is_that_of_brute_force() -> None:
+    """SNR of a receiver of gain n, lens m and power x: each lens within 1 % of the best of all gains and powers."""
+    pytest.importorskip("pymoo")
+    free = (
+        Free(key="n", values=tuple(range(1, 121))),
+        Free(key="m", values=tuple(range(1, 11))),
+        Free(key="x", low=1.0, high=100.0, log=True),
+    )
+
+    def snr(n: Any, m: Any, x: Any) -> Any:
+        return 10.0 * x * m**2 * n / np.sqrt(400.0 + m**2 * n**2.5)
+
+    def function(values: dict[str, float]) -> dict[str, float]:
+        n, m, x = values["n"], values["m"], values["x"]
+        return {"snr": float(snr(n, m, x)), "area": m * m, "eye": x * np.sqrt(n)}
+
+    seed = run_seed() % 2**31
+    study_file = study(
+        {"snr": "maximize", "area": "minimize"}, {"eye": {"at_most": 150.0}}, evaluations=1200, seed=seed
+    )
+    found = {
+        design.values["m"]: design.quantities["snr"] for design in front(study_file, run(study_file, free, function))
+    }
+    gains = np.arange(1, 121)
+    for lens in range(1, 11):
+        best = snr(gains, lens, np.minimum(100.0, 150.0 / np.sqrt(gains))).max()
+        assert found[lens] == pytest.approx(best, rel=0.01), (lens, seed)
 
 
 def test_designs_that_cannot_be_are_passed_over() -> None:

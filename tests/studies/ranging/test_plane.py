@@ -15,7 +15,9 @@ from lidarscene.detection.outcomes import Outcome
 from lidarscene.physics.constants import SPEED_OF_LIGHT_M_S
 from lidarscene.physics.electronics import sipm
 from lidarscene.studies.ranging import plane
+from lidarscene.studies.ranging.conditions import Conditions
 from lidarscene.studies.ranging.plane import RangeStatus, Target
+from lidarscene.studies.ranging.range_summary import range_report
 
 APD = load_sensor("table1-apd")
 SIPM = load_sensor("table1-sipm")
@@ -498,3 +500,17 @@ def test_what_is_reported_ends_with_the_window():
     limit, status = plane.reported_range_m(APD, sun)
     assert [RangeStatus(int(code)) for code in status] == [RangeStatus.WINDOW] * 2 + [RangeStatus.FOUND] * 2
     np.testing.assert_array_equal(limit[2:], plane.maximum_range_m(APD, sun)[0][2:])
+
+
+@pytest.mark.parametrize(("name", "falls"), [("table1-sipm", True), ("rs-e1", True), ("table1-apd", False)])
+def test_a_sensor_that_the_sun_on_white_blinds_is_named_first(name: str, falls: bool) -> None:
+    """The first line says so where the white plane has a lower P_d than the dark one at the range of that."""
+    sensor = load_sensor(name)
+    report = range_report([(name, sensor)], Conditions())
+    sentence = f"{name} sees white planes less far than dark ones under 100 klux"
+    assert str(report).startswith(sentence) == falls
+    dark_m, _ = plane.maximum_range_m(sensor, plane.Target(reflectivity=0.1))
+    seen = [
+        float(plane.detection_probability(sensor, plane.Target(reflectivity=r), float(dark_m))[0]) for r in (0.1, 0.8)
+    ]
+    assert (seen[1] < seen[0]) == falls

@@ -20,7 +20,7 @@ from ...sensor.detectors.macropixel import Macropixel
 from .shadows import DEAD_TIMES, Shadow
 from .tuning import FEW, LEAD, LEAST_CHANGE, NOTHING_BEFORE, PEAK_PLACES
 
-_BACK = (3, 2, 1, 0)
+_BACK = (4, 3, 2, 1, 0)
 """Dead times before the bins at which SPADs are followed, the earliest first."""
 
 
@@ -31,7 +31,7 @@ class EarlierFirings:
     Attributes:
         free: share that is free at the first bin
         released: share that comes free in each bin a dead time after it has fired; None: that of even light
-        due: afterpulses in each bin of those that light of its own fired, for each free SPAD; None: there are none
+        due: afterpulses in each bin for each free SPAD, above those of even light; None: there are none
         shaded: whether light came before the bins: else the rooms hold nothing
         value: mean of the filter's value then, in photons; None: not followed
         changed: whether the free share is another one than in even light
@@ -51,7 +51,7 @@ class _Course:
 
     Attributes:
         free: share that is free when a step begins
-        due: afterpulses a step that free ones are to have, above those of even light
+        due: afterpulses a step that free ones are to have
         parts: light of each sub-echo in the step (`light.waveform.Comb`)
     """
 
@@ -154,7 +154,7 @@ class Courses:
         return air.highest_w(earliest_m) * pixel.per_watt * pixel.spad.dead_time_s > FEW
 
     def _follow(self, start: Lanes, time_s: Lanes, shaded: Mask, even: Lanes, middle: Lanes) -> EarlierFirings:
-        """Follow the SPADs through the light before the bins, three dead times to none before (T100), (T109).
+        """Follow the SPADs through the light before the bins, four dead times to none before (T100), (T109).
 
         What fires a dead time before comes free in the bins, as sharply as the light that fired it came. So the courses
         of some dead times are followed side by side, the earliest first: what fires in one comes free in the next.
@@ -242,12 +242,13 @@ class Courses:
 
         def shares() -> tuple[Lanes, ...]:
             shadow = Shadow.before(pixel, self.wave, start - early * step, time_s - early * bin_s)
-            dues: list[Lanes] = [0.0] * len(self._followed)
+            free = [shadow.free(number) for number in self._followed]
+            dues: list[Lanes] = [0.0] * len(free)
             if pixel.spad.afterpulse is not None:
-                dues = [shadow.due_hz(pixel, number) for number in self._followed]
-            return tuple(zero + even * share for share in (*(shadow.free(number) for number in self._followed), *dues))
+                dues = [shadow.due_hz(pixel, number, of) for number, of in zip(self._followed, free, strict=True)]
+            return tuple(zero + even * share for share in (*free, *dues))
 
-        of_even = (1.0,) * len(self._followed) + (0.0,) * len(self._followed)
+        of_even = (1.0,) * len(self._followed) + (pixel.even_afterpulses_hz,) * len(self._followed)
         first = ops.where_any(shaded, shares, tuple(zero + even * share for share in of_even))
         free, due_hz = first[: len(self._followed)], first[len(self._followed) :]
         return [(share, hz * bin_s) for share, hz in zip(free, due_hz, strict=True)]
@@ -263,19 +264,23 @@ class Courses:
         index = ops.int32(ops.maximum(state.number, 0.0))
         zero = ops.full(state.number, 0.0)
         room, due_room = state.released, state.due
-        # EarlierFirings the first course light is even, so as many come free as fire.
+        # Before the first course light is even, so as many come free as fire.
         even = 0.0 if spad.fires_once else pixel.free * pixel.rate_hz * bin_s
-        released, caught = even, zero
+        released: Lanes = even
+        caught: Lanes = zero
+        if spad.afterpulse is not None and spad.afterpulse_s is not None:
+            even_due = pixel.free * pixel.even_afterpulses_hz * bin_s
+            caught = even_due * pixel.primary_hz * bin_s + even * (spad.afterpulse * bin_s / spad.afterpulse_s)
         courses: list[_Course] = []
         for course, light in zip(state.courses, lights, strict=True):
             in_bins = len(courses) == len(lights) - 1
             if in_bins:
                 room = ops.put(room, index, zero + released)
-            of_free, of_released = dead_time.firing_parts(detections=light + pixel.rate_hz * bin_s)
+            others = light + pixel.primary_hz * bin_s
+            of_free, of_released = dead_time.firing_parts(detections=others)
             fired, due = course.free * of_free + released * of_released, course.due
             if due_room is not None and spad.afterpulse is not None and spad.afterpulse_s is not None:
                 # As in `dead_time.firing_shares`: they fire, light fires their SPADs, or they go on.
-                others = light + pixel.primary_hz * bin_s
                 lost = others + bin_s / spad.afterpulse_s
                 at_once, late = dead_time.firing_parts(detections=lost)
                 # Afterpulses of the course before whose SPADs come free.
@@ -283,9 +288,9 @@ class Courses:
                 afterpulses = (due * at_once + returned * late) / lost
                 if in_bins:
                     of_each = afterpulses / ops.maximum(course.free + 0.5 * released, 1e-6)
-                    due_room = ops.put(due_room, index, of_each)
+                    due_room = ops.put(due_room, index, of_each - pixel.even_afterpulses_hz * bin_s)
                 fired, due = fired + afterpulses, due + returned - afterpulses * lost
-                caught = afterpulses * others + (fired - even) * (spad.afterpulse * bin_s / spad.afterpulse_s)
+                caught = afterpulses * others + fired * (spad.afterpulse * bin_s / spad.afterpulse_s)
             courses.append(replace(course, free=course.free + released - fired, due=due))
             released = fired
         return _Stepped(courses=tuple(courses), fired=released, released=room, due=due_room)

@@ -19,7 +19,7 @@ from ...sensor.detectors import WorkingPoint
 from ...sensor.detectors.macropixel import PLACES, Macropixel
 from ...sensor.sensor_model import Sensor
 from ..shots import Shots
-from .tuning import MERGED, SURE
+from .tuning import MERGED, RETURNING, SURE
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -79,12 +79,11 @@ class FilteredLight(Shots):
             return self.pixel
         return self.sensor.pixel(self.train.background_power_w, range_m=range_m)
 
-    def point_at(self, range_m: Lanes) -> tuple[WorkingPoint, Lanes]:
-        """Working point at this range and its median threshold, (n,)."""
+    def point_at(self, range_m: Lanes) -> WorkingPoint:
+        """Working point at this range, (n,)."""
         if not self.pixel.spad.fires_once:
-            return self.point, self.level
-        point = self.sensor.working_point(self.train.background_power_w, range_m=range_m)
-        return point, self.sensor.threshold(point)
+            return self.point
+        return self.sensor.working_point(self.train.background_power_w, range_m=range_m)
 
     def lone_w(self, power_w: Lanes) -> Lanes:
         """Peak power of the lone laser pulse that gives this filtered power: the argument of the working point."""
@@ -100,7 +99,7 @@ class FilteredLight(Shots):
         Args:
             part: its height over that of an echo of this power alone; None: by the light before it, to first order
         """
-        point, level = self.point_at(self.filtered.range_m(place))
+        point, level = self.point_at(self.filtered.range_m(place)), self.level
         assert point.law is not None
         signal = self.signal(point, power_w)
         shadow: Lanes = self._shadow(place, signal) if part is None else 0.0
@@ -137,7 +136,7 @@ class FilteredLight(Shots):
 
         def expect() -> Expected:
             range_m = self.filtered.range_m(place)
-            alone = self.signal(self.point_at(range_m)[0], power_w)
+            alone = self.signal(self.point_at(range_m), power_w)
             height = self.pixel_at(range_m).peak(alone).height
             part = ops.maximum(value, 0.0) / ops.maximum(height, 1e-6)
             dimmed = self.expect(place, power_w, part=part)
@@ -194,8 +193,9 @@ class FilteredLight(Shots):
         before: Lanes = 0.0
         for centre, height in zip(wave.centres, wave.heights, strict=True):
             since = (place - centre) * matched_filter.OUTPUT_WIDTH
-            # The shadow that an echo casts on itself is in its own height.
-            blind = (since > MERGED * matched_filter.OUTPUT_WIDTH) & (since < pixel.blind_sigmas)
+            # The shadow that an echo casts on itself is in its own height. SPADs that come back while the light lasts
+            # meet part of it: how many do the drawn bins say.
+            blind = (since > MERGED * matched_filter.OUTPUT_WIDTH) & (since < pixel.blind_sigmas - RETURNING)
             before = before + ops.where(blind, height * ops.exp(-pixel.sun * ops.maximum(since, 0.0)), 0.0)
         fired = dead_time.firing_share(detections=pixel.detections(self.lone_w(before)))
         background = pixel.count_rate_hz * pixel.sigma_s * (matched_filter.SCALE * valleys.TEMPLATE_AREA)

@@ -54,20 +54,34 @@ class Shadow:
             free = free - self.firings[number] * self._missing(since, (1.0,) * back)
         return ops.maximum(free, 0.0)
 
-    def due_hz(self, pixel: Macropixel, earlier: int) -> Lanes:
+    def due_hz(self, pixel: Macropixel, earlier: int, free: Lanes) -> Lanes:
         """Afterpulses a second that free SPADs are to have so many dead times before the place, over those free in
-        even light, (n,), of the SPADs that light of its own has fired (T109).
+        even light, (n,) (T109).
+
+        Args:
+            free: (n,) free SPADs then, as of `free`
         """
-        ops, spad = xp(self.place), pixel.spad
+        ops, spad, even_hz = xp(self.place), pixel.spad, pixel.even_afterpulses_hz
         assert spad.afterpulse is not None
         assert spad.afterpulse_s is not None
-        due: Lanes = ops.full(self.place, 0.0)
+        delay_s = spad.afterpulse_s
+
+        def free_again(since_s: Lanes) -> Lanes:
+            # The sun may have fired it by then; a dead time on it has its share of free SPADs again.
+            return ops.maximum(ops.exp(-pixel.rate_hz * since_s), pixel.free)
+
+        due = even_hz * free
         for fired, place in zip(self.firings[earlier + 1 :], self.places[earlier + 1 :], strict=True):
             since_s = (self.place - earlier * self.dead - place) * pixel.sigma_s
-            # The sun may have fired it by then; two dead times on it has its share of free SPADs again.
-            free = ops.maximum(ops.exp(spad.dead_time_s * pixel.rate_hz - pixel.rate_hz * since_s), pixel.free)
-            due = due + fired * ops.exp(-since_s / spad.afterpulse_s) * ops.minimum(free, 1.0)
-        return due * (spad.afterpulse / spad.afterpulse_s)
+            back_s = ops.maximum(since_s - spad.dead_time_s, 0.0)
+            renewed_s = ops.maximum(back_s - spad.dead_time_s, 0.0)
+            # What the SPAD was to have when light fired it, and what it has of that firing, has come meanwhile or is
+            # still to come. Those of the sun come anew from when it has fired the SPAD again.
+            lasting = ops.exp(-since_s / delay_s)
+            of_old = lasting * (spad.afterpulse / delay_s + even_hz) - even_hz
+            of_new = even_hz * (1.0 - ops.exp(-renewed_s / delay_s))
+            due = due + fired * (free_again(back_s) * of_old + free_again(renewed_s) * of_new)
+        return ops.maximum(due, 0.0)
 
     def _missing(self, since: Lanes, back: tuple[Lanes, ...]) -> Lanes:
         """Share of SPADs still missing a time after a firing (T106), in sigmas."""

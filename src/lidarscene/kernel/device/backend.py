@@ -19,6 +19,7 @@ from typing import Any
 
 from ...errors import BackendError, InputError, OptionWarning, warn
 from ...files.installed_llvm import OLDEST, PATH_VARIABLE
+from ...scene.scene import Scene
 from . import llvm, trial
 from .llvm import LlvmCandidate
 
@@ -26,6 +27,7 @@ VARIANT_VARIABLE = "LIDARSCENE_VARIANT"
 DEFAULT_ORDER = ("cuda_ad_mono", "llvm_ad_mono")
 
 _refused: dict[str, str] = {}  # variant: the reason why it does not work
+_tried: dict[str, str] = {}  # variant that has passed its trial: why a scene cannot be rendered with it, "" if all can
 
 
 @dataclass(frozen=True, slots=True)
@@ -231,19 +233,41 @@ def llvm_problem() -> str:
 
 def _require_trial(name: str) -> None:
     """Raise `BackendError` unless frames of this variant are those of the CPU; the first time this takes seconds."""
-    if problem := cuda_problem():
+    if problem := cuda_problem() or _tried.get(name):
         raise BackendError(problem)
     _import_mitsuba()
     _require_backend(name)
     result = trial.verdict(name, DEFAULT_ORDER[-1])
     if result.fault and result.renders:
-        warn(
-            OptionWarning(
-                "the GPU is not used: {0}; {1}={2} uses it nevertheless", result.fault, VARIANT_VARIABLE, name
-            )
-        )
+        _warn_of_unused_gpu(name, result.fault)
     if result.fault:
         raise BackendError(result.fault)
+    _tried.setdefault(name, "")
+
+
+def _warn_of_unused_gpu(name: str, fault: str) -> None:
+    warn(OptionWarning("the GPU is not used: {0}; {1}={2} uses it nevertheless", fault, VARIANT_VARIABLE, name))
+
+
+def require_scene_trial(scene: Scene) -> None:
+    """Leave a GPU that was chosen here and cannot render a scene with a Mitsuba file: its BSDFs are code of their own.
+
+    Raises:
+        BackendError: if it cannot, and this process has begun to use the GPU
+    """
+    is_first = not _chosen.cache_info().currsize
+    _, name = _chosen()
+    if name not in _tried:
+        return
+    fault = trial.scene_verdict(scene, name, DEFAULT_ORDER[-1]).fault
+    if not fault:
+        return
+    fault = f"it cannot render {scene.base}: {fault}"
+    if not is_first:
+        raise BackendError(f"the GPU is in use, and {fault}; try: {VARIANT_VARIABLE}={DEFAULT_ORDER[-1]}")
+    _warn_of_unused_gpu(name, fault)
+    _refused[name] = _tried[name] = fault
+    _chosen.cache_clear()
 
 
 # --- one variant ------------------------------------------------------------------------------------

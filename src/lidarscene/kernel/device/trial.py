@@ -3,7 +3,8 @@
 What Dr.Jit and Mitsuba do on a GPU depends on its driver, and a fault there may be silent. So before the first use on a
 machine both render the same small frames, each in a process of its own, which may even die: with moving bodies, with
 glass, and with fog and several rays. Random numbers belong to pulses, so the frames must be the same but for rounding.
-The verdict is kept (`files.cache_folder`) for these versions, this driver and these settings.
+BSDFs of a Mitsuba file are code that these frames have not: such a scene is rendered there by a process of its own,
+too. Verdicts are kept (`files.cache_folder`) for these versions, this driver, these settings and this scene.
 """
 
 from __future__ import annotations
@@ -11,12 +12,13 @@ from __future__ import annotations
 import hashlib
 import json
 import os
+import pickle
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from importlib import metadata
 from pathlib import Path
 from typing import Any
@@ -30,6 +32,7 @@ from ...files.cache_folder import cache_folder
 from ...formats.npz import read_npz
 from ...maths.arrays import Numbers
 from ...physics.optics import radiometry
+from ...scene.scene import Scene
 
 Columns = Mapping[str, Numbers]
 
@@ -62,6 +65,9 @@ LIMITS = {
 _READ = ("time", "return_number", "body", *LIMITS)
 """Columns of a frame that are read."""
 
+_RENDER_SCENE = "import lidarscene, pickle, sys; lidarscene.render(pickle.load(open(sys.argv[1], 'rb')), 'vlp-16')"
+"""Program that renders a pickled scene."""
+
 PATIENCE_S = 600.0
 """Choice: time limit for one frame, whose kernels are compiled for the first time, seconds."""
 
@@ -87,11 +93,40 @@ def verdict(variant: str, reference: str, *, render: Callable[[str, str], Column
     Args:
         render: takes frame and variant; returns the columns of its points, or why there are none
     """
-    entry = _verdict_file(variant, reference)
+    return _kept(_verdict_file(variant, reference), lambda: _compare(variant, reference, render or _render_in_process))
+
+
+def scene_verdict(
+    scene: Scene, variant: str, reference: str, *, render: Callable[[bytes, str], str] | None = None
+) -> Verdict:
+    """Render a scene's Mitsuba file on ``variant``, or read the verdict of an earlier time.
+
+    What ``reference`` cannot render either is no fault of ``variant``: then the scene is wrong.
+
+    Args:
+        render: takes the pickled scene and a variant; returns why it cannot be rendered, "" if it can
+    """
+    from ...scene.scene_file import files_of_scene
+
+    assert scene.base is not None
+    render = render or _render_scene
+    pickled = pickle.dumps(replace(scene, bodies=(), ego=None))
+    texts = [path.read_bytes() for path in files_of_scene(scene.base) if path.suffix == ".xml" and path.is_file()]
+    digest = hashlib.sha256(b"".join([pickled, *texts])).hexdigest()
+
+    def compare() -> Verdict:
+        fault = render(pickled, variant)
+        return Verdict(fault, renders=False) if fault and not render(pickled, reference) else Verdict()
+
+    return _kept(_verdict_file(variant, reference, digest), compare)
+
+
+def _kept(entry: Path | None, compare: Callable[[], Verdict]) -> Verdict:
+    """Return the verdict in a file; if there is none, that of a comparison, and write it."""
     if entry is not None:
         with suppress(OSError, ValueError, TypeError):
             return Verdict(**json.loads(entry.read_text(encoding="utf-8")))
-    result = _compare(variant, reference, render or _render_in_process)
+    result = compare()
     if entry is not None:
         with suppress(OSError, OutputError):
             put_text(entry, json.dumps(asdict(result)))
@@ -163,23 +198,38 @@ def _render_in_process(frame: str, variant: str) -> Columns | str:
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "frame.npz"
         options = [*FRAMES[frame], "--seed", "1", "-o", str(path)]
-        try:
-            process = subprocess.run(
-                [sys.executable, "-m", "lidarscene", "render", *options],
-                env=os.environ | {"LIDARSCENE_VARIANT": variant},
-                capture_output=True,
-                text=True,
-                timeout=PATIENCE_S,
-            )
-        except subprocess.TimeoutExpired:
-            return f"not done after {PATIENCE_S:g} s"
-        if process.returncode != 0 or not path.exists():
-            lines = process.stderr.strip().splitlines() or [f"the process ended with {process.returncode}"]
-            return lines[-1].removeprefix("lidarscene: error: ")
+        if problem := _run(["-m", "lidarscene", "render", *options], variant):
+            return problem
         with np.load(path, allow_pickle=False) as archive:
             columns = {name: archive[name] for name in _READ}
         names = np.array([*read_npz(path)["body_names"], ""])  # -1 is no body
         return columns | {"body": names[columns["body"]]}
+
+
+def _render_scene(pickled: bytes, variant: str) -> str:
+    """Render a scene in a process of its own; return the last line of the error, "" without one."""
+    with tempfile.TemporaryDirectory() as folder:
+        path = Path(folder) / "scene.pickle"
+        path.write_bytes(pickled)
+        return _run(["-c", _RENDER_SCENE, str(path)], variant)
+
+
+def _run(arguments: Sequence[str], variant: str) -> str:
+    """Run Python with these arguments and this variant; return the last line of the error, "" without one."""
+    try:
+        process = subprocess.run(
+            [sys.executable, *arguments],
+            env=os.environ | {"LIDARSCENE_VARIANT": variant},
+            capture_output=True,
+            text=True,
+            timeout=PATIENCE_S,
+        )
+    except subprocess.TimeoutExpired:
+        return f"not done after {PATIENCE_S:g} s"
+    if process.returncode == 0:
+        return ""
+    lines = process.stderr.strip().splitlines() or [f"the process ended with {process.returncode}"]
+    return lines[-1].removeprefix("lidarscene: error: ")
 
 
 def _step_m(sensor: str) -> float:
@@ -190,8 +240,8 @@ def _step_m(sensor: str) -> float:
     return float(radiometry.range_from_time_of_flight_m(time_of_flight_s=step_s))
 
 
-def _verdict_file(variant: str, reference: str) -> Path | None:
-    """Return the file of the verdict on this machine; None if there is no cache folder."""
+def _verdict_file(variant: str, reference: str, scene: str = "") -> Path | None:
+    """Return the file of the verdict on this machine, and on a scene; None if there is no cache folder."""
     folder = cache_folder("trials")
     if folder is None:
         return None
@@ -199,6 +249,7 @@ def _verdict_file(variant: str, reference: str) -> Path | None:
     about: list[Any] = [
         variant,
         reference,
+        scene,
         __version__,
         metadata.version("mitsuba"),
         metadata.version("drjit"),

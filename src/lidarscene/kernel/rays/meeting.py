@@ -1,10 +1,10 @@
 """Find the surface that each ray meets, in a world whose bodies may move.
 
-What moves is not moved: each body has a Mitsuba scene in its own frame, and the rays are transformed into that frame
-as the body stands when their pulse leaves. The nearest hit of all scenes is kept. So nothing is ever rebuilt, which
-costs Embree up to a second in a large scene, and every pulse sees the bodies at its own time. The hits are those of a
-scene rebuilt for every pulse (tests/chain/test_motion.py). A ray asks only the bodies near it (`nearby_bodies`),
-one after the other, in a loop that most rays never enter.
+What moves is not moved: all movers are in one Mitsuba scene, each in a cell of its own, and the rays are transformed
+into the frame of a body as it stands when their pulse leaves, and from there to its cell. The nearest of all hits is
+kept. So nothing is ever rebuilt, which costs Embree up to a second in a large scene, and every pulse sees the bodies at
+its own time. The hits are those of a scene rebuilt for every pulse (tests/chain/test_motion.py). A ray asks only the
+bodies near it (`nearby_bodies`), one after the other, in a loop that most rays never enter.
 
 Panes and porous surfaces are in scenes of their own. They are few, so that asking for them costs little, and one query
 in the other scene finds what stands behind them.
@@ -23,12 +23,12 @@ from ...maths.motion_table import MovingBodies, Placement
 from ...maths.vectors import Vector
 from ..device import transfer
 from ..device.backend import mitsuba
-from ..device.choice import ask_one
 from ..device.types import DeviceVector, Hit, Ray, TracedScene, components
-from ..world.mitsuba_world import MoverScenes, World
+from ..world.mitsuba_world import World
+from ..world.mover_scene import MoverScene
 from ..world.speculars import Speculars
 from .gaps import Draws
-from .nearby_bodies import BoxWalk
+from .nearby_bodies import BoxWalk, CellPassage, Slabs
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -38,11 +38,12 @@ class Meeting:
     Attributes:
         valid: whether the ray meets a surface
         t: distance from the ray's start, metres
-        surface: Mitsuba's interaction, in the frame of the body that is met
+        surface: Mitsuba's interaction: directions in the frame of the body that is met, points in the scene asked
         local_ray: the ray in that frame
         to_sun: unit vector towards the sun in that frame
-        shift: number to add to the face number: bodies of one shape share a mesh, but each has rows of its own in the
-            tables of faces
+        offset: where the origin of that frame is in the scene asked; None in a world in which nothing moves
+        row: of what is met in the tables of bodies and materials: bodies that move share faces, but have rows of their
+            own there
         placement: of the body that is met, where ``is_mover``; None in a world in which nothing moves
         is_mover: whether the body that is met moves
     """
@@ -52,17 +53,19 @@ class Meeting:
     surface: Any
     local_ray: Any
     to_sun: Any
-    shift: Any
+    offset: Any
+    row: Any
     placement: Placement | None
     is_mover: Any
 
     def point_outside(self, point: DeviceVector) -> Any:
-        """Transform points from the frame of the body that was met to the traced frame."""
+        """Transform points of the scene that was asked to the traced frame."""
         import drjit as dr
 
         if self.placement is None:
             return point
-        return dr.select(self.is_mover, mitsuba().Point3f(*self.placement.point(components(point))), point)
+        moved = self.placement.point(components(point - self.offset))
+        return dr.select(self.is_mover, mitsuba().Point3f(*moved), point)
 
     def direction_outside(self, direction: DeviceVector) -> Any:
         """Transform directions from the frame of the body that was met to the traced frame."""
@@ -120,7 +123,7 @@ class Moment:
 
     def meet(self, ray: Ray, active: Mask = True) -> Meeting:
         """Return the nearest surface of each active ray, panes left out. Rays are in the traced frame."""
-        return self._nearest(ray, active, self.world.scene, self.world.mover_scenes)
+        return self._nearest(ray, active, self.world.scene, self.world.mover_scene)
 
     def pane(self, ray: Ray, before: Lanes, active: Mask) -> Meeting:
         """Return the nearest pane or porous surface of each active ray, at most ``before`` metres away."""
@@ -128,18 +131,18 @@ class Moment:
 
     def blocked(self, ray: Ray, active: Mask) -> Any:
         """Return whether each active ray meets anything, panes left out."""
-        return self._meets_any(ray, active, self.world.scene, self.world.mover_scenes)
+        return self._meets_any(ray, active, self.world.scene, self.world.mover_scene)
 
     def glazed(self, ray: Ray, active: Mask, before: Lanes | None = None) -> Any:
         """Return whether each active ray meets a pane or porous surface, at most ``before`` metres away if given."""
         return self._meets_any(_cut_to_length(ray, before), active, self.world.panes, self.world.mover_panes)
 
-    def _nearest(self, ray: Ray, active: Mask, still: TracedScene | None, moving: tuple[MoverScenes, ...]) -> Meeting:
-        """Return the nearest surface among several Mitsuba scenes.
+    def _nearest(self, ray: Ray, active: Mask, still: TracedScene | None, movers: MoverScene | None) -> Meeting:
+        """Return the nearest surface in two Mitsuba scenes.
 
         Args:
             still: of what stands still, in the traced frame; None: empty
-            moving: of the movers, each in its frame
+            movers: of what moves; None: empty
         """
         import drjit as dr
 
@@ -153,55 +156,68 @@ class Moment:
             # code through a table; it is made once, of the nearest hit.
             first = still.ray_intersect_preliminary(ray, coherent=self.coherent, active=active)
         mover_index = mi.Int32(-1)
-        for scenes in moving:
-            transfer.split_kernel(first, mover_index)
+        if movers is not None:
+            transfer.split_kernel(first)
             # What is behind the nearest hit so far is not asked.
             first, mover_index = self._ask_nearby(
                 ray,
                 active,
                 (first, mover_index),
                 lambda hit, _: xp(ray.maxt).minimum(ray.maxt, hit.t),
-                partial(self._nearer_of_mover, ray, scenes),
+                partial(self._nearer_of_mover, ray, movers),
             )
         self._split_kernels(first, mover_index)
         valid = first.is_valid() if active is True else first.is_valid() & active
-        local_ray, to_sun, shift, placement = self._in_mover_frame(ray, mover_index)
+        shape = dr.reinterpret_array(mi.UInt32, first.shape)
+        face = dr.gather(mi.UInt32, self.world.first_face, shape, valid) + first.prim_index
+        local_ray, to_sun, offset, row, placement = self._in_mover_frame(ray, mover_index, movers, shape, face)
         return Meeting(
             valid=valid,
             t=first.t,
-            surface=self._surface(first, local_ray, valid),
+            surface=self._surface(first, face, local_ray, valid, offset),
             local_ray=local_ray,
             to_sun=to_sun,
-            shift=shift,
+            offset=offset,
+            row=row,
             placement=placement,
             is_mover=mover_index >= 0,
         )
 
-    def _in_mover_frame(self, ray: Ray, mover_index: Array) -> tuple[Any, Any, Any, Placement | None]:
-        """Return each ray in the frame of the mover it met; in that frame the sun; the face's shift; the placement.
+    def _in_mover_frame(
+        self, ray: Ray, mover_index: Array, movers: MoverScene | None, shape: Array, face: Array
+    ) -> tuple[Any, Any, Any, Any, Placement | None]:
+        """Return each ray in the frame of the mover it met; in that frame the sun; offset, row and placement.
 
         Args:
             mover_index: -1 for what stands still
+            movers: scene in which the mover was met
+            shape: number in Mitsuba's registry of what was met
+            face: number of its face, which is the row of what stands still
         """
         import drjit as dr
 
         mi = mitsuba()
-        to_sun, shift = mi.Vector3f(*self.sun), mi.UInt32(0)
+        to_sun, offset = mi.Vector3f(*self.sun), mi.Vector3f(0.0)
         if self.moving is None:
-            return ray, to_sun, shift, None
-        moving = self.moving
+            return ray, to_sun, None, face, None
+        numbers = [mi.Float(0.0) for _ in range(_NUMBERS)]
+        if movers is None:
+            return ray, to_sun, offset, face, _placement_of_numbers(numbers)
+        moving, world = self.moving, self.world
 
         # A loop of one round at most: packets of rays that met nothing that moves have no part in it.
         def into_frame(todo: Array, *_: object) -> tuple[Any, ...]:
             place = moving.placement(mover_index)
             carried = _ray_in_frame(ray, place)
-            face_shift = dr.gather(mi.UInt32, self.world.mover_shift, mi.UInt32(mover_index), todo)
+            row = dr.gather(mi.UInt32, world.mover_rows, mi.UInt32(mover_index), todo)
+            row += dr.gather(mi.UInt32, world.mover_shape, shape, todo)
             towards = mi.Vector3f(*place.vector_within(self.sun))
-            return mi.Bool(False), carried.o, carried.d, towards, face_shift, _placement_numbers(place)
+            offset = movers.offset(mover_index, todo)
+            return mi.Bool(False), carried.o, carried.d, towards, offset, row, _placement_numbers(place)
 
-        state = mover_index >= 0, ray.o, ray.d, to_sun, shift, [mi.Float(0.0) for _ in range(_NUMBERS)]
-        _, o, d, to_sun, shift, numbers = dr.while_loop(state, lambda todo, *_: todo, into_frame, mode="symbolic")
-        return _make_ray(o, d, ray.maxt), to_sun, shift, _placement_of_numbers(numbers)
+        state = mover_index >= 0, ray.o, ray.d, to_sun, offset, face, numbers
+        _, o, d, to_sun, offset, row, numbers = dr.while_loop(state, lambda todo, *_: todo, into_frame, mode="symbolic")
+        return _make_ray(o, d, ray.maxt), to_sun, offset, row, _placement_of_numbers(numbers)
 
     def _ask_nearby(
         self,
@@ -222,7 +238,7 @@ class Moment:
 
         if self.moving is None or self.moving.motions.boxes is None:
             return state
-        moving, walk = self.moving, BoxWalk.of_ray(ray, self.moving.motions.boxes)
+        moving, walk = self.moving, BoxWalk(tree=self.moving.motions.boxes, slabs=Slabs.of_ray(ray))
 
         def step(node: Array, *state: object) -> tuple[object, ...]:
             node, mover_index = walk.next_box(node, length(*state))
@@ -236,7 +252,7 @@ class Moment:
     def _nearer_of_mover(
         self,
         ray: Ray,
-        scenes: MoverScenes,
+        movers: MoverScene,
         candidate: Array,
         is_near: Array,
         placement: Placement,
@@ -246,39 +262,39 @@ class Moment:
         """Intersect one more mover, as a step of `_ask_nearby`; returns the nearest hit so far and its mover."""
         import drjit as dr
 
-        def nearest(scene: TracedScene, ray: Ray, active: Mask) -> Any:
-            return scene.ray_intersect_preliminary(ray, coherent=self.coherent, active=active)
-
-        number, has_scene = scenes.of_mover(candidate, is_near)
-        hit = ask_one(scenes.scenes, number, nearest, _ray_in_frame(ray, placement), active=has_scene)
+        cell = CellPassage.of_ray(_ray_in_frame(ray, placement), movers, candidate, is_near)
+        asked = cell.passes & (cell.start_m <= first.t)
+        hit = movers.scene.ray_intersect_preliminary(cell.ray, coherent=self.coherent, active=asked)
+        hit.t += cell.start_m
         # Rigid motion keeps lengths, so that distances of different frames compare. A miss has t = infinity.
         # Of two at one distance the first mover is met, whatever order the boxes are in.
         tied = (hit.t == first.t) & (candidate < mover_index)
-        nearer = has_scene & hit.is_valid() & ((hit.t < first.t) | tied)
+        nearer = asked & hit.is_valid() & ((hit.t < first.t) | tied)
         return dr.select(nearer, hit, first), dr.select(nearer, candidate, mover_index)
 
-    def _surface(self, first: Hit, local_ray: Ray, valid: Mask) -> Any:
-        """Return Mitsuba's interaction at a hit, with the fields that our BSDFs read."""
+    def _surface(self, first: Hit, face: Array, local_ray: Ray, valid: Mask, offset: DeviceVector | None) -> Any:
+        """Return `Meeting.surface` at a hit, with the fields that our BSDFs read."""
         import drjit as dr
 
         mi = mitsuba()
+        in_scene = local_ray
+        if offset is not None:
+            in_scene = _make_ray(mi.Point3f(local_ray.o + offset), local_ray.d, local_ray.maxt)
         if self.world.face_normal is None:
-            return first.compute_surface_interaction(local_ray, mi.RayFlags.All, valid)
+            return first.compute_surface_interaction(in_scene, mi.RayFlags.All, valid)
         # Plain meshes are flat and look the same all over: point, normal and incoming direction are all that their
         # BSDFs read. Mitsuba's own interaction is ready for textures and smooth normals, and takes twice as long.
-        shape = dr.reinterpret_array(mi.UInt32, first.shape)
-        face = dr.gather(mi.UInt32, self.world.first_face, shape, valid) + first.prim_index
         # The table has four numbers a face: Dr.Jit gathers four neighbours in one load, three in three.
         normal = mi.Normal3f(*dr.gather(mi.Vector4f, self.world.face_normal, face, valid)[:3])
         surface = dr.zeros(mi.SurfaceInteraction3f)
-        surface.t, surface.p, surface.n = first.t, local_ray(first.t), normal
+        surface.t, surface.p, surface.n = first.t, in_scene(first.t), normal
         surface.shape, surface.prim_index = first.shape, first.prim_index
         surface.sh_frame = mi.Frame3f(normal)  # BSDFs want wi in the frame whose z is the normal
         surface.wi = surface.to_local(-local_ray.d)
         return surface
 
-    def _meets_any(self, ray: Ray, active: Mask, still: TracedScene | None, moving: tuple[MoverScenes, ...]) -> Any:
-        """Return whether each ray meets any surface of several Mitsuba scenes; `_nearest` says which these are."""
+    def _meets_any(self, ray: Ray, active: Mask, still: TracedScene | None, movers: MoverScene | None) -> Any:
+        """Return whether each ray meets any surface of two Mitsuba scenes; `_nearest` says which these are."""
         import drjit as dr
 
         mi = mitsuba()
@@ -286,29 +302,25 @@ class Moment:
         is_blocked = mi.Bool(False)
         if still is not None:
             is_blocked = still.ray_test(ray, coherent=self.coherent, active=active)
-        for scenes in moving:
+        if movers is not None:
             transfer.split_kernel(is_blocked)
             (is_blocked,) = self._ask_nearby(
                 ray,
                 active,
                 (is_blocked,),
                 lambda is_blocked: dr.select(is_blocked, -1.0, ray.maxt),
-                partial(self._blocked_by_mover, ray, scenes),
+                partial(self._blocked_by_mover, ray, movers),
             )
         self._split_kernels(is_blocked)
         return is_blocked
 
     def _blocked_by_mover(
-        self, ray: Ray, scenes: MoverScenes, candidate: Array, is_near: Array, placement: Placement, is_blocked: Array
+        self, ray: Ray, movers: MoverScene, candidate: Array, is_near: Array, placement: Placement, is_blocked: Array
     ) -> tuple[Any]:
         """Intersect one more mover, as a step of `_ask_nearby`; returns whether the rays are blocked."""
-
-        def blocked(scene: TracedScene, ray: Ray, active: Mask) -> Any:
-            return scene.ray_test(ray, coherent=self.coherent, active=active)
-
-        number, has_scene = scenes.of_mover(candidate, is_near)
-        meets = ask_one(scenes.scenes, number, blocked, _ray_in_frame(ray, placement), active=has_scene)
-        return (is_blocked | (has_scene & meets),)
+        cell = CellPassage.of_ray(_ray_in_frame(ray, placement), movers, candidate, is_near)
+        meets = movers.scene.ray_test(cell.ray, coherent=self.coherent, active=cell.passes)
+        return (is_blocked | (cell.passes & meets),)
 
     def _split_kernels(self, *arrays: object) -> None:
         """Keep the queries of several scenes in kernels of their own (`transfer.split_kernel`)."""

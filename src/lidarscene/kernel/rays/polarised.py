@@ -1,7 +1,7 @@
 """Follow the polarisation of a beam along its path, and that of light that comes back along it.
 
-Kernels have this code only if the laser is said to be polarised (`laser.polarisation`) and the world has panes or
-mirrors.
+Kernels have this code only if the world has panes or mirrors. Light that is unpolarised when it leaves is not behind a
+raked pane, so that of every laser is followed.
 
 Symbols: s direction across the plane of incidence; chi angle from the last reference axis to s.
 """

@@ -253,10 +253,6 @@ def _hits(
     backscatter, towards_sun, reflectivity = _scattering(mi, dr, world, surface, meeting.to_sun, valid, lit)
     if behind is not None:
         towards_sun = dr.select(lit & behind, through * -cos_sun * dr.inv_pi, towards_sun)
-    # A triangle's number within its shape, the shape's first number in the world's tables, and the shift to the body
-    # where several bodies share the shape. Body, class and material are looked up by it later, for kept points only.
-    number = dr.reinterpret_array(mi.UInt32, surface.shape)
-    face = dr.gather(mi.UInt32, world.first_face, number, valid) + surface.prim_index + meeting.shift
     return Hits(
         has_surface=valid,
         range_m=dr.select(valid, length_m, 1.0),  # not infinity: later stages divide by it
@@ -268,7 +264,7 @@ def _hits(
         cos_sun=dr.select(valid, cos_sun, 0.0),
         lit=lit,
         radial_velocity_m_s=dr.select(valid, receding, 0.0) if is_drjit(receding) else 0.0,
-        face=dr.select(valid, mi.Int32(face), -1),
+        face=dr.select(valid, mi.Int32(meeting.row), -1),
         throughput=path.throughput,
         outward=_outward(moment, path, meeting),
         interactions=path.interactions,

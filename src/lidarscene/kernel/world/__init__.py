@@ -4,6 +4,7 @@ Mitsuba is fast with few shapes of many triangles and slow with many shapes, and
 a scene is merged by material, and tables lead from a triangle back to its body.
 
 mitsuba_world  `World`: a scene compiled for one wavelength
+mover_scene    one scene of all bodies that move, each in a cell of its own
 merged_meshes  shapes of a Mitsuba file, one mesh for each BSDF
 bsdfs          materials as Mitsuba BSDFs and textures; the retro-reflector and rough matt surfaces
 faces          tables from a hit's face to body, class, material and normal

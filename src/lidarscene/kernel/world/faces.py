@@ -1,9 +1,11 @@
 """Tables of a world by face and by shape: what stands behind a hit.
 
 A hit is a shape's number in Mitsuba's registry and a triangle's number in that shape. The shape's number leads to that
-of its first face; the sum is the face's number in the tables of bodies, materials and normals.
+of its first face; the sum is the face's number in the tables of bodies, materials and normals. Of what moves several
+bodies share a face: each has rows of its own in the tables of bodies and materials, one for each shape.
 
-Symbols: f faces (triangles, or a whole sphere) over all shapes, in the order in which shapes were added.
+Symbols: f faces (triangles, or a whole sphere) over all shapes, in the order in which shapes were added; m movers, s
+their shapes.
 """
 
 from __future__ import annotations
@@ -62,57 +64,63 @@ class FaceTables:
     def __init__(self) -> None:
         self._body: list[Numbers] = []
         self._material: list[Numbers] = []
-        self._first: dict[int, tuple[PlacedShape, int]] = {}
+        self._first: list[tuple[PlacedShape, int]] = []
         self._faces = 0
+        self._movers: list[int] = []
+        self._mover_shapes: list[PlacedShape] = []
         self.material_names: dict[str, int] = {}
 
-    def add(self, shapes: Sequence[PlacedShape], *, body: int | None = None) -> int:
-        """Append the faces of these shapes and return the number of the first.
-
-        A shape may come several times, once for each body that shares it. A hit's number is in its first set of faces.
-
-        Args:
-            body: index of the body that owns all of them; None: as the shapes say
-        """
-        start = self._faces
+    def add(self, shapes: Sequence[PlacedShape]) -> None:
+        """Append the faces of these shapes."""
         for shape in shapes:
             count = len(shape.face_body)
             material = self.material_names.setdefault(shape.material, len(self.material_names))
-            self._body.append(shape.face_body if body is None else np.full(count, body, np.int32))
+            self._body.append(shape.face_body)
             self._material.append(np.full(count, material, np.int32))
-            self._first.setdefault(id(shape), (shape, self._faces))
+            self._first.append((shape, self._faces))
             self._faces += count
-        return start
+
+    def add_movers(self, shapes: Sequence[PlacedShape], bodies: Sequence[int]) -> None:
+        """Append the faces of all movers' shapes, and a row for each of these bodies with each shape."""
+        self.add(shapes)
+        self._movers, self._mover_shapes = list(bodies), list(shapes)
 
     def on_device(self, see_through: bool) -> dict[str, Any]:
         """Return the fields of World that are looked up by a shape's registry number or by a face."""
         mi = mitsuba()
         # Registry numbers are positive, with holes, and used again after shapes are freed. They are small, so a table
         # with unused rows is the simplest map from number to shape.
-        numbers = [_registry_number(shape.shape) for shape, _ in self._first.values()]
-        first_face, bsdf_index = np.zeros((2, max(numbers) + 1), dtype=np.uint32)
+        numbers = [_registry_number(shape.shape) for shape, _ in self._first]
+        first_face, bsdf_index, mover_shape = np.zeros((3, max(numbers) + 1), dtype=np.uint32)
         reflectivity, transmittance = np.zeros((2, max(numbers) + 1), dtype=np.float32)
         # In the order of the materials, which is that of all parts of a scene.
-        shapes = sorted((shape for shape, _ in self._first.values()), key=lambda s: self.material_names[s.material])
+        shapes = sorted((shape for shape, _ in self._first), key=lambda s: self.material_names[s.material])
         bsdfs = {_bsdf_number(shape.shape): shape.shape.bsdf() for shape in shapes}
         places = {number: place for place, number in enumerate(bsdfs)}
-        for number, (shape, start) in zip(numbers, self._first.values(), strict=True):
+        for number, (shape, start) in zip(numbers, self._first, strict=True):
             first_face[number] = start
             bsdf_index[number] = places[_bsdf_number(shape.shape)]
             reflectivity[number] = -1.0 if shape.reflectivity is None else shape.reflectivity
             transmittance[number] = shape.transmittance
+        per_mover = [self.material_names[shape.material] for shape in self._mover_shapes]
+        mover_shape[numbers[len(numbers) - len(per_mover) :]] = np.arange(len(per_mover))
+        mover_rows = self._faces + len(per_mover) * np.arange(len(self._movers))
+        body = [*self._body, np.repeat(np.array(self._movers, np.int32), len(per_mover))]
+        material = [*self._material, np.tile(np.array(per_mover, np.int32), len(self._movers))]
         return {
             "first_face": mi.UInt32(first_face),
+            "mover_rows": transfer.unsigned_numbers(mover_rows) if self._movers else None,
+            "mover_shape": mi.UInt32(mover_shape) if self._movers else None,
             "bsdfs": tuple(bsdfs.values()),
             "bsdf_index": mi.UInt32(bsdf_index),
             "shape_reflectivity": mi.Float(reflectivity),
             "shape_transmittance": mi.Float(transmittance) if transmittance.any() else None,
             "face_normal": self._normals(),
-            "face_body": mi.Int32(np.concatenate(self._body)),
-            "face_material": mi.Int32(np.concatenate(self._material)),
+            "face_body": mi.Int32(np.concatenate(body)),
+            "face_material": mi.Int32(np.concatenate(material)),
             "material_names": tuple(self.material_names),
-            "has_foreign": any(shape.reflectivity is None for shape, _ in self._first.values()),
-            "speculars": Speculars.from_shapes([_surface_optics(shape) for shape, _ in self._first.values()])
+            "has_foreign": any(shape.reflectivity is None for shape, _ in self._first),
+            "speculars": Speculars.from_shapes([_surface_optics(shape) for shape, _ in self._first])
             if see_through
             else None,
         }
@@ -124,10 +132,10 @@ class FaceTables:
         mi = mitsuba()
         # One shape that is not plain (a sphere, a shape of a Mitsuba file) sends all hits to Mitsuba's own interaction:
         # a kernel with both ways would pay for both.
-        if not all(shape.is_plain for shape, _ in self._first.values()):
+        if not all(shape.is_plain for shape, _ in self._first):
             return None
         table = dr.zeros(mi.Float, 4 * self._faces)
-        for shape, start in self._first.values():
+        for shape, start in self._first:
             vertices, faces = shape.shape.vertex_positions_buffer(), shape.shape.faces_buffer()
             number = dr.arange(mi.UInt32, len(shape.face_body))
             a, b, c = (dr.gather(mi.Point3f, vertices, dr.gather(mi.UInt32, faces, 3 * number + i)) for i in range(3))

@@ -4,9 +4,10 @@ Three measurements decide its form. Every shape costs time on each call and tria
 take a hundred times as long as in one mesh), so all parts of one material become one mesh. Mitsuba's identities of
 shapes are no indices and differ between back ends, so the triangle's number is the identity, and tables say which body,
 class and material it belongs to. Moving a shape makes Embree rebuild everything (0.5 s beside a mesh of 330,000
-triangles), so each moving body is a Mitsuba scene in its own frame that is never rebuilt (`rays.meeting`).
+triangles), so all bodies that move are in a Mitsuba scene in which they stand still (`mover_scene`, `rays.meeting`).
 
-Symbols: b bodies, f faces (triangles, or a whole sphere) over all shapes, in the order in which shapes were added.
+Symbols: b bodies, f faces (triangles, or a whole sphere) over all shapes, in the order in which shapes were added, m
+movers, s their shapes.
 """
 
 from __future__ import annotations
@@ -20,40 +21,35 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError, OptionWarning, warn
-from ...maths.arrays import Array, Mask, Numbers, retire_with
+from ...maths.arrays import Mask, Numbers, retire_with
 from ...maths.motion_table import NOWHERE, MotionTable, MovingBodies, Placement
 from ...maths.pose import Pose
 from ...maths.trajectory import CLOCK_ROUNDING_S, Course, Motion
 from ...scene.scene import Ball, Body, Part, Scene, box_of
 from ..device import transfer
-from ..device.backend import is_cuda, mitsuba
+from ..device.backend import mitsuba, require_scene_trial
 from ..device.choice import ask_one
 from ..device.gate import exclusive, retire
-from ..device.types import Bsdf, Interaction, TracedScene
+from ..device.types import Bsdf, Interaction
 from . import merged_meshes, mitsuba_xml
 from .bsdfs import ATTRIBUTE, bsdf_dict, make_bsdf, reflectivities, texture, texture_key
 from .faces import FaceTables, PlacedShape
+from .mover_scene import MoverScene, mitsuba_scene, side_by_side
 from .speculars import Speculars, lets_through
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Mover:
-    """A body that moves. Bodies with the same parts share their Mitsuba scenes, and follow each other.
+    """A body that moves. Bodies with the same parts share their shapes, and follow each other.
 
     Attributes:
-        scene: Mitsuba scene of its surfaces other than panes, in the body's frame; None if there are none
-        panes: Mitsuba scene of its panes and porous surfaces; None if there are none
         box_m: (2, 3) float64, numpy; lowest and highest corner of a box around it, in its frame
-        face_shift: what to add to a face number of the shared scene to get this body's
         number: of the body among the scene's bodies
         body: the body, with its motion
         others: numbers and bodies of the same shape and class that take its place in frames that do not show it
     """
 
-    scene: Any
-    panes: Any
     box_m: Numbers
-    face_shift: int
     number: int
     body: Body
     others: tuple[tuple[int, Body], ...] = ()
@@ -72,46 +68,6 @@ class Mover:
         return self.body.motion
 
 
-_FEWEST_SCENES = 4
-"""Fewest scenes among which a kernel chooses, if there are several."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class MoverScenes:
-    """Mitsuba scenes that movers share, as rays ask them in one kernel.
-
-    Attributes:
-        scenes: each once, and the last as often as makes a power of two
-        index: (movers,) Int32 on the device, which of them each mover has; -1 where it has none of them
-    """
-
-    scenes: tuple[TracedScene, ...]
-    index: Any
-
-    @classmethod
-    def of_movers(cls, shared: Sequence[TracedScene | None]) -> tuple[MoverScenes, ...]:
-        """Build from the scene of each mover, None if it has none; one for each kernel that is needed."""
-        scenes = {id(scene): scene for scene in shared if scene is not None}
-        # On a GPU a kernel asks one scene only (`transfer.split_kernel`).
-        kernels = [[key] for key in scenes] if is_cuda() else [[*scenes]] if scenes else []
-        built = []
-        for kernel in kernels:
-            places = {key: place for place, key in enumerate(kernel)}
-            index = transfer.whole_numbers([places.get(id(scene), -1) for scene in shared])
-            # A kernel with several such choices has their number in it: up to the next power of two the last fills up.
-            count = len(kernel) if len(kernel) == 1 else max(_FEWEST_SCENES, 1 << (len(kernel) - 1).bit_length())
-            kernel += kernel[-1:] * (count - len(kernel))
-            built.append(cls(scenes=tuple(scenes[key] for key in kernel), index=index))
-        return tuple(built)
-
-    def of_mover(self, mover_index: Array, active: Mask) -> tuple[Any, Any]:
-        """Return the number of the scene of each ray's mover, and whether it has one; False for inactive rays."""
-        import drjit as dr
-
-        number = dr.gather(mitsuba().Int32, self.index, mitsuba().UInt32(mover_index), active)
-        return number, active & (number >= 0)
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, weakref_slot=True)
 class World:
     """Mitsuba scenes that the kernel traces, and the tables that identify a triangle. Device arrays unless stated.
@@ -121,21 +77,23 @@ class World:
             Vertices are relative to ``centre_m``
         panes: Mitsuba scene of panes and porous surfaces that stand still; None if there are none
         movers: what moves
-        mover_scenes: their scenes without panes and porous surfaces
-        mover_panes: their scenes of these
+        mover_scene: Mitsuba scene of all of them, without panes and porous surfaces; None if there is nothing
+        mover_panes: likewise of these
         resting: where that is at time 0, numbers on the device; None if nothing moves
-        mover_shift: (movers,) UInt32, their `Mover.face_shift`; None if nothing moves
+        mover_rows: (movers,) UInt32, the first of the rows of each in `face_body` and `face_material`, one for each
+            shape; None if nothing moves
         centre_m: (3,) float64, numpy; subtracted from every coordinate before it became single precision
         bsdfs: Mitsuba BSDFs of all its surfaces, each once
         first_face: by the registry number of a shape: number of its first face; index into ``bsdfs``; diffuse
             reflectivity (-1: ask the BSDF); diffuse transmittance (None: every shape is opaque)
+        mover_shape: number of a shape among those of the movers, as `first_face`; None if nothing moves
         bsdf_index: as `first_face`
         shape_reflectivity: as `first_face`
         shape_transmittance: as `first_face`
-        face_normal: (4 f,) Float, unit normal of each face and one number of padding; zero for the further copies of
-            shared shapes. None if some shape is not a mesh of flat triangles
-        face_body: (f,) Int32, index into ``body_names``
-        face_material: (f,) Int32, index into ``material_names``
+        face_normal: (4 f,) Float, unit normal of each face and one number of padding. None if some shape is not a mesh
+            of flat triangles
+        face_body: (f + m s,) Int32, index into ``body_names``
+        face_material: (f + m s,) Int32, index into ``material_names``
         body_class: (b,) Int32, index into ``class_names``
         has_foreign: whether some BSDF was taken from a Mitsuba file unchanged
         speculars: panes, mirrors and porous surfaces; None if there are none, or if they end every beam
@@ -146,13 +104,14 @@ class World:
     scene: Any
     panes: Any
     movers: tuple[Mover, ...]
-    mover_scenes: tuple[MoverScenes, ...]
-    mover_panes: tuple[MoverScenes, ...]
+    mover_scene: MoverScene | None
+    mover_panes: MoverScene | None
     resting: MovingBodies | None
-    mover_shift: Any
+    mover_rows: Any
     centre_m: Numbers
     bsdfs: tuple[Bsdf, ...]
     first_face: Any
+    mover_shape: Any
     bsdf_index: Any
     shape_reflectivity: Any
     shape_transmittance: Any
@@ -170,7 +129,7 @@ class World:
 
     def __post_init__(self) -> None:
         """Keep the Mitsuba scenes, should this go while another thread traces, until that is done."""
-        things = self.scene, self.panes, self.mover_scenes, self.mover_panes, self.speculars, self.bsdfs
+        things = self.scene, self.panes, self.mover_scene, self.mover_panes, self.speculars, self.bsdfs
         retire_with(self, *things, then=retire)
 
     def ask_bsdf(self, ask: Callable[..., object], surface: Interaction, *arguments: object, active: Mask) -> Any:
@@ -213,10 +172,10 @@ class World:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _BodiesOfOneShape:
-    """Moving bodies with the same parts: their indices, and their shapes, whose faces are those of the first body."""
+    """Moving bodies with the same parts: their indices, and where the origin of their frame is in their scene, (3,)."""
 
     bodies: tuple[int, ...]
-    shapes: list[PlacedShape]
+    offset_m: Numbers
 
 
 @exclusive
@@ -241,6 +200,8 @@ def build_world(
     Raises:
         InputError: if a material has no data at the wavelength, or if there is nothing to trace
     """
+    if scene.base is not None:
+        require_scene_trial(scene)
     # In double precision, before anything becomes float32: at 5,000 km, a UTM northing, float32 is good to 4 m.
     centre = np.zeros(3) if centre_m is None or scene.base else np.asarray(centre_m, dtype=np.float64)
     resolved = {name: material.at(wavelength_m) for name, material in scene.materials.items()}
@@ -249,7 +210,9 @@ def build_world(
     if standing is not None:
         still = _near_and_of_all_materials(still, standing)
     shapes = _loaded_shapes(still, centre, resolved, bsdfs)
-    moving = _moving_groups(scene.bodies, resolved, bsdfs)
+    moving = _moving_groups(scene.bodies)
+    in_cells = {group.bodies[0]: _placed_alone(scene.bodies[group.bodies[0]], group.offset_m) for group in moving}
+    mover_shapes = _loaded_shapes(in_cells, np.zeros(3), resolved, bsdfs)
     body_names = [body.name for body in scene.bodies]
     class_of = [body.class_name for body in scene.bodies]
     if scene.base is not None:
@@ -267,30 +230,32 @@ def build_world(
         faces.material_names.update({name: number for number, name in enumerate(scene.materials)})
     faces.add(shapes)
     movers: list[Mover] = []
+    offsets_m: list[Numbers] = []
     for group in moving:
-        traced, panes = _mitsuba_scenes(group.shapes, see_through)
-        # A hit on the shared scene has a face number of the first body. Each further body has the same faces once more
-        # in the tables, a constant number of rows later: that number is its shift.
-        # Bodies that hide take turns: those of which no two are ever shown at a time share such rows, and a place among
-        # the movers. So the tables are as long as the most bodies that are there at a time need.
+        # Bodies that hide take turns: those of which no two are ever shown at a time share a place among the movers. So
+        # there are as many as the most bodies that are there at a time need.
         turns = _turns(scene.bodies, group.bodies) if takes_turns else [[index] for index in group.bodies]
-        starts = [faces.add(group.shapes, body=turn[0]) for turn in turns]
-        for turn, start in zip(turns, starts, strict=True):
-            mover = _mover(traced, panes, scene.bodies, number=turn[0], face_shift=start - starts[0])
+        offsets_m += [group.offset_m] * len(turns)
+        for turn in turns:
+            mover = _mover(scene.bodies, number=turn[0])
             movers.append(replace(mover, others=tuple((index, scene.bodies[index]) for index in turn[1:])))
+    faces.add_movers(mover_shapes, [mover.number for mover in movers])
     class_names = tuple(dict.fromkeys(class_of))
     class_numbers = np.array([class_names.index(name) for name in class_of], dtype=np.int32)
-    standing, panes = _mitsuba_scenes(shapes, see_through)
+    solid, panes = _panes_apart(shapes, see_through)
+    mover_scene, mover_panes = (
+        MoverScene.of_shapes(part, boxes_m=_boxes_of_materials(movers, part), offsets_m=offsets_m)
+        for part in _panes_apart(mover_shapes, see_through)
+    )
     return World(
-        scene=standing,
-        panes=panes,
+        scene=mitsuba_scene(solid),
+        panes=mitsuba_scene(panes),
         see_through=see_through,
         scene_of=scene,
         movers=tuple(movers),
-        mover_scenes=MoverScenes.of_movers([mover.scene for mover in movers]),
-        mover_panes=MoverScenes.of_movers([mover.panes for mover in movers]),
-        resting=_resting_movers(movers, centre),
-        mover_shift=transfer.unsigned_numbers(np.array([mover.face_shift for mover in movers])) if movers else None,
+        mover_scene=mover_scene,
+        mover_panes=mover_panes,
+        resting=placed_movers(movers, [mover.body.pose for mover in movers], centre_m=centre) if movers else None,
         centre_m=centre,
         body_class=mitsuba().Int32(class_numbers),
         body_names=tuple(body_names),
@@ -367,23 +332,30 @@ def _mesh_keys(body: Body) -> list[tuple[str, Hashable]]:
     return [(part.material, texture_key(part.pattern)) for part in body.parts if isinstance(part, Part)]
 
 
-def _moving_groups(
-    bodies: Sequence[Body], resolved: dict[str, dict[str, object]], bsdfs: dict[str, object]
-) -> list[_BodiesOfOneShape]:
-    """Group the bodies that move by their parts, and build the shapes of each group in the body's frame."""
+def _moving_groups(bodies: Sequence[Body]) -> list[_BodiesOfOneShape]:
+    """Group the bodies that move and have a surface by their parts."""
     # By identity: the copies of one body of a scene file share their tuple of parts.
     sharing: dict[int, list[int]] = {}
     for index, body in enumerate(bodies):
-        if body.motion is not None:
+        if body.motion is not None and any(isinstance(part, Ball) or len(part.faces) for part in body.parts):
             sharing.setdefault(id(body.parts), []).append(index)
-    moving = []
-    for indices in sharing.values():
-        first = bodies[indices[0]]
-        at_origin = Body(name=first.name, class_name=first.class_name, parts=first.parts)
-        shapes = _loaded_shapes({indices[0]: at_origin}, np.zeros(3), resolved, bsdfs)
-        if shapes:
-            moving.append(_BodiesOfOneShape(tuple(indices), shapes))
-    return moving
+    boxes_m = [box_of(bodies[indices[0]].parts) for indices in sharing.values()]
+    offsets_m = side_by_side(np.array(boxes_m, dtype=np.float64).reshape(-1, 2, 3))
+    return [
+        _BodiesOfOneShape(tuple(indices), offset_m)
+        for indices, offset_m in zip(sharing.values(), offsets_m, strict=True)
+    ]
+
+
+def _placed_alone(body: Body, position_m: Numbers) -> Body:
+    """Return a body that stands still here."""
+    return Body(name=body.name, class_name=body.class_name, parts=body.parts, pose=Pose(position_m=position_m))
+
+
+def _boxes_of_materials(movers: Sequence[Mover], shapes: Sequence[PlacedShape]) -> list[Numbers | None]:
+    """Return the box around each mover's parts of the materials of these shapes, in its frame; None without any."""
+    materials = {shape.material for shape in shapes}
+    return [box_of([part for part in mover.body.parts if part.material in materials]) for mover in movers]
 
 
 def _turns(bodies: Sequence[Body], indices: Sequence[int]) -> list[list[int]]:
@@ -454,35 +426,17 @@ def _ball_shape(
     return PlacedShape(shape, np.array([index], np.int32), ball.material, values)
 
 
-def _mitsuba_scenes(shapes: Sequence[PlacedShape], see_through: bool) -> tuple[Any, Any]:
-    """Return two Mitsuba scenes: of everything but panes and porous surfaces, and of these; None if empty.
-
-    Without ``see_through`` all shapes are in the first one.
-    """
+def _panes_apart(shapes: Sequence[PlacedShape], see_through: bool) -> tuple[list[PlacedShape], list[PlacedShape]]:
+    """Return all but the panes and porous surfaces, and these; without ``see_through`` all are among the first."""
     panes = [shape for shape in shapes if see_through and lets_through(shape.shape.bsdf())]
-    solid = [shape for shape in shapes if shape not in panes]
-    return _mitsuba_scene(solid), _mitsuba_scene(panes)
+    return [shape for shape in shapes if shape not in panes], panes
 
 
-def _mitsuba_scene(shapes: Sequence[PlacedShape]) -> Any:
-    if not shapes:
-        return None
-    # Without robust intersections a ray that meets a shared edge exactly may pass between its triangles. They
-    # cost 8 % of the tracing and build three times as fast (measured on street.toml). A shape group is the other way to
-    # a fast build, and would lose the setting.
-    # optimize=False: Mitsuba would merge meshes of equal materials, and the number of a triangle would not be ours.
-    settings = {"type": "scene", "embree_use_robust_intersections": True}
-    children = {f"shape_{i}": shape.shape for i, shape in enumerate(shapes)}
-    return mitsuba().load_dict(settings | children, optimize=False)
-
-
-def _mover(
-    scene: TracedScene | None, panes: TracedScene | None, bodies: Sequence[Body], *, number: int, face_shift: int
-) -> Mover:
+def _mover(bodies: Sequence[Body], *, number: int) -> Mover:
     body = bodies[number]
     box_m = box_of(body.parts)
     assert box_m is not None  # it has shapes
-    return Mover(scene=scene, panes=panes, box_m=box_m, face_shift=face_shift, number=number, body=body)
+    return Mover(box_m=box_m, number=number, body=body)
 
 
 def motions_on_device(motions: MotionTable) -> MotionTable:
@@ -504,13 +458,13 @@ def mover_boxes(movers: Sequence[Mover], start_s: float) -> Numbers | None:
     return np.stack([mover.box_m if mover.body.is_present(start_s) else NOWHERE for mover in movers])
 
 
-def _resting_movers(movers: Sequence[Mover], centre_m: Numbers) -> MovingBodies | None:
-    """Return the movers at the poses of their bodies; None if nothing moves."""
-    if not movers:
-        return None
-    stay = [Course(), *(Course(start=mover.body.pose) for mover in movers)]
+def placed_movers(
+    movers: Sequence[Mover], poses: Sequence[Pose], *, centre_m: Numbers, time_s: float = 0.0
+) -> MovingBodies:
+    """Return movers that stand at these poses; those that are not there at this time have boxes that no ray passes."""
+    stay = [Course(), *(Course(start=pose) for pose in poses)]
     motions = MotionTable.from_motions(
-        stay, start_s=0.0, length_s=1.0, centre_m=centre_m, carried_m=mover_boxes(movers, 0.0)
+        stay, start_s=0.0, length_s=1.0, centre_m=centre_m, carried_m=mover_boxes(movers, time_s)
     )
     return MovingBodies(motions=motions_on_device(motions), time_s=transfer.opaque(0.0))
 

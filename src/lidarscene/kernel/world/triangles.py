@@ -12,7 +12,7 @@ import numpy as np
 
 from ...maths.arrays import Numbers
 from ...scene.scene import Scene
-from ..device.backend import mitsuba
+from ..device.backend import mitsuba, require_scene_trial
 from ..device.gate import exclusive
 from ..device.types import Shape
 from . import mitsuba_xml
@@ -46,6 +46,7 @@ def triangles_of_base(scene: Scene, wavelength_m: float) -> list[DrawnShape]:
     """Return what a scene takes from its Mitsuba file: meshes, and shapes of the kinds in PROFILES."""
     if scene.base is None:
         return []
+    require_scene_trial(scene)
     materials = {name: material.at(wavelength_m) for name, material in scene.materials.items()}
     shapes = mitsuba_xml.load_shapes(scene.base, scene.base_materials, materials, wavelength_m)
     drawn = ((shape, _triangles(shape.shape)) for shape in shapes)

@@ -109,6 +109,19 @@ def noise_correlation(*, lag_s: Lanes, bandwidth_hz: Lanes) -> Lanes:
     return ops.exp((-2.0 * math.pi) * bandwidth_hz * ops.abs(lag_s))
 
 
+def noise_change(*, lag_s: Lanes, crossing_bandwidth_hz: Lanes) -> Lanes:
+    """Root of 1 - r: how much of the noise changes after ``lag_s``, over that of two independent instants.
+
+    r = exp(-(2 pi f t)^2 / 2), which has the curvature of the noise's correlation: f is its root mean square frequency.
+
+    Args:
+        crossing_bandwidth_hz: bandwidth of the ideal low-pass whose white noise has that frequency, sqrt(3) f
+    """
+    ops = xp(lag_s, crossing_bandwidth_hz)
+    turn = (2.0 * math.pi * MEAN_FREQUENCY_LOW_PASS) * crossing_bandwidth_hz * lag_s
+    return ops.sqrt(ops.maximum(1.0 - ops.exp(-0.5 * turn * turn), 0.0))
+
+
 def crossing_level(*, threshold: Lanes, noise: Lanes, kappa_1: Lanes, kappa_2: Lanes, deviate: Lanes) -> Lanes:
     """Signal level s at which s + z sigma(s) = U.
 

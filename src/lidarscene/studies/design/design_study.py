@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from ..._version import __version__
-from ...errors import InputError
+from ...errors import InputError, warn
 from ...figures import pictures
 from ...figures.lines import Chart, Line, Mark
 from ...figures.report import Figure, Report, text_table
@@ -27,11 +27,11 @@ from ...files.toml import read_toml, validate
 from ...files.toml_edit import put_values
 from ...maths.units import split_unit
 from .designs import Design, DesignSpace, files_of_base
-from .optimum import ACTIVE, ActiveConstraints, limits_of
+from .optimum import ACTIVE, ActiveConstraints, at_an_end, limits_of
 from .quantities import Evaluator
-from .search import EvaluateAll, Log, alone, front, is_feasible, losses, record_line, search, slacks
+from .search import EvaluateAll, Log, alone, front, is_feasible, losses, probes, record_line, search, slacks
 from .slopes import SlopesOf, derivatives
-from .study_file import QUANTITIES, UNITS, QuantityFile, StudyFile
+from .study_file import CLASS_1, CLOSED_FORM, QUANTITIES, UNITS, QuantityFile, StudyFile
 
 EVALUATIONS = "evaluations.jsonl"
 PAGES = ("index.html", "index.md", "design.json")
@@ -71,6 +71,9 @@ def run_study(
         OutputError: if a result cannot be written
     """
     study, evaluator = load_study(path)
+    unmoved = _unmoved_constraints(study, evaluator, str(path))
+    for text in unmoved:
+        warn(f"{path}: {text}")
     require_writable(folder / EVALUATIONS)
     folder.mkdir(parents=True, exist_ok=True)
     record, head = folder / EVALUATIONS, _head(path, study, evaluator.space)
@@ -91,7 +94,35 @@ def run_study(
     best = front(study, designs)
     if not best:
         raise InputError(f"{path}: {_none_feasible(study, designs)}")
-    return _report(study, evaluator, designs, best, slopes)
+    return _report(study, evaluator, designs, best, slopes, log.ending)
+
+
+def _unmoved_constraints(study: StudyFile, evaluator: Evaluator, where: str) -> list[str]:
+    """Sentences on constraints that the free keys do not move, asked of some designs before the search.
+
+    Raises:
+        InputError: where such a constraint is broken, so that no design would meet it
+    """
+    closed = {name: entry for name, entry in study.constraints.items() if entry.quantity_name in CLOSED_FORM}
+    answers = []
+    for shares in probes(len(evaluator.space.free)):
+        try:
+            answers.append(evaluator(evaluator.space.values(shares), closed))
+        except InputError:
+            continue  # a design that cannot be
+    texts = []
+    for name, entry in closed.items() if len(answers) > 1 else ():
+        values = {answer[name] for answer in answers}
+        # Constraints that no user wrote are not worth a sentence where they hold.
+        if len(values) > 1 or ((is_met := entry.allows(value := values.pop())) and name.startswith(CLASS_1)):
+            continue
+        unit = _unit(entry)
+        text = f"constraints.{name}: no free key moves it: {entry.quantity_name} is {value:.4g} {unit}".rstrip()
+        if not is_met:
+            off = '; eye_safety = "off" leaves it out' if name.startswith(CLASS_1) else ""
+            raise InputError(f"{where}: {text}, and must be {entry.bounds_text} {unit}".rstrip() + off)
+        texts.append(text)
+    return texts
 
 
 def knee(study: StudyFile, best: Sequence[Design]) -> int:
@@ -121,9 +152,14 @@ def _none_feasible(study: StudyFile, designs: Sequence[Design]) -> str:
 
 
 def _report(
-    study: StudyFile, evaluator: Evaluator, designs: Sequence[Design], best: Sequence[Design], slopes: SlopesOf
+    study: StudyFile,
+    evaluator: Evaluator,
+    designs: Sequence[Design],
+    best: Sequence[Design],
+    slopes: SlopesOf,
+    ending: str,
 ) -> Report:
-    """Page, data and sensor files of the result."""
+    """Page, data and sensor files of the result; ``ending`` says why the search ended."""
     report = Report(study.name or "Design study", pages=PAGES, embeds=False)
     chosen = best[knee(study, best)]
     shown = {"chosen": chosen}
@@ -138,19 +174,29 @@ def _report(
     shown |= {name: designs_of_choice[knee(study, designs_of_choice)] for name, designs_of_choice in fronts.items()}
     safety = _eye_safety(evaluator, chosen)
     report.add_paragraph(_verdict(study, designs, best, chosen))
-    report.add_table(*_designs_table(study, evaluator.space, shown))
+    intervals = {words: _intervals(evaluator, design) for words, design in shown.items()}
+    report.add_table(*_designs_table(study, evaluator.space, shown, intervals))
     if fronts:
         report.add_paragraph(_choices_text(fronts, best))
     if study.constraints:
         report.add_heading("What each constraint costs")
         report.add_table(*_costs_table(study, shown, limits))
-    for text in (*_limits_text(limits["chosen"]), *safety.values()):
+    ends = at_an_end(evaluator.space, chosen)
+    ends_text = [f"At an end of its range: {', '.join(ends)}. A wider range may give a better design."] if ends else []
+    for text in (f"The search: {ending}.", *ends_text, *_limits_text(limits["chosen"]), *safety.values()):
         report.add_paragraph(text)
     report.add_heading("Front" if len(study.objectives) > 1 else "Search")
     for figure in _figures(study, designs, fronts or {"front": best}, chosen):
         report.add_figure(figure)
+    of_front = [_intervals(evaluator, design) for design in best]
+    ranged = [name for name in evaluator.entries if any(name in ends for ends in of_front)]
     header = [*study.objectives, *study.constraints, *(free.key for free in evaluator.space.free)]
-    report.main_table = (header, [_row(study, evaluator.space, design) for design in best])
+    header += [f"{name} {end}" for name in ranged for end in ("low", "high")]
+    rows = [
+        [*_row(study, evaluator.space, design), *(end for name in ranged for end in ends.get(name, ("", "")))]
+        for design, ends in zip(best, of_front, strict=True)
+    ]
+    report.main_table = (header, rows)
     report.add_data("front", report.main_table)
     if study.is_traced:
         report.add_heading("Clouds")
@@ -162,10 +208,12 @@ def _report(
     report.numbers = {
         "study": study.name,
         "evaluations": len(designs),
+        "ending": ending,
         "impossible": sum(bool(design.reason) for design in designs),
-        "chosen": _numbers(chosen),
+        "chosen": _numbers(chosen) | {"intervals": intervals["chosen"]},
         "verdict": _verdict(study, designs, best, chosen),
         "limits": _limits_numbers(limits["chosen"]),
+        "at_an_end": list(ends),
         "choices": {name: _numbers(shown[name]) for name in fronts},
         "eye_safety": safety,
         "front": [_numbers(design) for design in best],
@@ -203,12 +251,7 @@ def _verdict(study: StudyFile, designs: Sequence[Design], best: Sequence[Design]
 
 
 def _rests_on(study: StudyFile) -> str:
-    bounds = [
-        f"{name} {words} {bound:g} {_unit(entry)}".rstrip()
-        for name, entry in study.constraints.items()
-        for words, bound in (("at least", entry.at_least), ("at most", entry.at_most))
-        if bound is not None
-    ]
+    bounds = [f"{name} {entry.bounds_text} {_unit(entry)}".rstrip() for name, entry in study.constraints.items()]
     return f", under {' and '.join(bounds)}" if bounds else ""
 
 
@@ -251,7 +294,7 @@ def _costs_table(
 
 
 def _designs_table(
-    study: StudyFile, space: DesignSpace, shown: Mapping[str, Design]
+    study: StudyFile, space: DesignSpace, shown: Mapping[str, Design], intervals: Mapping[str, Intervals]
 ) -> tuple[Sequence[str], list[list[str]]]:
     header = ["", *shown]
     rows = [[key, *(_short(design.values.get(key, "-")) for design in shown.values())] for key in _keys(space)]
@@ -259,7 +302,25 @@ def _designs_table(
         cells = [_short(design.quantities[name]) for design in shown.values()]
         of = "" if name == entry.quantity_name else f" ({entry.quantity_name})"
         rows.append([" ".join(filter(None, [f"{name}{of}", _unit(entry)])), *cells])
+        ends = [intervals[words].get(name) for words in shown]
+        if any(ends):
+            texts = ["-" if end is None else f"{_short(end[0])} to {_short(end[1])}" for end in ends]
+            rows.append([f"{name} over the stated uncertainties, {_unit(entry)}", *texts])
     return header, rows
+
+
+Intervals = Mapping[str, tuple[float, float]]
+"""Ends of each range by the name of its objective or constraint."""
+
+
+def _intervals(evaluator: Evaluator, design: Design) -> Intervals:
+    """Intervals of the ranges of a design that the uncertainties of its sensor files give."""
+    ends = {
+        name: evaluator.range_interval_m(entry, design.values)
+        for name, entry in evaluator.entries.items()
+        if entry.quantity_name == "range"
+    }
+    return {name: interval for name, interval in ends.items() if interval is not None}
 
 
 def _unit(entry: QuantityFile) -> str:
@@ -280,12 +341,10 @@ def _keys(space: DesignSpace) -> list[str]:
 
 
 def _limits_text(limits: ActiveConstraints | None) -> list[str]:
-    """Sentences on the ends of ranges, and on how slopes were found."""
+    """Sentences on how slopes were found, and on whether the constraints explain the design."""
     if limits is None:
         return []
     texts = []
-    if limits.held:
-        texts.append(f"At an end of its range: {', '.join(limits.held)}. A wider range would give a better design.")
     ways: dict[str, list[str]] = {}
     for name, way in limits.methods.items():
         ways.setdefault(way, []).append(name)
@@ -401,6 +460,8 @@ def _add_sensors(report: Report, space: DesignSpace, design: Design, place: int)
 
 
 def _short(value: Any) -> str:
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{key} = {_short(inner)}" for key, inner in value.items()) + "}"
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 

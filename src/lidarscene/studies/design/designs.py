@@ -5,13 +5,15 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ... import catalog
 from ...errors import InputError, did_you_mean
-from ...files.overrides import assignments, get_entry, key_path, number_list_entries, with_overrides
+from ...files.overrides import assignments, get_entry, key_path, number_list_entries, toml_text, with_overrides
 from ...files.toml import read_toml
 from ...maths.arrays import Numbers
 from ...sensor.sensor_file import files_of_sensor, sensor_from_tables
@@ -66,6 +68,11 @@ class Free:
         """Whether the key takes any value in between."""
         return not self.values
 
+    @property
+    def is_ordered(self) -> bool:
+        """Whether all values are numbers, which rise."""
+        return all(isinstance(value, int | float) and not isinstance(value, bool) for value in self.values)
+
     def value(self, share: float) -> Any:
         """Value at a share."""
         if self.values:
@@ -112,9 +119,13 @@ class Chosen:
         """
         base = self.base
         folder = Path() if base.path is None else base.path.parent
-        return sensor_from_tables(
-            base.tables or {}, where=base.name, overrides=assignments(self.changes), folder=folder
-        )
+        return sensor_from_tables(base.tables or {}, where=base.name, overrides=self.assignments, folder=folder)
+
+    @property
+    def assignments(self) -> list[str]:
+        """Changes as ``key=value``, tables first: they stand in place of the file's, and keys may be set in them."""
+        tables_first = sorted(self.changes.items(), key=lambda change: not isinstance(change[1], dict))
+        return [f"{key}={toml_text(value)}" for key, value in tables_first]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -148,6 +159,43 @@ class DesignSpace:
         ]
         keys = [_free_key(key, entry, bases, f"{where}: free.{key}") for key, entry in study.free.items()]
         return cls(bases=bases, free=(*choices, *keys))
+
+    def every_design(self, most: int) -> Numbers | None:
+        """(n, keys) shares of all designs, n no more than ``most``; None where there are more."""
+        if any(free.is_continuous for free in self.free):
+            return None
+        places = [[(number + 0.5) / len(free.values) for number in range(len(free.values))] for free in self.free]
+        bases = self.sensor_choices()
+        designs: list[tuple[float, ...]] = []
+        for chosen in itertools.product(
+            *(p if f.key in bases else p[:1] for f, p in zip(self.free, places, strict=True))
+        ):
+            present = self.values(np.array(chosen))
+            # A key of a base that is not chosen has no effect.
+            varied = [
+                every if free.key in present and free.key not in bases else [share]
+                for free, every, share in zip(self.free, places, chosen, strict=True)
+            ]
+            if len(designs) + math.prod(map(len, varied)) > most:
+                return None
+            designs += itertools.product(*varied)
+        return np.array(designs)
+
+    def neighbours(self, shares: Numbers) -> list[Numbers]:
+        """Designs that differ in one key of finitely many values: by 1, 2, 4, ... steps, or in any other choice."""
+        present = self.values(shares)
+        moved = []
+        for place, free in enumerate(self.free):
+            if free.is_continuous or free.key not in present:
+                continue
+            number, count = free.values.index(present[free.key]), len(free.values)
+            steps = [2**power for power in range(count.bit_length())] if free.is_ordered else range(1, count)
+            for other in (number + sign * step for step in steps for sign in (-1, 1)):
+                if 0 <= other < count:
+                    neighbour = np.array(shares)
+                    neighbour[place] = free.share(free.values[other])
+                    moved.append(neighbour)
+        return moved
 
     def sensor_choices(self) -> dict[str, tuple[str, ...]]:
         """Bases that each free choice of a sensor has, by its key."""
@@ -238,7 +286,8 @@ def _free_key(key: str, entry: FreeFile, bases: Mapping[str, Sequence[Base]], wh
                     hint = f"did you mean {ends[0]}?" if ends else did_you_mean(plain, list(numbers))
                     raise InputError(f"{where}: {base.name} has no number of that name; {hint}".rstrip("; "))
     if entry.choices is not None:
-        return Free(key=key, values=entry.choices)
+        choices = Free(key=key, values=entry.choices)
+        return replace(choices, values=tuple(sorted(choices.values))) if choices.is_ordered else choices
     assert entry.low is not None
     assert entry.high is not None
     if entry.step is None and not whole:
@@ -253,13 +302,13 @@ def _free_key(key: str, entry: FreeFile, bases: Mapping[str, Sequence[Base]], wh
     return Free(key=key, values=tuple(values))
 
 
-def _entry_number(key: str) -> tuple[str, int | None]:
+def entry_number(key: str) -> tuple[str, int | None]:
     """Key and number of an entry of its list: `mounting.position_m[2]`; None for a plain key."""
     plain, bracket, number = key.partition("[")
     return (plain, int(number[:-1])) if bracket and number[:-1].isdecimal() and number.endswith("]") else (key, None)
 
 
-def _list_of(tables: Mapping[str, Any], key: str) -> list[Any] | None:
+def list_under(tables: Mapping[str, Any], key: str) -> list[Any] | None:
     """List under a key; the origin for a position that the file leaves out."""
     value: Any = tables
     for part in key_path(key):
@@ -273,9 +322,9 @@ def has_number(tables: Mapping[str, Any], key: str) -> bool:
     """Whether a sensor file has a number under a key, also within lists."""
     if key in TURNS or key in numeric_keys(tables):
         return True
-    plain, number = _entry_number(key)
+    plain, number = entry_number(key)
     if number is not None:
-        entries = _list_of(tables, plain)
+        entries = list_under(tables, plain)
         return entries is not None and number < len(entries)
     value: Any = tables
     for part in number_list_entries(key_path(key), tables):
@@ -287,9 +336,9 @@ def _merged(tables: Mapping[str, Any], changes: Sequence[tuple[str, Any]]) -> di
     """Changed keys and their values; entries of one list become one list."""
     merged: dict[str, Any] = {}
     for key, value in changes:
-        plain, number = _entry_number(key)
+        plain, number = entry_number(key)
         if number is None:
             merged[key] = value
         else:
-            merged.setdefault(plain, _list_of(tables, plain) or [])[number] = value
+            merged.setdefault(plain, list_under(tables, plain) or [])[number] = value
     return merged

@@ -34,7 +34,7 @@ class ActiveConstraints:
     Attributes:
         objective: what a bound that gives way improves
         costs: bound -> percent by which it would improve if the bound gave way by one percent
-        held: keys at an end of their range
+        held: continuous keys at an end of their range
         stands: whether the bounds explain the gradient, so that this is an optimum and the costs mean something
         methods: quantity by name -> how its slopes were found (`slopes.Slopes`)
     """
@@ -44,6 +44,19 @@ class ActiveConstraints:
     held: tuple[str, ...]
     stands: bool
     methods: Mapping[str, str]
+
+
+def at_an_end(space: DesignSpace, design: Design) -> tuple[str, ...]:
+    """Keys of numbers that a design has at an end of their range."""
+    shares = {free.key: free.share(design.values[free.key]) for free in space.free if free.key in design.values}
+    # The least and the largest of n values stand half a place from the ends.
+    return tuple(
+        free.key
+        for free in space.free
+        if free.key in shares and (free.is_continuous or free.is_ordered)
+        for margin in [ACTIVE if free.is_continuous else 0.75 / len(free.values)]
+        if not margin < shares[free.key] < 1.0 - margin
+    )
 
 
 def limits_of(

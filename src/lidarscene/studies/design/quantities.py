@@ -9,28 +9,31 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
+from statistics import NormalDist
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from ...errors import InputError, did_you_mean
-from ...files.overrides import assignments, get_entry, key_path, number_list_entries, with_overrides
+from ...files.overrides import get_entry, key_path, number_list_entries, with_overrides
 from ...maths.arrays import Numbers
 from ...maths.pose import Pose
+from ...maths.units import key_in_si
 from ...physics.optics.pulse import pulse_energy_j
 from ...sensor.sensor_model import Sensor
 from .. import published_values
 from ..eye_safety.exposure import stationary_train
-from ..eye_safety.eye_safety_report import EyeSafetyReport, eye_safety_report
+from ..eye_safety.eye_safety_report import EyeSafetyReport, eye_safety_report, not_known
 from ..field_of_view.pattern_coverage import cell_maps, field_cells, fired_pulses
 from ..field_of_view.sphere_cells import SphereCells
-from ..ranging import plane, statistics
+from ..ranging import equal_terms, plane, statistics
 from ..ranging.curves import with_haze
+from ..ranging.sensitivities import parameters
 from ..ranging.sweep_axes import numeric_keys
-from .designs import TURNS, Chosen, DesignSpace, Values, has_number
+from .designs import TURNS, Chosen, DesignSpace, Values, entry_number, has_number, list_under
 from .study_file import CLOSED_FORM, QUANTITIES, TRACED, QuantityFile, StudyFile
 
 if TYPE_CHECKING:
@@ -39,6 +42,12 @@ if TYPE_CHECKING:
     from ..compare.bench import Bench
 
 Formula = Callable[[Sensor, QuantityFile], float]
+
+CostTables = Mapping[str, Sequence[tuple[float | str, float]]]
+"""Pairs of value and cost by key of the sensor file."""
+
+NOT_JUDGED = 1e9
+"""Choice: margin of a sensor of which class 1 cannot be judged: no bound, and a number that optimisers take."""
 
 _REFERENCE_W = 1.0
 """Choice: peak power for which the report of eye safety is made; emissions are linear in it."""
@@ -59,6 +68,9 @@ class Evaluator:
         """
         self.study, self.space = study, space
         self.entries = {**study.objectives, **study.constraints}
+        self._tolerances = {
+            name: half * factor for key, half in study.tolerance.items() for name, factor in [key_in_si(key)]
+        }
         self._reports: dict[Any, EyeSafetyReport] = {}
         try:
             self._bench = _bench(study, folder) if study.is_traced else None
@@ -73,6 +85,8 @@ class Evaluator:
             if quantity in TRACED:
                 assert self._bench is not None
                 bodies_of_class(self._bench.scene, entry.class_name, f"{where}: {name}")
+            if quantity == "range_of_units":
+                self._check_tolerances(entry, where)
             if quantity in QUANTITIES:
                 continue
             for base in self.space.bases[entry.sensor or next(iter(self.space.bases))]:
@@ -81,8 +95,29 @@ class Evaluator:
                     message = f"{where}: {name}: must be of a quantity or a number of {base.name}, got '{quantity}'"
                     raise InputError(f"{message}; {hint}".rstrip("; "))
 
-    def __call__(self, values: Values) -> dict[str, float]:
-        """Objectives and constraints of a design by name.
+    def _check_tolerances(self, entry: QuantityFile, where: str) -> None:
+        for base in self.space.bases[self.label_of(entry)]:
+            if base.tables is None:
+                continue
+            sensor = Chosen(base=base, changes={}).sensor()
+            known = parameters(sensor, target_of(sensor, entry))
+            for key in self.study.tolerance:
+                if key_in_si(key)[0] not in known:
+                    hint = did_you_mean(key, list(numeric_keys(base.tables)))
+                    message = f"{where}: tolerance.{key}: must be a number that the range of {base.name} depends on"
+                    raise InputError(f"{message}; {hint}".rstrip("; "))
+
+    def range_interval_m(self, entry: QuantityFile, values: Values) -> tuple[float, float] | None:
+        """Ends of the range of a design that the uncertainties of its sensor file give; None without any."""
+        sensor = self.space.sensors(values).get(self.label_of(entry))
+        if sensor is None:
+            return None
+        target = target_of(sensor, entry)
+        range_m = plane.range_at_probability_m(sensor, target, entry.probability)
+        return equal_terms.range_interval_m(sensor, target, range_m, probability=entry.probability)
+
+    def __call__(self, values: Values, names: Collection[str] | None = None) -> dict[str, float]:
+        """Objectives and constraints of a design by name; of these names only, if given.
 
         Raises:
             InputError: for a sensor that cannot be
@@ -92,29 +127,47 @@ class Evaluator:
         traced: dict[float | None, _Seen] = {}
         results = {}
         for name, entry in self.entries.items():
+            if names is not None and name not in names:
+                continue
             if entry.quantity_name in TRACED:
                 klux = entry.illuminance if "illuminance" in entry.model_fields_set else None
                 if klux not in traced:
                     traced[klux] = self._trace(sensors, klux)
                 results[name] = traced[klux].quantity(entry)
             else:
-                label = self.label_of(entry)
-                # A sensor that is left out finds nothing, and costs nothing.
-                results[name] = self.closed_form(entry, chosen[label], sensors[label]) if label in sensors else 0.0
+                results[name] = self.closed_form(entry, chosen, sensors)
         return results
 
     def label_of(self, entry: QuantityFile) -> str:
         """Label of the sensor that a quantity is of."""
         return entry.sensor or next(iter(self.space.bases))
 
-    def closed_form(self, entry: QuantityFile, chosen: Chosen, sensor: Sensor) -> float:
-        """Quantity of one sensor that is not traced, or number of its file."""
-        quantity = entry.quantity_name
+    def closed_form(self, entry: QuantityFile, chosen: Mapping[str, Chosen], sensors: Mapping[str, Sensor]) -> float:
+        """Quantity that is not traced, or number of a sensor file; 0 of a sensor that is left out."""
+        quantity, label = entry.quantity_name, self.label_of(entry)
+        if quantity == "cost":
+            return _cost(chosen, self.study.cost)
+        if label not in sensors:
+            return 0.0
+        sensor = sensors[label]
         if quantity == "class_1_margin":
             return self.eye_safety(sensor, entry.motion).margin
+        if quantity == "class_1":
+            return self._class_1(sensor, entry.motion)
+        if quantity == "range_of_units":
+            return range_of_units_m(
+                sensor, target_of(sensor, entry), self._tolerances, units=entry.units, probability=entry.probability
+            )
         if quantity in CLOSED_FORM:
             return _FORMULAS[quantity](sensor, entry)
-        return _number(chosen.base.tables or {}, chosen.changes, quantity)
+        return float(_value(chosen[label], quantity))
+
+    def _class_1(self, sensor: Sensor, motion: str) -> float:
+        """Margin of class 1; `NOT_JUDGED` where the pulse is not known, or no table has it."""
+        try:
+            return NOT_JUDGED if not_known(sensor) else self.eye_safety(sensor, motion).margin
+        except InputError:
+            return NOT_JUDGED
 
     def eye_safety(self, sensor: Sensor, motion: str) -> EyeSafetyReport:
         """Report of a sensor. The scan's geometry is traced once for all designs that differ in power only."""
@@ -195,17 +248,41 @@ def _scan_key(sensor: Sensor) -> str:
     )
 
 
-def _number(tables: Mapping[str, Any], changes: Mapping[str, Any], key: str) -> float:
-    """Number under a key of a sensor file with these changes, or its default."""
-    value: Any = with_overrides(tables, assignments(changes))
+def _value(chosen: Chosen, key: str) -> Any:
+    """Value under a key of a sensor file with its changes, or its default."""
+    value: Any = with_overrides(chosen.base.tables or {}, chosen.assignments)
     entry = numeric_keys(value).get(key)
     if entry is not None:
         return math.nan if entry.value is None else entry.value
     if key in TURNS:
-        return float(value.get("mounting", {}).get(key.partition(".")[2], 0.0))
+        return value.get("mounting", {}).get(key.partition(".")[2], 0.0)
+    plain, number = entry_number(key)
+    if number is not None and (entries := list_under(value, plain)) is not None:
+        return entries[number]
     for part in number_list_entries(key_path(key), value):
         value = get_entry(value, int(part) if isinstance(value, list) else part)
-    return float(value)
+    return value
+
+
+def _cost(chosen: Mapping[str, Chosen], costs: CostTables, where: str = "cost") -> float:
+    """Sum of the costs of all sensors.
+
+    Raises:
+        InputError: for a value whose cost is not given
+    """
+    total = 0.0
+    for placed in chosen.values():
+        for key, pairs in costs.items():
+            value = placed.base.name if key == "sensor" else _value(placed, key)
+            known = dict(pairs)
+            if value in known:
+                total += known[value]
+                continue
+            numbers = sorted((x, cost) for x, cost in pairs if not isinstance(x, str))
+            if isinstance(value, str) or value is None or not numbers or not numbers[0][0] <= value <= numbers[-1][0]:
+                raise InputError(f"{where}.{key}: must have a cost of {value!r}, got {', '.join(map(str, known))}")
+            total += float(np.interp(value, [x for x, _ in numbers], [cost for _, cost in numbers]))
+    return total
 
 
 def bodies_of_class(scene: Scene, class_name: str | None, where: str = "class") -> list[int]:
@@ -225,6 +302,21 @@ def target_of(sensor: Sensor, entry: QuantityFile) -> plane.Target:
     """Plane target of a quantity; the extinction of its air depends on the sensor's wavelength."""
     conditions = entry.conditions()
     return with_haze(sensor, conditions.target(), conditions.visibility_m)
+
+
+def range_of_units_m(
+    sensor: Sensor, target: plane.Target, tolerances: Mapping[str, float], *, units: float, probability: float
+) -> float:
+    """Range that a share of built units reach: R - z sigma_R, for independent normal numbers (T223).
+
+    Args:
+        tolerances: half of the interval of 95 % of the units by dotted name, in SI units
+        units: share of them, z its normal quantile
+    """
+    range_m = plane.range_at_probability_m(sensor, target, probability)
+    moves = equal_terms.range_moves_m(sensor, target, range_m, tolerances, probability=probability)
+    sigma_m = math.hypot(*(0.5 * (moves[:, 1] - moves[:, 0]))) / NormalDist().inv_cdf(0.975)
+    return max(range_m - NormalDist().inv_cdf(units) * sigma_m, 0.0)
 
 
 def _scatter_mm(sensor: Sensor, entry: QuantityFile) -> float:
@@ -260,10 +352,19 @@ _FORMULAS: dict[str, Formula] = {
     ),
     "snr": lambda sensor, entry: float(plane.snr(sensor, target_of(sensor, entry), entry.distance)[0]),
     "scatter_mm": _scatter_mm,
-    "false_points": lambda sensor, entry: statistics.false_points(sensor, target_of(sensor, entry)).per_frame,
+    # In the light of the plane: in the dark of the sky the threshold of a SiPM is its floor, and no key moves it.
+    "false_points": lambda sensor, entry: statistics.false_points(sensor, target_of(sensor, entry), math.inf).per_frame,
     "mean_power_mw": lambda sensor, entry: 1e3 * mean_power_w(sensor),
     "aperture_area_mm2": lambda sensor, entry: 1e6 * float(sensor.optics.aperture_m2),
     "points_per_s": lambda sensor, entry: published_values.points_per_second(sensor),
+    "pulses_per_frame": lambda sensor, entry: float(sensor.scanner.pulses),
+    "frame_s": lambda sensor, entry: sensor.scanner.frame_s,
+    "beams": lambda sensor, entry: float(
+        len(np.unique(sensor.scanner.channel(np.arange(sensor.scanner.pulses, dtype=np.uint32))))
+    ),
+    "data_rate_mbit_s": lambda sensor, entry: (
+        1e-6 * published_values.points_per_second(sensor) * sensor.tdc.stops * entry.bits_per_point
+    ),
     "coverage": _coverage,
     "revisit_s": _revisit_s,
 }

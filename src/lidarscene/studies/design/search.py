@@ -1,18 +1,21 @@
 """Search for the designs that no other beats in all objectives.
 
-A Sobol sequence first. Several objectives, or choices and whole numbers: then NSGA-II (pymoo). What is not traced is
-smooth: SLSQP (scipy) goes on from the best designs, by their slopes, along the front with the other objectives as
-constraints. One traced objective over continuous keys: COBYQA (scipy), which needs no slopes. All designs that were
-tried count for the result, not only the last ones.
+A finite space that is no larger than the budget is tried whole. Else a Sobol sequence first. Several objectives, or
+choices and whole numbers: then NSGA-II (pymoo). What is not traced is smooth: SLSQP (scipy) goes on from the best
+designs, by their slopes, along the front with the other objectives as constraints. One traced objective over continuous
+keys: COBYQA (scipy), which needs no slopes. Whole numbers, steps and choices are then moved to their neighbours, until
+no neighbour of a best design is better. All designs that were tried count for the result, not only the last ones.
 
 Every evaluation is written down. A search that is killed and run again meets the same designs in the same order, finds
 them there, and goes on where it stopped.
 
-Sources: Deb 2002 (NSGA-II); Ragonneau and Zhang 2023 (COBYQA); Kraft 1988 (SLSQP).
+Sources: Deb 2002 (NSGA-II); Ragonneau and Zhang 2023 (COBYQA); Kraft 1988 (SLSQP); Audet and Dennis 2001 (neighbours
+of mixed variables).
 """
 
 from __future__ import annotations
 
+import contextlib
 import functools
 import json
 import math
@@ -45,7 +48,9 @@ _IDLE = 10  # generations without a new design after which NSGA-II ends
 _LARGE = 1e30
 """Choice: number in place of an infinite one: pymoo computes differences."""
 
+_PATIENCE = 12  # new designs without a better one after which SLSQP ends
 _STARTS = 4  # designs from which a search for one objective goes on
+_MOST_PROMISING = 2  # neighbours of a design that are looked at on the way along a front
 _PLACES_OF_FRONT = 64  # places of a front to which a search goes, while evaluations remain
 
 
@@ -56,6 +61,7 @@ class Log:
     Attributes:
         slopes: of the quantities of a design, for steps; not counted as evaluations. None: differences of ``evaluate``
         progress: called with the number of evaluations so far, the greatest number, and words on the front so far
+        ending: why `search` ended
     """
 
     study: StudyFile
@@ -66,6 +72,7 @@ class Log:
     progress: Callable[[int, int, str], object] = lambda count, total, words: None
     designs: dict[str, Design] = field(default_factory=dict)
     recorded: dict[str, Design] = field(default_factory=dict)
+    ending: str = ""
     _text: str = field(default="", init=False)
     _next_text_s: float = field(default=0.0, init=False)
 
@@ -129,47 +136,163 @@ class Log:
 
 def search(log: Log) -> list[Design]:
     """Search by the methods that suit the study; returns all designs that were tried, in order."""
-    study, keys = log.study, len(log.space.free)
-    alone_and_smooth = len(study.objectives) == 1 and all(free.is_continuous for free in log.space.free)
+    try:
+        log.ending = _search(log)
+    except _NoneRemain:
+        log.ending = f"all {log.study.evaluations} evaluations were used"
+    return list(log.designs.values())
+
+
+def _search(log: Log) -> str:
+    """Search until the best designs are at rest; returns why it ended.
+
+    Raises:
+        _NoneRemain: where the evaluations end first
+    """
+    study, space = log.study, log.space
+    everything = space.every_design(study.evaluations)
+    if everything is not None:
+        log.ask(everything)
+        return f"all {len(log.designs)} designs of the study were tried"
+    keys = len(space.free)
+    is_smooth = all(free.is_continuous for free in space.free)
+    alone_and_smooth = len(study.objectives) == 1 and is_smooth
     count = min(max(study.evaluations // 3, 2), 64 * keys)
     first = _sobol(keys, count if alone_and_smooth else min(count, _POPULATION), study.seed)
     log.ask(first)
-    try:
-        if not alone_and_smooth:
-            # What is not traced is smooth: two thirds of the designs are left for the steps along the front.
-            _nsga(log, first, leaving=0 if study.is_traced else 2 * study.evaluations // 3)
-        if study.is_traced:
-            if alone_and_smooth:
-                for start in _starts(log, _STARTS):
-                    _cobyqa(log, start)
-        elif len(study.objectives) == 1:
-            for start in _starts(log, _STARTS):
-                _slsqp(log, start, ftol=1e-12)
-        else:
-            _follow_front(log)
-    except _NoneRemain:
-        pass
-    return list(log.designs.values())
+    if not alone_and_smooth:
+        # What is not traced is smooth: two thirds of the designs are left for the steps along the front.
+        leaving = 2 * study.evaluations // 3 if not study.is_traced else 0 if is_smooth else study.evaluations // 3
+        _nsga(log, first, leaving=leaving)
+    if len(study.objectives) == 1:
+        for number, start in enumerate(_starts(log, _STARTS)):
+            _descend(log, start)
+            if number == 0 and not study.is_traced:
+                # A constraint of counts, such as false alarms of SPADs, goes in steps: slopes lead nowhere there.
+                _cobyqa(log, *_starts(log, 1))
+    else:
+        _follow_front(log)
+    return f"{log.remaining} of {study.evaluations} evaluations were left: no step from a best design gave a better one"
+
+
+def _descend(
+    log: Log, start: Numbers, objective: int = 0, allowed: Numbers | None = None, *, thorough: bool = True
+) -> None:
+    """Go from a design, as shares, to the best one for an objective that steps and neighbours lead to.
+
+    Continuous keys go by a library, the others from neighbour to neighbour. A neighbour counts with what its continuous
+    keys reach from there; the most promising ones first.
+
+    Args:
+        allowed: (objectives - 1,) largest losses of the objectives after the first; None: any
+        thorough: look at every neighbour before this ends, not only at the most promising ones
+    """
+
+    def rank(shares: Numbers) -> tuple[float, ...]:
+        return _rank(log.study, _evaluated(log, shares), objective, allowed)
+
+    best: Numbers | None = _refined(log, start, objective, allowed)
+    while best is not None:
+        neighbours = log.space.neighbours(best)
+        if len(neighbours):
+            log.ask(np.array(neighbours))
+        promised = _promised(log, best, neighbours, objective, allowed)
+        order = sorted(range(len(neighbours)), key=lambda place: promised[place])
+        present, best = rank(best), None
+        for place in order if thorough else order[:_MOST_PROMISING]:
+            if log.study.is_traced and promised[place] >= present:
+                break
+            reached = _refined(log, neighbours[place], objective, allowed)
+            if rank(reached) < present:
+                best = reached
+                break
+
+
+def _promised(
+    log: Log, best: Numbers, neighbours: Sequence[Numbers], objective: int, allowed: Numbers | None
+) -> list[tuple[float, ...]]:
+    """`_rank` that each neighbour of a design may reach by its continuous keys, were its quantities linear in them.
+
+    With the slopes of the design itself, in proportion to the neighbour's quantities. Of what is traced, and without
+    continuous keys, the neighbours as they are.
+    """
+    from scipy.optimize import linprog
+
+    study, space = log.study, log.space
+    ranks = [_rank(study, _evaluated(log, neighbour), objective, allowed) for neighbour in neighbours]
+    free = np.flatnonzero([entry.is_continuous for entry in space.free])
+    design = _evaluated(log, best)
+    slopes = None if study.is_traced or not len(free) or design.reason else log.slopes_of(design)
+    if slopes is None:
+        return ranks
+    loss, loss_slope, slack_slope = losses(study, design), loss_slopes(study, slopes), slack_slopes(study, slopes)
+    for place, neighbour in enumerate(neighbours):
+        near = _evaluated(log, neighbour)
+        if near.reason:
+            continue
+        there = losses(study, near)
+        scale = np.where((there * loss > 0.0) & np.isfinite(there), there / np.where(loss == 0.0, 1.0, loss), 1.0)
+        downhill = loss_slope * scale[:, None]
+        slack = np.array([*slacks(study, near).values()]) - INSIDE
+        rows, rest = [-slack_slope], [slack]
+        if allowed is not None:
+            rows.append(downhill[1:])
+            rest.append(allowed - there[1:])
+        answer = linprog(
+            downhill[objective],
+            A_ub=np.concatenate(rows),
+            b_ub=np.concatenate(rest),
+            bounds=[(-share, 1.0 - share) for share in neighbour[free]],
+        )
+        if answer.success:
+            ranks[place] = (0.0, float(there[objective] + answer.fun), *ranks[place][1:])
+    return ranks
+
+
+def _refined(log: Log, start: Numbers, objective: int, allowed: Numbers | None) -> Numbers:
+    """Best design that the continuous keys reach from a design, among all that are tried on the way; as shares."""
+    before = len(log.designs)
+    if not log.study.is_traced:
+        ftol = 1e-12 if len(log.study.objectives) == 1 else 1e-9 if allowed is None else 1e-6
+        _slsqp(log, start, ftol=ftol, objective=objective, allowed=allowed)
+    elif len(log.study.objectives) == 1:
+        _cobyqa(log, start)
+    tried = [_evaluated(log, start), *list(log.designs.values())[before:]]
+    return _shares(log.space, min(tried, key=lambda design: _rank(log.study, design, objective, allowed)))
+
+
+def _rank(study: StudyFile, design: Design, objective: int, allowed: Numbers | None) -> tuple[float, ...]:
+    """Order of designs for an objective: the worst broken bound first, then the loss, then those of the others."""
+    loss = losses(study, design)
+    broken = max(float(np.max(_violations(study, design))), 0.0)
+    if allowed is not None:
+        broken = max(broken, *((loss[1:] - allowed) / np.where(allowed == 0.0, 1.0, np.abs(allowed))))
+    return broken, float(loss[objective]), *loss.tolist()
 
 
 def _starts(log: Log, count: int) -> list[Numbers]:
     """Best designs so far for the first objective, as shares: the least broken bound counts first."""
-    designs = list(log.designs.values())
-    broken = [max(float(np.max(_violations(log.study, design))), 0.0) for design in designs]
-    loss = [float(losses(log.study, design)[0]) for design in designs]
-    order = sorted(range(len(designs)), key=lambda number: (broken[number], loss[number]))
-    return [_shares(log.space, designs[number]) for number in order[:count]]
+    designs = sorted(log.designs.values(), key=lambda design: _rank(log.study, design, 0, None))
+    return [_shares(log.space, design) for design in designs[:count]]
 
 
 def _follow_front(log: Log) -> None:
-    """Go to the ends of the front, then to places between, evenly in each objective after the first."""
+    """Go to the ends of the front, then to places between, evenly in each objective after the first.
+
+    Of keys with finitely many values, each design of the front is moved: to its most promising neighbours, then to all.
+    """
     study = log.study
-    for objective in range(len(study.objectives)):
-        best = front(study, list(log.designs.values()))
-        if not best:
-            best = [min(log.designs.values(), key=lambda design: float(np.max(_violations(study, design))))]
-        start = min(best, key=lambda design: float(losses(study, design)[objective]))
-        _slsqp(log, _shares(log.space, start), ftol=1e-9, objective=objective)
+    is_smooth = all(free.is_continuous for free in log.space.free)
+    for thorough in (True,) if is_smooth else (False, True):
+        for objective in range(len(study.objectives)):
+            start = min(log.designs.values(), key=lambda design: _rank(study, design, objective, None))
+            _descend(log, _shares(log.space, start), objective, thorough=thorough)
+        before: list[Design] = []
+        while not is_smooth and (best := front(study, list(log.designs.values()))) != before:
+            before = best
+            for place in sorted(range(len(best)), key=lambda place: min(place, len(best) - 1 - place)):  # ends first
+                allowed = losses(study, best[place])[1:]
+                _descend(log, _shares(log.space, best[place]), allowed=allowed, thorough=thorough)
     values = np.array([losses(study, design) for design in front(study, list(log.designs.values()))])
     for share in _sobol(len(study.objectives) - 1, _PLACES_OF_FRONT, study.seed) if len(values) else ():
         best = front(study, list(log.designs.values()))
@@ -178,7 +301,7 @@ def _follow_front(log: Log) -> None:
         allowed = low + span * share
         scaled = (values[:, 1:] - allowed) / np.where(span > 0.0, span, 1.0)
         start = best[int(np.argmin(np.linalg.norm(scaled, axis=1)))]
-        _slsqp(log, _shares(log.space, start), ftol=1e-6, allowed=allowed)
+        _descend(log, _shares(log.space, start), allowed=allowed)
 
 
 def _shares(space: DesignSpace, design: Design) -> Numbers:
@@ -255,6 +378,11 @@ def _sobol(dimensions: int, count: int, seed: int) -> Numbers:
     return np.asarray(qmc.Sobol(dimensions, rng=np.random.default_rng(seed)).random_base2(power)[:count])
 
 
+def probes(keys: int) -> Numbers:
+    """(n, keys) shares of a few designs: both ends of all keys, and some between."""
+    return np.concatenate([np.zeros((1, keys)), np.ones((1, keys)), _sobol(keys, 6, 0)])
+
+
 def _violations(study: StudyFile, design: Design | None) -> Numbers:
     """(bounds,) excess over each bound less `INSIDE`, over its size; inf for a design that cannot be."""
     count = sum((entry.at_least is not None) + (entry.at_most is not None) for entry in study.constraints.values())
@@ -298,6 +426,10 @@ class _NoneRemain(Exception):
     """The allowed number of evaluations is used up."""
 
 
+class _NoProgress(Exception):
+    """A step of a library has led to nothing better for `_PATIENCE` new designs."""
+
+
 def _evaluated(log: Log, shares: Numbers) -> Design:
     answer = log.ask(shares)[0]
     if answer is None:
@@ -320,10 +452,17 @@ def _slsqp(log: Log, start: Numbers, *, ftol: float, objective: int = 0, allowed
     present = losses(study, _evaluated(log, start))
     size = np.where(np.isfinite(present) & (present != 0.0), np.abs(present), 1.0)
 
+    best, since = _rank(study, _evaluated(log, start), objective, allowed), len(log.designs)
+
     def design_at(shares: Numbers) -> Design:
-        moved = np.array(start)
-        moved[free] = shares
-        return _evaluated(log, moved)
+        # Where a quantity goes in steps, SLSQP halves its step until nothing of it is left.
+        nonlocal best, since
+        design = _evaluated(log, _moved(start, free, shares))
+        if (rank := _rank(study, design, objective, allowed)) < best:
+            best, since = rank, len(log.designs)
+        if len(log.designs) - since > _PATIENCE:
+            raise _NoProgress
+        return design
 
     def loss(shares: Numbers) -> float:
         return float(losses(study, design_at(shares))[objective] / size[objective])
@@ -349,39 +488,48 @@ def _slsqp(log: Log, start: Numbers, *, ftol: float, objective: int = 0, allowed
             of_slacks = np.zeros((1, len(free)))
         return of_losses, of_slacks if allowed is None else np.concatenate([of_slacks, -of_losses[1:]])
 
-    minimize(
-        loss,
-        start[free],
-        method="SLSQP",
-        jac=lambda shares: slopes_at(shares.tobytes())[0][objective],
-        bounds=[(0.0, 1.0)] * len(free),
-        constraints=[{"type": "ineq", "fun": bounded, "jac": lambda shares: slopes_at(shares.tobytes())[1]}],
-        options={"ftol": ftol, "maxiter": 100},
-    )
+    with contextlib.suppress(_NoProgress):
+        minimize(
+            loss,
+            start[free],
+            method="SLSQP",
+            jac=lambda shares: slopes_at(shares.tobytes())[0][objective],
+            bounds=[(0.0, 1.0)] * len(free),
+            constraints=[{"type": "ineq", "fun": bounded, "jac": lambda shares: slopes_at(shares.tobytes())[1]}],
+            options={"ftol": ftol, "maxiter": 100},
+        )
 
 
 def _cobyqa(log: Log, start: Numbers) -> None:
-    """COBYQA from a design."""
+    """COBYQA from a design, over the continuous keys."""
     from scipy.optimize import Bounds, NonlinearConstraint, minimize
 
     study = log.study
+    free = np.flatnonzero([entry.is_continuous for entry in log.space.free])
+    if not len(free):
+        return
     size = abs(float(losses(study, _evaluated(log, start))[0])) or 1.0
 
-    def excess(shares: Numbers) -> Numbers:
-        return np.minimum(_violations(study, _evaluated(log, shares)), 1e6)
+    def design_at(shares: Numbers) -> Design:
+        return _evaluated(log, _moved(start, free, shares))
 
     minimize(
-        lambda shares: min(float(losses(study, _evaluated(log, shares))[0]) / size, 1e6),
-        start,
+        lambda shares: min(float(losses(study, design_at(shares))[0]) / size, 1e6),
+        start[free],
         method="COBYQA",
-        bounds=Bounds(np.zeros(len(start)), np.ones(len(start))),
+        bounds=Bounds(np.zeros(len(free)), np.ones(len(free))),
         constraints=[
-            NonlinearConstraint(
-                lambda shares: np.minimum(_violations(study, _evaluated(log, shares)), 1e6), -np.inf, 0.0
-            )
+            NonlinearConstraint(lambda shares: np.minimum(_violations(study, design_at(shares)), 1e6), -np.inf, 0.0)
         ],
         options={"initial_tr_radius": 0.1, "final_tr_radius": 1e-4},
     )
+
+
+def _moved(start: Numbers, free: Numbers, shares: Numbers) -> Numbers:
+    """Design with other shares of its continuous keys."""
+    moved = np.array(start)
+    moved[free] = shares
+    return moved
 
 
 def _design(values: Values, answer: dict[str, float] | str) -> Design:

@@ -30,7 +30,7 @@ from ...sensor.sensor_model import Sensor
 from ..ranging import plane, sensitivities
 from .designs import Chosen, Design, DesignSpace, Free, Values
 from .quantities import Evaluator, target_of
-from .study_file import TRACED, QuantityFile
+from .study_file import OF_ALL_SENSORS, TRACED, QuantityFile
 
 Evaluate = Callable[[Values], Mapping[str, float]]
 """Function of a design; returns its quantities by name. Raises InputError for one that cannot be."""
@@ -88,7 +88,7 @@ def derivatives(evaluator: Evaluator) -> SlopesOf:
             methods[quantity_name] = DIFFERENCES
             if quantity_name in traced:
                 continue
-            if label not in sensors:
+            if label not in sensors and entry.quantity_name not in OF_ALL_SENSORS:
                 slopes[quantity_name] = np.zeros(len(sides))
                 continue
             numbers: dict[str, float] | None = None
@@ -108,7 +108,7 @@ def derivatives(evaluator: Evaluator) -> SlopesOf:
                     if side is None
                     else sum(numbers[number] * slope for number, slope in numbers_moved.items())
                     if numbers is not None and numbers_moved is not None
-                    else _difference(evaluator, entry, label, side)
+                    else _difference(evaluator, entry, side)
                     for side, numbers_moved in zip(sides, moved, strict=True)
                 ]
             )
@@ -264,8 +264,6 @@ def _same(first: Any, second: Any) -> bool:
     return bool(first == second)
 
 
-def _difference(evaluator: Evaluator, entry: QuantityFile, label: str, side: _Sides) -> float:
-    low, high = (
-        evaluator.closed_form(entry, placed.chosen[label], placed.sensors[label]) for placed in (side.low, side.high)
-    )
+def _difference(evaluator: Evaluator, entry: QuantityFile, side: _Sides) -> float:
+    low, high = (evaluator.closed_form(entry, placed.chosen, placed.sensors) for placed in (side.low, side.high))
     return (high - low) / side.width if np.isfinite(high - low) else 0.0

@@ -19,14 +19,21 @@ MOST_EVALUATIONS = 1_000_000
 
 CLOSED_FORM = {
     "range": "farthest at which a plane is detected with `probability`, at most the converter's window",
+    "range_of_units": "range that the share `units` of built ones reach, by the study's `[tolerance]`",
     "detection_probability": "P_d of a plane at `distance`",
     "snr": "signal-to-noise ratio of a plane at `distance`",
     "scatter_mm": "standard deviation of the reported range of a plane at `distance`, from 20,000 simulated shots",
-    "false_points": "expected false alarms among the points of a frame, all pulses on the sky",
+    "false_points": "expected false alarms among the points of a frame, all pulses on the plane but beyond its echo",
     "class_1_margin": "limit of class 1 over emission; at least 1 is class 1",
+    "class_1": "the same of a sensor that can be judged; a billion where its pulse is not known or no table has it",
     "mean_power_mw": "energy of a pulse times pulses per second, all shots counted",
     "aperture_area_mm2": "of the receiver's lens",
     "points_per_s": "pulses per second",
+    "pulses_per_frame": "pulses of a frame",
+    "frame_s": "time of a frame",
+    "beams": "channels that a frame has",
+    "data_rate_mbit_s": "of all returns of all pulses, with `bits_per_point`",
+    "cost": "sum of `[cost]` over all sensors",
     "coverage": "share of the field of view that has a pulse before `time_s`",
     "revisit_s": "mean time between visits of a cell, over `time_s`",
 }
@@ -35,16 +42,24 @@ TRACED = {
     "bodies_detected": "mean probability that a body of the class has at least `least_points` points",
 }
 """Quantities that need a scene and a back end."""
+OF_ALL_SENSORS = {*TRACED, "cost"}
+"""Quantities of a design as a whole."""
 UNITS = {
     "range": "m",
+    "range_of_units": "m",
     "scatter_mm": "mm",
     "mean_power_mw": "mW",
     "aperture_area_mm2": "mm²",
     "points_per_s": "1/s",
+    "frame_s": "s",
+    "data_rate_mbit_s": "Mbit/s",
     "revisit_s": "s",
 }
 QUANTITIES = CLOSED_FORM | TRACED
 """Names of quantities, with their meanings; any number of a sensor file is one too, by its key."""
+
+CLASS_1 = "class 1"
+"""Name of the constraint that a study has unless its `eye_safety` is off."""
 
 
 class FreeFile(FileModel):
@@ -54,8 +69,8 @@ class FreeFile(FileModel):
     high: float | None = Field(default=None, description="largest value")
     step: Annotated[float, Field(gt=0)] | None = Field(default=None, description="between values; any if left out")
     log: bool = Field(default=False, description="search in equal ratios, not in equal steps")
-    choices: tuple[float | int | bool | str, ...] | None = Field(
-        default=None, description="values, in place of low and high"
+    choices: tuple[float | int | bool | str | dict[str, Any], ...] | None = Field(
+        default=None, description="values, in place of low and high; a table stands in place of the file's"
     )
 
     @model_validator(mode="after")
@@ -86,6 +101,7 @@ class QuantityFile(FileModel):
 
     sensor: str | None = Field(default=None, description="label, of a study with several sensors")
     probability: Annotated[float, Field(gt=0, lt=1)] = Field(default=0.9, description="P_d at the range")
+    units: Annotated[float, Field(ge=0.5, lt=1)] = Field(default=0.95, description="share of the built units")
     distance: float = Field(default=100.0, description="of the plane, m")
     illuminance: float = Field(default=100.0, description="of the sun, klux")
     sun_angle: float = Field(default=60.0, description="between sun and normal of the plane, degrees")
@@ -100,6 +116,9 @@ class QuantityFile(FileModel):
     cell_deg: Annotated[float, Field(ge=0.02, le=10)] = Field(default=0.28, description="for coverage and revisit_s")
     class_name: str | None = Field(default=None, alias="class", description="of the bodies; all if left out")
     least_points: Annotated[int, Field(ge=1, le=10_000)] = Field(default=5, description="for bodies_detected")
+    bits_per_point: Annotated[int, Field(ge=1, le=10_000)] = Field(
+        default=128, description="for data_rate_mbit_s: x, y, z and intensity in single precision"
+    )
 
     @property
     def quantity_name(self) -> str:
@@ -119,22 +138,25 @@ _CONDITIONS = ("distance", "illuminance", "sun_angle", "reflectivity", "incidenc
 _PLANE = {key for key in _CONDITIONS if key != "distance"}
 _USED = {
     "range": _PLANE | {"probability"},
+    "range_of_units": _PLANE | {"probability", "units"},
     "detection_probability": _PLANE | {"distance"},
     "snr": _PLANE | {"distance"},
     "scatter_mm": _PLANE | {"distance"},
-    "false_points": {"illuminance"},
+    "false_points": _PLANE,
     "class_1_margin": {"motion"},
+    "class_1": {"motion"},
     "coverage": {"time_s", "cell_deg"},
     "revisit_s": {"time_s", "cell_deg"},
     "body_points": {"class_name", "illuminance"},
     "bodies_detected": {"class_name", "least_points", "illuminance"},
+    "data_rate_mbit_s": {"bits_per_point"},
 }
 """Keys of `QuantityFile` that a quantity has use for, besides sensor."""
 
 
 def _require_used(quantity: str, entry: QuantityFile, also: set[str]) -> None:
     """Raise ValueError for a key that this quantity does not use, and for a condition out of bounds."""
-    used = _USED.get(quantity, set()) | also | (set() if quantity in TRACED else {"sensor"})
+    used = _USED.get(quantity, set()) | also | (set() if quantity in OF_ALL_SENSORS else {"sensor"})
     for key in sorted(entry.model_fields_set - used):
         name = "class" if key == "class_name" else key
         raise ValueError(f"{name}: has no effect on {quantity}")
@@ -189,6 +211,16 @@ class ConstraintFile(QuantityFile):
         """Name of the quantity, or key of a sensor file."""
         return self.quantity
 
+    @property
+    def bounds_text(self) -> str:
+        """Both bounds in words."""
+        bounds = (("at least", self.at_least), ("at most", self.at_most))
+        return " and ".join(f"{words} {bound:g}" for words, bound in bounds if bound is not None)
+
+    def allows(self, value: float) -> bool:
+        """Whether a value is within the bounds."""
+        return (self.at_least is None or value >= self.at_least) and (self.at_most is None or value <= self.at_most)
+
 
 def _require_different(names: T) -> T:
     """Raise ValueError for a sensor that is named twice."""
@@ -241,6 +273,17 @@ class StudyFile(FileModel):
     free: dict[str, FreeFile] = Field(default={}, description="keys of the sensor file and their ranges")
     objectives: Annotated[dict[str, ObjectiveFile], Field(min_length=1)] = Field(description="what is wanted, by name")
     constraints: dict[str, ConstraintFile] = Field(default={}, description="what is allowed, by name")
+    eye_safety: Literal["class 1", "off"] = Field(
+        default="class 1", description="constraint of each sensor, the beam scanning, unless one on its margin is given"
+    )
+    tolerance: dict[str, Annotated[float, Field(gt=0)]] = Field(
+        default={}, description="by key of the sensor file, in its unit: 95 % of built units are within it, either way"
+    )
+    cost: dict[str, Annotated[tuple[tuple[float | str, float], ...], Field(min_length=1)]] = Field(
+        default={},
+        description='by key of the sensor file, or "sensor": pairs of value and cost, in a unit of your own; between '
+        "numbers in proportion",
+    )
     evaluations: Annotated[int, Field(ge=2, le=MOST_EVALUATIONS)] = Field(
         default=2000, description="designs to try at most"
     )
@@ -281,13 +324,29 @@ class StudyFile(FileModel):
         for table, entries in (("objectives", self.objectives), ("constraints", self.constraints)):
             for name, entry in entries.items():
                 self._check_entry(f"{table}.{name}", entry)
-        return self
+        return self.model_copy(update={"constraints": {**self.constraints, **self._class_1()}})
+
+    def _class_1(self) -> dict[str, ConstraintFile]:
+        """Constraints of `eye_safety`: of each sensor whose margin has no bound."""
+        if self.eye_safety == "off":
+            return {}
+        bounded = {entry.sensor or "" for entry in self.constraints.values() if entry.quantity.startswith("class_1")}
+        return {
+            f"{CLASS_1} {label}".rstrip(): ConstraintFile(quantity="class_1", at_least=1.0, sensor=label or None)
+            for label in self.placed
+            if label not in bounded and not (bounded and len(self.placed) == 1)
+        }
 
     def _check_entry(self, where: str, entry: ObjectiveFile | ConstraintFile) -> None:
         if entry.quantity_name in TRACED:
             if self.scene is None:
                 raise ValueError(f"{where}: {entry.quantity_name} must go with a scene")
-        elif len(self.placed) > 1 and entry.sensor not in self.placed:
+        elif entry.quantity_name == "cost" and not self.cost:
+            raise ValueError(f"{where}: cost must go with [cost]")
+        elif entry.quantity_name == "range_of_units" and not self.tolerance:
+            raise ValueError(f"{where}: range_of_units must go with [tolerance]")
+        needs_label = entry.quantity_name not in OF_ALL_SENSORS and len(self.placed) > 1
+        if needs_label and entry.sensor not in self.placed:
             raise ValueError(f"{where}.sensor: must be one of {', '.join(self.placed)}, got {entry.sensor or 'none'}")
 
     @property

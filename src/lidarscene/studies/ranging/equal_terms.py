@@ -12,12 +12,13 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Callable, Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from ...errors import InputError
+from ...maths.arrays import Numbers
 from ...sensor.detectors import Apd, Sipm
 from ...sensor.sensor_model import Sensor
 from ..eye_safety.eye_safety_report import eye_safety_report
@@ -211,28 +212,41 @@ def _terms(name: str, sensor: Sensor, target: Target, per_pulse: float) -> Terms
 
 
 def range_interval_m(
-    sensor: Sensor, target: Target, range_m: float, *, without: Collection[str] = ()
+    sensor: Sensor, target: Target, range_m: float, *, without: Collection[str] = (), probability: float = PROBABILITY
 ) -> tuple[float, float] | None:
-    """Ends of the range of `PROBABILITY` that the sensor's uncertainties give, root of summed squares (T222).
+    """Ends of the range that the sensor's uncertainties give, root of summed squares (T222).
 
     None if the sensor states no uncertainty of a number that its range depends on.
 
     Args:
-        range_m: range without them
+        range_m: range at P_d ``probability`` without them
         without: numbers that are set and not read from the file, such as a power at the limit of class 1
     """
-    values, below, above = sensitivities.parameters(sensor, target), [], []
-    for name in sorted(sensor.uncertainty.keys() & values.keys() - set(without)):  # in an order that stays
-        half = sensor.uncertainty[name]
-        ends = []
-        for value in (max(values[name] - half, 0.0), values[name] + half):
-            changed, _ = sensitivities.with_parameters(sensor, target, {name: value})
-            ends.append(plane.range_at_probability_m(changed, target, PROBABILITY) - range_m)
-        below.append(min(*ends, 0.0))
-        above.append(max(*ends, 0.0))
-    if not below:
+    halves = {name: half for name, half in sensor.uncertainty.items() if name not in without}
+    moves = range_moves_m(sensor, target, range_m, halves, probability=probability)
+    if not len(moves):
         return None
+    below, above = np.minimum(moves.min(axis=1), 0.0), np.maximum(moves.max(axis=1), 0.0)
     return range_m - math.hypot(*below), range_m + math.hypot(*above)
+
+
+def range_moves_m(
+    sensor: Sensor, target: Target, range_m: float, halves: Mapping[str, float], *, probability: float = PROBABILITY
+) -> Numbers:
+    """(n, 2) change of the range as each number alone goes down and up by its half, for those that the range has.
+
+    Args:
+        halves: by dotted name in SI units, as in `sensitivities.parameters`
+    """
+    values = sensitivities.parameters(sensor, target)
+    moves = []
+    for name in sorted(halves.keys() & values.keys()):  # in an order that stays
+        ends = []
+        for value in (max(values[name] - halves[name], 0.0), values[name] + halves[name]):
+            changed, at = sensitivities.with_parameters(sensor, target, {name: value})
+            ends.append(plane.range_at_probability_m(changed, at, probability) - range_m)
+        moves.append(ends)
+    return np.array(moves).reshape(-1, 2)
 
 
 def false_points(sensor: Sensor, target: Target) -> float:

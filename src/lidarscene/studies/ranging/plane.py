@@ -175,7 +175,7 @@ def detection_margin(sensor: Sensor, target: Target, range_m: Numbers | float) -
 
 
 def fluctuation_variance(sensor: Sensor, target: Target, range_m: Lanes) -> Lanes | None:
-    """Relative variance of the echo's power by speckle, in calm air; None if it does not fluctuate."""
+    """Relative variance of the echo's power by energy and speckle, in calm air; None if it does not fluctuate."""
     law = FluctuationLaw.of(sensor, Air())
     if law is None:
         return None

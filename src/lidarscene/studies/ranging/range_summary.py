@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,9 @@ from .sweep_report import air_text, window_note
 NUMBERS = "range.json"
 POINTS = 200
 """Points of the chart's curves, which are smooth."""
+
+_DARK_AND_WHITE = (0.1, 0.8)
+"""Source: reflectivities of makers' range tables."""
 
 _LIMITS = {RangeStatus.FOUND: "signal", RangeStatus.WINDOW: "window"}
 """What limits a range that is reported."""
@@ -50,6 +54,8 @@ def range_report(sensors: Sequence[tuple[str, Sensor]], conditions: Conditions) 
                 "file_range_m": entry.file_range_m,
                 "changes": entry.changes,
             }
+    saturated = [text for name, sensor in sensors if (text := saturation_text(name, sensor, target, visibility_m))]
+    sentences = (*saturated, *sentences)
     columns = [key for key in rows[0] if key != "note"]
     report.main_table = (columns, [[row[key] for key in columns] for row in rows])
     conditions_line, table, notes = _summary_table(rows, target, distance_m, conditions.sun_angle, visibility_m)
@@ -62,6 +68,22 @@ def range_report(sensors: Sequence[tuple[str, Sensor]], conditions: Conditions) 
     text = "\n".join([conditions_line, text_table(table[0], table[1:], "<>"), *notes])
     report.summary = "\n".join([*sentences, "", text]) if sentences else text
     return report
+
+
+def saturation_text(name: str, sensor: Sensor, target: Target, visibility_m: float | None) -> str:
+    """Sentence on a sensor that sees a white plane less far than a dark one in the same light; "" for others."""
+    dark_m, white_m = (
+        float(plane.maximum_range_m(sensor, with_haze(sensor, replace(target, reflectivity=share), visibility_m))[0])
+        for share in _DARK_AND_WHITE
+    )
+    if not white_m < dark_m:
+        return ""
+    dark, white = _DARK_AND_WHITE
+    reached = f"{white_m:.4g} m" if white_m > 0.0 else "never"
+    return (
+        f"{name} sees white planes less far than dark ones under {target.illuminance_klux:g} klux: {dark_m:.4g} m at "
+        f"{dark:.0%}, {reached} at {white:.0%}: sunlight on the white one keeps its cells busy."
+    )
 
 
 def _snr_figure(
