@@ -20,6 +20,7 @@ from typing import IO, Any
 
 import numpy as np
 
+from ..errors import OptionWarning, warn
 from ..files.atomic import atomic_output
 from ..files.inputs import require_unpacked
 from ..files.optional import import_optional
@@ -201,7 +202,10 @@ def _header_words(file: IO[bytes]) -> tuple[dict[str, list[str]], str]:
 
 
 def _read_columns(file: IO[bytes], dtype: np.dtype[Any], points: int, data: str) -> dict[str, Numbers]:
-    """Read the columns by name; ValueError unless the file has exactly the points that its header counts."""
+    """Read the columns by name; ValueError if the file has fewer points than its header counts.
+
+    Bytes behind them, which some programs write, are left out, with an `OptionWarning`.
+    """
     names = dtype.names or ()
     if data == "ascii":
         lines = file.readlines()
@@ -212,17 +216,24 @@ def _read_columns(file: IO[bytes], dtype: np.dtype[Any], points: int, data: str)
     content = file.read()
     if data == "binary_compressed":
         compressed_size, size = struct.unpack_from("<II", content)
-        if len(content) != 8 + compressed_size:
-            raise ValueError(f"must have {8 + compressed_size} bytes of points, got {len(content)}")
-        require_unpacked(len(content), size)
-        content = import_optional("lzf", extra="pcd").decompress(content[8:], size) if size else b""
-    if len(content) != points * dtype.itemsize:
-        raise ValueError(f"must have {points * dtype.itemsize} bytes of points, got {len(content)}")
+        compressed = _cut(file, content, 8 + compressed_size)[8:]
+        require_unpacked(8 + len(compressed), size)
+        content = import_optional("lzf", extra="pcd").decompress(compressed, size) if size else b""
+    content = _cut(file, content, points * dtype.itemsize)
     if data == "binary":
         rows = np.frombuffer(content, dtype)
         return {name: np.ascontiguousarray(rows[name]) for name in names}
     ends = np.cumsum([0, *(points * dtype[name].itemsize for name in names)])
     return {name: np.frombuffer(content[ends[i] : ends[i + 1]], dtype[name]) for i, name in enumerate(names)}
+
+
+def _cut(file: IO[bytes], content: bytes, size: int) -> bytes:
+    """The first bytes of the content; ValueError if it has fewer."""
+    if len(content) < size:
+        raise ValueError(f"must have {size} bytes of points, got {len(content)}")
+    if len(content) > size:
+        warn(OptionWarning("{0}: {1} bytes after the points are left out", file.name, len(content) - size))
+    return content[:size]
 
 
 def _with_infinity(values: Numbers) -> Numbers:

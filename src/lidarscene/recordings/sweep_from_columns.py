@@ -15,10 +15,10 @@ NAMES = {
     "signal": ("signal", "signal_photons"),
     "near_ir": ("near_ir", "ambient", "nearir"),
     "reflectivity": ("reflectivity",),
-    "ring": ("ring", "line", "channel", "laser_id"),
+    "ring": ("ring", "line", "channel", "laser_id", "laser_number"),
     "column": ("column",),
     "return_number": ("return_number",),
-    "time": ("time", "t", "timestamp", "time_stamp", "offset_time", "gps_time"),
+    "time": ("time", "t", "timestamp", "time_stamp", "offset_time", "offset_ns", "gps_time"),
 }
 """Names that drivers and files give to a column of a sweep, the usual one first."""
 

@@ -201,7 +201,7 @@ def _step(
     if pane is not None:
         ends = is_stopped(moment, path, pane)
         going_on = pane.valid & ~ends
-        path = select_fields(going_on, continued(moment, path, pane, going_on, reflected=False), path)
+        path = continued(moment, path, pane, going_on, reflected=False)
         # A thin pane does not bend the ray. What stands behind it is known already, since panes are in scenes of their
         # own: only its distance is less, by the path up to the pane. That saves a query for each pane.
         nearer = meeting.t - (path.length_m - path_before.length_m)
@@ -211,7 +211,7 @@ def _step(
         reflected = continued(moment, path, meeting, bounce, reflected=False)
         # A mirror normal to the beam ends the path with a specular return; off all others it goes on.
         comes_back, ended = specular_return(moment, path, meeting, reflected, bounce)
-        path, bounce = select_fields(comes_back, ended, select_fields(bounce, reflected, path)), bounce & ~comes_back
+        path, bounce = select_fields(comes_back, ended, reflected), bounce & ~comes_back
         meeting = select_fields(bounce, moment.meet(path.ray, bounce), meeting)
         going_on |= bounce
     return path, meeting, going_on

@@ -1,10 +1,8 @@
-"""Polygons as triangles: a fan for those that are convex, ears cut off one after the other for the others.
+"""Polygons as triangles: a fan for those that are convex, ears cut off one after the other (mapbox-earcut) for others.
 
 A fan from the first corner of an L fills its notch, where nothing is. OBJ and OFF files are rewritten with triangles
 before a mesh library reads them, since the libraries make fans; and binary PLY files as text where polygons differ in
 their numbers of corners, since trimesh does not read them.
-
-Source of the ears: G. H. Meisters, Polygons have ears, American Mathematical Monthly 82 (1975), 648.
 
 Symbols: v vertices, p polygons, c corners of all polygons one after the other, t triangles.
 """
@@ -31,7 +29,8 @@ def triangulate(vertices: Numbers, counts: Numbers, corners: Numbers) -> tuple[N
         corners: (c,) indices into the vertices
 
     Returns:
-        (t, 3) indices into ``corners``, and (t,) the polygon of each triangle
+        (t, 3) indices into ``corners``, and (t,) the polygon of each triangle: of n corners n - 2, fewer of a concave
+        one with corners in line
     """
     starts = np.cumsum(counts) - counts
     # A polygon of n corners is n - 2 triangles, however it is cut.
@@ -40,10 +39,12 @@ def triangulate(vertices: Numbers, counts: Numbers, corners: Numbers) -> tuple[N
     step = np.arange(len(polygon)) - np.repeat(np.cumsum(pieces) - pieces, pieces)
     first = starts[polygon]
     triangles = np.stack([first, first + step + 1, first + step + 2], axis=1)
-    ends = np.cumsum(pieces)
+    ends, kept = np.cumsum(pieces), np.ones(len(polygon), dtype=bool)
     for number, flat in _concave(vertices, counts, starts, corners):
-        triangles[ends[number] - pieces[number] : ends[number]] = starts[number] + _ears(flat)
-    return triangles, polygon
+        ears, begin = _ears(flat), ends[number] - pieces[number]
+        triangles[begin : begin + len(ears)] = starts[number] + ears
+        kept[begin + len(ears) : ends[number]] = False
+    return triangles[kept], polygon[kept]
 
 
 def _concave(vertices: Numbers, counts: Numbers, starts: Numbers, corners: Numbers) -> list[tuple[int, Numbers]]:
@@ -76,38 +77,14 @@ def _in_plane(points: Numbers, normal: Numbers) -> Numbers:
 
 
 def _ears(points: Numbers) -> Numbers:
-    """(n - 2, 3) triangles of a polygon of (n, 2) corners, counter-clockwise.
+    """(n - 2, 3) triangles of a polygon of (n, 2) corners, counter-clockwise; fewer of one with corners in line."""
+    from mapbox_earcut import triangulate_float64
 
-    An ear is a corner that turns outwards, with no other corner in the triangle of it and its neighbours.
-    """
-    ring, at = list(range(len(points))), 0
-    triangles = []
-    while len(ring) > 3:
-        size = len(ring)
-        order = [(at + i) % size for i in range(size)]
-        # Where a polygon meets itself there may be no ear: the corner that turns least is cut off.
-        ear = next((i for i in order if _is_ear(points[ring], i)), None)
-        at = _straightest(points[ring]) if ear is None else ear
-        triangles.append([ring[at - 1], ring[at], ring[(at + 1) % size]])
-        del ring[at]
-        at %= len(ring)
-    return np.array([*triangles, ring])
-
-
-def _is_ear(ring: Numbers, at: int) -> bool:
-    corners = ring[[at - 1, at, (at + 1) % len(ring)]]
-    edges = np.roll(corners, -1, axis=0) - corners
-    if _cross(edges[0], edges[1]) <= STRAIGHT * np.linalg.norm(edges[0]) * np.linalg.norm(edges[1]):
-        return False
-    # A corner that lies on one of the three, as at a bridge to a hole, does not count.
-    others = ring[(ring[:, None] != corners).any(axis=2).all(axis=1)]
-    sides = [_cross(edge, others - corner) for edge, corner in zip(edges, corners, strict=True)]
-    return not (np.min(sides, axis=0) >= 0.0).any() if len(others) else True
-
-
-def _straightest(ring: Numbers) -> int:
-    before, after = ring - np.roll(ring, 1, axis=0), np.roll(ring, -1, axis=0) - ring
-    return int(np.argmin(np.abs(_cross(before, after))))
+    ears = np.asarray(triangulate_float64(points, np.array([len(points)], np.uint32)), dtype=np.int64).reshape(-1, 3)
+    # Its triangles turn clockwise or counter-clockwise with the release.
+    turned = _cross(points[ears[:, 1]] - points[ears[:, 0]], points[ears[:, 2]] - points[ears[:, 0]]) < 0.0
+    ears[turned] = ears[turned, ::-1]
+    return ears
 
 
 def _cross(a: Numbers, b: Numbers) -> Numbers:
