@@ -80,8 +80,8 @@ class StudyOptions(CommandOptions):
 
     overrides: Sequence[str] = option(
         (),
-        help="change a value of the sensor files, of all or of one, such as detector.gain=60, or take a part of another "
-        "sensor, such as detector=sipm-905; may be repeated",
+        help="change a value of the sensor files, of all or of one, such as detector.gain=60, or take a part of "
+        "another sensor, such as detector=sipm-905; may be repeated",
         metavar="[SENSOR:]KEY=VALUE",
         flags=("--set",),
     )

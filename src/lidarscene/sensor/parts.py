@@ -74,15 +74,14 @@ def split_parts(overrides: Iterable[str]) -> tuple[list[str], list[str]]:
     """Split assignments into those of parts of other sensors, and all others.
 
     Raises:
-        InputError: for a part that is neither a table nor the name of a sensor
+        InputError: for a text that cannot be the name of a sensor
     """
     parts: list[str] = []
     others: list[str] = []
     for text in overrides:
         key, value = _parsed(text)
         # Text with a brace was meant as a table, but is no TOML.
-        is_name = isinstance(value, str) and value != "" and not value.startswith("{")
-        if key in PARTS and not (is_name or isinstance(value, dict)):
+        if is_part(key, value) and (not value or value.startswith("{")):
             raise InputError(
                 f"--set {text}: must be the name or file of a sensor, or a table in TOML, got {short_text(value)}"
             )
