@@ -221,7 +221,8 @@ def point_columns(
     if sensor.measures_width:
         optional["pulse_width_s"] = of_stop("width_s")
     if sensor.histogram is not None:
-        optional["signal"] = of_stop("amplitude")
+        # A filter weighs the counts; what the sensor sends is a whole number.
+        optional["signal"] = dr.round(of_stop("amplitude"))
     xyz_m = mi.Point3f(*(s + d * range_m for s, d in zip(beams.origin_m, beams.direction, strict=True)))
     result = optional | {
         "xyz_m": xyz_m if places.added_m is None else mi.Point3d(xyz_m) + mi.Point3d(*places.added_m),
