@@ -111,6 +111,18 @@ def test_so_is_that_of_poses_and_rigs(folder: Path) -> None:
         before = after
 
 
+def test_so_is_that_of_a_sensor_whose_part_is_taken(folder: Path) -> None:
+    """The donor lies beside the job; another threshold in its file is another frame."""
+    donor = folder / "theirs.toml"
+    shutil.copy(catalog.path_of("sensors", "table1-sipm"), donor)
+    job = '[sweep.sensor]\ndetector = ["table1-apd", "theirs.toml"]\n'
+    before = keys(folder, job)
+    text = donor.read_text(encoding="utf-8")
+    donor.write_text(text.replace("threshold_to_noise = 5", "threshold_to_noise = 6"), encoding="utf-8")
+    after = keys(folder, job)
+    assert [old == new for old, new in zip(before, after, strict=True)] == [True, False]
+
+
 def test_the_version_is_in_the_name(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     before = keys(folder)
     monkeypatch.setattr(tasks, "__version__", "99.0")
