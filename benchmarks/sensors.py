@@ -10,6 +10,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -22,10 +23,15 @@ from table import Section, line
 from lidarscene import load_scene, load_sensor
 from lidarscene.catalog import names
 from lidarscene.errors import LidarSceneError
+from lidarscene.rendering.render_options import FrameOptions
 from lidarscene.rendering.simulator import Simulator
 
 ROOT = Path(__file__).parents[1]
 FIRST, DEFAULT, BARE, GLASS, OPEN3D = "first surface", "default", "bare Embree", "bare Embree through glass", "Open3D"
+SEQUENCE = "in sequence"
+
+FRAMES = 24
+"""Frames of a sequence: the first three launches have fewer of a small sensor than those that follow."""
 COLUMNS = (
     "sensor",
     "beams",
@@ -37,21 +43,23 @@ COLUMNS = (
     "first, clock",
     "default, clock",
     "Open3D / default, clock",
+    "in sequence / bare",
 )
 
 TEXT = """A frame of each sensor with its own rays, from pulse numbers to a `PointCloud`, over what others need for
-these rays: medians of ratios in a round, by the time of the processor of all threads, the last three by the clock.
+these rays: medians of ratios in a round, by the time of the processor of all threads, three by the clock.
 `bare` is `bare.cpp`: closest hits and sun rays with Mitsuba's Embree, and nothing else. `bare through glass` traces the
 beams that meet a pane first once more, straight on through all panes: the least that the default can cost, which goes
 on through panes and off mirrors. `Open3D` has its beam rays ready, makes the sun rays of its hits, and stops at the
-first surface. Load of the machine over 1, 5 and 15 minutes at the end, this included: {load}."""
+first surface. `in sequence` is the default, a frame of {frames} that follow each other. Load of the machine over 1, 5
+and 15 minutes at the end, this included: {load}."""
 
 
 def measure(scene_file: Path, *, sensors: Sequence[str] = (), rounds: int) -> Section:
     """One row for each of these sensors, or of the catalogue's."""
     rows = [*measured_rows(scene_file, sensors or names("sensors"), rounds)]
     load = ", ".join(f"{value:.1f}" for value in os.getloadavg())
-    return Section("Every sensor", TEXT.format(load=load), rows, COLUMNS)
+    return Section("Every sensor", TEXT.format(load=load, frames=FRAMES), rows, COLUMNS)
 
 
 def measured_rows(scene_file: Path, sensors: Sequence[str], rounds: int) -> Iterator[tuple[str, ...]]:
@@ -71,12 +79,14 @@ def _row(scene_file: Path, name: str, rounds: int) -> tuple[str, ...]:
         label: Simulator(scene, sensor, **options) for label, options in ((FIRST, {"interactions": 0}), (DEFAULT, {}))
     }
     tasks: dict[str, Callable[[], Any]] = {label: simulator.render for label, simulator in simulators.items()}
+    tasks[SEQUENCE] = lambda: _sequence(simulators[DEFAULT])
     if library is not None:
         tasks[BARE] = bare.task(library, simulators[FIRST])
         tasks[GLASS] = _through_glass(library, simulators, tasks[BARE])
     with contextlib.suppress(LidarSceneError):  # without Open3D its cells are empty
         tasks[OPEN3D] = chain.open3d_tasks(simulators[FIRST])[OPEN3D]
     seconds, busy = clock.both_in_turns(tasks, rounds=rounds)
+    busy[SEQUENCE] /= FRAMES
 
     def ratio(times: clock.Seconds, slow: str, fast: str) -> str:
         return f"{clock.ratio(times, slow, fast)[0]:.2f}" if slow in tasks and fast in tasks else "-"
@@ -92,7 +102,18 @@ def _row(scene_file: Path, name: str, rounds: int) -> tuple[str, ...]:
         ratio(seconds, FIRST, BARE),
         ratio(seconds, DEFAULT, BARE),
         ratio(seconds, OPEN3D, DEFAULT),
+        ratio(busy, SEQUENCE, BARE),
     )
+
+
+def _sequence(simulator: Simulator) -> int:
+    """Render frames one after the other as `render_frames` does; count their points."""
+    points = 0
+    for number in range(FRAMES):
+        left = FRAMES - number - 1
+        ahead = partial(simulator.begin, FrameOptions(number=number + 1), left) if left else None
+        points += len(simulator.render(number=number, ahead=ahead))
+    return points
 
 
 def _through_glass(library: Any, simulators: dict[str, Simulator], first: Callable[[], Any]) -> Callable[[], Any]:

@@ -4,6 +4,7 @@ import dataclasses
 import shutil
 import subprocess
 import sys
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -240,6 +241,28 @@ def test_so_is_another_sensor(job_file: Path, tmp_path: Path) -> None:
     task = next(Job.read(job_file).tasks())
     (tmp_path / "own.toml").write_text((tmp_path / "own.toml").read_text() + "\n")
     assert "own.toml: it, or a file" in work._try_render(task, Store(tmp_path / "out"), 1)
+
+
+def test_frames_of_a_bundle_are_traced_together(
+    job_file: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Rationale: two drives of seven frames of 16 x 11 beams, the bytes those of frames one by one."""
+    text = job_file.read_text(encoding="utf-8").replace('fov_deg" = [40]', 'fov_deg" = [30]').replace("[1, 100]", "[1]")
+    job_file.write_text("frames = 7\n" + text, encoding="utf-8")
+    tasks, start, together = list(Job.read(job_file).tasks()), Simulator._started, list[int]()
+
+    def started(simulator: Simulator, frames: Sequence[Any], first: int) -> Any:
+        together.append(len(frames))
+        return start(simulator, frames, first)
+
+    monkeypatch.setattr(Simulator, "_started", started)
+    bundle, alone = (Store(tmp_path / name) for name in ("bundle", "alone"))
+    causes, _ = work.render_frames(tasks, str(bundle.folder), 1)
+    assert causes == [""] * 14
+    assert together == [1, 2, 4] * 2
+    for task in tasks:
+        paths = [render_in_process(task, store) for store in (bundle, alone)]
+        assert paths[0].read_bytes() == paths[1].read_bytes()
 
 
 HOLD = """

@@ -99,6 +99,11 @@ def test_range_image(run: Run, wall: str, tmp_path: Path) -> None:
         (["-o", "a.las", "--frames", "2"], "--output a.las: must be a folder with --frames"),
         (["-o", "a.mcap", "--epoch", "noon"], "--epoch: must be a date such as 2026-01-31 or 2026-01-31T12:00:00Z"),
         (["-o", "a.mcap", "--epoch", "2040-01-01"], "got '2040-01-01' (must be from 1970 to 2038)"),
+        (["-o", "a.ply", "--keep-rays", "r.csv"], "r.csv: the name must end in .npz or .parquet or .ply"),
+        (["-o", "a.ply", "--topic", "lidar"], "--topic: goes with a bag of ROS 2, such as OUT.mcap"),
+        (["-o", "a.mcap", "--topic", "a b"], "--topic: must be a name of ROS such as lidar/points, got 'a b'"),
+        (["-o", "a.mcap", "--frame-id", "9"], "--frame-id: must be a name of ROS such as lidar_top, got '9'"),
+        (["-o", "a.mcap", "--frame-id", "map"], "a.mcap: frame_id: must not be 'map'"),
     ],
 )
 def test_mistakes(run: Run, wall: str, tmp_path: Path, options: list[str], message: str) -> None:
@@ -195,3 +200,31 @@ def test_normals_that_no_file_would_have_are_refused(
     assert (ran.code, ran.out) == (2, "")
     assert f"--vectors: {message}" in ran.err
     assert not (tmp_path / name).exists()
+
+
+def test_the_vehicles_poses_come_a_hundred_times_a_second(run: Run, wall: str, tmp_path: Path, library: Any) -> None:
+    """Poses between the starts of frames too, which are 26.8 ms apart. Reference: the scene's speed, 20 m/s along x."""
+    (tmp_path / wall).write_text((tmp_path / wall).read_text() + "[ego]\nspeed_m_s = 20\n")
+    rate = "--set=laser.repetition_rate_khz=8.616"  # 231 beams
+    ran = run("render", wall, "-o", "a.mcap", "--frames", "2", "--topic", "top/x", "--frame-id", "top", *COARSE, rate)
+    assert ran.code == 0, ran.err
+    with library("rosbags.highlevel").AnyReader([tmp_path / "a.mcap"]) as bag:
+        received = [(c.topic, bag.deserialize(raw, c.msgtype)) for c, _, raw in bag.messages()]
+    transforms = [message.transforms[0] for topic, message in received if topic == "/tf"]
+    stamps_s = np.array([(t.header.stamp.sec - 1_767_225_600) + 1e-9 * t.header.stamp.nanosec for t in transforms])
+    frame_s = BEAMS / 8616
+    expected = [frame * frame_s + 0.01 * step for frame in range(2) for step in range(3)]
+    np.testing.assert_allclose(stamps_s, expected, atol=1e-8)
+    x_m = [t.transform.translation.x for t in transforms]
+    np.testing.assert_allclose(np.array(x_m) - x_m[0], 20.0 * stamps_s, atol=1e-6)
+    assert {topic for topic, _ in received} == {"/top/x", "/tf", "/tf_static"}
+
+
+def test_rays_of_every_pulse(run: Run, wall: str, tmp_path: Path) -> None:
+    """Reference: the points and the missed pulses of the same run, which together are all pulses."""
+    ran = run("render", wall, "-o", "a.npz", "--keep-rays", "r.npz", "--keep-missed", "m.npz", *COARSE)
+    assert (ran.code, ran.err) == (0, "")
+    with np.load(tmp_path / "r.npz") as rays, np.load(tmp_path / "m.npz") as missed:
+        assert len(rays["pulse"]) == BEAMS
+        np.testing.assert_array_equal(rays["outcome"][missed["pulse"]], missed["reason"])
+        assert np.isfinite(rays["range"]).sum() == len(PointCloud.load(tmp_path / "a.npz"))

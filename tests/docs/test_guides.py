@@ -161,7 +161,6 @@ def test_conventions() -> None:
 
 def test_formats() -> None:
     says("formats.md", "steps of {} um, {} km around the sensor", 1e6 * las.STEP_M, 1e-3 * las.REACH_M)
-    says("formats.md", "`channel` as `ring` up to {}", 2**16 - 1)
     says("formats.md", "all, exact, infinity as {}", float(e57.LARGEST))
     says("formats.md", "`number_of_returns` end at {}", las.MOST_RETURNS)
     says(

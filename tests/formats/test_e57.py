@@ -29,7 +29,7 @@ def test_e57_in_pye57(tmp_path: Path, library: Any) -> None:
     for i, axis in enumerate("XYZ"):
         np.testing.assert_array_equal(raw[f"cartesian{axis}"], cloud.xyz_m[:, i])
     np.testing.assert_array_equal(raw["intensity"], cloud.intensity)
-    np.testing.assert_array_equal(raw["rowIndex"], cloud.channel)
+    np.testing.assert_array_equal(raw["rowIndex"], cloud.ring)
     for column in cloud.columns[3:]:
         if f"ls:{column.name}" in header.point_fields:
             stored = e57_field(pye57, file, header, f"ls:{column.name}")
@@ -85,7 +85,7 @@ def test_e57_without_its_library(tmp_path: Path) -> None:
 def test_e57_says_how_far_it_reaches(tmp_path: Path) -> None:
     """Reference: the scan's own entries in the XML section, and the least and largest of the points."""
     need("e57")
-    cloud = small_cloud(N, channel=np.arange(3, 3 + N), return_number=np.full(N, 3))
+    cloud = small_cloud(N, ring=np.arange(3, 3 + N), return_number=np.full(N, 3))
     cloud.save(tmp_path / "a.e57")
     root = xml_of(tmp_path / "a.e57")
 

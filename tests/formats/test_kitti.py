@@ -21,7 +21,7 @@ def test_kitti_and_nuscenes(tmp_path: Path, library: Any, street_cloud: PointClo
     np.testing.assert_array_equal(theirs[:, 3], in_sensor_frame.intensity)
     nuscenes = np.fromfile(tmp_path / "a.pcd.bin", dtype=np.float32).reshape(-1, 5)
     np.testing.assert_array_equal(nuscenes[:, :4], theirs)
-    np.testing.assert_array_equal(nuscenes[:, 4], in_sensor_frame.channel)
+    np.testing.assert_array_equal(nuscenes[:, 4], in_sensor_frame.ring)
 
 
 def test_blocks_do_not_show(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

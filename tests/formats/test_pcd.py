@@ -33,6 +33,29 @@ def test_pcd_in_open3d(tmp_path: Path, kind: str, n: int, open3d: ModuleType) ->
         np.testing.assert_array_equal(stored, clipped_to_finite(values) if kind == "ascii" else values)
 
 
+@pytest.mark.parametrize("kind", ["pcd", "pcd-compressed", "ascii"])
+def test_a_map_in_open3d_and_pypcd4(tmp_path: Path, kind: str, open3d: ModuleType, library: Any) -> None:
+    """Reference: two readers, of which Open3D's old one gives zeros for fields of 8 bytes. In UTM they have the points
+    from the viewpoint on, which is whole metres, without a turn.
+    """
+    if kind != "ascii":
+        need(kind)
+    origin_m = np.array([654_321.7, 5_234_567.2, 412.3])
+    xyz_m = origin_m + small_cloud(N).xyz_m.astype(float)
+    metadata = PLACED | {"sensor_position_m": " ".join(map(repr, origin_m.tolist()))}
+    path = tmp_path / "a.pcd"
+    small_cloud(N, xyz_m=xyz_m, metadata=metadata).save(
+        path, format="pcd" if kind == "ascii" else kind, ascii=kind == "ascii"
+    )
+    viewpoint = path.read_bytes().split(b"VIEWPOINT ")[1].split(b"\n")[0].decode().split()
+    assert [float(word) for word in viewpoint] == [654_322.0, 5_234_567.0, 412.0, 1.0, 0.0, 0.0, 0.0]
+    place_m = np.array([float(word) for word in viewpoint[:3]])
+    legacy = np.asarray(open3d.io.read_point_cloud(str(path)).points)
+    pypcd4 = library("pypcd4").PointCloud.from_path(path).numpy(("x", "y", "z"))
+    for theirs in (legacy, pypcd4):
+        np.testing.assert_allclose(place_m + theirs.astype(float), xyz_m, rtol=0.0, atol=1e-5)
+
+
 def test_pcd_header(tmp_path: Path) -> None:
     """Reference: the specification of PCD 0.7: the order of the entries, and the viewpoint as place and quaternion."""
     small_cloud(3, metadata=PLACED).save(tmp_path / "a.pcd")

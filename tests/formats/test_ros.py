@@ -11,15 +11,15 @@ from helpers.formats import file_of, need, rotated
 
 from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.cloud.rig_clouds import merge_clouds
+from lidarscene.errors import InputError
 from lidarscene.formats.ros import ros_frames, structured_rows, write_ros
 from lidarscene.maths.pose import Pose
 
+XYZ = {"x": (0, 7), "y": (4, 7), "z": (8, 7)}
 LAYOUTS = {
-    "velodyne": {"x": (0, 7), "y": (4, 7), "z": (8, 7), "intensity": (12, 7), "ring": (16, 4), "time": (18, 7)},
-    "ouster": {
-        "x": (0, 7),
-        "y": (4, 7),
-        "z": (8, 7),
+    "velodyne": XYZ | {"intensity": (12, 7), "ring": (16, 4), "time": (18, 7)},
+    "ouster": XYZ
+    | {
         "intensity": (16, 7),
         "t": (20, 6),
         "reflectivity": (24, 4),
@@ -27,7 +27,22 @@ LAYOUTS = {
         "ambient": (28, 4),
         "range": (32, 6),
     },
+    "hesai": XYZ | {"intensity": (12, 7), "ring": (16, 4), "timestamp": (18, 8)},
+    "robosense": XYZ | {"intensity": (12, 7), "ring": (16, 4), "timestamp": (18, 8)},
+    "livox": XYZ | {"intensity": (12, 7), "tag": (16, 2), "line": (17, 2), "timestamp": (18, 8)},
 }
+"""Offset and type (sensor_msgs/PointField) of the fields of each driver: velodyne_pointcloud (pointcloudXYZIRT.cpp),
+ouster_ros (os_point.h), HesaiLidar_ROS_2.0 (source_driver_ros2.hpp), rslidar_sdk (doc/howto/05) and livox_ros_driver2
+(lddc.cpp, PointXYZRTLT)."""
+
+NAMES = {
+    "velodyne": ("/velodyne_points", "velodyne"),
+    "ouster": ("/ouster/points", "os_sensor"),
+    "hesai": ("/lidar_points", "hesai_lidar"),
+    "robosense": ("/rslidar_points", "rslidar"),
+    "livox": ("/livox/lidar", "livox_frame"),
+}
+"""Topic and frame by the configuration that comes with each driver."""
 
 NEW_YEAR_NS = 1_767_225_600_000_000_000
 """2026-01-01T00:00:00Z, by `date -u -d 2026-01-01 +%s`: the default date of the scene's second 0."""
@@ -49,49 +64,144 @@ def messages(path: Path, library: Any) -> dict[str, Any]:
     return {topic: message for topic, _, message in stamped_messages(path, library)}
 
 
-@pytest.mark.parametrize("layout", LAYOUTS)
-@pytest.mark.parametrize("suffix", [".mcap", ".db3"])
-def test_point_cloud_2(tmp_path: Path, library: Any, street_cloud: PointCloud, suffix: str, layout: str) -> None:
-    """Reference: the fields of both drivers, and rosbags as reader."""
-    name = {".mcap": "mcap", ".db3": "rosbag2"}[suffix] + ("-ouster" if layout == "ouster" else "")
-    need(name)
-    path = file_of(tmp_path, name)
-    street_cloud.save(path, format=name)
-    received = messages(path, library)
-    points, in_sensor_frame = received["/points"], street_cloud.in_sensor_frame()
-    fields = {field.name: (field.offset, field.datatype) for field in points.fields}
-    assert {name: fields[name] for name in LAYOUTS[layout]} == LAYOUTS[layout]
-    assert (points.header.frame_id, points.height, points.width) == ("lidar", 1, len(in_sensor_frame))
-    assert not points.is_bigendian
-    assert points.row_step == points.width * points.point_step == len(points.data)
-    rows = np.frombuffer(
-        bytes(points.data),
+def rows_of(message: Any) -> np.ndarray:
+    """Points of a PointCloud2 by the fields that it names."""
+    return np.frombuffer(
+        bytes(message.data),
         np.dtype(
             {
-                "names": list(fields),
-                "formats": [NUMPY[kind] for _, kind in fields.values()],
-                "offsets": [offset for offset, _ in fields.values()],
-                "itemsize": points.point_step,
+                "names": [field.name for field in message.fields],
+                "formats": [NUMPY[field.datatype] for field in message.fields],
+                "offsets": [field.offset for field in message.fields],
+                "itemsize": message.point_step,
             }
         ),
     )
-    np.testing.assert_array_equal(np.stack([rows[a] for a in "xyz"], axis=-1), in_sensor_frame.xyz_m)
-    np.testing.assert_array_equal(rows["intensity"], in_sensor_frame.intensity)
-    np.testing.assert_array_equal(rows["ring"], in_sensor_frame.channel)
-    if layout == "velodyne":
-        np.testing.assert_array_equal(rows["time"], in_sensor_frame.time_s.astype(np.float32))
-    else:
-        np.testing.assert_array_equal(rows["t"], np.rint(in_sensor_frame.time_s * 1e9))
-        np.testing.assert_allclose(rows["range"], 1e3 * in_sensor_frame.range_m, atol=0.51)
-    for column in in_sensor_frame.columns:
-        if column.name not in (*LAYOUTS[layout], "channel", "time"):
-            np.testing.assert_array_equal(rows[column.name], in_sensor_frame.column(column.name))
-    check_transform(received["/tf"].transforms[0], street_cloud)
 
 
-def check_transform(stamped: Any, cloud: PointCloud) -> None:
-    """`map` to `lidar` is where the sensor stands: it takes its points into the world."""
-    assert (stamped.header.frame_id, stamped.child_frame_id) == ("map", "lidar")
+@pytest.mark.parametrize("layout", LAYOUTS)
+@pytest.mark.parametrize("by_sensor", [False, True])
+def test_point_cloud_2(tmp_path: Path, library: Any, street_cloud: PointCloud, by_sensor: bool, layout: str) -> None:
+    """Reference: the fields of the drivers, and rosbags as reader. The sensor chooses them, or the format's name."""
+    name = "mcap" if by_sensor else f"rosbag2-{layout}"
+    need(name)
+    cloud = replace(street_cloud, metadata=dict(street_cloud.metadata) | ({"driver": layout} if by_sensor else {}))
+    path = file_of(tmp_path, name)
+    cloud.save(path, format=name)
+    received = messages(path, library)
+    topic, frame = NAMES[layout]
+    points, local = received[topic], cloud.in_sensor_frame()
+    fields = {field.name: (field.offset, field.datatype) for field in points.fields}
+    assert {name: fields[name] for name in LAYOUTS[layout]} == LAYOUTS[layout]
+    assert (points.header.frame_id, points.height, points.width) == (frame, 1, len(local))
+    assert not points.is_bigendian
+    assert points.row_step == points.width * points.point_step == len(points.data)
+    rows = rows_of(points)
+    np.testing.assert_array_equal(np.stack([rows[a] for a in "xyz"], axis=-1), local.xyz_m)
+    np.testing.assert_array_equal(rows["line" if layout == "livox" else "ring"], local.ring)
+    for column in local.columns:
+        if column.name not in (*LAYOUTS[layout], "time"):
+            np.testing.assert_array_equal(rows[column.name], local.column(column.name))
+    check_transform(received["/tf"].transforms[0], cloud, frame)
+
+
+def test_the_vehicles_poses_are_there_once(tmp_path: Path, library: Any, street_cloud: PointCloud) -> None:
+    """Poses of two sensors whose frames begin together, and poses between: no stamp comes twice.
+
+    A sensor may be called map.
+    """
+    need("mcap")
+    with ros_frames(tmp_path / "a.mcap") as append:
+        append(on_vehicle(street_cloud, MOUNTINGS[0]), "map")
+        append.append_motion([street_cloud.frame_start_s + 0.01 * step for step in range(3)], [Pose()] * 3)
+        append(on_vehicle(street_cloud, MOUNTINGS[1]), "left")
+    received = stamped_messages(tmp_path / "a.mcap", library)
+    assert len([1 for topic, *_ in received if topic == "/tf"]) == 3
+    placed_frames = [message.transforms for topic, _, message in received if topic == "/tf_static"][-1]
+    assert [stamped.child_frame_id for stamped in placed_frames] == ["sensor_map", "left"]
+
+
+def test_times_of_each_driver(tmp_path: Path, library: Any) -> None:
+    """Seconds from the stamp, nanoseconds from it, seconds since 1970, nanoseconds since 1970."""
+    need("mcap")
+    time_s = np.array([0.0, 1e-3, 0.0999])
+    cloud = small_cloud(3, time_s=time_s, metadata={"frame_start_s": "2.0"})
+    stamp_ns = NEW_YEAR_NS + 2 * 10**9
+    expected = {
+        "velodyne": ("time", time_s, 1e-8),
+        "ouster": ("t", 1e9 * time_s, 0.5),
+        "hesai": ("timestamp", 1e-9 * stamp_ns + time_s, 1e-6),
+        "robosense": ("timestamp", 1e-9 * stamp_ns + time_s, 1e-6),
+        "livox": ("timestamp", stamp_ns + 1e9 * time_s, 300.0),
+    }
+    for layout, (name, times, close) in expected.items():
+        cloud.save(tmp_path / "a.mcap", format=f"mcap-{layout}")
+        rows = rows_of(messages(tmp_path / "a.mcap", library)[NAMES[layout][0]])
+        np.testing.assert_allclose(rows[name], times, rtol=0.0, atol=close)
+
+
+def test_livoxs_own_message(tmp_path: Path, library: Any) -> None:
+    """Reference: rosbags, by the definition that livox_ros_driver2 publishes."""
+    need("mcap")
+    columns = {
+        "time_s": [0.0, 1.25e-3, 0.05],
+        "intensity": [0.4, 255.0, 300.0],
+        "return_number": [1, 2, 1],
+        "ring": [0, 3, 5],
+    }
+    cloud = small_cloud(3, **{name: np.array(values) for name, values in columns.items()})
+    write_ros(tmp_path / "a.mcap", cloud, layout="livox-custom")
+    (message,) = messages(tmp_path / "a.mcap", library).values()
+    assert (message.header.frame_id, message.point_num, message.timebase) == ("livox_frame", 3, NEW_YEAR_NS)
+    assert [point.offset_time for point in message.points] == [0, 1_250_000, 50_000_000]
+    assert [(point.reflectivity, point.tag, point.line) for point in message.points] == [
+        (0, 0, 0),
+        (255, 16, 3),
+        (255, 0, 5),
+    ]
+    np.testing.assert_array_equal([[p.x, p.y, p.z] for p in message.points], cloud.xyz_m)
+
+
+def test_an_ousters_reflectivity_is_measured(tmp_path: Path, library: Any) -> None:
+    """It is what the sensor reports, with the truth or without, and 0 where the sensor has no such scale."""
+    need("mcap")
+    metadata = {"intensity_unit": "of 255"}
+    intensity, signal = np.array([7.0, 99.6, 255.0]), np.array([20.0, 300.0, 9.0])
+    for truth in (True, False):
+        cloud = small_cloud(3, truth=truth, intensity=intensity, signal=signal, metadata=metadata)
+        rows = structured_rows(cloud, "ouster")
+        assert rows["reflectivity"].tolist() == [7, 100, 255]
+        assert rows["intensity"].tolist() == signal.tolist()
+    assert (
+        structured_rows(replace(cloud, metadata={"intensity_unit": "A"}), "ouster")["reflectivity"].tolist() == [0] * 3
+    )
+
+
+def test_topics_and_frames_of_ones_own(tmp_path: Path, library: Any, street_cloud: PointCloud) -> None:
+    need("mcap")
+    write_ros(tmp_path / "a.mcap", street_cloud, topic="/lidar/top", frame_id="top")
+    received = messages(tmp_path / "a.mcap", library)
+    assert received["/lidar/top"].header.frame_id == "top"
+    assert received["/tf"].transforms[0].child_frame_id == "top"
+    with pytest.raises(InputError, match="frame_id: must not be 'map'"):
+        write_ros(tmp_path / "b.mcap", street_cloud, frame_id="map")
+    assert not (tmp_path / "b.mcap").exists()
+
+
+def test_no_frame_is_placed_in_itself(tmp_path: Path, library: Any, street_cloud: PointCloud) -> None:
+    """A merged cloud in the world, of sensors of no vehicle: its points are in the map already."""
+    need("mcap")
+    metadata = {key: value for key, value in street_cloud.metadata.items() if key != "sensor_to_vehicle"}
+    bare = replace(street_cloud, metadata=metadata)
+    merge_clouds([bare, bare], ["a", "b"]).save(tmp_path / "a.mcap")
+    received = messages(tmp_path / "a.mcap", library)
+    assert received["/points"].header.frame_id == "map"
+    assert "/tf" not in received
+
+
+def check_transform(stamped: Any, cloud: PointCloud, frame: str) -> None:
+    """`map` to the frame is where the sensor stands: it takes its points into the world."""
+    assert (stamped.header.frame_id, stamped.child_frame_id) == ("map", frame)
     moved_m = placed(stamped, cloud.in_sensor_frame().xyz_m.astype(float))
     np.testing.assert_allclose(moved_m, cloud.xyz_m, atol=2e-5)
 
@@ -182,43 +292,10 @@ def test_a_bag_of_several_frames(tmp_path: Path, library: Any) -> None:
     ]
 
 
-def test_layouts_are_those_of_the_drivers() -> None:
-    """velodyne_pointcloud (datatypes.hpp: PointXYZIRT, packed) and ouster_ros (point.h: aligned to 16 bytes)."""
-    velodyne, ouster = (structured_rows(small_cloud(1), layout).dtype.fields or {} for layout in ("velodyne", "ouster"))
-    place = {name: (velodyne[name][1], velodyne[name][0].str) for name in ("x", "y", "z", "intensity", "ring", "time")}
-    assert place == {
-        "x": (0, "<f4"),
-        "y": (4, "<f4"),
-        "z": (8, "<f4"),
-        "intensity": (12, "<f4"),
-        "ring": (16, "<u2"),
-        "time": (18, "<f4"),
-    }
-    names = ("x", "y", "z", "intensity", "t", "reflectivity", "ring", "ambient", "range")
-    assert {name: (ouster[name][1], ouster[name][0].str) for name in names} == {
-        "x": (0, "<f4"),
-        "y": (4, "<f4"),
-        "z": (8, "<f4"),
-        "intensity": (16, "<f4"),
-        "t": (20, "<u4"),
-        "reflectivity": (24, "<u2"),
-        "ring": (26, "<u2"),
-        "ambient": (28, "<u2"),
-        "range": (32, "<u4"),
-    }
-    assert min(offset for name, (_, offset, *_) in ouster.items() if name not in names) == 48
-
-
 def test_numbers_of_the_ouster_driver() -> None:
-    """Nanoseconds, millimetres and percent, to the nearest whole one, and to the ends of what a field holds."""
-    columns = {
-        "time_s": [0.0, 1.6e-9, 9.0],
-        "range_m": [1.0006, 0.0, 12.3456],
-        "reflectivity": [0.104, 0.0, 700.0],
-        "ambient": [2.6, -1.0, 70_000.0],
-    }
+    """Nanoseconds and millimetres, to the nearest whole one, and to the ends of what a field holds."""
+    columns = {"time_s": [0.0, 1.6e-9, 9.0], "range_m": [1.0006, 0.0, 12.3456], "ambient": [2.6, -1.0, 70_000.0]}
     rows = structured_rows(small_cloud(3, **{name: np.array(values) for name, values in columns.items()}), "ouster")
     assert rows["t"].tolist() == [0, 2, 2**32 - 1]
     assert rows["range"].tolist() == [1001, 0, 12346]
-    assert rows["reflectivity"].tolist() == [10, 0, 65535]
     assert rows["ambient"].tolist() == [3, 0, 65535]

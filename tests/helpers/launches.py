@@ -4,6 +4,8 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
+from lidarscene.rendering.simulator import Simulator
+
 Kernel = dict[str, Any]
 
 
@@ -42,3 +44,15 @@ def assert_none_is_new(later: Sequence[Kernel], before: Sequence[Kernel]) -> Non
     assert later
     missed = [(kernel["operation_count"], kernel["size"]) for kernel in new(later, before)]
     assert not missed, f"of {len(later)} kernels these are new (operations, lanes): {missed}"
+
+
+def count_frames(sim: Simulator) -> list[int]:
+    """Number of frames of each launch from now on; the list grows."""
+    started, start = list[int](), sim._started
+
+    def counted(frames: Sequence[Any], first: int) -> Any:
+        started.append(len(frames))
+        return start(frames, first)
+
+    sim._started = counted  # type: ignore[method-assign]
+    return started

@@ -48,6 +48,7 @@ def points(sensor: Sensor, pulse: Any, ranges_m: Any, number: int, *, return_num
         "snr": rng.uniform(5.0, 90.0, len(pulse)),
         "time_s": scanner.time_s(pulse) - first_s,
         "channel": scanner.channel(pulse),
+        "ring": sensor.rings(scanner.channel(pulse)),
         "azimuth_rad": azimuth,
         "elevation_rad": elevation,
         "return_number": np.full(len(pulse), return_number),

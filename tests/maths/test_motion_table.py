@@ -203,3 +203,46 @@ def test_one_motion_of_several_bodies_is_computed_once() -> None:
     assert len(asked) == 1
     np.testing.assert_array_equal(tables[0].table, tables[1].table)
     np.testing.assert_array_equal(tables[0].boxes.nodes, tables[1].boxes.nodes)
+
+
+def test_frames_behind_each_other() -> None:
+    """Each ray has the motions and boxes of its own frame: those of the frame's own table, to the last bit."""
+    carried = np.array([[[-1.0, -0.5, 0.0], [2.5, 0.5, 1.5]]] * 6)
+
+    def table(start_s: float, motions: int = 6, length_s: float = FRAME_S) -> MotionTable:
+        return MotionTable.from_motions(
+            [BEND, *[BEND, SPLINE] * 3][: motions + 1],
+            start_s=start_s,
+            length_s=length_s,
+            centre_m=np.zeros(3),
+            carried_m=carried[:motions],
+        )
+
+    tables = [table(start_s) for start_s in (0.1, 0.2, 0.3)]
+    assert tables[0].goes_with(tables[1])
+    assert not any(tables[0].goes_with(other) for other in (table(0.1, 5), table(0.1, 6, 1.001 * FRAME_S)))
+    joined = MotionTable.joined(tables)
+    time_s, number = np.linspace(0.0, FRAME_S, 21), np.arange(21) % 3
+    placed = joined.of_frame(number).placement(time_s, 2)
+    assert joined.boxes is not None
+    nodes = joined.boxes.nodes.reshape(-1, 8)
+    for frame, alone in enumerate(tables):
+        own, mine = alone.placement(time_s, 2), number == frame
+        for name in ("origin_m", "rotation", "velocity_m_s", "turning_rad_s"):
+            assert np.array_equal(stack_rows(getattr(placed, name))[mine], stack_rows(getattr(own, name))[mine])
+        assert alone.boxes is not None
+        size, walks = alone.boxes.size, list[list[int]]()
+        for skips in (False, True):  # through all nodes, or past those below each
+            node, walk = frame * size + 1, list[int]()
+            while node != 0:
+                walk.append(node - frame * size)
+                node = int(nodes[node, 3]) if skips or nodes[node, 7] >= 0.0 else node + 1
+            walks.append(walk)
+        assert walks[0] == list(range(1, size))
+        assert len(walks[1]) == 2
+        boxes = [0, 1, 2, 4, 5, 6, 7]
+        assert np.array_equal(
+            nodes[frame * size : (frame + 1) * size, boxes], alone.boxes.nodes.reshape(-1, 8)[:, boxes]
+        )
+        assert (np.array(joined.boxes.low) <= alone.boxes.low).all()
+        assert (np.array(joined.boxes.high) >= alone.boxes.high).all()

@@ -35,13 +35,33 @@ def test_frames_fields_and_poses_of_our_own_bag(tmp_path: Path, suffix: str, sto
     assert second.intensity is not None
     np.testing.assert_array_equal(second.intensity, local.intensity)
     assert second.ring is not None
-    np.testing.assert_array_equal(second.ring, local.channel)
+    np.testing.assert_array_equal(second.ring, local.ring)
     assert first.pose is None
     assert second.pose is not None
     np.testing.assert_allclose(second.pose.rotation, [[0, -1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-12)
     np.testing.assert_array_equal(second.pose.position_m, [1.0, 2.0, 3.0])
     epoch_s = to_ns(EPOCH) / 1e9
     assert first.start_s == pytest.approx(epoch_s + 1.0 + float(clouds[0].time_s.min()), abs=1e-6)
+
+
+@pytest.mark.parametrize("layout", ["livox", "livox-custom"])
+def test_points_of_livoxs_driver(tmp_path: Path, layout: str) -> None:
+    """Stamps in nanoseconds, as whole numbers or as floats, and the laser as the line."""
+    need("mcap")
+    time_s, intensity = np.array([0.0, 0.04, 0.09]), np.array([1.0, 20.0, 255.0])
+    cloud = small_cloud(3, time_s=time_s, intensity=intensity, ring=np.array([0, 3, 1]))
+    write_ros(tmp_path / "a.mcap", cloud, layout=layout)
+    with open_recording(tmp_path / "a.mcap") as recording:
+        sweep = recording[0]
+    assert sweep.ring is not None
+    assert sweep.time_s is not None
+    assert sweep.ring.tolist() == [0, 3, 1]
+    np.testing.assert_allclose(sweep.time_s, time_s, atol=1e-6)
+    assert sweep.start_s == pytest.approx(to_ns(EPOCH) / 1e9, abs=1e-6)
+    np.testing.assert_allclose(sweep.xyz_m, cloud.xyz_m, rtol=1e-6)
+    strength = sweep.reflectivity if layout == "livox-custom" else sweep.intensity
+    assert strength is not None
+    assert strength.tolist() == [1.0, 20.0, 255.0]
 
 
 def test_the_pose_of_a_rig_follows_the_vehicle(tmp_path: Path) -> None:

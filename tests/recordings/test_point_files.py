@@ -9,7 +9,7 @@ import pytest
 from helpers.clouds import small_cloud
 from helpers.formats import need
 
-from lidarscene.errors import InputError
+from lidarscene.errors import InputError, OptionWarning
 from lidarscene.recordings.opening import open_recording
 
 ROWS = np.array([[3, 0, 0, 0.5, 2], [0, 4, 0, 0.25, 7], [0, 0, -5, 0, 9]], np.float32)
@@ -58,6 +58,45 @@ def test_kitti_and_nuscenes_are_rows_of_float32(tmp_path: Path) -> None:
     assert nuscenes.ring.tolist() == [2, 7, 9]
 
 
+def test_markers_of_lost_pulses_in_nuscenes_are_no_points(tmp_path: Path) -> None:
+    """They were at the origin, and moved with the car."""
+    rows = np.array([[0.5, 0.3, 0, 9, 1], [0, 0, 0, 9, 1], [0.9, 0.9, 0, 9, 1]], np.float32)
+    (tmp_path / "a.pcd.bin").write_bytes(rows.tobytes())
+    (tmp_path / "a.bin").write_bytes(rows[:, :4].tobytes())
+    nuscenes, kitti = (open_recording(tmp_path / name)[0] for name in ("a.pcd.bin", "a.bin"))
+    assert nuscenes.range_m.tolist() == pytest.approx([1.2728], abs=1e-4)
+    assert kitti.has_return.sum() == 2
+
+
+def test_a_sweep_of_argoverse_2(tmp_path: Path, library: Callable[[str], Any]) -> None:
+    """Written by pyarrow with the columns and types of the data set: half floats, and nanoseconds from the start."""
+    library("pyarrow")
+    import pyarrow
+    from pyarrow import feather
+
+    columns = {
+        "x": np.array([3.0, 0.0, -4.0], np.float16),
+        "y": np.array([0.0, 4.0, 3.0], np.float16),
+        "z": np.array([0.0, 3.0, 12.0], np.float16),
+        "intensity": np.array([10, 255, 0], np.uint8),
+        "laser_number": np.array([0, 63, 31], np.uint8),
+        "offset_ns": np.array([2_654_000, 2_656_303, 104_000_000], np.int32),
+    }
+    path = tmp_path / "315966265259836000.feather"
+    feather.write_feather(pyarrow.table(columns), path)
+    sweep = open_recording(path)[0]
+    assert sweep.range_m.tolist() == pytest.approx([3.0, 5.0, 13.0])
+    assert sweep.intensity is not None
+    assert sweep.intensity.tolist() == [10.0, 255.0, 0.0]
+    assert sweep.ring is not None
+    assert sweep.ring.tolist() == [0, 63, 31]
+    assert sweep.time_s is not None
+    assert sweep.time_s.tolist() == pytest.approx([0.0, 2.303e-6, 0.101346], abs=1e-12)
+    path.write_bytes(path.read_bytes()[:-40])
+    with pytest.raises(InputError, match=r"feather: cannot be read: "):
+        open_recording(path)[0]
+
+
 def test_ply_of_another_program(tmp_path: Path) -> None:
     for order, sign in (("binary_little_endian", "<"), ("binary_big_endian", ">"), ("ascii", "")):
         header = PLY.format(order=order).encode()
@@ -89,7 +128,11 @@ def test_pcd_of_another_program_and_its_lost_pulses(tmp_path: Path) -> None:
     assert array.lost.tolist() == [[False, False], [False, True]]
     path.write_bytes(PCD.format(width=4, height=1).encode() + rows.tobytes())
     assert open_recording(path)[0].range_m.tolist() == RANGES
-    path.write_bytes(path.read_bytes()[:-1])
+    whole = path.read_bytes()
+    path.write_bytes(whole + b"\0" * 12)
+    with pytest.warns(OptionWarning, match=r"a\.pcd: 12 bytes after the points are left out"):
+        assert open_recording(path)[0].range_m.tolist() == RANGES
+    path.write_bytes(whole[:-1])
     with pytest.raises(InputError, match=r"must have 76 bytes of points, got 75"):
         open_recording(path)[0]
 
@@ -103,7 +146,7 @@ def test_our_own_files_are_recordings_too(tmp_path: Path, name: str) -> None:
     # LAS holds positions in steps of 10 um.
     np.testing.assert_allclose(sweep.xyz_m, cloud.xyz_m, atol=1e-5 if name in ("las", "laz") else 0.0, rtol=1e-6)
     assert sweep.ring is not None
-    np.testing.assert_array_equal(sweep.ring, cloud.channel)
+    np.testing.assert_array_equal(sweep.ring, cloud.ring)
     assert sweep.time_s is not None
     np.testing.assert_allclose(sweep.time_s + sweep.start_s, cloud.time_s, atol=1e-12)
 

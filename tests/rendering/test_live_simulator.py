@@ -281,6 +281,17 @@ def test_the_callers_clock() -> None:
     )
 
 
+def test_several_frames_of_one_advance() -> None:
+    """Those that are over together are traced together; each is the frame that is rendered alone."""
+    live = LiveSimulator(street(), "livox-mid-40", movable=("ball",), spares={"car": 1})
+    together = launches.count_frames(live)
+    clouds = live.advance(0.35, {"car": (12.0, 0.0, 0.0)})
+    clouds += live.advance(0.75, {"car": (15.0, 1.0, 0.0)})
+    assert together == [1, 2, 1, 2, 1]
+    for number, cloud in enumerate(clouds[3:], start=3):
+        assert_same(cloud, live.render(number=number))
+
+
 def test_a_physics_engine_owns_the_clock() -> None:
     """A box that MuJoCo lets fall: at the mean time of its points it is where the engine's own poses say."""
     mujoco = pytest.importorskip("mujoco")

@@ -2,12 +2,14 @@
 
 import json
 from collections.abc import Callable
+from dataclasses import replace
 from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
+from helpers import launches
 from helpers.child import assert_ended
 from helpers.clouds import assert_same
 from helpers.traffic import traffic
@@ -15,9 +17,9 @@ from helpers.traffic import traffic
 from lidarscene import load_scene, load_sensor
 from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.errors import InputError
-from lidarscene.rendering.chunk import Chunk
-from lidarscene.rendering.frame import Frame
-from lidarscene.rendering.render_options import FrameOptions
+from lidarscene.kernel.device import blocks
+from lidarscene.kernel.device.backend import drjit
+from lidarscene.rendering.render_options import FrameOptions, Keywords, TraceOptions
 from lidarscene.rendering.simulator import Simulator, Summary, _intensity_unit
 
 CAR = Path(__file__).parents[2] / "scenes" / "car.toml"
@@ -57,20 +59,22 @@ def test_pieces_are_the_whole(simulator: MakeSimulator) -> None:
     assert streamed.beams == sim.sensor.scanner.pulses
 
 
+@pytest.mark.parametrize("name", ["os1-128", "rs-e1"])
+def test_counted_photons_are_whole_numbers(name: str) -> None:
+    """Fractions of photons alone would tell a simulated cloud from a recorded one."""
+    overrides = ["scanner.columns_per_turn=64"] if name == "os1-128" else []
+    cloud = Simulator(load_scene(CAR), load_sensor(name, overrides=overrides)).render(seed=3)
+    assert np.array_equal(cloud.signal, np.rint(cloud.signal))
+    assert len(np.unique(cloud.signal)) > 5
+
+
 def test_a_frame_that_was_begun_is_the_same() -> None:
     """Everything moves; also one that was begun and is not the next, and one that has a mistake."""
     scene, overrides = traffic(), ("scanner.azimuth_step_deg=1.5", "scanner.elevation_step_deg=1")
     sim = Simulator(scene, load_sensor("table1-apd", overrides=list(overrides)))
     orders = [FrameOptions(seed=3, number=number, chunk=700) for number in (0, 1, 2)]
     alone = [sim.render(order) for order in orders]
-    started = list[Frame]()
-    start = sim._started
-
-    def counted(frame: Frame, options: FrameOptions, first: int | None = None) -> Chunk:
-        started.append(frame)
-        return start(frame, options, first)
-
-    sim._started = counted  # type: ignore[method-assign]
+    started = launches.count_frames(sim)
     chunks = -(-sim.sensor.scanner.pulses // sim._chunk_pulses(orders[0]))
     assert chunks > 1
     for order, following, reference in zip(orders, [*orders[1:], None], alone, strict=True):
@@ -82,6 +86,69 @@ def test_a_frame_that_was_begun_is_the_same() -> None:
     sim.begin(FrameOptions(number=2**31 - 1))
     assert_same(sim.render(orders[0]), alone[0])
     assert len(started) == 5 * chunks + 1
+
+
+TOGETHER = (
+    ("street", "vlp-16", {"number": 2**31 // 28_928 - 2, "coordinates": "vehicle"}),
+    ("glass", "vlp-16", {"rays": 2}),
+    ("rain", "livox-mid-40", {}),
+    ("foliage", "livox-mid-40", {"interactions": 0}),
+    ("drive", "livox-mid-40", {"coordinates": "vehicle"}),
+    ("street", "os0-128 scanner.columns_per_turn=512", {}),
+    ("street", "rs-e1", {"seed": 7}),
+)
+
+
+@pytest.mark.parametrize(("scene", "sensor", "options"), TOGETHER)
+def test_frames_that_are_traced_together_are_those_rendered_alone(
+    scene: str, sensor: str, options: dict[str, Any]
+) -> None:
+    """A bank of lasers, scanners of single beams, histograms, stray light; glass, drops, leaves, traffic; 2^31 pulses
+    pass between; and more threads.
+    """
+    keywords, (name, *overrides) = Keywords(options), sensor.split()
+    equipped = load_sensor(name, overrides=overrides)
+    sim = Simulator(load_scene(CAR.with_name(f"{scene}.toml")), equipped, keywords.take(TraceOptions))
+    alone = Simulator(sim.scene, sim.sensor, sim.trace, world=sim.world)
+    first = keywords.take(FrameOptions)
+    orders = [replace(first, number=first.number + number) for number in range(6)]
+    together, missed = launches.count_frames(sim), list[tuple[np.ndarray, np.ndarray]]()
+    threads = drjit().thread_count()
+    for number, order in enumerate(orders, start=1):
+        ahead = partial(sim.begin, orders[number], len(orders) - number) if number < len(orders) else None
+        cloud = sim.render(order, missed=lambda *arrays: missed.append(arrays), ahead=ahead)
+        assert len(cloud) > 100
+        blocks.use_threads(8 if number % 2 else threads)
+        assert_same(cloud, alone.render(order, missed=lambda *arrays: missed.append(arrays)))
+        for array, reference in zip(missed.pop(), missed.pop(), strict=True):
+            assert np.array_equal(array, reference)
+    blocks.use_threads(threads)
+    assert together == ([1, 1, 2, 2] if first.number else [1, 2, 3])
+
+
+def test_frames_that_cannot_be_traced_together() -> None:
+    """A raster whose frames end within a packet, and a chunk that holds one frame."""
+    scene = load_scene(CAR)
+    for sensor, chunk in (("table1-apd", 2**20), ("livox-mid-40", 15_000)):
+        sim = Simulator(scene, load_sensor(sensor))
+        together = launches.count_frames(sim)
+        sim.begin(FrameOptions(number=1, chunk=chunk), 4)
+        assert together == [1]
+        sim.begin(FrameOptions(number=1, chunk=chunk), 4)
+        assert together == [1]
+
+
+def test_a_mistake_is_of_its_own_frame() -> None:
+    """A motion ends at 1 s, in the last of seven frames of 0.1 s, which is none of those before."""
+    sim = Simulator(traffic(), load_sensor("livox-mid-40"))
+    orders = [FrameOptions(number=number, begin_s=0.35) for number in range(7)]
+    together = launches.count_frames(sim)
+    for number, order in enumerate(orders[:-1], start=1):
+        cloud = sim.render(order, ahead=partial(sim.begin, orders[number], len(orders) - number))
+        assert_same(cloud, Simulator(sim.scene, sim.sensor, world=sim.world).render(order))
+    assert together == [1, 2, 3]
+    with pytest.raises(InputError, match=r"motion of body 'flying': must have poses for the frame, 0.95 to 1.04"):
+        sim.render(orders[-1])
 
 
 def test_light_is_that_of_the_render(simulator: MakeSimulator) -> None:

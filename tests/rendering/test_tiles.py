@@ -121,15 +121,14 @@ def test_a_frame_on_the_move_does_not_depend_on_those_before(name):
     simulator, chunk = Simulator(scene, sensor), sensor.scanner.pulses // 3
     for number in (0, 1, 5):
         simulator.render(number=number, chunk=chunk)
-    assert len(simulator.numbering._times) == CACHED
+    assert len(simulator.numbering._departures) == CACHED
     for options in ({"number": 2}, {"number": 3, "chunk": chunk}):
         cloud, fresh_cloud = simulator.render(**options), Simulator(scene, sensor).render(**options)
         assert len(cloud) > 100
         for column in ("time_s", "true_range_m", "xyz_m"):
             np.testing.assert_array_equal(getattr(cloud, column), getattr(fresh_cloud, column))
-    times = {
-        n: simulator._frame(FrameOptions(number=n)).times(n * sensor.scanner.pulses + PULSES).numpy() for n in (0, 7)
-    }
+    frames = {n: simulator._frame(FrameOptions(number=n)) for n in (0, 7)}
+    times = {n: frame.departures(n * sensor.scanner.pulses + PULSES)[0].numpy() for n, frame in frames.items()}
     assert (times[0] == times[7]).all()
     # Tolerance: a float32 of a frame's length.
     expected_s = sensor.scanner.time_s(PULSES) - sensor.scanner.time_s(PULSES[:1])

@@ -202,8 +202,8 @@ def test_what_a_copy_needs(run: Run) -> None:
 
 
 def test_the_catalogue_says_the_own_cars_size(run: Run) -> None:
-    """The size is that of its mesh, to 0.1 m: 4.42 x 2.12 x 1.48 m."""
+    """The size is that of its mesh, to 0.01 m, as `render` and `check` print it."""
     ran = run("catalog", "scenes")
     assert next(line for line in ran.out.splitlines() if line.startswith("  drive ")).endswith(
-        "own_car 4.4 x 2.1 x 1.5 m"
+        "own_car 4.42 x 2.12 x 1.48 m"
     )

@@ -71,13 +71,13 @@ def test_every_point_is_explained_by_its_light(frames: Any, name: str) -> None:
     scene, sensor, simulator, cloud = frames[name]
     ambient = ambient_of(scene, sensor)
     count = sensor.scanner.pulses
-    frame = Frame.from_options(scene, sensor, simulator.world, FrameOptions(pose=simulator.pose))
+    frame = Frame.from_options(scene, sensor, simulator.world, FrameOptions(), pose=simulator.pose).on_device()
     light_of_all = retraced_light(
         simulator.world,
         sensor,
         ambient,
         sun=scene.sun.direction,
-        placements=frame.placements(lambda: frame.times(np.arange(count, dtype=np.uint32))),
+        placements=frame.placements(lambda: frame.departures(np.arange(count, dtype=np.uint32))),
         pulses=range(count),
         seed=3,
     )

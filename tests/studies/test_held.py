@@ -40,9 +40,8 @@ def test_limits_of_two_sided_ratios_are_inverses_and_all_have_a_source() -> None
             assert limits.high == pytest.approx(1.0 / limits.low)
 
 
-def test_limits_move_and_widen() -> None:
+def test_limits_move() -> None:
     assert Limits(None, 0.5).shifted(0.25) == Limits(None, 0.75)
-    assert Limits(0.5, 2.0, "s").widened(2.0) == Limits(0.25, 4.0, "s")
     assert [str(limits) for limits in (Limits(0.8, 1.25), Limits(None, 0.15), Limits(0.95), Limits())] == [
         "0.8 to 1.25",
         "at most 0.15",

@@ -15,6 +15,7 @@ from typing import Any, cast
 from ..cloud.point_cloud import PointCloud
 from ..formats.registry import FORMATS
 from ..outputs.output_options import Outputs
+from ..outputs.run_motion import poses_between
 from ..outputs.streams import rerun_stream
 from ..scene.scene import Scene
 from .dataset import WHOLE_DRIVES
@@ -58,7 +59,8 @@ class DriveTask:
         outputs = Outputs(path, truth=self.frames[0].truth)
         assert chosen.frames is not None
         with chosen.frames(path) as append:
-            for frame in sorted(self.frames, key=partial(_start_s, store)):
+            frames = sorted(self.frames, key=partial(_start_s, store))
+            for frame, following in zip(frames, [*frames[1:], None], strict=True):
                 cloud = PointCloud.load(store.cloud(frame.key, frame.format))
                 append_frame: Callable[..., None] = partial(cast(Callable[..., None], append), label=frame.sensor.label)
                 if chosen.boxes:
@@ -66,6 +68,9 @@ class DriveTask:
                         gather(cloud)
                 else:
                     append_frame(cloud if frame.truth else cloud.without_truth())
+                if chosen.driver and following is not None:
+                    span_s = _start_s(store, frame), _start_s(store, following)
+                    cast(Any, append).append_motion(*poses_between(scene.ego, *span_s))
         store.finish(self.key, [path], {"frames": len(self.frames)})
         self.remove_frames(store)
 

@@ -6,6 +6,8 @@ import signal
 import time
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Sequence
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -47,8 +49,26 @@ def render_frames(
     """
     since = time.monotonic()
     store, thread_count = Store(Path(folder)), threads or _threads_of_worker()
-    causes = [_try_render(task, store, thread_count, claiming) for task in tasks]
+    causes = [
+        _try_render(task, store, thread_count, claiming, _frames_following(tasks[number:]))
+        for number, task in enumerate(tasks)
+    ]
     return causes, time.monotonic() - since
+
+
+def _frames_following(tasks: Sequence[FrameTask | DriveTask]) -> int:
+    """Number of tasks behind the first that are the next frames of its run, one after the other."""
+    count, first = 0, tasks[0]
+    for number, task in enumerate(tasks[1:], start=1):
+        if isinstance(first, DriveTask) or isinstance(task, DriveTask):
+            break
+        settings = (task.scene, task.sensor, task.trace) == (first.scene, first.sensor, first.trace)
+        if not settings or not task.frame.differs_in_number(first.frame):
+            break
+        if task.frame.number != first.frame.number + number:
+            break
+        count = number
+    return count
 
 
 def dask_setup(_: Any) -> None:
@@ -63,18 +83,24 @@ def _threads_of_worker() -> int:
 
 
 @exclusive
-def _try_render(task: FrameTask | DriveTask, store: Store, threads: int, claiming: bool = True) -> str:
-    """Render one frame; any failure becomes one line of text, so that the other frames go on."""
+def _try_render(
+    task: FrameTask | DriveTask, store: Store, threads: int, claiming: bool = True, following: int = 0
+) -> str:
+    """Render one frame; any failure becomes one line of text, so that the other frames go on.
+
+    Args:
+        following: `_frames_following`
+    """
     try:
         blocks.use_threads(threads)
-        return _render(task, store, claiming)
+        return _render(task, store, claiming, following)
     except LidarSceneError as error:
         return " ".join(str(error).split())
     except Exception as error:
         return " ".join(shorten(f"{type(error).__name__}: {error}").split())
 
 
-def _render(task: FrameTask | DriveTask, store: Store, claiming: bool = True) -> str:
+def _render(task: FrameTask | DriveTask, store: Store, claiming: bool = True, following: int = 0) -> str:
     if task.version != __version__:
         raise InputError(f"lidarscene {task.version} gave this frame out, the worker has {__version__}")
     with store.claim(task.key) as is_ours:
@@ -85,14 +111,16 @@ def _render(task: FrameTask | DriveTask, store: Store, claiming: bool = True) ->
         if isinstance(task, DriveTask):
             task.write(store, _scene_of(task.frames[0].scene))
         else:
-            _save(task, store)
+            _save(task, store, following)
     return ""
 
 
-def _save(task: FrameTask, store: Store) -> None:
+def _save(task: FrameTask, store: Store, following: int) -> None:
     simulator = _simulator(task)
-    summary = Summary()
-    cloud = simulator.render(task.frame, summary=summary)
+    summary, ahead = Summary(), None
+    if following:  # the device computes them while the files of this one are written
+        ahead = partial(simulator.begin, replace(task.frame, number=task.frame.number + 1), following)
+    cloud = simulator.render(task.frame, summary=summary, ahead=ahead)
     if task.place is not None and not task.place.is_whole_drive:
         truth = task.place.write(store.folder, cloud, simulator, _scene_of(task.scene))
         files = [store.folder / file for file in task.place.files]

@@ -9,11 +9,15 @@ import argparse
 import json
 import tomllib
 from collections.abc import Iterator
+from contextlib import suppress
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from ..errors import InputError
 from .terminal import Answer
+
+if TYPE_CHECKING:
+    from ..rendering.import_report import ImportReport
 
 KINDS = ("scene", "sensor", "imu", "rig", "material", "job", "design")
 
@@ -66,7 +70,7 @@ def add_catalogue(commands: Any) -> None:
         "check",
         help="all mistakes of a file at once",
         description="Read a scene, sensor, rig, material, job or design file and print every mistake in it, one a "
-        "line. Exit code 2 if there are any.",
+        "line; of a mesh file, a USD stage or a Mitsuba scene also what it holds. Exit code 2 if there is a mistake.",
     )
     check.add_argument("files", metavar="FILE", nargs="+", type=Path, help="file, or the name of a scene or example")
     check.set_defaults(run=run_check)
@@ -143,11 +147,32 @@ def run_schema(arguments: argparse.Namespace) -> Answer:
 
 
 def run_check(arguments: argparse.Namespace) -> Answer:
-    """Run `check`; one line for each mistake, and one for each file without any."""
+    """Run `check`; one line for each mistake, one for each file without any, and what mesh files hold."""
     mistakes = {str(path): list(_mistakes(path)) for path in arguments.files}
-    lines = [line for path, messages in mistakes.items() for line in messages or [f"{path}: no mistake found"]]
+    imports = {str(path): report for path in arguments.files if (report := _import_report(path)) is not None}
+    lines = []
+    for path, messages in mistakes.items():
+        lines += messages or [f"{path}: no mistake found"]
+        lines += [imports[path].text()] if path in imports else []
     code = InputError.exit_code if any(mistakes.values()) else 0
-    return Answer("\n".join(lines), code, {"mistakes": mistakes})
+    reports = {path: report.as_dict() for path, report in imports.items()}
+    return Answer("\n".join(lines), code, {"mistakes": mistakes} | ({"imports": reports} if reports else {}))
+
+
+def _import_report(path: Path) -> ImportReport | None:
+    """What a mesh, a stage or a Mitsuba scene holds; None for another file, and for one that cannot be read."""
+    from .. import catalog
+    from ..rendering.import_report import import_report
+    from ..scene.bare_mesh import is_mesh
+    from ..scene.foreign import is_xml
+    from ..scene.scene_file import scene_path
+
+    # What is wrong with the file is told as its mistake.
+    with suppress(InputError):
+        file = scene_path(catalog.file_or_example(path))
+        if is_mesh(file) or is_xml(file):
+            return import_report(file)
+    return None
 
 
 def _mistakes(path: Path) -> Iterator[str]:

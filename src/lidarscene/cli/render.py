@@ -71,10 +71,10 @@ def add_render(commands: Any) -> None:
     add_options(group, TraceOptions, "rays", "interactions", "background_rays", "vectors")
     add_options(group, FrameOptions, "chunk")
     group = render.add_argument_group("what is written")
-    add_options(group, Outputs, "path", "format", "epoch", "labels", "dataset")
+    add_options(group, Outputs, "path", "format", "epoch", "topic", "frame_id", "labels", "dataset")
     add_options(group, Outputs, "imu", "poses", "range_image", "ambient", "waveforms", "pulses")
     add_options(group, FrameOptions, coordinates="--frame is the older name")
-    add_options(group, Outputs, "merge", "deskew", "rrd", "colours", "truth", "ascii", "missed", "picture")
+    add_options(group, Outputs, "merge", "deskew", "rrd", "colours", "truth", "ascii", "missed", "keep_rays", "picture")
     group.add_argument(
         "--profile",
         action="store_true",

@@ -24,11 +24,34 @@ from ..formats.registry import format_of, formats_with
 from ..maths.arrays import Numbers
 from ..scene.scene import View
 from .builder import CloudBuilder
+from .rays import PulseRays
+
+
+class _CloudWithRays(Cloud):
+    """Cloud that may have the rays of its frame: no field, so that what is made of it by `replace` has none."""
+
+    __slots__ = ("_rays",)
+    _rays: PulseRays
+
+    @property
+    def rays(self) -> PulseRays:
+        """Rays of every pulse of the frame, with a point or without, in the coordinates of this cloud.
+
+        Raises:
+            InputError: unless the cloud is as `render` gave it with ``keep_rays=True``: what is selected, moved or
+                read of a file has none
+        """
+        try:
+            return self._rays
+        except AttributeError:
+            raise InputError(
+                "cloud.rays: must be of a cloud as render(..., keep_rays=True) gave it, and this has none"
+            ) from None
 
 
 @checks_arguments
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
-class PointCloud(Cloud):
+class PointCloud(_CloudWithRays):
     """The points of one frame, struct of arrays, read-only; `CloudColumns` declares each column.
 
     * `truth`: true_range_m to material: all given or all None; -1 and inf mean no surface

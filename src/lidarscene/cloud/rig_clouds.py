@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from ..formats.cloud_columns import SENSOR_TO_VEHICLE
+from ..formats.cloud_columns import RING_ROWS, SENSOR_TO_VEHICLE
 from ..maths.arrays import Numbers
 from .point_cloud import PointCloud
 
@@ -52,7 +52,11 @@ def merge_clouds(clouds: Sequence[PointCloud], labels: Sequence[str]) -> PointCl
     units = list(dict.fromkeys(cloud.metadata.get("intensity_unit", "") for cloud in clouds))
     if len(units) > 1:
         joined["intensity_unit"] = " or ".join(units)
-    return replace(all_points, metadata={**clouds[0].metadata, **joined})
+    metadata = {**clouds[0].metadata, **joined}
+    for key in ("driver", RING_ROWS):  # what sensors of several makers do not share
+        if len({cloud.metadata.get(key) for cloud in clouds}) > 1:
+            metadata.pop(key, None)
+    return replace(all_points, metadata=metadata)
 
 
 class Merging:

@@ -81,9 +81,8 @@ def detect(
         stops=stops,
         source=found.source,
     )
-    if isinstance(light, Echoes):
-        return detection
-    detection = share_noise(detection, light, sensor, seed=seed, pulse=pulse)
+    if isinstance(finder, Peaks):
+        detection = share_noise(detection, finder)
     if channels is None or crosstalk is None:
         return detection
     return withhold_beside_glare(detection, channels, crosstalk, sensor, pulse=pulse)

@@ -20,6 +20,9 @@ from ..errors import InputError
 LARGEST_TEXT = 1 << 26
 """Bytes of a text file that is read whole, 64 MiB: a thousand times a scene of 400 bodies."""
 
+LARGEST_PART = 1 << 29
+"""Bytes of a file to which another one refers: a buffer of glTF, a texture."""
+
 MOST_UNPACKED = 100
 """Largest ratio of unpacked to packed size: measured columns are noise, which packs to a tenth at best."""
 

@@ -22,6 +22,7 @@ EXTRAS = {
     "osi": {"betterosi": "betterosi", "mcap": "mcap"},
     "rerun": {"rerun": "rerun-sdk"},
     "usd": {"pxr": "usd-core"},
+    "draco": {"DracoPy": "DracoPy"},
     "pandas": {"pandas": "pandas"},
     "ouster": {"ouster.sdk": "ouster-sdk"},
     "velodyne": {"velodyne_decoder": "velodyne-decoder", "yaml": "pyyaml"},

@@ -90,7 +90,8 @@ class CloudColumns:
         Measured, Column("pulse_width", "float32", "s", "time over the threshold, 0 if it is not measured", absent=0)
     ]
     signal: Annotated[
-        Measured, Column("signal", "float32", "1", "photons counted of the return, 0 if they are not counted", absent=0)
+        Measured,
+        Column("signal", "float32", "1", "photons counted of the return, whole; 0 if they are not counted", absent=0),
     ]
     snr: Annotated[Measured, Column("snr", "float32", "1", "signal-to-noise ratio")]
     detection_probability: Annotated[
@@ -98,7 +99,8 @@ class CloudColumns:
     ]
     ambient: Annotated[Measured, Column("ambient", "float32", "1", "background counts of the pulse")]
     time_s: Annotated[Measured, Column("time", "float64", "s", "emission of the pulse, from the start of the frame")]
-    channel: Annotated[Measured, Column("channel", "int32", "1", "laser channel")]
+    channel: Annotated[Measured, Column("channel", "int32", "1", "number of the laser, or of the row")]
+    ring: Annotated[Measured, Column("ring", "int32", "1", "row as the maker's driver counts it")]
     azimuth_rad: Annotated[Measured, Column("azimuth", "float32", "rad", "commanded beam azimuth in the sensor frame")]
     elevation_rad: Annotated[
         Measured, Column("elevation", "float32", "rad", "commanded beam elevation in the sensor frame")
@@ -180,6 +182,10 @@ SENSOR_TO_WORLD = "sensor_to_world"
 
 SENSOR_TO_VEHICLE = "sensor_to_vehicle"
 """Key of the metadata whose text has the pose of each sensor on its vehicle: (3, 4) matrices row by row."""
+
+
+RING_ROWS = "ring_rows"
+"""Key of the metadata with the row of each ring, from the lowest up, where the maker's driver counts otherwise."""
 
 
 @checks_arguments

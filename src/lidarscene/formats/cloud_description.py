@@ -21,7 +21,7 @@ from ..errors import InputError, LidarSceneError, OutputError
 from ..files.atomic import atomic_output
 from ..files.inputs import require_file
 from ..maths.arrays import Numbers
-from .cloud_columns import COLUMNS, NAMES, Cloud, Fields
+from .cloud_columns import COLUMNS, NAMES, Cloud, Fields, columns_of
 
 VERSION = 1
 NO_ROOM = 1 << 20  # bytes: a disk that has no more is full
@@ -54,7 +54,8 @@ def described_fields(columns: Mapping[str, Numbers], text: str) -> Fields:
     content = json.loads(text)
     if not isinstance(content, dict) or content.get("lidarscene") != VERSION:
         raise ValueError(f"not written by this version of lidarscene: no description of version {VERSION}")
-    missing_columns = [name for name in content["units"] if name not in columns]
+    needed = dict.fromkeys([*(column.name for column in columns_of(truth=False, vectors=False)), *content["units"]])
+    missing_columns = [name for name in needed if name not in columns]
     if missing_columns:
         raise ValueError(f"columns are missing: {', '.join(missing_columns)}")
     xyz_m = np.stack([columns[name] for name in "xyz"], axis=-1).astype(content["position"], copy=False)

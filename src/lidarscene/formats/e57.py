@@ -1,7 +1,7 @@
 """Write point clouds as E57 (ASTM E2807). Needs pye57.
 
 One scan. Standard fields: cartesianX/Y/Z, intensity, timeStamp (from the start of the frame), returnIndex (from 0),
-rowIndex (the channel, where it is not negative). Every other column is a field of its name in our own extension,
+rowIndex (the ring). Every other column is a field of its name in our own extension,
 prefix `ls`. The scan's pose takes the points into the world; a cloud in the world frame has none. The
 `cloud_description.description` is the scan's description.
 """
@@ -30,7 +30,7 @@ FIELDS = {
     "intensity": "intensity",
     "time": "timeStamp",
     "return_number": "returnIndex",
-    "channel": "rowIndex",
+    "ring": "rowIndex",
 }
 BLOCK_POINTS = 1 << 18
 
@@ -88,9 +88,6 @@ def _columns(cloud: Cloud) -> dict[str, Numbers]:
             values = values.astype(np.longlong)
         if column.name == "return_number":
             values = values.astype(np.longlong) - 1
-        if column.name == "channel" and len(values) and values.min() < 0:
-            columns[f"{PREFIX}:channel"] = values
-            continue
         if values.dtype.kind == "f":  # there is no infinity in E57
             values = np.clip(values, -LARGEST, LARGEST).astype(values.dtype)
         columns[FIELDS.get(column.name, f"{PREFIX}:{column.name}")] = values
@@ -107,7 +104,6 @@ def _scan_tree(cloud: Cloud, columns: dict[str, Numbers], text: str) -> dict[str
         for suffix, value in (("Minimum", low), ("Maximum", high))
         for i, axis in enumerate("xyz")
     }
-    rows = columns.get("rowIndex", np.zeros(0, np.int64))
     tree: dict[str, Any] = {
         "guid": _guid(text, "scan"),
         "name": cloud.metadata.get("scene", "lidarscene"),
@@ -116,7 +112,7 @@ def _scan_tree(cloud: Cloud, columns: dict[str, Numbers], text: str) -> dict[str
         "cartesianBounds": bounds,
         "indexBounds": {
             "rowMinimum": 0,
-            "rowMaximum": int(rows.max(initial=0)),
+            "rowMaximum": int(columns["rowIndex"].max(initial=0)),
             "returnMinimum": 0,
             "returnMaximum": int(columns["returnIndex"].max(initial=0)),
         },

@@ -1,9 +1,9 @@
 """Write point clouds as KITTI (`.bin`) and nuScenes (`.pcd.bin`): float32 rows without a header.
 
 KITTI has four numbers a point: x, y, z (forward, left, up, in the sensor's frame, as KITTI's Velodyne) and intensity.
-nuScenes has five: ring too. The axes of both are the sensor's own. Those of the nuScenes lidar have x to the
-right and y forward, so a loader that draws in its frame draws ours turned by 90 degrees; data sets have its axes
-(`labels.nuscenes_dataset`).
+nuScenes has five: ring too, which rises with the elevation as that of its HDL-32E. The axes of both are the sensor's
+own. Those of the nuScenes lidar have x to the right and y forward, so a loader that draws in its frame draws ours
+turned by 90 degrees; data sets have its axes (`labels.nuscenes_dataset`).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 
 from ..files.atomic import atomic_output
 from ..maths.arrays import Numbers
-from .cloud_columns import Cloud
+from .cloud_columns import RING_ROWS, Cloud
 
 BLOCK_POINTS = 1 << 18
 
@@ -49,10 +49,18 @@ def rows_stream(
             for first in range(0, len(cloud), BLOCK_POINTS):
                 local = cloud.select(slice(first, first + BLOCK_POINTS)).in_sensor_frame()
                 xyz_m = local.xyz_m if axes is None else local.xyz_m @ axes.T.astype(local.xyz_m.dtype)
-                values = [xyz_m, *(local.column(name) for name in columns)]
+                values = [xyz_m, *(_values(local, name) for name in columns)]
                 file.write(np.column_stack(values).astype("<f4", order="C").data)
 
         yield append
+
+
+def _values(cloud: Cloud, name: str) -> Numbers:
+    """Column of a file; rings count from the lowest row, whatever the maker's driver does."""
+    values, rows = cloud.column(name), cloud.metadata.get(RING_ROWS)
+    if name != "ring" or rows is None:
+        return values
+    return np.array([int(word) for word in rows.split()])[values]
 
 
 def write_nuscenes(path: str | os.PathLike[str], cloud: Cloud) -> None:
@@ -63,4 +71,4 @@ def write_nuscenes(path: str | os.PathLike[str], cloud: Cloud) -> None:
 
 def nuscenes_stream(path: str | os.PathLike[str]) -> AbstractContextManager[Append]:
     """Write the clouds that are appended in the block one after the other."""
-    return rows_stream(path, ("intensity", "channel"))
+    return rows_stream(path, ("intensity", "ring"))

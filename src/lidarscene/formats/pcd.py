@@ -4,6 +4,9 @@ Text, binary, or compressed column by column (binary_compressed, needs the packa
 `cloud_description.description` is in comment lines. `# room ...` makes headers of one length for any number of points,
 which is known last where a cloud is written piece by piece. Infinity is written as 3.40282346e+38 in text files,
 because common readers have no word for it.
+
+Positions are float32, which all readers know: some give zeros for fields of 8 bytes. Far from the origin they count
+from the whole metres nearest to the sensor, which are the VIEWPOINT; else that is the sensor's pose.
 """
 
 from __future__ import annotations
@@ -12,16 +15,19 @@ import os
 import struct
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
+from dataclasses import replace
 from typing import IO, Any
 
 import numpy as np
 
+from ..errors import OptionWarning, warn
 from ..files.atomic import atomic_output
 from ..files.inputs import require_unpacked
 from ..files.optional import import_optional
 from ..maths.arrays import Numbers
+from ..maths.pose import Pose
 from ..maths.rotations import quaternion
-from .cloud_columns import Cloud, Fields
+from .cloud_columns import Cloud, Fields, sensor_positions_m
 from .cloud_description import LARGEST, counted_stream, described_fields, description, input_errors, line_format
 
 FIRST_LINE = "# .PCD v0.7 - Point Cloud Data file format"
@@ -42,7 +48,8 @@ def write_pcd(path: str | os.PathLike[str], cloud: Cloud, *, ascii: bool = False
             append(cloud)
         return
     lzf = import_optional("lzf", extra="pcd")
-    columns = [np.ascontiguousarray(cloud.column(column.name)) for column in cloud.columns]
+    local = _about_viewpoint(cloud)
+    columns = [np.ascontiguousarray(local.column(column.name)) for column in local.columns]
     with atomic_output(path) as temporary, open(temporary, "wb") as file:
         file.write(_header(cloud, points=len(cloud), data="binary_compressed"))
         file.write(_compress(b"".join(values.tobytes() for values in columns), lzf))
@@ -54,7 +61,7 @@ def pcd_stream(path: str | os.PathLike[str], *, ascii: bool = False) -> Abstract
 
     def write(file: IO[bytes], cloud: Cloud) -> None:
         for start in range(0, len(cloud), BLOCK_POINTS):
-            rows = cloud.select(slice(start, start + BLOCK_POINTS)).to_structured()
+            rows = _about_viewpoint(cloud.select(slice(start, start + BLOCK_POINTS))).to_structured()
             if ascii:
                 file.writelines(_lines(rows))
             else:
@@ -78,7 +85,21 @@ def read_pcd(path: str | os.PathLike[str]) -> Fields:
             ]
         )
         points, data = int(header["POINTS"][0]), header["DATA"][0]
-        return described_fields(_read_columns(file, dtype, points, data), text)
+        fields = described_fields(_read_columns(file, dtype, points, data), text)
+        if fields["xyz_m"].dtype == np.float64 and dtype["x"] == np.float32:
+            fields["xyz_m"] += np.array([float(word) for word in header["VIEWPOINT"][:3]])
+        return fields
+
+
+def _origin_m(cloud: Cloud) -> Numbers | None:
+    """(3,) whole metres that the file's positions count from; None: the cloud's own origin."""
+    return None if cloud.xyz_m.dtype == np.float32 else np.rint(sensor_positions_m(cloud.metadata)[0])
+
+
+def _about_viewpoint(cloud: Cloud) -> Cloud:
+    """The cloud with positions as the file has them, float32."""
+    origin_m = _origin_m(cloud)
+    return cloud if origin_m is None else replace(cloud, xyz_m=(cloud.xyz_m - origin_m).astype(np.float32))
 
 
 def pcd_columns(path: str | os.PathLike[str]) -> tuple[dict[str, Numbers], tuple[int, int] | None]:
@@ -109,8 +130,9 @@ def pcd_columns(path: str | os.PathLike[str]) -> tuple[dict[str, Numbers], tuple
 
 def _header(cloud: Cloud, *, points: int, data: str) -> bytes:
     """Header of the file, whose length does not depend on the number of points."""
-    text, pose = description(cloud), cloud.sensor_place
-    types = [cloud.column(column.name).dtype for column in cloud.columns]
+    text, pose, origin_m = description(cloud), cloud.sensor_place, _origin_m(cloud)
+    types = [_about_viewpoint(cloud).column(column.name).dtype for column in cloud.columns]
+    pose = pose if origin_m is None else Pose(position_m=origin_m)
     viewpoint = (*pose.position_m, *quaternion(pose.rotation))
     lines = [FIRST_LINE]
     lines += [OURS + text[first : first + LONGEST_TEXT] for first in range(0, len(text), LONGEST_TEXT)]
@@ -180,7 +202,10 @@ def _header_words(file: IO[bytes]) -> tuple[dict[str, list[str]], str]:
 
 
 def _read_columns(file: IO[bytes], dtype: np.dtype[Any], points: int, data: str) -> dict[str, Numbers]:
-    """Read the columns by name; ValueError unless the file has exactly the points that its header counts."""
+    """Read the columns by name; ValueError if the file has fewer points than its header counts.
+
+    Bytes behind them, which some programs write, are left out, with an `OptionWarning`.
+    """
     names = dtype.names or ()
     if data == "ascii":
         lines = file.readlines()
@@ -191,17 +216,24 @@ def _read_columns(file: IO[bytes], dtype: np.dtype[Any], points: int, data: str)
     content = file.read()
     if data == "binary_compressed":
         compressed_size, size = struct.unpack_from("<II", content)
-        if len(content) != 8 + compressed_size:
-            raise ValueError(f"must have {8 + compressed_size} bytes of points, got {len(content)}")
-        require_unpacked(len(content), size)
-        content = import_optional("lzf", extra="pcd").decompress(content[8:], size) if size else b""
-    if len(content) != points * dtype.itemsize:
-        raise ValueError(f"must have {points * dtype.itemsize} bytes of points, got {len(content)}")
+        compressed = _cut(file, content, 8 + compressed_size)[8:]
+        require_unpacked(8 + len(compressed), size)
+        content = import_optional("lzf", extra="pcd").decompress(compressed, size) if size else b""
+    content = _cut(file, content, points * dtype.itemsize)
     if data == "binary":
         rows = np.frombuffer(content, dtype)
         return {name: np.ascontiguousarray(rows[name]) for name in names}
     ends = np.cumsum([0, *(points * dtype[name].itemsize for name in names)])
     return {name: np.frombuffer(content[ends[i] : ends[i + 1]], dtype[name]) for i, name in enumerate(names)}
+
+
+def _cut(file: IO[bytes], content: bytes, size: int) -> bytes:
+    """The first bytes of the content; ValueError if it has fewer."""
+    if len(content) < size:
+        raise ValueError(f"must have {size} bytes of points, got {len(content)}")
+    if len(content) > size:
+        warn(OptionWarning("{0}: {1} bytes after the points are left out", file.name, len(content) - size))
+    return content[:size]
 
 
 def _with_infinity(values: Numbers) -> Numbers:

@@ -40,6 +40,7 @@ class Format:
         frames: context manager from a path (and ``epoch_ns``, as `formats.clock` has it) to a function that appends
             whole clouds, the frames of one file, each with the label of its sensor; None if a file holds a single frame
         rig: whether such a file holds the clouds of several sensors, each by itself, and IMUs (``append_imu``)
+        driver: whether ``frames`` takes the names of a ROS driver, ``topic`` and ``frame_id``, and the vehicle's motion
         boxes: whether ``frames`` takes boxes of bodies and range images with a cloud
         folder: whether it is a folder of files, so that its name needs no suffix
         text: whether ``write`` and ``stream`` take ``ascii``
@@ -57,6 +58,7 @@ class Format:
     frames: Stream | None = None
     extra: str = ""
     rig: bool = False
+    driver: bool = False
     boxes: bool = False
     folder: bool = False
     text: bool = False
@@ -102,23 +104,21 @@ def _functions(module: str, others: str = "", *, name: str | None = None, **opti
     return members | ({"read": _import_on_call(module, f"read_{name}")} if "read" in others else {})
 
 
-_ROS_COLUMNS = {
-    "velodyne": "all; `time` as float32, `channel` as `ring` up to 65535",
-    "ouster": "all; `t` in ns, `range` in mm, `reflectivity` in percent, whole numbers",
-}
-
-
-def _ros(suffix: str, storage: str, layout: str = "velodyne") -> Format:
+def _ros(suffix: str, storage: str, layout: str = "") -> Format:
     return Format(
         suffix=suffix,
         extra="ros",
-        columns=_ROS_COLUMNS[layout],
+        columns=_CUSTOM_COLUMNS if layout == "livox-custom" else "all; the driver's own first, in its units",
         positions="float32, sensor frame",
         beside="poses as `/tf` and `/tf_static`; metadata, units, names",
         rig=True,
+        driver=True,
         folder=storage == "sqlite3",
         **_functions("ros", "frames", storage=storage, layout=layout),
     )
+
+
+_CUSTOM_COLUMNS = "`time` in ns, `intensity` as a byte, `return_number` in the tag, `ring` as line"
 
 
 def _las(suffix: str, *, compressed: bool) -> Format:
@@ -149,14 +149,18 @@ def _rows(suffix: str, name: str, columns: str) -> Format:
     return Format(suffix=suffix, columns=columns, positions="float32, sensor frame", beside="nothing", **functions)
 
 
-_PCD_BESIDE = "metadata, units, names, viewpoint"
+ROS_LAYOUTS = ("velodyne", "ouster", "hesai", "robosense", "livox", "livox-custom")
+"""Layouts of messages of ROS 2 that may be chosen by name; without, the sensor's driver chooses."""
+
+_PCD: dict[str, Any] = {
+    "positions": "float32; far from the origin from the viewpoint's whole metres on",
+    "beside": "metadata, units, names, viewpoint",
+}
 
 FORMATS = {
     "ply": Format(suffix=".ply", text=True, colour=True, **_functions("ply", "read stream")),
-    "pcd": Format(suffix=".pcd", text=True, beside=_PCD_BESIDE, **_functions("pcd", "read stream")),
-    "pcd-compressed": Format(
-        suffix=".pcd", extra="pcd", beside=_PCD_BESIDE, **_functions("pcd", "read", compressed=True)
-    ),
+    "pcd": Format(suffix=".pcd", text=True, **_PCD, **_functions("pcd", "read stream")),
+    "pcd-compressed": Format(suffix=".pcd", extra="pcd", **_PCD, **_functions("pcd", "read", compressed=True)),
     "las": _las(".las", compressed=False),
     "laz": _las(".laz", compressed=True),
     "e57": Format(
@@ -167,11 +171,11 @@ FORMATS = {
         **_functions("e57"),
     ),
     "kitti": _rows(".bin", "kitti", "`intensity`"),
-    "nuscenes": _rows(".pcd.bin", "nuscenes", "`intensity`, `channel`"),
+    "nuscenes": _rows(".pcd.bin", "nuscenes", "`intensity`, `ring` from the lowest up"),
     "npz": Format(suffix=".npz", **_functions("npz", "read")),
     "parquet": Format(suffix=".parquet", extra="parquet", **_functions("parquet", "read stream")),
     "mcap": _ros(".mcap", storage="mcap"),
-    "mcap-ouster": _ros(".mcap", storage="mcap", layout="ouster"),
+    **{f"mcap-{layout}": _ros(".mcap", storage="mcap", layout=layout) for layout in ROS_LAYOUTS},
     "rrd": Format(
         suffix=".rrd",
         extra="rerun",
@@ -187,7 +191,9 @@ FORMATS = {
 }
 """Formats of files by name. A suffix means the first format that has it."""
 
-BAGS = {"rosbag2": _ros(".db3", storage="sqlite3"), "rosbag2-ouster": _ros(".db3", storage="sqlite3", layout="ouster")}
+BAGS = {"rosbag2": _ros(".db3", storage="sqlite3")} | {
+    f"rosbag2-{layout}": _ros(".db3", storage="sqlite3", layout=layout) for layout in ROS_LAYOUTS
+}
 """Formats that are folders, by name."""
 
 

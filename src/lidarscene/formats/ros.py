@@ -1,17 +1,17 @@
 """Write point clouds as a bag of ROS 2 messages: an MCAP file, or a folder with SQLite. Needs no ROS.
 
-Topic `/points` has a sensor_msgs/PointCloud2 for each frame, in the sensor's frame (frame_id `lidar`); of a rig
-`/LABEL/points` in the frame `LABEL`. A merged cloud is in the vehicle's frame. `/tf` has the vehicle's pose at the
-start of each frame, from `map` to `base_link`, and `/tf_static` the sensors' places on it (names as in REP 105). `/imu`
-or `/LABEL/imu` has sensor_msgs/Imu in the frame `imu` or `LABEL_imu`. The
-fields of the driver that the layout names come first, with its offsets and types; all other columns follow by their
-own names.
+A message for each frame has the fields of the maker's driver first, with its offsets, types and units; all other
+columns follow by their own names. It is a sensor_msgs/PointCloud2 in the sensor's frame, or a
+livox_ros_driver2/CustomMsg. Topics and frames have the driver's names (`sensor.driver.DRIVERS`); of a rig they are
+`/LABEL/points` (the last part of the driver's) and `LABEL`. A merged cloud is in the vehicle's frame. `/tf` has the
+vehicle's pose, from `map` to `base_link`, at the start of each frame and, where it moves, at `TRANSFORM_HZ`;
+`/tf_static` has the sensors' places on it (names as in REP 105). The IMU's sensor_msgs/Imu are in a frame of its own.
 """
 
 from __future__ import annotations
 
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import closing, contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -19,39 +19,36 @@ from typing import Any, cast
 
 import numpy as np
 
+from ..errors import InputError
 from ..files.atomic import atomic_folder, atomic_output, folder_beside
 from ..maths.arrays import Numbers
 from ..maths.pose import Pose
 from ..maths.rotations import quaternion
+from ..sensor.driver import DRIVERS, Driver
 from ..sensor.imu import ImuSamples
 from .clock import default_epoch_ns, stamp_ns
 from .cloud_columns import Cloud, frame_starts_s, sensor_positions_m
 from .cloud_description import description, library_errors
 from .ros_bag import LATCHED, BagWriter, MessageFields
 
-POINTS, IMU, TRANSFORMS, STATIC_TRANSFORMS = "points", "imu", "/tf", "/tf_static"
-SENSOR_FRAME, VEHICLE_FRAME, WORLD_FRAME = "lidar", "base_link", "map"
+TRANSFORMS, STATIC_TRANSFORMS = "/tf", "/tf_static"
+VEHICLE_FRAME, WORLD_FRAME = "base_link", "map"
+
+TRANSFORM_HZ = 100.0
+"""Choice: poses of a moving vehicle on `/tf`, per second: at 130 km/h it goes on by 0.4 m between two of them."""
+
+_XYZ = {"x": (0, "<f4"), "y": (4, "<f4"), "z": (8, "<f4")}
+_XYZIRT = _XYZ | {"intensity": (12, "<f4"), "ring": (16, "<u2"), "timestamp": (18, "<f8")}
 
 # Offset and type of each field of a point, and its bytes in all.
 LAYOUTS: dict[str, tuple[dict[str, tuple[int, str]], int]] = {
-    # velodyne_pointcloud of the ROS driver: x y z intensity ring time, time in seconds.
-    "velodyne": (
-        {
-            "x": (0, "<f4"),
-            "y": (4, "<f4"),
-            "z": (8, "<f4"),
-            "intensity": (12, "<f4"),
-            "ring": (16, "<u2"),
-            "time": (18, "<f4"),
-        },
-        22,
-    ),
-    # ouster_ros::Point: t in nanoseconds, range in millimetres, aligned to 16 bytes.
+    # velodyne_pointcloud, PointcloudXYZIRT: time in seconds from the stamp.
+    "velodyne": (_XYZ | {"intensity": (12, "<f4"), "ring": (16, "<u2"), "time": (18, "<f4")}, 22),
+    # ouster_ros::Point: t in nanoseconds from the stamp, range in millimetres, aligned to 16 bytes. The intensity is
+    # the signal in photons; the reflectivity is calibrated, 100 of a white surface.
     "ouster": (
-        {
-            "x": (0, "<f4"),
-            "y": (4, "<f4"),
-            "z": (8, "<f4"),
+        _XYZ
+        | {
             "intensity": (16, "<f4"),
             "t": (20, "<u4"),
             "reflectivity": (24, "<u2"),
@@ -61,39 +58,61 @@ LAYOUTS: dict[str, tuple[dict[str, tuple[int, str]], int]] = {
         },
         48,
     ),
+    # HesaiLidar_ROS_2.0, source_driver_ros2.hpp: timestamp in seconds since 1970.
+    "hesai": (_XYZIRT, 26),
+    # rslidar_sdk, doc/howto/05_how_to_change_point_type.md, XYZIRT: the same fields.
+    "robosense": (_XYZIRT, 26),
+    # livox_ros_driver2, lddc.cpp, PointXYZRTLT: the intensity is the reflectivity, timestamp in nanoseconds since 1970.
+    "livox": (_XYZ | {"intensity": (12, "<f4"), "tag": (16, "u1"), "line": (17, "u1"), "timestamp": (18, "<f8")}, 26),
 }
-
-_REPLACED = {"velodyne": ("channel",), "ouster": ("channel", "time")}
-"""Columns that a layout has under another name only."""
+CUSTOM = "livox-custom"
+"""Layout that is a message of its own, livox_ros_driver2/CustomMsg."""
 
 _DATATYPES = {"i1": 1, "u1": 2, "i2": 3, "u2": 4, "i4": 5, "u4": 6, "f4": 7, "f8": 8}
 """Constants of sensor_msgs/PointField."""
 
 
 def write_ros(
-    path: str | os.PathLike[str], clouds: Cloud | Iterable[Cloud], *, storage: str = "mcap", layout: str = "velodyne"
+    path: str | os.PathLike[str],
+    clouds: Cloud | Iterable[Cloud],
+    *,
+    storage: str = "mcap",
+    layout: str = "",
+    topic: str | None = None,
+    frame_id: str | None = None,
 ) -> None:
     """Write a bag of one frame, or of each that comes.
 
     Args:
         storage: "mcap": one file; "sqlite3": a folder with `metadata.yaml` and one file
-        layout: "velodyne" or "ouster"
+        layout: key of `LAYOUTS`, or `CUSTOM`; "": that of the sensor's driver
+        topic: of the points, in place of the driver's
+        frame_id: of the points, in place of the driver's
     """
     frames = [cast(Cloud, clouds)] if hasattr(clouds, "columns") else clouds
-    with ros_frames(path, storage=storage, layout=layout) as append:
+    with ros_frames(path, storage=storage, layout=layout, topic=topic, frame_id=frame_id) as append:
         for cloud in frames:
             append(cloud)
 
 
 @contextmanager
 def ros_frames(
-    path: str | os.PathLike[str], *, storage: str = "mcap", layout: str = "velodyne", epoch_ns: int | None = None
+    path: str | os.PathLike[str],
+    *,
+    storage: str = "mcap",
+    layout: str = "",
+    epoch_ns: int | None = None,
+    topic: str | None = None,
+    frame_id: str | None = None,
 ) -> Iterator[Bag]:
     """Write a bag of the clouds that are appended in the block: a message each, stamped at the start of its frame.
 
     Args:
+        layout: as in `write_ros`, and ``topic`` and ``frame_id``
         epoch_ns: from 1970 to the scene's second 0; None: `formats.clock.default_epoch_ns` of the first cloud
     """
+    if frame_id in (VEHICLE_FRAME, WORLD_FRAME):
+        raise InputError(f"{os.fspath(path)}: frame_id: must not be '{frame_id}', the frame that its pose is in")
     # A bag is a folder with one file of the folder's name, which the file's own metadata repeat. It is made where a
     # killed process leaves its unfinished files, so that the next write removes it.
     with _bag_folder(path, storage) as folder:
@@ -101,7 +120,7 @@ def ros_frames(
         with library_errors(path):
             writer = BagWriter(folder, storage)
         with closing(writer):
-            yield Bag(path, writer, layout, epoch_ns)
+            yield Bag(path, writer, layout, epoch_ns, topic=topic, frame_id=frame_id)
             with library_errors(path):
                 writer.finish()
 
@@ -126,10 +145,21 @@ def _bag_folder(path: str | os.PathLike[str], storage: str) -> Iterator[Path]:
 class Bag:
     """Open bag: a function that appends clouds. Topics are made when their first message comes."""
 
-    def __init__(self, path: str | os.PathLike[str], writer: BagWriter, layout: str, epoch_ns: int | None) -> None:
+    def __init__(
+        self,
+        path: str | os.PathLike[str],
+        writer: BagWriter,
+        layout: str,
+        epoch_ns: int | None,
+        *,
+        topic: str | None = None,
+        frame_id: str | None = None,
+    ) -> None:
         self._path, self._writer, self._layout, self._epoch_ns = path, writer, layout, epoch_ns
+        self._topic, self._frame_id = topic, frame_id
         self._mountings: dict[str, MessageFields] = {}
-        self._vehicle_ns: int | None = None
+        self._drivers: dict[str, Driver] = {}
+        self._vehicle_ns: set[int] = set()
 
     def __call__(self, cloud: Cloud, label: str = "") -> None:
         """Append a frame of the sensor with this label; "" without a rig, and for merged clouds."""
@@ -141,20 +171,31 @@ class Bag:
             self._epoch_ns = default_epoch_ns(cloud.frame_start_s)
         time_ns = stamp_ns(cloud.frame_start_s, self._epoch_ns)
         self._writer.custom_data["/".join(filter(None, ("lidarscene", label)))] = description(cloud)
-        if len(sensor_positions_m(cloud.metadata)) > 1:
+        maker = self._layout.partition("-")[0] or cloud.metadata.get("driver", "")
+        is_merged = len(sensor_positions_m(cloud.metadata)) > 1
+        driver = self._drivers[label] = DRIVERS["" if is_merged or maker not in DRIVERS else maker]
+        topic, frame = self._topic or driver.points, self._frame_id or driver.frame
+        if is_merged:
             cloud, frame = _in_vehicle_frame(cloud)
         else:
-            cloud, frame = cloud.in_sensor_frame(), _ros_name(label) or SENSOR_FRAME
+            cloud = cloud.in_sensor_frame()
+            frame = "_".join(filter(None, (_ros_name(label), self._frame_id))) if label else frame
         self._append_transforms(cloud, frame, time_ns)
-        points = _points_message(structured_rows(cloud, self._layout), _header(time_ns, frame))
-        self._writer.write(topic(POINTS, label), "sensor_msgs/msg/PointCloud2", time_ns, points)
+        header, layout = _header(time_ns, frame), self._layout or (maker if maker in LAYOUTS else "velodyne")
+        if layout == CUSTOM:
+            message_type, message = "livox_ros_driver2/msg/CustomMsg", _custom_message(cloud, header, time_ns)
+        else:
+            rows = structured_rows(cloud, layout, time_ns)
+            message_type, message = "sensor_msgs/msg/PointCloud2", _points_message(rows, header)
+        self._writer.write(topic_of(topic, label), message_type, time_ns, message)
 
     def append_imu(self, samples: ImuSamples, *, label: str, mounting: Pose) -> None:
         """Append samples of the IMU with this label; ``mounting`` is its pose on the vehicle."""
         with library_errors(self._path):
             if self._epoch_ns is None:
                 self._epoch_ns = default_epoch_ns(float(samples.time_s[0])) if len(samples) else None
-            frame = "_".join(filter(None, (_ros_name(label), IMU)))
+            driver = self._drivers.get(label, DRIVERS[""])
+            frame = f"{_ros_name(label)}_imu" if label else driver.imu_frame
             rows = zip(
                 samples.time_s.tolist(), samples.angular_velocity_rad_s, samples.specific_force_m_s2, strict=True
             )
@@ -162,21 +203,31 @@ class Bag:
                 time_ns = stamp_ns(time_s, self._epoch_ns or 0)
                 self._append_mounting(mounting, frame, time_ns)
                 message = _imu_message(_header(time_ns, frame), angular_velocity, force, samples.sigmas)
-                self._writer.write(topic(IMU, label), "sensor_msgs/msg/Imu", time_ns, message)
+                self._writer.write(topic_of(driver.imu, label), "sensor_msgs/msg/Imu", time_ns, message)
 
     def _append_transforms(self, cloud: Cloud, frame: str, time_ns: int) -> None:
         """Append the vehicle's pose, once for sensors whose frames begin together, and a sensor's place on it."""
         vehicle = cloud.vehicle_to_world
         if vehicle is None:
-            if cloud.sensor_to_world is not None:  # of a recording, which knows no vehicle
+            # Of a recording, which knows no vehicle; a merged cloud may be in the world's frame itself.
+            if cloud.sensor_to_world is not None and frame != WORLD_FRAME:
                 transform = _transform(cloud.sensor_to_world, WORLD_FRAME, frame, time_ns)
                 self._write_transforms(TRANSFORMS, time_ns, [transform])
             return
         if frame != VEHICLE_FRAME:
             self._append_mounting(cloud.sensors_to_vehicle[0], frame, time_ns)
-        if time_ns != self._vehicle_ns:
-            self._vehicle_ns = time_ns
-            transform = _transform(vehicle, WORLD_FRAME, VEHICLE_FRAME, time_ns)
+        self._append_vehicle(vehicle, time_ns)
+
+    def append_motion(self, times_s: Sequence[float], poses: Sequence[Pose]) -> None:
+        """Append poses of the vehicle in the world, at these times by the scene's clock."""
+        with library_errors(self._path):
+            for time_s, pose in zip(times_s, poses, strict=True):
+                self._append_vehicle(pose, stamp_ns(time_s, self._epoch_ns or 0))
+
+    def _append_vehicle(self, pose: Pose, time_ns: int) -> None:
+        if time_ns not in self._vehicle_ns:
+            self._vehicle_ns.add(time_ns)
+            transform = _transform(pose, WORLD_FRAME, VEHICLE_FRAME, time_ns)
             self._write_transforms(TRANSFORMS, time_ns, [transform])
 
     def _append_mounting(self, mounting: Pose, frame: str, time_ns: int) -> None:
@@ -190,15 +241,16 @@ class Bag:
         self._writer.write(topic, "tf2_msgs/msg/TFMessage", time_ns, {"transforms": transforms}, qos=qos)
 
 
-def topic(name: str, label: str) -> str:
+def topic_of(name: str, label: str) -> str:
     """Topic of a sensor of a rig, or of the only one (label "")."""
-    return f"/{_ros_name(label)}/{name}" if label else f"/{name}"
+    name = name.strip("/")
+    return f"/{_ros_name(label)}/{name.rpartition('/')[2]}" if label else f"/{name}"
 
 
 def _ros_name(label: str) -> str:
-    """Label as a name in ROS: letters, digits and _, and no digit first."""
+    """Label as a name in ROS: letters, digits and _, no digit first, and no frame that sensors are placed in."""
     name = label.replace("-", "_")
-    return f"sensor_{name}" if name[:1].isdigit() else name
+    return f"sensor_{name}" if name[:1].isdigit() or name in (VEHICLE_FRAME, WORLD_FRAME) else name
 
 
 def _in_vehicle_frame(cloud: Cloud) -> tuple[Cloud, str]:
@@ -216,10 +268,16 @@ def _in_vehicle_frame(cloud: Cloud) -> tuple[Cloud, str]:
     return replace(cloud, xyz_m=xyz_m, time_s=time_s, **cloud.vectors_turned(vehicle.rotation.T)), VEHICLE_FRAME
 
 
-def structured_rows(cloud: Cloud, layout: str) -> Numbers:
-    """(n,) structured points of the message: the driver's fields, then every other column."""
+def structured_rows(cloud: Cloud, layout: str, time_ns: int = 0) -> Numbers:
+    """(n,) structured points of the message: the driver's fields, then every other column.
+
+    Args:
+        layout: key of `LAYOUTS`
+        time_ns: stamp of the message, since 1970
+    """
     fields, size = LAYOUTS[layout]
-    driver_columns = {"x", "y", "z", *fields, *_REPLACED[layout]}
+    # The time that a driver counts in nanoseconds replaces ours in seconds.
+    driver_columns = {"x", "y", "z", *fields, *(("time",) if "t" in fields else ())}
     other_columns = [column.name for column in cloud.columns if column.name not in driver_columns]
     dtypes = {name: cloud.column(name).dtype.newbyteorder("<") for name in other_columns}
     offsets = size + np.cumsum([0, *(dtype.itemsize for dtype in dtypes.values())])
@@ -235,21 +293,61 @@ def structured_rows(cloud: Cloud, layout: str) -> Numbers:
     for name in other_columns:
         rows[name] = cloud.column(name)
     for name in fields:
-        rows[name] = _driver_value(cloud, name, rows.dtype[name])
+        rows[name] = _fitted(_driver_value(cloud, layout, name, time_ns), rows.dtype[name])
     return rows
 
 
-def _driver_value(cloud: Cloud, name: str, dtype: np.dtype[Any]) -> Numbers:
-    """Values of a driver's field, in its unit; zero where the cloud has no such column."""
-    scales = {"t": ("time", 1e9), "range": ("range", 1e3), "reflectivity": ("reflectivity", 100.0)}
-    column, scale = scales.get(name, ("channel" if name == "ring" else name, 1.0))
-    if column not in ("range", *(column.name for column in cloud.columns)):
-        return np.zeros(len(cloud), dtype)
-    values = cloud.column(column)
+def _driver_value(cloud: Cloud, layout: str, name: str, time_ns: int) -> Numbers:
+    """Values of a driver's field, in its unit."""
+    # What the truth knows of a surface is in no driver's field: a reflectivity is what the sensor reports.
+    is_calibrated = cloud.metadata.get("intensity_unit") == "of 255"
+    match layout, name:
+        case "ouster", "reflectivity":
+            return cloud.intensity if is_calibrated else np.zeros(len(cloud))
+        case "ouster", "intensity":
+            return cloud.signal if np.any(cloud.signal) else cloud.intensity
+        case _, "t":
+            return 1e9 * cloud.time_s
+        case _, "range":
+            return 1e3 * cloud.range_m.astype(np.float64)
+        case "livox", "timestamp":
+            return time_ns + 1e9 * cloud.time_s
+        case _, "timestamp":
+            return 1e-9 * time_ns + cloud.time_s
+        case _, "tag":
+            return (cloud.return_number.astype(np.int32) - 1) << 4  # bits 4 and 5: number of the return
+        case _, "line":
+            return cloud.ring
+        case _:
+            return cloud.column(name)
+
+
+def _fitted(values: Numbers, dtype: np.dtype[Any]) -> Numbers:
+    """Values of this type: the nearest whole numbers that it can hold, where it holds such."""
     if dtype.kind == "f":
         return values.astype(dtype)
     limits = np.iinfo(str(dtype))
-    return np.clip(np.rint(scale * values.astype(np.float64)), limits.min, limits.max).astype(dtype)
+    return np.clip(np.rint(values.astype(np.float64)), limits.min, limits.max).astype(dtype)
+
+
+def _custom_message(cloud: Cloud, header: MessageFields, time_ns: int) -> MessageFields:
+    """Message of Livox's own type: times from its stamp, in nanoseconds."""
+    byte = np.dtype("u1")
+    columns = {
+        "offset_time": _fitted(1e9 * cloud.time_s, np.dtype("u4")),
+        **{axis: cloud.column(axis).astype(np.float32) for axis in "xyz"},
+        "reflectivity": _fitted(cloud.intensity, byte),
+        **{name: _fitted(_driver_value(cloud, "livox", name, time_ns), byte) for name in ("tag", "line")},
+    }
+    rows = zip(*(values.tolist() for values in columns.values()), strict=True)
+    return {
+        "header": header,
+        "timebase": time_ns,
+        "point_num": len(cloud),
+        "lidar_id": 0,
+        "rsvd": [0, 0, 0],
+        "points": [dict(zip(columns, row, strict=True)) for row in rows],
+    }
 
 
 def _points_message(rows: Numbers, header: MessageFields) -> MessageFields:

@@ -39,6 +39,13 @@ DEFINITIONS = {
         "geometry_msgs/Vector3 angular_velocity\nfloat64[9] angular_velocity_covariance\n"
         "geometry_msgs/Vector3 linear_acceleration\nfloat64[9] linear_acceleration_covariance"
     ),
+    "livox_ros_driver2/CustomPoint": (
+        "uint32 offset_time\nfloat32 x\nfloat32 y\nfloat32 z\nuint8 reflectivity\nuint8 tag\nuint8 line"
+    ),
+    "livox_ros_driver2/CustomMsg": (
+        "std_msgs/Header header\nuint64 timebase\nuint32 point_num\nuint8 lidar_id\nuint8[3] rsvd\n"
+        "livox_ros_driver2/CustomPoint[] points"
+    ),
     "velodyne_msgs/VelodynePacket": "builtin_interfaces/Time stamp\nuint8[1206] data",
     "velodyne_msgs/VelodyneScan": "std_msgs/Header header\nvelodyne_msgs/VelodynePacket[] packets",
     "pandar_msgs/PandarPacket": "builtin_interfaces/Time stamp\nuint8[1500] data\nuint32 size",
@@ -49,6 +56,7 @@ DEFINITIONS = {
 HASHES = {
     "sensor_msgs/msg/PointCloud2": "RIHS01_9198cabf7da3796ae6fe19c4cb3bdd3525492988c70522628af5daa124bae2b5",
     "sensor_msgs/msg/Imu": "RIHS01_7d9a00ff131080897a5ec7e26e315954b8eae3353c3f995c55faf71574000b5b",
+    "livox_ros_driver2/msg/CustomMsg": "RIHS01_2eb17e5e35bf5a2d6cd079f3c57f33abf95e5bf7d71b42cddc05daace73d815a",
     "tf2_msgs/msg/TFMessage": "RIHS01_e369d0f05a23ae52508854b66f6aa0437f3449d652e8cbf22d5abe85d020f087",
 }
 """Hashes of the types that we write, by which ROS 2 from Iron on knows them (REP 2016)."""

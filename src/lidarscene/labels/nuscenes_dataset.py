@@ -154,7 +154,7 @@ def sample_stream(folder: Path, sample: Sample, scene: Scene, record: dict[str, 
         InputError: for a cloud without truth, of which the labels are made
     """
     with ExitStack() as streams:
-        cloud_file = streams.enter_context(rows_stream(folder / sample.cloud, ("intensity", "channel"), TO_NUSCENES))
+        cloud_file = streams.enter_context(rows_stream(folder / sample.cloud, ("intensity", "ring"), TO_NUSCENES))
         temporary = streams.enter_context(atomic_output(folder / sample.classes))
         class_file = streams.enter_context(open(temporary, "wb"))
         gathered = streams.enter_context(GatheredBoxes(temporary.parent, scene))

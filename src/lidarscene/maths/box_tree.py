@@ -10,12 +10,13 @@ Symbols: m boxes, n nodes.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
-from .arrays import Numbers
+from .arrays import Lanes, Numbers
 
 CHILDREN = 4
 """Boxes within a box of the next level."""
@@ -36,11 +37,15 @@ class BoxTree:
             highest corner; number of the box, -1 for a box around others. Node 0 is the box around all
         low: lowest corner of the box around all, as plain numbers
         high: highest corner of it, likewise
+        size: nodes of the tree; of each, where there are several (`joined`)
+        root: number of the tree's node 0, (n,) where each of n rays has its own tree
     """
 
     nodes: Any
     low: tuple[Any, ...]
     high: tuple[Any, ...]
+    size: Any
+    root: Any = 0
 
     @classmethod
     def from_boxes(cls, boxes: Numbers) -> BoxTree:
@@ -66,7 +71,22 @@ class BoxTree:
                 before = np.cumsum(below) - below
                 place = place[parent] + 1 + before - before[parent * CHILDREN]
         lowest, highest = (tuple(float(x) for x in corner) for corner in levels[-1][0])
-        return cls(nodes=nodes.ravel(), low=lowest, high=highest)
+        return cls(nodes=nodes.ravel(), low=lowest, high=highest, size=len(nodes))
+
+    @classmethod
+    def joined(cls, trees: Sequence[BoxTree]) -> BoxTree:
+        """Join trees over the same number of boxes, one behind the other; `low` and `high` are around all of them."""
+        size = trees[0].size
+        nodes = np.stack([tree.nodes for tree in trees]).reshape(len(trees), size, NUMBERS)
+        onward = nodes[:, :, 3]
+        onward += np.where(onward > 0.0, size * np.arange(len(trees))[:, None], 0.0)
+        corners = np.array([(tree.low, tree.high) for tree in trees])
+        lowest, highest = tuple(corners[:, 0].min(axis=0).tolist()), tuple(corners[:, 1].max(axis=0).tolist())
+        return cls(nodes=nodes.ravel(), low=lowest, high=highest, size=size)
+
+    def of_tree(self, number: Lanes) -> BoxTree:
+        """Return the trees of which each of n rays has the one of this number, (n,)."""
+        return replace(self, root=number * self.size)
 
 
 def _curve_place(boxes: Numbers) -> Numbers:

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -19,7 +19,6 @@ from .arrays import Lanes, Numbers, xp
 from .box_tree import BoxTree
 from .pose import rotation_numbers
 from .trajectory import Motion, states_of
-from .units import STATIC
 from .vectors import Vector
 
 STEP_S = 5e-4
@@ -84,22 +83,24 @@ class Placement:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class MotionTable:
-    """Several motions over one frame, on an even grid of times.
+    """Several motions over one frame, on an even grid of times; or over several frames (`joined`).
 
     Attributes:
         table: (motions, instants, 16), flat: place, quaternion (w, x, y, z), velocity, angular velocity, padding
         rate_hz: instants per second
         last: number of the last instant
-        count: of motions
+        count: of motions in a frame
         boxes: tree of m boxes along the axes of the traced frame [m], which hold all that the last m motions carry, all
             the time; None without any
+        first: number of the frame's first motion, (n,) where each of n rays has its own frame
     """
 
     table: Lanes
     rate_hz: Lanes
     last: Lanes
-    count: int = field(metadata=STATIC)
+    count: Lanes
     boxes: BoxTree | None = None
+    first: Lanes = 0
 
     @classmethod
     def from_motions(
@@ -146,6 +147,26 @@ class MotionTable:
             boxes = BoxTree.from_boxes(_swept_boxes(table[len(table) - len(carried_m) :], carried_m))
         return cls(table=table.ravel(), rate_hz=steps / length_s, last=float(steps), count=len(motions), boxes=boxes)
 
+    @classmethod
+    def joined(cls, tables: Sequence[MotionTable]) -> MotionTable:
+        """Join tables of which each `goes_with` the first."""
+        boxes = [table.boxes for table in tables if table.boxes is not None]
+        return replace(
+            tables[0],
+            table=np.concatenate([np.asarray(table.table) for table in tables]),
+            boxes=BoxTree.joined(boxes) if boxes else None,
+        )
+
+    def goes_with(self, other: MotionTable) -> bool:
+        """Whether it has as many motions and instants as another one, of the same rate in single precision."""
+        same = self.count == other.count and self.last == other.last
+        return bool(same and np.float32(self.rate_hz) == np.float32(other.rate_hz))
+
+    def of_frame(self, number: Lanes) -> MotionTable:
+        """Return the table of which each of n rays has the frame of this number, (n,) counted from the first."""
+        boxes = None if self.boxes is None else self.boxes.of_tree(number)
+        return replace(self, first=number * self.count, boxes=boxes)
+
     def placement(self, time_s: Lanes, motion_index: Lanes) -> Placement:
         """Placement of motion number ``motion_index`` at (n,) seconds after the start; clipped to the table's ends.
 
@@ -157,7 +178,7 @@ class MotionTable:
         lower = ops.minimum(ops.floor(place), self.last - 1.0)
         share = place - lower
         # Rows of a motion follow each other, motion after motion; the row before this time, in fours.
-        first = (ops.int32(lower) + motion_index * (ops.int32(self.last) + 1)) * (_NUMBERS // 4)
+        first = (ops.int32(lower) + (self.first + motion_index) * (ops.int32(self.last) + 1)) * (_NUMBERS // 4)
 
         def row(first: Lanes) -> list[Lanes]:
             return [number for four in range(_NUMBERS // 4) for number in ops.take_four(self.table, first + four)]

@@ -19,6 +19,7 @@ import numpy as np
 from ..cloud.deskew import deskewed
 from ..cloud.pixels import Camera
 from ..cloud.point_cloud import PointCloud
+from ..cloud.rays import PulseRays
 from ..cloud.rig_clouds import Merging
 from ..cloud.thinning import Thinned
 from ..files.atomic import name_path_in_errors
@@ -63,6 +64,7 @@ class FrameFiles:
         live: function that appends a cloud to a viewer, or None
         epoch_ns: from 1970 to the scene's second 0, for packets
         imu: samples of the sensor's IMU until the next frame, for packets, or None
+        frames: number of frames of the run from this one on
         ahead: called once the device has done its part of the frame: time to begin the next one
     """
 
@@ -78,6 +80,7 @@ class FrameFiles:
     live: Append | None = None
     epoch_ns: int = 0
     imu: ImuSamples | None = None
+    frames: int = 1
     ahead: Callable[[], None] | None = None
 
     def write(self, progress: Callable[[int, int], object] | None) -> None:
@@ -85,13 +88,18 @@ class FrameFiles:
         picture = Thinned() if "picture" in self.files else None
         ambient = AmbientImage() if "ambient" in self.files else None
         packets = self._packets()
+        rays: list[PulseRays] | None = [] if "keep_rays" in self.files else None
         with self._takers(picture, packets) as takers:
             for number, (simulator, take) in enumerate(zip(self._simulators, takers, strict=True), start=1):
                 later = self._simulators[number:]
-                ahead = partial(later[0].begin, self.frame) if later else self.ahead
+                ahead = partial(later[0].begin, self.frame, self.frames) if later else self.ahead
                 with self._missed(simulator) as missed:
                     observers = Observers(
-                        progress=progress, missed=missed, ambient=self._ambient(ambient, packets), summary=self.summary
+                        progress=progress,
+                        missed=missed,
+                        ambient=self._ambient(ambient, packets),
+                        pulses=None if rays is None else rays.append,
+                        summary=self.summary,
                     )
                     simulator.stream(take, self.frame, observers, ahead=ahead)
             since = time.perf_counter()
@@ -99,6 +107,8 @@ class FrameFiles:
             self.capture.take(packets.firings())
         if ambient is not None:
             ambient.save(self.files["ambient"], simulator.sensor)
+        if rays is not None:
+            PulseRays.concatenate(rays).save(self.files["keep_rays"])
         if "waveforms" in self.files:
             chosen = waveform_pulses(self.plan.outputs, simulator.sensor)
             write_waveforms(self.files["waveforms"], simulator.waveforms(chosen, frame=self.frame))

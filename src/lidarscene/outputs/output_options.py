@@ -30,6 +30,7 @@ from ..formats.registry import (
 from ..rendering.option_fields import (
     Date,
     FileName,
+    Matching,
     OneOf,
     Whole,
     check_options,
@@ -86,6 +87,18 @@ class Outputs:
         f"{EPOCH:%Y-%m-%d}, or 1970-01-01 if the first frame begins at 1e9 s or later)",
         metavar="DATE",
     )
+    topic: str | None = option(
+        None,
+        Matching("/?[A-Za-z]\\w*(/[A-Za-z]\\w*)*", "a name of ROS such as lidar/points"),
+        help="topic of the points in a bag of ROS 2, in place of the one that the maker's driver has",
+        metavar="NAME",
+    )
+    frame_id: str | None = option(
+        None,
+        Matching("[A-Za-z]\\w*", "a name of ROS such as lidar_top"),
+        help="frame of the points in a bag of ROS 2, in place of the one that the maker's driver has",
+        metavar="NAME",
+    )
     ascii: bool = option(False, help="write text instead of binary")
     truth: bool = option(True, help="columns of ground truth in the cloud", flags=("--no-truth",))
     colours: str | None = option(
@@ -114,6 +127,12 @@ class Outputs:
         help="every pulse without an echo point, and why",
         metavar="F.npz",
         flags=("--keep-missed",),
+    )
+    keep_rays: File | None = option(
+        None,
+        FileName((".npz", ".parquet", ".ply")),
+        help="every pulse with its ray: origin, direction, time, outcome and range, for maps of what is free",
+        metavar="F.npz|F.parquet|F.ply",
     )
     picture: File | None = option(
         None, FileName((".png", ".svg")), help="a view of the cloud and its range image (or F.svg)", metavar="F.png"
@@ -175,6 +194,9 @@ class Outputs:
             for name in ("labels", "deskew", "merge", "ascii"):
                 if getattr(self, name):
                     raise OptionError(f"{{{name}}}: goes with clouds, not with packets")
+        for name in ("topic", "frame_id"):
+            if getattr(self, name) is not None and not (self.bag is not None and self.bag.driver):
+                raise OptionError(f"{{{name}}}: goes with a bag of ROS 2, such as OUT.mcap")
         if self.pulses is not None and self.waveforms is None:
             raise OptionError("{pulses} goes with {waveforms}")
 

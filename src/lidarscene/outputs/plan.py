@@ -15,7 +15,7 @@ from ..errors import OptionError
 from ..files.atomic import require_writable
 from ..formats.cloud_columns import columns_of
 from ..formats.osi import trace_name
-from ..formats.registry import SUFFIXES, Format, formats_with
+from ..formats.registry import FORMATS, SUFFIXES, Format, formats_with
 from ..labels.files import label_paths
 from ..labels.kitti_dataset import cloud_path
 from .output_options import EXTRA_FILES, RUN_FILES, Outputs
@@ -124,6 +124,8 @@ class Plan:
             if not chosen.colour:
                 raise OptionError("{colours}: {0} can have colours", " and ".join(formats_with("colour")))
         chosen.require()
+        if outputs.keep_rays is not None and Path(outputs.keep_rays).suffix.lower() == ".parquet":
+            FORMATS["parquet"].require()
 
     def files(self, label: str, number: int) -> dict[str, Path]:
         """Files of one cloud by key: "output", "deskewed", "output_labels", ..., and the options of EXTRA_FILES.

@@ -254,6 +254,7 @@ class _Run:
             live = opened.enter_context(rerun_live(epoch_ns=epoch_ns)) if plan.outputs.rrd else None
             packet_files = {cloud.label: cloud.files["output"] for cloud in clouds} if encoders else {}
             open_captures = opened.enter_context(captures(packet_files, encoders))
+            end = clouds[-1].number + 1
             for (label, group, number, files), following in zip(clouds, [*clouds[1:], None], strict=True):
                 parts = list(self.motion.parts(group, number - self.frame.number))
                 frame_files = FrameFiles(
@@ -272,18 +273,25 @@ class _Run:
                     epoch_ns=epoch_ns,
                     capture=open_captures.get(label),
                     imu=next((samples for track, samples in parts if track.label == label), None),
-                    ahead=None if following is None else partial(self._begin, following),
+                    frames=end - number,
+                    ahead=None if following is None else partial(self._begin, following, end - following.number),
                 )
                 frame_files.write(progress)
+                for log in bags.values() if plan.format.driver else ():
+                    log.append_motion(*self.motion.vehicle_poses(group[0], number - self.frame.number))
                 for log in (*(bags.values() if keeps_rig else ()), *(() if live is None else (live,))):
                     for track, samples in parts:
                         log.append_imu(samples, label=track.label, mounting=track.on_vehicle)
                 written.append(RecordedCloud(label=label, number=number, files=files, summary=frame_files.summary))
         return tuple(written)
 
-    def _begin(self, cloud: _PlannedCloud) -> None:
-        """Start the first sensor of a cloud: the device computes while the files of the last one are written."""
-        self.simulators[cloud.sensor_labels[0]].begin(self._frame_of(cloud.number))
+    def _begin(self, cloud: _PlannedCloud, frames: int) -> None:
+        """Start the first sensor of a cloud: the device computes while the files of the last one are written.
+
+        Args:
+            frames: number of frames from the cloud's on
+        """
+        self.simulators[cloud.sensor_labels[0]].begin(self._frame_of(cloud.number), frames)
 
     def _frame_of(self, number: int) -> FrameOptions:
         return replace(self.frame, number=number, pose=None)
@@ -294,8 +302,9 @@ def _bags(plan: Plan, clouds: Sequence[Mapping[str, Path]], opened: ExitStack, e
     if not plan.is_bag or plan.format.frames is None:
         return {}
     paths = dict.fromkeys(files[key] for files in clouds for key in CLOUDS if key in files)
-    frames = plan.format.frames
-    return {path: opened.enter_context(frames(path, epoch_ns=epoch_ns)) for path in paths}
+    frames, outputs = plan.format.frames, plan.outputs
+    names = {"topic": outputs.topic, "frame_id": outputs.frame_id} if plan.format.driver else {}
+    return {path: opened.enter_context(frames(path, epoch_ns=epoch_ns, **names)) for path in paths}
 
 
 def _sensors(

@@ -14,6 +14,7 @@ import numpy as np
 
 from ..errors import OptionError
 from ..formats.motion_files import write_imu, write_poses
+from ..formats.ros import TRANSFORM_HZ
 from ..maths.arrays import Numbers
 from ..maths.pose import Pose
 from ..maths.trajectory import Course, Motion, Riding, pose_at
@@ -98,6 +99,22 @@ class RunMotion:
                 end_s = starts_s[index + 1] if index + 1 < len(starts_s) else np.inf
                 yield track, track.samples.between(float(start_s), float(end_s))
 
+    def vehicle_poses(self, label: str, index: int) -> tuple[list[float], list[Pose]]:
+        """Times by the scene's clock and poses of the vehicle from the start of a sensor's frame to that of the next.
+
+        They are `formats.ros.TRANSFORM_HZ` a second; none where the vehicle never moves, and for the sensors of a rig
+        after its first.
+
+        Args:
+            index: of the frame within the run
+        """
+        ego, starts_s = self.scene.ego, self.starts_s[label]
+        if label != next(iter(self.simulators)):
+            return [], []
+        last_s = float(starts_s[index]) + self.simulators[label].sensor.scanner.frame_s
+        end_s = float(starts_s[index + 1]) if index + 1 < len(starts_s) else last_s
+        return poses_between(ego, float(starts_s[index]), end_s)
+
     def write_imu(self, path: Path, label: str, epoch_ns: int) -> None:
         """Write the samples of the IMU with this label."""
         track = next(track for track in self.tracks if track.label == label)
@@ -110,6 +127,12 @@ class RunMotion:
         motion: Motion = self.simulators[label].motion if single else self.scene.ego or Course()
         poses = [pose_at(motion, time_s) for time_s in times_s.tolist()]
         write_poses(path, times_s.tolist(), poses, epoch_ns=epoch_ns)
+
+
+def poses_between(ego: Motion | None, start_s: float, end_s: float) -> tuple[list[float], list[Pose]]:
+    """Times from a start to before an end [s], `TRANSFORM_HZ` a second, and poses of a vehicle; none without one."""
+    times_s = [] if ego is None else np.arange(start_s, end_s, 1.0 / TRANSFORM_HZ).tolist()
+    return times_s, [pose_at(ego, time_s) for time_s in times_s if ego is not None]
 
 
 def imu_labels(sensors: Mapping[str, bool], rig: Rig | None) -> list[str]:

@@ -77,7 +77,8 @@ def _columns(
         "signal": at_points(signal),
         "ambient": at_points(sweep.near_ir),
         "time_s": at_points(sweep.time_s),
-        "channel": at_points(sweep.ring),
+        "channel": at_points(sweep.ring),  # which laser it was, recordings seldom say
+        "ring": at_points(sweep.ring),
         "azimuth_rad": np.arctan2(direction[:, 1], direction[:, 0]),
         "elevation_rad": np.arcsin(direction[:, 2].clip(-1.0, 1.0)),
         "return_number": np.full(has_point.sum(), number) if return_number is None else return_number[has_point],

@@ -1,4 +1,4 @@
-"""Recordings in ROS 2 bags, SQLite or MCAP: PointCloud2 of any driver, packets of Velodyne and Hesai."""
+"""Recordings in ROS 2 bags, SQLite or MCAP: clouds of any driver, packets of Velodyne and Hesai."""
 
 from __future__ import annotations
 
@@ -21,6 +21,7 @@ from .sweep import Sweep
 from .sweep_from_columns import sweep_of
 
 POINTS, TRANSFORMS = "sensor_msgs/msg/PointCloud2", "tf2_msgs/msg/TFMessage"
+CUSTOM = "livox_ros_driver2/msg/CustomMsg"
 SCANS: dict[str, Callable[..., Recording]] = {
     "velodyne_msgs/msg/VelodyneScan": velodyne_reader.recording_of_scans,
     "pandar_msgs/msg/PandarScan": hesai_reader.recording_of_scans,
@@ -43,24 +44,28 @@ def open_bag(path: Path, metadata: Path | None) -> Recording:
 
 
 def _recording_of(bag: BagReader, path: Path, metadata: Path | None) -> Recording:
-    topic = next((topic for topic, kind in bag.topics.items() if kind in (POINTS, *SCANS)), None)
+    topic = next((topic for topic, kind in bag.topics.items() if kind in (POINTS, CUSTOM, *SCANS)), None)
     if topic is None:
         topics = ", ".join(f"{topic} ({kind})" for topic, kind in bag.topics.items()) or "none"
-        raise InputError(f"{path}: must have a topic of PointCloud2 or of Velodyne's or Hesai's packets, got {topics}")
+        raise InputError(
+            f"{path}: must have a topic of PointCloud2, of Livox or of Velodyne's or Hesai's packets, got {topics}"
+        )
     messages, kind = bag.messages(topic), bag.topics[topic]
     if kind in SCANS:
         maker = kind.partition("_")[0]
         scans, name = _Scans(bag, path, messages), f"{maker} {path.suffix[1:] or 'bag'}"
         return replace(SCANS[kind](path, metadata, scans, name=name), close_file=bag.close)
     if metadata is not None:
-        raise InputError(f"--metadata {metadata}: goes with recordings of packets, not with PointCloud2")
+        raise InputError(f"--metadata {metadata}: goes with recordings of packets, not with clouds")
     with input_errors(path, folder=True):
         transforms = _transforms(bag)
     recording_metadata = {"format": f"ros {path.suffix[1:] or 'bag'}", "sensor": "", "topic": topic}
 
+    sweep = _sweep_of_livox if kind == CUSTOM else _sweep
+
     def read(frame: int) -> Sweep:
         with input_errors(path, folder=True):
-            return _sweep(bag.read(messages[frame]), transforms, recording_metadata | {"frame": str(frame)})
+            return sweep(bag.read(messages[frame]), transforms, recording_metadata | {"frame": str(frame)})
 
     return Recording(path=path, count=len(messages), read=read, close_file=bag.close, metadata=recording_metadata)
 
@@ -108,6 +113,15 @@ def _sweep(message: Any, transforms: Transforms, metadata: dict[str, str]) -> Sw
         pose=_pose_at(transforms, message.header.frame_id, start_s),
         metadata=metadata,
     )
+
+
+def _sweep_of_livox(message: Any, transforms: Transforms, metadata: dict[str, str]) -> Sweep:
+    names = ("offset_time", "x", "y", "z", "reflectivity", "line")
+    columns = {name: np.array([getattr(point, name) for point in message.points]) for name in names}
+    columns["offset_time"] = columns["offset_time"].astype(np.int64)  # nanoseconds
+    start_s = 1e-9 * message.timebase
+    pose = _pose_at(transforms, message.header.frame_id, start_s)
+    return sweep_of(columns, start_s=start_s, pose=pose, metadata=metadata)
 
 
 Transforms = dict[str, list[tuple[float, str, Pose]]]

@@ -67,7 +67,8 @@ def extras_of(path: str | os.PathLike[str], metadata: str | os.PathLike[str] | N
         description = metadata_of(file, None if metadata is None else Path(metadata))
         return ("ouster",) if description is not None and description.suffix.lower() in (".json", ".osf") else ()
     is_bag = suffix in (".mcap", ".db3") or (file / "metadata.yaml").is_file()
-    return ("ros",) if is_bag else ("las",) if suffix in (".las", ".laz") else ()
+    by_suffix = {".las": "las", ".laz": "las", ".feather": "parquet"}
+    return ("ros",) if is_bag else (by_suffix[suffix],) if suffix in by_suffix else ()
 
 
 def _open_ouster(path: Path, metadata: Path | None) -> Recording:
@@ -130,11 +131,12 @@ READERS: dict[str, Reader] = {
     ".ply": _open_cloud,
     ".las": _open_cloud,
     ".laz": _open_cloud,
+    ".feather": _open_cloud,
 }
 """Suffix of a file's name, the longest first -> reader."""
 
 
-ONLY_RECORDINGS = (".pcap", ".osf", ".mcap", ".db3", ".bin")
+ONLY_RECORDINGS = (".pcap", ".osf", ".mcap", ".db3", ".bin", ".feather")
 """Suffixes of recordings; no cloud that lidarscene can read back has them."""
 
 EITHER = (".ply", ".pcd", ".las", ".laz")

@@ -1,4 +1,4 @@
-"""Recordings in files of points: KITTI, nuScenes, PCD, PLY and LAS, one frame each, and folders of such files."""
+"""Recordings in files of points: KITTI, nuScenes, Argoverse 2, PCD, PLY and LAS, one frame each; folders of them."""
 
 from __future__ import annotations
 
@@ -9,6 +9,7 @@ import numpy as np
 
 from ..errors import InputError
 from ..files.inputs import by_numbers
+from ..files.optional import import_optional
 from ..formats.cloud_description import input_errors
 from ..formats.las import las_columns
 from ..formats.pcd import pcd_columns
@@ -19,6 +20,10 @@ from .sweep import Sweep
 from .sweep_from_columns import sweep_of
 
 Columns = dict[str, Numbers]
+
+NUSCENES_LEAST_M = 1.0
+"""Choice: least distance of a point in nuScenes: nearer ones are markers of lost pulses at the origin, which were moved
+with the car as if they were points."""
 
 
 def rows_of(path: Path, names: tuple[str, ...]) -> Columns:
@@ -35,7 +40,16 @@ def _read_kitti(path: Path) -> tuple[Columns, tuple[int, ...] | None]:
 
 
 def _read_nuscenes(path: Path) -> tuple[Columns, tuple[int, ...] | None]:
-    return rows_of(path, ("x", "y", "z", "intensity", "ring")), None
+    columns = rows_of(path, ("x", "y", "z", "intensity", "ring"))
+    with np.errstate(over="ignore"):
+        is_point = columns["x"] ** 2 + columns["y"] ** 2 + columns["z"] ** 2 >= NUSCENES_LEAST_M**2
+    return {name: values[is_point] for name, values in columns.items()}, None
+
+
+def _feather_columns(path: Path) -> Columns:
+    """Columns of a table in Feather, such as a sweep of Argoverse 2."""
+    table = import_optional("pyarrow.feather", extra="parquet").read_table(path, memory_map=False)
+    return {name: table.column(name).to_numpy() for name in table.column_names}
 
 
 def _as_list(read: Callable[[Path], Columns]) -> Callable[[Path], tuple[Columns, tuple[int, ...] | None]]:
@@ -49,6 +63,7 @@ CLOUDS: dict[str, tuple[str, Callable[[Path], tuple[Columns, tuple[int, ...] | N
     ".ply": ("ply", _as_list(ply_columns)),
     ".las": ("las", _as_list(las_columns)),
     ".laz": ("laz", _as_list(las_columns)),
+    ".feather": ("feather", _as_list(_feather_columns)),
 }
 """Suffix, the longest first -> (format, reader of the columns and of (rows, columns) if they are an array)."""
 

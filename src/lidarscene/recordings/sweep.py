@@ -50,7 +50,7 @@ class Sweep:
         reflectivity: float32, in the maker's scale; Ouster: 100 is a white Lambertian surface
         intensity: float32, as recorded, in an unknown unit
         second: the second return
-        ring: int32, number of the channel; with rows: from the top row down
+        ring: int32, as the maker's driver counts it, the column `ring` of clouds
         column: int32, number of the firing within a turn
         return_number: int32, number of a point among its pulse's returns, in a list that has an entry for each return
         start_s: start of the sweep, by the recording's clock; 0 if it has none

@@ -15,16 +15,20 @@ NAMES = {
     "signal": ("signal", "signal_photons"),
     "near_ir": ("near_ir", "ambient", "nearir"),
     "reflectivity": ("reflectivity",),
-    "ring": ("ring", "channel", "laser_id", "line"),
+    "ring": ("ring", "line", "channel", "laser_id", "laser_number"),
     "column": ("column",),
     "return_number": ("return_number",),
-    "time": ("time", "t", "timestamp", "time_stamp", "offset_time", "gps_time"),
+    "time": ("time", "t", "timestamp", "time_stamp", "offset_time", "offset_ns", "gps_time"),
 }
 """Names that drivers and files give to a column of a sweep, the usual one first."""
 
 LEAST_M = 0.05
 """Choice: least distance of a point: nearer ones are zeros by which drivers fill their rows and columns, or lie on the
 sensor's own window, such as the markers of lost pulses in nuScenes' sweeps."""
+
+
+LARGEST_S = 1e15
+"""Choice: stamp above which it must be in nanoseconds: 11 days after 1970 in those."""
 
 
 def sweep_of(
@@ -73,8 +77,12 @@ def sweep_of(
 
 
 def _times(stamps: Numbers, range_m: Numbers, start_s: float) -> tuple[Numbers, float]:
-    """Times from the first point [s], and the time of that. Integers are nanoseconds, as in drivers, floats seconds."""
-    scale = 1e-9 if stamps.dtype.kind in "iu" else 1.0
+    """Times from the first point [s], and the time of that. Integers are nanoseconds, as in drivers, floats seconds.
+
+    Floats that would be later than the year 30,000,000 in seconds are nanoseconds, as Livox's driver has them.
+    """
+    in_ns = stamps.dtype.kind in "iu" or bool(np.nanmax(stamps, initial=0.0) > LARGEST_S)
+    scale = 1e-9 if in_ns else 1.0
     point_stamps = stamps[np.isfinite(range_m)]
     first = point_stamps.min() if len(point_stamps) else stamps.dtype.type(0)
     seconds = scale * (stamps - first).astype(np.float64) if len(stamps) else np.zeros(0)

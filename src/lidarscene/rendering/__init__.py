@@ -15,5 +15,6 @@ frame_summary   `Summary`: pulses by outcome, points, seconds by stage
 rig_simulators  a simulator for each sensor of a rig
 live_simulator  `LiveSimulator`: its world is changed between frames
 surroundings    one line on the scene around the sensor, and warnings
+import_report   what a mesh file, a stage or a Mitsuba scene holds
 extremes        the input to blame for a frame with NaN
 """

@@ -9,7 +9,7 @@ from __future__ import annotations
 import dataclasses
 import math
 import typing
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from numbers import Real
 from typing import Any
 
@@ -31,16 +31,15 @@ _SHARE = 1e-3
 device."""
 
 
-def check_detections(scene: Scene, sensor: Sensor, detections: Sequence[Any]) -> None:
+def check_detections(scene: Scene, sensor: Sensor, values: Callable[[str], Numbers]) -> None:
     """Raise InputError for pulses whose signal is NaN or infinite, which would count as missed.
 
     Args:
-        detections: results of `kernel.rays.point_columns.with_nan_outcomes`, computed
+        values: gives a field of `kernel.rays.point_columns.with_nan_outcomes`, (n,) by its name
     """
-    for detection in detections:
-        if (detection.outcome.numpy() == NOT_A_NUMBER).any():
-            names = ("snr", "detection_probability")
-            raise _nan_error(scene, sensor, {name: getattr(detection, name).numpy() for name in names}, "pulses")
+    if (values("outcome") == NOT_A_NUMBER).any():
+        names = ("snr", "detection_probability")
+        raise _nan_error(scene, sensor, {name: values(name) for name in names}, "pulses")
 
 
 def points_error(scene: Scene, sensor: Sensor, columns: Mapping[str, Numbers]) -> InputError:

@@ -7,7 +7,7 @@ motion.
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -15,8 +15,9 @@ import numpy as np
 from ..cloud.deskew import SHORTEST_S
 from ..errors import InputError
 from ..kernel.device import transfer
+from ..kernel.rays.kept_lanes import NO_PULSE
 from ..kernel.world.mitsuba_world import World, fixed_placement, motions_on_device, mover_boxes
-from ..maths.arrays import Lanes, Numbers
+from ..maths.arrays import Numbers
 from ..maths.motion_table import MotionTable, MovingBodies, Placement
 from ..maths.pose import Pose
 from ..maths.random import ROLLOVERS, Seed
@@ -26,10 +27,7 @@ from ..scene.scene import Body, Scene
 from ..sensor.sensor_model import Sensor
 from .render_options import NUMBERS, FrameOptions
 
-LARGEST_FLOAT32_M = 1000.0
-"""Accuracy bought: coordinates beyond this are double precision: float32 steps reach 0.1 mm there."""
-
-PULSE_NUMBERS = 2**31
+PULSE_NUMBERS = NO_PULSE
 """Pulse numbers on the device are below this: as many whole frames as fit, then they begin again at 0 (a rollover)."""
 
 TOLERANCE_S = CLOCK_ROUNDING_S
@@ -49,7 +47,7 @@ class Frame:
         place: pose of the sensor in the world at the start
         vehicle: pose of the ego vehicle in the world at the start
         origin: ``place`` in traced coordinates, opaque; holds for all pulses unless the sensor moves
-        paths: sampled poses of the sensor (0) and of the world's movers (1, ...), on the device; None: nothing moves
+        paths: sampled poses of the sensor (0) and of the world's movers (1, ...); None: nothing moves
         moves: whether the sensor moves
         bodies: `World.bodies_in_frame`
     """
@@ -68,8 +66,8 @@ class Frame:
     _scanner: Scanner
 
     @classmethod
-    def from_options(cls, scene: Scene, sensor: Sensor, world: World, options: FrameOptions) -> Frame:
-        """Build the frame that ``options`` choose; without a pose the sensor stands at the scene's.
+    def from_options(cls, scene: Scene, sensor: Sensor, world: World, options: FrameOptions, *, pose: Pose) -> Frame:
+        """Build the frame that ``options`` choose, with the sensor at a pose.
 
         Raises:
             InputError: where a motion does not last as long as the frame, or the frame's number is too high
@@ -77,7 +75,7 @@ class Frame:
         number = options.number
         scanner_s, length_s = check_frame(scene, sensor.scanner, number=number, begin_s=options.begin_s)
         start_s = options.begin_s + scanner_s
-        riding = sensor_motion(scene, sensor, options.pose or scene.sensor_pose)
+        riding = sensor_motion(scene, sensor, pose)
         vehicle = Pose() if scene.ego is None else pose_at(scene.ego, start_s)
         place = vehicle @ riding.pose
         # Poses at the times of all pulses would be large. So each path is sampled once a frame, and the device
@@ -102,11 +100,24 @@ class Frame:
             place=place,
             vehicle=vehicle,
             origin=fixed_placement(place, world.centre_m),
-            paths=None if paths is None else motions_on_device(paths),
+            paths=paths,
             moves=scene.ego is not None,
             bodies=world.bodies_in_frame(start_s),
             _scanner=sensor.scanner,
         )
+
+    def goes_with(self, other: Frame) -> bool:
+        """Whether its pulses and those of another frame can be traced together."""
+        if self.rollover != other.rollover:
+            return False
+        return self.paths is None or (other.paths is not None and self.paths.goes_with(other.paths))
+
+    def on_device(self, *later: Frame) -> Frame:
+        """Return the frame with its paths on the device, and those of the frames that follow it behind them."""
+        if self.paths is None:
+            return self
+        paths = [frame.paths for frame in (self, *later) if frame.paths is not None]
+        return replace(self, paths=motions_on_device(MotionTable.joined(paths)))
 
     @property
     def phase(self) -> tuple[Any, ...]:
@@ -126,29 +137,34 @@ class Frame:
         """Pulses from frame 0 to the rollover."""
         return self.number * self._scanner.pulses - self.first_pulse
 
-    def time_s(self, pulse: Numbers) -> Numbers:
-        """Times since the start of the frame at which these pulses leave, (n,) float64."""
-        times_s = self._scanner.time_s(self.pulses_in_run(pulse))
-        times_s -= self.scanner_s
-        return times_s
+    @property
+    def before(self) -> float:
+        """`PulseClock.before` of pulse 0 since the rollover."""
+        return self._scanner.clock.before(self._earlier_pulses)
 
-    def times(self, pulse: Numbers) -> Any:
-        """Times [s] since the frame's first pulse at which these pulses leave, (n,) on the device."""
+    def departures(self, pulse: Numbers) -> tuple[Any, Any]:
+        """Times [s] since the first pulse of their frame at which these pulses leave, (n,) on the device.
+
+        Returns:
+            the times, and the number of the frame, counted from this one
+        """
         # Counted from the first frame's start: the same bits in every frame, so that they can be kept. Single precision
         # is enough for times within a frame: 0.1 s to 7 ns, in which nothing goes anywhere.
         start_s = self._scanner.time_s(np.zeros(1, np.uint32))
-        return transfer.from_numpy(self._scanner.time_s(pulse - np.uint32(self.first_pulse)) - start_s)
+        pulse = np.where(pulse == NO_PULSE, np.uint32(self.first_pulse), pulse)
+        number, place = np.divmod(pulse - np.uint32(self.first_pulse), np.uint32(self._scanner.pulses))
+        return transfer.from_numpy(self._scanner.time_s(place) - start_s), transfer.whole_numbers(number)
 
-    def placements(self, times: Callable[[], Any], rays: int = 1) -> tuple[Placement, MovingBodies | None]:
+    def placements(
+        self, departures: Callable[[], tuple[Any, Any]], rays: int = 1
+    ) -> tuple[Placement, MovingBodies | None]:
         """`placements` of the sensor and of the movers, for pulses of ``rays`` rays each.
 
         Args:
-            times: gives `times` of the pulses; called only where something moves
+            departures: gives `departures` of the pulses; called only where something moves
         """
-        times_s = None if self.paths is None else times()
-        if times_s is not None and rays > 1:
-            times_s, _ = transfer.repeat_lanes(times_s, rays)
-        return placements(self.origin, self.paths, times_s, moves=self.moves)
+        leaving = None if self.paths is None else departures()
+        return placements(self.origin, self.paths, leaving, rays, moves=self.moves)
 
     def goal(self, coordinates: str) -> Pose:
         """Pose of the sensor at the start in the coordinates of the points: "world", "vehicle" or "sensor"."""
@@ -166,17 +182,23 @@ def _motion_of(body: Body, start_s: float) -> Motion:
 
 
 def placements(
-    origin: Placement, paths: MotionTable | None, times: Lanes | None, *, moves: bool
+    origin: Placement, paths: MotionTable | None, departures: tuple[Any, Any] | None, rays: int, *, moves: bool
 ) -> tuple[Placement, MovingBodies | None]:
-    """Placements of the sensor and of the movers at these times; the latter None where nothing but the sensor moves.
+    """Placements of the sensor and of the movers, for pulses of ``rays`` rays each.
 
     Args:
         origin: placement of the sensor unless it ``moves``
+        departures: `Frame.departures` of the pulses
+
+    Returns:
+        the latter None where nothing but the sensor moves
     """
-    if paths is None or times is None:
+    if paths is None or departures is None:
         return origin, None
-    movers = MovingBodies(motions=paths, time_s=times) if paths.count > 1 else None
-    return paths.placement(times, 0) if moves else origin, movers
+    time_s, number = departures if rays == 1 else (transfer.repeat_lanes(values, rays)[0] for values in departures)
+    paths = paths.of_frame(number)
+    movers = None if paths.boxes is None else MovingBodies(motions=paths, time_s=time_s)
+    return paths.placement(time_s, 0) if moves else origin, movers
 
 
 def sensor_motion(scene: Scene, sensor: Sensor, sensor_pose: Pose) -> Riding:

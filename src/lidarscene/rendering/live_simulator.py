@@ -13,6 +13,7 @@ import re
 from bisect import bisect_right
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
+from functools import partial
 from numbers import Real
 from typing import TypedDict, Unpack
 
@@ -190,8 +191,11 @@ class LiveSimulator(Simulator):
             self._change({key: track.motion() for key, track in self._tracks.items()})
         for number in numbers:
             self._rendered += 1
+            ahead, left = None, numbers.stop - number - 1
+            if left:
+                ahead = partial(self.begin, replace(frame_options, number=number + 1), left)
             try:
-                clouds.append(self.render(replace(frame_options, number=number)))
+                clouds.append(self.render(replace(frame_options, number=number), ahead=ahead))
             except InputError as error:
                 warn(OptionWarning("advance: frame {0} is left out: {1}", number, error))
         for track in self._tracks.values():
@@ -247,7 +251,7 @@ class LiveSimulator(Simulator):
             bodies[self._number[name]] = replace(bodies[self._number[name]], away=absent)
         self.scene = replace(self.scene, bodies=tuple(bodies), ego=ego)
         self.world = self.world.with_bodies(bodies)
-        self._begun = None
+        self._forget_launches()
         around = self._everywhere
         box_bodies = [bodies[self._number[body.name]] for body in around.bodies]
         present = np.array([not body.away for body in box_bodies], bool)

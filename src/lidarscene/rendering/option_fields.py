@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import inspect
 import math
+import re
 from collections.abc import Collection
 from dataclasses import MISSING, Field, field, fields
 from numbers import Integral, Real
@@ -75,6 +76,18 @@ class FileName(NamedTuple):
         """Raise OptionError unless the path has one of the suffixes."""
         if Path(value).suffix.lower() not in self.suffixes:
             raise OptionError(f"{{{option}}} {{0}}: the name must end in {{1}}", value, " or ".join(self.suffixes))
+
+
+class Matching(NamedTuple):
+    """The texts that match a pattern, which ``wording`` says in words."""
+
+    pattern: str
+    wording: str
+
+    def check(self, option: str, value: Any) -> None:
+        """Raise OptionError unless the text matches."""
+        if not re.fullmatch(self.pattern, value):
+            raise OptionError(f"{{{option}}}: must be {self.wording}, got {{0!r}}", value)
 
 
 class Date:

@@ -19,6 +19,7 @@ from .option_fields import Finite, Function, OneOf, Whole, check_options, list_o
 
 # Options load no NumPy: the command line names them, and still answers --help at once.
 if TYPE_CHECKING:
+    from ..cloud.rays import PulseRays
     from ..maths.arrays import Numbers
     from ..maths.pose import Pose
     from ..sensor.pose_file import Placed
@@ -121,6 +122,11 @@ class FrameOptions:
 
             object.__setattr__(self, "pose", to_pose(self.pose))
 
+    def differs_in_number(self, other: FrameOptions) -> bool:
+        """Whether the options are those of another frame of the same run, or of the same frame."""
+        names = [field.name for field in dataclasses.fields(self) if field.name != "number"]
+        return all(getattr(self, name) == getattr(other, name) for name in names)
+
 
 @list_options
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -143,6 +149,9 @@ class Observers:
         None,
         FUNCTION,
         help="called with (pulse, counts): arrays of all pulses and of their background, `detection.ambient.counts`",
+    )
+    pulses: Callable[[PulseRays], object] | None = option(
+        None, FUNCTION, help="called with the rays of all pulses, a `cloud.rays.PulseRays`"
     )
     points: Callable[[Numbers, Mapping[str, Numbers]], object] | None = option(
         None,
@@ -182,6 +191,7 @@ class ObserverKeywords(TypedDict, total=False):
     progress: Callable[[int, int], object] | None
     missed: Callable[[Numbers, Numbers], object] | None
     ambient: Callable[[Numbers, Numbers], object] | None
+    pulses: Callable[[PulseRays], object] | None
     points: Callable[[Numbers, Mapping[str, Numbers]], object] | None
     summary: Summary | None
 
@@ -196,6 +206,12 @@ class RenderKeywords(TraceKeywords, StreamKeywords, total=False):
     trace: TraceOptions
     frame: FrameOptions
     observers: Observers
+
+
+class FramesKeywords(RenderKeywords, total=False):
+    """Keywords of `render_frames`."""
+
+    keep_rays: bool
 
 
 Options = TypeVar("Options", TraceOptions, FrameOptions, Observers)
@@ -223,7 +239,9 @@ class Keywords:
         names = [field.name for field in dataclasses.fields(kind)]
         self._field_names += names
         changes: dict[str, Any] = {name: self._remaining.pop(name) for name in names if name in self._remaining}
-        return dataclasses.replace(whole or kind(), **changes)
+        if whole is None:
+            return kind(**changes)
+        return dataclasses.replace(whole, **changes) if changes else whole
 
     def end(self, *parameters: str) -> None:
         """Raise InputError for a keyword that was a field of none of the kinds taken.

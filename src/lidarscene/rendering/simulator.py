@@ -9,24 +9,29 @@ from __future__ import annotations
 import os
 import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
-from typing import Any, Unpack, cast
+from dataclasses import dataclass, replace
+from functools import partial
+from typing import Any, Literal, Unpack, cast, overload
 
 import numpy as np
 
 from ..cloud.builder import CloudBuilder
 from ..cloud.deskew import MOTION_KEPT
+from ..cloud.device_cloud import DeviceCloud
 from ..cloud.point_cloud import PointCloud
+from ..cloud.rays import PulseRays
 from ..detection.sampled_waveforms import Waveforms, check_pulses, sample_waveforms
 from ..errors import InputError
 from ..files.arguments import checks_arguments
-from ..formats.cloud_columns import SENSOR_TO_VEHICLE, SENSOR_TO_WORLD
-from ..kernel.device import blocks, transfer
+from ..formats.cloud_columns import RING_ROWS, SENSOR_TO_VEHICLE, SENSOR_TO_WORLD
+from ..kernel.device import backend, blocks, transfer
 from ..kernel.device.gate import exclusive
 from ..kernel.device.types import DeviceArray
 from ..kernel.rays import kept_lanes
 from ..kernel.rays import point_columns as collect
+from ..kernel.rays.device_columns import DeviceColumns, join, start_columns
 from ..kernel.world.mitsuba_world import World, build_world
+from ..light.beams import reported_beams
 from ..light.echoes import EchoTrain
 from ..maths.arrays import Mask, Numbers
 from ..maths.pose import Pose
@@ -38,10 +43,11 @@ from ..scene.scene_file import SceneChoice, load_scene
 from ..sensor.pose_file import Placed, to_pose
 from ..sensor.sensor_file import load_sensor
 from ..sensor.sensor_model import Sensor
-from .chunk import Chunk, Placing, detection_values, join_columns, without_lanes
+from .chunk import Chunk, Placing, is_far, join_columns, without_lanes
 from .extremes import check_detections, points_error
 from .frame import Frame, check_frame, sensor_motion
 from .frame_summary import Summary as Summary
+from .launch import Launch, rows_of
 from .pieces import Piece, piece_of, world_of_piece
 from .render_options import (
     FrameKeywords,
@@ -53,7 +59,10 @@ from .render_options import (
     TraceOptions,
 )
 from .stages import Chain, Stages, TracedPaths
-from .tiles import PACKET, DevicePulses, Numbering
+from .tiles import LANES, PACKET, DevicePulses, Numbering
+
+READ_COLUMNS = "status", collect.NAN_COLUMN, collect.PULSE_COLUMN
+"""Columns that are read in NumPy also where the others stay on the device."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,26 +71,19 @@ class _Piece:
 
     Attributes:
         first: number of the chunk's first pulse
-        columns: name -> column of its points; None without points
+        pulse: number of the pulse of each point; none unless an observer asks for pulses
+        range_m: its range, likewise
+        status: `Status` of each of its points
+        columns: name -> column of its points; None without points, and where they stay on the device
         outcome: (n,) `Outcome` of each pulse
     """
 
     first: int
+    pulse: Numbers
+    range_m: Numbers
+    status: Numbers
     columns: dict[str, Any] | None
     outcome: Numbers
-
-
-@dataclass(frozen=True, slots=True, eq=False)
-class _Begun:
-    """Frame whose first chunk was started (`Simulator.begin`)."""
-
-    options: FrameOptions
-    frame: Frame
-    part: Chunk
-
-    def is_of(self, options: FrameOptions) -> bool:
-        """Return whether it is the frame of these options."""
-        return all(getattr(self.options, each.name) == getattr(options, each.name) for each in fields(options))
 
 
 @checks_arguments
@@ -133,6 +135,9 @@ class Simulator:
         if trace.interactions and not self.world.see_through:
             raise ValueError("world: must let beams go on (see_through) for interactions > 0, got one that does not")
         self._prepare_stages()
+        self._clock = transfer.opaque(sensor.scanner.clock, double=True)
+        rings = sensor.rings_by_channel
+        self._rings = None if rings is None else transfer.whole_numbers(rings)
         self.class_names = self.world.class_names
         self._air_classes = None
         if (air := self._stages.air) is not None:
@@ -151,8 +156,13 @@ class Simulator:
         centre_m = pose_at(self.motion).position_m
         return build_world(self.scene, centre_m=centre_m, takes_turns=self._takes_turns, **keys)
 
+    def _forget_launches(self) -> None:
+        self._traced: Launch | None = None
+        self._begun: Launch | None = None
+        self._together = 1
+
     def _prepare_stages(self) -> None:
-        self._begun: _Begun | None = None
+        self._forget_launches()
         self._stages = Stages.from_scene(self.scene, self.sensor, self.world, self.trace)
         self._chain = Chain(self._stages)
 
@@ -163,7 +173,7 @@ class Simulator:
         For sensors that are rendered once each: the stages are not recorded for later frames.
         """
         traced.rewind()
-        self._begun = None
+        self._forget_launches()
         self._stages = replace(self._stages, traced=traced)
         self._chain = Chain(self._stages)
 
@@ -186,18 +196,48 @@ class Simulator:
             self._check_clearance(pose_at(self.motion, start_s), start_s)
 
     @exclusive
-    def begin(self, frame: FrameOptions) -> None:
+    def begin(self, frame: FrameOptions, frames: int = 1) -> None:
         """Start the first chunk of the frame that is rendered next, so that the device has it when its turn comes.
 
         The frame is the same without. Does nothing where the frame has a mistake, which is raised when it is rendered,
         or where the vehicle is in another piece of the scene then.
+
+        Args:
+            frames: number of the frames that are rendered from this one on, one after the other: several small ones are
+                traced together
         """
-        try:
-            if self._piece_at(frame) == self._piece:
-                current_frame = self._traced_frame(frame)
-                self._begun = _Begun(frame, current_frame, self._started(current_frame, frame))
-        except InputError:
-            self._begun = None
+        end = frame.number + frames
+        if self._traced is not None and self._traced.frame_of(frame) is not None:
+            number = self._traced.frames[-1][0].number + 1
+            if number >= end:
+                return
+            frame = replace(frame, number=number)
+        if self._begun is None or self._begun.frame_of(frame) is None:
+            self._begun = self._started_together(frame, end - frame.number)
+
+    @overload
+    def render(
+        self,
+        frame: FrameOptions | None = None,
+        observers: Observers | None = None,
+        *,
+        ahead: Callable[[], None] | None = None,
+        keep_rays: bool = False,
+        on_device: Literal[False] = False,
+        **options: Unpack[StreamKeywords],
+    ) -> PointCloud: ...
+
+    @overload
+    def render(
+        self,
+        frame: FrameOptions | None = None,
+        observers: Observers | None = None,
+        *,
+        ahead: Callable[[], None] | None = None,
+        keep_rays: bool = False,
+        on_device: Literal[True],
+        **options: Unpack[StreamKeywords],
+    ) -> DeviceCloud: ...
 
     @exclusive
     def render(
@@ -206,29 +246,51 @@ class Simulator:
         observers: Observers | None = None,
         *,
         ahead: Callable[[], None] | None = None,
+        keep_rays: bool = False,
+        on_device: bool = False,
         **options: Unpack[StreamKeywords],
-    ) -> PointCloud:
+    ) -> PointCloud | DeviceCloud:
         """Render one frame as a point cloud.
 
         Args:
+            keep_rays: keep the ray of every pulse too, in `PointCloud.rays`: 60 bytes a pulse
             ahead: called once the device has done its part of the frame: time to `begin` another one
+            on_device: leave the columns on the device, for libraries that compute there: a `DeviceCloud`
             options: fields of `FrameOptions` and `Observers`, in place of those of ``frame`` and ``observers``
 
         Raises:
             InputError: for an unknown option, or a motion that ends too early
         """
+        if on_device and keep_rays:
+            raise InputError("render: keep_rays must be False where on_device is True, got True: rays are NumPy's")
         frame_options, observers = _resolve_options(frame, observers, options)
         current_frame, summary = (
             self._traced_frame(frame_options),
             Summary() if observers.summary is None else observers.summary,
         )
-        most = self.sensor.scanner.pulses * self.sensor.tdc.stops
-        builder = CloudBuilder(capacity=most, vectors=self.trace.vectors)
+        pulses = self.sensor.scanner.pulses
+        # Chunks are joined on the device where that is asked for, and on a card: its memory is a hundred times as fast.
+        parts: list[DeviceColumns] | None = [] if on_device or backend.is_cuda() else None
+        builder = CloudBuilder(
+            capacity=pulses * self.sensor.tdc.stops,
+            vectors=self.trace.vectors,
+            memory=transfer.pooled_memory if parts is None and pulses > self._chunk_pulses(frame_options) else None,
+        )
         description = self._description(current_frame, frame_options)
-        taking = replace(observers, summary=summary)
-        self._hand_out(current_frame, builder.append, "assemble", frame_options, taking, ahead)
+        rays: list[PulseRays] = []
+        pulses_observer = observers.pulses if not keep_rays else _both(rays.append, observers.pulses)
+        taking = replace(observers, summary=summary, pulses=pulses_observer)
+        self._hand_out(current_frame, builder.append, "assemble", frame_options, taking, ahead, parts)
         since = time.perf_counter()
-        cloud = PointCloud(**builder.fields(**description), checked=True)
+        if parts is None:
+            cloud = PointCloud(**builder.fields(**description), checked=True)
+        else:
+            gathered = DeviceCloud(columns=join(parts), vectors=self.trace.vectors, **description)
+            if on_device:
+                return gathered
+            cloud = gathered.numpy()
+        if keep_rays:
+            object.__setattr__(cloud, "_rays", PulseRays.concatenate(rays))
         summary.add_time("assemble", since)
         return cloud
 
@@ -289,25 +351,51 @@ class Simulator:
         options: FrameOptions,
         observers: Observers,
         ahead: Callable[[], None] | None,
+        kept: list[DeviceColumns] | None = None,
     ) -> None:
         """Hand the columns of each piece of a frame to ``take``, and the rest to the observers.
 
         Args:
+            take: called with the columns of each chunk that has points, in NumPy
+            kept: list to which the columns are appended on the device instead
             stage: name under which the summary counts the time of this
         """
         finished, summary = 0, Summary() if observers.summary is None else observers.summary
-        for piece in self._pieces(frame, options, observers, summary, ahead):
+        for piece in self._pieces(frame, options, observers, summary, ahead, kept):
             since = time.perf_counter()
             finished += len(piece.outcome)
-            summary.count(piece.outcome, None if piece.columns is None else piece.columns["status"])
+            summary.count(piece.outcome, piece.status)
             if piece.columns is not None:
                 take(piece.columns)
             if observers.missed is not None:
                 missed = np.flatnonzero(piece.outcome)
                 observers.missed(frame.pulses_in_run(missed + piece.first), piece.outcome[missed].astype(np.uint8))
+            if observers.pulses is not None:
+                observers.pulses(self._rays(frame, piece, options.coordinates))
             if observers.progress is not None:
                 observers.progress(finished, self.sensor.scanner.pulses)
             summary.add_time(stage, since)
+
+    def _rays(self, frame: Frame, piece: _Piece, coordinates: str) -> PulseRays:
+        """Rays of all pulses of a piece, in the coordinates of its points."""
+        pulse, goal = piece.first + np.arange(len(piece.outcome)), frame.goal(coordinates)
+        range_m = np.full(len(pulse), np.inf, np.float32)
+        np.minimum.at(range_m, piece.pulse.astype(np.int64) - piece.first, piece.range_m)
+        in_run = frame.pulses_in_run(pulse)
+        beams = reported_beams(
+            self.sensor, pulse=in_run, origin_m=tuple(goal.position_m), rotation=tuple(goal.rotation.ravel())
+        )
+        channel = np.asarray(self.sensor.scanner.channel(in_run))
+        return PulseRays(
+            pulse=in_run,
+            origin_m=np.stack([np.broadcast_to(np.float64(axis), pulse.shape) for axis in beams.origin_m], axis=-1),
+            direction=np.stack(beams.direction, axis=-1).astype(np.float32),
+            time_s=self.sensor.scanner.time_s(in_run) - frame.scanner_s,
+            channel=channel,
+            ring=self.sensor.rings(channel),
+            outcome=piece.outcome.astype(np.uint8),
+            range_m=range_m,
+        )
 
     def _pieces(
         self,
@@ -316,69 +404,145 @@ class Simulator:
         observers: Observers,
         summary: Summary,
         ahead: Callable[[], None] | None,
+        kept: list[DeviceColumns] | None,
     ) -> Iterator[_Piece]:
-        """Iterate over the results of the chunks; outcomes are in the order of pulses if ``observers.missed`` is set.
+        """Iterate over the results of the chunks; outcomes are in the order of pulses if an observer needs them so.
 
         The device starts the next chunk before this one is handed out: it computes while NumPy copies.
         """
         begin, end = frame.first_pulse, frame.first_pulse + self.sensor.scanner.pulses
-        chunk = self._chunk_pulses(options)
-        seed_words = frame.seed_words(options.seed)
-        placing = Placing.from_pose(frame.goal(options.coordinates))
-
-        def started(first: int) -> Chunk:
+        needs_order = observers.missed is not None or observers.pulses is not None
+        launch, first = self._launch_with(frame), begin
+        for following in [*range(begin + self._chunk_pulses(options), end, self._chunk_pulses(options)), None]:
+            if launch is None:
+                since = time.perf_counter()
+                launch = self._started([(options, frame)], first)
+                summary.add_time("record", since)
+            if not launch.parts:
+                self._finish(launch, summary)
             since = time.perf_counter()
-            part = self._started(frame, options, first)
-            summary.add_time("record", since)
-            return part
-
-        begun, self._begun = self._begun, None
-        part = begun.part if begun is not None and begun.frame is frame else started(begin)
-        first = begin
-        for following in [*range(begin + chunk, end, chunk), None]:
-            since = time.perf_counter()
-            transfer.wait()
-            parts = self._trace_continuing(frame, part, seed_words)
-            check_detections(self.scene, self.sensor, [traced.detection for traced in parts])
-            since = summary.add_time("trace", since)
-            pulse, columns = self._columns(frame, parts, placing)
-            outcome = detection_values(parts, "outcome", ordered=observers.missed is not None)
+            check_detections(self.scene, self.sensor, partial(launch.values, frame, ordered=False))
+            outcome = launch.values(frame, "outcome", ordered=needs_order)
+            numbers = np.arange(first, first + len(outcome))
+            columns = self._points(launch, frame, numbers)
             if observers.ambient is not None:
-                numbers = np.arange(first, first + len(outcome))
-                observers.ambient(frame.pulses_in_run(numbers), detection_values(parts, "ambient").astype(np.uint64))
+                observers.ambient(frame.pulses_in_run(numbers), launch.values(frame, "ambient").astype(np.uint64))
             if observers.points is not None:
-                surfaces = join_columns([self._surfaces(frame, traced) for traced in parts])
-                if surfaces:
-                    surfaces["pulse"] = frame.pulses_in_run(surfaces["pulse"])
-                observers.points(frame.pulses_in_run(pulse), surfaces)
+                of_points = frame.pulses_in_run(columns.numpy(collect.PULSE_COLUMN))
+                observers.points(of_points, self._surfaces(launch, frame, numbers))
+            # All that NumPy reads of this chunk: later it would wait for the next one, too.
+            status, in_numpy = columns.numpy("status"), None
+            pulse = range_m = np.zeros(0)
+            if observers.pulses is not None:
+                pulse, range_m = columns.numpy(collect.PULSE_COLUMN), columns.numpy("range_m")
+            if kept is not None:
+                kept.append(columns)
+            elif columns.count:
+                in_numpy = columns.in_numpy()
+                if len(launch.frames) > 1:  # a cloud that is kept must not keep those of the other frames
+                    in_numpy |= {name: in_numpy[name].copy() for name in in_numpy.keys() & columns.arrays.keys()}
             summary.add_time("collect", since)
-            piece_first = first
+            piece_first, launch = first, None
             if following is not None:
-                part, first = started(following), following
+                since = time.perf_counter()
+                launch, first = self._started([(options, frame)], following), following
+                summary.add_time("record", since)
             elif ahead is not None:
                 ahead()
-            yield _Piece(piece_first, columns, outcome)
+            yield _Piece(piece_first, pulse, range_m, status, in_numpy, outcome)
+
+    def _launch_with(self, frame: Frame) -> Launch | None:
+        """Launch that begins with the pulses of a frame, or has them among others; forget those that it comes after."""
+        launches, self._begun = (self._traced, self._begun), None
+        launch = next((launch for launch in launches if launch is not None and launch.has(frame)), None)
+        if launch is not None and launch is launches[0]:
+            self._begun = launches[1]
+        # Kept until its last frame is handed out.
+        self._traced = launch if launch is not None and launch.frames[-1][1] is not frame else None
+        return launch
+
+    def _finish(self, launch: Launch, summary: Summary) -> None:
+        """Wait for a launch, trace once more what goes on, and collect the points of all its frames."""
+        run, frames = launch.run, [frame for _, frame in launch.frames]
+        options, _ = launch.frames[0]
+        since = time.perf_counter()
+        transfer.wait()
+        launch.parts = self._trace_continuing(run, launch.part, run.seed_words(options.seed), len(frames))
+        since = summary.add_time("trace", since)
+        pulses = self.sensor.scanner.pulses
+        placing = Placing.of_frames(frames, options.coordinates, pulses, clock=self._clock, rings=self._rings)
+        launch.columns = self._columns(run, launch.parts, placing)
+        summary.add_time("collect", since)
+
+    def _points(self, launch: Launch, frame: Frame, numbers: Numbers) -> DeviceColumns:
+        """Points of the pulses of these numbers.
+
+        Raises:
+            InputError: for points with NaN or infinities
+        """
+        columns = launch.columns
+        assert columns is not None
+        if len(launch.frames) > 1:
+            rows = rows_of(columns.numpy(collect.PULSE_COLUMN), numbers)
+            columns = columns.part(rows.start, rows.stop)
+        if columns.numpy(collect.NAN_COLUMN).any():
+            raise points_error(self.scene, self.sensor, columns.in_numpy())
+        return columns
 
     def _chunk_pulses(self, options: FrameOptions) -> int:
         """Number of pulses of a chunk."""
         # The option counts rays, since they take the memory; a chunk counts pulses.
-        chunk = max(1, options.chunk // max(self.trace.rays, self.trace.background_rays or 1))
+        chunk = max(1, options.chunk // self._rays_of_pulse)
         # Whole bands of tiles, or whole packets: so the same rays are traced together whatever the option says. Where a
         # ray meets the edge of two triangles, which of them it meets depends on the rays beside it.
         step = self.numbering.step
         return max(step, chunk - chunk % step)
 
-    def _started(self, frame: Frame, options: FrameOptions, first: int | None = None) -> Chunk:
-        """Start the chunk of a frame that begins at pulse ``first``, or its first one."""
-        first = frame.first_pulse if first is None else first
-        count = min(self._chunk_pulses(options), frame.first_pulse + self.sensor.scanner.pulses - first)
+    @property
+    def _rays_of_pulse(self) -> int:
+        return max(self.trace.rays, self.trace.background_rays or 1)
+
+    def _started_together(self, options: FrameOptions, frames: int) -> Launch | None:
+        """Start the first of the frames that follow each other, with as many of the others as are worth it.
+
+        None where the first has a mistake, or the vehicle is in another piece of the scene then.
+        """
+        most = min(self._chunk_pulses(options), blocks.lanes_per_launch() // self._rays_of_pulse)
+        # More from launch to launch, so that the first frames come soon.
+        most = min(frames, 2 * self._together, most // self.sensor.scanner.pulses)
+        together = list[tuple[FrameOptions, Frame]]()
+        for number in range(options.number, options.number + max(most if self.numbering.fills_packets else 1, 1)):
+            following = replace(options, number=number)
+            try:
+                if self._piece_at(following) != self._piece:
+                    break
+                frame = self._frame(following)
+            except InputError:  # raised when that frame is rendered
+                break
+            if together and not frame.goes_with(together[0][1]):
+                break
+            places = {is_far(each.goal(options.coordinates)) for each in (frame, *(own for _, own in together[:1]))}
+            if len(places) > 1:
+                break
+            together.append((following, frame))
+        return self._started(together, together[0][1].first_pulse) if together else None
+
+    def _started(self, frames: Sequence[tuple[FrameOptions, Frame]], first: int) -> Launch:
+        """Start several frames, or the chunk of one that begins at pulse ``first``."""
+        options, frame = frames[0]
+        self._together = len(frames)
+        count = min(self._chunk_pulses(options), frame.first_pulse + len(frames) * self.sensor.scanner.pulses - first)
         blocks.share_frame(count * self.trace.rays)
         pulses = self.numbering.pulses(frame, first, count)
-        part = self._chain(frame, pulses, frame.seed_words(options.seed), survey=self._stages.surveys)
-        return replace(part, order=pulses.order)
+        run = frame.on_device(*(later for _, later in frames[1:]))
+        part = self._chain(run, pulses, run.seed_words(options.seed), survey=self._stages.surveys)
+        return Launch(frames, run, replace(part, order=pulses.order))
 
-    def _trace_continuing(self, frame: Frame, part: Chunk, seed: Seed) -> list[Chunk]:
+    def _trace_continuing(self, frame: Frame, part: Chunk, seed: Seed, frames: int) -> list[Chunk]:
         """Trace the pulses of a chunk whose light goes on, past panes or to other channels, once more and in full.
+
+        Args:
+            frames: number of the frames in the chunk
 
         Returns:
             the chunk without them, and them; the chunk alone without any
@@ -388,6 +552,8 @@ class Simulator:
         parts = [part]
         alone = part.goes_on if part.leaks is None else part.goes_on & ~part.leaks
         if (lanes := kept_lanes.lanes_where(alone)) is not None:
+            if frames > 1:
+                lanes = kept_lanes.in_packets(lanes, self.sensor.scanner.pulses, LANES)
             parts.append(self._traced_again(frame, part, (lanes, alone), seed, lines=self._stages.crosstalk is None))
         if part.leaks is None:
             return parts
@@ -415,9 +581,9 @@ class Simulator:
         lanes, mask = chosen
         several = kept_lanes.more_than_one(lanes)
         retraced = kept_lanes.Retraced.from_lanes(several, mask)
-        pulse = retraced.gather(part.pulse)
+        pulse = retraced.pulses(part.pulse)
         blocks.share_out(len(pulse) * self.trace.rays)
-        traced = self._chain(frame, DevicePulses(pulse, lambda: frame.times(pulse.numpy())), seed, lines=lines)
+        traced = self._chain(frame, DevicePulses(pulse, lambda: frame.departures(pulse.numpy())), seed, lines=lines)
         transfer.wait()
         return replace(traced, retraced=retraced, twice=several is not lanes)
 
@@ -441,7 +607,7 @@ class Simulator:
             InputError: for a number that no pulse has
         """
         frame_options, _ = _resolve_options(frame, None, options)
-        current_frame = self._traced_frame(frame_options)
+        current_frame = self._traced_frame(frame_options).on_device()
         chosen = check_pulses(pulses, self.sensor)
         seed_words = current_frame.seed_words(frame_options.seed)
 
@@ -470,7 +636,7 @@ class Simulator:
             options: as for `render`; coordinates and chunk change nothing here
         """
         frame_options, _ = _resolve_options(frame, None, options)
-        current_frame = self._traced_frame(frame_options)
+        current_frame = self._traced_frame(frame_options).on_device()
         seed_words = current_frame.seed_words(frame_options.seed)
         return self._train(current_frame, current_frame.first_pulse, self.sensor.scanner.pulses, seed_words)
 
@@ -482,16 +648,12 @@ class Simulator:
         traced = -(-(before + count) // whole) * whole
         numbers = np.arange(first - before, first - before + traced, dtype=np.uint32)
         blocks.share_frame(traced * self.trace.rays)
-        pulses = DevicePulses(transfer.counter(first - before, traced), lambda: frame.times(numbers))
+        pulses = DevicePulses(transfer.counter(first - before, traced), lambda: frame.departures(numbers))
         train = cast(EchoTrain, transfer.fetch(self._stages.pulse_train(frame, pulses, seed)))
         return train if traced == count else train.part(before, count, of=traced)
 
-    def _columns(self, frame: Frame, parts: Sequence[Chunk], placing: Placing) -> tuple[Numbers, dict[str, Any] | None]:
-        """Kept points of a chunk, sorted by pulse and then by return: pulse numbers, columns of a PointCloud or None.
-
-        Raises:
-            InputError: for points with NaN or infinities
-        """
+    def _columns(self, frame: Frame, parts: Sequence[Chunk], placing: Placing) -> DeviceColumns:
+        """Kept points of a chunk, sorted by pulse and then by return."""
         surveyed = parts[0]
         lane_of = None if surveyed.order is None else surveyed.order.device_lane
         again = [(part.retraced, part) for part in parts[1:] if part.retraced is not None]
@@ -500,34 +662,15 @@ class Simulator:
         )
         # First of all, since it waits for the device.
         replaced = [(part, retraced.among(lane, stop, stops=len(part.detection.stops))) for retraced, part in again]
-        # Columns of all returns as the survey has them. Those of pulses that were traced again are replaced.
-        on_device = collect.with_flat_positions(self._on_device(frame, surveyed, (lane, stop), placing))
-        # Started before the others are written down: else those would change this kernel.
-        transfer.start([*on_device.values()])
-        for part, returns in replaced:
-            if returns is not None:
-                index, lanes = returns
-                collect.put_columns(on_device, self._on_device(frame, part, lanes, placing), index)
-        columns = transfer.fetch_columns(on_device)
-        columns["xyz_m"] = columns["xyz_m"].reshape(-1, 3)
-        # A single point is there twice (`kept_lanes.more_than_one`): the count leaves the copy out.
-        if not count:
-            return np.zeros(0, np.uint32), None
-        columns = {name: values[:count] for name, values in columns.items()}
-        if columns.pop(collect.NAN_COLUMN).any():
-            raise points_error(self.scene, self.sensor, columns)
-        if frame.bodies is not None:
-            columns["body"] = frame.bodies[columns["body"]]
-        if placing.added_m is not None:
-            columns["xyz_m"] = columns["xyz_m"] + placing.added_m
-        # The device hands on pulse numbers; times need float64, which only NumPy has here.
-        pulse = columns["time_s"]
-        columns["time_s"] = frame.time_s(pulse)
-        for name, default in collect.DEFAULT_VALUES.items():
-            columns.setdefault(name, np.broadcast_to(default, len(pulse)))
-        return pulse, columns
+        on_device = partial(self._on_device, frame, placing)
+        # Columns of all returns as the survey has them. Those of pulses that were traced again are replaced. A single
+        # point is there twice (`kept_lanes.more_than_one`): the count leaves the copy out.
+        later = ((on_device(part, returns[1]), returns[0]) for part, returns in replaced if returns is not None)
+        columns = start_columns(on_device(surveyed, (lane, stop)), count, later)
+        # Of a card only what NumPy needs in any case; on a CPU nothing is copied.
+        return columns.fetch(READ_COLUMNS if backend.is_cuda() else None)
 
-    def _on_device(self, frame: Frame, part: Chunk, lanes: tuple[Any, Any], placing: Placing) -> dict[str, Any]:
+    def _on_device(self, frame: Frame, placing: Placing, part: Chunk, lanes: tuple[Any, Any]) -> dict[str, Any]:
         """`collect.point_columns` of these lanes and stops of one part, on the device."""
         return collect.point_columns(
             world=self.world,
@@ -535,30 +678,37 @@ class Simulator:
             staged=part.staged(self.trace.rays),
             air_classes=self._air_classes,
             lanes=lanes,
-            turn=placing.turn,
-            shift=placing.shift,
+            placing=placing.of_pulses,
         )
 
-    def _surfaces(self, frame: Frame, part: Chunk) -> dict[str, Numbers]:
-        """`collect.surface_columns` of one part in NumPy; empty without any surface."""
+    def _surfaces(self, launch: Launch, frame: Frame, numbers: Numbers) -> dict[str, Numbers]:
+        """`collect.surface_columns` of the pulses of these numbers in NumPy; empty without any surface."""
+        if launch.surfaces is None:
+            launch.surfaces = join_columns([self._surfaces_of_part(part) for part in launch.parts])
+        if not launch.surfaces or (rows := rows_of(launch.surfaces["pulse"], numbers)).start == rows.stop:
+            return {}
+        surfaces = {name: values[rows] for name, values in launch.surfaces.items()}
+        if frame.bodies is not None:
+            surfaces["body"] = frame.bodies[surfaces["body"]]
+        return surfaces | {"pulse": frame.pulses_in_run(surfaces["pulse"])}
+
+    def _surfaces_of_part(self, part: Chunk) -> dict[str, Numbers]:
         surfaces = collect.surface_columns(world=self.world, staged=part.staged(self.trace.rays), twice=part.twice)
         if surfaces is None:
             return {}
         columns, count = surfaces
-        fetched = {name: values[:count] for name, values in transfer.fetch_columns(columns).items()}
-        return fetched if frame.bodies is None else fetched | {"body": frame.bodies[fetched["body"]]}
+        return {name: values[:count] for name, values in transfer.fetch_columns(columns).items()}
 
     def _frame(self, options: FrameOptions) -> Frame:
-        frame = Frame.from_options(
-            self.scene, self.sensor, self.world, replace(options, pose=options.pose or self.pose)
-        )
+        frame = Frame.from_options(self.scene, self.sensor, self.world, options, pose=options.pose or self.pose)
         self._check_clearance(frame.place, frame.start_s)
         return frame
 
     def _traced_frame(self, options: FrameOptions) -> Frame:
         """Frame of these options, in the piece of the scene that is compiled then."""
-        if self._begun is not None and self._begun.is_of(options):
-            return self._begun.frame
+        for launch in (self._traced, self._begun):
+            if launch is not None and (frame := launch.frame_of(options)) is not None:
+                return frame
         piece = self._piece_at(options)
         if piece != self._piece:
             self._piece = piece
@@ -592,6 +742,13 @@ class Simulator:
         }
 
 
+def _both(
+    first: Callable[[PulseRays], object], second: Callable[[PulseRays], object] | None
+) -> Callable[[PulseRays], object]:
+    """Observer that calls two others."""
+    return first if second is None else lambda rays: (first(rays), second(rays))
+
+
 def _resolve_options(
     frame: FrameOptions | None, observers: Observers | None, options: Mapping[str, object]
 ) -> tuple[FrameOptions, Observers]:
@@ -619,6 +776,10 @@ def _metadata(scene: Scene, sensor: Sensor, frame: Frame, options: FrameOptions)
         SENSOR_TO_WORLD: _pose_text(frame.place),
         SENSOR_TO_VEHICLE: _pose_text(frame.goal("vehicle")),
     }
+    if sensor.driver:
+        metadata["driver"] = sensor.driver
+    if sensor.ring_rows is not None:
+        metadata[RING_ROWS] = " ".join(map(str, sensor.ring_rows.tolist()))
     if frame.moves:
         metadata["ego_motion"] = MOTION_KEPT
     if options.coordinates != "sensor":

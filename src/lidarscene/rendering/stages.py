@@ -176,7 +176,7 @@ class Stages:
         If channels see each other's light, the pulses are whole scan lines in order.
         """
         stages = self.at_phase(frame.phase)
-        lit = stages._optical_stages(partial(frame.placements, pulses.times), pulses.number, seed)
+        lit = stages._optical_stages(partial(frame.placements, pulses.departures), pulses.number, seed)
         train = stages._combine(lit, seed)
         if self.crosstalk is None:
             return train
@@ -251,6 +251,8 @@ class Stages:
         firing = Firing(
             seed=seed,
             ray=0 if ray is None else ray,
+            # What was surveyed is traced once more with gaps between the frames (`kept_lanes.in_packets`).
+            active=ray_pulse < kept_lanes.NO_PULSE if self.surveys and not survey else True,
             aim=aimed,
             housing_m=self.sensor.housing_m,
             velocity_m_s=None if place.velocity_m_s is None else place.velocity_at(rays.origin_m),
@@ -330,8 +332,8 @@ class Chain:
             # A recording takes arrays only, so `MotionTable` goes in as its parts and is built again inside.
             moving: tuple[Any, ...] = ()
             if (paths := frame.paths) is not None:
-                tree = () if paths.boxes is None else (paths.boxes.nodes, paths.boxes.low, paths.boxes.high)
-                moving = paths.table, paths.rate_hz, paths.last, tree, pulses.times()
+                tree = () if (boxes := paths.boxes) is None else (boxes.nodes, boxes.low, boxes.high, boxes.size)
+                moving = paths.table, paths.rate_hz, paths.last, paths.count, tree, pulses.departures()
             place = frame.origin.origin_m, frame.origin.rotation
             # Dr.Jit launches a kernel for as many lanes as its inputs have. Of several rays to a pulse these would be
             # the pulses' own: a recording would keep the number of rays that it was made with. So the rays are counted
@@ -341,7 +343,7 @@ class Chain:
             repeated: Chunk = self._replay(frame, survey, lines)(pulse, seed, frame.phase, place, moving, ray_pulses)
             return repeated
         stages = self._stages.at_phase(frame.phase)
-        part = stages.chain(partial(frame.placements, pulses.times), pulse, seed, survey=survey, lines=lines)
+        part = stages.chain(partial(frame.placements, pulses.departures), pulse, seed, survey=survey, lines=lines)
         transfer.start(part.arrays())
         return part
 
@@ -353,8 +355,8 @@ class Chain:
     def _replay(self, frame: Frame, survey: bool, lines: bool) -> Replay:
         """Replay of the stages for this variant: survey, whole lines or neither, at rest or moving."""
         # All that chooses code is part of the key: each variant has its own recording.
-        moves, count = frame.moves, 0 if frame.paths is None else frame.paths.count
-        key = survey, lines, moves, count > 0
+        moves = frame.moves
+        key = survey, lines, moves, frame.paths is not None
         if key not in self._replays:
             stages = self._stages
 
@@ -366,17 +368,16 @@ class Chain:
                 moving: tuple[Any, ...],
                 ray_pulses: RayPulses,
             ) -> Chunk:
-                paths, times = None, None
+                paths, departures = None, None
                 if moving:
-                    table, rate_hz, last, tree, times = moving
-                    boxes = BoxTree(nodes=tree[0], low=tree[1], high=tree[2]) if tree else None
+                    table, rate_hz, last, count, tree, departures = moving
+                    boxes = BoxTree(nodes=tree[0], low=tree[1], high=tree[2], size=tree[3]) if tree else None
                     paths = MotionTable(table=table, rate_hz=rate_hz, last=last, count=count, boxes=boxes)
                 origin_m, rotation = place
                 origin = Placement(origin_m=origin_m, rotation=rotation)
 
                 def places(rays: int) -> tuple[Placement, MovingBodies | None]:
-                    ray_times = times if times is None or rays == 1 else transfer.repeat_lanes(times, rays)[0]
-                    return placements(origin, paths, ray_times, moves=moves)
+                    return placements(origin, paths, departures, rays, moves=moves)
 
                 return stages.at_phase(phase).chain(
                     places, pulse, seed, survey=survey, lines=lines, ray_pulses=ray_pulses

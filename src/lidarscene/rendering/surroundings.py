@@ -21,6 +21,7 @@ from ..physics.constants import SUN_KLUX
 from ..physics.optics import radiometry
 from ..scene.clearance import Clearance, Surrounding
 from ..scene.scene import Ball, Scene
+from ..scene.sizes import metres_text, size_text
 from ..sensor.sensor_model import Sensor
 from .frame import frame_edges
 from .render_options import FrameOptions
@@ -98,14 +99,14 @@ class Surroundings:
 
     def line(self) -> str:
         """One line of text."""
-        parts = [] if self.extent_m is None else [f"{_dimensions(self.extent_m)} m"]
+        parts = [] if self.extent_m is None else [f"{size_text(self.extent_m)} m"]
         parts += [f"{self.bodies:,} {'body' if self.bodies == 1 else 'bodies'}", f"{self.triangles:,} triangles"]
         if self.base:
             parts.append("and those of its Mitsuba scene")
         near, below = self.around.nearest, self.around.below
-        where = [f"{_metres(below.distance_m)} m above '{below.body}'"] if below.body else []
+        where = [f"{metres_text(below.distance_m)} m above '{below.body}'"] if below.body else []
         if near.body and near.distance_m < 0.99 * below.distance_m:
-            where.append(f"{_metres(near.distance_m)} m off '{near.body}'")
+            where.append(f"{metres_text(near.distance_m)} m off '{near.body}'")
         where += ["the nearest surface"] if near.body else []
         sensor = f"; sensor {', '.join(where)}" if where else ""
         return f"{self.scene}: {', '.join(parts)}{sensor}"
@@ -226,7 +227,7 @@ def _size_doubts(clearance: Clearance) -> Iterator[OptionWarning]:
                 "({scene_overrides} bodies.{5}.scale=...)",
                 name,
                 f" (and {more} more)" if more else "",
-                _dimensions(sizes[number]),
+                size_text(sizes[number]),
                 unit,
                 scale,
                 name.partition(".")[0],
@@ -250,7 +251,7 @@ def _place_doubts(sensor: Sensor, around: Surrounding, place_m: Numbers, *, alon
             "{0} is {1} m below '{2}', with nothing under it: if that is the ground, raise the sensor by {pose} or "
             "position_m to z above {3:.4g}",
             location,
-            _metres(around.above.distance_m),
+            metres_text(around.above.distance_m),
             around.above.body,
             place_m[2] + around.above.distance_m,
         )
@@ -260,17 +261,7 @@ def _place_doubts(sensor: Sensor, around: Surrounding, place_m: Numbers, *, alon
             "{0} is {1} m off the nearest surface, '{2}', and listens for {3} m: check the unit of position_m, "
             "and of the meshes (bodies.*.scale)",
             location,
-            _metres(around.nearest.distance_m),
+            metres_text(around.nearest.distance_m),
             around.nearest.body,
-            _metres(reach_m),
+            metres_text(reach_m),
         )
-
-
-def _dimensions(sizes: Numbers) -> str:
-    """Text of the edge lengths of a box."""
-    return " x ".join(map(_metres, sizes))
-
-
-def _metres(length_m: float) -> str:
-    """Text of a length to three digits."""
-    return f"{length_m:,.0f}" if length_m >= 100.0 else f"{length_m:.3g}"

@@ -143,12 +143,12 @@ class DevicePulses:
 
     Attributes:
         number: (n,) UInt32 pulse number of each lane
-        times: gives the times (n,) at which they leave [s] after the frame's first; called only where something moves
+        departures: gives `Frame.departures`; called only where something moves
         order: permutation of the lanes; None: lanes in the order of numbers
     """
 
     number: Any
-    times: Callable[[], Any]
+    departures: Callable[[], tuple[Any, Any]]
     order: Order | None = None
 
 
@@ -156,42 +156,50 @@ class Numbering:
     """Pulses of each chunk; their order and times, the same in every frame, are cached for `CACHED` chunks."""
 
     def __init__(self, scanner: Scanner, *, tiled: bool, whole: int = 1) -> None:
-        """Number the pulses of a scanner.
+        """Number the pulses of a scanner; a chunk of more than a frame is several whole frames, each in an order alike.
 
         Args:
             tiled: in tiles where the scanner's lines allow
             whole: pulses of a frame that stay in one chunk: those of a line, if its channels see each other's light
         """
-        self.whole = whole
+        self.whole, self._frame = whole, scanner.pulses
         self._tiling = Tiling.from_scanner(scanner) if tiled else None
         self._orders: dict[int, Order] = {}
-        self._times: dict[tuple[int, int], Any] = {}
+        self._departures: dict[tuple[int, int], tuple[Any, Any]] = {}
 
     @property
     def step(self) -> int:
         """Pulses of which chunks should be a multiple, to be traced alike."""
         return math.lcm(self.whole, LANES if self._tiling is None else self._tiling.step)
 
+    @property
+    def fills_packets(self) -> bool:
+        """Whether a frame and its lines end with a packet of rays, so that the next frame begins one."""
+        return self._frame % LANES == 0 and (self.whole == 1 or self.whole % LANES == 0)
+
     def pulses(self, frame: Frame, first: int, count: int) -> DevicePulses:
         """Pulses of a chunk of a frame: ``count`` from number ``first`` on."""
         order = self.lane_order(count)
 
-        def times() -> Any:
+        def departures() -> tuple[Any, Any]:
             key = first - frame.first_pulse, count
-            if key not in self._times:
+            if key not in self._departures:
                 place = np.arange(count, dtype=np.uint32) if order is None else order.pulse
-                self._times = _with_entry(self._times, key, frame.times(place + np.uint32(first)))
-            return self._times[key]
+                self._departures = _with_entry(self._departures, key, frame.departures(place + np.uint32(first)))
+            return self._departures[key]
 
         number = transfer.counter(first, count) if order is None else order.on_device(first)
-        return DevicePulses(number, times, order)
+        return DevicePulses(number, departures, order)
 
     def lane_order(self, count: int) -> Order | None:
         """Order of the lanes of a chunk of ``count`` pulses; None: in the order of numbers."""
         if self._tiling is None:
             return None
         if count not in self._orders:
-            self._orders = _with_entry(self._orders, count, Order.from_pulses(self._tiling.order(count)))
+            frames = max(count // self._frame, 1)
+            place = self._tiling.order(count // frames)
+            places = np.concatenate([place + np.uint32(number * self._frame) for number in range(frames)])
+            self._orders = _with_entry(self._orders, count, Order.from_pulses(places))
         return self._orders[count]
 
 

@@ -29,7 +29,8 @@ from ..maths.arrays import Lanes, LookupTable, Numbers, xp
 from ..maths.units import FileKey, Quantity, SameTable
 from ..maths.vectors import Vector, dot, reflected, weighted_sum
 from .aperture import slit_share
-from .base import Encoder, Jitter, Mechanism, Rotation, split_frame
+from .base import Encoder, Jitter, Mechanism, Rotation, row_elevations
+from .clock import PulseClock
 from .scanner_file import ScannerContext, ScannerFile
 
 
@@ -172,10 +173,15 @@ class Polygon(Mechanism):
         """Facet of each pulse."""
         return self._facet_and_column(pulse)[0]
 
-    def time_s(self, pulse: Numbers) -> Numbers:
+    @property
+    def channel_elevation_rad(self) -> Numbers:
+        """Elevation of each facet in its middle."""
+        return row_elevations(self)
+
+    @property
+    def clock(self) -> PulseClock:
         """Pulses of a line at the pulse rate; each line starts when its facet arrives."""
-        line, column = split_frame(pulse, self.columns)
-        return np.asarray(line * (self.frame_s / self.facets) + column / self.rate_hz)
+        return PulseClock(levels=((self.columns, self.frame_s / self.facets),), rate_hz=self.rate_hz)
 
 
 class PolygonFile(ScannerFile[Polygon]):

@@ -9,12 +9,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-import numpy as np
 from pydantic import model_validator
 
 from ..maths.arrays import Lanes, Numbers, xp
 from ..maths.units import Quantity
-from .base import Encoder, GivenAngles, Jitter
+from .base import Encoder, GivenAngles, Jitter, row_elevations
+from .clock import PulseClock
 from .scanner_file import ScannerFile, require_fewer
 
 
@@ -88,9 +88,15 @@ class Raster(GivenAngles):
         """Row of each pulse, 0 at the top."""
         return self._row_and_column(pulse)[0]
 
-    def time_s(self, pulse: Numbers) -> Numbers:
+    @property
+    def channel_elevation_rad(self) -> Numbers:
+        """Elevation of each row in its middle."""
+        return row_elevations(self)
+
+    @property
+    def clock(self) -> PulseClock:
         """One pulse after the other, without a pause."""
-        return np.divide(pulse, float(self.rate_hz), dtype=np.float64)
+        return PulseClock(rate_hz=self.rate_hz)
 
 
 class RasterFile(ScannerFile[Raster]):

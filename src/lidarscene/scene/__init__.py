@@ -13,5 +13,6 @@ ground      ground that is not a plane, and its height
 ride        vehicles that ride over rough ground
 meshes/     mesh files, USD and primitives
 bare_mesh   a mesh file as a scene
+sizes       sizes of bodies, and vehicles of which they are odd
 foreign     scenes of trimesh and Mitsuba
 """

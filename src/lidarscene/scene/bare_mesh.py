@@ -22,6 +22,7 @@ from ..maths.pose import Pose
 from .meshes import reading, usd
 from .meshes.mesh_axes import UNITS, Axis, Unit, axis_of, turn_upright
 from .scene import Part, Scene
+from .sizes import size_text
 from .tables import USUAL_HEIGHT_M
 
 MESHES = (".glb", ".gltf", ".obj", ".off", ".ply", ".stl", *usd.SUFFIXES)
@@ -156,10 +157,11 @@ def warn_of_assumptions(path: Path, scene: Scene, *, up: Axis) -> None:
     uses = {part.material for part in body.parts}
     warn(
         OptionWarning(
-            "{0}: a mesh alone is taken as {1:.3g} m across with {6} up, {2}on asphalt in {3:g} klux of sun, "
-            "{4:.3g} m before the sensor, which is {5:.3g} m high; a scene file says what is really there",
+            "{0}: a mesh alone is taken as {1} m with {6} up, {2}on asphalt in {3:g} klux of sun, {4:.3g} m before the "
+            "sensor, which is {5:.3g} m high; {scene_overrides} bodies.mesh.unit and bodies.mesh.up change size and "
+            "axis, and a scene file says what is really there",
             path,
-            float(np.ptp(corners, axis=0).max()),
+            size_text(np.ptp(corners, axis=0)),
             f"of {PLAIN} where it has no colour, " if PLAIN in uses else "",
             scene.sun.illuminance_klux,
             float(np.hypot(*scene.sensor_pose.position_m[:2])),

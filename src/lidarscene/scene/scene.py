@@ -28,7 +28,7 @@ from ..physics.optics import air
 from ..sensor.pose_file import Placed, to_pose
 from .meshes.mesh_objects import pieces_of_object
 from .meshes.reading import grey_material
-from .meshes.reflectivity_patterns import ReflectivityPattern
+from .meshes.reflectivity_patterns import Cutout, ReflectivityPattern
 from .weather import Weather
 
 
@@ -40,6 +40,7 @@ class Part:
         vertices_m: (v, 3) float64
         faces: (f, 3) uint32, indices into the vertices
         pattern: reflectivity pattern, for materials of kind "diffuse"; None: the material's reflectivity everywhere
+        cutout: image of its gaps, which glass and mirrors do not have; None: solid
     """
 
     vertices_m: Numbers
@@ -47,17 +48,20 @@ class Part:
     material: str
     name: str = ""
     pattern: ReflectivityPattern | None = None
+    cutout: Cutout | None = None
     _extent_m: Numbers | None = field(default=None, init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Check shapes and freeze the arrays."""
         object.__setattr__(self, "vertices_m", frozen(self.vertices_m, np.float64, (None, 3)))
         object.__setattr__(self, "faces", frozen(self.faces, np.uint32, (None, 3)))
+        varied = {} if self.cutout is None else {"cutout": self.cutout.uv}
         if self.pattern is not None:
-            values = self.pattern.values if self.pattern.uv is None else self.pattern.uv
+            varied["pattern"] = self.pattern.values if self.pattern.uv is None else self.pattern.uv
+        for what, values in varied.items():
             if len(values) != len(self.vertices_m):
                 raise InputError(
-                    f"part '{self.name}': its pattern must have {len(self.vertices_m)} vertices, got {len(values)}"
+                    f"part '{self.name}': its {what} must have {len(self.vertices_m)} vertices, got {len(values)}"
                 )
 
     @property
@@ -269,8 +273,7 @@ class Scene:
         Args:
             mesh: a file; a Trimesh or trimesh.Scene; a triangle mesh of Open3D, a PolyData of PyVista, a mesh or scene
                 of Mitsuba; or (vertices, faces): (n, 3) numbers, and (m, 3) triangles or (m, 4) quads, each of which
-                becomes the triangles of its corners 0, 1, 2 and 0, 2, 3. Metres, z up, except for formats that say
-                otherwise
+                becomes two triangles. Metres, z up, except for formats that say otherwise
             material: catalogue name, a name among the scene's `materials`, or a `Material`; None: a diffuse one with
                 the mean of the mesh's own colour
             pose: in the world, a `Pose` or x, y, z in metres with or without yaw, pitch, roll in degrees
@@ -294,7 +297,15 @@ class Scene:
                 raise InputError(f"scene.add: material '{key}': the scene has another of this name")
             if key not in materials:
                 materials[key] = catalogue_material(chosen) if isinstance(chosen, str) else chosen
-            parts.append(Part(vertices_m=piece.vertices_m, faces=piece.faces, material=key, name=piece.keys[0]))
+            parts.append(
+                Part(
+                    vertices_m=piece.vertices_m,
+                    faces=piece.faces,
+                    material=key,
+                    name=piece.keys[0],
+                    cutout=piece.cutout,
+                )
+            )
         taken = {body.name for body in self.bodies}
         free = name if name not in taken else next(n for i in itertools.count(2) if (n := f"{name} {i}") not in taken)
         placed = Pose() if pose is None else to_pose(pose)

@@ -40,6 +40,7 @@ from .meshes.mesh_cache import SubMesh
 from .meshes.usd import is_usd
 from .motion import BodyMotionFile
 from .scene import Ball, Body, Part, Scene, box_of
+from .sizes import VEHICLES, check_vehicle, size_text
 from .street.street_tables import with_street
 from .tables import BodyFile, SceneFile, interferers, lamps_w_m2
 
@@ -183,7 +184,7 @@ def _size_text(body: BodyFile, folder: Path) -> str:
     )
     box = box_of(parts)
     assert box is not None
-    return " x ".join(f"{length_m:.1f}" for length_m in box[1] - box[0]) + " m"
+    return f"{size_text(box[1] - box[0])} m"
 
 
 def sensor_of_scene(scene: str | os.PathLike[str], *, overrides: Sequence[str] = ()) -> str:
@@ -244,6 +245,7 @@ def scene_from_model(file: SceneFile, *, path: Path) -> Scene:
         )
     sheets = iter(ground.sheets)
     bodies: list[Body] = []
+    shapes: set[tuple[object, ...]] = set()
     for index, body in enumerate(file.bodies):
         where = f'{path}: bodies[{index} "{body.name}"]'
         if body.primitive == "ground":
@@ -252,6 +254,11 @@ def scene_from_model(file: SceneFile, *, path: Path) -> Scene:
             continue
         parts = _parts(body, folder=path.parent, where=where, scene_materials=scene_materials, reader=reader)
         _check_extent(parts, where)
+        # Streets have many bodies of a few shapes.
+        shape = body.mesh, body.unit, body.up, body.scale, body.pitch_deg, body.roll_deg
+        if shape not in shapes:
+            shapes.add(shape)
+            _check_vehicle(body, parts, path.parent, where)
         bodies.extend(_place_body(body, parts, ego=ego, ground=ground, folder=path.parent, where=where))
     _check_names(bodies, path)
     for identity, name in file.base_materials.items():
@@ -329,6 +336,21 @@ def _check_extent(parts: tuple[Part | Ball, ...], where: str) -> None:
             f"{where}: with its scale a body must be >= {SMALLEST_BODY_M:g} m across and reach <= "
             f"{LARGEST_COORDINATE_M:g} m from its origin, got {extent:.3g} m and {reach:.3g} m"
         )
+
+
+def _check_vehicle(body: BodyFile, parts: tuple[Part | Ball, ...], folder: Path, where: str) -> None:
+    """Check size and axis of a vehicle of a mesh file."""
+    if body.mesh is None or (body.class_name or body.name) not in VEHICLES:
+        return
+    check_vehicle(
+        [part for part in parts if isinstance(part, Part)],
+        Pose.from_degrees(pitch_deg=body.pitch_deg, roll_deg=body.roll_deg),
+        where=f"{where}.mesh: {folder / body.mesh}",
+        name=body.name,
+        unit=None if is_usd(Path(body.mesh)) else body.unit or "m",
+        scale=body.scale,
+        up=body.up or axis_of(Path(body.mesh)) or "z",
+    )
 
 
 def _lay_ground(file: SceneFile) -> Ground:
@@ -472,6 +494,7 @@ def _mesh_parts(
             material=material,
             name=piece.keys[0],
             pattern=pattern,
+            cutout=piece.cutout,
         )
         for (piece, material), pattern in zip(
             pieces_and_materials, _patterns(pieces_and_materials, body, where, scene_materials), strict=True

@@ -183,7 +183,9 @@ class BodyFile(PoseFile):
     """
 
     name: Name = Field(description="unique")
-    mesh: Name | None = Field(default=None, description="mesh file of any format that trimesh reads, or a USD stage")
+    mesh: Name | None = Field(
+        default=None, description="glTF file, USD stage, or mesh file of any format that trimesh reads"
+    )
     primitive: Literal["plane", "ground", "box", "sphere", "cylinder"] | None = Field(
         default=None,
         description=(

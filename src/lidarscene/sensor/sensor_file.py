@@ -23,6 +23,7 @@ from ..physics.optics import beam
 from ..scan import AnyScannerFile, Scanner
 from ..scan.scanner_file import ScannerContext
 from .detectors import AnyDetectorFile, Detector, Spad
+from .driver import DriverName
 from .electronics import Keep, Receiver, Tdc, check_stops, kept_stops
 from .histogram import Histogram, HistogramFile
 from .imu import ImuFile
@@ -167,6 +168,9 @@ class SensorFile(FileModel):
     intensity: AnyIntensityFile | None = Field(
         default=None, description="the maker's scale; the amplitude itself if left out"
     )
+    driver: DriverName | None = Field(
+        default=None, description="of the maker for ROS: how it counts `ring`, lays out points, and names topics"
+    )
     published: PublishedFile | None = Field(
         default=None, description="the maker's claims; the simulation does not use them"
     )
@@ -252,6 +256,7 @@ class SensorFile(FileModel):
         sensor = Sensor(
             name=self.name,
             description=self.description,
+            driver=self.driver or "",
             laser=laser,
             optics=optics,
             scanner=scanner,

@@ -10,11 +10,13 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Annotated, Any, Literal
 
+import numpy as np
+
 from ..errors import InputError, OptionWarning, warn
 from ..files import facts
 from ..files.arguments import checks_arguments
 from ..files.overrides import Overrides, assignments
-from ..maths.arrays import Lanes, xp
+from ..maths.arrays import Lanes, Numbers, xp
 from ..maths.pose import Pose
 from ..maths.units import STATIC, FileKey, Quantity
 from ..physics.amplifier import high_pass
@@ -24,6 +26,7 @@ from ..scan import Flash, Scanner
 from .detectors import Detector, Filtered, Reception, Spad, WorkingPoint
 from .detectors.macropixel import Macropixel
 from .detectors.matching import silicon_doubt, spot_doubt
+from .driver import DRIVERS
 from .electronics import Adc, Intensity, MultiLevel, Receiver, Tdc
 from .histogram import Histogram
 from .imu import Imu
@@ -260,6 +263,7 @@ class Sensor:
         wear: drops, weak lasers and a knocked mounting, `sensor.wear`; None: as new
         intensity: as the maker reports it, or None: the amplitude
         imu: IMU in its housing, or None
+        driver: key of `driver.DRIVERS`, whose words files take; "" of no maker
         uncertainty: how far numbers may be off, either way, by dotted field: detector.dead_time_s
         origin: `sensor_file.SensorTables`, which build it anew with changes of its file; None if a program made or
             changed it: `dataclasses.replace` does not hand it on, since the file does not have what was replaced
@@ -279,6 +283,7 @@ class Sensor:
     wear: Wear | None = None
     imu: Imu | None = None
     description: str = ""
+    driver: str = ""
     sources: Mapping[str, str] = field(default_factory=dict)
     uncertainty: Mapping[str, float] = field(default_factory=dict)
     origin: Callable[[Sequence[str]], Sensor] | None = field(
@@ -320,6 +325,27 @@ class Sensor:
     def source_of(self, key: str) -> str | None:
         """Source of the number with this dotted key of the sensor file: its own, or its table's; None: no source."""
         return self.sources.get(key, self.sources.get(key.partition(".")[0]))
+
+    def rings(self, channel: Numbers) -> Numbers:
+        """(n,) int32 rings of channels, as the maker's driver counts them."""
+        rows = self.rings_by_channel
+        return channel if rows is None else rows[channel].astype(np.int32)
+
+    @property
+    def rings_by_channel(self) -> Numbers | None:
+        """Ring of each channel; None: rings are channels."""
+        return self._rows if DRIVERS[self.driver].rings_rise else None
+
+    @property
+    def ring_rows(self) -> Numbers | None:
+        """Row of each ring, from the lowest up, where rings are channels; None where rings rise, or are no rows."""
+        return None if DRIVERS[self.driver].rings_rise else self._rows
+
+    @property
+    def _rows(self) -> Numbers | None:
+        """Row of each channel, from the lowest up; None if channels are no rows."""
+        elevation = self.scanner.channel_elevation_rad
+        return None if elevation is None else np.argsort(np.argsort(elevation, kind="stable"), kind="stable")
 
     @property
     def calibrated_efficiency(self) -> Lanes:

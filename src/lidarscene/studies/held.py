@@ -39,11 +39,6 @@ class Limits(NamedTuple):
         low, high = (None if end is None else end + by for end in self[:2])
         return self._replace(low=low, high=high)
 
-    def widened(self, factor: float) -> Limits:
-        """Limits of a ratio that are farther from 1 by this factor."""
-        low, high = None if self.low is None else self.low / factor, None if self.high is None else self.high * factor
-        return self._replace(low=low, high=high)
-
 
 UNLIMITED = Limits()
 
@@ -61,6 +56,7 @@ LIMITS = {
     # Of a twin beside its recording.
     "beam direction": Limits(None, 0.01, f"{_CHOICE}: median angle between beams, degrees"),
     "range bias": Limits(-10.0, 10.0, f"{_CHOICE}: median on smooth surfaces, mm{_HAIDER}2 cm"),
+    "nearer returns": Limits(None, 0.02, f"{_CHOICE}: share, of edges between two columns"),
     "points": Limits(-0.05, 0.05, f"{_CHOICE}: relative difference{_HAIDER}8.5 %"),
     "points of a ring": Limits(-0.10, 0.10, f"{_CHOICE}: relative difference of any ring"),
     "returns kept": Limits(0.95, None, f"{_CHOICE}: share of the recorded returns"),

@@ -18,6 +18,7 @@ from ..cloud.pixels import camera_for
 from ..cloud.point_cloud import PointCloud
 from ..errors import InputError
 from ..kernel.rays.camera_distances import distances_m
+from ..kernel.rays.point_columns import LARGEST_FLOAT32_M
 from ..kernel.rays.retraced_light import LIGHT_COLUMNS, retraced_light
 from ..kernel.world.mitsuba_world import World
 from ..light.echoes import Ambient, Echoes
@@ -27,7 +28,7 @@ from ..maths.rotations import yaw_pitch_roll_rad
 from ..maths.trajectory import Riding, pose_at
 from ..recordings.as_cloud import cloud_of
 from ..recordings.recording import Recording
-from ..rendering.frame import LARGEST_FLOAT32_M, Frame
+from ..rendering.frame import Frame
 from ..rendering.render_options import FrameOptions, TraceOptions
 from ..rendering.simulator import Simulator, Summary
 from ..rendering.stages import ambient_of
@@ -414,7 +415,7 @@ class Live:
     def _light(self, simulator: Simulator, cloud: PointCloud, ambient: Ambient, frame: FrameOptions) -> Echoes:
         """Light on the detector for the pulse of each point, traced once more."""
         scene, sensor, world = simulator.scene, simulator.sensor, simulator.world
-        timed_frame = Frame.from_options(scene, sensor, world, frame)
+        timed_frame = Frame.from_options(scene, sensor, world, frame, pose=frame.pose or simulator.pose).on_device()
         pulses = range(timed_frame.first_pulse, timed_frame.first_pulse + sensor.scanner.pulses)
         numbers = np.arange(pulses.start, pulses.stop, dtype=np.uint32)
         light = retraced_light(
@@ -422,7 +423,7 @@ class Live:
             dataclasses.replace(sensor, scanner=sensor.scanner.at_phase(timed_frame.phase)),
             ambient,
             sun=scene.sun.direction,
-            placements=timed_frame.placements(lambda: timed_frame.times(numbers)),
+            placements=timed_frame.placements(lambda: timed_frame.departures(numbers)),
             pulses=pulses,
             seed=timed_frame.seed_words(frame.seed),
         )

@@ -25,6 +25,9 @@ def test_a_twin_of_a_recording(run: Run) -> None:
     assert {path.name for path in Path("twin").iterdir()} == {"scene.toml", "sensor.toml", "twin.json", "meshes"}
     text = Path("twin/sensor.toml").read_text()
     assert "stops = 2" in text  # it recorded two returns
+    assert re.search(
+        r"second returns take several rays of a pulse: lidarscene render twin.scene\.toml --rays 16", ran.out
+    )
 
 
 @pytest.mark.usefixtures("mi")

@@ -528,6 +528,22 @@ def trains(counter, ranges_m, powers_w, count):
     )
 
 
+def test_a_sure_echo_is_as_sure_with_another_one_far_away():
+    """P_d of stronger and stronger echoes becomes 1, also beside a weak one. It is not followed closer than 1e-11."""
+    counter = photons.sensor("histogram.threshold_spread=0.2")
+    powers_w = photons.echoes_of(counter, 30.0, count=300).peak_power_w * np.geomspace(1e-4, 10.0, 300)
+    for second in (0.0, 0.01):
+        light = trains(counter, [30.0, 60.0], [1.0, second], 300)
+        (part,) = light.parts
+        part = dataclasses.replace(part, peak_power_w=part.peak_power_w * np.repeat(powers_w, 2))
+        chance = np.asarray(
+            photons.detect_train(counter, dataclasses.replace(light, parts=(part,))).detection_probability
+        )
+        assert chance.min() < 0.5
+        assert chance.max() == 1.0
+        assert not ((chance > 1.0 - 1e-11) & (chance < 1.0)).any()
+
+
 def test_two_boards_are_two_returns_and_the_first_shades_the_second():
     """SPADs that the first board fired are blind for 12 ns: behind it, at 1.2 m, the second has fewer photons by what
     dead time says, exp(-Lambda); at 6 m it has all. Tolerance: 3 % of photons, 4000 pulses.

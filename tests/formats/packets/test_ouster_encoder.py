@@ -53,7 +53,7 @@ def test_every_pixel_comes_back(library: Callable[[str], Any], tmp_path: Path, n
     cloud, ambient = write_capture(tmp_path / "a.pcap", sensor)
     frame, info = read_capture(library, tmp_path / "a.pcap")
     column = np.rint(cloud.time_s / sensor.scanner.cycle_s).astype(int)
-    place = cloud.channel, column
+    place = cloud.ring, column
     is_filled = np.zeros((128, 512), bool)
     is_filled[place] = True
     assert ((frame.field("RANGE") > 0) == is_filled).all()

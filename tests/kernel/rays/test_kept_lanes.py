@@ -70,6 +70,21 @@ def test_flags_of_rays_and_lanes(mi):
     lanes = kept_lanes.lanes_where(mi.Bool(flags))
     assert lanes.numpy().tolist() == [1, 6, 7]
     retraced = kept_lanes.Retraced.from_lanes(lanes, mi.Bool(flags))
-    assert retraced.gather(mi.Float(np.arange(9) * 2.0)).numpy().tolist() == [2.0, 12.0, 14.0]
+    assert retraced.pulses(mi.UInt32(np.arange(9) * 2)).numpy().tolist() == [2, 12, 14]
     assert retraced.place.numpy()[[1, 6, 7]].tolist() == [0, 1, 2]
     assert kept_lanes.lanes_where(mi.Bool(np.zeros(4, bool))) is None
+
+
+def test_each_frame_begins_a_packet(mi):
+    """Four frames of ten lanes, of which five, none, one and two are kept."""
+    lanes = [0, 1, 2, 8, 9, 24, 30, 31]
+    packed = kept_lanes.in_packets(mi.UInt32(lanes), 10, 4).numpy()
+    none = kept_lanes.NO_LANE
+    assert packed.tolist() == [0, 1, 2, 8, 9, none, none, none, 24, 24, none, none, 30, 31, none, none]
+    flags = np.isin(np.arange(40), lanes)
+    retraced = kept_lanes.Retraced.from_lanes(mi.UInt32(packed), mi.Bool(flags))
+    pulse = np.where(packed == none, kept_lanes.NO_PULSE, 3 * packed.astype(np.int64))
+    assert retraced.pulses(mi.UInt32(3 * np.arange(40))).numpy().tolist() == pulse.tolist()
+    place = retraced.place.numpy()
+    assert packed[place[flags]].tolist() == lanes
+    assert not place[~flags].any()

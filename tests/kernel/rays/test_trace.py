@@ -11,7 +11,7 @@ import pytest
 from lidarscene import load_scene, load_sensor
 from lidarscene.kernel.device import transfer
 from lidarscene.kernel.rays.onward import START_OFFSET_M
-from lidarscene.kernel.rays.trace import trace
+from lidarscene.kernel.rays.trace import Firing, trace
 from lidarscene.light import beams
 from lidarscene.maths.pose import Pose
 from lidarscene.rendering.simulator import Simulator
@@ -220,3 +220,25 @@ def test_few_rays_count_as_grazing(view: View) -> None:
     """Rationale: an excuse that fits every ray would excuse every mistake."""
     sample = np.flatnonzero(view.hit_in_both)[::20]
     assert view.grazes(sample).mean() < 0.05
+
+
+def test_a_ray_that_is_not_active_meets_nothing(simulator: Simulator, mi: ModuleType) -> None:
+    """Every second packet of 16 rays; what the others meet does not depend on it."""
+    pulses = simulator.sensor.scanner.pulses // 16 * 16
+    rays = beams.fire(
+        simulator.sensor,
+        pulse=transfer.counter(0, pulses),
+        origin_m=tuple((simulator.pose.position_m - simulator.world.centre_m).tolist()),
+        rotation=tuple(simulator.pose.rotation.ravel().tolist()),
+    )
+    active = np.arange(pulses) // 16 % 2 == 0
+    for interactions in (0, 2):
+        every, some = (
+            trace(simulator.world, rays, sun=(0.0, 0.0, 1.0), interactions=interactions, firing=firing)
+            for firing in (None, Firing(active=mi.Bool(active)))
+        )
+        assert len(every) == len(some)
+        for one, other in zip(every, some, strict=True):
+            faces, faces_of_some = one.face.numpy(), other.face.numpy()
+            assert (faces[active] >= 0).any()
+            assert np.array_equal(faces_of_some, np.where(active, faces, -1))

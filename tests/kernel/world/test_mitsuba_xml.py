@@ -261,3 +261,63 @@ def test_a_bsdf_that_cannot_be_used_stops_no_later_frame(mi: ModuleType, tmp_pat
         load_shapes(tmp_path / "hair.xml", {}, {}, 905e-9)
     assert len(lidarscene.render("edges", overrides=COARSE)) > 0
     assert raised.value
+
+
+GROUPS = """<scene version="3.0.0">
+    <bsdf type="diffuse" id="grey"><rgb name="reflectance" value="0.25"/></bsdf>
+    <shape type="shapegroup" id="pair">
+        <shape type="rectangle" id="flag">
+            <transform name="to_world"><rotate y="1" angle="-90"/><translate z="1.5"/></transform>
+            <bsdf type="diffuse"><rgb name="reflectance" value="0.75"/></bsdf>
+        </shape>
+        <shape type="sphere" id="foot"><float name="radius" value="0.5"/><ref id="grey"/></shape>
+    </shape>
+    <shape type="instance" id="near">
+        <ref id="pair"/>
+        <transform name="to_world"><scale value="0.5"/><rotate z="1" angle="30"/><translate x="8" y="2"/></transform>
+    </shape>
+    <shape type="instance">
+        <ref id="pair"/>
+        <transform name="to_world">
+            <matrix value="1 0 0 12  0 1.5 0 -2  0 0 1.5 0  0 0 0 1"/>
+        </transform>
+    </shape>
+    <shape type="shapegroup" id="single"><shape type="cube"/></shape>
+    <shape type="instance" id="alone">
+        <ref id="single"/>
+        <transform name="to_world"><translate x="20"/></transform>
+    </shape>
+</scene>
+"""
+
+
+def test_instances_are_where_mitsuba_has_them(mi: ModuleType, tmp_path: Path) -> None:
+    """Mitsuba's own scene, with its groups, is met by the same rays at the same distance, but for noise."""
+    path = tmp_path / "groups.xml"
+    path.write_text(GROUPS)
+    cloud = lidarscene.render(path, overrides=COARSE, pose=Pose())
+    points = np.stack([cloud["x"], cloud["y"], cloud["z"]])[:, np.isin(cloud["status"], Status.ECHO)]
+    far = np.linalg.norm(points, axis=0)
+    theirs = mi.load_file(str(path))  # it must live until its answer is computed
+    met = theirs.ray_intersect(mi.Ray3f(mi.Point3f(0.0), mi.Vector3f(*(points / far)))).t.numpy()
+    # Noise has a sigma of 8 cm, and a beam that an edge divides may be met beside it.
+    assert (np.abs(far - met) < 0.2).mean() > 0.95
+    assert set(cloud.body_names) == {"near.flag", "near.foot", "pair.flag", "pair.foot", "alone"}
+    for name, reflectivity in (("near.flag", 0.75), ("pair.foot", 0.25), ("alone", 0.5)):
+        assert reflectivity_of(cloud, name) == pytest.approx(reflectivity, abs=0.01)
+    assert material_of(cloud, "pair.foot") == "grey"
+
+
+def test_instances_of_a_group_take_our_materials(mi: ModuleType, tmp_path: Path) -> None:
+    (tmp_path / "groups.xml").write_text(GROUPS)
+    (tmp_path / "s.toml").write_text(
+        'base = "groups.xml"\nbase_materials = { grey = "brick" }\n[sensor]\nposition_m = [0, 0, 0]\n'
+    )
+    cloud = lidarscene.render(tmp_path / "s.toml", overrides=COARSE)
+    assert material_of(cloud, "pair.foot") == "brick"
+
+
+def test_an_instance_without_its_group_is_one_line(mi: ModuleType, tmp_path: Path) -> None:
+    (tmp_path / "groups.xml").write_text(GROUPS.replace('<ref id="pair"/>', '<ref id="pear"/>', 1))
+    with pytest.raises(InputError, match=r"groups\.xml: instance 'near': no shapegroup 'pear'"):
+        load_shapes(tmp_path / "groups.xml", {}, {}, 905e-9)

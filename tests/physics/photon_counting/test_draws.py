@@ -32,3 +32,16 @@ def test_less_than_one_trial_counts_as_often_as_it_should():
     """The mean number of the trials that are left need not be whole: below one, none counts with (1 - p)^N."""
     counts = draws.binomial_count(trials=0.5, probability=0.75, uniform=UNIFORM)
     assert (counts == 0.0).mean() == pytest.approx(0.5, abs=1e-5)
+
+
+@pytest.mark.parametrize("trials", [1.0, 1.5, 2.0, 2.5, 27.0, 6911.0, 1e6])
+def test_counts_known_without_their_terms_are_those_of_the_terms(monkeypatch, trials):
+    """Means from 0.01 to 3: where the bounds on the distribution say 0 or 1, so does its inversion, term by term."""
+    share = np.geomspace(0.01, 3.0, 40)[:, None] / trials
+    share = np.minimum(share, 0.9)
+    inverted = draws._small_count(trials, share, UNIFORM[::50])
+    monkeypatch.setattr(draws, "_small_count", lambda trials, p, uniform: np.full_like(p * uniform, np.nan))
+    counts = draws.binomial_count(trials=trials, probability=share, uniform=UNIFORM[::50])
+    known = ~np.isnan(counts)
+    np.testing.assert_array_equal(counts[known], inverted[known])
+    assert (counts[0] == 1.0).any() == (trials >= 2.0)

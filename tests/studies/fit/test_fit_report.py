@@ -6,7 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 
+from lidarscene.sensor.sensor_file import load_sensor
 from lidarscene.studies import held
+from lidarscene.studies.fit import recording_fit
 from lidarscene.studies.fit.estimates import Solution
 from lidarscene.studies.fit.fit_report import check_as_dict
 from lidarscene.studies.fit.recording_fit import RecordingFit
@@ -25,23 +27,24 @@ from lidarscene.studies.fit.scatter import Scatter
         ("scatter", (1.0, 1.26), False),
     ],
 )
-def test_limits_of_each_law(law: str, value: Any, passed: bool) -> None:
+def test_limits_of_each_law(monkeypatch: pytest.MonkeyPatch, law: str, value: Any, passed: bool) -> None:
     """15 % of the signal, a tenth of the shares, a quarter of the scatter, either way; the others are not recorded."""
     ratios = np.atleast_1d(value)
+    monkeypatch.setattr(recording_fit, "scatter_mm", lambda *_, **__: 1e3)
     scatter = Scatter(
         solved=Solution(value=np.array([1.0, 0.0]), slope=np.eye(2), scores=np.zeros((4, 2))),
         fitted=np.zeros((0, 3)),
-        held_out=np.array([(1.0, ratio, 1e9) for ratio in ratios]),
+        held_out=np.array([(1.0, 1.0 / ratio, 1e9) for ratio in ratios]),
     )
-    laws: Any = scatter if law == "scatter" else SimpleNamespace(error=value, estimates=())
-    fit = RecordingFit(**{law: laws})
-    assert held.passed(fit.checks) is passed
-    assert {check.verdict for check in fit.checks} >= {None, passed}
-    assert [check_as_dict(check)["held"] for check in fit.checks].count(False) == (not passed)
+    laws: Any = scatter if law == "scatter" else SimpleNamespace(error_of=lambda _: value, estimates=())
+    checks = RecordingFit(**{law: laws}).checks(load_sensor("os1-128"))
+    assert held.passed(checks) is passed
+    assert {check.verdict for check in checks} >= {None, passed}
+    assert [check_as_dict(check)["held"] for check in checks].count(False) == (not passed)
 
 
 def test_of_a_recording_that_tells_nothing_nothing_fails() -> None:
-    checks = RecordingFit().checks
+    checks = RecordingFit().checks(load_sensor("os1-128"))
     assert held.passed(checks)
     assert held.verdict(checks, "The fit") == (
         "The fit has nothing that can be held to a limit; not measured: 'signal, mean error over the range', "

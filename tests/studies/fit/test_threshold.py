@@ -10,6 +10,7 @@ from helpers.drawn_recordings import drawn_sweep, drawn_truth
 from lidarscene.physics.photon_counting.matched_filter import SCALE, TEMPLATE
 from lidarscene.physics.photon_counting.pile_up import BOX, BOX_SHARE
 from lidarscene.sensor.sensor_file import load_sensor
+from lidarscene.sensor.sensor_model import Sensor
 from lidarscene.studies.fit import threshold
 from lidarscene.studies.fit.estimates import Solution
 from lidarscene.studies.fit.recorded_pulses import RecordedPulses, gather_pulses
@@ -40,7 +41,7 @@ def test_the_spread_is_what_is_left_of_the_width() -> None:
     def threshold_of_width(width: float) -> Threshold:
         value = np.array([math.log(0.4), 0.0, math.log(width)])
         solved = Solution(value=value, slope=1e6 * np.eye(3), scores=np.zeros((4, 3)))
-        return Threshold(solved=solved, near_ir=400.0, shares=np.zeros((0, 3)))
+        return Threshold(solved=solved, near_ir=400.0, held_out=np.zeros((0, 3)))
 
     # At a threshold of 0.4 sqrt(400) = 8 photons.
     variance = filter_variance(SENSOR, photons=8.0, near_ir=400.0) / 64.0
@@ -87,17 +88,41 @@ def test_what_is_lost_for_other_reasons_does_not_blur_the_threshold() -> None:
     np.testing.assert_allclose(fit.level(middle), truth.threshold(middle), rtol=0.1)
     # Held-out blocks: 20 bins of the chance, as large as their law says to a few per cent.
     held_out = np.isin(np.arange(sweep.shape[1]) // 20 % 4, 3)
-    expected, _, pulses = fit.shares.T
+    unit = with_threshold(SENSOR, fit)
+    expected, _, pulses = fit.shares(unit).T
     assert pulses.sum() <= held_out.sum() * sweep.shape[0]
     # A share of n pulses scatters by sqrt(p (1 - p) / n); the mean of its absolute is 0.8 of that, the deviation 0.6.
     scatter = np.sqrt(expected * (1.0 - expected) * pulses) / pulses.sum()
-    assert fit.error < 0.8 * scatter.sum() + 5.0 * 0.6 * np.linalg.norm(scatter) + 0.02
+    assert fit.error_of(unit) < 0.8 * scatter.sum() + 5.0 * 0.6 * np.linalg.norm(scatter) + 0.02
+    # Of a file with twice the threshold the same pulses say so.
+    assert fit.error_of(with_threshold(SENSOR, fit, times=2.0)) > 0.1
+
+
+def with_threshold(sensor: Sensor, fit: Threshold, times: float = 1.0) -> Sensor:
+    """The sensor with the fitted threshold and its spread."""
+    spread, histogram = fit.spread(sensor), sensor.histogram
+    assert spread is not None
+    assert histogram is not None
+    slope, pedestal, _ = fit.solved.value
+    changed = replace(
+        histogram,
+        threshold_floor=0.0,
+        threshold_slope=times * math.exp(slope),
+        threshold_pedestal=pedestal / float(histogram.shots),
+        threshold_spread=spread.value,
+    )
+    return replace(sensor, histogram=changed)
 
 
 def test_the_error_weighs_bins_by_their_pulses() -> None:
-    solved = Solution(value=np.array([math.log(0.4), 0.0, math.log(0.2)]), slope=np.eye(3), scores=np.zeros((4, 3)))
-    fit = Threshold(solved=solved, near_ir=400.0, shares=np.array([[0.5, 0.4, 1], [0.9, 0.9, 9]]))
-    assert fit.error == pytest.approx(0.01)
+    """Four of ten pulses at the threshold were kept, 81 of 90 whose chance is 0.9."""
+    width = 0.25
+    solved = Solution(value=np.array([math.log(0.4), 0.0, math.log(width)]), slope=np.eye(3), scores=np.zeros((4, 3)))
+    ratio = np.repeat([1.0, math.exp(width * math.log(9.01))], [10, 90])
+    kept = np.r_[np.arange(10) < 4, np.arange(90) < 81]
+    held_out = np.column_stack([8.0 * ratio, np.full(100, 400.0), kept])
+    fit = Threshold(solved=solved, near_ir=400.0, held_out=held_out)
+    assert fit.error_of(with_threshold(SENSOR, fit)) == pytest.approx(0.01, abs=3e-4)
 
 
 def test_a_pulse_is_on_the_surface_of_its_neighbours_whatever_it_reports_itself() -> None:
@@ -137,4 +162,5 @@ def test_the_error_is_that_of_the_blocks_that_were_not_fitted() -> None:
     assert plain is not None
     assert brighter is not None
     np.testing.assert_allclose(brighter.solved.value, plain.solved.value, rtol=0.05)
-    assert brighter.error > 4.0 * plain.error
+    brighter_error, plain_error = (fit.error_of(with_threshold(SENSOR, fit)) for fit in (brighter, plain))
+    assert brighter_error > 4.0 * plain_error

@@ -18,7 +18,7 @@ MEDIAN = SLOPE * math.sqrt(NEAR_IR + PEDESTAL)
 LAW = Threshold(
     solved=Solution(value=np.array([math.log(SLOPE), PEDESTAL, math.log(0.2)]), slope=np.eye(3), scores=np.eye(3)),
     near_ir=NEAR_IR,
-    shares=np.zeros((0, 3)),
+    held_out=np.zeros((0, 3)),
 )
 
 

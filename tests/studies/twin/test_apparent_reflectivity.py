@@ -174,3 +174,16 @@ def test_a_loss_is_explained_up_to_two_sigma_above_the_threshold() -> None:
     assert explained[:, [0, *range(2, 360)]].all()
     assert is_explained(replace(sweep, near_ir=None), sensor).all()
     assert is_explained(sweep, load_sensor("vlp-16")).all()
+
+
+def test_returns_whose_intensity_is_rounded_to_zero_are_of_half_a_step() -> None:
+    """Rationale: of KITTI's returns beyond 50 m 76 % have intensity 0.00. As black they were lost in its twin."""
+    plain = room_sweep()
+    intensity = np.full(plain.shape, 0.3)
+    intensity[3, 5], intensity[3, 6], intensity[3, 7] = 0.0, 0.01, np.nan
+    sweep = room_sweep(signal=None, reflectivity=None, intensity=intensity)
+    gauge = ReflectivityGauge.from_sweep(sweep)
+    assert gauge is not None
+    dark, least, unknown = gauge.apparent(sweep, sweep.range_m)[3, 5:8]
+    assert (dark, least) == (pytest.approx(0.2 * 0.005 / 0.3), pytest.approx(0.2 * 0.01 / 0.3))
+    assert unknown == LEAST_REFLECTIVITY

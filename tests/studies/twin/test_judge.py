@@ -26,11 +26,13 @@ def pulses(seed: int = 5, **changed: Any) -> MatchedPulses:
     change_m = rng.normal(0.0, 0.02, N)
     true_m = np.linspace(5.0, 40.0, N)
     signal = 8000.0 / true_m**2 + 15.0
+    range_m = changed.get("range_m", true_m + rng.normal(0.0, 0.02, N))
     fields: dict[str, Any] = {
         "angle_rad": np.zeros(N),
         "ring": np.arange(N) % 8,
         "signal": signal,
-        "range_m": true_m + rng.normal(0.0, 0.02, N),
+        "range_m": range_m,
+        "aimed_range_m": range_m,
         "xyz_m": np.zeros((N, 3)),
         "change_m": change_m,
         "gap_m": np.full(N, np.nan),
@@ -94,6 +96,21 @@ def test_scatter_is_told_by_octaves_and_fails_in_the_one_that_is_off() -> None:
         "signal 64 to 128": True,
         "signal 128 to 256": True,
     }
+
+
+def test_returns_before_what_was_recorded_are_counted_there() -> None:
+    base = pulses()
+    too_near = (base.range_m > 16.0) & (base.range_m < 20.0) & (np.arange(N) % 4 == 0)
+    lost = np.arange(N) % 5 == 0
+    simulated_m = with_nan(base.simulated_range_m - np.where(too_near, 0.5, 0.0), lost)
+    assert [row.value for row in judge._nearer(base, True)] == [0.0, 0.0]
+    whole, worst = judge._nearer(pulses(simulated_range_m=simulated_m), True)
+    assert whole.value == pytest.approx(too_near[~lost].mean())
+    assert not whole.verdict
+    assert worst.condition == "16 to 32 m"
+    assert not next(judge._nearer(pulses(simulated_range_m=simulated_m), False)).is_limited
+    of_octave = (base.range_m >= 16.0) & ~lost & (base.range_m < 32.0)
+    assert worst.value == pytest.approx(too_near[of_octave].mean())
 
 
 def test_what_is_of_another_surface_has_no_bias() -> None:
@@ -197,13 +214,12 @@ def test_scatter_is_that_of_the_simulation_over_the_recorded(factor: float, is_m
     assert (row.value, row.verdict) == (pytest.approx(factor), is_met)
 
 
-def test_limits_of_the_scatter_are_wider_for_few_pulses() -> None:
-    """Two sigma: exp(2 * 1.46 / sqrt(n)); fewer than 200 are not compared, and chance alone makes 1 of 30 000 fail."""
-    plain = pulses()
-    for count in (200, 2000):
-        row = judge._scatter("", plain.select(np.arange(N) < count))
-        assert row.limits.high == pytest.approx(1.25 * math.exp(2.92 / math.sqrt(count)))
-        assert row.limits.low == pytest.approx(0.8 / math.exp(2.92 / math.sqrt(count)))
+def test_limits_of_the_scatter_are_those_of_the_table_for_few_pulses_too() -> None:
+    """Rationale: two sigma of so many pulses made them 0.65 to 1.53, which hid misses. Fewer than 200 do not count."""
+    plain = pulses(signal=None)
+    for count, rows in ((200, 1), (199, 0)):
+        few = list(judge._scatters(plain.select(np.arange(N) < count)))
+        assert [row.limits[:2] for row in few] == [(0.8, 1.25)] * rows
 
 
 def test_errors_of_the_signal_do_not_cancel_over_the_range() -> None:

@@ -201,7 +201,8 @@ def test_a_beam_between_a_near_and_a_far_return_meets_either() -> None:
     """
     plain = room_sweep()
     is_near = np.broadcast_to(np.arange(COLUMNS) % 2 == 0, plain.shape)
-    quads = surfels_of(room_sweep(range_m=np.where(is_near, 5.0, plain.range_m)))
+    sweep = room_sweep(range_m=np.where(is_near, 5.0, plain.range_m))
+    quads = surfels_of_grid(align_columns(sweep), ReflectivityGauge.from_sweep(sweep), None, tuning.BORDER)
     middle, ends = quads.corners_m.mean(axis=1), quads.corners_m[:, :2]
     near = (np.abs(np.linalg.norm(middle, axis=1) - 5.0) < 0.1) & (middle[:, 2] > -1.2) & (middle[:, 0] > -4.8)
     azimuth = np.degrees(np.arctan2(ends[near, :, 1], ends[near, :, 0])) / (360.0 / COLUMNS)
@@ -216,19 +217,12 @@ def test_borders_leave_no_gap_and_are_half_way_beside_a_lost_pulse() -> None:
     plain = room_sweep()
     range_m = np.array(plain.range_m)
     range_m[6, 45] = np.nan
-    left, right = surfels._borders(align_columns(room_sweep(range_m=range_m)))
+    left, right = surfels._borders(align_columns(room_sweep(range_m=range_m)), tuning.BORDER)
     np.testing.assert_allclose(np.roll(left, -1, axis=1) - right, 2.0)  # columns go to the right
     assert (left[6, 45], left[6, 46], right[6, 44]) == (1.0, 1.0, -1.0)
     assert np.abs(left - 1.0).max() == pytest.approx(tuning.BORDER, rel=0.01)
 
 
-@pytest.fixture
-def half_way(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Borders of quads half way between columns."""
-    monkeypatch.setattr(surfels, "BORDER", 0.0)
-
-
-@pytest.mark.usefixtures("half_way")
 def test_two_returns_share_the_pixel() -> None:
     """Each covers half of the beam, so each reflects twice of what it would alone."""
     plain = room_sweep()
@@ -286,7 +280,6 @@ def test_quads_of_uneven_rings_end_where_the_next_begin() -> None:
     np.testing.assert_allclose(ends, expected[ring], atol=0.15)
 
 
-@pytest.mark.usefixtures("half_way")
 @pytest.mark.parametrize("second_m", [2.0, -2.0])
 def test_the_nearer_of_two_returns_hides_half_of_the_other(second_m: float) -> None:
     """Ahead, where walls are square to the beam. The pixel returned a quarter each of what a white board would."""

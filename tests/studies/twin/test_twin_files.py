@@ -41,18 +41,10 @@ def test_frames_without_the_one_held_out(tmp_path: Path) -> None:
     for frames, held_out, message in (
         (None, 4, "frame must be 0 to 3, got 4"),
         ((2,), 2, "must leave a frame"),
-        (None, COLUMNS, "must go with one frame of rows and columns, got 4 frames"),
+        (None, COLUMNS, "must go with one frame, got 4 frames"),
     ):
         with pytest.raises(InputError, match=message):
             choose_frames(recording, frames, held_out)
-
-
-def test_columns_of_a_list_cannot_be_held_out(tmp_path: Path) -> None:
-    direction, range_m = np.array(room_sweep().direction), np.array(room_sweep().range_m)
-    direction[0, 0] = range_m[0, 0] = np.nan
-    recording = recording_of(tmp_path / "bag.mcap", replace(room_sweep(), direction=direction, range_m=range_m))
-    with pytest.raises(InputError, match="got a list of points"):
-        choose_frames(recording, None, COLUMNS)
 
 
 def test_light_is_such_that_surfaces_have_the_recorded_background() -> None:

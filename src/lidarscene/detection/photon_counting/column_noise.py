@@ -9,69 +9,60 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from ...light.echoes import EchoTrain
 from ...maths import random
-from ...maths.arrays import Array, Lanes, xp
-from ...maths.random import Seed
+from ...maths.arrays import Lanes, xp
 from ...physics.electronics import tdc
 from ...physics.optics import radiometry
-from ...sensor.sensor_model import Sensor
 from ..outcomes import Status
 from ..report import Detection, Returns
+from .expectation import FilteredLight
 from .tuning import MOST_FIRED, MOST_NOISE
 
 
-def share_noise(detection: Detection, train: EchoTrain, sensor: Sensor, *, seed: Seed, pulse: Array) -> Detection:
+def share_noise(detection: Detection, light: FilteredLight) -> Detection:
     """Replace the noise of the ranges of echoes by noise of the same size that neighbouring columns share, if they do.
 
     Only the noise is shared: the range stays that of the point's own surface. Points that are no echo, echoes that were
     folded, and those that fire nearly all SPADs keep their noise.
 
     Args:
-        seed: as of `detection.receiver.detect`
-        pulse: as of `detection.receiver.detect`
+        light: in which the echoes were found
     """
+    sensor = light.sensor
     # Scanners without lines, such as flashes, have no neighbouring columns.
     if sensor.histogram is None or sensor.histogram.column_weights is None or sensor.scanner.line_pulses is None:
         return detection
     return replace(
-        detection,
-        stops=tuple(
-            _share_in_stop(stop, number, train, sensor, seed=seed, pulse=pulse)
-            for number, stop in enumerate(detection.stops)
-        ),
+        detection, stops=tuple(_share_in_stop(stop, number, light) for number, stop in enumerate(detection.stops))
     )
 
 
-def _share_in_stop(
-    stop: Returns, number: int, train: EchoTrain, sensor: Sensor, *, seed: Seed, pulse: Array
-) -> Returns:
+def _share_in_stop(stop: Returns, number: int, light: FilteredLight) -> Returns:
     """Replace the noise of one stop's ranges; ``number`` is the stop's."""
 
     def compute() -> Lanes:
-        deviate = _column_deviate(sensor, seed=seed, pulse=pulse, stop=number)
-        return _range_with_noise(stop, train, sensor, deviate)
+        return _range_with_noise(stop, light, _column_deviate(light, stop=number))
 
     is_echo = stop.reported & (stop.status == int(Status.ECHO))
     return replace(stop, range_m=xp(stop.range_m).where_any(is_echo, compute, stop.range_m))
 
 
-def _range_with_noise(stop: Returns, train: EchoTrain, sensor: Sensor, deviate: Lanes) -> Lanes:
+def _range_with_noise(stop: Returns, light: FilteredLight, deviate: Lanes) -> Lanes:
     """Reported range, (n,) m, with this standard normal number in place of the noise that was drawn."""
     assert stop.snr is not None
     assert stop.true_range_m is not None
     ops = xp(stop.range_m)
-    pixel = sensor.pixel(train.background_power_w, range_m=stop.true_range_m)
-    point = sensor.working_point(train.background_power_w, range_m=stop.true_range_m)
+    pixel, point = light.pixel_at(stop.true_range_m), light.point_at(stop.true_range_m)
     signal = stop.snr * point.noise.deviation
-    if train.fluctuation is not None:
-        signal = signal * train.fluctuation.relative_power
+    if light.fluctuation is not None:
+        signal = signal * light.fluctuation.relative_power
     deviation_m = radiometry.range_from_time_of_flight_m(time_of_flight_s=pixel.place_deviation_s(signal))
     most_m = MOST_NOISE * deviation_m
     drawn_m = ops.maximum(ops.minimum(stop.range_m - stop.true_range_m, most_m), -most_m)
     range_m = ops.maximum(stop.range_m - drawn_m + deviation_m * deviate, 0.0)
     time_s = tdc.quantise(
-        time_s=radiometry.time_of_flight_s(range_m=range_m), least_significant_bit_s=sensor.tdc.least_significant_bit_s
+        time_s=radiometry.time_of_flight_s(range_m=range_m),
+        least_significant_bit_s=light.sensor.tdc.least_significant_bit_s,
     )
     shared_m = radiometry.range_from_time_of_flight_m(time_of_flight_s=time_s)
     if point.response.largest is None:
@@ -79,11 +70,12 @@ def _range_with_noise(stop: Returns, train: EchoTrain, sensor: Sensor, deviate: 
     return ops.where(signal < MOST_FIRED * point.response.largest, shared_m, stop.range_m)
 
 
-def _column_deviate(sensor: Sensor, *, seed: Seed, pulse: Array, stop: int) -> Lanes:
+def _column_deviate(light: FilteredLight, *, stop: int) -> Lanes:
     """Draw the weighted sum of the standard normal numbers of a point's column and of those before it, (n,) (T177).
 
     Any point can draw the numbers of its neighbours, which need not be in the same chunk.
     """
+    sensor, pulse = light.sensor, light.pulse
     assert sensor.histogram is not None
     assert sensor.histogram.column_weights is not None
     assert sensor.scanner.line_pulses is not None
@@ -95,7 +87,7 @@ def _column_deviate(sensor: Sensor, *, seed: Seed, pulse: Array, stop: int) -> L
     is_even, draw = odd == 0, ops.uint32(place + stop * 2**24)
     total: Lanes = 0.0
     for back in range(len(weights) // 2 + 1):
-        words = random.words(seed=seed, stage=random.Stage.COLUMN_NOISE, pulse=ops.uint32(pair - back), draw=draw)
+        words = random.words(seed=light.seed, stage=random.Stage.COLUMN_NOISE, pulse=ops.uint32(pair - back), draw=draw)
         of_even, of_odd = random.normal_pair(words)
         before, middle, after = (weights.get(2 * back + beside, 0.0) for beside in (-1, 0, 1))
         total = total + of_even * ops.where(is_even, middle, after) + of_odd * ops.where(is_even, before, middle)

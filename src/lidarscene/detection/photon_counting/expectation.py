@@ -161,8 +161,6 @@ class FilteredLight(Shots):
             zero = ops.full(signal, 0.0)
             return zero + point.detection_probability(threshold, signal, 0.0), zero + law.lone(threshold, signal)
 
-        if self.has_several:  # in a loop over the peaks
-            return compute()
         # Most echoes are sure, or there is none: packets of such lanes skip half a dozen tails.
         highest = threshold
         if histogram.threshold_spread is not None:

@@ -7,6 +7,7 @@ from typing import Protocol
 
 import numpy as np
 
+from ...errors import OptionWarning, warn
 from ...maths.arrays import Numbers
 from ...scan.spinning import Spinning
 from .firings import Firings
@@ -46,10 +47,14 @@ def last_and_strongest(frame: Firings, *, step_m: float, two_returns: bool) -> d
     """(firings, 2, lasers) distances in steps, uint16, and reflectivities, uint8, of two returns of each pulse.
 
     First the last one, then the strongest, or the second strongest if the strongest is the last. A lone return is both;
-    so is the strongest without ``two_returns``. 0 where nothing came back, and for distances above 65535 steps.
+    so is the strongest without ``two_returns``. 0 where nothing came back, and for distances above 65535 steps, of
+    which a warning says that they are left out.
     """
-    distance = np.rint(frame.range_m / step_m)
-    distance = np.where(distance <= np.iinfo(np.uint16).max, distance, 0.0).astype(np.uint16)
+    distance, most = np.rint(frame.range_m / step_m), np.iinfo(np.uint16).max
+    if np.any(distance > most):
+        last_m = f"{most * step_m:.2f}"
+        warn(OptionWarning("packets of this sensor end at {0} m: returns beyond are left out", last_m))
+    distance = np.where(distance <= most, distance, 0.0).astype(np.uint16)
     reflectivity = np.rint(frame.intensity).clip(0, 255).astype(np.uint8)
     first, second = distance[..., 0], distance[..., 1]
     farther = (second > first) & two_returns

@@ -29,6 +29,12 @@ LANES_PER_THREAD = 4_096
 """Lanes of a frame, some 4 ms of work, for which a further thread is used. Each spins for 20 ms when it has nothing to
 do: 32 threads take ten times the processor time of two for a frame of 29,000 beams."""
 
+LANES_PER_LAUNCH = 2**18
+"""Lanes of a launch of several small frames on a CPU, with which Python and idle threads take little of the time."""
+
+LANES_PER_LAUNCH_CUDA = 2**21
+"""The same on a GPU, some 8 ms of work."""
+
 
 class _Threads:
     """Number of Dr.Jit's threads for small frames, and the number that it had before.
@@ -69,6 +75,11 @@ def thread_count(lanes: int, most: int) -> int:
 def use_threads(count: int) -> None:
     """Set the number of Dr.Jit's threads, the most that any frame uses."""
     _threads.limit(count)
+
+
+def lanes_per_launch() -> int:
+    """Return how many lanes several small frames that are traced together should have."""
+    return LANES_PER_LAUNCH_CUDA if is_cuda() else LANES_PER_LAUNCH
 
 
 def share_frame(lanes: int) -> None:

@@ -20,6 +20,12 @@ from ..device import transfer
 from ..device.backend import mitsuba
 from ..device.types import DeviceArray
 
+NO_LANE = 2**32 - 1
+"""Entry of a list of lanes that is no lane."""
+
+NO_PULSE = 2**31
+"""Number of a lane without a pulse: those of pulses are lower."""
+
 
 def lanes_where(flag: Mask) -> Any:
     """Return the (k,) lanes at which a flag is set, UInt32; None if k is 0."""
@@ -38,12 +44,31 @@ def more_than_one(lanes: DeviceArray) -> Any:
     return lanes if dr.width(lanes) > 1 else transfer.unsigned_numbers(lanes.numpy().repeat(2))
 
 
+def in_packets(lanes: DeviceArray, frame_lanes: int, packet: int) -> Any:
+    """Return the lanes of several frames with `NO_LANE` between them, so that each frame begins a packet of rays.
+
+    Args:
+        lanes: (k,) rising numbers
+        frame_lanes: lanes of each frame
+        packet: rays that are traced together: which of two triangles a ray at their edge meets depends on these
+    """
+    numbers = lanes.numpy()
+    counts = np.bincount(numbers // frame_lanes)
+    room = -(-counts // packet) * packet
+    start = np.cumsum(room) - room
+    packed = np.full(room.sum(), NO_LANE, np.uint32)
+    packed[np.arange(len(numbers)) + np.repeat(start - np.cumsum(counts) + counts, counts)] = numbers
+    single = start[counts == 1]  # there twice, as in a frame that is rendered alone (`more_than_one`)
+    packed[single + 1] = packed[single]
+    return transfer.unsigned_numbers(packed)
+
+
 @dataclass(frozen=True, slots=True, eq=False)
 class Retraced:
     """Which of n lanes are traced again, as m lanes of their own.
 
     Attributes:
-        lanes: (m,) number of each lane that is traced again
+        lanes: (m,) number of each lane that is traced again, or `NO_LANE`
         place: (n,) which of the m it is; 0 for a lane that is not traced again
         mask: (n,) whether a lane is traced again
     """
@@ -59,16 +84,17 @@ class Retraced:
 
         mi = mitsuba()
         place = dr.zeros(mi.UInt32, dr.width(mask))
-        dr.scatter(place, dr.arange(mi.UInt32, dr.width(lanes)), lanes)
+        dr.scatter(place, dr.arange(mi.UInt32, dr.width(lanes)), lanes, lanes != NO_LANE)
         return cls(lanes, place, mask)
 
-    def gather(self, values: Array) -> Any:
-        """Return the entries of these lanes, (m,), computed together with ``place``."""
+    def pulses(self, pulse: Array) -> Any:
+        """Return the pulse numbers of these lanes, (m,), computed together with ``place``."""
         import drjit as dr
 
-        entries = dr.gather(type(values), values, self.lanes)
-        dr.eval(entries, self.place)
-        return entries
+        mi, is_lane = mitsuba(), self.lanes != NO_LANE
+        number = dr.select(is_lane, dr.gather(mi.UInt32, pulse, self.lanes, is_lane), NO_PULSE)
+        dr.eval(number, self.place)
+        return number
 
     def replace(self, flag: Mask, values: Mask) -> Any:
         """Return (n,) flags with those of the lanes traced again, ``values`` (m,), in their places."""

@@ -76,7 +76,8 @@ class BoxWalk:
         """Return the node at which each ray begins; 0 for those that do not pass the box around all."""
         import drjit as dr
 
-        return dr.select(active & self._passes(self.tree.low, self.tree.high, length_m), mitsuba().UInt32(1), 0)
+        first = mitsuba().UInt32(self.tree.root) + 1
+        return dr.select(active & self._passes(self.tree.low, self.tree.high, length_m), first, 0)
 
     def next_box(self, node: Array, length_m: Lanes) -> tuple[Any, Any]:
         """Return where to go on behind the next box of a body that each ray passes, and that body's number.

@@ -14,7 +14,7 @@ import dataclasses
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
-from ...maths.arrays import Array, Lanes, Mask, xp
+from ...maths.arrays import Array, Lanes, Mask, is_drjit, xp
 from ...maths.motion_table import Placement
 from ...physics.optics import dielectrics
 from ...physics.optics.polarisation import LobeShares, Stokes, pane_shares
@@ -103,7 +103,22 @@ def is_stopped(moment: Moment, path: BeamPath, pane: Meeting) -> Any:
 
 
 def continued(moment: Moment, path: BeamPath, meeting: Meeting, active: Mask, *, reflected: bool) -> BeamPath:
-    """Return the path beyond the panes, mirrors and gaps that were met: through panes, or ``reflected`` by them."""
+    """Return the path beyond the panes, mirrors and gaps that were met: through panes, or ``reflected`` by them.
+
+    Where ``active`` does not hold it is the path up to them.
+    """
+
+    def beyond() -> BeamPath:
+        return _beyond(moment, path, meeting, active, reflected=reflected)
+
+    # A path begins with plain numbers, and most rays meet the first pane. Few meet another: their packets alone go on.
+    if not is_drjit(path.interactions):
+        return select_fields(active, beyond(), path)
+    return xp(path.interactions).where_any(active, beyond, path)
+
+
+def _beyond(moment: Moment, path: BeamPath, meeting: Meeting, active: Mask, *, reflected: bool) -> BeamPath:
+    """Return `continued` for rays of which all go on."""
     import drjit as dr
 
     mi = mitsuba()
@@ -125,7 +140,8 @@ def continued(moment: Moment, path: BeamPath, meeting: Meeting, active: Mask, *,
         shares = _lobe_shares(moment, meeting, kind, active, share, reflected=reflected)
         polarised = polarised.beyond(path.ray.d, normal, shares)
         throughput = polarised.unpolarised.intensity
-    return BeamPath(
+    return dataclasses.replace(
+        path,
         ray=mi.Ray3f(hit_point + step * out, out),
         length_m=path.length_m + meeting.t + step,
         throughput=throughput,
@@ -222,7 +238,7 @@ def sunlight_share(moment: Moment, ray: Ray, active: Mask, *, interactions: int)
     for _ in range(interactions):
         pane = moment.pane(path.ray, dr.inf, glazed)
         glazed = pane.valid
-        path = select_fields(glazed, continued(moment, path, pane, glazed, reflected=False), path)
+        path = continued(moment, path, pane, glazed, reflected=False)
         if moment.speculars.gaps:
             porous = moment.speculars.is_porous(kind_of(moment, pane))
             dimmed = path.throughput * gap_share(moment.world, pane.surface, porous)

@@ -44,6 +44,7 @@ class Firing:
     Attributes:
         seed: of the frame: random numbers of the gaps
         ray: (n,) number of each ray within its pulse, for the same; 0 if it is the only one
+        active: whether each ray is traced; the others meet nothing
         velocity_m_s: of the point from which each ray leaves; None: it stands still
         aim: axes and widths of the beams, for specular returns; None: there are none
         housing_m: radius of the sensor itself: what is nearer is no hit
@@ -53,6 +54,7 @@ class Firing:
 
     seed: Seed = 0
     ray: Lanes = 0
+    active: Mask = True
     housing_m: Lanes = 0.0
     velocity_m_s: Vector | None = None
     aim: Aim | None = None
@@ -101,11 +103,11 @@ def trace(
     first = BeamPath(ray=ray, receding_m_s=_receding(firing.velocity_m_s, beams.direction))
     if world.speculars is None:
         survey = False
-    if survey:
+    if survey:  # of all pulses, so that no ray is left out
         return (_survey(moment, first, moment.meet(ray), firing),)
     if world.speculars is not None and firing.polarisation is not None:
         first = dataclasses.replace(first, polarised=PolarisedBeam.start(*firing.polarisation))
-    paths = _follow_paths(moment, first, interactions)
+    paths = _follow_paths(moment, first, interactions, firing.active)
 
     def sunshine(ray: Ray, sunny: Mask) -> tuple[Any, Lanes]:
         return _sunshine(moment, ray, sunny, interactions)
@@ -130,18 +132,18 @@ def _survey(moment: Moment, path: BeamPath, meeting: Meeting, firing: Firing) ->
     return dataclasses.replace(hits, goes_on=goes_on)
 
 
-def _follow_paths(moment: Moment, path: BeamPath, interactions: int) -> list[tuple[BeamPath, Meeting]]:
+def _follow_paths(moment: Moment, path: BeamPath, interactions: int, active: Mask) -> list[tuple[BeamPath, Meeting]]:
     """Return each path of the rays, with the surface at its end: one path, or two in a world with panes."""
     mi = mitsuba()
-    meeting, speculars = moment.meet(path.ray), moment.world.speculars
+    meeting, speculars = moment.meet(path.ray, active), moment.world.speculars
     if speculars is None:
         return [(path, meeting)]
     if not interactions:
-        return [(path, _at_last_pane(moment, path, meeting, mi.Bool(True)))]
+        return [(path, _at_last_pane(moment, path, meeting, mi.Bool(active)))]
     # `going_on` are the lanes whose path has gone on at every step so far, `mirrored` those with a second path, which
     # begins at the first pane. Without mirrors and gaps the first pane, if there is one, is met at the first step, and
     # the later steps need no code for it.
-    second, mirrored, going_on = path, mi.Bool(False), mi.Bool(True)
+    second, mirrored, going_on = path, mi.Bool(False), mi.Bool(active)
     for number in range(interactions):
         pane = _pane_before(moment, path, meeting, going_on)
         if pane is not None and speculars.panes and (number == 0 or speculars.mirrors or speculars.gaps):
@@ -199,7 +201,7 @@ def _step(
     if pane is not None:
         ends = is_stopped(moment, path, pane)
         going_on = pane.valid & ~ends
-        path = select_fields(going_on, continued(moment, path, pane, going_on, reflected=False), path)
+        path = continued(moment, path, pane, going_on, reflected=False)
         # A thin pane does not bend the ray. What stands behind it is known already, since panes are in scenes of their
         # own: only its distance is less, by the path up to the pane. That saves a query for each pane.
         nearer = meeting.t - (path.length_m - path_before.length_m)
@@ -209,7 +211,7 @@ def _step(
         reflected = continued(moment, path, meeting, bounce, reflected=False)
         # A mirror normal to the beam ends the path with a specular return; off all others it goes on.
         comes_back, ended = specular_return(moment, path, meeting, reflected, bounce)
-        path, bounce = select_fields(comes_back, ended, select_fields(bounce, reflected, path)), bounce & ~comes_back
+        path, bounce = select_fields(comes_back, ended, reflected), bounce & ~comes_back
         meeting = select_fields(bounce, moment.meet(path.ray, bounce), meeting)
         going_on |= bounce
     return path, meeting, going_on

@@ -10,6 +10,7 @@ bsdfs          materials as Mitsuba BSDFs and textures; the retro-reflector and 
 faces          tables from a hit's face to body, class, material and normal
 speculars      surfaces at which a beam goes on
 mitsuba_xml    shapes of Mitsuba XML scenes
+xml_instances  instances in such a file, as shapes of their own
 xml_bsdfs      BSDFs of such a file, replaced before Mitsuba loads it
 triangles      shapes of such a file as triangles, to draw
 """

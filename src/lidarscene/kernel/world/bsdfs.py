@@ -25,7 +25,7 @@ from ...errors import InputError
 from ...materials.colour import reflectivity_by_colour
 from ...maths.arrays import Lanes, Mask, Numbers, xp
 from ...physics.optics import dielectrics, reflection
-from ...scene.meshes.reflectivity_patterns import ReflectivityPattern
+from ...scene.meshes.reflectivity_patterns import Cutout, ReflectivityPattern
 from ..device import transfer
 from ..device.backend import mitsuba
 from ..device.types import Bsdf, DeviceVector, Interaction
@@ -64,8 +64,13 @@ def bsdf_dict(values: dict[str, Any], reflectance: dict[str, object] | None = No
     return whole if cover == 1.0 else {"type": "mask", "opacity": float(cover), "nested": whole}
 
 
-def make_bsdf(values: dict[str, Any], reflectance: dict[str, object] | None = None) -> Any:
-    """Return Mitsuba's BSDF of a material; arguments as of `bsdf_dict`."""
+def make_bsdf(
+    values: dict[str, Any], reflectance: dict[str, object] | None = None, cutout: Cutout | None = None
+) -> Any:
+    """Return Mitsuba's BSDF of a material with the gaps of a cutout, if any; other arguments as of `bsdf_dict`."""
+    if cutout is not None:
+        solid = bsdf_dict(values | {"cover": 1.0}, reflectance)
+        return mitsuba().load_dict({"type": "mask", "opacity": _opacity(cutout, values), "nested": solid})
     if values["bsdf"] == "coated" and reflectance is None and values.get("cover", 1.0) == 1.0:
         return _load_coat(values)
     return mitsuba().load_dict(bsdf_dict(values, reflectance))
@@ -406,6 +411,19 @@ def reflectivities(pattern: ReflectivityPattern, values: Mapping[str, Any]) -> N
         )
     limit = reflection.largest_reflectivity(math.radians(values.get("facet_slope_deg", 0.0)))
     return np.minimum(varied, limit).astype(np.float32)
+
+
+def has_gaps(cutout: Cutout | None, values: Mapping[str, Any]) -> bool:
+    """Return whether a material shows the gaps of a cutout: one that mirrors light has none (`speculars`)."""
+    return cutout is not None and values["bsdf"] not in ("mirror", "glass")
+
+
+def _opacity(cutout: Cutout, values: Mapping[str, Any]) -> dict[str, Any]:
+    """Return the Mitsuba texture of a cutout: the material's cover where the image is solid, 0 in its gaps."""
+    cover = cutout.solid.astype(np.float32)[..., None] * np.float32(values.get("cover", 1.0))
+    # Each pixel is there or not: between two there is no half.
+    nearest = {"raw": True, "wrap_mode": "repeat", "filter_type": "nearest"}
+    return {"type": "bitmap", "bitmap": mitsuba().Bitmap(cover)} | nearest
 
 
 def texture(pattern: ReflectivityPattern, values: Mapping[str, Any]) -> dict[str, Any]:

@@ -33,6 +33,7 @@ class PlacedShape:
         values: its material by `Material.at`; None for a BSDF of a Mitsuba file
         is_plain: whether it is a mesh without smooth normals and images
         is_varied: whether its reflectivity varies over it
+        is_cut: whether an image cuts gaps into it
     """
 
     shape: Any
@@ -41,6 +42,7 @@ class PlacedShape:
     values: Mapping[str, Any] | None
     is_plain: bool = False
     is_varied: bool = False
+    is_cut: bool = False
 
     @property
     def reflectivity(self) -> float | None:
@@ -148,12 +150,12 @@ class FaceTables:
 
 def _surface_optics(shape: PlacedShape) -> SurfaceOptics:
     """Return what `Speculars` needs of a shape."""
-    # Our materials are known by name. In a Mitsuba file one name may stand for several BSDFs: their registry number
-    # is the identity.
+    # Our materials are known by name, whole and with gaps cut into them. In a Mitsuba file one name may stand for
+    # several BSDFs: their registry number is the identity.
     return SurfaceOptics(
         number=_registry_number(shape.shape),
         bsdf=shape.shape.bsdf(),
-        material=_bsdf_number(shape.shape) if shape.reflectivity is None else shape.material,
+        material=_bsdf_number(shape.shape) if shape.reflectivity is None else (shape.material, shape.is_cut),
         absorbs=shape.absorbs,
         is_retro=shape.values is not None and shape.values["bsdf"] == "retroreflector",
     )

@@ -32,7 +32,7 @@ from ..device.choice import ask_one
 from ..device.gate import exclusive, retire
 from ..device.types import Bsdf, Interaction
 from . import merged_meshes, mitsuba_xml
-from .bsdfs import ATTRIBUTE, bsdf_dict, make_bsdf, reflectivities, texture, texture_key
+from .bsdfs import ATTRIBUTE, bsdf_dict, has_gaps, make_bsdf, reflectivities, texture, texture_key
 from .faces import FaceTables, PlacedShape
 from .mover_scene import MoverScene, mitsuba_scene, side_by_side
 from .speculars import Speculars, lets_through
@@ -288,7 +288,7 @@ def _loaded_shapes(
         bsdfs: by material, those of the world so far: a coat's takes 10 ms to make
     """
     mi = mitsuba()
-    grouped: dict[tuple[str, Hashable], list[tuple[int, Numbers, Part]]] = {}
+    grouped: dict[Hashable, list[tuple[int, Numbers, Part]]] = {}
     shapes: list[PlacedShape] = []
     for index, body in bodies.items():
         for part in body.parts:
@@ -296,17 +296,19 @@ def _loaded_shapes(
                 if not len(part.faces):
                     continue
                 placed = body.pose.apply(part.vertices_m) - centre
-                key = part.material, texture_key(part.pattern)
-                grouped.setdefault(key, []).append((index, placed, part))
+                grouped.setdefault(_mesh_key(part), []).append((index, placed, part))
             else:
                 shapes.append(_ball_shape(mi, part, body.pose.position_m - centre, index, resolved))
-    for (material, _), pieces in grouped.items():
-        values, pattern = resolved[material], pieces[0][2].pattern
-        if pattern is not None:
-            bsdf = make_bsdf(values, texture(pattern, values))
+    for pieces in grouped.values():
+        first = pieces[0][2]
+        material, pattern = first.material, first.pattern
+        values = resolved[material]
+        cutout = first.cutout if has_gaps(first.cutout, values) else None
+        if pattern is not None or cutout is not None:
+            bsdf = make_bsdf(values, None if pattern is None else texture(pattern, values), cutout)
         elif (bsdf := bsdfs.get(material)) is None:
             bsdf = bsdfs[material] = make_bsdf(values)
-        shapes.append(_merged_mesh(mi, material, pieces, values, bsdf))
+        shapes.append(_merged_mesh(mi, material, pieces, values, bsdf, is_cut=cutout is not None))
     return shapes
 
 
@@ -315,7 +317,7 @@ def _near_and_of_all_materials(bodies: Mapping[int, Body], near: Collection[str]
 
     So all parts of a scene have the same shapes in the same order, and their kernels are the same.
     """
-    first_of: dict[tuple[str, Hashable], int] = {}
+    first_of: dict[Hashable, int] = {}
     for is_near in (True, False):
         for index, body in bodies.items():
             if (body.name in near) == is_near:
@@ -327,9 +329,15 @@ def _near_and_of_all_materials(bodies: Mapping[int, Body], near: Collection[str]
     return {index: bodies[index] for index in chosen}
 
 
-def _mesh_keys(body: Body) -> list[tuple[str, Hashable]]:
-    """Material and image of each of a body's meshes: meshes with the same are merged."""
-    return [(part.material, texture_key(part.pattern)) for part in body.parts if isinstance(part, Part)]
+def _mesh_keys(body: Body) -> list[Hashable]:
+    return [_mesh_key(part) for part in body.parts if isinstance(part, Part)]
+
+
+def _mesh_key(part: Part) -> Hashable:
+    """Return material, image and gaps of a part: parts with the same become one mesh."""
+    # All parts of one material share the pixels of its gaps.
+    cutout = None if part.cutout is None else (part.cutout.solid.ctypes.data, part.cutout.solid.shape)
+    return part.material, texture_key(part.pattern), cutout
 
 
 def _moving_groups(bodies: Sequence[Body]) -> list[_BodiesOfOneShape]:
@@ -381,7 +389,13 @@ def _turns(bodies: Sequence[Body], indices: Sequence[int]) -> list[list[int]]:
 
 
 def _merged_mesh(
-    mi: ModuleType, material: str, pieces: Sequence[tuple[int, Numbers, Part]], values: dict[str, object], bsdf: object
+    mi: ModuleType,
+    material: str,
+    pieces: Sequence[tuple[int, Numbers, Part]],
+    values: dict[str, object],
+    bsdf: object,
+    *,
+    is_cut: bool,
 ) -> PlacedShape:
     # The vertices of all pieces one after the other; each piece's faces count from its own first vertex.
     counts = [len(vertices) for _, vertices, _ in pieces]
@@ -395,20 +409,24 @@ def _merged_mesh(
     # The order of faces is kept by Mitsuba and by Embree: a hit's `prim_index` is the row in `faces`, and in `bodies`.
     first = pieces[0][2].pattern
     props["mesh_bsdf"] = bsdf
-    has_image = first is not None and first.uv is not None
+    # The colours and the gaps of a part are in one image.
+    has_image = is_cut or (first is not None and first.uv is not None)
     mesh = mi.Mesh(material, len(vertices), len(faces), props=props, has_vertex_texcoords=has_image)
     patterns = [part.pattern for _, _, part in pieces if part.pattern is not None]
-    if first is not None and not has_image:
+    if first is not None and first.uv is None:
         varied = np.concatenate([reflectivities(pattern, values) for pattern in patterns])
         mesh.add_attribute(ATTRIBUTE, 1, varied)
     parameters = mi.traverse(mesh)
     parameters["vertex_positions"] = vertices.ravel()
     parameters["faces"] = faces.astype(np.uint32).ravel()
     if has_image:
-        uv = np.concatenate([pattern.uv for pattern in patterns if pattern.uv is not None])
+        images = [part.cutout if is_cut else part.pattern for _, _, part in pieces]
+        uv = np.concatenate([image.uv for image in images if image is not None and image.uv is not None])
         parameters["vertex_texcoords"] = uv.ravel()
     parameters.update()
-    return PlacedShape(mesh, bodies, material, values, is_plain=not has_image, is_varied=first is not None)
+    return PlacedShape(
+        mesh, bodies, material, values, is_plain=not has_image, is_varied=first is not None, is_cut=is_cut
+    )
 
 
 def _ball_shape(

@@ -9,18 +9,24 @@ from __future__ import annotations
 
 import re
 import xml.etree.ElementTree as ElementTree
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from ...errors import InputError
 from ...files.inputs import LARGEST_TEXT, require_file
 from ...materials.material_file import catalogue_material
+from ...maths.arrays import Numbers
 from ..device.backend import mitsuba, mitsuba_plugins, without_outside_files
+from ..device.gate import exclusive
 from ..device.types import Bsdf
 from . import xml_bsdfs
 from .bsdfs import bsdf_dict, diffuse_share
+from .xml_instances import expand_instances
 
 Element = ElementTree.Element
 
@@ -48,6 +54,49 @@ class FileShape:
         return None if self.values is None else diffuse_share(self.values)
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FileContent:
+    """What a file holds.
+
+    Attributes:
+        shapes: number of shapes, those of instances included
+        triangles: of those that are meshes
+        materials: names of their BSDFs
+        box_m: (2, 3) lowest and highest corner around all shapes
+        left_out: kinds of elements that are not used, and how many there are of each
+    """
+
+    shapes: int
+    triangles: int
+    materials: tuple[str, ...]
+    box_m: Numbers
+    left_out: Mapping[str, int]
+
+
+@exclusive
+def file_content(path: Path) -> FileContent:
+    """Load the shapes of a Mitsuba XML file and return what it holds.
+
+    Raises:
+        InputError: as of `load_shapes`
+    """
+    shapes = load_shapes(path, {}, {}, _ANY_WAVELENGTH_M)
+    boxes = [shape.shape.bbox() for shape in shapes]
+    corners = np.array([np.ravel(corner) for box in boxes for corner in (box.min, box.max)])
+    elements = Counter(element.tag for element in _parse(path).iter())
+    return FileContent(
+        shapes=len(shapes),
+        triangles=sum(shape.faces for shape in shapes if shape.shape.is_mesh()),
+        materials=tuple(dict.fromkeys(shape.material for shape in shapes)),
+        box_m=np.stack([corners.min(axis=0), corners.max(axis=0)]),
+        left_out={f"{kind}s": elements[kind] for kind in ("emitter", "sensor", "medium") if elements[kind]},
+    )
+
+
+_ANY_WAVELENGTH_M = 905e-9
+"""Choice: wavelength of materials that stand in for unknown BSDFs, where only their names count."""
+
+
 def load_shapes(
     path: Path, replaced: Mapping[str, str], materials: Mapping[str, dict[str, object]], wavelength_m: float
 ) -> list[FileShape]:
@@ -59,10 +108,11 @@ def load_shapes(
         wavelength_m: for materials of the catalogue, where a BSDF that Mitsuba does not have suggests one
 
     Raises:
-        InputError: if the file is no XML or no Mitsuba scene, lacks such a BSDF, or has instances
+        InputError: if the file is no XML or no Mitsuba scene, lacks such a BSDF, or an instance's group
     """
     root = _parse(path)
     _insert_included(root, path.parent, [])
+    expand_instances(root, path)
     parameters, plugins = _default_parameters(root), mitsuba_plugins()
     replaced_elements = xml_bsdfs.empty_named_bsdfs(root, path, replaced)
     stand_ins = xml_bsdfs.empty_unknown_bsdfs(
@@ -84,8 +134,6 @@ def load_shapes(
     file_shapes: list[FileShape] = []
     for number, shape in enumerate(shapes):
         name, bsdf = _declared_id_or(shape.id(), f"shape_{number}"), shape.bsdf()
-        if shape.class_name() == "Instance":
-            raise InputError(f"{path}: shape '{name}' must be a plain shape, got an instance")
         identity = _declared_id_or(bsdf.id() if bsdf is not None else "", "bsdf")
         material = replaced.get(identity, identity)
         if identity not in replaced:

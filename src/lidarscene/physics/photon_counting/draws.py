@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import math
 
-from ...maths.arrays import Lanes, xp
+from ...maths.arrays import Array, Lanes, xp
 from ...maths.special import log1p
 
 _FEW = 4.0
@@ -22,6 +22,10 @@ _TERMS = 14
 
 _FIRST_TERMS = 5
 """Terms that are inverted where a count is not 0: P(count >= 5) is 4e-3 at a mean of 1."""
+
+_MARGIN = 5e-5
+"""Accuracy bought: distance of a uniform number from the bounds between which its count is 1: farther than the series
+of `_small_count` and single precision are off."""
 
 _TAIL = 5.0
 """Accuracy bought: beyond this -ln(1 - x^2), which 0.3 % of the numbers exceed, the normal deviate has a polynomial of
@@ -39,13 +43,18 @@ def binomial_count(*, trials: Lanes, probability: Lanes, uniform: Lanes) -> Lane
     ops = xp(trials, probability, uniform)
     p = ops.minimum(ops.maximum(probability, 0.0), 1.0 - 1e-6)
     few = trials * p < _FEW
-    # (1 - p)^N >= 1 - N p for N >= 1, and up to that the count is 0: many packets in the dark need no more.
-    may_count = few & (uniform > 1.0 - ops.maximum(trials, 1.0) * p)
-    small: Lanes = ops.where_any(may_count, lambda: _small_count(trials, p, uniform), 0.0 * uniform)
+    # (1 - p)^N >= 1 - N p for N >= 1, and up to that the count is 0. It is at most (N p)^2 / 2 above that. So large is
+    # the probability of two counts at most, for N >= 2: between both bounds there is one. Many packets in the dark need
+    # no more.
+    mean = ops.maximum(trials, 1.0) * p
+    counts, several = few & (uniform > 1.0 - mean), 0.5 * mean * mean + _MARGIN
+    one = (uniform > 1.0 - mean + several) & (uniform <= 1.0 - several) & (trials >= 2.0)
+    known = ops.where(counts & one, 1.0, 0.0)
+    small = ops.where_any(counts & ~one, lambda: _small_count(trials, p, uniform), known)
     return ops.where_any(~few, lambda: _large_count(trials, p, uniform), small)
 
 
-def _small_count(trials: Lanes, p: Lanes, uniform: Lanes) -> Lanes:
+def _small_count(trials: Lanes, p: Lanes, uniform: Lanes) -> Array:
     """The count if its mean is small, (n,): how many terms of the distribution lie below the uniform number."""
     ops = xp(trials, p, uniform)
     # Few of many trials: three terms of ln(1 - p), off by p^3 / 4 of a count.
@@ -71,7 +80,7 @@ def _small_count(trials: Lanes, p: Lanes, uniform: Lanes) -> Lanes:
     return ops.minimum(count, trials)
 
 
-def _large_count(trials: Lanes, p: Lanes, uniform: Lanes) -> Lanes:
+def _large_count(trials: Lanes, p: Lanes, uniform: Lanes) -> Array:
     """The count if its mean is not small, (n,): Cornish and Fisher to the kurtosis, rounded to a whole number."""
     # Rounding adds 1 / 12 to the variance, so it is taken off before (Sheppard).
     ops = xp(trials, p, uniform)

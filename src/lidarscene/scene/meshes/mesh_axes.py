@@ -1,6 +1,6 @@
 """Units and axes of mesh files: the length of one unit, the axis that points up, and the turn to z up.
 
-Of the formats that trimesh reads only glTF defines both: metres, y up (glTF 2.0, 3.4). OBJ, STL, PLY and OFF define
+Of the formats other than USD only glTF defines both: metres, y up (glTF 2.0, 3.4). OBJ, STL, PLY and OFF define
 neither: the scene file gives them (`unit`, `up`), and the defaults are metres and z up.
 """
 
@@ -19,12 +19,13 @@ Unit = Literal["m", "mm", "cm", "km", "in", "ft"]
 UNITS: dict[Unit, float] = {"m": 1.0, "mm": 1e-3, "cm": 1e-2, "km": 1e3, "in": 0.0254, "ft": 0.3048}
 """Source: SI prefixes, and the international yard of 1959; metres of each unit."""
 
-_Y_UP = (".glb", ".gltf")
+GLTF = (".glb", ".gltf")
+"""Suffixes of glTF files."""
 
 
 def axis_of(path: Path) -> Axis | None:
     """Axis that points up by the standard of the file's format; None if the format has no such standard."""
-    return "y" if path.suffix.lower() in _Y_UP else None
+    return "y" if path.suffix.lower() in GLTF else None
 
 
 def turn_upright(vertices: Numbers, up: Axis) -> Numbers:

@@ -27,7 +27,7 @@ from ...files.atomic import atomic_output
 from ...files.cache_folder import cache_folder
 from ...files.inputs import LARGEST_TEXT, read_file, require_archive, require_file
 from ...maths.arrays import Numbers
-from .reflectivity_patterns import ReflectivityPattern
+from .reflectivity_patterns import Cutout, ReflectivityPattern
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -39,6 +39,7 @@ class SubMesh:
         keys: names of its material, geometry and node
         grey: mean of its base colour if the file has one, else None
         pattern: reflectivity pattern, if it was read; not cached
+        cutout: image of its gaps, if it has some; such a file is not cached
     """
 
     vertices_m: Numbers
@@ -46,13 +47,14 @@ class SubMesh:
     keys: tuple[str, ...]
     grey: float | None = None
     pattern: ReflectivityPattern | None = None
+    cutout: Cutout | None = None
 
 
 LARGEST_BYTES = 2 << 30
 """Largest size of all entries together: some 30 million triangles."""
 
-_LAYOUT = 1
-"""Version of an entry's layout; a new number invalidates all old entries."""
+_LAYOUT = 2
+"""Version of an entry's layout and of our own reading; a new number invalidates all old entries."""
 
 
 def read_cached(path: Path, read: Callable[[], list[SubMesh]]) -> list[SubMesh]:
@@ -66,6 +68,8 @@ def read_cached(path: Path, read: Callable[[], list[SubMesh]]) -> list[SubMesh]:
             os.utime(entry)  # when it was used last
         return pieces
     pieces = read()
+    if any(piece.cutout is not None for piece in pieces):
+        return pieces
     with suppress(OSError, OutputError):
         _save(entry, pieces)
         _evict(entry)

@@ -17,6 +17,7 @@ from ...errors import InputError
 from ...maths.arrays import Numbers
 from .mesh_axes import axis_of, turn_upright
 from .mesh_cache import SubMesh
+from .polygons import triangulate
 from .reading import check_pieces, pieces_of, read_mesh, refuse_other_formats, require_vertices
 
 VERTICES = "finite real numbers in rows of x, y, z, shape (n, 3)"
@@ -71,7 +72,7 @@ def named_pieces(mesh: Any, where: str, others: str = "a mesh file") -> list[tup
 
 
 def _piece(name: str, vertices: Any, faces: Any, where: str) -> SubMesh:
-    """Piece of arrays. Each quad becomes two triangles, of its corners 0, 1, 2 and 0, 2, 3.
+    """Piece of arrays. Each quad becomes two triangles.
 
     Raises:
         InputError: if a file, a key or a value cannot be understood
@@ -85,10 +86,9 @@ def _piece(name: str, vertices: Any, faces: Any, where: str) -> SubMesh:
         raise InputError(f"{must}, got 3 first in each: if it counts the corners, as VTK does, give faces[:, 1:]")
     # Before they become whole: what no integer can hold names no vertex either.
     require_vertices(corners, len(vertices_m), where)
-    triangles = corners[:, [0, 1, 2, 0, 2, 3]] if corners.shape[1] == 4 else corners
-    return SubMesh(
-        vertices_m=vertices_m.astype(np.float64), faces=triangles.reshape(-1, 3).astype(np.int64), keys=(name,)
-    )
+    places, named = vertices_m.astype(np.float64), corners.astype(np.int64).reshape(-1)
+    triangles, _ = triangulate(places, np.full(len(corners), corners.shape[1]), named)
+    return SubMesh(vertices_m=places, faces=named[triangles], keys=(name,))
 
 
 def _real_rows(values: Any, lengths: Collection[int], must: str) -> Numbers:

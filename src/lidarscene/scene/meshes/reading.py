@@ -1,4 +1,4 @@
-"""Mesh files in (any that trimesh reads, and USD), as vertices and faces in float64, in the file's own lengths.
+"""Mesh files in (glTF, USD, any that trimesh reads), as vertices and faces in float64, in the file's own lengths.
 
 trimesh runs without processing: it would merge vertices, reorder faces and drop material names, on which labels and
 materials depend.
@@ -19,12 +19,16 @@ from typing import Any
 import numpy as np
 
 from ...errors import InputError, LidarSceneError
-from ...files.inputs import require_archive, require_file
+from ...files.inputs import LARGEST_PART, require_archive, require_file
 from ...materials.material import Material, Spectrum
 from ...maths.arrays import Numbers
 from . import reflectivity_patterns
+from .gltf import read_gltf
+from .gltf_document import declaration
+from .mesh_axes import GLTF
 from .mesh_cache import SubMesh, read_cached
-from .usd import is_usd, read_usd
+from .polygons import obj_in_triangles, off_in_triangles, ply_as_text, triangulate
+from .usd import is_usd, read_stage
 
 NOT_READ = {
     ".blend": ("a Blender file", "open it in Blender"),
@@ -36,9 +40,6 @@ NOT_READ = {
     ".stp": ("a STEP file of CAD", "export OBJ or STL from FreeCAD; or import that into Blender"),
 }
 """Suffixes of scenes and meshes of other programs: what they are, and the way to glTF."""
-
-LARGEST_PART = 1 << 29
-"""Bytes of a file to which a mesh file refers: a buffer of glTF, a texture."""
 
 
 def refuse_other_formats(path: Path) -> None:
@@ -60,6 +61,8 @@ def read_mesh(path: Path, pattern: reflectivity_patterns.Kind | None = None) -> 
         InputError: one line
     """
     require_file(path, "a mesh file")
+    if path.suffix.lower() in GLTF:
+        declaration(path).check(path)
     if pattern is not None:
         return check_pieces(_pieces(path, pattern), str(path))
     return check_pieces(read_cached(path, lambda: _pieces(path)), str(path))
@@ -99,7 +102,7 @@ def pieces_of(loaded: Any) -> list[tuple[str, SubMesh]]:
 
 
 def _pieces(path: Path, pattern: reflectivity_patterns.Kind | None = None) -> list[SubMesh]:
-    """Read the pieces of a file by trimesh or USD, including empty ones.
+    """Read the pieces of a file, including empty ones.
 
     Raises:
         InputError: if a file, a key or a value cannot be understood
@@ -111,17 +114,15 @@ def _pieces(path: Path, pattern: reflectivity_patterns.Kind | None = None) -> li
                     raise InputError(
                         "pattern: must be left out with USD, whose colours are not read by vertex or texture"
                     )
-                return read_usd(path)
+                return read_stage(path).pieces
+            if path.suffix.lower() in GLTF:
+                return read_gltf(path, pattern)
             warnings.simplefilter("ignore")
             loaded = _load_trimesh(path)
             pieces = pieces_of(loaded)
             if pattern is None:
                 return [piece for _, piece in pieces]
-            linear = path.suffix.lower() in (".glb", ".gltf")
-            return [
-                _add_pattern(piece, loaded.geometry[loaded.graph[node][1]], pattern, linear=linear)
-                for node, piece in pieces
-            ]
+            return [_add_pattern(piece, loaded.geometry[loaded.graph[node][1]], pattern) for node, piece in pieces]
     except InputError as error:
         raise InputError(f"{path}: {str(error).removeprefix(f'{path}: ')}") from None
     except LidarSceneError:
@@ -143,12 +144,59 @@ def _load_trimesh(path: Path) -> Any:
             require_archive(file)
     if path.suffix.lower() in (".gz", ".bz2", ".xz", ".tar"):
         raise ValueError(f"'{path.suffix}' must be unpacked first")
-    if path.suffix.lower() != ".obj":
+    suffix = path.suffix.lower()
+    if suffix == ".ply":
+        return _load_ply(path)
+    if suffix not in (".obj", ".off"):
         return trimesh.load_scene(str(path), process=False, resolver=_resolver(path))
     data = path.read_bytes()
-    if b"mtllib" not in data:
-        data = b"mtllib none.mtl\n" + data
+    if suffix == ".off":
+        mesh = trimesh.load_mesh(io.BytesIO(off_in_triangles(data)), file_type="off", process=False)
+        return trimesh.Scene({path.name: mesh})
+    data = obj_in_triangles(data if b"mtllib" in data else b"mtllib none.mtl\n" + data)
     return trimesh.load_scene(io.BytesIO(data), file_type="obj", process=False, resolver=_resolver(path, data))
+
+
+def _load_ply(path: Path) -> Any:
+    """A trimesh Scene of a PLY file, whose polygons are cut into triangles."""
+    import trimesh
+
+    def load(data: bytes, **settings: bool) -> Any:
+        file = io.BytesIO(data)
+        return trimesh.load(file, file_type="ply", process=False, resolver=_resolver(path), **settings)
+
+    data = path.read_bytes()
+    try:
+        mesh = load(data)
+    except ValueError:
+        data = ply_as_text(data)
+        mesh = load(data)
+    polygons = _ply_polygons(mesh)
+    if polygons and mesh.visual.kind == "texture":
+        # trimesh splits vertices where textures meet; the polygons are those of the file's own vertices.
+        mesh = load(data, fix_texture=False)
+    if not polygons:
+        return trimesh.Scene({path.name: mesh})
+    counts, corners = np.array([len(polygon) for polygon in polygons]), np.concatenate(polygons).astype(np.int64)
+    require_vertices(corners, len(mesh.vertices), str(path))
+    triangles, polygon = triangulate(np.asarray(mesh.vertices), counts, corners)
+    colours = np.asarray(mesh.visual.face_colors) if mesh.visual.kind == "face" else None
+    mesh.faces = corners[triangles]
+    if colours is not None:
+        mesh.visual.face_colors = colours[polygon]
+    return trimesh.Scene({path.name: mesh})
+
+
+def _ply_polygons(mesh: Any) -> list[Any]:
+    """Corners of the faces of a PLY file as trimesh keeps them; none if they are all triangles."""
+    faces = (mesh.metadata.get("_ply_raw") or {}).get("face", {}).get("data")
+    names = ("vertex_index", "vertex_indices")
+    if isinstance(faces, dict):
+        faces = next((faces[name] for name in names if name in faces), None)
+    elif getattr(getattr(faces, "dtype", None), "names", None):
+        faces = faces[next((name for name in names if name in faces.dtype.names), faces.dtype.names[0])]["f1"]
+    polygons = [] if faces is None else list(faces)
+    return polygons if any(len(polygon) > 3 for polygon in polygons) else []
 
 
 def _resolver(path: Path, data: bytes = b"") -> Any:
@@ -206,9 +254,9 @@ def _place_mesh(loaded: Any, node: Any) -> SubMesh:
     )
 
 
-def _add_pattern(piece: SubMesh, geometry: Any, kind: reflectivity_patterns.Kind, *, linear: bool) -> SubMesh:
+def _add_pattern(piece: SubMesh, geometry: Any, kind: reflectivity_patterns.Kind) -> SubMesh:
     """Add the pattern of the geometry to a piece; without one the piece is unchanged."""
-    pattern_and_faces = reflectivity_patterns.read_pattern(geometry, kind, linear=linear)
+    pattern_and_faces = reflectivity_patterns.read_pattern(geometry, kind)
     if pattern_and_faces is None:
         return piece
     pattern, faces = pattern_and_faces

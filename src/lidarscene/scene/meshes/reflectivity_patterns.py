@@ -1,4 +1,4 @@
-"""Reflectivity patterns: measured values, vertex colours or a texture that vary the reflectivity over a mesh.
+"""Reflectivity patterns: measured values, vertex colours or a texture that vary the reflectivity over a mesh; cutouts.
 
 A scan of a street holds the reflectivity of every point, a model made for pictures only the colour. Both are read from
 the mesh file here; `materials.colour` turns a colour into reflectivity at the laser's wavelength.
@@ -44,19 +44,34 @@ class ReflectivityPattern:
             object.__setattr__(self, "uv", frozen(self.uv, np.float32, (None, 2)))
 
 
-def read_pattern(geometry: Any, kind: Kind, *, linear: bool) -> tuple[ReflectivityPattern, Numbers | None] | None:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Cutout:
+    """An image that says where a part has gaps, such as those between the leaves of a tree that is painted on squares.
+
+    Attributes:
+        solid: (h, w) whether something is there, first row at the top
+        uv: (v, 2) where in the image the vertices are, as in a `ReflectivityPattern`
+    """
+
+    solid: Numbers
+    uv: Numbers
+
+    def __post_init__(self) -> None:
+        """Check shapes and freeze the arrays."""
+        object.__setattr__(self, "solid", frozen(self.solid, np.bool_, (None, None)))
+        object.__setattr__(self, "uv", frozen(self.uv, np.float32, (None, 2)))
+
+
+def read_pattern(geometry: Any, kind: Kind) -> tuple[ReflectivityPattern, Numbers | None] | None:
     """Read the pattern of a trimesh mesh, and the (f, 3) faces that it needs; None if it has none.
 
     Values at faces become values at vertices: the faces returned then have three vertices of their own each, in the
     order of the mesh's corners. Faces of None are those of the mesh.
 
-    Args:
-        linear: True if the file's vertex colours are linear light (glTF), False for sRGB
-
     Raises:
         InputError: if a file, a key or a value cannot be understood
     """
-    pattern_or_values = _reflectivities(geometry) if kind == "reflectivity" else _colours(geometry, linear=linear)
+    pattern_or_values = _reflectivities(geometry) if kind == "reflectivity" else _colours(geometry)
     if isinstance(pattern_or_values, ReflectivityPattern) or pattern_or_values is None:
         return None if pattern_or_values is None else (pattern_or_values, None)
     values, of_faces = pattern_or_values
@@ -77,22 +92,23 @@ def _reflectivities(geometry: Any) -> tuple[Numbers, bool] | None:
                 values = np.asarray(data[name], dtype=np.float64).reshape(-1)
                 if len(values) != count:
                     raise InputError(f"property '{name}' of {len(values)} faces: all must be triangles, got {count}")
-                return _check_share(values, name), element == "face"
-    for name in NAMES:
-        attribute = getattr(geometry, "vertex_attributes", {}).get(f"_{name.upper()}")
-        if attribute is not None:
-            return _check_share(np.asarray(attribute, dtype=np.float64).reshape(-1), f"_{name.upper()}"), False
+                return check_share(values, name), element == "face"
     return None
 
 
-def _check_share(values: Numbers, name: str) -> Numbers:
+def check_share(values: Numbers, name: str) -> Numbers:
+    """The values of a property of a mesh, if they are reflectivities.
+
+    Raises:
+        InputError: if one is below 0 or above 1
+    """
     outside = values[~((values >= 0.0) & (values <= 1.0))]
     if len(outside):
         raise InputError(f"property '{name}' must be >= 0 and <= 1, got {outside[0]:g}")
     return values
 
 
-def _colours(geometry: Any, *, linear: bool) -> ReflectivityPattern | tuple[Numbers, bool] | None:
+def _colours(geometry: Any) -> ReflectivityPattern | tuple[Numbers, bool] | None:
     """Red component in linear light: the pattern of an image, or values of vertices (False) or faces (True)."""
     visual = geometry.visual
     if visual.kind == "texture":
@@ -101,22 +117,19 @@ def _colours(geometry: Any, *, linear: bool) -> ReflectivityPattern | tuple[Numb
         return None
     colours = visual.vertex_colors if visual.kind == "vertex" else visual.face_colors
     red = np.asarray(colours, dtype=np.float64)[:, 0] / 255.0
-    return (red if linear else srgb_to_linear(red)), visual.kind == "face"
+    return srgb_to_linear(red), visual.kind == "face"
 
 
 def _texture(visual: Any) -> ReflectivityPattern | None:
     """Pattern of a texture image with its coordinates; None without either."""
     material = visual.material
-    image = getattr(material, "baseColorTexture", None) or getattr(material, "image", None)
+    image = getattr(material, "image", None)
     if image is None or visual.uv is None:
         return None
     red = srgb_to_linear(np.asarray(image.convert("RGB"), dtype=np.float64)[..., 0] / 255.0)
-    factor = getattr(material, "baseColorFactor", None)
-    # trimesh counts v from the bottom of the image, and keeps the factor (linear light) as 0 to 255.
+    # trimesh counts v from the bottom of the image.
     return ReflectivityPattern(
-        kind="colour",
-        values=red * (1.0 if factor is None else float(factor[0]) / 255.0),
-        uv=np.asarray(visual.uv, dtype=np.float64) * (1.0, -1.0) + (0.0, 1.0),
+        kind="colour", values=red, uv=np.asarray(visual.uv, dtype=np.float64) * (1.0, -1.0) + (0.0, 1.0)
     )
 
 

@@ -12,7 +12,9 @@ from __future__ import annotations
 import atexit
 import os
 import threading
+from collections import Counter
 from collections.abc import Iterator
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +27,7 @@ from ...files.optional import import_optional
 from ...maths.arrays import Numbers
 from .mesh_axes import turn_upright
 from .mesh_cache import SubMesh
+from .polygons import triangulate
 
 SUFFIXES = (".usd", ".usda", ".usdc", ".usdz")
 
@@ -36,8 +39,25 @@ def is_usd(path: Path) -> bool:
     return path.suffix.lower() in SUFFIXES
 
 
-def read_usd(path: Path) -> list[SubMesh]:
-    """Read all pieces of a stage, one for each material of a prim.
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class UsdStage:
+    """A stage as it was read.
+
+    Attributes:
+        pieces: one for each material of a prim; metres, z up
+        unit_m: length of its unit
+        up: its axis that points up
+        left_out: kinds of prims that were not read, and how many there are of each
+    """
+
+    pieces: list[SubMesh]
+    unit_m: float
+    up: str
+    left_out: dict[str, int]
+
+
+def read_stage(path: Path) -> UsdStage:
+    """Read a stage.
 
     The keys of a piece are the names of its material and prim, and the prim's path. USD ends the process over some
     damaged binary stages, so a child reads them; it stays for the next stage, since to import USD takes long.
@@ -52,8 +72,8 @@ def read_usd(path: Path) -> list[SubMesh]:
         if _child is None or _child[0] != os.getpid() or not _child[1].is_alive:
             _child = os.getpid(), Child(_read_stage)
             atexit.register(_child[1].end)
-        pieces: list[SubMesh] = _child[1].ask(path, path)
-    return pieces
+        stage: UsdStage = _child[1].ask(path, path)
+    return stage
 
 
 _asking = threading.Lock()
@@ -61,7 +81,7 @@ _child: tuple[int, Child] | None = None
 """Process that started it, since a fork shares the pipe, and the child that reads stages."""
 
 
-def _read_stage(path: Path) -> list[SubMesh]:
+def _read_stage(path: Path) -> UsdStage:
     pxr = import_optional("pxr", extra="usd")
     for name in ("Sdf", "Usd", "UsdGeom", "UsdShade", "UsdUtils", "Tf", "Gf"):
         import_optional(f"pxr.{name}", extra="usd")
@@ -71,7 +91,7 @@ def _read_stage(path: Path) -> list[SubMesh]:
         _require_layers(pxr, path)
         stage = pxr.Usd.Stage.Open(str(path))
         reader = _Reader(pxr, stage, path)
-        pieces = list(reader.pieces_below(stage.GetPseudoRoot(), np.eye(4)))
+        read = reader.stage(stage)
     except pxr.Tf.ErrorException as error:
         reason = " ".join(str(error).split())[:200]
         raise InputError(f"cannot be read as a USD stage: {reason}") from None
@@ -82,7 +102,7 @@ def _read_stage(path: Path) -> list[SubMesh]:
     ]
     if missing:
         raise InputError(f"refers to what cannot be read: {' '.join(missing[0].commentary.split())[:200]}")
-    return pieces
+    return read
 
 
 def _require_layers(pxr: Any, path: Path) -> None:
@@ -111,6 +131,7 @@ class _Reader:
         self._time = pxr.Usd.TimeCode.EarliestTime()
         self._up = str(pxr.UsdGeom.GetStageUpAxis(stage)).lower()
         self._metres = float(pxr.UsdGeom.GetStageMetersPerUnit(stage))
+        self._left_out: Counter[str] = Counter()
         self._kinds = {
             "Mesh": self._mesh,
             "Cube": self._cube,
@@ -129,6 +150,11 @@ class _Reader:
                 )
             )
 
+    def stage(self, stage: Any) -> UsdStage:
+        """Read all of the stage."""
+        pieces = list(self.pieces_below(stage.GetPseudoRoot(), np.eye(4)))
+        return UsdStage(pieces=pieces, unit_m=self._metres, up=self._up, left_out=dict(self._left_out))
+
     def pieces_below(self, root: Any, placed: Numbers) -> Iterator[SubMesh]:
         """Yield the pieces of a prim and of all prims below it.
 
@@ -146,6 +172,7 @@ class _Reader:
             # All prims below inherit invisibility, and in most stages the purpose too.
             hidden = imageable.GetVisibilityAttr().Get(self._time) == "invisible"
             if hidden or imageable.ComputePurpose() in _LEFT_OUT:
+                self._left_out["hidden" if hidden else str(imageable.ComputePurpose())] += 1
                 prims.PruneChildren()
                 continue
             frame = frames.get(prim.GetParent().GetPath(), placed)
@@ -159,6 +186,8 @@ class _Reader:
                 yield from self._instances(pxr.UsdGeom.PointInstancer(prim), frame)
             elif str(prim.GetTypeName()) in self._kinds:
                 yield from self._pieces(prim, frame)
+            elif prim.IsA(pxr.UsdGeom.Gprim):
+                self._left_out[str(prim.GetTypeName())] += 1
 
     def _instances(self, instancer: Any, frame: Numbers) -> Iterator[SubMesh]:
         """Yield the pieces of all instances of a point instancer."""
@@ -231,14 +260,9 @@ class _Reader:
         holes = mesh.GetHoleIndicesAttr().Get(self._time) or ()
         if counts.sum() != len(corners) or (len(corners) and not 0 <= corners.min() <= corners.max() < len(points)):
             raise InputError(f"{prim.GetPath()}: its faces do not fit its points")
-        # A polygon of n corners is a fan of n - 2 triangles around its first.
-        starts = np.cumsum(counts) - counts
-        fans = np.maximum(counts - 2, 0) * ~np.isin(np.arange(len(counts)), np.asarray(holes))
-        face_of = np.repeat(np.arange(len(counts)), fans)
-        step = np.arange(len(face_of)) - np.repeat(np.cumsum(fans) - fans, fans)
-        first = starts[face_of]
-        faces = np.stack([corners[first], corners[first + step + 1], corners[first + step + 2]], axis=1)
-        return points, faces, face_of
+        triangles, face_of = triangulate(points, counts, corners)
+        is_face = ~np.isin(face_of, np.asarray(holes))
+        return points, corners[triangles[is_face]], face_of[is_face]
 
     def _cube(self, prim: Any) -> tuple[Numbers, Numbers, Numbers]:
         import trimesh

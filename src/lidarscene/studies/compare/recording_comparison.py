@@ -48,7 +48,7 @@ class Side:
     Attributes:
         xyz_m: (n, 3) positions in the sensor's frame
         range_m: (n,) ranges
-        ring: (n,) number of the channel, None if unknown
+        ring: (n,) ring of the maker's driver, None if unknown
         strength: (n,) signal, or intensity, in a unit of its own; None if unknown
         return_share: share of the pulses with a return; None where lost pulses are not known
         gap_m: (m,) distances between first and second returns of one pulse
@@ -95,7 +95,7 @@ def side_of_cloud(name: str, cloud: PointCloud) -> Side:
         name=name,
         xyz_m=first.xyz_m.astype(np.float64),
         range_m=first.range_m.astype(np.float64),
-        ring=first.channel,
+        ring=first.ring,
         strength=first.signal if np.any(first.signal) else first.intensity,
         return_share=None,
         gap_m=gap_m,

@@ -84,8 +84,8 @@ class FitReport:
         )
         report.add_paragraph(self.summary)
         report.add_heading("Pass or fail")
-        report.add_paragraph(verdict(self.checks, "The fit"))
-        report.add_table(*held_table(self.checks, reference="recorded", simulated="fitted"))
+        report.add_paragraph(verdict(self.checks, "The written file"))
+        report.add_table(*held_table(self.checks, reference="recorded", simulated="written file"))
         report.add_heading("Estimates")
         report.add_table(
             ("number", "value", "sigma, Fisher", "sigma, bootstrap", ""),
@@ -137,25 +137,24 @@ def law_rows(signal_error: float | None, share_error: float | None, octaves: Num
     Args:
         signal_error: mean relative error of the signal over the range; None: not known
         share_error: mean difference of the share of returns; None: not known
-        octaves: (k, 4) signal, recorded scatter [m], fitted scatter [m], relative sigma of their ratio
+        octaves: (k, 3) signal, recorded scatter [m], fitted scatter [m]
         missing: note where there is nothing to compare
     """
     rows = [
         Held(quantity="signal, mean error over the range", value=signal_error, limits=LIMITS["signal error"]),
         Held(quantity="kept and lost, mean difference", value=share_error, limits=LIMITS["share of returns"]),
     ]
-    # Of octaves whose true ratio is the limit one in 40 is beyond it by 2 sigma; if it is 1, fewer than one in 1000.
     rows += [
         Held(
             quantity="range, scatter",
-            condition=f"signal {signal / math.sqrt(2.0):.0f} to {signal * math.sqrt(2.0):.0f}, within 2 sigma",
+            condition=f"signal {signal / math.sqrt(2.0):.0f} to {signal * math.sqrt(2.0):.0f}",
             reference=1e3 * recorded_m,
             simulated=1e3 * fitted_m,
             value=fitted_m / recorded_m,
-            limits=LIMITS["scatter ratio"].widened(math.exp(2.0 * sigma)),
+            limits=LIMITS["scatter ratio"],
             unit="mm",
         )
-        for signal, recorded_m, fitted_m, sigma in octaves.tolist()
+        for signal, recorded_m, fitted_m in octaves.tolist()
     ] or [Held(quantity="range, scatter", limits=LIMITS["scatter ratio"])]
     return [replace(row, note=missing) if row.value is None else row for row in rows]
 

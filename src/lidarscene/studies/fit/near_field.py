@@ -23,7 +23,7 @@ from ...physics.optics import receiver
 from ...sensor.overlap import Alignment
 from ...sensor.sensor_model import Sensor
 from .estimates import MOST_EVALUATIONS, Estimate, Solution
-from .products import near_field_m
+from .products import near_field_m, white_over_range_m2
 from .recorded_pulses import RecordedPulses
 from .tuning import (
     CURVE_HUBER,
@@ -98,6 +98,11 @@ class NearField:
     def error(self) -> float:
         """Mean absolute error of the law on the held-out blocks, relative to the recorded values."""
         return float(np.mean(np.abs(self.law(self.check_range_m) / self.check_white_m2 - 1.0)))
+
+    def error_of(self, sensor: Sensor) -> float:
+        """The same of a sensor's photons."""
+        photons_m2 = white_over_range_m2(sensor, self.check_range_m)
+        return float(np.mean(np.abs(photons_m2 / self.check_white_m2 - 1.0)))
 
     @property
     def estimates(self) -> tuple[Estimate, ...]:

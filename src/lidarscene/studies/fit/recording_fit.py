@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -18,11 +19,12 @@ from ...recordings.sweep import Sweep
 from ...recordings.units.unit_file import with_second_returns
 from ...sensor.sensor_model import Sensor
 from ..held import Held
+from ..recorded import scatter_mm
 from ..twin.apparent_reflectivity import ReflectivityGauge
 from ..twin.daylight import illuminance_klux
 from .estimates import Estimate, Solution
 from .fit_report import FITTED, FitReport, law_figure, law_rows, share_figure
-from .near_field import NearField, fit_near_field
+from .near_field import LENSES, NearField, fit_near_field
 from .products import QUANTITIES, Products, find_products, white_over_range_m2
 from .recorded_pulses import RecordedPulses, gather_pulses
 from .row_gains import RowGains, fit_rows
@@ -36,6 +38,9 @@ REFLECTIVITY_NOTE = (
     "SIGNAL is not recorded: the photons of the scatter are REFLECTIVITY by the file's own power and optics, and only "
     "scatter_c squared over the power is known"
 )
+
+LEAST_JUDGED = 50
+"""Least number of patches in an octave whose scatter is held to limits: three of its sigmas from 1 (`scatter`)."""
 
 PHOTON_RANGES = 200
 """Ranges at which the photons of a white surface are computed: the curve is smooth."""
@@ -64,15 +69,51 @@ class RecordingFit:
         laws = (self.near_field, self.threshold, self.scatter)
         return (*(estimate for law in laws if law is not None for estimate in law.estimates), *self.ends)
 
-    @property
-    def checks(self) -> list[Held]:
-        """Comparison of each law with the held-out blocks."""
+    def checks(self, sensor: Sensor, near_ir: float = 0.0) -> list[Held]:
+        """Compare a sensor, such as that of the written file, with the held-out blocks.
+
+        Args:
+            near_ir: background of the scatter
+        """
+        near_field, threshold, scatter = self.near_field, self.threshold, self.scatter
+        if sensor.histogram is None:
+            near_field = threshold = scatter = None
+        octaves = [] if scatter is None else scatter.held_out[scatter.held_out[:, 2] >= LEAST_JUDGED].tolist()
+        simulated_mm = [scatter_mm(sensor, signal, near_ir, at_rest=True) for signal, *_ in octaves]
         return law_rows(
-            None if self.near_field is None else self.near_field.error,
-            None if self.threshold is None else self.threshold.error,
-            np.zeros((0, 4)) if self.scatter is None else self.scatter.octaves,
+            None if near_field is None else near_field.error_of(sensor),
+            None if threshold is None else threshold.error_of(sensor),
+            np.array(
+                [
+                    (signal, recorded_m, math.nan if mm is None else 1e-3 * mm)
+                    for (signal, recorded_m, _), mm in zip(octaves, simulated_mm, strict=True)
+                ]
+            ).reshape(-1, 3),
             missing="not recorded, or too few smooth surfaces",
         )
+
+
+LAWS = {
+    "signal, mean error over the range": ("white_m2", "near_field_m", "spot_over_field", *LENSES),
+    "kept and lost, mean difference": ("threshold_slope", "threshold_pedestal", "threshold_spread", "threshold_least"),
+    "range, scatter": ("scatter_c",),
+}
+"""Quantity of the checks -> estimates that set it."""
+
+
+def misses_of(checks: Sequence[Held]) -> dict[str, tuple[bool, float]]:
+    """Whether a row of each quantity of `LAWS` fails, and its largest error, of ratios that of the logarithm.
+
+    Quantities that were not compared are left out; what cannot be simulated is endless.
+    """
+    misses: dict[str, tuple[bool, float]] = {}
+    for row in checks:
+        if row.value is not None:
+            miss = row.value if row.limits.low is None else abs(math.log(row.value))
+            failed, largest = misses.get(row.quantity, (False, 0.0))
+            miss = math.inf if math.isnan(miss) else max(miss, largest)
+            misses[row.quantity] = failed or row.verdict is False, miss
+    return misses
 
 
 def fit_recordings(
@@ -107,14 +148,25 @@ def fit_recordings(
     estimates = {estimate.key: estimate for estimate in fit.estimates}
     if any(sweep.second is not None for sweep in sweeps):
         base = with_second_returns(base)
+    near_ir = 0.0 if pulses.near_ir is None else float(np.nanmedian(pulses.near_ir[pulses.has_return]))
     text, notes = fitted_text(base, estimates, recording, where, rows=fit.rows)
+    before, after = (misses_of(fit.checks(sensor, near_ir)) for sensor in (base_sensor, parse_sensor(text, FITTED)))
+    held = {
+        key: f"fitted, but with it '{quantity}' misses what was not fitted by {after[quantity][1]:.2g}, else by "
+        f"{before[quantity][1]:.2g}"
+        for quantity in after
+        if after[quantity][0] and after[quantity][1] > before[quantity][1]
+        for key in LAWS[quantity]
+    }
+    if held:
+        text, notes = fitted_text(base, estimates, recording, where, rows=fit.rows, held=held)
     klux = _illuminance_klux(sweeps, parse_sensor(text, FITTED))
     text, gain_note = with_background_gain(text, klux, recording)
     notes = (*notes, gain_note) if gain_note else notes
     if pulses.signal is None and fit.scatter is not None:
         notes = (*notes, REFLECTIVITY_NOTE)
-    parse_sensor(text, FITTED)
-    return text, _report(fit, pulses, recording, sensor, notes).report()
+    fitted = parse_sensor(text, FITTED)
+    return text, _report(fit, pulses, recording, sensor, notes, fitted, near_ir).report()
 
 
 def _illuminance_klux(sweeps: Sequence[Sweep], sensor: Sensor) -> float:
@@ -194,7 +246,15 @@ def _threshold_ends(pulses: RecordedPulses, threshold: Threshold, sensor: Sensor
     return tuple(estimate for estimate in ends if estimate is not None)
 
 
-def _report(fit: RecordingFit, pulses: RecordedPulses, recording: str, sensor: str, notes: Sequence[str]) -> FitReport:
+def _report(
+    fit: RecordingFit,
+    pulses: RecordedPulses,
+    recording: str,
+    sensor: str,
+    notes: Sequence[str],
+    fitted: Sensor,
+    near_ir: float,
+) -> FitReport:
     count = int(pulses.recorded.sum())
     numbers: dict[str, Any] = {"recording": recording, "sensor": sensor, "pulses": count, "frames": pulses.frames}
     if fit.rows is not None:
@@ -219,24 +279,24 @@ def _report(fit: RecordingFit, pulses: RecordedPulses, recording: str, sensor: s
         summary=f"{recording}: {count:,} pulses of {count_text(pulses.frames, 'frame')}. Three of four blocks of "
         "columns were fitted, the fourth judges the fit. Sigma is that of the Fisher matrix, unless a bootstrap of the "
         "blocks says 1.3 times as much.",
-        checks=fit.checks,
+        checks=fit.checks(fitted, near_ir),
         estimates=fit.estimates,
         notes=notes,
         null=() if products is None else products.null,
         held=() if products is None else products.fixed,
         products={} if products is None else {name: products.product(name) for name in products.quantities},
         solutions=solutions,
-        figures=_figures(fit),
+        figures=_figures(fit, fitted),
         numbers=numbers,
     )
 
 
-def _figures(fit: RecordingFit) -> list[Figure]:
+def _figures(fit: RecordingFit, fitted: Sensor) -> list[Figure]:
     figures = []
     if fit.near_field is not None:
         figures += _near_field(fit.near_field)
-    if fit.threshold is not None:
-        figures.append(share_figure("threshold", fit.threshold.shares))
+    if fit.threshold is not None and fitted.histogram is not None:
+        figures.append(share_figure("threshold", fit.threshold.shares(fitted)))
     if fit.scatter is not None:
         figures.append(_scatter(fit.scatter))
     if fit.rows is not None:

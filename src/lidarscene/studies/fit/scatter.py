@@ -28,7 +28,7 @@ LEAST_PATCHES = 60
 """Least number of patches."""
 
 LEAST_OF_OCTAVE = 20
-"""Least number of patches in an octave of SIGNAL."""
+"""Least number of patches in an octave of SIGNAL. The scatter of n has a relative sigma of 1 / (2 sqrt(n)): 11 %."""
 
 WIDE_STEP = 6
 """Columns from one pulse to the next in a difference whose pulses share no noise."""
@@ -68,15 +68,6 @@ class Scatter:
         """Evaluate the fitted sigma at these signals [m]."""
         c2, floor2 = self.solved.value
         return np.asarray(np.sqrt(c2 / signal + floor2))
-
-    @property
-    def octaves(self) -> Numbers:
-        """(k, 4) signal, scatter of the held-out blocks [m], that of the law [m], relative sigma of their ratio.
-
-        The relative sigma of a standard deviation from n sums of two squares is 1 / (2 sqrt(n)).
-        """
-        signal, sigma_m, patches = self.held_out.T
-        return np.column_stack([signal, sigma_m, self.law(signal), 0.5 / np.sqrt(patches)])
 
     @property
     def estimates(self) -> tuple[Estimate, ...]:

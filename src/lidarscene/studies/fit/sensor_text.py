@@ -128,7 +128,13 @@ def parse_sensor(text: str, where: str) -> Sensor:
 
 
 def fitted_text(
-    text: str, estimates: Mapping[str, Estimate], recording: str, where: str, *, rows: RowGains | None = None
+    text: str,
+    estimates: Mapping[str, Estimate],
+    recording: str,
+    where: str,
+    *,
+    rows: RowGains | None = None,
+    held: Mapping[str, str] = {},
 ) -> tuple[str, tuple[str, ...]]:
     """Put the estimates into a sensor file; returns the text, and notes on numbers that stay, with the reason.
 
@@ -136,18 +142,21 @@ def fitted_text(
 
     Args:
         rows: gains of the rows
+        held: estimates that are not to be written -> the reason
     """
     sensor = parse_sensor(text, where)
     if sensor.histogram is None:
         return text, ("all but the beams is left as it was: only sensors with [histogram] are fitted",)
-    accepted = _certain(estimates)
+    accepted = _certain({key: estimate for key, estimate in estimates.items() if key not in held})
     # Errors of slope and pedestal make up for each other, so that the threshold is known better than the pedestal.
     accepted.pop("threshold_pedestal", None)
     if "threshold_slope" in accepted:
         accepted["threshold_pedestal"] = estimates["threshold_pedestal"]
+    subjects = FILE_KEYS | ({"white_m2": "what a white target returns"} if "white_m2" in held else {})
+    reasons = RARE | {key: str(estimate) for key, estimate in estimates.items()} | dict(held)
     notes = tuple(
-        f"{subject} is left as it was: {key} is {estimates.get(key, RARE.get(key, 'not recorded'))}"
-        for key, subject in FILE_KEYS.items()
+        f"{subject} is left as it was: {key} is {reasons.get(key, 'not recorded')}"
+        for key, subject in subjects.items()
         if key not in accepted and not (key == "threshold_spread" and key not in estimates)
     )
 
@@ -207,10 +216,14 @@ def fitted_text(
         changes |= row_changes
         notes += row_notes
     text, change_notes = _with_changes(text, changes, where)
+    unscaled = parse_sensor(text, where)
     if "white_m2" in accepted:
-        unscaled = parse_sensor(text, where)
         power_w = float(unscaled.laser.peak_power_w) * accepted["white_m2"].value / white_m2(unscaled)
         source = source_of("white_m2", "; power, lens, efficiency, PDE and shots are known as one product")
+        text = _put_changes(text, {"laser.peak_power_w": (power_w, source)})
+    elif "white_m2" in held and "laser.pulse_fwhm_ns" in changes:
+        power_w = float(unscaled.laser.peak_power_w) * white_m2(sensor) / white_m2(unscaled)
+        source = f"photons as before, with the pulse of {recording}"
         text = _put_changes(text, {"laser.peak_power_w": (power_w, source)})
     return text, (*notes, *change_notes)
 

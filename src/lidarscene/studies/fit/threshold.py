@@ -47,12 +47,12 @@ class Threshold:
     Attributes:
         solved: solution: ln slope, pedestal, ln width
         near_ir: median NEAR_IR of the pulses near the threshold
-        shares: (k, 3) chance by the law, share that was kept, and number of the held-out pulses, by the chance
+        held_out: (n, 3) SIGNAL, NEAR_IR and whether it was kept of each held-out pulse
     """
 
     solved: Solution
     near_ir: float
-    shares: Numbers
+    held_out: Numbers
 
     def level(self, near_ir: Numbers) -> Numbers:
         """SIGNAL at which the chance of a return is one half."""
@@ -62,10 +62,25 @@ class Threshold:
         """Chance of a return at these signals and backgrounds."""
         return _chance(self.solved.value, signal, near_ir)
 
-    @property
-    def error(self) -> float:
-        """Mean absolute difference of expected and recorded share, weighted by the number of pulses."""
-        return float(np.average(np.abs(self.shares[:, 0] - self.shares[:, 1]), weights=self.shares[:, 2]))
+    def shares(self, sensor: Sensor) -> Numbers:
+        """(k, 3) chance by a sensor, share that was kept, and number of the held-out pulses, by the chance.
+
+        The sensor's threshold and its spread, and the noise of its filter, are a logistic law, as in `spread`.
+        """
+        assert sensor.histogram is not None
+        signal, near_ir, returned = self.held_out.T
+        level = np.asarray(sensor.histogram.threshold(near_ir), np.float64)
+        middle = float(np.ravel(sensor.histogram.threshold(np.array([self.near_ir])))[0])
+        filter_share = filter_variance(sensor, photons=middle, near_ir=self.near_ir) / (middle * middle)
+        width = math.sqrt(float(sensor.histogram.threshold_spread or 0.0) ** 2 + filter_share) / LOGISTIC
+        argument = np.log(_photons(signal) / level) / width
+        chance = 1.0 / (1.0 + np.exp(-np.clip(argument, -60.0, 60.0)))
+        return shares_by_chance(np.asarray(chance), returned, CHANCE_BINS)
+
+    def error_of(self, sensor: Sensor) -> float:
+        """Mean absolute difference of a sensor's and the recorded share, weighted by the number of pulses."""
+        chance, kept, pulses = self.shares(sensor).T
+        return float(np.average(np.abs(chance - kept), weights=pulses))
 
     @property
     def estimates(self) -> tuple[Estimate, ...]:
@@ -134,7 +149,6 @@ def fit_threshold(pulses: RecordedPulses) -> Threshold | None:
     pulse_scores = (returned - chance)[:, None] * slopes
     scores = np.column_stack([np.bincount(block, column) for column in pulse_scores.T])
     held_out = mask & ~fitted
-    expected = _chance(value, pulses.signal[held_out], pulses.near_ir[held_out])
     return Threshold(
         solved=Solution(
             value=value,
@@ -143,7 +157,7 @@ def fit_threshold(pulses: RecordedPulses) -> Threshold | None:
             misfit=misfit_factor(deviations_of_shares(chance, returned), len(value)),
         ),
         near_ir=float(np.median(near_ir)),
-        shares=shares_by_chance(expected, pulses.has_return[held_out], CHANCE_BINS),
+        held_out=np.column_stack([pulses.signal[held_out], pulses.near_ir[held_out], pulses.has_return[held_out]]),
     )
 
 

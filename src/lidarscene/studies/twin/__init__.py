@@ -1,8 +1,10 @@
 """Twin of a recording: its scene as small measured surfaces, and the comparison of simulation and recording there.
 
+sensor_grid            list of points on the grid of its sensor
+recorded_beams         sensor file with the beams and the turn of a list
 planes                 plane through each pixel and its neighbours
 apparent_reflectivity  reflectivity from the strength of a return
-surfels                quads of a sweep of rows and columns, the ground completed; quads of a list of points
+surfels                quads of a sweep of rows and columns, the ground completed
 frame_poses            pose of the sensor in each frame
 twin_files             files of a twin
 matched_pulses         recording and simulation of a frame, pulse by pulse

@@ -104,6 +104,7 @@ class ReflectivityGauge:
         field: field of the sweep that holds the strengths: signal, reflectivity or intensity
         range_m: ranges of ``per_count``
         per_count: reflectivity per count over the range; one entry where strengths are calibrated already
+        least: strength of returns whose recorded one is rounded to 0: half of the least above
         assumed: True if the scale is a guess
         by_sensor: True if it is that of the sensor's own photons
         sensor: sensor that counts photons, whose near field continues a table of signals; None: below the table they go
@@ -113,6 +114,7 @@ class ReflectivityGauge:
     field: str
     range_m: Numbers
     per_count: Numbers
+    least: float = 0.0
     assumed: bool = False
     by_sensor: bool = False
     sensor: Sensor | None = None
@@ -143,15 +145,16 @@ class ReflectivityGauge:
         strength = sweep.intensity[sweep.has_return & np.isfinite(sweep.intensity)]
         if not len(strength) or not np.median(strength) > 0.0:
             return None
+        least = 0.5 * float(strength[strength > 0.0].min())
         recorded_as, product = sweep.metadata.get("format", ""), sweep.metadata.get("sensor", "")
         if recorded_as.startswith(CALIBRATED) and product not in UNCALIBRATED:
-            return cls(field="intensity", range_m=np.ones(1), per_count=np.full(1, 1.0 / WHITE))
+            return cls(field="intensity", range_m=np.ones(1), per_count=np.full(1, 1.0 / WHITE), least=least)
         scale = ASSUMED_MEDIAN / float(np.median(strength))
-        return cls(field="intensity", range_m=np.ones(1), per_count=np.full(1, scale), assumed=True)
+        return cls(field="intensity", range_m=np.ones(1), per_count=np.full(1, scale), least=least, assumed=True)
 
     def apparent(self, returns: Sweep | Second, range_m: Numbers) -> Numbers:
         """Apparent reflectivity of a sweep's strengths at these ranges; `LEAST_REFLECTIVITY` for NaN."""
-        strength = np.asarray(getattr(returns, self.field), np.float64)
+        strength = np.maximum(np.asarray(getattr(returns, self.field), np.float64), self.least)
         log_range, table, value = np.log(np.maximum(range_m, 1e-3)), np.log(self.range_m), np.log(self.per_count)
         log_factor = np.interp(log_range, table, value)
         if self.sensor is not None and self.field == "signal":
@@ -170,7 +173,7 @@ class ReflectivityGauge:
                 + 2.0 * np.maximum(log_range - table[-1], 0.0)
             )
         factor = np.exp(log_factor)
-        return np.maximum(np.nan_to_num(strength * factor, posinf=0.0), LEAST_REFLECTIVITY)
+        return np.asarray(np.maximum(np.nan_to_num(strength * factor, posinf=0.0), LEAST_REFLECTIVITY))
 
 
 def white_signal(sensor: Sensor, range_m: Numbers) -> Numbers:

@@ -14,10 +14,11 @@ from ...maths.pose import Pose
 from ...recordings.sweep import Sweep
 from ...rendering.render_options import FrameOptions
 from ...rendering.simulator import Simulator
+from ...scan.spinning import Spinning
 from ...scene.scene import Scene
 from ...sensor.sensor_model import Sensor
 from .apparent_reflectivity import withheld_mask
-from .planes import has_grid
+from .planes import angles_from, has_grid, shifted, wrapped
 from .surfels import KINDS, SMOOTH
 from .tuning import DIFFERENCE_STEP_RAD, LARGEST_ANGLE_RAD
 
@@ -39,6 +40,7 @@ class MatchedPulses:
         ring: row of the recording
         range_m: range of the first return. It counts from the beam's exit in the simulated sensor, makers count from
             elsewhere
+        aimed_range_m: recorded range in the simulated direction (`_ranges_towards`)
         signal: photons of the first return; None if not recorded (an intensity does not count)
         xyz_m: (n, 3) point of the first return, in the sensor's axes
         change_m: `_second_difference` of the ranges along the ring, on smooth surfaces
@@ -51,6 +53,7 @@ class MatchedPulses:
     angle_rad: Numbers
     ring: Numbers
     range_m: Numbers
+    aimed_range_m: Numbers
     signal: Numbers | None
     xyz_m: Numbers
     change_m: Numbers
@@ -119,6 +122,7 @@ def simulate_pulses(
         withheld=withheld_mask(sweep),
         ring=rows,
         range_m=recorded_m,
+        aimed_range_m=_ranges_towards(fired_directions(sensor)[numbers], sweep.direction, recorded_m),
         gap_m=gap_m,
         signal=None if sweep.signal is None else sweep.signal.astype(np.float64),
         xyz_m=sweep.xyz_m,
@@ -143,25 +147,58 @@ def ranges_from_exit(sensor: Sensor, sweep: Sweep, numbers: Numbers) -> Numbers:
     return np.asarray(np.einsum("...i,...i", sweep.xyz_m - exit_m, sweep.direction))
 
 
+def _ranges_towards(fired: Numbers, direction: Numbers, range_m: Numbers) -> Numbers:
+    """Nearest that was recorded about each fired direction: by a pixel, its neighbour on that side, and its plane.
+
+    From row to row inverse ranges are interpolated, which on a plane go in proportion with the direction (`planes`).
+    Where one surface ends between two pixels of a row is not recorded.
+    """
+    order = np.argsort(-np.median(direction[..., 2], axis=1), kind="stable")
+    (azimuth, elevation), (aimed_azimuth, aimed_elevation) = angles_from(direction[order]), angles_from(fired[order])
+    inverse = 1.0 / range_m[order]
+    nearest = inverse.copy()
+    for side in (-1, 1):
+        share = wrapped(aimed_azimuth - azimuth) / wrapped(shifted(azimuth, 0, side) - azimuth)
+        nearest = np.where(share > 0.0, np.fmax(nearest, shifted(inverse, 0, side)), nearest)
+    for side in (-1, 1):
+        share = (aimed_elevation - elevation) / (shifted(elevation, side, 0) - elevation)
+        nearer = share * (shifted(inverse, side, 0) - inverse)
+        nearest += np.where((share > 0.0) & (share < 1.0) & (nearer > 0.0), nearer, 0.0)
+    aimed_range_m = np.zeros_like(range_m)
+    aimed_range_m[order] = 1.0 / nearest
+    return aimed_range_m
+
+
 def _second_difference(range_m: Numbers, step: int) -> Numbers:
     """(r_before - 2 r + r_after) / sqrt(6): it has the deviation of independent errors, and is 0 on plane walls."""
     return np.asarray((np.roll(range_m, step, 1) - 2.0 * range_m + np.roll(range_m, -step, 1)) / np.sqrt(6.0))
 
 
+def fired_directions(sensor: Sensor) -> Numbers:
+    """(pulses, 3) directions of a frame's pulses."""
+    pulse = np.arange(sensor.scanner.pulses, dtype=np.uint32)
+    return np.stack([np.asarray(x, np.float64) for x in sensor.scanner.direction(pulse)], axis=-1)
+
+
 def match_pulses(sensor: Sensor, sweep: Sweep) -> tuple[Numbers, Numbers]:
     """Pulse number of each pixel of a sweep, and the angle between recorded and simulated direction [rad].
 
-    Rows go by elevation; in each row the pulse of the nearest azimuth is taken.
+    Rows go by elevation; in each row the pulse of the nearest azimuth is taken. Where beams draw no rows it is the
+    nearest of all.
 
     Raises:
         InputError: for a list of points, another number of channels, or a median angle above `LARGEST_ANGLE_RAD`
     """
     if not has_grid(sweep):
         raise InputError("the recording must have rows and columns, got a list of points")
-    pulse = np.arange(sensor.scanner.pulses, dtype=np.uint32)
-    fired = np.stack([np.asarray(x, np.float64) for x in sensor.scanner.direction(pulse)], axis=-1)
-    channel = np.asarray(sensor.scanner.channel(pulse))
+    fired = fired_directions(sensor)
+    channel = np.asarray(sensor.scanner.channel(np.arange(len(fired), dtype=np.uint32)))
     channels = np.unique(channel)
+    if len(channels) != sweep.shape[0] and not isinstance(sensor.scanner, Spinning):
+        from scipy.spatial import KDTree
+
+        chord, numbers = KDTree(fired).query(sweep.direction)
+        return np.asarray(numbers), _near_enough(2.0 * np.arcsin(0.5 * chord), sweep)
     if len(channels) != sweep.shape[0]:
         raise InputError(f"the sensor must have {sweep.shape[0]} channels, as the recording has, got {len(channels)}")
     height = [float(np.median(fired[channel == number, 2])) for number in channels]
@@ -169,9 +206,9 @@ def match_pulses(sensor: Sensor, sweep: Sweep) -> tuple[Numbers, Numbers]:
     numbers, angle = np.zeros(sweep.shape, np.int64), np.zeros(sweep.shape)
     for row, row_channel in zip(rows, channels[np.argsort(-np.array(height), kind="stable")], strict=True):
         row_pulses = np.flatnonzero(channel == row_channel)
-        azimuth = np.arctan2(fired[row_pulses, 1], fired[row_pulses, 0])
+        azimuth, _ = angles_from(fired[row_pulses])
         order = np.argsort(azimuth)
-        target_azimuth = np.arctan2(sweep.direction[row, :, 1], sweep.direction[row, :, 0])
+        target_azimuth, _ = angles_from(sweep.direction[row])
         # Intervals of nearest azimuth: their bounds are half way between neighbours, all around the turn.
         closed_azimuth = np.r_[azimuth[order], azimuth[order][0] + 2.0 * np.pi]
         midpoints = 0.5 * (closed_azimuth[1:] + closed_azimuth[:-1])  # the last one lies beyond the turn
@@ -180,12 +217,22 @@ def match_pulses(sensor: Sensor, sweep: Sweep) -> tuple[Numbers, Numbers]:
         numbers[row] = row_pulses[order][nearest]
         sine = np.linalg.norm(np.cross(fired[numbers[row]], sweep.direction[row]), axis=-1)
         angle[row] = np.arcsin(sine.clip(0.0, 1.0))
-    if np.median(angle) > LARGEST_ANGLE_RAD:
+    return numbers, _near_enough(angle, sweep)
+
+
+def _near_enough(angle_rad: Numbers, sweep: Sweep) -> Numbers:
+    """The angles between recorded and simulated directions.
+
+    Raises:
+        InputError: for a median above `LARGEST_ANGLE_RAD`
+    """
+    median = float(np.median(angle_rad[sweep.recorded]))
+    if median > LARGEST_ANGLE_RAD:
         raise InputError(
-            f"the sensor must fire where the recording's did, got {np.degrees(np.median(angle)):.3g} degrees between "
-            "them in the median"
+            f"the sensor must fire where the recording's did, got {np.degrees(median):.3g} degrees between them in the "
+            "median"
         )
-    return numbers, angle
+    return angle_rad
 
 
 def _by_pulse(pulse: Numbers, n: int) -> tuple[Numbers, Numbers]:

@@ -60,17 +60,17 @@ class Planes:
         Each pixel's own range has a small share in it, so its noise is not cut off.
         """
         around = [(row, column) for row in (-1, 0, 1) for column in (-2, -1, 0, 1, 2)]
-        mean = sum(_shifted(np.where(self.has_plane[..., None], self.normal, np.nan), *offset) for offset in around)
+        mean = sum(shifted(np.where(self.has_plane[..., None], self.normal, np.nan), *offset) for offset in around)
         with np.errstate(invalid="ignore"):
             return np.asarray(np.linalg.norm(mean, axis=-1) > SMOOTH_COS * len(around))
 
 
 def select_columns(sweep: Sweep, columns: slice) -> Sweep:
     """Select columns of a sweep."""
-    return _map_sweep(lambda values: values[:, columns], sweep)
+    return map_sweep(lambda values: values[:, columns], sweep)
 
 
-def _map_sweep(take: Callable[[Numbers], Numbers], sweep: Sweep) -> Sweep:
+def map_sweep(take: Callable[[Numbers], Numbers], sweep: Sweep) -> Sweep:
     """Apply ``take`` to every array of a sweep."""
     changed = map_arrays(take, replace(sweep, second=None))
     return changed if sweep.second is None else replace(changed, second=map_arrays(take, sweep.second))
@@ -89,16 +89,16 @@ def align_columns(sweep: Sweep) -> Grid:
     """
     if not has_grid(sweep):
         raise InputError("must be a sweep of rows and columns with all directions, got a list of points")
-    azimuth = np.arctan2(sweep.direction[..., 1], sweep.direction[..., 0])
-    step_rad = float(np.median(_wrapped(np.diff(azimuth, axis=1))))
-    elevation = np.median(np.arcsin(sweep.direction[..., 2].clip(-1.0, 1.0)), axis=1)
+    azimuth, elevations = angles_from(sweep.direction)
+    step_rad = float(np.median(wrapped(np.diff(azimuth, axis=1))))
+    elevation = np.median(elevations, axis=1)
     rows = np.argsort(-elevation, kind="stable")
     columns_n = sweep.shape[1]
-    shift = np.rint(_wrapped(azimuth[:, 0] - azimuth[rows[0], 0]) / step_rad).astype(int)
+    shift = np.rint(wrapped(azimuth[:, 0] - azimuth[rows[0], 0]) / step_rad).astype(int)
     columns = (np.arange(columns_n)[None, :] - shift[rows, None]) % columns_n
     half = 0.5 * np.abs(np.diff(elevation[rows]))
     return Grid(
-        sweep=_map_sweep(lambda values: values[rows[:, None], columns], sweep),
+        sweep=map_sweep(lambda values: values[rows[:, None], columns], sweep),
         step_rad=step_rad,
         above_rad=np.r_[half[:1], half],
         below_rad=np.r_[half, half[-1:]],
@@ -115,13 +115,13 @@ def fit_planes(grid: Grid) -> Planes:
     origin_m = np.zeros((*sweep.shape, 3)) if sweep.origin_m is None else sweep.origin_m
     direction, range_m = sweep.direction, np.array(sweep.range_m)
     offsets = _window(grid)
-    neighbour_range_m = np.stack([_shifted(range_m, *offset) for offset in offsets])
+    neighbour_range_m = np.stack([shifted(range_m, *offset) for offset in offsets])
     guess_m = np.where(np.isfinite(range_m), range_m, finite_median(neighbour_range_m))
     normal, plane_range_m = -direction, guess_m
     unit, points = np.eye(3), origin_m + range_m[..., None] * direction
-    neighbours = [_shifted(points, *offset) for offset in offsets]
+    neighbours = [shifted(points, *offset) for offset in offsets]
     nearby_masks = [
-        np.abs(_shifted(range_m, *offset) - guess_m) < NEAR_SHARE * guess_m + SCALES_M[0] for offset in offsets
+        np.abs(shifted(range_m, *offset) - guess_m) < NEAR_SHARE * guess_m + SCALES_M[0] for offset in offsets
     ]
     for scale_m in SCALES_M:
         sums = np.zeros((10, *sweep.shape))
@@ -164,7 +164,7 @@ def _window(grid: Grid) -> list[tuple[int, int]]:
     return [(row, column) for row in range(-rows, rows + 1) for column in range(-columns, columns + 1)]
 
 
-def _shifted(values: Numbers, row: int, column: int) -> Numbers:
+def shifted(values: Numbers, row: int, column: int) -> Numbers:
     """Values of the neighbour ``row`` rows below and ``column`` columns on; NaN beyond the first and the last row."""
     rolled = np.roll(values, (-row, -column), axis=(0, 1))
     if row > 0:
@@ -179,7 +179,7 @@ def median_around(grid: Grid, values: Numbers) -> Numbers:
 
     It is finite wherever a pixel has a plane and the values of all kept pixels are finite.
     """
-    return finite_median(np.stack([_shifted(values, *offset) for offset in _window(grid)]))
+    return finite_median(np.stack([shifted(values, *offset) for offset in _window(grid)]))
 
 
 def finite_median(values: Numbers) -> Numbers:
@@ -189,5 +189,12 @@ def finite_median(values: Numbers) -> Numbers:
     return np.asarray(np.take_along_axis(ordered, (np.maximum(count, 1) // 2)[None], axis=0)[0])
 
 
-def _wrapped(angle_rad: Numbers) -> Numbers:
+def angles_from(direction: Numbers) -> tuple[Numbers, Numbers]:
+    """Azimuth and elevation of (..., 3) unit vectors [rad]."""
+    x, y, z = np.moveaxis(direction, -1, 0)
+    return np.arctan2(y, x), np.arcsin(z.clip(-1.0, 1.0))
+
+
+def wrapped(angle_rad: Numbers) -> Numbers:
+    """Angle between -pi and pi."""
     return np.asarray((angle_rad + math.pi) % (2.0 * math.pi) - math.pi)

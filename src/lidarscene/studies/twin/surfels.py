@@ -1,7 +1,6 @@
 """Quads of a sweep: each pixel in its tangent plane, the ground completed by its plane.
 
-Where rows, columns and lost pulses are not known, points take their planes from the nearest points (Open3D), quads are
-as wide as these are apart, and the ground is one plane. Symbols: n quads.
+Symbols: n quads.
 """
 
 from __future__ import annotations
@@ -12,7 +11,6 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...files.open3d import open3d
 from ...maths.arrays import Numbers, map_arrays
 from ...maths.pose import Pose
 from ...recordings.sweep import Sweep
@@ -24,24 +22,19 @@ from .apparent_reflectivity import (
     white_signal,
     withheld_mask,
 )
-from .planes import Grid, Planes, finite_median, fit_planes, median_around
+from .planes import Grid, Planes, angles_from, finite_median, fit_planes, median_around
 from .tuning import (
     ASSUMED_MEDIAN,
     BEAM_SHARE,
     BEHIND_M,
-    BELOW_M,
-    BORDER,
-    CELL_M,
     EDGE,
     GROUND_BEYOND,
     LARGEST_STRETCH,
-    LEAST_COS,
     LEAST_REFLECTIVITY,
     LOST_SHARE,
     ON_GROUND_M,
     QUAD_OVERLAP,
     RANGES_M,
-    SMOOTH_CURVATURE,
 )
 
 SMOOTH, ROUGH, FILLED, GROUND, BRIGHT = range(5)
@@ -51,12 +44,6 @@ matt white."""
 
 BORDER_SEED = 0
 """Seed of the borders, so that a recording always gives the same twin."""
-
-NEIGHBOURS = 20
-"""Number of nearest points that the plane of a point is fitted to."""
-
-SPACING_OF = 5
-"""Rank of the neighbour that a quad reaches half way to."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -88,12 +75,15 @@ def join_surfels(parts: Sequence[Surfels]) -> Surfels:
     return map_arrays(lambda *values: np.concatenate(values), *parts)
 
 
-def surfels_of_grid(grid: Grid, gauge: ReflectivityGauge | None, ground: Numbers | None) -> Surfels:
+def surfels_of_grid(
+    grid: Grid, gauge: ReflectivityGauge | None, ground: Numbers | None, border: float = 0.0
+) -> Surfels:
     """Make the quads of a sweep of rows and columns, in the sensor's frame.
 
     Args:
         gauge: conversion of strengths; None: all reflectivities are `ASSUMED_MEDIAN`
         ground: (3,) coefficients of the ground's plane, z = a + b x + c y [m]; None: no ground
+        border: largest distance, in half widths of a pixel, of the border between two returns from half way
     """
     sweep, planes = grid.sweep, fit_planes(grid)
     returned, smooth = sweep.has_return, planes.smooth()
@@ -101,7 +91,7 @@ def surfels_of_grid(grid: Grid, gauge: ReflectivityGauge | None, ground: Numbers
     range_m = np.where(planes.has_plane, planes.range_m, sweep.range_m)
     two_returns = _two_returns(grid)
     ends_left, ends_right = (_surface_ends(grid, side) & returned & ~two_returns for side in (1, -1))
-    borders = _borders(grid)
+    borders = _borders(grid, border)
     span = np.where(ends_left, EDGE, borders[0]), np.where(ends_right, -EDGE, borders[1])
     parts = [
         _quads(grid, mask, range_m, planes.normal, apparent, kind, span=span)
@@ -184,10 +174,10 @@ def _two_returns(grid: Grid) -> Numbers:
     return np.asarray(grid.sweep.has_return & np.isfinite(second.range_m))
 
 
-def _borders(grid: Grid) -> tuple[Numbers, Numbers]:
+def _borders(grid: Grid, border: float) -> tuple[Numbers, Numbers]:
     """Left and right end of each pixel's quad [half widths]; drawn evenly between two returns, else half way."""
     returned = grid.sweep.has_return
-    shift = np.random.default_rng(BORDER_SEED).uniform(-BORDER, BORDER, returned.shape)
+    shift = np.random.default_rng(BORDER_SEED).uniform(-border, border, returned.shape)
     shift = np.where(returned & _neighbour(grid, returned, 1), shift, 0.0)
     return 1.0 + shift, _neighbour(grid, shift, -1) - 1.0
 
@@ -314,8 +304,7 @@ def _quads(
     reflectivity = np.where(bright, apparent[chosen], reflectivity)
     facing = np.where(bright[:, None], -direction, facing)
     kinds = np.where(bright, BRIGHT, kind)
-    azimuth = np.arctan2(direction[:, 1], direction[:, 0])
-    elevation = np.arcsin(direction[:, 2].clip(-1.0, 1.0))
+    azimuth, elevation = angles_from(direction)
     row = np.broadcast_to(np.arange(sweep.shape[0])[:, None], sweep.shape)[chosen]
     half_width = 0.5 * abs(grid.step_rad) * QUAD_OVERLAP
     above, below = (QUAD_OVERLAP * rad[row] for rad in (grid.above_rad, grid.below_rad))
@@ -332,73 +321,3 @@ def _quads(
         reach_m = np.where(reach_m > 0.0, reach_m, np.inf).clip(middle_m / LARGEST_STRETCH, middle_m * LARGEST_STRETCH)
         corners.append(origin_m + reach_m[:, None] * corner_direction)
     return Surfels(corners_m=np.stack(corners, axis=1), reflectivity=reflectivity, kind=kinds)
-
-
-def surfels_of_points(sweep: Sweep, gauge: ReflectivityGauge | None, ground: Numbers | None) -> Surfels:
-    """Make the quads of a list of points, in the sensor's frame; ``ground`` as in `surfels_of_grid`."""
-    points = sweep.xyz_m[sweep.has_return]
-    range_m, direction = sweep.range_m[sweep.has_return], sweep.direction[sweep.has_return]
-    o3d = open3d()
-    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(points))
-    cloud.estimate_covariances(o3d.geometry.KDTreeSearchParamKNN(NEIGHBOURS))
-    spread, axes = np.linalg.eigh(np.asarray(cloud.covariances))
-    normal = axes[..., 0]
-    facing = np.einsum("ni,ni->n", normal, direction)
-    normal = np.where(facing[:, None] > 0.0, -normal, normal)
-    flat = np.abs(facing) < LEAST_COS
-    normal = np.where(flat[:, None], -direction, normal)
-    # Eigenvalues come in ascending order: the first is the variance across the plane.
-    smooth = (spread[:, 0] < SMOOTH_CURVATURE * spread.sum(axis=1)) & ~flat
-    apparent = (
-        np.full(len(points), ASSUMED_MEDIAN)
-        if gauge is None
-        else gauge.apparent(sweep, sweep.range_m)[sweep.has_return]
-    )
-    reflectivity = apparent / scattering_law(-np.einsum("ni,ni->n", normal, direction))
-    bright = reflectivity > largest_reflectivity()
-    kind = np.where(bright, BRIGHT, np.where(smooth, SMOOTH, ROUGH))
-    half_m = 0.5 * _spacing_m(points)
-    quads = Surfels(
-        corners_m=_squares(points, np.where(bright[:, None], -direction, normal), half_m),
-        reflectivity=np.where(bright, apparent, reflectivity),
-        kind=kind,
-    )
-    if ground is None:
-        return quads
-    on_ground = np.abs(points[:, 2] - ground[0] - points[:, :2] @ ground[1:]) < ON_GROUND_M
-    return join_surfels(
-        [quads, _plane(ground, float(np.percentile(range_m[on_ground], 99.0)), reflectivity[on_ground])]
-    )
-
-
-def _spacing_m(points: Numbers) -> Numbers:
-    """Distance of each point to its neighbour of rank `SPACING_OF` [m]."""
-    search = open3d().core.nns.NearestNeighborSearch(open3d().core.Tensor(points))
-    search.knn_index()
-    _, squares = search.knn_search(open3d().core.Tensor(points), min(SPACING_OF + 1, len(points)))
-    return np.asarray(np.sqrt(squares.numpy()[:, -1]))
-
-
-def _squares(points: Numbers, normal: Numbers, half_m: Numbers) -> Numbers:
-    """Corners (n, 4, 3) of squares about the points, perpendicular to the normals."""
-    helper_axis = np.where(np.abs(normal[:, 2:]) < 0.9, [[0.0, 0.0, 1.0]], [[1.0, 0.0, 0.0]])
-    u = np.cross(helper_axis, normal)
-    u = u / np.linalg.norm(u, axis=1, keepdims=True)
-    v = np.cross(normal, u)
-    u, v = half_m[:, None] * u, half_m[:, None] * v
-    return np.asarray(points[:, None] + np.stack([u + v, v - u, -u - v, u - v], axis=1))
-
-
-def _plane(ground: Numbers, reach_m: float, reflectivity: Numbers) -> Surfels:
-    steps = np.arange(-reach_m, reach_m, CELL_M) + 0.5 * CELL_M
-    x, y = (coordinates.ravel() for coordinates in np.meshgrid(steps, steps))
-    inside = np.hypot(x, y) < reach_m
-    corners = []
-    for right, up in ((0.5, 0.5), (-0.5, 0.5), (-0.5, -0.5), (0.5, -0.5)):
-        a, b = x[inside] + right * CELL_M, y[inside] + up * CELL_M
-        corners.append(np.stack([a, b, ground[0] + ground[1] * a + ground[2] * b - BELOW_M], axis=-1))
-    n = int(inside.sum())
-    ground_reflectivity = min(float(np.median(reflectivity)), largest_reflectivity())
-    return Surfels(
-        corners_m=np.stack(corners, axis=1), reflectivity=np.full(n, ground_reflectivity), kind=np.full(n, GROUND)
-    )

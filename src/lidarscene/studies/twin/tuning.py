@@ -63,6 +63,32 @@ COMPANY = 0.05
 LEAST_PHOTONS = 1e-12
 """Accuracy bought: least photons whose logarithm is taken."""
 
+# sensor_grid
+
+LEAST_IN_ORDER = 0.98
+"""Choice: share of steps of the azimuth in one direction, from which on a list goes ring by ring."""
+
+LEAST_RINGS = 0.25
+"""Choice: share of the sensor's rings that a part which was cut out of a file ring by ring has at least."""
+
+LONGEST_STEP = 1.5
+"""Choice: longest way between two firings of a row over the median; beyond it one or more were lost."""
+
+SAME_TURN = 0.05
+"""Choice: largest relative difference of the firings in a turn from a usual number that is an error of the count."""
+
+DUPLICATE_STEPS = 0.3
+"""Choice: distance in steps within which two points of a row are returns of one pulse."""
+
+LEAST_COHERENCE = 0.5
+"""Choice: least length of the mean of e^(2 pi i azimuth / step) of a row whose azimuths have steps."""
+
+LEAST_GAP_RAD = math.radians(30.0)
+"""Choice: width of an empty sector from which on it was cut out, or is not of the sensor's field."""
+
+POINTS_PER_PIXEL = 2.0
+"""Choice: mean number of points in a pixel of a raster, of which then 14 % are empty by chance."""
+
 # surfels
 
 QUAD_OVERLAP = 1.04
@@ -91,20 +117,12 @@ EDGE = 0.5
 pixel. As far beyond the pixel's edge it has the mean strength of the two."""
 
 BORDER = 0.5
-"""Choice: largest distance, in half widths of the pixel, of the border between two returns from half way. Where between
-them one surface ends is not recorded; half way, the nearer one would hide each beam of a held-out column."""
+"""Choice: largest distance, in half widths of the pixel, of the border between two returns from half way, in a twin of
+every second column. Where between them one surface ends is not recorded; half way, the nearer one would hide each beam
+of a held-out column."""
 
 BEAM_SHARE = 0.5
 """Choice: share of a pixel that the nearer of two returns covers."""
-
-SMOOTH_CURVATURE = 0.01
-"""Choice: smallest eigenvalue over the trace of the neighbours' covariance, below which a surface is smooth."""
-
-CELL_M = 2.0
-"""Choice: edge of the ground's quads."""
-
-BELOW_M = 0.1
-"""Choice: depth of the completed ground below its plane, so that it lies under the measured one."""
 
 # clusters
 

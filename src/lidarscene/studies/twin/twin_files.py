@@ -8,7 +8,6 @@ from __future__ import annotations
 import json
 import math
 import re
-import shutil
 import tomllib
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -30,16 +29,21 @@ from ...recordings.recording import Recording
 from ...recordings.sweep import Sweep
 from ...recordings.units.ouster_unit import FIRST_CALIBRATED, firmware_version
 from ...recordings.units.unit_file import read_unit, with_second_returns, write_unit
+from ...scan.spinning import Spinning
 from ...scene.tables import SceneFile
 from ...sensor.sensor_file import load_sensor
 from ..compare.recording_comparison import ground_plane
 from .apparent_reflectivity import ReflectivityGauge, is_explained
 from .daylight import illuminance_klux
 from .frame_poses import angles_deg, place_frames
+from .matched_pulses import RAYS
 from .planes import align_columns, has_grid, select_columns
-from .surfels import BRIGHT, KINDS, Surfels, join_surfels, surfels_of_grid, surfels_of_points
+from .recorded_beams import with_recorded_beams
+from .sensor_grid import grid_of, on_grid
+from .surfels import BRIGHT, KINDS, Surfels, join_surfels, surfels_of_grid
 from .tuning import (
     ASSUMED_KLUX,
+    BORDER,
     BRIGHT_DIFFUSE,
     BRIGHT_STEP,
     BRIGHTEST_KLUX,
@@ -93,9 +97,8 @@ def choose_frames(recording: Recording, frames: Sequence[int] | None, held_out: 
             f"--held-out {held_out}: must leave a frame to make the twin of, got a recording of {len(recording)}; "
             f"--held-out {COLUMNS} leaves out every second column"
         )
-    if held_out == COLUMNS and (len(remaining) > 1 or not has_grid(recording[remaining[0]])):
-        actual = f"{len(remaining)} frames" if len(remaining) > 1 else "a list of points"
-        raise InputError(f"--held-out {COLUMNS}: must go with one frame of rows and columns, got {actual}")
+    if held_out == COLUMNS and len(remaining) > 1:
+        raise InputError(f"--held-out {COLUMNS}: must go with one frame, got {len(remaining)} frames")
     return TwinFrames(frames=remaining, held_out=held_out)
 
 
@@ -121,27 +124,25 @@ def build_twin(
     """
     require_writable(folder / SCENE)
     sweeps = {number: recording[number] for number in {*choice.frames, choice.judged_frame}}
-    if not any(choice.visible_part(sweeps[number]).has_return.any() for number in choice.frames):
+    if not any(sweeps[number].has_return.any() for number in choice.frames):
         raise InputError(f"{recording.path}: the frames of a twin must have returns, got none")
     if sensor is None:
         has_second = sweeps[choice.judged_frame].second is not None
         notes = [_unit_file(recording, folder / SENSOR, metadata, sensor_index, has_second)]
     else:
-        notes = [_copy_sensor(sensor, folder / SENSOR)]
+        notes = [_copy_sensor(sensor, folder / SENSOR, sweeps[choice.judged_frame], recording.path.name)]
     unit = load_sensor(str(folder / SENSOR))
+    if unit.tdc.stops > 1 and sweeps[choice.judged_frame].second is not None:
+        notes.append(f"second returns take several rays of a pulse: lidarscene render {folder / SCENE} --rays {RAYS}")
+    sweeps = {number: on_grid(sweep, unit.scanner) for number, sweep in sweeps.items()}
     places = place_frames(sweeps, choice.frames[0])
-    parts, klux = [], []
+    parts, klux, border = [], [], BORDER if choice.held_out == COLUMNS else 0.0
     for number in choice.frames:
         sweep = choice.visible_part(sweeps[number])
         gauge = ReflectivityGauge.from_sweep(sweep, unit)
         sweep = replace(sweep, recorded=sweep.recorded & is_explained(sweep, unit))
         plane = ground_plane(sweep.xyz_m[sweep.has_return])
-        surfels = (
-            surfels_of_grid(align_columns(sweep), gauge, plane)
-            if has_grid(sweep)
-            else surfels_of_points(sweep, gauge, plane)
-        )
-        parts.append(surfels.placed(places[number]))
+        parts.append(surfels_of_grid(align_columns(sweep), gauge, plane, border).placed(places[number]))
         klux.append(illuminance_klux(sweep, gauge, unit))
     quads = join_surfels(parts)
     bodies = _meshes(quads, folder / MESHES)
@@ -190,14 +191,16 @@ def _reflectivity_note(gauge: ReflectivityGauge | None) -> str:
     return f"reflectivities: by the recording's {gauge.field}{scale}"
 
 
-def _copy_sensor(sensor: str, path: Path) -> str:
-    """Copy a catalogue sensor or a sensor file; returns the text to print."""
+def _copy_sensor(sensor: str, path: Path, sweep: Sweep, recording: str) -> str:
+    """Copy a catalogue sensor or a sensor file, with the beams of a list of points; returns the text to print."""
     source = Path(sensor) if sensor.endswith(".toml") else path_of("sensors", sensor)
     if not source.is_file():
         raise InputError(f"--sensor {sensor}: no such file")
-    path.parent.mkdir(parents=True, exist_ok=True)
-    shutil.copyfile(source, path)
-    return f"wrote {path}: as {sensor}"
+    scanner, text, note = load_sensor(str(source)).scanner, source.read_text(encoding="utf-8"), ""
+    if isinstance(scanner, Spinning) and not has_grid(sweep):
+        text, note = with_recorded_beams(text, grid_of(sweep, scanner), recording)
+    put_text(path, text)
+    return f"wrote {path}: as {sensor}" + (f"; {note}" if note else "")
 
 
 def _unit_file(recording: Recording, path: Path, metadata: Path | None, sensor_index: int, has_second: bool) -> str:

@@ -12,15 +12,14 @@ from ...figures.report import PAGE, Report
 from ...recordings.as_cloud import cloud_of
 from ...recordings.recording import Recording
 from ...rendering.render_options import FrameOptions
-from ...rendering.simulator import Simulator
 from ...scene.scene import View
 from ...scene.scene_file import load_scene
 from ...sensor.sensor_file import load_sensor
-from ..compare.recording_comparison import compare_with_recording, side_of_cloud, side_of_sweep
 from ..held import held_data, held_table, passed, verdict
 from .judge import disagreement, twin_quantities
 from .matched_pulses import simulate_pulses
-from .planes import has_grid, select_columns
+from .planes import select_columns
+from .sensor_grid import on_grid
 from .twin_files import COLUMNS, frame_pose, read_provenance
 
 NUMBERS = "twin.json"
@@ -36,8 +35,6 @@ def compare_twin(
 ) -> Report:
     """Render a twin at a frame's pose and compare it with that frame of the recording.
 
-    A list of points has no pulses to match: for it the report is that of `compare.recording_comparison`.
-
     Args:
         frame: index of the frame; None: the held-out one, or the first
         options: seed and chunk of the rendering
@@ -50,18 +47,21 @@ def compare_twin(
     pose = frame_pose(provenance, number, scene_file)
     scene = load_scene(scene_file)
     sensor = load_sensor(scene.sensor_name)
-    sweep = full_sweep = recording[number]
-    other_columns = None
+    next_number = (number + 1) % len(recording)
+    full_sweep, next_sweep = (on_grid(recording[index], sensor.scanner) for index in (number, next_number))
+    sweep, other_columns = full_sweep, None
     if provenance["held_out"] == COLUMNS:
         sweep, other_columns = (select_columns(full_sweep, slice(first, None, 2)) for first in (1, 0))
-    if not has_grid(sweep):
-        cloud = Simulator(scene, sensor, pose=pose).render(options)
-        sides = side_of_cloud("twin", cloud), side_of_sweep(f"{recording.path.name} frame {number}", sweep)
-        return compare_with_recording(*sides)
     pulses, cloud = simulate_pulses(scene, sensor, sweep, pose=pose, options=options)
-    next_number = (number + 1) % len(recording)
-    real_disagreement = disagreement(full_sweep, recording[next_number]) if next_number != number else None
-    quantities = twin_quantities(pulses, sweep, cloud, between=real_disagreement, other_columns=other_columns)
+    real_disagreement = disagreement(full_sweep, next_sweep) if next_number != number else None
+    quantities = twin_quantities(
+        pulses,
+        sweep,
+        cloud,
+        between=real_disagreement,
+        other_columns=other_columns,
+        is_of_frame=other_columns is None and number in provenance["frames"],
+    )
     rows = [row for row in quantities if row.is_shown]
     numbers: dict[str, Any] = {
         "verdict": verdict(rows, "The twin"),
@@ -115,8 +115,9 @@ def picture(cloud: PointCloud, path: Path, *, scale: tuple[float, float]) -> Non
 _NOTE = (
     "The recorded pulses beside the same pulses of the simulation. The value is a difference in the unit of the "
     "quantity, a ratio (scatter), a relative difference (points, signals, ground) or a share. Ranges count from the "
-    "beam's exit. Range bias is that of smooth surfaces; scatter is that of second differences along the ring there, "
-    "on both sides, and its limits are two sigma of so many pulses wider. The double validation metric is the "
+    "beam's exit. Nearer than recorded is nearer than the pixel, its neighbour on that side and its plane. Range bias "
+    "is that of smooth surfaces; scatter is that of second differences along the ring there, on both sides. "
+    "The double validation metric is the "
     "difference of the means (bias) and the area between both distributions without it (scatter). Losses on surfaces "
     "are lost pulses that meet a surface of the twin; those with a reflectivity and without a range are left out and "
     "counted by themselves."

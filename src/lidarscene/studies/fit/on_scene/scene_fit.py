@@ -294,7 +294,7 @@ def _figures(bins: HeldOutBins) -> list[Figure]:
             "scatter",
             "Scatter of the range about the scene's surface, by signal.",
             ("SIGNAL [photons]", "scatter of the range [mm]"),
-            (bins.scatter[:, :3] * [1.0, 1e3, 1e3]).T,
+            (bins.scatter * [1.0, 1e3, 1e3]).T,
             ("signal", "recorded_mm", "expected_mm"),
         ),
     ):
