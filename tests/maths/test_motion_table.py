@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from lidarscene.kernel.device import transfer
 from lidarscene.maths.motion_table import NOWHERE, STEP_S, MotionTable, Placement, _quaternion
-from lidarscene.maths.trajectory import Course, Motion
+from lidarscene.maths.trajectory import Course, Motion, States
 
 FRAME_S = 0.1
 
@@ -183,6 +183,26 @@ def test_velocity_of_a_point_of_a_turning_frame() -> None:
     step_s = 1e-6
     moved = origin + velocity * step_s + Rotation.from_rotvec(turning * step_s).apply(point - origin)
     np.testing.assert_allclose(placement.velocity_at(tuple(point)), (moved - point) / step_s, atol=1e-5)
+
+
+def test_one_motion_of_several_bodies_is_computed_once() -> None:
+    """What rests, and what rides on one vehicle: each has its rows and its box all the same."""
+    asked: list[int] = []
+
+    class Counted:
+        span_s, is_straight = (0.0, 5.0), False
+
+        def at(self, time_s: np.ndarray) -> States:
+            asked.append(len(time_s))
+            return BEND.at(time_s)
+
+    carried_m = np.array([[[-1, -1, -1], [1, 1, 1]], NOWHERE, [[-2, -1, 0], [2, 3, 1]]], dtype=np.float64)
+    options = {"start_s": 1.0, "length_s": 0.01, "centre_m": np.zeros(3), "carried_m": carried_m}
+    motion = Counted()
+    tables = [MotionTable.from_motions(motions, **options) for motions in ([BEND, motion, BEND, motion], [BEND] * 4)]
+    assert len(asked) == 1
+    np.testing.assert_array_equal(tables[0].table, tables[1].table)
+    np.testing.assert_array_equal(tables[0].boxes.nodes, tables[1].boxes.nodes)
 
 
 def test_frames_behind_each_other() -> None:

@@ -120,15 +120,15 @@ def test_twists_are_scipys() -> None:
     angles = [0.0, 1e-12, 1e-8, 9e-5, 1.1e-4, 1e-3, 0.1, 1.0, 2.0, 3.0, math.radians(170), math.radians(179)]
     turns = axes / np.linalg.norm(axes, axis=1, keepdims=True) * np.array(angles)[:, None]
     twists = np.concatenate([rng.normal(0, 5, (12, 3)), turns], axis=1)
-    rotation, place = _exp(twists)
-    for twist, r, p in zip(twists, rotation, place, strict=True):
+    rotation, place = _exp(twists.T)
+    for twist, r, p in zip(twists, np.moveaxis(rotation, -1, 0), place.T, strict=True):
         generator = np.zeros((4, 4))
         generator[:3, :3] = np.cross(np.eye(3), twist[3:])
         generator[:3, 3] = twist[:3]
         expected = expm(generator)
         np.testing.assert_allclose(r, expected[:3, :3], atol=2e-14)
         np.testing.assert_allclose(p, expected[:3, 3], atol=5e-13)
-    np.testing.assert_allclose(_log(rotation, place), twists, atol=2e-12)
+    np.testing.assert_allclose(_log(rotation, place), twists.T, atol=2e-12)
 
 
 def test_a_spline_goes_through_its_poses() -> None:
@@ -205,17 +205,16 @@ def test_times_must_rise(times: list[float]) -> None:
 
 def test_states_of_a_fixed_frame() -> None:
     """What is fixed on a turning vehicle moves with v + w x r."""
-    states = States(
-        position_m=np.array([[1.0, 2.0, 3.0]]),
-        rotation=START.rotation[None],
-        velocity_m_s=np.array([[4.0, 5.0, 6.0]]),
-        turning_rad_s=np.array([[0.0, 0.0, 2.0]]),
-    )
     child = pose(0, 0, 1, roll=90)
-    combined = states @ child
+    carrier = Course(
+        start=replace(START, position_m=np.array([1.0, 2.0, 3.0])), yaw_rate_rad_s=2.0, velocity_m_s=(4.0, 5.0, 6.0)
+    )
+    combined = Riding(carrier=carrier, pose=child).at(np.zeros(1))
     arm = START.rotation[:, 2]
     np.testing.assert_allclose(combined.position_m[0] - arm, [1, 2, 3], atol=1e-15)
-    np.testing.assert_allclose(combined.velocity_m_s[0], [4 - 2 * arm[1], 5 + 2 * arm[0], 6], atol=1e-15)
+    np.testing.assert_allclose(
+        combined.velocity_m_s[0], [4, 5, 6] + 2.0 * np.cross(START.rotation[:, 2], arm), atol=1e-15
+    )
     np.testing.assert_allclose(combined.pose().rotation, START.rotation @ child.rotation, atol=1e-15)
 
 
@@ -285,8 +284,66 @@ def test_motions_of_all_kinds_together_are_each_of_them() -> None:
     around = [kind(motion=spline(4)) for kind in (HeldAtEnds, GoingOn, Repeated, Repeated)]
     motions = [arc, *around, Still(), spline(5), Riding(carrier=spline(3), pose=arc.start), Course()]
     motions += [motion_in_frame(around[-1], 6.0), spline(2)]
+    motions += [Riding(carrier=HeldAtEnds(motion=Riding(carrier=spline(3), pose=arc.start)), pose=arc.start)]
     times = rng.uniform(-3.0, 12.0, (len(motions), 7))
     together = states_of(motions, times)
     for row, motion in enumerate(motions):
         for name in ("position_m", "rotation", "velocity_m_s", "turning_rad_s"):
             np.testing.assert_array_equal(getattr(together, name)[row], getattr(motion.at(times[row]), name))
+
+
+class CountedMotion:
+    """Turns and goes round, and counts how often it is asked."""
+
+    span_s, is_straight = (0.0, 5.0), False
+
+    def __init__(self) -> None:
+        self.calls = 0
+
+    def at(self, time_s: np.ndarray) -> States:
+        self.calls += 1
+        return Course(speed_m_s=3.0, yaw_rate_rad_s=0.2).at(time_s)
+
+
+def test_what_several_motions_follow_from_is_computed_once() -> None:
+    """A sensor, a rack and the body of one vehicle; not at other times."""
+    vehicle = CountedMotion()
+    motions = [
+        Riding(carrier=vehicle, pose=START),
+        vehicle,
+        HeldAtEnds(motion=vehicle),
+        Riding(carrier=vehicle, pose=START),
+    ]
+    times = np.broadcast_to(np.array([0.5, 1.5]), (4, 2))
+    together = states_of(motions, times)
+    assert vehicle.calls == 1
+    for row, motion in enumerate(motions):
+        np.testing.assert_array_equal(together.position_m[row], motion.at(times[row]).position_m)
+    vehicle.calls = 0
+    states_of(motions[:2], np.array([[0.5], [0.6]]))
+    assert vehicle.calls == 2
+
+
+def test_splines_below_other_motions_are_computed_in_one_go(monkeypatch: pytest.MonkeyPatch) -> None:
+    sizes: list[int] = []
+    together = Spline.together
+
+    def counted(motions: list[Spline], time_s: np.ndarray) -> States:
+        sizes.append(len(motions))
+        return together(motions, time_s)
+
+    monkeypatch.setattr(Spline, "together", staticmethod(counted))
+    a, b, c = (Spline(time_s=TIMES, poses=WAY) for _ in range(3))
+    motions = [Riding(carrier=a, pose=START), HeldAtEnds(motion=Riding(carrier=b, pose=START)), c]
+    states_of(motions, np.broadcast_to(TIMES, (3, len(TIMES))))
+    assert sizes == [3]
+
+
+def test_whether_a_motion_jumps_is_computed_once() -> None:
+    """Each frame asks: a ride takes a millisecond."""
+    motion = CountedMotion()
+    repeated = Repeated(motion=motion)
+    repeated.in_frame(0.0)
+    asked = motion.calls
+    repeated.in_frame(7.0)
+    assert motion.calls == asked

@@ -24,7 +24,7 @@ from ..files.spool import Spool
 from ..formats.cloud_columns import frame_starts_s, sensor_positions_m
 from ..maths.arrays import Numbers
 from ..maths.pose import Pose
-from ..maths.trajectory import motion_in_frame
+from ..maths.trajectory import Riding, motion_in_frame
 from ..scene.scene import Body, Scene, box_of
 from .kinds import kind_of
 
@@ -336,8 +336,8 @@ def _carried(box: Box, body: Body, start_s: float, time_s: float) -> Box:
     if body.motion is None:
         return box
     carried = body.pose.inverse() @ box.pose
-    motion = motion_in_frame(body.motion, start_s)
-    states = motion.at(np.clip([time_s], *motion.span_s)) @ carried
+    motion = Riding(carrier=motion_in_frame(body.motion, start_s), pose=carried)
+    states = motion.at(np.clip([time_s], *motion.span_s))
     return replace(box, pose=states.pose(), velocity_m_s=states.velocity_m_s[0])
 
 

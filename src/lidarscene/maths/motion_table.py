@@ -124,12 +124,14 @@ class MotionTable:
         bends = not all(motion.is_straight for motion in motions)
         steps = max(math.ceil(length_s / STEP_S), 1) if bends else 1
         times = start_s + np.linspace(0.0, length_s, steps + 1)
-        table = np.zeros((len(motions), steps + 1, _NUMBERS))
-        rotations = np.zeros((len(motions), steps + 1, 3, 3))
+        # All that a vehicle carries rides on it, and what a frame does not show rests: each motion once.
+        distinct = list(dict.fromkeys(motions))
+        table = np.zeros((len(distinct), steps + 1, _NUMBERS))
+        rotations = np.zeros((len(distinct), steps + 1, 3, 3))
         # So many together as processors hold in their caches.
         many = max(_TOGETHER // len(times), 1)
-        for part in (slice(first, first + many) for first in range(0, len(motions), many)):
-            rows, together = table[part], motions[part]
+        for part in (slice(first, first + many) for first in range(0, len(distinct), many)):
+            rows, together = table[part], distinct[part]
             states = states_of(together, np.broadcast_to(times, (len(together), len(times))))
             rotations[part] = states.rotation
             rows[:, :, :3], rows[:, :, 7:10], rows[:, :, 10:13] = (
@@ -139,6 +141,7 @@ class MotionTable:
             )
         table[:, :, :3] -= centre_m
         table[:, :, 3:7] = _with_continuous_signs(_quaternion(rotations))
+        table = table[[distinct.index(motion) for motion in motions]]
         boxes = None
         if carried_m is not None:
             boxes = BoxTree.from_boxes(_swept_boxes(table[len(table) - len(carried_m) :], carried_m))
@@ -214,21 +217,31 @@ class MovingBodies:
 def _swept_boxes(table: Numbers, carried_m: Numbers) -> Numbers:
     """Return (m, 2, 3) boxes which hold what m motions carry, at all times; (m, instants, 16) `MotionTable.table`."""
     carries = np.asarray(np.isfinite(carried_m).all(axis=(1, 2)))
-    carried_m = np.where(carries[:, None, None], carried_m, 0.0)
-    rotation = np.stack(rotation_numbers(*np.moveaxis(table[:, :, 3:7], -1, 0)), axis=-1)
-    rotation = rotation.reshape(*rotation.shape[:2], 3, 3)
+    boxes = np.broadcast_to(NOWHERE, carried_m.shape).copy()
+    if not carries.any():
+        return boxes
+    carried_m = carried_m[carries]
+    # Numbers first: NumPy is slow along axes of three.
+    numbers = np.moveaxis(table[carries, :, :7], -1, 0).copy()
+    rotation = np.stack(rotation_numbers(*numbers[3:])).reshape(3, 3, *numbers.shape[1:])
     centre, half = carried_m.mean(axis=1), np.ptp(carried_m, axis=1) / 2.0
     # A turned box reaches |R| times its half widths along the axes of the traced frame.
-    middle = table[:, :, :3] + np.einsum("mtij,mj->mti", rotation, centre)
-    reach = np.einsum("mtij,mj->mti", np.abs(rotation), half)
-    low, high = (middle - reach).min(axis=1), (middle + reach).max(axis=1)
+    middle, reach = numbers[:3] + _turned(rotation, centre), _turned(np.abs(rotation), half)
+    low, high = (middle - reach).min(axis=2).T, (middle + reach).max(axis=2).T
     # A corner at r from the origin of its frame leaves the straight line between two instants by less than r times the
     # change of the rotation. The rest is for single precision: some ten roundings of a coordinate.
     corner_m = np.linalg.norm(np.abs(carried_m).max(axis=1), axis=1)
-    turned = np.linalg.norm(np.diff(rotation, axis=1), axis=(2, 3)).max(axis=1)
+    a, b, c, d, e, f, g, h, i = np.square(np.diff(rotation, axis=3)).reshape(9, len(carried_m), -1)
+    turned = np.sqrt((((a + b) + (c + d)) + ((e + f) + (g + h)) + i).max(axis=1))
     room = corner_m * turned + 1e-4 + 2e-6 * np.abs([low, high]).max(axis=(0, 2))
-    boxes = np.stack([low - room[:, None], high + room[:, None]], axis=1)
-    return np.where(carries[:, None, None], boxes, NOWHERE)
+    boxes[carries] = np.stack([low - room[:, None], high + room[:, None]], axis=1)
+    return boxes
+
+
+def _turned(matrix: Numbers, vector: Numbers) -> Numbers:
+    """Return (3, 3, m, instants) matrices times (m, 3) vectors, (3, m, instants)."""
+    x, y, z = vector.T[:, :, None]
+    return np.asarray(matrix[:, 0] * x + matrix[:, 2] * z + matrix[:, 1] * y)
 
 
 def _quaternion(rotation: Numbers) -> Numbers:
@@ -237,21 +250,23 @@ def _quaternion(rotation: Numbers) -> Numbers:
     The entries of a rotation give 4 q q^T. Each of its rows is q times a number; the row of the largest element of q
     is precise at every angle (Shepperd, J. Guidance and Control 1 (1978), 223).
     """
-    r = rotation.reshape(-1, 3, 3)
-    k = np.zeros((len(r), 4, 4))
-    k[:, 0, 0] = 1.0 + r[:, 0, 0] + r[:, 1, 1] + r[:, 2, 2]
+    r = rotation.reshape(-1, 9).T.copy().reshape(3, 3, -1)
+    k = np.zeros((4, 4, r.shape[2]))
+    k[0, 0] = 1.0 + r[0, 0] + r[1, 1] + r[2, 2]
     for i, j, m in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        k[:, 1 + i, 1 + i] = 1.0 + r[:, i, i] - r[:, j, j] - r[:, m, m]
-        k[:, 1 + i, 1 + j] = k[:, 1 + j, 1 + i] = r[:, i, j] + r[:, j, i]
-        k[:, 0, 1 + i] = k[:, 1 + i, 0] = r[:, m, j] - r[:, j, m]
-    largest = np.einsum("nii->ni", k).argmax(axis=1)
-    rows = k[np.arange(len(r)), largest]
-    return np.asarray(rows / np.linalg.norm(rows, axis=1, keepdims=True)).reshape(*rotation.shape[:-2], 4)
+        k[1 + i, 1 + i] = 1.0 + r[i, i] - r[j, j] - r[m, m]
+        k[1 + i, 1 + j] = k[1 + j, 1 + i] = r[i, j] + r[j, i]
+        k[0, 1 + i] = k[1 + i, 0] = r[m, j] - r[j, m]
+    largest = np.stack([k[i, i] for i in range(4)]).argmax(axis=0)
+    w, x, y, z = rows = np.take_along_axis(k, largest[None, None], axis=0)[0]
+    return np.asarray(rows / np.sqrt(w * w + x * x + y * y + z * z)).T.reshape(*rotation.shape[:-2], 4)
 
 
 def _with_continuous_signs(quaternion: Numbers) -> Numbers:
     """Choose signs of (m, instants, 4) quaternions so that neighbours are close: q and -q are one rotation."""
-    flips = np.ones(quaternion.shape[:2])
     opposite = (quaternion[:, 1:] * quaternion[:, :-1]).sum(axis=2) < 0.0
+    if not opposite.any():
+        return quaternion
+    flips = np.ones(quaternion.shape[:2])
     flips[:, 1:] = np.cumprod(np.where(opposite, -1.0, 1.0), axis=1)
     return np.asarray(quaternion * flips[:, :, None])

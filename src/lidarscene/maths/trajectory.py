@@ -9,6 +9,7 @@ Symbols: T pose in SE(3), x twist (velocity and angular velocity), u time within
 from __future__ import annotations
 
 import math
+from abc import ABC, abstractmethod
 from collections.abc import Sequence
 from dataclasses import dataclass, field, fields, replace
 from typing import Annotated, Any, Protocol
@@ -45,17 +46,7 @@ class States:
     velocity_m_s: Numbers
     turning_rad_s: Numbers
 
-    def __matmul__(self, child: Pose) -> States:
-        """The states of a child frame that is fixed in this one."""
-        arm = self.rotation @ child.position_m
-        return States(
-            position_m=self.position_m + arm,
-            rotation=self.rotation @ child.rotation,
-            velocity_m_s=self.velocity_m_s + np.cross(self.turning_rad_s, arm),
-            turning_rad_s=self.turning_rad_s,
-        )
-
-    def taken(self, index: int | Numbers) -> States:
+    def taken(self, index: int | Sequence[int] | Numbers) -> States:
         """The states of one motion, or of several, of those that were computed together: (m, n, ...) arrays."""
         return States(**{name: getattr(self, name)[index] for name in _STATE_NAMES})
 
@@ -191,8 +182,26 @@ class Course:
         )
 
 
+class _Carried(ABC):
+    """A motion that follows from another one, its carrier.
+
+    `states_of` computes the carriers of all motions first, and so those of one kind in one go, whatever they carry.
+    """
+
+    __slots__ = ()
+
+    @abstractmethod
+    def carrier_at(self, time_s: Numbers) -> tuple[Motion, Numbers]:
+        """The carrier, and its (n,) times at these times."""
+
+    @staticmethod
+    @abstractmethod
+    def carried(motions: Sequence[Any], states: States, time_s: Numbers) -> States:
+        """States of m motions of this kind at their own (m, n) times, from those of their carriers."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Riding:
+class Riding(_Carried):
     """A frame that is fixed in a moving one: a sensor on a vehicle."""
 
     carrier: Motion
@@ -210,13 +219,23 @@ class Riding:
 
     def at(self, time_s: Numbers) -> States:
         """States of this pose, carried along."""
-        return self.carrier.at(time_s) @ self.pose
+        return states_alone(self, time_s)
+
+    def carrier_at(self, time_s: Numbers) -> tuple[Motion, Numbers]:
+        """The carrier, at the same times."""
+        return self.carrier, time_s
 
     @staticmethod
-    def together(motions: Sequence[Riding], time_s: Numbers) -> States:
-        """States of m poses at their own (m, n) times, each carried along."""
-        carriers = states_of([motion.carrier for motion in motions], time_s)
-        return _stacked([carriers.taken(row) @ motion.pose for row, motion in enumerate(motions)])
+    def carried(motions: Sequence[Riding], states: States, time_s: Numbers) -> States:
+        """States of m poses, each carried along: a point at r moves with v + w x r."""
+        position_m = np.stack([motion.pose.position_m for motion in motions])
+        arm = (states.rotation @ position_m[:, None, :, None])[..., 0]
+        return States(
+            position_m=states.position_m + arm,
+            rotation=states.rotation @ np.stack([motion.pose.rotation for motion in motions])[:, None],
+            velocity_m_s=states.velocity_m_s + cross(states.turning_rad_s, arm),
+            turning_rad_s=states.turning_rad_s,
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -287,7 +306,7 @@ class Spline:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _BeyondEnds:
+class _BeyondEnds(_Carried):
     """A motion extended beyond its span."""
 
     motion: Motion
@@ -302,20 +321,36 @@ class _BeyondEnds:
         """False: what it does changes at the ends of the span."""
         return False
 
+    def at(self, time_s: Numbers) -> States:
+        """States at any (n,) times."""
+        return states_alone(self, time_s)
+
+    def carrier_at(self, time_s: Numbers) -> tuple[Motion, Numbers]:
+        """The motion, at times clipped to its span."""
+        return self.motion, np.clip(time_s, *self.motion.span_s)
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class HeldAtEnds(_BeyondEnds):
-    """A motion extended beyond its span: at rest in its first pose before, in its last pose after."""
+    """A motion extended beyond its span: at rest in its first pose before, in its last pose after.
 
-    def at(self, time_s: Numbers) -> States:
-        """States of the motion, clipped to its span; beyond it both velocities are zero."""
-        return states_alone(self, time_s)
+    Attributes:
+        delay_s: time by which all of it is later
+    """
+
+    delay_s: float = 0.0
+
+    def carrier_at(self, time_s: Numbers) -> tuple[Motion, Numbers]:
+        """The motion, at times clipped to its span."""
+        return _BeyondEnds.carrier_at(self, time_s - self.delay_s)
 
     @staticmethod
-    def together(motions: Sequence[HeldAtEnds], time_s: Numbers) -> States:
-        """States of m motions at their own (m, n) times, as `at` of each."""
-        within, states = _within_spans(motions, time_s)
-        moves = (within == time_s)[..., None]
+    def carried(motions: Sequence[HeldAtEnds], states: States, time_s: Numbers) -> States:
+        """States of the motions, clipped to their spans; beyond them both velocities are zero."""
+        time_s = time_s - np.array([[motion.delay_s] for motion in motions])
+        moves = (_clipped_to_spans(motions, time_s) == time_s)[..., None]
+        if moves.all():
+            return states
         return replace(
             states,
             velocity_m_s=np.where(moves, states.velocity_m_s, 0.0),
@@ -327,15 +362,10 @@ class HeldAtEnds(_BeyondEnds):
 class GoingOn(_BeyondEnds):
     """A motion extended beyond its span: straight on, with its first velocity before and its last velocity after."""
 
-    def at(self, time_s: Numbers) -> States:
-        """States of the motion; beyond its span the velocity is that at its end, and it turns no more."""
-        return states_alone(self, time_s)
-
     @staticmethod
-    def together(motions: Sequence[GoingOn], time_s: Numbers) -> States:
-        """States of m motions at their own (m, n) times, as `at` of each."""
-        within, states = _within_spans(motions, time_s)
-        beyond_s = (time_s - within)[..., None]
+    def carried(motions: Sequence[GoingOn], states: States, time_s: Numbers) -> States:
+        """States of the motions; beyond their spans the velocity is that at the end, and they turn no more."""
+        beyond_s = (time_s - _clipped_to_spans(motions, time_s))[..., None]
         return replace(
             states,
             position_m=states.position_m + beyond_s * states.velocity_m_s,
@@ -361,58 +391,64 @@ class Repeated(_BeyondEnds):
     Where its last pose is not its first it jumps. No frame shows it on the way: `in_frame` waits for the next frame.
     """
 
-    delay_s: float | None = None
+    _jumps: list[bool] = field(init=False, default_factory=list)
 
     @property
     def jumps(self) -> bool:
         """True unless the last pose is the first."""
-        first, last = (pose_at(self.motion, time_s) for time_s in self.motion.span_s)
-        return not is_loop(first, last)
+        if not self._jumps:
+            first, last = (pose_at(self.motion, time_s) for time_s in self.motion.span_s)
+            self._jumps.append(not is_loop(first, last))
+        return self._jumps[0]
 
-    def in_frame(self, start_s: float) -> Repeated:
+    def in_frame(self, start_s: float) -> Motion:
         """Return the motion as a frame that begins at this time shows it: if it jumps, then after the frame."""
         if not self.jumps:
             return self
         first_s, last_s = self.motion.span_s
         period_s = last_s - first_s
-        return replace(self, delay_s=math.floor((start_s - first_s) / period_s) * period_s)
+        return HeldAtEnds(motion=self.motion, delay_s=math.floor((start_s - first_s) / period_s) * period_s)
 
-    def at(self, time_s: Numbers) -> States:
-        """States of the round that runs at (n,) times; at rest at its ends if there is a ``delay_s``, its start."""
-        return states_alone(self, time_s)
+    def carrier_at(self, time_s: Numbers) -> tuple[Motion, Numbers]:
+        """The motion, at the times of the round that runs."""
+        first_s, last_s = self.motion.span_s
+        return self.motion, first_s + np.mod(time_s - first_s, last_s - first_s)
 
     @staticmethod
-    def together(motions: Sequence[Repeated], time_s: Numbers) -> States:
-        """States of m motions at their own (m, n) times, as `at` of each."""
-        rounds: list[Motion] = []
-        times = np.zeros(time_s.shape)
-        for row, motion in enumerate(motions):
-            first_s, last_s = motion.motion.span_s
-            if motion.delay_s is not None:
-                rounds.append(HeldAtEnds(motion=motion.motion))
-                times[row] = time_s[row] - motion.delay_s
-            else:
-                rounds.append(motion.motion)
-                times[row] = first_s + np.mod(time_s[row] - first_s, last_s - first_s)
-        return states_of(rounds, times)
+    def carried(motions: Sequence[Repeated], states: States, time_s: Numbers) -> States:
+        """States of the rounds that run."""
+        return states
 
 
 def states_of(motions: Sequence[Motion], time_s: Numbers) -> States:
     """States of m motions at their own (m, n) times, with arrays (m, n, ...): those of `Motion.at`, bit for bit.
 
     A motion alone takes NumPy a hundred calls, a millisecond for a spline: those of one kind, with a function
-    `together`, are computed in one go.
+    `together`, are computed in one go, and one that several others follow from, once.
     """
+    keys = [(id(motion), times.tobytes()) for motion, times in zip(motions, time_s, strict=True)]
+    number_of = {key: number for number, key in enumerate(dict.fromkeys(keys))}
+    if len(number_of) < len(keys):
+        first = [keys.index(key) for key in number_of]
+        return states_of([motions[row] for row in first], time_s[first]).taken([number_of[key] for key in keys])
+    carriers, carrier_times = list(motions), np.array(time_s)
+    for row, motion in enumerate(motions):
+        if isinstance(motion, _Carried):
+            carriers[row], carrier_times[row] = motion.carrier_at(time_s[row])
+    below = None if carriers == list(motions) else states_of(carriers, carrier_times)
     rows: dict[Any, list[int]] = {}
     for row, motion in enumerate(motions):
-        rows.setdefault(getattr(type(motion), "together", None), []).append(row)
+        rows.setdefault(getattr(type(motion), "together", None) if below is None else type(motion), []).append(row)
     groups = []
-    for together, indices in rows.items():
+    for kind, indices in rows.items():
         members, times = [motions[row] for row in indices], time_s[indices]
-        if together is None:
+        if below is not None:
+            states = below.taken(indices) if len(rows) > 1 else below
+            groups.append(kind.carried(members, states, times) if issubclass(kind, _Carried) else states)
+        elif kind is None:
             groups.append(_stacked([motion.at(row) for motion, row in zip(members, times, strict=True)]))
         else:
-            groups.append(together(members, times))
+            groups.append(kind(members, times))
     if len(groups) == 1:
         return groups[0]
     return _joined(groups).taken(np.argsort([row for indices in rows.values() for row in indices]))
@@ -423,11 +459,10 @@ def states_alone(motion: Motion, time_s: Numbers) -> States:
     return states_of([motion], np.asarray(time_s, dtype=np.float64)[None]).taken(0)
 
 
-def _within_spans(motions: Sequence[_BeyondEnds], time_s: Numbers) -> tuple[Numbers, States]:
-    """Clip (m, n) times to the spans of the motions that are extended; returns them, and the states then."""
+def _clipped_to_spans(motions: Sequence[_BeyondEnds], time_s: Numbers) -> Numbers:
+    """Clip (m, n) times to the spans of the motions that are extended."""
     spans = np.array([motion.motion.span_s for motion in motions])
-    within = np.clip(time_s, spans[:, :1], spans[:, 1:])
-    return within, states_of([motion.motion for motion in motions], within)
+    return np.asarray(np.clip(time_s, spans[:, :1], spans[:, 1:]))
 
 
 def _stacked(states: Sequence[States]) -> States:
@@ -447,7 +482,7 @@ def motion_in_frame(motion: Motion, start_s: float) -> Motion:
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Segments:
-    """The k segments of a spline: durations (k,), start rotations and positions, and three twists each, (k, 3, 6)."""
+    """The k segments of a spline: durations (k,), start rotations (3, 3, k) and positions (3, k), twists (3, 6, k)."""
 
     length_s: Numbers
     rotation: Numbers
@@ -459,134 +494,159 @@ class _Segments:
         """One list of the segments of several splines."""
         if len(splines) == 1:
             return splines[0]
-        return cls(**{each.name: np.concatenate([getattr(s, each.name) for s in splines]) for each in fields(cls)})
+        names = [each.name for each in fields(cls)]
+        return cls(**{name: np.concatenate([getattr(s, name) for s in splines], axis=-1) for name in names})
 
     @classmethod
     def through(cls, time_s: Numbers, poses: tuple[Pose, ...], smooth: bool, closed: bool) -> _Segments:
         length = np.diff(time_s)
-        rotation = np.stack([pose.rotation for pose in poses])
-        place = np.stack([pose.position_m for pose in poses])
-        steps = _relative_pose(rotation[:-1], place[:-1], rotation[1:], place[1:])
+        rotation = np.stack([pose.rotation for pose in poses], axis=-1)
+        place = np.stack([pose.position_m for pose in poses], axis=-1)
+        steps = _relative_pose(rotation[..., :-1], place[:, :-1], rotation[..., 1:], place[:, 1:])
         logs = _log(*steps)
-        widest = float(np.linalg.norm(logs[:, 3:], axis=1).max())
+        widest = float(_norm(logs[3:]).max())
         if widest > LARGEST_STEP_RAD:
             raise ValueError(
                 f"the turn between two poses must be <= {math.degrees(LARGEST_STEP_RAD):.0f} degrees, "
                 f"got {math.degrees(widest):.0f}"
             )
-        rates = logs / length[:, None]
+        rates = logs / length
         # A constant twist is the same in the frame at its start and at its end, so that the twists before and after a
         # pose can be averaged in that pose's frame.
         # On a loop the last segment comes before the first.
         first, last = (slice(-1, None), slice(0, 1)) if closed else (slice(0, 1), slice(-1, None))
-        before, after = np.concatenate([rates[first], rates]), np.concatenate([rates, rates[last]])
+        before, after = np.hstack([rates[:, first], rates]), np.hstack([rates, rates[:, last]])
         h_before, h_after = np.concatenate([length[first], length]), np.concatenate([length, length[last]])
-        share = (h_after / (h_before + h_after))[:, None]
+        share = h_after / (h_before + h_after)
         at_poses = share * before + (1.0 - share) * after
-        starts, ends = (at_poses[:-1], at_poses[1:]) if smooth else (rates, rates)
-        leaving = starts * length[:, None] / 3.0
-        arriving = ends * length[:, None] / 3.0
+        starts, ends = (at_poses[:, :-1], at_poses[:, 1:]) if smooth else (rates, rates)
+        leaving = starts * length / 3.0
+        arriving = ends * length / 3.0
         middle = _log(*_product(_product(_exp(-leaving), steps), _exp(-arriving)))
         return cls(
             length_s=length,
-            rotation=rotation[:-1],
-            place=place[:-1],
-            twists=np.stack([leaving, middle, arriving], axis=1),
+            rotation=rotation[..., :-1],
+            place=place[:, :-1],
+            twists=np.stack([leaving, middle, arriving]),
         )
 
     def at(self, segment: Numbers, since_s: Numbers) -> States:
         length = self.length_s[segment]
-        u = (since_s / length)[:, None]
+        u = since_s / length
         weights = (1.0 - (1.0 - u) ** 3, u * u * (3.0 - 2.0 * u), u**3)
         rates = (3.0 * (1.0 - u) ** 2, 6.0 * u * (1.0 - u), 3.0 * u * u)
-        pose = self.rotation[segment], self.place[segment]
-        twist = np.zeros((len(u), 6))
-        for number, (weight, rate) in enumerate(zip(weights, rates, strict=True)):
-            factor_twist = self.twists[segment, number]
+        pose = self.rotation[..., segment], self.place[:, segment]
+        twist = np.zeros((6, len(u)))
+        for factor_twist, weight, rate in zip(self.twists[..., segment], weights, rates, strict=True):
             # Multiply the next factor on; its twist adds to those of the factors before, as seen behind it.
             step = _exp(weight * factor_twist)
             pose = _product(pose, step)
-            twist = _twist_after_step(step, twist) + rate / length[:, None] * factor_twist
-        turned = pose[0]
+            twist = _twist_after_step(step, twist) + rate / length * factor_twist
+        turned, place = pose
+        vectors = place, _apply(turned, twist[:3]), _apply(turned, twist[3:])
+        position_m, velocity_m_s, turning_rad_s = (np.ascontiguousarray(vector.T) for vector in vectors)
         return States(
-            position_m=pose[1],
-            rotation=turned,
-            velocity_m_s=_apply(turned, twist[:, :3]),
-            turning_rad_s=_apply(turned, twist[:, 3:]),
+            position_m=position_m,
+            rotation=np.ascontiguousarray(np.moveaxis(turned, -1, 0)),
+            velocity_m_s=velocity_m_s,
+            turning_rad_s=turning_rad_s,
         )
 
 
-# Elements of SE(3) are pairs (rotation (n, 3, 3), position (n, 3)); twists are (n, 6): velocity, then angular velocity.
+def cross(a: Numbers, b: Numbers, axis: int = -1) -> Numbers:
+    """Cross product of vectors along an axis; NumPy's own takes three times as long for some hundred."""
+    (ax, ay, az), (bx, by, bz) = np.moveaxis(a, axis, 0), np.moveaxis(b, axis, 0)
+    return np.stack([ay * bz - az * by, az * bx - ax * bz, ax * by - ay * bx], axis=axis)
+
+
+# Elements of SE(3) are pairs (rotation (3, 3, n), position (3, n)); twists are (6, n): velocity, then angular velocity.
+# Instants come last: NumPy is slow along axes of three.
 _Rigid = tuple[Numbers, Numbers]
 
 
 def _apply(rotation: Numbers, vector: Numbers) -> Numbers:
-    return np.asarray(np.einsum("nij,nj->ni", rotation, vector))
+    x, y, z = vector
+    return np.asarray(rotation[:, 0] * x + rotation[:, 2] * z + rotation[:, 1] * y)
+
+
+def _apply_inverse(rotation: Numbers, vector: Numbers) -> Numbers:
+    x, y, z = vector
+    return np.asarray(rotation[0] * x + rotation[1] * y + rotation[2] * z)
+
+
+def _matmul(a: Numbers, b: Numbers) -> Numbers:
+    return np.matmul(a, b, out=np.zeros(b.shape), axes=[(0, 1)] * 3)
 
 
 def _product(a: _Rigid, b: _Rigid) -> _Rigid:
-    return a[0] @ b[0], a[1] + _apply(a[0], b[1])
+    return _matmul(a[0], b[0]), a[1] + _apply(a[0], b[1])
 
 
 def _relative_pose(rotation: Numbers, place: Numbers, later_rotation: Numbers, later_place: Numbers) -> _Rigid:
     """The later pose in the frame of the earlier one, T_i^-1 T_(i+1)."""
-    inverse_rotation = rotation.transpose(0, 2, 1)
-    return inverse_rotation @ later_rotation, _apply(inverse_rotation, later_place - place)
+    return _matmul(rotation.transpose(1, 0, 2), later_rotation), _apply_inverse(rotation, later_place - place)
 
 
 def _twist_after_step(step: _Rigid, twist: Numbers) -> Numbers:
     """A twist given in the frame before the step, in the frame after it: Ad(step^-1) twist."""
-    inverse_rotation = step[0].transpose(0, 2, 1)
-    velocity, turning = twist[:, :3], twist[:, 3:]
-    return np.concatenate(
-        [_apply(inverse_rotation, velocity + np.cross(turning, step[1])), _apply(inverse_rotation, turning)], axis=1
-    )
+    rotation, place = step
+    velocity, turning = twist[:3], twist[3:]
+    moved = velocity + cross(turning, place, axis=0)
+    return np.concatenate([_apply_inverse(rotation, moved), _apply_inverse(rotation, turning)])
 
 
-def _skew(v: Numbers) -> Numbers:
-    x, y, z = v.T
-    zero = np.zeros_like(x)
-    return np.stack([zero, -z, y, z, zero, -x, -y, x, zero], axis=-1).reshape(-1, 3, 3)
+def _norm(vector: Numbers) -> Numbers:
+    x, y, z = vector
+    return np.asarray(np.sqrt(x * x + y * y + z * z))
+
+
+def _skew(vector: Numbers) -> Numbers:
+    x, y, z = vector
+    skew = np.zeros((3, 3, len(x)))
+    skew[2, 1], skew[0, 2], skew[1, 0] = x, y, z
+    skew[1, 2], skew[2, 0], skew[0, 1] = -x, -y, -z
+    return skew
 
 
 def _coefficients(angle: Numbers) -> tuple[Numbers, Numbers, Numbers]:
-    """sin(a)/a, (1 - cos a)/a^2 and (a - sin a)/a^3, each (n, 1, 1)."""
-    a = angle[:, None, None]
-    small = a < SMALL_ANGLE_RAD
-    safe = np.where(small, 1.0, a)
+    """sin(a)/a, (1 - cos a)/a^2 and (a - sin a)/a^3."""
+    small = angle < SMALL_ANGLE_RAD
+    safe = np.where(small, 1.0, angle)
+    sin = np.sin(safe)
     # 1 - cos(a) = 2 sin(a/2)^2, which does not cancel. Below SMALL_ANGLE_RAD: the series.
     return (
-        np.where(small, 1.0 - a * a / 6.0, np.sin(safe) / safe),
-        np.where(small, 0.5 - a * a / 24.0, 2.0 * (np.sin(safe / 2.0) / safe) ** 2),
-        np.where(small, 1.0 / 6.0 - a * a / 120.0, (safe - np.sin(safe)) / safe**3),
+        np.where(small, 1.0 - angle * angle / 6.0, sin / safe),
+        np.where(small, 0.5 - angle * angle / 24.0, 2.0 * (np.sin(safe / 2.0) / safe) ** 2),
+        np.where(small, 1.0 / 6.0 - angle * angle / 120.0, (safe - sin) / safe**3),
     )
 
 
 def _exp(twist: Numbers) -> _Rigid:
     """Exponential map: Rodrigues' formula for the rotation, its integral for the position."""
-    turn = _skew(twist[:, 3:])
-    first, second, third = _coefficients(np.linalg.norm(twist[:, 3:], axis=1))
-    square = turn @ turn
-    rotation = np.eye(3) + first * turn + second * square
+    turn = _skew(twist[3:])
+    first, second, third = _coefficients(_norm(twist[3:]))
+    square = _matmul(turn, turn)
+    one = np.eye(3)[:, :, None]
+    rotation = one + first * turn + second * square
     # Integral of the rotation along the way, V = I + (1 - cos a)/a^2 W + (a - sin a)/a^3 W^2 with W = a [axis]_x: the
     # position is V v (Murray, Li and Sastry, "A mathematical introduction to robotic manipulation", 1994, 2.3).
-    along = np.eye(3) + second * turn + third * square
-    return rotation, _apply(along, twist[:, :3])
+    along = one + second * turn + third * square
+    return rotation, _apply(along, twist[:3])
 
 
 def _log(rotation: Numbers, place: Numbers) -> Numbers:
     """Logarithm: the twist whose exponential this is, for turns below 180 degrees."""
-    cos = np.clip((np.trace(rotation, axis1=1, axis2=2) - 1.0) / 2.0, -1.0, 1.0)
+    cos = np.clip((np.trace(rotation) - 1.0) / 2.0, -1.0, 1.0)
     # The antisymmetric part of a rotation is sin(a) [axis]_x, its trace 1 + 2 cos(a).
-    odd = rotation - rotation.transpose(0, 2, 1)
-    axis_sin = 0.5 * np.stack([odd[:, 2, 1], odd[:, 0, 2], odd[:, 1, 0]], axis=-1)
-    sin = np.linalg.norm(axis_sin, axis=1)
+    odd = rotation - rotation.transpose(1, 0, 2)
+    axis_sin = 0.5 * np.stack([odd[2, 1], odd[0, 2], odd[1, 0]])
+    sin = _norm(axis_sin)
     angle = np.arctan2(sin, cos)
     small = angle < SMALL_ANGLE_RAD
     stretch = np.where(small, 1.0 + angle * angle / 6.0, angle / np.where(small, 1.0, sin))
-    turning = stretch[:, None] * axis_sin
+    turning = stretch * axis_sin
     turn = _skew(turning)
     _, second, third = _coefficients(angle)
     # Solve V v = position, with V as in `_exp`.
-    along = np.eye(3) + second * turn + third * (turn @ turn)
-    return np.concatenate([np.linalg.solve(along, place[:, :, None])[:, :, 0], turning], axis=1)
+    along = np.eye(3)[:, :, None] + second * turn + third * _matmul(turn, turn)
+    return np.concatenate([np.linalg.solve(along.transpose(2, 0, 1), place.T[:, :, None])[:, :, 0].T, turning])

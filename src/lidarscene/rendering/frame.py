@@ -76,8 +76,8 @@ class Frame:
         scanner_s, length_s = check_frame(scene, sensor.scanner, number=number, begin_s=options.begin_s)
         start_s = options.begin_s + scanner_s
         riding = sensor_motion(scene, sensor, pose)
-        # Where nothing carries the sensor, `pose_at` would only cost half a millisecond of a small frame.
-        place = pose_at(riding, start_s) if scene.ego is not None else riding.pose
+        vehicle = Pose() if scene.ego is None else pose_at(scene.ego, start_s)
+        place = vehicle @ riding.pose
         # Poses at the times of all pulses would be large. So each path is sampled once a frame, and the device
         # interpolates between the samples (`maths.motion_table`).
         paths = None
@@ -98,7 +98,7 @@ class Frame:
             scanner_s=scanner_s,
             start_s=start_s,
             place=place,
-            vehicle=Pose() if scene.ego is None else pose_at(scene.ego, start_s),
+            vehicle=vehicle,
             origin=fixed_placement(place, world.centre_m),
             paths=paths,
             moves=scene.ego is not None,
@@ -173,9 +173,12 @@ class Frame:
         return self.place if coordinates == "world" else self.vehicle.inverse() @ self.place
 
 
+_REST = Course()
+
+
 def _motion_of(body: Body, start_s: float) -> Motion:
     """Return the motion of a body in a frame; at rest for one that the frame does not show: a ride takes time."""
-    return motion_in_frame(body.motion, start_s) if body.motion and body.is_present(start_s) else Course()
+    return motion_in_frame(body.motion, start_s) if body.motion and body.is_present(start_s) else _REST
 
 
 def placements(

@@ -13,7 +13,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ..maths.arrays import Numbers
-from ..maths.trajectory import Motion, States, states_alone, states_of
+from ..maths.trajectory import Motion, States, cross, states_alone, states_of
 from ..physics.road.suspension import Suspension
 
 STEP_S = 0.005
@@ -78,9 +78,7 @@ class Ride:
         spans = np.array([motion.span_s for motion in motions])
         time_s = np.clip(time_s, spans[:, :1], spans[:, 1:])
         base = states_of([motion.path for motion in motions], time_s)
-        pairs = [motion.body_at(times) for motion, times in zip(motions, time_s, strict=True)]
-        body, rate = (np.stack(arrays) for arrays in zip(*pairs, strict=True))
-        heave, pitch, roll = np.moveaxis(body, -1, 0)
+        (heave, pitch, roll), (climbing, pitching, rolling) = Ride._bodies_at(motions, time_s)
         cp, sp, cr, sr = np.cos(pitch), np.sin(pitch), np.cos(roll), np.sin(roll)
         zero = np.zeros_like(pitch)
         tilt = np.stack([cp, -sp * sr, -sp * cr, zero, cr, -sr, sp, cp * sr, cp * cr], axis=-1).reshape(
@@ -90,29 +88,37 @@ class Ride:
         suspensions = [motion.suspension for motion in motions]
         centre_m = np.array([[0.0 if each is None else each.height_m] for each in suspensions])
         shift = np.stack([centre_m * sp, zero, heave + centre_m * (1.0 - cp)], axis=-1)
-        drift = np.stack([centre_m * cp * rate[..., 1], zero, rate[..., 0] + centre_m * sp * rate[..., 1]], axis=-1)
+        drift = np.stack([centre_m * cp * pitching, zero, climbing + centre_m * sp * pitching], axis=-1)
         shift, drift = (np.einsum("mnij,mnj->mni", base.rotation, vector) for vector in (shift, drift))
         # Rates in the path's frame: -pitch about y, then roll about the x axis that pitch has turned.
-        turning = np.stack([cp * rate[..., 2], -rate[..., 1], sp * rate[..., 2]], axis=-1)
+        turning = np.stack([cp * rolling, -pitching, sp * rolling], axis=-1)
         return States(
             position_m=base.position_m + shift,
             rotation=base.rotation @ tilt,
-            velocity_m_s=base.velocity_m_s + drift + np.cross(base.turning_rad_s, shift),
+            velocity_m_s=base.velocity_m_s + drift + cross(base.turning_rad_s, shift),
             turning_rad_s=base.turning_rad_s + np.einsum("mnij,mnj->mni", base.rotation, turning),
         )
 
     def body_at(self, time_s: Numbers) -> tuple[Numbers, Numbers]:
         """Heave [m], pitch and roll [rad] of the body against the path, (n, 3), and their rates, at (n,) times."""
+        body, rate = Ride._bodies_at([self], time_s[None])
+        return body[:, 0].T, rate[:, 0].T
+
+    @staticmethod
+    def _bodies_at(motions: Sequence[Ride], time_s: Numbers) -> tuple[Numbers, Numbers]:
+        """`body_at` of m rides at their own (m, n) times, (3, m, n)."""
         place = time_s / STEP_S
         node = np.floor(place).astype(np.int64)
         block = node // BLOCK_NODES
         within = node - block * BLOCK_NODES
-        before, after = np.zeros((2, len(place), 3, 3))
-        for number in np.unique(block).tolist():
-            rows = block == number
-            nodes = self._block(number)
-            before[rows], after[rows] = nodes[within[rows]], nodes[within[rows] + 1]
-        return _quintic(before, after, (place - node)[:, None])
+        before, after = np.zeros((2, *place.shape, 3, 3))
+        for row, motion in enumerate(motions):
+            for number in set(block[row].tolist()):
+                nodes, rows = motion._block(number), block[row] == number
+                before[row, rows], after[row, rows] = nodes[within[row, rows]], nodes[within[row, rows] + 1]
+        # Numbers first: NumPy is slow along axes of three.
+        before, after = (np.moveaxis(nodes, (2, 3), (0, 1)).copy() for nodes in (before, after))
+        return _quintic(before, after, place - node)
 
     def _block(self, number: int) -> Numbers:
         """(`BLOCK_NODES` + 1, 3, 3) heave, pitch and roll at a block's nodes, with first and second derivatives."""
@@ -166,16 +172,16 @@ def _quintic(before: Numbers, after: Numbers, share: Numbers) -> tuple[Numbers, 
     """Values and rates between two nodes, of polynomials that meet values and two derivatives at both.
 
     Args:
-        before: (n, 3, m) values, first and second derivatives
-        after: (n, 3, m) values, first and second derivatives
-        share: (n, 1) of the step from the node before
+        before: (3, ...) values, first and second derivatives
+        after: (3, ...) values, first and second derivatives
+        share: (...) of the step from the node before
     """
     u, h = share, STEP_S
-    y, v, a = before[:, 0], h * before[:, 1], 0.5 * h * h * before[:, 2]
+    y, v, a = before[0], h * before[1], 0.5 * h * h * before[2]
     # What the parabola of the node before misses at the node after: in value, first and second derivative.
-    miss = after[:, 0] - y - v - a
-    miss_v = h * after[:, 1] - v - 2.0 * a
-    miss_a = 0.5 * h * h * after[:, 2] - a
+    miss = after[0] - y - v - a
+    miss_v = h * after[1] - v - 2.0 * a
+    miss_a = 0.5 * h * h * after[2] - a
     third = 10.0 * miss - 4.0 * miss_v + miss_a
     fourth = -15.0 * miss + 7.0 * miss_v - 2.0 * miss_a
     fifth = 6.0 * miss - 3.0 * miss_v + miss_a
