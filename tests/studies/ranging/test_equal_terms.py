@@ -11,7 +11,14 @@ from lidarscene.errors import InputError
 from lidarscene.sensor.detectors import Apd
 from lidarscene.studies.eye_safety.eye_safety_report import eye_safety_report
 from lidarscene.studies.ranging import plane, statistics
-from lidarscene.studies.ranging.equal_terms import ILLUMINANCES_KLUX, crossings, equal_terms, range_under_m, verdict
+from lidarscene.studies.ranging.equal_terms import (
+    ILLUMINANCES_KLUX,
+    crossings,
+    equal_terms,
+    range_under_m,
+    verdict,
+    waterfall,
+)
 from lidarscene.studies.ranging.plane import Target
 from lidarscene.studies.ranging.sensitivities import parameters, with_parameters
 
@@ -24,8 +31,8 @@ SET = ("laser.peak_power_w", "detector.gain")
 def test_false_points_and_class_1_are_equal(klux: float) -> None:
     target = Target(illuminance_klux=klux)
     terms = equal_terms([(name, load_sensor(name)) for name in NAMES], target)
-    per_pulse = [statistics.false_points(entry.sensor, target, 1e6).per_pulse for entry in terms]
-    np.testing.assert_allclose(per_pulse, per_pulse[0], rtol=1e-3)
+    per_frame = [statistics.false_points(entry.sensor, target, 1e6).per_frame for entry in terms]
+    np.testing.assert_allclose(per_frame, 10.0, rtol=1e-3)
     for entry in terms:
         assert eye_safety_report(entry.sensor, scanned=True).margin >= 1.0 - 1e-9
         assert entry.range_m == plane.range_at_probability_m(entry.sensor, target, 0.9)
@@ -44,7 +51,7 @@ def test_the_gain_is_the_best_one() -> None:
         points = [
             statistics.false_points(
                 replace(other, tdc=replace(other.tdc, threshold_to_noise=ratio)), Target(), 1e6
-            ).per_pulse
+            ).per_frame
             for ratio in ratios
         ]
         ratio = float(ratios[np.argmin(np.abs(np.log(points) - np.log(best.false_points)))])
@@ -64,7 +71,7 @@ def test_what_is_on_equal_terms_already_stays() -> None:
 
 def test_the_sentences_name_what_differs() -> None:
     names = ("table1-apd", "table1-sipm", "os1-128")
-    lead, course, otherwise = verdict(equal_terms([(name, load_sensor(name)) for name in names], Target()), Target())
+    lead, _, course, otherwise = verdict(equal_terms([(name, load_sensor(name)) for name in names], Target()), Target())
     assert lead.startswith("On equal terms (time domain, class 1 scanning, best gain, ")
     places = [lead.index(name) for name in ("table1-apd", "table1-sipm", "os1-128")]
     assert places == sorted(places)
@@ -79,6 +86,39 @@ def test_the_sentences_name_what_differs() -> None:
     assert "none stated: os1-128" in lead
 
 
+def test_the_order_of_the_sensors_changes_no_figure() -> None:
+    named = [(name, load_sensor(name)) for name in (*NAMES[:2], "vlp-16")]
+    forwards, backwards = equal_terms(named, Target()), equal_terms(named[::-1], Target())
+    for entry, same in zip(forwards, backwards[::-1], strict=True):
+        assert (entry.name, entry.range_m, entry.course_m) == (same.name, same.range_m, same.course_m)
+    words = [
+        [set(sentence.replace(".", ",").split(", ")) for sentence in verdict(terms, Target())[:2]]
+        for terms in (forwards, backwards)
+    ]
+    assert words[0] == words[1]
+
+
+def test_a_difference_is_taken_apart() -> None:
+    """A sensor with another's detector only differs by it; with its lens and pulse too, each has its own worth."""
+    sipm = load_sensor("sipm-905")
+    lens = {"optics.aperture_radius_mm": 12.5, "laser.pulse_fwhm_ns": 4}
+    small = load_sensor("apd-905", overrides=lens)
+    target = Target()
+    whole, mine, theirs = equal_terms([("apd", load_sensor("apd-905")), ("mine", small), ("sipm", sipm)], target)
+    only = waterfall(whole, theirs, target)
+    assert only == pytest.approx({"optics": 0.0, "laser": 0.0, "detector": theirs.range_m - whole.range_m}, abs=1e-6)
+    worth = waterfall(mine, theirs, target)
+    assert sum(worth.values()) == pytest.approx(theirs.range_m - mine.range_m)
+    assert worth["detector"] == pytest.approx(only["detector"], abs=0.01)
+    with_lens = load_sensor("apd-905", overrides={"laser.pulse_fwhm_ns": 4})
+    (reference,) = equal_terms([("lens", with_lens)], target)
+    assert worth["optics"] == pytest.approx(reference.range_m - mine.range_m, abs=0.01)
+    sentence = verdict([mine, theirs], target)[1]
+    assert f"sipm against mine, {theirs.range_m - mine.range_m:+.1f} m: lens {worth['optics']:+.1f} m" in sentence
+    assert "(25 for 12.5 mm aperture radius)" in sentence
+    assert "(6 for 4 ns pulse)" in sentence
+
+
 def test_where_the_order_changes() -> None:
     """Both see equally far at the crossing, by the ranges themselves; the order is that of the ranges beside it."""
     terms = equal_terms([(name, load_sensor(name)) for name in NAMES[:2]], Target())
@@ -86,8 +126,7 @@ def test_where_the_order_changes() -> None:
     assert ILLUMINANCES_KLUX[2] < crossing.illuminance_klux < ILLUMINANCES_KLUX[3]
 
     def ranges_m(klux: float) -> dict[str, float]:
-        per_pulse = terms[0].false_points
-        return {entry.name: range_under_m(entry.sensor, Target(), klux, per_pulse) for entry in terms}
+        return {entry.name: range_under_m(entry.sensor, Target(), klux) for entry in terms}
 
     # The place is narrowed to 1e-4 of the illuminance, and ranges go with less than its root.
     assert list(ranges_m(crossing.illuminance_klux).values()) == pytest.approx([crossing.range_m] * 2, rel=1e-4)

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ...errors import InputError, did_you_mean
-from ...files.overrides import get_entry, key_path, number_list_entries
+from ...files.overrides import get_entry, key_path, number_list_entries, short_text
 from ...maths.arrays import Numbers
 from ...maths.pose import Pose
 from ...maths.units import key_in_si
@@ -278,6 +278,8 @@ def _cost(chosen: Mapping[str, Chosen], costs: CostTables, where: str = "cost") 
         for key, pairs in costs.items():
             value = placed.base.name if key == "sensor" else _value(placed, key)
             known = dict(pairs)
+            if isinstance(value, dict | list):
+                raise InputError(f"{where}.{key}: must be of a number or a text, got {short_text(value)}")
             if value in known:
                 total += known[value]
                 continue

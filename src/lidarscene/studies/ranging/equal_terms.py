@@ -32,6 +32,9 @@ PROBABILITY = 0.9
 ILLUMINANCES_KLUX = (1.0, 10.0, 50.0, 100.0, 130.0)
 """Choice: light under which a verdict has the ranges, up to the brightest sun."""
 
+FALSE_POINTS_A_FRAME = 10.0
+"""Choice: false points of a frame on equal terms, the same for every sensor, so that their order changes no figure."""
+
 _GAINS = (1.0, 1000.0)
 """Choice: least and largest gain among which the best one is sought."""
 
@@ -50,14 +53,16 @@ class Terms:
     """Sensor as its file has it and on equal terms, with the range of each at a P_d of `PROBABILITY`.
 
     Attributes:
+        file: the sensor as its file has it
         interval_m: ends of the range that the file's uncertainties give; None if it has none
-        false_points: per pulse, on equal terms
+        false_points: of a frame, on equal terms
         course_m: range under each of `ILLUMINANCES_KLUX`
         changes: what its file has otherwise, in words: eye safety, gain, statistics, then the threshold
     """
 
     name: str
     sensor: Sensor
+    file: Sensor
     file_range_m: float
     range_m: float
     interval_m: tuple[float, float] | None
@@ -79,7 +84,7 @@ class BreakEven:
 def equal_terms(
     sensors: Sequence[tuple[str, Sensor]], target: Target, *, visibility_m: float | None = None
 ) -> list[Terms]:
-    """Put sensors on equal terms; each has as many false points a pulse as the first.
+    """Put sensors on equal terms: each has `FALSE_POINTS_A_FRAME`, all its pulses in the light of the target.
 
     Time-domain statistics, class 1 with the beam scanning, the gain of the longest range. A threshold that is no ratio
     to the noise stays, and so does a power that is not known; `Terms.changes` says so.
@@ -87,8 +92,7 @@ def equal_terms(
     Args:
         visibility_m: of the air, whose extinction depends on the wavelength; None: that of the target
     """
-    per_pulse = false_points(_physical(sensors[0][1])[0], target)
-    return [_terms(name, sensor, with_haze(sensor, target, visibility_m), per_pulse) for name, sensor in sensors]
+    return [_terms(name, sensor, with_haze(sensor, target, visibility_m)) for name, sensor in sensors]
 
 
 def crossings(terms: Sequence[Terms], target: Target, *, visibility_m: float | None = None) -> list[BreakEven]:
@@ -98,7 +102,7 @@ def crossings(terms: Sequence[Terms], target: Target, *, visibility_m: float | N
     places = []
 
     def range_under(entry: Terms, klux: float) -> float:
-        return range_under_m(entry.sensor, with_haze(entry.sensor, target, visibility_m), klux, terms[0].false_points)
+        return range_under_m(entry.sensor, with_haze(entry.sensor, target, visibility_m), klux)
 
     for first, second in itertools.combinations(terms, 2):
 
@@ -112,7 +116,8 @@ def crossings(terms: Sequence[Terms], target: Target, *, visibility_m: float | N
             if before * after < 0.0:
                 klux = math.exp(float(brentq(lead, math.log(low), math.log(high), xtol=1e-4)))
                 below, above = (first, second) if before > 0.0 else (second, first)
-                reached_m = range_under(first, klux)
+                # The mean of both, so that the order of the sensors changes no digit.
+                reached_m = 0.5 * (range_under(first, klux) + range_under(second, klux))
                 places.append(
                     BreakEven(illuminance_klux=klux, range_m=reached_m, ahead_below=below.name, ahead_above=above.name)
                 )
@@ -125,7 +130,7 @@ def verdict(terms: Sequence[Terms], target: Target, *, visibility_m: float | Non
     reached = ", ".join(f"{entry.name} {_range_text(entry.range_m)}{_interval_text(entry)}" for entry in order)
     plane_text = f"{100 * target.reflectivity:.3g} % under {target.illuminance_klux:g} klux"
     lead = (
-        f"On equal terms (time domain, class 1 scanning, best gain, {terms[0].false_points:.2g} false points a pulse), "
+        f"On equal terms (time domain, class 1 scanning, best gain, {FALSE_POINTS_A_FRAME:g} false points a frame), "
         f"range at P_d {PROBABILITY:g} on {plane_text}: {reached}."
     )
     otherwise = "; ".join(
@@ -133,7 +138,70 @@ def verdict(terms: Sequence[Terms], target: Target, *, visibility_m: float | Non
         for entry in terms
     )
     places = crossings(terms, target, visibility_m=visibility_m)
-    return (f"{lead} {_certainty(order)}", _course_text(order, places), f"As their files have them: {otherwise}.")
+    differences = _difference_text(order, target, visibility_m)
+    return (
+        f"{lead} {_certainty(order)}",
+        *([differences] if differences else []),
+        _course_text(order, places),
+        f"As their files have them: {otherwise}.",
+    )
+
+
+def waterfall(first: Terms, second: Terms, target: Target, *, visibility_m: float | None = None) -> dict[str, float]:
+    """What each part of the second sensor's file is worth in the first, in metres of its range on equal terms.
+
+    The parts are exchanged one after the other, and each sensor in between is put on equal terms. The last step, with
+    all that belongs to the detector, leaves the second sensor, so that the sum is the difference of both ranges.
+    """
+    steps: dict[str, float] = {}
+    sensor, before_m = first.file, first.range_m
+    for part in ("optics", "laser"):
+        try:
+            sensor = replace(sensor, **{part: getattr(second.file, part)})
+            reached_m = _terms(first.name, sensor, with_haze(sensor, target, visibility_m)).range_m
+        except (InputError, ValueError):
+            continue  # parts that do not fit together: their worth stays in the last step
+        steps[part] = reached_m - before_m
+        before_m = reached_m
+    return {**steps, "detector": second.range_m - before_m}
+
+
+def _difference_text(order: Sequence[Terms], target: Target, visibility_m: float | None) -> str:
+    """Sentences on what separates the farthest sensor from each other one, besides the detector; "" for one sensor."""
+    ahead, texts = order[0], []
+    for entry in order[1:]:
+        worth = waterfall(entry, ahead, target, visibility_m=visibility_m)
+        words = []
+        for part, metres in worth.items():
+            differs = _differs(part, ahead, entry)
+            if differs or part == "detector" or abs(metres) >= 0.05:
+                words.append(f"{_PART_WORDS[part]} {metres:+.1f} m{f' ({differs})' if differs else ''}")
+        texts.append(f"{ahead.name} against {entry.name}, {ahead.range_m - entry.range_m:+.1f} m: {', '.join(words)}.")
+    return " ".join(texts)
+
+
+_PART_WORDS = {"optics": "lens", "laser": "laser", "detector": "detector with its electronics and scanner"}
+
+_NAMED = {
+    "optics": (("aperture_radius_m", 1e3, "mm aperture radius"), ("focal_length_m", 1e3, "mm focal length")),
+    "laser": (
+        ("pulse_fwhm_s", 1e9, "ns pulse"),
+        ("wavelength_m", 1e9, "nm"),
+        ("divergence_rad", 1e3, "mrad divergence"),
+        ("repetition_rate_hz", 1e-3, "kHz"),
+    ),
+}
+"""Numbers that are named where two sensors differ in them, by part: field, factor and unit."""
+
+
+def _differs(part: str, ahead: Terms, other: Terms) -> str:
+    """Numbers of a part in which two sensors differ, in words."""
+    texts = []
+    for field, factor, words in _NAMED.get(part, ()):
+        first, second = (factor * float(getattr(getattr(entry.file, part), field)) for entry in (ahead, other))
+        if first != second:
+            texts.append(f"{first:.4g} for {second:.4g} {words}")
+    return ", ".join(texts)
 
 
 def _interval_text(entry: Terms) -> str:
@@ -172,15 +240,15 @@ def _course_text(order: Sequence[Terms], places: Sequence[BreakEven]) -> str:
     return f"The same under {steps} klux: {courses}. {'; '.join(changes) or 'Their order does not change'}."
 
 
-def range_under_m(sensor: Sensor, target: Target, klux: float, per_pulse: float) -> float:
+def range_under_m(sensor: Sensor, target: Target, klux: float) -> float:
     """Range under another illuminance with a threshold of as many false points."""
     lit = replace(target, illuminance_klux=klux)
     if sensor.tdc.threshold_to_noise is not None:
-        sensor = _with_false_points(sensor, lit, per_pulse)
+        sensor = _with_false_points(sensor, lit)
     return plane.range_at_probability_m(sensor, lit, PROBABILITY)
 
 
-def _terms(name: str, sensor: Sensor, target: Target, per_pulse: float) -> Terms:
+def _terms(name: str, sensor: Sensor, target: Target) -> Terms:
     equal, statistics_change = _physical(sensor)
     equal, power_change = _safe(equal)
     threshold_change: tuple[str, ...] = ()
@@ -188,25 +256,26 @@ def _terms(name: str, sensor: Sensor, target: Target, per_pulse: float) -> Terms
         threshold_change = ("a threshold that is not a ratio to noise",)
     else:
         before = float(equal.tdc.threshold_to_noise)
-        equal = _with_false_points(equal, target, per_pulse)
+        equal = _with_false_points(equal, target)
         after = float(equal.tdc.threshold_to_noise or 0.0)
         if abs(after - before) > 0.005 * before:
             threshold_change = (f"threshold {before:.3g} of the noise for {after:.3g}",)
     gain_change: tuple[str, ...] = ()
     if isinstance(equal.detector, Apd):
-        equal, gain_change = _at_best_gain(equal, equal.detector, target, per_pulse)
+        equal, gain_change = _at_best_gain(equal, equal.detector, target)
     range_m = plane.range_at_probability_m(equal, target, PROBABILITY)
     limited = float(equal.laser.peak_power_w) != float(sensor.laser.peak_power_w)
     return Terms(
         name=name,
         sensor=equal,
+        file=sensor,
         file_range_m=plane.range_at_probability_m(sensor, target, PROBABILITY),
         range_m=range_m,
         interval_m=range_interval_m(
             equal, target, range_m, without={"detector.gain", *(["laser.peak_power_w"] if limited else [])}
         ),
         false_points=false_points(equal, target),
-        course_m=tuple(range_under_m(equal, target, klux, per_pulse) for klux in ILLUMINANCES_KLUX),
+        course_m=tuple(range_under_m(equal, target, klux) for klux in ILLUMINANCES_KLUX),
         changes=(*power_change, *gain_change, *statistics_change, *threshold_change),
     )
 
@@ -250,11 +319,11 @@ def range_moves_m(
 
 
 def false_points(sensor: Sensor, target: Target) -> float:
-    """False points a pulse in the light of the target, without its echo.
+    """False points of a frame in the light of the target, without its echo.
 
     In the dark of the sky a SiPM's floor of a cell sets its alarms, and no ratio to the noise would.
     """
-    return statistics.false_points(sensor, target, math.inf).per_pulse
+    return statistics.false_points(sensor, target, math.inf).per_frame
 
 
 def _physical(sensor: Sensor) -> tuple[Sensor, tuple[str, ...]]:
@@ -282,15 +351,14 @@ def _safe(sensor: Sensor) -> tuple[Sensor, tuple[str, ...]]:
     return replace(sensor, laser=replace(sensor.laser, peak_power_w=limit_w)), (words,)
 
 
-def _with_false_points(sensor: Sensor, target: Target, per_pulse: float) -> Sensor:
-    """Sensor whose threshold gives as many `false_points`; the nearest one within `_RATIOS`."""
+def _with_false_points(sensor: Sensor, target: Target) -> Sensor:
+    """Sensor whose threshold gives `FALSE_POINTS_A_FRAME`; the nearest one within `_RATIOS`."""
 
     def with_ratio(log_ratio: float) -> Sensor:
         return replace(sensor, tdc=replace(sensor.tdc, threshold_to_noise=math.exp(log_ratio)))
 
     def excess(log_ratio: float) -> float:
-        points = false_points(with_ratio(log_ratio), target)
-        return math.log(max(points, 1e-300)) - math.log(max(per_pulse, 1e-300))
+        return math.log(max(false_points(with_ratio(log_ratio), target), 1e-300) / FALSE_POINTS_A_FRAME)
 
     # Where a SiPM's floor of a cell is the threshold, all ratios have the same false points: the file's own stays.
     if abs(excess(math.log(float(sensor.tdc.threshold_to_noise or 1.0)))) < _ALIKE:
@@ -309,13 +377,13 @@ def _root(falling: Callable[[float], float], low: float, high: float) -> float:
     return float(brentq(falling, low, high, xtol=1e-6))
 
 
-def _at_best_gain(sensor: Sensor, diode: Apd, target: Target, per_pulse: float) -> tuple[Sensor, tuple[str, ...]]:
+def _at_best_gain(sensor: Sensor, diode: Apd, target: Target) -> tuple[Sensor, tuple[str, ...]]:
     """Sensor at the gain of the longest range, its false points held, and the gain that it had."""
     from scipy.optimize import minimize_scalar
 
     def with_gain(log_gain: float) -> Sensor:
         tuned = replace(sensor, detector=replace(diode, gain=math.exp(log_gain)))
-        return tuned if tuned.tdc.threshold_to_noise is None else _with_false_points(tuned, target, per_pulse)
+        return tuned if tuned.tdc.threshold_to_noise is None else _with_false_points(tuned, target)
 
     def shortfall(log_gain: float) -> float:
         return -plane.range_at_probability_m(with_gain(log_gain), target, PROBABILITY)
