@@ -456,13 +456,6 @@ def test_memory_that_is_not_there(
         ("<scene version='3.0.0'><include filename='a.xml'/></scene>", "a.xml: files include each other"),
         ("<scene version='3.0.0'><include filename='$part.xml'/></scene>", "a.xml: not a Mitsuba scene: "),
         (
-            (
-                "<scene version='3.0.0'><shape type='shapegroup' id='g'><shape type='sphere'/></shape>"
-                "<shape type='instance' id='one'><ref id='g'/></shape></scene>"
-            ),
-            "a.xml: shape 'one' must be a plain shape, got an instance",
-        ),
-        (
             "<scene version='3.0.0'><shape type='sphere' id='one'><bsdf type='hair' id='h'/></shape></scene>",
             "a.xml: BSDF 'h' of shape 'one': cannot be used: ",
         ),

@@ -17,6 +17,7 @@ from helpers.recordings import OUSTER
 UNCHANGED = """
 sensor = "table1-apd"
 evaluations = 12
+eye_safety = "off"
 [free]
 "detector.gain" = { low = 5, high = 150 }
 [objectives]

@@ -35,10 +35,12 @@ def test_a_capture_has_the_points_of_the_clouds(mi: Any, run: Run, wall: str, li
     arguments = ("render", wall, "--sensor", "vlp-16", "--coordinates", "sensor", "--frames", "3")
     assert run(*arguments, "-o", "clouds", "--format", "npz").code == 0
     ran = run(*arguments, "-o", "out/a.pcap")
-    assert (ran.code, ran.err) == (0, "")
+    clouds = [PointCloud.load(f"clouds/frame_{number:04d}.npz") for number in range(3)]
+    beyond = any((cloud.range_m > 131.07).any() for cloud in clouds)
+    note = "lidarscene: note: packets of this sensor end at 131.07 m: returns beyond are left out\n"
+    assert (ran.code, ran.err) == (0, note if beyond else "")
     assert ran.out.endswith("wrote         3 frames in out/a.pcap\n")
     assert os.listdir("out") == ["a.pcap"]
-    clouds = [PointCloud.load(f"clouds/frame_{number:04d}.npz") for number in range(3)]
     clouds = [cloud.select(cloud.range_m < 130.0) for cloud in clouds]
     with open_recording("out/a.pcap") as recording:
         sweeps = list(recording)
