@@ -6,7 +6,7 @@ BIN := .venv/bin
 READY := .venv/.ready
 SYNC := UV_PROJECT_ENVIRONMENT=.venv $(BIN)/uv sync --quiet --locked --inexact --python $(BIN)/python
 
-.PHONY: car test quick fuzz test-all lint docs format bench bench-check lock release clean
+.PHONY: car test quick test-gpu fuzz test-all lint docs format bench bench-check lock release clean
 .DELETE_ON_ERROR:
 
 # Without what Python keeps of a compiled module, each of some 200 starts compiles all libraries anew.
@@ -26,6 +26,16 @@ test: $(READY)
 quick: $(READY)
 	$(BIN)/pytest -n 2 --dist load -q -x -m "not slow" tests/maths tests/physics tests/detection tests/light tests/scan tests/sensor \
 	    tests/materials tests/formats tests/cloud tests/kernel/rays tests/chain/test_imports.py $(PYTEST_ARGS)
+
+# The suite on an NVIDIA GPU, without what no device touches. The frame before it says in a line what is amiss without
+# one, where tests would be skipped. Processes share the card.
+GPU_WORKERS ?= 8
+test-gpu: $(READY)
+	@mkdir -p out
+	LIDARSCENE_VARIANT=cuda_ad_mono $(BIN)/lidarscene render car --sensor vlp-16 -o out/gpu.ply
+	LIDARSCENE_VARIANT=cuda_ad_mono $(BIN)/pytest -n $(GPU_WORKERS) --dist loadfile --no-loadscope-reorder -q \
+	    tests/kernel tests/rendering tests/chain tests/detection tests/light tests/scan tests/scene tests/outputs \
+	    tests/cloud tests/studies tests/validation tests/sensor tests/figures tests/labels $(PYTEST_ARGS)
 
 # Spoilt files and command lines: thousands, from any seed, with the frames of those that can be traced.
 N ?= 5000

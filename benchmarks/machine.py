@@ -19,6 +19,7 @@ PACKAGES = (
     "embreex",
     "mujoco",
     "mujoco-lidar",
+    "warp-lang",
 )
 
 

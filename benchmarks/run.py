@@ -14,6 +14,7 @@ from pathlib import Path
 import bare
 import batch
 import chain
+import gpu
 import machine
 import motion
 import peers
@@ -57,7 +58,7 @@ def main() -> int:
     return 0
 
 
-PARTS = ("sensors", "chain", "bare", "receivers", "peers", "rays", "motion", "start", "memory", "batch")
+PARTS = ("sensors", "chain", "bare", "receivers", "peers", "rays", "motion", "start", "memory", "batch", "gpu")
 
 
 def full_parts(*, large: bool) -> Parts:
@@ -77,6 +78,7 @@ def full_parts(*, large: bool) -> Parts:
         "start": lambda: [process.start(car, rounds=5)],
         "memory": lambda: [process.memory(street, step_deg=0.00774)],
         "batch": lambda: [batch.measure(street, frames=40, step_deg=0.1, rounds=4)],
+        "gpu": lambda: gpu.measure(street, variant=gpu.VARIANTS["cuda"], rounds=15, frames=1000),
     }
 
 
@@ -94,6 +96,9 @@ def quick_parts() -> Parts:
         "start": lambda: [process.start(car, rounds=1, warm_up=False)],
         "memory": lambda: [process.memory(car, step_deg=0.5)],
         "batch": lambda: [batch.measure(car, frames=4, step_deg=0.5, rounds=1)],
+        "gpu": lambda: gpu.measure(
+            car, sensors=("vlp-16",), moving=(), variant=gpu.VARIANTS["llvm"], rounds=2, frames=2
+        ),
     }
 
 

@@ -5,6 +5,7 @@ import re
 import subprocess
 import sys
 from concurrent.futures import ThreadPoolExecutor
+from importlib.util import find_spec
 from pathlib import Path
 
 import pytest
@@ -66,10 +67,11 @@ SECTIONS = {
         "its time from start to end",
     ],
     "Two workers against one": ["1 worker", "2 workers", "efficiency of two"],
+    "Labelled frames on a GPU": ["2 labelled frames, car, vlp-16"],
 }
 
 
-HALVES = (("chain", "bare", "receivers", "peers", "memory"), ("sensors", "motion", "rays", "start", "batch"))
+HALVES = (("chain", "bare", "receivers", "peers", "memory"), ("sensors", "motion", "rays", "start", "batch", "gpu"))
 """Parts that are run in one process, beside the others in another: both take some 20 s of a processor."""
 
 
@@ -122,6 +124,21 @@ def test_every_sensor_has_a_row(page: str) -> None:
     assert [row[0] for row in rows] == ["vlp-16"]
     assert head[3:6] == ["first surface / bare", "default / bare", "default / bare through glass"]
     assert all(cell == "-" or float(cell) > 0.1 for cell in rows[0][2:])
+
+
+def test_the_gpu_part_runs_on_a_cpu(page: str) -> None:
+    """All figures of a sensor; those of Warp where it is installed."""
+    head, _, row = (
+        [cell.strip() for cell in line.split("|")[1:-1]]
+        for line in page.split("## A GPU\n")[1].split("\n## ")[0].splitlines()
+        if line[:1] == "|"
+    )
+    figures = dict(zip(head, row, strict=True))
+    assert figures.pop("scene, sensor") == "car, vlp-16"
+    assert figures.pop("beams") == "28,928"
+    if find_spec("warp") is None:
+        assert figures.pop("Warp, ms") == "-"
+    assert all(float(figure) > 0.0 for figure in figures.values())
 
 
 def test_the_machine_is_described_and_quick_runs_judge_nothing(page: str) -> None:

@@ -2,6 +2,7 @@
 
 from ._version import __version__ as __version__
 from .cloud.deskew import deskewed as deskewed
+from .cloud.device_cloud import DeviceCloud as DeviceCloud
 from .cloud.point_cloud import PointCloud as PointCloud
 from .cloud.point_cloud import load as load
 from .detection.outcomes import Outcome as Outcome

@@ -98,8 +98,8 @@ trace = TraceOptions(rays=16, interactions=1)
 ls.Simulator(target, sensor, trace).render(seed=5).plot("snr").save("board.png")
 
 # What a type checker must refuse: `mypy --strict` warns of a remark that ignores nothing.
-ls.render("car", sed=1)  # type: ignore[call-arg]
-ls.render("car", seed="one")  # type: ignore[arg-type]
+ls.render("car", sed=1)  # type: ignore[call-overload]
+ls.render("car", seed="one")  # type: ignore[call-overload]
 ls.max_range("vlp-16", reflectvity=0.1)  # type: ignore[call-arg]
 ls.max_range(3)  # type: ignore[arg-type]
 ls.sweep("vlp-16")  # type: ignore[call-arg]

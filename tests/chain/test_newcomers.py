@@ -16,9 +16,10 @@ from typing import Annotated, Literal
 
 import numpy as np
 
-from ..maths.arrays import Lanes, Numbers, xp
+from ..maths.arrays import Lanes, xp
 from ..maths.units import Quantity
 from .base import GivenAngles
+from .clock import PulseClock
 from .scanner_file import ScannerFile
 
 
@@ -41,8 +42,9 @@ class Spiral(GivenAngles):
         angle = 2.0 * np.pi * self.turns * share
         return self.rim_rad * share * ops.cos(angle), self.rim_rad * share * ops.sin(angle)
 
-    def time_s(self, pulse: Numbers) -> Numbers:
-        return np.divide(pulse, float(self.rate_hz), dtype=np.float64)
+    @property
+    def clock(self) -> PulseClock:
+        return PulseClock(rate_hz=self.rate_hz)
 
 
 class SpiralFile(ScannerFile[Spiral]):

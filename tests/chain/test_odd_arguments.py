@@ -82,8 +82,8 @@ METHODS: list[tuple[Callable[[], Any], str, dict[str, Any]]] = [
     (lambda: Report("a"), "write", {"name": "a", "path": "a.csv"}),
 ]
 NO_FUNCTIONS = {
-    "Air", "BackendError", "Body", "InputError", "LidarSceneError", "Material", "Outcome", "OutputError", "Part",
-    "PointCloud", "Pose", "Report", "Rig", "Scene", "Sensor", "Sky", "Status", "Sun", "__version__",
+    "Air", "BackendError", "Body", "DeviceCloud", "InputError", "LidarSceneError", "Material", "Outcome", "OutputError",
+    "Part", "PointCloud", "Pose", "Report", "Rig", "Scene", "Sensor", "Sky", "Status", "Sun", "__version__",
 }  # fmt: skip
 """Types that hold data, and errors."""
 

@@ -9,7 +9,7 @@ import pytest
 from helpers import launches, rounding, scanners
 from helpers.scanners import ALL, DEG
 
-from lidarscene import scan
+from lidarscene import load_sensor, scan, sensors
 from lidarscene.kernel.device import transfer
 
 pytestmark = pytest.mark.usefixtures("mi")
@@ -38,6 +38,20 @@ def test_numpy_and_device_agree(name, frames):
         off = np.abs(angle.astype(float) - reference)
         off = np.minimum(off, np.abs(off - 2 * math.pi))  # plus and minus 180 degrees are one azimuth
         np.testing.assert_array_less(off, rounding.limit(4e-6))
+
+
+@pytest.mark.parametrize("name", sensors())
+def test_times_on_the_device_are_those_of_numpy(name):
+    """Bit for bit, for every sensor of the catalogue: at once, a day later, and beyond a rollover of pulse numbers."""
+    scanner = load_sensor(name).scanner
+    clock = transfer.opaque(scanner.clock, double=True)
+    pulse = np.append(np.arange(min(scanner.pulses, 4000)), scanner.pulses - 1)
+    for frames in (0, 24 * 3600 * 20 + 1, 2**31 // scanner.pulses * 5):
+        earlier = frames * scanner.pulses
+        before = transfer.opaque(scanner.clock.before(earlier), double=True)
+        computed = clock.time_s(transfer.unsigned_numbers(pulse), earlier=before).numpy()
+        assert computed.dtype == np.float64
+        np.testing.assert_array_equal(computed, scanner.time_s(earlier + pulse))
 
 
 def test_phases_of_ten_million_pulses(mi):

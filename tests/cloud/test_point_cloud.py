@@ -4,6 +4,7 @@ import copy
 import json
 import os
 import pickle
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from types import ModuleType
@@ -22,6 +23,7 @@ from lidarscene.cloud.rig_clouds import merge_clouds
 from lidarscene.errors import InputError, LidarSceneError
 from lidarscene.formats.cloud_columns import COLUMNS, DTYPES, MEASURED, OF_VECTORS, TRUTH, columns_of
 from lidarscene.formats.cloud_columns import NAMES as NAMES_OF
+from lidarscene.maths.arrays import Numbers
 
 TESTS = Path(__file__).parents[1]
 
@@ -266,12 +268,19 @@ def test_without_open3d_the_error_says_what_to_do(monkeypatch: pytest.MonkeyPatc
         small_cloud().to_open3d()
 
 
-@pytest.mark.parametrize("capacity", [0, 30])
+def used_memory(size: int) -> Numbers:
+    """Bytes that something else has left."""
+    return np.full(size, 171, np.uint8)
+
+
+@pytest.mark.parametrize(("capacity", "memory"), [(0, None), (30, None), (30, used_memory), (10, used_memory)])
 @pytest.mark.parametrize("order", [(0.0, 0.0, 1.0, 1.0), (0.0, 1.0, 1.0), (1.0, 1.0, 1.0, None), (None, 1.0, 1.0)])
-def test_values_that_change_are_kept(order: tuple[float | None, ...], capacity: int) -> None:
-    """Constant chunks of another value, and chunks of many values (None), wherever they come."""
+def test_values_that_change_are_kept(
+    order: tuple[float | None, ...], capacity: int, memory: Callable[[int], Numbers] | None
+) -> None:
+    """Constant chunks of another value, and chunks of many values (None), wherever they come; in any memory."""
     parts = [small_columns(7, seed=3) if value is None else chunk_of(7, velocity=value) for value in order]
-    builder = CloudBuilder(capacity=capacity)
+    builder = CloudBuilder(capacity=capacity, memory=memory)
     for part in parts:
         builder.append(part)
     cloud = PointCloud(**builder.fields())

@@ -59,6 +59,15 @@ def test_pieces_are_the_whole(simulator: MakeSimulator) -> None:
     assert streamed.beams == sim.sensor.scanner.pulses
 
 
+@pytest.mark.parametrize("name", ["os1-128", "rs-e1"])
+def test_counted_photons_are_whole_numbers(name: str) -> None:
+    """Fractions of photons alone would tell a simulated cloud from a recorded one."""
+    overrides = ["scanner.columns_per_turn=64"] if name == "os1-128" else []
+    cloud = Simulator(load_scene(CAR), load_sensor(name, overrides=overrides)).render(seed=3)
+    assert np.array_equal(cloud.signal, np.rint(cloud.signal))
+    assert len(np.unique(cloud.signal)) > 5
+
+
 def test_a_frame_that_was_begun_is_the_same() -> None:
     """Everything moves; also one that was begun and is not the next, and one that has a mistake."""
     scene, overrides = traffic(), ("scanner.azimuth_step_deg=1.5", "scanner.elevation_step_deg=1")

@@ -6,13 +6,27 @@ allocator keeps the holes that they leave. So each column is one array that is r
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+import math
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 
-from ..formats.cloud_columns import NAMES, OF_VECTORS, TRUTH, Cloud, Fields, attributes, freeze_column, is_constant
+from ..formats.cloud_columns import (
+    NAMES,
+    OF_VECTORS,
+    TRUTH,
+    Cloud,
+    Fields,
+    attributes,
+    columns_of,
+    freeze_column,
+    is_constant,
+)
 from ..maths.arrays import Numbers
+
+MOST_RESERVED = 2**25
+"""Points: a larger cloud would leave its gigabytes with whoever gave the memory."""
 
 
 class CloudBuilder:
@@ -24,10 +38,20 @@ class CloudBuilder:
         capacity: largest number of points, if known: reserved room takes no memory until it is used. Beyond it, and
             without it, columns grow by a quarter
         vectors: True if a cloud without chunks has the columns of vectors
+        memory: gives so many bytes, (n,) uint8 of any value; called now for a capacity up to `MOST_RESERVED`
     """
 
-    def __init__(self, *, capacity: int = 0, vectors: bool = False) -> None:
+    def __init__(
+        self, *, capacity: int = 0, vectors: bool = False, memory: Callable[[int], Numbers] | None = None
+    ) -> None:
         self._vectors = vectors
+        self._reserved: dict[str, Numbers] = {}
+        if memory is not None and capacity <= MOST_RESERVED:
+            for column in columns_of(truth=True, vectors=vectors):
+                # Positions may be in double precision.
+                width = 24 if column.attribute == "xyz_m" else np.dtype(column.dtype).itemsize
+                if column.attribute not in self._reserved:
+                    self._reserved[column.attribute] = memory(width * capacity)
         self._columns: dict[str, Numbers] = {}
         self._description: dict[str, Any] = {}
         self._capacity, self._points, self._chunks = capacity, 0, 0
@@ -53,7 +77,7 @@ class CloudBuilder:
             if is_constant(column := self._columns[name]) and is_constant(values) and (column[0] == values[0]).all():
                 self._columns[name] = np.broadcast_to(column[0], (end, *column.shape[1:]))
                 continue
-            self._columns[name] = self._with_room(column, end)
+            self._columns[name] = self._with_room(name, end)
             self._columns[name][self._points : end] = values
         self._points = end
 
@@ -64,13 +88,20 @@ class CloudBuilder:
         names = attributes(truth=cloud.has_truth, vectors=cloud.has_vectors)
         self.append({name: getattr(cloud, name) for name in names})
 
-    def _with_room(self, column: Numbers, end: int) -> Numbers:
+    def _with_room(self, name: str, end: int) -> Numbers:
         """Return the column, or a longer copy if it is too short or still the first chunk's own array."""
+        column = self._columns[name]
         if self._chunks > 2 and len(column) >= end:
             return column
         # Growth by a quarter keeps the total cost of copying linear in the number of points.
         room = max(self._capacity, end) if self._chunks == 2 else end * 5 // 4
-        longer = np.zeros((room, *column.shape[1:]), column.dtype)
+        shape = room, *column.shape[1:]
+        size = math.prod(shape) * column.itemsize
+        reserved = self._reserved.pop(name, None)
+        if reserved is None or len(reserved) < size:
+            longer = np.zeros(shape, column.dtype)
+        else:
+            longer = reserved[:size].view(column.dtype).reshape(shape)
         longer[: self._points] = column[: self._points]
         return longer
 

@@ -90,7 +90,8 @@ class CloudColumns:
         Measured, Column("pulse_width", "float32", "s", "time over the threshold, 0 if it is not measured", absent=0)
     ]
     signal: Annotated[
-        Measured, Column("signal", "float32", "1", "photons counted of the return, 0 if they are not counted", absent=0)
+        Measured,
+        Column("signal", "float32", "1", "photons counted of the return, whole; 0 if they are not counted", absent=0),
     ]
     snr: Annotated[Measured, Column("snr", "float32", "1", "signal-to-noise ratio")]
     detection_probability: Annotated[

@@ -133,6 +133,13 @@ class NumpyOps:
         return np.asarray(x, dtype=np.float32)
 
     @staticmethod
+    def float64(x: Any) -> Any:
+        """Double precision."""
+        return np.asarray(x, dtype=np.float64)
+
+    product = staticmethod(np.multiply)
+
+    @staticmethod
     def int32(x: Any) -> Any:
         """32-bit signed integers."""
         return np.asarray(x).astype(np.int32)
@@ -221,6 +228,7 @@ class DrjitOps:
         self.where: Any = dr.select
         self._dr = dr
         self._uploaded: WeakKeyDictionary[LookupTable, dict[Any, Any]] = WeakKeyDictionary()
+        self._zeros: dict[type, Any] = {}
         self.lookups: list[Any] | None = None  # `table_lookups`
 
     # dr.minimum and dr.maximum compile to LLVM's fminimum and fmaximum, which some releases cannot lower for scalars:
@@ -245,6 +253,18 @@ class DrjitOps:
         """Single precision, on the device."""
         return self._dr.float32_array_t(type(x))(x)
 
+    def float64(self, x: Any) -> Any:
+        """Double precision."""
+        return self._dr.float64_array_t(type(x))(x)
+
+    def product(self, a: Any, b: Any) -> Any:
+        """Product of two numbers in double precision, rounded before anything is added to it."""
+        # PTX may fuse a product and a sum into one operation that rounds once: the last bit then differs from NumPy's.
+        # The product plus a zero that no compiler knows is such an operation already.
+        if (zero := self._zeros.get(type(a))) is None:
+            zero = self._zeros[type(a)] = self._dr.opaque(type(a), 0.0)
+        return self._dr.fma(a, b, zero)
+
     def int32(self, x: Any) -> Any:
         """32-bit signed integers."""
         return self._dr.int32_array_t(type(x))(x)
@@ -264,9 +284,9 @@ class DrjitOps:
 
         A table is uploaded once and stays on the device as long as the `LookupTable` exists.
         """
-        kind = self._dr.float32_array_t(type(index))
         if not isinstance(table, LookupTable):
-            return self._dr.gather(kind, table, self.uint32(index))
+            return self._dr.gather(type(table), table, self.uint32(index))
+        kind = self._dr.float32_array_t(type(index))
         return self._dr.gather(kind, self.upload(table, kind), self.uint32(index))
 
     def upload(self, table: LookupTable, kind: Any) -> Any:

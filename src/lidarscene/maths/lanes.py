@@ -126,6 +126,12 @@ class Ops(Protocol):
     def float32(self, x: Lanes) -> Array:
         """Single precision, as the device computes in."""
 
+    def float64(self, x: Lanes) -> Array:
+        """Double precision."""
+
+    def product(self, a: Lanes, b: Lanes) -> Array:
+        """Product of two numbers in double precision, rounded before anything is added to it."""
+
     def int32(self, x: Lanes) -> Array:
         """32-bit signed integers."""
 

@@ -9,8 +9,9 @@ import os
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
-from typing import Unpack
+from typing import Literal, Unpack, cast, overload
 
+from ..cloud.device_cloud import DeviceCloud
 from ..cloud.point_cloud import PointCloud
 from ..files.arguments import checks_arguments
 from ..files.overrides import Overrides
@@ -18,9 +19,35 @@ from ..scene.scene_file import SceneChoice, load_scene
 from ..sensor.sensor_file import load_sensor
 from ..sensor.sensor_model import Sensor, warn_of_doubts
 from .option_fields import Whole
-from .render_options import NUMBERS, FrameOptions, Keywords, Observers, RenderKeywords, TraceOptions
+from .render_options import NUMBERS, FrameOptions, FramesKeywords, Keywords, Observers, RenderKeywords, TraceOptions
 from .simulator import Simulator
 from .surroundings import simulator_surroundings, warn_of_surroundings
+
+
+@overload
+def render_frames(
+    scene: SceneChoice,
+    sensor: str | os.PathLike[str] | Sensor | None = None,
+    *,
+    frames: int,
+    overrides: Overrides = (),
+    scene_overrides: Overrides = (),
+    on_device: Literal[False] = False,
+    **options: Unpack[FramesKeywords],
+) -> Iterator[PointCloud]: ...
+
+
+@overload
+def render_frames(
+    scene: SceneChoice,
+    sensor: str | os.PathLike[str] | Sensor | None = None,
+    *,
+    frames: int,
+    overrides: Overrides = (),
+    scene_overrides: Overrides = (),
+    on_device: Literal[True],
+    **options: Unpack[FramesKeywords],
+) -> Iterator[DeviceCloud]: ...
 
 
 @checks_arguments
@@ -31,27 +58,57 @@ def render_frames(
     frames: int,
     overrides: Overrides = (),
     scene_overrides: Overrides = (),
-    keep_rays: bool = False,
-    **options: Unpack[RenderKeywords],
-) -> Iterator[PointCloud]:
+    on_device: bool = False,
+    **options: Unpack[FramesKeywords],
+) -> Iterator[PointCloud] | Iterator[DeviceCloud]:
     """Iterate over ``frames`` consecutive frames of a sensor; each is rendered when the iterator reaches it.
 
     The other parameters are those of `render`.
     """
     Whole(1, NUMBERS.high).check("frames", frames)
+    keep_rays = options.pop("keep_rays", False)
     simulator, first, observers = _prepare(scene, sensor, overrides, scene_overrides, options, frames)
     numbers = range(first.number, first.number + frames)
     simulator.check_frames(numbers, begin_s=first.begin_s)
 
-    def frame(number: int) -> PointCloud:
+    def frame(number: int) -> PointCloud | DeviceCloud:
         # While the caller has this frame, the device computes the next ones.
         ahead, left = None, numbers.stop - number - 1
         if left:
             ahead = partial(simulator.begin, replace(first, number=number + 1), left)
-        return simulator.render(replace(first, number=number), observers, ahead=ahead, keep_rays=keep_rays)
+        chosen = replace(first, number=number)
+        if on_device:
+            return simulator.render(chosen, observers, ahead=ahead, on_device=True, keep_rays=keep_rays)
+        return simulator.render(chosen, observers, ahead=ahead, keep_rays=keep_rays)
 
     # No `yield`: so the call itself raises for mistakes, and not the first frame.
-    return map(frame, numbers)
+    return cast(Iterator[PointCloud] | Iterator[DeviceCloud], map(frame, numbers))
+
+
+@overload
+def render(
+    scene: SceneChoice,
+    sensor: str | os.PathLike[str] | Sensor | None = None,
+    *,
+    overrides: Overrides = (),
+    scene_overrides: Overrides = (),
+    keep_rays: bool = False,
+    on_device: Literal[False] = False,
+    **options: Unpack[RenderKeywords],
+) -> PointCloud: ...
+
+
+@overload
+def render(
+    scene: SceneChoice,
+    sensor: str | os.PathLike[str] | Sensor | None = None,
+    *,
+    overrides: Overrides = (),
+    scene_overrides: Overrides = (),
+    keep_rays: bool = False,
+    on_device: Literal[True],
+    **options: Unpack[RenderKeywords],
+) -> DeviceCloud: ...
 
 
 @checks_arguments
@@ -62,8 +119,9 @@ def render(
     overrides: Overrides = (),
     scene_overrides: Overrides = (),
     keep_rays: bool = False,
+    on_device: bool = False,
     **options: Unpack[RenderKeywords],
-) -> PointCloud:
+) -> PointCloud | DeviceCloud:
     """Render one frame of a sensor in a scene.
 
     Args:
@@ -72,6 +130,7 @@ def render(
         overrides: changes to the sensor file's values: "detector.gain=60", a list of these, or {"detector.gain": 60}
         scene_overrides: changes to the scene file's values, likewise
         keep_rays: keep the ray of every pulse too, with an echo or without, in `PointCloud.rays`
+        on_device: leave the columns on the device, for libraries that compute there: a `DeviceCloud`
         options: `TraceOptions` as ``trace``, `FrameOptions` as ``frame`` and `Observers` as ``observers``, or the
             fields of any of them: ``seed=1, rays=3``
 
@@ -80,6 +139,8 @@ def render(
         BackendError: without a usable Mitsuba back end
     """
     simulator, frame, observers = _prepare(scene, sensor, overrides, scene_overrides, options)
+    if on_device:
+        return simulator.render(frame, observers, on_device=True, keep_rays=keep_rays)
     return simulator.render(frame, observers, keep_rays=keep_rays)
 
 
@@ -94,7 +155,7 @@ def _prepare(
     """Load scene and sensor and compile them: the simulator, and the options and observers of the frame."""
     keywords = Keywords(options)
     trace, frame, observers = (keywords.take(TraceOptions), keywords.take(FrameOptions), keywords.take(Observers))
-    keywords.end("scene", "sensor", "overrides", "scene_overrides")
+    keywords.end("scene", "sensor", "overrides", "scene_overrides", "on_device")
     described = load_scene(scene, overrides=scene_overrides)
     equipped = load_sensor(described.sensor_name if sensor is None else sensor, overrides=overrides)
     simulator = Simulator(described, equipped, trace, pose=frame.pose)

@@ -16,12 +16,14 @@ import numpy as np
 from ..detection.report import Detection, without_pulses
 from ..kernel.device import transfer
 from ..kernel.rays.kept_lanes import NO_LANE, Retraced
-from ..kernel.rays.point_columns import Staged, with_nan_outcomes
+from ..kernel.rays.point_columns import LARGEST_FLOAT32_M, PulsePlaces, Staged, with_nan_outcomes
 from ..light.beams import Beams
 from ..light.echoes import Echoes
 from ..light.hits import Hits
-from ..maths.arrays import Array, Lanes, Mask, Numbers, flatten, is_drjit, xp
-from .frame import LARGEST_FLOAT32_M, Frame
+from ..maths.arrays import Array, Mask, Numbers, flatten, is_drjit, xp
+from ..maths.pose import Pose
+from ..scan.clock import PulseClock
+from .frame import Frame
 from .tiles import Order
 
 
@@ -140,54 +142,94 @@ def truth_arrays(hits: Hits) -> list[Any]:
     return [*needed, *(values for values in optional if is_drjit(values))]
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Placing:
-    """Transform from the sensor's coordinates to those of the points, one for each frame.
+    """Places, times and bodies of the points of several frames that follow each other, on the device.
 
     All points of a frame are placed from where the sensor stood at its start: a real sensor does not correct for its
     own motion either (`cloud.deskew` does).
 
     Attributes:
-        numbers: rotation, nine numbers, row by row, and translation [m], three, on the device. Where the sensor moves
-            those of each frame, one behind the other
-        added_m: for each frame (3,) translation that NumPy adds in float64; None near the origin, where float32 is
-            good to 0.1 mm
-        frames: number of the first pulse, and pulses of each frame, on the device; None: the sensor does not move
+        first: number of the first pulse
+        pulses: pulses of each frame
+        numbers: rotation, nine numbers, row by row, and translation [m], three. Where the sensor moves those of each
+            frame, one behind the other
+        moves: whether it does
+        added_m: translation of each frame, three numbers, that is added in double precision; None: `is_far` of none
+        clock: the scanner's
+        before: `Frame.before`
+        starts_s: start of each frame by the scanner's clock
+        bodies: `Frame.bodies` of each frame; None: each body is itself
+        body_count: entries of it for each frame
+        rings: ring of each channel; None: rings are channels
     """
 
+    first: Any
+    pulses: Any
     numbers: Any
-    added_m: tuple[Numbers | None, ...]
-    frames: tuple[Any, Any] | None
+    moves: bool
+    added_m: Any
+    clock: PulseClock
+    before: Any
+    starts_s: Any
+    bodies: Any
+    body_count: Any
+    rings: Array | None
 
     @classmethod
-    def of_frames(cls, frames: Sequence[Frame], coordinates: str, pulses: int) -> Placing:
-        """Build for frames that follow each other, of so many pulses each."""
-        # Far from the origin, as in map coordinates, float32 would round points to metres. The device then computes
-        # relative to the sensor, and NumPy adds the position in float64.
+    def of_frames(
+        cls, frames: Sequence[Frame], coordinates: str, pulses: int, *, clock: PulseClock, rings: Array | None
+    ) -> Placing:
+        """Build for frames of so many pulses each that are all far, or all near."""
+        # Far from the origin, as in map coordinates, float32 would round points to metres. Points are then computed
+        # relative to the sensor, and its position is added in float64.
         goals = [frame.goal(coordinates) for frame in frames]
-        near = [np.abs(goal.position_m).max() < LARGEST_FLOAT32_M for goal in goals]
-        added_m = tuple(None if is_near else goal.position_m for goal, is_near in zip(goals, near, strict=True))
-        rows = [
-            np.append(goal.rotation.ravel(), goal.position_m if is_near else np.zeros(3))
-            for goal, is_near in zip(goals, near, strict=True)
-        ]
-        if not frames[0].moves:
-            return cls(transfer.opaque(plain_numbers(rows[0])), added_m, None)
-        table = transfer.from_numpy(np.concatenate(rows))
-        return cls(table, added_m, (transfer.opaque(frames[0].first_pulse), transfer.opaque(pulses)))
+        positions_m = np.stack([goal.position_m for goal in goals])
+        far = is_far(goals[0])
+        near_m = np.zeros_like(positions_m) if far else positions_m
+        rows = np.concatenate([np.stack([goal.rotation.ravel() for goal in goals]), near_m], axis=1)
+        moves, bodies = frames[0].moves, [frame.bodies for frame in frames if frame.bodies is not None]
+        return cls(
+            first=transfer.opaque(frames[0].first_pulse),
+            pulses=transfer.opaque(pulses),
+            numbers=transfer.from_numpy(rows.ravel()) if moves else transfer.opaque(plain_numbers(rows[0])),
+            moves=moves,
+            added_m=transfer.opaque(positions_m.ravel(), double=True) if far else None,
+            clock=clock,
+            before=transfer.opaque(frames[0].before, double=True),
+            starts_s=transfer.opaque(np.array([frame.scanner_s for frame in frames]), double=True),
+            bodies=transfer.whole_numbers(np.concatenate(bodies)) if bodies else None,
+            body_count=transfer.opaque(len(bodies[0])) if bodies else None,
+            rings=rings,
+        )
 
-    def of_pulses(self, pulse: Lanes) -> tuple[tuple[Lanes, ...], tuple[Lanes, Lanes, Lanes]]:
-        """Rotation and translation of the frame of each of (n,) pulses."""
+    def of_pulses(self, pulse: Array) -> PulsePlaces:
+        """What the points of (n,) pulses get."""
+        ops = xp(pulse)
+        row = ops.divmod(ops.int32(pulse) - self.first, self.pulses)[0]
         numbers = self.numbers
-        if self.frames is not None:
-            ops, (first, pulses) = xp(pulse), self.frames
-            row = ops.divmod(ops.int32(pulse) - first, pulses)[0] * (_NUMBERS // 4)
-            numbers = tuple(x for four in range(_NUMBERS // 4) for x in ops.take_four(self.numbers, row + four))
+        if self.moves:
+            fours = range(_NUMBERS // 4)
+            numbers = tuple(x for four in fours for x in ops.take_four(self.numbers, row * (_NUMBERS // 4) + four))
         x, y, z = numbers[9:]
-        return numbers[:9], (x, y, z)
+        added_m = None if self.added_m is None else [ops.take(self.added_m, row * 3 + axis) for axis in range(3)]
+        return PulsePlaces(
+            turn=numbers[:9],
+            shift=(x, y, z),
+            added_m=None if added_m is None else tuple(added_m),
+            time_s=self.clock.time_s(pulse, earlier=self.before) - ops.take(self.starts_s, row),
+            bodies=self.bodies,
+            first_body=0 if self.bodies is None else row * self.body_count,
+            rings=self.rings,
+        )
 
 
 _NUMBERS = 12  # rotation and translation
+
+
+def is_far(goal: Pose) -> bool:
+    """Whether points at the sensor's place in their coordinates need double precision."""
+    return bool(np.abs(goal.position_m).max() >= LARGEST_FLOAT32_M)
 
 
 def plain_numbers(values: Numbers) -> tuple[Any, ...]:

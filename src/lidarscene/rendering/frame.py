@@ -27,9 +27,6 @@ from ..scene.scene import Body, Scene
 from ..sensor.sensor_model import Sensor
 from .render_options import NUMBERS, FrameOptions
 
-LARGEST_FLOAT32_M = 1000.0
-"""Accuracy bought: coordinates beyond this are double precision: float32 steps reach 0.1 mm there."""
-
 PULSE_NUMBERS = NO_PULSE
 """Pulse numbers on the device are below this: as many whole frames as fit, then they begin again at 0 (a rollover)."""
 
@@ -140,11 +137,10 @@ class Frame:
         """Pulses from frame 0 to the rollover."""
         return self.number * self._scanner.pulses - self.first_pulse
 
-    def time_s(self, pulse: Numbers) -> Numbers:
-        """Times since the start of the frame at which these pulses leave, (n,) float64."""
-        times_s = self._scanner.time_s(self.pulses_in_run(pulse))
-        times_s -= self.scanner_s
-        return times_s
+    @property
+    def before(self) -> float:
+        """`PulseClock.before` of pulse 0 since the rollover."""
+        return self._scanner.clock.before(self._earlier_pulses)
 
     def departures(self, pulse: Numbers) -> tuple[Any, Any]:
         """Times [s] since the first pulse of their frame at which these pulses leave, (n,) on the device.

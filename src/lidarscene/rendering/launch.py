@@ -10,10 +10,10 @@ lanes as if it was alone: it begins a packet of rays, also where pulses are trac
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
 
 import numpy as np
 
+from ..kernel.rays.device_columns import DeviceColumns
 from ..maths.arrays import Numbers
 from .chunk import Chunk, detection_values
 from .frame import Frame
@@ -28,18 +28,14 @@ class Launch:
         run: the first of them, with the paths of all on the device
         part: the pulses, started
         parts: the pulses, and those of them that were traced again, computed; empty before
-        pulse: pulse of each point, rising
-        columns: name -> column of the points; `Simulator._points` makes clouds of them
-        added_m: `Placing.added_m` of each frame
+        columns: columns of the points of all frames; None before
         surfaces: columns of all pulses that met a surface, if an observer has asked for them
     """
 
     def __init__(self, frames: Sequence[tuple[FrameOptions, Frame]], run: Frame, part: Chunk) -> None:
         self.frames, self.run, self.part = frames, run, part
         self.parts: Sequence[Chunk] = ()
-        self.pulse: Numbers = np.zeros(0, np.uint32)
-        self.columns: dict[str, Any] = {}
-        self.added_m: Sequence[Numbers | None] = ()
+        self.columns: DeviceColumns | None = None
         self.surfaces: dict[str, Numbers] | None = None
         self._values: dict[str, Numbers] = {}
 

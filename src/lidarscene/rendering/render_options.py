@@ -208,6 +208,12 @@ class RenderKeywords(TraceKeywords, StreamKeywords, total=False):
     observers: Observers
 
 
+class FramesKeywords(RenderKeywords, total=False):
+    """Keywords of `render_frames`."""
+
+    keep_rays: bool
+
+
 Options = TypeVar("Options", TraceOptions, FrameOptions, Observers)
 
 

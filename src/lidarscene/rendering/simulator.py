@@ -11,23 +11,25 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, Unpack, cast
+from typing import Any, Literal, Unpack, cast, overload
 
 import numpy as np
 
 from ..cloud.builder import CloudBuilder
 from ..cloud.deskew import MOTION_KEPT
+from ..cloud.device_cloud import DeviceCloud
 from ..cloud.point_cloud import PointCloud
 from ..cloud.rays import PulseRays
 from ..detection.sampled_waveforms import Waveforms, check_pulses, sample_waveforms
 from ..errors import InputError
 from ..files.arguments import checks_arguments
 from ..formats.cloud_columns import RING_ROWS, SENSOR_TO_VEHICLE, SENSOR_TO_WORLD
-from ..kernel.device import blocks, transfer
+from ..kernel.device import backend, blocks, transfer
 from ..kernel.device.gate import exclusive
 from ..kernel.device.types import DeviceArray
 from ..kernel.rays import kept_lanes
 from ..kernel.rays import point_columns as collect
+from ..kernel.rays.device_columns import DeviceColumns, join, start_columns
 from ..kernel.world.mitsuba_world import World, build_world
 from ..light.beams import reported_beams
 from ..light.echoes import EchoTrain
@@ -41,7 +43,7 @@ from ..scene.scene_file import SceneChoice, load_scene
 from ..sensor.pose_file import Placed, to_pose
 from ..sensor.sensor_file import load_sensor
 from ..sensor.sensor_model import Sensor
-from .chunk import Chunk, Placing, join_columns, without_lanes
+from .chunk import Chunk, Placing, is_far, join_columns, without_lanes
 from .extremes import check_detections, points_error
 from .frame import Frame, check_frame, sensor_motion
 from .frame_summary import Summary as Summary
@@ -59,6 +61,9 @@ from .render_options import (
 from .stages import Chain, Stages, TracedPaths
 from .tiles import LANES, PACKET, DevicePulses, Numbering
 
+READ_COLUMNS = "status", collect.NAN_COLUMN, collect.PULSE_COLUMN
+"""Columns that are read in NumPy also where the others stay on the device."""
+
 
 @dataclass(frozen=True, slots=True)
 class _Piece:
@@ -66,13 +71,17 @@ class _Piece:
 
     Attributes:
         first: number of the chunk's first pulse
-        pulse: number of the pulse of each point
-        columns: name -> column of its points; None without points
+        pulse: number of the pulse of each point; none unless an observer asks for pulses
+        range_m: its range, likewise
+        status: `Status` of each of its points
+        columns: name -> column of its points; None without points, and where they stay on the device
         outcome: (n,) `Outcome` of each pulse
     """
 
     first: int
     pulse: Numbers
+    range_m: Numbers
+    status: Numbers
     columns: dict[str, Any] | None
     outcome: Numbers
 
@@ -126,6 +135,9 @@ class Simulator:
         if trace.interactions and not self.world.see_through:
             raise ValueError("world: must let beams go on (see_through) for interactions > 0, got one that does not")
         self._prepare_stages()
+        self._clock = transfer.opaque(sensor.scanner.clock, double=True)
+        rings = sensor.rings_by_channel
+        self._rings = None if rings is None else transfer.whole_numbers(rings)
         self.class_names = self.world.class_names
         self._air_classes = None
         if (air := self._stages.air) is not None:
@@ -203,6 +215,30 @@ class Simulator:
         if self._begun is None or self._begun.frame_of(frame) is None:
             self._begun = self._started_together(frame, end - frame.number)
 
+    @overload
+    def render(
+        self,
+        frame: FrameOptions | None = None,
+        observers: Observers | None = None,
+        *,
+        ahead: Callable[[], None] | None = None,
+        keep_rays: bool = False,
+        on_device: Literal[False] = False,
+        **options: Unpack[StreamKeywords],
+    ) -> PointCloud: ...
+
+    @overload
+    def render(
+        self,
+        frame: FrameOptions | None = None,
+        observers: Observers | None = None,
+        *,
+        ahead: Callable[[], None] | None = None,
+        keep_rays: bool = False,
+        on_device: Literal[True],
+        **options: Unpack[StreamKeywords],
+    ) -> DeviceCloud: ...
+
     @exclusive
     def render(
         self,
@@ -211,32 +247,48 @@ class Simulator:
         *,
         ahead: Callable[[], None] | None = None,
         keep_rays: bool = False,
+        on_device: bool = False,
         **options: Unpack[StreamKeywords],
-    ) -> PointCloud:
+    ) -> PointCloud | DeviceCloud:
         """Render one frame as a point cloud.
 
         Args:
             keep_rays: keep the ray of every pulse too, in `PointCloud.rays`: 60 bytes a pulse
             ahead: called once the device has done its part of the frame: time to `begin` another one
+            on_device: leave the columns on the device, for libraries that compute there: a `DeviceCloud`
             options: fields of `FrameOptions` and `Observers`, in place of those of ``frame`` and ``observers``
 
         Raises:
             InputError: for an unknown option, or a motion that ends too early
         """
+        if on_device and keep_rays:
+            raise InputError("render: keep_rays must be False where on_device is True, got True: rays are NumPy's")
         frame_options, observers = _resolve_options(frame, observers, options)
         current_frame, summary = (
             self._traced_frame(frame_options),
             Summary() if observers.summary is None else observers.summary,
         )
-        most = self.sensor.scanner.pulses * self.sensor.tdc.stops
-        builder = CloudBuilder(capacity=most, vectors=self.trace.vectors)
+        pulses = self.sensor.scanner.pulses
+        # Chunks are joined on the device where that is asked for, and on a card: its memory is a hundred times as fast.
+        parts: list[DeviceColumns] | None = [] if on_device or backend.is_cuda() else None
+        builder = CloudBuilder(
+            capacity=pulses * self.sensor.tdc.stops,
+            vectors=self.trace.vectors,
+            memory=transfer.pooled_memory if parts is None and pulses > self._chunk_pulses(frame_options) else None,
+        )
         description = self._description(current_frame, frame_options)
         rays: list[PulseRays] = []
-        kept = observers.pulses if not keep_rays else _both(rays.append, observers.pulses)
-        taking = replace(observers, summary=summary, pulses=kept)
-        self._hand_out(current_frame, builder.append, "assemble", frame_options, taking, ahead)
+        pulses_observer = observers.pulses if not keep_rays else _both(rays.append, observers.pulses)
+        taking = replace(observers, summary=summary, pulses=pulses_observer)
+        self._hand_out(current_frame, builder.append, "assemble", frame_options, taking, ahead, parts)
         since = time.perf_counter()
-        cloud = PointCloud(**builder.fields(**description), checked=True)
+        if parts is None:
+            cloud = PointCloud(**builder.fields(**description), checked=True)
+        else:
+            gathered = DeviceCloud(columns=join(parts), vectors=self.trace.vectors, **description)
+            if on_device:
+                return gathered
+            cloud = gathered.numpy()
         if keep_rays:
             object.__setattr__(cloud, "_rays", PulseRays.concatenate(rays))
         summary.add_time("assemble", since)
@@ -299,17 +351,20 @@ class Simulator:
         options: FrameOptions,
         observers: Observers,
         ahead: Callable[[], None] | None,
+        kept: list[DeviceColumns] | None = None,
     ) -> None:
         """Hand the columns of each piece of a frame to ``take``, and the rest to the observers.
 
         Args:
+            take: called with the columns of each chunk that has points, in NumPy
+            kept: list to which the columns are appended on the device instead
             stage: name under which the summary counts the time of this
         """
         finished, summary = 0, Summary() if observers.summary is None else observers.summary
-        for piece in self._pieces(frame, options, observers, summary, ahead):
+        for piece in self._pieces(frame, options, observers, summary, ahead, kept):
             since = time.perf_counter()
             finished += len(piece.outcome)
-            summary.count(piece.outcome, None if piece.columns is None else piece.columns["status"])
+            summary.count(piece.outcome, piece.status)
             if piece.columns is not None:
                 take(piece.columns)
             if observers.missed is not None:
@@ -325,8 +380,7 @@ class Simulator:
         """Rays of all pulses of a piece, in the coordinates of its points."""
         pulse, goal = piece.first + np.arange(len(piece.outcome)), frame.goal(coordinates)
         range_m = np.full(len(pulse), np.inf, np.float32)
-        if piece.columns is not None:
-            np.minimum.at(range_m, piece.pulse.astype(np.int64) - piece.first, piece.columns["range_m"])
+        np.minimum.at(range_m, piece.pulse.astype(np.int64) - piece.first, piece.range_m)
         in_run = frame.pulses_in_run(pulse)
         beams = reported_beams(
             self.sensor, pulse=in_run, origin_m=tuple(goal.position_m), rotation=tuple(goal.rotation.ravel())
@@ -336,7 +390,7 @@ class Simulator:
             pulse=in_run,
             origin_m=np.stack([np.broadcast_to(np.float64(axis), pulse.shape) for axis in beams.origin_m], axis=-1),
             direction=np.stack(beams.direction, axis=-1).astype(np.float32),
-            time_s=frame.time_s(pulse),
+            time_s=self.sensor.scanner.time_s(in_run) - frame.scanner_s,
             channel=channel,
             ring=self.sensor.rings(channel),
             outcome=piece.outcome.astype(np.uint8),
@@ -350,6 +404,7 @@ class Simulator:
         observers: Observers,
         summary: Summary,
         ahead: Callable[[], None] | None,
+        kept: list[DeviceColumns] | None,
     ) -> Iterator[_Piece]:
         """Iterate over the results of the chunks; outcomes are in the order of pulses if an observer needs them so.
 
@@ -369,11 +424,23 @@ class Simulator:
             check_detections(self.scene, self.sensor, partial(launch.values, frame, ordered=False))
             outcome = launch.values(frame, "outcome", ordered=needs_order)
             numbers = np.arange(first, first + len(outcome))
-            pulse, columns = self._points(launch, frame, numbers)
+            columns = self._points(launch, frame, numbers)
             if observers.ambient is not None:
                 observers.ambient(frame.pulses_in_run(numbers), launch.values(frame, "ambient").astype(np.uint64))
             if observers.points is not None:
-                observers.points(frame.pulses_in_run(pulse), self._surfaces(launch, frame, numbers))
+                of_points = frame.pulses_in_run(columns.numpy(collect.PULSE_COLUMN))
+                observers.points(of_points, self._surfaces(launch, frame, numbers))
+            # All that NumPy reads of this chunk: later it would wait for the next one, too.
+            status, in_numpy = columns.numpy("status"), None
+            pulse = range_m = np.zeros(0)
+            if observers.pulses is not None:
+                pulse, range_m = columns.numpy(collect.PULSE_COLUMN), columns.numpy("range_m")
+            if kept is not None:
+                kept.append(columns)
+            elif columns.count:
+                in_numpy = columns.in_numpy()
+                if len(launch.frames) > 1:  # a cloud that is kept must not keep those of the other frames
+                    in_numpy |= {name: in_numpy[name].copy() for name in in_numpy.keys() & columns.arrays.keys()}
             summary.add_time("collect", since)
             piece_first, launch = first, None
             if following is not None:
@@ -382,7 +449,7 @@ class Simulator:
                 summary.add_time("record", since)
             elif ahead is not None:
                 ahead()
-            yield _Piece(piece_first, pulse, columns, outcome)
+            yield _Piece(piece_first, pulse, range_m, status, in_numpy, outcome)
 
     def _launch_with(self, frame: Frame) -> Launch | None:
         """Launch that begins with the pulses of a frame, or has them among others; forget those that it comes after."""
@@ -402,35 +469,25 @@ class Simulator:
         transfer.wait()
         launch.parts = self._trace_continuing(run, launch.part, run.seed_words(options.seed), len(frames))
         since = summary.add_time("trace", since)
-        placing = Placing.of_frames(frames, options.coordinates, self.sensor.scanner.pulses)
-        launch.pulse, launch.columns = self._columns(run, launch.parts, placing)
-        launch.added_m = placing.added_m
+        pulses = self.sensor.scanner.pulses
+        placing = Placing.of_frames(frames, options.coordinates, pulses, clock=self._clock, rings=self._rings)
+        launch.columns = self._columns(run, launch.parts, placing)
         summary.add_time("collect", since)
 
-    def _points(self, launch: Launch, frame: Frame, numbers: Numbers) -> tuple[Numbers, dict[str, Any] | None]:
-        """Points of the pulses of these numbers: pulse numbers, columns of a PointCloud or None.
+    def _points(self, launch: Launch, frame: Frame, numbers: Numbers) -> DeviceColumns:
+        """Points of the pulses of these numbers.
 
         Raises:
             InputError: for points with NaN or infinities
         """
-        rows = rows_of(launch.pulse, numbers)
-        pulse = launch.pulse[rows]
-        if not len(pulse):
-            return pulse, None
-        columns = {name: values[rows] for name, values in launch.columns.items()}
-        if len(launch.frames) > 1:  # a cloud that is kept must not keep those of the other frames
-            columns = {name: values.copy() for name, values in columns.items()}
-        if columns.pop(collect.NAN_COLUMN).any():
-            raise points_error(self.scene, self.sensor, columns)
-        if frame.bodies is not None:
-            columns["body"] = frame.bodies[columns["body"]]
-        if (added_m := launch.added_m[launch.place(frame)]) is not None:
-            columns["xyz_m"] = columns["xyz_m"] + added_m
-        columns["time_s"] = frame.time_s(pulse)
-        columns["ring"] = self.sensor.rings(columns["channel"])
-        for name, default in collect.DEFAULT_VALUES.items():
-            columns.setdefault(name, np.broadcast_to(default, len(pulse)))
-        return pulse, columns
+        columns = launch.columns
+        assert columns is not None
+        if len(launch.frames) > 1:
+            rows = rows_of(columns.numpy(collect.PULSE_COLUMN), numbers)
+            columns = columns.part(rows.start, rows.stop)
+        if columns.numpy(collect.NAN_COLUMN).any():
+            raise points_error(self.scene, self.sensor, columns.in_numpy())
+        return columns
 
     def _chunk_pulses(self, options: FrameOptions) -> int:
         """Number of pulses of a chunk."""
@@ -463,6 +520,9 @@ class Simulator:
             except InputError:  # raised when that frame is rendered
                 break
             if together and not frame.goes_with(together[0][1]):
+                break
+            places = {is_far(each.goal(options.coordinates)) for each in (frame, *(own for _, own in together[:1]))}
+            if len(places) > 1:
                 break
             together.append((following, frame))
         return self._started(together, together[0][1].first_pulse) if together else None
@@ -592,8 +652,8 @@ class Simulator:
         train = cast(EchoTrain, transfer.fetch(self._stages.pulse_train(frame, pulses, seed)))
         return train if traced == count else train.part(before, count, of=traced)
 
-    def _columns(self, frame: Frame, parts: Sequence[Chunk], placing: Placing) -> tuple[Numbers, dict[str, Any]]:
-        """Kept points of a chunk, sorted by pulse and then by return: pulse numbers, columns."""
+    def _columns(self, frame: Frame, parts: Sequence[Chunk], placing: Placing) -> DeviceColumns:
+        """Kept points of a chunk, sorted by pulse and then by return."""
         surveyed = parts[0]
         lane_of = None if surveyed.order is None else surveyed.order.device_lane
         again = [(part.retraced, part) for part in parts[1:] if part.retraced is not None]
@@ -602,22 +662,15 @@ class Simulator:
         )
         # First of all, since it waits for the device.
         replaced = [(part, retraced.among(lane, stop, stops=len(part.detection.stops))) for retraced, part in again]
-        # Columns of all returns as the survey has them. Those of pulses that were traced again are replaced.
-        on_device = collect.with_flat_positions(self._on_device(frame, surveyed, (lane, stop), placing))
-        # Started before the others are written down: else those would change this kernel.
-        transfer.start([*on_device.values()])
-        for part, returns in replaced:
-            if returns is not None:
-                index, lanes = returns
-                collect.put_columns(on_device, self._on_device(frame, part, lanes, placing), index)
-        columns = transfer.fetch_columns(on_device)
-        columns["xyz_m"] = columns["xyz_m"].reshape(-1, 3)
-        # A single point is there twice (`kept_lanes.more_than_one`): the count leaves the copy out.
-        columns = {name: values[:count] for name, values in columns.items()}
-        # The device hands on pulse numbers; times need float64, which only NumPy has here.
-        return columns.pop("time_s"), columns
+        on_device = partial(self._on_device, frame, placing)
+        # Columns of all returns as the survey has them. Those of pulses that were traced again are replaced. A single
+        # point is there twice (`kept_lanes.more_than_one`): the count leaves the copy out.
+        later = ((on_device(part, returns[1]), returns[0]) for part, returns in replaced if returns is not None)
+        columns = start_columns(on_device(surveyed, (lane, stop)), count, later)
+        # Of a card only what NumPy needs in any case; on a CPU nothing is copied.
+        return columns.fetch(READ_COLUMNS if backend.is_cuda() else None)
 
-    def _on_device(self, frame: Frame, part: Chunk, lanes: tuple[Any, Any], placing: Placing) -> dict[str, Any]:
+    def _on_device(self, frame: Frame, placing: Placing, part: Chunk, lanes: tuple[Any, Any]) -> dict[str, Any]:
         """`collect.point_columns` of these lanes and stops of one part, on the device."""
         return collect.point_columns(
             world=self.world,

@@ -14,6 +14,7 @@ from ..maths.arrays import Lanes, Numbers, xp
 from ..maths.pose import direction_from_angles
 from ..maths.units import Quantity
 from ..maths.vectors import Vector, angles_of
+from .clock import PulseClock
 
 
 class Scanner(Protocol):
@@ -21,8 +22,8 @@ class Scanner(Protocol):
 
     A frame is pulses 0 .. pulses - 1; the next numbers belong to the next frame, and the pattern continues as the
     mechanism does. Pulse numbers are (n,) whole numbers: of 64 bits in numpy, below 2^31 in Dr.Jit, where they begin
-    again after whole frames, with a scanner `at_phase`. Results are of the same kind, in float32; only times are always
-    numpy, in float64.
+    again after whole frames, with a scanner `at_phase`. Results are of the same kind, in float32; only times are in
+    float64, and on the device by the `clock`.
     """
 
     @property
@@ -71,6 +72,10 @@ class Scanner(Protocol):
 
     def offset_m(self, pulse: Lanes) -> Vector | None:
         """Start of each beam in the sensor's frame, or None: all start at its origin."""
+
+    @property
+    def clock(self) -> PulseClock:
+        """Emission times, by the plain scanner: numbers on the device are in single precision."""
 
     def time_s(self, pulse: Numbers) -> Numbers:
         """(n,) float64 emission time since the first pulse of frame 0; a new array, which the caller may change."""
@@ -153,6 +158,15 @@ class Mechanism:
         """None: all are calibrated alike."""
         return None
 
+    @property
+    def clock(self) -> PulseClock:
+        """Emission times."""
+        raise NotImplementedError
+
+    def time_s(self, pulse: Numbers) -> Numbers:
+        """Times by the clock, in NumPy."""
+        return np.asarray(self.clock.time_s(np.asarray(pulse, dtype=np.int64)))
+
     def channel(self, pulse: Lanes) -> Lanes:
         """0: there is one laser."""
         return xp(pulse).int32(pulse) * 0
@@ -200,8 +214,3 @@ def row_elevations(scanner: Scanner) -> Numbers:
     elevation = np.zeros(len(middle))
     elevation[np.asarray(scanner.channel(middle))] = scanner.angles(middle)[1]
     return elevation
-
-
-def split_frame(pulse: Numbers, pulses: int) -> tuple[Numbers, Numbers]:
-    """Split pulse numbers into the number of the frame and of the pulse within it; 64 bits."""
-    return np.divmod(np.asarray(pulse, dtype=np.int64), pulses)

@@ -22,7 +22,6 @@ import math
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-import numpy as np
 from pydantic import Field, model_validator
 
 from ..errors import InputError
@@ -30,7 +29,8 @@ from ..files.table_model import Number
 from ..maths.arrays import Lanes, Numbers, xp
 from ..maths.units import FileKey, Quantity, si
 from ..maths.vectors import Vector
-from .base import Mechanism, row_elevations, split_frame
+from .base import Mechanism, row_elevations
+from .clock import PulseClock
 from .scanner_file import ScannerContext, ScannerFile
 
 LARGEST_HEIGHT = {
@@ -117,11 +117,11 @@ class Flash(Mechanism):
         """Elevation of each row in its middle."""
         return row_elevations(self)
 
-    def time_s(self, pulse: Numbers) -> Numbers:
+    @property
+    def clock(self) -> PulseClock:
         """The time of the flash, for all pixels of its rows."""
-        frame, pixel = split_frame(pulse, self.pulses)
-        flash = pixel // (self.columns * (self.rows_at_once or self.rows))
-        return np.asarray(frame * self.frame_s + flash * self.row_step_s)
+        flash = self.columns * (self.rows_at_once or self.rows)
+        return PulseClock(levels=((self.pulses, self.frame_s), (flash, self.row_step_s)))
 
 
 def _project(projection: str, square: Lanes) -> tuple[Lanes, Lanes, Lanes]:

@@ -13,14 +13,14 @@ import math
 from dataclasses import dataclass, replace
 from typing import Annotated, Literal, Self
 
-import numpy as np
 from pydantic import Field
 
 from ..files.table_model import Number
-from ..maths.arrays import Lanes, Numbers, xp
+from ..maths.arrays import Lanes, xp
 from ..maths.units import Quantity
 from ..maths.vectors import Vector
 from .base import Encoder, Jitter, Mechanism
+from .clock import PulseClock
 from .mirror_optics import Mirrors, MirrorsFile
 from .scanner_file import ScannerContext
 from .turns import Turns
@@ -106,9 +106,10 @@ class Lissajous(Mechanism):
         azimuth, elevation = phase
         return replace(self, azimuth=self.azimuth.from_start(azimuth), elevation=self.elevation.from_start(elevation))
 
-    def time_s(self, pulse: Numbers) -> Numbers:
+    @property
+    def clock(self) -> PulseClock:
         """One pulse after the other, without a pause."""
-        return np.divide(pulse, float(self.rate_hz), dtype=np.float64)
+        return PulseClock(rate_hz=self.rate_hz)
 
 
 Frequency = Annotated[float, Number(ge=1e-4, le=1e7)]

@@ -10,13 +10,13 @@ import math
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-import numpy as np
 from pydantic import model_validator
 
 from ..maths.arrays import Lanes, Numbers, xp
 from ..maths.units import FileKey, Quantity
 from ..maths.vectors import Vector
-from .base import Mechanism, row_elevations, split_frame
+from .base import Mechanism, row_elevations
+from .clock import PulseClock
 from .mirror_optics import Mirrors, MirrorsFile
 from .scanner_file import ScannerContext, require_fewer
 
@@ -107,11 +107,10 @@ class MirrorRaster(Mechanism):
         """Elevation of each line in its middle; None of upright lines."""
         return row_elevations(self) if self.fast == "azimuth" else None
 
-    def time_s(self, pulse: Numbers) -> Numbers:
+    @property
+    def clock(self) -> PulseClock:
         """Pulses of a line at the pulse rate; lines and frames after their pauses."""
-        frame, number = split_frame(pulse, self.pulses)
-        row, column = np.divmod(number, self.columns)
-        return np.asarray(frame * self.frame_s + row * self.line_s + column / self.rate_hz)
+        return PulseClock(levels=((self.pulses, self.frame_s), (self.columns, self.line_s)), rate_hz=self.rate_hz)
 
 
 def _even_steps(number: Lanes, count: Lanes) -> Lanes:

@@ -21,7 +21,8 @@ from ..files.inputs import require_archive, require_file
 from ..files.table_model import Number
 from ..maths.arrays import Lanes, LookupTable, Numbers, xp
 from ..maths.units import si
-from .base import Encoder, GivenAngles, Jitter, split_frame
+from .base import Encoder, GivenAngles, Jitter
+from .clock import PulseClock
 from .scanner_file import ScannerContext, ScannerFile
 
 # What a column may be called, and what takes it to radians and seconds.
@@ -90,10 +91,10 @@ class Pattern(GivenAngles):
         with np.errstate(invalid="ignore"):
             return np.bincount(laser, self.elevation_rad.values) / np.bincount(laser)
 
-    def time_s(self, pulse: Numbers) -> Numbers:
+    @property
+    def clock(self) -> PulseClock:
         """Times from the table."""
-        frame, row = split_frame(pulse, self.pulses)
-        return np.asarray(frame * self.frame_s + self.emission_s[row])
+        return PulseClock(levels=((self.pulses, self.frame_s),), times_s=self.emission_s)
 
 
 class TableFile(ScannerFile[Pattern]):

@@ -29,7 +29,8 @@ from ..maths.arrays import Lanes, LookupTable, Numbers, xp
 from ..maths.units import FileKey, Quantity, SameTable
 from ..maths.vectors import Vector, dot, reflected, weighted_sum
 from .aperture import slit_share
-from .base import Encoder, Jitter, Mechanism, Rotation, row_elevations, split_frame
+from .base import Encoder, Jitter, Mechanism, Rotation, row_elevations
+from .clock import PulseClock
 from .scanner_file import ScannerContext, ScannerFile
 
 
@@ -177,10 +178,10 @@ class Polygon(Mechanism):
         """Elevation of each facet in its middle."""
         return row_elevations(self)
 
-    def time_s(self, pulse: Numbers) -> Numbers:
+    @property
+    def clock(self) -> PulseClock:
         """Pulses of a line at the pulse rate; each line starts when its facet arrives."""
-        line, column = split_frame(pulse, self.columns)
-        return np.asarray(line * (self.frame_s / self.facets) + column / self.rate_hz)
+        return PulseClock(levels=((self.columns, self.frame_s / self.facets),), rate_hz=self.rate_hz)
 
 
 class PolygonFile(ScannerFile[Polygon]):

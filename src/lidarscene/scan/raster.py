@@ -9,12 +9,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Annotated, Literal
 
-import numpy as np
 from pydantic import model_validator
 
 from ..maths.arrays import Lanes, Numbers, xp
 from ..maths.units import Quantity
 from .base import Encoder, GivenAngles, Jitter, row_elevations
+from .clock import PulseClock
 from .scanner_file import ScannerFile, require_fewer
 
 
@@ -93,9 +93,10 @@ class Raster(GivenAngles):
         """Elevation of each row in its middle."""
         return row_elevations(self)
 
-    def time_s(self, pulse: Numbers) -> Numbers:
+    @property
+    def clock(self) -> PulseClock:
         """One pulse after the other, without a pause."""
-        return np.divide(pulse, float(self.rate_hz), dtype=np.float64)
+        return PulseClock(rate_hz=self.rate_hz)
 
 
 class RasterFile(ScannerFile[Raster]):

@@ -29,10 +29,11 @@ from pydantic import Field, model_validator
 
 from ..errors import InputError
 from ..files.table_model import Table
-from ..maths.arrays import Lanes, LookupTable, Numbers, xp
+from ..maths.arrays import Lanes, LookupTable, xp
 from ..maths.units import FileKey, Quantity, si
 from ..maths.vectors import FORWARD, Vector, reflected, refracted
 from .base import Encoder, Jitter, Mechanism
+from .clock import PulseClock
 from .scanner_file import ScannerContext, ScannerFile
 from .turns import Turns
 
@@ -230,9 +231,10 @@ class Risley(Mechanism):
         )
         return replace(self, first_beam=first_beam, wedges=wedges, mirror=mirror)
 
-    def time_s(self, pulse: Numbers) -> Numbers:
+    @property
+    def clock(self) -> PulseClock:
         """One pulse after the other, without a pause."""
-        return np.divide(pulse, float(self.rate_hz), dtype=np.float64)
+        return PulseClock(rate_hz=self.rate_hz)
 
 
 class WedgeFile(Table[Wedge]):

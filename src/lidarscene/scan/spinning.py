@@ -26,7 +26,8 @@ from ..maths.arrays import Lanes, LookupTable, Numbers, xp
 from ..maths.pose import direction_from_angles
 from ..maths.units import Quantity, SameTable, si
 from ..maths.vectors import Vector
-from .base import Encoder, Jitter, Mechanism, Rotation, split_frame
+from .base import Encoder, Jitter, Mechanism, Rotation
+from .clock import PulseClock
 from .scanner_file import ScannerContext, ScannerFile, require_fewer
 from .turns import Turns
 
@@ -283,14 +284,11 @@ class Spinning(Mechanism):
         """The scanner with the head there."""
         return replace(self, head=self.head.from_start(phase[0])) if phase else self
 
-    def time_s(self, pulse: Numbers) -> Numbers:
-        """Times from the firing table."""
-        cycle, place = split_frame(pulse, self.lasers)
-        start_s: Numbers | float = 0.0
-        if self.sweep_period_s is not None:
-            sweep, cycle = split_frame(cycle, self.cycles)
-            start_s = sweep * self.sweep_period_s
-        return np.asarray(start_s + cycle * self.cycle_s + self.firing_s[place])
+    @property
+    def clock(self) -> PulseClock:
+        """Sweeps, if the head does not turn on, cycles, and times from the firing table."""
+        sweep = () if self.sweep_period_s is None else ((self.pulses, self.sweep_period_s),)
+        return PulseClock(levels=(*sweep, (self.lasers, self.cycle_s)), times_s=self.firing_s)
 
 
 Millimetres = Annotated[float, Number("mm", ge=-1e4, le=1e4, finest=0.1)]

@@ -328,8 +328,13 @@ class Sensor:
 
     def rings(self, channel: Numbers) -> Numbers:
         """(n,) int32 rings of channels, as the maker's driver counts them."""
-        rows = self._rows if DRIVERS[self.driver].rings_rise else None
+        rows = self.rings_by_channel
         return channel if rows is None else rows[channel].astype(np.int32)
+
+    @property
+    def rings_by_channel(self) -> Numbers | None:
+        """Ring of each channel; None: rings are channels."""
+        return self._rows if DRIVERS[self.driver].rings_rise else None
 
     @property
     def ring_rows(self) -> Numbers | None:

@@ -18,6 +18,7 @@ from ..cloud.pixels import camera_for
 from ..cloud.point_cloud import PointCloud
 from ..errors import InputError
 from ..kernel.rays.camera_distances import distances_m
+from ..kernel.rays.point_columns import LARGEST_FLOAT32_M
 from ..kernel.rays.retraced_light import LIGHT_COLUMNS, retraced_light
 from ..kernel.world.mitsuba_world import World
 from ..light.echoes import Ambient, Echoes
@@ -27,7 +28,7 @@ from ..maths.rotations import yaw_pitch_roll_rad
 from ..maths.trajectory import Riding, pose_at
 from ..recordings.as_cloud import cloud_of
 from ..recordings.recording import Recording
-from ..rendering.frame import LARGEST_FLOAT32_M, Frame
+from ..rendering.frame import Frame
 from ..rendering.render_options import FrameOptions, TraceOptions
 from ..rendering.simulator import Simulator, Summary
 from ..rendering.stages import ambient_of

@@ -26,21 +26,26 @@ _ALIGNMENT = 64
 """Bytes; no load that LLVM emits (AVX-512) wants a larger alignment."""
 
 
-def opaque(value: object) -> Any:
+def opaque(value: object, *, double: bool = False) -> Any:
     """Return a copy in which every float and int is opaque, however deep in frozen dataclasses and tuples.
 
     Fields that are `maths.units.STATIC`, strings, booleans, None, poses and arrays stay as they are: they select code
     or never enter a kernel. Tables stay too; they are uploaded at their first lookup.
+
+    Args:
+        double: floats become double precision, and (n,) NumPy arrays are uploaded in it
     """
     if isinstance(value, bool | LookupTable):  # bool before int, of which it is a subclass
         return value
     if isinstance(value, float | int):
-        return _opaque_number(value)
+        return _opaque_number(value, double=double)
+    if double and isinstance(value, np.ndarray):
+        return mitsuba().Float64(_aligned_copy(value, np.float64))
     if isinstance(value, tuple):
-        return tuple(opaque(inner) for inner in value)
+        return tuple(opaque(inner, double=double) for inner in value)
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         changed = {
-            field.name: opaque(getattr(value, field.name))
+            field.name: opaque(getattr(value, field.name), double=double)
             for field in dataclasses.fields(value)
             if not is_static(field)
         }
@@ -48,11 +53,11 @@ def opaque(value: object) -> Any:
     return value
 
 
-def _opaque_number(value: float) -> Any:
+def _opaque_number(value: float, *, double: bool) -> Any:
     import drjit as dr
 
     mi = mitsuba()
-    return dr.opaque(mi.Int32 if isinstance(value, int) else mi.Float, value)
+    return dr.opaque(mi.Int32 if isinstance(value, int) else mi.Float64 if double else mi.Float, value)
 
 
 def opaque_uint32(value: int) -> Any:
@@ -101,12 +106,13 @@ def unsigned_numbers(values: Numbers) -> Any:
 
 
 def _aligned_copy(values: Numbers, dtype: type[np.generic]) -> Any:
-    """Copy (n,) values of 4 bytes into memory that starts at a multiple of `_ALIGNMENT`."""
+    """Copy (n,) values into memory that starts at a multiple of `_ALIGNMENT`."""
     # On the CPU Dr.Jit maps NumPy's memory without a copy and writes its alignment into the kernel. NumPy aligns to 16
     # bytes and more by chance: of twelve frames of changing size eight compiled a kernel for that reason alone.
-    room = np.zeros(4 * len(values) + _ALIGNMENT, dtype=np.uint8)
+    size = np.dtype(dtype).itemsize * len(values)
+    room = np.zeros(size + _ALIGNMENT, dtype=np.uint8)
     start = -room.ctypes.data % _ALIGNMENT
-    aligned = room[start : start + 4 * len(values)].view(dtype)
+    aligned = room[start : start + size].view(dtype)
     aligned[:] = values
     return aligned
 
@@ -114,6 +120,17 @@ def _aligned_copy(values: Numbers, dtype: type[np.generic]) -> Any:
 def whole_numbers(values: Sequence[int] | Numbers) -> Any:
     """Upload (n,) 32-bit signed numbers."""
     return mitsuba().Int32(_aligned_copy(np.asarray(values), np.int32))
+
+
+def pooled_memory(size: int) -> Numbers:
+    """(size,) bytes of any value, in NumPy, of the memory that Dr.Jit keeps on a CPU: what it got back it gives again.
+
+    The system's own comes in pages that are cleared when they are first written, which takes longer than to fill them.
+    Waits for the device.
+    """
+    import drjit as dr
+
+    return cast(DeviceArray, dr.empty(mitsuba().UInt8, size)).numpy()
 
 
 def fetch(value: object) -> Any:

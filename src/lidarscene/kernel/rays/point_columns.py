@@ -16,24 +16,19 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, cast
 
-import numpy as np
-
 from ...detection.outcomes import Outcome, Status
 from ...detection.report import Detection
-from ...formats.cloud_columns import COLUMNS, OF_VECTORS
+from ...formats.cloud_columns import OF_VECTORS
 from ...light.beams import reported_beams
 from ...light.hits import Hits
 from ...maths.arrays import Array, Lanes, is_drjit
 from ...sensor.sensor_model import Sensor
 from ..device.backend import mitsuba
-from ..device.types import DeviceArray
 from ..world.mitsuba_world import World
 from .kept_lanes import more_than_one
 
-DEFAULT_VALUES = {
-    column.attribute: np.dtype(column.dtype).type(column.absent) for column in COLUMNS if column.absent is not None
-}
-"""Columns that only some worlds or sensors have, with their value in all others."""
+LARGEST_FLOAT32_M = 1000.0
+"""Accuracy bought: coordinates beyond this are double precision: float32 steps reach 0.1 mm there."""
 
 NAN_COLUMN = "broken"
 """A column beside those of a cloud: 1 if any number of the point is NaN or infinite, else 0."""
@@ -41,8 +36,8 @@ NAN_COLUMN = "broken"
 NOT_A_NUMBER = 255
 """Outcome code of a pulse whose signal is NaN or infinite; without it the pulse would count as missed."""
 
-PATH_COLUMNS = ("interactions", "ghost")
-"""Columns of pulses that go on through panes, mirrors or gaps."""
+PULSE_COLUMN = "since rollover"
+"""A column beside those of a cloud: number of the pulse since the rollover."""
 
 
 def with_nan_outcomes(detection: Detection) -> Detection:
@@ -69,6 +64,30 @@ class Staged:
     paths: Sequence[Hits]
     rays: int
     detection: Detection
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PulsePlaces:
+    """What turns numbers of the sensor and of the tables into those of the points of (k,) pulses.
+
+    Attributes:
+        turn: rotation from the sensor's coordinates to those of the points, nine numbers, row by row
+        shift: translation likewise [m]
+        added_m: translation that is added in double precision; None near the origin, where float32 is good to 0.1 mm
+        time_s: time since the start of the frame, in double precision: single precision would lose nanoseconds
+        bodies: table of the number of the body that a frame shows by that of the body in the world's tables, frame by
+            frame; None: each is itself
+        first_body: place in that table at which the frame of the pulse begins
+        rings: ring of each channel; None: rings are channels
+    """
+
+    turn: tuple[Lanes, ...]
+    shift: tuple[Lanes, Lanes, Lanes]
+    added_m: tuple[Lanes, ...] | None
+    time_s: Array
+    bodies: Array | None
+    first_body: Lanes
+    rings: Array | None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -133,19 +152,18 @@ def point_columns(
     staged: Staged,
     air_classes: Array | None,
     lanes: tuple[Array, Array],
-    placing: Callable[[Lanes], tuple[tuple[Lanes, ...], tuple[Lanes, Lanes, Lanes]]],
+    placing: Callable[[Array], PulsePlaces],
 ) -> dict[str, Any]:
     """Return (k,) columns of the kept points by attribute of PointCloud, on the device and not yet computed.
 
-    xyz_m is a Point3f, and `NAN_COLUMN` is among them. Columns of `DEFAULT_VALUES` are left out if nothing moves, if
-    no surface lets through or mirrors, or if the sensor measures no widths.
+    xyz_m is a vector, and `NAN_COLUMN` and `PULSE_COLUMN` are among them. Columns of `device_columns.DEFAULT_VALUES`
+    are left out if nothing moves, if no surface lets through or mirrors, or if the sensor measures no widths.
 
     Args:
         sensor: its numbers opaque
         air_classes: class of the light of the air, and of each sub-echo of the air; None in clear air
         lanes: lanes and stop numbers, from `kept_lanes.reported_lanes`
-        placing: gives, for (k,) pulses, rotation (nine numbers, row by row) and translation from the sensor's frame to
-            that of the points
+        placing: gives `PulsePlaces` of (k,) pulses
     """
     import drjit as dr
 
@@ -169,13 +187,13 @@ def point_columns(
         return of_lane(getattr(detection, name)) if detection.source is None else of_stop(name)
 
     of_pulse, range_m = of_lane(staged.pulse), of_stop("range_m")
-    turn, shift = placing(of_pulse)
+    places = placing(of_pulse)
     source = None if detection.source is None else of_stop("source")
     ends = _Ends.at_lanes(staged, lane, source)
-    face, status = ends.face, of_stop("status")
+    face, status, channel = ends.face, of_stop("status"), cast(Array, sensor.scanner.channel(of_pulse))
     # Computed from the pulse's number again, by the functions that fired it: cheaper than to keep what all pulses had.
     azimuth, elevation = sensor.scanner.angles(of_pulse)
-    beams = reported_beams(sensor, pulse=of_pulse, origin_m=shift, rotation=turn)
+    beams = reported_beams(sensor, pulse=of_pulse, origin_m=places.shift, rotation=places.turn)
     body = _look_up(world.face_body, face)
     class_id = _look_up(world.body_class, body)
     true_range = ends.get("range_m") if source is None else of_stop("true_range_m")
@@ -196,23 +214,27 @@ def point_columns(
         optional["interactions"] = mi.UInt8(optional["interactions"])
         optional["ghost"] = mi.UInt8(dr.select(optional["ghost"], mi.UInt32(1), 0))
     if paths[0].normal is not None:
-        optional |= _vector_columns(ends, turn)
+        optional |= _vector_columns(ends, places.turn)
     if sensor.wear is not None:
         loss = sensor.wear.loss(sensor.scanner.direction(of_pulse), sensor.scanner.channel(of_pulse))
         optional["wear"] = loss + dr.zeros(mi.Float, dr.width(lane))
     if sensor.measures_width:
         optional["pulse_width_s"] = of_stop("width_s")
     if sensor.histogram is not None:
-        optional["signal"] = of_stop("amplitude")
+        # A filter weighs the counts; what the sensor sends is a whole number.
+        optional["signal"] = dr.round(of_stop("amplitude"))
+    xyz_m = mi.Point3f(*(s + d * range_m for s, d in zip(beams.origin_m, beams.direction, strict=True)))
     result = optional | {
-        "xyz_m": mi.Point3f(*(s + d * range_m for s, d in zip(beams.origin_m, beams.direction, strict=True))),
+        "xyz_m": xyz_m if places.added_m is None else mi.Point3d(xyz_m) + mi.Point3d(*places.added_m),
         "range_m": range_m,
         "intensity": of_stop("intensity"),
         "snr": of_return("snr"),
         "detection_probability": of_return("detection_probability"),
         "ambient": of_lane(detection.ambient),
-        "time_s": of_pulse,  # a number: single precision would lose nanoseconds, the caller makes it a time
-        "channel": sensor.scanner.channel(of_pulse),
+        "time_s": places.time_s,
+        PULSE_COLUMN: of_pulse,
+        "channel": channel,
+        "ring": channel if places.rings is None else _look_up(places.rings, channel),
         "azimuth_rad": azimuth,
         "elevation_rad": elevation,
         "return_number": mi.UInt8(stop + 1) + dr.zeros(mi.UInt8, dr.width(lane)),
@@ -222,14 +244,14 @@ def point_columns(
         "reflectivity": ends.get("reflectivity"),
         "sun_angle_rad": dr.acos(dr.clip(ends.get("cos_sun"), -1.0, 1.0)),
         "in_shadow": mi.UInt8(dr.select((face >= 0) & ~ends.get("lit"), mi.UInt32(1), 0)),
-        "body": body,
+        "body": body if places.bodies is None else _look_up(places.bodies, body, places.first_body),
         "class_id": class_id,
         "material": _look_up(world.face_material, face),
     }
     # Looked for here, where the numbers are at hand: NumPy would fetch all of them once more.
     # A true range is infinite where there is no surface.
     floats = [values for name, values in result.items() if isinstance(values, mi.Float) and name != "true_range_m"]
-    is_finite = functools.reduce(operator.and_, map(dr.isfinite, [*result["xyz_m"], *floats]))
+    is_finite = functools.reduce(operator.and_, map(dr.isfinite, [*xyz_m, *floats]))
     is_broken = ~is_finite | dr.isnan(result["true_range_m"])
     return result | {NAN_COLUMN: mi.UInt8(dr.select(is_broken, mi.UInt32(1), 0))}
 
@@ -252,38 +274,6 @@ def _vector_columns(ends: _Ends, turn: tuple[Lanes, ...]) -> dict[str, Any]:
         for row in range(0, 9, 3):
             vector_columns[next(names)] = turn[row] * x + turn[row + 1] * y + turn[row + 2] * z
     return vector_columns
-
-
-def with_flat_positions(columns: dict[str, DeviceArray]) -> dict[str, Any]:
-    """Return `point_columns` with xyz_m as one array: x, y, z of the first point, then of the second, and so on."""
-    import drjit as dr
-
-    return columns | {"xyz_m": dr.ravel(columns["xyz_m"])}
-
-
-def put_columns(columns: dict[str, Any], later: dict[str, DeviceArray], index: Array) -> None:
-    """Put the columns of returns that were traced again in their places among (k,) flat columns, which were started.
-
-    Columns that only ``later`` has, as `PATH_COLUMNS`, are added with their value of `DEFAULT_VALUES` elsewhere.
-
-    Args:
-        columns: those of all returns, in the layout of `with_flat_positions`
-        later: `point_columns` of the returns that were traced again
-        index: (m,) place of each of these among the k
-    """
-    import drjit as dr
-
-    points = dr.width(columns["time_s"])
-    for name in later:
-        if name not in columns:
-            columns[name] = dr.full(type(later[name]), DEFAULT_VALUES[name].item(), points)
-    # Three numbers of a point lie side by side, and no two lanes write to the same place: one kernel writes them all.
-    dr.scatter(columns["xyz_m"], later["xyz_m"], index, mode=dr.ReduceMode.Permute)
-    for name, room in columns.items():
-        if name == "xyz_m":
-            continue
-        values = later[name] if name in later else type(room)(DEFAULT_VALUES[name].item())
-        dr.scatter(room, values, index, mode=dr.ReduceMode.Permute)
 
 
 def surface_columns(*, world: World, staged: Staged, twice: bool) -> tuple[dict[str, Any], int] | None:
@@ -324,9 +314,9 @@ def surface_columns(*, world: World, staged: Staged, twice: bool) -> tuple[dict[
     return columns, count
 
 
-def _look_up(table: Array, index: Array) -> Any:
-    """Look up (k,) entries of an Int32 table; the result is -1 where the index is -1."""
+def _look_up(table: Array, index: Array, first: Lanes = 0) -> Any:
+    """Look up (k,) entries of an Int32 table from place ``first`` on; the result is -1 where the index is -1."""
     import drjit as dr
 
     mi = mitsuba()
-    return dr.select(index >= 0, dr.gather(mi.Int32, table, mi.UInt32(index), index >= 0), -1)
+    return dr.select(index >= 0, dr.gather(mi.Int32, table, mi.UInt32(index + first), index >= 0), -1)

@@ -1,0 +1,141 @@
+"""Columns of points on the device: those of a chunk, of one frame among several, or of a whole frame.
+
+On a CPU NumPy and other libraries read the same memory.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any, cast
+
+import numpy as np
+
+from ...formats.cloud_columns import COLUMNS, OF_VECTORS, attributes
+from ...maths.arrays import Array, Numbers
+from ..device import transfer
+from ..device.backend import is_cuda, mitsuba
+from ..device.types import DeviceArray
+
+DEFAULT_VALUES = {
+    column.attribute: np.dtype(column.dtype).type(column.absent) for column in COLUMNS if column.absent is not None
+}
+"""Columns that only some worlds or sensors have, with their value in all others."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class DeviceColumns:
+    """Some points in columns on the device.
+
+    Attributes:
+        arrays: by attribute of PointCloud, started, and perhaps longer; xyz_m is flat: x, y, z of the first point, then
+            of the second
+        first: place of the first of these points in the arrays
+        count: number of these points
+        fetched: whole columns in NumPy, which were read before: later that would wait for all that was started since
+    """
+
+    arrays: Mapping[str, Any]
+    first: int
+    count: int
+    fetched: Mapping[str, Numbers] = field(default_factory=dict)
+
+    def fetch(self, names: Iterable[str] | None = None) -> DeviceColumns:
+        """Read these columns, or all; of a chunk's own arrays."""
+        chosen = self.arrays if names is None else names
+        return replace(self, fetched={name: self.numpy(name) for name in chosen})
+
+    def part(self, first: int, end: int) -> DeviceColumns:
+        """Some of these points."""
+        return replace(self, first=self.first + first, count=end - first)
+
+    def array(self, name: str) -> Any:
+        """Array of these points alone, (count,), or a tensor (count, 3) of xyz_m, on the device."""
+        import drjit as dr
+
+        mi = mitsuba()
+        if name not in self.arrays:
+            kind = {"float32": mi.Float, "uint8": mi.UInt8}[DEFAULT_VALUES[name].dtype.name]
+            return dr.full(kind, DEFAULT_VALUES[name].item(), self.count)
+        whole, first, size = self._extent(name)
+        if first == 0:
+            own = dr.reshape(type(whole), whole, size, shrink=True)
+        else:
+            own = dr.gather(type(whole), whole, dr.arange(mi.UInt32, size) + transfer.opaque_uint32(first))
+        return dr.tensor_t(type(own))(own, (self.count, 3)) if name == "xyz_m" else own
+
+    def numpy(self, name: str) -> Numbers:
+        """(count,) values, or (count, 3) of xyz_m, in NumPy: on a CPU in the same memory."""
+        import drjit as dr
+
+        if name in self.fetched:
+            return self.fetched[name][self.first : self.first + self.count]
+        if self.first and is_cuda():  # it would copy all that is before
+            return cast(DeviceArray, self.array(name)).numpy()
+        whole, first, size = self._extent(name)
+        shrunk = dr.reshape(type(whole), whole, first + size, shrink=True)
+        values = cast(DeviceArray, shrunk).numpy()[first:]
+        return values.reshape(-1, 3) if name == "xyz_m" else values
+
+    def in_numpy(self) -> dict[str, Numbers]:
+        """All columns of a PointCloud in NumPy; those that no array holds are one value that is repeated."""
+        names = attributes(truth=True, vectors=OF_VECTORS[0] in self.arrays)
+        repeated = {name: np.broadcast_to(value, self.count) for name, value in DEFAULT_VALUES.items()}
+        return {name: self.numpy(name) if name in self.arrays else repeated[name] for name in names}
+
+    def _extent(self, name: str) -> tuple[Any, int, int]:
+        """Array, place of the first number in it, and count of numbers."""
+        numbers = 3 if name == "xyz_m" else 1
+        return self.arrays[name], numbers * self.first, numbers * self.count
+
+
+def start_columns(
+    columns: Mapping[str, Array], count: int, later: Iterable[tuple[Mapping[str, Array], Array]] = ()
+) -> DeviceColumns:
+    """Start to compute the columns of a chunk, and return them.
+
+    Args:
+        columns: `kernel.rays.point_columns.point_columns` of ``count`` returns, and perhaps more behind them
+        later: columns of returns that were traced again, and the place of each, (m,), among the others; asked for once
+            the others are started. A column that only these have has its value of `DEFAULT_VALUES` elsewhere
+    """
+    import drjit as dr
+
+    arrays: dict[str, Any] = dict(columns) | {"xyz_m": dr.ravel(columns["xyz_m"])}
+    # Started before the others are written down: else those would change this kernel.
+    transfer.start([*arrays.values()])
+    for again, place in later:
+        for name in again.keys() - arrays.keys():
+            arrays[name] = dr.full(type(again[name]), DEFAULT_VALUES[name].item(), dr.width(arrays["range_m"]))
+        for name, room in arrays.items():
+            values = again[name] if name in again else type(room)(DEFAULT_VALUES[name].item())
+            # Three numbers of a point lie side by side, and no two lanes write to the same place: one kernel for all.
+            dr.scatter(room, values, place, mode=dr.ReduceMode.Permute)
+        transfer.start([*arrays.values()])
+    return DeviceColumns(arrays, 0, count)
+
+
+def join(parts: list[DeviceColumns]) -> DeviceColumns:
+    """Join the points of several chunks on the device, in order; the list is emptied, to free them one by one."""
+    import drjit as dr
+
+    if len(parts) == 1:
+        return parts.pop()
+    points, written = sum(part.count for part in parts), 0
+    joined: dict[str, Any] = {}
+    for name in {name: None for part in parts for name in part.arrays}:
+        kind = next(type(part.arrays[name]) for part in parts if name in part.arrays)
+        numbers, default = 3 * points if name == "xyz_m" else points, DEFAULT_VALUES.get(name)
+        joined[name] = dr.zeros(kind, numbers) if default is None else dr.full(kind, default.item(), numbers)
+    transfer.start([*joined.values()])
+    while parts:
+        part = parts.pop(0)
+        if part.count:
+            behind = transfer.opaque_uint32(written)
+            for name in part.arrays:
+                values, numbers = dr.ravel(part.array(name)), 3 if name == "xyz_m" else 1
+                place = dr.arange(mitsuba().UInt32, numbers * part.count) + numbers * behind
+                dr.scatter(joined[name], values, place, mode=dr.ReduceMode.Permute)
+            transfer.start([*joined.values()])
+        written += part.count
+    return DeviceColumns(joined, 0, points)
