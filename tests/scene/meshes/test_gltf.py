@@ -108,7 +108,7 @@ def test_instances_of_unequal_attributes_are_refused(tmp_path: Path) -> None:
 
 
 def test_an_image_that_is_not_there_is_named(tmp_path: Path) -> None:
-    """Without it leaves are solid squares."""
+    """Leaves are solid squares without it."""
     file = Gltf()
     texture = file.add("textures", source=file.add("images", uri="leaves%20of%20oak.png"))
     file.add("materials", alphaMode="MASK", pbrMetallicRoughness={"baseColorTexture": {"index": texture}})
