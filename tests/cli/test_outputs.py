@@ -203,7 +203,10 @@ def test_normals_that_no_file_would_have_are_refused(
 
 
 def test_the_vehicles_poses_come_a_hundred_times_a_second(run: Run, wall: str, tmp_path: Path, library: Any) -> None:
-    """Poses between the starts of frames too, which are 26.8 ms apart. Reference: the scene's speed, 20 m/s along x."""
+    """Poses between the starts of frames too, which are 26.8 ms apart, and at the end of the last.
+
+    Reference: the scene's speed, 20 m/s along x.
+    """
     (tmp_path / wall).write_text((tmp_path / wall).read_text() + "[ego]\nspeed_m_s = 20\n")
     rate = "--set=laser.repetition_rate_khz=8.616"  # 231 beams
     ran = run("render", wall, "-o", "a.mcap", "--frames", "2", "--topic", "top/x", "--frame-id", "top", *COARSE, rate)
@@ -213,7 +216,7 @@ def test_the_vehicles_poses_come_a_hundred_times_a_second(run: Run, wall: str, t
     transforms = [message.transforms[0] for topic, message in received if topic == "/tf"]
     stamps_s = np.array([(t.header.stamp.sec - 1_767_225_600) + 1e-9 * t.header.stamp.nanosec for t in transforms])
     frame_s = BEAMS / 8616
-    expected = [frame * frame_s + 0.01 * step for frame in range(2) for step in range(3)]
+    expected = [frame * frame_s + 0.01 * step for frame in range(2) for step in range(3)] + [2 * frame_s]
     np.testing.assert_allclose(stamps_s, expected, atol=1e-8)
     x_m = [t.transform.translation.x for t in transforms]
     np.testing.assert_allclose(np.array(x_m) - x_m[0], 20.0 * stamps_s, atol=1e-6)

@@ -9,6 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from typing import Any, cast
 
@@ -59,8 +60,12 @@ class DriveTask:
         outputs = Outputs(path, truth=self.frames[0].truth)
         assert chosen.frames is not None
         with chosen.frames(path) as append:
-            frames = sorted(self.frames, key=partial(_start_s, store))
-            for frame, following in zip(frames, [*frames[1:], None], strict=True):
+            frames = sorted(self.frames, key=partial(_time_s, store, "start_s"))
+            # The vehicle's poses come with its first sensor, as where `record` writes them.
+            first = self.frames[0].sensor.label
+            starts_s = [_time_s(store, "start_s", frame) for frame in frames if frame.sensor.label == first]
+            spans_s = pairwise([*starts_s, max(_time_s(store, "end_s", frame) for frame in frames)])
+            for frame in frames:
                 cloud = PointCloud.load(store.cloud(frame.key, frame.format))
                 append_frame: Callable[..., None] = partial(cast(Callable[..., None], append), label=frame.sensor.label)
                 if chosen.boxes:
@@ -68,9 +73,8 @@ class DriveTask:
                         gather(cloud)
                 else:
                     append_frame(cloud if frame.truth else cloud.without_truth())
-                if chosen.driver and following is not None:
-                    span_s = _start_s(store, frame), _start_s(store, following)
-                    cast(Any, append).append_motion(*poses_between(scene.ego, *span_s))
+                if chosen.driver and frame.sensor.label == first:
+                    cast(Any, append).append_motion(*poses_between(scene.ego, *next(spans_s)))
         store.finish(self.key, [path], {"frames": len(self.frames)})
         self.remove_frames(store)
 
@@ -100,7 +104,7 @@ def drives_of(tasks: Iterable[FrameTask]) -> list[DriveTask]:
     ]
 
 
-def _start_s(store: Store, frame: FrameTask) -> float:
-    """Start of a frame that is done, by the scene's clock [s]."""
+def _time_s(store: Store, name: str, frame: FrameTask) -> float:
+    """Start ("start_s") or end ("end_s") of a frame that is done, by the scene's clock [s]."""
     entry = store.entry(frame.key) or {}
-    return float(entry.get("truth", {}).get("start_s", 0.0))
+    return float(entry.get("truth", {}).get(name, 0.0))

@@ -129,7 +129,8 @@ def _save(task: FrameTask, store: Store, following: int) -> None:
     path, row = store.cloud(task.key, task.format), run_report.as_dict(summary)
     if task.place is not None:
         # Boxes are made of the truth when the drive is written, which leaves it out if it is not wanted.
-        row |= {"truth": {"start_s": cloud.frame_start_s}}
+        end_s = cloud.frame_start_s + simulator.sensor.scanner.frame_s
+        row |= {"truth": {"start_s": cloud.frame_start_s, "end_s": end_s}}
     elif not task.truth:
         cloud = cloud.without_truth()
     cloud.save(path, format=task.format)

@@ -102,8 +102,8 @@ class RunMotion:
     def vehicle_poses(self, label: str, index: int) -> tuple[list[float], list[Pose]]:
         """Times by the scene's clock and poses of the vehicle from the start of a sensor's frame to that of the next.
 
-        They are `formats.ros.TRANSFORM_HZ` a second; none where the vehicle never moves, and for the sensors of a rig
-        after its first.
+        They are `formats.ros.TRANSFORM_HZ` a second, those of the last frame to where the last sensor's ends; none
+        where the vehicle never moves, and for the sensors of a rig after its first.
 
         Args:
             index: of the frame within the run
@@ -111,8 +111,13 @@ class RunMotion:
         ego, starts_s = self.scene.ego, self.starts_s[label]
         if label != next(iter(self.simulators)):
             return [], []
-        last_s = float(starts_s[index]) + self.simulators[label].sensor.scanner.frame_s
-        end_s = float(starts_s[index + 1]) if index + 1 < len(starts_s) else last_s
+        if index + 1 < len(starts_s):
+            end_s = float(starts_s[index + 1])
+        else:
+            end_s = max(
+                float(self.starts_s[name][-1]) + simulator.sensor.scanner.frame_s
+                for name, simulator in self.simulators.items()
+            )
         return poses_between(ego, float(starts_s[index]), end_s)
 
     def write_imu(self, path: Path, label: str, epoch_ns: int) -> None:
@@ -130,8 +135,11 @@ class RunMotion:
 
 
 def poses_between(ego: Motion | None, start_s: float, end_s: float) -> tuple[list[float], list[Pose]]:
-    """Times from a start to before an end [s], `TRANSFORM_HZ` a second, and poses of a vehicle; none without one."""
-    times_s = [] if ego is None else np.arange(start_s, end_s, 1.0 / TRANSFORM_HZ).tolist()
+    """Times from a start to an end [s], `TRANSFORM_HZ` a second, and poses of a vehicle; none without one.
+
+    The end is one of them: a reader of `/tf` finds no pose later than the last.
+    """
+    times_s = [] if ego is None else [*np.arange(start_s, end_s - 1e-9, 1.0 / TRANSFORM_HZ).tolist(), end_s]
     return times_s, [pose_at(ego, time_s) for time_s in times_s if ego is not None]
 
 

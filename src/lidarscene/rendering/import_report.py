@@ -119,7 +119,11 @@ def _of_gltf(path: Path, pieces: list[SubMesh]) -> ImportReport:
         up=f"y, {SAID}",
         size_m=_size_m(pieces, path),
         honoured=tuple(honoured),
-        left_out=(*declared.left_out, *declared.unread),
+        left_out=(
+            *declared.left_out,
+            *(f"image {name}, which is not there" for name in declared.missing),
+            *declared.unread,
+        ),
     )
 
 

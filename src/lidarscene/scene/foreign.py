@@ -45,7 +45,7 @@ def object_scene(
         Body(
             name=node,
             class_name=classes.get(node, node),
-            parts=(_part(piece, node, _material_for(piece, material, materials), scene_materials),),
+            parts=(_part(piece.of_its_faces(), node, _material_for(piece, material, materials), scene_materials),),
         )
         for node, piece in pieces
         if len(piece.faces)

@@ -17,6 +17,7 @@ from lidarscene import render
 from lidarscene.errors import InputError, LidarSceneError, OptionWarning
 from lidarscene.files.cache_folder import VARIABLE
 from lidarscene.files.optional import is_installed
+from lidarscene.rendering.import_report import import_report
 from lidarscene.scene.meshes.reading import read_mesh
 
 TURN = 0.5**0.5
@@ -97,6 +98,28 @@ def test_instances_are_all_there(tmp_path: Path) -> None:
     np.testing.assert_allclose(piece.pattern.values, [0.1, 0.2, 0.3, 0.4] * 2, rtol=1e-6)
 
 
+def test_instances_of_unequal_attributes_are_refused(tmp_path: Path) -> None:
+    file = Gltf()
+    file.mesh()
+    attributes = {"TRANSLATION": file.numbers(np.zeros((3, 3))), "SCALE": file.numbers(np.ones((2, 3)))}
+    file.add("nodes", mesh=0, extensions={"EXT_mesh_gpu_instancing": {"attributes": attributes}})
+    with pytest.raises(InputError, match=r"instancing: its attributes must have as many rows each, got \[2, 3\]"):
+        read_mesh(file.save(tmp_path / "a.glb"))
+
+
+def test_an_image_that_is_not_there_is_named(tmp_path: Path) -> None:
+    """Leaves are solid squares without it."""
+    file = Gltf()
+    texture = file.add("textures", source=file.add("images", uri="leaves%20of%20oak.png"))
+    file.add("materials", alphaMode="MASK", pbrMetallicRoughness={"baseColorTexture": {"index": texture}})
+    file.mesh(material=0)
+    file.add("nodes", mesh=0)
+    path = file.save(tmp_path / "a.glb")
+    with pytest.warns(OptionWarning, match=r"images that are not there, .*: leaves of oak.png"):
+        report = import_report(path)
+    assert report.left_out == ("image leaves of oak.png, which is not there",)
+
+
 def test_joints_decide_where_a_skin_is(tmp_path: Path) -> None:
     """The mesh's node is 60 m behind. Two joints carry the wall: one its lower half, the other, a child of it, the
     upper half, 1 m higher. Each is bound where it has no effect but for its own shift.
@@ -114,6 +137,28 @@ def test_joints_decide_where_a_skin_is(tmp_path: Path) -> None:
     file.add("skins", joints=[2, 3], inverseBindMatrices=file.numbers(bound.transpose(0, 2, 1)))
     (piece,) = read_mesh(file.save(tmp_path / "a.glb"))
     np.testing.assert_allclose(piece.vertices_m, WALL + np.array([[0, 0, 0], [0, 1, 0], [0, 1, 0], [0, 0, 0]]))
+
+
+def test_vertices_of_other_primitives_are_no_part_of_the_size(tmp_path: Path) -> None:
+    """Two primitives share one list of vertices, a kilometre long: each has its own corners, image and gaps."""
+    file = Gltf()
+    far = WALL + np.array([0, 0, 1000])
+    position = file.numbers(np.concatenate([far, WALL]))
+    uv = file.numbers(np.arange(16).reshape(8, 2))
+    masked = {"baseColorTexture": {"index": file.image(HALVES)}}
+    file.add("materials", alphaMode="MASK", pbrMetallicRoughness=masked)
+    corners = file.numbers(WALL_FACES + 4, "u2")
+    attributes = {"POSITION": position, "TEXCOORD_0": uv}
+    file.add("meshes", primitives=[{"attributes": attributes, "indices": corners, "material": 0}])
+    file.add("nodes", mesh=0)
+    path = file.save(tmp_path / "a.glb")
+    assert_wall(path)
+    assert import_report(path).size_m == pytest.approx((0, 4, 4))
+    for pattern in (None, "colour"):
+        [piece] = read_mesh(path, pattern)
+        assert piece.cutout is not None
+        np.testing.assert_array_equal(piece.cutout.uv, np.arange(8, 16).reshape(4, 2))
+        assert pattern is None or (piece.pattern is not None and len(piece.pattern.uv) == len(piece.vertices_m) == 4)
 
 
 def test_a_vertex_is_carried_by_the_mean_of_its_joints(tmp_path: Path) -> None:

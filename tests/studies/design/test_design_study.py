@@ -378,6 +378,27 @@ def test_tables_are_choices_and_parts_have_costs(tmp_path: Path) -> None:
     missing = write(tmp_path, TABLES.replace("[20, 7]", "[12, 7]").replace("low = 5", "low = 15"))
     with pytest.raises(InputError, match=r"cost.optics.aperture_radius_mm: must have a cost of 15.0, got 5.0, 12.0"):
         run_study(missing, tmp_path / "missing")
+    twice = write(tmp_path, TABLES.replace("[20, 7]", "[5, 7]"))
+    with pytest.raises(InputError, match=r"optics.aperture_radius_mm: must have one cost of 5.0, got 2"):
+        run_study(twice, tmp_path / "twice")
+
+
+def test_designs_that_cannot_be_are_told(tmp_path: Path) -> None:
+    """A sensor without a cost is on no front, and the verdict says why."""
+    text = """
+    sensor = ["apd-905", "sipm-905"]
+    evaluations = 4
+    [free]
+    "optics.aperture_radius_mm" = {choices = [5, 10]}
+    [cost]
+    sensor = [["apd-905", 20]]
+    [objectives]
+    cost = {minimize = "cost"}
+    """
+    numbers = numbers_of(write(tmp_path, text), tmp_path / "out")
+    assert numbers["impossible"] == 2
+    told = " 2 of them cannot be built or judged; the first: cost.sensor: must have a cost of 'sipm-905', got apd-905."
+    assert told in numbers["verdict"]
 
 
 PARTS = """

@@ -148,9 +148,13 @@ class _Reader:
         rows = {kind: self._document.accessor(attributes[name]) for name, kind in kinds.items() if name in attributes}
         if not rows:
             return np.eye(4)[None]
-        count = min(len(values) for values in rows.values())
+        counts = {len(values) for values in rows.values()}
+        if len(counts) > 1:
+            raise ValueError(
+                f"EXT_mesh_gpu_instancing: its attributes must have as many rows each, got {sorted(counts)}"
+            )
         return np.array(
-            [_local_transform({kind: values[i] for kind, values in rows.items()}) for i in range(count)]
+            [_local_transform({kind: values[i] for kind, values in rows.items()}) for i in range(counts.pop())]
         ).reshape(-1, 4, 4)
 
     def _skinned(self, primitive: _Primitive, vertices: Numbers, skin_number: int) -> Numbers:

@@ -72,6 +72,7 @@ class GltfDeclaration:
         used: extensions that it uses
         required: those without which it cannot be read
         masked: names of the materials whose `alphaMode` is MASK
+        missing: files of images that are not there
         unread: what else of the file is not read, in words
     """
 
@@ -80,6 +81,7 @@ class GltfDeclaration:
     used: tuple[str, ...]
     required: tuple[str, ...]
     masked: tuple[str, ...]
+    missing: tuple[str, ...]
     unread: tuple[str, ...]
 
     @property
@@ -88,7 +90,7 @@ class GltfDeclaration:
         return tuple(name for name in self.used if name not in HONOURED)
 
     def check(self, path: Path) -> None:
-        """Raise InputError for a required extension that is not honoured, and warn of the optional ones."""
+        """Raise InputError for a required extension that is not honoured; warn of optional ones and missing images."""
         for name in self.left_out:
             if name in self.required:
                 remedy = REMEDIES.get(name, "export the file without it").format(path)
@@ -96,6 +98,9 @@ class GltfDeclaration:
         if self.left_out:
             names = ", ".join(self.left_out)
             warn(OptionWarning("{0}: optional extensions that are left out: {1}", path, names))
+        if self.missing:
+            names = ", ".join(self.missing)
+            warn(OptionWarning("{0}: images that are not there, whose colours and gaps are left out: {1}", path, names))
 
 
 def declaration(path: Path) -> GltfDeclaration:
@@ -115,6 +120,7 @@ def declaration(path: Path) -> GltfDeclaration:
             used=tuple(dict.fromkeys((*used, *required))),
             required=required,
             masked=_named(content, "MASK"),
+            missing=_missing_images(content, path.parent),
             unread=_unread(content),
         )
     except (AttributeError, LookupError, RecursionError, TypeError, ValueError) as error:
@@ -125,6 +131,13 @@ def _named(content: Mapping[str, Any], alpha_mode: str) -> tuple[str, ...]:
     """Names of the materials with an `alphaMode`."""
     materials = enumerate(content.get("materials", []))
     return tuple(str(entry.get("name", number)) for number, entry in materials if entry.get("alphaMode") == alpha_mode)
+
+
+def _missing_images(content: Mapping[str, Any], folder: Path) -> tuple[str, ...]:
+    """Files of images that are not in the folder."""
+    uris = [image["uri"] for image in content.get("images", []) if "uri" in image]
+    names = [unquote_to_bytes(uri).decode("utf-8") for uri in uris if not uri.startswith("data:")]
+    return tuple(name for name in names if not (folder / name).is_file())
 
 
 def _unread(content: Mapping[str, Any]) -> tuple[str, ...]:

@@ -15,7 +15,7 @@ import os
 import re
 from collections.abc import Callable, Iterator
 from contextlib import suppress
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache
 from importlib import metadata
 from pathlib import Path
@@ -48,6 +48,22 @@ class SubMesh:
     grey: float | None = None
     pattern: ReflectivityPattern | None = None
     cutout: Cutout | None = None
+
+    def of_its_faces(self) -> SubMesh:
+        """The piece without vertices that no face names, as where primitives of a file share one list of them."""
+        used = np.zeros(len(self.vertices_m), dtype=bool)
+        used[self.faces] = True
+        if used.all():
+            return self
+        pattern, cutout = self.pattern, self.cutout
+        if pattern is not None and pattern.uv is None:
+            pattern = replace(pattern, values=pattern.values[used])
+        elif pattern is not None and pattern.uv is not None:
+            pattern = replace(pattern, uv=pattern.uv[used])
+        if cutout is not None:
+            cutout = replace(cutout, uv=cutout.uv[used])
+        faces = (np.cumsum(used) - 1)[self.faces]
+        return replace(self, vertices_m=self.vertices_m[used], faces=faces, pattern=pattern, cutout=cutout)
 
 
 LARGEST_BYTES = 2 << 30

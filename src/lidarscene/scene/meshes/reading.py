@@ -69,7 +69,7 @@ def read_mesh(path: Path, pattern: reflectivity_patterns.Kind | None = None) -> 
 
 
 def check_pieces(pieces: list[SubMesh], where: str) -> list[SubMesh]:
-    """Keep the pieces that have triangles.
+    """Keep the pieces that have triangles, and the vertices that these have: others are in no picture and in no box.
 
     Raises:
         InputError: one line, if there are none or numbers are invalid
@@ -85,7 +85,7 @@ def check_pieces(pieces: list[SubMesh], where: str) -> list[SubMesh]:
         if bad:
             raise InputError(f"{where}: {bad} of {count} vertices are not finite numbers")
         require_vertices(piece.faces, count, where)
-    return pieces
+    return [piece.of_its_faces() for piece in pieces]
 
 
 def require_vertices(faces: Numbers, count: int, where: str) -> None:

@@ -247,6 +247,9 @@ def _verdict(study: StudyFile, designs: Sequence[Design], best: Sequence[Design]
     values = ", ".join(f"{key} = {_short(value)}" for key, value in chosen.values.items())
     among = "the best" if len(best) == 1 else f"the middle of a front of {len(best)}"
     text = f"{reached} with {values}: {among} among {len(designs)} designs tried{_rests_on(study)}."
+    impossible = [design for design in designs if design.reason]
+    if impossible:
+        text += f" {len(impossible)} of them cannot be built or judged; the first: {impossible[0].reason}."
     idle = [name for name in study.objectives if len({design.quantities.get(name) for design in designs}) == 1]
     return f"{text} No design changes {', '.join(idle)}: are pose, class and keys as meant?" if idle else text
 

@@ -302,6 +302,16 @@ class StudyFile(FileModel):
     def _different(cls, sensor: str | tuple[str, ...] | None) -> str | tuple[str, ...] | None:
         return sensor if sensor is None else _require_different(sensor)
 
+    @field_validator("cost")
+    @classmethod
+    def _of_one_cost(cls, cost: dict[str, tuple[tuple[float | str, float], ...]]) -> Any:
+        for key, pairs in cost.items():
+            values = [value for value, _ in pairs]
+            twice = [value for value in values if values.count(value) > 1]
+            if twice:
+                raise ValueError(f"{key}: must have one cost of {twice[0]}, got {len(twice)}")
+        return cost
+
     @field_validator("objectives", "constraints")
     @classmethod
     def _named(cls, entries: dict[str, Any]) -> dict[str, Any]:
