@@ -127,7 +127,8 @@ def ranges_of_poisson_histograms(shares, *, background):
 @pytest.mark.slow
 def test_ranges_over_shots_are_those_of_poisson_histograms():
     """Closed form against brute force with the same background: 1 %, three errors of 4000 peaks (0.3 %). Both have the
-    figures that others found so for 1/8 to 6 times the shots to 2.5 %: those scatter by 2 % around the fourth root.
+    figures that others found so for 1/8 to 6 times the shots to 2.5 %, and 1 % more of what is drawn: those scatter by
+    2 % around the fourth root.
 
     So many SPADs that none is hit twice: counts are Poisson's.
     """
@@ -151,7 +152,7 @@ def test_ranges_over_shots_are_those_of_poisson_histograms():
     brute = ranges_of_poisson_histograms(shares, background=background)
     np.testing.assert_allclose(limits / limits[3], brute / brute[3], rtol=0.01)
     np.testing.assert_allclose(limits / limits[3], figures, rtol=0.025)
-    np.testing.assert_allclose(brute / brute[3], figures, rtol=0.025)
+    np.testing.assert_allclose(brute / brute[3], figures, rtol=0.035)
 
 
 @pytest.mark.parametrize(

@@ -191,7 +191,7 @@ _NAMED = {
         ("repetition_rate_hz", 1e-3, "kHz"),
     ),
 }
-"""Numbers that are named where two sensors differ in them, by part: field, factor and unit."""
+"""Choice: numbers that are named where two sensors differ in them, by part: field, factor and unit."""
 
 
 def _differs(part: str, ahead: Terms, other: Terms) -> str:
