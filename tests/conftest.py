@@ -79,6 +79,7 @@ MAY_BE_SKIPPED = (
     "no disk of its own can be mounted here",
     "SimSiPM is not installed",
     "could not import 'mujoco'",
+    "could not import 'torch'",
     "KISS-ICP is not installed",
     "small_gicp is not installed",
 )

@@ -1,7 +1,6 @@
 """A cloud that stays on the device: the same points, which other libraries read without a copy."""
 
 import gc
-from importlib.util import find_spec
 
 import numpy as np
 import pytest
@@ -116,10 +115,8 @@ def test_frames_of_a_run_are_each_their_own() -> None:
             np.testing.assert_array_equal(in_numpy(cloud, name), getattr(alone, name))
 
 
-@pytest.mark.skipif(find_spec("torch") is None, reason="needs PyTorch")
 def test_tensors_of_pytorch_are_where_the_cloud_is() -> None:
-    import torch
-
+    torch = pytest.importorskip("torch")
     cloud = simulator().render(on_device=True)
     tensor = torch.from_dlpack(cloud.xyz_m)
     assert tensor.is_cuda == backend.is_cuda()

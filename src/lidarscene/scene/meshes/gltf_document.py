@@ -12,6 +12,7 @@ from __future__ import annotations
 import binascii
 import io
 import json
+import os
 import struct
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -137,7 +138,7 @@ def _missing_images(content: Mapping[str, Any], folder: Path) -> tuple[str, ...]
     """Files of images that are not in the folder."""
     uris = [image["uri"] for image in content.get("images", []) if "uri" in image]
     names = [unquote_to_bytes(uri).decode("utf-8") for uri in uris if not uri.startswith("data:")]
-    return tuple(name for name in names if not (folder / name).is_file())
+    return tuple(name for name in names if not os.path.isfile(folder / name))  # False for a name that no file can have
 
 
 def _unread(content: Mapping[str, Any]) -> tuple[str, ...]:
