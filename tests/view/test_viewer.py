@@ -26,6 +26,9 @@ def press(browser: Chromium, name: str) -> None:
     browser.click(x, y)
 
 
+PNG_END = b"IEND\xaeB`\x82"
+
+
 def test_a_picture_is_saved(browser: Chromium, tmp_path: Path) -> None:
     """The file that the browser stores is what the canvas shows: as large, and with points on the background."""
     small_cloud(500).save(tmp_path / "a.ply")
@@ -35,7 +38,8 @@ def test_a_picture_is_saved(browser: Chromium, tmp_path: Path) -> None:
     press(browser, "go-fit")
     browser.store_in(tmp_path)
     press(browser, "picture")
-    wait_until(lambda: any(tmp_path.glob("*.png")))
+    # The browser makes an empty file first.
+    wait_until(lambda: any(path.read_bytes().endswith(PNG_END) for path in tmp_path.glob("*.png")))
     picture = image.imread(next(tmp_path.glob("*.png")))
     assert list(picture.shape[1::-1]) == browser.value("[viewer.canvas.width, viewer.canvas.height]")
     background = np.array([11, 14, 20]) / 255
