@@ -175,7 +175,10 @@ def _report(
     shown |= {name: designs_of_choice[knee(study, designs_of_choice)] for name, designs_of_choice in fronts.items()}
     safety = _eye_safety(evaluator, chosen)
     report.add_paragraph(_verdict(study, designs, best, chosen))
-    intervals = {words: _intervals(evaluator, design) for words, design in shown.items()}
+    # By identity: the designs that are shown are of the front, too, and each interval takes dozens of ranges.
+    different = {id(design): design for design in (*shown.values(), *best)}
+    of_design = {number: _intervals(evaluator, design) for number, design in different.items()}
+    intervals = {words: of_design[id(design)] for words, design in shown.items()}
     report.add_table(*_designs_table(study, evaluator.space, shown, intervals))
     if fronts:
         report.add_paragraph(_choices_text(fronts, best))
@@ -189,7 +192,7 @@ def _report(
     report.add_heading("Front" if len(study.objectives) > 1 else "Search")
     for figure in _figures(study, designs, fronts or {"front": best}, chosen):
         report.add_figure(figure)
-    of_front = [_intervals(evaluator, design) for design in best]
+    of_front = [of_design[id(design)] for design in best]
     ranged = [name for name in evaluator.entries if any(name in ends for ends in of_front)]
     header = [*study.objectives, *study.constraints, *(free.key for free in evaluator.space.free)]
     header += [f"{name} {end}" for name in ranged for end in ("low", "high")]

@@ -184,9 +184,19 @@ class DesignSpace:
         keys = [_free_key(key, entry, bases, f"{where}: free.{key}") for key, entry in study.free.items()]
         return cls(bases=bases, free=(*choices, *keys), folder=folder)
 
+    @property
+    def continuous(self) -> Numbers:
+        """Numbers of the free keys that take any value in between."""
+        return np.flatnonzero([free.is_continuous for free in self.free])
+
+    @property
+    def is_smooth(self) -> bool:
+        """Whether all free keys are continuous."""
+        return len(self.continuous) == len(self.free)
+
     def every_design(self, most: int) -> Numbers | None:
         """(n, keys) shares of all designs, n no more than ``most``; None where there are more."""
-        if any(free.is_continuous for free in self.free):
+        if len(self.continuous):
             return None
         places = [[(number + 0.5) / len(free.values) for number in range(len(free.values))] for free in self.free]
         bases = self.sensor_choices()

@@ -69,7 +69,7 @@ def limits_of(
     """
     from scipy.optimize import nnls
 
-    continuous = [entry for entry in space.free if entry.is_continuous]
+    continuous = [space.free[number] for number in space.continuous]
     present = [number for number, entry in enumerate(continuous) if entry.key in design.values]
     if not present:
         return None

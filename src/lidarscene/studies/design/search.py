@@ -155,14 +155,15 @@ def _search(log: Log) -> str:
         log.ask(everything)
         return f"all {len(log.designs)} designs of the study were tried"
     keys = len(space.free)
-    is_smooth = all(free.is_continuous for free in space.free)
-    alone_and_smooth = len(study.objectives) == 1 and is_smooth
+    alone_and_smooth = len(study.objectives) == 1 and space.is_smooth
     count = min(max(study.evaluations // 3, 2), 64 * keys)
     first = _sobol(keys, count if alone_and_smooth else min(count, _POPULATION), study.seed)
     log.ask(first)
     if not alone_and_smooth:
         # What is not traced is smooth: two thirds of the designs are left for the steps along the front.
-        leaving = 2 * study.evaluations // 3 if not study.is_traced else 0 if is_smooth else study.evaluations // 3
+        leaving = (
+            2 * study.evaluations // 3 if not study.is_traced else 0 if space.is_smooth else study.evaluations // 3
+        )
         _nsga(log, first, leaving=leaving)
     if len(study.objectives) == 1:
         for number, start in enumerate(_starts(log, _STARTS)):
@@ -220,7 +221,7 @@ def _promised(
 
     study, space = log.study, log.space
     ranks = [_rank(study, _evaluated(log, neighbour), objective, allowed) for neighbour in neighbours]
-    free = np.flatnonzero([entry.is_continuous for entry in space.free])
+    free = space.continuous
     design = _evaluated(log, best)
     slopes = None if study.is_traced or not len(free) or design.reason else log.slopes_of(design)
     if slopes is None:
@@ -281,8 +282,7 @@ def _follow_front(log: Log) -> None:
 
     Of keys with finitely many values, each design of the front is moved: to its most promising neighbours, then to all.
     """
-    study = log.study
-    is_smooth = all(free.is_continuous for free in log.space.free)
+    study, is_smooth = log.study, log.space.is_smooth
     for thorough in (True,) if is_smooth else (False, True):
         for objective in range(len(study.objectives)):
             start = min(log.designs.values(), key=lambda design: _rank(study, design, objective, None))
@@ -293,8 +293,8 @@ def _follow_front(log: Log) -> None:
             for place in sorted(range(len(best)), key=lambda place: min(place, len(best) - 1 - place)):  # ends first
                 allowed = losses(study, best[place])[1:]
                 _descend(log, _shares(log.space, best[place]), allowed=allowed, thorough=thorough)
-    values = np.array([losses(study, design) for design in front(study, list(log.designs.values()))])
-    for share in _sobol(len(study.objectives) - 1, _PLACES_OF_FRONT, study.seed) if len(values) else ():
+    has_front = bool(front(study, list(log.designs.values())))
+    for share in _sobol(len(study.objectives) - 1, _PLACES_OF_FRONT, study.seed) if has_front else ():
         best = front(study, list(log.designs.values()))
         values = np.array([losses(study, design) for design in best])
         low, span = values.min(axis=0)[1:], np.ptp(values, axis=0)[1:]
@@ -446,7 +446,7 @@ def _slsqp(log: Log, start: Numbers, *, ftol: float, objective: int = 0, allowed
     from scipy.optimize import minimize
 
     study = log.study
-    free = np.flatnonzero([entry.is_continuous for entry in log.space.free])
+    free = log.space.continuous
     if not len(free):
         return
     present = losses(study, _evaluated(log, start))
@@ -505,7 +505,7 @@ def _cobyqa(log: Log, start: Numbers) -> None:
     from scipy.optimize import Bounds, NonlinearConstraint, minimize
 
     study = log.study
-    free = np.flatnonzero([entry.is_continuous for entry in log.space.free])
+    free = log.space.continuous
     if not len(free):
         return
     size = abs(float(losses(study, _evaluated(log, start))[0])) or 1.0

@@ -153,7 +153,7 @@ class _Placed:
 
 
 def _continuous(space: DesignSpace) -> list[Free]:
-    return [entry for entry in space.free if entry.is_continuous]
+    return [space.free[number] for number in space.continuous]
 
 
 def _sides(entry: Free, values: Values, function: Callable[[Values], Any]) -> _Sides | None:

@@ -157,12 +157,13 @@ def waterfall(first: Terms, second: Terms, target: Target, *, visibility_m: floa
     sensor, before_m = first.file, first.range_m
     for part in ("optics", "laser"):
         try:
-            sensor = replace(sensor, **{part: getattr(second.file, part)})
-            reached_m = _terms(first.name, sensor, with_haze(sensor, target, visibility_m)).range_m
+            exchanged = replace(sensor, **{part: getattr(second.file, part)})
+            hazy = with_haze(exchanged, target, visibility_m)
+            reached_m = plane.range_at_probability_m(_equalized(exchanged, hazy)[0], hazy, PROBABILITY)
         except (InputError, ValueError):
             continue  # parts that do not fit together: their worth stays in the last step
         steps[part] = reached_m - before_m
-        before_m = reached_m
+        sensor, before_m = exchanged, reached_m
     return {**steps, "detector": second.range_m - before_m}
 
 
@@ -249,6 +250,26 @@ def range_under_m(sensor: Sensor, target: Target, klux: float) -> float:
 
 
 def _terms(name: str, sensor: Sensor, target: Target) -> Terms:
+    equal, changes = _equalized(sensor, target)
+    range_m = plane.range_at_probability_m(equal, target, PROBABILITY)
+    limited = float(equal.laser.peak_power_w) != float(sensor.laser.peak_power_w)
+    return Terms(
+        name=name,
+        sensor=equal,
+        file=sensor,
+        file_range_m=plane.range_at_probability_m(sensor, target, PROBABILITY),
+        range_m=range_m,
+        interval_m=range_interval_m(
+            equal, target, range_m, without={"detector.gain", *(["laser.peak_power_w"] if limited else [])}
+        ),
+        false_points=false_points(equal, target),
+        course_m=tuple(range_under_m(equal, target, klux) for klux in ILLUMINANCES_KLUX),
+        changes=changes,
+    )
+
+
+def _equalized(sensor: Sensor, target: Target) -> tuple[Sensor, tuple[str, ...]]:
+    """Sensor on equal terms, and what it had otherwise: eye safety, gain, statistics, then the threshold."""
     equal, statistics_change = _physical(sensor)
     equal, power_change = _safe(equal)
     threshold_change: tuple[str, ...] = ()
@@ -263,21 +284,7 @@ def _terms(name: str, sensor: Sensor, target: Target) -> Terms:
     gain_change: tuple[str, ...] = ()
     if isinstance(equal.detector, Apd):
         equal, gain_change = _at_best_gain(equal, equal.detector, target)
-    range_m = plane.range_at_probability_m(equal, target, PROBABILITY)
-    limited = float(equal.laser.peak_power_w) != float(sensor.laser.peak_power_w)
-    return Terms(
-        name=name,
-        sensor=equal,
-        file=sensor,
-        file_range_m=plane.range_at_probability_m(sensor, target, PROBABILITY),
-        range_m=range_m,
-        interval_m=range_interval_m(
-            equal, target, range_m, without={"detector.gain", *(["laser.peak_power_w"] if limited else [])}
-        ),
-        false_points=false_points(equal, target),
-        course_m=tuple(range_under_m(equal, target, klux) for klux in ILLUMINANCES_KLUX),
-        changes=(*power_change, *gain_change, *statistics_change, *threshold_change),
-    )
+    return equal, (*power_change, *gain_change, *statistics_change, *threshold_change)
 
 
 def range_interval_m(
