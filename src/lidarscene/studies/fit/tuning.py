@@ -140,7 +140,11 @@ LEAST_EXPONENT = 0.02
 # sensor_text
 
 MOST_RELATIVE_SIGMA = 0.3
-"""Choice: largest scatter of an estimate over its value; less certain estimates are not written."""
+"""Choice: largest scatter of an estimate over its value; less certain estimates are not written. A file's own number is
+taken to be as sure."""
+
+CONTRADICTION = 2.0
+"""Choice: sigmas of an estimate from the file's number beyond which they are blended, though it is not certain."""
 
 INFINITE = 1e-3
 """Accuracy bought: R0 over a range beyond which that counts as infinity: the near field differs by less than 0.1 %."""
