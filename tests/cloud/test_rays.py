@@ -49,7 +49,7 @@ def test_rays_are_of_the_frame_as_it_was_rendered(cloud: PointCloud) -> None:
 
 def test_files_of_rays(tmp_path: Path, cloud: PointCloud, open3d: ModuleType, library: Callable[[str], Any]) -> None:
     """Reference: NumPy, Open3D and pyarrow read every column of each file."""
-    rows = cloud.rays.to_structured()
+    rows = cloud.rays.to_numpy()
     assert list(rows.dtype.names or ()) == COLUMNS
     for suffix in ("npz", "ply", "parquet"):
         if suffix == "parquet":
