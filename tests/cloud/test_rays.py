@@ -37,6 +37,7 @@ def test_every_pulse_has_its_ray(cloud: PointCloud) -> None:
     np.testing.assert_array_equal(rays.ring[has_point], cloud.ring)
     np.testing.assert_array_equal(rays.outcome[has_point] == 0, cloud.status == 0)
     assert (rays.outcome[~has_point] > 0).all()
+    np.testing.assert_array_equal(cloud.missed.pulse, rays.pulse[~has_point])
     # 16 lasers leave from 16 heights.
     assert len(np.unique(np.round(rays.origin_m[:, 2], 5))) == 16
 
