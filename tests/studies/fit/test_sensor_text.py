@@ -54,7 +54,7 @@ def test_the_pulse_that_scatters_so_is_found_again() -> None:
 
 
 def test_a_scatter_that_contradicts_the_file_is_blended_with_it() -> None:
-    """62 +/- 42 mm for 185, 2.9 sigma: with 30 % of the file's own the mean by (62 / 42^2 + 185 / 55.5^2) is 107 mm. One
+    """62 +/- 42 mm for 185, 2.9 sigma: with 30 % of the file's own the mean by 62 / 42^2 + 185 / 55.5^2 is 107 mm. One
     that is as uncertain and does not contradict changes nothing.
     """
     before = parse_sensor(TEXT, "before")
