@@ -21,7 +21,7 @@ from ..physics.constants import SPEED_OF_LIGHT_M_S
 from ..sensor.readout import PublishedFile, RepeatabilityFile
 from ..sensor.sensor_file import load_sensor, published_performance
 from ..sensor.sensor_model import Sensor
-from .fit.published_fit import PublishedRanges, exponents, fit_published, nights_over_days
+from .fit.published_fit import PublishedRanges, exponents, fit_published, nights_over_days, reached_m
 from .held import LIMITS, Held, Limits, held_table, relative
 from .ranging import statistics
 from .ranging.plane import Target, detection_probability, echoes_of_plane, maximum_range_m
@@ -146,7 +146,7 @@ def laws(sensor: Sensor, published: PublishedFile) -> list[Held]:
     ranges = PublishedRanges.of(published)
     if ranges is None:
         return []
-    grey_m = maximum_range_m(sensor, Target(reflectivity=GREYS, illuminance_klux=published.illuminance_klux or 0.0))[0]
+    grey_m = reached_m(sensor, Target(reflectivity=GREYS, illuminance_klux=published.illuminance_klux or 0.0))
     least = float(np.min(grey_m[1:] / grey_m[:-1]))
     row = _row(
         "range, brighter over darker", f"least of {len(GREYS)} from {GREYS[0]:.0%} to {GREYS[-1]:.0%}", None, least

@@ -125,6 +125,12 @@ def test_a_receiver_that_contradicts_its_maker_is_refused(name: str, quantity: s
     assert [row for row in law_rows(name) if not row.verdict] == []
 
 
+def test_a_sensor_that_sees_nothing_is_refused() -> None:
+    """A threshold that no echo reaches, nor any light: rows that fail, and no error."""
+    rows = law_rows("livox-mid-360", ("tdc.threshold_to_noise=1e4", f"{POWER}=1e-6"))
+    assert [row.quantity for row in rows if row.verdict is False] == ["range exponent"]
+
+
 def test_nights_are_held_to_days() -> None:
     """The Avia reaches 450 m without light for 320 m in it; without sunlight in the receiver both are the same."""
     (row,) = (row for row in law_rows("livox-avia", (f"{SUN}=0",)) if row.condition.startswith("80%, "))

@@ -24,7 +24,7 @@ from ...maths.arrays import Numbers
 from ...sensor.readout import PublishedFile
 from ...sensor.sensor_file import load_sensor, published_performance
 from ...sensor.sensor_model import Sensor
-from ..ranging.plane import Target, maximum_range_m
+from ..ranging.plane import FARTHEST_M, NEAREST_M, Target, maximum_range_m
 from .tuning import RANGE_SIGMA, UNDETERMINED
 
 POWER = "laser.peak_power_w"
@@ -52,8 +52,12 @@ class PublishedRanges:
 
     def simulated_m(self, sensor: Sensor) -> Numbers:
         """(n,) ranges of a sensor under the same conditions."""
-        target = Target(reflectivity=self.reflectivity, illuminance_klux=self.illuminance_klux)
-        return np.asarray(maximum_range_m(sensor, target)[0])
+        return reached_m(sensor, Target(reflectivity=self.reflectivity, illuminance_klux=self.illuminance_klux))
+
+
+def reached_m(sensor: Sensor, target: Target) -> Numbers:
+    """`maximum_range_m`; where there is none, the nearest or farthest that is sought, which have a logarithm."""
+    return np.asarray(np.clip(maximum_range_m(sensor, target)[0], NEAREST_M, FARTHEST_M))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
