@@ -24,6 +24,7 @@ from ..labels import kitti_dataset, nuscenes_dataset
 from ..labels.boxes import sensor_place
 from ..labels.nuscenes_dataset import Sample
 from ..maths.pose import Pose
+from ..maths.trajectory import Course
 from ..rendering.simulator import Simulator
 from ..scene.scene import Scene
 from .job_file import JobFile, SplitFile
@@ -116,14 +117,14 @@ class Place:
         record: dict[str, Any] = {}
         with nuscenes_dataset.sample_stream(folder, self.sample, scene, record) as append:
             append(cloud)
-        # Each frame of the drive finds the same corner of the map by itself.
-        frame_s = simulator.sensor.scanner.frame_s
-        begin_s = record["start_s"] - self.step * frame_s
-        path_m = nuscenes_dataset.path_of_drive(simulator.motion, begin_s, begin_s + self.steps * frame_s)
-        corner_m, size_px = nuscenes_dataset.map_area(path_m)
         if self._has_map:
+            begin_s = record["start_s"]
+            end_s = begin_s + self.steps * simulator.sensor.scanner.frame_s
+            path_m = nuscenes_dataset.path_of_drive(scene.ego or Course(), begin_s, end_s)
+            corner_m, size_px = nuscenes_dataset.map_area(path_m)
             nuscenes_dataset.write_map(folder / self.sample.map, scene, corner_m, size_px)
-        return record | {"map_corner_m": corner_m.tolist()}
+            record["map_corner_m"] = corner_m.tolist()
+        return record
 
 
 TOP = "LIDAR_TOP"

@@ -262,8 +262,8 @@ def write_tables(folder: Path, frames: Iterable[tuple[Sample, Mapping[str, Any]]
     """Write all tables of a data set, and `splits.json`, the scenes of each part.
 
     Args:
-        frames: frames and their records (`sample_stream`, with "map_corner_m" of their drive); those of one drive and
-            channel in order of time
+        frames: frames and their records (`sample_stream`); those of one drive and channel in order of time. The first
+            record of a drive has "map_corner_m" too, the corner of its map, which all sensors of the drive share
     """
     tables = _Tables()
     for sample, record in frames:
@@ -291,6 +291,7 @@ class _Tables:
         self.splits: dict[str, list[str]] = {}
         self._scenes: dict[int, dict[str, Any]] = {}
         self._maps: dict[int, str] = {}
+        self._corners_m: dict[int, Numbers] = {}
         self._samples: dict[tuple[int, int], dict[str, Any]] = {}
         self._sensors: dict[str, dict[str, Any]] = {}
         self._calibrations: dict[str, dict[str, Any]] = {}
@@ -301,7 +302,9 @@ class _Tables:
 
     def add(self, sample: Sample, record: Mapping[str, Any]) -> None:
         """Add a frame."""
-        corner_m = np.array([*record["map_corner_m"], 0.0])
+        if sample.scene not in self._corners_m:
+            self._corners_m[sample.scene] = np.array([*record["map_corner_m"], 0.0])
+        corner_m = self._corners_m[sample.scene]
         ego, sensor_pose = _pose(record["ego_to_world"]), _pose(record["sensor_to_world"])
         mounting = ego.inverse() @ sensor_pose
         time_s = record["start_s"] + sample.scene * DRIVES_APART_S
