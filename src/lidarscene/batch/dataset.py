@@ -27,12 +27,9 @@ from ..maths.pose import Pose
 from ..maths.trajectory import Course
 from ..rendering.simulator import Simulator
 from ..scene.scene import Scene
-from .job_file import JobFile, SplitFile
+from .job_file import WHOLE_DRIVES, JobFile, SplitFile
 
 PARTS = ("train", "val", "test")
-
-WHOLE_DRIVES = ("mcap", "mcap-ouster", "rrd")
-"""Data sets of a file for each drive, by its format."""
 
 CLOUD_FOLDERS = {
     "kitti": ("training/velodyne/*.bin", "testing/velodyne/*.bin"),

@@ -24,6 +24,9 @@ Seed = Annotated[int, Field(ge=SEEDS.low, le=SEEDS.high)]
 # JSON Schema for editors: a list of values, or a table of further keys. The values are checked with the scenes.
 SWEPT: JsonDict = {"additionalProperties": {"anyOf": [{"type": "array", "minItems": 1}, {"type": "object"}]}}
 
+WHOLE_DRIVES = ("mcap", "mcap-ouster", "rrd")
+"""Data sets of a file for each drive, by its format."""
+
 MOST_FRAMES = 10_000_000
 """Most frames of one combination."""
 
@@ -156,6 +159,11 @@ class JobFile(FileModel):
     )
     coordinates: Literal["world", "vehicle", "sensor"] = Field(default="world", description="frame of the points")
     truth: bool = Field(default=True, description="false leaves the ground truth out")
+    deskew: bool | None = Field(
+        default=None,
+        description="whether the clouds are without the sensor's own motion; if left out, those of `kitti`, "
+        "`semantickitti` and `nuscenes` are, as the real ones, and others are not",
+    )
     rays: int = _key(TraceOptions, "rays")
     interactions: int = _key(TraceOptions, "interactions")
     chunk: int = _key(FrameOptions, "chunk")
@@ -178,6 +186,11 @@ class JobFile(FileModel):
     def all_seeds(self) -> Sequence[int]:
         """Seeds of the job, in order."""
         return self.seeds if self.seed_count is None else range(self.seed_count)
+
+    @property
+    def is_deskewed(self) -> bool:
+        """Whether the clouds are without the sensor's own motion."""
+        return self.dataset not in (None, *WHOLE_DRIVES) if self.deskew is None else self.deskew
 
     def trace_options(self) -> TraceOptions:
         """Options of tracing, the same for all frames."""

@@ -88,6 +88,7 @@ class FrameTask:
     """One frame of one sensor. Equal keys are equal clouds, so that nothing is done twice.
 
     Attributes:
+        deskew: whether the cloud is without the sensor's own motion
         place: place in a data set, which is part of the key; None without one
     """
 
@@ -99,6 +100,7 @@ class FrameTask:
     frame: FrameOptions
     format: str
     truth: bool
+    deskew: bool
     place: Place | None = None
 
     @property
@@ -167,7 +169,8 @@ class Job:
             places_of_drive = itertools.repeat(None) if places is None else places.of_drive(_drive(scene, sensor, seed))
             for number, place in zip(range(file.frames), places_of_drive, strict=False):
                 frame = file.frame_options(seed, number)
-                settings = cloud_settings(trace, frame) | {"format": file.format, "truth": file.truth}
+                form: dict[str, Any] = {"format": file.format, "truth": file.truth, "deskew": file.is_deskewed}
+                settings = cloud_settings(trace, frame) | form
                 if place is not None:
                     # A frame of a whole drive is put into its place when the drive is written.
                     settings |= {"dataset": place.dataset} if place.is_whole_drive else dataclasses.asdict(place)
@@ -179,9 +182,8 @@ class Job:
                     sensor=sensor,
                     trace=trace,
                     frame=frame,
-                    format=file.format,
-                    truth=file.truth,
                     place=place,
+                    **form,
                 )
 
 
