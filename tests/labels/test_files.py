@@ -130,7 +130,8 @@ def test_counts_are_those_of_every_point_and_beam() -> None:
     status = (rng.random(4000) < 0.1).astype(np.uint8)
     length_m = np.linalg.norm(xyz_m - origin_m, axis=1)
     true_range_m = length_m * rng.uniform(0.5, 1.2, 4000)
-    points = labels_boxes._PointsByAzimuth(xyz_m, origin_m, true_range_m, status)
+    body = rng.integers(-1, 3, 4000, np.int32)
+    points = labels_boxes._PointsByAzimuth(xyz_m, origin_m, true_range_m, body, status)
     places = [*rng.normal(0.0, 10.0, (40, 3)), [-8.0, -0.2, 1.0], [-8.0, 0.1, 1.0], [0.3, -0.2, 6.0], [0.3, -0.2, 1.0]]
     for place in places:
         angles = rng.uniform(-180.0, 180.0, 3)
@@ -138,7 +139,9 @@ def test_counts_are_those_of_every_point_and_beam() -> None:
         box = Box(body=0, name="", class_name="car", size_m=rng.uniform(1.0, 6.0, 3), pose=pose)
         (counted,) = points.counted([box], [box])
         local, start = pose.inverse_apply(xyz_m.astype(float)), pose.inverse_apply(origin_m[None])
-        assert counted.points_inside == (np.abs(local) <= 0.5 * box.size_m).all(axis=1).sum()
+        inside = (np.abs(local) <= 0.5 * box.size_m).all(axis=1)
+        assert counted.points_inside == inside.sum()
+        assert counted.points_within == (inside & (body == 0) & (status == 0)).sum()
         way = local - start
         low, high = np.sort([(sign * 0.5 * box.size_m - start) / way for sign in (-1, 1)], axis=0)
         enter, leave = np.maximum(low.max(axis=1), 0.0), high.min(axis=1)
@@ -152,6 +155,18 @@ def test_a_body_that_no_beam_meets() -> None:
     scene = replace(street.scene(), bodies=(*street.scene().bodies, hidden_car))
     box = box_named(street.cloud(described=scene), "behind", scene)
     assert (box.points_inside, box.points_on, box.beams, box.visibility, box.has_points) == (0, 0, 0, 0.0, False)
+
+
+@pytest.mark.parametrize("format", ["kitti", "nuscenes"])
+def test_a_box_with_points_of_others_alone_is_no_label(tmp_path: Path, street_cloud: PointCloud, format: str) -> None:
+    """Rationale: a detector would learn a car where it sees none, as of the road below one that is hidden."""
+    hidden = street.block("hidden", "car", CAR, street.scene().bodies[1].pose)
+    scene = replace(street.scene(), bodies=(*street.scene().bodies, hidden))
+    cloud = street.cloud(described=street.scene())
+    assert box_named(cloud, "hidden", scene).points_inside >= 10
+    labels = write_labels(cloud, scene, tmp_path / "a.bin", format=format)[0]
+    without = write_labels(cloud, street.scene(), tmp_path / "b.bin", format=format)[0]
+    assert labels.read_bytes() == without.read_bytes()
 
 
 def test_the_sensor_may_be_inside_a_box() -> None:

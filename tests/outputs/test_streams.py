@@ -26,8 +26,8 @@ from lidarscene.formats import parquet
 from lidarscene.formats.registry import FORMATS
 from lidarscene.labels import kitti_dataset
 from lidarscene.labels.files import write_labels
-from lidarscene.rendering.rig_simulators import simulators
 from lidarscene.rendering.render_options import FrameOptions
+from lidarscene.rendering.rig_simulators import simulators
 from lidarscene.rendering.simulator import Simulator
 
 pytestmark = pytest.mark.usefixtures("small_pictures")
