@@ -431,7 +431,7 @@ MOVING = {
 
 def test_classes_of_kitti() -> None:
     assert {name: kind.semantic_kitti for name, kind in KINDS.items()} == SEMANTIC
-    assert {kind.kitti for kind in KINDS.values() if kind.is_thing} == KITTI_TYPES
+    assert {kind.kitti for kind in KINDS.values() if kind.is_thing} == {*KITTI_TYPES, "DontCare"}
     assert {kind.kitti for kind in KINDS.values() if not kind.is_thing} == {"DontCare"}
     expected = {
         "car": "Car",
@@ -562,7 +562,7 @@ def test_open3d_ml_opens_a_kitti_dataset(
     in_picture = is_in_picture(in_sensor_frame.xyz_m)
     assert len(data["point"]) == pytest.approx(np.count_nonzero(in_picture), abs=2)
     boxes_seen = [b.seen_from(street.SENSOR) for b in boxes(street_cloud, street.scene())]
-    assert [b.label_class for b in data["bounding_boxes"]] == ["Car", "Car", "DontCare"]  # it knows no "Misc"
+    assert [b.label_class for b in data["bounding_boxes"]] == ["Car", "Car"]
     for theirs, ours in zip(data["bounding_boxes"], boxes_seen, strict=True):
         (length, width, height), yaw = upright_size_and_yaw(ours)
         np.testing.assert_allclose(theirs.center, ours.pose.position_m, atol=2e-4)
@@ -607,6 +607,21 @@ def test_kitti_rectangles_hold_the_points(object_dataset: Path, street_cloud: Po
         assert left - 1 <= u[inside].min() <= u[inside].max() <= right + 1
         assert top - 1 <= v[inside].min() <= v[inside].max() <= low + 1
         assert body != 2 or np.ptp(u[inside]) > 0.9 * (right - left)
+
+
+@pytest.mark.parametrize(("all_around", "kinds"), [(False, ["Car"]), (True, ["Car", "Car"])])
+def test_kitti_labels_what_its_camera_shows(tmp_path: Path, all_around: bool, kinds: list[str]) -> None:
+    """A car ahead and one behind the sensor; a pole ahead is no object of KITTI's."""
+    blocks = [
+        street.block(name, class_name, CAR, street.pose_at(x, -3.0, 0.75, 0.0))
+        for name, class_name, x in (("ahead", "car", 12.0), ("behind", "car", -12.0), ("post", "pole", 25.0))
+    ]
+    scene = replace(street.scene(), bodies=(street.scene().bodies[0], *blocks))
+    turned = Pose(position_m=street.SENSOR.position_m, rotation=street.SENSOR.rotation @ np.diag([-1.0, -1.0, 1.0]))
+    cloud = PointCloud.concatenate([street.cloud(described=scene, sensor=sensor) for sensor in (street.SENSOR, turned)])
+    assert all(box.has_points for box in boxes(cloud, scene))
+    path, _ = write_labels(cloud, scene, tmp_path / "a.bin", format="kitti", all_around=all_around)
+    assert [line.split()[0] for line in path.read_text().splitlines()] == kinds
 
 
 def test_a_box_behind_the_camera_has_no_rectangle() -> None:

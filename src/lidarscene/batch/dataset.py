@@ -98,11 +98,14 @@ class Place:
         """Whether the map of the drive is among the files of this frame."""
         return self.step == 0 and self.channel == TOP
 
-    def write(self, folder: Path, cloud: PointCloud, simulator: Simulator, scene: Scene) -> dict[str, Any]:
+    def write(
+        self, folder: Path, cloud: PointCloud, simulator: Simulator, scene: Scene, *, all_around: bool
+    ) -> dict[str, Any]:
         """Write the files of the frame; returns what `write_tables` needs of it, as plain data."""
         if self.dataset == "nuscenes":
             return self._write_sample(folder, cloud, simulator, scene)
-        with kitti_dataset.files_stream(self.dataset, folder / self.files[0], scene) as (append, _):
+        path = folder / self.files[0]
+        with kitti_dataset.files_stream(self.dataset, path, scene, all_around=all_around) as (append, _):
             append(cloud)
         if self.dataset == "kitti":
             return {}

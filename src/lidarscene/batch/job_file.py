@@ -14,6 +14,7 @@ from ..files.overrides import toml_text
 from ..files.table_model import Number
 from ..files.toml import FileModel, read_toml, validate
 from ..formats.registry import FORMATS
+from ..outputs.output_options import Outputs
 from ..rendering.option_fields import Whole, options_of
 from ..rendering.render_options import SEEDS, FrameOptions, TraceOptions
 from ..scene.motion import EgoFile
@@ -164,6 +165,8 @@ class JobFile(FileModel):
         description="whether the clouds are without the sensor's own motion; if left out, those of `kitti`, "
         "`semantickitti` and `nuscenes` are, as the real ones, and others are not",
     )
+    all_around: bool = _key(Outputs, "all_around")
+    own_car: bool = _key(Outputs, "own_car")
     rays: int = _key(TraceOptions, "rays")
     interactions: int = _key(TraceOptions, "interactions")
     chunk: int = _key(FrameOptions, "chunk")

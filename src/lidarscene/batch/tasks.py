@@ -11,7 +11,7 @@ import os
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from .. import catalog
 from .._version import __version__
@@ -89,6 +89,8 @@ class FrameTask:
 
     Attributes:
         deskew: whether the cloud is without the sensor's own motion
+        own_car: whether it has the points on the vehicle that carries the sensor
+        all_around: whether KITTI's boxes are those outside the picture too
         place: place in a data set, which is part of the key; None without one
     """
 
@@ -101,6 +103,8 @@ class FrameTask:
     format: str
     truth: bool
     deskew: bool
+    own_car: bool
+    all_around: bool
     place: Place | None = None
 
     @property
@@ -169,7 +173,13 @@ class Job:
             places_of_drive = itertools.repeat(None) if places is None else places.of_drive(_drive(scene, sensor, seed))
             for number, place in zip(range(file.frames), places_of_drive, strict=False):
                 frame = file.frame_options(seed, number)
-                form: dict[str, Any] = {"format": file.format, "truth": file.truth, "deskew": file.is_deskewed}
+                form = {
+                    "format": file.format,
+                    "truth": file.truth,
+                    "deskew": file.is_deskewed,
+                    "own_car": file.own_car,
+                    "all_around": file.all_around,
+                }
                 settings = cloud_settings(trace, frame) | form
                 if place is not None:
                     # A frame of a whole drive is put into its place when the drive is written.
@@ -183,7 +193,7 @@ class Job:
                     trace=trace,
                     frame=frame,
                     place=place,
-                    **form,
+                    **cast(dict[str, Any], form),
                 )
 
 

@@ -87,6 +87,10 @@ class PointCloud(_CloudWithRays):
         absent: dict[str, Any] = dict.fromkeys((*TRUTH, *OF_VECTORS))
         return replace(self, checked=True, **absent)
 
+    def without_bodies(self, bodies: Sequence[int]) -> PointCloud:
+        """The points that are not on these bodies, given by their indices; the cloud must have its truth."""
+        return self.select(~np.isin(self.body, bodies))
+
     @staticmethod
     def concatenate(parts: list[PointCloud], *, consume: bool = False) -> PointCloud:
         """Join all points of the parts in order; names and metadata are those of the first.

@@ -186,8 +186,7 @@ def point_categories(cloud: PointCloud, scene: Scene) -> Numbers:
     _, body_index = truth_of(cloud)
     numbers = np.array([*(_category(name) for name in cloud.class_names), OTHER], np.uint8)
     category = numbers[np.asarray(cloud.class_id)]
-    on_vehicle = [index for index, body in enumerate(scene.bodies) if body.rides_with(scene.ego)]
-    category[np.isin(body_index, on_vehicle)] = EGO
+    category[np.isin(body_index, scene.own_bodies)] = EGO
     return np.where(cloud.status == 0, category, np.uint8(NOISE))
 
 

@@ -190,17 +190,21 @@ class FrameFiles:
                 yield path, cloud_stream(self.plan, path, points, bag=self.bags.get(path))
             if outputs.labels is not None and not self.plan.has_truth:
                 path = self.files[f"{key}_labels"]
-                yield path, labels_stream(self.files[key], self.scene, format=outputs.labels)
+                options = {"format": outputs.labels, "all_around": outputs.all_around}
+                yield path, labels_stream(self.files[key], self.scene, **options)
         if key == "output" and self.live is not None:
             yield Path("--rrd"), rerun_stream(outputs, Path(tempfile.gettempdir()), self.scene, self.live)
         if key == "output" and "range_image" in self.files:
             yield self.files["range_image"], range_image_stream(self.files["range_image"])
 
     def _as_seen(self) -> Change:
-        return lambda _, cloud: cloud
+        if self.plan.outputs.own_car:
+            return lambda _, cloud: cloud
+        return lambda _, cloud: cloud.without_bodies(self.scene.own_bodies)
 
     def _deskewed(self) -> Change:
-        return lambda number, cloud: self._simulators[number].without_motion(cloud, self.frame)
+        as_seen = self._as_seen()
+        return lambda number, cloud: self._simulators[number].without_motion(as_seen(number, cloud), self.frame)
 
     def _merged(self, change: Change) -> Change:
         """Change of pieces that applies ``change`` and then makes them pieces of one merged cloud."""

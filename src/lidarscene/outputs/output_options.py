@@ -116,6 +116,8 @@ class Outputs:
         help=f"make the folder a data set, clouds and labels: {', '.join(DATASETS)}",
         metavar="NAME",
     )
+    all_around: bool = option(False, help="KITTI's boxes outside the picture of its camera too")
+    own_car: bool = option(True, help="points on the vehicle that carries the sensor", flags=("--no-own-car",))
     rrd: bool = option(
         False, help="show every frame in the Rerun viewer of this machine, too, as it comes (start it with: rerun)"
     )

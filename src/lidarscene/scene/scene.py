@@ -259,6 +259,11 @@ class Scene:
     base_materials: Mapping[str, str] = field(default_factory=dict)
     reach_m: float = math.inf
 
+    @property
+    def own_bodies(self) -> list[int]:
+        """Indices of the bodies that are fixed to the ego vehicle."""
+        return [index for index, body in enumerate(self.bodies) if body.rides_with(self.ego)]
+
     def add(
         self,
         mesh: Any,
