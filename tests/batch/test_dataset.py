@@ -39,7 +39,8 @@ SMALL = """
 "scanner.azimuth_step_deg" = [2]
 "scanner.elevation_step_deg" = [2]
 """
-SPLITS = "[splits]\ntrain = 0.5\nval = 0.25\ntest = 0.25\n"
+SHARES = "[splits]\ntrain = 0.5\nval = 0.25\ntest = 0.25\n"
+SPLITS = SHARES + 'by = "drive"\n'
 
 
 @pytest.fixture(autouse=True)
@@ -55,7 +56,7 @@ def read_job(folder: Path, text: str, *, scene: str = APPROACHING, rig: str = LE
     (folder / "street.toml").write_text(scene)
     (folder / "rig.toml").write_text(rig)
     path = folder / "job.toml"
-    path.write_text('scenes = ["street.toml"]\n' + text + SMALL)
+    path.write_text(("" if "scenes = " in text else 'scenes = ["street.toml"]\n') + text + SMALL)
     return Job.read(path)
 
 
@@ -100,9 +101,9 @@ def test_shares_are_within_one_of_what_was_asked() -> None:
     ("text", "message"),
     [
         ('dataset = "kitti"\nseeds = [1, 2]\n' + SPLITS, "train, val, test must each have some of the drives"),
-        ('dataset = "kitti"\nseed_count = 9\n' + SPLITS + 'by = "street"\n', "of the streets, of which there are 1"),
+        ('dataset = "kitti"\nseed_count = 9\n' + SHARES, 'streets, of which there are 1; sweep "street.seed"'),
         (
-            'dataset = "kitti"\nframes = 2\n' + SPLITS + 'by = "frames"\n',
+            'dataset = "kitti"\nframes = 2\n' + SHARES + 'by = "frames"\n',
             "of the frames of a drive, of which there are 2",
         ),
         ('dataset = "kitti"\n[splits]\ntrain = 0.7\nval = 0.2\n', "must add up to 1, got 0.9"),
@@ -135,21 +136,29 @@ def test_a_drive_is_in_one_part(tmp_path: Path) -> None:
 
 def test_frames_of_a_drive_are_cut_in_order(tmp_path: Path) -> None:
     """Each part of a drive is a sequence of its own: poses and times have no holes."""
-    text = 'dataset = "semantickitti"\nframes = 4\nseed_count = 2\n' + SPLITS + 'by = "frames"\n'
+    text = 'dataset = "semantickitti"\nframes = 4\nseed_count = 2\n' + SHARES + 'by = "frames"\n'
     drive = [("train", 0, 0), ("train", 0, 1), ("val", 1, 0), ("test", 2, 0)]
     expected = [(part, sequence + 3 * seed, step, step) for seed in range(2) for part, sequence, step in drive]
     assert parts_of(read_job(tmp_path, text)) == expected
 
 
 def test_a_street_is_in_one_part(tmp_path: Path) -> None:
-    """What differs in light alone is one street; another place of the car is another."""
-    text = 'dataset = "kitti"\n[splits]\ntrain = 0.5\nval = 0.5\nby = "street"\n[sweep.scene]\n'
+    """What differs in light, paint, the vehicle's way or the file's name is one street, unless `by` says otherwise;
+    another place of the car is another. So no pose of what is tested was learned.
+    """
+    text = 'dataset = "kitti"\n[splits]\ntrain = 0.5\nval = 0.5\n[sweep.scene]\n'
     text += '"sun.illuminance_klux" = [1, 100]\n"bodies.wall.position_m" = [[10, 0, 1.8], [12, 0, 1.8]]\n'
-    parts = defaultdict(set)
+    text += '"ego.speed_m_s" = [5, 9]\n"bodies.wall.material" = ["concrete", "asphalt"]\n'
+    text = text.replace("dataset", 'scenes = ["street.toml", "wet.toml"]\ndataset', 1)
+    (tmp_path / "wet.toml").write_text('extends = "street.toml"\n[weather]\nrain_mm_h = 5\n')
+    parts, streets = defaultdict(set), defaultdict(set)
     for task in read_job(tmp_path, text).tasks():
         assert task.place is not None
-        parts[str(task.parameters["scene.bodies.wall.position_m"])].add(task.place.split)
+        place = str(task.parameters["scene.bodies.wall.position_m"])
+        parts[place].add(task.place.split)
+        streets[place].add(task.scene.street)
     assert sorted(map(sorted, parts.values())) == [["train"], ["val"]]
+    assert [len(hashes) for hashes in streets.values()] == [1, 1]
 
 
 # --- files ------------------------------------------------------------------------------------------
@@ -252,6 +261,8 @@ def test_the_manifest_names_parts_and_files(threads: Connect, tmp_path: Path) ->
     assert Counter(row["split"] for row in rows) == {"train": 2, "val": 2, "test": 2}
     assert [row["file"] for row in rows] == [f"samples/LIDAR_TOP/{n:06d}.pcd.bin" for n in range(6)]
     assert {row["sequence"] for row in rows} == {"scene-0001", "scene-0002", "scene-0003"}
+    assert {row["split_by"] for row in rows} == {"drive"}
+    assert len({row["street"] for row in rows}) == 1
     assert {(row["format"], row["stray"], row["revived"], row["error"]) for row in rows} == {("nuscenes", 0, 0, None)}
 
 
@@ -300,7 +311,7 @@ def test_a_whole_drive_is_that_of_render(
 
     library(package)
     text = f'dataset = "{name}"\nframes = 3\nseed_count = 2\n{rig}truth = {str(truth).lower()}\n'
-    job = read_job(tmp_path, text + "[splits]\ntrain = 0.5\nval = 0.5\n")
+    job = read_job(tmp_path, text + '[splits]\ntrain = 0.5\nval = 0.5\nby = "drive"\n')
     assert run(job, tmp_path / "out", threads).rendered == len(job)
     suffix = f".{name[:4].rstrip('-')}"
     files = {

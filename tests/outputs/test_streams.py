@@ -181,7 +181,7 @@ def test_outputs_are_those_of_the_api(run: Run, moving: str, tmp_path: Path) -> 
 
 @pytest.mark.parametrize("option", [(), ("--no-deskew",)])
 def test_a_data_set_is_that_of_the_api(run: Run, moving: str, tmp_path: Path, option: tuple[str, ...]) -> None:
-    """Without the sensor's motion unless that is asked for."""
+    """The cloud is deskewed unless the sensor's motion is asked for."""
     overrides = [option.removeprefix("--set=") for option in COARSE]
     scene = load_scene(moving)
     sensor = load_sensor(scene.sensor_name, overrides=overrides)

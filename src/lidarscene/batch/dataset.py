@@ -1,7 +1,8 @@
 """Data sets of a job: which part each frame belongs to, the files it becomes, and what is written when all are done.
 
-Frames of one drive (one scene, sensor and seed) look alike, and so do drives through one street. So parts are shared
-out by whole drives or streets, drawn by their hashes; `by = "frames"` cuts each drive into runs of consecutive frames.
+Frames of one drive (one scene, sensor and seed) look alike, and so do drives through one street: what is tested there
+was learned there. So whole streets are shared out, drawn by their hashes; `by = "drive"` shares out drives, and
+`by = "frames"` cuts each drive into runs of consecutive frames.
 """
 
 from __future__ import annotations
@@ -47,6 +48,7 @@ class Place:
     Attributes:
         dataset: name of the data set, a key of CLOUD_FOLDERS
         split: part: train, val or test
+        split_by: what went whole into a part, `SplitFile.by`
         sequence: number of the drive, or of the run of it that is in this part
         step: number of the frame within the sequence
         steps: number of frames of the sequence
@@ -56,6 +58,7 @@ class Place:
 
     dataset: str
     split: str
+    split_by: str
     sequence: int
     step: int
     steps: int
@@ -135,7 +138,7 @@ class Drive(NamedTuple):
     """Consecutive frames of one sensor.
 
     Attributes:
-        street: hash of what is around, without light, weather and sensor
+        street: hash of what stands where, whatever the light, the paint, the sensor and the vehicle's way
         run: hash of scene, sensor or rig, and seed
         label: label of the rig's sensor, or ""
     """
@@ -163,7 +166,7 @@ class Places:
             self._lengths = share_out(file.frames, self._splits.shares(), "frames of a drive")
         else:
             units = dict.fromkeys(self._unit(drive) for drive in drives)
-            counts = share_out(len(units), self._splits.shares(), f"{self._splits.by}s")
+            counts = share_out(len(units), self._splits.shares(), f"{self._splits.by}s", hint=HINTS[self._splits.by])
             parts = iter([part for part in PARTS for _ in range(counts[part])])
             self._part_of_unit = dict(zip(sorted(units), parts, strict=True))
 
@@ -203,6 +206,7 @@ class Places:
                 yield Place(
                     dataset=file.dataset,
                     split=part,
+                    split_by=self._splits.by,
                     sequence=sequence,
                     step=step,
                     steps=length,
@@ -211,18 +215,27 @@ class Places:
                 )
 
 
-def share_out(count: int, shares: Mapping[str, float], name: str) -> dict[str, int]:
+HINTS = {
+    "street": '; sweep "street.seed", add scenes, or share out drives through one street (by = "drive")',
+    "drive": "; add seeds or scenes",
+}
+"""What helps where there are too few streets or drives."""
+
+
+def share_out(count: int, shares: Mapping[str, float], name: str, *, hint: str = "") -> dict[str, int]:
     """Share a number of things out by shares that add up to 1, at least one to each that is not 0.
 
     Args:
         name: of the things, for the error
+        hint: what helps, for the error
 
     Raises:
         InputError: where there are too few
     """
     wanted = [part for part in PARTS if shares[part] > 0.0]
     if count < len(wanted):
-        raise InputError(f"splits: {', '.join(wanted)} must each have some of the {name}, of which there are {count}")
+        must = f"{', '.join(wanted)} must each have some of the {name}, of which there are {count}"
+        raise InputError(f"splits: {must}{hint}")
     counts = {part: max(1, math.floor(count * shares[part])) if part in wanted else 0 for part in PARTS}
     # Largest remainders get what is over; the largest part gives where the least ones were given too much.
     while (missing := count - sum(counts.values())) != 0:

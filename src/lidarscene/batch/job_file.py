@@ -109,10 +109,11 @@ class SplitFile(FileModel):
     )
     val: Annotated[float, Number(ge=0, le=1)] = Field(default=0.0, description="share of the frames for validation")
     test: Annotated[float, Number(ge=0, le=1)] = Field(default=0.0, description="share of the frames for tests")
-    by: Literal["drive", "street", "frames"] = Field(
-        default="drive",
-        description="what goes whole into one part: a drive (one scene, sensor and seed), a street (drives that "
-        "differ only in light, weather, sensor and seed), or runs of consecutive frames of each drive",
+    by: Literal["street", "drive", "frames"] = Field(
+        default="street",
+        description="what goes whole into one part: a street (drives that differ only in light, weather, paint, the "
+        "vehicle's motion, sensor and seed), a drive (one scene, sensor and seed), or runs of consecutive frames of "
+        "each drive",
     )
 
     @model_validator(mode="after")

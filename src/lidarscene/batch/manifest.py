@@ -55,7 +55,8 @@ def _columns(sweep: Mapping[str, str]) -> dict[str, str]:
     return (
         dict.fromkeys(labels, "string")
         | {"number": "int64", "begin_s": "float64", "seed": "int64", "format": "string", "coordinates": "string"}
-        | {"split": "string", "sequence": "string", "truth": "bool_", "rays": "int64", "interactions": "int64"}
+        | dict.fromkeys(("split", "split_by", "street", "sequence"), "string")
+        | {"truth": "bool_", "rays": "int64", "interactions": "int64"}
         | dict(sweep)
         | dict.fromkeys([*COUNTS, *missed], "int64")
         | {"seconds": "float64", "seconds_by_stage": "string", "file": "string", "bytes": "int64"}
@@ -81,6 +82,7 @@ def _row(
     }
     if task.place is not None:
         row |= {"format": task.place.dataset, "split": task.place.split, "sequence": task.place.name}
+        row |= {"split_by": task.place.split_by, "street": task.scene.street}
     for name, value in task.parameters.items():
         row[name] = toml_text(value) if types[name] == "string" and not isinstance(value, str) else value
     if result is None:

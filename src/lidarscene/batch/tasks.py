@@ -8,7 +8,7 @@ import hashlib
 import itertools
 import json
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, cast
@@ -16,11 +16,12 @@ from typing import Any, cast
 from .. import catalog
 from .._version import __version__
 from ..errors import InputError, warn
-from ..files.overrides import toml_text
+from ..files.overrides import key_path, toml_text
 from ..formats.registry import FORMATS
 from ..rendering.render_options import FrameOptions, TraceOptions
 from ..rendering.surroundings import sun_doubts
-from ..scene.scene_file import files_of_scene, scene_path, sensor_of_scene
+from ..scene.foreign import is_xml
+from ..scene.scene_file import files_of_scene, scene_model, scene_path, sensor_of_scene
 from ..sensor.parts import located_parts
 from ..sensor.rig_file import load_rig, read_rig
 from ..sensor.sensor_file import files_of_sensor, load_sensor
@@ -33,6 +34,9 @@ LAYOUT = 1
 
 NOT_IN_WORLD = frozenset({"name", "description", "sun", "sky", "air", "weather", "sensor", "picture"})
 """Tables of a scene file that a compiled world does not depend on."""
+
+NOT_IN_STREET = frozenset({*NOT_IN_WORLD, "ego", "materials", "material", "base_materials"})
+"""Keys of a scene file, at its top or within a body, that change no place: light, paint, and how the vehicle drives."""
 
 Parameters = tuple[tuple[str, Any], ...]
 
@@ -47,6 +51,7 @@ class SceneChoice:
         content: hash of the content of all its files
         digest: hash of the content, the file's name and the changes
         world: hash of all that its compiled worlds depend on
+        street: hash of what stands where, by which drives through one place are known
     """
 
     path: str
@@ -56,6 +61,7 @@ class SceneChoice:
     content: str
     digest: str
     world: str
+    street: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -198,7 +204,7 @@ class Job:
 
 
 def _drive(scene: SceneChoice, sensor: SensorChoice, seed: int) -> Drive:
-    return Drive(street=scene.world, run=digest_of_data([scene.digest, sensor.content, seed]), label=sensor.label)
+    return Drive(street=scene.street, run=digest_of_data([scene.digest, sensor.content, seed]), label=sensor.label)
 
 
 def cloud_settings(trace: TraceOptions, frame: FrameOptions) -> dict[str, Any]:
@@ -243,7 +249,8 @@ def _scene_choice(path: Path, trajectory: TrajectoryFile | None, parameters: Par
     overrides = (*([trajectory.override(folder)] if trajectory else []), *changes)
     portable = (*([trajectory.override()] if trajectory else []), *changes)  # the same in any folder
     content = scene_content(path, overrides)
-    in_world = [change for change in portable if change.partition("=")[0].partition(".")[0].strip() not in NOT_IN_WORLD]
+    in_world = [change for change in portable if key_path(change)[0] not in NOT_IN_WORLD]
+    in_street = [change for change in changes if not NOT_IN_STREET.intersection(key_path(change))]
     return SceneChoice(
         path=str(path.absolute()),
         overrides=overrides,
@@ -252,7 +259,27 @@ def _scene_choice(path: Path, trajectory: TrajectoryFile | None, parameters: Par
         content=content,
         digest=digest_of_data([path.stem, content, list(portable)]),
         world=digest_of_data([content, in_world]),
+        street=digest_of_data([_street(path, content), in_street]),
     )
+
+
+@functools.lru_cache(maxsize=1000)
+def _street(path: Path, content: str) -> str:
+    """Hash of what stands where in a scene file with this content: the same for files that differ in light or paint."""
+    if is_xml(path):
+        return content
+    model = scene_model(path)
+    standing = [body for body in model.bodies if not any(motion and motion.with_ego for motion in body.motions())]
+    tables = model.model_dump(mode="json") | {"bodies": [body.model_dump(mode="json") for body in standing]}
+    meshes = [_digest(path.parent / body.mesh) for body in standing if body.mesh]
+    return digest_of_data([_without_keys(tables, {*NOT_IN_STREET, "extends", "mesh"}), meshes])
+
+
+def _without_keys(value: Any, keys: Collection[str]) -> Any:
+    """Plain data without these keys, at any depth."""
+    if isinstance(value, dict):
+        return {key: _without_keys(inner, keys) for key, inner in value.items() if key not in keys}
+    return [_without_keys(inner, keys) for inner in value] if isinstance(value, list) else value
 
 
 def scene_content(path: Path, overrides: Sequence[str]) -> str:
