@@ -161,6 +161,89 @@ def test_a_street_is_in_one_part(tmp_path: Path) -> None:
     assert [len(hashes) for hashes in streets.values()] == [1, 1]
 
 
+# --- draws ------------------------------------------------------------------------------------------
+
+DRAWS = """
+[draws.scene]
+"sun.illuminance_klux" = { low = 1, high = 100, log = true }
+"weather.rain_mm_h" = { low = 0, high = 20 }
+"bodies.wall.material" = ["concrete", "asphalt", "car_paint_black"]
+[draws.sensor]
+"wear.film_transmittance" = { low = 0.5, high = 1.0 }
+"""
+
+
+def test_each_drive_draws_anew(tmp_path: Path) -> None:
+    """All frames of a drive and all sensors of a rig have one draw, which no other key and seed changes; light,
+    wear and paint make no other street. Limits: of 200 uniform draws the mean scatters by 0.02 of the range, and the
+    chance that one of three materials is never drawn is 1e-35.
+    """
+    text = 'dataset = "kitti"\nframes = 2\nseed_count = 200\nrigs = ["rig.toml"]\n'
+    drives = defaultdict(set)
+    streets = set()
+    for task in read_job(tmp_path, text + DRAWS).tasks():
+        names = ("scene.sun.illuminance_klux", "scene.weather.rain_mm_h", "scene.bodies.wall.material")
+        values = tuple(task.parameters[name] for name in (*names, "sensor.wear.film_transmittance"))
+        drives[task.frame.seed].add(values)
+        streets.add(task.scene.street)
+        assert f"weather.rain_mm_h={values[1]}" in task.scene.overrides
+        assert f"wear.film_transmittance={values[3]}" in task.sensor.overrides
+    assert ({len(draws) for draws in drives.values()}, len(streets), len(drives)) == ({1}, 1, 200)
+    klux, rain, paint, film = zip(*(draw for draws in drives.values() for draw in draws), strict=True)
+    assert set(paint) == {"concrete", "asphalt", "car_paint_black"}
+    for values, low, high in ((np.log10(klux), 0.0, 2.0), (rain, 0.0, 20.0), (film, 0.5, 1.0)):
+        assert low <= min(values) < low + 0.1 * (high - low) < high - 0.1 * (high - low) < max(values) <= high
+        assert np.mean(values) == pytest.approx(0.5 * (low + high), abs=0.12 * (high - low))
+    fewer = text.replace("200", "3") + DRAWS.replace('"weather.rain_mm_h" = { low = 0, high = 20 }\n', "")
+    for task in read_job(tmp_path, fewer).tasks():
+        assert task.parameters["scene.sun.illuminance_klux"] == klux[task.frame.seed]
+
+
+def test_a_drawn_drive_is_rendered_with_its_draw(threads: Connect, tmp_path: Path) -> None:
+    """Reference: `record` with the values that the manifest names."""
+    from lidarscene.outputs.output_options import Outputs
+    from lidarscene.outputs.record import record
+
+    parquet = pytest.importorskip("pyarrow.parquet")
+    job = read_job(tmp_path, "seed_count = 2\n" + DRAWS)
+    run(job, tmp_path / "out", threads)
+    rows = parquet.read_table(Store(tmp_path / "out").manifest).to_pylist()
+    assert len({row["scene.weather.rain_mm_h"] for row in rows}) == 2
+    for row in rows:
+        changes = {
+            kind: [f"{key.partition('.')[2]}={value}" for key, value in row.items() if key.startswith(f"{kind}.")]
+            for kind in ("scene", "sensor")
+        }
+        path = tmp_path / "single.ply"
+        record(
+            tmp_path / "street.toml",
+            outputs=Outputs(path),
+            seed=row["seed"],
+            overrides=changes["sensor"],
+            scene_overrides=changes["scene"],
+        )
+        assert (tmp_path / "out" / row["file"]).read_bytes() == path.read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("draws", "message"),
+    [
+        ('"sun.illuminance_klux" = { low = 100, high = 1 }', "illuminance_klux: high must be above low, 100, got 1"),
+        ('"sun.illuminance_klux" = { low = 0, high = 1, log = true }', "illuminance_klux: low: must be > 0 with log"),
+        ('"sun.illuminance_klux" = { low = -1, high = 1 }', "sun.illuminance_klux: must be >= 0, got -1"),
+        ('"sun.illuminance_klux" = 7', "sun.illuminance_klux: must be a list, or a range with low and high, got 7"),
+        ('"sun.illumination" = [1]', "illumination"),
+        ('"ego" = [{ poses_file = "drive.csv" }]', "draws.scene.ego: must not name files"),
+        ('"weather.rain_mm_h" = [1]\n[sweep.scene]\n"weather.rain_mm_h" = [1]', "draws.scene.weather.rain_mm_h: is in"),
+    ],
+)
+def test_draws_that_cannot_be(tmp_path: Path, draws: str, message: str) -> None:
+    (tmp_path / "drive.csv").write_text("0 0 0 0 0 0 0 1\n")
+    with pytest.raises(InputError, match=message) as raised:
+        read_job(tmp_path, f"[draws.scene]\n{draws}\n")
+    assert str(raised.value).startswith(str(tmp_path / "job.toml"))
+
+
 # --- files ------------------------------------------------------------------------------------------
 
 

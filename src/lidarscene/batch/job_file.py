@@ -5,11 +5,12 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, cast
 
 from pydantic import Field, model_validator
 from pydantic.config import JsonDict
 
+from ..errors import InputError
 from ..files.overrides import toml_text
 from ..files.table_model import Number
 from ..files.toml import FileModel, read_toml, validate
@@ -42,9 +43,12 @@ def _key(kind: type[Any], name: str) -> Any:
 
 
 def _leaves(tables: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Iterate over dotted keys and their values, tables flattened: ``"a.b" = 1`` and ``a.b = 1`` are equal here."""
+    """Iterate over dotted keys and their values, tables flattened: ``"a.b" = 1`` and ``a.b = 1`` are equal here.
+
+    A range, a table with ``low`` and ``high``, is a value.
+    """
     for key, value in tables.items():
-        if isinstance(value, dict):
+        if isinstance(value, dict) and not {"low", "high"} <= value.keys():
             yield from _leaves(value, f"{prefix}{key}.")
         else:
             yield f"{prefix}{key}", value
@@ -86,6 +90,62 @@ class SweepFile(FileModel):
     def sensor_values(self) -> dict[str, tuple[Any, ...]]:
         """Values by dotted key of the sensor file."""
         return dict(_leaves(self.sensor))
+
+
+class RangeFile(FileModel):
+    """A range of numbers from which one is drawn for each drive: ``{ low = 1, high = 100, log = true }``."""
+
+    low: Annotated[float, Number(ge=-1e12, le=1e12)] = Field(description="least value")
+    high: Annotated[float, Number(ge=-1e12, le=1e12)] = Field(description="largest value")
+    log: bool = Field(default=False, description="each factor is as likely as any other, not each step")
+
+    @model_validator(mode="after")
+    def _rises(self) -> RangeFile:
+        if not self.low < self.high:
+            raise ValueError(f"high must be above low, {self.low:g}, got {self.high:g}")
+        if self.log and self.low <= 0:
+            raise ValueError(f"low: must be > 0 with log, got {self.low:g}")
+        return self
+
+    def value(self, share: float) -> float:
+        """Value below which this share of the draws lies, to six digits."""
+        if self.log:
+            return float(f"{self.low * (self.high / self.low) ** share:.6g}")
+        return float(f"{self.low + (self.high - self.low) * share:.6g}")
+
+
+class DrawsFile(FileModel):
+    """[draws]: values drawn anew for each drive, from ranges or lists, of the scene's and the sensor's keys."""
+
+    scene: dict[str, Any] = Field(
+        default={},
+        description="lists or ranges, `{ low = 1, high = 100, log = true }`, of the scene file's keys",
+        json_schema_extra=SWEPT,
+    )
+    sensor: dict[str, Any] = Field(
+        default={},
+        description="lists or ranges of the sensor file's keys; one draw for all sensors of a rig",
+        json_schema_extra=SWEPT,
+    )
+
+    @model_validator(mode="after")
+    def _drawable(self) -> DrawsFile:
+        for kind in ("scene", "sensor"):
+            for key, value in _leaves(getattr(self, kind)):
+                if isinstance(value, dict):
+                    try:
+                        validate(RangeFile, value, f"{kind}.{key}")
+                    except InputError as error:
+                        raise ValueError(str(error)) from None
+                elif not isinstance(value, tuple) or not value:
+                    must = "must be a list, or a range with low and high"
+                    raise ValueError(f"{kind}.{key}: {must}, got {toml_text(value)}")
+        return self
+
+    def rules(self, kind: Literal["scene", "sensor"]) -> dict[str, RangeFile | tuple[Any, ...]]:
+        """Ranges and lists by dotted key of the scene or sensor file."""
+        leaves = _leaves(getattr(self, kind))
+        return {key: RangeFile(**value) if isinstance(value, dict) else value for key, value in leaves}
 
 
 class TrajectoryFile(EgoFile):
@@ -149,6 +209,7 @@ class JobFile(FileModel):
         default=None, description="seeds 0 to this number less one, in place of `seeds`"
     )
     sweep: SweepFile = Field(default=SweepFile(), description="values to vary")
+    draws: DrawsFile = Field(default=DrawsFile(), description="values drawn anew for each drive")
     dataset: Literal["kitti", "semantickitti", "nuscenes", "mcap", "mcap-ouster", "rrd"] | None = Field(
         default=None,
         description="the folder becomes such a data set, clouds and labels; the last three are a file for each drive",
@@ -177,6 +238,9 @@ class JobFile(FileModel):
         for key in ("scenes", "sensors", "rigs", "seeds"):
             _require_unique(key, getattr(self, key))
         _require_unique("trajectories", [trajectory.label for trajectory in self.trajectories])
+        for kind, swept in (("scene", self.sweep.scene_values()), ("sensor", self.sweep.sensor_values())):
+            if both := swept.keys() & self.draws.rules(cast(Any, kind)).keys():
+                raise ValueError(f"draws.{kind}.{min(both)}: is in sweep, too")
         if self.format not in FORMATS:
             raise ValueError(f"format: must be one of {', '.join(FORMATS)}, got '{self.format}'")
         if self.dataset is not None and "format" in self.model_fields_set:

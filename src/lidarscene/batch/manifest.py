@@ -11,6 +11,7 @@ from ..files.atomic import atomic_output
 from ..files.overrides import toml_text
 from ..outputs import run_report
 from .drives import DriveTask
+from .job_file import RangeFile
 from .store import Store
 from .tasks import FrameTask, Job, cloud_settings
 
@@ -94,11 +95,13 @@ def _row(
 
 
 def _sweep_types(job: Job) -> dict[str, str]:
-    """Swept key -> Arrow type: numbers and truth values as they are, all else as text."""
-    file = job.file.sweep
-    swept = {f"scene.{key}": values for key, values in file.scene_values().items()}
-    swept |= {f"sensor.{key}": values for key, values in file.sensor_values().items()}
-    return {name: _type_of(values) for name, values in swept.items()}
+    """Key that is swept or drawn -> Arrow type: numbers and truth values as they are, all else as text."""
+    sweep, draws = job.file.sweep, job.file.draws
+    scene: dict[str, Any] = sweep.scene_values() | draws.rules("scene")
+    sensor: dict[str, Any] = sweep.sensor_values() | draws.rules("sensor")
+    varied = {f"scene.{key}": values for key, values in scene.items()}
+    varied |= {f"sensor.{key}": values for key, values in sensor.items()}
+    return {name: "float64" if isinstance(values, RangeFile) else _type_of(values) for name, values in varied.items()}
 
 
 def _type_of(values: Iterable[Any]) -> str:

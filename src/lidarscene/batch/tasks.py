@@ -8,8 +8,8 @@ import hashlib
 import itertools
 import json
 import os
-from collections.abc import Collection, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, cast
 
@@ -27,7 +27,7 @@ from ..sensor.rig_file import load_rig, read_rig
 from ..sensor.sensor_file import files_of_sensor, load_sensor
 from ..sensor.sensor_model import Sensor
 from .dataset import Drive, Place, Places
-from .job_file import JobFile, TrajectoryFile
+from .job_file import JobFile, RangeFile, TrajectoryFile
 
 LAYOUT = 1
 """Version of names and rows, part of every key; a new number makes all old results unknown."""
@@ -39,6 +39,7 @@ NOT_IN_STREET = frozenset({*NOT_IN_WORLD, "ego", "materials", "material", "base_
 """Keys of a scene file, at its top or within a body, that change no place: light, paint, and how the vehicle drives."""
 
 Parameters = tuple[tuple[str, Any], ...]
+Rule = RangeFile | tuple[Any, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -63,6 +64,21 @@ class SceneChoice:
     world: str
     street: str
 
+    def drawn(self, rules: Mapping[str, Rule], seed: int) -> SceneChoice:
+        """Choice of a drive with this seed: further changes by `DrawsFile.rules`."""
+        if not rules:
+            return self
+        parameters = _draw(rules, [self.digest, seed])
+        changes = _assignments(parameters)
+        return replace(
+            self,
+            overrides=(*self.overrides, *changes),
+            parameters=(*self.parameters, *parameters),
+            digest=digest_of_data([self.digest, list(changes)]),
+            world=digest_of_data([self.world, _in_world(changes)]),
+            street=digest_of_data([self.street, _in_street(changes)]),
+        )
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensorChoice:
@@ -72,8 +88,7 @@ class SensorChoice:
         name: catalogue name or file; "" for a rig
         rig: rig file; "" for a single sensor
         label: label of the rig's sensor
-        content: hash of the content of all its files, or all the rig's, and of the changes
-        digest: hash of the content and the label
+        content: hash of the content of all its files, or all the rig's
     """
 
     name: str
@@ -84,9 +99,20 @@ class SensorChoice:
     content: str
 
     @property
+    def vehicle(self) -> str:
+        """Hash of all that the sensor depends on, or all sensors of its rig."""
+        return digest_of_data([self.content, list(self.overrides)])
+
+    @property
     def digest(self) -> str:
         """Hash of all that the sensor depends on."""
-        return digest_of_data([self.content, self.label])
+        return digest_of_data([self.vehicle, self.label])
+
+    def drawn(self, rules: Mapping[str, Rule], seed: int) -> SensorChoice:
+        """Choice of a drive with this seed: further changes by `DrawsFile.rules`."""
+        parameters = _draw(rules, [self.vehicle, seed])
+        overrides = (*self.overrides, *_assignments(parameters))
+        return replace(self, overrides=overrides, parameters=(*self.parameters, *parameters))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -145,6 +171,7 @@ class Job:
         FORMATS[file.format].require()
         try:
             job = cls(file, tuple(_choices(file, path.parent)))
+            job._check_draws()
             job.places()
         except InputError as error:
             raise InputError(f"{path}: {error}") from None
@@ -152,6 +179,22 @@ class Job:
             for doubt in sun_doubts(klux):
                 warn(doubt)
         return job
+
+    def _check_draws(self) -> None:
+        """Raise InputError for a draw that a scene or sensor file refuses, or that names another file."""
+        draws, checked = self.file.draws, set[str]()
+        for scene, sensors in self.choices:
+            for key, change in _ends(draws.rules("scene")):
+                if scene_content(Path(scene.path), (*scene.overrides, change)) != scene.content:
+                    raise InputError(f"draws.scene.{key}: must not name files; sweep them")
+            for sensor in sensors:
+                if sensor.vehicle in checked:
+                    continue
+                checked.add(sensor.vehicle)
+                for key, change in _ends(draws.rules("sensor")):
+                    content = rig_content if sensor.rig else sensor_content
+                    if content(sensor.rig or sensor.name, (*sensor.overrides, change)) != sensor.content:
+                        raise InputError(f"draws.sensor.{key}: must not name parts of other sensors; sweep them")
 
     def __len__(self) -> int:
         """Number of frames."""
@@ -168,9 +211,10 @@ class Job:
         return Places(self.file, itertools.starmap(_drive, self._drives()))
 
     def _drives(self) -> Iterator[tuple[SceneChoice, SensorChoice, int]]:
+        draws = self.file.draws
         for scene, sensors in self.choices:
             for sensor, seed in itertools.product(sensors, self.file.all_seeds()):
-                yield scene, sensor, seed
+                yield scene.drawn(draws.rules("scene"), seed), sensor.drawn(draws.rules("sensor"), seed), seed
 
     def tasks(self) -> Iterator[FrameTask]:
         """Iterate over all frames, those of one world consecutively; there may be millions."""
@@ -204,7 +248,7 @@ class Job:
 
 
 def _drive(scene: SceneChoice, sensor: SensorChoice, seed: int) -> Drive:
-    return Drive(street=scene.street, run=digest_of_data([scene.digest, sensor.content, seed]), label=sensor.label)
+    return Drive(street=scene.street, run=digest_of_data([scene.digest, sensor.vehicle, seed]), label=sensor.label)
 
 
 def cloud_settings(trace: TraceOptions, frame: FrameOptions) -> dict[str, Any]:
@@ -240,6 +284,22 @@ def _points(values: dict[str, tuple[Any, ...]]) -> Iterator[Parameters]:
         yield tuple(zip(values, point, strict=True))
 
 
+def _draw(rules: Mapping[str, Rule], of: Sequence[Any]) -> Parameters:
+    """Draw a value for each key, anew for each drive, which ``of`` identifies; no draw depends on the other keys."""
+    drawn = []
+    for key, rule in rules.items():
+        share = int(digest_of_data([*of, key]), 16) / 16**32
+        drawn.append((key, rule.value(share) if isinstance(rule, RangeFile) else rule[int(share * len(rule))]))
+    return tuple(drawn)
+
+
+def _ends(rules: Mapping[str, Rule]) -> Iterator[tuple[str, str]]:
+    """Iterate over the keys of draws, each with the changes that must be allowed for all of its draws to be."""
+    for key, rule in rules.items():
+        for value in (rule.low, rule.high) if isinstance(rule, RangeFile) else rule:
+            yield key, *_assignments(((key, value),))
+
+
 def _assignments(parameters: Parameters) -> tuple[str, ...]:
     return tuple(f"{key}={toml_text(value)}" for key, value in parameters)
 
@@ -249,8 +309,6 @@ def _scene_choice(path: Path, trajectory: TrajectoryFile | None, parameters: Par
     overrides = (*([trajectory.override(folder)] if trajectory else []), *changes)
     portable = (*([trajectory.override()] if trajectory else []), *changes)  # the same in any folder
     content = scene_content(path, overrides)
-    in_world = [change for change in portable if key_path(change)[0] not in NOT_IN_WORLD]
-    in_street = [change for change in changes if not NOT_IN_STREET.intersection(key_path(change))]
     return SceneChoice(
         path=str(path.absolute()),
         overrides=overrides,
@@ -258,9 +316,17 @@ def _scene_choice(path: Path, trajectory: TrajectoryFile | None, parameters: Par
         trajectory=trajectory.label if trajectory else "",
         content=content,
         digest=digest_of_data([path.stem, content, list(portable)]),
-        world=digest_of_data([content, in_world]),
-        street=digest_of_data([_street(path, content), in_street]),
+        world=digest_of_data([content, _in_world(portable)]),
+        street=digest_of_data([_street(path, content), _in_street(changes)]),
     )
+
+
+def _in_world(changes: Iterable[str]) -> list[str]:
+    return [change for change in changes if key_path(change)[0] not in NOT_IN_WORLD]
+
+
+def _in_street(changes: Iterable[str]) -> list[str]:
+    return [change for change in changes if not NOT_IN_STREET.intersection(key_path(change))]
 
 
 @functools.lru_cache(maxsize=1000)
@@ -320,18 +386,18 @@ def _locate_sensor(name: str, folder: Path) -> str:
 
 
 def sensor_content(name: str, overrides: Sequence[str]) -> str:
-    """Hash of a sensor: its files, and the changes.
+    """Hash of the files of a sensor with these changes, which are checked.
 
     Raises:
         InputError: if a file, a key or a value cannot be understood
     """
     load_sensor(name, overrides=overrides)
     files = files_of_sensor(catalog.sensor_path(name), overrides=overrides)
-    return digest_of_data([[_digest(file) for file in files], list(overrides)])
+    return digest_of_data([_digest(file) for file in files])
 
 
 def rig_content(path: str, overrides: Sequence[str]) -> str:
-    """Hash of a rig: its file, its sensors and the changes to them.
+    """Hash of the files of a rig and of its sensors with these changes, which are checked.
 
     Raises:
         InputError: if a file, a key or a value cannot be understood
