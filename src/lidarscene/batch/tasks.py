@@ -294,10 +294,11 @@ def _draw(rules: Mapping[str, Rule], of: Sequence[Any]) -> Parameters:
 
 
 def _ends(rules: Mapping[str, Rule]) -> Iterator[tuple[str, str]]:
-    """Iterate over the keys of draws, each with the changes that must be allowed for all of its draws to be."""
+    """Iterate over the keys of draws, each with a change that must be allowed for all of its draws to be."""
     for key, rule in rules.items():
         for value in (rule.low, rule.high) if isinstance(rule, RangeFile) else rule:
-            yield key, *_assignments(((key, value),))
+            (change,) = _assignments(((key, value),))
+            yield key, change
 
 
 def _assignments(parameters: Parameters) -> tuple[str, ...]:

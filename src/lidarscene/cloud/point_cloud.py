@@ -113,7 +113,13 @@ class PointCloud(_CloudWithRays):
         return replace(self, checked=True, **absent)
 
     def without_bodies(self, bodies: Sequence[int]) -> PointCloud:
-        """The points that are not on these bodies, given by their indices; the cloud must have its truth."""
+        """Points that are not on these bodies, given by their indices.
+
+        Raises:
+            InputError: for a cloud without truth
+        """
+        if self.body is None:
+            raise InputError("without_bodies: the cloud must have its truth, which names the body of each point")
         return self.select(~np.isin(self.body, bodies))
 
     @staticmethod

@@ -190,8 +190,8 @@ class FrameFiles:
                 yield path, cloud_stream(self.plan, path, points, bag=self.bags.get(path))
             if outputs.labels is not None and not self.plan.has_truth:
                 path = self.files[f"{key}_labels"]
-                options = {"format": outputs.labels, "all_around": outputs.all_around}
-                yield path, labels_stream(self.files[key], self.scene, **options)
+                cloud, all_around = self.files[key], outputs.all_around
+                yield path, labels_stream(cloud, self.scene, format=outputs.labels, all_around=all_around)
         if key == "output" and self.live is not None:
             yield Path("--rrd"), rerun_stream(outputs, Path(tempfile.gettempdir()), self.scene, self.live)
         if key == "output" and "range_image" in self.files:
