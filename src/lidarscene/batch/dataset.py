@@ -48,7 +48,6 @@ class Place:
     Attributes:
         dataset: name of the data set, a key of CLOUD_FOLDERS
         split: part: train, val or test
-        split_by: what went whole into a part, `SplitFile.by`
         sequence: number of the drive, or of the run of it that is in this part
         step: number of the frame within the sequence
         steps: number of frames of the sequence
@@ -58,7 +57,6 @@ class Place:
 
     dataset: str
     split: str
-    split_by: str
     sequence: int
     step: int
     steps: int
@@ -206,7 +204,6 @@ class Places:
                 yield Place(
                     dataset=file.dataset,
                     split=part,
-                    split_by=self._splits.by,
                     sequence=sequence,
                     step=step,
                     steps=length,

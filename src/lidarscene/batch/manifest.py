@@ -11,7 +11,7 @@ from ..files.atomic import atomic_output
 from ..files.overrides import toml_text
 from ..outputs import run_report
 from .drives import DriveTask
-from .job_file import RangeFile
+from .job_file import RangeFile, SplitFile
 from .store import Store
 from .tasks import FrameTask, Job, cloud_settings
 
@@ -34,6 +34,7 @@ def write_manifest(job: Job, store: Store, failed: Mapping[str, str], drives: It
 
     types = _sweep_types(job)
     schema = pyarrow.schema([(name, getattr(pyarrow, kind)()) for name, kind in _columns(types).items()])
+    splits = {} if job.file.dataset is None else {"split_by": (job.file.splits or SplitFile()).by}
     drive_of = {frame.key: drive for drive in drives for frame in drive.frames}
     rows = (
         _row(
@@ -42,6 +43,7 @@ def write_manifest(job: Job, store: Store, failed: Mapping[str, str], drives: It
             failed,
             types,
         )
+        | splits
         for task in job.tasks()
     )
     with atomic_output(store.manifest) as temporary, parquet.ParquetWriter(temporary, schema) as writer:
@@ -83,7 +85,7 @@ def _row(
     }
     if task.place is not None:
         row |= {"format": task.place.dataset, "split": task.place.split, "sequence": task.place.name}
-        row |= {"split_by": task.place.split_by, "street": task.scene.street}
+        row["street"] = task.scene.street
     for name, value in task.parameters.items():
         row[name] = toml_text(value) if types[name] == "string" and not isinstance(value, str) else value
     if result is None:
