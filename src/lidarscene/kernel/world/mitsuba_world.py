@@ -22,7 +22,7 @@ import numpy as np
 
 from ...errors import InputError, OptionWarning, warn
 from ...maths.arrays import Mask, Numbers, retire_with
-from ...maths.motion_table import NOWHERE, MotionTable, MovingBodies, Placement
+from ...maths.motion_table import NOWHERE, MotionTable, MovingBodies, Placement, Walk
 from ...maths.pose import Pose
 from ...maths.trajectory import CLOCK_ROUNDING_S, Course, Motion
 from ...scene.scene import Ball, Body, Part, Scene, box_of
@@ -36,6 +36,7 @@ from .bsdfs import ATTRIBUTE, bsdf_dict, has_gaps, make_bsdf, reflectivities, te
 from .faces import FaceTables, PlacedShape
 from .mover_scene import MoverScene, mitsuba_scene, side_by_side
 from .speculars import Speculars, lets_through
+from .walkers import Walkers
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -60,6 +61,10 @@ class Mover:
             return self
         shown = ((number, body) for number, body in self.others if body.is_present(start_s))
         return next((replace(self, number=number, body=body) for number, body in shown), self)
+
+    def walk_in_frame(self, start_s: float) -> Walk | None:
+        """Return `Body.walk_in_frame`; None for one that the frame does not show, too."""
+        return self.body.walk_in_frame(start_s) if self.body.is_present(start_s) else None
 
     @property
     def motion(self) -> Motion:
@@ -244,7 +249,12 @@ def build_world(
     class_numbers = np.array([class_names.index(name) for name in class_of], dtype=np.int32)
     solid, panes = _panes_apart(shapes, see_through)
     mover_scene, mover_panes = (
-        MoverScene.of_shapes(part, boxes_m=_boxes_of_materials(movers, part), offsets_m=offsets_m)
+        MoverScene.of_shapes(
+            part,
+            boxes_m=_boxes_of_materials(movers, part),
+            offsets_m=offsets_m,
+            walkers=Walkers.of_shapes(part, [mover.body for mover in movers], faces.first_of(part)),
+        )
         for part in _panes_apart(mover_shapes, see_through)
     )
     return World(
@@ -361,9 +371,15 @@ def _placed_alone(body: Body, position_m: Numbers) -> Body:
 
 
 def _boxes_of_materials(movers: Sequence[Mover], shapes: Sequence[PlacedShape]) -> list[Numbers | None]:
-    """Return the box around each mover's parts of the materials of these shapes, in its frame; None without any."""
+    """Return the box around each mover's parts of the materials of these shapes, in its frame; None without any.
+
+    Those of walkers are met as they walk (`walkers`), never as they stand in the scene.
+    """
     materials = {shape.material for shape in shapes}
-    return [box_of([part for part in mover.body.parts if part.material in materials]) for mover in movers]
+    return [
+        None if mover.body.gait else box_of([part for part in mover.body.parts if part.material in materials])
+        for mover in movers
+    ]
 
 
 def _turns(bodies: Sequence[Body], indices: Sequence[int]) -> list[list[int]]:
@@ -425,7 +441,14 @@ def _merged_mesh(
         parameters["vertex_texcoords"] = uv.ravel()
     parameters.update()
     return PlacedShape(
-        mesh, bodies, material, values, is_plain=not has_image, is_varied=first is not None, is_cut=is_cut
+        mesh,
+        bodies,
+        material,
+        values,
+        parts=tuple(part for _, _, part in pieces),
+        is_plain=not has_image,
+        is_varied=first is not None,
+        is_cut=is_cut,
     )
 
 
@@ -452,7 +475,7 @@ def _panes_apart(shapes: Sequence[PlacedShape], see_through: bool) -> tuple[list
 
 def _mover(bodies: Sequence[Body], *, number: int) -> Mover:
     body = bodies[number]
-    box_m = box_of(body.parts)
+    box_m = box_of(body.parts, walking=body.gait is not None)
     assert box_m is not None  # it has shapes
     return Mover(box_m=box_m, number=number, body=body)
 
@@ -482,9 +505,22 @@ def placed_movers(
     """Return movers that stand at these poses; those that are not there at this time have boxes that no ray passes."""
     stay = [Course(), *(Course(start=pose) for pose in poses)]
     motions = MotionTable.from_motions(
-        stay, start_s=0.0, length_s=1.0, centre_m=centre_m, carried_m=mover_boxes(movers, time_s)
+        stay,
+        start_s=0.0,
+        length_s=1.0,
+        centre_m=centre_m,
+        carried_m=mover_boxes(movers, time_s),
+        walks=[_held(mover.walk_in_frame(time_s), time_s) for mover in movers],
     )
     return MovingBodies(motions=motions_on_device(motions), time_s=transfer.opaque(0.0))
+
+
+def _held(walk: Walk | None, time_s: float) -> Walk | None:
+    """Return a walk that stays where another one is at a time."""
+    if walk is None:
+        return None
+    place = walk(np.array([time_s]))
+    return lambda times: np.broadcast_to(place, (len(times), 2))
 
 
 def fixed_placement(pose: Pose, centre_m: Numbers) -> Placement:

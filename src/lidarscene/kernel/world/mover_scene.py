@@ -19,6 +19,7 @@ from ...maths.motion_table import NOWHERE
 from ..device import transfer
 from ..device.backend import mitsuba
 from .faces import PlacedShape
+from .walkers import Walkers
 
 MARGIN_M = 0.05
 """Accuracy bought: width of the empty rim of a cell. Rays enter and leave the cell in it; a coordinate of a ray that
@@ -33,20 +34,28 @@ class MoverScene:
         scene: Mitsuba's
         cells: (12 m,) Float, three times four numbers for each of m movers, the last of each four unused: lowest and
             highest corner of its cell in the scene, and the way from its frame to the scene's
+        walkers: the movers that walk, whose shapes in the scene are never met; None: nobody walks
     """
 
     scene: Any
     cells: Any
+    walkers: Walkers | None = None
 
     @classmethod
     def of_shapes(
-        cls, shapes: Sequence[PlacedShape], *, boxes_m: Sequence[Numbers | None], offsets_m: Sequence[Numbers]
+        cls,
+        shapes: Sequence[PlacedShape],
+        *,
+        boxes_m: Sequence[Numbers | None],
+        offsets_m: Sequence[Numbers],
+        walkers: Walkers | None = None,
     ) -> MoverScene | None:
         """Build from the shapes of all movers, each in its cell; None without any shape.
 
         Args:
             boxes_m: (2, 3) lowest and highest corner of what each mover has in the scene, in its frame; None: nothing
             offsets_m: (3,) where the origin of each mover's frame is in the scene
+            walkers: the movers that walk
         """
         if not shapes:
             return None
@@ -55,7 +64,7 @@ class MoverScene:
             # A cell in which nothing is has a box that no ray passes.
             cell[:2, :3] = NOWHERE if box_m is None else box_m + offset_m + [[-MARGIN_M], [MARGIN_M]]
             cell[2, :3] = offset_m
-        return cls(scene=mitsuba_scene(shapes), cells=transfer.from_numpy(cells.ravel()))
+        return cls(scene=mitsuba_scene(shapes), cells=transfer.from_numpy(cells.ravel()), walkers=walkers)
 
     def offset(self, mover_index: Array, active: Mask) -> Any:
         """Return where the origin of the frame of each active lane's mover is in the scene."""

@@ -30,6 +30,32 @@ from ...maths.arrays import Numbers
 from .reflectivity_patterns import Cutout, ReflectivityPattern
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WalkingClips:
+    """Animations of a mesh file that a walker plays.
+
+    Attributes:
+        walk: name of that of one stride, from a foot's contact to its next
+        standing: name of one that begins as the walker stands; None: the walker stops as the stride is
+    """
+
+    walk: str
+    standing: str | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Stride:
+    """Vertices of a piece over one stride, on the spot.
+
+    Attributes:
+        vertices_m: (k, v, 3) at k even instants
+        period_s: time of the stride
+    """
+
+    vertices_m: Numbers
+    period_s: float
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SubMesh:
     """One piece of a mesh file, placed by the file's own node transforms.
@@ -40,6 +66,7 @@ class SubMesh:
         grey: mean of its base colour if the file has one, else None
         pattern: reflectivity pattern, if it was read; not cached
         cutout: image of its gaps, if it has some; such a file is not cached
+        stride: how it walks, if that was read; not cached
     """
 
     vertices_m: Numbers
@@ -48,6 +75,7 @@ class SubMesh:
     grey: float | None = None
     pattern: ReflectivityPattern | None = None
     cutout: Cutout | None = None
+    stride: Stride | None = None
 
     def of_its_faces(self) -> SubMesh:
         """The piece without vertices that no face names, as where primitives of a file share one list of them."""
@@ -62,8 +90,11 @@ class SubMesh:
             pattern = replace(pattern, uv=pattern.uv[used])
         if cutout is not None:
             cutout = replace(cutout, uv=cutout.uv[used])
+        stride = self.stride and replace(self.stride, vertices_m=self.stride.vertices_m[:, used])
         faces = (np.cumsum(used) - 1)[self.faces]
-        return replace(self, vertices_m=self.vertices_m[used], faces=faces, pattern=pattern, cutout=cutout)
+        return replace(
+            self, vertices_m=self.vertices_m[used], faces=faces, pattern=pattern, cutout=cutout, stride=stride
+        )
 
 
 LARGEST_BYTES = 2 << 30
