@@ -496,6 +496,7 @@ def _mesh_parts(
         )
     pieces_and_materials = [(piece, _material_of(piece, body, where, scene_materials)) for piece in pieces]
     up, scale = _axes(body, path, where=where)
+    walks = any(motion is not None for motion in body.motions())
     return tuple(
         Part(
             vertices_m=turn_upright(piece.vertices_m, up) * scale,
@@ -504,7 +505,7 @@ def _mesh_parts(
             name=piece.keys[0],
             pattern=pattern,
             cutout=piece.cutout,
-            stride_m=None if piece.stride is None else _upright_stride(piece.stride.vertices_m, up) * scale,
+            stride_m=_upright_stride(piece.stride.vertices_m, up) * scale if piece.stride and walks else None,
         )
         for (piece, material), pattern in zip(
             pieces_and_materials, _patterns(pieces_and_materials, body, where, scene_materials), strict=True
@@ -531,9 +532,9 @@ def _gait(body: BodyFile, parts: Sequence[Part | Ball], *, folder: Path, where: 
     strides_m = [part.stride_m for part in parts if isinstance(part, Part) and part.stride_m is not None]
     if body.mesh is None or not strides_m:
         return None
-    stride = reader(folder / body.mesh, body.pattern, _clips(body))[0].stride
-    assert stride is not None  # as its parts have
-    gait = Gait.of_strides(strides_m, period_s=stride.period_s, stands=body.standing is not None)
+    pieces = reader(folder / body.mesh, body.pattern, _clips(body))
+    period_s = next(piece.stride.period_s for piece in pieces if piece.stride is not None)
+    gait = Gait.of_strides(strides_m, period_s=period_s, stands=body.standing is not None)
     if gait is None:
         raise InputError(
             f"{where}.animation: must be a stride, in which a foot on the ground goes back, got '{body.animation}', "

@@ -31,7 +31,7 @@ LARGEST_LEVEL = 1.25
 NODE_S = 0.05
 """Accuracy bought: time between the nodes of the way of a motion, an eleventh of a step."""
 
-_SOLE_SHARE = 0.01
+_SOLE_SHARE = 0.002
 """Choice: share of the height of a walker within which a sole bears on the ground."""
 
 

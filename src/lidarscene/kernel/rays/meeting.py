@@ -223,9 +223,8 @@ class Moment:
             normal = mi.Vector3f(0.0)
             if walkers is not None:
                 shapes = WalkerShapes.at(walkers, mover_index, place, todo)
-                normal, velocity = shapes.surface(face, first.prim_uv, todo & shapes.walks)
-                normal = dr.select(shapes.walks, normal, 0.0)
-                place = place.faster_by(components(dr.select(shapes.walks, velocity, 0.0)))
+                normal, velocity = shapes.surface(face, first.prim_uv, todo)
+                place = place.faster_by(components(velocity))
             return mi.Bool(False), carried.o, carried.d, towards, offset, normal, row, _placement_numbers(place)
 
         state = mover_index >= 0, ray.o, ray.d, to_sun, offset, mi.Vector3f(0.0), face, numbers
@@ -279,17 +278,20 @@ class Moment:
         import drjit as dr
 
         in_frame = _ray_in_frame(ray, placement)
-        cell = CellPassage.of_ray(in_frame, movers, candidate, is_near)
-        asked = cell.passes & (cell.start_m <= first.t)
-        hit = movers.scene.ray_intersect_preliminary(cell.ray, coherent=self.coherent, active=asked)
-        hit.t += cell.start_m
+        hit, asked = dr.zeros(mitsuba().PreliminaryIntersection3f), mitsuba().Bool(False)
+        hit.t = dr.inf
+        if movers.scene is not None:
+            cell = CellPassage.of_ray(in_frame, movers, candidate, is_near)
+            asked = cell.passes & (cell.start_m <= first.t)
+            hit = movers.scene.ray_intersect_preliminary(cell.ray, coherent=self.coherent, active=asked)
+            hit.t += cell.start_m
         if movers.walkers is not None:
-            # No ray passes the cell of a walker, which stands in the scene for its BSDFs alone.
             shapes = WalkerShapes.at(movers.walkers, candidate, placement, is_near)
             length = xp(ray.maxt).minimum(ray.maxt, first.t)
             t, u, v, triangle = shapes.nearest(in_frame, length, is_near)
             asked |= is_near & shapes.walks
-            hit = dr.select(shapes.walks, walker_hit(movers.walkers, t, u, v, triangle, is_near), hit)
+            met = walker_hit(movers.walkers, t, u, v, triangle, is_near)
+            hit = dr.select(met.t < hit.t, met, hit)
         # Rigid motion keeps lengths, so that distances of different frames compare. A miss has t = infinity.
         # Of two at one distance the first mover is met, whatever order the boxes are in.
         tied = (hit.t == first.t) & (candidate < mover_index)
@@ -361,9 +363,10 @@ class Moment:
         import drjit as dr
 
         in_frame = _ray_in_frame(ray, placement)
-        cell = CellPassage.of_ray(in_frame, movers, candidate, is_near)
-        meets = movers.scene.ray_test(cell.ray, coherent=self.coherent, active=cell.passes)
-        is_blocked |= cell.passes & meets
+        if movers.scene is not None:
+            cell = CellPassage.of_ray(in_frame, movers, candidate, is_near)
+            meets = movers.scene.ray_test(cell.ray, coherent=self.coherent, active=cell.passes)
+            is_blocked |= cell.passes & meets
         if movers.walkers is not None:
             shapes = WalkerShapes.at(movers.walkers, candidate, placement, is_near)
             is_blocked |= shapes.nearest(in_frame, ray.maxt, is_near & ~is_blocked)[0] < dr.inf

@@ -104,23 +104,26 @@ class WalkerShapes:
         return t, u, v, triangle
 
     def surface(self, face: Array, uv: DeviceVector, active: Mask) -> tuple[Any, Any]:
-        """Return the unit normal of a face of each active ray's walker, and the velocity of a point on it.
+        """Return the unit normal of a face of each active ray's mover, and the velocity of a point on it.
 
         Args:
             face: of the world
             uv: barycentric coordinates of the point
 
         Returns:
-            both in the frame of the walker; the velocity without that of the frame
+            both in the frame of the mover; the velocity without that of the frame. Zero for a face that has no stride
         """
         import drjit as dr
 
         mi = mitsuba()
-        triangle = dr.gather(mi.UInt32, self.walkers.triangle_of_face, face, active)
-        a, b, c = self._corners(triangle, active)
-        moved = [self._velocity(vertex, active) for vertex in self._vertices(triangle, active)]
+        number = dr.gather(mi.UInt32, self.walkers.triangle_of_face, face, active & self.walks)
+        walks = number > 0
+        triangle = dr.select(walks, number - 1, 0)
+        a, b, c = self._corners(triangle, walks)
+        moved = [self._velocity(vertex, walks) for vertex in self._vertices(triangle, walks)]
         velocity = moved[0] + uv.x * (moved[1] - moved[0]) + uv.y * (moved[2] - moved[0])
-        return dr.normalize(dr.cross(b - a, c - a)), velocity
+        normal = dr.normalize(dr.cross(b - a, c - a))
+        return dr.select(walks, normal, 0.0), dr.select(walks, velocity, 0.0)
 
     @property
     def _root(self) -> Any:

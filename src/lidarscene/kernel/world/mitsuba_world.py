@@ -216,8 +216,16 @@ def build_world(
         still = _near_and_of_all_materials(still, standing)
     shapes = _loaded_shapes(still, centre, resolved, bsdfs)
     moving = _moving_groups(scene.bodies)
-    in_cells = {group.bodies[0]: _placed_alone(scene.bodies[group.bodies[0]], group.offset_m) for group in moving}
-    mover_shapes = _loaded_shapes(in_cells, np.zeros(3), resolved, bsdfs)
+    first_of_groups = {group.bodies[0]: group.offset_m for group in moving}
+    # What walks is met as its vertices are then (`walkers`): its shapes are in no scene, and have a BSDF and images.
+    in_cells, walking = (
+        {number: _placed_alone(scene.bodies[number], place, walks) for number, place in first_of_groups.items()}
+        for walks in (False, True)
+    )
+    rigid_shapes, walking_shapes = (
+        _loaded_shapes(bodies, np.zeros(3), resolved, bsdfs) for bodies in (in_cells, walking)
+    )
+    mover_shapes = rigid_shapes + walking_shapes
     body_names = [body.name for body in scene.bodies]
     class_of = [body.class_name for body in scene.bodies]
     if scene.base is not None:
@@ -250,12 +258,14 @@ def build_world(
     solid, panes = _panes_apart(shapes, see_through)
     mover_scene, mover_panes = (
         MoverScene.of_shapes(
-            part,
-            boxes_m=_boxes_of_materials(movers, part),
+            rigid,
+            boxes_m=_boxes_of_materials(movers, rigid),
             offsets_m=offsets_m,
-            walkers=Walkers.of_shapes(part, [mover.body for mover in movers], faces.first_of(part)),
+            walkers=Walkers.of_shapes(walks, [mover.body for mover in movers], faces.first_of(walks)),
         )
-        for part in _panes_apart(mover_shapes, see_through)
+        for rigid, walks in zip(
+            _panes_apart(rigid_shapes, see_through), _panes_apart(walking_shapes, see_through), strict=True
+        )
     )
     return World(
         scene=mitsuba_scene(solid),
@@ -357,7 +367,8 @@ def _moving_groups(bodies: Sequence[Body]) -> list[_BodiesOfOneShape]:
     for index, body in enumerate(bodies):
         if body.motion is not None and any(isinstance(part, Ball) or len(part.faces) for part in body.parts):
             sharing.setdefault(id(body.parts), []).append(index)
-    boxes_m = [box_of(bodies[indices[0]].parts) for indices in sharing.values()]
+    boxes_m = [box_of(_rigid_parts(bodies[indices[0]])) for indices in sharing.values()]
+    boxes_m = [np.zeros((2, 3)) if box_m is None else box_m for box_m in boxes_m]
     offsets_m = side_by_side(np.array(boxes_m, dtype=np.float64).reshape(-1, 2, 3))
     return [
         _BodiesOfOneShape(tuple(indices), offset_m)
@@ -365,21 +376,28 @@ def _moving_groups(bodies: Sequence[Body]) -> list[_BodiesOfOneShape]:
     ]
 
 
-def _placed_alone(body: Body, position_m: Numbers) -> Body:
-    """Return a body that stands still here."""
-    return Body(name=body.name, class_name=body.class_name, parts=body.parts, pose=Pose(position_m=position_m))
+def _placed_alone(body: Body, position_m: Numbers, walks: bool) -> Body:
+    """Return a body that stands still here, of those parts that have a stride or of the others."""
+    parts = _parts_that_walk(body) if walks else _rigid_parts(body)
+    return Body(name=body.name, class_name=body.class_name, parts=tuple(parts), pose=Pose(position_m=position_m))
+
+
+def _rigid_parts(body: Body) -> list[Part | Ball]:
+    """Return the parts of a body that are rigid as it moves."""
+    walking = _parts_that_walk(body)
+    return [part for part in body.parts if part not in walking]
+
+
+def _parts_that_walk(body: Body) -> list[Part]:
+    """Return the parts of a body that have a stride, if it walks."""
+    parts = [part for part in body.parts if isinstance(part, Part) and part.stride_m is not None]
+    return parts if body.gait is not None else []
 
 
 def _boxes_of_materials(movers: Sequence[Mover], shapes: Sequence[PlacedShape]) -> list[Numbers | None]:
-    """Return the box around each mover's parts of the materials of these shapes, in its frame; None without any.
-
-    Those of walkers are met as they walk (`walkers`), never as they stand in the scene.
-    """
+    """Return the box around each mover's rigid parts of the materials of these shapes, in its frame; None without."""
     materials = {shape.material for shape in shapes}
-    return [
-        None if mover.body.gait else box_of([part for part in mover.body.parts if part.material in materials])
-        for mover in movers
-    ]
+    return [box_of([part for part in _rigid_parts(mover.body) if part.material in materials]) for mover in movers]
 
 
 def _turns(bodies: Sequence[Body], indices: Sequence[int]) -> list[list[int]]:

@@ -31,10 +31,10 @@ class MoverScene:
     """A Mitsuba scene of the shapes of all movers.
 
     Attributes:
-        scene: Mitsuba's
+        scene: Mitsuba's; None if all that moves walks
         cells: (12 m,) Float, three times four numbers for each of m movers, the last of each four unused: lowest and
             highest corner of its cell in the scene, and the way from its frame to the scene's
-        walkers: the movers that walk, whose shapes in the scene are never met; None: nobody walks
+        walkers: the movers that walk, whose shapes are in no scene; None: nobody walks
     """
 
     scene: Any
@@ -50,14 +50,14 @@ class MoverScene:
         offsets_m: Sequence[Numbers],
         walkers: Walkers | None = None,
     ) -> MoverScene | None:
-        """Build from the shapes of all movers, each in its cell; None without any shape.
+        """Build from the rigid shapes of all movers, each in its cell; None without any shape and walker.
 
         Args:
             boxes_m: (2, 3) lowest and highest corner of what each mover has in the scene, in its frame; None: nothing
             offsets_m: (3,) where the origin of each mover's frame is in the scene
             walkers: the movers that walk
         """
-        if not shapes:
+        if not shapes and walkers is None:
             return None
         cells = np.zeros((len(boxes_m), 3, 4))
         for cell, box_m, offset_m in zip(cells, boxes_m, offsets_m, strict=True):

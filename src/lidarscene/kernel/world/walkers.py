@@ -6,7 +6,7 @@ are two more numbers of its motion (`maths.motion_table`). Boxes around `TRIANGL
 for each part of the stride and of the levels, through which a ray walks as through those of bodies
 (`rays.walking_rays`). Walkers of the same parts share all of it.
 
-Mitsuba has their shapes as they stand, for their BSDFs and images alone.
+Mitsuba has their shapes for BSDFs and images alone, in no scene.
 
 Symbols: k instants of a stride, v vertices, t triangles, m movers, f faces of the world.
 """
@@ -52,8 +52,9 @@ class Walkers:
         stride: (4 k v,) Float, vertices of all kinds, instant after instant
         corners: (4 t,) UInt32, the three vertices of each triangle within its kind, and nothing; `TRIANGLES` a leaf
         surface: (2 t,) UInt32, number in Mitsuba's registry of the shape of each triangle, and its number there
-        triangle_of_face: (f,) UInt32, triangle of each of the world's faces; 0 for those of rigid bodies
+        triangle_of_face: (f,) UInt32, number of the triangle of each of the world's faces, from 1 on; 0 for rigid ones
         nodes: of `BoxTree`, all trees of all kinds
+        shapes: Mitsuba's, which live as long as this does
     """
 
     kind: Any
@@ -63,6 +64,7 @@ class Walkers:
     surface: Any
     triangle_of_face: Any
     nodes: Any
+    shapes: tuple[Any, ...]
 
     @classmethod
     def of_shapes(
@@ -109,7 +111,7 @@ class Walkers:
                 axis=1,
             )[:, table.order]
             surfaces.append(np.stack([shape, number], axis=1))
-            triangle_of_face[first + number] = triangle + np.arange(len(table.order))
+            triangle_of_face[first + number] = 1 + triangle + np.arange(len(table.order))
             tables.append(table)
             row, vertex = row + instants * vertices, vertex + vertices
             node, triangle = node + len(table.tree.nodes) // 8, triangle + len(table.order)
@@ -126,6 +128,7 @@ class Walkers:
             corners=transfer.unsigned_numbers(_fours(np.concatenate([table.corners for table in tables]))),
             surface=transfer.unsigned_numbers(np.concatenate(surfaces).ravel()),
             triangle_of_face=transfer.unsigned_numbers(triangle_of_face),
+            shapes=tuple(shape.shape for shape in shapes),
             nodes=transfer.from_numpy(
                 np.concatenate(
                     [_shifted(table.tree.nodes, offset) for table, offset in zip(tables, offsets, strict=True)]
@@ -159,18 +162,9 @@ class _Kind:
 
 @functools.lru_cache(maxsize=64)
 def _kind_of(parts: tuple[Part, ...]) -> _Kind:
-    """Return the tables of parts, of which some may be rigid; kept, since the worlds of a long street share them."""
-    instants = max(len(part.stride_m) for part in parts if part.stride_m is not None)
+    """Return the tables of parts that have a stride; kept, since the worlds of a long street share them."""
     standing = np.concatenate([part.vertices_m for part in parts]).astype(np.float32)
-    stride = np.concatenate(
-        [
-            np.broadcast_to(part.vertices_m.astype(np.float32), (instants, len(part.vertices_m), 3))
-            if part.stride_m is None
-            else part.stride_m
-            for part in parts
-        ],
-        axis=1,
-    )
+    stride = np.concatenate([part.stride_m for part in parts if part.stride_m is not None], axis=1)
     starts = np.cumsum([0, *(len(part.vertices_m) for part in parts)])[:-1]
     faces = np.concatenate([part.faces + np.uint32(start) for part, start in zip(parts, starts, strict=True)])
     order = _neighbours_together(standing[faces])

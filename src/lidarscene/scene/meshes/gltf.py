@@ -40,6 +40,9 @@ PHASES = 128
 """Accuracy bought: instants of a stride, between which vertices go straight: 9 ms at a stride of 1.1 s, in which a foot
 at 30 m/s2 leaves the straight line by 0.3 mm."""
 
+RIGID = 1e-6
+"""Accuracy bought: least movement of a piece over a stride, in the file's lengths; one that moves less is rigid."""
+
 
 def read_gltf(path: Path, pattern: Kind | None = None, clips: WalkingClips | None = None) -> list[SubMesh]:
     """Read all pieces of a file, one for each primitive of a node, in the order of the nodes; y up, in metres.
@@ -130,8 +133,9 @@ class _Reader:
         away_m = np.concatenate([steps_m[-1] - steps_m[0] for _, steps_m in pieces]).mean(axis=0)
         period_s = animation_duration_s(document, clips.walk)
         for piece, steps_m in pieces:
-            in_place_m = (steps_m - shares[:, None, None] * away_m)[:-1]
-            yield replace(piece, stride=Stride(vertices_m=in_place_m, period_s=period_s))
+            in_place_m = (steps_m - shares[:, None, None] * away_m)[:-1].astype(np.float32)
+            is_rigid = bool(np.abs(in_place_m - piece.vertices_m).max(initial=0.0) < RIGID)
+            yield piece if is_rigid else replace(piece, stride=Stride(vertices_m=in_place_m, period_s=period_s))
 
     def _shown_primitives(self) -> Iterator[tuple[int, _Primitive]]:
         """Yield the number of the node of each primitive that is visible, and the primitive."""
@@ -244,8 +248,7 @@ class _Reader:
         alone = shares.sum(axis=1) <= 0.0
         shares[alone, primitive.joints[alone, 0]] = 1.0
         shares /= shares.sum(axis=1, keepdims=True)
-        matrices = np.tensordot(shares, carried[..., :3, :], axes=(1, -3))  # (v, ..., 3, 4)
-        matrices = np.moveaxis(matrices, 0, -3)
+        matrices = np.moveaxis(np.tensordot(shares, carried[..., :3, :], axes=(1, -3)), 0, -3)  # (..., v, 3, 4)
         return np.asarray(np.einsum("...vij,...vj->...vi", matrices[..., :3], vertices) + matrices[..., 3])
 
     def _primitive(self, mesh: Mapping[str, Any], primitive: Mapping[str, Any]) -> _Primitive | None:

@@ -58,7 +58,7 @@ def read_mesh(
 
     Args:
         pattern: kind of reflectivity pattern to read too; such a file is not cached
-        clips: animations of a walker, whose stride is read too; such a file is not cached
+        clips: animations of a walker, whose stride is read too
 
     Raises:
         InputError: one line
@@ -68,9 +68,9 @@ def read_mesh(
         declaration(path).check(path)
     if clips is not None and path.suffix.lower() not in GLTF:
         raise InputError(f"{path}: animation must go with a glTF file, got '{path.suffix}'")
-    if pattern is not None or clips is not None:
+    if pattern is not None:
         return check_pieces(_pieces(path, pattern, clips), str(path))
-    return check_pieces(read_cached(path, lambda: _pieces(path)), str(path))
+    return check_pieces(read_cached(path, lambda: _pieces(path, clips=clips), clips), str(path))
 
 
 def check_pieces(pieces: list[SubMesh], where: str) -> list[SubMesh]:
