@@ -76,12 +76,12 @@ def write_walker(path: Path) -> Path:
     return file.save(path)
 
 
-def skinned(phase: float) -> np.ndarray:
-    """(v, 3) vertices at a place of the stride, z up: angles are straight between the key frames."""
+def skinned(phase: float, amount: float = 1.0) -> np.ndarray:
+    """(v, 3) vertices at a place of the stride, z up: angles, so much of them, are straight between the key frames."""
     keys = np.arange(KEYS) / (KEYS - 1)
     placed = []
     for side in (0, 1):
-        hip, knee = (np.interp(phase % 1.0, keys, angle) for angle in angles(keys, side))
+        hip, knee = (amount * np.interp(phase % 1.0, keys, angle) for angle in angles(keys, side))
         own = POINTS[side * RINGS * AROUND :][: RINGS * AROUND]
         share = LOWER[: RINGS * AROUND, None]
         pivot = np.array([0.0, LEG_M, HIP_M * (2 * side - 1)])

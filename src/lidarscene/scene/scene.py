@@ -150,7 +150,10 @@ class Body:
     present_s: tuple[float, float] = ALWAYS
 
     def __post_init__(self) -> None:
-        """Take the pose from the motion."""
+        """Take the pose from the motion, and check strides."""
+        instants = {len(part.stride_m) for part in self.parts if isinstance(part, Part) and part.stride_m is not None}
+        if len(instants) > 1:
+            raise InputError(f"body '{self.name}': strides of its parts must have as many instants, got {instants}")
         if self.motion is not None:
             object.__setattr__(self, "pose", pose_at(self.motion))
 

@@ -136,7 +136,7 @@ class WalkerShapes:
         phase = dr.minimum(mi.UInt32(share * PHASES), PHASES - 1)
         level = mi.UInt32(0)
         for bound in LEVELS[1:-1]:
-            level += dr.select(self.place.level >= bound, mi.UInt32(1), 0)
+            level += dr.select(self.place.level < bound, mi.UInt32(1), 0)
         return self.kind[4] + self.kind[5] * (phase * (len(LEVELS) - 1) + level)
 
     def _vertices(self, triangle: Array, active: Mask) -> list[Any]:

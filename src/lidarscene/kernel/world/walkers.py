@@ -31,10 +31,10 @@ from .faces import PlacedShape, registry_number
 TRIANGLES = 4
 """Triangles that share a box."""
 
-PHASES = 32
+PHASES = 16
 """Choice: parts of a stride with boxes of their own: a foot goes 10 cm in one."""
 
-LEVELS = (0.0, 0.6, 0.9, 1.05, LARGEST_LEVEL)
+LEVELS = (LARGEST_LEVEL, 1.05, 0.9, 0.6, 0.0)
 """Choice: bounds of the levels that have boxes of their own, narrow where people walk."""
 
 MOST_NODES = 1 << 24
@@ -99,17 +99,12 @@ class Walkers:
         row, vertex, node, triangle = 0, 0, 0, 0
         for parts, movers in kinds.items():
             table = _kind_of(parts)
-            instants, vertices = table.stride.shape[:2]
+            instants, vertices = table.instants, len(table.standing) // 4
             kind[movers] = row, vertices, vertex, instants, node, table.tree.size, triangle // TRIANGLES, 1
-            shape, number, first = np.concatenate(
-                [
-                    np.stack([np.full(len(part.faces), shape), start + np.arange(len(part.faces)), first])
-                    for part in parts
-                    for shape, start, first_face in [faces_of[id(part)]]
-                    for first in [np.full(len(part.faces), first_face)]
-                ],
-                axis=1,
-            )[:, table.order]
+            counts = [len(part.faces) for part in parts]
+            columns = zip(*(faces_of[id(part)] for part in parts), strict=True)
+            shape, start, first = (np.repeat(column, counts)[table.order] for column in columns)
+            number = start + np.concatenate([np.arange(count) for count in counts])[table.order]
             surfaces.append(np.stack([shape, number], axis=1))
             triangle_of_face[first + number] = 1 + triangle + np.arange(len(table.order))
             tables.append(table)
@@ -123,9 +118,9 @@ class Walkers:
         offsets = [int(kind[movers[0], 4]) for movers in kinds.values()]
         return cls(
             kind=transfer.unsigned_numbers(kind.ravel()),
-            standing=transfer.from_numpy(_fours(np.concatenate([table.standing for table in tables]))),
-            stride=transfer.from_numpy(_fours(np.concatenate([table.stride.reshape(-1, 3) for table in tables]))),
-            corners=transfer.unsigned_numbers(_fours(np.concatenate([table.corners for table in tables]))),
+            standing=transfer.from_numpy(np.concatenate([table.standing for table in tables])),
+            stride=transfer.from_numpy(np.concatenate([table.stride for table in tables])),
+            corners=transfer.unsigned_numbers(np.concatenate([table.corners for table in tables])),
             surface=transfer.unsigned_numbers(np.concatenate(surfaces).ravel()),
             triangle_of_face=transfer.unsigned_numbers(triangle_of_face),
             shapes=tuple(shape.shape for shape in shapes),
@@ -146,9 +141,10 @@ class _Kind:
     """Tables of walkers of the same parts.
 
     Attributes:
-        standing: (v, 3)
-        stride: (k, v, 3)
-        corners: (t, 3) vertices of the triangles, leaf after leaf, the last one filled
+        standing: (4 v,), as in `Walkers`
+        stride: (4 k v,), likewise
+        corners: (4 t,), likewise, leaf after leaf, the last one filled
+        instants: k
         order: (t,) number of each triangle among the faces of the parts
         tree: a tree for each part of the stride and of the levels, phase after phase
     """
@@ -156,6 +152,7 @@ class _Kind:
     standing: Numbers
     stride: Numbers
     corners: Numbers
+    instants: int
     order: Numbers
     tree: BoxTree
 
@@ -167,11 +164,19 @@ def _kind_of(parts: tuple[Part, ...]) -> _Kind:
     stride = np.concatenate([part.stride_m for part in parts if part.stride_m is not None], axis=1)
     starts = np.cumsum([0, *(len(part.vertices_m) for part in parts)])[:-1]
     faces = np.concatenate([part.faces + np.uint32(start) for part, start in zip(parts, starts, strict=True)])
-    order = _neighbours_together(standing[faces])
+    # Limbs are farthest apart as a foot meets the ground.
+    order = _neighbours_together(stride[0][faces])
     order = np.concatenate([order, np.repeat(order[-1:], -len(order) % TRIANGLES)])
     corners = faces[order]
     tree = BoxTree.from_sets(_leaf_boxes(standing, stride, corners))
-    return _Kind(standing=standing, stride=stride, corners=corners, order=order, tree=tree)
+    return _Kind(
+        standing=_fours(standing),
+        stride=_fours(stride.reshape(-1, 3)),
+        corners=_fours(corners),
+        instants=len(stride),
+        order=order,
+        tree=tree,
+    )
 
 
 def _neighbours_together(corners_m: Numbers) -> Numbers:
