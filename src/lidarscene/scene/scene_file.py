@@ -529,12 +529,14 @@ def _gait(body: BodyFile, parts: Sequence[Part | Ball], *, folder: Path, where: 
     Raises:
         InputError: if its stride leads nowhere
     """
-    strides_m = [part.stride_m for part in parts if isinstance(part, Part) and part.stride_m is not None]
-    if body.mesh is None or not strides_m:
+    if body.mesh is None or body.animation is None or all(motion is None for motion in body.motions()):
         return None
-    pieces = reader(folder / body.mesh, body.pattern, _clips(body))
-    period_s = next(piece.stride.period_s for piece in pieces if piece.stride is not None)
-    gait = Gait.of_strides(strides_m, period_s=period_s, stands=body.standing is not None)
+    strides_m = [part.stride_m for part in parts if isinstance(part, Part) and part.stride_m is not None]
+    gait = None
+    if strides_m:
+        strides = [piece.stride for piece in reader(folder / body.mesh, body.pattern, _clips(body))]
+        period_s = next(stride.period_s for stride in strides if stride is not None)
+        gait = Gait.of_strides(strides_m, period_s=period_s, stands=body.standing is not None)
     if gait is None:
         raise InputError(
             f"{where}.animation: must be a stride, in which a foot on the ground goes back, got '{body.animation}', "

@@ -112,7 +112,7 @@ class Gait:
             return time_s * self._rate_hz(speed_m_s)
         if id(motion) not in self._ways:
             self._ways[id(motion)] = motion, self._way(motion)
-        return _cubic(*self._ways[id(motion)][1], time_s)
+        return _cubic(*self._ways[id(motion)][1], np.clip(time_s, *motion.span_s))
 
     def _way(self, motion: Motion) -> Numbers:
         """(3, m) times of the nodes of a motion, strides until then, and their rate."""
