@@ -83,8 +83,8 @@ def skinned_m(body: Body, time_s: float) -> np.ndarray:
 @pytest.mark.parametrize("share", [1.0, 0.55])
 def test_points_are_on_the_skin_at_their_time(folder: Path, open3d: ModuleType, share: float) -> None:
     """The shape at the speed of the animation is that of its key frames; at about half of it, between that and the one
-    that stands. Tolerance: 1 mm along the beam, but for a beam in a hundred that grazes a leg and may pass it. Velocities
-    along the beam are those of the skin, to 0.05 m/s: a key frame changes them.
+    that stands. Tolerance: 1 mm along the beam, but for a beam in a hundred that grazes a leg and may pass it; 0.05 m/s
+    for the velocity along the beam, which a key frame changes.
     """
     scene = scene_at(folder, share * natural_speed(folder))
     cloud = on_walkers(Simulator(scene, chain.sensor("table1-apd", *SENSOR)).render(seed=1))
