@@ -12,6 +12,7 @@ from lidarscene import catalog, load_scene
 from lidarscene.errors import InputError
 from lidarscene.maths.pose import Pose
 from lidarscene.maths.trajectory import Course, GoingOn, HeldAtEnds, Motion, Repeated, Riding, Spline
+from lidarscene.scene.meshes import gltf
 from lidarscene.scene.meshes.mesh_cache import WalkingClips
 from lidarscene.scene.meshes.reading import read_mesh
 from lidarscene.scene.ride import Ride
@@ -62,6 +63,24 @@ def test_a_foot_that_bears_stands_still(tmp_path: Path, name: str, share: float)
         assert before[:, 2].min() < 12e-3  # in the air
     assert stood > 15
     assert np.quantile(went_m, 0.99) < 1e-3
+
+
+@pytest.mark.parametrize("name", ["pedestrian", "child_4"])
+def test_between_its_instants_a_stride_is_nearly_straight(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    """Against the skin at eight times as many instants: 1.5 mm at most, and 1 mm at 97 % of them."""
+    path, clips = catalog.path_of("meshes", name), WalkingClips(walk="walk", standing="stand")
+    coarse, fine = [], []
+    for strides, factor in ((coarse, 1), (fine, 8)):
+        monkeypatch.setattr(gltf, "PHASES", 128 * factor)
+        pieces = gltf.read_gltf(path, None, clips)
+        strides.append(np.concatenate([piece.stride.vertices_m for piece in pieces if piece.stride], axis=1))
+    after = np.roll(coarse[0], -1, axis=0)
+    off_m = [
+        np.linalg.norm(coarse[0] + share / 8 * (after - coarse[0]) - fine[0][share::8], axis=2).max(axis=1)
+        for share in range(8)
+    ]
+    assert np.max(off_m) < 1.6e-3
+    assert np.mean(np.array(off_m) < 1e-3) > 0.97
 
 
 def spline(*places: float) -> Spline:

@@ -30,6 +30,7 @@ _KNEE_DEG = (5.0, 15.0, 5.0, 10.0, 40.0, 60.0, 25.0, 5.0)
 _FOOT = ((0.0, _HEEL_DOWN, _HEEL_UP, 0.50, TOE_OFF, 0.72, 0.82, 0.92, 1.0), (20, 0, 0, -24, -60, -40, -2, 16, 20))
 _TOES = ((0.0, _HEEL_DOWN, 0.50, TOE_OFF, 0.70, 0.82, 0.92, 1.0), (20, 0, 0, -28, -20, 0, 16, 20))
 WALK_RATIO_M = 0.0065
+BEARING_REACH, SWING_REACH = 0.990, 0.9985  # longest leg, as a share of its length: a knee that locks would snap
 
 
 @dataclass(frozen=True, slots=True)
@@ -72,7 +73,7 @@ def walk(leg, *, stride_m, crouch=0.0, lift=1.0):
     """The stride of a leg: as upright as it reaches but for `crouch`, a share; `lift` scales the foot's angles."""
     phase = np.arange(KEYS + 1) / KEYS
     foot, toes = (np.radians(lift * curve(phase, *knots)) for knots in (_FOOT, _TOES))
-    longest = (leg.thigh + leg.shank) * (0.995 - crouch)
+    longest = (leg.thigh + leg.shank) * (BEARING_REACH - crouch)
     # The pelvis is highest as the foot is below it.
     bob_m = 0.013 * stride_m * np.cos(4.0 * np.pi * (phase - 0.32))
     best = None
@@ -148,6 +149,10 @@ def _with_swing(phase, ankle, leg, raised_m):
     shares = (2 * u**3 - 3 * u**2 + 1, 3 * u**2 - 2 * u**3, u**3 - 2 * u**2 + u, u**3 - u**2)
     led = free[swings] + sum(np.outer(share, part) for share, part in zip(shares, misses + rates, strict=True))
     led[:, 1] += raised_m * 16 * (u * (1 - u)) ** 2
+    reach = np.hypot(*led.T) / (leg.thigh + leg.shank)
+    room = SWING_REACH - BEARING_REACH
+    softly = BEARING_REACH + room * (1 - np.exp(-np.maximum(reach - BEARING_REACH, 0) / room))
+    led *= np.where(reach > BEARING_REACH, softly / reach, 1.0)[:, None]
     way = ankle.copy()
     way[swings] = led
     way[-1] = way[0]

@@ -102,17 +102,18 @@ class Gait:
             return self._phase(motion.motion, np.clip(time_s - motion.delay_s, *motion.motion.span_s), speed_m_s)
         if isinstance(motion, GoingOn):
             within_s = np.clip(time_s, *motion.motion.span_s)
-            return self._phase(motion.motion, within_s, speed_m_s) + (time_s - within_s) * self._rate_hz(speed_m_s)
+            beyond = (time_s - within_s) * self._rate_hz(speed_m_s)
+            return np.asarray(self._phase(motion.motion, within_s, speed_m_s) + beyond)
         if isinstance(motion, Repeated):
             first_s, last_s = motion.motion.span_s
             rounds, within_s = np.divmod(time_s - first_s, last_s - first_s)
             total = self._phase(motion.motion, np.array([last_s]), np.zeros(1))[0]
-            return rounds * total + self._phase(motion.motion, first_s + within_s, speed_m_s)
+            return np.asarray(rounds * total + self._phase(motion.motion, first_s + within_s, speed_m_s))
         if motion.span_s == ALWAYS:
-            return time_s * self._rate_hz(speed_m_s)
+            return np.asarray(time_s * self._rate_hz(speed_m_s))
         if id(motion) not in self._ways:
             self._ways[id(motion)] = motion, self._way(motion)
-        return _cubic(*self._ways[id(motion)][1], np.clip(time_s, *motion.span_s))
+        return _cubic(self._ways[id(motion)][1], np.clip(time_s, *motion.span_s))
 
     def _way(self, motion: Motion) -> Numbers:
         """(3, m) times of the nodes of a motion, strides until then, and their rate."""
@@ -129,8 +130,8 @@ class Gait:
         return np.stack([time_s, np.concatenate([[0.0], np.cumsum(passed)]), rate])
 
 
-def _cubic(node_s: Numbers, value: Numbers, rate: Numbers, time_s: Numbers) -> Numbers:
-    """Values at (n,) times of a curve with these values and rates at its nodes, cubic between them."""
+def _cubic(nodes: Numbers, time_s: Numbers) -> Numbers:
+    """Values at (n,) times of a curve that is cubic between nodes, (3, m) times, values and rates."""
     from scipy.interpolate import CubicHermiteSpline
 
-    return np.asarray(CubicHermiteSpline(node_s, value, rate)(time_s))
+    return np.asarray(CubicHermiteSpline(*nodes)(time_s))

@@ -102,11 +102,10 @@ class Walkers:
             instants, vertices = table.instants, len(table.standing) // 4
             kind[movers] = row, vertices, vertex, instants, node, table.tree.size, triangle // TRIANGLES, 1
             counts = [len(part.faces) for part in parts]
-            columns = zip(*(faces_of[id(part)] for part in parts), strict=True)
-            shape, start, first = (np.repeat(column, counts)[table.order] for column in columns)
-            number = start + np.concatenate([np.arange(count) for count in counts])[table.order]
-            surfaces.append(np.stack([shape, number], axis=1))
-            triangle_of_face[first + number] = 1 + triangle + np.arange(len(table.order))
+            numbers, starts, firsts = np.repeat([faces_of[id(part)] for part in parts], counts, axis=0)[table.order].T
+            in_shape = starts + np.concatenate([np.arange(count) for count in counts])[table.order]
+            surfaces.append(np.stack([numbers, in_shape], axis=1))
+            triangle_of_face[firsts + in_shape] = 1 + triangle + np.arange(len(table.order))
             tables.append(table)
             row, vertex = row + instants * vertices, vertex + vertices
             node, triangle = node + len(table.tree.nodes) // 8, triangle + len(table.order)

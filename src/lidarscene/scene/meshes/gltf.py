@@ -37,8 +37,8 @@ from .reflectivity_patterns import (
 _STRIP, _FAN = 5, 6
 
 PHASES = 128
-"""Accuracy bought: instants of a stride, between which vertices go straight: 9 ms at a stride of 1.1 s, in which a foot
-at 30 m/s2 leaves the straight line by 0.3 mm."""
+"""Accuracy bought: instants of a stride, between which vertices go straight: 9 ms at a stride of 1.1 s. Of the
+catalogue's people a foot that swings leaves the straight line by 1.5 mm at most, all else by 1 mm at 98 % of times."""
 
 RIGID = 1e-6
 """Accuracy bought: least movement of a piece over a stride, in the file's lengths; one that moves less is rigid."""
@@ -169,7 +169,7 @@ class _Reader:
             return self._skinned(primitive, vertices, node["skin"], pose)
         transforms = pose.placed[number][..., None, :, :] @ self._instances(node)
         placed = np.einsum("...kij,...vj->...kvi", transforms[..., :3, :3], vertices) + transforms[..., None, :3, 3]
-        return placed.reshape(*placed.shape[:-3], -1, 3)
+        return np.asarray(placed.reshape(*placed.shape[:-3], -1, 3))
 
     def _shown(self) -> Iterator[int]:
         """Yield the numbers of the nodes of the file's scene that are visible, parents first."""

@@ -52,7 +52,7 @@ def animation_duration_s(document: GltfDocument, name: str) -> float:
 
 
 def _animation(document: GltfDocument, name: str) -> Mapping[str, Any]:
-    animations = {
+    animations: dict[str, Mapping[str, Any]] = {
         str(entry.get("name", number)): entry for number, entry in enumerate(document.content.get("animations", []))
     }
     if name not in animations:
@@ -80,14 +80,14 @@ def _sampled(document: GltfDocument, sampler: Mapping[str, Any], times_s: Number
     step_s = np.maximum(key_s[after] - key_s[before], 1e-12)[:, None]
     share = (times_s - key_s[before])[:, None] / step_s
     if kind == "STEP":
-        return np.where(share >= 1.0, values[after, 0], values[before, 0])
+        return np.asarray(np.where(share >= 1.0, values[after, 0], values[before, 0]))
     if kind == "CUBICSPLINE":
         # Each key frame has its tangent before, its value, and its tangent after.
         leaving, arriving = step_s * values[before, 2], step_s * values[after, 0]
         square, cube = share**2, share**3
         mixed = (2 * cube - 3 * square + 1) * values[before, 1] + (cube - 2 * square + share) * leaving
         mixed += (3 * square - 2 * cube) * values[after, 1] + (cube - square) * arriving
-        return mixed
+        return np.asarray(mixed)
     start, end = values[before, 0], values[after, 0]
     if not is_rotation:
         return np.asarray(start + share * (end - start))
