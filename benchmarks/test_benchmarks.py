@@ -8,6 +8,7 @@ from concurrent.futures import ThreadPoolExecutor
 from importlib.util import find_spec
 from pathlib import Path
 
+import numpy as np
 import pytest
 from helpers.waiting import PATIENCE_S
 
@@ -162,3 +163,45 @@ def test_a_segmenter_learns_from_generated_frames() -> None:
         for judged in ("held-out frames", "the same without noise", "recorded frame")
     ]
     assert all(0.8 < float(row[3]) <= 1.0 for row in rows), process.stdout
+
+
+def test_a_detector_learns_from_generated_frames(tmp_path: Path) -> None:
+    """`detection.py` in small. Its readers of KITTI and of Argoverse 2 find the same objects in a frame that we write
+    for both.
+    """
+    feather = pytest.importorskip("pyarrow.feather")
+    import pyarrow
+
+    environment = os.environ | {"PYTHONPATH": f"{ROOT / 'src'}:{ROOT / 'benchmarks'}"}
+    place = ["--all-around", "--no-own-car"]
+    write = [sys.executable, "-m", "lidarscene", "render", "car", "--sensor", "hdl-64e", "--dataset", "kitti", *place]
+    subprocess.run([*write, "-o", str(tmp_path / "set"), "-q"], env=environment, check=True, timeout=PATIENCE_S)
+    (tmp_path / "set/training").rename(tmp_path / "kitti")
+    sys.path.insert(0, str(ROOT / "benchmarks"))
+    import detection
+
+    ((points, objects),) = detection.kitti_frames(tmp_path / "kitti")
+    log = tmp_path / "av2/log"
+    log.mkdir(parents=True)
+    rows = {
+        "timestamp_ns": [1] * len(objects.classes),
+        "category": [("SIGN", "REGULAR_VEHICLE", "PEDESTRIAN")[number] for number in objects.classes],
+        **dict(zip(("length_m", "width_m", "height_m"), objects.sizes_m.T, strict=True)),
+        **dict(zip(("tx_m", "ty_m", "tz_m"), np.array([pose.position_m for pose in objects.poses]).T, strict=True)),
+    }
+    yaw = np.array([np.arctan2(pose.rotation[1, 0], pose.rotation[0, 0]) for pose in objects.poses])
+    rows |= {"qw": np.cos(0.5 * yaw), "qz": np.sin(0.5 * yaw)}
+    feather.write_feather(pyarrow.table(rows), log / "annotations.feather")
+    feather.write_feather(pyarrow.table(dict(zip("xyz", points.T, strict=True))), log / "1.feather")
+    command = [sys.executable, str(ROOT / "benchmarks" / "detection.py"), "--frames", "2", "--held-out", "1"]
+    process = subprocess.run(
+        [*command, "--real", str(tmp_path)], env=environment, capture_output=True, text=True, timeout=PATIENCE_S
+    )
+    assert process.returncode == 0, process.stderr
+    lines = process.stdout.splitlines()
+    assert lines[2].split(";")[1:] == lines[3].split(";")[1:] != []
+    assert re.search(r"car: [1-9]\d*, a cluster on [1-9]", lines[2])
+    rows_of = [re.split(r"\s{2,}", line) for line in lines[6:15]]
+    assert [row[1] for row in rows_of] == ["held-out towns", "KITTI", "Argoverse 2"] * 3
+    assert all(float(row[2].split()[0]) > 0.5 for row in rows_of if row[1] == "held-out towns"), process.stdout
+    assert all(kitti[2:] == av2[2:] for kitti, av2 in zip(rows_of[1::3], rows_of[2::3], strict=True))

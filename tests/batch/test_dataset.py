@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from helpers.small_job import use_no_worlds_of_others
 from helpers.walls import LEFT_AND_RIGHT, MOVING
+from scipy.spatial.transform import Rotation
 
 from lidarscene.batch import dataset, dispatch, work
 from lidarscene.batch.dataset import PARTS, share_out
@@ -38,7 +39,8 @@ SMALL = """
 "scanner.azimuth_step_deg" = [2]
 "scanner.elevation_step_deg" = [2]
 """
-SPLITS = "[splits]\ntrain = 0.5\nval = 0.25\ntest = 0.25\n"
+SHARES = "[splits]\ntrain = 0.5\nval = 0.25\ntest = 0.25\n"
+SPLITS = SHARES + 'by = "drive"\n'
 
 
 @pytest.fixture(autouse=True)
@@ -46,12 +48,15 @@ def _fresh(mi: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     use_no_worlds_of_others(monkeypatch)
 
 
-def read_job(folder: Path, text: str) -> Job:
+APPROACHING = MOVING.replace("[ego]", '[sensor]\nname = "table1-apd"\n[ego]') + ROAD
+
+
+def read_job(folder: Path, text: str, *, scene: str = APPROACHING, rig: str = LEFT_AND_RIGHT) -> Job:
     """A job over a car that comes nearer on a road, seen by a vehicle that drives."""
-    (folder / "street.toml").write_text(MOVING.replace("[ego]", '[sensor]\nname = "table1-apd"\n[ego]') + ROAD)
-    (folder / "rig.toml").write_text(LEFT_AND_RIGHT)
+    (folder / "street.toml").write_text(scene)
+    (folder / "rig.toml").write_text(rig)
     path = folder / "job.toml"
-    path.write_text('scenes = ["street.toml"]\n' + text + SMALL)
+    path.write_text(("" if "scenes = " in text else 'scenes = ["street.toml"]\n') + text + SMALL)
     return Job.read(path)
 
 
@@ -96,9 +101,9 @@ def test_shares_are_within_one_of_what_was_asked() -> None:
     ("text", "message"),
     [
         ('dataset = "kitti"\nseeds = [1, 2]\n' + SPLITS, "train, val, test must each have some of the drives"),
-        ('dataset = "kitti"\nseed_count = 9\n' + SPLITS + 'by = "street"\n', "of the streets, of which there are 1"),
+        ('dataset = "kitti"\nseed_count = 9\n' + SHARES, 'streets, of which there are 1; sweep "street.seed"'),
         (
-            'dataset = "kitti"\nframes = 2\n' + SPLITS + 'by = "frames"\n',
+            'dataset = "kitti"\nframes = 2\n' + SHARES + 'by = "frames"\n',
             "of the frames of a drive, of which there are 2",
         ),
         ('dataset = "kitti"\n[splits]\ntrain = 0.7\nval = 0.2\n', "must add up to 1, got 0.9"),
@@ -131,21 +136,112 @@ def test_a_drive_is_in_one_part(tmp_path: Path) -> None:
 
 def test_frames_of_a_drive_are_cut_in_order(tmp_path: Path) -> None:
     """Each part of a drive is a sequence of its own: poses and times have no holes."""
-    text = 'dataset = "semantickitti"\nframes = 4\nseed_count = 2\n' + SPLITS + 'by = "frames"\n'
+    text = 'dataset = "semantickitti"\nframes = 4\nseed_count = 2\n' + SHARES + 'by = "frames"\n'
     drive = [("train", 0, 0), ("train", 0, 1), ("val", 1, 0), ("test", 2, 0)]
     expected = [(part, sequence + 3 * seed, step, step) for seed in range(2) for part, sequence, step in drive]
     assert parts_of(read_job(tmp_path, text)) == expected
 
 
 def test_a_street_is_in_one_part(tmp_path: Path) -> None:
-    """What differs in light alone is one street; another place of the car is another."""
-    text = 'dataset = "kitti"\n[splits]\ntrain = 0.5\nval = 0.5\nby = "street"\n[sweep.scene]\n'
+    """What differs in light, paint, the vehicle's way or the file's name is one street, unless `by` says otherwise;
+    another place of the car is another. So no pose of what is tested was learned.
+    """
+    text = 'dataset = "kitti"\n[splits]\ntrain = 0.5\nval = 0.5\n[sweep.scene]\n'
     text += '"sun.illuminance_klux" = [1, 100]\n"bodies.wall.position_m" = [[10, 0, 1.8], [12, 0, 1.8]]\n'
-    parts = defaultdict(set)
+    text += '"ego.speed_m_s" = [5, 9]\n"bodies.wall.material" = ["concrete", "asphalt"]\n'
+    text = text.replace("dataset", 'scenes = ["street.toml", "wet.toml"]\ndataset', 1)
+    (tmp_path / "wet.toml").write_text('extends = "street.toml"\n[weather]\nrain_mm_h = 5\n')
+    parts, streets = defaultdict(set), defaultdict(set)
     for task in read_job(tmp_path, text).tasks():
         assert task.place is not None
-        parts[str(task.parameters["scene.bodies.wall.position_m"])].add(task.place.split)
+        place = str(task.parameters["scene.bodies.wall.position_m"])
+        parts[place].add(task.place.split)
+        streets[place].add(task.scene.street)
     assert sorted(map(sorted, parts.values())) == [["train"], ["val"]]
+    assert [len(hashes) for hashes in streets.values()] == [1, 1]
+
+
+# --- draws ------------------------------------------------------------------------------------------
+
+DRAWS = """
+[draws.scene]
+"sun.illuminance_klux" = { low = 1, high = 100, log = true }
+"weather.rain_mm_h" = { low = 0, high = 20 }
+"bodies.wall.material" = ["concrete", "asphalt", "car_paint_black"]
+[draws.sensor]
+"wear.film_transmittance" = { low = 0.5, high = 1.0 }
+"""
+
+
+def test_each_drive_draws_anew(tmp_path: Path) -> None:
+    """All frames of a drive and all sensors of a rig have one draw, which no other key and seed changes; light,
+    wear and paint make no other street. Limits: of 200 uniform draws the mean scatters by 0.02 of the range, and the
+    chance that one of three materials is never drawn is 1e-35.
+    """
+    text = 'dataset = "kitti"\nframes = 2\nseed_count = 200\nrigs = ["rig.toml"]\n'
+    drives = defaultdict(set)
+    streets = set()
+    for task in read_job(tmp_path, text + DRAWS).tasks():
+        names = ("scene.sun.illuminance_klux", "scene.weather.rain_mm_h", "scene.bodies.wall.material")
+        values = tuple(task.parameters[name] for name in (*names, "sensor.wear.film_transmittance"))
+        drives[task.frame.seed].add(values)
+        streets.add(task.scene.street)
+        assert f"weather.rain_mm_h={values[1]}" in task.scene.overrides
+        assert f"wear.film_transmittance={values[3]}" in task.sensor.overrides
+    assert ({len(draws) for draws in drives.values()}, len(streets), len(drives)) == ({1}, 1, 200)
+    klux, rain, paint, film = zip(*(draw for draws in drives.values() for draw in draws), strict=True)
+    assert set(paint) == {"concrete", "asphalt", "car_paint_black"}
+    for values, low, high in ((np.log10(klux), 0.0, 2.0), (rain, 0.0, 20.0), (film, 0.5, 1.0)):
+        assert low <= min(values) < low + 0.1 * (high - low) < high - 0.1 * (high - low) < max(values) <= high
+        assert np.mean(values) == pytest.approx(0.5 * (low + high), abs=0.12 * (high - low))
+    fewer = text.replace("200", "3") + DRAWS.replace('"weather.rain_mm_h" = { low = 0, high = 20 }\n', "")
+    for task in read_job(tmp_path, fewer).tasks():
+        assert task.parameters["scene.sun.illuminance_klux"] == klux[task.frame.seed]
+
+
+def test_a_drawn_drive_is_rendered_with_its_draw(threads: Connect, tmp_path: Path) -> None:
+    """Reference: `record` with the values that the manifest names."""
+    from lidarscene.outputs.output_options import Outputs
+    from lidarscene.outputs.record import record
+
+    parquet = pytest.importorskip("pyarrow.parquet")
+    job = read_job(tmp_path, "seed_count = 2\n" + DRAWS)
+    run(job, tmp_path / "out", threads)
+    rows = parquet.read_table(Store(tmp_path / "out").manifest).to_pylist()
+    assert len({row["scene.weather.rain_mm_h"] for row in rows}) == 2
+    for row in rows:
+        changes = {
+            kind: [f"{key.partition('.')[2]}={value}" for key, value in row.items() if key.startswith(f"{kind}.")]
+            for kind in ("scene", "sensor")
+        }
+        path = tmp_path / "single.ply"
+        record(
+            tmp_path / "street.toml",
+            outputs=Outputs(path),
+            seed=row["seed"],
+            overrides=changes["sensor"],
+            scene_overrides=changes["scene"],
+        )
+        assert (tmp_path / "out" / row["file"]).read_bytes() == path.read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("draws", "message"),
+    [
+        ('"sun.illuminance_klux" = { low = 100, high = 1 }', "illuminance_klux: high must be above low, 100, got 1"),
+        ('"sun.illuminance_klux" = { low = 0, high = 1, log = true }', "illuminance_klux: low: must be > 0 with log"),
+        ('"sun.illuminance_klux" = { low = -1, high = 1 }', "sun.illuminance_klux: must be >= 0, got -1"),
+        ('"sun.illuminance_klux" = 7', "sun.illuminance_klux: must be a list, or a range with low and high, got 7"),
+        ('"sun.illumination" = [1]', "illumination"),
+        ('"ego" = [{ poses_file = "drive.csv" }]', "draws.scene.ego: must not name files"),
+        ('"weather.rain_mm_h" = [1]\n[sweep.scene]\n"weather.rain_mm_h" = [1]', "draws.scene.weather.rain_mm_h: is in"),
+    ],
+)
+def test_draws_that_cannot_be(tmp_path: Path, draws: str, message: str) -> None:
+    (tmp_path / "drive.csv").write_text("0 0 0 0 0 0 0 1\n")
+    with pytest.raises(InputError, match=message) as raised:
+        read_job(tmp_path, f"[draws.scene]\n{draws}\n")
+    assert str(raised.value).startswith(str(tmp_path / "job.toml"))
 
 
 # --- files ------------------------------------------------------------------------------------------
@@ -248,6 +344,8 @@ def test_the_manifest_names_parts_and_files(threads: Connect, tmp_path: Path) ->
     assert Counter(row["split"] for row in rows) == {"train": 2, "val": 2, "test": 2}
     assert [row["file"] for row in rows] == [f"samples/LIDAR_TOP/{n:06d}.pcd.bin" for n in range(6)]
     assert {row["sequence"] for row in rows} == {"scene-0001", "scene-0002", "scene-0003"}
+    assert {row["split_by"] for row in rows} == {"drive"}
+    assert len({row["street"] for row in rows}) == 1
     assert {(row["format"], row["stray"], row["revived"], row["error"]) for row in rows} == {("nuscenes", 0, 0, None)}
 
 
@@ -296,7 +394,7 @@ def test_a_whole_drive_is_that_of_render(
 
     library(package)
     text = f'dataset = "{name}"\nframes = 3\nseed_count = 2\n{rig}truth = {str(truth).lower()}\n'
-    job = read_job(tmp_path, text + "[splits]\ntrain = 0.5\nval = 0.5\n")
+    job = read_job(tmp_path, text + '[splits]\ntrain = 0.5\nval = 0.5\nby = "drive"\n')
     assert run(job, tmp_path / "out", threads).rendered == len(job)
     suffix = f".{name[:4].rstrip('-')}"
     files = {
@@ -426,9 +524,8 @@ def test_a_cloud_lies_where_its_tables_say(threads: Connect, tmp_path: Path) -> 
     job = read_job(tmp_path, 'dataset = "nuscenes"\nframes = 3\n')
     run(job, tmp_path / "out", threads)
     tables = tables_of(tmp_path / "out")
-    (corner_m,) = {
-        tuple(json.loads(path.read_text())["truth"]["map_corner_m"]) for path in (tmp_path / "out/rows").rglob("*.json")
-    }
+    truths = [json.loads(path.read_text())["truth"] for path in (tmp_path / "out/rows").rglob("*.json")]
+    (corner_m,) = (truth["map_corner_m"] for truth in truths if "map_corner_m" in truth)
     first_us = min(data["timestamp"] for data in tables["sample_data"].values())
     for step, data in enumerate(tables["sample_data"].values()):
         points = np.fromfile(tmp_path / "out" / data["filename"], np.float32).reshape(-1, 5)[:, :3].astype(float)
@@ -456,6 +553,107 @@ def test_a_cloud_lies_where_its_tables_say(threads: Connect, tmp_path: Path) -> 
         assert start_s >= 0.004 * step
         assert world_m == pytest.approx([10 - 10 * start_s, 2 * start_s], abs=0.1)
         assert math.hypot(*annotation["rotation"]) == pytest.approx(1.0)
+
+
+PARKED = """
+[sensor]
+name = "table1-apd"
+[ego]
+speed_m_s = 20
+[[bodies]]
+name = "wall"
+primitive = "box"
+class = "car"
+size_m = [1, 4, 4]
+material = "concrete"
+position_m = [14.3, 0, 1.8]
+"""
+"""A car that stands, and a sensor that drives towards it, by 9 cm in a frame."""
+
+ONE_BEHIND_THE_OTHER = """
+[[sensors]]
+label = "roof"
+sensor = "table1-apd"
+position_m = [0, 0, 1.8]
+[[sensors]]
+label = "front"
+sensor = "table1-sipm"
+position_m = [2.3, -0.6, 0.8]
+yaw_deg = 15
+"""
+
+
+def parked_job(folder: Path, text: str) -> Job:
+    """A job over a car that stands on no road."""
+    return read_job(folder, text, scene=PARKED, rig=ONE_BEHIND_THE_OTHER)
+
+
+def in_the_world(folder: Path, tables: dict[str, dict[str, dict[str, Any]]], data: dict[str, Any]) -> Any:
+    """(n, 3) points of a cloud, by the chain that nuscenes-devkit documents: calibration, then pose of the vehicle."""
+    points = np.fromfile(folder / data["filename"], np.float32).reshape(-1, 5)[:, :3].astype(float)
+    for table in ("calibrated_sensor", "ego_pose"):
+        row = tables[table][data[f"{table}_token"]]
+        points = Rotation.from_quat(row["rotation"], scalar_first=True).apply(points) + row["translation"]
+    return points
+
+
+@pytest.mark.parametrize(("deskew", "drift_m"), [("", (0.0, 1e-5)), ("deskew = false\n", (0.02, 0.15))])
+def test_two_lidars_of_a_rig_meet_on_one_surface(
+    threads: Connect, tmp_path: Path, deskew: str, drift_m: tuple[float, float]
+) -> None:
+    """Both see the front of a car; the sensors stand in different cells of a grid of 1 m, from which maps begin.
+
+    Tolerance: 5 cm. The box of a car that stands does so, unless the points hold the way of 9 cm within a frame.
+    """
+    job = parked_job(tmp_path, f'dataset = "nuscenes"\nframes = 3\nrigs = ["rig.toml"]\n{deskew}')
+    run(job, tmp_path / "out", threads)
+    tables = tables_of(tmp_path / "out")
+    faces: dict[str, list[float]] = defaultdict(list)
+    for data in tables["sample_data"].values():
+        classes = np.fromfile(tmp_path / "out" / tables["lidarseg"][data["token"]]["filename"], np.uint8)
+        points = in_the_world(tmp_path / "out", tables, data)[
+            classes == nuscenes_dataset.CATEGORIES.index("vehicle.car")
+        ]
+        faces[data["filename"].split("/")[1]].append(float(np.median(points[:, 0])))
+    assert faces["LIDAR_TOP"] == pytest.approx(faces["LIDAR_FRONT"], abs=0.05)
+    places = [annotation["translation"] for annotation in tables["sample_annotation"].values()]
+    drifts_m = np.abs(np.subtract(places, [14.3 + 120.0, 120.0, 1.8])).max(axis=1)
+    assert drift_m[0] <= drifts_m.min() <= drifts_m.max() <= drift_m[1]
+
+
+def test_points_in_a_moving_box_are_those_of_all_sensors(threads: Connect, tmp_path: Path) -> None:
+    """Reference: half-spaces of the box in the tables, point by point. The car goes 0.3 m within a frame, and each
+    sensor sees it at another time.
+    """
+    scene, rig = APPROACHING.replace("[-10, 2, 0]", "[0, 60, 0]"), ONE_BEHIND_THE_OTHER + "pitch_deg = 12\n"
+    job = read_job(tmp_path, 'dataset = "nuscenes"\nframes = 2\nrigs = ["rig.toml"]\n', scene=scene, rig=rig)
+    run(job, tmp_path / "out", threads)
+    tables = tables_of(tmp_path / "out")
+    assert len(tables["sample_annotation"]) == 2
+    for annotation in tables["sample_annotation"].values():
+        width, length, height = annotation["size"]
+        counts = []
+        for data in tables["sample_data"].values():
+            if data["sample_token"] == annotation["sample_token"]:
+                offset = in_the_world(tmp_path / "out", tables, data) - annotation["translation"]
+                local = Rotation.from_quat(annotation["rotation"], scalar_first=True).inv().apply(offset)
+                counts.append(int((np.abs(local) <= 0.5 * np.array([length, width, height])).all(axis=1).sum()))
+        assert len(counts) == 2
+        assert min(counts) > 10
+        assert annotation["num_lidar_pts"] == sum(counts)
+
+
+@pytest.mark.parametrize("name", ["kitti", "nuscenes"])
+def test_points_on_the_own_car_stay_out(threads: Connect, tmp_path: Path, name: str) -> None:
+    """The only body rides with the sensor: of the cloud noise is left."""
+    scene = PARKED.replace("14.3, 0, 1.8]", "6, 0, 1.8]\n[bodies.motion]\nwith_ego = true")
+    sizes = []
+    for options in ("", "own_car = false\n"):
+        folder = tmp_path / f"out{len(sizes)}"
+        run(read_job(tmp_path, f'dataset = "{name}"\n{options}', scene=scene), folder, threads)
+        (path,) = (path for pattern in dataset.CLOUD_FOLDERS[name] for path in folder.glob(pattern))
+        sizes.append(path.stat().st_size // (16 if name == "kitti" else 20))
+    assert sizes[0] > 50 > 5 > sizes[1]
 
 
 def test_a_map_shows_the_road(tmp_path: Path) -> None:

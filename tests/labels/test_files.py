@@ -130,7 +130,8 @@ def test_counts_are_those_of_every_point_and_beam() -> None:
     status = (rng.random(4000) < 0.1).astype(np.uint8)
     length_m = np.linalg.norm(xyz_m - origin_m, axis=1)
     true_range_m = length_m * rng.uniform(0.5, 1.2, 4000)
-    points = labels_boxes._PointsByAzimuth(xyz_m, origin_m, true_range_m, status)
+    body = rng.integers(-1, 3, 4000, np.int32)
+    points = labels_boxes._PointsByAzimuth(xyz_m, origin_m, true_range_m, body, status)
     places = [*rng.normal(0.0, 10.0, (40, 3)), [-8.0, -0.2, 1.0], [-8.0, 0.1, 1.0], [0.3, -0.2, 6.0], [0.3, -0.2, 1.0]]
     for place in places:
         angles = rng.uniform(-180.0, 180.0, 3)
@@ -138,7 +139,9 @@ def test_counts_are_those_of_every_point_and_beam() -> None:
         box = Box(body=0, name="", class_name="car", size_m=rng.uniform(1.0, 6.0, 3), pose=pose)
         (counted,) = points.counted([box], [box])
         local, start = pose.inverse_apply(xyz_m.astype(float)), pose.inverse_apply(origin_m[None])
-        assert counted.points_inside == (np.abs(local) <= 0.5 * box.size_m).all(axis=1).sum()
+        inside = (np.abs(local) <= 0.5 * box.size_m).all(axis=1)
+        assert counted.points_inside == inside.sum()
+        assert counted.points_within == (inside & (body == 0) & (status == 0)).sum()
         way = local - start
         low, high = np.sort([(sign * 0.5 * box.size_m - start) / way for sign in (-1, 1)], axis=0)
         enter, leave = np.maximum(low.max(axis=1), 0.0), high.min(axis=1)
@@ -152,6 +155,18 @@ def test_a_body_that_no_beam_meets() -> None:
     scene = replace(street.scene(), bodies=(*street.scene().bodies, hidden_car))
     box = box_named(street.cloud(described=scene), "behind", scene)
     assert (box.points_inside, box.points_on, box.beams, box.visibility, box.has_points) == (0, 0, 0, 0.0, False)
+
+
+@pytest.mark.parametrize("format", ["kitti", "nuscenes"])
+def test_a_box_with_points_of_others_alone_is_no_label(tmp_path: Path, street_cloud: PointCloud, format: str) -> None:
+    """Rationale: a detector would learn a car where it sees none, as of the road below one that is hidden."""
+    hidden = street.block("hidden", "car", CAR, street.scene().bodies[1].pose)
+    scene = replace(street.scene(), bodies=(*street.scene().bodies, hidden))
+    cloud = street.cloud(described=street.scene())
+    assert box_named(cloud, "hidden", scene).points_inside >= 10
+    labels = write_labels(cloud, scene, tmp_path / "a.bin", format=format)[0]
+    without = write_labels(cloud, street.scene(), tmp_path / "b.bin", format=format)[0]
+    assert labels.read_bytes() == without.read_bytes()
 
 
 def test_the_sensor_may_be_inside_a_box() -> None:
@@ -417,7 +432,7 @@ MOVING = {
 
 def test_classes_of_kitti() -> None:
     assert {name: kind.semantic_kitti for name, kind in KINDS.items()} == SEMANTIC
-    assert {kind.kitti for kind in KINDS.values() if kind.is_thing} == KITTI_TYPES
+    assert {kind.kitti for kind in KINDS.values() if kind.is_thing} == {*KITTI_TYPES, "DontCare"}
     assert {kind.kitti for kind in KINDS.values() if not kind.is_thing} == {"DontCare"}
     expected = {
         "car": "Car",
@@ -549,8 +564,8 @@ def test_open3d_ml_opens_a_kitti_dataset(
     in_picture = is_in_picture(in_sensor_frame.xyz_m)
     assert len(data["point"]) == pytest.approx(np.count_nonzero(in_picture), abs=2)
     boxes_seen = [b.seen_from(street.SENSOR) for b in boxes(street_cloud, street.scene())]
-    assert [b.label_class for b in data["bounding_boxes"]] == ["Car", "Car", "DontCare"]  # it knows no "Misc"
-    for theirs, ours in zip(data["bounding_boxes"], boxes_seen, strict=True):
+    assert [b.label_class for b in data["bounding_boxes"]] == ["Car", "Car"]
+    for theirs, ours in zip(data["bounding_boxes"], boxes_seen[:2], strict=True):
         (length, width, height), yaw = upright_size_and_yaw(ours)
         np.testing.assert_allclose(theirs.center, ours.pose.position_m, atol=2e-4)
         np.testing.assert_allclose(theirs.size, [width, height, length], atol=1e-4)
@@ -594,6 +609,21 @@ def test_kitti_rectangles_hold_the_points(object_dataset: Path, street_cloud: Po
         assert left - 1 <= u[inside].min() <= u[inside].max() <= right + 1
         assert top - 1 <= v[inside].min() <= v[inside].max() <= low + 1
         assert body != 2 or np.ptp(u[inside]) > 0.9 * (right - left)
+
+
+@pytest.mark.parametrize(("all_around", "kinds"), [(False, ["Car"]), (True, ["Car", "Car"])])
+def test_kitti_labels_what_its_camera_shows(tmp_path: Path, all_around: bool, kinds: list[str]) -> None:
+    """A car ahead and one behind the sensor; a pole ahead is no object of KITTI's."""
+    blocks = [
+        street.block(name, class_name, CAR, street.pose_at(x, -3.0, 0.75, 0.0))
+        for name, class_name, x in (("ahead", "car", 12.0), ("behind", "car", -12.0), ("post", "pole", 25.0))
+    ]
+    scene = replace(street.scene(), bodies=(street.scene().bodies[0], *blocks))
+    turned = Pose(position_m=street.SENSOR.position_m, rotation=street.SENSOR.rotation @ np.diag([-1.0, -1.0, 1.0]))
+    cloud = PointCloud.concatenate([street.cloud(described=scene, sensor=sensor) for sensor in (street.SENSOR, turned)])
+    assert all(box.has_points for box in boxes(cloud, scene))
+    path, _ = write_labels(cloud, scene, tmp_path / "a.bin", format="kitti", all_around=all_around)
+    assert [line.split()[0] for line in path.read_text().splitlines()] == kinds
 
 
 def test_a_box_behind_the_camera_has_no_rectangle() -> None:

@@ -188,7 +188,8 @@ def test_pulses_behind_a_high_pass(coupling_khz):
 
 @pytest.mark.parametrize("foggy", [False, True])
 @pytest.mark.parametrize("overrides", [(), COUPLED, ("receiver.response='gaussian'", *COUPLED)])
-def test_even_places_see_all_light(overrides, foggy):
+@pytest.mark.parametrize("recurrent", [False, True])
+def test_even_places_see_all_light(overrides, foggy, recurrent):
     """A comb of places has the power of the waveform there, place by place: pulses, their undershoot and the air. So
     has the finely sampled signal, at the time of one place.
     """
@@ -210,7 +211,7 @@ def test_even_places_see_all_light(overrides, foggy):
     light = trains.train(range_m, power, volume=air)
     wave = waveform(light, equipped)
     start, spacing = np.full(40, -2.0), np.full(40, 0.4)
-    comb = wave.comb(start, spacing, start + 12 * spacing)
+    comb = wave.comb(start, spacing, start + 12 * spacing, recurrent=recurrent)
     parts = tuple(comb.parts)
     for number in range(25):
         place = start + number * spacing

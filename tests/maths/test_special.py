@@ -23,6 +23,14 @@ def test_normal_tail():
     assert special.normal_tail(np.float32([40.0]))[0] == 0.0
 
 
+def test_polynomial(mi):
+    """Tolerance: one rounding for each power, on NumPy in double and on the device in single precision."""
+    x, coefficients = np.linspace(-2.0, 2.0, 101), (0.25, -0.5, 0.0, 3.0, 7.0)
+    np.testing.assert_allclose(special.polynomial(x, *coefficients), np.polyval(coefficients, x), rtol=1e-14)
+    on_device = special.polynomial(transfer.from_numpy(x), *coefficients).numpy()
+    np.testing.assert_allclose(on_device, np.polyval(coefficients, x.astype(np.float32).astype(float)), rtol=1e-6)
+
+
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
 def test_log1p_and_expm1(dtype):
     x = np.concatenate([-np.geomspace(1e-12, 0.5, 500), np.geomspace(1e-12, 0.5, 500)]).astype(dtype)

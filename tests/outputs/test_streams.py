@@ -26,6 +26,7 @@ from lidarscene.formats import parquet
 from lidarscene.formats.registry import FORMATS
 from lidarscene.labels import kitti_dataset
 from lidarscene.labels.files import write_labels
+from lidarscene.rendering.render_options import FrameOptions
 from lidarscene.rendering.rig_simulators import simulators
 from lidarscene.rendering.simulator import Simulator
 
@@ -178,12 +179,17 @@ def test_outputs_are_those_of_the_api(run: Run, moving: str, tmp_path: Path) -> 
     assert file_contents(tmp_path / "cli") == file_contents(tmp_path / "api")
 
 
-def test_a_data_set_is_that_of_the_api(run: Run, moving: str, tmp_path: Path) -> None:
+@pytest.mark.parametrize("option", [(), ("--no-deskew",)])
+def test_a_data_set_is_that_of_the_api(run: Run, moving: str, tmp_path: Path, option: tuple[str, ...]) -> None:
+    """The cloud is deskewed unless the sensor's motion is asked for."""
     overrides = [option.removeprefix("--set=") for option in COARSE]
     scene = load_scene(moving)
     sensor = load_sensor(scene.sensor_name, overrides=overrides)
-    kitti_dataset.write_object_frame(tmp_path / "api", 0, Simulator(scene, sensor).render(), scene)
-    assert run("render", moving, "-o", "cli", "--dataset", "kitti", *COARSE, CHUNKS).code == 0
+    simulator = Simulator(scene, sensor)
+    raw = simulator.render()
+    cloud = raw if option else simulator.without_motion(raw, FrameOptions())
+    kitti_dataset.write_object_frame(tmp_path / "api", 0, cloud, scene)
+    assert run("render", moving, "-o", "cli", "--dataset", "kitti", *COARSE, CHUNKS, *option).code == 0
     assert file_contents(tmp_path / "cli") == file_contents(tmp_path / "api")
 
 

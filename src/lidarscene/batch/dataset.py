@@ -1,7 +1,8 @@
 """Data sets of a job: which part each frame belongs to, the files it becomes, and what is written when all are done.
 
-Frames of one drive (one scene, sensor and seed) look alike, and so do drives through one street. So parts are shared
-out by whole drives or streets, drawn by their hashes; `by = "frames"` cuts each drive into runs of consecutive frames.
+Frames of one drive (one scene, sensor and seed) look alike, and so do drives through one street: what is tested there
+was learned there. So whole streets are shared out, drawn by their hashes; `by = "drive"` shares out drives, and
+`by = "frames"` cuts each drive into runs of consecutive frames.
 """
 
 from __future__ import annotations
@@ -24,14 +25,12 @@ from ..labels import kitti_dataset, nuscenes_dataset
 from ..labels.boxes import sensor_place
 from ..labels.nuscenes_dataset import Sample
 from ..maths.pose import Pose
+from ..maths.trajectory import Course
 from ..rendering.simulator import Simulator
 from ..scene.scene import Scene
-from .job_file import JobFile, SplitFile
+from .job_file import WHOLE_DRIVES, JobFile, SplitFile
 
 PARTS = ("train", "val", "test")
-
-WHOLE_DRIVES = ("mcap", "mcap-ouster", "rrd")
-"""Data sets of a file for each drive, by its format."""
 
 CLOUD_FOLDERS = {
     "kitti": ("training/velodyne/*.bin", "testing/velodyne/*.bin"),
@@ -100,11 +99,14 @@ class Place:
         """Whether the map of the drive is among the files of this frame."""
         return self.step == 0 and self.channel == TOP
 
-    def write(self, folder: Path, cloud: PointCloud, simulator: Simulator, scene: Scene) -> dict[str, Any]:
+    def write(
+        self, folder: Path, cloud: PointCloud, simulator: Simulator, scene: Scene, *, all_around: bool
+    ) -> dict[str, Any]:
         """Write the files of the frame; returns what `write_tables` needs of it, as plain data."""
         if self.dataset == "nuscenes":
             return self._write_sample(folder, cloud, simulator, scene)
-        with kitti_dataset.files_stream(self.dataset, folder / self.files[0], scene) as (append, _):
+        path = folder / self.files[0]
+        with kitti_dataset.files_stream(self.dataset, path, scene, all_around=all_around) as (append, _):
             append(cloud)
         if self.dataset == "kitti":
             return {}
@@ -116,14 +118,14 @@ class Place:
         record: dict[str, Any] = {}
         with nuscenes_dataset.sample_stream(folder, self.sample, scene, record) as append:
             append(cloud)
-        # Each frame of the drive finds the same corner of the map by itself.
-        frame_s = simulator.sensor.scanner.frame_s
-        begin_s = record["start_s"] - self.step * frame_s
-        path_m = nuscenes_dataset.path_of_drive(simulator.motion, begin_s, begin_s + self.steps * frame_s)
-        corner_m, size_px = nuscenes_dataset.map_area(path_m)
         if self._has_map:
+            begin_s = record["start_s"]
+            end_s = begin_s + self.steps * simulator.sensor.scanner.frame_s
+            path_m = nuscenes_dataset.path_of_drive(scene.ego or Course(), begin_s, end_s)
+            corner_m, size_px = nuscenes_dataset.map_area(path_m)
             nuscenes_dataset.write_map(folder / self.sample.map, scene, corner_m, size_px)
-        return record | {"map_corner_m": corner_m.tolist()}
+            record["map_corner_m"] = corner_m.tolist()
+        return record
 
 
 TOP = "LIDAR_TOP"
@@ -134,7 +136,7 @@ class Drive(NamedTuple):
     """Consecutive frames of one sensor.
 
     Attributes:
-        street: hash of what is around, without light, weather and sensor
+        street: hash of what stands where, whatever the light, the paint, the sensor and the vehicle's way
         run: hash of scene, sensor or rig, and seed
         label: label of the rig's sensor, or ""
     """
@@ -162,7 +164,7 @@ class Places:
             self._lengths = share_out(file.frames, self._splits.shares(), "frames of a drive")
         else:
             units = dict.fromkeys(self._unit(drive) for drive in drives)
-            counts = share_out(len(units), self._splits.shares(), f"{self._splits.by}s")
+            counts = share_out(len(units), self._splits.shares(), f"{self._splits.by}s", hint=HINTS[self._splits.by])
             parts = iter([part for part in PARTS for _ in range(counts[part])])
             self._part_of_unit = dict(zip(sorted(units), parts, strict=True))
 
@@ -210,18 +212,27 @@ class Places:
                 )
 
 
-def share_out(count: int, shares: Mapping[str, float], name: str) -> dict[str, int]:
+HINTS = {
+    "street": '; sweep "street.seed", add scenes, or share out drives through one street (by = "drive")',
+    "drive": "; add seeds or scenes",
+}
+"""What helps where there are too few streets or drives."""
+
+
+def share_out(count: int, shares: Mapping[str, float], name: str, *, hint: str = "") -> dict[str, int]:
     """Share a number of things out by shares that add up to 1, at least one to each that is not 0.
 
     Args:
         name: of the things, for the error
+        hint: what helps, for the error
 
     Raises:
         InputError: where there are too few
     """
     wanted = [part for part in PARTS if shares[part] > 0.0]
     if count < len(wanted):
-        raise InputError(f"splits: {', '.join(wanted)} must each have some of the {name}, of which there are {count}")
+        must = f"{', '.join(wanted)} must each have some of the {name}, of which there are {count}"
+        raise InputError(f"splits: {must}{hint}")
     counts = {part: max(1, math.floor(count * shares[part])) if part in wanted else 0 for part in PARTS}
     # Largest remainders get what is over; the largest part gives where the least ones were given too much.
     while (missing := count - sum(counts.values())) != 0:

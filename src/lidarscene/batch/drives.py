@@ -19,7 +19,7 @@ from ..outputs.output_options import Outputs
 from ..outputs.run_motion import poses_between
 from ..outputs.streams import rerun_stream
 from ..scene.scene import Scene
-from .dataset import WHOLE_DRIVES
+from .job_file import WHOLE_DRIVES
 from .store import Store
 from .tasks import FrameTask, digest_of_data
 

@@ -5,15 +5,17 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, cast
 
 from pydantic import Field, model_validator
 from pydantic.config import JsonDict
 
+from ..errors import InputError
 from ..files.overrides import toml_text
 from ..files.table_model import Number
 from ..files.toml import FileModel, read_toml, validate
 from ..formats.registry import FORMATS
+from ..outputs.output_options import Outputs
 from ..rendering.option_fields import Whole, options_of
 from ..rendering.render_options import SEEDS, FrameOptions, TraceOptions
 from ..scene.motion import EgoFile
@@ -23,6 +25,9 @@ Seed = Annotated[int, Field(ge=SEEDS.low, le=SEEDS.high)]
 
 # JSON Schema for editors: a list of values, or a table of further keys. The values are checked with the scenes.
 SWEPT: JsonDict = {"additionalProperties": {"anyOf": [{"type": "array", "minItems": 1}, {"type": "object"}]}}
+
+WHOLE_DRIVES = ("mcap", "mcap-ouster", "rrd")
+"""Data sets of a file for each drive, by its format."""
 
 MOST_FRAMES = 10_000_000
 """Most frames of one combination."""
@@ -38,9 +43,12 @@ def _key(kind: type[Any], name: str) -> Any:
 
 
 def _leaves(tables: dict[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
-    """Iterate over dotted keys and their values, tables flattened: ``"a.b" = 1`` and ``a.b = 1`` are equal here."""
+    """Iterate over dotted keys and their values, tables flattened: ``"a.b" = 1`` and ``a.b = 1`` are equal here.
+
+    A range, a table with ``low`` and ``high``, is a value.
+    """
     for key, value in tables.items():
-        if isinstance(value, dict):
+        if isinstance(value, dict) and not {"low", "high"} <= value.keys():
             yield from _leaves(value, f"{prefix}{key}.")
         else:
             yield f"{prefix}{key}", value
@@ -84,6 +92,62 @@ class SweepFile(FileModel):
         return dict(_leaves(self.sensor))
 
 
+class RangeFile(FileModel):
+    """A range of numbers from which one is drawn for each drive: ``{ low = 1, high = 100, log = true }``."""
+
+    low: Annotated[float, Number(ge=-1e12, le=1e12)] = Field(description="least value")
+    high: Annotated[float, Number(ge=-1e12, le=1e12)] = Field(description="largest value")
+    log: bool = Field(default=False, description="each factor is as likely as any other, not each step")
+
+    @model_validator(mode="after")
+    def _rises(self) -> RangeFile:
+        if not self.low < self.high:
+            raise ValueError(f"high must be above low, {self.low:g}, got {self.high:g}")
+        if self.log and self.low <= 0:
+            raise ValueError(f"low: must be > 0 with log, got {self.low:g}")
+        return self
+
+    def value(self, share: float) -> float:
+        """Value below which this share of the draws lies, to six digits."""
+        if self.log:
+            return float(f"{self.low * (self.high / self.low) ** share:.6g}")
+        return float(f"{self.low + (self.high - self.low) * share:.6g}")
+
+
+class DrawsFile(FileModel):
+    """[draws]: values drawn anew for each drive, from ranges or lists, of the scene's and the sensor's keys."""
+
+    scene: dict[str, Any] = Field(
+        default={},
+        description="lists or ranges, `{ low = 1, high = 100, log = true }`, of the scene file's keys",
+        json_schema_extra=SWEPT,
+    )
+    sensor: dict[str, Any] = Field(
+        default={},
+        description="lists or ranges of the sensor file's keys; one draw for all sensors of a rig",
+        json_schema_extra=SWEPT,
+    )
+
+    @model_validator(mode="after")
+    def _drawable(self) -> DrawsFile:
+        for kind in ("scene", "sensor"):
+            for key, value in _leaves(getattr(self, kind)):
+                if isinstance(value, dict):
+                    try:
+                        validate(RangeFile, value, f"{kind}.{key}")
+                    except InputError as error:
+                        raise ValueError(str(error)) from None
+                elif not isinstance(value, tuple) or not value:
+                    must = "must be a list, or a range with low and high"
+                    raise ValueError(f"{kind}.{key}: {must}, got {toml_text(value)}")
+        return self
+
+    def rules(self, kind: Literal["scene", "sensor"]) -> dict[str, RangeFile | tuple[Any, ...]]:
+        """Ranges and lists by dotted key of the scene or sensor file."""
+        leaves = _leaves(getattr(self, kind))
+        return {key: RangeFile(**value) if isinstance(value, dict) else value for key, value in leaves}
+
+
 class TrajectoryFile(EgoFile):
     """[[trajectories]]: a motion of the ego vehicle, in place of the scene's own."""
 
@@ -105,10 +169,11 @@ class SplitFile(FileModel):
     )
     val: Annotated[float, Number(ge=0, le=1)] = Field(default=0.0, description="share of the frames for validation")
     test: Annotated[float, Number(ge=0, le=1)] = Field(default=0.0, description="share of the frames for tests")
-    by: Literal["drive", "street", "frames"] = Field(
-        default="drive",
-        description="what goes whole into one part: a drive (one scene, sensor and seed), a street (drives that "
-        "differ only in light, weather, sensor and seed), or runs of consecutive frames of each drive",
+    by: Literal["street", "drive", "frames"] = Field(
+        default="street",
+        description="what goes whole into one part: a street (drives that differ only in light, weather, paint, the "
+        "vehicle's motion, sensor and seed), a drive (one scene, sensor and seed), or runs of consecutive frames of "
+        "each drive",
     )
 
     @model_validator(mode="after")
@@ -144,6 +209,7 @@ class JobFile(FileModel):
         default=None, description="seeds 0 to this number less one, in place of `seeds`"
     )
     sweep: SweepFile = Field(default=SweepFile(), description="values to vary")
+    draws: DrawsFile = Field(default=DrawsFile(), description="values drawn anew for each drive")
     dataset: Literal["kitti", "semantickitti", "nuscenes", "mcap", "mcap-ouster", "rrd"] | None = Field(
         default=None,
         description="the folder becomes such a data set, clouds and labels; the last three are a file for each drive",
@@ -156,6 +222,13 @@ class JobFile(FileModel):
     )
     coordinates: Literal["world", "vehicle", "sensor"] = Field(default="world", description="frame of the points")
     truth: bool = Field(default=True, description="false leaves the ground truth out")
+    deskew: bool | None = Field(
+        default=None,
+        description="whether the clouds are without the sensor's own motion; if left out, those of `kitti`, "
+        "`semantickitti` and `nuscenes` are, as the real ones, and others are not",
+    )
+    all_around: bool = _key(Outputs, "all_around")
+    own_car: bool = _key(Outputs, "own_car")
     rays: int = _key(TraceOptions, "rays")
     interactions: int = _key(TraceOptions, "interactions")
     chunk: int = _key(FrameOptions, "chunk")
@@ -165,6 +238,9 @@ class JobFile(FileModel):
         for key in ("scenes", "sensors", "rigs", "seeds"):
             _require_unique(key, getattr(self, key))
         _require_unique("trajectories", [trajectory.label for trajectory in self.trajectories])
+        for kind, swept in (("scene", self.sweep.scene_values()), ("sensor", self.sweep.sensor_values())):
+            if both := swept.keys() & self.draws.rules(cast(Any, kind)).keys():
+                raise ValueError(f"draws.{kind}.{min(both)}: is in sweep, too")
         if self.format not in FORMATS:
             raise ValueError(f"format: must be one of {', '.join(FORMATS)}, got '{self.format}'")
         if self.dataset is not None and "format" in self.model_fields_set:
@@ -178,6 +254,11 @@ class JobFile(FileModel):
     def all_seeds(self) -> Sequence[int]:
         """Seeds of the job, in order."""
         return self.seeds if self.seed_count is None else range(self.seed_count)
+
+    @property
+    def is_deskewed(self) -> bool:
+        """Whether the clouds are without the sensor's own motion."""
+        return self.dataset not in (None, *WHOLE_DRIVES) if self.deskew is None else self.deskew
 
     def trace_options(self) -> TraceOptions:
         """Options of tracing, the same for all frames."""

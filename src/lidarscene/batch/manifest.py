@@ -11,6 +11,7 @@ from ..files.atomic import atomic_output
 from ..files.overrides import toml_text
 from ..outputs import run_report
 from .drives import DriveTask
+from .job_file import RangeFile, SplitFile
 from .store import Store
 from .tasks import FrameTask, Job, cloud_settings
 
@@ -33,6 +34,7 @@ def write_manifest(job: Job, store: Store, failed: Mapping[str, str], drives: It
 
     types = _sweep_types(job)
     schema = pyarrow.schema([(name, getattr(pyarrow, kind)()) for name, kind in _columns(types).items()])
+    splits = {} if job.file.dataset is None else {"split_by": (job.file.splits or SplitFile()).by}
     drive_of = {frame.key: drive for drive in drives for frame in drive.frames}
     rows = (
         _row(
@@ -41,6 +43,7 @@ def write_manifest(job: Job, store: Store, failed: Mapping[str, str], drives: It
             failed,
             types,
         )
+        | splits
         for task in job.tasks()
     )
     with atomic_output(store.manifest) as temporary, parquet.ParquetWriter(temporary, schema) as writer:
@@ -55,7 +58,8 @@ def _columns(sweep: Mapping[str, str]) -> dict[str, str]:
     return (
         dict.fromkeys(labels, "string")
         | {"number": "int64", "begin_s": "float64", "seed": "int64", "format": "string", "coordinates": "string"}
-        | {"split": "string", "sequence": "string", "truth": "bool_", "rays": "int64", "interactions": "int64"}
+        | dict.fromkeys(("split", "split_by", "street", "sequence"), "string")
+        | {"truth": "bool_", "rays": "int64", "interactions": "int64"}
         | dict(sweep)
         | dict.fromkeys([*COUNTS, *missed], "int64")
         | {"seconds": "float64", "seconds_by_stage": "string", "file": "string", "bytes": "int64"}
@@ -81,6 +85,7 @@ def _row(
     }
     if task.place is not None:
         row |= {"format": task.place.dataset, "split": task.place.split, "sequence": task.place.name}
+        row["street"] = task.scene.street
     for name, value in task.parameters.items():
         row[name] = toml_text(value) if types[name] == "string" and not isinstance(value, str) else value
     if result is None:
@@ -92,11 +97,13 @@ def _row(
 
 
 def _sweep_types(job: Job) -> dict[str, str]:
-    """Swept key -> Arrow type: numbers and truth values as they are, all else as text."""
-    file = job.file.sweep
-    swept = {f"scene.{key}": values for key, values in file.scene_values().items()}
-    swept |= {f"sensor.{key}": values for key, values in file.sensor_values().items()}
-    return {name: _type_of(values) for name, values in swept.items()}
+    """Key that is swept or drawn -> Arrow type: numbers and truth values as they are, all else as text."""
+    sweep, draws = job.file.sweep, job.file.draws
+    scene: dict[str, Any] = sweep.scene_values() | draws.rules("scene")
+    sensor: dict[str, Any] = sweep.sensor_values() | draws.rules("sensor")
+    varied = {f"scene.{key}": values for key, values in scene.items()}
+    varied |= {f"sensor.{key}": values for key, values in sensor.items()}
+    return {name: "float64" if isinstance(values, RangeFile) else _type_of(values) for name, values in varied.items()}
 
 
 def _type_of(values: Iterable[Any]) -> str:

@@ -8,25 +8,26 @@ import hashlib
 import itertools
 import json
 import os
-from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 from .. import catalog
 from .._version import __version__
 from ..errors import InputError, warn
-from ..files.overrides import toml_text
+from ..files.overrides import key_path, toml_text
 from ..formats.registry import FORMATS
 from ..rendering.render_options import FrameOptions, TraceOptions
 from ..rendering.surroundings import sun_doubts
-from ..scene.scene_file import files_of_scene, scene_path, sensor_of_scene
+from ..scene.foreign import is_xml
+from ..scene.scene_file import files_of_scene, scene_model, scene_path, sensor_of_scene
 from ..sensor.parts import located_parts
 from ..sensor.rig_file import load_rig, read_rig
 from ..sensor.sensor_file import files_of_sensor, load_sensor
 from ..sensor.sensor_model import Sensor
 from .dataset import Drive, Place, Places
-from .job_file import JobFile, TrajectoryFile
+from .job_file import JobFile, RangeFile, TrajectoryFile
 
 LAYOUT = 1
 """Version of names and rows, part of every key; a new number makes all old results unknown."""
@@ -34,7 +35,11 @@ LAYOUT = 1
 NOT_IN_WORLD = frozenset({"name", "description", "sun", "sky", "air", "weather", "sensor", "picture"})
 """Tables of a scene file that a compiled world does not depend on."""
 
+NOT_IN_STREET = frozenset({*NOT_IN_WORLD, "ego", "materials", "material", "base_materials"})
+"""Keys of a scene file, at its top or within a body, that change no place: light, paint, and how the vehicle drives."""
+
 Parameters = tuple[tuple[str, Any], ...]
+Rule = RangeFile | tuple[Any, ...]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -47,6 +52,7 @@ class SceneChoice:
         content: hash of the content of all its files
         digest: hash of the content, the file's name and the changes
         world: hash of all that its compiled worlds depend on
+        street: hash of what stands where, by which drives through one place are known
     """
 
     path: str
@@ -56,6 +62,22 @@ class SceneChoice:
     content: str
     digest: str
     world: str
+    street: str
+
+    def drawn(self, rules: Mapping[str, Rule], seed: int) -> SceneChoice:
+        """Choice of a drive with this seed: further changes by `DrawsFile.rules`."""
+        if not rules:
+            return self
+        parameters = _draw(rules, [self.digest, seed])
+        changes = _assignments(parameters)
+        return replace(
+            self,
+            overrides=(*self.overrides, *changes),
+            parameters=(*self.parameters, *parameters),
+            digest=digest_of_data([self.digest, list(changes)]),
+            world=digest_of_data([self.world, _in_world(changes)]),
+            street=digest_of_data([self.street, _in_street(changes)]),
+        )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -66,8 +88,7 @@ class SensorChoice:
         name: catalogue name or file; "" for a rig
         rig: rig file; "" for a single sensor
         label: label of the rig's sensor
-        content: hash of the content of all its files, or all the rig's, and of the changes
-        digest: hash of the content and the label
+        content: hash of the content of all its files, or all the rig's
     """
 
     name: str
@@ -78,9 +99,20 @@ class SensorChoice:
     content: str
 
     @property
+    def vehicle(self) -> str:
+        """Hash of all that the sensor depends on, or all sensors of its rig."""
+        return digest_of_data([self.content, list(self.overrides)])
+
+    @property
     def digest(self) -> str:
         """Hash of all that the sensor depends on."""
-        return digest_of_data([self.content, self.label])
+        return digest_of_data([self.vehicle, self.label])
+
+    def drawn(self, rules: Mapping[str, Rule], seed: int) -> SensorChoice:
+        """Choice of a drive with this seed: further changes by `DrawsFile.rules`."""
+        parameters = _draw(rules, [self.vehicle, seed])
+        overrides = (*self.overrides, *_assignments(parameters))
+        return replace(self, overrides=overrides, parameters=(*self.parameters, *parameters))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -88,6 +120,9 @@ class FrameTask:
     """One frame of one sensor. Equal keys are equal clouds, so that nothing is done twice.
 
     Attributes:
+        deskew: whether the cloud is without the sensor's own motion
+        own_car: whether it has the points on the vehicle that carries the sensor
+        all_around: whether KITTI's boxes are those outside the picture too
         place: place in a data set, which is part of the key; None without one
     """
 
@@ -99,6 +134,9 @@ class FrameTask:
     frame: FrameOptions
     format: str
     truth: bool
+    deskew: bool
+    own_car: bool
+    all_around: bool
     place: Place | None = None
 
     @property
@@ -133,6 +171,7 @@ class Job:
         FORMATS[file.format].require()
         try:
             job = cls(file, tuple(_choices(file, path.parent)))
+            job._check_draws()
             job.places()
         except InputError as error:
             raise InputError(f"{path}: {error}") from None
@@ -140,6 +179,22 @@ class Job:
             for doubt in sun_doubts(klux):
                 warn(doubt)
         return job
+
+    def _check_draws(self) -> None:
+        """Raise InputError for a draw that a scene or sensor file refuses, or that names another file."""
+        draws, checked = self.file.draws, set[str]()
+        for scene, sensors in self.choices:
+            for key, change in _ends(draws.rules("scene")):
+                if scene_content(Path(scene.path), (*scene.overrides, change)) != scene.content:
+                    raise InputError(f"draws.scene.{key}: must not name files; sweep them")
+            for sensor in sensors:
+                if sensor.vehicle in checked:
+                    continue
+                checked.add(sensor.vehicle)
+                for key, change in _ends(draws.rules("sensor")):
+                    content = rig_content if sensor.rig else sensor_content
+                    if content(sensor.rig or sensor.name, (*sensor.overrides, change)) != sensor.content:
+                        raise InputError(f"draws.sensor.{key}: must not name parts of other sensors; sweep them")
 
     def __len__(self) -> int:
         """Number of frames."""
@@ -156,9 +211,10 @@ class Job:
         return Places(self.file, itertools.starmap(_drive, self._drives()))
 
     def _drives(self) -> Iterator[tuple[SceneChoice, SensorChoice, int]]:
+        draws = self.file.draws
         for scene, sensors in self.choices:
             for sensor, seed in itertools.product(sensors, self.file.all_seeds()):
-                yield scene, sensor, seed
+                yield scene.drawn(draws.rules("scene"), seed), sensor.drawn(draws.rules("sensor"), seed), seed
 
     def tasks(self) -> Iterator[FrameTask]:
         """Iterate over all frames, those of one world consecutively; there may be millions."""
@@ -167,7 +223,14 @@ class Job:
             places_of_drive = itertools.repeat(None) if places is None else places.of_drive(_drive(scene, sensor, seed))
             for number, place in zip(range(file.frames), places_of_drive, strict=False):
                 frame = file.frame_options(seed, number)
-                settings = cloud_settings(trace, frame) | {"format": file.format, "truth": file.truth}
+                form = {
+                    "format": file.format,
+                    "truth": file.truth,
+                    "deskew": file.is_deskewed,
+                    "own_car": file.own_car,
+                    "all_around": file.all_around,
+                }
+                settings = cloud_settings(trace, frame) | form
                 if place is not None:
                     # A frame of a whole drive is put into its place when the drive is written.
                     settings |= {"dataset": place.dataset} if place.is_whole_drive else dataclasses.asdict(place)
@@ -179,14 +242,13 @@ class Job:
                     sensor=sensor,
                     trace=trace,
                     frame=frame,
-                    format=file.format,
-                    truth=file.truth,
                     place=place,
+                    **cast(dict[str, Any], form),
                 )
 
 
 def _drive(scene: SceneChoice, sensor: SensorChoice, seed: int) -> Drive:
-    return Drive(street=scene.world, run=digest_of_data([scene.digest, sensor.content, seed]), label=sensor.label)
+    return Drive(street=scene.street, run=digest_of_data([scene.digest, sensor.vehicle, seed]), label=sensor.label)
 
 
 def cloud_settings(trace: TraceOptions, frame: FrameOptions) -> dict[str, Any]:
@@ -222,6 +284,23 @@ def _points(values: dict[str, tuple[Any, ...]]) -> Iterator[Parameters]:
         yield tuple(zip(values, point, strict=True))
 
 
+def _draw(rules: Mapping[str, Rule], of: Sequence[Any]) -> Parameters:
+    """Draw a value for each key, anew for each drive, which ``of`` identifies; no draw depends on the other keys."""
+    drawn = []
+    for key, rule in rules.items():
+        share = int(digest_of_data([*of, key]), 16) / 16**32
+        drawn.append((key, rule.value(share) if isinstance(rule, RangeFile) else rule[int(share * len(rule))]))
+    return tuple(drawn)
+
+
+def _ends(rules: Mapping[str, Rule]) -> Iterator[tuple[str, str]]:
+    """Iterate over the keys of draws, each with a change that must be allowed for all of its draws to be."""
+    for key, rule in rules.items():
+        for value in (rule.low, rule.high) if isinstance(rule, RangeFile) else rule:
+            (change,) = _assignments(((key, value),))
+            yield key, change
+
+
 def _assignments(parameters: Parameters) -> tuple[str, ...]:
     return tuple(f"{key}={toml_text(value)}" for key, value in parameters)
 
@@ -231,7 +310,6 @@ def _scene_choice(path: Path, trajectory: TrajectoryFile | None, parameters: Par
     overrides = (*([trajectory.override(folder)] if trajectory else []), *changes)
     portable = (*([trajectory.override()] if trajectory else []), *changes)  # the same in any folder
     content = scene_content(path, overrides)
-    in_world = [change for change in portable if change.partition("=")[0].partition(".")[0].strip() not in NOT_IN_WORLD]
     return SceneChoice(
         path=str(path.absolute()),
         overrides=overrides,
@@ -239,8 +317,36 @@ def _scene_choice(path: Path, trajectory: TrajectoryFile | None, parameters: Par
         trajectory=trajectory.label if trajectory else "",
         content=content,
         digest=digest_of_data([path.stem, content, list(portable)]),
-        world=digest_of_data([content, in_world]),
+        world=digest_of_data([content, _in_world(portable)]),
+        street=digest_of_data([_street(path, content), _in_street(changes)]),
     )
+
+
+def _in_world(changes: Iterable[str]) -> list[str]:
+    return [change for change in changes if key_path(change)[0] not in NOT_IN_WORLD]
+
+
+def _in_street(changes: Iterable[str]) -> list[str]:
+    return [change for change in changes if not NOT_IN_STREET.intersection(key_path(change))]
+
+
+@functools.lru_cache(maxsize=1000)
+def _street(path: Path, content: str) -> str:
+    """Hash of what stands where in a scene file with this content: the same for files that differ in light or paint."""
+    if is_xml(path):
+        return content
+    model = scene_model(path)
+    standing = [body for body in model.bodies if not any(motion and motion.with_ego for motion in body.motions())]
+    tables = model.model_dump(mode="json") | {"bodies": [body.model_dump(mode="json") for body in standing]}
+    meshes = [_digest(path.parent / body.mesh) for body in standing if body.mesh]
+    return digest_of_data([_without_keys(tables, {*NOT_IN_STREET, "extends", "mesh"}), meshes])
+
+
+def _without_keys(value: Any, keys: Collection[str]) -> Any:
+    """Plain data without these keys, at any depth."""
+    if isinstance(value, dict):
+        return {key: _without_keys(inner, keys) for key, inner in value.items() if key not in keys}
+    return [_without_keys(inner, keys) for inner in value] if isinstance(value, list) else value
 
 
 def scene_content(path: Path, overrides: Sequence[str]) -> str:
@@ -281,18 +387,18 @@ def _locate_sensor(name: str, folder: Path) -> str:
 
 
 def sensor_content(name: str, overrides: Sequence[str]) -> str:
-    """Hash of a sensor: its files, and the changes.
+    """Hash of the files of a sensor with these changes, which are checked.
 
     Raises:
         InputError: if a file, a key or a value cannot be understood
     """
     load_sensor(name, overrides=overrides)
     files = files_of_sensor(catalog.sensor_path(name), overrides=overrides)
-    return digest_of_data([[_digest(file) for file in files], list(overrides)])
+    return digest_of_data([_digest(file) for file in files])
 
 
 def rig_content(path: str, overrides: Sequence[str]) -> str:
-    """Hash of a rig: its file, its sensors and the changes to them.
+    """Hash of the files of a rig and of its sensors with these changes, which are checked.
 
     Raises:
         InputError: if a file, a key or a value cannot be understood

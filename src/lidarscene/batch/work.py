@@ -121,8 +121,13 @@ def _save(task: FrameTask, store: Store, following: int) -> None:
     if following:  # the device computes them while the files of this one are written
         ahead = partial(simulator.begin, replace(task.frame, number=task.frame.number + 1), following)
     cloud = simulator.render(task.frame, summary=summary, ahead=ahead)
+    if not task.own_car:
+        cloud = cloud.without_bodies(_scene_of(task.scene).own_bodies)
+    if task.deskew:
+        cloud = simulator.without_motion(cloud, task.frame)
     if task.place is not None and not task.place.is_whole_drive:
-        truth = task.place.write(store.folder, cloud, simulator, _scene_of(task.scene))
+        scene = _scene_of(task.scene)
+        truth = task.place.write(store.folder, cloud, simulator, scene, all_around=task.all_around)
         files = [store.folder / file for file in task.place.files]
         store.finish(task.key, files, run_report.as_dict(summary) | {"truth": truth})
         return

@@ -117,6 +117,8 @@ def add_options(group: argparse._ActionsContainer, kind: type[Any], *names: str,
         if isinstance(entry.default, bool):
             settings = {"action": f"store_{not entry.default}".lower()}
             about = f"without {about}" if entry.default else about
+        elif entry.type == "bool | None":
+            settings = {"action": argparse.BooleanOptionalAction, "default": None}
         elif entry.default == ():
             settings |= {"action": "append", "default": []}
         elif entry.default is MISSING:

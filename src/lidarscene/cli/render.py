@@ -75,7 +75,8 @@ def add_render(commands: Any) -> None:
     add_options(group, Outputs, "path", "format", "epoch", "topic", "frame_id", "labels", "dataset")
     add_options(group, Outputs, "imu", "poses", "range_image", "ambient", "waveforms", "pulses")
     add_options(group, FrameOptions, coordinates="--frame is the older name")
-    add_options(group, Outputs, "merge", "deskew", "rrd", "colours", "truth", "ascii", "missed", "keep_rays", "picture")
+    add_options(group, Outputs, "merge", "deskew", "own_car", "all_around", "rrd", "colours", "truth", "ascii")
+    add_options(group, Outputs, "missed", "keep_rays", "picture")
     group.add_argument(
         "--profile",
         action="store_true",

@@ -112,6 +112,16 @@ class PointCloud(_CloudWithRays):
         absent: dict[str, Any] = dict.fromkeys((*TRUTH, *OF_VECTORS))
         return replace(self, checked=True, **absent)
 
+    def without_bodies(self, bodies: Sequence[int]) -> PointCloud:
+        """Points that are not on these bodies, given by their indices.
+
+        Raises:
+            InputError: for a cloud without truth
+        """
+        if self.body is None:
+            raise InputError("without_bodies: the cloud must have its truth, which names the body of each point")
+        return self.select(~np.isin(self.body, bodies))
+
     @staticmethod
     def concatenate(parts: list[PointCloud], *, consume: bool = False) -> PointCloud:
         """Join all points of the parts in order; names and metadata are those of the first.

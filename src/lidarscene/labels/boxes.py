@@ -31,7 +31,7 @@ from .kinds import kind_of
 
 PIECE_POINTS = 1 << 20
 WAITING_POINTS = 1 << 20
-"""Points of a frame, 18 MB, that wait in memory until the boxes are placed; those after them wait on disk."""
+"""Points of a frame, 22 MB, that wait in memory until the boxes are placed; those after them wait on disk."""
 
 
 STOPPED_M = 0.05
@@ -49,7 +49,8 @@ class Box:
         pose: pose of the centre; x along the length, y along the width
         velocity_m_s: (3,) velocity of the centre in the world
         points_inside: number of points inside the box, of any body
-        points_on: number of echoes of the body itself
+        points_on: number of echoes of the body itself, those that came by a mirror among them
+        points_within: number of echoes of the body inside the box
         beams: number of echoes whose beams would enter the box if nothing stopped them
         reached: number of those that nothing stopped before the box
     """
@@ -62,13 +63,14 @@ class Box:
     velocity_m_s: Numbers = field(default_factory=lambda: np.zeros(3))
     points_inside: int = 0
     points_on: int = 0
+    points_within: int = 0
     beams: int = 0
     reached: int = 0
 
     @property
     def has_points(self) -> bool:
-        """True if the cloud has points in the box or on its body."""
-        return self.points_inside > 0 or self.points_on > 0
+        """True if the box holds points of its body: data sets label no other."""
+        return self.points_within > 0
 
     @property
     def visibility(self) -> float:
@@ -108,7 +110,7 @@ def boxes(cloud: PointCloud, scene: Scene, *, as_seen: bool = True) -> list[Box]
     tally.place_boxes()
     for piece in pieces:
         piece_cloud = cloud.select(piece)
-        tally.count_points(piece_cloud.xyz_m, truth_of(piece_cloud)[0], piece_cloud.status, piece_cloud.sensor_index)
+        tally.count_points(*counted_columns(piece_cloud))
     return tally.boxes()
 
 
@@ -185,11 +187,14 @@ class BoxTally:
             for number, box in enumerate(self._boxes)
         ]
 
-    def count_points(self, xyz_m: Numbers, true_range_m: Numbers, status: Numbers, sensor_index: Numbers) -> None:
-        """Count points and beams in the boxes; columns of a cloud."""
+    def count_points(
+        self, xyz_m: Numbers, true_range_m: Numbers, body: Numbers, status: Numbers, sensor_index: Numbers
+    ) -> None:
+        """Count points and beams in the boxes, of the `counted_columns` of a cloud."""
         for number, origin_m in enumerate(self._origins_m):
             of_sensor = slice(None) if len(self._origins_m) == 1 else sensor_index == number
-            points = _PointsByAzimuth(xyz_m[of_sensor], origin_m, true_range_m[of_sensor], status[of_sensor])
+            columns = (column[of_sensor] for column in (true_range_m, body, status))
+            points = _PointsByAzimuth(xyz_m[of_sensor], origin_m, *columns)
             # Few boxes are brought into the frame of the points, in place of many points into that of the boxes.
             self._boxes = points.counted(self._boxes, [box.seen_from(self._to_world) for box in self._boxes])
 
@@ -221,7 +226,7 @@ class GatheredBoxes:
         self._folder, self._scene, self._as_seen, self._with_ego = folder, scene, as_seen, with_ego
         self._tally: BoxTally | None = None
         self._spool: Spool | None = None
-        self._waiting: list[tuple[Numbers, Numbers, Numbers, Numbers]] = []
+        self._waiting: list[tuple[Numbers, ...]] = []
         self.points = 0
 
     def __enter__(self) -> GatheredBoxes:
@@ -248,7 +253,7 @@ class GatheredBoxes:
                 self._tally.count_points(*piece)
             for rows in self._spool.blocks():
                 xyz_m = np.stack([rows["x"], rows["y"], rows["z"]], axis=-1)
-                self._tally.count_points(xyz_m, rows["true_range"], rows["status"], rows["sensor_index"])
+                self._tally.count_points(xyz_m, *(rows[name] for name, _ in _WAITING_COLUMNS))
         return self._tally.boxes()
 
     def _begin(self, cloud: PointCloud) -> None:
@@ -256,8 +261,7 @@ class GatheredBoxes:
         self._tally = BoxTally(cloud, self._scene, as_seen=self._as_seen, with_ego=self._with_ego)
         if self._tally.moves:
             position: list[tuple[str, Any]] = [(axis, cloud.xyz_m.dtype) for axis in "xyz"]
-            row = [*position, ("true_range", "f4"), ("status", "u1"), ("sensor_index", "u1")]
-            self._spool = Spool(self._folder, row)
+            self._spool = Spool(self._folder, [*position, *_WAITING_COLUMNS])
         else:
             self._tally.place_boxes()
 
@@ -265,17 +269,23 @@ class GatheredBoxes:
         assert self._tally is not None
         self._tally.add_echoes(cloud)
         if self._spool is None:
-            self._tally.count_points(cloud.xyz_m, truth_of(cloud)[0], cloud.status, cloud.sensor_index)
+            self._tally.count_points(*counted_columns(cloud))
             return
+        xyz_m, *columns = counted_columns(cloud)
         if sum(len(piece[0]) for piece in self._waiting) + len(cloud) <= WAITING_POINTS and not len(self._spool):
-            self._waiting.append((cloud.xyz_m, truth_of(cloud)[0], cloud.status, cloud.sensor_index))
+            self._waiting.append((xyz_m, *columns))
             return
-        self._spool.append(
-            **dict(zip("xyz", cloud.xyz_m.T, strict=True)),
-            true_range=truth_of(cloud)[0],
-            status=cloud.status,
-            sensor_index=cloud.sensor_index,
-        )
+        names = [name for name, _ in _WAITING_COLUMNS]
+        self._spool.append(**dict(zip("xyz", xyz_m.T, strict=True)), **dict(zip(names, columns, strict=True)))
+
+
+_WAITING_COLUMNS = [("true_range", "f4"), ("body", "i4"), ("status", "u1"), ("sensor_index", "u1")]
+"""Name and type of the `counted_columns` behind the positions."""
+
+
+def counted_columns(cloud: PointCloud) -> tuple[Numbers, ...]:
+    """Columns of a cloud of which points and beams in boxes are counted."""
+    return cloud.xyz_m, *truth_of(cloud), cloud.status, cloud.sensor_index
 
 
 def truth_of(cloud: PointCloud) -> tuple[Numbers, Numbers]:
@@ -376,8 +386,10 @@ class _PointsByAzimuth:
     Coordinates are those of the points.
     """
 
-    def __init__(self, xyz_m: Numbers, origin_m: Numbers, true_range_m: Numbers, status: Numbers) -> None:
-        """Sort the points: (n, 3) positions, (3,) place of the sensor, (n,) true ranges, (n,) status."""
+    def __init__(
+        self, xyz_m: Numbers, origin_m: Numbers, true_range_m: Numbers, body: Numbers, status: Numbers
+    ) -> None:
+        """Sort the points: (n, 3) positions, (3,) place of the sensor, (n,) true ranges, bodies and status."""
         self._origin_m = np.asarray(origin_m, dtype=np.float64)
         x, y, z = (xyz_m[:, axis] - xyz_m.dtype.type(origin_m[axis]) for axis in range(3))
         # NumPy sorts 16-bit numbers by radix, in a tenth of the time of others.
@@ -385,7 +397,7 @@ class _PointsByAzimuth:
         self._order = np.argsort(sector, kind="stable")
         self._sector = sector[self._order]
         self._slope = (z / np.maximum(np.hypot(x, y), np.finfo(x.dtype).tiny))[self._order]
-        self._xyz_m, self._true_range_m, self._status = xyz_m, true_range_m, status
+        self._xyz_m, self._true_range_m, self._body, self._status = xyz_m, true_range_m, body, status
 
     def counted(self, boxes: Sequence[Box], local_boxes: Sequence[Box]) -> list[Box]:
         """Return the boxes with their counts added; ``local_boxes`` are the same in the frame of the points."""
@@ -409,11 +421,13 @@ class _PointsByAzimuth:
             low, high = (-half - start) / way_m, (half - start) / way_m
             np.maximum(enter, np.minimum(low, high), out=enter)
             np.minimum(leave, np.maximum(low, high), out=leave)
-        meets = (enter <= leave) & (self._status[near] == 0)
+        is_echo = self._status[near] == 0
+        meets = (enter <= leave) & is_echo
         reaches = meets & (self._true_range_m[near] >= enter * np.sqrt(square_m2) - STOPPED_M)
         return replace(
             box,
             points_inside=box.points_inside + int(is_inside.sum()),
+            points_within=box.points_within + int((is_inside & is_echo & (self._body[near] == box.body)).sum()),
             beams=box.beams + int(meets.sum()),
             reached=box.reached + int(reaches.sum()),
         )

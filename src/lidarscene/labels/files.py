@@ -31,7 +31,7 @@ from ..maths.rotations import quaternion
 from ..maths.trajectory import Course
 from ..scene.scene import Scene
 from .boxes import PIECE_POINTS, Box, GatheredBoxes, sensor_place, truth_of, upright_size_and_yaw
-from .kinds import MOVING, OUTLIER, UNLABELLED, kind_of
+from .kinds import MOVING, NOT_IN_KITTI, OUTLIER, UNLABELLED, kind_of
 from .osi_truth import gathered_truth
 
 Append = Callable[[PointCloud], None]
@@ -61,26 +61,31 @@ VISIBILITY = ((0.8, "4"), (0.6, "3"), (0.4, "2"), (0.0, "1"))
 """Source: nuScenes; its bins of visibility by their lower bounds."""
 
 
-def write_labels(cloud: PointCloud, scene: Scene, path: str | os.PathLike[str], *, format: str) -> tuple[Path, ...]:
+def write_labels(
+    cloud: PointCloud, scene: Scene, path: str | os.PathLike[str], *, format: str, all_around: bool = False
+) -> tuple[Path, ...]:
     """Write the labels of a frame; returns the files, all of which appear whole or not at all.
 
     Args:
         path: where the cloud is or would be written: the labels are put beside it, by `label_paths`
         format: a key of `formats.registry.LABELS`
+        all_around: whether KITTI's boxes are those outside the camera's picture too
 
     Raises:
         InputError: for a cloud without truth, or without the pose of its sensor
     """
-    with labels_stream(path, scene, format=format) as append:
+    with labels_stream(path, scene, format=format, all_around=all_around) as append:
         append(cloud)
     return label_paths(path, format=format)
 
 
 @contextmanager
-def labels_stream(path: str | os.PathLike[str], scene: Scene, *, format: str) -> Iterator[Append]:
+def labels_stream(
+    path: str | os.PathLike[str], scene: Scene, *, format: str, all_around: bool = False
+) -> Iterator[Append]:
     """Write the labels of the clouds that are appended in the block, at least one, as those of one frame."""
     first, *further_paths = label_paths(path, format=format)
-    with _STREAMS[format](first, scene) as append:
+    with open_stream(first, scene, format=format, all_around=all_around) as append:
         yield append
     if further_paths:
         _write_text(further_paths[0], kitti_calibration())
@@ -130,7 +135,7 @@ def point_labels(cloud: PointCloud, scene: Scene) -> tuple[Numbers, Numbers]:
         if not rests and number in MOVING:
             semantic[body_index == index] = MOVING[number]
     # As with boxes: a network is to learn what the vehicle meets, not its own roof.
-    on_ego = np.isin(body_index, [index for index, body in enumerate(scene.bodies) if body.rides_with(scene.ego)])
+    on_ego = np.isin(body_index, scene.own_bodies)
     semantic[on_ego] = UNLABELLED
     instance = np.where(echo & countable[class_id] & ~on_ego, body_index + 1, 0).astype(np.uint32)
     return np.where(echo, semantic, np.uint32(OUTLIER)), instance
@@ -181,16 +186,20 @@ def _wrap_angle(angle_rad: float) -> float:
 
 
 @contextmanager
-def kitti_stream(path: Path, scene: Scene) -> Iterator[Append]:
+def kitti_stream(path: Path, scene: Scene, all_around: bool = False) -> Iterator[Append]:
     """Write a line for each box with a point: type, truncated, occluded, alpha, picture, size, place, rotation_y.
 
-    Without such a box the only line is `DONT_CARE`.
+    KITTI labels what the picture shows, and no poles or signs. Without a box the only line is `DONT_CARE`.
     """
     with atomic_output(path) as temporary, GatheredBoxes(temporary.parent, scene) as gathered:
         yield gathered.append
         sensor_pose = sensor_place(gathered.first)
-        boxes = [box.seen_from(sensor_pose) for box in gathered.boxes() if box.has_points]
-        lines = [_kitti_line(box) for box in boxes] or [DONT_CARE]
+        boxes = [
+            box.seen_from(sensor_pose)
+            for box in gathered.boxes()
+            if box.has_points and kind_of(box.class_name).kitti != NOT_IN_KITTI
+        ]
+        lines = [_kitti_line(box) for box in boxes if all_around or _picture_box(box)[1] < 1.0] or [DONT_CARE]
         temporary.write_text("".join(line + "\n" for line in lines), encoding="utf-8")
 
 
@@ -260,7 +269,12 @@ def _write_text(path: Path, text: str) -> None:
         temporary.write_text(text, encoding="utf-8")
 
 
-_STREAMS: dict[str, Callable[[Path, Scene], AbstractContextManager[Append]]] = {
+def open_stream(path: Path, scene: Scene, *, format: str, all_around: bool) -> AbstractContextManager[Append]:
+    """Open the first file of these labels: a stream that takes clouds (`write_labels`)."""
+    return _STREAMS[format](path, scene, *([all_around] if format == "kitti" else []))
+
+
+_STREAMS: dict[str, Callable[..., AbstractContextManager[Append]]] = {
     "kitti": kitti_stream,
     "nuscenes": _nuscenes_stream,
     "semantickitti": semantic_kitti_stream,

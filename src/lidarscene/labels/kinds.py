@@ -24,7 +24,11 @@ class Kind:
 
 
 def _stuff(semantic_kitti: int, nuscenes: str) -> Kind:
-    return Kind(semantic_kitti, "DontCare", nuscenes, is_thing=False)
+    return Kind(semantic_kitti, NOT_IN_KITTI, nuscenes, is_thing=False)
+
+
+NOT_IN_KITTI = "DontCare"
+"""KITTI's type of what nobody labelled: roads and houses, and poles, signs and barriers, too."""
 
 
 KINDS = {
@@ -42,11 +46,11 @@ KINDS = {
     "person": Kind(30, "Pedestrian", "human.pedestrian.adult"),
     "child": Kind(30, "Pedestrian", "human.pedestrian.child"),
     "animal": Kind(99, "Misc", "animal"),
-    "traffic_cone": Kind(99, "Misc", "movable_object.trafficcone"),
-    "barrier": Kind(52, "Misc", "movable_object.barrier"),
-    "pole": Kind(80, "Misc", "static.manmade"),
-    "sign": Kind(81, "Misc", "static.manmade"),
-    "traffic_sign": Kind(81, "Misc", "static.manmade"),
+    "traffic_cone": Kind(99, NOT_IN_KITTI, "movable_object.trafficcone"),
+    "barrier": Kind(52, NOT_IN_KITTI, "movable_object.barrier"),
+    "pole": Kind(80, NOT_IN_KITTI, "static.manmade"),
+    "sign": Kind(81, NOT_IN_KITTI, "static.manmade"),
+    "traffic_sign": Kind(81, NOT_IN_KITTI, "static.manmade"),
     "road": _stuff(40, "flat.driveable_surface"),
     "parking": _stuff(44, "flat.driveable_surface"),
     "pavement": _stuff(48, "flat.sidewalk"),

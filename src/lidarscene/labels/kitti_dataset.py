@@ -14,7 +14,7 @@ import itertools
 import operator
 import os
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import AbstractContextManager, ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -25,9 +25,8 @@ from ..files.atomic import atomic_output, name_path_in_errors
 from ..formats.kitti import kitti_stream
 from ..maths.pose import Pose
 from ..scene.scene import Scene
-from . import files
 from .boxes import sensor_place, truth_of
-from .files import PICTURE_PX, SENSOR_TO_CAMERA, kitti_calibration
+from .files import PICTURE_PX, SENSOR_TO_CAMERA, kitti_calibration, open_stream
 
 Append = Callable[[PointCloud], None]
 
@@ -47,29 +46,39 @@ def cloud_path(
 
 @contextmanager
 def frame_stream(
-    dataset: str, folder: str | os.PathLike[str], frame: int, scene: Scene, *, sequence: str = "00"
+    dataset: str,
+    folder: str | os.PathLike[str],
+    frame: int,
+    scene: Scene,
+    *,
+    sequence: str = "00",
+    all_around: bool = False,
 ) -> Iterator[Append]:
     """Write the clouds that are appended in the block, at least one, as a frame of a data set (`DATASETS`).
 
     Args:
         frame: number of the frame, from 0
+        all_around: whether KITTI's boxes are those outside the camera's picture too
 
     Raises:
         InputError: for a cloud without truth, of which the labels are made
     """
     clouds = cloud_path(dataset, folder, frame, sequence=sequence)
-    with files_stream(dataset, clouds, scene) as (append, first):
+    with files_stream(dataset, clouds, scene, all_around=all_around) as (append, first):
         yield append
     if dataset != "kitti":
         _write_sequence(Path(folder) / "dataset", clouds.parents[1], frame, first[0])
 
 
 @contextmanager
-def files_stream(dataset: str, clouds: Path, scene: Scene) -> Iterator[tuple[Append, list[PointCloud]]]:
+def files_stream(
+    dataset: str, clouds: Path, scene: Scene, *, all_around: bool = False
+) -> Iterator[tuple[Append, list[PointCloud]]]:
     """Write the files of a frame that no other frame has a part in: its cloud, its labels, and KITTI's calibration.
 
     Args:
         clouds: path of the cloud (`cloud_path`)
+        all_around: as of `frame_stream`
 
     Yields:
         the function that appends clouds, and a list that the first of them enters, without its points
@@ -83,7 +92,8 @@ def files_stream(dataset: str, clouds: Path, scene: Scene) -> Iterator[tuple[App
                 truth_of(cloud)
                 first.append(cloud.without_points())
                 appended.append(name_path_in_errors(clouds, streams.enter_context(kitti_stream(clouds))))
-                path, labels = _open_labels(dataset, clouds, scene)
+                path = frame_files(dataset, clouds)[1]
+                labels = open_stream(path, scene, format=dataset, all_around=all_around)
                 appended.append(name_path_in_errors(path, streams.enter_context(labels)))
             for append_to_file in appended:
                 append_to_file(cloud)
@@ -115,13 +125,6 @@ def write_sequence_frame(
     """Write frame number ``frame`` (from 0) of a sequence."""
     with frame_stream("semantickitti", folder, frame, scene, sequence=sequence) as append:
         append(cloud)
-
-
-def _open_labels(dataset: str, clouds: Path, scene: Scene) -> tuple[Path, AbstractContextManager[Append]]:
-    """Path of a frame's labels, and the stream that writes them."""
-    path = frame_files(dataset, clouds)[1]
-    stream = files.kitti_stream if dataset == "kitti" else files.semantic_kitti_stream
-    return path, stream(path, scene)
 
 
 @functools.cache

@@ -186,8 +186,7 @@ def point_categories(cloud: PointCloud, scene: Scene) -> Numbers:
     _, body_index = truth_of(cloud)
     numbers = np.array([*(_category(name) for name in cloud.class_names), OTHER], np.uint8)
     category = numbers[np.asarray(cloud.class_id)]
-    on_vehicle = [index for index, body in enumerate(scene.bodies) if body.rides_with(scene.ego)]
-    category[np.isin(body_index, on_vehicle)] = EGO
+    category[np.isin(body_index, scene.own_bodies)] = EGO
     return np.where(cloud.status == 0, category, np.uint8(NOISE))
 
 
@@ -262,12 +261,13 @@ def write_tables(folder: Path, frames: Iterable[tuple[Sample, Mapping[str, Any]]
     """Write all tables of a data set, and `splits.json`, the scenes of each part.
 
     Args:
-        frames: frames and their records (`sample_stream`, with "map_corner_m" of their drive); those of one drive and
-            channel in order of time
+        frames: frames and their records (`sample_stream`); those of one drive and channel in order of time. The first
+            record of a drive has "map_corner_m" too, the corner of its map, which all sensors of the drive share
     """
     tables = _Tables()
     for sample, record in frames:
         tables.add(sample, record)
+    tables.count_again(folder)
     root = folder / VERSION
     for name, rows in tables.tables(vehicle).items():
         _write_rows(root / f"{name}.json", rows)
@@ -291,6 +291,7 @@ class _Tables:
         self.splits: dict[str, list[str]] = {}
         self._scenes: dict[int, dict[str, Any]] = {}
         self._maps: dict[int, str] = {}
+        self._corners_m: dict[int, Numbers] = {}
         self._samples: dict[tuple[int, int], dict[str, Any]] = {}
         self._sensors: dict[str, dict[str, Any]] = {}
         self._calibrations: dict[str, dict[str, Any]] = {}
@@ -298,10 +299,13 @@ class _Tables:
         self._ego_poses: list[dict[str, Any]] = []
         self._last_data: dict[tuple[int, str], dict[str, Any]] = {}
         self._annotations: dict[tuple[int, int, int], dict[str, Any]] = {}
+        self._moving: set[tuple[int, int, int]] = set()
 
     def add(self, sample: Sample, record: Mapping[str, Any]) -> None:
         """Add a frame."""
-        corner_m = np.array([*record["map_corner_m"], 0.0])
+        if sample.scene not in self._corners_m:
+            self._corners_m[sample.scene] = np.array([*record["map_corner_m"], 0.0])
+        corner_m = self._corners_m[sample.scene]
         ego, sensor_pose = _pose(record["ego_to_world"]), _pose(record["sensor_to_world"])
         mounting = ego.inverse() @ sensor_pose
         time_s = record["start_s"] + sample.scene * DRIVES_APART_S
@@ -337,10 +341,7 @@ class _Tables:
         }
         # The sensor may swing on its mounting by the vehicle's springs only together with it: one calibration holds for
         # the drive, and the vehicle's pose is the one that puts the sensor where it was.
-        fixed = Pose(
-            position_m=np.array(self._calibrations[calibration_token]["translation"]),
-            rotation=_rotation(self._calibrations[calibration_token]["rotation"]) @ TO_NUSCENES,
-        )
+        fixed = _row_pose(self._calibrations[calibration_token]) @ Pose(rotation=TO_NUSCENES)
         vehicle = sensor_pose @ fixed.inverse()
         self._ego_poses.append(
             {
@@ -373,6 +374,8 @@ class _Tables:
     def _annotate(self, sample: Sample, sample_token: str, box: Mapping[str, Any], corner_m: Numbers) -> None:
         """Add a box, or the points of another sensor to that of the first which has it."""
         key = (sample.scene, box["body"], sample.step)
+        if any(box["velocity"]):
+            self._moving.add(key)
         if key in self._annotations:
             self._annotations[key]["num_lidar_pts"] += box["num_lidar_pts"]
             seen = max(self._annotations[key]["visibility_token"], box["visibility_token"])
@@ -393,6 +396,23 @@ class _Tables:
             "num_radar_pts": 0,
             "category_name": box["category_name"],
         }
+
+    def count_again(self, folder: Path) -> None:
+        """Count the points of all sensors in the one box of each body that moves: each sensor had its own time."""
+        data_of: dict[str, list[dict[str, Any]]] = {}
+        for data in self._data:
+            data_of.setdefault(data["sample_token"], []).append(data)
+        moving: dict[str, list[dict[str, Any]]] = {}
+        for key in sorted(self._moving):
+            annotation = self._annotations[key]
+            moving.setdefault(annotation["sample_token"], []).append(annotation)
+        chains = {row["token"]: row for row in (*self._ego_poses, *self._calibrations.values())}
+        for sample_token, rows in moving.items():
+            if len(data_of[sample_token]) == 1:
+                continue
+            clouds_m = [_points_in_world(folder, data, chains) for data in data_of[sample_token]]
+            for annotation in rows:
+                annotation["num_lidar_pts"] = sum(_points_inside(annotation, points_m) for points_m in clouds_m)
 
     def tables(self, vehicle: str) -> dict[str, Sequence[Mapping[str, Any]]]:
         """Rows of each table by its name."""
@@ -476,6 +496,24 @@ class _Tables:
             row["nbr_annotations"] += 1
             row["last_annotation_token"] = annotation["token"]
         return list(rows.values())
+
+
+def _points_in_world(folder: Path, data: Mapping[str, Any], chains: Mapping[str, Mapping[str, Any]]) -> Numbers:
+    """(n, 3) points of a cloud in the frame of the tables: by its calibration, then by the vehicle's pose."""
+    points_m = np.fromfile(folder / data["filename"], np.float32).reshape(-1, 5)[:, :3].astype(np.float64)
+    for row in (chains[data["calibrated_sensor_token"]], chains[data["ego_pose_token"]]):
+        points_m = _row_pose(row).apply(points_m)
+    return points_m
+
+
+def _points_inside(annotation: Mapping[str, Any], points_m: Numbers) -> int:
+    width, length, height = annotation["size"]
+    local = _row_pose(annotation).inverse_apply(points_m)
+    return int((np.abs(local) <= 0.5 * np.array([length, width, height])).all(axis=1).sum())
+
+
+def _row_pose(row: Mapping[str, Any]) -> Pose:
+    return Pose(position_m=np.array(row["translation"]), rotation=_rotation(row["rotation"]))
 
 
 def _link(earlier: dict[str, Any] | None, later: dict[str, Any]) -> None:

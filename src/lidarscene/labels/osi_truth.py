@@ -43,8 +43,8 @@ OTHER = 1
 def gathered_truth(gathered: GatheredBoxes, scene: Scene) -> GroundTruth:
     """Encode the objects of a frame whose boxes were gathered, with its host vehicle."""
     first = gathered.first
-    riding = [index for index, body in enumerate(scene.bodies) if body.rides_with(scene.ego)]
-    return ground_truth(gathered.boxes(), first.vehicle_to_world, riding=riding, bodies=len(first.body_names))
+    bodies = len(first.body_names)
+    return ground_truth(gathered.boxes(), first.vehicle_to_world, riding=scene.own_bodies, bodies=bodies)
 
 
 def ground_truth(

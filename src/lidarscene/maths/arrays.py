@@ -140,6 +140,11 @@ class NumpyOps:
     product = staticmethod(np.multiply)
 
     @staticmethod
+    def fma(a: Any, b: Any, c: Any) -> Any:
+        """The product of the first two, plus the third."""
+        return a * b + c
+
+    @staticmethod
     def int32(x: Any) -> Any:
         """32-bit signed integers."""
         return np.asarray(x).astype(np.int32)
@@ -264,6 +269,10 @@ class DrjitOps:
         if (zero := self._zeros.get(type(a))) is None:
             zero = self._zeros[type(a)] = self._dr.opaque(type(a), 0.0)
         return self._dr.fma(a, b, zero)
+
+    def fma(self, a: Any, b: Any, c: Any) -> Any:
+        """The product of the first two, plus the third, rounded once; LLVM makes one operation of two only here."""
+        return self._dr.fma(a, b, c)
 
     def int32(self, x: Any) -> Any:
         """32-bit signed integers."""

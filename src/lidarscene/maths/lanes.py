@@ -132,6 +132,9 @@ class Ops(Protocol):
     def product(self, a: Lanes, b: Lanes) -> Array:
         """Product of two numbers in double precision, rounded before anything is added to it."""
 
+    def fma(self, a: Lanes, b: Lanes, c: Lanes) -> Array:
+        """The product of the first two, plus the third: one operation on the device, for kernels' inner loops."""
+
     def int32(self, x: Lanes) -> Array:
         """32-bit signed integers."""
 

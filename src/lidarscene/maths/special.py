@@ -82,6 +82,14 @@ def expm1(x: Lanes) -> Lanes:
     return ops.where(ops.abs(x) < 2.0**-6, series, ops.exp(x) - 1.0)
 
 
+def polynomial(x: Lanes, *coefficients: float) -> Lanes:
+    """Polynomial by Horner's rule, an operation for each power; ``coefficients`` from the highest power down."""
+    ops, value = xp(x), coefficients[0] + 0.0 * x
+    for coefficient in coefficients[1:]:
+        value = ops.fma(value, x, coefficient)
+    return value
+
+
 def log_gamma(x: Lanes) -> Lanes:
     """log Gamma(x) for x >= 1, 1e-10 relative: Stirling's series at x + 6, and the recurrence back to x."""
     ops = xp(x)

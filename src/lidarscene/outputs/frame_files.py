@@ -16,7 +16,6 @@ from pathlib import Path
 
 import numpy as np
 
-from ..cloud.deskew import deskewed
 from ..cloud.pixels import Camera
 from ..cloud.point_cloud import PointCloud
 from ..cloud.rays import PulseRays
@@ -28,7 +27,6 @@ from ..kernel.rays.camera_distances import distances_m
 from ..labels.files import labels_stream
 from ..maths.arrays import Numbers
 from ..maths.trajectory import Course, pose_at
-from ..rendering.frame import check_frame
 from ..rendering.frame_summary import Summary
 from ..rendering.render_options import FrameOptions, Observers
 from ..rendering.simulator import Simulator
@@ -178,7 +176,7 @@ class FrameFiles:
         """Iterate over the files of raw or of deskewed clouds, and the streams that write them."""
         outputs = self.plan.outputs
         if outputs.dataset is not None:
-            if key == ("deskewed" if outputs.deskew else "output"):
+            if key == ("deskewed" if outputs.is_deskewed else "output"):
                 label = next(iter(self.simulators))
                 yield self.files["output"], dataset_stream(outputs, label, self.frame.number, self.scene)
         elif key in self.files and self.capture is None:
@@ -192,22 +190,21 @@ class FrameFiles:
                 yield path, cloud_stream(self.plan, path, points, bag=self.bags.get(path))
             if outputs.labels is not None and not self.plan.has_truth:
                 path = self.files[f"{key}_labels"]
-                yield path, labels_stream(self.files[key], self.scene, format=outputs.labels)
+                cloud, all_around = self.files[key], outputs.all_around
+                yield path, labels_stream(cloud, self.scene, format=outputs.labels, all_around=all_around)
         if key == "output" and self.live is not None:
             yield Path("--rrd"), rerun_stream(outputs, Path(tempfile.gettempdir()), self.scene, self.live)
         if key == "output" and "range_image" in self.files:
             yield self.files["range_image"], range_image_stream(self.files["range_image"])
 
     def _as_seen(self) -> Change:
-        return lambda _, cloud: cloud
+        if self.plan.outputs.own_car:
+            return lambda _, cloud: cloud
+        return lambda _, cloud: cloud.without_bodies(self.scene.own_bodies)
 
     def _deskewed(self) -> Change:
-        number, begin_s = self.frame.number, self.frame.begin_s
-        lengths_s = [
-            check_frame(self.scene, simulator.sensor.scanner, number=number, begin_s=begin_s)[1]
-            for simulator in self._simulators
-        ]
-        return lambda number, cloud: deskewed(cloud, self._simulators[number].motion, length_s=lengths_s[number])
+        as_seen = self._as_seen()
+        return lambda number, cloud: self._simulators[number].without_motion(as_seen(number, cloud), self.frame)
 
     def _merged(self, change: Change) -> Change:
         """Change of pieces that applies ``change`` and then makes them pieces of one merged cloud."""

@@ -116,10 +116,16 @@ class Outputs:
         help=f"make the folder a data set, clouds and labels: {', '.join(DATASETS)}",
         metavar="NAME",
     )
+    all_around: bool = option(False, help="KITTI's boxes outside the picture of its camera too")
+    own_car: bool = option(True, help="points on the vehicle that carries the sensor", flags=("--no-own-car",))
     rrd: bool = option(
         False, help="show every frame in the Rerun viewer of this machine, too, as it comes (start it with: rerun)"
     )
-    deskew: bool = option(False, help="write OUT.deskewed.ply too: the cloud without the sensor's own motion")
+    deskew: bool | None = option(
+        None,
+        help="write OUT.deskewed.ply too: the cloud without the sensor's own motion; a data set has it alone, as the "
+        "real ones do, unless False",
+    )
     merge: bool = option(False, help="one cloud of all sensors of the rig")
     missed: File | None = option(
         None,
@@ -203,6 +209,11 @@ class Outputs:
     def epoch_ns(self, begin_s: float) -> int:
         """Nanoseconds from 1970 to the scene's second 0, of a run that begins at ``begin_s``."""
         return default_epoch_ns(begin_s) if self.epoch is None else to_ns(parse_date(self.epoch))
+
+    @property
+    def is_deskewed(self) -> bool:
+        """Whether clouds without the sensor's motion are written."""
+        return self.dataset is not None if self.deskew is None else self.deskew
 
     @property
     def packets(self) -> bool:

@@ -114,7 +114,8 @@ def dataset_stream(outputs: Outputs, label: str, number: int, scene: Scene) -> I
     if outputs.dataset is None:
         raise ValueError("dataset: must be given, got none")
     # Labels are made of the ground truth, and the points of a data set have none: `Outputs.truth` changes nothing here.
-    with frame_stream(outputs.dataset, outputs.place / label, number, scene) as append:
+    folder = outputs.place / label
+    with frame_stream(outputs.dataset, folder, number, scene, all_around=outputs.all_around) as append:
         yield append
 
 

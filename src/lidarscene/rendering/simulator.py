@@ -16,7 +16,7 @@ from typing import Any, Literal, Unpack, cast, overload
 import numpy as np
 
 from ..cloud.builder import CloudBuilder
-from ..cloud.deskew import MOTION_KEPT
+from ..cloud.deskew import MOTION_KEPT, deskewed
 from ..cloud.device_cloud import DeviceCloud
 from ..cloud.point_cloud import PointCloud
 from ..cloud.rays import PulseRays
@@ -194,6 +194,11 @@ class Simulator:
             scanner_s, _ = check_frame(self.scene, self.sensor.scanner, number=number, begin_s=begin_s)
             start_s = begin_s + scanner_s
             self._check_clearance(pose_at(self.motion, start_s), start_s)
+
+    def without_motion(self, cloud: PointCloud, frame: FrameOptions) -> PointCloud:
+        """Deskew the cloud of a frame, or a piece of it (`deskewed`)."""
+        _, length_s = check_frame(self.scene, self.sensor.scanner, number=frame.number, begin_s=frame.begin_s)
+        return deskewed(cloud, self.motion, length_s=length_s)
 
     @exclusive
     def begin(self, frame: FrameOptions, frames: int = 1) -> None:

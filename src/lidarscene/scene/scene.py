@@ -351,6 +351,11 @@ class Scene:
         gone = self.bodies[name]  # type: ignore[call-overload]
         return replace(self, bodies=tuple(body for body in self.bodies if body is not gone))
 
+    @property
+    def own_bodies(self) -> list[int]:
+        """Indices of the bodies that are fixed to the ego vehicle."""
+        return [index for index, body in enumerate(self.bodies) if body.rides_with(self.ego)]
+
     def add(
         self,
         mesh: Any,

@@ -307,6 +307,26 @@ def test_bins_behind_an_echo_have_its_afterpulses(rate_mhz, apart_m, within):
     assert expected.sum() > without.sum() * 1.01
 
 
+@pytest.mark.parametrize("detections", [0.005, 2.0])
+def test_spads_that_come_free_are_followed_where_bins_see_them(monkeypatch, detections):
+    """Rationale: with a dead time of 14 of 24 bins only SPADs that fire before an echo's peak come free in its bins. Of
+    an echo of 0.005 detections these are fewer than may be left out, and no packet of such echoes follows them; of 2
+    detections they are more.
+    """
+    counter = photons.sensor("detector.dead_time_ns=14", "histogram.window_us=0.4")
+    bins, time_s, place = bins_of(counter, echoes_in_sun(counter, [30.0], [detections], rate_hz=1e4)(10), 30.0)
+    followed, revived = [], Bins._revived
+
+    def follow(self, state, rates):
+        followed.append(float(state.number[0]))
+        return revived(self, state, rates)
+
+    monkeypatch.setattr(Bins, "_revived", follow)
+    bins.draw(place, time_s)
+    assert bool(followed) == (detections > 1.0)
+    assert all(number > 13.0 for number in followed)
+
+
 def test_a_share_of_no_afterpulses_changes_no_count():
     """Drawn and expected bins are the same bits as without the keys, here 3 m behind an echo in the sun."""
     keys = ("detector.dead_time_ns=12", "histogram.window_us=0.4")

@@ -56,9 +56,9 @@ class _DrawState:
         number: number of the next bin, from the first one
         free: share of the SPADs that are free for the first time since the first bin
         silent: share that has not fired in these bins
+        first_silent: share that has not fired in the first of them, whose SPADs come free within the bins
         trials: trials that have not fired in these bins, drawn
         again: trials that are free again after they have fired in these bins, drawn
-        revived: trials that come free again in the next bin, drawn
         parts: light of each sub-echo in that bin (`light.waveform.Comb`)
         firings: firings of each bin
         counts: counts of each bin; None: they are the firings
@@ -67,12 +67,29 @@ class _DrawState:
     number: Lanes
     free: Lanes
     silent: Lanes
+    first_silent: Lanes
     trials: Lanes
     again: Lanes
-    revived: Lanes
     parts: tuple[Lanes, ...]
     firings: Array
     counts: Array | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Rates:
+    """Numbers of one bin, computed once: what a loop computes it computes at each pass. Each a number or (n,).
+
+    Attributes:
+        of_watt: detections of a free SPAD for each watt
+        background: those of the background
+        released: share of the SPADs that comes free in even light, as many as fire
+        dead_bins: dead time, in bins; 0 of SPADs that fire once
+    """
+
+    of_watt: Lanes
+    background: Lanes
+    released: Lanes
+    dead_bins: Lanes
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -172,15 +189,23 @@ class Bins:
         bin_s, count, zero = pixel.histogram.bin_s, 2 * pixel.histogram.reach + 2, ops.full(start, 0.0)
         # The first bin is even, so that it may be one bin farther away.
         half = (pixel.histogram.reach + 2) * pixel.histogram.bin_to_sigma
-        comb = self.wave.comb(start, bin_s / pixel.sigma_s, middle, half=half)
+        spacing = bin_s / pixel.sigma_s
+        comb = self.wave.comb(start, spacing, middle, half=half, recurrent=True)
+        background = pixel.rate_hz * bin_s
+        rates = _Rates(
+            of_watt=pixel.per_watt * bin_s,
+            background=background,
+            released=pixel.free * background,
+            dead_bins=0.0 if pixel.spad.fires_once else pixel.spad.dead_time_s / bin_s,
+        )
         trials, again = pixel.first_trials(before.free)
         begin = _DrawState(
             number=zero,
             free=zero + before.free,
             silent=ops.full(start, 1.0),
+            first_silent=ops.full(start, 1.0),
             trials=zero + trials,
             again=zero + again,
-            revived=zero,
             parts=tuple(comb.parts),
             firings=ops.room(start, count),
             counts=None if pixel.counts_firings else ops.room(start, count),
@@ -191,13 +216,12 @@ class Bins:
             pair = ops.uint32(ops.int32(0.5 * (first + state.number)))
             words = random.words(seed=self.seed, stage=Stage.HISTOGRAM, pulse=self.pulse, draw=pair)
             for word in words:
-                place = start + state.number * (bin_s / pixel.sigma_s)
-                light = comb.power_w(place, state.parts) * (pixel.per_watt * bin_s)
-                detections = light + pixel.rate_hz * bin_s
+                power_w = comb.power_w(start + state.number * spacing, state.parts)
+                detections = ops.fma(power_w, rates.of_watt, rates.background)
                 if before.due is not None:
                     due = ops.get(before.due, ops.int32(state.number))
                     detections = detections + ops.where(before.shaded, due, 0.0)
-                state = self._draw_bin(state, before, detections, random.open_uniform(word))
+                state = self._draw_bin(state, before, rates, detections, random.open_uniform(word))
                 state = replace(state, parts=comb.advance(state.parts))
             return state
 
@@ -205,7 +229,9 @@ class Bins:
         counts = final.firings if final.counts is None else final.counts
         return [ops.get(counts, ops.full(first, i)) for i in range(count)]
 
-    def _draw_bin(self, state: _DrawState, before: EarlierFirings, detections: Lanes, uniform: Lanes) -> _DrawState:
+    def _draw_bin(
+        self, state: _DrawState, before: EarlierFirings, rates: _Rates, detections: Lanes, uniform: Lanes
+    ) -> _DrawState:
         """Draw the firings of the next bin and its counts (T105).
 
         How many SPADs are free is not known, only how many have fired in these bins: the others fire with the share
@@ -216,75 +242,74 @@ class Bins:
             uniform: in (0, 1]
         """
         pixel, ops = self.pixel, self.ops
-        released = self._released(state.number, before)
+        released = self._released(state.number, before, rates)
         of_free, of_released = dead_time.firing_parts(detections=detections, branch=True)
-        share = state.free * of_free + released * of_released
-        revived = state.revived
+        share = ops.fma(state.free, of_free, released * of_released)
+        silent, zero = ops.maximum(state.silent, 1e-6), ops.full(state.number, 0.0)
+
+        def with_second() -> tuple[Lanes, ...]:
+            revived = self._revived(state, rates)
+            if pixel.knows_free:
+                # The counts before these bins are known too.
+                revived = revived + pixel.trials * released
+            # Of the trials that may fire the first ones have the mean trials share / silent, the second ones that of
+            # free SPADs. One division gives the mean probability and the share of the second ones.
+            of_again = silent * (state.again * of_free + revived * of_released)
+            of_all = ops.maximum(state.trials * share + of_again, 1e-15)
+            pool = ops.maximum(state.trials + state.again + revived, 1e-6)
+            inverse = 1.0 / (of_all * silent * pool)
+            return pool, of_all * of_all * inverse, of_again * silent * pool * inverse, revived
+
+        drawn: tuple[Lanes, ...] = state.trials, share / silent, zero, zero
         if pixel.knows_free:
-            # The counts before these bins are known too.
-            revived = revived + pixel.trials * released
-        silent = ops.maximum(state.silent, 1e-6)
-        # Of the trials that may fire the first ones have the mean trials share / silent, the second ones that of
-        # free SPADs. One division gives the mean probability and the share of the second ones.
-        of_again = silent * (state.again * of_free + revived * of_released)
-        of_all = ops.maximum(state.trials * share + of_again, 1e-15)
-        pool = ops.maximum(state.trials + state.again + revived, 1e-6)
-        inverse = 1.0 / (of_all * silent * pool)
-        probability, second = of_all * of_all * inverse, of_again * silent * pool * inverse
+            drawn = with_second()
+        elif not pixel.spad.fires_once:
+            # Most bins are nearer to the first one than a dead time, or few SPADs have fired in the first ones.
+            returning = (state.number > rates.dead_bins - 1.0) & (state.first_silent < 1.0 - FEW)
+            drawn = ops.where_any(returning, with_second, drawn)
+        pool, probability, second, revived = drawn
         known_free, index = state.again + 0.5 * revived, ops.int32(state.number)
         firings, counted = pixel.draw(pool=pool, probability=probability, known_free=known_free, uniform=uniform)
         counts = None if state.counts is None else ops.put(state.counts, index, counted)
         # Which of the firings are second ones is not drawn: as many as expected.
         again = firings * second
-        room, number, still_silent = ops.put(state.firings, index, firings), state.number + 1.0, state.silent - share
+        still_silent, count = state.silent - share, 2.0 * pixel.histogram.reach + 2.0
         return replace(
             state,
-            number=number,
+            number=state.number + 1.0,
             free=state.free + released - share,
             silent=still_silent,
+            first_silent=ops.where(state.number < count - rates.dead_bins, still_silent, state.first_silent),
             trials=ops.maximum(state.trials - (firings - again), 0.0),
             again=ops.maximum(state.again + revived - again, 0.0),
-            revived=self._revived(room, number, still_silent),
-            firings=room,
+            firings=ops.put(state.firings, index, firings),
             counts=counts,
         )
 
-    def _released(self, number: Lanes, before: EarlierFirings) -> Lanes:
+    def _released(self, number: Lanes, before: EarlierFirings, rates: _Rates) -> Lanes:
         """Share of the SPADs, fired before the first bin, that come free in this one, (n,)."""
         pixel, ops = self.pixel, self.ops
         if pixel.spad.fires_once:
             return ops.full(number, 0.0)
-        bin_s = pixel.histogram.bin_s
-        # In even light as many as fire. Beyond a dead time those come free that have fired in the bins.
-        released: Lanes = pixel.free * pixel.rate_hz * bin_s
+        # Beyond a dead time those come free that have fired in the bins.
+        released = rates.released
         if before.released is not None:
             released = ops.where(before.shaded, ops.get(before.released, ops.int32(number)), released)
-        return released * ops.minimum(ops.maximum(pixel.spad.dead_time_s / bin_s - number, 0.0), 1.0)
+        return released * ops.minimum(ops.maximum(rates.dead_bins - number, 0.0), 1.0)
 
-    def _revived(self, firings: Array, number: Lanes, silent: Lanes) -> Lanes:
-        """Firings of the drawn bins that come free in a bin, a dead time later, (n,).
-
-        Args:
-            silent: share of the SPADs that has not fired before the bin
-        """
-        pixel, ops = self.pixel, self.ops
-        zero: Lanes = ops.full(number, 0.0)
-        if pixel.spad.fires_once:
-            return zero
-        # Firings are spread over their bin, so those of two bins come free in each.
-        age = number - pixel.spad.dead_time_s / pixel.histogram.bin_s
-        late = ops.floor(age)
-
-        def earlier() -> Lanes:
-            total = zero
-            for index, share in ((late, 1.0 - (age - late)), (late + 1.0, age - late)):
-                inside = (index >= 0.0) & (index < number)
-                fired = ops.get(firings, ops.int32(ops.where(inside, index, 0.0)))
-                total = total + ops.where(inside, share * fired, 0.0)
+    def _revived(self, state: _DrawState, rates: _Rates) -> Lanes:
+        """Firings of the drawn bins that come free in the next one, a dead time later, (n,)."""
+        ops, total = self.ops, self.ops.full(state.number, 0.0)
+        if self.pixel.spad.fires_once:
             return total
-
-        # Most bins are nearer to the first one than a dead time, or few SPADs have fired in these.
-        return ops.where_any((late >= -1.0) & (silent < 1.0 - FEW), earlier, zero)
+        # Firings are spread over their bin, so those of two bins come free in each.
+        age = state.number - rates.dead_bins
+        late = ops.floor(age)
+        for index, share in ((late, 1.0 - (age - late)), (late + 1.0, age - late)):
+            inside = (index >= 0.0) & (index < state.number)
+            fired = ops.get(state.firings, ops.int32(ops.where(inside, index, 0.0)))
+            total = total + ops.where(inside, share * fired, 0.0)
+        return total
 
     def _filter_counts(self, counts: list[Lanes], background: Lanes) -> list[Lanes]:
         """Filter the counts: values above the background at the searched bins and beside them, (n,) each; (T95)."""
@@ -292,13 +317,18 @@ class Bins:
         reach, search = pixel.histogram.reach, pixel.histogram.search
         side = reach - search - 1
         step = pixel.histogram.bin_s / (matched_filter.TEMPLATE * pixel.sigma_s)
-        weights = [matched_filter.SCALE * ops.exp(-0.5 * (k * step) * (k * step)) for k in range(side + 1)]
+        # Of a Gaussian at even distances the factor from one weight to the next shrinks by a constant factor.
+        falls, shrinks = ops.exp(-0.5 * step * step), ops.exp(-step * step)
+        weights: list[Lanes] = [matched_filter.SCALE]
+        for _ in range(side):
+            weights.append(weights[-1] * falls)
+            falls = falls * shrinks
         total = weights[0] + 2.0 * sum(weights[1:], 0.0)
         values: list[Lanes] = []
         for centre in range(reach - search - 1, reach + search + 3):
             value = weights[0] * counts[centre]
             for k in range(1, side + 1):
-                value = value + weights[k] * (counts[centre - k] + counts[centre + k])
+                value = ops.fma(weights[k], counts[centre - k] + counts[centre + k], value)
             values.append(value - total * background)
         return values
 

@@ -176,6 +176,7 @@ class Courses:
                 step,
                 begin + 0.5 * steps * step - back * pixel.blind_sigmas,
                 half=0.5 * steps * pixel.histogram.bin_to_sigma,
+                recurrent=True,
             )
             for back in followed
         ]

@@ -16,7 +16,7 @@ from collections.abc import Sequence
 import numpy as np
 
 from ...maths.arrays import Lanes, Numbers, xp
-from ...maths.special import expm1, log1p
+from ...maths.special import expm1, log1p, polynomial
 
 _TERMS = 14
 """Terms of a binomial tail: what is left is below 1e-6 of it where the mean is below the least count."""
@@ -111,7 +111,7 @@ def firing_parts(*, detections: Lanes, branch: bool = False) -> tuple[Lanes, Lan
     """
     # Where x is small both are differences of near equals, and a series takes their place; most bins have little light.
     ops = xp(detections)
-    series: Lanes = detections * (0.5 - detections * (1.0 / 6.0 - detections * (1.0 / 24.0 - detections * _FIFTH)))
+    series: Lanes = detections * polynomial(detections, -_FIFTH, 1.0 / 24.0, -1.0 / 6.0, 0.5)
     many = detections > _LITTLE
 
     def exact() -> Lanes:

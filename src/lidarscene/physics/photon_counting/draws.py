@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 
 from ...maths.arrays import Array, Lanes, xp
-from ...maths.special import log1p
+from ...maths.special import log1p, polynomial
 
 _FEW = 4.0
 """Accuracy bought: below this mean the distribution is inverted term by term."""
@@ -30,6 +30,32 @@ of `_small_count` and single precision are off."""
 _TAIL = 5.0
 """Accuracy bought: beyond this -ln(1 - x^2), which 0.3 % of the numbers exceed, the normal deviate has a polynomial of
 its own."""
+
+_CENTRE = (
+    2.81022636e-08,
+    3.43273939e-07,
+    -3.5233877e-06,
+    -4.39150654e-06,
+    0.00021858087,
+    -0.00125372503,
+    -0.00417768164,
+    0.246640727,
+    1.50140941,
+)
+"""Source: Giles (`_deviate`), coefficients of erfinv up to there, the highest power first."""
+
+_BEYOND = (
+    -0.000200214257,
+    0.000100950558,
+    0.00134934322,
+    -0.00367342844,
+    0.00573950773,
+    -0.0076224613,
+    0.00943887047,
+    1.00167406,
+    2.83297682,
+)
+"""Source: Giles (`_deviate`), coefficients of erfinv beyond."""
 
 
 def binomial_count(*, trials: Lanes, probability: Lanes, uniform: Lanes) -> Lanes:
@@ -58,7 +84,7 @@ def _small_count(trials: Lanes, p: Lanes, uniform: Lanes) -> Array:
     """The count if its mean is small, (n,): how many terms of the distribution lie below the uniform number."""
     ops = xp(trials, p, uniform)
     # Few of many trials: three terms of ln(1 - p), off by p^3 / 4 of a count.
-    series: Lanes = -p * (1.0 + p * (0.5 + p * (1.0 / 3.0)))
+    series: Lanes = -p * polynomial(p, 1.0 / 3.0, 0.5, 1.0)
     log_none: Lanes = ops.where_any(p > _RARE, lambda: 0.0 * p + log1p(-p), series)
     none = ops.exp(trials * log_none)
     # P(k) / P(k - 1) = (N + 1) odds / k - odds: written so that each term waits for one product of the term before.
@@ -69,7 +95,7 @@ def _small_count(trials: Lanes, p: Lanes, uniform: Lanes) -> Array:
         """Count, term and sum of the terms after more terms."""
         count, term, below = state
         for k in range(first, end):
-            term = term * ops.maximum(all_odds * (1.0 / k) - odds, 0.0)
+            term = term * ops.maximum(ops.fma(all_odds, 1.0 / k, -odds), 0.0)
             below = below + term
             count = count + ops.where(uniform > below, 1.0, 0.0)
         return count, term, below
@@ -88,10 +114,12 @@ def _large_count(trials: Lanes, p: Lanes, uniform: Lanes) -> Array:
     root = ops.sqrt(ops.maximum(mean * (1.0 - p) - 1.0 / 12.0, 1e-6))
     z = _deviate(uniform)
     square, tilt = z * z, 1.0 - 2.0 * p
-    skew = tilt * (square - 1.0) * (1.0 / 6.0)
-    spread = 1.0 - 6.0 * p * (1.0 - p)
-    curved = spread * (square - 3.0) * (1.0 / 24.0) - tilt * tilt * (2.0 * square - 5.0) * (1.0 / 36.0)
-    many = ops.floor(mean + root * z + skew + curved * z / root + 0.5)
+    skew = tilt * ops.fma(square, 1.0 / 6.0, -1.0 / 6.0)
+    # 1 - 6 p (1 - p) is (3 tilt^2 - 1) / 2.
+    tilt_square = tilt * tilt
+    spread = ops.fma(tilt_square, 1.5, -0.5)
+    curved = spread * ops.fma(square, 1.0 / 24.0, -3.0 / 24.0) - tilt_square * ops.fma(square, 2.0 / 36.0, -5.0 / 36.0)
+    many = ops.floor(ops.fma(root, z, mean) + skew + curved * z / root + 0.5)
     return ops.minimum(ops.maximum(many, 0.0), trials)
 
 
@@ -104,33 +132,9 @@ def _deviate(uniform: Lanes) -> Lanes:
     # x = 2 u - 1 in (-1, 1); 1 - x^2 = 4 u (1 - u) keeps its precision near 0. Near 1 float32 has no more than 24 bits.
     x = 2.0 * uniform - 1.0
     w = -ops.log(ops.maximum(4.0 * uniform * (1.0 - uniform), 1e-12))
-    centre = w - 2.5
-    low: Lanes = 2.81022636e-08 + 0.0 * w
-    for c in (
-        3.43273939e-07,
-        -3.5233877e-06,
-        -4.39150654e-06,
-        0.00021858087,
-        -0.00125372503,
-        -0.00417768164,
-        0.246640727,
-        1.50140941,
-    ):
-        low = c + low * centre
+    low = polynomial(w - 2.5, *_CENTRE)
 
     def tail() -> Lanes:
-        high, beyond = -0.000200214257 + 0.0 * w, ops.sqrt(ops.maximum(w, _TAIL)) - 3.0
-        for c in (
-            0.000100950558,
-            0.00134934322,
-            -0.00367342844,
-            0.00573950773,
-            -0.0076224613,
-            0.00943887047,
-            1.00167406,
-            2.83297682,
-        ):
-            high = c + high * beyond
-        return high
+        return polynomial(ops.sqrt(ops.maximum(w, _TAIL)) - 3.0, *_BEYOND)
 
     return math.sqrt(2.0) * x * ops.where_any(w >= _TAIL, tail, low)

@@ -16,7 +16,7 @@ import math
 import numpy as np
 
 from ...maths.arrays import Lanes, LookupTable, Numbers, xp
-from ...maths.special import normal_tail, scaled_normal_tail
+from ...maths.special import normal_tail, polynomial, scaled_normal_tail
 
 TEMPLATE = 1.2
 """Choice: w. The exact match, 1, is best against the background alone; against the echo's own noise a wider one is
@@ -104,32 +104,33 @@ def tail(*, excess: Lanes, variance: Lanes, unit: Lanes) -> Lanes:
         variance: variance of F
         unit: third cumulant over variance: the step of the Poisson number
     """
-    root, _, mean = _saddle(excess, variance, unit)
+    root, theta, mean, x, depth = _saddle(excess, variance, unit)
     ops = xp(root)
-    theta = ops.log(ops.maximum(1.0 + excess / (unit * mean), 1e-6))
-    level = ops.maximum(mean + excess / unit, 1e-6 * mean)
-    slope = theta * ops.sqrt(level)
-    # Barndorff-Nielsen's r + ln(v / r) / r is 0 / 0 at the mean, r = 0; its limit there is 1 / (6 sqrt(mean)).
+    # Barndorff-Nielsen's r + ln(v / r) / r, with v = theta sqrt(mean x), is 0 / 0 at the mean, r = 0; its limit there
+    # is 1 / (6 sqrt(mean)).
     close = ops.abs(theta) < 2e-2
-    ratio = ops.where(close, 1.0, slope / ops.where(close, 1.0, root))
-    lift = ops.where(close, 1.0 / (6.0 * ops.sqrt(mean)), ops.log(ratio) / ops.where(close, 1.0, root))
+    square = ops.where(close, 1.0, theta * theta * x / ops.where(close, 1.0, 2.0 * depth))
+    lift = ops.where(close, 1.0 / (6.0 * ops.sqrt(mean)), 0.5 * ops.log(square) / ops.where(close, 1.0, root))
     # A Poisson number is never below 0, and F never below the value that stands for it. An echo that fires every SPAD
     # has next to no variance, and its threshold lies there.
     return ops.where(excess <= -unit * mean, 1.0, normal_tail(root + lift))
 
 
-def _saddle(excess: Lanes, variance: Lanes, unit: Lanes) -> tuple[Lanes, Lanes, Lanes]:
-    """Signed root of the log likelihood ratio, tilt theta, and mean of the Poisson number."""
+def _saddle(excess: Lanes, variance: Lanes, unit: Lanes) -> tuple[Lanes, ...]:
+    """Signed root r of the log likelihood ratio, tilt theta, mean of the Poisson number, and of it the share that the
+    threshold is and the depth r^2 / 2.
+    """
     ops = xp(excess, variance, unit)
     mean = ops.maximum(variance, 1e-12) / (unit * unit)
-    x = ops.maximum(1.0 + excess / (unit * mean), 1e-6)
+    x = ops.maximum(ops.fma(excess, 1.0 / (unit * mean), 1.0), 1e-6)
     theta = ops.log(x)
     # x ln x - x + 1, without the difference of near equals close to x = 1.
     x_minus_1 = x - 1.0
-    series = x_minus_1 * x_minus_1 * (0.5 - x_minus_1 * (1.0 / 6.0 - x_minus_1 * (1.0 / 12.0 - 0.05 * x_minus_1)))
-    depth = ops.where(ops.abs(x_minus_1) < 3e-2, series, x * theta - x_minus_1)
-    root = ops.sqrt(2.0 * mean * ops.maximum(depth, 0.0))
-    return ops.where(x_minus_1 < 0.0, -root, root), theta, mean
+    series = x_minus_1 * x_minus_1 * polynomial(x_minus_1, -0.05, 1.0 / 12.0, -1.0 / 6.0, 0.5)
+    depth = ops.where(ops.abs(x_minus_1) < 3e-2, series, ops.fma(x, theta, -x_minus_1))
+    depth = ops.maximum(depth, 0.0)
+    root = ops.sqrt(2.0 * mean * depth)
+    return ops.where(x_minus_1 < 0.0, -root, root), theta, mean, x, depth
 
 
 def false_peak_share(
@@ -251,9 +252,9 @@ def _smooth_peak_share(
     variance = variance_share * background_variance(rate_hz=rate_hz, sigma_s=sigma_s)
     unit = background_skewness(variance_share=variance_share)
     above = tail(excess=threshold, variance=variance, unit=unit)
-    root, theta, mean = _saddle(threshold, variance, unit)
+    root, theta, mean, x, _ = _saddle(threshold, variance, unit)
     ops = xp(root)
-    level = ops.maximum(mean + threshold / unit, 1e-6)
+    level = ops.maximum(mean * x, 1e-6)
     density = ops.exp(-0.5 * root * root) / (unit * ops.sqrt(2.0 * math.pi * level))
     # var F' / var F = 1 / (2 w^2 sigma^2) without tilt; counts near the peak weigh more where F is high.
     peak = 1.0 / _THIRD
