@@ -16,6 +16,17 @@ ROOT = Path(__file__).parents[2]
 MESHES, SCENES = ROOT / "assets" / "meshes", ROOT / "scenes"
 CATALOGUE = ROOT / "src" / "lidarscene" / "catalog" / "materials"
 
+PERSON = "skin clothes trousers shoes hair"
+STATURES = {
+    "pedestrian": 1.75,
+    "man_tall": 1.86,
+    "man_old": 1.72,
+    "woman": 1.63,
+    "woman_short": 1.54,
+    "child_12": 1.50,
+    "child_7": 1.22,
+    "child_4": 1.03,
+}
 # Parts, fewest and most triangles, size (x, y, z) in metres and how far it may be off.
 EXPECTED = {
     "car": (
@@ -24,7 +35,11 @@ EXPECTED = {
         (4.4, 2.1, 1.47),
         0.06,
     ),
-    "pedestrian": ("skin clothes trousers shoes hair", (2_000, 6_000), (0.83, 0.60, 1.75), 0.06),
+    **{name: (PERSON, (2_000, 5_500), (0.18 * height, 0.34 * height, height), 0.06) for name, height in STATURES.items()},
+    "man_rucksack": (f"{PERSON} bag", (2_000, 5_500), (0.49, 0.56, 1.75), 0.02),
+    "woman_bag": (f"{PERSON} bag", (2_000, 5_500), (0.35, 0.57, 1.63), 0.02),
+    "woman_old": (f"{PERSON} bag", (2_000, 5_500), (0.34, 0.61, 1.57), 0.02),
+    "woman_pram": (f"{PERSON} bag frame tyre", (2_000, 6_500), (1.49, 0.60, 1.72), 0.02),
     "tree": ("bark foliage", (8_000, 15_000), (4.9, 5.0, 6.5), 0.6),
     "house": ("brick glass frame concrete door railing roof interior", (3_000, 8_000), (10.6, 10.5, 13.0), 0.15),
     "kerb": ("kerb", (50, 500), (2.0, 0.15, 0.12), 0.002),

@@ -388,6 +388,7 @@ SEMANTIC = {
     "van": 20,
     "trailer": 20,
     "pedestrian": 30,
+    "child": 30,
     "person": 30,
     "cyclist": 31,
     "motorcyclist": 32,
@@ -441,6 +442,7 @@ def test_classes_of_kitti() -> None:
         "cyclist": "Cyclist",
         "person": "Pedestrian",
         "pedestrian": "Pedestrian",
+        "child": "Pedestrian",
     }
     assert {name: kind.kitti for name, kind in KINDS.items() if kind.kitti not in ("Misc", "DontCare")} == expected
     assert {name: kinds.MOVING[SEMANTIC[name]] for name in MOVING} == MOVING

@@ -18,7 +18,6 @@ from glb import glb_bytes, welded
 
 OBJECTS = {
     "car": (car.build, car.COLOURS),
-    "pedestrian": (people.build, people.COLOURS),
     "tree": (plants.build, plants.COLOURS),
     "house": (house.build, house.COLOURS),
     "kerb": (roadside.kerb, {"kerb": (0.55, 0.54, 0.52, 1.0)}),
@@ -37,6 +36,12 @@ def make(folder):
         data = glb_bytes(parts, colours)
         (folder / f"{name}.glb").write_bytes(data)
         counts = {part: len(welded(mesh)[1]) for part, mesh in parts.items()}
+        lines.append(f"{name}.glb {len(data) / 1e3:.0f} kB, {sum(counts.values())} triangles: {counts}")
+    for name in people.PEOPLE:
+        parts, skeleton = people.build(name)
+        data = glb_bytes(parts, people.COLOURS, skeleton)
+        (folder / f"{name}.glb").write_bytes(data)
+        counts = {part: len(welded(skinned.mesh)[1]) for part, skinned in parts.items()}
         lines.append(f"{name}.glb {len(data) / 1e3:.0f} kB, {sum(counts.values())} triangles: {counts}")
     return lines
 

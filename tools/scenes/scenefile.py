@@ -67,8 +67,9 @@ def paint(name, size_m, places):
 
 
 def mover(name, mesh, where, motion, *, on_ground=False, **paint):
-    """A body of one of our meshes that moves from `where`, or there in the frame that the poses are of."""
-    body = table("[[bodies]]", name=name, **_shape(mesh, paint), **_standing(on_ground), **where)
+    """A body of one of our meshes that moves from `where`, or there in the frame that the poses are of; people walk."""
+    walk = {key: KINDS[mesh][key] for key in ("animation", "standing") if key in KINDS[mesh]}
+    body = table("[[bodies]]", name=name, **_shape(mesh, paint), **walk, **_standing(on_ground), **where)
     return "\n".join([body, table("[bodies.motion]", **motion)])
 
 

@@ -5,7 +5,8 @@ left, height along the axis nearest to up. Its pose is position and rotation of 
 the sensor.
 
 If a body moves, or if the points contain the sensor's own motion, no single pose is right for a whole frame. The box is
-then where the cloud shows the body: as seen from the sensor at the mean time of the body's points.
+then where the cloud shows the body: as seen from the sensor at the mean time of the body's points. Around one who walks
+it is as large as he is then.
 """
 
 from __future__ import annotations
@@ -165,7 +166,12 @@ class BoxTally:
         points = np.maximum(self._points_on.sum(axis=1), 1)
         starts_s = self._starts_s[0] + self._points_on @ (self._starts_s - self._starts_s[0]) / points
         seen_s = starts_s + self._time_ps * 1e-12 / points
-        standing = boxes_of_bodies(self._things)
+        # A walker has the shape of that time.
+        posed = [
+            (index, body.posed(float(time_s), float(start_s)))
+            for (index, body), start_s, time_s in zip(self._things, starts_s, seen_s, strict=True)
+        ]
+        standing = boxes_of_bodies(posed)
         self._boxes = [
             _carried(box, body, float(start_s), float(time_s))
             for box, (_, body), start_s, time_s in zip(standing, self._things, starts_s, seen_s, strict=True)

@@ -44,6 +44,7 @@ KINDS = {
     "motorcyclist": Kind(32, "Misc", "vehicle.motorcycle"),
     "pedestrian": Kind(30, "Pedestrian", "human.pedestrian.adult"),
     "person": Kind(30, "Pedestrian", "human.pedestrian.adult"),
+    "child": Kind(30, "Pedestrian", "human.pedestrian.child"),
     "animal": Kind(99, "Misc", "animal"),
     "traffic_cone": Kind(99, NOT_IN_KITTI, "movable_object.trafficcone"),
     "barrier": Kind(52, NOT_IN_KITTI, "movable_object.barrier"),

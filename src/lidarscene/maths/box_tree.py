@@ -5,7 +5,7 @@ a curve through space, each `CHILDREN` neighbours get a box around them, and so 
 Nodes are in the order in which a walk that skips nothing passes them; a walk needs no stack, since each node knows
 where it goes on without those below it.
 
-Symbols: m boxes, n nodes.
+Symbols: m boxes, n sets of them.
 """
 
 from __future__ import annotations
@@ -33,8 +33,9 @@ class BoxTree:
     """Boxes along the axes, in a tree.
 
     Attributes:
-        nodes: (8 n,): lowest corner; number of the node at which a walk goes on without those below, 0 at the end;
-            highest corner; number of the box, -1 for a box around others. Node 0 is the box around all
+        nodes: eight numbers for each node: lowest corner; number of the node at which a walk goes on without those
+            below, 0 at the end; highest corner; number of the box, -1 for a box around others. Node 0 is the box around
+            all
         low: lowest corner of the box around all, as plain numbers
         high: highest corner of it, likewise
         size: nodes of the tree; of each, where there are several (`joined`)
@@ -50,28 +51,40 @@ class BoxTree:
     @classmethod
     def from_boxes(cls, boxes: Numbers) -> BoxTree:
         """Build from (m, 2, 3) lowest and highest corners, m > 0; boxes that nothing is in have infinite ones."""
-        order = np.argsort(_curve_place(boxes), kind="stable")
+        return cls.from_sets(boxes[None])
+
+    @classmethod
+    def from_sets(cls, boxes: Numbers) -> BoxTree:
+        """Build trees from n sets of the same m boxes, (n, m, 2, 3), one behind the other (`of_tree`).
+
+        They have the same nodes in the same order, by where the boxes are in the first set.
+        """
+        order = np.argsort(_curve_place(boxes[0]), kind="stable")
         # From the leaves up: boxes of each level, and the nodes of the tree below each.
-        levels, sizes = [boxes[order]], [np.ones(len(boxes), dtype=np.int64)]
-        while len(levels) == 1 or len(levels[-1]) > 1:
-            starts = np.arange(0, len(levels[-1]), CHILDREN)
-            low, high = levels[-1][:, 0], levels[-1][:, 1]
-            levels.append(np.stack([np.minimum.reduceat(low, starts), np.maximum.reduceat(high, starts)], axis=1))
+        levels, sizes = [boxes[:, order]], [np.ones(len(order), dtype=np.int64)]
+        while len(levels) == 1 or levels[-1].shape[1] > 1:
+            starts = np.arange(0, levels[-1].shape[1], CHILDREN)
+            low, high = levels[-1][:, :, 0], levels[-1][:, :, 1]
+            around = np.minimum.reduceat(low, starts, axis=1), np.maximum.reduceat(high, starts, axis=1)
+            levels.append(np.stack(around, axis=2))
             sizes.append(1 + np.add.reduceat(sizes[-1], starts))
-        nodes = np.zeros((sizes[-1][0], NUMBERS))
+        size = int(sizes[-1][0])
+        nodes = np.zeros((len(boxes), size, NUMBERS))
+        first = size * np.arange(len(boxes))[:, None]
         place = np.zeros(1, dtype=np.int64)
         # From the root down: a node stands behind its parent and the trees of its elder siblings.
         for level in range(len(levels) - 1, -1, -1):
-            nodes[place, 0:3], nodes[place, 4:7] = levels[level][:, 0], levels[level][:, 1]
-            nodes[place, 3] = (place + sizes[level]) % len(nodes)
-            nodes[place, 7] = -1.0 if level else order
+            nodes[:, place, 0:3], nodes[:, place, 4:7] = levels[level][:, :, 0], levels[level][:, :, 1]
+            onward = place + sizes[level]
+            nodes[:, place, 3] = np.where(onward < size, first + onward, 0)
+            nodes[:, place, 7] = -1.0 if level else order
             if level:
                 below = sizes[level - 1]
                 parent = np.arange(len(below)) // CHILDREN
                 before = np.cumsum(below) - below
                 place = place[parent] + 1 + before - before[parent * CHILDREN]
-        lowest, highest = (tuple(float(x) for x in corner) for corner in levels[-1][0])
-        return cls(nodes=nodes.ravel(), low=lowest, high=highest, size=len(nodes))
+        lowest, highest = levels[-1][:, 0, 0].min(axis=0), levels[-1][:, 0, 1].max(axis=0)
+        return cls(nodes=nodes.ravel(), low=tuple(lowest.tolist()), high=tuple(highest.tolist()), size=size)
 
     @classmethod
     def joined(cls, trees: Sequence[BoxTree]) -> BoxTree:

@@ -10,7 +10,7 @@ Symbols: p point, o origin, v velocity [m/s], w angular velocity [rad/s].
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -31,7 +31,28 @@ NOWHERE = ((math.inf,) * 3, (-math.inf,) * 3)
 _TOGETHER = 4096
 """Instants of motions that are computed together: more would not fit into a processor's cache."""
 
-_NUMBERS = 16  # place, quaternion, velocity, angular velocity, and three of padding: four neighbours are one load
+# Place, quaternion, velocity, angular velocity, phase and level of a stride, padding: four neighbours are one load.
+_NUMBERS = 16
+
+Walk = Callable[[Numbers], Numbers]
+"""Phase and level of a walker's stride (`scene.walking`), (n, 2), at (n,) times."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class StridePlace:
+    """Place in the stride of a walker, for each of n rays; numpy or Dr.Jit.
+
+    Attributes:
+        phase: counted in strides
+        level: how much of the stride it shows
+        rate_hz: of the phase
+        level_rate_hz: of the level
+    """
+
+    phase: Lanes
+    level: Lanes
+    rate_hz: Lanes
+    level_rate_hz: Lanes
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -43,12 +64,14 @@ class Placement:
         rotation: nine numbers, row by row: frame to traced frame
         velocity_m_s: (x, y, z) of its origin, or None: it does not move
         turning_rad_s: (x, y, z) angular velocity, or None
+        stride: place in its stride, of a walker; None where nothing says it
     """
 
     origin_m: Vector
     rotation: tuple[Lanes, ...]
     velocity_m_s: Vector | None = None
     turning_rad_s: Vector | None = None
+    stride: StridePlace | None = None
 
     def point(self, p: Vector) -> Vector:
         """A point of this frame, in coordinates of the traced frame."""
@@ -72,6 +95,13 @@ class Placement:
         x, y, z = (r[i] * v[0] + r[3 + i] * v[1] + r[6 + i] * v[2] for i in range(3))
         return x, y, z
 
+    def faster_by(self, v: Vector) -> Placement:
+        """The same with a velocity [m/s] of this frame on top."""
+        if self.velocity_m_s is None:
+            return self
+        x, y, z = (own + added for own, added in zip(self.velocity_m_s, self.vector(v), strict=True))
+        return replace(self, velocity_m_s=(x, y, z))
+
     def velocity_at(self, p: Vector) -> Vector:
         """Velocity [m/s], v + w x (p - o), of a point that is fixed in this frame; p in the traced frame."""
         if self.velocity_m_s is None or self.turning_rad_s is None:
@@ -86,7 +116,8 @@ class MotionTable:
     """Several motions over one frame, on an even grid of times; or over several frames (`joined`).
 
     Attributes:
-        table: (motions, instants, 16), flat: place, quaternion (w, x, y, z), velocity, angular velocity, padding
+        table: (motions, instants, 16), flat: place, quaternion (w, x, y, z), velocity, angular velocity, phase and
+            level of a stride, padding
         rate_hz: instants per second
         last: number of the last instant
         count: of motions in a frame
@@ -111,6 +142,7 @@ class MotionTable:
         length_s: float,
         centre_m: Numbers,
         carried_m: Numbers | None = None,
+        walks: Sequence[Walk | None] = (),
     ) -> MotionTable:
         """Tabulate motions from ``start_s``, for ``length_s``.
 
@@ -119,6 +151,7 @@ class MotionTable:
 
         Args:
             centre_m: (3,) origin of the traced frame in the world
+            walks: of the last motions, those of walkers
         """
         # Between two instants everything goes straight on: where it does so anyway, two are enough.
         bends = not all(motion.is_straight for motion in motions)
@@ -142,6 +175,10 @@ class MotionTable:
         table[:, :, :3] -= centre_m
         table[:, :, 3:7] = _with_continuous_signs(_quaternion(rotations))
         table = table[[distinct.index(motion) for motion in motions]]
+        for rows, walk in zip(table[len(table) - len(walks) :], walks, strict=True):
+            if walk is not None:
+                rows[:, 13:15] = walk(times)
+                rows[:, 13] -= np.floor(rows[0, 13])  # small, for single precision
         boxes = None
         if carried_m is not None:
             boxes = BoxTree.from_boxes(_swept_boxes(table[len(table) - len(carried_m) :], carried_m))
@@ -183,10 +220,11 @@ class MotionTable:
         def row(first: Lanes) -> list[Lanes]:
             return [number for four in range(_NUMBERS // 4) for number in ops.take_four(self.table, first + four)]
 
-        x, y, z, qw, qx, qy, qz, vx, vy, vz, wx, wy, wz, *_ = (
-            before + share * (after - before)
-            for before, after in zip(row(first), row(first + _NUMBERS // 4), strict=True)
+        rows = list(zip(row(first), row(first + _NUMBERS // 4), strict=True))
+        x, y, z, qw, qx, qy, qz, vx, vy, vz, wx, wy, wz, phase, level, _ = (
+            before + share * (after - before) for before, after in rows
         )
+        rate_hz, level_rate_hz = ((after - before) * self.rate_hz for before, after in rows[13:15])
         # A linear mix of two unit quaternions is shorter than one; normalised, it is a rotation again.
         length = ops.sqrt(qw * qw + qx * qx + qy * qy + qz * qz)
         return Placement(
@@ -194,6 +232,7 @@ class MotionTable:
             rotation=rotation_numbers(qw / length, qx / length, qy / length, qz / length),
             velocity_m_s=(vx, vy, vz),
             turning_rad_s=(wx, wy, wz),
+            stride=StridePlace(phase=phase, level=level, rate_hz=rate_hz, level_rate_hz=level_rate_hz),
         )
 
 

@@ -89,6 +89,7 @@ class Frame:
                 length_s=length_s,
                 centre_m=world.centre_m,
                 carried_m=mover_boxes(movers, start_s),
+                walks=[mover.walk_in_frame(start_s) for mover in movers],
             )
         rollover, since = divmod(number, _frames_numbered(sensor.scanner))
         return cls(

@@ -5,9 +5,10 @@
 
 from __future__ import annotations
 
+import functools
 import itertools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
@@ -22,13 +23,14 @@ from ..materials.material import Material
 from ..materials.material_file import catalogue_material
 from ..maths.arrays import Numbers, frozen
 from ..maths.pose import Pose, direction_from_angles
-from ..maths.trajectory import ALWAYS, CLOCK_ROUNDING_S, Motion, Riding, pose_at
+from ..maths.trajectory import ALWAYS, CLOCK_ROUNDING_S, Motion, Riding, motion_in_frame, pose_at
 from ..maths.units import FileKey, Quantity
 from ..physics.optics import air
 from ..sensor.pose_file import Placed, to_pose
 from .meshes.mesh_objects import pieces_of_object
 from .meshes.reading import grey_material
 from .meshes.reflectivity_patterns import Cutout, ReflectivityPattern
+from .walking import LARGEST_LEVEL, Gait
 from .weather import Weather
 
 
@@ -41,6 +43,7 @@ class Part:
         faces: (f, 3) uint32, indices into the vertices
         pattern: reflectivity pattern, for materials of kind "diffuse"; None: the material's reflectivity everywhere
         cutout: image of its gaps, which glass and mirrors do not have; None: solid
+        stride_m: (k, v, 3) float32, its vertices at k even instants of a stride, on the spot; None: it is rigid
     """
 
     vertices_m: Numbers
@@ -49,6 +52,7 @@ class Part:
     name: str = ""
     pattern: ReflectivityPattern | None = None
     cutout: Cutout | None = None
+    stride_m: Numbers | None = None
     _extent_m: Numbers | None = field(default=None, init=False, repr=False)
 
     def __post_init__(self) -> None:
@@ -56,6 +60,9 @@ class Part:
         object.__setattr__(self, "vertices_m", frozen(self.vertices_m, np.float64, (None, 3)))
         object.__setattr__(self, "faces", frozen(self.faces, np.uint32, (None, 3)))
         varied = {} if self.cutout is None else {"cutout": self.cutout.uv}
+        if self.stride_m is not None:
+            object.__setattr__(self, "stride_m", frozen(self.stride_m, np.float32, (None, None, 3)))
+            varied["stride"] = self.stride_m[0]
         if self.pattern is not None:
             varied["pattern"] = self.pattern.values if self.pattern.uv is None else self.pattern.uv
         for what, values in varied.items():
@@ -73,6 +80,27 @@ class Part:
         assert self._extent_m is not None
         return self._extent_m
 
+    def posed(self, phase: float, level: float) -> Part:
+        """Return the part as it is at a place of its stride (`walking`), rigid; itself if it has none."""
+        if self.stride_m is None:
+            return self
+        count = len(self.stride_m)
+        before = int(np.floor(phase * count))
+        share = phase * count - before
+        first_m, second_m = (self.stride_m[number % count].astype(np.float64) for number in (before, before + 1))
+        walking_m = first_m + share * (second_m - first_m)
+        return replace(self, vertices_m=self.vertices_m + level * (walking_m - self.vertices_m), stride_m=None)
+
+    @property
+    def reach_m(self) -> Numbers:
+        """(2, 3) lowest and highest corner at any place of its stride; only for a part with vertices."""
+        if self.stride_m is None:
+            return self.extent_m
+        lowest_m, highest_m = self.stride_m.min(axis=0), self.stride_m.max(axis=0)
+        widest_m = [self.vertices_m + LARGEST_LEVEL * (most - self.vertices_m) for most in (lowest_m, highest_m)]
+        corners = np.stack([self.vertices_m, *widest_m])
+        return np.stack([corners.min(axis=(0, 1)), corners.max(axis=(0, 1))])
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Ball:
@@ -82,10 +110,18 @@ class Ball:
     material: str
 
 
-def box_of(parts: Sequence[Part | Ball]) -> Numbers | None:
-    """(2, 3) lowest and highest corner of a body's parts in its frame; None if it has no surface."""
+def box_of(parts: Sequence[Part | Ball], *, walking: bool = False) -> Numbers | None:
+    """(2, 3) lowest and highest corner of a body's parts in its frame; None if it has no surface.
+
+    Args:
+        walking: whether at any place of their strides, and not only as they stand
+    """
     corners = [
-        np.outer([-part.radius_m, part.radius_m], np.ones(3)) if isinstance(part, Ball) else part.extent_m
+        np.outer([-part.radius_m, part.radius_m], np.ones(3))
+        if isinstance(part, Ball)
+        else part.reach_m
+        if walking
+        else part.extent_m
         for part in parts
         if isinstance(part, Ball) or len(part.vertices_m)
     ]
@@ -101,6 +137,7 @@ class Body:
             time 0, or at the nearest end of the motion's span.
         away: True while a body with a motion is absent from the scene: no light meets it
         present_s: first and last time at which a frame may begin that shows the body; it is absent from all others
+        gait: how it walks along its motion, by the strides of its parts; None: it is rigid
     """
 
     name: str
@@ -108,11 +145,15 @@ class Body:
     parts: tuple[Part | Ball, ...]
     pose: Pose = field(default_factory=Pose)
     motion: Motion | None = None
+    gait: Gait | None = None
     away: bool = False
     present_s: tuple[float, float] = ALWAYS
 
     def __post_init__(self) -> None:
-        """Take the pose from the motion."""
+        """Take the pose from the motion, and check strides."""
+        instants = {len(part.stride_m) for part in self.parts if isinstance(part, Part) and part.stride_m is not None}
+        if len(instants) > 1:
+            raise InputError(f"body '{self.name}': strides of its parts must have as many instants, got {instants}")
         if self.motion is not None:
             object.__setattr__(self, "pose", pose_at(self.motion))
 
@@ -120,6 +161,21 @@ class Body:
         """Return whether a frame that begins at this time shows the body."""
         first_s, last_s = self.present_s
         return not self.away and first_s - CLOCK_ROUNDING_S <= time_s <= last_s + CLOCK_ROUNDING_S
+
+    def walk_in_frame(self, start_s: float) -> Callable[[Numbers], Numbers] | None:
+        """Return what gives (n, 2) phase and level at (n,) times of a frame that begins at ``start_s``; None: rigid."""
+        if self.gait is None or self.motion is None:
+            return None
+        return functools.partial(self.gait.at, motion_in_frame(self.motion, start_s))
+
+    def posed(self, time_s: float, start_s: float) -> Body:
+        """Return the body as its stride has it at a time of a frame that begins at ``start_s``; else unchanged."""
+        walk = self.walk_in_frame(start_s)
+        if walk is None:
+            return self
+        phase, level = walk(np.array([time_s]))[0].tolist()
+        parts = (part.posed(phase, level) if isinstance(part, Part) else part for part in self.parts)
+        return replace(self, parts=tuple(parts), gait=None)
 
     def rides_with(self, ego: Motion | None) -> bool:
         """Whether the body is fixed to the ego vehicle, whose motion this is."""

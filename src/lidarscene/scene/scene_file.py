@@ -36,13 +36,14 @@ from .foreign import is_xml, mitsuba_scene, object_scene, xml_file
 from .ground import Ground, Sheet
 from .meshes import primitives, reading, reflectivity_patterns
 from .meshes.mesh_axes import UNITS, Axis, axis_of, turn_upright
-from .meshes.mesh_cache import SubMesh
+from .meshes.mesh_cache import SubMesh, WalkingClips
 from .meshes.usd import is_usd
 from .motion import BodyMotionFile
 from .scene import Ball, Body, Part, Scene, box_of
 from .sizes import VEHICLES, check_vehicle, size_text
 from .street.street_tables import with_street
 from .tables import BodyFile, SceneFile, interferers, lamps_w_m2
+from .walking import Gait
 
 SMALLEST_BODY_M = 1e-6
 """Accuracy bought: smallest extent of a body: below it single precision cannot resolve the corners, so its scale must
@@ -259,7 +260,8 @@ def scene_from_model(file: SceneFile, *, path: Path) -> Scene:
         if shape not in shapes:
             shapes.add(shape)
             _check_vehicle(body, parts, path.parent, where)
-        bodies.extend(_place_body(body, parts, ego=ego, ground=ground, folder=path.parent, where=where))
+        gait = _gait(body, parts, folder=path.parent, where=where, reader=reader)
+        bodies.extend(_place_body(body, parts, gait=gait, ego=ego, ground=ground, folder=path.parent, where=where))
     _check_names(bodies, path)
     for identity, name in file.base_materials.items():
         scene_materials.load(name, f"{path}: base_materials.{identity}")
@@ -417,7 +419,14 @@ def _places(body: BodyFile) -> list[tuple[str, Pose]]:
 
 
 def _place_body(
-    body: BodyFile, parts: tuple[Part | Ball, ...], *, ego: Motion | None, ground: Ground, folder: Path, where: str
+    body: BodyFile,
+    parts: tuple[Part | Ball, ...],
+    *,
+    gait: Gait | None,
+    ego: Motion | None,
+    ground: Ground,
+    folder: Path,
+    where: str,
 ) -> list[Body]:
     """Build the body, or one body for each of its instances."""
     label = body.class_name or body.name
@@ -435,12 +444,12 @@ def _place_body(
         elif body.on_ground:
             rise_m = _ground_below(ground, pose.position_m[None, :2], where)
             pose = replace(pose, position_m=pose.position_m + rise_m * np.array([0.0, 0.0, 1.0]))
-        return Body(name=name, class_name=label, parts=parts, pose=pose, motion=motion, present_s=present_s)
+        return Body(name=name, class_name=label, parts=parts, pose=pose, motion=motion, present_s=present_s, gait=gait)
 
     return [make_body(name, pose, motion) for (name, pose), motion in zip(_places(body), body.motions(), strict=True)]
 
 
-MeshReader = Callable[[Path, reflectivity_patterns.Kind | None], list[SubMesh]]
+MeshReader = Callable[[Path, reflectivity_patterns.Kind | None, WalkingClips | None], list[SubMesh]]
 
 
 def _parts(
@@ -476,7 +485,7 @@ def _mesh_parts(
         InputError: if a file, a key or a value cannot be understood
     """
     try:
-        pieces = reader(path, body.pattern)
+        pieces = reader(path, body.pattern, _clips(body))
     except InputError as error:
         raise InputError(f"{where}.mesh: {error}") from None
     sub_mesh_names = {key for piece in pieces for key in piece.keys}
@@ -487,6 +496,7 @@ def _mesh_parts(
         )
     pieces_and_materials = [(piece, _material_of(piece, body, where, scene_materials)) for piece in pieces]
     up, scale = _axes(body, path, where=where)
+    walks = any(motion is not None for motion in body.motions())
     return tuple(
         Part(
             vertices_m=turn_upright(piece.vertices_m, up) * scale,
@@ -495,11 +505,44 @@ def _mesh_parts(
             name=piece.keys[0],
             pattern=pattern,
             cutout=piece.cutout,
+            stride_m=_upright_stride(piece.stride.vertices_m, up) * scale if piece.stride and walks else None,
         )
         for (piece, material), pattern in zip(
             pieces_and_materials, _patterns(pieces_and_materials, body, where, scene_materials), strict=True
         )
     )
+
+
+def _clips(body: BodyFile) -> WalkingClips | None:
+    """Animations that the body plays; None: it is rigid."""
+    return None if body.animation is None else WalkingClips(walk=body.animation, standing=body.standing)
+
+
+def _upright_stride(stride_m: Numbers, up: Axis) -> Numbers:
+    """(k, v, 3) vertices of a stride with z up."""
+    return turn_upright(stride_m.reshape(-1, 3), up).reshape(stride_m.shape)
+
+
+def _gait(body: BodyFile, parts: Sequence[Part | Ball], *, folder: Path, where: str, reader: MeshReader) -> Gait | None:
+    """Gait of a body that walks; None for a rigid one.
+
+    Raises:
+        InputError: if its stride leads nowhere
+    """
+    if body.mesh is None or body.animation is None or all(motion is None for motion in body.motions()):
+        return None
+    strides_m = [part.stride_m for part in parts if isinstance(part, Part) and part.stride_m is not None]
+    gait = None
+    if strides_m:
+        strides = [piece.stride for piece in reader(folder / body.mesh, body.pattern, _clips(body))]
+        period_s = next(stride.period_s for stride in strides if stride is not None)
+        gait = Gait.of_strides(strides_m, period_s=period_s, stands=body.standing is not None)
+    if gait is None:
+        raise InputError(
+            f"{where}.animation: must be a stride, in which a foot on the ground goes back, got '{body.animation}', "
+            "in which none does"
+        )
+    return gait
 
 
 def _axes(body: BodyFile, path: Path, *, where: str) -> tuple[Axis, float]:

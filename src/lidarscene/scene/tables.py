@@ -219,6 +219,12 @@ class BodyFile(PoseFile):
         default=None,
         description="feature of the mesh file that varies the reflectivity of its diffuse parts: docs/materials.md",
     )
+    animation: Name | None = Field(
+        default=None, description="animation of the glTF file that is one stride of a walker: docs/motion.md"
+    )
+    standing: Name | None = Field(
+        default=None, description="with `animation`: one that begins as the walker stands; else it stops as it is"
+    )
     unit: Unit | None = Field(
         default=None, description="of the mesh file's lengths; metres if left out. A USD stage says its own"
     )
@@ -254,6 +260,12 @@ class BodyFile(PoseFile):
             raise ValueError(f"{axes[0]} is for meshes, {shape} has none")
         if self.primitive and self.pattern:
             raise ValueError(f"pattern is for meshes, {shape} has none")
+        if self.primitive and self.animation:
+            raise ValueError(f"animation is for meshes, {shape} has none")
+        if self.animation and any(motion is not None and motion.with_ego for motion in self.motions()):
+            raise ValueError("animation does not go with motion.with_ego")
+        if self.standing and not self.animation:
+            raise ValueError("standing must go with animation, got no animation")
         if self.primitive and self.material is None:
             raise ValueError("key 'material' is missing")
         if self.primitive and self.materials:

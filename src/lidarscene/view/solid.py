@@ -67,7 +67,7 @@ def _pieces(scene: Scene, wavelength_m: float, time_s: float) -> Iterator[tuple[
         if not body.is_present(time_s):
             continue
         pose = body.pose if body.motion is None else pose_at(body.motion, time_s)
-        for part in body.parts:
+        for part in body.posed(time_s, time_s).parts:
             if isinstance(part, Part):
                 yield pose.apply(part.vertices_m), part.faces, part.material
             else:

@@ -197,8 +197,8 @@ def test_the_file_is_the_scene_of_the_table(written: tuple[Path, Path]) -> None:
             np.testing.assert_array_equal(pose_at(a.motion, time_s).position_m, pose_at(b.motion, time_s).position_m)
     assert table.ego is not None
     assert table.ego.span_s == (-np.inf, np.inf)
-    classes = {"road", "pavement", "kerb", "terrain", "lane_marking", "building", "car", "vegetation", "pedestrian"}
-    assert {body.class_name for body in table.bodies} == classes | {"sign", "pole"}
+    classes = {"road", "pavement", "kerb", "terrain", "lane_marking", "building", "car", "vegetation", "sign", "pole"}
+    assert {body.class_name for body in table.bodies} == classes | {"pedestrian", "child"}
     assert {path.suffix for path in written[1].parent.rglob("*") if path.is_file()} == {".toml", ".glb", ".csv"}
 
 

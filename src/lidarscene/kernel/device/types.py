@@ -76,7 +76,8 @@ class Interaction(Protocol):
         t: distance
         p: point
         n: normal
-        wi: direction back along the ray, in the frame whose z is the normal
+        sh_frame: frame whose z is the normal
+        wi: direction back along the ray, in that frame
         shape: pointer to the shape; on the device its number in Mitsuba's registry
         prim_index: number of the triangle within the shape
     """
@@ -84,6 +85,7 @@ class Interaction(Protocol):
     t: Lanes
     p: DeviceVector
     n: DeviceVector
+    sh_frame: Any
     wi: DeviceVector
     shape: Any
     prim_index: Array
@@ -99,11 +101,12 @@ class Interaction(Protocol):
 
 
 class Hit(Protocol):
-    """`mitsuba.PreliminaryIntersection3f`: distance, shape and triangle only."""
+    """`mitsuba.PreliminaryIntersection3f`: distance, shape, triangle and place on it only."""
 
     t: Lanes
     shape: Any
     prim_index: Array
+    prim_uv: DeviceVector
 
     def is_valid(self) -> Array:
         """True where a surface was met."""

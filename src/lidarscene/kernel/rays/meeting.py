@@ -23,12 +23,13 @@ from ...maths.motion_table import MovingBodies, Placement
 from ...maths.vectors import Vector
 from ..device import transfer
 from ..device.backend import mitsuba
-from ..device.types import DeviceVector, Hit, Ray, TracedScene, components
+from ..device.types import DeviceVector, Hit, Interaction, Ray, TracedScene, components
 from ..world.mitsuba_world import World
 from ..world.mover_scene import MoverScene
 from ..world.speculars import Speculars
 from .gaps import Draws
 from .nearby_bodies import BoxWalk, CellPassage, Slabs
+from .walking_rays import WalkerShapes, walker_hit
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -170,11 +171,13 @@ class Moment:
         valid = first.is_valid() if active is True else first.is_valid() & active
         shape = dr.reinterpret_array(mi.UInt32, first.shape)
         face = dr.gather(mi.UInt32, self.world.first_face, shape, valid) + first.prim_index
-        local_ray, to_sun, offset, row, placement = self._in_mover_frame(ray, mover_index, movers, shape, face)
+        local_ray, to_sun, offset, normal, row, placement = self._in_mover_frame(
+            ray, mover_index, movers, first, shape, face
+        )
         return Meeting(
             valid=valid,
             t=first.t,
-            surface=self._surface(first, face, local_ray, valid, offset),
+            surface=self._surface(first, face, local_ray, valid, offset, normal),
             local_ray=local_ray,
             to_sun=to_sun,
             offset=offset,
@@ -184,13 +187,17 @@ class Moment:
         )
 
     def _in_mover_frame(
-        self, ray: Ray, mover_index: Array, movers: MoverScene | None, shape: Array, face: Array
-    ) -> tuple[Any, Any, Any, Any, Placement | None]:
+        self, ray: Ray, mover_index: Array, movers: MoverScene | None, first: Hit, shape: Array, face: Array
+    ) -> tuple[Any, Any, Any, Any, Any, Placement | None]:
         """Return each ray in the frame of the mover it met; in that frame the sun; offset, row and placement.
+
+        Before the row comes the normal of a walker, zero for all else; None where nobody walks. The velocity of the
+        placement is that of the point of a walker that was met.
 
         Args:
             mover_index: -1 for what stands still
             movers: scene in which the mover was met
+            first: the hit
             shape: number in Mitsuba's registry of what was met
             face: number of its face, which is the row of what stands still
         """
@@ -199,11 +206,11 @@ class Moment:
         mi = mitsuba()
         to_sun, offset = mi.Vector3f(*self.sun), mi.Vector3f(0.0)
         if self.moving is None:
-            return ray, to_sun, None, face, None
+            return ray, to_sun, None, None, face, None
         numbers = [mi.Float(0.0) for _ in range(_NUMBERS)]
         if movers is None:
-            return ray, to_sun, offset, face, _placement_of_numbers(numbers)
-        moving, world = self.moving, self.world
+            return ray, to_sun, offset, None, face, _placement_of_numbers(numbers)
+        moving, world, walkers = self.moving, self.world, movers.walkers
 
         # A loop of one round at most: packets of rays that met nothing that moves have no part in it.
         def into_frame(todo: Array, *_: object) -> tuple[Any, ...]:
@@ -213,11 +220,19 @@ class Moment:
             row += dr.gather(mi.UInt32, world.mover_shape, shape, todo)
             towards = mi.Vector3f(*place.vector_within(self.sun))
             offset = movers.offset(mover_index, todo)
-            return mi.Bool(False), carried.o, carried.d, towards, offset, row, _placement_numbers(place)
+            normal = mi.Vector3f(0.0)
+            if walkers is not None:
+                shapes = WalkerShapes.at(walkers, mover_index, place, todo)
+                normal, velocity = shapes.surface(face, first.prim_uv, todo)
+                place = place.faster_by(components(velocity))
+            return mi.Bool(False), carried.o, carried.d, towards, offset, normal, row, _placement_numbers(place)
 
-        state = mover_index >= 0, ray.o, ray.d, to_sun, offset, face, numbers
-        _, o, d, to_sun, offset, row, numbers = dr.while_loop(state, lambda todo, *_: todo, into_frame, mode="symbolic")
-        return _make_ray(o, d, ray.maxt), to_sun, offset, row, _placement_of_numbers(numbers)
+        state = mover_index >= 0, ray.o, ray.d, to_sun, offset, mi.Vector3f(0.0), face, numbers
+        _, o, d, to_sun, offset, normal, row, numbers = dr.while_loop(
+            state, lambda todo, *_: todo, into_frame, mode="symbolic"
+        )
+        in_frame = _make_ray(o, d, ray.maxt)
+        return in_frame, to_sun, offset, None if walkers is None else normal, row, _placement_of_numbers(numbers)
 
     def _ask_nearby(
         self,
@@ -262,36 +277,63 @@ class Moment:
         """Intersect one more mover, as a step of `_ask_nearby`; returns the nearest hit so far and its mover."""
         import drjit as dr
 
-        cell = CellPassage.of_ray(_ray_in_frame(ray, placement), movers, candidate, is_near)
-        asked = cell.passes & (cell.start_m <= first.t)
-        hit = movers.scene.ray_intersect_preliminary(cell.ray, coherent=self.coherent, active=asked)
-        hit.t += cell.start_m
+        in_frame = _ray_in_frame(ray, placement)
+        hit, asked = dr.zeros(mitsuba().PreliminaryIntersection3f), mitsuba().Bool(False)
+        hit.t = dr.inf
+        if movers.scene is not None:
+            cell = CellPassage.of_ray(in_frame, movers, candidate, is_near)
+            asked = cell.passes & (cell.start_m <= first.t)
+            hit = movers.scene.ray_intersect_preliminary(cell.ray, coherent=self.coherent, active=asked)
+            hit.t += cell.start_m
+        if movers.walkers is not None:
+            shapes = WalkerShapes.at(movers.walkers, candidate, placement, is_near)
+            length = xp(ray.maxt).minimum(ray.maxt, first.t)
+            t, u, v, triangle = shapes.nearest(in_frame, length, is_near)
+            asked |= is_near & shapes.walks
+            met = walker_hit(movers.walkers, t, u, v, triangle, is_near)
+            hit = dr.select(met.t < hit.t, met, hit)
         # Rigid motion keeps lengths, so that distances of different frames compare. A miss has t = infinity.
         # Of two at one distance the first mover is met, whatever order the boxes are in.
         tied = (hit.t == first.t) & (candidate < mover_index)
         nearer = asked & hit.is_valid() & ((hit.t < first.t) | tied)
         return dr.select(nearer, hit, first), dr.select(nearer, candidate, mover_index)
 
-    def _surface(self, first: Hit, face: Array, local_ray: Ray, valid: Mask, offset: DeviceVector | None) -> Any:
-        """Return `Meeting.surface` at a hit, with the fields that our BSDFs read."""
+    def _surface(
+        self,
+        first: Hit,
+        face: Array,
+        local_ray: Ray,
+        valid: Mask,
+        offset: DeviceVector | None,
+        walking: DeviceVector | None,
+    ) -> Any:
+        """Return `Meeting.surface` at a hit, with the fields that our BSDFs read.
+
+        Args:
+            walking: normal of a walker, zero for all else; None where nobody walks
+        """
         import drjit as dr
 
         mi = mitsuba()
         in_scene = local_ray
         if offset is not None:
             in_scene = _make_ray(mi.Point3f(local_ray.o + offset), local_ray.d, local_ray.maxt)
+        walks = mi.Bool(False) if walking is None else dr.squared_norm(walking) > 0.0
         if self.world.face_normal is None:
-            return first.compute_surface_interaction(in_scene, mi.RayFlags.All, valid)
+            surface = first.compute_surface_interaction(in_scene, mi.RayFlags.All, valid)
+            # Mitsuba has walkers as they stand.
+            if walking is not None:
+                surface = dr.select(walks, _flat(mi.SurfaceInteraction3f(surface), first, in_scene, walking), surface)
+            return surface
         # Plain meshes are flat and look the same all over: point, normal and incoming direction are all that their
         # BSDFs read. Mitsuba's own interaction is ready for textures and smooth normals, and takes twice as long.
         # The table has four numbers a face: Dr.Jit gathers four neighbours in one load, three in three.
-        normal = mi.Normal3f(*dr.gather(mi.Vector4f, self.world.face_normal, face, valid)[:3])
+        normal = mi.Vector3f(*dr.gather(mi.Vector4f, self.world.face_normal, face, valid)[:3])
+        if walking is not None:
+            normal = dr.select(walks, walking, normal)
         surface = dr.zeros(mi.SurfaceInteraction3f)
-        surface.t, surface.p, surface.n = first.t, in_scene(first.t), normal
         surface.shape, surface.prim_index = first.shape, first.prim_index
-        surface.sh_frame = mi.Frame3f(normal)  # BSDFs want wi in the frame whose z is the normal
-        surface.wi = surface.to_local(-local_ray.d)
-        return surface
+        return _flat(surface, first, in_scene, normal)
 
     def _meets_any(self, ray: Ray, active: Mask, still: TracedScene | None, movers: MoverScene | None) -> Any:
         """Return whether each ray meets any surface of two Mitsuba scenes; `_nearest` says which these are."""
@@ -318,14 +360,31 @@ class Moment:
         self, ray: Ray, movers: MoverScene, candidate: Array, is_near: Array, placement: Placement, is_blocked: Array
     ) -> tuple[Any]:
         """Intersect one more mover, as a step of `_ask_nearby`; returns whether the rays are blocked."""
-        cell = CellPassage.of_ray(_ray_in_frame(ray, placement), movers, candidate, is_near)
-        meets = movers.scene.ray_test(cell.ray, coherent=self.coherent, active=cell.passes)
-        return (is_blocked | (cell.passes & meets),)
+        import drjit as dr
+
+        in_frame = _ray_in_frame(ray, placement)
+        if movers.scene is not None:
+            cell = CellPassage.of_ray(in_frame, movers, candidate, is_near)
+            meets = movers.scene.ray_test(cell.ray, coherent=self.coherent, active=cell.passes)
+            is_blocked |= cell.passes & meets
+        if movers.walkers is not None:
+            shapes = WalkerShapes.at(movers.walkers, candidate, placement, is_near)
+            is_blocked |= shapes.nearest(in_frame, ray.maxt, is_near & ~is_blocked)[0] < dr.inf
+        return (is_blocked,)
 
     def _split_kernels(self, *arrays: object) -> None:
         """Keep the queries of several scenes in kernels of their own (`transfer.split_kernel`)."""
         if self.moving is not None or self.world.has_panes:
             transfer.split_kernel(*arrays)
+
+
+def _flat(surface: Interaction, first: Hit, ray: Ray, normal: DeviceVector) -> Any:
+    """Return an interaction with the point, normal and incoming direction of a hit on a flat surface."""
+    mi = mitsuba()
+    surface.t, surface.p, surface.n = first.t, ray(first.t), mi.Normal3f(normal)
+    surface.sh_frame = mi.Frame3f(surface.n)  # BSDFs want wi in the frame whose z is the normal
+    surface.wi = surface.to_local(-ray.d)
+    return surface
 
 
 def _ray_in_frame(ray: Ray, place: Placement) -> Any:

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 
 from ...maths.arrays import Numbers
+from ...scene.scene import Part
 from ..device import transfer
 from ..device.backend import mitsuba
 from ..device.types import Shape
@@ -31,6 +32,7 @@ class PlacedShape:
     Attributes:
         face_body: (faces,) index of the body of each face
         values: its material by `Material.at`; None for a BSDF of a Mitsuba file
+        parts: of the bodies, whose faces it has one after the other
         is_plain: whether it is a mesh without smooth normals and images
         is_varied: whether its reflectivity varies over it
         is_cut: whether an image cuts gaps into it
@@ -40,6 +42,7 @@ class PlacedShape:
     face_body: Numbers
     material: str
     values: Mapping[str, Any] | None
+    parts: tuple[Part, ...] = ()
     is_plain: bool = False
     is_varied: bool = False
     is_cut: bool = False
@@ -87,12 +90,17 @@ class FaceTables:
         self.add(shapes)
         self._movers, self._mover_shapes = list(bodies), list(shapes)
 
+    def first_of(self, shapes: Sequence[PlacedShape]) -> list[int]:
+        """Return the number of the first face of each of these shapes."""
+        first = {id(shape): start for shape, start in self._first}
+        return [first[id(shape)] for shape in shapes]
+
     def on_device(self, see_through: bool) -> dict[str, Any]:
         """Return the fields of World that are looked up by a shape's registry number or by a face."""
         mi = mitsuba()
         # Registry numbers are positive, with holes, and used again after shapes are freed. They are small, so a table
         # with unused rows is the simplest map from number to shape.
-        numbers = [_registry_number(shape.shape) for shape, _ in self._first]
+        numbers = [registry_number(shape.shape) for shape, _ in self._first]
         first_face, bsdf_index, mover_shape = np.zeros((3, max(numbers) + 1), dtype=np.uint32)
         reflectivity, transmittance = np.zeros((2, max(numbers) + 1), dtype=np.float32)
         # In the order of the materials, which is that of all parts of a scene.
@@ -153,7 +161,7 @@ def _surface_optics(shape: PlacedShape) -> SurfaceOptics:
     # Our materials are known by name, whole and with gaps cut into them. In a Mitsuba file one name may stand for
     # several BSDFs: their registry number is the identity.
     return SurfaceOptics(
-        number=_registry_number(shape.shape),
+        number=registry_number(shape.shape),
         bsdf=shape.shape.bsdf(),
         material=_bsdf_number(shape.shape) if shape.reflectivity is None else (shape.material, shape.is_cut),
         absorbs=shape.absorbs,
@@ -169,7 +177,7 @@ def _bsdf_number(shape: Shape) -> int:
     return int(dr.reinterpret_array(mi.UInt32, mi.BSDFPtr(shape.bsdf()))[0])
 
 
-def _registry_number(shape: Shape) -> int:
+def registry_number(shape: Shape) -> int:
     """Return a shape's number in Mitsuba's registry, which is its pointer on the device."""
     import drjit as dr
 

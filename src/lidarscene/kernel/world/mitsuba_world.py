@@ -22,7 +22,7 @@ import numpy as np
 
 from ...errors import InputError, OptionWarning, warn
 from ...maths.arrays import Mask, Numbers, retire_with
-from ...maths.motion_table import NOWHERE, MotionTable, MovingBodies, Placement
+from ...maths.motion_table import NOWHERE, MotionTable, MovingBodies, Placement, Walk
 from ...maths.pose import Pose
 from ...maths.trajectory import CLOCK_ROUNDING_S, Course, Motion
 from ...scene.scene import Ball, Body, Part, Scene, box_of
@@ -36,6 +36,7 @@ from .bsdfs import ATTRIBUTE, bsdf_dict, has_gaps, make_bsdf, reflectivities, te
 from .faces import FaceTables, PlacedShape
 from .mover_scene import MoverScene, mitsuba_scene, side_by_side
 from .speculars import Speculars, lets_through
+from .walkers import Walkers
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -60,6 +61,10 @@ class Mover:
             return self
         shown = ((number, body) for number, body in self.others if body.is_present(start_s))
         return next((replace(self, number=number, body=body) for number, body in shown), self)
+
+    def walk_in_frame(self, start_s: float) -> Walk | None:
+        """Return `Body.walk_in_frame`; None for one that the frame does not show, too."""
+        return self.body.walk_in_frame(start_s) if self.body.is_present(start_s) else None
 
     @property
     def motion(self) -> Motion:
@@ -211,8 +216,16 @@ def build_world(
         still = _near_and_of_all_materials(still, standing)
     shapes = _loaded_shapes(still, centre, resolved, bsdfs)
     moving = _moving_groups(scene.bodies)
-    in_cells = {group.bodies[0]: _placed_alone(scene.bodies[group.bodies[0]], group.offset_m) for group in moving}
-    mover_shapes = _loaded_shapes(in_cells, np.zeros(3), resolved, bsdfs)
+    first_of_groups = {group.bodies[0]: group.offset_m for group in moving}
+    # What walks is met as its vertices are then (`walkers`): its shapes are in no scene, and have a BSDF and images.
+    in_cells, walking = (
+        {number: _placed_alone(scene.bodies[number], place, walks) for number, place in first_of_groups.items()}
+        for walks in (False, True)
+    )
+    rigid_shapes, walking_shapes = (
+        _loaded_shapes(bodies, np.zeros(3), resolved, bsdfs) for bodies in (in_cells, walking)
+    )
+    mover_shapes = rigid_shapes + walking_shapes
     body_names = [body.name for body in scene.bodies]
     class_of = [body.class_name for body in scene.bodies]
     if scene.base is not None:
@@ -244,8 +257,15 @@ def build_world(
     class_numbers = np.array([class_names.index(name) for name in class_of], dtype=np.int32)
     solid, panes = _panes_apart(shapes, see_through)
     mover_scene, mover_panes = (
-        MoverScene.of_shapes(part, boxes_m=_boxes_of_materials(movers, part), offsets_m=offsets_m)
-        for part in _panes_apart(mover_shapes, see_through)
+        MoverScene.of_shapes(
+            rigid,
+            boxes_m=_boxes_of_materials(movers, rigid),
+            offsets_m=offsets_m,
+            walkers=Walkers.of_shapes(walks, [mover.body for mover in movers], faces.first_of(walks)),
+        )
+        for rigid, walks in zip(
+            _panes_apart(rigid_shapes, see_through), _panes_apart(walking_shapes, see_through), strict=True
+        )
     )
     return World(
         scene=mitsuba_scene(solid),
@@ -347,7 +367,8 @@ def _moving_groups(bodies: Sequence[Body]) -> list[_BodiesOfOneShape]:
     for index, body in enumerate(bodies):
         if body.motion is not None and any(isinstance(part, Ball) or len(part.faces) for part in body.parts):
             sharing.setdefault(id(body.parts), []).append(index)
-    boxes_m = [box_of(bodies[indices[0]].parts) for indices in sharing.values()]
+    boxes_m = [box_of(_rigid_parts(bodies[indices[0]])) for indices in sharing.values()]
+    boxes_m = [np.zeros((2, 3)) if box_m is None else box_m for box_m in boxes_m]
     offsets_m = side_by_side(np.array(boxes_m, dtype=np.float64).reshape(-1, 2, 3))
     return [
         _BodiesOfOneShape(tuple(indices), offset_m)
@@ -355,15 +376,28 @@ def _moving_groups(bodies: Sequence[Body]) -> list[_BodiesOfOneShape]:
     ]
 
 
-def _placed_alone(body: Body, position_m: Numbers) -> Body:
-    """Return a body that stands still here."""
-    return Body(name=body.name, class_name=body.class_name, parts=body.parts, pose=Pose(position_m=position_m))
+def _placed_alone(body: Body, position_m: Numbers, walks: bool) -> Body:
+    """Return a body that stands still here, of those parts that have a stride or of the others."""
+    parts = _parts_that_walk(body) if walks else _rigid_parts(body)
+    return Body(name=body.name, class_name=body.class_name, parts=tuple(parts), pose=Pose(position_m=position_m))
+
+
+def _rigid_parts(body: Body) -> list[Part | Ball]:
+    """Return the parts of a body that are rigid as it moves."""
+    walking = _parts_that_walk(body)
+    return [part for part in body.parts if part not in walking]
+
+
+def _parts_that_walk(body: Body) -> list[Part]:
+    """Return the parts of a body that have a stride, if it walks."""
+    parts = [part for part in body.parts if isinstance(part, Part) and part.stride_m is not None]
+    return parts if body.gait is not None else []
 
 
 def _boxes_of_materials(movers: Sequence[Mover], shapes: Sequence[PlacedShape]) -> list[Numbers | None]:
-    """Return the box around each mover's parts of the materials of these shapes, in its frame; None without any."""
+    """Return the box around each mover's rigid parts of the materials of these shapes, in its frame; None without."""
     materials = {shape.material for shape in shapes}
-    return [box_of([part for part in mover.body.parts if part.material in materials]) for mover in movers]
+    return [box_of([part for part in _rigid_parts(mover.body) if part.material in materials]) for mover in movers]
 
 
 def _turns(bodies: Sequence[Body], indices: Sequence[int]) -> list[list[int]]:
@@ -425,7 +459,14 @@ def _merged_mesh(
         parameters["vertex_texcoords"] = uv.ravel()
     parameters.update()
     return PlacedShape(
-        mesh, bodies, material, values, is_plain=not has_image, is_varied=first is not None, is_cut=is_cut
+        mesh,
+        bodies,
+        material,
+        values,
+        parts=tuple(part for _, _, part in pieces),
+        is_plain=not has_image,
+        is_varied=first is not None,
+        is_cut=is_cut,
     )
 
 
@@ -452,7 +493,7 @@ def _panes_apart(shapes: Sequence[PlacedShape], see_through: bool) -> tuple[list
 
 def _mover(bodies: Sequence[Body], *, number: int) -> Mover:
     body = bodies[number]
-    box_m = box_of(body.parts)
+    box_m = box_of(body.parts, walking=body.gait is not None)
     assert box_m is not None  # it has shapes
     return Mover(box_m=box_m, number=number, body=body)
 
@@ -482,9 +523,22 @@ def placed_movers(
     """Return movers that stand at these poses; those that are not there at this time have boxes that no ray passes."""
     stay = [Course(), *(Course(start=pose) for pose in poses)]
     motions = MotionTable.from_motions(
-        stay, start_s=0.0, length_s=1.0, centre_m=centre_m, carried_m=mover_boxes(movers, time_s)
+        stay,
+        start_s=0.0,
+        length_s=1.0,
+        centre_m=centre_m,
+        carried_m=mover_boxes(movers, time_s),
+        walks=[_held(mover.walk_in_frame(time_s), time_s) for mover in movers],
     )
     return MovingBodies(motions=motions_on_device(motions), time_s=transfer.opaque(0.0))
+
+
+def _held(walk: Walk | None, time_s: float) -> Walk | None:
+    """Return a walk that stays where another one is at a time."""
+    if walk is None:
+        return None
+    place = walk(np.array([time_s]))
+    return lambda times: np.broadcast_to(place, (len(times), 2))
 
 
 def fixed_placement(pose: Pose, centre_m: Numbers) -> Placement:

@@ -19,6 +19,7 @@ from ...maths.motion_table import NOWHERE
 from ..device import transfer
 from ..device.backend import mitsuba
 from .faces import PlacedShape
+from .walkers import Walkers
 
 MARGIN_M = 0.05
 """Accuracy bought: width of the empty rim of a cell. Rays enter and leave the cell in it; a coordinate of a ray that
@@ -30,32 +31,40 @@ class MoverScene:
     """A Mitsuba scene of the shapes of all movers.
 
     Attributes:
-        scene: Mitsuba's
+        scene: Mitsuba's; None if all that moves walks
         cells: (12 m,) Float, three times four numbers for each of m movers, the last of each four unused: lowest and
             highest corner of its cell in the scene, and the way from its frame to the scene's
+        walkers: the movers that walk, whose shapes are in no scene; None: nobody walks
     """
 
     scene: Any
     cells: Any
+    walkers: Walkers | None = None
 
     @classmethod
     def of_shapes(
-        cls, shapes: Sequence[PlacedShape], *, boxes_m: Sequence[Numbers | None], offsets_m: Sequence[Numbers]
+        cls,
+        shapes: Sequence[PlacedShape],
+        *,
+        boxes_m: Sequence[Numbers | None],
+        offsets_m: Sequence[Numbers],
+        walkers: Walkers | None = None,
     ) -> MoverScene | None:
-        """Build from the shapes of all movers, each in its cell; None without any shape.
+        """Build from the rigid shapes of all movers, each in its cell; None without any shape and walker.
 
         Args:
             boxes_m: (2, 3) lowest and highest corner of what each mover has in the scene, in its frame; None: nothing
             offsets_m: (3,) where the origin of each mover's frame is in the scene
+            walkers: the movers that walk
         """
-        if not shapes:
+        if not shapes and walkers is None:
             return None
         cells = np.zeros((len(boxes_m), 3, 4))
         for cell, box_m, offset_m in zip(cells, boxes_m, offsets_m, strict=True):
             # A cell in which nothing is has a box that no ray passes.
             cell[:2, :3] = NOWHERE if box_m is None else box_m + offset_m + [[-MARGIN_M], [MARGIN_M]]
             cell[2, :3] = offset_m
-        return cls(scene=mitsuba_scene(shapes), cells=transfer.from_numpy(cells.ravel()))
+        return cls(scene=mitsuba_scene(shapes), cells=transfer.from_numpy(cells.ravel()), walkers=walkers)
 
     def offset(self, mover_index: Array, active: Mask) -> Any:
         """Return where the origin of the frame of each active lane's mover is in the scene."""

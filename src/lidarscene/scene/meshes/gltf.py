@@ -1,10 +1,11 @@
 """glTF 2.0 files as pieces of meshes: nodes, instances, skins, materials and their gaps.
 
-A skinned mesh has the pose in which its joints rest. `gltf_document` reads what the file declares.
+A skinned mesh has the pose in which its joints rest, or that of an animation (`gltf_animation`), by linear blend
+skinning: v' = sum of w_j M_j v over the joints j that carry a vertex v. `gltf_document` reads what the file declares.
 
 Source: glTF 2.0, Khronos Group (2021), section 3 and the pages of the extensions.
 
-Symbols: v vertices, f triangles, k copies.
+Symbols: v vertices, f triangles, k copies, n instants of an animation, j joints.
 """
 
 from __future__ import annotations
@@ -20,8 +21,9 @@ from typing import Any
 import numpy as np
 
 from ...maths.arrays import Numbers
+from .gltf_animation import AnimatedNodes, animated_nodes, animation_duration_s
 from .gltf_document import DRACO, TRIANGLES, GltfDocument
-from .mesh_cache import SubMesh
+from .mesh_cache import Stride, SubMesh, WalkingClips
 from .reflectivity_patterns import (
     NAMES,
     Cutout,
@@ -34,8 +36,15 @@ from .reflectivity_patterns import (
 
 _STRIP, _FAN = 5, 6
 
+PHASES = 128
+"""Accuracy bought: instants of a stride, between which vertices go straight: 9 ms at a stride of 1.1 s. Of the
+catalogue's people a foot that swings leaves the straight line by 1.5 mm at most, all else by 1 mm at 98 % of times."""
 
-def read_gltf(path: Path, pattern: Kind | None = None) -> list[SubMesh]:
+RIGID = 1e-6
+"""Accuracy bought: least movement of a piece over a stride, in the file's lengths; one that moves less is rigid."""
+
+
+def read_gltf(path: Path, pattern: Kind | None = None, clips: WalkingClips | None = None) -> list[SubMesh]:
     """Read all pieces of a file, one for each primitive of a node, in the order of the nodes; y up, in metres.
 
     The keys of a piece are the names of its material, mesh and node. Instances of one node are one piece. A file that
@@ -43,12 +52,14 @@ def read_gltf(path: Path, pattern: Kind | None = None) -> list[SubMesh]:
 
     Args:
         pattern: kind of reflectivity pattern to read too
+        clips: animations of one who walks; the pieces then have a stride, and stand as the walker stands
 
     Raises:
         InputError: if a file, a key or a value cannot be understood
         LidarSceneError: for Draco's compression without DracoPy
     """
-    return list(_Reader(GltfDocument(path), pattern).pieces())
+    reader = _Reader(GltfDocument(path), pattern)
+    return list(reader.pieces() if clips is None else reader.walking_pieces(clips))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -67,9 +78,23 @@ class _Primitive:
     joints: Numbers | None = None
     weights: Numbers | None = None
 
-    def morphed(self, weights: list[float]) -> Numbers:
-        """(v, 3) vertices with so much of each morph target."""
-        return self.shape.vertices_m + sum(w * target for w, target in zip(weights, self.targets, strict=False))
+    def morphed(self, weights: Numbers) -> Numbers:
+        """(..., v, 3) vertices with so much of each of t morph targets, (..., t)."""
+        shifts = zip(np.moveaxis(weights, -1, 0), self.targets, strict=False)
+        return self.shape.vertices_m + sum(np.asarray(weight)[..., None, None] * target for weight, target in shifts)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _FilePose:
+    """A pose of all that is in a file, or n of them, one for each instant.
+
+    Attributes:
+        placed: (4, 4) from the frame of each node to the file's; (n, 4, 4) where it is animated
+        weights: by node: (n, t) of its t morph targets, where they are animated
+    """
+
+    placed: list[Numbers]
+    weights: Mapping[int, Numbers]
 
 
 class _Reader:
@@ -83,24 +108,68 @@ class _Reader:
         self._names: Counter[str] = Counter()
 
     def pieces(self) -> Iterator[SubMesh]:
-        """Yield the pieces of the file's scene."""
-        document, placed = self._document, self._placed
+        """Yield the pieces of the file's scene, at rest."""
+        for number, primitive in self._shown_primitives():
+            yield self._placed_piece(number, primitive, self._rest)
+
+    def walking_pieces(self, clips: WalkingClips) -> Iterator[SubMesh]:
+        """Yield the pieces with their vertices over a stride; they stand as the walker does, or begin it.
+
+        A stride that leads the walker away is brought back step by step: the body's own motion carries it.
+        """
+        document = self._document
+        # One instant more, at which the next stride begins.
+        shares = np.arange(PHASES + 1) / PHASES
+        stride = self._pose(animated_nodes(document, clips.walk, shares))
+        standing = None if clips.standing is None else self._pose(animated_nodes(document, clips.standing, np.zeros(1)))
+        pieces: list[tuple[SubMesh, Numbers]] = []
+        for number, primitive in self._shown_primitives():
+            steps_m = self._vertices(number, primitive, stride)
+            piece = self._placed_piece(number, primitive, self._rest)
+            stands_m = steps_m[0] if standing is None else self._vertices(number, primitive, standing)[0]
+            pieces.append((replace(piece, vertices_m=stands_m), steps_m))
+        if not pieces:
+            return
+        away_m = np.concatenate([steps_m[-1] - steps_m[0] for _, steps_m in pieces]).mean(axis=0)
+        period_s = animation_duration_s(document, clips.walk)
+        for piece, steps_m in pieces:
+            in_place_m = (steps_m - shares[:, None, None] * away_m)[:-1].astype(np.float32)
+            is_rigid = bool(np.abs(in_place_m - piece.vertices_m).max(initial=0.0) < RIGID)
+            yield piece if is_rigid else replace(piece, stride=Stride(vertices_m=in_place_m, period_s=period_s))
+
+    def _shown_primitives(self) -> Iterator[tuple[int, _Primitive]]:
+        """Yield the number of the node of each primitive that is visible, and the primitive."""
         for number in self._shown():
             node = self._nodes[number]
             if "mesh" not in node:
                 continue
-            mesh = document.item("meshes", node["mesh"])
+            mesh = self._document.item("meshes", node["mesh"])
             if node["mesh"] not in self._primitives:
                 primitives = [self._primitive(mesh, primitive) for primitive in mesh["primitives"]]
                 self._primitives[node["mesh"]] = [primitive for primitive in primitives if primitive is not None]
             for primitive in self._primitives[node["mesh"]]:
-                vertices = primitive.morphed(node.get("weights", mesh.get("weights", [])))
-                keys = dict.fromkeys((*primitive.shape.keys, str(node.get("name", number))))
-                shape = replace(primitive.shape, keys=tuple(keys))
-                if "skin" in node and primitive.joints is not None:
-                    yield replace(shape, vertices_m=self._skinned(primitive, vertices, node["skin"]))
-                else:
-                    yield _copies(shape, vertices, placed[number] @ self._instances(node))
+                yield number, primitive
+
+    def _placed_piece(self, number: int, primitive: _Primitive, pose: _FilePose) -> SubMesh:
+        """Return the piece of a node's primitive in a pose, with a copy for each instance of the node."""
+        node = self._nodes[number]
+        keys = dict.fromkeys((*primitive.shape.keys, str(node.get("name", number))))
+        shape = replace(primitive.shape, keys=tuple(keys))
+        vertices = self._vertices(number, primitive, pose)
+        copies = len(vertices) // max(len(shape.vertices_m), 1)
+        return replace(_copies(shape, copies), vertices_m=vertices)
+
+    def _vertices(self, number: int, primitive: _Primitive, pose: _FilePose) -> Numbers:
+        """Return (..., v, 3) vertices of a node's primitive, those of all instances one after the other, in a pose."""
+        node = self._nodes[number]
+        mesh = self._document.item("meshes", node["mesh"])
+        weights = pose.weights.get(number, np.asarray(node.get("weights", mesh.get("weights", [])), dtype=np.float64))
+        vertices = primitive.morphed(weights)
+        if "skin" in node and primitive.joints is not None:
+            return self._skinned(primitive, vertices, node["skin"], pose)
+        transforms = pose.placed[number][..., None, :, :] @ self._instances(node)
+        placed = np.einsum("...kij,...vj->...kvi", transforms[..., :3, :3], vertices) + transforms[..., None, :3, 3]
+        return np.asarray(placed.reshape(*placed.shape[:-3], -1, 3))
 
     def _shown(self) -> Iterator[int]:
         """Yield the numbers of the nodes of the file's scene that are visible, parents first."""
@@ -127,8 +196,11 @@ class _Reader:
         return {child: number for number, node in enumerate(self._nodes) for child in node.get("children", [])}
 
     @cached_property
-    def _placed(self) -> list[Numbers]:
-        """(4, 4) from the frame of each node to the file's."""
+    def _rest(self) -> _FilePose:
+        return self._pose({})
+
+    def _pose(self, animated: AnimatedNodes) -> _FilePose:
+        """Place all nodes, of which some have other transforms and weights than the file's."""
         placed: dict[int, Numbers] = {}
         for number in range(len(self._nodes)):
             chain = [number]
@@ -138,8 +210,9 @@ class _Reader:
                 chain.append(parent)
             for inner in reversed(chain):
                 outer = placed.get(self._parents.get(inner, -1), np.eye(4))
-                placed[inner] = outer @ _local_transform(self._nodes[inner])
-        return [placed[number] for number in range(len(self._nodes))]
+                placed[inner] = outer @ _local_transform(self._nodes[inner] | animated.get(inner, {}))
+        weights = {number: values["weights"] for number, values in animated.items() if "weights" in values}
+        return _FilePose(placed=[placed[number] for number in range(len(self._nodes))], weights=weights)
 
     def _instances(self, node: Mapping[str, Any]) -> Numbers:
         """(k, 4, 4) from the frame of each instance of a node to the node's; the identity for a node without."""
@@ -157,22 +230,26 @@ class _Reader:
             [_local_transform({kind: values[i] for kind, values in rows.items()}) for i in range(counts.pop())]
         ).reshape(-1, 4, 4)
 
-    def _skinned(self, primitive: _Primitive, vertices: Numbers, skin_number: int) -> Numbers:
-        """(v, 3) vertices where the joints of a skin carry them; where the mesh's own node stands does not count."""
+    def _skinned(self, primitive: _Primitive, vertices: Numbers, skin_number: int, pose: _FilePose) -> Numbers:
+        """Return (..., v, 3) vertices where joints carry them; where the mesh's own node stands does not count."""
         assert primitive.joints is not None
         assert primitive.weights is not None
         skin = self._document.item("skins", skin_number)
-        carried = np.stack([self._placed[joint] for joint in skin["joints"]])
+        carried = np.stack(np.broadcast_arrays(*[pose.placed[joint] for joint in skin["joints"]]), axis=-3)
         if "inverseBindMatrices" in skin:
             # Matrices are stored column by column.
             bound = self._document.accessor(skin["inverseBindMatrices"]).reshape(-1, 4, 4).transpose(0, 2, 1)
-            carried = carried @ bound[: len(carried)]
-        weights = primitive.weights / np.maximum(primitive.weights.sum(axis=1, keepdims=True), 1e-12)
-        result = np.zeros_like(vertices)
-        for joint, weight in zip(primitive.joints.T, weights.T, strict=True):
-            matrices = carried[joint]
-            result += weight[:, None] * (np.einsum("vij,vj->vi", matrices[:, :3, :3], vertices) + matrices[:, :3, 3])
-        return result
+            carried = carried @ bound[: len(skin["joints"])]
+        shares = np.zeros((len(primitive.joints), len(skin["joints"])))
+        rows = np.arange(len(shares))
+        for joint, weight in zip(primitive.joints.T, primitive.weights.T, strict=True):
+            np.add.at(shares, (rows, joint), weight)
+        # A vertex that no joint carries goes with the first that it names, as in three.js.
+        alone = shares.sum(axis=1) <= 0.0
+        shares[alone, primitive.joints[alone, 0]] = 1.0
+        shares /= shares.sum(axis=1, keepdims=True)
+        matrices = np.moveaxis(np.tensordot(shares, carried[..., :3, :], axes=(1, -3)), 0, -3)  # (..., v, 3, 4)
+        return np.asarray(np.einsum("...vij,...vj->...vi", matrices[..., :3], vertices) + matrices[..., 3])
 
     def _primitive(self, mesh: Mapping[str, Any], primitive: Mapping[str, Any]) -> _Primitive | None:
         """Read a primitive; None for points, lines, and what its material hides."""
@@ -326,41 +403,38 @@ def _faces(corners: Numbers, mode: int) -> Numbers:
 
 
 def _local_transform(node: Mapping[str, Any]) -> Numbers:
-    """(4, 4) from a node's frame to its parent's."""
+    """(..., 4, 4) from a node's frame to its parent's; an animated node has arrays (n, ...) in place of its numbers."""
     if "matrix" in node:
         return np.array(node["matrix"], dtype=np.float64).reshape(4, 4).T
-    x, y, z, w = np.asarray(node.get("rotation", (0.0, 0.0, 0.0, 1.0)), dtype=np.float64)
-    s = 2.0 / max(x * x + y * y + z * z + w * w, 1e-300)
-    turn = np.array(
-        [
-            [1.0 - s * (y * y + z * z), s * (x * y - z * w), s * (x * z + y * w)],
-            [s * (x * y + z * w), 1.0 - s * (x * x + z * z), s * (y * z - x * w)],
-            [s * (x * z - y * w), s * (y * z + x * w), 1.0 - s * (x * x + y * y)],
-        ]
-    )
-    transform = np.eye(4)
-    transform[:3, :3] = turn * np.asarray(node.get("scale", (1.0, 1.0, 1.0)), dtype=np.float64)
-    transform[:3, 3] = node.get("translation", (0.0, 0.0, 0.0))
+    rotation = np.asarray(node.get("rotation", (0.0, 0.0, 0.0, 1.0)), dtype=np.float64)
+    scale = np.asarray(node.get("scale", (1.0, 1.0, 1.0)), dtype=np.float64)
+    translation = np.asarray(node.get("translation", (0.0, 0.0, 0.0)), dtype=np.float64)
+    x, y, z, w = np.moveaxis(rotation, -1, 0)
+    s = 2.0 / np.maximum(x * x + y * y + z * z + w * w, 1e-300)
+    rows = [
+        [1.0 - s * (y * y + z * z), s * (x * y - z * w), s * (x * z + y * w)],
+        [s * (x * y + z * w), 1.0 - s * (x * x + z * z), s * (y * z - x * w)],
+        [s * (x * z - y * w), s * (y * z + x * w), 1.0 - s * (x * x + y * y)],
+    ]
+    turn = np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+    upper = turn * scale[..., None, :]
+    leading = np.broadcast_shapes(upper.shape[:-2], translation.shape[:-1])
+    transform = np.zeros((*leading, 4, 4))
+    transform[..., :3, :3], transform[..., :3, 3], transform[..., 3, 3] = upper, translation, 1.0
     return transform
 
 
-def _copies(shape: SubMesh, vertices: Numbers, transforms: Numbers) -> SubMesh:
-    """A piece with a copy of a shape at each of (k, 4, 4) transforms."""
-    count = len(transforms)
-    placed = vertices @ transforms[:, :3, :3].transpose(0, 2, 1) + transforms[:, None, :3, 3]
-    shifts = np.arange(count)[:, None, None] * len(vertices)
+def _copies(shape: SubMesh, count: int) -> SubMesh:
+    """A piece with the faces, colours and gaps of several copies of a shape, whose vertices the caller places."""
+    if count == 1:
+        return shape
+    shifts = np.arange(count)[:, None, None] * len(shape.vertices_m)
     pattern, cutout = shape.pattern, shape.cutout
-    if count != 1 and pattern is not None:
+    if pattern is not None:
         if pattern.uv is None:
             pattern = replace(pattern, values=np.tile(pattern.values, count))
         else:
             pattern = replace(pattern, uv=np.tile(pattern.uv, (count, 1)))
-    if count != 1 and cutout is not None:
+    if cutout is not None:
         cutout = replace(cutout, uv=np.tile(cutout.uv, (count, 1)))
-    return replace(
-        shape,
-        vertices_m=placed.reshape(-1, 3),
-        faces=(shape.faces + shifts).reshape(-1, 3),
-        pattern=pattern,
-        cutout=cutout,
-    )
+    return replace(shape, faces=(shape.faces + shifts).reshape(-1, 3), pattern=pattern, cutout=cutout)

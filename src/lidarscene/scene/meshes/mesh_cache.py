@@ -30,6 +30,32 @@ from ...maths.arrays import Numbers
 from .reflectivity_patterns import Cutout, ReflectivityPattern
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class WalkingClips:
+    """Animations of a mesh file that a walker plays.
+
+    Attributes:
+        walk: name of that of one stride, from a foot's contact to its next
+        standing: name of one that begins as the walker stands; None: the walker stops as the stride is
+    """
+
+    walk: str
+    standing: str | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Stride:
+    """Vertices of a piece over one stride, on the spot.
+
+    Attributes:
+        vertices_m: (k, v, 3) float32, at k even instants
+        period_s: time of the stride
+    """
+
+    vertices_m: Numbers
+    period_s: float
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SubMesh:
     """One piece of a mesh file, placed by the file's own node transforms.
@@ -40,6 +66,7 @@ class SubMesh:
         grey: mean of its base colour if the file has one, else None
         pattern: reflectivity pattern, if it was read; not cached
         cutout: image of its gaps, if it has some; such a file is not cached
+        stride: how it walks, if that was read
     """
 
     vertices_m: Numbers
@@ -48,6 +75,7 @@ class SubMesh:
     grey: float | None = None
     pattern: ReflectivityPattern | None = None
     cutout: Cutout | None = None
+    stride: Stride | None = None
 
     def of_its_faces(self) -> SubMesh:
         """The piece without vertices that no face names, as where primitives of a file share one list of them."""
@@ -62,20 +90,27 @@ class SubMesh:
             pattern = replace(pattern, uv=pattern.uv[used])
         if cutout is not None:
             cutout = replace(cutout, uv=cutout.uv[used])
+        stride = self.stride and replace(self.stride, vertices_m=self.stride.vertices_m[:, used])
         faces = (np.cumsum(used) - 1)[self.faces]
-        return replace(self, vertices_m=self.vertices_m[used], faces=faces, pattern=pattern, cutout=cutout)
+        return replace(
+            self, vertices_m=self.vertices_m[used], faces=faces, pattern=pattern, cutout=cutout, stride=stride
+        )
 
 
 LARGEST_BYTES = 2 << 30
 """Largest size of all entries together: some 30 million triangles."""
 
-_LAYOUT = 2
+_LAYOUT = 3
 """Version of an entry's layout and of our own reading; a new number invalidates all old entries."""
 
 
-def read_cached(path: Path, read: Callable[[], list[SubMesh]]) -> list[SubMesh]:
-    """Pieces of this mesh file, from the cache or else from ``read``, whose result is then cached."""
-    entry = _entry(path)
+def read_cached(path: Path, read: Callable[[], list[SubMesh]], clips: WalkingClips | None = None) -> list[SubMesh]:
+    """Pieces of this mesh file, from the cache or else from ``read``, whose result is then cached.
+
+    Args:
+        clips: animations that ``read`` reads, too
+    """
+    entry = _entry(path, clips)
     if entry is None:
         return read()
     with suppress(Exception):  # a missing, damaged or foreign entry counts as none
@@ -92,7 +127,7 @@ def read_cached(path: Path, read: Callable[[], list[SubMesh]]) -> list[SubMesh]:
     return pieces
 
 
-def _entry(path: Path) -> Path | None:
+def _entry(path: Path, clips: WalkingClips | None) -> Path | None:
     """Path of the file's cache entry, or None if it cannot be cached."""
     where, suffix = cache_folder("meshes"), path.suffix.lower()
     if where is None or suffix not in (".glb", ".ply", ".stl", ".off", ".obj"):
@@ -102,7 +137,7 @@ def _entry(path: Path) -> Path | None:
         if suffix == ".glb" and b'"uri"' in content:  # refers to another file
             return None
         # With the file's name: a piece without a name of its own gets that.
-        digest = hashlib.sha256(f"{_LAYOUT} {_reader()} {path.name}".encode())
+        digest = hashlib.sha256(f"{_LAYOUT} {_reader()} {path.name} {clips}".encode())
         for part in (content, *(_materials(path.parent, content) if suffix == ".obj" else ())):
             digest.update(hashlib.sha256(part).digest())
     except OSError:
@@ -153,7 +188,15 @@ def _save(entry: Path, pieces: list[SubMesh]) -> None:
         for index, piece in enumerate(pieces)
         for kind in ("vertices_m", "faces")
     }
-    descriptions = json.dumps([{"keys": piece.keys, "grey": piece.grey} for piece in pieces])
+    strides = {index: piece.stride for index, piece in enumerate(pieces) if piece.stride is not None}
+    arrays |= {f"stride_m_{index}": stride.vertices_m for index, stride in strides.items()}
+    periods_s = [None if piece.stride is None else piece.stride.period_s for piece in pieces]
+    descriptions = json.dumps(
+        [
+            {"keys": piece.keys, "grey": piece.grey, "period_s": period_s}
+            for piece, period_s in zip(pieces, periods_s, strict=True)
+        ]
+    )
     with atomic_output(entry) as temporary, temporary.open("wb") as file:
         np.savez(file, about=np.array(descriptions), **arrays)
 
@@ -171,6 +214,9 @@ def _load(entry: Path) -> list[SubMesh]:
                     faces=_rows_of_three(file[f"faces_{index}"], "iu"),
                     keys=tuple(str(key) for key in description["keys"]),
                     grey=None if description["grey"] is None else float(description["grey"]),
+                    stride=None
+                    if description["period_s"] is None
+                    else Stride(vertices_m=file[f"stride_m_{index}"], period_s=float(description["period_s"])),
                 )
                 for index, description in enumerate(descriptions)
             ]

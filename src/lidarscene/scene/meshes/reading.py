@@ -26,7 +26,7 @@ from . import reflectivity_patterns
 from .gltf import read_gltf
 from .gltf_document import declaration
 from .mesh_axes import GLTF
-from .mesh_cache import SubMesh, read_cached
+from .mesh_cache import SubMesh, WalkingClips, read_cached
 from .polygons import obj_in_triangles, off_in_triangles, ply_as_text, triangulate
 from .usd import is_usd, read_stage
 
@@ -51,11 +51,14 @@ def refuse_other_formats(path: Path) -> None:
         )
 
 
-def read_mesh(path: Path, pattern: reflectivity_patterns.Kind | None = None) -> list[SubMesh]:
+def read_mesh(
+    path: Path, pattern: reflectivity_patterns.Kind | None = None, clips: WalkingClips | None = None
+) -> list[SubMesh]:
     """Read all pieces of a mesh file, in the order of its nodes.
 
     Args:
         pattern: kind of reflectivity pattern to read too; such a file is not cached
+        clips: animations of a walker, whose stride is read too
 
     Raises:
         InputError: one line
@@ -63,9 +66,11 @@ def read_mesh(path: Path, pattern: reflectivity_patterns.Kind | None = None) -> 
     require_file(path, "a mesh file")
     if path.suffix.lower() in GLTF:
         declaration(path).check(path)
+    if clips is not None and path.suffix.lower() not in GLTF:
+        raise InputError(f"{path}: animation must go with a glTF file, got '{path.suffix}'")
     if pattern is not None:
-        return check_pieces(_pieces(path, pattern), str(path))
-    return check_pieces(read_cached(path, lambda: _pieces(path)), str(path))
+        return check_pieces(_pieces(path, pattern, clips), str(path))
+    return check_pieces(read_cached(path, lambda: _pieces(path, clips=clips), clips), str(path))
 
 
 def check_pieces(pieces: list[SubMesh], where: str) -> list[SubMesh]:
@@ -81,7 +86,10 @@ def check_pieces(pieces: list[SubMesh], where: str) -> list[SubMesh]:
     for piece in pieces:
         count = len(piece.vertices_m)
         # NaN, infinite, or so large that a scale could make it infinite.
-        bad = count - int(np.count_nonzero((np.abs(piece.vertices_m) < 1e30).all(axis=1)))
+        finite = (np.abs(piece.vertices_m) < 1e30).all(axis=1)
+        if piece.stride is not None:
+            finite &= (np.abs(piece.stride.vertices_m) < 1e30).all(axis=(0, 2))
+        bad = count - int(np.count_nonzero(finite))
         if bad:
             raise InputError(f"{where}: {bad} of {count} vertices are not finite numbers")
         require_vertices(piece.faces, count, where)
@@ -101,7 +109,9 @@ def pieces_of(loaded: Any) -> list[tuple[str, SubMesh]]:
     return [(str(node), _place_mesh(loaded, node)) for node in nodes]
 
 
-def _pieces(path: Path, pattern: reflectivity_patterns.Kind | None = None) -> list[SubMesh]:
+def _pieces(
+    path: Path, pattern: reflectivity_patterns.Kind | None = None, clips: WalkingClips | None = None
+) -> list[SubMesh]:
     """Read the pieces of a file, including empty ones.
 
     Raises:
@@ -116,7 +126,7 @@ def _pieces(path: Path, pattern: reflectivity_patterns.Kind | None = None) -> li
                     )
                 return read_stage(path).pieces
             if path.suffix.lower() in GLTF:
-                return read_gltf(path, pattern)
+                return read_gltf(path, pattern, clips)
             warnings.simplefilter("ignore")
             loaded = _load_trimesh(path)
             pieces = pieces_of(loaded)

@@ -12,7 +12,9 @@ import shutil
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
 
 from ... import catalog
 from ...files.atomic import atomic_folder
@@ -35,6 +37,22 @@ from .traffic import Track, Traffic, drive
 
 Tables = dict[str, Any]
 
+PEOPLE = (
+    "pedestrian",
+    "woman",
+    "child_7",
+    "man_tall",
+    "woman_bag",
+    "woman_old",
+    "man_rucksack",
+    "woman_pram",
+    "child_12",
+    "woman_short",
+    "man_old",
+    "child_4",
+)
+"""Choice: meshes of people, of which the ones on a street are one after the other."""
+
 SHAPES: dict[str, tuple[str, dict[str, str], float]] = {
     **{f"houses_{wall}": ("house", {"brick": wall}, scale) for wall, scale in HOUSE_SCALES.items()},
     **{
@@ -44,8 +62,7 @@ SHAPES: dict[str, tuple[str, dict[str, str], float]] = {
     },
     "own_car": ("car", {"paint": "car_paint_white"}, 1.0),
     **{f"trees_{number}": ("tree", {}, scale) for number, scale in enumerate(TREE_SCALES)},
-    "pedestrians": ("pedestrian", {}, 1.0),
-    "walkers": ("pedestrian", {}, 1.0),
+    **{f"{group}_{person}": (person, {}, 1.0) for group in ("pedestrians", "walkers") for person in PEOPLE},
     "signs": ("sign", {}, 1.0),
     "lamp_posts": ("lamp_post", {}, 1.0),
     "bollards": ("bollard", {}, 1.0),
@@ -91,7 +108,7 @@ def street_tables(file: StreetFile) -> Tables:
         "bodies": [
             *_grounds(layout),
             *_markings(layout),
-            *(_standing(name, layout.items[name], meshes) for name in SHAPES if name in layout.items),
+            *(_standing(name, places, meshes) for name, places in _by_shape(layout.items).items()),
             _shape("own_car", meshes) | {"motion": {"with_ego": True}},
             *_moving(traffic, meshes),
         ],
@@ -215,7 +232,8 @@ def _shape(name: str, meshes: str) -> Tables:
     kind = catalog.shipped_meshes()[mesh]
     body = {"name": name, "mesh": f"{meshes}/{mesh}.glb", "class": kind["class"]}
     body["materials"] = materials | {part: name for part, name in kind["materials"].items() if part not in materials}
-    return body | ({"scale": scale} if scale != 1.0 else {})
+    walk = {key: kind[key] for key in ("animation", "standing") if key in kind}
+    return body | walk | ({"scale": scale} if scale != 1.0 else {})
 
 
 def _standing(name: str, places: Iterable[tuple[float, float, float]], meshes: str) -> Tables:
@@ -226,13 +244,33 @@ def _standing(name: str, places: Iterable[tuple[float, float, float]], meshes: s
     return body | {"instances": [_at(x_m, y_m, 0.0, yaw_deg) for x_m, y_m, yaw_deg in places]}
 
 
+Thing = TypeVar("Thing")
+
+
+def _by_shape(things: Mapping[str, Sequence[Thing]]) -> dict[str, list[Thing]]:
+    """Return things by the name of their body in `SHAPES`, in its order; people get one mesh after the other."""
+    shaped: dict[str, list[Thing]] = {}
+    for name, of_name in things.items():
+        for number, thing in enumerate(of_name):
+            shape = name if name in SHAPES else f"{name}_{_person(number, thing)}"
+            shaped.setdefault(shape, []).append(thing)
+    return {name: shaped[name] for name in SHAPES if name in shaped}
+
+
+def _person(number: int, thing: object) -> str:
+    """Mesh of a person; none with a pram, which is long, where people stand or wait in a row."""
+    person = PEOPLE[number % len(PEOPLE)]
+    moves = isinstance(thing, Track) and bool((np.hypot(np.diff(thing.x_m), np.diff(thing.y_m)) > 0.0).all())
+    return person if moves or person != "woman_pram" else "woman"
+
+
 def _moving(traffic: Traffic, meshes: str) -> list[Tables]:
     """Bodies of all that moves, but for the own car: an instance with a motion for each."""
     bodies = []
-    for name in dict.fromkeys(sorted(track.name for track in traffic.others)):
-        instances = [
-            {"motion": {"poses": _poses(track), "at_end": "hide"}} for track in traffic.others if track.name == name
-        ]
+    names = dict.fromkeys(sorted(track.name for track in traffic.others))
+    tracks = _by_shape({name: [track for track in traffic.others if track.name == name] for name in names})
+    for name, of_shape in tracks.items():
+        instances = [{"motion": {"poses": _poses(track), "at_end": "hide"}} for track in of_shape]
         bodies.append(_shape(name, meshes) | {"on_ground": True, "instances": instances})
     return bodies
 

@@ -1,0 +1,222 @@
+"""Walkers: bodies whose vertices move, as tables of their strides on the device.
+
+A ray meets a walker as its vertices are when its pulse leaves: p = s + level (w(phase) - s), w straight between the
+instants of the stride (`scene.walking`). So nothing is rebuilt, and no frame computes anything for it: phase and level
+are two more numbers of its motion (`maths.motion_table`). Boxes around `TRIANGLES` neighbouring triangles are a tree
+for each part of the stride and of the levels, through which a ray walks as through those of bodies
+(`rays.walking_rays`). Walkers of the same parts share all of it.
+
+Mitsuba has their shapes for BSDFs and images alone, in no scene.
+
+Symbols: k instants of a stride, v vertices, t triangles, m movers, f faces of the world.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ...errors import InputError
+from ...maths.arrays import Numbers
+from ...maths.box_tree import BoxTree
+from ...scene.scene import Body, Part
+from ...scene.walking import LARGEST_LEVEL
+from ..device import transfer
+from .faces import PlacedShape, registry_number
+
+TRIANGLES = 4
+"""Triangles that share a box."""
+
+PHASES = 16
+"""Choice: parts of a stride with boxes of their own: a foot goes 10 cm in one."""
+
+LEVELS = (LARGEST_LEVEL, 1.05, 0.9, 0.6, 0.0)
+"""Choice: bounds of the levels that have boxes of their own, narrow where people walk."""
+
+MOST_NODES = 1 << 24
+"""Source: IEEE 754; number up to which single precision, in which nodes are, has every whole number."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Walkers:
+    """Tables of all walkers of a world; Dr.Jit.
+
+    Attributes:
+        kind: (8 m,) UInt32 of each mover: first row of its kind in ``stride``, its vertices, its first row in
+            ``standing``, its instants, first node of its trees, nodes of one of them, first leaf, and whether it walks
+        standing: (4 v,) Float, vertices of all kinds as they stand
+        stride: (4 k v,) Float, vertices of all kinds, instant after instant
+        corners: (4 t,) UInt32, the three vertices of each triangle within its kind, and nothing; `TRIANGLES` a leaf
+        surface: (2 t,) UInt32, number in Mitsuba's registry of the shape of each triangle, and its number there
+        triangle_of_face: (f,) UInt32, number of the triangle of each of the world's faces, from 1 on; 0 for rigid ones
+        nodes: of `BoxTree`, all trees of all kinds
+        shapes: Mitsuba's, which live as long as this does
+    """
+
+    kind: Any
+    standing: Any
+    stride: Any
+    corners: Any
+    surface: Any
+    triangle_of_face: Any
+    nodes: Any
+    shapes: tuple[Any, ...]
+
+    @classmethod
+    def of_shapes(
+        cls, shapes: Sequence[PlacedShape], bodies: Sequence[Body], first_faces: Sequence[int]
+    ) -> Walkers | None:
+        """Build from the shapes of movers; None if nobody walks.
+
+        Args:
+            bodies: of the m movers
+            first_faces: number of the first face of each shape among the world's
+        """
+        # By identity: movers of one shape share their parts, and the shapes have those of the first.
+        faces_of: dict[int, tuple[int, int, int]] = {}
+        total = 0
+        for shape, first_face in zip(shapes, first_faces, strict=True):
+            number, start = registry_number(shape.shape), 0
+            for part in shape.parts:
+                faces_of.setdefault(id(part), (number, start, first_face))
+                start += len(part.faces)
+            total = max(total, first_face + len(shape.face_body))
+        kinds: dict[tuple[Part, ...], list[int]] = {}
+        for mover, body in enumerate(bodies):
+            parts = tuple(part for part in body.parts if isinstance(part, Part) and id(part) in faces_of)
+            if body.gait is not None and parts:
+                kinds.setdefault(parts, []).append(mover)
+        if not kinds:
+            return None
+        kind = np.zeros((len(bodies), 8), np.uint32)
+        triangle_of_face = np.zeros(total, np.uint32)
+        tables: list[_Kind] = []
+        surfaces: list[Numbers] = []
+        row, vertex, node, triangle = 0, 0, 0, 0
+        for parts, movers in kinds.items():
+            table = _kind_of(parts)
+            instants, vertices = table.instants, len(table.standing) // 4
+            kind[movers] = row, vertices, vertex, instants, node, table.tree.size, triangle // TRIANGLES, 1
+            counts = [len(part.faces) for part in parts]
+            numbers, starts, firsts = np.repeat([faces_of[id(part)] for part in parts], counts, axis=0)[table.order].T
+            in_shape = starts + np.concatenate([np.arange(count) for count in counts])[table.order]
+            surfaces.append(np.stack([numbers, in_shape], axis=1))
+            triangle_of_face[firsts + in_shape] = 1 + triangle + np.arange(len(table.order))
+            tables.append(table)
+            row, vertex = row + instants * vertices, vertex + vertices
+            node, triangle = node + len(table.tree.nodes) // 8, triangle + len(table.order)
+        if node >= MOST_NODES:
+            raise InputError(
+                f"walkers: their meshes must have fewer than {triangle * MOST_NODES // node} triangles together, got "
+                f"{triangle}"
+            )
+        offsets = [int(kind[movers[0], 4]) for movers in kinds.values()]
+        return cls(
+            kind=transfer.unsigned_numbers(kind.ravel()),
+            standing=transfer.from_numpy(np.concatenate([table.standing for table in tables])),
+            stride=transfer.from_numpy(np.concatenate([table.stride for table in tables])),
+            corners=transfer.unsigned_numbers(np.concatenate([table.corners for table in tables])),
+            surface=transfer.unsigned_numbers(np.concatenate(surfaces).ravel()),
+            triangle_of_face=transfer.unsigned_numbers(triangle_of_face),
+            shapes=tuple(shape.shape for shape in shapes),
+            nodes=transfer.from_numpy(
+                np.concatenate(
+                    [_shifted(table.tree.nodes, offset) for table, offset in zip(tables, offsets, strict=True)]
+                )
+            ),
+        )
+
+    def tree(self, root: Any) -> BoxTree:
+        """Return the trees of which each of n rays has the one at this node, (n,)."""
+        return BoxTree(nodes=self.nodes, low=(), high=(), size=0, root=root)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Kind:
+    """Tables of walkers of the same parts.
+
+    Attributes:
+        standing: (4 v,), as in `Walkers`
+        stride: (4 k v,), likewise
+        corners: (4 t,), likewise, leaf after leaf, the last one filled
+        instants: k
+        order: (t,) number of each triangle among the faces of the parts
+        tree: a tree for each part of the stride and of the levels, phase after phase
+    """
+
+    standing: Numbers
+    stride: Numbers
+    corners: Numbers
+    instants: int
+    order: Numbers
+    tree: BoxTree
+
+
+@functools.lru_cache(maxsize=64)
+def _kind_of(parts: tuple[Part, ...]) -> _Kind:
+    """Return the tables of parts that have a stride; kept, since the worlds of a long street share them."""
+    standing = np.concatenate([part.vertices_m for part in parts]).astype(np.float32)
+    stride = np.concatenate([part.stride_m for part in parts if part.stride_m is not None], axis=1)
+    starts = np.cumsum([0, *(len(part.vertices_m) for part in parts)])[:-1]
+    faces = np.concatenate([part.faces + np.uint32(start) for part, start in zip(parts, starts, strict=True)])
+    # Limbs are farthest apart as a foot meets the ground.
+    order = _neighbours_together(stride[0][faces])
+    order = np.concatenate([order, np.repeat(order[-1:], -len(order) % TRIANGLES)])
+    corners = faces[order]
+    tree = BoxTree.from_sets(_leaf_boxes(standing, stride, corners))
+    return _Kind(
+        standing=_fours(standing),
+        stride=_fours(stride.reshape(-1, 3)),
+        corners=_fours(corners),
+        instants=len(stride),
+        order=order,
+        tree=tree,
+    )
+
+
+def _neighbours_together(corners_m: Numbers) -> Numbers:
+    """Return an order of triangles, (t, 3, 3), in which neighbours stand together."""
+    boxes = np.stack([corners_m.min(axis=1), corners_m.max(axis=1)], axis=1)
+    nodes = BoxTree.from_boxes(boxes.astype(np.float64)).nodes.reshape(-1, 8)
+    return nodes[nodes[:, 7] >= 0.0, 7].astype(np.int64)
+
+
+def _leaf_boxes(standing: Numbers, stride: Numbers, corners: Numbers) -> Numbers:
+    """(phases times levels, leaves, 2, 3) boxes around the triangles of each leaf, at any place of that part.
+
+    Between two instants, and between two levels, vertices go straight: a box around both holds what is between.
+    """
+    instants = len(stride)
+    bounds = np.linspace(0, instants, PHASES + 1)
+    around = []
+    for first, last in zip(np.floor(bounds[:-1]).astype(int), np.ceil(bounds[1:]).astype(int), strict=True):
+        seen = stride[np.arange(first, last + 1) % instants]
+        around.append(np.stack([seen.min(axis=0), seen.max(axis=0)]))
+    extremes = np.stack(around)  # (phases, 2, v, 3)
+    # A level is a factor, and never negative: lowest stays lowest.
+    at_level = np.stack([standing + np.float32(level) * (extremes - standing) for level in LEVELS], axis=1)
+    low = np.minimum(at_level[:, :-1, 0], at_level[:, 1:, 0])[:, :, corners.ravel()]
+    high = np.maximum(at_level[:, :-1, 1], at_level[:, 1:, 1])[:, :, corners.ravel()]
+    leaves = np.arange(0, corners.size, 3 * TRIANGLES)
+    boxes = np.stack(
+        [np.minimum.reduceat(low, leaves, axis=2), np.maximum.reduceat(high, leaves, axis=2)], axis=3
+    ).astype(np.float64)
+    # For single precision of what is computed from them, at a metre or two from the origin.
+    boxes += np.array([[-1e-5], [1e-5]])
+    return boxes.reshape(-1, *boxes.shape[2:])
+
+
+def _fours(rows: Numbers) -> Numbers:
+    """Return (n, 3) rows as (4 n,) numbers, the last of each four unused: four neighbours are one load."""
+    return np.pad(rows, ((0, 0), (0, 1))).ravel()
+
+
+def _shifted(nodes: Numbers, offset: int) -> Numbers:
+    """Return (8 n,) nodes that stand behind so many others."""
+    nodes = nodes.reshape(-1, 8).copy()
+    nodes[:, 3] += np.where(nodes[:, 3] > 0.0, offset, 0)
+    return nodes.ravel()

@@ -1,0 +1,137 @@
+"""Walking: which pose of its stride a walker has at a time, from the speed of its motion.
+
+A mesh has one stride, on the spot, at the speed at which it was recorded or made. A walker plays it by its way: as its
+body goes on by the length of a stride, one stride passes, so that a foot that bears stands still. At another speed v
+its steps have another length: those who may choose it take steps whose length goes with v^0.42 (A. D. Kuo, J. Biomech.
+Eng. 123 (2001), 264). The *level* says how much of the stride a walker shows: 0 as it stands, 1 as the mesh has it.
+Vertices go straight from the one to the other, p = s + level (w(phase) - s), so that a foot stays on the ground at any
+level.
+
+Symbols: n instants, k instants of a stride, v vertices.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ..maths.arrays import Numbers
+from ..maths.trajectory import ALWAYS, GoingOn, HeldAtEnds, Motion, Repeated
+from .ride import Ride
+
+STEP_EXPONENT = 0.42
+"""Source: A. D. Kuo, J. Biomech. Eng. 123 (2001), 264: length of the steps that people choose, by the power of their
+speed."""
+
+LARGEST_LEVEL = 1.25
+"""Choice: largest level; at 1.7 times its speed a stride is no longer, and steps only follow faster."""
+
+NODE_S = 0.05
+"""Accuracy bought: time between the nodes of the way of a motion, an eleventh of a step."""
+
+_SOLE_SHARE = 0.002
+"""Choice: share of the height of a walker within which a sole bears on the ground."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Gait:
+    """How a body walks.
+
+    Attributes:
+        stride_m: length of the stride that its parts have, from a foot's contact to its next
+        speed_m_s: at which it is so long
+        stands: whether its parts also have the pose in which it stands; if not its level is 1 at any speed
+    """
+
+    stride_m: float
+    speed_m_s: float
+    stands: bool = True
+    _ways: dict[int, tuple[Motion, Numbers]] = field(init=False, repr=False, default_factory=dict)
+
+    @classmethod
+    def of_strides(cls, strides_m: Sequence[Numbers], *, period_s: float, stands: bool) -> Gait | None:
+        """Measure the gait of a mesh by the foot that bears: it goes back as far as the body goes on.
+
+        Args:
+            strides_m: (k, v, 3) vertices of each part over a stride, z up
+            period_s: time of the stride
+
+        Returns:
+            None where nothing bears: no vertex near the ground moves
+        """
+        vertices_m = np.concatenate(strides_m, axis=1)
+        height_m = vertices_m[:, :, 2]
+        ground_m = float(height_m.min())
+        bears_m = ground_m + _SOLE_SHARE * float(height_m.max() - ground_m)
+        later_m = np.roll(vertices_m, -1, axis=0)
+        bears = (height_m <= bears_m) & (later_m[:, :, 2] <= bears_m)
+        gone_m = np.linalg.norm((later_m - vertices_m)[:, :, :2], axis=2)
+        steps_m = [float(np.median(way[flags])) for way, flags in zip(gone_m, bears, strict=True) if flags.any()]
+        stride_m = len(vertices_m) * float(np.median(steps_m)) if steps_m else 0.0
+        if stride_m < 1e-3:
+            return None
+        return cls(stride_m=stride_m, speed_m_s=stride_m / period_s, stands=stands)
+
+    def at(self, motion: Motion, time_s: Numbers) -> Numbers:
+        """(n, 2) phase, counted in strides, and level at (n,) times [s] of a motion.
+
+        The phase counts from the start of a motion with an end. One without goes at a constant speed.
+        """
+        states = motion.at(time_s)
+        speed_m_s = np.hypot(states.velocity_m_s[:, 0], states.velocity_m_s[:, 1])
+        return np.stack([self._phase(motion, time_s, speed_m_s), self._level(speed_m_s)], axis=1)
+
+    def _level(self, speed_m_s: Numbers) -> Numbers:
+        """Level at (n,) speeds."""
+        if not self.stands:
+            return np.ones_like(speed_m_s)
+        return np.asarray(np.minimum((speed_m_s / self.speed_m_s) ** STEP_EXPONENT, LARGEST_LEVEL))
+
+    def _rate_hz(self, speed_m_s: Numbers) -> Numbers:
+        """Strides per second at (n,) speeds: the way over the length of a stride."""
+        stride_m = self.stride_m * self._level(speed_m_s)
+        return np.asarray(np.divide(speed_m_s, stride_m, out=np.zeros_like(speed_m_s), where=stride_m > 0.0))
+
+    def _phase(self, motion: Motion, time_s: Numbers, speed_m_s: Numbers) -> Numbers:
+        """Strides since the start of a motion at (n,) times, at which it has these speeds."""
+        if isinstance(motion, Ride):
+            return self._phase(motion.path, time_s, speed_m_s)
+        if isinstance(motion, HeldAtEnds):
+            return self._phase(motion.motion, np.clip(time_s - motion.delay_s, *motion.motion.span_s), speed_m_s)
+        if isinstance(motion, GoingOn):
+            within_s = np.clip(time_s, *motion.motion.span_s)
+            beyond = (time_s - within_s) * self._rate_hz(speed_m_s)
+            return np.asarray(self._phase(motion.motion, within_s, speed_m_s) + beyond)
+        if isinstance(motion, Repeated):
+            first_s, last_s = motion.motion.span_s
+            rounds, within_s = np.divmod(time_s - first_s, last_s - first_s)
+            total = self._phase(motion.motion, np.array([last_s]), np.zeros(1))[0]
+            return np.asarray(rounds * total + self._phase(motion.motion, first_s + within_s, speed_m_s))
+        if motion.span_s == ALWAYS:
+            return np.asarray(time_s * self._rate_hz(speed_m_s))
+        if id(motion) not in self._ways:
+            self._ways[id(motion)] = motion, self._way(motion)
+        return _cubic(self._ways[id(motion)][1], np.clip(time_s, *motion.span_s))
+
+    def _way(self, motion: Motion) -> Numbers:
+        """(3, m) times of the nodes of a motion, strides until then, and their rate."""
+        first_s, last_s = motion.span_s
+        time_s = np.linspace(first_s, last_s, max(int(np.ceil((last_s - first_s) / NODE_S)), 1) + 1)
+        middle_s = 0.5 * (time_s[1:] + time_s[:-1])
+        rates = []
+        for times in (time_s, middle_s):
+            velocity_m_s = motion.at(times).velocity_m_s
+            rates.append(self._rate_hz(np.hypot(velocity_m_s[:, 0], velocity_m_s[:, 1])))
+        rate, between = rates
+        # Simpson's rule.
+        passed = np.diff(time_s) / 6.0 * (rate[:-1] + 4.0 * between + rate[1:])
+        return np.stack([time_s, np.concatenate([[0.0], np.cumsum(passed)]), rate])
+
+
+def _cubic(nodes: Numbers, time_s: Numbers) -> Numbers:
+    """Values at (n,) times of a curve that is cubic between nodes, (3, m) times, values and rates."""
+    from scipy.interpolate import CubicHermiteSpline
+
+    return np.asarray(CubicHermiteSpline(*nodes)(time_s))

@@ -1,0 +1,240 @@
+"""Who walks: the foot that bears stands still, at any speed and on any motion; and clips as glTF means them."""
+
+import tomllib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers.gltf import WALL, Gltf
+from helpers.walker import write_walker
+
+from lidarscene import catalog, load_scene
+from lidarscene.errors import InputError
+from lidarscene.maths.pose import Pose
+from lidarscene.maths.trajectory import Course, GoingOn, HeldAtEnds, Motion, Repeated, Riding, Spline
+from lidarscene.scene.meshes import gltf
+from lidarscene.scene.meshes.mesh_cache import WalkingClips
+from lidarscene.scene.meshes.reading import read_mesh
+from lidarscene.scene.ride import Ride
+from lidarscene.scene.scene import Body, Part
+from lidarscene.scene.street.street_tables import PEOPLE
+from lidarscene.scene.walking import Gait
+
+TURN = 0.5**0.5
+
+
+def person(folder: Path, name: str, motion: str) -> Body:
+    """A person of the catalogue on level ground."""
+    materials = ", ".join(f'{part} = "{value}"' for part, value in catalog.shipped_meshes()[name]["materials"].items())
+    text = f'[[bodies]]\nname = "{name}"\nmesh = "{catalog.path_of("meshes", name)}"\nmaterials = {{ {materials} }}\n'
+    path = folder / f"{name}.toml"
+    path.write_text(f'{text}animation = "walk"\nstanding = "stand"\nmotion = {{ {motion} }}\n', encoding="utf-8")
+    (body,) = load_scene(path).bodies
+    return body
+
+
+def in_world(body: Body, time_s: float) -> np.ndarray:
+    """(v, 3) vertices of what walks."""
+    assert body.motion is not None
+    walks = [number for number, part in enumerate(body.parts) if isinstance(part, Part) and part.stride_m is not None]
+    posed = body.posed(time_s, 0.0)
+    pose = body.motion.at(np.array([time_s])).pose()
+    return pose.apply(np.concatenate([posed.parts[number].vertices_m for number in walks]))
+
+
+def test_the_list_of_people_is_that_of_the_catalogue() -> None:
+    assert sorted(PEOPLE) == sorted(name for name, kind in catalog.shipped_meshes().items() if "animation" in kind)
+
+
+@pytest.mark.parametrize("name", PEOPLE)
+@pytest.mark.parametrize("share", [0.7, 1.0, 1.15])
+def test_a_foot_that_bears_stands_still(tmp_path: Path, name: str, share: float) -> None:
+    """What is on the ground at two instants 10 ms apart has gone less than a millimetre in between; the body 14."""
+    body = person(tmp_path, name, f"speed_m_s = {share * 1.3}")
+    assert body.gait is not None
+    period_s = body.gait.stride_m / body.gait.speed_m_s
+    stood, went_m = 0, []
+    for time_s in np.arange(0.0, period_s / share, 0.035):
+        before, after = in_world(body, time_s), in_world(body, time_s + 0.01)
+        bears = (before[:, 2] < 5e-4) & (after[:, 2] < 5e-4)
+        stood += bears.any()
+        went_m += np.linalg.norm((after - before)[bears], axis=1).tolist()
+        assert before[:, 2].min() > -4e-3  # in the ground
+        assert before[:, 2].min() < 12e-3  # in the air
+    assert stood > 15
+    assert np.quantile(went_m, 0.99) < 1e-3
+
+
+@pytest.mark.parametrize("name", ["pedestrian", "child_4"])
+def test_between_its_instants_a_stride_is_nearly_straight(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    """Against the skin at eight times as many instants: 1.5 mm at most, and 1 mm at 97 % of them."""
+    path, clips = catalog.path_of("meshes", name), WalkingClips(walk="walk", standing="stand")
+    coarse, fine = [], []
+    for strides, factor in ((coarse, 1), (fine, 8)):
+        monkeypatch.setattr(gltf, "PHASES", 128 * factor)
+        pieces = gltf.read_gltf(path, None, clips)
+        strides.append(np.concatenate([piece.stride.vertices_m for piece in pieces if piece.stride], axis=1))
+    after = np.roll(coarse[0], -1, axis=0)
+    off_m = [
+        np.linalg.norm(coarse[0] + share / 8 * (after - coarse[0]) - fine[0][share::8], axis=2).max(axis=1)
+        for share in range(8)
+    ]
+    assert np.max(off_m) < 1.6e-3
+    assert np.mean(np.array(off_m) < 1e-3) > 0.97
+
+
+def spline(*places: float) -> Spline:
+    """A way along x with a place each second."""
+    poses = tuple(Pose(position_m=np.array([x, 0.0, 0.0])) for x in places)
+    return Spline(time_s=100.0 + np.arange(len(places)), poses=poses)
+
+
+LOOP = Spline(
+    time_s=np.arange(5.0),
+    poses=tuple(
+        Pose.from_degrees(position_m=(x, y, 0), yaw_deg=yaw)
+        for x, y, yaw in ((0, 0, 0), (1, 1, 90), (0, 2, 180), (-1, 1, 270), (0, 0, 0))
+    ),
+    closed=True,
+)
+
+
+@pytest.mark.parametrize(
+    "motion",
+    [
+        Course(speed_m_s=1.1, yaw_rate_rad_s=0.5),
+        spline(0.0, 0.2, 1.0, 2.5, 4.0, 4.3),
+        HeldAtEnds(motion=spline(0.0, 1.0, 2.5, 4.0), delay_s=3.0),
+        Ride(
+            path=GoingOn(motion=Riding(carrier=spline(0.0, 1.0, 2.5, 4.0), pose=Pose())),
+            height_m=lambda x: 0.0 * x[:, 0],
+        ),
+        Repeated(motion=LOOP),
+    ],
+)
+def test_strides_pass_as_the_way_does(motion: Motion) -> None:
+    """The way of a time is its strides times their length: within and beyond the ends, round after round."""
+    gait = Gait(stride_m=1.4, speed_m_s=1.3)
+    first_s, last_s = motion.span_s
+    time_s = np.linspace(max(99.0, first_s), min(107.0, last_s), 1601)
+    phase, level = gait.at(motion, time_s).T
+    speed = np.linalg.norm(motion.at(time_s).velocity_m_s, axis=1)
+    steps = np.diff(phase) * gait.stride_m * 0.5 * (level[1:] + level[:-1])
+    ways = np.diff(time_s) * 0.5 * (speed[1:] + speed[:-1])
+    assert np.mean(np.abs(steps - ways) < 2e-4) > 0.998  # all but where the speed jumps
+    assert steps.sum() == pytest.approx(ways.sum(), rel=2e-3)
+    assert steps.sum() > 3.0
+
+
+def walls(folder: Path, **animations: list[tuple[str, str, list[list[float]]]]) -> Path:
+    """A wall whose node is animated: name -> (path, interpolation, values) at 0, 1 and 2 s."""
+    file = Gltf()
+    file.add("materials", name="skin", pbrMetallicRoughness={"baseColorFactor": [0.5, 0.5, 0.5, 1.0]})
+    file.mesh(material=0)
+    file.add("nodes", mesh=0)
+    clock = file.numbers([0.0, 1.0, 2.0])
+    for name, channels in animations.items():
+        samplers = [
+            {"input": clock, "output": file.numbers(values), "interpolation": kind} for _, kind, values in channels
+        ]
+        targets = [{"sampler": n, "target": {"node": 0, "path": path}} for n, (path, *_) in enumerate(channels)]
+        file.add("animations", name=name, samplers=samplers, channels=targets)
+    return file.save(folder / "a.glb")
+
+
+@pytest.mark.parametrize(
+    ("channel", "shares", "expected"),
+    [
+        (("translation", "LINEAR", [[0, 0, 0], [0, 4, 0], [0, 0, 0]]), (0.25, 0.5), (2.0, 4.0)),
+        (("translation", "STEP", [[0, 0, 0], [0, 4, 0], [0, 0, 0]]), (0.25, 0.5), (0.0, 4.0)),
+        # Values 0, 4, 0 with slopes 0: half way it is 2, and after a quarter 4 (3/16 - 2/64).
+        (
+            ("translation", "CUBICSPLINE", [[0, 0, 0]] * 4 + [[0, 4, 0]] + [[0, 0, 0]] * 4),
+            (0.25, 0.125),
+            (2.0, 4 * (3 / 16 - 2 / 64)),
+        ),
+        # A turn by 90 degrees about x lifts the corner at z = -2 to y = 2 (1 + ...): half of it by the shorter way.
+        (("scale", "LINEAR", [[1, 1, 1], [1, 3, 1], [1, 1, 1]]), (0.5,), (4.0,)),
+    ],
+)
+def test_clips_have_the_values_between_their_key_frames(
+    tmp_path: Path, channel: tuple[str, str, list[list[float]]], shares: tuple[float, ...], expected: tuple[float, ...]
+) -> None:
+    """Height of the upper edge of the wall over where it is at rest."""
+    (piece,) = read_mesh(walls(tmp_path, walk=[channel]), None, WalkingClips(walk="walk"))
+    assert piece.stride is not None
+    assert piece.stride.period_s == 2.0
+    count = len(piece.stride.vertices_m)
+    found = [piece.stride.vertices_m[int(share * count), :, 1].max() - WALL[:, 1].max() for share in shares]
+    np.testing.assert_allclose(found, expected, atol=1e-5)
+
+
+def test_turns_go_the_shorter_way(tmp_path: Path) -> None:
+    """90 degrees about x, given by the quaternion of the other sign: half of it is 45."""
+    turned = [[0, 0, 0, 1], [-TURN, 0, 0, -TURN], [0, 0, 0, 1]]
+    (piece,) = read_mesh(walls(tmp_path, walk=[("rotation", "LINEAR", turned)]), None, WalkingClips(walk="walk"))
+    assert piece.stride is not None
+    quarter = piece.stride.vertices_m[len(piece.stride.vertices_m) // 4]
+    _, y, z = WALL.T
+    np.testing.assert_allclose(quarter[:, 1], TURN * (y - z), atol=1e-5)
+    np.testing.assert_allclose(quarter[:, 2], TURN * (y + z), atol=1e-5)
+
+
+def test_a_stride_that_leads_away_is_brought_back(tmp_path: Path) -> None:
+    """Root motion of 3 m a stride is taken off, step by step; what is left of it is the bob."""
+    way = [[0, 0, 0], [1.5, 0.2, 0], [3.0, 0, 0]]
+    (piece,) = read_mesh(walls(tmp_path, walk=[("translation", "LINEAR", way)]), None, WalkingClips(walk="walk"))
+    assert piece.stride is not None
+    shifts = piece.stride.vertices_m - WALL
+    np.testing.assert_allclose(shifts[:, :, 0], 0.0, atol=1e-5)
+    assert shifts[:, :, 1].max() == pytest.approx(0.2)
+
+
+def test_what_does_not_move_is_rigid_and_what_stands_stands(tmp_path: Path) -> None:
+    path = walls(
+        tmp_path, walk=[("translation", "LINEAR", [[0, 0, 0]] * 3)], stand=[("translation", "LINEAR", [[0, 1, 0]] * 3)]
+    )
+    (still,) = read_mesh(path, None, WalkingClips(walk="walk"))
+    (stands,) = read_mesh(path, None, WalkingClips(walk="walk", standing="stand"))
+    assert still.stride is None
+    assert stands.stride is not None
+    np.testing.assert_allclose(stands.vertices_m, WALL + np.array([0, 1, 0]))
+
+
+def test_a_vertex_that_no_joint_carries_goes_with_its_first(tmp_path: Path) -> None:
+    """It does not fall to the origin: three.js has it so."""
+    file = Gltf()
+    attributes = {"JOINTS_0": file.numbers([[1, 0, 0, 0]] * 4, "u1"), "WEIGHTS_0": file.numbers([[0, 0, 0, 0]] * 4)}
+    file.mesh(attributes=attributes)
+    file.content["scenes"] = [{"nodes": [0, 1, 2]}]
+    file.add("nodes", mesh=0, skin=0)
+    file.add("nodes", translation=[1, 0, 0])
+    file.add("nodes", translation=[0, 1, 0])
+    file.add("skins", joints=[1, 2])
+    (piece,) = read_mesh(file.save(tmp_path / "a.glb"))
+    np.testing.assert_allclose(piece.vertices_m, WALL + np.array([0, 1, 0]), atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ('animation = "run"\nmotion = { speed_m_s = 1 }', "walker.glb: no animation 'run'; it has walk, stand$"),
+        (
+            'animation = "stand"\nmotion = { speed_m_s = 1 }',
+            r"animation: must be a stride, in which a foot .* none does$",
+        ),
+        ('standing = "stand"', "standing must go with animation, got no animation"),
+        ('animation = "walk"\nmotion = { with_ego = true }', "animation does not go with motion.with_ego"),
+        ('animation = "walk"\nmesh = "walker.ply"', r"animation must go with a glTF file, got '\.ply'"),
+        ('animation = "walk"\nprimitive = "sphere"\nradius_m = 1', "animation is for meshes, a sphere has none"),
+    ],
+)
+def test_mistakes_are_one_line(tmp_path: Path, keys: str, message: str) -> None:
+    write_walker(tmp_path / "walker.glb")
+    (tmp_path / "walker.ply").write_text("ply\n", encoding="utf-8")
+    head = "" if "mesh" in keys or "primitive" in keys else 'mesh = "walker.glb"\n'
+    text = f'[ego]\nspeed_m_s = 1\n[[bodies]]\nname = "a"\nmaterial = "denim"\n{head}{keys}\n'
+    assert tomllib.loads(text)
+    (tmp_path / "scene.toml").write_text(text, encoding="utf-8")
+    with pytest.raises(InputError, match=message):
+        load_scene(tmp_path / "scene.toml")
