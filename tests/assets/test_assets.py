@@ -12,6 +12,8 @@ import numpy as np
 import pytest
 import trimesh
 
+from lidarscene import catalog
+
 ROOT = Path(__file__).parents[2]
 MESHES, SCENES = ROOT / "assets" / "meshes", ROOT / "scenes"
 CATALOGUE = ROOT / "src" / "lidarscene" / "catalog" / "materials"
@@ -32,6 +34,8 @@ EXPECTED = {
     "lamp_post": ("pole head lens", (400, 2_000), (1.86, 0.32, 7.96), 0.02),
     "bollard": ("bollard band", (300, 1_000), (0.15, 0.15, 0.895), 0.005),
 }
+NAMES = (*EXPECTED, *catalog.vehicles())
+SAMPLES = ("hatchback_428", "pickup_533", "bus_1195", "articulated_1650", "motorcyclist_211", "cyclist_182")
 SCENE_NAMES = (
     "car",
     "range",
@@ -98,11 +102,11 @@ def first_hits(corners, origin, directions):
 
 
 def test_the_list_here_is_the_list_on_disk():
-    assert {path.stem for path in MESHES.glob("*")} == set(EXPECTED)
+    assert {path.stem for path in MESHES.glob("*")} == set(NAMES)
     assert {path.stem for path in SCENES.glob("*.toml")} >= set(SCENE_NAMES)
 
 
-@pytest.mark.parametrize("name", EXPECTED)
+@pytest.mark.parametrize("name", NAMES)
 def test_a_mesh_made_again_has_the_same_bytes(made, name):
     assert (made / f"{name}.glb").read_bytes() == (MESHES / f"{name}.glb").read_bytes()
 
@@ -124,7 +128,7 @@ def test_parts_triangles_and_size(name):
     assert (MESHES / f"{name}.glb").stat().st_size < 1.5e6
 
 
-@pytest.mark.parametrize("name", EXPECTED)
+@pytest.mark.parametrize("name", NAMES)
 def test_materials_carry_the_names_of_their_parts(name):
     scene = trimesh.load_scene(MESHES / f"{name}.glb", process=False)
     for part, geometry in scene.geometry.items():
@@ -135,7 +139,7 @@ def test_materials_carry_the_names_of_their_parts(name):
         np.testing.assert_array_equal(scene.graph[node][0][:, 3], [0, 0, 0, 1])
 
 
-@pytest.mark.parametrize("name", EXPECTED)
+@pytest.mark.parametrize("name", NAMES)
 def test_no_triangle_is_degenerate(name):
     for part, (points, faces) in parts_of(name).items():
         assert np.isfinite(points).all(), part
@@ -146,7 +150,10 @@ def test_no_triangle_is_degenerate(name):
         assert len(np.unique(np.sort(faces, axis=1), axis=0)) == len(faces), f"{part}: a triangle twice"
 
 
-@pytest.mark.parametrize(("name", "share"), [("car", 0.02), ("pedestrian", 0.01), ("kerb", 0.0), ("sign", 0.02)])
+@pytest.mark.parametrize(
+    ("name", "share"),
+    [("car", 0.02), ("pedestrian", 0.01), ("kerb", 0.0), ("sign", 0.02), *((name, 0.02) for name in SAMPLES)],
+)
 def test_surfaces_look_outwards(name, share):
     """A ray from around and above first hits a front face; one part wound the wrong way fails this."""
     corners = soup(name)

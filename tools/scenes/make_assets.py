@@ -6,6 +6,7 @@ x forward, in metres, with the origin on the ground under the object (see glb.py
 """
 
 import argparse
+import functools
 import sys
 from pathlib import Path
 
@@ -14,6 +15,7 @@ import house
 import people
 import plants
 import roadside
+import vehicles
 from glb import glb_bytes, welded
 
 OBJECTS = {
@@ -25,6 +27,7 @@ OBJECTS = {
     "sign": (roadside.sign, roadside.COLOURS),
     "lamp_post": (roadside.lamp_post, roadside.COLOURS),
     "bollard": (roadside.bollard, roadside.COLOURS),
+    **{name: (functools.partial(vehicles.build, size), vehicles.COLOURS) for name, size in vehicles.bodies().items()},
 }
 
 
