@@ -15,6 +15,7 @@ import numpy as np
 from ..maths.arrays import Numbers
 from ..maths.pose import Pose
 from ..physics.road.roughness import RoughSurface
+from .ground_area import Area, Outline
 from .meshes.primitives import grid_faces
 
 SPACING_M = 0.5
@@ -176,10 +177,9 @@ class Sheet:
 
     @classmethod
     def lay(cls, pose: Pose, *, strip: Strip, crown_m: float, surface: RoughSurface) -> Sheet:
-        """Lay a sheet over the surface."""
+        """Lay a sheet over the surface, already without its short waves."""
         middle_m, to_left, place_m = strip.rows()
         across_m = strip.across_m()
-        resolved = surface.without_short_waves(1.0 / (SPACINGS_A_WAVE * strip.spacing_m))
         plan_m = middle_m[:, None, :2] + to_left[:, None] * (strip.offset_m + across_m)[:, None]
         row = np.arange(len(middle_m))
         rise_m = middle_m[:, 2:] + crown_m * strip.crown_share(row[:, None], across_m)
@@ -187,16 +187,23 @@ class Sheet:
             # Each wave is a product of one along the line and one across it, which takes a tenth of the time.
             begin_m, ahead = plan_m[0, 0], plan_m[-1, 0] - plan_m[0, 0]
             frame = Pose.from_degrees(position_m=(*begin_m, 0.0), yaw_deg=math.degrees(math.atan2(ahead[1], ahead[0])))
-            rough_m = resolved.grid_m(place_m, across_m - across_m[0], pose @ frame)
+            rough_m = surface.grid_m(place_m, across_m - across_m[0], pose @ frame)
         else:
             world_m = pose.apply(np.pad(plan_m.reshape(-1, 2), ((0, 0), (0, 1))))
-            rough_m = resolved.height_m(world_m[:, :2]).reshape(rise_m.shape)
+            rough_m = surface.height_m(world_m[:, :2]).reshape(rise_m.shape)
         return cls(
             pose=pose,
             strip=strip,
             crown_m=crown_m,
             vertices_m=np.concatenate([plan_m, (rise_m + rough_m)[..., None]], axis=2),
         )
+
+    @property
+    def around_m(self) -> tuple[float, float, float]:
+        """x, y and radius in the world of a circle around it."""
+        x_m, y_m, radius_m = self.strip.around_m
+        x_m, y_m, _ = self.pose.apply(np.array([[x_m, y_m, 0.0]]))[0].tolist()
+        return x_m, y_m, radius_m
 
     def mesh(self, kerb_m: float) -> tuple[Numbers, Numbers]:
         """Vertices (v, 3) and faces (f, 3) in its own frame, with faces of height ``kerb_m`` down from its edges."""
@@ -243,18 +250,15 @@ class Ground:
     """The ground of a scene: one rough surface, and the sheets that show it."""
 
     surface: RoughSurface
-    sheets: Sequence[Sheet] = ()
+    sheets: Sequence[Sheet | Area] = ()
     _around_m: Numbers = field(init=False)
 
     def __post_init__(self) -> None:
         """Compute the circle around each sheet, (s, 3): x, y and radius."""
-        circles = np.zeros((len(self.sheets), 3))
-        for row, sheet in enumerate(self.sheets):
-            x_m, y_m, radius_m = sheet.strip.around_m
-            circles[row] = *sheet.pose.apply(np.array([[x_m, y_m, 0.0]]))[0, :2], radius_m + 1e-3
-        object.__setattr__(self, "_around_m", circles)
+        circles = np.array([sheet.around_m for sheet in self.sheets]).reshape(-1, 3)
+        object.__setattr__(self, "_around_m", circles + np.array([0.0, 0.0, 1e-3]))
 
-    def _sheets_near(self, place_m: Numbers) -> list[Sheet]:
+    def _sheets_near(self, place_m: Numbers) -> list[Sheet | Area]:
         """Sheets that may be below some of (n, 2) places: a long street has hundreds, few of them near a vehicle."""
         if not len(place_m):
             return []
@@ -279,3 +283,11 @@ class Ground:
             on_sheet, height_m = sheet.smooth_height_m(place_m)
             highest[on_sheet] = np.fmax(highest[on_sheet], height_m)
         return np.asarray(np.nan_to_num(highest) + self.surface.height_m(place_m))
+
+
+def lay(pose: Pose, *, plan: Strip | Outline, crown_m: float, surface: RoughSurface) -> Sheet | Area:
+    """Lay a ground over the surface, of which its mesh shows the waves that last `SPACINGS_A_WAVE` spacings or more."""
+    resolved = surface.without_short_waves(1.0 / (SPACINGS_A_WAVE * plan.spacing_m))
+    if isinstance(plan, Outline):
+        return Area.lay(pose, outline=plan, surface=resolved)
+    return Sheet.lay(pose, strip=plan, crown_m=crown_m, surface=resolved)
