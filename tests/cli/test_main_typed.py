@@ -80,7 +80,10 @@ TYPED = [
     ("view empty.pcap", "empty.pcap: must have points or packets, got an empty file"),
     # compare
     ("compare wall.toml --sensors table1-apd -o out", "must be 2 to 7 names or files with commas between them"),
-    ("compare wall.toml --sensors table1-apd table1-sipm -o out", "; sensors go behind --sensors, with commas: --sensors A,B"),
+    (
+        "compare wall.toml --sensors table1-apd table1-sipm -o out",
+        "; sensors go behind --sensors, with commas: --sensors A,B",
+    ),
     ("compare wall.toml --sensors table1-apd,table1-apx -o out", "did you mean table1-apd?"),
     ("compare wall.toml --sensors table1-apd,table1-sipm", "required: -o/--output; see lidarscene compare -h"),
     # range

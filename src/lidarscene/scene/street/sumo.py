@@ -1,6 +1,6 @@
 """Road networks and traffic by SUMO: its programs convert maps and simulate, its library reads networks.
 
-SUMO (Alvarez Lopez et al., "Microscopic traffic simulation using SUMO", IEEE ITSC 2018) is the group ``traffic``. Its
+SUMO (Alvarez Lopez et al., "Microscopic traffic simulation using SUMO", IEEE ITSC 2018) is the extra ``traffic``. Its
 coordinates are metres in the plane, x east and y north; a vehicle's place is the middle of its front, its angle is
 clockwise from north (FCD output).
 """
