@@ -118,7 +118,7 @@ def test_height_of_the_mesh_is_that_of_its_triangles(plan: Strip | Outline) -> N
     laid = lay(pose, plan=plan, crown_m=0.2, surface=RoughSurface.draw("F", 4))
     vertices_m, faces = laid.mesh(0.5)
     vertices_m = pose.apply(vertices_m)
-    x_m, y_m, _ = laid.around_m
+    x_m, y_m, _ = vertices_m.mean(axis=0)
     eye_m = np.array([x_m + 0.3, y_m + 0.2, 400.0])
     rng = np.random.default_rng(5)
     a, b, c = vertices_m[faces[rng.integers(len(laid.mesh(0.0)[1]), size=300)]].transpose(1, 0, 2)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -112,14 +112,6 @@ class Area:
     smooth_m: Numbers
     _net: Any
     _within: Numbers
-    around_m: tuple[float, float, float] = field(init=False)
-
-    def __post_init__(self) -> None:
-        """Compute the circle around it."""
-        low_m, high_m = self.vertices_m[:, :2].min(axis=0), self.vertices_m[:, :2].max(axis=0)
-        middle_m = self.pose.apply(np.array([[*0.5 * (low_m + high_m), 0.0]]))[0]
-        radius_m = 0.5 * float(np.hypot(*(high_m - low_m)))
-        object.__setattr__(self, "around_m", (float(middle_m[0]), float(middle_m[1]), radius_m))
 
     @classmethod
     def lay(cls, pose: Pose, *, outline: Outline, surface: RoughSurface) -> Area:
