@@ -20,7 +20,17 @@ from ..ground_area import Outline
 from .layout import HOUSE_M, HOUSE_SCALES, KERB_M, POST_LINE_M, TREE_REACH_M, Room
 from .pieces import PAINT_M, RAISED_M, Tables, placed, sheet, soil, street_scene
 from .street_file import StreetFile
-from .sumo import LaneGroup, Mover, Network, convert, draw_routes, drawn_scenario, read_network, read_scenario, simulate
+from .sumo import (
+    LaneGroup,
+    Network,
+    RoadUser,
+    convert,
+    draw_routes,
+    drawn_scenario,
+    read_network,
+    read_scenario,
+    simulate,
+)
 
 EDGE_M = 0.05
 """Choice: distance from the edge of a road at which another one would be between it and a house."""
@@ -115,7 +125,7 @@ def network_summary(tables: Tables) -> dict[str, float]:
     }
 
 
-def _near(network: Network, own: Mover, reach_m: float) -> Network:
+def _near(network: Network, own: RoadUser, reach_m: float) -> Network:
     """Return what of a network is within reach of the ego vehicle's way."""
     way_m = np.array(own.rows)[:: max(1, len(own.rows) // 500), 1:3]
 
@@ -144,7 +154,7 @@ def _drawn_bodies() -> dict[str, tuple[str, float, float, float]]:
     return found
 
 
-def _look(mover: Mover) -> Look:
+def _look(mover: RoadUser) -> Look:
     """Body of a vehicle or a person, by class and length, and its paint; the same for the same name."""
     if mover.kind in ("pedestrian", "wheelchair"):
         return "pedestrian", ""
@@ -166,7 +176,7 @@ def _body(name: str, mesh: str, paint: str) -> Tables:
     return {"name": name, "mesh": str(path), "class": kind["class"], "materials": materials}
 
 
-def _poses(mover: Mover, *, tilts: bool) -> list[Tables]:
+def _poses(mover: RoadUser, *, tilts: bool) -> list[Tables]:
     """Poses of a vehicle; one that rides on its springs tilts by itself."""
     return [
         {"time_s": round(time_s, 3)} | placed(x_m, y_m, 0.0, yaw_deg, pitch_deg if tilts else 0.0)
@@ -174,12 +184,12 @@ def _poses(mover: Mover, *, tilts: bool) -> list[Tables]:
     ]
 
 
-def _moving(movers: Sequence[Mover]) -> list[Tables]:
+def _moving(movers: Sequence[RoadUser]) -> list[Tables]:
     """Bodies of all that moves, but for the own car: an instance with a motion for each."""
     lacking = sorted({mover.kind for mover in movers if mover.kind in BODILESS})
     if lacking:
         warn(OptionWarning("vehicles of {0} have no body and are left out", " and ".join(lacking)))
-    looks: dict[Look, list[Mover]] = {}
+    looks: dict[Look, list[RoadUser]] = {}
     for mover in movers:
         if mover.kind not in BODILESS:
             looks.setdefault(_look(mover), []).append(mover)
