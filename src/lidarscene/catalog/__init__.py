@@ -49,13 +49,13 @@ def _table(name: str) -> dict[str, Any]:
 
 @functools.cache
 def shipped_meshes() -> dict[str, Any]:
-    """Name of a shipped mesh -> ``class`` of what it shows, and ``materials`` by its parts."""
-    materials = _table("vehicles.toml")["materials"]
+    """Name of a shipped mesh -> ``class`` of what it shows, ``materials`` by its parts, and what else is known."""
+    table, materials = _table("meshes.toml"), _table("vehicles.toml")["materials"]
     kinds = {name: {"class": body.class_name, "materials": {}} for name, body in vehicles().items()}
     for kind in kinds.values():
         for group in PARTS_OF_CLASS[kind["class"]]:
             kind["materials"] |= materials[group]
-    return _table("meshes.toml") | kinds
+    return {name: table.get(entry.get("like"), {}) | entry for name, entry in table.items()} | kinds
 
 
 PARTS_OF_CLASS = {
