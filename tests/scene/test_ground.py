@@ -13,7 +13,7 @@ from lidarscene.maths.pose import Pose
 from lidarscene.maths.trajectory import Course
 from lidarscene.physics.reference.surroundings import profile_density_m3
 from lidarscene.physics.road.roughness import RoughSurface
-from lidarscene.scene.ground import SPACINGS_A_WAVE, Ground, Sheet
+from lidarscene.scene.ground import SPACINGS_A_WAVE, Ground, Sheet, Strip
 from lidarscene.scene.ride import Ride
 from lidarscene.scene.scene import Part, Scene
 from lidarscene.scene.scene_file import load_scene
@@ -27,11 +27,20 @@ PAVEMENT = (
     '[[bodies]]\nname = "pavement"\nprimitive = "ground"\nsize_m = [80, 2]\nkerb_m = 0.2\nmaterial = "concrete"\n'
     "position_m = [0, 5, 0.12]\n"
 )
+BACK = "[[0, 0, 0], [9, 0, 0], [3, 2, 0]]"
 BOX = '[[bodies]]\nname = "box"\nprimitive = "box"\nsize_m = [1, 1, 1]\nmaterial = "brick"\non_ground = true\n'
 
 
 def sheet(pose: Pose | None = None, *, size_m=(12.0, 5.0), crown_m=0.0, spacing_m=1.0, surface=FLAT) -> Sheet:
-    return Sheet.lay(pose or Pose(), size_m=size_m, crown_m=crown_m, spacing_m=spacing_m, surface=surface)
+    return Sheet.lay(pose or Pose(), strip=Strip.rectangle(size_m, spacing_m), crown_m=crown_m, surface=surface)
+
+
+def bend(*, offset_m: float = 0.0, width_m: float = 5.0, climbs_m: float = 0.0) -> Strip:
+    """A strip along a quarter of a circle of 30 m, with straight segments of 3 m and a longer one at its end."""
+    angle = np.append(np.linspace(0.0, 0.5 * np.pi, 17), np.nan)
+    line_m = np.stack([30 * np.sin(angle), 30 - 30 * np.cos(angle), np.linspace(0.0, climbs_m, 18)], axis=1)
+    line_m[-1, :2] = 30.0, 42.0
+    return Strip(line_m=line_m, width_m=width_m, offset_m=offset_m, spacing_m=0.7)
 
 
 def scene_of(folder: Path, text: str) -> Scene:
@@ -92,20 +101,53 @@ def test_crown_and_kerb() -> None:
     assert (outward > 0).all()
 
 
-def test_height_of_the_mesh_is_that_of_its_triangles() -> None:
+@pytest.mark.parametrize("strip", [Strip.rectangle((12.0, 5.0), 1.0), bend(offset_m=-3.0, climbs_m=2.0)])
+def test_height_of_the_mesh_is_that_of_its_triangles(strip: Strip) -> None:
     """Rays from above against each triangle."""
     pose = Pose.from_degrees(position_m=(100.0, -40.0, 0.3), yaw_deg=35.0)
-    laid = sheet(pose, crown_m=0.2, surface=RoughSurface.draw("F", 4))
+    laid = Sheet.lay(pose, strip=strip, crown_m=0.2, surface=RoughSurface.draw("F", 4))
     vertices_m, faces = laid.mesh(0.5)
     vertices_m = pose.apply(vertices_m)
-    eye_m = pose.apply(np.array([[0.3, 0.2, 20.0]]))[0]
-    targets_m = pose.apply(np.pad(np.random.default_rng(5).uniform(-0.4, 0.4, (300, 2)) * [12, 5], ((0, 0), (0, 1))))
+    x_m, y_m, _ = strip.around_m
+    eye_m = pose.apply(np.array([[x_m + 0.3, y_m + 0.2, 400.0]]))[0]
+    rng = np.random.default_rng(5)
+    a, b, c = vertices_m[faces[rng.integers(2 * np.prod(strip.cells), size=300)]].transpose(1, 0, 2)
+    u, v = rng.uniform(0.1, 0.4, (2, 300, 1))
+    targets_m = a + u * (b - a) + v * (c - a)
     direction = targets_m - eye_m
     nearest = np.full(len(direction), np.inf)
     for a, b, c in vertices_m[faces]:
         nearest = np.minimum(nearest, triangle(eye_m, direction, a, b - a, c - a))
     hit_m = eye_m + nearest[:, None] * direction
     np.testing.assert_allclose(Ground(surface=FLAT, sheets=[laid]).height_m(hit_m[:, :2]), hit_m[:, 2], atol=1e-9)
+
+
+def test_a_strip_keeps_its_distance_from_its_line() -> None:
+    """Places in a ring around the circle are on it, those beside are not; a strip beside it shares its edge."""
+    road, beside = bend(width_m=6.0), bend(width_m=2.0, offset_m=4.0)
+    angle, radius_m = np.meshgrid(np.linspace(0.05, 1.5, 100), [26.5, 27.5, 32.5, 33.5])
+    place_m = np.stack([radius_m * np.sin(angle), 30 - radius_m * np.cos(angle)], axis=-1).reshape(-1, 2)
+    on_road, _, across_m = road.locate(place_m)
+    assert on_road.reshape(4, 100).all(axis=1).tolist() == [False, True, True, False]
+    # Segments of 3 m leave the circle by 3^2 / (8 * 30) m.
+    np.testing.assert_allclose(across_m.reshape(4, 100)[1:3], [[2.5] * 100, [-2.5] * 100], atol=0.038)
+    edges = [
+        Sheet.lay(Pose(), strip=strip, crown_m=0.0, surface=FLAT).vertices_m[:, column]
+        for strip, column in ((road, -1), (beside, 0))
+    ]
+    np.testing.assert_allclose(*edges, atol=1e-12)
+
+
+def test_a_road_climbs_as_its_line() -> None:
+    """The height goes from point to point with no step of the slope; wheels meet it."""
+    strip = bend(climbs_m=2.0)
+    laid = Sheet.lay(Pose(), strip=strip, crown_m=0.0, surface=FLAT)
+    rows = strip._first_row
+    np.testing.assert_allclose(laid.vertices_m[rows, 3, 2], np.linspace(0.0, 2.0, 18), atol=1e-12)
+    fine_m = strip.rise_m(np.linspace(0.0, rows[-1], 20_001))
+    assert np.abs(np.diff(fine_m, 2)).max() < 0.05 * np.diff(fine_m).max(), "straight pieces have steps of 0.75"
+    ground = Ground(surface=FLAT, sheets=[laid])
+    np.testing.assert_allclose(ground.wheel_height_m(strip.line_m[1:-1, :2]), strip.line_m[1:-1, 2], atol=1e-9)
 
 
 def test_wheels_meet_the_surface_that_the_mesh_shows() -> None:
@@ -222,6 +264,9 @@ def test_an_ego_without_its_ride_stays_on_the_ground(tmp_path: Path) -> None:
         (BOX.replace("on_ground = true", "crown_m = 0.1"), "crown_m is for a ground, a box has none"),
         ("[ego]\n" + ROAD + BOX + "[bodies.motion]\nwith_ego = true\n", "on_ground does not go with motion.with_ego"),
         (ROAD.replace("[80, 8]", "[80]"), "size_m of a ground must have 2 numbers"),
+        (ROAD + "width_m = 3\n", "line and width_m must go together, got width_m"),
+        (ROAD.replace("size_m = [80, 8]", f"line = {BACK}\nwidth_m = 8"), r"such a bend at 0, 0 m"),
+        (BOX.replace("on_ground = true", "offset_m = 1"), "offset_m is for a ground, a box has none"),
     ],
 )
 def test_mistakes(tmp_path: Path, text: str, message: str) -> None:

@@ -367,14 +367,7 @@ def _lay_ground(file: SceneFile) -> Ground:
 
 def _sheet(body: BodyFile, pose: Pose, surface: RoughSurface) -> Sheet:
     """Sheet of a ground at a pose."""
-    length_m, width_m = cast(tuple[float, float], body.size_m)
-    return Sheet.lay(
-        pose,
-        size_m=(body.scale * length_m, body.scale * width_m),
-        crown_m=body.crown_m,
-        spacing_m=body.spacing_m,
-        surface=surface,
-    )
+    return Sheet.lay(pose, strip=body.strip(), crown_m=body.crown_m, surface=surface)
 
 
 def _ground_bodies(body: BodyFile, ground: Ground, sheets: Iterator[Sheet], *, where: str) -> list[Body]:

@@ -1,17 +1,20 @@
 """What stands along a street: lanes, crossings, kerbs, houses, trees, parked cars, signs, lamps and people.
 
-The street runs along x; traffic keeps to the right, so that y < 0 is the side of those who drive towards +x. Nothing
-that is placed here overlaps with anything else: houses have plots, cars have bays, and posts, trees and people share a
-line along each kerb.
+Places are counted along the middle of the street, x, and to the left of it, y, whatever its bends; `centre_line` has
+them in the world. Traffic keeps to the right, so that y < 0 is the side of those who drive towards +x. Nothing that is
+placed here overlaps with anything else: houses have plots, cars have bays, and posts, trees and people share a line
+along each kerb. What does not fit where the street bends is left out.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from ...maths.arrays import Numbers
+from .centre_line import CentreLine, close, wind
 from .street_file import StreetFile
 
 BAY_M, PARKING_M = 6.0, 2.3
@@ -43,6 +46,13 @@ HOUSE_SCALES = {"brick": 1.0, "plaster_white": 0.9, "concrete": 1.1}
 
 HOUSE_M = (10.5, 4.5, 5.75)
 """Source: the house's mesh; width, from its middle to its front, and to the edge of its balconies."""
+
+PLOT_SHIFT_M = 1.5
+"""Choice: way along the street to the next plot that is tried, where a house has no room."""
+
+CALM_SHARE = 0.05
+"""Choice: share by which kerbs are shorter or longer than the middle in a bend, up to which cars park and people cross
+there."""
 
 TREE_SCALES = (0.7, 0.85, 1.0)
 """Choice: scales of the tree's mesh, of which each tree draws one."""
@@ -99,6 +109,7 @@ class Layout:
 
     Attributes:
         kerb_m: |y| of the road's edges
+        line: the middle of the street
         items: name of a body -> places of its instances
     """
 
@@ -107,6 +118,7 @@ class Layout:
     front_m: float
     begin_m: float
     end_m: float
+    line: CentreLine
     crossings: list[Crossing] = field(default_factory=list)
     blocks: list[Block] = field(default_factory=list)
     items: dict[str, list[Place]] = field(default_factory=dict)
@@ -114,6 +126,10 @@ class Layout:
     def add(self, name: str, x_m: float, y_m: float, yaw_deg: float = 0.0) -> None:
         """Place an instance of a body."""
         self.items.setdefault(name, []).append((x_m, y_m, yaw_deg))
+
+    def bends(self, low_m: float, high_m: float) -> bool:
+        """Return whether the street bends too sharply between two places for cars to park or people to cross."""
+        return self.line.sharpest_per_m(low_m, high_m) * self.kerb_m > CALM_SHARE
 
     def lane_m(self, lane: int, direction: int) -> float:
         """Y of the middle of a lane, 0 the innermost, for traffic towards +x (1) or -x (-1)."""
@@ -127,42 +143,90 @@ class Layout:
 def lay_out(file: StreetFile) -> Layout:
     """Lay out a street; the same for the same file."""
     kerb_m = file.lanes * file.lane_width_m + PARKING_M
+    front_m = kerb_m + KERB_M + file.pavement_m
     # What hides is never beyond the road's ends, nor is a driver who looks for room to stop there.
-    margin_m = file.shown_m + 60.0
-    layout = Layout(
-        file=file,
-        kerb_m=kerb_m,
-        front_m=kerb_m + KERB_M + file.pavement_m,
-        begin_m=-margin_m,
-        end_m=file.length_m + margin_m,
-    )
+    margin_m = 0.0 if file.loop else file.shown_m + 60.0
+    begin_m, end_m = -margin_m, file.length_m + margin_m
+    plan = np.random.default_rng([file.seed, 3])
+    line = close(file, front_m, plan) if file.loop else wind(file, begin_m, end_m, plan)
+    layout = Layout(file=file, kerb_m=kerb_m, front_m=front_m, begin_m=begin_m, end_m=end_m, line=line)
     random = np.random.default_rng([file.seed, 1])
-    _cut_into_blocks(layout, random)
+    room = _Room(layout)
+    _cut_into_blocks(layout, room, random)
     for block in layout.blocks:
         zebras = [crossing.x_m for crossing in layout.crossings if crossing.is_zebra]
         zebras = [x_m for x_m in zebras if block.begin_m < x_m < block.end_m]
         for side in (-1, 1):
             _park_cars(layout, block, side, zebras, random)
-            _build_houses(layout, block, side, random)
+            _build_houses(layout, room, block, side, random)
             _line_kerb(layout, block, side, zebras, random)
     return layout
 
 
-def _cut_into_blocks(layout: Layout, random: np.random.Generator) -> None:
-    """Place crossing streets, zebras between them, and the blocks that are left."""
-    file, begin_m = layout.file, layout.begin_m
+class _Room:
+    """Rectangles that are taken: of the street, of those that cross it, and of houses."""
+
+    def __init__(self, layout: Layout) -> None:
+        self._line = layout.line
+        step_m = 0.5 * CROSS_HALF_M
+        way_m = np.arange(layout.begin_m, layout.end_m, step_m) + 0.5 * step_m
+        # Houses may stand at its edge.
+        half_m = np.broadcast_to([0.6 * step_m, layout.front_m - 0.05], (len(way_m), 2))
+        self._boxes = np.concatenate([layout.line.at(way_m, np.zeros(len(way_m))), half_m], axis=1)
+
+    def take(self, places: Sequence[tuple[float, float, float, float]]) -> bool:
+        """Take rectangles (x, y, half lengths along and across the street) if all of them are free."""
+        boxes = np.array([(*self._line.at(np.array([x]), np.array([y]))[0], *half_m) for x, y, *half_m in places])
+        free = not any(overlaps(box, self._boxes).any() for box in boxes)
+        if free:
+            self._boxes = np.concatenate([self._boxes, boxes])
+        return free
+
+
+def overlaps(box: Numbers, boxes: Numbers) -> Numbers:
+    """Whether a rectangle overlaps each of (n, 5) others: x, y, yaw [rad] and half length and width.
+
+    Two rectangles are apart if they are so along an axis of the one or of the other.
+    """
+    rows = np.concatenate([np.broadcast_to(box, boxes.shape)[None], boxes[None]])
+    cos, sin = np.cos(rows[..., 2]), np.sin(rows[..., 2])
+    axes = np.stack([np.stack([cos, sin], axis=-1), np.stack([-sin, cos], axis=-1)], axis=2)
+    apart = boxes[:, :2] - box[:2]
+    meets = np.ones(len(boxes), dtype=bool)
+    for axis in (axes[owner, :, side] for owner in (0, 1) for side in (0, 1)):
+        shadow = np.einsum("onsk,nk->ons", axes, axis)
+        reach_m = (np.abs(shadow) * rows[..., 3:]).sum(axis=(0, 2))
+        meets &= np.abs(np.einsum("nk,nk->n", apart, axis)) < reach_m
+    return meets
+
+
+def _cut_into_blocks(layout: Layout, room: _Room, random: np.random.Generator) -> None:
+    """Place crossing streets where there is room, zebras between them, and the blocks that are left."""
+    file, begin_m, part_m = layout.file, layout.begin_m, layout.begin_m
     while True:
-        middle_m = begin_m + random.uniform(*file.block_m) + CROSS_HALF_M
+        middle_m = part_m + random.uniform(*file.block_m) + CROSS_HALF_M
         is_last = middle_m + CROSS_HALF_M + file.block_m[0] > layout.end_m
-        block = Block(begin_m, layout.end_m if is_last else middle_m - CROSS_HALF_M)
-        layout.blocks.append(block)
-        if random.random() < file.zebra_share and block.length_m > 60.0:
-            x_m = random.uniform(block.begin_m + 25.0, block.end_m - 25.0)
-            layout.crossings.append(Crossing(x_m, 0.5 * ZEBRA_M, is_zebra=True))
+        part_end_m = layout.end_m if is_last else middle_m - CROSS_HALF_M
+        if random.random() < file.zebra_share and part_end_m - part_m > 60.0:
+            x_m = random.uniform(part_m + 25.0, part_end_m - 25.0)
+            if not layout.bends(x_m - ZEBRA_M, x_m + ZEBRA_M):
+                layout.crossings.append(Crossing(x_m, 0.5 * ZEBRA_M, is_zebra=True))
         if is_last:
+            layout.blocks.append(Block(begin_m, layout.end_m))
             return
-        layout.crossings.append(Crossing(middle_m, CROSS_HALF_M, is_zebra=False))
-        begin_m = middle_m + CROSS_HALF_M
+        part_m = middle_m + CROSS_HALF_M
+        if _crosses(layout, room, middle_m):
+            layout.blocks.append(Block(begin_m, part_end_m))
+            layout.crossings.append(Crossing(middle_m, CROSS_HALF_M, is_zebra=False))
+            begin_m = part_m
+
+
+def _crosses(layout: Layout, room: _Room, middle_m: float) -> bool:
+    """Return whether a street can cross here: where this one is straight, and nothing is in its way."""
+    if layout.line.sharpest_per_m(middle_m - CROSS_HALF_M - 2.0, middle_m + CROSS_HALF_M + 2.0) > 0.0:
+        return False
+    half_m = 0.5 * (CROSS_REACH_M - layout.front_m)
+    return room.take([(middle_m, side * (layout.front_m + half_m), CROSS_HALF_M + 1.0, half_m) for side in (-1, 1)])
 
 
 def _park_cars(layout: Layout, block: Block, side: int, zebras: list[float], random: np.random.Generator) -> None:
@@ -173,13 +237,15 @@ def _park_cars(layout: Layout, block: Block, side: int, zebras: list[float], ran
         paint, shift_m, turn_deg, parks = random.random(4)
         if parks >= share or any(abs(x_m - zebra_m) < 5.0 + BAY_M for zebra_m in zebras):
             continue
+        if layout.bends(x_m - BAY_M, x_m + BAY_M):
+            continue
         name = f"cars_{PAINTS[int(paint * len(PAINTS))]}"
         place_m = x_m + (shift_m - 0.5) * (BAY_M - CAR_M[0] - 0.6)
         layout.add(name, place_m, y_m, (180.0 if side > 0 else 0.0) + 2.0 * (turn_deg - 0.5))
 
 
-def _build_houses(layout: Layout, block: Block, side: int, random: np.random.Generator) -> None:
-    """Build houses on plots side by side; a plot without one may have a tree."""
+def _build_houses(layout: Layout, room: _Room, block: Block, side: int, random: np.random.Generator) -> None:
+    """Build houses on plots side by side where there is room; a plot without one may have a tree."""
     file = layout.file
     share = random.uniform(*file.house_share)
     x_m = block.begin_m + 1.0 + file.pavement_m
@@ -190,11 +256,16 @@ def _build_houses(layout: Layout, block: Block, side: int, random: np.random.Gen
         if x_m + width_m > block.end_m - 1.0 - file.pavement_m:
             return
         middle_m = x_m + 0.5 * width_m
+        house_y_m, tree_y_m = layout.front_m + setback_m + front_m, layout.front_m + balcony_m
         if is_built:
-            layout.add(f"houses_{kind}", middle_m, side * (layout.front_m + setback_m + front_m), -90.0 * side)
+            if not room.take([(middle_m, side * house_y_m, 0.5 * width_m, front_m)]):
+                x_m += PLOT_SHIFT_M
+                continue
+            layout.add(f"houses_{kind}", middle_m, side * house_y_m, -90.0 * side)
         elif random.random() < 0.7:
-            name = f"trees_{len(TREE_SCALES) - 1}"
-            layout.add(name, middle_m, side * (layout.front_m + balcony_m), random.uniform(0.0, 360.0))
+            yaw_deg = random.uniform(0.0, 360.0)
+            if room.take([(middle_m, side * tree_y_m, TREE_REACH_M, TREE_REACH_M)]):
+                layout.add(f"trees_{len(TREE_SCALES) - 1}", middle_m, side * tree_y_m, yaw_deg)
         x_m += width_m + 0.1
 
 

@@ -8,11 +8,14 @@ from __future__ import annotations
 
 import copy
 import functools
+import math
 import shutil
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
+
+import numpy as np
 
 from ... import catalog
 from ...files.atomic import atomic_folder
@@ -27,6 +30,7 @@ from .layout import (
     STOP_LINE_M,
     TREE_SCALES,
     ZEBRA_M,
+    Block,
     Layout,
     lay_out,
 )
@@ -58,8 +62,11 @@ RAISED_M = 0.12
 PAINT_M = 0.003
 """Choice: thickness of lane markings."""
 
-SOIL_M = (100.0, 160.0)
-"""Choice: size of a sheet of soil, along and across the street: beyond the houses on both sides."""
+STRIPS = {"road": ("road", "asphalt"), "pavement": ("pavement", "concrete"), "kerb": ("kerb", "concrete")}
+"""Kind of a strip of ground along a street -> class and material."""
+
+SOIL_M, SOIL_REACH_M = 50.0, 110.0
+"""Choice: size of a square sheet of soil, and distance of its middle from that of the street: beyond the houses."""
 
 SURROUNDINGS: Tables = {
     "sun": {"azimuth_deg": 215.0, "elevation_deg": 48.0, "illuminance_klux": 80.0},
@@ -87,13 +94,18 @@ def street_tables(file: StreetFile) -> Tables:
     return {
         **SURROUNDINGS,
         "reach_m": file.shown_m + 20.0,
-        "ego": {"on_ground": True, "poses": _poses(traffic.ego), "at_end": "hold", "ride": {}},
+        "ego": {
+            "on_ground": True,
+            "poses": _poses(layout, traffic.ego),
+            "at_end": "repeat" if file.loop else "hold",
+            "ride": {},
+        },
         "bodies": [
             *_grounds(layout),
             *_markings(layout),
-            *(_standing(name, layout.items[name], meshes) for name in SHAPES if name in layout.items),
+            *(_standing(layout, name, meshes) for name in SHAPES if name in layout.items),
             _shape("own_car", meshes) | {"motion": {"with_ego": True}},
-            *_moving(traffic, meshes),
+            *_moving(layout, traffic, meshes),
         ],
     }
 
@@ -149,7 +161,7 @@ def street_summary(file: StreetFile) -> StreetSummary:
     tables = street_tables(file)
     counts = Counter(body["name"].split("_")[0] for body in tables["bodies"] for _ in body.get("instances", ()))
     return StreetSummary(
-        length_m=file.length_m,
+        length_m=file.length_m * (file.laps if file.loop else 1),
         duration_s=tables["ego"]["poses"][-1]["time_s"],
         houses=counts["houses"],
         parked_cars=counts["cars"],
@@ -199,14 +211,23 @@ def _scene_text(tables: Mapping[str, Any]) -> str:
 def _at(x_m: float, y_m: float, z_m: float = 0.0, yaw_deg: float = 0.0) -> Tables:
     """Pose, to a millimetre and a hundredth of a degree."""
     pose: Tables = {"position_m": [round(float(number), 3) + 0.0 for number in (x_m, y_m, z_m)]}
-    return pose | ({"yaw_deg": round(float(yaw_deg), 2)} if yaw_deg else {})
+    yaw_deg = round((float(yaw_deg) + 180.0) % 360.0 - 180.0, 2)
+    return pose | ({"yaw_deg": yaw_deg} if yaw_deg else {})
 
 
-def _poses(track: Track) -> list[Tables]:
+def _along(layout: Layout, x_m: float, y_m: float, z_m: float = 0.0, yaw_deg: float = 0.0) -> Tables:
+    """Pose at a place of the street, turned against it."""
+    ((east_m, north_m, heading),) = layout.line.at(np.array([x_m]), np.array([y_m])).tolist()
+    return _at(east_m, north_m, z_m, yaw_deg + math.degrees(heading))
+
+
+def _poses(layout: Layout, track: Track) -> list[Tables]:
     """Poses of a track."""
+    east_m, north_m, heading = layout.line.at(track.x_m, track.y_m).T
+    yaw_deg = np.degrees(heading) + track.yaw_deg
     return [
-        {"time_s": round(float(time_s), 3)} | _at(x_m, y_m, 0.0, track.yaw_deg)
-        for time_s, x_m, y_m in zip(track.time_s, track.x_m, track.y_m, strict=True)
+        {"time_s": round(float(time_s), 3)} | _at(x_m, y_m, 0.0, yaw)
+        for time_s, x_m, y_m, yaw in zip(track.time_s, east_m, north_m, yaw_deg, strict=True)
     ]
 
 
@@ -218,20 +239,22 @@ def _shape(name: str, meshes: str) -> Tables:
     return body | ({"scale": scale} if scale != 1.0 else {})
 
 
-def _standing(name: str, places: Iterable[tuple[float, float, float]], meshes: str) -> Tables:
-    """Body of a mesh that stands at these places; houses are level, all others on the ground."""
+def _standing(layout: Layout, name: str, meshes: str) -> Tables:
+    """Body of a mesh that stands along the street; houses are level, all others on the ground."""
     body = _shape(name, meshes)
     if body["class"] != "building":
         body["on_ground"] = True
-    return body | {"instances": [_at(x_m, y_m, 0.0, yaw_deg) for x_m, y_m, yaw_deg in places]}
+    return body | {"instances": [_along(layout, x_m, y_m, 0.0, yaw_deg) for x_m, y_m, yaw_deg in layout.items[name]]}
 
 
-def _moving(traffic: Traffic, meshes: str) -> list[Tables]:
+def _moving(layout: Layout, traffic: Traffic, meshes: str) -> list[Tables]:
     """Bodies of all that moves, but for the own car: an instance with a motion for each."""
-    bodies = []
+    at_end, bodies = "repeat" if layout.file.loop else "hide", []
     for name in dict.fromkeys(sorted(track.name for track in traffic.others)):
         instances = [
-            {"motion": {"poses": _poses(track), "at_end": "hide"}} for track in traffic.others if track.name == name
+            {"motion": {"poses": _poses(layout, track), "at_end": at_end}}
+            for track in traffic.others
+            if track.name == name
         ]
         bodies.append(_shape(name, meshes) | {"on_ground": True, "instances": instances})
     return bodies
@@ -245,33 +268,45 @@ def _sheet(
     return body | {"size_m": [round(float(length_m), 3) for length_m in size_m], **keys, "instances": list(places)}
 
 
+def _strip(
+    layout: Layout, block: Block, number: int, kind: str, width_m: float, offset_m: float, **keys: Any
+) -> Tables:
+    """Ground along a block, to the left of its middle or around it."""
+    class_name, material = STRIPS[kind]
+    side = {1.0: "_left", -1.0: "_right"}.get(math.copysign(1.0, offset_m) if offset_m else 0.0, "")
+    points = layout.line.points_m(block.begin_m, block.end_m)
+    line = [[round(number_m, 4) for number_m in point] + [0.0] for point in points.tolist()]
+    body = {"name": f"{kind}_{number}{side}", "primitive": "ground", "class": class_name, "material": material}
+    sizes = {"width_m": round(width_m, 3), "offset_m": round(offset_m, 4)}
+    return body | {"line": line} | sizes | keys
+
+
 def _grounds(layout: Layout) -> list[Tables]:
     """Roads, pavements, kerbs and the soil below all of them."""
     grounds = []
+    pavement_m = layout.file.pavement_m
+    raised = {"position_m": [0.0, 0.0, RAISED_M], "kerb_m": 0.2}
     for number, block in enumerate(layout.blocks):
-        length_m, middle_m = block.length_m, 0.5 * (block.begin_m + block.end_m)
-        beside_m = layout.kerb_m + KERB_M + 0.5 * layout.file.pavement_m
-        pavements, kerbs = (
-            [_at(middle_m, side * y_m, RAISED_M) for side in (1, -1)]
-            for y_m in (beside_m, layout.kerb_m + 0.5 * KERB_M)
+        grounds.append(
+            _strip(layout, block, number, "road", 2.0 * layout.kerb_m, 0.0, crown_m=0.08, kerb_m=0.1, spacing_m=0.4)
         )
-        road = [length_m, 2.0 * layout.kerb_m]
-        grounds += [
-            _sheet(
-                f"road_{number}", "road", "asphalt", road, [_at(middle_m, 0.0)], crown_m=0.08, kerb_m=0.1, spacing_m=0.4
-            ),
-            _sheet(
-                f"pavements_{number}", "pavement", "concrete", [length_m, layout.file.pavement_m], pavements, kerb_m=0.2
-            ),
-            _sheet(f"kerbs_{number}", "kerb", "concrete", [length_m, KERB_M], kerbs, kerb_m=0.2),
-        ]
-    crossing = [_at(crossing.x_m, 0.0) for crossing in layout.crossings if not crossing.is_zebra]
+        for kind, width_m, middle_m in (
+            ("pavement", pavement_m, layout.kerb_m + KERB_M + 0.5 * pavement_m),
+            ("kerb", KERB_M, layout.kerb_m + 0.5 * KERB_M),
+        ):
+            grounds += [_strip(layout, block, number, kind, width_m, side * middle_m, **raised) for side in (1, -1)]
+    crossing = [_along(layout, crossing.x_m, 0.0) for crossing in layout.crossings if not crossing.is_zebra]
     if crossing:
         size_m = [2.0 * CROSS_HALF_M, 2.0 * CROSS_REACH_M]
         grounds.append(_sheet("cross_roads", "road", "asphalt", size_m, crossing, spacing_m=0.4))
-    count = int((layout.end_m - layout.begin_m) // SOIL_M[0]) + 1
-    soil = [_at(layout.begin_m + (number + 0.5) * SOIL_M[0], 0.0, -0.05) for number in range(count)]
-    return [*grounds, _sheet("soil", "terrain", "soil", SOIL_M, soil, spacing_m=2.0)]
+    way_m = np.arange(layout.begin_m, layout.end_m, 0.25 * SOIL_M)
+    middle_m = layout.line.at(way_m, np.zeros(len(way_m)))[:, :2]
+    reach = math.ceil(SOIL_REACH_M / SOIL_M)
+    around = np.stack(np.meshgrid(*[np.arange(-reach, reach + 1)] * 2), axis=-1).reshape(-1, 2)
+    tiles = np.unique((np.round(middle_m / SOIL_M)[:, None] + around).reshape(-1, 2), axis=0) * SOIL_M
+    near = np.hypot(*(tiles[:, None] - middle_m).transpose(2, 0, 1)).min(axis=1) < SOIL_REACH_M
+    soil = [_at(x_m, y_m, -0.05) for x_m, y_m in tiles[near]]
+    return [*grounds, _sheet("soil", "terrain", "soil", [SOIL_M, SOIL_M], soil, spacing_m=2.0)]
 
 
 def _markings(layout: Layout) -> list[Tables]:
@@ -284,15 +319,15 @@ def _markings(layout: Layout) -> list[Tables]:
         while x_m < block.end_m - 5.0:
             if all(abs(x_m - zebra.x_m) > 0.5 * ZEBRA_M + STOP_LINE_M + 2.0 for zebra in zebras):
                 y_m = [number * file.lane_width_m for number in range(1 - file.lanes, file.lanes)]
-                dashes += [_at(x_m, y, PAINT_M) for y in y_m]
+                dashes += [_along(layout, x_m, y, PAINT_M) for y in y_m]
             x_m += 6.0
     for crossing in layout.crossings:
         if crossing.is_zebra:
             across = range(-int(layout.kerb_m - 0.5), int(layout.kerb_m - 0.5) + 1)
-            stripes += [_at(crossing.x_m, number, PAINT_M) for number in across]
+            stripes += [_along(layout, crossing.x_m, number, PAINT_M) for number in across]
         for direction in (1, -1):
             middle_m = -direction * 0.5 * file.lanes * file.lane_width_m
-            lines.append(_at(crossing.stop_x_m(direction) + 0.2 * direction, middle_m, PAINT_M))
+            lines.append(_along(layout, crossing.stop_x_m(direction) + 0.2 * direction, middle_m, PAINT_M))
     keys = {"spacing_m": 0.2, "on_ground": True}
     width_m = file.lanes * file.lane_width_m - 0.3
     markings = (
