@@ -21,46 +21,21 @@ from ... import catalog
 from ...files.atomic import atomic_folder
 from ...files.overrides import toml_text
 from ..derived import merged
-from .layout import (
-    CROSS_HALF_M,
-    CROSS_REACH_M,
-    HOUSE_SCALES,
-    KERB_M,
-    PAINTS,
-    STOP_LINE_M,
-    TREE_SCALES,
-    ZEBRA_M,
-    Block,
-    Layout,
-    lay_out,
-)
+from .layout import CROSS_HALF_M, CROSS_REACH_M, KERB_M, STOP_LINE_M, ZEBRA_M, Block, Layout, lay_out
+from .shapes import shapes
 from .street_file import StreetFile
 from .traffic import Track, Traffic, drive
 
 Tables = dict[str, Any]
-
-SHAPES: dict[str, tuple[str, dict[str, str], float]] = {
-    **{f"houses_{wall}": ("house", {"brick": wall}, scale) for wall, scale in HOUSE_SCALES.items()},
-    **{
-        f"{group}_{paint}": ("car", {"paint": f"car_paint_{paint}"}, 1.0)
-        for group in ("cars", "traffic")
-        for paint in PAINTS
-    },
-    "own_car": ("car", {"paint": "car_paint_white"}, 1.0),
-    **{f"trees_{number}": ("tree", {}, scale) for number, scale in enumerate(TREE_SCALES)},
-    "pedestrians": ("pedestrian", {}, 1.0),
-    "walkers": ("pedestrian", {}, 1.0),
-    "signs": ("sign", {}, 1.0),
-    "lamp_posts": ("lamp_post", {}, 1.0),
-    "bollards": ("bollard", {}, 1.0),
-}
-"""Name of a body -> mesh, materials other than those of `catalog.shipped_meshes`, scale."""
 
 RAISED_M = 0.12
 """Choice: height of pavements and kerbs over the road."""
 
 PAINT_M = 0.003
 """Choice: thickness of lane markings."""
+
+WET = {"asphalt": "asphalt_wet", "concrete": "concrete_wet"}
+"""Material of the ground -> the same under a film of water."""
 
 STRIPS = {"road": ("road", "asphalt"), "pavement": ("pavement", "concrete"), "kerb": ("kerb", "concrete")}
 """Kind of a strip of ground along a street -> class and material."""
@@ -101,9 +76,9 @@ def street_tables(file: StreetFile) -> Tables:
             "ride": {},
         },
         "bodies": [
-            *_grounds(layout),
+            *(_wetted(body) if file.wet else body for body in _grounds(layout)),
             *_markings(layout),
-            *(_standing(layout, name, meshes) for name in SHAPES if name in layout.items),
+            *(_standing(layout, name, meshes) for name in shapes() if name in layout.items),
             _shape("own_car", meshes) | {"motion": {"with_ego": True}},
             *_moving(layout, traffic, meshes),
         ],
@@ -144,15 +119,15 @@ class StreetSummary(NamedTuple):
     length_m: float
     duration_s: float
     houses: int
-    parked_cars: int
-    cars_in_traffic: int
+    parked_vehicles: int
+    vehicles_in_traffic: int
     people: int
 
     def as_text(self) -> str:
         """One line of text."""
         return (
-            f"{self.length_m:g} m of driving in {self.duration_s:g} s; {self.houses} houses, {self.parked_cars} parked "
-            f"cars, {self.cars_in_traffic} cars in traffic, {self.people} people"
+            f"{self.length_m:g} m of driving in {self.duration_s:g} s; {self.houses} houses, "
+            f"{self.parked_vehicles} parked vehicles, {self.vehicles_in_traffic} in traffic, {self.people} people"
         )
 
 
@@ -164,8 +139,8 @@ def street_summary(file: StreetFile) -> StreetSummary:
         length_m=file.length_m * (file.laps if file.loop else 1),
         duration_s=tables["ego"]["poses"][-1]["time_s"],
         houses=counts["houses"],
-        parked_cars=counts["cars"],
-        cars_in_traffic=counts["traffic"],
+        parked_vehicles=counts["parked"],
+        vehicles_in_traffic=counts["traffic"],
         people=counts["pedestrians"] + counts["walkers"],
     )
 
@@ -232,10 +207,12 @@ def _poses(layout: Layout, track: Track) -> list[Tables]:
 
 
 def _shape(name: str, meshes: str) -> Tables:
-    mesh, materials, scale = SHAPES[name]
+    mesh, materials, scale = shapes()[name]
     kind = catalog.shipped_meshes()[mesh]
     body = {"name": name, "mesh": f"{meshes}/{mesh}.glb", "class": kind["class"]}
-    body["materials"] = materials | {part: name for part, name in kind["materials"].items() if part not in materials}
+    body["materials"] = dict(materials) | {
+        part: name for part, name in kind["materials"].items() if part not in materials
+    }
     return body | ({"scale": scale} if scale != 1.0 else {})
 
 
@@ -307,6 +284,11 @@ def _grounds(layout: Layout) -> list[Tables]:
     near = np.hypot(*(tiles[:, None] - middle_m).transpose(2, 0, 1)).min(axis=1) < SOIL_REACH_M
     soil = [_at(x_m, y_m, -0.05) for x_m, y_m in tiles[near]]
     return [*grounds, _sheet("soil", "terrain", "soil", [SOIL_M, SOIL_M], soil, spacing_m=2.0)]
+
+
+def _wetted(ground: Tables) -> Tables:
+    """Ground under a film of water, if its material has one."""
+    return ground | {"material": WET.get(ground["material"], ground["material"])}
 
 
 def _markings(layout: Layout) -> list[Tables]:
