@@ -175,7 +175,7 @@ def _parser() -> argparse.ArgumentParser:
         add(commands)
     doctor = commands.add_parser(
         "doctor",
-        help="what this machine can run, and what it lacks",
+        help="what this machine can run, and what is missing",
         description="Versions, which back ends work and why the others do not, and one ray traced as proof.",
     )
     doctor.set_defaults(run=_doctor)

@@ -113,7 +113,7 @@ class FrameOptions:
         help="of the points: world, vehicle or sensor (default {default})",
         flags=("--coordinates", "--frame"),
     )
-    chunk: int = option(DEFAULT_CHUNK, CHUNKS, help="rays at a time: bounds the memory, no more", metavar="N")
+    chunk: int = option(DEFAULT_CHUNK, CHUNKS, help="rays per batch; limits memory, not the result", metavar="N")
 
     def __post_init__(self) -> None:
         check_options(self)
