@@ -15,6 +15,7 @@ import numpy as np
 from ..maths.arrays import Numbers
 from ..maths.pose import Pose
 from ..physics.road.roughness import RoughSurface
+from .ground_area import Area, Outline
 from .meshes.primitives import grid_faces
 
 SPACING_M = 0.5
@@ -85,14 +86,6 @@ class Strip:
         """Number of vertices."""
         return (self.cells[0] + 1) * (self.cells[1] + 1)
 
-    @property
-    def around_m(self) -> tuple[float, float, float]:
-        """x, y and radius of a circle around it."""
-        low, high = self.line_m[:, :2].min(axis=0), self.line_m[:, :2].max(axis=0)
-        reach_m = float(np.hypot(*self._bisector.T).max()) * (abs(self.offset_m) + 0.5 * self.width_m)
-        x_m, y_m = 0.5 * (low + high)
-        return float(x_m), float(y_m), 0.5 * float(np.hypot(*(high - low))) + reach_m
-
     def sharp_corner(self) -> Numbers | None:
         """Return the first point of the line at which it bends too sharply for the strip's width, None without one."""
         edges_m = self.offset_m + 0.5 * self.width_m * np.array([-1.0, 1.0])
@@ -104,15 +97,15 @@ class Strip:
         """(ny + 1,) places of vertices across the strip, from its middle."""
         return np.linspace(-0.5, 0.5, self.cells[1] + 1) * self.width_m
 
-    def rows(self) -> tuple[Numbers, Numbers, Numbers]:
-        """(nx + 1, 3) middles of rows on the line, (nx + 1, 2) their directions to the left, (nx + 1,) places s [m]."""
+    def rows(self) -> tuple[Numbers, Numbers]:
+        """(nx + 1, 3) middles of rows on the line, and (nx + 1, 2) their directions to the left."""
         number, points = np.arange(self.cells[0] + 1), self._first_row
         middle_m, to_left = (
             np.stack([np.interp(number, points, column) for column in values.T], axis=1)
             for values in (self.line_m, self._bisector)
         )
         middle_m[:, 2] = self.rise_m(number)
-        return middle_m, to_left, np.interp(number, points, np.concatenate([[0.0], np.cumsum(self._length_m)]))
+        return middle_m, to_left
 
     def rise_m(self, row: Numbers) -> Numbers:
         """Height of the line [m] at (n,) places counted in rows: smooth, and between those of the points beside it."""
@@ -176,21 +169,15 @@ class Sheet:
 
     @classmethod
     def lay(cls, pose: Pose, *, strip: Strip, crown_m: float, surface: RoughSurface) -> Sheet:
-        """Lay a sheet over the surface."""
-        middle_m, to_left, place_m = strip.rows()
+        """Lay a sheet over the surface, already without its short waves."""
+        middle_m, to_left = strip.rows()
         across_m = strip.across_m()
-        resolved = surface.without_short_waves(1.0 / (SPACINGS_A_WAVE * strip.spacing_m))
         plan_m = middle_m[:, None, :2] + to_left[:, None] * (strip.offset_m + across_m)[:, None]
         row = np.arange(len(middle_m))
         rise_m = middle_m[:, 2:] + crown_m * strip.crown_share(row[:, None], across_m)
-        if len(strip.line_m) == 2:
-            # Each wave is a product of one along the line and one across it, which takes a tenth of the time.
-            begin_m, ahead = plan_m[0, 0], plan_m[-1, 0] - plan_m[0, 0]
-            frame = Pose.from_degrees(position_m=(*begin_m, 0.0), yaw_deg=math.degrees(math.atan2(ahead[1], ahead[0])))
-            rough_m = resolved.grid_m(place_m, across_m - across_m[0], pose @ frame)
-        else:
-            world_m = pose.apply(np.pad(plan_m.reshape(-1, 2), ((0, 0), (0, 1))))
-            rough_m = resolved.height_m(world_m[:, :2]).reshape(rise_m.shape)
+        turned = pose.rotation[:2, :2].T
+        begin_m, step_m = plan_m[:, 0] @ turned + pose.position_m[:2], (plan_m[:, 1] - plan_m[:, 0]) @ turned
+        rough_m = surface.rows_m(begin_m, step_m, len(across_m))
         return cls(
             pose=pose,
             strip=strip,
@@ -243,25 +230,23 @@ class Ground:
     """The ground of a scene: one rough surface, and the sheets that show it."""
 
     surface: RoughSurface
-    sheets: Sequence[Sheet] = ()
-    _around_m: Numbers = field(init=False)
+    sheets: Sequence[Sheet | Area] = ()
+    _bounds_m: Numbers = field(init=False)
 
     def __post_init__(self) -> None:
-        """Compute the circle around each sheet, (s, 3): x, y and radius."""
-        circles = np.zeros((len(self.sheets), 3))
+        """Compute lowest and highest x and y of each sheet, (s, 2, 2)."""
+        bounds = np.zeros((len(self.sheets), 2, 2))
         for row, sheet in enumerate(self.sheets):
-            x_m, y_m, radius_m = sheet.strip.around_m
-            circles[row] = *sheet.pose.apply(np.array([[x_m, y_m, 0.0]]))[0, :2], radius_m + 1e-3
-        object.__setattr__(self, "_around_m", circles)
+            place_m = sheet.pose.apply(sheet.vertices_m.reshape(-1, 3))[:, :2]
+            bounds[row] = place_m.min(axis=0) - _EDGE_M, place_m.max(axis=0) + _EDGE_M
+        object.__setattr__(self, "_bounds_m", bounds)
 
-    def _sheets_near(self, place_m: Numbers) -> list[Sheet]:
+    def _sheets_near(self, place_m: Numbers) -> list[Sheet | Area]:
         """Sheets that may be below some of (n, 2) places: a long street has hundreds, few of them near a vehicle."""
         if not len(place_m):
             return []
-        x_m, y_m, radius_m = self._around_m.T
-        (low_x, low_y), (high_x, high_y) = place_m.min(axis=0), place_m.max(axis=0)
-        near = (x_m + radius_m >= low_x) & (x_m - radius_m <= high_x)
-        near &= (y_m + radius_m >= low_y) & (y_m - radius_m <= high_y)
+        low_m, high_m = place_m.min(axis=0), place_m.max(axis=0)
+        near = ((self._bounds_m[:, 1] >= low_m) & (self._bounds_m[:, 0] <= high_m)).all(axis=1)
         return [self.sheets[number] for number in np.flatnonzero(near).tolist()]
 
     def height_m(self, place_m: Numbers) -> Numbers:
@@ -279,3 +264,11 @@ class Ground:
             on_sheet, height_m = sheet.smooth_height_m(place_m)
             highest[on_sheet] = np.fmax(highest[on_sheet], height_m)
         return np.asarray(np.nan_to_num(highest) + self.surface.height_m(place_m))
+
+
+def lay(pose: Pose, *, plan: Strip | Outline, crown_m: float, surface: RoughSurface) -> Sheet | Area:
+    """Lay a ground over the surface, of which its mesh shows the waves that last `SPACINGS_A_WAVE` spacings or more."""
+    resolved = surface.without_short_waves(1.0 / (SPACINGS_A_WAVE * plan.spacing_m))
+    if isinstance(plan, Outline):
+        return Area.lay(pose, outline=plan, surface=resolved)
+    return Sheet.lay(pose, strip=plan, crown_m=crown_m, surface=resolved)

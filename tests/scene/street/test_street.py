@@ -290,12 +290,15 @@ def test_a_thousand_vehicles_are_of_all_classes_by_their_shares_and_as_long_as_r
 
 def test_lorries_and_buses_drive_where_the_street_is_straight_enough_for_them() -> None:
     """The ends of a vehicle swing out by L^2 / (8 r); on straight streets there are some of 12 m and more."""
-    for keys, longest_m in (({}, longest_in_bend_m(1.0 / 25.0)), ({"bend_deg": (0.0, 0.0)}, 18.0)):
-        traffic = [driven.drive(laid.lay_out(street(seed, **keys))) for seed in range(1, 5)]
-        names = [track.name for each in traffic for track in each.others if "traffic" in track.name]
-        lengths_m = [vehicle_length_m(name) for name in names]
-        assert max(lengths_m) <= longest_m
-        assert max(lengths_m) > 0.6 * longest_m
+    longest_m = {}
+    for bend_deg in ((10.0, 60.0), (0.0, 0.0)):
+        for seed in range(1, 5):
+            layout = laid.lay_out(street(seed, bend_deg=bend_deg))
+            names = [track.name for track in driven.drive(layout).others if "traffic" in track.name]
+            longest_m[bend_deg, seed] = max(vehicle_length_m(name) for name in names)
+            sharpest_per_m = layout.line.sharpest_per_m(layout.begin_m, layout.end_m)
+            assert longest_m[bend_deg, seed] <= longest_in_bend_m(sharpest_per_m)
+    assert max(longest_m.values()) > 11.0
 
 
 def test_streets_of_different_seeds_have_different_houses_and_trees() -> None:

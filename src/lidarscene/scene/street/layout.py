@@ -16,7 +16,7 @@ import numpy as np
 from ... import catalog
 from ...maths.arrays import Numbers
 from .centre_line import CentreLine, close, wind
-from .shapes import DISTRICTS, FURNITURE, MAIN_SHARE, SIGNS, TREE_SCALES, District, draw_vehicle, vehicle_length_m
+from .shapes import FURNITURE, SIGNS, TREE_SCALES, District, draw_district, draw_vehicle, vehicle_length_m
 from .street_file import StreetFile
 
 BAY_M, PARKING_M = 6.0, 2.3
@@ -154,13 +154,16 @@ def lay_out(file: StreetFile) -> Layout:
     line = close(file, front_m, plan) if file.loop else wind(file, begin_m, end_m, plan)
     layout = Layout(file=file, kerb_m=kerb_m, front_m=front_m, begin_m=begin_m, end_m=end_m, line=line)
     random = np.random.default_rng([file.seed, 1])
-    room = _Room(layout)
+    step_m = 0.5 * CROSS_HALF_M
+    # Houses may stand at its edge.
+    half_m = 0.6 * step_m, front_m - 0.05
+    room = Room(_boxes(line, [(x_m, 0.0, *half_m) for x_m in np.arange(begin_m, end_m, step_m) + 0.5 * step_m]))
     _cut_into_blocks(layout, room, random)
-    main = DISTRICTS[random.integers(len(DISTRICTS))]
+    main = draw_district(random)
     for block in layout.blocks:
         zebras = [crossing.x_m for crossing in layout.crossings if crossing.is_zebra]
         zebras = [x_m for x_m in zebras if block.begin_m < x_m < block.end_m]
-        district = main if random.random() < MAIN_SHARE else DISTRICTS[random.integers(len(DISTRICTS))]
+        district = draw_district(random, main)
         for side in (-1, 1):
             _park_cars(layout, block, side, zebras, random)
             _build_houses(layout, room, block, side, district, random)
@@ -168,24 +171,28 @@ def lay_out(file: StreetFile) -> Layout:
     return layout
 
 
-class _Room:
-    """Rectangles that are taken: of the street, of those that cross it, and of houses."""
+class Room:
+    """Rectangles that are taken, (n, 5): x, y, yaw [rad], half length and width."""
 
-    def __init__(self, layout: Layout) -> None:
-        self._line = layout.line
-        step_m = 0.5 * CROSS_HALF_M
-        way_m = np.arange(layout.begin_m, layout.end_m, step_m) + 0.5 * step_m
-        # Houses may stand at its edge.
-        half_m = np.broadcast_to([0.6 * step_m, layout.front_m - 0.05], (len(way_m), 2))
-        self._boxes = np.concatenate([layout.line.at(way_m, np.zeros(len(way_m))), half_m], axis=1)
+    def __init__(self, boxes: Numbers) -> None:
+        self._boxes = boxes
 
-    def take(self, places: Sequence[tuple[float, float, float, float]]) -> bool:
-        """Take rectangles (x, y, half lengths along and across the street) if all of them are free."""
-        boxes = np.array([(*self._line.at(np.array([x]), np.array([y]))[0], *half_m) for x, y, *half_m in places])
-        free = not any(overlaps(box, self._boxes).any() for box in boxes)
+    def is_free(self, boxes: Numbers) -> bool:
+        """Return whether rectangles overlap with none that is taken."""
+        return not any(overlaps(box, self._boxes).any() for box in boxes)
+
+    def take(self, boxes: Numbers) -> bool:
+        """Take rectangles if all of them are free."""
+        free = self.is_free(boxes)
         if free:
             self._boxes = np.concatenate([self._boxes, boxes])
         return free
+
+
+def _boxes(line: CentreLine, places: Sequence[tuple[float, float, float, float]]) -> Numbers:
+    """Rectangles at x and y along a street, with half lengths along and across it."""
+    x_m, y_m, *half_m = np.array(places).T
+    return np.concatenate([line.at(x_m, y_m), np.stack(half_m, axis=1)], axis=1)
 
 
 def overlaps(box: Numbers, boxes: Numbers) -> Numbers:
@@ -205,7 +212,7 @@ def overlaps(box: Numbers, boxes: Numbers) -> Numbers:
     return meets
 
 
-def _cut_into_blocks(layout: Layout, room: _Room, random: np.random.Generator) -> None:
+def _cut_into_blocks(layout: Layout, room: Room, random: np.random.Generator) -> None:
     """Place crossing streets where there is room, zebras between them, and the blocks that are left."""
     file, begin_m, part_m = layout.file, layout.begin_m, layout.begin_m
     while True:
@@ -226,12 +233,13 @@ def _cut_into_blocks(layout: Layout, room: _Room, random: np.random.Generator) -
             begin_m = part_m
 
 
-def _crosses(layout: Layout, room: _Room, middle_m: float) -> bool:
+def _crosses(layout: Layout, room: Room, middle_m: float) -> bool:
     """Return whether a street can cross here: where this one is straight, and nothing is in its way."""
     if layout.line.sharpest_per_m(middle_m - CROSS_HALF_M - 2.0, middle_m + CROSS_HALF_M + 2.0) > 0.0:
         return False
     half_m = 0.5 * (CROSS_REACH_M - layout.front_m)
-    return room.take([(middle_m, side * (layout.front_m + half_m), CROSS_HALF_M + 1.0, half_m) for side in (-1, 1)])
+    arms = [(middle_m, side * (layout.front_m + half_m), CROSS_HALF_M + 1.0, half_m) for side in (-1, 1)]
+    return room.take(_boxes(layout.line, arms))
 
 
 def _park_cars(layout: Layout, block: Block, side: int, zebras: list[float], random: np.random.Generator) -> None:
@@ -266,7 +274,7 @@ def _close_bays(layout: Layout, block: Block, side: int, zebras: list[float], ra
 
 
 def _build_houses(
-    layout: Layout, room: _Room, block: Block, side: int, district: District, random: np.random.Generator
+    layout: Layout, room: Room, block: Block, side: int, district: District, random: np.random.Generator
 ) -> None:
     """Build houses on plots side by side where there is room; a plot without one may have a tree."""
     file, meshes = layout.file, catalog.shipped_meshes()
@@ -281,7 +289,7 @@ def _build_houses(
         middle_m = x_m + 0.5 * width_m
         house_y_m, tree_y_m = layout.front_m + setback_m + front_m, layout.front_m + reach_m
         if is_built:
-            if not room.take([(middle_m, side * house_y_m, 0.5 * width_m, front_m)]):
+            if not room.take(_boxes(layout.line, [(middle_m, side * house_y_m, 0.5 * width_m, front_m)])):
                 x_m += PLOT_SHIFT_M
                 continue
             layout.add(f"houses_{house}_{wall}", middle_m, side * house_y_m, -90.0 * side)
@@ -289,18 +297,18 @@ def _build_houses(
                 _border_garden(layout, room, district, side, x_m, width_m)
         elif random.random() < 0.7:
             yaw_deg, reach_m = random.uniform(0.0, 360.0), meshes[tree]["reach_m"]
-            if room.take([(middle_m, side * tree_y_m, reach_m, reach_m)]):
+            if room.take(_boxes(layout.line, [(middle_m, side * tree_y_m, reach_m, reach_m)])):
                 layout.add(f"trees_{tree}_{len(TREE_SCALES) - 1}", middle_m, side * tree_y_m, yaw_deg)
         x_m += width_m + 0.1
 
 
-def _border_garden(layout: Layout, room: _Room, district: District, side: int, x_m: float, width_m: float) -> None:
+def _border_garden(layout: Layout, room: Room, district: District, side: int, x_m: float, width_m: float) -> None:
     """Place a hedge or a fence along a plot where there is room, with a gap for a gate in its middle."""
-    y_m = side * (layout.front_m + BORDER_M)
+    y_m, half_m = side * (layout.front_m + BORDER_M), (0.5 * BORDER_STEP_M - 0.005, 0.75 * BORDER_M)
     for number in range(int((width_m - GATE_M) // (2.0 * BORDER_STEP_M))):
         away_m = 0.5 * GATE_M + (number + 0.5) * BORDER_STEP_M
         for place_m in (x_m + 0.5 * width_m - away_m, x_m + 0.5 * width_m + away_m):
-            if room.take([(place_m, y_m, 0.5 * BORDER_STEP_M - 0.005, 0.75 * BORDER_M)]):
+            if room.take(_boxes(layout.line, [(place_m, y_m, *half_m)])):
                 layout.add(f"{district.border}s", place_m, y_m, 90.0 * side)
 
 

@@ -97,6 +97,13 @@ MAIN_SHARE = 0.7
 """Choice: share of a street's blocks in its main district."""
 
 
+def draw_district(random: np.random.Generator, main: District | None = None) -> District:
+    """Draw a district; of a street whose main one is given, of a block."""
+    if main is not None and random.random() < MAIN_SHARE:
+        return main
+    return DISTRICTS[random.integers(len(DISTRICTS))]
+
+
 class StreetBody(NamedTuple):
     """Mesh, materials other than those of `catalog.shipped_meshes`, scale."""
 

@@ -11,7 +11,7 @@ import functools
 import math
 import shutil
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,36 +22,20 @@ from ...files.atomic import atomic_folder
 from ...files.overrides import toml_text
 from ..derived import merged
 from .layout import CROSS_HALF_M, CROSS_REACH_M, KERB_M, STOP_LINE_M, ZEBRA_M, Block, Layout, lay_out
+from .pieces import PAINT_M, RAISED_M, Tables, placed, sheet, soil, street_scene
 from .shapes import shapes
 from .street_file import StreetFile
 from .traffic import Track, Traffic, drive
 
-Tables = dict[str, Any]
-
-RAISED_M = 0.12
-"""Choice: height of pavements and kerbs over the road."""
-
-PAINT_M = 0.003
-"""Choice: thickness of lane markings."""
+EVEN_STEP = 1e-5
+"""Accuracy bought: difference of two steps from pose to pose, in metres and degrees, up to which the pose between them
+is left out: an acceleration of 0.04 mm/s2, which moves by 7 cm in a minute."""
 
 WET = {"asphalt": "asphalt_wet", "concrete": "concrete_wet"}
 """Material of the ground -> the same under a film of water."""
 
 STRIPS = {"road": ("road", "asphalt"), "pavement": ("pavement", "concrete"), "kerb": ("kerb", "concrete")}
 """Kind of a strip of ground along a street -> class and material."""
-
-SOIL_M, SOIL_REACH_M = 50.0, 110.0
-"""Choice: size of a square sheet of soil, and distance of its middle from that of the street: beyond the houses."""
-
-SURROUNDINGS: Tables = {
-    "sun": {"azimuth_deg": 215.0, "elevation_deg": 48.0, "illuminance_klux": 80.0},
-    "sky": {"diffuse_share": 0.15},
-    "air": {"visibility_km": 15.0, "model": "kruse"},
-    "ground": {"roughness": "B"},
-    "sensor": {"name": "os1-128", "position_m": [0.0, 0.0, 1.75]},
-    "picture": {"eye_m": [-9.0, 0.0, 7.0], "target_m": [14.0, 0.6, 0.5], "fov_deg": 70.0},
-}
-"""Choice: tables that a scene with a street has unless it says otherwise."""
 
 
 def with_street(tables: Mapping[str, Any], file: StreetFile) -> Tables:
@@ -66,23 +50,17 @@ def street_tables(file: StreetFile) -> Tables:
     layout = lay_out(file)
     traffic = drive(layout)
     meshes = str(catalog.folder("scenes").parent / "assets" / "meshes")
-    return {
-        **SURROUNDINGS,
-        "reach_m": file.shown_m + 20.0,
-        "ego": {
-            "on_ground": True,
-            "poses": _poses(layout, traffic.ego),
-            "at_end": "repeat" if file.loop else "hold",
-            "ride": {},
-        },
-        "bodies": [
+    return street_scene(
+        file.shown_m,
+        ego={"poses": _poses(layout, traffic.ego), "at_end": "repeat" if file.loop else "hold"},
+        bodies=[
             *(_wetted(body) if file.wet else body for body in _grounds(layout)),
             *_markings(layout),
             *(_standing(layout, name, meshes) for name in shapes() if name in layout.items),
             _shape("own_car", meshes) | {"motion": {"with_ego": True}},
             *_moving(layout, traffic, meshes),
         ],
-    }
+    )
 
 
 def write_street(file: StreetFile, folder: Path) -> Path:
@@ -93,8 +71,20 @@ def write_street(file: StreetFile, folder: Path) -> Path:
     Raises:
         OutputError: if a result cannot be written
     """
-    tables = copy.deepcopy(street_tables(file))
     settings = ", ".join(f"{key} = {toml_text(value)}" for key, value in file.model_dump().items())
+    return write_scene(street_tables(file), folder, origin=settings)
+
+
+def write_scene(tables: Tables, folder: Path, *, origin: str) -> Path:
+    """Write tables as street.toml in ``folder``, with their meshes and motions beside it; return the scene's path.
+
+    Args:
+        origin: what the first line of the file says it was made of
+
+    Raises:
+        OutputError: if a result cannot be written
+    """
+    tables = copy.deepcopy(tables)
     with atomic_folder(folder) as temporary:
         for name in ("meshes", "motions"):
             (temporary / name).mkdir()
@@ -108,7 +98,7 @@ def write_street(file: StreetFile, folder: Path) -> Path:
             for number, instance in enumerate(body.get("instances", ())):
                 if "motion" in instance:
                     _write_motion(instance["motion"], temporary, f"{body['name']}_{number}")
-        text = f"# Made by lidarscene street: {settings}\n" + _scene_text({"name": "street"} | tables)
+        text = f"# Made by lidarscene street: {origin}\n" + _scene_text({"name": "street"} | tables)
         (temporary / "street.toml").write_text(text, encoding="utf-8", newline="\n")
     return folder / "street.toml"
 
@@ -147,10 +137,11 @@ def street_summary(file: StreetFile) -> StreetSummary:
 
 def _write_motion(motion: Tables, folder: Path, name: str) -> None:
     """Replace the poses of a motion by a file with them."""
-    lines = ["time_s,x_m,y_m,z_m,yaw_deg"]
+    angles = [key for key in ("yaw_deg", "pitch_deg") if any(key in pose for pose in motion["poses"])] or ["yaw_deg"]
+    lines = [",".join(["time_s,x_m,y_m,z_m", *angles])]
     for pose in motion.pop("poses"):
-        x_m, y_m, z_m = pose["position_m"]
-        lines.append(f"{pose['time_s']!r},{x_m!r},{y_m!r},{z_m!r},{pose.get('yaw_deg', 0.0)!r}")
+        numbers = [pose["time_s"], *pose["position_m"], *(pose.get(key, 0.0) for key in angles)]
+        lines.append(",".join(map(repr, numbers)))
     text = "\n".join(lines) + "\n"
     (folder / "motions" / f"{name}.csv").write_text(text, encoding="utf-8", newline="\n")
     motion["poses_file"] = f"motions/{name}.csv"
@@ -183,26 +174,23 @@ def _scene_text(tables: Mapping[str, Any]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _at(x_m: float, y_m: float, z_m: float = 0.0, yaw_deg: float = 0.0) -> Tables:
-    """Pose, to a millimetre and a hundredth of a degree."""
-    pose: Tables = {"position_m": [round(float(number), 3) + 0.0 for number in (x_m, y_m, z_m)]}
-    yaw_deg = round((float(yaw_deg) + 180.0) % 360.0 - 180.0, 2)
-    return pose | ({"yaw_deg": yaw_deg} if yaw_deg else {})
-
-
 def _along(layout: Layout, x_m: float, y_m: float, z_m: float = 0.0, yaw_deg: float = 0.0) -> Tables:
     """Pose at a place of the street, turned against it."""
     ((east_m, north_m, heading),) = layout.line.at(np.array([x_m]), np.array([y_m])).tolist()
-    return _at(east_m, north_m, z_m, yaw_deg + math.degrees(heading))
+    return placed(east_m, north_m, z_m, yaw_deg + math.degrees(heading))
 
 
 def _poses(layout: Layout, track: Track) -> list[Tables]:
     """Poses of a track."""
     east_m, north_m, heading = layout.line.at(track.x_m, track.y_m).T
     yaw_deg = np.degrees(heading) + track.yaw_deg
+    # Between even steps a spline through the others goes the same way.
+    states = np.stack([east_m, north_m, np.unwrap(yaw_deg, period=360.0)], axis=1)
+    uneven = np.pad(np.abs(np.diff(states, 2, axis=0)).max(axis=1) > EVEN_STEP, 1, constant_values=True)
+    kept = uneven | np.roll(uneven, 1) | np.roll(uneven, -1)
     return [
-        {"time_s": round(float(time_s), 3)} | _at(x_m, y_m, 0.0, yaw)
-        for time_s, x_m, y_m, yaw in zip(track.time_s, east_m, north_m, yaw_deg, strict=True)
+        {"time_s": round(float(time_s), 3)} | placed(x_m, y_m, 0.0, yaw)
+        for time_s, x_m, y_m, yaw in zip(track.time_s[kept], east_m[kept], north_m[kept], yaw_deg[kept], strict=True)
     ]
 
 
@@ -237,14 +225,6 @@ def _moving(layout: Layout, traffic: Traffic, meshes: str) -> list[Tables]:
     return bodies
 
 
-def _sheet(
-    name: str, class_name: str, material: str, size_m: Sequence[float], places: Sequence[Tables], **keys: Any
-) -> Tables:
-    """Ground at one place or at several."""
-    body = {"name": name, "primitive": "ground", "class": class_name, "material": material}
-    return body | {"size_m": [round(float(length_m), 3) for length_m in size_m], **keys, "instances": list(places)}
-
-
 def _strip(
     layout: Layout, block: Block, number: int, kind: str, width_m: float, offset_m: float, **keys: Any
 ) -> Tables:
@@ -275,15 +255,9 @@ def _grounds(layout: Layout) -> list[Tables]:
     crossing = [_along(layout, crossing.x_m, 0.0) for crossing in layout.crossings if not crossing.is_zebra]
     if crossing:
         size_m = [2.0 * CROSS_HALF_M, 2.0 * CROSS_REACH_M]
-        grounds.append(_sheet("cross_roads", "road", "asphalt", size_m, crossing, spacing_m=0.4))
-    way_m = np.arange(layout.begin_m, layout.end_m, 0.25 * SOIL_M)
-    middle_m = layout.line.at(way_m, np.zeros(len(way_m)))[:, :2]
-    reach = math.ceil(SOIL_REACH_M / SOIL_M)
-    around = np.stack(np.meshgrid(*[np.arange(-reach, reach + 1)] * 2), axis=-1).reshape(-1, 2)
-    tiles = np.unique((np.round(middle_m / SOIL_M)[:, None] + around).reshape(-1, 2), axis=0) * SOIL_M
-    near = np.hypot(*(tiles[:, None] - middle_m).transpose(2, 0, 1)).min(axis=1) < SOIL_REACH_M
-    soil = [_at(x_m, y_m, -0.05) for x_m, y_m in tiles[near]]
-    return [*grounds, _sheet("soil", "terrain", "soil", [SOIL_M, SOIL_M], soil, spacing_m=2.0)]
+        grounds.append(sheet("cross_roads", "road", "asphalt", size_m, crossing, spacing_m=0.4))
+    way_m = np.arange(layout.begin_m, layout.end_m, 10.0)
+    return [*grounds, soil(layout.line.at(way_m, np.zeros(len(way_m)))[:, :2])]
 
 
 def _wetted(ground: Tables) -> Tables:
@@ -318,7 +292,7 @@ def _markings(layout: Layout) -> list[Tables]:
         ("stop_lines", [0.3, width_m], lines),
     )
     return [
-        _sheet(name, "lane_marking", "lane_marking", size_m, places, **keys)
+        sheet(name, "lane_marking", "lane_marking", size_m, places, **keys)
         for name, size_m, places in markings
         if places
     ]
