@@ -15,7 +15,7 @@ Y_UP = [1, 0, 0, 0, 0, 0, -1, 0, 0, 1, 0, 0, 0, 0, 0, 1]  # column by column: (x
 
 
 def welded(mesh):
-    """(points, faces): points on the lattice, each once; faces without area, or folded on to each other, left out."""
+    """(points, faces): points on the lattice, each once; faces once, and none without area."""
     steps = np.rint(mesh.points_m / LATTICE_M).astype(np.int64)
     steps, index = np.unique(steps, axis=0, return_inverse=True)
     faces = index.ravel()[mesh.faces]
@@ -24,8 +24,8 @@ def welded(mesh):
     # A needle of some lattice steps would be one rounding error away from no area at all.
     longest = np.max(np.sum((corners - np.roll(corners, 1, axis=1)) ** 2, axis=2), axis=1)
     faces = faces[np.sqrt(np.sum(doubled.astype(float) ** 2, axis=1)) > np.maximum(3.0, 2e-3 * longest)]
-    _, place, count = np.unique(np.sort(faces, axis=1), axis=0, return_inverse=True, return_counts=True)
-    return steps * LATTICE_M, faces[count[place.ravel()] == 1]
+    _, first = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)
+    return steps * LATTICE_M, faces[np.sort(first)]
 
 
 def glb_bytes(parts, colours):

@@ -47,7 +47,7 @@ class Dimensions:
     tyre: tuple[float, float]
 
     def x(self, s):
-        """From s to x, whose 0 is the middle."""
+        """Place along x, whose 0 is the middle, of a station."""
         return 0.5 * self.length - s
 
     @property

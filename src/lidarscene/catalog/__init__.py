@@ -49,13 +49,15 @@ def _table(name: str) -> dict[str, Any]:
 
 @functools.cache
 def shipped_meshes() -> dict[str, Any]:
-    """Name of a shipped mesh -> ``class`` of what it shows, and ``materials`` by its parts."""
-    materials = _table("vehicles.toml")["materials"]
-    kinds = {name: {"class": body.class_name, "materials": {}} for name, body in vehicles().items()}
-    for kind in kinds.values():
-        for group in PARTS_OF_CLASS[kind["class"]]:
-            kind["materials"] |= materials[group]
-    return _table("meshes.toml") | kinds
+    """Name of a shipped mesh -> ``class`` of what it shows, ``materials`` by its parts, and what else is known."""
+    table, materials = _table("meshes.toml"), _table("vehicles.toml")["materials"]
+    for name, entry in table.items():
+        base = table.get(entry.get("like"), {})
+        table[name] = base | entry | {"materials": base.get("materials", {}) | entry.get("materials", {})}
+    for name, body in vehicles().items():
+        groups = (materials[group] for group in PARTS_OF_CLASS[body.class_name])
+        table[name] = {"class": body.class_name, "materials": {part: group[part] for group in groups for part in group}}
+    return table
 
 
 PARTS_OF_CLASS = {

@@ -42,6 +42,7 @@ KINDS = {
     "person": Kind(30, "Pedestrian", "human.pedestrian.adult"),
     "animal": Kind(99, "Misc", "animal"),
     "traffic_cone": Kind(99, "Misc", "movable_object.trafficcone"),
+    "bin": Kind(99, "Misc", "movable_object.pushable_pullable"),
     "barrier": Kind(52, "Misc", "movable_object.barrier"),
     "pole": Kind(80, "Misc", "static.manmade"),
     "sign": Kind(81, "Misc", "static.manmade"),

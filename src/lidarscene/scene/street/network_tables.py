@@ -17,8 +17,9 @@ from ...errors import OptionWarning, warn
 from ...maths.arrays import Numbers
 from ..ground import SPACING_M, Strip
 from ..ground_area import Outline
-from .layout import HOUSE_M, HOUSE_SCALES, KERB_M, POST_LINE_M, TREE_REACH_M, Room
+from .layout import KERB_M, POST_LINE_M, Room
 from .pieces import PAINT_M, RAISED_M, Tables, placed, sheet, soil, street_scene
+from .shapes import TREE_SCALES, District, draw_district, shapes
 from .street_file import StreetFile
 from .sumo import (
     LaneGroup,
@@ -322,23 +323,24 @@ def _surroundings(network: Network, file: StreetFile) -> list[Tables]:
         boxes.append(np.array([[*0.5 * (low_m + high_m), 0.0, *0.5 * (high_m - low_m)]]))
     roads, room = Room(np.concatenate(boxes)), Room(np.concatenate(boxes))
     items: dict[str, list[Tables]] = {}
+    main = draw_district(random)
     for group in network.groups:
+        district = draw_district(random, main)
         for side in (-1.0, 1.0):
-            _line_road(group, side, roads, room, items, file, random)
+            _line_road(group, side, district, roads, room, items, file, random)
     bodies = []
     for name, places in sorted(items.items()):
-        if name in HOUSE_SCALES:
-            body = _body(f"houses_{name}", "house", "")
-            body |= {"materials": body["materials"] | {"brick": name}, "scale": HOUSE_SCALES[name]}
-        else:
-            body = _body(f"{name}s", name, "") | {"on_ground": True}
-        bodies.append(body | {"instances": places})
+        mesh, materials, _ = shapes()[name]
+        body = _body(name, mesh, "")
+        body["materials"] |= materials
+        bodies.append(body | ({} if body["class"] == "building" else {"on_ground": True}) | {"instances": places})
     return bodies
 
 
 def _line_road(
     group: LaneGroup,
     side: float,
+    district: District,
     roads: Room,
     room: Room,
     items: dict[str, list[Tables]],
@@ -350,10 +352,10 @@ def _line_road(
     Args:
         roads: what roads take
         room: what roads and things beside them take
-        items: wall of a house, or name of a mesh -> places
+        items: name of a body -> places
     """
     length_m, share = _length_m(group.line_m), random.uniform(*file.house_share)
-    edge_m = 0.5 * group.width_m
+    edge_m, meshes = 0.5 * group.width_m, catalog.shipped_meshes()
 
     def place(name: str, way_m: float, aside_m: float, half_m: tuple[float, float], turn_deg: float) -> bool:
         ((x_m, y_m, heading),) = _along(group.line_m, np.array([way_m]), side * aside_m).tolist()
@@ -368,17 +370,18 @@ def _line_road(
 
     way_m = 0.5 * random.uniform(*file.lamp_spacing_m)
     while way_m < length_m:
-        place("lamp_post", way_m, edge_m + POST_LINE_M, (0.2, 0.2), -90.0 * side)
+        place("lamp_posts", way_m, edge_m + POST_LINE_M, (0.2, 0.2), -90.0 * side)
         way_m += random.uniform(*file.lamp_spacing_m)
     way_m = 0.0
     while way_m < length_m:
-        wall = str(random.choice(list(HOUSE_SCALES)))
-        width_m, front_m, _ = (HOUSE_SCALES[wall] * each_m for each_m in HOUSE_M)
-        verge_m = 2.0 * POST_LINE_M if group.kind == "pavement" else VERGE_M
+        house, wall, tree = (random.choice(each) for each in (district.houses, district.walls, district.trees))
+        width_m, front_m, _ = meshes[house]["plot_m"]
+        verge_m = district.garden_m + (2.0 * POST_LINE_M if group.kind == "pavement" else VERGE_M)
         aside_m, turn_deg = edge_m + verge_m + random.uniform(*file.setback_m), random.uniform(0.0, 360.0)
         if random.random() < share:
-            taken = place(wall, way_m + 0.5 * width_m, aside_m + front_m, (0.5 * width_m, front_m), -90.0 * side)
+            name, half_m = f"houses_{house}_{wall}", (0.5 * width_m, front_m)
+            taken = place(name, way_m + 0.5 * width_m, aside_m + front_m, half_m, -90.0 * side)
         else:
-            reach_m = TREE_REACH_M
-            taken = place("tree", way_m + reach_m, aside_m + reach_m, (reach_m, reach_m), turn_deg)
+            name, reach_m = f"trees_{tree}_{len(TREE_SCALES) - 1}", meshes[tree]["reach_m"]
+            taken = place(name, way_m + reach_m, aside_m + reach_m, (reach_m, reach_m), turn_deg)
         way_m += width_m + 0.1 if taken else 2.0

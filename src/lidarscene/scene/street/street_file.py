@@ -48,6 +48,7 @@ class StreetFile(FileModel):
     bend_spacing_m: Spacings = Field(default=(40.0, 160.0), description="straight between bends; a loop has six bends")
     bend_deg: Angles = Field(default=(10.0, 60.0), description="by which a bend turns; those of a loop turn by 90")
     bend_radius_m: Radii = Field(default=(25.0, 120.0), description="of the middle of a bend; less on a short loop")
+    wet: bool = Field(default=False, description="roads and pavements under a film of water")
     lanes: Annotated[int, Field(ge=1, le=3)] = Field(default=1, description="in each direction")
     lane_width_m: Annotated[float, Field(ge=2.6, le=5)] = Field(default=3.2, description="of each lane")
     pavement_m: Annotated[float, Field(ge=2.8, le=10)] = Field(default=3.2, description="width of the pavements")

@@ -21,43 +21,18 @@ from ... import catalog
 from ...files.atomic import atomic_folder
 from ...files.overrides import toml_text
 from ..derived import merged
-from .layout import (
-    CROSS_HALF_M,
-    CROSS_REACH_M,
-    HOUSE_SCALES,
-    KERB_M,
-    PAINTS,
-    STOP_LINE_M,
-    TREE_SCALES,
-    ZEBRA_M,
-    Block,
-    Layout,
-    lay_out,
-)
+from .layout import CROSS_HALF_M, CROSS_REACH_M, KERB_M, STOP_LINE_M, ZEBRA_M, Block, Layout, lay_out
 from .pieces import PAINT_M, RAISED_M, Tables, placed, sheet, soil, street_scene
+from .shapes import shapes
 from .street_file import StreetFile
 from .traffic import Track, Traffic, drive
-
-SHAPES: dict[str, tuple[str, dict[str, str], float]] = {
-    **{f"houses_{wall}": ("house", {"brick": wall}, scale) for wall, scale in HOUSE_SCALES.items()},
-    **{
-        f"{group}_{paint}": ("car", {"paint": f"car_paint_{paint}"}, 1.0)
-        for group in ("cars", "traffic")
-        for paint in PAINTS
-    },
-    "own_car": ("car", {"paint": "car_paint_white"}, 1.0),
-    **{f"trees_{number}": ("tree", {}, scale) for number, scale in enumerate(TREE_SCALES)},
-    "pedestrians": ("pedestrian", {}, 1.0),
-    "walkers": ("pedestrian", {}, 1.0),
-    "signs": ("sign", {}, 1.0),
-    "lamp_posts": ("lamp_post", {}, 1.0),
-    "bollards": ("bollard", {}, 1.0),
-}
-"""Name of a body -> mesh, materials other than those of `catalog.shipped_meshes`, scale."""
 
 EVEN_STEP = 1e-5
 """Accuracy bought: difference of two steps from pose to pose, in metres and degrees, up to which the pose between them
 is left out: an acceleration of 0.04 mm/s2, which moves by 7 cm in a minute."""
+
+WET = {"asphalt": "asphalt_wet", "concrete": "concrete_wet"}
+"""Material of the ground -> the same under a film of water."""
 
 STRIPS = {"road": ("road", "asphalt"), "pavement": ("pavement", "concrete"), "kerb": ("kerb", "concrete")}
 """Kind of a strip of ground along a street -> class and material."""
@@ -79,9 +54,9 @@ def street_tables(file: StreetFile) -> Tables:
         file.shown_m,
         ego={"poses": _poses(layout, traffic.ego), "at_end": "repeat" if file.loop else "hold"},
         bodies=[
-            *_grounds(layout),
+            *(_wetted(body) if file.wet else body for body in _grounds(layout)),
             *_markings(layout),
-            *(_standing(layout, name, meshes) for name in SHAPES if name in layout.items),
+            *(_standing(layout, name, meshes) for name in shapes() if name in layout.items),
             _shape("own_car", meshes) | {"motion": {"with_ego": True}},
             *_moving(layout, traffic, meshes),
         ],
@@ -134,15 +109,15 @@ class StreetSummary(NamedTuple):
     length_m: float
     duration_s: float
     houses: int
-    parked_cars: int
-    cars_in_traffic: int
+    parked_vehicles: int
+    vehicles_in_traffic: int
     people: int
 
     def as_text(self) -> str:
         """One line of text."""
         return (
-            f"{self.length_m:g} m of driving in {self.duration_s:g} s; {self.houses} houses, {self.parked_cars} parked "
-            f"cars, {self.cars_in_traffic} cars in traffic, {self.people} people"
+            f"{self.length_m:g} m of driving in {self.duration_s:g} s; {self.houses} houses, "
+            f"{self.parked_vehicles} parked vehicles, {self.vehicles_in_traffic} in traffic, {self.people} people"
         )
 
 
@@ -154,8 +129,8 @@ def street_summary(file: StreetFile) -> StreetSummary:
         length_m=file.length_m * (file.laps if file.loop else 1),
         duration_s=tables["ego"]["poses"][-1]["time_s"],
         houses=counts["houses"],
-        parked_cars=counts["cars"],
-        cars_in_traffic=counts["traffic"],
+        parked_vehicles=counts["parked"],
+        vehicles_in_traffic=counts["traffic"],
         people=counts["pedestrians"] + counts["walkers"],
     )
 
@@ -220,10 +195,12 @@ def _poses(layout: Layout, track: Track) -> list[Tables]:
 
 
 def _shape(name: str, meshes: str) -> Tables:
-    mesh, materials, scale = SHAPES[name]
+    mesh, materials, scale = shapes()[name]
     kind = catalog.shipped_meshes()[mesh]
     body = {"name": name, "mesh": f"{meshes}/{mesh}.glb", "class": kind["class"]}
-    body["materials"] = materials | {part: name for part, name in kind["materials"].items() if part not in materials}
+    body["materials"] = dict(materials) | {
+        part: name for part, name in kind["materials"].items() if part not in materials
+    }
     return body | ({"scale": scale} if scale != 1.0 else {})
 
 
@@ -281,6 +258,11 @@ def _grounds(layout: Layout) -> list[Tables]:
         grounds.append(sheet("cross_roads", "road", "asphalt", size_m, crossing, spacing_m=0.4))
     way_m = np.arange(layout.begin_m, layout.end_m, 10.0)
     return [*grounds, soil(layout.line.at(way_m, np.zeros(len(way_m)))[:, :2])]
+
+
+def _wetted(ground: Tables) -> Tables:
+    """Ground under a film of water, if its material has one."""
+    return ground | {"material": WET.get(ground["material"], ground["material"])}
 
 
 def _markings(layout: Layout) -> list[Tables]:

@@ -16,7 +16,8 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ...maths.arrays import Numbers
-from .layout import CAR_M, CROSS_LANE_M, PAINTS, Crossing, Layout
+from .layout import CAR_M, CROSS_LANE_M, Crossing, Layout
+from .shapes import SWING_M, draw_vehicle, longest_in_bend_m, vehicle_length_m
 
 STEP_S = 0.1
 """Accuracy bought: step of the driver model, a fifteenth of a driver's headway."""
@@ -38,6 +39,9 @@ WALK_M_S = (1.1, 1.6)
 
 TURN_S = 2.0
 """Choice: time in which those who have crossed turn round."""
+
+CYCLIST_SHARE = 0.45
+"""Choice: speed that a cyclist wants, over that of a driver."""
 
 CROSS_M_S = 9.0
 """Choice: speed of vehicles on the streets that cross."""
@@ -80,6 +84,7 @@ class _Lane:
         front_m: (n,) place of each vehicle's front, lap after lap on a loop
         speed_m_s: (n,) speed of each vehicle
         desired_m_s: (n,)
+        lengths_m: (n,) of the vehicles
         loop_m: length of a loop, on which the last vehicle is ahead of the first; infinite on an open street
         limit_m_s: places along the direction, and the speed that bends allow there
     """
@@ -89,6 +94,7 @@ class _Lane:
     front_m: Numbers
     speed_m_s: Numbers
     desired_m_s: Numbers
+    lengths_m: Numbers
     names: list[str]
     loop_m: float = math.inf
     limit_m_s: tuple[Numbers, Numbers] = (np.zeros(1), np.full(1, np.inf))
@@ -97,8 +103,8 @@ class _Lane:
     def step(self, closed_m: Sequence[float], end_m: float) -> None:
         """Drive on for a step; ``closed_m`` are stop lines that are closed, along the direction of travel."""
         is_loop = math.isfinite(self.loop_m)
-        first_m = self.front_m[-1] + self.loop_m if is_loop else end_m + CAR_M[0]
-        ahead_m = np.concatenate([[first_m], self.front_m[:-1]]) - CAR_M[0]
+        rear_m = self.front_m - self.lengths_m
+        ahead_m = np.concatenate([[rear_m[-1] + self.loop_m if is_loop else end_m], rear_m[:-1]])
         ahead_m_s = np.concatenate([[self.speed_m_s[-1] if is_loop else 0.0], self.speed_m_s[:-1]])
         for line_m in closed_m:
             place_m = self.front_m + self.room_m(line_m)
@@ -106,7 +112,7 @@ class _Lane:
             # A line stands for a vehicle whose rear is a queue's gap behind it.
             ahead_m = np.where(waits, place_m + 0.6 * STANDING_GAP_M, ahead_m)
             ahead_m_s = np.where(waits, 0.0, ahead_m_s)
-        middle_m = self.front_m - 0.5 * CAR_M[0]
+        middle_m = self.front_m - 0.5 * self.lengths_m
         if is_loop:
             middle_m = self.limit_m_s[0][0] + np.mod(middle_m - self.limit_m_s[0][0], self.loop_m)
         acceleration = driver_acceleration_m_s2(
@@ -130,7 +136,7 @@ class _Lane:
 
     def keeps_clear(self, line_m: float, end_m: float) -> bool:
         """Return whether no vehicle is between a stop line and the end of a crossing, or will be without stopping."""
-        room_m, zone_m, will_stop = self.room_m(line_m), end_m - line_m + CAR_M[0], self.will_stop(line_m)
+        room_m, zone_m, will_stop = self.room_m(line_m), end_m - line_m + self.lengths_m, self.will_stop(line_m)
         if math.isfinite(self.loop_m):
             return bool(((self.loop_m - room_m > zone_m) & will_stop).all())
         return bool(((-room_m > zone_m) | ((room_m > 0.0) & will_stop)).all())
@@ -252,26 +258,45 @@ def _fill_lanes(layout: Layout, random: np.random.Generator) -> list[_Lane]:
         for lane in range(file.lanes):
             is_own = direction > 0 and lane == 0
             if is_own:
-                gaps_m = random.uniform(18.0, 40.0, file.ahead + file.behind)
-                around_m = np.concatenate([[0.0], np.cumsum(gaps_m)])
-                front_m = (around_m - around_m[file.behind])[::-1]
+                gaps_m = np.append(0.0, random.uniform(18.0, 40.0, file.ahead + file.behind))
             else:
                 # Those that the ego vehicle meets later come from beyond the end of its way.
                 reach_m = 2.0 * file.shown_m if direction > 0 else 5.0 * file.length_m + 4.0 * file.shown_m
                 reach_m = file.length_m if file.loop else reach_m
                 gaps_m = random.uniform(*file.oncoming_gap_m, int(reach_m / np.mean(file.oncoming_gap_m)) + 1)
-                front_m = file.shown_m - np.cumsum(np.maximum(gaps_m, CAR_M[0] + 8.0))
-                if file.loop:
-                    front_m = front_m[front_m > front_m[0] - file.length_m + CAR_M[0] + 8.0]
-            count = len(front_m)
-            names = [f"traffic_{PAINTS[number]}" for number in random.integers(len(PAINTS), size=count)]
-            desired_m_s = random.uniform(*file.speed_m_s, count)
+            names = [_draw(layout, random, without=("cyclist",) if is_own else ()) for _ in gaps_m]
+            if is_own:
+                names[file.ahead] = "own_car"
+            lengths_m = np.array([CAR_M[0] if name == "own_car" else vehicle_length_m(name) for name in names])
+            gaps_m[1:] = np.maximum(gaps_m[1:], 0.5 * (lengths_m[1:] + lengths_m[:-1]) + 8.0)
+            middle_m = -np.cumsum(gaps_m)
+            middle_m += file.shown_m if not is_own else -middle_m[file.ahead]
+            if file.loop and not is_own:
+                fits = middle_m > middle_m[0] - file.length_m + 0.5 * (lengths_m[0] + lengths_m) + 8.0
+                middle_m, lengths_m = middle_m[fits], lengths_m[fits]
+                names = [name for name, stays in zip(names, fits, strict=True) if stays]
+            desired_m_s = random.uniform(*file.speed_m_s, len(names))
+            desired_m_s[["cyclist" in name for name in names]] *= CYCLIST_SHARE
             # The vehicle rests where a loop begins and ends.
             speed_m_s = (0.0 if file.loop and is_own else 0.6) * desired_m_s
             loop_m = file.length_m if file.loop else math.inf
-            front_m = front_m + 0.5 * CAR_M[0]
-            lanes.append(_Lane(lane, direction, front_m, speed_m_s, desired_m_s, names, loop_m, limit_m_s))
+            front_m = middle_m + 0.5 * lengths_m
+            lanes.append(_Lane(lane, direction, front_m, speed_m_s, desired_m_s, lengths_m, names, loop_m, limit_m_s))
     return lanes
+
+
+def _draw(
+    layout: Layout, random: np.random.Generator, *, longest_m: float = math.inf, without: tuple[str, ...] = ()
+) -> str:
+    """Name of the body of a vehicle that keeps to its lane, bends included."""
+    curvature_per_m = layout.line.sharpest_per_m(layout.begin_m, layout.end_m)
+    return draw_vehicle(
+        "traffic",
+        *random.random(2),
+        longest_m=min(longest_m, longest_in_bend_m(curvature_per_m)),
+        widest_m=layout.file.lane_width_m - 2.0 * SWING_M - 0.1,
+        without=without,
+    )
 
 
 def _draw_closings(layout: Layout, random: np.random.Generator) -> list[_Closing]:
@@ -313,7 +338,7 @@ def _shown(layout: Layout, track: Track, ego_x_m: Numbers) -> list[Track]:
 
 def _vehicle_tracks(layout: Layout, lane: _Lane, time_s: Numbers, ego_x_m: Numbers, *, skip: int | None) -> list[Track]:
     """Tracks of the vehicles of a lane, but for one."""
-    middle_m = lane.direction * (np.array(lane.history) - 0.5 * CAR_M[0])
+    middle_m = lane.direction * (np.array(lane.history) - 0.5 * lane.lengths_m)
     y_m = np.full(len(time_s), layout.lane_m(lane.lane, lane.direction))
     yaw_deg = np.full(len(time_s), 0.0 if lane.direction > 0 else 180.0)
     return [
@@ -351,7 +376,7 @@ def _crossing_tracks(
         # Speeds up, drives on evenly, and brakes to stand at the end of the street that crosses.
         way_m = _stop_and_go_m(since_s[0], start_m + 50.0)
         y_m, x_m = direction * (way_m - start_m), np.full(len(time_s), crossing.x_m + direction * 0.5 * CROSS_LANE_M)
-        name = f"traffic_{PAINTS[random.integers(len(PAINTS))]}"
+        name = _draw(layout, random, longest_m=CAR_M[0])
         tracks += _shown(layout, Track(name, time_s, x_m, y_m, np.full(len(time_s), 90.0 * direction)), ego_x_m)
     return tracks
 
