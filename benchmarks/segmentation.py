@@ -125,7 +125,9 @@ def samples(frames: int, *, first_town: int, rng: np.random.Generator) -> dict[s
     """Features of drawn points with and without noise, and their classes, of frames of as many towns as needed."""
     parts: dict[str, list[Image]] = {NOISY: [], CLEAN: [], "class": []}
     for town in range(-(-frames // FRAMES_OF_TOWN)):
-        scene = load_scene("town", overrides=[f"street.seed={first_town + town}", "street.length_m=400"])
+        scene = load_scene(
+            "town", overrides=[f"street.seed={first_town + town}", "street.loop=false", "street.length_m=400"]
+        )
         simulator = Simulator(scene, load_sensor("os1-128"), pose=scene.sensor_pose)
         for number in range(min(FRAMES_OF_TOWN, frames - town * FRAMES_OF_TOWN)):
             cloud = simulator.render(FrameOptions(number=number * APART, coordinates="sensor", seed=town))

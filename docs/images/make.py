@@ -125,6 +125,22 @@ def above(axes, cloud: PointCloud, name: str):
     return shown
 
 
+def streets() -> None:
+    """Streets of four seeds, the first frame of each."""
+    rows = []
+    with tempfile.TemporaryDirectory() as folder:
+        for seed in (5, 4, 6, 8):
+            scene, picture = Path(folder) / f"{seed}.toml", Path(folder) / f"{seed}.png"
+            scene.write_text(f"[street]\nseed = {seed}\nlength_m = 100\n")
+            lidarscene.record(scene, outputs=lidarscene.Outputs(Path(folder) / "street.ply", picture=picture))
+            whole = Image.open(picture).convert("RGB")
+            rows.append(whole.crop((0, 80, whole.width, 1020)))
+    tiled = Image.new("RGB", (2 * rows[0].width, 2 * rows[0].height))
+    for number, row in enumerate(rows):
+        tiled.paste(row, (number % 2 * row.width, number // 2 * row.height))
+    store(tiled, "streets.png")
+
+
 def view() -> None:
     """The page of the car scene, with a point clicked; as it is where there is no Chromium."""
     if not executable():
@@ -148,6 +164,7 @@ PICTURES = {
     "glass": leaves.glass,
     "compare": compare,
     "drive": drive,
+    "streets": streets,
     "edges": effects.edges,
     "response": response.response,
     "photon_counting": counting.photon_counting,

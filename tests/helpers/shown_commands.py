@@ -41,6 +41,13 @@ PARSED_ONLY = {
     "lidarscene render town -o out/long": (
         "tests/scene/street/test_street.py::test_a_longer_street_keeps_its_drivers_and_its_numbers_in_sight_few"
     ),
+    "lidarscene street --opendrive town.xodr": (
+        "tests/scene/street/test_networks.py::test_a_road_of_opendrive_is_where_its_geometry_says"
+    ),
+    "lidarscene street --osm map.osm": ("tests/scene/street/test_networks.py::test_every_body_of_drawn_traffic_loads"),
+    "lidarscene street --sumo scenario.sumocfg": (
+        "tests/scene/street/test_networks.py::test_the_vehicles_are_where_sumo_says"
+    ),
     "lidarscene render avenue.toml": "tests/outputs/test_run_motion.py::test_synchronous_packets_of_an_ousters_imu",
     "lidarscene view out/os0.pcap": "tests/cli/recordings/test_recording_options.py::test_view_saves_all_frames_or_one",
     "lidarscene view os1.pcap": "tests/cli/recordings/test_recording_options.py::test_view_saves_all_frames_or_one",

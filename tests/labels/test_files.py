@@ -410,6 +410,7 @@ SEMANTIC = {
     "traffic_sign": 81,
     "animal": 99,
     "traffic_cone": 99,
+    "bin": 99,
     "unlabelled": 0,
 }
 """SemanticKITTI's numbers (semantic-kitti-api, config/semantic-kitti.yaml): 13 bus, 16 on rails, 20 other vehicle, 48

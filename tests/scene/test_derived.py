@@ -66,7 +66,7 @@ def test_one_extends_one_that_extends_a_street(tmp_path: Path) -> None:
     folder.mkdir()
     van(folder)
     (folder / "middle.toml").write_text(
-        'extends = "town"\n[street]\nlength_m = 60\nshown_m = 50\n'
+        'extends = "town"\n[street]\nloop = false\nlength_m = 60\nshown_m = 50\n'
         '[[bodies]]\nname = "parked_van"\nmesh = "van.obj"\nmaterial = "brick"\nposition_m = [20, 9, 0]\n'
     )
     model_of = {}
@@ -131,7 +131,7 @@ def test_the_own_van_drives_along_a_street(tmp_path: Path) -> None:
     place.
     """
     van(tmp_path)
-    street = "[street]\nlength_m = 60\nshown_m = 50\n"
+    street = "[street]\nloop = false\nlength_m = 60\nshown_m = 50\n"
     (tmp_path / "mine.toml").write_text(street + '[ego]\nmesh = "van.obj"\n')
     model = scene_model(tmp_path / "mine.toml", overrides=["ego.ride.active=false"])
     assert model.ego is not None

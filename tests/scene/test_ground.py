@@ -13,7 +13,8 @@ from lidarscene.maths.pose import Pose
 from lidarscene.maths.trajectory import Course
 from lidarscene.physics.reference.surroundings import profile_density_m3
 from lidarscene.physics.road.roughness import RoughSurface
-from lidarscene.scene.ground import SPACINGS_A_WAVE, Ground, Sheet
+from lidarscene.scene.ground import SPACINGS_A_WAVE, Ground, Sheet, Strip, lay
+from lidarscene.scene.ground_area import Outline
 from lidarscene.scene.ride import Ride
 from lidarscene.scene.scene import Part, Scene
 from lidarscene.scene.scene_file import load_scene
@@ -27,11 +28,23 @@ PAVEMENT = (
     '[[bodies]]\nname = "pavement"\nprimitive = "ground"\nsize_m = [80, 2]\nkerb_m = 0.2\nmaterial = "concrete"\n'
     "position_m = [0, 5, 0.12]\n"
 )
+BACK = "[[0, 0, 0], [9, 0, 0], [3, 2, 0]]"
+CROSSED = "[[0, 0, 0], [9, 9, 0], [9, 0, 0], [0, 9, 0]]"
 BOX = '[[bodies]]\nname = "box"\nprimitive = "box"\nsize_m = [1, 1, 1]\nmaterial = "brick"\non_ground = true\n'
 
 
 def sheet(pose: Pose | None = None, *, size_m=(12.0, 5.0), crown_m=0.0, spacing_m=1.0, surface=FLAT) -> Sheet:
-    return Sheet.lay(pose or Pose(), size_m=size_m, crown_m=crown_m, spacing_m=spacing_m, surface=surface)
+    laid = lay(pose or Pose(), plan=Strip.rectangle(size_m, spacing_m), crown_m=crown_m, surface=surface)
+    assert isinstance(laid, Sheet)
+    return laid
+
+
+def bend(*, offset_m: float = 0.0, width_m: float = 5.0, climbs_m: float = 0.0) -> Strip:
+    """A strip along a quarter of a circle of 30 m, with straight segments of 3 m and a longer one at its end."""
+    angle = np.append(np.linspace(0.0, 0.5 * np.pi, 17), np.nan)
+    line_m = np.stack([30 * np.sin(angle), 30 - 30 * np.cos(angle), np.linspace(0.0, climbs_m, 18)], axis=1)
+    line_m[-1, :2] = 30.0, 42.0
+    return Strip(line_m=line_m, width_m=width_m, offset_m=offset_m, spacing_m=0.7)
 
 
 def scene_of(folder: Path, text: str) -> Scene:
@@ -92,20 +105,75 @@ def test_crown_and_kerb() -> None:
     assert (outward > 0).all()
 
 
-def test_height_of_the_mesh_is_that_of_its_triangles() -> None:
+STAR = np.array([[0.0, 0.0, 0.2], [9.0, 1.0, 0.0], [8.0, 9.0, 0.5], [4.0, 3.0, 0.0], [1.0, 8.0, 0.0]])
+
+
+@pytest.mark.parametrize(
+    "plan",
+    [Strip.rectangle((12.0, 5.0), 1.0), bend(offset_m=-3.0, climbs_m=2.0), Outline(corner_m=STAR, spacing_m=0.6)],
+)
+def test_height_of_the_mesh_is_that_of_its_triangles(plan: Strip | Outline) -> None:
     """Rays from above against each triangle."""
     pose = Pose.from_degrees(position_m=(100.0, -40.0, 0.3), yaw_deg=35.0)
-    laid = sheet(pose, crown_m=0.2, surface=RoughSurface.draw("F", 4))
+    laid = lay(pose, plan=plan, crown_m=0.2, surface=RoughSurface.draw("F", 4))
     vertices_m, faces = laid.mesh(0.5)
     vertices_m = pose.apply(vertices_m)
-    eye_m = pose.apply(np.array([[0.3, 0.2, 20.0]]))[0]
-    targets_m = pose.apply(np.pad(np.random.default_rng(5).uniform(-0.4, 0.4, (300, 2)) * [12, 5], ((0, 0), (0, 1))))
+    x_m, y_m, _ = vertices_m.mean(axis=0)
+    eye_m = np.array([x_m + 0.3, y_m + 0.2, 400.0])
+    rng = np.random.default_rng(5)
+    a, b, c = vertices_m[faces[rng.integers(len(laid.mesh(0.0)[1]), size=300)]].transpose(1, 0, 2)
+    u, v = rng.uniform(0.1, 0.4, (2, 300, 1))
+    targets_m = a + u * (b - a) + v * (c - a)
     direction = targets_m - eye_m
     nearest = np.full(len(direction), np.inf)
     for a, b, c in vertices_m[faces]:
         nearest = np.minimum(nearest, triangle(eye_m, direction, a, b - a, c - a))
     hit_m = eye_m + nearest[:, None] * direction
     np.testing.assert_allclose(Ground(surface=FLAT, sheets=[laid]).height_m(hit_m[:, :2]), hit_m[:, 2], atol=1e-9)
+
+
+def test_a_strip_keeps_its_distance_from_its_line() -> None:
+    """Places in a ring around the circle are on it, those beside are not; a strip beside it shares its edge."""
+    road, beside = bend(width_m=6.0), bend(width_m=2.0, offset_m=4.0)
+    angle, radius_m = np.meshgrid(np.linspace(0.05, 1.5, 100), [26.5, 27.5, 32.5, 33.5])
+    place_m = np.stack([radius_m * np.sin(angle), 30 - radius_m * np.cos(angle)], axis=-1).reshape(-1, 2)
+    on_road, _, across_m = road.locate(place_m)
+    assert on_road.reshape(4, 100).all(axis=1).tolist() == [False, True, True, False]
+    # Segments of 3 m leave the circle by 3^2 / (8 * 30) m.
+    np.testing.assert_allclose(across_m.reshape(4, 100)[1:3], [[2.5] * 100, [-2.5] * 100], atol=0.038)
+    edges = [
+        Sheet.lay(Pose(), strip=strip, crown_m=0.0, surface=FLAT).vertices_m[:, column]
+        for strip, column in ((road, -1), (beside, 0))
+    ]
+    np.testing.assert_allclose(*edges, atol=1e-12)
+
+
+def test_a_road_climbs_as_its_line() -> None:
+    """The height goes from point to point with no step of the slope; wheels meet it."""
+    strip = bend(climbs_m=2.0)
+    laid = Sheet.lay(Pose(), strip=strip, crown_m=0.0, surface=FLAT)
+    rows = strip._first_row
+    np.testing.assert_allclose(laid.vertices_m[rows, 3, 2], np.linspace(0.0, 2.0, 18), atol=1e-12)
+    fine_m = strip.rise_m(np.linspace(0.0, rows[-1], 20_001))
+    assert np.abs(np.diff(fine_m, 2)).max() < 0.05 * np.diff(fine_m).max(), "straight pieces have steps of 0.75"
+    ground = Ground(surface=FLAT, sheets=[laid])
+    np.testing.assert_allclose(ground.wheel_height_m(strip.line_m[1:-1, :2]), strip.line_m[1:-1, 2], atol=1e-9)
+
+
+def test_an_outline_is_filled() -> None:
+    """Its triangles look up and have the polygon's area, its sides look outward; a place in its notch is not on it."""
+    laid = lay(Pose(), plan=Outline(corner_m=STAR[::-1], spacing_m=0.6), crown_m=0.0, surface=FLAT)
+    vertices_m, faces = laid.mesh(0.3)
+    corners = vertices_m[faces]
+    normal = 0.5 * np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    x_m, y_m, _ = STAR.T
+    area_m2 = 0.5 * (x_m * np.roll(y_m, -1) - np.roll(x_m, -1) * y_m).sum()
+    top = normal[:, 2] > 1e-9
+    assert normal[top, 2].sum() == pytest.approx(area_m2)
+    np.testing.assert_allclose(normal[~top, :2].sum(axis=0), 0.0, atol=1e-9)
+    middle_m = corners[~top].mean(axis=1)[:, :2] + 1e-3 * normal[~top, :2] / np.hypot(*normal[~top, :2].T)[:, None]
+    assert not laid.mesh_height_m(middle_m)[0].any()
+    assert laid.mesh_height_m(np.array([[4.0, 2.9], [4.0, 3.1]]))[0].tolist() == [True, False]
 
 
 def test_wheels_meet_the_surface_that_the_mesh_shows() -> None:
@@ -222,6 +290,10 @@ def test_an_ego_without_its_ride_stays_on_the_ground(tmp_path: Path) -> None:
         (BOX.replace("on_ground = true", "crown_m = 0.1"), "crown_m is for a ground, a box has none"),
         ("[ego]\n" + ROAD + BOX + "[bodies.motion]\nwith_ego = true\n", "on_ground does not go with motion.with_ego"),
         (ROAD.replace("[80, 8]", "[80]"), "size_m of a ground must have 2 numbers"),
+        (ROAD + "width_m = 3\n", "line and width_m must go together, got width_m"),
+        (ROAD.replace("size_m = [80, 8]", f"line = {BACK}\nwidth_m = 8"), r"such a bend at 0, 0 m"),
+        (ROAD.replace("size_m = [80, 8]", f"outline = {CROSSED}"), "outline must not cross itself"),
+        (BOX.replace("on_ground = true", "offset_m = 1"), "offset_m is for a ground, a box has none"),
     ],
 )
 def test_mistakes(tmp_path: Path, text: str, message: str) -> None:

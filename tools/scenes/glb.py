@@ -8,17 +8,15 @@ shares of skins are whole numbers for the same reason.
 
 import json
 import struct
-from itertools import pairwise
 
 import numpy as np
 
 LATTICE_M = 2.0**-13
 Y_UP = [1, 0, 0, 0, 0, 0, -1, 0, 0, 1, 0, 0, 0, 0, 0, 1]  # column by column: (x, y, z) becomes (x, z, -y)
-CREASE_COS = 0.80  # edges sharper than about 37 degrees stay sharp
 
 
 def welded(mesh):
-    """(points, faces): points on the lattice, each once; faces without area left out."""
+    """(points, faces): points on the lattice, each once; faces once, and none without area."""
     steps = np.rint(mesh.points_m / LATTICE_M).astype(np.int64)
     steps, index = np.unique(steps, axis=0, return_inverse=True)
     faces = index.ravel()[mesh.faces]
@@ -26,34 +24,9 @@ def welded(mesh):
     doubled = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     # A needle of some lattice steps would be one rounding error away from no area at all.
     longest = np.max(np.sum((corners - np.roll(corners, 1, axis=1)) ** 2, axis=2), axis=1)
-    solid = _length(doubled.astype(float))[:, 0] > np.maximum(3.0, 2e-3 * longest)
-    return steps * LATTICE_M, faces[solid]
-
-
-def shaded(points_m, faces):
-    """(points, normals, faces) with points doubled along sharp edges, so that flat and round both show."""
-    corners = points_m[faces]
-    area = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    unit = area / _length(area)
-    corner_point = faces.ravel()
-    corner_face = np.repeat(np.arange(len(faces)), 3)
-    order = np.argsort(corner_point, kind="stable")
-    starts = np.searchsorted(corner_point[order], np.arange(len(points_m) + 1))
-    normal = np.zeros((len(corner_point), 3))
-    for first, last in pairwise(starts):
-        here = order[first:last]
-        around = corner_face[here]
-        n = unit[around]
-        smooth = (n[:, None, 0] * n[:, 0] + n[:, None, 1] * n[:, 1] + n[:, None, 2] * n[:, 2]) > CREASE_COS
-        normal[here] = np.sum(smooth[:, :, None] * area[around], axis=1)
-    normal = np.rint(normal / _length(normal) * 4096) / 4096
-    rows, index = np.unique(np.column_stack([corner_point, normal]), axis=0, return_inverse=True)
-    unique_normal = rows[:, 1:] / _length(rows[:, 1:])
-    return points_m[rows[:, 0].astype(int)], unique_normal, index.ravel().reshape(-1, 3)
-
-
-def _length(vectors):
-    return np.sqrt(vectors[:, :1] ** 2 + vectors[:, 1:2] ** 2 + vectors[:, 2:] ** 2)
+    faces = faces[np.sqrt(np.sum(doubled.astype(float) ** 2, axis=1)) > np.maximum(3.0, 2e-3 * longest)]
+    _, first = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)
+    return steps * LATTICE_M, faces[np.sort(first)]
 
 
 def glb_bytes(parts, colours, skeleton=None):
@@ -76,11 +49,8 @@ def glb_bytes(parts, colours, skeleton=None):
     }
     blob = bytearray()
     for i, (name, part) in enumerate(parts.items()):
-        points, normal, faces = shaded(*welded(part if skeleton is None else part.mesh))
-        attributes = {
-            "POSITION": _add(tree, blob, points.astype("<f4"), target=34962),
-            "NORMAL": _add(tree, blob, normal.astype("<f4"), target=34962),
-        }
+        points, faces = welded(part if skeleton is None else part.mesh)
+        attributes = {"POSITION": _add(tree, blob, points.astype("<f4"), target=34962)}
         if skeleton is not None:
             joints, shares = _skin_of(part, points)
             attributes["JOINTS_0"] = _add(tree, blob, joints, target=34962)

@@ -6,6 +6,7 @@ x forward, in metres, with the origin on the ground under the object (see glb.py
 """
 
 import argparse
+import functools
 import sys
 from pathlib import Path
 
@@ -14,16 +15,22 @@ import house
 import people
 import plants
 import roadside
+import vehicles
 from glb import glb_bytes, welded
 
 OBJECTS = {
     "car": (car.build, car.COLOURS),
     "tree": (plants.build, plants.COLOURS),
-    "house": (house.build, house.COLOURS),
+    **{
+        build.__name__: (build, plants.COLOURS)
+        for build in (plants.conifer, plants.poplar, plants.birch, plants.bush, plants.hedge)
+    },
+    **{name: (functools.partial(house.build, style), house.COLOURS) for name, style in house.STYLES.items()},
     "kerb": (roadside.kerb, {"kerb": (0.55, 0.54, 0.52, 1.0)}),
-    "sign": (roadside.sign, roadside.COLOURS),
+    **{name: (functools.partial(roadside.sign, *shape), roadside.COLOURS) for name, shape in roadside.SIGNS.items()},
     "lamp_post": (roadside.lamp_post, roadside.COLOURS),
-    "bollard": (roadside.bollard, roadside.COLOURS),
+    **{build.__name__: (build, roadside.COLOURS) for build in roadside.FURNITURE},
+    **{name: (functools.partial(vehicles.build, size), vehicles.COLOURS) for name, size in vehicles.bodies().items()},
 }
 
 

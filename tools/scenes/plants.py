@@ -1,4 +1,4 @@
-"""A broad-leaved tree of about 6.5 m: trunk, branches, twigs and leaves in clumps."""
+"""Plants: a broad-leaved tree, a conifer, a poplar, a birch, a bush and a hedge, of wood and leaves."""
 
 import numpy as np
 from modelling import Mesh, join, tube
@@ -65,21 +65,125 @@ def _twig(i, j, branch):
 
 
 def _clump(centre_m, *, seed):
-    """LEAVES leaves about a point: each a folded rhombus of two triangles, mostly facing upwards."""
+    """LEAVES leaves in a flat ball about a point."""
     u = dice(LEAVES, 8, seed=seed)
+    return _leaves(centre_m + _ball(u[:, :3]) * (0.54, 0.54, 0.42), u[:, 3:], size_m=(0.065, 0.045))
+
+
+def _ball(u):
+    """(n, 3) points of the unit ball for (n, 3) numbers of [0, 1)."""
     polar = np.stack([np.cos(2 * np.pi * u[:, 0]), np.sin(2 * np.pi * u[:, 0])], axis=1)
     height = 2 * u[:, 1:2] - 1
-    ball = np.hstack([polar * np.sqrt(1 - height**2), height]) * np.cbrt(u[:, 2:3])
-    place = centre_m + ball * (0.54, 0.54, 0.42)
-    facing = np.hstack([u[:, 3:5] * 2 - 1, 0.35 + u[:, 5:6]])
+    return np.hstack([polar * np.sqrt(1 - height**2), height]) * np.cbrt(u[:, 2:3])
+
+
+def _leaves(place, u, *, size_m):
+    """A leaf at each (n, 3) place: a folded rhombus of two triangles, mostly facing upwards.
+
+    Args:
+        u: (n, 5) numbers of [0, 1)
+        size_m: least half width of a leaf, and by how much it may be larger
+    """
+    facing = np.hstack([u[:, 0:2] * 2 - 1, 0.35 + u[:, 2:3]])
     facing /= np.linalg.norm(facing, axis=1, keepdims=True)
-    turn = 2 * np.pi * u[:, 6]
+    turn = 2 * np.pi * u[:, 3]
     along = np.cross(facing, np.stack([np.cos(turn), np.sin(turn), 0 * turn], axis=1))
     along /= np.linalg.norm(along, axis=1, keepdims=True)
     beside = np.cross(facing, along)
-    size = 0.065 + 0.045 * u[:, 7:8]
+    size = size_m[0] + size_m[1] * u[:, 4:5]
     fold = 0.25 * size * facing
     corners = [place - 1.25 * size * along, place - 0.72 * size * beside + fold]
     corners += [place + 1.25 * size * along, place + 0.72 * size * beside + fold]
-    faces = np.arange(4 * LEAVES).reshape(-1, 4)[:, [0, 2, 1, 0, 3, 2]].reshape(-1, 3)
+    faces = np.arange(4 * len(place)).reshape(-1, 4)[:, [0, 2, 1, 0, 3, 2]].reshape(-1, 3)
     return Mesh(np.stack(corners, axis=1).reshape(-1, 3), faces)
+
+
+def conifer(*, height_m=10.5, foot_m=1.0, reach_m=2.3, whorls=15, seed=5000):
+    """Part name -> Mesh of a spruce: whorls of branches that droop, twigs of needles hanging from them."""
+    trunk = np.column_stack([np.zeros(6), np.zeros(6), np.linspace(0, height_m, 6)])
+    wood, needles = [tube(trunk, np.linspace(0.16, 0.02, 6), segments=10)], []
+    for i, z in enumerate(np.linspace(foot_m, height_m - 0.5, whorls)):
+        length = reach_m * (1 - (z - foot_m) / (height_m - foot_m)) ** 0.85 + 0.12
+        for j, shift in enumerate(dice(6, seed=seed + i)):
+            angle = 2 * np.pi * (j + 0.4 * shift) / 6 + 1.1 * i
+            way = np.array([np.cos(angle), np.sin(angle), 0.0])
+            end = np.add(way * length * (0.85 + 0.15 * shift), (0, 0, z - 0.22 * length))
+            wood.append(
+                tube([(0, 0, z), (*(0.5 * end[:2]), 0.5 * (end[2] + z) + 0.05), end], [0.03, 0.02, 0.008], segments=4)
+            )
+            count = int(6 + 16 * length)
+            u = dice(count, 8, seed=seed + 100 + 10 * i + j)
+            share = 0.15 + 0.85 * np.sqrt(u[:, :1])
+            spread = (2 * u[:, 1:4] - 1) * (0.25, 0.25, 0.16) * (0.4 + share)
+            needles.append(_leaves((0, 0, z) + share * (end - (0, 0, z)) + spread, u[:, 3:], size_m=(0.075, 0.05)))
+    return {"bark": join(*wood), "foliage": join(*needles)}
+
+
+def _crown(*, height_m, foot_m, radii_m, leaves, size_m, seed, stem_m=0.11, branches=14):
+    """Part name -> Mesh of a tree with a crown of even leaves: half its radii and its height are given."""
+    trunk = _wander([0, 0, 0], [0.05, 0.03, height_m - 0.4], sway_m=0.05, count=9, seed=seed)
+    wood = [tube(trunk, np.linspace(stem_m, 0.015, 9), segments=10)]
+    middle = np.array([0.0, 0.0, 0.5 * (foot_m + height_m)])
+    half = np.array([*radii_m, 0.5 * (height_m - foot_m)])
+    for i, u in enumerate(dice(branches, 3, seed=seed + 1)):
+        z = foot_m + 0.15 + (height_m - foot_m - 1.0) * i / branches
+        angle = 2.39996 * i
+        width = radii_m[0] * np.sqrt(max(1.0 - ((z + 0.8 - middle[2]) / half[2]) ** 2, 0.05)) * (0.6 + 0.25 * u[0])
+        end = [width * np.cos(angle), width * np.sin(angle), min(z + 0.5 + 0.5 * u[1], height_m - 0.2)]
+        wood.append(
+            tube(
+                _wander([0, 0, z], end, sway_m=0.03, count=4, seed=seed + 10 + i),
+                [0.03, 0.02, 0.012, 0.005],
+                segments=4,
+            )
+        )
+    u = dice(leaves, 9, seed=seed + 50)
+    shell = np.cbrt(0.25 + 0.75 * u[:, 8:9])  # few in the middle
+    place = middle + _ball(np.column_stack([u[:, :2], np.ones(leaves)])) * shell * half
+    return {"bark": join(*wood), "foliage": _leaves(place, u[:, 3:8], size_m=size_m)}
+
+
+def poplar():
+    """Part name -> Mesh of a column of 11 m."""
+    return _crown(height_m=11.0, foot_m=0.9, radii_m=(0.95, 0.95), leaves=2600, size_m=(0.075, 0.05), seed=7000)
+
+
+def birch():
+    """Part name -> Mesh of a light tree of 8 m with a thin crown."""
+    return _crown(
+        height_m=8.2, foot_m=2.1, radii_m=(1.55, 1.55), leaves=1900, size_m=(0.06, 0.045), seed=8000, stem_m=0.09
+    )
+
+
+def bush():
+    """Part name -> Mesh of a round bush of 1.5 m."""
+    return _crown(
+        height_m=1.5,
+        foot_m=0.05,
+        radii_m=(0.75, 0.75),
+        leaves=900,
+        size_m=(0.045, 0.03),
+        seed=9000,
+        stem_m=0.025,
+        branches=6,
+    )
+
+
+def hedge(*, length_m=2.0, width_m=0.6, height_m=1.3, seed=9500):
+    """Part name -> Mesh of 2 m of a clipped hedge along y: stems, and leaves that are dense at its faces."""
+    stems = [
+        tube(
+            _wander([0.08 * (-1) ** i, y, 0], [0, y, height_m - 0.1], sway_m=0.05, count=4, seed=seed + i),
+            0.015,
+            segments=4,
+        )
+        for i, y in enumerate(np.linspace(-0.42, 0.42, 7) * length_m)
+    ]
+    u = dice(2200, 9, seed=seed + 50)
+    inside = 2 * u[:, :3] - 1
+    outermost = np.argmax(np.abs(inside) ** (1.0, 4.0, 1.0), axis=1)
+    pushed = np.take_along_axis(inside, outermost[:, None], axis=1)
+    np.put_along_axis(inside, outermost[:, None], np.sign(pushed) * (1 - 0.3 * u[:, 8:9] ** 2), axis=1)
+    half = 0.5 * np.array([width_m, length_m, height_m - 0.1]) - 0.05
+    place = np.add(inside * half, (0, 0, 0.5 * height_m + 0.05))
+    return {"bark": join(*stems), "foliage": _leaves(place, u[:, 3:8], size_m=(0.042, 0.025))}

@@ -12,7 +12,7 @@ import os
 import tomllib
 from importlib import resources
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from ..errors import InputError, did_you_mean, question
 
@@ -42,11 +42,62 @@ def files(kind: str) -> dict[str, Path]:
     }
 
 
+def _table(name: str) -> dict[str, Any]:
+    """Tables of a file of this folder."""
+    return tomllib.loads(resources.files(__package__).joinpath(name).read_text(encoding="utf-8"))
+
+
 @functools.cache
 def shipped_meshes() -> dict[str, Any]:
-    """Name of a shipped mesh -> ``class`` of what it shows, and ``materials`` by its parts."""
-    text = resources.files(__package__).joinpath("meshes.toml").read_text(encoding="utf-8")
-    return tomllib.loads(text)
+    """Name of a shipped mesh -> ``class`` of what it shows, ``materials`` by its parts, and what else is known."""
+    table, materials = _table("meshes.toml"), _table("vehicles.toml")["materials"]
+    for name, entry in table.items():
+        base = table.get(entry.get("like"), {})
+        table[name] = base | entry | {"materials": base.get("materials", {}) | entry.get("materials", {})}
+    for name, body in vehicles().items():
+        groups = (materials[group] for group in PARTS_OF_CLASS[body.class_name])
+        table[name] = {"class": body.class_name, "materials": {part: group[part] for group in groups for part in group}}
+    return table
+
+
+PARTS_OF_CLASS = {
+    **dict.fromkeys(("car", "van", "truck", "bus"), ("motor",)),
+    **{name: (name,) for name in ("trailer", "motorcycle", "bicycle")},
+    "motorcyclist": ("motorcycle", "rider"),
+    "cyclist": ("bicycle", "rider"),
+}
+"""Class of a vehicle -> groups of parts that its body has, in ``[materials]`` of vehicles.toml."""
+
+
+class VehicleBody(NamedTuple):
+    """Body of a road vehicle among the shipped meshes.
+
+    Attributes:
+        name: of its mesh, whose origin is on the ground under the middle of the box
+        family: such as "saloon"
+        class_name: class of labels
+        size_m: length, width and height, without mirrors
+    """
+
+    name: str
+    family: str
+    class_name: str
+    size_m: tuple[float, float, float]
+
+
+@functools.cache
+def vehicles() -> dict[str, VehicleBody]:
+    """Name -> body of all road vehicles of the catalogue, by vehicles.toml, where the sources are."""
+    return {
+        name: VehicleBody(name, body["family"], body["class"], tuple(body["size_m"]))
+        for name, body in _table("vehicles.toml")["bodies"].items()
+    }
+
+
+@functools.cache
+def paint_shares() -> dict[str, float]:
+    """Material of a car's paint -> its share of the cars on the road; together 1."""
+    return dict(_table("vehicles.toml")["paints"])
 
 
 def names(kind: str) -> list[str]:

@@ -4,17 +4,27 @@ from __future__ import annotations
 
 import argparse
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
+from ..errors import OptionError
 from ..rendering.render_options import SEEDS
 from .terminal import Answer
 from .words import number, whole_number
+
+if TYPE_CHECKING:
+    from ..scene.street.network_tables import NetworkKind
+    from ..scene.street.street_file import StreetFile
+
+NETWORK_KEYS = {"seed", "house_share", "setback_m", "lamp_spacing_m", "oncoming_gap_m", "shown_m"}
+"""Keys of [street] that a road network takes: what stands along roads, and how many drive there."""
 
 STREET_HELP = """\
 examples:
   lidarscene street -o out/street
   lidarscene street --length-m 2000 --seed 3 -o out/street
   lidarscene street -o out/avenue --set lanes=2 --set "parked_share=[0.5, 0.9]" --set stop_share=0
+  lidarscene street --opendrive town.xodr --seed 3 -o out/town
+  lidarscene street --sumo scenario.sumocfg --ego bus.7 -o out/scenario
   lidarscene render out/street/street.toml -o out/frames --frames 1200
 """
 
@@ -23,15 +33,21 @@ def add_street(commands: Any) -> None:
     """Add `street`."""
     command = commands.add_parser(
         "street",
-        help="a street with traffic from a seed, as a scene file",
+        help="a street with traffic from a seed or a map, as a scene file",
         epilog=STREET_HELP,
         description="Write the scene file street.toml of a street with houses, trees, parked cars, traffic that keeps "
         "its lanes and distances, and people who cross, with its meshes and motions beside it. A scene file with "
-        "[street] gives the same scene without writing it.",
+        "[street] gives the same scene without writing it. With a map, roads, kerbs and markings are its own, and SUMO "
+        "simulates who drives and walks there.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = command.add_argument
     add("-o", "--output", metavar="DIR", type=Path, required=True, help="folder to write to")
+    source = command.add_mutually_exclusive_group()
+    source.add_argument("--opendrive", metavar="FILE", type=Path, help="roads of an OpenDRIVE file")
+    source.add_argument("--osm", metavar="FILE", type=Path, help="roads of an OpenStreetMap file")
+    source.add_argument("--sumo", metavar="FILE", type=Path, help="roads and traffic of a SUMO configuration")
+    add("--ego", metavar="NAME", help="vehicle of --sumo that carries the sensor (default: that which drives longest)")
     add("--length-m", metavar="M", type=number, help="way of the vehicle that carries the sensor (default: 1000)")
     add("--seed", metavar="N", type=whole_number(SEEDS), help="of all random choices (default: 1)")
     add(
@@ -52,9 +68,34 @@ def run_street(arguments: argparse.Namespace) -> Answer:
     from ..scene.street.street_file import StreetFile
     from ..scene.street.street_tables import street_summary, write_street
 
+    kind: NetworkKind
     named = {key: getattr(arguments, key) for key in ("length_m", "seed")}
     tables = {key: value for key, value in named.items() if value is not None}
     file = validate(StreetFile, with_overrides(tables, arguments.overrides), "[street]", overrides=arguments.overrides)
+    for kind in ("opendrive", "osm", "sumo"):
+        if (source := getattr(arguments, kind)) is not None:
+            return _write_network(file, source, kind, arguments)
+    if arguments.ego is not None:
+        raise OptionError("--ego: must go with --sumo")
     path = write_street(file, arguments.output)
     summary = street_summary(file)
     return Answer(f"wrote {path}: {summary.as_text()}", numbers={"scene": str(path), **summary._asdict()})
+
+
+def _write_network(file: StreetFile, source: Path, kind: NetworkKind, arguments: argparse.Namespace) -> Answer:
+    """Write the scene of a road network."""
+    from ..scene.street.network_tables import network_scene, network_summary
+    from ..scene.street.street_tables import write_scene
+
+    if unused := sorted(file.model_fields_set - NETWORK_KEYS):
+        raise OptionError(f"{unused[0]}: does not go with --{kind}, whose roads and ways are its own")
+    if kind != "sumo" and arguments.ego is not None:
+        raise OptionError("--ego: must go with --sumo")
+    tables = network_scene(source, kind, file, ego=arguments.ego)
+    path = write_scene(tables, arguments.output, origin=f"--{kind} {source.name}, seed = {file.seed}")
+    summary = network_summary(tables)
+    text = (
+        f"{summary['length_m']:g} m of driving in {summary['duration_s']:g} s; {summary['houses']:g} houses, "
+        f"{summary['vehicles_in_traffic']:g} vehicles in traffic, {summary['people']:g} people"
+    )
+    return Answer(f"wrote {path}: {text}", numbers={"scene": str(path), **summary})

@@ -28,6 +28,7 @@ EXTRAS = {
     "velodyne": {"velodyne_decoder": "velodyne-decoder", "yaml": "pyyaml"},
     "design": {"pymoo": "pymoo"},
     "completion": {"shtab": "shtab"},
+    "traffic": {"sumo": "eclipse-sumo", "sumolib": "sumolib"},
     "open3d": {"open3d": "open3d libusb-package"},
     "batch": {"distributed": "distributed", "pyarrow": "pyarrow", "cryptography": "cryptography", "bokeh": "bokeh"},
 }

@@ -26,7 +26,7 @@ from ..formats.cloud_columns import frame_starts_s, sensor_positions_m
 from ..maths.arrays import Numbers
 from ..maths.pose import Pose
 from ..maths.trajectory import Riding, motion_in_frame
-from ..scene.scene import Body, Scene, box_of
+from ..scene.scene import Ball, Body, Part, Scene, box_of
 from .kinds import kind_of
 
 PIECE_POINTS = 1 << 20
@@ -37,6 +37,11 @@ WAITING_POINTS = 1 << 20
 STOPPED_M = 0.05
 """Choice: tolerance for a beam that reaches a box: one that ends less than this before the box only has an error of
 range."""
+
+
+MIRRORS = "mirrors"
+"""Source: nuScenes' instructions to annotators (extremities) and OSI's `MovingObject`: boxes of vehicles leave out
+their outside mirrors. Name of the part of a mesh that has them."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -139,7 +144,7 @@ class BoxTally:
             (index, body)
             for index, body in enumerate(scene.bodies)
             if kind_of(body.class_name).is_thing
-            and box_of(body.parts) is not None
+            and box_of(_boxed(body)) is not None
             and any(body.is_present(start_s) for start_s in starts_s)
             and (with_ego or not body.rides_with(scene.ego))
         ]
@@ -323,11 +328,16 @@ def _require_pose(pose: Pose | None) -> Pose:
     return pose
 
 
+def _boxed(body: Body) -> Sequence[Part | Ball]:
+    """Return the parts that the box of a body encloses."""
+    return [part for part in body.parts if isinstance(part, Ball) or part.name != MIRRORS]
+
+
 def boxes_of_bodies(bodies: Sequence[tuple[int, Body]]) -> list[Box]:
     """Boxes of bodies with surfaces, each with its index, at their poses in the scene, in the world frame."""
     if not bodies:
         return []
-    extents_m = np.array([box_of(body.parts) for _, body in bodies])
+    extents_m = np.array([box_of(_boxed(body)) for _, body in bodies])
     low, high = extents_m[:, 0], extents_m[:, 1]
     rotation = np.stack([body.pose.rotation for _, body in bodies])
     position_m = np.stack([body.pose.position_m for _, body in bodies])

@@ -47,6 +47,7 @@ KINDS = {
     "child": Kind(30, "Pedestrian", "human.pedestrian.child"),
     "animal": Kind(99, "Misc", "animal"),
     "traffic_cone": Kind(99, NOT_IN_KITTI, "movable_object.trafficcone"),
+    "bin": Kind(99, NOT_IN_KITTI, "movable_object.pushable_pullable"),
     "barrier": Kind(52, NOT_IN_KITTI, "movable_object.barrier"),
     "pole": Kind(80, NOT_IN_KITTI, "static.manmade"),
     "sign": Kind(81, NOT_IN_KITTI, "static.manmade"),

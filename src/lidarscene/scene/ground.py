@@ -1,4 +1,4 @@
-"""Ground that is not a plane: sheets of a rough surface with crown and kerbs, and its height at any place.
+"""Ground that is not a plane: sheets of a rough surface along lines, with crown and kerbs, and its height at any place.
 
 All sheets of a scene show one random surface (`physics.road.roughness`), on which vehicles ride (`scene.ride`): what
 wheels meet is what beams meet, but for the waves that are too short for a mesh.
@@ -15,6 +15,7 @@ import numpy as np
 from ..maths.arrays import Numbers
 from ..maths.pose import Pose
 from ..physics.road.roughness import RoughSurface
+from .ground_area import Area, Outline
 from .meshes.primitives import grid_faces
 
 SPACING_M = 0.5
@@ -26,44 +27,170 @@ SPACINGS_A_WAVE = 3.0
 MOST_VERTICES = 4_000_000
 """Most vertices of a sheet: 100 MB of triangles."""
 
+_EDGE_M = 1e-6
+"""Accuracy bought: places as near as this to a sheet's edge are on it."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Strip:
+    """The plan of a sheet: places (s, v) along and across a line of straight segments.
+
+    Rows of vertices lie across the line, at its corners along the bisectors, so that the strip's edges and those of
+    strips beside it along the same line are parallel to it and meet without a gap. A rectangle is a strip along a line
+    of one segment.
+
+    Attributes:
+        line_m: (k + 1, 3) points of the line
+        width_m: of the strip
+        offset_m: of its middle from the line, to the left
+        spacing_m: largest distance of vertices along and across it
+    """
+
+    line_m: Numbers
+    width_m: float
+    offset_m: float = 0.0
+    spacing_m: float
+    _length_m: Numbers = field(init=False)
+    _ahead: Numbers = field(init=False)
+    _bisector: Numbers = field(init=False)
+    _first_row: Numbers = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Compute length and direction of the segments, bisectors at the points, and rows up to each point."""
+        step = np.diff(self.line_m[:, :2], axis=0)
+        length_m = np.hypot(*step.T)
+        ahead = step / np.maximum(length_m, 1e-12)[:, None]
+        left = np.stack([-ahead[:, 1], ahead[:, 0]], axis=1)
+        before, after = np.concatenate([left[:1], left]), np.concatenate([left, left[-1:]])
+        # Its share along both normals is 1: edges keep their distance from the line.
+        bisector = (before + after) / np.maximum(1.0 + np.einsum("ij,ij->i", before, after), 1e-12)[:, None]
+        rows = np.maximum(1, np.ceil(length_m / self.spacing_m - 1e-9)).astype(int)
+        first_row = np.concatenate([[0], np.cumsum(rows)])
+        for name, values in (("length_m", length_m), ("ahead", ahead), ("bisector", bisector)):
+            object.__setattr__(self, f"_{name}", values)
+        object.__setattr__(self, "_first_row", first_row)
+
+    @classmethod
+    def rectangle(cls, size_m: tuple[float, float], spacing_m: float) -> Strip:
+        """Return a strip along x, centred on the origin."""
+        line_m = np.array([[-0.5 * size_m[0], 0.0, 0.0], [0.5 * size_m[0], 0.0, 0.0]])
+        return cls(line_m=line_m, width_m=size_m[1], spacing_m=spacing_m)
+
+    @property
+    def cells(self) -> tuple[int, int]:
+        """Number of cells along and across."""
+        return int(self._first_row[-1]), max(1, math.ceil(self.width_m / self.spacing_m - 1e-9))
+
+    @property
+    def vertices(self) -> int:
+        """Number of vertices."""
+        return (self.cells[0] + 1) * (self.cells[1] + 1)
+
+    def sharp_corner(self) -> Numbers | None:
+        """Return the first point of the line at which it bends too sharply for the strip's width, None without one."""
+        edges_m = self.offset_m + 0.5 * self.width_m * np.array([-1.0, 1.0])
+        begin, end = (np.einsum("ij,ij->i", self._ahead, side) for side in (self._bisector[:-1], self._bisector[1:]))
+        folded = (self._length_m[:, None] + (end - begin)[:, None] * edges_m <= 0.0).any(axis=1)
+        return self.line_m[np.argmax(folded)] if folded.any() else None
+
+    def across_m(self) -> Numbers:
+        """(ny + 1,) places of vertices across the strip, from its middle."""
+        return np.linspace(-0.5, 0.5, self.cells[1] + 1) * self.width_m
+
+    def rows(self) -> tuple[Numbers, Numbers]:
+        """(nx + 1, 3) middles of rows on the line, and (nx + 1, 2) their directions to the left."""
+        number, points = np.arange(self.cells[0] + 1), self._first_row
+        middle_m, to_left = (
+            np.stack([np.interp(number, points, column) for column in values.T], axis=1)
+            for values in (self.line_m, self._bisector)
+        )
+        middle_m[:, 2] = self.rise_m(number)
+        return middle_m, to_left
+
+    def rise_m(self, row: Numbers) -> Numbers:
+        """Height of the line [m] at (n,) places counted in rows: smooth, and between those of the points beside it."""
+        z_m = self.line_m[:, 2]
+        if np.ptp(z_m) == 0.0:
+            return np.full(len(row), z_m[0])
+        from scipy.interpolate import PchipInterpolator
+
+        way_m = np.concatenate([[0.0], np.cumsum(self._length_m)])
+        return np.asarray(PchipInterpolator(way_m, z_m)(np.interp(row, self._first_row, way_m)))
+
+    def crown_share(self, row: Numbers, across_m: Numbers) -> Numbers:
+        """Rise of a crown of 1: (1 - (2 v / w)^2) f, with f from 0 to 1 over one width from both ends."""
+        way_m = np.concatenate([[0.0], np.cumsum(self._length_m)])
+        place_m = np.interp(row, self._first_row, way_m)
+        from_end = np.clip(np.minimum(place_m, way_m[-1] - place_m) / self.width_m, 0.0, 1.0)
+        return np.asarray(from_end**2 * (3.0 - 2.0 * from_end) * (1.0 - (2.0 * across_m / self.width_m) ** 2))
+
+    def locate(self, place_m: Numbers) -> tuple[Numbers, Numbers, Numbers]:
+        """Which of (n, 2) places lie on it; of all, the place along it, counted in rows, and across it [m]."""
+        half_m = float(np.hypot(*self._bisector.T).max()) * (abs(self.offset_m) + 0.5 * self.width_m) + _EDGE_M
+        begin_m, end_m = self.line_m[:-1, :2], self.line_m[1:, :2]
+        near = (np.minimum(begin_m, end_m) - half_m <= place_m.max(axis=0)).all(axis=1)
+        near &= (np.maximum(begin_m, end_m) + half_m >= place_m.min(axis=0)).all(axis=1)
+        segment = np.flatnonzero(near)
+        if not len(segment):
+            return np.zeros(len(place_m), dtype=bool), np.zeros(len(place_m)), np.zeros(len(place_m))
+        ahead, length_m = self._ahead[segment], self._length_m[segment]
+        begin, end = (np.einsum("ij,ij->i", ahead, self._bisector[segment + step]) for step in (0, 1))
+        from_begin = place_m[:, None] - begin_m[segment]
+        t_m = from_begin[..., 1] * ahead[:, 0] - from_begin[..., 0] * ahead[:, 1]
+        along_m = from_begin[..., 0] * ahead[:, 0] + from_begin[..., 1] * ahead[:, 1]
+        # The place is begin + u (end - begin) + t ((1 - u) b0 + u b1), with bisectors b0 and b1.
+        row_m = length_m + t_m * (end - begin)
+        share = (along_m - t_m * begin) / np.where(np.abs(row_m) < 1e-12, 1e-12, row_m)
+        slack = _EDGE_M / length_m
+        inside = (share >= -slack) & (share <= 1.0 + slack)
+        inside &= np.abs(t_m - self.offset_m) <= 0.5 * self.width_m + _EDGE_M
+        first = np.argmax(inside, axis=1)
+        taken = np.arange(len(place_m)), first
+        count = np.diff(self._first_row)[segment][first]
+        row = self._first_row[segment][first] + np.clip(share[taken], 0.0, 1.0) * count
+        return inside.any(axis=1), row, t_m[taken] - self.offset_m
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Sheet:
-    """A rectangle of ground: its mesh, and where it lies.
+    """A strip of ground: its mesh, and where it lies.
 
     Attributes:
-        pose: of its middle; level
-        size_m: length along x, width along y
+        pose: of the strip's frame; level
         crown_m: rise of the middle over the sides: a parabola over the width, which fades out over one width towards
             both ends
-        height_m: (nx + 1, ny + 1) heights of the vertices over the middle of a plane sheet
+        vertices_m: (nx + 1, ny + 1, 3) vertices in the strip's frame
     """
 
     pose: Pose
-    size_m: tuple[float, float]
+    strip: Strip
     crown_m: float
-    height_m: Numbers
+    vertices_m: Numbers
 
     @classmethod
-    def lay(
-        cls, pose: Pose, *, size_m: tuple[float, float], crown_m: float, spacing_m: float, surface: RoughSurface
-    ) -> Sheet:
-        """Lay a sheet over the surface, with vertices ``spacing_m`` apart."""
-        x_m, y_m = (_ticks(length_m, spacing_m) for length_m in size_m)
-        resolved = surface.without_short_waves(1.0 / (SPACINGS_A_WAVE * spacing_m))
-        rough_m = resolved.grid_m(x_m, y_m, pose)
-        height_m = rough_m + crown_rise_m(np.stack(np.meshgrid(x_m, y_m, indexing="ij"), axis=-1), size_m, crown_m)
-        return cls(pose=pose, size_m=size_m, crown_m=crown_m, height_m=height_m)
+    def lay(cls, pose: Pose, *, strip: Strip, crown_m: float, surface: RoughSurface) -> Sheet:
+        """Lay a sheet over the surface, already without its short waves."""
+        middle_m, to_left = strip.rows()
+        across_m = strip.across_m()
+        plan_m = middle_m[:, None, :2] + to_left[:, None] * (strip.offset_m + across_m)[:, None]
+        row = np.arange(len(middle_m))
+        rise_m = middle_m[:, 2:] + crown_m * strip.crown_share(row[:, None], across_m)
+        turned = pose.rotation[:2, :2].T
+        begin_m, step_m = plan_m[:, 0] @ turned + pose.position_m[:2], (plan_m[:, 1] - plan_m[:, 0]) @ turned
+        rough_m = surface.rows_m(begin_m, step_m, len(across_m))
+        return cls(
+            pose=pose,
+            strip=strip,
+            crown_m=crown_m,
+            vertices_m=np.concatenate([plan_m, (rise_m + rough_m)[..., None]], axis=2),
+        )
 
     def mesh(self, kerb_m: float) -> tuple[Numbers, Numbers]:
         """Vertices (v, 3) and faces (f, 3) in its own frame, with faces of height ``kerb_m`` down from its edges."""
-        nx, ny = (n - 1 for n in self.height_m.shape)
-        x_m, y_m = np.linspace(-0.5, 0.5, nx + 1) * self.size_m[0], np.linspace(-0.5, 0.5, ny + 1) * self.size_m[1]
-        gx, gy = np.meshgrid(x_m, y_m, indexing="ij")
-        top = np.stack([gx.ravel(), gy.ravel(), self.height_m.ravel()], axis=1)
-        faces = grid_faces(nx, ny)
+        nx, ny = self.strip.cells
+        top, faces = self.vertices_m.reshape(-1, 3), grid_faces(nx, ny)
         if kerb_m <= 0.0:
-            return top, faces
+            return top.copy(), faces
         number = np.arange((nx + 1) * (ny + 1)).reshape(nx + 1, ny + 1)
         # Once around, counter-clockwise from above; the last vertex is the first.
         rim = np.concatenate([number[:, 0], number[-1, 1:], number[-2::-1, -1], number[0, -2::-1]])
@@ -72,25 +199,30 @@ class Sheet:
         sides = [np.stack([leading, foot[:-1], following], axis=1), np.stack([following, foot[:-1], foot[1:]], axis=1)]
         return np.concatenate([top, top[rim] - [0.0, 0.0, kerb_m]]), np.concatenate([faces, *sides])
 
-    def covers(self, place_m: Numbers) -> tuple[Numbers, Numbers]:
-        """Which of (n, 2) places lie on the sheet, and all of them in its own frame."""
+    def mesh_height_m(self, place_m: Numbers) -> tuple[Numbers, Numbers]:
+        """Which of (n, 2) places lie on the sheet, and the height in the world [m] of its mesh at these."""
         local_m = (place_m - self.pose.position_m[:2]) @ self.pose.rotation[:2, :2]
-        return (np.abs(local_m) <= 0.5 * np.array(self.size_m) + 1e-6).all(axis=1), local_m
+        on_sheet, row, across_m = self.strip.locate(local_m)
+        row, across_m, local_m = row[on_sheet], across_m[on_sheet], local_m[on_sheet]
+        cells = self.strip.cells
+        i = np.clip(np.floor(row).astype(int), 0, cells[0] - 1)
+        j = np.clip(np.floor((across_m / self.strip.width_m + 0.5) * cells[1]).astype(int), 0, cells[1] - 1)
+        a, b, c, d = (self.vertices_m[i + di, j + dj] for di, dj in ((0, 0), (1, 0), (1, 1), (0, 1)))
+        # The faces of a cell are a b c, to the right of its diagonal, and a c d.
+        to_place, diagonal = local_m - a[:, :2], c - a
+        other = np.where((diagonal[:, 0] * to_place[:, 1] <= diagonal[:, 1] * to_place[:, 0])[:, None], b, d) - a
+        area = diagonal[:, 0] * other[:, 1] - diagonal[:, 1] * other[:, 0]
+        to_c = (to_place[:, 0] * other[:, 1] - to_place[:, 1] * other[:, 0]) / area
+        to_other = (diagonal[:, 0] * to_place[:, 1] - diagonal[:, 1] * to_place[:, 0]) / area
+        return on_sheet, self.pose.position_m[2] + a[:, 2] + to_c * diagonal[:, 2] + to_other * other[:, 2]
 
-    def mesh_height_m(self, local_m: Numbers) -> Numbers:
-        """Height in the world [m] of the mesh at (n, 2) places of its own frame: triangle by triangle."""
-        cells = np.array(self.height_m.shape) - 1
-        place = (local_m / self.size_m + 0.5) * cells
-        corner = np.clip(np.floor(place).astype(int), 0, cells - 1)
-        (u, v), (i, j) = (place - corner).T, corner.T
-        a, b, c, d = (self.height_m[i + di, j + dj] for di, dj in ((0, 0), (1, 0), (1, 1), (0, 1)))
-        # The faces of a cell are a b c, where u >= v, and a c d.
-        rise_m = np.where(u >= v, a + u * (b - a) + v * (c - b), a + v * (d - a) + u * (c - d))
-        return np.asarray(self.pose.position_m[2] + rise_m)
-
-    def smooth_height_m(self, local_m: Numbers) -> Numbers:
-        """Height in the world [m] of the sheet without roughness at (n, 2) places of its own frame."""
-        return np.asarray(self.pose.position_m[2] + crown_rise_m(local_m, self.size_m, self.crown_m))
+    def smooth_height_m(self, place_m: Numbers) -> tuple[Numbers, Numbers]:
+        """Which of (n, 2) places lie on the sheet, and the height in the world [m] at these without roughness."""
+        local_m = (place_m - self.pose.position_m[:2]) @ self.pose.rotation[:2, :2]
+        on_sheet, row, across_m = self.strip.locate(local_m)
+        row, across_m = row[on_sheet], across_m[on_sheet]
+        rise_m = self.strip.rise_m(row) + self.crown_m * self.strip.crown_share(row, across_m)
+        return on_sheet, self.pose.position_m[2] + rise_m
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -98,55 +230,45 @@ class Ground:
     """The ground of a scene: one rough surface, and the sheets that show it."""
 
     surface: RoughSurface
-    sheets: Sequence[Sheet] = ()
-    _around_m: Numbers = field(init=False)
+    sheets: Sequence[Sheet | Area] = ()
+    _bounds_m: Numbers = field(init=False)
 
     def __post_init__(self) -> None:
-        """Compute the circle around each sheet, (s, 3): x, y and radius."""
-        circles = [(*sheet.pose.position_m[:2], 0.5 * math.hypot(*sheet.size_m) + 1e-3) for sheet in self.sheets]
-        object.__setattr__(self, "_around_m", np.array(circles).reshape(-1, 3))
+        """Compute lowest and highest x and y of each sheet, (s, 2, 2)."""
+        bounds = np.zeros((len(self.sheets), 2, 2))
+        for row, sheet in enumerate(self.sheets):
+            place_m = sheet.pose.apply(sheet.vertices_m.reshape(-1, 3))[:, :2]
+            bounds[row] = place_m.min(axis=0) - _EDGE_M, place_m.max(axis=0) + _EDGE_M
+        object.__setattr__(self, "_bounds_m", bounds)
 
-    def _sheets_near(self, place_m: Numbers) -> list[Sheet]:
+    def _sheets_near(self, place_m: Numbers) -> list[Sheet | Area]:
         """Sheets that may be below some of (n, 2) places: a long street has hundreds, few of them near a vehicle."""
         if not len(place_m):
             return []
-        x_m, y_m, radius_m = self._around_m.T
-        (low_x, low_y), (high_x, high_y) = place_m.min(axis=0), place_m.max(axis=0)
-        near = (x_m + radius_m >= low_x) & (x_m - radius_m <= high_x)
-        near &= (y_m + radius_m >= low_y) & (y_m - radius_m <= high_y)
+        low_m, high_m = place_m.min(axis=0), place_m.max(axis=0)
+        near = ((self._bounds_m[:, 1] >= low_m) & (self._bounds_m[:, 0] <= high_m)).all(axis=1)
         return [self.sheets[number] for number in np.flatnonzero(near).tolist()]
 
     def height_m(self, place_m: Numbers) -> Numbers:
         """Height [m] of the highest sheet's mesh at (n, 2) places; NaN where there is none."""
         highest = np.full(len(place_m), np.nan)
         for sheet in self._sheets_near(place_m):
-            on_sheet, local_m = sheet.covers(place_m)
-            highest[on_sheet] = np.fmax(highest[on_sheet], sheet.mesh_height_m(local_m[on_sheet]))
+            on_sheet, height_m = sheet.mesh_height_m(place_m)
+            highest[on_sheet] = np.fmax(highest[on_sheet], height_m)
         return highest
 
     def wheel_height_m(self, place_m: Numbers) -> Numbers:
         """Height [m] below a wheel at (n, 2) places: the highest sheet's, at 0 where there is none, and all waves."""
         highest = np.full(len(place_m), np.nan)
         for sheet in self._sheets_near(place_m):
-            on_sheet, local_m = sheet.covers(place_m)
-            highest[on_sheet] = np.fmax(highest[on_sheet], sheet.smooth_height_m(local_m[on_sheet]))
+            on_sheet, height_m = sheet.smooth_height_m(place_m)
+            highest[on_sheet] = np.fmax(highest[on_sheet], height_m)
         return np.asarray(np.nan_to_num(highest) + self.surface.height_m(place_m))
 
 
-def crown_rise_m(local_m: Numbers, size_m: tuple[float, float], crown_m: float) -> Numbers:
-    """Rise of a crown [m] at (..., 2) places of a sheet: c (1 - (2 y / w)^2) f, with f from 0 to 1 over one width."""
-    length_m, width_m = size_m
-    from_end = np.clip((0.5 * length_m - np.abs(local_m[..., 0])) / width_m, 0.0, 1.0)
-    fade = from_end * from_end * (3.0 - 2.0 * from_end)
-    return np.asarray(crown_m * fade * (1.0 - (2.0 * local_m[..., 1] / width_m) ** 2))
-
-
-def vertices_of(size_m: tuple[float, float], spacing_m: float) -> int:
-    """Number of vertices of a sheet."""
-    nx, ny = (math.ceil(length_m / spacing_m - 1e-9) for length_m in size_m)
-    return (nx + 1) * (ny + 1)
-
-
-def _ticks(length_m: float, spacing_m: float) -> Numbers:
-    """Places of vertices along one side, at most ``spacing_m`` apart."""
-    return np.linspace(-0.5, 0.5, max(1, math.ceil(length_m / spacing_m - 1e-9)) + 1) * length_m
+def lay(pose: Pose, *, plan: Strip | Outline, crown_m: float, surface: RoughSurface) -> Sheet | Area:
+    """Lay a ground over the surface, of which its mesh shows the waves that last `SPACINGS_A_WAVE` spacings or more."""
+    resolved = surface.without_short_waves(1.0 / (SPACINGS_A_WAVE * plan.spacing_m))
+    if isinstance(plan, Outline):
+        return Area.lay(pose, outline=plan, surface=resolved)
+    return Sheet.lay(pose, strip=plan, crown_m=crown_m, surface=resolved)

@@ -33,7 +33,8 @@ from ..sensor.pose_file import LARGEST_COORDINATE_M
 from .bare_mesh import is_mesh, mesh_tables, warn_of_assumptions
 from .derived import extended, files_extended, from_current_folder, is_early, with_ego_mesh
 from .foreign import is_xml, mitsuba_scene, object_scene, xml_file
-from .ground import Ground, Sheet
+from .ground import Ground, Sheet, lay
+from .ground_area import Area
 from .meshes import primitives, reading, reflectivity_patterns
 from .meshes.mesh_axes import UNITS, Axis, axis_of, turn_upright
 from .meshes.mesh_cache import SubMesh, WalkingClips
@@ -367,19 +368,12 @@ def _lay_ground(file: SceneFile) -> Ground:
     return Ground(surface=surface, sheets=sheets)
 
 
-def _sheet(body: BodyFile, pose: Pose, surface: RoughSurface) -> Sheet:
+def _sheet(body: BodyFile, pose: Pose, surface: RoughSurface) -> Sheet | Area:
     """Sheet of a ground at a pose."""
-    length_m, width_m = cast(tuple[float, float], body.size_m)
-    return Sheet.lay(
-        pose,
-        size_m=(body.scale * length_m, body.scale * width_m),
-        crown_m=body.crown_m,
-        spacing_m=body.spacing_m,
-        surface=surface,
-    )
+    return lay(pose, plan=body.plan(), crown_m=body.crown_m, surface=surface)
 
 
-def _ground_bodies(body: BodyFile, ground: Ground, sheets: Iterator[Sheet], *, where: str) -> list[Body]:
+def _ground_bodies(body: BodyFile, ground: Ground, sheets: Iterator[Sheet | Area], *, where: str) -> list[Body]:
     """Build a ground, or one for each of its instances; one on the ground is laid over the meshes of the others.
 
     Args:

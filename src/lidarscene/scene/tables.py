@@ -9,8 +9,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from contextlib import suppress
 from datetime import datetime
-from typing import Annotated, Literal
+from typing import Annotated, Literal, cast
 
+import numpy as np
 from pydantic import BeforeValidator, Field, model_validator
 
 from ..files import pvlib
@@ -20,7 +21,8 @@ from ..materials.material_file import MaterialFile
 from ..maths.units import si
 from ..physics.road.roughness import Roughness, RoughSurface
 from ..sensor.pose_file import PoseFile, Turned, Vector
-from .ground import MOST_VERTICES, SPACING_M, vertices_of
+from .ground import MOST_VERTICES, SPACING_M, Strip
+from .ground_area import Outline
 from .meshes.mesh_axes import Axis, Unit
 from .motion import BodyMotionFile, EgoFile
 from .scene import Air, Interferer, Sky, Sun, View
@@ -159,13 +161,13 @@ class PictureFile(Table[View]):
 _SIZES: dict[str | None, tuple[str, ...]] = {
     None: (),
     "plane": ("size_m",),
-    "ground": ("size_m",),
+    "ground": (),
     "box": ("size_m",),
     "sphere": ("radius_m",),
     "cylinder": ("radius_m", "height_m"),
 }
 _LENGTHS = {"plane": 2, "ground": 2, "box": 3}
-_OF_GROUND = ("crown_m", "kerb_m", "spacing_m")
+_OF_GROUND = ("outline", "line", "width_m", "offset_m", "crown_m", "kerb_m", "spacing_m")
 
 
 class InstanceFile(PoseFile):
@@ -194,6 +196,16 @@ class BodyFile(PoseFile):
     )
     size_m: tuple[Length, ...] | None = Field(
         default=None, description="two lengths of a plane or ground, three of a box"
+    )
+    line: Annotated[tuple[Vector, ...], Field(min_length=2, max_length=100_000)] | None = Field(
+        default=None, description="points along the middle of a ground, in place of `size_m`; straight between them"
+    )
+    outline: Annotated[tuple[Vector, ...], Field(min_length=3, max_length=10_000)] | None = Field(
+        default=None, description="corners of a ground, once around, in place of `size_m`"
+    )
+    width_m: Length | None = Field(default=None, description="of a ground along a line")
+    offset_m: Annotated[float, Number(ge=-1e3, le=1e3)] = Field(
+        default=0.0, description="of the middle of a ground from its line, to the left"
     )
     radius_m: Length | None = Field(default=None, description="of a sphere or cylinder")
     height_m: Length | None = Field(default=None, description="of a cylinder")
@@ -247,12 +259,14 @@ class BodyFile(PoseFile):
             raise ValueError("one of mesh and primitive must be given, got both or none")
         shape = f"a {self.primitive}" if self.primitive else "a mesh"
         needed = _SIZES[self.primitive]
+        if self.primitive == "ground" and self.line is None and self.outline is None:
+            needed = ("size_m",)
         sizes_given = [key for key in ("size_m", "radius_m", "height_m") if getattr(self, key) is not None]
         if set(sizes_given) != set(needed):
             sizes = " and ".join(needed) or "no size_m, radius_m or height_m"
             raise ValueError(f"{shape} must have {sizes}, got {' and '.join(sizes_given) or 'none'}")
         length = _LENGTHS.get(self.primitive or "")
-        if length and len(self.size_m or ()) != length:
+        if length and self.size_m is not None and len(self.size_m or ()) != length:
             raise ValueError(f"size_m of {shape} must have {length} numbers, got {len(self.size_m or ())}")
         self._check_ground(shape)
         axes = [key for key in ("unit", "up") if getattr(self, key) is not None]
@@ -290,10 +304,39 @@ class BodyFile(PoseFile):
             raise ValueError("a ground must be level, got pitch_deg or roll_deg")
         if any(motion is not None for motion in motions):
             raise ValueError("a ground must stand still, got motion")
-        length_m, width_m = self.size_m or (0.0, 0.0)
-        vertices = vertices_of((self.scale * length_m, self.scale * width_m), self.spacing_m)
-        if vertices > MOST_VERTICES:
-            raise ValueError(f"a ground must have <= {MOST_VERTICES} vertices, got {vertices}; spacing_m spreads them")
+        if (self.line is None) != (self.width_m is None):
+            raise ValueError(f"line and width_m must go together, got {'width_m' if self.line is None else 'line'}")
+        if self.line is not None and self.outline is not None:
+            raise ValueError("a ground must have one of line and outline, got both")
+        plan = self.plan()
+        if plan.vertices > MOST_VERTICES:
+            raise ValueError(
+                f"a ground must have <= {MOST_VERTICES} vertices, got {plan.vertices}; spacing_m spreads them"
+            )
+        if isinstance(plan, Outline):
+            if not plan.is_usable():
+                raise ValueError("outline must not cross itself, nor be as thin as a line")
+            return
+        corner_m = plan.sharp_corner()
+        if corner_m is not None:
+            raise ValueError(
+                "line must not turn back, nor bend too sharply for width_m and offset_m, got such a bend at "
+                f"{corner_m[0]:g}, {corner_m[1]:g} m"
+            )
+
+    def plan(self) -> Strip | Outline:
+        """Return the plan of a ground."""
+        if self.outline is not None:
+            return Outline(corner_m=self.scale * np.array(self.outline), spacing_m=self.spacing_m)
+        if self.line is None:
+            length_m, width_m = cast(tuple[float, float], self.size_m)
+            return Strip.rectangle((self.scale * length_m, self.scale * width_m), self.spacing_m)
+        return Strip(
+            line_m=self.scale * np.array(self.line),
+            width_m=self.scale * (self.width_m or 0.0),
+            offset_m=self.scale * self.offset_m,
+            spacing_m=self.spacing_m,
+        )
 
 
 class LampsFile(FileModel):

@@ -81,15 +81,14 @@ def test_wet_surfaces():
     assert reference_optics.wet_reflectivity(dry=0.3, index=1.33) == pytest.approx(out, rel=1e-4)
 
 
-def test_wet_asphalt_of_the_catalogue():
-    """Its values are those of dry asphalt by the formula, with the water's absorption where it counts (1550 nm)."""
+@pytest.mark.parametrize("name", ["asphalt", "concrete"])
+def test_wet_roads_of_the_catalogue(name):
+    """Their values are those of dry ones by the formula, with the water's absorption where it counts (1550 nm)."""
     from scipy.special import expn
 
     for wavelength_nm, index_k in ((905, 6.0e-7), (1550, 9.86e-5)):
         depth = dielectrics.optical_depth(index_k=index_k, thickness_m=0.2e-3, wavelength_m=wavelength_nm * 1e-9)
-        dry, wet = (
-            catalogue_material(name).at(wavelength_nm * 1e-9)["reflectivity"] for name in ("asphalt", "asphalt_wet")
-        )
+        dry, wet = (catalogue_material(kind).at(wavelength_nm * 1e-9)["reflectivity"] for kind in (name, f"{name}_wet"))
         reflectivity = reference_optics.wet_reflectivity(
             dry=dry, index=1.33, internal=math.exp(-depth), internal_diffuse=2.0 * float(expn(3, depth))
         )

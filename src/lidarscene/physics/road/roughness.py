@@ -13,7 +13,6 @@ from typing import Literal
 import numpy as np
 
 from ...maths.arrays import Numbers
-from ...maths.pose import Pose
 
 Roughness = Literal["flat", "A", "B", "C", "D", "E", "F", "G", "H"]
 """Road class of ISO 8608:2016, from very good (A) to impassable; "flat" is a plane."""
@@ -78,14 +77,24 @@ class RoughSurface:
             wave_per_m=self.wave_per_m[resolved], phase=self.phase[resolved], amplitude_m=self.amplitude_m[resolved]
         )
 
-    def grid_m(self, x_m: Numbers, y_m: Numbers, pose: Pose) -> Numbers:
-        """Heights (nx, ny) [m] on a grid of a level frame; each wave is a product of one along x and one along y."""
+    def rows_m(self, begin_m: Numbers, step_m: Numbers, count: int) -> Numbers:
+        """Heights (n, count) [m] along n rows of even steps; from step to step each wave turns by one angle.
+
+        Args:
+            begin_m: (n, 2) first places
+            step_m: (n, 2) from each place of a row to the next
+        """
+        height_m = np.zeros((len(begin_m), count))
         if not self.amplitude_m.any():
-            return np.zeros((len(x_m), len(y_m)))
-        wave_x, wave_y = (self.wave_per_m @ pose.rotation[:2, :2]).T
-        at_middle = self.amplitude_m * np.exp(2j * np.pi * (self.wave_per_m @ pose.position_m[:2] + self.phase))
-        along_x, along_y = (np.exp(2j * np.pi * np.outer(p, wave)) for p, wave in ((x_m, wave_x), (y_m, wave_y)))
-        return np.asarray(((at_middle * along_x) @ along_y.T).real)
+            return height_m
+        for first in range(0, len(begin_m), _ROWS // 8):
+            rows = slice(first, first + _ROWS // 8)
+            wave = self.amplitude_m * np.exp(2j * np.pi * (begin_m[rows] @ self.wave_per_m.T + self.phase))
+            turn = np.exp(2j * np.pi * (step_m[rows] @ self.wave_per_m.T))
+            for column in range(count):
+                height_m[rows, column] = wave.real.sum(axis=1)
+                wave *= turn
+        return height_m
 
     def height_m(self, place_m: Numbers) -> Numbers:
         """Height at (n, 2) places [m]: (n,), to 1e-7 of the roughness."""

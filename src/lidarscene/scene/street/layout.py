@@ -1,17 +1,22 @@
 """What stands along a street: lanes, crossings, kerbs, houses, trees, parked cars, signs, lamps and people.
 
-The street runs along x; traffic keeps to the right, so that y < 0 is the side of those who drive towards +x. Nothing
-that is placed here overlaps with anything else: houses have plots, cars have bays, and posts, trees and people share a
-line along each kerb.
+Places are counted along the middle of the street, x, and to the left of it, y, whatever its bends; `centre_line` has
+them in the world. Traffic keeps to the right, so that y < 0 is the side of those who drive towards +x. Nothing that is
+placed here overlaps with anything else: houses have plots, cars have bays, and posts, trees and people share a line
+along each kerb. What does not fit where the street bends is left out.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
+from ... import catalog
+from ...maths.arrays import Numbers
+from .centre_line import CentreLine, close, wind
+from .shapes import FURNITURE, SIGNS, TREE_SCALES, District, draw_district, draw_vehicle, vehicle_length_m
 from .street_file import StreetFile
 
 BAY_M, PARKING_M = 6.0, 2.3
@@ -38,22 +43,30 @@ ZEBRA_M = 4.0
 STOP_LINE_M = 2.0
 """Choice: distance from a stop line to the crossing or the zebra."""
 
-HOUSE_SCALES = {"brick": 1.0, "plaster_white": 0.9, "concrete": 1.1}
-"""Choice: scale of the house's mesh by its walls, so that not all houses are as high."""
+PLOT_SHIFT_M = 1.5
+"""Choice: way along the street to the next plot that is tried, where a house has no room."""
 
-HOUSE_M = (10.5, 4.5, 5.75)
-"""Source: the house's mesh; width, from its middle to its front, and to the edge of its balconies."""
+CALM_SHARE = 0.05
+"""Choice: share by which kerbs are shorter or longer than the middle in a bend, up to which cars park and people cross
+there."""
 
-TREE_SCALES = (0.7, 0.85, 1.0)
-"""Choice: scales of the tree's mesh, of which each tree draws one."""
+TREE_LINE_M, POST_LINE_M, FURNITURE_LINE_M = 1.0, 0.45, 0.75
+"""Choice: distance from the kerb to the trunks, to the posts of lamps and signs, and to bins and cabinets."""
 
-TREE_REACH_M = 2.6
-"""Source: the tree's mesh; from its trunk to the end of its branches."""
+WIDEST_PARKED_M = 2.0
+"""Choice: width, without mirrors, of what parks in bays."""
 
-TREE_LINE_M, POST_LINE_M = 1.0, 0.45
-"""Choice: distance from the kerb to the trunks, and to the posts of lamps and signs."""
+PARKED_GAP_M = 0.6
+"""Choice: least distance of a parked vehicle to those in the next bays."""
 
-PAINTS = ("white", "grey", "black", "red")
+BORDER_M, BORDER_STEP_M, GATE_M = 0.45, 2.08, 2.6
+"""Choice: distance of hedges and fences from the pavement, from one piece to the next, and width of a garden's gate."""
+
+WORKS_SHARE, WORKS_M, CONE_STEP_M = 0.15, 14.0, 3.5
+"""Choice: share of sides of blocks where works close parking bays, their length, and distance from cone to cone."""
+
+FURNITURE_M = (18.0, 60.0)
+"""Choice: distance between bins, cabinets and poles along a kerb."""
 
 FREE_M = 1.6
 """Choice: least distance between two things in the line along a kerb."""
@@ -99,6 +112,7 @@ class Layout:
 
     Attributes:
         kerb_m: |y| of the road's edges
+        line: the middle of the street
         items: name of a body -> places of its instances
     """
 
@@ -107,6 +121,7 @@ class Layout:
     front_m: float
     begin_m: float
     end_m: float
+    line: CentreLine
     crossings: list[Crossing] = field(default_factory=list)
     blocks: list[Block] = field(default_factory=list)
     items: dict[str, list[Place]] = field(default_factory=dict)
@@ -114,6 +129,10 @@ class Layout:
     def add(self, name: str, x_m: float, y_m: float, yaw_deg: float = 0.0) -> None:
         """Place an instance of a body."""
         self.items.setdefault(name, []).append((x_m, y_m, yaw_deg))
+
+    def bends(self, low_m: float, high_m: float) -> bool:
+        """Return whether the street bends too sharply between two places for cars to park or people to cross."""
+        return self.line.sharpest_per_m(low_m, high_m) * self.kerb_m > CALM_SHARE
 
     def lane_m(self, lane: int, direction: int) -> float:
         """Y of the middle of a lane, 0 the innermost, for traffic towards +x (1) or -x (-1)."""
@@ -127,94 +146,200 @@ class Layout:
 def lay_out(file: StreetFile) -> Layout:
     """Lay out a street; the same for the same file."""
     kerb_m = file.lanes * file.lane_width_m + PARKING_M
+    front_m = kerb_m + KERB_M + file.pavement_m
     # What hides is never beyond the road's ends, nor is a driver who looks for room to stop there.
-    margin_m = file.shown_m + 60.0
-    layout = Layout(
-        file=file,
-        kerb_m=kerb_m,
-        front_m=kerb_m + KERB_M + file.pavement_m,
-        begin_m=-margin_m,
-        end_m=file.length_m + margin_m,
-    )
+    margin_m = 0.0 if file.loop else file.shown_m + 60.0
+    begin_m, end_m = -margin_m, file.length_m + margin_m
+    plan = np.random.default_rng([file.seed, 3])
+    line = close(file, front_m, plan) if file.loop else wind(file, begin_m, end_m, plan)
+    layout = Layout(file=file, kerb_m=kerb_m, front_m=front_m, begin_m=begin_m, end_m=end_m, line=line)
     random = np.random.default_rng([file.seed, 1])
-    _cut_into_blocks(layout, random)
+    step_m = 0.5 * CROSS_HALF_M
+    # Houses may stand at its edge.
+    half_m = 0.6 * step_m, front_m - 0.05
+    room = Room(_boxes(line, [(x_m, 0.0, *half_m) for x_m in np.arange(begin_m, end_m, step_m) + 0.5 * step_m]))
+    _cut_into_blocks(layout, room, random)
+    main = draw_district(random)
     for block in layout.blocks:
         zebras = [crossing.x_m for crossing in layout.crossings if crossing.is_zebra]
         zebras = [x_m for x_m in zebras if block.begin_m < x_m < block.end_m]
+        district = draw_district(random, main)
         for side in (-1, 1):
             _park_cars(layout, block, side, zebras, random)
-            _build_houses(layout, block, side, random)
-            _line_kerb(layout, block, side, zebras, random)
+            _build_houses(layout, room, block, side, district, random)
+            _line_kerb(layout, block, side, zebras, district, random)
     return layout
 
 
-def _cut_into_blocks(layout: Layout, random: np.random.Generator) -> None:
-    """Place crossing streets, zebras between them, and the blocks that are left."""
-    file, begin_m = layout.file, layout.begin_m
+class Room:
+    """Rectangles that are taken, (n, 5): x, y, yaw [rad], half length and width."""
+
+    def __init__(self, boxes: Numbers) -> None:
+        self._boxes = boxes
+
+    def is_free(self, boxes: Numbers) -> bool:
+        """Return whether rectangles overlap with none that is taken."""
+        return not any(overlaps(box, self._boxes).any() for box in boxes)
+
+    def take(self, boxes: Numbers) -> bool:
+        """Take rectangles if all of them are free."""
+        free = self.is_free(boxes)
+        if free:
+            self._boxes = np.concatenate([self._boxes, boxes])
+        return free
+
+
+def _boxes(line: CentreLine, places: Sequence[tuple[float, float, float, float]]) -> Numbers:
+    """Rectangles at x and y along a street, with half lengths along and across it."""
+    x_m, y_m, *half_m = np.array(places).T
+    return np.concatenate([line.at(x_m, y_m), np.stack(half_m, axis=1)], axis=1)
+
+
+def overlaps(box: Numbers, boxes: Numbers) -> Numbers:
+    """Whether a rectangle overlaps each of (n, 5) others: x, y, yaw [rad] and half length and width.
+
+    Two rectangles are apart if they are so along an axis of the one or of the other.
+    """
+    rows = np.concatenate([np.broadcast_to(box, boxes.shape)[None], boxes[None]])
+    cos, sin = np.cos(rows[..., 2]), np.sin(rows[..., 2])
+    axes = np.stack([np.stack([cos, sin], axis=-1), np.stack([-sin, cos], axis=-1)], axis=2)
+    apart = boxes[:, :2] - box[:2]
+    meets = np.ones(len(boxes), dtype=bool)
+    for axis in (axes[owner, :, side] for owner in (0, 1) for side in (0, 1)):
+        shadow = np.einsum("onsk,nk->ons", axes, axis)
+        reach_m = (np.abs(shadow) * rows[..., 3:]).sum(axis=(0, 2))
+        meets &= np.abs(np.einsum("nk,nk->n", apart, axis)) < reach_m
+    return meets
+
+
+def _cut_into_blocks(layout: Layout, room: Room, random: np.random.Generator) -> None:
+    """Place crossing streets where there is room, zebras between them, and the blocks that are left."""
+    file, begin_m, part_m = layout.file, layout.begin_m, layout.begin_m
     while True:
-        middle_m = begin_m + random.uniform(*file.block_m) + CROSS_HALF_M
+        middle_m = part_m + random.uniform(*file.block_m) + CROSS_HALF_M
         is_last = middle_m + CROSS_HALF_M + file.block_m[0] > layout.end_m
-        block = Block(begin_m, layout.end_m if is_last else middle_m - CROSS_HALF_M)
-        layout.blocks.append(block)
-        if random.random() < file.zebra_share and block.length_m > 60.0:
-            x_m = random.uniform(block.begin_m + 25.0, block.end_m - 25.0)
-            layout.crossings.append(Crossing(x_m, 0.5 * ZEBRA_M, is_zebra=True))
+        part_end_m = layout.end_m if is_last else middle_m - CROSS_HALF_M
+        if random.random() < file.zebra_share and part_end_m - part_m > 60.0:
+            x_m = random.uniform(part_m + 25.0, part_end_m - 25.0)
+            if not layout.bends(x_m - ZEBRA_M, x_m + ZEBRA_M):
+                layout.crossings.append(Crossing(x_m, 0.5 * ZEBRA_M, is_zebra=True))
         if is_last:
+            layout.blocks.append(Block(begin_m, layout.end_m))
             return
-        layout.crossings.append(Crossing(middle_m, CROSS_HALF_M, is_zebra=False))
-        begin_m = middle_m + CROSS_HALF_M
+        part_m = middle_m + CROSS_HALF_M
+        if _crosses(layout, room, middle_m):
+            layout.blocks.append(Block(begin_m, part_end_m))
+            layout.crossings.append(Crossing(middle_m, CROSS_HALF_M, is_zebra=False))
+            begin_m = part_m
+
+
+def _crosses(layout: Layout, room: Room, middle_m: float) -> bool:
+    """Return whether a street can cross here: where this one is straight, and nothing is in its way."""
+    if layout.line.sharpest_per_m(middle_m - CROSS_HALF_M - 2.0, middle_m + CROSS_HALF_M + 2.0) > 0.0:
+        return False
+    half_m = 0.5 * (CROSS_REACH_M - layout.front_m)
+    arms = [(middle_m, side * (layout.front_m + half_m), CROSS_HALF_M + 1.0, half_m) for side in (-1, 1)]
+    return room.take(_boxes(layout.line, arms))
 
 
 def _park_cars(layout: Layout, block: Block, side: int, zebras: list[float], random: np.random.Generator) -> None:
-    """Park cars in bays, none near a crossing or a zebra."""
+    """Park vehicles in bays, none near a crossing or a zebra, nor where works close them."""
     share = random.uniform(*layout.file.parked_share)
     y_m = side * (layout.kerb_m - 0.5 * PARKING_M)
+    works_m = _close_bays(layout, block, side, zebras, random)
     for x_m in np.arange(block.begin_m + 8.0, block.end_m - 8.0 - BAY_M, BAY_M) + 0.5 * BAY_M:
-        paint, shift_m, turn_deg, parks = random.random(4)
+        body, paint, shift_m, turn_deg, parks = random.random(5)
         if parks >= share or any(abs(x_m - zebra_m) < 5.0 + BAY_M for zebra_m in zebras):
             continue
-        name = f"cars_{PAINTS[int(paint * len(PAINTS))]}"
-        place_m = x_m + (shift_m - 0.5) * (BAY_M - CAR_M[0] - 0.6)
+        if layout.bends(x_m - BAY_M, x_m + BAY_M) or abs(x_m - works_m) < 0.5 * WORKS_M + BAY_M:
+            continue
+        longest_m = BAY_M - PARKED_GAP_M
+        name = draw_vehicle("parked", body, paint, longest_m=longest_m, widest_m=WIDEST_PARKED_M)
+        place_m = x_m + (shift_m - 0.5) * (longest_m - vehicle_length_m(name))
         layout.add(name, place_m, y_m, (180.0 if side > 0 else 0.0) + 2.0 * (turn_deg - 0.5))
 
 
-def _build_houses(layout: Layout, block: Block, side: int, random: np.random.Generator) -> None:
-    """Build houses on plots side by side; a plot without one may have a tree."""
-    file = layout.file
+def _close_bays(layout: Layout, block: Block, side: int, zebras: list[float], random: np.random.Generator) -> float:
+    """Close parking bays for works, with cones and a barrier at each end; return their middle, infinite without any."""
+    share, place = random.random(2)
+    x_m = block.begin_m + 20.0 + place * max(block.length_m - 40.0, 0.0)
+    near_zebra = any(abs(x_m - zebra_m) < 5.0 + WORKS_M for zebra_m in zebras)
+    if share >= WORKS_SHARE or near_zebra or layout.bends(x_m - WORKS_M, x_m + WORKS_M) or block.length_m < 60.0:
+        return np.inf
+    for along_m in np.arange(-0.5 * WORKS_M, 0.5 * WORKS_M + 0.1, CONE_STEP_M):
+        layout.add("cones", x_m + along_m, side * (layout.kerb_m - PARKING_M + 0.35))
+    for end_m in (-0.5 * WORKS_M, 0.5 * WORKS_M):
+        layout.add("barriers", x_m + 0.9 * end_m, side * (layout.kerb_m - 1.1), 180.0 * (end_m < 0.0))
+    return float(x_m)
+
+
+def _build_houses(
+    layout: Layout, room: Room, block: Block, side: int, district: District, random: np.random.Generator
+) -> None:
+    """Build houses on plots side by side where there is room; a plot without one may have a tree."""
+    file, meshes = layout.file, catalog.shipped_meshes()
     share = random.uniform(*file.house_share)
     x_m = block.begin_m + 1.0 + file.pavement_m
     while True:
-        kind, scale = list(HOUSE_SCALES.items())[random.integers(len(HOUSE_SCALES))]
-        width_m, front_m, balcony_m = (scale * length_m for length_m in HOUSE_M)
-        is_built, setback_m = random.random() < share, random.uniform(*file.setback_m)
+        house, wall, tree = (random.choice(each) for each in (district.houses, district.walls, district.trees))
+        width_m, front_m, reach_m = meshes[house]["plot_m"]
+        is_built, setback_m = random.random() < share, random.uniform(*file.setback_m) + district.garden_m
         if x_m + width_m > block.end_m - 1.0 - file.pavement_m:
             return
         middle_m = x_m + 0.5 * width_m
+        house_y_m, tree_y_m = layout.front_m + setback_m + front_m, layout.front_m + reach_m
         if is_built:
-            layout.add(f"houses_{kind}", middle_m, side * (layout.front_m + setback_m + front_m), -90.0 * side)
+            if not room.take(_boxes(layout.line, [(middle_m, side * house_y_m, 0.5 * width_m, front_m)])):
+                x_m += PLOT_SHIFT_M
+                continue
+            layout.add(f"houses_{house}_{wall}", middle_m, side * house_y_m, -90.0 * side)
+            if district.border:
+                _border_garden(layout, room, district, side, x_m, width_m)
         elif random.random() < 0.7:
-            name = f"trees_{len(TREE_SCALES) - 1}"
-            layout.add(name, middle_m, side * (layout.front_m + balcony_m), random.uniform(0.0, 360.0))
+            yaw_deg, reach_m = random.uniform(0.0, 360.0), meshes[tree]["reach_m"]
+            if room.take(_boxes(layout.line, [(middle_m, side * tree_y_m, reach_m, reach_m)])):
+                layout.add(f"trees_{tree}_{len(TREE_SCALES) - 1}", middle_m, side * tree_y_m, yaw_deg)
         x_m += width_m + 0.1
 
 
-def _line_kerb(layout: Layout, block: Block, side: int, zebras: list[float], random: np.random.Generator) -> None:
-    """Place lamps, signs, trees and people who stand along a kerb, in this order where they come too close."""
+def _border_garden(layout: Layout, room: Room, district: District, side: int, x_m: float, width_m: float) -> None:
+    """Place a hedge or a fence along a plot where there is room, with a gap for a gate in its middle."""
+    y_m, half_m = side * (layout.front_m + BORDER_M), (0.5 * BORDER_STEP_M - 0.005, 0.75 * BORDER_M)
+    for number in range(int((width_m - GATE_M) // (2.0 * BORDER_STEP_M))):
+        away_m = 0.5 * GATE_M + (number + 0.5) * BORDER_STEP_M
+        for place_m in (x_m + 0.5 * width_m - away_m, x_m + 0.5 * width_m + away_m):
+            if room.take(_boxes(layout.line, [(place_m, y_m, *half_m)])):
+                layout.add(f"{district.border}s", place_m, y_m, 90.0 * side)
+
+
+def _line_kerb(
+    layout: Layout, block: Block, side: int, zebras: list[float], district: District, random: np.random.Generator
+) -> None:
+    """Place lamps, signs, bins, trees and people who stand along a kerb, in this order where they come too close."""
     file, line = layout.file, _Line(block, zebras)
+    towards_deg = 180.0 if side < 0 else 0.0
     for zebra_m in zebras:
         for shift_m in (-3.3, -2.6, 2.6, 3.3):
             layout.add("bollards", zebra_m + shift_m, side * (layout.kerb_m + 0.35))
         # The one who drives towards the zebra on this side sees the sign's face.
-        layout.add("signs", zebra_m + side * 4.2, side * (layout.kerb_m + POST_LINE_M), 180.0 if side < 0 else 0.0)
+        layout.add("sign_squares", zebra_m + side * 4.2, side * (layout.kerb_m + POST_LINE_M), towards_deg)
     for x_m in line.places(file.lamp_spacing_m, random):
         layout.add("lamp_posts", x_m, side * (layout.kerb_m + POST_LINE_M), -90.0 * side)
     for x_m in line.places(file.sign_spacing_m, random):
-        layout.add("signs", x_m, side * (layout.kerb_m + POST_LINE_M), 180.0 if side < 0 else 0.0)
-    widest = (KERB_M + file.pavement_m - TREE_LINE_M) / TREE_REACH_M
-    sizes = [number for number, scale in enumerate(TREE_SCALES) if scale <= widest]
+        layout.add(f"{random.choice(SIGNS)}s", x_m, side * (layout.kerb_m + POST_LINE_M), towards_deg)
+    for x_m in line.places(FURNITURE_M, random):
+        layout.add(f"{random.choice(FURNITURE)}s", x_m, side * (layout.kerb_m + FURNITURE_LINE_M), -90.0 * side)
+    room_m = KERB_M + file.pavement_m - TREE_LINE_M
+    trees = [
+        f"trees_{tree}_{number}"
+        for tree in district.trees
+        for number, scale in enumerate(TREE_SCALES)
+        if scale * catalog.shipped_meshes()[tree]["reach_m"] <= room_m
+    ]
     for x_m in line.places(file.tree_spacing_m, random):
-        name = f"trees_{sizes[random.integers(len(sizes))]}"
-        layout.add(name, x_m, side * (layout.kerb_m + TREE_LINE_M), random.uniform(0.0, 360.0))
+        if trees:
+            yaw_deg = random.uniform(0.0, 360.0)
+            layout.add(random.choice(trees), x_m, side * (layout.kerb_m + TREE_LINE_M), yaw_deg)
     for x_m in line.places(file.standing_spacing_m, random):
         y_m = side * (layout.kerb_m + random.uniform(0.7, 1.0))
         layout.add("pedestrians", x_m, y_m, random.uniform(0.0, 360.0))

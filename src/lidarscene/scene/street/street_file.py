@@ -11,6 +11,8 @@ from ...files.toml import FileModel
 Share = Annotated[float, Field(ge=0, le=1)]
 Spacing = Annotated[float, Field(ge=5, le=1e4)]
 Block = Annotated[float, Field(ge=40, le=1e4)]
+Angle = Annotated[float, Field(ge=0, le=60)]
+Radius = Annotated[float, Field(ge=20, le=1e4)]
 Setback = Annotated[float, Field(ge=0, le=30)]
 Speed = Annotated[float, Field(ge=1, le=40)]
 
@@ -24,18 +26,29 @@ def _rising(low_and_high: tuple[float, float]) -> tuple[float, float]:
 Shares = Annotated[tuple[Share, Share], AfterValidator(_rising)]
 Spacings = Annotated[tuple[Spacing, Spacing], AfterValidator(_rising)]
 Blocks = Annotated[tuple[Block, Block], AfterValidator(_rising)]
+Angles = Annotated[tuple[Angle, Angle], AfterValidator(_rising)]
+Radii = Annotated[tuple[Radius, Radius], AfterValidator(_rising)]
 Setbacks = Annotated[tuple[Setback, Setback], AfterValidator(_rising)]
 Speeds = Annotated[tuple[Speed, Speed], AfterValidator(_rising)]
 
 
 class StreetFile(FileModel):
-    """[street]: a straight street with crossings, and traffic on it. Of two numbers each thing draws one between them.
+    """[street]: a street with bends and crossings, and traffic on it. Of two numbers each thing draws one between them.
 
-    The vehicle that carries the sensor drives along x, on the right, from 0 to ``length_m``.
+    The vehicle that carries the sensor drives on the right, from the origin, where the street goes along x, for
+    ``length_m``; or round a loop of that length.
     """
 
     seed: Annotated[int, Field(ge=0, le=2**32 - 1)] = Field(default=1, description="of all random choices")
     length_m: Annotated[float, Field(ge=50, le=2e4)] = Field(default=1000.0, description="way of the ego vehicle")
+    loop: bool = Field(default=False, description="a loop, on which the ego vehicle drives for ever")
+    laps: Annotated[int, Field(ge=1, le=100)] = Field(
+        default=2, description="of a loop, after which the vehicle rests and all traffic begins again"
+    )
+    bend_spacing_m: Spacings = Field(default=(40.0, 160.0), description="straight between bends; a loop has six bends")
+    bend_deg: Angles = Field(default=(10.0, 60.0), description="by which a bend turns; those of a loop turn by 90")
+    bend_radius_m: Radii = Field(default=(25.0, 120.0), description="of the middle of a bend; less on a short loop")
+    wet: bool = Field(default=False, description="roads and pavements under a film of water")
     lanes: Annotated[int, Field(ge=1, le=3)] = Field(default=1, description="in each direction")
     lane_width_m: Annotated[float, Field(ge=2.6, le=5)] = Field(default=3.2, description="of each lane")
     pavement_m: Annotated[float, Field(ge=2.8, le=10)] = Field(default=3.2, description="width of the pavements")

@@ -8,9 +8,10 @@ from __future__ import annotations
 
 import copy
 import functools
+import math
 import shutil
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
@@ -20,73 +21,21 @@ from ... import catalog
 from ...files.atomic import atomic_folder
 from ...files.overrides import toml_text
 from ..derived import merged
-from .layout import (
-    CROSS_HALF_M,
-    CROSS_REACH_M,
-    HOUSE_SCALES,
-    KERB_M,
-    PAINTS,
-    STOP_LINE_M,
-    TREE_SCALES,
-    ZEBRA_M,
-    Layout,
-    lay_out,
-)
+from .layout import CROSS_HALF_M, CROSS_REACH_M, KERB_M, STOP_LINE_M, ZEBRA_M, Block, Layout, lay_out
+from .pieces import PAINT_M, RAISED_M, Tables, placed, sheet, soil, street_scene
+from .shapes import PEOPLE, shapes
 from .street_file import StreetFile
 from .traffic import Track, Traffic, drive
 
-Tables = dict[str, Any]
+EVEN_STEP = 1e-5
+"""Accuracy bought: difference of two steps from pose to pose, in metres and degrees, up to which the pose between them
+is left out: an acceleration of 0.04 mm/s2, which moves by 7 cm in a minute."""
 
-PEOPLE = (
-    "pedestrian",
-    "woman",
-    "child_7",
-    "man_tall",
-    "woman_bag",
-    "woman_old",
-    "man_rucksack",
-    "woman_pram",
-    "child_12",
-    "woman_short",
-    "man_old",
-    "child_4",
-)
-"""Choice: meshes of people, of which the ones on a street are one after the other."""
+WET = {"asphalt": "asphalt_wet", "concrete": "concrete_wet"}
+"""Material of the ground -> the same under a film of water."""
 
-SHAPES: dict[str, tuple[str, dict[str, str], float]] = {
-    **{f"houses_{wall}": ("house", {"brick": wall}, scale) for wall, scale in HOUSE_SCALES.items()},
-    **{
-        f"{group}_{paint}": ("car", {"paint": f"car_paint_{paint}"}, 1.0)
-        for group in ("cars", "traffic")
-        for paint in PAINTS
-    },
-    "own_car": ("car", {"paint": "car_paint_white"}, 1.0),
-    **{f"trees_{number}": ("tree", {}, scale) for number, scale in enumerate(TREE_SCALES)},
-    **{f"{group}_{person}": (person, {}, 1.0) for group in ("pedestrians", "walkers") for person in PEOPLE},
-    "signs": ("sign", {}, 1.0),
-    "lamp_posts": ("lamp_post", {}, 1.0),
-    "bollards": ("bollard", {}, 1.0),
-}
-"""Name of a body -> mesh, materials other than those of `catalog.shipped_meshes`, scale."""
-
-RAISED_M = 0.12
-"""Choice: height of pavements and kerbs over the road."""
-
-PAINT_M = 0.003
-"""Choice: thickness of lane markings."""
-
-SOIL_M = (100.0, 160.0)
-"""Choice: size of a sheet of soil, along and across the street: beyond the houses on both sides."""
-
-SURROUNDINGS: Tables = {
-    "sun": {"azimuth_deg": 215.0, "elevation_deg": 48.0, "illuminance_klux": 80.0},
-    "sky": {"diffuse_share": 0.15},
-    "air": {"visibility_km": 15.0, "model": "kruse"},
-    "ground": {"roughness": "B"},
-    "sensor": {"name": "os1-128", "position_m": [0.0, 0.0, 1.75]},
-    "picture": {"eye_m": [-9.0, 0.0, 7.0], "target_m": [14.0, 0.6, 0.5], "fov_deg": 70.0},
-}
-"""Choice: tables that a scene with a street has unless it says otherwise."""
+STRIPS = {"road": ("road", "asphalt"), "pavement": ("pavement", "concrete"), "kerb": ("kerb", "concrete")}
+"""Kind of a strip of ground along a street -> class and material."""
 
 
 def with_street(tables: Mapping[str, Any], file: StreetFile) -> Tables:
@@ -101,18 +50,17 @@ def street_tables(file: StreetFile) -> Tables:
     layout = lay_out(file)
     traffic = drive(layout)
     meshes = str(catalog.folder("scenes").parent / "assets" / "meshes")
-    return {
-        **SURROUNDINGS,
-        "reach_m": file.shown_m + 20.0,
-        "ego": {"on_ground": True, "poses": _poses(traffic.ego), "at_end": "hold", "ride": {}},
-        "bodies": [
-            *_grounds(layout),
+    return street_scene(
+        file.shown_m,
+        ego={"poses": _poses(layout, traffic.ego), "at_end": "repeat" if file.loop else "hold"},
+        bodies=[
+            *(_wetted(body) if file.wet else body for body in _grounds(layout)),
             *_markings(layout),
-            *(_standing(name, places, meshes) for name, places in _by_shape(layout.items).items()),
+            *(_standing(layout, name, places, meshes) for name, places in _by_shape(layout.items).items()),
             _shape("own_car", meshes) | {"motion": {"with_ego": True}},
-            *_moving(traffic, meshes),
+            *_moving(layout, traffic, meshes),
         ],
-    }
+    )
 
 
 def write_street(file: StreetFile, folder: Path) -> Path:
@@ -123,8 +71,20 @@ def write_street(file: StreetFile, folder: Path) -> Path:
     Raises:
         OutputError: if a result cannot be written
     """
-    tables = copy.deepcopy(street_tables(file))
     settings = ", ".join(f"{key} = {toml_text(value)}" for key, value in file.model_dump().items())
+    return write_scene(street_tables(file), folder, origin=settings)
+
+
+def write_scene(tables: Tables, folder: Path, *, origin: str) -> Path:
+    """Write tables as street.toml in ``folder``, with their meshes and motions beside it; return the scene's path.
+
+    Args:
+        origin: what the first line of the file says it was made of
+
+    Raises:
+        OutputError: if a result cannot be written
+    """
+    tables = copy.deepcopy(tables)
     with atomic_folder(folder) as temporary:
         for name in ("meshes", "motions"):
             (temporary / name).mkdir()
@@ -138,7 +98,7 @@ def write_street(file: StreetFile, folder: Path) -> Path:
             for number, instance in enumerate(body.get("instances", ())):
                 if "motion" in instance:
                     _write_motion(instance["motion"], temporary, f"{body['name']}_{number}")
-        text = f"# Made by lidarscene street: {settings}\n" + _scene_text({"name": "street"} | tables)
+        text = f"# Made by lidarscene street: {origin}\n" + _scene_text({"name": "street"} | tables)
         (temporary / "street.toml").write_text(text, encoding="utf-8", newline="\n")
     return folder / "street.toml"
 
@@ -149,15 +109,15 @@ class StreetSummary(NamedTuple):
     length_m: float
     duration_s: float
     houses: int
-    parked_cars: int
-    cars_in_traffic: int
+    parked_vehicles: int
+    vehicles_in_traffic: int
     people: int
 
     def as_text(self) -> str:
         """One line of text."""
         return (
-            f"{self.length_m:g} m of driving in {self.duration_s:g} s; {self.houses} houses, {self.parked_cars} parked "
-            f"cars, {self.cars_in_traffic} cars in traffic, {self.people} people"
+            f"{self.length_m:g} m of driving in {self.duration_s:g} s; {self.houses} houses, "
+            f"{self.parked_vehicles} parked vehicles, {self.vehicles_in_traffic} in traffic, {self.people} people"
         )
 
 
@@ -166,21 +126,22 @@ def street_summary(file: StreetFile) -> StreetSummary:
     tables = street_tables(file)
     counts = Counter(body["name"].split("_")[0] for body in tables["bodies"] for _ in body.get("instances", ()))
     return StreetSummary(
-        length_m=file.length_m,
+        length_m=file.length_m * (file.laps if file.loop else 1),
         duration_s=tables["ego"]["poses"][-1]["time_s"],
         houses=counts["houses"],
-        parked_cars=counts["cars"],
-        cars_in_traffic=counts["traffic"],
+        parked_vehicles=counts["parked"],
+        vehicles_in_traffic=counts["traffic"],
         people=counts["pedestrians"] + counts["walkers"],
     )
 
 
 def _write_motion(motion: Tables, folder: Path, name: str) -> None:
     """Replace the poses of a motion by a file with them."""
-    lines = ["time_s,x_m,y_m,z_m,yaw_deg"]
+    angles = [key for key in ("yaw_deg", "pitch_deg") if any(key in pose for pose in motion["poses"])] or ["yaw_deg"]
+    lines = [",".join(["time_s,x_m,y_m,z_m", *angles])]
     for pose in motion.pop("poses"):
-        x_m, y_m, z_m = pose["position_m"]
-        lines.append(f"{pose['time_s']!r},{x_m!r},{y_m!r},{z_m!r},{pose.get('yaw_deg', 0.0)!r}")
+        numbers = [pose["time_s"], *pose["position_m"], *(pose.get(key, 0.0) for key in angles)]
+        lines.append(",".join(map(repr, numbers)))
     text = "\n".join(lines) + "\n"
     (folder / "motions" / f"{name}.csv").write_text(text, encoding="utf-8", newline="\n")
     motion["poses_file"] = f"motions/{name}.csv"
@@ -213,48 +174,56 @@ def _scene_text(tables: Mapping[str, Any]) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _at(x_m: float, y_m: float, z_m: float = 0.0, yaw_deg: float = 0.0) -> Tables:
-    """Pose, to a millimetre and a hundredth of a degree."""
-    pose: Tables = {"position_m": [round(float(number), 3) + 0.0 for number in (x_m, y_m, z_m)]}
-    return pose | ({"yaw_deg": round(float(yaw_deg), 2)} if yaw_deg else {})
+def _along(layout: Layout, x_m: float, y_m: float, z_m: float = 0.0, yaw_deg: float = 0.0) -> Tables:
+    """Pose at a place of the street, turned against it."""
+    ((east_m, north_m, heading),) = layout.line.at(np.array([x_m]), np.array([y_m])).tolist()
+    return placed(east_m, north_m, z_m, yaw_deg + math.degrees(heading))
 
 
-def _poses(track: Track) -> list[Tables]:
+def _poses(layout: Layout, track: Track) -> list[Tables]:
     """Poses of a track."""
+    east_m, north_m, heading = layout.line.at(track.x_m, track.y_m).T
+    yaw_deg = np.degrees(heading) + track.yaw_deg
+    # Between even steps a spline through the others goes the same way.
+    states = np.stack([east_m, north_m, np.unwrap(yaw_deg, period=360.0)], axis=1)
+    uneven = np.pad(np.abs(np.diff(states, 2, axis=0)).max(axis=1) > EVEN_STEP, 1, constant_values=True)
+    kept = uneven | np.roll(uneven, 1) | np.roll(uneven, -1)
     return [
-        {"time_s": round(float(time_s), 3)} | _at(x_m, y_m, 0.0, track.yaw_deg)
-        for time_s, x_m, y_m in zip(track.time_s, track.x_m, track.y_m, strict=True)
+        {"time_s": round(float(time_s), 3)} | placed(x_m, y_m, 0.0, yaw)
+        for time_s, x_m, y_m, yaw in zip(track.time_s[kept], east_m[kept], north_m[kept], yaw_deg[kept], strict=True)
     ]
 
 
 def _shape(name: str, meshes: str) -> Tables:
-    mesh, materials, scale = SHAPES[name]
+    mesh, materials, scale = shapes()[name]
     kind = catalog.shipped_meshes()[mesh]
     body = {"name": name, "mesh": f"{meshes}/{mesh}.glb", "class": kind["class"]}
-    body["materials"] = materials | {part: name for part, name in kind["materials"].items() if part not in materials}
+    body["materials"] = dict(materials) | {
+        part: name for part, name in kind["materials"].items() if part not in materials
+    }
     walk = {key: kind[key] for key in ("animation", "standing") if key in kind}
     return body | walk | ({"scale": scale} if scale != 1.0 else {})
 
 
-def _standing(name: str, places: Iterable[tuple[float, float, float]], meshes: str) -> Tables:
-    """Body of a mesh that stands at these places; houses are level, all others on the ground."""
+def _standing(layout: Layout, name: str, places: Sequence[tuple[float, float, float]], meshes: str) -> Tables:
+    """Body of a mesh that stands along the street; houses are level, all others on the ground."""
     body = _shape(name, meshes)
     if body["class"] != "building":
         body["on_ground"] = True
-    return body | {"instances": [_at(x_m, y_m, 0.0, yaw_deg) for x_m, y_m, yaw_deg in places]}
+    return body | {"instances": [_along(layout, x_m, y_m, 0.0, yaw_deg) for x_m, y_m, yaw_deg in places]}
 
 
 Thing = TypeVar("Thing")
 
 
 def _by_shape(things: Mapping[str, Sequence[Thing]]) -> dict[str, list[Thing]]:
-    """Return things by the name of their body in `SHAPES`, in its order; people get one mesh after the other."""
+    """Return things by the name of their body in `shapes`, in its order; people get one mesh after the other."""
     shaped: dict[str, list[Thing]] = {}
     for name, of_name in things.items():
         for number, thing in enumerate(of_name):
-            shape = name if name in SHAPES else f"{name}_{_person(number, thing)}"
+            shape = name if name in shapes() else f"{name}_{_person(number, thing)}"
             shaped.setdefault(shape, []).append(thing)
-    return {name: shaped[name] for name in SHAPES if name in shaped}
+    return {name: shaped[name] for name in shapes() if name in shaped}
 
 
 def _person(number: int, thing: object) -> str:
@@ -264,52 +233,55 @@ def _person(number: int, thing: object) -> str:
     return person if moves or person != "woman_pram" else "woman"
 
 
-def _moving(traffic: Traffic, meshes: str) -> list[Tables]:
+def _moving(layout: Layout, traffic: Traffic, meshes: str) -> list[Tables]:
     """Bodies of all that moves, but for the own car: an instance with a motion for each."""
-    bodies = []
+    at_end, bodies = "repeat" if layout.file.loop else "hide", []
     names = dict.fromkeys(sorted(track.name for track in traffic.others))
     tracks = _by_shape({name: [track for track in traffic.others if track.name == name] for name in names})
     for name, of_shape in tracks.items():
-        instances = [{"motion": {"poses": _poses(track), "at_end": "hide"}} for track in of_shape]
+        instances = [{"motion": {"poses": _poses(layout, track), "at_end": at_end}} for track in of_shape]
         bodies.append(_shape(name, meshes) | {"on_ground": True, "instances": instances})
     return bodies
 
 
-def _sheet(
-    name: str, class_name: str, material: str, size_m: Sequence[float], places: Sequence[Tables], **keys: Any
+def _strip(
+    layout: Layout, block: Block, number: int, kind: str, width_m: float, offset_m: float, **keys: Any
 ) -> Tables:
-    """Ground at one place or at several."""
-    body = {"name": name, "primitive": "ground", "class": class_name, "material": material}
-    return body | {"size_m": [round(float(length_m), 3) for length_m in size_m], **keys, "instances": list(places)}
+    """Ground along a block, to the left of its middle or around it."""
+    class_name, material = STRIPS[kind]
+    side = {1.0: "_left", -1.0: "_right"}.get(math.copysign(1.0, offset_m) if offset_m else 0.0, "")
+    points = layout.line.points_m(block.begin_m, block.end_m)
+    line = [[round(number_m, 4) for number_m in point] + [0.0] for point in points.tolist()]
+    body = {"name": f"{kind}_{number}{side}", "primitive": "ground", "class": class_name, "material": material}
+    sizes = {"width_m": round(width_m, 3), "offset_m": round(offset_m, 4)}
+    return body | {"line": line} | sizes | keys
 
 
 def _grounds(layout: Layout) -> list[Tables]:
     """Roads, pavements, kerbs and the soil below all of them."""
     grounds = []
+    pavement_m = layout.file.pavement_m
+    raised = {"position_m": [0.0, 0.0, RAISED_M], "kerb_m": 0.2}
     for number, block in enumerate(layout.blocks):
-        length_m, middle_m = block.length_m, 0.5 * (block.begin_m + block.end_m)
-        beside_m = layout.kerb_m + KERB_M + 0.5 * layout.file.pavement_m
-        pavements, kerbs = (
-            [_at(middle_m, side * y_m, RAISED_M) for side in (1, -1)]
-            for y_m in (beside_m, layout.kerb_m + 0.5 * KERB_M)
+        grounds.append(
+            _strip(layout, block, number, "road", 2.0 * layout.kerb_m, 0.0, crown_m=0.08, kerb_m=0.1, spacing_m=0.4)
         )
-        road = [length_m, 2.0 * layout.kerb_m]
-        grounds += [
-            _sheet(
-                f"road_{number}", "road", "asphalt", road, [_at(middle_m, 0.0)], crown_m=0.08, kerb_m=0.1, spacing_m=0.4
-            ),
-            _sheet(
-                f"pavements_{number}", "pavement", "concrete", [length_m, layout.file.pavement_m], pavements, kerb_m=0.2
-            ),
-            _sheet(f"kerbs_{number}", "kerb", "concrete", [length_m, KERB_M], kerbs, kerb_m=0.2),
-        ]
-    crossing = [_at(crossing.x_m, 0.0) for crossing in layout.crossings if not crossing.is_zebra]
+        for kind, width_m, middle_m in (
+            ("pavement", pavement_m, layout.kerb_m + KERB_M + 0.5 * pavement_m),
+            ("kerb", KERB_M, layout.kerb_m + 0.5 * KERB_M),
+        ):
+            grounds += [_strip(layout, block, number, kind, width_m, side * middle_m, **raised) for side in (1, -1)]
+    crossing = [_along(layout, crossing.x_m, 0.0) for crossing in layout.crossings if not crossing.is_zebra]
     if crossing:
         size_m = [2.0 * CROSS_HALF_M, 2.0 * CROSS_REACH_M]
-        grounds.append(_sheet("cross_roads", "road", "asphalt", size_m, crossing, spacing_m=0.4))
-    count = int((layout.end_m - layout.begin_m) // SOIL_M[0]) + 1
-    soil = [_at(layout.begin_m + (number + 0.5) * SOIL_M[0], 0.0, -0.05) for number in range(count)]
-    return [*grounds, _sheet("soil", "terrain", "soil", SOIL_M, soil, spacing_m=2.0)]
+        grounds.append(sheet("cross_roads", "road", "asphalt", size_m, crossing, spacing_m=0.4))
+    way_m = np.arange(layout.begin_m, layout.end_m, 10.0)
+    return [*grounds, soil(layout.line.at(way_m, np.zeros(len(way_m)))[:, :2])]
+
+
+def _wetted(ground: Tables) -> Tables:
+    """Ground under a film of water, if its material has one."""
+    return ground | {"material": WET.get(ground["material"], ground["material"])}
 
 
 def _markings(layout: Layout) -> list[Tables]:
@@ -322,15 +294,15 @@ def _markings(layout: Layout) -> list[Tables]:
         while x_m < block.end_m - 5.0:
             if all(abs(x_m - zebra.x_m) > 0.5 * ZEBRA_M + STOP_LINE_M + 2.0 for zebra in zebras):
                 y_m = [number * file.lane_width_m for number in range(1 - file.lanes, file.lanes)]
-                dashes += [_at(x_m, y, PAINT_M) for y in y_m]
+                dashes += [_along(layout, x_m, y, PAINT_M) for y in y_m]
             x_m += 6.0
     for crossing in layout.crossings:
         if crossing.is_zebra:
             across = range(-int(layout.kerb_m - 0.5), int(layout.kerb_m - 0.5) + 1)
-            stripes += [_at(crossing.x_m, number, PAINT_M) for number in across]
+            stripes += [_along(layout, crossing.x_m, number, PAINT_M) for number in across]
         for direction in (1, -1):
             middle_m = -direction * 0.5 * file.lanes * file.lane_width_m
-            lines.append(_at(crossing.stop_x_m(direction) + 0.2 * direction, middle_m, PAINT_M))
+            lines.append(_along(layout, crossing.stop_x_m(direction) + 0.2 * direction, middle_m, PAINT_M))
     keys = {"spacing_m": 0.2, "on_ground": True}
     width_m = file.lanes * file.lane_width_m - 0.3
     markings = (
@@ -339,7 +311,7 @@ def _markings(layout: Layout) -> list[Tables]:
         ("stop_lines", [0.3, width_m], lines),
     )
     return [
-        _sheet(name, "lane_marking", "lane_marking", size_m, places, **keys)
+        sheet(name, "lane_marking", "lane_marking", size_m, places, **keys)
         for name, size_m, places in markings
         if places
     ]

@@ -9,13 +9,15 @@ is drawn (`tests/scene/street`).
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
 
 from ...maths.arrays import Numbers
-from .layout import CAR_M, CROSS_LANE_M, PAINTS, Crossing, Layout
+from .layout import CAR_M, CROSS_LANE_M, Crossing, Layout
+from .shapes import SWING_M, draw_vehicle, longest_in_bend_m, vehicle_length_m
 
 STEP_S = 0.1
 """Accuracy bought: step of the driver model, a fifteenth of a driver's headway."""
@@ -35,6 +37,12 @@ WILLING_M_S2 = 3.5
 WALK_M_S = (1.1, 1.6)
 """Choice: slowest and fastest speed of people who walk, of which each draws one."""
 
+TURN_S = 2.0
+"""Choice: time in which those who have crossed turn round."""
+
+CYCLIST_SHARE = 0.45
+"""Choice: speed that a cyclist wants, over that of a driver."""
+
 CROSS_M_S = 9.0
 """Choice: speed of vehicles on the streets that cross."""
 
@@ -47,7 +55,7 @@ CLEAR_S = 1.0
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Track:
-    """Way of one that moves: times [s], x, y [m] at these times, and yaw [degrees].
+    """Way of one that moves: times [s], and at these x, y [m] and yaw [degrees], along the street and against it.
 
     Attributes:
         name: of the body whose instance it is
@@ -57,7 +65,7 @@ class Track:
     time_s: Numbers
     x_m: Numbers
     y_m: Numbers
-    yaw_deg: float
+    yaw_deg: Numbers
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -73,9 +81,12 @@ class _Lane:
     """Vehicles on one lane, the first one ahead; places along the direction of travel.
 
     Attributes:
-        front_m: (n,) place of each vehicle's front
+        front_m: (n,) place of each vehicle's front, lap after lap on a loop
         speed_m_s: (n,) speed of each vehicle
         desired_m_s: (n,)
+        lengths_m: (n,) of the vehicles
+        loop_m: length of a loop, on which the last vehicle is ahead of the first; infinite on an open street
+        limit_m_s: places along the direction, and the speed that bends allow there
     """
 
     lane: int
@@ -83,21 +94,30 @@ class _Lane:
     front_m: Numbers
     speed_m_s: Numbers
     desired_m_s: Numbers
+    lengths_m: Numbers
     names: list[str]
+    loop_m: float = math.inf
+    limit_m_s: tuple[Numbers, Numbers] = (np.zeros(1), np.full(1, np.inf))
     history: list[Numbers] = field(default_factory=list)
 
     def step(self, closed_m: Sequence[float], end_m: float) -> None:
         """Drive on for a step; ``closed_m`` are stop lines that are closed, along the direction of travel."""
-        ahead_m = np.concatenate([[end_m + CAR_M[0]], self.front_m[:-1]]) - CAR_M[0]
-        ahead_m_s = np.concatenate([[0.0], self.speed_m_s[:-1]])
+        is_loop = math.isfinite(self.loop_m)
+        rear_m = self.front_m - self.lengths_m
+        ahead_m = np.concatenate([[rear_m[-1] + self.loop_m if is_loop else end_m], rear_m[:-1]])
+        ahead_m_s = np.concatenate([[self.speed_m_s[-1] if is_loop else 0.0], self.speed_m_s[:-1]])
         for line_m in closed_m:
-            waits = self.will_stop(line_m) & (line_m < ahead_m)
+            place_m = self.front_m + self.room_m(line_m)
+            waits = self.will_stop(line_m) & (place_m < ahead_m)
             # A line stands for a vehicle whose rear is a queue's gap behind it.
-            ahead_m = np.where(waits, line_m + 0.6 * STANDING_GAP_M, ahead_m)
+            ahead_m = np.where(waits, place_m + 0.6 * STANDING_GAP_M, ahead_m)
             ahead_m_s = np.where(waits, 0.0, ahead_m_s)
+        middle_m = self.front_m - 0.5 * self.lengths_m
+        if is_loop:
+            middle_m = self.limit_m_s[0][0] + np.mod(middle_m - self.limit_m_s[0][0], self.loop_m)
         acceleration = driver_acceleration_m_s2(
             speed_m_s=self.speed_m_s,
-            desired_m_s=self.desired_m_s,
+            desired_m_s=np.minimum(self.desired_m_s, np.interp(middle_m, *self.limit_m_s)),
             gap_m=ahead_m - self.front_m,
             closing_m_s=self.speed_m_s - ahead_m_s,
         )
@@ -105,16 +125,21 @@ class _Lane:
         self.front_m = self.front_m + 0.5 * STEP_S * (self.speed_m_s + speed_m_s)
         self.speed_m_s = speed_m_s
 
+    def room_m(self, line_m: float) -> Numbers:
+        """(n,) way of each vehicle to a stop line; below 0 behind it, but on a loop to where it comes next."""
+        return np.mod(line_m - self.front_m, self.loop_m) if math.isfinite(self.loop_m) else line_m - self.front_m
+
     def will_stop(self, line_m: float) -> Numbers:
         """(n,) whether each vehicle is before a stop line and can still stop there."""
-        room_m = line_m - self.front_m
+        room_m = self.room_m(line_m)
         return np.asarray((room_m >= 0.0) & (self.speed_m_s**2 <= 2.0 * WILLING_M_S2 * np.maximum(room_m, 0.05)))
 
     def keeps_clear(self, line_m: float, end_m: float) -> bool:
         """Return whether no vehicle is between a stop line and the end of a crossing, or will be without stopping."""
-        before = self.front_m < line_m
-        behind = self.front_m - CAR_M[0] > end_m
-        return bool((behind | (before & self.will_stop(line_m))).all())
+        room_m, zone_m, will_stop = self.room_m(line_m), end_m - line_m + self.lengths_m, self.will_stop(line_m)
+        if math.isfinite(self.loop_m):
+            return bool(((self.loop_m - room_m > zone_m) & will_stop).all())
+        return bool(((-room_m > zone_m) | ((room_m > 0.0) & will_stop)).all())
 
 
 def driver_acceleration_m_s2(
@@ -134,13 +159,19 @@ def driver_acceleration_m_s2(
 
 @dataclass(slots=True)
 class _Closing:
-    """A crossing that closes for the ego vehicle: when others go there, and when it opens."""
+    """A crossing that closes for the ego vehicle: when others go there, and when it opens.
+
+    Attributes:
+        go_s: times at which others went: once, or once in each lap of a loop
+        is_due: whether it closes as the ego vehicle comes near
+    """
 
     crossing: Crossing
     duration_s: float
     clear_s: float = 0.0
     is_closed: bool = False
-    go_s: float | None = None
+    is_due: bool = True
+    go_s: list[float] = field(default_factory=list)
 
     def lines_m(self, direction: int) -> tuple[float, float]:
         """Stop line and far edge along a direction of travel."""
@@ -148,25 +179,28 @@ class _Closing:
 
     def update(self, now_s: float, ego: _Lane, ego_index: int, lanes: Sequence[_Lane]) -> None:
         """Close as the ego vehicle comes near enough to wait, let the others go, and open."""
-        line_m, _ = self.lines_m(1)
-        if self.go_s is not None:
-            self.is_closed = now_s < self.go_s + self.duration_s + CLEAR_S
+        room_m = float(ego.room_m(self.lines_m(1)[0])[ego_index])
+        if not self.is_due:
+            self.is_closed = now_s < self.go_s[-1] + self.duration_s + CLEAR_S
+            # Again in the next lap, once the ego vehicle is well past it.
+            self.is_due = not self.is_closed and math.isfinite(ego.loop_m) and room_m > 0.5 * ego.loop_m
             return
         if not self.is_closed:
             speed_m_s = float(ego.speed_m_s[ego_index])
-            room_m = line_m - float(ego.front_m[ego_index])
             braking_m = speed_m_s**2 / (2.0 * BRAKING_M_S2)
             self.is_closed = bool(0.7 * braking_m + 2.0 < room_m < braking_m + 2.0 * speed_m_s + 6.0)
             return
         clear = all(lane.keeps_clear(*self.lines_m(lane.direction)) for lane in lanes)
         self.clear_s = self.clear_s + STEP_S if clear else 0.0
         if self.clear_s >= CLEAR_S:
-            self.go_s = now_s
+            self.go_s.append(now_s)
+            self.is_due, self.clear_s = False, 0.0
 
 
 def drive(layout: Layout) -> Traffic:
     """Let the traffic of a street go until the ego vehicle has come to its end; the same for the same file."""
     file = layout.file
+    way_m = file.length_m * (file.laps if file.loop else 1)
     random = np.random.default_rng([file.seed, 2])
     lanes = _fill_lanes(layout, random)
     ego_lane, ego_index = lanes[0], file.ahead
@@ -174,7 +208,7 @@ def drive(layout: Layout) -> Traffic:
     # All but the ego vehicle go on to the road's end; it stops where its way ends, and others behind it.
     ends_m = [_end_of_road_m(layout, lane.direction) for lane in lanes]
     steps, rested = 0, 0
-    while rested < 20 and steps * STEP_S < 20.0 + file.length_m:
+    while rested < 20 and steps * STEP_S < 20.0 + way_m:
         for lane in lanes:
             lane.history.append(lane.front_m)
         now_s = steps * STEP_S
@@ -183,21 +217,23 @@ def drive(layout: Layout) -> Traffic:
         for lane, end_m in zip(lanes, ends_m, strict=True):
             closed_m = [closing.lines_m(lane.direction)[0] for closing in closings if closing.is_closed]
             lane.step(closed_m, end_m)
-        _stop_at_end(ego_lane, ego_index, file.length_m)
+        _stop_at_end(ego_lane, ego_index, way_m)
         steps += 1
-        arrived = ego_lane.front_m[ego_index] > file.length_m - 5.0 and ego_lane.speed_m_s[ego_index] < 0.05
+        arrived = ego_lane.front_m[ego_index] > way_m - 5.0 and ego_lane.speed_m_s[ego_index] < 0.05
         rested = rested + 1 if arrived else 0
     for lane in lanes:
         lane.history.append(lane.front_m)
     time_s = STEP_S * np.arange(steps + 1)
     ego_x_m = np.array([front_m[ego_index] for front_m in ego_lane.history]) - 0.5 * CAR_M[0]
+    if file.loop:  # to where it began, to the last millimetre
+        ego_x_m *= way_m / ego_x_m[-1]
     others: list[Track] = []
     for lane in lanes:
         others += _vehicle_tracks(layout, lane, time_s, ego_x_m, skip=ego_index if lane is ego_lane else None)
     for closing in closings:
         others += _crossing_tracks(layout, closing, time_s, ego_x_m, random)
     others += _walking_tracks(layout, time_s, ego_x_m, random)
-    ego = Track("own_car", time_s, ego_x_m, np.full(len(time_s), layout.lane_m(0, 1)), 0.0)
+    ego = Track("own_car", time_s, ego_x_m, np.full(len(time_s), layout.lane_m(0, 1)), np.zeros(len(time_s)))
     return Traffic(ego=_thin(ego), others=others)
 
 
@@ -218,27 +254,57 @@ def _fill_lanes(layout: Layout, random: np.random.Generator) -> list[_Lane]:
     file = layout.file
     lanes = []
     for direction in (1, -1):
+        limit_m_s = layout.line.speed_limit_m_s(direction)
         for lane in range(file.lanes):
-            if direction > 0 and lane == 0:
-                gaps_m = random.uniform(18.0, 40.0, file.ahead + file.behind)
-                around_m = np.concatenate([[0.0], np.cumsum(gaps_m)])
-                front_m = (around_m - around_m[file.behind])[::-1]
+            is_own = direction > 0 and lane == 0
+            if is_own:
+                gaps_m = np.append(0.0, random.uniform(18.0, 40.0, file.ahead + file.behind))
             else:
                 # Those that the ego vehicle meets later come from beyond the end of its way.
                 reach_m = 2.0 * file.shown_m if direction > 0 else 5.0 * file.length_m + 4.0 * file.shown_m
+                reach_m = file.length_m if file.loop else reach_m
                 gaps_m = random.uniform(*file.oncoming_gap_m, int(reach_m / np.mean(file.oncoming_gap_m)) + 1)
-                front_m = file.shown_m - np.cumsum(np.maximum(gaps_m, CAR_M[0] + 8.0))
-            count = len(front_m)
-            names = [f"traffic_{PAINTS[number]}" for number in random.integers(len(PAINTS), size=count)]
-            desired_m_s = random.uniform(*file.speed_m_s, count)
-            lanes.append(_Lane(lane, direction, front_m + 0.5 * CAR_M[0], 0.6 * desired_m_s, desired_m_s, names))
+            names = [_draw(layout, random, without=("cyclist",) if is_own else ()) for _ in gaps_m]
+            if is_own:
+                names[file.ahead] = "own_car"
+            lengths_m = np.array([CAR_M[0] if name == "own_car" else vehicle_length_m(name) for name in names])
+            gaps_m[1:] = np.maximum(gaps_m[1:], 0.5 * (lengths_m[1:] + lengths_m[:-1]) + 8.0)
+            middle_m = -np.cumsum(gaps_m)
+            middle_m += file.shown_m if not is_own else -middle_m[file.ahead]
+            if file.loop and not is_own:
+                fits = middle_m > middle_m[0] - file.length_m + 0.5 * (lengths_m[0] + lengths_m) + 8.0
+                middle_m, lengths_m = middle_m[fits], lengths_m[fits]
+                names = [name for name, stays in zip(names, fits, strict=True) if stays]
+            desired_m_s = random.uniform(*file.speed_m_s, len(names))
+            desired_m_s[["cyclist" in name for name in names]] *= CYCLIST_SHARE
+            # The vehicle rests where a loop begins and ends.
+            speed_m_s = (0.0 if file.loop and is_own else 0.6) * desired_m_s
+            loop_m = file.length_m if file.loop else math.inf
+            front_m = middle_m + 0.5 * lengths_m
+            lanes.append(_Lane(lane, direction, front_m, speed_m_s, desired_m_s, lengths_m, names, loop_m, limit_m_s))
     return lanes
+
+
+def _draw(
+    layout: Layout, random: np.random.Generator, *, longest_m: float = math.inf, without: tuple[str, ...] = ()
+) -> str:
+    """Name of the body of a vehicle that keeps to its lane, bends included."""
+    curvature_per_m = layout.line.sharpest_per_m(layout.begin_m, layout.end_m)
+    return draw_vehicle(
+        "traffic",
+        *random.random(2),
+        longest_m=min(longest_m, longest_in_bend_m(curvature_per_m)),
+        widest_m=layout.file.lane_width_m - 2.0 * SWING_M - 0.1,
+        without=without,
+    )
 
 
 def _draw_closings(layout: Layout, random: np.random.Generator) -> list[_Closing]:
     """Draw the crossings at which the ego vehicle has to wait."""
     closings = []
     for crossing in layout.crossings:
+        if layout.file.loop and not crossing.is_zebra:
+            continue  # who has crossed is not there to cross again in the next lap
         if random.random() < layout.file.stop_share and 30.0 < crossing.x_m < layout.file.length_m - 20.0:
             way_m = 2.0 * layout.kerb_m + 2.0
             duration_s = way_m / WALK_M_S[0] if crossing.is_zebra else _crossing_times(layout)[1]
@@ -256,30 +322,30 @@ def _crossing_times(layout: Layout) -> tuple[float, float]:
 def _thin(track: Track) -> Track:
     """Return a track with a pose every `POSE_STEPS` steps, its last one included."""
     rows = np.unique(np.append(np.arange(0, len(track.time_s), POSE_STEPS), len(track.time_s) - 1))
-    return Track(track.name, track.time_s[rows], track.x_m[rows], track.y_m[rows], track.yaw_deg)
+    return Track(track.name, track.time_s[rows], track.x_m[rows], track.y_m[rows], track.yaw_deg[rows])
 
 
-def _shown(
-    layout: Layout, name: str, time_s: Numbers, x_m: Numbers, y_m: Numbers, ego_x_m: Numbers, yaw_deg: float
-) -> list[Track]:
-    """Return the track while it is near the ego vehicle; none if it never is."""
-    rows = np.flatnonzero(np.abs(x_m - ego_x_m) <= layout.file.shown_m)
+def _shown(layout: Layout, track: Track, ego_x_m: Numbers) -> list[Track]:
+    """Return the track while it is near the ego vehicle; none if it never is. Nothing hides on a loop."""
+    if layout.file.loop:
+        return [_thin(track)]
+    rows = np.flatnonzero(np.abs(track.x_m - ego_x_m) <= layout.file.shown_m)
     if len(rows) < 2:
         return []
     part = slice(rows[0], rows[-1] + 1)
-    return [_thin(Track(name, time_s[part], x_m[part], y_m[part], yaw_deg))]
+    return [_thin(Track(track.name, *(each[part] for each in (track.time_s, track.x_m, track.y_m, track.yaw_deg))))]
 
 
 def _vehicle_tracks(layout: Layout, lane: _Lane, time_s: Numbers, ego_x_m: Numbers, *, skip: int | None) -> list[Track]:
     """Tracks of the vehicles of a lane, but for one."""
-    middle_m = lane.direction * (np.array(lane.history) - 0.5 * CAR_M[0])
+    middle_m = lane.direction * (np.array(lane.history) - 0.5 * lane.lengths_m)
     y_m = np.full(len(time_s), layout.lane_m(lane.lane, lane.direction))
-    yaw_deg = 0.0 if lane.direction > 0 else 180.0
+    yaw_deg = np.full(len(time_s), 0.0 if lane.direction > 0 else 180.0)
     return [
         track
         for number, name in enumerate(lane.names)
         if number != skip
-        for track in _shown(layout, name, time_s, middle_m[:, number], y_m, ego_x_m, yaw_deg)
+        for track in _shown(layout, Track(name, time_s, middle_m[:, number], y_m, yaw_deg), ego_x_m)
     ]
 
 
@@ -289,25 +355,29 @@ def _crossing_tracks(
     """Tracks of the vehicles or people who cross while a crossing is closed."""
     crossing = closing.crossing
     # Without a start, if the ego vehicle never came so far, they wait.
-    go_s = np.inf if closing.go_s is None else closing.go_s
-    since_s = np.maximum(time_s - go_s, 0.0)
+    since_s = [np.maximum(time_s - go_s, 0.0) for go_s in closing.go_s or [np.inf]]
     tracks: list[Track] = []
     if crossing.is_zebra:
         people, half_m = int(random.integers(1, 4)), layout.kerb_m + 1.0
         for number in range(people):
             side, speed_m_s = random.choice([-1.0, 1.0]), random.uniform(*WALK_M_S)
-            y_m = side * np.maximum(half_m - speed_m_s * since_s, -half_m)
+            # They come back when it closes again, and turn round for that once they are across.
+            walked_m = [np.minimum(speed_m_s * since, 2.0 * half_m) for since in since_s]
+            turned = [np.clip((since - 2.0 * half_m / speed_m_s) / TURN_S, 0.0, 1.0) for since in since_s]
+            back_m = np.mod(np.sum(walked_m, axis=0), 4.0 * half_m)
+            y_m = side * (np.abs(back_m - 2.0 * half_m) - half_m)
             x_m = np.full(len(time_s), crossing.x_m + 1.2 * (number - 0.5 * (people - 1)))
-            tracks += _shown(layout, "walkers", time_s, x_m, y_m, ego_x_m, -90.0 * side)
+            yaw_deg = -90.0 * side + 180.0 * np.sum(turned, axis=0) * layout.file.loop
+            tracks += _shown(layout, Track("walkers", time_s, x_m, y_m, yaw_deg), ego_x_m)
         return tracks
     start_m, _ = _crossing_times(layout)
     directions = [(-1.0,), (1.0,), (-1.0, 1.0)][random.integers(3)]
     for direction in directions:
         # Speeds up, drives on evenly, and brakes to stand at the end of the street that crosses.
-        way_m = _stop_and_go_m(since_s, start_m + 50.0)
+        way_m = _stop_and_go_m(since_s[0], start_m + 50.0)
         y_m, x_m = direction * (way_m - start_m), np.full(len(time_s), crossing.x_m + direction * 0.5 * CROSS_LANE_M)
-        name = f"traffic_{PAINTS[random.integers(len(PAINTS))]}"
-        tracks += _shown(layout, name, time_s, x_m, y_m, ego_x_m, 90.0 * direction)
+        name = _draw(layout, random, longest_m=CAR_M[0])
+        tracks += _shown(layout, Track(name, time_s, x_m, y_m, np.full(len(time_s), 90.0 * direction)), ego_x_m)
     return tracks
 
 
@@ -323,21 +393,28 @@ def _stop_and_go_m(since_s: Numbers, way_m: float) -> Numbers:
 
 
 def _walking_tracks(layout: Layout, time_s: Numbers, ego_x_m: Numbers, random: np.random.Generator) -> list[Track]:
-    """Tracks of people who walk along the pavements, each within its block."""
+    """Tracks of people who walk up and down the pavements, round and round in each block, all at one speed there."""
     tracks: list[Track] = []
     for block in layout.blocks:
         for side in (-1, 1):
-            for direction in (-1, 1):
-                speed_m_s = random.uniform(*WALK_M_S)
-                places_m = np.cumsum(random.uniform(*layout.file.walking_spacing_m, 200)) + block.begin_m
-                places_m = places_m[places_m < block.end_m - 5.0]
-                # They are at these places as the ego vehicle passes the block's middle; who comes to its end waits
-                # there in a row.
-                passes_s = time_s[np.argmin(np.abs(ego_x_m - 0.5 * (block.begin_m + block.end_m)))]
-                for number, place_m in enumerate(places_m):
-                    x_m = place_m + direction * speed_m_s * (time_s - passes_s)
-                    low_m, high_m = block.begin_m + 1.0 + number, block.end_m - len(places_m) + number
-                    x_m = np.clip(x_m, low_m, high_m)
-                    y_m = np.full(len(time_s), side * layout.walk_m(direction))
-                    tracks += _shown(layout, "walkers", time_s, x_m, y_m, ego_x_m, 0.0 if direction > 0 else 180.0)
+            speed_m_s = random.uniform(*WALK_M_S)
+            straight_m = block.length_m - 4.0
+            round_m = 2.0 * straight_m + np.pi * (layout.walk_m(1) - layout.walk_m(-1))
+            places_m = np.cumsum(random.uniform(*layout.file.walking_spacing_m, int(round_m / 5.0)))
+            for place_m in places_m[places_m < round_m - 2.0]:
+                way_m = np.mod(place_m + speed_m_s * time_s, round_m)
+                x_m, y_m, yaw_deg = _round_walk(layout, way_m, straight_m)
+                track = Track("walkers", time_s, block.begin_m + 2.0 + x_m, side * y_m, side * yaw_deg)
+                tracks += _shown(layout, track, ego_x_m)
     return tracks
+
+
+def _round_walk(layout: Layout, way_m: Numbers, straight_m: float) -> tuple[Numbers, Numbers, Numbers]:
+    """x, y [m] and yaw [degrees] on a way there, a half circle, the way back, and another half circle."""
+    middle_m, radius_m = (0.5 * (layout.walk_m(1) + sign * layout.walk_m(-1)) for sign in (1.0, -1.0))
+    there_m, half_m = np.minimum(way_m, straight_m), straight_m + np.pi * radius_m
+    back_m = np.clip(way_m - half_m, 0.0, straight_m)
+    angle = np.clip((way_m - straight_m) / radius_m, 0.0, np.pi)
+    angle += np.clip((way_m - half_m - straight_m) / radius_m, 0.0, np.pi)
+    x_m = there_m - back_m + radius_m * np.sin(angle)
+    return x_m, middle_m + radius_m * np.cos(angle), -np.degrees(angle)

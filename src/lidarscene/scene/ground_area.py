@@ -1,0 +1,155 @@
+"""Ground within an outline, such as a junction: a sheet of the rough surface that is no strip along a line."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from ..maths.arrays import Numbers
+from ..maths.pose import Pose
+from ..physics.road.roughness import RoughSurface
+
+SPACINGS_INSIDE = 0.55
+"""Choice: least distance of vertices within from the outline, in spacings. Beyond 0.5 every piece of the outline is an
+edge of the triangulation, since the circle over it has no other vertex (Gabriel's condition)."""
+
+THINNEST_M = 0.01
+"""Choice: least area of an outline over its length."""
+
+AREA_SHARE = 0.02
+"""Accuracy bought: by how much the triangles may miss the area of the outline, which must not cross itself."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Outline:
+    """The plan of a ground within a closed line.
+
+    Attributes:
+        corner_m: (k, 3) corners, once around; the height within is a mean of those of the outline by inverse squares of
+            the distances
+        spacing_m: largest distance of vertices
+    """
+
+    corner_m: Numbers
+    spacing_m: float
+
+    @property
+    def vertices(self) -> int:
+        """Number of vertices, at most."""
+        extent_m = np.ptp(self.corner_m[:, :2], axis=0)
+        around_m = np.hypot(*(np.roll(self.corner_m, -1, axis=0) - self.corner_m)[:, :2].T).sum()
+        return int(np.prod(extent_m / self.spacing_m + 1.0) + around_m / self.spacing_m + len(self.corner_m))
+
+    def area_m2(self) -> float:
+        """Area within, above 0 where the corners go counter-clockwise."""
+        x_m, y_m, _ = self.corner_m.T
+        return 0.5 * float((x_m * np.roll(y_m, -1) - np.roll(x_m, -1) * y_m).sum())
+
+    def is_usable(self) -> bool:
+        """Return whether it neither crosses itself nor is as thin as a line."""
+        around_m = np.hypot(*(np.roll(self.corner_m, -1, axis=0) - self.corner_m)[:, :2].T).sum()
+        return bool(abs(self.area_m2()) > THINNEST_M * around_m) and not self._crosses_itself()
+
+    def rim_m(self) -> Numbers:
+        """(n, 3) vertices of the outline, counter-clockwise from above."""
+        corner_m = self.corner_m if self.area_m2() > 0.0 else self.corner_m[::-1]
+        following_m = np.roll(corner_m, -1, axis=0)
+        pieces = []
+        for begin_m, end_m in zip(corner_m, following_m, strict=True):
+            count = max(1, int(np.ceil(np.hypot(*(end_m - begin_m)[:2]) / self.spacing_m - 1e-9)))
+            pieces.append(begin_m + (end_m - begin_m) * (np.arange(count) / count)[:, None])
+        return np.concatenate(pieces)
+
+    def contains(self, place_m: Numbers) -> Numbers:
+        """(n,) whether places are within: a ray to +x crosses the outline an odd number of times."""
+        x_m, y_m = place_m[:, :1], place_m[:, 1:2]
+        (ax, ay, _), (bx, by, _) = self.corner_m.T, np.roll(self.corner_m, -1, axis=0).T
+        with np.errstate(divide="ignore", invalid="ignore"):
+            crosses = ((ay > y_m) != (by > y_m)) & (x_m < ax + (y_m - ay) * (bx - ax) / (by - ay))
+        return np.asarray(crosses.sum(axis=1) % 2 == 1)
+
+    def triangulated(self) -> tuple[Numbers, Any, Numbers]:
+        """(v, 3) vertices, those of the outline first; their triangulation; which of its triangles are within."""
+        from scipy.spatial import Delaunay
+
+        rim_m = self.rim_m()
+        low_m, high_m = rim_m[:, :2].min(axis=0), rim_m[:, :2].max(axis=0)
+        ticks = [np.arange(low, high, self.spacing_m) for low, high in zip(low_m, high_m, strict=True)]
+        inner_m = np.stack(np.meshgrid(*ticks, indexing="ij"), axis=-1).reshape(-1, 2)
+        inner_m = inner_m[self.contains(inner_m)]
+        square_m2 = ((inner_m[:, None] - rim_m[:, :2]) ** 2).sum(axis=-1)
+        inside = square_m2.min(axis=1, initial=np.inf) > (SPACINGS_INSIDE * self.spacing_m) ** 2
+        weight = 1.0 / square_m2[inside]
+        height_m = weight @ rim_m[:, 2] / weight.sum(axis=1) if inside.any() else np.zeros(0)
+        vertices_m = np.concatenate([rim_m, np.column_stack([inner_m[inside], height_m])])
+        net = Delaunay(vertices_m[:, :2])
+        within = self.contains(vertices_m[net.simplices, :2].mean(axis=1))
+        return vertices_m, net, within
+
+    def _crosses_itself(self) -> bool:
+        """Return whether the triangles within do not fill it."""
+        vertices_m, net, within = self.triangulated()
+        a, b, c = vertices_m[net.simplices[within], :2].transpose(1, 0, 2)
+        filled_m2 = 0.5 * np.abs((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]).sum()
+        return bool(abs(filled_m2 - abs(self.area_m2())) > AREA_SHARE * abs(self.area_m2()))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Area:
+    """A ground within an outline: its mesh, and where it lies.
+
+    Attributes:
+        pose: of the outline's frame; level
+        vertices_m: (v, 3) vertices in that frame, those of the outline first
+        smooth_m: (v,) their heights without roughness
+    """
+
+    pose: Pose
+    outline: Outline
+    vertices_m: Numbers
+    smooth_m: Numbers
+    _net: Any
+    _within: Numbers
+
+    @classmethod
+    def lay(cls, pose: Pose, *, outline: Outline, surface: RoughSurface) -> Area:
+        """Lay an area over the surface, already without its short waves."""
+        vertices_m, net, within = outline.triangulated()
+        rough_m = surface.height_m(pose.apply(np.pad(vertices_m[:, :2], ((0, 0), (0, 1))))[:, :2])
+        laid_m = vertices_m + np.pad(rough_m[:, None], ((0, 0), (2, 0)))
+        return cls(pose=pose, outline=outline, vertices_m=laid_m, smooth_m=vertices_m[:, 2], _net=net, _within=within)
+
+    def mesh(self, kerb_m: float) -> tuple[Numbers, Numbers]:
+        """Vertices (v, 3) and faces (f, 3) in its own frame, with faces of height ``kerb_m`` down from its outline."""
+        faces = self._net.simplices[self._within].astype(np.int64)
+        if kerb_m <= 0.0:
+            return self.vertices_m.copy(), faces
+        rim = np.arange(len(self.outline.rim_m()))
+        foot, following = len(self.vertices_m) + rim, np.roll(rim, -1)
+        sides = [
+            np.stack([rim, foot, following], axis=1),
+            np.stack([following, foot, len(self.vertices_m) + following], axis=1),
+        ]
+        below_m = self.vertices_m[rim] - [0.0, 0.0, kerb_m]
+        return np.concatenate([self.vertices_m, below_m]), np.concatenate([faces, *sides])
+
+    def mesh_height_m(self, place_m: Numbers) -> tuple[Numbers, Numbers]:
+        """Which of (n, 2) places lie on it, and the height in the world [m] of its mesh at these."""
+        return self._height_m(place_m, self.vertices_m[:, 2])
+
+    def smooth_height_m(self, place_m: Numbers) -> tuple[Numbers, Numbers]:
+        """Which of (n, 2) places lie on it, and the height in the world [m] at these without roughness."""
+        return self._height_m(place_m, self.smooth_m)
+
+    def _height_m(self, place_m: Numbers, height_m: Numbers) -> tuple[Numbers, Numbers]:
+        local_m = (place_m - self.pose.position_m[:2]) @ self.pose.rotation[:2, :2]
+        triangle = self._net.find_simplex(local_m, tol=1e-9)
+        on_area = (triangle >= 0) & self._within[triangle]
+        triangle, local_m = triangle[on_area], local_m[on_area]
+        transform = self._net.transform[triangle]
+        first = np.einsum("nij,nj->ni", transform[:, :2], local_m - transform[:, 2])
+        share = np.concatenate([first, 1.0 - first.sum(axis=1, keepdims=True)], axis=1)
+        corner = self._net.simplices[triangle]
+        return on_area, self.pose.position_m[2] + (share * height_m[corner]).sum(axis=1)

@@ -1,0 +1,209 @@
+"""The plan of a street: a line of straights, clothoids and arcs, open or closed to a loop.
+
+The curvature is linear in the way s along the line, k(s) = k0 + k' (s - s0), in each of its pieces: 0 on a straight,
+even on an arc, rising or falling on a clothoid. The heading is its integral, the place that of (cos, sin) of the
+heading.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from ...errors import InputError
+from ...maths.arrays import Numbers
+from .street_file import StreetFile
+
+NODE_M = 2.0
+"""Accuracy bought: longest step between nodes of a bend: chords are 3 cm off an arc of 15 m, and the three nodes of
+Gauss's quadrature place it to 1e-9 m."""
+
+CLOTHOID_SHARE = 0.6
+"""Choice: length of a clothoid over the radius that it leads to, unless the bend is too small for it."""
+
+STEEPEST_RAD = math.radians(60.0)
+"""Choice: largest angle between an open street and the x axis, so that it never meets itself."""
+
+ASIDE_M_S2 = 1.5
+"""Choice: acceleration towards the middle of a bend, at the speed that drivers wish for there."""
+
+BEND_BRAKING_M_S2 = 1.5
+"""Choice: of drivers before a bend."""
+
+LOOP_WIDTHS = 50.0
+"""Choice: least length of a loop over the distance from its middle to the houses, which leaves room inside."""
+
+LOOP_TURNS = (1, 1, -1, 1, 1, 1)
+"""Choice: signs of a loop's right angles: an L."""
+
+_GAUSS = (0.5 - math.sqrt(0.15), 0.5, 0.5 + math.sqrt(0.15)), (5.0 / 18.0, 8.0 / 18.0, 5.0 / 18.0)
+
+Piece = tuple[float, float, float]
+"""Length [m] and curvature at both ends [1/m], to the left positive."""
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CentreLine:
+    """The middle of a street; s = 0 is the origin, and the street goes towards +x there.
+
+    Attributes:
+        pieces: one after the other; the first and the last of an open line, which go on beyond its ends, are straight
+        begin_m: s at the begin of the first
+        is_loop: whether the last piece leads into the first
+    """
+
+    pieces: Sequence[Piece]
+    begin_m: float
+    is_loop: bool = False
+    node_m: Numbers = field(init=False)
+    _curvature: Numbers = field(init=False)
+    _heading: Numbers = field(init=False)
+    _place_m: Numbers = field(init=False)
+
+    def __post_init__(self) -> None:
+        """Compute curvature, heading and place at nodes."""
+        lengths, curvatures = [], [self.pieces[0][1]]
+        for length_m, first, last in self.pieces:
+            count = max(1, math.ceil(length_m / NODE_M)) if first or last else 1
+            lengths += [length_m / count] * count
+            curvatures += [first + (last - first) * number / count for number in range(1, count + 1)]
+        step, curvature = np.array(lengths), np.array(curvatures)
+        object.__setattr__(self, "node_m", self.begin_m + np.concatenate([[0.0], np.cumsum(step)]))
+        object.__setattr__(self, "_curvature", curvature)
+        turned = 0.5 * step * (curvature[:-1] + curvature[1:])
+        object.__setattr__(self, "_heading", np.concatenate([[0.0], np.cumsum(turned)]))
+        object.__setattr__(self, "_place_m", np.zeros((len(curvature), 2)))
+        # Piece by piece from a place of 0, and then moved and turned so that s = 0 is the origin.
+        ends = np.array([self._from_node(number, length) for number, length in enumerate(step)])
+        self._place_m[1:] = np.cumsum(ends[:, :2], axis=0)
+        x_m, y_m, yaw = self.at(np.zeros(1), np.zeros(1))[0]
+        cos, sin = math.cos(yaw), math.sin(yaw)
+        moved = (self._place_m - [x_m, y_m]) @ np.array([[cos, -sin], [sin, cos]])
+        object.__setattr__(self, "_place_m", moved)
+        object.__setattr__(self, "_heading", self._heading - yaw)
+
+    @property
+    def length_m(self) -> float:
+        """Length of all pieces together."""
+        return float(self.node_m[-1] - self.node_m[0])
+
+    def _from_node(self, number: Numbers | int, beyond_m: Numbers | float) -> Numbers:
+        """(..., 3) change of x, y and heading from nodes to places beyond them."""
+        number, beyond_m = np.minimum(number, len(self.node_m) - 2), np.asarray(beyond_m)
+        step = self.node_m[number + 1] - self.node_m[number]
+        curvature, rate = self._curvature[number], (self._curvature[number + 1] - self._curvature[number]) / step
+        shares, weights = _GAUSS
+        change = np.zeros((*beyond_m.shape, 3))
+        for share, weight in zip(shares, weights, strict=True):
+            way_m = share * beyond_m
+            heading = self._heading[number] + way_m * (curvature + 0.5 * rate * way_m)
+            change[..., 0] += weight * beyond_m * np.cos(heading)
+            change[..., 1] += weight * beyond_m * np.sin(heading)
+        change[..., 2] = beyond_m * (curvature + 0.5 * rate * beyond_m)
+        return change
+
+    def at(self, way_m: Numbers, left_m: Numbers) -> Numbers:
+        """(n, 3) x, y [m] and heading [rad] at (n,) places along the line, and to the left of it."""
+        way_m = self.on_loop(way_m)
+        number = np.clip(np.searchsorted(self.node_m, way_m, side="right") - 1, 0, len(self.node_m) - 2)
+        change = self._from_node(number, way_m - self.node_m[number])
+        heading = self._heading[number] + change[:, 2]
+        x_m = self._place_m[number, 0] + change[:, 0] - left_m * np.sin(heading)
+        y_m = self._place_m[number, 1] + change[:, 1] + left_m * np.cos(heading)
+        return np.stack([x_m, y_m, heading], axis=1)
+
+    def on_loop(self, way_m: Numbers) -> Numbers:
+        """The same places on the first lap of a loop; unchanged on an open line."""
+        return self.begin_m + np.mod(way_m - self.begin_m, self.length_m) if self.is_loop else np.asarray(way_m)
+
+    def curvature_per_m(self, way_m: Numbers) -> Numbers:
+        """Curvature at (n,) places, to the left positive."""
+        return np.interp(self.on_loop(way_m), self.node_m, self._curvature)
+
+    def sharpest_per_m(self, low_m: float, high_m: float) -> float:
+        """Largest curvature between two places, whatever its sign."""
+        way_m = np.append(np.arange(low_m, high_m, NODE_M), high_m)
+        return float(np.abs(self.curvature_per_m(way_m)).max())
+
+    def points_m(self, low_m: float, high_m: float) -> Numbers:
+        """(k, 2) points of the line between two places of one lap: straight segments between them are near it."""
+        within = self.node_m[(self.node_m > low_m + 0.01) & (self.node_m < high_m - 0.01)]
+        way_m = np.concatenate([[low_m], within, [high_m]])
+        return self.at(way_m, np.zeros(len(way_m)))[:, :2]
+
+    def speed_limit_m_s(self, direction: int) -> tuple[Numbers, Numbers]:
+        """Places along a direction of travel, and the speed there: v^2 k is `ASIDE_M_S2` in bends.
+
+        Before them v^2 falls by 2 `BEND_BRAKING_M_S2` with the way.
+        """
+        way_m = np.arange(self.node_m[0], self.node_m[-1], 1.0)
+        square = ASIDE_M_S2 / np.maximum(np.abs(self.curvature_per_m(way_m)), 1e-4)
+        if direction < 0:
+            way_m, square = -way_m[::-1], square[::-1]
+        ahead = np.tile(square, 2 if self.is_loop else 1)
+        rise = 2.0 * BEND_BRAKING_M_S2 * np.arange(len(ahead))
+        limited = np.minimum.accumulate((ahead + rise)[::-1])[::-1] - rise
+        return way_m, np.sqrt(limited[: len(way_m)])
+
+
+def wind(file: StreetFile, begin_m: float, end_m: float, random: np.random.Generator) -> CentreLine:
+    """Draw the bends of an open street from one end to the other."""
+    pieces: list[Piece] = []
+    way_m, heading = begin_m, 0.0
+    while True:
+        straight_m = random.uniform(*file.bend_spacing_m)
+        angle = math.radians(random.uniform(*file.bend_deg)) * (1.0 if random.random() < 0.5 else -1.0)
+        bend = _bend(-angle if abs(heading + angle) > STEEPEST_RAD else angle, random.uniform(*file.bend_radius_m))
+        bend_m = sum(piece[0] for piece in bend)
+        if not bend or way_m + straight_m + bend_m > end_m - file.bend_spacing_m[0]:
+            pieces.append((end_m - way_m, 0.0, 0.0))
+            return CentreLine(pieces, begin_m)
+        pieces += [(straight_m, 0.0, 0.0), *bend]
+        way_m += straight_m + bend_m
+        heading += -angle if abs(heading + angle) > STEEPEST_RAD else angle
+
+
+def close(file: StreetFile, front_m: float, random: np.random.Generator) -> CentreLine:
+    """Draw a loop of ``length_m``: an L with round corners, whose first side begins at its middle, s = 0.
+
+    Args:
+        front_m: distance of the houses from its middle
+
+    Raises:
+        InputError: if it is too short for a street of this width
+    """
+    if file.length_m < LOOP_WIDTHS * front_m:
+        raise InputError(
+            f"street.length_m: a loop so wide must be >= {LOOP_WIDTHS * front_m:.0f} m long, got {file.length_m:g}"
+        )
+    # Sides of the L in its directions: along a, across b - q, back p, across q, back a - p, down b.
+    aspect, along, across = random.uniform(0.8, 1.25), *random.uniform(0.42, 0.58, 2)
+    sides = np.array([aspect, 1.0 - across, along * aspect, across, (1.0 - along) * aspect, 1.0])
+    sides /= sides.sum()
+    radius_m = np.minimum(random.uniform(*file.bend_radius_m, 6), 0.36 * float(sides.min()) * file.length_m)
+    turn = 1.0 if random.random() < 0.5 else -1.0
+    corners = [_bend(turn * sign * 0.5 * math.pi, each) for sign, each in zip(LOOP_TURNS, radius_m, strict=True)]
+    bend_m = np.array([sum(piece[0] for piece in corner) for corner in corners])
+    # Both ends of a bend are as far from where the sides would meet.
+    ends = [CentreLine(bend, 0.0).at(way_m, np.zeros(1)) for bend, way_m in zip(corners, bend_m[:, None], strict=True)]
+    tangent_m = np.concatenate(ends)[:, 0]
+    sides *= file.length_m + float((2.0 * tangent_m - bend_m).sum())
+    straight_m = sides - tangent_m - np.roll(tangent_m, 1)
+    pieces: list[Piece] = [(0.5 * straight_m[0], 0.0, 0.0)]
+    for number, corner in enumerate(corners):
+        following = straight_m[(number + 1) % 6] * (0.5 if number == 5 else 1.0)
+        pieces += [*corner, (float(following), 0.0, 0.0)]
+    return CentreLine(pieces, 0.0, is_loop=True)
+
+
+def _bend(angle: float, radius_m: float) -> list[Piece]:
+    """Clothoid, arc and clothoid that turn by an angle; nothing for none."""
+    if angle == 0.0:
+        return []
+    share = min(CLOTHOID_SHARE, 0.5 * abs(angle))
+    curvature = math.copysign(1.0 / radius_m, angle)
+    clothoid_m, arc_m = share * radius_m, (abs(angle) - share) * radius_m
+    return [(clothoid_m, 0.0, curvature), (arc_m, curvature, curvature), (clothoid_m, curvature, 0.0)]

@@ -1,0 +1,387 @@
+"""Tables of a scene file for a road network of SUMO: surfaces, kerbs and markings of its lanes, and its traffic."""
+
+from __future__ import annotations
+
+import math
+import zlib
+from collections import Counter
+from collections.abc import Sequence
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any, Literal
+
+import numpy as np
+
+from ... import catalog
+from ...errors import OptionWarning, warn
+from ...maths.arrays import Numbers
+from ..ground import SPACING_M, Strip
+from ..ground_area import Outline
+from .layout import KERB_M, POST_LINE_M, Room
+from .pieces import PAINT_M, RAISED_M, Tables, placed, sheet, soil, street_scene
+from .shapes import PEOPLE, TREE_SCALES, District, draw_district, shapes
+from .street_file import StreetFile
+from .sumo import (
+    LaneGroup,
+    Network,
+    RoadUser,
+    convert,
+    draw_routes,
+    drawn_scenario,
+    read_network,
+    read_scenario,
+    simulate,
+)
+
+EDGE_M = 0.05
+"""Choice: distance from the edge of a road at which another one would be between it and a house."""
+
+VERGE_M = 3.0
+"""Choice: distance of houses from the edge of a road without a pavement."""
+
+LINE_M = 0.12
+"""Choice: width of lines on the road."""
+
+ASIDE_M = 0.2
+"""Choice: distance of a line at the edge of the road from that edge."""
+
+DASH_M, DASHES_M = 3.0, 6.0
+"""Choice: length of a dash of a line, and from dash to dash."""
+
+SLOWEST_M_S = 3.0
+"""Choice: mean speed of the ego vehicle, waits included, that a simulation of drawn trips has time for."""
+
+FAMILIES = {
+    **dict.fromkeys(("delivery", "emergency"), ("van",)),
+    **dict.fromkeys(("bus", "coach"), ("bus",)),
+    **dict.fromkeys(("truck", "trailer"), ("truck",)),
+    **dict.fromkeys(("motorcycle", "moped"), ("motorcyclist",)),
+    **dict.fromkeys(("bicycle", "scooter"), ("cyclist",)),
+}
+"""SUMO's class of a vehicle -> classes of its bodies; those of all others on roads are cars."""
+
+BODILESS = ("tram", "rail_urban", "rail", "rail_electric", "rail_fast", "subway", "cable_car", "ship", "aircraft")
+"""SUMO's classes that have no body here."""
+
+SHARES = {"passenger": 0.76, "delivery": 0.09, "truck": 0.04, "bus": 0.02, "motorcycle": 0.03, "bicycle": 0.06}
+"""Choice: shares of SUMO's classes in drawn traffic."""
+
+ALIKE_M = 0.3
+"""Choice: by how much a body may be farther from a vehicle's length than the nearest one."""
+
+NetworkKind = Literal["opendrive", "osm", "sumo"]
+
+Look = tuple[str, str]
+"""Mesh and paint of a body; people have no paint."""
+
+
+def network_scene(path: Path, kind: NetworkKind, file: StreetFile, *, ego: str | None = None) -> Tables:
+    """Lay out a road network and its simulated traffic as tables of a scene file.
+
+    Args:
+        path: OpenDRIVE file, OpenStreetMap file or SUMO's configuration
+        file: what stands along the roads; the seed is that of drawn trips, too
+        ego: SUMO's name of the vehicle that carries the sensor; that which drives for longest, if it is not said
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+    """
+    with TemporaryDirectory(prefix="lidarscene-") as name:
+        folder = Path(name)
+        if kind == "sumo":
+            scenario = read_scenario(path)
+            network = read_network(scenario.network)
+        else:
+            net = convert(path, kind, folder)
+            network = read_network(net)
+            gap_m = float(np.mean(file.oncoming_gap_m))
+            routes, ego, way_m = draw_routes(network, net, folder, bodies=_drawn_bodies(), seed=file.seed, gap_m=gap_m)
+            scenario = drawn_scenario(net, routes, seed=file.seed, last_s=60.0 + way_m / SLOWEST_M_S)
+        own, others = simulate(scenario, ego=ego, shown_m=file.shown_m, folder=folder)
+    near = _near(network, own, file.shown_m + 50.0)
+    return street_scene(
+        file.shown_m,
+        ego={"poses": _poses(own, tilts=False), "at_end": "hold"},
+        bodies=[
+            *_grounds(near),
+            *_markings(near),
+            *_surroundings(near, file),
+            _body("own_car", *_look(own)) | {"motion": {"with_ego": True}},
+            *_moving(others),
+        ],
+    )
+
+
+def network_summary(tables: Tables) -> dict[str, float]:
+    """Length and time of the drive in a network's scene, and the numbers of things around it."""
+    groups = Counter(body["name"].partition("_")[0] for body in tables["bodies"] for _ in body.get("instances", ()))
+    poses = tables["ego"]["poses"]
+    steps_m = np.diff([pose["position_m"][:2] for pose in poses], axis=0)
+    return {
+        "length_m": round(float(np.hypot(*steps_m.T).sum()), 1),
+        "duration_s": poses[-1]["time_s"],
+        "houses": groups["houses"],
+        "vehicles_in_traffic": groups["traffic"],
+        "people": groups["walkers"],
+    }
+
+
+def _near(network: Network, own: RoadUser, reach_m: float) -> Network:
+    """Return what of a network is within reach of the ego vehicle's way."""
+    way_m = np.array(own.rows)[:: max(1, len(own.rows) // 500), 1:3]
+
+    def is_near(points_m: Numbers) -> bool:
+        # Long straight roads have few points.
+        step_m = np.hypot(*np.diff(points_m[:, :2], axis=0).T)
+        share = np.linspace(0.0, 1.0, 2 + int(step_m.max() / 20.0))[:, None, None]
+        dense_m = (points_m[:-1, :2] + share * np.diff(points_m[:, :2], axis=0)).reshape(-1, 2)
+        return bool((np.hypot(*(dense_m[:, None] - way_m).transpose(2, 0, 1)) < reach_m).any())
+
+    return network._replace(
+        groups=[group for group in network.groups if is_near(group.line_m)],
+        junctions=[corners_m for corners_m in network.junctions if is_near(corners_m)],
+        corners=[corners_m for corners_m in network.corners if is_near(corners_m)],
+        crossings=[crossing for crossing in network.crossings if is_near(crossing[0])],
+    )
+
+
+def _drawn_bodies() -> dict[str, tuple[str, float, float, float]]:
+    """Bodies of drawn traffic: SUMO's class, length, width and share of the vehicles."""
+    found = {}
+    for kind, share in SHARES.items():
+        bodies = [body for body in catalog.vehicles().values() if body.class_name in FAMILIES.get(kind, ("car",))]
+        for body in bodies:
+            found[body.name] = kind, body.size_m[0], body.size_m[1], share / len(bodies)
+    return found
+
+
+def _look(mover: RoadUser) -> Look:
+    """Body of a vehicle or a person, by class and length, and its paint; the same for the same name."""
+    number = zlib.crc32(mover.name.encode())
+    if mover.kind in ("pedestrian", "wheelchair"):
+        return PEOPLE[number % len(PEOPLE)], ""
+    classes = FAMILIES.get(mover.kind, ("car",))
+    bodies = [body for body in catalog.vehicles().values() if body.class_name in classes]
+    apart_m = [abs(body.size_m[0] - mover.length_m) for body in bodies]
+    alike = [body.name for body, apart in zip(bodies, apart_m, strict=True) if apart <= min(apart_m) + ALIKE_M]
+    shares = catalog.paint_shares()
+    paint = np.searchsorted(np.cumsum(list(shares.values())), (number // 64) % 9973 / 9973)
+    return alike[number % len(alike)], list(shares)[min(int(paint), len(shares) - 1)]
+
+
+def _body(name: str, mesh: str, paint: str) -> Tables:
+    """Body of a shipped mesh."""
+    kind = catalog.shipped_meshes()[mesh]
+    path = catalog.folder("scenes").parent / "assets" / "meshes" / f"{mesh}.glb"
+    materials = ({"paint": paint} if paint else {}) | kind["materials"]
+    walk = {key: kind[key] for key in ("animation", "standing") if key in kind}
+    return {"name": name, "mesh": str(path), "class": kind["class"], "materials": materials} | walk
+
+
+def _poses(mover: RoadUser, *, tilts: bool) -> list[Tables]:
+    """Poses of a vehicle; one that rides on its springs tilts by itself."""
+    return [
+        {"time_s": round(time_s, 3)} | placed(x_m, y_m, 0.0, yaw_deg, pitch_deg if tilts else 0.0)
+        for time_s, x_m, y_m, yaw_deg, pitch_deg in mover.rows
+    ]
+
+
+def _moving(movers: Sequence[RoadUser]) -> list[Tables]:
+    """Bodies of all that moves, but for the own car: an instance with a motion for each."""
+    lacking = sorted({mover.kind for mover in movers if mover.kind in BODILESS})
+    if lacking:
+        warn(OptionWarning("vehicles of {0} have no body and are left out", " and ".join(lacking)))
+    looks: dict[Look, list[RoadUser]] = {}
+    for mover in movers:
+        if mover.kind not in BODILESS:
+            looks.setdefault(_look(mover), []).append(mover)
+    bodies = []
+    for (mesh, paint), alike in sorted(looks.items()):
+        name = f"traffic_{mesh}_{paint.removeprefix('car_paint_')}" if paint else f"walkers_{mesh}"
+        instances = [{"motion": {"poses": _poses(mover, tilts=True), "at_end": "hide"}} for mover in alike]
+        bodies.append(_body(name, mesh, paint) | {"on_ground": True, "instances": instances})
+    return bodies
+
+
+def _strip(
+    name: str, class_name: str, material: str, line_m: Numbers, width_m: float, offset_m: float = 0.0, **keys: Any
+) -> Tables:
+    """Ground along a line; points at which it bends too sharply for its width are left out."""
+    kept_m = line_m
+    while len(kept_m) > 2:
+        plan = Strip(line_m=kept_m, width_m=width_m, offset_m=offset_m, spacing_m=1.0)
+        corner_m = plan.sharp_corner()
+        if corner_m is None:
+            break
+        number = int(np.argmin(np.hypot(*(kept_m - corner_m)[:, :2].T)))
+        kept_m = np.delete(kept_m, min(max(number, 1), len(kept_m) - 2), axis=0)
+    body = {"name": name, "primitive": "ground", "class": class_name, "material": material}
+    return body | {"line": _rounded(kept_m), "width_m": round(width_m, 3), "offset_m": round(offset_m, 3), **keys}
+
+
+def _rounded(points_m: Numbers) -> list[list[float]]:
+    """Points to a millimetre, as a file has them."""
+    return [[round(number, 3) + 0.0 for number in point] for point in points_m.tolist()]
+
+
+def _area(name: str, class_name: str, material: str, corners_m: Numbers, **keys: Any) -> list[Tables]:
+    """Ground within an outline; none where that crosses itself or is as thin as a line."""
+    if not Outline(corner_m=np.array(_rounded(corners_m)), spacing_m=SPACING_M).is_usable():
+        return []
+    body = {"name": name, "primitive": "ground", "class": class_name, "material": material}
+    return [body | {"outline": _rounded(corners_m), **keys}]
+
+
+def _grounds(network: Network) -> list[Tables]:
+    """Roads, pavements with kerbs, junctions, and the soil below all of them."""
+    grounds = []
+    raised = {"position_m": [0.0, 0.0, RAISED_M], "kerb_m": 0.2}
+    for number, group in enumerate(network.groups):
+        if group.kind != "pavement":
+            material = "asphalt" if group.kind == "road" else "concrete"
+            name = f"road_{number}"
+            grounds.append(_strip(name, "road", material, group.line_m, group.width_m, kerb_m=0.1, spacing_m=0.4))
+            continue
+        # The kerb is at the side of the road, to the left where traffic keeps to the right.
+        width_m = group.width_m - KERB_M
+        name, line_m = f"pavement_{number}", group.line_m
+        grounds += [
+            _strip(name, "pavement", "concrete", line_m, width_m, -0.5 * KERB_M, **raised),
+            _strip(f"kerb_{number}", "kerb", "concrete", line_m, KERB_M, 0.5 * width_m, **raised),
+        ]
+    for number, corners_m in enumerate(network.junctions):
+        grounds += _area(f"junction_{number}", "road", "asphalt", corners_m, kerb_m=0.1)
+    for number, corners_m in enumerate(network.corners):
+        grounds += _area(f"corner_{number}", "pavement", "concrete", corners_m, **raised)
+    places = [_along(group.line_m, np.arange(0.0, _length_m(group.line_m), 20.0)) for group in network.groups]
+    return [*grounds, soil(np.concatenate(places)[:, :2])]
+
+
+def _length_m(line_m: Numbers) -> float:
+    """Length of a line in the plane."""
+    return float(np.hypot(*np.diff(line_m[:, :2], axis=0).T).sum())
+
+
+def _along(line_m: Numbers, way_m: Numbers, left_m: float = 0.0) -> Numbers:
+    """(n, 3) x, y [m] and heading [rad] at places along a line, and to the left of it."""
+    step = np.diff(line_m[:, :2], axis=0)
+    at_m = np.concatenate([[0.0], np.cumsum(np.hypot(*step.T))])
+    segment = np.clip(np.searchsorted(at_m, way_m, side="right") - 1, 0, len(step) - 1)
+    heading = np.arctan2(step[segment, 1], step[segment, 0])
+    x_m, y_m = (np.interp(way_m, at_m, line_m[:, axis]) for axis in (0, 1))
+    return np.stack([x_m - left_m * np.sin(heading), y_m + left_m * np.cos(heading), heading], axis=1)
+
+
+def _marks(line_m: Numbers, way_m: Numbers, left_m: float = 0.0, turn_deg: float = 0.0) -> list[Tables]:
+    """Poses of markings along a line."""
+    places = _along(line_m, way_m, left_m).tolist()
+    return [placed(x_m, y_m, PAINT_M, math.degrees(heading) + turn_deg) for x_m, y_m, heading in places]
+
+
+def _markings(network: Network) -> list[Tables]:
+    """Lines at the edges of roads and between lanes, stop lines, and zebras at crossings."""
+    keys: Tables = {"spacing_m": 0.2, "on_ground": True}
+    markings = []
+    marks: dict[tuple[str, float, float], list[Tables]] = {}
+    for number, group in enumerate(network.groups):
+        length_m = _length_m(group.line_m)
+        if group.kind != "road" or length_m < DASHES_M:
+            continue
+        ends_m = _along(group.line_m, np.array([0.2, length_m - 0.2]))[:, :2]
+        within_m = np.concatenate([ends_m[:1], group.line_m[1:-1, :2], ends_m[1:]])
+        line_m = np.pad(within_m, ((0, 0), (0, 1)), constant_values=PAINT_M)
+        edge_m = 0.5 * group.width_m - ASIDE_M
+        for side, offset_m in (("right", -edge_m), ("left", edge_m)):
+            name = f"line_{number}_{side}"
+            markings.append(_strip(name, "lane_marking", "lane_marking", line_m, LINE_M, offset_m, **keys))
+        way_m = np.arange(0.5 * DASHES_M, length_m - 0.5 * DASHES_M, DASHES_M)
+        for border_m in np.cumsum(group.widths_m)[:-1].tolist():
+            dashes = _marks(group.line_m, way_m, border_m - 0.5 * group.width_m)
+            marks.setdefault(("dashes", DASH_M, LINE_M), []).extend(dashes)
+        if group.ends_at_lights:
+            stop = _marks(group.line_m, np.array([length_m - 0.4]))
+            marks.setdefault(("stop_lines", 0.3, round(group.width_m - 2.0 * ASIDE_M, 2)), []).extend(stop)
+    for shape_m, width_m in network.crossings:
+        stripes = _marks(shape_m, np.arange(0.75, _length_m(shape_m) - 0.5, 1.0), 0.0, 90.0)
+        marks.setdefault(("zebras", width_m - 0.5, 0.5), []).extend(stripes)
+    for number, ((name, *size_m), places) in enumerate(marks.items()):
+        if places:
+            markings.append(sheet(f"{name}_{number}", "lane_marking", "lane_marking", size_m, places, **keys))
+    return markings
+
+
+def _surroundings(network: Network, file: StreetFile) -> list[Tables]:
+    """Houses, trees and lamps along roads, on both sides, where there is room."""
+    roadside = _Roadside(network, file)
+    main = draw_district(roadside.random)
+    for group in network.groups:
+        district = draw_district(roadside.random, main)
+        for side in (-1.0, 1.0):
+            roadside.line(group, side, district)
+    bodies = []
+    for name, places in sorted(roadside.items.items()):
+        mesh, materials, _ = shapes()[name]
+        body = _body(name, mesh, "")
+        body["materials"] |= materials
+        bodies.append(body | ({} if body["class"] == "building" else {"on_ground": True}) | {"instances": places})
+    return bodies
+
+
+class _Roadside:
+    """What stands beside roads, and the room that it and the roads take.
+
+    Attributes:
+        items: name of a body -> places
+    """
+
+    def __init__(self, network: Network, file: StreetFile) -> None:
+        self.random = np.random.default_rng([file.seed, 5])
+        self.items: dict[str, list[Tables]] = {}
+        self._file = file
+        boxes = []
+        for group in network.groups:
+            length_m = _length_m(group.line_m)
+            count = max(1, math.ceil(length_m / 5.0))
+            half_m = np.broadcast_to([0.6 * length_m / count, 0.5 * group.width_m], (count, 2))
+            boxes.append(np.hstack([_along(group.line_m, (np.arange(count) + 0.5) * length_m / count), half_m]))
+        for corners_m in network.junctions:
+            low_m, high_m = corners_m[:, :2].min(axis=0), corners_m[:, :2].max(axis=0)
+            boxes.append(np.array([[*0.5 * (low_m + high_m), 0.0, *0.5 * (high_m - low_m)]]))
+        self._roads, self._room = Room(np.concatenate(boxes)), Room(np.concatenate(boxes))
+
+    def line(self, group: LaneGroup, side: float, district: District) -> None:
+        """Place houses, trees and lamps along one side of a road, where nothing else is."""
+        random, file, meshes = self.random, self._file, catalog.shipped_meshes()
+        length_m, share = _length_m(group.line_m), random.uniform(*file.house_share)
+        edge_m = 0.5 * group.width_m
+        way_m = 0.5 * random.uniform(*file.lamp_spacing_m)
+        while way_m < length_m:
+            self._place("lamp_posts", group, (way_m, side * (edge_m + POST_LINE_M)), (0.2, 0.2), -90.0 * side)
+            way_m += random.uniform(*file.lamp_spacing_m)
+        way_m = 0.0
+        while way_m < length_m:
+            house, wall, tree = (random.choice(each) for each in (district.houses, district.walls, district.trees))
+            width_m, front_m, _ = meshes[house]["plot_m"]
+            verge_m = district.garden_m + (2.0 * POST_LINE_M if group.kind == "pavement" else VERGE_M)
+            aside_m, turn_deg = edge_m + verge_m + random.uniform(*file.setback_m), random.uniform(0.0, 360.0)
+            if random.random() < share:
+                name, half_m, turn_deg = f"houses_{house}_{wall}", (0.5 * width_m, front_m), -90.0 * side
+            else:
+                reach_m = meshes[tree]["reach_m"]
+                name, half_m = f"trees_{tree}_{len(TREE_SCALES) - 1}", (reach_m, reach_m)
+            place_m = way_m + half_m[0], side * (aside_m + half_m[1])
+            way_m += width_m + 0.1 if self._place(name, group, place_m, half_m, turn_deg) else 2.0
+
+    def _place(
+        self, name: str, group: LaneGroup, place_m: tuple[float, float], half_m: tuple[float, float], turn_deg: float
+    ) -> bool:
+        """Place a thing along a road and to the left of it, if nothing is there, nor another road between the two."""
+        way_m, left_m = place_m
+        ((x_m, y_m, heading),) = _along(group.line_m, np.array([way_m]), left_m).tolist()
+        verge_m = 0.5 * group.width_m + EDGE_M, abs(left_m)
+        between = _along(group.line_m, np.array([way_m]), math.copysign(0.5 * sum(verge_m), left_m))
+        beside = np.hstack([between, [[half_m[0], 0.5 * (verge_m[1] - verge_m[0])]]])
+        free = self._roads.is_free(beside) and self._room.take(np.array([[x_m, y_m, heading, *half_m]]))
+        if free:
+            self.items.setdefault(name, []).append(placed(x_m, y_m, 0.0, math.degrees(heading) + turn_deg))
+        return free

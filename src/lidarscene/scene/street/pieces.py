@@ -1,0 +1,69 @@
+"""Pieces of a scene file's tables: poses, sheets of ground, soil around roads, light."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from ...maths.arrays import Numbers
+
+Tables = dict[str, Any]
+
+RAISED_M = 0.12
+"""Choice: height of pavements and kerbs over the road."""
+
+PAINT_M = 0.003
+"""Choice: thickness of lane markings."""
+
+SOIL_M, SOIL_REACH_M = 50.0, 130.0
+"""Choice: size of a square sheet of soil, and distance of its middle from that of the street: beyond the houses."""
+
+SOIL_BELOW_M = -0.05
+"""Choice: height of soil against the road."""
+
+SURROUNDINGS: Tables = {
+    "sun": {"azimuth_deg": 215.0, "elevation_deg": 48.0, "illuminance_klux": 80.0},
+    "sky": {"diffuse_share": 0.15},
+    "air": {"visibility_km": 15.0, "model": "kruse"},
+    "ground": {"roughness": "B"},
+    "sensor": {"name": "os1-128", "position_m": [0.0, 0.0, 1.75]},
+    "picture": {"eye_m": [-9.0, 0.0, 7.0], "target_m": [14.0, 0.6, 0.5], "fov_deg": 70.0},
+}
+"""Choice: tables that a scene with a street has unless it says otherwise."""
+
+
+def placed(x_m: float, y_m: float, z_m: float = 0.0, yaw_deg: float = 0.0, pitch_deg: float = 0.0) -> Tables:
+    """Pose, to a millimetre and a hundredth of a degree."""
+    pose: Tables = {"position_m": [round(float(number), 3) + 0.0 for number in (x_m, y_m, z_m)]}
+    yaw_deg = round((float(yaw_deg) + 180.0) % 360.0 - 180.0, 2)
+    angles = {"yaw_deg": yaw_deg, "pitch_deg": round(pitch_deg, 2)}
+    return pose | {name: angle_deg for name, angle_deg in angles.items() if angle_deg}
+
+
+def street_scene(shown_m: float, *, ego: Tables, bodies: Sequence[Tables]) -> Tables:
+    """Tables of a scene with a vehicle that rides among bodies, of which those that move show up to a distance."""
+    ego = {"on_ground": True, **ego, "ride": {}}
+    return SURROUNDINGS | {"reach_m": shown_m + 20.0, "ego": ego, "bodies": list(bodies)}
+
+
+def sheet(
+    name: str, class_name: str, material: str, size_m: Sequence[float], places: Sequence[Tables], **keys: Any
+) -> Tables:
+    """Ground at one place or at several."""
+    body = {"name": name, "primitive": "ground", "class": class_name, "material": material}
+    return body | {"size_m": [round(float(length_m), 3) for length_m in size_m], **keys, "instances": list(places)}
+
+
+def soil(middle_m: Numbers) -> Tables:
+    """Squares of soil around (n, 2) places of roads, no more than some tens of metres apart."""
+    reach = math.ceil(SOIL_REACH_M / SOIL_M)
+    around = np.stack(np.meshgrid(*[np.arange(-reach, reach + 1)] * 2), axis=-1).reshape(-1, 2)
+    # One place of those in the same square is enough.
+    square = np.unique(np.round(middle_m / SOIL_M), axis=0)
+    tiles = np.unique((square[:, None] + around).reshape(-1, 2), axis=0) * SOIL_M
+    near = np.hypot(*(tiles[:, None] - square * SOIL_M).transpose(2, 0, 1)).min(axis=1) < SOIL_REACH_M
+    places = [placed(x_m, y_m, SOIL_BELOW_M) for x_m, y_m in tiles[near].tolist()]
+    return sheet("soil", "terrain", "soil", [SOIL_M, SOIL_M], places, spacing_m=2.0)

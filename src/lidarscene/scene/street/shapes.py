@@ -1,0 +1,198 @@
+"""What stands and drives along streets: the name of a body gives its mesh, its materials and its scale.
+
+Vehicles are drawn by shares of their classes and of paints, houses and plants by the district of a block.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from ... import catalog
+
+PAINT = "car_paint_"
+
+PARKED_SHARES = {"car": 0.80, "van": 0.10, "truck": 0.03, "motorcycle": 0.04, "bicycle": 0.02, "trailer": 0.01}
+"""Choice: shares of classes among what is parked along a kerb."""
+
+TRAFFIC_SHARES = {"car": 0.76, "van": 0.10, "truck": 0.05, "bus": 0.03, "motorcyclist": 0.03, "cyclist": 0.03}
+"""Choice: shares of classes among what drives."""
+
+SWING_M = 0.2
+"""Choice: way by which the ends of a vehicle may stand out of its lane in a bend."""
+
+TREE_SCALES = (0.7, 0.85, 1.0)
+"""Choice: scales of a tree's mesh, of which each tree draws one."""
+
+PEOPLE = (
+    "pedestrian",
+    "woman",
+    "child_7",
+    "man_tall",
+    "woman_bag",
+    "woman_old",
+    "man_rucksack",
+    "woman_pram",
+    "child_12",
+    "woman_short",
+    "man_old",
+    "child_4",
+)
+"""Choice: meshes of people, of which the ones on a street are one after the other."""
+
+SIGNS = ("sign", "sign_triangle", "sign_yield", "sign_stop", "sign_diamond", "sign_square")
+FURNITURE = ("dustbin", "container", "cabinet", "power_pole")
+"""What stands by the kerb besides lamps and signs."""
+
+
+@dataclass(frozen=True, slots=True)
+class District:
+    """Look of a part of a town.
+
+    Attributes:
+        houses, walls: meshes and materials, of which each house draws one
+        garden_m: from the pavement to the houses, besides the street's own setback
+        border: mesh of what a garden has towards the pavement; "" for none
+        trees: meshes, of which each tree draws one
+    """
+
+    houses: Sequence[str]
+    walls: Sequence[str]
+    garden_m: float
+    border: str
+    trees: Sequence[str]
+
+
+DISTRICTS = (
+    District(
+        ("house_canal", "house_gable", "house_shop", "house"),
+        ("brick", "sandstone", "plaster_red"),
+        0.0,
+        "",
+        ("birch",),
+    ),
+    District(
+        ("house_villa", "house_bungalow", "house_gable"),
+        ("plaster_white", "plaster_yellow", "brick_beige"),
+        5.0,
+        "hedge",
+        ("conifer", "birch", "tree"),
+    ),
+    District(
+        ("house_terrace", "house_terrace", "house_gable", "house_garages"),
+        ("brick", "brick_beige", "plaster_weathered"),
+        3.0,
+        "fence",
+        ("tree", "birch"),
+    ),
+    District(
+        ("house_flats", "house_tower", "house"),
+        ("concrete", "plaster_weathered", "plaster_green"),
+        3.0,
+        "",
+        ("poplar",),
+    ),
+    District(
+        ("house_mansard", "house_shop", "house"), ("sandstone", "plaster_white", "plaster_yellow"), 0.0, "", ("tree",)
+    ),
+    District(
+        ("house_office", "house_hall", "house_garages"),
+        ("concrete", "plaster_weathered", "brick"),
+        4.0,
+        "",
+        ("poplar",),
+    ),
+)
+"""Choice: old town, villas, terraces, estates of flats, a main street, and business."""
+
+MAIN_SHARE = 0.7
+"""Choice: share of a street's blocks in its main district."""
+
+
+def draw_district(random: np.random.Generator, main: District | None = None) -> District:
+    """Draw a district; of a street whose main one is given, of a block."""
+    if main is not None and random.random() < MAIN_SHARE:
+        return main
+    return DISTRICTS[random.integers(len(DISTRICTS))]
+
+
+class StreetBody(NamedTuple):
+    """Mesh, materials other than those of `catalog.shipped_meshes`, scale."""
+
+    mesh: str
+    materials: Mapping[str, str]
+    scale: float = 1.0
+
+
+@functools.cache
+def shapes() -> dict[str, StreetBody]:
+    """Name of a body -> its shape."""
+    paints = [paint.removeprefix(PAINT) for paint in catalog.paint_shares()]
+    walls = dict.fromkeys(wall for district in DISTRICTS for wall in district.walls)
+    houses = dict.fromkeys(house for district in DISTRICTS for house in district.houses)
+    trees = dict.fromkeys(tree for district in DISTRICTS for tree in district.trees)
+    return {
+        **{f"houses_{house}_{wall}": StreetBody(house, {"brick": wall}) for house in houses for wall in walls},
+        **{
+            f"{group}_{vehicle}_{paint}": StreetBody(vehicle, {"paint": f"{PAINT}{paint}"})
+            for group in ("parked", "traffic")
+            for vehicle in catalog.vehicles()
+            for paint in paints
+        },
+        "own_car": StreetBody("car", {"paint": f"{PAINT}white"}),
+        **{
+            f"trees_{tree}_{number}": StreetBody(tree, {}, scale)
+            for tree in trees
+            for number, scale in enumerate(TREE_SCALES)
+        },
+        **{f"{mesh}s": StreetBody(mesh, {}) for mesh in ("hedge", "fence", "bush", *FURNITURE, *SIGNS)},
+        **{f"{mesh}s": StreetBody(mesh, {}) for mesh in ("lamp_post", "bollard", "cone", "barrier")},
+        **{f"{group}_{person}": StreetBody(person, {}) for group in ("pedestrians", "walkers") for person in PEOPLE},
+    }
+
+
+def vehicle_length_m(name: str) -> float:
+    """Length of a vehicle, by the name of its body."""
+    return catalog.vehicles()[shapes()[name].mesh].size_m[0]
+
+
+def draw_vehicle(
+    group: str, number: float, paint: float, *, longest_m: float, widest_m: float, without: tuple[str, ...] = ()
+) -> str:
+    """Name of the body of a vehicle.
+
+    Args:
+        group: "parked" or "traffic"
+        number, paint: from 0 to 1, which choose body and paint
+        without: classes that are not drawn
+    """
+    names, sums = _fleet(group, longest_m, widest_m, without)
+    paints = catalog.paint_shares()
+    chosen = list(paints)[int(np.searchsorted(np.cumsum(list(paints.values())), paint, side="right"))]
+    return f"{group}_{names[int(np.searchsorted(sums, number, side='right'))]}_{chosen.removeprefix(PAINT)}"
+
+
+@functools.cache
+def _fleet(
+    group: str, longest_m: float, widest_m: float, without: tuple[str, ...]
+) -> tuple[list[str], Sequence[float]]:
+    """Bodies that are no longer and no wider, and the sums of their shares up to each; those of a class are equal."""
+    shares = PARKED_SHARES if group == "parked" else TRAFFIC_SHARES
+    fitting = [
+        body
+        for body in catalog.vehicles().values()
+        if body.class_name in shares and body.class_name not in without
+        if body.size_m[0] <= longest_m and body.size_m[1] <= widest_m
+    ]
+    classes = [body.class_name for body in fitting]
+    weights = np.array([shares[name] / classes.count(name) for name in classes])
+    return [body.name for body in fitting], (np.cumsum(weights) / weights.sum()).tolist()
+
+
+def longest_in_bend_m(curvature_per_m: float) -> float:
+    """Length of a vehicle whose ends swing out by `SWING_M`: the chord of an arc, sqrt(8 r s) for radius and rise."""
+    return float(np.sqrt(8.0 * SWING_M / max(curvature_per_m, 1e-4)))

@@ -1,0 +1,468 @@
+"""Road networks and traffic by SUMO: its programs convert maps and simulate, its library reads networks.
+
+SUMO (Alvarez Lopez et al., "Microscopic traffic simulation using SUMO", IEEE ITSC 2018) is the extra ``traffic``. Its
+coordinates are metres in the plane, x east and y north; a vehicle's place is the middle of its front, its angle is
+clockwise from north (FCD output).
+"""
+
+from __future__ import annotations
+
+import gzip
+import itertools
+import os
+import subprocess
+import xml.etree.ElementTree as ElementTree
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, Literal, NamedTuple
+
+import numpy as np
+
+from ...errors import InputError
+from ...files.inputs import require_file
+from ...files.optional import import_optional
+from ...maths.arrays import Numbers
+
+POSE_S = 0.5
+"""Choice: time from pose to pose of a motion, or SUMO's own step if that is longer."""
+
+STEP_S = 0.1
+"""Choice: step of a simulation that says none."""
+
+LANE_CHANGE_S = 3.0
+"""Choice: time of a lane change in a simulation that says none; without it vehicles would jump aside."""
+
+SHARPEST_TURN_DEG = 120.0
+"""Choice: turn from one pose to the next beyond which another is put between them."""
+
+LENGTHS_M = {
+    "passenger": 5.0,
+    "motorcycle": 2.2,
+    "moped": 2.1,
+    "bicycle": 1.6,
+    "truck": 7.1,
+    "trailer": 16.5,
+    "bus": 12.0,
+    "coach": 14.0,
+    "delivery": 6.5,
+    "emergency": 6.5,
+    "scooter": 1.2,
+    "pedestrian": 0.215,
+}
+"""Source: SUMO, vehicle type parameter defaults; length of a class, that of passenger for those that are not here."""
+
+DEFAULT_TYPES = {"DEFAULT_BIKETYPE": "bicycle", "DEFAULT_PEDTYPE": "pedestrian"}
+"""SUMO's own types of vehicles that are no cars -> their class."""
+
+MOTOR_CLASSES = ("passenger", "bus", "delivery", "truck", "motorcycle", "taxi")
+
+Row = tuple[float, float, float, float, float]
+"""Time [s], x and y [m] of the middle, yaw and pitch [degrees]."""
+
+LaneKind = Literal["road", "cycle_path", "pavement"]
+
+
+class LaneGroup(NamedTuple):
+    """Lanes of one kind side by side.
+
+    Attributes:
+        kind: of its surface
+        line_m: (k, 3) points along its middle
+        widths_m: of its lanes, from right to left
+        edge: SUMO's name of the road in this direction
+        ends_at_lights: whether vehicles stop at its end for traffic lights
+        speed_m_s: allowed there
+    """
+
+    kind: LaneKind
+    line_m: Numbers
+    widths_m: tuple[float, ...]
+    edge: str
+    ends_at_lights: bool
+    speed_m_s: float
+
+    @property
+    def width_m(self) -> float:
+        """Width of all lanes."""
+        return sum(self.widths_m)
+
+
+class Network(NamedTuple):
+    """Surfaces of a road network.
+
+    Attributes:
+        junctions: (k, 3) corners of each
+        corners: (k, 3) corners of each piece of pavement at a junction
+        crossings: (k, 3) points along the middle of each, and its width
+        roads: lengths of the roads that cars may take, by SUMO's names
+        walks: SUMO's names of roads with a pavement
+    """
+
+    groups: list[LaneGroup]
+    junctions: list[Numbers]
+    corners: list[Numbers]
+    crossings: list[tuple[Numbers, float]]
+    roads: dict[str, float]
+    walks: list[str]
+
+
+@dataclass(slots=True)
+class RoadUser:
+    """A vehicle or person while it is near the ego vehicle, without a break.
+
+    Attributes:
+        name: SUMO's
+        kind: SUMO's class
+        rows: where it is at rising times
+    """
+
+    name: str
+    kind: str
+    length_m: float
+    rows: list[Row] = field(default_factory=list)
+
+
+def convert(map_file: Path, kind: Literal["opendrive", "osm"], folder: Path) -> Path:
+    """Convert an OpenDRIVE or OpenStreetMap file to a network of SUMO in ``folder``.
+
+    Raises:
+        InputError: if it cannot be converted
+    """
+    require_file(map_file)
+    network = folder / "converted.net.xml"
+    maps = _home() / "data" / "typemap"
+    types = ",".join(str(maps / f"opendriveNetconvert{kind}.typ.xml") for kind in ("", "Pedestrians", "Bicycle"))
+    options = {
+        "opendrive": ["--opendrive.curve-resolution", "1.0", "--type-files", types],
+        "osm": [
+            *("--geometry.remove", "--ramps.guess", "--junctions.join", "--remove-edges.isolated"),
+            *("--tls.guess-signals", "--tls.join", "--sidewalks.guess", "--crossings.guess"),
+        ],
+    }[kind]
+    _run("netconvert", [f"--{kind}-files", str(map_file), "-o", str(network), *options], map_file)
+    return network
+
+
+def read_network(path: Path) -> Network:
+    """Read the surfaces of a network of SUMO."""
+    sumolib = import_optional("sumolib", extra="traffic")
+    net = sumolib.net.readNet(str(path), withInternal=True)
+    network = Network([], [], [], [], {}, [])
+    walked: set[str] = set()
+    special = []
+    for edge in net.getEdges(withInternal=True):
+        if edge.getFunction() in ("crossing", "walkingarea"):
+            special.append(edge)
+        if edge.getFunction():
+            continue
+        groups = list(_groups(edge))
+        network.groups.extend(groups)
+        if any(group.kind == "road" for group in groups):
+            network.roads[edge.getID()] = edge.getLength()
+        if any(group.kind == "pavement" for group in groups):
+            network.walks.append(edge.getID())
+            walked |= {edge.getFromNode().getID(), edge.getToNode().getID()}
+    for node in net.getNodes():
+        corners_m = _without_repeats(np.array(node.getShape3D() or np.zeros((0, 3))))
+        if len(corners_m) > 2 and node.getType() not in ("internal", "dead_end"):
+            network.junctions.append(corners_m)
+    for edge in special:
+        lane = edge.getLane(0)
+        shape_m = _without_repeats(np.array(lane.getShape3D()))
+        if edge.getFunction() == "crossing":
+            network.crossings.append((shape_m, lane.getWidth()))
+        elif edge.getFromNode().getID() in walked and len(shape_m) > 2:
+            network.corners.append(shape_m)
+    return network
+
+
+def _groups(edge: Any) -> Iterator[LaneGroup]:
+    """Yield the lanes of an edge, those of one kind side by side together."""
+    ends_at_lights = "traffic_light" in edge.getToNode().getType()
+    together: list[Any] = []
+
+    def group() -> LaneGroup:
+        shapes = [np.array(lane.getShape3D()) for lane in together]
+        widths = tuple(float(lane.getWidth()) for lane in together)
+        apart_m = sum(widths) - 0.5 * (widths[0] + widths[-1])
+        # The middle of all lanes between those of the first and of the last.
+        share = (0.5 * sum(widths) - 0.5 * widths[0]) / apart_m if apart_m > 0.0 else 0.0
+        line_m = shapes[0] + share * (shapes[-1] - shapes[0])
+        kind = _kind(together[0])
+        assert kind is not None
+        return LaneGroup(kind, _without_repeats(line_m), widths, edge.getID(), ends_at_lights, edge.getSpeed())
+
+    for lane in edge.getLanes():
+        fits = together and _kind(lane) == _kind(together[0])
+        if together and not (fits and len(lane.getShape3D()) == len(together[0].getShape3D())):
+            yield group()
+            together = []
+        if _kind(lane) is not None:
+            together.append(lane)
+    if together:
+        yield group()
+
+
+def _kind(lane: Any) -> LaneKind | None:
+    """Kind of a lane by who may use it; None for rails, water and what nobody uses."""
+    if any(lane.allows(kind) for kind in MOTOR_CLASSES):
+        return "road"
+    if lane.allows("bicycle"):
+        return "cycle_path"
+    return "pavement" if lane.allows("pedestrian") else None
+
+
+def _without_repeats(points_m: Numbers) -> Numbers:
+    """Points without those that are at the place of the one before, or of the first."""
+    kept: list[Numbers] = []
+    for point_m in points_m:
+        if not kept or np.hypot(*(point_m - kept[-1])[:2]) > 0.05:
+            kept.append(point_m)
+    if len(kept) > 2 and np.hypot(*(kept[0] - kept[-1])[:2]) <= 0.05:
+        kept.pop()
+    return np.array(kept).reshape(-1, 3)
+
+
+def draw_routes(
+    network: Network,
+    path: Path,
+    folder: Path,
+    *,
+    bodies: Mapping[str, tuple[str, float, float, float]],
+    seed: int,
+    gap_m: float,
+) -> tuple[Path, str, float]:
+    """Draw trips through a network: their file, and name and way [m] of the ego vehicle, the longest of some.
+
+    Args:
+        path: the network's file
+        bodies: name of a vehicle's body -> SUMO's class, length and width [m], and share of the vehicles
+        gap_m: length of road for each vehicle
+
+    Raises:
+        InputError: if no car can drive there
+    """
+    sumolib = import_optional("sumolib", extra="traffic")
+    net = sumolib.net.readNet(str(path))
+    random = np.random.default_rng([seed, 4])
+    roads = sorted(name for name in network.roads if net.getEdge(name).allows("passenger"))
+    best: tuple[float, Any, Any] = (0.0, None, None)
+    for first, last in random.choice(roads, (40, 2)) if roads else ():
+        way, _ = net.getShortestPath(net.getEdge(first), net.getEdge(last), vClass="passenger")
+        length_m = sum(edge.getLength() for edge in way or ())
+        best = max(best, (length_m, first, last), key=lambda found: found[0])
+    if best[1] is None:
+        raise InputError(f"{path}: must have roads that a car can drive along, got none")
+    cars = sorted((length_m, name) for name, (kind, length_m, *_) in bodies.items() if kind == "passenger")
+    own = cars[len(cars) // 2][1]  # of a usual length
+    root = ElementTree.Element("routes")
+    for name, (kind, length_m, width_m, _) in bodies.items():
+        sizes = {"id": name, "vClass": kind, "length": f"{length_m:g}", "width": f"{width_m:g}"}
+        ElementTree.SubElement(root, "vType", sizes)
+    count = int(sum(network.roads.values()) / gap_m) + 1
+    # Twice as many as are there at a time, from the begin on until the ego vehicle has come to its end.
+    departures = np.sort(random.uniform(0.0, best[0] / 8.0, 2 * count))
+    departures[:count] = 0.0
+    ego = {"id": "ego", "type": own, "depart": "30", "from": str(best[1]), "to": str(best[2])}
+    trips = [(30.0, "trip", ego)]
+    for number, depart_s in enumerate(departures.tolist()):
+        begin, end = random.choice(roads, 2).tolist()
+        kind = str(random.choice(list(bodies), p=[share for *_, share in bodies.values()]))
+        trip = {"id": f"v{number}", "type": kind, "from": begin, "to": end, "departPos": "random", "departSpeed": "max"}
+        trips.append((depart_s, "trip", trip | {"depart": f"{depart_s:.2f}"}))
+        if network.walks:
+            begin, end = random.choice(network.walks, 2).tolist()
+            person = {"id": f"p{number}", "depart": f"{depart_s:.2f}", "from": begin, "to": end}
+            trips.append((depart_s, "person", person))
+    for _, tag, keys in sorted(trips, key=lambda trip: trip[0]):
+        if tag == "trip":
+            ElementTree.SubElement(root, tag, keys)
+        else:
+            walk = {name: keys.pop(name) for name in ("from", "to")}
+            ElementTree.SubElement(ElementTree.SubElement(root, tag, keys), "walk", walk)
+    routes = folder / "drawn.rou.xml"
+    ElementTree.ElementTree(root).write(routes, encoding="utf-8")
+    return routes, "ego", best[0]
+
+
+class Scenario(NamedTuple):
+    """What SUMO simulates: its files, the network among them, and its types of vehicles.
+
+    Attributes:
+        arguments: of SUMO
+        types: name of a type -> class and length [m]
+    """
+
+    network: Path
+    arguments: tuple[str, ...]
+    types: dict[str, tuple[str, float]]
+
+
+def read_scenario(path: Path) -> Scenario:
+    """Read the configuration of a simulation.
+
+    Raises:
+        InputError: if it is no configuration, or names no network
+    """
+    root = _xml(path)
+    values = {element.tag: element.get("value", "") for element in root.iter()}
+    name = values.get("net-file") or values.get("net") or values.get("n")
+    if not name:
+        raise InputError(f"{path}: net-file: is missing")
+    network = path.parent / name
+    require_file(network)
+    files = [values.get(key, "") for key in ("route-files", "additional-files")]
+    named = [path.parent / part.strip() for text in files for part in text.split(",") if part.strip()]
+    arguments = ["-c", str(path)]
+    if "step-length" not in values:
+        arguments += ["--step-length", f"{STEP_S:g}"]
+    if "lanechange.duration" not in values and "lateral-resolution" not in values:
+        arguments += ["--lanechange.duration", f"{LANE_CHANGE_S:g}"]
+    return Scenario(network, tuple(arguments), _types(named))
+
+
+def drawn_scenario(network: Path, routes: Path, *, seed: int, last_s: float) -> Scenario:
+    """Return the simulation of drawn trips."""
+    options = {"--step-length": STEP_S, "--lanechange.duration": LANE_CHANGE_S, "--seed": seed, "--end": last_s}
+    arguments = ["-n", str(network), "-r", str(routes), "--ignore-route-errors", "--time-to-teleport", "-1"]
+    for option, value in options.items():
+        arguments += [option, f"{value:g}"]
+    return Scenario(network, tuple(arguments), _types([routes]))
+
+
+def _types(files: Sequence[Path]) -> dict[str, tuple[str, float]]:
+    """Class and length of the types of vehicles that files of routes define."""
+    types = {name: (kind, LENGTHS_M[kind]) for name, kind in DEFAULT_TYPES.items()}
+    for path in files:
+        for element in _xml(path).iter("vType"):
+            kind = element.get("vClass", "passenger")
+            length_m = float(element.get("length") or LENGTHS_M.get(kind, LENGTHS_M["passenger"]))
+            types[element.get("id", "")] = kind, length_m
+    return types
+
+
+def simulate(scenario: Scenario, *, ego: str | None, shown_m: float, folder: Path) -> tuple[RoadUser, list[RoadUser]]:
+    """Simulate traffic: the ego vehicle, from the time on at which it departs, and who comes near it.
+
+    Args:
+        ego: SUMO's name of the vehicle; that which is there for longest, if it is not said
+        shown_m: distance to it beyond which others are left out
+
+    Raises:
+        InputError: if SUMO refuses the scenario, or there is no such vehicle
+    """
+    output = folder / "fcd.xml"
+    period = ["--device.fcd.period", f"{POSE_S:g}"]
+    where = Path(scenario.arguments[1])
+    _run("sumo", [*scenario.arguments, "--fcd-output", str(output), *period, "--no-step-log"], where)
+    if ego is None:
+        counts: dict[str, int] = {}
+        for _, things in _steps(output):
+            for thing in things:
+                if thing.tag == "vehicle":
+                    counts[thing.get("id", "")] = counts.get(thing.get("id", ""), 0) + 1
+        ego = max(counts, key=lambda name: counts[name], default="")
+    found: RoadUser | None = None
+    others: list[RoadUser] = []
+    open_ones: dict[str, RoadUser] = {}
+    start_s = 0.0
+    for time_s, things in _steps(output):
+        movers = {thing.get("id", ""): _placed(thing, scenario.types) for thing in things if _is_own(thing)}
+        if ego not in movers:
+            if found is not None:
+                break
+            continue
+        kind, length_m, own = movers.pop(ego)
+        if found is None:
+            found, start_s = RoadUser(ego, kind, length_m), time_s
+        found.rows.append((time_s - start_s, *own))
+        near = {
+            name: user for name, user in movers.items() if np.hypot(user[2][0] - own[0], user[2][1] - own[1]) <= shown_m
+        }
+        open_ones = {name: mover for name, mover in open_ones.items() if name in near}
+        for name, (kind, length_m, place) in near.items():
+            if name not in open_ones:
+                open_ones[name] = RoadUser(name, kind, length_m)
+                others.append(open_ones[name])
+            open_ones[name].rows.append((time_s - start_s, *place))
+    if found is None or len(found.rows) < 2:
+        raise InputError(f"{where}: must have a vehicle {repr(ego) if ego else 'that drives'}, got none")
+    kept = [mover for mover in others if len(mover.rows) > 1]
+    for mover in (found, *kept):
+        mover.rows = _turned(mover.rows)
+    return found, kept
+
+
+def _turned(rows: Sequence[Row]) -> list[Row]:
+    """Rows with one more on the way where people turn round from one step to the next."""
+    result = [*rows[:1]]
+    for before, after in itertools.pairwise(rows):
+        turn_deg = (after[3] - before[3] + 180.0) % 360.0 - 180.0
+        if abs(turn_deg) > SHARPEST_TURN_DEG:
+            time_s, x_m, y_m, _, pitch_deg = (0.5 * (a + b) for a, b in zip(before, after, strict=True))
+            result.append((time_s, x_m, y_m, before[3] + 0.5 * turn_deg, pitch_deg))
+        result.append(after)
+    return result
+
+
+def _is_own(thing: ElementTree.Element) -> bool:
+    """Return whether it moves by itself; people in vehicles do not."""
+    return thing.tag == "vehicle" or (thing.tag == "person" and not thing.get("vehicle"))
+
+
+def _placed(
+    thing: ElementTree.Element, types: Mapping[str, tuple[str, float]]
+) -> tuple[str, float, tuple[float, float, float, float]]:
+    """Class and length of a vehicle or person, and x and y of its middle, yaw and pitch [degrees]."""
+    kind, length_m = types.get(thing.get("type", ""), ("passenger", LENGTHS_M["passenger"]))
+    if thing.tag == "person":
+        kind = "pedestrian"
+    yaw_deg = 90.0 - float(thing.get("angle", 0.0))
+    back_m = 0.5 * length_m
+    x_m = float(thing.get("x", 0.0)) - back_m * float(np.cos(np.radians(yaw_deg)))
+    y_m = float(thing.get("y", 0.0)) - back_m * float(np.sin(np.radians(yaw_deg)))
+    return kind, length_m, (x_m, y_m, yaw_deg, float(thing.get("slope", 0.0)))
+
+
+def _steps(path: Path) -> Iterator[tuple[float, list[ElementTree.Element]]]:
+    """Yield the steps of an FCD output, one after the other."""
+    for _, element in ElementTree.iterparse(path):
+        if element.tag == "timestep":
+            yield float(element.get("time", 0.0)), list(element)
+            element.clear()
+
+
+def _xml(path: Path) -> ElementTree.Element:
+    """Root of an XML file.
+
+    Raises:
+        InputError: if it cannot be read
+    """
+    require_file(path)
+    try:
+        with gzip.open(path) if path.suffix == ".gz" else path.open("rb") as file:
+            return ElementTree.parse(file).getroot()
+    except (OSError, LookupError, ValueError, ElementTree.ParseError) as error:
+        raise InputError(f"{path}: cannot be read as XML: {error}") from None
+
+
+def _home() -> Path:
+    """Folder of SUMO's programs and data."""
+    return Path(import_optional("sumo", extra="traffic").SUMO_HOME)
+
+
+def _run(program: str, arguments: Sequence[str], where: Path) -> None:
+    """Run a program of SUMO.
+
+    Raises:
+        InputError: with SUMO's own first error
+    """
+    home = _home()
+    command = [str(home / "bin" / program), *arguments, "--no-warnings", "--xml-validation", "never"]
+    environment = {**os.environ, "SUMO_HOME": str(home)}
+    done = subprocess.run(command, capture_output=True, text=True, errors="replace", env=environment, check=False)
+    if done.returncode != 0:
+        lines = [line.strip() for line in done.stderr.splitlines() if line.strip()]
+        reason = next((line for line in lines if line.startswith("Error:")), lines[0] if lines else "no reason given")
+        raise InputError(f"{where}: {program}: {reason.removeprefix('Error:').strip()}")

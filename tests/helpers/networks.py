@@ -1,0 +1,81 @@
+"""Small road networks of our own: an OpenDRIVE road that bends, two streets of OpenStreetMap, a town of SUMO."""
+
+import subprocess
+from pathlib import Path
+
+STRAIGHT_M, SPIRAL_M, ARC_M, RADIUS_M = 60.0, 40.0, 50.0, 60.0
+
+_LANES = """
+      <laneSection s="0">
+        <left>
+          <lane id="1" type="driving"><width sOffset="0" a="3.5" b="0" c="0" d="0"/></lane>
+        </left>
+        <center><lane id="0" type="none"/></center>
+        <right>
+          <lane id="-1" type="driving"><width sOffset="0" a="3.5" b="0" c="0" d="0"/></lane>
+          <lane id="-2" type="sidewalk"><width sOffset="0" a="2.0" b="0" c="0" d="0"/></lane>
+        </right>
+      </laneSection>"""
+
+
+def opendrive(end_of_spiral: tuple[float, float, float]) -> str:
+    """A road along x that bends to the left, and its spiral's end."""
+    x, y, heading = end_of_spiral
+    begin = STRAIGHT_M + SPIRAL_M
+    return f"""<?xml version="1.0"?>
+<OpenDRIVE>
+  <header revMajor="1" revMinor="4" name="bend"/>
+  <road name="bend" length="{begin + ARC_M}" id="1" junction="-1">
+    <planView>
+      <geometry s="0" x="0" y="0" hdg="0" length="{STRAIGHT_M}"><line/></geometry>
+      <geometry s="{STRAIGHT_M}" x="{STRAIGHT_M}" y="0" hdg="0" length="{SPIRAL_M}">
+        <spiral curvStart="0" curvEnd="{1 / RADIUS_M}"/>
+      </geometry>
+      <geometry s="{begin}" x="{x}" y="{y}" hdg="{heading}" length="{ARC_M}">
+        <arc curvature="{1 / RADIUS_M}"/>
+      </geometry>
+    </planView>
+    <lanes>{_LANES}
+    </lanes>
+  </road>
+</OpenDRIVE>
+"""
+
+
+OSM = """<?xml version="1.0"?>
+<osm version="0.6">
+  <node id="1" lat="48.0000" lon="11.0000" version="1"/>
+  <node id="2" lat="48.0000" lon="11.0020" version="1"/>
+  <node id="3" lat="48.0003" lon="11.0040" version="1"/>
+  <node id="4" lat="47.9990" lon="11.0020" version="1"/>
+  <node id="5" lat="48.0010" lon="11.0020" version="1"/>
+  <way id="10" version="1"><nd ref="1"/><nd ref="2"/><nd ref="3"/><tag k="highway" v="residential"/></way>
+  <way id="11" version="1"><nd ref="4"/><nd ref="2"/><nd ref="5"/><tag k="highway" v="residential"/></way>
+</osm>
+"""
+
+ROUTES = """<routes>
+  <vType id="long_bus" vClass="bus" length="14.9"/>
+  <trip id="first" depart="0" from="A0B0" to="B1A1" departPos="base"/>
+  <trip id="rider" type="DEFAULT_BIKETYPE" depart="0" from="B0A0" to="A0A1" departPos="base"/>
+  <trip id="line_7" type="long_bus" depart="1" from="B1A1" to="A1A0" departPos="40"/>
+  <person id="walks" depart="1"><walk from="A0B0" to="A0B0" arrivalPos="60"/></person>
+</routes>
+"""
+
+
+def sumo_town(folder: Path) -> Path:
+    """Write a block of four streets with pavements, crossings and lights, and traffic; return the configuration."""
+    import sumo
+
+    grid = ["--grid", "--grid.number", "2", "--grid.length", "100", "--default-junction-type", "traffic_light"]
+    walks = ["--sidewalks.guess", "--crossings.guess", "-o", str(folder / "town.net.xml")]
+    program = str(Path(sumo.SUMO_HOME) / "bin" / "netgenerate")
+    subprocess.run([program, *grid, *walks], check=True, capture_output=True)
+    (folder / "town.rou.xml").write_text(ROUTES)
+    path = folder / "town.sumocfg"
+    path.write_text(
+        '<configuration><input><net-file value="town.net.xml"/><route-files value="town.rou.xml"/></input>'
+        '<time><end value="120"/></time></configuration>'
+    )
+    return path

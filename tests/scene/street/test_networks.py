@@ -1,0 +1,195 @@
+"""Scenes of road networks: where an OpenDRIVE road is, what SUMO's traffic becomes, and what is refused."""
+
+import dataclasses
+from pathlib import Path
+
+import numpy as np
+import pytest
+from helpers import chain, networks
+from helpers.command_line import Run
+from helpers.shared_faces import on_another_body
+
+from lidarscene import catalog
+from lidarscene.maths.trajectory import pose_at
+from lidarscene.rendering.simulator import Simulator
+from lidarscene.scene.ground import Ground, lay
+from lidarscene.scene.scene import Scene
+from lidarscene.scene.scene_file import load_scene, scene_model
+from lidarscene.scene.street import sumo
+from lidarscene.scene.street.network_tables import network_scene
+from lidarscene.scene.street.street_file import StreetFile
+from lidarscene.scene.street.street_tables import write_scene
+
+pytest.importorskip("sumo")
+pytest.importorskip("sumolib")
+
+
+@pytest.fixture(scope="module")
+def bend(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Scene file of an OpenDRIVE road of our own."""
+    folder = tmp_path_factory.mktemp("bend")
+    x_m, y_m, heading = reference(np.array([networks.STRAIGHT_M + networks.SPIRAL_M]), 0.0)[0].tolist()
+    (folder / "bend.xodr").write_text(networks.opendrive((x_m, y_m, heading)))
+    tables = network_scene(folder / "bend.xodr", "opendrive", StreetFile(seed=2, house_share=(1.0, 1.0)))
+    return write_scene(tables, folder / "out", origin="test")
+
+
+@pytest.fixture(scope="module")
+def town(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
+    """Configuration of a simulation, and scene file of it with the ego vehicle that it names first."""
+    folder = tmp_path_factory.mktemp("town")
+    configuration = networks.sumo_town(folder)
+    tables = network_scene(configuration, "sumo", StreetFile(), ego="first")
+    return configuration, write_scene(tables, folder / "out", origin="test")
+
+
+def reference(way_m: np.ndarray, left_m: float) -> np.ndarray:
+    """(n, 3) x, y and heading along the road: sums over steps of a millimetre of its curvature."""
+    step_m = 1e-3
+    fine_m = np.arange(0.0, networks.STRAIGHT_M + networks.SPIRAL_M + networks.ARC_M, step_m) + 0.5 * step_m
+    curvature = np.clip((fine_m - networks.STRAIGHT_M) / networks.SPIRAL_M, 0.0, 1.0) / networks.RADIUS_M
+    heading = np.cumsum(curvature) * step_m
+    sums = [np.cumsum(each) * step_m for each in (np.cos(heading), np.sin(heading))]
+    x_m, y_m, yaw = (np.interp(way_m, fine_m + 0.5 * step_m, each) for each in (*sums, heading))
+    return np.stack([x_m - left_m * np.sin(yaw), y_m + left_m * np.cos(yaw), yaw], axis=1)
+
+
+def grounds(path: Path, class_name: str) -> Ground:
+    """The sheets of a class in a scene file, without roughness."""
+    from lidarscene.physics.road.roughness import RoughSurface
+
+    flat = RoughSurface.draw("flat", 0)
+    bodies = [body for body in scene_model(path).bodies if body.primitive == "ground" and not body.on_ground]
+    sheets = [
+        lay(body.pose(), plan=body.plan(), crown_m=body.crown_m, surface=flat)
+        for body in bodies
+        if body.class_name == class_name and body.instances is None
+    ]
+    return Ground(surface=flat, sheets=sheets)
+
+
+def test_a_road_of_opendrive_is_where_its_geometry_says(bend: Path) -> None:
+    """A line, a spiral and an arc, by sums of the curvature: lanes and pavement are along them, and no farther."""
+    way_m = np.linspace(1.0, 145.0, 200)
+    road, pavement = grounds(bend, "road"), grounds(bend, "pavement")
+    for left_m, on_road, on_pavement in (
+        (3.3, 1, 0),
+        (-3.3, 1, 0),
+        (3.7, 0, 0),
+        (-3.8, 0, 1),
+        (-5.3, 0, 1),
+        (-5.7, 0, 0),
+    ):
+        place_m = reference(way_m, left_m)[:, :2]
+        if left_m != -3.8:  # where the kerb ends, the pavement begins
+            assert (~np.isnan(road.height_m(place_m)) == on_road).all(), left_m
+        np.testing.assert_array_equal(~np.isnan(pavement.height_m(place_m)), on_pavement, str(left_m))
+    np.testing.assert_allclose(pavement.height_m(reference(way_m, -4.5)[:, :2]), 0.12, atol=1e-9)
+
+
+def test_houses_stand_beside_the_road(bend: Path) -> None:
+    scene = load_scene(bend)
+    houses = [body.pose.position_m for body in scene.bodies if body.class_name == "building"]
+    assert len(houses) > 10
+    line_m = reference(np.arange(0.0, 150.0, 0.5), 0.0)[:, :2]
+    nearest_m = [np.hypot(*(line_m - house_m[:2]).T).min() for house_m in houses]
+    assert min(nearest_m) > 3.5 + 3.0 + 0.9 * 4.5 - 0.1
+
+
+def test_the_vehicles_are_where_sumo_says(town: tuple[Path, Path], tmp_path: Path) -> None:
+    """The middle of a vehicle's front, by its own angle from north, read by sumolib from SUMO's own output."""
+    import sumolib
+
+    configuration, path = town
+    scenario = sumo.read_scenario(configuration)
+    output = tmp_path / "fcd.xml"
+    sumo._run("sumo", [*scenario.arguments, "--fcd-output", str(output), "--device.fcd.period", "0.5"], configuration)
+    steps = list(sumolib.xml.parse(str(output), "timestep"))
+    assert len(steps) > 20
+    scene = load_scene(path)
+    assert scene.ego is not None
+    bus = next(body for body in scene.bodies if body.class_name == "bus")
+    rider = next(body for body in scene.bodies if body.class_name == "cyclist")
+    size_m = np.ptp(np.concatenate([part.vertices_m for part in bus.parts]), axis=0)
+    assert size_m[0] == pytest.approx(14.99, abs=0.1)
+    for name, motion, length_m in (
+        ("first", scene.ego, 5.0),
+        ("line_7", bus.motion, 14.9),
+        ("rider", rider.motion, 1.6),
+    ):
+        assert motion is not None
+        compared = 0
+        for step in steps[::6]:
+            thing = next((vehicle for vehicle in step.vehicle or () if vehicle.id == name), None)
+            if thing is None:
+                continue
+            pose = pose_at(motion, float(step.time))
+            front_m = pose.apply(np.array([[0.5 * length_m, 0.0, 0.0]]))[0, :2]
+            np.testing.assert_allclose(front_m, [float(thing.x), float(thing.y)], atol=0.06)
+            compared += 1
+        assert compared >= 3
+
+
+def test_people_walk_on_pavements_and_crossings_are_striped(town: tuple[Path, Path]) -> None:
+    scene, pavement = load_scene(town[1]), grounds(town[1], "pavement")
+    walker = next(body for body in scene.bodies if body.class_name == "pedestrian" and body.motion is not None)
+    assert walker.motion is not None
+    first_s, last_s = walker.present_s
+    place_m = walker.motion.at(np.linspace(first_s, last_s, 20)).position_m
+    assert np.isfinite(pavement.height_m(place_m[:, :2])).mean() > 0.8
+    np.testing.assert_allclose(place_m[:, 2], 0.12, atol=0.05)
+    names = {body.name.partition("_")[0] for body in scene.bodies}
+    assert {"zebras", "stop", "line", "junction", "kerb", "corner"} <= names
+
+
+@pytest.mark.usefixtures("mi")
+def test_no_two_bodies_share_a_face_that_a_beam_meets(town: tuple[Path, Path]) -> None:
+    """Junctions, lanes, kerbs, pavements and markings: fewer than one point in two thousand, where bodies touch."""
+    scene = load_scene(town[1])
+    assert scene.ego is not None
+    pose = pose_at(scene.ego, 4.0) @ scene.sensor_pose
+    scene = dataclasses.replace(scene, ego=None, sensor_pose=pose, bodies=tuple(_still(scene)))
+    cloud = Simulator(scene, chain.sensor("vlp-16"), pose=pose).render(seed=1, coordinates="world")
+    cloud = cloud.select(cloud.status == 0)
+    assert len(cloud) > 10_000
+    assert np.mean(on_another_body(scene, cloud) >= 0) < 5e-4
+
+
+def _still(scene: Scene) -> list[object]:
+    return [body for body in scene.bodies if body.motion is None]
+
+
+def test_every_body_of_drawn_traffic_loads(tmp_path: Path) -> None:
+    """Streets of OpenStreetMap: a junction, houses, and vehicles of classes that the drawn traffic has."""
+    (tmp_path / "map.osm").write_text(networks.OSM)
+    tables = network_scene(tmp_path / "map.osm", "osm", StreetFile(seed=4, oncoming_gap_m=(5.0, 15.0)))
+    scene = load_scene(write_scene(tables, tmp_path / "out", origin="test"))
+    classes = {body.class_name for body in scene.bodies}
+    assert {"road", "building", "car", "terrain", "lane_marking"} <= classes
+    assert any(body.name.startswith("junction") for body in scene.bodies)
+    known = {body.class_name for body in catalog.vehicles().values()}
+    assert len({body.class_name for body in scene.bodies if body.motion is not None} & known) >= 2
+
+
+@pytest.mark.parametrize(
+    ("argv", "message"),
+    [
+        (("--opendrive", "none.xodr"), "none.xodr: no such file"),
+        (("--opendrive", "town.sumocfg"), "town.sumocfg: netconvert: "),
+        (("--sumo", "town.rou.xml"), "town.rou.xml: net-file: is missing"),
+        (("--sumo", "town.sumocfg", "--ego", "nobody"), "town.sumocfg: must have a vehicle 'nobody', got none"),
+        (("--opendrive", "town.xodr", "--ego", "a"), "--ego: must go with --sumo"),
+        (("--ego", "a"), "--ego: must go with --sumo"),
+        (("--osm", "map.osm", "--length-m", "90"), "length_m: does not go with --osm"),
+        (("--osm", "map.osm", "--sumo", "a"), "not allowed with argument --osm"),
+    ],
+)
+def test_mistakes_in_one_line(
+    run: Run, tmp_path: Path, town: tuple[Path, Path], argv: tuple[str, ...], message: str
+) -> None:
+    for path in town[0].parent.glob("town.*"):
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    ran = run("street", *argv, "-o", "out")
+    assert (ran.code, ran.out, ran.err.count("\n")) == (2, "", 1), ran.err
+    assert message in ran.err
+    assert not (tmp_path / "out").exists()

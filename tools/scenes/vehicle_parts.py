@@ -1,0 +1,115 @@
+"""What is fixed to vehicles: wheels, mirrors, plates, seats, and the people who ride on two wheels."""
+
+import numpy as np
+from modelling import Mesh, box, cap, circle, curve, ellipsoid, join, lathe, rounded_box, tube
+
+UPRIGHT = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]  # local z becomes the axle, to the left
+
+
+def wheel(*, diameter_m, width_m, segments=16, rim_share=0.66):
+    """(tyre, rim) of a wheel that stands on the ground, its outside to the left; both closed."""
+    r, w = 0.5 * diameter_m, 0.5 * width_m
+    inner = rim_share * r
+    tread = r + 0.004  # what is below the ground is pressed flat
+    profile = [(inner, -0.8 * w), (0.5 * (r + inner), -w), (tread, -0.75 * w), (tread, 0.75 * w)]
+    profile += [(0.5 * (r + inner), w), (inner, 0.8 * w), (inner, -0.8 * w)]
+    disc = inner - 0.003
+    dish = [
+        (disc, -0.7 * w),
+        (disc, 0.72 * w),
+        (0.86 * inner, 0.72 * w),
+        (0.80 * inner, 0.2 * w),
+        (0.25 * inner, 0.3 * w),
+    ]
+    rim = lathe(dish, segments=segments)
+    ends = [
+        cap(np.column_stack([circle(segments, radius_m=0.25 * inner), np.full(segments, 0.3 * w)])),
+        cap(np.column_stack([circle(segments, radius_m=disc), np.full(segments, -0.7 * w)])).flipped(),
+    ]
+    spoke = box(size_m=(0.62 * inner, 0.16 * inner, 0.3 * w), centre_m=(0.55 * inner, 0, 0.42 * w))
+    spokes = [spoke.moved(yaw_rad=2 * np.pi * (turn + 0.25) / 5) for turn in range(5)]
+    place = {"position_m": (0.0, 0.0, r)}
+    tyre = lathe(profile, segments=segments).turned(UPRIGHT).moved(**place)
+    flat = tyre.points_m.copy()
+    flat[:, 2] = np.maximum(flat[:, 2], 0.0)
+    return Mesh(flat, tyre.faces), join(rim, *ends, *spokes).turned(UPRIGHT).moved(**place)
+
+
+def wheels(*, axles_x_m, half_track_m, **keys):
+    """Tyres and rims of all axles of a vehicle with wheels on both sides."""
+    return {
+        name: join(*(mesh.moved(position_m=(x, half_track_m, 0.0)) for x in axles_x_m)).both_sides()
+        for name, mesh in zip(("tyre", "rim"), wheel(**keys), strict=True)
+    }
+
+
+def mirrors(*, x_m, y_m, z_m, size_m):
+    """Both outside mirrors, on arms from |y| of the body."""
+    depth, width, height = size_m
+    housing = rounded_box(size_m=size_m, centre_m=(x_m, y_m + 0.06 + 0.5 * width, z_m), radius_m=0.3 * depth, corner=2)
+    arm = box(size_m=(0.4 * depth, 0.14, 0.25 * height), centre_m=(x_m + 0.01, y_m + 0.03, z_m - 0.3 * height))
+    return join(housing, arm).both_sides()
+
+
+def plate(*, x_m, z_m, size_m=(0.52, 0.11)):
+    """A number plate, 20 mm thick, most of it in the body."""
+    return box(size_m=(0.020, *size_m), centre_m=(x_m, 0.0, z_m))
+
+
+def seat(*, x_m, y_m, z_m, width_m):
+    """Cushion, leaning backrest and its top."""
+    cushion = box(size_m=(0.50, width_m, 0.18), centre_m=(x_m, y_m, z_m))
+    lean = np.array([[0.94, 0, 0.34], [0, 1, 0], [-0.34, 0, 0.94]]) / np.hypot(0.94, 0.34)
+    rest = box(size_m=(0.13, 0.96 * width_m, 0.72)).turned(lean).moved(position_m=(x_m - 0.33, y_m, z_m + 0.36))
+    return join(cushion, rest)
+
+
+def rider(*, seat_m, hands_m, feet_m, height_m, lean_m):
+    """Someone who sits on a bicycle or a motorcycle: part name -> Mesh.
+
+    Args:
+        seat_m: (x, z) of the saddle
+        hands_m, feet_m: (x, y, z) on the left; the right foot of (3, 2) `feet_m` is the second
+        height_m: of the helmet's top
+        lean_m: how far the shoulders are before the hips
+    """
+    size = (height_m - seat_m[1]) / 0.80
+    hip, shoulder = (
+        np.array([seat_m[0], 0.0, seat_m[1] + 0.04]),
+        np.array([seat_m[0] + lean_m, 0.0, height_m - 0.37 * size]),
+    )
+    middle = np.add(0.5 * (hip + shoulder), (-0.04 * size, 0.0, 0.02))
+    path = np.stack(
+        [curve(np.linspace(0, 1, 6), (0, 0.5, 1), axis) for axis in np.transpose([hip, middle, shoulder])], 1
+    )
+    torso = tube(path, np.array([0.13, 0.14, 0.135, 0.13, 0.125, 0.07]) * size, segments=10, flatten=1.35)
+    arms, legs, shoes, hands = [], [], [], []
+    for side, foot in zip((1, -1), feet_m, strict=True):
+        grip, foot = np.array(hands_m) * (1, side, 1), np.array(foot)
+        from_m = np.add(shoulder, (0.0, side * 0.17 * size, -0.03))
+        elbow = np.add(0.5 * (from_m + grip), (-0.04, side * 0.02 * size, -0.06 * size))
+        arms.append(tube([from_m, elbow, grip], np.array([0.055, 0.048, 0.036]) * size, segments=8))
+        hands.append(
+            ellipsoid(radii_m=(0.05, 0.04, 0.035), segments=8, rows=5).moved(position_m=np.add(grip, (0.02, 0, 0)))
+        )
+        top = np.add(hip, (0.03, side * 0.09 * size, -0.02))
+        ankle = np.add(foot, (-0.03, 0.0, 0.09))
+        knee = np.add(0.5 * (top + ankle), (0.19 * size, side * 0.03, 0.05 * size))
+        legs.append(tube([top, knee, ankle], np.array([0.085, 0.062, 0.048]) * size, segments=8))
+        shoes.append(
+            ellipsoid(radii_m=(0.14, 0.047, 0.05), segments=10, rows=6).moved(position_m=np.add(foot, (0.03, 0, 0.045)))
+        )
+    head = np.add(shoulder, (0.05 * size, 0.0, 0.22 * size))
+    helmet = ellipsoid(radii_m=(0.125, 0.105, 0.13), segments=12, rows=8)
+    crown = np.array([head[0], 0.0, height_m - 0.13])
+    face = ellipsoid(radii_m=(0.10, 0.075, 0.115), segments=10, rows=7).moved(
+        position_m=np.add(crown, (0.03, 0.0, -0.075))
+    )
+    neck = tube([np.add(shoulder, (0, 0, -0.02)), np.add(crown, (0.0, 0.0, -0.08))], 0.052 * size, segments=8)
+    return {
+        "clothes": join(torso, *arms),
+        "trousers": join(*legs),
+        "shoes": join(*shoes),
+        "skin": join(face, neck, *hands),
+        "helmet": helmet.moved(position_m=crown),
+    }
