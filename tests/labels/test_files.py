@@ -343,7 +343,7 @@ def test_classes_of_osi(tmp_path: Path, library: Any) -> None:
         "bus": "BUS",
         "Tram": "TRAM",
     }
-    walkers = {"pedestrian": "PEDESTRIAN", "person": "PEDESTRIAN", "animal": "ANIMAL"}
+    walkers = {"pedestrian": "PEDESTRIAN", "person": "PEDESTRIAN", "child": "PEDESTRIAN", "animal": "ANIMAL"}
     structures = {
         "pole": "POLE",
         "sign": "VERTICAL_STRUCTURE",
