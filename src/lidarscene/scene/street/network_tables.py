@@ -311,13 +311,13 @@ def _surroundings(network: Network, file: StreetFile) -> list[Tables]:
     for corners_m in network.junctions:
         low_m, high_m = corners_m[:, :2].min(axis=0), corners_m[:, :2].max(axis=0)
         boxes.append(np.array([[*0.5 * (low_m + high_m), 0.0, *0.5 * (high_m - low_m)]]))
-    roads, room = Room(np.concatenate(boxes)), Room(np.concatenate(boxes))
+    rooms = Room(np.concatenate(boxes)), Room(np.concatenate(boxes))
     items: dict[str, list[Tables]] = {}
     main = draw_district(random)
     for group in network.groups:
         district = draw_district(random, main)
         for side in (-1.0, 1.0):
-            _line_road(group, side, district, roads, room, items, file, random)
+            _line_road(group, side, district, rooms, items, file, random)
     bodies = []
     for name, places in sorted(items.items()):
         mesh, materials, _ = shapes()[name]
@@ -331,8 +331,7 @@ def _line_road(
     group: LaneGroup,
     side: float,
     district: District,
-    roads: Room,
-    room: Room,
+    rooms: tuple[Room, Room],
     items: dict[str, list[Tables]],
     file: StreetFile,
     random: np.random.Generator,
@@ -340,12 +339,11 @@ def _line_road(
     """Place houses, trees and lamps along one side of a road, where nothing else is.
 
     Args:
-        roads: what roads take
-        room: what roads and things beside them take
+        rooms: what roads take, and what roads and things beside them take
         items: name of a body -> places
     """
     length_m, share = _length_m(group.line_m), random.uniform(*file.house_share)
-    edge_m, meshes = 0.5 * group.width_m, catalog.shipped_meshes()
+    edge_m, meshes, (roads, room) = 0.5 * group.width_m, catalog.shipped_meshes(), rooms
 
     def place(name: str, way_m: float, aside_m: float, half_m: tuple[float, float], turn_deg: float) -> bool:
         ((x_m, y_m, heading),) = _along(group.line_m, np.array([way_m]), side * aside_m).tolist()
