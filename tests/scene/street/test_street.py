@@ -244,7 +244,7 @@ def test_a_seed_is_a_street() -> None:
 def test_a_longer_street_keeps_its_drivers_and_its_numbers_in_sight_few() -> None:
     """Ten minutes of driving: nothing comes twice, and no more is there at a time than in a tenth of it."""
     most = []
-    for length_m in (400.0, 5500.0):
+    for length_m in (400.0, 6000.0):
         traffic = driven.drive(laid.lay_out(street(5, length_m=length_m)))
         spans = np.array([(track.time_s[0], track.time_s[-1]) for track in traffic.others])
         most.append(max(int(((spans[:, 0] <= t) & (t <= spans[:, 1])).sum()) for t in traffic.ego.time_s))

@@ -21,7 +21,17 @@ from .layout import KERB_M, POST_LINE_M, Room
 from .pieces import PAINT_M, RAISED_M, Tables, placed, sheet, soil, street_scene
 from .shapes import TREE_SCALES, District, draw_district, shapes
 from .street_file import StreetFile
-from .sumo import LaneGroup, Mover, Network, convert, draw_routes, drawn_scenario, read_network, read_scenario, simulate
+from .sumo import (
+    LaneGroup,
+    Network,
+    RoadUser,
+    convert,
+    draw_routes,
+    drawn_scenario,
+    read_network,
+    read_scenario,
+    simulate,
+)
 
 EDGE_M = 0.05
 """Choice: distance from the edge of a road at which another one would be between it and a house."""
@@ -116,7 +126,7 @@ def network_summary(tables: Tables) -> dict[str, float]:
     }
 
 
-def _near(network: Network, own: Mover, reach_m: float) -> Network:
+def _near(network: Network, own: RoadUser, reach_m: float) -> Network:
     """Return what of a network is within reach of the ego vehicle's way."""
     way_m = np.array(own.rows)[:: max(1, len(own.rows) // 500), 1:3]
 
@@ -145,7 +155,7 @@ def _drawn_bodies() -> dict[str, tuple[str, float, float, float]]:
     return found
 
 
-def _look(mover: Mover) -> Look:
+def _look(mover: RoadUser) -> Look:
     """Body of a vehicle or a person, by class and length, and its paint; the same for the same name."""
     if mover.kind in ("pedestrian", "wheelchair"):
         return "pedestrian", ""
@@ -167,7 +177,7 @@ def _body(name: str, mesh: str, paint: str) -> Tables:
     return {"name": name, "mesh": str(path), "class": kind["class"], "materials": materials}
 
 
-def _poses(mover: Mover, *, tilts: bool) -> list[Tables]:
+def _poses(mover: RoadUser, *, tilts: bool) -> list[Tables]:
     """Poses of a vehicle; one that rides on its springs tilts by itself."""
     return [
         {"time_s": round(time_s, 3)} | placed(x_m, y_m, 0.0, yaw_deg, pitch_deg if tilts else 0.0)
@@ -175,12 +185,12 @@ def _poses(mover: Mover, *, tilts: bool) -> list[Tables]:
     ]
 
 
-def _moving(movers: Sequence[Mover]) -> list[Tables]:
+def _moving(movers: Sequence[RoadUser]) -> list[Tables]:
     """Bodies of all that moves, but for the own car: an instance with a motion for each."""
     lacking = sorted({mover.kind for mover in movers if mover.kind in BODILESS})
     if lacking:
         warn(OptionWarning("vehicles of {0} have no body and are left out", " and ".join(lacking)))
-    looks: dict[Look, list[Mover]] = {}
+    looks: dict[Look, list[RoadUser]] = {}
     for mover in movers:
         if mover.kind not in BODILESS:
             looks.setdefault(_look(mover), []).append(mover)
@@ -301,25 +311,14 @@ def _markings(network: Network) -> list[Tables]:
 
 def _surroundings(network: Network, file: StreetFile) -> list[Tables]:
     """Houses, trees and lamps along roads, on both sides, where there is room."""
-    random = np.random.default_rng([file.seed, 5])
-    boxes = []
+    roadside = _Roadside(network, file)
+    main = draw_district(roadside.random)
     for group in network.groups:
-        length_m = _length_m(group.line_m)
-        count = max(1, math.ceil(length_m / 5.0))
-        half_m = np.broadcast_to([0.6 * length_m / count, 0.5 * group.width_m], (count, 2))
-        boxes.append(np.hstack([_along(group.line_m, (np.arange(count) + 0.5) * length_m / count), half_m]))
-    for corners_m in network.junctions:
-        low_m, high_m = corners_m[:, :2].min(axis=0), corners_m[:, :2].max(axis=0)
-        boxes.append(np.array([[*0.5 * (low_m + high_m), 0.0, *0.5 * (high_m - low_m)]]))
-    rooms = Room(np.concatenate(boxes)), Room(np.concatenate(boxes))
-    items: dict[str, list[Tables]] = {}
-    main = draw_district(random)
-    for group in network.groups:
-        district = draw_district(random, main)
+        district = draw_district(roadside.random, main)
         for side in (-1.0, 1.0):
-            _line_road(group, side, district, rooms, items, file, random)
+            roadside.line(group, side, district)
     bodies = []
-    for name, places in sorted(items.items()):
+    for name, places in sorted(roadside.items.items()):
         mesh, materials, _ = shapes()[name]
         body = _body(name, mesh, "")
         body["materials"] |= materials
@@ -327,49 +326,61 @@ def _surroundings(network: Network, file: StreetFile) -> list[Tables]:
     return bodies
 
 
-def _line_road(
-    group: LaneGroup,
-    side: float,
-    district: District,
-    rooms: tuple[Room, Room],
-    items: dict[str, list[Tables]],
-    file: StreetFile,
-    random: np.random.Generator,
-) -> None:
-    """Place houses, trees and lamps along one side of a road, where nothing else is.
+class _Roadside:
+    """What stands beside roads, and the room that it and the roads take.
 
-    Args:
-        rooms: what roads take, and what roads and things beside them take
+    Attributes:
         items: name of a body -> places
     """
-    length_m, share = _length_m(group.line_m), random.uniform(*file.house_share)
-    edge_m, meshes, (roads, room) = 0.5 * group.width_m, catalog.shipped_meshes(), rooms
 
-    def place(name: str, way_m: float, aside_m: float, half_m: tuple[float, float], turn_deg: float) -> bool:
-        ((x_m, y_m, heading),) = _along(group.line_m, np.array([way_m]), side * aside_m).tolist()
-        # Nor may another road be between it and this one.
-        verge_m = edge_m + EDGE_M, aside_m
-        between = _along(group.line_m, np.array([way_m]), side * 0.5 * sum(verge_m))
+    def __init__(self, network: Network, file: StreetFile) -> None:
+        self.random = np.random.default_rng([file.seed, 5])
+        self.items: dict[str, list[Tables]] = {}
+        self._file = file
+        boxes = []
+        for group in network.groups:
+            length_m = _length_m(group.line_m)
+            count = max(1, math.ceil(length_m / 5.0))
+            half_m = np.broadcast_to([0.6 * length_m / count, 0.5 * group.width_m], (count, 2))
+            boxes.append(np.hstack([_along(group.line_m, (np.arange(count) + 0.5) * length_m / count), half_m]))
+        for corners_m in network.junctions:
+            low_m, high_m = corners_m[:, :2].min(axis=0), corners_m[:, :2].max(axis=0)
+            boxes.append(np.array([[*0.5 * (low_m + high_m), 0.0, *0.5 * (high_m - low_m)]]))
+        self._roads, self._room = Room(np.concatenate(boxes)), Room(np.concatenate(boxes))
+
+    def line(self, group: LaneGroup, side: float, district: District) -> None:
+        """Place houses, trees and lamps along one side of a road, where nothing else is."""
+        random, file, meshes = self.random, self._file, catalog.shipped_meshes()
+        length_m, share = _length_m(group.line_m), random.uniform(*file.house_share)
+        edge_m = 0.5 * group.width_m
+        way_m = 0.5 * random.uniform(*file.lamp_spacing_m)
+        while way_m < length_m:
+            self._place("lamp_posts", group, (way_m, side * (edge_m + POST_LINE_M)), (0.2, 0.2), -90.0 * side)
+            way_m += random.uniform(*file.lamp_spacing_m)
+        way_m = 0.0
+        while way_m < length_m:
+            house, wall, tree = (random.choice(each) for each in (district.houses, district.walls, district.trees))
+            width_m, front_m, _ = meshes[house]["plot_m"]
+            verge_m = district.garden_m + (2.0 * POST_LINE_M if group.kind == "pavement" else VERGE_M)
+            aside_m, turn_deg = edge_m + verge_m + random.uniform(*file.setback_m), random.uniform(0.0, 360.0)
+            if random.random() < share:
+                name, half_m, turn_deg = f"houses_{house}_{wall}", (0.5 * width_m, front_m), -90.0 * side
+            else:
+                reach_m = meshes[tree]["reach_m"]
+                name, half_m = f"trees_{tree}_{len(TREE_SCALES) - 1}", (reach_m, reach_m)
+            place_m = way_m + half_m[0], side * (aside_m + half_m[1])
+            way_m += width_m + 0.1 if self._place(name, group, place_m, half_m, turn_deg) else 2.0
+
+    def _place(
+        self, name: str, group: LaneGroup, place_m: tuple[float, float], half_m: tuple[float, float], turn_deg: float
+    ) -> bool:
+        """Place a thing along a road and to the left of it, if nothing is there, nor another road between the two."""
+        way_m, left_m = place_m
+        ((x_m, y_m, heading),) = _along(group.line_m, np.array([way_m]), left_m).tolist()
+        verge_m = 0.5 * group.width_m + EDGE_M, abs(left_m)
+        between = _along(group.line_m, np.array([way_m]), math.copysign(0.5 * sum(verge_m), left_m))
         beside = np.hstack([between, [[half_m[0], 0.5 * (verge_m[1] - verge_m[0])]]])
-        free = roads.is_free(beside) and room.take(np.array([[x_m, y_m, heading, *half_m]]))
+        free = self._roads.is_free(beside) and self._room.take(np.array([[x_m, y_m, heading, *half_m]]))
         if free:
-            items.setdefault(name, []).append(placed(x_m, y_m, 0.0, math.degrees(heading) + turn_deg))
+            self.items.setdefault(name, []).append(placed(x_m, y_m, 0.0, math.degrees(heading) + turn_deg))
         return free
-
-    way_m = 0.5 * random.uniform(*file.lamp_spacing_m)
-    while way_m < length_m:
-        place("lamp_posts", way_m, edge_m + POST_LINE_M, (0.2, 0.2), -90.0 * side)
-        way_m += random.uniform(*file.lamp_spacing_m)
-    way_m = 0.0
-    while way_m < length_m:
-        house, wall, tree = (random.choice(each) for each in (district.houses, district.walls, district.trees))
-        width_m, front_m, _ = meshes[house]["plot_m"]
-        verge_m = district.garden_m + (2.0 * POST_LINE_M if group.kind == "pavement" else VERGE_M)
-        aside_m, turn_deg = edge_m + verge_m + random.uniform(*file.setback_m), random.uniform(0.0, 360.0)
-        if random.random() < share:
-            name, half_m = f"houses_{house}_{wall}", (0.5 * width_m, front_m)
-            taken = place(name, way_m + 0.5 * width_m, aside_m + front_m, half_m, -90.0 * side)
-        else:
-            name, reach_m = f"trees_{tree}_{len(TREE_SCALES) - 1}", meshes[tree]["reach_m"]
-            taken = place(name, way_m + reach_m, aside_m + reach_m, (reach_m, reach_m), turn_deg)
-        way_m += width_m + 0.1 if taken else 2.0

@@ -108,7 +108,7 @@ class Network(NamedTuple):
 
 
 @dataclass(slots=True)
-class Mover:
+class RoadUser:
     """A vehicle or person while it is near the ego vehicle, without a break.
 
     Attributes:
@@ -342,7 +342,7 @@ def _types(files: Sequence[Path]) -> dict[str, tuple[str, float]]:
     return types
 
 
-def simulate(scenario: Scenario, *, ego: str | None, shown_m: float, folder: Path) -> tuple[Mover, list[Mover]]:
+def simulate(scenario: Scenario, *, ego: str | None, shown_m: float, folder: Path) -> tuple[RoadUser, list[RoadUser]]:
     """Simulate traffic: the ego vehicle, from the time on at which it departs, and who comes near it.
 
     Args:
@@ -363,9 +363,9 @@ def simulate(scenario: Scenario, *, ego: str | None, shown_m: float, folder: Pat
                 if thing.tag == "vehicle":
                     counts[thing.get("id", "")] = counts.get(thing.get("id", ""), 0) + 1
         ego = max(counts, key=lambda name: counts[name], default="")
-    found: Mover | None = None
-    others: list[Mover] = []
-    open_ones: dict[str, Mover] = {}
+    found: RoadUser | None = None
+    others: list[RoadUser] = []
+    open_ones: dict[str, RoadUser] = {}
     start_s = 0.0
     for time_s, things in _steps(output):
         movers = {thing.get("id", ""): _placed(thing, scenario.types) for thing in things if _is_own(thing)}
@@ -373,17 +373,17 @@ def simulate(scenario: Scenario, *, ego: str | None, shown_m: float, folder: Pat
             if found is not None:
                 break
             continue
-        kind, length_m, *own = movers.pop(ego)
+        kind, length_m, own = movers.pop(ego)
         if found is None:
-            found, start_s = Mover(ego, kind, length_m), time_s
+            found, start_s = RoadUser(ego, kind, length_m), time_s
         found.rows.append((time_s - start_s, *own))
         near = {
-            name: place for name, place in movers.items() if np.hypot(place[2] - own[0], place[3] - own[1]) <= shown_m
+            name: user for name, user in movers.items() if np.hypot(user[2][0] - own[0], user[2][1] - own[1]) <= shown_m
         }
         open_ones = {name: mover for name, mover in open_ones.items() if name in near}
-        for name, (kind, length_m, *place) in near.items():
+        for name, (kind, length_m, place) in near.items():
             if name not in open_ones:
-                open_ones[name] = Mover(name, kind, length_m)
+                open_ones[name] = RoadUser(name, kind, length_m)
                 others.append(open_ones[name])
             open_ones[name].rows.append((time_s - start_s, *place))
     if found is None or len(found.rows) < 2:
@@ -413,8 +413,8 @@ def _is_own(thing: ElementTree.Element) -> bool:
 
 def _placed(
     thing: ElementTree.Element, types: Mapping[str, tuple[str, float]]
-) -> tuple[str, float, float, float, float, float]:
-    """Class, length, x and y of the middle, yaw and pitch [degrees] of a vehicle or person."""
+) -> tuple[str, float, tuple[float, float, float, float]]:
+    """Class and length of a vehicle or person, and x and y of its middle, yaw and pitch [degrees]."""
     kind, length_m = types.get(thing.get("type", ""), ("passenger", LENGTHS_M["passenger"]))
     if thing.tag == "person":
         kind = "pedestrian"
@@ -422,7 +422,7 @@ def _placed(
     back_m = 0.5 * length_m
     x_m = float(thing.get("x", 0.0)) - back_m * float(np.cos(np.radians(yaw_deg)))
     y_m = float(thing.get("y", 0.0)) - back_m * float(np.sin(np.radians(yaw_deg)))
-    return kind, length_m, x_m, y_m, yaw_deg, float(thing.get("slope", 0.0))
+    return kind, length_m, (x_m, y_m, yaw_deg, float(thing.get("slope", 0.0)))
 
 
 def _steps(path: Path) -> Iterator[tuple[float, list[ElementTree.Element]]]:
