@@ -35,7 +35,7 @@ def test_the_maximum_range_of_names_and_sensors_is_what_the_command_prints(capsy
     assert capsys.readouterr().out == f"{report}\n"
     assert main([*options, "--json"]) == 0
     numbers = json.loads(capsys.readouterr().out)
-    assert [numbers[name]["maximum_range_m"] for name in report.table["name"]] == report.table["maximum_range_m"]
+    assert [numbers[name]["range_m"] for name in report.table["name"]] == report.table["range_m"]
     assert report.table["name"] == ["vlp-16", "table1-apd"]
 
 
@@ -43,11 +43,20 @@ def test_one_sensor_twice_and_changed(no_charts: None) -> None:
     apd = lidarscene.load_sensor("table1-apd")
     table = lidarscene.max_range(["table1-apd", apd, apd.replace("laser.peak_power_w=90")]).table
     assert table["name"] == ["table1-apd", "table1-apd (2)", "table1-apd (3)"]
-    ranges_m = table["maximum_range_m"]
+    ranges_m = table["range_m"]
     assert ranges_m[0] == ranges_m[1] < ranges_m[2]
-    assert (
-        lidarscene.max_range("table1-apd", overrides="laser.peak_power_w=90").table["maximum_range_m"] == ranges_m[2:]
-    )
+    assert lidarscene.max_range("table1-apd", overrides="laser.peak_power_w=90").table["range_m"] == ranges_m[2:]
+
+
+def test_another_probability_is_named_in_the_column() -> None:
+    usual, half = (lidarscene.max_range("table1-apd", **options).table for options in ({}, {"probability": 0.5}))
+    assert "range_m" in usual
+    assert "range_m" not in half
+    assert half["range_pd50_m"][0] > usual["range_m"][0]
+    swept = lidarscene.sweep("table1-apd", "illuminance", points=2, stop=100.0, probability=0.5)
+    assert list(swept.table) == ["illuminance_klux", "table1-apd range_pd50_m"]
+    assert swept.table["table1-apd range_pd50_m"][1] == pytest.approx(half["range_pd50_m"][0])
+    assert swept.numbers["probability"] == 0.5
 
 
 @pytest.mark.parametrize(

@@ -11,7 +11,7 @@ from pydantic import Field, field_validator, model_validator
 from ...errors import InputError
 from ...files.toml import FileModel
 from ...rendering.render_options import SEEDS
-from ..ranging.conditions import CLEAR_AIR, Conditions
+from ..ranging.conditions import CLEAR_AIR, PROBABILITY, Conditions
 
 T = TypeVar("T")
 Name = Annotated[str, Field(min_length=1)]
@@ -100,7 +100,7 @@ class QuantityFile(FileModel):
     """What is computed of a design, and under which conditions; keys that a quantity does not need are refused."""
 
     sensor: str | None = Field(default=None, description="label, of a study with several sensors")
-    probability: Annotated[float, Field(gt=0, lt=1)] = Field(default=0.9, description="P_d at the range")
+    probability: Annotated[float, Field(gt=0, lt=1)] = Field(default=PROBABILITY, description="P_d at the range")
     units: Annotated[float, Field(ge=0.5, lt=1)] = Field(default=0.95, description="share of the built units")
     distance: float = Field(default=100.0, description="of the plane, m")
     illuminance: float = Field(default=100.0, description="of the sun, klux")
