@@ -262,9 +262,9 @@ def chart_of(swept: Curves, title: str, words: str, *, thresholds: Mapping[str, 
             y=limit.value,
             text=f"{limit.place:.4g}{unit}",
             colour=colour[limit.first],
-            offset=_offset(index, limit.falls),
+            offset=(8.0 if limit.falls else -8.0, 8.0),
         )
-        for index, limit in enumerate(swept.detection_limits)
+        for limit in swept.detection_limits
     ]
     marks += [
         Mark(x=crossing.place, y=crossing.value, text=f"{crossing.place:.4g}{unit}", offset=(10.0, 10.0))
@@ -274,8 +274,8 @@ def chart_of(swept: Curves, title: str, words: str, *, thresholds: Mapping[str, 
     levels: tuple[Level, ...] = ()
     if quantity == "snr":
         levels = tuple(
-            Level(y=threshold, text=f"threshold {threshold:g}")
-            for threshold in sorted({threshold for threshold in thresholds.values() if threshold})
+            Level(y=threshold, text=f"threshold {threshold:g}", side=("left", "right")[number % 2])
+            for number, threshold in enumerate(sorted({ratio for ratio in thresholds.values() if ratio}))
         )
     limits = {"pd": (0.0, 1.03), "snr": None, "range": None if log else (0.0, None)}[quantity]
     if quantity == "range" and not log and len(finite) and finite.min() > 0.6 * finite.max():
@@ -291,9 +291,3 @@ def chart_of(swept: Curves, title: str, words: str, *, thresholds: Mapping[str, 
         marks=tuple(marks),
         levels=levels,
     )
-
-
-def _offset(number: int, falls: bool) -> tuple[float, float]:
-    """Offset of a limit's text in points; neighbours go to different sides of the curve."""
-    x, y = ((8.0, 8.0), (-8.0, -8.0), (8.0, 22.0), (-8.0, -22.0))[number % 4]
-    return (x, y) if falls else (-x, y)
