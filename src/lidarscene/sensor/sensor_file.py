@@ -29,7 +29,7 @@ from .histogram import Histogram, HistogramFile
 from .imu import ImuFile
 from .optics import OpticsFile
 from .overlap import Overlap
-from .parts import changed_tables, part_files, split_parts
+from .parts import changed_tables, part_files, split_parts, with_part_of
 from .pose_file import PoseFile
 from .readout import AnyIntensityFile, AnySamplerFile, PublishedFile, read_published
 from .sensor_model import UNPOLARISED, Laser, Optics, Polarisation, Sensor, Speckle, overlap_geometry
@@ -399,6 +399,15 @@ class SensorTables:
             InputError: if a file, a key or a value cannot be understood
         """
         return sensor_from_tables(self.tables, where=self.where, overrides=changes, folder=self.folder)
+
+    def with_part_of(self, name: str, other: SensorTables) -> Sensor:
+        """Build the sensor with a part of another one, as `Sensor.with_detector` does with one of the catalogue.
+
+        Raises:
+            InputError: for parts that do not fit each other
+        """
+        changed = with_part_of(self.tables, name, other.tables, other.folder or Path())
+        return sensor_from_tables(changed, where=self.where, folder=self.folder)
 
 
 def files_of_sensor(path: Path, *, overrides: Sequence[str] = ()) -> Iterator[Path]:

@@ -430,6 +430,9 @@ def test_a_detector_of_another_file_is_a_choice(tmp_path: Path) -> None:
         for field in ("detector", "tdc", "laser", "optics", "receiver"):
             assert getattr(sensor, field) == getattr(expected, field)
         assert sensor.source_of("tdc.window_us") == expected.source_of("tdc.window_us")
+        assert sensor.source_of("laser.peak_power_w") == "chosen by the design study"
+        assert "laser.peak_power_w" not in sensor.uncertainty
+        assert sensor.uncertainty == expected.uncertainty
         assert quantities["cost"] == {"apd-905": 30, "sipm-905": 10}[name]
         range_m = plane.range_at_probability_m(expected, plane.Target(), 0.9)
         assert quantities["range"] == pytest.approx(range_m, rel=1e-9)

@@ -205,9 +205,12 @@ def _report(
     if study.is_traced:
         report.add_heading("Clouds")
         report.add_pictures(list(_clouds(evaluator, shown)))
+    source = f"chosen by the design study {study.name}".rstrip()
     places = {best.index(design) for design in shown.values() if design in best}
     files = [
-        name for place in _files(best, places) for name in _add_sensors(report, evaluator.space, best[place], place)
+        name
+        for place in _files(best, places)
+        for name in _add_sensors(report, evaluator.space, best[place], place, source)
     ]
     report.numbers = {
         "study": study.name,
@@ -447,19 +450,21 @@ def _files(best: Sequence[Design], places: Collection[int]) -> list[int]:
     return sorted({*even, *places})
 
 
-def _add_sensors(report: Report, space: DesignSpace, design: Design, place: int) -> list[str]:
-    """Add the sensor files of a design, ready to render; returns their names."""
+def _add_sensors(report: Report, space: DesignSpace, design: Design, place: int, source: str) -> list[str]:
+    """Add the sensor files of a design, ready to render; returns their names. ``source``: of what it changes."""
     names = []
     for label, chosen in space.chosen(design.values).items():
         base = chosen.base
         assert base.path is not None
-        text, replaced = base.path.read_text(encoding="utf-8"), chosen.replaced_tables()
-        text = remove_values(text, [(name,) for name in replaced])
+        text = base.path.read_text(encoding="utf-8")
+        replaced, noted = chosen.replaced_tables(source)
+        text = remove_values(text, [*((name,) for name in replaced), *noted])
         values = {(name,): table for name, table in replaced.items() if table is not None} | {
             tuple(number_list_entries(key_path(key), chosen.tables)): value
             for key, value in {**base.settings, **chosen.changes}.items()
             if not is_part(key, value)
         }
+        values |= {path: value for path, value in noted.items() if value is not None}
         name = "-".join([f"designs/{place + 1:03}", *([label] if label else [])]) + ".toml"
         text = put_values(text, values, digits=ALL_DIGITS)
         report.add_file(name, partial(put_text, text=text))

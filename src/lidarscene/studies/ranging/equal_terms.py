@@ -20,6 +20,7 @@ import numpy as np
 from ...errors import InputError
 from ...maths.arrays import Numbers
 from ...sensor.detectors import Apd, Sipm
+from ...sensor.sensor_file import SensorTables
 from ...sensor.sensor_model import Sensor
 from ..eye_safety.eye_safety_report import eye_safety_report
 from . import plane, sensitivities, statistics
@@ -157,21 +158,33 @@ def waterfall(first: Terms, second: Terms, target: Target, *, visibility_m: floa
     """What each part of the second sensor's file is worth in the first, in metres of its range on equal terms.
 
     The parts are exchanged one after the other, and each sensor in between is put on equal terms. The last step, with
-    all that belongs to the detector, leaves the second sensor, so that the sum is the difference of both ranges.
+    all that belongs to the detector, leaves the second sensor, so that the sum is the difference of both ranges. What
+    does not fit, or is of a sensor that no file describes, is in the last step, then called "rest".
     """
     steps: dict[str, float] = {}
     sensor, before_m = first.file, first.range_m
     for part in ("optics", "laser"):
         try:
-            exchanged = replace(sensor, **{part: getattr(second.file, part)})
+            exchanged = _with_part_of(sensor, part, second.file)
             hazy = with_haze(exchanged, target, visibility_m)
             equal, _ = _equalized(exchanged, hazy, first.probability)
             reached_m = plane.range_at_probability_m(equal, hazy, first.probability)
         except (InputError, ValueError):
-            continue  # parts that do not fit together: their worth stays in the last step
+            continue
         steps[part] = reached_m - before_m
         sensor, before_m = exchanged, reached_m
-    return {**steps, "detector": second.range_m - before_m}
+    return {**steps, "detector" if len(steps) == 2 else "rest": second.range_m - before_m}
+
+
+def _with_part_of(sensor: Sensor, part: str, other: Sensor) -> Sensor:
+    """Sensor with a part of another's file.
+
+    Raises:
+        InputError: for parts that do not fit together, and for a sensor that no file describes
+    """
+    if not isinstance(sensor.origin, SensorTables) or not isinstance(other.origin, SensorTables):
+        raise InputError(f"'{sensor.name}': must be of a file for its {part} to be exchanged")
+    return sensor.origin.with_part_of(part, other.origin)
 
 
 def _difference_text(order: Sequence[Terms], target: Target, visibility_m: float | None) -> str:
@@ -182,13 +195,18 @@ def _difference_text(order: Sequence[Terms], target: Target, visibility_m: float
         words = []
         for part, metres in worth.items():
             differs = _differs(part, ahead, entry)
-            if differs or part == "detector" or abs(metres) >= 0.05:
+            if differs or part in ("detector", "rest") or abs(metres) >= 0.05:
                 words.append(f"{_PART_WORDS[part]} {metres:+.1f} m{f' ({differs})' if differs else ''}")
         texts.append(f"{ahead.name} against {entry.name}, {ahead.range_m - entry.range_m:+.1f} m: {', '.join(words)}.")
     return " ".join(texts)
 
 
-_PART_WORDS = {"optics": "lens", "laser": "laser", "detector": "detector with its electronics and scanner"}
+_PART_WORDS = {
+    "optics": "lens",
+    "laser": "laser",
+    "detector": "detector with its electronics and scanner",
+    "rest": "all that cannot be exchanged by itself",
+}
 
 _NAMED = {
     "optics": (("aperture_radius_m", 1e3, "mm aperture radius"), ("focal_length_m", 1e3, "mm focal length")),
