@@ -212,7 +212,8 @@ def _notes(axes: Any, chart: Chart) -> None:
             path_effects=_halo(),
         )
     for mark in chart.marks:
-        axes.plot([mark.x], [mark.y], "o", color=_ink(mark), markersize=5, markeredgecolor="white", zorder=4)
+        point = {"color": _ink(mark), "markersize": 5, "markeredgecolor": "white", "zorder": 4, "clip_on": False}
+        axes.plot([mark.x], [mark.y], "o", **point)
 
 
 def _ink(mark: Mark) -> str:

@@ -441,6 +441,37 @@ def test_a_detector_of_another_file_is_a_choice(tmp_path: Path) -> None:
     assert any("# Hamamatsu" in text for text in files)  # what no part replaces keeps its comments
 
 
+def test_the_page_begins_with_the_question(tmp_path: Path) -> None:
+    """Question, verdict, what differs at both ends, and what would change it, of a front whose ends are known."""
+    text = STUDY.format(
+        sensor='"apd-905"',
+        more="",
+        free='"optics.aperture_radius_mm" = {low = 10, high = 30, step = 10}',
+        objectives='reach = {maximize = "range", probability = 0.5}\narea = {minimize = "aperture_area_mm2"}',
+        last='[constraints]\nrate = {quantity = "points_per_s", at_most = 1e6}',
+    )
+    with pytest.warns(UserWarning, match="no free key moves it"):
+        numbers = numbers_of(write(tmp_path, text), tmp_path / "out")
+    question = (
+        "Which apd-905 has the most reach (range, P_d 0.5, reflectivity 0.1, 100 klux) and the least area "
+        "(aperture_area_mm2), with optics.aperture_radius_mm from 10 to 30 in steps of 10? Allowed: rate "
+        "(points_per_s) at most 1e+06 1/s; class 1."
+    )
+    assert numbers["question"] == question
+    page = (tmp_path / "out" / "index.md").read_text(encoding="utf-8")
+    leads = ["Question", "Verdict", "What it rests on", "What differs", "What would change it"]
+    places = [page.index(f"**{lead}.** ") for lead in leads]
+    assert places == sorted(places)
+    assert places[-1] < page.index("![front-area]") < page.index("## The designs")
+    reached_m = plane.range_at_probability_m(
+        load_sensor("apd-905", overrides={"optics.aperture_radius_mm": 30}), plane.Target(), 0.5
+    )
+    assert f"The best reach: reach {reached_m:.4g} m, area 2827 mm²" in page
+    assert "The best area: reach " in page
+    header = (tmp_path / "out" / "front.csv").read_text(encoding="utf-8").splitlines()[0]
+    assert header.startswith("reach range_pd50_m,area,rate,class 1,")
+
+
 def test_a_dotted_key_needs_no_quotes(tmp_path: Path) -> None:
     """A search in which nothing changes says so, and its progress has the front so far."""
     text = STUDY.format(

@@ -42,6 +42,8 @@ TRACED = {
     "bodies_detected": "mean probability that a body of the class has at least `least_points` points",
 }
 """Quantities that need a scene and a back end."""
+RANGES = {"range", "range_of_units"}
+"""Quantities that are a range at a P_d."""
 OF_ALL_SENSORS = {*TRACED, "cost"}
 """Quantities of a design as a whole."""
 UNITS = {
@@ -100,7 +102,7 @@ class QuantityFile(FileModel):
     """What is computed of a design, and under which conditions; keys that a quantity does not need are refused."""
 
     sensor: str | None = Field(default=None, description="label, of a study with several sensors")
-    probability: Annotated[float, Field(gt=0, lt=1)] = Field(default=PROBABILITY, description="P_d at the range")
+    probability: float = Field(default=PROBABILITY, description="P_d at the range")
     units: Annotated[float, Field(ge=0.5, lt=1)] = Field(default=0.95, description="share of the built units")
     distance: float = Field(default=100.0, description="of the plane, m")
     illuminance: float = Field(default=100.0, description="of the sun, klux")
@@ -125,8 +127,17 @@ class QuantityFile(FileModel):
         """Name of the quantity, or key of a sensor file."""
         raise NotImplementedError
 
+    @property
+    def words(self) -> str:
+        """Conditions under which it holds, those of importance and those that are given."""
+        quantity = self.quantity_name
+        said = self.model_fields_set | (set() if quantity in TRACED else _ALWAYS_SAID)
+        keys = _USED.get(quantity, set()) & said
+        values = {key: getattr(self, key) for key in _WORDS if key in keys}
+        return ", ".join(_WORDS[key].format(value) for key, value in values.items() if value is not None)
+
     def conditions(self) -> Conditions:
-        """Target, light and air.
+        """P_d, target, light and air.
 
         Raises:
             InputError: for a value out of bounds
@@ -134,8 +145,17 @@ class QuantityFile(FileModel):
         return Conditions(**{key: getattr(self, key) for key in _CONDITIONS})
 
 
-_CONDITIONS = ("distance", "illuminance", "sun_angle", "reflectivity", "incidence", "transmittance", "visibility")
-_PLANE = {key for key in _CONDITIONS if key != "distance"}
+_CONDITIONS = (
+    "probability",
+    "distance",
+    "illuminance",
+    "sun_angle",
+    "reflectivity",
+    "incidence",
+    "transmittance",
+    "visibility",
+)
+_PLANE = set(_CONDITIONS) - {"probability", "distance"}
 _USED = {
     "range": _PLANE | {"probability"},
     "range_of_units": _PLANE | {"probability", "units"},
@@ -152,6 +172,28 @@ _USED = {
     "data_rate_mbit_s": {"bits_per_point"},
 }
 """Keys of `QuantityFile` that a quantity has use for, besides sensor."""
+
+_WORDS = {
+    "probability": "P_d {:g}",
+    "units": "{:.0%} of the units",
+    "distance": "at {:g} m",
+    "reflectivity": "reflectivity {:g}",
+    "illuminance": "{:g} klux",
+    "sun_angle": "sun {:g}° off the normal",
+    "incidence": "incidence {:g}°",
+    "transmittance": "transmittance {:g}",
+    "visibility": "visibility {:g} km",
+    "motion": "beam {}",
+    "time_s": "{:g} s",
+    "cell_deg": "cells of {:g}°",
+    "class_name": "class {}",
+    "least_points": "{} points or more",
+    "bits_per_point": "{} bits a point",
+}
+"""Choice: words for the condition under each key."""
+
+_ALWAYS_SAID = {"probability", "distance", "reflectivity", "illuminance"}
+"""Choice: conditions that are said where they are not given, too; light of a scene is the scene's."""
 
 
 def _require_used(quantity: str, entry: QuantityFile, also: set[str]) -> None:
