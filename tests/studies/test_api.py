@@ -177,3 +177,21 @@ def test_the_front_door_is_public() -> None:
     names = {"compare", "design", "eye_safety", "fit", "fov", "max_range", "sensitivities", "sweep", "twin"}
     assert names <= set(lidarscene.__all__)
     assert lidarscene.compare is api.compare
+
+
+def test_the_page_of_several_sensors_begins_with_the_question(tmp_path: Path, no_charts: None) -> None:
+    """One sensor has no verdict; of several, what it rests on is said in order, and the light is drawn."""
+    alone = lidarscene.max_range("table1-apd")
+    assert alone.figure_names == ["snr"]
+    assert "**Verdict" not in alone.as_markdown()
+    report = lidarscene.max_range(["table1-apd", "table1-sipm"], probability=0.5)
+    page = report.as_markdown()
+    places = [page.index(f"**{lead}.** ") for lead in ("Question", "Verdict", "What differs", "What would change it")]
+    assert places == sorted(places)
+    assert report.figure_names == ["snr", "light"]
+    report.save(tmp_path / "out")
+    rows = (tmp_path / "out" / "light.csv").read_text(encoding="utf-8").splitlines()
+    assert rows[0] == "illuminance_klux,table1-apd range_pd50_m,table1-sipm range_pd50_m"
+    terms = report.numbers["table1-apd"]["equal_terms"]
+    assert float(rows[4].split(",")[1]) == pytest.approx(terms["ranges_m"]["100 klux"], rel=1e-6)
+    assert terms["ranges_m"]["100 klux"] == pytest.approx(terms["range_pd50_m"], rel=1e-6)

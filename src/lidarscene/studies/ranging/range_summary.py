@@ -15,7 +15,7 @@ from ...sensor.sensor_model import Sensor
 from . import plane
 from .conditions import Conditions
 from .curves import limit_word, with_haze
-from .equal_terms import ILLUMINANCES_KLUX, equal_terms, verdict
+from .equal_terms import ILLUMINANCES_KLUX, Terms, equal_terms, verdict
 from .plane import RangeStatus, Target
 from .sweep_report import air_text, window_note
 
@@ -39,8 +39,9 @@ def range_report(sensors: Sequence[tuple[str, Sensor]], conditions: Conditions) 
     target, visibility_m = conditions.target(), conditions.visibility_m
     rows = [summary_of(name, sensor, conditions) for name, sensor in sensors]
     numbers = {row["name"]: {key: value for key, value in row.items() if key != "name"} for row in rows}
-    report = Report(f"Range at P_d {conditions.probability:g}", numbers=numbers, pages=(PAGE, NUMBERS))
+    report = Report(_capital(conditions.range_words), numbers=numbers, pages=(PAGE, NUMBERS), columns=True)
     sentences: tuple[str, ...] = ()
+    terms: list[Terms] = []
     if len(sensors) > 1:
         terms = equal_terms(sensors, target, visibility_m=visibility_m, probability=conditions.probability)
         sentences = verdict(terms, target, visibility_m=visibility_m)
@@ -53,24 +54,37 @@ def range_report(sensors: Sequence[tuple[str, Sensor]], conditions: Conditions) 
                 "changes": entry.changes,
             }
     saturated = [text for name, sensor in sensors if (text := saturation_text(name, sensor, conditions))]
-    sentences = (*saturated, *sentences)
     columns = [key for key in rows[0] if key != "note"]
     report.main_table = (columns, [[row[key] for key in columns] for row in rows])
     conditions_line, table, notes = _summary_table(rows, conditions)
-    for sentence in (*sentences, conditions_line):
+    report.add_paragraph(f"{_capital(conditions.range_words)} on a plane: {conditions_line}.", "Question")
+    for lead, sentence in zip(_LEADS, sentences, strict=False):  # without sentences for one sensor
+        report.add_paragraph(sentence, lead)
+    for sentence in saturated:
         report.add_paragraph(sentence)
     report.add_table(table[0], table[1:])
     for note in notes:
         report.add_paragraph(note)
     report.add_figure(_snr_figure(sensors, rows, conditions))
+    if terms:
+        report.add_figure(_light_figure(terms, conditions))
     text = "\n".join([conditions_line, text_table(table[0], table[1:], "<>"), *notes])
-    report.summary = "\n".join([*sentences, "", text]) if sentences else text
+    said = [*saturated, *sentences]
+    report.summary = "\n".join([*said, "", text]) if said else text
     return report
 
 
 def _target(sensor: Sensor, conditions: Conditions) -> Target:
     """Plane target, with the extinction of the air at the sensor's wavelength."""
     return with_haze(sensor, conditions.target(), conditions.visibility_m)
+
+
+_LEADS = ("Verdict", "What differs", "What would change it", "As the files are")
+"""What the sentences of a `verdict` answer."""
+
+
+def _capital(text: str) -> str:
+    return text[0].upper() + text[1:]
 
 
 def saturation_text(name: str, sensor: Sensor, conditions: Conditions) -> str:
@@ -118,6 +132,25 @@ def _snr_figure(
     )
     caption = f"Signal-to-noise ratio over the distance; each {conditions.range_words} is marked."
     return Figure("snr", chart, table, caption)
+
+
+def _light_figure(terms: Sequence[Terms], conditions: Conditions) -> Figure:
+    """Range on equal terms over the illuminance."""
+    klux = np.array(ILLUMINANCES_KLUX)
+    chart = Chart(
+        lines=tuple(
+            Line(label=entry.name, x=klux, y=np.array(entry.course_m), colour=number)
+            for number, entry in enumerate(terms)
+        ),
+        x_label="illuminance of the sun [klux]",
+        y_label=f"{conditions.range_words} on equal terms [m]",
+        x_log=True,
+    )
+    table = (
+        ("illuminance_klux", *(f"{entry.name} {conditions.range_column}" for entry in terms)),
+        list(zip(klux.tolist(), *(entry.course_m for entry in terms), strict=True)),
+    )
+    return Figure("light", chart, table, f"{_capital(conditions.range_words)} on equal terms over the illuminance.")
 
 
 def summary_of(name: str, sensor: Sensor, conditions: Conditions) -> dict[str, Any]:
