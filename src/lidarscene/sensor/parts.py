@@ -116,7 +116,7 @@ def with_parts(tables: Mapping[str, Any], parts: Iterable[str]) -> dict[str, Any
 
 def with_part_of(tables: Mapping[str, Any], name: str, donor: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     """Tables of a sensor file with a part of the donor's, whose files lie in ``folder``, and what it rests on."""
-    return _with_part(tables, PARTS[name], _with_absolute_files(donor, folder))
+    return _with_part(tables, PARTS[name], with_absolute_files(donor, folder))
 
 
 def part_files(overrides: Iterable[str]) -> list[Path]:
@@ -195,7 +195,7 @@ def _source(tables: Mapping[str, Any], key: str) -> str | None:
     return sources.get(key, sources.get(table)) if name in _table(tables, table) else None
 
 
-def _with_absolute_files(tables: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+def with_absolute_files(tables: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     """Tables whose files are found from any folder."""
     names = {key: get_at(tables, key_path(key)) for key in _FILES}
     found = [f"{key}={toml_text(str((folder / name).absolute()))}" for key, name in names.items() if name is not None]
