@@ -32,6 +32,7 @@ from .optics import OpticsFile
 from .overlap import Overlap
 from .parts import changed_tables, part_files, split_parts, with_absolute_files, with_part_of
 from .pose_file import PoseFile
+from .power import PowerFile
 from .readout import AnyIntensityFile, AnySamplerFile, PublishedFile, read_published
 from .sensor_model import UNPOLARISED, Laser, Optics, Polarisation, Sensor, Speckle, overlap_geometry
 from .volleys import find_volleys
@@ -167,6 +168,9 @@ class SensorFile(FileModel):
     wear: WearFile | None = Field(
         default=None, description="dirt and drops on the window, weak lasers, a shifted mounting; as new if left out"
     )
+    power: PowerFile | None = Field(
+        default=None, description="electrical power, for design studies; not known if left out"
+    )
     intensity: AnyIntensityFile | None = Field(
         default=None, description="the maker's scale; the amplitude itself if left out"
     )
@@ -269,6 +273,7 @@ class SensorFile(FileModel):
             mounting=self.mounting.pose(),
             wear=wear,
             imu=None if self.imu is None else self.imu.build(folder),
+            power=None if self.power is None else self.power.in_si(),
             intensity=None if self.intensity is None else self.intensity.in_si(),
             sources=dict(self.sources),
             uncertainty={

@@ -535,3 +535,44 @@ def test_shipped_studies_load(name: str) -> None:
     assert study.name
     sensors = evaluator.space.sensors(evaluator.space.values(np.full(len(evaluator.space.free), 0.5)))
     assert all(math.isfinite(float(sensor.laser.peak_power_w)) for sensor in sensors.values())
+
+
+CELLS = """
+sensor = "sipm-905"
+evaluations = 8
+[set]
+"detector.cell_gap_um" = 2
+"power.driver_efficiency" = 0.1
+"power.electronics_w" = 6
+"power.scanner_w" = 1.5
+[free]
+"detector.cells" = {choices = [100, 400, 1600]}
+[objectives]
+range = {maximize = "range"}
+[constraints]
+power = {quantity = "electrical_power_w", at_most = 9}
+fill = {quantity = "fill_factor", at_least = 0.1}
+efficiency = {quantity = "detection_efficiency", at_least = 0.01}
+dark = {quantity = "dark_counts_hz", at_most = 1e9}
+"""
+
+
+def test_cells_and_watts_are_quantities(tmp_path: Path) -> None:
+    """Numbers of the sensor by hand: a tenth of the driver's power is light, and dark counts are those of all cells."""
+    with pytest.warns(UserWarning, match=r"constraints\.power: no free key moves it"):
+        numbers = numbers_of(write(tmp_path, CELLS), tmp_path / "out")
+    quantities, cells = numbers["chosen"]["quantities"], numbers["chosen"]["values"]["detector.cells"]
+    sensor = load_sensor("sipm-905", overrides={"detector.cells": cells, "detector.cell_gap_um": 2})
+    energy_j = math.sqrt(math.pi / (4.0 * math.log(2.0))) * sensor.laser.peak_power_w * sensor.laser.pulse_fwhm_s
+    light_w = energy_j * sensor.laser.repetition_rate_hz
+    assert quantities["power"] == pytest.approx(10.0 * light_w + 7.5, rel=1e-3)
+    assert quantities["dark"] == pytest.approx(cells * 2007.0)
+    assert quantities["efficiency"] == pytest.approx(0.22 * quantities["fill"])
+    page = (tmp_path / "out" / "index.md").read_text(encoding="utf-8")
+    assert f"Power of the chosen design: {1e3 * light_w:.3g} mW of light, driver {10.0 * light_w:.3g} W" in page
+    diode = CELLS.replace("sipm-905", "apd-905").replace('"detector.cell_gap_um" = 2', "").replace("cells", "gain")
+    with pytest.raises(InputError, match="must be sipm or spad for a quantity of cells, got that of apd-905"):
+        run_study(write(tmp_path, diode), tmp_path / "diode")
+    lone = "\n".join(line for line in CELLS.splitlines() if not line.startswith('"power.'))
+    with pytest.raises(InputError, match=r"power: must be in the file of sipm-905 for electrical_power_w, got none"):
+        run_study(write(tmp_path, lone), tmp_path / "lone")

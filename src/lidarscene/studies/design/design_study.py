@@ -30,7 +30,7 @@ from ...sensor.parts import is_part
 from ..ranging.conditions import PROBABILITY
 from .designs import Design, DesignSpace, files_of_base
 from .optimum import ACTIVE, ActiveConstraints, at_an_end, limits_of
-from .quantities import Evaluator
+from .quantities import Evaluator, mean_power_w
 from .search import EvaluateAll, Log, alone, front, is_feasible, losses, probes, record_line, search, slacks
 from .slopes import SlopesOf, derivatives
 from .study_file import CLASS_1, CLOSED_FORM, QUANTITIES, RANGES, UNITS, FreeFile, QuantityFile, StudyFile
@@ -184,7 +184,13 @@ def _report(
     answers = {
         "Question": _question(study, evaluator.space),
         "Verdict": _verdict(study, designs, best, chosen, intervals["chosen"]),
-        "What it rests on": " ".join([*_rests_on(study, designs, ending, intervals["chosen"]), *safety.values()]),
+        "What it rests on": " ".join(
+            [
+                *_rests_on(study, designs, ending, intervals["chosen"]),
+                *safety.values(),
+                *_power_texts(evaluator.space, chosen),
+            ]
+        ),
         "What differs": " ".join(_differences(study, chosen, extremes, fronts, best)),
         "What would change it": " ".join(_changes(study, chosen, limits["chosen"], ends)),
     }
@@ -475,6 +481,22 @@ def _eye_safety(evaluator: Evaluator, chosen: Design) -> dict[str, str]:
         texts[label] = (
             f"Eye safety of the chosen design{f' {label}' if label else ''}, beam scanning: {report.verdict}; "
             f"{limiting.quantity} limits ({limiting.subject}), margin {report.margin:.3g}."
+        )
+    return texts
+
+
+def _power_texts(space: DesignSpace, chosen: Design) -> list[str]:
+    """Power of light and of electricity of each sensor of a design whose file has [power], with the sources."""
+    texts = []
+    for label, sensor in space.sensors(chosen.values).items():
+        if sensor.power is None:
+            continue
+        light_w, power = mean_power_w(sensor), sensor.power
+        source = sensor.source_of("power.driver_efficiency")
+        texts.append(
+            f"Power of the chosen design{f' {label}' if label else ''}: {1e3 * light_w:.3g} mW of light, "
+            f"driver {power.driver_w(light_w):.3g} W ({source or 'no source'}), with {power.electronics_w:g} W of "
+            f"electronics and {power.scanner_w:g} W of the scanner {power.total_w(light_w):.3g} W."
         )
     return texts
 
