@@ -31,7 +31,7 @@ def test_parquet_in_duckdb(tmp_path: Path, library: Any) -> None:
         else:
             np.testing.assert_array_equal(np.asarray(values), column, strict=True)
     query = f"SELECT count(*) FROM '{tmp_path / 'a.parquet'}' WHERE class = 'car' AND status = 'echo'"
-    assert duckdb.sql(query).fetchone()[0] == len(cloud.select(class_="car", status="echo")) > 0
+    assert duckdb.sql(query).fetchall()[0][0] == len(cloud.select(class_="car", status="echo")) > 0
 
 
 def test_names_come_back_as_their_codes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
