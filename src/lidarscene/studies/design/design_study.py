@@ -356,9 +356,11 @@ def _changes(study: StudyFile, chosen: Design, limits: ActiveConstraints | None,
     """Sentences on the bounds that hold the chosen design, the ends of its keys, and whether it is an optimum."""
     texts = []
     if limits is not None and limits.stands:
-        costs = [f"{bound} buys {cost:.3g} %" for bound, cost in limits.costs.items() if cost > 0.0]
-        if costs:
-            texts.append(f"Of {limits.objective}, 1 % of the bound {'; of '.join(costs)}.")
+        texts += [
+            f"1 % of {bound} buys {cost:.3g} % of {limits.objective}."
+            for bound, cost in limits.costs.items()
+            if cost > 0.0
+        ]
     slack = [bound for bound, share in slacks(study, chosen).items() if share > ACTIVE]
     if slack:
         texts.append(f"Not limited by {' or '.join(slack)}.")
