@@ -35,7 +35,7 @@ def test_parquet_in_duckdb(tmp_path: Path, library: Any) -> None:
 
 
 def test_names_come_back_as_their_codes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """With few of the names in a row group, with none, and with names that two codes share, which stay numbers."""
+    """Clouds with few of the names in a row group, with none, and with names that two codes share, which stay numbers."""
     need("parquet")
     monkeypatch.setattr(parquet, "GROUP_POINTS", 7)
     whole = small_cloud(N)

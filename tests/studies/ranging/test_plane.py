@@ -517,7 +517,9 @@ def test_the_range_has_the_probability_that_was_asked_for(name, probability):
         assert plane.detection_range_m(sensor, target, probability)[0] == pytest.approx(limit, rel=1e-11)
 
 
-@pytest.mark.parametrize(("name", "falls"), [("table1-sipm", True), ("rs-e1", True), ("table1-apd", False)])
+@pytest.mark.parametrize(
+    ("name", "falls"), [("table1-sipm", True), ("sipm-905", True), ("rs-e1", False), ("table1-apd", False)]
+)
 def test_a_sensor_that_the_sun_on_white_blinds_is_named_first(name: str, falls: bool) -> None:
     """The first line says so where the white plane has a lower P_d than the dark one at the range of that."""
     sensor = load_sensor(name)

@@ -28,10 +28,10 @@ from ...scene.scene import Air
 from ...sensor.detectors import WorkingPoint
 from ...sensor.sensor_model import Sensor
 
-_NEAREST_M, _FARTHEST_M = 1e-2, 1e6
+NEAREST_M, FARTHEST_M = 1e-2, 1e6
 """Choice: nearest and farthest distance between which a range is sought."""
 
-_CUTS = round(math.log10(_FARTHEST_M / _NEAREST_M) * 16)
+_CUTS = round(math.log10(FARTHEST_M / NEAREST_M) * 16)
 """Choice: 16 steps per decade of the grid on which the last crossing is sought."""
 
 _ACCURACY = 5e-14
@@ -316,7 +316,7 @@ def _last_crossing_m(
     """
     shape = conditions_shape(sensor, target)
     ones = np.ones(shape or (1,))
-    grid = np.geomspace(_NEAREST_M, _FARTHEST_M, cuts + 1)
+    grid = np.geomspace(NEAREST_M, FARTHEST_M, cuts + 1)
     # Index of the last grid range at which the target is detected; -1: none.
     calls = min(grid.size * ones.size // _AT_ONCE + 1, grid.size)  # several calls, to bound the memory
     parts = [np.multiply.outer(part, ones) for part in np.array_split(grid, calls)]
@@ -341,13 +341,13 @@ def _is_detected(sensor: Sensor, target: Target, range_m: Numbers) -> Numbers:
 
 def _is_noiseless(sensor: Sensor, target: Target) -> Numbers:
     """True where the level is zero at the nearest range, where it is highest: then every echo is detected."""
-    _, _, level = _response(sensor, echoes_of_plane(sensor, target, _NEAREST_M))
+    _, _, level = _response(sensor, echoes_of_plane(sensor, target, NEAREST_M))
     return np.asarray(level <= 0.0)
 
 
 def _is_saturated(sensor: Sensor, target: Target) -> Numbers:
     """True where the level is above the detector's response to any light."""
-    point, _, level = _response(sensor, echoes_of_plane(sensor, target, _NEAREST_M))
+    point, _, level = _response(sensor, echoes_of_plane(sensor, target, NEAREST_M))
     return np.asarray(point.response.signal(_BLINDING_W * np.ones_like(level)) < level)
 
 
