@@ -20,6 +20,7 @@ from lidarscene.studies.eye_safety.criteria import margin_of
 from lidarscene.studies.eye_safety.eye_safety_report import eye_safety_report
 from lidarscene.studies.paper import figures as paper_figures
 from lidarscene.studies.ranging import plane
+from lidarscene.studies.ranging.conditions import PROBABILITY
 
 APD, SIPM, THIRD = "#ffc14d", "#5ec8f2", "#80ed99"
 PAPER = {"table1-apd": APD, "table1-sipm": SIPM}
@@ -33,13 +34,13 @@ def labelled(axes: Any, along: str, title: str) -> None:
 
 
 def range_() -> None:
-    """SNR over distance and maximum range over illuminance of the paper's two detectors."""
+    """SNR over distance and range over illuminance of the paper's two detectors."""
     figure, (left, right) = dark(1, 2, height=4.6)
     distances, klux = np.geomspace(20.0, 600.0, 200), np.geomspace(0.1, 150.0, 80)
     for name, colour in PAPER.items():
         sensor = lidarscene.load_sensor(name)
         left.loglog(distances, plane.snr(sensor, plane.Target(), distances), color=colour, label=name)
-        reach = [plane.maximum_range_m(sensor, plane.Target(illuminance_klux=one))[0] for one in klux]
+        reach = [plane.detection_range_m(sensor, plane.Target(illuminance_klux=one), PROBABILITY)[0] for one in klux]
         right.semilogx(klux, reach, color=colour, label=name)
     left.set(xlim=(20, 600), xticks=(20, 50, 100, 200, 500))
     left.set_xticklabels(("20", "50", "100", "200", "500"))
@@ -47,7 +48,7 @@ def range_() -> None:
     labelled(left, "distance [m]", "SNR at 100 klux, 10 % wall")
     right.set(xlim=(0.1, 150), ylim=(0, None), xticks=(0.1, 1, 10, 100))
     right.set_xticklabels(("0.1", "1", "10", "100"))
-    labelled(right, "illuminance [klux]", "maximum range [m], 10 % wall")
+    labelled(right, "illuminance [klux]", f"range at P_d {PROBABILITY:g} [m], 10 % wall")
     for one in (left, right):
         one.legend(frameon=False, labelcolor=INK)
     saved(figure, "range.png")
@@ -66,14 +67,14 @@ def own_sensor() -> None:
     distances = np.geomspace(20.0, 1200.0, 200)
     for reflectivity, colour in ((0.8, APD), (0.3, THIRD), (0.1, SIPM)):
         wall = plane.Target(reflectivity=reflectivity)
-        reach = float(plane.maximum_range_m(mine, wall)[0])
+        reach = float(plane.detection_range_m(mine, wall, PROBABILITY)[0])
         ends = plane.snr(mine, wall, np.array([reach]))
         axes.loglog(distances, plane.snr(mine, wall, distances), color=colour, label=f"{reflectivity:.0%} wall")
         axes.plot([reach], ends, "o", color=colour)
     axes.set(xlim=(20, 1200), xticks=(20, 50, 100, 200, 500, 1000))
     axes.set_xticklabels(("20", "50", "100", "200", "500", "1000"))
     axes.minorticks_off()
-    labelled(axes, "distance [m]", "SNR of my-apd at 100 klux; dots: maximum range")
+    labelled(axes, "distance [m]", f"SNR of my-apd at 100 klux; dots: range at P_d {PROBABILITY:g}")
     axes.legend(frameon=False, labelcolor=INK)
     saved(figure, "own_sensor.png")
 

@@ -7,6 +7,7 @@ import lidarscene
 from lidarscene.light.echoes import EchoTrain, SubEchoes
 from lidarscene.light.waveform import sample_power_and_signal
 from lidarscene.studies.ranging import plane
+from lidarscene.studies.ranging.conditions import PROBABILITY
 from lidarscene.studies.ranging.plane import Target
 
 RESPONSES = {"none": "#9aa4b2", "gaussian": "#ffc14d", "single_pole": "#5ec8f2"}
@@ -23,7 +24,7 @@ def response() -> None:
             sensor = lidarscene.load_sensor(
                 "table1-apd", overrides=[f"receiver.response='{name}'", f"receiver.bandwidth_mhz={float(mhz)!r}"]
             )
-            reach.append(plane.maximum_range_m(sensor, Target())[0])
+            reach.append(plane.detection_range_m(sensor, Target(), PROBABILITY)[0])
         left.plot(bandwidths, reach, color=colour, label=name)
     left.axvline(350.0 / 6.0, color=INK, linewidth=0.7, linestyle=(0, (4, 4)))
     left.text(61.0, 860.0, "0.35 / FWHM", color=INK, fontsize=9)
@@ -31,7 +32,7 @@ def response() -> None:
     left.set_xticklabels(("5", "10", "20", "50", "100", "200", "400"))
     left.minorticks_off()
     left.set_xlabel("bandwidth (-3 dB) [MHz]", color=INK)
-    left.set_title("maximum range [m] of table1-apd", color=INK, loc="left", fontsize=11)
+    left.set_title(f"range at P_d {PROBABILITY:g} [m] of table1-apd", color=INK, loc="left", fontsize=11)
     left.legend(frameon=False, labelcolor=INK)
 
     parts = SubEchoes(range_m=np.array([40.0, 60.0]), peak_power_w=np.array([3e-6, 3e-8]), count=2)

@@ -33,7 +33,7 @@ sim = ls.Simulator(scene, sensor, TraceOptions(rays=3))
 c5 = sim.render(FrameOptions(seed=3))
 c6 = sim.render(seed=3, number=2)
 r: Report = ls.max_range(["vlp-16", sensor], illuminance=20.0)
-col = r.table["maximum_range_m"]
+col = r.table["range_m"]
 r.save("out")
 r.plot().save("x.png")
 ls.fov("vlp-16", times_s=(0.1, 0.5))
@@ -77,7 +77,7 @@ ls.fit("os1.pcap", scene="out/twin/scene.toml", poses="poses.csv")
 
 # What a designer changes.
 powers = [ls.max_range(sensor.replace(laser={"peak_power_w": power})).table for power in (20, 40, 80)]
-ranges_m = np.array([table["maximum_range_m"][0] for table in powers])
+ranges_m = np.array([table["range_m"][0] for table in powers])
 hot = ls.load_sensor("my-apd.toml", overrides=["detector.gain=80", "detector.temperature_k=330"])
 noise = hot.working_point(0.0)
 

@@ -41,28 +41,42 @@ def table(path: Path) -> tuple[list[str], np.ndarray[Any, Any]]:
 
 
 def test_summary(run: Run) -> None:
-    out = range_text(run, APD, SIPM)
+    out = range_text(run, APD, SIPM, "--probability", "0.5")
     assert "100 klux, sun 60° off the normal, reflectivity 0.1, incidence 0°, transmittance 0.98" in out
     apd, sipm = out.splitlines()[-2:]
     assert apd.split() == ["table1-apd", "350.605", "m", "signal", "352.751", "m", "599.6", "m", "61.4618", "1"]
     assert sipm.split()[1] == "280.871"
+    assert "range at P_d 0.5" in out
+
+
+def test_one_sensor_has_one_range(run: Run) -> None:
+    """Alone, beside another, as its file has it on equal terms, in the sweep's notes and beside sensitivities."""
+    reached_m = range_json(run, APD)[APD]["range_m"]
+    pair = range_json(run, APD, SIPM)[APD]
+    assert pair["range_m"] == pair["equal_terms"]["file_range_m"] == reached_m
+    for argv in ((APD,), (APD, "--over", "distance"), (APD, "--sensitivities"), (APD, SIPM)):
+        assert f"{reached_m:.1f}" in range_text(run, *argv)
+    assert plane.detection_probability(load_sensor(APD), plane.Target(), reached_m)[0] == pytest.approx(0.9, abs=1e-9)
+    half = range_json(run, APD, SIPM, "--probability", "0.5")[APD]
+    assert half["range_pd50_m"] == half["equal_terms"]["file_range_pd50_m"] > reached_m
 
 
 def test_a_range_beyond_the_window_is_said(run: Run) -> None:
     """Seven pulses in the time of one: 38.5 m are unambiguous, and echoes from farther appear nearer."""
     mode = ("os1-128", "--set", "histogram.multiplier=7")
     allowed = "the range that its signal allows"
-    signal_m = plane.maximum_range_m(load_sensor("os1-128", overrides=["histogram.multiplier=7"]), plane.Target())[0]
+    folding = load_sensor("os1-128", overrides=["histogram.multiplier=7"])
+    signal_m = plane.detection_range_m(folding, plane.Target(), 0.9)[0]
     message = f"os1-128: its window ends at 38.5 m, before {allowed} ({signal_m:.6g} m); echoes from beyond 38.5 m"
     assert range_text(run, *mode).splitlines()[-1].startswith(message)
     assert range_json(run, *mode)["os1-128"]["note"].startswith(message)
     folded = range_json(run, *mode)["os1-128"]
     assert (folded["limited_by"], folded["signal_range_m"]) == ("window", pytest.approx(signal_m, rel=1e-9))
-    assert folded["maximum_range_m"] == folded["window_m"] == pytest.approx(38.54, abs=0.01)
+    assert folded["range_m"] == folded["window_m"] == pytest.approx(38.54, abs=0.01)
     plain = range_json(run, "os1-128")["os1-128"]
     assert plain["note"] is None
     assert plain["limited_by"] == "signal"
-    assert plain["maximum_range_m"] == plain["signal_range_m"]
+    assert plain["range_m"] == plain["signal_range_m"]
     dim = range_text(run, APD, "--illuminance", "0.1").splitlines()
     assert dim[-1].startswith(f"table1-apd: its window ends at 599.6 m, before {allowed} (")
     assert dim[-2].split()[1:4] == ["599.585", "m", "window"]
@@ -71,9 +85,9 @@ def test_a_range_beyond_the_window_is_said(run: Run) -> None:
 
 
 def test_summary_as_json(run: Run) -> None:
-    entry = range_json(run, APD, "--distance", "350.604565")[APD]
+    entry = range_json(run, APD, "--distance", "350.604565", "--probability", "0.5")[APD]
     assert entry["status"] == "found"
-    assert entry["maximum_range_m"] == pytest.approx(350.605, rel=1e-5)
+    assert entry["range_pd50_m"] == pytest.approx(350.605, rel=1e-5)
     assert entry["detection_probability"] == pytest.approx(0.5, abs=1e-6)
     assert entry["distance_m"] == 350.604565
 
@@ -84,7 +98,10 @@ def test_summary_as_json(run: Run) -> None:
         ((APD, "--reflectivity", "0"), "never_detected", "never"),
         ((SIPM, "--set", "detector.cells=10"), "saturated", "saturated"),
         (
-            (SIPM, "--illuminance", "0", "--set=detector.cell_floor=0", "--set=detector.dark_count_rate_hz=0"),
+            (
+                *(SIPM, "--illuminance", "0", "--probability", "0.5"),
+                *("--set=detector.cell_floor=0", "--set=detector.dark_count_rate_hz=0"),
+            ),
             "no_limit",
             "no limit",
         ),
@@ -100,7 +117,7 @@ def test_statuses_have_words(run: Run, argv: tuple[str, ...], status: str, word:
 @pytest.mark.parametrize("air", [("--extinction", "0.001"), ("--visibility", "2"), ("--transmittance", "0.7")])
 def test_air(run: Run, air: tuple[str, str]) -> None:
     entry = range_json(run, APD, *air)[APD]
-    assert 100 < entry["maximum_range_m"] < 350
+    assert 100 < entry["range_m"] < 350
     assert air[0].removeprefix("--") in range_text(run, APD, *air)
 
 
@@ -115,16 +132,17 @@ def test_fixed_threshold_has_no_closed_form(run: Run, tmp_path: Path) -> None:
 
 
 def test_crossing_of_table_1(run: Run) -> None:
-    out = range_text(run, APD, SIPM, "--over", "illuminance")
+    out = range_text(run, APD, SIPM, "--over", "illuminance", "--probability", "0.5")
     assert "crossing at 3.22191 klux: table1-apd rises above table1-sipm, 722.14 m" in out
     assert "table1-apd: its window ends at 599.6 m" in out
 
 
-def test_maximum_range_from_the_snr(run: Run) -> None:
-    out = range_text(run, APD, SIPM, "--over", "distance")
-    assert "table1-apd: maximum range 350.605 m, where SNR 5" in out
-    assert "table1-sipm: maximum range 280.871 m, where SNR 5" in out
-    assert range_text(run, APD, "--over", "distance", "--quantity", "pd").count("P_d 0.5") == 1
+def test_range_from_the_snr(run: Run) -> None:
+    half = ("--over", "distance", "--probability", "0.5")
+    out = range_text(run, APD, SIPM, *half)
+    assert "table1-apd: range 350.605 m at P_d 0.5, where SNR 5" in out
+    assert "table1-sipm: range 280.871 m at P_d 0.5, where SNR 5" in out
+    assert range_text(run, APD, *half, "--quantity", "pd").count("P_d 0.5") == 1
 
 
 @pytest.mark.parametrize(
@@ -166,6 +184,7 @@ def test_csv_holds_what_is_printed_as_json(run: Run, tmp_path: Path) -> None:
         "linear",
         "--n",
         "5",
+        "--probability=0.5",
         "--set=detector.cell_floor=0",
         "--set=detector.dark_count_rate_hz=0",
         "--csv",
@@ -228,7 +247,9 @@ def test_aperture_law(run: Run) -> None:
     assert "the same everywhere, elevation does not matter" in flat
     assert "aperture law: A(theta) as the sensor's own scanner has it" in flat
     edges = range_json(
-        run, APD, "--over", "elevation", "--from", "-30", "--to", "30", "--n", "3", "--aperture-law", "mirror"
+        run,
+        *(APD, "--over", "elevation", "--from", "-30", "--to", "30", "--n", "3", "--aperture-law", "mirror"),
+        *("--probability", "0.5"),
     )
     low, middle, high = edges["sensors"][APD]["values"]
     assert low > middle == pytest.approx(350.605, rel=1e-5)
@@ -364,6 +385,7 @@ def test_more_than_the_sun_is_noted(run: Run) -> None:
         ((APD, "--illuminance", "100000"), "must be 0 or more and up to 10000 klux: did you mean 100?"),
         ((APD, "--over", "illuminance", "--to", "100000"), "--to 100000: must be 0 or more and up to 10000 klux: did"),
         ((APD, "--incidence", "91"), "--incidence 91: must be 0 or more and up to 90 deg"),
+        ((APD, "--probability", "1"), "--probability 1: must be 0.001 or more and up to 0.999"),
         ((APD, "--illuminance", "-1"), "--illuminance -1: must be 0 or more"),
         ((APD, "--distance", "0"), "--distance 0: must be more than 0"),
         ((APD, "--transmittance", "0"), "--transmittance 0: must be more than 0 and up to 1"),
@@ -400,12 +422,12 @@ def test_haze_is_in_kilometres_whatever_is_asked(run: Run) -> None:
     """The range in a visibility of 2 km, by Kim's extinction: in the summary, in a sweep and beside sensitivities."""
     sensor = load_sensor(APD)
     alpha = air.extinction_from_visibility_per_m(visibility_m=2000.0, wavelength_m=sensor.laser.wavelength_m)
-    limit_m, _ = plane.maximum_range_m(sensor, plane.Target(transmittance=1.0, extinction_per_m=float(alpha)))
+    limit_m, _ = plane.detection_range_m(sensor, plane.Target(transmittance=1.0, extinction_per_m=float(alpha)), 0.9)
     hazy = ("--visibility", "2")
-    assert range_json(run, APD, *hazy)[APD]["maximum_range_m"] == pytest.approx(limit_m, rel=1e-9)
+    assert range_json(run, APD, *hazy)[APD]["range_m"] == pytest.approx(limit_m, rel=1e-9)
     swept = range_json(run, APD, "--over", "illuminance", "--from", "10", "--to", "100", "--n", "2", *hazy)
     assert swept["sensors"][APD]["values"][-1] == pytest.approx(limit_m, rel=1e-9)
-    assert f"maximum range {limit_m:.3f} m" in range_text(run, APD, "--sensitivities", *hazy)
+    assert f"range {limit_m:.3f} m at P_d 0.9" in range_text(run, APD, "--sensitivities", *hazy)
 
 
 def test_an_axis_of_angles_ends_where_the_narrower_field_does(run: Run) -> None:

@@ -5,6 +5,7 @@ time and memory are measured, not computed: the page dates them and names the co
 """
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -483,15 +484,19 @@ def test_paper_page() -> None:
 
 
 def test_range_page() -> None:
-    equal = plane.equal_range_illuminance_klux(apd_lidar(), sipm_printed(), TABLE_1)
+    at_nine_tenths = plane.equal_range_illuminance_klux(apd_lidar(), sipm_printed(), TABLE_1, probability=0.9)
+    lit = replace(TABLE_1, illuminance_klux=at_nine_tenths)
     says(
         "range.md",
         "`crossing at {} klux: table1-apd rises above table1-sipm, {} m`",
-        equal,
-        range_m(apd_lidar(), illuminance_klux=equal),
+        at_nine_tenths,
+        plane.detection_range_m(apd_lidar(), lit, 0.9)[0],
     )
-    says("range.md", "`table1-apd: maximum range {} m, where SNR {}`", range_m(apd_lidar()), 5.0)
-    says("compare.md", "{} klux for the paper's APD and SiPM", equal)
+    reached_m = plane.detection_range_m(apd_lidar(), TABLE_1, 0.9)[0]
+    snr = float(plane.snr(apd_lidar(), TABLE_1, reached_m)[0])
+    says("range.md", "`table1-apd: range {} m at P_d {}, where SNR {}`", reached_m, 0.9, snr)
+    says("compare.md", "{} klux for the paper's APD and SiPM", at_nine_tenths)
+    equal = plane.equal_range_illuminance_klux(apd_lidar(), sipm_printed(), TABLE_1)
     in_time = plane.equal_range_illuminance_klux(apd_lidar(), sipm_in_time(), TABLE_1)
     says("theory.md", "equal at {} klux by (27), at {} klux in the time domain", equal, in_time)
 

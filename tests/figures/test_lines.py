@@ -66,3 +66,28 @@ def whole_in_its_picture(figure: Any) -> None:
     assert box.y1 <= height
     (axes,) = figure.axes
     assert axes.get_position().width > 0.5  # and the curves have most of it
+
+
+def test_texts_of_marks_that_lie_close_do_not_overlap(saved_figures: list[Any], tmp_path: Path) -> None:
+    """Six marks within a twentieth of the axis, at the right edge, all with one offset."""
+    from matplotlib.text import Text
+
+    x = np.linspace(0.0, 1.0, 200)
+    marks = tuple(Mark(x=0.95 + 0.01 * k, y=0.5 + 0.002 * k, text=f"{k}23.4 m", colour=k) for k in range(6))
+    chart = Chart(lines=(Line(label="one", x=x, y=x),), x_label="x", y_label="y", marks=marks)
+    lines.save(chart, [tmp_path / "a.png"])
+    (figure,) = saved_figures
+    renderer = figure.canvas.get_renderer()
+    boxes = [Text.get_window_extent(text, renderer) for text in figure.axes[0].texts]
+    assert len(boxes) == 6
+    for number, box in enumerate(boxes):
+        assert box.count_overlaps(boxes[:number]) == 0
+        assert box.x1 <= figure.bbox.x1
+
+
+def test_the_text_of_a_lone_mark_is_at_its_offset(saved_figures: list[Any], tmp_path: Path) -> None:
+    mark = Mark(x=0.5, y=0.5, text="here", offset=(-9.0, -22.0))
+    line = Line(label="one", x=np.linspace(0.0, 1.0, 9), y=np.linspace(0.0, 1.0, 9))
+    lines.save(Chart(lines=(line,), x_label="x", y_label="y", marks=(mark,)), [tmp_path / "a.png"])
+    (text,) = saved_figures[0].axes[0].texts
+    assert text.xyann == mark.offset

@@ -216,7 +216,9 @@ def test_sensitivities_of_a_histogram_are_those_of_its_formulas():
     rows = {row.parameter: row for row in table.rows}
     for key, text in (("histogram.shots", "histogram.shots"), ("detector.pde", "detector.pde")):
         value = rows[key].value
-        low, high = (plane.maximum_range_m(photons.sensor(f"{text}={value * f:g}"), target)[0] for f in (0.9, 1.1))
+        low, high = (
+            plane.detection_range_m(photons.sensor(f"{text}={value * f:g}"), target, 0.9)[0] for f in (0.9, 1.1)
+        )
         measured = math.log(high / low) / math.log(1.1 / 0.9)
         assert rows[key].range_elasticity == pytest.approx(measured, rel=0.02)
     assert rows["histogram.threshold_floor"].range_elasticity < 0.0

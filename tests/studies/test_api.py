@@ -35,7 +35,7 @@ def test_the_maximum_range_of_names_and_sensors_is_what_the_command_prints(capsy
     assert capsys.readouterr().out == f"{report}\n"
     assert main([*options, "--json"]) == 0
     numbers = json.loads(capsys.readouterr().out)
-    assert [numbers[name]["maximum_range_m"] for name in report.table["name"]] == report.table["maximum_range_m"]
+    assert [numbers[name]["range_m"] for name in report.table["name"]] == report.table["range_m"]
     assert report.table["name"] == ["vlp-16", "table1-apd"]
 
 
@@ -43,11 +43,20 @@ def test_one_sensor_twice_and_changed(no_charts: None) -> None:
     apd = lidarscene.load_sensor("table1-apd")
     table = lidarscene.max_range(["table1-apd", apd, apd.replace("laser.peak_power_w=90")]).table
     assert table["name"] == ["table1-apd", "table1-apd (2)", "table1-apd (3)"]
-    ranges_m = table["maximum_range_m"]
+    ranges_m = table["range_m"]
     assert ranges_m[0] == ranges_m[1] < ranges_m[2]
-    assert (
-        lidarscene.max_range("table1-apd", overrides="laser.peak_power_w=90").table["maximum_range_m"] == ranges_m[2:]
-    )
+    assert lidarscene.max_range("table1-apd", overrides="laser.peak_power_w=90").table["range_m"] == ranges_m[2:]
+
+
+def test_another_probability_is_named_in_the_column() -> None:
+    usual, half = (lidarscene.max_range("table1-apd", **options).table for options in ({}, {"probability": 0.5}))
+    assert "range_m" in usual
+    assert "range_m" not in half
+    assert half["range_pd50_m"][0] > usual["range_m"][0]
+    swept = lidarscene.sweep("table1-apd", "illuminance", points=2, stop=100.0, probability=0.5)
+    assert list(swept.table) == ["illuminance_klux", "table1-apd range_pd50_m"]
+    assert swept.table["table1-apd range_pd50_m"][1] == pytest.approx(half["range_pd50_m"][0])
+    assert swept.numbers["probability"] == 0.5
 
 
 @pytest.mark.parametrize(
@@ -168,3 +177,21 @@ def test_the_front_door_is_public() -> None:
     names = {"compare", "design", "eye_safety", "fit", "fov", "max_range", "sensitivities", "sweep", "twin"}
     assert names <= set(lidarscene.__all__)
     assert lidarscene.compare is api.compare
+
+
+def test_the_page_of_several_sensors_begins_with_the_question(tmp_path: Path, no_charts: None) -> None:
+    """One sensor has no verdict; of several, what it rests on is said in order, and the light is drawn."""
+    alone = lidarscene.max_range("table1-apd")
+    assert alone.figure_names == ["snr"]
+    assert "**Verdict" not in alone.as_markdown()
+    report = lidarscene.max_range(["table1-apd", "table1-sipm"], probability=0.5)
+    page = report.as_markdown()
+    places = [page.index(f"**{lead}.** ") for lead in ("Question", "Verdict", "What differs", "What would change it")]
+    assert places == sorted(places)
+    assert report.figure_names == ["snr", "light"]
+    report.save(tmp_path / "out")
+    rows = (tmp_path / "out" / "light.csv").read_text(encoding="utf-8").splitlines()
+    assert rows[0] == "illuminance_klux,table1-apd range_pd50_m,table1-sipm range_pd50_m"
+    terms = report.numbers["table1-apd"]["equal_terms"]
+    assert float(rows[4].split(",")[1]) == pytest.approx(terms["ranges_m"]["100 klux"], rel=1e-6)
+    assert terms["ranges_m"]["100 klux"] == pytest.approx(terms["range_pd50_m"], rel=1e-6)

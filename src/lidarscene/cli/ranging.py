@@ -47,7 +47,7 @@ def add_commands(commands: Any) -> None:
 def _add_range(commands: Any) -> None:
     command = commands.add_parser(
         "range",
-        help="SNR, maximum range or detection probability against anything",
+        help="SNR, range or detection probability against anything",
         epilog=RANGE_HELP,
         description="Work out how far sensors see, from the exact signal-to-noise ratio on a Lambertian plane. "
         "Nothing is traced.",
@@ -65,7 +65,7 @@ def _add_range(commands: Any) -> None:
     add("--sensitivities", action="store_true", help="what each parameter of the sensor is worth in range")
     add("--eye-safety", action="store_true", help="class 1 or not; exit code 1: the laser is not known")
     held = command.add_argument_group("conditions")
-    add_options(held, Conditions, "distance", "illuminance", "sun_angle", "reflectivity", "incidence")
+    add_options(held, Conditions, "probability", "distance", "illuminance", "sun_angle", "reflectivity", "incidence")
     add_options(held, SweepOptions, "aperture_law")
     air = command.add_mutually_exclusive_group()
     add_options(air, Conditions, "transmittance", "extinction", "visibility")
@@ -105,7 +105,7 @@ def run_range(arguments: argparse.Namespace) -> Answer:
 
 
 def _without_sweep(arguments: argparse.Namespace, sensors: list[tuple[str, Sensor]], conditions: Conditions) -> Answer:
-    """Sensitivities, eye safety, both, or the maximum range."""
+    """Sensitivities, eye safety, both, or the range."""
     answers = []
     if arguments.sensitivities:
         from ..studies.ranging.sensitivities import sensitivity_report

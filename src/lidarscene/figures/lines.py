@@ -49,7 +49,7 @@ class Line:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Mark:
-    """A marked point with a text at ``offset`` (in points); ``colour`` None is ink."""
+    """A marked point with a text at ``offset`` (in points), or where it is free; ``colour`` None is ink."""
 
     x: float
     y: float
@@ -140,6 +140,7 @@ def _draw_chart(chart: Chart) -> Any:
     _notes(axes, chart)
     _legend(figure, axes, chart)
     arrange(figure)
+    _place_texts(figure, axes, chart)
     return figure
 
 
@@ -186,11 +187,15 @@ def _plain_decades(axis: Any) -> None:
     axis.set_minor_formatter(NullFormatter())
 
 
-def _notes(axes: Any, chart: Chart) -> None:
-    """Draw levels and marked points with their texts, with a white halo."""
+def _halo() -> list[Any]:
+    """White edge around a text."""
     from matplotlib.patheffects import withStroke
 
-    halo = [withStroke(linewidth=2.5, foreground="white")]
+    return [withStroke(linewidth=2.5, foreground="white")]
+
+
+def _notes(axes: Any, chart: Chart) -> None:
+    """Draw levels with their texts, and marked points."""
     for level in chart.levels:
         axes.axhline(level.y, color=GREY, linewidth=1.0, linestyle=STYLES["dotted"], zorder=1.5)
         x, align = (0.01, "left") if level.side == "left" else (0.99, "right")
@@ -204,23 +209,80 @@ def _notes(axes: Any, chart: Chart) -> None:
             va="bottom",
             fontsize=8,
             color=GREY,
-            path_effects=halo,
+            path_effects=_halo(),
         )
     for mark in chart.marks:
-        colour = INK if mark.colour is None else _colour(mark.colour)
-        axes.plot([mark.x], [mark.y], "o", color=colour, markersize=5, markeredgecolor="white", zorder=4)
-        axes.annotate(
-            _literal(mark.text),
-            (mark.x, mark.y),
-            xytext=mark.offset,
-            textcoords="offset points",
-            fontsize=8.5,
-            color=colour,
-            ha="left" if mark.offset[0] >= 0 else "right",
-            va="bottom" if mark.offset[1] >= 0 else "top",
-            path_effects=halo,
-            zorder=5,
-        )
+        point = {"color": _ink(mark), "markersize": 5, "markeredgecolor": "white", "zorder": 4, "clip_on": False}
+        axes.plot([mark.x], [mark.y], "o", **point)
+
+
+def _ink(mark: Mark) -> str:
+    return INK if mark.colour is None else _colour(mark.colour)
+
+
+_PLACES = [(x, up * y) for y in (8.0, 22.0, 36.0, 50.0, 64.0) for up in (1.0, -1.0) for x in (8.0, -8.0)]
+"""Choice: offsets in points that are tried for the text of a mark, the nearest first."""
+
+
+def _place_texts(figure: Any, axes: Any, chart: Chart) -> None:
+    """Write the text of each mark at its offset; where another text or the edge is in the way, at the next free place.
+
+    Of the free places it is the nearest that covers little of the curves. A line leads from a far one to its mark.
+    """
+    from matplotlib.text import Text
+    from matplotlib.transforms import Bbox
+
+    renderer = figure.canvas.get_renderer()
+    points = axes.transData.transform([(mark.x, mark.y) for mark in chart.marks] or np.empty((0, 2)))
+    # Texts of levels, and the marks themselves: squares of 8 pixels around them.
+    taken = [Text.get_window_extent(text, renderer) for text in axes.texts]
+    marked = [Bbox.from_extents(x - 8.0, y - 8.0, x + 8.0, y + 8.0) for x, y in points]
+    curves = np.concatenate(
+        [axes.transData.transform(np.column_stack([line.x, line.y])) for line in chart.lines] or [points]
+    )
+    for number, mark in enumerate(chart.marks):
+        if not mark.text:
+            continue
+        of_others = [*taken, *(box for place, box in enumerate(marked) if place != number)]
+        places = []
+        for offset in (mark.offset, *_PLACES):
+            text = _annotation(axes, mark, offset)
+            text.update_positions(renderer)
+            box = Text.get_window_extent(text, renderer)
+            text.remove()
+            is_free = not box.count_overlaps(of_others) and _is_within(box, figure.bbox)
+            if is_free and offset == mark.offset:
+                places = [(0.0, offset, box)]
+                break
+            if is_free:
+                inside = np.all((curves >= box.min) & (curves <= box.max), axis=1)
+                places.append((3 * int(inside.sum()) + abs(offset[1]), offset, box))
+        # No room anywhere: its own place, over another text.
+        _, offset, box = min(places, key=lambda place: place[0], default=(0.0, mark.offset, box))
+        _annotation(axes, mark, offset)
+        taken.append(box)
+
+
+def _is_within(box: Any, whole: Any) -> bool:
+    return bool(np.all(box.min >= whole.min) and np.all(box.max <= whole.max))
+
+
+def _annotation(axes: Any, mark: Mark, offset: tuple[float, float]) -> Any:
+    """Text of a mark, with a line to it from farther away than its own offset."""
+    is_far = abs(offset[1]) > max(abs(mark.offset[1]), 8.0)
+    return axes.annotate(
+        _literal(mark.text),
+        (mark.x, mark.y),
+        xytext=offset,
+        textcoords="offset points",
+        fontsize=8.5,
+        color=_ink(mark),
+        ha="left" if offset[0] >= 0 else "right",
+        va="bottom" if offset[1] >= 0 else "top",
+        path_effects=_halo(),
+        zorder=5,
+        arrowprops={"arrowstyle": "-", "color": _ink(mark), "linewidth": 0.6, "shrinkA": 1.0} if is_far else None,
+    )
 
 
 def _legend(figure: Any, axes: Any, chart: Chart) -> None:

@@ -115,15 +115,17 @@ class _Heading(NamedTuple):
 
 class _Paragraph(NamedTuple):
     text: str
+    lead: str = ""
 
     def as_text(self) -> str:
-        return self.text
+        return f"{self.lead}: {self.text}" if self.lead else self.text
 
     def as_markdown(self, _: Collection[str]) -> str:
-        return _escape(self.text)
+        return f"**{_escape(self.lead)}.** {_escape(self.text)}" if self.lead else _escape(self.text)
 
     def as_html(self, _: _Files) -> str:
-        return f"<p>{html.escape(self.text)}</p>"
+        lead = f"<b>{html.escape(self.lead)}.</b> " if self.lead else ""
+        return f"<p>{lead}{html.escape(self.text)}</p>"
 
 
 class _TableBlock(NamedTuple):
@@ -269,9 +271,9 @@ class Report:
         """Add a heading of the second level."""
         self._blocks.append(_Heading(text))
 
-    def add_paragraph(self, text: str) -> None:
-        """Add a paragraph of plain text."""
-        self._blocks.append(_Paragraph(text))
+    def add_paragraph(self, text: str, lead: str = "") -> None:
+        """Add a paragraph of plain text; ``lead`` stands before it in bold: what it answers."""
+        self._blocks.append(_Paragraph(text, lead))
 
     def add_table(self, header: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
         """Add a table of plain text."""

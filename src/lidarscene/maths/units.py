@@ -59,6 +59,8 @@ SYMBOLS = {unit: unit for unit in (*UNITS, "m", "s", "rad", "klux")} | {
     "per_m": "1/m",
     "ohm": "Ω",
     "k": "K",
+    "v": "V",
+    "v_k": "V/K",
 }
 """Units as names of keys and fields end -> as charts and tables write them."""
 

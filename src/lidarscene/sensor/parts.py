@@ -110,8 +110,13 @@ def with_parts(tables: Mapping[str, Any], parts: Iterable[str]) -> dict[str, Any
             raise InputError(f"--set {text}: {error}") from None
         if not isinstance(donor.get(key), dict):
             raise InputError(f"--set {text}: {path} must be a sensor file, got one without [{key}]")
-        changed = _with_part(changed, PARTS[key], with_absolute_files(donor, path.parent))
+        changed = with_part_of(changed, key, donor, path.parent)
     return changed
+
+
+def with_part_of(tables: Mapping[str, Any], name: str, donor: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+    """Tables of a sensor file with a part of the donor's, whose files lie in ``folder``, and what it rests on."""
+    return _with_part(tables, PARTS[name], with_absolute_files(donor, folder))
 
 
 def part_files(overrides: Iterable[str]) -> list[Path]:
@@ -119,17 +124,20 @@ def part_files(overrides: Iterable[str]) -> list[Path]:
     return [sensor_path(_parsed(text)[1]) for text in split_parts(overrides)[0]]
 
 
-def changed_tables(tables: Mapping[str, Any], overrides: Iterable[str]) -> dict[str, Any]:
+def changed_tables(tables: Mapping[str, Any], overrides: Iterable[str], *, source: str | None = None) -> dict[str, Any]:
     """Tables of a sensor file with assignments made: parts of other sensors first, whatever the order.
 
     Source and uncertainty of a number do not hold for the one that replaces it.
+
+    Args:
+        source: of the new values; None: the assignments
 
     Raises:
         InputError: if a file, a key or a value cannot be understood
     """
     parts, others = split_parts(overrides)
     changed = _with_derived_rate(with_overrides(with_parts(tables, parts), others), others)
-    new_sources = {_parsed(text)[0]: f"--set {text}" for text in others}
+    new_sources = {_parsed(text)[0]: source or f"--set {text}" for text in others}
     for name, new in (("sources", new_sources), ("uncertainty", {})):
         old = changed.get(name, {})
         if isinstance(old, dict) and (old or new):

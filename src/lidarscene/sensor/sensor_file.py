@@ -30,8 +30,9 @@ from .histogram import Histogram, HistogramFile
 from .imu import ImuFile
 from .optics import OpticsFile
 from .overlap import Overlap
-from .parts import changed_tables, part_files, split_parts, with_absolute_files
+from .parts import changed_tables, part_files, split_parts, with_absolute_files, with_part_of
 from .pose_file import PoseFile
+from .power import PowerFile
 from .readout import AnyIntensityFile, AnySamplerFile, PublishedFile, read_published
 from .sensor_model import UNPOLARISED, Laser, Optics, Polarisation, Sensor, Speckle, overlap_geometry
 from .volleys import find_volleys
@@ -167,6 +168,9 @@ class SensorFile(FileModel):
     wear: WearFile | None = Field(
         default=None, description="dirt and drops on the window, weak lasers, a shifted mounting; as new if left out"
     )
+    power: PowerFile | None = Field(
+        default=None, description="electrical power, for design studies; not known if left out"
+    )
     intensity: AnyIntensityFile | None = Field(
         default=None, description="the maker's scale; the amplitude itself if left out"
     )
@@ -271,6 +275,7 @@ class SensorFile(FileModel):
             mounting=self.mounting.pose(),
             wear=wear,
             imu=None if self.imu is None else self.imu.build(folder),
+            power=None if self.power is None else self.power.in_si(),
             intensity=None if self.intensity is None else self.intensity.in_si(),
             sources=dict(self.sources),
             uncertainty={
@@ -402,6 +407,15 @@ class SensorTables:
             InputError: if a file, a key or a value cannot be understood
         """
         return sensor_from_tables(self.tables, where=self.where, overrides=changes, folder=self.folder)
+
+    def with_part_of(self, name: str, other: SensorTables) -> Sensor:
+        """Build the sensor with a part of another one, as `Sensor.with_detector` does with one of the catalogue.
+
+        Raises:
+            InputError: for parts that do not fit each other
+        """
+        changed = with_part_of(self.tables, name, other.tables, other.folder or Path())
+        return sensor_from_tables(changed, where=self.where, folder=self.folder)
 
     def full_key(self, key: str) -> str:
         """Key with the name of its table, where it stands in one table alone; else as it is."""

@@ -33,6 +33,7 @@ from .electronics import Adc, Intensity, MultiLevel, Receiver, Tdc
 from .histogram import Histogram
 from .imu import Imu
 from .overlap import Alignment, Overlap, OverlapGeometry, Spot
+from .power import Power
 from .wear import Wear
 
 PULSE_BANDWIDTH = 0.35
@@ -283,6 +284,7 @@ class Sensor:
         sampler: sampler that measures the pulses that trip the comparator; None: the TDC alone
         histogram: histogram over the shots of a `Spad`; None with any other detector
         wear: drops, weak lasers and a knocked mounting, `sensor.wear`; None: as new
+        power: what it draws, or None: not known
         intensity: as the maker reports it, or None: the amplitude
         imu: IMU in its housing, or None
         driver: key of `driver.DRIVERS`, whose words files take; "" of no maker
@@ -303,6 +305,7 @@ class Sensor:
     mounting: Pose = field(default_factory=Pose)
     intensity: Intensity | None = None
     wear: Wear | None = None
+    power: Power | None = None
     imu: Imu | None = None
     description: str = ""
     driver: str = ""

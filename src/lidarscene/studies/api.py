@@ -45,6 +45,7 @@ SensorChoices = Annotated[SensorChoice | Sequence[SensorChoice], "names, files o
 class ConditionKeywords(TypedDict, total=False):
     """Keywords for the fields of `Conditions`."""
 
+    probability: float
     distance: float
     illuminance: float
     sun_angle: float
@@ -86,13 +87,14 @@ class CompareKeywords(FrameKeywords, total=False):
 
 @checks_arguments
 def max_range(sensors: SensorChoices, *, overrides: Overrides = (), **conditions: Unpack[ConditionKeywords]) -> Report:
-    """Maximum range of sensors on a flat target, with SNR and detection probability at a distance.
+    """Range of sensors on a flat target, with SNR and detection probability at a distance.
 
     Args:
         sensors: catalogue names, sensor files or `Sensor`s, one or several; several are put on equal terms too
         overrides: changes to values of the files, of all or, as "vlp-16:laser.peak_power_w=60", of one
 
     Keyword Args:
+        probability: detection probability at the range, 0.9 by default; another is named in the column: range_pd50_m
         distance: of SNR and detection probability [m], 100 by default
         illuminance: of the sun on the target [klux], 100 by default
         sun_angle: between sun and surface normal [degrees], 60 by default
@@ -111,7 +113,7 @@ def max_range(sensors: SensorChoices, *, overrides: Overrides = (), **conditions
 
 @checks_arguments
 def sweep(sensors: SensorChoices, over: str, *, overrides: Overrides = (), **options: Unpack[SweepKeywords]) -> Report:
-    """SNR, maximum range or detection probability over an axis, with crossings and limits.
+    """SNR, range or detection probability over an axis, with crossings and limits.
 
     Args:
         sensors: catalogue names, sensor files or `Sensor`s, one or several
@@ -120,7 +122,7 @@ def sweep(sensors: SensorChoices, over: str, *, overrides: Overrides = (), **opt
         overrides: changes to values of the files, of all or, as "vlp-16:laser.peak_power_w=60", of one
 
     Keyword Args:
-        quantity: "snr", "range" or "pd"; by default the SNR over distance, and the maximum range over all else
+        quantity: "snr", "range" or "pd"; by default the SNR over distance, and the range over all else
         start: start of the axis, in its unit
         stop: end of the axis, in its unit
         points: on the axis, 200 by default
@@ -149,14 +151,14 @@ def sweep(sensors: SensorChoices, over: str, *, overrides: Overrides = (), **opt
 def sensitivities(
     sensors: SensorChoices, *, overrides: Overrides = (), **conditions: Unpack[ConditionKeywords]
 ) -> Report:
-    """Effect of each number of sensors, target and air on the maximum range, and on the detection probability.
+    """Effect of each number of sensors, target and air on the range, and on the detection probability.
 
     Args:
         sensors: catalogue names, sensor files or `Sensor`s, one or several
         overrides: changes to values of the files, of all or of one
 
     Keyword Args:
-        distance: of the detection probability [m]; by default each sensor's maximum range
+        distance: of the detection probability [m]; by default each sensor's range
 
     Raises:
         InputError: if a file, a key or a value cannot be understood
@@ -236,8 +238,8 @@ def fov(
         times_s: times of the coverage
         cell_deg: size of the cells
         mask: the field of view: "outline", the pattern's convex outline, or "reached", cells ever reached
-        reflectivity: of the target whose maximum range is mapped; klux
-        illuminance: of the target whose maximum range is mapped; klux
+        reflectivity: of the target on which the range is mapped
+        illuminance: of the sun on it; klux
 
     Raises:
         InputError: if a file, a key or a value cannot be understood

@@ -82,7 +82,7 @@ def test_studies_know_it(run):
     )
     pin, diode = (json.loads(ranges)[name] for name in ("pin", "apd"))
     # The APD's load of 1e12 ohm adds 3e-9 of the variance.
-    assert pin["maximum_range_m"] == pytest.approx(diode["maximum_range_m"], rel=1e-8)
+    assert pin["range_m"] == pytest.approx(diode["range_m"], rel=1e-8)
     assert pin["closed_form_m"] is None
     assert "-" in table
     assert "detector.quantum_efficiency" in sensitivities

@@ -430,12 +430,46 @@ def test_a_detector_of_another_file_is_a_choice(tmp_path: Path) -> None:
         for field in ("detector", "tdc", "laser", "optics", "receiver"):
             assert getattr(sensor, field) == getattr(expected, field)
         assert sensor.source_of("tdc.window_us") == expected.source_of("tdc.window_us")
+        assert sensor.source_of("laser.peak_power_w") == "chosen by the design study"
+        assert "laser.peak_power_w" not in sensor.uncertainty
+        assert sensor.uncertainty == expected.uncertainty
         assert quantities["cost"] == {"apd-905": 30, "sipm-905": 10}[name]
         range_m = plane.range_at_probability_m(expected, plane.Target(), 0.9)
         assert quantities["range"] == pytest.approx(range_m, rel=1e-9)
     assert {design["values"]["detector"] for design in numbers["front"]} == {"apd-905", "theirs.toml"}
     files = [(tmp_path / "out" / file).read_text(encoding="utf-8") for file in numbers["files"]]
     assert any("# Hamamatsu" in text for text in files)  # what no part replaces keeps its comments
+
+
+def test_the_page_begins_with_the_question(tmp_path: Path) -> None:
+    """Question, verdict, what differs at both ends, and what would change it, of a front whose ends are known."""
+    text = STUDY.format(
+        sensor='"apd-905"',
+        more="",
+        free='"optics.aperture_radius_mm" = {low = 10, high = 30, step = 10}',
+        objectives='reach = {maximize = "range", probability = 0.5}\narea = {minimize = "aperture_area_mm2"}',
+        last='[constraints]\nrate = {quantity = "points_per_s", at_most = 1e6}',
+    )
+    with pytest.warns(UserWarning, match="no free key moves it"):
+        numbers = numbers_of(write(tmp_path, text), tmp_path / "out")
+    question = (
+        "Which apd-905 has the most reach (range, P_d 0.5, reflectivity 0.1, 100 klux) and the least area "
+        "(aperture_area_mm2), with optics.aperture_radius_mm from 10 to 30 in steps of 10? Allowed: rate "
+        "(points_per_s) at most 1e+06 1/s; class 1."
+    )
+    assert numbers["question"] == question
+    page = (tmp_path / "out" / "index.md").read_text(encoding="utf-8")
+    leads = ["Question", "Verdict", "What it rests on", "What differs", "What would change it"]
+    places = [page.index(f"**{lead}.** ") for lead in leads]
+    assert places == sorted(places)
+    assert places[-1] < page.index("![front-area]") < page.index("## The designs")
+    reached_m = plane.range_at_probability_m(
+        load_sensor("apd-905", overrides={"optics.aperture_radius_mm": 30}), plane.Target(), 0.5
+    )
+    assert f"The best reach: reach {reached_m:.4g} m, area 2827 mm²" in page
+    assert "The best area: reach " in page
+    header = (tmp_path / "out" / "front.csv").read_text(encoding="utf-8").splitlines()[0]
+    assert header.startswith("reach range_pd50_m,area,rate,class 1,")
 
 
 def test_a_dotted_key_needs_no_quotes(tmp_path: Path) -> None:
@@ -501,3 +535,44 @@ def test_shipped_studies_load(name: str) -> None:
     assert study.name
     sensors = evaluator.space.sensors(evaluator.space.values(np.full(len(evaluator.space.free), 0.5)))
     assert all(math.isfinite(float(sensor.laser.peak_power_w)) for sensor in sensors.values())
+
+
+CELLS = """
+sensor = "sipm-905"
+evaluations = 8
+[set]
+"detector.cell_gap_um" = 2
+"power.driver_efficiency" = 0.1
+"power.electronics_w" = 6
+"power.scanner_w" = 1.5
+[free]
+"detector.cells" = {choices = [100, 400, 1600]}
+[objectives]
+range = {maximize = "range"}
+[constraints]
+power = {quantity = "electrical_power_w", at_most = 9}
+fill = {quantity = "fill_factor", at_least = 0.1}
+efficiency = {quantity = "detection_efficiency", at_least = 0.01}
+dark = {quantity = "dark_counts_hz", at_most = 1e9}
+"""
+
+
+def test_cells_and_watts_are_quantities(tmp_path: Path) -> None:
+    """Numbers of the sensor by hand: a tenth of the driver's power is light, and dark counts are those of all cells."""
+    with pytest.warns(UserWarning, match=r"constraints\.power: no free key moves it"):
+        numbers = numbers_of(write(tmp_path, CELLS), tmp_path / "out")
+    quantities, cells = numbers["chosen"]["quantities"], numbers["chosen"]["values"]["detector.cells"]
+    sensor = load_sensor("sipm-905", overrides={"detector.cells": cells, "detector.cell_gap_um": 2})
+    energy_j = math.sqrt(math.pi / (4.0 * math.log(2.0))) * sensor.laser.peak_power_w * sensor.laser.pulse_fwhm_s
+    light_w = energy_j * sensor.laser.repetition_rate_hz
+    assert quantities["power"] == pytest.approx(10.0 * light_w + 7.5, rel=1e-3)
+    assert quantities["dark"] == pytest.approx(cells * 2007.0)
+    assert quantities["efficiency"] == pytest.approx(0.22 * quantities["fill"])
+    page = (tmp_path / "out" / "index.md").read_text(encoding="utf-8")
+    assert f"Power of the chosen design: {1e3 * light_w:.3g} mW of light, driver {10.0 * light_w:.3g} W" in page
+    diode = CELLS.replace("sipm-905", "apd-905").replace('"detector.cell_gap_um" = 2', "").replace("cells", "gain")
+    with pytest.raises(InputError, match="must be sipm or spad for a quantity of cells, got that of apd-905"):
+        run_study(write(tmp_path, diode), tmp_path / "diode")
+    lone = "\n".join(line for line in CELLS.splitlines() if not line.startswith('"power.'))
+    with pytest.raises(InputError, match=r"power: must be in the file of sipm-905 for electrical_power_w, got none"):
+        run_study(write(tmp_path, lone), tmp_path / "lone")

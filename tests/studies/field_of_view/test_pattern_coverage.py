@@ -15,7 +15,7 @@ from lidarscene.studies.field_of_view import field_of_view_figures as figures
 from lidarscene.studies.field_of_view import pattern_coverage, reach
 from lidarscene.studies.field_of_view import spacing as fov_spacing
 from lidarscene.studies.field_of_view.sphere_cells import SphereCells, convex_outline
-from lidarscene.studies.ranging.plane import Target, detection_margin, maximum_range_m
+from lidarscene.studies.ranging.plane import Target, detection_probability, detection_range_m
 
 DEG = math.pi / 180.0
 
@@ -215,7 +215,7 @@ def test_range_map_is_the_range_at_each_cells_aperture():
     limit = reach.range_map_m(sensor, study, Target())
     seen_cells = np.flatnonzero(np.isfinite(study.share))
     for place in seen_cells[:: len(seen_cells) // 5]:
-        expected, _ = maximum_range_m(sensor, Target(aperture_share=float(study.share[place])))
+        expected, _ = detection_range_m(sensor, Target(aperture_share=float(study.share[place])), 0.9)
         assert limit[place] == pytest.approx(expected, rel=1e-4)
     assert np.array_equal(np.isnan(limit), study.pulses == 0)
     azimuth, elevation = SphereCells.of_size(0.5).middle_deg(study.cell)
@@ -263,7 +263,7 @@ def test_the_nearest_place_that_is_seen_and_its_area():
     assert view.count.sum() == 3
 
 
-def test_the_farthest_ground_is_where_its_slant_echo_reaches_the_level():
+def test_the_farthest_ground_is_where_its_slant_echo_is_still_detected():
     """A laser too weak for 20 m: ground is met at a cosine of height over distance."""
     weak = sensor_with_scanner(vlp16(), mounting=Pose(position_m=np.array([0.0, 0.0, 1.9])))
     weak = replace(weak, laser=replace(weak.laser, peak_power_w=1.0))
@@ -274,10 +274,10 @@ def test_the_farthest_ground_is_where_its_slant_echo_reaches_the_level():
     farthest_m = float(away_m[view.is_seen[0]].max())
     assert 8.0 < farthest_m < 25.0
 
-    def margin(distance_m):
-        return float(detection_margin(weak, Target(cos_incidence=1.9 / distance_m), distance_m)[0])
+    def probability(distance_m):
+        return float(detection_probability(weak, Target(cos_incidence=1.9 / distance_m), distance_m)[0])
 
-    assert margin(farthest_m) >= 1.0 > margin(farthest_m + 0.75)
+    assert probability(farthest_m) >= 0.9 > probability(farthest_m + 0.75)
 
 
 # --- the rest ---------------------------------------------------------------------------------------

@@ -36,7 +36,7 @@ def swept_over(key, among=BOTH, *, start=None, stop=None, count=50, log=None, **
 @pytest.mark.parametrize("count", [2, 7, 200])
 def test_equal_ranges_of_table_1(count):
     """docs/validation.md: 3.22191 klux. However coarse the axis is, a crossing is refined to 1e-10."""
-    (crossing,) = swept_over("illuminance", count=count).crossings
+    (crossing,) = swept_over("illuminance", count=count, probability=0.5).crossings
     assert crossing.place == pytest.approx(3.22191, rel=1e-5)
     assert crossing.place == pytest.approx(
         plane.equal_range_illuminance_klux(BOTH[0].sensor(), BOTH[1].sensor(), Target()), rel=1e-9
@@ -49,7 +49,7 @@ def test_equal_ranges_of_table_1(count):
 @pytest.mark.parametrize("log", [True, False])
 def test_snr_falls_through_the_threshold_at_the_maximum_range(log):
     """docs/validation.md: 350.605 m and 280.871 m."""
-    swept = swept_over("distance", log=log)
+    swept = swept_over("distance", log=log, probability=0.5)
     assert swept.crossings == ()
     first, second = swept.detection_limits
     assert (first.first, first.place) == ("table1-apd", pytest.approx(350.605, rel=1e-5))
@@ -58,15 +58,17 @@ def test_snr_falls_through_the_threshold_at_the_maximum_range(log):
     assert first.falls
 
 
-def test_probability_is_half_at_the_limit():
-    swept = swept_over("distance", quantity="pd")
-    assert [limit.value for limit in swept.detection_limits] == pytest.approx([0.5, 0.5], abs=1e-8)
-    assert swept.detection_limits[0].place == pytest.approx(350.605, rel=1e-5)
+@pytest.mark.parametrize("probability", [0.5, 0.9])
+def test_the_limit_over_the_distance_is_the_range(probability):
+    swept = swept_over("distance", quantity="pd", probability=probability)
+    assert [limit.value for limit in swept.detection_limits] == pytest.approx([probability] * 2, abs=1e-8)
+    ranges = [plane.detection_range_m(subject.sensor(), Target(), probability)[0] for subject in BOTH]
+    assert [limit.place for limit in swept.detection_limits] == pytest.approx(ranges, rel=1e-9)
 
 
 def test_limit_along_a_parameter():
     """The power at which 350.605 m becomes the limit is Table 1's."""
-    swept = swept_over("laser.peak_power_w", BOTH[:1], quantity="snr", distance_m=350.604565)
+    swept = swept_over("laser.peak_power_w", BOTH[:1], quantity="snr", distance_m=350.604565, probability=0.5)
     (limit,) = swept.detection_limits
     assert limit.place == pytest.approx(45.0, rel=1e-7)
     assert not limit.falls
@@ -102,7 +104,7 @@ def test_a_jump_is_no_crossing():
     )
     with pytest.warns(OptionWarning, match="no sun has more than 140"):
         swept = swept_over("illuminance", weak_lidars, start=1.0, stop=1e4, count=80)
-    assert set(swept.curves[0].status) == {RangeStatus.FOUND, RangeStatus.SATURATED}
+    assert set(swept.curves[0].status) == {RangeStatus.FOUND, RangeStatus.NEVER_DETECTED, RangeStatus.SATURATED}
     for crossing in swept.crossings:
         values = [abs(np.interp(crossing.place, swept.question.axis.values, curve.values)) for curve in swept.curves]
         assert all(math.isfinite(value) for value in values)
@@ -136,7 +138,7 @@ def test_parameters_are_those_of_the_file(key, start, stop):
         from lidarscene.physics.optics import air
 
         alpha = air.extinction_from_visibility_per_m(visibility_m=5000.0, wavelength_m=sensor.laser.wavelength_m)
-        expected = plane.maximum_range_m(sensor, Target(extinction_per_m=alpha))[0]
+        expected = plane.detection_range_m(sensor, Target(extinction_per_m=alpha), 0.9)[0]
         assert curve_value == pytest.approx(expected, rel=1e-9)
 
 

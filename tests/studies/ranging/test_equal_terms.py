@@ -119,6 +119,27 @@ def test_a_difference_is_taken_apart() -> None:
     assert "(6 for 4 ns pulse)" in sentence
 
 
+def test_a_part_is_exchanged_as_with_laser_does(tmp_path: Path) -> None:
+    """A laser fires at the rate of the scanner before it; what no file describes is not taken apart."""
+    text = catalog.path_of("sensors", "apd-905").read_text(encoding="utf-8")
+    for before, after in (
+        ("pulse_fwhm_ns = 6", "pulse_fwhm_ns = 3"),
+        ("repetition_rate_khz = 50", "repetition_rate_khz = 200"),
+    ):
+        assert before in text
+        text = text.replace(before, after, 1)
+    (tmp_path / "other.toml").write_text(text, encoding="utf-8")
+    mine, other = load_sensor("apd-905"), load_sensor(tmp_path / "other.toml")
+    assert float(other.laser.repetition_rate_hz) > 2.0 * float(mine.laser.repetition_rate_hz)
+    with_laser = mine.with_laser(tmp_path / "other.toml")
+    first, second, expected = equal_terms([("a", mine), ("b", other), ("c", with_laser)], Target())
+    assert waterfall(first, second, Target())["laser"] == pytest.approx(expected.range_m - first.range_m, abs=1e-6)
+    made = replace(other, name="made")
+    (of_python,) = equal_terms([("made", made)], Target())
+    assert waterfall(first, of_python, Target()) == {"rest": of_python.range_m - first.range_m}
+    assert "all that cannot be exchanged by itself" in verdict([first, of_python], Target())[1]
+
+
 def test_where_the_order_changes() -> None:
     """Both see equally far at the crossing, by the ranges themselves; the order is that of the ranges beside it."""
     terms = equal_terms([(name, load_sensor(name)) for name in NAMES[:2]], Target())

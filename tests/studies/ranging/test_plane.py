@@ -488,18 +488,33 @@ def test_what_is_reported_ends_with_the_window():
     """
     near = sensor_with("table1-apd", tdc__window_us=1, tdc__walk="raw", tdc__lsb_ps=0, tdc__jitter_ps=0)
     end_m = 0.5 * SPEED_OF_LIGHT_M_S * 1e-6
-    assert plane.reported_range_m(near, Target()) == (pytest.approx(end_m, rel=1e-12), RangeStatus.WINDOW)
+    assert plane.reported_range_m(near, Target(), 0.9) == (pytest.approx(end_m, rel=1e-12), RangeStatus.WINDOW)
     assert plane.maximum_range_m(near, Target())[0] == pytest.approx(350.605, abs=1e-3)
     boards_m = np.array([end_m - 2.0, end_m + 4.0])  # an edge crosses up to 1.5 m before its peak
     light = plane.echoes_of_plane(near, Target(), boards_m)
     detection = receiver.detect(light, near, seed=0, pulse=np.arange(2, dtype=np.uint32))
     assert list(detection.outcome) == [Outcome.KEPT, Outcome.OUT_OF_WINDOW]
     blind = sensor_with("table1-apd", tdc__blanking_ns=3000)
-    assert plane.reported_range_m(blind, Target()) == (0.0, RangeStatus.NEVER_DETECTED)
+    assert plane.reported_range_m(blind, Target(), 0.9) == (0.0, RangeStatus.NEVER_DETECTED)
     sun = Target(illuminance_klux=np.array([0.0, 1.0, 100.0, 1e4]))
-    limit, status = plane.reported_range_m(APD, sun)
+    limit, status = plane.reported_range_m(APD, sun, 0.9)
     assert [RangeStatus(int(code)) for code in status] == [RangeStatus.WINDOW] * 2 + [RangeStatus.FOUND] * 2
-    np.testing.assert_array_equal(limit[2:], plane.maximum_range_m(APD, sun)[0][2:])
+    np.testing.assert_array_equal(limit[2:], plane.detection_range_m(APD, sun, 0.9)[0][2:])
+
+
+@pytest.mark.parametrize("name", ["table1-apd", "sipm-905", "os1-128", "biaxial-905"])
+@pytest.mark.parametrize("probability", [0.5, 0.9, 0.99])
+def test_the_range_has_the_probability_that_was_asked_for(name, probability):
+    """P_d there, and nowhere farther; several conditions at once are those one by one."""
+    sensor, klux = load_sensor(name), np.array([1.0, 30.0, 100.0])
+    limits, statuses = plane.detection_range_m(sensor, Target(illuminance_klux=klux), probability)
+    assert (statuses == RangeStatus.FOUND).all()
+    for limit, light in zip(limits, klux, strict=True):
+        target = Target(illuminance_klux=float(light))
+        assert plane.detection_probability(sensor, target, limit)[0] == pytest.approx(probability, abs=1e-8)
+        farther = np.geomspace(1.0001 * limit, 1e6, 300)
+        assert (plane.detection_probability(sensor, target, farther) < probability).all()
+        assert plane.detection_range_m(sensor, target, probability)[0] == pytest.approx(limit, rel=1e-11)
 
 
 @pytest.mark.parametrize(
@@ -511,7 +526,7 @@ def test_a_sensor_that_the_sun_on_white_blinds_is_named_first(name: str, falls: 
     report = range_report([(name, sensor)], Conditions())
     sentence = f"{name} sees white planes less far than dark ones under 100 klux"
     assert str(report).startswith(sentence) == falls
-    dark_m, _ = plane.maximum_range_m(sensor, plane.Target(reflectivity=0.1))
+    dark_m, _ = plane.detection_range_m(sensor, plane.Target(reflectivity=0.1), 0.9)
     seen = [
         float(plane.detection_probability(sensor, plane.Target(reflectivity=r), float(dark_m))[0]) for r in (0.1, 0.8)
     ]

@@ -35,9 +35,9 @@ def test_who_passes_whom(falls: bool, verb: str) -> None:
 def test_where_a_sensor_passes_its_threshold(falls: bool, verb: str) -> None:
     limit = CurveCrossing(first="a", second="", place=7.0, value=5.0, falls=falls)
     (line, *_) = notes(curves("illuminance", "snr", detection_limits=(limit,)), {"a": SENSOR, "b": SENSOR})
-    assert line == f"a: {verb} the threshold at 7 klux, SNR 5"
+    assert line == f"a: {verb} P_d 0.9 at 7 klux, where SNR 5"
     (line, *_) = notes(curves("distance", "snr", detection_limits=(limit,)), {"a": SENSOR, "b": SENSOR})
-    assert line.startswith("a: maximum range 7 m") is falls
+    assert line.startswith("a: range 7 m at P_d 0.9, where SNR 5") is falls
 
 
 def test_a_window_that_ends_before_what_is_seen() -> None:
@@ -66,6 +66,7 @@ def test_what_is_nothing_is_not_drawn_on_a_logarithm() -> None:
     chart = chart_of(
         curves("illuminance", "snr", curves=(SweepCurve(name="a", values=np.array([3.0, 0.0, 2.0])),)),
         "t",
+        "words",
         thresholds={"a": 5.0},
     )
     np.testing.assert_array_equal(chart.lines[0].y, [3.0, np.nan, 2.0])

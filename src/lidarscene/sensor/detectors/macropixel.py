@@ -141,8 +141,8 @@ class Macropixel(ABC):
         sigma = pulse_fwhm_s / SIGMAS_PER_FWHM
         bin_s, jitter = histogram.bin_s, spad.jitter_s
         variance = sigma * sigma + jitter * jitter + bin_s * bin_s / 12.0
-        per_watt = spad.pde / (photon_energy_j * spad.spads)
-        rate = xp(background_power_w).maximum(background_power_w * per_watt + spad.dark_count_rate_hz, _LEAST_RATE_HZ)
+        per_watt = spad.efficiency / (photon_energy_j * spad.spads)
+        rate = xp(background_power_w).maximum(background_power_w * per_watt + spad.dark_rate_hz, _LEAST_RATE_HZ)
         primary = rate
         if spad.afterpulse is not None and spad.afterpulse_s is not None:
             rate = primary * dead_time.afterpulse_factor(

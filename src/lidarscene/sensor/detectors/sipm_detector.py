@@ -12,12 +12,13 @@ from pydantic import model_validator
 
 from ...files.table_model import Table
 from ...maths.arrays import Lanes, Numbers, xp
-from ...maths.units import FileKey, Quantity, Slider
+from ...maths.units import FileKey, Quantity
 from ...physics.amplifier.low_pass import LowPass
 from ...physics.electronics import counting, range_limit, sipm, sipm_response
 from ...physics.electronics.pulse_sums import SIGMAS_PER_FWHM
 from ...physics.electronics.sipm_edge import CountEdge
-from .detector import Detector, Reception, Wave
+from .detector import Reception, Wave
+from .geiger import GeigerDetector, check_operation
 from .working_point import CellCounts, CellMemory, Filtered, Noise, Response, WorkingPoint, least_count
 
 _STEPS = 24
@@ -25,7 +26,7 @@ _STEPS = 24
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Sipm(Detector):
+class Sipm(GeigerDetector):
     """Silicon photomultiplier, (21)-(27). SI units.
 
     Attributes:
@@ -47,9 +48,7 @@ class Sipm(Detector):
 
     cells: Annotated[Lanes, Quantity(ge=1, le=1e9, whole=True, about="N")]
     radius_m: Annotated[Lanes, Quantity("mm", ge=1e-3, le=100, about="of the photosensitive area")]
-    pde: Annotated[Lanes, Quantity(gt=0, le=1, about="photon detection efficiency"), Slider("PDE", "", 0.01, 1.0)]
     dead_time_s: Annotated[Lanes, Quantity("ns", ge=0.01, le=1e5, about="tau")]
-    dark_count_rate_hz: Annotated[Lanes, Quantity(ge=0, le=1e9, about="of each cell")]
     cell_floor: Annotated[
         Lanes, Quantity(ge=0, le=1e5, about="least threshold, cells; 0 reproduces the paper's Fig. 6")
     ] = 1.0
@@ -81,6 +80,11 @@ class Sipm(Detector):
     afterpulse_s: Annotated[
         Lanes | None, Quantity("ns", ge=0.01, le=1e5, about="with `afterpulse`: mean delay of afterpulses, exponential")
     ] = None
+
+    @property
+    def number_of_cells(self) -> Lanes:
+        """N."""
+        return self.cells
 
     @property
     def saturates(self) -> bool:
@@ -142,7 +146,7 @@ class Sipm(Detector):
                 variance=variance,
             )
 
-        cells = {"pde": self.pde, "cells": self.cells}
+        cells = {"pde": self.efficiency, "cells": self.cells}
 
         def signal(power_w: Lanes) -> Lanes:
             arriving = sipm.signal_photons(
@@ -190,7 +194,7 @@ class Sipm(Detector):
             target,
             transceiver,
             pulse_fwhm_s=reception.pulse_fwhm_s * self.captured(reception.pulse_fwhm_s),
-            pde=self.pde,
+            pde=self.efficiency,
             dead_time_s=self.dead_time_s,
         )
 
@@ -207,7 +211,7 @@ class Sipm(Detector):
         power_w = wave.power_w(time_s - 0.5 * step_s)
         assert wave.point.memory is not None
         busy = 1.0 - np.asarray(wave.point.memory.free) / self.cells
-        per_watt = self.pde * self.dead_time_s / (wave.reception.photon_energy_j * self.cells)
+        per_watt = self.efficiency * self.dead_time_s / (wave.reception.photon_energy_j * self.cells)
         share = sipm_response.busy_share_in_steps(
             rate=power_w * per_watt,
             busy_share=busy,
@@ -238,7 +242,7 @@ class Sipm(Detector):
     ) -> tuple[Callable[[Lanes], Lanes], Callable[[Lanes], Lanes]]:
         """Functions from photons of (24) to those that count at the peak, and back: with crosstalk, then in time."""
         crosstalk = self.crosstalk
-        cells, refill = {"pde": self.pde, "cells": self.cells}, self._refill(busy_share)
+        cells, refill = {"pde": self.efficiency, "cells": self.cells}, self._refill(busy_share)
         state = {"busy_share": refill / (1.0 + refill), "pulse_to_dead_time": pulse_fwhm_s / self.dead_time_s, **cells}
         in_time, captured = self.statistics == "time_domain", self.captured(pulse_fwhm_s)
 
@@ -263,10 +267,8 @@ class Sipm(Detector):
 
     def _published_state(self, photons: Lanes) -> tuple[Lanes, Lanes, Lanes, Lanes]:
         """Variance (25) + (26), free cells of (24), and the echo's own binomial variance on those cells."""
-        busy = self.cells * sipm.fired_share_published(photons=photons, pde=self.pde, cells=self.cells)
-        dark = sipm.dark_counts(
-            cells=self.cells, dark_count_rate_hz=self.dark_count_rate_hz, dead_time_s=self.dead_time_s
-        )
+        busy = self.cells * sipm.fired_share_published(photons=photons, pde=self.efficiency, cells=self.cells)
+        dark = sipm.dark_counts(cells=self.cells, dark_count_rate_hz=self.dark_rate_hz, dead_time_s=self.dead_time_s)
         # Only a darkness of 1 / tau per cell could empty this; the bound keeps the division below finite.
         free = xp(busy, dark).maximum(self.cells - busy - dark, 1e-6 * self.cells)
         return sipm.fired_variance_published(fired=busy, cells=self.cells) + dark, free, 1.0, -1.0 / free
@@ -298,16 +300,16 @@ class Sipm(Detector):
         """Share of time that a cell is dead, with so many background photons in a dead time."""
         if self.crosstalk is not None or self.afterpulse_s is not None:
             return sipm.busy_share_correlated(
-                firings=photons * self.pde / self.cells + self.dark_count_rate_hz * self.dead_time_s,
+                firings=photons * self.efficiency / self.cells + self.dark_rate_hz * self.dead_time_s,
                 crosstalk=0.0 if self.crosstalk is None else self.crosstalk,
                 afterpulse=0.0 if self.afterpulse is None else self.afterpulse,
                 afterpulse_to_dead_time=1.0 if self.afterpulse_s is None else self.afterpulse_s / self.dead_time_s,
             )
         return sipm.busy_share_steady_state(
             photons=photons,
-            pde=self.pde,
+            pde=self.efficiency,
             cells=self.cells,
-            dark_count_rate_hz=self.dark_count_rate_hz,
+            dark_count_rate_hz=self.dark_rate_hz,
             dead_time_s=self.dead_time_s,
         )
 
@@ -324,6 +326,7 @@ class SipmFile(Table[Sipm]):
         for key in ("crosstalk", "afterpulse"):
             if getattr(self, key) is not None and self.statistics == "published":
                 raise ValueError(f'{key}: must be left out with statistics = "published", which has none')
+        check_operation(self.in_si())
         if self.crosstalk is not None and self.counting == "binomial":
             raise ValueError('crosstalk: must be left out with counting = "binomial", whose cells are independent')
         return self

@@ -6,12 +6,12 @@ from dataclasses import dataclass, field
 from typing import Annotated, ClassVar, Literal
 
 from ...maths.arrays import Lanes
-from ...maths.units import STATIC, FileKey, Quantity, Slider
-from .detector import Detector
+from ...maths.units import STATIC, FileKey, Quantity
+from .geiger import GeigerDetector
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class SpadArray(Detector):
+class SpadArray(GeigerDetector):
     """Macro-pixel of single-photon avalanche diodes. SI units.
 
     Attributes:
@@ -29,9 +29,7 @@ class SpadArray(Detector):
     radius_m: Annotated[
         Lanes, Quantity("mm", ge=1e-3, le=100, about="of a disc of the pixel's area: the field of view")
     ]
-    pde: Annotated[Lanes, Quantity(gt=0, le=1, about="with the fill factor"), Slider("PDE", "", 0.01, 1.0)]
     dead_time_s: Annotated[Lanes, Quantity("ns", ge=0.01, le=1e5, about="after a firing")]
-    dark_count_rate_hz: Annotated[Lanes, Quantity(ge=0, le=1e9, about="of each SPAD")]
     jitter_s: Annotated[
         Lanes, Quantity("ps", ge=0, le=1e6, finest=1e-3, about="standard deviation of a time stamp")
     ] = 0.0
@@ -54,6 +52,11 @@ class SpadArray(Detector):
     afterpulse_s: Annotated[
         Lanes | None, Quantity("ns", ge=0.01, le=1e5, about="with `afterpulse`: their mean delay, exponential")
     ] = None
+
+    @property
+    def number_of_cells(self) -> Lanes:
+        """SPADs of the pixel."""
+        return self.spads
 
     @property
     def saturates(self) -> bool:

@@ -16,6 +16,7 @@ from ...files.table_model import Table
 from ...maths.arrays import Lanes
 from ...physics.optics import radiometry
 from .detector import Reception
+from .geiger import check_operation
 from .macropixel import Macropixel, working_point
 from .spad_array import SpadArray
 from .working_point import WorkingPoint
@@ -58,6 +59,7 @@ class SpadFile(Table[Spad]):
 
     @model_validator(mode="after")
     def _enough_spads_for_a_coincidence(self) -> SpadFile:
+        check_operation(self.in_si())
         if self.coincidence > self.spads:
             raise ValueError(f"coincidence: must be <= {self.spads:g}, the spads of the pixel, got {self.coincidence}")
         return self

@@ -12,6 +12,7 @@ import numpy as np
 
 from ...figures.report import Table, text_table, without_empty_columns
 from ...sensor.sensor_model import Sensor
+from ..ranging.conditions import PROBABILITY
 from .comparison_statistics import (
     DetectionRate,
     count_pairs,
@@ -305,7 +306,7 @@ def crossing_lines(sweep: IlluminanceSweep, first: str) -> list[str]:
         if plane is not None:
             lines.append(
                 "On Table 1's target alone, a plane of reflectivity 0.1 in air of transmittance 0.98, "
-                f"{first} and {name} reach equally far at {plane:.3g} klux."
+                f"{first} and {name} reach equally far, at P_d {PROBABILITY:g}, at {plane:.3g} klux."
             )
     return lines
 

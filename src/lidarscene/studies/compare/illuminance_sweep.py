@@ -11,6 +11,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 from ...sensor.sensor_model import Sensor
+from ..ranging.conditions import PROBABILITY
 from ..ranging.plane import Target, equal_range_illuminance_klux
 from .bench import Bench, NamedSensor
 from .comparison_statistics import DetectionRate, overall_rate, range_errors
@@ -64,8 +65,8 @@ class IlluminanceSweep:
         illuminances_klux: rising
         courses: sensor -> its results in order of illuminance
         crossings: other sensor -> its crossings with the first
-        on_plane_klux: other sensor -> illuminance at which both have the same maximum range on Table 1's plane; None if
-            outside the sweep
+        on_plane_klux: other sensor -> illuminance at which both have the same range at P_d 0.9 on Table 1's plane;
+            None if outside the sweep
     """
 
     illuminances_klux: tuple[float, ...]
@@ -188,7 +189,12 @@ def _expected(step: IlluminanceStep) -> float:
 def _equal_range_klux(first: Sensor, second: Sensor, illuminances_klux: Sequence[float]) -> float | None:
     try:
         return equal_range_illuminance_klux(
-            first, second, Target(), low_klux=min(illuminances_klux), high_klux=max(illuminances_klux)
+            first,
+            second,
+            Target(),
+            probability=PROBABILITY,
+            low_klux=min(illuminances_klux),
+            high_klux=max(illuminances_klux),
         )
     except ValueError:
         return None

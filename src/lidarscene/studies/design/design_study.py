@@ -20,19 +20,20 @@ from ..._version import __version__
 from ...errors import InputError, warn
 from ...figures import pictures
 from ...figures.lines import Chart, Line, Mark
-from ...figures.report import Figure, Report, text_table
+from ...figures.report import Figure, Report, count_text, text_table
 from ...files.atomic import put_text, require_writable
 from ...files.overrides import key_path, number_list_entries
 from ...files.toml import read_toml, validate
 from ...files.toml_edit import put_values, remove_values
 from ...maths.units import split_unit
 from ...sensor.parts import is_part
+from ..ranging.conditions import PROBABILITY
 from .designs import Design, DesignSpace, files_of_base
 from .optimum import ACTIVE, ActiveConstraints, at_an_end, limits_of
-from .quantities import Evaluator
+from .quantities import Evaluator, mean_power_w
 from .search import EvaluateAll, Log, alone, front, is_feasible, losses, probes, record_line, search, slacks
 from .slopes import SlopesOf, derivatives
-from .study_file import CLASS_1, CLOSED_FORM, QUANTITIES, UNITS, QuantityFile, StudyFile
+from .study_file import CLASS_1, CLOSED_FORM, QUANTITIES, RANGES, UNITS, FreeFile, QuantityFile, StudyFile
 
 EVALUATIONS = "evaluations.jsonl"
 PAGES = ("index.html", "index.md", "design.json")
@@ -174,40 +175,59 @@ def _report(
     fronts = _fronts_of_choices(study, evaluator.space, designs)
     shown |= {name: designs_of_choice[knee(study, designs_of_choice)] for name, designs_of_choice in fronts.items()}
     safety = _eye_safety(evaluator, chosen)
-    report.add_paragraph(_verdict(study, designs, best, chosen))
     # By identity: the designs that are shown are of the front, too, and each interval takes dozens of ranges.
     different = {id(design): design for design in (*shown.values(), *best)}
     of_design = {number: _intervals(evaluator, design) for number, design in different.items()}
     intervals = {words: of_design[id(design)] for words, design in shown.items()}
+    ends = at_an_end(evaluator.space, chosen)
+    extremes = {words: design for words, design in shown.items() if words.startswith("best ")}
+    answers = {
+        "Question": _question(study, evaluator.space),
+        "Verdict": _verdict(study, designs, best, chosen, intervals["chosen"]),
+        "What it rests on": " ".join(
+            [
+                *_rests_on(study, designs, ending, intervals["chosen"]),
+                *safety.values(),
+                *_power_texts(evaluator.space, chosen),
+            ]
+        ),
+        "What differs": " ".join(_differences(study, chosen, extremes, fronts, best)),
+        "What would change it": " ".join(_changes(study, chosen, limits["chosen"], ends)),
+    }
+    for lead, text in answers.items():
+        if text:
+            report.add_paragraph(text, lead)
+    first, *others = _figures(study, designs, fronts or {"front": best}, chosen, extremes)
+    report.add_figure(first)
+    clouds = list(_clouds(evaluator, extremes or shown)) if study.is_traced else []
+    if clouds:
+        report.add_pictures(clouds)
+    report.add_heading("The designs")
     report.add_table(*_designs_table(study, evaluator.space, shown, intervals))
-    if fronts:
-        report.add_paragraph(_choices_text(fronts, best))
     if study.constraints:
         report.add_heading("What each constraint costs")
         report.add_table(*_costs_table(study, shown, limits))
-    ends = at_an_end(evaluator.space, chosen)
-    ends_text = [f"At an end of its range: {', '.join(ends)}. A wider range may give a better design."] if ends else []
-    for text in (f"The search: {ending}.", *ends_text, *_limits_text(limits["chosen"]), *safety.values()):
-        report.add_paragraph(text)
-    report.add_heading("Front" if len(study.objectives) > 1 else "Search")
-    for figure in _figures(study, designs, fronts or {"front": best}, chosen):
+    if limits["chosen"] is not None:
+        report.add_paragraph(_slopes_text(limits["chosen"]))
+    for figure in others:
         report.add_figure(figure)
-    of_front = [of_design[id(design)] for design in best]
-    ranged = [name for name in evaluator.entries if any(name in ends for ends in of_front)]
-    header = [*study.objectives, *study.constraints, *(free.key for free in evaluator.space.free)]
+    ends_of_front = [of_design[id(design)] for design in best]
+    ranged = [name for name in evaluator.entries if any(name in interval for interval in ends_of_front)]
+    header = [*map(_column, evaluator.entries, evaluator.entries.values())]
+    header += [free.key for free in evaluator.space.free]
     header += [f"{name} {end}" for name in ranged for end in ("low", "high")]
     rows = [
-        [*_row(study, evaluator.space, design), *(end for name in ranged for end in ends.get(name, ("", "")))]
-        for design, ends in zip(best, of_front, strict=True)
+        [*_row(study, evaluator.space, design), *(end for name in ranged for end in interval.get(name, ("", "")))]
+        for design, interval in zip(best, ends_of_front, strict=True)
     ]
     report.main_table = (header, rows)
     report.add_data("front", report.main_table)
-    if study.is_traced:
-        report.add_heading("Clouds")
-        report.add_pictures(list(_clouds(evaluator, shown)))
+    source = f"chosen by the design study {study.name}".rstrip()
     places = {best.index(design) for design in shown.values() if design in best}
     files = [
-        name for place in _files(best, places) for name in _add_sensors(report, evaluator.space, best[place], place)
+        name
+        for place in _files(best, places)
+        for name in _add_sensors(report, evaluator.space, best[place], place, source)
     ]
     report.numbers = {
         "study": study.name,
@@ -215,7 +235,8 @@ def _report(
         "ending": ending,
         "impossible": sum(bool(design.reason) for design in designs),
         "chosen": _numbers(chosen) | {"intervals": intervals["chosen"]},
-        "verdict": _verdict(study, designs, best, chosen),
+        "question": answers["Question"],
+        "verdict": answers["Verdict"],
         "limits": _limits_numbers(limits["chosen"]),
         "at_an_end": list(ends),
         "choices": {name: _numbers(shown[name]) for name in fronts},
@@ -242,14 +263,62 @@ def _row(study: StudyFile, space: DesignSpace, design: Design) -> list[Any]:
     return [*quantities, *(design.values.get(free.key, "") for free in space.free)]
 
 
-def _verdict(study: StudyFile, designs: Sequence[Design], best: Sequence[Design], chosen: Design) -> str:
-    """The result in a sentence, with what it rests on."""
-    reached = ", ".join(
-        f"{name} {_short(chosen.quantities[name])} {_unit(entry)}".rstrip() for name, entry in study.objectives.items()
+def _question(study: StudyFile, space: DesignSpace) -> str:
+    """What is wanted, what is free and what is allowed, in a sentence."""
+    sensors = {label: " or ".join(base.name for base in bases) for label, bases in space.bases.items()}
+    of = ", ".join(f"{label} ({names})" if label else names for label, names in sensors.items())
+    goals = [
+        f"{'the least' if entry.maximize is None else 'the most'} {_with_conditions(name, entry)}"
+        for name, entry in study.objectives.items()
+    ]
+    free = [f"{key} {_values_text(entry)}" for key, entry in study.free.items()]
+    allowed = [
+        name
+        if name.startswith(CLASS_1)
+        else f"{_with_conditions(name, entry)} {entry.bounds_text} {_unit(entry)}".rstrip()
+        for name, entry in study.constraints.items()
+    ]
+    text = f"Which {of} has {' and '.join(goals)}"
+    text += f", with {'; '.join(free)}" if free else ""
+    return text + (f"? Allowed: {'; '.join(allowed)}." if allowed else "?")
+
+
+def _with_conditions(name: str, entry: QuantityFile) -> str:
+    """Name of an objective or a constraint, with its quantity and the conditions under which it holds."""
+    is_named = name == entry.quantity_name or name.startswith(CLASS_1)
+    words = ["" if is_named else entry.quantity_name, entry.words]
+    text = ", ".join(filter(None, words))
+    return f"{name} ({text})" if text else name
+
+
+def _values_text(entry: FreeFile) -> str:
+    """Values that a free key may have, in words."""
+    if entry.choices is not None:
+        return f"one of {', '.join(map(_short, entry.choices))}"
+    step = f" in steps of {entry.step:g}" if entry.step else ""
+    return f"from {entry.low:g} to {entry.high:g}{step}"
+
+
+def _reached(study: StudyFile, design: Design, interval: Intervals) -> str:
+    """Objectives of a design with their units, and the interval of each range that has one."""
+    return ", ".join(
+        f"{name} {_short(design.quantities[name])} {_unit(entry)}".rstrip()
+        + (" ({} to {})".format(*map(_short, interval[name])) if name in interval else "")
+        for name, entry in study.objectives.items()
     )
-    values = ", ".join(f"{key} = {_short(value)}" for key, value in chosen.values.items())
+
+
+def _with_values(design: Design) -> str:
+    return ", ".join(f"{key} = {_short(value)}" for key, value in design.values.items())
+
+
+def _verdict(
+    study: StudyFile, designs: Sequence[Design], best: Sequence[Design], chosen: Design, interval: Intervals
+) -> str:
+    """The chosen design in a sentence."""
     among = "the best" if len(best) == 1 else f"the middle of a front of {len(best)}"
-    text = f"{reached} with {values}: {among} among {len(designs)} designs tried{_rests_on(study)}."
+    tried = f"{among} among {len(designs)} designs tried"
+    text = f"{_reached(study, chosen, interval)} with {_with_values(chosen)}: {tried}."
     impossible = [design for design in designs if design.reason]
     if impossible:
         text += f" {len(impossible)} of them cannot be built or judged; the first: {impossible[0].reason}."
@@ -257,9 +326,49 @@ def _verdict(study: StudyFile, designs: Sequence[Design], best: Sequence[Design]
     return f"{text} No design changes {', '.join(idle)}: are pose, class and keys as meant?" if idle else text
 
 
-def _rests_on(study: StudyFile) -> str:
-    bounds = [f"{name} {entry.bounds_text} {_unit(entry)}".rstrip() for name, entry in study.constraints.items()]
-    return f", under {' and '.join(bounds)}" if bounds else ""
+def _rests_on(study: StudyFile, designs: Sequence[Design], ending: str, interval: Intervals) -> list[str]:
+    """Sentences on the search and on the uncertainties."""
+    has_brackets = any(name in study.objectives for name in interval)
+    brackets = ["In brackets, what the uncertainties that the sensor file states add and take."] if has_brackets else []
+    return [f"{count_text(len(designs), 'design')}; the search: {ending}.", *brackets]
+
+
+def _differences(
+    study: StudyFile,
+    chosen: Design,
+    extremes: Mapping[str, Design],
+    fronts: Mapping[str, Sequence[Design]],
+    best: Sequence[Design],
+) -> list[str]:
+    """Sentences on the ends of the front and on the sensors among which one was chosen."""
+    texts = []
+    for words, design in extremes.items():
+        if design is chosen:
+            texts.append(f"The chosen design is the {words}.")
+            continue
+        other = {key: value for key, value in design.values.items() if value != chosen.values.get(key)}
+        values = ", ".join(f"{key} = {_short(value)}" for key, value in other.items())
+        texts.append(f"The {words}: {_reached(study, design, {})} with {values}.")
+    return texts + ([_choices_text(fronts, best)] if fronts else [])
+
+
+def _changes(study: StudyFile, chosen: Design, limits: ActiveConstraints | None, ends: Sequence[str]) -> list[str]:
+    """Sentences on the bounds that hold the chosen design, the ends of its keys, and whether it is an optimum."""
+    texts = []
+    if limits is not None and limits.stands:
+        texts += [
+            f"1 % of {bound} buys {cost:.3g} % of {limits.objective}."
+            for bound, cost in limits.costs.items()
+            if cost > 0.0
+        ]
+    slack = [bound for bound, share in slacks(study, chosen).items() if share > ACTIVE]
+    if slack:
+        texts.append(f"Not limited by {' or '.join(slack)}.")
+    if ends:
+        texts.append(f"At an end of its range: {', '.join(ends)}. A wider range may give a better design.")
+    if limits is not None and not limits.stands:
+        texts.append("No constraint holds this design where it is: more evaluations would find a better one.")
+    return texts
 
 
 def _fronts_of_choices(study: StudyFile, space: DesignSpace, designs: Sequence[Design]) -> dict[str, list[Design]]:
@@ -307,8 +416,7 @@ def _designs_table(
     rows = [[key, *(_short(design.values.get(key, "-")) for design in shown.values())] for key in _keys(space)]
     for name, entry in {**study.objectives, **study.constraints}.items():
         cells = [_short(design.quantities[name]) for design in shown.values()]
-        of = "" if name == entry.quantity_name else f" ({entry.quantity_name})"
-        rows.append([" ".join(filter(None, [f"{name}{of}", _unit(entry)])), *cells])
+        rows.append([" ".join(filter(None, [_with_conditions(name, entry), _unit(entry)])), *cells])
         ends = [intervals[words].get(name) for words in shown]
         if any(ends):
             texts = ["-" if end is None else f"{_short(end[0])} to {_short(end[1])}" for end in ends]
@@ -339,26 +447,27 @@ def _unit(entry: QuantityFile) -> str:
 
 
 def _label(study: StudyFile, name: str) -> str:
-    unit = _unit(study.objectives[name])
-    return f"{name} [{unit}]" if unit else name
+    entry = study.objectives[name]
+    words = f"{name} at P_d {entry.probability:g}" if entry.quantity_name in RANGES else name
+    return f"{words} [{unit}]" if (unit := _unit(entry)) else words
+
+
+def _column(name: str, entry: QuantityFile) -> str:
+    """Name of a column of the front; a range at another P_d than usual is named after it."""
+    is_usual = entry.quantity_name not in RANGES or entry.probability == PROBABILITY
+    return name if is_usual else f"{name} {entry.conditions().range_column}"
 
 
 def _keys(space: DesignSpace) -> list[str]:
     return [free.key for free in space.free]
 
 
-def _limits_text(limits: ActiveConstraints | None) -> list[str]:
-    """Sentences on how slopes were found, and on whether the constraints explain the design."""
-    if limits is None:
-        return []
-    texts = []
+def _slopes_text(limits: ActiveConstraints) -> str:
+    """Sentence on how slopes were found."""
     ways: dict[str, list[str]] = {}
     for name, way in limits.methods.items():
         ways.setdefault(way, []).append(name)
-    texts.append("Slopes: " + "; ".join(", ".join(names) + f" by {way}" for way, names in ways.items()) + ".")
-    if not limits.stands:
-        texts.append("No constraint holds this design where it is: more evaluations would find a better one.")
-    return texts
+    return "Slopes: " + "; ".join(", ".join(names) + f" by {way}" for way, names in ways.items()) + "."
 
 
 def _eye_safety(evaluator: Evaluator, chosen: Design) -> dict[str, str]:
@@ -378,8 +487,28 @@ def _eye_safety(evaluator: Evaluator, chosen: Design) -> dict[str, str]:
     return texts
 
 
+def _power_texts(space: DesignSpace, chosen: Design) -> list[str]:
+    """Power of light and of electricity of each sensor of a design whose file has [power], with the sources."""
+    texts = []
+    for label, sensor in space.sensors(chosen.values).items():
+        if sensor.power is None:
+            continue
+        light_w, power = mean_power_w(sensor), sensor.power
+        source = sensor.source_of("power.driver_efficiency")
+        texts.append(
+            f"Power of the chosen design{f' {label}' if label else ''}: {1e3 * light_w:.3g} mW of light, "
+            f"driver {power.driver_w(light_w):.3g} W ({source or 'no source'}), with {power.electronics_w:g} W of "
+            f"electronics and {power.scanner_w:g} W of the scanner {power.total_w(light_w):.3g} W."
+        )
+    return texts
+
+
 def _figures(
-    study: StudyFile, designs: Sequence[Design], fronts: Mapping[str, Sequence[Design]], chosen: Design
+    study: StudyFile,
+    designs: Sequence[Design],
+    fronts: Mapping[str, Sequence[Design]],
+    chosen: Design,
+    extremes: Mapping[str, Design],
 ) -> list[Figure]:
     """Fronts of each pair with the first objective; of one objective, the best so far over the evaluations."""
     names = list(study.objectives)
@@ -417,7 +546,11 @@ def _figures(
                     for number, (name, course) in enumerate(courses.items())
                     if len(course) == 1
                 ),
-                Mark(x=chosen.quantities[other], y=chosen.quantities[names[0]], text="chosen"),
+                *(
+                    Mark(x=design.quantities[other], y=design.quantities[names[0]], text=words)
+                    for words, design in {"chosen": chosen, **extremes}.items()
+                    if words == "chosen" or design is not chosen
+                ),
             ),
         )
         rows = [(*point.tolist(), name) for name, course in courses.items() for point in course]
@@ -447,19 +580,21 @@ def _files(best: Sequence[Design], places: Collection[int]) -> list[int]:
     return sorted({*even, *places})
 
 
-def _add_sensors(report: Report, space: DesignSpace, design: Design, place: int) -> list[str]:
-    """Add the sensor files of a design, ready to render; returns their names."""
+def _add_sensors(report: Report, space: DesignSpace, design: Design, place: int, source: str) -> list[str]:
+    """Add the sensor files of a design, ready to render; returns their names. ``source``: of what it changes."""
     names = []
     for label, chosen in space.chosen(design.values).items():
         base = chosen.base
         assert base.path is not None
-        text, replaced = base.path.read_text(encoding="utf-8"), chosen.replaced_tables()
-        text = remove_values(text, [(name,) for name in replaced])
+        text = base.path.read_text(encoding="utf-8")
+        replaced, noted = chosen.replaced_tables(source)
+        text = remove_values(text, [*((name,) for name in replaced), *noted])
         values = {(name,): table for name, table in replaced.items() if table is not None} | {
             tuple(number_list_entries(key_path(key), chosen.tables)): value
             for key, value in {**base.settings, **chosen.changes}.items()
             if not is_part(key, value)
         }
+        values |= {path: value for path, value in noted.items() if value is not None}
         name = "-".join([f"designs/{place + 1:03}", *([label] if label else [])]) + ".toml"
         text = put_values(text, values, digits=ALL_DIGITS)
         report.add_file(name, partial(put_text, text=text))
@@ -478,6 +613,6 @@ def _short(value: Any) -> str:
 def _summary(numbers: dict[str, Any]) -> str:
     chosen = numbers["chosen"]
     rows = [[key, _short(value)] for key, value in (chosen["values"] | chosen["quantities"]).items()]
-    lines = [numbers["verdict"], "", text_table(("chosen design", ""), rows, "<>"), ""]
+    lines = [numbers["question"], numbers["verdict"], "", text_table(("chosen design", ""), rows, "<>"), ""]
     lines += numbers["eye_safety"].values()
     return "\n".join(lines)

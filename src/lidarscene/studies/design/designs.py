@@ -31,6 +31,9 @@ _BASE = "sensor"
 TURNS = ("mounting.yaw_deg", "mounting.pitch_deg", "mounting.roll_deg")
 """Numbers of every sensor file, 0 if it leaves them out."""
 
+_NOTES = ("sources", "uncertainty")
+"""Tables of a sensor file that say what its numbers rest on, by their keys."""
+
 Values = Mapping[str, Any]
 """Value of each free key."""
 
@@ -129,17 +132,33 @@ class Chosen:
         tables_first = sorted(self.changes.items(), key=lambda change: not isinstance(change[1], dict))
         return located_parts((f"{key}={toml_text(value)}" for key, value in tables_first), self.folder)
 
-    def replaced_tables(self) -> dict[str, Any]:
-        """Tables of the base's file that parts of other sensors replace; None for one that they remove.
+    def replaced_tables(self, source: str) -> tuple[dict[str, Any], dict[tuple[str, str], Any]]:
+        """Tables of the base's file that parts of other sensors replace, and entries of sources and uncertainties.
+
+        Args:
+            source: of the values that the design changes
+
+        Returns:
+            tables by name, and sources and uncertainties by table and key; None for one that goes
 
         Raises:
             InputError: if a file cannot be read
         """
         assert self.base.path is not None
         settings = located_parts(assignments(self.base.settings), self.folder)
-        parts, own = split_parts([*settings, *self.assignments])[0], read_toml(self.base.path)
-        changed = with_parts(own, parts)
-        return {name: changed.get(name) for name in {**own, **changed} if changed.get(name) != own.get(name)}
+        own, changes = read_toml(self.base.path), [*settings, *self.assignments]
+        with_all = changed_tables(own, changes, source=source)
+        noted = {
+            (name, key): after.get(key)
+            for name in _NOTES
+            for before, after in [(own.get(name, {}), with_all.get(name, {}))]
+            for key in {**before, **after}
+            if after.get(key) != before.get(key)
+        }
+        of_parts = with_parts(own, split_parts(changes)[0])
+        names = {**own, **of_parts}.keys() - set(_NOTES)
+        replaced = {name: of_parts.get(name) for name in sorted(names) if of_parts.get(name) != own.get(name)}
+        return replaced, noted
 
     @property
     def tables(self) -> dict[str, Any]:

@@ -19,10 +19,11 @@ import numpy as np
 
 from ...errors import InputError, did_you_mean
 from ...files.overrides import get_entry, key_path, number_list_entries, short_text
-from ...maths.arrays import Numbers
+from ...maths.arrays import Lanes, Numbers
 from ...maths.pose import Pose
 from ...maths.units import key_in_si
 from ...physics.optics.pulse import pulse_energy_j
+from ...sensor.detectors import GeigerDetector
 from ...sensor.parts import PARTS
 from ...sensor.sensor_model import Sensor
 from .. import published_values
@@ -336,6 +337,23 @@ def mean_power_w(sensor: Sensor) -> float:
     return energy_j * stationary_train(sensor).mean_rate_hz
 
 
+def _electrical_power_w(sensor: Sensor, _: QuantityFile) -> float:
+    if sensor.power is None:
+        raise InputError(f"power: must be in the file of {sensor.name} for electrical_power_w, got none")
+    return sensor.power.total_w(mean_power_w(sensor))
+
+
+def _of_cells(formula: Callable[[GeigerDetector], Lanes]) -> Formula:
+    """Quantity of cells in Geiger mode, which no other detector has."""
+
+    def value(sensor: Sensor, _: QuantityFile) -> float:
+        if not isinstance(sensor.detector, GeigerDetector):
+            raise InputError(f"detector.type: must be sipm or spad for a quantity of cells, got that of {sensor.name}")
+        return float(formula(sensor.detector))
+
+    return value
+
+
 def _coverage(sensor: Sensor, entry: QuantityFile) -> float:
     cells = SphereCells.of_size(entry.cell_deg)
     mask, _ = field_cells(sensor.scanner, cells, entry.time_s)
@@ -360,6 +378,10 @@ _FORMULAS: dict[str, Formula] = {
     # In the light of the plane: in the dark of the sky the threshold of a SiPM is its floor, and no key moves it.
     "false_points": lambda sensor, entry: statistics.false_points(sensor, target_of(sensor, entry), math.inf).per_frame,
     "mean_power_mw": lambda sensor, entry: 1e3 * mean_power_w(sensor),
+    "electrical_power_w": _electrical_power_w,
+    "fill_factor": _of_cells(lambda detector: detector.fill_factor),
+    "detection_efficiency": _of_cells(lambda detector: detector.efficiency),
+    "dark_counts_hz": _of_cells(lambda detector: detector.dark_rate_hz * detector.number_of_cells),
     "aperture_area_mm2": lambda sensor, entry: 1e6 * float(sensor.optics.aperture_m2),
     "points_per_s": lambda sensor, entry: published_values.points_per_second(sensor),
     "pulses_per_frame": lambda sensor, entry: float(sensor.scanner.pulses),

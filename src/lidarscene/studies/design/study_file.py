@@ -11,7 +11,7 @@ from pydantic import Field, field_validator, model_validator
 from ...errors import InputError
 from ...files.toml import FileModel
 from ...rendering.render_options import SEEDS
-from ..ranging.conditions import CLEAR_AIR, Conditions
+from ..ranging.conditions import CLEAR_AIR, PROBABILITY, Conditions
 
 T = TypeVar("T")
 Name = Annotated[str, Field(min_length=1)]
@@ -27,6 +27,10 @@ CLOSED_FORM = {
     "class_1_margin": "limit of class 1 over emission; at least 1 is class 1",
     "class_1": "the same of a sensor that can be judged; a billion where its pulse is not known or no table has it",
     "mean_power_mw": "energy of a pulse times pulses per second, all shots counted",
+    "electrical_power_w": "of the whole sensor, by `[power]` of its file: driver, electronics and scanner",
+    "fill_factor": "active share of a SiPM's or a pixel's area, by `detector.cell_gap_um`",
+    "detection_efficiency": "of a SiPM or SPADs, with fill factor, overvoltage and temperature",
+    "dark_counts_hz": "of all cells or SPADs, with overvoltage and temperature",
     "aperture_area_mm2": "of the receiver's lens",
     "points_per_s": "pulses per second",
     "pulses_per_frame": "pulses of a frame",
@@ -42,6 +46,8 @@ TRACED = {
     "bodies_detected": "mean probability that a body of the class has at least `least_points` points",
 }
 """Quantities that need a scene and a back end."""
+RANGES = {"range", "range_of_units"}
+"""Quantities that are a range at a P_d."""
 OF_ALL_SENSORS = {*TRACED, "cost"}
 """Quantities of a design as a whole."""
 UNITS = {
@@ -49,6 +55,8 @@ UNITS = {
     "range_of_units": "m",
     "scatter_mm": "mm",
     "mean_power_mw": "mW",
+    "electrical_power_w": "W",
+    "dark_counts_hz": "1/s",
     "aperture_area_mm2": "mm²",
     "points_per_s": "1/s",
     "frame_s": "s",
@@ -100,7 +108,7 @@ class QuantityFile(FileModel):
     """What is computed of a design, and under which conditions; keys that a quantity does not need are refused."""
 
     sensor: str | None = Field(default=None, description="label, of a study with several sensors")
-    probability: Annotated[float, Field(gt=0, lt=1)] = Field(default=0.9, description="P_d at the range")
+    probability: float = Field(default=PROBABILITY, description="P_d at the range")
     units: Annotated[float, Field(ge=0.5, lt=1)] = Field(default=0.95, description="share of the built units")
     distance: float = Field(default=100.0, description="of the plane, m")
     illuminance: float = Field(default=100.0, description="of the sun, klux")
@@ -125,8 +133,17 @@ class QuantityFile(FileModel):
         """Name of the quantity, or key of a sensor file."""
         raise NotImplementedError
 
+    @property
+    def words(self) -> str:
+        """Conditions under which it holds, those of importance and those that are given."""
+        quantity = self.quantity_name
+        said = self.model_fields_set | (set() if quantity in TRACED else _ALWAYS_SAID)
+        keys = _USED.get(quantity, set()) & said
+        values = {key: getattr(self, key) for key in _WORDS if key in keys}
+        return ", ".join(_WORDS[key].format(value) for key, value in values.items() if value is not None)
+
     def conditions(self) -> Conditions:
-        """Target, light and air.
+        """P_d, target, light and air.
 
         Raises:
             InputError: for a value out of bounds
@@ -134,8 +151,17 @@ class QuantityFile(FileModel):
         return Conditions(**{key: getattr(self, key) for key in _CONDITIONS})
 
 
-_CONDITIONS = ("distance", "illuminance", "sun_angle", "reflectivity", "incidence", "transmittance", "visibility")
-_PLANE = {key for key in _CONDITIONS if key != "distance"}
+_CONDITIONS = (
+    "probability",
+    "distance",
+    "illuminance",
+    "sun_angle",
+    "reflectivity",
+    "incidence",
+    "transmittance",
+    "visibility",
+)
+_PLANE = set(_CONDITIONS) - {"probability", "distance"}
 _USED = {
     "range": _PLANE | {"probability"},
     "range_of_units": _PLANE | {"probability", "units"},
@@ -152,6 +178,28 @@ _USED = {
     "data_rate_mbit_s": {"bits_per_point"},
 }
 """Keys of `QuantityFile` that a quantity has use for, besides sensor."""
+
+_WORDS = {
+    "probability": "P_d {:g}",
+    "units": "{:.0%} of the units",
+    "distance": "at {:g} m",
+    "reflectivity": "reflectivity {:g}",
+    "illuminance": "{:g} klux",
+    "sun_angle": "sun {:g}° off the normal",
+    "incidence": "incidence {:g}°",
+    "transmittance": "transmittance {:g}",
+    "visibility": "visibility {:g} km",
+    "motion": "beam {}",
+    "time_s": "{:g} s",
+    "cell_deg": "cells of {:g}°",
+    "class_name": "class {}",
+    "least_points": "{} points or more",
+    "bits_per_point": "{} bits a point",
+}
+"""Choice: words for the condition under each key."""
+
+_ALWAYS_SAID = {"probability", "distance", "reflectivity", "illuminance"}
+"""Choice: conditions that are said where they are not given, too; light of a scene is the scene's."""
 
 
 def _require_used(quantity: str, entry: QuantityFile, also: set[str]) -> None:

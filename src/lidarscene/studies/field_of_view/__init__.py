@@ -9,7 +9,7 @@ sensor_view            the results for one sensor
 pattern_coverage       pulses of a scanner; coverage, density and revisit time of each cell
 sphere_cells           cells of equal solid angle on the sphere of directions
 spacing                angles between neighbouring pulses
-reach                  maximum range over the field of view, and the ground around the vehicle that sensors see
+reach                  range over the field of view, and the ground around the vehicle that sensors see
 body_points            points on each body of a scene against its distance; the only part that traces
 field_of_view_figures  maps and charts
 """

@@ -15,6 +15,7 @@ from ...figures import lines as charts
 from ...figures import maps
 from ...figures.report import Figure
 from ...maths.arrays import Numbers
+from ..ranging.conditions import PROBABILITY
 from ..ranging.plane import Target
 from .pattern_coverage import LONG, rate_hz
 from .reach import GroundView
@@ -33,7 +34,7 @@ SUMMARY = (
     "azimuth",
     "elevation",
     "spacing, median",
-    "maximum range",
+    f"range at P_d {PROBABILITY:g}",
 )
 NO_GROUND = (
     "No view from above: no sensor's [mounting] is above the ground. With a --rig, or heights as by --set "
@@ -316,14 +317,18 @@ def revisit_figure(view: SensorView) -> Figure:
 
 
 def range_figure(view: SensorView) -> Figure:
-    """Map of the maximum range on the target."""
+    """Map of the range on the target."""
     caption = (
-        "Maximum range on the target, by the scanner's effective aperture in each direction; cells without a pulse, "
-        "and those without a limit, are grey."
+        f"Range at P_d {PROBABILITY:g} on the target, by the scanner's effective aperture in each direction; cells "
+        "without a pulse, and those without a limit, are grey."
     )
     missing = "no limit, or no pulse" if np.any(np.isinf(view.range_m)) else "no pulse"
     return _map_figure(
-        view, view.range_m, _MapWords("range", "maximum range [m]", missing, "range_m"), caption, log=False
+        view,
+        view.range_m,
+        _MapWords("range", f"range at P_d {PROBABILITY:g} [m]", missing, "range_m"),
+        caption,
+        log=False,
     )
 
 

@@ -1,4 +1,4 @@
-"""Maximum range of a sensor over its field of view, and the ground around the vehicle that its sensors see.
+"""Range of a sensor over its field of view, and the ground around the vehicle that its sensors see.
 
 A pattern that covers an angle is of no use where its echoes are too weak; range and coverage are combined here.
 """
@@ -12,7 +12,8 @@ import numpy as np
 
 from ...maths.arrays import Numbers
 from ...sensor.sensor_model import Sensor
-from ..ranging.plane import Target, detection_margin, maximum_range_m
+from ..ranging.conditions import PROBABILITY
+from ..ranging.plane import Target, detection_probability, detection_range_m
 from .pattern_coverage import CellMaps
 from .sphere_cells import SphereCells
 
@@ -28,13 +29,14 @@ fourth root."""
 
 
 def range_map_m(sensor: Sensor, maps: CellMaps, target: Target) -> Numbers:
-    """Maximum range [m] on this target in each cell, by the scanner's effective aperture there; NaN without a pulse."""
+    """Range [m] on this target in each cell, by the scanner's effective aperture there; NaN without a pulse."""
     limit = np.full(len(maps.cell), np.nan)
     has_pulse = np.isfinite(maps.share)
     if not has_pulse.any():
         return limit
     steps, step_index = np.unique(np.rint(maps.share[has_pulse] / _SHARE_STEP), return_inverse=True)
-    range_m, _ = maximum_range_m(sensor, replace(target, aperture_share=np.maximum(steps * _SHARE_STEP, 0.0)))
+    along = replace(target, aperture_share=np.maximum(steps * _SHARE_STEP, 0.0))
+    range_m, _ = detection_range_m(sensor, along, PROBABILITY)
     limit[has_pulse] = np.asarray(range_m)[step_index.ravel()]
     return limit
 
@@ -79,7 +81,7 @@ def ground_view(
     """Find the places of the plane z = 0 of the vehicle's frame that each sensor sees.
 
     A place is seen if its direction is in a cell of the field of view, and an echo of ground with the target's
-    reflectivity, at the beam's incidence there, reaches the comparator's level. Nothing is in the way, not even the
+    reflectivity, at the beam's incidence there, is detected with P_d 0.9 or more. Nothing is in the way, not even the
     vehicle's own body. A sensor that is not above the ground sees none of it.
 
     Args:
@@ -104,6 +106,6 @@ def ground_view(
         mean_share = float(np.nanmean(cell_maps.share))
         share = np.where(np.isfinite(cell_maps.share), cell_maps.share, mean_share)[place]
         tilted_target = replace(target, cos_incidence=height_m / distance_m, aperture_share=share)
-        margin = detection_margin(sensor, tilted_target, distance_m)
-        is_seen[number] = ((cell_maps.cell[place] == cell) & (margin >= 1.0)).reshape(is_seen.shape[1:])
+        is_detected = detection_probability(sensor, tilted_target, distance_m) >= PROBABILITY
+        is_seen[number] = ((cell_maps.cell[place] == cell) & is_detected).reshape(is_seen.shape[1:])
     return GroundView(x_m=axis, y_m=axis, is_seen=is_seen)

@@ -28,7 +28,7 @@ class SensorView:
         revisit_s: that time or two frames, whichever is longer
         coverage_maps: numbers of the cells after coverage_s
         revisit_maps: numbers of the cells after revisit_s
-        range_m: (cells,) maximum range on the target; NaN without a pulse, inf without a limit
+        range_m: (cells,) range at P_d 0.9 on the target; NaN without a pulse, inf without a limit
         spacing_deg: angles from pulses of the first frame to their nearest neighbours
     """
 

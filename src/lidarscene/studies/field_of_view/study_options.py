@@ -23,7 +23,7 @@ CELL_DEG = 0.28
 @list_options
 @dataclass(frozen=True, slots=True, kw_only=True)
 class FieldOfViewStudy:
-    """Settings of a study. ``target`` is the plane whose maximum range is mapped."""
+    """Settings of a study. ``target`` is the plane on which the range is mapped."""
 
     times_s: tuple[float, ...] = option(
         TIMES_S,

@@ -21,7 +21,8 @@ INTRODUCTION = (
     "was computed "
     "by the command lidarscene paper. Solid curves are the formulas as printed, without the floor of one "
     "cell; dashed ones are "
-    "what they should have been, where that can be seen. What Table 1 leaves open: 300 K, no amplifier noise."
+    "what they should have been, where that can be seen. What Table 1 leaves open: 300 K, no amplifier noise. "
+    "A maximum range is the paper's: where the SNR is TNR, so that P_d is one half."
 )
 
 SCANNER = (

@@ -13,5 +13,5 @@ gain           the best gain of an APD
 sensitivities  what a change of each number costs
 aperture_laws  what is left of the receiver off its axis
 sweep_report   table, CSV, JSON and chart of a sweep
-range_summary  maximum range without a sweep
+range_summary  range without a sweep
 """

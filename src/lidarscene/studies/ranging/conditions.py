@@ -89,8 +89,11 @@ CONDITIONS: dict[str, Bounds] = {
 }
 """Conditions that can be swept, besides the keys of the sensor file."""
 
-QUANTITIES = {"snr": "signal-to-noise ratio", "range": "maximum range [m]", "pd": "detection probability"}
-"""Quantity that can be swept -> words for the axis of a chart."""
+QUANTITIES = {"snr": "signal-to-noise ratio", "range": "range", "pd": "detection probability"}
+"""Quantity that can be swept -> words."""
+
+PROBABILITY = 0.9
+"""Choice: P_d at the range, if no other is asked for. Makers state ranges at 0.5 to 0.9."""
 
 APERTURE_LAWS = ("scanner", "constant", "cosine", "mirror")
 
@@ -107,6 +110,12 @@ class Conditions:
         InputError: for a value out of bounds
     """
 
+    probability: float = option(
+        PROBABILITY,
+        Bounds(unit="", low=0.001, high=0.999),
+        help="P_d at the range (default {default:g}); another is named in the column: range_pd50_m",
+        metavar="P_D",
+    )
     distance: float = option(
         100.0, CONDITIONS["distance"], help="of the target, for snr and pd (default {default:g})", metavar="M"
     )
@@ -141,6 +150,16 @@ class Conditions:
     def __post_init__(self) -> None:
         check_options(self)
         CONDITIONS["illuminance"].warn_of_unit("illuminance", self.illuminance)
+
+    @property
+    def range_words(self) -> str:
+        """Words for the range: at which P_d."""
+        return f"range at P_d {self.probability:g}"
+
+    @property
+    def range_column(self) -> str:
+        """Name of the range in tables and files; another P_d than `PROBABILITY` is in it, in per cent."""
+        return "range_m" if self.probability == PROBABILITY else f"range_pd{100.0 * self.probability:g}_m"
 
     @property
     def visibility_m(self) -> float | None:
@@ -178,7 +197,7 @@ class SweepOptions:
         metavar="AXIS",
     )
     quantity: str | None = option(
-        None, OneOf(QUANTITIES), help="default: snr over distance, the maximum range over everything else"
+        None, OneOf(QUANTITIES), help="default: snr over distance, the range over everything else"
     )
     start: float | None = option(
         None, Finite("the axis's unit"), help="start of the axis, in its unit", metavar="X", flags=("--from",)
@@ -217,6 +236,6 @@ class SweepOptions:
         if axis in conditions:
             raise OptionError(f"{{{axis}}} does not go with {{over}} {axis}")
         if "distance" in conditions and quantity == "range":
-            raise OptionError("{distance} goes with {quantity} snr or pd, not with the maximum range")
+            raise OptionError("{distance} goes with {quantity} snr or pd, not with the range")
         if self.aperture_law and axis not in ("elevation", "azimuth"):
             raise OptionError("{aperture_law} goes with {over} elevation or azimuth")

@@ -19,6 +19,7 @@ from ...physics.optics import air
 from ...sensor.sensor_model import Sensor
 from . import plane
 from .aperture_laws import LAWS, of_scanner
+from .conditions import PROBABILITY
 from .plane import RangeStatus, Target
 from .subjects import Subject
 from .sweep_axes import Axis
@@ -38,6 +39,7 @@ class Question:
 
     Attributes:
         distance_m: distance of the target, for "snr" and "pd" over an axis other than distance
+        probability: P_d at the range, and where "snr" and "pd" are marked
         law: for an elevation or azimuth axis: "scanner" (the sensor's own) or one of `aperture_laws.LAWS`
         visibility_m: adds extinction by Kim at the sensor's wavelength; None for clear air
     """
@@ -46,6 +48,7 @@ class Question:
     axis: Axis
     target: Target = field(default_factory=Target)
     distance_m: float = 100.0
+    probability: float = PROBABILITY
     law: str = "scanner"
     visibility_m: float | None = None
 
@@ -55,24 +58,24 @@ class SweepCurve:
     """One sensor's values along the axis.
 
     Attributes:
-        margin: peak signal over the comparator's level, for "snr" and "pd"; None for "range"
+        excess: P_d less that at the range, for "snr" and "pd"; None for "range"
         status: `RangeStatus`, for "range"
     """
 
     name: str
     values: Numbers
-    margin: Numbers | None = None
+    excess: Numbers | None = None
     status: Numbers | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class CurveCrossing:
-    """Place where two curves are equal or, with an empty ``second``, where one is at its comparator's level.
+    """Place where two curves are equal or, with an empty ``second``, where one has the P_d of its range.
 
     Attributes:
         place: value on the axis
         value: value of the curves
-        falls: True if the first falls below the second, or below the level, towards larger x
+        falls: True if the first falls below the second, or below that P_d, towards larger x
     """
 
     first: str
@@ -87,7 +90,7 @@ class Curves:
     """All curves of a question and their crossings, in order along the axis.
 
     Attributes:
-        detection_limits: places where a peak signal is at the comparator's level
+        detection_limits: places where P_d is that at the range
     """
 
     question: Question
@@ -142,23 +145,22 @@ def curve(subject: Subject, question: Question, x: Numbers) -> SweepCurve:
     """Curve of a sensor at these x."""
     pairs = conditions_for(subject, question, x)
     if question.quantity == "range":
-        limits = [plane.maximum_range_m(sensor, target) for sensor, target in pairs]
+        limits = [plane.detection_range_m(sensor, target, question.probability) for sensor, target in pairs]
         values = np.concatenate([np.atleast_1d(limit) for limit, _ in limits])
         status = np.concatenate([np.atleast_1d(status) for _, status in limits])
         return SweepCurve(
             name=subject.name, values=np.broadcast_to(values, x.shape), status=np.broadcast_to(status, x.shape)
         )
     distance: Any = x if question.axis.key == "distance" else question.distance_m
-    compute = plane.snr if question.quantity == "snr" else plane.detection_probability
-    values = np.concatenate([compute(sensor, target, distance) for sensor, target in pairs])
-    margin = np.concatenate([plane.detection_margin(sensor, target, distance) for sensor, target in pairs])
-    return SweepCurve(
-        name=subject.name, values=np.broadcast_to(values, x.shape), margin=np.broadcast_to(margin, x.shape)
-    )
+    values = detected = np.concatenate([plane.detection_probability(*pair, distance) for pair in pairs])
+    if question.quantity == "snr":
+        values = np.concatenate([plane.snr(*pair, distance) for pair in pairs])
+    excess = np.broadcast_to(detected - question.probability, x.shape)
+    return SweepCurve(name=subject.name, values=np.broadcast_to(values, x.shape), excess=excess)
 
 
 def curves(subjects: Sequence[Subject], question: Question) -> Curves:
-    """Compute every sensor's curve, the crossings of any two, and the places where one is at its threshold."""
+    """Compute every sensor's curve, the crossings of any two, and the places where P_d is that at the range."""
     x = question.axis.values
     sensor_curves = [curve(subject, question, x) for subject in subjects]
     crossings: list[CurveCrossing] = []
@@ -170,8 +172,8 @@ def curves(subjects: Sequence[Subject], question: Question) -> Curves:
         )
     limits: list[CurveCrossing] = []
     for subject, sensor_curve in zip(subjects, sensor_curves, strict=True):
-        if sensor_curve.margin is not None:
-            limits += _crossings(question, (subject,), _height_over_level(sensor_curve.margin))
+        if sensor_curve.excess is not None:
+            limits += _crossings(question, (subject,), sensor_curve.excess)
     return Curves(
         question=question,
         curves=tuple(sensor_curves),
@@ -193,11 +195,6 @@ def _difference(question: Question, first: SweepCurve, second: SweepCurve, *, to
     return np.where(np.abs(part) > tolerance, part, 0.0)
 
 
-def _height_over_level(margin: Numbers) -> Numbers:
-    """(n,) 1 - level / peak: it has the sign of peak - level and stays finite."""
-    return np.where(np.isinf(margin), 1.0, np.where(margin > 0.0, 1.0 - 1.0 / np.maximum(margin, 1e-300), -1.0))
-
-
 def _crossings(question: Question, pair: tuple[Subject, ...], height: Numbers) -> list[CurveCrossing]:
     """Find the places where a height, sampled along the axis, changes its sign."""
 
@@ -205,8 +202,8 @@ def _crossings(question: Question, pair: tuple[Subject, ...], height: Numbers) -
         pair_curves = [curve(subject, question, x) for subject in pair]
         if len(pair_curves) == 2:
             return _difference(question, *pair_curves, tolerance=0.0), pair_curves[0].values
-        assert pair_curves[0].margin is not None
-        return _height_over_level(pair_curves[0].margin), pair_curves[0].values
+        assert pair_curves[0].excess is not None
+        return pair_curves[0].excess, pair_curves[0].values
 
     x = question.axis.values
     places = np.flatnonzero(height != 0.0)

@@ -20,14 +20,13 @@ import numpy as np
 from ...errors import InputError
 from ...maths.arrays import Numbers
 from ...sensor.detectors import Apd, Sipm
+from ...sensor.sensor_file import SensorTables
 from ...sensor.sensor_model import Sensor
 from ..eye_safety.eye_safety_report import eye_safety_report
 from . import plane, sensitivities, statistics
+from .conditions import PROBABILITY
 from .curves import with_haze
 from .plane import Target
-
-PROBABILITY = 0.9
-"""Choice: P_d at the range of a verdict."""
 
 ILLUMINANCES_KLUX = (1.0, 10.0, 50.0, 100.0, 130.0)
 """Choice: light under which a verdict has the ranges, up to the brightest sun."""
@@ -50,9 +49,10 @@ _NO_GAIN_WORTH = 0.01
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Terms:
-    """Sensor as its file has it and on equal terms, with the range of each at a P_d of `PROBABILITY`.
+    """Sensor as its file has it and on equal terms, with the range of each.
 
     Attributes:
+        probability: P_d at all ranges
         file: the sensor as its file has it
         interval_m: ends of the range that the file's uncertainties give; None if it has none
         false_points: of a frame, on equal terms
@@ -61,6 +61,7 @@ class Terms:
     """
 
     name: str
+    probability: float
     sensor: Sensor
     file: Sensor
     file_range_m: float
@@ -82,7 +83,11 @@ class BreakEven:
 
 
 def equal_terms(
-    sensors: Sequence[tuple[str, Sensor]], target: Target, *, visibility_m: float | None = None
+    sensors: Sequence[tuple[str, Sensor]],
+    target: Target,
+    *,
+    visibility_m: float | None = None,
+    probability: float = PROBABILITY,
 ) -> list[Terms]:
     """Put sensors on equal terms: each has `FALSE_POINTS_A_FRAME`, all its pulses in the light of the target.
 
@@ -91,8 +96,9 @@ def equal_terms(
 
     Args:
         visibility_m: of the air, whose extinction depends on the wavelength; None: that of the target
+        probability: P_d at the ranges
     """
-    return [_terms(name, sensor, with_haze(sensor, target, visibility_m)) for name, sensor in sensors]
+    return [_terms(name, sensor, with_haze(sensor, target, visibility_m), probability) for name, sensor in sensors]
 
 
 def crossings(terms: Sequence[Terms], target: Target, *, visibility_m: float | None = None) -> list[BreakEven]:
@@ -102,7 +108,8 @@ def crossings(terms: Sequence[Terms], target: Target, *, visibility_m: float | N
     places = []
 
     def range_under(entry: Terms, klux: float) -> float:
-        return range_under_m(entry.sensor, with_haze(entry.sensor, target, visibility_m), klux)
+        hazy = with_haze(entry.sensor, target, visibility_m)
+        return range_under_m(entry.sensor, hazy, klux, probability=entry.probability)
 
     for first, second in itertools.combinations(terms, 2):
 
@@ -131,7 +138,7 @@ def verdict(terms: Sequence[Terms], target: Target, *, visibility_m: float | Non
     plane_text = f"{100 * target.reflectivity:.3g} % under {target.illuminance_klux:g} klux"
     lead = (
         f"On equal terms (time domain, class 1 scanning, best gain, {FALSE_POINTS_A_FRAME:g} false points a frame), "
-        f"range at P_d {PROBABILITY:g} on {plane_text}: {reached}."
+        f"range at P_d {order[0].probability:g} on {plane_text}: {reached}."
     )
     otherwise = "; ".join(
         f"{entry.name} {_range_text(entry.file_range_m)}{' with ' if entry.changes else ''}{', '.join(entry.changes)}"
@@ -151,20 +158,33 @@ def waterfall(first: Terms, second: Terms, target: Target, *, visibility_m: floa
     """What each part of the second sensor's file is worth in the first, in metres of its range on equal terms.
 
     The parts are exchanged one after the other, and each sensor in between is put on equal terms. The last step, with
-    all that belongs to the detector, leaves the second sensor, so that the sum is the difference of both ranges.
+    all that belongs to the detector, leaves the second sensor, so that the sum is the difference of both ranges. What
+    does not fit, or is of a sensor that no file describes, is in the last step, then called "rest".
     """
     steps: dict[str, float] = {}
     sensor, before_m = first.file, first.range_m
     for part in ("optics", "laser"):
         try:
-            exchanged = replace(sensor, **{part: getattr(second.file, part)})
+            exchanged = _with_part_of(sensor, part, second.file)
             hazy = with_haze(exchanged, target, visibility_m)
-            reached_m = plane.range_at_probability_m(_equalized(exchanged, hazy)[0], hazy, PROBABILITY)
+            equal, _ = _equalized(exchanged, hazy, first.probability)
+            reached_m = plane.range_at_probability_m(equal, hazy, first.probability)
         except (InputError, ValueError):
-            continue  # parts that do not fit together: their worth stays in the last step
+            continue
         steps[part] = reached_m - before_m
         sensor, before_m = exchanged, reached_m
-    return {**steps, "detector": second.range_m - before_m}
+    return {**steps, "detector" if len(steps) == 2 else "rest": second.range_m - before_m}
+
+
+def _with_part_of(sensor: Sensor, part: str, other: Sensor) -> Sensor:
+    """Sensor with a part of another's file.
+
+    Raises:
+        InputError: for parts that do not fit together, and for a sensor that no file describes
+    """
+    if not isinstance(sensor.origin, SensorTables) or not isinstance(other.origin, SensorTables):
+        raise InputError(f"'{sensor.name}': must be of a file for its {part} to be exchanged")
+    return sensor.origin.with_part_of(part, other.origin)
 
 
 def _difference_text(order: Sequence[Terms], target: Target, visibility_m: float | None) -> str:
@@ -175,13 +195,18 @@ def _difference_text(order: Sequence[Terms], target: Target, visibility_m: float
         words = []
         for part, metres in worth.items():
             differs = _differs(part, ahead, entry)
-            if differs or part == "detector" or abs(metres) >= 0.05:
+            if differs or part in ("detector", "rest") or abs(metres) >= 0.05:
                 words.append(f"{_PART_WORDS[part]} {metres:+.1f} m{f' ({differs})' if differs else ''}")
         texts.append(f"{ahead.name} against {entry.name}, {ahead.range_m - entry.range_m:+.1f} m: {', '.join(words)}.")
     return " ".join(texts)
 
 
-_PART_WORDS = {"optics": "lens", "laser": "laser", "detector": "detector with its electronics and scanner"}
+_PART_WORDS = {
+    "optics": "lens",
+    "laser": "laser",
+    "detector": "detector with its electronics and scanner",
+    "rest": "all that cannot be exchanged by itself",
+}
 
 _NAMED = {
     "optics": (("aperture_radius_m", 1e3, "mm aperture radius"), ("focal_length_m", 1e3, "mm focal length")),
@@ -241,34 +266,39 @@ def _course_text(order: Sequence[Terms], places: Sequence[BreakEven]) -> str:
     return f"The same under {steps} klux: {courses}. {'; '.join(changes) or 'Their order does not change'}."
 
 
-def range_under_m(sensor: Sensor, target: Target, klux: float) -> float:
+def range_under_m(sensor: Sensor, target: Target, klux: float, *, probability: float = PROBABILITY) -> float:
     """Range under another illuminance with a threshold of as many false points."""
     lit = replace(target, illuminance_klux=klux)
     if sensor.tdc.threshold_to_noise is not None:
         sensor = _with_false_points(sensor, lit)
-    return plane.range_at_probability_m(sensor, lit, PROBABILITY)
+    return plane.range_at_probability_m(sensor, lit, probability)
 
 
-def _terms(name: str, sensor: Sensor, target: Target) -> Terms:
-    equal, changes = _equalized(sensor, target)
-    range_m = plane.range_at_probability_m(equal, target, PROBABILITY)
+def _terms(name: str, sensor: Sensor, target: Target, probability: float) -> Terms:
+    equal, changes = _equalized(sensor, target, probability)
+    range_m = plane.range_at_probability_m(equal, target, probability)
     limited = float(equal.laser.peak_power_w) != float(sensor.laser.peak_power_w)
     return Terms(
         name=name,
+        probability=probability,
         sensor=equal,
         file=sensor,
-        file_range_m=plane.range_at_probability_m(sensor, target, PROBABILITY),
+        file_range_m=plane.range_at_probability_m(sensor, target, probability),
         range_m=range_m,
         interval_m=range_interval_m(
-            equal, target, range_m, without={"detector.gain", *(["laser.peak_power_w"] if limited else [])}
+            equal,
+            target,
+            range_m,
+            without={"detector.gain", *(["laser.peak_power_w"] if limited else [])},
+            probability=probability,
         ),
         false_points=false_points(equal, target),
-        course_m=tuple(range_under_m(equal, target, klux) for klux in ILLUMINANCES_KLUX),
+        course_m=tuple(range_under_m(equal, target, klux, probability=probability) for klux in ILLUMINANCES_KLUX),
         changes=changes,
     )
 
 
-def _equalized(sensor: Sensor, target: Target) -> tuple[Sensor, tuple[str, ...]]:
+def _equalized(sensor: Sensor, target: Target, probability: float) -> tuple[Sensor, tuple[str, ...]]:
     """Sensor on equal terms, and what it had otherwise: eye safety, gain, statistics, then the threshold."""
     equal, statistics_change = _physical(sensor)
     equal, power_change = _safe(equal)
@@ -283,7 +313,7 @@ def _equalized(sensor: Sensor, target: Target) -> tuple[Sensor, tuple[str, ...]]
             threshold_change = (f"threshold {before:.3g} of the noise for {after:.3g}",)
     gain_change: tuple[str, ...] = ()
     if isinstance(equal.detector, Apd):
-        equal, gain_change = _at_best_gain(equal, equal.detector, target)
+        equal, gain_change = _at_best_gain(equal, equal.detector, target, probability)
     return equal, (*power_change, *gain_change, *statistics_change, *threshold_change)
 
 
@@ -384,7 +414,7 @@ def _root(falling: Callable[[float], float], low: float, high: float) -> float:
     return float(brentq(falling, low, high, xtol=1e-6))
 
 
-def _at_best_gain(sensor: Sensor, diode: Apd, target: Target) -> tuple[Sensor, tuple[str, ...]]:
+def _at_best_gain(sensor: Sensor, diode: Apd, target: Target, probability: float) -> tuple[Sensor, tuple[str, ...]]:
     """Sensor at the gain of the longest range, its false points held, and the gain that it had."""
     from scipy.optimize import minimize_scalar
 
@@ -393,7 +423,7 @@ def _at_best_gain(sensor: Sensor, diode: Apd, target: Target) -> tuple[Sensor, t
         return tuned if tuned.tdc.threshold_to_noise is None else _with_false_points(tuned, target)
 
     def shortfall(log_gain: float) -> float:
-        return -plane.range_at_probability_m(with_gain(log_gain), target, PROBABILITY)
+        return -plane.range_at_probability_m(with_gain(log_gain), target, probability)
 
     bounds = tuple(np.log(_GAINS))
     best = minimize_scalar(shortfall, bounds=bounds, method="bounded", options={"xatol": 1e-3})

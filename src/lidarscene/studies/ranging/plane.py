@@ -1,4 +1,4 @@
-"""Signal-to-noise ratio and maximum range on the paper's plane target, from the exact SNR; no tracing, no LLVM.
+"""Signal-to-noise ratio and range on the paper's plane target, from the exact SNR; no tracing, no LLVM.
 
 The light comes from the same stage that `render` runs, so a range limit and a rendered board agree. Every number of a
 `Target`, and of a sensor's laser, optics, detector and electronics, may be an array; they broadcast with each other
@@ -12,6 +12,7 @@ import enum
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -28,12 +29,13 @@ from ...sensor.detectors import WorkingPoint
 from ...sensor.sensor_model import Sensor
 
 NEAREST_M, FARTHEST_M = 1e-2, 1e6
-"""Choice: nearest and farthest distance between which the maximum range is sought."""
+"""Choice: nearest and farthest distance between which a range is sought."""
 
-_STEPS_PER_DECADE = 16  # of the grid for the last crossing
+_CUTS = round(math.log10(FARTHEST_M / NEAREST_M) * 16)
+"""Choice: 16 steps per decade of the grid on which the last crossing is sought."""
 
 _ACCURACY = 5e-14
-"""Accuracy bought: error of the maximum range, as a share of eight decades: 1e-12 relative."""
+"""Accuracy bought: error of a range, as a share of eight decades: 1e-12 relative."""
 
 _AT_ONCE = 4096  # most points of the grid in one call
 
@@ -51,7 +53,7 @@ PARTS = ("laser", "optics", "detector", "tdc", "sampler", "receiver", "histogram
 
 
 class RangeStatus(enum.IntEnum):
-    """Meaning of a maximum range."""
+    """Meaning of a range."""
 
     FOUND = 0
     NEVER_DETECTED = 1  # not even at 1 cm: no light, or the detector is blind
@@ -207,31 +209,6 @@ def detection_probability(sensor: Sensor, target: Target, range_m: Numbers | flo
         return np.asarray(expected_probability(point, level, light.peak_power_w, variance))
 
 
-def range_at_probability_m(sensor: Sensor, target: Target, probability: float) -> float:
-    """Farthest range at which P_d is at least this, within the converter's window; 0 if it is nowhere. One condition.
-
-    The last crossing on a grid of 16 points per decade, to 1e-9 relative.
-    """
-    from scipy.optimize import brentq
-
-    decades = math.log10(FARTHEST_M / NEAREST_M)
-    ranges = np.geomspace(NEAREST_M, FARTHEST_M, round(decades * _STEPS_PER_DECADE) + 1)
-    start = radiometry.range_from_time_of_flight_m(time_of_flight_s=sensor.tdc.blanking_s)
-    end = float(window_m(sensor))
-    ranges = np.concatenate([ranges[ranges < end], [end]])
-    reached = np.flatnonzero(detection_probability(sensor, target, ranges) >= probability)
-    if not reached.size:
-        return 0.0
-    last = float(ranges[reached[-1]])
-    if last < end:
-
-        def excess(range_m: float) -> float:
-            return float(detection_probability(sensor, target, range_m)[0]) - probability
-
-        last = float(brentq(excess, last, ranges[reached[-1] + 1], xtol=1e-9 * last))
-    return last if last > start else 0.0
-
-
 def _crossing_m(excess: Callable[[Numbers], Numbers], near: Numbers, far: Numbers) -> Numbers:
     """(n,) ranges at which an excess, >= 0 at ``near`` and < 0 at ``far``, goes through 0; NaN where it does not.
 
@@ -259,12 +236,17 @@ def window_m(sensor: Sensor) -> Any:
     return radiometry.range_from_time_of_flight_m(time_of_flight_s=sensor.tdc.window_s)
 
 
-def reported_range_m(sensor: Sensor, target: Target) -> tuple[Any, Any]:
+def range_at_probability_m(sensor: Sensor, target: Target, probability: float) -> float:
+    """`reported_range_m` of one condition, without its status."""
+    return float(reported_range_m(sensor, target, probability)[0])
+
+
+def reported_range_m(sensor: Sensor, target: Target, probability: float) -> tuple[Any, Any]:
     """Farthest range that the sensor reports, and a `RangeStatus` that says what limits it: the signal or the window.
 
-    `maximum_range_m`, cut off at the converter's window; 0 if all of it lies within the blanking. Same shapes.
+    `detection_range_m`, cut off at the converter's window; 0 if all of it lies within the blanking. Same shapes.
     """
-    limit, status = maximum_range_m(sensor, target)
+    limit, status = detection_range_m(sensor, target, probability)
     end = window_m(sensor)
     start = radiometry.range_from_time_of_flight_m(time_of_flight_s=sensor.tdc.blanking_s)
     blanked = (limit > 0.0) & (limit <= start)
@@ -275,38 +257,74 @@ def reported_range_m(sensor: Sensor, target: Target) -> tuple[Any, Any]:
     return reported, status
 
 
-def maximum_range_m(sensor: Sensor, target: Target) -> tuple[Any, Any]:
-    """Range at which the peak signal falls to the comparator's level, and a `RangeStatus`.
+def detection_range_m(sensor: Sensor, target: Target, probability: float) -> tuple[Any, Any]:
+    """Farthest range at which P_d is at least ``probability``, and a `RangeStatus`.
 
     It is that of the signal: a converter whose window ends before reports less, `reported_range_m`.
 
     Two scalars, or two arrays of the conditions' shape. 0 if there is no such range, inf if there is no limit; never
-    NaN. Accurate to 1e-12 relative, on the exact response.
+    NaN. The last crossing on a grid of 16 points per decade between 1 cm and 1000 km, to 1e-12 relative.
+    """
+
+    def excess(range_m: Numbers) -> Numbers:
+        return detection_probability(sensor, target, range_m) - probability
+
+    return _last_crossing_m(sensor, target, excess, lambda range_m: excess(range_m) >= 0.0, cuts=_CUTS)
+
+
+def maximum_range_m(sensor: Sensor, target: Target) -> tuple[Any, Any]:
+    """Range at which the peak signal falls to the comparator's level, and a `RangeStatus`: the paper's maximum range.
+
+    SNR is TNR there and, without fluctuations of the echo and with Gaussian noise, P_d one half. Shapes, values and
+    accuracy are those of `detection_range_m`.
 
     Between 1 cm and 1000 km the signal falls while, in clear air, the level stays, so there is one crossing. With
     extinction sunlight fades with range too, and a SiPM that is blinded nearby may see again farther away; with an
-    overlap of two lenses nothing is seen right before them. Then the range is that of the last crossing on a grid of 16
-    points per decade.
+    overlap of two lenses nothing is seen right before them. Then the range is that of the last crossing on the grid.
     """
-    shape = conditions_shape(sensor, target)
-    ones = np.ones(shape or (1,))
-    decades = math.log10(FARTHEST_M / NEAREST_M)
     several = np.any(np.asarray(target.extinction_per_m) > 0.0) or sensor.optics.overlap is not None
-    cuts = round(decades * _STEPS_PER_DECADE) if several else 1
-    grid = np.geomspace(NEAREST_M, FARTHEST_M, cuts + 1)
-    # Index of the last grid range at which the target is detected; -1: none.
-    calls = min(grid.size * ones.size // _AT_ONCE + 1, grid.size)  # several calls, to bound the memory
-    parts = [np.multiply.outer(part, ones) for part in np.array_split(grid, calls)]
-    detected = np.concatenate([_is_detected(sensor, target, part) for part in parts])
-    last = np.where(detected.any(axis=0), cuts - np.argmax(detected[::-1], axis=0), -1)
-    near, far = grid[np.maximum(last, 0)], grid[np.minimum(last + 1, cuts)]
-    last = np.where((last >= 0) & _is_noiseless(sensor, target), cuts, last)
 
     def margin(range_m: Numbers) -> Numbers:
         with np.errstate(divide="ignore"):
             return np.clip(np.log(detection_margin(sensor, target, range_m)), -_MOST_LOG, _MOST_LOG)
 
-    found = _crossing_m(lambda range_m: margin(range_m.reshape(ones.shape)).ravel(), near.ravel(), far.ravel())
+    return _last_crossing_m(
+        sensor,
+        target,
+        margin,
+        partial(_is_detected, sensor, target),
+        cuts=_CUTS if several else 1,
+        unlimited=_is_noiseless(sensor, target),
+    )
+
+
+def _last_crossing_m(
+    sensor: Sensor,
+    target: Target,
+    excess: Callable[[Numbers], Numbers],
+    is_detected: Callable[[Numbers], Numbers],
+    *,
+    cuts: int,
+    unlimited: Numbers | bool = False,
+) -> tuple[Any, Any]:
+    """Farthest range at which the target is detected, and a `RangeStatus`, in the conditions' shape.
+
+    Args:
+        excess: of ranges, in the shape of ranges and conditions: 0 at the limit, and more before it
+        cuts: of the grid on which the last crossing is sought
+        unlimited: where a target that is detected anywhere is so at any range
+    """
+    shape = conditions_shape(sensor, target)
+    ones = np.ones(shape or (1,))
+    grid = np.geomspace(NEAREST_M, FARTHEST_M, cuts + 1)
+    # Index of the last grid range at which the target is detected; -1: none.
+    calls = min(grid.size * ones.size // _AT_ONCE + 1, grid.size)  # several calls, to bound the memory
+    parts = [np.multiply.outer(part, ones) for part in np.array_split(grid, calls)]
+    detected = np.concatenate([is_detected(part) for part in parts])
+    last = np.where(detected.any(axis=0), cuts - np.argmax(detected[::-1], axis=0), -1)
+    near, far = grid[np.maximum(last, 0)], grid[np.minimum(last + 1, cuts)]
+    last = np.where((last >= 0) & unlimited, cuts, last)
+    found = _crossing_m(lambda range_m: excess(range_m.reshape(ones.shape)).ravel(), near.ravel(), far.ravel())
     limit = np.where(last < 0, 0.0, np.where(last == cuts, math.inf, found.reshape(ones.shape)))
     never = np.where(_is_saturated(sensor, target), RangeStatus.SATURATED, RangeStatus.NEVER_DETECTED)
     status = np.where(last < 0, never, np.where(last == cuts, RangeStatus.NO_LIMIT, RangeStatus.FOUND))
@@ -386,13 +404,27 @@ def closed_form_range_m(sensor: Sensor, target: Target) -> Any:
 
 
 def equal_range_illuminance_klux(
-    first: Sensor, second: Sensor, target: Target, *, low_klux: float = 0.01, high_klux: float = 100.0
+    first: Sensor,
+    second: Sensor,
+    target: Target,
+    *,
+    probability: float | None = None,
+    low_klux: float = 0.01,
+    high_klux: float = 100.0,
 ) -> float:
-    """Illuminance at which two sensors have equal range; ValueError if they do not change places in between."""
+    """Illuminance at which two sensors have equal range; ValueError if they do not change places in between.
+
+    Args:
+        probability: P_d at the range; None: that of `maximum_range_m`
+    """
 
     def ahead(illuminance_klux: Numbers) -> Numbers:
         lit = replace(target, illuminance_klux=illuminance_klux)
-        return np.asarray(maximum_range_m(first, lit)[0] > maximum_range_m(second, lit)[0])
+        first_m, second_m = (
+            (maximum_range_m(sensor, lit) if probability is None else detection_range_m(sensor, lit, probability))[0]
+            for sensor in (first, second)
+        )
+        return np.asarray(first_m > second_m)
 
     at_ends = ahead(np.array([low_klux, high_klux]))
     if at_ends[0] == at_ends[1]:

@@ -1,12 +1,12 @@
-"""Sensitivities of maximum range and detection to every number of a sensor and its target.
+"""Sensitivities of range and detection to every number of a sensor and its target.
 
 They show a designer what to improve first. An elasticity is percent of range per percent of a parameter, d ln R /
-d ln p; a parameter that is zero has a plain derivative instead. The range is implicit, margin(R, p) = ln(peak /
-level) = 0, so dR/dp = -(d margin / dp) / (d margin / dR). The partial derivatives are exact, by Dr.Jit's reverse mode
-through the very stages that render; without a back end they are sixth-order central differences, off by 1e-6. What is
-computed when a file is loaded, the overlap of spot and field of view, is computed anew from the varied numbers.
+d ln p; a parameter that is zero has a plain derivative instead. The range is implicit, P_d(R, p) = 0.9, so dR/dp =
+-(dP_d / dp) / (dP_d / dR). The partial derivatives are exact, by Dr.Jit's reverse mode through the very stages that
+render; without a back end they are sixth-order central differences, off by 1e-6. What is computed when a file is
+loaded, the overlap of spot and field of view, is computed anew from the varied numbers.
 
-Symbols: R maximum range, p parameter, P_d detection probability.
+Symbols: R range, p parameter, P_d detection probability.
 """
 
 from __future__ import annotations
@@ -22,14 +22,14 @@ import numpy as np
 
 from ...errors import BackendError, InputError
 from ...figures.report import PAGE, Figure, Report
-from ...maths.arrays import Lanes, xp
+from ...maths.arrays import Lanes
 from ...maths.units import is_continuous, split_unit
 from ...physics.optics import scintillation
 from ...sensor.detectors import Apd
 from ...sensor.overlap import SIXTH_ORDER
 from ...sensor.sensor_model import Sensor, overlap_geometry
 from . import gain, plane
-from .conditions import Conditions
+from .conditions import PROBABILITY, Conditions
 from .curves import with_haze
 from .plane import RangeStatus, Target
 
@@ -46,14 +46,14 @@ _ALIGNMENT = "optics.overlap"
 
 @dataclass(frozen=True, slots=True)
 class Sensitivity:
-    """Effect of one parameter on the maximum range and, at one distance, on the detection probability.
+    """Effect of one parameter on the range and, at one distance, on the detection probability.
 
     Attributes:
         parameter: dotted name, such as detector.gain or target.reflectivity
         value: as the sensor holds it, SI
         unit: unit of the value, SI
-        range_slope: dR_max / dp, metres per unit
-        range_elasticity: d ln R_max / d ln p; None if the value is zero
+        range_slope: dR / dp, metres per unit
+        range_elasticity: d ln R / d ln p; None if the value is zero
         detection_slope: dP_d / dp at the table's distance
         detection_points: percentage points of P_d per percent of p; None if the value is zero
     """
@@ -72,12 +72,14 @@ class SensitivityTable:
     """Sensitivities of a sensor on a target, strongest first.
 
     Attributes:
+        probability: P_d at the range
         distance_m: distance at which the detection probability is taken
         method: "drjit" (exact) or "differences" (sixth-order central differences)
     """
 
     sensor: str
     range_m: float
+    probability: float
     distance_m: float
     detection_probability: float
     method: str
@@ -122,31 +124,19 @@ def with_parameters(sensor: Sensor, target: Target, values: Mapping[str, Lanes])
     return sensor, target
 
 
-def margin_and_detection(
-    sensor: Sensor, target: Target, range_m: Lanes, *, deviate: Lanes = 0.0
-) -> tuple[Lanes, Lanes]:
-    """ln(peak / comparator's level) and P_d at a range, by the stages that render; numpy or Dr.Jit numbers.
+def _detection(sensor: Sensor, target: Target, range_m: Lanes, *, deviate: Lanes) -> Lanes:
+    """P_d at a range, by the stages that render; numpy or Dr.Jit numbers.
 
     Args:
-        deviate: normal deviate of the power that P_d is of, if the echo fluctuates
+        deviate: normal deviate of the power that it is of, if the echo fluctuates
     """
     light = plane.light_of_plane(sensor, target, range_m)
     point = sensor.working_point(light.background_power_w, range_m=light.range_m)
-    signal, level = point.response.signal(light.peak_power_w), sensor.threshold(point)
     variance = plane.fluctuation_variance(sensor, target, light.range_m)
     power_w = light.peak_power_w
     if variance is not None:
         power_w = power_w * scintillation.relative_power(deviate, variance)
-    ops = xp(signal, level)
-    return ops.log(signal / level), plane.expected_probability(point, level, power_w, None)
-
-
-def _log_margin(sensor: Sensor, target: Target, range_m: Lanes, *, deviate: Lanes) -> Lanes:
-    return margin_and_detection(sensor, target, range_m, deviate=deviate)[0]
-
-
-def _detection(sensor: Sensor, target: Target, range_m: Lanes, *, deviate: Lanes) -> Lanes:
-    return margin_and_detection(sensor, target, range_m, deviate=deviate)[1]
+    return plane.expected_probability(point, sensor.threshold(point), power_w, None)
 
 
 def _snr(sensor: Sensor, target: Target, range_m: Lanes, *, deviate: Lanes) -> Lanes:
@@ -157,32 +147,39 @@ def _snr(sensor: Sensor, target: Target, range_m: Lanes, *, deviate: Lanes) -> L
 
 
 def sensitivities(
-    sensor: Sensor, target: Target, *, distance_m: float | None = None, method: str = "auto"
+    sensor: Sensor,
+    target: Target,
+    *,
+    distance_m: float | None = None,
+    probability: float = PROBABILITY,
+    method: str = "auto",
 ) -> SensitivityTable:
     """Compute all sensitivities.
 
     Args:
-        distance_m: distance at which P_d is taken; None: the maximum range, where P_d is near one half
+        distance_m: distance at which P_d is taken; None: the range
+        probability: P_d at the range
         method: "drjit", "differences", or "auto": Dr.Jit if there is a back end
 
     Raises:
-        InputError: if the sensor has no maximum range
+        InputError: if the sensor has no range
     """
-    limit, status = plane.maximum_range_m(sensor, target)
+    limit, status = plane.detection_range_m(sensor, target, probability)
     if status != RangeStatus.FOUND:
-        raise InputError(f"'{sensor.name}' has no maximum range here ({status.name.lower()}), so no sensitivities")
+        raise InputError(f"'{sensor.name}' has no range here ({status.name.lower()}), so no sensitivities")
     limit = float(limit)
     distance = limit if distance_m is None else distance_m
     values = parameters(sensor, target)
 
     method, derive = choose_derivation(method)
-    _, margin = derive(_formula(sensor, target, _log_margin), {**values, _RANGE: limit})
-    probability, detection = detection_slopes(sensor, target, distance, derive, values)
-    if not margin[_RANGE] < 0.0:
-        raise InputError(f"'{sensor.name}': the signal does not fall with range at {limit:.6g} m")
+    _, at_limit = detection_slopes(sensor, target, limit, derive, values)
+    slopes = _implicit(sensor, limit, at_limit)
+    detected, detection = probability, at_limit
+    if distance != limit:
+        detected, detection = detection_slopes(sensor, target, distance, derive, values)
     rows = []
     for name, value in values.items():
-        slope = -margin[name] / margin[_RANGE]
+        slope = slopes[name]
         rows.append(
             Sensitivity(
                 parameter=name,
@@ -196,7 +193,18 @@ def sensitivities(
         )
     # Rounded before sorting: factors of the echo have equal elasticities, which rounding errors must not reorder.
     rows.sort(key=lambda row: (-round(abs(row.range_elasticity or 0.0), 6), row.parameter))
-    return SensitivityTable(sensor.name, limit, distance, probability, method, tuple(rows))
+    return SensitivityTable(sensor.name, limit, probability, distance, detected, method, tuple(rows))
+
+
+def _implicit(sensor: Sensor, range_m: float, detection: Mapping[str, float]) -> dict[str, float]:
+    """dR/dp = -(dP_d/dp) / (dP_d/dR) of each number (T221).
+
+    Raises:
+        InputError: where P_d does not fall with range
+    """
+    if not detection[_RANGE] < 0.0:
+        raise InputError(f"'{sensor.name}': P_d at {range_m:.6g} m does not fall with range")
+    return {name: -slope / detection[_RANGE] for name, slope in detection.items() if name != _RANGE}
 
 
 def _formula(sensor: Sensor, target: Target, quantity: Callable[..., Lanes]) -> Formula:
@@ -244,10 +252,7 @@ def range_slopes(
     if range_m >= float(plane.window_m(sensor)):
         ends = {"tdc.window_s": range_m / float(sensor.tdc.window_s)}
         return {name: ends.get(name, 0.0) for name in values}
-    _, detection = detection_slopes(sensor, target, range_m, derive, values)
-    if not detection[_RANGE] < 0.0:
-        raise InputError(f"'{sensor.name}': P_d at {range_m:.6g} m does not fall with range")
-    return {name: -detection[name] / detection[_RANGE] for name in values}
+    return _implicit(sensor, range_m, detection_slopes(sensor, target, range_m, derive, values)[1])
 
 
 def snr_slopes(
@@ -304,12 +309,8 @@ def differences(formula: Formula, values: Mapping[str, float]) -> tuple[float, d
     return centre, slopes
 
 
-def report_text(sensor: Sensor, target: Target, *, distance_m: float | None = None, method: str = "auto") -> str:
+def report_text(sensor: Sensor, target: Target, table: SensitivityTable) -> str:
     """Text of the elasticities, plain derivatives where a value is zero, and for an APD the best gain."""
-    return _text(sensor, target, sensitivities(sensor, target, distance_m=distance_m, method=method))
-
-
-def _text(sensor: Sensor, target: Target, table: SensitivityTable) -> str:
     text = table_text(table)
     if isinstance(sensor.detector, Apd):  # the one detector with a gain
         best = gain.best_gain(sensor, target, range_m=table.distance_m)
@@ -327,7 +328,7 @@ def table_text(table: SensitivityTable) -> str:
         "differences": "sixth-order central differences (no back end)",
     }[table.method]
     lines = [
-        f"{table.sensor}: maximum range {table.range_m:.3f} m",
+        f"{table.sensor}: range {table.range_m:.3f} m at P_d {table.probability:g}",
         f"P_d {100 * table.detection_probability:.2f} % at {table.distance_m:.3f} m",
         f"derivatives: {method_text}",
         "",
@@ -360,13 +361,13 @@ def sensitivity_report(
     """Sensitivities of each sensor, by its name, with a chart of the strongest.
 
     Args:
-        distance_m: distance of the detection probability; None: each sensor's maximum range
+        distance_m: distance of the detection probability; None: each sensor's range
     """
-    report = Report("Sensitivities of the maximum range", numbers={}, pages=(PAGE, "sensitivities.json"))
+    report = Report(f"Sensitivities of the {conditions.range_words}", numbers={}, pages=(PAGE, "sensitivities.json"))
     texts, rows = [], []
     for name, sensor in sensors:
         target = with_haze(sensor, conditions.target(), conditions.visibility_m)
-        table = sensitivities(sensor, target, distance_m=distance_m)
+        table = sensitivities(sensor, target, distance_m=distance_m, probability=conditions.probability)
         entries = [dataclasses.asdict(row) for row in table.rows]
         report.numbers[name] = {**dataclasses.asdict(table), "rows": entries}
         del report.numbers[name]["sensor"]
@@ -375,16 +376,16 @@ def sensitivity_report(
         cells = [["" if entry[key] is None else _cell(entry[key]) for key in columns] for entry in entries]
         report.add_heading(name)
         report.add_paragraph(
-            f"Maximum range {table.range_m:.3f} m; P_d {100 * table.detection_probability:.2f} % at "
-            f"{table.distance_m:.3f} m."
+            f"Range {table.range_m:.3f} m at P_d {table.probability:g}; P_d {100 * table.detection_probability:.2f} % "
+            f"at {table.distance_m:.3f} m."
         )
-        caption = "Change of the maximum range for +1 % of each parameter."
+        caption = f"Change of the {conditions.range_words} for +1 % of each parameter."
         bars = [(entry["parameter"], entry["range_elasticity"]) for entry in entries]
         report.add_figure(
             Figure(f"tornado_{name}", partial(tornado, table=table), (("parameter", "range_elasticity"), bars), caption)
         )
         report.add_table(("parameter", "value", "unit", "range [% per %]", "P_d [points per %]"), cells)
-        texts.append(_text(sensor, target, table))
+        texts.append(report_text(sensor, target, table))
     names = [field.name for field in dataclasses.fields(Sensitivity)]
     report.main_table = (("sensor", *names), rows)
     report.summary = "\n\n".join(texts)
@@ -396,14 +397,14 @@ def _cell(value: float | str) -> str:
 
 
 def tornado(path: str | os.PathLike[str], table: SensitivityTable) -> None:
-    """Chart of the elasticities of the maximum range, strongest on top; PNG or SVG by the path's suffix."""
+    """Chart of the elasticities of the range, strongest on top; PNG or SVG by the path's suffix."""
     from ...figures import lines as charts
 
     charts.tornado(
         [path],
         bars=[(row.parameter, size) for row in table.rows if abs(size := row.range_elasticity or 0.0) > 5e-4],
-        title=f"{table.sensor}: maximum range {table.range_m:.1f} m",
-        label="change of the maximum range for +1 % [%]",
+        title=f"{table.sensor}: range {table.range_m:.1f} m at P_d {table.probability:g}",
+        label="change of the range for +1 % [%]",
     )
 
 

@@ -13,7 +13,7 @@ from ...figures.report import PAGE, Data, Figure, Report, text_table
 from ...physics.optics import radiometry
 from ...sensor.sensor_model import Sensor
 from .aperture_laws import LAWS, field_of_view_deg, of_scanner
-from .conditions import CONDITIONS, QUANTITIES, Conditions, SweepOptions
+from .conditions import CONDITIONS, PROBABILITY, QUANTITIES, Conditions, SweepOptions
 from .curves import CurveCrossing, Curves, Question, SweepCurve, curves, is_flat, limit_word
 from .plane import RangeStatus, Target, window_m
 from .subjects import Subject
@@ -36,13 +36,13 @@ def sweep_report(subjects: Sequence[Subject], sweep: SweepOptions, conditions: C
     sensors = {subject.name: subject.sensor() for subject in subjects}
     conditions_line = conditions_text(swept, sun_angle_deg=conditions.sun_angle)
     lines = notes(swept, sensors)
-    quantity = QUANTITIES[sweep.quantity_name]
+    quantity = conditions.range_words if sweep.quantity_name == "range" else QUANTITIES[sweep.quantity_name]
     numbers = as_dict(swept) | {"conditions": conditions_line, "notes": lines}
     report = Report(f"{quantity} over {sweep.over}", numbers=numbers, pages=(PAGE, "sweep.json"), digits=DIGITS)
-    report.main_table = _columns(swept)
+    report.main_table = _columns(swept, conditions)
     report.add_paragraph(f"{quantity}: {conditions_line}")
     thresholds = {name: sensor.tdc.threshold_to_noise for name, sensor in sensors.items()}
-    chart = chart_of(swept, conditions_line, thresholds=thresholds)
+    chart = chart_of(swept, conditions_line, quantity, thresholds=thresholds)
     report.add_figure(Figure("curves", chart, report.main_table, f"{quantity} over {sweep.over}."))
     for line in lines:
         report.add_paragraph(line)
@@ -61,6 +61,7 @@ def _question(subjects: Sequence[Subject], sweep: SweepOptions, conditions: Cond
         target=conditions.target(),
         law=law,
         distance_m=conditions.distance,
+        probability=conditions.probability,
         visibility_m=conditions.visibility_m,
     )
 
@@ -77,11 +78,16 @@ def _axis(subjects: Sequence[Subject], sweep: SweepOptions) -> Axis:
     return condition_axis(name, start=start, stop=stop, count=sweep.points, log=sweep.log)
 
 
-def _columns(swept: Curves) -> Data:
-    """Axis with its unit, and one column for each sensor; 0: never detected, inf: no limit."""
+def _columns(swept: Curves, conditions: Conditions) -> Data:
+    """Axis with its unit, and one column for each sensor; 0: never detected, inf: no limit.
+
+    A range at another P_d than usual is named after the sensor.
+    """
     columns = [swept.question.axis.values, *(curve.values for curve in swept.curves)]
     rows = [[float(value) for value in row] for row in zip(*columns, strict=True)]
-    return [swept.question.axis.column, *(curve.name for curve in swept.curves)], rows
+    is_usual = swept.question.quantity != "range" or conditions.probability == PROBABILITY
+    of_range = "" if is_usual else f" {conditions.range_column}"
+    return [swept.question.axis.column, *(f"{curve.name}{of_range}" for curve in swept.curves)], rows
 
 
 def conditions_text(swept: Curves, *, sun_angle_deg: float) -> str:
@@ -146,7 +152,7 @@ def window_note(name: str, sensor: Sensor, *, farthest_m: float, limit_text: str
 
 
 def notes(swept: Curves, sensors: Mapping[str, Sensor]) -> list[str]:
-    """Notes on crossings, maximum ranges and warnings, one line each.
+    """Notes on crossings, ranges and warnings, one line each.
 
     Args:
         sensors: sensor by name
@@ -154,15 +160,14 @@ def notes(swept: Curves, sensors: Mapping[str, Sensor]) -> list[str]:
     question = swept.question
     unit = f" {question.axis.unit}" if question.axis.unit else ""
     notes_so_far = []
+    detected = f"P_d {question.probability:g}"
     for crossing in swept.detection_limits:
+        value = "" if question.quantity == "pd" else f", where {_value(question.quantity, crossing)}"
         if question.axis.key == "distance" and crossing.falls:
-            notes_so_far.append(
-                f"{crossing.first}: maximum range {crossing.place:.6g} m, where {_value(question.quantity, crossing)}"
-            )
+            notes_so_far.append(f"{crossing.first}: range {crossing.place:.6g} m at {detected}{value}")
         else:
             verb = "falls to" if crossing.falls else "rises to"
-            value = _value(question.quantity, crossing)
-            notes_so_far.append(f"{crossing.first}: {verb} the threshold at {crossing.place:.6g}{unit}, {value}")
+            notes_so_far.append(f"{crossing.first}: {verb} {detected} at {crossing.place:.6g}{unit}{value}")
     for crossing in swept.crossings:
         verb = "falls below" if crossing.falls else "rises above"
         value = _value(question.quantity, crossing)
@@ -218,6 +223,7 @@ def as_dict(swept: Curves) -> dict[str, Any]:
         "over": question.axis.column,
         "unit": question.axis.unit,
         "quantity": question.quantity,
+        "probability": question.probability,
         "x": numbers(question.axis.values),
         "sensors": sensors,
         "crossings": [
@@ -233,10 +239,11 @@ def as_dict(swept: Curves) -> dict[str, Any]:
     }
 
 
-def chart_of(swept: Curves, title: str, *, thresholds: Mapping[str, Any]) -> Chart:
+def chart_of(swept: Curves, title: str, words: str, *, thresholds: Mapping[str, Any]) -> Chart:
     """Chart of the curves, with crossings and limits marked.
 
     Args:
+        words: for the quantity
         thresholds: ratio to noise at which each comparator trips; None if it is fixed in another way
     """
     question = swept.question
@@ -255,9 +262,9 @@ def chart_of(swept: Curves, title: str, *, thresholds: Mapping[str, Any]) -> Cha
             y=limit.value,
             text=f"{limit.place:.4g}{unit}",
             colour=colour[limit.first],
-            offset=_offset(index, limit.falls),
+            offset=(8.0 if limit.falls else -8.0, 8.0),
         )
-        for index, limit in enumerate(swept.detection_limits)
+        for limit in swept.detection_limits
     ]
     marks += [
         Mark(x=crossing.place, y=crossing.value, text=f"{crossing.place:.4g}{unit}", offset=(10.0, 10.0))
@@ -267,8 +274,8 @@ def chart_of(swept: Curves, title: str, *, thresholds: Mapping[str, Any]) -> Cha
     levels: tuple[Level, ...] = ()
     if quantity == "snr":
         levels = tuple(
-            Level(y=threshold, text=f"threshold {threshold:g}")
-            for threshold in sorted({threshold for threshold in thresholds.values() if threshold})
+            Level(y=threshold, text=f"threshold {threshold:g}", side=("left", "right")[number % 2])
+            for number, threshold in enumerate(sorted({ratio for ratio in thresholds.values() if ratio}))
         )
     limits = {"pd": (0.0, 1.03), "snr": None, "range": None if log else (0.0, None)}[quantity]
     if quantity == "range" and not log and len(finite) and finite.min() > 0.6 * finite.max():
@@ -276,7 +283,7 @@ def chart_of(swept: Curves, title: str, *, thresholds: Mapping[str, Any]) -> Cha
     return Chart(
         lines=tuple(lines),
         x_label=axis.label,
-        y_label=QUANTITIES[quantity],
+        y_label=f"{words} [m]" if quantity == "range" else words,
         title=title,
         x_log=axis.log,
         y_log=log,
@@ -284,9 +291,3 @@ def chart_of(swept: Curves, title: str, *, thresholds: Mapping[str, Any]) -> Cha
         marks=tuple(marks),
         levels=levels,
     )
-
-
-def _offset(number: int, falls: bool) -> tuple[float, float]:
-    """Offset of a limit's text in points; neighbours go to different sides of the curve."""
-    x, y = ((8.0, 8.0), (-8.0, -8.0), (8.0, 22.0), (-8.0, -22.0))[number % 4]
-    return (x, y) if falls else (-x, y)
