@@ -16,9 +16,9 @@ from ...cloud.point_cloud import PointCloud
 from ...maths.arrays import Numbers
 from ...maths.special import SIGMA_PER_MAD
 from ...recordings.sweep import Sweep
-from ..compare.recording_comparison import measure_ground
 from ..held import LIMITS, UNLIMITED, Held, ratio, relative
 from .clusters import share_found_again
+from .ground import farthest_ground_m
 from .matched_pulses import NO_SURFACE, MatchedPulses
 from .surfels import SMOOTH
 from .tuning import CLIP_SIGMAS, OCTAVES_M, SAME_SURFACE_M
@@ -296,8 +296,7 @@ def _share(mask: Numbers) -> float | None:
 def _ground(sweep: Sweep, cloud: PointCloud) -> Iterator[Held]:
     local = cloud.in_sensor_frame()
     first = local.select(local.return_number <= 1)
-    sides = (measure_ground(xyz_m) for xyz_m in (sweep.xyz_m[sweep.has_return], first.xyz_m.astype(np.float64)))
-    real, simulated = (None if ground is None else ground[1] for ground in sides)
+    real, simulated = map(farthest_ground_m, (sweep.xyz_m[sweep.has_return], first.xyz_m.astype(np.float64)))
     yield Held(
         quantity="farthest ground, 99.9 %",
         reference=real,
