@@ -162,3 +162,18 @@ def test_a_segmenter_learns_from_generated_frames() -> None:
         for judged in ("held-out frames", "the same without noise", "recorded frame")
     ]
     assert all(0.8 < float(row[3]) <= 1.0 for row in rows), process.stdout
+
+
+def test_a_recording_and_its_simulation_are_told_apart() -> None:
+    """`told_apart.py` on the recording of the package: each group is between chance and certainty, with its error."""
+    pytest.importorskip("ouster.sdk")
+    command = [sys.executable, str(ROOT / "benchmarks" / "told_apart.py")]
+    environment = os.environ | {"PYTHONPATH": str(ROOT / "src")}
+    process = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=PATIENCE_S)
+    assert process.returncode == 0, process.stderr
+    head, row = (re.split(r"\s{2,}", line) for line in process.stdout.splitlines())
+    assert head[:7] == ["recording", "recorded twice", "all", "range texture", "holes", "edges", "intensity"]
+    control, *accuracies = map(float, row[1:7])
+    assert abs(control - 0.5) < 0.15  # 96 patches of each side, with an error of 0.04
+    assert all(0.3 < accuracy <= 1.0 for accuracy in accuracies)
+    assert row[7].startswith("+- 0.0")
