@@ -28,7 +28,19 @@ def _draw(cloud: Any, **options: Any) -> Any:
     return draw_in_memory(cloud, **options)
 
 
+def _boxes(cloud: Any, scene: Any, **options: Any) -> Any:
+    from .labels.boxes import boxes
+
+    return boxes(cloud, scene, **options)
+
+
+def _deskew(cloud: Any, motion: Any, **options: Any) -> Any:
+    from .cloud.deskew import deskewed
+
+    return deskewed(cloud, motion, **options)
+
+
 # Methods of `PointCloud` and `Scene` call these by name.
-bind(view=_view, draw=_draw)
+bind(view=_view, draw=_draw, boxes=_boxes, deskew=_deskew)
 
 write_newest_path()  # for a program that imports Dr.Jit or Mitsuba by itself after lidarscene

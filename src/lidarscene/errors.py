@@ -47,9 +47,9 @@ def question(choices: Iterable[str]) -> str:
     return f"did you mean {words}?" if words else ""
 
 
-def unknown_option(word: str, options: Collection[str]) -> InputError:
-    """Error for a keyword that is none of a call's options."""
-    meant = did_you_mean(word, options)
+def unknown_option(word: str, options: Collection[str], *, meant: str = "") -> InputError:
+    """Error for a keyword that is none of a call's options; ``meant`` says what does it."""
+    meant = f"{meant};" if meant else did_you_mean(word, options)
     return InputError(f"unknown option '{word}'; {meant}{' ' if meant else ''}known here: {', '.join(options)}")
 
 

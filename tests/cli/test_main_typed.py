@@ -67,6 +67,8 @@ TYPED = [
     ("render car.fbx -o a.ply", "car.fbx: an FBX file, which is not read; import it into Blender and export glTF"),
     # the command itself
     ("Render car -o a.ply", "invalid choice: 'Render'; did you mean render?"),
+    ("compare apd-905 sipm-905", "required: -o/--output; sensors go behind --sensors, with commas: --sensors A,B"),
+    ("ls", "invalid choice: 'ls'; lists are lidarscene catalog, catalog sensors"),
     ("plot car", "invalid choice: 'plot'; choose from render, stream, batch,"),
     # view
     ("view", "required: CLOUD|DIR|SCENE|REC; see lidarscene view -h"),
@@ -78,7 +80,10 @@ TYPED = [
     ("view empty.pcap", "empty.pcap: must have points or packets, got an empty file"),
     # compare
     ("compare wall.toml --sensors table1-apd -o out", "must be 2 to 7 names or files with commas between them"),
-    ("compare wall.toml --sensors table1-apd table1-sipm -o out", "; sensors go with commas: --sensors A,B"),
+    (
+        "compare wall.toml --sensors table1-apd table1-sipm -o out",
+        "; sensors go behind --sensors, with commas: --sensors A,B",
+    ),
     ("compare wall.toml --sensors table1-apd,table1-apx -o out", "did you mean table1-apd?"),
     ("compare wall.toml --sensors table1-apd,table1-sipm", "required: -o/--output; see lidarscene compare -h"),
     # range

@@ -418,7 +418,7 @@ def test_interrupt_leaves_nothing(
         with monkeypatch.context() as patch:
             patch.setattr(target, interrupted)
             ran = run("render", wall, "-o", "new/o.ply", *COARSE)
-        assert (ran.code, ran.out, ran.err) == (130, "", "lidarscene: error: interrupted\n")
+        assert (ran.code, ran.out, ran.err) == (130, "", "lidarscene: interrupted\n")
         assert files_in(tmp_path) == before
 
 

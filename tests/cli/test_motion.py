@@ -156,6 +156,9 @@ def test_text_of_many(mi, run: Run, drive: str) -> None:
     printed = run("render", drive, "-o", "out", "--frames", "2", *COARSE)
     assert printed.out.splitlines()[1] == f"beams         {2 * BEAMS:>12,}"
     assert printed.out.endswith("wrote         2 clouds in out\n")
+    beside = ("--labels", "semantickitti", "--poses", "way.tum", "--picture", "look.png")
+    printed = run("render", drive, "-o", "out", "--frames", "2", *COARSE, *beside)
+    assert printed.out.endswith("wrote         2 clouds in out, 2 .label in out, 2 .png in ., way.tum\n")
 
 
 @pytest.mark.parametrize(

@@ -19,6 +19,7 @@ import lidarscene
 from lidarscene import load_scene
 from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.errors import InputError, LidarSceneError
+from lidarscene.formats.category_array import CategoryArray
 from lidarscene.materials.material import Material, Spectrum
 from lidarscene.maths.pose import Pose
 from lidarscene.scene.scene import Scene, box_of
@@ -26,7 +27,7 @@ from lidarscene.scene.scene import Scene, box_of
 
 def test_structured() -> None:
     cloud = small_cloud(9)
-    rows = cloud.to_structured()
+    rows = cloud.to_numpy()
     assert rows.dtype.names == tuple(c.name for c in cloud.columns)
     for name in rows.dtype.names:
         np.testing.assert_array_equal(rows[name], cloud.column(name), strict=True)
@@ -40,6 +41,10 @@ def test_pandas_shares_the_memory(library: Any) -> None:
     assert frame.attrs == cloud.metadata
     for name in frame.columns:
         values = frame[name].to_numpy()
+        if isinstance(cloud.column(name), CategoryArray) and cloud.column(name).names:
+            assert list(frame[name].cat.categories) == list(cloud.column(name).names)
+            np.testing.assert_array_equal(frame[name].cat.codes, cloud.column(name))
+            continue
         np.testing.assert_array_equal(values, cloud.column(name), strict=True)
         assert np.shares_memory(values, cloud.column(name)), name
 
@@ -88,7 +93,7 @@ def test_notebooks_show_a_picture(street_cloud: PointCloud) -> None:
 def test_nothing_heavy_is_imported_to_save_and_show(run_python: Any) -> None:
     code = (
         "import sys\nfrom lidarscene import PointCloud\nfrom lidarscene.cloud.builder import CloudBuilder\n"
-        "c = PointCloud(**CloudBuilder().fields())\nc._repr_png_(); c.to_structured()\n"
+        "c = PointCloud(**CloudBuilder().fields())\nc._repr_png_(); c.to_numpy()\n"
         "print(*(n for n in ('matplotlib', 'mitsuba', 'open3d', 'pandas', 'PIL') if n in sys.modules))"
     )
     process = run_python(code)

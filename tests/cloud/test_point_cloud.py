@@ -20,10 +20,13 @@ from lidarscene.cloud import interop
 from lidarscene.cloud.builder import CloudBuilder
 from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.cloud.rig_clouds import merge_clouds
+from lidarscene.detection.outcomes import Status
 from lidarscene.errors import InputError, LidarSceneError
-from lidarscene.formats.cloud_columns import COLUMNS, DTYPES, MEASURED, OF_VECTORS, TRUTH, columns_of
+from lidarscene.formats.category_array import UnknownNameWarning
+from lidarscene.formats.cloud_columns import COLUMNS, DTYPES, MEASURED, OF_VECTORS, STATUS_NAMES, TRUTH, columns_of
 from lidarscene.formats.cloud_columns import NAMES as NAMES_OF
 from lidarscene.maths.arrays import Numbers
+from lidarscene.maths.pose import Pose
 
 TESTS = Path(__file__).parents[1]
 
@@ -327,12 +330,98 @@ def test_columns_and_points_by_brackets() -> None:
     rows = np.asarray(cloud)
     assert rows.dtype.names == tuple(column.name for column in cloud.columns)
     np.testing.assert_array_equal(rows["snr"], cloud.snr)
-    with pytest.raises(InputError, match=r"cloud\[5\]: must be the name of a column, .* one point is cloud\[5:6\]"):
-        cloud[5]  # type: ignore[call-overload]
+    assert (cloud[-1], cloud[np.int64(5)]) == (rows[8], rows[5])
+    assert list(cloud) == list(rows)
+    assert cloud.shape == rows.shape
+    np.testing.assert_array_equal(cloud[["x", "y", "z"]], cloud.xyz_m, strict=True)
+    assert cloud.to_numpy(["range", "class"]).dtype == np.float64
+    with pytest.raises(InputError, match=r"cloud\[9\]: must be one of 9 points"):
+        cloud[9]
+    with pytest.raises(InputError, match=r"cloud\[1.5\]: must be the name of a column, .* slice"):
+        cloud[1.5]  # type: ignore[call-overload]
     with pytest.raises(InputError, match=r"column 'rang': not in this cloud; did you mean range[?]"):
         cloud["rang"]
-    with pytest.raises(InputError, match=r"cloud\[0\]"):  # which iterating would do
-        list(cloud)  # type: ignore[call-overload]
+    with pytest.raises(InputError, match=r"column 'rang'"):
+        cloud[["x", "rang"]]
+    with pytest.raises(InputError, match=r"must be a mask .* does not fit 9 points: .*\n?"):
+        cloud[np.ones(4, bool)]
+
+
+def test_columns_are_attributes_by_their_names_in_files() -> None:
+    cloud: Any = small_cloud(9)
+    for column in cloud.columns:
+        if column.name != "class":
+            np.testing.assert_array_equal(getattr(cloud, column.name), cloud[column.name])
+            assert column.name in dir(cloud)
+    assert cloud.points is cloud.xyz_m
+    assert not hasattr(cloud.without_truth(), "true_range")
+    with pytest.raises(AttributeError, match=r"no column or attribute 'rangee'; did you mean range[?]"):
+        _ = cloud.rangee
+    assert not hasattr(cloud, "rays")
+
+
+def test_codes_compare_by_name_and_by_code() -> None:
+    cloud: Any = small_cloud(50)
+    for column, names in (("class", cloud.class_names), ("body", cloud.body_names), ("status", STATUS_NAMES)):
+        codes = np.asarray(cloud[column])
+        for code, name in enumerate(names):
+            np.testing.assert_array_equal(cloud[column] == name, codes == code, strict=True)
+            np.testing.assert_array_equal(cloud[column] != name, codes != code, strict=True)
+            np.testing.assert_array_equal(cloud[column] == code, codes == code, strict=True)
+        either = (codes == 0) | (codes == 1)
+        for mask in (
+            cloud[column].isin(names[:2]),
+            np.isin(cloud[column], names[:2]),
+            cloud[column].isin([0, names[1]]),
+        ):
+            np.testing.assert_array_equal(mask, either)
+        named = cloud[column].as_names()
+        assert named.tolist() == [names[code] if code >= 0 else "" for code in codes]
+        copied = pickle.loads(pickle.dumps(cloud[column]))
+        known = codes >= 0
+        assert (copied[known] == named[known]).all()
+        assert type(cloud[column] + 1) is np.ndarray
+        assert isinstance(cloud[column].max(), np.integer)
+    chosen = cloud.select(class_=cloud.class_names[0], status=["echo", 1])
+    mask = (cloud.class_id == 0) & np.isin(cloud.status, (0, 1))
+    assert_same(chosen, cloud.select(mask))
+    assert_same(cloud.select(slice(0, 20), class_=0), cloud.select(slice(0, 20)).select(class_=0))
+    assert_same(cloud[cloud["status"] == "false alarm"], cloud.select(cloud.status == Status.FALSE_ALARM))
+
+
+def test_a_name_that_no_point_can_have_is_said() -> None:
+    cloud = small_cloud(9)
+    with pytest.warns(UnknownNameWarning, match="status: nothing is named 'ecko' here; did you mean echo[?] "):
+        assert not (cloud["status"] == "ecko").any()
+    with pytest.warns(UnknownNameWarning, match="class: nothing is named 'lorry' here; the choices are"):
+        assert len(cloud.select(class_="lorry")) == 0
+    with pytest.raises(InputError, match=r"names go by keyword: cloud.select\(class_='car'\)"):
+        cloud.select("car")
+    with pytest.raises(InputError, match="select: must have a mask"):
+        cloud.select()
+    with pytest.raises(InputError, match=r"class == .*: must be one name, .*write .isin"):
+        _ = cloud["class"] == ["car", "road"]
+
+
+def test_transform_moves_points_vectors_and_sensor() -> None:
+    unit = np.array([0.6, 0.0, -0.8], np.float32)
+    vectors = {name: np.full(9, unit[axis % 3]) for axis, name in enumerate(OF_VECTORS)}
+    cloud = small_cloud(9, **vectors)
+    pose = Pose.from_degrees(position_m=(10.0, -2.0, 1.0), yaw_deg=30.0, pitch_deg=5.0, roll_deg=-3.0)
+    matrix = np.vstack([np.column_stack([pose.rotation, pose.position_m]), [0, 0, 0, 1]])
+    for moved in (cloud.transform(pose), cloud.transform(matrix)):
+        np.testing.assert_allclose(moved.xyz_m, cloud.xyz_m @ pose.rotation.T + pose.position_m, atol=1e-12)
+        np.testing.assert_allclose(moved.normals, cloud.normals @ pose.rotation.T, atol=1e-6)
+        np.testing.assert_allclose(moved.sensor_position_m, pose.apply(cloud.sensor_position_m[None])[0])
+        np.testing.assert_allclose(moved.in_sensor_frame().xyz_m, cloud.in_sensor_frame().xyz_m, atol=1e-4)
+    for wrong in (np.eye(3), 2.0 * np.eye(4), np.diag([1.0, 1.0, -1.0, 1.0]), "abc"):
+        with pytest.raises(InputError, match=r"transform: (must be a Pose|pose: must be)"):
+            cloud.transform(wrong)  # type: ignore[arg-type]
+
+
+def test_sum_joins_clouds() -> None:
+    a, b = small_cloud(3), small_cloud(4)
+    assert_same(sum([a, b]), a + b)
 
 
 def test_clouds_are_added_by_the_names_of_what_they_hit() -> None:

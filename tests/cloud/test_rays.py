@@ -37,6 +37,7 @@ def test_every_pulse_has_its_ray(cloud: PointCloud) -> None:
     np.testing.assert_array_equal(rays.ring[has_point], cloud.ring)
     np.testing.assert_array_equal(rays.outcome[has_point] == 0, cloud.status == 0)
     assert (rays.outcome[~has_point] > 0).all()
+    np.testing.assert_array_equal(cloud.missed.pulse, rays.pulse[~has_point])
     # 16 lasers leave from 16 heights.
     assert len(np.unique(np.round(rays.origin_m[:, 2], 5))) == 16
 
@@ -49,7 +50,7 @@ def test_rays_are_of_the_frame_as_it_was_rendered(cloud: PointCloud) -> None:
 
 def test_files_of_rays(tmp_path: Path, cloud: PointCloud, open3d: ModuleType, library: Callable[[str], Any]) -> None:
     """Reference: NumPy, Open3D and pyarrow read every column of each file."""
-    rows = cloud.rays.to_structured()
+    rows = cloud.rays.to_numpy()
     assert list(rows.dtype.names or ()) == COLUMNS
     for suffix in ("npz", "ply", "parquet"):
         if suffix == "parquet":

@@ -9,6 +9,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
+from helpers.clouds import small_cloud
 from helpers.drawn_street import street
 
 from lidarscene.cloud import pixels
@@ -223,6 +224,25 @@ def test_other_suffix_and_bad_folder(cloud: PointCloud, tmp_path: Path) -> None:
     with pytest.raises(OutputError, match="is a file, not a folder"):
         range_image(cloud, tmp_path / "file" / "a.png")
     assert [p.name for p in tmp_path.iterdir()] == ["file"]
+
+
+@pytest.mark.parametrize(("ahead", "bearing_deg"), [(0.5, 0.0), (0.1, 90.0), (0.0, 90.0)])
+def test_a_cloud_all_round_is_seen_where_things_stand(ahead: float, bearing_deg: float) -> None:
+    """Rings on the ground, a wall on the left and a part of one ahead: forward, unless little stands there."""
+    turn = np.linspace(0.0, 2.0 * np.pi, 4000, endpoint=False)
+    rings = [np.stack([r * np.cos(turn), r * np.sin(turn), np.full(4000, -1.7)], 1) for r in (4.0, 6.0, 9.0, 15.0)]
+    across, up = (grid.ravel() for grid in np.meshgrid(np.linspace(-5, 5, 40), np.linspace(-1, 2, 20)))
+    left = np.stack([across, np.full(800, 12.0), up], 1)
+    front = np.stack([np.full(800, 12.0), across, up], 1)[: int(800 * ahead)]
+    xyz_m = np.concatenate([*rings, left, front]).astype(np.float32)
+    camera = camera_for(small_cloud(len(xyz_m), xyz_m=xyz_m, status=np.zeros(len(xyz_m), int)), shape=(1280, 720))
+    look = camera.axes[2]
+    turned_deg = np.degrees(np.arctan2(look[1], look[0])) - bearing_deg
+    assert abs(turned_deg) < 20.0
+    assert camera.eye_m[2] < 8.0
+    column, row, depth = camera.project(front if ahead > 0.3 else left, width=1280, height=720)
+    inside = (depth > 0) & (row >= 0) & (row < 720) & (column >= 0) & (column < 1280)
+    assert inside.mean() > 0.9
 
 
 def test_camera_that_sees_nothing_is_refused(cloud: PointCloud) -> None:

@@ -102,7 +102,7 @@ def test_size_is_header_plus_points(tmp_path: Path) -> None:
     for n in (0, 5):
         write_ply(tmp_path / "a.ply", small_cloud(n))
         head = tmp_path.joinpath("a.ply").read_bytes().index(b"end_header\n") + len(b"end_header\n")
-        assert (tmp_path / "a.ply").stat().st_size == head + n * small_cloud(0).to_structured().itemsize
+        assert (tmp_path / "a.ply").stat().st_size == head + n * small_cloud(0).to_numpy().itemsize
 
 
 @pytest.mark.parametrize("ascii", [False, True])

@@ -702,7 +702,7 @@ def test_boxes_are_where_the_cloud_shows_what_moves(motion_in: str) -> None:
     and 2 m: half of that on either side of the mean time is what points may lie outside.
     """
     cloud, scene = render_driving(motion_in=motion_in)
-    frame_boxes = boxes(cloud, scene)
+    frame_boxes = cloud.boxes(scene)
     for box in frame_boxes:
         body_points_m = cloud.xyz_m[cloud.body == box.body].astype(float)
         outside = np.abs(box.pose.inverse_apply(body_points_m)) - 0.5 * box.size_m

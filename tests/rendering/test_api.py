@@ -98,6 +98,30 @@ def test_names_of_the_catalogue() -> None:
 def test_an_unknown_keyword_names_the_right_one() -> None:
     with pytest.raises(InputError, match=r"unknown option 'sensors'; did you mean sensor[?] known here: rays, "):
         lidarscene.render("car", sensors="table1-apd")  # type: ignore[call-arg]
+    for keyword, call in (
+        ("illuminance", r'scene_overrides=\{"sun.illuminance_klux": ...\}'),
+        ("peak_power_w", r' overrides=\{"laser.peak_power_w": ...\}'),
+        ("frames", r"render_frames\(scene, sensor, frames=N\)"),
+        ("output", r"cloud.save\(path\)"),
+    ):
+        with pytest.raises(InputError, match=rf"^unknown option '{keyword}'; .*{call}; known here: rays, "):
+            lidarscene.render("car", **{keyword: 1})  # type: ignore[arg-type]
+
+
+def test_bodies_by_name() -> None:
+    scene = lidarscene.load_scene("car")
+    bodies: Any = scene.bodies
+    assert bodies["car"] is bodies["car.0"]
+    assert bodies["road"] is next(body for body in scene.bodies if body.name == "road")
+    smaller = scene.remove("car")
+    assert [body.name for body in smaller.bodies] == [body.name for body in scene.bodies if body.name != "car.0"]
+    for name, message in (
+        ("roed", "no body of this name; did you mean road[?]"),
+        ("dashes", "must be one of dashes.0, dashes.1"),
+        ("xyz", "no body of this name; the scene has road, side_road, .*, ..."),
+    ):
+        with pytest.raises(InputError, match=rf"^scene.bodies\['{name}'\]: {message}"):
+            scene.remove(name)
 
 
 def test_a_file_is_outputs_enough(mi: Any, tmp_path: Path) -> None:

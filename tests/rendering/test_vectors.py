@@ -10,7 +10,6 @@ from helpers.formats import file_of, need
 from helpers.traffic import SENSOR, traffic
 
 from lidarscene import PointCloud, Simulator
-from lidarscene.cloud.deskew import deskewed
 from lidarscene.errors import InputError
 from lidarscene.formats.cloud_columns import COLUMNS, OF_VECTORS, columns_of
 from lidarscene.formats.registry import FORMATS
@@ -106,7 +105,7 @@ def test_velocities_are_differences_of_poses() -> None:
     scene = traffic()
     simulator = Simulator(scene, chain.sensor("table1-apd", *SENSOR), vectors=True)
     raw = simulator.render(seed=1)
-    cloud = deskewed(raw, simulator.motion)
+    cloud = raw.deskew(simulator.motion)
     is_echo = (cloud.status == 0) & (cloud.body >= 0)
     raw, cloud = raw.select(is_echo), cloud.select(is_echo)
     sensor = simulator.motion.at(cloud.time_s)

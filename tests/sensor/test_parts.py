@@ -38,6 +38,21 @@ def test_a_detector_comes_with_its_electronics(name: str, donor: str) -> None:
     assert exchanged.scanner.pulses == own.scanner.pulses
 
 
+@pytest.mark.parametrize("name", catalog.names("sensors"))
+def test_a_saved_sensor_is_the_sensor(name: str, tmp_path: Path) -> None:
+    """Reference: the sensor itself, with what was replaced, from another folder than its files."""
+    sensor = load_sensor(name).replace("laser.divergence_mrad=2.5", peak_power_w=33.0)
+    assert sensor.laser.peak_power_w == 33.0
+    (tmp_path / "elsewhere").mkdir()
+    sensor.save(tmp_path / "elsewhere/mine.toml")
+    saved = load_sensor(tmp_path / "elsewhere/mine.toml")
+    for field in dataclasses.fields(Sensor):
+        if field.name != "origin":
+            assert repr(getattr(saved, field.name)) == repr(getattr(sensor, field.name))
+    with pytest.raises(InputError, match="must be as `load_sensor` gave it for it to be saved"):
+        dataclasses.replace(sensor, name="other").save(tmp_path / "b.toml")
+
+
 def test_spads_come_with_their_histogram_and_go_with_it() -> None:
     """No converter of the own sensor is left behind, none is missing: the window is then the donor's."""
     counting = load_sensor("apd-905").with_detector("os1-128")

@@ -79,7 +79,7 @@ def add_catalogue(commands: Any) -> None:
 def run_catalog(arguments: argparse.Namespace) -> Answer:
     """Run `catalog`."""
     from .. import catalog
-    from ..outputs import run_report
+    from ..outputs.catalog_list import catalog_entries, catalog_text
     from ..scene.derived import copy_scene
 
     if arguments.copy is not None:
@@ -95,10 +95,8 @@ def run_catalog(arguments: argparse.Namespace) -> Answer:
         path = catalog.path_of(arguments.kind, arguments.name)
         text = path.read_text(encoding="utf-8") if path.suffix == ".toml" else str(path)
         return Answer(text, numbers=tomllib.loads(text) if path.suffix == ".toml" else {"file": text})
-    entries = {
-        kind: run_report.catalog_entries(kind) for kind in ([arguments.kind] if arguments.kind else catalog.KINDS)
-    }
-    return Answer("\n".join(run_report.catalog_text(kind, entries[kind]) for kind in entries), numbers=entries)
+    entries = {kind: catalog_entries(kind) for kind in ([arguments.kind] if arguments.kind else catalog.KINDS)}
+    return Answer("\n".join(catalog_text(kind, entries[kind]) for kind in entries), numbers=entries)
 
 
 def _check_answer(arguments: argparse.Namespace) -> Answer:

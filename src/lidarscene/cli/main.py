@@ -81,7 +81,7 @@ def main(argv: Sequence[str] | None = None) -> int:
             return 1
         raise
     except KeyboardInterrupt:
-        print_error("interrupted")
+        tell("lidarscene: interrupted")
         return 130
 
 
@@ -90,12 +90,13 @@ class _Parser(argparse.ArgumentParser):
 
     def __init__(self, **options: Any) -> None:
         super().__init__(allow_abbrev=False, **options)
-        self.option_first = ""
+        self.option_first, self.words = "", list[str]()
 
     def parse_known_args(self, *arguments: Any, **options: Any) -> Any:
         """Report unknown arguments by the command's own parser, which can suggest its own options."""
         words = sys.argv[1:] if not arguments or arguments[0] is None else arguments[0]
         first = words[0] if words else ""
+        self.words = list(words)
         self.option_first = first if first.startswith("--") and self._subparsers is not None else ""
         parsed, unknown = super().parse_known_args(*arguments, **options)
         if unknown:
@@ -109,13 +110,23 @@ class _Parser(argparse.ArgumentParser):
                     f"the command goes first: {self.prog} COMMAND {self.option_first} ...; see {self.prog} -h"
                 )
             choices = re.findall(r"[\w-]+", choice[2])
-            hint = f"{did_you_mean(choice[1].lower(), choices)} choose from {', '.join(choices)}".strip()
+            listing = self._subparsers is not None and choice[1].lower() in LISTING
+            meant = "lists are lidarscene catalog, catalog sensors, catalog scenes, ..." if listing else ""
+            hint = meant or f"{did_you_mean(choice[1].lower(), choices)} choose from {', '.join(choices)}".strip()
             message = f"{message[: choice.end(1)]}'; {hint}"
+        elif "are required" in message:
+            message += self._about_words()
         raise InputError(f"{message}; see {self.prog} -h")
 
     def _print_message(self, message: str, file: Any = None) -> None:
         """Print help and version as all answers: argparse drops them where they cannot be written."""
         print_text(message)
+
+    def _about_words(self) -> str:
+        """Suggest the option of sensors where more words come first than the command takes."""
+        leading = next((place for place, word in enumerate(self.words) if word.startswith("-")), len(self.words))
+        taken = sum(not action.option_strings for action in self._actions)
+        return self._suggestion(self.words[taken]) if leading > taken else ""
 
     def _suggestion(self, argument: str) -> str:
         """Suggest an option for an unknown argument."""
@@ -123,7 +134,7 @@ class _Parser(argparse.ArgumentParser):
         if not argument.startswith("-"):
             if "--set" in options and re.fullmatch(r"[-+\d.]+\w*|true|false", argument):
                 return "; a value goes with =: --set laser.peak_power_w=75"
-            return "; sensors go with commas: --sensors A,B" if "--sensors" in options else ""
+            return "; sensors go behind --sensors, with commas: --sensors A,B" if "--sensors" in options else ""
         question = did_you_mean(argument.split("=")[0], options, cutoff=0.75)
         return f"; {question}" if question else ""
 
@@ -132,6 +143,9 @@ _VERSION = f"lidarscene {__version__}"
 
 WITHOUT_FIGURES = ("view", "schema", "version", "help", "completion")
 """Commands that compute no numbers; all others take `--json` and `--quiet`. `view` takes `--quiet`."""
+
+LISTING = ("list", "ls", "scenes", "sensors", "materials", "meshes", "examples")
+"""Words that people try for the command `catalog`."""
 
 _CHOICE = re.compile(r"invalid choice: '([^']*)' \(choose from (.*)\)$")
 
@@ -163,7 +177,7 @@ def _parser() -> argparse.ArgumentParser:
         add(commands)
     doctor = commands.add_parser(
         "doctor",
-        help="what this machine can run, and what it lacks",
+        help="what this machine can run, and what is missing",
         description="Versions, which back ends work and why the others do not, and one ray traced as proof.",
     )
     doctor.set_defaults(run=_doctor)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import argparse
 import itertools
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
@@ -125,6 +126,15 @@ def _record(arguments: argparse.Namespace, history: KernelHistory | None) -> Rec
         )
 
 
+def _others(run: RecordedRun) -> list[str]:
+    """Files of several frames beside their clouds: those of each frame counted by folder and suffix."""
+    clouds = {cloud.files["output"] for cloud in run.clouds}
+    counts = Counter(
+        f"{path.suffix} in {path.parent}" for path in run.files if path not in clouds and path not in run.run_files
+    )
+    return [f"{count} {place}" for place, count in counts.items()] + [str(path) for path in run.run_files]
+
+
 def _as_text(arguments: argparse.Namespace, run: RecordedRun, history: KernelHistory | None) -> str:
     """Text of the summary of all frames."""
     from ..outputs import run_report
@@ -134,6 +144,8 @@ def _as_text(arguments: argparse.Namespace, run: RecordedRun, history: KernelHis
     written = [f"{frames} frames in {arguments.path}" if one_file else f"{len(run.clouds)} clouds in {arguments.path}"]
     if len(run.clouds) == 1:
         written = [str(path) for path in run.files]
+    else:
+        written += _others(run)
     profile = "" if history is None else "\n" + run_report.profile_as_text(run.summary, history)
     return run_report.as_text(run.summary, written, run.surroundings[0]) + profile
 

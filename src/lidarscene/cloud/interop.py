@@ -16,6 +16,7 @@ import numpy as np
 from ..files.encodings.png import encode_png
 from ..files.open3d import open3d
 from ..files.optional import import_optional
+from ..formats.category_array import CategoryArray
 from ..formats.cloud_columns import Cloud
 from ..maths.arrays import Numbers
 from .pixels import camera_for, eye_dome_picture, splat, unpack_rgb
@@ -29,9 +30,18 @@ NEAR, MIDDLE, FAR = (255, 214, 102), (70, 190, 190), (72, 76, 160)
 def to_pandas(cloud: Cloud) -> Any:
     """See `PointCloud.to_pandas`."""
     pandas = import_optional("pandas", extra="pandas")
-    frame = pandas.DataFrame({column.name: cloud.column(column.name) for column in cloud.columns}, copy=False)
+    frame = pandas.DataFrame(
+        {column.name: _series(pandas, cloud.column(column.name)) for column in cloud.columns}, copy=False
+    )
     frame.attrs.update(cloud.metadata)
     return frame
+
+
+def _series(pandas: Any, values: Numbers) -> Any:
+    """Values of a column; those with names as categories."""
+    if not isinstance(values, CategoryArray) or not values.names or len(set(values.names)) < len(values.names):
+        return np.asarray(values)
+    return pandas.Categorical.from_codes(np.asarray(values), categories=list(values.names))
 
 
 def to_torch(cloud: Cloud) -> Any:
@@ -41,7 +51,9 @@ def to_torch(cloud: Cloud) -> Any:
         # Our arrays are read-only, which tensors cannot be.
         warnings.simplefilter("ignore", UserWarning)
         tensors = {"xyz": torch.from_numpy(cloud.xyz_m)}
-        return tensors | {column.name: torch.from_numpy(cloud.column(column.name)) for column in cloud.columns[3:]}
+        return tensors | {
+            column.name: torch.from_numpy(np.asarray(cloud.column(column.name))) for column in cloud.columns[3:]
+        }
 
 
 def to_open3d(cloud: Cloud, *, colours: Numbers | None = None, legacy: bool = False) -> Any:

@@ -87,15 +87,19 @@ def camera_for(
     echoes_m = cloud.xyz_m[cloud.column("status") == 0] - sensor
     distance_m = np.sqrt(echoes_m[:, 0] ** 2 + echoes_m[:, 1] ** 2)
     reach, direction, ground = _near_field(echoes_m, distance_m)
-    around = not direction.any()
-    backward, up, forward = (1.3, 0.8, 0.1) if around else (0.40, 0.22, 1.3)
-    direction = np.array([1.0, 0.0, 0.0]) if around else direction
+    backward, up, forward = 0.40, 0.22, 1.3
+    shown = np.ones(len(echoes_m), bool)
+    if not direction.any():
+        # All around. From high above there would be rings on black.
+        reach, direction = _worth_seeing(echoes_m, distance_m, ground)
+        backward, up, forward = 0.45, 0.30, 1.0
+        shown = echoes_m @ direction > SIDE * distance_m
     eye = sensor - backward * reach * direction + (0.0, 0.0, up * reach)
     target = sensor + forward * reach * direction + (0.0, 0.0, 0.5 * ground)
     eye = eye if eye_m is None else np.array(eye_m, np.float64)
     target = target if target_m is None else np.array(target_m, np.float64)
     if shape is not None:
-        near = np.flatnonzero(distance_m <= 1.5 * reach)
+        near = np.flatnonzero((distance_m <= 1.5 * reach) & shown)
         sample_m = echoes_m[near[:: max(len(near) // 20_000, 1)]]
         target, fov_deg = _fit_view(eye, target, sample_m + sensor, shape, fov_deg)
     look = target - eye
@@ -141,6 +145,29 @@ def _near_field(echoes_m: Numbers, distance: Numbers) -> tuple[float, Numbers, f
     length = float(np.linalg.norm(mean))
     ahead = np.array([*(mean / length), 0.0]) if length > 0.3 else np.zeros(3)
     return reach, ahead, float(np.median(echoes_m[near, 2]))
+
+
+def _worth_seeing(echoes_m: Numbers, distance: Numbers, ground: float) -> tuple[float, Numbers]:
+    """Reach and direction of what stands off the ground: forward, unless little stands there, else where most does."""
+    standing = (echoes_m[:, 2] > ground + OFF_GROUND_M) & (distance > NEAREST_M) & (distance < 60.0)
+    away_m, weight = distance[standing], 1.0 / distance[standing]
+    if not len(away_m):
+        return 20.0, np.array([1.0, 0.0, 0.0])
+    units = echoes_m[standing, :2] / away_m[:, None]
+    angles = np.arange(SECTORS) * 2.0 * math.pi / SECTORS
+    directions = np.stack([np.cos(angles), np.sin(angles), np.zeros(SECTORS)], axis=1)
+    inside = units @ directions[:, :2].T > SIDE
+    sums = weight @ inside
+    chosen = 0 if sums[0] >= 0.3 * sums.max() else int(np.argmax(sums))
+    return min(max(float(np.median(away_m[inside[:, chosen]])), 8.0), 25.0), directions[chosen]
+
+
+OFF_GROUND_M, NEAREST_M, SECTORS = 0.4, 2.0, 24
+"""Choice: height over the ground from which echoes count as of things, horizontal distance from which they are not of
+the own vehicle, and the directions of a turn that are compared."""
+
+SIDE = 0.7
+"""Choice: cosine of the half angle of what a picture shows of a cloud all round."""
 
 
 @dataclass(frozen=True, kw_only=True)

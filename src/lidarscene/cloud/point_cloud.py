@@ -9,19 +9,30 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
 from ..detection.outcomes import Status
-from ..errors import InputError
+from ..errors import InputError, one_line
 from ..files import facts
 from ..files.arguments import CHECKED_INSIDE, checks_arguments
 from ..files.late_binding import call_bound
-from ..formats.cloud_columns import NAMES, OF_VECTORS, SENSOR_TO_VEHICLE, SENSOR_TO_WORLD, STATUS_PLURALS, TRUTH, Cloud
+from ..formats.cloud_columns import (
+    NAMES,
+    OF_VECTORS,
+    SENSOR_TO_VEHICLE,
+    SENSOR_TO_WORLD,
+    STATUS_PLURALS,
+    TRUTH,
+    Cloud,
+    parse_numbers,
+    sensor_positions_m,
+)
 from ..formats.cloud_description import input_errors
 from ..formats.registry import format_of, formats_with
 from ..maths.arrays import Numbers
+from ..maths.pose import Pose
 from ..scene.scene import View
 from .builder import CloudBuilder
 from .rays import PulseRays
@@ -39,14 +50,28 @@ class _CloudWithRays(Cloud):
 
         Raises:
             InputError: unless the cloud is as `render` gave it with ``keep_rays=True``: what is selected, moved or
-                read of a file has none
+                read of a file has none; an AttributeError too, so that ``hasattr`` answers
         """
-        try:
-            return self._rays
-        except AttributeError:
-            raise InputError(
-                "cloud.rays: must be of a cloud as render(..., keep_rays=True) gave it, and this has none"
-            ) from None
+        return self._rays
+
+    @property
+    def missed(self) -> PulseRays:
+        """Rays of the pulses without a point; their outcomes say why. Errors as of `rays`."""
+        rays = self.rays
+        return rays.select(np.isinf(rays.range_m))
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:
+            if name in ("rays", "missed", "_rays"):
+                raise _WithoutRays(
+                    "cloud.rays: must be of a cloud as render(..., keep_rays=True) gave it, and this has none"
+                )
+            return super().__getattr__(name)
+
+
+class _WithoutRays(InputError, AttributeError):
+    """Error for a cloud without rays, which ``hasattr`` understands."""
 
 
 @checks_arguments
@@ -110,6 +135,10 @@ class PointCloud(_CloudWithRays):
             parts.clear()
         return PointCloud(**builder.fields(**description), checked=True)
 
+    def __radd__(self, other: Any) -> PointCloud:
+        """Begin a sum: ``sum(clouds)`` starts at 0."""
+        return self if isinstance(other, int) and other == 0 else NotImplemented
+
     def __add__(self, other: PointCloud) -> PointCloud:
         """Points of both clouds, bodies, classes and materials by their names; metadata are those of the first.
 
@@ -137,6 +166,41 @@ class PointCloud(_CloudWithRays):
         frame = self.metadata.get("frame", "sensor")
         keys = {"sensor": (SENSOR_TO_WORLD,), "vehicle": (SENSOR_TO_WORLD, SENSOR_TO_VEHICLE)}.get(frame, ())
         return frame, " ".join(self.metadata.get(key, "") for key in keys)
+
+    def transform(self, pose: Pose | Numbers) -> PointCloud:
+        """Move the points, their normals and velocities: positions become ``pose.apply(xyz)``.
+
+        The coordinates then count as the world's, and the sensor stands in them where the pose puts it:
+        ``cloud.transform(cloud.frame_to_world)`` are the points in the world.
+
+        Args:
+            pose: of the frame of the points in the new one, a `Pose` or a (4, 4) or (3, 4) matrix
+
+        Raises:
+            InputError: for a matrix that is no rotation with a translation
+        """
+        if not isinstance(pose, Pose):
+            pose = _pose_of_matrix(pose)
+        positions_m = pose.apply(sensor_positions_m(self.metadata))
+        standing = self.metadata.get("sensor_rotation", "1 0 0 0 1 0 0 0 1 " * len(positions_m))
+        rotations = pose.rotation @ parse_numbers(standing, "sensor_rotation", (len(positions_m), 3, 3))
+        placing = {"sensor_position_m": positions_m, "sensor_rotation": rotations}
+        texts = {key: " ".join(map(repr, numbers.ravel().tolist())) for key, numbers in placing.items()}
+        return replace(
+            self,
+            xyz_m=pose.apply(self.xyz_m),
+            metadata={**self.metadata, "frame": "world", **texts},
+            **self.vectors_turned(pose.rotation),
+        )
+
+    def deskew(self, motion: Annotated[Any, CHECKED_INSIDE], *, length_s: float | None = None) -> PointCloud:
+        """See `lidarscene.deskewed`."""
+        moved: PointCloud = call_bound("deskew", self, motion, length_s=length_s)
+        return moved
+
+    def boxes(self, scene: Annotated[Any, CHECKED_INSIDE], *, as_seen: bool = True) -> Any:
+        """See `lidarscene.boxes`."""
+        return call_bound("boxes", self, scene, as_seen=as_seen)
 
     def range_image(self) -> dict[str, Numbers]:
         """Images of elevation by azimuth as the sensor sees them: name -> (rows, columns), 0 where no point is.
@@ -208,6 +272,12 @@ class PointCloud(_CloudWithRays):
     def to_pandas(self) -> Any:
         """A pandas.DataFrame with the columns of files, not copied; metadata in its `attrs`.
 
+        Columns of codes with names (class, body, material, status) are categories: ``frame["class"] == "car"``; the
+        codes are ``frame["class"].cat.codes``.
+
+        Columns of codes with names (class, body, material, status) are categories: ``frame["class"] == "car"``; the
+        codes are ``frame["class"].cat.codes``.
+
         Raises:
             LidarSceneError: with what to install, where pandas cannot be imported
         """
@@ -269,6 +339,10 @@ class PointCloud(_CloudWithRays):
         return to_html(self)
 
 
+RIGID = 1e-4
+"""Accuracy bought: largest error of a rotation's rows, as matrices in single precision have it."""
+
+
 def with_common_names(clouds: Sequence[PointCloud]) -> list[PointCloud]:
     """Renumber bodies, classes and materials so that equal numbers mean equal names in all clouds."""
     names_of = {attribute: names for attribute, names in NAMES.items() if attribute in TRUTH}
@@ -287,6 +361,20 @@ def with_common_names(clouds: Sequence[PointCloud]) -> list[PointCloud]:
             changes[attribute] = renumbered[np.minimum(getattr(cloud, attribute), len(names))]
         renamed_clouds.append(replace(cloud, **changes))
     return renamed_clouds
+
+
+def _pose_of_matrix(matrix: Any) -> Pose:
+    """Pose of a (4, 4) or (3, 4) matrix."""
+    try:
+        rows = np.asarray(matrix, np.float64)
+    except (TypeError, ValueError):
+        rows = np.zeros(0)
+    rigid = rows.shape in ((3, 4), (4, 4)) and np.allclose(rows[:3, :3] @ rows[:3, :3].T, np.eye(3), atol=RIGID)
+    if not rigid or np.linalg.det(rows[:3, :3]) < 0.0 or (len(rows) == 4 and rows[3].tolist() != [0, 0, 0, 1]):
+        raise InputError(
+            f"transform: must be a Pose, or a (4, 4) or (3, 4) matrix that turns and moves, got {one_line(matrix)}"
+        )
+    return Pose(position_m=rows[:3, 3], rotation=rows[:3, :3])
 
 
 def _coordinates_text(cloud: PointCloud) -> str:

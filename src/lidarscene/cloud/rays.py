@@ -59,7 +59,11 @@ class PulseRays:
         names = [field.name for field in fields(PulseRays)]
         return PulseRays(**{name: np.concatenate([getattr(part, name) for part in parts]) for name in names})
 
-    def to_structured(self) -> Numbers:
+    def select(self, mask: Numbers) -> PulseRays:
+        """Select pulses by a (n,) mask."""
+        return PulseRays(**{field.name: getattr(self, field.name)[mask] for field in fields(PulseRays)})
+
+    def to_numpy(self) -> Numbers:
         """(n,) structured array with the columns of files.
 
         They are x, y, z (the origin), direction_x, direction_y, direction_z, time, range, pulse, channel, ring,
@@ -87,7 +91,7 @@ class PulseRays:
         Raises:
             InputError: for another suffix
         """
-        suffix, rows = Path(path).suffix.lower(), self.to_structured()
+        suffix, rows = Path(path).suffix.lower(), self.to_numpy()
         if suffix not in SUFFIXES:
             raise InputError(f"{os.fspath(path)}: the name must end in {', '.join(SUFFIXES)}, got '{suffix}'")
         names = rows.dtype.names or ()

@@ -259,6 +259,18 @@ def _keys_that_fit(
     return keys_like(typed, dotted_keys)
 
 
+def keys_of_tables(model: type[BaseModel]) -> list[str]:
+    """Dotted keys of a file's tables, of each model that a table may have."""
+    return list(
+        dict.fromkeys(
+            f"{info.alias or table}.{inner_info.alias or inner}"
+            for table, info in model.model_fields.items()
+            for inner_model in _models_in(info.annotation)
+            for inner, inner_info in inner_model.model_fields.items()
+        )
+    )
+
+
 def keys_like(typed: str, keys: Iterable[str]) -> list[str]:
     """Dotted keys whose last part has the words of that of a typed key, units aside: laser.peak_power_w of "power".
 

@@ -11,7 +11,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import KW_ONLY, InitVar, dataclass, field, replace
-from typing import Annotated, Any, Self, get_type_hints, overload
+from typing import TYPE_CHECKING, Annotated, Any, Self, get_type_hints, overload
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from ..errors import InputError, did_you_mean, one_line
 from ..files.arguments import checks_arguments
 from ..maths.arrays import Numbers, frozen
 from ..maths.pose import Pose
+from .category_array import CategoryArray, hint
 
 Fields = dict[str, Any]
 """Arrays, names and metadata by attribute of a point cloud."""
@@ -150,8 +151,8 @@ class CloudColumns:
 
 def _declared_columns() -> Iterator[Column]:
     """Yield the columns that `CloudColumns` declares."""
-    for attribute, hint in get_type_hints(CloudColumns, include_extras=True).items():
-        group, *columns = hint.__metadata__
+    for attribute, declared in get_type_hints(CloudColumns, include_extras=True).items():
+        group, *columns = declared.__metadata__
         yield from (replace(column, group=group, attribute=attribute) for column in columns)
 
 
@@ -167,6 +168,9 @@ MEASURED, TRUTH, OF_VECTORS = (
 NAMES = {column.attribute: column.names for column in COLUMNS if column.names}
 """Attribute of an index -> attribute of the names. Index -1 has no name."""
 
+
+_OTHER_NAMES = {column.name for column in COLUMNS if column.name != column.attribute}
+"""Names of columns in files that are not those of attributes."""
 
 _DTYPES = {column.attribute: column.dtype for column in COLUMNS}
 
@@ -216,6 +220,11 @@ class Cloud(CloudColumns):
             object.__setattr__(self, attribute, array)
         for attribute in NAMES.values():
             object.__setattr__(self, attribute, tuple(getattr(self, attribute)))
+        for column in self.columns:
+            if column.names or column.name == "status":
+                names = getattr(self, column.names) if column.names else STATUS_NAMES
+                codes = CategoryArray.of(getattr(self, column.attribute), names, column.name)
+                object.__setattr__(self, column.attribute, codes)
         object.__setattr__(self, "metadata", {str(key): str(value) for key, value in self.metadata.items()})
         for attribute, names in NAMES.items():
             if attribute not in absent_truth and not checked:
@@ -315,27 +324,45 @@ class Cloud(CloudColumns):
         """(n, 3) positions [m]: the columns "x", "y", "z", which are `xyz_m` too."""
         return self.xyz_m
 
+    points = xyz
+
+    @property
+    def shape(self) -> tuple[int]:
+        """(n,): that of ``np.asarray(cloud)``."""
+        return (len(self),)
+
+    def __iter__(self) -> Iterator[Any]:
+        """Points one by one, each a row of `to_numpy`."""
+        return iter(self.to_numpy())
+
     def __array__(self, dtype: Any = None, copy: bool | None = None) -> Numbers:
-        """Structured array of `to_structured`, for ``np.asarray(cloud)``; it is always a copy."""
+        """Structured array of `to_numpy`, for ``np.asarray(cloud)``; it is always a copy."""
         if copy is False:
             raise ValueError("a point cloud holds columns: its rows must be a copy, got copy=False")
-        rows = self.to_structured()
+        rows = self.to_numpy()
         return rows if dtype is None else rows.astype(dtype)
 
     @overload
-    def __getitem__(self, key: str) -> Numbers: ...
+    def __getitem__(self, key: str | list[str] | int) -> Any: ...
 
     @overload
     def __getitem__(self, key: Numbers | slice | Sequence[int]) -> Self: ...
 
     def __getitem__(self, key: Any) -> Any:
-        """Column by its name (`column`), or points by a mask, an index array or a slice (`select`)."""
+        """Look up a column by its name, several as (n, k), one point by its number, or `select` points."""
         if isinstance(key, str):
             return self.column(key)
+        if isinstance(key, list) and key and all(isinstance(name, str) for name in key):
+            return self.to_numpy(key)
+        if isinstance(key, (int, np.integer)) and not isinstance(key, (bool, np.bool)):
+            if not -len(self) <= key < len(self):
+                raise InputError(f"cloud[{key}]: must be one of {len(self)} points")
+            place = int(key) % len(self)
+            return self.select(slice(place, place + 1)).to_numpy()[0]
         if np.ndim(key) == 0 and not isinstance(key, slice):
             raise InputError(
-                f"cloud[{key!r}]: must be the name of a column, a mask, an index array or a slice; one point is "
-                "cloud[5:6]"
+                f"cloud[{key!r}]: must be the name of a column, a list of names, the number of a point, a mask, an "
+                "index array or a slice"
             )
         return self.select(key)
 
@@ -343,14 +370,53 @@ class Cloud(CloudColumns):
         """(n,) values of the column of this name, as in files: "x", "snr", "class", ..."""
         choices = {column.name: column for column in self.columns}
         if name not in choices:
-            hint = f"{did_you_mean(name, choices)} the choices are {', '.join(choices)}".strip()
-            raise InputError(f"column '{name}': not in this cloud; {hint}")
+            raise InputError(f"column '{name}': not in this cloud; {hint(name, choices)}")
         values: Numbers = getattr(self, choices[name].attribute)
         return values[:, "xyz".index(name)] if values.ndim == 2 else values
 
-    def select(self, mask_or_index: Any) -> Self:
-        """Select points by a (n,) mask, or by an index array or slice, in its order."""
+    def select(
+        self,
+        mask_or_index: Any = None,
+        *,
+        class_: Any = None,
+        body: Any = None,
+        material: Any = None,
+        status: Any = None,
+        sensor: Any = None,
+    ) -> Self:
+        """Select points by a (n,) mask, or by an index array or slice, in its order; and by name.
+
+        ``cloud.select(class_="car", status="echo")`` are the echoes of cars. Each keyword takes a name, a number, or a
+        list of them.
+
+        Args:
+            class_: of the body that was hit
+            body: that was hit
+            material: that was hit
+            status: cause of the point, such as "false alarm"
+            sensor: of a rig, by its label
+        """
+        categories = {"class": class_, "body": body, "material": material, "status": status, "sensor_index": sensor}
+        asked = {name: choices for name, choices in categories.items() if choices is not None}
+        if mask_or_index is not None:
+            chosen = self._chosen(mask_or_index)
+            return (
+                chosen.select(None, class_=class_, body=body, material=material, status=status, sensor=sensor)
+                if asked
+                else chosen
+            )
+        if not asked:
+            raise InputError('select: must have a mask, an index array, a slice or names such as class_="car"')
+        mask = np.ones(len(self), bool)
+        for name, choices in asked.items():
+            mask &= self.column(name).isin(choices)  # type: ignore[attr-defined]
+        return self._chosen(mask)
+
+    def _chosen(self, mask_or_index: Any) -> Self:
+        """Points by a mask, an index array or a slice."""
         must = "select: must be a mask such as cloud.status == 0, an index array or a slice, got"
+        if isinstance(mask_or_index, str):
+            raise InputError(f"{must} {mask_or_index!r}; names go by keyword: cloud.select(class_={mask_or_index!r})")
         try:
             index = mask_or_index if isinstance(mask_or_index, slice) else np.asarray(mask_or_index)
         except ValueError:
@@ -409,13 +475,39 @@ class Cloud(CloudColumns):
             raise InputError(f"{quantity}: not in this cloud; render with vectors=True")
         return np.stack([getattr(self, name) for name in names], axis=1)
 
-    def to_structured(self) -> Numbers:
-        """(n,) structured array with a field for each column, by the names of files; copied."""
+    def to_numpy(self, columns: Sequence[str] | None = None) -> Numbers:
+        """Copy columns to one array.
+
+        Args:
+            columns: names as in files, for an (n, k) array, of their common type; None: all of them, in a
+                structured array of shape (n,) with a field for each
+        """
+        if columns is not None:
+            arrays = [np.asarray(self.column(name)) for name in columns]
+            return np.stack(arrays, axis=1) if arrays else np.zeros((len(self), 0))
         names = [column.name for column in self.columns]
         rows = np.zeros(len(self), np.dtype([(name, self.column(name).dtype) for name in names]))
         for name in names:
             rows[name] = self.column(name)
         return rows
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, name: str) -> Any:
+            """Columns by their names in files: cloud.x, cloud.range, cloud.time."""
+            if name.startswith("_"):
+                raise AttributeError(f"PointCloud has no attribute '{name}'")
+            if name not in _OTHER_NAMES:
+                raise AttributeError(
+                    f"PointCloud has no column or attribute '{name}'; {did_you_mean(name, dir(self))}".rstrip("; ")
+                )
+            try:
+                return self.column(name)
+            except InputError as error:
+                raise AttributeError(str(error)) from None
+
+    def __dir__(self) -> list[str]:
+        return [*dir(type(self)), *(column.name for column in self.columns if column.name in _OTHER_NAMES)]
 
     def _arrays(self) -> dict[str, Numbers]:
         """Arrays of the columns, attribute -> array."""

@@ -61,7 +61,7 @@ def pcd_stream(path: str | os.PathLike[str], *, ascii: bool = False) -> Abstract
 
     def write(file: IO[bytes], cloud: Cloud) -> None:
         for start in range(0, len(cloud), BLOCK_POINTS):
-            rows = _about_viewpoint(cloud.select(slice(start, start + BLOCK_POINTS))).to_structured()
+            rows = _about_viewpoint(cloud.select(slice(start, start + BLOCK_POINTS))).to_numpy()
             if ascii:
                 file.writelines(_lines(rows))
             else:

@@ -113,7 +113,7 @@ class FrameOptions:
         help="of the points: world, vehicle or sensor (default {default})",
         flags=("--coordinates", "--frame"),
     )
-    chunk: int = option(DEFAULT_CHUNK, CHUNKS, help="rays at a time: bounds the memory, no more", metavar="N")
+    chunk: int = option(DEFAULT_CHUNK, CHUNKS, help="rays per batch; limits memory, not the result", metavar="N")
 
     def __post_init__(self) -> None:
         check_options(self)
@@ -250,4 +250,27 @@ class Keywords:
             parameters: names of the other parameters of the call, which may have been meant
         """
         if self._remaining:
-            raise unknown_option(next(iter(self._remaining)), [*self._field_names, *parameters])
+            word = next(iter(self._remaining))
+            raise unknown_option(word, [*self._field_names, *parameters], meant=_right_call(word))
+
+
+CALLS = {
+    "frames": "several frames are render_frames(scene, sensor, frames=N)",
+    **dict.fromkeys(("output", "path", "file", "save", "out"), "a cloud is written by cloud.save(path)"),
+}
+"""Words that people try as keywords, and the call that does it."""
+
+
+def _right_call(word: str) -> str:
+    """Call that does what an unknown keyword asks for; "" if none is known."""
+    from ..files.toml import keys_like, keys_of_tables
+    from ..scene.tables import SceneFile
+    from ..sensor.sensor_file import SensorFile
+
+    if word in CALLS:
+        return CALLS[word]
+    for keyword, model in (("overrides", SensorFile), ("scene_overrides", SceneFile)):
+        keys = [key for key in keys_of_tables(model) if not key.startswith("published.")]
+        if fitting := keys_like(word, keys):
+            return f'a key of the file is changed by {keyword}={{"{fitting[0]}": ...}}'
+    return ""

@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, did_you_mean
 from ..files import facts
 from ..files.arguments import CHECKED_INSIDE, checks_arguments
 from ..files.late_binding import call_bound
@@ -126,6 +126,29 @@ class Body:
         return ego is not None and isinstance(self.motion, Riding) and self.motion.carrier is ego
 
 
+class Bodies(tuple[Body, ...]):
+    """Bodies in their order, which are also found by name: ``scene.bodies["car"]``, of the only ``car.0`` too."""
+
+    __slots__ = ()
+
+    def __getitem__(self, key: Any) -> Any:
+        if not isinstance(key, str):
+            return super().__getitem__(key)
+        found = [body for body in self if body.name == key] or [b for b in self if b.name.rpartition(".")[0] == key]
+        if len(found) > 1:
+            raise InputError(f"scene.bodies['{key}']: must be one of {', '.join(body.name for body in found)}")
+        if not found:
+            names = [body.name for body in self]
+            meant = did_you_mean(key, names)
+            listed = f"the scene has {', '.join(names[:MOST_NAMES])}{', ...' if len(names) > MOST_NAMES else ''}"
+            raise InputError(f"scene.bodies['{key}']: no body of this name; {meant or listed}")
+        return found[0]
+
+
+MOST_NAMES = 12
+"""Most names of bodies that a message lists."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sun:
     """Direction of the sun and its illuminance on a surface that faces it.
@@ -230,7 +253,7 @@ class Scene:
     """Everything that light can meet.
 
     Attributes:
-        bodies: in the order of the file; a point's `body` is an index into `body_names`
+        bodies: in the order of the file, also by name (`Bodies`); a point's `body` is an index into `body_names`
         materials: by name, including every one that a part names
         lamps_w_m2: irradiance of all surfaces by lamps, in the sensor's band
         interferers: other lidars
@@ -258,6 +281,19 @@ class Scene:
     base: Path | None = None
     base_materials: Mapping[str, str] = field(default_factory=dict)
     reach_m: float = math.inf
+
+    def __post_init__(self) -> None:
+        """Let bodies be found by name."""
+        object.__setattr__(self, "bodies", Bodies(self.bodies))
+
+    def remove(self, name: str) -> Scene:
+        """Scene without the body of this name.
+
+        Raises:
+            InputError: if the scene has none of the name
+        """
+        gone = self.bodies[name]  # type: ignore[call-overload]
+        return replace(self, bodies=tuple(body for body in self.bodies if body is not gone))
 
     def add(
         self,

@@ -110,7 +110,7 @@ def with_parts(tables: Mapping[str, Any], parts: Iterable[str]) -> dict[str, Any
             raise InputError(f"--set {text}: {error}") from None
         if not isinstance(donor.get(key), dict):
             raise InputError(f"--set {text}: {path} must be a sensor file, got one without [{key}]")
-        changed = _with_part(changed, PARTS[key], _with_absolute_files(donor, path.parent))
+        changed = _with_part(changed, PARTS[key], with_absolute_files(donor, path.parent))
     return changed
 
 
@@ -187,7 +187,7 @@ def _source(tables: Mapping[str, Any], key: str) -> str | None:
     return sources.get(key, sources.get(table)) if name in _table(tables, table) else None
 
 
-def _with_absolute_files(tables: Mapping[str, Any], folder: Path) -> dict[str, Any]:
+def with_absolute_files(tables: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     """Tables whose files are found from any folder."""
     names = {key: get_at(tables, key_path(key)) for key in _FILES}
     found = [f"{key}={toml_text(str((folder / name).absolute()))}" for key, name in names.items() if name is not None]

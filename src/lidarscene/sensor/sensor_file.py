@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any, Literal
 
+import tomlkit
 from pydantic import Field, model_validator
 
 from ..catalog import names, path_of, sensor_path
@@ -29,7 +30,7 @@ from .histogram import Histogram, HistogramFile
 from .imu import ImuFile
 from .optics import OpticsFile
 from .overlap import Overlap
-from .parts import changed_tables, part_files, split_parts
+from .parts import changed_tables, part_files, split_parts, with_absolute_files
 from .pose_file import PoseFile
 from .readout import AnyIntensityFile, AnySamplerFile, PublishedFile, read_published
 from .sensor_model import UNPOLARISED, Laser, Optics, Polarisation, Sensor, Speckle, overlap_geometry
@@ -399,6 +400,16 @@ class SensorTables:
             InputError: if a file, a key or a value cannot be understood
         """
         return sensor_from_tables(self.tables, where=self.where, overrides=changes, folder=self.folder)
+
+    def full_key(self, key: str) -> str:
+        """Key with the name of its table, where it stands in one table alone; else as it is."""
+        tables = [name for name, table in self.tables.items() if isinstance(table, dict) and key in table]
+        values = [name for name in tables if name not in ("sources", "uncertainty", "published")]
+        return f"{values[0]}.{key}" if len(values) == 1 and key not in self.tables else key
+
+    def text(self) -> str:
+        """TOML of the tables; files that they name are found from any folder."""
+        return tomlkit.dumps(with_absolute_files(self.tables, self.folder or Path()))
 
 
 def files_of_sensor(path: Path, *, overrides: Sequence[str] = ()) -> Iterator[Path]:

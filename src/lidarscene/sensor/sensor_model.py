@@ -7,15 +7,16 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Protocol
 
 import numpy as np
 
 from ..errors import InputError, OptionWarning, warn
 from ..files import facts
 from ..files.arguments import checks_arguments
+from ..files.atomic import put_text
 from ..files.overrides import Overrides, assignments
 from ..maths.arrays import Lanes, Numbers, xp
 from ..maths.pose import Pose
@@ -254,6 +255,22 @@ def overlap_geometry(laser: Laser, optics: Optics, detector: Detector, alignment
     )
 
 
+class Origin(Protocol):
+    """What a sensor was built from: the tables of a file."""
+
+    def __call__(self, changes: Sequence[str]) -> Sensor:
+        """Build the sensor with these changes, KEY=VALUE."""
+        ...
+
+    def full_key(self, key: str) -> str:
+        """Key with the name of its table, where one table alone has it."""
+        ...
+
+    def text(self) -> str:
+        """TOML of the tables."""
+        ...
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Sensor:
     """All of a lidar. ``sources`` says where each number comes from, by dotted key of the sensor file.
@@ -287,9 +304,7 @@ class Sensor:
     driver: str = ""
     sources: Mapping[str, str] = field(default_factory=dict)
     uncertainty: Mapping[str, float] = field(default_factory=dict)
-    origin: Callable[[Sequence[str]], Sensor] | None = field(
-        default=None, init=False, repr=False, compare=False, metadata=STATIC
-    )
+    origin: Origin | None = field(default=None, init=False, repr=False, compare=False, metadata=STATIC)
 
     def __repr__(self) -> str:
         return facts.facts_line("Sensor", self.name, self.facts())
@@ -310,17 +325,34 @@ class Sensor:
 
         Args:
             overrides: "laser.peak_power_w=60", a list of these, or {"laser.peak_power_w": 60}, in the file's units
-            tables: the same by table: ``laser={"peak_power_w": 60}``, or ``**{"laser.peak_power_w": 60}``
+            tables: the same by table: ``laser={"peak_power_w": 60}``, or ``**{"laser.peak_power_w": 60}``; a key that
+                one table alone has may come by itself: ``peak_power_w=60``
 
         Raises:
             InputError: for a key or value that the file cannot have, and for a sensor that no file describes
         """
+        origin = self._described("its file's keys to be replaced", "; dataclasses.replace changes its fields")
+        dotted = {origin.full_key(key): value for key, value in tables.items()}
+        return origin([*assignments(overrides), *assignments(dotted)])
+
+    @checks_arguments
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write a sensor file with all that was replaced, which `load_sensor` reads; files that it names stay in place.
+
+        Raises:
+            InputError: for a sensor that no file describes
+            OutputError: if a result cannot be written
+        """
+        put_text(path, self._described("it to be saved").text())
+
+    def _described(self, purpose: str, otherwise: str = "") -> Origin:
+        """Tables of the file that the sensor was built from."""
         if self.origin is None:
             raise InputError(
-                f"'{self.name}': must be as `load_sensor` gave it for its file's keys to be replaced, got a sensor "
-                "made or changed in Python; dataclasses.replace changes its fields"
+                f"'{self.name}': must be as `load_sensor` gave it for {purpose}, got a sensor made or changed in "
+                f"Python{otherwise}"
             )
-        return self.origin([*assignments(overrides), *assignments(tables)])
+        return self.origin
 
     @checks_arguments
     def with_laser(self, sensor: str | os.PathLike[str]) -> Sensor:

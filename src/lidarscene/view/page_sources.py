@@ -197,11 +197,7 @@ class Clouds:
         else:
             riding = Pose()
         place = (pose_at(self.scene.ego, start_s) if self.scene.ego else Pose()) @ riding
-        position = " ".join(repr(float(coordinate)) for coordinate in place.apply(cloud.sensor_position_m[None])[0])
-        rotation = " ".join(repr(float(element)) for element in (place.rotation @ cloud.sensor_place.rotation).ravel())
-        metadata = {**cloud.metadata, "frame": "world", "sensor_position_m": position, "sensor_rotation": rotation}
-        turned = cloud.vectors_turned(place.rotation)
-        return dataclasses.replace(cloud, xyz_m=place.apply(cloud.xyz_m), metadata=metadata, **turned)
+        return cloud.transform(place)
 
     def _sensor_of(self, cloud: PointCloud) -> Sensor | None:
         name = cloud.metadata.get("sensor", "")
