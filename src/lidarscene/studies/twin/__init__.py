@@ -12,6 +12,7 @@ matched_pulses         recording and simulation of a frame, pulse by pulse
 tuning                 numbers of the twin that no source gives, and what each is worth
 judge                  differences between them, and their limits
 repeats                losses and noise of pixels of a sensor at rest
+side_figures           losses, noise and photons of both sides as figures
 told_apart             accuracy of a classifier of both sides
 certificate            verdict, page and JSON
 """

@@ -13,9 +13,8 @@ from typing import Any
 import numpy as np
 
 from ...cloud.point_cloud import PointCloud
-from ...figures.lines import Chart, Line
 from ...figures.pictures import common_scale, perspective_picture
-from ...figures.report import PAGE, Figure, Report, Table
+from ...figures.report import PAGE, Report, Table
 from ...files.optional import is_installed
 from ...maths.arrays import Numbers, map_arrays
 from ...recordings.as_cloud import cloud_of
@@ -30,28 +29,19 @@ from ..held import LIMITS, UNLIMITED, Held, held_data, held_table, passed, verdi
 from .frame_poses import is_at_rest
 from .judge import disagreement, twin_quantities
 from .matched_pulses import MatchedPulses, match_pulses, simulate_pulses, strength_of
-from .planes import select_columns
-from .repeats import Changes, Repeats, changes_along_rings, kept_at_rest, kept_by_bin, on_surfaces, scatter_by_bin
+from .planes import has_grid, select_columns
+from .repeats import Repeats, kept_at_rest
 from .sensor_grid import on_grid
+from .side_figures import REAL, SIMULATED, side_figures
 from .told_apart import EXTRA, PATCH, Image, ToldApart, told_apart
-from .tuning import OCTAVES_M
 from .twin_files import COLUMNS, SCENE, TwinFrames, build_twin, frame_pose, read_provenance
 
 NUMBERS = "certificate.json"
-REAL, SIMULATED = "recorded", "simulated"
-"""Names of the two pictures."""
-
 MOST_FRAMES = 4
 """Choice: frames of a sensor at rest that are judged together; 4 tell a scatter of 200 pixels to 3 %."""
 
 WHOLE = 0.9
 """Choice: least share of the pulses of the judged frame that another one has, of which none was cut short."""
-
-STRENGTH_BINS = 8
-"""Choice: bins of the figures over the strength, with as many pixels in each."""
-
-REFLECTIVITIES = np.geomspace(0.003, 1.0, 11)
-"""Choice: edges of the bins of the figure over the reflectivity."""
 
 _VIEW = View(eye_m=(-9.0, 0.0, 6.0), target_m=(6.0, 0.0, 0.0), fov_deg=70.0)
 """View of the pictures, from behind and above the sensor."""
@@ -66,6 +56,7 @@ class _Judged:
         full_sweep: first frame with all of its columns
         frames: matched pulses of each
         cloud: simulated cloud of the first
+        is_list: whether a list of points was recorded, which the grid was made of
         repeats: the same of a sensor at rest; None: it was not, or one frame was judged
         was_kept: (n,) mask of the pulses of all frames that returned in the frame the twin is made of, at rest
         control: two sides of recorded images that a classifier cannot tell apart; None: there are none
@@ -75,6 +66,7 @@ class _Judged:
     full_sweep: Sweep
     frames: Sequence[MatchedPulses]
     cloud: PointCloud
+    is_list: bool
     repeats: Repeats | None = None
     was_kept: Numbers | None = None
     control: tuple[Sequence[Image], Sequence[Image]] | None = None
@@ -184,7 +176,7 @@ def certify_in_twin(
     report.add_table(*held_table([row for row in shown if not row.is_limited], reference="real"))
     report.add_paragraph(_NOTE)
     report.add_heading("Losses and noise")
-    for figure in _figures(judged):
+    for figure in side_figures(judged.pulses, judged.repeats, judged.was_kept):
         report.add_figure(figure)
     clouds = {REAL: cloud_of(judged.full_sweep), SIMULATED: judged.cloud.in_sensor_frame()}
     scale = common_scale(list(clouds.values()), "range")
@@ -221,7 +213,8 @@ def judge_in_twin(
     def read(index: int) -> Sweep:
         return on_grid(recording[index], scanner)
 
-    full_sweep, next_number = read(number), (number + 1) % len(recording)
+    recorded_sweep, next_number = recording[number], (number + 1) % len(recording)
+    full_sweep = on_grid(recorded_sweep, scanner)
     sweeps, other_columns, twin_sweep = [full_sweep], None, None
     if provenance["held_out"] == COLUMNS:
         sweeps[0], other_columns = (select_columns(full_sweep, slice(first, None, 2)) for first in (1, 0))
@@ -245,13 +238,13 @@ def judge_in_twin(
     frames, cloud = [pulses for pulses, _ in simulated], simulated[0][1]
     rows = twin_quantities(
         frames[0],
-        sweeps[0],
-        cloud,
         between=None if next_number == number else disagreement(full_sweep, read(next_number)),
         other_columns=other_columns,
         is_of_frame=other_columns is None and number in provenance["frames"],
     )
-    judged = _Judged(sweeps=sweeps, full_sweep=full_sweep, frames=frames, cloud=cloud)
+    judged = _Judged(
+        sweeps=sweeps, full_sweep=full_sweep, frames=frames, cloud=cloud, is_list=not has_grid(recorded_sweep)
+    )
     if other_columns is not None:
         return replace(judged, control=([_image(sweeps[0])], [_image(other_columns)])), rows
     if twin_sweep is None:
@@ -346,7 +339,7 @@ def _not_covered(judged: _Judged, provenance: dict[str, Any]) -> Iterator[tuple[
     if provenance["illuminance_assumed"]:
         light = f"NEAR_IR is not recorded, {provenance['illuminance_klux']:.3g} klux are assumed"
         yield "background light", light
-    if not sweep.includes_lost or "kitti" in sweep.metadata.get("format", ""):
+    if judged.is_list or not sweep.includes_lost:
         yield "directions of lost pulses", "they are not recorded"
     yield "other light and weather", "one recording has one: sun, fog, rain and snow follow from the equations alone"
     yield "motion", "bodies and sensor stand still in a twin"
@@ -358,63 +351,6 @@ def _sources(rows: Sequence[Held]) -> Table:
     """Limits and their sources, each once."""
     limited = {(row.quantity, str(row.limits), row.limits.source): None for row in rows if row.is_limited}
     return ("quantity", "limit", "source"), list(limited)
-
-
-def _figures(judged: _Judged) -> Iterator[Figure]:
-    """Losses and noise of both sides over the range, and over reflectivity or strength."""
-    pulses = judged.pulses
-    mask = on_surfaces(pulses) if judged.was_kept is None else judged.was_kept
-    of = "the twin has a surface for" if judged.was_kept is None else "returned in the frame that the twin is made of"
-    half_octaves_m = np.geomspace(OCTAVES_M[0], OCTAVES_M[-1], 2 * len(OCTAVES_M) - 1)
-    for name, words, values, edges in (
-        ("kept-range", "range [m]", pulses.true_range_m, half_octaves_m),
-        ("kept-reflectivity", "reflectivity of the surface in the twin", pulses.reflectivity, REFLECTIVITIES),
-    ):
-        caption = f"Share with a return, of the pulses that {of}, by {words.partition(' [')[0]}."
-        yield from _figure(name, caption, (words, "share with a return"), kept_by_bin(pulses, mask, values, edges))
-    changes = changes_along_rings(pulses) if judged.repeats is None else judged.repeats.changes()
-    how = "second differences along the ring on smooth surfaces" if judged.repeats is None else "pixels at rest"
-    bins = [("scatter-range", "range [m]", changes.range_m, half_octaves_m)]
-    if changes.strength is not None:
-        unit = "SIGNAL [photons]" if pulses.signal is not None else "strength, as recorded"
-        bins.append(("scatter-strength", unit, changes.strength, _even_edges(changes)))
-    for name, words, values, edges in bins:
-        rows = [(low, high, 1e3 * a, 1e3 * b) for low, high, a, b in scatter_by_bin(changes, values, edges)]
-        caption = f"Scatter of the range, of {how}, by {words.partition(' [')[0]}."
-        yield from _figure(name, caption, (words, "scatter of the range [mm]"), rows, y_log=True)
-
-
-def _even_edges(changes: Changes) -> Numbers:
-    """Edges of bins of the strength with as many recorded differences in each."""
-    assert changes.strength is not None
-    strength = changes.strength[np.isfinite(changes.real_m) & (changes.strength > 0.0)]
-    return np.unique(np.quantile(strength, np.linspace(0.0, 1.0, STRENGTH_BINS + 1))) if len(strength) else np.zeros(0)
-
-
-def _figure(
-    name: str,
-    caption: str,
-    axes: tuple[str, str],
-    rows: Sequence[tuple[float, float, float, float]],
-    *,
-    y_log: bool = False,
-) -> Iterator[Figure]:
-    """Figure of both sides by bin; none without two bins."""
-    if len(rows) < 2:
-        return
-    low, high, real, simulated = np.array(rows).T
-    middle = np.sqrt(low * high)
-    chart = Chart(
-        lines=(
-            Line(label=REAL, x=middle, y=real),
-            Line(label=SIMULATED, x=middle, y=simulated, colour=1, style="dashed"),
-        ),
-        x_label=axes[0],
-        y_label=axes[1],
-        x_log=True,
-        y_log=y_log,
-    )
-    yield Figure(name, chart, (("from", "to", REAL, SIMULATED), rows), caption)
 
 
 def _draw(cloud: PointCloud, path: Path, *, scale: tuple[float, float]) -> None:

@@ -51,7 +51,7 @@ class MatchedPulses:
         withheld: True if the sensor found an echo and reported no range (`withheld_mask`)
         true_range_m: range of the twin's surface
         reflectivity: reflectivity of the twin's surface
-        kind: index of the twin's surface in `KINDS`, or `NO_SURFACE`
+        kind: index of the twin's surface in `KINDS`, or `NO_SURFACE`; those of another scene are smooth
     """
 
     angle_rad: Numbers
@@ -112,7 +112,7 @@ def simulate_pulses(
     first, second = _by_pulse(of_points, n)
     range_m, other_m = (_at_points(cloud.range_m, point_index) for point_index in (first, second))
     true_range_m, reflectivity, kind = np.full(n, np.nan), np.full(n, np.nan), np.full(n, NO_SURFACE)
-    kinds = np.array([KINDS.index(name) if name in KINDS else NO_SURFACE for name in simulator.class_names])
+    kinds = np.array([KINDS.index(name) if name in KINDS else SMOOTH for name in simulator.class_names])
     for _, columns in chunks:
         if columns:
             pulse = columns["pulse"].astype(np.int64)
