@@ -1,15 +1,17 @@
 """Parquet: as DuckDB reads it, and its row groups."""
 
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from helpers.clouds import small_cloud, small_columns
+from helpers.clouds import assert_same, small_cloud, small_columns
 from helpers.formats import need, written
 
 from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.formats import parquet
+from lidarscene.formats.category_array import CategoryArray
 
 N = 50
 
@@ -22,7 +24,24 @@ def test_parquet_in_duckdb(tmp_path: Path, library: Any) -> None:
     columns = duckdb.sql(f"SELECT * FROM '{tmp_path / 'a.parquet'}'").fetchnumpy()
     assert list(columns) == [c.name for c in cloud.columns]
     for name, values in columns.items():
-        np.testing.assert_array_equal(np.asarray(values), cloud.column(name), strict=True)
+        column = cloud.column(name)
+        if isinstance(column, CategoryArray) and column.has_names:
+            theirs = ["" if value is np.ma.masked else value for value in values]
+            assert theirs == column.as_names().tolist()
+        else:
+            np.testing.assert_array_equal(np.asarray(values), column, strict=True)
+    query = f"SELECT count(*) FROM '{tmp_path / 'a.parquet'}' WHERE class = 'car' AND status = 'echo'"
+    assert duckdb.sql(query).fetchone()[0] == len(cloud.select(class_="car", status="echo")) > 0
+
+
+def test_names_come_back_as_their_codes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """With few of the names in a row group, with none, and with names that two codes share, which stay numbers."""
+    need("parquet")
+    monkeypatch.setattr(parquet, "GROUP_POINTS", 7)
+    whole = small_cloud(N)
+    for cloud in (whole, whole[:0], whole.select(class_=1), replace(whole, body_names=("a", "a", "b"))):
+        cloud.save(tmp_path / "a.parquet")
+        assert_same(PointCloud.load(tmp_path / "a.parquet"), cloud)
 
 
 def test_row_groups_are_of_one_size(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

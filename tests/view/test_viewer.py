@@ -47,6 +47,35 @@ def test_a_picture_is_saved(browser: Chromium, tmp_path: Path) -> None:
     assert is_drawn.sum() > 500
 
 
+def test_the_page_says_that_it_waits_and_names_what_is_pointed_at(browser: Chromium, tmp_path: Path) -> None:
+    """A page whose frame has not come says so in its middle; then a resting pointer shows the name of the body."""
+    cloud = small_cloud(500)
+    cloud.save(tmp_path / "a.ply")
+    assert main(["view", str(tmp_path / "a.ply"), "--save", str(tmp_path / "a.html")]) == 0
+    text = (tmp_path / "a.html").read_text("utf-8")
+    assert '<p id="wait">compiling and rendering' in text
+    browser.open((tmp_path / "a.html").as_uri())
+    browser.until("viewer && viewer.frame")
+    assert browser.value("byId('wait').hidden")
+    press(browser, "go-fit")
+    named = next(i for i, body in enumerate(cloud.body) if body >= 0)
+    browser.value(f"viewer.pick = () => {named}, 0")
+    browser.value("viewer.canvas.dispatchEvent(new PointerEvent('pointermove', {clientX: 600, clientY: 300})), 0")
+    browser.until("!byId('hover').hidden")
+    assert browser.value("byId('hover').textContent") == cloud.body_names[cloud.body[named]]
+    browser.value("viewer.pick = () => -1, 0")
+    browser.value("viewer.canvas.dispatchEvent(new PointerEvent('pointermove', {clientX: 700, clientY: 300})), 0")
+    browser.until("byId('hover').hidden")
+
+
+def test_nines_are_not_rounded_away(browser: Chromium, tmp_path: Path) -> None:
+    small_cloud(5).save(tmp_path / "a.ply")
+    assert main(["view", str(tmp_path / "a.ply"), "--save", str(tmp_path / "a.html")]) == 0
+    browser.open((tmp_path / "a.html").as_uri())
+    shown = browser.value("[1, 0.9999, 0.99999, 0.5].map(value => formatted(value, ''))")
+    assert shown == ["1", "0.9999", "1 \u2212 1.0e-5", "0.5"]
+
+
 def test_a_command_is_copied(browser: Chromium, mi: object, scene_file: Path, tmp_path: Path) -> None:
     """It goes to the clipboard, and run, it writes the points that the page shows; without the right to write there
     it is told in a window, to be copied by hand.

@@ -39,7 +39,7 @@ def to_pandas(cloud: Cloud) -> Any:
 
 def _series(pandas: Any, values: Numbers) -> Any:
     """Values of a column; those with names as categories."""
-    if not isinstance(values, CategoryArray) or not values.names or len(set(values.names)) < len(values.names):
+    if not isinstance(values, CategoryArray) or not values.has_names:
         return np.asarray(values)
     return pandas.Categorical.from_codes(np.asarray(values), categories=list(values.names))
 

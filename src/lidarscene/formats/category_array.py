@@ -77,6 +77,11 @@ class CategoryArray(np.ndarray[Any, np.dtype[Any]]):
         table = np.array([*self.names, ""])
         return table[np.where((codes >= 0) & (codes < len(self.names)), codes, len(self.names))]
 
+    @property
+    def has_names(self) -> bool:
+        """True if every name is that of one code, so that the names alone say all."""
+        return 0 < len(self.names) == len(set(self.names))
+
     def _codes(self) -> Numbers:
         return self.view(np.ndarray)
 

@@ -21,7 +21,7 @@ from ..errors import InputError, LidarSceneError, OutputError
 from ..files.atomic import atomic_output
 from ..files.inputs import require_file
 from ..maths.arrays import Numbers
-from .cloud_columns import COLUMNS, NAMES, Cloud, Fields, columns_of
+from .cloud_columns import COLUMNS, NAMES, STATUS_NAMES, Cloud, Fields, columns_of
 
 VERSION = 1
 NO_ROOM = 1 << 20  # bytes: a disk that has no more is full
@@ -45,15 +45,24 @@ def unit_of(cloud: Cloud, name: str) -> str:
     return cloud.metadata.get(f"{name}_unit", next(column.unit for column in cloud.columns if column.name == name))
 
 
+def category_names(text: str) -> dict[str, tuple[str, ...]]:
+    """Names of the codes of a cloud's columns, column -> names, by its `description`.
+
+    Raises:
+        ValueError: if the description is none of ours
+    """
+    content = _content(text)
+    named = {column.name: tuple(content[column.names]) for column in COLUMNS if column.names}
+    return named | {"status": STATUS_NAMES}
+
+
 def described_fields(columns: Mapping[str, Numbers], text: str) -> Fields:
     """Return the fields of a cloud from its columns, by name as in files, and its `description`.
 
     Raises:
         ValueError: if the description is none of ours, or if columns are missing
     """
-    content = json.loads(text)
-    if not isinstance(content, dict) or content.get("lidarscene") != VERSION:
-        raise ValueError(f"not written by this version of lidarscene: no description of version {VERSION}")
+    content = _content(text)
     needed = dict.fromkeys([*(column.name for column in columns_of(truth=False, vectors=False)), *content["units"]])
     missing_columns = [name for name in needed if name not in columns]
     if missing_columns:
@@ -64,6 +73,13 @@ def described_fields(columns: Mapping[str, Numbers], text: str) -> Fields:
     }
     attributes |= {attribute: tuple(content[attribute]) for attribute in NAMES.values()}
     return {"xyz_m": xyz_m, "metadata": content["metadata"], **attributes}
+
+
+def _content(text: str) -> dict[str, Any]:
+    content = json.loads(text)
+    if not isinstance(content, dict) or content.get("lidarscene") != VERSION:
+        raise ValueError(f"not written by this version of lidarscene: no description of version {VERSION}")
+    return content
 
 
 def line_format(dtype: np.dtype[Any]) -> str:

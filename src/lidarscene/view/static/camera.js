@@ -87,8 +87,8 @@ class Camera {
 }
 
 // What moves the camera; `dragged` is called while it moves, `changed` when it stands, `clicked` with a place in pixels.
-function steer(canvas, camera, { changed, dragged, clicked, doubled }) {
-  let moved = 0, before = null;
+function steer(canvas, camera, { changed, dragged, rested, clicked, doubled }) {
+  let moved = 0, before = null, rest = 0;
   const fingers = new Map();
   const pinch = () => {
     const [a, b] = [...fingers.values()];
@@ -102,7 +102,12 @@ function steer(canvas, camera, { changed, dragged, clicked, doubled }) {
     [moved, before] = [fingers.size > 1 ? Infinity : 0, event];
   });
   canvas.addEventListener("pointermove", event => {
-    if (!before) return;
+    clearTimeout(rest);
+    if (!before) {
+      // Where the pointer rests, not on its way: to find a point takes milliseconds.
+      rest = setTimeout(() => rested(event.offsetX, event.offsetY), 60);
+      return;
+    }
     if (fingers.size === 2 && fingers.has(event.pointerId)) {
       const was = pinch();
       fingers.set(event.pointerId, event);

@@ -24,6 +24,8 @@ function createElement(tag, attributes = {}, ...children) {
 // A number in its unit: with a prefix where the unit takes one.
 function formatted(value, unit, digits = 4) {
   if (!Number.isFinite(value)) return "none";
+  // How sure a detection is stands behind the nines.
+  if (value < 1 && Number(value.toPrecision(digits)) === 1) return `1 − ${(1 - value).toExponential(1)}`;
   if (value === 0 || !["W", "A", "s"].includes(unit)) {
     const text = Math.abs(value) >= 1e5 || (value !== 0 && Math.abs(value) < 1e-3)
       ? value.toExponential(digits - 1) : String(Number(value.toPrecision(digits)));

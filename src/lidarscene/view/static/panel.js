@@ -18,7 +18,9 @@ function showStatuses(names, counts, hidden, changed) {
 
 // Sliders of a live scene. `settings` holds what was changed; `changed` is called with a key and its value.
 function showControls(controls, settings, changed) {
-  byId("controls").replaceChildren(...controls.map(control => {
+  // What is of the run, such as frame and seed, comes first: it is what people look for.
+  const ordered = [true, false].flatMap(ofRun => controls.filter(control => control.key.startsWith("run.") === ofRun));
+  byId("controls").replaceChildren(...ordered.map(control => {
     const { key, label, unit, low, high, log, whole } = control;
     const value = settings[key] ?? control.value;
     const place = v => log ? Math.log(Math.max(v, low) / low) / Math.log(high / low) : (v - low) / (high - low);

@@ -39,8 +39,10 @@ class Viewer {
       },
       dragged: () => {
         this.dragging = true;
+        this.name(-1);
         redraw();
       },
+      rested: (left, top) => this.name(this.pick(left, top), left, top),
       clicked: (left, top, second) => {
         if (second && this.selected >= 0) this.measure(this.pick(left, top));
         else this.select(this.pick(left, top));
@@ -213,6 +215,7 @@ class Viewer {
 
   show(frame, controls) {
     this.frame = frame;
+    byId("wait").hidden = true;
     const { xyz, status } = frame.arrays;
     frame.values = name => frame.arrays[name] ?? xyz.filter((_, i) => i % 3 === "xyz".indexOf(name));
     const names = frame.fields.map(field => field.name);
@@ -277,6 +280,16 @@ class Viewer {
     if (index >= 0 && this.isLive && this.frame.budget === false) this.render();
     this.#card();
     this.redraw();
+  }
+
+  // The body of a point beside the pointer; -1 for none.
+  name(index, left = 0, top = 0) {
+    const body = this.frame?.fields.find(field => field.name === "body" && field.names);
+    const name = index < 0 || !body ? undefined : body.names[this.frame.values("body")[index]];
+    byId("hover").hidden = name === undefined;
+    if (name === undefined) return;
+    byId("hover").textContent = name;
+    Object.assign(byId("hover").style, { left: `${left + 14}px`, top: `${top + 10}px` });
   }
 
   // Another point, whose distance from the selected one is shown.
@@ -352,6 +365,7 @@ class Viewer {
 }
 
 function complain(error) {
+  byId("wait").hidden = true;
   byId("error").textContent = error.message;
   byId("error").hidden = false;
 }
