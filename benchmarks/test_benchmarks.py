@@ -176,4 +176,4 @@ def test_a_recording_and_its_simulation_are_told_apart() -> None:
     control, *accuracies = map(float, row[1:7])
     assert abs(control - 0.5) < 0.15  # 96 patches of each side, with an error of 0.04
     assert all(0.3 < accuracy <= 1.0 for accuracy in accuracies)
-    assert row[7].startswith("+- 0.0")
+    assert row[7].startswith("+/- 0.0")

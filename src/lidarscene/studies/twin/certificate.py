@@ -52,7 +52,6 @@ class _Judged:
     """Judged frames and their simulation.
 
     Attributes:
-        sweeps: recorded frames, the first one first; of a twin of every second column the others of its columns
         full_sweep: first frame with all of its columns
         frames: matched pulses of each
         cloud: simulated cloud of the first
@@ -62,7 +61,6 @@ class _Judged:
         control: two sides of recorded images that a classifier cannot tell apart; None: there are none
     """
 
-    sweeps: Sequence[Sweep]
     full_sweep: Sweep
     frames: Sequence[MatchedPulses]
     cloud: PointCloud
@@ -109,9 +107,10 @@ def certify_sensor(
 def _choose(recording: Recording, frame: int | None, sensor: str | None) -> TwinFrames:
     """Frames of the twin and the judged one."""
     number = min(1, len(recording) - 1) if frame is None else frame
-    scanner = None if sensor is None else load_sensor(sensor).scanner
-    sweeps = {index: recording[index] for index in (number - 1, number, number + 1) if 0 <= index < len(recording)}
-    if number in sweeps and scanner is not None:
+    sweeps = {number: recording[number]}
+    sweeps |= {index: recording[index] for index in (number - 1, number + 1) if 0 <= index < len(recording)}
+    if sensor is not None:
+        scanner = load_sensor(sensor).scanner
         sweeps = {index: on_grid(sweep, scanner) for index, sweep in sweeps.items()}
     at_rest = [index for index in sweeps if index != number and is_at_rest(sweeps[index], sweeps[number])]
     if at_rest:
@@ -242,9 +241,7 @@ def judge_in_twin(
         other_columns=other_columns,
         is_of_frame=other_columns is None and number in provenance["frames"],
     )
-    judged = _Judged(
-        sweeps=sweeps, full_sweep=full_sweep, frames=frames, cloud=cloud, is_list=not has_grid(recorded_sweep)
-    )
+    judged = _Judged(full_sweep=full_sweep, frames=frames, cloud=cloud, is_list=not has_grid(recorded_sweep))
     if other_columns is not None:
         return replace(judged, control=([_image(sweeps[0])], [_image(other_columns)])), rows
     if twin_sweep is None:
@@ -310,7 +307,7 @@ def _accuracy_rows(accuracies: dict[str, tuple[ToldApart, ToldApart | None]]) ->
             reference=None if control is None else control.accuracy,
             value=accuracy.accuracy,
             limits=LIMITS["told apart"] if is_whole else UNLIMITED,
-            note=f"+- {accuracy.sigma:.2g}",
+            note=f"+/- {accuracy.sigma:.2g}",
         )
 
 
