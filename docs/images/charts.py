@@ -187,11 +187,11 @@ def batch() -> None:
 
 
 def sensors() -> None:
-    """Simulated ranges over published ones that no value of the file was fitted to."""
+    """Simulated ranges over published ones, beyond the first of each sensor."""
     figure, (axes,) = dark(1, 1, height=5.0)
     names: dict[tuple[float, float], list[str]] = {}
     for name in catalog.names("sensors"):
-        _, *further_ranges = (row for row in published_values.compare(name) if row.quantity == "range")
+        _, *further_ranges = (row for row in published_values.compare_ranges(name))
         for one in further_ranges:
             if one.reference and one.simulated:
                 place = one.reference, one.simulated
@@ -213,7 +213,7 @@ def sensors() -> None:
     line = np.array([10.0, 600.0])
     axes.loglog(line, line, color=INK, linewidth=0.9)
     axes.fill_between(line, line / 1.5, line * 1.5, color=INK, alpha=0.12, linewidth=0)
-    axes.set(xlim=(80, 500), ylim=(70, 500), xticks=(100, 200, 300, 500), yticks=(100, 200, 300, 500))
+    axes.set(xlim=(60, 600), ylim=(60, 600), xticks=(100, 200, 300, 500), yticks=(100, 200, 300, 500))
     axes.set_xticklabels(("100", "200", "300", "500"))
     axes.set_yticklabels(("100", "200", "300", "500"))
     axes.minorticks_off()

@@ -247,11 +247,11 @@ def test_published_against_simulated() -> None:
     worst_low, worst_high = errors[min(errors)], errors[max(errors)]
     assert [(row.subject, row.condition[:3]) for row in (worst_low, worst_high)] == [
         ("os2-128", "80%"),
-        ("livox-avia", "80%"),
+        ("os1-128", "10%"),
     ]
     says(
         "sensors.md",
-        "up to {} % short (`os2-128`, 80 %) and up to {} % long (`livox-avia`, 80 %)",
+        "up to {} % short (`os2-128`, 80 %) and up to {} % long (`os1-128`, 10 %)",
         -100.0 * min(errors),
         100.0 * max(errors),
     )

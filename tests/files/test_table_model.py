@@ -66,7 +66,7 @@ def units_of(kind: str, name: str) -> list[tuple[str, float | list[float], float
     def walk(table: dict[str, Any], before: str) -> Iterator[tuple[str, Any, float]]:
         for key, value in table.items():
             if isinstance(value, dict):
-                if key not in ("sources", "uncertainty"):  # which may be as small as one likes
+                if key not in ("sources", "uncertainty", "unknowns"):  # which may be as small as one likes
                     yield from walk(value, f"{before}{key}.")
             else:
                 numbers = value if isinstance(value, list) else [value]

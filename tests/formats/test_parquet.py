@@ -31,11 +31,11 @@ def test_parquet_in_duckdb(tmp_path: Path, library: Any) -> None:
         else:
             np.testing.assert_array_equal(np.asarray(values), column, strict=True)
     query = f"SELECT count(*) FROM '{tmp_path / 'a.parquet'}' WHERE class = 'car' AND status = 'echo'"
-    assert duckdb.sql(query).fetchone()[0] == len(cloud.select(class_="car", status="echo")) > 0
+    assert duckdb.sql(query).fetchall()[0][0] == len(cloud.select(class_="car", status="echo")) > 0
 
 
 def test_names_come_back_as_their_codes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """With few of the names in a row group, with none, and with names that two codes share, which stay numbers."""
+    """Clouds with few of the names in a row group, with none, and with names that two codes share, which stay numbers."""
     need("parquet")
     monkeypatch.setattr(parquet, "GROUP_POINTS", 7)
     whole = small_cloud(N)

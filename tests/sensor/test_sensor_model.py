@@ -9,12 +9,13 @@ import pytest
 from helpers.documentation import says
 from scipy.optimize import minimize_scalar
 
-from lidarscene import load_sensor
+from lidarscene import catalog, load_sensor
 from lidarscene.errors import InputError, OptionWarning
 from lidarscene.physics.amplifier import high_pass
 from lidarscene.physics.amplifier.low_pass import LOW_PASSES
 from lidarscene.physics.constants import ELEMENTARY_CHARGE_C
-from lidarscene.sensor.sensor_model import PULSE_BANDWIDTH, warn_of_doubts
+from lidarscene.physics.electronics import sampling
+from lidarscene.sensor.sensor_model import MATCHED_WIDTHS, PULSE_BANDWIDTH, warn_of_doubts
 from lidarscene.studies.ranging import plane, sensitivities
 from lidarscene.studies.ranging.plane import Target
 
@@ -239,6 +240,25 @@ def test_a_slow_amplifier_is_told():
     assert str(noted[0].message).startswith(
         "'table1-apd': a bandwidth of 50 MHz is slow for a pulse of 6 ns, which needs 58.3; "
     )
+
+
+def test_a_filter_with_more_noise_than_raw_samples_is_told():
+    """2 pi 110 MHz 4 ns / 2.355 is 1.174; at 1.75 the variance (T78) is that before the filter."""
+    assert float(sampling.matched_noise_share(x=MATCHED_WIDTHS)) == pytest.approx(1.0, abs=2e-3)
+    (doubt,) = load_sensor("vlp-16", overrides=["tdc.bandwidth_mhz=110"]).doubts
+    assert doubt == (
+        "'vlp-16': the matched filter of a pulse of 4 ns has more noise than raw samples with a bandwidth of 110 MHz: "
+        "2 pi B sigma_p is 1.17, and must be 1.75 (164 MHz) or more"
+    )
+    assert load_sensor("vlp-16", overrides=["tdc.bandwidth_mhz=164"]).doubts == ()
+    # One line says that a receiver is too slow, whatever comes behind it.
+    (slow,) = load_sensor("vlp-16", overrides=["tdc.bandwidth_mhz=50"]).doubts
+    assert "is slow for a pulse" in slow
+
+
+@pytest.mark.parametrize("name", catalog.names("sensors"))
+def test_no_doubt_about_a_sensor_of_the_catalogue(name):
+    assert load_sensor(name).doubts == ()
 
 
 def test_coupling_alone_lowers_the_peak():

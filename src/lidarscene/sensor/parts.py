@@ -6,7 +6,7 @@ table: a detector without the amplifier and the threshold that were made for it 
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -135,7 +135,7 @@ def changed_tables(tables: Mapping[str, Any], overrides: Iterable[str]) -> dict[
         if isinstance(old, dict) and (old or new):
             kept = {key: entry for key, entry in old.items() if not any(_is_in(key, other) for other in new_sources)}
             changed[name] = kept | new
-    return changed
+    return _without_unknowns(changed, lambda key: any(_is_in(key, other) for other in new_sources))
 
 
 def _parsed(assignment: str) -> tuple[str, Any]:
@@ -165,7 +165,17 @@ def _with_part(tables: Mapping[str, Any], part: SensorPart, donor: Mapping[str, 
         changed[name] = _mixed(_table(tables, name), _table(donor, name), part, "")
     for keys, file in ((part.without, tables), (part.also, donor)):
         changed["sources"] |= {key: source for key in keys for source in [_source(file, key)] if source is not None}
-    return changed
+    return _without_unknowns(changed, part.has)
+
+
+def _without_unknowns(tables: dict[str, Any], is_other: Callable[[str], bool]) -> dict[str, Any]:
+    """Tables whose `published.unknowns` name no number that is another now."""
+    published = _table(tables, "published")
+    unknowns = published.get("unknowns")
+    if not isinstance(unknowns, dict):
+        return tables
+    kept = {key: entry for key, entry in unknowns.items() if not is_other(key)}
+    return {**tables, "published": {**published, "unknowns": kept}}
 
 
 def _mixed(own: Mapping[str, Any], other: Mapping[str, Any], part: SensorPart, prefix: str) -> dict[str, Any]:

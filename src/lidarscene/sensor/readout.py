@@ -164,6 +164,16 @@ class PublishedFile(FileModel):
     also: tuple[tuple[Share, Positive], ...] = Field(
         default=(), description="further pairs of reflectivity and range, at the same illuminance"
     )
+    dark: tuple[tuple[Share, Positive], ...] = Field(
+        default=(), description="pairs of reflectivity and range without light"
+    )
+    unknowns: dict[str, tuple[Positive, Annotated[float, Field(gt=1, le=1e6)]]] = Field(
+        default_factory=dict,
+        description=(
+            "numbers that are fitted to all these ranges, together with the laser's power: by dotted key, what is"
+            " assumed of it, and the factor by which it may be off either way"
+        ),
+    )
     settings: tuple[str, ...] = Field(
         default=(), description="the mode in which ranges, scatter and false points hold, as for `--set`"
     )
@@ -186,6 +196,9 @@ class PublishedFile(FileModel):
         for key in ("also", "false_points"):
             if getattr(self, key) and self.illuminance_klux is None:
                 raise ValueError(f"{key} needs illuminance_klux; name it in assumed if it is not known")
+        for key in ("dark", "unknowns"):
+            if getattr(self, key) and self.range_m is None:
+                raise ValueError(f"{key} needs range_m, the range in the light")
         for key in self.assumed:
             if key not in type(self).model_fields or getattr(self, key) is None:
                 raise ValueError(f"assumed names {key}, which has no value here")

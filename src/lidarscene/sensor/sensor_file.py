@@ -12,7 +12,7 @@ from typing import Annotated, Any, Literal
 import tomlkit
 from pydantic import Field, model_validator
 
-from ..catalog import names, path_of, sensor_path
+from ..catalog import names, sensor_path
 from ..errors import InputError
 from ..files.arguments import checks_arguments
 from ..files.overrides import Overrides, assignments
@@ -182,12 +182,14 @@ class SensorFile(FileModel):
     )
 
     @model_validator(mode="after")
-    def _uncertainty_of_numbers(self) -> SensorFile:
-        for key in self.uncertainty:
-            table, _, field = key.partition(".")
-            value = getattr(getattr(self, table, None), field, None) if table in UNCERTAIN else None
-            if isinstance(value, bool) or not isinstance(value, (int, float)):
-                raise ValueError(f"uncertainty.{key}: must be a number of {', '.join(UNCERTAIN)} in this file")
+    def _keys_of_numbers(self) -> SensorFile:
+        unknowns = {} if self.published is None else self.published.unknowns
+        for where, keys in (("uncertainty", self.uncertainty), ("published.unknowns", unknowns)):
+            for key in keys:
+                table, _, field = key.partition(".")
+                value = getattr(getattr(self, table, None), field, None) if table in UNCERTAIN else None
+                if isinstance(value, bool) or not isinstance(value, (int, float)):
+                    raise ValueError(f"{where}.{key}: must be a number of {', '.join(UNCERTAIN)} in this file")
         return self
 
     @model_validator(mode="after")
@@ -451,9 +453,9 @@ def load_sensor(sensor: str | os.PathLike[str] | Sensor, *, overrides: Overrides
 
 
 def published_performance(name: str) -> PublishedFile | None:
-    """Read the maker's published performance of a catalogue sensor; None if its file has none.
+    """Read the maker's published performance of a sensor, by catalogue name or file; None if its file has none.
 
     Raises:
         InputError: if a file, a key or a value cannot be understood
     """
-    return read_published(path_of("sensors", name))
+    return read_published(sensor_path(name))

@@ -39,6 +39,10 @@ PULSE_BANDWIDTH = 0.35
 """Source: an RC low-pass, whose rise time is 0.35 over its bandwidth; bandwidth times FWHM that a pulse needs: a slower
 amplifier lowers it."""
 
+MATCHED_WIDTHS = 1.75
+"""Source: (T78), which is 1 at x = 1.747: least x = 2 pi B sigma_p at which a matched filter leaves no more noise than
+a raw sample has."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Polarisation:
@@ -459,6 +463,11 @@ class Sensor:
         return bandwidth
 
     @property
+    def _widths(self) -> Lanes:
+        """x of `sampling.widths`, of the noise and the pulse as they are received."""
+        return sampling.widths(bandwidth_hz=self.noise_bandwidth_hz, pulse_fwhm_s=self.received_fwhm_s)
+
+    @property
     def measures_width(self) -> bool:
         """True if the receiver measures for how long a pulse is above the threshold."""
         return self.tdc.both_edges or self.sampler is not None
@@ -501,7 +510,11 @@ class Sensor:
     def doubts(self) -> tuple[str, ...]:
         """Warnings about numbers that do not fit each other, a line each."""
         laser, focal_length_m = self.laser, float(self.optics.focal_length_m)
-        messages = [self._bandwidth_doubt, silicon_doubt(self.detector, wavelength_m=laser.wavelength_m)]
+        messages = [
+            self._bandwidth_doubt,
+            self._filter_doubt,
+            silicon_doubt(self.detector, wavelength_m=laser.wavelength_m),
+        ]
         # A flash's beam is as wide as all of its pixels.
         if self.optics.overlap is None and not isinstance(self.scanner, Flash):
             divergence_rad = laser.mean_divergence_rad
@@ -522,6 +535,21 @@ class Sensor:
         if self.receiver.low_pass is not None:
             return message + f"it leaves {100.0 * float(self.low_pass_share):.0f} % of the peak"
         return message + 'receiver.response = "none" lets the pulse pass whole, so ranges come out too long'
+
+    @property
+    def _filter_doubt(self) -> str | None:
+        """Warning, one line, that the matched filter has more noise than raw samples; None if it has not."""
+        if not self.matches or self._bandwidth_doubt is not None:
+            return None
+        x = float(self._widths)
+        if x >= MATCHED_WIDTHS:
+            return None
+        noise_mhz, fwhm_ns = 1e-6 * float(self.noise_bandwidth_hz), 1e9 * float(self.received_fwhm_s)
+        return (
+            f"the matched filter of a pulse of {fwhm_ns:.4g} ns has more noise than raw samples with a bandwidth of "
+            f"{noise_mhz:.4g} MHz: 2 pi B sigma_p is {x:.3g}, and must be {MATCHED_WIDTHS:g} "
+            f"({noise_mhz * MATCHED_WIDTHS / x:.3g} MHz) or more"
+        )
 
     def noise_correlation(self, lag_s: Lanes) -> Lanes:
         """Autocorrelation of the noise at a lag; without a low pass that of a single pole of the noise's bandwidth."""
@@ -553,8 +581,7 @@ class Sensor:
             point = point.filtered(self.response)
         if not self.matches:
             return point
-        x = sampling.widths(bandwidth_hz=self.noise_bandwidth_hz, pulse_fwhm_s=self.received_fwhm_s)
-        return point.matched(sampling.matched_noise_share(x=x))
+        return point.matched(sampling.matched_noise_share(x=self._widths))
 
     @property
     def response(self) -> Filtered:
@@ -574,8 +601,7 @@ class Sensor:
         """
         bandwidth_hz, filtering = self.tdc.bandwidth_hz, self.receiver.low_pass
         if self.matches:
-            x = sampling.widths(bandwidth_hz=self.noise_bandwidth_hz, pulse_fwhm_s=self.received_fwhm_s)
-            slower = sampling.matched_slope_noise(x=x) / sampling.slope_noise(x=x)
+            slower = sampling.matched_slope_noise(x=self._widths) / sampling.slope_noise(x=self._widths)
             return self.noise_bandwidth_hz * slower
         if filtering is None or not self.detector.has_white_noise:
             return bandwidth_hz

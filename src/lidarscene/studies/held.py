@@ -79,6 +79,8 @@ LIMITS = {
         1.2, "uncertainty of a recorded floor, steps of a photon; of the highest noise, too"
     ),
     "share of returns": Limits(None, 0.1, f"{_CHOICE}: mean difference; three recorded Ousters have 0.05 to 0.07"),
+    # Of the catalogue beside published ranges.
+    "brighter over darker": Limits(0.0, None, "no maker publishes a range that falls with reflectivity"),
     # Of eye safety: limit over emission.
     "margin": Limits(1.0, None, "IEC 60825-1:2014, 4.3 f"),
 }

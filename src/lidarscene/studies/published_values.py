@@ -1,4 +1,4 @@
-"""Catalogue sensors compared with published values: range, its modes, repeatability, false points, points per second.
+"""Catalogue sensors compared with published values: range, its laws and modes, repeatability, false points, points/s.
 
 Sensor files hold estimates for numbers that makers do not publish. The published results check these estimates.
 """
@@ -6,6 +6,7 @@ Sensor files hold estimates for numbers that makers do not publish. The publishe
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any
@@ -15,13 +16,16 @@ import numpy as np
 from ..detection.outcomes import Status
 from ..detection.receiver import detect
 from ..figures.report import text_table
+from ..maths.units import key_in_si
 from ..physics.constants import SPEED_OF_LIGHT_M_S
 from ..sensor.readout import PublishedFile, RepeatabilityFile
 from ..sensor.sensor_file import load_sensor, published_performance
 from ..sensor.sensor_model import Sensor
-from .held import Held, held_table, relative
+from .fit.published_fit import PublishedRanges, exponents, fit_published, nights_over_days, reached_m
+from .held import LIMITS, Held, Limits, held_table, relative
 from .ranging import statistics
 from .ranging.plane import Target, detection_probability, echoes_of_plane, maximum_range_m
+from .ranging.sensitivities import parameters
 
 SHOTS = 20_000
 """Shots for one standard deviation, whose own error is then 0.5 %."""
@@ -29,10 +33,17 @@ SHOTS = 20_000
 MODE_REFLECTIVITIES = (0.1, 0.8)
 """Choice: reflectivities of the targets on which modes are compared."""
 
+GREYS = np.geomspace(0.05, 0.95, 9)
+"""Choice: reflectivities, from asphalt to white, over which a range must not fall."""
+
+LAW_SIGMAS = 2.0
+"""Choice: standard deviations of what is published beyond which a sensor contradicts its maker."""
+
 _SEED = 1
 
 NOTE = """\
-* not published: assumed. Of several ranges the first is the one that the laser's power was fitted to, if it was.
+* not published: assumed. Of an exponent the deviation is the difference. Numbers that are fitted to all published
+ranges together have the fitted value as "published", the file's as simulated, and one standard deviation as limits.
 Of a mode's range over that of the published mode, the target and light are those that are farthest off.
 The scatter is the standard deviation of one shot's range; false points are per pulse. "recorded" stands for what others
 measured in recordings, with the roughness of the surface in it: an upper bound."""
@@ -75,6 +86,8 @@ def compare(name: str) -> list[Held]:
     as_delivered = load_sensor(name) if published.settings else sensor
     rows = (
         *_ranges(sensor, published),
+        *laws(sensor, published),
+        *_fitted(name, sensor),
         _twice_the_range(sensor, published),
         *_modes(name, sensor, published),
         *(repeatability(sensor, published, entry) for entry in published.repeatability),
@@ -97,7 +110,9 @@ def compare_ranges(name: str) -> list[Held]:
 
 def _ranges(sensor: Sensor, published: PublishedFile) -> list[Held]:
     pairs = ((published.reflectivity, published.range_m), *published.also)
-    return [_range(sensor, published, *pair) for pair in pairs]
+    lit = [_range(sensor, published, *pair) for pair in pairs]
+    dark = published.model_copy(update={"illuminance_klux": 0.0})
+    return lit + [_range(sensor, dark, *pair) for pair in published.dark]
 
 
 def _row(quantity: str, condition: str, published: float | None, simulated: float | None, unit: str = "") -> Held:
@@ -121,6 +136,45 @@ def _range(sensor: Sensor, published: PublishedFile, reflectivity: float | None,
     stated = is_given and not (share == published.reflectivity and "reflectivity" in published.assumed)
     words = f"{share:.0%}{'' if stated else '*'}, {_words(published, ('illuminance_klux', f'{klux:g} klux'))}"
     return _row("range", words, range_m, float(limit), "m")
+
+
+def laws(sensor: Sensor, published: PublishedFile) -> list[Held]:
+    """Compare how the range goes with reflectivity and from day to night with what is published.
+
+    A range that falls with reflectivity misses its limit, whatever is published.
+    """
+    ranges = PublishedRanges.of(published)
+    if ranges is None:
+        return []
+    grey_m = reached_m(sensor, Target(reflectivity=GREYS, illuminance_klux=published.illuminance_klux or 0.0))
+    least = float(np.min(grey_m[1:] / grey_m[:-1]))
+    row = _row(
+        "range, brighter over darker", f"least of {len(GREYS)} from {GREYS[0]:.0%} to {GREYS[-1]:.0%}", None, least
+    )
+    rows = [replace(row, value=least - 1.0, limits=LIMITS["brighter over darker"])]
+    source = f"{LAW_SIGMAS:g} standard deviations of published ranges, `fit.tuning.RANGE_SIGMA` each"
+    for law in exponents(ranges, sensor):
+        row = _row("range exponent", law.condition, law.published, law.simulated)
+        limits = Limits(-LAW_SIGMAS * law.sigma, LAW_SIGMAS * law.sigma, source)
+        rows.append(replace(row, value=law.simulated - law.published, limits=limits))
+    for law in nights_over_days(ranges, sensor):
+        low, high = (math.expm1(sign * LAW_SIGMAS * law.sigma) for sign in (-1.0, 1.0))
+        row = _row("range, night over day", law.condition, law.published, law.simulated)
+        rows.append(replace(row, limits=Limits(low, high, source)))
+    return rows
+
+
+def _fitted(name: str, sensor: Sensor) -> list[Held]:
+    """Compare numbers of the file with those that are fitted to all published ranges."""
+    rows = []
+    for number in fit_published(name):
+        field, factor = key_in_si(number.key)
+        value = parameters(sensor, Target())[field] / factor
+        low, high = (end / number.value - 1.0 for end in number.interval)
+        row = _row(number.key, "fitted", number.value, value)
+        limits = Limits(low, high, "one standard deviation of the fit")
+        rows.append(replace(row, limits=limits, note=str(number)))
+    return rows
 
 
 def _twice_the_range(sensor: Sensor, published: PublishedFile) -> Held:
@@ -196,7 +250,8 @@ def as_dicts(rows: Sequence[Held]) -> list[dict[str, Any]]:
     sensors = []
     for name, group in itertools.groupby(rows, key=lambda row: row.subject):
         quantities: dict[str, list[dict[str, Any]]] = {}
-        for row in group:
+        group_rows = list(group)
+        for row in group_rows:
             quantities.setdefault(row.quantity, []).append(row.as_dict(reference="published", value="deviation"))
         published = published_performance(name)
         sensors.append(
@@ -204,6 +259,14 @@ def as_dicts(rows: Sequence[Held]) -> list[dict[str, Any]]:
                 "name": name,
                 "range_m": quantities["range"][0],
                 "also_range_m": quantities["range"][1:],
+                "brighter_over_darker": quantities.get("range, brighter over darker", [None])[0],
+                "range_exponents": quantities.get("range exponent", []),
+                "nights_over_days": quantities.get("range, night over day", []),
+                "fitted": {
+                    row.quantity: row.as_dict(reference="fitted", value="deviation", note="interval")
+                    for row in group_rows
+                    if row.condition == "fitted"
+                },
                 "twice_the_range": quantities["P_d"][0],
                 "range_factors": quantities.get("range factor", []),
                 "repeatability_m": quantities.get("scatter", []),

@@ -16,6 +16,15 @@ def test_a_broad_top_moves_no_farther_than_the_light_falls_by_the_noise():
         assert deviation[0] == pytest.approx(expected)
 
 
+def test_a_peak_lower_than_its_noise_moves_no_farther_than_its_pulse():
+    """Rationale: a shoulder on a falling edge has next to no height of its own; its time was off by 2e10 m."""
+    heights = np.array([1.0, 0.5, 1e-3, 1e-30])
+    for slope_noise in (0.3, 1.0):
+        deviation = sampling.peak_deviation(noise_share=0.5 / heights, slope_noise=slope_noise, curvature=1.0)
+        assert (deviation <= math.sqrt(2.0)).all()
+        assert deviation[0] == pytest.approx(min(0.5 * slope_noise, 1.0))
+
+
 def test_fraction_of_a_peak_by_draws():
     """(T76) of a straight edge: noise at the fraction less the fraction of that of the peak, over the slope; kept whole
     (r = 1) a half of it stays. 2e5 draws, 1e-6 on either side.

@@ -357,6 +357,7 @@ def test_the_written_file_is_judged_and_not_the_law(
     fwhm_ns = 1e9 * float(load_sensor("os1-128").laser.pulse_fwhm_s)
     (tmp_path / "long.toml").write_text(put_values(text, {("laser", "pulse_fwhm_ns"): 3.0 * fwhm_ns}), "utf-8")
     without_figures.setattr(sensor_text, "MOST_RELATIVE_SIGMA", 1e-6)
+    without_figures.setattr(sensor_text, "CONTRADICTION", np.inf)
     text, passed = fit_sweep(tmp_path, without_figures, sweep, str(tmp_path / "long.toml"))
     assert not passed
     assert "laser.pulse_fwhm_ns is left as it was" in text

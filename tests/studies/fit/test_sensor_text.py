@@ -53,6 +53,20 @@ def test_the_pulse_that_scatters_so_is_found_again() -> None:
     assert pulse_fwhm_s(sensor, 1e-3) is None
 
 
+def test_a_scatter_that_contradicts_the_file_is_blended_with_it() -> None:
+    """62 +/- 42 mm for 185, 2.9 sigma: with 30 % of the file's own the mean by 62 / 42^2 + 185 / 55.5^2 is 107 mm. One
+    that is as uncertain and does not contradict changes nothing.
+    """
+    before = parse_sensor(TEXT, "before")
+    unit = scatter_c_mm(before) / 185.0
+    text, _ = fit_text(TEXT, estimate("scatter_c", 62.0 * unit, 42.0 / 62.0))
+    assert scatter_c_mm(parse_sensor(text, "after")) == pytest.approx(106.8 * unit, rel=1e-3)
+    assert re.search(r"pulse_fwhm_ns.*blended with the \S+ mm of the file to \S+ \+/- \S+", text)
+    text, notes = fit_text(TEXT, estimate("scatter_c", 120.0 * unit, 42.0 / 120.0))
+    assert scatter_c_mm(parse_sensor(text, "after")) == pytest.approx(185.0 * unit)
+    assert any("scatter_c" in note for note in notes)
+
+
 @pytest.mark.parametrize(("sigma", "is_written"), [(0.29, True), (0.31, False)])
 def test_what_is_known_to_30_per_cent_is_written(sigma: float, is_written: bool) -> None:
     before = parse_sensor(ONE_LENS, "before")

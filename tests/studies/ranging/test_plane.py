@@ -502,7 +502,9 @@ def test_what_is_reported_ends_with_the_window():
     np.testing.assert_array_equal(limit[2:], plane.maximum_range_m(APD, sun)[0][2:])
 
 
-@pytest.mark.parametrize(("name", "falls"), [("table1-sipm", True), ("rs-e1", True), ("table1-apd", False)])
+@pytest.mark.parametrize(
+    ("name", "falls"), [("table1-sipm", True), ("sipm-905", True), ("rs-e1", False), ("table1-apd", False)]
+)
 def test_a_sensor_that_the_sun_on_white_blinds_is_named_first(name: str, falls: bool) -> None:
     """The first line says so where the white plane has a lower P_d than the dark one at the range of that."""
     sensor = load_sensor(name)

@@ -75,30 +75,39 @@ def test_a_table_is_continued() -> None:
     assert reflectivities == pytest.approx([0.05, 0.1, 0.8])
 
 
-def test_a_sensors_near_field_continues_the_table_and_points_without_company_have_no_part_in_it() -> None:
-    """A room of 0.4 to 8 m before a sensor with two lenses: twice as far as it reaches, what returns is as bright as
-    its light says, though a third of the pulses there, each alone at its range, have REFLECTIVITY of half as much more.
-    The law is by `studies.recorded`, which scales another target; between two of 200 ranges it is a straight line.
+@pytest.mark.parametrize("scale", [0.5, 1.0, 3.2])
+def test_a_sensor_sees_the_recorded_signals_again(scale: float) -> None:
+    """Whatever the unit's firmware counts as a photon: reflectivity times the sensor's photons of a white target is
+    SIGNAL, near field included. The recorded reflectivities say how the scales differ. By `studies.recorded`, which
+    scales another target; between two of 200 ranges the law is a straight line.
     """
     sensor = load_sensor("os0-128-rev7")
     plain = room_sweep()
-    shape = plain.shape
-    columns = np.broadcast_to(np.arange(shape[1]), shape)
-    far = columns % 3 == 0
-    range_m = np.where(columns % 3 == 1, 0.4 + 0.02 * columns, 0.4 + 0.02 * (columns - 1))
-    range_m = np.where(far, 16.0, range_m)
-    photons = 0.3 * recorded.white_m2(sensor, range_m.ravel()).reshape(shape) / range_m**2
-    reflectivity = np.where(far, 45.0, 30.0)
-    sweep = room_sweep(range_m=range_m, signal=photons, reflectivity=reflectivity)
+    # That one is in the air of the published ranges, 0.98 one way, and twins have clear air.
+    white = recorded.white_m2(sensor, plain.range_m.ravel()).reshape(plain.shape) / (0.98 * plain.range_m) ** 2
+    dim = scale * 0.3 * white
+    point = sensor.working_point(np.zeros(1))
+    signal = np.asarray(point.response.signal(dim * point.response.power_w(np.ones(1))))
+    sweep = room_sweep(signal=signal, reflectivity=np.full(plain.shape, 30.0))
     gauge = ReflectivityGauge.from_sweep(sweep, sensor)
     assert gauge is not None
+    assert gauge.by_sensor
+    assert gauge.over_recorded == pytest.approx(scale, rel=0.07)
+    # SPADs that have fired count up to 7 % too few of the brightest returns.
+    np.testing.assert_allclose(gauge.apparent(sweep, sweep.range_m) * white, dim, rtol=0.05)
+
+
+def test_points_without_company_have_no_part_in_the_table() -> None:
+    """A third of the pulses, each alone at its range, have REFLECTIVITY of half as much more."""
+    plain = room_sweep()
+    columns = np.broadcast_to(np.arange(plain.shape[1]), plain.shape)
+    alone = columns % 3 == 0
+    range_m = np.where(alone, 16.0, 4.0)
+    sweep = room_sweep(range_m=range_m, signal=0.3e5 / range_m**2, reflectivity=np.where(alone, 45.0, 30.0))
+    gauge = ReflectivityGauge.from_sweep(sweep)
+    assert gauge is not None
     assert gauge.range_m.max() < 8.0
-    apparent = gauge.apparent(sweep, range_m)
-    np.testing.assert_allclose(apparent[far], 0.3, rtol=0.05)
-    # Without the near field it is the square of the range, which an OS0 does not reach at 8 m.
-    plain_gauge = ReflectivityGauge.from_sweep(sweep)
-    assert plain_gauge is not None
-    assert plain_gauge.apparent(sweep, range_m)[far].min() > 0.33
+    np.testing.assert_allclose(gauge.apparent(sweep, range_m)[~alone], 0.3, rtol=0.01)
 
 
 @pytest.mark.parametrize("name", ["os0-128-rev7", "os2-128"])
@@ -107,7 +116,7 @@ def test_signals_without_reflectivities_are_the_sensors_own_photons(name: str) -
     sensor = load_sensor(name)
     plain = room_sweep()
     range_m = np.geomspace(1.0, 60.0, plain.range_m.size).reshape(plain.shape)
-    photons = 0.3 * recorded.white_m2(sensor, range_m.ravel()).reshape(plain.shape) / range_m**2
+    photons = 0.3 * recorded.white_m2(sensor, range_m.ravel()).reshape(plain.shape) / (0.98 * range_m) ** 2
     sweep = room_sweep(range_m=range_m, signal=photons, reflectivity=None)
     gauge = ReflectivityGauge.from_sweep(sweep, sensor)
     assert gauge is not None

@@ -86,24 +86,21 @@ def test_a_pulse_lost_before_a_bright_sky_is_as_far_below_the_threshold_in_the_t
 def test_no_lost_echo_is_stronger_than_the_threshold_that_lost_it(has_signals: bool) -> None:
     """A lost pulse of ten times the threshold of its NEAR_IR: other light, so the hole has half of the threshold.
 
-    Without signals it is the same, in photons that the sensor would count of a white wall there.
+    With and without signals it is in photons that the sensor would count of a white wall there.
     It is that of an os0-128 at a NEAR_IR of 900, 0.202 (900 + 54 x 5.2)^0.5 = 6.93 photons.
     """
     plain = room_sweep()
     sensor = load_sensor("os0-128", overrides=["scanner.columns_per_turn=1024"])
     range_m, signal, reflectivity = (np.array(values) for values in (plain.range_m, plain.signal, plain.reflectivity))
-    white = signal[6, 45] / (0.01 * reflectivity[6, 45])  # photons of a white target
+    white = recorded.white_m2(sensor, range_m[6, 45:46])[0] / (0.98 * range_m[6, 45]) ** 2
     range_m[6, 45], signal[6, 45], reflectivity[6, 45] = np.nan, 69.3, 0.0
     near_ir = np.full(plain.shape, 900.0)
-    if not has_signals:
-        there_m = plain.range_m[6, 45]
-        white = recorded.white_m2(sensor, np.array([there_m]))[0] / there_m**2
     signals = signal if has_signals else None
     sweep = room_sweep(range_m=range_m, signal=signals, reflectivity=reflectivity, near_ir=near_ir)
     quads = surfels_of_grid(align_columns(sweep), ReflectivityGauge.from_sweep(sweep, sensor), None)
     hole = quads.kind == FILLED
     assert hole.sum() == 1
-    # It is on the wall across y. The gauge interpolates a quarter of an octave.
+    # It is on the wall across y. Between two of 200 ranges the gauge is a straight line.
     law = scattering_law(np.abs(sweep.direction[6, 45, 1]))
     np.testing.assert_allclose(quads.reflectivity[hole] * law, 0.5 * 6.93 / white, rtol=0.05)
 

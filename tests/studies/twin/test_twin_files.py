@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.twins import recording_of, room_sweep, unit_json
+from scipy.optimize import brentq
 
 from lidarscene.errors import InputError
 from lidarscene.files.toml import validate
@@ -82,7 +83,9 @@ def test_the_files_of_a_twin(tmp_path: Path) -> None:
     material = scene.materials[bright.parts[0].material]  # type: ignore[union-attr]
     # R_A of a retro-reflector by its sheet, so that what it returns is pi R_A of a matt board, with the diffuse part.
     returned = 0.8 + np.pi * float(material.parameters["retro_coefficient_cd_per_lx_m2"])  # type: ignore[arg-type]
-    assert returned == pytest.approx(0.4 * float(sweep.reflectivity[6, 0]), rel=0.1)  # type: ignore[index]
+    gauge = ReflectivityGauge.from_sweep(sweep, load_sensor(scene.sensor_name))
+    assert gauge is not None
+    assert returned == pytest.approx(float(gauge.apparent(sweep, sweep.range_m)[6, 0]), rel=0.1)
 
 
 def test_the_sensor_stands_where_the_held_out_frame_was_recorded(tmp_path: Path) -> None:
@@ -105,18 +108,18 @@ def test_the_sensor_stands_where_the_held_out_frame_was_recorded(tmp_path: Path)
 
 @pytest.mark.parametrize(("times", "is_possible"), [(0.9, True), (1.2, False)])
 def test_light_that_no_sun_gives_is_a_line(tmp_path: Path, times: float, is_possible: bool) -> None:
-    """Rationale: twins had 203, 359 and 876 klux without a word. The background is linear in the light, dark counts
-    apart: with two counts its value for ``times`` 130 klux is known.
-    """
+    """Rationale: twins had 203, 359 and 876 klux without a word. The counts for ``times`` 130 klux are sought."""
     unit, plain = unit_json(tmp_path / "unit.json"), room_sweep()
     write_unit(read_unit(unit), unit, tmp_path / "unit.toml")
     sensor, reflectivity = load_sensor(tmp_path / "unit.toml"), np.asarray(plain.reflectivity)
-    klux = []
-    for scale in (1e3, 2e3):
-        lit = room_sweep(near_ir=scale * reflectivity)
-        klux.append(illuminance_klux(lit, ReflectivityGauge.from_sweep(lit), sensor))
-    per_count = (klux[1] - klux[0]) / 1e3  # type: ignore[operator]
-    counts = 1e3 + (130.0 * times - klux[0]) / per_count  # type: ignore[operator]
+
+    def excess_klux(counts: float) -> float:
+        lit = room_sweep(near_ir=counts * reflectivity)
+        klux = illuminance_klux(lit, ReflectivityGauge.from_sweep(lit, sensor), sensor)
+        assert klux is not None
+        return klux - 130.0 * times
+
+    counts = float(brentq(excess_klux, 1.0, 1e5))
     recording = recording_of(tmp_path / "room.pcap", room_sweep(near_ir=counts * reflectivity))
     text = build_twin(recording, TwinFrames(frames=(0,)), tmp_path / "twin", metadata=unit)
     assert f"{130.0 * times:.0f} klux\n" in text
@@ -146,13 +149,15 @@ def test_reflectivities_of_old_firmware_are_a_line(tmp_path: Path, firmware: str
     recording = replace(recording_of(tmp_path / "room.pcap", sweep), metadata={"firmware": firmware})
     text = build_twin(recording, TwinFrames(frames=(0,)), tmp_path / "twin", sensor="os1-128")
     assert ("firmware 2.0 does not calibrate REFLECTIVITY" in text) is not is_calibrated
-    assert text.endswith("reflectivities: by the recording's signal")
+    last = text.splitlines()[-1]
+    assert last.startswith("reflectivities: by the recording's signal, over the photons that the sensor file has of ")
+    assert last.endswith(" times the recorded: fit finds the unit's photons")
 
 
 def test_signals_alone_are_of_the_sensor_files_scale(tmp_path: Path) -> None:
     sweep = room_sweep(reflectivity=None, near_ir=np.full(room_sweep().shape, 50.0))
     text = build_twin(recording_of(tmp_path / "room.pcap", sweep), TwinFrames(frames=(0,)), tmp_path, sensor="os1-128")
-    assert text.endswith("by the recording's signal, as the sensor file has it, since no reflectivity is recorded")
+    assert text.endswith("by the recording's signal, over the photons that the sensor file has of a white target")
 
 
 def test_what_is_missing_is_one_line(tmp_path: Path) -> None:

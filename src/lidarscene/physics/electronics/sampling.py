@@ -76,15 +76,16 @@ def peak_deviation(*, noise_share: Lanes, slope_noise: Lanes, curvature: Lanes) 
     """Deviation of the place of a peak in noise, in sigma_p, (T77) and (T79).
 
     A maximum moves by n'(t) / s'': noise_share slope_noise / curvature, as long as the pulse is a parabola over that
-    way. On a broad top it moves no farther than where the light has fallen by the noise.
+    way. On a broad top it moves no farther than where the light has fallen by the noise, and from a peak that is lower
+    than the noise, a shoulder of another, no farther than where that light ends.
 
     Args:
-        noise_share: deviation of the noise over the peak's height
+        noise_share: deviation of the noise over the peak's height; beyond 1 it counts as 1
         slope_noise: deviation of its derivative over its own, per sigma_p
     """
     ops = xp(noise_share, curvature)
-    curved = ops.maximum(curvature, 1e-6)
-    return ops.minimum(noise_share * slope_noise / curved, ops.sqrt(2.0 * noise_share / curved))
+    curved, share = ops.maximum(curvature, 1e-6), ops.minimum(noise_share, 1.0)
+    return ops.minimum(share * slope_noise / curved, ops.sqrt(2.0 * share / curved))
 
 
 def quantise(*, signal: Lanes, step: Lanes, full_scale: Lanes) -> Lanes:

@@ -8,6 +8,7 @@ row_gains             gains of the rows
 tuning                numbers of the fit that no source gives, and what each is worth
 estimates             Fisher matrix, block bootstrap
 products              products of a sensor file's numbers that are known, and directions that are not
+published_fit         power, noise and background by all ranges that a maker publishes
 sensor_text           sensor file of the fitted unit
 recording_fit         all of these for one recording
 fit_report            page, JSON, text

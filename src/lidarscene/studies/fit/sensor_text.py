@@ -9,6 +9,7 @@ from __future__ import annotations
 import math
 import tomllib
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,9 +24,9 @@ from ...sensor.sensor_model import Sensor
 from ..twin.tuning import BRIGHTEST_KLUX
 from .estimates import Estimate
 from .near_field import LENSES
-from .products import near_field_m, pulse_fwhm_s, white_m2
+from .products import near_field_m, pulse_fwhm_s, scatter_c_mm, white_m2
 from .row_gains import RowGains
-from .tuning import INFINITE, MOST_RELATIVE_SIGMA
+from .tuning import CONTRADICTION, INFINITE, MOST_RELATIVE_SIGMA
 
 FILE_KEYS = {
     "white_m2": "laser.peak_power_w",
@@ -148,6 +149,12 @@ def fitted_text(
     if sensor.histogram is None:
         return text, ("all but the beams is left as it was: only sensors with [histogram] are fitted",)
     accepted = _certain({key: estimate for key, estimate in estimates.items() if key not in held})
+    scatter_mm, scatter_note = scatter_c_mm(sensor), "; scatter of the range"
+    if "scatter_c" in estimates and not {"scatter_c"} & (accepted.keys() | held.keys()):
+        blended = _blended(estimates["scatter_c"], scatter_mm)
+        if blended is not None:
+            accepted["scatter_c"] = blended
+            scatter_note += f"; blended with the {scatter_mm:.4g} mm of the file to {blended}"
     # Errors of slope and pedestal make up for each other, so that the threshold is known better than the pedestal.
     accepted.pop("threshold_pedestal", None)
     if "threshold_slope" in accepted:
@@ -196,7 +203,7 @@ def fitted_text(
     if "scatter_c" in accepted:
         fwhm_s = pulse_fwhm_s(sensor, accepted["scatter_c"].value)
         if fwhm_s is not None:
-            changes["laser.pulse_fwhm_ns"] = (1e9 * fwhm_s, source_of("scatter_c", "; scatter of the range"))
+            changes["laser.pulse_fwhm_ns"] = (1e9 * fwhm_s, source_of("scatter_c", scatter_note))
     # The recording has the counts of all shots, the file those of one.
     scales = {
         "threshold_slope": 1.0,
@@ -306,6 +313,15 @@ def _row_changes(text: str, rows: RowGains, recording: str) -> tuple[Changes, tu
         return {}, (f"row gains are not written: whether SIGNAL has those of NEAR_IR is undetermined ({reason})",)
     source = f"fitted: NEAR_IR of neighbouring rows, each +/- {rows.sigma[0]:.1%}, {recording}; {follows}"
     return {f"scanner.{rows.key}": (rows.gain.tolist(), source)}, ()
+
+
+def _blended(estimate: Estimate, value: float) -> Estimate | None:
+    """Mean of an estimate and the file's value, weighted by their variances; None if they do not contradict."""
+    if not abs(estimate.value - value) > CONTRADICTION * estimate.sigma:
+        return None
+    weights = np.array([estimate.sigma, MOST_RELATIVE_SIGMA * value]) ** -2.0
+    mean, sigma = np.average([estimate.value, value], weights=weights), float(weights.sum() ** -0.5)
+    return replace(estimate, value=float(mean), fisher=sigma, bootstrap=sigma, misfit=1.0)
 
 
 def _certain(estimates: Mapping[str, Estimate]) -> dict[str, Estimate]:

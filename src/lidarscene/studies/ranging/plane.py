@@ -27,7 +27,7 @@ from ...scene.scene import Air
 from ...sensor.detectors import WorkingPoint
 from ...sensor.sensor_model import Sensor
 
-_NEAREST_M, _FARTHEST_M = 1e-2, 1e6
+NEAREST_M, FARTHEST_M = 1e-2, 1e6
 """Choice: nearest and farthest distance between which the maximum range is sought."""
 
 _STEPS_PER_DECADE = 16  # of the grid for the last crossing
@@ -214,8 +214,8 @@ def range_at_probability_m(sensor: Sensor, target: Target, probability: float) -
     """
     from scipy.optimize import brentq
 
-    decades = math.log10(_FARTHEST_M / _NEAREST_M)
-    ranges = np.geomspace(_NEAREST_M, _FARTHEST_M, round(decades * _STEPS_PER_DECADE) + 1)
+    decades = math.log10(FARTHEST_M / NEAREST_M)
+    ranges = np.geomspace(NEAREST_M, FARTHEST_M, round(decades * _STEPS_PER_DECADE) + 1)
     start = radiometry.range_from_time_of_flight_m(time_of_flight_s=sensor.tdc.blanking_s)
     end = float(window_m(sensor))
     ranges = np.concatenate([ranges[ranges < end], [end]])
@@ -290,10 +290,10 @@ def maximum_range_m(sensor: Sensor, target: Target) -> tuple[Any, Any]:
     """
     shape = conditions_shape(sensor, target)
     ones = np.ones(shape or (1,))
-    decades = math.log10(_FARTHEST_M / _NEAREST_M)
+    decades = math.log10(FARTHEST_M / NEAREST_M)
     several = np.any(np.asarray(target.extinction_per_m) > 0.0) or sensor.optics.overlap is not None
     cuts = round(decades * _STEPS_PER_DECADE) if several else 1
-    grid = np.geomspace(_NEAREST_M, _FARTHEST_M, cuts + 1)
+    grid = np.geomspace(NEAREST_M, FARTHEST_M, cuts + 1)
     # Index of the last grid range at which the target is detected; -1: none.
     calls = min(grid.size * ones.size // _AT_ONCE + 1, grid.size)  # several calls, to bound the memory
     parts = [np.multiply.outer(part, ones) for part in np.array_split(grid, calls)]
@@ -323,13 +323,13 @@ def _is_detected(sensor: Sensor, target: Target, range_m: Numbers) -> Numbers:
 
 def _is_noiseless(sensor: Sensor, target: Target) -> Numbers:
     """True where the level is zero at the nearest range, where it is highest: then every echo is detected."""
-    _, _, level = _response(sensor, echoes_of_plane(sensor, target, _NEAREST_M))
+    _, _, level = _response(sensor, echoes_of_plane(sensor, target, NEAREST_M))
     return np.asarray(level <= 0.0)
 
 
 def _is_saturated(sensor: Sensor, target: Target) -> Numbers:
     """True where the level is above the detector's response to any light."""
-    point, _, level = _response(sensor, echoes_of_plane(sensor, target, _NEAREST_M))
+    point, _, level = _response(sensor, echoes_of_plane(sensor, target, NEAREST_M))
     return np.asarray(point.response.signal(_BLINDING_W * np.ones_like(level)) < level)
 
 

@@ -106,9 +106,9 @@ class ReflectivityGauge:
         per_count: reflectivity per count over the range; one entry where strengths are calibrated already
         least: strength of returns whose recorded one is rounded to 0: half of the least above
         assumed: True if the scale is a guess
-        by_sensor: True if it is that of the sensor's own photons
-        sensor: sensor that counts photons, whose near field continues a table of signals; None: below the table they go
-            on by its own slope, beyond by the square of the range
+        sensor: sensor that counts photons, whose own of a white target signals are taken over; None: signals are
+            converted by the table, below it by its own slope, beyond by the square of the range
+        over_recorded: median of the reflectivities over the recorded ones; 1 if they are these, or none is recorded
     """
 
     field: str
@@ -116,30 +116,39 @@ class ReflectivityGauge:
     per_count: Numbers
     least: float = 0.0
     assumed: bool = False
-    by_sensor: bool = False
     sensor: Sensor | None = None
+    over_recorded: float = 1.0
+
+    @property
+    def by_sensor(self) -> bool:
+        """True if the scale is that of the sensor's own photons."""
+        return self.field == "signal" and self.sensor is not None
 
     @classmethod
     def from_sweep(cls, sweep: Sweep, sensor: Sensor | None = None) -> ReflectivityGauge | None:
         """Calibrate from a sweep; None if it has no strengths.
 
-        The ratio of reflectivity to signal over the range is the maker's own calibration, near field included. Signals
-        are finer than reflectivities, which come in steps of 1 % and are not linear above white.
+        Signals are finer than reflectivities, which come in steps of 1 % and are not linear above white. A sensor's own
+        photons of a white target convert them, whatever the unit's firmware counts as a photon, so that the sensor
+        sees the recorded signals again. Without a sensor the ratio of reflectivity to signal over the range does, the
+        maker's own calibration, near field included.
 
         Args:
-            sensor: sensor whose near field continues the calibration to ranges of which the sweep has none, and whose
-                photons calibrate signals without reflectivities
+            sensor: sensor whose photons calibrate signals; one that counts none is as None
         """
         counter = None if sensor is None or sensor.histogram is None else sensor
+        table = None
         if sweep.reflectivity is not None and sweep.signal is not None:
             table = _reflectivity_per_photon(sweep)
-            if table is not None:
-                return cls(field="signal", range_m=table[0], per_count=table[1], sensor=counter)
+        if sweep.signal is not None and counter is not None:
+            range_m, per_count = (np.full(1, FAR_M), np.ones(1)) if table is None else table
+            white = white_signal(counter, range_m)
+            over = 1.0 if table is None else float(np.median(1.0 / (white * per_count)))
+            return cls(field="signal", range_m=range_m, per_count=1.0 / white, sensor=counter, over_recorded=over)
+        if table is not None:
+            return cls(field="signal", range_m=table[0], per_count=table[1])
         if sweep.reflectivity is not None:
             return cls(field="reflectivity", range_m=np.ones(1), per_count=np.full(1, 1.0 / WHITE), sensor=counter)
-        if sweep.signal is not None and counter is not None:
-            per_count = 1.0 / white_signal(counter, np.full(1, FAR_M))
-            return cls(field="signal", range_m=np.full(1, FAR_M), per_count=per_count, by_sensor=True, sensor=counter)
         if sweep.intensity is None:
             return None
         strength = sweep.intensity[sweep.has_return & np.isfinite(sweep.intensity)]
@@ -155,31 +164,32 @@ class ReflectivityGauge:
     def apparent(self, returns: Sweep | Second, range_m: Numbers) -> Numbers:
         """Apparent reflectivity of a sweep's strengths at these ranges; `LEAST_REFLECTIVITY` for NaN."""
         strength = np.maximum(np.asarray(getattr(returns, self.field), np.float64), self.least)
-        log_range, table, value = np.log(np.maximum(range_m, 1e-3)), np.log(self.range_m), np.log(self.per_count)
+        if self.by_sensor:
+            # The photons of bright returns, of which SPADs that have fired count too few, in those of dim ones.
+            assert self.sensor is not None
+            power_w = self.sensor.working_point(np.zeros(1)).response.power_w
+            strength = np.asarray(power_w(strength) / power_w(np.ones(1)))
+        factor = self._per_count_at(np.maximum(range_m, 1e-3))
+        return np.asarray(np.maximum(np.nan_to_num(strength * factor, posinf=0.0), LEAST_REFLECTIVITY))
+
+    def _per_count_at(self, range_m: Numbers) -> Numbers:
+        if self.by_sensor:
+            assert self.sensor is not None
+            return 1.0 / white_signal(self.sensor, np.nan_to_num(range_m, nan=FAR_M))
+        log_range, table, value = np.log(range_m), np.log(self.range_m), np.log(self.per_count)
         log_factor = np.interp(log_range, table, value)
-        if self.sensor is not None and self.field == "signal":
-            outside = (log_range < table[0]) | (log_range > table[-1])
-            ends_m = np.exp(np.clip(log_range[outside], table[0], table[-1]))
-            if len(ends_m):
-                white, white_at_end = np.split(white_signal(self.sensor, np.r_[np.exp(log_range[outside]), ends_m]), 2)
-                log_factor[outside] += np.log(white_at_end / white)
-        elif len(table) > 1:
+        if len(table) > 1:
             # Below the table: the slope of its first two bins. Beyond it signals fall as 1 / range^2, so the factor
             # grows as range^2.
             slope = np.clip((value[1] - value[0]) / (table[1] - table[0]), -STEEPEST, STEEPEST)
-            log_factor = (
-                log_factor
-                + slope * np.minimum(log_range - table[0], 0.0)
-                + 2.0 * np.maximum(log_range - table[-1], 0.0)
-            )
-        factor = np.exp(log_factor)
-        return np.asarray(np.maximum(np.nan_to_num(strength * factor, posinf=0.0), LEAST_REFLECTIVITY))
+            log_factor += slope * np.minimum(log_range - table[0], 0.0) + 2.0 * np.maximum(log_range - table[-1], 0.0)
+        return np.asarray(np.exp(log_factor))
 
 
 def white_signal(sensor: Sensor, range_m: Numbers) -> Numbers:
-    """Photons of a white target at these ranges, as one so dim gives that no SPAD fires twice."""
+    """Photons of a white target at these ranges in a twin's clear air, as one so dim gives that no SPAD fires twice."""
     grid_m = np.geomspace(range_m.min(), 1.01 * range_m.max(), _CURVE_RANGES)
-    light = echoes_of_plane(sensor, Target(reflectivity=DIM, illuminance_klux=0.0), grid_m)
+    light = echoes_of_plane(sensor, Target(reflectivity=DIM, illuminance_klux=0.0, transmittance=1.0), grid_m)
     photons = np.asarray(sensor.working_point(light.background_power_w).response.signal(light.peak_power_w))
     log_photons = np.log(np.maximum(photons / DIM, LEAST_PHOTONS))
     return np.asarray(np.exp(np.interp(np.log(range_m), np.log(grid_m), log_photons)))

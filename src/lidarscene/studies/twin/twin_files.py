@@ -32,6 +32,7 @@ from ...recordings.units.unit_file import read_unit, with_second_returns, write_
 from ...scan.spinning import Spinning
 from ...scene.tables import SceneFile
 from ...sensor.sensor_file import load_sensor
+from ..held import LIMITS
 from .apparent_reflectivity import ReflectivityGauge, is_explained
 from .daylight import illuminance_klux
 from .frame_poses import angles_deg, place_frames
@@ -187,8 +188,11 @@ def _reflectivity_note(gauge: ReflectivityGauge | None) -> str:
     if gauge is None:
         return "reflectivities: not recorded, so all are 0.2"
     guess = ", scaled to a median of 0.2, since its unit is not known" if gauge.assumed else ""
-    scale = ", as the sensor file has it, since no reflectivity is recorded" if gauge.by_sensor else guess
-    return f"reflectivities: by the recording's {gauge.field}{scale}"
+    scale = ", over the photons that the sensor file has of a white target" if gauge.by_sensor else guess
+    note = f"reflectivities: by the recording's {gauge.field}{scale}"
+    if LIMITS["signal ratio"].include(gauge.over_recorded):
+        return note
+    return f"{note}, {gauge.over_recorded:.2g} times the recorded: fit finds the unit's photons"
 
 
 def _copy_sensor(sensor: str, path: Path, sweep: Sweep, recording: str) -> str:

@@ -26,7 +26,7 @@ def test_the_spot_is_told_of_one_lens_on_the_axis_only() -> None:
     assert spot_over_field(sensor) == pytest.approx(0.5 * sensor.laser.divergence_rad / field)
     for name in ("os0-128", "os1-128", "os2-128"):
         assert spot_over_field(load_sensor(name)) is None
-    assert spot_over_field(load_sensor("vlp-16")) is None
+    assert spot_over_field(load_sensor("vlp-32c")) is None
 
 
 def test_the_background_counts_what_was_recorded() -> None:
