@@ -205,3 +205,18 @@ def test_a_detector_learns_from_generated_frames(tmp_path: Path) -> None:
     assert [row[1] for row in rows_of] == ["held-out towns", "KITTI", "Argoverse 2"] * 3
     assert all(float(row[2].split()[0]) > 0.5 for row in rows_of if row[1] == "held-out towns"), process.stdout
     assert all(kitti[2:] == av2[2:] for kitti, av2 in zip(rows_of[1::3], rows_of[2::3], strict=True))
+
+
+def test_a_recording_and_its_simulation_are_told_apart() -> None:
+    """`told_apart.py` on the recording of the package: each group is between chance and certainty, with its error."""
+    pytest.importorskip("ouster.sdk")
+    command = [sys.executable, str(ROOT / "benchmarks" / "told_apart.py")]
+    environment = os.environ | {"PYTHONPATH": str(ROOT / "src")}
+    process = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=PATIENCE_S)
+    assert process.returncode == 0, process.stderr
+    head, row = (re.split(r"\s{2,}", line) for line in process.stdout.splitlines())
+    assert head[:7] == ["recording", "recorded twice", "all", "range texture", "holes", "edges", "intensity"]
+    control, *accuracies = map(float, row[1:7])
+    assert abs(control - 0.5) < 0.15  # 96 patches of each side, with an error of 0.04
+    assert all(0.3 < accuracy <= 1.0 for accuracy in accuracies)
+    assert row[7].startswith("+/- 0.0")

@@ -52,11 +52,11 @@ WALKS = {
         render out/street/street.toml -o out/one.npz --sensor os1-128 --range-image out/one.range.npz {FEW}
         view out/frames --save out/frames.html
         render tree -o out/tree.bin --format kitti {COARSE}""",
-    "owner of a real sensor": f"""
+    "owner of a real sensor": """
         view os0-32 --save out/recorded.html
-        compare os0-32 --real os0-32 -o out/itself
-        render garage -o out/same.ply --sensor os0-128 {FEW}
-        compare out/same.ply --real os0-32 -o out/real --json    > real.json""",
+        sensor --from os0-32 -o my-os0.toml
+        twin os0-32 --held-out columns -o out/twin
+        certify os0-32 --scene out/twin/scene.toml --sensor os0-128 -o out/other      # error: must have 32 channels""",
     "researcher": f"""
         range table1-apd table1-sipm --over illuminance --n 7
         range table1-apd table1-sipm --over distance --quantity pd --illuminance 20 --n 5 --json    > pd.json

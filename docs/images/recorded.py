@@ -12,8 +12,8 @@ from PIL import Image
 
 from lidarscene.recordings.opening import open_recording
 from lidarscene.studies.fit.recording_fit import fit_recordings
+from lidarscene.studies.twin.certificate import REAL, SIMULATED, certify_in_twin
 from lidarscene.studies.twin.twin_files import COLUMNS, SCENE, build_twin, choose_frames
-from lidarscene.studies.twin.twin_page import REAL, SIMULATED, compare_twin
 
 SENSOR = "os2-128"
 
@@ -33,7 +33,7 @@ def twin() -> None:
         made, judged = Path(folder) / "twin", Path(folder) / "judged"
         with open_recording(path) as opened:
             build_twin(opened, choose_frames(opened, None, COLUMNS), made)
-            compare_twin(made / SCENE, opened).save(judged)
+            certify_in_twin(made / SCENE, opened).save(judged)
         below([Image.open(judged / f"{name}.png").convert("RGB") for name in (REAL, SIMULATED)], "twin.png")
 
 

@@ -38,6 +38,7 @@ from .sensor.rig_file import load_rig as load_rig
 from .sensor.sensor_file import load_sensor as load_sensor
 from .sensor.sensor_file import sensors as sensors
 from .sensor.sensor_model import Sensor as Sensor
+from .studies.api import certify as certify
 from .studies.api import compare as compare
 from .studies.api import design as design
 from .studies.api import eye_safety as eye_safety

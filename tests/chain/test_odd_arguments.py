@@ -33,12 +33,15 @@ SLOW = (
     "studies.fit.recording_fit.fit_recordings",
     "studies.fit.on_scene.scene_fit.fit_on_scene",
     "studies.twin.twin_files.build_twin",
+    "studies.twin.certificate.certify_sensor",
+    "studies.twin.certificate.certify_in_twin",
     "outputs.record._Run.write",
     "rendering.simulator.Simulator.render",
 )
 SENSORS = {"sensors": "table1-apd"}
 FUNCTIONS: dict[str, dict[str, Any]] = {
     "boxes": {"cloud": small_cloud(), "scene": Scene()},
+    "certify": {"recording": OUSTER},
     "compare": {"scene": "wall.toml", "sensors": ["table1-apd", "vlp-16"]},
     "deskewed": {"cloud": small_cloud(), "motion": Course()},
     "design": {"study": "gain", "folder": "out"},

@@ -30,7 +30,7 @@ CALLS = {
 }
 """Command -> calls of it that are quick."""
 
-ELSEWHERE = {"batch", "compare", "design", "fit", "fov", "paper", "twin"}
+ELSEWHERE = {"batch", "certify", "compare", "design", "fit", "fov", "paper", "twin"}
 """Commands whose JSON is read by tests of what they compute."""
 
 

@@ -39,7 +39,7 @@ FOV = f"fov table1-apd table1-sipm -o out --time 0.001,0.01 --cell 2 {' '.join(C
         (BARS, ()),
         (FOV, ("coverage.csv", "table1-sipm-range.csv", "index.html", "index.md")),
         ("compare a.ply b.ply -o out", ("compare.json", "error-range.csv", "index.html")),
-        ("compare twin/scene.toml --real OUSTER -o out", ("twin.json", "index.html")),
+        ("certify OUSTER --scene twin/scene.toml -o out", ("certificate.json", "index.html")),
         ("paper -o out", ("index.html", "index.md", "fig-4e.csv")),
     ],
 )

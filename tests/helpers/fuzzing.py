@@ -246,7 +246,8 @@ class Workshop:
                     ("view", recorded, "--save", "out/v.html"),
                     ("twin", recorded, "-o", "out", "--sensor", sensor),
                     ("twin", recorded, "-o", "out"),
-                    ("compare", "cloud.ply", "--real", recorded, "-o", "out"),
+                    ("certify", recorded, "-o", "out"),
+                    ("certify", recorded, "-o", "out", "--sensor", sensor),
                     ("fit", recorded, "-o", "out/f.toml", "--report", "out/r", "--sensor", sensor),
                 )
             ),

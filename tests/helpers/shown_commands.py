@@ -51,7 +51,6 @@ PARSED_ONLY = {
     "lidarscene render avenue.toml": "tests/outputs/test_run_motion.py::test_synchronous_packets_of_an_ousters_imu",
     "lidarscene view out/os0.pcap": "tests/cli/recordings/test_recording_options.py::test_view_saves_all_frames_or_one",
     "lidarscene view os1.pcap": "tests/cli/recordings/test_recording_options.py::test_view_saves_all_frames_or_one",
-    "lidarscene compare out/street.ply --real": "tests/cli/recordings/test_recording_options.py::test_compare_real",
     "lidarscene sensor --from os1.json": "tests/cli/recordings/test_sensor.py::test_a_unit_of_an_ouster",
     "lidarscene sensor --from angles.csv": (
         "tests/recordings/units/test_hesai_unit.py::test_a_model_that_the_catalogue_lacks_needs_a_like_and_warns"
@@ -64,7 +63,7 @@ PARSED_ONLY = {
     ),
     "lidarscene view car --port": "tests/view/test_serve.py::test_a_live_scene_is_what_render_gives",
     "lidarscene twin os1.pcap": "tests/cli/recordings/test_twin.py::test_a_twin_of_a_recording",
-    "lidarscene compare out/twin/scene.toml --real": "tests/studies/twin/test_matched_pulses.py::test_page_and_numbers",
+    "lidarscene certify": "tests/cli/recordings/test_certify.py::test_turns_at_rest",
     "lidarscene fit os1.pcap": (
         "tests/studies/fit/on_scene/test_scene_fit.py::test_the_unit_that_recorded_is_found_again"
     ),

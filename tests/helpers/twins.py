@@ -1,4 +1,4 @@
-"""A room that a lidar stands in, known in closed form, as a sweep and as a recording."""
+"""A room that a lidar stands in, known in closed form, as a sweep and as a recording; pulses of a twin."""
 
 import json
 from pathlib import Path
@@ -9,6 +9,8 @@ import numpy as np
 from lidarscene.maths.pose import Pose
 from lidarscene.recordings.recording import Recording
 from lidarscene.recordings.sweep import Sweep
+from lidarscene.studies.twin.matched_pulses import MatchedPulses
+from lidarscene.studies.twin.surfels import SMOOTH
 
 HALF_M = (10.0, 8.0)
 """Walls at plus and minus x and y; no ceiling."""
@@ -83,3 +85,39 @@ def unit_json(path: Path) -> Path:
     }
     path.write_text(json.dumps(unit), encoding="utf-8")
     return path
+
+
+N = 4000
+
+
+def pulses(seed: int = 5, **changed: Any) -> MatchedPulses:
+    """20 mm of scatter, the same changes on both sides, signals from 20 to 300 over 5 to 40 m."""
+    rng = np.random.default_rng(seed)
+    change_m = rng.normal(0.0, 0.02, N)
+    true_m = np.linspace(5.0, 40.0, N)
+    signal = 8000.0 / true_m**2 + 15.0
+    range_m = changed.get("range_m", true_m + rng.normal(0.0, 0.02, N))
+    fields: dict[str, Any] = {
+        "angle_rad": np.zeros(N),
+        "pulse": np.arange(N),
+        "ring": np.arange(N) % 8,
+        "column": np.arange(N) // 8,
+        "signal": signal,
+        "strength": signal,
+        "range_m": range_m,
+        "aimed_range_m": range_m,
+        "xyz_m": np.zeros((N, 3)),
+        "change_m": change_m,
+        "gap_m": np.full(N, np.nan),
+        "withheld": np.zeros(N, bool),
+        "simulated_range_m": true_m + rng.normal(0.0, 0.02, N),
+        "simulated_signal": signal,
+        "simulated_strength": signal,
+        "simulated_xyz_m": np.zeros((N, 3)),
+        "simulated_change_m": change_m,
+        "simulated_gap_m": np.full(N, np.nan),
+        "true_range_m": true_m,
+        "reflectivity": np.full(N, 0.2),
+        "kind": np.full(N, SMOOTH),
+    }
+    return MatchedPulses(**fields | changed)

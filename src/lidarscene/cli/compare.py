@@ -13,7 +13,6 @@ from typing import TYPE_CHECKING, Any
 from ..errors import InputError
 from ..rendering.render_options import FrameOptions
 from .options import StudyOptions, add_options, flag_of, options_from
-from .recordings.recording_options import add_recording
 from .terminal import Answer, progress, save_report
 from .words import rising_numbers
 
@@ -27,8 +26,6 @@ examples:
   lidarscene compare garage --sensors table1-apd,table1-sipm --illuminance 0.05,1,10,100 -o out/garage
   lidarscene compare car --sensors vlp-16,table1-apd,table1-sipm --same-beams -o out/beams
   lidarscene compare day.ply night.ply -o out/clouds
-  lidarscene compare out/street.ply --real os1.pcap --frame 3 -o out/real
-  lidarscene compare out/twin/scene.toml --real os1.pcap -o out/judged
 """
 
 MOST_SENSORS = 7
@@ -63,13 +60,6 @@ def add_compare(commands: Any) -> None:
     )
     add_options(command, StudyOptions, "overrides")
     add_options(command, FrameOptions, "pose", "seed", "chunk")
-    add(
-        "--real",
-        metavar="REC",
-        type=Path,
-        help="compare one cloud, or recording, or the scene of its twin, with a frame of this recording",
-    )
-    add_recording(command)
     # None without the option: it is refused where it would change nothing.
     command.set_defaults(run=run_compare, **dict.fromkeys(_OF_SCENES))
 
@@ -104,13 +94,6 @@ def _choose(arguments: argparse.Namespace) -> Callable[[argparse.Namespace], Rep
     Raises:
         InputError: for options of another kind
     """
-    if arguments.real is not None:
-        return _compare_real
-    for option in ("frame", "metadata"):
-        if getattr(arguments, option) is not None:
-            raise InputError(f"--{option}: goes with --real")
-    if arguments.sensor_index:
-        raise InputError("--sensor-index: goes with --real")
     if arguments.sensors is None:
         return _compare_clouds
     if len(arguments.inputs) != 1:
@@ -146,26 +129,6 @@ def _compare_sensors(arguments: argparse.Namespace) -> Report:
             illuminances_klux=arguments.illuminance,
             progress=report,
         )
-
-
-def _compare_real(arguments: argparse.Namespace) -> Report:
-    from ..studies.api import compare
-
-    is_twin = len(arguments.inputs) == 1 and arguments.inputs[0].suffix == ".toml"
-    for option in (*_OF_SCENES, "sensors"):
-        if getattr(arguments, option) is not None and not (is_twin and option in ("seed", "chunk")):
-            raise InputError(f"{flag_of(option)}: goes with a scene, not with --real")
-    if len(arguments.inputs) != 1:
-        raise InputError(f"--real: must go with one cloud or recording, got {len(arguments.inputs)} files")
-    frame = {name: value for name in ("seed", "chunk") if (value := getattr(arguments, name)) is not None}
-    return compare(
-        arguments.inputs[0],
-        real=arguments.real,
-        recorded_frame=arguments.frame,
-        metadata=arguments.metadata,
-        sensor_index=arguments.sensor_index,
-        **frame,
-    )
 
 
 _OF_SCENES = ("same_beams", "illuminance", "overrides", "pose", "seed", "chunk")

@@ -25,6 +25,7 @@ from .design import add_design
 from .fov import add_fov
 from .options import CommandOptions, add_options
 from .ranging import add_commands
+from .recordings.certify import add_certify
 from .recordings.fit import add_fit
 from .recordings.sensor import add_sensor
 from .recordings.twin import add_twin
@@ -171,6 +172,7 @@ def _parser() -> argparse.ArgumentParser:
         add_sensor,
         add_twin,
         add_fit,
+        add_certify,
     ):
         add(commands)
     doctor = commands.add_parser(

@@ -26,6 +26,7 @@ EXTRAS = {
     "pandas": {"pandas": "pandas"},
     "ouster": {"ouster.sdk": "ouster-sdk"},
     "velodyne": {"velodyne_decoder": "velodyne-decoder", "yaml": "pyyaml"},
+    "certify": {"sklearn": "scikit-learn"},
     "design": {"pymoo": "pymoo"},
     "completion": {"shtab": "shtab"},
     "traffic": {"sumo": "eclipse-sumo", "sumolib": "sumolib"},

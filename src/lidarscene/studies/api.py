@@ -21,12 +21,13 @@ from ..figures.report import Report
 from ..files.arguments import checks_arguments
 from ..files.atomic import put_text
 from ..files.overrides import Overrides, assignments
-from ..recordings.opening import is_recording, open_recording
+from ..recordings.opening import open_recording
 from ..rendering.render_options import FrameKeywords, FrameOptions, Keywords
 from ..scene.scene import Scene
 from ..scene.scene_file import load_scene
 from ..sensor.pose_file import Placed, to_pose
 from ..sensor.rig_file import Rig
+from ..sensor.sensor_file import load_sensor
 from ..sensor.sensor_model import Sensor, warn_of_doubts
 from .field_of_view.study_options import FieldOfViewStudy
 from .ranging.conditions import CONDITIONS, Conditions, SweepOptions
@@ -75,14 +76,6 @@ class FovKeywords(TypedDict, total=False):
     mask: str
     reflectivity: float
     illuminance: float
-
-
-class CompareKeywords(FrameKeywords, total=False):
-    """Keywords of `compare`: fields of `FrameOptions`, and which part of a recording is meant."""
-
-    recorded_frame: int | None
-    metadata: File | None
-    sensor_index: int
 
 
 @checks_arguments
@@ -268,19 +261,16 @@ def compare(
     scene: File | Scene | PointCloud | Sequence[File | PointCloud],
     sensors: Sequence[SensorChoice] | None = None,
     *,
-    real: File | None = None,
     overrides: Overrides = (),
     same_beams: bool = False,
     illuminances_klux: Sequence[float] | None = None,
-    **options: Unpack[CompareKeywords],
+    **options: Unpack[FrameKeywords],
 ) -> Report:
-    """Compare sensors in a scene, clouds with each other, or a cloud, or a twin, with a recording.
+    """Compare sensors in a scene, or clouds with each other.
 
     Args:
-        scene: scene that all ``sensors`` see; without them two clouds or more, or files of them; with ``real`` one
-            cloud, file or recording, or the scene file of a twin
+        scene: scene that all ``sensors`` see; without them two clouds or more, or files of them
         sensors: catalogue names, sensor files or `Sensor`s; the first is compared with each other
-        real: recording of a real lidar; ``recorded_frame``, ``metadata`` and ``sensor_index`` say which part
         overrides: changes to values of the sensor files, of all or of one
         same_beams: all run with the first sensor's scanner and mounting
         illuminances_klux: sweep over these, and find where sensors overtake each other
@@ -292,16 +282,9 @@ def compare(
     from .compare.bench import Bench
     from .compare.comparison_study import compare_clouds, compare_sensors
 
-    part: dict[str, Any] = {
-        name: options[name] for name in ("recorded_frame", "metadata", "sensor_index") if name in options
-    }
-    keywords = Keywords({name: value for name, value in options.items() if name not in part})
+    keywords = Keywords(dict(options))
     frame = keywords.take(FrameOptions)
-    keywords.end("scene", "sensors", "real", "overrides", "same_beams", "illuminances_klux", "recorded_frame")
-    if real is not None:
-        if isinstance(scene, Scene) or not isinstance(scene, str | os.PathLike | PointCloud):
-            raise InputError("real: must go with one cloud, recording or scene file of a twin, got another kind")
-        return _compare_real(scene, real, frame, **part)
+    keywords.end("scene", "sensors", "overrides", "same_beams", "illuminances_klux")
     if sensors is None:
         if isinstance(scene, str | os.PathLike | Scene | PointCloud) or len(scene) < 2:
             raise InputError("compare: must have sensors for a scene, or two clouds or more, got neither")
@@ -321,30 +304,42 @@ def compare(
     return compare_sensors(bench, named, same_beams=same_beams, illuminances_klux=swept)
 
 
-def _compare_real(
-    simulated: File | PointCloud,
-    real: File,
-    frame: FrameOptions,
+@checks_arguments
+def certify(
+    recording: File,
+    sensor: str | None = None,
     *,
-    recorded_frame: int | None = None,
+    scene: File | None = None,
+    frame: int | None = None,
     metadata: File | None = None,
     sensor_index: int = 0,
+    seed: int = 0,
 ) -> Report:
-    from .compare.recording_comparison import compare_with_recording, side_of_cloud, side_of_sweep
-    from .twin.twin_page import compare_twin
+    """Hold a simulated sensor to a recording of the real one, pulse by pulse.
 
-    with open_recording(real, metadata, sensor_index=sensor_index) as recording:
-        if not isinstance(simulated, PointCloud) and Path(simulated).suffix == ".toml":
-            return compare_twin(Path(simulated), recording, frame=recorded_frame, options=frame)
-        real_side = side_of_sweep(f"{Path(real).name} frame {recorded_frame or 0}", recording[recorded_frame or 0])
-    if isinstance(simulated, PointCloud):
-        side = side_of_cloud(simulated.metadata.get("sensor", "cloud"), simulated)
-    elif is_recording(Path(simulated)):
-        with open_recording(simulated) as other:
-            side = side_of_sweep(Path(simulated).name, other[0])
-    else:
-        side = side_of_cloud(Path(simulated).name, PointCloud.load(simulated))
-    return compare_with_recording(side, real_side)
+    ``passed`` of the report says whether all limits are met that could be measured.
+
+    Args:
+        sensor: catalogue name or sensor file; None: the unit's own, by its maker's metadata, or the scene's
+        scene: scene file of the recording's twin; None: one is made, and not kept
+        frame: frame of the recording that is judged, from 0; None: a held-out one
+        metadata: the maker's description of the unit; None: the json beside the recording or in the OSF, if any
+        sensor_index: which sensor of an OSF, from 0
+        seed: of the simulation
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+    """
+    from .twin.certificate import certify_in_twin, certify_sensor
+
+    described, options = None if metadata is None else Path(metadata), FrameOptions(seed=seed)
+    with open_recording(recording, described, sensor_index=sensor_index) as opened:
+        if scene is None:
+            return certify_sensor(
+                opened, sensor, frame=frame, metadata=described, sensor_index=sensor_index, options=options
+            )
+        other = None if sensor is None else load_sensor(sensor)
+        return certify_in_twin(Path(scene), opened, other, frame=frame, name=sensor, options=options)
 
 
 @checks_arguments
@@ -432,7 +427,7 @@ def twin(
     sensor: str | None = None,
     sensor_index: int = 0,
 ) -> Path:
-    """Make the scene of a recording and write it into a folder; returns the scene file, for `render` and `compare`.
+    """Make the scene of a recording and write it into a folder; returns the scene file, for `render` and `certify`.
 
     Args:
         frames: frames that it is made of, from 0; None: all

@@ -61,6 +61,8 @@ LIMITS = {
     "points of a ring": Limits(-0.10, 0.10, f"{_CHOICE}: relative difference of any ring"),
     "returns kept": Limits(0.95, None, f"{_CHOICE}: share of the recorded returns"),
     "losses kept": Limits(None, 0.50, f"{_CHOICE}: share of the recorded losses on surfaces"),
+    "kept share": Limits(-0.05, 0.05, f"{_CHOICE}: difference in any octave of the range, pixel by pixel at rest"),
+    "told apart": Limits(None, 0.7, f"{_CHOICE}: balanced accuracy; two recorded frames at rest have 0.50 to 0.52"),
     "disagreement": Limits(None, 0.03, f"{_CHOICE}: excess over the disagreement of two recorded frames"),
     "farthest ground": Limits(-0.15, 0.15, f"{_CHOICE}: relative difference of the 99.9 % quantile"),
     "clusters": Limits(0.8, None, f"{_CHOICE}: two frames of a recording at rest share 0.8 to 1"),

@@ -1,4 +1,4 @@
-"""Recordings on the command line: `view REC`, `compare A --real REC`, and what is a recording."""
+"""Recordings on the command line: `view REC`, and what is a recording."""
 
 from pathlib import Path
 
@@ -58,16 +58,6 @@ def test_a_terminal_is_told_of_each_frame(
     assert capsys.readouterr().err == "\rlog: frame 1 of 2\rlog: frame 2 of 2\n"
 
 
-def test_compare_real(run: Run, tmp_path: Path) -> None:
-    a, b = room(tmp_path / "a.bin", 5.0), room(tmp_path / "b.bin", 10.0)
-    ran = run("compare", a, "--real", b, "-o", "out")
-    assert (ran.code, ran.err) == (0, "")
-    median = next(line for line in ran.out.splitlines() if line.startswith("range, 50 %"))
-    assert median.split()[-3:] == ["10.05", "5.099", "0.5074"]  # recorded, compared, ratio
-    small_cloud().save("ours.ply")
-    assert run("compare", "ours.ply", "--real", b, "-o", "out").code == 0
-
-
 def test_mistakes_are_told_in_one_line(run: Run, tmp_path: Path) -> None:
     a = room(tmp_path / "a.bin", 5.0)
     (tmp_path / "damaged.bin").write_bytes(bytes(17))
@@ -79,10 +69,9 @@ def test_mistakes_are_told_in_one_line(run: Run, tmp_path: Path) -> None:
         (("view", a, "--pose", "0,0,1", "--save", "p.html"), "--pose: goes with a scene or clouds"),
         (("view", "ours.ply", "--frame", "1", "--save", "p.html"), "--frame: goes with a recording, got ours.ply"),
         (("view", "damaged.bin", "--save", "p.html"), "must be rows of 16 bytes"),
-        (("compare", a, "--real", "damaged.bin", "-o", "o"), "must be rows of 16 bytes"),
-        (("compare", a, a, "--real", a, "-o", "o"), "--real: must go with one cloud or recording, got 2 files"),
-        (("compare", a, "--real", a, "--seed", "1", "-o", "o"), "--seed: goes with a scene, not with --real"),
-        (("compare", a, "--frame", "1", "-o", "o"), "--frame: goes with --real"),
+        (("certify", "damaged.bin", "-o", "o"), "must be rows of 16 bytes"),
+        (("certify", a, "-o", "o"), "must have the unit's metadata (--metadata F), or --sensor NAME"),
+        (("certify", a, "--sensor", "vlp-16", "--frame", "4", "-o", "o"), "frame must be 0 to 0, got 4"),
     ):
         ran = run(*arguments)
         assert (ran.code, ran.err.count("\n")) == (2, 1), ran.err

@@ -1,4 +1,4 @@
-"""The command `twin`, and `compare --real` with a twin."""
+"""The command `twin`, and `certify` with a twin."""
 
 import re
 import subprocess
@@ -79,8 +79,7 @@ def test_libraries_report_nothing_at_the_end(tmp_path: Path, library: Callable[[
         (("twin", "no.pcap", "-o", "twin", "--frames", "0-4"), "--frames: must be numbers with commas"),
         (("twin", "no.pcap", "-o", "twin", "--held-out", "half"), "--held-out: must be the number of a frame"),
         (("twin", str(OUSTER), "-o", "twin", "--held-out", "0"), "--held-out 0: must leave a frame"),
-        (("compare", "scene.toml", "--real", str(OUSTER), "-o", "out"), "must be the scene of a twin"),
-        (("compare", "a.toml", "--real", str(OUSTER), "-o", "o", "--illuminance", "1"), "--illuminance: goes with"),
+        (("certify", str(OUSTER), "--scene", "scene.toml", "-o", "out"), "must be the scene of a twin"),
     ],
 )
 def test_mistakes_are_one_line(run: Run, words: tuple[str, ...], message: str) -> None:

@@ -10,7 +10,7 @@ from lidarscene.sensor.sensor_file import load_sensor
 from lidarscene.studies import held
 from lidarscene.studies.fit import recording_fit
 from lidarscene.studies.fit.estimates import Solution
-from lidarscene.studies.fit.fit_report import check_as_dict
+from lidarscene.studies.fit.fit_report import check_as_dict, law_rows
 from lidarscene.studies.fit.recording_fit import RecordingFit
 from lidarscene.studies.fit.scatter import Scatter
 
@@ -51,3 +51,10 @@ def test_of_a_recording_that_tells_nothing_nothing_fails() -> None:
         "'kept and lost, mean difference', 'range, scatter'."
     )
     assert {check_as_dict(check)["found"] for check in checks} == {"not recorded, or too few smooth surfaces"}
+
+
+def test_a_ratio_is_held_to_the_limits_of_the_table() -> None:
+    """Rationale: limits that grew with the uncertainty of few pulses, to 0.65 and 1.53, hid misses."""
+    for ratio, held_to in ((1.24, True), (1.26, False), (0.81, True), (0.79, False)):
+        *_, row = law_rows(None, None, np.array([[50.0, 1e-2 * ratio, 1e-2]]), missing="")
+        assert row.verdict is held_to

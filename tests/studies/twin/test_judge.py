@@ -6,8 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.clouds import small_cloud
-from helpers.twins import room_sweep
+from helpers.twins import N, pulses, room_sweep
 
 from lidarscene.maths.arrays import Numbers
 from lidarscene.recordings.sweep import Sweep
@@ -15,37 +14,7 @@ from lidarscene.studies.held import Held
 from lidarscene.studies.twin import judge
 from lidarscene.studies.twin.judge import bias_and_scatter, spread
 from lidarscene.studies.twin.matched_pulses import NO_SURFACE, MatchedPulses
-from lidarscene.studies.twin.surfels import FILLED, SMOOTH
-
-N = 4000
-
-
-def pulses(seed: int = 5, **changed: Any) -> MatchedPulses:
-    """20 mm of scatter, the same changes on both sides, signals from 20 to 300 over 5 to 40 m."""
-    rng = np.random.default_rng(seed)
-    change_m = rng.normal(0.0, 0.02, N)
-    true_m = np.linspace(5.0, 40.0, N)
-    signal = 8000.0 / true_m**2 + 15.0
-    range_m = changed.get("range_m", true_m + rng.normal(0.0, 0.02, N))
-    fields: dict[str, Any] = {
-        "angle_rad": np.zeros(N),
-        "ring": np.arange(N) % 8,
-        "signal": signal,
-        "range_m": range_m,
-        "aimed_range_m": range_m,
-        "xyz_m": np.zeros((N, 3)),
-        "change_m": change_m,
-        "gap_m": np.full(N, np.nan),
-        "withheld": np.zeros(N, bool),
-        "simulated_range_m": true_m + rng.normal(0.0, 0.02, N),
-        "simulated_signal": signal,
-        "simulated_xyz_m": np.zeros((N, 3)),
-        "simulated_change_m": change_m,
-        "simulated_gap_m": np.full(N, np.nan),
-        "true_range_m": true_m,
-        "kind": np.full(N, SMOOTH),
-    }
-    return MatchedPulses(**fields | changed)
+from lidarscene.studies.twin.surfels import FILLED
 
 
 def rows_named(rows: Any, quantity: str) -> list[Held]:
@@ -325,8 +294,7 @@ def test_beams_agree_to_a_hundredth_of_a_degree(
 ) -> None:
     for name in ("_ranges", "_signals", "_points", "_second"):
         monkeypatch.setattr(judge, name, lambda *_: ())
-    monkeypatch.setattr(judge, "_ground", lambda *_: ())
-    rows = judge.twin_quantities(exact_pulses(angle_rad=np.full(N, np.radians(angle_deg))), room_sweep(), None)  # type: ignore[arg-type]
+    rows = judge.twin_quantities(exact_pulses(angle_rad=np.full(N, np.radians(angle_deg))))
     row = value_of(rows, "beam direction")
     assert (row.value, row.verdict) == (pytest.approx(angle_deg), is_met)
 
@@ -335,18 +303,16 @@ def test_beams_agree_to_a_hundredth_of_a_degree(
 def test_the_farthest_ground_is_held_to_15_per_cent(
     farthest_m: float, is_met: bool, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Only the first of several returns of a pulse counts; the height above the ground is not what is compared."""
     clouds: list[Numbers] = []
 
-    def ground(xyz_m: Numbers) -> tuple[float, float, float]:
+    def ground_m(xyz_m: Numbers) -> float:
         clouds.append(xyz_m)
-        return (1.8, 50.0, 0.4) if len(clouds) == 1 else (0.9, farthest_m, 0.1)
+        return 50.0 if len(clouds) == 1 else farthest_m
 
-    monkeypatch.setattr(judge, "measure_ground", ground)
-    cloud = small_cloud(n=8, return_number=np.array([1, 2, 1, 1, 3, 1, 2, 1], np.uint8))
-    (row,) = judge._ground(room_sweep(), cloud)
+    monkeypatch.setattr(judge, "farthest_ground_m", ground_m)
+    row = judge._ground(exact_pulses())
     assert (row.value, row.verdict) == (pytest.approx(farthest_m / 50.0 - 1.0), is_met)
-    assert len(clouds[1]) == 5
+    assert [cloud.shape for cloud in clouds] == [(N, 3), (N, 3)]
 
 
 @pytest.mark.parametrize(

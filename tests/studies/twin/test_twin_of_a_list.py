@@ -1,7 +1,6 @@
 """Twins of lists of points: simulated points are where something was recorded in their direction."""
 
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
@@ -9,8 +8,8 @@ from scipy.spatial import KDTree
 
 from lidarscene import Simulator, load_scene, load_sensor
 from lidarscene.recordings.opening import open_recording
+from lidarscene.studies.twin.certificate import judge_in_twin
 from lidarscene.studies.twin.twin_files import SCENE, TwinFrames, build_twin
-from lidarscene.studies.twin.twin_page import compare_twin
 
 NEARER_M, MOST_NEARER = 0.3, 0.02
 
@@ -31,7 +30,7 @@ def test_points_of_a_twin_are_not_before_what_was_recorded(tmp_path: Path, name:
     (tmp_path / "list.bin").write_bytes(np.random.default_rng(0).permutation(rows).tobytes())
     with open_recording(tmp_path / "list.bin") as recording:
         text = build_twin(recording, TwinFrames(frames=(0,)), tmp_path / "twin", sensor=name)
-        report = compare_twin(tmp_path / "twin" / SCENE, recording)
+        _, rows = judge_in_twin(tmp_path / "twin" / SCENE, recording)
     assert "columns a turn" in text
     scene = load_scene(tmp_path / "twin" / SCENE)
     sensor = load_sensor(scene.sensor_name)
@@ -42,5 +41,4 @@ def test_points_of_a_twin_are_not_before_what_was_recorded(tmp_path: Path, name:
     is_far = recorded_m[nearest] > 10.0
     assert is_far.sum() > 1000
     assert np.mean(range_m[is_far] < recorded_m[nearest][is_far] - NEARER_M) < MOST_NEARER
-    rows_of: dict[str, Any] = {row["quantity"]: row for row in report.numbers["rows"]}
-    assert rows_of["returns 0.3 m nearer than recorded"]["met"]
+    assert {row.quantity: row.verdict for row in rows}["returns 0.3 m nearer than recorded"]

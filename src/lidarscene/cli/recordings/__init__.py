@@ -4,4 +4,5 @@ recording_options  `--frame`, `--metadata` and `--sensor-index`; the test whethe
 sensor             `sensor --from`
 twin               `twin`
 fit                `fit`
+certify            `certify`
 """

@@ -20,7 +20,7 @@ examples:
   lidarscene twin 000000.bin --sensor hdl-64e -o out/kitti
 then:
   lidarscene render out/twin/scene.toml -o out/twin.ply
-  lidarscene compare out/twin/scene.toml --real os1.pcap -o out/judged
+  lidarscene certify os1.pcap --scene out/twin/scene.toml -o out/judged
 """
 
 
@@ -43,7 +43,7 @@ def add_twin(commands: Any) -> None:
         metavar="K|columns",
         type=_held_out,
         help="leave out this frame, at whose pose the sensor then stands, or every second column of the only frame, "
-        "so that compare --real judges by what the twin has not seen",
+        "so that certify judges by what the twin has not seen",
     )
     add_options(command, CommandOptions, "metadata", "sensor_index")
     add("--sensor", metavar="NAME", help="a catalogue sensor or a sensor file, in place of the unit's own")

@@ -12,5 +12,4 @@ illuminance_sweep      rates over the illuminance, and where sensors change plac
 comparison_report      verdict, sentences and tables
 comparison_figures     charts and their CSV
 comparison_files       page, JSON, CSV, pictures and difference clouds on disk
-recording_comparison   a simulated cloud beside a recording of a real lidar
 """

@@ -10,7 +10,7 @@ from __future__ import annotations
 import numpy as np
 
 from ...maths.arrays import Numbers
-from ..compare.recording_comparison import ground_plane
+from .ground import ground_plane
 from .tuning import ABOVE_GROUND_M, LEAST_OVERLAP, REACH_M, VOXEL_M
 
 LEAST_NEIGHBOURS = 5

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Mapping
 from typing import Any
@@ -29,14 +30,14 @@ def place_frames(sweeps: Mapping[int, Sweep], first: int) -> dict[int, Pose]:
     if all(sweep.pose is not None for sweep in sweeps.values()):
         first_from_world = _pose(sweeps[first]).inverse()
         return {number: first_from_world @ _pose(sweep) for number, sweep in sweeps.items()}
-    clouds = {number: _thin(sweep) for number, sweep in sweeps.items()}
+    cloud_of = functools.cache(lambda number: _thin(sweeps[number]))
     places = {first: Pose()}
     for order in (sorted(n for n in sweeps if n > first), sorted((n for n in sweeps if n < first), reverse=True)):
         previous = first
         for number in order:
             places[number] = places[previous]
             if not is_at_rest(sweeps[number], sweeps[previous]):
-                places[number] = places[previous] @ _register(clouds[number], clouds[previous])
+                places[number] = places[previous] @ _register(cloud_of(number), cloud_of(previous))
             previous = number
     return places
 

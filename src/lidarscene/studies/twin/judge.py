@@ -9,16 +9,16 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
+from dataclasses import replace
 
 import numpy as np
 
-from ...cloud.point_cloud import PointCloud
 from ...maths.arrays import Numbers
 from ...maths.special import SIGMA_PER_MAD
 from ...recordings.sweep import Sweep
-from ..compare.recording_comparison import measure_ground
 from ..held import LIMITS, UNLIMITED, Held, ratio, relative
 from .clusters import share_found_again
+from .ground import farthest_ground_m
 from .matched_pulses import NO_SURFACE, MatchedPulses
 from .surfels import SMOOTH
 from .tuning import CLIP_SIGMAS, OCTAVES_M, SAME_SURFACE_M
@@ -45,8 +45,6 @@ MOST_CLIPS = 50
 
 def twin_quantities(
     pulses: MatchedPulses,
-    sweep: Sweep,
-    cloud: PointCloud,
     *,
     between: float | None = None,
     other_columns: Sweep | None = None,
@@ -73,7 +71,7 @@ def twin_quantities(
         *_points(pulses),
         *_kept_quantities(pulses, between),
     ]
-    rows += [*_ground(sweep, cloud), *_second(pulses), _clusters(pulses, other_columns)]
+    rows += [_ground(pulses), *_second(pulses), _clusters(pulses, other_columns)]
     return rows
 
 
@@ -178,24 +176,18 @@ def _signals(pulses: MatchedPulses) -> Iterator[Held]:
         yield Held(quantity="signal, mean error over the range", limits=LIMITS["signal error"])
         return
     returned, simulated = pulses.has_return, pulses.has_simulated_return
-    means = list(_mean_signals(pulses, np.quantile(pulses.range_m[returned], np.linspace(0.0, 1.0, RANGE_BINS + 1))))
+    quantiles_m = np.quantile(pulses.range_m[returned], np.linspace(0.0, 1.0, RANGE_BINS + 1))
+    means = [_signal_row("signal, mean", mean) for mean in mean_signals(pulses, quantiles_m)]
     yield from means
     yield Held(
         quantity="signal, mean error over the range",
         value=float(np.mean([abs(row.value or 0.0) for row in means])) if means else None,
         limits=LIMITS["signal error"],
     )
-    octaves = _mean_signals(pulses, OCTAVES_M)
-    worst = max(octaves, key=lambda row: abs(row.value or 0.0), default=None)
-    yield Held(
-        quantity="signal, error in the worst octave of the range",
-        condition="" if worst is None else worst.condition,
-        reference=None if worst is None else worst.reference,
-        simulated=None if worst is None else worst.simulated,
-        value=None if worst is None or worst.value is None else abs(worst.value),
-        limits=LIMITS["signal error"],
-        unit="photons",
-    )
+    quantity = "signal, error in the worst octave of the range"
+    octaves = [_signal_row(quantity, mean) for mean in mean_signals(pulses, OCTAVES_M)]
+    worst = max(octaves, key=lambda row: abs(row.value or 0.0), default=Held(quantity=quantity, unit="photons"))
+    yield replace(worst, value=None if worst.value is None else abs(worst.value), limits=LIMITS["signal error"])
     both_mask = returned & simulated & (pulses.signal > 0.0) & (pulses.simulated_signal > 0.0)
     if both_mask.sum() >= LEAST_PULSES:
         signals = pulses.signal[both_mask], pulses.simulated_signal[both_mask]
@@ -203,27 +195,31 @@ def _signals(pulses: MatchedPulses) -> Iterator[Held]:
         yield Held(quantity="signal, correlation of logarithms", value=float(np.corrcoef(*np.log(signals))[0, 1]))
 
 
-def _mean_signals(pulses: MatchedPulses, edges_m: Numbers) -> Iterator[Held]:
-    """Mean signal of both sides between these ranges, where both have enough returns."""
+def mean_signals(pulses: MatchedPulses, edges_m: Numbers) -> list[tuple[float, float, float, float]]:
+    """Mean signal of both sides between these ranges, where both have enough returns: (low, high, real, simulated)."""
     assert pulses.signal is not None
-    returned, simulated = pulses.has_return, pulses.has_simulated_return
+    rows = []
     for low, high in itertools.pairwise(edges_m.tolist()):
-        of_real = returned & (pulses.range_m >= low) & (pulses.range_m < high)
-        of_simulated = simulated & (pulses.simulated_range_m >= low) & (pulses.simulated_range_m < high)
+        of_real = (pulses.range_m >= low) & (pulses.range_m < high)
+        of_simulated = (pulses.simulated_range_m >= low) & (pulses.simulated_range_m < high)
         if of_real.sum() < LEAST_PULSES or of_simulated.sum() < LEAST_PULSES:
             continue
         real = float(np.mean(pulses.signal[of_real]))
-        if real == 0.0:  # as recorders write what they lack
-            continue
-        simulated_mean = float(np.mean(pulses.simulated_signal[of_simulated]))
-        yield Held(
-            quantity="signal, mean",
-            condition=f"{low:.3g} to {high:.3g} m",
-            reference=real,
-            simulated=simulated_mean,
-            value=simulated_mean / real - 1.0,
-            unit="photons",
-        )
+        if real > 0.0:  # recorders write 0 for what they lack
+            rows.append((low, high, real, float(np.mean(pulses.simulated_signal[of_simulated]))))
+    return rows
+
+
+def _signal_row(quantity: str, mean: tuple[float, float, float, float]) -> Held:
+    low, high, real, simulated = mean
+    return Held(
+        quantity=quantity,
+        condition=f"{low:.3g} to {high:.3g} m",
+        reference=real,
+        simulated=simulated,
+        value=simulated / real - 1.0,
+        unit="photons",
+    )
 
 
 def _points(pulses: MatchedPulses) -> Iterator[Held]:
@@ -293,12 +289,9 @@ def _share(mask: Numbers) -> float | None:
     return float(np.mean(mask)) if len(mask) else None
 
 
-def _ground(sweep: Sweep, cloud: PointCloud) -> Iterator[Held]:
-    local = cloud.in_sensor_frame()
-    first = local.select(local.return_number <= 1)
-    sides = (measure_ground(xyz_m) for xyz_m in (sweep.xyz_m[sweep.has_return], first.xyz_m.astype(np.float64)))
-    real, simulated = (None if ground is None else ground[1] for ground in sides)
-    yield Held(
+def _ground(pulses: MatchedPulses) -> Held:
+    real, simulated = map(farthest_ground_m, _points_m(pulses))
+    return Held(
         quantity="farthest ground, 99.9 %",
         reference=real,
         simulated=simulated,
@@ -308,13 +301,18 @@ def _ground(sweep: Sweep, cloud: PointCloud) -> Iterator[Held]:
     )
 
 
+def _points_m(pulses: MatchedPulses) -> tuple[Numbers, Numbers]:
+    """Points of the first returns of both sides."""
+    return pulses.xyz_m[pulses.has_return], pulses.simulated_xyz_m[pulses.has_simulated_return]
+
+
 def _clusters(pulses: MatchedPulses, other_columns: Sweep | None = None) -> Held:
     """Share of the clusters above the ground that perception finds again in the simulated cloud.
 
     The reference is the share that it finds in the recorded ``other_columns``: a twin of them knows no more.
     """
-    real_m = pulses.xyz_m[pulses.has_return]
-    clusters = share_found_again(real_m, pulses.simulated_xyz_m[pulses.has_simulated_return].astype(np.float64))
+    real_m, simulated_m = _points_m(pulses)
+    clusters = share_found_again(real_m, simulated_m)
     share, number = (None, 0) if clusters is None else clusters
     in_others = (
         None if other_columns is None else share_found_again(real_m, other_columns.xyz_m[other_columns.has_return])

@@ -37,34 +37,43 @@ class MatchedPulses:
 
     Attributes:
         angle_rad: angle between recorded and simulated direction
+        pulse: number of the pulse in the simulated frame
         ring: row of the recording
+        column: column of the recording
         range_m: range of the first return. It counts from the beam's exit in the simulated sensor, makers count from
             elsewhere
         aimed_range_m: recorded range in the simulated direction (`_ranges_towards`)
         signal: photons of the first return; None if not recorded (an intensity does not count)
+        strength: photons, intensity or reflectivity, whichever is recorded, of both sides; None if none is
         xyz_m: (n, 3) point of the first return, in the sensor's axes
         change_m: `_second_difference` of the ranges along the ring, on smooth surfaces
         gap_m: distance between the two returns
         withheld: True if the sensor found an echo and reported no range (`withheld_mask`)
         true_range_m: range of the twin's surface
-        kind: index of the twin's surface in `KINDS`, or `NO_SURFACE`
+        reflectivity: reflectivity of the twin's surface
+        kind: index of the twin's surface in `KINDS`, or `NO_SURFACE`; those of another scene are smooth
     """
 
     angle_rad: Numbers
+    pulse: Numbers
     ring: Numbers
+    column: Numbers
     range_m: Numbers
     aimed_range_m: Numbers
     signal: Numbers | None
+    strength: Numbers | None
     xyz_m: Numbers
     change_m: Numbers
     gap_m: Numbers
     withheld: Numbers
     simulated_range_m: Numbers
     simulated_signal: Numbers
+    simulated_strength: Numbers | None
     simulated_xyz_m: Numbers
     simulated_change_m: Numbers
     simulated_gap_m: Numbers
     true_range_m: Numbers
+    reflectivity: Numbers
     kind: Numbers
 
     @property
@@ -102,12 +111,12 @@ def simulate_pulses(
     of_points = np.concatenate([np.zeros(0, np.int64), *(pulse.astype(np.int64) for pulse, _ in chunks)])
     first, second = _by_pulse(of_points, n)
     range_m, other_m = (_at_points(cloud.range_m, point_index) for point_index in (first, second))
-    true_range_m, kind = np.full(n, np.nan), np.full(n, NO_SURFACE)
-    kinds = np.array([KINDS.index(name) if name in KINDS else NO_SURFACE for name in simulator.class_names])
+    true_range_m, reflectivity, kind = np.full(n, np.nan), np.full(n, np.nan), np.full(n, NO_SURFACE)
+    kinds = np.array([KINDS.index(name) if name in KINDS else SMOOTH for name in simulator.class_names])
     for _, columns in chunks:
         if columns:
             pulse = columns["pulse"].astype(np.int64)
-            true_range_m[pulse] = columns["true_range_m"]
+            true_range_m[pulse], reflectivity[pulse] = columns["true_range_m"], columns["reflectivity"]
             kind[pulse] = np.where(columns["class_id"] >= 0, kinds[columns["class_id"]], NO_SURFACE)
     recorded_m = ranges_from_exit(sensor, sweep, numbers)
     simulated_m = range_m[numbers]
@@ -116,26 +125,41 @@ def simulate_pulses(
         1, round(float(DIFFERENCE_STEP_RAD / np.median(np.linalg.norm(np.diff(sweep.direction, axis=1), axis=-1))))
     )
     gap_m = np.full(sweep.shape, np.nan) if sweep.second is None else np.abs(sweep.second.range_m - sweep.range_m)
-    rows = np.broadcast_to(np.arange(sweep.shape[0])[:, None], sweep.shape)
+    rows, columns_of_pixels = np.indices(sweep.shape)
+    strength = strength_of(sweep)
+    simulated_strength = cloud.intensity if sweep.signal is None else cloud.signal
     matched = MatchedPulses(
         angle_rad=angle_rad,
         withheld=withheld_mask(sweep),
+        pulse=numbers,
         ring=rows,
+        column=columns_of_pixels,
         range_m=recorded_m,
         aimed_range_m=_ranges_towards(fired_directions(sensor)[numbers], sweep.direction, recorded_m),
         gap_m=gap_m,
         signal=None if sweep.signal is None else sweep.signal.astype(np.float64),
+        strength=strength,
         xyz_m=sweep.xyz_m,
         change_m=_second_difference(np.where(smooth, recorded_m, np.nan), step),
         simulated_range_m=simulated_m,
         simulated_signal=_at_points(cloud.signal, first)[numbers],
+        simulated_strength=None if strength is None else _at_points(simulated_strength, first)[numbers],
         simulated_xyz_m=_at_points(cloud.in_sensor_frame().xyz_m, first)[numbers],
         simulated_change_m=_second_difference(np.where(smooth, simulated_m, np.nan), step),
         simulated_gap_m=np.abs(other_m - range_m)[numbers],
         true_range_m=true_range_m[numbers],
+        reflectivity=reflectivity[numbers],
         kind=kind[numbers],
     )
     return matched.select(sweep.recorded), cloud
+
+
+def strength_of(sweep: Sweep) -> Numbers | None:
+    """Photons of each return, else its intensity, else its reflectivity; None where none is recorded."""
+    for values in (sweep.signal, sweep.intensity, sweep.reflectivity):
+        if values is not None:
+            return values.astype(np.float64)
+    return None
 
 
 def ranges_from_exit(sensor: Sensor, sweep: Sweep, numbers: Numbers) -> Numbers:

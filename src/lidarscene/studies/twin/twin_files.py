@@ -32,11 +32,11 @@ from ...recordings.units.unit_file import read_unit, with_second_returns, write_
 from ...scan.spinning import Spinning
 from ...scene.tables import SceneFile
 from ...sensor.sensor_file import load_sensor
-from ..compare.recording_comparison import ground_plane
 from ..held import LIMITS
 from .apparent_reflectivity import ReflectivityGauge, is_explained
 from .daylight import illuminance_klux
 from .frame_poses import angles_deg, place_frames
+from .ground import ground_plane
 from .matched_pulses import RAYS
 from .planes import align_columns, has_grid, select_columns
 from .recorded_beams import with_recorded_beams

@@ -3,6 +3,5 @@
 pulses_on_scene   recorded pulses matched to the light of the scene
 known_scene       prediction of what the sensor reports of each pulse
 likelihood        maximum likelihood of the parameters, by exact slopes, reflectivities profiled out
-held_out_bins     comparison with held-out columns
 scene_fit         all of these for one recording, with its report
 """

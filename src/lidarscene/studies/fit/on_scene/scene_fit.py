@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 
 from ....errors import InputError
-from ....figures.report import Figure, Report, count_text
+from ....figures.report import Report, count_text
 from ....maths.pose import Pose
 from ....maths.special import SIGMA_PER_MAD
 from ....maths.trajectory import pose_at
@@ -18,18 +18,25 @@ from ....recordings.pcap_reader import metadata_of
 from ....recordings.sweep import Sweep
 from ....recordings.units.unit_file import with_second_returns
 from ....scene.poses import read_poses
+from ....scene.scene import Scene
 from ....scene.scene_file import load_scene
 from ....sensor.sensor_model import Sensor
+from ...held import Held, verdict
+from ...twin.judge import twin_quantities
+from ...twin.matched_pulses import MatchedPulses, simulate_pulses
 from ...twin.planes import select_columns
+from ...twin.side_figures import side_figures
 from ...twin.twin_files import COLUMNS, PROVENANCE, frame_pose, read_provenance
 from ..estimates import MOST_EVALUATIONS
-from ..fit_report import FitReport, law_figure, law_rows, share_figure
+from ..fit_report import FITTED, FitReport
 from ..sensor_text import base_text, parse_sensor, scaled_text
 from ..tuning import LEAST_TEXTURE, REFLECTIVITY_SIGMA
-from .held_out_bins import HeldOutBins, judge
 from .known_scene import LEAST_FLOOR_M, PARAMETERS, predict
 from .likelihood import ParameterFit, fit_parameters
 from .pulses_on_scene import PulsesOnScene, lay_on_scene
+
+Judged = tuple[MatchedPulses, Sequence[Held]]
+"""Pulses of a rendered sensor beside the recorded ones, and the quantities that are held to limits."""
 
 ROUNDS = 2
 """Rounds of a fit with a twin; texture and strangers follow from the round before."""
@@ -44,13 +51,24 @@ _SEEN_NOTE = (
 )
 _HELD_OUT_NOTE = "the fitted pulses were held out of the twin"
 
+_OF_SCATTER = ("laser.pulse_fwhm_ns", "detector.jitter_ps", "scatter_floor")
+_OF_THRESHOLD = tuple(name for name in PARAMETERS if name.startswith("histogram."))
+LEFT_OUT: Mapping[str, tuple[str, ...]] = {
+    "all parameters": (),
+    "all but those of the scatter": _OF_SCATTER,
+    "all but those of the threshold": _OF_THRESHOLD,
+    "those of the photons": (*_OF_SCATTER, *_OF_THRESHOLD),
+}
+"""Parameters that are fitted -> those that then keep the file's values. The first fit is taken with which the file
+misses no more limits than before."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SceneFit:
     """Result of a fit with a scene.
 
     Attributes:
-        pulses: number of fitted pulses, and of held-out ones
+        pulses: number of fitted pulses, and of those of every fourth block of columns, which were not
         evaluations: number of evaluations of the likelihood, over all rounds
         texture: as in `known_scene.KnownScene`, estimated along with the parameters
         strangers: as in `known_scene.KnownScene`, estimated along with the parameters
@@ -58,7 +76,6 @@ class SceneFit:
 
     pulses: tuple[int, int]
     parameter_fit: ParameterFit
-    held_out_bins: HeldOutBins
     evaluations: int
     texture: float
     strangers: float
@@ -105,26 +122,49 @@ def fit_on_scene(inputs: SceneFitInputs) -> tuple[str, Report]:
         pulses = lay_on_scene(world, sensor, frames, twin=provenance is not None)
     except ValueError as error:
         raise InputError(f"{recording}: {error}") from None
-    fit = fit_pulses_on_scene(pulses, sensor, twin=provenance is not None)
-    scene = inputs.scene.parent.name if provenance is not None else inputs.scene.stem
-    estimates = {estimate.key: estimate for estimate in fit.parameter_fit.estimates}
     if any(sweep.second is not None for sweep, _ in frames):
         base = with_second_returns(base)
-    sensor_text, text_notes = scaled_text(base, estimates, f"{recording} on {scene}", where)
+    scene = inputs.scene.parent.name if provenance is not None else inputs.scene.stem
+    is_of_frame = provenance is not None and provenance["held_out"] is None
+
+    def judge(text: str) -> Judged:
+        return _judge(world, parse_sensor(text, FITTED), frames[0], is_of_frame)
+
+    given = judge(base)
+    for words, absent in LEFT_OUT.items():
+        fit = fit_pulses_on_scene(pulses, sensor, twin=provenance is not None, absent=absent)
+        estimates = {estimate.key: estimate for estimate in fit.parameter_fit.estimates}
+        text, text_notes = scaled_text(base, estimates, f"{recording} on {scene}", where)
+        judged = judge(text)
+        misses = sum(row.verdict is False for row in judged[1])
+        if misses <= sum(row.verdict is False for row in given[1]):
+            break
+        notes += (f"with {words} fitted the file misses {misses} limits, more than before, and is not written",)
+    else:
+        text, text_notes, judged = base, ("the numbers of the file stay as they were",), given
+    notes += (f"before the fit, by the same pulses: {verdict(given[1], 'the given file')[:-1]}",)
     names = recording, scene, sensor_name if inputs.sensor is not None else sensor.name
-    return sensor_text, _report(fit, names, len(frames), (*notes, *text_notes)).report()
+    return text, _report(fit, judged, names, len(frames), (*notes, *text_notes)).report()
 
 
-def fit_pulses_on_scene(pulses: PulsesOnScene, sensor: Sensor, *, twin: bool) -> SceneFit:
-    """Maximise the likelihood of three of four blocks of columns, and judge the fit by the fourth.
+def _judge(world: Scene, sensor: Sensor, frame: tuple[Sweep, Pose | None], is_of_frame: bool) -> Judged:
+    """Render a sensor in the scene, and hold it to a recorded frame."""
+    sweep, pose = frame
+    pulses, _ = simulate_pulses(world, sensor, sweep, pose=pose)
+    return pulses, [row for row in twin_quantities(pulses, is_of_frame=is_of_frame) if row.is_limited]
+
+
+def fit_pulses_on_scene(pulses: PulsesOnScene, sensor: Sensor, *, twin: bool, absent: Sequence[str] = ()) -> SceneFit:
+    """Maximise the likelihood of three of four blocks of columns.
 
     Args:
         twin: True: estimate texture, strangers and the scatter of the twin's surfaces, too
+        absent: parameters that keep the sensor's values
     """
     fitted_pulses = pulses.select(pulses.fitted)
     group = np.unique(fitted_pulses.scene.group, return_inverse=True)[1]
     fitted_pulses = replace(fitted_pulses, scene=replace(fitted_pulses.scene, group=group))
-    names = [name for name in PARAMETERS if name not in _absent(pulses, sensor)]
+    names = [name for name in PARAMETERS if name not in {*absent, *_absent(pulses, sensor)}]
     evaluations = 0
     if twin:
         fitted_pulses = replace(fitted_pulses, scene=replace(fitted_pulses.scene, floor_m=_floor_m(fitted_pulses)))
@@ -145,13 +185,9 @@ def fit_pulses_on_scene(pulses: PulsesOnScene, sensor: Sensor, *, twin: bool) ->
         if twin:
             texture, strangers = _texture_and_strangers(replace(fitted_pulses, scene=scene), parameter_fit)
     assert parameter_fit is not None
-    held_out = pulses.select(~pulses.fitted)
-    scene = replace(held_out.scene, texture=texture, strangers=strangers, floor_m=fitted_pulses.scene.floor_m)
-    held_out = replace(held_out, scene=scene)
     return SceneFit(
-        pulses=(len(fitted_pulses.block), len(held_out.block)),
+        pulses=(len(fitted_pulses.block), int(np.sum(~pulses.fitted))),
         parameter_fit=parameter_fit,
-        held_out_bins=judge(held_out, parameter_fit),
         evaluations=evaluations,
         texture=texture,
         strangers=strangers,
@@ -247,26 +283,27 @@ def _place_frames(frames: list[tuple[Sweep, Pose | None]], path: Path) -> list[t
     return placed
 
 
-def _report(fit: SceneFit, names: tuple[str, str, str], frames: int, notes: Sequence[str]) -> FitReport:
+def _report(fit: SceneFit, judged: Judged, names: tuple[str, str, str], frames: int, notes: Sequence[str]) -> FitReport:
     """Report of a fit; ``names`` are those of the recording, the scene and the sensor."""
     recording, scene, sensor = names
-    bins, parameter_fit = fit.held_out_bins, fit.parameter_fit
+    parameter_fit, (matched, rows) = fit.parameter_fit, judged
     return FitReport(
         title=f"{recording} on {scene}: what they say of {sensor}",
-        summary=f"{recording} on {scene}: {fit.pulses[0]:,} pulses of {count_text(frames, 'frame')} were fitted; "
-        f"{fit.pulses[1]:,} of every fourth block of columns judge the fit. The light of the scene was traced once, "
+        summary=f"{recording} on {scene}: {fit.pulses[0]:,} pulses of {count_text(frames, 'frame')} were fitted, but "
+        f"for {fit.pulses[1]:,} of every fourth block of columns. The written file is rendered in the scene, and held "
+        "to all pulses of the first frame. The light of the scene was traced once for the fit, "
         f"the likelihood of what was kept, of signals and ranges evaluated {fit.evaluations} times. Reflectivities are "
         f"free, patch by patch, within {REFLECTIVITY_SIGMA:.0%} of the scene's. Signals scatter by {fit.texture:.0%} "
         "more than photons do: texture of the surfaces, and what the scene has wrong. "
         f"{fit.strangers:.1%} of the pulses met something that is not in the scene.",
-        checks=law_rows(bins.signal_error, bins.share_error, bins.scatter, missing="too few"),
+        checks=rows,
         estimates=parameter_fit.estimates,
         notes=notes,
         null=parameter_fit.null,
         held=parameter_fit.held,
         products={},
         solutions={"parameters": (parameter_fit.names, parameter_fit.solved)},
-        figures=_figures(bins),
+        figures=list(side_figures(matched)),
         numbers={
             "recording": recording,
             "scene": scene,
@@ -278,28 +315,3 @@ def _report(fit: SceneFit, names: tuple[str, str, str], frames: int, notes: Sequ
             "strangers": fit.strangers,
         },
     )
-
-
-def _figures(bins: HeldOutBins) -> list[Figure]:
-    figures = [share_figure("kept", bins.kept_shares)] if len(bins.kept_shares) else []
-    for name, caption, axes, columns, heads in (
-        (
-            "signal",
-            "Mean signal by range, of columns that were not fitted.",
-            ("range [m]", "SIGNAL [photons]"),
-            bins.signal.T,
-            ("range_m", "recorded", "expected"),
-        ),
-        (
-            "scatter",
-            "Scatter of the range about the scene's surface, by signal.",
-            ("SIGNAL [photons]", "scatter of the range [mm]"),
-            (bins.scatter * [1.0, 1e3, 1e3]).T,
-            ("signal", "recorded_mm", "expected_mm"),
-        ),
-    ):
-        x, recorded, expected = columns
-        curves = {"recorded": (x, recorded), "law": (x, expected)}
-        if len(x):
-            figures.append(law_figure(name, caption, axes, curves, dict(zip(heads, columns, strict=True))))
-    return figures
