@@ -1,6 +1,6 @@
 """A stride: where the joints of someone who walks are over one cycle, from one contact of the left heel to the next.
 
-Sources:
+Sources; only the strides of children were looked up, the other numbers are as remembered of these works, so assumed:
 
 * Thigh and knee over the cycle, at the bounds of its phases: J. Perry and J. M. Burnfield, "Gait analysis", 2nd ed.
   (2010). Foot against the ground, 20 degrees toe up at contact and 60 down at toe off, which comes at 62 %: D. A.

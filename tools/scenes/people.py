@@ -4,7 +4,7 @@ Lengths of segments by stature: R. Drillis and R. Contini (1966), as in D. A. Wi
 human movement", 4th ed. (2009), fig. 4.1. Statures: German adults by DIN 33402-2 (2005), the 5th, 50th and 95th
 percentile of men 1.65, 1.75 and 1.855 m, of women 1.535, 1.625 and 1.72 m; children of 4, 7 and 12 years by the medians
 of the WHO's growth standard (2006) and reference (2007), 1.03, 1.22 and 1.50 m. The elderly are chosen some centimetres
-below the medians. `gait` has the strides.
+below the medians. `gait` has the strides. These numbers are as remembered of the works named, so assumed.
 
 Modelled as one stands, arms a little off the body. Symbols: v vertices, j joints.
 """

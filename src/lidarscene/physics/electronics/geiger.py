@@ -40,7 +40,7 @@ def overvoltage_v(*, rated_v: Lanes, drift_v_k: Lanes, warming_k: Lanes) -> Lane
 def dark_growth(*, warming_k: Lanes, doubling_k: Lanes) -> Lanes:
     """Factor of the dark counts, 2^((T - T_r) / d) (T227).
 
-    Source: onsemi, Introduction to the silicon photomultiplier, AND9770: a factor of two for each 10 degrees.
+    Assumed: twice for each 10 degrees, as makers of SiPMs use to say; a unit's own data sheet decides.
     """
     exponent = math.log(2.0) * warming_k / doubling_k
     return xp(exponent).exp(exponent)
