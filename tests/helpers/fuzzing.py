@@ -291,7 +291,7 @@ class Workshop:
         path = self.inside / "whole.obj"
         path.write_text(OBJ)
         (whole,) = read_mesh(path)
-        entry = mesh_cache._entry(path)
+        entry = mesh_cache._entry(path, None)
         if entry is None or not entry.exists():
             return self.mesh(rng)
         data = entry.read_bytes()

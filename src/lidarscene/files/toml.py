@@ -185,7 +185,9 @@ def _error_text(error: Any, model: type[BaseModel], tables: Mapping[str, Any]) -
         return f"{key}: {message}" if key else message
     valid = _MUST_BE[kind].format(**context) if kind in _MUST_BE else f"valid ({error['msg']})"
     suggestion_of_number = context.get("suggestion", "")
-    return f"{key}: must be {valid}, got {short_text(context.get('tag', error['input']))}{suggestion_of_number}"
+    meant = question(_keys_that_fit(model, location, (), tables)) if valid == "a table" and len(location) == 1 else ""
+    given = f"{short_text(context.get('tag', error['input']))}{suggestion_of_number}"
+    return f"{key}: must be {valid}, got {given}" + (f"; {meant}" if meant else "")
 
 
 def _keys_in_file(location: Iterable[Any], tables: Any, *, missing: bool) -> list[Any]:

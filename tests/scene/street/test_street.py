@@ -40,7 +40,8 @@ def street(seed: int, **keys: object) -> StreetFile:
 
 
 def size_m(name: str) -> tuple[float, float]:
-    mesh = shapes()[name].mesh
+    # People come in many meshes, about as wide as the first, which is what layout and traffic keep room for.
+    mesh = "pedestrian" if name in ("pedestrians", "walkers") else shapes()[name].mesh
     if mesh in catalog.vehicles():
         return catalog.vehicles()[mesh].size_m[:2]
     if "plot_m" in catalog.shipped_meshes()[mesh]:

@@ -126,6 +126,6 @@ def test_crossings_and_the_sweep_in_words() -> None:
     )
     crossed, plane = crossing_lines(swept, "a")
     assert crossed == "a overtakes b at 7 klux, where both are expected to find 55.00 %."
-    assert plane.endswith("a and b reach equally far at 3.2 klux.")
+    assert plane.endswith("a and b reach equally far, at P_d 0.9, at 3.2 klux.")
     _, rows = sweep_table(swept)
     assert rows[1] == ["50 klux", "50.00 %", "50.00 %", "0", "12.0 mm", "20.00 %", "20.00 %", "0", "12.0 mm"]
