@@ -58,7 +58,7 @@ def detect_on_device(light, equipped, mi, *, seed=0):
 
 @pytest.mark.parametrize("case", CASES)
 def test_device_and_numpy_agree(case, mi):
-    """Single precision: a picosecond or two of 400 ns, and 1e-5 of a probability. A sample on a step's edge or a tick
+    """Single precision: up to three picoseconds of 400 ns, 1e-5 of a probability. A sample on the edge of a step or a tick
     of the clock may fall on the other side: of the ADC's times 1 % may differ, by what its noise does.
     """
     equipped = trains.sensor(*CASES[case])
@@ -81,7 +81,7 @@ def test_device_and_numpy_agree(case, mi):
         )
         assert in_both.sum() > 0.995 * expected_stop.reported.sum()
         apart = np.abs(stop.range_m - expected_stop.range_m)[in_both]
-        assert np.quantile(apart, 0.9 if sampled else 0.998) < (0.02 if sampled else 3e-4)
+        assert np.quantile(apart, 0.9 if sampled else 0.998) < (0.02 if sampled else 4e-4)
         np.testing.assert_allclose(
             stop.true_range_m[in_both], expected_stop.true_range_m[in_both], rtol=2e-6, atol=1e-4
         )

@@ -71,6 +71,9 @@ FURNITURE_M = (18.0, 60.0)
 FREE_M = 1.6
 """Choice: least distance between two things in the line along a kerb."""
 
+LEAST_SHARE = 0.1
+"""Choice: least length of a kerb inside of a bend, over that of the middle, with which things are set apart."""
+
 Place = tuple[float, float, float]
 """x, y [m] and yaw [degrees]."""
 
@@ -316,7 +319,7 @@ def _line_kerb(
     layout: Layout, block: Block, side: int, zebras: list[float], district: District, random: np.random.Generator
 ) -> None:
     """Place lamps, signs, bins, trees and people who stand along a kerb, in this order where they come too close."""
-    file, line = layout.file, _Line(block, zebras)
+    file, line = layout.file, _Line(layout, block, zebras)
     towards_deg = 180.0 if side < 0 else 0.0
     for zebra_m in zebras:
         for shift_m in (-3.3, -2.6, 2.6, 3.3):
@@ -348,16 +351,19 @@ def _line_kerb(
 class _Line:
     """The line along a kerb of a block, and which places on it are taken."""
 
-    def __init__(self, block: Block, zebras: list[float]) -> None:
+    def __init__(self, layout: Layout, block: Block, zebras: list[float]) -> None:
         self._block, self._zebras = block, zebras
         self._taken_m: list[float] = []
+        # On the inner side of a bend things stand closer than along the middle of the street.
+        curvature_per_m = layout.line.sharpest_per_m(block.begin_m, block.end_m)
+        self._free_m = FREE_M / max(1.0 - curvature_per_m * (layout.kerb_m + TREE_LINE_M), LEAST_SHARE)
 
     def places(self, spacing_m: tuple[float, float], random: np.random.Generator) -> Iterator[float]:
         """Yield places one after the other, those left out that are taken."""
         x_m = self._block.begin_m + 3.0 + random.random() * spacing_m[0]
         while x_m < self._block.end_m - 3.0:
             near_zebra = any(abs(x_m - zebra_m) < 6.0 for zebra_m in self._zebras)
-            if not near_zebra and all(abs(x_m - taken_m) >= FREE_M for taken_m in self._taken_m):
+            if not near_zebra and all(abs(x_m - taken_m) >= self._free_m for taken_m in self._taken_m):
                 self._taken_m.append(x_m)
                 yield x_m
-            x_m += max(random.uniform(*spacing_m), FREE_M)
+            x_m += max(random.uniform(*spacing_m), self._free_m)
