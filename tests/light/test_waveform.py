@@ -58,8 +58,8 @@ def detect_on_device(light, equipped, mi, *, seed=0):
 
 @pytest.mark.parametrize("case", CASES)
 def test_device_and_numpy_agree(case, mi):
-    """Single precision: up to three picoseconds of 400 ns, 1e-5 of a probability. A sample on an edge of a step, or on a
-    tick of the clock, may fall on the other side: of the ADC's times 1 % may differ, by what its noise does.
+    """Single precision: up to three picoseconds of 400 ns, 1e-5 of a probability. A sample on the edge of a step or a
+    tick of the clock may fall on the other side: of the ADC's times 1 % may differ, by what its noise does.
     """
     equipped = trains.sensor(*CASES[case])
     range_m, power = trains.random_trains(COUNT, SUB_ECHOES.get(case, 7), equipped, seed=9)
