@@ -23,7 +23,7 @@ UV = str(Path(sys.executable).with_name("uv"))
 IN_WHEEL = {"src/lidarscene/": "lidarscene/", "scenes/": "lidarscene/catalog/scenes/"}
 IN_WHEEL |= {"assets/meshes/": "lidarscene/catalog/assets/meshes/"}
 """Folder of the repository -> its place in the wheel."""
-NOT_IN_SDIST = (".gitattributes", ".ci/")
+NOT_IN_SDIST = (".gitattributes", ".ci/", ".github/")
 
 
 def main() -> None:
