@@ -2,6 +2,7 @@
 
 import sys
 from pathlib import Path
+from typing import Any
 
 import pytest
 from helpers.command_line import Run
@@ -31,10 +32,16 @@ def test_a_missing_library_is_told_with_what_to_type(tmp_path: Path, monkeypatch
 
 def test_a_twin_names_all_that_is_missing_at_once(run: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     hide_packages(monkeypatch, "ouster", "open3d")
-    ran = run("twin", "os0-32", "-o", "out")
+    ran = run("twin", "os0-32", "--frames", "0,1", "-o", "out")
     assert (ran.code, ran.err.count("\n")) == (1, 1)
     assert "error: ouster-sdk, open3d and libusb-package are needed and cannot be found" in ran.err
     assert "try: pip install 'lidarscene[ouster,open3d]', or pip install ouster-sdk open3d libusb-package" in ran.err
+
+
+def test_a_twin_of_one_frame_needs_no_open3d(run: Run, library: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    library("ouster.sdk")
+    hide_packages(monkeypatch, "open3d")
+    assert run("twin", "os0-32", "--held-out", "columns", "-o", "out").code == 0
 
 
 def test_a_folder_with_nothing_to_read_hides_no_example(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

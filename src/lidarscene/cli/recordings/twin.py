@@ -61,11 +61,12 @@ def run_twin(arguments: argparse.Namespace) -> Answer:
     from ...recordings.opening import extras_of, open_recording
     from ...studies.twin.twin_files import PROVENANCE, SCENE, build_twin, choose_frames
 
-    require_together(*extras_of(arguments.recording, arguments.metadata))
+    registers = ("open3d",) if len(arguments.frames or ()) > 1 else ()  # lays frames on each other
+    require_together(*extras_of(arguments.recording, arguments.metadata), *registers)
     index = arguments.sensor_index
     with open_recording(arguments.recording, arguments.metadata, sensor_index=index) as recording:
         choice = choose_frames(recording, arguments.frames, arguments.held_out)
-        if len(choice.frames) > 1:  # which are registered to each other
+        if len(choice.frames) > 1:
             require_together("open3d")
         text = build_twin(
             recording,
