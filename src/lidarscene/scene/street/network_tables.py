@@ -19,7 +19,7 @@ from ..ground import SPACING_M, Strip
 from ..ground_area import Outline
 from .layout import KERB_M, POST_LINE_M, Room
 from .pieces import PAINT_M, RAISED_M, Tables, placed, sheet, soil, street_scene
-from .shapes import PEOPLE, TREE_SCALES, District, draw_district, shapes
+from .shapes import PAINT, PEOPLE, TREE_SCALES, District, body_table, draw_district, shapes, standing_table
 from .street_file import StreetFile
 from .sumo import (
     LaneGroup,
@@ -71,9 +71,6 @@ ALIKE_M = 0.3
 
 NetworkKind = Literal["opendrive", "osm", "sumo"]
 
-Look = tuple[str, str]
-"""Mesh and paint of a body; people have no paint."""
-
 
 def network_scene(path: Path, kind: NetworkKind, file: StreetFile, *, ego: str | None = None) -> Tables:
     """Lay out a road network and its simulated traffic as tables of a scene file.
@@ -106,7 +103,7 @@ def network_scene(path: Path, kind: NetworkKind, file: StreetFile, *, ego: str |
             *_grounds(near),
             *_markings(near),
             *_surroundings(near, file),
-            _body("own_car", *_look(own)) | {"motion": {"with_ego": True}},
+            body_table("own_car", shapes()[_look(own)]) | {"motion": {"with_ego": True}},
             *_moving(others),
         ],
     )
@@ -155,27 +152,19 @@ def _drawn_bodies() -> dict[str, tuple[str, float, float, float]]:
     return found
 
 
-def _look(mover: RoadUser) -> Look:
-    """Body of a vehicle or a person, by class and length, and its paint; the same for the same name."""
+def _look(mover: RoadUser) -> str:
+    """Name in `shapes` of a vehicle, by class and length, or of a person; the same for the same name."""
     number = zlib.crc32(mover.name.encode())
     if mover.kind in ("pedestrian", "wheelchair"):
-        return PEOPLE[number % len(PEOPLE)], ""
+        return f"walkers_{PEOPLE[number % len(PEOPLE)]}"
     classes = FAMILIES.get(mover.kind, ("car",))
     bodies = [body for body in catalog.vehicles().values() if body.class_name in classes]
     apart_m = [abs(body.size_m[0] - mover.length_m) for body in bodies]
     alike = [body.name for body, apart in zip(bodies, apart_m, strict=True) if apart <= min(apart_m) + ALIKE_M]
     shares = catalog.paint_shares()
     paint = np.searchsorted(np.cumsum(list(shares.values())), (number // 64) % 9973 / 9973)
-    return alike[number % len(alike)], list(shares)[min(int(paint), len(shares) - 1)]
-
-
-def _body(name: str, mesh: str, paint: str) -> Tables:
-    """Body of a shipped mesh."""
-    kind = catalog.shipped_meshes()[mesh]
-    path = catalog.folder("scenes").parent / "assets" / "meshes" / f"{mesh}.glb"
-    materials = ({"paint": paint} if paint else {}) | kind["materials"]
-    walk = {key: kind[key] for key in ("animation", "standing") if key in kind}
-    return {"name": name, "mesh": str(path), "class": kind["class"], "materials": materials} | walk
+    chosen = list(shares)[min(int(paint), len(shares) - 1)].removeprefix(PAINT)
+    return f"traffic_{alike[number % len(alike)]}_{chosen}"
 
 
 def _poses(mover: RoadUser, *, tilts: bool) -> list[Tables]:
@@ -191,15 +180,14 @@ def _moving(movers: Sequence[RoadUser]) -> list[Tables]:
     lacking = sorted({mover.kind for mover in movers if mover.kind in BODILESS})
     if lacking:
         warn(OptionWarning("vehicles of {0} have no body and are left out", " and ".join(lacking)))
-    looks: dict[Look, list[RoadUser]] = {}
+    looks: dict[str, list[RoadUser]] = {}
     for mover in movers:
         if mover.kind not in BODILESS:
             looks.setdefault(_look(mover), []).append(mover)
     bodies = []
-    for (mesh, paint), alike in sorted(looks.items()):
-        name = f"traffic_{mesh}_{paint.removeprefix('car_paint_')}" if paint else f"walkers_{mesh}"
+    for name, alike in sorted(looks.items(), key=lambda look: (shapes()[look[0]].mesh, look[0])):
         instances = [{"motion": {"poses": _poses(mover, tilts=True), "at_end": "hide"}} for mover in alike]
-        bodies.append(_body(name, mesh, paint) | {"on_ground": True, "instances": instances})
+        bodies.append(body_table(name, shapes()[name]) | {"on_ground": True, "instances": instances})
     return bodies
 
 
@@ -318,13 +306,7 @@ def _surroundings(network: Network, file: StreetFile) -> list[Tables]:
         district = draw_district(roadside.random, main)
         for side in (-1.0, 1.0):
             roadside.line(group, side, district)
-    bodies = []
-    for name, places in sorted(roadside.items.items()):
-        mesh, materials, _ = shapes()[name]
-        body = _body(name, mesh, "")
-        body["materials"] |= materials
-        bodies.append(body | ({} if body["class"] == "building" else {"on_ground": True}) | {"instances": places})
-    return bodies
+    return [standing_table(name, places) for name, places in sorted(roadside.items.items())]
 
 
 class _Roadside:

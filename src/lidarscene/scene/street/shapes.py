@@ -13,6 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from ... import catalog
+from .pieces import Tables
 
 PAINT = "car_paint_"
 
@@ -153,6 +154,22 @@ def shapes() -> dict[str, StreetBody]:
         **{f"{mesh}s": StreetBody(mesh, {}) for mesh in ("lamp_post", "bollard", "cone", "barrier")},
         **{f"{group}_{person}": StreetBody(person, {}) for group in ("pedestrians", "walkers") for person in PEOPLE},
     }
+
+
+def body_table(name: str, shape: StreetBody) -> Tables:
+    """Table of a body of a shipped mesh."""
+    kind = catalog.shipped_meshes()[shape.mesh]
+    path = catalog.folder("scenes").parent / "assets" / "meshes" / f"{shape.mesh}.glb"
+    others = {part: material for part, material in kind["materials"].items() if part not in shape.materials}
+    body = {"name": name, "mesh": str(path), "class": kind["class"], "materials": {**shape.materials, **others}}
+    body |= {key: kind[key] for key in ("animation", "standing") if key in kind}
+    return body | ({"scale": shape.scale} if shape.scale != 1.0 else {})
+
+
+def standing_table(name: str, places: Sequence[Tables]) -> Tables:
+    """Table of what stands along a street; houses are level, all others on the ground."""
+    body = body_table(name, shapes()[name])
+    return body | ({} if body["class"] == "building" else {"on_ground": True}) | {"instances": list(places)}
 
 
 def vehicle_length_m(name: str) -> float:

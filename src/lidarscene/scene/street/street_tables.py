@@ -17,13 +17,12 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
-from ... import catalog
 from ...files.atomic import atomic_folder
 from ...files.overrides import toml_text
 from ..derived import merged
 from .layout import CROSS_HALF_M, CROSS_REACH_M, KERB_M, STOP_LINE_M, ZEBRA_M, Block, Layout, lay_out
 from .pieces import PAINT_M, RAISED_M, Tables, placed, sheet, soil, street_scene
-from .shapes import PEOPLE, shapes
+from .shapes import PEOPLE, body_table, shapes, standing_table
 from .street_file import StreetFile
 from .traffic import Track, Traffic, drive
 
@@ -49,16 +48,18 @@ def street_tables(file: StreetFile) -> Tables:
     """Lay out a street and its traffic as tables of a scene file, which nobody may change."""
     layout = lay_out(file)
     traffic = drive(layout)
-    meshes = str(catalog.folder("scenes").parent / "assets" / "meshes")
     return street_scene(
         file.shown_m,
         ego={"poses": _poses(layout, traffic.ego), "at_end": "repeat" if file.loop else "hold"},
         bodies=[
             *(_wetted(body) if file.wet else body for body in _grounds(layout)),
             *_markings(layout),
-            *(_standing(layout, name, places, meshes) for name, places in _by_shape(layout.items).items()),
-            _shape("own_car", meshes) | {"motion": {"with_ego": True}},
-            *_moving(layout, traffic, meshes),
+            *(
+                standing_table(name, [_along(layout, x_m, y_m, 0.0, yaw_deg) for x_m, y_m, yaw_deg in places])
+                for name, places in _by_shape(layout.items).items()
+            ),
+            body_table("own_car", shapes()["own_car"]) | {"motion": {"with_ego": True}},
+            *_moving(layout, traffic),
         ],
     )
 
@@ -194,25 +195,6 @@ def _poses(layout: Layout, track: Track) -> list[Tables]:
     ]
 
 
-def _shape(name: str, meshes: str) -> Tables:
-    mesh, materials, scale = shapes()[name]
-    kind = catalog.shipped_meshes()[mesh]
-    body = {"name": name, "mesh": f"{meshes}/{mesh}.glb", "class": kind["class"]}
-    body["materials"] = dict(materials) | {
-        part: name for part, name in kind["materials"].items() if part not in materials
-    }
-    walk = {key: kind[key] for key in ("animation", "standing") if key in kind}
-    return body | walk | ({"scale": scale} if scale != 1.0 else {})
-
-
-def _standing(layout: Layout, name: str, places: Sequence[tuple[float, float, float]], meshes: str) -> Tables:
-    """Body of a mesh that stands along the street; houses are level, all others on the ground."""
-    body = _shape(name, meshes)
-    if body["class"] != "building":
-        body["on_ground"] = True
-    return body | {"instances": [_along(layout, x_m, y_m, 0.0, yaw_deg) for x_m, y_m, yaw_deg in places]}
-
-
 Thing = TypeVar("Thing")
 
 
@@ -233,14 +215,14 @@ def _person(number: int, thing: object) -> str:
     return person if moves or person != "woman_pram" else "woman"
 
 
-def _moving(layout: Layout, traffic: Traffic, meshes: str) -> list[Tables]:
+def _moving(layout: Layout, traffic: Traffic) -> list[Tables]:
     """Bodies of all that moves, but for the own car: an instance with a motion for each."""
     at_end, bodies = "repeat" if layout.file.loop else "hide", []
     names = dict.fromkeys(sorted(track.name for track in traffic.others))
     tracks = _by_shape({name: [track for track in traffic.others if track.name == name] for name in names})
     for name, of_shape in tracks.items():
         instances = [{"motion": {"poses": _poses(layout, track), "at_end": at_end}} for track in of_shape]
-        bodies.append(_shape(name, meshes) | {"on_ground": True, "instances": instances})
+        bodies.append(body_table(name, shapes()[name]) | {"on_ground": True, "instances": instances})
     return bodies
 
 
