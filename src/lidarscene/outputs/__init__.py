@@ -11,6 +11,7 @@ streams         clouds, data sets, missed pulses and packets, chunk by chunk
 frame_files     all files of one frame
 light           ambient counts and waveforms
 run_motion      IMUs and poses of all frames
+catalog_list    lists of the catalogue
 range_image     images of ring by azimuth
 live/           packets over UDP in real time
 run_report      the summary of a run as text and JSON

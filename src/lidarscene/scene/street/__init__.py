@@ -1,1 +1,12 @@
-"""Streets made from a seed: what stands along them, who drives and walks there, and the scene file of both."""
+"""Streets made from a seed, or of a road network with SUMO's traffic: what stands, drives and walks there.
+
+street_file     keys of [street]
+centre_line     middle of a street: straights, clothoids and arcs, open or a loop
+layout          what stands along a street, and its crossings
+traffic         who drives and walks there, in place and time
+street_tables   tables of a scene file for both, and the files of a scene
+sumo            road networks, and what SUMO simulates on them
+network_tables  tables of a scene file for a network
+shapes          mesh, materials and scale of every body, and the districts that choose among them
+pieces          poses, sheets of ground, soil and light, for both kinds of tables
+"""
