@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..formats.cloud_columns import STATUS_NAMES, Cloud
+from ..formats.category_array import CategoryArray
+from ..formats.cloud_columns import Cloud
 from ..formats.cloud_description import unit_of
 from ..maths.arrays import Numbers
 from .scales import Scale, scale_of
@@ -79,12 +80,13 @@ class Shades:
 
 def _category_names(cloud: Cloud, name: str) -> dict[int, str] | None:
     """Names by value for a column of categories, None for a quantity."""
+    values = cloud.column(name)
+    if isinstance(values, CategoryArray):
+        return dict(enumerate(values.names))
     tables = {
-        "status": STATUS_NAMES,
         "in_shadow": ("lit", "in shadow"),
         "interactions": ("direct", "after one", "after two", "after three"),
         "ghost": ("in its place", "ghost"),
         "return_number": ("none", "first", "second", "third"),
     }
-    tables |= {column.name: getattr(cloud, column.names) for column in cloud.columns if column.names}
     return dict(enumerate(tables[name])) if name in tables else None
