@@ -1,17 +1,20 @@
 """What is fixed to vehicles: wheels, mirrors, plates, seats, and the people who ride on two wheels."""
 
 import numpy as np
-from modelling import Mesh, box, cap, circle, curve, ellipsoid, join, lathe, rounded_box, tube
+from modelling import box, cap, circle, curve, ellipsoid, join, lathe, rounded_box, tube
 
 UPRIGHT = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]  # local z becomes the axle, to the left
 
 
-def wheel(*, diameter_m, width_m, segments=16, rim_share=0.66):
+SPOKES = 5
+"""Of a wheel, which is the same again after so many parts of a turn."""
+
+
+def wheel(*, diameter_m, width_m, segments=4 * SPOKES, rim_share=0.66):
     """(tyre, rim) of a wheel that stands on the ground, its outside to the left; both closed."""
     r, w = 0.5 * diameter_m, 0.5 * width_m
     inner = rim_share * r
-    tread = r + 0.004  # what is below the ground is pressed flat
-    profile = [(inner, -0.8 * w), (0.5 * (r + inner), -w), (tread, -0.75 * w), (tread, 0.75 * w)]
+    profile = [(inner, -0.8 * w), (0.5 * (r + inner), -w), (r, -0.75 * w), (r, 0.75 * w)]
     profile += [(0.5 * (r + inner), w), (inner, 0.8 * w), (inner, -0.8 * w)]
     disc = inner - 0.003
     dish = [
@@ -27,12 +30,9 @@ def wheel(*, diameter_m, width_m, segments=16, rim_share=0.66):
         cap(np.column_stack([circle(segments, radius_m=disc), np.full(segments, -0.7 * w)])).flipped(),
     ]
     spoke = box(size_m=(0.62 * inner, 0.16 * inner, 0.3 * w), centre_m=(0.55 * inner, 0, 0.42 * w))
-    spokes = [spoke.moved(yaw_rad=2 * np.pi * (turn + 0.25) / 5) for turn in range(5)]
-    place = {"position_m": (0.0, 0.0, r)}
-    tyre = lathe(profile, segments=segments).turned(UPRIGHT).moved(**place)
-    flat = tyre.points_m.copy()
-    flat[:, 2] = np.maximum(flat[:, 2], 0.0)
-    return Mesh(flat, tyre.faces), join(rim, *ends, *spokes).turned(UPRIGHT).moved(**place)
+    spokes = [spoke.moved(yaw_rad=2 * np.pi * (turn + 0.25) / SPOKES) for turn in range(SPOKES)]
+    meshes = lathe(profile, segments=segments), join(rim, *ends, *spokes)
+    return tuple(mesh.turned(UPRIGHT).moved(position_m=(0.0, 0.0, r)) for mesh in meshes)
 
 
 def wheels(*, axles_x_m, half_track_m, **keys):

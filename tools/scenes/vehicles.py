@@ -8,8 +8,9 @@ from pathlib import Path
 
 import numpy as np
 import vehicle_shell as shells
+from glb import Clip, Skeleton, Skinned
 from modelling import Mesh, box, circle, ellipsoid, grid, join, lathe, rounded_box, tube
-from vehicle_parts import mirrors, plate, rider, seat, wheel, wheels
+from vehicle_parts import SPOKES, mirrors, plate, rider, seat, wheel, wheels
 from vehicle_shell import Shape
 
 TABLE = Path(__file__).parents[2] / "src/lidarscene/catalog/vehicles.toml"
@@ -30,8 +31,10 @@ COLOURS = {
     "shoes": (0.06, 0.05, 0.05, 1.0),
     "helmet": (0.10, 0.10, 0.12, 1.0),
 }
+WHEELS = ("tyre", "rim")
+"""Parts that turn."""
 MOST_STRETCH = 0.04
-"""Largest relative difference of a body as modelled from its size, to which it is stretched."""
+"""Largest relative difference of a body as modelled from its size, to which it is stretched; mirrors do not count."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,21 +68,47 @@ def bodies():
     }
 
 
-def build(numbers):
-    """Part name -> Mesh of a body of its stated size."""
-    return _fitted(FAMILIES[numbers.family](numbers), numbers)
+def build(n):
+    """Part name -> Mesh of a body of its stated size, its wheels `Skinned`, and the `Skeleton` by which they turn."""
+    parts = FAMILIES[n.family](n)
+    # Axles as modelled, and on which of them each point of the wheels turns.
+    axles_m = np.array([(n.x(s), 0.0, 0.5 * n.tyre[0]) for s in n.axles])
+    axle_of = {name: _nearest(parts[name].points_m, axles_m, 0.5 * n.tyre[0]) for name in WHEELS}
+    scale, middle = np.ones(3), np.zeros(3)
 
+    def placed(points_m):
+        return (points_m - middle) * scale
 
-def _fitted(parts, n):
-    """The parts, stretched by no more than `MOST_STRETCH` to the size that is stated; mirrors do not count."""
-    points = np.concatenate([mesh.points_m for name, mesh in parts.items() if name != "mirrors"])
-    low, high = points.min(axis=0), points.max(axis=0)
-    low[2] = 0.0  # on the wheels
-    scale = np.array([n.length, n.width, n.height]) / (high - low)
+    def fitted(name, mesh):
+        if name not in WHEELS:
+            return Mesh(placed(mesh.points_m), mesh.faces)
+        # A wheel stays round: its height says how large it is.
+        on_m = axles_m[axle_of[name]]
+        return Mesh(placed(on_m) + (mesh.points_m - on_m) * scale[[2, 1, 2]], mesh.faces)
+
+    for _ in range(3):  # wheels that reach to the ends are stretched less than what is between them
+        points = np.concatenate([fitted(name, mesh).points_m for name, mesh in parts.items() if name != "mirrors"])
+        low, high = points.min(axis=0), points.max(axis=0)
+        middle = middle + 0.5 * (low + high) / scale * (1.0, 1.0, 0.0)
+        scale = scale * np.array([n.length, n.width, n.height]) / (high - low * (1.0, 1.0, 0.0))
     if np.abs(scale - 1.0).max() > MOST_STRETCH:
-        raise ValueError(f"{n}: modelled as {high - low}")
-    middle = 0.5 * (low + high) * (1.0, 1.0, 0.0)
-    return {name: Mesh((mesh.points_m - middle) * scale, mesh.faces) for name, mesh in parts.items()}
+        raise ValueError(f"{n}: must be stretched by {scale}")
+    joints = [f"axle_{number}" for number in range(len(axles_m))]
+    meshes = {name: fitted(name, mesh) for name, mesh in parts.items()}
+    meshes |= {name: Skinned(meshes[name], np.eye(len(joints))[axle_of[name]]) for name in WHEELS}
+    # A wheel is the same again after one spoke.
+    spokes = 6 if n.family == "bicycle" else SPOKES
+    turn = np.array([[0.0, 0.0, 0.0], [0.0, -2.0 * np.pi / spokes, 0.0]])
+    roll = Clip(1.0 / spokes, dict.fromkeys(joints, turn))
+    return meshes, Skeleton(dict(zip(joints, placed(axles_m), strict=True)), dict.fromkeys(joints, ""), {"roll": roll})
+
+
+def _nearest(points_m, axles_m, radius_m):
+    """(v,) number of the axle on which each point of wheels turns."""
+    off_m = np.linalg.norm((points_m[:, None] - axles_m)[:, :, [0, 2]], axis=2)
+    if off_m.min(axis=1).max() > radius_m + 1e-6:
+        raise ValueError("a part of a wheel is on no axle")
+    return off_m.argmin(axis=1)
 
 
 def _merged(*groups):

@@ -48,7 +48,7 @@ class Stride:
     """Vertices of a piece over one stride, on the spot.
 
     Attributes:
-        vertices_m: (k, v, 3) float32, at k even instants
+        vertices_m: (k + 1, v, 3) float32, at k even instants and at the first of the next stride
         period_s: time of the stride
     """
 
@@ -100,7 +100,7 @@ class SubMesh:
 LARGEST_BYTES = 2 << 30
 """Largest size of all entries together: some 30 million triangles."""
 
-_LAYOUT = 3
+_LAYOUT = 4
 """Version of an entry's layout and of our own reading; a new number invalidates all old entries."""
 
 

@@ -187,7 +187,7 @@ def _moving(movers: Sequence[RoadUser]) -> list[Tables]:
     bodies = []
     for name, alike in sorted(looks.items(), key=lambda look: (shapes()[look[0]].mesh, look[0])):
         instances = [{"motion": {"poses": _poses(mover, tilts=True), "at_end": "hide"}} for mover in alike]
-        bodies.append(body_table(name, shapes()[name]) | {"on_ground": True, "instances": instances})
+        bodies.append(body_table(name, shapes()[name], moves=True) | {"on_ground": True, "instances": instances})
     return bodies
 
 

@@ -156,13 +156,14 @@ def shapes() -> dict[str, StreetBody]:
     }
 
 
-def body_table(name: str, shape: StreetBody) -> Tables:
-    """Table of a body of a shipped mesh."""
+def body_table(name: str, shape: StreetBody, *, moves: bool = False) -> Tables:
+    """Table of a body of a shipped mesh; people stand if they do not move, and wheels have no animation."""
     kind = catalog.shipped_meshes()[shape.mesh]
     path = catalog.folder("scenes").parent / "assets" / "meshes" / f"{shape.mesh}.glb"
     others = {part: material for part, material in kind["materials"].items() if part not in shape.materials}
     body = {"name": name, "mesh": str(path), "class": kind["class"], "materials": {**shape.materials, **others}}
-    body |= {key: kind[key] for key in ("animation", "standing") if key in kind}
+    if moves or "standing" in kind:
+        body |= {key: kind[key] for key in ("animation", "standing") if key in kind}
     return body | ({"scale": shape.scale} if shape.scale != 1.0 else {})
 
 
