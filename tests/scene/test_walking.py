@@ -129,6 +129,16 @@ def test_between_its_instants_a_stride_is_straight(monkeypatch: pytest.MonkeyPat
         np.testing.assert_allclose(coarse[-1], coarse[0], atol=1e-4)
 
 
+def test_a_smaller_walker_has_fewer_instants() -> None:
+    """A millimetre is one of the scene: a file in centimetres is not held to a hundredth of it."""
+    path = catalog.path_of("meshes", "man_tall")
+    counts = []
+    for unit_m in (1.0, 0.01):
+        pieces = gltf.read_gltf(path, None, WalkingClips(walk="walk", unit_m=unit_m))
+        counts += {len(piece.stride.vertices_m) for piece in pieces if piece.stride}
+    assert counts == [257, 65]
+
+
 def spline(*places: float) -> Spline:
     """A way along x with a place each second."""
     poses = tuple(Pose(position_m=np.array([x, 0.0, 0.0])) for x in places)

@@ -23,14 +23,14 @@ import numpy as np
 
 from ...errors import InputError
 from ...maths.arrays import Numbers
-from ...maths.box_tree import BoxTree
+from ...maths.box_tree import CHILDREN, BoxTree
 from ...scene.scene import Body, Part
 from ...scene.walking import LARGEST_LEVEL
 from ..device import transfer
 from .faces import PlacedShape, registry_number
 
-TRIANGLES = 4
-"""Triangles that share a box."""
+TRIANGLES = 2
+"""Choice: triangles that share a box."""
 
 PHASES = 16
 """Choice: parts of a stride with boxes of their own: a foot goes 10 cm in one."""
@@ -172,10 +172,10 @@ def _kind_of(parts: tuple[Part, ...], levels: tuple[float, ...]) -> _Kind:
     starts = np.cumsum([0, *(len(part.vertices_m) for part in parts)])[:-1]
     faces = np.concatenate([part.faces + np.uint32(start) for part, start in zip(parts, starts, strict=True)])
     # Limbs are farthest apart as a foot meets the ground.
-    order = _neighbours_together(stride[0][faces])
+    order = _neighbours_together(stride[0][faces].mean(axis=1), np.arange(len(faces)))
     order = np.concatenate([order, np.repeat(order[-1:], -len(order) % TRIANGLES)])
     corners = faces[order]
-    tree = BoxTree.from_sets(_leaf_boxes(standing, stride, corners, levels))
+    tree = BoxTree.from_sets(_leaf_boxes(standing, stride, corners, levels), np.arange(len(corners) // TRIANGLES))
     return _Kind(
         standing=_fours(standing),
         stride=_fours(stride.reshape(-1, 3)),
@@ -186,11 +186,23 @@ def _kind_of(parts: tuple[Part, ...], levels: tuple[float, ...]) -> _Kind:
     )
 
 
-def _neighbours_together(corners_m: Numbers) -> Numbers:
-    """Return an order of triangles, (t, 3, 3), in which neighbours stand together."""
-    boxes = np.stack([corners_m.min(axis=1), corners_m.max(axis=1)], axis=1)
-    nodes = BoxTree.from_boxes(boxes.astype(np.float64)).nodes.reshape(-1, 8)
-    return nodes[nodes[:, 7] >= 0.0, 7].astype(np.int64)
+def _neighbours_together(middle_m: Numbers, triangles: Numbers) -> Numbers:
+    """Return these triangles in an order in which those of a box of each level of the tree stand together.
+
+    They are parted where they reach farthest, again and again, into parts that fill boxes.
+
+    Args:
+        middle_m: (t, 3) of all triangles
+    """
+    if len(triangles) <= TRIANGLES:
+        return triangles
+    full = TRIANGLES
+    while full * CHILDREN < len(triangles):
+        full *= CHILDREN
+    at_m = middle_m[triangles]
+    triangles = triangles[np.argsort(at_m[:, np.ptp(at_m, axis=0).argmax()], kind="stable")]
+    half = full * max(round(len(triangles) / (2 * full)), 1)
+    return np.concatenate([_neighbours_together(middle_m, part) for part in (triangles[:half], triangles[half:])])
 
 
 def _leaf_boxes(standing: Numbers, stride: Numbers, corners: Numbers, levels: Sequence[float]) -> Numbers:

@@ -36,16 +36,16 @@ from .reflectivity_patterns import (
 
 _STRIP, _FAN = 5, 6
 
-FEWEST_INSTANTS, MOST_INSTANTS = 64, 256
+FEWEST_INSTANTS, MOST_INSTANTS = 64, 1024
 """Choice: instants of a stride are so many that `STRAIGHT_M` holds, twice as many each time. A wheel that turns once in
 a stride is near the ground at two of the fewest, by which its size is measured."""
 
 STRAIGHT_M = 1e-3
-"""Accuracy bought: most by which a vertex leaves the straight lines between the instants of a stride, in the file's
-lengths."""
+"""Accuracy bought: most by which a vertex leaves the straight lines between the instants of a stride. What jumps or
+turns its way at once, as between sparse key frames, may leave them farther."""
 
-RIGID = 1e-6
-"""Accuracy bought: least movement of a piece over a stride, in the file's lengths; one that moves less is rigid."""
+RIGID_M = 1e-6
+"""Accuracy bought: least movement of a piece over a stride; one that moves less is rigid."""
 
 
 def read_gltf(path: Path, pattern: Kind | None = None, clips: WalkingClips | None = None) -> list[SubMesh]:
@@ -124,26 +124,26 @@ class _Reader:
         document = self._document
         standing = None if clips.standing is None else self._pose(animated_nodes(document, clips.standing, np.zeros(1)))
         shown = list(self._shown_primitives())
-        strides_m = self._strides(clips.walk, shown)
+        strides_m = self._strides(clips, shown)
         period_s = animation_duration_s(document, clips.walk)
         for (number, primitive), stride_m in zip(shown, strides_m, strict=True):
             stands_m = stride_m[0]
             if standing is not None:
                 stands_m = self._vertices(number, primitive, standing).reshape(stands_m.shape)
             piece = replace(self._placed_piece(number, primitive, self._rest), vertices_m=stands_m)
-            is_rigid = bool(np.abs(stride_m - stands_m).max(initial=0.0) < RIGID)
+            is_rigid = bool(clips.unit_m * np.abs(stride_m - stands_m).max(initial=0.0) < RIGID_M)
             stride = Stride(vertices_m=stride_m.astype(np.float32), period_s=period_s)
             yield piece if is_rigid else replace(piece, stride=stride)
 
-    def _strides(self, name: str, shown: Sequence[tuple[int, _Primitive]]) -> list[Numbers]:
-        """Return (k + 1, v, 3) vertices of primitives at even instants of an animation, on the spot.
+    def _strides(self, clips: WalkingClips, shown: Sequence[tuple[int, _Primitive]]) -> list[Numbers]:
+        """Return (k + 1, v, 3) vertices of primitives at even instants of a stride, on the spot.
 
         The last instant is the first of the next stride.
         """
-        count, coarse = FEWEST_INSTANTS, self._stride(name, shown, FEWEST_INSTANTS)
+        count, coarse = FEWEST_INSTANTS, self._stride(clips.walk, shown, FEWEST_INSTANTS)
         while count < MOST_INSTANTS:
-            fine = self._stride(name, shown, 2 * count)
-            if max(map(_off_straight, fine), default=0.0) < STRAIGHT_M:
+            fine = self._stride(clips.walk, shown, 2 * count)
+            if clips.unit_m * max(map(_off_straight, fine), default=0.0) < STRAIGHT_M:
                 break
             count, coarse = 2 * count, fine
         return coarse

@@ -37,10 +37,12 @@ class WalkingClips:
     Attributes:
         walk: name of that of one stride, from a foot's contact to its next
         standing: name of one that begins as the walker stands; None: the walker stops as the stride is
+        unit_m: length of the walker in the scene that is one in the file
     """
 
     walk: str
     standing: str | None = None
+    unit_m: float = 1.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
