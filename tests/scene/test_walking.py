@@ -109,6 +109,20 @@ def test_wheels_roll_without_slip(tmp_path: Path, name: str, speed_m_s: float) -
         assert gone_m < 0.25 * abs(speed_m_s) * step_s
 
 
+def test_castors_of_a_wheelchair_turn_four_times_as_fast_as_its_wheels(tmp_path: Path) -> None:
+    """On both the lowest points stand nearly still while the chair goes on by a tenth of the castors' radius."""
+    body = person(tmp_path, "wheelchair_user", "speed_m_s = 1.2")
+    assert body.gait is not None
+    assert body.gait.stride_m == pytest.approx(2 * np.pi * 0.305 / 5, rel=5e-3)
+    step_s = 0.1 * 0.305 / 4 / 1.2
+    for time_s in np.linspace(0.0, 0.7, 9):
+        before, after = in_world(body, time_s), in_world(body, time_s + step_s)
+        ahead = before[:, 0] - 1.2 * time_s > 0.2
+        for wheel in (before[ahead], before[~ahead]):
+            gone_m, _ = KDTree(after).query(wheel[wheel[:, 2].argmin()])
+            assert gone_m < 0.25 * 1.2 * step_s
+
+
 @pytest.mark.parametrize(("name", "clip"), [("pedestrian", "walk"), ("man_tall", "walk"), ("lorry_850", "roll")])
 def test_between_its_instants_a_stride_is_straight(monkeypatch: pytest.MonkeyPatch, name: str, clip: str) -> None:
     """The skin at many more instants is off by 1 mm at most; the last of them begins the next stride."""

@@ -16,6 +16,7 @@ import people
 import plants
 import roadside
 import vehicles
+import wheelchair
 from glb import glb_bytes, welded
 
 OBJECTS = {
@@ -31,6 +32,7 @@ OBJECTS = {
     "lamp_post": (roadside.lamp_post, roadside.COLOURS),
     **{build.__name__: (build, roadside.COLOURS) for build in roadside.FURNITURE},
     **{name: (functools.partial(vehicles.build, size), vehicles.COLOURS) for name, size in vehicles.bodies().items()},
+    "wheelchair_user": (wheelchair.build, wheelchair.COLOURS),
     **{name: (functools.partial(people.build, name), people.COLOURS) for name in people.PEOPLE},
 }
 

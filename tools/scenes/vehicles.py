@@ -8,9 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import vehicle_shell as shells
-from glb import Clip, Skeleton, Skinned
-from modelling import Mesh, box, circle, ellipsoid, grid, join, lathe, rounded_box, tube
-from vehicle_parts import SPOKES, mirrors, plate, rider, seat, wheel, wheels
+from modelling import Mesh, box, ellipsoid, join, lathe, rounded_box, tube
+from vehicle_parts import SPOKES, WHEELS, mirrors, nearest_axle, plate, rider, ring, rolling, seat, wheel, wheels
 from vehicle_shell import Shape
 
 TABLE = Path(__file__).parents[2] / "src/lidarscene/catalog/vehicles.toml"
@@ -31,8 +30,6 @@ COLOURS = {
     "shoes": (0.06, 0.05, 0.05, 1.0),
     "helmet": (0.10, 0.10, 0.12, 1.0),
 }
-WHEELS = ("tyre", "rim")
-"""Parts that turn."""
 MOST_STRETCH = 0.04
 """Largest relative difference of a body as modelled from its size, to which it is stretched; mirrors do not count."""
 
@@ -73,7 +70,7 @@ def build(n):
     parts = FAMILIES[n.family](n)
     # Axles as modelled, and on which of them each point of the wheels turns.
     axles_m = np.array([(n.x(s), 0.0, 0.5 * n.tyre[0]) for s in n.axles])
-    axle_of = {name: _nearest(parts[name].points_m, axles_m, 0.5 * n.tyre[0]) for name in WHEELS}
+    axle_of = {name: nearest_axle(parts[name].points_m, axles_m) for name in WHEELS}
     scale, middle = np.ones(3), np.zeros(3)
 
     def placed(points_m):
@@ -93,22 +90,8 @@ def build(n):
         scale = scale * np.array([n.length, n.width, n.height]) / (high - low * (1.0, 1.0, 0.0))
     if np.abs(scale - 1.0).max() > MOST_STRETCH:
         raise ValueError(f"{n}: must be stretched by {scale}")
-    joints = [f"axle_{number}" for number in range(len(axles_m))]
     meshes = {name: fitted(name, mesh) for name, mesh in parts.items()}
-    meshes |= {name: Skinned(meshes[name], np.eye(len(joints))[axle_of[name]]) for name in WHEELS}
-    # A wheel is the same again after one spoke.
-    spokes = 6 if n.family == "bicycle" else SPOKES
-    turn = np.array([[0.0, 0.0, 0.0], [0.0, -2.0 * np.pi / spokes, 0.0]])
-    roll = Clip(1.0 / spokes, dict.fromkeys(joints, turn))
-    return meshes, Skeleton(dict(zip(joints, placed(axles_m), strict=True)), dict.fromkeys(joints, ""), {"roll": roll})
-
-
-def _nearest(points_m, axles_m, radius_m):
-    """(v,) number of the axle on which each point of wheels turns."""
-    off_m = np.linalg.norm((points_m[:, None] - axles_m)[:, :, [0, 2]], axis=2)
-    if off_m.min(axis=1).max() > radius_m + 1e-6:
-        raise ValueError("a part of a wheel is on no axle")
-    return off_m.argmin(axis=1)
+    return rolling(meshes, placed(axles_m), spokes=6 if n.family == "bicycle" else SPOKES)
 
 
 def _merged(*groups):
@@ -530,17 +513,6 @@ def _trailer(n):
 # ---- two wheels ----
 
 
-def _spin(path, radius, segments=24):
-    """A closed ring of `radius` about the y axis through the origin; `path` is the radius of its own section."""
-    turn = 2 * np.pi * np.arange(segments) / segments
-    around = circle(6)
-    rings = np.zeros((segments, 6, 3))
-    rings[..., 0] = (radius + path * around[:, 0]) * np.cos(turn)[:, None]
-    rings[..., 2] = (radius + path * around[:, 0]) * np.sin(turn)[:, None]
-    rings[..., 1] = path * around[:, 1]
-    return grid(np.concatenate([rings, rings[:1]]), closed=True)
-
-
 def _bicycle(n):
     """A bicycle, and its rider if its class is one."""
     ridden = n.class_name == "cyclist"
@@ -585,8 +557,8 @@ def _bicycle(n):
     ]
     chain = box(size_m=(0.17, 0.02, 0.17), centre_m=(crank[0], -0.045, crank[2]))
     section = 0.5 * n.tyre[1]
-    tyres = [_spin(section, radius - section).moved(position_m=hub) for hub in (hub_front, hub_rear)]
-    rims = [_spin(0.011, radius - 2 * section - 0.006).moved(position_m=hub) for hub in (hub_front, hub_rear)]
+    tyres = [ring(section, radius - section).moved(position_m=hub) for hub in (hub_front, hub_rear)]
+    rims = [ring(0.011, radius - 2 * section - 0.006).moved(position_m=hub) for hub in (hub_front, hub_rear)]
     turns, reach = 2 * np.pi * np.arange(12) / 12, radius - 0.05
     spokes = [
         tube(

@@ -155,7 +155,9 @@ def _drawn_bodies() -> dict[str, tuple[str, float, float, float]]:
 def _look(mover: RoadUser) -> str:
     """Name in `shapes` of a vehicle, by class and length, or of a person; the same for the same name."""
     number = zlib.crc32(mover.name.encode())
-    if mover.kind in ("pedestrian", "wheelchair"):
+    if mover.kind == "wheelchair":
+        return "wheelchairs"
+    if mover.kind == "pedestrian":
         return f"walkers_{PEOPLE[number % len(PEOPLE)]}"
     classes = FAMILIES.get(mover.kind, ("car",))
     bodies = [body for body in catalog.vehicles().values() if body.class_name in classes]

@@ -153,6 +153,7 @@ def shapes() -> dict[str, StreetBody]:
         **{f"{mesh}s": StreetBody(mesh, {}) for mesh in ("hedge", "fence", "bush", *FURNITURE, *SIGNS)},
         **{f"{mesh}s": StreetBody(mesh, {}) for mesh in ("lamp_post", "bollard", "cone", "barrier")},
         **{f"{group}_{person}": StreetBody(person, {}) for group in ("pedestrians", "walkers") for person in PEOPLE},
+        "wheelchairs": StreetBody("wheelchair_user", {}),
     }
 
 
