@@ -56,6 +56,8 @@ SWAPPED: dict[type[ast.AST], type[ast.AST]] = {
     ast.And: ast.Or,
     ast.Or: ast.And,
 }
+QUICK_S = 2.0
+"""Choice: seconds of the tests that run first. pytest draws the order within a group."""
 NAMES = {"min": "max", "max": "min", "minimum": "maximum", "maximum": "minimum", "any": "all", "all": "any"}
 NAMES |= {"sin": "cos", "cos": "sin", "floor": "ceil", "ceil": "floor", "argmin": "argmax", "argmax": "argmin"}
 
@@ -227,22 +229,23 @@ class Map:
                 for name in names:
                     self.tests.setdefault(name, []).append(test)
 
-    def of(self, mutant: Mutant, limit_s: float) -> list[str]:
-        """Tests that run the mutant's function, the quickest first; then those of the same files, up to a time.
+    def of(self, mutant: Mutant, limit_s: float) -> list[list[str]]:
+        """Tests that run the mutant's function, then those of the same files, up to a time; the quick ones apart.
 
         A test may use what another one of its file has computed, so that it runs the function no more.
         """
         direct = sorted(set(self.tests.get(f"{mutant.path}:{mutant.function}", ())), key=self.seconds.__getitem__)
         files = {test.split("::")[0] for test in direct}
         beside = [t for t in sorted(self.seconds, key=self.seconds.__getitem__) if t.split("::")[0] in files]
-        chosen: list[str] = []
+        quick: list[str] = []
+        slow: list[str] = []
         total = 0.0
         for test in dict.fromkeys([*direct, *beside]):
-            if total + self.seconds[test] > limit_s and chosen:
+            if total + self.seconds[test] > limit_s and (quick or slow):
                 break
             total += self.seconds[test]
-            chosen.append(test)
-        return chosen
+            (quick if total < QUICK_S else slow).append(test)
+        return [tests for tests in (quick, slow) if tests]
 
 
 def make_map(tests: Sequence[str]) -> None:
@@ -257,25 +260,35 @@ def make_map(tests: Sequence[str]) -> None:
 # --- a run -------------------------------------------------------------------------------------------
 
 
-def verdict(mutant: Mutant, tests: Sequence[str], checkout: Path, limit_s: float) -> tuple[str, str]:
+def verdict(mutant: Mutant, groups: Sequence[Sequence[str]], checkout: Path, limit_s: float) -> tuple[str, str]:
     """Killed, survived, or no test; and the first test that failed."""
-    if not tests:
+    if not groups:
         return "no test", ""
     path = checkout / mutant.path
     whole = path.read_bytes()
     path.write_bytes(mutant.text(whole))
-    command = [sys.executable, "-m", "pytest", "-x", "-q", "-n", "0", "-p", "no:cacheprovider", "--no-header", *tests]
     clean = {name: value for name, value in os.environ.items() if name not in (TRACED, "PYTHONPATH")}
+    command = [sys.executable, "-m", "pytest", "-x", "-q", "-n", "0", "-p", "no:cacheprovider", "--no-header"]
     try:
-        ran = subprocess.run(command, cwd=checkout, env=clean, capture_output=True, text=True, timeout=limit_s)
+        for tests in groups:
+            ran = subprocess.run(
+                [*command, *tests],
+                cwd=checkout,
+                env=clean,
+                capture_output=True,
+                text=True,
+                timeout=limit_s,
+                check=False,
+            )
+            if ran.returncode:
+                starts = ("FAILED", "ERROR")
+                failed = [line.split(" - ")[0] for line in ran.stdout.splitlines() if line.startswith(starts)]
+                return "killed", failed[0] if failed else f"exit {ran.returncode}"
     except subprocess.TimeoutExpired:
         return "killed", "time"
     finally:
         path.write_bytes(whole)
-    failed = [line.split(" - ")[0] for line in ran.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))]
-    if ran.returncode not in (0, 1, 2) and not failed:  # 5: nothing was collected; the process may have died
-        failed = [f"exit {ran.returncode}"]
-    return ("survived", "") if ran.returncode == 0 else ("killed", failed[0] if failed else "?")
+    return "survived", ""
 
 
 def copy_of_checkout(folder: Path) -> Path:

@@ -263,6 +263,22 @@ def test_a_longer_street_keeps_its_drivers_and_its_numbers_in_sight_few() -> Non
     assert len(np.unique(np.round(gaps_m, 6))) > 0.9 * len(gaps_m)
 
 
+def test_each_stop_line_lies_where_drivers_stop() -> None:
+    """One for each crossing and direction, across the lanes on the right."""
+    file = street(4)
+    layout = laid.lay_out(file)
+    (lines,) = (body for body in street_tables(file)["bodies"] if body["name"] == "stop_lines")
+    painted = np.array([place["position_m"][:2] for place in lines["instances"]])
+    expected = [
+        layout.line.at(np.array([crossing.stop_x_m(to)]), np.array([-to * 0.5 * file.lanes * file.lane_width_m]))[0, :2]
+        for crossing in layout.crossings
+        for to in (1, -1)
+    ]
+    assert len(painted) == len(expected) >= 4
+    gaps_m = np.hypot(*(painted[:, None] - np.array(expected)).transpose(2, 0, 1))
+    assert gaps_m.min(axis=0).max() < 0.3
+
+
 def bodies_of(seeds: range) -> list[dict[str, Any]]:
     return [body for seed in seeds for body in street_tables(street(seed, parked_share=(0.5, 1.0)))["bodies"]]
 
