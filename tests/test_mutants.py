@@ -78,5 +78,5 @@ def test_a_run(tool, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     printed = capsys.readouterr().out
     assert f"survived: {name}:2 tens\n    -    return 10\n    +    return 11\n" in printed
     assert f"no test: {name}:10 idle\n" in printed
-    assert printed.endswith("| room | 3 | 1 | 1 | 1 |\n| all | 3 | 1 | 1 | 1 |\n")
+    assert printed.endswith("| room | 3 | 1 | 1 | 0 | 1 |\n| all | 3 | 1 | 1 | 0 | 1 |\n")
     assert "return 10" in source.read_text()

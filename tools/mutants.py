@@ -261,7 +261,7 @@ def make_map(tests: Sequence[str]) -> None:
 
 
 def verdict(mutant: Mutant, groups: Sequence[Sequence[str]], checkout: Path, limit_s: float) -> tuple[str, str]:
-    """Killed, survived, or no test; and the first test that failed."""
+    """Killed, survived, out of time, or no test; and the first test that failed."""
     if not groups:
         return "no test", ""
     path = checkout / mutant.path
@@ -285,7 +285,7 @@ def verdict(mutant: Mutant, groups: Sequence[Sequence[str]], checkout: Path, lim
                 failed = [line.split(" - ")[0] for line in ran.stdout.splitlines() if line.startswith(starts)]
                 return "killed", failed[0] if failed else f"exit {ran.returncode}"
     except subprocess.TimeoutExpired:
-        return "killed", "time"
+        return "out of time", ""
     finally:
         path.write_bytes(whole)
     return "survived", ""
@@ -343,9 +343,10 @@ def diff(mutant: Mutant) -> str:
 
 def table(counts: dict[str, Counter[str]]) -> str:
     """Killed and others by room, as Markdown."""
-    rows = ["| room | mutants | killed | survived | no test |", "|---|---|---|---|---|"]
+    words = ("killed", "survived", "out of time", "no test")
+    rows = [f"| room | mutants | {' | '.join(words)} |", "|---" * (2 + len(words)) + "|"]
     for room, count in [*sorted(counts.items()), ("all", sum(counts.values(), Counter()))]:
-        rows.append(f"| {room} | {count.total()} | {count['killed']} | {count['survived']} | {count['no test']} |")
+        rows.append(f"| {room} | {count.total()} | {' | '.join(str(count[word]) for word in words)} |")
     return "\n".join(rows)
 
 
