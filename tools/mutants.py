@@ -73,6 +73,11 @@ class Mutant(NamedTuple):
     old: str
     new: str
 
+    @property
+    def room(self) -> str:
+        """Folder of the file within the package."""
+        return "/".join(Path(self.path).parts[2:-1])
+
     def text(self, code: bytes) -> bytes:
         """The file with the change."""
         return code[: self.start] + self.new.encode() + code[self.end :]
@@ -230,13 +235,18 @@ class Map:
                     self.tests.setdefault(name, []).append(test)
 
     def of(self, mutant: Mutant, limit_s: float) -> list[list[str]]:
-        """Tests that run the mutant's function, then those of the same files, up to a time; the quick ones apart.
+        """Tests that run the mutant's function, then those of the same files and of its room, up to a time.
 
-        A test may use what another one of its file has computed, so that it runs the function no more.
+        A test may use what an earlier one has computed, so that it runs the function no more.
+
+        Returns:
+            the quick ones, and the others
         """
         direct = sorted(set(self.tests.get(f"{mutant.path}:{mutant.function}", ())), key=self.seconds.__getitem__)
         files = {test.split("::")[0] for test in direct}
-        beside = [t for t in sorted(self.seconds, key=self.seconds.__getitem__) if t.split("::")[0] in files]
+        room = f"tests/{mutant.room}/"
+        beside = [t for t in self.seconds if direct and (t.split("::")[0] in files or t.startswith(room))]
+        beside.sort(key=self.seconds.__getitem__)
         quick: list[str] = []
         slow: list[str] = []
         total = 0.0
@@ -326,8 +336,7 @@ def run(paths: Sequence[str], number: int, seed: int, jobs: int, limit_s: float)
             for mutant, word, test in threads.map(tried, drawn):
                 kept.write(json.dumps({**mutant._asdict(), "verdict": word, "test": test}) + "\n")
                 kept.flush()
-                room = "/".join(Path(mutant.path).parts[2:-1])
-                counts.setdefault(room, Counter())[word] += 1
+                counts.setdefault(mutant.room, Counter())[word] += 1
                 if word != "killed":
                     print(f"{word}: {mutant.path}:{mutant.line} {mutant.function}\n{diff(mutant)}", flush=True)
     print(table(counts))
