@@ -36,6 +36,9 @@ KEPT = ROOT / "out" / "mutants"
 TRACED = "LIDARSCENE_MUTANTS_MAP"
 """The variable that makes pytest write which test runs what: a folder, where each process writes a file."""
 
+SEED = {"TEST_SEED": "1"}
+"""Of maps and runs: names of tests that are drawn are the same in both."""
+
 SWAPPED: dict[type[ast.AST], type[ast.AST]] = {
     ast.Lt: ast.LtE,
     ast.LtE: ast.Lt,
@@ -264,7 +267,7 @@ def make_map(tests: Sequence[str]) -> None:
     folder.mkdir(parents=True, exist_ok=True)
     command = [sys.executable, "-m", "pytest", "-p", "mutants", "-q", "-n", "0", "-p", "no:randomly", *tests]
     paths = os.pathsep.join(map(str, (ROOT / "tools", ROOT / "src")))
-    subprocess.run(command, cwd=ROOT, env=os.environ | {TRACED: str(folder), "PYTHONPATH": paths}, check=False)
+    subprocess.run(command, cwd=ROOT, env=os.environ | SEED | {TRACED: str(folder), "PYTHONPATH": paths}, check=False)
 
 
 # --- a run -------------------------------------------------------------------------------------------
@@ -277,7 +280,7 @@ def verdict(mutant: Mutant, groups: Sequence[Sequence[str]], checkout: Path, lim
     path = checkout / mutant.path
     whole = path.read_bytes()
     path.write_bytes(mutant.text(whole))
-    clean = {name: value for name, value in os.environ.items() if name not in (TRACED, "PYTHONPATH")}
+    clean = {name: value for name, value in os.environ.items() if name not in (TRACED, "PYTHONPATH")} | SEED
     command = [sys.executable, "-m", "pytest", "-x", "-q", "-n", "0", "-p", "no:cacheprovider", "--no-header"]
     try:
         for tests in groups:
@@ -290,6 +293,8 @@ def verdict(mutant: Mutant, groups: Sequence[Sequence[str]], checkout: Path, lim
                 timeout=limit_s,
                 check=False,
             )
+            if ran.returncode in (4, 5):
+                raise SystemExit(f"tools/mutants.py: the map is old: {' '.join(ran.stderr.split())[:300]}")
             if ran.returncode:
                 starts = ("FAILED", "ERROR")
                 failed = [line.split(" - ")[0] for line in ran.stdout.splitlines() if line.startswith(starts)]

@@ -197,6 +197,17 @@ def test_a_closed_line_stops_those_who_can() -> None:
         assert (lane.speed_m_s[0] < 0.1) == stops
 
 
+def test_a_crossing_closes_where_the_ego_vehicle_can_stop_and_is_near() -> None:
+    """At 10 m/s and 2 m/s2 it needs 25 m: .7 of it and 2 m is too near, and 2 s and 6 m more than it too far."""
+    crossing = laid.Crossing(100.0, 2.0, is_zebra=True)
+    for room_m, closes in ((19.0, False), (20.0, True), (50.5, True), (51.5, False)):
+        closing = driven._Closing(crossing, 5.0)
+        front_m = np.array([crossing.stop_x_m(1) - room_m])
+        ego = driven._Lane(0, 1, front_m, np.array([10.0]), np.array([10.0]), np.array([4.4]), ["car"])
+        closing.update(0.0, ego, 0, [ego])
+        assert closing.is_closed == closes, room_m
+
+
 def test_a_line_is_the_integral_of_its_curvature() -> None:
     """A clothoid of 40 m to a radius of 30 m ends where Fresnel's integrals say; it goes on before it."""
     rate = 1.0 / (30.0 * 40.0)
