@@ -18,6 +18,7 @@ def clipped(value: int = 2, *, low: float) -> float:
     """Value, at least low."""
     if value < low and not LIMIT:
         raise ValueError(f"clipped: {value + 1}")
+    value = pow(value, low)
     return max(value, low) - list(zip([1], strict=True))[0]
 '''
 
@@ -44,12 +45,12 @@ def test_changes_of_a_file(tool, tmp_path: Path) -> None:
         (8, "value < low and not LIMIT", "(value < low or not LIMIT)"),
         (8, "value < low and not LIMIT", "(value < low)"),
         (8, "not LIMIT", "(LIMIT)"),
-        (10, "max(value, low)", "min(value, low)"),
-        (10, "max(value, low)", "max(low, value)"),
-        (10, "max(value, low) - list(zip([1], strict=True))[0]", "(max(value, low) + list(zip([1], strict=True))[0])"),
-        (10, "max(value, low) - list(zip([1], strict=True))[0]", "(max(value, low))"),
-        (10, "0", "1"),
-        (10, "1", "2"),
+        (10, "pow(value, low)", "pow(low, value)"),
+        (11, "max(value, low)", "min(value, low)"),
+        (11, "max(value, low) - list(zip([1], strict=True))[0]", "(max(value, low) + list(zip([1], strict=True))[0])"),
+        (11, "max(value, low) - list(zip([1], strict=True))[0]", "(max(value, low))"),
+        (11, "0", "1"),
+        (11, "1", "2"),
     }
     assert {mutant.function for mutant in found} == {"clipped"}
     for mutant in found:

@@ -63,6 +63,8 @@ QUICK_S = 2.0
 """Choice: seconds of the tests that run first. pytest draws the order within a group."""
 NAMES = {"min": "max", "max": "min", "minimum": "maximum", "maximum": "minimum", "any": "all", "all": "any"}
 NAMES |= {"sin": "cos", "cos": "sin", "floor": "ceil", "ceil": "floor", "argmin": "argmax", "argmax": "argmin"}
+SYMMETRIC = ("min", "max", "minimum", "maximum", "hypot", "isclose", "allclose", "array_equal", "dot")
+"""Functions whose arguments may change places."""
 
 
 class Mutant(NamedTuple):
@@ -164,7 +166,11 @@ def _others(node: ast.AST) -> Iterator[str]:
             name = function.attr if isinstance(function, ast.Attribute) else getattr(function, "id", "")
             if name in NAMES:
                 yield ast.unparse(node)[: len(ast.unparse(function)) - len(name)] + NAMES[name] + _arguments(node)
-            if len(arguments) > 1 and not any(isinstance(argument, ast.Starred) for argument in arguments[:2]):
+            if (
+                len(arguments) > 1
+                and name not in SYMMETRIC
+                and not any(isinstance(argument, ast.Starred) for argument in arguments[:2])
+            ):
                 yield ast.unparse(ast.Call(function, [arguments[1], arguments[0], *arguments[2:]], keywords))
         case ast.Expr(ast.Call()) | ast.AugAssign():
             yield "pass"
