@@ -93,7 +93,7 @@ class Gait:
         velocity_m_s = states.velocity_m_s[:, :2]
         speed_m_s = np.hypot(*velocity_m_s.T)
         ahead_m_s = np.sum(velocity_m_s * (states.rotation[:, :2, :2] @ np.array(self.ahead)), axis=1)
-        return np.where(ahead_m_s < -0.5 * speed_m_s, -speed_m_s, speed_m_s)
+        return np.asarray(np.where(ahead_m_s < -0.5 * speed_m_s, -speed_m_s, speed_m_s))
 
     def _level(self, speed_m_s: Numbers) -> Numbers:
         """Level at (n,) speeds."""
