@@ -29,7 +29,9 @@ pytestmark = pytest.mark.fixed_streams
 CONVENTIONS, ARCHITECTURE, VALIDATION = (
     ROOT / "docs" / f"{name}.md" for name in ("conventions", "architecture", "validation")
 )
-KEYS = tuple(ROOT / "docs" / f"{name}.md" for name in ("scene_files", "sensor_files", "materials", "batch", "design"))
+KEYS = tuple(
+    ROOT / "docs" / f"{name}.md" for name in ("scene_files", "sensor_files", "scanners", "materials", "job_files")
+)
 
 
 # --- links ------------------------------------------------------------------------------------------
@@ -171,7 +173,7 @@ def test_theory_names_the_formulas() -> None:
 
 def test_equations_are_numbered_in_order() -> None:
     """Numbers rise on each page, and no two equations have the same number."""
-    others = [ROOT / "docs" / name for name in ("photon_counting.md", "sipm.md", "fit.md", "recordings.md")]
+    others = [ROOT / "docs" / name for name in ("photon_counting.md", "sipm.md", "fit.md")]
     pages = [[int(n) for n in re.findall(r"\\tag\{T(\d+)\}", text_of(page))] for page in (*THEORY, *others)]
     assert all(page == sorted(page) for page in pages)
     numbers = [n for page in pages for n in page]
@@ -258,7 +260,7 @@ def quantities_table() -> str:
 GENERATED = {
     "columns": (CONVENTIONS, columns_table),
     "formats": (ROOT / "docs" / "formats.md", formats_table),
-    "quantities": (ROOT / "docs" / "design.md", quantities_table),
+    "quantities": (ROOT / "docs" / "job_files.md", quantities_table),
 }
 """Tables that are written from the code: mark -> page and function."""
 

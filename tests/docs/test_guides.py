@@ -140,7 +140,7 @@ def test_conventions() -> None:
         Status.WEATHER,
     )
     says(
-        "quick_start.md",
+        "first_cloud.md",
         "`status` is {} for an echo, {} for a false alarm, {} for another lidar's pulse, {} for fog",
         Status.ECHO,
         Status.FALSE_ALARM,

@@ -367,7 +367,7 @@ class SceneFile(FileModel):
         description="Mitsuba XML scene whose shapes are added; body names are shape ids, their class is `unlabelled`",
     )
     base_materials: dict[str, Name] = Field(
-        default_factory=dict, description="material of each BSDF id in that file (docs/your_own.md)"
+        default_factory=dict, description="material of each BSDF id in that file (docs/own_mesh.md)"
     )
     sun: SunFile = Field(default=SunFile(), description="direction and strength of the sun")
     sky: SkyFile = Field(default=SkyFile(), description="light of the sky")
