@@ -8,7 +8,7 @@ from typing import Any, get_args
 
 import numpy as np
 import pytest
-from helpers.documentation import PLAIN, README, ROOT, blocks, prose, row_says, says, table, text_of
+from helpers.documentation import ARCHITECTURE, PLAIN, README, ROOT, blocks, prose, row_says, says, table, text_of
 from helpers.models import MODELS
 
 from lidarscene import catalog, load_sensor
@@ -187,16 +187,16 @@ def test_formats() -> None:
 
 def test_motion_and_limits() -> None:
     says("motion.md", "looked up in steps of {} ms at most", 1e3 * STEP_S)
-    says("architecture.md", "motions are tables of {} ms steps", 1e3 * STEP_S)
+    says("../ARCHITECTURE.md", "motions are tables of {} ms steps", 1e3 * STEP_S)
     miss = STEP_S**2 / 8.0
     says("motion.md", "{} µm at 10 m/s²", 1e6 * miss * 10.0)
     says("motion.md", "may be {} degrees apart at most", math.degrees(LARGEST_STEP_RAD))
     says("motion.md", "yaw rates reach {} °/s and speeds {} km/s", LARGEST_YAW_RATE_DEG_S, 1e-3 * LARGEST_SPEED_M_S)
-    says("architecture.md", "cut into pieces of {} m", primitives.LARGEST_EDGE_M)
-    says("architecture.md", "Rays restart {} mm off a", 1e3 * onward.START_OFFSET_M)
+    says("../ARCHITECTURE.md", "cut into pieces of {} m", primitives.LARGEST_EDGE_M)
+    says("../ARCHITECTURE.md", "Rays restart {} mm off a", 1e3 * onward.START_OFFSET_M)
     says("theory.md", "One ray from {} mm above the hit", 1e3 * onward.START_OFFSET_M)
     assert DEFAULT_CHUNK == 2**20  # "2^20 pulses at a time"
-    assert "a frame is cut into chunks of 2^20 pulses" in text_of(ROOT / "docs" / "architecture.md")
+    assert "a frame is cut into chunks of 2^20 pulses" in text_of(ARCHITECTURE)
     assert pytest.approx(1 / 20) == cloud_matching.LEAST_SHARED  # "a twentieth of its pulses"
 
 

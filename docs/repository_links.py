@@ -1,0 +1,15 @@
+"""A hook of MkDocs: links to files outside docs/ lead to the repository, whose address pyproject.toml has."""
+
+import re
+import tomllib
+from pathlib import Path
+from typing import Any
+
+PROJECT = tomllib.loads(Path(__file__).parents[1].joinpath("pyproject.toml").read_text(encoding="utf-8"))["project"]
+REPOSITORY = PROJECT["urls"]["Changelog"].removesuffix("CHANGELOG.md")
+OUTSIDE = re.compile(r"(?<=\]\()\.\./")
+
+
+def on_page_markdown(markdown: str, **_: Any) -> str:
+    """The page's text with the repository's address in place of the folder above docs/."""
+    return OUTSIDE.sub(REPOSITORY, markdown)
