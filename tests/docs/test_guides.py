@@ -118,9 +118,9 @@ def test_defaults_of_render_and_batch() -> None:
     from lidarscene.batch import cluster, dispatch, work
     from lidarscene.cli.batch import MOST_LINES
 
-    says("batch.md", "after some {} seconds at most", 2 * cluster.PATIENCE_S)
-    says("batch.md", "on the error stream (the first {})", MOST_LINES)
-    says("batch.md", "keeps its last {} compiled worlds", work.CACHED)
+    says("clusters.md", "after some {} seconds at most", 2 * cluster.PATIENCE_S)
+    says("clusters.md", "on the error stream (the first {})", MOST_LINES)
+    says("clusters.md", "keeps its last {} compiled worlds", work.CACHED)
     assert dispatch.BUNDLE_S == 1.0  # "frames of less than a second are given out several at a time"
     # The file above it: scenes, sensors, frames, seeds, trajectories, and three keys that are swept.
     lists = (2, 2, 10, 2, 2, 2, 2, 2)

@@ -232,7 +232,7 @@ class BodyFile(PoseFile):
         description="feature of the mesh file that varies the reflectivity of its diffuse parts: docs/materials.md",
     )
     animation: Name | None = Field(
-        default=None, description="animation of the glTF file that is one stride of a walker: docs/motion.md"
+        default=None, description="animation of the glTF file that is one stride of a walker: docs/streets.md"
     )
     standing: Name | None = Field(
         default=None, description="with `animation`: one that begins as the walker stands; else it stops as it is"
@@ -376,7 +376,7 @@ class SceneFile(FileModel):
     interference: tuple[AnyInterferenceFile, ...] = Field(default=(), description="lamps and other lidars")
     reach_m: Annotated[float, Number(ge=10, le=1e6)] | None = Field(
         default=None,
-        description="bodies farther than this from the ego vehicle may be left out of a frame: docs/motion.md",
+        description="bodies farther than this from the ego vehicle may be left out of a frame: docs/streets.md",
     )
     ground: GroundFile = Field(default=GroundFile(), description="roughness of the ground")
     street: StreetFile | None = Field(
