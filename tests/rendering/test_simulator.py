@@ -89,7 +89,7 @@ def test_a_frame_that_was_begun_is_the_same() -> None:
 
 
 def test_the_next_frame_begins_before_points_are_collected(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Of a frame with glass, whose rays are traced once more: threads have work while Python collects."""
+    """Glass, whose rays are traced once more: threads have work while Python collects."""
     sim, order = Simulator(load_scene(CAR.with_name("glass.toml")), load_sensor("livox-mid-40")), list[str]()
 
     def noted(name: str, call: Callable[..., Any]) -> Callable[..., Any]:
