@@ -112,7 +112,7 @@ def test_wheels_roll_without_slip(tmp_path: Path, name: str, speed_m_s: float) -
 
 
 def test_castors_of_a_wheelchair_turn_four_times_as_fast_as_its_wheels(tmp_path: Path) -> None:
-    """On both the lowest points stand nearly still while the chair goes on by a tenth of the castors' radius."""
+    """The lowest points of both stand nearly still while the chair goes on by a tenth of the castors' radius."""
     body = person(tmp_path, "wheelchair_user", "speed_m_s = 1.2")
     assert body.gait is not None
     assert body.gait.stride_m == pytest.approx(2 * np.pi * 0.305 / 5, rel=5e-3)
