@@ -244,7 +244,7 @@ def test_clips_have_the_values_between_their_key_frames(
 
 
 def test_splines_have_the_slopes_of_their_key_frames(tmp_path: Path) -> None:
-    """By SciPy: uneven steps, and a slope before each key frame that is not the one after it."""
+    """Reference: SciPy. Uneven steps, and a slope before each key frame that is not the one after it."""
     key_s, height_m = np.array([0.0, 0.5, 2.0]), np.array([0.0, 1.0, 0.0])
     before, after = np.array([0.0, 1.5, -2.0]), np.array([3.0, -1.0, 0.0])
     rows = np.stack([before, height_m, after], axis=1).ravel()
