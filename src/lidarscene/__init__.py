@@ -40,7 +40,13 @@ def _deskew(cloud: Any, motion: Any, **options: Any) -> Any:
     return deskewed(cloud, motion, **options)
 
 
+def _save_scene(scene: Any, path: Any) -> None:
+    from .scene.saving import save_scene
+
+    save_scene(scene, path)
+
+
 # Methods of `PointCloud` and `Scene` call these by name.
-bind(view=_view, draw=_draw, boxes=_boxes, deskew=_deskew)
+bind(view=_view, draw=_draw, boxes=_boxes, deskew=_deskew, save_scene=_save_scene)
 
 write_newest_path()  # for a program that imports Dr.Jit or Mitsuba by itself after lidarscene

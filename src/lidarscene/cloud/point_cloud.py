@@ -285,9 +285,6 @@ class PointCloud(_CloudWithRays):
         Columns of codes with names (class, body, material, status) are categories: ``frame["class"] == "car"``; the
         codes are ``frame["class"].cat.codes``.
 
-        Columns of codes with names (class, body, material, status) are categories: ``frame["class"] == "car"``; the
-        codes are ``frame["class"].cat.codes``.
-
         Raises:
             LidarSceneError: with what to install, where pandas cannot be imported
         """

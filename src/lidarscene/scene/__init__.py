@@ -15,4 +15,5 @@ meshes/     mesh files, USD and primitives
 bare_mesh   a mesh file as a scene
 sizes       sizes of bodies, and vehicles of which they are odd
 foreign     scenes of trimesh and Mitsuba
+saving      scene files of scenes
 """
