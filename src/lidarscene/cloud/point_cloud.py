@@ -333,6 +333,10 @@ class PointCloud(_CloudWithRays):
         """
         return call_bound("view", self, scene=scene, sensor=sensor, height_px=height_px)
 
+    def show(self, *, scene: Any = None, sensor: Annotated[str | None, CHECKED_INSIDE] = None) -> None:
+        """Show the page of `view`: in the notebook, or else in the browser."""
+        self.view(scene=scene, sensor=sensor).show()
+
     def _repr_png_(self) -> bytes:
         """A small picture, for notebooks."""
         from .interop import thumbnail

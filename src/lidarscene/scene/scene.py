@@ -470,6 +470,15 @@ class Scene:
     def _repr_html_(self) -> str:
         return facts.facts_table("Scene", self.name, self.facts())
 
+    def plot(self) -> facts.Picture:
+        """Picture of what stands where, from above and as the sensor sees it, by the outlines of the bodies."""
+        picture: facts.Picture = call_bound("draw_scene", self)
+        return picture
+
+    def show(self, *, sensor: Annotated[str | None, CHECKED_INSIDE] = None) -> None:
+        """Show the page of `view`: in the notebook, or else in the browser."""
+        self.view(sensor=sensor).show()
+
     def view(self, *, sensor: Annotated[str | None, CHECKED_INSIDE] = None, height_px: int = 620) -> Any:
         """The page of `lidarscene view` in a notebook, with a frame of the scene.
 
