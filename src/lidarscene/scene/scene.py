@@ -19,6 +19,7 @@ import numpy as np
 from ..errors import InputError, did_you_mean
 from ..files import facts
 from ..files.arguments import CHECKED_INSIDE, checks_arguments
+from ..files.facts import Picture
 from ..files.late_binding import call_bound
 from ..materials.material import Material
 from ..materials.material_file import catalogue_material
@@ -470,9 +471,9 @@ class Scene:
     def _repr_html_(self) -> str:
         return facts.facts_table("Scene", self.name, self.facts())
 
-    def plot(self) -> facts.Picture:
+    def plot(self) -> Picture:
         """Picture of what stands where, from above and as the sensor sees it, by the outlines of the bodies."""
-        picture: facts.Picture = call_bound("draw_scene", self)
+        picture: Picture = call_bound("draw_scene", self)
         return picture
 
     def show(self, *, sensor: Annotated[str | None, CHECKED_INSIDE] = None) -> None:

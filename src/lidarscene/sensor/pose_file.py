@@ -45,11 +45,12 @@ def pose_keys(pose: Pose) -> dict[str, Any]:
     angles_deg = [math.degrees(angle_rad) for angle_rad in (yaw_rad, -down_rad, roll_rad)]
     tries = [[float(f"{angle:.{digits}f}") for angle in angles_deg] for digits in range(16)]
     position_m = tuple(pose.position_m.tolist())
-    for angles in [*tries, angles_deg]:
-        turned = dict(zip(("yaw_deg", "pitch_deg", "roll_deg"), angles, strict=True))
-        if np.array_equal(Pose.from_degrees(**turned).rotation, pose.rotation):
+    for yaw_deg, pitch_deg, roll_deg in [*tries, angles_deg]:
+        turned = Pose.from_degrees(yaw_deg=yaw_deg, pitch_deg=pitch_deg, roll_deg=roll_deg)
+        if np.array_equal(turned.rotation, pose.rotation):
             break
-    return {"position_m": position_m} | {key: angle for key, angle in turned.items() if angle}
+    keys = {"position_m": position_m, "yaw_deg": yaw_deg, "pitch_deg": pitch_deg, "roll_deg": roll_deg}
+    return {key: value for key, value in keys.items() if value}
 
 
 Placed = Annotated[Pose | Sequence[float], "a Pose, or x, y, z in metres with or without yaw, pitch, roll in degrees"]
