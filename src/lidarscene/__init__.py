@@ -52,6 +52,12 @@ def _draw_sensor(sensor: Any) -> Any:
     return draw_sensor(sensor)
 
 
+def _replace_scene(scene: Any, changes: Any) -> Any:
+    from .scene.scene_file import replaced_scene
+
+    return replaced_scene(scene, changes)
+
+
 def _save_scene(scene: Any, path: Any) -> None:
     from .scene.saving import save_scene
 
@@ -66,6 +72,7 @@ bind(
     draw_sensor=_draw_sensor,
     boxes=_boxes,
     deskew=_deskew,
+    replace_scene=_replace_scene,
     save_scene=_save_scene,
 )
 

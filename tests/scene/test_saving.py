@@ -174,3 +174,21 @@ def test_colours_of_several_pieces_are_several_materials(tmp_path: Path) -> None
         scene.add_geometry(box)
     added = Scene().add(scene, name="two")
     assert len({part.material for part in added.bodies["two"].parts}) == 2
+
+
+def test_values_of_the_file_are_replaced(tmp_path: Path) -> None:
+    scene = load_scene("car")
+    dim = scene.replace(sun={"illuminance_klux": 1.5}).replace("weather.rain_mm_h=4")
+    assert (dim.sun.illuminance_klux, dim.air.weather.rain_mm_h) == (1.5, 4)
+    assert dim.replace({"bodies.car.class": "taxi"}).bodies["car"].class_name == "taxi"
+    edited = dim.add(trimesh.creation.box(), "brick").remove("car").replace("sky.diffuse_share=0.3")
+    assert (edited.sun.illuminance_klux, edited.sky.diffuse_share) == (1.5, 0.3)
+    assert [body.name for body in edited.bodies] == [b.name for b in scene.bodies if b.name != "car.0"] + ["body"]
+    assert_same(edited, saved(edited, tmp_path))
+    for wrong, message in (
+        (lambda: edited.replace("bodies.house.yaw_deg=3"), "before bodies are added"),
+        (lambda: scene.replace("sun.illuminace_klux=3"), "did you mean|illuminance_klux"),
+        (lambda: Scene().replace("sun.illuminance_klux=3"), "as `load_scene` gave it"),
+    ):
+        with pytest.raises(InputError, match=message):
+            wrong()

@@ -53,7 +53,7 @@ def save_scene(scene: Scene, path: str | os.PathLike[str]) -> None:
     if target.suffix != ".toml":
         raise InputError(f"{path}: the name of a scene file must end in .toml")
     meshes: dict[str, str] = {}
-    tables = _scene_tables(scene, target, meshes)
+    tables = saved_tables(scene, target, meshes)
     validate(SceneFile, tables, str(path))
     with ExitStack() as outputs:
         # The scene file gets its name last: what it names is there by then.
@@ -62,7 +62,7 @@ def save_scene(scene: Scene, path: str | os.PathLike[str]) -> None:
             outputs.enter_context(atomic_output(target.parent / name)).write_text(text, encoding="utf-8", newline="\n")
 
 
-def _scene_tables(scene: Scene, target: Path, meshes: dict[str, str]) -> Tables:
+def saved_tables(scene: Scene, target: Path, meshes: dict[str, str]) -> Tables:
     """Tables of the scene file; the texts of its new mesh files go to ``meshes``, by name.
 
     Raises:

@@ -21,6 +21,7 @@ from ..files import facts
 from ..files.arguments import CHECKED_INSIDE, checks_arguments
 from ..files.facts import Picture
 from ..files.late_binding import call_bound
+from ..files.overrides import Overrides, assignments
 from ..materials.material import Material
 from ..materials.material_file import catalogue_material
 from ..maths.arrays import Numbers, frozen
@@ -383,6 +384,20 @@ class Scene:
         """
         gone = self.bodies[name]  # type: ignore[call-overload]
         return replace(self, bodies=tuple(body for body in self.bodies if body is not gone))
+
+    def replace(self, overrides: Overrides = (), /, **tables: Any) -> Scene:
+        """Build the scene anew with other values in its file; bodies that Python added or removed stay so.
+
+        Args:
+            overrides: "sun.illuminance_klux=1", a list of these, or {"sun.illuminance_klux": 1}, in the file's units
+            tables: the same by table: ``sun={"illuminance_klux": 1}``
+
+        Raises:
+            InputError: for a key or value that the file cannot have, for a scene that no file describes, and for keys
+                of bodies and grounds where bodies were added or removed
+        """
+        replaced: Scene = call_bound("replace_scene", self, [*assignments(overrides), *assignments(tables)])
+        return replaced
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write a scene file that `load_scene` reads again, to the same clouds.

@@ -22,7 +22,7 @@ import numpy as np
 from .. import catalog
 from ..errors import InputError, OptionWarning, warn
 from ..files.arguments import CHECKED_INSIDE, checks_arguments
-from ..files.overrides import Overrides, assignments, with_overrides
+from ..files.overrides import Overrides, assignments, key_path, with_overrides
 from ..files.toml import read_toml, validate
 from ..materials.material import Material
 from ..materials.material_file import catalogue_material
@@ -41,7 +41,7 @@ from .meshes.mesh_axes import UNITS, Axis, axis_of, turn_upright
 from .meshes.mesh_cache import SubMesh, WalkingClips
 from .meshes.usd import is_usd
 from .motion import BodyMotionFile
-from .saving import SceneOrigin
+from .saving import SceneOrigin, saved_tables
 from .scene import Ball, Body, BodyOrigin, Part, Scene, box_of
 from .sizes import VEHICLES, check_vehicle, size_text
 from .street.street_tables import with_street
@@ -288,6 +288,35 @@ def scene_from_model(file: SceneFile, *, path: Path) -> Scene:
         reach_m=math.inf if file.reach_m is None else file.reach_m,
     )
     return replace(scene, origin=SceneOrigin(file=file, folder=path.parent, scene=scene))
+
+
+_FIELDS = {
+    "name": ("name",), "sun": ("sun",), "sky": ("sky",), "air": ("air",), "weather": ("air",),
+    "interference": ("lamps_w_m2", "interferers"), "sensor": ("sensor_name", "sensor_pose"), "picture": ("camera",),
+    "reach_m": ("reach_m",),
+}  # fmt: skip
+"""Table of a scene file -> fields of a `Scene` that follow from it alone."""
+
+
+def replaced_scene(scene: Scene, changes: Sequence[str]) -> Scene:
+    """See `Scene.replace`."""
+    origin: SceneOrigin | None = scene.origin
+    if origin is None:
+        raise InputError(
+            f"'{scene.name}': must be as `load_scene` gave it for its file's keys to be replaced, got a scene made in "
+            "Python; dataclasses.replace changes its fields"
+        )
+    path = origin.folder.absolute() / f"{scene.name}.toml"
+    tables = with_overrides(saved_tables(scene, path, {}), map(from_current_folder, changes))
+    file = validate(SceneFile, tables, scene.name, overrides=changes)
+    names = {key_path(change)[0] for change in changes}
+    if list(scene.bodies) == list(origin.scene.bodies):
+        return scene_from_model(file, path=path)
+    if edited := sorted(names - _FIELDS.keys()):
+        raise InputError(f"'{scene.name}': {edited[0]}: must be replaced before bodies are added or removed")
+    new = scene_from_model(file.model_copy(update={"bodies": ()}), path=path)
+    fields = {field for name in names for field in _FIELDS[name]}
+    return replace(scene, **{field: getattr(new, field) for field in fields})
 
 
 def _refuse_overrides(path: Path, overrides: Sequence[str]) -> None:
