@@ -393,4 +393,4 @@ def _coordinates_text(cloud: PointCloud) -> str:
     return f"'{frame}' of the pose {pose.strip()}" if pose.strip() else f"'{frame}'"
 
 
-load = PointCloud.load
+load = load_cloud = PointCloud.load
