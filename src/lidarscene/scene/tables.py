@@ -173,6 +173,7 @@ _OF_GROUND = ("outline", "line", "width_m", "offset_m", "crown_m", "kerb_m", "sp
 class InstanceFile(PoseFile):
     """Each of a body's instances."""
 
+    name: Name | None = Field(default=None, description="of the body; NAME.0, NAME.1, ... if left out")
     motion: BodyMotionFile | None = Field(
         default=None, description="motion in place of the body's, with the keys of `[bodies.motion]`"
     )
