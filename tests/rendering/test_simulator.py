@@ -107,7 +107,7 @@ TOGETHER = (
     ("rain", "livox-mid-40", {}),
     ("foliage", "livox-mid-40", {"interactions": 0}),
     ("drive", "livox-mid-40", {"coordinates": "vehicle"}),
-    ("street", "os0-128 scanner.columns_per_turn=512", {}),
+    ("street", "os0-128 scanner.columns_per_turn=128", {}),
     ("street", "rs-e1", {"seed": 7}),
 )
 
