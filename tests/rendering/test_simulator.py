@@ -88,8 +88,8 @@ def test_a_frame_that_was_begun_is_the_same() -> None:
     assert len(started) == 5 * chunks + 1
 
 
-def test_the_next_frame_begins_before_points_are_collected(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Glass, whose rays are traced once more: threads have work while Python collects."""
+def test_the_next_frame_begins_once_the_points_are_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Threads then trace it while the files of this one are written; before, reading the points would wait for it."""
     sim, order = Simulator(load_scene(CAR.with_name("glass.toml")), load_sensor("livox-mid-40")), list[str]()
 
     def noted(name: str, call: Callable[..., Any]) -> Callable[..., Any]:
@@ -98,7 +98,7 @@ def test_the_next_frame_begins_before_points_are_collected(monkeypatch: pytest.M
     for name in ("_traced_again", "_columns"):
         monkeypatch.setattr(sim, name, noted(name, getattr(sim, name)))
     sim.render(ahead=lambda: order.append("ahead"))
-    assert order == ["_traced_again", "ahead", "_columns"]
+    assert order == ["_traced_again", "_columns", "ahead"]
 
 
 TOGETHER = (
