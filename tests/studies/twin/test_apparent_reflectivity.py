@@ -67,6 +67,17 @@ def test_intensities_are_of_a_known_unit_or_said_to_be_guessed(form: str, assume
         assert apparent == pytest.approx(factor * np.asarray(plain.reflectivity))
 
 
+@pytest.mark.parametrize(("counts", "white_value"), [([10.0, 40.0, 50.0], 200.0), ([0.1, 0.4, 0.5], None)])
+def test_whole_numbers_of_a_sensor_have_a_white_value(counts: list[float], white_value: float | None) -> None:
+    """A median of 40 is 0.2 of 200, so that the sensor sends the recorded whole numbers again."""
+    numbers = np.resize(counts, room_sweep().shape)
+    sweep = room_sweep(signal=None, reflectivity=None, intensity=numbers, metadata={"format": "pcd"})
+    gauge = ReflectivityGauge.from_sweep(sweep, load_sensor("pandar64"))
+    assert gauge is not None
+    assert gauge.white_value == white_value
+    assert np.median(gauge.apparent(sweep, sweep.range_m)) == pytest.approx(0.2)
+
+
 def test_a_table_is_continued() -> None:
     """The table goes on before its first bin as between the first two, beyond the last as the square of the range."""
     gauge = ReflectivityGauge(field="signal", range_m=np.array([5.0, 10.0]), per_count=np.array([1e-3, 2e-3]))

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...maths.arrays import Numbers
+from ...physics.electronics.intensity import LARGEST
 from ...physics.optics import reflection
 from ...recordings.sweep import Second, Sweep
 from ...sensor.sensor_model import Sensor
@@ -109,6 +110,8 @@ class ReflectivityGauge:
         sensor: sensor that counts photons, whose own of a white target signals are taken over; None: signals are
             converted by the table, below it by its own slope, beyond by the square of the range
         over_recorded: median of the reflectivities over the recorded ones; 1 if they are these, or none is recorded
+        white_value: guessed reading of a white surface, of whole numbers that the sensor may have sent itself; None: they
+            are of another kind, or their scale is known
     """
 
     field: str
@@ -118,6 +121,7 @@ class ReflectivityGauge:
     assumed: bool = False
     sensor: Sensor | None = None
     over_recorded: float = 1.0
+    white_value: float | None = None
 
     @property
     def by_sensor(self) -> bool:
@@ -158,8 +162,21 @@ class ReflectivityGauge:
         recorded_as, product = sweep.metadata.get("format", ""), sweep.metadata.get("sensor", "")
         if recorded_as.startswith(CALIBRATED) and product not in UNCALIBRATED:
             return cls(field="intensity", range_m=np.ones(1), per_count=np.full(1, 1.0 / WHITE), least=least)
-        scale = ASSUMED_MEDIAN / float(np.median(strength))
-        return cls(field="intensity", range_m=np.ones(1), per_count=np.full(1, scale), least=least, assumed=True)
+        white = float(np.median(strength)) / ASSUMED_MEDIAN
+        scale = None if sensor is None else sensor.intensity
+        is_linear = scale is not None and scale.kind == "reflectivity" and scale.exponent is None
+        if is_linear and np.array_equal(strength, np.rint(strength)) and strength.max() <= LARGEST:
+            white_value = white = min(max(white, 1.0), LARGEST - 1.0)
+        else:
+            white_value = None
+        return cls(
+            field="intensity",
+            range_m=np.ones(1),
+            per_count=np.full(1, 1.0 / white),
+            least=least,
+            assumed=True,
+            white_value=white_value,
+        )
 
     def apparent(self, returns: Sweep | Second, range_m: Numbers) -> Numbers:
         """Apparent reflectivity of a sweep's strengths at these ranges; `LEAST_REFLECTIVITY` for NaN."""
