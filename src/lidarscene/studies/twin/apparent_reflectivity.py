@@ -110,8 +110,8 @@ class ReflectivityGauge:
         sensor: sensor that counts photons, whose own of a white target signals are taken over; None: signals are
             converted by the table, below it by its own slope, beyond by the square of the range
         over_recorded: median of the reflectivities over the recorded ones; 1 if they are these, or none is recorded
-        white_value: guessed reading of a white surface, of whole numbers that the sensor may have sent itself; None: they
-            are of another kind, or their scale is known
+        white_value: guessed reading of a white surface, of whole numbers that the sensor may have sent itself; None:
+            they are of another kind, or their scale is known
     """
 
     field: str
@@ -162,13 +162,13 @@ class ReflectivityGauge:
         recorded_as, product = sweep.metadata.get("format", ""), sweep.metadata.get("sensor", "")
         if recorded_as.startswith(CALIBRATED) and product not in UNCALIBRATED:
             return cls(field="intensity", range_m=np.ones(1), per_count=np.full(1, 1.0 / WHITE), least=least)
+        white_value: float | None = None
         white = float(np.median(strength)) / ASSUMED_MEDIAN
         scale = None if sensor is None else sensor.intensity
         is_linear = scale is not None and scale.kind == "reflectivity" and scale.exponent is None
         if is_linear and np.array_equal(strength, np.rint(strength)) and strength.max() <= LARGEST:
-            white_value = white = min(max(white, 1.0), LARGEST - 1.0)
-        else:
-            white_value = None
+            white = float(np.clip(white, 1.0, LARGEST - 1.0))
+            white_value = white
         return cls(
             field="intensity",
             range_m=np.ones(1),

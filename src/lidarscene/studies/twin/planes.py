@@ -64,10 +64,13 @@ class Planes:
         """
         around = [(row, column) for row in (-1, 0, 1) for column in (-2, -1, 0, 1, 2)]
         own = self.has_plane[..., None]
-        total = sum(np.nan_to_num(shifted(np.where(own, self.normal, 0.0), *offset)) for offset in around)
-        count = sum(np.nan_to_num(shifted(own.astype(float), *offset)) for offset in around)[..., 0]
+        # The fourth component counts the planes.
+        vector = np.concatenate([np.where(own, self.normal, 0.0), own.astype(float)], axis=-1)
+        total = np.sum([np.nan_to_num(shifted(vector, *offset)) for offset in around], axis=0)
+        count = total[..., 3]
         return np.asarray(
-            (count >= least * len(around)) & (np.linalg.norm(total, axis=-1) > SMOOTH_COS * np.maximum(count, 1.0))
+            (count >= least * len(around))
+            & (np.linalg.norm(total[..., :3], axis=-1) > SMOOTH_COS * np.maximum(count, 1.0))
         )
 
 
@@ -129,8 +132,8 @@ def fit_planes(grid: Grid) -> Planes:
         np.abs(shifted(range_m, *offset) - guess_m) < NEAR_SHARE * guess_m + SCALES_M[0] for offset in offsets
     ]
     normal, plane_range_m, unusable = _fit(origin_m, direction, neighbours, nearby_masks, -direction, guess_m)
-    # From a plane square to the beam the fit of flat ground may end on the line of its own ring. Ground is no plane over
-    # many rings, between which there are metres.
+    # From a plane square to the beam the fit of flat ground may end on the line of its ring. Over many rings, between
+    # which there are metres, ground is no plane.
     leaning = _leaning_normal(points, direction)
     again = unusable & np.isfinite(leaning).all(axis=-1) & np.isfinite(guess_m)
     beside = [number for number, (row, _) in enumerate(offsets) if abs(row) <= 1]
@@ -211,7 +214,7 @@ def _leaning_normal(points: Numbers, direction: Numbers) -> Numbers:
         ahead, behind = (np.array(shifted(points, sign * row, sign * column)) for sign in (1, -1))
         for side in (ahead, behind):  # beside a lost neighbour the pixel itself stands for it
             np.copyto(side, points, where=~np.isfinite(side))
-        return ahead - behind
+        return np.asarray(ahead - behind)
 
     with np.errstate(invalid="ignore", divide="ignore"):
         normal = np.cross(difference(0, 1), difference(1, 0))

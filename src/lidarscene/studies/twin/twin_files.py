@@ -44,8 +44,8 @@ from .recorded_beams import with_recorded_beams
 from .sensor_grid import grid_of, on_grid
 from .surfels import BRIGHT, KINDS, Surfels, join_surfels, surfels_of_grid
 from .tuning import (
-    ASSUMED_MEDIAN,
     ASSUMED_KLUX,
+    ASSUMED_MEDIAN,
     BORDER,
     BRIGHT_DIFFUSE,
     BRIGHT_STEP,
