@@ -156,7 +156,7 @@ def test_least_significant_bit_and_jitter():
 
 @pytest.mark.parametrize("more", [[], ["tdc.timing='peak'"]])
 def test_strong_pulses_have_the_jitter_of_their_channel(more):
-    """Below the height the jitter adds 300 mm, above it 30 mm: those of 4,000 pulses are sure to 1.1 %."""
+    """The jitter adds 300 mm below the height, and 30 mm above: those of 4,000 pulses are sure to 1.1 %."""
     keys = ["tdc.jitter_ps=2000", "tdc.strong_above=40", "tdc.strong_jitter_ps=200", "tdc.lsb_ps=0", "tdc.walk='none'"]
     sensor = chain.sensor("table1-apd", "tdc.threshold_to_noise=20", *keys, *more)
     for snr, jitter_ps in ((600.0, 2000.0), (1500.0, 200.0)):

@@ -81,7 +81,7 @@ def test_whole_numbers_of_a_sensor_have_a_white_value(counts: list[float], white
 
 
 def test_a_return_that_reads_0_was_detected() -> None:
-    """Far off half of the least step would be too dark for the sensor that saw it; near by it stays."""
+    """Half of the least step would be too dark far off for the sensor that saw it; near by it stays."""
     sensor = load_sensor("hdl-64e")
     intensity = np.resize([0.4, 0.0, 0.4, 0.4, 0.01], room_sweep().shape)
     sweep = room_sweep(signal=None, reflectivity=None, intensity=intensity, metadata={"format": "kitti"})
