@@ -202,7 +202,7 @@ def test_named_tests_exist() -> None:
 
 @pytest.mark.parametrize("file", ["Makefile", "CONTRIBUTING.md", "tools/environments.py"])
 def test_paths_of_tests_exist(file: str) -> None:
-    """Those that `make quick` and tools/environments.py run, too: pytest sees one that is gone only there."""
+    """Those that `make test-gpu` and tools/environments.py run, too: pytest sees one that is gone only there."""
     paths = re.findall(r"\btests/[\w/]+(?:\.py)?", text_of(ROOT / file))
     assert paths
     assert [path for path in paths if not (ROOT / path).exists()] == []
