@@ -33,6 +33,17 @@ def picture(path: Path) -> Any:
     return np.rint(255 * image.imread(path)[..., :3]).astype(np.uint8)
 
 
+def test_rays_of_a_camera_go_through_the_middles_of_its_pixels() -> None:
+    """Its own projection brings points along them back there."""
+    eye_m, axes = np.array([1.0, 2.0, 3.0]), np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
+    camera = pixels.Camera(eye_m=eye_m, axes=axes, fov_deg=70.0)
+    directions, ahead = camera.rays(6, 4)
+    column, row, depth = camera.project(eye_m + 9.0 * directions.T, width=6, height=4)
+    np.testing.assert_allclose(column.reshape(4, 6), np.tile(np.arange(6) + 0.5, (4, 1)), rtol=1e-5)
+    np.testing.assert_allclose(row.reshape(4, 6), np.tile(np.arange(4)[:, None] + 0.5, (1, 6)), rtol=1e-5)
+    np.testing.assert_allclose(depth, 9.0 * ahead, rtol=1e-5)
+
+
 @pytest.fixture(scope="module")
 def cloud() -> PointCloud:
     return street()
