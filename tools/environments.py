@@ -3,7 +3,8 @@
 
     wheel    the sdist and from it the wheel are built; the wheel is installed in empty environments (with the newest
              releases, with the lowest that pyproject.toml allows, with the newest Python) and used in an empty folder;
-             then every command of README.md runs from it, with the extras that it names, and the walks of tools/walks.py
+             then every command of README.md runs from it, with the extras that it names, and the walks of
+             tools/walks.py
     lowest   a part of the suite on the lowest Python with the lowest releases that pyproject.toml allows
     newest   the same part on the newest Python of this machine, or on $PYTHON_NEWEST, with what uv.lock says; where no
              Python is newer than 3.12, uv installs one
