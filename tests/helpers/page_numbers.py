@@ -120,9 +120,15 @@ def sections(page: str) -> tuple[int, int]:
 
 
 def measured(command: str, *figures: float) -> Sequence[float]:
-    """Figures that a command of this repository measured, or a recording has: a digit changed on the page is found."""
-    for file in re.findall(r"\b(?:benchmarks|tests|tools)/[\w/]+\.(?:py|md)", command):
+    """Figures that a command measures, or a recording has: what it printed last, so that a digit changed is found."""
+    for file in re.findall(r"\b(?:benchmarks|tools)/\w+\.(?:py|md)", command):
         assert (ROOT / file).is_file(), file
+    return figures
+
+
+def unchecked(experiment: str, *figures: float) -> Sequence[float]:
+    """Figures of an experiment that nothing here repeats: a digit changed is found, and no more."""
+    assert experiment
     return figures
 
 
@@ -474,6 +480,14 @@ def oblique_nm(degrees: float) -> float:
 
 HEAD_DWELL_S = 1.0 / (1024 * 10)
 """Of a column of the page's head.toml."""
+
+
+def place_deviation_in_the_dark() -> float:
+    """The noise of the place of the filter's peak by many photons of an echo, times their root, in sigmas (T176)."""
+    signal = 1e9
+    _, variance = matched_filter.signal_variance_of(narrowing=1.0)
+    place = matched_filter.place_variance(signal=signal, background=0.0, signal_variance=signal * float(variance))
+    return math.sqrt(signal * float(place))
 
 
 def column_weights(name: str) -> list[float]:
