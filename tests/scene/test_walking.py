@@ -1,12 +1,14 @@
 """Who walks: the foot that bears stands still, at any speed and on any motion; and clips as glTF means them."""
 
 import tomllib
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import pytest
 from helpers.gltf import WALL, Gltf
 from helpers.walker import write_walker
+from scipy.interpolate import CubicHermiteSpline
 
 from lidarscene import catalog, load_scene
 from lidarscene.errors import InputError
@@ -126,13 +128,15 @@ def test_strides_pass_as_the_way_does(motion: Motion) -> None:
     assert steps.sum() > 3.0
 
 
-def walls(folder: Path, **animations: list[tuple[str, str, list[list[float]]]]) -> Path:
-    """A wall whose node is animated: name -> (path, interpolation, values) at 0, 1 and 2 s."""
+def walls(
+    folder: Path, key_s: Sequence[float] = (0.0, 1.0, 2.0), **animations: list[tuple[str, str, list[list[float]]]]
+) -> Path:
+    """A wall whose node is animated: name -> (path, interpolation, values) at its key frames."""
     file = Gltf()
     file.add("materials", name="skin", pbrMetallicRoughness={"baseColorFactor": [0.5, 0.5, 0.5, 1.0]})
     file.mesh(material=0)
     file.add("nodes", mesh=0)
-    clock = file.numbers([0.0, 1.0, 2.0])
+    clock = file.numbers(key_s)
     for name, channels in animations.items():
         samplers = [
             {"input": clock, "output": file.numbers(values), "interpolation": kind} for _, kind, values in channels
@@ -167,6 +171,24 @@ def test_clips_have_the_values_between_their_key_frames(
     count = len(piece.stride.vertices_m)
     found = [piece.stride.vertices_m[int(share * count), :, 1].max() - WALL[:, 1].max() for share in shares]
     np.testing.assert_allclose(found, expected, atol=1e-5)
+
+
+def test_splines_have_the_slopes_of_their_key_frames(tmp_path: Path) -> None:
+    """By SciPy: uneven steps, and a slope before each key frame that is not the one after it."""
+    key_s, height_m = np.array([0.0, 0.5, 2.0]), np.array([0.0, 1.0, 0.0])
+    before, after = np.array([0.0, 1.5, -2.0]), np.array([3.0, -1.0, 0.0])
+    rows = np.stack([before, height_m, after], axis=1).ravel()
+    values = np.column_stack([0 * rows, rows, 0 * rows]).tolist()
+    path = walls(tmp_path, tuple(key_s), walk=[("translation", "CUBICSPLINE", values)])
+    (piece,) = read_mesh(path, None, WalkingClips(walk="walk"))
+    assert piece.stride is not None
+    lifted = piece.stride.vertices_m[:, :, 1] - WALL[:, 1]
+    time_s = np.linspace(0.0, 2.0, len(lifted), endpoint=False)
+    pieces = [
+        CubicHermiteSpline(key_s[k : k + 2], height_m[k : k + 2], [after[k], before[k + 1]])(time_s) for k in range(2)
+    ]
+    expected = np.where(time_s < key_s[1], *pieces)
+    np.testing.assert_allclose(lifted, np.repeat(expected[:, None], 4, axis=1), atol=1e-5)
 
 
 def test_turns_go_the_shorter_way(tmp_path: Path) -> None:

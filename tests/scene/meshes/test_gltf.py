@@ -120,6 +120,21 @@ def test_an_image_that_is_not_there_is_named(tmp_path: Path) -> None:
     assert report.left_out == ("image leaves of oak.png, which is not there",)
 
 
+def test_an_image_that_cannot_be_decoded_is_named_once(tmp_path: Path) -> None:
+    """Two materials share it. Its colours are left out, and the mesh is there."""
+    file = Gltf()
+    texture = file.add("textures", source=file.add("images", uri="data:image/png;base64,bm90IGEgcGljdHVyZQ=="))
+    for number in range(2):
+        file.add("materials", pbrMetallicRoughness={"baseColorTexture": {"index": texture}})
+        file.mesh(material=number)
+        file.add("nodes", mesh=number)
+    path = file.save(tmp_path / "a.glb")
+    with pytest.warns(OptionWarning) as warned:
+        assert read_mesh(path)
+    expected = f"{path}: images[0] cannot be decoded; its colours and gaps are left out"
+    assert [str(warning.message) for warning in warned] == [expected]
+
+
 def test_joints_decide_where_a_skin_is(tmp_path: Path) -> None:
     """The mesh's node is 60 m behind. Two joints carry the wall: one its lower half, the other, a child of it, the
     upper half, 1 m higher. Each is bound where it has no effect but for its own shift.

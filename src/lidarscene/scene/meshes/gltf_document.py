@@ -181,7 +181,7 @@ class GltfDocument:
             raise ValueError(f"must be glTF 2, got version {version}")
         self._buffers: dict[int, bytes] = {}
         self._accessors: dict[int, Numbers] = {}
-        self._images: dict[int, Numbers] = {}
+        self._images: dict[int, Numbers | None] = {}
 
     def item(self, kind: str, index: int) -> dict[str, Any]:
         """An entry of one of the file's lists.
@@ -282,8 +282,12 @@ class GltfDocument:
                 data = self._file(source["uri"]) if "uri" in source else bytes(self.view(source["bufferView"])[0])
                 with Image.open(io.BytesIO(data)) as image:
                     self._images[index] = np.asarray(image.convert("RGBA"))
-            except (InputError, OSError, SyntaxError, Image.DecompressionBombError):
-                return None
+            except InputError:  # of a file that is not there; `GltfDeclaration.check` has warned
+                self._images[index] = None
+            except (OSError, SyntaxError, Image.DecompressionBombError):
+                self._images[index] = None
+                what = f"{self.path}: images[{index}]"
+                warn(OptionWarning("{0} cannot be decoded; its colours and gaps are left out", what))
         return self._images[index]
 
     def draco(self, primitive: Mapping[str, Any]) -> Any:
