@@ -21,7 +21,7 @@ from validation.sipm_events.cells import CellArray
 from validation.sipm_events.table import GRID_SIGNAL, rows_of_published_error
 
 from helpers import false_alarms
-from helpers.documentation import NUMBER, ROOT, THEORY, page_text, text_of, value_of
+from helpers.documentation import NUMBER, ROOT, text_of, value_of
 from lidarscene import catalog, load_sensor
 from lidarscene.detection.outcomes import Status
 from lidarscene.detection.photon_counting import tuning as peak_tuning
@@ -115,7 +115,7 @@ def oldest_python() -> float:
 
 def sections(page: str) -> tuple[int, int]:
     """The numbers of its first and last section."""
-    numbers = re.findall(r"^## (\d+) ", page_text(page) if page != "theory.md" else text_of(THEORY[0]), re.MULTILINE)
+    numbers = re.findall(r"^## (\d+) ", text_of(ROOT / "docs" / page), re.MULTILINE)
     return int(numbers[0]), int(numbers[-1])
 
 
@@ -158,14 +158,10 @@ def held(file: str, *figures: float) -> Sequence[float]:
 def literals(file: str) -> set[float]:
     """Every number that is written in a test file: as it is, and what a percentage of it would be."""
     text = text_of(ROOT / file)
-    numbers = [node.value for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Constant)]
-    words = re.findall(r"(?<![\w.])\d+(?:\.\d+)?(?![\w.])", text)
-    written = [float(n) for n in (*numbers, *words) if isinstance(n, int | float | str) and _is_number(n)]
-    return {round(k * n, 12) for n in written for k in (1.0, 100.0)}
-
-
-def _is_number(word: Any) -> bool:
-    return not isinstance(word, str) or re.fullmatch(r"\d+(?:\.\d+)?", word) is not None
+    constants = [node.value for node in ast.walk(ast.parse(text)) if isinstance(node, ast.Constant)]
+    written = [float(value) for value in constants if isinstance(value, int | float)]
+    written += map(float, re.findall(r"(?<![\w.])\d+(?:\.\d+)?(?![\w.])", text))
+    return {round(k * number, 12) for number in written for k in (1.0, 100.0)}
 
 
 # --- Table 1 ------------------------------------------------------------------------------------------------
@@ -180,6 +176,7 @@ COUNTS = sipm_counts()
 
 
 def light(*, distance_m: float = 100.0, **target: Any) -> Any:
+    """Echo and sunlight of Table 1's plane, with changes."""
     return plane.echoes_of_plane(APD, Target(**target), distance_m)
 
 
