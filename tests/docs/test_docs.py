@@ -15,6 +15,7 @@ from typing import Any, get_args
 
 import pytest
 from helpers.documentation import (
+    ARCHITECTURE,
     PAGES,
     README,
     ROOT,
@@ -24,8 +25,6 @@ from helpers.documentation import (
     code_spans,
     make_workplace,
     prose,
-    says,
-    table,
     text_of,
 )
 from helpers.models import MODELS
@@ -42,11 +41,10 @@ from lidarscene.studies.design.study_file import QUANTITIES, TRACED, UNITS
 
 pytestmark = pytest.mark.fixed_streams
 
-CONVENTIONS, ARCHITECTURE, VALIDATION = (
-    ROOT / "docs" / f"{name}.md" for name in ("conventions", "architecture", "validation")
+CONVENTIONS = ROOT / "docs" / "conventions.md"
+KEYS = tuple(
+    ROOT / "docs" / f"{name}.md" for name in ("scene_files", "sensor_files", "scanners", "materials", "job_files")
 )
-MATERIALS = catalog.names("materials")
-KEYS = tuple(ROOT / "docs" / f"{name}.md" for name in ("scene_files", "sensor_files", "materials", "batch", "design"))
 
 
 # --- links ------------------------------------------------------------------------------------------
@@ -58,7 +56,7 @@ def anchors(page: Path) -> set[str]:
     return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
 
-BESIDE = (ROOT / "CHANGELOG.md", ROOT / "CONTRIBUTING.md")
+BESIDE = (ROOT / "CHANGELOG.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("notebooks/*.ipynb")))
 
 
 @pytest.mark.parametrize("page", [*PAGES, *BESIDE], ids=lambda page: page.name)
@@ -87,7 +85,8 @@ def test_the_version_is_that_of_the_package() -> None:
 
 def test_every_page_is_in_the_navigation() -> None:
     navigation = text_of(ROOT / "mkdocs.yml")
-    assert [page.name for page in PAGES[1:] if f": {page.name}\n" not in navigation] == []
+    pages = (ROOT / "docs").glob("*.md")
+    assert [page.name for page in pages if f": {page.name}\n" not in navigation] == []
 
 
 # --- examples ---------------------------------------------------------------------------------------
@@ -188,7 +187,7 @@ def test_theory_names_the_formulas() -> None:
 
 def test_equations_are_numbered_in_order() -> None:
     """Numbers rise on each page, and no two equations have the same number."""
-    others = [ROOT / "docs" / name for name in ("photon_counting.md", "sipm.md", "fit.md", "recordings.md")]
+    others = [ROOT / "docs" / name for name in ("photon_counting.md", "sipm.md", "fit.md")]
     pages = [[int(n) for n in re.findall(r"\\tag\{T(\d+)\}", text_of(page))] for page in (*THEORY, *others)]
     assert all(page == sorted(page) for page in pages)
     numbers = [n for page in pages for n in page]
@@ -206,7 +205,7 @@ def test_named_tests_exist() -> None:
 
 @pytest.mark.parametrize("file", ["Makefile", "CONTRIBUTING.md", "tools/environments.py"])
 def test_paths_of_tests_exist(file: str) -> None:
-    """Those that `make quick` and tools/environments.py run, too: pytest sees one that is gone only there."""
+    """Those that `make test-gpu` and tools/environments.py run, too: pytest sees one that is gone only there."""
     paths = re.findall(r"\btests/[\w/]+(?:\.py)?", text_of(ROOT / file))
     assert paths
     assert [path for path in paths if not (ROOT / path).exists()] == []
@@ -301,7 +300,7 @@ def test_beams_of_the_catalogue_are_all_on_the_page() -> None:
 GENERATED = {
     "columns": (CONVENTIONS, columns_table),
     "formats": (ROOT / "docs" / "formats.md", formats_table),
-    "quantities": (ROOT / "docs" / "design.md", quantities_table),
+    "quantities": (ROOT / "docs" / "job_files.md", quantities_table),
 }
 """Tables that are written from the code: mark -> page and function."""
 

@@ -8,7 +8,7 @@ from typing import Any, get_args
 
 import numpy as np
 import pytest
-from helpers.documentation import PLAIN, README, ROOT, blocks, prose, says, table, text_of
+from helpers.documentation import ARCHITECTURE, PLAIN, README, ROOT, blocks, prose, row_says, says, table, text_of
 from helpers.models import MODELS
 
 from lidarscene import catalog, load_sensor
@@ -102,9 +102,9 @@ def test_defaults_of_render_and_batch() -> None:
     from lidarscene.batch import cluster, dispatch, work
     from lidarscene.cli.batch import MOST_LINES
 
-    says("batch.md", "after some {} seconds at most", 2 * cluster.PATIENCE_S)
-    says("batch.md", "on the error stream (the first {})", MOST_LINES)
-    says("batch.md", "keeps its last {} compiled worlds", work.CACHED)
+    says("clusters.md", "after some {} seconds at most", 2 * cluster.PATIENCE_S)
+    says("clusters.md", "on the error stream (the first {})", MOST_LINES)
+    says("clusters.md", "keeps its last {} compiled worlds", work.CACHED)
     assert dispatch.BUNDLE_S == 1.0  # "frames of less than a second are given out several at a time"
     # The file above it: scenes, sensors, frames, seeds, trajectories, and three keys that are swept.
     lists = (2, 2, 10, 2, 2, 2, 2, 2)
@@ -124,7 +124,7 @@ def test_conventions() -> None:
         Status.WEATHER,
     )
     says(
-        "quick_start.md",
+        "first_cloud.md",
         "`status` is {} for an echo, {} for a false alarm, {} for another lidar's pulse, {} for fog",
         Status.ECHO,
         Status.FALSE_ALARM,
@@ -171,15 +171,16 @@ def test_formats() -> None:
 
 def test_motion_and_limits() -> None:
     says("motion.md", "looked up in steps of {} ms at most", 1e3 * STEP_S)
-    says("architecture.md", "motions are tables of {} ms steps", 1e3 * STEP_S)
+    says("../ARCHITECTURE.md", "motions are tables of {} ms steps", 1e3 * STEP_S)
     miss = STEP_S**2 / 8.0
     says("motion.md", "{} µm at 10 m/s²", 1e6 * miss * 10.0)
     says("motion.md", "may be {} degrees apart at most", math.degrees(LARGEST_STEP_RAD))
     says("motion.md", "yaw rates reach {} °/s and speeds {} km/s", LARGEST_YAW_RATE_DEG_S, 1e-3 * LARGEST_SPEED_M_S)
-    says("architecture.md", "cut into pieces of {} m", primitives.LARGEST_EDGE_M)
-    says("architecture.md", "Rays restart {} mm off a", 1e3 * onward.START_OFFSET_M)
+    says("../ARCHITECTURE.md", "cut into pieces of {} m", primitives.LARGEST_EDGE_M)
+    says("../ARCHITECTURE.md", "Rays restart {} mm off a", 1e3 * onward.START_OFFSET_M)
+    says("theory.md", "One ray from {} mm above the hit", 1e3 * onward.START_OFFSET_M)
     assert DEFAULT_CHUNK == 2**20  # "2^20 pulses at a time"
-    assert "a frame is cut into chunks of 2^20 pulses" in text_of(ROOT / "docs" / "architecture.md")
+    assert "a frame is cut into chunks of 2^20 pulses" in text_of(ARCHITECTURE)
     assert pytest.approx(1 / 20) == cloud_matching.LEAST_SHARED  # "a twentieth of its pulses"
 
 

@@ -12,6 +12,7 @@ import nbformat
 import pytest
 from helpers.documentation import ROOT
 from helpers.notebooks import run, written
+from helpers.twins import use_few_trees
 
 from lidarscene.formats.registry import SUFFIXES
 
@@ -20,8 +21,11 @@ pytestmark = pytest.mark.fixed_streams
 NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
 
 
-FEWER_FRAMES = {"child": {"frames=20": "frames=2"}, "frames": {"frames=3": "frames=1", "in range(3)": "in range(1)"}}
-"""What the test changes in a notebook: the frames beyond these are a quarter of a minute, and the same code."""
+FEWER_FRAMES = {
+    "child": {"frames=20": "frames=2", "range(0, 80, 8)": "range(0, 80, 40)"},
+    "frames": {"frames=3": "frames=1", "in range(3)": "in range(1)", 'seed": 7': 'seed": 7, "street.length_m": 450'},
+}
+"""What the test changes in a notebook: frames and streets beyond these take half a minute, and run the same code."""
 
 SAVES = """
 from pathlib import Path
@@ -37,7 +41,8 @@ def kinds(notebook: dict[str, Any]) -> list[list[list[str]]]:
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-def test_a_notebook_runs(mi, path: Path) -> None:
+def test_a_notebook_runs(mi, path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    use_few_trees(monkeypatch)
     mpl.use("agg")
     stored = json.loads(path.read_text(encoding="utf-8"))
     assert kinds(run(path, FEWER_FRAMES.get(path.stem))) == kinds(stored)

@@ -12,7 +12,8 @@ import pytest
 ROOT = Path(__file__).parents[2]
 README = ROOT / "README.md"
 THEORY = tuple(sorted((ROOT / "docs").glob("theory*.md")))
-PAGES = (README, *sorted((ROOT / "docs").glob("*.md")))
+ARCHITECTURE = ROOT / "ARCHITECTURE.md"
+PAGES = (README, ARCHITECTURE, *sorted((ROOT / "docs").glob("*.md")))
 
 
 def text_of(page: Path) -> str:

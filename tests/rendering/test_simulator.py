@@ -88,13 +88,26 @@ def test_a_frame_that_was_begun_is_the_same() -> None:
     assert len(started) == 5 * chunks + 1
 
 
+def test_the_next_frame_begins_before_points_are_collected(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Glass, whose rays are traced once more: threads have work while Python collects."""
+    sim, order = Simulator(load_scene(CAR.with_name("glass.toml")), load_sensor("livox-mid-40")), list[str]()
+
+    def noted(name: str, call: Callable[..., Any]) -> Callable[..., Any]:
+        return lambda *arguments, **keywords: (order.append(name), call(*arguments, **keywords))[1]
+
+    for name in ("_traced_again", "_columns"):
+        monkeypatch.setattr(sim, name, noted(name, getattr(sim, name)))
+    sim.render(ahead=lambda: order.append("ahead"))
+    assert order == ["_traced_again", "ahead", "_columns"]
+
+
 TOGETHER = (
     ("street", "vlp-16", {"number": 2**31 // 28_928 - 2, "coordinates": "vehicle"}),
     ("glass", "vlp-16", {"rays": 2}),
     ("rain", "livox-mid-40", {}),
     ("foliage", "livox-mid-40", {"interactions": 0}),
     ("drive", "livox-mid-40", {"coordinates": "vehicle"}),
-    ("street", "os0-128 scanner.columns_per_turn=512", {}),
+    ("street", "os0-128 scanner.columns_per_turn=128", {}),
     ("street", "rs-e1", {"seed": 7}),
 )
 

@@ -105,7 +105,7 @@ class MaterialFile(FileModel):
     facet_slope_source: str = Field(default="", description="source")
     cover: Annotated[float, Field(gt=0, le=1)] | None = Field(
         default=None,
-        description="all but mirror and glass: share of the surface that is not gaps; without it there are no gaps",
+        description="all but mirror and glass: fraction of the surface that is not gaps; without it there are no gaps",
     )
     cover_source: str = Field(default="", description="source")
     coat_ior: Annotated[float, Field(gt=1, lt=4)] | None = Field(

@@ -259,7 +259,8 @@ class Simulator:
 
         Args:
             keep_rays: keep the ray of every pulse too, in `PointCloud.rays`: 60 bytes a pulse
-            ahead: called once the device has done its part of the frame: time to `begin` another one
+            ahead: called once all rays of the frame are with the device: time to `begin` another one, so that its
+                threads do not wait for Python
             on_device: leave the columns on the device, for libraries that compute there: a `DeviceCloud`
             options: fields of `FrameOptions` and `Observers`, in place of those of ``frame`` and ``observers``
 
@@ -413,7 +414,8 @@ class Simulator:
     ) -> Iterator[_Piece]:
         """Iterate over the results of the chunks; outcomes are in the order of pulses if an observer needs them so.
 
-        The device starts the next chunk before this one is handed out: it computes while NumPy copies.
+        The device starts the next chunk before this one is handed out: it computes while NumPy copies. The next frame
+        it starts before the points of this one are collected.
         """
         begin, end = frame.first_pulse, frame.first_pulse + self.sensor.scanner.pulses
         needs_order = observers.missed is not None or observers.pulses is not None
@@ -423,8 +425,11 @@ class Simulator:
                 since = time.perf_counter()
                 launch = self._started([(options, frame)], first)
                 summary.add_time("record", since)
+            begin_next = ahead if following is None else None
             if not launch.parts:
-                self._finish(launch, summary)
+                self._finish(launch, summary, begin_next)
+            elif begin_next is not None:
+                begin_next()
             since = time.perf_counter()
             check_detections(self.scene, self.sensor, partial(launch.values, frame, ordered=False))
             outcome = launch.values(frame, "outcome", ordered=needs_order)
@@ -452,8 +457,6 @@ class Simulator:
                 since = time.perf_counter()
                 launch, first = self._started([(options, frame)], following), following
                 summary.add_time("record", since)
-            elif ahead is not None:
-                ahead()
             yield _Piece(piece_first, pulse, range_m, status, in_numpy, outcome)
 
     def _launch_with(self, frame: Frame) -> Launch | None:
@@ -466,13 +469,21 @@ class Simulator:
         self._traced = launch if launch is not None and launch.frames[-1][1] is not frame else None
         return launch
 
-    def _finish(self, launch: Launch, summary: Summary) -> None:
-        """Wait for a launch, trace once more what goes on, and collect the points of all its frames."""
+    def _finish(self, launch: Launch, summary: Summary, begin_next: Callable[[], None] | None) -> None:
+        """Wait for a launch, trace once more what goes on, and collect the points of all its frames.
+
+        Args:
+            begin_next: called once the last rays are with the device: while Python goes on, threads without work would
+                spin
+        """
         run, frames = launch.run, [frame for _, frame in launch.frames]
         options, _ = launch.frames[0]
         since = time.perf_counter()
         transfer.wait()
         launch.parts = self._trace_continuing(run, launch.part, run.seed_words(options.seed), len(frames))
+        if begin_next is not None:
+            begin_next()
+        transfer.wait()
         since = summary.add_time("trace", since)
         pulses = self.sensor.scanner.pulses
         placing = Placing.of_frames(frames, options.coordinates, pulses, clock=self._clock, rings=self._rings)
@@ -589,7 +600,6 @@ class Simulator:
         pulse = retraced.pulses(part.pulse)
         blocks.share_out(len(pulse) * self.trace.rays)
         traced = self._chain(frame, DevicePulses(pulse, lambda: frame.departures(pulse.numpy())), seed, lines=lines)
-        transfer.wait()
         return replace(traced, retraced=retraced, twice=several is not lanes)
 
     @exclusive

@@ -1,4 +1,4 @@
-"""Stages: the chain on the device, from pulse numbers to what the electronics report, as in docs/architecture.md."""
+"""Stages: the chain on the device, from pulse numbers to what the electronics report, as in ARCHITECTURE.md."""
 
 from __future__ import annotations
 

@@ -2,7 +2,7 @@
 
 The CPU traces eight rays at a time. Eight consecutive pulses lie in a row: those of a line run along many surfaces,
 those of a bank of lasers spread over its whole field. Eight in a block meet more of the same surfaces
-(docs/architecture.md). Only the order in which pulses are computed changes; points leave in firing order.
+(ARCHITECTURE.md). Only the order in which pulses are computed changes; points leave in firing order.
 """
 
 from __future__ import annotations

@@ -238,7 +238,7 @@ class Adc:
         Lanes, Quantity("mhz", ge=0.1, le=1e6, about="samples per second; from one in a pulse width to 1024 in four")
     ]
     step: Lanes
-    full_scale: Annotated[Lanes, Quantity(ge=1e-12, le=1e9, about="largest sample, amperes (APD) or cells (SiPM)")]
+    full_scale: Annotated[Lanes, Quantity(ge=1e-12, le=1e9, about="maximum sample, amperes (APD) or cells (SiPM)")]
     samples: int = field(metadata=COUNT)
     room: int = field(metadata=STATIC)
     estimator: Annotated[Literal["matched_filter", "centroid"], FileKey(about="of time and amplitude")] = (

@@ -180,7 +180,7 @@ class PublishedFile(FileModel):
     repeatability: tuple[RepeatabilityFile, ...] = Field(default=(), description="scatter of the range, below")
     modes: ModesFile | None = Field(default=None, description="ranges in other modes, below")
     false_points: Annotated[float, Field(gt=0, lt=1)] | None = Field(
-        default=None, description="share of the pulses that report noise, at that illuminance"
+        default=None, description="fraction of the pulses that report noise, at that illuminance"
     )
     points_per_second: Positive | None = Field(default=None, description="one return a pulse, rounded as published")
     assumed: tuple[str, ...] = Field(

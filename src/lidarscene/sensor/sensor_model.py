@@ -56,8 +56,8 @@ class Polarisation:
             ge=-36e3,
             le=36e3,
             about=(
-                "about the beam, from the left to the top: 0 swings level, in the plane of incidence "
-                "of an upright pane beside the beam; 90 upright, in that of a raked windscreen ahead"
+                "about the beam, from the left to the top: 0 is horizontal, in the plane of incidence "
+                "of an upright pane beside the beam; 90 is vertical, in that of a raked windscreen ahead"
             ),
         ),
     ]
@@ -103,7 +103,7 @@ class Laser:
             ge=0,
             le=3000,
             finest=0.01,
-            about="full angle at 1/e^2, or to the edge of a top hat; not used where one ray stands for a pulse",
+            about="full angle at 1/e^2, or to the edge of a top hat; not used if one ray represents a pulse",
         ),
     ] = 0.0
     profile: Annotated[
@@ -201,7 +201,7 @@ class StrayLight:
     half_angle_rad: Annotated[
         Lanes, Quantity("deg", ge=1e-3, le=180, about="between two channels, at which the share has fallen to half")
     ] = math.pi / 180.0
-    veil: Annotated[Lanes, Quantity(ge=0, le=0.5, about="share at any angle, as of ghosts between surfaces")] = 0.0
+    veil: Annotated[Lanes, Quantity(ge=0, le=0.5, about="fraction at any angle, as of ghosts between surfaces")] = 0.0
     glare_photons: Annotated[
         Lanes | None,
         Quantity(
