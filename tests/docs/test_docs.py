@@ -25,6 +25,8 @@ from helpers.documentation import (
     code_spans,
     make_workplace,
     prose,
+    says,
+    table,
     text_of,
 )
 from helpers.models import MODELS
@@ -42,6 +44,7 @@ from lidarscene.studies.design.study_file import QUANTITIES, TRACED, UNITS
 pytestmark = pytest.mark.fixed_streams
 
 CONVENTIONS = ROOT / "docs" / "conventions.md"
+MATERIALS = catalog.names("materials")
 KEYS = tuple(
     ROOT / "docs" / f"{name}.md" for name in ("scene_files", "sensor_files", "scanners", "materials", "job_files")
 )

@@ -8,7 +8,7 @@ from typing import Any, get_args
 
 import numpy as np
 import pytest
-from helpers.documentation import ARCHITECTURE, PLAIN, README, ROOT, blocks, prose, row_says, says, table, text_of
+from helpers.documentation import ARCHITECTURE, PLAIN, README, ROOT, blocks, prose, says, table, text_of
 from helpers.models import MODELS
 
 from lidarscene import catalog, load_sensor
