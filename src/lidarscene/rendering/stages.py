@@ -213,7 +213,8 @@ class Stages:
 
     def _receive(self, rays: Beams, hits: Hits, seed: Seed) -> Echoes:
         """Echoes of the laser's rays along one path, as they fluctuate."""
-        received, law = echoes.receive(rays, hits, self.sensor, self.ambient), self.fluctuation
+        received = echoes.receive(rays, hits, self.sensor, self.ambient, lone=self.rays == 1)
+        law = self.fluctuation
         if law is None:
             return received
         variance = law.variance(range_m=hits.range_m, cos_incidence=hits.cos_incidence, aperture_m2=rays.aperture_m2)
