@@ -96,6 +96,7 @@ MAY_BE_SKIPPED = (
     "could not import 'torch'",
     "KISS-ICP is not installed",
     "small_gicp is not installed",
+    "anywidget is not installed",
 )
 """Reasons to skip a test that are none to install something: with TEST_NO_SKIPS=1 any other ends the run red."""
 

@@ -3,7 +3,9 @@
 `PYTHONPATH=src:tests python tests/docs/test_notebooks.py` runs them and writes their outputs anew.
 """
 
+import importlib.util
 import json
+import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -69,6 +71,30 @@ def test_a_notebook_is_valid_and_small(path: Path) -> None:
     assert path.stat().st_size < 600_000
     code = [cell for cell in notebook.cells if cell.cell_type == "code"]
     assert all(cell.outputs or "import" in cell.source for cell in code)
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_a_notebook_installs_the_package_where_it_is_missing(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    first = next(cell for cell in json.loads(path.read_text("utf-8"))["cells"] if cell["cell_type"] == "code")
+    for missing in (False, True):
+        calls: list[list[str]] = []
+        monkeypatch.setattr(importlib.util, "find_spec", lambda _, missing=missing: None if missing else "here")
+        monkeypatch.setattr(subprocess, "run", lambda words, calls=calls, **_: calls.append(words))
+        exec("".join(first["source"]), {})
+        assert [(words[1:4], words[-1].partition("[")[0]) for words in calls] == [
+            (["-m", "pip", "install"], "lidarscene")
+        ] * missing
+
+
+def test_a_repository_of_github_has_links_to_services() -> None:
+    spec = importlib.util.spec_from_file_location("notebook_pages", ROOT / "docs" / "notebook_pages.py")
+    pages = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(pages)
+    for address in ("https://github.com/me/lidar", "https://github.com/me/lidar.git"):
+        text = pages._services("child", address)
+        assert "(https://colab.research.google.com/github/me/lidar/blob/main/docs/notebooks/child.ipynb)" in text
+        assert "(https://mybinder.org/v2/gh/me/lidar/HEAD?labpath=docs%2Fnotebooks%2Fchild.ipynb)" in text
+    assert pages._services("child", "https://example.org/source") == ""
 
 
 def test_there_are_three_and_the_docs_name_them() -> None:

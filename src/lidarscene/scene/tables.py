@@ -173,6 +173,7 @@ _OF_GROUND = ("outline", "line", "width_m", "offset_m", "crown_m", "kerb_m", "sp
 class InstanceFile(PoseFile):
     """Each of a body's instances."""
 
+    name: Name | None = Field(default=None, description="of the body; NAME.0, NAME.1, ... if left out")
     motion: BodyMotionFile | None = Field(
         default=None, description="motion in place of the body's, with the keys of `[bodies.motion]`"
     )
@@ -232,7 +233,8 @@ class BodyFile(PoseFile):
         description="feature of the mesh file that varies the reflectivity of its diffuse parts: docs/materials.md",
     )
     animation: Name | None = Field(
-        default=None, description="animation of the glTF file that is one stride of a walker: docs/streets.md"
+        default=None,
+        description="animation of the glTF file that is one stride of a walker, or turns wheels: docs/streets.md",
     )
     standing: Name | None = Field(
         default=None, description="with `animation`: one that begins as the walker stands; else it stops as it is"

@@ -17,6 +17,8 @@ from ..errors import InputError, OptionWarning, warn
 from ..files import facts
 from ..files.arguments import checks_arguments
 from ..files.atomic import put_text
+from ..files.facts import Picture
+from ..files.late_binding import call_bound
 from ..files.overrides import Overrides, assignments
 from ..maths.arrays import Lanes, Numbers, xp
 from ..maths.pose import Pose
@@ -380,6 +382,11 @@ class Sensor:
                 f"Python{otherwise}"
             )
         return self.origin
+
+    def plot(self) -> Picture:
+        """Picture of its pattern, of its detector's response, and of the echo's power over the distance."""
+        picture: Picture = call_bound("draw_sensor", self)
+        return picture
 
     @checks_arguments
     def with_laser(self, sensor: str | os.PathLike[str]) -> Sensor:
