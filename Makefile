@@ -22,10 +22,9 @@ test: $(READY)
 	$(BIN)/pytest -n 3 --dist loadfile --no-loadscope-reorder $(PYTEST_ARGS)
 
 # The tests that catch most, in about a minute: no process of their own, no page, no cluster, no event
-# simulation, and no test that is marked slow.
+# simulation, and no test that is marked slow. tests/conftest.py has the list.
 quick: $(READY)
-	$(BIN)/pytest -n 2 --dist load -q -x -m "not slow" tests/maths tests/physics tests/detection tests/light tests/scan tests/sensor \
-	    tests/materials tests/formats tests/cloud tests/kernel/rays tests/chain/test_imports.py $(PYTEST_ARGS)
+	$(BIN)/pytest -n 2 --dist load -q -x --part=quick $(PYTEST_ARGS)
 
 # The suite on an NVIDIA GPU, without what no device touches. The frame before it says in a line what is amiss without
 # one, where tests would be skipped. Processes share the card.
@@ -44,7 +43,9 @@ fuzz: $(READY)
 	FUZZ_INPUTS=$(N) FUZZ_SEED=$(SEED) FUZZ_PARTS=10 FUZZ_TRACED=1 $(BIN)/pytest -n 2 -q tests/fuzz/test_fuzz.py
 	FUZZ_SENSORS=500 FUZZ_SEED=$(SEED) $(BIN)/pytest -n 0 -q tests/fuzz/test_sensors_in_turn.py
 
+# The tests of kernels run once more with kernels as users have them: the suite compiles without optimisation.
 test-all: test
+	TEST_OPTIMISED_KERNELS=1 $(BIN)/pytest -n 3 --dist loadfile -q tests/kernel tests/detection tests/light tests/chain
 	ENDURANCE=1 $(BIN)/pytest -n 0 tests/fuzz/test_endurance.py
 	$(BIN)/python tools/environments.py wheel lowest newest
 

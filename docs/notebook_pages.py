@@ -6,12 +6,17 @@ Other pages link to the notebook's file, which GitHub draws; on the site the lin
 import base64
 import json
 import re
+import tomllib
 from collections.abc import Iterator
 from itertools import count
+from pathlib import Path
 from typing import Any
 
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files
+
+PROJECT = tomllib.loads((Path(__file__).parents[1] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+REPOSITORY = PROJECT["urls"]["Repository"]
 
 NOTEBOOK_LINK = re.compile(r"(\]\([\w/.]*notebooks/\w+)\.ipynb")
 
@@ -40,10 +45,20 @@ def _pictures(cell: dict[str, Any]) -> Iterator[str]:
 def _page(name: str, cells: list[dict[str, Any]]) -> str:
     title, *blocks = (block for cell in cells for block in _blocks(cell))
     heading, _, rest = title.partition("\n")
-    download = f"[This page as a notebook]({name}.ipynb), to run and to change."
+    download = f"[This page as a notebook]({name}.ipynb), to run and to change{_services(name)}."
     numbers = count()
     text = "\n\n".join([heading, download, rest.strip(), *blocks])
     return re.sub(r"\(PICTURE\)", lambda _: f"({name}_{next(numbers)}.png)", text)
+
+
+def _services(name: str, repository: str = REPOSITORY) -> str:
+    """Links that open a notebook in Colab and in Binder, which take repositories of GitHub alone."""
+    of_github = re.fullmatch(r"https://github\.com/([\w.-]+/[\w.-]+?)(?:\.git)?/?", repository)
+    if of_github is None:
+        return ""
+    colab = f"https://colab.research.google.com/github/{of_github[1]}/blob/main/docs/notebooks/{name}.ipynb"
+    binder = f"https://mybinder.org/v2/gh/{of_github[1]}/HEAD?labpath=docs%2Fnotebooks%2F{name}.ipynb"
+    return f", or open it in [Colab]({colab}) or [Binder]({binder})"
 
 
 def _blocks(cell: dict[str, Any]) -> Iterator[str]:

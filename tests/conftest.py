@@ -70,6 +70,20 @@ LONGEST = (
     "cli/test_batch.py",
 )
 """Files that take longest. They come first, so that no worker of xdist is alone with one in the end."""
+QUICK = (
+    "maths",
+    "physics",
+    "detection",
+    "light",
+    "scan",
+    "sensor",
+    "materials",
+    "formats",
+    "cloud",
+    "kernel/rays",
+    "chain/test_imports.py",
+)
+"""Files and folders whose tests catch most for their time, but for those that are marked slow: `--part=quick`."""
 NO_SKIPS = os.environ.get("TEST_NO_SKIPS") == "1"
 MAY_BE_SKIPPED = (
     "no GPU",
@@ -82,8 +96,24 @@ MAY_BE_SKIPPED = (
     "could not import 'torch'",
     "KISS-ICP is not installed",
     "small_gicp is not installed",
+    "anywidget is not installed",
 )
 """Reasons to skip a test that are none to install something: with TEST_NO_SKIPS=1 any other ends the run red."""
+
+
+def pytest_addoption(parser: pytest.Parser) -> None:
+    words = "the tests that catch most for their time, in a few files, or all others"
+    parser.addoption("--part", choices=("quick", "rest"), help=words)
+
+
+def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
+    """Files without a quick test are not even imported for `--part=quick`."""
+    left_out = config.option.part == "quick" and collection_path.suffix == ".py" and not _is_quick(collection_path)
+    return left_out or None  # None: others may know
+
+
+def _is_quick(path: Path) -> bool:
+    return any(path.is_relative_to(TESTS / place) for place in QUICK)
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -91,8 +121,8 @@ def pytest_configure(config: pytest.Config) -> None:
     """Every folder is a marker: `pytest -m unit` runs tests/unit. Hypothesis has the run's seed."""
     if config.option.hypothesis_seed is None:
         config.option.hypothesis_seed = str(SEED)
-    if missing_files := [name for name in LONGEST if not (TESTS / name).is_file()]:
-        raise pytest.UsageError(f"conftest.py: LONGEST: no such file: {', '.join(missing_files)}")
+    if missing := [name for name in (*LONGEST, *QUICK) if not (TESTS / name).exists()]:
+        raise pytest.UsageError(f"conftest.py: LONGEST, QUICK: no such file or folder: {', '.join(missing)}")
     for folder in sorted(path.name for path in TESTS.iterdir() if path.is_dir()):
         config.addinivalue_line("markers", f"{folder}: the tests in tests/{folder}")
 
@@ -121,7 +151,14 @@ def refused_skips(terminal: Any) -> list[str]:
     return sorted(reason for reason in reasons if NO_SKIPS and not reason.startswith(MAY_BE_SKIPPED))
 
 
-def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
+    if config.option.part:
+        quick, rest = [], []
+        for item in items:
+            is_quick = _is_quick(item.path) and item.get_closest_marker("slow") is None
+            (quick if is_quick else rest).append(item)
+        items[:], others = (quick, rest) if config.option.part == "quick" else (rest, quick)
+        config.hook.pytest_deselected(items=others)
     for item in items:
         if item.path.is_relative_to(TESTS) and item.path.parent != TESTS:
             item.add_marker(item.path.relative_to(TESTS).parts[0])

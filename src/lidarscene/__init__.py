@@ -40,7 +40,40 @@ def _deskew(cloud: Any, motion: Any, **options: Any) -> Any:
     return deskewed(cloud, motion, **options)
 
 
-# Methods of `PointCloud` and `Scene` call these by name.
-bind(view=_view, draw=_draw, boxes=_boxes, deskew=_deskew)
+def _draw_scene(scene: Any) -> Any:
+    from .figures.panels import draw_scene
+
+    return draw_scene(scene)
+
+
+def _draw_sensor(sensor: Any) -> Any:
+    from .studies.sensor_picture import draw_sensor
+
+    return draw_sensor(sensor)
+
+
+def _replace_scene(scene: Any, changes: Any) -> Any:
+    from .scene.scene_file import replaced_scene
+
+    return replaced_scene(scene, changes)
+
+
+def _save_scene(scene: Any, path: Any) -> None:
+    from .scene.saving import save_scene
+
+    save_scene(scene, path)
+
+
+# Methods of `PointCloud`, `Scene` and `Sensor` call these by name.
+bind(
+    view=_view,
+    draw=_draw,
+    draw_scene=_draw_scene,
+    draw_sensor=_draw_sensor,
+    boxes=_boxes,
+    deskew=_deskew,
+    replace_scene=_replace_scene,
+    save_scene=_save_scene,
+)
 
 write_newest_path()  # for a program that imports Dr.Jit or Mitsuba by itself after lidarscene

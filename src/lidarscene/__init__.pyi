@@ -5,6 +5,7 @@ from .cloud.deskew import deskewed as deskewed
 from .cloud.device_cloud import DeviceCloud as DeviceCloud
 from .cloud.point_cloud import PointCloud as PointCloud
 from .cloud.point_cloud import load as load
+from .cloud.point_cloud import load_cloud as load_cloud
 from .detection.outcomes import Outcome as Outcome
 from .detection.outcomes import Status as Status
 from .errors import BackendError as BackendError

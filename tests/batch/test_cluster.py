@@ -64,7 +64,7 @@ class Scheduler:
         self.processes.append(started)
 
     def start_workers(self, count: int, *options: str, first: Path | None = None) -> None:
-        """Start workers by the command of docs/scaling.md."""
+        """Start workers by the command of docs/clusters.md."""
         self.start(
             "worker",
             self.address,

@@ -8,6 +8,8 @@ from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
+from helpers.sources import parsed
+
 SOURCE = Path(__file__).parents[2] / "src" / "lidarscene"
 
 Module = tuple[str, ...]
@@ -32,9 +34,9 @@ def definitions(tree: ast.Module) -> Iterator[tuple[str, ast.stmt]]:
                 yield from ((part.id, node) for part in ast.walk(target) if isinstance(part, ast.Name))
 
 
-def unused(sources: dict[Path, str]) -> list[str]:
+def unused(sources: dict[Path, ast.Module]) -> list[str]:
     """Public functions and classes of `physics`, but for `physics/reference`, that nothing outside of it runs."""
-    trees = {module_of(file): (file, ast.parse(code)) for file, code in sources.items()}
+    trees = {module_of(file): (file, tree) for file, tree in sources.items()}
     bodies: dict[Formula, list[ast.stmt]] = defaultdict(list)
     for module, (_, tree) in trees.items():
         for name, node in definitions(tree) if is_formulas(module) else ():
@@ -80,8 +82,7 @@ def unused(sources: dict[Path, str]) -> list[str]:
 
 
 def test_each_formula_is_run() -> None:
-    files = sorted(SOURCE.rglob("*.py"))
-    assert unused({file.relative_to(SOURCE): file.read_text(encoding="utf-8") for file in files}) == []
+    assert unused({file.relative_to(SOURCE): tree for file, tree in parsed(SOURCE).items()}) == []
 
 
 def test_what_only_formulas_of_reference_run_is_found() -> None:
@@ -92,4 +93,7 @@ def test_what_only_formulas_of_reference_run_is_found() -> None:
         Path("physics/lens.py"): "def share(): pass\ndef chained(x): pass\ndef bounded(): pass",
         Path("physics/reference/lens.py"): "from ..lens import bounded\ndef bound(): return bounded()",
     }
-    assert unused(sources) == ["physics.lens.bounded", "physics.optics.lonely"]
+    assert unused({file: ast.parse(code) for file, code in sources.items()}) == [
+        "physics.lens.bounded",
+        "physics.optics.lonely",
+    ]

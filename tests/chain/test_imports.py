@@ -160,7 +160,7 @@ def sources() -> dict[Path, str]:
 
 
 def test_imports_point_downwards() -> None:
-    """Rationale: the list is the architecture (docs/architecture.md). It finds circles of files too."""
+    """Rationale: the list is the architecture (ARCHITECTURE.md). It finds circles of files too."""
     assert problems(sources()) == []
 
 

@@ -7,9 +7,9 @@ from functools import cache
 from pathlib import Path
 
 import pytest
+from helpers.sources import parsed
 
 ROOT = Path(__file__).parents[2]
-SOURCE = ROOT / "src" / "lidarscene"
 FOLDERS = ("src", "tests", "tools", "benchmarks", "docs")
 
 PREPOSITION = re.compile(
@@ -29,10 +29,18 @@ def documented(folder: str) -> tuple[tuple[str, Documented, str], ...]:
     """Place, node and docstring of all that has one."""
     return tuple(
         (f"{path.relative_to(ROOT)} {getattr(node, 'name', '')}", node, text)
-        for path in sorted((ROOT / folder).rglob("*.py"))
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8")))
+        for path, module in parsed(ROOT / folder).items()
+        for node in statements(module)
         if isinstance(node, Documented) and (text := ast.get_docstring(node))
     )
+
+
+def statements(module: ast.Module) -> list[ast.AST]:
+    """A module and all statements in it, without their expressions, which are most of the tree."""
+    found: list[ast.AST] = [module]
+    for node in found:
+        found += [part for part in ast.iter_child_nodes(node) if isinstance(part, ast.stmt | ast.excepthandler)]
+    return found
 
 
 def section(text: str, title: str) -> list[str]:
@@ -60,10 +68,9 @@ def fields(node: ast.ClassDef, classes: dict[str, ast.ClassDef]) -> set[str]:
 def test_public_classes_have_names_of_their_own() -> None:
     """A reader who meets a class in one place may look its name up."""
     places = defaultdict(list)
-    for path in sorted(SOURCE.rglob("*.py")):
-        for node in ast.parse(path.read_text(encoding="utf-8")).body:
-            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
-                places[node.name].append(str(path.relative_to(SOURCE)))
+    for place, node, _ in documented("src"):
+        if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+            places[node.name].append(place)
     assert {name: files for name, files in places.items() if len(files) > 1} == {}
 
 
@@ -82,11 +89,11 @@ def test_docstrings_name_what_is_there(folder: str) -> None:
     for place, node, text in documented(folder):
         if isinstance(node, ast.Module):
             continue
-        if isinstance(node, ast.ClassDef):
-            there = fields(node, classes)
-        else:
-            there = {part.arg for part in ast.walk(node.args) if isinstance(part, ast.arg)}
-        entries = section(text, "Args") + section(text, "Attributes")
-        wrong += [f"{place}: {name}" for name in entries if name not in there]
+        if entries := section(text, "Args") + section(text, "Attributes"):
+            of_class = isinstance(node, ast.ClassDef)
+            there = (
+                fields(node, classes) if of_class else {a.arg for a in ast.walk(node.args) if isinstance(a, ast.arg)}
+            )
+            wrong += [f"{place}: {name}" for name in entries if name not in there]
         wrong += [f"{place}: {line[0]}" for line in COLUMNS.finditer(text)]
     assert wrong == []

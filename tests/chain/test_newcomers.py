@@ -152,7 +152,7 @@ def test_the_documentation_writes_itself(copy):
         "conventions": "| `pulse` | uint32 | 1 | number of the pulse in the frame |",
         "formats": "| `xyz` | `.xyz` |",
         "scene_files": "| `dust_per_km` | `0.0` | 0 to 100 | extinction of dust |",
-        "sensor_files": "| `rim_deg` | required | above 0 to 80 | largest angle to the axis |",
+        "scanners": "| `rim_deg` | required | above 0 to 80 | largest angle to the axis |",
     }
     for page, row in rows.items():
         assert row in (folder / "docs" / f"{page}.md").read_text(encoding="utf-8")

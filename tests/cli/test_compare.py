@@ -235,7 +235,8 @@ def test_clouds_are_not_written_over(folder: Path, run: Run, tmp_path: Path) -> 
 
 def test_other_scanners_are_not_matched(folder: Path, run: Run, no_charts: None, tmp_path: Path) -> None:
     scene = str(folder.parents[1] / "wall.toml")
-    sensors = ("--sensors", "table1-apd,vlp-16", "--set=table1-apd:scanner.azimuth_step_deg=4")
+    steps = (f"--set=table1-{kind}:scanner.azimuth_step_deg=4" for kind in ("apd", "sipm"))
+    sensors = ("--sensors", "table1-apd,vlp-16,table1-sipm", *steps)  # the first and the last are alike
     ran = run("compare", scene, *sensors, "-o", "own")
     assert (ran.code, ran.err) == (0, "")
     numbers = json.loads((tmp_path / "own" / "compare.json").read_text("utf-8"))

@@ -39,6 +39,17 @@ def error_line_of_scene(run: Run, folder: Path, text: str, *more: str) -> str:
     return error_line(run, folder, "render", "scene.toml", "-o", "new/out.ply", *COARSE, *more)
 
 
+def test_a_long_path_comes_behind_the_mistake(run: Run, tmp_path: Path) -> None:
+    folder = tmp_path / "a folder whose name alone is too long for a line"
+    folder.mkdir()
+    scene = folder / "scene.toml"
+    scene.write_text("lenght = 3")
+    line = error_line(run, tmp_path, "render", str(scene), "-o", "out.ply")
+    assert line.startswith("unknown key 'lenght'")
+    assert line.endswith(f" ({scene})")
+    assert error_line(run, tmp_path, "render", str(folder / "none.toml"), "-o", "out.ply").startswith("no such file (")
+
+
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [

@@ -9,27 +9,45 @@ import importlib
 import io
 import pkgutil
 import re
+import tomllib
 from pathlib import Path
 from typing import Any, get_args
 
 import pytest
-from helpers.documentation import PAGES, README, ROOT, THEORY, Block, blocks, code_spans, make_workplace, prose, text_of
+from helpers.documentation import (
+    ARCHITECTURE,
+    PAGES,
+    README,
+    ROOT,
+    THEORY,
+    Block,
+    blocks,
+    code_spans,
+    make_workplace,
+    prose,
+    says,
+    table,
+    text_of,
+)
 from helpers.models import MODELS
 from pydantic_core import PydanticUndefined
 
 import lidarscene
+from lidarscene import catalog, load_sensor
 from lidarscene.cli import main
 from lidarscene.files.toml import FileModel
 from lidarscene.formats.cloud_columns import COLUMNS, columns_of
 from lidarscene.formats.registry import ALL, BAGS, FORMATS
+from lidarscene.materials.material_file import catalogue_material
 from lidarscene.studies.design.study_file import QUANTITIES, TRACED, UNITS
 
 pytestmark = pytest.mark.fixed_streams
 
-CONVENTIONS, ARCHITECTURE, VALIDATION = (
-    ROOT / "docs" / f"{name}.md" for name in ("conventions", "architecture", "validation")
+CONVENTIONS = ROOT / "docs" / "conventions.md"
+MATERIALS = catalog.names("materials")
+KEYS = tuple(
+    ROOT / "docs" / f"{name}.md" for name in ("scene_files", "sensor_files", "scanners", "materials", "job_files")
 )
-KEYS = tuple(ROOT / "docs" / f"{name}.md" for name in ("scene_files", "sensor_files", "materials", "batch", "design"))
 
 
 # --- links ------------------------------------------------------------------------------------------
@@ -41,7 +59,7 @@ def anchors(page: Path) -> set[str]:
     return {re.sub(r"[^\w\- ]", "", heading.lower()).replace(" ", "-") for heading in headings}
 
 
-BESIDE = (ROOT / "CHANGELOG.md", ROOT / "CONTRIBUTING.md")
+BESIDE = (ROOT / "CHANGELOG.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("notebooks/*.ipynb")))
 
 
 @pytest.mark.parametrize("page", [*PAGES, *BESIDE], ids=lambda page: page.name)
@@ -70,7 +88,8 @@ def test_the_version_is_that_of_the_package() -> None:
 
 def test_every_page_is_in_the_navigation() -> None:
     navigation = text_of(ROOT / "mkdocs.yml")
-    assert [page.name for page in PAGES[1:] if f": {page.name}\n" not in navigation] == []
+    pages = (ROOT / "docs").glob("*.md")
+    assert [page.name for page in pages if f": {page.name}\n" not in navigation] == []
 
 
 # --- examples ---------------------------------------------------------------------------------------
@@ -171,7 +190,7 @@ def test_theory_names_the_formulas() -> None:
 
 def test_equations_are_numbered_in_order() -> None:
     """Numbers rise on each page, and no two equations have the same number."""
-    others = [ROOT / "docs" / name for name in ("photon_counting.md", "sipm.md", "fit.md", "recordings.md")]
+    others = [ROOT / "docs" / name for name in ("photon_counting.md", "sipm.md", "fit.md")]
     pages = [[int(n) for n in re.findall(r"\\tag\{T(\d+)\}", text_of(page))] for page in (*THEORY, *others)]
     assert all(page == sorted(page) for page in pages)
     numbers = [n for page in pages for n in page]
@@ -189,7 +208,7 @@ def test_named_tests_exist() -> None:
 
 @pytest.mark.parametrize("file", ["Makefile", "CONTRIBUTING.md", "tools/environments.py"])
 def test_paths_of_tests_exist(file: str) -> None:
-    """Those that `make quick` and tools/environments.py run, too: pytest sees one that is gone only there."""
+    """Those that `make test-gpu` and tools/environments.py run, too: pytest sees one that is gone only there."""
     paths = re.findall(r"\btests/[\w/]+(?:\.py)?", text_of(ROOT / file))
     assert paths
     assert [path for path in paths if not (ROOT / path).exists()] == []
@@ -255,10 +274,36 @@ def quantities_table() -> str:
     return "\n".join(rows)
 
 
+def test_the_table_of_materials_has_them_all() -> None:
+    rows = table("materials.md", "Material |")
+    assert [row[0].strip("`") for row in rows] == MATERIALS
+    for row in rows:
+        data = tomllib.loads(text_of(catalog.path_of("materials", row[0].strip("`"))))
+        material = catalogue_material(row[0].strip("`"))
+        assert row[1:3] == [data["description"], data["bsdf"]]
+        sources = {entry["wavelength_nm"]: entry["source"] for entry in data["reflectivity"]}
+        stars = {nm: "*" * sources[nm].startswith("estimate") for nm in (905, 1550)}
+        expected = [f"{material.at(nm * 1e-9)['reflectivity']:.3f}{stars[nm]}" for nm in (905, 1550)]
+        assert row[3:5] == expected, row[0]
+
+
+def test_materials_have_the_wavelengths_that_the_page_names() -> None:
+    spectra = [tomllib.loads(text_of(catalog.path_of("materials", name)))["reflectivity"] for name in MATERIALS]
+    nm = {tuple(row["wavelength_nm"] for row in rows) for rows in spectra if isinstance(rows, list)}
+    (wavelengths,) = nm
+    says("materials.md", "the wavelengths {}, {}, {}, {} and {} nm", *wavelengths)
+
+
+def test_beams_of_the_catalogue_are_all_on_the_page() -> None:
+    named = re.findall(r"`([\w-]+)`", " ".join(row[0] for row in table("sensors.md", "name | azimuth x elevation")))
+    wide = [name for name in catalog.names("sensors") if float(load_sensor(name).laser.divergence_rad) > 0.0]
+    assert sorted(named) == wide
+
+
 GENERATED = {
     "columns": (CONVENTIONS, columns_table),
     "formats": (ROOT / "docs" / "formats.md", formats_table),
-    "quantities": (ROOT / "docs" / "design.md", quantities_table),
+    "quantities": (ROOT / "docs" / "job_files.md", quantities_table),
 }
 """Tables that are written from the code: mark -> page and function."""
 

@@ -7,7 +7,7 @@ import pytest
 from helpers.documentation import ROOT
 
 OTHER = re.compile(r"\b(A|L)?GPL|Mozilla|\bMPL|EULA|Freeware|LicenseRef", re.IGNORECASE)
-PAGE = (ROOT / "docs" / "quick_start.md").read_text(encoding="utf-8")
+PAGE = (ROOT / "docs" / "install.md").read_text(encoding="utf-8")
 
 
 def asked_for(names: set[str]) -> set[str]:

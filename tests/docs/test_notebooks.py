@@ -3,7 +3,9 @@
 `PYTHONPATH=src:tests python tests/docs/test_notebooks.py` runs them and writes their outputs anew.
 """
 
+import importlib.util
 import json
+import subprocess
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +14,7 @@ import nbformat
 import pytest
 from helpers.documentation import ROOT
 from helpers.notebooks import run, written
+from helpers.twins import use_few_trees
 
 from lidarscene.formats.registry import SUFFIXES
 
@@ -20,8 +23,11 @@ pytestmark = pytest.mark.fixed_streams
 NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
 
 
-FEWER_FRAMES = {"child": {"frames=20": "frames=2"}, "frames": {"frames=3": "frames=1", "in range(3)": "in range(1)"}}
-"""What the test changes in a notebook: the frames beyond these are a quarter of a minute, and the same code."""
+FEWER_FRAMES = {
+    "child": {"frames=20": "frames=2", "range(0, 80, 8)": "range(0, 80, 40)"},
+    "frames": {"frames=3": "frames=1", "in range(3)": "in range(1)", 'seed": 7': 'seed": 7, "street.length_m": 450'},
+}
+"""What the test changes in a notebook: frames and streets beyond these take half a minute, and run the same code."""
 
 SAVES = """
 from pathlib import Path
@@ -37,7 +43,8 @@ def kinds(notebook: dict[str, Any]) -> list[list[list[str]]]:
 
 
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
-def test_a_notebook_runs(mi, path: Path) -> None:
+def test_a_notebook_runs(mi, path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    use_few_trees(monkeypatch)
     mpl.use("agg")
     stored = json.loads(path.read_text(encoding="utf-8"))
     assert kinds(run(path, FEWER_FRAMES.get(path.stem))) == kinds(stored)
@@ -64,6 +71,30 @@ def test_a_notebook_is_valid_and_small(path: Path) -> None:
     assert path.stat().st_size < 600_000
     code = [cell for cell in notebook.cells if cell.cell_type == "code"]
     assert all(cell.outputs or "import" in cell.source for cell in code)
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
+def test_a_notebook_installs_the_package_where_it_is_missing(path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    first = next(cell for cell in json.loads(path.read_text("utf-8"))["cells"] if cell["cell_type"] == "code")
+    for missing in (False, True):
+        calls: list[list[str]] = []
+        monkeypatch.setattr(importlib.util, "find_spec", lambda _, missing=missing: None if missing else "here")
+        monkeypatch.setattr(subprocess, "run", lambda words, calls=calls, **_: calls.append(words))
+        exec("".join(first["source"]), {})
+        assert [(words[1:4], words[-1].partition("[")[0]) for words in calls] == [
+            (["-m", "pip", "install"], "lidarscene")
+        ] * missing
+
+
+def test_a_repository_of_github_has_links_to_services() -> None:
+    spec = importlib.util.spec_from_file_location("notebook_pages", ROOT / "docs" / "notebook_pages.py")
+    pages = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(pages)
+    for address in ("https://github.com/me/lidar", "https://github.com/me/lidar.git"):
+        text = pages._services("child", address)
+        assert "(https://colab.research.google.com/github/me/lidar/blob/main/docs/notebooks/child.ipynb)" in text
+        assert "(https://mybinder.org/v2/gh/me/lidar/HEAD?labpath=docs%2Fnotebooks%2Fchild.ipynb)" in text
+    assert pages._services("child", "https://example.org/source") == ""
 
 
 def test_there_are_three_and_the_docs_name_them() -> None:

@@ -60,6 +60,13 @@ def test_numbers_link_to_their_equations(site: Path) -> None:
     assert 'href="theory_light.html#T35"' in html(site, ROOT / "docs" / "theory_light.md")
 
 
+def test_links_out_of_the_pages_lead_to_the_repository(site: Path) -> None:
+    """The site has no other files: a path out of docs/ would lead nowhere."""
+    links = [link for page in site.glob("*.html") for link in re.findall(r'href="?([^\s">]+)', text_of(page))]
+    assert not [link for link in links if link.startswith("../")]
+    assert [link for link in links if link.endswith("source/benchmarks/RESULTS.md#learning")]
+
+
 def test_nothing_is_loaded_from_elsewhere(site: Path) -> None:
     """Scripts, styles, fonts and pictures are files of the site."""
     pages = list(site.glob("*.html"))

@@ -33,6 +33,17 @@ def picture(path: Path) -> Any:
     return np.rint(255 * image.imread(path)[..., :3]).astype(np.uint8)
 
 
+def test_rays_of_a_camera_go_through_the_middles_of_its_pixels() -> None:
+    """Its own projection brings points along them back there."""
+    eye_m, axes = np.array([1.0, 2.0, 3.0]), np.array([[0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [1.0, 0.0, 0.0]])
+    camera = pixels.Camera(eye_m=eye_m, axes=axes, fov_deg=70.0)
+    directions, ahead = camera.rays(6, 4)
+    column, row, depth = camera.project(eye_m + 9.0 * directions.T, width=6, height=4)
+    np.testing.assert_allclose(column.reshape(4, 6), np.tile(np.arange(6) + 0.5, (4, 1)), rtol=1e-5)
+    np.testing.assert_allclose(row.reshape(4, 6), np.tile(np.arange(4)[:, None] + 0.5, (1, 6)), rtol=1e-5)
+    np.testing.assert_allclose(depth, 9.0 * ahead, rtol=1e-5)
+
+
 @pytest.fixture(scope="module")
 def cloud() -> PointCloud:
     return street()
@@ -243,6 +254,13 @@ def test_a_cloud_all_round_is_seen_where_things_stand(ahead: float, bearing_deg:
     column, row, depth = camera.project(front if ahead > 0.3 else left, width=1280, height=720)
     inside = (depth > 0) & (row >= 0) & (row < 720) & (column >= 0) & (column < 1280)
     assert inside.mean() > 0.9
+
+
+def test_a_camera_looks_towards_the_nearest_of_what_is_far() -> None:
+    """Rationale: of a cloud without an echo within 60 m the view was not a number, and NumPy warned of it."""
+    xyz_m = np.array([[0.0, 80.0, 0.0], [90.0, 0.0, 0.0]], np.float32)
+    camera = camera_for(small_cloud(2, xyz_m=xyz_m, status=np.zeros(2, int)))
+    assert camera.axes[2, 1] > 0.8
 
 
 def test_camera_that_sees_nothing_is_refused(cloud: PointCloud) -> None:

@@ -1,5 +1,6 @@
 """E57: as pye57 reads it, and without any library."""
 
+import re
 import struct
 import xml.etree.ElementTree as ElementTree
 from pathlib import Path
@@ -80,6 +81,11 @@ def test_e57_without_its_library(tmp_path: Path) -> None:
     names = [element.tag for element in prototype]
     assert "{http://www.astm.org/COMMIT/E57/2010-e57-v1.0}cartesianX" in names
     assert "{https://lidarscene.invalid/e57/1}snr" in names
+    head = {element.tag.split("}")[1]: (element.text or "").strip() for element in root}
+    assert head["formatName"] == "ASTM E57 3D Imaging Data File"
+    assert (head["versionMajor"], head["versionMinor"] or "0") == ("1", "0")
+    assert re.fullmatch(r"\{[0-9a-fA-F-]{36}\}", head["guid"])
+    assert head["guid"] != root.findtext(".//{*}data3D//{*}guid")
 
 
 def test_e57_says_how_far_it_reaches(tmp_path: Path) -> None:

@@ -39,7 +39,7 @@ def changed_sources(
     """
     package = folder / "src" / "lidarscene"
     ignore = shutil.ignore_patterns("__pycache__", "images")
-    for name in ("src", "scenes", "assets", *(("docs", "tests", "README.md") if docs else ())):
+    for name in ("src", "scenes", "assets", *(("docs", "tests", "README.md", "ARCHITECTURE.md") if docs else ())):
         copy = shutil.copy if (ROOT / name).is_file() else shutil.copytree
         copy(ROOT / name, folder / name, **({"ignore": ignore} if copy is shutil.copytree else {}))
     for name, text in new.items():

@@ -113,7 +113,16 @@ COARSE_JOB = {
 }
 """What the example `job` says, and what instead: four frames for twelve."""
 
-OF_STUDIES = ("compare.md", "design.md", "fov.md", "motion.md", "range.md", "sensors.md", "your_own.md")
+OF_STUDIES = (
+    "compare.md",
+    "design.md",
+    "fov.md",
+    "motion.md",
+    "own_mesh.md",
+    "own_sensor.md",
+    "range.md",
+    "sensors.md",
+)
 """Pages with commands that take as long as those of all others: two files of tests, for two processes."""
 
 

@@ -12,7 +12,7 @@ from lidarscene.errors import OptionWarning
 from lidarscene.maths.pose import Pose
 from lidarscene.maths.trajectory import pose_at
 from lidarscene.rendering.frame import sensor_motion
-from lidarscene.rendering.surroundings import Surroundings, warn_of_way
+from lidarscene.rendering.surroundings import Surroundings, warn_of_scene
 from lidarscene.scene.clearance import Clearance
 from lidarscene.scene.meshes.primitives import box_mesh, plane_mesh
 from lidarscene.scene.scene import Air, Ball, Body, Part, Sky
@@ -254,7 +254,7 @@ def test_an_ego_that_leaves_the_ground_is_named_with_the_time(mi, run: Run, tmp_
 def test_shipped_drives_go_on_for_minutes(name: str) -> None:
     """They go on a street, or behind it: `drive` left its own after 7 s, through a house."""
     scene = load_scene(name)
-    warn_of_way(scene)
+    warn_of_scene(scene)
     roads = Clearance.of_scene(replace(scene, bodies=[b for b in scene.bodies if b.class_name == "road"]))
     houses = Clearance.of_scene(replace(scene, bodies=[b for b in scene.bodies if b.class_name == "building"]))
     assert scene.ego is not None

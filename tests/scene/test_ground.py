@@ -1,6 +1,7 @@
 """Ground that is not a plane: the spectrum of its mesh, crown and kerbs, and what stands, lies and walks on it."""
 
 import itertools
+import math
 from pathlib import Path
 
 import numpy as np
@@ -146,6 +147,23 @@ def test_a_strip_keeps_its_distance_from_its_line() -> None:
         for strip, column in ((road, -1), (beside, 0))
     ]
     np.testing.assert_allclose(*edges, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("turn_deg", "length_m", "folds"), [(60.0, 2.4, False), (60.0, 2.2, True), (-60.0, 2.2, False), (-60.0, 0.5, False)]
+)
+def test_an_edge_folds_where_two_bends_one_way_are_too_near(turn_deg: float, length_m: float, folds: bool) -> None:
+    """Reference: between turns of 60 degrees an edge 2 m inside is 4 tan(30 degrees) = 2.31 m shorter than the line.
+
+    Where the second turn goes the other way (-60 degrees), each edge is as long as the line.
+    """
+    turns = np.cumsum([0.0, math.radians(60.0), math.radians(turn_deg)])
+    steps = np.array([10.0, length_m, 10.0])[:, None] * np.column_stack([np.cos(turns), np.sin(turns), 0.0 * turns])
+    line_m = np.concatenate([np.zeros((1, 3)), np.cumsum(steps, axis=0)])
+    corner_m = Strip(line_m=line_m, width_m=4.0, spacing_m=1.0).sharp_corner()
+    assert (corner_m is not None) == folds
+    if corner_m is not None:
+        np.testing.assert_allclose(corner_m, line_m[1])
 
 
 def test_a_road_climbs_as_its_line() -> None:

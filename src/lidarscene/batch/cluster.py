@@ -117,7 +117,7 @@ def remote_client(address: str) -> Iterator[Any]:
         warn(
             OptionWarning(
                 "{scheduler} {0}: whoever reaches this port, or those of the workers, runs code as their owner; tls:// "
-                "asks for a key (docs/scaling.md)",
+                "asks for a key (docs/clusters.md)",
                 address,
             )
         )

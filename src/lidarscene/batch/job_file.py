@@ -95,8 +95,8 @@ class SweepFile(FileModel):
 class RangeFile(FileModel):
     """A range of numbers from which one is drawn for each drive: ``{ low = 1, high = 100, log = true }``."""
 
-    low: Annotated[float, Number(ge=-1e12, le=1e12)] = Field(description="least value")
-    high: Annotated[float, Number(ge=-1e12, le=1e12)] = Field(description="largest value")
+    low: Annotated[float, Number(ge=-1e12, le=1e12)] = Field(description="minimum")
+    high: Annotated[float, Number(ge=-1e12, le=1e12)] = Field(description="maximum")
     log: bool = Field(default=False, description="each factor is as likely as any other, not each step")
 
     @model_validator(mode="after")
@@ -165,10 +165,10 @@ class SplitFile(FileModel):
     """[splits]: parts of a data set."""
 
     train: Annotated[float, Number(ge=0, le=1)] = Field(
-        default=1.0, description="share of the training frames; the three add up to 1"
+        default=1.0, description="fraction of the frames for training; the three add up to 1"
     )
-    val: Annotated[float, Number(ge=0, le=1)] = Field(default=0.0, description="share of the frames for validation")
-    test: Annotated[float, Number(ge=0, le=1)] = Field(default=0.0, description="share of the frames for tests")
+    val: Annotated[float, Number(ge=0, le=1)] = Field(default=0.0, description="fraction of the frames for validation")
+    test: Annotated[float, Number(ge=0, le=1)] = Field(default=0.0, description="fraction of the frames for tests")
     by: Literal["street", "drive", "frames"] = Field(
         default="street",
         description="what goes whole into one part: a street (drives that differ only in light, weather, paint, the "

@@ -31,7 +31,7 @@ examples:
   lidarscene batch job.toml -o /shared/job --scheduler tcp://10.0.0.1:8786
 
 The same command resumes a broken run: it renders what is missing.
-docs/batch.md has the job file, docs/scaling.md SLURM, Kubernetes and millions of frames.
+docs/batch.md has the job file, docs/clusters.md SLURM, Kubernetes and millions of frames.
 """
 
 MOST_LINES = 50
@@ -59,7 +59,7 @@ def add_batch(commands: Any) -> None:
         "--workers",
         metavar="N",
         type=whole_number(Whole(1, 1024)),
-        help="processes of this machine (default: one for each core)",
+        help="processes of this machine (default: one for each GPU, or else for each core)",
     )
     batch.set_defaults(run=run_batch)
 
@@ -79,6 +79,7 @@ def run_batch(arguments: argparse.Namespace) -> Answer:
     from ..batch.tasks import Job
     from ..files.atomic import require_writable
     from ..formats.registry import FORMATS
+    from ..kernel.device.gpus import gpus_in_use
 
     if arguments.scheduler is not None and arguments.workers is not None:
         raise InputError("--scheduler and --workers: must be only one of them, got both")
@@ -93,7 +94,7 @@ def run_batch(arguments: argparse.Namespace) -> Answer:
     threads = None
     if arguments.scheduler is None:
         # Each worker renders with its share of the cores, so that workers do not fight over them.
-        workers = arguments.workers or cluster.usable_cores()
+        workers = arguments.workers or len(gpus_in_use()) or cluster.usable_cores()
         threads = max(1, cluster.usable_cores() // workers)
         connection = partial(cluster.local_client, workers)
     else:

@@ -205,7 +205,7 @@ def _mistakes_in_content(kind: str, path: Path) -> Iterator[str]:
     """Mistakes that show only when all files it names are read: the first one, or in a scene one for each body."""
     from ..batch.job_file import read_job
     from ..materials.material_file import read_material
-    from ..rendering.surroundings import warn_of_way
+    from ..rendering.surroundings import warn_of_scene
     from ..scene.scene_file import load_scene, scene_from_model, scene_model
     from ..sensor.imu import read_imu_model
     from ..sensor.rig_file import load_rig
@@ -224,7 +224,7 @@ def _mistakes_in_content(kind: str, path: Path) -> Iterator[str]:
     try:
         content = readers[kind](path)
         if kind == "scene":
-            warn_of_way(content)
+            warn_of_scene(content)
         return
     except InputError as error:
         first = str(error)

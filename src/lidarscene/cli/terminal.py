@@ -130,7 +130,17 @@ def error_text(error: LidarSceneError) -> str:
     """Message of an error, with the command line's names of options."""
     text = error.message_with(flag_of) if isinstance(error, OptionError) else str(error)
     # The advice of a BackendError takes several lines; all other messages take one.
-    return text if isinstance(error, BackendError) else printable(text)
+    return text if isinstance(error, BackendError) else _with_path_last(printable(text))
+
+
+LONG_PATH = 40
+"""Choice: letters of an absolute path from which on it hides the mistake that follows it, and so comes last."""
+
+
+def _with_path_last(text: str) -> str:
+    """Message whose file, where it has a long absolute path, comes behind the mistake."""
+    where, _, mistake = text.partition(": ")
+    return f"{mistake} ({where})" if mistake and len(where) >= LONG_PATH and os.path.isabs(where) else text
 
 
 def mute_errors() -> None:

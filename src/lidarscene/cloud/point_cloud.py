@@ -285,9 +285,6 @@ class PointCloud(_CloudWithRays):
         Columns of codes with names (class, body, material, status) are categories: ``frame["class"] == "car"``; the
         codes are ``frame["class"].cat.codes``.
 
-        Columns of codes with names (class, body, material, status) are categories: ``frame["class"] == "car"``; the
-        codes are ``frame["class"].cat.codes``.
-
         Raises:
             LidarSceneError: with what to install, where pandas cannot be imported
         """
@@ -335,6 +332,10 @@ class PointCloud(_CloudWithRays):
             InputError: if a file, a key or a value cannot be understood
         """
         return call_bound("view", self, scene=scene, sensor=sensor, height_px=height_px)
+
+    def show(self, *, scene: Any = None, sensor: Annotated[str | None, CHECKED_INSIDE] = None) -> None:
+        """Show the page of `view`: in the notebook, or else in the browser."""
+        self.view(scene=scene, sensor=sensor).show()
 
     def _repr_png_(self) -> bytes:
         """A small picture, for notebooks."""
@@ -392,4 +393,4 @@ def _coordinates_text(cloud: PointCloud) -> str:
     return f"'{frame}' of the pose {pose.strip()}" if pose.strip() else f"'{frame}'"
 
 
-load = PointCloud.load
+load = load_cloud = PointCloud.load

@@ -28,6 +28,7 @@ EXTRAS = {
     "velodyne": {"velodyne_decoder": "velodyne-decoder", "yaml": "pyyaml"},
     "certify": {"sklearn": "scikit-learn"},
     "design": {"pymoo": "pymoo"},
+    "notebook": {"anywidget": "anywidget"},
     "completion": {"shtab": "shtab"},
     "traffic": {"sumo": "eclipse-sumo", "sumolib": "sumolib"},
     "open3d": {"open3d": "open3d libusb-package"},

@@ -107,6 +107,12 @@ class Table(FileModel, Generic[Target]):
         """Values of the keys in SI units, by field of the target."""
         return {field: key.in_si(getattr(self, name)) for field, (name, key) in self.keys.items()}
 
+    @classmethod
+    def written(cls, target: Target) -> dict[str, Any]:
+        """Keys and values of the file that give this target; those with their default are left out."""
+        values = {name: key.in_file(getattr(target, field)) for field, (name, key) in cls.keys.items()}
+        return {name: value for name, value in values.items() if value != cls.model_fields[name].default}
+
     if TYPE_CHECKING:
 
         def __getattr__(self, key: str) -> Any:

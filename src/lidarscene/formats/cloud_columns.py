@@ -23,6 +23,20 @@ from ..maths.pose import Pose
 from .category_array import CategoryArray, hint
 
 Fields = dict[str, Any]
+
+FOREIGN_NAMES = {
+    "classes": 'cloud["class"], cloud.class_names',
+    "frame_id": 'cloud.metadata["frame"]',
+    "header": "cloud.metadata",
+    "instance": 'cloud["body"]',
+    "labels": 'cloud["class"]',
+    "num_points": "len(cloud)",
+    "semantic": 'cloud["class"]',
+    "size": "len(cloud)",
+    "timestamps": "cloud.time",
+    "to_dict": "{name: cloud[name] for name in ...}, or cloud.to_pandas()",
+}
+"""Names that other libraries have for what a cloud has, and how it is asked for here."""
 """Arrays, names and metadata by attribute of a point cloud."""
 
 STATUS_PLURALS = ("echoes", "false alarms", "of interference", "of weather", "aliased", "stray", "revived")
@@ -498,9 +512,8 @@ class Cloud(CloudColumns):
             if name.startswith("_"):
                 raise AttributeError(f"PointCloud has no attribute '{name}'")
             if name not in _OTHER_NAMES:
-                raise AttributeError(
-                    f"PointCloud has no column or attribute '{name}'; {did_you_mean(name, dir(self))}".rstrip("; ")
-                )
+                meant = f"try {FOREIGN_NAMES[name]}" if name in FOREIGN_NAMES else did_you_mean(name, dir(self))
+                raise AttributeError(f"PointCloud has no column or attribute '{name}'; {meant}".rstrip("; "))
             try:
                 return self.column(name)
             except InputError as error:

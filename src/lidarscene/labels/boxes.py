@@ -27,6 +27,7 @@ from ..maths.arrays import Numbers
 from ..maths.pose import Pose
 from ..maths.trajectory import Riding, motion_in_frame
 from ..scene.scene import Ball, Body, Part, Scene, box_of
+from ..scene.scene_file import SceneChoice, load_scene
 from .kinds import kind_of
 
 PIECE_POINTS = 1 << 20
@@ -95,7 +96,7 @@ class Box:
 
 
 @checks_arguments
-def boxes(cloud: PointCloud, scene: Scene, *, as_seen: bool = True) -> list[Box]:
+def boxes(cloud: PointCloud, scene: SceneChoice, *, as_seen: bool = True) -> list[Box]:
     """Box of every body that can be counted, in the world frame, with counts of the points and beams on it.
 
     The ego vehicle has none: data sets label what it meets.
@@ -103,12 +104,13 @@ def boxes(cloud: PointCloud, scene: Scene, *, as_seen: bool = True) -> list[Box]
     Bodies of a Mitsuba base scene have no box: their shapes are not known here.
 
     Args:
+        scene: where the cloud was made, a `Scene`, its name or file
         as_seen: place moving bodies where the cloud shows them; False: where they are when the frame starts
 
     Raises:
         InputError: for a cloud without truth, or without the pose of its sensor
     """
-    tally = BoxTally(cloud, scene, as_seen=as_seen)
+    tally = BoxTally(cloud, load_scene(scene), as_seen=as_seen)
     pieces = [slice(first, first + PIECE_POINTS) for first in range(0, len(cloud), PIECE_POINTS)]
     for piece in pieces:
         tally.add_echoes(cloud.select(piece))

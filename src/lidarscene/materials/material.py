@@ -55,7 +55,7 @@ class Material:
         parameters: further numbers of that kind, constant or a `Spectrum`: facet_slope_deg (deviation of the facets'
             slope of a rough matt surface); coat_ior, coat_roughness; roughness, index_n, index_k; thickness_m;
             retro_coefficient_cd_per_lx_m2, retro_half_angle_deg; transmittance (diffuse hemispherical, of a thin
-            surface); cover (share of the surface that is not gaps)
+            surface); cover (fraction of the surface that is not gaps)
     """
 
     name: str

@@ -7,16 +7,17 @@ superfluous keys of a kind are refused here, before anything is traced.
 from __future__ import annotations
 
 import itertools
+import math
 from functools import cache
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, Tag, model_validator
 
 from ..catalog import path_of
 from ..files.table_model import Number
 from ..files.toml import FileModel, read_toml, validate
-from ..maths.units import si
+from ..maths.units import Quantity, si
 from .material import Material, Spectrum
 
 UnitInterval = Annotated[float, Field(ge=0, le=1)]
@@ -105,7 +106,7 @@ class MaterialFile(FileModel):
     facet_slope_source: str = Field(default="", description="source")
     cover: Annotated[float, Field(gt=0, le=1)] | None = Field(
         default=None,
-        description="all but mirror and glass: share of the surface that is not gaps; without it there are no gaps",
+        description="all but mirror and glass: fraction of the surface that is not gaps; without it there are no gaps",
     )
     cover_source: str = Field(default="", description="source")
     coat_ior: Annotated[float, Field(gt=1, lt=4)] | None = Field(
@@ -192,6 +193,33 @@ def _spectrum(reflectivity: float | tuple[ReflectivityRow, ...]) -> Spectrum:
         wavelength_m=si(tuple(row.wavelength_nm for row in reflectivity), "nm"),
         value=tuple(row.value for row in reflectivity),
     )
+
+
+def material_table(material: Material) -> dict[str, Any]:
+    """Table of a scene file that gives this material."""
+    numbers = dict(material.parameters)
+    table = {"bsdf": material.bsdf, "reflectivity": _rows(material.reflectivity), "description": material.description}
+    if "transmittance" in numbers:
+        table["transmittance"] = _rows(numbers.pop("transmittance"))
+    if "thickness_m" in numbers:
+        table["thickness_mm"] = Quantity("mm").in_file(numbers.pop("thickness_m"))
+    if "index_n" in numbers:
+        real, imaginary = (_rows(numbers.pop(f"index_{part}")) for part in "nk")
+        table["index"] = [
+            {"wavelength_nm": row["wavelength_nm"], "n": row["value"], "k": other["value"]}
+            for row, other in zip(real, imaginary, strict=True)
+        ]
+    return table | numbers
+
+
+def _rows(spectrum: Any) -> Any:
+    """Value of a file that gives this spectrum: a number, or rows."""
+    if not isinstance(spectrum, Spectrum):
+        return spectrum
+    if not math.isfinite(spectrum.wavelength_m[-1]):
+        return spectrum.value[0]
+    wavelengths_nm = [Quantity("nm").in_file(wavelength_m) for wavelength_m in spectrum.wavelength_m]
+    return [{"wavelength_nm": nm, "value": value} for nm, value in zip(wavelengths_nm, spectrum.value, strict=True)]
 
 
 def read_material(path: Path) -> Material:

@@ -2,7 +2,7 @@
 
 A frame is a sweep in time, so every pulse has its own pose of the sensor and of each moving body. Rebuilding the
 scene for each pulse would be far too slow; instead rays start where the sensor is when they leave, and are
-transformed into the frame of each moving body at that moment (docs/architecture.md, "Motion belongs to time").
+transformed into the frame of each moving body at that moment (ARCHITECTURE.md, "Motion belongs to time").
 
 Symbols: p point, o origin, v velocity [m/s], w angular velocity [rad/s].
 """

@@ -243,5 +243,10 @@ class Quantity(FileKey):
         return float(value) if self.whole else value
 
     def in_file(self, value: Any) -> Any:
-        """The file's value from the field's."""
-        return value if self.unit is None or not value else value / UNITS[self.unit][1]
+        """The file's value from the field's: the shortest number that gives exactly the same, if one does."""
+        if self.unit is None or not value:
+            return value
+        number = value / UNITS[self.unit][1]
+        near = (*(float(f"{number:.{digits}g}") for digits in (12, 15, 16)), number)
+        near += (math.nextafter(number, -math.inf), math.nextafter(number, math.inf))
+        return next((near_number for near_number in near if si(near_number, self.unit) == value), number)

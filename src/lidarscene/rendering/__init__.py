@@ -1,7 +1,7 @@
 """Render frames: a scene and a sensor in, point clouds out.
 
 A `Simulator` compiles a scene once and renders frames of it. The chain of stages is written down in `stages`, as it is
-in docs/architecture.md; the other modules take it through a frame in chunks, so that memory does not grow with it.
+in ARCHITECTURE.md; the other modules take it through a frame in chunks, so that memory does not grow with it.
 
 api             `render` and `render_frames`: names or files in
 render_options  `TraceOptions`, `FrameOptions`, `Observers`

@@ -516,7 +516,7 @@ class Simulator:
         # More from launch to launch, so that the first frames come soon.
         most = min(frames, 2 * self._together, most // self.sensor.scanner.pulses)
         together = list[tuple[FrameOptions, Frame]]()
-        for number in range(options.number, options.number + max(most if self.numbering.fills_packets else 1, 1)):
+        for number in range(options.number, options.number + max(most if self.numbering.goes_together else 1, 1)):
             following = replace(options, number=number)
             try:
                 if self._piece_at(following) != self._piece:
@@ -558,7 +558,7 @@ class Simulator:
         alone = part.goes_on if part.leaks is None else part.goes_on & ~part.leaks
         if (lanes := kept_lanes.lanes_where(alone)) is not None:
             if frames > 1:
-                lanes = kept_lanes.in_packets(lanes, self.sensor.scanner.pulses, LANES)
+                lanes = kept_lanes.in_packets(lanes, self.numbering.frame_lanes, LANES)
             parts.append(self._traced_again(frame, part, (lanes, alone), seed, lines=self._stages.crosstalk is None))
         if part.leaks is None:
             return parts

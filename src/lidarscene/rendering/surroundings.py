@@ -16,11 +16,13 @@ import numpy as np
 
 from ..errors import OptionWarning, warn
 from ..maths.arrays import Numbers
+from ..maths.pose import Pose
 from ..maths.trajectory import pose_at
 from ..physics.constants import SUN_KLUX
 from ..physics.optics import radiometry
 from ..scene.clearance import Clearance, Surrounding
 from ..scene.scene import Ball, Scene
+from ..scene.shared_faces import shared_faces
 from ..scene.sizes import metres_text, size_text
 from ..sensor.sensor_model import Sensor
 from .frame import frame_edges
@@ -93,6 +95,7 @@ class Surroundings:
                 *_light_doubts(scene),
                 *_size_doubts(clearance),
                 *_place_doubts(sensor, around, place_m, alone=scene.base is None),
+                *_face_doubts(scene, place_m),
             ),
             walk=None if sensor.histogram is None else sensor.histogram.residual_walk,
         )
@@ -155,10 +158,16 @@ def warn_of_light(scene: Scene) -> None:
         warn(doubt)
 
 
-def warn_of_way(scene: Scene) -> None:
-    """Issue the doubt about the way of the scene's ego vehicle, from time 0 or its first pose on."""
+def warn_of_scene(scene: Scene) -> None:
+    """Issue the doubts about the way of a scene's ego vehicle, from time 0 or its first pose on, and about all faces
+    that bodies share.
+    """
     begin_s = 0.0 if scene.ego is None else max(0.0, scene.ego.span_s[0])
-    for doubt in _way_doubts(scene, Clearance.of_scene(scene), begin_s, begin_s + ENDLESS_S):
+    vehicle = Pose() if scene.ego is None else pose_at(scene.ego, begin_s)
+    for doubt in (
+        *_way_doubts(scene, Clearance.of_scene(scene), begin_s, begin_s + ENDLESS_S),
+        *_face_doubts(scene, (vehicle @ scene.sensor_pose).position_m, each=True),
+    ):
         warn(doubt)
 
 
@@ -176,6 +185,19 @@ def _way_doubts(scene: Scene, clearance: Clearance, begin_s: float, end_s: float
             "ground or another way ([ego]) keeps it in the scene",
             time_s[np.argmin(grounded)] - begin_s,
             round(begin_s, 3),
+        )
+
+
+def _face_doubts(scene: Scene, sensor_m: Numbers, *, each: bool = False) -> Iterator[OptionWarning]:
+    """Warn of the first two bodies that share faces, or of ``each`` two."""
+    shared = shared_faces(scene, sensor_m)
+    for pair in shared if each else shared[:1]:
+        yield OptionWarning(
+            "'{0}' and '{1}'{2} share faces at ({3}), where rounding decides which of them a point names: keep them "
+            "1 mm apart",
+            *pair.names,
+            "" if each or len(shared) == 1 else f" (1 of {len(shared)} pairs, which lidarscene check lists)",
+            ", ".join(f"{x:g}" for x in np.round(pair.place_m, 3) + 0.0),
         )
 
 

@@ -14,5 +14,7 @@ ride        vehicles that ride over rough ground
 meshes/     mesh files, USD and primitives
 bare_mesh   a mesh file as a scene
 sizes       sizes of bodies, and vehicles of which they are odd
+shared_faces  bodies with one and the same surface
 foreign     scenes of trimesh and Mitsuba
+saving      scene files of scenes
 """

@@ -25,7 +25,7 @@ EGO_CAR, EGO_CLASS, EGO_PAINT = "own_car", "car", "car_paint_white"
 
 _OF_SHAPE = (
     *("mesh", "primitive", "size_m", "radius_m", "height_m", "material", "materials", "pattern", "unit", "up", "scale"),
-    *("crown_m", "kerb_m", "spacing_m"),
+    *("crown_m", "kerb_m", "spacing_m", "animation", "standing"),
 )
 """Keys of a body that belong to its shape: another shape has none of them."""
 
@@ -79,7 +79,7 @@ def extended(tables: Tables, path: Path, find: Callable[[str | Path], Path]) -> 
         if base.suffix != ".toml":
             raise InputError(f"{chain[-1]}: extends: must be a TOML scene file, got {base.name}")
         chain.append(base)
-        layers.append(_with_absolute_paths(_checked(read_toml(base), base), base.parent))
+        layers.append(with_absolute_paths(_checked(read_toml(base), base), base.parent))
     result: Tables = {}
     for file, layer in zip(reversed(chain), reversed(layers), strict=True):
         result = merged(result, layer)
@@ -212,7 +212,7 @@ def _merged_bodies(base: Sequence[Any], over: Sequence[Any]) -> list[Any]:
     return [*bodies, *(body for body in over if not isinstance(body, dict) or body.get("name") not in names)]
 
 
-def _with_absolute_paths(tables: Tables, folder: Path) -> Tables:
+def with_absolute_paths(tables: Tables, folder: Path) -> Tables:
     """Return the tables of a scene file with absolute paths of all files that they name."""
 
     def absolute(table: Any, *keys: str) -> Any:

@@ -51,7 +51,7 @@ class MotionFile(Table[Course]):
             "refused, see docs/motion.md"
         ),
     )
-    ride: RideFile | None = Field(default=None, description="ride over the ground on its springs; steady if left out")
+    ride: RideFile | None = Field(default=None, description="suspension on the ground; steady if left out")
 
     @model_validator(mode="after")
     def _check_single_way(self) -> MotionFile:
@@ -124,7 +124,7 @@ class EgoFile(MotionFile, PoseFile):
 
     on_ground: bool = Field(default=False, description="its height counts from the ground below, also without a ride")
     mesh: Annotated[str, Field(min_length=1)] | None = Field(
-        default=None, description="mesh file of the vehicle, in place of the meshes that ride with it"
+        default=None, description="mesh file of the vehicle, in place of the meshes that are fixed to it"
     )
 
     @model_validator(mode="after")

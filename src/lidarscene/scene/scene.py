@@ -8,6 +8,7 @@ from __future__ import annotations
 import functools
 import itertools
 import math
+import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
@@ -18,7 +19,9 @@ import numpy as np
 from ..errors import InputError, did_you_mean
 from ..files import facts
 from ..files.arguments import CHECKED_INSIDE, checks_arguments
+from ..files.facts import Picture
 from ..files.late_binding import call_bound
+from ..files.overrides import Overrides, assignments
 from ..materials.material import Material
 from ..materials.material_file import catalogue_material
 from ..maths.arrays import Numbers, frozen
@@ -26,7 +29,7 @@ from ..maths.pose import Pose, direction_from_angles
 from ..maths.trajectory import ALWAYS, CLOCK_ROUNDING_S, Motion, Riding, motion_in_frame, pose_at
 from ..maths.units import FileKey, Quantity
 from ..physics.optics import air
-from ..sensor.pose_file import Placed, to_pose
+from ..sensor.pose_file import Placed, pose_keys, to_pose
 from .meshes.mesh_objects import pieces_of_object
 from .meshes.reading import grey_material
 from .meshes.reflectivity_patterns import Cutout, ReflectivityPattern
@@ -43,7 +46,8 @@ class Part:
         faces: (f, 3) uint32, indices into the vertices
         pattern: reflectivity pattern, for materials of kind "diffuse"; None: the material's reflectivity everywhere
         cutout: image of its gaps, which glass and mirrors do not have; None: solid
-        stride_m: (k, v, 3) float32, its vertices at k even instants of a stride, on the spot; None: it is rigid
+        stride_m: (k + 1, v, 3) float32, its vertices at k even instants of a stride, on the spot, and at the first of
+            the next one; None: it is rigid
     """
 
     vertices_m: Numbers
@@ -84,10 +88,8 @@ class Part:
         """Return the part as it is at a place of its stride (`walking`), rigid; itself if it has none."""
         if self.stride_m is None:
             return self
-        count = len(self.stride_m)
-        before = int(np.floor(phase * count))
-        share = phase * count - before
-        first_m, second_m = (self.stride_m[number % count].astype(np.float64) for number in (before, before + 1))
+        share, before = np.modf((phase - np.floor(phase)) * (len(self.stride_m) - 1))
+        first_m, second_m = self.stride_m[int(before) :][:2].astype(np.float64)
         walking_m = first_m + share * (second_m - first_m)
         return replace(self, vertices_m=self.vertices_m + level * (walking_m - self.vertices_m), stride_m=None)
 
@@ -129,6 +131,21 @@ def box_of(parts: Sequence[Part | Ball], *, walking: bool = False) -> Numbers | 
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class BodyOrigin:
+    """Table of a scene file from which a body was built.
+
+    Attributes:
+        table: a `tables.BodyFile`, or keys and values of one
+        folder: in which the files that it names lie
+        instance: number of the body among its instances; None: it has none
+    """
+
+    table: Any
+    folder: Path = Path()
+    instance: int | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Body:
     """A named object with a class and a shape. Instances are bodies that share parts.
 
@@ -138,6 +155,7 @@ class Body:
         away: True while a body with a motion is absent from the scene: no light meets it
         present_s: first and last time at which a frame may begin that shows the body; it is absent from all others
         gait: how it walks along its motion, by the strides of its parts; None: it is rigid
+        origin: table of a scene file that describes it; None if a program made or changed it
     """
 
     name: str
@@ -148,6 +166,7 @@ class Body:
     gait: Gait | None = None
     away: bool = False
     present_s: tuple[float, float] = ALWAYS
+    origin: BodyOrigin | None = field(default=None, init=False, repr=False)
 
     def __post_init__(self) -> None:
         """Take the pose from the motion, and check strides."""
@@ -156,6 +175,11 @@ class Body:
             raise InputError(f"body '{self.name}': strides of its parts must have as many instants, got {instants}")
         if self.motion is not None:
             object.__setattr__(self, "pose", pose_at(self.motion))
+
+    def made_from(self, origin: BodyOrigin) -> Body:
+        """The body, which this table of a scene file describes."""
+        object.__setattr__(self, "origin", origin)
+        return self
 
     def is_present(self, time_s: float) -> bool:
         """Return whether a frame that begins at this time shows the body."""
@@ -199,6 +223,13 @@ class Bodies(tuple[Body, ...]):
             listed = f"the scene has {', '.join(names[:MOST_NAMES])}{', ...' if len(names) > MOST_NAMES else ''}"
             raise InputError(f"scene.bodies['{key}']: no body of this name; {meant or listed}")
         return found[0]
+
+
+def _of_mesh_file(body: Body, path: Path) -> BodyOrigin:
+    """Origin of a body of a mesh file."""
+    materials = {part.name: part.material for part in body.parts if isinstance(part, Part)}
+    table = {"name": body.name, "class": body.class_name, "mesh": str(path.absolute()), "materials": materials}
+    return BodyOrigin(table=table | pose_keys(body.pose))
 
 
 MOST_NAMES = 12
@@ -320,6 +351,7 @@ class Scene:
         base: a Mitsuba XML scene whose shapes are added, or None
         base_materials: BSDF id in that file to material name; other BSDFs are the file's, two-sided
         reach_m: bodies that stand farther than this from where the ego vehicle is may be left out of a frame
+        origin: `saving.SceneOrigin`, what `save` writes of all that Python did not change; None: nothing
     """
 
     name: str = "scene"
@@ -337,6 +369,7 @@ class Scene:
     base: Path | None = None
     base_materials: Mapping[str, str] = field(default_factory=dict)
     reach_m: float = math.inf
+    origin: Any = field(default=None, repr=False)
 
     def __post_init__(self) -> None:
         """Let bodies be found by name."""
@@ -351,6 +384,36 @@ class Scene:
         gone = self.bodies[name]  # type: ignore[call-overload]
         return replace(self, bodies=tuple(body for body in self.bodies if body is not gone))
 
+    def replace(self, overrides: Overrides = (), /, **tables: Any) -> Scene:
+        """Build the scene anew with other values in its file; bodies that Python added or removed stay so.
+
+        Args:
+            overrides: "sun.illuminance_klux=1", a list of these, or {"sun.illuminance_klux": 1}, in the file's units
+            tables: the same by table: ``sun={"illuminance_klux": 1}``
+
+        Raises:
+            InputError: for a key or value that the file cannot have, for a scene that no file describes, and for keys
+                of bodies and grounds where bodies were added or removed
+        """
+        replaced: Scene = call_bound("replace_scene", self, [*assignments(overrides), *assignments(tables)])
+        return replaced
+
+    def save(self, path: str | os.PathLike[str]) -> None:
+        """Write a scene file that `load_scene` reads again, to the same clouds.
+
+        Files that the scene has from files stay in place, and the file has their absolute paths. Meshes that are in
+        memory alone are written beside it, as NAME-BODY.obj with a mark of their content. A pose whose rotation no
+        angles give exactly is written to rounding.
+
+        Args:
+            path: must end in .toml
+
+        Raises:
+            InputError: for what no scene file can have, such as a motion made in Python
+            OutputError: if a result cannot be written
+        """
+        call_bound("save_scene", self, path)
+
     @property
     def own_bodies(self) -> list[int]:
         """Indices of the bodies that are fixed to the ego vehicle."""
@@ -362,6 +425,7 @@ class Scene:
         material: str | Material | None = None,
         pose: Placed | None = None,
         *,
+        position: Annotated[Sequence[float] | None, "x, y, z in metres"] = None,
         name: str = "body",
         class_name: str | None = None,
     ) -> Scene:
@@ -374,12 +438,16 @@ class Scene:
             material: catalogue name, a name among the scene's `materials`, or a `Material`; None: a diffuse one with
                 the mean of the mesh's own colour
             pose: in the world, a `Pose` or x, y, z in metres with or without yaw, pitch, roll in degrees
+            position: in place of a pose: x, y, z in metres, not turned
             name: of the body; it gets a number if the scene has one of the name
             class_name: of its points; None: its name
 
         Raises:
             InputError: if a file, a key or a value cannot be understood
         """
+        if pose is not None and position is not None:
+            raise InputError("scene.add: must have one of pose and position, got both")
+        placed = Pose() if pose is None and position is None else to_pose(position if pose is None else pose)
         pieces = pieces_of_object(mesh, "scene.add")
         materials = dict(self.materials)
         parts = []
@@ -388,7 +456,8 @@ class Scene:
             if chosen is None:
                 if piece.grey is None:
                     raise InputError("scene.add: the mesh has no colour of its own and must have a material, got none")
-                chosen = grey_material(f"colour of {name}", piece.grey)
+                colour_of = name if len(pieces) == 1 else f"{name}, {piece.keys[0]}"
+                chosen = grey_material(f"colour of {colour_of}", piece.grey)
             key = chosen if isinstance(chosen, str) else chosen.name
             if isinstance(chosen, Material) and materials.get(key, chosen) != chosen:
                 raise InputError(f"scene.add: material '{key}': the scene has another of this name")
@@ -405,8 +474,9 @@ class Scene:
             )
         taken = {body.name for body in self.bodies}
         free = name if name not in taken else next(n for i in itertools.count(2) if (n := f"{name} {i}") not in taken)
-        placed = Pose() if pose is None else to_pose(pose)
         body = Body(name=free, class_name=class_name or name, parts=tuple(parts), pose=placed)
+        if isinstance(mesh, str | os.PathLike):
+            body = body.made_from(_of_mesh_file(body, Path(mesh)))
         return replace(self, bodies=(*self.bodies, body), materials=materials)
 
     def __repr__(self) -> str:
@@ -414,6 +484,15 @@ class Scene:
 
     def _repr_html_(self) -> str:
         return facts.facts_table("Scene", self.name, self.facts())
+
+    def plot(self) -> Picture:
+        """Picture of what stands where, from above and as the sensor sees it, by the outlines of the bodies."""
+        picture: Picture = call_bound("draw_scene", self)
+        return picture
+
+    def show(self, *, sensor: Annotated[str | None, CHECKED_INSIDE] = None) -> None:
+        """Show the page of `view`: in the notebook, or else in the browser."""
+        self.view(sensor=sensor).show()
 
     def view(self, *, sensor: Annotated[str | None, CHECKED_INSIDE] = None, height_px: int = 620) -> Any:
         """The page of `lidarscene view` in a notebook, with a frame of the scene.

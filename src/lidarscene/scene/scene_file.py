@@ -7,6 +7,7 @@ are relative to it.
 from __future__ import annotations
 
 import functools
+import itertools
 import math
 import os
 import xml.etree.ElementTree as ElementTree
@@ -21,7 +22,7 @@ import numpy as np
 from .. import catalog
 from ..errors import InputError, OptionWarning, warn
 from ..files.arguments import CHECKED_INSIDE, checks_arguments
-from ..files.overrides import Overrides, assignments, with_overrides
+from ..files.overrides import Overrides, assignments, key_path, with_overrides
 from ..files.toml import read_toml, validate
 from ..materials.material import Material
 from ..materials.material_file import catalogue_material
@@ -40,7 +41,8 @@ from .meshes.mesh_axes import UNITS, Axis, axis_of, turn_upright
 from .meshes.mesh_cache import SubMesh, WalkingClips
 from .meshes.usd import is_usd
 from .motion import BodyMotionFile
-from .scene import Ball, Body, Part, Scene, box_of
+from .saving import SceneOrigin, saved_tables
+from .scene import Ball, Body, BodyOrigin, Part, Scene, box_of
 from .sizes import VEHICLES, check_vehicle, size_text
 from .street.street_tables import with_street
 from .tables import BodyFile, SceneFile, interferers, lamps_w_m2
@@ -252,7 +254,7 @@ def scene_from_model(file: SceneFile, *, path: Path) -> Scene:
         where = f'{path}: bodies[{index} "{body.name}"]'
         if body.primitive == "ground":
             scene_materials.load(body.material or "", f"{where}.material")
-            bodies.extend(_ground_bodies(body, ground, sheets, where=where))
+            bodies.extend(_ground_bodies(body, ground, sheets, folder=path.parent, where=where))
             continue
         parts = _parts(body, folder=path.parent, where=where, scene_materials=scene_materials, reader=reader)
         _check_extent(parts, where)
@@ -263,10 +265,12 @@ def scene_from_model(file: SceneFile, *, path: Path) -> Scene:
             _check_vehicle(body, parts, path.parent, where)
         gait = _gait(body, parts, folder=path.parent, where=where, reader=reader)
         bodies.extend(_place_body(body, parts, gait=gait, ego=ego, ground=ground, folder=path.parent, where=where))
-    _check_names(bodies, path)
+    for first, second in itertools.pairwise(sorted(body.name for body in bodies)):
+        if first == second:
+            raise InputError(f"{path}: names of bodies must be unique, got '{first}' twice")
     for identity, name in file.base_materials.items():
         scene_materials.load(name, f"{path}: base_materials.{identity}")
-    return Scene(
+    scene = Scene(
         name=file.name or path.stem,
         bodies=tuple(bodies),
         materials=scene_materials.materials,
@@ -283,6 +287,36 @@ def scene_from_model(file: SceneFile, *, path: Path) -> Scene:
         base_materials=file.base_materials,
         reach_m=math.inf if file.reach_m is None else file.reach_m,
     )
+    return replace(scene, origin=SceneOrigin(file=file, folder=path.parent, scene=scene))
+
+
+_FIELDS = {
+    "name": ("name",), "sun": ("sun",), "sky": ("sky",), "air": ("air",), "weather": ("air",),
+    "interference": ("lamps_w_m2", "interferers"), "sensor": ("sensor_name", "sensor_pose"), "picture": ("camera",),
+    "reach_m": ("reach_m",),
+}  # fmt: skip
+"""Table of a scene file -> fields of a `Scene` that follow from it alone."""
+
+
+def replaced_scene(scene: Scene, changes: Sequence[str]) -> Scene:
+    """See `Scene.replace`."""
+    origin: SceneOrigin | None = scene.origin
+    if origin is None:
+        raise InputError(
+            f"'{scene.name}': must be as `load_scene` gave it for its file's keys to be replaced, got a scene made in "
+            "Python; dataclasses.replace changes its fields"
+        )
+    path = origin.folder.absolute() / f"{scene.name}.toml"
+    tables = with_overrides(saved_tables(scene, path, {}), map(from_current_folder, changes))
+    file = validate(SceneFile, tables, scene.name, overrides=changes)
+    names = {key_path(change)[0] for change in changes}
+    if list(scene.bodies) == list(origin.scene.bodies):
+        return scene_from_model(file, path=path)
+    if edited := sorted(names - _FIELDS.keys()):
+        raise InputError(f"'{scene.name}': {edited[0]}: must be replaced before bodies are added or removed")
+    new = scene_from_model(file.model_copy(update={"bodies": ()}), path=path)
+    fields = {field for name in names for field in _FIELDS[name]}
+    return replace(scene, **{field: getattr(new, field) for field in fields})
 
 
 def _refuse_overrides(path: Path, overrides: Sequence[str]) -> None:
@@ -318,14 +352,6 @@ class _SceneMaterials:
         """Add a mesh file's own colour as a diffuse material, and return its name."""
         self.materials[name] = reading.grey_material(name, grey)
         return name
-
-
-def _check_names(bodies: list[Body], path: Path) -> None:
-    names: set[str] = set()
-    for body in bodies:
-        if body.name in names:
-            raise InputError(f"{path}: names of bodies must be unique, got '{body.name}' twice")
-        names.add(body.name)
 
 
 def _check_extent(parts: tuple[Part | Ball, ...], where: str) -> None:
@@ -373,7 +399,9 @@ def _sheet(body: BodyFile, pose: Pose, surface: RoughSurface) -> Sheet | Area:
     return lay(pose, plan=body.plan(), crown_m=body.crown_m, surface=surface)
 
 
-def _ground_bodies(body: BodyFile, ground: Ground, sheets: Iterator[Sheet | Area], *, where: str) -> list[Body]:
+def _ground_bodies(
+    body: BodyFile, ground: Ground, sheets: Iterator[Sheet | Area], *, folder: Path, where: str
+) -> list[Body]:
     """Build a ground, or one for each of its instances; one on the ground is laid over the meshes of the others.
 
     Args:
@@ -381,14 +409,15 @@ def _ground_bodies(body: BodyFile, ground: Ground, sheets: Iterator[Sheet | Area
     """
     bodies = []
     flat = RoughSurface.draw("flat", 0)
-    for name, pose in _places(body):
+    for number, (name, pose) in enumerate(_places(body)):
         sheet = _sheet(body, pose, flat) if body.on_ground else next(sheets)
         vertices_m, faces = sheet.mesh(body.kerb_m)
         if body.on_ground:
             vertices_m[:, 2] += _ground_below(ground, pose.apply(vertices_m)[:, :2], where)
         part = Part(vertices_m=vertices_m, faces=faces, material=body.material or "", name=body.name)
         _check_extent((part,), where)
-        bodies.append(Body(name=name, class_name=body.class_name or body.name, parts=(part,), pose=pose))
+        laid = Body(name=name, class_name=body.class_name or body.name, parts=(part,), pose=pose)
+        bodies.append(laid.made_from(_origin(body, folder, number)))
     return bodies
 
 
@@ -409,7 +438,15 @@ def _places(body: BodyFile) -> list[tuple[str, Pose]]:
     """Name and pose of the body, or of each of its instances."""
     if body.instances is None:
         return [(body.name, body.pose())]
-    return [(f"{body.name}.{index}", body.pose() @ instance.pose()) for index, instance in enumerate(body.instances)]
+    return [
+        (instance.name or f"{body.name}.{index}", body.pose() @ instance.pose())
+        for index, instance in enumerate(body.instances)
+    ]
+
+
+def _origin(body: BodyFile, folder: Path, number: int) -> BodyOrigin:
+    """Origin of a body, the one of this number that a table gives."""
+    return BodyOrigin(table=body, folder=folder, instance=None if body.instances is None else number)
 
 
 def _place_body(
@@ -440,7 +477,10 @@ def _place_body(
             pose = replace(pose, position_m=pose.position_m + rise_m * np.array([0.0, 0.0, 1.0]))
         return Body(name=name, class_name=label, parts=parts, pose=pose, motion=motion, present_s=present_s, gait=gait)
 
-    return [make_body(name, pose, motion) for (name, pose), motion in zip(_places(body), body.motions(), strict=True)]
+    return [
+        make_body(name, pose, motion).made_from(_origin(body, folder, number))
+        for number, ((name, pose), motion) in enumerate(zip(_places(body), body.motions(), strict=True))
+    ]
 
 
 MeshReader = Callable[[Path, reflectivity_patterns.Kind | None, WalkingClips | None], list[SubMesh]]
@@ -509,7 +549,9 @@ def _mesh_parts(
 
 def _clips(body: BodyFile) -> WalkingClips | None:
     """Animations that the body plays; None: it is rigid."""
-    return None if body.animation is None else WalkingClips(walk=body.animation, standing=body.standing)
+    if body.animation is None:
+        return None
+    return WalkingClips(walk=body.animation, standing=body.standing, unit_m=body.scale * UNITS[body.unit or "m"])
 
 
 def _upright_stride(stride_m: Numbers, up: Axis) -> Numbers:

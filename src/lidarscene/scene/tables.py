@@ -140,7 +140,7 @@ class SceneSensorFile(PoseFile):
 
     name: Name = Field(default="table1-apd", description="catalogue name, or a sensor file (a name that ends in .toml)")
     position_m: Vector = Field(
-        default=(0.0, 0.0, USUAL_HEIGHT_M), description="where the sensor stands; on the roof of a car if left out"
+        default=(0.0, 0.0, USUAL_HEIGHT_M), description="place of the sensor; on the roof of a car if left out"
     )
 
 
@@ -173,6 +173,7 @@ _OF_GROUND = ("outline", "line", "width_m", "offset_m", "crown_m", "kerb_m", "sp
 class InstanceFile(PoseFile):
     """Each of a body's instances."""
 
+    name: Name | None = Field(default=None, description="of the body; NAME.0, NAME.1, ... if left out")
     motion: BodyMotionFile | None = Field(
         default=None, description="motion in place of the body's, with the keys of `[bodies.motion]`"
     )
@@ -210,7 +211,7 @@ class BodyFile(PoseFile):
     radius_m: Length | None = Field(default=None, description="of a sphere or cylinder")
     height_m: Length | None = Field(default=None, description="of a cylinder")
     crown_m: Annotated[float, Number(ge=-10, le=10)] = Field(
-        default=0.0, description="rise of the middle of a ground over its sides"
+        default=0.0, description="height of the middle of a ground over its sides"
     )
     kerb_m: Annotated[float, Number(ge=0, le=100)] = Field(
         default=0.0, description="height of the faces down from the edges of a ground"
@@ -232,7 +233,8 @@ class BodyFile(PoseFile):
         description="feature of the mesh file that varies the reflectivity of its diffuse parts: docs/materials.md",
     )
     animation: Name | None = Field(
-        default=None, description="animation of the glTF file that is one stride of a walker: docs/motion.md"
+        default=None,
+        description="animation of the glTF file that is one stride of a walker, or turns wheels: docs/streets.md",
     )
     standing: Name | None = Field(
         default=None, description="with `animation`: one that begins as the walker stands; else it stops as it is"
@@ -360,14 +362,14 @@ class SceneFile(FileModel):
 
     name: str = Field(default="", description="name in the metadata; the file's name if empty")
     description: str = Field(default="", description="free text")
-    extends: Name | None = Field(default=None, description="scene, by name or file, whose tables and bodies it adds to")
+    extends: Name | None = Field(default=None, description="scene, by name or file, that this one extends")
     without: tuple[Name, ...] = Field(default=(), description="bodies of that scene that are left out")
     base: Name | None = Field(
         default=None,
         description="Mitsuba XML scene whose shapes are added; body names are shape ids, their class is `unlabelled`",
     )
     base_materials: dict[str, Name] = Field(
-        default_factory=dict, description="material of each BSDF id in that file (docs/your_own.md)"
+        default_factory=dict, description="material of each BSDF id in that file (docs/own_mesh.md)"
     )
     sun: SunFile = Field(default=SunFile(), description="direction and strength of the sun")
     sky: SkyFile = Field(default=SkyFile(), description="light of the sky")
@@ -376,14 +378,14 @@ class SceneFile(FileModel):
     interference: tuple[AnyInterferenceFile, ...] = Field(default=(), description="lamps and other lidars")
     reach_m: Annotated[float, Number(ge=10, le=1e6)] | None = Field(
         default=None,
-        description=(
-            "bodies that stand farther than this from the ego vehicle may be left out of a frame: docs/motion.md"
-        ),
+        description="bodies farther than this from the ego vehicle may be left out of a frame: docs/streets.md",
     )
     ground: GroundFile = Field(default=GroundFile(), description="roughness of the ground")
-    street: StreetFile | None = Field(default=None, description="made from a seed, with all that is on it")
+    street: StreetFile | None = Field(
+        default=None, description="street from a seed, with its houses, traffic and people"
+    )
     ego: EgoFile | None = Field(default=None, description="the vehicle that carries the sensor")
-    sensor: SceneSensorFile = Field(default=SceneSensorFile(), description="sensor and where it stands")
+    sensor: SceneSensorFile = Field(default=SceneSensorFile(), description="sensor and its pose")
     picture: PictureFile | None = Field(
         default=None, description="camera of `--picture`; else chosen by what is near the sensor"
     )

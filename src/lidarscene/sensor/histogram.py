@@ -78,7 +78,7 @@ class Histogram:
         ),
     ] = None
     threshold_least: Annotated[
-        Lanes, Quantity(ge=0.01, le=1, about="least threshold of a point that the spread allows, over the median one")
+        Lanes, Quantity(ge=0.01, le=1, about="minimum threshold of a point that the spread allows, over the median one")
     ] = 0.5
     lone_factor: Annotated[
         Lanes | None,
@@ -193,7 +193,7 @@ class HistogramFile(
         default=0.0, description="after each pulse, in which nothing is counted: the shortest range"
     )
     separation_ns: Annotated[float, Number("ns", ge=0, le=1e6, finest=1e-3)] = Field(
-        default=0.0, description="least distance of two returns; of nearer returns the first counts"
+        default=0.0, description="minimum distance of two returns; of nearer returns the first counts"
     )
     lsb_ps: Annotated[float, Number("ps", ge=0, le=1e6, finest=1e-3)] = Field(
         default=0.0, description="step of the reported time"

@@ -79,7 +79,8 @@ class Imu:
         float, Quantity("deg_s_sqrt_hz", ge=0, le=10, about="noise density of the angular velocity")
     ] = 0.0
     gyroscope_instability_rad_s: Annotated[
-        float, Quantity("deg_h", ge=0, le=1e5, about="bias instability: the least Allan deviation is 0.664 of it")
+        float,
+        Quantity("deg_h", ge=0, le=1e5, about="bias instability: the minimum of the Allan deviation is 0.664 of it"),
     ] = 0.0
     gyroscope_offset_rad_s: Annotated[
         float, Quantity("deg_s", ge=0, le=100, about="standard deviation of the bias at the start")
@@ -88,7 +89,7 @@ class Imu:
         float, Quantity("ug_sqrt_hz", ge=0, le=1e6, about="noise density of the specific force")
     ] = 0.0
     accelerometer_instability_m_s2: Annotated[
-        float, Quantity("ug", ge=0, le=1e6, about="bias instability: the least Allan deviation is 0.664 of it")
+        float, Quantity("ug", ge=0, le=1e6, about="bias instability: the minimum of the Allan deviation is 0.664 of it")
     ] = 0.0
     accelerometer_offset_m_s2: Annotated[
         float, Quantity("mg", ge=0, le=1e4, about="standard deviation of the bias at the start")

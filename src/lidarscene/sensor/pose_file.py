@@ -5,14 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Iterable, Sequence
 from numbers import Real
-from typing import Annotated, cast
+from typing import Annotated, Any, cast
 
+import numpy as np
 from pydantic import Field
 
 from ..errors import OptionError, one_line
 from ..files.table_model import Number
 from ..files.toml import FileModel
 from ..maths.pose import Pose
+from ..maths.rotations import yaw_pitch_roll_rad
 
 LARGEST_COORDINATE_M = 1e8
 """Choice: farthest position: enough for any map projection, and far from what single precision can hold."""
@@ -35,6 +37,20 @@ class PoseFile(FileModel):
         return Pose.from_degrees(
             position_m=self.position_m, yaw_deg=self.yaw_deg, pitch_deg=self.pitch_deg, roll_deg=self.roll_deg
         )
+
+
+def pose_keys(pose: Pose) -> dict[str, Any]:
+    """Keys of a `PoseFile` that give this pose: its rotation exactly where some angles do, else to rounding."""
+    yaw_rad, down_rad, roll_rad = yaw_pitch_roll_rad(pose.rotation)
+    angles_deg = [math.degrees(angle_rad) for angle_rad in (yaw_rad, -down_rad, roll_rad)]
+    tries = [[float(f"{angle:.{digits}f}") for angle in angles_deg] for digits in range(16)]
+    position_m = tuple(pose.position_m.tolist())
+    for yaw_deg, pitch_deg, roll_deg in [*tries, angles_deg]:
+        turned = Pose.from_degrees(yaw_deg=yaw_deg, pitch_deg=pitch_deg, roll_deg=roll_deg)
+        if np.array_equal(turned.rotation, pose.rotation):
+            break
+    keys = {"position_m": position_m, "yaw_deg": yaw_deg, "pitch_deg": pitch_deg, "roll_deg": roll_deg}
+    return {key: value for key, value in keys.items() if value}
 
 
 Placed = Annotated[Pose | Sequence[float], "a Pose, or x, y, z in metres with or without yaw, pitch, roll in degrees"]

@@ -72,13 +72,22 @@ class AdcFile(Table[Adc]):
 AnySamplerFile = Annotated[MultiLevelFile | AdcFile, Field(discriminator="type")]
 
 
-class RangeCorrectedFile(Table[Intensity], only=("kind", "reference_m")):
+class RangeCorrectedFile(Table[Intensity], only=("kind", "reference_m", "measures")):
     """[intensity] kind = "range_corrected": optical power, as if all echoes came from one range."""
 
     kind: Literal["range_corrected"]
 
 
-_REFLECTIVITY = ("kind", "white_value", "exponent", "retro", "retro_reflectivity", "coarse_above", "coarse_step")
+_REFLECTIVITY = (
+    "kind",
+    "white_value",
+    "exponent",
+    "retro",
+    "retro_reflectivity",
+    "coarse_above",
+    "coarse_step",
+    "measures",
+)
 
 
 class ReflectivityFile(Table[Intensity], only=_REFLECTIVITY):
@@ -180,7 +189,7 @@ class PublishedFile(FileModel):
     repeatability: tuple[RepeatabilityFile, ...] = Field(default=(), description="scatter of the range, below")
     modes: ModesFile | None = Field(default=None, description="ranges in other modes, below")
     false_points: Annotated[float, Field(gt=0, lt=1)] | None = Field(
-        default=None, description="share of the pulses that report noise, at that illuminance"
+        default=None, description="fraction of the pulses that report noise, at that illuminance"
     )
     points_per_second: Positive | None = Field(default=None, description="one return a pulse, rounded as published")
     assumed: tuple[str, ...] = Field(

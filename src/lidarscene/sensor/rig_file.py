@@ -92,7 +92,7 @@ class RigFile(FileModel):
 
     name: str = Field(default="", description="for people; the file's name if empty")
     sensors: Annotated[tuple[MountedFile, ...], Field(min_length=1, max_length=MOST_SENSORS)] = Field(
-        description="sensors and where they stand"
+        description="sensors and their poses"
     )
     imu: ImuFile | None = Field(default=None, description="the vehicle's IMU; none if left out")
 

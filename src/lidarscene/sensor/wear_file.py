@@ -33,7 +33,7 @@ class WearFile(FileModel):
         default=1.0, description="one-way transmittance of an absorbing film on the window"
     )
     covered_share: Annotated[float, Number(ge=0, le=0.9)] = Field(
-        default=0.0, description="share of the window under opaque grains or scratches"
+        default=0.0, description="fraction of the window under opaque grains or scratches"
     )
     grain_um: Annotated[float, Number("um", ge=5, le=1000)] = Field(
         default=50.0,

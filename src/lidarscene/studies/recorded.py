@@ -1,7 +1,7 @@
 """Catalogue sensors compared with recordings of real ones, by statistics that do not depend on the scene.
 
 A recording of an Ouster has SIGNAL, NEAR_IR, reflectivity and range of each point, kept or lost. Four curves follow
-from them (docs/sensors.md). One of another maker has ranges and perhaps reflectivities: its beams, steps, scatter and
+from them (docs/recorded.md). One of another maker has ranges and perhaps reflectivities: its beams, steps, scatter and
 the least distance of two returns follow. `catalog/recorded` holds either for one recording of each sensor. For others
 the scatter at some ranges is known (`[[published.repeatability]]` with `recording = true`).
 """

@@ -12,4 +12,5 @@ controls      the sliders, and what they change
 html_page     the page as one file
 serve         the server, on this machine only
 notebook      the page inside of a notebook's cell
+widget        the same, live
 """

@@ -24,10 +24,10 @@ def page(title: str, blobs: Mapping[str, bytes] | None = None) -> str:
         for name, blob in (blobs or {}).items()
     )
     return _fill_template(
-        _read_static("page.html"),
+        read_static("page.html"),
         {
-            "STYLE": _read_static("page.css"),
-            "SCRIPT": "\n".join(_read_static(name) for name in SCRIPTS),
+            "STYLE": read_static("page.css"),
+            "SCRIPT": "\n".join(read_static(name) for name in SCRIPTS),
             "BLOBS": embedded,
             "TITLE": html.escape(title),
         },
@@ -65,7 +65,8 @@ def save(source: Source, path: Path) -> None:
         temporary.write_text(text, encoding="utf-8")
 
 
-def _read_static(name: str) -> str:
+def read_static(name: str) -> str:
+    """Text of a file of the page."""
     return resources.files(__package__).joinpath("static", name).read_text(encoding="utf-8")
 
 

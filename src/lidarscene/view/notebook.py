@@ -2,8 +2,12 @@
 
 from __future__ import annotations
 
+import functools
 import html
 import os
+import sys
+import tempfile
+import webbrowser
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -11,17 +15,31 @@ from typing import Any
 from ..cloud.point_cloud import PointCloud
 from ..errors import InputError
 from ..files.atomic import put_text
+from ..files.optional import is_installed
 from ..scene.scene import Scene
 from ..scene.scene_file import load_scene
 from .html_page import LARGE_BYTES, standalone_page
 from .page_sources import Clouds, Live, Source
+from .widget import widget_of
+
+STILL = "<p>its sliders render the scene anew with: pip install 'lidarscene[notebook]'</p>"
+"""Line below the page of a scene where anywidget is not installed."""
 
 
 class Viewed:
-    """Page that a notebook shows in an iframe; `save` writes it as a self-contained file."""
+    """Page that a notebook shows in an iframe, live where anywidget is installed; `save` writes it as one file."""
 
     def __init__(self, source: Source, *, height_px: int) -> None:
-        self._title, self._page, self._height_px = source.title, standalone_page(source), height_px
+        self._source, self._title, self._height_px = source, source.title, height_px
+        self._widget = widget_of(source, height_px=height_px) if is_installed("anywidget") else None
+
+    @functools.cached_property
+    def _page(self) -> str:
+        return standalone_page(self._source)
+
+    def _repr_mimebundle_(self, **formats: Any) -> Any:
+        """The widget, where anywidget is installed: its page is live. Else `_repr_html_` is shown."""
+        return None if self._widget is None else self._widget._repr_mimebundle_(**formats)
 
     def __repr__(self) -> str:
         return f"Viewed({self._title}: {len(self._page) / 1e6:.1f} MB; a notebook shows it, save() writes a page)"
@@ -33,7 +51,17 @@ class Viewed:
         return (
             f'<iframe srcdoc="{html.escape(self._page, quote=True)}" width="100%" height="{self._height_px}" '
             f'style="border:0" title="{html.escape(self._title, quote=True)}"></iframe>'
+            + (STILL if isinstance(self._source, Live) else "")
         )
+
+    def show(self) -> None:
+        """Show the page: in the notebook, or else in the browser, from a temporary file."""
+        if "ipykernel" in sys.modules:
+            sys.modules["IPython"].display.display(self)
+            return
+        path = Path(tempfile.mkdtemp(prefix="lidarscene-")) / "view.html"
+        self.save(path)
+        webbrowser.open(path.as_uri())
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the page.

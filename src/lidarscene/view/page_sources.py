@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import dataclasses
+import functools
 import json
+import re
 import shlex
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any, Protocol
 
@@ -495,6 +497,16 @@ def _origin_of(position_m: Numbers) -> Numbers:
 def _title(metadata: Any, otherwise: str) -> str:
     names = [Path(metadata.get(key, "")).name for key in ("scene", "sensor")]
     return " · ".join(filter(None, names)) or otherwise
+
+
+def blob_of(source: Source, request: str) -> Callable[[], bytes] | None:
+    """Job that makes what a page asks for, "stage", "stage?frame=3" or "frame-3"; None for anything else."""
+    name, _, query = request.partition("?")
+    if name == "stage":
+        frame_query = re.fullmatch("frame=([0-9]{1,9})", query)
+        return functools.partial(source.stage, int(frame_query[1]) if frame_query else None)
+    frame = re.fullmatch("frame-([0-9]{1,9})", name)
+    return functools.partial(source.frame, int(frame[1])) if frame and int(frame[1]) < len(source.frames) else None
 
 
 def settings_from(body: bytes) -> Settings:

@@ -19,7 +19,7 @@ from typing import Any
 from ..errors import InputError, LidarSceneError
 from ..kernel.device.gate import exclusive
 from .html_page import page
-from .page_sources import Source, settings_from
+from .page_sources import Source, blob_of, settings_from
 
 HOST = "127.0.0.1"
 LARGEST_REQUEST = 1 << 16
@@ -178,14 +178,11 @@ class _Handler(BaseHTTPRequestHandler):
 
     def do_GET(self) -> None:
         """Answer with the page or a blob."""
-        source, (name, _, query) = self.server.source, self.path.partition("?")
-        if name == "/":
+        source = self.server.source
+        if self.path.partition("?")[0] == "/":
             self._answer(lambda: page(source.title).encode(), "text/html; charset=utf-8")
-        elif name == "/stage":
-            frame_query = re.fullmatch("frame=([0-9]{1,9})", query)
-            self._answer(lambda: source.stage(int(frame_query[1]) if frame_query else None))
-        elif (number := _frame_number(name, len(source.frames))) is not None:
-            self._answer(lambda: source.frame(number))
+        elif (job := blob_of(source, self.path.removeprefix("/"))) is not None:
+            self._answer(job)
         else:
             self._send(HTTPStatus.NOT_FOUND, b"not found", "text/plain")
 
@@ -255,9 +252,3 @@ class _Handler(BaseHTTPRequestHandler):
 
     def log_message(self, format: str, *arguments: object) -> None:
         """Log nothing: the terminal belongs to the user."""
-
-
-def _frame_number(name: str, count: int) -> int | None:
-    text = name.removeprefix("/frame-")
-    is_number = name != text and re.fullmatch("[0-9]{1,9}", text)
-    return int(text) if is_number and int(text) < count else None

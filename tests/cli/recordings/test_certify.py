@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.command_line import Run
+from helpers.twins import use_few_trees
 
 from lidarscene import Simulator, load_scene, load_sensor
 from lidarscene.catalog import sensor_path
@@ -14,6 +15,11 @@ from lidarscene.rendering.render_options import FrameOptions
 
 SENSOR = "vlp-16"
 TURNS = 4
+
+
+@pytest.fixture(autouse=True)
+def _few_trees(monkeypatch: pytest.MonkeyPatch) -> None:
+    use_few_trees(monkeypatch)
 
 
 @pytest.fixture(scope="module")

@@ -425,7 +425,7 @@ def test_a_single_pulse_that_meets_glass_is_told_once():
 
 
 def test_what_meets_glass_for_the_first_time_is_compiled_then_and_only_then():
-    """What docs/architecture.md says: a frame that glass has left needs nothing new; one that it has come into does."""
+    """What ARCHITECTURE.md says: a frame that glass has left needs nothing new; one that it has come into does."""
     aside = dataclasses.replace(
         pane(10.0, 6.0), motion=Course(start=pane(10.0, 6.0).pose, velocity_m_s=(0.0, 100.0, 0.0))
     )

@@ -40,7 +40,7 @@ def course(detections, sun, dead):
 def test_the_peak_behind_the_filter_is_that_of_the_course_of_the_free_spads(sun, dead):
     """Rationale: echoes of any strength, whose SPADs miss the background behind them until they are back.
     Reference: the renewal course, filtered and searched here. Tolerance: 0.5 % of the height for a table's steps, 0.02
-    sigmas of the place for the search's; curvature 3 %.
+    sigmas of the place for the search's; curvature 3 %, and 6 % where the echo fires a twentieth of the SPADs.
     """
     places = np.arange(-3.0, 1.0, 0.02)
     for detections in (0.003, 0.04, 0.06, 0.5, 3.0):
@@ -59,6 +59,7 @@ def test_the_peak_behind_the_filter_is_that_of_the_course_of_the_free_spads(sun,
     low, middle, high = template @ counts
     bend = (2.0 * middle - low - high) / (0.04 * middle) * matched_filter.OUTPUT_WIDTH**2
     assert float(weak.bend) == pytest.approx(bend, rel=0.03)
+    assert float(pile_up.top(detections=0.05, sun=sun, dead=12.0).bend) == pytest.approx(bend, rel=0.06)
 
 
 def test_counts_around_an_echo_in_the_sun():

@@ -89,7 +89,7 @@ LOOP = {"loop": True, "laps": 1, "length_m": 900.0}
 
 
 @pytest.mark.parametrize("keys", [{"lanes": 1}, {"lanes": 2}, {"lanes": 3}, LOOP])
-@pytest.mark.parametrize("seed", range(1, 9))
+@pytest.mark.parametrize("seed", [1, 2, 3])
 def test_nothing_that_stands_overlaps(seed: int, keys: dict[str, object]) -> None:
     """Houses, parked cars, trunks, posts and people are apart from each other and clear of all lanes and crossings."""
     layout = laid.lay_out(street(seed, parked_share=(0.5, 1.0), house_share=(0.5, 1.0), **keys))
@@ -117,7 +117,7 @@ def ribbon(layout: laid.Layout, x_m: np.ndarray, y_m: np.ndarray, size_m: tuple[
 
 
 @pytest.mark.parametrize("keys", [{"lanes": 1}, {"lanes": 2, "bend_deg": (0.0, 0.0)}, LOOP])
-@pytest.mark.parametrize("seed", range(1, 9))
+@pytest.mark.parametrize("seed", [1, 2, 3])
 def test_nobody_collides(seed: int, keys: dict[str, object]) -> None:
     """All the time, nobody who moves overlaps with anybody, nor with what stands; every half second and between."""
     layout = laid.lay_out(street(seed, stop_share=0.8, ahead=3, behind=2, **keys))
@@ -197,6 +197,17 @@ def test_a_closed_line_stops_those_who_can() -> None:
         assert (lane.speed_m_s[0] < 0.1) == stops
 
 
+def test_a_crossing_closes_where_the_ego_vehicle_can_stop_and_is_near() -> None:
+    """Reference: 25 m at 10 m/s and 2 m/s2: .7 of it and 2 m is too near, and 2 s and 6 m more than it too far."""
+    crossing = laid.Crossing(100.0, 2.0, is_zebra=True)
+    for room_m, closes in ((19.0, False), (20.0, True), (50.5, True), (51.5, False)):
+        closing = driven._Closing(crossing, 5.0)
+        front_m = np.array([crossing.stop_x_m(1) - room_m])
+        ego = driven._Lane(0, 1, front_m, np.array([10.0]), np.array([10.0]), np.array([4.4]), ["car"])
+        closing.update(0.0, ego, 0, [ego])
+        assert closing.is_closed == closes, room_m
+
+
 def test_a_line_is_the_integral_of_its_curvature() -> None:
     """A clothoid of 40 m to a radius of 30 m ends where Fresnel's integrals say; it goes on before it."""
     rate = 1.0 / (30.0 * 40.0)
@@ -250,17 +261,34 @@ def test_a_seed_is_a_street() -> None:
 
 
 def test_a_longer_street_keeps_its_drivers_and_its_numbers_in_sight_few() -> None:
-    """Ten minutes of driving: nothing comes twice, and no more is there at a time than in a tenth of it."""
+    """Five minutes of driving: nothing comes twice, and no more is there at a time than in a seventh of it."""
     most = []
-    for length_m in (400.0, 6000.0):
-        traffic = driven.drive(laid.lay_out(street(5, length_m=length_m)))
+    for length_m in (400.0, 3000.0):
+        layout = laid.lay_out(street(5, length_m=length_m))
+        traffic = driven.drive(layout)
         spans = np.array([(track.time_s[0], track.time_s[-1]) for track in traffic.others])
         most.append(max(int(((spans[:, 0] <= t) & (t <= spans[:, 1])).sum()) for t in traffic.ego.time_s))
-    assert traffic.ego.time_s[-1] > 600.0
-    # The largest of fourteen times as many moments is larger by chance, up to 1.9 times; all at once would be 14 times.
+    assert traffic.ego.time_s[-1] > 300.0
+    # The largest of seven times as many moments is larger by chance, up to 1.9 times; all at once would be 7 times.
     assert most[1] < 3.0 * most[0]
-    gaps_m = np.diff(sorted(x_m for x_m, *_ in laid.lay_out(street(5, length_m=4500.0)).items["lamp_posts"]))
+    gaps_m = np.diff(sorted(x_m for x_m, *_ in layout.items["lamp_posts"]))
     assert len(np.unique(np.round(gaps_m, 6))) > 0.9 * len(gaps_m)
+
+
+def test_each_stop_line_lies_where_drivers_stop() -> None:
+    """Lines for each crossing and direction, across the lanes on the right."""
+    file = street(4)
+    layout = laid.lay_out(file)
+    (lines,) = (body for body in street_tables(file)["bodies"] if body["name"] == "stop_lines")
+    painted = np.array([place["position_m"][:2] for place in lines["instances"]])
+    expected = [
+        layout.line.at(np.array([crossing.stop_x_m(to)]), np.array([-to * 0.5 * file.lanes * file.lane_width_m]))[0, :2]
+        for crossing in layout.crossings
+        for to in (1, -1)
+    ]
+    assert len(painted) == len(expected) >= 4
+    gaps_m = np.hypot(*(painted[:, None] - np.array(expected)).transpose(2, 0, 1))
+    assert gaps_m.min(axis=0).max() < 0.3
 
 
 def bodies_of(seeds: range) -> list[dict[str, Any]]:

@@ -1,5 +1,6 @@
 """Verdicts in words, on numbers made by hand."""
 
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -107,6 +108,19 @@ def test_pulses_without_light_and_bodies_that_differ_most() -> None:
     _, rows = group_table(comparison(a, b), "body", most=1)
     assert [row[0] for row in rows] == ["right"]
     assert rows[0][-2:] == ["60", "0"]
+
+
+def test_a_body_that_one_sensor_alone_meets_has_its_row() -> None:
+    """B's beams pass the right one by."""
+    a, b = observation("a", range(100, 300)), observation("b", first_pulses(50))
+    assert b.surfaces is not None
+    left = {
+        each.name: values[:200] for each in fields(Surfaces) if (values := getattr(b.surfaces, each.name)) is not None
+    }
+    _, rows = group_table(comparison(a, replace(b, surfaces=Surfaces(**left)), matched=False), "body")
+    assert [row[:2] for row in rows] == [["left", "200"], ["right", "200"]]
+    assert [row[2].split()[0] for row in rows] == ["50.00", "50.00"]
+    assert [row[3].split()[0] for row in rows] == ["25.00", "-"]
 
 
 def test_crossings_and_the_sweep_in_words() -> None:

@@ -299,7 +299,7 @@ def test_pulses_that_come_once_in_a_while_still_count_once(apart_s: float, count
     assert f" for {count} pulses in 10 s" in detail
 
 
-@pytest.mark.parametrize("page", ["photon_counting", "recipes", "your_own"])
+@pytest.mark.parametrize("page", ["photon_counting", "recipes", "own_sensor"])
 def test_designs_of_the_guides_are_of_class_1(page, tmp_path, monkeypatch):
     """Rationale: who starts from an example starts from a design that may be built, as long as its beam moves."""
     pages = (ROOT / "docs" / f"{page}.md").read_text(encoding="utf-8")

@@ -4,10 +4,16 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.twins import use_few_trees
 
 from lidarscene.studies.twin.told_apart import Image, told_apart
 
 ROWS, COLUMNS = 64, 512
+
+
+@pytest.fixture
+def few_trees(monkeypatch: pytest.MonkeyPatch) -> None:
+    use_few_trees(monkeypatch)
 
 
 def image(seed: int, *, sigma_m: float = 0.01, lost: float = 0.02, scale: float = 1.0, texture: float = 0.05) -> Image:
@@ -30,6 +36,7 @@ def test_frames_of_one_sensor_are_not_told_apart() -> None:
     assert all(abs(accuracy - 0.5) < 0.1 for accuracy in accuracies().values())
 
 
+@pytest.mark.usefixtures("few_trees")
 @pytest.mark.parametrize(
     ("changed", "telling"),
     [({"sigma_m": 0.02}, "range texture"), ({"lost": 0.1}, "holes"), ({"texture": 0.1}, "intensity")],
@@ -41,10 +48,12 @@ def test_a_difference_is_told_by_its_own_group(changed: dict[str, float], tellin
     assert abs(found["edges"] - 0.5) < 0.1
 
 
+@pytest.mark.usefixtures("few_trees")
 def test_the_scale_of_strengths_tells_nothing() -> None:
     assert abs(accuracies(scale=7.0)["intensity"] - 0.5) < 0.1
 
 
+@pytest.mark.usefixtures("few_trees")
 def test_without_strengths_or_with_few_patches() -> None:
     pytest.importorskip("sklearn")
     bare = [Image(image(seed).range_m, None) for seed in (1, 2)]

@@ -3,7 +3,7 @@
 Most pulses of a frame may report nothing, and a point has 28 columns. So the reported returns are counted first, and a
 second small kernel gathers them and computes positions, angles and identities for these lanes only. What follows from
 the pulse's number alone is not carried through the first kernel. Nothing else leaves the device
-(docs/architecture.md).
+(ARCHITECTURE.md).
 
 Symbols: n pulse lanes, k kept points; lane of a ray = pulse lane * rays + ray.
 """

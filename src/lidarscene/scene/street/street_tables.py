@@ -9,6 +9,7 @@ from __future__ import annotations
 import copy
 import functools
 import math
+import re
 import shutil
 from collections import Counter
 from collections.abc import Mapping, Sequence
@@ -99,7 +100,7 @@ def write_scene(tables: Tables, folder: Path, *, origin: str) -> Path:
             for number, instance in enumerate(body.get("instances", ())):
                 if "motion" in instance:
                     _write_motion(instance["motion"], temporary, f"{body['name']}_{number}")
-        text = f"# Made by lidarscene street: {origin}\n" + _scene_text({"name": "street"} | tables)
+        text = f"# Made by lidarscene street: {origin}\n" + scene_text({"name": "street"} | tables)
         (temporary / "street.toml").write_text(text, encoding="utf-8", newline="\n")
     return folder / "street.toml"
 
@@ -154,27 +155,31 @@ def _write_motion(motion: Tables, folder: Path, name: str) -> None:
 def _value_text(value: Any) -> str:
     """Write a value as TOML, tables in a line as people write them."""
     if isinstance(value, dict):
-        return (
-            "{}"
-            if not value
-            else "{ " + ", ".join(f"{key} = {_value_text(entry)}" for key, entry in value.items()) + " }"
-        )
+        return "{ " + ", ".join(_entry_text(key, entry) for key, entry in value.items()) + " }" if value else "{}"
+    if isinstance(value, (list, tuple)):
+        return "[" + ", ".join(map(_value_text, value)) + "]"
     return toml_text(value)
 
 
-def _scene_text(tables: Mapping[str, Any]) -> str:
-    """Write tables as TOML, each instance on a line of its own."""
-    lines = [f"{key} = {_value_text(value)}" for key, value in tables.items() if not isinstance(value, (dict, list))]
+def _entry_text(key: str, value: Any) -> str:
+    """Write a key with its value, in quotes where TOML needs them."""
+    return f"{key if re.fullmatch('[A-Za-z0-9_-]+', key) else toml_text(key)} = {_value_text(value)}"
+
+
+def scene_text(tables: Mapping[str, Any]) -> str:
+    """Write the tables of a scene file as TOML, each body in a table and each instance on a line of its own."""
+    lines = [_entry_text(key, value) for key, value in tables.items() if not isinstance(value, (dict, list))]
     for key, table in tables.items():
         if isinstance(table, dict):
-            lines += ["", f"[{key}]", *(f"{name} = {_value_text(value)}" for name, value in table.items())]
-    for body in tables["bodies"]:
-        lines += ["", "[[bodies]]"]
-        for name, value in body.items():
-            if name == "instances":
-                lines += ["instances = [", *(f"    {_value_text(instance)}," for instance in value), "]"]
-            else:
-                lines.append(f"{name} = {_value_text(value)}")
+            lines += ["", f"[{key}]", *(_entry_text(name, value) for name, value in table.items())]
+    for key, rows in tables.items():
+        for row in rows if isinstance(rows, list) else ():
+            lines += ["", f"[[{key}]]"]
+            for name, value in row.items():
+                if name == "instances":
+                    lines += ["instances = [", *(f"    {_value_text(instance)}," for instance in value), "]"]
+                else:
+                    lines.append(_entry_text(name, value))
     return "\n".join(lines) + "\n"
 
 
@@ -225,7 +230,7 @@ def _moving(layout: Layout, traffic: Traffic) -> list[Tables]:
     tracks = _by_shape({name: [track for track in traffic.others if track.name == name] for name in names})
     for name, of_shape in tracks.items():
         instances = [{"motion": {"poses": _poses(layout, track), "at_end": at_end}} for track in of_shape]
-        bodies.append(body_table(name, shapes()[name]) | {"on_ground": True, "instances": instances})
+        bodies.append(body_table(name, shapes()[name], moves=True) | {"on_ground": True, "instances": instances})
     return bodies
 
 

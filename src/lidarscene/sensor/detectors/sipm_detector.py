@@ -50,7 +50,7 @@ class Sipm(GeigerDetector):
     radius_m: Annotated[Lanes, Quantity("mm", ge=1e-3, le=100, about="of the photosensitive area")]
     dead_time_s: Annotated[Lanes, Quantity("ns", ge=0.01, le=1e5, about="tau")]
     cell_floor: Annotated[
-        Lanes, Quantity(ge=0, le=1e5, about="least threshold, cells; 0 reproduces the paper's Fig. 6")
+        Lanes, Quantity(ge=0, le=1e5, about="minimum threshold, cells; 0 reproduces the paper's Fig. 6")
     ] = 1.0
     statistics: Annotated[
         Literal["steady_state", "published", "time_domain"],
@@ -67,14 +67,14 @@ class Sipm(GeigerDetector):
     ] = "gaussian"
     crosstalk: Annotated[
         Lanes | None,
-        Quantity(ge=0, le=0.5, about="share of avalanches that fire another cell at once; none if left out"),
+        Quantity(ge=0, le=0.5, about="fraction of avalanches that fire another cell at once; none if left out"),
     ] = None
     afterpulse: Annotated[
         Lanes | None,
         Quantity(
             ge=0,
             le=0.5,
-            about="with `afterpulse_ns`: share of avalanches that fire the same cell again; none if left out",
+            about="with `afterpulse_ns`: fraction of avalanches that fire the same cell again; none if left out",
         ),
     ] = None
     afterpulse_s: Annotated[

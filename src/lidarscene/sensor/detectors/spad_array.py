@@ -45,8 +45,8 @@ class SpadArray(GeigerDetector):
         Quantity(
             ge=0,
             le=0.5,
-            about="with `afterpulse_ns`: share of firings after which the same SPAD fires again if it is free; none if "
-            "left out",
+            about="with `afterpulse_ns`: fraction of firings after which the same SPAD fires again if it is free; none "
+            "if left out",
         ),
     ] = None
     afterpulse_s: Annotated[

@@ -19,16 +19,16 @@ MOST_EVALUATIONS = 1_000_000
 
 CLOSED_FORM = {
     "range": "farthest at which a plane is detected with `probability`, at most the converter's window",
-    "range_of_units": "range that the share `units` of built ones reach, by the study's `[tolerance]`",
+    "range_of_units": "range that the fraction `units` of built units reaches, by the study's `[tolerance]`",
     "detection_probability": "P_d of a plane at `distance`",
     "snr": "signal-to-noise ratio of a plane at `distance`",
     "scatter_mm": "standard deviation of the reported range of a plane at `distance`, from 20,000 simulated shots",
     "false_points": "expected false alarms among the points of a frame, all pulses on the plane but beyond its echo",
     "class_1_margin": "limit of class 1 over emission; at least 1 is class 1",
-    "class_1": "the same of a sensor that can be judged; a billion where its pulse is not known or no table has it",
+    "class_1": "the same, but a billion for a sensor whose pulse is not known or in no table",
     "mean_power_mw": "energy of a pulse times pulses per second, all shots counted",
     "electrical_power_w": "of the whole sensor, by `[power]` of its file: driver, electronics and scanner",
-    "fill_factor": "active share of a SiPM's or a pixel's area, by `detector.cell_gap_um`",
+    "fill_factor": "active fraction of a SiPM's or a pixel's area, by `detector.cell_gap_um`",
     "detection_efficiency": "of a SiPM or SPADs, with fill factor, overvoltage and temperature",
     "dark_counts_hz": "of all cells or SPADs, with overvoltage and temperature",
     "aperture_area_mm2": "of the receiver's lens",
@@ -38,7 +38,7 @@ CLOSED_FORM = {
     "beams": "channels that a frame has",
     "data_rate_mbit_s": "of all returns of all pulses, with `bits_per_point`",
     "cost": "sum of `[cost]` over all sensors",
-    "coverage": "share of the field of view that has a pulse before `time_s`",
+    "coverage": "fraction of the field of view that has a pulse before `time_s`",
     "revisit_s": "mean time between visits of a cell, over `time_s`",
 }
 TRACED = {
@@ -73,12 +73,12 @@ CLASS_1 = "class 1"
 class FreeFile(FileModel):
     """One free key: values from low to high, or a list of choices."""
 
-    low: float | None = Field(default=None, description="least value")
-    high: float | None = Field(default=None, description="largest value")
+    low: float | None = Field(default=None, description="minimum")
+    high: float | None = Field(default=None, description="maximum")
     step: Annotated[float, Field(gt=0)] | None = Field(default=None, description="between values; any if left out")
     log: bool = Field(default=False, description="search in equal ratios, not in equal steps")
     choices: tuple[float | int | bool | str | dict[str, Any], ...] | None = Field(
-        default=None, description="values, in place of low and high; a table stands in place of the file's"
+        default=None, description="values, in place of low and high; a table replaces the file's"
     )
 
     @model_validator(mode="after")
@@ -109,7 +109,7 @@ class QuantityFile(FileModel):
 
     sensor: str | None = Field(default=None, description="label, of a study with several sensors")
     probability: float = Field(default=PROBABILITY, description="P_d at the range")
-    units: Annotated[float, Field(ge=0.5, lt=1)] = Field(default=0.95, description="share of the built units")
+    units: Annotated[float, Field(ge=0.5, lt=1)] = Field(default=0.95, description="fraction of the built units")
     distance: float = Field(default=100.0, description="of the plane, m")
     illuminance: float = Field(default=100.0, description="of the sun, klux")
     sun_angle: float = Field(default=60.0, description="between sun and normal of the plane, degrees")
@@ -242,8 +242,8 @@ class ConstraintFile(QuantityFile):
     """One constraint: bounds of a quantity, or of a key of a sensor file."""
 
     quantity: Name = Field(description="quantity, or key of the sensor file")
-    at_least: float | None = Field(default=None, description="least value that is allowed")
-    at_most: float | None = Field(default=None, description="largest value that is allowed")
+    at_least: float | None = Field(default=None, description="minimum that is allowed")
+    at_most: float | None = Field(default=None, description="maximum that is allowed")
 
     @model_validator(mode="after")
     def _bounded(self) -> ConstraintFile:

@@ -3,7 +3,7 @@
 A patch is five pulses along a ring, every second column; the residuals about a parabola through them have two degrees
 of freedom. Columns of an Ouster share noise: on a static pair of frames with .59, .38, .26, .13, .07 and .03 at 1 to 6
 columns, so that such a patch reads 26 % low. Differences over 18 columns show by how much, and the squares are raised
-by that. Pulses below 100 photons, which it seems to filter over more columns (docs/sensors.md), are not used.
+by that. Pulses below 100 photons, which it seems to filter over more columns (docs/recorded.md), are not used.
 Surfaces must be smooth: a patch counts if the patches in the rows above and below are among the smoothest, since their
 noise is independent of its own. Patches far above the law are left out, and the truncated chi^2 distribution corrects
 for that.

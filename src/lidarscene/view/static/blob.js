@@ -10,8 +10,18 @@ async function held(element) {
   return new Response(stream).arrayBuffer();
 }
 
+// Inside of a notebook's widget the page has no server: widget.js hands what it asks for to Python.
+function askedParent(name, settings) {
+  return new Promise((resolve, reject) => {
+    const { port1, port2 } = new MessageChannel();
+    port1.onmessage = ({ data }) => (data.error ? reject(new Error(data.error)) : resolve(data.buffer));
+    parent.postMessage({ lidarscene: name, settings }, "*", [port2]);
+  });
+}
+
 // The error's message is the server's one line.
 async function asked(name, settings) {
+  if (location.protocol === "about:") return askedParent(name, settings);
   const options = settings && { method: "POST", body: JSON.stringify(settings) };
   let response;
   try {

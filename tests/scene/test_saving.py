@@ -1,0 +1,194 @@
+"""Saved scenes: `Scene.save` writes what `load_scene` reads again, number by number."""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+import trimesh
+
+import lidarscene
+from lidarscene import InputError, OutputError, Pose, Scene, Sun, load_scene
+from lidarscene.materials.material import Material, Spectrum
+from lidarscene.maths.trajectory import Course, Spline
+from lidarscene.scene.scene import Air, Ball, Body, Interferer, Part, View
+from lidarscene.scene.weather import Weather
+
+PAINT = Material(
+    name="paint",
+    bsdf="glass",
+    reflectivity=Spectrum(wavelength_m=(850e-9, 1550e-9), value=(0.07, 0.31)),
+    parameters={
+        "index_n": Spectrum(wavelength_m=(900e-9, 905e-9), value=(1.5, 1.51)),
+        "index_k": Spectrum(wavelength_m=(900e-9, 905e-9), value=(1e-7, 3e-7)),
+        "thickness_m": 0.0037,
+    },
+)
+
+
+def triangles(body: Body) -> list[object]:
+    """Corners of each part's triangles, with its material."""
+    return [
+        (part.radius_m, part.material)
+        if isinstance(part, Ball)
+        else (
+            part.vertices_m[part.faces].tolist(),
+            part.material,
+            None if part.stride_m is None else part.stride_m.sum(),
+        )
+        for part in body.parts
+    ]
+
+
+def assert_same(first: Scene, second: Scene) -> None:
+    assert [body.name for body in first.bodies] == [body.name for body in second.bodies]
+    for one, other in zip(first.bodies, second.bodies, strict=True):
+        assert triangles(one) == triangles(other), one.name
+        assert one.pose.position_m.tolist() == other.pose.position_m.tolist(), one.name
+        assert one.pose.rotation.tolist() == other.pose.rotation.tolist(), one.name
+        assert (one.class_name, one.present_s, type(one.motion)) == (
+            other.class_name,
+            other.present_s,
+            type(other.motion),
+        )
+    used = {part.material for body in first.bodies for part in body.parts}
+    for name in used:
+        wavelength_m = 903e-9
+        assert first.materials[name].at(wavelength_m) == second.materials[name].at(wavelength_m), name
+    for field in ("sun", "sky", "air", "lamps_w_m2", "interferers", "sensor_name", "camera", "reach_m", "base", "name"):
+        assert getattr(first, field) == getattr(second, field), field
+    assert first.sensor_pose.position_m.tolist() == second.sensor_pose.position_m.tolist()
+    assert first.sensor_pose.rotation.tolist() == second.sensor_pose.rotation.tolist()
+
+
+def saved(scene: Scene, folder: Path, name: str = "mine.toml") -> Scene:
+    scene.save(folder / name)
+    return load_scene(folder / name)
+
+
+@pytest.mark.parametrize("name", ["car", "glass", "drive", "street"])
+def test_a_scene_of_a_file_is_read_again(name: str, tmp_path: Path) -> None:
+    scene = load_scene(name, overrides={"sun.illuminance_klux": 12.3})
+    assert_same(scene, saved(scene, tmp_path))
+    assert [file.name for file in tmp_path.iterdir()] == ["mine.toml"], "all meshes stay where they are"
+
+
+def test_an_edited_scene_gives_the_same_cloud(tmp_path: Path) -> None:
+    shapes = trimesh.Scene({"box": trimesh.creation.box(), "ball": trimesh.creation.icosphere(subdivisions=1)})
+    corners = np.random.default_rng(5).normal(size=(30, 3))
+    trimesh.creation.box().export(tmp_path / "box.ply")
+    colours = trimesh.creation.box(visual=trimesh.visual.TextureVisuals())
+    colours.visual.material = trimesh.visual.material.PBRMaterial(baseColorFactor=(10, 20, 30, 255))
+    scene = (
+        load_scene("car")
+        .remove("car")
+        .add(shapes, "asphalt", position=(8.1, 1.3, 0.7), name="two shapes")
+        .add((corners, np.arange(30).reshape(10, 3)), "concrete", pose=(5.3, -2.1, 1.0, 33.3, 12.7, -5.1))
+        .add(tmp_path / "box.ply", "brick", pose=(6.0, 3.0, 0.5, 20.0))
+        .add(colours, position=(4.0, 0.0, 1.0), name="coloured")
+    )
+    again = saved(scene, tmp_path)
+    assert_same(scene, again)
+    first, second = (lidarscene.render(of, "vlp-16", seed=1) for of in (scene, again))
+    assert len(first) > 500
+    for column in first.columns:
+        assert np.array_equal(np.asarray(first.column(column.name)), np.asarray(second.column(column.name)))
+    assert (first.body_names, first.material_names) == (second.body_names, second.material_names)
+    assert_same(again, saved(again, tmp_path / "further", "copy.toml"))
+
+
+def test_instances_keep_their_names(tmp_path: Path) -> None:
+    scene = load_scene("car")
+    name = next(body.name for body in scene.bodies if body.name == "house.0")
+    scene = scene.remove(name)
+    assert "house.1" in [body.name for body in saved(scene, tmp_path).bodies]
+    assert_same(scene, saved(scene, tmp_path))
+
+
+def test_a_scene_made_in_python_is_written_whole(tmp_path: Path) -> None:
+    box = trimesh.creation.box()
+    ego = Course(start=Pose.from_degrees(position_m=(1.0, 2.0, 0.0), yaw_deg=7.3), speed_m_s=3.3, yaw_rate_rad_s=0.1)
+    parts = (Part(vertices_m=box.vertices, faces=box.faces, material="paint"),)
+    scene = Scene(
+        name="made",
+        bodies=(
+            Body(
+                name="box",
+                class_name="thing",
+                parts=parts,
+                pose=Pose.from_degrees(position_m=(5, 0, 1), yaw_deg=12.345),
+            ),
+            Body(name="ball", class_name="ball", parts=(Ball(radius_m=0.37, material="concrete"),)),
+            Body(name="mover", class_name="thing", parts=parts, motion=replace(ego, velocity_m_s=(0.1, 0.2, 0.0))),
+        ),
+        materials={"paint": PAINT, "concrete": load_scene("car").materials.get("concrete") or PAINT},
+        sun=Sun(azimuth_rad=math.radians(33.3), elevation_rad=0.7, illuminance_klux=55.5),
+        air=Air(visibility_m=2345.0, weather=Weather(rain_mm_h=3.3)),
+        lamps_w_m2=0.003,
+        interferers=(Interferer(rate_hz=1e4, irradiance_w_m2=0.01),),
+        sensor_name="vlp-16",
+        sensor_pose=Pose.from_degrees(position_m=(0.0, 0.0, 1.9), yaw_deg=0.7, pitch_deg=-1.3),
+        ego=ego,
+        camera=View(eye_m=(0.0, 0.0, 5.0), target_m=(9.0, 0.0, 0.0), fov_deg=44.0),
+        reach_m=120.0,
+    )
+    assert_same(scene, saved(scene, tmp_path))
+
+
+def test_what_no_file_can_have_is_one_line_and_writes_nothing(tmp_path: Path) -> None:
+    scene, path = load_scene("car"), tmp_path / "mine.toml"
+    poses = Spline(time_s=np.arange(2.0), poses=(Pose(), Pose.from_degrees(position_m=(1.0, 0.0, 0.0))))
+    box = trimesh.creation.box()
+    part = Part(vertices_m=box.vertices, faces=box.faces, material="asphalt")
+    mover = Body(name="mover", class_name="box", parts=(part,), motion=poses)
+    with pytest.raises(InputError, match=r"'mover': motion: must be by speeds"):
+        replace(scene, bodies=(*scene.bodies, mover)).save(path)
+    with pytest.raises(InputError, match="must not be removed"):
+        scene.remove("road").save(path)
+    with pytest.raises(InputError, match=r"must end in \.toml"):
+        scene.save(tmp_path / "mine.glb")
+    (tmp_path / "file").write_text("")
+    with pytest.raises(OutputError):
+        scene.add(box, "asphalt").save(tmp_path / "file" / "mine.toml")
+    assert [entry.name for entry in tmp_path.iterdir()] == ["file"]
+
+
+def test_a_body_is_added_at_a_position() -> None:
+    box = trimesh.creation.box()
+    body = Scene().add(box, "asphalt", position=(20.0, 0.0, 1.0)).bodies["body"]
+    assert body.pose.position_m.tolist() == [20.0, 0.0, 1.0]
+    with pytest.raises(InputError, match="one of pose and position"):
+        Scene().add(box, "asphalt", (0, 0, 0), position=(20.0, 0.0, 1.0))
+    with pytest.raises(InputError, match="position: must be x, y, z"):
+        Scene().add(box, "asphalt", position="here")
+
+
+def test_colours_of_several_pieces_are_several_materials(tmp_path: Path) -> None:
+    scene = trimesh.Scene()
+    for shade in (20, 200):
+        box = trimesh.creation.box(visual=trimesh.visual.TextureVisuals())
+        box.visual.material = trimesh.visual.material.PBRMaterial(
+            name=f"m{shade}", baseColorFactor=(shade,) * 3 + (255,)
+        )
+        scene.add_geometry(box)
+    added = Scene().add(scene, name="two")
+    assert len({part.material for part in added.bodies["two"].parts}) == 2
+
+
+def test_values_of_the_file_are_replaced(tmp_path: Path) -> None:
+    scene = load_scene("car")
+    dim = scene.replace(sun={"illuminance_klux": 1.5}).replace("weather.rain_mm_h=4")
+    assert (dim.sun.illuminance_klux, dim.air.weather.rain_mm_h) == (1.5, 4)
+    assert dim.replace({"bodies.car.class": "taxi"}).bodies["car"].class_name == "taxi"
+    edited = dim.add(trimesh.creation.box(), "brick").remove("car").replace("sky.diffuse_share=0.3")
+    assert (edited.sun.illuminance_klux, edited.sky.diffuse_share) == (1.5, 0.3)
+    assert [body.name for body in edited.bodies] == [b.name for b in scene.bodies if b.name != "car.0"] + ["body"]
+    assert_same(edited, saved(edited, tmp_path))
+    for wrong, message in (
+        (lambda: edited.replace("bodies.house.yaw_deg=3"), "before bodies are added"),
+        (lambda: scene.replace("sun.illuminace_klux=3"), "did you mean|illuminance_klux"),
+        (lambda: Scene().replace("sun.illuminance_klux=3"), "as `load_scene` gave it"),
+    ):
+        with pytest.raises(InputError, match=message):
+            wrong()
