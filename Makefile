@@ -43,7 +43,9 @@ fuzz: $(READY)
 	FUZZ_INPUTS=$(N) FUZZ_SEED=$(SEED) FUZZ_PARTS=10 FUZZ_TRACED=1 $(BIN)/pytest -n 2 -q tests/fuzz/test_fuzz.py
 	FUZZ_SENSORS=500 FUZZ_SEED=$(SEED) $(BIN)/pytest -n 0 -q tests/fuzz/test_sensors_in_turn.py
 
+# The tests of kernels run once more with kernels as users have them: the suite compiles without optimisation.
 test-all: test
+	TEST_OPTIMISED_KERNELS=1 $(BIN)/pytest -n 3 --dist loadfile -q tests/kernel tests/detection tests/light tests/chain
 	ENDURANCE=1 $(BIN)/pytest -n 0 tests/fuzz/test_endurance.py
 	$(BIN)/python tools/environments.py wheel lowest newest
 

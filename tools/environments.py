@@ -3,8 +3,8 @@
 
     wheel    the sdist and from it the wheel are built; the wheel is installed in empty environments (with the newest
              releases, with the lowest that pyproject.toml allows, with the newest Python) and used in an empty folder;
-             then every command of README.md and docs/recipes.md runs from it, with the extras that they name, and the
-             walks of tools/walks.py
+             then every command of README.md runs from it, with the extras that it names, and the walks of
+             tools/walks.py
     lowest   a part of the suite on the lowest Python with the lowest releases that pyproject.toml allows
     newest   the same part on the newest Python of this machine, or on $PYTHON_NEWEST, with what uv.lock says; where no
              Python is newer than 3.12, uv installs one
@@ -162,7 +162,7 @@ def check_wheel() -> None:
 
 
 def follow_pages(folder: Path, wheel: Path) -> None:
-    """The commands of the pages in an empty folder, as tests/docs/test_commands.py runs them, from the wheel."""
+    """The commands of README.md in an empty folder, as tests/docs/test_commands.py runs them, from the wheel."""
     python = make_environment(folder / "pages", sys.executable)
     install = ("pip", "install", "--quiet", "--no-config", "--python", python)  # overrides are the repository's alone
     uv(*install, "--dry-run", f"{wheel}[all]")
@@ -171,15 +171,13 @@ def follow_pages(folder: Path, wheel: Path) -> None:
     home.mkdir()
     # ouster-sdk brings pytest-asyncio, whose plugin warns while it is loaded.
     pytest = [python, "-m", "pytest", "-q", "-n", "0", "-p", "no:asyncio", "-o", "pythonpath=tests"]
-    pytest += ["-k", "README or recipes"]
+    pytest += ["-k", "README"]
     environment = clean_environment(str(home)) | {"TEST_NO_SKIPS": "1"}
     ran = run([*pytest, "tests/docs/test_commands.py"], ROOT, environment)
     place = run([python, "-c", "import lidarscene; print(lidarscene.__file__)"], ROOT, environment).stdout.strip()
-    if ran.returncode or "2 passed" not in ran.stdout or not place.startswith(str(folder)):
-        raise SystemExit(
-            f"environments: wheel: commands of README and recipes, from {place}:\n{ran.stdout}{ran.stderr}"
-        )
-    report("wheel: every command of README.md and docs/recipes.md")
+    if ran.returncode or "1 passed" not in ran.stdout or not place.startswith(str(folder)):
+        raise SystemExit(f"environments: wheel: commands of README, from {place}:\n{ran.stdout}{ran.stderr}")
+    report("wheel: every command of README.md")
     walked = run([python, str(ROOT / "tools" / "walks.py"), str(folder / "walks")], folder, environment)
     if walked.returncode:
         raise SystemExit(f"environments: wheel: {walked.stdout}{walked.stderr}")

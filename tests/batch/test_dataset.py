@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.small_job import use_no_worlds_of_others
-from helpers.walls import LEFT_AND_RIGHT, MOVING
+from helpers.walls import APPROACHED, LEFT_AND_RIGHT, MOVING
 from scipy.spatial.transform import Rotation
 
 from lidarscene.batch import dataset, dispatch, work
@@ -48,7 +48,8 @@ def _fresh(mi: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     use_no_worlds_of_others(monkeypatch)
 
 
-APPROACHING = MOVING.replace("[ego]", '[sensor]\nname = "table1-apd"\n[ego]') + ROAD
+SENSOR = '[sensor]\nname = "table1-apd"\n'
+APPROACHING = SENSOR + MOVING + ROAD
 
 
 def read_job(folder: Path, text: str, *, scene: str = APPROACHING, rig: str = LEFT_AND_RIGHT) -> Job:
@@ -538,10 +539,8 @@ def test_a_cloud_lies_where_its_tables_say(threads: Connect, tmp_path: Path) -> 
         classes = np.fromfile(
             tmp_path / f"out/lidarseg/{nuscenes_dataset.VERSION}/{data['token']}_lidarseg.bin", np.uint8
         )
-        assert {nuscenes_dataset.CATEGORIES[number] for number in set(classes.tolist())} == {
-            "vehicle.car",
-            "flat.driveable_surface",
-        }
+        names = {nuscenes_dataset.CATEGORIES[number] for number in set(classes.tolist())}
+        assert names - {"noise"} == {"vehicle.car", "flat.driveable_surface"}  # a false alarm now and then
         on_car = points[classes == nuscenes_dataset.CATEGORIES.index("vehicle.car")]
         width, length, height = annotation["size"]
         assert (length, width, height) == (1.0, 4.0, 4.0)
@@ -555,19 +554,7 @@ def test_a_cloud_lies_where_its_tables_say(threads: Connect, tmp_path: Path) -> 
         assert math.hypot(*annotation["rotation"]) == pytest.approx(1.0)
 
 
-PARKED = """
-[sensor]
-name = "table1-apd"
-[ego]
-speed_m_s = 20
-[[bodies]]
-name = "wall"
-primitive = "box"
-class = "car"
-size_m = [1, 4, 4]
-material = "concrete"
-position_m = [14.3, 0, 1.8]
-"""
+PARKED = SENSOR + APPROACHED.replace("[10, 0, 1.8]", "[14.3, 0, 1.8]")
 """A car that stands, and a sensor that drives towards it, by 9 cm in a frame."""
 
 ONE_BEHIND_THE_OTHER = """

@@ -1,6 +1,7 @@
-"""Runs that share a folder, and workers that are gone: nothing is waited for without end. Workers are threads here."""
+"""Runs that share a folder, and workers that are gone: nothing is waited for without end. Most are threads here."""
 
 import contextlib
+import os
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,8 @@ from lidarscene.batch import cluster, dispatch, work
 from lidarscene.batch.dispatch import Progress, run_job
 from lidarscene.batch.tasks import FrameTask, Job
 from lidarscene.errors import LidarSceneError
+from lidarscene.kernel.device import gpus
+from lidarscene.kernel.device.backend import VARIANT_VARIABLE
 
 
 def test_two_runs_share_a_folder(threads: Any, job: Job, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -89,3 +92,13 @@ def test_a_pool_that_cannot_start_is_one_line(monkeypatch: pytest.MonkeyPatch) -
     with pytest.raises(LidarSceneError, match=message), cluster.local_client(2):
         pass
     assert len(attempts) == cluster.STARTS
+
+
+def test_each_local_worker_sees_one_gpu(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Two cards that are not there, three workers: the third shares the first card."""
+    pytest.importorskip("distributed")
+    monkeypatch.delenv(VARIANT_VARIABLE, raising=False)
+    monkeypatch.setenv(gpus.VISIBLE, "GPU-first,GPU-second")
+    with cluster.local_client(3) as client:
+        seen = client.run(os.getenv, gpus.VISIBLE)
+    assert sorted(seen.values()) == ["GPU-first", "GPU-first", "GPU-second"]

@@ -9,7 +9,7 @@ import pytest
 from helpers import chain, launches, walker
 from helpers.traffic import SENSOR, direction, frozen
 
-from lidarscene import load_scene
+from lidarscene import catalog, load_scene
 from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.labels.boxes import boxes
 from lidarscene.maths.pose import Pose
@@ -105,6 +105,50 @@ def test_points_are_on_the_skin_at_their_time(folder: Path, open3d: ModuleType, 
             off_m_s.append(abs(moved_m @ beam / 1e-4 - radial))
     assert np.mean(np.array(off_m) < 1e-3) > 0.99
     assert np.mean(np.array(off_m_s) < 0.05) > 0.97
+
+
+def test_wheels_are_met_as_they_turn(tmp_path: Path, open3d: ModuleType) -> None:
+    """A car crosses at 5 m: points of its wheels are where Open3D's rays meet them at their time, within a millimetre.
+
+    Their velocity is that of the car and of a turn about the hub, v + w x r, whose lowest point stands still.
+    """
+    kind, name = catalog.shipped_meshes()["saloon_469"], catalog.path_of("meshes", "saloon_469")
+    materials = ", ".join(f'{part} = "{value}"' for part, value in kind["materials"].items())
+    (tmp_path / "scene.toml").write_text(
+        f'[sensor]\nposition_m = [0, 0, 0.6]\n[[bodies]]\nname = "car"\nmesh = "{name}"\nclass = "car"\n'
+        f'material = "car_paint_red"\nmaterials = {{ {materials} }}\nanimation = "{kind["animation"]}"\n'
+        "position_m = [6, -1.2, 0]\nyaw_deg = 90\nmotion = { speed_m_s = 12 }\n"
+    )
+    scene = load_scene(tmp_path / "scene.toml")
+    (body,) = scene.bodies
+    steps = "scanner.azimuth_step_deg=0.2", "scanner.elevation_step_deg=0.2"
+    cloud = Simulator(scene, chain.sensor("table1-apd", *SENSOR, *steps)).render(seed=1)
+    of_wheels = [number for number, n in enumerate(cloud.material_names) if n in ("tyre_rubber", "brushed_aluminium")]
+    cloud = cloud.select((cloud.status == 0) & np.isin(cloud.material, of_wheels))
+    assert len(cloud) > 200
+    tyres_m = np.concatenate([part.vertices_m for part in body.parts if part.name == "tyre"])
+    radius_m = 0.5 * tyres_m[:, 2].max()
+    hubs_m = np.unique(np.round(tyres_m[tyres_m[:, 2] > 1.9999 * radius_m][:, 0], 3))
+    beams = direction(cloud)
+    off_m, off_m_s = [], []
+    for number in range(0, len(cloud), len(cloud) // 60):
+        time_s, beam = float(cloud.time_s[number]), beams[number]
+        rays = open3d.t.geometry.RaycastingScene()
+        pose = body.motion.at(np.array([time_s])).pose()
+        for part in body.posed(time_s, 0.0).parts:
+            if part.name in ("tyre", "rim"):
+                corners = pose.apply(part.vertices_m)[part.faces].reshape(-1, 3).astype(np.float32)
+                faces = np.arange(len(corners), dtype=np.uint32).reshape(-1, 3)
+                rays.add_triangles(open3d.core.Tensor(corners), open3d.core.Tensor(faces))
+        ray = np.concatenate([[0.0, 0.0, 0.6], beam]).astype(np.float32)
+        hit_m = float(rays.cast_rays(open3d.core.Tensor(ray[None]))["t_hit"].numpy()[0])
+        off_m.append(abs(hit_m - cloud.true_range_m[number]))
+        x, _, z = pose.inverse_apply(np.array([[0.0, 0.0, 0.6]]) + hit_m * beam)[0]
+        arm_m = np.array([x - hubs_m[np.abs(hubs_m - x).argmin()], z - radius_m])
+        velocity_m_s = pose.rotation @ (12.0 * np.array([1.0 + arm_m[1] / radius_m, 0.0, -arm_m[0] / radius_m]))
+        off_m_s.append(abs(velocity_m_s @ beam - cloud.radial_velocity_m_s[number]))
+    assert np.quantile(off_m, 0.97) < 1e-3
+    assert np.quantile(off_m_s, 0.97) < 0.1
 
 
 def test_normals_and_shadows_are_those_of_the_body_posed(folder: Path) -> None:

@@ -9,6 +9,7 @@ import importlib
 import io
 import pkgutil
 import re
+import tomllib
 from pathlib import Path
 from typing import Any, get_args
 
@@ -24,21 +25,26 @@ from helpers.documentation import (
     code_spans,
     make_workplace,
     prose,
+    says,
+    table,
     text_of,
 )
 from helpers.models import MODELS
 from pydantic_core import PydanticUndefined
 
 import lidarscene
+from lidarscene import catalog, load_sensor
 from lidarscene.cli import main
 from lidarscene.files.toml import FileModel
 from lidarscene.formats.cloud_columns import COLUMNS, columns_of
 from lidarscene.formats.registry import ALL, BAGS, FORMATS
+from lidarscene.materials.material_file import catalogue_material
 from lidarscene.studies.design.study_file import QUANTITIES, TRACED, UNITS
 
 pytestmark = pytest.mark.fixed_streams
 
 CONVENTIONS = ROOT / "docs" / "conventions.md"
+MATERIALS = catalog.names("materials")
 KEYS = tuple(
     ROOT / "docs" / f"{name}.md" for name in ("scene_files", "sensor_files", "scanners", "materials", "job_files")
 )
@@ -266,6 +272,32 @@ def quantities_table() -> str:
         traced = "; traced" if name in TRACED else ""
         rows.append(f"| `{name}` | {UNITS.get(name, '-')} | {meaning}{traced} |")
     return "\n".join(rows)
+
+
+def test_the_table_of_materials_has_them_all() -> None:
+    rows = table("materials.md", "Material |")
+    assert [row[0].strip("`") for row in rows] == MATERIALS
+    for row in rows:
+        data = tomllib.loads(text_of(catalog.path_of("materials", row[0].strip("`"))))
+        material = catalogue_material(row[0].strip("`"))
+        assert row[1:3] == [data["description"], data["bsdf"]]
+        sources = {entry["wavelength_nm"]: entry["source"] for entry in data["reflectivity"]}
+        stars = {nm: "*" * sources[nm].startswith("estimate") for nm in (905, 1550)}
+        expected = [f"{material.at(nm * 1e-9)['reflectivity']:.3f}{stars[nm]}" for nm in (905, 1550)]
+        assert row[3:5] == expected, row[0]
+
+
+def test_materials_have_the_wavelengths_that_the_page_names() -> None:
+    spectra = [tomllib.loads(text_of(catalog.path_of("materials", name)))["reflectivity"] for name in MATERIALS]
+    nm = {tuple(row["wavelength_nm"] for row in rows) for rows in spectra if isinstance(rows, list)}
+    (wavelengths,) = nm
+    says("materials.md", "the wavelengths {}, {}, {}, {} and {} nm", *wavelengths)
+
+
+def test_beams_of_the_catalogue_are_all_on_the_page() -> None:
+    named = re.findall(r"`([\w-]+)`", " ".join(row[0] for row in table("sensors.md", "name | azimuth x elevation")))
+    wide = [name for name in catalog.names("sensors") if float(load_sensor(name).laser.divergence_rad) > 0.0]
+    assert sorted(named) == wide
 
 
 GENERATED = {

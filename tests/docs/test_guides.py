@@ -8,7 +8,7 @@ from typing import Any, get_args
 
 import numpy as np
 import pytest
-from helpers.documentation import ARCHITECTURE, PLAIN, README, ROOT, blocks, prose, row_says, says, table, text_of
+from helpers.documentation import ARCHITECTURE, PLAIN, README, ROOT, blocks, prose, says, table, text_of
 from helpers.models import MODELS
 
 from lidarscene import catalog, load_sensor
@@ -26,8 +26,6 @@ from lidarscene.outputs import range_image
 from lidarscene.physics import eye_safety
 from lidarscene.physics.electronics import sipm
 from lidarscene.physics.optics import sunlight
-from lidarscene.physics.reference import surroundings as reference_surroundings
-from lidarscene.physics.weather import particles, precipitation
 from lidarscene.rendering.render_options import DEFAULT_CHUNK
 from lidarscene.scene.meshes import primitives
 from lidarscene.sensor import readout
@@ -36,7 +34,6 @@ from lidarscene.studies.compare import cloud_matching
 from lidarscene.studies.eye_safety.eye_safety_report import TIME_BASE_S
 from lidarscene.studies.field_of_view import field_of_view_figures as figures
 from lidarscene.studies.field_of_view import pattern_coverage, reach, spacing, study_options
-from lidarscene.studies.ranging.conditions import CONDITIONS
 from lidarscene.studies.ranging.plane import RangeStatus, Target
 
 pytestmark = pytest.mark.fixed_streams
@@ -59,25 +56,13 @@ def default(command: str, option: str) -> float:
 
 
 def test_defaults_of_range() -> None:
-    options_of_range = ["distance", "illuminance", "sun-angle", "reflectivity", "incidence", "transmittance"]
-    distance, klux, sun, rho, incidence, tau = (default("range", f"--{name}") for name in options_of_range)
-    says("range.md", "SNR and P_d at `--distance` ({} m)", distance)
-    says(
-        "range.md",
-        "`--illuminance` ({} klux), `--sun-angle` ({} degrees), `--reflectivity` ({}), `--incidence` ({})",
-        klux,
-        sun,
-        rho,
-        incidence,
+    distance, klux, rho, tau = (
+        default("range", f"--{name}") for name in ("distance", "illuminance", "reflectivity", "transmittance")
     )
-    says("range.md", "`--transmittance` ({} one way at any range", tau)
+    says("range.md", "SNR and P_d at `--distance` ({} m)", distance)
     says("range.md", "`--to`, `--n` ({}), and `--scale`", default("range", "--n"))
     target = Target()
     assert (target.illuminance_klux, target.reflectivity, target.transmittance) == (klux, rho, tau)
-    for name, _, axis, _ in table("range.md", "`--over` | unit"):
-        bounds = CONDITIONS.get(name.split("`")[1])
-        if (bounds and bounds.unit != "deg") or "incidence" in name:
-            row_says([axis], bounds.start, bounds.stop)
     words = [
         (int(status), word.upper().split(" ")[0] or "FOUND") for status, word, *_ in table("range.md", "status | word")
     ]
@@ -110,7 +95,6 @@ def test_defaults_of_fov() -> None:
 
 
 def test_defaults_of_render_and_batch() -> None:
-    says("theory.md", "(`interactions`, {} unless set)", default("render", "--interactions"))
     says("limits.md", "through at most {} panes and mirrors unless", default("render", "--interactions"))
     assert default("render", "--interactions") == trace.INTERACTIONS
     says("motion.md", "The first frame begins at `--begin` ({})", default("render", "--begin"))
@@ -200,39 +184,8 @@ def test_motion_and_limits() -> None:
     assert pytest.approx(1 / 20) == cloud_matching.LEAST_SHARED  # "a twentieth of its pulses"
 
 
-def test_particles() -> None:
-    means = particles.MEAN_HITS
-    says("theory.md", "One drop of each pulse is drawn up to a Lambda of {}", means[1])
-    says("theory.md", "2, 4, 8, 16 or 32 up to {}, {}, {}, {} or {}", *(means[n] for n in (2, 4, 8, 16, 32)))
-    mean = means[4]
-    more = 1.0 - sum(math.exp(-mean) * mean**k / math.factorial(k) for k in range(5))
-    says("theory.md", "loses its weakest: of four, one in {}", pytest.approx(1.0 / more, abs=5.0))
-    says(
-        "weather.md",
-        "{} R^0.63 dB/km, which is the fit",
-        round(precipitation.rain_extinction_per_m(rate_mm_h=1.0) * 1e4 / math.log(10.0), 2),
-    )
-    ratios = [
-        100.0
-        * (
-            1.0
-            - reference_surroundings.rain_extinction_carbonneau_per_m(rate_mm_h=r)
-            / precipitation.rain_extinction_per_m(rate_mm_h=r)
-        )
-        for r in (1.0, 100.0)
-    ]
-    says("weather.md", "1.076 R^0.67, is {} to {} % lower", *sorted(ratios))
-    says("weather.md", "The lidar ratio is an estimate: {} sr", precipitation.snow_lidar_ratio_sr(wavelength_m=500e-9))
-
-
-def test_sun_in_the_field_of_view() -> None:
+def test_numbers_in_equations() -> None:
     says("theory.md", "\\beta = {}^\\circ", math.degrees(sunlight.SUN_RADIUS_RAD))
-    field = 1e-4 / 0.03
-    power = sunlight.sun_disc_power_w(
-        sun_irradiance_w_m2=29.4, sun_angle_rad=0.0, field_rad=field, aperture_m2=math.pi * 0.025**2, efficiency=0.7986
-    )
-    says("theory.md", "that is {} mW against", 1e3 * power)
-    says("theory.md", "(phi = 3.3 mrad, the disc {})", 1e3 * sunlight.SUN_RADIUS_RAD)
     assert pytest.approx(0.797, abs=5e-4) == sipm.MOST_TELLING_SHARE
 
 

@@ -256,6 +256,13 @@ def test_a_cloud_all_round_is_seen_where_things_stand(ahead: float, bearing_deg:
     assert inside.mean() > 0.9
 
 
+def test_a_camera_looks_towards_the_nearest_of_what_is_far() -> None:
+    """Rationale: of a cloud without an echo within 60 m the view was not a number, and NumPy warned of it."""
+    xyz_m = np.array([[0.0, 80.0, 0.0], [90.0, 0.0, 0.0]], np.float32)
+    camera = camera_for(small_cloud(2, xyz_m=xyz_m, status=np.zeros(2, int)))
+    assert camera.axes[2, 1] > 0.8
+
+
 def test_camera_that_sees_nothing_is_refused(cloud: PointCloud) -> None:
     for options in ({"eye_m": (0, 0, 5), "target_m": (0, 0, 0)}, {"fov_deg": 180.0}, {"fov_deg": 0.0}):
         with pytest.raises(InputError, match="no view with z up"):

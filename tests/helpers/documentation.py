@@ -21,10 +21,9 @@ def text_of(page: Path) -> str:
 
 
 def page_text(page: str) -> str:
-    """The text of README.md or of a page of docs/; of the theory, that of all its pages."""
-    if page == "theory.md":
-        return "\n".join(map(text_of, THEORY))
-    return text_of(README if page == README.name else ROOT / "docs" / page)
+    """The text of README.md or of a page of docs/, without accounts; of the theory, that of all its pages."""
+    pages = THEORY if page == "theory.md" else [README if page == README.name else ROOT / "docs" / page]
+    return "\n".join(ACCOUNT.sub("", text_of(one)) for one in pages)
 
 
 @dataclass(frozen=True)
@@ -54,8 +53,8 @@ def blocks(page: Path, language: str = r"\w+") -> list[Block]:
 
 
 def prose(page: Path) -> str:
-    """The page without its fenced blocks."""
-    return re.sub(r"^```.*?^```$", "", text_of(page), flags=re.MULTILINE | re.DOTALL)
+    """The page without its fenced blocks and its accounts of numbers."""
+    return ACCOUNT.sub("", re.sub(r"^```.*?^```$", "", text_of(page), flags=re.MULTILINE | re.DOTALL))
 
 
 def code_spans(page: Path) -> list[str]:
@@ -107,7 +106,51 @@ NEAR = type(pytest.approx(0.0))
 WORDS = ["zero", "one", "two", "three", "four", "five", "six", "seven", "eight", "nine", "ten", "eleven", "twelve"]
 PLAIN = r"(?:\d{1,3}(?:[ ,]\d{3})+(?!\d)|\d+)(?:\.\d+)?(?:e[-+]?\d+)?"
 SIGNED = rf"[-+]?{PLAIN}"
+NUMBER = re.compile(rf"(?<![\w.^-]){SIGNED}(?![\d.]*\w)")
 WORD = r"\b(?:" + "|".join(WORDS[1:]) + r")\b"
+
+ACCOUNT = re.compile(r"<!-- = (.*?)\s-->", re.DOTALL)
+"""An expression that gives the numbers before it, the last ones of the text between the account before and it."""
+
+NO_NUMBERS = re.compile(
+    r"""^```.*?^```$|<!--.*?-->|\$\$.*?\$\$|`[^`\n]*`  # blocks, comments, equations, code
+    |\]\([^)]*\)|^[#].*?$                             # links, headings
+    |\((?:[ST]?\d+[a-d]?(?:,\ )?)+\)                  # numbers of equations
+    |\([^()]*\b(?:18|19|20)\d\d\b[^()]*\)            # a bracket with a year is a citation
+    |\b\d{4}-\d\d-\d\d\b                            # dates
+    |\b(?:[Ss]ections?|Tables?|Figs?\.|[Cc]heck|[Cc]lass|Mitsuba|Euro\ NCAP)\s\d+(?:(?:\s(?:and|to)\s|,\s)\d+)*
+    |\b(?:ISO|IEC|IEEE\ Std|ASTM|ITU-R|NREL/TP|AFGL-TR)[\ -][A-Z.]*[\d-]+  # standards and reports
+    """,
+    re.MULTILINE | re.DOTALL | re.VERBOSE,
+)
+"""What stands on a page and has no number in need of an account."""
+
+
+@dataclass(frozen=True)
+class Stretch:
+    """The numbers of a page between two accounts, each with the words around it, and the expression that ends them."""
+
+    numbers: list[str]
+    words: list[str]
+    expression: str | None
+
+
+def stretches(page: Path) -> Iterator[Stretch]:
+    text = text_of(page)
+    bare = NO_NUMBERS.sub(lambda match: re.sub(r"[^\n]", "\0", match[0]), text)
+    start = 0
+    for account in (*ACCOUNT.finditer(text), None):
+        end = account.start() if account else len(text)
+        found = list(NUMBER.finditer(bare, start, end))
+        words = [" ".join(text[max(n.start() - 50, 0) : n.end() + 10].split()) for n in found]
+        yield Stretch([n[0] for n in found], words, account[1] if account else None)
+        start = end
+
+
+def is_plain(number: str) -> bool:
+    """A round number, of one digit but for zeros, a year, or the wavelength of a kind of laser."""
+    digits = re.sub(r"[ ,.+-]", "", number.partition("e")[0]).strip("0")
+    return len(digits) < 2 or digits in ("905", "155") or re.fullmatch(r"(?:19|20)\d\d", number) is not None
 
 
 def value_of(printed: str) -> tuple[float, float]:
@@ -123,8 +166,10 @@ def value_of(printed: str) -> tuple[float, float]:
 def differs(printed: str, computed: Any) -> str:
     """Why this is not the computed number to the digits printed, or nothing.
 
-    An approximation of pytest says its own tolerance, a string is meant word for word.
+    An approximation of pytest says its own tolerance, a string is meant word for word, `...` is any number.
     """
+    if computed is ...:
+        return ""
     if isinstance(computed, str):
         return "" if printed == computed else f"the page says {printed}, which is {computed}"
     value, half = value_of(printed)
@@ -164,7 +209,7 @@ def table(page: str, header: str) -> list[list[str]]:
 
 def numbers(cell: str) -> list[str]:
     """The numbers in a cell, without those of names in code."""
-    return re.findall(rf"(?<![\w.^-]){SIGNED}(?![\d.]*\w)", re.sub(r"`[^`]*`", "", cell))
+    return NUMBER.findall(re.sub(r"`[^`]*`", "", cell))
 
 
 def row_says(row: Sequence[str], *computed: Any) -> None:

@@ -8,8 +8,9 @@ import pickle
 import tempfile
 from functools import cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+import numpy as np
 import pytest
 
 from lidarscene.figures.report import Figure
@@ -26,6 +27,11 @@ class Results(NamedTuple):
     def figure(self, name: str) -> Figure:
         (match,) = (figure for figure in self.figures if figure.name == name)
         return match
+
+    def column(self, figure: str, name: str | None = None) -> Any:
+        """The numbers of a curve of a figure, or of its axis."""
+        header, rows = self.figure(figure).data
+        return np.array(rows)[:, header.index(name) if name else 0]
 
 
 @cache

@@ -24,7 +24,7 @@ sensor = "table1-sipm"
 position_m = [0, -1, 1.8]
 """
 
-MOVING = """
+APPROACHED = """
 [ego]
 speed_m_s = 20
 
@@ -35,7 +35,10 @@ class = "car"
 size_m = [1, 4, 4]
 material = "concrete"
 position_m = [10, 0, 1.8]
+"""
+"""A wall that stands, of a car's class, and a sensor that drives towards it."""
 
+MOVING = f"""{APPROACHED}
 [bodies.motion]
 velocity_m_s = [-10, 2, 0]
 """

@@ -343,7 +343,8 @@ def test_classes_of_osi(tmp_path: Path, library: Any) -> None:
         "bus": "BUS",
         "Tram": "TRAM",
     }
-    walkers = {"pedestrian": "PEDESTRIAN", "person": "PEDESTRIAN", "child": "PEDESTRIAN", "animal": "ANIMAL"}
+    people = dict.fromkeys(("pedestrian", "person", "child", "wheelchair_user"), "PEDESTRIAN")
+    walkers = people | {"animal": "ANIMAL"}
     structures = {
         "pole": "POLE",
         "sign": "VERTICAL_STRUCTURE",
@@ -389,6 +390,7 @@ SEMANTIC = {
     "trailer": 20,
     "pedestrian": 30,
     "child": 30,
+    "wheelchair_user": 30,
     "person": 30,
     "cyclist": 31,
     "motorcyclist": 32,
@@ -444,6 +446,7 @@ def test_classes_of_kitti() -> None:
         "person": "Pedestrian",
         "pedestrian": "Pedestrian",
         "child": "Pedestrian",
+        "wheelchair_user": "Pedestrian",
     }
     assert {name: kind.kitti for name, kind in KINDS.items() if kind.kitti not in ("Misc", "DontCare")} == expected
     assert {name: kinds.MOVING[SEMANTIC[name]] for name in MOVING} == MOVING

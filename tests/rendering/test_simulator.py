@@ -21,6 +21,7 @@ from lidarscene.kernel.device import blocks
 from lidarscene.kernel.device.backend import drjit
 from lidarscene.rendering.render_options import FrameOptions, Keywords, TraceOptions
 from lidarscene.rendering.simulator import Simulator, Summary, _intensity_unit
+from lidarscene.rendering.tiles import Numbering
 
 CAR = Path(__file__).parents[2] / "scenes" / "car.toml"
 CHUNK = 10_000
@@ -88,8 +89,8 @@ def test_a_frame_that_was_begun_is_the_same() -> None:
     assert len(started) == 5 * chunks + 1
 
 
-def test_the_next_frame_begins_before_points_are_collected(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Glass, whose rays are traced once more: threads have work while Python collects."""
+def test_the_next_frame_begins_once_the_points_are_read(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Threads then trace it while the files of this one are written; before, reading the points would wait for it."""
     sim, order = Simulator(load_scene(CAR.with_name("glass.toml")), load_sensor("livox-mid-40")), list[str]()
 
     def noted(name: str, call: Callable[..., Any]) -> Callable[..., Any]:
@@ -98,8 +99,11 @@ def test_the_next_frame_begins_before_points_are_collected(monkeypatch: pytest.M
     for name in ("_traced_again", "_columns"):
         monkeypatch.setattr(sim, name, noted(name, getattr(sim, name)))
     sim.render(ahead=lambda: order.append("ahead"))
-    assert order == ["_traced_again", "ahead", "_columns"]
+    assert order == ["_traced_again", "_columns", "ahead"]
 
+
+RASTER = "scanner.azimuth_step_deg=0.7 scanner.elevation_step_deg=0.5"
+"""A frame ends within a packet of rays."""
 
 TOGETHER = (
     ("street", "vlp-16", {"number": 2**31 // 28_928 - 2, "coordinates": "vehicle"}),
@@ -109,6 +113,9 @@ TOGETHER = (
     ("drive", "livox-mid-40", {"coordinates": "vehicle"}),
     ("street", "os0-128 scanner.columns_per_turn=128", {}),
     ("street", "rs-e1", {"seed": 7}),
+    ("glass", f"table1-apd {RASTER}", {}),
+    ("drive", f"table1-sipm {RASTER}", {"rays": 2, "coordinates": "vehicle"}),
+    ("foliage", "livox-mid-40 laser.repetition_rate_khz=100.1", {"interactions": 0}),
 )
 
 
@@ -140,15 +147,16 @@ def test_frames_that_are_traced_together_are_those_rendered_alone(
 
 
 def test_frames_that_cannot_be_traced_together() -> None:
-    """A raster whose frames end within a packet, and a chunk that holds one frame."""
-    scene = load_scene(CAR)
-    for sensor, chunk in (("table1-apd", 2**20), ("livox-mid-40", 15_000)):
-        sim = Simulator(scene, load_sensor(sensor))
-        together = launches.count_frames(sim)
-        sim.begin(FrameOptions(number=1, chunk=chunk), 4)
-        assert together == [1]
-        sim.begin(FrameOptions(number=1, chunk=chunk), 4)
-        assert together == [1]
+    """Channels that see each other, whose lines end within a packet, and a chunk that holds one frame."""
+    sim = Simulator(load_scene(CAR), load_sensor("livox-mid-40"))
+    together = launches.count_frames(sim)
+    sim.begin(FrameOptions(number=1, chunk=15_000), 4)
+    assert together == [1]
+    sim.begin(FrameOptions(number=1, chunk=15_000), 4)
+    assert together == [1]
+    sim.numbering = Numbering(sim.sensor.scanner, tiled=False, whole=100)
+    sim.begin(FrameOptions(number=6), 4)
+    assert together == [1, 1]
 
 
 def test_a_mistake_is_of_its_own_frame() -> None:

@@ -153,7 +153,7 @@ def test_a_strip_keeps_its_distance_from_its_line() -> None:
     ("turn_deg", "length_m", "folds"), [(60.0, 2.4, False), (60.0, 2.2, True), (-60.0, 2.2, False), (-60.0, 0.5, False)]
 )
 def test_an_edge_folds_where_two_bends_one_way_are_too_near(turn_deg: float, length_m: float, folds: bool) -> None:
-    """Between turns of 60 degrees an edge 2 m inside is 2 * 2 tan(30 degrees) = 2.31 m shorter than the line.
+    """Reference: between turns of 60 degrees an edge 2 m inside is 4 tan(30 degrees) = 2.31 m shorter than the line.
 
     Where the second turn goes the other way (-60 degrees), each edge is as long as the line.
     """

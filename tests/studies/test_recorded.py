@@ -28,13 +28,17 @@ MODE = ["scanner.columns_per_turn=1024"]
 
 @pytest.fixture(autouse=True)
 def fewer_shots(monkeypatch: pytest.MonkeyPatch) -> None:
-    """10,000 have 0.7 % of error in a scatter; the nearest ratio to a bound is 1.7 % away, in the OS1's."""
+    """10,000 have 0.7 % of error in a scatter."""
     monkeypatch.setattr(published_values, "SHOTS", 10_000)
 
 
 @pytest.mark.parametrize("name", OUSTERS)
-def test_held_to_its_recording(name: str) -> None:
-    """15 % in signal, 20 % in threshold, noise and glare, a ratio of 1.25 in scatter."""
+def test_held_to_its_recording(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    """15 % in signal, 20 % in threshold, noise and glare, a ratio of 1.25 in scatter.
+
+    The nearest ratio to a bound is 1.7 % away, in the OS1's: nearly five times the error of 40,000 shots.
+    """
+    monkeypatch.setattr(published_values, "SHOTS", 40_000)
     rows = recorded.compare(name)
     glare = {"withheld beside glare"} if name in ("os0-128", "os2-128") else set()
     assert {row.quantity.split(",")[0] for row in rows} == {"signal", "threshold", "highest noise", "scatter"} | glare

@@ -8,15 +8,56 @@ shares of skins are whole numbers for the same reason.
 
 import json
 import struct
+from dataclasses import dataclass, field
 
 import numpy as np
+from modelling import Mesh
 
 LATTICE_M = 2.0**-13
 Y_UP = [1, 0, 0, 0, 0, 0, -1, 0, 0, 1, 0, 0, 0, 0, 0, 1]  # column by column: (x, y, z) becomes (x, z, -y)
 
 
+@dataclass(frozen=True, slots=True)
+class Skinned:
+    """A mesh whose points are carried by joints: (v, j) shares."""
+
+    mesh: Mesh
+    shares: np.ndarray
+
+
+@dataclass(frozen=True, slots=True)
+class Clip:
+    """An animation over one stride, at even times.
+
+    Attributes:
+        period_s: of the stride
+        turns: joint -> (n, 3) turns (about x, -y and z, in this order, radians)
+        shifts_m: joint -> (n, 3) shifts
+    """
+
+    period_s: float
+    turns: dict
+    shifts_m: dict = field(default_factory=dict)
+
+
+@dataclass(frozen=True, slots=True)
+class Skeleton:
+    """Joints and their animations.
+
+    Attributes:
+        places_m: name -> (3,) in the mesh
+        parents: name -> name of the joint above, "" for one on the ground
+        clips: name -> Clip; at rest is the start of the first
+    """
+
+    places_m: dict
+    parents: dict
+    clips: dict
+
+
 def welded(mesh):
-    """(points, faces): points on the lattice, each once; faces once, and none without area."""
+    """(points, faces) of a part: points on the lattice, each once; faces once, and none without area."""
+    mesh = mesh.mesh if isinstance(mesh, Skinned) else mesh
     steps = np.rint(mesh.points_m / LATTICE_M).astype(np.int64)
     steps, index = np.unique(steps, axis=0, return_inverse=True)
     faces = index.ravel()[mesh.faces]
@@ -32,7 +73,7 @@ def welded(mesh):
 def glb_bytes(parts, colours, skeleton=None):
     """`parts` name -> Mesh and `colours` name -> (r, g, b, alpha), as one GLB file.
 
-    With a `people.Skeleton` the parts are `people.Skinned`. At rest the file shows the start of the stride.
+    With a `Skeleton` parts may be `Skinned`. At rest the file shows the start of the stride.
     """
     tree = {
         "asset": {"version": "2.0", "generator": "lidarscene tools/scenes/make_assets.py"},
@@ -49,9 +90,9 @@ def glb_bytes(parts, colours, skeleton=None):
     }
     blob = bytearray()
     for i, (name, part) in enumerate(parts.items()):
-        points, faces = welded(part if skeleton is None else part.mesh)
+        points, faces = welded(part)
         attributes = {"POSITION": _add(tree, blob, points.astype("<f4"), target=34962)}
-        if skeleton is not None:
+        if isinstance(part, Skinned):
             joints, shares = _skin_of(part, points)
             attributes["JOINTS_0"] = _add(tree, blob, joints, target=34962)
             attributes["WEIGHTS_0"] = _add(tree, blob, shares, target=34962, normalized=True)
@@ -60,7 +101,7 @@ def glb_bytes(parts, colours, skeleton=None):
         primitive = {"attributes": attributes, "indices": indices, "material": i, "mode": 4}
         tree["meshes"].append({"name": name, "primitives": [primitive]})
     if skeleton is not None:
-        _add_skeleton(tree, blob, skeleton, len(parts))
+        _add_skeleton(tree, blob, skeleton, [isinstance(part, Skinned) for part in parts.values()])
     tree["buffers"] = [{"byteLength": len(blob)}]
     text = json.dumps(tree, separators=(",", ":")).encode()
     text += b" " * (-len(text) % 4)
@@ -80,24 +121,25 @@ def _skin_of(part, points_m):
     rows = {tuple(row): i for i, row in enumerate(np.rint(part.mesh.points_m / LATTICE_M).astype(int).tolist())}
     found = [rows[tuple(row)] for row in np.rint(points_m / LATTICE_M).astype(int).tolist()]
     shares = np.rint(part.shares[found] * 255).astype(int)
+    shares = np.pad(shares, ((0, 0), (0, max(4 - shares.shape[1], 0))))
     joints = np.argsort(-shares, axis=1, kind="stable")[:, :4]
     shares = np.take_along_axis(shares, joints, axis=1)
     shares[:, 0] += 255 - shares.sum(axis=1)
     return np.where(shares > 0, joints, 0).astype("<u1"), shares.astype("<u1")
 
 
-def _add_skeleton(tree, blob, skeleton, first):
+def _add_skeleton(tree, blob, skeleton, skinned):
     """Append joints, skin and animations; the joints' nodes are behind the parts' and the one above them."""
-    names = list(skeleton.places_m)
+    first, names = len(skinned), list(skeleton.places_m)
     number = {name: first + 1 + i for i, name in enumerate(names)}
+    rest = next(iter(skeleton.clips.values()))
     bound = np.tile(np.eye(4), (len(names), 1, 1))
     for i, name in enumerate(names):
-        above = skeleton.parents[name]
-        place = _on_lattice(skeleton.places_m[name])
+        above, place = skeleton.parents[name], _on_lattice(skeleton.places_m[name])
         shift = place - (_on_lattice(skeleton.places_m[above]) if above else 0.0)
-        if name == "pelvis":
-            shift = _on_lattice(shift + skeleton.walk_m[0])
-        turn = _quaternions(skeleton.walk[name][:1])[0] / 32767 if name in skeleton.walk else np.array([0, 0, 0, 1])
+        if name in rest.shifts_m:
+            shift = _on_lattice(shift + rest.shifts_m[name][0])
+        turn = _quaternions(rest.turns[name][:1])[0] / 32767 if name in rest.turns else np.array([0, 0, 0, 1])
         below = [number[other] for other in names if skeleton.parents[other] == name]
         node = {"name": name, "translation": shift.tolist(), "rotation": turn.tolist()}
         tree["nodes"].append(node | ({"children": below} if below else {}))
@@ -105,20 +147,20 @@ def _add_skeleton(tree, blob, skeleton, first):
     roots = [number[name] for name in names if not skeleton.parents[name]]
     tree["nodes"][first]["children"] = [*tree["nodes"][first]["children"], *roots]
     inverse = _add(tree, blob, bound.transpose(0, 2, 1).reshape(-1, 16).astype("<f4"))
-    tree["skins"] = [{"joints": list(number.values()), "inverseBindMatrices": inverse, "skeleton": roots[0]}]
-    for node in tree["nodes"][:first]:
-        node["skin"] = 0
+    skin = {"joints": list(number.values()), "inverseBindMatrices": inverse}
+    tree["skins"] = [skin | ({"skeleton": roots[0]} if len(roots) == 1 else {})]
+    for node, is_skinned in zip(tree["nodes"], skinned, strict=False):
+        if is_skinned:
+            node["skin"] = 0
     tree["animations"] = []
-    for kind, turns, shifts_m in (
-        ("walk", skeleton.walk, skeleton.walk_m),
-        ("stand", skeleton.stand, skeleton.stand_m),
-    ):
-        count = len(shifts_m)
-        clock = np.linspace(0.0, skeleton.period_s, count) if count > 1 else np.zeros(1)
+    for kind, clip in skeleton.clips.items():
+        count = max(len(values) for values in clip.turns.values())
+        clock = np.linspace(0.0, clip.period_s, count) if count > 1 else np.zeros(1)
         clock = _add(tree, blob, clock.astype("<f4"))
-        outputs = {(number[name], "rotation"): _quaternions(turn) for name, turn in turns.items()}
-        place = _on_lattice(skeleton.places_m["pelvis"] - skeleton.places_m["ground"] + shifts_m)
-        outputs[number["pelvis"], "translation"] = place.astype("<f4")
+        outputs = {(number[name], "rotation"): _quaternions(turn) for name, turn in clip.turns.items()}
+        for name, shifts_m in clip.shifts_m.items():
+            below_m = skeleton.places_m[name] - skeleton.places_m[skeleton.parents[name]]
+            outputs[number[name], "translation"] = _on_lattice(below_m + shifts_m).astype("<f4")
         animation = {"name": kind, "samplers": [], "channels": []}
         for (node, path), values in outputs.items():
             normalized = path == "rotation"

@@ -16,6 +16,7 @@ import people
 import plants
 import roadside
 import vehicles
+import wheelchair
 from glb import glb_bytes, welded
 
 OBJECTS = {
@@ -31,6 +32,8 @@ OBJECTS = {
     "lamp_post": (roadside.lamp_post, roadside.COLOURS),
     **{build.__name__: (build, roadside.COLOURS) for build in roadside.FURNITURE},
     **{name: (functools.partial(vehicles.build, size), vehicles.COLOURS) for name, size in vehicles.bodies().items()},
+    "wheelchair_user": (wheelchair.build, wheelchair.COLOURS),
+    **{name: (functools.partial(people.build, name), people.COLOURS) for name in people.PEOPLE},
 }
 
 
@@ -39,16 +42,11 @@ def make(folder):
     folder.mkdir(parents=True, exist_ok=True)
     lines = []
     for name, (build, colours) in OBJECTS.items():
-        parts = build()
-        data = glb_bytes(parts, colours)
+        built = build()
+        parts, skeleton = built if isinstance(built, tuple) else (built, None)
+        data = glb_bytes(parts, colours, skeleton)
         (folder / f"{name}.glb").write_bytes(data)
         counts = {part: len(welded(mesh)[1]) for part, mesh in parts.items()}
-        lines.append(f"{name}.glb {len(data) / 1e3:.0f} kB, {sum(counts.values())} triangles: {counts}")
-    for name in people.PEOPLE:
-        parts, skeleton = people.build(name)
-        data = glb_bytes(parts, people.COLOURS, skeleton)
-        (folder / f"{name}.glb").write_bytes(data)
-        counts = {part: len(welded(skinned.mesh)[1]) for part, skinned in parts.items()}
         lines.append(f"{name}.glb {len(data) / 1e3:.0f} kB, {sum(counts.values())} triangles: {counts}")
     return lines
 

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from cutting import split
 from gait import KEYS, Leg, arm, stride_of_adult, walk
+from glb import Clip, Skeleton, Skinned
 from modelling import Mesh, box, circle, closed_loft, curve, ellipsoid, join, lathe, rounded_box, tube
 
 COLOURS = {
@@ -130,36 +131,6 @@ def build(name):
     for part, pieces in _carried(person, places).items():
         parts.setdefault(part, []).extend(pieces)
     return {part: _joined(pieces) for part, pieces in parts.items()}, _skeleton(person, places)
-
-
-@dataclass(frozen=True, slots=True)
-class Skinned:
-    """A mesh whose points are carried by joints: (v, j) shares."""
-
-    mesh: Mesh
-    shares: np.ndarray
-
-
-@dataclass(frozen=True, slots=True)
-class Skeleton:
-    """Joints and their animations.
-
-    Attributes:
-        places_m: name -> (3,) in the mesh
-        parents: name -> name of the joint above, "" for the ground
-        period_s: of the stride
-        walk: name -> (n, 3) turns (about x, -y and z, in this order, radians) over the stride
-        walk_m: (n, 3) shift of the pelvis
-        stand, stand_m: the same, (1, 3), as one stands
-    """
-
-    places_m: dict
-    parents: dict
-    period_s: float
-    walk: dict
-    walk_m: np.ndarray
-    stand: dict
-    stand_m: np.ndarray
 
 
 def _leg_of(person):
@@ -399,8 +370,11 @@ def _skeleton(person, places):
     _turn(standing, "head", [0.8 * lean])
     walk_m, stand_m = np.zeros((KEYS + 1, 3)), np.zeros((1, 3))
     walk_m[:, 2], stand_m[:, 2] = step.pelvis_m - places["pelvis"][2], step.standing[0] - places["pelvis"][2]
-    parents = {name: _parent(name) for name in JOINTS}
-    return Skeleton(places, parents, period_s, walking, walk_m, standing, stand_m)
+    clips = {
+        "walk": Clip(period_s, walking, {"pelvis": walk_m}),
+        "stand": Clip(period_s, standing, {"pelvis": stand_m}),
+    }
+    return Skeleton(places, {name: _parent(name) for name in JOINTS}, clips)
 
 
 def _parent(name):

@@ -1,17 +1,23 @@
 """What is fixed to vehicles: wheels, mirrors, plates, seats, and the people who ride on two wheels."""
 
 import numpy as np
-from modelling import Mesh, box, cap, circle, curve, ellipsoid, join, lathe, rounded_box, tube
+from glb import Clip, Skeleton, Skinned
+from modelling import box, cap, circle, curve, ellipsoid, grid, join, lathe, rounded_box, tube
 
 UPRIGHT = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]  # local z becomes the axle, to the left
 
 
-def wheel(*, diameter_m, width_m, segments=16, rim_share=0.66):
+WHEELS = ("tyre", "rim")
+"""Parts that turn."""
+SPOKES = 5
+"""Of a wheel, which is the same again after so many parts of a turn."""
+
+
+def wheel(*, diameter_m, width_m, segments=4 * SPOKES, rim_share=0.66):
     """(tyre, rim) of a wheel that stands on the ground, its outside to the left; both closed."""
     r, w = 0.5 * diameter_m, 0.5 * width_m
     inner = rim_share * r
-    tread = r + 0.004  # what is below the ground is pressed flat
-    profile = [(inner, -0.8 * w), (0.5 * (r + inner), -w), (tread, -0.75 * w), (tread, 0.75 * w)]
+    profile = [(inner, -0.8 * w), (0.5 * (r + inner), -w), (r, -0.75 * w), (r, 0.75 * w)]
     profile += [(0.5 * (r + inner), w), (inner, 0.8 * w), (inner, -0.8 * w)]
     disc = inner - 0.003
     dish = [
@@ -27,12 +33,9 @@ def wheel(*, diameter_m, width_m, segments=16, rim_share=0.66):
         cap(np.column_stack([circle(segments, radius_m=disc), np.full(segments, -0.7 * w)])).flipped(),
     ]
     spoke = box(size_m=(0.62 * inner, 0.16 * inner, 0.3 * w), centre_m=(0.55 * inner, 0, 0.42 * w))
-    spokes = [spoke.moved(yaw_rad=2 * np.pi * (turn + 0.25) / 5) for turn in range(5)]
-    place = {"position_m": (0.0, 0.0, r)}
-    tyre = lathe(profile, segments=segments).turned(UPRIGHT).moved(**place)
-    flat = tyre.points_m.copy()
-    flat[:, 2] = np.maximum(flat[:, 2], 0.0)
-    return Mesh(flat, tyre.faces), join(rim, *ends, *spokes).turned(UPRIGHT).moved(**place)
+    spokes = [spoke.moved(yaw_rad=2 * np.pi * (turn + 0.25) / SPOKES) for turn in range(SPOKES)]
+    meshes = lathe(profile, segments=segments), join(rim, *ends, *spokes)
+    return tuple(mesh.turned(UPRIGHT).moved(position_m=(0.0, 0.0, r)) for mesh in meshes)
 
 
 def wheels(*, axles_x_m, half_track_m, **keys):
@@ -41,6 +44,41 @@ def wheels(*, axles_x_m, half_track_m, **keys):
         name: join(*(mesh.moved(position_m=(x, half_track_m, 0.0)) for x in axles_x_m)).both_sides()
         for name, mesh in zip(("tyre", "rim"), wheel(**keys), strict=True)
     }
+
+
+def ring(path, radius, segments=24):
+    """A closed ring of `radius` about the y axis through the origin; `path` is the radius of its own section."""
+    turn = 2 * np.pi * np.arange(segments) / segments
+    around = circle(6)
+    rings = np.zeros((segments, 6, 3))
+    rings[..., 0] = (radius + path * around[:, 0]) * np.cos(turn)[:, None]
+    rings[..., 2] = (radius + path * around[:, 0]) * np.sin(turn)[:, None]
+    rings[..., 1] = path * around[:, 1]
+    return grid(np.concatenate([rings, rings[:1]]), closed=True)
+
+
+def nearest_axle(points_m, axles_m):
+    """(v,) number of the axle on which each point of wheels turns; (axles, 3) are as high as their wheels are large."""
+    off_m = np.linalg.norm((points_m[:, None] - axles_m)[:, :, [0, 2]], axis=2) - axles_m[:, 2]
+    if off_m.min(axis=1).max() > 1e-6:
+        raise ValueError("a part of a wheel is on no axle")
+    return off_m.argmin(axis=1)
+
+
+def rolling(parts, axles_m, *, spokes):
+    """Parts with their wheels `Skinned`, and the `Skeleton` by which they roll.
+
+    The stride is a turn from one spoke of the largest wheel to the next; smaller ones turn faster.
+    """
+    joints = [f"axle_{number}" for number in range(len(axles_m))]
+    carried = {name: np.eye(len(joints))[nearest_axle(parts[name].points_m, axles_m)] for name in WHEELS}
+    parts = {name: Skinned(mesh, carried[name]) if name in carried else mesh for name, mesh in parts.items()}
+    most_rad = 2.0 * np.pi / spokes * axles_m[:, 2].max() / axles_m[:, 2]
+    # From one key frame to the next a turn goes the shorter way.
+    shares = np.linspace(0.0, 1.0, 1 + int(np.ceil(most_rad.max() / (0.5 * np.pi))))
+    turns = {joint: np.outer(shares, (0.0, -angle_rad, 0.0)) for joint, angle_rad in zip(joints, most_rad, strict=True)}
+    places_m = dict(zip(joints, axles_m, strict=True))
+    return parts, Skeleton(places_m, dict.fromkeys(joints, ""), {"roll": Clip(1.0 / spokes, turns)})
 
 
 def mirrors(*, x_m, y_m, z_m, size_m):

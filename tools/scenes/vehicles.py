@@ -8,8 +8,8 @@ from pathlib import Path
 
 import numpy as np
 import vehicle_shell as shells
-from modelling import Mesh, box, circle, ellipsoid, grid, join, lathe, rounded_box, tube
-from vehicle_parts import mirrors, plate, rider, seat, wheel, wheels
+from modelling import Mesh, box, ellipsoid, join, lathe, rounded_box, tube
+from vehicle_parts import SPOKES, WHEELS, mirrors, nearest_axle, plate, rider, ring, rolling, seat, wheel, wheels
 from vehicle_shell import Shape
 
 TABLE = Path(__file__).parents[2] / "src/lidarscene/catalog/vehicles.toml"
@@ -31,7 +31,7 @@ COLOURS = {
     "helmet": (0.10, 0.10, 0.12, 1.0),
 }
 MOST_STRETCH = 0.04
-"""Largest relative difference of a body as modelled from its size, to which it is stretched."""
+"""Largest relative difference of a body as modelled from its size, to which it is stretched; mirrors do not count."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,21 +65,33 @@ def bodies():
     }
 
 
-def build(numbers):
-    """Part name -> Mesh of a body of its stated size."""
-    return _fitted(FAMILIES[numbers.family](numbers), numbers)
+def build(n):
+    """Part name -> Mesh of a body of its stated size, its wheels `Skinned`, and the `Skeleton` by which they turn."""
+    parts = FAMILIES[n.family](n)
+    # Axles as modelled, and on which of them each point of the wheels turns.
+    axles_m = np.array([(n.x(s), 0.0, 0.5 * n.tyre[0]) for s in n.axles])
+    axle_of = {name: nearest_axle(parts[name].points_m, axles_m) for name in WHEELS}
+    scale, middle = np.ones(3), np.zeros(3)
 
+    def placed(points_m):
+        return (points_m - middle) * scale
 
-def _fitted(parts, n):
-    """The parts, stretched by no more than `MOST_STRETCH` to the size that is stated; mirrors do not count."""
-    points = np.concatenate([mesh.points_m for name, mesh in parts.items() if name != "mirrors"])
-    low, high = points.min(axis=0), points.max(axis=0)
-    low[2] = 0.0  # on the wheels
-    scale = np.array([n.length, n.width, n.height]) / (high - low)
+    def fitted(name, mesh):
+        if name not in WHEELS:
+            return Mesh(placed(mesh.points_m), mesh.faces)
+        # A wheel stays round: its height says how large it is.
+        on_m = axles_m[axle_of[name]]
+        return Mesh(placed(on_m) + (mesh.points_m - on_m) * scale[[2, 1, 2]], mesh.faces)
+
+    for _ in range(3):  # wheels that reach to the ends are stretched less than what is between them
+        points = np.concatenate([fitted(name, mesh).points_m for name, mesh in parts.items() if name != "mirrors"])
+        low, high = points.min(axis=0), points.max(axis=0)
+        middle = middle + 0.5 * (low + high) / scale * (1.0, 1.0, 0.0)
+        scale = scale * np.array([n.length, n.width, n.height]) / (high - low * (1.0, 1.0, 0.0))
     if np.abs(scale - 1.0).max() > MOST_STRETCH:
-        raise ValueError(f"{n}: modelled as {high - low}")
-    middle = 0.5 * (low + high) * (1.0, 1.0, 0.0)
-    return {name: Mesh((mesh.points_m - middle) * scale, mesh.faces) for name, mesh in parts.items()}
+        raise ValueError(f"{n}: must be stretched by {scale}")
+    meshes = {name: fitted(name, mesh) for name, mesh in parts.items()}
+    return rolling(meshes, placed(axles_m), spokes=6 if n.family == "bicycle" else SPOKES)
 
 
 def _merged(*groups):
@@ -501,17 +513,6 @@ def _trailer(n):
 # ---- two wheels ----
 
 
-def _spin(path, radius, segments=24):
-    """A closed ring of `radius` about the y axis through the origin; `path` is the radius of its own section."""
-    turn = 2 * np.pi * np.arange(segments) / segments
-    around = circle(6)
-    rings = np.zeros((segments, 6, 3))
-    rings[..., 0] = (radius + path * around[:, 0]) * np.cos(turn)[:, None]
-    rings[..., 2] = (radius + path * around[:, 0]) * np.sin(turn)[:, None]
-    rings[..., 1] = path * around[:, 1]
-    return grid(np.concatenate([rings, rings[:1]]), closed=True)
-
-
 def _bicycle(n):
     """A bicycle, and its rider if its class is one."""
     ridden = n.class_name == "cyclist"
@@ -556,8 +557,8 @@ def _bicycle(n):
     ]
     chain = box(size_m=(0.17, 0.02, 0.17), centre_m=(crank[0], -0.045, crank[2]))
     section = 0.5 * n.tyre[1]
-    tyres = [_spin(section, radius - section).moved(position_m=hub) for hub in (hub_front, hub_rear)]
-    rims = [_spin(0.011, radius - 2 * section - 0.006).moved(position_m=hub) for hub in (hub_front, hub_rear)]
+    tyres = [ring(section, radius - section).moved(position_m=hub) for hub in (hub_front, hub_rear)]
+    rims = [ring(0.011, radius - 2 * section - 0.006).moved(position_m=hub) for hub in (hub_front, hub_rear)]
     turns, reach = 2 * np.pi * np.arange(12) / 12, radius - 0.05
     spokes = [
         tube(

@@ -13,7 +13,7 @@ from typing import Any
 
 from .._version import __version__
 from ..errors import InputError, LidarSceneError, shorten
-from ..kernel.device import blocks
+from ..kernel.device import blocks, gpus
 from ..kernel.device.gate import exclusive
 from ..maths.trajectory import pose_at
 from ..outputs import run_report
@@ -71,9 +71,10 @@ def _frames_following(tasks: Sequence[FrameTask | DriveTask]) -> int:
     return count
 
 
-def dask_setup(_: Any) -> None:
-    """Ignore Ctrl-C, which is for the client to handle; Dask calls this when a process of a local cluster starts."""
+def dask_setup(worker: Any) -> None:
+    """Begin a process of a local cluster, as Dask asks: Ctrl-C is for the client, and of several GPUs it sees one."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
+    gpus.see_one_gpu(worker.name)
 
 
 def _threads_of_worker() -> int:

@@ -49,14 +49,18 @@ def _table(name: str) -> dict[str, Any]:
 
 @functools.cache
 def shipped_meshes() -> dict[str, Any]:
-    """Name of a shipped mesh -> ``class`` of what it shows, ``materials`` by its parts, and what else is known."""
+    """Name of a shipped mesh -> ``class`` of what it shows, ``materials`` by its parts, and what else is known.
+
+    Wheels of vehicles turn by the ``animation`` of their meshes, as people walk by theirs.
+    """
     table, materials = _table("meshes.toml"), _table("vehicles.toml")["materials"]
     for name, entry in table.items():
         base = table.get(entry.get("like"), {})
         table[name] = base | entry | {"materials": base.get("materials", {}) | entry.get("materials", {})}
     for name, body in vehicles().items():
         groups = (materials[group] for group in PARTS_OF_CLASS[body.class_name])
-        table[name] = {"class": body.class_name, "materials": {part: group[part] for group in groups for part in group}}
+        parts = {part: group[part] for group in groups for part in group}
+        table[name] = {"class": body.class_name, "materials": parts, "animation": "roll"}
     return table
 
 

@@ -59,7 +59,7 @@ def add_batch(commands: Any) -> None:
         "--workers",
         metavar="N",
         type=whole_number(Whole(1, 1024)),
-        help="processes of this machine (default: one for each core)",
+        help="processes of this machine (default: one for each GPU, or else for each core)",
     )
     batch.set_defaults(run=run_batch)
 
@@ -79,6 +79,7 @@ def run_batch(arguments: argparse.Namespace) -> Answer:
     from ..batch.tasks import Job
     from ..files.atomic import require_writable
     from ..formats.registry import FORMATS
+    from ..kernel.device.gpus import gpus_in_use
 
     if arguments.scheduler is not None and arguments.workers is not None:
         raise InputError("--scheduler and --workers: must be only one of them, got both")
@@ -93,7 +94,7 @@ def run_batch(arguments: argparse.Namespace) -> Answer:
     threads = None
     if arguments.scheduler is None:
         # Each worker renders with its share of the cores, so that workers do not fight over them.
-        workers = arguments.workers or cluster.usable_cores()
+        workers = arguments.workers or len(gpus_in_use()) or cluster.usable_cores()
         threads = max(1, cluster.usable_cores() // workers)
         connection = partial(cluster.local_client, workers)
     else:

@@ -139,7 +139,7 @@ def _near_field(echoes_m: Numbers, distance: Numbers) -> tuple[float, Numbers, f
     if not len(distance) or not distance.max() > 0:
         return 20.0, np.array([1.0, 0.0, 0.0]), -1.5
     reach = min(max(float(np.percentile(distance, 70)), 3.0), 60.0)
-    near = np.flatnonzero(distance <= reach)
+    near = np.flatnonzero(distance <= max(reach, float(distance.min())))
     weight = 1.0 / np.maximum(distance[near], 1e-6)
     mean = np.array([(echoes_m[near, axis] * weight).mean() for axis in (0, 1)])
     length = float(np.linalg.norm(mean))

@@ -59,13 +59,14 @@ def level(shots: Shots, *, draw: Lanes = 0) -> Lanes:
     return shots.point.noise.crossing_level(shots.threshold, deviate)
 
 
-def trip(shots: Shots, peak_power_w: Lanes, *, draw: Lanes = 0, base: Lanes = 0.0) -> Trip:
+def trip(shots: Shots, peak_power_w: Lanes, *, draw: Lanes = 0, base: Lanes = 0.0, curvature: Lanes = 1.0) -> Trip:
     """Draw the noise of an echo and compare it with the threshold (docs/theory.md 8).
 
     Args:
         peak_power_w: (n,) optical peak power
         draw: number of the echo in its pulse: each has its own deviates
         base: (n,) signal from which the threshold counts, that of the light on which the echo stands
+        curvature: (n,) -P'' / P at its peak, 1 of a pulse as it leaves
     """
     point, threshold = shots.point, shots.threshold + base
     deviate, peak_deviate = random.normal_pair(shots.words(Stage.EDGE_NOISE, draw))
@@ -84,9 +85,13 @@ def trip(shots: Shots, peak_power_w: Lanes, *, draw: Lanes = 0, base: Lanes = 0.
     if point.response.saturation is not None:
         # The amplifier's output never rises above where it clips.
         tripped = tripped & (threshold < point.response.saturation)
+    if shots.sensor.tdc.chatter_hz is not None:
+        steady = shots.sensor.steadiness(point.noise, threshold, signal, curvature)
+        tripped = tripped & (random.open_uniform(shots.words(Stage.CHATTER, draw)[0]) < steady)
+        probability = probability * steady
     expected = signal
     if shots.fluctuation is not None:
-        expected, probability = expectation(shots, peak_power_w, threshold=threshold)
+        expected, probability = expectation(shots, peak_power_w, threshold=threshold, curvature=curvature)
     return Trip(
         signal=signal,
         sigma=sigma,
@@ -101,18 +106,22 @@ def trip(shots: Shots, peak_power_w: Lanes, *, draw: Lanes = 0, base: Lanes = 0.
     )
 
 
-def expectation(shots: Shots, peak_power_w: Lanes, *, threshold: Lanes | None = None) -> tuple[Lanes, Lanes]:
+def expectation(
+    shots: Shots, peak_power_w: Lanes, *, threshold: Lanes | None = None, curvature: Lanes = 1.0
+) -> tuple[Lanes, Lanes]:
     """Peak signal of an echo's mean power, and its P_d, (n,) each; theory (T22) or (T23).
 
     Args:
         peak_power_w: (n,) optical peak power as drawn
         threshold: (n,) level that it must reach; None: the comparator's
+        curvature: (n,) as of `trip`
     """
     level = shots.threshold if threshold is None else threshold
     point, fluctuation = shots.point, shots.fluctuation
 
     def probability(signal: Lanes) -> Lanes:
-        return point.detection_probability(level, signal, point.noise.at(signal))
+        reached = point.detection_probability(level, signal, point.noise.at(signal))
+        return reached * shots.sensor.steadiness(point.noise, level, signal, curvature)
 
     if fluctuation is None:
         signal = point.response.signal(peak_power_w)
@@ -220,7 +229,7 @@ def reported_s(
         draw: number of the echo in its pulse
     """
     walk = walk_s(shots, measured=measured, width_s=width_s, true_power_w=true_power_w)
-    return converted_time_s(shots, crossing_s - walk, draw=draw)
+    return converted_time_s(shots, crossing_s - walk, draw=draw, height=measured)
 
 
 def walk_s(shots: Shots, *, measured: Lanes, width_s: Lanes | None, true_power_w: Lanes) -> Lanes:
@@ -244,7 +253,7 @@ def walk_s(shots: Shots, *, measured: Lanes, width_s: Lanes | None, true_power_w
     return pulse_shape.leading_edge_time_s(level=share, fwhm_s=fwhm)
 
 
-def converted_time_s(shots: Shots, time_s: Lanes, *, draw: Lanes = 0) -> Lanes:
+def converted_time_s(shots: Shots, time_s: Lanes, *, draw: Lanes = 0, height: Lanes = 0.0) -> Lanes:
     """Time that the converter's clock gives to a time, (n,) s, of echoes and of false alarms alike.
 
     Its jitter is added and the sum rounded to its step; 0 where that is not after the pulse. Of a histogram the time
@@ -252,11 +261,16 @@ def converted_time_s(shots: Shots, time_s: Lanes, *, draw: Lanes = 0) -> Lanes:
 
     Args:
         draw: number of the time in its pulse: each has a jitter of its own
+        height: (n,) measured amplitude, in signal units: strong pulses may be timed by another channel
     """
     ops, converter = xp(time_s), shots.sensor.tdc
     if shots.sensor.histogram is None:
         jitter, _ = random.normal_pair(shots.words(Stage.TDC_JITTER, draw))
-        time_s = time_s + converter.jitter_s * jitter
+        deviation = converter.jitter_s
+        if converter.strong_above is not None:
+            is_strong = height > converter.strong_above * shots.threshold
+            deviation = ops.where(is_strong, converter.strong_jitter_s, deviation)
+        time_s = time_s + deviation * jitter
     return tdc.quantise(time_s=ops.maximum(time_s, 0.0), least_significant_bit_s=converter.least_significant_bit_s)
 
 

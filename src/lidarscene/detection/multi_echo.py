@@ -115,8 +115,10 @@ class Rises(Received):
         # The derivative of its place is not needed: P' is zero there, so moving the place does not change the power.
         ops, lit = self.ops, state.highest_w > 0.0
         point = self.point if state.at_highest is None else state.at_highest.working_point(self.point)
-        highest_w = ops.where(lit, self.wave.at(state.highest)[0], 0.0)
-        signal, probability = comparator.expectation(replace(self, point=point), highest_w)
+        power, _, bend = self.wave.at(state.highest)
+        highest_w = ops.where(lit, power, 0.0)
+        curved = timing.curvature_of(self, power, bend, mask=lit)
+        signal, probability = comparator.expectation(replace(self, point=point), highest_w, curvature=curved)
         return Found(
             stops=tuple(self._with_status(stop) for stop in state.stops),
             tripped=state.tripped,
@@ -178,7 +180,7 @@ class Rises(Received):
         peak_w = ops.where(rise.exists, rise.top[0], 0.0)
         residue = echo_memory.find_residue(self, rise, state.memory)
         converter = self if residue is None else replace(self, point=residue.working_point(self.point))
-        trip = comparator.trip(converter, peak_w, draw=rise.number)
+        trip = comparator.trip(converter, peak_w, draw=rise.number, curvature=timing.curvature(self, rise))
         # A comparator makes an edge only if it was low. After a rise that tripped it, it falls in the valley if the
         # signal there is below the level, which includes this rise's own noise. Else both rises are one long pulse.
         valley = self.point.response.signal(rise.valley_w)
@@ -219,7 +221,8 @@ class Rises(Received):
         peak_w = ops.where(rise.exists, rise.top[0], 0.0)
         residue = echo_memory.find_residue(self, rise, state.memory)
         converter = self if residue is None else replace(self, point=residue.working_point(self.point))
-        gain, lasting_gain = timing.gains(self.sensor, rise)
+        curved = timing.curvature(self, rise)
+        gain, lasting_gain = timing.gains(self, curved)
         valley = self.point.response.signal(lasting_gain * rise.valley_w)
         if residue is not None:
             valley = ops.maximum(valley, residue.floor)
@@ -229,7 +232,7 @@ class Rises(Received):
         # signal high for many metres, does not hide what rises out of it.
         held = state.high & (lowest >= trip_level)
         base = ops.where(held, self._base_signal(lowest), 0.0)
-        trip = comparator.trip(converter, gain * peak_w, draw=rise.number, base=base)
+        trip = comparator.trip(converter, gain * peak_w, draw=rise.number, base=base, curvature=curved)
         tripped = rise.exists & trip.tripped
         in_valley = valley >= trip.level
         place = converter._crossing(rise, trip, tripped, in_valley, gain)

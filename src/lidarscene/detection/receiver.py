@@ -33,7 +33,10 @@ Finder = SingleEcho | Rises | Peaks
 def is_plain(sensor: Sensor) -> bool:
     """True if the closed form for one echo per pulse (`single_echo`) holds for the sensor's receiver."""
     needs_waveform = (
-        sensor.sampler is not None or sensor.histogram is not None or sensor.receiver.ac_coupling_hz is not None
+        sensor.sampler is not None
+        or sensor.histogram is not None
+        or sensor.receiver.ac_coupling_hz is not None
+        or sensor.laser.slope_broadening
     )
     return not needs_waveform and sensor.tdc.keep == "first"
 
@@ -110,4 +113,5 @@ def _train_of(echoes: Echoes) -> EchoTrain:
         interference=echoes.interference,
         white_w_m2=echoes.white_w_m2,
         fluctuation=echoes.fluctuation,
+        broadening=echoes.broadening,
     )

@@ -34,6 +34,8 @@ def reported_intensity(
     power = shots.point.response.inferred_power_w(
         amplitude, width_s=width_s, threshold=shots.threshold, pulse_fwhm_s=sensor.received_fwhm_s
     )
+    if scale.measures == "energy" and echoes.broadening is not None:
+        power = power * echoes.broadening
     if scale.kind == "range_corrected":
         return formulas.range_corrected_power_w(power_w=power, range_m=range_m, reference_m=scale.reference_m)
     overlap: Lanes = 1.0

@@ -159,7 +159,7 @@ def _read_levels(shots: Received, sampler: MultiLevel, rise: Rise, trip: Trip, p
         )
         walk = ops.where(open_, edge_walk_s / shots.sigma_s, walk)
     return Reading(
-        reported_s=comparator.converted_time_s(shots, shots.time_s(place - walk), draw=rise.number),
+        reported_s=comparator.converted_time_s(shots, shots.time_s(place - walk), draw=rise.number, height=amplitude),
         amplitude=ops.maximum(amplitude, shots.threshold),
         width_s=width * shots.sigma_s,
         place=ops.where(open_, crossed, place - walk),
@@ -241,9 +241,9 @@ def _read_samples(shots: Received, adc: Adc, rise: Rise, trip: Trip, place: Lane
             clipped, lambda: _read_clipped(shots, adc, rise, trip, place, sampled, mask=clipped), (peak_place, width_s)
         )
     return Reading(
-        reported_s=comparator.converted_time_s(shots, shots.time_s(peak_place), draw=rise.number),
+        reported_s=comparator.converted_time_s(shots, shots.time_s(peak_place), draw=rise.number, height=amplitude),
         amplitude=ops.maximum(amplitude, shots.threshold) + trip.base,
-        width_s=width_s,
+        width_s=width_s * shots.wave.broadening,
         place=peak_place,
     )
 
@@ -289,5 +289,5 @@ def _read_clipped(
     foot_w = point.response.power_w(ops.maximum(sample, 0.5 * shots.sample_threshold))
     overdriven = mask & (power > _OVERDRIVEN * point.response.power_w(sampled.clipped_from))
     share = ops.where(overdriven, foot_w / power, 1.0)
-    edge = place - pulse_shape.leading_edge_time_s(level=share, fwhm_s=fwhm) / shots.sigma_s
+    edge = place - pulse_shape.leading_edge_time_s(level=share, fwhm_s=fwhm) / (fwhm / SIGMAS_PER_FWHM)
     return ops.where(overdriven, edge, sampled.place), ops.where(mask, long_s, sampled.width_s)

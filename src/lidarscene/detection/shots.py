@@ -59,8 +59,8 @@ class Received(Shots):
 
     @property
     def sigma_s(self) -> Lanes:
-        """sigma_p: standard deviation of the received pulse."""
-        return self.sensor.received_fwhm_s / SIGMAS_PER_FWHM
+        """sigma_p: standard deviation of the received pulse; (n,) of echoes that are broadened."""
+        return self.wave.fwhm_s / SIGMAS_PER_FWHM
 
     def time_s(self, place: Lanes) -> Lanes:
         """Time of flight at a place on the waveform, (n,)."""

@@ -45,6 +45,7 @@ KINDS = {
     "pedestrian": Kind(30, "Pedestrian", "human.pedestrian.adult"),
     "person": Kind(30, "Pedestrian", "human.pedestrian.adult"),
     "child": Kind(30, "Pedestrian", "human.pedestrian.child"),
+    "wheelchair_user": Kind(30, "Pedestrian", "human.pedestrian.wheelchair"),
     "animal": Kind(99, "Misc", "animal"),
     "traffic_cone": Kind(99, NOT_IN_KITTI, "movable_object.trafficcone"),
     "bin": Kind(99, NOT_IN_KITTI, "movable_object.pushable_pullable"),

@@ -20,7 +20,13 @@ from .boxes import Box, GatheredBoxes
 VEHICLE, PEDESTRIAN, ANIMAL = 2, 3, 4
 """Values of MovingObject.Type."""
 
-MOVING = {"pedestrian": PEDESTRIAN, "person": PEDESTRIAN, "child": PEDESTRIAN, "animal": ANIMAL}
+MOVING = {
+    "pedestrian": PEDESTRIAN,
+    "person": PEDESTRIAN,
+    "child": PEDESTRIAN,
+    "wheelchair_user": PEDESTRIAN,
+    "animal": ANIMAL,
+}
 VEHICLES = {
     "car": 4,
     "van": 6,

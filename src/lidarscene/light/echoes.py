@@ -19,7 +19,8 @@ import numpy as np
 from ..maths.arrays import Lanes, LookupTable, Mask, xp
 from ..maths.vectors import Vector, dot, weighted_sum
 from ..physics.electronics import intensity
-from ..physics.optics import air, radiometry, sunlight
+from ..physics.electronics.pulse_sums import SIGMAS_PER_FWHM
+from ..physics.optics import air, pulse, radiometry, receiver, sunlight
 from ..scene.scene import Interferer
 from ..sensor.sensor_model import Sensor
 from .beams import Beams
@@ -90,6 +91,7 @@ class Echoes:
         white_w_m2: peak power times range squared of a white surface, for which the sensor is calibrated; 1 if its
             intensity scale does not need it
         fluctuation: of the peak power, which is drawn; None: it is the mean
+        broadening: length of the echo over that of the pulse, (T49b); None: as long
     """
 
     has_surface: Mask
@@ -99,6 +101,7 @@ class Echoes:
     interference: tuple[Interference, ...] = ()
     white_w_m2: Lanes = 1.0
     fluctuation: Fluctuation | None = None
+    broadening: Lanes | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -182,6 +185,7 @@ class EchoTrain:
         white_w_m2: (n,) as in `Echoes`
         stray: whether the last sub-echo is stray light of other channels (`light.stray_light`)
         fluctuation: of all sub-echoes together, as in `Echoes`
+        broadening: of all sub-echoes, that of the strongest, as in `Echoes`
     """
 
     parts: tuple[SubEchoes, ...]
@@ -193,6 +197,7 @@ class EchoTrain:
     white_w_m2: Lanes = 1.0
     fluctuation: Fluctuation | None = None
     stray: bool = False
+    broadening: Lanes | None = None
 
     def part(self, first: int, count: int, *, of: int) -> EchoTrain:
         """Light of ``count`` of ``of`` pulses from number ``first`` on; NumPy arrays."""
@@ -217,6 +222,7 @@ class EchoTrain:
                 replace(source, peak_power_w=lanes(source.peak_power_w)) for source in self.interference
             ),
             white_w_m2=lanes(self.white_w_m2),
+            broadening=lanes(self.broadening),
             fluctuation=None
             if self.fluctuation is None
             else Fluctuation(
@@ -225,10 +231,13 @@ class EchoTrain:
         )
 
 
-def receive(beams: Beams, hits: Hits, sensor: Sensor, ambient: Ambient) -> Echoes:
+def receive(beams: Beams, hits: Hits, sensor: Sensor, ambient: Ambient, *, lone: bool = True) -> Echoes:
     """Signal and background power of each ray, by (5) and (8) with the BSDF in place of rho / pi.
 
     A ray that met no surface sees the sky, or the sun.
+
+    Args:
+        lone: each ray is the only one of its pulse, and stands for the whole spot
     """
     ops = xp(hits.range_m)
     optics = sensor.optics
@@ -249,6 +258,9 @@ def receive(beams: Beams, hits: Hits, sensor: Sensor, ambient: Ambient) -> Echoe
     # reaches the detector.
     if optics.overlap is not None:
         peak = peak * optics.overlap.share(hits.range_m)
+    broadening = _broadening(hits, sensor) if lone and sensor.laser.slope_broadening else None
+    if broadening is not None:
+        peak = peak / broadening
     # Lamps light surfaces from all sides, as the sky does. But a ray that meets nothing sees only the sky.
     diffuse = ambient.sky_irradiance_w_m2
     if ambient.lamps_w_m2 is not None:
@@ -291,6 +303,20 @@ def receive(beams: Beams, hits: Hits, sensor: Sensor, ambient: Ambient) -> Echoe
             for lidar in ambient.interferers
         ),
         white_w_m2=_white_w_m2(beams, sensor),
+        broadening=broadening,
+    )
+
+
+def _broadening(hits: Hits, sensor: Sensor) -> Lanes:
+    """Length of the echo of a whole spot over that of the pulse as received, (n,); theory (T49b)."""
+    spot = sensor.laser.spot
+    return pulse.slope_broadening(
+        spot_rad=receiver.spot_radius_rad(
+            exit_radius_m=spot.exit_radius_m, half_divergence_rad=spot.half_divergence_rad, range_m=hits.range_m
+        ),
+        range_m=hits.range_m,
+        cos_incidence=xp(hits.range_m).where(hits.has_surface, hits.cos_incidence, 1.0),
+        unit_m=radiometry.range_from_time_of_flight_m(time_of_flight_s=sensor.received_fwhm_s / SIGMAS_PER_FWHM),
     )
 
 

@@ -113,7 +113,23 @@ def join_echoes(
         ),
         white_w_m2=pulse_value(first.white_w_m2),
         fluctuation=fluctuation,
+        broadening=_of_the_strongest(paths),
     )
+
+
+def _of_the_strongest(paths: Sequence[Echoes]) -> Lanes | None:
+    """Broadening of the strongest of a lone ray's paths, for all of them; None without."""
+    strongest = paths[0]
+    for path in paths[1:]:
+        if strongest.broadening is None or path.broadening is None:
+            return None
+        ops, stronger = xp(path.range_m), path.peak_power_w > strongest.peak_power_w
+        strongest = replace(
+            strongest,
+            broadening=ops.where(stronger, path.broadening, strongest.broadening),
+            peak_power_w=ops.maximum(path.peak_power_w, strongest.peak_power_w),
+        )
+    return strongest.broadening
 
 
 def _join_fluctuations(paths: Sequence[Echoes], weight: Lanes, rays: int) -> Fluctuation | None:

@@ -76,11 +76,12 @@ class Waveform:
     Attributes:
         origin_m: (n,) range of the pulse's first sub-echo
         unit_m: c sigma_p / 2
-        fwhm_s: width of the received pulse
+        fwhm_s: width of the received pulse; (n,) of echoes that are broadened, as is ``unit_m``
         centres: (n,) each, place of every sub-echo
         heights: (n,) each, power of every sub-echo; 0 without one
         volume: even light of the air, or None
         undershoot: undershoot of an AC-coupled amplifier, or None
+        broadening: (n,) width over that of the pulse as it leaves; 1 of echoes that are as long
     """
 
     # Places count from the first sub-echo in units of sigma_p. So the numbers near an echo are small, where single
@@ -93,6 +94,7 @@ class Waveform:
     heights: Sequence[Lanes]
     volume: Volume | None
     undershoot: Undershoot | None = None
+    broadening: Lanes = 1.0
 
     @property
     def lone(self) -> bool:
@@ -252,7 +254,9 @@ def waveform(pulse_train: EchoTrain, sensor: Sensor) -> Waveform:
         ]
         for name in ("range_m", "peak_power_w")
     )
-    unit = radiometry.range_from_time_of_flight_m(time_of_flight_s=sensor.received_fwhm_s / SIGMAS_PER_FWHM)
+    broadening: Lanes = 1.0 if pulse_train.broadening is None else pulse_train.broadening
+    fwhm_s = sensor.received_fwhm_s * broadening
+    unit = radiometry.range_from_time_of_flight_m(time_of_flight_s=fwhm_s / SIGMAS_PER_FWHM)
     nearest = ops.full(heights[0], FAR)
     for distance, height in zip(ranges, heights, strict=True):
         nearest = ops.where(height > 0.0, ops.minimum(nearest, distance), nearest)
@@ -266,11 +270,12 @@ def waveform(pulse_train: EchoTrain, sensor: Sensor) -> Waveform:
     return Waveform(
         origin_m=origin,
         unit_m=unit,
-        fwhm_s=sensor.received_fwhm_s,
+        fwhm_s=fwhm_s,
         centres=centres,
         heights=passed,
         volume=pulse_train.volume,
         undershoot=undershoot,
+        broadening=broadening,
     )
 
 
@@ -323,13 +328,15 @@ def _sample_powers_w(pulse_train: EchoTrain, sensor: Sensor, times_s: Numbers) -
     times = np.asarray(times_s, dtype=np.float64)
     power = np.zeros((np.size(pulse_train.background_power_w), len(times)))
     received, background = power.copy(), np.asarray(pulse_train.background_power_w)[:, None]
-    sigma_s = float(sensor.received_fwhm_s) / SIGMAS_PER_FWHM
+    broadening = 1.0 if pulse_train.broadening is None else np.asarray(pulse_train.broadening)[:, None]
+    sigma_s = broadening * (float(sensor.received_fwhm_s) / SIGMAS_PER_FWHM)
+    fwhm_s = broadening * sensor.laser.pulse_fwhm_s
     for part in pulse_train.parts:
         arrival = np.asarray(radiometry.time_of_flight_s(range_m=np.asarray(part.range_m, dtype=np.float64)))
         peak = np.asarray(part.peak_power_w)
         for first in range(part.count):
             lanes = slice(first, None, part.count)
-            pulses = pulse_shape.gaussian_pulse(time_s=times - arrival[lanes, None], fwhm_s=sensor.laser.pulse_fwhm_s)
+            pulses = pulse_shape.gaussian_pulse(time_s=times - arrival[lanes, None], fwhm_s=fwhm_s)
             power += peak[lanes, None] * pulses
             if not sensor.receiver.filters:
                 continue

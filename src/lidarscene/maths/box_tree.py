@@ -1,7 +1,7 @@
 """A tree over boxes: as numbers on the device, so that another number of boxes is no other kernel.
 
-The boxes of bodies that move are others in every frame, and few. So the tree has no cost model: boxes are sorted along
-a curve through space, each `CHILDREN` neighbours get a box around them, and so on up to one. A node is eight numbers.
+Each `CHILDREN` neighbours get a box around them, and so on up to one. The boxes of bodies that move are others in every
+frame, and few: they are sorted along a curve through space, without a cost model. A node is eight numbers.
 Nodes are in the order in which a walk that skips nothing passes them; a walk needs no stack, since each node knows
 where it goes on without those below it.
 
@@ -51,17 +51,21 @@ class BoxTree:
     @classmethod
     def from_boxes(cls, boxes: Numbers) -> BoxTree:
         """Build from (m, 2, 3) lowest and highest corners, m > 0; boxes that nothing is in have infinite ones."""
-        return cls.from_sets(boxes[None])
+        order = np.argsort(_curve_place(boxes), kind="stable")
+        return cls.from_sets(boxes[None, order], order)
 
     @classmethod
-    def from_sets(cls, boxes: Numbers) -> BoxTree:
+    def from_sets(cls, boxes: Numbers, numbers: Numbers) -> BoxTree:
         """Build trees from n sets of the same m boxes, (n, m, 2, 3), one behind the other (`of_tree`).
 
-        They have the same nodes in the same order, by where the boxes are in the first set.
+        They have the same nodes in the same order.
+
+        Args:
+            boxes: those that stand together follow each other
+            numbers: (m,) of the boxes
         """
-        order = np.argsort(_curve_place(boxes[0]), kind="stable")
         # From the leaves up: boxes of each level, and the nodes of the tree below each.
-        levels, sizes = [boxes[:, order]], [np.ones(len(order), dtype=np.int64)]
+        levels, sizes = [boxes], [np.ones(len(numbers), dtype=np.int64)]
         while len(levels) == 1 or levels[-1].shape[1] > 1:
             starts = np.arange(0, levels[-1].shape[1], CHILDREN)
             low, high = levels[-1][:, :, 0], levels[-1][:, :, 1]
@@ -77,7 +81,7 @@ class BoxTree:
             nodes[:, place, 0:3], nodes[:, place, 4:7] = levels[level][:, :, 0], levels[level][:, :, 1]
             onward = place + sizes[level]
             nodes[:, place, 3] = np.where(onward < size, first + onward, 0)
-            nodes[:, place, 7] = -1.0 if level else order
+            nodes[:, place, 7] = -1.0 if level else numbers
             if level:
                 below = sizes[level - 1]
                 parent = np.arange(len(below)) // CHILDREN

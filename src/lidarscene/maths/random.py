@@ -47,6 +47,7 @@ class Stage(enum.IntEnum):
     THRESHOLD = 17
     FLUCTUATION = 25
     COLUMN_NOISE = 26
+    CHATTER = 27
 
 
 _ROTATIONS = (13, 15, 26, 6, 17, 29, 16, 24)

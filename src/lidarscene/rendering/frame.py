@@ -152,7 +152,7 @@ class Frame:
         # Counted from the first frame's start: the same bits in every frame, so that they can be kept. Single precision
         # is enough for times within a frame: 0.1 s to 7 ns, in which nothing goes anywhere.
         start_s = self._scanner.time_s(np.zeros(1, np.uint32))
-        pulse = np.where(pulse == NO_PULSE, np.uint32(self.first_pulse), pulse)
+        pulse = np.where(pulse >= NO_PULSE, np.uint32(self.first_pulse), pulse)
         number, place = np.divmod(pulse - np.uint32(self.first_pulse), np.uint32(self._scanner.pulses))
         return transfer.from_numpy(self._scanner.time_s(place) - start_s), transfer.whole_numbers(number)
 

@@ -3,8 +3,9 @@
 A frame of few pulses takes the device less time than Python needs to start it and NumPy to take its points. So frames
 that follow each other with one seed, a longer run of pulse numbers, are started together. Where something moves each
 lane has the number of its frame, and with it the frame's own motions and boxes (`maths.motion_table`). Each frame has
-lanes as if it was alone: it begins a packet of rays, also where pulses are traced once more
-(`kernel.rays.kept_lanes.in_packets`). So its points are those of a frame that is rendered alone, bit by bit.
+lanes as if it was alone: it begins a packet of rays, with lanes of no pulse before it where the last one ends within a
+packet (`Numbering.lane_order`), also where pulses are traced once more (`kernel.rays.kept_lanes.in_packets`). So its
+points are those of a frame that is rendered alone, bit by bit.
 """
 
 from __future__ import annotations
@@ -58,9 +59,10 @@ class Launch:
         if name not in self._values:
             self._values[name] = detection_values(self.parts, name)
         values, order = self._values[name], self.part.order
-        place, count = self.place(frame), len(values) // len(self.frames)
-        lanes = slice(place * count, (place + 1) * count)
-        return values[order.lane[lanes]] if ordered and order is not None else values[lanes]
+        pulses = (len(values) if order is None else len(order.lane)) // len(self.frames)
+        own = slice(self.place(frame) * pulses, (self.place(frame) + 1) * pulses)
+        has_gaps = order is not None and len(values) > len(order.lane)
+        return values[order.lane[own]] if order is not None and (ordered or has_gaps) else values[own]
 
 
 def rows_of(pulse: Numbers, numbers: Numbers) -> slice:

@@ -259,8 +259,7 @@ class Simulator:
 
         Args:
             keep_rays: keep the ray of every pulse too, in `PointCloud.rays`: 60 bytes a pulse
-            ahead: called once all rays of the frame are with the device: time to `begin` another one, so that its
-                threads do not wait for Python
+            ahead: called once the device has done its part of the frame: time to `begin` another one
             on_device: leave the columns on the device, for libraries that compute there: a `DeviceCloud`
             options: fields of `FrameOptions` and `Observers`, in place of those of ``frame`` and ``observers``
 
@@ -414,8 +413,7 @@ class Simulator:
     ) -> Iterator[_Piece]:
         """Iterate over the results of the chunks; outcomes are in the order of pulses if an observer needs them so.
 
-        The device starts the next chunk before this one is handed out: it computes while NumPy copies. The next frame
-        it starts before the points of this one are collected.
+        The device starts the next chunk before this one is handed out: it computes while NumPy copies.
         """
         begin, end = frame.first_pulse, frame.first_pulse + self.sensor.scanner.pulses
         needs_order = observers.missed is not None or observers.pulses is not None
@@ -425,11 +423,8 @@ class Simulator:
                 since = time.perf_counter()
                 launch = self._started([(options, frame)], first)
                 summary.add_time("record", since)
-            begin_next = ahead if following is None else None
             if not launch.parts:
-                self._finish(launch, summary, begin_next)
-            elif begin_next is not None:
-                begin_next()
+                self._finish(launch, summary)
             since = time.perf_counter()
             check_detections(self.scene, self.sensor, partial(launch.values, frame, ordered=False))
             outcome = launch.values(frame, "outcome", ordered=needs_order)
@@ -457,6 +452,8 @@ class Simulator:
                 since = time.perf_counter()
                 launch, first = self._started([(options, frame)], following), following
                 summary.add_time("record", since)
+            elif ahead is not None:
+                ahead()
             yield _Piece(piece_first, pulse, range_m, status, in_numpy, outcome)
 
     def _launch_with(self, frame: Frame) -> Launch | None:
@@ -469,21 +466,13 @@ class Simulator:
         self._traced = launch if launch is not None and launch.frames[-1][1] is not frame else None
         return launch
 
-    def _finish(self, launch: Launch, summary: Summary, begin_next: Callable[[], None] | None) -> None:
-        """Wait for a launch, trace once more what goes on, and collect the points of all its frames.
-
-        Args:
-            begin_next: called once the last rays are with the device: while Python goes on, threads without work would
-                spin
-        """
+    def _finish(self, launch: Launch, summary: Summary) -> None:
+        """Wait for a launch, trace once more what goes on, and collect the points of all its frames."""
         run, frames = launch.run, [frame for _, frame in launch.frames]
         options, _ = launch.frames[0]
         since = time.perf_counter()
         transfer.wait()
         launch.parts = self._trace_continuing(run, launch.part, run.seed_words(options.seed), len(frames))
-        if begin_next is not None:
-            begin_next()
-        transfer.wait()
         since = summary.add_time("trace", since)
         pulses = self.sensor.scanner.pulses
         placing = Placing.of_frames(frames, options.coordinates, pulses, clock=self._clock, rings=self._rings)
@@ -527,7 +516,7 @@ class Simulator:
         # More from launch to launch, so that the first frames come soon.
         most = min(frames, 2 * self._together, most // self.sensor.scanner.pulses)
         together = list[tuple[FrameOptions, Frame]]()
-        for number in range(options.number, options.number + max(most if self.numbering.fills_packets else 1, 1)):
+        for number in range(options.number, options.number + max(most if self.numbering.goes_together else 1, 1)):
             following = replace(options, number=number)
             try:
                 if self._piece_at(following) != self._piece:
@@ -569,7 +558,7 @@ class Simulator:
         alone = part.goes_on if part.leaks is None else part.goes_on & ~part.leaks
         if (lanes := kept_lanes.lanes_where(alone)) is not None:
             if frames > 1:
-                lanes = kept_lanes.in_packets(lanes, self.sensor.scanner.pulses, LANES)
+                lanes = kept_lanes.in_packets(lanes, self.numbering.frame_lanes, LANES)
             parts.append(self._traced_again(frame, part, (lanes, alone), seed, lines=self._stages.crosstalk is None))
         if part.leaks is None:
             return parts
@@ -600,6 +589,7 @@ class Simulator:
         pulse = retraced.pulses(part.pulse)
         blocks.share_out(len(pulse) * self.trace.rays)
         traced = self._chain(frame, DevicePulses(pulse, lambda: frame.departures(pulse.numpy())), seed, lines=lines)
+        transfer.wait()
         return replace(traced, retraced=retraced, twice=several is not lanes)
 
     @exclusive

@@ -213,7 +213,8 @@ class Stages:
 
     def _receive(self, rays: Beams, hits: Hits, seed: Seed) -> Echoes:
         """Echoes of the laser's rays along one path, as they fluctuate."""
-        received, law = echoes.receive(rays, hits, self.sensor, self.ambient), self.fluctuation
+        received = echoes.receive(rays, hits, self.sensor, self.ambient, lone=self.rays == 1)
+        law = self.fluctuation
         if law is None:
             return received
         variance = law.variance(range_m=hits.range_m, cos_incidence=hits.cos_incidence, aperture_m2=rays.aperture_m2)
@@ -251,8 +252,9 @@ class Stages:
         firing = Firing(
             seed=seed,
             ray=0 if ray is None else ray,
-            # What was surveyed is traced once more with gaps between the frames (`kept_lanes.in_packets`).
-            active=ray_pulse < kept_lanes.NO_PULSE if self.surveys and not survey else True,
+            # Between frames that are traced together there may be lanes without a pulse (`Numbering.lane_order`), and
+            # between those of what is traced once more (`kept_lanes.in_packets`).
+            active=ray_pulse < kept_lanes.NO_PULSE,
             aim=aimed,
             housing_m=self.sensor.housing_m,
             velocity_m_s=None if place.velocity_m_s is None else place.velocity_at(rays.origin_m),

@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from ..kernel.device import transfer
+from ..kernel.rays.kept_lanes import NO_PULSE
 from ..maths.arrays import Numbers, inverse
 from ..scan.base import Scanner
 from .frame import Frame
@@ -115,8 +116,8 @@ class Order:
     """Permutation between pulse order and lanes of a chunk.
 
     Attributes:
-        pulse: (n,) uint32 pulse of each lane, counted from the chunk's first
-        lane: (n,) uint32 lane of each pulse, the inverse
+        pulse: (n,) uint32 pulse of each lane, counted from the chunk's first; `NO_PULSE` of a lane without one
+        lane: uint32 lane of each pulse, the inverse
         device_pulse: ``pulse`` on the device
         device_lane: ``lane`` on the device
     """
@@ -127,9 +128,8 @@ class Order:
     device_lane: Any
 
     @classmethod
-    def from_pulses(cls, pulse: Numbers) -> Order:
-        """Build from the pulse of each lane."""
-        lane = inverse(pulse)
+    def from_pulses(cls, pulse: Numbers, lane: Numbers) -> Order:
+        """Build from the pulse of each lane, and the lane of each pulse."""
         return cls(pulse, lane, transfer.unsigned_numbers(pulse), transfer.unsigned_numbers(lane))
 
     def on_device(self, first: int) -> Any:
@@ -173,9 +173,14 @@ class Numbering:
         return math.lcm(self.whole, LANES if self._tiling is None else self._tiling.step)
 
     @property
-    def fills_packets(self) -> bool:
-        """Whether a frame and its lines end with a packet of rays, so that the next frame begins one."""
-        return self._frame % LANES == 0 and (self.whole == 1 or self.whole % LANES == 0)
+    def goes_together(self) -> bool:
+        """Whether several frames can be one chunk: lines that stay in one chunk must end with a packet of rays."""
+        return self.whole == 1 or self.whole % LANES == 0
+
+    @property
+    def frame_lanes(self) -> int:
+        """Lanes of each of several frames of a chunk: whole packets of rays, so that the next frame begins one."""
+        return -(-self._frame // LANES) * LANES
 
     def pulses(self, frame: Frame, first: int, count: int) -> DevicePulses:
         """Pulses of a chunk of a frame: ``count`` from number ``first`` on."""
@@ -193,13 +198,19 @@ class Numbering:
 
     def lane_order(self, count: int) -> Order | None:
         """Order of the lanes of a chunk of ``count`` pulses; None: in the order of numbers."""
-        if self._tiling is None:
+        frames = max(count // self._frame, 1)
+        gap = np.full(self.frame_lanes - self._frame if frames > 1 else 0, NO_PULSE, np.uint32)
+        if self._tiling is None and not len(gap):
             return None
         if count not in self._orders:
-            frames = max(count // self._frame, 1)
-            place = self._tiling.order(count // frames)
-            places = np.concatenate([place + np.uint32(number * self._frame) for number in range(frames)])
-            self._orders = _with_entry(self._orders, count, Order.from_pulses(places))
+            pulses = count // frames
+            place = np.arange(pulses, dtype=np.uint32) if self._tiling is None else self._tiling.order(pulses)
+            numbers, lane = np.arange(frames, dtype=np.uint32), inverse(place)
+            pulse_of_lane = np.concatenate(
+                [part for number in numbers for part in (place + number * np.uint32(self._frame), gap)]
+            )
+            lane_of_pulse = np.concatenate([lane + number * np.uint32(pulses + len(gap)) for number in numbers])
+            self._orders = _with_entry(self._orders, count, Order.from_pulses(pulse_of_lane, lane_of_pulse))
         return self._orders[count]
 
 

@@ -25,7 +25,7 @@ EGO_CAR, EGO_CLASS, EGO_PAINT = "own_car", "car", "car_paint_white"
 
 _OF_SHAPE = (
     *("mesh", "primitive", "size_m", "radius_m", "height_m", "material", "materials", "pattern", "unit", "up", "scale"),
-    *("crown_m", "kerb_m", "spacing_m"),
+    *("crown_m", "kerb_m", "spacing_m", "animation", "standing"),
 )
 """Keys of a body that belong to its shape: another shape has none of them."""
 

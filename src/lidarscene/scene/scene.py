@@ -46,7 +46,8 @@ class Part:
         faces: (f, 3) uint32, indices into the vertices
         pattern: reflectivity pattern, for materials of kind "diffuse"; None: the material's reflectivity everywhere
         cutout: image of its gaps, which glass and mirrors do not have; None: solid
-        stride_m: (k, v, 3) float32, its vertices at k even instants of a stride, on the spot; None: it is rigid
+        stride_m: (k + 1, v, 3) float32, its vertices at k even instants of a stride, on the spot, and at the first of
+            the next one; None: it is rigid
     """
 
     vertices_m: Numbers
@@ -87,10 +88,8 @@ class Part:
         """Return the part as it is at a place of its stride (`walking`), rigid; itself if it has none."""
         if self.stride_m is None:
             return self
-        count = len(self.stride_m)
-        before = int(np.floor(phase * count))
-        share = phase * count - before
-        first_m, second_m = (self.stride_m[number % count].astype(np.float64) for number in (before, before + 1))
+        share, before = np.modf((phase - np.floor(phase)) * (len(self.stride_m) - 1))
+        first_m, second_m = self.stride_m[int(before) :][:2].astype(np.float64)
         walking_m = first_m + share * (second_m - first_m)
         return replace(self, vertices_m=self.vertices_m + level * (walking_m - self.vertices_m), stride_m=None)
 

@@ -549,7 +549,9 @@ def _mesh_parts(
 
 def _clips(body: BodyFile) -> WalkingClips | None:
     """Animations that the body plays; None: it is rigid."""
-    return None if body.animation is None else WalkingClips(walk=body.animation, standing=body.standing)
+    if body.animation is None:
+        return None
+    return WalkingClips(walk=body.animation, standing=body.standing, unit_m=body.scale * UNITS[body.unit or "m"])
 
 
 def _upright_stride(stride_m: Numbers, up: Axis) -> Numbers:

@@ -233,7 +233,8 @@ class BodyFile(PoseFile):
         description="feature of the mesh file that varies the reflectivity of its diffuse parts: docs/materials.md",
     )
     animation: Name | None = Field(
-        default=None, description="animation of the glTF file that is one stride of a walker: docs/streets.md"
+        default=None,
+        description="animation of the glTF file that is one stride of a walker, or turns wheels: docs/streets.md",
     )
     standing: Name | None = Field(
         default=None, description="with `animation`: one that begins as the walker stands; else it stops as it is"

@@ -1,7 +1,8 @@
 """Walking: which pose of its stride a walker has at a time, from the speed of its motion.
 
 A mesh has one stride, on the spot, at the speed at which it was recorded or made. A walker plays it by its way: as its
-body goes on by the length of a stride, one stride passes, so that a foot that bears stands still. At another speed v
+body goes on by the length of a stride, one stride passes, so that a foot that bears stands still. The wheels of a
+vehicle walk, too: their stride is a part of a turn after which they look the same. At another speed v
 its steps have another length: those who may choose it take steps whose length goes with v^0.42 (A. D. Kuo, J. Biomech.
 Eng. 123 (2001), 264). The *level* says how much of the stride a walker shows: 0 as it stands, 1 as the mesh has it.
 Vertices go straight from the one to the other, p = s + level (w(phase) - s), so that a foot stays on the ground at any
@@ -43,11 +44,14 @@ class Gait:
         stride_m: length of the stride that its parts have, from a foot's contact to its next
         speed_m_s: at which it is so long
         stands: whether its parts also have the pose in which it stands; if not its level is 1 at any speed
+        ahead: unit vector (x, y) of its frame along which it goes; a body that goes the other way plays the stride
+            backwards
     """
 
     stride_m: float
     speed_m_s: float
     stands: bool = True
+    ahead: tuple[float, float] = (1.0, 0.0)
     _ways: dict[int, tuple[Motion, Numbers]] = field(init=False, repr=False, default_factory=dict)
 
     @classmethod
@@ -55,7 +59,7 @@ class Gait:
         """Measure the gait of a mesh by the foot that bears: it goes back as far as the body goes on.
 
         Args:
-            strides_m: (k, v, 3) vertices of each part over a stride, z up
+            strides_m: (k + 1, v, 3) vertices of each part over a stride, z up
             period_s: time of the stride
 
         Returns:
@@ -64,30 +68,38 @@ class Gait:
         vertices_m = np.concatenate(strides_m, axis=1)
         height_m = vertices_m[:, :, 2]
         ground_m = float(height_m.min())
-        bears_m = ground_m + _SOLE_SHARE * float(height_m.max() - ground_m)
-        later_m = np.roll(vertices_m, -1, axis=0)
-        bears = (height_m <= bears_m) & (later_m[:, :, 2] <= bears_m)
-        gone_m = np.linalg.norm((later_m - vertices_m)[:, :, :2], axis=2)
-        steps_m = [float(np.median(way[flags])) for way, flags in zip(gone_m, bears, strict=True) if flags.any()]
-        stride_m = len(vertices_m) * float(np.median(steps_m)) if steps_m else 0.0
+        bears = height_m <= ground_m + _SOLE_SHARE * float(height_m.max() - ground_m)
+        bears = bears[:-1] & bears[1:]
+        gone_m = np.diff(vertices_m, axis=0)[:, :, :2]
+        steps_m = [np.median(way_m[flags], axis=0) for way_m, flags in zip(gone_m, bears, strict=True) if flags.any()]
+        back_m = len(gone_m) * np.median(steps_m, axis=0) if steps_m else np.zeros(2)
+        stride_m = float(np.hypot(*back_m))
         if stride_m < 1e-3:
             return None
-        return cls(stride_m=stride_m, speed_m_s=stride_m / period_s, stands=stands)
+        x, y = -back_m / stride_m
+        return cls(stride_m=stride_m, speed_m_s=stride_m / period_s, stands=stands, ahead=(float(x), float(y)))
 
     def at(self, motion: Motion, time_s: Numbers) -> Numbers:
         """(n, 2) phase, counted in strides, and level at (n,) times [s] of a motion.
 
         The phase counts from the start of a motion with an end. One without goes at a constant speed.
         """
-        states = motion.at(time_s)
-        speed_m_s = np.hypot(states.velocity_m_s[:, 0], states.velocity_m_s[:, 1])
+        speed_m_s = self._speed_m_s(motion, time_s)
         return np.stack([self._phase(motion, time_s, speed_m_s), self._level(speed_m_s)], axis=1)
+
+    def _speed_m_s(self, motion: Motion, time_s: Numbers) -> Numbers:
+        """Speed at (n,) times of a motion, negative for one that goes backwards."""
+        states = motion.at(time_s)
+        velocity_m_s = states.velocity_m_s[:, :2]
+        speed_m_s = np.hypot(*velocity_m_s.T)
+        ahead_m_s = np.sum(velocity_m_s * (states.rotation[:, :2, :2] @ np.array(self.ahead)), axis=1)
+        return np.asarray(np.where(ahead_m_s < -0.5 * speed_m_s, -speed_m_s, speed_m_s))
 
     def _level(self, speed_m_s: Numbers) -> Numbers:
         """Level at (n,) speeds."""
         if not self.stands:
             return np.ones_like(speed_m_s)
-        return np.asarray(np.minimum((speed_m_s / self.speed_m_s) ** STEP_EXPONENT, LARGEST_LEVEL))
+        return np.asarray(np.minimum((np.abs(speed_m_s) / self.speed_m_s) ** STEP_EXPONENT, LARGEST_LEVEL))
 
     def _rate_hz(self, speed_m_s: Numbers) -> Numbers:
         """Strides per second at (n,) speeds: the way over the length of a stride."""
@@ -120,11 +132,7 @@ class Gait:
         first_s, last_s = motion.span_s
         time_s = np.linspace(first_s, last_s, max(int(np.ceil((last_s - first_s) / NODE_S)), 1) + 1)
         middle_s = 0.5 * (time_s[1:] + time_s[:-1])
-        rates = []
-        for times in (time_s, middle_s):
-            velocity_m_s = motion.at(times).velocity_m_s
-            rates.append(self._rate_hz(np.hypot(velocity_m_s[:, 0], velocity_m_s[:, 1])))
-        rate, between = rates
+        rate, between = (self._rate_hz(self._speed_m_s(motion, times)) for times in (time_s, middle_s))
         # Simpson's rule.
         passed = np.diff(time_s) / 6.0 * (rate[:-1] + 4.0 * between + rate[1:])
         return np.stack([time_s, np.concatenate([[0.0], np.cumsum(passed)]), rate])

@@ -82,6 +82,17 @@ class Tdc:
     jitter_s: Annotated[
         Lanes, Quantity("ps", ge=0, le=1e6, finest=1e-3, about="standard deviation of the converter's jitter")
     ] = 0.0
+    strong_above: Annotated[
+        Lanes | None,
+        Quantity(
+            gt=1,
+            le=1e9,
+            about="height in thresholds above which a second channel of lower gain times a pulse; none if left out",
+        ),
+    ] = None
+    strong_jitter_s: Annotated[
+        Lanes, Quantity("ps", ge=0, le=1e6, finest=1e-3, about="jitter of that channel, with `strong_above`")
+    ] = 0.0
     stops: Annotated[int, Quantity(ge=1, le=MOST_STOPS, about="crossings reported per shot")] = field(
         default=1, metadata=STATIC
     )
@@ -121,6 +132,18 @@ class Tdc:
     walk: Annotated[
         Literal["none", "raw", "corrected"], FileKey(about='`"raw"`, `"none"` or `"corrected"`; see docs/theory.md 8')
     ] = "corrected"
+    chatter_hz: Annotated[
+        Lanes | None,
+        Quantity(
+            "mhz",
+            gt=0,
+            le=1e5,
+            about=(
+                "rms frequency of the noise at the comparator: a slow edge crosses the threshold several times, and "
+                "such a pulse gives no point; each counts if left out (docs/theory_receivers.md 36)"
+            ),
+        ),
+    ] = None
     false_alarms: Annotated[
         Literal["published", "crossings"],
         FileKey(
@@ -203,6 +226,10 @@ class Intensity:
         Quantity(ge=0, le=255, about="value above which there are only steps of coarse_step; none if left out"),
     ] = None
     coarse_step: Annotated[Lanes | None, Quantity(gt=1, le=128, about="from one value to the next above that")] = None
+    measures: Annotated[
+        Literal["peak", "energy"],
+        FileKey(about="of an echo that `laser.slope_broadening` lengthens: its peak, or all of its energy"),
+    ] = "peak"
 
     @property
     def unit(self) -> str:

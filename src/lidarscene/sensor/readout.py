@@ -72,13 +72,22 @@ class AdcFile(Table[Adc]):
 AnySamplerFile = Annotated[MultiLevelFile | AdcFile, Field(discriminator="type")]
 
 
-class RangeCorrectedFile(Table[Intensity], only=("kind", "reference_m")):
+class RangeCorrectedFile(Table[Intensity], only=("kind", "reference_m", "measures")):
     """[intensity] kind = "range_corrected": optical power, as if all echoes came from one range."""
 
     kind: Literal["range_corrected"]
 
 
-_REFLECTIVITY = ("kind", "white_value", "exponent", "retro", "retro_reflectivity", "coarse_above", "coarse_step")
+_REFLECTIVITY = (
+    "kind",
+    "white_value",
+    "exponent",
+    "retro",
+    "retro_reflectivity",
+    "coarse_above",
+    "coarse_step",
+    "measures",
+)
 
 
 class ReflectivityFile(Table[Intensity], only=_REFLECTIVITY):

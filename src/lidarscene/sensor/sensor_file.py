@@ -205,6 +205,8 @@ class SensorFile(FileModel):
             raise ValueError(f'tdc.timing: not "{timing}" together with [sampler], which times the pulses')
         if timing != "constant_fraction" and "fraction" in self.tdc.model_fields_set:
             raise ValueError('tdc.fraction: only with timing = "constant_fraction"')
+        if self.tdc.strong_above is None and "strong_jitter_ps" in self.tdc.model_fields_set:
+            raise ValueError("tdc.strong_jitter_ps: must go with tdc.strong_above, got none")
         if timing == "matched_filter" and self.detector.in_si().counts_whole_cells:
             raise ValueError('detector.counting: must be "gaussian" behind a matched filter, got "binomial"')
         return self
@@ -224,6 +226,8 @@ class SensorFile(FileModel):
                 raise ValueError(f'{key}: {verb} with detector.type = "{self.detector.type}"')
         if counts and "receiver" in self.model_fields_set:
             raise ValueError('receiver: must be left out with detector.type = "spad", whose firings are counted')
+        if counts and self.laser.slope_broadening:
+            raise ValueError('laser.slope_broadening: must be left out with detector.type = "spad", take --rays')
         if counts and self.sampler is not None:
             raise ValueError('sampler: must be left out with detector.type = "spad", which has a histogram')
         return self
@@ -352,6 +356,8 @@ def _check_columns(sensor: Sensor) -> None:
 def _check_response(sensor: Sensor) -> None:
     """Raise InputError for a frequency response that this detector or pulse cannot have."""
     rate = sensor.coupling_rate
+    if rate is not None and sensor.laser.slope_broadening:
+        raise InputError("laser.slope_broadening: must be left out with receiver.ac_coupling_khz, take --rays")
     if rate is not None and rate > high_pass.WIDEST_RATE:
         coupling_khz, factor = 1e-3 * float(sensor.receiver.ac_coupling_hz or 0.0), high_pass.WIDEST_RATE / rate
         raise InputError(

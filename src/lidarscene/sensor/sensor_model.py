@@ -25,11 +25,13 @@ from ..maths.pose import Pose
 from ..maths.units import STATIC, FileKey, Quantity
 from ..physics.amplifier import high_pass
 from ..physics.electronics import sampling, tdc
+from ..physics.electronics.pulse_sums import SIGMAS_PER_FWHM
 from ..physics.optics import radiometry
 from ..scan import Flash, Scanner
 from .detectors import Detector, Filtered, Reception, Spad, WorkingPoint
 from .detectors.macropixel import Macropixel
 from .detectors.matching import silicon_doubt, spot_doubt
+from .detectors.working_point import Noise
 from .driver import DRIVERS
 from .electronics import Adc, Intensity, MultiLevel, Receiver, Tdc
 from .histogram import Histogram
@@ -41,6 +43,12 @@ from .wear import Wear
 PULSE_BANDWIDTH = 0.35
 """Source: an RC low-pass, whose rise time is 0.35 over its bandwidth; bandwidth times FWHM that a pulse needs: a slower
 amplifier lowers it."""
+
+_FLATTEST = 1e-4
+"""Accuracy bought: least curvature of a peak: broader echoes count as a hundred pulses long."""
+
+_QUIET = 1e-6
+"""Choice: noise over the threshold in the place of none, which does not chatter."""
 
 MATCHED_WIDTHS = 1.75
 """Source: (T78), which is 1 at x = 1.747: least x = 2 pi B sigma_p at which a matched filter leaves no more noise than
@@ -105,7 +113,10 @@ class Laser:
             ge=0,
             le=3000,
             finest=0.01,
-            about="full angle at 1/e^2, or to the edge of a top hat; not used if one ray represents a pulse",
+            about=(
+                "full angle at 1/e^2, or to the edge of a top hat; if one ray represents a pulse, used by "
+                "`slope_broadening` only"
+            ),
         ),
     ] = 0.0
     profile: Annotated[
@@ -151,6 +162,15 @@ class Laser:
             about="angle of the apparent source, for eye safety; up to 1.5 it is a point",
         ),
     ] = 0.0
+    slope_broadening: Annotated[
+        bool,
+        FileKey(
+            about=(
+                "whether a surface that leans lengthens the echo, and lowers its peak, where one ray stands for a "
+                "pulse; several rays do so by themselves (docs/theory_light.md 16)"
+            )
+        ),
+    ] = field(default=False, metadata=STATIC)
     polarisation: Polarisation = UNPOLARISED
     speckle: Speckle | None = None
 
@@ -616,6 +636,25 @@ class Sensor:
         if filtering is None or not self.detector.has_white_noise:
             return bandwidth_hz
         return bandwidth_hz * filtering.crossing_ratio
+
+    def steadiness(self, noise: Noise, threshold: Lanes, signal: Lanes, curvature: Lanes = 1.0) -> Lanes:
+        """Probability that noise lets a pulse's edge cross the threshold once only, exp(-further crossings), (T80b).
+
+        The edge is that of a Gaussian. Just below its peak it is flat and no straight edge, so a peak counts as one
+        deviation of the noise above the threshold at least. 1 of a comparator that does not chatter.
+
+        Args:
+            signal: of the peak
+            curvature: -P'' / P at the peak, 1 of a pulse as it leaves
+        """
+        if self.tdc.chatter_hz is None:
+            return 1.0
+        ops, sigma = xp(signal, threshold), noise.at(threshold)
+        sigma_s = self.received_fwhm_s / SIGMAS_PER_FWHM / ops.sqrt(ops.maximum(curvature, _FLATTEST))
+        top = ops.maximum(signal, threshold + sigma)
+        slope = threshold * ops.sqrt(2.0 * ops.log(top / threshold)) / sigma_s
+        shake = (2.0 * math.pi) * self.tdc.chatter_hz * ops.maximum(sigma, _QUIET * threshold)
+        return ops.exp(-tdc.further_crossings(steepness=slope / shake))
 
     def false_alarm_rate_hz(self, point: WorkingPoint, threshold: Lanes, least_hz: Lanes | None = None) -> Lanes:
         """Rate at which noise trips the comparator, Hz: (T28), or the rate of its crossings.

@@ -85,7 +85,9 @@ def budget_of(cloud: PointCloud, sensor: Sensor, ambient: Ambient, *, light: Ech
     explained = np.abs(point.response.signal(light.peak_power_w) - signal) <= SAME_SIGNAL * signal
     power = np.where(explained, light.peak_power_w, point.response.power_w(signal))
     at_peak = point.noise.at(signal)
-    probability = np.broadcast_to(point.detection_probability(threshold, signal, at_peak), len(cloud))
+    probability = point.detection_probability(threshold, signal, at_peak) * sensor.steadiness(
+        point.noise, threshold, signal
+    )
     return Budget(
         echo_power_w=np.where(has_surface, power, 0.0),
         lambertian_power_w=np.asarray(lambertian.peak_power_w),
@@ -94,7 +96,7 @@ def budget_of(cloud: PointCloud, sensor: Sensor, ambient: Ambient, *, light: Ech
         threshold=threshold,
         signal=signal,
         noise_at_peak=np.asarray(at_peak),
-        detection_probability=np.where(has_surface, probability, 0.0),
+        detection_probability=np.where(has_surface, np.broadcast_to(probability, len(cloud)), 0.0),
         signal_unit=sensor.detector.unit,
     )
 

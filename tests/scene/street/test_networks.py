@@ -17,6 +17,7 @@ from lidarscene.scene.scene import Scene
 from lidarscene.scene.scene_file import load_scene, scene_model
 from lidarscene.scene.street import sumo
 from lidarscene.scene.street.network_tables import network_scene
+from lidarscene.scene.street.shapes import body_table, shapes
 from lidarscene.scene.street.street_file import StreetFile
 from lidarscene.scene.street.street_tables import write_scene
 
@@ -143,6 +144,15 @@ def test_people_walk_on_pavements_and_crossings_are_striped(town: tuple[Path, Pa
 
 
 @pytest.mark.usefixtures("mi")
+def test_a_wheelchair_of_sumo_is_one_that_rolls() -> None:
+    from lidarscene.scene.street.network_tables import _look
+
+    chair = sumo.RoadUser(name="chair", kind="wheelchair", length_m=1.1)
+    table = body_table("chair", shapes()[_look(chair)], moves=True)
+    assert (table["class"], table["animation"]) == ("wheelchair_user", "roll")
+    assert "standing" not in table
+
+
 def test_no_two_bodies_share_a_face_that_a_beam_meets(town: tuple[Path, Path]) -> None:
     """Junctions, lanes, kerbs, pavements and markings: fewer than one point in two thousand, where bodies touch."""
     scene = load_scene(town[1])

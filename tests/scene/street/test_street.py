@@ -198,7 +198,7 @@ def test_a_closed_line_stops_those_who_can() -> None:
 
 
 def test_a_crossing_closes_where_the_ego_vehicle_can_stop_and_is_near() -> None:
-    """At 10 m/s and 2 m/s2 it needs 25 m: .7 of it and 2 m is too near, and 2 s and 6 m more than it too far."""
+    """Reference: 25 m at 10 m/s and 2 m/s2: .7 of it and 2 m is too near, and 2 s and 6 m more than it too far."""
     crossing = laid.Crossing(100.0, 2.0, is_zebra=True)
     for room_m, closes in ((19.0, False), (20.0, True), (50.5, True), (51.5, False)):
         closing = driven._Closing(crossing, 5.0)
@@ -276,7 +276,7 @@ def test_a_longer_street_keeps_its_drivers_and_its_numbers_in_sight_few() -> Non
 
 
 def test_each_stop_line_lies_where_drivers_stop() -> None:
-    """One for each crossing and direction, across the lanes on the right."""
+    """Lines for each crossing and direction, across the lanes on the right."""
     file = street(4)
     layout = laid.lay_out(file)
     (lines,) = (body for body in street_tables(file)["bodies"] if body["name"] == "stop_lines")

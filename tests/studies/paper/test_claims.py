@@ -1,4 +1,6 @@
-"""Every number that `lidarscene paper` prints in its claims, errata and captions: (5) to (30) typed out again.
+"""Table 1 by hand: (5) to (30) typed out again, against the sensors of the catalogue and `lidarscene paper`.
+
+That is every number in its claims, errata and captions, and the curves of its figures.
 
 Table 1, SciPy's constants, tails and root finder are all that goes in. A number must agree to the last digit printed.
 """
@@ -479,3 +481,39 @@ def test_numbers_of_captions():
     captions = {figure.name: figure.caption for figure in results().figures}
     for file, expected in CAPTIONS.items():
         agrees(captions[file], expected)
+
+
+@pytest.mark.parametrize(("name", "by_hand"), [("table1-apd", APD), ("table1-sipm", PRINTED)])
+@pytest.mark.parametrize("klux", [0.3, 1.0, 3.0, 10.0, 50.0, 100.0, 130.0])
+def test_snr_and_range_of_the_catalogue(name, by_hand, klux):
+    """Tolerance: float64 rounding; the constants are the same CODATA values."""
+    sensor, target, lidar = load_sensor(name), plane.Target(illuminance_klux=klux), replace(by_hand, klux=klux)
+    ranges = np.geomspace(1.0, 1000.0, 17)
+    np.testing.assert_allclose(plane.snr(sensor, target, ranges), lidar.snr(ranges), rtol=1e-9)
+    assert plane.maximum_range_m(sensor, target)[0] == pytest.approx(lidar.range_m, rel=1e-9)
+
+
+def test_curves():
+    gain, distance, klux = (results().column(figure) for figure in ("fig-4e", "fig-6a", "fig-6c"))
+    expected = {
+        ("fig-4e", "100 klux"): [replace(APD, gain=m).snr(100.0) for m in gain],
+        ("fig-5a", "PDE 40%"): [fired_cells(n, 0.4, 100) for n in results().column("fig-5a")],
+        ("fig-5b", "400 cells"): [fired_cells(n, 0.22, 400) for n in results().column("fig-5b")],
+        ("fig-6a", "APD (19)"): APD.snr(distance),
+        ("fig-6a", "SiPM (27)"): PRINTED.snr(distance),
+        ("fig-6c", "APD (19)"): [replace(APD, klux=x).range_m for x in klux],
+        ("fig-6c", "SiPM (27)"): [replace(PRINTED, klux=x).range_m for x in klux],
+        ("fig-6c", "SiPM, steady state and floor"): [replace(STEADY, klux=x).range_m for x in klux],
+    }
+    for (figure, name), curve in expected.items():
+        np.testing.assert_allclose(results().column(figure, name), curve, rtol=1e-9, err_msg=f"{figure}: {name}")
+
+
+def test_response_beside_busy_cells():
+    """Fig. 5(c): 100 cells under 300 photons of background, as printed and derived."""
+    n, x = results().column("fig-5c"), 300 * 0.22 / 100 + 2007 * 6e-9
+    free = 100 - fired_cells(300, 0.22, 100) - 100 * 2007 * 6e-9
+    share = 1 - np.exp(n * (math.exp(-0.22 / 100) - 1))
+    np.testing.assert_allclose(results().column("fig-5c", "300 photons"), free * share, rtol=1e-9)
+    derived = 100 / (1 + x) * (1 - np.exp(-n * 0.22 / 100))
+    np.testing.assert_allclose(results().column("fig-5c", "300, derived"), derived, rtol=1e-6)

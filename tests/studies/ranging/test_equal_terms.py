@@ -83,7 +83,7 @@ def test_the_sentences_name_what_differs() -> None:
     ):
         assert words in otherwise
     assert "table1-apd overtakes table1-sipm at " in course
-    assert "none stated: os1-128" in lead
+    assert "Brackets: range over the stated uncertainties; none stated: os1-128" in lead
 
 
 def test_the_order_of_the_sensors_changes_no_figure() -> None:

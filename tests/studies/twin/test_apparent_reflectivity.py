@@ -9,6 +9,8 @@ from helpers.twins import room_sweep
 
 from lidarscene.sensor.sensor_file import load_sensor
 from lidarscene.studies import recorded
+from lidarscene.studies.ranging import plane
+from lidarscene.studies.ranging.plane import Target
 from lidarscene.studies.twin.apparent_reflectivity import ReflectivityGauge, is_explained, scattering_law, withheld_mask
 from lidarscene.studies.twin.tuning import LEAST_REFLECTIVITY
 
@@ -65,6 +67,32 @@ def test_intensities_are_of_a_known_unit_or_said_to_be_guessed(form: str, assume
         assert np.median(apparent) == pytest.approx(0.2)
     else:
         assert apparent == pytest.approx(factor * np.asarray(plain.reflectivity))
+
+
+@pytest.mark.parametrize(("counts", "white_value"), [([10.0, 40.0, 50.0], 200.0), ([0.1, 0.4, 0.5], None)])
+def test_whole_numbers_of_a_sensor_have_a_white_value(counts: list[float], white_value: float | None) -> None:
+    """A median of 40 is 0.2 of 200, so that the sensor sends the recorded whole numbers again."""
+    numbers = np.resize(counts, room_sweep().shape)
+    sweep = room_sweep(signal=None, reflectivity=None, intensity=numbers, metadata={"format": "pcd"})
+    gauge = ReflectivityGauge.from_sweep(sweep, load_sensor("pandar64"))
+    assert gauge is not None
+    assert gauge.white_value == white_value
+    assert np.median(gauge.apparent(sweep, sweep.range_m)) == pytest.approx(0.2)
+
+
+def test_a_return_that_reads_0_was_detected() -> None:
+    """Half of the least step would be too dark far off for the sensor that saw it; near by it stays."""
+    sensor = load_sensor("hdl-64e")
+    intensity = np.resize([0.4, 0.0, 0.4, 0.4, 0.01], room_sweep().shape)
+    sweep = room_sweep(signal=None, reflectivity=None, intensity=intensity, metadata={"format": "kitti"})
+    gauge = ReflectivityGauge.from_sweep(sweep, sensor)
+    assert gauge is not None
+    near, far = (gauge.apparent(sweep, np.full(sweep.shape, range_m)) for range_m in (1.0, 60.0))
+    zero = intensity == 0.0
+    assert near[~zero] == pytest.approx(far[~zero])
+    assert far[zero].min() > near[zero].max()
+    target = Target(reflectivity=far[zero][0], illuminance_klux=20.0, transmittance=1.0)
+    assert plane.detection_margin(sensor, target, 60.0) == pytest.approx(1.25, rel=0.03)  # its own light adds noise
 
 
 def test_a_table_is_continued() -> None:

@@ -150,3 +150,23 @@ def test_normals_that_agree_within_eight_degrees_are_smooth(tilt_deg: float, smo
         [np.full((3, 5), np.cos(tilt)), np.sin(tilt) * np.cos(turn), np.sin(tilt) * np.sin(turn)], axis=-1
     )
     assert Planes(range_m=np.ones((3, 5)), normal=normal).smooth()[1, 2] == smooth
+
+
+@pytest.mark.parametrize("off_deg", [0.0, 0.06])
+def test_flat_ground_far_off_is_a_plane(off_deg: float) -> None:
+    """Ground 2.4 m below, at 3 to 8 degrees, rings 0.17 degrees apart: a ring is a metre behind the one before.
+
+    A ring whose elevation the maker's table has 0.06 degrees wrong lies as far before or behind the others' plane; its
+    surface stays where it was recorded.
+    """
+    elevation = np.radians(np.arange(-8.0, -3.0, 0.17))[:, None]
+    azimuth = -2.0 * np.pi * np.arange(1800)[None, :] / 1800
+    parts = np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)
+    direction = np.stack(np.broadcast_arrays(*parts), axis=-1)
+    true_deg = np.degrees(elevation) + off_deg * (np.arange(len(elevation)) == 20)[:, None]
+    range_m = -2.4 / np.sin(np.radians(true_deg)) + np.zeros_like(azimuth)
+    sweep = Sweep(range_m=range_m, recorded=np.ones_like(range_m, bool), direction=direction)
+    grid = align_columns(sweep)
+    planes, inner = fit_planes(grid), slice(2, -2)
+    assert np.quantile(planes.normal[inner, ..., 2], 0.05) > np.cos(np.radians(2.0))
+    assert np.abs(planes.range_m - grid.sweep.range_m)[inner].max() < 0.05

@@ -43,10 +43,12 @@ class Window:
     @classmethod
     def from_crossing(cls, shots: Received, adc: Adc, rise: Rise, place: Lanes, base: Lanes) -> Window:
         """Place the window from one pulse width before a crossing, on the ticks of the ADC's clock."""
-        spacing = 1.0 / (adc.rate_hz * shots.sigma_s)
+        # A broadened pulse is read by as many samples, farther apart, and fitted by a pulse as broad.
+        rate_hz = adc.rate_hz / shots.wave.broadening
+        spacing = 1.0 / (rate_hz * shots.sigma_s)
         # The clock starts with the pulse, so an echo falls anywhere between two ticks. The first sample is the next
         # tick after the window's start.
-        tick = (shots.time_s(place) - shots.sensor.received_fwhm_s) * adc.rate_hz
+        tick = (shots.time_s(place) - shots.wave.fwhm_s) * rate_hz
         late = shots.ops.floor(tick) + 1.0 - tick
         return cls(
             shots=shots,

@@ -17,25 +17,34 @@ from ...maths.random import Stage
 from ...physics.electronics import sampling
 from ...physics.electronics.pulse_sums import SIGMAS_PER_FWHM, crossing
 from ...physics.optics import pulse as pulse_shape
-from ...sensor.sensor_model import Sensor
 from .. import comparator
 from ..comparator import Trip
 from ..rises import Rise
 from ..shots import Received, Shots
 
 
-def curvature(rise: Rise) -> Lanes:
-    """-P'' / P at the peak of a rise, (n,): 1 of a lone pulse, less of broader ones, 0 of none."""
+def curvature(shots: Received, rise: Rise) -> Lanes:
+    """-P'' / P at the peak of a rise, (n,): 1 of a pulse as it leaves, less of broader ones, 0 of none."""
     power, _, bend = rise.top
-    ops = xp(power)
-    return ops.where(rise.exists, ops.maximum(-bend, 0.0) / ops.maximum(power, 1e-37), 1.0)
+    return curvature_of(shots, power, bend, mask=rise.exists)
 
 
-def gains(sensor: Sensor, rise: Rise) -> tuple[Lanes, Lanes]:
-    """Gains of the receiver's matched filter for the height of a rise, (n,), and for lasting light; 1 without one."""
-    if not sensor.matches:
+def curvature_of(shots: Received, power: Lanes, bend: Lanes, *, mask: Mask) -> Lanes:
+    """-P'' / P of this power and second derivative by place, (n,); 1 where the ``mask`` is false."""
+    ops, broadening = xp(power), shots.wave.broadening
+    curved = ops.maximum(-bend, 0.0) / ops.maximum(power, 1e-37)
+    return ops.where(mask, curved / (broadening * broadening), 1.0)
+
+
+def gains(shots: Received, curved: Lanes) -> tuple[Lanes, Lanes]:
+    """Gains of the receiver's matched filter for the height of a rise, (n,), and for lasting light; 1 without one.
+
+    Args:
+        curved: (n,) `curvature` of the rise
+    """
+    if not shots.sensor.matches:
         return 1.0, 1.0
-    return sampling.matched_gain(curvature=curvature(rise)), sampling.LASTING_GAIN
+    return sampling.matched_gain(curvature=curved), sampling.LASTING_GAIN
 
 
 def amplitude(shots: Shots, trip: Trip, *, lag_s: Lanes) -> Lanes:
@@ -82,7 +91,7 @@ def lone_pulse_time_s(
         time_s = arrival_s + early - _fraction_walk_s(shots, measured, power_w, width_s)
     else:
         time_s = arrival_s + _peak_error_s(shots, trip, 1.0, draw=0)
-    return comparator.converted_time_s(shots, time_s)
+    return comparator.converted_time_s(shots, time_s, height=measured)
 
 
 def rise_time_s(
@@ -121,9 +130,9 @@ def rise_time_s(
     else:
         place = rise.peak
         # Light on which the pulse stands does not bend: all that bends is the pulse's, of its own height.
-        curved = curvature(rise) * (rise.top[0] / ops.maximum(pulse_w, 1e-37))
+        curved = curvature(shots, rise) * (rise.top[0] / ops.maximum(pulse_w, 1e-37))
         time_s = shots.time_s(place) + _peak_error_s(shots, trip, curved, draw=rise.number)
-    return comparator.converted_time_s(shots, time_s, draw=rise.number), place
+    return comparator.converted_time_s(shots, time_s, draw=rise.number, height=measured), place
 
 
 def fraction_level(shots: Shots, trip: Trip, measured: Lanes) -> Lanes:

@@ -5,6 +5,7 @@ to be data. Python takes half the time of a small frame to describe it to Dr.Jit
 
 gate       one thread at a time; what is freed, and when
 backend    choose a Mitsuba variant that works
+gpus       several GPUs, one for each process
 trial      compare frames of a GPU with those of the CPU
 types      protocols for what Mitsuba and Dr.Jit return
 llvm       find an LLVM library that Dr.Jit can use

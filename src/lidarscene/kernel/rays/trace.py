@@ -103,8 +103,8 @@ def trace(
     first = BeamPath(ray=ray, receding_m_s=_receding(firing.velocity_m_s, beams.direction))
     if world.speculars is None:
         survey = False
-    if survey:  # of all pulses, so that no ray is left out
-        return (_survey(moment, first, moment.meet(ray), firing),)
+    if survey:
+        return (_survey(moment, first, moment.meet(ray, firing.active), firing),)
     if world.speculars is not None and firing.polarisation is not None:
         first = dataclasses.replace(first, polarised=PolarisedBeam.start(*firing.polarisation))
     paths = _follow_paths(moment, first, interactions, firing.active)
@@ -128,7 +128,7 @@ def _survey(moment: Moment, path: BeamPath, meeting: Meeting, firing: Firing) ->
         return lit, 1.0
 
     hits = _hits(moment, path, meeting, sunshine, firing)
-    goes_on = (kind_of(moment, meeting) > 0) | moment.glazed(path.ray, True, meeting.t) | through_glass
+    goes_on = (kind_of(moment, meeting) > 0) | moment.glazed(path.ray, firing.active, meeting.t) | through_glass
     return dataclasses.replace(hits, goes_on=goes_on)
 
 

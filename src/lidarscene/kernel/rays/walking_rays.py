@@ -28,17 +28,17 @@ class WalkerShapes:
     Attributes:
         walkers: tables of all of them
         kind: eight numbers of each ray's walker, `Walkers.kind`
-        before: row in the stride of the instant before
-        after: row of the instant after
+        before: row in the stride of the instant before; that after it follows
         share: of the way from the one to the other
+        phase: share of the stride that has passed
         place: in the stride
     """
 
     walkers: Walkers
     kind: Any
     before: Any
-    after: Any
     share: Any
+    phase: Any
     place: StridePlace
 
     @classmethod
@@ -53,15 +53,15 @@ class WalkerShapes:
         kind += [*dr.gather(mi.Vector4u, walkers.kind, number + 1, active)]
         row, vertices, _, instants = kind[:4]
         phase = mi.Float(placement.stride.phase)
-        place = (phase - dr.floor(phase)) * mi.Float(instants)
+        phase -= dr.floor(phase)
+        place = phase * mi.Float(instants)
         before = dr.minimum(mi.UInt32(place), dr.maximum(instants, 1) - 1)
-        after = dr.select(before + 1 < instants, before + 1, 0)
         return cls(
             walkers=walkers,
             kind=kind,
             before=row + before * vertices,
-            after=row + after * vertices,
             share=place - mi.Float(before),
+            phase=phase,
             place=placement.stride,
         )
 
@@ -131,13 +131,12 @@ class WalkerShapes:
         import drjit as dr
 
         mi = mitsuba()
-        instants = mi.Float(self.kind[3])
-        share = (mi.Float(self.before - self.kind[0]) / mi.Float(dr.maximum(self.kind[1], 1)) + self.share) / instants
-        phase = dr.minimum(mi.UInt32(share * PHASES), PHASES - 1)
-        level = mi.UInt32(0)
+        phase = dr.minimum(mi.UInt32(self.phase * PHASES), PHASES - 1)
+        level, levels = mi.UInt32(0), self.kind[7]
         for bound in LEVELS[1:-1]:
             level += dr.select(self.place.level < bound, mi.UInt32(1), 0)
-        return self.kind[4] + self.kind[5] * (phase * (len(LEVELS) - 1) + level)
+        level = dr.minimum(level, dr.maximum(levels, 1) - 1)
+        return self.kind[4] + self.kind[5] * (phase * levels + level)
 
     def _vertices(self, triangle: Array, active: Mask) -> list[Any]:
         """Numbers of the corners of triangles within their kind."""
@@ -169,7 +168,7 @@ class WalkerShapes:
         rows = (
             (tables.standing, self.kind[2] + vertex),
             (tables.stride, self.before + vertex),
-            (tables.stride, self.after + vertex),
+            (tables.stride, self.before + self.kind[1] + vertex),
         )
         return [mi.Vector3f(*dr.gather(mi.Vector4f, table, row, active)[:3]) for table, row in rows]
 

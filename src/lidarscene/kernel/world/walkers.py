@@ -1,4 +1,4 @@
-"""Walkers: bodies whose vertices move, as tables of their strides on the device.
+"""Walkers: bodies whose vertices move, people and wheels, as tables of their strides on the device.
 
 A ray meets a walker as its vertices are when its pulse leaves: p = s + level (w(phase) - s), w straight between the
 instants of the stride (`scene.walking`). So nothing is rebuilt, and no frame computes anything for it: phase and level
@@ -8,7 +8,8 @@ for each part of the stride and of the levels, through which a ray walks as thro
 
 Mitsuba has their shapes for BSDFs and images alone, in no scene.
 
-Symbols: k instants of a stride, v vertices, t triangles, m movers, f faces of the world.
+Symbols: k instants of a stride, of which the last begins the next one, v vertices, t triangles, m movers, f faces of
+the world.
 """
 
 from __future__ import annotations
@@ -22,14 +23,14 @@ import numpy as np
 
 from ...errors import InputError
 from ...maths.arrays import Numbers
-from ...maths.box_tree import BoxTree
+from ...maths.box_tree import CHILDREN, BoxTree
 from ...scene.scene import Body, Part
 from ...scene.walking import LARGEST_LEVEL
 from ..device import transfer
 from .faces import PlacedShape, registry_number
 
-TRIANGLES = 4
-"""Triangles that share a box."""
+TRIANGLES = 2
+"""Choice: triangles that share a box."""
 
 PHASES = 16
 """Choice: parts of a stride with boxes of their own: a foot goes 10 cm in one."""
@@ -47,9 +48,10 @@ class Walkers:
 
     Attributes:
         kind: (8 m,) UInt32 of each mover: first row of its kind in ``stride``, its vertices, its first row in
-            ``standing``, its instants, first node of its trees, nodes of one of them, first leaf, and whether it walks
+            ``standing``, its instants, first node of its trees, nodes of one of them, first leaf, and how many parts of
+            the levels have trees; 0: it does not walk
         standing: (4 v,) Float, vertices of all kinds as they stand
-        stride: (4 k v,) Float, vertices of all kinds, instant after instant
+        stride: (4 (k + 1) v,) Float, vertices of all kinds, instant after instant
         corners: (4 t,) UInt32, the three vertices of each triangle within its kind, and nothing; `TRIANGLES` a leaf
         surface: (2 t,) UInt32, number in Mitsuba's registry of the shape of each triangle, and its number there
         triangle_of_face: (f,) UInt32, number of the triangle of each of the world's faces, from 1 on; 0 for rigid ones
@@ -98,16 +100,18 @@ class Walkers:
         surfaces: list[Numbers] = []
         row, vertex, node, triangle = 0, 0, 0, 0
         for parts, movers in kinds.items():
-            table = _kind_of(parts)
-            instants, vertices = table.instants, len(table.standing) // 4
-            kind[movers] = row, vertices, vertex, instants, node, table.tree.size, triangle // TRIANGLES, 1
+            gait = bodies[movers[0]].gait
+            table = _kind_of(parts, LEVELS if gait is None or gait.stands else (1.0, 1.0))
+            instants, vertices, size = table.instants, len(table.standing) // 4, table.tree.size
+            levels = len(table.tree.nodes) // (8 * size * PHASES)
+            kind[movers] = row, vertices, vertex, instants, node, size, triangle // TRIANGLES, levels
             counts = [len(part.faces) for part in parts]
             numbers, starts, firsts = np.repeat([faces_of[id(part)] for part in parts], counts, axis=0)[table.order].T
             in_shape = starts + np.concatenate([np.arange(count) for count in counts])[table.order]
             surfaces.append(np.stack([numbers, in_shape], axis=1))
             triangle_of_face[firsts + in_shape] = 1 + triangle + np.arange(len(table.order))
             tables.append(table)
-            row, vertex = row + instants * vertices, vertex + vertices
+            row, vertex = row + (instants + 1) * vertices, vertex + vertices
             node, triangle = node + len(table.tree.nodes) // 8, triangle + len(table.order)
         if node >= MOST_NODES:
             raise InputError(
@@ -141,7 +145,7 @@ class _Kind:
 
     Attributes:
         standing: (4 v,), as in `Walkers`
-        stride: (4 k v,), likewise
+        stride: (4 (k + 1) v,), likewise
         corners: (4 t,), likewise, leaf after leaf, the last one filled
         instants: k
         order: (t,) number of each triangle among the faces of the parts
@@ -156,49 +160,64 @@ class _Kind:
     tree: BoxTree
 
 
-@functools.lru_cache(maxsize=64)
-def _kind_of(parts: tuple[Part, ...]) -> _Kind:
-    """Return the tables of parts that have a stride; kept, since the worlds of a long street share them."""
+@functools.lru_cache(maxsize=128)
+def _kind_of(parts: tuple[Part, ...], levels: tuple[float, ...]) -> _Kind:
+    """Return the tables of parts that have a stride; kept, since the worlds of a long street share them.
+
+    Args:
+        levels: bounds of those that have boxes of their own
+    """
     standing = np.concatenate([part.vertices_m for part in parts]).astype(np.float32)
     stride = np.concatenate([part.stride_m for part in parts if part.stride_m is not None], axis=1)
     starts = np.cumsum([0, *(len(part.vertices_m) for part in parts)])[:-1]
     faces = np.concatenate([part.faces + np.uint32(start) for part, start in zip(parts, starts, strict=True)])
     # Limbs are farthest apart as a foot meets the ground.
-    order = _neighbours_together(stride[0][faces])
+    order = _neighbours_together(stride[0][faces].mean(axis=1), np.arange(len(faces)))
     order = np.concatenate([order, np.repeat(order[-1:], -len(order) % TRIANGLES)])
     corners = faces[order]
-    tree = BoxTree.from_sets(_leaf_boxes(standing, stride, corners))
+    tree = BoxTree.from_sets(_leaf_boxes(standing, stride, corners, levels), np.arange(len(corners) // TRIANGLES))
     return _Kind(
         standing=_fours(standing),
         stride=_fours(stride.reshape(-1, 3)),
         corners=_fours(corners),
-        instants=len(stride),
+        instants=len(stride) - 1,
         order=order,
         tree=tree,
     )
 
 
-def _neighbours_together(corners_m: Numbers) -> Numbers:
-    """Return an order of triangles, (t, 3, 3), in which neighbours stand together."""
-    boxes = np.stack([corners_m.min(axis=1), corners_m.max(axis=1)], axis=1)
-    nodes = BoxTree.from_boxes(boxes.astype(np.float64)).nodes.reshape(-1, 8)
-    return nodes[nodes[:, 7] >= 0.0, 7].astype(np.int64)
+def _neighbours_together(middle_m: Numbers, triangles: Numbers) -> Numbers:
+    """Return these triangles in an order in which those of a box of each level of the tree stand together.
+
+    They are parted where they reach farthest, again and again, into parts that fill boxes.
+
+    Args:
+        middle_m: (t, 3) of all triangles
+    """
+    if len(triangles) <= TRIANGLES:
+        return triangles
+    full = TRIANGLES
+    while full * CHILDREN < len(triangles):
+        full *= CHILDREN
+    at_m = middle_m[triangles]
+    triangles = triangles[np.argsort(at_m[:, np.ptp(at_m, axis=0).argmax()], kind="stable")]
+    half = full * max(round(len(triangles) / (2 * full)), 1)
+    return np.concatenate([_neighbours_together(middle_m, part) for part in (triangles[:half], triangles[half:])])
 
 
-def _leaf_boxes(standing: Numbers, stride: Numbers, corners: Numbers) -> Numbers:
+def _leaf_boxes(standing: Numbers, stride: Numbers, corners: Numbers, levels: Sequence[float]) -> Numbers:
     """(phases times levels, leaves, 2, 3) boxes around the triangles of each leaf, at any place of that part.
 
     Between two instants, and between two levels, vertices go straight: a box around both holds what is between.
     """
-    instants = len(stride)
-    bounds = np.linspace(0, instants, PHASES + 1)
+    bounds = np.linspace(0, len(stride) - 1, PHASES + 1)
     around = []
     for first, last in zip(np.floor(bounds[:-1]).astype(int), np.ceil(bounds[1:]).astype(int), strict=True):
-        seen = stride[np.arange(first, last + 1) % instants]
+        seen = stride[first : last + 1]
         around.append(np.stack([seen.min(axis=0), seen.max(axis=0)]))
     extremes = np.stack(around)  # (phases, 2, v, 3)
     # A level is a factor, and never negative: lowest stays lowest.
-    at_level = np.stack([standing + np.float32(level) * (extremes - standing) for level in LEVELS], axis=1)
+    at_level = np.stack([standing + np.float32(level) * (extremes - standing) for level in levels], axis=1)
     low = np.minimum(at_level[:, :-1, 0], at_level[:, 1:, 0])[:, :, corners.ravel()]
     high = np.maximum(at_level[:, :-1, 1], at_level[:, 1:, 1])[:, :, corners.ravel()]
     leaves = np.arange(0, corners.size, 3 * TRIANGLES)

@@ -48,6 +48,21 @@ def rice_rate_hz(*, threshold: Lanes, noise: Lanes, bandwidth_hz: Lanes) -> Lane
     return ops.where(quiet, 0.0, rate)
 
 
+def further_crossings(*, steepness: Lanes) -> Lanes:
+    """Mean number of crossings of an edge by noise beyond the first, phi(q) / q - Q(q), (T80b).
+
+    An edge that rises by q times the noise's own rms slope crosses a level phi(q) / q + Phi(q) times on the way up
+    (H. Cramer and M. R. Leadbetter, Stationary and Related Stochastic Processes, 1967, 13.2, of a straight edge),
+    and once without noise.
+
+    Args:
+        steepness: q, above 0
+    """
+    ops = xp(steepness)
+    density = ops.exp(-0.5 * steepness * steepness) * (1.0 / math.sqrt(2.0 * math.pi))
+    return ops.maximum(density / steepness - normal_tail(steepness), 0.0)
+
+
 def comparisons(*, window_s: Lanes, bandwidth_hz: Lanes) -> Lanes:
     """Number of comparisons in a time window, M of (10)."""
     return window_s * bandwidth_hz

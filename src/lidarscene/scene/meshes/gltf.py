@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -36,12 +36,16 @@ from .reflectivity_patterns import (
 
 _STRIP, _FAN = 5, 6
 
-PHASES = 128
-"""Accuracy bought: instants of a stride, between which vertices go straight: 9 ms at a stride of 1.1 s. Of the
-catalogue's people a foot that swings leaves the straight line by 1.5 mm at most, all else by 1 mm at 98 % of times."""
+FEWEST_INSTANTS, MOST_INSTANTS = 64, 1024
+"""Choice: instants of a stride are so many that `STRAIGHT_M` holds, twice as many each time. A wheel that turns once in
+a stride is near the ground at two of the fewest, by which its size is measured."""
 
-RIGID = 1e-6
-"""Accuracy bought: least movement of a piece over a stride, in the file's lengths; one that moves less is rigid."""
+STRAIGHT_M = 1e-3
+"""Accuracy bought: most by which a vertex leaves the straight lines between the instants of a stride. What jumps or
+turns its way at once, as between sparse key frames, may leave them farther."""
+
+RIGID_M = 1e-6
+"""Accuracy bought: least movement of a piece over a stride; one that moves less is rigid."""
 
 
 def read_gltf(path: Path, pattern: Kind | None = None, clips: WalkingClips | None = None) -> list[SubMesh]:
@@ -118,24 +122,43 @@ class _Reader:
         A stride that leads the walker away is brought back step by step: the body's own motion carries it.
         """
         document = self._document
-        # One instant more, at which the next stride begins.
-        shares = np.arange(PHASES + 1) / PHASES
-        stride = self._pose(animated_nodes(document, clips.walk, shares))
         standing = None if clips.standing is None else self._pose(animated_nodes(document, clips.standing, np.zeros(1)))
-        pieces: list[tuple[SubMesh, Numbers]] = []
-        for number, primitive in self._shown_primitives():
-            steps_m = self._vertices(number, primitive, stride)
-            piece = self._placed_piece(number, primitive, self._rest)
-            stands_m = steps_m[0] if standing is None else self._vertices(number, primitive, standing)[0]
-            pieces.append((replace(piece, vertices_m=stands_m), steps_m))
-        if not pieces:
-            return
-        away_m = np.concatenate([steps_m[-1] - steps_m[0] for _, steps_m in pieces]).mean(axis=0)
+        shown = list(self._shown_primitives())
+        strides_m = self._strides(clips, shown)
         period_s = animation_duration_s(document, clips.walk)
-        for piece, steps_m in pieces:
-            in_place_m = (steps_m - shares[:, None, None] * away_m)[:-1].astype(np.float32)
-            is_rigid = bool(np.abs(in_place_m - piece.vertices_m).max(initial=0.0) < RIGID)
-            yield piece if is_rigid else replace(piece, stride=Stride(vertices_m=in_place_m, period_s=period_s))
+        for (number, primitive), stride_m in zip(shown, strides_m, strict=True):
+            stands_m = stride_m[0]
+            if standing is not None:
+                stands_m = self._vertices(number, primitive, standing).reshape(stands_m.shape)
+            piece = replace(self._placed_piece(number, primitive, self._rest), vertices_m=stands_m)
+            is_rigid = bool(clips.unit_m * np.abs(stride_m - stands_m).max(initial=0.0) < RIGID_M)
+            stride = Stride(vertices_m=stride_m.astype(np.float32), period_s=period_s)
+            yield piece if is_rigid else replace(piece, stride=stride)
+
+    def _strides(self, clips: WalkingClips, shown: Sequence[tuple[int, _Primitive]]) -> list[Numbers]:
+        """Return (k + 1, v, 3) vertices of primitives at even instants of a stride, on the spot.
+
+        The last instant is the first of the next stride.
+        """
+        count, coarse = FEWEST_INSTANTS, self._stride(clips.walk, shown, FEWEST_INSTANTS)
+        while count < MOST_INSTANTS:
+            fine = self._stride(clips.walk, shown, 2 * count)
+            if clips.unit_m * max(map(_off_straight, fine), default=0.0) < STRAIGHT_M:
+                break
+            count, coarse = 2 * count, fine
+        return coarse
+
+    def _stride(self, name: str, shown: Sequence[tuple[int, _Primitive]], count: int) -> list[Numbers]:
+        """Return `_strides` of so many instants and the last."""
+        shares = np.arange(count + 1) / count
+        pose = self._pose(animated_nodes(self._document, name, shares))
+        vertices_m = [self._vertices(number, primitive, pose) for number, primitive in shown]
+        away_m = [each[-1] - each[0] for each in vertices_m if each.ndim == 3]
+        led_m = shares[:, None, None] * (np.concatenate(away_m).mean(axis=0) if away_m else np.zeros(3))
+        # What the animation leaves alone stays where it is.
+        return [
+            each - led_m if each.ndim == 3 else np.broadcast_to(each, (count + 1, *each.shape)) for each in vertices_m
+        ]
 
     def _shown_primitives(self) -> Iterator[tuple[int, _Primitive]]:
         """Yield the number of the node of each primitive that is visible, and the primitive."""
@@ -400,6 +423,12 @@ def _faces(corners: Numbers, mode: int) -> Numbers:
     if mode == _FAN:
         return np.stack([np.full_like(corners[2:], corners[0]), corners[1:-1], corners[2:]], axis=1)
     raise ValueError(f"primitives: mode must be 0 to 6, got {mode}")
+
+
+def _off_straight(stride_m: Numbers) -> float:
+    """Return how far (2 k + 1, v, 3) vertices are from straight lines between every second instant, at most."""
+    between_m = 0.5 * (stride_m[:-1:2] + stride_m[2::2]) - stride_m[1::2]
+    return float(np.sqrt(np.square(between_m).sum(axis=2).max(initial=0.0)))
 
 
 def _local_transform(node: Mapping[str, Any]) -> Numbers:

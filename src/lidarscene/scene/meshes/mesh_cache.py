@@ -37,10 +37,12 @@ class WalkingClips:
     Attributes:
         walk: name of that of one stride, from a foot's contact to its next
         standing: name of one that begins as the walker stands; None: the walker stops as the stride is
+        unit_m: length of the walker in the scene that is one in the file
     """
 
     walk: str
     standing: str | None = None
+    unit_m: float = 1.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -48,7 +50,7 @@ class Stride:
     """Vertices of a piece over one stride, on the spot.
 
     Attributes:
-        vertices_m: (k, v, 3) float32, at k even instants
+        vertices_m: (k + 1, v, 3) float32, at k even instants and at the first of the next stride
         period_s: time of the stride
     """
 
@@ -100,7 +102,7 @@ class SubMesh:
 LARGEST_BYTES = 2 << 30
 """Largest size of all entries together: some 30 million triangles."""
 
-_LAYOUT = 3
+_LAYOUT = 4
 """Version of an entry's layout and of our own reading; a new number invalidates all old entries."""
 
 

@@ -155,7 +155,9 @@ def _drawn_bodies() -> dict[str, tuple[str, float, float, float]]:
 def _look(mover: RoadUser) -> str:
     """Name in `shapes` of a vehicle, by class and length, or of a person; the same for the same name."""
     number = zlib.crc32(mover.name.encode())
-    if mover.kind in ("pedestrian", "wheelchair"):
+    if mover.kind == "wheelchair":
+        return "wheelchairs"
+    if mover.kind == "pedestrian":
         return f"walkers_{PEOPLE[number % len(PEOPLE)]}"
     classes = FAMILIES.get(mover.kind, ("car",))
     bodies = [body for body in catalog.vehicles().values() if body.class_name in classes]
@@ -187,7 +189,7 @@ def _moving(movers: Sequence[RoadUser]) -> list[Tables]:
     bodies = []
     for name, alike in sorted(looks.items(), key=lambda look: (shapes()[look[0]].mesh, look[0])):
         instances = [{"motion": {"poses": _poses(mover, tilts=True), "at_end": "hide"}} for mover in alike]
-        bodies.append(body_table(name, shapes()[name]) | {"on_ground": True, "instances": instances})
+        bodies.append(body_table(name, shapes()[name], moves=True) | {"on_ground": True, "instances": instances})
     return bodies
 
 

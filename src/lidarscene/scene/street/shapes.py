@@ -153,16 +153,18 @@ def shapes() -> dict[str, StreetBody]:
         **{f"{mesh}s": StreetBody(mesh, {}) for mesh in ("hedge", "fence", "bush", *FURNITURE, *SIGNS)},
         **{f"{mesh}s": StreetBody(mesh, {}) for mesh in ("lamp_post", "bollard", "cone", "barrier")},
         **{f"{group}_{person}": StreetBody(person, {}) for group in ("pedestrians", "walkers") for person in PEOPLE},
+        "wheelchairs": StreetBody("wheelchair_user", {}),
     }
 
 
-def body_table(name: str, shape: StreetBody) -> Tables:
-    """Table of a body of a shipped mesh."""
+def body_table(name: str, shape: StreetBody, *, moves: bool = False) -> Tables:
+    """Table of a body of a shipped mesh; people stand if they do not move, and wheels have no animation."""
     kind = catalog.shipped_meshes()[shape.mesh]
     path = catalog.folder("scenes").parent / "assets" / "meshes" / f"{shape.mesh}.glb"
     others = {part: material for part, material in kind["materials"].items() if part not in shape.materials}
     body = {"name": name, "mesh": str(path), "class": kind["class"], "materials": {**shape.materials, **others}}
-    body |= {key: kind[key] for key in ("animation", "standing") if key in kind}
+    if moves or "standing" in kind:
+        body |= {key: kind[key] for key in ("animation", "standing") if key in kind}
     return body | ({"scale": shape.scale} if shape.scale != 1.0 else {})
 
 

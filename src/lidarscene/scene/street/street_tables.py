@@ -227,7 +227,7 @@ def _moving(layout: Layout, traffic: Traffic) -> list[Tables]:
     tracks = _by_shape({name: [track for track in traffic.others if track.name == name] for name in names})
     for name, of_shape in tracks.items():
         instances = [{"motion": {"poses": _poses(layout, track), "at_end": at_end}} for track in of_shape]
-        bodies.append(body_table(name, shapes()[name]) | {"on_ground": True, "instances": instances})
+        bodies.append(body_table(name, shapes()[name], moves=True) | {"on_ground": True, "instances": instances})
     return bodies
 
 

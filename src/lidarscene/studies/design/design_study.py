@@ -329,7 +329,7 @@ def _verdict(
 def _rests_on(study: StudyFile, designs: Sequence[Design], ending: str, interval: Intervals) -> list[str]:
     """Sentences on the search and on the uncertainties."""
     has_brackets = any(name in study.objectives for name in interval)
-    brackets = ["In brackets, what the uncertainties that the sensor file states add and take."] if has_brackets else []
+    brackets = ["Brackets: range over the stated uncertainties."] if has_brackets else []
     return [f"{count_text(len(designs), 'design')}; the search: {ending}.", *brackets]
 
 

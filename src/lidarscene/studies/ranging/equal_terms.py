@@ -239,7 +239,7 @@ def _certainty(order: Sequence[Terms]) -> str:
     unknown = [entry.name for entry in order if entry.interval_m is None]
     if len(unknown) == len(order):
         return "Their files state no uncertainty."
-    texts = ["In brackets, what the uncertainties that the files state add and take"]
+    texts = ["Brackets: range over the stated uncertainties"]
     if unknown:
         texts.append(f"none stated: {', '.join(unknown)}")
     elif len(order) > 1:

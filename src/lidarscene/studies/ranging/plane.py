@@ -185,17 +185,27 @@ def fluctuation_variance(sensor: Sensor, target: Target, range_m: Lanes) -> Lane
     return law.variance(range_m=range_m, cos_incidence=target.cos_incidence, aperture_m2=aperture_m2)
 
 
-def expected_probability(point: WorkingPoint, level: Lanes, peak_power_w: Lanes, variance: Lanes | None) -> Lanes:
+def expected_probability(
+    sensor: Sensor,
+    point: WorkingPoint,
+    level: Lanes,
+    peak_power_w: Lanes,
+    variance: Lanes | None,
+    broadening: Lanes | None = None,
+) -> Lanes:
     """P_d of an echo with its own shot noise, the mean over its fluctuation if it has one.
 
     Args:
         peak_power_w: its mean
         variance: `fluctuation_variance`
+        broadening: `light.echoes.Echoes.broadening`
     """
+    curvature: Lanes = 1.0 if broadening is None else 1.0 / (broadening * broadening)
 
     def probability(relative_power: Lanes) -> Lanes:
         signal = point.response.signal(peak_power_w * relative_power)
-        return point.detection_probability(level, signal, point.noise.at(signal))
+        reached = point.detection_probability(level, signal, point.noise.at(signal))
+        return reached * sensor.steadiness(point.noise, level, signal, curvature)
 
     return probability(1.0) if variance is None else scintillation.mean(probability, variance)
 
@@ -206,7 +216,7 @@ def detection_probability(sensor: Sensor, target: Target, range_m: Numbers | flo
     point, _, level = _response(sensor, light)
     variance = fluctuation_variance(sensor, target, light.range_m)
     with np.errstate(over="ignore"):  # exp(-x^2) of a vanishing noise
-        return np.asarray(expected_probability(point, level, light.peak_power_w, variance))
+        return np.asarray(expected_probability(sensor, point, level, light.peak_power_w, variance, light.broadening))
 
 
 def _crossing_m(excess: Callable[[Numbers], Numbers], near: Numbers, far: Numbers) -> Numbers:

@@ -136,7 +136,7 @@ def _detection(sensor: Sensor, target: Target, range_m: Lanes, *, deviate: Lanes
     power_w = light.peak_power_w
     if variance is not None:
         power_w = power_w * scintillation.relative_power(deviate, variance)
-    return plane.expected_probability(point, sensor.threshold(point), power_w, None)
+    return plane.expected_probability(sensor, point, sensor.threshold(point), power_w, None, light.broadening)
 
 
 def _snr(sensor: Sensor, target: Target, range_m: Lanes, *, deviate: Lanes) -> Lanes:

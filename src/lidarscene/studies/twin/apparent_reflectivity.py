@@ -11,13 +11,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...maths.arrays import Numbers
+from ...physics.electronics.intensity import LARGEST
 from ...physics.optics import reflection
 from ...recordings.sweep import Second, Sweep
 from ...sensor.sensor_model import Sensor
-from ..ranging.plane import Target, echoes_of_plane
+from ..ranging.plane import Target, detection_margin, echoes_of_plane
 from .tuning import (
+    ASSUMED_KLUX,
     ASSUMED_MEDIAN,
     COMPANY,
+    DETECTED,
     DIM,
     FAR_M,
     LEAST_COUNTS,
@@ -106,9 +109,12 @@ class ReflectivityGauge:
         per_count: reflectivity per count over the range; one entry where strengths are calibrated already
         least: strength of returns whose recorded one is rounded to 0: half of the least above
         assumed: True if the scale is a guess
-        sensor: sensor that counts photons, whose own of a white target signals are taken over; None: signals are
-            converted by the table, below it by its own slope, beyond by the square of the range
+        sensor: sensor that counts photons, whose own of a white target signals are taken over, or that sent the
+            intensities; None: signals are converted by the table, below it by its own slope, beyond by the square of
+            the range
         over_recorded: median of the reflectivities over the recorded ones; 1 if they are these, or none is recorded
+        white_value: guessed reading of a white surface, of whole numbers that the sensor may have sent itself; None:
+            they are of another kind, or their scale is known
     """
 
     field: str
@@ -118,6 +124,7 @@ class ReflectivityGauge:
     assumed: bool = False
     sensor: Sensor | None = None
     over_recorded: float = 1.0
+    white_value: float | None = None
 
     @property
     def by_sensor(self) -> bool:
@@ -157,9 +164,25 @@ class ReflectivityGauge:
         least = 0.5 * float(strength[strength > 0.0].min())
         recorded_as, product = sweep.metadata.get("format", ""), sweep.metadata.get("sensor", "")
         if recorded_as.startswith(CALIBRATED) and product not in UNCALIBRATED:
-            return cls(field="intensity", range_m=np.ones(1), per_count=np.full(1, 1.0 / WHITE), least=least)
-        scale = ASSUMED_MEDIAN / float(np.median(strength))
-        return cls(field="intensity", range_m=np.ones(1), per_count=np.full(1, scale), least=least, assumed=True)
+            return cls(
+                field="intensity", range_m=np.ones(1), per_count=np.full(1, 1.0 / WHITE), least=least, sensor=sensor
+            )
+        white_value: float | None = None
+        reading = float(np.median(strength)) / ASSUMED_MEDIAN
+        scale = None if sensor is None else sensor.intensity
+        is_linear = scale is not None and scale.kind == "reflectivity" and scale.exponent is None
+        if is_linear and np.array_equal(strength, np.rint(strength)) and strength.max() <= LARGEST:
+            reading = float(np.clip(reading, 1.0, LARGEST - 1.0))
+            white_value = reading
+        return cls(
+            field="intensity",
+            range_m=np.ones(1),
+            per_count=np.full(1, 1.0 / reading),
+            least=least,
+            assumed=True,
+            white_value=white_value,
+            sensor=sensor,
+        )
 
     def apparent(self, returns: Sweep | Second, range_m: Numbers) -> Numbers:
         """Apparent reflectivity of a sweep's strengths at these ranges; `LEAST_REFLECTIVITY` for NaN."""
@@ -170,7 +193,14 @@ class ReflectivityGauge:
             power_w = self.sensor.working_point(np.zeros(1)).response.power_w
             strength = np.asarray(power_w(strength) / power_w(np.ones(1)))
         factor = self._per_count_at(np.maximum(range_m, 1e-3))
-        return np.asarray(np.maximum(np.nan_to_num(strength * factor, posinf=0.0), LEAST_REFLECTIVITY))
+        apparent = np.asarray(np.maximum(np.nan_to_num(strength * factor, posinf=0.0), LEAST_REFLECTIVITY))
+        if self.field != "intensity" or self.sensor is None:
+            return apparent
+        # What reads 0 and returned was bright enough for that.
+        is_zero = getattr(returns, self.field) <= 0.0
+        if is_zero.any():
+            apparent[is_zero] = np.maximum(apparent[is_zero], _detected_reflectivity(self.sensor, range_m[is_zero]))
+        return apparent
 
     def _per_count_at(self, range_m: Numbers) -> Numbers:
         if self.by_sensor:
@@ -184,6 +214,12 @@ class ReflectivityGauge:
             slope = np.clip((value[1] - value[0]) / (table[1] - table[0]), -STEEPEST, STEEPEST)
             log_factor += slope * np.minimum(log_range - table[0], 0.0) + 2.0 * np.maximum(log_range - table[-1], 0.0)
         return np.asarray(np.exp(log_factor))
+
+
+def _detected_reflectivity(sensor: Sensor, range_m: Numbers) -> Numbers:
+    """Reflectivity whose echo is `DETECTED` thresholds high at these ranges in a twin's clear air."""
+    target = Target(reflectivity=DIM, illuminance_klux=ASSUMED_KLUX, transmittance=1.0)
+    return np.asarray(DETECTED * DIM / detection_margin(sensor, target, np.maximum(range_m, 1e-3)))
 
 
 def white_signal(sensor: Sensor, range_m: Numbers) -> Numbers:

@@ -6,7 +6,7 @@ Symbols: p points of a window, w their weights, m normal over distance from the 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -54,15 +54,24 @@ class Planes:
         """Mask of the pixels that have a plane."""
         return np.isfinite(self.range_m)
 
-    def smooth(self) -> Numbers:
+    def smooth(self, least: float = 1.0) -> Numbers:
         """Mask of the pixels where the planes of a pixel and its neighbours agree: no leaves, no edges.
 
         Each pixel's own range has a small share in it, so its noise is not cut off.
+
+        Args:
+            least: least share of the pixels around it that have a plane
         """
         around = [(row, column) for row in (-1, 0, 1) for column in (-2, -1, 0, 1, 2)]
-        mean = sum(shifted(np.where(self.has_plane[..., None], self.normal, np.nan), *offset) for offset in around)
-        with np.errstate(invalid="ignore"):
-            return np.asarray(np.linalg.norm(mean, axis=-1) > SMOOTH_COS * len(around))
+        own = self.has_plane[..., None]
+        # The fourth component counts the planes.
+        vector = np.concatenate([np.where(own, self.normal, 0.0), own.astype(float)], axis=-1)
+        total = np.sum([np.nan_to_num(shifted(vector, *offset)) for offset in around], axis=0)
+        count = total[..., 3]
+        return np.asarray(
+            (count >= least * len(around))
+            & (np.linalg.norm(total[..., :3], axis=-1) > SMOOTH_COS * np.maximum(count, 1.0))
+        )
 
 
 def select_columns(sweep: Sweep, columns: slice) -> Sweep:
@@ -117,14 +126,62 @@ def fit_planes(grid: Grid) -> Planes:
     offsets = _window(grid)
     neighbour_range_m = np.stack([shifted(range_m, *offset) for offset in offsets])
     guess_m = np.where(np.isfinite(range_m), range_m, finite_median(neighbour_range_m))
-    normal, plane_range_m = -direction, guess_m
-    unit, points = np.eye(3), origin_m + range_m[..., None] * direction
+    points = origin_m + range_m[..., None] * direction
     neighbours = [shifted(points, *offset) for offset in offsets]
     nearby_masks = [
         np.abs(shifted(range_m, *offset) - guess_m) < NEAR_SHARE * guess_m + SCALES_M[0] for offset in offsets
     ]
+    normal, plane_range_m, unusable = _fit(origin_m, direction, neighbours, nearby_masks, -direction, guess_m)
+    # From a plane square to the beam the fit of flat ground may end on the line of its ring. Over many rings, between
+    # which there are metres, ground is no plane.
+    leaning = _leaning_normal(points, direction)
+    again = unusable & np.isfinite(leaning).all(axis=-1) & np.isfinite(guess_m)
+    beside = [number for number, (row, _) in enumerate(offsets) if abs(row) <= 1]
+    found = _fit(
+        origin_m[again],
+        direction[again],
+        [neighbours[number][again] for number in beside],
+        [nearby_masks[number][again] for number in beside],
+        leaning[again],
+        guess_m[again],
+    )
+    normal[again], plane_range_m[again], unusable[again] = found
+    with np.errstate(invalid="ignore"):
+        off_m = np.abs(plane_range_m - range_m) * -np.einsum("...i,...i", normal, direction)
+    valid = ~unusable & ~(off_m > MOST_OFF_M) & np.isfinite(plane_range_m)
+    planes = Planes(
+        range_m=np.where(valid, plane_range_m, np.nan), normal=np.where(valid[..., None], normal, -direction)
+    )
+    alone = again & ~planes.smooth(0.5)  # leaves and edges have a plane of three rings now and then
+    # Rings lie beside the plane by the errors of their elevations, which move flat ground by decimetres.
+    beyond_m = np.stack([shifted(range_m - planes.range_m, 0, column) for column in range(-3, 4)])
+    planes.range_m[again] += np.nan_to_num(finite_median(beyond_m))[again]
+    return Planes(
+        range_m=np.where(alone, np.nan, planes.range_m), normal=np.where(alone[..., None], -direction, planes.normal)
+    )
+
+
+def _fit(
+    origin_m: Numbers,
+    direction: Numbers,
+    neighbours: Sequence[Numbers],
+    nearby_masks: Sequence[Numbers],
+    first: Numbers,
+    guess_m: Numbers,
+) -> tuple[Numbers, Numbers, Numbers]:
+    """Fit planes step by step; returns normal, range, and where there is no plane.
+
+    Args:
+        origin_m: (..., 3) origins of the beams
+        direction: (..., 3) their directions
+        neighbours: (..., 3) each, points of the window
+        nearby_masks: (...) each, points that count in the first step
+        first: (..., 3) normals of the first planes, to which the fit goes back where too few points are on one
+        guess_m: (...) ranges of the first planes
+    """
+    unit, normal, plane_range_m = np.eye(3), first, guess_m
     for scale_m in SCALES_M:
-        sums = np.zeros((10, *sweep.shape))
+        sums = np.zeros((10, *guess_m.shape))
         start_m = np.einsum("...i,...i", origin_m + plane_range_m[..., None] * direction, normal)
         for point, nearby_mask in zip(neighbours, nearby_masks, strict=True):
             off_m = np.einsum("...i,...i", point, normal) - start_m
@@ -135,7 +192,7 @@ def fit_planes(grid: Grid) -> Planes:
                 sums[index] += weight * product
         # Normal equations of m p = 1: (sum w p p^T) m = sum w p.
         total, vector = sums[0], np.moveaxis(sums[1:4], 0, -1)
-        matrix = np.moveaxis(sums[4:][_SYMMETRIC], 0, -1).reshape(*sweep.shape, 3, 3)
+        matrix = np.moveaxis(sums[4:][_SYMMETRIC], 0, -1).reshape(*guess_m.shape, 3, 3)
         # Regularise towards a plane square to the beam: one point, or points on a line, determine no plane.
         matrix = matrix + (1e-9 * np.trace(matrix, axis1=-2, axis2=-1) + 1e-12)[..., None, None] * unit
         slope = np.linalg.solve(matrix, vector[..., None])[..., 0]
@@ -144,13 +201,25 @@ def fit_planes(grid: Grid) -> Planes:
             normal = -slope / length[..., None]
             cos = -np.einsum("...i,...i", normal, direction)
             plane_range_m = (1.0 - np.einsum("...i,...i", slope, origin_m)) / np.einsum("...i,...i", slope, direction)
-            unusable = (total < LEAST_SHARE * len(offsets)) | ~(cos > LEAST_COS) | ~(plane_range_m > 0.0)
-        normal = np.where(unusable[..., None], -direction, normal)
+            unusable = (total < LEAST_SHARE * len(neighbours)) | ~(cos > LEAST_COS) | ~(plane_range_m > 0.0)
+        normal = np.where(unusable[..., None], first, normal)
         plane_range_m = np.where(unusable, guess_m, plane_range_m)
-    with np.errstate(invalid="ignore"):
-        off_m = np.abs(plane_range_m - range_m) * cos
-    valid = ~unusable & ~(off_m > MOST_OFF_M) & np.isfinite(plane_range_m)
-    return Planes(range_m=np.where(valid, plane_range_m, np.nan), normal=np.where(valid[..., None], normal, -direction))
+    return normal, plane_range_m, unusable
+
+
+def _leaning_normal(points: Numbers, direction: Numbers) -> Numbers:
+    """Unit normals towards the sensor of the planes through the neighbours on ring and column; NaN without them."""
+
+    def difference(row: int, column: int) -> Numbers:
+        ahead, behind = (np.array(shifted(points, sign * row, sign * column)) for sign in (1, -1))
+        for side in (ahead, behind):  # beside a lost neighbour the pixel itself stands for it
+            np.copyto(side, points, where=~np.isfinite(side))
+        return np.asarray(ahead - behind)
+
+    with np.errstate(invalid="ignore", divide="ignore"):
+        normal = np.cross(difference(0, 1), difference(1, 0))
+        normal /= np.linalg.norm(normal, axis=-1, keepdims=True)
+        return np.asarray(-np.sign(np.einsum("...i,...i", normal, direction))[..., None] * normal)
 
 
 _SYMMETRIC = [0, 1, 2, 1, 3, 4, 2, 4, 5]

@@ -22,6 +22,7 @@ from ...figures.report import count_text
 from ...files.atomic import atomic_output, put_text, require_writable
 from ...files.json_text import json_text
 from ...files.toml import validate
+from ...files.toml_edit import put_values
 from ...maths.arrays import Numbers
 from ...maths.pose import Pose
 from ...recordings.pcap_reader import metadata_of
@@ -44,6 +45,7 @@ from .sensor_grid import grid_of, on_grid
 from .surfels import BRIGHT, KINDS, Surfels, join_surfels, surfels_of_grid
 from .tuning import (
     ASSUMED_KLUX,
+    ASSUMED_MEDIAN,
     BORDER,
     BRIGHT_DIFFUSE,
     BRIGHT_STEP,
@@ -145,6 +147,18 @@ def build_twin(
         plane = ground_plane(sweep.xyz_m[sweep.has_return])
         parts.append(surfels_of_grid(align_columns(sweep), gauge, plane, border).placed(places[number]))
         klux.append(illuminance_klux(sweep, gauge, unit))
+    if gauge is not None and gauge.white_value is not None and unit.intensity is not None:
+        text = put_values(
+            (folder / SENSOR).read_text(encoding="utf-8"),
+            {
+                ("intensity", "white_value"): gauge.white_value,
+                (
+                    "sources",
+                    "intensity.white_value",
+                ): f"assumed: {recording.path.name} has a median of {ASSUMED_MEDIAN:g}",
+            },
+        )
+        put_text(folder / SENSOR, text)
     quads = join_surfels(parts)
     bodies = _meshes(quads, folder / MESHES)
     _poses_file(folder / POSES, sweeps, places)
