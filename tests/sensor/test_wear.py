@@ -60,13 +60,13 @@ def test_the_light_of_each_pulse_falls_by_its_label():
 
 
 def test_the_light_of_fog_falls_as_echoes_do():
-    """No air light is brighter behind a worn window."""
+    """No air light is brighter behind a worn window. Tolerance: as of the test above, at the edge of a drop."""
     sensor = chain.sensor("vlp-16", *DROPS, "wear.laser_power=[[0, 0.3], [7, 0.0]]", "wear.film_transmittance=0.9")
     scene = chain.scene(WALL, air=Air(weather=Weather(fog="radiation", fog_visibility_m=100.0)))
     new, worn = (Simulator(scene, lidar).light() for lidar in (chain.sensor("vlp-16"), sensor))
     pulse = np.arange(sensor.scanner.pulses, dtype=np.uint32)
     loss = sensor.wear.loss(sensor.scanner.direction(pulse), sensor.scanner.channel(pulse))
-    np.testing.assert_allclose(worn.volume.scale / new.volume.scale, 1.0 - loss, atol=1e-4)
+    np.testing.assert_allclose(worn.volume.scale / new.volume.scale, 1.0 - loss, atol=5e-4)
 
 
 def test_background_falls_with_the_way_back_alone():
