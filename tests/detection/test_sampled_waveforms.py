@@ -86,8 +86,7 @@ def test_the_waveform_crosses_where_the_point_is():
 def test_pulses_are_those_of_the_frame_in_rising_order():
     """Chosen or all together: the same waveforms; numbers go on with the frames."""
     sensor = chain.sensor("table1-sipm", *chain.NARROW, *BEAM)
-    # Of each ray as many drops as may count: of heavier rain so many are summed that it takes seconds.
-    wet = dataclasses.replace(wall(), air=Air(weather=Weather(fog_visibility_m=100.0, rain_mm_h=5.0)))
+    wet = dataclasses.replace(wall(), air=Air(weather=Weather(fog_visibility_m=100.0, rain_mm_h=20.0)))
     simulator = Simulator(wet, sensor, rays=3)
     times = np.linspace(0.0, 400e-9, 500)
     all_pulses = simulator.waveforms(range(9), times, seed=3, number=2)
