@@ -49,6 +49,7 @@ FUNCTIONS: dict[str, dict[str, Any]] = {
     "fit": {"recordings": OUSTER, "sensor": "os0-128"},
     "fov": SENSORS,
     "load": {"path": "cloud.ply"},
+    "load_cloud": {"path": "cloud.ply"},
     "load_rig": {"rig": "rig"},
     "load_scene": {"scene": "wall.toml"},
     "load_sensor": {"sensor": "table1-apd"},

@@ -258,7 +258,7 @@ def test_name_of_two_lines_is_told_in_one(run: Run, tmp_path: Path) -> None:
 )
 def test_bad_value_in_set(run: Run, tmp_path: Path, wall: str, assignment: str, message: str) -> None:
     line = error_line(run, tmp_path, "render", wall, "-o", "o.ply", *COARSE, "--set", assignment)
-    assert "table1-apd.toml --set " in line
+    assert "table1-apd.toml" in line
     assert f"--set {assignment}: " in line
     assert message in line
 

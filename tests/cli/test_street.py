@@ -1,5 +1,6 @@
 """`lidarscene street`: the folder it writes, what it prints, and what is refused."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -13,7 +14,10 @@ from lidarscene.scene.street.street_tables import street_tables
 def test_a_street_is_written(run: Run, tmp_path: Path) -> None:
     ran = run("street", "--length-m", "80", "--seed", "5", "--set", "lanes=2", "-o", "out/street")
     assert (ran.code, ran.err) == (0, "")
-    assert ran.out.startswith("wrote out/street/street.toml: 80 m of driving in ")
+    written = re.match(r"wrote out/street/street\.toml: ([0-9.]+) m of driving in ", ran.out)
+    # The lane is longer outside of bends, and shorter inside.
+    assert written is not None
+    assert float(written[1]) == pytest.approx(80.0, abs=4.0)
     folder = tmp_path / "out" / "street"
     assert {path.name for path in folder.iterdir()} == {"street.toml", "meshes", "motions"}
     model = scene_model(folder / "street.toml")

@@ -1,5 +1,6 @@
 """Small road networks of our own: an OpenDRIVE road that bends, two streets of OpenStreetMap, a town of SUMO."""
 
+import math
 import subprocess
 from pathlib import Path
 
@@ -41,6 +42,27 @@ def opendrive(end_of_spiral: tuple[float, float, float]) -> str:
 </OpenDRIVE>
 """
 
+
+RING = f"""<?xml version="1.0"?>
+<OpenDRIVE>
+  <header revMajor="1" revMinor="4" name="ring"/>
+  <road name="ring" length="{2 * math.pi * RADIUS_M}" id="1" junction="-1">
+    <link>
+      <predecessor elementType="road" elementId="1" contactPoint="end"/>
+      <successor elementType="road" elementId="1" contactPoint="start"/>
+    </link>
+    <planView>
+      <geometry s="0" x="0" y="0" hdg="0" length="{2 * math.pi * RADIUS_M}"><arc curvature="{1 / RADIUS_M}"/></geometry>
+    </planView>
+    <lanes>{_LANES}
+    </lanes>
+  </road>
+  <junction id="2" name="unfinished">
+    <connection id="0" incomingRoad="1"/>
+  </junction>
+</OpenDRIVE>
+"""
+"""A road that ends where it begins, and a connection that leads nowhere."""
 
 OSM = """<?xml version="1.0"?>
 <osm version="0.6">

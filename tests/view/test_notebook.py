@@ -16,7 +16,9 @@ from lidarscene.view.page_sources import Clouds
 
 def framed_page(viewed: object) -> str:
     """The page in the frame."""
-    frame = re.fullmatch(r'<iframe srcdoc="([^"]*)" width="100%" height="(\d+)"[^>]*></iframe>', viewed._repr_html_())
+    frame = re.fullmatch(
+        r'<iframe srcdoc="([^"]*)" width="100%" height="(\d+)"[^>]*></iframe>(?:<p>[^<]*</p>)?', viewed._repr_html_()
+    )
     assert frame, "must be one frame"
     return html.unescape(frame[1])
 
@@ -45,7 +47,9 @@ def test_a_scene_is_rendered_by_its_sensor(mi, tmp_path, monkeypatch):
     (tmp_path / "s.toml").write_text(SCENE)
     live = notebook.Live
     monkeypatch.setattr(notebook, "Live", lambda scene, sensor: live(scene, sensor=sensor, overrides=COARSE))
-    assert "blob-frame-0" in framed_page(lidarscene.load_scene(tmp_path / "s.toml").view())
+    viewed = lidarscene.load_scene(tmp_path / "s.toml").view()
+    assert "blob-frame-0" in framed_page(viewed)
+    assert viewed._repr_html_().endswith("pip install 'lidarscene[notebook]'</p>")
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ from .words import number, whole_number
 
 if TYPE_CHECKING:
     from ..scene.street.network_tables import NetworkKind
+    from ..scene.street.pieces import Tables
     from ..scene.street.street_file import StreetFile
 
 NETWORK_KEYS = {"seed", "house_share", "setback_m", "lamp_spacing_m", "oncoming_gap_m", "shown_m"}
@@ -66,7 +67,7 @@ def run_street(arguments: argparse.Namespace) -> Answer:
     from ..files.overrides import with_overrides
     from ..files.toml import validate
     from ..scene.street.street_file import StreetFile
-    from ..scene.street.street_tables import street_summary, write_street
+    from ..scene.street.street_tables import street_tables, write_street
 
     kind: NetworkKind
     named = {key: getattr(arguments, key) for key in ("length_m", "seed")}
@@ -77,14 +78,12 @@ def run_street(arguments: argparse.Namespace) -> Answer:
             return _write_network(file, source, kind, arguments)
     if arguments.ego is not None:
         raise OptionError("--ego: must go with --sumo")
-    path = write_street(file, arguments.output)
-    summary = street_summary(file)
-    return Answer(f"wrote {path}: {summary.as_text()}", numbers={"scene": str(path), **summary._asdict()})
+    return _answer(write_street(file, arguments.output), street_tables(file))
 
 
 def _write_network(file: StreetFile, source: Path, kind: NetworkKind, arguments: argparse.Namespace) -> Answer:
     """Write the scene of a road network."""
-    from ..scene.street.network_tables import network_scene, network_summary
+    from ..scene.street.network_tables import network_scene
     from ..scene.street.street_tables import write_scene
 
     if unused := sorted(file.model_fields_set - NETWORK_KEYS):
@@ -93,9 +92,12 @@ def _write_network(file: StreetFile, source: Path, kind: NetworkKind, arguments:
         raise OptionError("--ego: must go with --sumo")
     tables = network_scene(source, kind, file, ego=arguments.ego)
     path = write_scene(tables, arguments.output, origin=f"--{kind} {source.name}, seed = {file.seed}")
-    summary = network_summary(tables)
-    text = (
-        f"{summary['length_m']:g} m of driving in {summary['duration_s']:g} s; {summary['houses']:g} houses, "
-        f"{summary['vehicles_in_traffic']:g} vehicles in traffic, {summary['people']:g} people"
-    )
-    return Answer(f"wrote {path}: {text}", numbers={"scene": str(path), **summary})
+    return _answer(path, tables)
+
+
+def _answer(path: Path, tables: Tables) -> Answer:
+    """Say what was written, and what it has."""
+    from ..scene.street.street_tables import street_summary
+
+    summary = street_summary(tables)
+    return Answer(f"wrote {path}: {summary.as_text()}", numbers={"scene": str(path), **summary._asdict()})

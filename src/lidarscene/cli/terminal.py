@@ -140,7 +140,10 @@ LONG_PATH = 40
 def _with_path_last(text: str) -> str:
     """Message whose file, where it has a long absolute path, comes behind the mistake."""
     where, _, mistake = text.partition(": ")
-    return f"{mistake} ({where})" if mistake and len(where) >= LONG_PATH and os.path.isabs(where) else text
+    path, _, option = where.partition(" --")
+    if not mistake or len(path) < LONG_PATH or not os.path.isabs(path):
+        return text
+    return f"--{option}: {mistake} ({path})" if option else f"{mistake} ({path})"
 
 
 def mute_errors() -> None:

@@ -91,7 +91,7 @@ class Echoes:
         white_w_m2: peak power times range squared of a white surface, for which the sensor is calibrated; 1 if its
             intensity scale does not need it
         fluctuation: of the peak power, which is drawn; None: it is the mean
-        broadening: length of the echo over that of the pulse, (T230); None: as long
+        broadening: length of the echo over that of the pulse, (T49b); None: as long
     """
 
     has_surface: Mask
@@ -308,7 +308,7 @@ def receive(beams: Beams, hits: Hits, sensor: Sensor, ambient: Ambient, *, lone:
 
 
 def _broadening(hits: Hits, sensor: Sensor) -> Lanes:
-    """Length of the echo of a whole spot over that of the pulse as received, (n,); theory (T230)."""
+    """Length of the echo of a whole spot over that of the pulse as received, (n,); theory (T49b)."""
     spot = sensor.laser.spot
     return pulse.slope_broadening(
         spot_rad=receiver.spot_radius_rad(

@@ -21,13 +21,13 @@ STEP_S = 0.005
 the motion of a car's body at 1.5 Hz and 1.2 % off that of its wheels at 12 Hz, (2 pi f h)^2 / 12. The shortest waves of
 a road, 0.35 m, last two nodes up to 35 m/s."""
 
-BLOCK_NODES = 800
-"""Nodes of one block, 4 s: what is computed at a time."""
+BLOCK_NODES = 200
+"""Nodes of one block, 1 s: what is computed at a time."""
 
-_LEAD_BLOCKS = 2
+_LEAD_BLOCKS = 8
 """Blocks before a block in which the vehicle starts to ride: free motion decays by exp(-2.1 t / s), to 4e-8 in 8 s."""
 
-_MOST_BLOCKS = 64
+_MOST_BLOCKS = 256
 _MARGIN_NODES = 20
 
 Height = Callable[[Numbers], Numbers]

@@ -638,7 +638,7 @@ class Sensor:
         return bandwidth_hz * filtering.crossing_ratio
 
     def steadiness(self, noise: Noise, threshold: Lanes, signal: Lanes, curvature: Lanes = 1.0) -> Lanes:
-        """Probability that noise lets a pulse's edge cross the threshold once only, exp(-further crossings), (T231).
+        """Probability that noise lets a pulse's edge cross the threshold once only, exp(-further crossings), (T80a).
 
         The edge is that of a Gaussian. Just below its peak it is flat and no straight edge, so a peak counts as one
         deviation of the noise above the threshold at least. 1 of a comparator that does not chatter.

@@ -288,11 +288,11 @@ def compare(
     if sensors is None:
         if isinstance(scene, str | os.PathLike | Scene | PointCloud) or len(scene) < 2:
             raise InputError("compare: must have sensors for a scene, or two clouds or more, got neither")
-        named = [name for name in scene if name in catalog.names("sensors")]
-        if named:
+        alone = [name for name in scene if name in catalog.names("sensors")]
+        if alone:
             raise InputError(
-                f"compare: must have a scene before its sensors, as compare('car', ['{named[0]}', ...]), got sensors "
-                f"alone; max_range(['{named[0]}', ...]) compares their ranges"
+                f"compare: must have a scene before its sensors, as compare('car', ['{alone[0]}', ...]), got sensors "
+                f"alone; max_range(['{alone[0]}', ...]) compares their ranges"
             )
         return compare_clouds(scene)
     if not isinstance(scene, str | os.PathLike | Scene):

@@ -29,7 +29,8 @@ STILL = "<p>its sliders render the scene anew with: pip install 'lidarscene[note
 class Viewed:
     """Page that a notebook shows in an iframe, live where anywidget is installed; `save` writes it as one file."""
 
-    def __init__(self, source: Source, *, height_px: int) -> None:
+    def __init__(self, source: Source, *, height_px: int, note: str = "") -> None:
+        self._note = note
         self._source, self._title, self._height_px = source, source.title, height_px
         self._widget = widget_of(source, height_px=height_px) if is_installed("anywidget") else None
 
@@ -50,8 +51,7 @@ class Viewed:
         # The page is a document of its own: its styles and names meet none of the notebook's.
         return (
             f'<iframe srcdoc="{html.escape(self._page, quote=True)}" width="100%" height="{self._height_px}" '
-            f'style="border:0" title="{html.escape(self._title, quote=True)}"></iframe>'
-            + (STILL if isinstance(self._source, Live) else "")
+            f'style="border:0" title="{html.escape(self._title, quote=True)}"></iframe>' + self._note
         )
 
     def show(self) -> None:
@@ -88,7 +88,7 @@ def view_in_notebook(
     if sensor is not None and not isinstance(sensor, str | os.PathLike):
         raise InputError(f"view: sensor: must be a catalogue name or a file, got {type(sensor).__name__}")
     if isinstance(content, Scene):
-        return Viewed(Live(content, sensor=sensor), height_px=height_px)
+        return Viewed(Live(content, sensor=sensor), height_px=height_px, note=STILL)
     surroundings = None if scene is None else load_scene(scene)
     return Viewed(_CloudsInMemory([content], scene=surroundings, sensor=sensor), height_px=height_px)
 

@@ -10,6 +10,7 @@ from helpers.command_line import Run
 from helpers.shared_faces import on_another_body
 
 from lidarscene import catalog
+from lidarscene.errors import OptionWarning
 from lidarscene.maths.trajectory import pose_at
 from lidarscene.rendering.simulator import Simulator
 from lidarscene.scene.ground import Ground, lay
@@ -19,7 +20,7 @@ from lidarscene.scene.street import sumo
 from lidarscene.scene.street.network_tables import network_scene
 from lidarscene.scene.street.shapes import body_table, shapes
 from lidarscene.scene.street.street_file import StreetFile
-from lidarscene.scene.street.street_tables import write_scene
+from lidarscene.scene.street.street_tables import street_summary, write_scene
 
 pytest.importorskip("sumo")
 pytest.importorskip("sumolib")
@@ -86,6 +87,22 @@ def test_a_road_of_opendrive_is_where_its_geometry_says(bend: Path) -> None:
             assert (~np.isnan(road.height_m(place_m)) == on_road).all(), left_m
         np.testing.assert_array_equal(~np.isnan(pavement.height_m(place_m)), on_pavement, str(left_m))
     np.testing.assert_allclose(pavement.height_m(reference(way_m, -4.5)[:, :2]), 0.12, atol=1e-9)
+
+
+def test_a_ring_is_driven_round_and_what_netconvert_leaves_out_is_said(tmp_path: Path) -> None:
+    """The ego vehicle stays on its lane, 1.75 m beside the road's middle, and leaves where it began."""
+    (tmp_path / "ring.xodr").write_text(networks.RING)
+    with pytest.warns(OptionWarning, match=r"ring\.xodr: netconvert left out .*connectingRoad.* connection '2'"):
+        tables = network_scene(tmp_path / "ring.xodr", "opendrive", StreetFile(oncoming_gap_m=(10.0, 30.0)))
+    place_m = np.array([pose["position_m"][:2] for pose in tables["ego"]["poses"]])
+    # The circle through them: x^2 + y^2 = 2 a x + 2 b y + c, wherever netconvert puts its origin.
+    terms = np.column_stack([2.0 * place_m, np.ones(len(place_m))])
+    middle_m = np.linalg.lstsq(terms, (place_m**2).sum(axis=1), rcond=None)[0][:2]
+    radius_m = np.hypot(*(place_m - middle_m).T)
+    np.testing.assert_allclose(np.abs(radius_m - networks.RADIUS_M), 1.75, atol=0.25)
+    turned = np.ptp(np.unwrap(np.arctan2(*(place_m - middle_m).T)))
+    assert turned > 1.0
+    assert street_summary(tables).length_m == pytest.approx(turned * radius_m.mean(), rel=2e-3)
 
 
 def test_houses_stand_beside_the_road(bend: Path) -> None:

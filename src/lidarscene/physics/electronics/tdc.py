@@ -49,7 +49,7 @@ def rice_rate_hz(*, threshold: Lanes, noise: Lanes, bandwidth_hz: Lanes) -> Lane
 
 
 def further_crossings(*, steepness: Lanes) -> Lanes:
-    """Mean number of crossings of an edge by noise beyond the first, phi(q) / q - Q(q), (T231).
+    """Mean number of crossings of an edge by noise beyond the first, phi(q) / q - Q(q), (T80a).
 
     An edge that rises by q times the noise's own rms slope crosses a level phi(q) / q + Phi(q) times on the way up
     (H. Cramer and M. R. Leadbetter, Stationary and Related Stochastic Processes, 1967, 13.2, of a straight edge),

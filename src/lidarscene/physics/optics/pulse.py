@@ -33,7 +33,7 @@ _LEAST_COSINE = 0.01
 
 
 def slope_broadening(*, spot_rad: Lanes, range_m: Lanes, cos_incidence: Lanes, unit_m: Lanes) -> Lanes:
-    """Length of an echo from a plane that leans over that of the pulse, sqrt(1 + (R w tan(beta) / (2 u))^2), (T230).
+    """Length of an echo from a plane that leans over that of the pulse, sqrt(1 + (R w tan(beta) / (2 u))^2), (T49b).
 
     The spot's near side answers first. Across a Gaussian spot the range has the deviation R (w / 2) tan(beta), so the
     echo of a Gaussian pulse is a longer Gaussian of the same energy: its peak is lower by this factor (C. S. Gardner,

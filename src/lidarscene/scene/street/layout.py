@@ -201,8 +201,17 @@ def _boxes(line: CentreLine, places: Sequence[tuple[float, float, float, float]]
 def overlaps(box: Numbers, boxes: Numbers) -> Numbers:
     """Whether a rectangle overlaps each of (n, 5) others: x, y, yaw [rad] and half length and width.
 
-    Two rectangles are apart if they are so along an axis of the one or of the other.
+    Two rectangles are apart if the circles around them are, or they are so along an axis of the one or of the other.
     """
+    circles_m = np.hypot(*box[3:]) + np.hypot(*boxes[:, 3:].T)
+    near = np.flatnonzero(np.hypot(*(boxes[:, :2] - box[:2]).T) < circles_m)
+    found = np.zeros(len(boxes), dtype=bool)
+    found[near] = _near_overlaps(box, boxes[near])
+    return found
+
+
+def _near_overlaps(box: Numbers, boxes: Numbers) -> Numbers:
+    """`overlaps` by all axes."""
     rows = np.concatenate([np.broadcast_to(box, boxes.shape)[None], boxes[None]])
     cos, sin = np.cos(rows[..., 2]), np.sin(rows[..., 2])
     axes = np.stack([np.stack([cos, sin], axis=-1), np.stack([-sin, cos], axis=-1)], axis=2)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 import zlib
-from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -92,8 +91,10 @@ def network_scene(path: Path, kind: NetworkKind, file: StreetFile, *, ego: str |
             net = convert(path, kind, folder)
             network = read_network(net)
             gap_m = float(np.mean(file.oncoming_gap_m))
-            routes, ego, way_m = draw_routes(network, net, folder, bodies=_drawn_bodies(), seed=file.seed, gap_m=gap_m)
-            scenario = drawn_scenario(net, routes, seed=file.seed, last_s=60.0 + way_m / SLOWEST_M_S)
+            routes, ego, way_m = draw_routes(
+                network, net, folder, map_file=path, bodies=_drawn_bodies(), seed=file.seed, gap_m=gap_m
+            )
+            scenario = drawn_scenario(path, net, routes, seed=file.seed, last_s=60.0 + way_m / SLOWEST_M_S)
         own, others = simulate(scenario, ego=ego, shown_m=file.shown_m, folder=folder)
     near = _near(network, own, file.shown_m + 50.0)
     return street_scene(
@@ -107,20 +108,6 @@ def network_scene(path: Path, kind: NetworkKind, file: StreetFile, *, ego: str |
             *_moving(others),
         ],
     )
-
-
-def network_summary(tables: Tables) -> dict[str, float]:
-    """Length and time of the drive in a network's scene, and the numbers of things around it."""
-    groups = Counter(body["name"].partition("_")[0] for body in tables["bodies"] for _ in body.get("instances", ()))
-    poses = tables["ego"]["poses"]
-    steps_m = np.diff([pose["position_m"][:2] for pose in poses], axis=0)
-    return {
-        "length_m": round(float(np.hypot(*steps_m.T).sum()), 1),
-        "duration_s": poses[-1]["time_s"],
-        "houses": groups["houses"],
-        "vehicles_in_traffic": groups["traffic"],
-        "people": groups["walkers"],
-    }
 
 
 def _near(network: Network, own: RoadUser, reach_m: float) -> Network:

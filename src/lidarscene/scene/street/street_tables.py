@@ -106,7 +106,7 @@ def write_scene(tables: Tables, folder: Path, *, origin: str) -> Path:
 
 
 class StreetSummary(NamedTuple):
-    """Length and time of the drive through a street, and the numbers of things along it."""
+    """Length and time of a drive along roads, and the numbers of things there."""
 
     length_m: float
     duration_s: float
@@ -123,13 +123,16 @@ class StreetSummary(NamedTuple):
         )
 
 
-def street_summary(file: StreetFile) -> StreetSummary:
-    """Summarise what the street has."""
-    tables = street_tables(file)
+def street_summary(tables: Tables) -> StreetSummary:
+    """Summarise what the scene of a street or of a road network has."""
+    poses = tables["ego"]["poses"]
+    chord_m = np.hypot(*np.diff([pose["position_m"][:2] for pose in poses], axis=0).T)
+    # Of an arc between two poses, which turns as they do.
+    turn = np.radians(np.diff(np.unwrap([pose.get("yaw_deg", 0.0) for pose in poses], period=360.0)))
     counts = Counter(body["name"].split("_")[0] for body in tables["bodies"] for _ in body.get("instances", ()))
     return StreetSummary(
-        length_m=file.length_m * (file.laps if file.loop else 1),
-        duration_s=tables["ego"]["poses"][-1]["time_s"],
+        length_m=round(float((chord_m / np.sinc(0.5 * turn / np.pi)).sum()), 1),
+        duration_s=poses[-1]["time_s"],
         houses=counts["houses"],
         parked_vehicles=counts["parked"],
         vehicles_in_traffic=counts["traffic"],

@@ -19,7 +19,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from ...errors import InputError
+from ...errors import InputError, OptionWarning, warn
 from ...files.inputs import require_file
 from ...files.optional import import_optional
 from ...maths.arrays import Numbers
@@ -124,7 +124,7 @@ class RoadUser:
 
 
 def convert(map_file: Path, kind: Literal["opendrive", "osm"], folder: Path) -> Path:
-    """Convert an OpenDRIVE or OpenStreetMap file to a network of SUMO in ``folder``.
+    """Convert an OpenDRIVE or OpenStreetMap file to a network of SUMO in ``folder``; a warning says what it leaves out.
 
     Raises:
         InputError: if it cannot be converted
@@ -134,13 +134,15 @@ def convert(map_file: Path, kind: Literal["opendrive", "osm"], folder: Path) -> 
     maps = _home() / "data" / "typemap"
     types = ",".join(str(maps / f"opendriveNetconvert{kind}.typ.xml") for kind in ("", "Pedestrians", "Bicycle"))
     options = {
-        "opendrive": ["--opendrive.curve-resolution", "1.0", "--type-files", types],
+        "opendrive": ["--opendrive.curve-resolution", "1.0", "--type-files", types, "--ignore-errors"],
         "osm": [
             *("--geometry.remove", "--ramps.guess", "--junctions.join", "--remove-edges.isolated"),
             *("--tls.guess-signals", "--tls.join", "--sidewalks.guess", "--crossings.guess"),
         ],
     }[kind]
-    _run("netconvert", [f"--{kind}-files", str(map_file), "-o", str(network), *options], map_file)
+    errors = _run("netconvert", [f"--{kind}-files", str(map_file), "-o", str(network), *options], map_file)
+    if errors:
+        warn(OptionWarning("{0}: netconvert left out what it cannot convert: {1}", map_file, errors[0]))
     return network
 
 
@@ -229,6 +231,7 @@ def draw_routes(
     path: Path,
     folder: Path,
     *,
+    map_file: Path,
     bodies: Mapping[str, tuple[str, float, float, float]],
     seed: int,
     gap_m: float,
@@ -237,6 +240,7 @@ def draw_routes(
 
     Args:
         path: the network's file
+        map_file: what it was converted from
         bodies: name of a vehicle's body -> SUMO's class, length and width [m], and share of the vehicles
         gap_m: length of road for each vehicle
 
@@ -253,7 +257,7 @@ def draw_routes(
         length_m = sum(edge.getLength() for edge in way or ())
         best = max(best, (length_m, first, last), key=lambda found: found[0])
     if best[1] is None:
-        raise InputError(f"{path}: must have roads that a car can drive along, got none")
+        raise InputError(f"{map_file}: must have roads that a car can drive along, got none")
     cars = sorted((length_m, name) for name, (kind, length_m, *_) in bodies.items() if kind == "passenger")
     own = cars[len(cars) // 2][1]  # of a usual length
     root = ElementTree.Element("routes")
@@ -261,11 +265,12 @@ def draw_routes(
         sizes = {"id": name, "vClass": kind, "length": f"{length_m:g}", "width": f"{width_m:g}"}
         ElementTree.SubElement(root, "vType", sizes)
     count = int(sum(network.roads.values()) / gap_m) + 1
-    # Twice as many as are there at a time, from the begin on until the ego vehicle has come to its end.
+    # Twice as many as are there at a time, from the begin on until the ego vehicle has come to its end; it is the first
+    # of all, since others may leave no room for it on a ring.
     departures = np.sort(random.uniform(0.0, best[0] / 8.0, 2 * count))
     departures[:count] = 0.0
-    ego = {"id": "ego", "type": own, "depart": "30", "from": str(best[1]), "to": str(best[2])}
-    trips = [(30.0, "trip", ego)]
+    ego = {"id": "ego", "type": own, "depart": "0", "from": str(best[1]), "to": str(best[2])}
+    trips = [(0.0, "trip", ego)]
     for number, depart_s in enumerate(departures.tolist()):
         begin, end = random.choice(roads, 2).tolist()
         kind = str(random.choice(list(bodies), p=[share for *_, share in bodies.values()]))
@@ -290,10 +295,12 @@ class Scenario(NamedTuple):
     """What SUMO simulates: its files, the network among them, and its types of vehicles.
 
     Attributes:
+        source: file of the user that it is made of
         arguments: of SUMO
         types: name of a type -> class and length [m]
     """
 
+    source: Path
     network: Path
     arguments: tuple[str, ...]
     types: dict[str, tuple[str, float]]
@@ -319,16 +326,16 @@ def read_scenario(path: Path) -> Scenario:
         arguments += ["--step-length", f"{STEP_S:g}"]
     if "lanechange.duration" not in values and "lateral-resolution" not in values:
         arguments += ["--lanechange.duration", f"{LANE_CHANGE_S:g}"]
-    return Scenario(network, tuple(arguments), _types(named))
+    return Scenario(path, network, tuple(arguments), _types(named))
 
 
-def drawn_scenario(network: Path, routes: Path, *, seed: int, last_s: float) -> Scenario:
-    """Return the simulation of drawn trips."""
+def drawn_scenario(map_file: Path, network: Path, routes: Path, *, seed: int, last_s: float) -> Scenario:
+    """Return the simulation of drawn trips through the network of a map."""
     options = {"--step-length": STEP_S, "--lanechange.duration": LANE_CHANGE_S, "--seed": seed, "--end": last_s}
     arguments = ["-n", str(network), "-r", str(routes), "--ignore-route-errors", "--time-to-teleport", "-1"]
     for option, value in options.items():
         arguments += [option, f"{value:g}"]
-    return Scenario(network, tuple(arguments), _types([routes]))
+    return Scenario(map_file, network, tuple(arguments), _types([routes]))
 
 
 def _types(files: Sequence[Path]) -> dict[str, tuple[str, float]]:
@@ -354,8 +361,7 @@ def simulate(scenario: Scenario, *, ego: str | None, shown_m: float, folder: Pat
     """
     output = folder / "fcd.xml"
     period = ["--device.fcd.period", f"{POSE_S:g}"]
-    where = Path(scenario.arguments[1])
-    _run("sumo", [*scenario.arguments, "--fcd-output", str(output), *period, "--no-step-log"], where)
+    _run("sumo", [*scenario.arguments, "--fcd-output", str(output), *period, "--no-step-log"], scenario.source)
     if ego is None:
         counts: dict[str, int] = {}
         for _, things in _steps(output):
@@ -387,7 +393,7 @@ def simulate(scenario: Scenario, *, ego: str | None, shown_m: float, folder: Pat
                 others.append(open_ones[name])
             open_ones[name].rows.append((time_s - start_s, *place))
     if found is None or len(found.rows) < 2:
-        raise InputError(f"{where}: must have a vehicle {repr(ego) if ego else 'that drives'}, got none")
+        raise InputError(f"{scenario.source}: must have a vehicle {repr(ego) if ego else 'that drives'}, got none")
     kept = [mover for mover in others if len(mover.rows) > 1]
     for mover in (found, *kept):
         mover.rows = _turned(mover.rows)
@@ -452,8 +458,8 @@ def _home() -> Path:
     return Path(import_optional("sumo", extra="traffic").SUMO_HOME)
 
 
-def _run(program: str, arguments: Sequence[str], where: Path) -> None:
-    """Run a program of SUMO.
+def _run(program: str, arguments: Sequence[str], where: Path) -> list[str]:
+    """Run a program of SUMO, and return the errors that it goes on after.
 
     Raises:
         InputError: with SUMO's own first error
@@ -462,7 +468,8 @@ def _run(program: str, arguments: Sequence[str], where: Path) -> None:
     command = [str(home / "bin" / program), *arguments, "--no-warnings", "--xml-validation", "never"]
     environment = {**os.environ, "SUMO_HOME": str(home)}
     done = subprocess.run(command, capture_output=True, text=True, errors="replace", env=environment, check=False)
+    lines = [line.strip() for line in done.stderr.splitlines() if line.strip()]
+    errors = [line.removeprefix("Error:").strip() for line in lines if line.startswith("Error:")]
     if done.returncode != 0:
-        lines = [line.strip() for line in done.stderr.splitlines() if line.strip()]
-        reason = next((line for line in lines if line.startswith("Error:")), lines[0] if lines else "no reason given")
-        raise InputError(f"{where}: {program}: {reason.removeprefix('Error:').strip()}")
+        raise InputError(f"{where}: {program}: {(errors or lines or ['no reason given'])[0]}")
+    return errors
