@@ -23,8 +23,8 @@ PARKED_SHARES = {"car": 0.80, "van": 0.10, "truck": 0.03, "motorcycle": 0.04, "b
 TRAFFIC_SHARES = {"car": 0.76, "van": 0.10, "truck": 0.05, "bus": 0.03, "motorcyclist": 0.03, "cyclist": 0.03}
 """Choice: shares of classes among what drives."""
 
-SWING_M = 0.2
-"""Choice: way by which the ends of a vehicle may stand out of its lane in a bend."""
+LANE_ROOM_M = 0.1
+"""Choice: least width of a lane that a vehicle leaves free, where its ends swing out in a bend, too."""
 
 TREE_SCALES = (0.7, 0.85, 1.0)
 """Choice: scales of a tree's mesh, of which each tree draws one."""
@@ -180,16 +180,26 @@ def vehicle_length_m(name: str) -> float:
 
 
 def draw_vehicle(
-    group: str, number: float, paint: float, *, longest_m: float, widest_m: float, without: tuple[str, ...] = ()
+    group: str,
+    number: float,
+    paint: float,
+    *,
+    longest_m: float,
+    widest_m: float,
+    curvature_per_m: float = 0.0,
+    without: tuple[str, ...] = (),
 ) -> str:
     """Name of the body of a vehicle.
 
     Args:
         group: "parked" or "traffic"
         number, paint: from 0 to 1, which choose body and paint
+        longest_m: length that it has at most
+        widest_m: width that it takes up at most
+        curvature_per_m: of the sharpest bend of its path, which makes it take up more width
         without: classes that are not drawn
     """
-    names, sums = _fleet(group, longest_m, widest_m, without)
+    names, sums = _fleet(group, longest_m, widest_m, curvature_per_m, without)
     paints = catalog.paint_shares()
     chosen = list(paints)[int(np.searchsorted(np.cumsum(list(paints.values())), paint, side="right"))]
     return f"{group}_{names[int(np.searchsorted(sums, number, side='right'))]}_{chosen.removeprefix(PAINT)}"
@@ -197,7 +207,7 @@ def draw_vehicle(
 
 @functools.cache
 def _fleet(
-    group: str, longest_m: float, widest_m: float, without: tuple[str, ...]
+    group: str, longest_m: float, widest_m: float, curvature_per_m: float, without: tuple[str, ...]
 ) -> tuple[list[str], Sequence[float]]:
     """Bodies that are no longer and no wider, and the sums of their shares up to each; those of a class are equal."""
     shares = PARKED_SHARES if group == "parked" else TRAFFIC_SHARES
@@ -205,13 +215,13 @@ def _fleet(
         body
         for body in catalog.vehicles().values()
         if body.class_name in shares and body.class_name not in without
-        if body.size_m[0] <= longest_m and body.size_m[1] <= widest_m
+        if body.size_m[0] <= longest_m and _width_in_bend_m(body.size_m, curvature_per_m) <= widest_m
     ]
     classes = [body.class_name for body in fitting]
     weights = np.array([shares[name] / classes.count(name) for name in classes])
     return [body.name for body in fitting], (np.cumsum(weights) / weights.sum()).tolist()
 
 
-def longest_in_bend_m(curvature_per_m: float) -> float:
-    """Length of a vehicle whose ends swing out by `SWING_M`: the chord of an arc, sqrt(8 r s) for radius and rise."""
-    return float(np.sqrt(8.0 * SWING_M / max(curvature_per_m, 1e-4)))
+def _width_in_bend_m(size_m: Sequence[float], curvature_per_m: float) -> float:
+    """Width that a vehicle takes up along its path: its ends swing out by L^2 / (8 r), the rise of a chord."""
+    return size_m[1] + 0.25 * curvature_per_m * size_m[0] ** 2

@@ -17,7 +17,7 @@ import numpy as np
 
 from ...maths.arrays import Numbers
 from .layout import CAR_M, CROSS_LANE_M, Crossing, Layout
-from .shapes import SWING_M, draw_vehicle, longest_in_bend_m, vehicle_length_m
+from .shapes import LANE_ROOM_M, draw_vehicle, vehicle_length_m
 
 STEP_S = 0.1
 """Accuracy bought: step of the driver model, a fifteenth of a driver's headway."""
@@ -289,12 +289,12 @@ def _draw(
     layout: Layout, random: np.random.Generator, *, longest_m: float = math.inf, without: tuple[str, ...] = ()
 ) -> str:
     """Name of the body of a vehicle that keeps to its lane, bends included."""
-    curvature_per_m = layout.line.sharpest_per_m(layout.begin_m, layout.end_m)
     return draw_vehicle(
         "traffic",
         *random.random(2),
-        longest_m=min(longest_m, longest_in_bend_m(curvature_per_m)),
-        widest_m=layout.file.lane_width_m - 2.0 * SWING_M - 0.1,
+        longest_m=longest_m,
+        widest_m=layout.file.lane_width_m - LANE_ROOM_M,
+        curvature_per_m=layout.line.sharpest_per_m(layout.begin_m, layout.end_m),
         without=without,
     )
 
