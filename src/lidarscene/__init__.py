@@ -13,7 +13,26 @@ from .files.installed_llvm import write_newest_path
 from .files.late_binding import bind
 
 # Public names stand in __init__.pyi, and are imported when first asked for: importing the package costs nothing.
-__getattr__, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+_public, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
+
+_INSTEAD = {
+    "batch": "`lidarscene batch JOB` renders a job; render_frames and record render in Python",
+    "budget": "`lidarscene view CLOUD SCENE` shows the photon budget of each point",
+    "check": "load_scene, load_sensor and load_rig check a file; `lidarscene check FILE` says what it holds",
+    "street": "load_scene takes a scene file with [street]; `lidarscene street` writes one",
+    "view": "clouds and scenes have .view() and .show(); `lidarscene view FILE` opens a browser",
+}
+"""Names that people try first, with the call that does it."""
+
+
+def __getattr__(name: str) -> Any:
+    """Return a public name; say what to call in place of one that is none."""
+    try:
+        return _public(name)
+    except AttributeError as error:
+        if name in _INSTEAD:
+            raise AttributeError(f"lidarscene has no '{name}': {_INSTEAD[name]}") from None
+        raise error
 
 
 def _view(content: Any, **options: Any) -> Any:

@@ -310,6 +310,25 @@ def test_public_names_are_no_folders() -> None:
     assert folders.isdisjoint(lidarscene.__all__)
 
 
+def test_names_that_people_try_first_say_what_to_call(run_python) -> None:
+    """Outcome in a fresh process, where no package of such a name is imported yet."""
+    names = ("batch", "budget", "check", "street", "view")
+    code = f"""
+import lidarscene
+for name in {names}:
+    try:
+        getattr(lidarscene, name)
+    except AttributeError as error:
+        print(error)
+"""
+    process = run_python(code)
+    assert_ended(process)
+    said = dict(line.split(": ", 1) for line in process.stdout.splitlines())
+    assert list(said) == [f"lidarscene has no '{name}'" for name in names]
+    with pytest.raises(AttributeError, match="nothing_of_ours"):
+        _ = lidarscene.nothing_of_ours
+
+
 def test_import_is_light_and_every_public_name_can_be_had(run_python) -> None:
     """Rationale: `import lidarscene` needs no LLVM, and `lidarscene --help` answers at once (NumPy: 0.2 s). Names that
     come lazily are easily misspelt.
