@@ -97,6 +97,7 @@ def test_numbers_of_stages_are_never_given_out_again() -> None:
         "THRESHOLD": 17,
         "FLUCTUATION": 25,
         "COLUMN_NOISE": 26,
+        "CHATTER": 27,
     }
 
 

@@ -74,7 +74,9 @@ def _shop():
             size_m=[DEPTH_M + 0.3, width + 0.2, 0.2],
             position_m=(inside, middle, HEIGHT_M + 0.1),
         ),
-        primitive("floor", "box", "building", "wood", size_m=[DEPTH_M, width, 0.1], position_m=(inside, middle, 0.1)),
+        primitive(
+            "floor", "box", "building", "wood", size_m=[DEPTH_M, width - 0.2, 0.1], position_m=(inside, middle, 0.1)
+        ),
     ]
 
 

@@ -214,7 +214,7 @@ def test_every_number_is_a_parameter():
     for part in ("laser", "optics", "detector", "tdc"):
         for field in dataclasses.fields(getattr(APD, part)):
             value = getattr(getattr(APD, part), field.name)
-            number = isinstance(value, (int, float)) and field.name not in ("stops", "both_edges")
+            number = isinstance(value, (int, float)) and not isinstance(value, bool) and field.name != "stops"
             assert (f"{part}.{field.name}" in names) == number
     assert {f"target.{field.name}" for field in dataclasses.fields(Target)} <= names
 
