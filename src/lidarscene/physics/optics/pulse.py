@@ -32,6 +32,10 @@ _LEAST_COSINE = 0.01
 """Accuracy bought: least cosine of a slope: flatter surfaces count as this flat."""
 
 
+_LEAST_SQUARE = 1e-3
+"""Accuracy bought: least square of a broadening, which is 1 or more of all cosines up to 1."""
+
+
 def slope_broadening(*, spot_rad: Lanes, range_m: Lanes, cos_incidence: Lanes, unit_m: Lanes) -> Lanes:
     """Length of an echo from a plane that leans over that of the pulse, sqrt(1 + (R w tan(beta) / (2 u))^2), (T49b).
 
@@ -43,10 +47,11 @@ def slope_broadening(*, spot_rad: Lanes, range_m: Lanes, cos_incidence: Lanes, u
         spot_rad: angular radius w of the spot
         unit_m: u = c sigma_p / 2
     """
-    cos = xp(range_m, cos_incidence).maximum(cos_incidence, _LEAST_COSINE)
+    ops = xp(range_m, cos_incidence)
+    cos = ops.maximum(cos_incidence, _LEAST_COSINE)
     half = 0.5 * range_m * spot_rad / unit_m
-    square = 1.0 + half * half * (1.0 / (cos * cos) - 1.0)
-    return xp(square).sqrt(square)
+    # Differences may step over a cosine of 1: there the square goes on as a straight line, as far as it has a root.
+    return ops.sqrt(ops.maximum(1.0 + half * half * (1.0 / (cos * cos) - 1.0), _LEAST_SQUARE))
 
 
 def pulse_energy_j(*, peak_power_w: Lanes, fwhm_s: Lanes) -> Lanes:
