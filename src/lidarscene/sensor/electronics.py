@@ -91,8 +91,7 @@ class Tdc:
         ),
     ] = None
     strong_jitter_s: Annotated[
-        Lanes | None,
-        Quantity("ps", ge=0, le=1e6, finest=1e-3, about="jitter of that channel, with `strong_above`; else none"),
+        Lanes | None, Quantity("ps", ge=0, le=1e6, finest=1e-3, about="jitter of that channel, with `strong_above`")
     ] = None
     stops: Annotated[int, Quantity(ge=1, le=MOST_STOPS, about="crossings reported per shot")] = field(
         default=1, metadata=STATIC
