@@ -28,6 +28,9 @@ NORMAL_STEP = 1.37e-4
 LEAST_OVERLAP_M = 1e-3
 """Choice: least width of a shared place, metres: bodies that touch along an edge share nothing."""
 
+BLOCK = 64
+"""Triangles of one body that meet those of another at once, so that two sheets of `MOST_TRIANGLES` take 15 MiB."""
+
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SharedFaces:
@@ -132,8 +135,20 @@ def _within(triangles: Numbers, low: Numbers, high: Numbers) -> Numbers:
 
 def _overlap(first: Numbers, second: Numbers) -> Numbers | None:
     """(2,) place at which triangles (n, 3, 2) and (m, 3, 2) overlap, to the size of the triangles; None: nowhere."""
+    for begin in range(0, len(first), BLOCK):
+        block = first[begin : begin + BLOCK]
+        pairs = np.argwhere(_overlaps_in_plane(block, second))
+        if len(pairs):
+            a, b = block[pairs[0, 0]], second[pairs[0, 1]]
+            low, high = np.maximum(a.min(axis=0), b.min(axis=0)), np.minimum(a.max(axis=0), b.max(axis=0))
+            place: Numbers = (low + high) / 2.0
+            return place
+    return None
+
+
+def _overlaps_in_plane(first: Numbers, second: Numbers) -> Numbers:
+    """(n, m) whether two triangles overlap: no edge of one has the other on its far side (separating axes)."""
     overlap = np.ones((len(first), len(second)), dtype=bool)
-    # Two triangles are apart where an edge of one of them has the other on its far side (separating axes).
     for one, side in ((first, 1), (second, 0)):
         for corner in range(3):
             edge = np.roll(one, -1, axis=1)[:, corner] - one[:, corner]
@@ -142,9 +157,4 @@ def _overlap(first: Numbers, second: Numbers) -> Numbers | None:
             a, b = ((across * corners).sum(axis=-1) for corners in (first[:, None], second[None]))
             depth = np.minimum(a.max(axis=-1), b.max(axis=-1)) - np.maximum(a.min(axis=-1), b.min(axis=-1))
             overlap &= depth > LEAST_OVERLAP_M
-    pairs = np.argwhere(overlap)
-    if not len(pairs):
-        return None
-    a, b = first[pairs[0, 0]], second[pairs[0, 1]]
-    place: Numbers = (np.maximum(a.min(axis=0), b.min(axis=0)) + np.minimum(a.max(axis=0), b.max(axis=0))) / 2.0
-    return place
+    return overlap
