@@ -146,7 +146,7 @@ def eye_safety() -> None:
 def scaling() -> None:
     """What a point costs on the disk and what a frame costs to write, from the table of the page."""
     figure, (axes,) = dark(1, 1, height=4.2)
-    table = (HERE.parent / "scaling.md").read_text(encoding="utf-8").split("| format | bytes a point |")[1]
+    table = (HERE.parent / "clusters.md").read_text(encoding="utf-8").split("| format | bytes per point |")[1]
     for line in table.split("\n\n")[0].splitlines()[2:]:
         name, size, _, _, seconds = (cell.strip() for cell in line.strip("|").split("|"))
         x, y = float(size), float(seconds.split()[0])

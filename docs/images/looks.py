@@ -66,7 +66,7 @@ def lights() -> None:
 def hut() -> None:
     """The hut of "Your own", as its files have it."""
     view = View(eye_m=(6.0, -9.0, 5.0), target_m=(20.0, 0.0, 1.2))
-    with shown_files("your_own.md"):
+    with shown_files("own_mesh.md"):
         cloud = lidarscene.render("hut.toml", overrides=FINER)
         _stored(cloud, "hut.png", colour_by="intensity", height=720, view=view)
 

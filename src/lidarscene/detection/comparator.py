@@ -269,7 +269,8 @@ def converted_time_s(shots: Shots, time_s: Lanes, *, draw: Lanes = 0, height: La
         deviation = converter.jitter_s
         if converter.strong_above is not None:
             is_strong = height > converter.strong_above * shots.threshold
-            deviation = ops.where(is_strong, converter.strong_jitter_s or 0.0, deviation)
+            of_strong = 0.0 if converter.strong_jitter_s is None else converter.strong_jitter_s
+            deviation = ops.where(is_strong, of_strong, deviation)
         time_s = time_s + deviation * jitter
     return tdc.quantise(time_s=ops.maximum(time_s, 0.0), least_significant_bit_s=converter.least_significant_bit_s)
 

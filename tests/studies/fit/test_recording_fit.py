@@ -49,7 +49,7 @@ def fitted(sweep: Sweep, tmp_path_factory: pytest.TempPathFactory) -> Sensor:
 
 
 def test_the_truth_is_within_two_sigma() -> None:
-    """Five units, eight numbers each. benchmarks/fit_coverage.py finds 96.8 % of 800 within 2 sigma.
+    """Five units, eight numbers each. benchmarks/fit_coverage.py finds 96 % of 800 within 2 sigma.
 
     With 95 %, fewer than 32 of 40 come by chance in one of 50 000 draws, were they independent; the eight of a fit are
     in groups of two and three, so that one in 1000 is a fair bound. The seeds are fixed.
