@@ -2,6 +2,7 @@
 
 import dataclasses
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -15,6 +16,7 @@ from lidarscene.sensor.overlap import Overlap
 from lidarscene.sensor.sensor_file import SensorFile
 from lidarscene.sensor.sensor_model import overlap_geometry
 from lidarscene.studies.ranging import gain, plane, sensitivities
+from lidarscene.studies.ranging.conditions import Conditions
 from lidarscene.studies.ranging.plane import Target
 
 APD, SIPM = load_sensor("table1-apd"), load_sensor("table1-sipm")
@@ -492,3 +494,12 @@ def test_counts_are_no_parameters_and_whole_numbers_of_python_are():
     assert numbers["target.illuminance_klux"] == 100.0
     assert numbers["sampler.rate_hz"] == 1e9
     assert not numbers.keys() & {"sampler.samples", "sampler.room", "tdc.stops"}
+
+
+def test_the_page_has_table_and_chart(tmp_path: Path) -> None:
+    report = sensitivities.sensitivity_report([("table1-apd", APD)], Conditions())
+    report.save(tmp_path / "page")
+    page = (tmp_path / "page" / "index.html").read_text(encoding="utf-8")
+    assert "range [% per %]" in page
+    assert re.search(r"<td[^>]*>laser\.peak_power_w</td>\s*<td[^>]*>45</td>", page)
+    assert (tmp_path / "page" / "tornado_table1-apd.png").stat().st_size > 10_000
