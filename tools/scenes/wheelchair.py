@@ -5,20 +5,16 @@ assumed. Castors have a quarter of the wheels' radius, so that they look the sam
 """
 
 import numpy as np
+import people
 from modelling import box, join, lathe, rounded_box, tube
 from vehicle_parts import SPOKES, UPRIGHT, rider, ring, rolling
 
 RADIUS_M, HALF_TRACK_M = 0.305, 0.285
 AXLES_M = np.array([(-0.10, 0.0, RADIUS_M), (0.32, 0.0, RADIUS_M / 4)])
-COLOURS = {
-    "skin": (0.80, 0.58, 0.46, 1.0),
-    "clothes": (0.20, 0.28, 0.48, 1.0),
-    "trousers": (0.12, 0.13, 0.20, 1.0),
-    "shoes": (0.06, 0.05, 0.05, 1.0),
-    "hair": (0.10, 0.07, 0.05, 1.0),
+COLOURS = {name: people.COLOURS[name] for name in ("skin", "clothes", "trousers", "shoes", "hair")} | {
     "seat": (0.08, 0.08, 0.09, 1.0),
-    "frame": (0.60, 0.60, 0.62, 1.0),
-    "tyre": (0.05, 0.05, 0.05, 1.0),
+    "frame": people.COLOURS["frame"],
+    "tyre": people.COLOURS["tyre"],
     "rim": (0.62, 0.63, 0.65, 1.0),
 }
 
