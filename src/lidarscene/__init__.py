@@ -29,10 +29,10 @@ def __getattr__(name: str) -> Any:
     """Return a public name; say what to call in place of one that is none."""
     try:
         return _public(name)
-    except AttributeError as error:
+    except AttributeError:
         if name in _INSTEAD:
             raise AttributeError(f"lidarscene has no '{name}': {_INSTEAD[name]}") from None
-        raise error
+        raise
 
 
 def _view(content: Any, **options: Any) -> Any:
