@@ -329,6 +329,8 @@ def run(paths: Sequence[str], number: int, seed: int, jobs: int, limit_s: float)
     files = sorted(
         {file for path in paths for file in ([Path(path)] if path.endswith(".py") else Path(path).rglob("*.py"))}
     )
+    if missing := [path for path in paths if not Path(path).exists()]:
+        raise SystemExit(f"tools/mutants.py: no such file or folder: {', '.join(missing)}")
     all_of_them = [mutant for file in files for mutant in mutants(file.resolve())]
     drawn = random.Random(seed).sample(all_of_them, min(number, len(all_of_them)))
     print(f"{len(drawn)} of {len(all_of_them)} mutants of {len(files)} files, seed {seed}", flush=True)
