@@ -162,6 +162,8 @@ def test_a_body_is_added_at_a_position() -> None:
         Scene().add(box, "asphalt", (0, 0, 0), position=(20.0, 0.0, 1.0))
     with pytest.raises(InputError, match="position: must be x, y, z"):
         Scene().add(box, "asphalt", position="here")
+    with pytest.raises(InputError, match=r"^position: must be .*, got \(1, 2\)"):
+        Scene().add(box, "asphalt", position=(1, 2))
 
 
 def test_colours_of_several_pieces_are_several_materials(tmp_path: Path) -> None:

@@ -447,7 +447,10 @@ class Scene:
         """
         if pose is not None and position is not None:
             raise InputError("scene.add: must have one of pose and position, got both")
-        placed = Pose() if pose is None and position is None else to_pose(position if pose is None else pose)
+        if position is not None:
+            placed = to_pose(position, name="position")
+        else:
+            placed = Pose() if pose is None else to_pose(pose)
         pieces = pieces_of_object(mesh, "scene.add")
         materials = dict(self.materials)
         parts = []

@@ -66,8 +66,11 @@ def finite_numbers(values: object) -> list[float]:
     return numbers if all(map(math.isfinite, numbers)) else []
 
 
-def to_pose(pose: object) -> Pose:
+def to_pose(pose: object, *, name: str = "pose") -> Pose:
     """Convert a `Pose` or three to six numbers (see `Placed`) to a `Pose`.
+
+    Args:
+        name: of the argument, for the message
 
     Raises:
         OptionError: for anything else
@@ -77,7 +80,7 @@ def to_pose(pose: object) -> Pose:
     numbers = finite_numbers(pose)
     if not 3 <= len(numbers) <= 6:
         raise OptionError(
-            "{pose}: must be a Pose, or x, y, z in metres with or without yaw, pitch, roll in degrees, got {0}",
+            f"{{{name}}}: must be a Pose, or x, y, z in metres with or without yaw, pitch, roll in degrees, got {{0}}",
             one_line(pose),
         )
     x, y, z, yaw, pitch, roll = numbers + [0.0] * (6 - len(numbers))
