@@ -53,7 +53,8 @@ def test_render_prints_it(
 ) -> None:
     """Later frames of the same process launch kernels, and need none that is new.
 
-    The second world of a process has one kernel that the first has not: it is built once before.
+    A sequence has kernels of its own, since its frames go together: they are built once before. The text of a kernel
+    has the alignment of the memory that it reads: a table that NumPy placed by chance is compiled again by chance.
     """
     monkeypatch.chdir(tmp_path)
     Path("wall.toml").write_text(WALL)
@@ -64,10 +65,12 @@ def test_render_prints_it(
         return report["profile"]
 
     profile("-o", "first.ply")
+    profile("-o", "first", "--frames", "4")
     one_frame = profile("-o", "a.ply")
     four_frames = profile("-o", "a", "--frames", "4")
     assert four_frames["kernels"]["launched"] > one_frame["kernels"]["launched"] > 0
-    assert four_frames["kernels"]["compiled"] + four_frames["kernels"]["from_disk"] == 0
+    for frames in (one_frame, four_frames):
+        assert frames["kernels"]["compiled"] + frames["kernels"]["from_disk"] == 0
     assert four_frames["peak_memory_bytes"] is None or four_frames["peak_memory_bytes"] > 1e7
     assert main.main(["render", "wall.toml", *COARSE, "--profile", "-o", "b.ply"]) == 0
     text = capsys.readouterr().out.split("\nprofile\n")[1]

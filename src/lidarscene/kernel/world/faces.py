@@ -97,7 +97,6 @@ class FaceTables:
 
     def on_device(self, see_through: bool) -> dict[str, Any]:
         """Return the fields of World that are looked up by a shape's registry number or by a face."""
-        mi = mitsuba()
         # Registry numbers are positive, with holes, and used again after shapes are freed. They are small, so a table
         # with unused rows is the simplest map from number to shape.
         numbers = [registry_number(shape.shape) for shape, _ in self._first]
@@ -118,16 +117,16 @@ class FaceTables:
         body = [*self._body, np.repeat(np.array(self._movers, np.int32), len(per_mover))]
         material = [*self._material, np.tile(np.array(per_mover, np.int32), len(self._movers))]
         return {
-            "first_face": mi.UInt32(first_face),
+            "first_face": transfer.unsigned_numbers(first_face),
             "mover_rows": transfer.unsigned_numbers(mover_rows) if self._movers else None,
-            "mover_shape": mi.UInt32(mover_shape) if self._movers else None,
+            "mover_shape": transfer.unsigned_numbers(mover_shape) if self._movers else None,
             "bsdfs": tuple(bsdfs.values()),
-            "bsdf_index": mi.UInt32(bsdf_index),
-            "shape_reflectivity": mi.Float(reflectivity),
-            "shape_transmittance": mi.Float(transmittance) if transmittance.any() else None,
+            "bsdf_index": transfer.unsigned_numbers(bsdf_index),
+            "shape_reflectivity": transfer.from_numpy(reflectivity),
+            "shape_transmittance": transfer.from_numpy(transmittance) if transmittance.any() else None,
             "face_normal": self._normals(),
-            "face_body": mi.Int32(np.concatenate(body)),
-            "face_material": mi.Int32(np.concatenate(material)),
+            "face_body": transfer.whole_numbers(np.concatenate(body)),
+            "face_material": transfer.whole_numbers(np.concatenate(material)),
             "material_names": tuple(self.material_names),
             "has_foreign": any(shape.reflectivity is None for shape, _ in self._first),
             "speculars": Speculars.from_shapes([_surface_optics(shape) for shape, _ in self._first])

@@ -277,7 +277,7 @@ def build_world(
         mover_panes=mover_panes,
         resting=placed_movers(movers, [mover.body.pose for mover in movers], centre_m=centre) if movers else None,
         centre_m=centre,
-        body_class=mitsuba().Int32(class_numbers),
+        body_class=transfer.whole_numbers(class_numbers),
         body_names=tuple(body_names),
         class_names=class_names,
         **faces.on_device(see_through),

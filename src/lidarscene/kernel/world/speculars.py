@@ -100,7 +100,7 @@ class Speculars:
             bsdfs=(*panes.values(), *mirrors.values()),
             panes=len(panes),
             glass=tuple(glass),
-            kind=mi.UInt32(kind),
+            kind=transfer.unsigned_numbers(kind),
             gaps=bool(porous),
             index=tuple(index),
             retro=mi.Bool(retro) if retro.any() else None,
