@@ -32,7 +32,7 @@ scene3 = scene.add((np.zeros((3, 3)), np.array([[0, 1, 2]])), "brick", Pose())
 sim = ls.Simulator(scene, sensor, TraceOptions(rays=3))
 c5 = sim.render(FrameOptions(seed=3))
 c6 = sim.render(seed=3, number=2)
-r: Report = ls.max_range(["vlp-16", sensor], illuminance=20.0)
+r: Report = ls.max_range(["vlp-16", sensor], illuminance_klux=20.0)
 col = r.table["range_m"]
 r.save("out")
 r.plot().save("x.png")
@@ -60,7 +60,7 @@ ok = cloud.status == ls.Status.ECHO
 m: Material = scene.materials["brick"]
 
 # Studies beyond one range.
-swept = ls.sweep(["vlp-16", sensor], "illuminance", start=0.1, stop=100.0, points=50, reflectivity=0.3)
+swept = ls.sweep(["vlp-16", sensor], "illuminance_klux", start=0.1, stop=100.0, points=50, reflectivity=0.3)
 crossing_klux = swept.table["illuminance_klux"]
 ls.sweep(sensor, "detector.gain", quantity="snr", distance=150, log=True).save("gain")
 worth = ls.sensitivities("vlp-16", distance=80)

@@ -48,7 +48,7 @@ class ConditionKeywords(TypedDict, total=False):
 
     probability: float
     distance: float
-    illuminance: float
+    illuminance_klux: float
     sun_angle: float
     reflectivity: float
     incidence: float
@@ -75,7 +75,7 @@ class FovKeywords(TypedDict, total=False):
     cell_deg: float
     mask: str
     reflectivity: float
-    illuminance: float
+    illuminance_klux: float
 
 
 @checks_arguments
@@ -89,7 +89,7 @@ def max_range(sensors: SensorChoices, *, overrides: Overrides = (), **conditions
     Keyword Args:
         probability: detection probability at the range, 0.9 by default; another is named in the column: range_pd50_m
         distance: of SNR and detection probability [m], 100 by default
-        illuminance: of the sun on the target [klux], 100 by default
+        illuminance_klux: of the sun on the target [klux], 100 by default
         sun_angle: between sun and surface normal [degrees], 60 by default
         reflectivity: of the target, 0.1 by default
         incidence: of the beam on it [degrees], 0 by default
@@ -110,7 +110,7 @@ def sweep(sensors: SensorChoices, over: str, *, overrides: Overrides = (), **opt
 
     Args:
         sensors: catalogue names, sensor files or `Sensor`s, one or several
-        over: "distance", "illuminance", "elevation", "azimuth", "reflectivity", "incidence", or a key such as
+        over: "distance", "illuminance_klux", "elevation", "azimuth", "reflectivity", "incidence", or a key such as
             "detector.gain"
         overrides: changes to values of the files, of all or, as "vlp-16:laser.peak_power_w=60", of one
 
@@ -232,7 +232,7 @@ def fov(
         cell_deg: size of the cells
         mask: the field of view: "outline", the pattern's convex outline, or "reached", cells ever reached
         reflectivity: of the target on which the range is mapped
-        illuminance: of the sun on it; klux
+        illuminance_klux: of the sun on it; klux
 
     Raises:
         InputError: if a file, a key or a value cannot be understood
@@ -242,7 +242,7 @@ def fov(
     if pose is not None and scene is None:
         raise InputError("pose: goes with scene")
     _refuse_unknown(settings, FovKeywords.__annotations__, "sensors", "scene", "pose", "overrides")
-    lit = {name: settings[name] for name in ("reflectivity", "illuminance") if name in settings}
+    lit = {name: settings[name] for name in ("reflectivity", "illuminance_klux") if name in settings}
     scanned: dict[str, Any] = {name: value for name, value in settings.items() if name not in lit}
     study = FieldOfViewStudy(**scanned, target=Conditions(**lit).target())
     vehicle = None if pose is None else to_pose(pose)
@@ -263,7 +263,7 @@ def compare(
     *,
     overrides: Overrides = (),
     same_beams: bool = False,
-    illuminances_klux: Sequence[float] | None = None,
+    illuminance_klux: Sequence[float] | None = None,
     **options: Unpack[FrameKeywords],
 ) -> Report:
     """Compare sensors in a scene, or clouds with each other.
@@ -273,7 +273,7 @@ def compare(
         sensors: catalogue names, sensor files or `Sensor`s; the first is compared with each other
         overrides: changes to values of the sensor files, of all or of one
         same_beams: all run with the first sensor's scanner and mounting
-        illuminances_klux: sweep over these, and find where sensors overtake each other
+        illuminance_klux: sweep over these, and find where sensors overtake each other
         options: fields of `FrameOptions`: ``seed=1``
 
     Raises:
@@ -284,7 +284,7 @@ def compare(
 
     keywords = Keywords(dict(options))
     frame = keywords.take(FrameOptions)
-    keywords.end("scene", "sensors", "overrides", "same_beams", "illuminances_klux")
+    keywords.end("scene", "sensors", "overrides", "same_beams", "illuminance_klux")
     if sensors is None:
         if isinstance(scene, str | os.PathLike | Scene | PointCloud) or len(scene) < 2:
             raise InputError("compare: must have sensors for a scene, or two clouds or more, got neither")
@@ -300,12 +300,12 @@ def compare(
     named = _named(sensors, overrides)
     if len(named) < 2:
         raise InputError(f"sensors: must be two or more, got {len(named)}")
-    swept = tuple(illuminances_klux if illuminances_klux is not None else ())
+    swept = tuple(illuminance_klux if illuminance_klux is not None else ())
     for value in swept:
-        CONDITIONS["illuminance"].check("illuminances_klux", value)
-        CONDITIONS["illuminance"].warn_of_unit("illuminances_klux", value)
-    if illuminances_klux is not None and not (swept and swept[0] > 0.0 and all(map(operator.lt, swept, swept[1:]))):
-        raise InputError(f"illuminances_klux: must be positive and rise, such as (10, 50, 100), got {one_line(swept)}")
+        CONDITIONS["illuminance_klux"].check("illuminance_klux", value)
+        CONDITIONS["illuminance_klux"].warn_of_unit("illuminance_klux", value)
+    if illuminance_klux is not None and not (swept and swept[0] > 0.0 and all(map(operator.lt, swept, swept[1:]))):
+        raise InputError(f"illuminance_klux: must be positive and rise, such as (10, 50, 100), got {one_line(swept)}")
     bench = Bench(load_scene(scene), frame)
     return compare_sensors(bench, named, same_beams=same_beams, illuminances_klux=swept)
 
