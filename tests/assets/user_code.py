@@ -19,7 +19,7 @@ img = cloud.range_image()["range"]
 pic = cloud.plot("range")
 pic.save("a.png")
 near.save("a.ply", ascii=True)
-c3 = ls.load("a.ply")
+c3 = ls.load_cloud("a.ply")
 for frame in ls.render_frames("drive", frames=3, seed=2):
     print(len(frame), frame.metadata["sensor"])
 sensor = ls.load_sensor("vlp-16", overrides={"laser.peak_power_w": 30})
@@ -50,6 +50,7 @@ print(ls.sensors()[0], ls.scenes())
 rec2 = ls.record("car", outputs="a.ply")
 rec3 = ls.record("car", outputs=Outputs("a.ply"))
 boxes = ls.boxes(cloud, scene)
+watts = ls.budget(cloud, scene, "table1-apd").echo_power_w.max()
 try:
     ls.load_sensor("x")
 except ls.InputError as e:

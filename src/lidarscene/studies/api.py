@@ -12,26 +12,29 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import fields
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, ParamSpec, TypedDict, TypeVar, Unpack
+from typing import TYPE_CHECKING, Annotated, Any, ParamSpec, TypedDict, TypeVar, Unpack
 
 from .. import catalog
 from ..cloud.point_cloud import PointCloud
-from ..errors import InputError, OptionError, one_line, unknown_option
+from ..errors import InputError, OptionError, did_you_mean, one_line, unknown_option
 from ..figures.report import Report
 from ..files.arguments import checks_arguments
 from ..files.atomic import put_text
 from ..files.overrides import Overrides, assignments
 from ..recordings.opening import open_recording
-from ..rendering.render_options import FrameKeywords, FrameOptions, Keywords
+from ..rendering.render_options import FrameKeywords, FrameOptions, Keywords, key_to_change
 from ..scene.scene import Scene
-from ..scene.scene_file import load_scene
+from ..scene.scene_file import SceneChoice, load_scene
 from ..sensor.pose_file import Placed, to_pose
 from ..sensor.rig_file import Rig
-from ..sensor.sensor_file import load_sensor
+from ..sensor.sensor_file import SensorFile, load_sensor
 from ..sensor.sensor_model import Sensor, warn_of_doubts
 from .field_of_view.study_options import FieldOfViewStudy
 from .ranging.conditions import CONDITIONS, Conditions, SweepOptions
 from .ranging.subjects import subject_of, subjects
+
+if TYPE_CHECKING:
+    from .budget import Budget
 
 Parameters = ParamSpec("Parameters")
 Result = TypeVar("Result")
@@ -166,6 +169,28 @@ def sensitivities(
 
 
 @checks_arguments
+def budget(cloud: PointCloud, scene: SceneChoice, sensor: SensorChoice) -> Budget:
+    """Compute the light and the electronics of each point of a cloud that was rendered here.
+
+    ``budget(cloud[:1], "car", "apd-905")`` is that of one point. Echo powers fit the points' SNR; the background is
+    that of Lambertian surfaces.
+
+    Args:
+        cloud: with its truth
+        scene: a name, a file or a `Scene`, with the light in which the cloud was made
+        sensor: catalogue name, sensor file or `Sensor` that made it
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood, and for a cloud without truth
+    """
+    from ..rendering.stages import ambient_of
+    from .budget import budget_of
+
+    chosen = load_sensor(sensor)
+    return budget_of(cloud, chosen, ambient_of(load_scene(scene), chosen))
+
+
+@checks_arguments
 def eye_safety(sensors: SensorChoices, *, overrides: Overrides = ()) -> Report:
     """Every criterion of class 1 of IEC 60825-1:2014, with the beam scanning and standing still; no certification.
 
@@ -259,7 +284,7 @@ def fov(
 @checks_arguments
 def compare(
     scene: File | Scene | PointCloud | Sequence[File | PointCloud],
-    sensors: Sequence[SensorChoice] | None = None,
+    sensors: SensorChoices | None = None,
     *,
     overrides: Overrides = (),
     same_beams: bool = False,
@@ -285,16 +310,18 @@ def compare(
     keywords = Keywords(dict(options))
     frame = keywords.take(FrameOptions)
     keywords.end("scene", "sensors", "overrides", "same_beams", "illuminance_klux")
+    listed = [scene] if isinstance(scene, str | os.PathLike | Scene | PointCloud) else list(scene)
+    alone = [name for name in listed if isinstance(name, str) and name in catalog.names("sensors")]
+    if alone:
+        raise InputError(
+            f"compare: must have a scene before its sensors, as compare('car', ['{alone[0]}', ...]), got sensors "
+            f"alone; max_range(['{alone[0]}', ...]) compares their ranges"
+        )
     if sensors is None:
-        if isinstance(scene, str | os.PathLike | Scene | PointCloud) or len(scene) < 2:
+        clouds = [cloud for cloud in listed if not isinstance(cloud, Scene)]
+        if len(clouds) < 2:
             raise InputError("compare: must have sensors for a scene, or two clouds or more, got neither")
-        alone = [name for name in scene if name in catalog.names("sensors")]
-        if alone:
-            raise InputError(
-                f"compare: must have a scene before its sensors, as compare('car', ['{alone[0]}', ...]), got sensors "
-                f"alone; max_range(['{alone[0]}', ...]) compares their ranges"
-            )
-        return compare_clouds(scene)
+        return compare_clouds(clouds)
     if not isinstance(scene, str | os.PathLike | Scene):
         raise InputError("sensors: must go with one scene, got clouds")
     named = _named(sensors, overrides)
@@ -460,7 +487,8 @@ def _refuse_unknown(keywords: Mapping[str, object], known: Collection[str], *par
     options = [*known, *parameters]
     for word in keywords:
         if word not in options:
-            raise unknown_option(word, options)
+            meant = "" if did_you_mean(word, options) else key_to_change(word, overrides=SensorFile)
+            raise unknown_option(word, options, meant=meant)
 
 
 def _named(sensors: SensorChoice | Sequence[SensorChoice], overrides: Overrides) -> list[tuple[str, Sensor]]:
