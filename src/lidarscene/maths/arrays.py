@@ -312,7 +312,8 @@ class DrjitOps:
 
     def take_four(self, values: Any, index: Any) -> tuple[Any, Any, Any, Any]:
         """Entries 4 i to 4 i + 3 of an array, for each index i: one load, not four."""
-        kind = sys.modules[type(values).__module__].Array4f
+        kinds = sys.modules[type(values).__module__]
+        kind = kinds.Array4f64 if self._dr.itemsize_v(values) == 8 else kinds.Array4f
         a, b, c, d = self._dr.gather(kind, values, self.uint32(index))
         return a, b, c, d
 
