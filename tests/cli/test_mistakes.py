@@ -285,7 +285,7 @@ def place(run: Run, shared: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     compare wall.toml -o wall.toml --sensors table1-apd,table1-sipm | wall.toml | a folder
     compare wall.toml -o out --sensors table1-apd,table1-sipm --illuminance-klux 10,1 | klux that rise | 10,1
     compare wall.toml -o out --sensors table1-apd,table1-sipm --illuminance-klux 0,1 | klux that rise | 0,1
-    compare wall.toml -o out --sensors table1-apd,table1-sipm --illuminance-klux 1e9 | --illuminance-klux 1e+09 | 10000 klux
+    compare wall.toml -o out --sensors table1-apd,table1-sipm --illuminance-klux 1e9 | klux 1e+09 | 10000 klux
     compare wall.toml -o out --sensors table1-apd,table1-sipm --illuminance-klux 1,20000 | klux | 20?
     compare cloud.ply b.ply -o out --illuminance-klux 1 | --illuminance-klux | scene | --sensors
     compare cloud.ply b.ply -o out --same-beams | --same-beams | scene | --sensors

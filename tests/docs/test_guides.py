@@ -17,6 +17,7 @@ from lidarscene.cloud.thinning import FACTOR, MOST_POINTS
 from lidarscene.detection.outcomes import Outcome, Status
 from lidarscene.formats import e57, las, osi, ply
 from lidarscene.formats.cloud_columns import columns_of
+from lidarscene.kernel.device.blocks import LANES_PER_CHUNK, LANES_PER_LAUNCH_CUDA
 from lidarscene.kernel.rays import onward, trace
 from lidarscene.kernel.world.mitsuba_world import build_world
 from lidarscene.labels import files
@@ -26,7 +27,6 @@ from lidarscene.outputs import range_image
 from lidarscene.physics import eye_safety
 from lidarscene.physics.electronics import sipm
 from lidarscene.physics.optics import sunlight
-from lidarscene.rendering.render_options import DEFAULT_CHUNK
 from lidarscene.scene.meshes import primitives
 from lidarscene.sensor import readout
 from lidarscene.sensor.electronics import MOST_STOPS
@@ -179,8 +179,8 @@ def test_motion_and_limits() -> None:
     says("../ARCHITECTURE.md", "cut into pieces of {} m", primitives.LARGEST_EDGE_M)
     says("../ARCHITECTURE.md", "Rays restart {} mm off a", 1e3 * onward.START_OFFSET_M)
     says("theory.md", "One ray from {} mm above the hit", 1e3 * onward.START_OFFSET_M)
-    assert DEFAULT_CHUNK == 2**20  # "2^20 pulses at a time"
-    assert "a frame is cut into chunks of 2^20 pulses" in text_of(ARCHITECTURE)
+    assert (LANES_PER_CHUNK, LANES_PER_LAUNCH_CUDA) == (2**20, 2**21)
+    assert "a frame is cut into chunks of 2^20 pulses, on a GPU 2^21" in text_of(ARCHITECTURE)
     assert pytest.approx(1 / 20) == cloud_matching.LEAST_SHARED  # "a twentieth of its pulses"
 
 
