@@ -117,6 +117,7 @@ OF_STUDIES = (
     "compare.md",
     "design.md",
     "fov.md",
+    "job_files.md",
     "motion.md",
     "own_mesh.md",
     "own_sensor.md",
