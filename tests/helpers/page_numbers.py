@@ -42,7 +42,6 @@ from lidarscene.physics.optics import (
     dielectrics,
     glint,
     pulse,
-    radiometry,
     receiver,
     reflection,
     scintillation,
@@ -111,12 +110,6 @@ def near(computed: float, share: float) -> Any:
 
 def oldest_python() -> float:
     return float(tomllib.loads(text_of(ROOT / "pyproject.toml"))["project"]["requires-python"].removeprefix(">="))
-
-
-def sections(page: str) -> tuple[int, int]:
-    """The numbers of its first and last section."""
-    numbers = re.findall(r"^## (\d+) ", text_of(ROOT / "docs" / page), re.MULTILINE)
-    return int(numbers[0]), int(numbers[-1])
 
 
 def measured(command: str, *figures: float) -> Sequence[float]:
@@ -240,19 +233,6 @@ def binomial_over_gaussian(klux: float) -> float:
     return p[0] / p[1]
 
 
-def crosstalk(share: float) -> tuple[float, float]:
-    """SNR and P_d of a weak pulse on the SiPM in time, under Table 1's sun."""
-    sensor = sipm_in_time(f"detector.crosstalk={share}")
-    photon = sensor.laser.photon_energy_j
-    point = sensor.working_point(np.array([COUNTS.background_photons * photon / 6e-9]))
-    signal = point.response.signal(np.array([2.0 * 311.96 * photon / 6e-9]))
-    sigma = np.sqrt(point.noise.deviation**2 + point.noise.kappa_1 * signal + point.noise.kappa_2 * signal**2)
-    return (
-        float(signal[0] / point.noise.deviation[0]),
-        float(point.detection_probability(sensor.threshold(point), signal, sigma)[0]),
-    )
-
-
 def gains() -> tuple[float, float]:
     """Gain of the best SNR, and that of equal optical and electrical noise."""
     parts = {
@@ -293,18 +273,6 @@ def extinction_per_m(visibility_km: float, nm: float, model: str) -> float:
 
 def cos(degrees: float) -> float:
     return math.cos(math.radians(degrees))
-
-
-def rough_over_lambert(slope_deg: float, degrees: float) -> float:
-    """Brightness of matt facets over that of a Lambertian surface, straight back."""
-    per_sr = reflection.rough_diffuse_per_sr(
-        reflectivity=1.0,
-        relief=reflection.relief(math.radians(slope_deg)),
-        cos_in=cos(degrees),
-        cos_out=cos(degrees),
-        cos_between=1.0,
-    )
-    return float(math.pi * per_sr)
 
 
 @cache
