@@ -385,14 +385,6 @@ def turbulence_percent(distance_m: float) -> float:
     return 100.0 * math.sqrt(variance)
 
 
-def speckled_p_d() -> list[float]:
-    """P_d at nine tenths of the range without speckle, and with it."""
-    keys = ["laser.divergence_mrad=1", "laser.speckle={}"]
-    lidars = [load_sensor("mems-1550", overrides=keys[:count]) for count in (1, 2)]
-    near_m = 0.9 * plane.maximum_range_m(lidars[0], TABLE_1)[0]
-    return [float(plane.detection_probability(lidar, TABLE_1, near_m)[0]) for lidar in lidars]
-
-
 def sun_disc_mw() -> float:
     return 1e3 * float(
         sunlight.sun_disc_power_w(
@@ -420,11 +412,6 @@ def sign_over_wall(share: float) -> list[float]:
 OUSTER = load_sensor("os1-128", overrides=["scanner.columns_per_turn=1024"])
 
 
-def sweep_mm(distance_m: float, degrees: float) -> float:
-    """(T126) without the beam."""
-    return 1e3 * math.tan(math.radians(degrees)) * distance_m * OUSTER.sweep_rad / math.sqrt(12.0)
-
-
 def pulse_mm(fwhm_s: float) -> float:
     return 1e3 * 0.5 * SPEED_OF_LIGHT_M_S * fwhm_s / math.sqrt(8.0 * math.log(2.0))
 
@@ -434,11 +421,6 @@ def glory_gains(distance_m: float) -> tuple[float, float]:
     diameter_m, within_rad = np.linspace(0.2e-3, 0.4e-3, 41), np.array(0.0125 / distance_m)
     gain = glory.gain(diameter_m=diameter_m, wavelength_m=905e-9, within_rad=within_rad)[[0, 20, 40]]
     return gain.min(), gain.max()
-
-
-def oblique_nm(degrees: float) -> float:
-    """Shift of a filter of n = 1.8 at 905 nm."""
-    return 905.0 / math.sqrt(1.0 - (math.sin(math.radians(degrees)) / 1.8) ** 2) - 905.0
 
 
 # --- photon counting and fits ---------------------------------------------------------------------------------
