@@ -501,11 +501,6 @@ def clipped(saturation_a: float, reflectivity: float, distance_m: float) -> tupl
     return signal / saturation_a, abs(bias)
 
 
-def alarm_width_ns(tnr: float) -> float:
-    h = tnr + np.random.default_rng(1).exponential(1.0 / tnr, 100_000)
-    return 1e9 * float(np.mean(tdc.excursion_width_s(threshold=tnr, height=h, bandwidth_hz=BANDWIDTH_HZ)))
-
-
 def timing_cm(snr: float) -> list[float]:
     """Deviations without the echo's own noise: the slope formula, (T76) at half of the peak, (T77), (T79)."""
     x = sampling.widths(bandwidth_hz=BANDWIDTH_HZ, pulse_fwhm_s=FWHM_S)
