@@ -49,7 +49,7 @@ from lidarscene.physics.optics import (
     sunlight,
 )
 from lidarscene.physics.optics.polarisation import pane_shares
-from lidarscene.physics.photon_counting import matched_filter, pile_up, shared_shots
+from lidarscene.physics.photon_counting import matched_filter, pile_up
 from lidarscene.physics.reference import electronics as reference_electronics
 from lidarscene.physics.reference import mcintyre as reference_mcintyre
 from lidarscene.physics.reference import optics as reference_optics
@@ -435,11 +435,6 @@ def place_deviation_in_the_dark() -> float:
     _, variance = matched_filter.signal_variance_of(narrowing=1.0)
     place = matched_filter.place_variance(signal=signal, background=0.0, signal_variance=signal * float(variance))
     return math.sqrt(signal * float(place))
-
-
-def column_weights(name: str) -> list[float]:
-    weights = load_sensor(name).histogram.column_weights
-    return [weight / weights[0] for weight in weights]
 
 
 def two_lenses(name: str) -> tuple[float, float]:
