@@ -24,7 +24,7 @@ from lidarscene.studies.compare.observations import Observation, Surfaces
 
 PAIR = ("--sensors", "table1-apd,table1-sipm")
 WEAK = (*COARSE, "--set=laser.peak_power_w=0.05")
-SWEPT = ("--illuminance", "0.1,100")
+SWEPT = ("--illuminance-klux", "0.1,100")
 CHARTS = ("rate-range", "rate-incidence", "rate-reflectivity", "rate-class", "error-range", "snr-table1-sipm")
 CLOUDS = (
     "cloud-table1-apd.png", "cloud-table1-sipm.png", "difference-table1-sipm.ply", "difference-table1-sipm.png",
@@ -292,10 +292,13 @@ def test_nothing_found_at_all(
         (("wall.toml", "-o", "out", "--sensors", "table1-apd,nonsense"), "nonsense"),
         (("none.toml", "-o", "out", *PAIR), "none.toml"),
         (("wall.toml", "-o", "wall.toml", *PAIR), "is a file, not a folder"),
-        (("wall.toml", "-o", "out", *PAIR, "--illuminance", "10,1"), "illuminances in klux that rise"),
-        (("wall.toml", "-o", "out", *PAIR, "--illuminance", "0,1"), "illuminances in klux that rise"),
-        (("wall.toml", "-o", "out", *PAIR, "--illuminance", "1e9"), "--illuminance 1e+09"),
-        (("a.ply", "b.ply", "-o", "out", "--illuminance", "1"), "--illuminance: goes with a scene and --sensors"),
+        (("wall.toml", "-o", "out", *PAIR, "--illuminance-klux", "10,1"), "illuminances in klux that rise"),
+        (("wall.toml", "-o", "out", *PAIR, "--illuminance-klux", "0,1"), "illuminances in klux that rise"),
+        (("wall.toml", "-o", "out", *PAIR, "--illuminance-klux", "1e9"), "--illuminance-klux 1e+09"),
+        (
+            ("a.ply", "b.ply", "-o", "out", "--illuminance-klux", "1"),
+            "--illuminance-klux: goes with a scene and --sensors",
+        ),
         (("a.ply", "b.ply", "-o", "out", "--same-beams"), "--same-beams: goes with a scene and --sensors"),
         (("a.ply", "b.ply", "-o", "out", "--seed", "0"), "--seed: goes with a scene and --sensors"),
         (("a.ply", "b.ply", "-o", "out", "--set", "a=1"), "--set: goes with a scene and --sensors"),

@@ -57,7 +57,7 @@ def default(command: str, option: str) -> float:
 
 def test_defaults_of_range() -> None:
     distance, klux, rho, tau = (
-        default("range", f"--{name}") for name in ("distance", "illuminance", "reflectivity", "transmittance")
+        default("range", f"--{name}") for name in ("distance", "illuminance-klux", "reflectivity", "transmittance")
     )
     says("range.md", "SNR and P_d at `--distance` ({} m)", distance)
     says("range.md", "`--to`, `--n` ({}), and `--scale`", default("range", "--n"))
@@ -73,9 +73,9 @@ def test_defaults_of_fov() -> None:
     says("fov.md", "is the size of the cells, {} degrees unless given", study_options.CELL_DEG)
     says(
         "fov.md",
-        "`--reflectivity` ({}) and `--illuminance` ({} klux) describe",
+        "`--reflectivity` ({}) and `--illuminance-klux` ({} klux) describe",
         default("fov", "--reflectivity"),
-        default("fov", "--illuminance"),
+        default("fov", "--illuminance-klux"),
     )
     says("fov.md", "coloured by time (the first {})", figures.DOTS)
     says(

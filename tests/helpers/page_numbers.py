@@ -432,8 +432,8 @@ HEAD_DWELL_S = 1.0 / (1024 * 10)
 def place_deviation_in_the_dark() -> float:
     """The noise of the place of the filter's peak by many photons of an echo, times their root, in sigmas (T176)."""
     signal = 1e9
-    _, variance = matched_filter.signal_variance_of(narrowing=1.0)
-    place = matched_filter.place_variance(signal=signal, background=0.0, signal_variance=signal * float(variance))
+    variance = signal * matched_filter.SIGNAL_VARIANCE
+    place = matched_filter.place_variance(signal=signal, background=0.0, signal_variance=variance)
     return math.sqrt(signal * float(place))
 
 

@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, Literal, Unpack, cast, overload
+from typing import Any, ClassVar, Literal, Unpack, cast, overload
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from ..cloud.rays import PulseRays
 from ..detection.sampled_waveforms import Waveforms, check_pulses, sample_waveforms
 from ..errors import InputError
 from ..files.arguments import checks_arguments
+from ..files.attributes import HintedAttributes
 from ..formats.cloud_columns import RING_ROWS, SENSOR_TO_VEHICLE, SENSOR_TO_WORLD
 from ..kernel.device import backend, blocks, transfer
 from ..kernel.device.gate import exclusive
@@ -87,13 +88,16 @@ class _Piece:
 
 
 @checks_arguments
-class Simulator:
+class Simulator(HintedAttributes):
     """A world and a sensor, ready for any number of frames; nothing is compiled twice.
 
     Coordinates are single precision around the place where the sensor stood when the world was built; a
     later `render` from 100 m off that place is still good to 0.01 mm, one from 10 km to 1 mm.
     """
 
+    INSTEAD: ClassVar[Mapping[str, str]] = dict.fromkeys(
+        ("step", "next", "run", "render_frames", "frames"), "simulator.render(number=N) renders frame N"
+    )
     _takes_turns = True
     """Whether bodies that hide may share a place among the movers (`build_world`)."""
 
