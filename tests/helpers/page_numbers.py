@@ -443,12 +443,6 @@ def two_lenses(name: str) -> tuple[float, float]:
     return overlap["parallax_free_at_m"], overlap["focus_at_m"]
 
 
-def open3d_over_default() -> tuple[float, float]:
-    """The least and the most of the sensors of benchmarks/RESULTS.md."""
-    ratios = [results(name, 6)[0] for name in catalog.names("sensors")]
-    return min(ratios), max(ratios)
-
-
 # --- receivers ----------------------------------------------------------------------------------------------
 
 
