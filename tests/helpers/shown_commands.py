@@ -277,9 +277,9 @@ class Reader:
         # Asked for here: the package keeps a name as it was first asked for, which must not be `load`.
         whole, build = lidarscene.load_scene, simulator.build_world
 
-        def load(path: Path, **options: Any) -> Scene:
+        def load(path: Path | Scene, **options: Any) -> Scene:
             # A module that is imported meanwhile keeps this function when the patch is gone.
-            if scene_file.load_scene is not load:
+            if scene_file.load_scene is not load or isinstance(path, Scene):
                 return whole(path, **options)
             file, overrides = scene_path(path).resolve(), tuple(options.get("overrides", ()))
             if file.parent != catalog.folder("scenes"):
