@@ -15,10 +15,9 @@ import clock
 import numpy as np
 
 from lidarscene import load_scene, load_sensor
-from lidarscene.kernel.device import transfer
+from lidarscene.kernel.device import blocks, transfer
 from lidarscene.kernel.rays.trace import trace
 from lidarscene.light import beams
-from lidarscene.rendering.render_options import DEFAULT_CHUNK
 from lidarscene.rendering.simulator import Simulator
 
 ROOT = Path(__file__).parents[1]
@@ -46,8 +45,8 @@ def measure(scene_file: Path, *, pulses: int, rounds: int = 3) -> dict[str, tupl
         equipped = transfer.opaque(dataclasses.replace(sensor, scanner=scanner))
 
         def run(traced: bool, equipped: Any = equipped) -> None:
-            for first in range(0, pulses, DEFAULT_CHUNK):
-                pulse = transfer.counter(first, min(DEFAULT_CHUNK, pulses - first))
+            for first in range(0, pulses, blocks.LANES_PER_CHUNK):
+                pulse = transfer.counter(first, min(blocks.LANES_PER_CHUNK, pulses - first))
                 rays = beams.fire(equipped, pulse=pulse, origin_m=origin, rotation=turn, seed=seed)
                 if traced:
                     hits, *_ = trace(world.world, rays, sun=sun)

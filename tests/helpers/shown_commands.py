@@ -118,6 +118,7 @@ OF_STUDIES = (
     "compare.md",
     "design.md",
     "fov.md",
+    "job_files.md",
     "motion.md",
     "own_mesh.md",
     "own_sensor.md",
@@ -209,8 +210,8 @@ def coarse(arguments: list[str]) -> list[str]:
         Path("job.toml").write_text(coarse_job(), encoding="utf-8")
         options[0] = "job.toml"
         options += ["--workers", "1"] if "--workers" not in options else []
-    if "--illuminance" in options:
-        options[options.index("--illuminance") + 1] = "10,100"
+    if "--illuminance-klux" in options:
+        options[options.index("--illuminance-klux") + 1] = "10,100"
     if command == "fov":
         options += ["--time", "0.02", "--cell", "8"]
     rig, scene = value_of("--rig", options), next(filter(is_shipped, options), None)

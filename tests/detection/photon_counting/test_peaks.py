@@ -635,6 +635,39 @@ def test_the_raw_range_of_strong_echoes_is_short_by_their_pile_up(detections):
     assert apart.mean() == pytest.approx(expected, abs=4.0 * apart.std() / math.sqrt(2000) - 0.02 * expected)
 
 
+@pytest.mark.parametrize(("rate_mhz", "detections"), [(1.0, 3.0), (60.0, 3.0), (60.0, 10.0), (200.0, 10.0)])
+def test_the_place_of_a_strong_echo_scatters_as_that_of_single_firings(rate_mhz, detections):
+    """Rationale: in the sun a strong echo draws more SPADs than are free before it, so its peak is high and not narrow.
+    Reference: 300 histograms of SPADs followed from one firing to the next, filtered and searched here; 4 standard
+    errors, and a tenth for places that are not linear in the counts.
+    """
+    counter = photons.sensor("detector.spads=300", "histogram.shots=10", "detector.dead_time_ns=20")
+    dark = counter.pixel(np.zeros(1))
+    pixel = counter.pixel(np.maximum(1e6 * rate_mhz - dark.rate_hz, 0.0) / dark.per_watt)
+    sigma_ns = 1e9 * float(pixel.sigma_s)
+    lead, bin_ns, count = 6.0 * sigma_ns, 0.25 * sigma_ns, 300
+    counts = photons.renewal_counts(
+        np.random.default_rng(12),
+        (count, int(float(np.ravel(pixel.trials)[0]))),
+        rate_per_ns=1e-9 * float(pixel.rate_hz[0]),
+        dead=20.0,
+        bins=int(2.0 * lead / bin_ns),
+        bin_ns=bin_ns,
+        echo=(detections, lead, sigma_ns),
+    )
+    places = lead + sigma_ns * np.arange(-5.0, 2.0, 0.05)
+    middles = bin_ns * (np.arange(counts.shape[1]) + 0.5)
+    template = np.exp(-0.5 * ((middles[:, None] - places) / (matched_filter.TEMPLATE * sigma_ns)) ** 2)
+    even = counts[:, :4].mean()
+    values = (counts - even) @ template
+    best = np.clip(values.argmax(axis=1), 1, len(places) - 2)
+    low, top, high = (values[np.arange(count), best + k] for k in (-1, 0, 1))
+    place_ns = places[best] + 0.5 * (low - high) / (low - 2.0 * top + high) * (places[1] - places[0])
+    power_w = detections / pixel.detections(1.0)
+    deviation_ns = 1e9 * float(np.ravel(pixel.place_deviation_s(pixel.counts(pixel.detections(power_w))))[0])
+    assert deviation_ns == pytest.approx(place_ns.std(), rel=0.1 + 4.0 / math.sqrt(2.0 * count))
+
+
 def test_echoes_that_nearly_merge_have_as_many_returns_as_peaks():
     """Reference: peaks above the threshold in whole histograms of the same counts, 4 standard errors of 500 pulses."""
     counter = photons.sensor(
