@@ -35,7 +35,7 @@ POST_M = (0.32, 0.6)
 
 
 def street(seed: int, **keys: object) -> StreetFile:
-    return StreetFile(seed=seed, **{"length_m": 400.0, **keys})  # type: ignore[arg-type]
+    return StreetFile(seed=seed, **{"length_m": 400.0, **keys})
 
 
 def size_m(name: str) -> tuple[float, float]:
