@@ -8,12 +8,12 @@ import pytest
 from helpers import chain, networks
 from helpers.command_line import Run
 from helpers.shared_faces import on_another_body
+from helpers.sheets import grounds
 
 from lidarscene import catalog
 from lidarscene.errors import OptionWarning
 from lidarscene.maths.trajectory import pose_at
 from lidarscene.rendering.simulator import Simulator
-from lidarscene.scene.ground import Ground, lay
 from lidarscene.scene.scene import Scene
 from lidarscene.scene.scene_file import load_scene, scene_model
 from lidarscene.scene.street import sumo
@@ -63,20 +63,6 @@ def reference(way_m: np.ndarray, left_m: float) -> np.ndarray:
     sums = [np.cumsum(each) * step_m for each in (np.cos(heading), np.sin(heading))]
     x_m, y_m, yaw = (np.interp(way_m, fine_m + 0.5 * step_m, each) for each in (*sums, heading))
     return np.stack([x_m - left_m * np.sin(yaw), y_m + left_m * np.cos(yaw), yaw], axis=1)
-
-
-def grounds(path: Path, *class_names: str) -> Ground:
-    """The sheets of classes in a scene file, without roughness."""
-    from lidarscene.physics.road.roughness import RoughSurface
-
-    flat = RoughSurface.draw("flat", 0)
-    bodies = [body for body in scene_model(path).bodies if body.primitive == "ground" and not body.on_ground]
-    sheets = [
-        lay(body.pose(), plan=body.plan(), crown_m=body.crown_m, surface=flat)
-        for body in bodies
-        if body.class_name in class_names and body.instances is None
-    ]
-    return Ground(surface=flat, sheets=sheets)
 
 
 def test_a_road_of_opendrive_is_where_its_geometry_says(bend: Path) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 
 from ... import catalog
 from ...maths.arrays import Numbers
-from .centre_line import CentreLine, close, wind
+from .centre_line import CentreLine, Profile, close, draw_profile, wind
 from .shapes import FURNITURE, SIGNS, TREE_SCALES, District, draw_district, draw_vehicle, vehicle_length_m
 from .street_file import StreetFile
 
@@ -116,6 +116,7 @@ class Layout:
     Attributes:
         kerb_m: |y| of the road's edges
         line: the middle of the street
+        profile: its heights
         items: name of a body -> places of its instances
     """
 
@@ -125,6 +126,7 @@ class Layout:
     begin_m: float
     end_m: float
     line: CentreLine
+    profile: Profile = field(init=False)
     crossings: list[Crossing] = field(default_factory=list)
     blocks: list[Block] = field(default_factory=list)
     items: dict[str, list[Place]] = field(default_factory=dict)
@@ -132,6 +134,15 @@ class Layout:
     def add(self, name: str, x_m: float, y_m: float, yaw_deg: float = 0.0) -> None:
         """Place an instance of a body."""
         self.items.setdefault(name, []).append((x_m, y_m, yaw_deg))
+
+    def height_m(self, x_m: Numbers) -> Numbers:
+        """Heights at (n,) places along the street."""
+        return self.profile.height_m(self.line.on_loop(x_m))
+
+    def tilt_deg(self, x_m: Numbers, yaw_deg: Numbers) -> Numbers:
+        """(n, 2) pitch and roll of what stands along the slope at a yaw against the street."""
+        slope, yaw = self.profile.slope_at(self.line.on_loop(x_m)), np.radians(yaw_deg)
+        return np.degrees(np.arctan(np.stack([slope * np.cos(yaw), -slope * np.sin(yaw)], axis=1))) + 0.0
 
     def bends(self, low_m: float, high_m: float) -> bool:
         """Return whether the street bends too sharply between two places for cars to park or people to cross."""
@@ -162,6 +173,8 @@ def lay_out(file: StreetFile) -> Layout:
     half_m = 0.6 * step_m, front_m - 0.05
     room = Room(_boxes(line, [(x_m, 0.0, *half_m) for x_m in np.arange(begin_m, end_m, step_m) + 0.5 * step_m]))
     _cut_into_blocks(layout, room, random)
+    parts_m = [(block.begin_m, block.end_m) for block in layout.blocks]
+    layout.profile = draw_profile(file, parts_m, np.random.default_rng([file.seed, 6]))
     main = draw_district(random)
     for block in layout.blocks:
         zebras = [crossing.x_m for crossing in layout.crossings if crossing.is_zebra]

@@ -17,7 +17,7 @@ from ...maths.arrays import Numbers
 from ..ground import SPACING_M, Strip
 from ..ground_area import Outline
 from .layout import KERB_M, POST_LINE_M, Room
-from .pieces import PAINT_M, RAISED_M, Tables, ground, placed, sheet, soil, street_scene
+from .pieces import FOOT_M, PAINT_M, RAISED_M, Tables, ground, placed, sheet, soil, street_scene
 from .shapes import PAINT, PEOPLE, TREE_SCALES, District, body_table, draw_district, shapes, standing_table
 from .street_file import StreetFile
 from .sumo import (
@@ -47,9 +47,6 @@ ASIDE_M = 0.2
 
 DASH_M, DASHES_M = 3.0, 6.0
 """Choice: length of a dash of a line, and from dash to dash."""
-
-FOOT_M = 0.3
-"""Choice: depth of the faces down from the edges of roads, below soil that is lower than they are."""
 
 PLACES_M, POINTS_M, RIM_M = 2.0, 5.0, 1.0
 """Accuracy bought: distance of places on roads that a relief is fitted to, of points of lanes that lie on it, and of
