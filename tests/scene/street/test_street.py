@@ -31,6 +31,7 @@ SIZES_M = {
     "cabinet": (0.36, 1.0),
     "barrier": (0.8, 2.0),
     "cone": (0.31, 0.31),
+    "bush": (1.2, 1.2),
 }
 POST_M = (0.32, 0.6)
 """Length and width of meshes; of trees the trunk, and a lamp's arm is overhead."""
@@ -89,6 +90,7 @@ def test_nothing_that_stands_overlaps(seed: int, keys: dict[str, object]) -> Non
     layout = laid.lay_out(street(seed, parked_share=(0.5, 1.0), house_share=(0.5, 1.0), **keys))
     corners, names = standing_boxes(layout)
     assert len(names) > 200
+    assert sum(name.startswith("bushes") for name in names) > 5
     overlaps = meet(corners[:, None], corners)
     np.fill_diagonal(overlaps, False)
     assert [(names[a], names[b]) for a, b in zip(*np.nonzero(overlaps), strict=True)] == []
@@ -399,7 +401,7 @@ def test_keys_of_a_street_and_of_its_bodies_can_be_changed(written: tuple[Path, 
 
 
 def test_heights_are_sums_of_slopes() -> None:
-    """Against sums over steps of a millimetre."""
+    """The reference is sums over steps of a millimetre."""
     profile = Profile(np.array([-20.0, 10.0, 50.0, 90.0]), np.array([0.0, 0.06, 0.06, -0.02]))
     fine_m = np.arange(-20.0, 90.0, 1e-3)
     rise_m = np.cumsum(1e-3 * np.interp(fine_m + 5e-4, profile.node_m, profile.slope))

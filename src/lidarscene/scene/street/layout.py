@@ -16,7 +16,18 @@ import numpy as np
 from ... import catalog
 from ...maths.arrays import Numbers
 from .centre_line import CentreLine, Profile, close, draw_profile, wind
-from .shapes import FURNITURE, SIGNS, TREE_SCALES, District, draw_district, draw_vehicle, vehicle_length_m
+from .shapes import (
+    BUSH_ASIDE_M,
+    BUSH_SPACING_M,
+    BUSHES,
+    FURNITURE,
+    SIGNS,
+    TREE_SCALES,
+    District,
+    draw_district,
+    draw_vehicle,
+    vehicle_length_m,
+)
 from .street_file import StreetFile
 
 BAY_M, PARKING_M = 6.0, 2.3
@@ -184,6 +195,7 @@ def lay_out(file: StreetFile) -> Layout:
             _park_cars(layout, block, side, zebras, random)
             _build_houses(layout, room, block, side, district, random)
             _line_kerb(layout, block, side, zebras, district, random)
+    _plant_bushes(layout, room, np.random.default_rng([file.seed, 7]))
     return layout
 
 
@@ -335,6 +347,18 @@ def _border_garden(layout: Layout, room: Room, district: District, side: int, x_
         for place_m in (x_m + 0.5 * width_m - away_m, x_m + 0.5 * width_m + away_m):
             if room.take(_boxes(layout.line, [(place_m, y_m, *half_m)])):
                 layout.add(f"{district.border}s", place_m, y_m, 90.0 * side)
+
+
+def _plant_bushes(layout: Layout, room: Room, random: np.random.Generator) -> None:
+    """Plant bushes where nothing else is beside the pavements."""
+    reach_m = catalog.shipped_meshes()["bush"]["reach_m"]
+    for side in (-1, 1):
+        x_m = layout.begin_m + random.uniform(*BUSH_SPACING_M)
+        while x_m < layout.end_m:
+            y_m, scale = side * (layout.front_m + random.uniform(*BUSH_ASIDE_M)), random.integers(len(TREE_SCALES))
+            if room.take(_boxes(layout.line, [(x_m, y_m, reach_m, reach_m)])):
+                layout.add(f"{BUSHES}_{scale}", x_m, y_m, random.uniform(0.0, 360.0))
+            x_m += random.uniform(*BUSH_SPACING_M)
 
 
 def _line_kerb(
