@@ -316,7 +316,8 @@ class DrjitOps:
         values = table
         if isinstance(table, LookupTable):
             values = self.upload(table, self._dr.float32_array_t(type(index)))
-        kind = sys.modules[type(values).__module__].Array4f
+        kinds = sys.modules[type(values).__module__]
+        kind = kinds.Array4f64 if self._dr.itemsize_v(values) == 8 else kinds.Array4f
         a, b, c, d = self._dr.gather(kind, values, self.uint32(index))
         return a, b, c, d
 

@@ -278,12 +278,13 @@ class Simulator(HintedAttributes):
             Summary() if observers.summary is None else observers.summary,
         )
         pulses = self.sensor.scanner.pulses
+        is_cut = pulses > self._chunk_pulses(frame_options)
         # Chunks are joined on the device where that is asked for, and on a card: its memory is a hundred times as fast.
-        parts: list[DeviceColumns] | None = [] if on_device or backend.is_cuda() else None
+        parts: list[DeviceColumns] | None = [] if on_device or (is_cut and backend.is_cuda()) else None
         builder = CloudBuilder(
             capacity=pulses * self.sensor.tdc.stops,
             vectors=self.trace.vectors,
-            memory=transfer.pooled_memory if parts is None and pulses > self._chunk_pulses(frame_options) else None,
+            memory=transfer.pooled_memory if parts is None and is_cut else None,
         )
         description = self._description(current_frame, frame_options)
         rays: list[PulseRays] = []
@@ -447,9 +448,8 @@ class Simulator(HintedAttributes):
             if kept is not None:
                 kept.append(columns)
             elif columns.count:
-                in_numpy = columns.in_numpy()
-                if len(launch.frames) > 1:  # a cloud that is kept must not keep those of the other frames
-                    in_numpy |= {name: in_numpy[name].copy() for name in in_numpy.keys() & columns.arrays.keys()}
+                # A cloud that is kept must not keep those of the other frames.
+                in_numpy = columns.in_numpy(copied=len(launch.frames) > 1)
             summary.add_time("collect", since)
             piece_first, launch = first, None
             if following is not None:
@@ -501,7 +501,7 @@ class Simulator(HintedAttributes):
     def _chunk_pulses(self, options: FrameOptions) -> int:
         """Number of pulses of a chunk."""
         # The option counts rays, since they take the memory; a chunk counts pulses.
-        chunk = max(1, options.chunk // self._rays_of_pulse)
+        chunk = max(1, (options.chunk or blocks.lanes_per_chunk()) // self._rays_of_pulse)
         # Whole bands of tiles, or whole packets: so the same rays are traced together whatever the option says. Where a
         # ray meets the edge of two triangles, which of them it meets depends on the rays beside it.
         step = self.numbering.step
