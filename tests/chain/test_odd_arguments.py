@@ -40,6 +40,7 @@ SLOW = (
 )
 SENSORS = {"sensors": "table1-apd"}
 FUNCTIONS: dict[str, dict[str, Any]] = {
+    "budget": {"cloud": small_cloud(), "scene": "wall.toml", "sensor": "table1-apd"},
     "boxes": {"cloud": small_cloud(), "scene": Scene()},
     "certify": {"recording": OUSTER},
     "compare": {"scene": "wall.toml", "sensors": ["table1-apd", "vlp-16"]},
@@ -48,7 +49,6 @@ FUNCTIONS: dict[str, dict[str, Any]] = {
     "eye_safety": SENSORS,
     "fit": {"recordings": OUSTER, "sensor": "os0-128"},
     "fov": SENSORS,
-    "load": {"path": "cloud.ply"},
     "load_cloud": {"path": "cloud.ply"},
     "load_rig": {"rig": "rig"},
     "load_scene": {"scene": "wall.toml"},

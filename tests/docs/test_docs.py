@@ -201,7 +201,7 @@ def test_equations_are_numbered_in_order() -> None:
 
 def test_named_tests_exist() -> None:
     for page in PAGES:
-        for file, function in re.findall(r"`(tests/\w+/\w+\.py)(?:::(\w+))?`", text_of(page)):
+        for file, function in re.findall(r"`(tests/(?:\w+/)+\w+\.py)(?:::(\w+))?`", text_of(page)):
             assert (ROOT / file).is_file(), file
             assert not function or f"def {function}(" in text_of(ROOT / file), f"{file}::{function}"
 

@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, Literal, Unpack, cast, overload
+from typing import Any, ClassVar, Literal, Unpack, cast, overload
 
 import numpy as np
 
@@ -23,6 +23,7 @@ from ..cloud.rays import PulseRays
 from ..detection.sampled_waveforms import Waveforms, check_pulses, sample_waveforms
 from ..errors import InputError
 from ..files.arguments import checks_arguments
+from ..files.attributes import HintedAttributes
 from ..formats.cloud_columns import RING_ROWS, SENSOR_TO_VEHICLE, SENSOR_TO_WORLD
 from ..kernel.device import backend, blocks, transfer
 from ..kernel.device.gate import exclusive
@@ -87,13 +88,16 @@ class _Piece:
 
 
 @checks_arguments
-class Simulator:
+class Simulator(HintedAttributes):
     """A world and a sensor, ready for any number of frames; nothing is compiled twice.
 
     Coordinates are single precision around the place where the sensor stood when the world was built; a
     later `render` from 100 m off that place is still good to 0.01 mm, one from 10 km to 1 mm.
     """
 
+    INSTEAD: ClassVar[Mapping[str, str]] = dict.fromkeys(
+        ("step", "next", "run", "render_frames", "frames"), "simulator.render(number=N) renders frame N"
+    )
     _takes_turns = True
     """Whether bodies that hide may share a place among the movers (`build_world`)."""
 
@@ -274,12 +278,13 @@ class Simulator:
             Summary() if observers.summary is None else observers.summary,
         )
         pulses = self.sensor.scanner.pulses
+        is_cut = pulses > self._chunk_pulses(frame_options)
         # Chunks are joined on the device where that is asked for, and on a card: its memory is a hundred times as fast.
-        parts: list[DeviceColumns] | None = [] if on_device or backend.is_cuda() else None
+        parts: list[DeviceColumns] | None = [] if on_device or (is_cut and backend.is_cuda()) else None
         builder = CloudBuilder(
             capacity=pulses * self.sensor.tdc.stops,
             vectors=self.trace.vectors,
-            memory=transfer.pooled_memory if parts is None and pulses > self._chunk_pulses(frame_options) else None,
+            memory=transfer.pooled_memory if parts is None and is_cut else None,
         )
         description = self._description(current_frame, frame_options)
         rays: list[PulseRays] = []
@@ -443,9 +448,8 @@ class Simulator:
             if kept is not None:
                 kept.append(columns)
             elif columns.count:
-                in_numpy = columns.in_numpy()
-                if len(launch.frames) > 1:  # a cloud that is kept must not keep those of the other frames
-                    in_numpy |= {name: in_numpy[name].copy() for name in in_numpy.keys() & columns.arrays.keys()}
+                # A cloud that is kept must not keep those of the other frames.
+                in_numpy = columns.in_numpy(copied=len(launch.frames) > 1)
             summary.add_time("collect", since)
             piece_first, launch = first, None
             if following is not None:
@@ -497,7 +501,7 @@ class Simulator:
     def _chunk_pulses(self, options: FrameOptions) -> int:
         """Number of pulses of a chunk."""
         # The option counts rays, since they take the memory; a chunk counts pulses.
-        chunk = max(1, options.chunk // self._rays_of_pulse)
+        chunk = max(1, (options.chunk or blocks.lanes_per_chunk()) // self._rays_of_pulse)
         # Whole bands of tiles, or whole packets: so the same rays are traced together whatever the option says. Where a
         # ray meets the edge of two triangles, which of them it meets depends on the rays beside it.
         step = self.numbering.step

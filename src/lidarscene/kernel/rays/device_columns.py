@@ -5,7 +5,7 @@ On a CPU NumPy and other libraries read the same memory.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, cast
 
@@ -13,7 +13,7 @@ import numpy as np
 
 from ...formats.cloud_columns import COLUMNS, OF_VECTORS, attributes
 from ...maths.arrays import Array, Numbers
-from ..device import transfer
+from ..device import pinned, transfer
 from ..device.backend import is_cuda, mitsuba
 from ..device.types import DeviceArray
 
@@ -77,16 +77,81 @@ class DeviceColumns:
         values = cast(DeviceArray, shrunk).numpy()[first:]
         return values.reshape(-1, 3) if name == "xyz_m" else values
 
-    def in_numpy(self) -> dict[str, Numbers]:
-        """All columns of a PointCloud in NumPy; those that no array holds are one value that is repeated."""
+    def in_numpy(self, *, copied: bool = False) -> dict[str, Numbers]:
+        """All columns of a PointCloud in NumPy; those that no array holds are one value that is repeated.
+
+        Args:
+            copied: not in the memory of the arrays, on a CPU too, which may hold more than these points
+        """
         names = attributes(truth=True, vectors=OF_VECTORS[0] in self.arrays)
+        own = [name for name in names if name in self.arrays]
+        if is_cuda() and self.count:
+            values = self._unpacked(own)
+        else:
+            values = {name: self.numpy(name).copy() if copied else self.numpy(name) for name in own}
         repeated = {name: np.broadcast_to(value, self.count) for name, value in DEFAULT_VALUES.items()}
-        return {name: self.numpy(name) if name in self.arrays else repeated[name] for name in names}
+        return {name: values[name] if name in values else repeated[name] for name in names}
+
+    def _unpacked(self, names: Sequence[str]) -> dict[str, Numbers]:
+        """Columns in NumPy by one copy: each costs a GPU as long as some thousand points.
+
+        One kernel puts the columns side by side into words of four bytes, whole and halved numbers before single bytes.
+        """
+        import drjit as dr
+
+        mi = mitsuba()
+        kinds = {name: np.dtype(dr.type_v(self.arrays[name]).name.lower()) for name in names}
+        ordered = sorted(names, key=lambda name: -kinds[name].itemsize)
+        sizes = [self._extent(name)[2] * kinds[name].itemsize for name in ordered]
+        places = np.cumsum([0, *(-(-size // 4) for size in sizes)])
+        # Opaque, since they differ from frame to frame.
+        table = transfer.unsigned_numbers(np.array([self.first, self.count, *places[:-1]]))
+        first, count, *starts = (dr.gather(mi.UInt32, table, number) for number in range(2 + len(ordered)))
+        buffer = dr.empty(mi.UInt32, int(places[-1]))
+        lane = dr.arange(mi.UInt32, self.count)
+        for name, start in zip(ordered, starts, strict=True):
+            _pack(self.arrays[name], buffer, start, lane, first=first, count=count, numbers=3 if name == "xyz_m" else 1)
+        transfer.start([buffer])
+        memory, values = pinned.to_numpy(buffer), dict[str, Numbers]()
+        for name, place, size in zip(ordered, 4 * places[:-1], sizes, strict=True):
+            column = memory[place : place + size].view(kinds[name])
+            values[name] = column.reshape(-1, 3) if name == "xyz_m" else column
+        return values
 
     def _extent(self, name: str) -> tuple[Any, int, int]:
         """Array, place of the first number in it, and count of numbers."""
         numbers = 3 if name == "xyz_m" else 1
         return self.arrays[name], numbers * self.first, numbers * self.count
+
+
+def _pack(whole: Any, buffer: Any, start: Array, lane: Array, *, first: Array, count: Array, numbers: int) -> None:
+    """Write ``count`` points of a column into a buffer of words, on (count,) lanes.
+
+    Args:
+        whole: array of the column
+        start: place of its first word in the buffer
+        lane: (count,) 0, 1, 2, ...
+        first: its first point that is written
+        numbers: of each point
+    """
+    import drjit as dr
+
+    mi, size = mitsuba(), dr.itemsize_v(whole)
+    words: list[Any]
+    if size == 1:  # four points are a word
+        is_word = 4 * lane < count
+        points = [4 * lane + byte for byte in range(4)]
+        singles = [dr.gather(type(whole), whole, first + point, is_word & (point < count)) for point in points]
+        word = sum((mi.UInt32(single) << 8 * byte for byte, single in enumerate(singles)), mi.UInt32(0))
+        dr.scatter(buffer, word, start + lane, is_word, mode=dr.ReduceMode.Permute)
+        return
+    for number in range(numbers):
+        value = dr.gather(type(whole), whole, (first + lane) * numbers + number)
+        bits = dr.reinterpret_array({4: mi.UInt32, 8: mi.UInt64}[size], value)
+        words = [bits] if size == 4 else [mi.UInt32(bits), mi.UInt32(bits >> 32)]
+        for half, word in enumerate(words):
+            place = start + (lane * numbers + number) * len(words) + half
+            dr.scatter(buffer, word, place, mode=dr.ReduceMode.Permute)
 
 
 def start_columns(

@@ -53,17 +53,27 @@ def sheet(
     name: str, class_name: str, material: str, size_m: Sequence[float], places: Sequence[Tables], **keys: Any
 ) -> Tables:
     """Ground at one place or at several."""
-    body = {"name": name, "primitive": "ground", "class": class_name, "material": material}
-    return body | {"size_m": [round(float(length_m), 3) for length_m in size_m], **keys, "instances": list(places)}
+    sizes = {"size_m": [round(float(length_m), 3) for length_m in size_m]}
+    return ground(name, class_name, material, **sizes, **keys, instances=list(places))
 
 
-def soil(middle_m: Numbers) -> Tables:
-    """Squares of soil around (n, 2) places of roads, no more than some tens of metres apart."""
+def ground(name: str, class_name: str, material: str, **keys: Any) -> Tables:
+    """Ground of some shape."""
+    return {"name": name, "primitive": "ground", "class": class_name, "material": material, **keys}
+
+
+def soil_tiles(middle_m: Numbers) -> Numbers:
+    """(t, 2) middles of squares around (n, 2) places of roads, no more than some tens of metres apart."""
     reach = math.ceil(SOIL_REACH_M / SOIL_M)
     around = np.stack(np.meshgrid(*[np.arange(-reach, reach + 1)] * 2), axis=-1).reshape(-1, 2)
     # One place of those in the same square is enough.
     square = np.unique(np.round(middle_m / SOIL_M), axis=0)
     tiles = np.unique((square[:, None] + around).reshape(-1, 2), axis=0) * SOIL_M
     near = np.hypot(*(tiles[:, None] - square * SOIL_M).transpose(2, 0, 1)).min(axis=1) < SOIL_REACH_M
-    places = [placed(x_m, y_m, SOIL_BELOW_M) for x_m, y_m in tiles[near].tolist()]
+    return np.asarray(tiles[near])
+
+
+def soil(middle_m: Numbers) -> Tables:
+    """Level squares of soil around places of roads."""
+    places = [placed(x_m, y_m, SOIL_BELOW_M) for x_m, y_m in soil_tiles(middle_m).tolist()]
     return sheet("soil", "terrain", "soil", [SOIL_M, SOIL_M], places, spacing_m=2.0)

@@ -22,7 +22,7 @@ from ...files.atomic import atomic_folder
 from ...files.overrides import toml_text
 from ..derived import merged
 from .layout import CROSS_HALF_M, CROSS_REACH_M, KERB_M, STOP_LINE_M, ZEBRA_M, Block, Layout, lay_out
-from .pieces import PAINT_M, RAISED_M, Tables, placed, sheet, soil, street_scene
+from .pieces import PAINT_M, RAISED_M, Tables, ground, placed, sheet, soil, street_scene
 from .shapes import PEOPLE, body_table, shapes, standing_table
 from .street_file import StreetFile
 from .traffic import Track, Traffic, drive
@@ -242,9 +242,8 @@ def _strip(
     side = {1.0: "_left", -1.0: "_right"}.get(math.copysign(1.0, offset_m) if offset_m else 0.0, "")
     points = layout.line.points_m(block.begin_m, block.end_m)
     line = [[round(number_m, 4) for number_m in point] + [0.0] for point in points.tolist()]
-    body = {"name": f"{kind}_{number}{side}", "primitive": "ground", "class": class_name, "material": material}
     sizes = {"width_m": round(width_m, 3), "offset_m": round(offset_m, 4)}
-    return body | {"line": line} | sizes | keys
+    return ground(f"{kind}_{number}{side}", class_name, material, line=line, **sizes, **keys)
 
 
 def _grounds(layout: Layout) -> list[Tables]:

@@ -58,7 +58,7 @@ DEFAULT_TYPES = {"DEFAULT_BIKETYPE": "bicycle", "DEFAULT_PEDTYPE": "pedestrian"}
 MOTOR_CLASSES = ("passenger", "bus", "delivery", "truck", "motorcycle", "taxi")
 
 Row = tuple[float, float, float, float, float]
-"""Time [s], x and y [m] of the middle, yaw and pitch [degrees]."""
+"""Time [s], x and y [m] of the middle, yaw [degrees], height of the road [m]."""
 
 LaneKind = Literal["road", "cycle_path", "pavement"]
 
@@ -406,8 +406,8 @@ def _turned(rows: Sequence[Row]) -> list[Row]:
     for before, after in itertools.pairwise(rows):
         turn_deg = (after[3] - before[3] + 180.0) % 360.0 - 180.0
         if abs(turn_deg) > SHARPEST_TURN_DEG:
-            time_s, x_m, y_m, _, pitch_deg = (0.5 * (a + b) for a, b in zip(before, after, strict=True))
-            result.append((time_s, x_m, y_m, before[3] + 0.5 * turn_deg, pitch_deg))
+            time_s, x_m, y_m, _, z_m = (0.5 * (a + b) for a, b in zip(before, after, strict=True))
+            result.append((time_s, x_m, y_m, before[3] + 0.5 * turn_deg, z_m))
         result.append(after)
     return result
 
@@ -420,7 +420,7 @@ def _is_own(thing: ElementTree.Element) -> bool:
 def _placed(
     thing: ElementTree.Element, types: Mapping[str, tuple[str, float]]
 ) -> tuple[str, float, tuple[float, float, float, float]]:
-    """Class and length of a vehicle or person, and x and y of its middle, yaw and pitch [degrees]."""
+    """Class and length of a vehicle or person, and x and y of its middle, yaw [degrees], and height of its front."""
     kind, length_m = types.get(thing.get("type", ""), ("passenger", LENGTHS_M["passenger"]))
     if thing.tag == "person":
         kind = "pedestrian"
@@ -428,7 +428,7 @@ def _placed(
     back_m = 0.5 * length_m
     x_m = float(thing.get("x", 0.0)) - back_m * float(np.cos(np.radians(yaw_deg)))
     y_m = float(thing.get("y", 0.0)) - back_m * float(np.sin(np.radians(yaw_deg)))
-    return kind, length_m, (x_m, y_m, yaw_deg, float(thing.get("slope", 0.0)))
+    return kind, length_m, (x_m, y_m, yaw_deg, float(thing.get("z", 0.0)))
 
 
 def _steps(path: Path) -> Iterator[tuple[float, list[ElementTree.Element]]]:
