@@ -29,7 +29,8 @@ def test_of_cases(case):
     work(0.1)
 
 
-def test_light():
+@pytest.mark.parametrize("case", range(30))
+def test_of_light_cases(case):
     work(0.01)
 
 
@@ -52,9 +53,11 @@ sys.exit(pytest.main([sys.argv[1], "-q", "-p", "costs", "-p", "no:cacheprovider"
 
 
 def test_costly_functions_are_written(tmp_path: Path) -> None:
-    """Cases count together, and a fixture in equal shares; of a file whose tests are all costly there is a star."""
+    """Cases count together unless each is light, and a fixture in equal shares; of a file whose tests are all costly
+    there is a star.
+    """
     (tmp_path / "test_a.py").write_text(TESTS)
-    (tmp_path / "test_b.py").write_text(TESTS.replace("def test_light", "def not_a_test"))
+    (tmp_path / "test_b.py").write_text(TESTS.replace("def test_of_light_cases", "def not_a_test"))
     (tmp_path / "costly.txt").write_text("test_a.py: test_gone\ntest_c.py: test_gone\n")
     (tmp_path / "pytest.ini").write_text("[pytest]\n")
     ran = subprocess.run(

@@ -3,14 +3,15 @@
 
     tools/costs.py [TESTS...]      runs these tests (default: all) in one process and writes tests/costly.txt anew
 
-A function is costly if all its cases together take LIMIT_S, with the processes that they start and their share of the
-fixtures that they have in common. The others, of every folder, are most of the tests and take a tenth of the time.
+A function is costly if its cases take LIMIT_S together and CASE_S each, with the processes that they start and their
+share of the fixtures that they have in common. The others, of every folder, are most of the tests and take a tenth of
+the time.
 """
 
 import os
 import subprocess
 import sys
-from collections import defaultdict
+from collections import Counter, defaultdict
 from collections.abc import Generator, Mapping
 from pathlib import Path
 from typing import Any
@@ -20,7 +21,8 @@ import pytest
 ROOT = Path(__file__).resolve().parents[1]
 TESTS = ROOT / "tests"
 LIMIT_S = 0.2
-"""Choice: 2,600 of 3,350 functions stay, which take 90 s of CPU in place of 1,270."""
+CASE_S = 0.03
+"""Choice: 2,640 of 3,350 functions stay, which take 110 s of CPU in place of 1,270."""
 ALL = "*"
 """Of a file whose functions are all costly: it need not be imported."""
 
@@ -30,12 +32,12 @@ def cpu_s() -> float:
     return sum(os.times()[:4])
 
 
-def costly(costs: Mapping[tuple[str, str], float]) -> dict[str, list[str]]:
-    """Names of costly functions by file, from the cost of each (file, function)."""
+def costly(costs: Mapping[tuple[str, str], float], cases: Mapping[tuple[str, str], int]) -> dict[str, list[str]]:
+    """Names of costly functions by file, from the cost and the number of cases of each (file, function)."""
     names: dict[str, list[str]] = {}
     for path in sorted({path for path, _ in costs}):
-        functions = {name: cost for (of_path, name), cost in costs.items() if of_path == path}
-        over = sorted(name for name, cost in functions.items() if cost >= LIMIT_S)
+        functions = sorted(function for function in costs if function[0] == path)
+        over = [key[1] for key in functions if costs[key] >= max(LIMIT_S, CASE_S * cases[key])]
         names[path] = [ALL] if len(over) == len(functions) else over
     return names
 
@@ -51,6 +53,7 @@ class Costs:
 
     def __init__(self) -> None:
         self.spent: dict[tuple[str, str], float] = defaultdict(float)
+        self.cases: Counter[tuple[str, str]] = Counter()
         self.shared: dict[Any, float] = defaultdict(float)
         self.users: dict[Any, set[tuple[str, str]]] = defaultdict(set)
         self.apart_s = 0.0
@@ -77,6 +80,7 @@ class Costs:
         begin_s, self.apart_s = cpu_s(), 0.0
         value = yield
         self.spent[_function(item)] += cpu_s() - begin_s - self.apart_s
+        self.cases[_function(item)] += 1
         return value
 
     def pytest_sessionfinish(self) -> None:
@@ -85,7 +89,7 @@ class Costs:
             for function in self.users[fixture]:
                 self.spent[function] += cost_s / len(self.users[fixture])
         path = TESTS / "costly.txt"
-        lines = read(path) | costly(self.spent)
+        lines = read(path) | costly(self.spent, self.cases)
         kept = {name: names for name, names in lines.items() if names and (TESTS / name).exists()}
         path.write_text("".join(f"{name}: {' '.join(kept[name])}\n" for name in sorted(kept)), encoding="utf-8")
 
