@@ -127,6 +127,6 @@ def test_a_file_that_is_not_there_yet_is_one_command_away(
 
 @pytest.mark.parametrize("name", catalog.names("sensors"))
 def test_steps_of_ranges_are_whole_millimetres(name: str) -> None:
-    """Makers count in steps of 1 to 5 mm, or 2.5. Steps of 26.7 ps are a millimetre beside those of 4 mm at 2 m."""
+    """Makers count in 1 to 5 mm, or 2.5. Steps of 26.7 ps are a millimetre beside those of 4 mm at 2 m."""
     step_mm = 0.5e3 * SPEED_OF_LIGHT_M_S * float(load_sensor(name).tdc.least_significant_bit_s)
     assert step_mm == pytest.approx(round(2.0 * step_mm) / 2.0, rel=1e-5)
