@@ -24,7 +24,10 @@ from ..ranging.plane import Target, echoes_of_plane, fluctuation_variance
 from .planes import Grid, Planes, shifted
 from .tuning import ALONG, ASSUMED_KLUX, NOISE_BINS, NOISE_SHOTS
 
-INDEPENDENT = np.eye(ALONG)[0]
+LAGS = sum(ALONG)
+"""Pixels of a row that share in the mean of a mean."""
+
+INDEPENDENT = np.eye(LAGS)[0]
 """Correlation of noise that pixels do not share."""
 
 
@@ -35,7 +38,7 @@ class ReadingNoise:
     Attributes:
         range_m: (rows, columns) of the range; NaN where nothing returned
         log_strength: (rows, columns) of the logarithm of photons or intensity
-        correlation: (`ALONG`,) correlation of the noise of ranges so many pixels of a row apart
+        correlation: (`LAGS`,) correlation of the noise of ranges so many pixels of a row apart
     """
 
     range_m: Numbers
@@ -74,7 +77,7 @@ class ReadingNoise:
 
 def _correlation(sensor: Sensor, step_rad: float) -> Numbers:
     """Correlation of the noise of ranges by the pixels of a row between them."""
-    apart = np.arange(ALONG)
+    apart = np.arange(LAGS)
     if sensor.histogram is None or sensor.histogram.column_weights is None:
         return INDEPENDENT
     weights = [float(weight) for weight in sensor.histogram.column_weights]
@@ -116,30 +119,35 @@ def surface_without_noise(sensor: Sensor, grid: Grid, planes: Planes, apparent: 
 
 
 def without_noise(values: Numbers, sigma: Numbers, correlation: Numbers) -> Numbers:
-    """Values of rows whose deviations from the mean of `ALONG` pixels are those of the surface, as (T208a).
+    """Values of rows whose deviations from means of `ALONG` pixels are those of the surface, as (T208a).
 
-    Only in a row noise is told from the surface: calibration and elevation differ from row to row. Values that have not
-    as many neighbours stay.
+    Only in a row noise is told from the surface: calibration and elevation differ from row to row. Deviations from the
+    mean of a few pixels come first, then those of that mean from a wider one. Values without as many neighbours stay.
 
     Args:
         values: (rows, columns) as recorded, NaN where nothing is known
         sigma: (rows, columns) noise
-        correlation: (`ALONG`,) of the noise of pixels so many columns apart
+        correlation: (`LAGS`,) of the noise of pixels so many columns apart
     """
-    places = np.arange(ALONG)
+    places = np.arange(LAGS)
     shared = correlation[np.abs(places[:, None] - places)]
-    left = 1.0 - 2.0 * np.mean(shared[ALONG // 2]) + np.mean(shared)  # of the noise's square, about the mean
-    smooth = _mean(values, 0)
-    off = values - smooth
-    with np.errstate(divide="ignore", invalid="ignore"):
-        share = np.sqrt(np.maximum(1.0 - left * _mean(sigma**2, 0) / _mean(off * off, 1), 0.0))
-    kept = smooth + share * off
-    return np.asarray(np.where(np.isfinite(kept), kept, values))
+    weights, rest = np.eye(LAGS)[LAGS // 2], values
+    surface = np.zeros_like(values)
+    for along in ALONG:
+        mean_weights, mean = np.convolve(weights, np.full(along, 1.0 / along), "same"), _mean(rest, along, 0)
+        left = (weights - mean_weights) @ shared @ (weights - mean_weights)  # of the noise's square
+        off = rest - mean
+        with np.errstate(divide="ignore", invalid="ignore"):
+            share = np.sqrt(np.maximum(1.0 - left * _mean(sigma**2, along, 0) / _mean(off * off, along, 1), 0.0))
+        known = np.isfinite(share * off)
+        surface = np.where(known, surface + share * off, surface)
+        weights, rest = mean_weights, np.where(known, mean, rest)
+    return np.asarray(surface + rest)
 
 
-def _mean(values: Numbers, rows: int) -> Numbers:
-    """Mean over `ALONG` columns about each pixel, and over those of so many rows to both sides that lack no value."""
-    columns = range(-(ALONG // 2), ALONG // 2 + 1)
+def _mean(values: Numbers, along: int, rows: int) -> Numbers:
+    """Mean over so many columns about each pixel, and over those of so many rows to both sides that lack no value."""
+    columns = range(-(along // 2), along // 2 + 1)
     in_row = np.mean([np.roll(values, column, axis=1) for column in columns], axis=0)
     around = np.stack([shifted(in_row, row, 0) for row in range(-rows, rows + 1)])
     known = np.isfinite(around)

@@ -136,8 +136,8 @@ BEAM_SHARE = 0.5
 
 # reading_noise
 
-ALONG = 5
-"""Choice: pixels of a row whose mean is smooth."""
+ALONG = (5, 15)
+"""Choice: pixels of a row whose mean is smooth, and of those means whose mean is smoother."""
 
 NOISE_SHOTS, NOISE_BINS = 8192, 16
 """Accuracy bought: pairs of shots that tell a sensor's noise to 3 % in each bin of the power, and the bins."""
