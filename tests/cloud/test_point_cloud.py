@@ -237,7 +237,6 @@ def test_unknown_suffix_lists_the_known(name: str) -> None:
 
 @pytest.mark.parametrize("n", [0, 7])
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
-@pytest.mark.slow
 def test_to_open3d(n: int, dtype: Any, open3d: ModuleType) -> None:
     cloud = small_cloud(n, xyz_m=small_columns(n)["xyz_m"].astype(dtype))
     theirs = cloud.to_open3d()
@@ -248,7 +247,6 @@ def test_to_open3d(n: int, dtype: Any, open3d: ModuleType) -> None:
         np.testing.assert_array_equal(theirs.point[c.name].numpy(), values, strict=True)
 
 
-@pytest.mark.slow
 def test_to_open3d_with_colours_and_as_it_was(open3d: ModuleType) -> None:
     """Reference: the colours of pictures, from 0 to 1; the older class has positions and colours alone."""
     cloud = small_cloud(7)

@@ -392,7 +392,6 @@ def test_a_weak_surface_that_ends_the_fog_is_crossed():
         assert crossed_w == pytest.approx(level_w, rel=6.0 * 5e-4)
 
 
-@pytest.mark.slow
 def test_a_crossing_is_of_the_light_that_makes_it():
     """Two surfaces and two drops in fog, of any brightness, over bins of 4 mm: take some of it away, does the crossing
     stay?

@@ -40,7 +40,8 @@ def calls(*rows: tuple[Any, ...]) -> Callable[..., None]:
             call()
         assert {path.name for path in tmp_path.iterdir()} <= {GIVEN}
 
-    return test
+    table: Callable[..., None] = test
+    return table
 
 
 def given_file(name: str, content: str | bytes = "") -> Path:

@@ -300,7 +300,8 @@ class Reader:
             key = (options["wavelength_m"], options["see_through"])
             if key not in self.worlds:
                 self.worlds[key] = build(scene, **options)
-            return self.worlds[key]
+            built: World = self.worlds[key]
+            return built
 
         patched: dict[str, Any] = {"load_scene": load}
         for module in (scene_file, record):

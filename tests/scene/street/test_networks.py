@@ -1,6 +1,8 @@
 """Scenes of road networks: where an OpenDRIVE road is, what SUMO's traffic becomes, and what is refused."""
 
 import dataclasses
+import math
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -9,12 +11,12 @@ from helpers import chain, networks
 from helpers.command_line import Run
 from helpers.mistakes import mistakes, typed
 from helpers.shared_faces import on_another_body
+from helpers.sheets import grounds
 
 from lidarscene import catalog
-from lidarscene.errors import OptionWarning
+from lidarscene.errors import InputError, OptionWarning
 from lidarscene.maths.trajectory import pose_at
 from lidarscene.rendering.simulator import Simulator
-from lidarscene.scene.ground import Ground, lay
 from lidarscene.scene.scene import Scene
 from lidarscene.scene.scene_file import load_scene, scene_model
 from lidarscene.scene.street import sumo
@@ -66,20 +68,6 @@ def reference(way_m: np.ndarray, left_m: float) -> np.ndarray:
     return np.stack([x_m - left_m * np.sin(yaw), y_m + left_m * np.cos(yaw), yaw], axis=1)
 
 
-def grounds(path: Path, *class_names: str) -> Ground:
-    """The sheets of classes in a scene file, without roughness."""
-    from lidarscene.physics.road.roughness import RoughSurface
-
-    flat = RoughSurface.draw("flat", 0)
-    bodies = [body for body in scene_model(path).bodies if body.primitive == "ground" and not body.on_ground]
-    sheets = [
-        lay(body.pose(), plan=body.plan(), crown_m=body.crown_m, surface=flat)
-        for body in bodies
-        if body.class_name in class_names and body.instances is None
-    ]
-    return Ground(surface=flat, sheets=sheets)
-
-
 def test_a_road_of_opendrive_is_where_its_geometry_says(bend: Path) -> None:
     """A line, a spiral and an arc, by sums of the curvature: lanes and pavement are along them, and no farther."""
     way_m = np.linspace(1.0, 145.0, 200)
@@ -115,10 +103,34 @@ def test_a_ring_is_driven_round_and_what_netconvert_leaves_out_is_said(tmp_path:
     assert street_summary(tables).length_m == pytest.approx(turned * radius_m.mean(), rel=2e-3)
 
 
+def test_what_sumo_drops_is_said(town: tuple[Path, Path], tmp_path: Path) -> None:
+    """SUMO leaves out what departs before the one above it in the file."""
+    for path in town[0].parent.glob("town.*"):
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    late = '<trip id="late" depart="9" from="A0B0" to="B1A1"/>'
+    early = "".join(f'<trip id="early_{number}" depart="5" from="A0B0" to="B1A1"/>' for number in (1, 2))
+    (tmp_path / "town.rou.xml").write_text(f"<routes>{late}{early}</routes>")
+    with pytest.warns(OptionWarning, match=r"town\.sumocfg: sumo left out .*sorted.*'early_1'!, and 1 more"):
+        network_scene(tmp_path / "town.sumocfg", "sumo", StreetFile())
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="memory has no limit there")
+def test_a_road_of_too_many_pieces_is_refused(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """An arc of a million kilometres in pieces of a metre, of which 1 GiB holds a part."""
+    monkeypatch.setattr(sumo, "MEMORY_GIB", 1.0)
+    text = networks.RING.replace(f'length="{2 * math.pi * networks.RADIUS_M}"', 'length="1e9"')
+    (tmp_path / "long.xodr").write_text(text)
+    with pytest.raises(
+        InputError, match=r"long\.xodr: netconvert: must need <= 1 GiB, got more: try a part of the map"
+    ):
+        network_scene(tmp_path / "long.xodr", "opendrive", StreetFile())
+
+
 def test_houses_stand_beside_the_road(bend: Path) -> None:
     scene = load_scene(bend)
     houses = [body.pose.position_m for body in scene.bodies if body.class_name == "building"]
     assert len(houses) > 10
+    assert sum(body.name.startswith("bushes") for body in scene.bodies) > 3
     line_m = reference(np.arange(0.0, 150.0, 0.5), 0.0)[:, :2]
     nearest_m = [np.hypot(*(line_m - house_m[:2]).T).min() for house_m in houses]
     assert min(nearest_m) > 3.5 + 3.0 + 0.9 * 4.5 - 0.1

@@ -17,8 +17,20 @@ from ...maths.arrays import Numbers
 from ..ground import SPACING_M, Strip
 from ..ground_area import Outline
 from .layout import KERB_M, POST_LINE_M, Room
-from .pieces import PAINT_M, RAISED_M, Tables, ground, placed, sheet, soil, street_scene
-from .shapes import PAINT, PEOPLE, TREE_SCALES, District, body_table, draw_district, shapes, standing_table
+from .pieces import FOOT_M, PAINT_M, RAISED_M, Tables, ground, placed, sheet, soil, street_scene
+from .shapes import (
+    BUSH_ASIDE_M,
+    BUSH_SPACING_M,
+    BUSHES,
+    PAINT,
+    PEOPLE,
+    TREE_SCALES,
+    District,
+    body_table,
+    draw_district,
+    shapes,
+    standing_table,
+)
 from .street_file import StreetFile
 from .sumo import (
     LaneGroup,
@@ -47,9 +59,6 @@ ASIDE_M = 0.2
 
 DASH_M, DASHES_M = 3.0, 6.0
 """Choice: length of a dash of a line, and from dash to dash."""
-
-FOOT_M = 0.3
-"""Choice: depth of the faces down from the edges of roads, below soil that is lower than they are."""
 
 PLACES_M, POINTS_M, RIM_M = 2.0, 5.0, 1.0
 """Accuracy bought: distance of places on roads that a relief is fitted to, of points of lanes that lie on it, and of
@@ -380,6 +389,9 @@ def _surroundings(network: Network, file: StreetFile, terrain: Terrain | None) -
         district = draw_district(roadside.random, main)
         for side in (-1.0, 1.0):
             roadside.line(group, side, district)
+    for group in network.groups:
+        for side in (-1.0, 1.0):
+            roadside.bushes(group, side)
     return [standing_table(name, places) for name, places in sorted(roadside.items.items())]
 
 
@@ -428,6 +440,18 @@ class _Roadside:
                 name, half_m = f"trees_{tree}_{len(TREE_SCALES) - 1}", (reach_m, reach_m)
             place_m = way_m + half_m[0], side * (aside_m + half_m[1])
             way_m += width_m + 0.1 if self._place(name, group, place_m, half_m, turn_deg) else 2.0
+
+    def bushes(self, group: LaneGroup, side: float) -> None:
+        """Plant bushes along one side of a road, where nothing else is."""
+        random, reach_m = self.random, catalog.shipped_meshes()["bush"]["reach_m"]
+        way_m = random.uniform(*BUSH_SPACING_M)
+        while way_m < _length_m(group.line_m):
+            left_m, scale = (
+                side * (0.5 * group.width_m + random.uniform(*BUSH_ASIDE_M)),
+                random.integers(len(TREE_SCALES)),
+            )
+            self._place(f"{BUSHES}_{scale}", group, (way_m, left_m), (reach_m, reach_m), random.uniform(0.0, 360.0))
+            way_m += random.uniform(*BUSH_SPACING_M)
 
     def _place(
         self, name: str, group: LaneGroup, place_m: tuple[float, float], half_m: tuple[float, float], turn_deg: float

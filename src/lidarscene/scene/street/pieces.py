@@ -18,6 +18,9 @@ RAISED_M = 0.12
 PAINT_M = 0.003
 """Choice: thickness of lane markings."""
 
+FOOT_M = 0.3
+"""Choice: depth of the faces down from the edges of roads, below soil that is lower than they are."""
+
 SOIL_M, SOIL_REACH_M = 50.0, 130.0
 """Choice: size of a square sheet of soil, and distance of its middle from that of the street: beyond the houses."""
 
@@ -35,11 +38,13 @@ SURROUNDINGS: Tables = {
 """Choice: tables that a scene with a street has unless it says otherwise."""
 
 
-def placed(x_m: float, y_m: float, z_m: float = 0.0, yaw_deg: float = 0.0, pitch_deg: float = 0.0) -> Tables:
+def placed(
+    x_m: float, y_m: float, z_m: float = 0.0, yaw_deg: float = 0.0, pitch_deg: float = 0.0, roll_deg: float = 0.0
+) -> Tables:
     """Pose, to a millimetre and a hundredth of a degree."""
     pose: Tables = {"position_m": [round(float(number), 3) + 0.0 for number in (x_m, y_m, z_m)]}
     yaw_deg = round((float(yaw_deg) + 180.0) % 360.0 - 180.0, 2)
-    angles = {"yaw_deg": yaw_deg, "pitch_deg": round(pitch_deg, 2)}
+    angles = {"yaw_deg": yaw_deg, "pitch_deg": round(float(pitch_deg), 2), "roll_deg": round(float(roll_deg), 2)}
     return pose | {name: angle_deg for name, angle_deg in angles.items() if angle_deg}
 
 
