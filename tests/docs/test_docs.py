@@ -417,7 +417,7 @@ REFERENCE = re.compile(r"\bdocs/(\w+)\.md(?: (\d+)\b)?")
 
 
 def linked(description: str) -> str:
-    """The description with links in place of pages, such as `docs/theory_light.md 21`, as the page writes it."""
+    """The description with links in place of pages, such as `docs/theory_light.md 9`, as the page writes it."""
 
     def link(found: re.Match[str]) -> str:
         page, section = found[1], found[2]

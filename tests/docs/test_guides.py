@@ -175,7 +175,9 @@ def test_motion_and_limits() -> None:
     miss = STEP_S**2 / 8.0
     says("scene_files.md", "{} µm at 10 m/s²", 1e6 * miss * 10.0)
     says("scene_files.md", "may be {} degrees apart at most", math.degrees(LARGEST_STEP_RAD))
-    says("scene_files.md", "yaw rates reach {} °/s and speeds {} km/s", LARGEST_YAW_RATE_DEG_S, 1e-3 * LARGEST_SPEED_M_S)
+    says(
+        "scene_files.md", "yaw rates reach {} °/s and speeds {} km/s", LARGEST_YAW_RATE_DEG_S, 1e-3 * LARGEST_SPEED_M_S
+    )
     says("../ARCHITECTURE.md", "cut into pieces of {} m", primitives.LARGEST_EDGE_M)
     says("../ARCHITECTURE.md", "Rays restart {} mm off a", 1e3 * onward.START_OFFSET_M)
     says("theory.md", "One ray from {} mm above the hit", 1e3 * onward.START_OFFSET_M)

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.optimize import brentq, minimize_scalar
-from scipy.stats import norm, poisson
+from scipy.stats import norm
 from validation.sipm_events.cells import CellArray
 from validation.sipm_events.table import GRID_SIGNAL, rows_of_published_error
 
@@ -30,7 +30,6 @@ from lidarscene.kernel.device import backend
 from lidarscene.kernel.rays import onward
 from lidarscene.kernel.world import bsdfs
 from lidarscene.light import air_light
-from lidarscene.light.footprint import points
 from lidarscene.materials import colour
 from lidarscene.materials.material_file import catalogue_material
 from lidarscene.physics.amplifier import high_pass
@@ -350,19 +349,6 @@ def glint_boards(distance_m: float, off_mrad: float) -> float:
     return math.pi * 0.08 * float(bright)
 
 
-@cache
-def wrong_side_percent(*counts: int) -> list[tuple[float, float, float]]:
-    """Rays, and the power on the wrong side of a random edge: of the spiral, and of random rays."""
-    random = np.random.default_rng(1)
-    angle, distance = random.uniform(0.0, 2.0 * math.pi, 4000), random.uniform(-1.0, 1.0, 4000)
-    across, beyond = np.stack([np.cos(angle), np.sin(angle)]), norm.sf(2.0 * distance)
-
-    def off(places: Any) -> float:
-        return 100.0 * math.sqrt(np.mean(((places @ across > distance).mean(axis=0) - beyond) ** 2))
-
-    return [(n, off(points("gaussian", n)), off(0.5 * random.standard_normal((n, 2)))) for n in counts]
-
-
 def speckle_rms(divergence_mrad: float, lens_mm: float, nm: float, line_nm: float = 0.0, degrees: float = 0.0) -> float:
     """1 / sqrt(M) at 50 m."""
     return float(
@@ -441,12 +427,6 @@ def two_lenses(name: str) -> tuple[float, float]:
     """Where the axes of a file's lenses meet, and where it is in focus."""
     overlap = tomllib.loads(text_of(catalog.path_of("sensors", name)))["optics"]["overlap"]
     return overlap["parallax_free_at_m"], overlap["focus_at_m"]
-
-
-def open3d_over_default() -> tuple[float, float]:
-    """The least and the most of the sensors of benchmarks/RESULTS.md."""
-    ratios = [results(name, 6)[0] for name in catalog.names("sensors")]
-    return min(ratios), max(ratios)
 
 
 # --- receivers ----------------------------------------------------------------------------------------------

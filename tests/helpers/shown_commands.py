@@ -278,9 +278,9 @@ class Reader:
         # Asked for here: the package keeps a name as it was first asked for, which must not be `load`.
         whole, build = lidarscene.load_scene, build_world
 
-        def load(path: Path, **options: Any) -> Scene:
+        def load(path: Path | Scene, **options: Any) -> Scene:
             # A module that is imported meanwhile keeps this function when the patch is gone.
-            if scene_file.load_scene is not patched["load_scene"]:
+            if isinstance(path, Scene) or scene_file.load_scene is not patched["load_scene"]:
                 return whole(path, **options)
             file, overrides = scene_path(path).resolve(), tuple(options.get("overrides", ()))
             if file.parent != catalog.folder("scenes"):

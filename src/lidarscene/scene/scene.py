@@ -298,7 +298,7 @@ class Air:
             ge=0,
             le=1e-9,
             about=(
-                "C_n^2 of the refractive index, m^(-2/3): turbulence, by which echoes scatter (docs/theory_light.md 22)"
+                "C_n^2 of the refractive index, m^(-2/3): turbulence, by which echoes scatter (docs/theory_light.md 10)"
             ),
         ),
     ] = 0.0

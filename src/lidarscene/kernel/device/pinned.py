@@ -8,6 +8,8 @@ Python has no name for this in Dr.Jit; its library has.
 from __future__ import annotations
 
 import ctypes
+import sys
+from collections.abc import Callable
 from typing import Any, cast
 
 import numpy as np
@@ -36,7 +38,9 @@ class _Pinned:
         self.address: int = allocate(backend, size, 1)
         _Pinned.in_use += size
 
-    def __del__(self) -> None:
+    def __del__(self, is_finalizing: Callable[[], bool] = sys.is_finalizing) -> None:
+        if is_finalizing():  # Dr.Jit has let go of all its memory, and this module has no names any more
+            return
         _Pinned.in_use -= self._size
         self._free(self.address)
 

@@ -33,12 +33,14 @@ class DeviceColumns:
         first: place of the first of these points in the arrays
         count: number of these points
         fetched: whole columns in NumPy, which were read before: later that would wait for all that was started since
+        partial: whether the arrays hold more than these points and copies of them
     """
 
     arrays: Mapping[str, Any]
     first: int
     count: int
     fetched: Mapping[str, Numbers] = field(default_factory=dict)
+    partial: bool = False
 
     def fetch(self, names: Iterable[str] | None = None) -> DeviceColumns:
         """Read these columns, or all; of a chunk's own arrays."""
@@ -47,7 +49,7 @@ class DeviceColumns:
 
     def part(self, first: int, end: int) -> DeviceColumns:
         """Some of these points."""
-        return replace(self, first=self.first + first, count=end - first)
+        return replace(self, first=self.first + first, count=end - first, partial=True)
 
     def array(self, name: str) -> Any:
         """Array of these points alone, (count,), or a tensor (count, 3) of xyz_m, on the device."""
@@ -64,6 +66,22 @@ class DeviceColumns:
             own = dr.gather(type(whole), whole, dr.arange(mi.UInt32, size) + transfer.opaque_uint32(first))
         return dr.tensor_t(type(own))(own, (self.count, 3)) if name == "xyz_m" else own
 
+    @property
+    def is_far(self) -> bool:
+        """Whether positions are in double precision."""
+        import drjit as dr
+
+        return bool(dr.itemsize_v(self.arrays["xyz_m"]) == 8)
+
+    def positions(self) -> tuple[Any, Any, Any]:
+        """Each (count,): x, y and z of these points [m], in double precision, on the device."""
+        import drjit as dr
+
+        mi = mitsuba()
+        flat, place = self.array("xyz_m").array, 3 * dr.arange(mi.UInt32, self.count)
+        x, y, z = (mi.Float64(dr.gather(type(flat), flat, place + axis)) for axis in range(3))
+        return x, y, z
+
     def numpy(self, name: str) -> Numbers:
         """(count,) values, or (count, 3) of xyz_m, in NumPy: on a CPU in the same memory."""
         import drjit as dr
@@ -77,18 +95,17 @@ class DeviceColumns:
         values = cast(DeviceArray, shrunk).numpy()[first:]
         return values.reshape(-1, 3) if name == "xyz_m" else values
 
-    def in_numpy(self, *, copied: bool = False) -> dict[str, Numbers]:
+    def in_numpy(self) -> dict[str, Numbers]:
         """All columns of a PointCloud in NumPy; those that no array holds are one value that is repeated.
 
-        Args:
-            copied: not in the memory of the arrays, on a CPU too, which may hold more than these points
+        On a CPU in the same memory, unless the arrays hold other frames, too: a cloud that is kept must not keep those.
         """
         names = attributes(truth=True, vectors=OF_VECTORS[0] in self.arrays)
         own = [name for name in names if name in self.arrays]
         if is_cuda() and self.count:
             values = self._unpacked(own)
         else:
-            values = {name: self.numpy(name).copy() if copied else self.numpy(name) for name in own}
+            values = {name: self.numpy(name).copy() if self.partial else self.numpy(name) for name in own}
         repeated = {name: np.broadcast_to(value, self.count) for name, value in DEFAULT_VALUES.items()}
         return {name: values[name] if name in values else repeated[name] for name in names}
 
@@ -111,8 +128,7 @@ class DeviceColumns:
         lane = dr.arange(mi.UInt32, self.count)
         for name, start in zip(ordered, starts, strict=True):
             _pack(self.arrays[name], buffer, start, lane, first=first, count=count, numbers=3 if name == "xyz_m" else 1)
-        transfer.start([buffer])
-        memory, values = pinned.to_numpy(buffer), dict[str, Numbers]()
+        memory, values = _bytes(buffer), dict[str, Numbers]()
         for name, place, size in zip(ordered, 4 * places[:-1], sizes, strict=True):
             column = memory[place : place + size].view(kinds[name])
             values[name] = column.reshape(-1, 3) if name == "xyz_m" else column
@@ -122,6 +138,35 @@ class DeviceColumns:
         """Array, place of the first number in it, and count of numbers."""
         numbers = 3 if name == "xyz_m" else 1
         return self.arrays[name], numbers * self.first, numbers * self.count
+
+
+def copy_rows(tables: Sequence[Sequence[Array]]) -> list[Numbers]:
+    """Compute tables of some columns, (n,) numbers of four bytes, and copy them to NumPy together.
+
+    Returns:
+        (n, columns) uint32 of each table, the bits of its numbers
+    """
+    import drjit as dr
+
+    mi, count, before = mitsuba(), dr.width(tables[0][0]), 0
+    opaque_count, lane = transfer.opaque_uint32(count), dr.arange(mi.UInt32, count)
+    buffer = dr.empty(mi.UInt32, count * sum(map(len, tables)))
+    for columns in tables:
+        for number, column in enumerate(columns):
+            word, place = dr.reinterpret_array(mi.UInt32, column), lane * len(columns) + number
+            dr.scatter(buffer, word, opaque_count * before + place, mode=dr.ReduceMode.Permute)
+        before += len(columns)
+    words = _bytes(buffer).view(np.uint32)
+    pieces = np.split(words, count * np.cumsum([len(columns) for columns in tables])[:-1])
+    return [piece.reshape(count, -1) for piece in pieces]
+
+
+def _bytes(buffer: Any) -> Numbers:
+    """(n,) bytes of a buffer that is not yet computed: a copy on a GPU, its memory on a CPU."""
+    transfer.start([buffer])
+    if is_cuda():
+        return pinned.to_numpy(buffer)
+    return cast(DeviceArray, buffer).numpy().view(np.uint8)
 
 
 def _pack(whole: Any, buffer: Any, start: Array, lane: Array, *, first: Array, count: Array, numbers: int) -> None:
