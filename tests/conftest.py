@@ -74,7 +74,7 @@ LONGEST = (
 """Files that take longest. They come first, so that no worker of xdist is alone with one in the end."""
 COSTLY = {
     TESTS / name: functions.split()
-    for name, _, functions in (line.partition(": ") for line in (TESTS / "costly.txt").read_text().splitlines())
+    for name, _, functions in (line.partition(": ") for line in (TESTS / "costly").read_text().splitlines())
 }
 """Functions that take much of the CPU, by file, as tools/costs.py has measured them: not of `--part=quick`."""
 NO_SKIPS = os.environ.get("TEST_NO_SKIPS") == "1"

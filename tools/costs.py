@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """The CPU that each test takes, by which `make quick` leaves out what costs much.
 
-    tools/costs.py [TESTS...]      runs these tests (default: all) in one process and writes tests/costly.txt anew
+    tools/costs.py [TESTS...]      runs these tests (default: all) in one process and writes tests/costly anew
 
 A function is costly if its cases take LIMIT_S together and CASE_S each, with the processes that they start and their
 share of the fixtures that they have in common. The others, of every folder, are most of the tests and take a tenth of
@@ -88,7 +88,7 @@ class Costs:
         for fixture, cost_s in self.shared.items():
             for function in self.users[fixture]:
                 self.spent[function] += cost_s / len(self.users[fixture])
-        path = TESTS / "costly.txt"
+        path = TESTS / "costly"
         lines = read(path) | costly(self.spent, self.cases)
         kept = {name: names for name, names in lines.items() if names and (TESTS / name).exists()}
         path.write_text("".join(f"{name}: {' '.join(kept[name])}\n" for name in sorted(kept)), encoding="utf-8")
