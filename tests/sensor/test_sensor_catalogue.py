@@ -177,6 +177,16 @@ def test_points_per_second_round_to_the_published(name: str) -> None:
     assert abs(simulated - published.points_per_second) <= 0.5 * step + 1.0
 
 
+def test_a_range_is_told_at_which_nine_of_ten_echoes_are_found() -> None:
+    """Beside that at which half are: by the published condition of a VLP-16, 80 % at 100 klux."""
+    (row,) = rows_of_quantity("vlp-16", "range")
+    range_m, words = row.note.split(" m ")
+    assert words == "at P_d 0.9"
+    found = plane.detection_probability(load_sensor("vlp-16"), Target(reflectivity=0.8), float(range_m))
+    assert found[0] == pytest.approx(0.9, abs=1e-3)
+    assert float(range_m) < row.simulated
+
+
 SAMPLED = ("hdl-32e", "hdl-64e")
 """Those that sample the pulse and of whose recordings others published the scatter."""
 
