@@ -285,7 +285,8 @@ def test_nothing_found_at_all(
     [
         (("wall.toml", *PAIR), "the following arguments are required: -o/--output"),
         (("-o", "out", *PAIR), "the following arguments are required: SCENE|CLOUD"),
-        (("wall.toml", "-o", "out"), "wall.toml: must be a scene with --sensors A,B, or two clouds or more, got one"),
+        (("apd-905", "sipm-905", "-o", "out"), "sensors go behind --sensors: compare car --sensors apd-905,sipm-905"),
+        (("wall.toml", "-o", "out"), "must be a scene with --sensors A,B, or two clouds or more, got one"),
         (("wall.toml", "wall.toml", "-o", "out", *PAIR), "--sensors: must go with one scene, got 2 files"),
         (("wall.toml", "-o", "out", "--sensors", "table1-apd"), "--sensors: must be 2 to 7 names or files"),
         (("wall.toml", "-o", "out", "--sensors", "table1-apd,"), "--sensors: must be 2 to 7 names or files"),
@@ -303,7 +304,7 @@ def test_nothing_found_at_all(
         (("a.ply", "b.ply", "-o", "out", "--seed", "0"), "--seed: goes with a scene and --sensors"),
         (("a.ply", "b.ply", "-o", "out", "--set", "a=1"), "--set: goes with a scene and --sensors"),
         (("a.ply", "b.ply", "-o", "out"), "a.ply"),
-        (("wall.toml", "b.ply", "-o", "out"), "wall.toml: suffix '.toml' names no point cloud format"),
+        (("wall.toml", "b.ply", "-o", "out"), "suffix '.toml' names no point cloud format"),
     ],
 )
 def test_mistakes(run: Run, wall: str, tmp_path: Path, argv: tuple[str, ...], message: str) -> None:

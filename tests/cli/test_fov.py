@@ -218,7 +218,7 @@ def test_equal_names_get_files_of_their_own() -> None:
             ("table1-apd", "--rig", "r.toml", "-o", "out"),
             "SENSOR and --rig: one of them must be given, got both or none",
         ),
-        (("--rig", "none.toml", "-o", "out"), "none.toml: no such file"),
+        (("--rig", "none.toml", "-o", "out"), "no such file"),
         (("table1-apd", "-o", "out", "--pose", "0,0,1"), "--pose goes with --scene"),
         (("nonsense", "-o", "out"), "nonsense"),
         (("table1-apd", "-o", "file"), "is a file, not a folder"),

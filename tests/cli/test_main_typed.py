@@ -63,7 +63,7 @@ TYPED = [
     ("render wall.toml -o a.ply --waveforms w.npz --pulses 5-1", "such as 0,100,2000-2010, got 5-1"),
     ("render wall.toml -o a.ply --pose 1 2 3", "--pose: must be X,Y,Z[,YAW,PITCH,ROLL] in metres"),
     ("render wall.toml -o a --dataset kitty", "invalid choice: 'kitty'; did you mean kitti?"),
-    ("render notes.txt -o a.ply", "notes.txt: not valid TOML: "),
+    ("render notes.txt -o a.ply", "not valid TOML: "),
     ("render car.fbx -o a.ply", "car.fbx: an FBX file, which is not read; import it into Blender and export glTF"),
     # the command itself
     ("Render car -o a.ply", "invalid choice: 'Render'; did you mean render?"),
@@ -72,12 +72,14 @@ TYPED = [
     ("plot car", "invalid choice: 'plot'; choose from render, stream, batch,"),
     # view
     ("view", "required: CLOUD|DIR|SCENE|REC; see lidarscene view -h"),
-    ("view none.ply", "none.ply: no such file"),
+    ("render car apd-905 -o a.ply", "unrecognized arguments: apd-905; a sensor goes behind --sensor: --sensor apd-905"),
+    ("render wall.toml -o a.ply --colors range", "did you mean --colours?"),
+    ("view none.ply", "no such file"),
     ("view a.blend", "a.blend: a Blender file, which is not read; open it in Blender and export glTF"),
-    ("view notes.txt", "notes.txt: suffix '.txt' names no point cloud format; known: .ply,"),
+    ("view notes.txt", "suffix '.txt' names no point cloud format; known: .ply,"),
     ("view wall.toml --port 99999", "--port: must be a whole number from 0 to 65535, got 99999"),
     ("view wall.toml --frame 1", "--frame: goes with a recording, got wall.toml"),
-    ("view empty.pcap", "empty.pcap: must have points or packets, got an empty file"),
+    ("view empty.pcap", "must have points or packets, got an empty file"),
     # compare
     ("compare wall.toml --sensors table1-apd -o out", "must be 2 to 7 names or files with commas between them"),
     (
@@ -110,7 +112,7 @@ TYPED = [
     ("fov table1-apd --rig rig -o out", "SENSOR and --rig: one of them must be given"),
     # batch
     ("batch wall.toml -o out", "key 'scenes' is missing (and 1 more); this looks like a scene file"),
-    ("batch none.toml -o out", "none.toml: no such file"),
+    ("batch none.toml -o out", "no such file"),
     ("batch job -o notes.txt", "--output notes.txt: must be a folder, got a file"),
     ("batch job -o out --workers 0", "--workers: must be a whole number from 1 to 1024, got 0"),
     # check, sensor, twin, fit, stream
@@ -120,12 +122,12 @@ TYPED = [
         "sensor --from notes.txt -o a.toml",
         "must be json, OSF or pcap with a json (Ouster), YAML or XML (Velodyne), CSV or dat (Hesai)",
     ),
-    ("sensor --from . -o a.toml", ".: must be a file, got a folder"),
+    ("sensor --from . -o a.toml", "must be a file, got a folder (.)"),
     ("render '' -o a.ply", "an argument is empty, behind render: is a variable of the shell not set?"),
     ("view ''", "an argument is empty, behind view"),
     ("'' view", "an argument is empty, behind lidarscene"),
     ("range vlp-16 --csv ''", "an argument is empty, behind --csv"),
-    ("twin none.pcap -o out", "none.pcap: no such recording"),
+    ("twin none.pcap -o out", "no such recording"),
     ("fit", "see lidarscene fit -h"),
     ("stream wall.toml --sensor vlp-16", "see lidarscene stream -h"),
     # in another order, in another place, of another kind

@@ -351,7 +351,7 @@ def test_more_than_the_sun_is_noted(run: Run) -> None:
     [
         ((), "the following arguments are required: SENSOR"),
         (("nix",), "no sensor 'nix' in the catalogue"),
-        (("nix.toml",), "nix.toml: no such file"),
+        (("nix.toml",), "no such file"),
         ((APD, "--csv", "o.csv"), "--csv goes with --over"),
         ((APD, "--from", "1"), "--from goes with --over"),
         ((APD, "--scale", "log"), "--scale goes with --over"),

@@ -52,8 +52,8 @@ def test_frames_of_a_folder_come_by_their_numbers(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("arguments", "message"),
     [
-        (["nothing.ply"], "nothing.ply: no such file"),
-        (["nothing.toml"], "nothing.toml: no such file"),
+        (["nothing.ply"], "no such file"),
+        (["nothing.toml"], "no such file"),
         (["a.abc"], "a.abc: suffix '.abc' names no point cloud format; known: .ply"),
         (["empty"], "empty: must hold files that end in .las, .laz, .npz, .parquet, .pcd, .ply, got none"),
         (["wall.toml", "wall.toml"], "view: must be one scene, got wall.toml and wall.toml"),

@@ -63,7 +63,7 @@ def test_mistakes_are_told_in_one_line(run: Run, tmp_path: Path) -> None:
     (tmp_path / "damaged.bin").write_bytes(bytes(17))
     small_cloud().save("ours.ply")
     for arguments, message in (
-        (("view", "nothing.pcap"), "nothing.pcap: no such recording"),
+        (("view", "nothing.pcap"), "no such recording"),
         (("view", a, "--frame", "4", "--save", "p.html"), "frame must be 0 to 0, got 4"),
         (("view", a, "ours.ply", "--save", "p.html"), "a recording must come alone, got 2 paths"),
         (("view", a, "--pose", "0,0,1", "--save", "p.html"), "--pose: goes with a scene or clouds"),

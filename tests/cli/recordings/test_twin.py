@@ -75,7 +75,7 @@ def test_libraries_report_nothing_at_the_end(tmp_path: Path, library: Callable[[
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (("twin", "no.pcap", "-o", "twin"), "no.pcap: no such recording"),
+        (("twin", "no.pcap", "-o", "twin"), "no such recording"),
         (("twin", "no.pcap", "-o", "twin", "--frames", "0-4"), "--frames: must be numbers with commas"),
         (("twin", "no.pcap", "-o", "twin", "--held-out", "half"), "--held-out: must be the number of a frame"),
         (("twin", str(OUSTER), "-o", "twin", "--held-out", "0"), "--held-out 0: must leave a frame"),
