@@ -34,7 +34,14 @@ _INSTEAD = {
     **dict.fromkeys(("simulate", "run", "scan", "trace"), "render(scene, sensor) renders a frame"),
     **dict.fromkeys(("Lidar", "LiDAR", "sensor"), "Sensor(name) reads one; sensors() lists them"),
     **dict.fromkeys(("World", "scene"), "Scene(name) reads one; scenes() lists them"),
-    **dict.fromkeys(("snr", "link_budget", "range"), "max_range(sensors, distance=100) has range, SNR and P_d"),
+    **dict.fromkeys(("stream", "publish"), "`lidarscene stream` sends packets; cloud.save('a.mcap') writes a bag"),
+    **dict.fromkeys(
+        ("Dataset", "generate", "random_scene"), "record writes data sets; `lidarscene street` makes scenes"
+    ),
+    **dict.fromkeys(
+        ("snr", "link_budget", "detection_probability", "range"),
+        "max_range(sensors, distance=100) has range, SNR and P_d",
+    ),
     **dict.fromkeys(("plot", "show", "draw"), "clouds, scenes, sensors and reports have .plot(); view(cloud)"),
     **dict.fromkeys(("save", "write", "export"), "clouds, scenes, sensors and reports have .save(path)"),
 }

@@ -73,7 +73,8 @@ def _too_many(call: str, given: Sequence[object], names: Sequence[str], hints: M
     """Error for a call with more arguments than names that go without them; several choices go in a list."""
     words = f"{call}(): must have at most {len(names)} without a name ({', '.join(names)}), got {len(given)}"
     rest = [*given[len(names) - 1 :]]
-    if names and is_of_type(rest, hints.get(names[-1], object)):
+    takes_any = hints.get(names[-1], Any) is Any if names else True
+    if not takes_any and is_of_type(rest, hints[names[-1]]):
         return OptionError("{0}; several go in one list: {1}={2}", words, names[-1], one_line(rest))
     return OptionError("{0}; the others go by name, as in name=value", words)
 

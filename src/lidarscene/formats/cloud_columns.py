@@ -29,6 +29,14 @@ FOREIGN_NAMES = {
     **dict.fromkeys(("classes", "labels", "label", "semantic", "semantic_labels"), 'cloud["class"], cloud.class_names'),
     **dict.fromkeys(("instance", "instances", "instance_id", "instance_labels"), 'cloud["body"], cloud.body_names'),
     **dict.fromkeys(("bounding_boxes", "bboxes", "boxes_3d"), "cloud.boxes(scene)"),
+    **dict.fromkeys(("annotations", "targets", "objects"), 'cloud.boxes(scene), cloud["class"]'),
+    **dict.fromkeys(("shuffle", "sample", "downsample", "voxel_down_sample"), "cloud[::10], cloud.to_open3d()"),
+    **dict.fromkeys(("fields", "column_names", "keys"), "cloud.columns"),
+    **dict.fromkeys(("get", "get_field"), 'cloud["intensity"]'),
+    **dict.fromkeys(("velocity", "doppler"), "cloud.radial_velocity"),
+    **dict.fromkeys(("pose", "origin"), "cloud.sensor_place"),
+    **dict.fromkeys(("scatter", "imshow", "draw"), "cloud.plot()"),
+    **dict.fromkeys(("info", "summary", "mean", "stats"), "print(cloud), cloud.to_pandas()"),
     **dict.fromkeys(("filter", "query", "mask", "crop"), 'cloud.select(class_="car"), cloud[cloud.range < 50]'),
     **dict.fromkeys(("num_points", "n_points", "size"), "len(cloud)"),
     **dict.fromkeys(("to_dataframe", "to_df", "to_csv", "describe", "head"), "cloud.to_pandas()"),
@@ -36,9 +44,12 @@ FOREIGN_NAMES = {
     **dict.fromkeys(("transform_to", "to_world"), "cloud.transform(pose), render(..., coordinates='world')"),
     **dict.fromkeys(("distance", "distances", "depth"), "cloud.range"),
     **dict.fromkeys(("timestamp", "timestamps", "t"), "cloud.time"),
-    **dict.fromkeys(("write", "export", "to_ply"), "cloud.save(path)"),
+    **dict.fromkeys(
+        ("write", "export", "to_file", "to_ply", "to_pcd", "to_las", "to_npz", "to_parquet"), "cloud.save(path)"
+    ),
     "frame_id": 'cloud.metadata["frame"]',
     "header": "cloud.metadata",
+    **dict.fromkeys(("to_list", "tolist", "dtype"), "cloud.to_numpy()"),
     "to_dict": "{name: cloud[name] for name in ...}, or cloud.to_pandas()",
 }
 """Names that other libraries have for what a cloud has, and how it is asked for here."""

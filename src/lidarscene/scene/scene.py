@@ -147,8 +147,8 @@ class BodyOrigin:
     instance: int | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Body:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class Body(HintedAttributes):
     """A named object with a class and a shape. Instances are bodies that share parts.
 
     Attributes:
@@ -366,6 +366,11 @@ class Scene(HintedAttributes):
     INSTEAD: ClassVar[Mapping[str, str]] = {
         **dict.fromkeys(("objects", "meshes", "actors", "vehicles"), "scene.bodies"),
         **dict.fromkeys(("weather", "fog", "rain", "snow"), "scene.air.weather"),
+        **dict.fromkeys(
+            ("add_body", "add_mesh", "add_object", "spawn"), 'scene.add(mesh, "brick", position=(20, 0, 1))'
+        ),
+        **dict.fromkeys(("move", "set_pose"), 'scene.replace({"bodies.car.position_m": [20, 0, 0]})'),
+        **dict.fromkeys(("set", "set_sun", "set_weather"), 'scene.replace("sun.illuminance_klux=50") is another scene'),
         "sensor": "scene.sensor_name, scene.sensor_pose",
         "render": "lidarscene.render(scene, sensor)",
     }
