@@ -58,7 +58,7 @@ ANSWERS = {
     "sensor.set('laser.peak_power_w', 50)": "sensor.replace",
     "scene.bodies[0].position": "body.pose.position_m",
     "scene.move('board_10_50m', (1, 2, 3))": "scene.replace",
-    "cloud.select('class', 'car')": "at most 1 without a name [(]mask_or_index[)], got 2; the others go by name",
+    "cloud.select('class', 'car')": "at most 1 without a name [(]mask_or_index[)], got 2; the others go by name: class_=",
     "lidarscene.max_range('apd-905', sun=50)": "illuminance_klux",
     "report['range']": r"did you mean range_m[?] must be one of name, range_m",
     "report.to_pandas()": "report.table",

@@ -6,6 +6,7 @@
 """
 
 import importlib
+import re
 import sys
 from types import ModuleType
 from typing import Any
@@ -26,6 +27,7 @@ _INSTEAD = {
     "batch": "`lidarscene batch JOB` renders a job; render_frames and record render in Python",
     "catalog": "sensors(), scenes() and materials() list names",
     "check": "load_scene, load_sensor and load_rig check a file; `lidarscene check FILE` says what it holds",
+    **dict.fromkeys(("examples", "demo"), "scenes() lists what render takes: render('car')"),
     "help": "help(lidarscene.render) explains a call; dir(lidarscene) lists them",
     "street": "load_scene takes a scene file with [street]; `lidarscene street` writes one",
     **dict.fromkeys(("load", "read", "open"), "load_cloud, load_scene, load_sensor and load_rig read files"),
@@ -48,6 +50,10 @@ _INSTEAD = {
 """Names that people try first, with the call that does it."""
 
 
+_PREFIX = re.compile("^(list|get|available)_")
+"""What other libraries put before names of lists."""
+
+
 def __getattr__(name: str) -> Any:
     """Return a public name; say what to call in place of one that is none."""
     if name in _FUNCTIONS:
@@ -55,7 +61,7 @@ def __getattr__(name: str) -> Any:
     try:
         return _public(name)
     except AttributeError:
-        meant = _INSTEAD.get(name) or did_you_mean(name.removeprefix("list_"), [*__all__, *_FUNCTIONS])
+        meant = _INSTEAD.get(name) or did_you_mean(_PREFIX.sub("", name), [*__all__, *_FUNCTIONS])
         if name.startswith("_") or not meant:
             raise
         raise AttributeError(f"lidarscene has no '{name}'; {meant}") from None

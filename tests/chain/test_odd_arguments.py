@@ -150,6 +150,6 @@ def test_no_function_is_left_out() -> None:
 
 def test_an_unknown_keyword_and_a_missing_argument_are_named() -> None:
     with pytest.raises(lidarscene.InputError, match="unknown option 'wokers'; known here: study, folder"):
-        lidarscene.design("gain", "out", wokers=3)  # type: ignore[call-arg]
+        lidarscene.design("gain", "out", wokers=3)
     with pytest.raises(TypeError, match="missing 1 required positional argument: 'folder'"):
-        lidarscene.design("gain")  # type: ignore[call-arg]
+        lidarscene.design("gain")

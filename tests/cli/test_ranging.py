@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.child import assert_ended
-from helpers.command_line import Ran, Run
+from helpers.command_line import Run
 
 from lidarscene import catalog, load_sensor
 from lidarscene.physics.optics import air
@@ -344,88 +344,6 @@ def test_more_than_the_sun_is_noted(run: Run) -> None:
 
 
 # --- mistakes ---------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("argv", "message"),
-    [
-        ((), "the following arguments are required: SENSOR"),
-        (("nix",), "no sensor 'nix' in the catalogue"),
-        (("nix.toml",), "no such file"),
-        ((APD, "--csv", "o.csv"), "--csv goes with --over"),
-        ((APD, "--from", "1"), "--from goes with --over"),
-        ((APD, "--scale", "log"), "--scale goes with --over"),
-        ((APD, "--over", "gain"), "--over gain: table1-apd.toml has no numeric key of that name"),
-        ((APD, "--over", "detector.gian"), "did you mean detector.gain?"),
-        ((APD, SIPM, "--over", "detector.gain"), "--over detector.gain: table1-sipm.toml has no numeric key"),
-        ((APD, "--over", "detector.circuit_noise_na"), "is 0 in table1-apd.toml, so --from and --to must be given"),
-        ((APD, "--over", "detector.gain", "--from", "0.5"), "must be >= 1, got 0.5"),
-        (
-            (APD, "--over", "detector.gain", "--from", "-3", "--to", "5", "--scale", "log"),
-            "must be more than 0 on a log",
-        ),
-        ((APD, "--over", "detector.gain", "--from", "5", "--to", "5"), "--from must be below --to"),
-        ((APD, "--over", "distance", "--from", "2000"), "--from must be below --to"),
-        ((APD, "--over", "distance", "--from", "0"), "--from 0: must be more than 0"),
-        (
-            (APD, "--over", "illuminance_klux", "--from", "0"),
-            "must be more than 0 on a logarithmic axis; even steps may",
-        ),
-        ((APD, "--over", "distance", "--n", "1"), "must be a whole number from 2 to 100000, got 1"),
-        ((APD, "--over", "distance", "--to", "inf"), "must be a number, got inf"),
-        ((APD, "--over", "distance", "--quantity", "range"), "--over distance --quantity range"),
-        ((APD, "--over", "distance", "--distance", "5"), "--distance does not go with --over distance"),
-        (
-            (APD, "--over", "illuminance_klux", "--illuminance-klux", "5"),
-            "--illuminance-klux does not go with --over illuminance_klux",
-        ),
-        ((APD, "--over", "illuminance_klux", "--distance", "5"), "--distance goes with --quantity snr or pd"),
-        ((APD, "--over", "distance", "--aperture-law", "cosine"), "--aperture-law goes with --over elevation"),
-        ((APD, "--over", "azimuth", "--from", "-95", "--aperture-law", "mirror"), "aperture law holds to 89 degrees"),
-        ((APD, "--over", "detector.gain", "--set", "detector.gain=3"), "--set detector.gain=3 does not go with --over"),
-        ((APD, "--set", "detector.gain"), "must be KEY=VALUE"),
-        ((APD, "--set", "x:detector.gain=3"), "'x' is not among the sensors here: table1-apd"),
-        ((APD, "--set", "detector.pde=0.3"), "table1-apd.toml --set detector.pde=0.3: unknown key"),
-        ((APD, "--reflectivity", "1.5"), "--reflectivity 1.5: must be 0 or more and up to 1"),
-        ((APD, "--reflectivity", "10"), "must be 0 or more and up to 1: did you mean 0.1?"),
-        ((APD, "--illuminance", "1"), "did you mean --illuminance-klux?"),
-        ((APD, "--illuminance-klux", "100000"), "must be 0 or more and up to 10000 klux: did you mean 100?"),
-        (
-            (APD, "--over", "illuminance_klux", "--to", "100000"),
-            "--to 100000: must be 0 or more and up to 10000 klux: did",
-        ),
-        ((APD, "--incidence", "91"), "--incidence 91: must be 0 or more and up to 90 deg"),
-        ((APD, "--probability", "1"), "--probability 1: must be 0.001 or more and up to 0.999"),
-        ((APD, "--illuminance-klux", "-1"), "--illuminance-klux -1: must be 0 or more"),
-        ((APD, "--distance", "0"), "--distance 0: must be more than 0"),
-        ((APD, "--transmittance", "0"), "--transmittance 0: must be more than 0 and up to 1"),
-        ((APD, "--visibility", "0"), "--visibility 0: must be more than 0"),
-        ((APD, "--extinction", "-1"), "--extinction -1: must be 0 or more"),
-        ((APD, "--visibility", "1", "--extinction", "1"), "not allowed with argument"),
-        ((APD, "--sun-angle", "x"), "must be a number, got x"),
-        ((APD, "--over", "distance", "--plot", "o.jpg"), "--plot o.jpg: the name must end in .png or .svg"),
-        ((APD, "--over", "distance", "--csv", "o.txt"), "--csv o.txt: the name must end in .csv"),
-        ((APD, "--over", "distance", "--csv", "file/o.csv"), "'file' is a file, not a folder"),
-        ((APD, "--over", "distance", "--sensitivities"), "--sensitivities does not go with --over"),
-        ((APD, "--eye-safety", "--sensitivities", "--json"), "--json: must go with one of --sensitivities"),
-        ((APD, SIPM, "--sensitivities", "--plot", "o.png"), "--plot goes with --over"),
-    ],
-)
-def test_mistakes(run: Run, tmp_path: Path, argv: tuple[str, ...], message: str) -> None:
-    (tmp_path / "file").write_text("")
-    ran: Ran = run("range", *argv)
-    assert ran.code == 2, ran
-    assert ran.out == ""
-    assert ran.err.startswith("lidarscene: error: ")
-    assert ran.err.count("\n") == 1
-    assert message in ran.err.replace(f"'{tmp_path}/", "'")
-    assert [path.name for path in tmp_path.rglob("*")] == ["file"]
-
-
-def test_a_mistake_writes_nothing(run: Run, tmp_path: Path) -> None:
-    """Both names are looked at before either file is written."""
-    assert run("range", APD, "--over", "distance", "--csv", "o.csv", "--plot", "no.jpg").code == 2
-    assert list(tmp_path.iterdir()) == []
 
 
 def test_haze_is_in_kilometres_whatever_is_asked(run: Run) -> None:

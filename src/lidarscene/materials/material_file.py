@@ -96,7 +96,7 @@ class MaterialFile(FileModel):
         default=None,
         description=(
             "diffuse: what comes out on the other side of a thin surface, evenly; a number or "
-            "rows as of `reflectivity`, together at most 1: docs/theory_glass.md 29"
+            "rows as of `reflectivity`, together at most 1: docs/theory_glass.md 2"
         ),
     )
     facet_slope_deg: Annotated[float, Field(gt=0, le=60)] | None = Field(

@@ -27,9 +27,6 @@ if TYPE_CHECKING:
     from ..sensor.pose_file import Placed
     from .frame_summary import Summary
 
-DEFAULT_CHUNK = 2**20
-"""Rays traced at a time: some 100 MB of arrays; smaller chunks spend more of their time in Python."""
-
 RAYS = Whole(1, 1024)
 MEETINGS = Whole(0, MOST_INTERACTIONS)
 SEEDS = Whole(0, 2**32 - 1)
@@ -115,7 +112,9 @@ class FrameOptions:
         help="of the points: world, vehicle or sensor (default {default})",
         flags=("--coordinates", "--frame"),
     )
-    chunk: int = option(DEFAULT_CHUNK, CHUNKS, help="rays per batch; limits memory, not the result", metavar="N")
+    chunk: int | None = option(
+        None, CHUNKS, help="rays per batch; limits memory, not the result (default: 2^20, on a GPU 2^21)", metavar="N"
+    )
 
     def __post_init__(self) -> None:
         check_options(self)
@@ -184,7 +183,7 @@ class FrameKeywords(TypedDict, total=False):
     begin_s: float
     pose: Placed | None
     coordinates: str
-    chunk: int
+    chunk: int | None
 
 
 class ObserverKeywords(TypedDict, total=False):

@@ -104,7 +104,7 @@ class Tdc(HintedAttributes):
             about=(
                 "timed feature of a pulse: where it crosses the threshold, a fraction of its peak, "
                 "its peak, or its peak behind a matched filter, which also finds weaker ones; not "
-                "with `[sampler]` (docs/theory_receivers.md 36)"
+                "with `[sampler]` (docs/theory_receivers.md 6)"
             )
         ),
     ] = "leading_edge"
@@ -141,7 +141,7 @@ class Tdc(HintedAttributes):
             le=1e5,
             about=(
                 "rms frequency of the noise at the comparator: a slow edge crosses the threshold several times, and "
-                "such a pulse gives no point; each counts if left out (docs/theory_receivers.md 36)"
+                "such a pulse gives no point; each counts if left out (docs/theory_receivers.md 6)"
             ),
         ),
     ] = None

@@ -148,7 +148,7 @@ class Laser(HintedAttributes):
             le=0.5,
             about=(
                 "relative standard deviation of the energy from pulse to pulse, which a detector's gain may have too: "
-                "it moves intensities and crossings; none if left out (docs/theory_light.md 22)"
+                "it moves intensities and crossings; none if left out (docs/theory_light.md 10)"
             ),
         ),
     ] = None
@@ -168,7 +168,7 @@ class Laser(HintedAttributes):
         FileKey(
             about=(
                 "whether a surface that leans lengthens the echo, and lowers its peak, where one ray stands for a "
-                "pulse; several rays do so by themselves (docs/theory_light.md 16)"
+                "pulse; several rays do so by themselves (docs/theory_light.md 4)"
             )
         ),
     ] = field(default=False, metadata=STATIC)
@@ -332,6 +332,10 @@ class Sensor(HintedAttributes):
             ("set", "update", "copy", "with_"), 'sensor.replace("laser.peak_power_w=50") is another sensor'
         ),
         **dict.fromkeys(("to_dict", "to_toml", "as_dict"), "sensor.save(path) writes its file"),
+        **dict.fromkeys(("eye_safety", "eye_safe", "is_eye_safe"), "lidarscene.eye_safety(sensor).passed"),
+        **dict.fromkeys(("angular_resolution", "resolution", "points_per_frame"), "lidarscene.fov(sensor) studies it"),
+        "bandwidth": "sensor.tdc.bandwidth_hz",
+        "noise": "lidarscene.budget(cloud, scene, sensor).noise",
         "pulse_width": "sensor.laser.pulse_fwhm_s",
         "render": "lidarscene.render(scene, sensor)",
     }
@@ -542,7 +546,7 @@ class Sensor(HintedAttributes):
 
     @property
     def received_fwhm_s(self) -> Lanes:
-        """Width of the pulse behind the low pass: its area stays (docs/theory_receivers.md 35)."""
+        """Width of the pulse behind the low pass: its area stays (docs/theory_receivers.md 5)."""
         if self.receiver.low_pass is None:
             return self.laser.pulse_fwhm_s
         return self.laser.pulse_fwhm_s / self.low_pass_share

@@ -484,6 +484,8 @@ def twin(
 
 SYNONYMS = {
     **dict.fromkeys(("sun", "light", "lux", "klux"), "the sun's light is illuminance_klux=100"),
+    **dict.fromkeys(("pd", "p_d", "p"), "the detection probability is probability=0.9"),
+    "range": "the distance of SNR and P_d is distance=100",
     "values": "an axis is start=, stop= and points=",
 }
 """Keywords that people try, and the right one."""

@@ -19,7 +19,7 @@ def curves(key: str, quantity: str, **changed: object) -> Curves:
         **{"question": Question(quantity=quantity, axis=axis), "crossings": (), "detection_limits": ()}
         | names
         | changed
-    )  # type: ignore[arg-type]
+    )
 
 
 @pytest.mark.parametrize(("falls", "verb"), [(True, "falls below"), (False, "rises above")])
@@ -46,7 +46,7 @@ def test_a_window_that_ends_before_what_is_seen() -> None:
     assert window_note("a", SENSOR, farthest_m=599.7, limit_text="it") == "a: its window ends at 599.6 m, before it"
     ouster = load_sensor("os1-128")
     assert ouster.histogram is not None
-    folds_m = 0.5 * 299_792_458.0 * float(ouster.histogram.period_s)  # type: ignore[arg-type]
+    folds_m = 0.5 * 299_792_458.0 * float(ouster.histogram.period_s)
     line = window_note("o", ouster, farthest_m=1e4, limit_text="it")
     assert line is not None
     assert line.endswith(f"; echoes from beyond {folds_m:.1f} m are reported too near by that range")

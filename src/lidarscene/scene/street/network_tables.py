@@ -17,8 +17,20 @@ from ...maths.arrays import Numbers
 from ..ground import SPACING_M, Strip
 from ..ground_area import Outline
 from .layout import KERB_M, POST_LINE_M, Room
-from .pieces import PAINT_M, RAISED_M, Tables, placed, sheet, soil, street_scene
-from .shapes import PAINT, PEOPLE, TREE_SCALES, District, body_table, draw_district, shapes, standing_table
+from .pieces import FOOT_M, PAINT_M, RAISED_M, Tables, ground, placed, sheet, soil, street_scene
+from .shapes import (
+    BUSH_ASIDE_M,
+    BUSH_SPACING_M,
+    BUSHES,
+    PAINT,
+    PEOPLE,
+    TREE_SCALES,
+    District,
+    body_table,
+    draw_district,
+    shapes,
+    standing_table,
+)
 from .street_file import StreetFile
 from .sumo import (
     LaneGroup,
@@ -31,6 +43,7 @@ from .sumo import (
     read_scenario,
     simulate,
 )
+from .terrain import SOIL_BLUR_M, STOREY_M, Relief, Terrain
 
 EDGE_M = 0.05
 """Choice: distance from the edge of a road at which another one would be between it and a house."""
@@ -46,6 +59,16 @@ ASIDE_M = 0.2
 
 DASH_M, DASHES_M = 3.0, 6.0
 """Choice: length of a dash of a line, and from dash to dash."""
+
+PLACES_M, POINTS_M, RIM_M = 2.0, 5.0, 1.0
+"""Accuracy bought: distance of places on roads that a relief is fitted to, of points of lanes that lie on it, and of
+corners of junctions."""
+
+CLOSE_M = 0.1
+"""Choice: distance from the end of a lane within which a junction's corner has its height."""
+
+SLOPE_M = 2.0
+"""Choice: distance over which the slope below a vehicle is taken."""
 
 SLOWEST_M_S = 3.0
 """Choice: mean speed of the ego vehicle, waits included, that a simulation of drawn trips has time for."""
@@ -97,15 +120,23 @@ def network_scene(path: Path, kind: NetworkKind, file: StreetFile, *, ego: str |
             scenario = drawn_scenario(path, net, routes, seed=file.seed, last_s=60.0 + way_m / SLOWEST_M_S)
         own, others = simulate(scenario, ego=ego, shown_m=file.shown_m, folder=folder)
     near = _near(network, own, file.shown_m + 50.0)
+    # Junctions of converted networks are level, whatever the slope of the lanes that lead there.
+    relief = Relief(np.concatenate(_places_on_lanes(near)))
+    terrain = None
+    if not relief.is_level:
+        near = _on_relief(near, relief)
+        relief = Relief(np.concatenate([*_places_on_lanes(near), *_places_on_areas(near)]), SOIL_BLUR_M)
+        terrain = Terrain.around(relief)
     return street_scene(
         file.shown_m,
-        ego={"poses": _poses(own, tilts=False), "at_end": "hold"},
+        ego={"poses": _poses(own, None), "at_end": "hold"},
         bodies=[
             *_grounds(near),
+            *([soil(relief.place_m[:, :2])] if terrain is None else terrain.tables()),
             *_markings(near),
-            *_surroundings(near, file),
+            *_surroundings(near, file, terrain),
             body_table("own_car", shapes()[_look(own)]) | {"motion": {"with_ego": True}},
-            *_moving(others),
+            *_moving(others, relief),
         ],
     )
 
@@ -126,6 +157,60 @@ def _near(network: Network, own: RoadUser, reach_m: float) -> Network:
         junctions=[corners_m for corners_m in network.junctions if is_near(corners_m)],
         corners=[corners_m for corners_m in network.corners if is_near(corners_m)],
         crossings=[crossing for crossing in network.crossings if is_near(crossing[0])],
+    )
+
+
+def _places_on_lanes(network: Network) -> list[Numbers]:
+    """(n, 3) places on roads and pavements, some two metres apart."""
+    places = []
+    for group in network.groups:
+        way_m = np.linspace(0.0, _length_m(group.line_m), 2 + int(_length_m(group.line_m) / PLACES_M))
+        places += [_places_across(group, at_m) for at_m in way_m.tolist()]
+    return places
+
+
+def _places_across(group: LaneGroup, way_m: float) -> Numbers:
+    """(n, 3) places across lanes, some two metres apart."""
+    left_m = np.linspace(-0.5, 0.5, 2 + int(group.width_m / PLACES_M)) * group.width_m
+    ((x_m, y_m, heading),) = _along(group.line_m, np.array([way_m])).tolist()
+    rise_m = np.interp(way_m, _ways_m(group.line_m), group.line_m[:, 2])
+    places = x_m - left_m * math.sin(heading), y_m + left_m * math.cos(heading), np.full(len(left_m), rise_m)
+    return np.stack(places, axis=1)
+
+
+def _places_on_areas(network: Network) -> list[Numbers]:
+    """(n, 3) places on junctions and the pavements beside them, some two metres apart."""
+    outlines = [Outline(corner_m=each, spacing_m=PLACES_M) for each in (*network.junctions, *network.corners)]
+    return [outline.triangulated()[0] for outline in outlines if outline.is_usable()]
+
+
+def _on_relief(network: Network, relief: Relief) -> Network:
+    """Return a network whose lanes and junctions meet in height."""
+
+    def on_it(points_m: Numbers) -> Numbers:
+        return np.column_stack([points_m[:, :2], relief.height_m(points_m, points_m[:, 2])])
+
+    def dense(line_m: Numbers) -> Numbers:
+        counts = np.ceil(np.diff(_ways_m(line_m)) / POINTS_M).astype(int).tolist()
+        place = np.concatenate(
+            [*(number + np.arange(count) / count for number, count in enumerate(counts)), [len(counts)]]
+        )
+        return np.stack([np.interp(place, np.arange(len(line_m)), column) for column in line_m.T], axis=1)
+
+    groups = [group._replace(line_m=on_it(dense(group.line_m))) for group in network.groups]
+    ends = [_places_across(group, at_m) for group in groups for at_m in (0.0, _length_m(group.line_m))]
+    ends_m = np.concatenate(ends)
+
+    def between_ends(outline_m: Numbers) -> Numbers:
+        corners_m = Outline(corner_m=outline_m, spacing_m=RIM_M).rim_m()
+        weight = 1.0 / (((corners_m[:, None, :2] - ends_m[:, :2]) ** 2).sum(axis=-1) + CLOSE_M**2) ** 2
+        weight = weight * (np.abs(corners_m[:, None, 2] - ends_m[:, 2]) < STOREY_M) + 1e-12
+        return np.column_stack([corners_m[:, :2], weight @ ends_m[:, 2] / weight.sum(axis=1)])
+
+    return network._replace(
+        groups=groups,
+        junctions=[between_ends(outline_m) for outline_m in network.junctions],
+        corners=[between_ends(outline_m) for outline_m in network.corners],
     )
 
 
@@ -156,15 +241,22 @@ def _look(mover: RoadUser) -> str:
     return f"traffic_{alike[number % len(alike)]}_{chosen}"
 
 
-def _poses(mover: RoadUser, *, tilts: bool) -> list[Tables]:
-    """Poses of a vehicle; one that rides on its springs tilts by itself."""
+def _poses(mover: RoadUser, relief: Relief | None) -> list[Tables]:
+    """Poses of a vehicle or person, with the slope of a relief; one that rides on its springs tilts by itself."""
+    rows = np.array(mover.rows)
+    pitch_deg = np.zeros(len(rows))
+    if relief is not None and not relief.is_level:
+        yaw = np.radians(rows[:, 3])
+        ahead_m = 0.5 * SLOPE_M * np.stack([np.cos(yaw), np.sin(yaw)], axis=1)
+        front_m, rear_m = (relief.height_m(rows[:, 1:3] + side * ahead_m, rows[:, 4]) for side in (1.0, -1.0))
+        pitch_deg = np.degrees(np.arctan2(front_m - rear_m, SLOPE_M))
     return [
-        {"time_s": round(time_s, 3)} | placed(x_m, y_m, 0.0, yaw_deg, pitch_deg if tilts else 0.0)
-        for time_s, x_m, y_m, yaw_deg, pitch_deg in mover.rows
+        {"time_s": round(time_s, 3)} | placed(x_m, y_m, 0.0, yaw_deg, pitch)
+        for (time_s, x_m, y_m, yaw_deg, _), pitch in zip(mover.rows, pitch_deg.tolist(), strict=True)
     ]
 
 
-def _moving(movers: Sequence[RoadUser]) -> list[Tables]:
+def _moving(movers: Sequence[RoadUser], relief: Relief) -> list[Tables]:
     """Bodies of all that moves, but for the own car: an instance with a motion for each."""
     lacking = sorted({mover.kind for mover in movers if mover.kind in BODILESS})
     if lacking:
@@ -175,7 +267,7 @@ def _moving(movers: Sequence[RoadUser]) -> list[Tables]:
             looks.setdefault(_look(mover), []).append(mover)
     bodies = []
     for name, alike in sorted(looks.items(), key=lambda look: (shapes()[look[0]].mesh, look[0])):
-        instances = [{"motion": {"poses": _poses(mover, tilts=True), "at_end": "hide"}} for mover in alike]
+        instances = [{"motion": {"poses": _poses(mover, relief), "at_end": "hide"}} for mover in alike]
         bodies.append(body_table(name, shapes()[name], moves=True) | {"on_ground": True, "instances": instances})
     return bodies
 
@@ -192,8 +284,8 @@ def _strip(
             break
         number = int(np.argmin(np.hypot(*(kept_m - corner_m)[:, :2].T)))
         kept_m = np.delete(kept_m, min(max(number, 1), len(kept_m) - 2), axis=0)
-    body = {"name": name, "primitive": "ground", "class": class_name, "material": material}
-    return body | {"line": _rounded(kept_m), "width_m": round(width_m, 3), "offset_m": round(offset_m, 3), **keys}
+    sizes = {"line": _rounded(kept_m), "width_m": round(width_m, 3), "offset_m": round(offset_m, 3)}
+    return ground(name, class_name, material, **sizes, **keys)
 
 
 def _rounded(points_m: Numbers) -> list[list[float]]:
@@ -205,19 +297,18 @@ def _area(name: str, class_name: str, material: str, corners_m: Numbers, **keys:
     """Ground within an outline; none where that crosses itself or is as thin as a line."""
     if not Outline(corner_m=np.array(_rounded(corners_m)), spacing_m=SPACING_M).is_usable():
         return []
-    body = {"name": name, "primitive": "ground", "class": class_name, "material": material}
-    return [body | {"outline": _rounded(corners_m), **keys}]
+    return [ground(name, class_name, material, outline=_rounded(corners_m), **keys)]
 
 
 def _grounds(network: Network) -> list[Tables]:
-    """Roads, pavements with kerbs, junctions, and the soil below all of them."""
+    """Roads, pavements with kerbs, and junctions."""
     grounds = []
-    raised = {"position_m": [0.0, 0.0, RAISED_M], "kerb_m": 0.2}
+    raised = {"position_m": [0.0, 0.0, RAISED_M], "kerb_m": RAISED_M + FOOT_M}
     for number, group in enumerate(network.groups):
         if group.kind != "pavement":
             material = "asphalt" if group.kind == "road" else "concrete"
             name = f"road_{number}"
-            grounds.append(_strip(name, "road", material, group.line_m, group.width_m, kerb_m=0.1, spacing_m=0.4))
+            grounds.append(_strip(name, "road", material, group.line_m, group.width_m, kerb_m=FOOT_M, spacing_m=0.4))
             continue
         # The kerb is at the side of the road, to the left where traffic keeps to the right.
         width_m = group.width_m - KERB_M
@@ -227,22 +318,25 @@ def _grounds(network: Network) -> list[Tables]:
             _strip(f"kerb_{number}", "kerb", "concrete", line_m, KERB_M, 0.5 * width_m, **raised),
         ]
     for number, corners_m in enumerate(network.junctions):
-        grounds += _area(f"junction_{number}", "road", "asphalt", corners_m, kerb_m=0.1)
+        grounds += _area(f"junction_{number}", "road", "asphalt", corners_m, kerb_m=FOOT_M)
     for number, corners_m in enumerate(network.corners):
         grounds += _area(f"corner_{number}", "pavement", "concrete", corners_m, **raised)
-    places = [_along(group.line_m, np.arange(0.0, _length_m(group.line_m), 20.0)) for group in network.groups]
-    return [*grounds, soil(np.concatenate(places)[:, :2])]
+    return grounds
+
+
+def _ways_m(line_m: Numbers) -> Numbers:
+    """(k,) way along a line in the plane up to each of its points."""
+    return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line_m[:, :2], axis=0).T))])
 
 
 def _length_m(line_m: Numbers) -> float:
     """Length of a line in the plane."""
-    return float(np.hypot(*np.diff(line_m[:, :2], axis=0).T).sum())
+    return float(_ways_m(line_m)[-1])
 
 
 def _along(line_m: Numbers, way_m: Numbers, left_m: float = 0.0) -> Numbers:
     """(n, 3) x, y [m] and heading [rad] at places along a line, and to the left of it."""
-    step = np.diff(line_m[:, :2], axis=0)
-    at_m = np.concatenate([[0.0], np.cumsum(np.hypot(*step.T))])
+    step, at_m = np.diff(line_m[:, :2], axis=0), _ways_m(line_m)
     segment = np.clip(np.searchsorted(at_m, way_m, side="right") - 1, 0, len(step) - 1)
     heading = np.arctan2(step[segment, 1], step[segment, 0])
     x_m, y_m = (np.interp(way_m, at_m, line_m[:, axis]) for axis in (0, 1))
@@ -287,14 +381,17 @@ def _markings(network: Network) -> list[Tables]:
     return markings
 
 
-def _surroundings(network: Network, file: StreetFile) -> list[Tables]:
+def _surroundings(network: Network, file: StreetFile, terrain: Terrain | None) -> list[Tables]:
     """Houses, trees and lamps along roads, on both sides, where there is room."""
-    roadside = _Roadside(network, file)
+    roadside = _Roadside(network, file, terrain)
     main = draw_district(roadside.random)
     for group in network.groups:
         district = draw_district(roadside.random, main)
         for side in (-1.0, 1.0):
             roadside.line(group, side, district)
+    for group in network.groups:
+        for side in (-1.0, 1.0):
+            roadside.bushes(group, side)
     return [standing_table(name, places) for name, places in sorted(roadside.items.items())]
 
 
@@ -305,8 +402,9 @@ class _Roadside:
         items: name of a body -> places
     """
 
-    def __init__(self, network: Network, file: StreetFile) -> None:
+    def __init__(self, network: Network, file: StreetFile, terrain: Terrain | None) -> None:
         self.random = np.random.default_rng([file.seed, 5])
+        self._terrain = terrain
         self.items: dict[str, list[Tables]] = {}
         self._file = file
         boxes = []
@@ -343,6 +441,18 @@ class _Roadside:
             place_m = way_m + half_m[0], side * (aside_m + half_m[1])
             way_m += width_m + 0.1 if self._place(name, group, place_m, half_m, turn_deg) else 2.0
 
+    def bushes(self, group: LaneGroup, side: float) -> None:
+        """Plant bushes along one side of a road, where nothing else is."""
+        random, reach_m = self.random, catalog.shipped_meshes()["bush"]["reach_m"]
+        way_m = random.uniform(*BUSH_SPACING_M)
+        while way_m < _length_m(group.line_m):
+            left_m, scale = (
+                side * (0.5 * group.width_m + random.uniform(*BUSH_ASIDE_M)),
+                random.integers(len(TREE_SCALES)),
+            )
+            self._place(f"{BUSHES}_{scale}", group, (way_m, left_m), (reach_m, reach_m), random.uniform(0.0, 360.0))
+            way_m += random.uniform(*BUSH_SPACING_M)
+
     def _place(
         self, name: str, group: LaneGroup, place_m: tuple[float, float], half_m: tuple[float, float], turn_deg: float
     ) -> bool:
@@ -354,5 +464,8 @@ class _Roadside:
         beside = np.hstack([between, [[half_m[0], 0.5 * (verge_m[1] - verge_m[0])]]])
         free = self._roads.is_free(beside) and self._room.take(np.array([[x_m, y_m, heading, *half_m]]))
         if free:
-            self.items.setdefault(name, []).append(placed(x_m, y_m, 0.0, math.degrees(heading) + turn_deg))
+            z_m = 0.0
+            if self._terrain is not None and name.startswith("houses"):
+                z_m = self._terrain.lowest_m((x_m, y_m, heading, *half_m))
+            self.items.setdefault(name, []).append(placed(x_m, y_m, z_m, math.degrees(heading) + turn_deg))
         return free
