@@ -181,6 +181,42 @@ def test_people_walk_on_pavements_and_crossings_are_striped(town: tuple[Path, Pa
     assert {"zebras", "stop", "line", "junction", "kerb", "corner"} <= names
 
 
+def test_lights_stand_where_lanes_end_at_them(town: tuple[Path, Path]) -> None:
+    """One for each of eight lanes, on the pavement at its right, with its front towards those who come."""
+    import sumolib
+
+    net = sumolib.net.readNet(str(town[0].parent / "town.net.xml"))
+    lights = [body for body in load_scene(town[1]).bodies if body.class_name == "traffic_light"]
+    assert len(lights) == len(net.getEdges()) == 8
+    pavement = grounds(town[1], "pavement", "kerb")
+    for edge in net.getEdges():
+        lane = edge.getLane(edge.getLaneNumber() - 1)
+        (before, end) = np.array(lane.getShape()[-2:])
+        ahead = (end - before) / np.hypot(*(end - before))
+        place_m = end - 0.5 * ahead + (0.5 * lane.getWidth() + 0.45) * np.array([ahead[1], -ahead[0]])
+        (light,) = (each for each in lights if np.hypot(*(each.pose.position_m[:2] - place_m)) < 0.05)
+        np.testing.assert_allclose(light.pose.rotation[:2, 0], -ahead, atol=1e-3)
+        assert np.isfinite(pavement.height_m(place_m[None])).all()
+
+
+def test_fast_roads_without_pavements_have_guard_rails(tmp_path: Path) -> None:
+    """A trunk road: pieces of 4 m on both sides, whose beams face the road; a residential one has none."""
+    fast = networks.OSM.replace('v="residential"', 'v="trunk"', 1)
+    for text, has_rails in ((networks.OSM, False), (fast, True)):
+        (tmp_path / "map.osm").write_text(text)
+        tables = network_scene(tmp_path / "map.osm", "osm", StreetFile(seed=4, oncoming_gap_m=(20.0, 40.0)))
+        rails = [place for body in tables["bodies"] if body["name"] == "guard_rails" for place in body["instances"]]
+        assert bool(rails) == has_rails
+    roads = [body for body in tables["bodies"] if body["name"].startswith("road_")]
+    lines_m = np.concatenate([np.array(body["line"])[:, :2] for body in roads])
+    for rail in rails:
+        yaw = np.radians(rail.get("yaw_deg", 0.0))
+        place_m, front = np.array(rail["position_m"][:2]), np.array([np.cos(yaw), np.sin(yaw)])
+        nearest_m = lines_m[np.argmin(np.hypot(*(lines_m - place_m).T))]
+        assert (nearest_m - place_m) @ front > 0.0
+    assert len(rails) > 20
+
+
 @pytest.mark.usefixtures("mi")
 def test_a_wheelchair_of_sumo_is_one_that_rolls() -> None:
     from lidarscene.scene.street.network_tables import _look

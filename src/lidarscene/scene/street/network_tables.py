@@ -48,6 +48,10 @@ from .terrain import SOIL_BLUR_M, STOREY_M, Relief, Terrain
 EDGE_M = 0.05
 """Choice: distance from the edge of a road at which another one would be between it and a house."""
 
+RAIL_M_S, RAIL_M, RAIL_ASIDE_M = 19.0, 4.0, 0.7
+"""Choice: speed from which on roads without a pavement have guard rails, 70 km/h; length of a piece, and its distance
+from the edge of the road."""
+
 VERGE_M = 3.0
 """Choice: distance of houses from the edge of a road without a pavement."""
 
@@ -382,12 +386,14 @@ def _markings(network: Network) -> list[Tables]:
 
 
 def _surroundings(network: Network, file: StreetFile, terrain: Terrain | None) -> list[Tables]:
-    """Houses, trees and lamps along roads, on both sides, where there is room."""
+    """Houses, trees, lamps, lights and guard rails along roads, on both sides, where there is room."""
     roadside = _Roadside(network, file, terrain)
+    roadside.lights(network)
     main = draw_district(roadside.random)
     for group in network.groups:
         district = draw_district(roadside.random, main)
         for side in (-1.0, 1.0):
+            roadside.rails(group, side)
             roadside.line(group, side, district)
     for group in network.groups:
         for side in (-1.0, 1.0):
@@ -417,6 +423,25 @@ class _Roadside:
             low_m, high_m = corners_m[:, :2].min(axis=0), corners_m[:, :2].max(axis=0)
             boxes.append(np.array([[*0.5 * (low_m + high_m), 0.0, *0.5 * (high_m - low_m)]]))
         self._roads, self._room = Room(np.concatenate(boxes)), Room(np.concatenate(boxes))
+
+    def lights(self, network: Network) -> None:
+        """Place traffic lights where lanes end at them, to the right of these and of cycle paths beside them."""
+        for group in network.groups:
+            if group.kind == "road" and group.ends_at_lights:
+                beside = [each for each in network.groups if each.edge == group.edge and each.kind == "cycle_path"]
+                aside_m = 0.5 * group.width_m + sum(each.width_m for each in beside) + POST_LINE_M
+                way_m = np.array([max(_length_m(group.line_m) - 0.5, 0.0)])
+                ((x_m, y_m, heading),) = _along(group.line_m, way_m, -aside_m).tolist()
+                self._room.take(np.array([[x_m, y_m, heading, 0.2, 0.2]]))
+                place = placed(x_m, y_m, 0.0, math.degrees(heading) + 180.0)
+                self.items.setdefault("traffic_lights", []).append(place)
+
+    def rails(self, group: LaneGroup, side: float) -> None:
+        """Place guard rails along one side of a fast road, where nothing else is."""
+        if group.kind == "road" and group.speed_m_s >= RAIL_M_S:
+            for way_m in np.arange(0.5 * RAIL_M, _length_m(group.line_m), RAIL_M).tolist():
+                left_m = side * (0.5 * group.width_m + RAIL_ASIDE_M)
+                self._place("guard_rails", group, (way_m, left_m), (0.49 * RAIL_M, 0.1), -90.0 * side)
 
     def line(self, group: LaneGroup, side: float, district: District) -> None:
         """Place houses, trees and lamps along one side of a road, where nothing else is."""
