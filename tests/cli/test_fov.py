@@ -209,38 +209,6 @@ def test_equal_names_get_files_of_their_own() -> None:
     assert study.slugs(["a-3", "a", "A"]) == ["a-3", "a", "a-4"]  # "a-3" is given away already
 
 
-@pytest.mark.parametrize(
-    ("argv", "message"),
-    [
-        (("table1-apd",), "the following arguments are required: -o/--output"),
-        (("-o", "out"), "SENSOR and --rig: one of them must be given, got both or none"),
-        (
-            ("table1-apd", "--rig", "r.toml", "-o", "out"),
-            "SENSOR and --rig: one of them must be given, got both or none",
-        ),
-        (("--rig", "none.toml", "-o", "out"), "none.toml: no such file"),
-        (("table1-apd", "-o", "out", "--pose", "0,0,1"), "--pose goes with --scene"),
-        (("nonsense", "-o", "out"), "nonsense"),
-        (("table1-apd", "-o", "file"), "is a file, not a folder"),
-        (("table1-apd", "-o", "out", "--time", "1,0.5"), "seconds that rise"),
-        (("table1-apd", "-o", "out", "--time", "0"), "seconds that rise"),
-        (("table1-apd", "-o", "out", "--time", "x"), "seconds that rise"),
-        (("table1-apd", "-o", "out", "--time", "1000"), "--time: 1000 s of this scanner are"),
-        (("table1-apd", "-o", "out", "--cell", "0.001"), "--cell: must be 0.02 to 10 degrees, got 0.001"),
-        (("table1-apd", "-o", "out", "--reflectivity", "-1"), "--reflectivity"),
-        (("table1-apd", "-o", "out", "--scene", "none.toml"), "none.toml"),
-        (("table1-apd", "-o", "out", "--mask", "round"), "--mask"),
-    ],
-)
-def test_mistakes(run: Run, tmp_path: Path, argv: tuple[str, ...], message: str) -> None:
-    (tmp_path / "file").write_text("")
-    ran = run("fov", *argv)
-    assert (ran.code, ran.out) == (2, "")
-    assert message in ran.err
-    assert ran.err.count("\n") == 1
-    assert [path.name for path in tmp_path.rglob("*")] == ["file"]
-
-
 @pytest.mark.parametrize(("pose", "x_m"), [((), 0.0), (("--pose", "5,0,0"), 5.0)])
 def test_a_rigs_vehicle_stands_at_the_origin(
     run: Run, monkeypatch: pytest.MonkeyPatch, pose: tuple[str, ...], x_m: float

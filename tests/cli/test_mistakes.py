@@ -1,490 +1,544 @@
-"""Mistakes: each gives one clear line, exit code 2, and leaves nothing behind."""
+"""Mistakes on the command line: each gives one clear line, exit code 2, and leaves nothing behind."""
 
+import shlex
+import shutil
+from collections.abc import Callable
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import numpy as np
 import pytest
-from helpers.command_line import COARSE, WALL, Ran, Run
+from helpers.clouds import small_cloud
+from helpers.command_line import COARSE, WALL, Run
+from helpers.documentation import ROOT
 from helpers.folders import raise_disk_full
+from helpers.mistakes import mistakes, told, typed
+from helpers.recordings import OUSTER
+from helpers.walls import LEFT_AND_RIGHT
 
+import lidarscene
+from lidarscene import catalog
+from lidarscene.formats.registry import SUFFIXES
 from lidarscene.rendering.simulator import Simulator
 
-NOISE = np.random.default_rng(7).bytes(2000)
-TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
-MESH = '[[bodies]]\nname = "thing"\nmaterial = "concrete"\nmesh = "{}"\n'
 XML = "<scene version='3.0.0'><bsdf type='diffuse' id='grey'/><shape type='sphere' id='ball'/></scene>"
+FILES = {
+    "wall.toml": WALL,
+    "both.toml": WALL + "scale = 0\n[sky]\ndiffuse_share = -1\n",
+    "ending.toml": "[ego]\nposes = [{ time_s = 0 }, { time_s = 0.011, position_m = [1, 0, 0] }]\n" + WALL,
+    "mesh.toml": '[[bodies]]\nname = "thing"\nmaterial = "concrete"\nmesh = "mesh.ply"\n',
+    "mesh.ply": "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
+    "element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n",
+    "mesh.xml": "<scene version='3.0.0'><shape type='ply'><string name='filename' value='mesh.ply'/></shape></scene>",
+    "based.toml": 'base = "mesh.xml"\n',
+    "gray.toml": 'base = "grey.xml"\n[base_materials]\ngray = "brick"\n',
+    "brik.toml": 'base = "grey.xml"\n[base_materials]\ngrey = "brik"\n',
+    "grey.xml": XML,
+    "eye.toml": WALL + "[sensor]\nname = 'table2'\n",
+    "file.toml": WALL + "[sensor]\nname = 'none.toml'\n",
+    "posed.toml": '[ego]\nposes_file = "way.ply"\n' + WALL,
+    "way.ply": "0 0 0 0 0 0 0 1\n1 1 0 0 0 0 0 1\n",
+    "two.toml": LEFT_AND_RIGHT,
+    "notes.txt": "hello",
+    "sensor": "",
+    "latin.toml": b'\nname = "caf\xe9"\n',
+    "broken.toml": "a = = 1",
+    "text.xml": "hello",
+    "noise.xml": np.random.default_rng(7).bytes(2000),
+    "code.xml": "<?xml version='1.0' encoding='klingon'?><scene/>",
+    "page.xml": "<page/>",
+    "bare.xml": "<scene version='3.0.0'/>",
+    "plugin.xml": XML.replace("sphere", "spher"),
+    "size.xml": XML.replace("'ball'/>", "'ball'><float name='size' value='2'/></shape>"),
+    "obj.xml": "<scene version='3.0.0'><shape type='obj'><string name='filename' value='none.obj'/></shape></scene>",
+    "lost.xml": "<scene version='3.0.0'><include filename='none.xml'/></scene>",
+    "circle.xml": "<scene version='3.0.0'><include filename='circle.xml'/></scene>",
+    "part.xml": "<scene version='3.0.0'><include filename='$part.xml'/></scene>",
+    "hair.xml": "<scene version='3.0.0'><shape type='sphere' id='one'><bsdf type='hair' id='h'/></shape></scene>",
+    "empty.pcap": "",
+    "damaged.bin": bytes(17),
+    "points.bin": np.array([[5.0, 0.0, 0.0, 0.1]], "<f4").tobytes(),
+}
+"""What the lines name: scenes, rigs, meshes, recordings, and what is none of them."""
+WORDS = {
+    "JOB": str(catalog.path_of("examples", "job")),
+    "LONG": "long" * 99,
+    "COARSE": " ".join(COARSE),
+    "SUFFIXES": ", ".join(SUFFIXES),
+}
+"""What words of the lines stand for."""
 
 
-def files_in(folder: Path) -> set[str]:
-    return {str(path.relative_to(folder)) for path in folder.rglob("*")}
+@pytest.fixture(scope="module")
+def shared(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The files, folders with their suffixes, and the shipped scenes."""
+    folder = tmp_path_factory.mktemp("place")
+    for name, content in FILES.items():
+        (folder / name).write_bytes(content if isinstance(content, bytes) else content.encode())
+    for name in ("empty", "folder.ply", "folder.toml", "folder.xml"):
+        (folder / name).mkdir()
+    for suffix in (".pcap", ".json"):
+        shutil.copy(OUSTER.with_suffix(suffix), folder / f"one{suffix}")
+    (folder / "scenes").symlink_to(ROOT / "scenes")
+    (folder / "link.ply").symlink_to("mesh.ply")
+    small_cloud().save(folder / "cloud.ply")
+    return folder
 
 
-def error_line(run: Run, folder: Path, *argv: str) -> str:
-    """The one line that this command line gets, without the program's name."""
-    before = files_in(folder)
-    ran: Ran = run(*argv)
-    assert ran.code == 2, ran
-    assert ran.out == ""
-    assert ran.err.startswith("lidarscene: error: ")
-    assert ran.err.count("\n") == 1
-    assert ran.err.endswith("\n")
-    assert files_in(folder) == before
-    return ran.err.removeprefix("lidarscene: error: ").rstrip("\n")
+@pytest.fixture
+def place(run: Run, shared: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The working directory, in which nothing can be traced: a mistake is told before."""
+    monkeypatch.chdir(shared)
+    for name in ("render", "stream"):
+        monkeypatch.setattr(Simulator, name, None)
 
 
-def error_line_of_scene(run: Run, folder: Path, text: str, *more: str) -> str:
-    (folder / "scene.toml").write_text(text)
-    return error_line(run, folder, "render", "scene.toml", "-o", "new/out.ply", *COARSE, *more)
+@mistakes(
+    r"""
+    render | SCENE, -o/--output | lidarscene render -h
+    render car | -o/--output | lidarscene render -h
+    render cars -o a.ply | scene 'cars' | car?
+    render kar -o a.ply -q | scene 'kar' | car
+    render table1-apd -o a.ply | scene 'table1-apd' | a sensor
+    render job -o a.ply | scene 'job' | an example
+    render JOB -o a.ply | a job file
+    render notes.txt -o a.ply | notes.txt | TOML
+    render cloud.ply -o a.ply | point cloud | lidarscene view
+    render car.fbx -o a.ply | car.fbx | FBX | Blender | glTF
+    render latin.toml -o a.ply | latin.toml | UTF-8 | line 2
+    render both.toml -o a.ply | both.toml | 1 more
+    render none.toml -o a.ply | none.toml | no such file
+    render none.xml -o a.ply | none.xml | no such file
+    render folder.toml -o a.ply | folder.toml | TOML file | a folder
+    render folder.xml -o a.ply | folder.xml | Mitsuba XML | a folder
+    render 'two\nlines.toml' -o a.ply | two\nlines.toml | no such file
+    render nowhere/street.toml -o a.ply | its name, street
+    render '' -o a.ply | empty | render | variable of the shell
+    render wall.toml -o a.ply --sed 1 | --sed 1
+    render wall.toml -o a.ply --verbose | --verbose | lidarscene render -h
+    render wall.toml -o a.ply --colour | --colour | --colours?
+    render wall.toml -o a.ply --sensors vlp-16 | --sensors vlp-16 | --sensor?
+    render wall.toml -o a.ply --sensor vlp17 | sensor 'vlp17' | vlp-16
+    render wall.toml -o a.ply --sensor car | sensor 'car' | a scene
+    render wall.toml -o a.ply --sensor table1-apx | sensor 'table1-apx' | table1-apd?
+    render wall.toml -o a.ply --sensor none.toml | none.toml | no such file
+    render wall.toml -o a.ply --sensor LONG | sensor 'LONG' | apd-905
+    render wall.toml -o a.ply --sensor wall.toml | wall.toml | 5 more | a scene file
+    render wall.toml -o a.ply --sensor ./sensor | sensor | .toml
+    render eye.toml -o a.ply | sensor 'table2' | table1-apd
+    render file.toml -o a.ply | none.toml | no such file
+    render wall.toml -o a.ply --rig wall.toml | wall.toml | 'sensors' | 1 more | a scene file
+    render wall.toml -o a.ply --rig rig --sensor vlp-16 | --sensor | --rig | both
+    render wall.toml -o a.ply --seed -1 | --seed | 0 | 4294967295 | -1
+    render wall.toml -o a.ply --seed 4294967296 | --seed | 0 | 4294967295 | 4294967296
+    render wall.toml -o a.ply --seed 1.5 | --seed | 0 | 4294967295 | 1.5
+    render wall.toml -o a.ply --seed abc | --seed | 0 | 4294967295 | abc
+    render wall.toml -o a.ply --chunk 0 | --chunk | 1 | 2147483647 | 0
+    render wall.toml -o a.ply --chunk many | --chunk | 1 | 2147483647 | many
+    render wall.toml -o a.ply --rays 5000 | --rays | 1 | 1024 | 5000
+    render wall.toml -o a.ply --pose 1,2 | --pose | X,Y,Z[,YAW,PITCH,ROLL] | metres | 1e+08 | degrees | 1,2
+    render wall.toml -o a.ply --pose 1,2,3,4,5,6,7 | --pose | 1,2,3,4,5,6,7
+    render wall.toml -o a.ply --pose nan,0,0 | --pose | nan,0,0
+    render wall.toml -o a.ply --pose -inf,0,0 | --pose | -inf,0,0
+    render wall.toml -o a.ply --pose 1e300,0,0 | --pose | 1e300,0,0
+    render wall.toml -o a.ply --pose a,b,c | --pose | a,b,c
+    render wall.toml -o a.ply --pose 1,,2 | --pose | 1,,2
+    render wall.toml -o a.ply --pose --json | --pose | one argument
+    render wall.toml -o a.ply --pose 1 2 3 | --pose | X,Y,Z[,YAW,PITCH,ROLL] | metres | 1
+    render wall.toml -o a.ply --coordinates car | --coordinates | 'car' | world, vehicle, sensor
+    render wall.toml -o a.ply --begin x | --begin | x
+    render wall.toml -o a.ply --begin nan | --begin | nan
+    render wall.toml -o a.ply --pulses 3 | --pulses | --waveforms
+    render wall.toml -o a.ply --waveforms w.npz --pulses 5-1 | 0,100,2000-2010 | 5-1
+    render wall.toml -o a --frames 0 | --frames | 1 | 10000 | 0
+    render wall.toml -o a --frames 10001 | --frames | 1 | 10000 | 10001
+    render wall.toml -o a --frames x | --frames | 1 | 10000 | x
+    render ending.toml -o a --frames 3 COARSE | ego | 0.00924 | 0.01384 s | 0 | 0.011 s
+    render ending.toml -o a --begin 5 --frames 1 COARSE | ego | 5 | 5.0046 s | 0 | 0.011 s
+    render ending.toml -o a --begin -1 --frames 1 COARSE | ego | -1 | -0.9954 s | 0 | 0.011 s
+    render wall.toml -o a.ply --set gain=60 | 'gain' | detector.gain?
+    render wall.toml -o a.ply --set peak_power=60 | 'peak_power' | laser.peak_power_w?
+    render wall.toml -o a.ply --set laser.power=3 | 'laser.power' | laser.peak_power_w?
+    render wall.toml -o a.ply --set power=50 | power | table | 50 | laser.peak_power_w?
+    render wall.toml -o a.ply --set led.power_w=50 | 'led' | laser.peak_power_w?
+    render wall.toml -o a.ply --set lasr.power=50 | 'lasr' | laser?
+    render wall.toml -o a.ply --set laser.w=50 | 'laser.w' | wavelength_nm
+    render wall.toml -o a.ply --set scanner.fov=9 | scanner.azimuth_fov_deg | scanner.elevation_fov_deg?
+    render wall.toml -o a.ply --set laser.peak_power_w | KEY=VALUE | detector.gain=60
+    render wall.toml -o a.ply --set laser.peak_power_w 75 | 75 | --set laser.peak_power_w=75
+    render wall.toml -o a.ply --set sun.illuminance_klux=1 | 'sun' | optics | --scene-set
+    render wall.toml -o a.ply --set sun.elevation_deg=1 | sun | --scene-set
+    render wall.toml -o a.ply --set laser.wavelength_nm=800 | 'concrete' | 800 nm | 850 | 1550 nm
+    render wall.toml -o a.ply --set scanner.azimuth_step_deg=1e-6 | 2^31 pulses
+    render wall.toml -o a.ply --scene-set sun.klux=1 | 'sun.klux' | sun.illuminance_klux?
+    render wall.toml -o a.ply --scene-set laser.peak_power_w=5 | laser | try --set
+    render wall.toml -o a.ply --scene-set sun.illuminance_klux=100000 | 100000 | 100?
+    render wall.toml -o a.ply --scene-set bodies.car.yaw_deg=3 | bodies.NAME.KEY | name of wall
+    render wall.toml -o a.ply --rig two.toml | --output a.ply | folder | --rig
+    render wall.toml -o a.ply --rig two.toml --frames 2 | --output a.ply | folder | --frames and --rig
+    render wall.toml -o a.ply --merge | --merge | --rig
+    render wall.toml -o out --rig two.toml --merge | --output out | .ply
+    render wall.toml -o a.ply --rig two.toml --merge --coordinates sensor | --merge | --coordinates world | sensor
+    render wall.toml -o a.ply --rig two.toml --merge --keep-missed m.npz | --keep-missed | --merge
+    render wall.toml -o a --rig two.toml --sensor table1-apd | --rig | both
+    render wall.toml -o a --rig none.toml | none.toml | no such file
+    render wall.toml -o a --rig two.toml --set rear:tdc.stops=2 | 'rear' | left
+    render wall.toml -o a --rig two.toml --set tdc.stop=2 | two.toml | sensors[0 "left"] | tdc.stop
+    render none.toml -o a.abc | --output a.abc | SUFFIXES | --format
+    render none.toml -o a.txt | --output a.txt | .ply
+    render none.toml -o wall.toml | --output wall.toml | .ply
+    render none.toml -o . | .ply
+    render none.toml -o wall.toml/o.ply | wall.toml | a folder
+    render none.toml -o /proc/none/o.ply | /proc/none | written
+    render none.toml -o folder.ply | folder.ply | a file | a folder
+    render none.toml -o '' | empty | -o
+    render none.toml -o a.ply --format las | --output a.ply | .las
+    render none.toml -o a.ply --format pdc | --format | 'pdc' | pcd?
+    render none.toml -o a.ply --format pointcloud | --format | 'pointcloud'
+    render none.toml -o a.bin --ascii | --ascii | ply | pcd
+    render none.toml -o a.ply --labels coco | --labels | 'coco'
+    render none.toml -o a.ply --range-image r.jpg | r.jpg | .png | .npz
+    render none.toml -o a.ply --picture o.gif | --picture o.gif | .png | .svg
+    render none.toml -o a.ply --keep-missed o.csv | --keep-missed o.csv | .npz
+    render none.toml -o a.ply --keep-rays r.csv | r.csv | .npz | .parquet | .ply
+    render none.toml -o a.ply --frames 3 | --output a.ply | folder | --frames
+    render none.toml -o a.las --frames 2 | --output a.las | folder | --frames
+    render none.toml -o wall.toml --frames 2 | --output wall.toml | folder | --frames
+    render none.toml -o a.mcap --frames 2 --labels kitti | --labels | folder of clouds
+    render none.toml -o a --dataset kitty | --dataset | 'kitty' | kitti?
+    render none.toml -o a.ply --dataset kitti | --output a.ply | folder | --dataset
+    render none.toml -o a --dataset kitti --format kitti | --format | data set
+    render none.toml -o a --dataset kitti --labels osi | --labels | data set
+    render none.toml -o a --dataset kitti --ascii | --dataset | --ascii
+    render none.toml -o a.mcap --epoch noon | --epoch | 2026-01-31 | 2026-01-31T12:00:00Z | noon
+    render none.toml -o a.mcap --epoch 2040-01-01 | --epoch | '2040-01-01' | 1970 | 2038
+    render none.toml -o a.ply --topic lidar | --topic | OUT.mcap
+    render none.toml -o a.mcap --topic 'a b' | --topic | lidar/points | 'a b'
+    render none.toml -o a.mcap --frame-id 9 | --frame-id | lidar_top | '9'
+    render wall.toml -o a.mcap --frame-id map COARSE | a.mcap | frame_id | 'map'
+    render wall.toml -o a.ply --vectors --no-truth COARSE | --vectors | --no-truth
+    render wall.toml -o a.bin --vectors COARSE | --vectors | all columns | ply, pcd
+    render wall.toml -o a.pcap --vectors --sensor vlp-16 | --vectors | all columns | ply, pcd
+    render wall.toml -o a --vectors --dataset kitti COARSE | --vectors | all columns | ply, pcd
+    render mesh.toml -o mesh.ply | --output mesh.ply | an input
+    render mesh.toml -o ./mesh.ply | --output mesh.ply | an input
+    render mesh.toml -o link.ply | --output link.ply | an input
+    render based.toml -o link.ply | --output link.ply | an input
+    render mesh.xml -o link.ply | --output link.ply | an input
+    render posed.toml -o way.ply | --output way.ply | an input
+    render text.xml -o a.ply | text.xml | XML | line 1, column 0
+    render noise.xml -o a.ply | noise.xml | XML
+    render code.xml -o a.ply | code.xml | XML
+    render page.xml -o a.ply | page.xml | Mitsuba scene
+    render bare.xml -o a.ply | bare.xml | no shapes
+    render plugin.xml -o a.ply | plugin.xml | shape type | 'spher'
+    render size.xml -o a.ply | size.xml | Mitsuba scene | unreferenced
+    render obj.xml -o a.ply | obj.xml | Mitsuba scene | "obj"
+    render lost.xml -o a.ply | none.xml | no such file
+    render circle.xml -o a.ply | circle.xml | include each other
+    render part.xml -o a.ply | part.xml | Mitsuba scene
+    render hair.xml -o a.ply | hair.xml | BSDF 'h' | shape 'one'
+    render gray.toml -o a.ply | grey.xml | base_materials | 'gray' | grey
+    render brik.toml -o a.ply | brik.toml | base_materials.grey | 'brik' | brick
+    Render car -o a.ply | 'Render' | render?
+    --sensor vlp-16 render car -o a.ply | the command goes first | lidarscene COMMAND --sensor
+    ls | 'ls' | lidarscene catalog, catalog sensors
+    plot car | 'plot' | render, stream, batch
+    rendr | COMMAND | 'rendr' | render?
+    '' view | empty | lidarscene
+    view | CLOUD|DIR|SCENE|REC | lidarscene view -h
+    view '' | empty | view
+    view none.ply | none.ply | no such file
+    view nothing.toml | nothing.toml | no such file
+    view nothing.pcap | nothing.pcap | no such recording
+    view nowhere/street.toml --save a.html | its name, street
+    view a.blend | a.blend | Blender | glTF
+    view notes.txt | notes.txt | '.txt' | .ply
+    view a.abc | a.abc | '.abc' | .ply
+    view empty | empty | .las, .laz, .npz, .parquet, .pcd, .ply | none
+    view empty.pcap | empty.pcap | points | packets | empty file
+    view damaged.bin --save p.html | damaged.bin | rows of 16 bytes
+    view points.bin --frame 4 --save p.html | frame | 0 to 0 | 4
+    view points.bin cloud.ply --save p.html | alone | 2 paths
+    view points.bin --pose 0,0,1 --save p.html | --pose | scene | clouds
+    view cloud.ply --frame 1 --save p.html | --frame | recording | cloud.ply
+    view cloud.ply --pose 0,0,1 | --pose | scene | clouds
+    view wall.toml --frame 1 | --frame | recording | wall.toml
+    view wall.toml wall.toml | one scene | wall.toml and wall.toml
+    view wall.toml --save page.pdf | --save page.pdf | .html
+    view wall.toml --save wall.toml/page.html | wall.toml/page.html | written
+    view wall.toml --port 99999 | --port | 0 | 65535 | 99999
+    view wall.toml --sensor eye --save p.html | sensor 'eye'
+    view wall.toml --set laser.colour=1 --save p.html | 'laser.colour'
+    compare apd-905 sipm-905 | -o/--output | --sensors A,B
+    compare -o out --sensors table1-apd,table1-sipm | SCENE|CLOUD
+    compare wall.toml --sensors table1-apd,table1-sipm | -o/--output | lidarscene compare -h
+    compare wall.toml --sensors table1-apd table1-sipm -o out | --sensors A,B
+    compare wall.toml --sensors table1-apd,table1-apx -o out | 'table1-apx' | table1-apd?
+    compare wall.toml -o out | wall.toml | --sensors A,B | two clouds | one
+    compare wall.toml wall.toml -o out --sensors table1-apd,table1-sipm | --sensors | one scene | 2 files
+    compare wall.toml -o out --sensors table1-apd | --sensors | 2 to 7 | commas
+    compare wall.toml -o out --sensors table1-apd, | --sensors | 2 to 7
+    compare wall.toml -o out --sensors table1-apd,nonsense | nonsense
+    compare none.toml -o out --sensors table1-apd,table1-sipm | none.toml
+    compare wall.toml -o wall.toml --sensors table1-apd,table1-sipm | wall.toml | a folder
+    compare wall.toml -o out --sensors table1-apd,table1-sipm --illuminance-klux 10,1 | klux that rise | 10,1
+    compare wall.toml -o out --sensors table1-apd,table1-sipm --illuminance-klux 0,1 | klux that rise | 0,1
+    compare wall.toml -o out --sensors table1-apd,table1-sipm --illuminance-klux 1e9 | klux 1e+09 | 10000 klux
+    compare wall.toml -o out --sensors table1-apd,table1-sipm --illuminance-klux 1,20000 | klux | 20?
+    compare cloud.ply b.ply -o out --illuminance-klux 1 | --illuminance-klux | scene | --sensors
+    compare cloud.ply b.ply -o out --same-beams | --same-beams | scene | --sensors
+    compare cloud.ply b.ply -o out --seed 0 | --seed | scene | --sensors
+    compare cloud.ply b.ply -o out --set a=1 | --set | scene | --sensors
+    compare a.ply b.ply -o out | a.ply | no such file
+    compare wall.toml b.ply -o out | wall.toml | '.toml'
+    range | SENSOR | lidarscene range -h
+    range nix | sensor 'nix'
+    range nix.toml | nix.toml | no such file
+    range wall.toml | wall.toml | 5 more | a scene file
+    range table1-apd,table1-sipm | one sensor | spaces
+    range table1-apd --csv o.csv | --csv | --over
+    range table1-apd --from 1 | --from | --over
+    range table1-apd --scale log | --scale | --over
+    range table1-apd --plot a.png | --plot | --over
+    range table1-apd --quantity snrs | --quantity | 'snrs' | snr?
+    range table1-apd --over gain | --over gain | table1-apd.toml | detector.gain?
+    range table1-apd --over detector.gian | --over detector.gian | detector.gain?
+    range table1-apd --over ranges | ranges | distance, illuminance_klux
+    range table1-apd table1-sipm --over detector.gain | --over detector.gain | table1-sipm.toml
+    range table1-apd --over detector.circuit_noise_na | 0 in table1-apd.toml | --from | --to
+    range table1-apd --over detector.gain --from 0.5 | >= 1 | 0.5
+    range table1-apd --over detector.gain --from -3 --to 5 --scale log | more than 0 | -3
+    range table1-apd --over detector.gain --from 5 --to 5 | --from | below --to
+    range table1-apd --over detector.gain --set detector.gain=3 | --set detector.gain=3 | --over
+    range table1-apd --over distance --from 10 --to 5 | --from | below --to
+    range table1-apd --over distance --from 2000 | --from | below --to
+    range table1-apd --over distance --from 0 | --from 0 | more than 0
+    range table1-apd --over distance --n 1 | --n | 2 | 100000 | 1
+    range table1-apd --over distance --to inf | --to | number | inf
+    range table1-apd --over distance --quantity range | --over distance | --quantity range
+    range table1-apd --over distance --distance 5 | --distance | --over distance
+    range table1-apd --over distance --aperture-law cosine | --aperture-law | --over elevation
+    range table1-apd --over distance --plot o.jpg | --plot o.jpg | .png | .svg
+    range table1-apd --over distance --csv o.csv --plot o.jpg | --plot o.jpg | .png | .svg
+    range table1-apd --over distance --csv o.txt | --csv o.txt | .csv
+    range table1-apd --over distance --csv notes.txt/o.csv | notes.txt | a folder
+    range table1-apd --over distance --sensitivities | --sensitivities | --over
+    range table1-apd --over illuminance_klux --from 0 | more than 0 | logarithmic | even steps
+    range table1-apd --over illuminance_klux --to 100000 | --to 100000 | 0 | 10000 klux | 100?
+    range table1-apd --over illuminance_klux --illuminance-klux 5 | --illuminance-klux | --over illuminance_klux
+    range table1-apd --over illuminance_klux --distance 5 | --distance | --quantity snr | pd
+    range table1-apd --over azimuth --from -95 --aperture-law mirror | 89 degrees
+    range table1-apd --set detector.gain | KEY=VALUE
+    range table1-apd --set x:detector.gain=3 | 'x' | table1-apd
+    range table1-apd --set table1-sipm:detector.pde=1 | 'table1-sipm' | table1-apd
+    range table1-apd --set detector.pde=0.3 | table1-apd.toml | --set detector.pde=0.3 | 'detector.pde'
+    range table1-apd --reflectivity 1.5 | --reflectivity 1.5 | 0 or more | up to 1
+    range table1-apd --reflectivity 10 | --reflectivity 10 | 0 or more | up to 1 | 0.1?
+    range table1-apd --illuminance-klux 100000 | --illuminance-klux 100000 | 0 or more | up to 10000 klux | 100?
+    range table1-apd --illuminance-klux -1 | --illuminance-klux -1 | 0 or more
+    range table1-apd --incidence 91 | --incidence 91 | 0 or more | up to 90 deg
+    range table1-apd --probability 1 | --probability 1 | 0.001 or more | up to 0.999
+    range table1-apd --distance 0 | --distance 0 | more than 0
+    range table1-apd --distance -5 | --distance -5 | more than 0 | 1e+06 m
+    range table1-apd --transmittance 0 | --transmittance 0 | more than 0 | up to 1
+    range table1-apd --visibility 0 | --visibility 0 | more than 0
+    range table1-apd --extinction -1 | --extinction -1 | 0 or more
+    range table1-apd --visibility 1 --extinction 1 | --visibility | --extinction
+    range table1-apd --sun-angle x | --sun-angle | number | x
+    range table1-apd --eye-safety --sensitivities --json | --json | --sensitivities | --eye-safety
+    range table1-apd table1-sipm --sensitivities --plot o.png | --plot | --over
+    range vlp-16 --csv '' | empty | --csv
+    fov table1-apd | -o/--output | lidarscene fov -h
+    fov -o out | SENSOR | --rig | none
+    fov table1-apd --rig r.toml -o out | SENSOR | --rig | both
+    fov --rig none.toml -o out | none.toml | no such file
+    fov table1-apd -o out --pose 0,0,1 | --pose | --scene
+    fov nonsense -o out | nonsense
+    fov table1-apd -o notes.txt | notes.txt | a folder
+    fov table1-apd -o out --time 1,0.5 | --time | seconds that rise | 1,0.5
+    fov table1-apd -o out --time 0 | --time | seconds that rise | 0
+    fov table1-apd -o out --time a,b | --time | seconds that rise | 0.1,0.5,1 | a,b
+    fov table1-apd -o out --time 1000 | --time | 1000 s
+    fov table1-apd -o out --cell 0 | --cell | 0.02 to 10 degrees | 0
+    fov table1-apd -o out --cell 0.001 | --cell | 0.02 to 10 degrees | 0.001
+    fov table1-apd -o out --reflectivity -1 | --reflectivity -1
+    fov table1-apd -o out --illuminance-klux 100000 | --illuminance-klux 100000 | 0 or more | up to 10000 klux
+    fov table1-apd -o out --scene none.toml | none.toml | no such file
+    fov table1-apd -o out --mask round | --mask | 'round'
+    paper out | lidarscene paper -h
+    paper | -o/--output
+    paper -o notes.txt | notes.txt | a folder
+    paper -o notes.txt/deep | notes.txt | a folder
+    paper -o out more | more
+    batch wall.toml -o out | wall.toml | 'scenes' | 1 more | a scene file
+    batch none.toml -o out | none.toml | no such file
+    batch job -o notes.txt | --output notes.txt | folder | a file
+    batch job -o out --workers 0 | --workers | 1 | 1024 | 0
+    check | FILE | lidarscene check -h
+    catalog lasers | kind | 'lasers'
+    catalog sensor | kind | 'sensor' | sensors?
+    catalog sensors table1 | sensor 'table1' | table1-apd
+    catalog materials xyzzy | material 'xyzzy' | asphalt
+    catalog materials brik | material 'brik' | brick
+    catalog materials ../sensors/table1-apd | material '../sensors/table1-apd'
+    catalog check vlp17 | sensor 'vlp17' | vlp-16
+    schema cloud | kind | 'cloud'
+    schema scenes | kind | 'scenes' | scene?
+    completion fish | 'fish'
+    doctor --jsn | --jsn | --json? | lidarscene doctor -h
+    sensor vlp-16 | --from, -o/--output | lidarscene sensor -h
+    sensor --from notes.txt -o a.toml | json, OSF | pcap | (Ouster) | YAML | XML (Velodyne) | CSV | dat (Hesai)
+    sensor --from . -o a.toml | a file | a folder
+    sensor --from one.json -o mine.txt | --output mine.txt | .toml
+    sensor --from nothing.json -o a.toml | nothing.json | no such file
+    sensor --from one.json --like table1-apd -o a.toml | --like table1-apd | spins
+    sensor --from one.json --like os9 -o a.toml | os9
+    twin none.pcap -o out | none.pcap | no such recording
+    twin none.pcap -o out --frames 0-4 | --frames | numbers with commas | 0-4
+    twin none.pcap -o out --held-out half | --held-out | number of a frame | half
+    twin one.pcap -o out --held-out 0 | --held-out 0 | a frame
+    certify points.bin -o out | --metadata | --sensor NAME
+    certify damaged.bin -o out | rows of 16 bytes
+    certify points.bin --sensor vlp-16 --frame 4 -o out | frame | 0 to 0 | 4
+    certify one.pcap --scene wall.toml -o out | scene of a twin
+    fit | lidarscene fit -h
+    fit one.pcap --report r -o u.toml --poses p.csv --sensor os0-128 | --poses | --scene
+    fit one.pcap --report r -o u.toml | --sensor | name
+    fit one.pcap --report r -o u.toml --frames 1 --scene s.toml | --frames | --scene
+    fit one.pcap --report r -o u.toml --frames '1;2' --sensor os0-128 | --frames | numbers with commas | 1;2
+    fit one.pcap --report r -o u.json --sensor os0-128 | u.json | .toml
+    fit one.pcap --report r -o u.toml --sensor none.toml | --sensor none.toml | No such file
+    fit one.pcap --report r -o u.toml --sensor latin.toml | --sensor latin.toml | UTF-8
+    fit one.pcap --report r -o u.toml --sensor broken.toml | --sensor broken.toml | TOML
+    stream wall.toml | --udp
+    stream wall.toml --sensor vlp-16 | lidarscene stream -h
+    stream wall.toml --udp 2368 | --udp | host | port | 127.0.0.1:2368 | 2368
+    stream wall.toml --udp 127.0.0.1:0 | --udp | host | port | 127.0.0.1:0
+    stream wall.toml --udp 127.0.0.1:9 --rate 0 | --rate | 0.001 | 1000 frames | 0
+    stream wall.toml --udp 127.0.0.1:9 --frames 0 | --frames | 1 | 10000 | 0
+    stream wall.toml --udp 127.0.0.1:9 --sensor table1-apd | sensor 'table1-apd' | packets
+    stream wall.toml --udp 127.0.0.1:9 --sensor vlp-16 --metadata a.json | --metadata | sensor 'vlp-16'
+    street --seed x -o out | --seed | 0 | 4294967295 | x
+    street --length-m 10 -o out | street | length_m | >= 50 | 10.0
+    street --set lane=2 -o out | 'lane'
+    street | -o/--output
+    """
+)
+@pytest.mark.usefixtures("place")
+def test_typed(run: Run, given: str, named: str) -> None:
+    for word, text in WORDS.items():
+        given, named = given.replace(word, text), named.replace(word, text)
+    typed(run, named, *shlex.split(given))
+
+
+@mistakes(
+    """
+    laser.peak_power_w=-3 | laser.peak_power_w | >= 1e-06 | -3
+    laser.peak_power_w=big | laser.peak_power_w | number | "big"
+    laser.peak_power_w=nan | laser.peak_power_w | finite number | NaN
+    laser.pek_power_w=3 | 'laser.pek_power_w' | peak_power_w? | wavelength_nm
+    lasr.peak_power_w=3 | 'lasr' | laser? | optics
+    laser=3 | laser | table | 3
+    scanner.azimuth_fov_deg=0 | scanner.azimuth_fov_deg | > 0 | 0
+    scanner.elevation_fov_deg=0.0 | scanner.elevation_fov_deg | > 0 | 0.0
+    scanner.azimuth_step_deg=41 | scanner | azimuth_step_deg | <= 40 | azimuth_fov_deg | 41
+    scanner.type=galvo | scanner.type | 'raster' | galvo
+    detector.type=ccd | detector.type | 'apd' | ccd
+    detector.cells=3 | 'detector.cells' | type, gain
+    detector.gain=0.5 | detector.gain | >= 1 | 0.5
+    detector.ionisation_ratio=0.1 | excess_noise_index | ionisation_ratio | both
+    tdc.threshold_level=1 | threshold_to_noise | threshold_level | both
+    tdc.threshold_to_noise=1e-30 | tdc.threshold_to_noise | >= 0.01 | 1e-30
+    tdc.stops=1.5 | tdc.stops | whole number | 1.5
+    tdc.stops=0 | tdc.stops | >= 1 | 0
+    mounting.position_m=[1, 2] | mounting.position_m | longer | [1, 2]
+    mounting.position_m=[1, 2, 3, 4] | mounting.position_m | at most 3 | 4
+    detector.gain | KEY=VALUE
+    =60 | KEY=VALUE
+    detector..gain=60 | KEY=VALUE
+    laser.peak_power_w.x=1 | laser.peak_power_w | a value | not a table
+    """
+)
+@pytest.mark.usefixtures("place")
+def test_set(run: Run, given: str, named: str) -> None:
+    file = "" if "KEY=VALUE" in named or "not a table" in named else "table1-apd.toml | "
+    typed(run, f"{file}--set {given} | {named}", "render", "wall.toml", "-o", "o.ply", *COARSE, "--set", given)
 
 
 def test_a_long_path_comes_behind_the_mistake(run: Run, tmp_path: Path) -> None:
     folder = tmp_path / "a folder whose name alone is too long for a line"
     folder.mkdir()
-    scene = folder / "scene.toml"
-    scene.write_text("lenght = 3")
-    line = error_line(run, tmp_path, "render", str(scene), "-o", "out.ply")
-    assert line.startswith("unknown key 'lenght'")
-    assert line.endswith(f" ({scene})")
-    assert error_line(run, tmp_path, "render", str(folder / "none.toml"), "-o", "out.ply").startswith("no such file (")
+    (folder / "scene.toml").write_text("lenght = 3")
+    for name, mistake in (("scene.toml", "'lenght'"), ("none.toml", "no such file")):
+        typed(run, f"{mistake} | ({folder / name})", "render", str(folder / name), "-o", "out.ply")
 
 
 @pytest.mark.parametrize(
-    ("name", "content", "message"),
+    ("target", "more", "file"),
     [
-        ("a.obj", TRIANGLE.replace("v 1", "v nan"), "a.obj: 1 of 3 vertices are not finite numbers"),
-        ("a.obj", TRIANGLE.replace("v 1", "v 1e308"), "a.obj: 1 of 3 vertices are not finite numbers"),
-        ("a.obj", TRIANGLE.replace("2 3", "2 9"), "a.obj: cannot be read as a mesh: "),
-        ("a.obj", "", "a.obj: the mesh must have at least one triangle, got none"),
-        ("a.stl", "", "a.stl: the mesh must have at least one triangle, got none"),
-        ("a.obj", "v 0 0 0\n", "a.obj: the mesh must have at least one triangle"),
-        ("a.ply", NOISE, "a.ply: cannot be read as a mesh: "),
-        ("a.glb", NOISE, "a.glb: cannot be read as a mesh: "),
-        ("a.obj", NOISE, "a.obj: "),
-        ("a.stl", NOISE, "a.stl: "),
-        ("a.fbx", b"1", "a.fbx: an FBX file, which is not read; import it into Blender and export glTF (File, Export,"),
-        ("a.STEP", b"1", "a.STEP: a STEP file of CAD, which is not read; export OBJ or STL from FreeCAD; or import"),
-        ("a.xyzw", b"1", "a.xyzw: cannot be read as a mesh: file_type 'xyzw' not supported"),
-        (
-            "a.obj",
-            "v 2 2 2\nv 2 2 2\nv 2 2 2\nf 1 2 3\n",
-            "across and reach <= 1e+08 m from its origin, got 0 m and 2 m",
-        ),
-    ],
-)
-def test_bad_mesh(run: Run, tmp_path: Path, name: str, content: str | bytes, message: str) -> None:
-    (tmp_path / name).write_bytes(content if isinstance(content, bytes) else content.encode())
-    line = error_line_of_scene(run, tmp_path, MESH.format(name))
-    assert line.startswith('scene.toml: bodies[0 "thing"]')
-    assert message in line
-
-
-@pytest.mark.parametrize(
-    ("name", "message"),
-    [
-        ("none.glb", "none.glb: no such file"),
-        ("folder", "folder: must be a mesh file, got a folder"),
-        ("long" * 99, f"{'long' * 99}: no such file"),
-    ],
-)
-def test_mesh_that_is_not_there(run: Run, tmp_path: Path, name: str, message: str) -> None:
-    (tmp_path / "folder").mkdir()
-    line = error_line_of_scene(run, tmp_path, MESH.format(name))
-    assert line == f'scene.toml: bodies[0 "thing"].mesh: {message}'
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("", "the scene must have [[bodies]], [street] or base = ..., got none"),
-        (WALL + "a = = 3\n", "not valid TOML: Invalid value (at line 9, column 5)"),
-        ("x = 1\n" + WALL, "unknown key 'x'; known here: name, description, extends, without, base,"),
-        (WALL + "colour = 1\n", "unknown key 'bodies[0 \"wall\"].colour'; known here: position_m, yaw_deg,"),
-        (WALL + "[sun]\nazimut_deg = 1\n", "unknown key 'sun.azimut_deg'; did you mean azimuth_deg? all known "),
-        (WALL + "instances = [{ yaw = 1 }]\n", "unknown key 'bodies[0 \"wall\"].instances[0].yaw'; did you mean yaw"),
-        (WALL + "instances = []\n", 'bodies[0 "wall"].instances: must be a list of at least 1, got []'),
-        (WALL + "scale = '2'\n", 'bodies[0 "wall"].scale: must be a number, got "2"'),
-        (WALL + "scale = true\n", 'bodies[0 "wall"].scale: must be a number, got true'),
-        (WALL + "scale = 0\n", 'bodies[0 "wall"].scale: must be > 0, got 0'),
-        (WALL + "scale = -1.5\n", 'bodies[0 "wall"].scale: must be > 0, got -1.5'),
-        (WALL + "scale = nan\n", 'bodies[0 "wall"].scale: must be a finite number, got NaN'),
-        (WALL + "scale = 1e-9\n", 'bodies[0 "wall"]: with its scale a body must be >= 1e-06 m across'),
-        (WALL + "scale = 1e300\n", 'bodies[0 "wall"].scale: must be <= 1e+06, got 1e+300'),
-        (WALL.replace("[4, 4]", "4"), 'bodies[0 "wall"].size_m: must be a list, got 4'),
-        (WALL.replace("[4, 4]", "[4]"), 'bodies[0 "wall"]: size_m of a plane must have 2 numbers, got 1'),
-        (WALL.replace("[4, 4]", "[4, 0]"), 'bodies[0 "wall"].size_m[1]: must be > 0, got 0'),
-        (WALL.replace("[10, 0, 1.8]", "[1, 0]"), 'bodies[0 "wall"].position_m: must be a longer list, got [1, 0]'),
-        (WALL.replace("[10, 0, 1.8]", "[1e30, 0, 0]"), 'bodies[0 "wall"].position_m[0]: must be <= 1e+08'),
-        (WALL.replace('"concrete"', "3"), 'bodies[0 "wall"].material: must be text, got 3'),
-        (
-            WALL.replace("concrete", "concrate"),
-            "bodies[0 \"wall\"].material: no material 'concrate' in the catalogue; did you mean concrete or ",
-        ),
-        (WALL.replace('material = "concrete"', ""), "bodies[0 \"wall\"]: key 'material' is missing"),
-        (WALL.replace('name = "wall"', ""), "key 'bodies[0].name' is missing"),
-        (WALL.replace('"wall"', '""'), 'bodies[0 ""].name: must be text that is not empty, got ""'),
-        (WALL + WALL, "names of bodies must be unique, got 'wall' twice"),
-        (WALL + 'mesh = "a.obj"\n', 'bodies[0 "wall"]: one of mesh and primitive must be given, got both or none'),
-        (WALL + "radius_m = 1\n", 'bodies[0 "wall"]: a plane must have size_m, got size_m and radius_m'),
-        (WALL + 'materials = { a = "brick" }\n', 'bodies[0 "wall"]: materials is for the sub-meshes of a mesh'),
-        (
-            WALL.replace('"plane"', '"cone"'),
-            "bodies[0 \"wall\"].primitive: must be 'plane', 'ground', 'box', 'sphere' or 'cylinder', got \"cone\"",
-        ),
-        (WALL + "[air]\nvisibility_km = 0\n", "air.visibility_km: must be >= 0.0001, got 0"),
-        (
-            WALL + "[air]\nvisibility_km = 1\ntransmittance = 1\n",
-            (
-                "air: must have only one of transmittance, "
-                "extinction_per_m, visibility_km, got transmittance and visibility_km"
-            ),
-        ),
-        (
-            WALL + "[weather]\nfog = 'thick'\n",
-            (
-                "weather.fog: must be 'strong_advection', 'moderate_advection', "
-                "'radiation', 'strong_spray', 'moderate_spray' or 'chu_hogg', got \"thick\""
-            ),
-        ),
-        (WALL + "[weather]\nfog_visibility_km = 0\n", "weather.fog_visibility_km: must be >= 0.005, got 0"),
-        (WALL + "[weather]\nsnow = 'powder'\n", "weather.snow: must be 'dry' or 'wet', got \"powder\""),
-        (WALL + "[weather]\nrain = 5\n", "unknown key 'weather.rain'; did you mean weather.rain_mm_h?"),
-        (WALL + "[sun]\nilluminance_klux = -1\n", "sun.illuminance_klux: must be >= 0, got -1"),
-        (WALL + "[sensor]\nname = 'none.toml'\n", "none.toml: no such file"),
-        (WALL + "[sensor]\nname = 'table2'\n", "no sensor 'table2' in the catalogue; did you mean table1-"),
-        (WALL + "[materials.x]\nreflectivity = 2\n", "materials.x.reflectivity: must be <= 1, got 2"),
-        (
-            WALL + "[materials.x]\nreflectivity = [{ wavelength_nm = 905, value = 2 }]\n",
-            "materials.x.reflectivity[0].value: must be <= 1, got 2",
-        ),
-        (
-            WALL + "[materials.x]\nreflectivity = 0.6\ntransmittance = 0.5\n",
-            "materials.x: reflectivity and transmittance: must be <= 1 together, got 1.1",
-        ),
-        (
-            WALL + "[materials.x]\nreflectivity = 0.6\ntransmittance = [{ wavelength_nm = 905, value = 0.45 }]\n",
-            "materials.x: reflectivity and transmittance: must be <= 1 together, got 1.05 at 905 nm",
-        ),
-        (
-            WALL + "[materials.x]\nreflectivity = 0.6\nbsdf = 'mirror'\ncover = 0.5\n",
-            "materials.x: a mirror material has no cover",
-        ),
-        (WALL + "[materials.x]\nreflectivity = 0.6\ncover = 0\n", "materials.x.cover: must be > 0, got 0"),
-        (
-            WALL + "[materials.x]\nreflectivity = 0.1\nroughness = 0.1\n",
-            ("materials.x: a diffuse material has no roughness"),
-        ),
-        (
-            WALL + "[materials.x]\nreflectivity = 0.1\nbsdf = 'coated'\n",
-            ("materials.x: a coated material needs coat_ior and coat_roughness"),
-        ),
-        (
-            MESH.format("ok.obj") + 'materials = { roof = "brick" }\n',
-            ("bodies[0 \"thing\"].materials: no sub-mesh 'roof' in ok.obj; it has ok.obj"),
-        ),
-        (
-            MESH.format("ok.obj").replace("material =", "class ="),
-            ("bodies[0 \"thing\"]: sub-mesh 'ok.obj' of ok.obj has no colour of its own and must have a material"),
-        ),
-        ('base = "none.xml"\n', "base: none.xml: no such file"),
-        (f'base = "{"long" * 99}.xml"\n', f"base: {'long' * 99}.xml: no such file"),
-        ('base = "ok.obj"\n', "base: ok.obj: the name of a Mitsuba scene must end in .xml"),
-        (WALL + '[base_materials]\ngrey = "brick"\n', "base_materials must go with base, got no base"),
-    ],
-)
-def test_bad_scene(run: Run, tmp_path: Path, text: str, message: str) -> None:
-    (tmp_path / "ok.obj").write_text(TRIANGLE)
-    line = error_line_of_scene(run, tmp_path, text)
-    assert line.removeprefix("scene.toml: ").startswith(message)
-
-
-def test_several_mistakes_are_counted(run: Run, tmp_path: Path) -> None:
-    line = error_line_of_scene(run, tmp_path, WALL + "scale = 0\n[sky]\ndiffuse_share = -1\n")
-    assert line.endswith("got 0 (and 1 more)") or line.endswith("got -1 (and 1 more)")
-
-
-def test_text_that_is_not_utf_8(run: Run, tmp_path: Path) -> None:
-    (tmp_path / "latin.toml").write_bytes(b'\nname = "caf\xe9"\n')
-    assert error_line(run, tmp_path, "render", "latin.toml", "-o", "o.ply") == "latin.toml: not UTF-8 text (at line 2)"
-
-
-def test_scene_that_is_not_there(run: Run, tmp_path: Path) -> None:
-    (tmp_path / "folder.toml").mkdir()
-    (tmp_path / "folder.xml").mkdir()
-    for name, message in (
-        ("none.toml", "none.toml: no such file"),
-        ("none.xml", "none.xml: no such file"),
-        ("folder.toml", "folder.toml: must be a TOML file, got a folder"),
-        ("folder.xml", "folder.xml: must be a Mitsuba XML scene, got a folder"),
-    ):
-        assert error_line(run, tmp_path, "render", name, "-o", "o.ply") == message
-
-
-def test_name_of_two_lines_is_told_in_one(run: Run, tmp_path: Path) -> None:
-    assert error_line(run, tmp_path, "render", "two\nlines.toml", "-o", "o.ply") == "two\\nlines.toml: no such file"
-
-
-@pytest.mark.parametrize(
-    ("assignment", "message"),
-    [
-        ("laser.peak_power_w=-3", "laser.peak_power_w: must be >= 1e-06, got -3"),
-        ("laser.peak_power_w=big", 'laser.peak_power_w: must be a number, got "big"'),
-        ("laser.peak_power_w=nan", "laser.peak_power_w: must be a finite number, got NaN"),
-        (
-            "laser.pek_power_w=3",
-            "unknown key 'laser.pek_power_w'; did you mean peak_power_w? all known here: wavelength_nm, ",
-        ),
-        (
-            "lasr.peak_power_w=3",
-            "unknown key 'lasr'; did you mean laser? all known here: name, description, laser, optics, ",
-        ),
-        ("laser=3", "laser: must be a table, got 3"),
-        ("scanner.azimuth_fov_deg=0", "scanner.azimuth_fov_deg: must be > 0, got 0"),
-        ("scanner.elevation_fov_deg=0.0", "scanner.elevation_fov_deg: must be > 0, got 0.0"),
-        ("scanner.azimuth_step_deg=41", "scanner: azimuth_step_deg: must be <= 40, azimuth_fov_deg, got 41"),
-        ("scanner.type=galvo", "scanner.type: must be one of '"),
-        ("detector.type=ccd", "detector.type: must be one of '"),
-        ("detector.cells=3", "unknown key 'detector.cells'; known here: type, gain, "),
-        ("detector.gain=0.5", "detector.gain: must be >= 1, got 0.5"),
-        ("detector.ionisation_ratio=0.1", "one of excess_noise_index and ionisation_ratio must be given, got both"),
-        ("tdc.threshold_level=1", "one of threshold_to_noise and threshold_level must be given, got both or none"),
-        ("tdc.threshold_to_noise=1e-30", "tdc.threshold_to_noise: must be >= 0.01, got 1e-30"),
-        ("tdc.stops=1.5", "tdc.stops: must be a whole number, got 1.5"),
-        ("tdc.stops=0", "tdc.stops: must be >= 1, got 0"),
-        ("mounting.position_m=[1, 2]", "mounting.position_m: must be a longer list, got [1, 2]"),
-        ("mounting.position_m=[1, 2, 3, 4]", "mounting.position_m: must be a list of at most 3, "),
-    ],
-)
-def test_bad_value_in_set(run: Run, tmp_path: Path, wall: str, assignment: str, message: str) -> None:
-    line = error_line(run, tmp_path, "render", wall, "-o", "o.ply", *COARSE, "--set", assignment)
-    assert "table1-apd.toml" in line
-    assert f"--set {assignment}: " in line
-    assert message in line
-
-
-def test_more_pulses_than_there_are_numbers_for(run: Run, tmp_path: Path, wall: str) -> None:
-    finest = ("--set=scanner.azimuth_step_deg=1e-6", "--set=scanner.elevation_step_deg=1e-6")
-    line = error_line(run, tmp_path, "render", wall, "-o", "o.ply", *finest)
-    assert "must have fewer than 2^31 pulses in a frame, got" in line
-
-
-@pytest.mark.parametrize(
-    ("assignment", "message"),
-    [
-        ("detector.gain", "must be KEY=VALUE, such as detector.gain=60"),
-        ("=60", "must be KEY=VALUE, such as detector.gain=60"),
-        ("detector..gain=60", "must be KEY=VALUE, such as detector.gain=60"),
-        ("laser.peak_power_w.x=1", "laser.peak_power_w is a value, not a table"),
-    ],
-)
-def test_bad_form_of_set(run: Run, tmp_path: Path, wall: str, assignment: str, message: str) -> None:
-    line = error_line(run, tmp_path, "render", wall, "-o", "o.ply", "--set", assignment)
-    assert line == f"--set {assignment}: {message}"
-
-
-@pytest.mark.parametrize(
-    ("argv", "message"),
-    [
-        (["--seed", "-1"], "argument --seed: must be a whole number from 0 to 4294967295, got -1"),
-        (["--seed", "4294967296"], "must be a whole number from 0 to 4294967295, got 4294967296"),
-        (["--seed", "1.5"], "must be a whole number from 0 to 4294967295, got 1.5"),
-        (["--chunk", "0"], "argument --chunk: must be a whole number from 1 to 2147483647, got 0"),
-        (["--chunk", "many"], "must be a whole number from 1 to 2147483647, got many"),
-        (
-            ["--pose", "1,2"],
-            ("argument --pose: must be X,Y,Z[,YAW,PITCH,ROLL] in metres (to 1e+08) and degrees, got 1,2"),
-        ),
-        (["--pose", "1,2,3,4,5,6,7"], "and degrees, got 1,2,3,4,5,6,7"),
-        (["--pose", "nan,0,0"], "and degrees, got nan,0,0"),
-        (["--pose", "-inf,0,0"], "and degrees, got -inf,0,0"),
-        (["--pose", "1e300,0,0"], "and degrees, got 1e300,0,0"),
-        (["--pose", "a,b,c"], "and degrees, got a,b,c"),
-        (["--pose", "1,,2"], "and degrees, got 1,,2"),
-        (["--pose", "--json"], "argument --pose: expected one argument"),
-        (["--coordinates", "car"], "argument --coordinates/--frame: invalid choice: 'car'"),
-        (["--sensor", "table1-apx"], "no sensor 'table1-apx' in the catalogue; did you mean table1-apd?"),
-        (["--sensor", "none.toml"], "none.toml: no such file"),
-        (["--sensor", "long" * 99], f"no sensor '{'long' * 99}' in the catalogue; it has apd-905"),
-        (["--sensor", "wall.toml"], "wall.toml: "),
-        (["--sensor", "./sensor"], "sensor: the name of a sensor file ends in .toml"),
-        (["--picture", "o.gif"], "--picture o.gif: the name must end in .png or .svg"),
-        (["--keep-missed", "o.csv"], "--keep-missed o.csv: the name must end in .npz"),
-        (["--sed", "1"], "unrecognized arguments: --sed 1"),
-    ],
-)
-def test_bad_option(run: Run, tmp_path: Path, wall: str, argv: list[str], message: str) -> None:
-    (tmp_path / "sensor").write_text("")
-    assert message in error_line(run, tmp_path, "render", wall, "-o", "new/o.ply", *argv)
-
-
-@pytest.mark.parametrize(
-    ("argv", "message"),
-    [
-        (["rendr"], "argument COMMAND: invalid choice: 'rendr'"),
-        (["render"], "the following arguments are required: SCENE, -o/--output; see lidarscene render -h"),
-        (["catalog", "lasers"], "argument kind: invalid choice: 'lasers'"),
-        (["catalog", "sensors", "table1"], "no sensor 'table1' in the catalogue; did you mean table1-"),
-        (["catalog", "materials", "xyzzy"], "no material 'xyzzy' in the catalogue; it has asphalt, "),
-        (["catalog", "materials", "../sensors/table1-apd"], "no material '../sensors/table1-apd' in the catalogue"),
-        (["schema", "cloud"], "argument kind: invalid choice: 'cloud'"),
-    ],
-)
-def test_bad_command(run: Run, tmp_path: Path, argv: list[str], message: str) -> None:
-    assert error_line(run, tmp_path, *argv).startswith(message)
-
-
-def test_wavelength_that_no_material_knows(run: Run, tmp_path: Path, wall: str, mi: ModuleType) -> None:
-    argv = ("render", wall, "-o", "o.ply", *COARSE, "--set")
-    line = error_line(run, tmp_path, *argv, "laser.wavelength_nm=800")
-    assert line == "material 'concrete': no reflectivity at 800 nm; its table reaches from 850 to 1550 nm"
-    assert run(*argv, "laser.wavelength_nm=1400").code == 0
-
-
-@pytest.mark.parametrize(
-    ("output", "message"),
-    [
-        ("wall.toml/o.ply", "is a file, not a folder"),
-        ("/proc/none/o.ply", "cannot be written: "),
-        (".", "the name must end in one of .ply, "),
-        ("", "an argument is empty, behind -o"),
-        ("folder.ply", "must be the name of a file, got a folder"),
-        ("o.abc", "--output o.abc: the name must end in one of .ply, "),
-        ("wall.toml", "--output wall.toml: the name must end in one of .ply, "),
-    ],
-)
-def test_output_that_cannot_be(
-    run: Run, tmp_path: Path, wall: str, monkeypatch: pytest.MonkeyPatch, output: str, message: str
-) -> None:
-    """It is told before anything is computed."""
-    (tmp_path / "folder.ply").mkdir()
-    monkeypatch.setattr("lidarscene.outputs.record.load_scene", lambda *_, **__: pytest.fail("the scene was read"))
-    assert message in error_line(run, tmp_path, "render", wall, "-o", output)
-
-
-def test_no_input_is_overwritten(run: Run, tmp_path: Path) -> None:
-    (tmp_path / "mesh.ply").write_bytes(
-        b"ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
-        b"element face 1\nproperty list uchar int vertex_indices\nend_header\n0 0 0\n1 0 0\n0 1 0\n3 0 1 2\n"
-    )
-    (tmp_path / "link.ply").symlink_to("mesh.ply")
-    content = (tmp_path / "mesh.ply").read_bytes()
-    (tmp_path / "base.xml").write_text(
-        "<scene version='3.0.0'><shape type='ply'><string name='filename' value='mesh.ply'/></shape></scene>"
-    )
-    (tmp_path / "scene.toml").write_text(MESH.format("mesh.ply"))
-    (tmp_path / "based.toml").write_text('base = "base.xml"\n')
-    for scene in ("scene.toml", "based.toml", "base.xml"):
-        for output in ("mesh.ply", "./mesh.ply", "link.ply"):
-            line = error_line(run, tmp_path, "render", scene, "-o", output, *COARSE)
-            assert line == f"--output {Path(output)}: must be another name, got an input of this run"
-    assert (tmp_path / "mesh.ply").read_bytes() == content
-
-
-@pytest.mark.parametrize(
-    ("target", "argv", "message", "kept_files"),
-    [
-        ("lidarscene.files.atomic._sync", [], "new/o.ply: cannot be written: No space left on device", set()),
-        (
-            "zipfile.ZipFile",
-            ["--keep-missed", "new/m.npz"],
-            "new/m.npz: cannot be written: No space left on device",
-            set(),
-        ),
-        (
-            "lidarscene.files.spool.Spool.append",
-            ["--keep-missed", "new/m.npz"],
-            "new/m.npz: cannot be written: No space left on device",
-            set(),
-        ),
+        ("lidarscene.files.atomic._sync", [], "new/o.ply"),
+        ("zipfile.ZipFile", ["--keep-missed", "new/m.npz"], "new/m.npz"),
+        ("lidarscene.files.spool.Spool.append", ["--keep-missed", "new/m.npz"], "new/m.npz"),
     ],
 )
 def test_a_full_disk(
-    run: Run,
-    tmp_path: Path,
-    wall: str,
-    mi: ModuleType,
-    monkeypatch: pytest.MonkeyPatch,
-    target: str,
-    argv: list[str],
-    message: str,
-    kept_files: set[str],
+    run: Run, wall: str, mi: ModuleType, monkeypatch: pytest.MonkeyPatch, target: str, more: list[str], file: str
 ) -> None:
-    """Nothing half written stays, not even a new folder; what was complete before does."""
-    before = files_in(tmp_path)
+    """Nothing half written stays, not even a new folder."""
     monkeypatch.setattr(target, raise_disk_full)
-    ran = run("render", wall, "-o", "new/o.ply", *COARSE, *argv)
-    assert (ran.code, ran.out, ran.err) == (2, "", f"lidarscene: error: {message}\n")
-    assert files_in(tmp_path) - before == kept_files
+    typed(run, f"{file} | No space left on device", "render", wall, "-o", "new/o.ply", *COARSE, *more)
 
 
+def raising(error: type[BaseException]) -> Any:
+    def fail(*_: Any, **__: Any) -> None:
+        raise error
+
+    return fail
+
+
+@pytest.mark.parametrize("target", ["lidarscene.rendering.simulator.Simulator.stream", "lidarscene.files.atomic._sync"])
 def test_interrupt_leaves_nothing(
-    run: Run, tmp_path: Path, wall: str, mi: ModuleType, monkeypatch: pytest.MonkeyPatch
+    run: Run, tmp_path: Path, wall: str, mi: ModuleType, monkeypatch: pytest.MonkeyPatch, target: str
 ) -> None:
-    def interrupted(*_: Any, **__: Any) -> None:
-        raise KeyboardInterrupt
-
-    before = files_in(tmp_path)
-    for target in ("lidarscene.rendering.simulator.Simulator.stream", "lidarscene.files.atomic._sync"):
-        with monkeypatch.context() as patch:
-            patch.setattr(target, interrupted)
-            ran = run("render", wall, "-o", "new/o.ply", *COARSE)
-        assert (ran.code, ran.out, ran.err) == (130, "", "lidarscene: interrupted\n")
-        assert files_in(tmp_path) == before
-
-
-def test_memory_that_is_not_there(
-    run: Run, tmp_path: Path, wall: str, mi: ModuleType, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def too_much(*_: Any, **__: Any) -> None:
-        raise MemoryError
-
-    monkeypatch.setattr(Simulator, "stream", too_much)
+    monkeypatch.setattr(target, raising(KeyboardInterrupt))
     ran = run("render", wall, "-o", "new/o.ply", *COARSE)
-    assert (ran.code, ran.err) == (1, "lidarscene: error: out of memory; a smaller --chunk needs less\n")
+    assert (ran.code, ran.out, ran.err) == (130, "", "lidarscene: interrupted\n")
+    assert [path.name for path in tmp_path.iterdir()] == [wall]
 
 
+def test_memory_that_is_not_there(run: Run, wall: str, mi: ModuleType, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(Simulator, "stream", raising(MemoryError))
+    typed(run, "out of memory | --chunk", "render", wall, "-o", "new/o.ply", *COARSE, code=1)
+
+
+@pytest.mark.usefixtures("place")
 @pytest.mark.parametrize(
-    ("text", "message"),
+    ("call", "named"),
     [
-        ("hello", "a.xml: not valid XML: syntax error: line 1, column 0"),
-        (NOISE, "a.xml: not valid XML: "),
-        ("<?xml version='1.0' encoding='klingon'?><scene/>", "a.xml: not valid XML: "),
-        ("<page/>", "a.xml: not a Mitsuba scene: "),
-        ("<scene version='3.0.0'/>", "a.xml: the scene has no shapes"),
-        (XML.replace("sphere", "spher"), "a.xml: shape type: must be one of Mitsuba's own plugins, got 'spher'"),
-        (
-            XML.replace("'ball'>", "'ball'><float name='size' value='2'/>").replace(
-                "'ball'/>", "'ball'><float name='size' value='2'/></shape>"
-            ),
-            "a.xml: not a Mitsuba scene: Found 1 unreferenced",
-        ),
-        (
-            "<scene version='3.0.0'><shape type='obj'><string name='filename' value='none.obj'/></shape></scene>",
-            'a.xml: not a Mitsuba scene: failed to instantiate shape plugin of type "obj"',
-        ),
-        ("<scene version='3.0.0'><include filename='none.xml'/></scene>", "none.xml: no such file"),
-        ("<scene version='3.0.0'><include filename='a.xml'/></scene>", "a.xml: files include each other"),
-        ("<scene version='3.0.0'><include filename='$part.xml'/></scene>", "a.xml: not a Mitsuba scene: "),
-        (
-            "<scene version='3.0.0'><shape type='sphere' id='one'><bsdf type='hair' id='h'/></shape></scene>",
-            "a.xml: BSDF 'h' of shape 'one': cannot be used: ",
-        ),
+        (lambda: lidarscene.load_scene("cars"), "scene 'cars' | car"),
+        (lambda: lidarscene.load_scene(3), "scene | name | file | Scene | (vertices, faces) | mesh"),
+        (lambda: lidarscene.load_sensor(None), "sensor | name | file | Sensor | NoneType"),
+        (lambda: lidarscene.load_rig("wall.toml"), "a scene file"),
+        (lambda: lidarscene.render("wall.toml", "vlp17"), "sensor 'vlp17' | vlp-16"),
+        (lambda: lidarscene.render("wall.toml", seed=1.5), "seed | whole number | 0 | 4294967295 | 1.5"),
+        (lambda: lidarscene.render("wall.toml", pose=(1, 2)), "pose | Pose | x, y, z | metres | (1, 2)"),
+        (lambda: lidarscene.render("wall.toml", pose=np.eye(4)), "pose | yaw, pitch, roll | array([[1., 0.,"),
+        (lambda: lidarscene.render("wall.toml", coordinates="car"), "'world' | 'vehicle' | 'sensor' | 'car'"),
+        (lambda: lidarscene.render("wall.toml", overrides="gain=3"), "'gain' | detector.gain?"),
+        (lambda: lidarscene.render("wall.toml", overrides=3), 'overrides | "key=value" | dict | 3'),
+        (lambda: lidarscene.render("wall.toml", colour=1), "'colour' | rays"),
+        (lambda: lidarscene.render(lidarscene.load_sensor("vlp-16")), "Mitsuba | Sensor"),
+        (lambda: lidarscene.record("wall.toml", outputs="a.abc"), "path a.abc | .ply"),
+        (lambda: small_cloud().column("intesity"), "'intesity' | intensity?"),
+        (lambda: small_cloud().select(small_cloud().status), "select | cloud.status == 0"),
+        (lambda: small_cloud().view(scene="kar"), "scene 'kar' | car"),
+        (lambda: lidarscene.deskewed(small_cloud(), (1, 0, 0)), "Simulator.motion | tuple"),
+        (lambda: lidarscene.PointCloud.load("wall.toml"), "'.toml' | .ply"),
     ],
 )
-def test_bad_mitsuba_scene(run: Run, tmp_path: Path, mi: ModuleType, text: str | bytes, message: str) -> None:
-    (tmp_path / "a.xml").write_bytes(text if isinstance(text, bytes) else text.encode())
-    assert error_line(run, tmp_path, "render", "a.xml", "-o", "o.ply", *COARSE).startswith(message)
-
-
-@pytest.mark.parametrize(
-    ("mapped", "message"),
-    [
-        ('gray = "brick"', "a.xml: base_materials: no BSDF with id 'gray'; it has grey"),
-        ('grey = "brik"', "scene.toml: base_materials.grey: no material 'brik' in the catalogue; did you mean brick"),
-    ],
-)
-def test_bad_base_materials(run: Run, tmp_path: Path, mi: ModuleType, mapped: str, message: str) -> None:
-    (tmp_path / "a.xml").write_text(XML)
-    line = error_line_of_scene(run, tmp_path, f'base = "a.xml"\n[base_materials]\n{mapped}\n')
-    assert line.startswith(message)
+def test_called(call: Callable[[], Any], named: str) -> None:
+    """The public names of Python, whose answers the command line shares."""
+    with told(named):
+        call()

@@ -9,7 +9,6 @@ from helpers.command_line import BEAMS, COARSE, WALL, Run
 from helpers.walls import LEFT_AND_RIGHT
 
 from lidarscene.cloud.point_cloud import PointCloud
-from lidarscene.rendering.simulator import Simulator
 
 DRIVE = "[ego]\nspeed_m_s = 20\n" + WALL + "[bodies.motion]\nvelocity_m_s = [-10, 0, 0]\n"
 FRAME_S = BEAMS / 50e3  # of the coarse raster
@@ -159,69 +158,6 @@ def test_text_of_many(mi, run: Run, drive: str) -> None:
     beside = ("--labels", "semantickitti", "--poses", "way.tum", "--picture", "look.png")
     printed = run("render", drive, "-o", "out", "--frames", "2", *COARSE, *beside)
     assert printed.out.endswith("wrote         2 clouds in out, 2 .label in out, 2 .png in ., way.tum\n")
-
-
-@pytest.mark.parametrize(
-    ("argv", "message"),
-    [
-        (("-o", "a.ply", "--frames", "2"), "--output a.ply: must be a folder with --frames"),
-        (("-o", "drive.toml", "--frames", "2"), "--output drive.toml: must be a folder with --frames"),
-        (("-o", "a.ply", "--rig", "two.toml"), "--output a.ply: must be a folder with --rig"),
-        (("-o", "a.ply", "--rig", "two.toml", "--frames", "2"), "must be a folder with --frames and --rig"),
-        (("-o", "out", "--rig", "two.toml", "--merge"), "--output out: the name must end in one of .ply, "),
-        (("-o", "a", "--frames", "0"), "--frames"),
-        (("-o", "a", "--frames", "10001"), "--frames"),
-        (("-o", "a", "--frames", "x"), "--frames"),
-        (("-o", "a.ply", "--begin", "x"), "--begin"),
-        (("-o", "a.ply", "--begin", "nan"), "--begin"),
-        (("-o", "a.ply", "--merge"), "--merge goes with --rig"),
-        (("-o", "a", "--rig", "two.toml", "--sensor", "table1-apd"), "--rig: must be only one of them, got both"),
-        (
-            ("-o", "a.ply", "--rig", "two.toml", "--merge", "--coordinates", "sensor"),
-            "--merge: must go with --coordinates world or vehicle, which all sensors share, got sensor",
-        ),
-        (("-o", "a.ply", "--rig", "two.toml", "--merge", "--keep-missed", "m.npz"), "not with --merge"),
-        (("-o", "a", "--rig", "none.toml"), "none.toml: no such file"),
-        (("-o", "a", "--rig", "two.toml", "--set", "rear:tdc.stops=2"), "'rear' is not among the sensors here"),
-        (("-o", "a", "--rig", "two.toml", "--set", "tdc.stop=2"), 'two.toml: sensors[0 "left"]'),
-        (("-o", "a.ply", "--coordinates", "car"), "--coordinates"),
-    ],
-)
-def test_mistakes(run: Run, drive: str, tmp_path: Path, argv: tuple[str, ...], message: str) -> None:
-    rendered = run("render", drive, *argv)
-    assert (rendered.code, rendered.out) == (2, "")
-    assert message in rendered.err
-    assert rendered.err.count("\n") == 1
-    assert not files_of(tmp_path)
-
-
-ENDING = "[ego]\nposes = [{ time_s = 0 }, { time_s = 0.011, position_m = [1, 0, 0] }]\n" + WALL
-
-
-@pytest.mark.parametrize(
-    ("argv", "message"),
-    [
-        (("--frames", "3"), "motion of ego: must have poses for the frame, 0.00924 to 0.01384 s, got 0 to 0.011 s"),
-        (("--begin", "5", "--frames", "1"), "must have poses for the frame, 5 to 5.0046 s, got 0 to 0.011 s"),
-        (("--begin", "-1", "--frames", "1"), "must have poses for the frame, -1 to -0.9954 s, got 0 to 0.011 s"),
-    ],
-)
-def test_a_motion_that_ends_is_told_before_anything_is_traced(
-    run: Run, tmp_path: Path, argv: tuple[str, ...], message: str, mi, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(Simulator, "render", None)
-    (tmp_path / "drive.toml").write_text(ENDING)
-    rendered = run("render", "drive.toml", "-o", "out", *COARSE, *argv)
-    assert rendered.code == 2
-    assert rendered.err.rstrip("\n").endswith(message)
-    assert not files_of(tmp_path)
-
-
-def test_inputs_are_not_written_over(run: Run, drive: str, tmp_path: Path) -> None:
-    (tmp_path / "way.ply").write_text("0 0 0 0 0 0 0 1\n1 1 0 0 0 0 0 1\n")
-    (tmp_path / "drive.toml").write_text('[ego]\nposes_file = "way.ply"\n' + WALL)
-    rendered = run("render", "drive.toml", "-o", "way.ply")
-    assert "way.ply: must be another name, got an input of this run" in rendered.err
 
 
 def test_the_view_rides_with_the_vehicle(

@@ -11,7 +11,7 @@ from helpers.command_line import BEAMS, COARSE, Run
 from lidarscene import load_sensor
 from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.errors import LidarSceneError
-from lidarscene.formats.registry import FORMATS, LABELS, SUFFIXES
+from lidarscene.formats.registry import FORMATS, LABELS
 
 pytestmark = pytest.mark.usefixtures("mi")
 
@@ -84,35 +84,6 @@ def test_range_image(run: Run, wall: str, tmp_path: Path) -> None:
         assert len(echo_ranges) == len(PointCloud.load(tmp_path / "a.npz"))
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (["-o", "a.abc"], f"--output a.abc: the name must end in one of {', '.join(SUFFIXES)}"),
-        (["-o", "a.ply", "--format", "pointcloud"], "argument --format: invalid choice: 'pointcloud'"),
-        (["-o", "a.bin", "--ascii"], "--ascii: ply and pcd can be text"),
-        (["-o", "a.ply", "--labels", "coco"], "argument --labels: invalid choice: 'coco'"),
-        (["-o", "a.ply", "--range-image", "r.jpg"], "r.jpg: the name must end in .png or .npz"),
-        (["-o", "a.ply", "--dataset", "kitti"], "--output a.ply: must be a folder with --dataset"),
-        (["-o", "a", "--dataset", "kitti", "--format", "kitti"], "--format: a data set has its own"),
-        (["-o", "a", "--dataset", "kitti", "--labels", "osi"], "--labels: a data set has its own"),
-        (["-o", "a", "--dataset", "kitti", "--ascii"], "--dataset: goes without --ascii"),
-        (["-o", "a.las", "--frames", "2"], "--output a.las: must be a folder with --frames"),
-        (["-o", "a.mcap", "--epoch", "noon"], "--epoch: must be a date such as 2026-01-31 or 2026-01-31T12:00:00Z"),
-        (["-o", "a.mcap", "--epoch", "2040-01-01"], "got '2040-01-01' (must be from 1970 to 2038)"),
-        (["-o", "a.ply", "--keep-rays", "r.csv"], "r.csv: the name must end in .npz or .parquet or .ply"),
-        (["-o", "a.ply", "--topic", "lidar"], "--topic: goes with a bag of ROS 2, such as OUT.mcap"),
-        (["-o", "a.mcap", "--topic", "a b"], "--topic: must be a name of ROS such as lidar/points, got 'a b'"),
-        (["-o", "a.mcap", "--frame-id", "9"], "--frame-id: must be a name of ROS such as lidar_top, got '9'"),
-        (["-o", "a.mcap", "--frame-id", "map"], "a.mcap: frame_id: must not be 'map'"),
-    ],
-)
-def test_mistakes(run: Run, wall: str, tmp_path: Path, options: list[str], message: str) -> None:
-    ran = run("render", wall, *options, *COARSE)
-    assert (ran.code, ran.out) == (2, "")
-    assert message in ran.err
-    assert sorted(p.name for p in tmp_path.iterdir()) == [wall]
-
-
 def test_a_missing_package_is_told_before_the_work(
     run: Run, wall: str, monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -164,14 +135,6 @@ def test_frames_in_one_bag(run: Run, wall: str, tmp_path: Path, library: Any, ou
     assert np.ptp([stamp for stamp, _ in received]) == pytest.approx(2e9 * BEAMS / rate_hz, abs=2.0)
 
 
-def test_a_bag_of_frames_takes_no_labels(run: Run, wall: str, tmp_path: Path) -> None:
-    ran = run("render", wall, "-o", "drive.mcap", "--frames", "2", "--labels", "kitti", *COARSE)
-    assert ran.code == 2
-    assert "--labels: goes with a folder of clouds, not with one file of several" in ran.err
-    ran = run("render", wall, "-o", "drive.ply", "--frames", "2", *COARSE)
-    assert "must be a folder with --frames" in ran.err
-
-
 def test_colours_on_the_command_line(run: Run, wall: str, tmp_path: Path) -> None:
     assert run("render", wall, "-o", "c.ply", "--colours", "range", *COARSE).code == 0
     assert b"property uchar red" in (tmp_path / "c.ply").read_bytes()
@@ -180,26 +143,6 @@ def test_colours_on_the_command_line(run: Run, wall: str, tmp_path: Path) -> Non
     assert "--colours: ply can have colours" in run("render", wall, "-o", "c.npz", "--colours", "range", *COARSE).err
     hidden = run("render", wall, "-o", "c.ply", "--colours", "class", "--no-truth", *COARSE).err
     assert "--colours: must be one of" in hidden
-
-
-@pytest.mark.parametrize(
-    ("name", "more", "message"),
-    [
-        ("a.ply", ("--no-truth",), "normals and velocities are ground truth, which is left out (--no-truth)"),
-        ("a.bin", (), "must go with a format that has all columns: ply, pcd, "),
-        ("a.pcap", ("--sensor", "vlp-16"), "must go with a format that has all columns"),
-        ("d", ("--dataset", "kitti"), "must go with a format that has all columns"),
-    ],
-)
-def test_normals_that_no_file_would_have_are_refused(
-    run: Run, wall: str, tmp_path: Path, name: str, more: tuple[str, ...], message: str
-) -> None:
-    """Rationale: they cost time, and whoever asks for them would look for them in vain."""
-    coarse = () if "vlp-16" in more else COARSE
-    ran = run("render", wall, "-o", name, "--vectors", *more, *coarse)
-    assert (ran.code, ran.out) == (2, "")
-    assert f"--vectors: {message}" in ran.err
-    assert not (tmp_path / name).exists()
 
 
 def test_the_vehicles_poses_come_a_hundred_times_a_second(run: Run, wall: str, tmp_path: Path, library: Any) -> None:

@@ -12,7 +12,6 @@ from typing import Any
 
 import pytest
 from helpers.child import assert_ended
-from helpers.command_line import Run
 from helpers.paper_results import results, use
 
 from lidarscene.cli import main
@@ -161,21 +160,3 @@ def test_the_same_again(folder: Path, second_run: tuple[Path, str]) -> None:
 
 def test_runs_without_tracing(paper_run: tuple[Path, Any, str]) -> None:
     assert paper_run[2] == "[]"
-
-
-@pytest.mark.parametrize(
-    ("argv", "message"),
-    [
-        ((), "the following arguments are required: -o/--output"),
-        (("-o", "file"), "is a file, not a folder"),
-        (("-o", "file/deep"), "is a file, not a folder"),
-        (("-o", "out", "more"), "unrecognized arguments: more"),
-    ],
-)
-def test_mistakes(run: Run, tmp_path: Path, argv: tuple[str, ...], message: str) -> None:
-    (tmp_path / "file").write_text("")
-    ran = run("paper", *argv)
-    assert (ran.code, ran.out) == (2, "")
-    assert message in ran.err
-    assert ran.err.count("\n") == 1
-    assert [path.name for path in tmp_path.rglob("*")] == ["file"]

@@ -120,26 +120,6 @@ def test_ctrl_c_ends_it_as_it_ends_the_view(mi: Any, run: Run, wall: str, monkey
     assert ran.out.splitlines()[-1].startswith("sent ")
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["--udp", "2368"], "argument --udp: must be a host and a port, such as 127.0.0.1:2368, got 2368"),
-        (["--udp", "127.0.0.1:0"], "argument --udp: must be a host and a port"),
-        (["--udp", "127.0.0.1:9", "--rate", "0"], "must be from 0.001 to 1000 frames in a second, got 0"),
-        (["--udp", "127.0.0.1:9", "--frames", "0"], "must be a whole number from 1 to 10000, got 0"),
-        (["--udp", "127.0.0.1:9", "--sensor", "table1-apd"], "sensor 'table1-apd': has no format of packets"),
-        (["--udp", "127.0.0.1:9", "--sensor", "vlp-16", "--metadata", "a.json"], "--metadata: sensor 'vlp-16' has"),
-        ([], "the following arguments are required: --udp"),
-    ],
-)
-def test_mistakes_are_told_in_one_line(run: Run, wall: str, arguments: list[str], message: str) -> None:
-    ran = run("stream", wall, *arguments)
-    assert ran.code == 2
-    assert message in ran.err
-    assert ran.err.startswith("lidarscene: error: ")
-    assert ran.err.count("\n") == 1
-
-
 def test_a_sensor_turns_as_often_as_its_frames_are_sent() -> None:
     """Rationale: real time is the default; a frame of VLP-16 is 1808 firings."""
     assert load_sensor("vlp-16").scanner.frame_s == pytest.approx(1808 * 55.296e-6)

@@ -25,19 +25,3 @@ def test_a_street_is_written(run: Run, tmp_path: Path) -> None:
     assert [body.name for body in model.bodies] == [body["name"] for body in tables["bodies"]]
     first_line = (folder / "street.toml").read_text().partition("\n")[0]
     assert all(key in first_line for key in ("seed = 5,", "length_m = 80.0,", "lanes = 2,"))
-
-
-@pytest.mark.parametrize(
-    ("argv", "message"),
-    [
-        (("--seed", "x", "-o", "out"), "--seed: must be a whole number from 0 to 4294967295, got x"),
-        (("--length-m", "10", "-o", "out"), r"street]: length_m: must be >= 50, got 10"),
-        (("--set", "lane=2", "-o", "out"), "unknown key 'lane'"),
-        ((), "the following arguments are required: -o/--output"),
-    ],
-)
-def test_mistakes_in_one_line(run: Run, tmp_path: Path, argv: tuple[str, ...], message: str) -> None:
-    ran = run("street", *argv)
-    assert (ran.code, ran.out, ran.err.count("\n")) == (2, "", 1)
-    assert message in ran.err
-    assert not (tmp_path / "out").exists()

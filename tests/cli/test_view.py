@@ -49,33 +49,6 @@ def test_frames_of_a_folder_come_by_their_numbers(tmp_path: Path) -> None:
     assert rig == ["left", "right"]
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (["nothing.ply"], "nothing.ply: no such file"),
-        (["nothing.toml"], "nothing.toml: no such file"),
-        (["a.abc"], "a.abc: suffix '.abc' names no point cloud format; known: .ply"),
-        (["empty"], "empty: must hold files that end in .las, .laz, .npz, .parquet, .pcd, .ply, got none"),
-        (["wall.toml", "wall.toml"], "view: must be one scene, got wall.toml and wall.toml"),
-        (["wall.toml", "--save", "page.pdf"], "--save page.pdf: the name must end in .html"),
-        (["wall.toml", "--save", "wall.toml/page.html"], "wall.toml/page.html: cannot be written"),
-        (["a.ply", "--pose", "0,0,1"], "--pose: goes with a scene that is rendered, not with clouds"),
-        (["wall.toml", "--port", "70000"], "must be a whole number from 0 to 65535, got 70000"),
-        (["wall.toml", "--sensor", "eye", "--save", "p.html"], "no sensor 'eye' in the catalogue"),
-        (["wall.toml", "--set", "laser.colour=1", "--save", "p.html"], "unknown key 'laser.colour'"),
-        ([], "the following arguments are required: CLOUD|DIR|SCENE"),
-    ],
-)
-def test_a_mistake_prints_one_line(run: Run, wall: str, arguments: list[str], message: str) -> None:
-    Path("empty").mkdir()
-    ran = run("view", *arguments)
-    assert ran.code == 2
-    assert message in ran.err
-    assert ran.err.startswith("lidarscene: error: ")
-    assert ran.err.count("\n") == 1
-    assert not Path("p.html").exists()
-
-
 @pytest.mark.parametrize(("quiet", "wait_s", "lines"), [(False, 0.3, 1), (True, 0.3, 0), (False, 0.0, 0)])
 def test_a_long_start_is_explained_once(
     capsys: pytest.CaptureFixture[str], quiet: bool, wait_s: float, lines: int

@@ -201,7 +201,7 @@ def test_equations_are_numbered_in_order() -> None:
 
 def test_named_tests_exist() -> None:
     for page in PAGES:
-        for file, function in re.findall(r"`(tests/\w+/\w+\.py)(?:::(\w+))?`", text_of(page)):
+        for file, function in re.findall(r"`(tests/(?:\w+/)+\w+\.py)(?:::(\w+))?`", text_of(page)):
             assert (ROOT / file).is_file(), file
             assert not function or f"def {function}(" in text_of(ROOT / file), f"{file}::{function}"
 
@@ -417,7 +417,7 @@ REFERENCE = re.compile(r"\bdocs/(\w+)\.md(?: (\d+)\b)?")
 
 
 def linked(description: str) -> str:
-    """The description with links in place of pages, such as `docs/theory_light.md 21`, as the page writes it."""
+    """The description with links in place of pages, such as `docs/theory_light.md 9`, as the page writes it."""
 
     def link(found: re.Match[str]) -> str:
         page, section = found[1], found[2]

@@ -40,9 +40,9 @@ def test_every_module_of_formulas_is_there() -> None:
 
 def test_equations_and_pages_of_docstrings_are_drawn_and_linked() -> None:
     math = ".. math:: K = B / A,\\quad\n    A = 1 \\tag{T7}"
-    text = f"As in (docs/theory_light.md 21) and `docs/theory.md`,\n\n{math}\n\nand so on."
+    text = f"As in (docs/theory_light.md 9) and `docs/theory.md`,\n\n{math}\n\nand so on."
     first, equation, last = hook("equations").drawn(text).split("\n\n")
-    assert first == "As in ([theory light, 21](theory_light.md)) and `docs/theory.md`,"
+    assert first == "As in ([theory light, 9](theory_light.md)) and `docs/theory.md`,"
     assert equation.strip().startswith('<div class="equation" id="T7"')
     assert "\\" not in equation.partition("<math ")[2].partition("<annotation")[0]
     assert last.strip() == "and so on."

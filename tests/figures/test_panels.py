@@ -57,7 +57,7 @@ def test_sensors_are_drawn(name: str) -> None:
 
 def test_show_opens_the_page_in_the_browser(monkeypatch: pytest.MonkeyPatch) -> None:
     opened: list[str] = []
-    monkeypatch.setattr(webbrowser, "open", opened.append)
+    monkeypatch.setattr(webbrowser, "open", lambda address: opened.append(address) or True)
 
     class Page(Viewed):
         def __init__(self) -> None:

@@ -70,12 +70,6 @@ def test_a_mesh_in_millimetres_is_noticed_and_mended(tmp_path: Path) -> None:
         np.testing.assert_allclose(high - low, BOX, atol=1e-5)
 
 
-@pytest.mark.parametrize("wrong", ["scale=-1", "scale=big", "roll_deg=left", "unit=mile", "up=w"])
-def test_what_is_wrong_is_told_as_of_a_scene_file(box: Path, wrong: str) -> None:
-    with pytest.raises(InputError, match=rf"box\.stl.*bodies.*{wrong.partition('=')[0]}"):
-        load_scene(box, overrides=[f"bodies.mesh.{wrong}"])
-
-
 def test_colours_of_its_own_are_kept(tmp_path: Path) -> None:
     mesh = trimesh.creation.box(BOX)
     material = trimesh.visual.material.PBRMaterial(baseColorFactor=(51, 51, 51, 255))

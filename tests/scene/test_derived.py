@@ -9,7 +9,6 @@ from helpers.command_line import Run
 
 from lidarscene import catalog
 from lidarscene.cloud.point_cloud import PointCloud
-from lidarscene.errors import InputError
 from lidarscene.scene.scene import Part, Scene, box_of
 from lidarscene.scene.scene_file import files_of_scene, load_scene, scene_model
 
@@ -76,43 +75,6 @@ def test_one_extends_one_that_extends_a_street(tmp_path: Path) -> None:
     assert [model_of[4].bodies[-1].name, model_of[4].bodies[-1].mesh] == ["parked_van", str(folder / "van.obj")]
     assert model_of[4].ego != model_of[5].ego
     assert model_of[4].reach_m == 70
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ('extends = "drove"', r"no scene 'drove' in the catalogue"),
-        ('extends = "mine.toml"', r"mine\.toml: extends: mine\.toml extends this file in turn"),
-        ('extends = "none.toml"', r"none\.toml: no such file"),
-        ('extends = "van.obj"', r"extends: must be a TOML scene file, got van\.obj"),
-        ('extends = "drive"\nwithout = ["lorry"]', r"mine\.toml: without: no body 'lorry' in what it extends"),
-        ('extends = "drive"\n[ego]\nmesh = "none.obj"', r"mine\.toml: ego\.mesh: .*none\.obj: no such file"),
-    ],
-)
-def test_mistakes_in_one_line(tmp_path: Path, text: str, message: str) -> None:
-    van(tmp_path)
-    with pytest.raises(InputError, match=message) as caught:
-        scene_of(tmp_path, text)
-    assert "\n" not in str(caught.value)
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ('bodies = ["x"]', r'bodies\[0\]: must be a table, got "x"'),
-        ("bodies = 3", r"bodies: must be a list, got 3"),
-        ('bodies = [{ name = ["x"] }]', r'bodies\[0\]\.name: must be text, got \["x"\]'),
-        ('bodies = [{ name = "x", instances = 3 }]', r"bodies\[0\]\.instances: must be a list, got 3"),
-        ("without = 3", r"without: must be a list, got 3"),
-        ('without = [["x"]]', r'without\[0\]: must be text, got \["x"\]'),
-        ("sensor = 3", r"sensor: must be a table, got 3"),
-    ],
-)
-def test_lists_of_something_else_are_named_with_their_file(tmp_path: Path, text: str, message: str) -> None:
-    (tmp_path / "below.toml").write_text(text)
-    for own, file in (('extends = "below.toml"\n', "below"), (text, "mine")):
-        with pytest.raises(InputError, match=rf"{file}\.toml: {message}\Z"):
-            scene_of(tmp_path, own)
 
 
 def test_the_own_van_rides(tmp_path: Path) -> None:

@@ -9,7 +9,6 @@ import pytest
 from helpers.street import triangle
 from scipy.signal import welch
 
-from lidarscene.errors import InputError
 from lidarscene.maths.pose import Pose
 from lidarscene.maths.trajectory import Course
 from lidarscene.physics.reference.surroundings import profile_density_m3
@@ -29,8 +28,6 @@ PAVEMENT = (
     '[[bodies]]\nname = "pavement"\nprimitive = "ground"\nsize_m = [80, 2]\nkerb_m = 0.2\nmaterial = "concrete"\n'
     "position_m = [0, 5, 0.12]\n"
 )
-BACK = "[[0, 0, 0], [9, 0, 0], [3, 2, 0]]"
-CROSSED = "[[0, 0, 0], [9, 9, 0], [9, 0, 0], [0, 9, 0]]"
 BOX = '[[bodies]]\nname = "box"\nprimitive = "box"\nsize_m = [1, 1, 1]\nmaterial = "brick"\non_ground = true\n'
 
 
@@ -311,25 +308,3 @@ def test_an_ego_without_its_ride_stays_on_the_ground(tmp_path: Path) -> None:
     np.testing.assert_allclose(scene.ego.at(np.zeros(1)).position_m, [[0.0, 0.0, 0.1]], atol=1e-12)
     scene = scene_of(tmp_path, "[ego]\nride = { active = false }\n" + ROAD)
     assert isinstance(scene.ego, Course)
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        (BOX, r"on_ground: must have a ground below it, got none at 0, 0 m"),
-        (ROAD + "pitch_deg = 1\n", "a ground must be level"),
-        (ROAD + "[bodies.motion]\nspeed_m_s = 1\n", "a ground must stand still"),
-        (ROAD + "on_ground = true\n", "must have a ground below it"),
-        (ROAD.replace("0.4", "0.01"), "a ground must have <= 4000000 vertices, got 6408801"),
-        (BOX.replace("on_ground = true", "crown_m = 0.1"), "crown_m is for a ground, a box has none"),
-        ("[ego]\n" + ROAD + BOX + "[bodies.motion]\nwith_ego = true\n", "on_ground does not go with motion.with_ego"),
-        (ROAD.replace("[80, 8]", "[80]"), "size_m of a ground must have 2 numbers"),
-        (ROAD + "width_m = 3\n", "line and width_m must go together, got width_m"),
-        (ROAD.replace("size_m = [80, 8]", f"line = {BACK}\nwidth_m = 8"), r"such a bend at 0, 0 m"),
-        (ROAD.replace("size_m = [80, 8]", f"outline = {CROSSED}"), "outline must not cross itself"),
-        (BOX.replace("on_ground = true", "offset_m = 1"), "offset_m is for a ground, a box has none"),
-    ],
-)
-def test_mistakes(tmp_path: Path, text: str, message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        scene_of(tmp_path, text)

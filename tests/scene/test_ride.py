@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 from helpers.roads import output_spectrum, wheel_spectrum
 
-from lidarscene.errors import InputError
 from lidarscene.maths.pose import Pose, rotation_matrix
 from lidarscene.maths.trajectory import Course, Riding, Spline
 from lidarscene.physics.constants import STANDARD_GRAVITY_M_S2
@@ -194,16 +193,3 @@ def test_a_ride_without_rough_ground_is_level(tmp_path: Path) -> None:
     assert isinstance(scene.bodies[0].motion, Riding)
     assert scene.bodies[0].motion.carrier is scene.ego
     np.testing.assert_allclose(scene.bodies[0].motion.at(np.array([2.0])).position_m, [[20.0, 0.0, 0.0]], atol=1e-12)
-
-
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ('[ground]\nroughness = "I"\n' + BOX, "ground.roughness: must be"),
-        ("[ego]\nride = { sprung_kg = 0 }\n" + BOX, "ego.ride.sprung_kg: must be >= 1"),
-        ("[ego]\n" + BOX + "[bodies.motion]\nwith_ego = true\nride = {}\n", "must have with_ego alone"),
-    ],
-)
-def test_mistakes(tmp_path: Path, text: str, message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        scene_of(tmp_path, text)

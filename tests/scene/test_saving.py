@@ -7,9 +7,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from helpers.mistakes import told
 
 import lidarscene
-from lidarscene import InputError, OutputError, Pose, Scene, Sun, load_scene
+from lidarscene import Pose, Scene, Sun, load_scene
 from lidarscene.materials.material import Material, Spectrum
 from lidarscene.maths.trajectory import Course, Spline
 from lidarscene.scene.scene import Air, Ball, Body, Interferer, Part, View
@@ -136,34 +137,18 @@ def test_a_scene_made_in_python_is_written_whole(tmp_path: Path) -> None:
     assert_same(scene, saved(scene, tmp_path))
 
 
-def test_what_no_file_can_have_is_one_line_and_writes_nothing(tmp_path: Path) -> None:
-    scene, path = load_scene("car"), tmp_path / "mine.toml"
+def test_a_motion_that_no_file_can_have_writes_nothing(tmp_path: Path) -> None:
+    scene = load_scene("car")
     poses = Spline(time_s=np.arange(2.0), poses=(Pose(), Pose.from_degrees(position_m=(1.0, 0.0, 0.0))))
-    box = trimesh.creation.box()
-    part = Part(vertices_m=box.vertices, faces=box.faces, material="asphalt")
-    mover = Body(name="mover", class_name="box", parts=(part,), motion=poses)
-    with pytest.raises(InputError, match=r"'mover': motion: must be by speeds"):
-        replace(scene, bodies=(*scene.bodies, mover)).save(path)
-    with pytest.raises(InputError, match="must not be removed"):
-        scene.remove("road").save(path)
-    with pytest.raises(InputError, match=r"must end in \.toml"):
-        scene.save(tmp_path / "mine.glb")
-    (tmp_path / "file").write_text("")
-    with pytest.raises(OutputError):
-        scene.add(box, "asphalt").save(tmp_path / "file" / "mine.toml")
-    assert [entry.name for entry in tmp_path.iterdir()] == ["file"]
+    mover = replace(scene.bodies["car"], name="mover", motion=poses)
+    with told("'mover' | motion | speeds"):
+        replace(scene, bodies=(*scene.bodies, mover)).save(tmp_path / "mine.toml")
+    assert not any(tmp_path.iterdir())
 
 
 def test_a_body_is_added_at_a_position() -> None:
-    box = trimesh.creation.box()
-    body = Scene().add(box, "asphalt", position=(20.0, 0.0, 1.0)).bodies["body"]
+    body = Scene().add(trimesh.creation.box(), "asphalt", position=(20.0, 0.0, 1.0)).bodies["body"]
     assert body.pose.position_m.tolist() == [20.0, 0.0, 1.0]
-    with pytest.raises(InputError, match="one of pose and position"):
-        Scene().add(box, "asphalt", (0, 0, 0), position=(20.0, 0.0, 1.0))
-    with pytest.raises(InputError, match="position: must be x, y, z"):
-        Scene().add(box, "asphalt", position="here")
-    with pytest.raises(InputError, match=r"^position: must be .*, got \(1, 2\)"):
-        Scene().add(box, "asphalt", position=(1, 2))
 
 
 def test_colours_of_several_pieces_are_several_materials(tmp_path: Path) -> None:
@@ -187,10 +172,3 @@ def test_values_of_the_file_are_replaced(tmp_path: Path) -> None:
     assert (edited.sun.illuminance_klux, edited.sky.diffuse_share) == (1.5, 0.3)
     assert [body.name for body in edited.bodies] == [b.name for b in scene.bodies if b.name != "car.0"] + ["body"]
     assert_same(edited, saved(edited, tmp_path))
-    for wrong, message in (
-        (lambda: edited.replace("bodies.house.yaw_deg=3"), "before bodies are added"),
-        (lambda: scene.replace("sun.illuminace_klux=3"), "did you mean|illuminance_klux"),
-        (lambda: Scene().replace("sun.illuminance_klux=3"), "as `load_scene` gave it"),
-    ):
-        with pytest.raises(InputError, match=message):
-            wrong()

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 
 from lidarscene import catalog
-from lidarscene.errors import InputError
 from lidarscene.scene.scene import Ball, Part, Scene
 from lidarscene.scene.scene_file import files_of_scene, load_scene
 
@@ -161,16 +160,3 @@ def test_scenes_of_the_package_go_by_their_names() -> None:
     assert [body.name for body in by_name.bodies] == [body.name for body in pathed.bodies]
     assert next(files_of_scene("edges")) == scenes / "edges.toml"
     assert load_scene("edges", overrides=["sun.illuminance_klux=1"]).sun.illuminance_klux == 1
-
-
-@pytest.mark.parametrize(
-    ("name", "message"),
-    [
-        ("scenes/none/car.toml", "no such file; the scene that comes with lidarscene goes by its name, car"),
-        ("kar", "no scene 'kar' in the catalogue; did you mean car"),
-        ("out/kar", "out/kar: no such file"),
-    ],
-)
-def test_names_that_are_none(name: str, message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        load_scene(name)

@@ -1,18 +1,15 @@
 """Who walks: the foot that bears stands still, at any speed and on any motion; and clips as glTF means them."""
 
-import tomllib
 from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import pytest
 from helpers.gltf import WALL, Gltf
-from helpers.walker import write_walker
 from scipy.interpolate import CubicHermiteSpline
 from scipy.spatial import KDTree
 
 from lidarscene import catalog, load_scene
-from lidarscene.errors import InputError
 from lidarscene.maths.pose import Pose
 from lidarscene.maths.trajectory import Course, GoingOn, HeldAtEnds, Motion, Repeated, Riding, Spline
 from lidarscene.scene.meshes import gltf
@@ -305,28 +302,3 @@ def test_a_vertex_that_no_joint_carries_goes_with_its_first(tmp_path: Path) -> N
     file.add("skins", joints=[1, 2])
     (piece,) = read_mesh(file.save(tmp_path / "a.glb"))
     np.testing.assert_allclose(piece.vertices_m, WALL + np.array([0, 1, 0]), atol=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("keys", "message"),
-    [
-        ('animation = "run"\nmotion = { speed_m_s = 1 }', "walker.glb: no animation 'run'; it has walk, stand$"),
-        (
-            'animation = "stand"\nmotion = { speed_m_s = 1 }',
-            r"animation: must be a stride, in which a foot .* none does$",
-        ),
-        ('standing = "stand"', "standing must go with animation, got no animation"),
-        ('animation = "walk"\nmotion = { with_ego = true }', "animation does not go with motion.with_ego"),
-        ('animation = "walk"\nmesh = "walker.ply"', r"animation must go with a glTF file, got '\.ply'"),
-        ('animation = "walk"\nprimitive = "sphere"\nradius_m = 1', "animation is for meshes, a sphere has none"),
-    ],
-)
-def test_mistakes_are_one_line(tmp_path: Path, keys: str, message: str) -> None:
-    write_walker(tmp_path / "walker.glb")
-    (tmp_path / "walker.ply").write_text("ply\n", encoding="utf-8")
-    head = "" if "mesh" in keys or "primitive" in keys else 'mesh = "walker.glb"\n'
-    text = f'[ego]\nspeed_m_s = 1\n[[bodies]]\nname = "a"\nmaterial = "denim"\n{head}{keys}\n'
-    assert tomllib.loads(text)
-    (tmp_path / "scene.toml").write_text(text, encoding="utf-8")
-    with pytest.raises(InputError, match=message):
-        load_scene(tmp_path / "scene.toml")

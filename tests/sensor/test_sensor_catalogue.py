@@ -150,7 +150,6 @@ def test_sources_tell_fitted_assumed_and_unknown(name: str) -> None:
 
 
 @pytest.mark.parametrize("name", sorted(set(OF_MAKERS) - RECORDED - SCALED))
-@pytest.mark.slow
 def test_fitted_ranges_are_the_published(name: str) -> None:
     """A single range is the same to 1 %, in the lidar equation with everything else as assumed; several to 15 %."""
     fitted = rows_of_quantity(name, "range")

@@ -45,13 +45,18 @@ def checks_arguments(call: Checked) -> Checked:
                 setattr(call, name, type(method)(checked) if made else checked)
         return call
     signature = inspect.signature(call)
-    takes_all = any(parameter.kind is parameter.VAR_KEYWORD for parameter in signature.parameters.values())
+    kinds = [parameter.kind for parameter in signature.parameters.values()]
+    takes_all, takes_list = inspect.Parameter.VAR_KEYWORD in kinds, inspect.Parameter.VAR_POSITIONAL in kinds
+    positional = [name for name, kind in zip(signature.parameters, kinds, strict=True) if kind in _POSITIONAL]
+    own = positional[:1] == ["self"]
 
     @functools.wraps(call)
     def checked_call(*arguments: Any, **keywords: Any) -> Any:
         if not takes_all:
             for word in keywords.keys() - signature.parameters.keys():
                 raise unknown_option(word, [name for name in signature.parameters if name != "self"])
+        if len(arguments) > len(positional) and not takes_list:
+            raise _too_many(call.__name__, arguments[own:], positional[own:], _hints_of(call))
         try:
             bound = signature.bind(*arguments, **keywords).arguments
         except TypeError:  # the call itself says what is missing
@@ -62,6 +67,18 @@ def checks_arguments(call: Checked) -> Checked:
         return call(*arguments, **keywords)
 
     return typing.cast(Checked, checked_call)
+
+
+def _too_many(call: str, given: Sequence[object], names: Sequence[str], hints: Mapping[str, Any]) -> OptionError:
+    """Error for a call with more arguments than names that go without them; several choices go in a list."""
+    words = f"{call}(): must have at most {len(names)} without a name ({', '.join(names)}), got {len(given)}"
+    rest = [*given[len(names) - 1 :]]
+    if names and is_of_type(rest, hints.get(names[-1], object)):
+        return OptionError("{0}; several go in one list: {1}={2}", words, names[-1], one_line(rest))
+    return OptionError("{0}; the others go by name, as in name=value", words)
+
+
+_POSITIONAL = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
 
 
 def require_type(name: str, value: object, hint: Any) -> None:

@@ -16,8 +16,9 @@ from typing import TYPE_CHECKING, Annotated, Any, Self, get_type_hints, overload
 import numpy as np
 
 from ..detection.outcomes import Status
-from ..errors import InputError, did_you_mean, one_line
+from ..errors import InputError, one_line
 from ..files.arguments import checks_arguments
+from ..files.attributes import no_attribute
 from ..maths.arrays import Numbers, frozen
 from ..maths.pose import Pose
 from .category_array import CategoryArray, hint
@@ -25,15 +26,19 @@ from .category_array import CategoryArray, hint
 Fields = dict[str, Any]
 
 FOREIGN_NAMES = {
-    "classes": 'cloud["class"], cloud.class_names',
+    **dict.fromkeys(("classes", "labels", "label", "semantic", "semantic_labels"), 'cloud["class"], cloud.class_names'),
+    **dict.fromkeys(("instance", "instances", "instance_id", "instance_labels"), 'cloud["body"], cloud.body_names'),
+    **dict.fromkeys(("bounding_boxes", "bboxes", "boxes_3d"), "cloud.boxes(scene)"),
+    **dict.fromkeys(("filter", "query", "mask", "crop"), 'cloud.select(class_="car"), cloud[cloud.range < 50]'),
+    **dict.fromkeys(("num_points", "n_points", "size"), "len(cloud)"),
+    **dict.fromkeys(("to_dataframe", "to_df", "to_csv", "describe", "head"), "cloud.to_pandas()"),
+    **dict.fromkeys(("to_ros", "to_pointcloud2", "to_rosbag", "publish"), 'cloud.save("a.mcap"), `lidarscene stream`'),
+    **dict.fromkeys(("transform_to", "to_world"), "cloud.transform(pose), render(..., coordinates='world')"),
+    **dict.fromkeys(("distance", "distances", "depth"), "cloud.range"),
+    **dict.fromkeys(("timestamp", "timestamps", "t"), "cloud.time"),
+    **dict.fromkeys(("write", "export", "to_ply"), "cloud.save(path)"),
     "frame_id": 'cloud.metadata["frame"]',
     "header": "cloud.metadata",
-    "instance": 'cloud["body"]',
-    "labels": 'cloud["class"]',
-    "num_points": "len(cloud)",
-    "semantic": 'cloud["class"]',
-    "size": "len(cloud)",
-    "timestamps": "cloud.time",
     "to_dict": "{name: cloud[name] for name in ...}, or cloud.to_pandas()",
 }
 """Names that other libraries have for what a cloud has, and how it is asked for here."""
@@ -512,8 +517,7 @@ class Cloud(CloudColumns):
             if name.startswith("_"):
                 raise AttributeError(f"PointCloud has no attribute '{name}'")
             if name not in _OTHER_NAMES:
-                meant = f"try {FOREIGN_NAMES[name]}" if name in FOREIGN_NAMES else did_you_mean(name, dir(self))
-                raise AttributeError(f"PointCloud has no column or attribute '{name}'; {meant}".rstrip("; "))
+                raise no_attribute(self, name, name="cloud", instead=FOREIGN_NAMES)
             try:
                 return self.column(name)
             except InputError as error:

@@ -25,6 +25,7 @@ from ..files.atomic import name_path_in_errors
 from ..formats.packets.firings import FiringsBuilder
 from ..kernel.rays.camera_distances import distances_m
 from ..labels.files import labels_stream
+from ..labels.point_rows import DeviceRows, PointRows
 from ..maths.arrays import Numbers
 from ..maths.trajectory import Course, pose_at
 from ..rendering.frame_summary import Summary
@@ -99,7 +100,7 @@ class FrameFiles:
                         pulses=None if rays is None else rays.append,
                         summary=self.summary,
                     )
-                    simulator.stream(take, self.frame, observers, ahead=ahead)
+                    simulator.stream(take, self.frame, observers, ahead=ahead, read=self._reader(simulator))
             since = time.perf_counter()
         if self.capture is not None and packets is not None:
             self.capture.take(packets.firings())
@@ -114,6 +115,15 @@ class FrameFiles:
         if picture is not None:
             self._draw(picture)
             self.summary.add_time("picture", since)
+
+    def _reader(self, simulator: Simulator) -> DeviceRows | None:
+        """Reader of the rows of points for files that need no more of them; None: clouds are read."""
+        outputs = self.plan.outputs
+        others = self.live is not None or not self.files.keys().isdisjoint(("range_image", "picture"))
+        if outputs.dataset != "semantickitti" or others or not outputs.own_car:
+            return None
+        deskewing = simulator.deskewing(self.frame) if outputs.is_deskewed else None
+        return DeviceRows(simulator.empty(self.frame), self.scene, deskewing)
 
     def _packets(self) -> FiringsBuilder | None:
         """Builder of the firings that packets are made of; None without packets."""
@@ -162,9 +172,9 @@ class FrameFiles:
                 routes = [(self._merged(change), appended) for change, appended in routes]
 
             def taker(number: int) -> Append:
-                def take(cloud: PointCloud) -> None:
+                def take(cloud: PointCloud | PointRows) -> None:
                     for change, appended in routes:
-                        piece = change(number, cloud)
+                        piece = cloud if isinstance(cloud, PointRows) else change(number, cloud)
                         for append in appended:
                             append(piece)
 

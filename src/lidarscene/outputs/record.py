@@ -21,6 +21,7 @@ from ..files.atomic import name_path_in_errors
 from ..files.overrides import Overrides, assignments
 from ..formats.packets.packet_encoder import PacketEncoder
 from ..formats.rerun import require_viewer, rerun_live
+from ..kernel.device import blocks
 from ..rendering.frame_summary import Summary
 from ..rendering.render_options import FrameKeywords, FrameOptions, Keywords, Observers, TraceKeywords, TraceOptions
 from ..rendering.rig_simulators import require_common_frames, simulators
@@ -150,7 +151,7 @@ def record(
     sensors = _sensors(described, sensor, changes, frame)
     _warn_of_thin_beams(trace, sensors)
     warn_of_doubts(mounted.sensor for mounted in sensors)
-    warn_of_size(plan, sensors, trace, frame.chunk)
+    warn_of_size(plan, sensors, trace, frame.chunk or blocks.lanes_per_chunk())
     encoders = _encoders(plan, sensors, clouds)
     has_imu = {mounted.label: mounted.sensor.imu is not None for mounted in sensors}
     imu_files = plan.run_files("imu", [] if outputs.imu is None else imu_labels(has_imu, rig))

@@ -103,7 +103,7 @@ class Tdc:
             about=(
                 "timed feature of a pulse: where it crosses the threshold, a fraction of its peak, "
                 "its peak, or its peak behind a matched filter, which also finds weaker ones; not "
-                "with `[sampler]` (docs/theory_receivers.md 36)"
+                "with `[sampler]` (docs/theory_receivers.md 6)"
             )
         ),
     ] = "leading_edge"
@@ -140,7 +140,7 @@ class Tdc:
             le=1e5,
             about=(
                 "rms frequency of the noise at the comparator: a slow edge crosses the threshold several times, and "
-                "such a pulse gives no point; each counts if left out (docs/theory_receivers.md 36)"
+                "such a pulse gives no point; each counts if left out (docs/theory_receivers.md 6)"
             ),
         ),
     ] = None

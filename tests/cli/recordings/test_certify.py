@@ -89,10 +89,3 @@ def test_without_scikit_learn_it_says_so(run: Run, turns: Path, monkeypatch: pyt
     assert "not measured" in line
     assert "pip install 'lidarscene[certify]'" in line
     assert "every second column" in ran.out
-
-
-def test_a_frame_that_is_not_there(run: Run, turns: Path) -> None:
-    ran = run("certify", str(turns), "--sensor", SENSOR, "--frame", str(TURNS), "-o", "out")
-    assert (ran.code, ran.err.count("\n")) == (2, 1)
-    assert f"frame must be 0 to {TURNS - 1}, got {TURNS}" in ran.err
-    assert not Path("out").exists()

@@ -69,23 +69,6 @@ def test_with_a_scene_it_is_another_fit(tmp_path: Path, monkeypatch: pytest.Monk
     )
 
 
-@pytest.mark.parametrize(
-    ("options", "complaint"),
-    [
-        (["--poses", "p.csv", "--sensor", "os0-128"], "--poses: goes with --scene"),
-        ([], "--sensor: must name the sensor"),
-        (["--frames", "1", "--scene", "s.toml"], "--frames: goes without --scene"),
-        (["--frames", "1;2", "--sensor", "os0-128"], "--frames: must be numbers with commas"),
-    ],
-)
-def test_what_goes_with_a_scene(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], options: list[str], complaint: str
-) -> None:
-    argv = ["fit", str(OUSTER), "-o", str(tmp_path / "u.toml"), "--report", str(tmp_path / "r"), *options]
-    assert main.main(argv) == 2
-    assert complaint in capsys.readouterr().err
-
-
 def test_one_packet_tells_too_little(tmp_path: Path, capsys: pytest.CaptureFixture[str], library: Any) -> None:
     """A real sensor's sixteen columns: one line, and nothing is written."""
     library("ouster.sdk.core")
@@ -94,26 +77,3 @@ def test_one_packet_tells_too_little(tmp_path: Path, capsys: pytest.CaptureFixtu
     assert message.count("\n") == 1
     assert "os0-32-one-packet.pcap: must have SIGNAL, NEAR_IR or REFLECTIVITY of enough pulses" in message
     assert not any(tmp_path.rglob("*.toml"))
-
-
-def test_the_name_must_end_in_toml(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    assert run_fit(tmp_path, "-o", str(tmp_path / "u.json")) == 2
-    assert "the name must end in .toml" in capsys.readouterr().err
-
-
-@pytest.mark.parametrize(
-    ("content", "complaint"),
-    [(None, "cannot be read: No such file"), (b"\xff", "not UTF-8 text"), (b"a = = 1", "no TOML: Invalid value")],
-)
-def test_a_sensor_file_that_is_none(
-    tmp_path: Path, capsys: pytest.CaptureFixture[str], content: bytes | None, complaint: str
-) -> None:
-    file = tmp_path / "mine.toml"
-    if content is not None:
-        file.write_bytes(content)
-    argv = ["fit", str(OUSTER), "--sensor", str(file), "--report", str(tmp_path / "r")]
-    assert main.main([*argv, "-o", str(tmp_path / "u.toml")]) == 2
-    message = capsys.readouterr().err
-    assert message.count("\n") == 1
-    assert f"--sensor {file}" in message
-    assert complaint in message

@@ -56,23 +56,3 @@ def test_a_terminal_is_told_of_each_frame(
         monkeypatch.setattr("sys.stderr.isatty", lambda: True, raising=False)
         assert len(list(with_progress(recording))) == 2
     assert capsys.readouterr().err == "\rlog: frame 1 of 2\rlog: frame 2 of 2\n"
-
-
-def test_mistakes_are_told_in_one_line(run: Run, tmp_path: Path) -> None:
-    a = room(tmp_path / "a.bin", 5.0)
-    (tmp_path / "damaged.bin").write_bytes(bytes(17))
-    small_cloud().save("ours.ply")
-    for arguments, message in (
-        (("view", "nothing.pcap"), "nothing.pcap: no such recording"),
-        (("view", a, "--frame", "4", "--save", "p.html"), "frame must be 0 to 0, got 4"),
-        (("view", a, "ours.ply", "--save", "p.html"), "a recording must come alone, got 2 paths"),
-        (("view", a, "--pose", "0,0,1", "--save", "p.html"), "--pose: goes with a scene or clouds"),
-        (("view", "ours.ply", "--frame", "1", "--save", "p.html"), "--frame: goes with a recording, got ours.ply"),
-        (("view", "damaged.bin", "--save", "p.html"), "must be rows of 16 bytes"),
-        (("certify", "damaged.bin", "-o", "o"), "must be rows of 16 bytes"),
-        (("certify", a, "-o", "o"), "must have the unit's metadata (--metadata F), or --sensor NAME"),
-        (("certify", a, "--sensor", "vlp-16", "--frame", "4", "-o", "o"), "frame must be 0 to 0, got 4"),
-    ):
-        ran = run(*arguments)
-        assert (ran.code, ran.err.count("\n")) == (2, 1), ran.err
-        assert message in ran.err

@@ -45,17 +45,3 @@ def test_points_that_it_renders_lie_on_the_makers_beams(
     range_m = np.sum(from_start * along, axis=1)
     miss_m = np.linalg.norm(from_start - range_m[:, None] * along, axis=1)
     assert miss_m.max() < 2e-3
-
-
-def test_mistakes_are_told_in_one_line(run: Run) -> None:
-    shutil.copy(OUSTER.with_suffix(".json"), "unit.json")
-    for arguments, message in (
-        (("unit.json", "-o", "mine.txt"), "--output mine.txt: the name must end in .toml"),
-        (("nothing.json", "-o", "a.toml"), "nothing.json: no such file"),
-        (("unit.json", "--like", "table1-apd", "-o", "a.toml"), "--like table1-apd: must be a sensor that spins"),
-        (("unit.json", "--like", "os9", "-o", "a.toml"), "os9"),
-    ):
-        ran = run("sensor", "--from", *arguments)
-        assert (ran.code, ran.err.count("\n")) == (2, 1)
-        assert message in ran.err
-        assert not Path("a.toml").exists()

@@ -70,20 +70,3 @@ def test_libraries_report_nothing_at_the_end(tmp_path: Path, library: Callable[[
     ]
     ran = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=PATIENCE_S)
     assert_ended(ran)
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (("twin", "no.pcap", "-o", "twin"), "no.pcap: no such recording"),
-        (("twin", "no.pcap", "-o", "twin", "--frames", "0-4"), "--frames: must be numbers with commas"),
-        (("twin", "no.pcap", "-o", "twin", "--held-out", "half"), "--held-out: must be the number of a frame"),
-        (("twin", str(OUSTER), "-o", "twin", "--held-out", "0"), "--held-out 0: must leave a frame"),
-        (("certify", str(OUSTER), "--scene", "scene.toml", "-o", "out"), "must be the scene of a twin"),
-    ],
-)
-def test_mistakes_are_one_line(run: Run, words: tuple[str, ...], message: str) -> None:
-    ran = run(*words)
-    assert ran.code == 2
-    assert message in ran.err
-    assert ran.err.count("\n") == 1

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import trimesh
 
-from lidarscene.errors import InputError, OptionWarning
+from lidarscene.errors import OptionWarning
 from lidarscene.maths.arrays import Numbers
 from lidarscene.maths.pose import Pose
 from lidarscene.scene.meshes.mesh_axes import UNITS, Axis, turn_upright
@@ -65,20 +65,6 @@ def test_a_turn_too_much_is_told(tmp_path: Path) -> None:
     trimesh.creation.box(BOX).export(tmp_path / "a.glb")
     with pytest.warns(OptionWarning, match=r'a\.glb is y up by its standard.*leave roll_deg out, or say up = "z"'):
         extent_m(tmp_path, "a.glb", "roll_deg = 90")
-
-
-@pytest.mark.parametrize(("key", "part_of_message"), [('unit = "mile"', "unit"), ('up = "w"', "up")])
-def test_what_there_is_not_is_one_line(tmp_path: Path, key: str, part_of_message: str) -> None:
-    trimesh.creation.box(BOX).export(tmp_path / "a.stl")
-    with pytest.raises(InputError, match=rf"bodies.*{part_of_message}.*must be"):
-        extent_m(tmp_path, "a.stl", key)
-
-
-def test_primitives_have_neither(tmp_path: Path) -> None:
-    text = '[[bodies]]\nname = "b"\nprimitive = "sphere"\nradius_m = 1\nmaterial = "concrete"\nup = "y"\n'
-    (tmp_path / "a.toml").write_text(text)
-    with pytest.raises(InputError, match="up is for meshes, a sphere has none"):
-        load_scene(tmp_path / "a.toml")
 
 
 def test_our_own_meshes_are_proper_gltf() -> None:

@@ -7,7 +7,6 @@ import pytest
 import trimesh
 from PIL import Image
 
-from lidarscene.errors import InputError
 from lidarscene.scene.meshes import reflectivity_patterns
 from lidarscene.scene.meshes.reading import read_mesh
 from lidarscene.scene.scene_file import load_scene
@@ -121,48 +120,6 @@ def test_mean_of_a_scene_is_by_area(tmp_path: Path) -> None:
     (tmp_path / "a.ply").write_text(ply(of_faces=colours, faces=("255 0 0", "0 255 0")))
     (body,) = scene(tmp_path, mesh="a.ply", material="brick", pattern="colour").bodies
     assert body.parts[0].pattern.mean == pytest.approx(0.5)
-
-
-@pytest.mark.parametrize(
-    ("content", "material", "pattern", "message"),
-    [
-        (ply(), "brick", "reflectivity", 'bodies[0 "wall"].pattern: a.ply has no reflectivity of its vertices'),
-        (ply(), "brick", "colour", 'bodies[0 "wall"].pattern: a.ply has no colour of its vertices'),
-        (ply(), "brick", "color", "must be 'reflectivity' or 'colour', got \"color\""),
-        (
-            ply(of_faces="float reflectivity", faces=("0.1", "0.2")),
-            "chrome",
-            "reflectivity",
-            'bodies[0 "wall"].pattern: must have a diffuse material, got chrome',
-        ),
-        (
-            ply(of_faces="float reflectivity", faces=("0.1", "35")),
-            "brick",
-            "reflectivity",
-            "property 'reflectivity' must be >= 0 and <= 1, got 35",
-        ),
-        (
-            ply(of_faces="float reflectivity", faces=("0.1", "nan")),
-            "brick",
-            "reflectivity",
-            "property 'reflectivity' must be >= 0 and <= 1, got nan",
-        ),
-    ],
-)
-def test_mistakes_are_one_line(tmp_path: Path, content: str, material: str, pattern: str, message: str) -> None:
-    (tmp_path / "a.ply").write_text(content)
-    with pytest.raises(InputError) as error:
-        scene(tmp_path, mesh="a.ply", material=material, pattern=pattern)
-    assert message in str(error.value)
-    assert "\n" not in str(error.value)
-
-
-def test_a_primitive_has_no_pattern(tmp_path: Path) -> None:
-    (tmp_path / "s.toml").write_text(
-        '[[bodies]]\nname = "b"\nprimitive = "sphere"\nradius_m = 1\nmaterial = "brick"\npattern = "colour"\n'
-    )
-    with pytest.raises(InputError, match="pattern is for meshes, a sphere has none"):
-        load_scene(tmp_path / "s.toml")
 
 
 def test_the_pieces_of_the_srgb_curve_meet() -> None:

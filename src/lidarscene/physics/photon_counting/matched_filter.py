@@ -381,19 +381,6 @@ def slope_excluded(*, rate_hz: Lanes, dead_time_s: Lanes, sigma_s: Lanes) -> Lan
     return ops.maximum(1.0 + 2.0 * bright * ops.exp(-0.5 * later * later) * weighted, 0.0)
 
 
-def signal_variance_of(*, narrowing: Lanes) -> tuple[Lanes, Lanes]:
-    """Variance of F by an echo's photons for each of them, and what of it the slope has (T95).
-
-    Args:
-        narrowing: value of the filter over that of an echo as wide as the pulse, from 1 on: pile-up narrows the echo
-    """
-    ops = xp(narrowing)
-    square = ops.maximum((1.0 + TEMPLATE**2) / (narrowing * narrowing) - TEMPLATE**2, 0.0)
-    share = (TEMPLATE**2 + 2.0) / (TEMPLATE**2 + 2.0 * square)
-    of_value = SIGNAL_VARIANCE * ops.sqrt(share)
-    return of_value, of_value * square * share
-
-
 def gain_of_breadth(*, signal: Lanes, background: Lanes, signal_variance: Lanes, bend: Lanes) -> Lanes:
     """Additional gain of a broad peak from the noise of its place, over that of a lone echo, in photons.
 

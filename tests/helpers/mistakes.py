@@ -1,0 +1,89 @@
+"""Mistakes as tables, one a line: what is given, and what the answer must name. The wording of answers is free."""
+
+import re
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from helpers.command_line import Run
+from lidarscene.cli.terminal import LONG_PATH
+from lidarscene.errors import LONGEST, InputError
+
+GIVEN = "given"
+"""Folder of the files that a test spoils."""
+
+
+def mistakes(table: str) -> pytest.MarkDecorator:
+    r"""Parameters `given` and `named`, a case for each line `GIVEN | NAMED | NAMED ...`; \n in GIVEN is a new line."""
+    rows = [[cell.strip() for cell in line.split(" | ", 1)] for line in table.splitlines() if line.strip()]
+    cases = [pytest.param(given.replace("\\n", "\n"), named, id=given) for given, named in rows]
+    return pytest.mark.parametrize(("given", "named"), cases)
+
+
+def calls(*rows: tuple[Any, ...]) -> Callable[..., None]:
+    """Test of a table of calls, each in an empty folder.
+
+    Args:
+        rows: a call, `NAMED | NAMED ...`, and the error's class if it is not InputError
+    """
+    cases = [pytest.param(call, named, *(error or [InputError]), id=named) for call, named, *error in rows]
+
+    @pytest.mark.parametrize(("call", "named", "error"), cases)
+    def test(
+        call: Callable[[], Any], named: str, error: type[Exception], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        monkeypatch.chdir(tmp_path)
+        with told(named, error):
+            call()
+        assert {path.name for path in tmp_path.iterdir()} <= {GIVEN}
+
+    table: Callable[..., None] = test
+    return table
+
+
+def given_file(name: str, content: str | bytes = "") -> Path:
+    """Write a file of a mistake into a folder of the working directory."""
+    path = Path(GIVEN, name)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(content.encode() if isinstance(content, str) else content)
+    return path
+
+
+def assert_names(message: str, named: str) -> None:
+    """Assert that one line names each of `PLACE | CAME | EXPECTED`: whole words, none by the letters of another."""
+    assert "\n" not in message
+    assert message == message.strip() != ""
+    assert len(message) <= LONGEST
+    rest = message
+    for part in sorted((part.strip() for part in named.split(" | ")), key=len, reverse=True):
+        start = r"(?<![\w.])" if part[0].isdigit() else r"(?<!\w)" if part[0].isalpha() else ""
+        end = r"(?!\w|\.\d)" if part[-1].isalnum() else ""
+        rest, found = re.subn(start + re.escape(part) + end, "\0", rest, count=1)
+        assert found, f"{part!r} is not named by {message!r}"
+
+
+@contextmanager
+def told(named: str, error: type[Exception] = InputError) -> Iterator[None]:
+    """Expect an error whose message names all of `PLACE | CAME | EXPECTED`."""
+    with pytest.raises(error) as caught:
+        yield
+    assert_names(str(caught.value), named)
+
+
+def typed(run: Run, named: str, *argv: str, code: int = InputError.exit_code) -> None:
+    """Run a command line that ends in one line on the error stream, prints nothing and writes nothing."""
+    before = _files()
+    ran = run(*argv)
+    front, message, end = ran.err[:19], ran.err[19:-1], ran.err[-1:]
+    assert (ran.code, ran.out, front, end) == (code, "", "lidarscene: error: ", "\n"), ran
+    assert not re.match(rf"/[^:]{{{LONG_PATH}}}", message), "a long path hides the mistake behind it"
+    assert_names(message, named)
+    assert _files() == before
+
+
+def _files() -> set[tuple[Path, int]]:
+    """Everything in the working directory, and when each file was written last."""
+    return {(path, path.lstat().st_mtime_ns * path.is_file()) for path in Path().rglob("*")}
