@@ -299,6 +299,27 @@ def test_vehicles_on_slopes_pitch_as_the_road(hills: Path) -> None:
     assert max(map(abs, slopes)) > 0.02
 
 
+def test_each_drives_on_its_own_road_where_one_is_above_the_other(tmp_path: Path) -> None:
+    """One car goes below the bridge, one over it; soil below the bridge is at the height of the lower road."""
+    tables = network_scene(networks.bridge(tmp_path), "sumo", StreetFile(shown_m=200.0), ego="we")
+    path = write_scene(tables, tmp_path / "out", origin="test")
+    scene, soil = load_scene(path), grounds(path, "terrain")
+    assert scene.ego is not None
+    other = next(body.motion for body in scene.bodies if body.name.startswith("traffic"))
+    assert other is not None
+    times_s = np.linspace(0.0, 20.0, 81)
+    for motion, axis, height_m in ((scene.ego, 0, 0.0), (other, 1, 6.0)):
+        place_m = motion.at(times_s).position_m
+        middle_m = 200.0  # netconvert puts the lowest x and y at 0
+        below = np.abs(place_m[:, axis] - middle_m) < 15.0
+        assert below.sum() > 3
+        np.testing.assert_allclose(place_m[below, 2], height_m, atol=0.2)
+        assert np.abs(np.diff(place_m[:, 2])).max() < 0.4, "no step"
+    np.testing.assert_allclose(
+        soil.height_m(np.array([[190.0, 198.4], [200.0, 198.4], [210.0, 198.4]])), -0.08, atol=0.05
+    )
+
+
 def _still(scene: Scene) -> list[object]:
     return [body for body in scene.bodies if body.motion is None]
 
