@@ -19,7 +19,7 @@ def rows_of_noise(seed: int, weights: Numbers) -> Numbers:
 
 
 def test_noise_of_photons_is_theirs() -> None:
-    """Poisson's, and c / sqrt(SIGNAL) with some more from the light of 20 klux. 512 pairs tell a deviation to 3 %; a
+    """Poisson's, and c / sqrt(SIGNAL) with some more from the light of 20 klux. 512 pairs tell a deviation to 3 %, here 5 of it; a
     bin of the power is a tenth of its decade wide.
     """
     sensor = load_sensor("os0-128")
@@ -29,7 +29,7 @@ def test_noise_of_photons_is_theirs() -> None:
     photons = 0.5 * white_signal(sensor, range_m)
     np.testing.assert_allclose(noise.log_strength * np.sqrt(photons), 1.0, atol=0.15)
     ratio = noise.range_m * np.sqrt(photons) / (1e-3 * scatter_c_mm(sensor))
-    assert 0.9 < ratio.min() < ratio.max() < 1.3
+    assert 0.85 < ratio.min() < ratio.max() < 1.35
 
 
 def test_noise_of_intensities_has_the_energy_and_the_steps() -> None:
