@@ -19,8 +19,8 @@ def rows_of_noise(seed: int, weights: Numbers) -> Numbers:
 
 
 def test_noise_of_photons_is_theirs() -> None:
-    """Poisson's, and c / sqrt(SIGNAL) with some more from the light of 20 klux. 512 pairs tell a deviation to 3 %, here 5 of it; a
-    bin of the power is a tenth of its decade wide.
+    """Poisson's, and c / sqrt(SIGNAL) with some more from the light of 20 klux. 512 pairs tell a deviation to 3 %, five
+    times of which are allowed; a bin of the power is a tenth of its decade wide.
     """
     sensor = load_sensor("os0-128")
     range_m = np.broadcast_to(np.geomspace(4.0, 12.0, SHAPE[1]), SHAPE)
