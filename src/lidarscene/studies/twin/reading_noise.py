@@ -81,7 +81,7 @@ def _correlation(sensor: Sensor, step_rad: float) -> Numbers:
     if sensor.histogram is None or sensor.histogram.column_weights is None:
         return INDEPENDENT
     weights = [float(weight) for weight in sensor.histogram.column_weights]
-    return shared_shots.correlation(weights, round(abs(step_rad) / sensor.sweep_rad) * apart)
+    return np.asarray(shared_shots.correlation(weights, round(abs(step_rad) / sensor.sweep_rad) * apart))
 
 
 def _light(sensor: Sensor, apparent: Numbers, range_m: Numbers) -> Echoes:
@@ -91,7 +91,7 @@ def _light(sensor: Sensor, apparent: Numbers, range_m: Numbers) -> Echoes:
 
 def _readings(sensor: Sensor, light: Echoes, variance: Numbers | None, seed: int) -> Numbers:
     """(2, n) ranges and logarithms of strengths that the sensor reads of these echoes; NaN where it reads none."""
-    pulse = np.arange(len(light.range_m), dtype=np.uint32)
+    pulse = np.arange(np.size(light.range_m), dtype=np.uint32)
     if variance is not None:
         light = fluctuate(light, variance, seed=seed, pulse=pulse)
     stop = detect(light, sensor, seed=seed, pulse=pulse).stops[0]

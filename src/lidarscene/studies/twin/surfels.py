@@ -111,10 +111,10 @@ def surfels_of_grid(
     ends = np.where(ends_left, EDGE, borders[0]), np.where(ends_right, -EDGE, borders[1])
     filled = sweep.lost & planes.has_plane & ~withheld_mask(sweep)
     parts = [_quads(grid, filled, range_m, planes.normal, apparent, FILLED)]
-    sides = [(planes.normal, ends)]
+    sides: list[tuple[Numbers, tuple[Numbers | float, Numbers | float]]] = [(planes.normal, ends)]
     if border > 0.0:
-        spans = (ends[0], -OVERLAP), (OVERLAP, ends[1])
-        sides = [(_leaning(grid, range_m, planes.normal, side), spans[side < 0]) for side in (1, -1)]
+        left, right = (_leaning(grid, range_m, planes.normal, side) for side in (1, -1))
+        sides = [(left, (ends[0], -OVERLAP)), (right, (OVERLAP, ends[1]))]
     for (normal, span), (mask, kind) in itertools.product(sides, ((smooth, SMOOTH), (~smooth, ROUGH))):
         parts.append(_quads(grid, returned & mask & ~two_returns, range_m, normal, apparent, kind, span=span))
     for side, end in ((1, ends_left), (-1, ends_right)):

@@ -100,9 +100,9 @@ QUAD_OVERLAP = 1.04
 OVERLAP = 0.02
 """Choice: half widths of a pixel by which the quads to either side of its middle overlap, as `QUAD_OVERLAP`."""
 
-STEEPEST_SLOPE = 3.0
+STEEPEST_SLOPE = 2.0
 """Choice: largest change of the range from one return of a row to the next on one surface, over the way across the
-beam: incidence at 72 degrees."""
+beam: incidence at 63 degrees."""
 
 LARGEST_STRETCH = 1.6
 """Choice: largest ratio of the ranges of corner and middle, either way."""
