@@ -61,13 +61,6 @@ FILES = {
     "points.bin": np.array([[5.0, 0.0, 0.0, 0.1]], "<f4").tobytes(),
 }
 """What the lines name: scenes, rigs, meshes, recordings, and what is none of them."""
-WORDS = {
-    "JOB": str(catalog.path_of("examples", "job")),
-    "LONG": "long" * 99,
-    "COARSE": " ".join(COARSE),
-    "SUFFIXES": ", ".join(SUFFIXES),
-}
-"""What words of the lines stand for."""
 
 
 @pytest.fixture(scope="module")
@@ -428,12 +421,14 @@ def place(run: Run, shared: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     street --length-m 10 -o out | street | length_m | >= 50 | 10.0
     street --set lane=2 -o out | 'lane'
     street | -o/--output
-    """
+    """,
+    JOB=str(catalog.path_of("examples", "job")),
+    LONG="long" * 99,
+    COARSE=" ".join(COARSE),
+    SUFFIXES=", ".join(SUFFIXES),
 )
 @pytest.mark.usefixtures("place")
 def test_typed(run: Run, given: str, named: str) -> None:
-    for word, text in WORDS.items():
-        given, named = given.replace(word, text), named.replace(word, text)
     typed(run, named, *shlex.split(given))
 
 

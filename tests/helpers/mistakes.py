@@ -15,10 +15,20 @@ GIVEN = "given"
 """Folder of the files that a test spoils."""
 
 
-def mistakes(table: str) -> pytest.MarkDecorator:
-    r"""Parameters `given` and `named`, a case for each line `GIVEN | NAMED | NAMED ...`; \n in GIVEN is a new line."""
-    rows = [[cell.strip() for cell in line.split(" | ", 1)] for line in table.splitlines() if line.strip()]
-    cases = [pytest.param(given.replace("\\n", "\n"), named, id=given) for given, named in rows]
+def mistakes(table: str, **words: str) -> pytest.MarkDecorator:
+    r"""Parameters `given` and `named`, a case for each line `GIVEN | NAMED | NAMED ...` of a table.
+
+    Args:
+        table: its lines, where \n in GIVEN is a new line
+        words: what capital words of the lines stand for
+    """
+    cases = []
+    for line in filter(None, map(str.strip, table.splitlines())):
+        given, named = f" {line}".split(" | ", 1)
+        row = [given.strip().replace("\\n", "\n"), named]
+        for word, text in words.items():
+            row = [cell.replace(word, text) for cell in row]
+        cases.append(pytest.param(*row, id=given.strip() or "nothing"))
     return pytest.mark.parametrize(("given", "named"), cases)
 
 

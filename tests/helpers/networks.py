@@ -86,6 +86,31 @@ ROUTES = """<routes>
 """
 
 
+def bridge(folder: Path) -> Path:
+    """Write a road to the east and one to the north 6 m above it, with one car each; return the configuration."""
+    import sumo
+
+    ends = [("w", -200, 0), ("e", 200, 0), ("s", 0, -200), ("n", 0, 200)]
+    nodes = [f'<node id="{name}" x="{x}" y="{y}" z="0"/>' for name, x, y in ends]
+    hump = [(0, -200, 0), (0, -150, 0), (0, -100, 2), (0, -50, 5), (0, -20, 6)]
+    hump += [(0, -y, z) for _, y, z in hump[::-1]]
+    shape = " ".join(f"{x},{y},{z}" for x, y, z in hump)
+    edges = '<edge id="we" from="w" to="e" numLanes="1" speed="14"/>'
+    edges += f'<edge id="sn" from="s" to="n" numLanes="1" speed="14" shape="{shape}"/>'
+    (folder / "b.nod.xml").write_text(f"<nodes>{''.join(nodes)}</nodes>")
+    (folder / "b.edg.xml").write_text(f"<edges>{edges}</edges>")
+    program = str(Path(sumo.SUMO_HOME) / "bin" / "netconvert")
+    plain = ["-n", str(folder / "b.nod.xml"), "-e", str(folder / "b.edg.xml"), "-o", str(folder / "b.net.xml")]
+    subprocess.run([program, *plain], check=True, capture_output=True)
+    trips = "".join(f'<trip id="{name}" depart="0" from="{name}" to="{name}" departPos="60"/>' for name in ("we", "sn"))
+    (folder / "b.rou.xml").write_text(f"<routes>{trips}</routes>")
+    path = folder / "bridge.sumocfg"
+    path.write_text(
+        '<configuration><input><net-file value="b.net.xml"/><route-files value="b.rou.xml"/></input></configuration>'
+    )
+    return path
+
+
 def sumo_town(folder: Path, heights_m: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)) -> Path:
     """Write a block of four streets with pavements, crossings and lights, and traffic; return the configuration.
 

@@ -27,6 +27,9 @@ SPACINGS_A_WAVE = 3.0
 MOST_VERTICES = 4_000_000
 """Most vertices of a sheet: 100 MB of triangles."""
 
+HEADROOM_M = 1.5
+"""Choice: height over a wheel from which on ground is that of another storey."""
+
 _EDGE_M = 1e-6
 """Accuracy bought: places as near as this to a sheet's edge are on it."""
 
@@ -270,13 +273,20 @@ class Ground:
             highest[on_sheet] = np.fmax(highest[on_sheet], height_m)
         return highest
 
-    def wheel_height_m(self, place_m: Numbers) -> Numbers:
-        """Height [m] below a wheel at (n, 2) places: the highest sheet's, at 0 where there is none, and all waves."""
+    def wheel_height_m(self, place_m: Numbers, near_m: Numbers | None = None) -> Numbers:
+        """Height [m] below a wheel at (n, 2) places: the highest sheet's, at 0 where there is none, and all waves.
+
+        Args:
+            near_m: (n,) heights of wheels, on which sheets that are `HEADROOM_M` higher are none; in place of 0, too
+        """
         highest = np.full(len(place_m), np.nan)
         for sheet in self._sheets_near(place_m):
             on_sheet, height_m = sheet.smooth_height_m(place_m)
+            if near_m is not None:
+                height_m = np.where(height_m < near_m[on_sheet] + HEADROOM_M, height_m, np.nan)
             highest[on_sheet] = np.fmax(highest[on_sheet], height_m)
-        return np.asarray(np.nan_to_num(highest) + self.surface.height_m(place_m))
+        base_m = np.zeros(len(place_m)) if near_m is None else near_m
+        return np.asarray(np.where(np.isnan(highest), base_m, highest) + self.surface.height_m(place_m))
 
 
 def lay(pose: Pose, *, plan: Strip | Outline, crown_m: float, surface: RoughSurface) -> Sheet | Area:

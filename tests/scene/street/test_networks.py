@@ -182,6 +182,42 @@ def test_people_walk_on_pavements_and_crossings_are_striped(town: tuple[Path, Pa
     assert {"zebras", "stop", "line", "junction", "kerb", "corner"} <= names
 
 
+def test_lights_stand_where_lanes_end_at_them(town: tuple[Path, Path]) -> None:
+    """One for each of eight lanes, on the pavement at its right, with its front towards those who come."""
+    import sumolib
+
+    net = sumolib.net.readNet(str(town[0].parent / "town.net.xml"))
+    lights = [body for body in load_scene(town[1]).bodies if body.class_name == "traffic_light"]
+    assert len(lights) == len(net.getEdges()) == 8
+    pavement = grounds(town[1], "pavement", "kerb")
+    for edge in net.getEdges():
+        lane = edge.getLane(edge.getLaneNumber() - 1)
+        (before, end) = np.array(lane.getShape()[-2:])
+        ahead = (end - before) / np.hypot(*(end - before))
+        place_m = end - 0.5 * ahead + (0.5 * lane.getWidth() + 0.45) * np.array([ahead[1], -ahead[0]])
+        (light,) = (each for each in lights if np.hypot(*(each.pose.position_m[:2] - place_m)) < 0.05)
+        np.testing.assert_allclose(light.pose.rotation[:2, 0], -ahead, atol=1e-3)
+        assert np.isfinite(pavement.height_m(place_m[None])).all()
+
+
+def test_fast_roads_without_pavements_have_guard_rails(tmp_path: Path) -> None:
+    """A trunk road: pieces of 4 m on both sides, whose beams face the road; a residential one has none."""
+    fast = networks.OSM.replace('v="residential"', 'v="trunk"', 1)
+    for text, has_rails in ((networks.OSM, False), (fast, True)):
+        (tmp_path / "map.osm").write_text(text)
+        tables = network_scene(tmp_path / "map.osm", "osm", StreetFile(seed=4, oncoming_gap_m=(20.0, 40.0)))
+        rails = [place for body in tables["bodies"] if body["name"] == "guard_rails" for place in body["instances"]]
+        assert bool(rails) == has_rails
+    roads = [body for body in tables["bodies"] if body["name"].startswith("road_")]
+    lines_m = np.concatenate([np.array(body["line"])[:, :2] for body in roads])
+    for rail in rails:
+        yaw = np.radians(rail.get("yaw_deg", 0.0))
+        place_m, front = np.array(rail["position_m"][:2]), np.array([np.cos(yaw), np.sin(yaw)])
+        nearest_m = lines_m[np.argmin(np.hypot(*(lines_m - place_m).T))]
+        assert (nearest_m - place_m) @ front > 0.0
+    assert len(rails) > 20
+
+
 @pytest.mark.usefixtures("mi")
 def test_a_wheelchair_of_sumo_is_one_that_rolls() -> None:
     from lidarscene.scene.street.network_tables import _look
@@ -261,6 +297,27 @@ def test_vehicles_on_slopes_pitch_as_the_road(hills: Path) -> None:
         slopes.append(0.5 * (front_m - rear_m))
         assert pose.rotation[2, 0] == pytest.approx(slopes[-1], abs=0.015)
     assert max(map(abs, slopes)) > 0.02
+
+
+def test_each_drives_on_its_own_road_where_one_is_above_the_other(tmp_path: Path) -> None:
+    """One car goes below the bridge, one over it; soil below the bridge is at the height of the lower road."""
+    tables = network_scene(networks.bridge(tmp_path), "sumo", StreetFile(shown_m=200.0), ego="we")
+    path = write_scene(tables, tmp_path / "out", origin="test")
+    scene, soil = load_scene(path), grounds(path, "terrain")
+    assert scene.ego is not None
+    other = next(body.motion for body in scene.bodies if body.name.startswith("traffic"))
+    assert other is not None
+    times_s = np.linspace(0.0, 20.0, 81)
+    for motion, axis, height_m in ((scene.ego, 0, 0.0), (other, 1, 6.0)):
+        place_m = motion.at(times_s).position_m
+        middle_m = 200.0  # netconvert puts the lowest x and y at 0
+        below = np.abs(place_m[:, axis] - middle_m) < 15.0
+        assert below.sum() > 3
+        np.testing.assert_allclose(place_m[below, 2], height_m, atol=0.2)
+        assert np.abs(np.diff(place_m[:, 2])).max() < 0.4, "no step"
+    np.testing.assert_allclose(
+        soil.height_m(np.array([[190.0, 198.4], [200.0, 198.4], [210.0, 198.4]])), -0.08, atol=0.05
+    )
 
 
 def _still(scene: Scene) -> list[object]:

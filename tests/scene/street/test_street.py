@@ -286,6 +286,19 @@ def test_each_stop_line_lies_where_drivers_stop() -> None:
     assert gaps_m.min(axis=0).max() < 0.3
 
 
+def test_traffic_lights_stand_by_stop_lines_and_face_those_who_wait() -> None:
+    """Two for each street that crosses, on the right of both directions, beside the lanes."""
+    layout = laid.lay_out(street(4))
+    lights = layout.items["traffic_lights"]
+    crossings = [crossing for crossing in layout.crossings if not crossing.is_zebra]
+    assert len(lights) == 2 * len(crossings) > 0
+    for crossing in crossings:
+        for to in (1, -1):
+            (light,) = (place for place in lights if abs(place[0] - crossing.stop_x_m(to)) < 1e-9)
+            assert light[1] == pytest.approx(-to * (layout.kerb_m + laid.POST_LINE_M))
+            assert np.cos(np.radians(light[2])) == pytest.approx(-to), "its front is where they come from"
+
+
 def bodies_of(seeds: range) -> list[dict[str, Any]]:
     return [body for seed in seeds for body in street_tables(street(seed, parked_share=(0.5, 1.0)))["bodies"]]
 

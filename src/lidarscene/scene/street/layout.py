@@ -364,7 +364,10 @@ def _plant_bushes(layout: Layout, room: Room, random: np.random.Generator) -> No
 def _line_kerb(
     layout: Layout, block: Block, side: int, zebras: list[float], district: District, random: np.random.Generator
 ) -> None:
-    """Place lamps, signs, bins, trees and people who stand along a kerb, in this order where they come too close."""
+    """Place traffic lights, lamps, signs, bins, trees and people who stand along a kerb.
+
+    They are placed in this order where they come too close.
+    """
     file, line = layout.file, _Line(layout, block, zebras)
     towards_deg = 180.0 if side < 0 else 0.0
     for zebra_m in zebras:
@@ -372,6 +375,11 @@ def _line_kerb(
             layout.add("bollards", zebra_m + shift_m, side * (layout.kerb_m + 0.35))
         # The one who drives towards the zebra on this side sees the sign's face.
         layout.add("sign_squares", zebra_m + side * 4.2, side * (layout.kerb_m + POST_LINE_M), towards_deg)
+    for crossing in layout.crossings:
+        # By the stop line, to the right of those who wait there and see its lamps.
+        stop_m = crossing.stop_x_m(-side)
+        if not crossing.is_zebra and block.begin_m < stop_m < block.end_m:
+            layout.add("traffic_lights", stop_m, side * (layout.kerb_m + POST_LINE_M), towards_deg)
     for x_m in line.places(file.lamp_spacing_m, random):
         layout.add("lamp_posts", x_m, side * (layout.kerb_m + POST_LINE_M), -90.0 * side)
     for x_m in line.places(file.sign_spacing_m, random):

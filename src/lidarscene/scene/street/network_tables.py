@@ -48,6 +48,14 @@ from .terrain import SOIL_BLUR_M, STOREY_M, Relief, Terrain
 EDGE_M = 0.05
 """Choice: distance from the edge of a road at which another one would be between it and a house."""
 
+RAIL_M_S, RAIL_M, RAIL_ASIDE_M = 19.0, 4.0, 0.7
+"""Choice: speed from which on roads without a pavement have guard rails, 70 km/h; length of a piece, and its distance
+from the edge of the road."""
+
+UNDER_M, OVER_M = 4.0, 12.0
+"""Choice: distances from a road above, up to which there are no markings, and from one below, up to which there are
+rails."""
+
 VERGE_M = 3.0
 """Choice: distance of houses from the edge of a road without a pavement."""
 
@@ -129,12 +137,12 @@ def network_scene(path: Path, kind: NetworkKind, file: StreetFile, *, ego: str |
         terrain = Terrain.around(relief)
     return street_scene(
         file.shown_m,
-        ego={"poses": _poses(own, None), "at_end": "hold"},
+        ego=_motion(own, relief, at_end="hold", tilts=False),
         bodies=[
             *_grounds(near),
             *([soil(relief.place_m[:, :2])] if terrain is None else terrain.tables()),
-            *_markings(near),
-            *_surroundings(near, file, terrain),
+            *_markings(near, relief),
+            *_surroundings(near, file, relief, terrain),
             body_table("own_car", shapes()[_look(own)]) | {"motion": {"with_ego": True}},
             *_moving(others, relief),
         ],
@@ -241,19 +249,20 @@ def _look(mover: RoadUser) -> str:
     return f"traffic_{alike[number % len(alike)]}_{chosen}"
 
 
-def _poses(mover: RoadUser, relief: Relief | None) -> list[Tables]:
-    """Poses of a vehicle or person, with the slope of a relief; one that rides on its springs tilts by itself."""
+def _motion(mover: RoadUser, relief: Relief, *, at_end: str, tilts: bool = True) -> Tables:
+    """Motion of a vehicle or person with the slope of a relief; one that rides on its springs tilts by itself."""
     rows = np.array(mover.rows)
-    pitch_deg = np.zeros(len(rows))
-    if relief is not None and not relief.is_level:
+    height_m, pitch_deg = np.zeros(len(rows)), np.zeros(len(rows))
+    if not relief.is_level:
         yaw = np.radians(rows[:, 3])
         ahead_m = 0.5 * SLOPE_M * np.stack([np.cos(yaw), np.sin(yaw)], axis=1)
-        front_m, rear_m = (relief.height_m(rows[:, 1:3] + side * ahead_m, rows[:, 4]) for side in (1.0, -1.0))
-        pitch_deg = np.degrees(np.arctan2(front_m - rear_m, SLOPE_M))
-    return [
-        {"time_s": round(time_s, 3)} | placed(x_m, y_m, 0.0, yaw_deg, pitch)
-        for (time_s, x_m, y_m, yaw_deg, _), pitch in zip(mover.rows, pitch_deg.tolist(), strict=True)
+        rear_m, height_m, front_m = (relief.height_m(rows[:, 1:3] + k * ahead_m, rows[:, 4]) for k in (-1.0, 0.0, 1.0))
+        pitch_deg = tilts * np.degrees(np.arctan2(front_m - rear_m, SLOPE_M))
+    poses = [
+        {"time_s": round(time_s, 3)} | placed(x_m, y_m, z_m, yaw_deg, pitch)
+        for (time_s, x_m, y_m, yaw_deg, _), z_m, pitch in zip(mover.rows, height_m.tolist(), pitch_deg, strict=True)
     ]
+    return {"poses": poses, "at_end": at_end} | ({} if relief.is_level else {"storeys": True})
 
 
 def _moving(movers: Sequence[RoadUser], relief: Relief) -> list[Tables]:
@@ -267,7 +276,7 @@ def _moving(movers: Sequence[RoadUser], relief: Relief) -> list[Tables]:
             looks.setdefault(_look(mover), []).append(mover)
     bodies = []
     for name, alike in sorted(looks.items(), key=lambda look: (shapes()[look[0]].mesh, look[0])):
-        instances = [{"motion": {"poses": _poses(mover, relief), "at_end": "hide"}} for mover in alike]
+        instances = [{"motion": _motion(mover, relief, at_end="hide")} for mover in alike]
         bodies.append(body_table(name, shapes()[name], moves=True) | {"on_ground": True, "instances": instances})
     return bodies
 
@@ -343,14 +352,19 @@ def _along(line_m: Numbers, way_m: Numbers, left_m: float = 0.0) -> Numbers:
     return np.stack([x_m - left_m * np.sin(heading), y_m + left_m * np.cos(heading), heading], axis=1)
 
 
+def _on_line(line_m: Numbers, way_m: Numbers) -> Numbers:
+    """(n, 3) places along a line."""
+    return np.stack([np.interp(way_m, _ways_m(line_m), column) for column in line_m.T], axis=1)
+
+
 def _marks(line_m: Numbers, way_m: Numbers, left_m: float = 0.0, turn_deg: float = 0.0) -> list[Tables]:
     """Poses of markings along a line."""
     places = _along(line_m, way_m, left_m).tolist()
     return [placed(x_m, y_m, PAINT_M, math.degrees(heading) + turn_deg) for x_m, y_m, heading in places]
 
 
-def _markings(network: Network) -> list[Tables]:
-    """Lines at the edges of roads and between lanes, stop lines, and zebras at crossings."""
+def _markings(network: Network, relief: Relief) -> list[Tables]:
+    """Lines at the edges of roads and between lanes, stop lines, and zebras at crossings; none below bridges."""
     keys: Tables = {"spacing_m": 0.2, "on_ground": True}
     markings = []
     marks: dict[tuple[str, float, float], list[Tables]] = {}
@@ -362,10 +376,14 @@ def _markings(network: Network) -> list[Tables]:
         within_m = np.concatenate([ends_m[:1], group.line_m[1:-1, :2], ends_m[1:]])
         line_m = np.pad(within_m, ((0, 0), (0, 1)), constant_values=PAINT_M)
         edge_m = 0.5 * group.width_m - ASIDE_M
-        for side, offset_m in (("right", -edge_m), ("left", edge_m)):
-            name = f"line_{number}_{side}"
-            markings.append(_strip(name, "lane_marking", "lane_marking", line_m, LINE_M, offset_m, **keys))
+        covered = relief.has_storey(group.line_m, above=True, beside_m=UNDER_M)
+        for run in np.split(np.arange(len(line_m)), np.flatnonzero(covered)):
+            piece_m = line_m[run[~covered[run]]]
+            for side, offset_m in (("right", -edge_m), ("left", edge_m)) if len(piece_m) > 1 else ():
+                name = f"line_{number}_{side}" + (f"_{run[0]}" if run[0] else "")
+                markings.append(_strip(name, "lane_marking", "lane_marking", piece_m, LINE_M, offset_m, **keys))
         way_m = np.arange(0.5 * DASHES_M, length_m - 0.5 * DASHES_M, DASHES_M)
+        way_m = way_m[~relief.has_storey(_on_line(group.line_m, way_m), above=True, beside_m=UNDER_M)]
         for border_m in np.cumsum(group.widths_m)[:-1].tolist():
             dashes = _marks(group.line_m, way_m, border_m - 0.5 * group.width_m)
             marks.setdefault(("dashes", DASH_M, LINE_M), []).extend(dashes)
@@ -381,13 +399,17 @@ def _markings(network: Network) -> list[Tables]:
     return markings
 
 
-def _surroundings(network: Network, file: StreetFile, terrain: Terrain | None) -> list[Tables]:
-    """Houses, trees and lamps along roads, on both sides, where there is room."""
+def _surroundings(network: Network, file: StreetFile, relief: Relief, terrain: Terrain | None) -> list[Tables]:
+    """Houses, trees, lamps, lights and guard rails along roads, on both sides, where there is room."""
     roadside = _Roadside(network, file, terrain)
+    roadside.lights(network)
+    for group in network.groups:
+        roadside.parapets(group, relief)
     main = draw_district(roadside.random)
     for group in network.groups:
         district = draw_district(roadside.random, main)
         for side in (-1.0, 1.0):
+            roadside.rails(group, side)
             roadside.line(group, side, district)
     for group in network.groups:
         for side in (-1.0, 1.0):
@@ -417,6 +439,37 @@ class _Roadside:
             low_m, high_m = corners_m[:, :2].min(axis=0), corners_m[:, :2].max(axis=0)
             boxes.append(np.array([[*0.5 * (low_m + high_m), 0.0, *0.5 * (high_m - low_m)]]))
         self._roads, self._room = Room(np.concatenate(boxes)), Room(np.concatenate(boxes))
+
+    def lights(self, network: Network) -> None:
+        """Place traffic lights where lanes end at them, to the right of these and of cycle paths beside them."""
+        for group in network.groups:
+            if group.kind == "road" and group.ends_at_lights:
+                beside = [each for each in network.groups if each.edge == group.edge and each.kind == "cycle_path"]
+                aside_m = 0.5 * group.width_m + sum(each.width_m for each in beside) + POST_LINE_M
+                way_m = np.array([max(_length_m(group.line_m) - 0.5, 0.0)])
+                ((x_m, y_m, heading),) = _along(group.line_m, way_m, -aside_m).tolist()
+                self._room.take(np.array([[x_m, y_m, heading, 0.2, 0.2]]))
+                place = placed(x_m, y_m, 0.0, math.degrees(heading) + 180.0)
+                self.items.setdefault("traffic_lights", []).append(place)
+
+    def parapets(self, group: LaneGroup, relief: Relief) -> None:
+        """Place guard rails on both sides of a road where it passes over another."""
+        if group.kind != "road":
+            return
+        way_m = np.arange(0.5 * RAIL_M, _length_m(group.line_m), RAIL_M)
+        way_m = way_m[relief.has_storey(_on_line(group.line_m, way_m), above=False, beside_m=OVER_M)]
+        for side in (-1.0, 1.0):
+            left_m = side * (0.5 * group.width_m - 0.5 * ASIDE_M)
+            for x_m, y_m, heading in _along(group.line_m, way_m, left_m).tolist():
+                place = placed(x_m, y_m, 0.0, math.degrees(heading) - 90.0 * side)
+                self.items.setdefault("guard_rails", []).append(place)
+
+    def rails(self, group: LaneGroup, side: float) -> None:
+        """Place guard rails along one side of a fast road, where nothing else is."""
+        if group.kind == "road" and group.speed_m_s >= RAIL_M_S:
+            for way_m in np.arange(0.5 * RAIL_M, _length_m(group.line_m), RAIL_M).tolist():
+                left_m = side * (0.5 * group.width_m + RAIL_ASIDE_M)
+                self._place("guard_rails", group, (way_m, left_m), (0.49 * RAIL_M, 0.1), -90.0 * side)
 
     def line(self, group: LaneGroup, side: float, district: District) -> None:
         """Place houses, trees and lamps along one side of a road, where nothing else is."""

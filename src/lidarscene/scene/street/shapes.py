@@ -156,9 +156,12 @@ def shapes() -> dict[str, StreetBody]:
             for tree in trees
             for number, scale in enumerate(TREE_SCALES)
         },
-        **{f"{mesh}s": StreetBody(mesh, {}) for mesh in ("hedge", "fence", *FURNITURE, *SIGNS)},
+        **{f"{mesh}s": StreetBody(mesh, {}) for mesh in ("hedge", "fence", "guard_rail", *FURNITURE, *SIGNS)},
         **{f"{BUSHES}_{number}": StreetBody("bush", {}, scale) for number, scale in enumerate(TREE_SCALES)},
-        **{f"{mesh}s": StreetBody(mesh, {}) for mesh in ("lamp_post", "bollard", "cone", "barrier")},
+        **{
+            f"{mesh}s": StreetBody(mesh, {})
+            for mesh in ("lamp_post", "bollard", "cone", "barrier", "traffic_light", "guard_rail")
+        },
         **{f"{group}_{person}": StreetBody(person, {}) for group in ("pedestrians", "walkers") for person in PEOPLE},
         "wheelchairs": StreetBody("wheelchair_user", {}),
     }

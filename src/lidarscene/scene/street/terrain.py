@@ -53,6 +53,18 @@ class Relief:
         """(n,) distances of places from the roads."""
         return np.asarray(self._tree.query(place_m[:, :2])[0])
 
+    def has_storey(self, place_m: Numbers, *, above: bool, beside_m: float) -> Numbers:
+        """(n,) whether another road is above (n, 3) places on roads, or below them, no farther aside than this."""
+        near = self._tree.query_ball_point(place_m[:, :2], beside_m)
+        sign = 1.0 if above else -1.0
+        return np.array(
+            [
+                (sign * (self.place_m[number, 2] - height_m) > STOREY_M).any()
+                for number, height_m in zip(near, place_m[:, 2].tolist(), strict=True)
+            ],
+            dtype=bool,
+        )
+
     def height_m(self, place_m: Numbers, near_m: Numbers | None = None) -> Numbers:
         """Heights at (n, 2) places: of the planes through what is near, by least squares.
 
