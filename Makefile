@@ -21,10 +21,9 @@ car: $(READY)
 test: $(READY)
 	$(BIN)/pytest -n 3 --dist loadfile --no-loadscope-reorder $(PYTEST_ARGS)
 
-# The tests that catch most, in about a minute: no process of their own, no page, no cluster, no event
-# simulation, and no test that is marked slow. tests/conftest.py has the list.
+# Two tests of three, of every folder, in about a minute: all but those of tests/costly, which tools/costs.py writes.
 quick: $(READY)
-	$(BIN)/pytest -n 2 --dist load -q -x --part=quick $(PYTEST_ARGS)
+	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder -q -x --part=quick $(PYTEST_ARGS)
 
 # The suite on an NVIDIA GPU, without what no device touches. The frame before it says in a line what is amiss without
 # one, where tests would be skipped. Processes share the card.

@@ -25,6 +25,8 @@ from lidarscene.files import open3d as open3d_door
 from lidarscene.kernel.device import backend, blocks, llvm
 
 os.environ.setdefault("MPLBACKEND", "Agg")
+# For workers of xdist, one for each core: threads of NumPy's BLAS that wait take several times the CPU.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 SEED = run_seed()
 """Of the order of the tests and of their random streams; drawn unless TEST_SEED says it."""
 # Meshes and Hypothesis' examples are kept for this run alone, with all workers of xdist: what an earlier one left must
@@ -70,20 +72,11 @@ LONGEST = (
     "cli/test_batch.py",
 )
 """Files that take longest. They come first, so that no worker of xdist is alone with one in the end."""
-QUICK = (
-    "maths",
-    "physics",
-    "detection",
-    "light",
-    "scan",
-    "sensor",
-    "materials",
-    "formats",
-    "cloud",
-    "kernel/rays",
-    "chain/test_imports.py",
-)
-"""Files and folders whose tests catch most for their time, but for those that are marked slow: `--part=quick`."""
+COSTLY = {
+    TESTS / name: functions.split()
+    for name, _, functions in (line.partition(": ") for line in (TESTS / "costly").read_text().splitlines())
+}
+"""Functions that take much of the CPU, by file, as tools/costs.py has measured them: not of `--part=quick`."""
 NO_SKIPS = os.environ.get("TEST_NO_SKIPS") == "1"
 MAY_BE_SKIPPED = (
     "no GPU",
@@ -102,18 +95,18 @@ MAY_BE_SKIPPED = (
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    words = "the tests that catch most for their time, in a few files, or all others"
+    words = "the tests that take little time, or all others"
     parser.addoption("--part", choices=("quick", "rest"), help=words)
 
 
 def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
     """Files without a quick test are not even imported for `--part=quick`."""
-    left_out = config.option.part == "quick" and collection_path.suffix == ".py" and not _is_quick(collection_path)
-    return left_out or None  # None: others may know
+    return (config.option.part == "quick" and COSTLY.get(collection_path) == ["*"]) or None  # None: others may know
 
 
-def _is_quick(path: Path) -> bool:
-    return any(path.is_relative_to(TESTS / place) for place in QUICK)
+def _is_quick(item: pytest.Item) -> bool:
+    costly = COSTLY.get(item.path, [])
+    return costly != ["*"] and item.name.partition("[")[0] not in costly
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -121,8 +114,8 @@ def pytest_configure(config: pytest.Config) -> None:
     """Every folder is a marker: `pytest -m unit` runs tests/unit. Hypothesis has the run's seed."""
     if config.option.hypothesis_seed is None:
         config.option.hypothesis_seed = str(SEED)
-    if missing := [name for name in (*LONGEST, *QUICK) if not (TESTS / name).exists()]:
-        raise pytest.UsageError(f"conftest.py: LONGEST, QUICK: no such file or folder: {', '.join(missing)}")
+    if missing := [name for name in LONGEST if not (TESTS / name).exists()]:
+        raise pytest.UsageError(f"conftest.py: LONGEST: no such file or folder: {', '.join(missing)}")
     for folder in sorted(path.name for path in TESTS.iterdir() if path.is_dir()):
         config.addinivalue_line("markers", f"{folder}: the tests in tests/{folder}")
 
@@ -153,12 +146,9 @@ def refused_skips(terminal: Any) -> list[str]:
 
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
     if config.option.part:
-        quick, rest = [], []
-        for item in items:
-            is_quick = _is_quick(item.path) and item.get_closest_marker("slow") is None
-            (quick if is_quick else rest).append(item)
-        items[:], others = (quick, rest) if config.option.part == "quick" else (rest, quick)
-        config.hook.pytest_deselected(items=others)
+        wanted = config.option.part == "quick"
+        config.hook.pytest_deselected(items=[item for item in items if _is_quick(item) != wanted])
+        items[:] = [item for item in items if _is_quick(item) == wanted]
     for item in items:
         if item.path.is_relative_to(TESTS) and item.path.parent != TESTS:
             item.add_marker(item.path.relative_to(TESTS).parts[0])

@@ -13,8 +13,8 @@ CALLS = {
     "frames": lambda: lidarscene.render_frames(
         "range", "table1-apd", frames=1, overrides=COARSE, scene_overrides=BRIGHT
     ),
-    "range": lambda: lidarscene.max_range("apd-905", illuminance=1e4),
-    "compare": lambda: lidarscene.compare("range", ["table1-apd"] * 2, overrides=COARSE, illuminances_klux=[1e4]),
+    "range": lambda: lidarscene.max_range("apd-905", illuminance_klux=1e4),
+    "compare": lambda: lidarscene.compare("range", ["table1-apd"] * 2, overrides=COARSE, illuminance_klux=[1e4]),
 }
 
 

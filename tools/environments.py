@@ -47,7 +47,7 @@ llvm._in_system = lambda: ()
 from lidarscene.cli.main import main
 sys.exit(main())
 """
-# What meets the dependencies: files, formats, pictures, the command line, Dask, the kernels.
+# What meets the dependencies: files, formats, pictures, the command line, Dask, the kernels. Of each the quick tests.
 PART = (
     "tests/maths",
     "tests/files",
@@ -62,7 +62,7 @@ PART = (
     "tests/sensor/test_optics.py",
     "tests/batch/test_work.py",
     "tests/cli/test_outputs.py",
-    "tests/kernel/rays/test_meeting.py",
+    "tests/kernel/rays",
     "tests/chain/test_scanners.py",
 )
 # What tests/docs/test_commands.py needs beside the package.
@@ -112,7 +112,7 @@ def run_part(name: str, python: str, *options: str) -> None:
     with tempfile.TemporaryDirectory() as home:
         environment = clean_environment(home)
         report(f"{name}: {output(python, '--version')}, in {Path(python).parents[1]}")
-        pytest = [python, "-m", "pytest", "-q", "-n", "0", *options, *PART]
+        pytest = [python, "-m", "pytest", "-q", "-n", "0", "--part=quick", *options, *PART]
         process = subprocess.run(
             pytest,
             cwd=ROOT,
@@ -200,7 +200,7 @@ def use_package(home: Path, python: str, *, errors: bool) -> None:
     require_outcome(lidarscene("catalog"), 0, "table1-apd")
     require_outcome(lidarscene("catalog", "materials", "asphalt"), 0, "reflectivity")
     json.loads(require_outcome(lidarscene("schema", "scene"), 0, "$defs"))
-    require_outcome(lidarscene("range", "table1-apd", "--over", "illuminance", "--plot", "range.png"), 0, "table1-apd")
+    require_outcome(lidarscene("range", "apd-905", "--over", "illuminance_klux", "--plot", "range.png"), 0, "apd-905")
     require_outcome(lidarscene("doctor"), 0, "lidarscene can trace rays here")
     for scene in ("range", "car"):
         summary = require_outcome(lidarscene("render", scene, "-o", f"{scene}.ply", "--json", *COARSE), 0, "")

@@ -40,8 +40,8 @@ WALKS = {
         check mine.toml
         range mine.toml sipm-905 --set power=50     # error: did you mean laser.peak_power_w
         range mine.toml sipm-905 --set mine.toml:laser.peak_power_w=12 --json    > ranges.json
-        range mine.toml sipm-905 --over illuminance --n 5 --plot out/lux.png --csv out/lux.csv
-        range mine.toml --over illuminance --to 100000      # error: did you mean 100
+        range mine.toml sipm-905 --over illuminance_klux --n 5 --plot out/lux.png --csv out/lux.csv
+        range mine.toml --over illuminance_klux --to 100000      # error: did you mean 100
         range mine.toml --sensitivities --plot out/worth.svg
         range mine.toml --eye-safety
         design gain -o out/gain --json    > gain.json
@@ -58,10 +58,10 @@ WALKS = {
         twin os0-32 --held-out columns -o out/twin
         certify os0-32 --scene out/twin/scene.toml --sensor os0-128 -o out/other      # error: must have 32 channels""",
     "researcher": f"""
-        range table1-apd table1-sipm --over illuminance --n 7
-        range table1-apd table1-sipm --over distance --quantity pd --illuminance 20 --n 5 --json    > pd.json
+        range table1-apd table1-sipm --over illuminance_klux --n 7
+        range table1-apd table1-sipm --over distance --quantity pd --illuminance-klux 20 --n 5 --json    > pd.json
         compare car --sensors apd-905,sipm-905 --same-beams -o out/compare {COARSE}
-        compare garage --sensors apd-905,sipm-905 --illuminance 0.05,100 -o out/dark {COARSE}
+        compare garage --sensors apd-905,sipm-905 --illuminance-klux 0.05,100 -o out/dark {COARSE}
         fov apd-905 vlp-16 --time 0.02 --cell 8 -o out/fov --json    > fov.json""",
     "integrator": f"""
         check rig

@@ -5,94 +5,107 @@
 >>> cloud.save("car.ply")
 """
 
+import importlib
+import re
+import sys
+from types import ModuleType
 from typing import Any
 
 import lazy_loader
 
+from .errors import did_you_mean
 from .files.installed_llvm import write_newest_path
-from .files.late_binding import bind
+from .files.late_binding import bind, call_bound
 
 # Public names stand in __init__.pyi, and are imported when first asked for: importing the package costs nothing.
 _public, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
+_FUNCTIONS = {"materials": "materials", "view": "show"}
+"""Packages whose names are functions, too -> name to which the function is bound."""
+
 _INSTEAD = {
     "batch": "`lidarscene batch JOB` renders a job; render_frames and record render in Python",
-    "budget": "`lidarscene view CLOUD SCENE` shows the photon budget of each point",
+    "catalog": "sensors(), scenes() and materials() list names",
     "check": "load_scene, load_sensor and load_rig check a file; `lidarscene check FILE` says what it holds",
+    **dict.fromkeys(("examples", "demo"), "scenes() lists what render takes: render('car')"),
+    "help": "help(lidarscene.render) explains a call; dir(lidarscene) lists them",
     "street": "load_scene takes a scene file with [street]; `lidarscene street` writes one",
-    "view": "clouds and scenes have .view() and .show(); `lidarscene view FILE` opens a browser",
+    **dict.fromkeys(("load", "read", "open"), "load_cloud, load_scene, load_sensor and load_rig read files"),
+    **dict.fromkeys(("load_mesh", "mesh"), "load_scene(file) reads one as a scene; scene.add(file, 'brick') adds it"),
+    **dict.fromkeys(("load_material", "material"), "Material(name) reads one; materials() lists them"),
+    **dict.fromkeys(("simulate", "run", "scan", "trace"), "render(scene, sensor) renders a frame"),
+    **dict.fromkeys(("Lidar", "LiDAR", "sensor"), "Sensor(name) reads one; sensors() lists them"),
+    **dict.fromkeys(("World", "scene"), "Scene(name) reads one; scenes() lists them"),
+    **dict.fromkeys(("stream", "publish"), "`lidarscene stream` sends packets; cloud.save('a.mcap') writes a bag"),
+    **dict.fromkeys(
+        ("Dataset", "generate", "random_scene"), "record writes data sets; `lidarscene street` makes scenes"
+    ),
+    **dict.fromkeys(
+        ("snr", "link_budget", "detection_probability", "range"),
+        "max_range(sensors, distance=100) has range, SNR and P_d",
+    ),
+    **dict.fromkeys(("plot", "show", "draw"), "clouds, scenes, sensors and reports have .plot(); view(cloud)"),
+    **dict.fromkeys(("save", "write", "export"), "clouds, scenes, sensors and reports have .save(path)"),
 }
 """Names that people try first, with the call that does it."""
 
 
+_PREFIX = re.compile("^(list|get|available)_")
+"""What other libraries put before names of lists."""
+
+
 def __getattr__(name: str) -> Any:
     """Return a public name; say what to call in place of one that is none."""
+    if name in _FUNCTIONS:
+        return importlib.import_module(f".{name}", __name__)
     try:
         return _public(name)
     except AttributeError:
-        if name in _INSTEAD:
-            raise AttributeError(f"lidarscene has no '{name}': {_INSTEAD[name]}") from None
-        raise
+        meant = _INSTEAD.get(name) or did_you_mean(_PREFIX.sub("", name), [*__all__, *_FUNCTIONS])
+        if name.startswith("_") or not meant:
+            raise
+        raise AttributeError(f"lidarscene has no '{name}'; {meant}") from None
 
 
-def _view(content: Any, **options: Any) -> Any:
-    from .view.notebook import view_in_notebook
+class _CalledPackage(ModuleType):
+    """Package that does what a function of its name would do, or says what does it."""
 
-    return view_in_notebook(content, **options)
-
-
-def _draw(cloud: Any, **options: Any) -> Any:
-    from .figures.pictures import draw_in_memory
-
-    return draw_in_memory(cloud, **options)
+    def __call__(self, *arguments: Any, **options: Any) -> Any:
+        name = self.__name__.rpartition(".")[2]
+        if name in _FUNCTIONS:
+            return call_bound(_FUNCTIONS[name], *arguments, **options)
+        raise TypeError(f"lidarscene.{name} is no function; {_INSTEAD[name]}")
 
 
-def _boxes(cloud: Any, scene: Any, **options: Any) -> Any:
-    from .labels.boxes import boxes
+class _Lidarscene(ModuleType):
+    """This package: its packages become attributes of it when they are imported, and hide what has their names."""
 
-    return boxes(cloud, scene, **options)
-
-
-def _deskew(cloud: Any, motion: Any, **options: Any) -> Any:
-    from .cloud.deskew import deskewed
-
-    return deskewed(cloud, motion, **options)
+    def __setattr__(self, name: str, value: Any) -> None:
+        if isinstance(value, ModuleType) and (name in _FUNCTIONS or name in _INSTEAD):
+            value.__class__ = _CalledPackage
+        super().__setattr__(name, value)
 
 
-def _draw_scene(scene: Any) -> Any:
-    from .figures.panels import draw_scene
+sys.modules[__name__].__class__ = _Lidarscene
 
-    return draw_scene(scene)
-
-
-def _draw_sensor(sensor: Any) -> Any:
-    from .studies.sensor_picture import draw_sensor
-
-    return draw_sensor(sensor)
-
-
-def _replace_scene(scene: Any, changes: Any) -> Any:
-    from .scene.scene_file import replaced_scene
-
-    return replaced_scene(scene, changes)
-
-
-def _save_scene(scene: Any, path: Any) -> None:
-    from .scene.saving import save_scene
-
-    save_scene(scene, path)
-
-
-# Methods of `PointCloud`, `Scene` and `Sensor` call these by name.
+# Methods and constructors of lower tiers call these by name.
 bind(
-    view=_view,
-    draw=_draw,
-    draw_scene=_draw_scene,
-    draw_sensor=_draw_sensor,
-    boxes=_boxes,
-    deskew=_deskew,
-    replace_scene=_replace_scene,
-    save_scene=_save_scene,
+    boxes="lidarscene.labels.boxes:boxes",
+    deskew="lidarscene.cloud.deskew:deskewed",
+    draw="lidarscene.figures.pictures:draw_in_memory",
+    draw_scene="lidarscene.figures.panels:draw_scene",
+    draw_sensor="lidarscene.studies.sensor_picture:draw_sensor",
+    load_cloud="lidarscene.cloud.point_cloud:load_cloud",
+    load_material="lidarscene.materials.material_file:catalogue_material",
+    load_rig="lidarscene.sensor.rig_file:load_rig",
+    load_scene="lidarscene.scene.scene_file:load_scene",
+    load_sensor="lidarscene.sensor.sensor_file:load_sensor",
+    materials="lidarscene.materials.material_file:materials",
+    max_range="lidarscene.studies.api:max_range",
+    replace_scene="lidarscene.scene.scene_file:replaced_scene",
+    save_scene="lidarscene.scene.saving:save_scene",
+    show="lidarscene.view.notebook:show",
+    view="lidarscene.view.notebook:view_in_notebook",
 )
 
 write_newest_path()  # for a program that imports Dr.Jit or Mitsuba by itself after lidarscene

@@ -4,7 +4,6 @@ from ._version import __version__ as __version__
 from .cloud.deskew import deskewed as deskewed
 from .cloud.device_cloud import DeviceCloud as DeviceCloud
 from .cloud.point_cloud import PointCloud as PointCloud
-from .cloud.point_cloud import load as load
 from .cloud.point_cloud import load_cloud as load_cloud
 from .detection.outcomes import Outcome as Outcome
 from .detection.outcomes import Status as Status
@@ -39,6 +38,7 @@ from .sensor.rig_file import load_rig as load_rig
 from .sensor.sensor_file import load_sensor as load_sensor
 from .sensor.sensor_file import sensors as sensors
 from .sensor.sensor_model import Sensor as Sensor
+from .studies.api import budget as budget
 from .studies.api import certify as certify
 from .studies.api import compare as compare
 from .studies.api import design as design

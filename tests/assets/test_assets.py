@@ -72,6 +72,8 @@ EXPECTED = {
     "barrier": ((50, 500), (0.80, 2.0, 1.175), 0.005),
     "cabinet": ((50, 500), (0.35, 1.0, 1.21), 0.005),
     "power_pole": ((100, 500), (0.29, 1.8, 8.52), 0.01),
+    "traffic_light": ((400, 1_000), (0.50, 0.30, 3.27), 0.005),
+    "guard_rail": ((50, 500), (0.145, 3.99, 0.75), 0.005),
 }
 NAMES = (*EXPECTED, *catalog.vehicles())
 SAMPLES = ("hatchback_428", "pickup_533", "bus_1195", "articulated_1650", "motorcyclist_211", "cyclist_182")

@@ -19,7 +19,7 @@ img = cloud.range_image()["range"]
 pic = cloud.plot("range")
 pic.save("a.png")
 near.save("a.ply", ascii=True)
-c3 = ls.load("a.ply")
+c3 = ls.load_cloud("a.ply")
 for frame in ls.render_frames("drive", frames=3, seed=2):
     print(len(frame), frame.metadata["sensor"])
 sensor = ls.load_sensor("vlp-16", overrides={"laser.peak_power_w": 30})
@@ -32,7 +32,7 @@ scene3 = scene.add((np.zeros((3, 3)), np.array([[0, 1, 2]])), "brick", Pose())
 sim = ls.Simulator(scene, sensor, TraceOptions(rays=3))
 c5 = sim.render(FrameOptions(seed=3))
 c6 = sim.render(seed=3, number=2)
-r: Report = ls.max_range(["vlp-16", sensor], illuminance=20.0)
+r: Report = ls.max_range(["vlp-16", sensor], illuminance_klux=20.0)
 col = r.table["range_m"]
 r.save("out")
 r.plot().save("x.png")
@@ -50,6 +50,7 @@ print(ls.sensors()[0], ls.scenes())
 rec2 = ls.record("car", outputs="a.ply")
 rec3 = ls.record("car", outputs=Outputs("a.ply"))
 boxes = ls.boxes(cloud, scene)
+watts = ls.budget(cloud, scene, "table1-apd").echo_power_w.max()
 try:
     ls.load_sensor("x")
 except ls.InputError as e:
@@ -60,7 +61,7 @@ ok = cloud.status == ls.Status.ECHO
 m: Material = scene.materials["brick"]
 
 # Studies beyond one range.
-swept = ls.sweep(["vlp-16", sensor], "illuminance", start=0.1, stop=100.0, points=50, reflectivity=0.3)
+swept = ls.sweep(["vlp-16", sensor], "illuminance_klux", start=0.1, stop=100.0, points=50, reflectivity=0.3)
 crossing_klux = swept.table["illuminance_klux"]
 ls.sweep(sensor, "detector.gain", quantity="snr", distance=150, log=True).save("gain")
 worth = ls.sensitivities("vlp-16", distance=80)

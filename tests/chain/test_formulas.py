@@ -60,9 +60,9 @@ def unused(sources: dict[Path, ast.Module]) -> list[str]:
         meaning = imported(module)
         for node in (node for part in code for node in ast.walk(part)):
             if isinstance(node, ast.Attribute) and isinstance(node.value, ast.Name) and node.value.id in meaning:
-                yield meaning[node.value.id], node.attr  # type: ignore[misc]
+                yield meaning[node.value.id], node.attr
             elif isinstance(node, ast.Name):
-                yield meaning.get(node.id, (module, node.id))  # type: ignore[misc]
+                yield meaning.get(node.id, (module, node.id))
 
     found: set[Formula] = set()
     ahead = [

@@ -104,7 +104,7 @@ def test_echoes_on_flanks_are_those_of_numpy():
     power_w = counter.working_point(np.full(1, 1e-12)).response.power_w(np.array([15.0, 150.0]))
     range_m = 25.0 + np.stack([np.zeros(1_000), np.linspace(0.4, 2.0, 1_000)], axis=1)
     light = trains.train(range_m, np.tile(power_w, (1_000, 1)), background_w=1e-12)
-    host = photons.detect_train(counter, light, seed=4)
+    host = photons.detect(counter, light, seed=4)
     (part,) = light.parts
     moved = {name: transfer.from_numpy(getattr(part, name)) for name in ("range_m", "peak_power_w")}
     background_w = transfer.from_numpy(light.background_power_w)

@@ -24,7 +24,7 @@ from lidarscene.studies.compare.observations import Observation, Surfaces
 
 PAIR = ("--sensors", "table1-apd,table1-sipm")
 WEAK = (*COARSE, "--set=laser.peak_power_w=0.05")
-SWEPT = ("--illuminance", "0.1,100")
+SWEPT = ("--illuminance-klux", "0.1,100")
 CHARTS = ("rate-range", "rate-incidence", "rate-reflectivity", "rate-class", "error-range", "snr-table1-sipm")
 CLOUDS = (
     "cloud-table1-apd.png", "cloud-table1-sipm.png", "difference-table1-sipm.ply", "difference-table1-sipm.png",

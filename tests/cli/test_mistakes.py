@@ -234,6 +234,8 @@ def place(run: Run, shared: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     render hair.xml -o a.ply | hair.xml | BSDF 'h' | shape 'one'
     render gray.toml -o a.ply | grey.xml | base_materials | 'gray' | grey
     render brik.toml -o a.ply | brik.toml | base_materials.grey | 'brik' | brick
+    render car apd-905 -o a.ply | --sensor apd-905
+    render wall.toml -o a.ply --colors range | --colours?
     Render car -o a.ply | 'Render' | render?
     --sensor vlp-16 render car -o a.ply | the command goes first | lidarscene COMMAND --sensor
     ls | 'ls' | lidarscene catalog, catalog sensors
@@ -265,6 +267,7 @@ def place(run: Run, shared: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     view wall.toml --sensor eye --save p.html | sensor 'eye'
     view wall.toml --set laser.colour=1 --save p.html | 'laser.colour'
     compare apd-905 sipm-905 | -o/--output | --sensors A,B
+    compare apd-905 sipm-905 -o out | --sensors apd-905,sipm-905
     compare -o out --sensors table1-apd,table1-sipm | SCENE|CLOUD
     compare wall.toml --sensors table1-apd,table1-sipm | -o/--output | lidarscene compare -h
     compare wall.toml --sensors table1-apd table1-sipm -o out | --sensors A,B
@@ -276,17 +279,18 @@ def place(run: Run, shared: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     compare wall.toml -o out --sensors table1-apd,nonsense | nonsense
     compare none.toml -o out --sensors table1-apd,table1-sipm | none.toml
     compare wall.toml -o wall.toml --sensors table1-apd,table1-sipm | wall.toml | a folder
-    compare wall.toml -o out --sensors table1-apd,table1-sipm --illuminance 10,1 | klux that rise | 10,1
-    compare wall.toml -o out --sensors table1-apd,table1-sipm --illuminance 0,1 | klux that rise | 0,1
-    compare wall.toml -o out --sensors table1-apd,table1-sipm --illuminance 1e9 | --illuminance 1e+09 | 10000 klux
-    compare wall.toml -o out --sensors table1-apd,table1-sipm --illuminance 1,20000 | klux | 20?
-    compare cloud.ply b.ply -o out --illuminance 1 | --illuminance | scene | --sensors
+    compare wall.toml -o out --sensors table1-apd,table1-sipm --illuminance-klux 10,1 | klux that rise | 10,1
+    compare wall.toml -o out --sensors table1-apd,table1-sipm --illuminance-klux 0,1 | klux that rise | 0,1
+    compare wall.toml -o out --sensors table1-apd,table1-sipm --illuminance-klux 1e9 | klux 1e+09 | 10000 klux
+    compare wall.toml -o out --sensors table1-apd,table1-sipm --illuminance-klux 1,20000 | klux | 20?
+    compare cloud.ply b.ply -o out --illuminance-klux 1 | --illuminance-klux | scene | --sensors
     compare cloud.ply b.ply -o out --same-beams | --same-beams | scene | --sensors
     compare cloud.ply b.ply -o out --seed 0 | --seed | scene | --sensors
     compare cloud.ply b.ply -o out --set a=1 | --set | scene | --sensors
     compare a.ply b.ply -o out | a.ply | no such file
     compare wall.toml b.ply -o out | wall.toml | '.toml'
     range | SENSOR | lidarscene range -h
+    range table1-apd --illuminance 1 | --illuminance-klux?
     range nix | sensor 'nix'
     range nix.toml | nix.toml | no such file
     range wall.toml | wall.toml | 5 more | a scene file
@@ -298,7 +302,7 @@ def place(run: Run, shared: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     range table1-apd --quantity snrs | --quantity | 'snrs' | snr?
     range table1-apd --over gain | --over gain | table1-apd.toml | detector.gain?
     range table1-apd --over detector.gian | --over detector.gian | detector.gain?
-    range table1-apd --over ranges | ranges | distance, illuminance
+    range table1-apd --over ranges | ranges | distance, illuminance_klux
     range table1-apd table1-sipm --over detector.gain | --over detector.gain | table1-sipm.toml
     range table1-apd --over detector.circuit_noise_na | 0 in table1-apd.toml | --from | --to
     range table1-apd --over detector.gain --from 0.5 | >= 1 | 0.5
@@ -318,10 +322,10 @@ def place(run: Run, shared: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     range table1-apd --over distance --csv o.txt | --csv o.txt | .csv
     range table1-apd --over distance --csv notes.txt/o.csv | notes.txt | a folder
     range table1-apd --over distance --sensitivities | --sensitivities | --over
-    range table1-apd --over illuminance --from 0 | more than 0 | logarithmic | even steps
-    range table1-apd --over illuminance --to 100000 | --to 100000 | 0 | 10000 klux | 100?
-    range table1-apd --over illuminance --illuminance 5 | --illuminance | --over illuminance
-    range table1-apd --over illuminance --distance 5 | --distance | --quantity snr | pd
+    range table1-apd --over illuminance_klux --from 0 | more than 0 | logarithmic | even steps
+    range table1-apd --over illuminance_klux --to 100000 | --to 100000 | 0 | 10000 klux | 100?
+    range table1-apd --over illuminance_klux --illuminance-klux 5 | --illuminance-klux | --over illuminance_klux
+    range table1-apd --over illuminance_klux --distance 5 | --distance | --quantity snr | pd
     range table1-apd --over azimuth --from -95 --aperture-law mirror | 89 degrees
     range table1-apd --set detector.gain | KEY=VALUE
     range table1-apd --set x:detector.gain=3 | 'x' | table1-apd
@@ -329,8 +333,8 @@ def place(run: Run, shared: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     range table1-apd --set detector.pde=0.3 | table1-apd.toml | --set detector.pde=0.3 | 'detector.pde'
     range table1-apd --reflectivity 1.5 | --reflectivity 1.5 | 0 or more | up to 1
     range table1-apd --reflectivity 10 | --reflectivity 10 | 0 or more | up to 1 | 0.1?
-    range table1-apd --illuminance 100000 | --illuminance 100000 | 0 or more | up to 10000 klux | 100?
-    range table1-apd --illuminance -1 | --illuminance -1 | 0 or more
+    range table1-apd --illuminance-klux 100000 | --illuminance-klux 100000 | 0 or more | up to 10000 klux | 100?
+    range table1-apd --illuminance-klux -1 | --illuminance-klux -1 | 0 or more
     range table1-apd --incidence 91 | --incidence 91 | 0 or more | up to 90 deg
     range table1-apd --probability 1 | --probability 1 | 0.001 or more | up to 0.999
     range table1-apd --distance 0 | --distance 0 | more than 0
@@ -357,7 +361,7 @@ def place(run: Run, shared: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     fov table1-apd -o out --cell 0 | --cell | 0.02 to 10 degrees | 0
     fov table1-apd -o out --cell 0.001 | --cell | 0.02 to 10 degrees | 0.001
     fov table1-apd -o out --reflectivity -1 | --reflectivity -1
-    fov table1-apd -o out --illuminance 100000 | --illuminance 100000 | 0 or more | up to 10000 klux
+    fov table1-apd -o out --illuminance-klux 100000 | --illuminance-klux 100000 | 0 or more | up to 10000 klux
     fov table1-apd -o out --scene none.toml | none.toml | no such file
     fov table1-apd -o out --mask round | --mask | 'round'
     paper out | lidarscene paper -h
@@ -462,12 +466,11 @@ def test_set(run: Run, given: str, named: str) -> None:
     typed(run, f"{file}--set {given} | {named}", "render", "wall.toml", "-o", "o.ply", *COARSE, "--set", given)
 
 
-def test_a_long_path_comes_behind_the_mistake(run: Run, tmp_path: Path) -> None:
-    folder = tmp_path / "a folder whose name alone is too long for a line"
-    folder.mkdir()
-    (folder / "scene.toml").write_text("lenght = 3")
+def test_files_come_behind_the_mistake(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "scene.toml").write_text("lenght = 3")
     for name, mistake in (("scene.toml", "'lenght'"), ("none.toml", "no such file")):
-        typed(run, f"{mistake} | ({folder / name})", "render", str(folder / name), "-o", "out.ply")
+        for path in (name, str(tmp_path / name)):
+            typed(run, f"{mistake} | ({path})", "render", path, "-o", "out.ply")
 
 
 @pytest.mark.parametrize(

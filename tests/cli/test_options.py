@@ -28,7 +28,7 @@ def parse(*words: str) -> argparse.Namespace:
 
 @pytest.mark.parametrize("command", COMMANDS)
 def test_one_flag_has_one_help(command: str) -> None:
-    """Up to a remark at its end; an option of another meaning takes another value, such as `compare --illuminance`."""
+    """Up to a remark at its end; an option of another meaning takes another value: `compare --illuminance-klux`."""
     flags = {flag_of(name): entry for kind in KINDS for name, (_, entry) in options_of(kind).items()}
     if command in ("render", "stream", "view"):
         flags["--set"] = options_of(CommandOptions)["overrides"][1]

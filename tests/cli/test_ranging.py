@@ -77,10 +77,10 @@ def test_a_range_beyond_the_window_is_said(run: Run) -> None:
     assert plain["note"] is None
     assert plain["limited_by"] == "signal"
     assert plain["range_m"] == plain["signal_range_m"]
-    dim = range_text(run, APD, "--illuminance", "0.1").splitlines()
+    dim = range_text(run, APD, "--illuminance-klux", "0.1").splitlines()
     assert dim[-1].startswith(f"table1-apd: its window ends at 599.6 m, before {allowed} (")
     assert dim[-2].split()[1:4] == ["599.585", "m", "window"]
-    notes = range_json(run, *mode, "--over", "illuminance", "--n", "3")["notes"]
+    notes = range_json(run, *mode, "--over", "illuminance_klux", "--n", "3")["notes"]
     assert any("echoes from beyond 38.5 m are reported too near" in note for note in notes)
 
 
@@ -99,7 +99,7 @@ def test_summary_as_json(run: Run) -> None:
         ((SIPM, "--set", "detector.cells=10"), "saturated", "saturated"),
         (
             (
-                *(SIPM, "--illuminance", "0", "--probability", "0.5"),
+                *(SIPM, "--illuminance-klux", "0", "--probability", "0.5"),
                 *("--set=detector.cell_floor=0", "--set=detector.dark_count_rate_hz=0"),
             ),
             "no_limit",
@@ -132,7 +132,7 @@ def test_fixed_threshold_has_no_closed_form(run: Run, tmp_path: Path) -> None:
 
 
 def test_crossing_of_table_1(run: Run) -> None:
-    out = range_text(run, APD, SIPM, "--over", "illuminance", "--probability", "0.5")
+    out = range_text(run, APD, SIPM, "--over", "illuminance_klux", "--probability", "0.5")
     assert "crossing at 3.22191 klux: table1-apd rises above table1-sipm, 722.14 m" in out
     assert "table1-apd: its window ends at 599.6 m" in out
 
@@ -149,7 +149,7 @@ def test_range_from_the_snr(run: Run) -> None:
     ("swept", "first", "ends"),
     [
         ("distance", "distance_m", (10.0, 1000.0)),
-        ("illuminance", "illuminance_klux", (0.1, 100.0)),
+        ("illuminance_klux", "illuminance_klux", (0.1, 100.0)),
         ("elevation", "elevation_deg", (-12.5, 12.5)),
         ("azimuth", "azimuth_deg", (-60.0, 60.0)),
         ("reflectivity", "reflectivity", (0.01, 1.0)),
@@ -175,7 +175,7 @@ def test_csv_holds_what_is_printed_as_json(run: Run, tmp_path: Path) -> None:
         run,
         SIPM,
         "--over",
-        "illuminance",
+        "illuminance_klux",
         "--from",
         "0",
         "--to",
@@ -204,7 +204,7 @@ def test_csv_holds_what_is_printed_as_json(run: Run, tmp_path: Path) -> None:
 def test_sensors_of_one_name_are_told_apart(run: Run, tmp_path: Path) -> None:
     text = catalog.path_of("sensors", APD).read_text("utf-8")
     (tmp_path / "mine.toml").write_text(text.replace("gain = 80", "gain = 30.87"))
-    range_text(run, APD, "mine.toml", APD, "--over", "illuminance", "--csv", "o.csv", "--n", "5")
+    range_text(run, APD, "mine.toml", APD, "--over", "illuminance_klux", "--csv", "o.csv", "--n", "5")
     header, values = table(tmp_path / "o.csv")
     assert header == ["illuminance_klux", APD, "table1-apd (2)", "table1-apd (3)"]
     assert (values[:, 1] == values[:, 3]).all()
@@ -272,7 +272,7 @@ def test_plots_are_the_same_again(run: Run, rough_charts: None, tmp_path: Path) 
 
 def test_extreme_plots_do_not_fail(run: Run) -> None:
     """Nothing to draw, and no limit anywhere: a picture all the same."""
-    for argv in (("--reflectivity", "0"), ("--illuminance", "0"), ("--quantity", "pd", "--reflectivity", "0")):
+    for argv in (("--reflectivity", "0"), ("--illuminance-klux", "0"), ("--quantity", "pd", "--reflectivity", "0")):
         range_text(run, APD, "--over", "laser.peak_power_w", *argv, "--plot", "o.png")
     range_text(run, SIPM, "--over", "laser.peak_power_w", "--set", "detector.cells=5", "--plot", "o.png")
 
@@ -281,7 +281,7 @@ def test_runs_without_tracing(run_python: Any, tmp_path: Path) -> None:
     code = f"""
 import sys
 from lidarscene.cli.main import main
-code = main(["range", "{APD}", "{SIPM}", "--over", "illuminance", "--plot", r"{tmp_path / "o.png"}"])
+code = main(["range", "{APD}", "{SIPM}", "--over", "illuminance_klux", "--plot", r"{tmp_path / "o.png"}"])
 print([name for name in ("mitsuba", "drjit", "lidarscene.kernel") if name in sys.modules])
 sys.exit(code)
 """
@@ -335,11 +335,11 @@ def test_every_aperture_law_is_told_in_a_line() -> None:
 
 def test_more_than_the_sun_is_noted(run: Run) -> None:
     """Rationale: 500 may be lux, or a lamp: a scene of so much renders with the same note."""
-    ran = run("range", APD, "--illuminance", "500")
+    ran = run("range", APD, "--illuminance-klux", "500")
     assert ran.code == 0
     assert ran.err == (
-        "lidarscene: note: --illuminance is 500 klux, and no sun has more than 140: if these are lux, give "
-        "--illuminance 0.5\n"
+        "lidarscene: note: --illuminance-klux is 500 klux, and no sun has more than 140: if these are lux, give "
+        "--illuminance-klux 0.5\n"
     )
 
 
@@ -353,7 +353,7 @@ def test_haze_is_in_kilometres_whatever_is_asked(run: Run) -> None:
     limit_m, _ = plane.detection_range_m(sensor, plane.Target(transmittance=1.0, extinction_per_m=float(alpha)), 0.9)
     hazy = ("--visibility", "2")
     assert range_json(run, APD, *hazy)[APD]["range_m"] == pytest.approx(limit_m, rel=1e-9)
-    swept = range_json(run, APD, "--over", "illuminance", "--from", "10", "--to", "100", "--n", "2", *hazy)
+    swept = range_json(run, APD, "--over", "illuminance_klux", "--from", "10", "--to", "100", "--n", "2", *hazy)
     assert swept["sensors"][APD]["values"][-1] == pytest.approx(limit_m, rel=1e-9)
     assert f"range {limit_m:.3f} m at P_d 0.9" in range_text(run, APD, "--sensitivities", *hazy)
 

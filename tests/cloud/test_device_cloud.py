@@ -4,13 +4,16 @@ import gc
 
 import numpy as np
 import pytest
+from helpers import launches
 from helpers.clouds import assert_same
 
 from lidarscene import load_scene, load_sensor, render, render_frames
 from lidarscene.cloud.device_cloud import DeviceCloud
+from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.errors import InputError
 from lidarscene.formats.cloud_columns import attributes
-from lidarscene.kernel.device import backend
+from lidarscene.kernel.device import backend, gate, pinned
+from lidarscene.kernel.rays import device_columns
 from lidarscene.maths.pose import Pose
 from lidarscene.rendering.simulator import Simulator
 from lidarscene.scene.scene import Scene
@@ -113,6 +116,38 @@ def test_frames_of_a_run_are_each_their_own() -> None:
         assert_same(cloud.numpy(), alone)
         for name in ("xyz_m", "time_s", "body", "ghost"):
             np.testing.assert_array_equal(in_numpy(cloud, name), getattr(alone, name))
+
+
+def test_columns_in_one_copy_are_those_of_the_device(monkeypatch: pytest.MonkeyPatch) -> None:
+    """All types, glass, normals, far points, and frames that share a launch, as a GPU hands them out. Another number
+    of points compiles nothing, and what no cloud holds any more goes back.
+    """
+    gc.collect()
+    gate.retire(())
+    others, near = pinned._Pinned.in_use, simulator(vectors=True)
+    far = simulator(pose=Pose(position_m=np.array([4000.0, -3000.0, 2.0])))
+    expected = [near.render(seed=1), near.render(seed=2), far.render(), *render_frames("drive", "vlp-16", frames=4)]
+    assert len(expected[0]) != len(expected[1])
+    monkeypatch.setattr(device_columns, "is_cuda", lambda: True)
+    clouds, runs = list[PointCloud](), []
+    for seed in (1, 2):
+        with launches.launched() as kernels:
+            clouds.append(near.render(seed=seed))
+        runs.append(kernels)
+    launches.assert_none_is_new(runs[1], runs[0])
+    clouds += [far.render(), *render_frames("drive", "vlp-16", frames=4)]
+    for cloud, reference in zip(clouds, expected, strict=True):
+        assert_same(cloud, reference)
+        assert all(getattr(cloud, name).flags.c_contiguous for name in ("xyz_m", "time_s", "status"))
+    np.testing.assert_array_equal(clouds[0].normal_x, expected[0].normal_x)
+    assert pinned._Pinned.in_use > 20 * sum(map(len, clouds))
+    monkeypatch.setattr(pinned, "MOST_BYTES", pinned._Pinned.in_use)
+    assert_same(near.render(seed=1), expected[0])  # in ordinary memory
+    assert pinned._Pinned.in_use == pinned.MOST_BYTES
+    del clouds, cloud, reference, expected, near, far
+    gc.collect()
+    gate.retire(())
+    assert pinned._Pinned.in_use == others
 
 
 def test_tensors_of_pytorch_are_where_the_cloud_is() -> None:

@@ -52,7 +52,7 @@ def test_pandas_shares_the_memory(library: Any) -> None:
 def test_torch_gets_the_arrays_themselves(monkeypatch: pytest.MonkeyPatch) -> None:
     """PyTorch has a stand-in here, which keeps what it is given: PyTorch is too large for the development group."""
     stand_in = ModuleType("torch")
-    stand_in.from_numpy = lambda array: array  # type: ignore[attr-defined]
+    stand_in.from_numpy = lambda array: array
     monkeypatch.setitem(sys.modules, "torch", stand_in)
     cloud = small_cloud(9)
     tensors = cloud.to_torch()

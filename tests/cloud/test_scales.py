@@ -19,7 +19,7 @@ from lidarscene.cloud.scales import Scale, scale_of
 )
 def test_places_on_a_scale(kind: str, low: float, high: float, value: float, part: float) -> None:
     """Computed by hand: a quarter of the way, its root, and factors of a decade or of 16."""
-    assert Scale(low=low, high=high, kind=kind, map="viridis").part(value) == pytest.approx(part)  # type: ignore[arg-type]
+    assert Scale(low=low, high=high, kind=kind, map="viridis").part(value) == pytest.approx(part)
 
 
 @pytest.mark.parametrize(

@@ -40,7 +40,6 @@ def test_all_channels_are_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     assert len(np.unique(Thinned.of_cloud(cloud).cloud().channel)) == 64
 
 
-@pytest.mark.slow
 def test_the_picture_is_the_same_by_either_road(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The picture of a cloud is that of its pieces, and another one than that of all points."""
     cloud, thinned = street(), Thinned()

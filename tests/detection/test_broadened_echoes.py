@@ -5,6 +5,7 @@ import pytest
 from helpers import chain, trains
 
 from lidarscene.detection import receiver
+from lidarscene.detection.report import Detection
 from lidarscene.errors import InputError
 from lidarscene.light.echoes import EchoTrain, SubEchoes
 from lidarscene.maths.special import normal_tail_inverse
@@ -16,7 +17,7 @@ BEAM = ["laser.divergence_mrad=3", "tdc.jitter_ps=0", "tdc.lsb_ps=0"]
 COUNT = 4000
 
 
-def on_a_slope(sensor: Sensor, target: Target, range_m: float) -> receiver.Detection:
+def on_a_slope(sensor: Sensor, target: Target, range_m: float) -> Detection:
     light = plane.echoes_of_plane(sensor, target, np.full(COUNT, range_m))
     return receiver.detect(light, sensor, seed=3, pulse=np.arange(COUNT, dtype=np.uint32))
 

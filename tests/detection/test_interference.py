@@ -79,7 +79,6 @@ def test_peaks_are_the_tail_of_theirs():
     assert first_half == pytest.approx(0.5, abs=0.05)  # 0.1 arrivals a window: nearly even
 
 
-@pytest.mark.slow
 def test_rates_add_up():
     """Three lidars of one kind are one at their sum, and noise keeps its own: 3 stops, three kinds counted."""
     sensor = chain.sensor("table1-apd", "tdc.stops=3", "tdc.threshold_to_noise=3.5")

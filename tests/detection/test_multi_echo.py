@@ -373,7 +373,7 @@ def test_a_weak_surface_that_ends_the_fog_is_crossed():
         return train(np.full((len(scale_w), 1), wall_m), (walls_w * scale_w)[:, None], volume=air), air
 
     walls_w = np.linspace(0.02, 0.6, 117)
-    whole = sum(lights(*fog_and_wall(walls_w, np.ones(len(walls_w))), range_m))
+    whole = sum(lights(*fog_and_wall(walls_w, np.ones(len(walls_w))), range_m=range_m))
     # Between the first fog and the surface the light falls, and if the surface is bright enough rises and falls again.
     rises = (np.diff(whole) > 0.0) & (np.abs(range_m[1:] - 20.0) < 5.5)
     valley = np.argmax(rises, axis=1)
@@ -392,7 +392,6 @@ def test_a_weak_surface_that_ends_the_fog_is_crossed():
         assert crossed_w == pytest.approx(level_w, rel=6.0 * 5e-4)
 
 
-@pytest.mark.slow
 def test_a_crossing_is_of_the_light_that_makes_it():
     """Two surfaces and two drops in fog, of any brightness, over bins of 4 mm: take some of it away, does the crossing
     stay?

@@ -23,7 +23,6 @@ LENSES = {
 
 
 @pytest.mark.parametrize("lenses", LENSES)
-@pytest.mark.slow
 def test_fog_is_crossed_where_it_reaches_the_level(lenses):
     """Fog seen by two lenses rises convexly over metres before its first concave place. Reference: bins of a
     250th of a pulse, and the level that each pulse's own noise sets. Tolerance: straight lines between bins.

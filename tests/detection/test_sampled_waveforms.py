@@ -82,7 +82,6 @@ def test_the_waveform_crosses_where_the_point_is():
         assert cloud.range_m[pulse] == pytest.approx(crossing, abs=5.0 * noise[pulse] / slope + 1e-3)
 
 
-@pytest.mark.slow
 def test_pulses_are_those_of_the_frame_in_rising_order():
     """Chosen or all together: the same waveforms; numbers go on with the frames."""
     sensor = chain.sensor("table1-sipm", *chain.NARROW, *BEAM)

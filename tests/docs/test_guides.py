@@ -17,6 +17,7 @@ from lidarscene.cloud.thinning import FACTOR, MOST_POINTS
 from lidarscene.detection.outcomes import Outcome, Status
 from lidarscene.formats import e57, las, osi, ply
 from lidarscene.formats.cloud_columns import columns_of
+from lidarscene.kernel.device.blocks import LANES_PER_CHUNK, LANES_PER_LAUNCH_CUDA
 from lidarscene.kernel.rays import onward, trace
 from lidarscene.kernel.world.mitsuba_world import build_world
 from lidarscene.labels import files
@@ -26,7 +27,6 @@ from lidarscene.outputs import range_image
 from lidarscene.physics import eye_safety
 from lidarscene.physics.electronics import sipm
 from lidarscene.physics.optics import sunlight
-from lidarscene.rendering.render_options import DEFAULT_CHUNK
 from lidarscene.scene.meshes import primitives
 from lidarscene.sensor import readout
 from lidarscene.sensor.electronics import MOST_STOPS
@@ -57,7 +57,7 @@ def default(command: str, option: str) -> float:
 
 def test_defaults_of_range() -> None:
     distance, klux, rho, tau = (
-        default("range", f"--{name}") for name in ("distance", "illuminance", "reflectivity", "transmittance")
+        default("range", f"--{name}") for name in ("distance", "illuminance-klux", "reflectivity", "transmittance")
     )
     says("range.md", "SNR and P_d at `--distance` ({} m)", distance)
     says("range.md", "`--to`, `--n` ({}), and `--scale`", default("range", "--n"))
@@ -73,9 +73,9 @@ def test_defaults_of_fov() -> None:
     says("fov.md", "is the size of the cells, {} degrees unless given", study_options.CELL_DEG)
     says(
         "fov.md",
-        "`--reflectivity` ({}) and `--illuminance` ({} klux) describe",
+        "`--reflectivity` ({}) and `--illuminance-klux` ({} klux) describe",
         default("fov", "--reflectivity"),
-        default("fov", "--illuminance"),
+        default("fov", "--illuminance-klux"),
     )
     says("fov.md", "coloured by time (the first {})", figures.DOTS)
     says(
@@ -170,17 +170,19 @@ def test_formats() -> None:
 
 
 def test_motion_and_limits() -> None:
-    says("motion.md", "looked up in steps of {} ms at most", 1e3 * STEP_S)
+    says("scene_files.md", "looked up in steps of {} ms at most", 1e3 * STEP_S)
     says("../ARCHITECTURE.md", "motions are tables of {} ms steps", 1e3 * STEP_S)
     miss = STEP_S**2 / 8.0
-    says("motion.md", "{} µm at 10 m/s²", 1e6 * miss * 10.0)
-    says("motion.md", "may be {} degrees apart at most", math.degrees(LARGEST_STEP_RAD))
-    says("motion.md", "yaw rates reach {} °/s and speeds {} km/s", LARGEST_YAW_RATE_DEG_S, 1e-3 * LARGEST_SPEED_M_S)
+    says("scene_files.md", "{} µm at 10 m/s²", 1e6 * miss * 10.0)
+    says("scene_files.md", "may be {} degrees apart at most", math.degrees(LARGEST_STEP_RAD))
+    says(
+        "scene_files.md", "yaw rates reach {} °/s and speeds {} km/s", LARGEST_YAW_RATE_DEG_S, 1e-3 * LARGEST_SPEED_M_S
+    )
     says("../ARCHITECTURE.md", "cut into pieces of {} m", primitives.LARGEST_EDGE_M)
     says("../ARCHITECTURE.md", "Rays restart {} mm off a", 1e3 * onward.START_OFFSET_M)
     says("theory.md", "One ray from {} mm above the hit", 1e3 * onward.START_OFFSET_M)
-    assert DEFAULT_CHUNK == 2**20  # "2^20 pulses at a time"
-    assert "a frame is cut into chunks of 2^20 pulses" in text_of(ARCHITECTURE)
+    assert (LANES_PER_CHUNK, LANES_PER_LAUNCH_CUDA) == (2**20, 2**21)
+    assert "a frame is cut into chunks of 2^20 pulses, on a GPU 2^21" in text_of(ARCHITECTURE)
     assert pytest.approx(1 / 20) == cloud_matching.LEAST_SHARED  # "a twentieth of its pulses"
 
 

@@ -97,9 +97,9 @@ def test_a_repository_of_github_has_links_to_services() -> None:
     assert pages._services("child", "https://example.org/source") == ""
 
 
-def test_there_are_three_and_the_docs_name_them() -> None:
+def test_there_are_five_and_the_docs_name_them() -> None:
     page = (ROOT / "docs" / "tutorials.md").read_text(encoding="utf-8")
-    assert len(NOTEBOOKS) == 3
+    assert len(NOTEBOOKS) == 5
     assert [path.name for path in NOTEBOOKS if f"notebooks/{path.name}" not in page] == []
 
 

@@ -40,9 +40,9 @@ def test_every_module_of_formulas_is_there() -> None:
 
 def test_equations_and_pages_of_docstrings_are_drawn_and_linked() -> None:
     math = ".. math:: K = B / A,\\quad\n    A = 1 \\tag{T7}"
-    text = f"As in (docs/theory_light.md 21) and `docs/theory.md`,\n\n{math}\n\nand so on."
+    text = f"As in (docs/theory_light.md 9) and `docs/theory.md`,\n\n{math}\n\nand so on."
     first, equation, last = hook("equations").drawn(text).split("\n\n")
-    assert first == "As in ([theory light, 21](theory_light.md)) and `docs/theory.md`,"
+    assert first == "As in ([theory light, 9](theory_light.md)) and `docs/theory.md`,"
     assert equation.strip().startswith('<div class="equation" id="T7"')
     assert "\\" not in equation.partition("<math ")[2].partition("<annotation")[0]
     assert last.strip() == "and so on."
@@ -56,3 +56,14 @@ def test_the_page_lists_the_options_of_a_class(kind: type) -> None:
     rows, _, rest = page.partition("\n|---|---|\n")[2].partition("\n\n")
     assert rows.splitlines() == [f"| `{name}` | {entry.help} |" for name, (_, entry) in options_of(kind).items()]
     assert rest == "::: lidarscene.Scene"
+
+
+def test_long_tables_of_keys_are_folded_below_their_names() -> None:
+    fold = hook("folded_tables").on_page_markdown
+    rows = [f"| `key_{n}` | - | text | words |\n" for n in range(6)]
+    head = "<!-- keys Some + Other -->\n| key | default | values | meaning |\n|---|---|---|---|\n"
+    short, long = (f"Before\n\n{head}{''.join(rows[:count])}\nBehind\n" for count in (5, 6))
+    assert fold(short) == short.replace("<!-- keys Some + Other -->\n", "")
+    summary, _, table = fold(long).partition("</summary>\n\n")
+    assert [f"<code>key_{n}</code>" in summary for n in range(6)] == [True] * 6
+    assert table == long.partition("-->\n")[2].replace("\nBehind", "\n</details>\n\nBehind")

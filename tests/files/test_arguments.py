@@ -82,10 +82,10 @@ def test_public_methods_are_checked_and_a_value_stands_in_one_line() -> None:
 
     assert (Counter(1).add([2]), Counter.double(2), Counter.from_text("3")) == (3, 4, 3)
     with pytest.raises(InputError, match="start: must be a whole number, got str 'a'"):
-        Counter("a")  # type: ignore[arg-type]
+        Counter("a")
     with pytest.raises(InputError, match=r"each a whole number, got list \[array\(\[\[1., 0.\],"):
-        Counter().add([np.eye(2)])  # type: ignore[list-item]
+        Counter().add([np.eye(2)])
     with pytest.raises(InputError, match="number: must be a whole number, got NoneType"):
-        Counter.double(None)  # type: ignore[arg-type]
+        Counter.double(None)
     with pytest.raises(InputError, match="text: must be a text, got int"):
-        Counter.from_text(3)  # type: ignore[arg-type]
+        Counter.from_text(3)

@@ -70,7 +70,7 @@ def test_overrides_of_python_are_those_of_the_command_line() -> None:
     assert assignments(list(expected)) == assignments({"a": {"b": 1, "c": (1, 2)}}) == expected
     assert assignments("a.b=1") == assignments({"a.b": 1}) == expected[:1]
     with pytest.raises(InputError, match=r"^overrides: must be .*, got 3$"):
-        assignments(3)  # type: ignore[arg-type]
+        assignments(3)
 
 
 def test_a_value_may_be_of_one_sensor_alone() -> None:

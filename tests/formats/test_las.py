@@ -99,7 +99,6 @@ def test_las_refuses_what_its_integers_cannot_hold(tmp_path: Path) -> None:
         small_cloud(2, xyz_m=far).save(tmp_path / "a.las")
 
 
-@pytest.mark.slow
 def test_laz_does_not_show_how_it_was_cut(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """More points than the 50,000 of a chunk of LAZ, in pieces that end within chunks, against one write of all."""
     need("laz")

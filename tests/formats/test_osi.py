@@ -24,7 +24,6 @@ def cartesian(get: Any) -> np.ndarray:
 
 
 @pytest.mark.parametrize("truth", [False, True])
-@pytest.mark.slow
 def test_osi_in_betterosi(tmp_path: Path, library: Any, truth: bool) -> None:
     """Reference: betterosi, from the OSI group's own definitions."""
     columns = {"channel": np.arange(N) * 1000, "sensor_index": np.zeros(N), "status": np.arange(N) % 7}

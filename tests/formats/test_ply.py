@@ -146,7 +146,6 @@ def test_open3d_takes_a_file_without_points(tmp_path: Path, open3d: ModuleType) 
 
 
 @pytest.mark.parametrize("ascii", [False, True])
-@pytest.mark.slow
 def test_every_truncation_is_noticed(tmp_path: Path, ascii: bool) -> None:
     """Rationale: a copy that broke off must never pass for a frame with fewer points.
 

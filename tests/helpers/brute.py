@@ -1,27 +1,33 @@
 """Vector optics the slow way: float64, one ray at a time, from the words of the docstrings."""
 
 import math
+from collections.abc import Iterable
 
 import numpy as np
+
+from lidarscene.maths.arrays import Numbers
 
 X, Y, Z = np.eye(3)
 SIDES = {"left": Y, "right": -Y, "above": Z, "below": -Z}
 
 
-def about(axis, angle):
+def about(axis: Numbers, angle: float) -> Numbers:
     """Rotation matrix, by Rodrigues."""
     x, y, z = axis / np.linalg.norm(axis)
     k = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
-    return np.eye(3) + math.sin(angle) * k + (1 - math.cos(angle)) * (k @ k)
+    turned: Numbers = np.eye(3) + math.sin(angle) * k + (1 - math.cos(angle)) * (k @ k)
+    return turned
 
 
-def mirrored(ray, normal):
+def mirrored(ray: Numbers, normal: Numbers) -> Numbers:
     """Mirror by splitting the ray in parts along and across the normal."""
-    along = (ray @ normal) / (normal @ normal) * normal
+    along: Numbers = (ray @ normal) / (normal @ normal) * normal
     return (ray - along) - along
 
 
-def gimbal(incidence, side, outer, azimuth_turn, elevation_turn):
+def gimbal(
+    incidence: float, side: str, outer: str, azimuth_turn: float, elevation_turn: float
+) -> tuple[Numbers, float]:
     """The mirror as a body: its normal and its inner axis are turned together by the outer axis."""
     s = SIDES[side]
     normal = math.cos(incidence) * X + math.sin(incidence) * s
@@ -42,10 +48,10 @@ def gimbal(incidence, side, outer, azimuth_turn, elevation_turn):
     angle = {"azimuth": azimuth_turn, "elevation": elevation_turn}
     turned = about(axes[outer], angle[outer]) @ about(axes[inner], angle[inner]) @ normal
     out = mirrored(incoming, turned)
-    return out, -(incoming @ turned) / -(incoming @ normal)
+    return out, float(-(incoming @ turned) / -(incoming @ normal))
 
 
-def pair(last, azimuth_turn, elevation_turn):
+def pair(last: str, azimuth_turn: float, elevation_turn: float) -> tuple[Numbers, float]:
     """Two mirrors at 45 degrees; the beam meets one, then the other."""
     first_axis, last_axis = (X, -Y) if last == "elevation" else (-X, Z)
     moved, side = (Y, Z) if last == "elevation" else (Z, Y)
@@ -53,22 +59,22 @@ def pair(last, azimuth_turn, elevation_turn):
     first_normal = about(first_axis, first) @ (-(moved + side) / math.sqrt(2))
     second_normal = about(last_axis, second) @ ((X + side) / math.sqrt(2))
     between = mirrored(moved, first_normal)
-    share = (-(moved @ first_normal)) * (-(between @ second_normal)) * 2.0
+    share = float((-(moved @ first_normal)) * (-(between @ second_normal)) * 2.0)
     return mirrored(between, second_normal), share
 
 
-def snell(ray, normal, n_before, n_after):
+def snell(ray: Numbers, normal: Numbers, n_before: float, n_after: float) -> tuple[Numbers, float]:
     """Refract by the angles themselves; returns the ray and the growth of the beam's cross-section."""
     normal = normal if ray @ normal > 0 else -normal
     tangent = ray - (ray @ normal) * normal
-    sine = np.linalg.norm(tangent)
+    sine = float(np.linalg.norm(tangent))
     if sine < 1e-14:
         return ray, 1.0
     t_in, t_out = math.asin(sine), math.asin(n_before / n_after * sine)
     return math.cos(t_out) * normal + math.sin(t_out) * tangent / sine, math.cos(t_out) / math.cos(t_in)
 
 
-def wedge(ray, angle, index, phase, tilted):
+def wedge(ray: Numbers, angle: float, index: float, phase: float, tilted: str) -> tuple[Numbers, float]:
     """A prism as two planes; the thick side is where they are farthest apart."""
     thick = math.cos(phase) * Y + math.sin(phase) * Z
     # Plane x = +-tan(angle) (thick . r): its normal.
@@ -80,7 +86,9 @@ def wedge(ray, angle, index, phase, tilted):
     return outside, grown * growth
 
 
-def prisms(angles, indices, phases, tilted):
+def prisms(
+    angles: Iterable[float], indices: Iterable[float], phases: Iterable[float], tilted: Iterable[str]
+) -> tuple[Numbers, float]:
     ray, share = X, 1.0
     for a, n, p, t in zip(angles, indices, phases, tilted, strict=True):
         ray, grown = wedge(ray, a, n, p, t)
@@ -88,7 +96,7 @@ def prisms(angles, indices, phases, tilted):
     return ray, share
 
 
-def facet(incidence, side, turn, tilt):
+def facet(incidence: float, side: str, turn: float, tilt: float) -> Numbers:
     """Direction off a facet: a polygon that is turned from where it sends the beam along x."""
     facet_normal = math.cos(incidence) * X + math.sin(incidence) * SIDES[side]
     incoming = mirrored(X, facet_normal)
@@ -96,7 +104,9 @@ def facet(incidence, side, turn, tilt):
     return mirrored(incoming, math.cos(tilt) * level + math.sin(tilt) * Z)
 
 
-def facet_share(incidence, side, turn, facets, inradius, lens, rays=400):
+def facet_share(
+    incidence: float, side: str, turn: float, facets: int, inradius: float, lens: float, rays: int = 400
+) -> float:
     """Part of a grid of parallel rays through the lens that meets the facet in the plane of the polygon."""
     facet_normal = math.cos(incidence) * X + math.sin(incidence) * SIDES[side]
     incoming = mirrored(X, facet_normal)
@@ -109,4 +119,4 @@ def facet_share(incidence, side, turn, facets, inradius, lens, rays=400):
     start = inradius * facet_normal + lens * u[inside][:, None] * aside  # level part of the ray's place
     distance = (inradius - start @ level) / (incoming @ level)
     hit = start + distance[:, None] * incoming
-    return np.mean(np.abs(hit @ along) <= inradius * math.tan(math.pi / facets))
+    return float(np.mean(np.abs(hit @ along) <= inradius * math.tan(math.pi / facets)))

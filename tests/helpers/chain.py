@@ -1,6 +1,8 @@
 """The chain by hand, every lane kept: what the tests look at between the stages."""
 
+import dataclasses
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -10,7 +12,7 @@ from lidarscene import Scene, Sensor, load_sensor
 from lidarscene.detection import receiver
 from lidarscene.kernel.device import transfer
 from lidarscene.kernel.rays.trace import Firing, trace
-from lidarscene.kernel.world.mitsuba_world import build_world
+from lidarscene.kernel.world.mitsuba_world import World, build_world
 from lidarscene.light import beams, echoes
 from lidarscene.light.footprint import aim, footprint
 from lidarscene.materials.material import Material, Spectrum
@@ -29,15 +31,22 @@ NARROW = [
 """A raster of 3 x 3 beams around the x axis; the middle one, number 4, is exactly on it."""
 
 
-def sensor(name, *overrides):
+def sensor(name: str, *overrides: str) -> Sensor:
     return load_sensor(name, overrides=list(overrides))
 
 
-def diffuse(name="grey", reflectivity=0.1):
+def diffuse(name: str = "grey", reflectivity: float = 0.1) -> Material:
     return Material(name=name, bsdf="diffuse", reflectivity=Spectrum.constant(reflectivity))
 
 
-def facing(*, range_m, theta_deg=0.0, size_m=None, at=(0.0, 0.0, 0.0), material="grey"):
+def facing(
+    *,
+    range_m: float,
+    theta_deg: float = 0.0,
+    size_m: float | None = None,
+    at: Sequence[float] = (0.0, 0.0, 0.0),
+    material: str = "grey",
+) -> Body:
     """A plane at this range on the x axis of a sensor at ``at``, its normal theta away from the beam."""
     size = size_m or max(4.0, range_m / 10.0)
     vertices, faces = plane_mesh(size_m=(size, size))
@@ -49,7 +58,13 @@ def facing(*, range_m, theta_deg=0.0, size_m=None, at=(0.0, 0.0, 0.0), material=
     )
 
 
-def box(*, at, size_m=(2.0, 3.0, 1.5), yaw_deg=0.0, material="grey"):
+def box(
+    *,
+    at: tuple[float, float, float],
+    size_m: tuple[float, float, float] = (2.0, 3.0, 1.5),
+    yaw_deg: float = 0.0,
+    material: str = "grey",
+) -> Body:
     vertices, faces = box_mesh(size_m=size_m)
     return Body(
         name="box",
@@ -59,7 +74,7 @@ def box(*, at, size_m=(2.0, 3.0, 1.5), yaw_deg=0.0, material="grey"):
     )
 
 
-def ball(*, at, radius_m=1.0, material="grey"):
+def ball(*, at: tuple[float, float, float], radius_m: float = 1.0, material: str = "grey") -> Body:
     return Body(
         name="ball",
         class_name="ball",
@@ -68,7 +83,15 @@ def ball(*, at, radius_m=1.0, material="grey"):
     )
 
 
-def scene(*bodies, materials=(), klux=100.0, sun=None, sky=0.0, air=None, pose=None):
+def scene(
+    *bodies: Body,
+    materials: Sequence[Material] = (),
+    klux: float = 100.0,
+    sun: Sun | None = None,
+    sky: float = 0.0,
+    air: Air | None = None,
+    pose: Pose | None = None,
+) -> Scene:
     """A scene of these bodies, grey (10 %) unless said otherwise, under Table 1's light and air."""
     by_name = {material.name: material for material in (diffuse(), *materials)}
     return Scene(
@@ -95,7 +118,14 @@ class Lanes:
 
 
 def run_stages(
-    described: Scene, equipped: Sensor, *, seed: int = 0, centre=None, world=None, glints=False, **tracing
+    described: Scene,
+    equipped: Sensor,
+    *,
+    seed: int = 0,
+    centre: Sequence[float] | None = None,
+    world: World | None = None,
+    glints: bool = False,
+    **tracing: Any,
 ) -> Lanes:
     """One frame, stage by stage, on the device; every lane comes back. ``tracing`` goes to `trace`.
 
@@ -104,8 +134,8 @@ def run_stages(
         glints: whether panes and mirrors may throw beams back, as in `Simulator`
     """
     place = described.sensor_pose @ equipped.mounting
-    centre = place.position_m if centre is None else np.asarray(centre)
-    world = world or build_world(described, wavelength_m=equipped.laser.wavelength_m, centre_m=centre)
+    centre_m = place.position_m if centre is None else np.asarray(centre)
+    world = world or build_world(described, wavelength_m=equipped.laser.wavelength_m, centre_m=centre_m)
     on_device = transfer.opaque(equipped)
     pulse = transfer.counter(0, equipped.scanner.pulses)
     rotation = transfer.opaque(tuple(float(x) for x in place.rotation.ravel()))
@@ -128,7 +158,7 @@ def run_stages(
     transfer.start(
         [x for x in flatten((rays.direction, tuple(ways), tuple(light_of_ways), light, detection)) if is_drjit(x)]
     )
-    direction = np.stack([np.array(x.numpy()) for x in rays.direction], axis=1)
+    direction = np.stack([np.array(x.numpy()) for x in flatten(rays.direction)], axis=1)
     return Lanes(
         direction,
         to_numpy(ways[0]),
@@ -139,14 +169,12 @@ def run_stages(
     )
 
 
-def to_numpy(stage):
+def to_numpy(stage: Any) -> Any:
     """A stage's arrays as numpy, computed together."""
-    import dataclasses
-
     transfer.start([x for x in flatten(stage) if is_drjit(x)])
 
-    def fetch(value):
-        if dataclasses.is_dataclass(value):
+    def fetch(value: Any) -> Any:
+        if dataclasses.is_dataclass(value) and not isinstance(value, type):
             return dataclasses.replace(
                 value, **{f.name: fetch(getattr(value, f.name)) for f in dataclasses.fields(value)}
             )

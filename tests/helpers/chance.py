@@ -50,7 +50,7 @@ def pytest_terminal_summary(terminalreporter: Any) -> None:
 
 
 def _chance(report: pytest.TestReport) -> str | None:
-    return next((text for name, text in report.user_properties if name == PROPERTY), None)
+    return next((str(text) for name, text in report.user_properties if name == PROPERTY), None)
 
 
 def _failed(reports: Sequence[pytest.TestReport]) -> bool:
@@ -91,6 +91,7 @@ def _judged(item: pytest.Item, first: list[pytest.TestReport]) -> list[pytest.Te
 
 def _runs(item: pytest.Item) -> Iterator[tuple[int, list[pytest.TestReport], bool]]:
     """Run a test on the run's seed and on others, each with fixtures and caches of its own; whether it draws by it."""
+    assert reseed.RUN is not None
     seed = int(reseed.RUN)
     with tempfile.TemporaryDirectory() as folder:
         trace = Path(folder) / "drawn"

@@ -10,5 +10,5 @@ def pytest_runtest_logreport(report: pytest.TestReport) -> None:
     xdist reports these alone with "???". By itself it starts another worker, which has hung, or with
     --max-worker-restart=0 goes on with all that the other workers hold: minutes, where whole files are handed out.
     """
-    if report.when == "???":
+    if str(report.when) == "???":
         pytest.exit(str(report.longrepr), returncode=pytest.ExitCode.TESTS_FAILED)

@@ -7,6 +7,7 @@ import numpy as np
 
 from helpers.premises import premise
 from lidarscene.detection.receiver import detect
+from lidarscene.sensor.detectors.spad_detector import Spad
 from lidarscene.sensor.sensor_file import load_sensor
 from lidarscene.sensor.sensor_model import Sensor
 from lidarscene.studies.fit.on_scene.known_scene import KnownScene, Observations
@@ -66,6 +67,7 @@ def unit_of(truth: dict[str, float], base: Sensor | None = None) -> Sensor:
     grown = {name: math.exp(value) for name, value in truth.items()}
     moved = math.sqrt(grown["near_field_m"])
     laser, optics, detector, histogram = sensor.laser, sensor.optics, sensor.detector, sensor.histogram
+    assert isinstance(detector, Spad)
     assert histogram is not None
     sensor = replace(
         sensor,
@@ -82,8 +84,8 @@ def unit_of(truth: dict[str, float], base: Sensor | None = None) -> Sensor:
         ),
         detector=replace(
             detector,
-            spads=detector.spads * grown["detector.spads"],  # type: ignore[call-arg, union-attr]
-            dark_count_rate_hz=detector.dark_count_rate_hz * grown["detector.dark_count_rate_hz"],  # type: ignore[union-attr]
+            spads=detector.spads * grown["detector.spads"],
+            dark_count_rate_hz=detector.dark_count_rate_hz * grown["detector.dark_count_rate_hz"],
         ),
         histogram=replace(
             histogram,

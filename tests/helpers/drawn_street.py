@@ -20,10 +20,10 @@ BOXES = (  # low and high corner in metres, z from the sensor, 1.8 m above the r
 
 def street(*, step_deg: float = 0.5, alarms: int = 20, seed: int = 3) -> PointCloud:
     """A road with cars, a post, a ball and houses, by brute force: every beam against every body."""
-    azimuth, elevation = np.meshgrid(
+    azimuth_grid, elevation_grid = np.meshgrid(
         np.radians(np.arange(-60, 60, step_deg) + step_deg / 2), np.radians(np.arange(-25, 10, step_deg) + step_deg / 2)
     )
-    azimuth, elevation = azimuth.ravel(), elevation.ravel()
+    azimuth, elevation = azimuth_grid.ravel(), elevation_grid.ravel()
     beam = np.stack([np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)])
     nearest, body, cosine = (np.full(azimuth.shape, np.inf), np.full(azimuth.shape, -1), np.zeros(azimuth.shape))
 

@@ -33,7 +33,9 @@ def clipped_to_finite(values: np.ndarray) -> np.ndarray:
 
 def written(path: Path, name: str, pieces: list[PointCloud]) -> bytes:
     """The file of pieces that are appended one after the other."""
-    with FORMATS[name].stream(path) as append:
+    stream = FORMATS[name].stream
+    assert stream is not None
+    with stream(path) as append:
         for piece in pieces:
             append(piece)
     return path.read_bytes()
@@ -42,7 +44,8 @@ def written(path: Path, name: str, pieces: list[PointCloud]) -> bytes:
 def rotated(quaternion: tuple[float, ...], vectors: np.ndarray) -> np.ndarray:
     """q v q*, by the cross-product form."""
     w, axis = quaternion[0], np.array(quaternion[1:])
-    return vectors + 2 * w * np.cross(axis, vectors) + 2 * np.cross(axis, np.cross(axis, vectors))
+    turned: np.ndarray = vectors + 2 * w * np.cross(axis, vectors) + 2 * np.cross(axis, np.cross(axis, vectors))
+    return turned
 
 
 def osi_messages(path: Path, kind: str, library: Any) -> list[Any]:

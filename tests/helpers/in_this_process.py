@@ -51,7 +51,13 @@ def small_pictures(monkeypatch: pytest.MonkeyPatch) -> None:
     """Draw pictures of a sixteenth of the pixels, where pictures are compared with one another: whole ones take most of
     the time.
     """
-    monkeypatch.setitem(pictures.frame_picture.__kwdefaults__, "size_px", (480, 400))
+    _draw_small(monkeypatch)
+
+
+def _draw_small(monkeypatch: pytest.MonkeyPatch) -> None:
+    for picture, size_px in ((pictures.frame_picture, (480, 400)), (pictures.perspective_picture, (480, 270))):
+        assert picture.__kwdefaults__ is not None
+        monkeypatch.setitem(picture.__kwdefaults__, "size_px", size_px)
 
 
 def draw_roughly(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -59,8 +65,7 @@ def draw_roughly(monkeypatch: pytest.MonkeyPatch) -> None:
     _arrange_nothing(monkeypatch)
     for module in (lines, maps):
         monkeypatch.setattr(module, "DPI", 60)
-    monkeypatch.setitem(pictures.frame_picture.__kwdefaults__, "size_px", (480, 400))
-    monkeypatch.setitem(pictures.perspective_picture.__kwdefaults__, "size_px", (480, 270))
+    _draw_small(monkeypatch)
 
 
 def _arrange_nothing(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -1,12 +1,11 @@
 """Every file model by name."""
 
-from types import UnionType
 from typing import Any
 
 from lidarscene.batch.job_file import JobFile
 from lidarscene.files.toml import FileModel
 from lidarscene.materials.material_file import MaterialFile
-from lidarscene.scene.scene_file import SceneFile
+from lidarscene.scene.tables import SceneFile
 from lidarscene.sensor.rig_file import RigFile
 from lidarscene.sensor.sensor_file import SensorFile
 from lidarscene.studies.design.study_file import StudyFile
@@ -18,7 +17,7 @@ def models(*roots: type[FileModel]) -> dict[str, type[FileModel]]:
     todo: list[Any] = list(roots)
     while todo:
         model = todo.pop()
-        if isinstance(model, type) and not isinstance(model, UnionType) and issubclass(model, FileModel):
+        if isinstance(model, type) and issubclass(model, FileModel):
             if model.__name__ not in by_name:
                 by_name[model.__name__] = model
                 todo += [info.annotation for info in model.model_fields.values()]

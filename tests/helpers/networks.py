@@ -86,14 +86,53 @@ ROUTES = """<routes>
 """
 
 
-def sumo_town(folder: Path) -> Path:
-    """Write a block of four streets with pavements, crossings and lights, and traffic; return the configuration."""
+def bridge(folder: Path) -> Path:
+    """Write a road to the east and one to the north 6 m above it, with one car each; return the configuration."""
     import sumo
 
-    grid = ["--grid", "--grid.number", "2", "--grid.length", "100", "--default-junction-type", "traffic_light"]
+    ends = [("w", -200, 0), ("e", 200, 0), ("s", 0, -200), ("n", 0, 200)]
+    nodes = [f'<node id="{name}" x="{x}" y="{y}" z="0"/>' for name, x, y in ends]
+    hump = [(0, -200, 0), (0, -150, 0), (0, -100, 2), (0, -50, 5), (0, -20, 6)]
+    hump += [(0, -y, z) for _, y, z in hump[::-1]]
+    shape = " ".join(f"{x},{y},{z}" for x, y, z in hump)
+    edges = '<edge id="we" from="w" to="e" numLanes="1" speed="14"/>'
+    edges += f'<edge id="sn" from="s" to="n" numLanes="1" speed="14" shape="{shape}"/>'
+    (folder / "b.nod.xml").write_text(f"<nodes>{''.join(nodes)}</nodes>")
+    (folder / "b.edg.xml").write_text(f"<edges>{edges}</edges>")
+    program = str(Path(sumo.SUMO_HOME) / "bin" / "netconvert")
+    plain = ["-n", str(folder / "b.nod.xml"), "-e", str(folder / "b.edg.xml"), "-o", str(folder / "b.net.xml")]
+    subprocess.run([program, *plain], check=True, capture_output=True)
+    trips = "".join(f'<trip id="{name}" depart="0" from="{name}" to="{name}" departPos="60"/>' for name in ("we", "sn"))
+    (folder / "b.rou.xml").write_text(f"<routes>{trips}</routes>")
+    path = folder / "bridge.sumocfg"
+    path.write_text(
+        '<configuration><input><net-file value="b.net.xml"/><route-files value="b.rou.xml"/></input></configuration>'
+    )
+    return path
+
+
+def sumo_town(folder: Path, heights_m: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0)) -> Path:
+    """Write a block of four streets with pavements, crossings and lights, and traffic; return the configuration.
+
+    Args:
+        heights_m: of the junctions A0, B0, A1 and B1
+    """
+    import sumo
+
+    corners = [("A0", 0, 0), ("B0", 100, 0), ("A1", 0, 100), ("B1", 100, 100)]
+    nodes = [
+        f'<node id="{name}" x="{x}" y="{y}" z="{z}" type="traffic_light"/>'
+        for (name, x, y), z in zip(corners, heights_m, strict=True)
+    ]
+    streets = [("A0", "B0"), ("A0", "A1"), ("B0", "B1"), ("A1", "B1")]
+    ways = [(a, b) for pair in streets for a, b in (pair, pair[::-1])]
+    edges = [f'<edge id="{a}{b}" from="{a}" to="{b}" numLanes="1" speed="13.89"/>' for a, b in ways]
+    (folder / "town.nod.xml").write_text(f"<nodes>{''.join(nodes)}</nodes>")
+    (folder / "town.edg.xml").write_text(f"<edges>{''.join(edges)}</edges>")
+    program = str(Path(sumo.SUMO_HOME) / "bin" / "netconvert")
+    plain = ["-n", str(folder / "town.nod.xml"), "-e", str(folder / "town.edg.xml")]
     walks = ["--sidewalks.guess", "--crossings.guess", "-o", str(folder / "town.net.xml")]
-    program = str(Path(sumo.SUMO_HOME) / "bin" / "netgenerate")
-    subprocess.run([program, *grid, *walks], check=True, capture_output=True)
+    subprocess.run([program, *plain, *walks], check=True, capture_output=True)
     (folder / "town.rou.xml").write_text(ROUTES)
     path = folder / "town.sumocfg"
     path.write_text(

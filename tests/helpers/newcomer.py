@@ -38,10 +38,12 @@ def changed_sources(
         docs: True to copy the documentation and tests too
     """
     package = folder / "src" / "lidarscene"
-    ignore = shutil.ignore_patterns("__pycache__", "images")
+    ignore = shutil.ignore_patterns("images")  # what is compiled is kept: it knows its source by size and time
     for name in ("src", "scenes", "assets", *(("docs", "tests", "README.md", "ARCHITECTURE.md") if docs else ())):
-        copy = shutil.copy if (ROOT / name).is_file() else shutil.copytree
-        copy(ROOT / name, folder / name, **({"ignore": ignore} if copy is shutil.copytree else {}))
+        if (ROOT / name).is_file():
+            shutil.copy(ROOT / name, folder / name)
+        else:
+            shutil.copytree(ROOT / name, folder / name, ignore=ignore)
     for name, text in new.items():
         (package / name).write_text(text, encoding="utf-8")
     for name, before, after in lines:

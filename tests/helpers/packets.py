@@ -26,7 +26,7 @@ def random_frame(sensor: Sensor, *, number: int = 0, farthest_m: float = 120.0, 
         has_second = rng.random(len(echo_pulses)) < 0.5
         behind_m = parts[0]["range_m"][has_second] + rng.uniform(1.0, 8.0, has_second.sum())
         parts.append(points(sensor, echo_pulses[has_second], behind_m, number, return_number=2))
-    columns = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
+    columns: dict[str, Any] = {name: np.concatenate([part[name] for part in parts]) for name in parts[0]}
     start_s = float(scanner.time_s(pulse[:1])[0])
     return PointCloud(**columns, metadata={"frame": "sensor", "frame_start_s": repr(start_s)})
 
@@ -48,7 +48,7 @@ def points(sensor: Sensor, pulse: Any, ranges_m: Any, number: int, *, return_num
         "snr": rng.uniform(5.0, 90.0, len(pulse)),
         "time_s": scanner.time_s(pulse) - first_s,
         "channel": scanner.channel(pulse),
-        "ring": sensor.rings(scanner.channel(pulse)),
+        "ring": sensor.rings(np.asarray(scanner.channel(pulse))),
         "azimuth_rad": azimuth,
         "elevation_rad": elevation,
         "return_number": np.full(len(pulse), return_number),

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import pytest
 from scipy.optimize import brentq, minimize_scalar
-from scipy.stats import norm, poisson
+from scipy.stats import norm
 from validation.sipm_events.cells import CellArray
 from validation.sipm_events.table import GRID_SIGNAL, rows_of_published_error
 
@@ -30,7 +30,6 @@ from lidarscene.kernel.device import backend
 from lidarscene.kernel.rays import onward
 from lidarscene.kernel.world import bsdfs
 from lidarscene.light import air_light
-from lidarscene.light.footprint import points
 from lidarscene.materials import colour
 from lidarscene.materials.material_file import catalogue_material
 from lidarscene.physics.amplifier import high_pass
@@ -42,7 +41,6 @@ from lidarscene.physics.optics import (
     dielectrics,
     glint,
     pulse,
-    radiometry,
     receiver,
     reflection,
     scintillation,
@@ -50,7 +48,7 @@ from lidarscene.physics.optics import (
     sunlight,
 )
 from lidarscene.physics.optics.polarisation import pane_shares
-from lidarscene.physics.photon_counting import matched_filter, pile_up, shared_shots
+from lidarscene.physics.photon_counting import matched_filter, pile_up
 from lidarscene.physics.reference import electronics as reference_electronics
 from lidarscene.physics.reference import mcintyre as reference_mcintyre
 from lidarscene.physics.reference import optics as reference_optics
@@ -111,12 +109,6 @@ def near(computed: float, share: float) -> Any:
 
 def oldest_python() -> float:
     return float(tomllib.loads(text_of(ROOT / "pyproject.toml"))["project"]["requires-python"].removeprefix(">="))
-
-
-def sections(page: str) -> tuple[int, int]:
-    """The numbers of its first and last section."""
-    numbers = re.findall(r"^## (\d+) ", text_of(ROOT / "docs" / page), re.MULTILINE)
-    return int(numbers[0]), int(numbers[-1])
 
 
 def measured(command: str, *figures: float) -> Sequence[float]:
@@ -240,19 +232,6 @@ def binomial_over_gaussian(klux: float) -> float:
     return p[0] / p[1]
 
 
-def crosstalk(share: float) -> tuple[float, float]:
-    """SNR and P_d of a weak pulse on the SiPM in time, under Table 1's sun."""
-    sensor = sipm_in_time(f"detector.crosstalk={share}")
-    photon = sensor.laser.photon_energy_j
-    point = sensor.working_point(np.array([COUNTS.background_photons * photon / 6e-9]))
-    signal = point.response.signal(np.array([2.0 * 311.96 * photon / 6e-9]))
-    sigma = np.sqrt(point.noise.deviation**2 + point.noise.kappa_1 * signal + point.noise.kappa_2 * signal**2)
-    return (
-        float(signal[0] / point.noise.deviation[0]),
-        float(point.detection_probability(sensor.threshold(point), signal, sigma)[0]),
-    )
-
-
 def gains() -> tuple[float, float]:
     """Gain of the best SNR, and that of equal optical and electrical noise."""
     parts = {
@@ -293,18 +272,6 @@ def extinction_per_m(visibility_km: float, nm: float, model: str) -> float:
 
 def cos(degrees: float) -> float:
     return math.cos(math.radians(degrees))
-
-
-def rough_over_lambert(slope_deg: float, degrees: float) -> float:
-    """Brightness of matt facets over that of a Lambertian surface, straight back."""
-    per_sr = reflection.rough_diffuse_per_sr(
-        reflectivity=1.0,
-        relief=reflection.relief(math.radians(slope_deg)),
-        cos_in=cos(degrees),
-        cos_out=cos(degrees),
-        cos_between=1.0,
-    )
-    return float(math.pi * per_sr)
 
 
 @cache
@@ -382,19 +349,6 @@ def glint_boards(distance_m: float, off_mrad: float) -> float:
     return math.pi * 0.08 * float(bright)
 
 
-@cache
-def wrong_side_percent(*counts: int) -> list[tuple[float, float, float]]:
-    """Rays, and the power on the wrong side of a random edge: of the spiral, and of random rays."""
-    random = np.random.default_rng(1)
-    angle, distance = random.uniform(0.0, 2.0 * math.pi, 4000), random.uniform(-1.0, 1.0, 4000)
-    across, beyond = np.stack([np.cos(angle), np.sin(angle)]), norm.sf(2.0 * distance)
-
-    def off(places: Any) -> float:
-        return 100.0 * math.sqrt(np.mean(((places @ across > distance).mean(axis=0) - beyond) ** 2))
-
-    return [(n, off(points("gaussian", n)), off(0.5 * random.standard_normal((n, 2)))) for n in counts]
-
-
 def speckle_rms(divergence_mrad: float, lens_mm: float, nm: float, line_nm: float = 0.0, degrees: float = 0.0) -> float:
     """1 / sqrt(M) at 50 m."""
     return float(
@@ -415,14 +369,6 @@ def turbulence_percent(distance_m: float) -> float:
         structure_constant=1e-13, range_m=np.float64(distance_m), wavelength_m=905e-9, aperture_radius_m=12.5e-3
     )
     return 100.0 * math.sqrt(variance)
-
-
-def speckled_p_d() -> list[float]:
-    """P_d at nine tenths of the range without speckle, and with it."""
-    keys = ["laser.divergence_mrad=1", "laser.speckle={}"]
-    lidars = [load_sensor("mems-1550", overrides=keys[:count]) for count in (1, 2)]
-    near_m = 0.9 * plane.maximum_range_m(lidars[0], TABLE_1)[0]
-    return [float(plane.detection_probability(lidar, TABLE_1, near_m)[0]) for lidar in lidars]
 
 
 def sun_disc_mw() -> float:
@@ -452,11 +398,6 @@ def sign_over_wall(share: float) -> list[float]:
 OUSTER = load_sensor("os1-128", overrides=["scanner.columns_per_turn=1024"])
 
 
-def sweep_mm(distance_m: float, degrees: float) -> float:
-    """(T126) without the beam."""
-    return 1e3 * math.tan(math.radians(degrees)) * distance_m * OUSTER.sweep_rad / math.sqrt(12.0)
-
-
 def pulse_mm(fwhm_s: float) -> float:
     return 1e3 * 0.5 * SPEED_OF_LIGHT_M_S * fwhm_s / math.sqrt(8.0 * math.log(2.0))
 
@@ -468,11 +409,6 @@ def glory_gains(distance_m: float) -> tuple[float, float]:
     return gain.min(), gain.max()
 
 
-def oblique_nm(degrees: float) -> float:
-    """Shift of a filter of n = 1.8 at 905 nm."""
-    return 905.0 / math.sqrt(1.0 - (math.sin(math.radians(degrees)) / 1.8) ** 2) - 905.0
-
-
 # --- photon counting and fits ---------------------------------------------------------------------------------
 
 HEAD_DWELL_S = 1.0 / (1024 * 10)
@@ -482,26 +418,15 @@ HEAD_DWELL_S = 1.0 / (1024 * 10)
 def place_deviation_in_the_dark() -> float:
     """The noise of the place of the filter's peak by many photons of an echo, times their root, in sigmas (T176)."""
     signal = 1e9
-    _, variance = matched_filter.signal_variance_of(narrowing=1.0)
-    place = matched_filter.place_variance(signal=signal, background=0.0, signal_variance=signal * float(variance))
+    variance = signal * matched_filter.SIGNAL_VARIANCE
+    place = matched_filter.place_variance(signal=signal, background=0.0, signal_variance=variance)
     return math.sqrt(signal * float(place))
-
-
-def column_weights(name: str) -> list[float]:
-    weights = load_sensor(name).histogram.column_weights
-    return [weight / weights[0] for weight in weights]
 
 
 def two_lenses(name: str) -> tuple[float, float]:
     """Where the axes of a file's lenses meet, and where it is in focus."""
     overlap = tomllib.loads(text_of(catalog.path_of("sensors", name)))["optics"]["overlap"]
     return overlap["parallax_free_at_m"], overlap["focus_at_m"]
-
-
-def open3d_over_default() -> tuple[float, float]:
-    """The least and the most of the sensors of benchmarks/RESULTS.md."""
-    ratios = [results(name, 6)[0] for name in catalog.names("sensors")]
-    return min(ratios), max(ratios)
 
 
 # --- receivers ----------------------------------------------------------------------------------------------
@@ -511,16 +436,6 @@ def avalanche(light: str, tail: str) -> float:
     """P_f of the APD at TNR 5."""
     where = {"100 klux": {}, "10 klux": {"illuminance_klux": 10.0}, "night sky": {}}[light]
     return false_alarms.false_alarm_probability(APD, Target(**where), sky=light == "night sky", tail=tail)
-
-
-def tnr_of_equal_alarms() -> float:
-    """TNR at which McIntyre's tail has the alarms that the Gaussian promises at 5."""
-
-    def over(tnr: float) -> float:
-        sensor = apd_lidar(f"tdc.threshold_to_noise={tnr}")
-        return false_alarms.false_alarm_probability(sensor, TABLE_1, tail="exact") / p_false(5.0) - 1.0
-
-    return brentq(over, 5.0, 8.0, xtol=1e-3)
 
 
 def primaries() -> float:
@@ -540,20 +455,6 @@ def saddle_point_percent(primaries: float) -> float:
         / reference_mcintyre.tail_probability_exact(excess=k * sigma, **numbers)
         for k in (1.0, 3.0, 5.0, 8.0)
     )
-
-
-def clipped(saturation_a: float, reflectivity: float, distance_m: float) -> tuple[float, float]:
-    """Signal over saturation, and how much too near the wall is reported [m]."""
-    echo = light(distance_m=distance_m, reflectivity=reflectivity)
-    point = APD.working_point(echo.background_power_w)
-    signal, level = float(point.response.signal(echo.peak_power_w)[0]), float(APD.threshold(point)[0])
-    bias = reference_electronics.walk_bias_m(threshold=level, signal=signal, saturation=saturation_a, fwhm_s=FWHM_S)
-    return signal / saturation_a, abs(bias)
-
-
-def alarm_width_ns(tnr: float) -> float:
-    h = tnr + np.random.default_rng(1).exponential(1.0 / tnr, 100_000)
-    return 1e9 * float(np.mean(tdc.excursion_width_s(threshold=tnr, height=h, bandwidth_hz=BANDWIDTH_HZ)))
 
 
 def timing_cm(snr: float) -> list[float]:

@@ -1,11 +1,17 @@
 """Receivers that count photons: sensors for tests, and photons that arrive one by one, simulated apart."""
 
+from typing import Any
+
 import numpy as np
 from scipy.special import ndtr
 
+from lidarscene import Sensor
 from lidarscene.catalog import path_of
 from lidarscene.detection import receiver
+from lidarscene.detection.report import Detection
 from lidarscene.files.toml import read_toml
+from lidarscene.light.echoes import Echoes, EchoTrain
+from lidarscene.maths.arrays import Numbers
 from lidarscene.sensor.sensor_file import sensor_from_tables
 from lidarscene.studies.ranging import plane
 
@@ -13,7 +19,7 @@ PIXEL = {"type": "spad", "spads": 64, "radius_mm": 0.05, "pde": 0.2, "dead_time_
 SUM = {"shots": 50, "window_us": 1.0, "bin_ns": 1.0, "threshold_floor": 4.0, "threshold_slope": 0.3}
 
 
-def tables(name="table1-sipm"):
+def tables(name: str = "table1-sipm") -> dict[str, Any]:
     """Tables of a sensor file: a catalogue sensor's, with SPADs and a histogram in place of its detector and
     converter.
     """
@@ -29,12 +35,12 @@ def tables(name="table1-sipm"):
     return sensor_tables
 
 
-def sensor(*overrides):
+def sensor(*overrides: str) -> Sensor:
     """Table 1's optics before SPADs of the tests."""
     return sensor_from_tables(tables(), where="test", overrides=overrides)
 
 
-def spinning(*overrides):
+def spinning(*overrides: str) -> Sensor:
     """A head of two beams that turns ten times a second; the sensor works out its shots from that."""
     sensor_tables = tables()
     sensor_tables["scanner"] = {
@@ -48,7 +54,9 @@ def spinning(*overrides):
     return sensor_from_tables(sensor_tables, where="test", overrides=overrides)
 
 
-def echoes_of(counter, range_m, *, photons=None, count=4000, **target):
+def echoes_of(
+    counter: Sensor, range_m: float, *, photons: float | None = None, count: int = 4000, **target: Any
+) -> Echoes:
     """Echoes of a board; with ``photons``, as strong as it takes for that many."""
     light = plane.echoes_of_plane(counter, plane.Target(**target), np.full(count, range_m))
     if photons is None:
@@ -59,24 +67,19 @@ def echoes_of(counter, range_m, *, photons=None, count=4000, **target):
     return replace(light, peak_power_w=np.asarray(point.response.power_w(photons + 0.0 * light.range_m)))
 
 
-def detect(counter, light, *, seed=1):
-    """The detection of these echoes; their pulses are numbered."""
-    pulse = np.arange(len(light.range_m), dtype=np.uint32)
+def detect(counter: Sensor, light: Echoes | EchoTrain, *, seed: int = 1) -> Detection:
+    """The detection of echoes, or of a train of sub-echoes; the pulses are numbered."""
+    pulse = np.arange(np.size(light.background_power_w), dtype=np.uint32)
     return receiver.detect(light, counter, seed=seed, pulse=pulse)
 
 
-def detect_train(counter, train, *, seed=1):
-    """The detection of a train of sub-echoes."""
-    pulse = np.arange(len(train.background_power_w), dtype=np.uint32)
-    return receiver.detect(train, counter, seed=seed, pulse=pulse)
-
-
-def echo_of(stop):
+def echo_of(stop: Any) -> Numbers:
     """Where a stop holds the echo."""
-    return np.asarray(stop.reported) & (np.asarray(stop.status) == 0)
+    is_echo: Numbers = np.asarray(stop.reported) & (np.asarray(stop.status) == 0)
+    return is_echo
 
 
-def firing_times(arrivals, dead_time):
+def firing_times(arrivals: Numbers, dead_time: float) -> Numbers:
     """Times at which SPADs fire, from the sorted arrivals of each shot, (shots, photons) with inf for none.
 
     Photon by photon: one is seen if the last that was seen lies a dead time back.
@@ -91,7 +94,15 @@ def firing_times(arrivals, dead_time):
     return firing_s
 
 
-def arrivals(rng, shots, *, rate_per_ns, start, end, echo=(0.0, 0.0, 1.0)):
+def arrivals(
+    rng: np.random.Generator,
+    shots: int,
+    *,
+    rate_per_ns: float,
+    start: float,
+    end: float,
+    echo: tuple[float, float, float] = (0.0, 0.0, 1.0),
+) -> Numbers:
     """(shots, photons) sorted times [ns] of Poisson arrivals: even background, and an echo (mean, place, sigma)."""
     mean, place, sigma = echo
     background, echo_photons = rng.poisson(rate_per_ns * (end - start), shots), rng.poisson(mean, shots)
@@ -103,12 +114,22 @@ def arrivals(rng, shots, *, rate_per_ns, start, end, echo=(0.0, 0.0, 1.0)):
     return np.sort(times, axis=1)
 
 
-def histogram(times, *, bins, bin_ns):
+def histogram(times: Numbers, *, bins: int, bin_ns: float) -> Numbers:
     """(bins,) counts of all shots, from time 0 on."""
     return np.histogram(times[np.isfinite(times)], bins=bins, range=(0.0, bins * bin_ns))[0]
 
 
-def renewal_counts(rng, shape, *, rate_per_ns, dead, bins, bin_ns, echo=(0.0, 0.0, 1.0), afterpulse=(0.0, 1.0)):
+def renewal_counts(
+    rng: np.random.Generator,
+    shape: tuple[int, int],
+    *,
+    rate_per_ns: float,
+    dead: float,
+    bins: int,
+    bin_ns: float,
+    echo: tuple[Any, Any, Any] = (0.0, 0.0, 1.0),
+    afterpulse: tuple[float, float] = (0.0, 1.0),
+) -> Numbers:
     """(points, bins) counts of the firings of (points, trials) SPADs, each followed from one firing to the next.
 
     Stationary from the start: a SPAD is blind with the probability lambda tau / (1 + lambda tau), and then for a rest

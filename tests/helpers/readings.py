@@ -1,9 +1,13 @@
 """What a sampler reads of one echo, many times."""
 
+from collections.abc import Sequence
+from typing import Any
+
 import numpy as np
 
-from lidarscene.light.echoes import Volume
-from lidarscene.maths.arrays import LookupTable
+from lidarscene import Sensor
+from lidarscene.light.echoes import EchoTrain, Volume
+from lidarscene.maths.arrays import LookupTable, Numbers
 
 from . import trains
 from .trains import SIGMA_M, detect, sensor, train
@@ -19,7 +23,13 @@ CLEAN = ["detector.circuit_noise_na=1e6", "tdc.threshold_to_noise=1e4"]
 """Noise of 1e-4 of the threshold U, the echo's own included: edges move by some 1e-4 sigma_p."""
 
 
-def readings(snr, *overrides, sub_echoes=((0.0, 1.0),), name="table1-apd", seed=6):
+def readings(
+    snr: float,
+    *overrides: str,
+    sub_echoes: Sequence[tuple[float, float]] = ((0.0, 1.0),),
+    name: str = "table1-apd",
+    seed: int = 6,
+) -> tuple[Any, Any, Any]:
     """Errors of the range [m], amplitudes over the peak, widths [s] of echoes at SNR ``snr`` anywhere on the clock.
 
     Args:
@@ -30,15 +40,18 @@ def readings(snr, *overrides, sub_echoes=((0.0, 1.0),), name="table1-apd", seed=
     offsets, shares = np.array(sub_echoes).T
     power = trains.power_at_snr(equipped, snr)
     light = train(range_m[:, None] + offsets, np.broadcast_to(power * shares, (SHOTS, len(shares))))
-    stop = detect(light, equipped, seed=seed).stops[0]
+    stop: Any = detect(light, equipped, seed=seed).stops[0]
     is_echo = stop.reported & (stop.status == 0)
     assert is_echo.mean() > 0.99
     width_s = np.zeros(SHOTS) if stop.width_s is None else stop.width_s
-    signal = float(equipped.working_point(light.background_power_w[:1]).response.signal(np.array([power]))[0])
+    point = equipped.working_point(np.array([trains.BACKGROUND_W]))
+    signal = float(np.ravel(point.response.signal(np.array([power])))[0])
     return (stop.range_m - range_m)[is_echo], stop.amplitude[is_echo] / signal, width_s[is_echo]
 
 
-def on_light(equipped, echoes, lasting):
+def on_light(
+    equipped: Sensor, echoes: Sequence[tuple[float, float]], lasting: Sequence[tuple[float, float]]
+) -> tuple[EchoTrain, Numbers, Numbers]:
     """Echoes on light that lasts: the train, U in watts, and the power over ranges in bins of sigma_p / 500.
 
     Args:
@@ -46,9 +59,10 @@ def on_light(equipped, echoes, lasting):
         lasting: (range [m], height in U) of corners, between which the other light goes straight; none beyond the last
     """
     point = equipped.working_point(np.array([trains.BACKGROUND_W]))
-    level_w = float(point.response.power_w(equipped.threshold(point))[0])
+    level_w = float(np.ravel(point.response.power_w(equipped.threshold(point)))[0])
     bins_m, (ranges_m, heights) = np.linspace(0.0, 150.0, 3001), np.array(echoes).T
-    course = np.interp(bins_m, *np.array(lasting).T, left=0.0, right=0.0) if lasting else 0.0 * bins_m
+    corners_m, corner_heights = np.array(lasting).T if lasting else ([0.0], [0.0])
+    course = np.interp(bins_m, corners_m, corner_heights, left=0.0, right=0.0)
     air = Volume(
         shape=LookupTable(course),
         far_m=150.0,

@@ -18,7 +18,9 @@ def wheel_spectrum(suspension: Suspension, frequency_hz: Numbers, speed_m_s: flo
     ahead_m, aside_m = np.moveaxis(suspension.wheels_m[:, None] - suspension.wheels_m, 2, 0)
     z = 2.0 * np.pi * np.abs(aside_m) * per_m
     coherence = np.where(z > 1e-9, z * k1(np.maximum(z, 1e-9)), 1.0)
-    return profile_density_m3(per_m, roughness) / speed_m_s * coherence * np.exp(2j * np.pi * ahead_m * per_m)
+    density: Numbers = profile_density_m3(per_m, roughness) / speed_m_s
+    spectrum: Numbers = density * coherence * np.exp(2j * np.pi * ahead_m * per_m)
+    return spectrum
 
 
 def output_spectrum(response: Numbers, spectrum: Numbers) -> Numbers:

@@ -2,11 +2,15 @@
 
 import dataclasses
 import math
-from typing import get_args
+from collections.abc import Callable
+from functools import partial
+from typing import Any, get_args
 
 import numpy as np
 
 from lidarscene import scan
+from lidarscene.maths.arrays import Numbers
+from lidarscene.scan.base import Scanner
 
 PI = math.pi
 DEG = math.pi / 180.0
@@ -16,15 +20,15 @@ VLP16_HEIGHT_MM = (11.2, -0.7, 9.7, -2.2, 8.1, -3.7, 6.6, -5.1, 5.1, -6.6, 3.7, 
 """The user manual has those of lasers 7 to 15; the others by their symmetry."""
 
 
-def part(kind, numbers):
+def part(kind: Any, numbers: dict[str, Any]) -> Any:
     """Take those of a part of a scanner out of flat numbers."""
     names = {field.name for field in dataclasses.fields(kind)} & numbers.keys()
     return kind(**{name: numbers.pop(name) for name in names})
 
 
-def vlp16(**changes):
+def vlp16(**changes: Any) -> scan.Spinning:
     """VLP-16 user manual 63-9243: a laser every 2.304 us, a cycle every 55.296 us."""
-    numbers = {
+    numbers: dict[str, Any] = {
         "rotation_hz": -10.0,
         "cycle_s": 55.296e-6,
         "cycles_per_turn": None,
@@ -37,7 +41,7 @@ def vlp16(**changes):
     return scan.Spinning.create(bank=part(scan.Bank, numbers), **numbers)
 
 
-def encoder_clocked():
+def encoder_clocked() -> scan.Spinning:
     """Lasers in no order, fired in groups of two, clocked by the encoder."""
     return scan.Spinning.create(
         rotation_hz=20.0,
@@ -52,12 +56,13 @@ def encoder_clocked():
     )
 
 
-def gimbal(**changes):
-    return scan.Gimbal(**({"incidence_rad": 0.6, "side": "below", "outer": "elevation"} | changes))
+def gimbal(**changes: Any) -> scan.Gimbal:
+    numbers: dict[str, Any] = {"incidence_rad": 0.6, "side": "below", "outer": "elevation"}
+    return scan.Gimbal(**(numbers | changes))
 
 
-def mirror(**changes):
-    numbers = {
+def mirror(**changes: Any) -> scan.MirrorRaster:
+    numbers: dict[str, Any] = {
         "columns": 120,
         "rows": 41,
         "mirrors": gimbal(),
@@ -70,8 +75,8 @@ def mirror(**changes):
     return scan.MirrorRaster(**(numbers | changes))
 
 
-def lissajous(**changes):
-    numbers = {
+def lissajous(**changes: Any) -> scan.Lissajous:
+    numbers: dict[str, Any] = {
         "rate_hz": 200e3,
         "frame_hz": 10.0,
         "mirrors": gimbal(incidence_rad=0.3, side="left"),
@@ -81,8 +86,8 @@ def lissajous(**changes):
     return scan.Lissajous.create(**(numbers | changes))
 
 
-def polygon(**changes):
-    numbers = {
+def polygon(**changes: Any) -> scan.Polygon:
+    numbers: dict[str, Any] = {
         "rate_hz": 150e3,
         "rotation_hz": 30.0,
         "tilt_rad": [-4 * DEG, -1 * DEG, 2 * DEG, 5 * DEG],
@@ -96,9 +101,9 @@ def polygon(**changes):
     return scan.Polygon.create(facets=part(scan.Facets, numbers), **numbers)
 
 
-def mid40(**changes):
+def mid40(**changes: Any) -> scan.Risley:
     """HELIOS++'s prisms for the Livox Mid-40; 100 000 points per second."""
-    numbers = {
+    numbers: dict[str, Any] = {
         "rate_hz": 100e3,
         "frame_hz": 10.0,
         "angle_rad": [18.7481 * DEG, 17.9634 * DEG],
@@ -116,18 +121,18 @@ def mid40(**changes):
     return scan.Risley.create(wedges=wedges, **numbers)
 
 
-def mirror_behind_prisms():
+def mirror_behind_prisms() -> scan.Risley:
     """A scanner as the Livox Mid-360, with a second prism."""
     turning = scan.TurningMirror.create(rate_hz=100e3, tilt_rad=0.97, rotation_hz=-182.4, phase_rad=0.4)
     return mid40(beam_elevation_rad=[-0.02, 0.0, 0.03], mirror=turning)
 
 
-def six_beams():
+def six_beams() -> scan.Risley:
     """Several lasers before the prisms, as the Livox Avia has them."""
     return mid40(tilted=["in", "in"], beam_elevation_rad=[e * DEG for e in (-3.0, -1.8, -0.6, 0.6, 1.8, 3.0)])
 
 
-def three_wedges():
+def three_wedges() -> scan.Risley:
     return mid40(
         angle_rad=[0.1, 0.12, 0.08],
         index=[1.5, 1.51, 1.6],
@@ -137,14 +142,14 @@ def three_wedges():
     )
 
 
-def flash(**changes):
-    numbers = {"columns": 61, "rows": 41, "pitch": 0.02, "frame_rate_hz": 25.0}
+def flash(**changes: Any) -> scan.Flash:
+    numbers: dict[str, Any] = {"columns": 61, "rows": 41, "pitch": 0.02, "frame_rate_hz": 25.0}
     return scan.Flash(**(numbers | changes))
 
 
-def pattern(**changes):
+def pattern(**changes: Any) -> scan.Pattern:
     t = np.linspace(0.0, 0.05, 5000, endpoint=False)
-    numbers = {
+    numbers: dict[str, Any] = {
         "azimuth_rad": 0.5 * np.cos(2 * PI * 100 * t),
         "elevation_rad": 0.3 * np.sin(2 * PI * 60 * t),
         "time_s": t,
@@ -154,12 +159,18 @@ def pattern(**changes):
     return scan.Pattern.create(**(numbers | changes))
 
 
-def raster(**changes):
-    numbers = {"columns": 101, "rows": 21, "azimuth_step_rad": 0.01, "elevation_step_rad": 0.02, "rate_hz": 50e3}
+def raster(**changes: Any) -> scan.Raster:
+    numbers: dict[str, Any] = {
+        "columns": 101,
+        "rows": 21,
+        "azimuth_step_rad": 0.01,
+        "elevation_step_rad": 0.02,
+        "rate_hz": 50e3,
+    }
     return scan.Raster(**(numbers | changes))
 
 
-ALL = {
+ALL: dict[str, Callable[[], Any]] = {
     "raster": raster,
     "vlp16": vlp16,
     "encoder_clocked": encoder_clocked,
@@ -181,7 +192,7 @@ ALL = {
     "flash": flash,
     "flash_in_groups": lambda: flash(rows_at_once=4, row_step_s=1e-3, first_row="bottom"),
     **{
-        f"flash_{name}": (lambda name=name: flash(projection=name, falloff="pupil_and_pixel"))
+        f"flash_{name}": partial(flash, projection=name, falloff="pupil_and_pixel")
         for name in ("equidistant", "equisolid", "stereographic", "orthographic")
     },
     "pattern": pattern,
@@ -192,7 +203,7 @@ KINDS = [get_args(table.model_fields["type"].annotation)[0] for table in get_arg
 """Values of `type` in a sensor file."""
 
 
-def frame(scanner):
+def frame(scanner: Scanner) -> Numbers:
     """All pulse numbers of a frame."""
     return np.arange(scanner.pulses, dtype=np.uint32)
 
@@ -201,11 +212,11 @@ PULSES = np.array([0, 1, 17, 130, 1201, 2077, 2400, 2999], dtype=np.uint32)
 """Some of a frame."""
 
 
-def directions(scanner, pulse):
+def directions(scanner: Scanner, pulse: Numbers) -> Numbers:
     """(n, 3) of these pulses."""
     return np.stack(np.broadcast_arrays(*scanner.direction(pulse)), axis=1)
 
 
-def shares(scanner, pulse):
+def shares(scanner: Scanner, pulse: Numbers) -> Numbers:
     """(n,) shares of the aperture."""
     return np.broadcast_to(scanner.aperture_share(pulse), len(pulse))

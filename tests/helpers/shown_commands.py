@@ -26,7 +26,8 @@ from helpers.small_job import threads_of_this_process, use_no_worlds_of_others
 from lidarscene import catalog
 from lidarscene.batch import cluster
 from lidarscene.cli import main
-from lidarscene.kernel.world.mitsuba_world import World
+from lidarscene.cli.words import with_joined_pose
+from lidarscene.kernel.world.mitsuba_world import World, build_world
 from lidarscene.outputs import record
 from lidarscene.rendering import simulator
 from lidarscene.scene import scene_file as scene_file
@@ -117,6 +118,7 @@ OF_STUDIES = (
     "compare.md",
     "design.md",
     "fov.md",
+    "job_files.md",
     "motion.md",
     "own_mesh.md",
     "own_sensor.md",
@@ -208,8 +210,8 @@ def coarse(arguments: list[str]) -> list[str]:
         Path("job.toml").write_text(coarse_job(), encoding="utf-8")
         options[0] = "job.toml"
         options += ["--workers", "1"] if "--workers" not in options else []
-    if "--illuminance" in options:
-        options[options.index("--illuminance") + 1] = "10,100"
+    if "--illuminance-klux" in options:
+        options[options.index("--illuminance-klux") + 1] = "10,100"
     if command == "fov":
         options += ["--time", "0.02", "--cell", "8"]
     rig, scene = value_of("--rig", options), next(filter(is_shipped, options), None)
@@ -274,11 +276,11 @@ class Reader:
         A world no longer: what Dr.Jit compiles depends on all worlds alive.
         """
         # Asked for here: the package keeps a name as it was first asked for, which must not be `load`.
-        whole, build = lidarscene.load_scene, simulator.build_world
+        whole, build = lidarscene.load_scene, build_world
 
-        def load(path: Path, **options: Any) -> Scene:
+        def load(path: Path | Scene, **options: Any) -> Scene:
             # A module that is imported meanwhile keeps this function when the patch is gone.
-            if scene_file.load_scene is not load:
+            if isinstance(path, Scene) or scene_file.load_scene is not patched["load_scene"]:
                 return whole(path, **options)
             file, overrides = scene_path(path).resolve(), tuple(options.get("overrides", ()))
             if file.parent != catalog.folder("scenes"):
@@ -298,8 +300,10 @@ class Reader:
             key = (options["wavelength_m"], options["see_through"])
             if key not in self.worlds:
                 self.worlds[key] = build(scene, **options)
-            return self.worlds[key]
+            built: World = self.worlds[key]
+            return built
 
+        patched: dict[str, Any] = {"load_scene": load}
         for module in (scene_file, record):
             monkeypatch.setattr(module, "load_scene", load)
         monkeypatch.setattr(simulator, "build_world", world)
@@ -313,7 +317,7 @@ class Reader:
             return
         self.ran.add(by_names(line))
         arguments = shlex.split(line.partition(" > ")[0])[1:]
-        assert main._parser().parse_args(main.with_joined_pose(arguments)).run
+        assert main._parser().parse_args(with_joined_pose(arguments)).run
         runs_elsewhere = arguments[0] in ("render", "fov") and in_a_longer_one(line) and not read_later
         if parsed_only(line) or runs_elsewhere:
             return

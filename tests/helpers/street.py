@@ -108,6 +108,7 @@ def nearest(described: Scene, origin_m: np.ndarray, direction: np.ndarray) -> tu
     best, body = np.full(len(direction), np.inf), np.full(len(direction), -1)
     for index, scene_body in enumerate(described.bodies):
         for part in scene_body.parts:
+            assert isinstance(part, Part)
             corners = scene_body.pose.apply(part.vertices_m)[part.faces.astype(int)]
             for a, b, c in corners:
                 t = triangle(origin_m, direction, a, b - a, c - a)
@@ -116,7 +117,9 @@ def nearest(described: Scene, origin_m: np.ndarray, direction: np.ndarray) -> tu
     return best, body
 
 
-def triangle(origin, direction, corner, edge, second_edge) -> np.ndarray:
+def triangle(
+    origin: np.ndarray, direction: np.ndarray, corner: np.ndarray, edge: np.ndarray, second_edge: np.ndarray
+) -> np.ndarray:
     p = np.cross(direction, second_edge)
     determinant = p @ edge
     with np.errstate(divide="ignore", invalid="ignore"):

@@ -2,6 +2,7 @@
 
 import dataclasses
 from math import cos, exp, pi, radians, sqrt
+from typing import Any
 
 from scipy.constants import c, e, h, k
 
@@ -42,7 +43,7 @@ _COMMON = {
 }
 
 
-def plane_and_receiver(**changed):
+def plane_and_receiver(**changed: Any) -> tuple[range_limit.Plane, range_limit.Transceiver]:
     """What (29) and (30) have alike."""
     numbers = _COMMON | changed
     of_plane = {field.name for field in dataclasses.fields(range_limit.Plane)}
@@ -52,17 +53,17 @@ def plane_and_receiver(**changed):
     )
 
 
-def field_of_view_sr(detector_radius_m, focal_length_m):
+def field_of_view_sr(detector_radius_m: float, focal_length_m: float) -> Any:
     """Solid angle of the detector behind its lens, as (8) has it."""
     return radiometry.field_of_view_solid_angle_sr(detector_radius_m=detector_radius_m, focal_length_m=focal_length_m)
 
 
-def sigma_18(power_w):
+def sigma_18(power_w: float) -> float:
     """(18) by hand."""
     return sqrt(2 * e * K_PD * power_w * M**2 * FM * BW + 2 * e * (IDS + IDB * M**2 * FM) * BW + 4 * k * T * BW / RL)
 
 
-def noise_18(**changed):
+def noise_18(**changed: Any) -> Any:
     """The package's (18)."""
     numbers = {
         "responsivity_a_w": K_PD,

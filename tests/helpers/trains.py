@@ -2,16 +2,20 @@
 
 import math
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from helpers.chain import sensor as sensor
+from lidarscene import Sensor
 from lidarscene.detection import receiver
+from lidarscene.detection.report import Detection
 from lidarscene.kernel.device import transfer
-from lidarscene.light.air_light import air_light
-from lidarscene.light.echoes import EchoTrain, SubEchoes
+from lidarscene.light.air_light import AirLight, air_light
+from lidarscene.light.echoes import Echoes, EchoTrain, SubEchoes, Volume
 from lidarscene.light.waveform import sample_power_and_signal
 from lidarscene.maths import random as noise
+from lidarscene.maths.arrays import Numbers
 from lidarscene.physics.constants import SPEED_OF_LIGHT_M_S
 from lidarscene.physics.electronics import tdc
 from lidarscene.physics.electronics.pulse_sums import SIGMAS_PER_FWHM
@@ -28,7 +32,9 @@ QUIET = ["tdc.threshold_to_noise=50"]
 """No false alarms."""
 
 
-def train(range_m, peak_power_w, *, background_w=BACKGROUND_W, volume=None):
+def train(
+    range_m: Any, peak_power_w: Any, *, background_w: float = BACKGROUND_W, volume: Volume | None = None
+) -> EchoTrain:
     """(pulses, sub-echoes) ranges and powers."""
     range_m, peak_power_w = np.broadcast_arrays(range_m, peak_power_w)
     parts = SubEchoes(
@@ -46,15 +52,16 @@ def train(range_m, peak_power_w, *, background_w=BACKGROUND_W, volume=None):
 
 
 FOG = Weather(fog="moderate_advection", fog_visibility_m=80.0)
-_air_by_lenses = {}
+_air_by_lenses: dict[tuple[Any, ...], AirLight] = {}
 """Light of `FOG`, which knows nothing of what comes behind the lenses."""
 
 
-def in_fog(equipped, scale, *, wall_m=None, reflectivity=0.3):
+def in_fog(equipped: Sensor, scale: Numbers, *, wall_m: float | None = None, reflectivity: float = 0.3) -> EchoTrain:
     """Pulses into fog of 80 m visibility, of ``scale`` (n,) times the sensor's own light; a wall across the beam."""
     extinction = FOG.extinction_at_per_m(equipped.laser.wavelength_m)
     lenses = equipped.laser, equipped.optics, equipped.tdc.window_s, equipped.received_fwhm_s
     air = _air_by_lenses.get(lenses) or air_light(FOG, equipped, extinction_per_m=extinction)
+    assert air is not None
     _air_by_lenses[lenses] = air
     sent_w = scale * float(equipped.laser.peak_power_w * equipped.optics.efficiency_laser * equipped.optics.aperture_m2)
     end_m = wall_m or 100.0
@@ -64,19 +71,21 @@ def in_fog(equipped, scale, *, wall_m=None, reflectivity=0.3):
     return train(np.full((len(sent_w), 1), end_m), wall_w[:, None], volume=volume)
 
 
-def detect(light, equipped, *, seed=0):
-    pulses = len(light.background_power_w)
+def detect(light: Echoes | EchoTrain, equipped: Sensor, *, seed: int = 0) -> Detection:
+    pulses = np.size(light.background_power_w)
     return receiver.detect(light, equipped, seed=seed, pulse=np.arange(pulses, dtype=np.uint32))
 
 
-def power_at_snr(equipped, snr):
+def power_at_snr(equipped: Sensor, snr: float) -> float:
     """Peak power of this SNR, before a matched filter."""
     point = equipped.working_point(np.array([BACKGROUND_W]))
     point = point.unfiltered or point
-    return float(point.response.power_w(snr * point.noise.deviation)[0])
+    return float(np.ravel(point.response.power_w(snr * point.noise.deviation))[0])
 
 
-def random_trains(pulses, sub_echoes, equipped, *, seed, spread_m=6.0):
+def random_trains(
+    pulses: int, sub_echoes: int, equipped: Sensor, *, seed: int, spread_m: float = 6.0
+) -> tuple[Numbers, Numbers]:
     """Some sub-echoes apart by a pulse width or so, some missing, around the threshold."""
     random = np.random.default_rng(seed)
     start = random.uniform(10.0, 100.0, (pulses, 1))
@@ -86,7 +95,7 @@ def random_trains(pulses, sub_echoes, equipped, *, seed, spread_m=6.0):
     return range_m, power
 
 
-def on_device(light):
+def on_device(light: Any) -> EchoTrain:
     """The same train on the device, always at the same alignment: that would become part of the kernels."""
     upload = {
         "parts": tuple(
@@ -101,14 +110,17 @@ def on_device(light):
     if light.volume is not None:
         air = light.volume
         upload["volume"] = replace(air, scale=transfer.from_numpy(air.scale), end_m=transfer.from_numpy(air.end_m))
-    return replace(light, **upload)
+    on_the_device: EchoTrain = replace(light, **upload)
+    return on_the_device
 
 
 SHALLOW = 0.01
 """Share of a peak: dips of 0.7 % may be missed by a search in steps of one sigma_p (`detection.rises.STEP`)."""
 
 
-def slow_crossings(light, equipped, *, seed=0, step=0.005):
+def slow_crossings(
+    light: Any, equipped: Sensor, *, seed: int = 0, step: float = 0.005
+) -> tuple[list[tuple[int, float, float]], set[int]]:
     """(pulse, crossing and what it is good to, in sigma_p) of all crossings, from a waveform in fine bins; and the
     pulses with a dip so shallow that the search may pass over it (`detection.rises`): their rises count otherwise.
 
@@ -117,11 +129,11 @@ def slow_crossings(light, equipped, *, seed=0, step=0.005):
     comparator that finds itself below the waveform in a valley trips there, in a bin.
     """
     point = equipped.working_point(light.background_power_w)
-    threshold = equipped.threshold(point)
+    threshold = np.asarray(equipped.threshold(point))
     (part,) = light.parts
     arrival = (2.0 / SPEED_OF_LIGHT_M_S) * part.range_m.reshape(-1, part.count)
     power = part.peak_power_w.reshape(arrival.shape)
-    crossings, shallow = [], set()
+    crossings, shallow = [], set[int]()
     for pulse in range(len(threshold)):
         arrivals = arrival[pulse][power[pulse] > 0.0]
         if len(arrivals) == 0:
@@ -132,7 +144,7 @@ def slow_crossings(light, equipped, *, seed=0, step=0.005):
             parts=(replace(part, range_m=part.range_m.reshape(arrival.shape)[pulse], peak_power_w=power[pulse]),),
             background_power_w=light.background_power_w[pulse : pulse + 1],
         )
-        watts, signal = (row[0] for row in sample_power_and_signal(alone, equipped, time))
+        watts, signal = (np.asarray(row)[0] for row in sample_power_and_signal(alone, equipped, time))
         edge_noise = point.noise
         noise_terms = {"noise": edge_noise.deviation, "kappa_1": edge_noise.kappa_1, "kappa_2": edge_noise.kappa_2}
         of_pulse = {name: np.broadcast_to(value, len(threshold))[pulse] for name, value in noise_terms.items()}
@@ -146,8 +158,8 @@ def slow_crossings(light, equipped, *, seed=0, step=0.005):
         for number, peak in enumerate(peaks):
             valley = before + int(np.argmin(watts[before : peak + 1]))
             words = noise.words(seed=seed, stage=1, pulse=np.array([pulse]), draw=number)
-            deviate = noise.normal_pair(words)[0][0]
-            level = tdc.crossing_level(threshold=threshold[pulse], deviate=deviate, **of_pulse)
+            deviate = np.ravel(noise.normal_pair(words)[0])[0]
+            level: Any = tdc.crossing_level(threshold=threshold[pulse], deviate=deviate, **of_pulse)
             trips = signal[peak] >= level
             if trips and not (high and signal[valley] >= level):
                 edge = valley + int(np.argmax(signal[valley : peak + 1] >= level))
@@ -157,5 +169,5 @@ def slow_crossings(light, equipped, *, seed=0, step=0.005):
                     start, end, beyond = signal[edge - 1 : edge + 2]
                     good_to = 1e-4 + step * abs((beyond - end) / (end - start) - 1.0) / 4.0
                 crossings.append((pulse, crossed_s / SIGMA_S, good_to))
-            high, before = trips, peak
+            high, before = trips, int(peak)
     return crossings, shallow

@@ -1,5 +1,6 @@
 """A small head whose 16 lasers fire at once, 64 columns to a turn, and see each other's light."""
 
+from lidarscene import Sensor
 from lidarscene.sensor.sensor_file import sensor_from_tables
 
 LASERS, COLUMNS = 16, 64
@@ -37,5 +38,5 @@ TABLES = {
 }
 
 
-def sensor(*overrides):
+def sensor(*overrides: str) -> Sensor:
     return sensor_from_tables(TABLES, where="volley", overrides=overrides)

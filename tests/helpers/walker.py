@@ -1,6 +1,7 @@
 """A walker of two legs as a glTF file of our own, and where linear blend skinning in NumPy puts it."""
 
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -62,7 +63,8 @@ def write_walker(path: Path) -> Path:
     file.add("skins", joints=[1, 2, 3, 4], inverseBindMatrices=file.numbers(bound.transpose(0, 2, 1)))
     times = np.linspace(0.0, PERIOD_S, KEYS)
     for name, amount in (("walk", 1.0), ("stand", 0.0)):
-        samplers, channels = [], []
+        samplers: list[dict[str, Any]] = []
+        channels: list[dict[str, Any]] = []
         clock = file.numbers(times)
         for side in (0, 1):
             for below, angle in enumerate(angles(times / PERIOD_S, side)):

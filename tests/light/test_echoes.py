@@ -109,7 +109,6 @@ def test_chunks_and_frames_do_not_show():
         np.testing.assert_array_equal(getattr(whole, attribute), getattr(parts, attribute))
 
 
-@pytest.mark.slow
 def test_a_second_frame_compiles_nothing():
     """The frame has rays, fog and rain; another seed, divergence and place, another rain with as many drops to draw."""
     sensor = chain.sensor("table1-apd", *COARSE, *BEAM, "tdc.stops=2")
@@ -156,7 +155,6 @@ def test_fog_is_the_first_return_and_the_wall_the_last():
 
 
 @pytest.mark.parametrize("rate_mm_h", [0.5, 2.0])
-@pytest.mark.slow
 def test_rain_trips_as_often_as_drops_by_brute_force(rate_mm_h):
     """Reference: all drops above 0.1 mm of 3000 pulses, drawn one by one in the beam, and their pulses added up.
 

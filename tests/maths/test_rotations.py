@@ -14,8 +14,8 @@ def test_quaternions_and_angles() -> None:
     rng = np.random.default_rng(7)
     turns = [np.diag(d) for d in ([1, 1, 1], [1, -1, -1], [-1, 1, -1], [-1, -1, 1])]
     for _ in range(50):
-        q, _ = np.linalg.qr(rng.normal(size=(3, 3)))
-        turns.append(q * np.sign(np.linalg.det(q)))
+        drawn, _ = np.linalg.qr(rng.normal(size=(3, 3)))
+        turns.append(drawn * np.sign(np.linalg.det(drawn)))
     for turn in turns:
         q = rotations.quaternion(turn)
         assert q[0] >= 0

@@ -243,7 +243,7 @@ def test_two_outputs_of_one_name(run: Run, wall: str, tmp_path: Path, option: st
     (tmp_path / "link.npz").symlink_to("a.npz")
     before = file_contents(tmp_path)
     with pytest.raises(InputError, match=r": must be another name, got one of two outputs$"):
-        record(wall, outputs=Outputs(**files))  # type: ignore[arg-type]
+        record(wall, outputs=Outputs(**files))
     assert file_contents(tmp_path) == before
 
 

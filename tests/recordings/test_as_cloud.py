@@ -25,7 +25,7 @@ def sweep(**changes: object) -> Sweep:
         "second": Second(range_m=np.array([[np.nan, np.nan], [6.0, np.nan]]), signal=np.full((2, 2), 5.0)),
         "pose": Pose(position_m=np.array([1.0, 2.0, 3.0])),
     }
-    return Sweep(**(fields | changes))  # type: ignore[arg-type]
+    return Sweep(**(fields | changes))
 
 
 def test_both_returns_are_points() -> None:

@@ -97,7 +97,7 @@ def test_names_of_the_catalogue() -> None:
 
 def test_an_unknown_keyword_names_the_right_one() -> None:
     with pytest.raises(InputError, match=r"unknown option 'sensors'; did you mean sensor[?] known here: rays, "):
-        lidarscene.render("car", sensors="table1-apd")  # type: ignore[call-arg]
+        lidarscene.render("car", sensors="table1-apd")
     for keyword, call in (
         ("illuminance", r'scene_overrides=\{"sun.illuminance_klux": ...\}'),
         ("peak_power_w", r' overrides=\{"laser.peak_power_w": ...\}'),
@@ -105,7 +105,7 @@ def test_an_unknown_keyword_names_the_right_one() -> None:
         ("output", r"cloud.save\(path\)"),
     ):
         with pytest.raises(InputError, match=rf"^unknown option '{keyword}'; .*{call}; known here: rays, "):
-            lidarscene.render("car", **{keyword: 1})  # type: ignore[arg-type]
+            lidarscene.render("car", **{keyword: 1})
 
 
 def test_bodies_by_name() -> None:

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers import chain, launches, panes
+from helpers.walker import write_walker
 
 from lidarscene import LiveSimulator, Simulator
 from lidarscene.cloud.point_cloud import PointCloud
@@ -18,6 +19,23 @@ from lidarscene.maths.trajectory import Course, Riding
 from lidarscene.rendering.live_simulator import live_scene, spare_names
 from lidarscene.rendering.render_options import FrameKeywords
 from lidarscene.scene.scene import Scene
+
+WALKER = """
+[[bodies]]
+name = "ground"
+primitive = "plane"
+size_m = [60, 60]
+material = "soil"
+
+[[bodies]]
+name = "walker"
+mesh = "walker.glb"
+class = "pedestrian"
+material = "skin"
+animation = "walk"
+position_m = [10, 0, 0]
+motion = { speed_m_s = 0 }
+"""
 
 pytestmark = pytest.mark.usefixtures("mi")
 
@@ -396,6 +414,33 @@ def test_a_frame_that_fails_is_reported_and_the_next_goes_on(first: int) -> None
             clouds = [cloud for time_s in times for cloud in simulator.advance(time_s, **options)]
         assert len(warned) == 1
         assert [int(cloud.metadata["frame_number"]) - first for cloud in clouds] == [0, 2, 3]
+
+
+def test_who_walks_goes_on_with_the_stride(tmp_path: Path) -> None:
+    """Poses every 50 ms at two speeds: strides are the way over their length, however often the motion is a new one."""
+    write_walker(tmp_path / "walker.glb")
+    (tmp_path / "scene.toml").write_text(WALKER)
+    simulator = LiveSimulator(tmp_path / "scene.toml", sensor(), movable=["walker"])
+
+    def strides(time_s: float) -> tuple[float, float]:
+        body = simulator.scene.bodies["walker"]
+        walk, gait = body.walk_in_frame(time_s), body.gait
+        assert walk is not None
+        assert gait is not None
+        return float(walk(np.array([time_s]))[0, 0]), gait.stride_m
+
+    x_m, expected, found = 0.0, [0.0], [0.0]
+    for number in range(41):
+        time_s = 0.05 * number
+        if simulator.advance(time_s, {"walker": pose(10.0, x_m, 0.0, 90.0)}, begin_s=0.0):
+            phase, stride_m = strides(time_s)
+            found.append(phase)
+            expected.append(x_m / stride_m)
+        x_m += 0.05 * (0.8 if number < 20 else 1.4)
+    assert len(found) > 10
+    np.testing.assert_allclose(np.unwrap(np.array(found), period=1.0), expected, atol=0.01)
+    simulator.place("walker", pose(10.0, x_m, 0.0, 90.0), velocity_m_s=(0.0, 1.0, 0.0), time_s=2.0)
+    assert strides(2.0)[0] % 1.0 == pytest.approx(found[-1] % 1.0, abs=0.05), "placed anew, it does not start again"
 
 
 def test_a_mistake_leaves_the_world_as_it_was() -> None:

@@ -89,6 +89,15 @@ def test_a_frame_that_was_begun_is_the_same() -> None:
     assert len(started) == 5 * chunks + 1
 
 
+def test_a_launch_on_a_gpu_is_no_smaller_for_the_chunk(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The default chunk goes with the back end; one that is asked for is less memory there, too."""
+    sim = Simulator(load_scene(CAR), load_sensor("vlp-16"))
+    for is_cuda in (False, True):
+        monkeypatch.setattr(blocks, "is_cuda", lambda is_cuda=is_cuda: is_cuda)
+        assert sim._chunk_pulses(FrameOptions()) == blocks.lanes_per_chunk() >= blocks.lanes_per_launch()
+        assert sim._chunk_pulses(FrameOptions(chunk=2**16)) == 2**16
+
+
 def test_the_next_frame_begins_once_the_points_are_read(monkeypatch: pytest.MonkeyPatch) -> None:
     """Threads then trace it while the files of this one are written; before, reading the points would wait for it."""
     sim, order = Simulator(load_scene(CAR.with_name("glass.toml")), load_sensor("livox-mid-40")), list[str]()

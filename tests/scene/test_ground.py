@@ -169,10 +169,26 @@ def test_a_road_climbs_as_its_line() -> None:
     laid = Sheet.lay(Pose(), strip=strip, crown_m=0.0, surface=FLAT)
     rows = strip._first_row
     np.testing.assert_allclose(laid.vertices_m[rows, 3, 2], np.linspace(0.0, 2.0, 18), atol=1e-12)
-    fine_m = strip.rise_m(np.linspace(0.0, rows[-1], 20_001))
+    fine_m = strip.rise_m(np.linspace(0.0, rows[-1], 20_001), np.zeros(20_001))
     assert np.abs(np.diff(fine_m, 2)).max() < 0.05 * np.diff(fine_m).max(), "straight pieces have steps of 0.75"
     ground = Ground(surface=FLAT, sheets=[laid])
     np.testing.assert_allclose(ground.wheel_height_m(strip.line_m[1:-1, :2]), strip.line_m[1:-1, 2], atol=1e-9)
+
+
+def test_a_ground_has_the_heights_of_its_grid() -> None:
+    """Rows along x, heights in them along y, straight between: of z = x y on two by two cells, for mesh and wheels."""
+    heights_m = np.outer([-6.0, 0.0, 6.0], [-2.0, 0.0, 2.0]) / 12.0
+    strip = Strip.rectangle((12.0, 4.0), 0.5, heights_m)
+    pose = Pose.from_degrees(position_m=(3.0, 1.0, 2.0), yaw_deg=90.0)
+    laid = lay(pose, plan=strip, crown_m=0.0, surface=FLAT)
+    assert isinstance(laid, Sheet)
+    x_m, y_m, z_m = laid.vertices_m.reshape(-1, 3).T
+    np.testing.assert_allclose(z_m, x_m * y_m / 12.0, atol=1e-12)
+    place_m = np.array([[1.7, 1.2], [-0.6, 1.4], [-5.0, 0.3]])
+    ground = Ground(surface=FLAT, sheets=[laid])
+    world_m = pose.apply(np.pad(place_m, ((0, 0), (0, 1))))[:, :2]
+    np.testing.assert_allclose(ground.height_m(world_m), 2.0 + place_m.prod(axis=1) / 12.0, atol=0.01)
+    np.testing.assert_allclose(ground.wheel_height_m(world_m), 2.0 + place_m.prod(axis=1) / 12.0, atol=1e-12)
 
 
 def test_an_outline_is_filled() -> None:

@@ -224,6 +224,7 @@ def test_wall(given: str, named: str) -> None:
     ROAD outline = [[0, 0, 0], [9, 9, 0], [9, 0, 0], [0, 9, 0]] | outline | cross itself
     [street]\nlength_m = 10 | street.length_m | >= 50 | 10
     [street]\nblock_m = [200, 100] | street.block_m | lowest and a highest | 200 and 100
+    [street]\nslope_percent = [8, 30] | street.slope_percent | <= 15 | 30
     [street]\nhouse_share = [0, 2] | street.house_share | <= 1 | 2
     [street]\nloop = true\nlength_m = 300 | length_m | loop | >= 443 m | 300
     [street]\nlane = 2 | 'street.lane'

@@ -13,7 +13,7 @@ def test_the_converter_listens_behind_blanking_and_counts_the_background_in_its_
 
 
 def test_what_filters_the_pulse():
-    """B over the cutoff is sqrt(pi / ln 2) / 2 of a Gaussian and pi / 2 of a pole (docs/theory_receivers.md 35)."""
+    """B over the cutoff is sqrt(pi / ln 2) / 2 of a Gaussian and pi / 2 of a pole (docs/theory_receivers.md 5)."""
     ratios = {"none": 1.0, "gaussian": 1.0645, "single_pole": 1.5708}
     for response, ratio in ratios.items():
         amplifier = Receiver(response=response)

@@ -77,7 +77,6 @@ OUSTER = {
 """Range of a mode over that of 1024 columns at 10 Hz, at signal multipliers 0.25, 0.5, 1, 2, 3 (the maker's table)."""
 
 
-@pytest.mark.slow
 def test_the_range_of_a_mode_is_that_which_the_maker_publishes():
     """Pulses to the power of a quarter, in sunlight. Tolerance 2.5 %: the maker rounds to two digits, whole pulses to
     1 of 14, and strong background leaves the echo's own noise out.
@@ -123,7 +122,6 @@ def ranges_of_poisson_histograms(shares, *, background):
     return np.array(ranges)
 
 
-@pytest.mark.slow
 def test_ranges_over_shots_are_those_of_poisson_histograms():
     """Closed form against brute force with the same background: 1 %, three errors of 4000 peaks (0.3 %). Both have the
     figures that others found so for 1/8 to 6 times the shots to 2.5 %, and 1 % more of what is drawn: those scatter by

@@ -25,13 +25,15 @@ GAIN = "detector.gain"
 
 def study(klux: float) -> dict[str, Any]:
     """Tables of a study file of one free key."""
-    free, snr = {"low": 5, "high": 150}, {"maximize": "snr", "illuminance": klux}
+    free, snr = {"low": 5, "high": 150}, {"maximize": "snr", "illuminance_klux": klux}
     return {"sensor": "apd-905", "free": {GAIN: free}, "objectives": {"snr": snr}}
 
 
 def test_the_maximum_range_of_names_and_sensors_is_what_the_command_prints(capsys: pytest.CaptureFixture[str]) -> None:
-    report = lidarscene.max_range(["vlp-16", lidarscene.load_sensor("table1-apd")], illuminance=20, reflectivity=0.3)
-    options = ["range", "vlp-16", "table1-apd", "--illuminance", "20", "--reflectivity", "0.3"]
+    report = lidarscene.max_range(
+        ["vlp-16", lidarscene.load_sensor("table1-apd")], illuminance_klux=20, reflectivity=0.3
+    )
+    options = ["range", "vlp-16", "table1-apd", "--illuminance-klux", "20", "--reflectivity", "0.3"]
     assert main(options) == 0
     assert capsys.readouterr().out == f"{report}\n"
     assert main([*options, "--json"]) == 0
@@ -54,7 +56,7 @@ def test_another_probability_is_named_in_the_column() -> None:
     assert "range_m" in usual
     assert "range_m" not in half
     assert half["range_pd50_m"][0] > usual["range_m"][0]
-    swept = lidarscene.sweep("table1-apd", "illuminance", points=2, stop=100.0, probability=0.5)
+    swept = lidarscene.sweep("table1-apd", "illuminance_klux", points=2, stop=100.0, probability=0.5)
     assert list(swept.table) == ["illuminance_klux", "table1-apd range_pd50_m"]
     assert swept.table["table1-apd range_pd50_m"][1] == pytest.approx(half["range_pd50_m"][0])
     assert swept.numbers["probability"] == 0.5
@@ -64,8 +66,8 @@ def test_another_probability_is_named_in_the_column() -> None:
     ("call", "options"),
     [
         (
-            lambda: lidarscene.sweep(["table1-apd", lidarscene.load_sensor("sipm-905")], "illuminance", points=3),
-            "table1-apd sipm-905 --over illuminance --n 3",
+            lambda: lidarscene.sweep(["table1-apd", lidarscene.load_sensor("sipm-905")], "illuminance_klux", points=3),
+            "table1-apd sipm-905 --over illuminance_klux --n 3",
         ),
         (
             lambda: lidarscene.sweep(lidarscene.load_sensor("apd-905").replace("laser.peak_power_w=9"), GAIN, points=2),
@@ -102,12 +104,12 @@ def test_a_sensor_of_ones_own_equations_is_swept_over_conditions_alone() -> None
 @pytest.mark.parametrize(
     "call",
     [
-        lambda klux: lidarscene.max_range("table1-apd", illuminance=klux),
-        lambda klux: lidarscene.sweep("table1-apd", "distance", illuminance=klux, points=2),
-        lambda klux: lidarscene.sweep("table1-apd", "illuminance", stop=klux, points=2),
-        lambda klux: lidarscene.sensitivities("table1-apd", illuminance=klux),
-        lambda klux: lidarscene.fov("table1-apd", illuminance=klux),
-        lambda klux: lidarscene.compare("car", ["table1-apd", "vlp-16"], illuminances_klux=[klux]),
+        lambda klux: lidarscene.max_range("table1-apd", illuminance_klux=klux),
+        lambda klux: lidarscene.sweep("table1-apd", "distance", illuminance_klux=klux, points=2),
+        lambda klux: lidarscene.sweep("table1-apd", "illuminance_klux", stop=klux, points=2),
+        lambda klux: lidarscene.sensitivities("table1-apd", illuminance_klux=klux),
+        lambda klux: lidarscene.fov("table1-apd", illuminance_klux=klux),
+        lambda klux: lidarscene.compare("car", ["table1-apd", "vlp-16"], illuminance_klux=[klux]),
         lambda klux: validate(StudyFile, study(klux), "study"),
         lambda klux: Bench(lidarscene.load_scene("car", overrides={"sun.illuminance_klux": klux})),
     ],
@@ -142,7 +144,8 @@ def test_a_fit_has_its_sensor_file(monkeypatch: pytest.MonkeyPatch, tmp_path: Pa
 test_mistakes = calls(
     (lambda: lidarscene.max_range([]), "sensors | at least one | none"),
     (lambda: lidarscene.max_range(3), "sensors | names, files or Sensors | int"),  # type: ignore[arg-type]
-    (lambda: lidarscene.max_range("table1-apd", illuminance=-1), "illuminance -1 | 0 or more"),
+    (lambda: lidarscene.max_range("table1-apd", illuminance_klux=-1), "illuminance_klux -1 | 0 or more"),
+    (lambda: lidarscene.max_range("table1-apd", illuminance=1), "'illuminance' | illuminance_klux?"),
     (lambda: lidarscene.max_range("table1-apd", reflectvity=1), "'reflectvity' | reflectivity?"),
     (lambda: lidarscene.fov("table1-apd", cell=1), "'cell' | times_s"),
     (lambda: lidarscene.fov("table1-apd", pose=(0, 0, 1)), "pose | scene"),
@@ -155,7 +158,9 @@ test_mistakes = calls(
     (lambda: lidarscene.fit("a.pcap", sensors="os1-128"), "'sensors' | sensor?"),
     (lambda: lidarscene.sweep("table1-apd", "power"), "over power | laser.peak_power_w?"),
     (lambda: lidarscene.sweep("table1-apd", "distance", quantity="range"), "over distance quantity range"),
-    (lambda: lidarscene.sweep("table1-apd", "illuminance", illuminance=1), "illuminance | over illuminance"),
+    (lambda: lidarscene.sweep("table1-apd", "reflectivity", reflectivity=1), "reflectivity | over reflectivity"),
+    (lambda: lidarscene.sweep("table1-apd", "illuminance"), "over illuminance | illuminance_klux?"),
+    (lambda: lidarscene.compare("car", illuminances_klux=[1]), "'illuminances_klux' | illuminance_klux?"),
     (lambda: lidarscene.sweep("table1-apd", "distance", start=2, stop=1), "start 2 stop 1 | below stop"),
     (lambda: lidarscene.sweep("table1-apd", "distance", pionts=3), "'pionts' | points"),
     (lambda: lidarscene.sensitivities("table1-apd", distanse=3), "'distanse' | distance"),

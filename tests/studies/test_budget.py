@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from helpers import chain
 
+import lidarscene
 from lidarscene import load_scene, load_sensor
 from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.errors import InputError
@@ -35,6 +36,17 @@ def frames(mi: Any) -> dict[str, tuple[Scene, Sensor, Simulator, PointCloud]]:
         simulator = Simulator(scene, sensor)
         rendered[name] = (scene, sensor, simulator, simulator.render(seed=3))
     return rendered
+
+
+def test_a_budget_by_names(frames: dict[str, tuple[Scene, Sensor, Simulator, PointCloud]]) -> None:
+    scene, sensor, _, cloud = frames["table1-apd"]
+    some = cloud[cloud.status == "echo"][:9]
+    by_names = lidarscene.budget(some, "car", "table1-apd")
+    by_hand = budget_of(some, sensor, ambient_of(scene, sensor))
+    np.testing.assert_array_equal(by_names.echo_power_w, by_hand.echo_power_w)
+    np.testing.assert_allclose(by_names.signal / by_names.noise, some.snr, rtol=1e-6)
+    with pytest.raises(InputError, match="no truth"):
+        lidarscene.budget(cloud.without_truth(), "car", "table1-apd")
 
 
 def is_lambertian(scene: Scene, cloud: PointCloud) -> np.ndarray:

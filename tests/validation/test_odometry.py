@@ -9,7 +9,7 @@ import pytest
 from lidarscene import PointCloud, Simulator, load_scene, load_sensor
 from lidarscene.maths.arrays import Numbers
 
-pytestmark = [pytest.mark.usefixtures("mi"), pytest.mark.slow]
+pytestmark = pytest.mark.usefixtures("mi")
 
 FRAME_S = 0.1
 

@@ -223,7 +223,7 @@ def test_half_a_surrogate_pair_is_answered(server: Server, body: bytes, capsys: 
     def refuse(settings: Settings) -> bytes:
         raise InputError(f"settings: unknown: {next(iter(settings.values()))}{next(iter(settings))}")
 
-    server.source.render = refuse  # type: ignore[method-assign]
+    server.source.render = refuse
     answer = post(server, body)
     assert status(answer) == 400
     assert b"unknown" in answer

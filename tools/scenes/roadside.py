@@ -18,6 +18,7 @@ COLOURS = {
     "board": (0.90, 0.30, 0.20, 1.0),
     "foot": (0.12, 0.12, 0.12, 1.0),
     "cabinet": (0.60, 0.62, 0.58, 1.0),
+    "rail": (0.62, 0.63, 0.64, 1.0),
     "wood": (0.40, 0.30, 0.22, 1.0),
 }
 SIGNS = {
@@ -159,5 +160,32 @@ def power_pole():
     return {"wood": join(pole, arm), "foot": join(*pins)}
 
 
-FURNITURE = (bollard, fence, dustbin, container, cone, barrier, cabinet, power_pole)
+def traffic_light():
+    """A traffic light of 3.3 m that faces +x: three lamps of 200 mm (EN 12368) below visors, from 2.2 m up."""
+    pole = lathe([(0.002, 0), (0.052, 0), (0.052, 3.26), (0.002, 3.27)], segments=16)
+    arms = [box(size_m=(0.07, 0.04, 0.04), centre_m=(0.08, 0, z)) for z in (2.35, 3.05)]
+    housing = rounded_box(size_m=(0.16, 0.30, 0.96), centre_m=(0.19, 0, 2.70), radius_m=0.03, corner=2)
+    turn = np.linspace(0.0, np.pi, 9)
+    ring = np.column_stack([np.cos(turn), np.sin(turn)])
+    arch = np.vstack([0.125 * ring, 0.119 * ring[::-1]])
+    visors, lenses = [], []
+    for z in (2.40, 2.70, 3.00):
+        rings = [np.column_stack([np.full(len(arch), x), arch[:, 0], z + arch[:, 1]]) for x in (0.268, 0.45)]
+        visors.append(closed_loft(np.stack(rings)))
+        dome = lathe([(0.100, 0.0), (0.085, 0.010), (0.050, 0.018), (0.002, 0.020)], segments=20)
+        lenses.append(dome.turned([[0, 1, 0], [0, 0, 1], [1, 0, 0]]).moved(position_m=(0.271, 0, z)))
+    return {"pole": join(pole, *arms), "head": join(housing, *visors), "lens": join(*lenses)}
+
+
+def guard_rail():
+    """Four metres of a guard rail along y, its beam of two waves towards +x, 0.75 m high, on posts 2 m apart."""
+    wave = np.array([0.0, 0.081, 0.081, 0.0, 0.0, 0.081, 0.081, 0.0])
+    height = np.array([0.440, 0.482, 0.530, 0.572, 0.618, 0.660, 0.708, 0.750])
+    outline = np.vstack([np.column_stack([wave, height]), np.column_stack([wave - 0.004, height])[::-1]])
+    rings = [np.column_stack([outline[:, 0], np.full(len(outline), y), outline[:, 1]]) for y in (1.995, -1.995)]
+    posts = [box(size_m=(0.055, 0.10, 0.70), centre_m=(-0.035, y, 0.35)) for y in (-1.0, 1.0)]
+    return {"rail": join(closed_loft(np.stack(rings)), *posts)}
+
+
+FURNITURE = (bollard, fence, dustbin, container, cone, barrier, cabinet, power_pole, traffic_light, guard_rail)
 """Functions that make what stands along a road, under the names of its meshes."""

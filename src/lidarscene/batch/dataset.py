@@ -13,7 +13,7 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
@@ -24,6 +24,7 @@ from ..formats.registry import FORMATS
 from ..labels import kitti_dataset, nuscenes_dataset
 from ..labels.boxes import sensor_place
 from ..labels.nuscenes_dataset import Sample
+from ..labels.point_rows import PointRows
 from ..maths.pose import Pose
 from ..maths.trajectory import Course
 from ..rendering.simulator import Simulator
@@ -100,19 +101,31 @@ class Place:
         return self.step == 0 and self.channel == TOP
 
     def write(
-        self, folder: Path, cloud: PointCloud, simulator: Simulator, scene: Scene, *, all_around: bool
+        self,
+        folder: Path,
+        pieces: Sequence[PointCloud | PointRows],
+        simulator: Simulator,
+        scene: Scene,
+        *,
+        all_around: bool,
     ) -> dict[str, Any]:
-        """Write the files of the frame; returns what `write_tables` needs of it, as plain data."""
+        """Write the files of the frame; returns what `write_tables` needs of it, as plain data.
+
+        Args:
+            pieces: the frame's cloud, or in SemanticKITTI all rows of its points
+        """
         if self.dataset == "nuscenes":
-            return self._write_sample(folder, cloud, simulator, scene)
+            (cloud,) = pieces
+            return self._write_sample(folder, cast(PointCloud, cloud), simulator, scene)
         path = folder / self.files[0]
-        with kitti_dataset.files_stream(self.dataset, path, scene, all_around=all_around) as (append, _):
-            append(cloud)
+        with kitti_dataset.files_stream(self.dataset, path, scene, all_around=all_around) as (append, first):
+            for piece in pieces:
+                append(piece)
         if self.dataset == "kitti":
             return {}
-        pose = sensor_place(cloud)
+        pose = sensor_place(first[0])
         rows = np.column_stack([pose.rotation, pose.position_m])
-        return {"start_s": cloud.frame_start_s, "sensor_to_world": rows.tolist()}
+        return {"start_s": first[0].frame_start_s, "sensor_to_world": rows.tolist()}
 
     def _write_sample(self, folder: Path, cloud: PointCloud, simulator: Simulator, scene: Scene) -> dict[str, Any]:
         record: dict[str, Any] = {}

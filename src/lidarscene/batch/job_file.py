@@ -231,7 +231,7 @@ class JobFile(FileModel):
     own_car: bool = _key(Outputs, "own_car")
     rays: int = _key(TraceOptions, "rays")
     interactions: int = _key(TraceOptions, "interactions")
-    chunk: int = _key(FrameOptions, "chunk")
+    chunk: int | None = _key(FrameOptions, "chunk")
 
     @model_validator(mode="after")
     def _one_way(self) -> JobFile:

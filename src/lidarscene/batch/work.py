@@ -12,9 +12,11 @@ from pathlib import Path
 from typing import Any
 
 from .._version import __version__
+from ..cloud.point_cloud import PointCloud
 from ..errors import InputError, LidarSceneError, shorten
 from ..kernel.device import blocks, gpus
 from ..kernel.device.gate import exclusive
+from ..labels.point_rows import DeviceRows, PointRows
 from ..maths.trajectory import pose_at
 from ..outputs import run_report
 from ..rendering.frame import sensor_motion
@@ -121,14 +123,20 @@ def _save(task: FrameTask, store: Store, following: int) -> None:
     summary, ahead = Summary(), None
     if following:  # the device computes them while the files of this one are written
         ahead = partial(simulator.begin, replace(task.frame, number=task.frame.number + 1), following)
-    cloud = simulator.render(task.frame, summary=summary, ahead=ahead)
-    if not task.own_car:
-        cloud = cloud.without_bodies(_scene_of(task.scene).own_bodies)
-    if task.deskew:
-        cloud = simulator.without_motion(cloud, task.frame)
+    scene = _scene_of(task.scene)
+    pieces: list[PointCloud | PointRows] = []
+    if task.place is not None and task.place.dataset == "semantickitti" and task.own_car:
+        read = DeviceRows(simulator.empty(task.frame), scene, simulator.deskewing(task.frame) if task.deskew else None)
+        simulator.stream(pieces.append, task.frame, summary=summary, ahead=ahead, read=read)
+    else:
+        cloud = simulator.render(task.frame, summary=summary, ahead=ahead)
+        if not task.own_car:
+            cloud = cloud.without_bodies(scene.own_bodies)
+        if task.deskew:
+            cloud = simulator.without_motion(cloud, task.frame)
+        pieces.append(cloud)
     if task.place is not None and not task.place.is_whole_drive:
-        scene = _scene_of(task.scene)
-        truth = task.place.write(store.folder, cloud, simulator, scene, all_around=task.all_around)
+        truth = task.place.write(store.folder, pieces, simulator, scene, all_around=task.all_around)
         files = [store.folder / file for file in task.place.files]
         store.finish(task.key, files, run_report.as_dict(summary) | {"truth": truth})
         return

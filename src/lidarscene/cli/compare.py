@@ -10,6 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from .. import catalog
 from ..errors import InputError
 from ..rendering.render_options import FrameOptions
 from .options import StudyOptions, add_options, flag_of, options_from
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 COMPARE_HELP = """\
 examples:
   lidarscene compare street --sensors apd-905,sipm-905 -o out/compare
-  lidarscene compare garage --sensors table1-apd,table1-sipm --illuminance 0.05,1,10,100 -o out/garage
+  lidarscene compare garage --sensors table1-apd,table1-sipm --illuminance-klux 0.05,1,10,100 -o out/garage
   lidarscene compare car --sensors vlp-16,table1-apd,table1-sipm --same-beams -o out/beams
   lidarscene compare day.ply night.ply -o out/clouds
 """
@@ -53,7 +54,7 @@ def add_compare(commands: Any) -> None:
     add_options(command, StudyOptions, "output")
     add("--same-beams", action="store_true", default=None, help="run all with the first sensor's scanner and mounting")
     add(
-        "--illuminance",
+        "--illuminance-klux",
         metavar="KLUX,KLUX,...",
         type=rising_numbers("illuminances in klux", "0.05,1,10,100"),
         help="sweep over these, and find where sensors overtake each other",
@@ -95,6 +96,9 @@ def _choose(arguments: argparse.Namespace) -> Callable[[argparse.Namespace], Rep
         InputError: for options of another kind
     """
     if arguments.sensors is None:
+        alone = [str(path) for path in arguments.inputs if str(path) in catalog.names("sensors")]
+        if alone:
+            raise InputError(f"sensors go behind --sensors: compare car --sensors {','.join(alone)}, got no scene")
         return _compare_clouds
     if len(arguments.inputs) != 1:
         raise InputError(f"--sensors: must go with one scene, got {len(arguments.inputs)} files")
@@ -113,9 +117,9 @@ def _compare_sensors(arguments: argparse.Namespace) -> Report:
         raise InputError(
             f"--sensors: must be 2 to {MOST_SENSORS} names or files with commas between them, got {arguments.sensors}"
         )
-    for value in arguments.illuminance or ():
-        CONDITIONS["illuminance"].check("illuminance", value)
-        CONDITIONS["illuminance"].warn_of_unit("illuminance", value)
+    for value in arguments.illuminance_klux or ():
+        CONDITIONS["illuminance_klux"].check("illuminance_klux", value)
+        CONDITIONS["illuminance_klux"].warn_of_unit("illuminance_klux", value)
     scene = load_scene(arguments.inputs[0])
     sensors: list[NamedSensor] = [
         (subject.name, subject.sensor()) for subject in subjects(words, arguments.overrides or ())
@@ -126,12 +130,12 @@ def _compare_sensors(arguments: argparse.Namespace) -> Report:
             bench,
             sensors,
             same_beams=bool(arguments.same_beams),
-            illuminances_klux=arguments.illuminance,
+            illuminances_klux=arguments.illuminance_klux,
             progress=report,
         )
 
 
-_OF_SCENES = ("same_beams", "illuminance", "overrides", "pose", "seed", "chunk")
+_OF_SCENES = ("same_beams", "illuminance_klux", "overrides", "pose", "seed", "chunk")
 """Options that only apply to scenes."""
 
 

@@ -44,7 +44,7 @@ def add_fov(commands: Any) -> None:
     add_options(command, FieldOfViewStudy, "times_s", "cell_deg", "mask")
     command.add_argument("--scene", metavar="SCENE", type=Path, help="count points on its bodies too; needs a back end")
     add_options(command, FrameOptions, pose="of a rig, where its vehicle stands (default: the origin); with --scene")
-    add_options(command, Conditions, "reflectivity", "illuminance")
+    add_options(command, Conditions, "reflectivity", "illuminance_klux")
     add_options(command, StudyOptions, overrides="LABEL:KEY=VALUE for one of a rig")
     command.set_defaults(run=run_fov)
 

@@ -24,7 +24,7 @@ RANGE_HELP = """\
 examples:
   lidarscene range apd-905 sipm-905
   lidarscene range apd-905 sipm-905 --over distance --plot out/snr.png --csv out/snr.csv
-  lidarscene range apd-905 sipm-905 --over illuminance --set sipm-905:detector.cells=1600
+  lidarscene range apd-905 sipm-905 --over illuminance_klux --set sipm-905:detector.cells=1600
   lidarscene range table1-apd --over detector.gain --quantity snr --distance 200 --from 1 --to 300
 """
 
@@ -65,7 +65,9 @@ def _add_range(commands: Any) -> None:
     add("--sensitivities", action="store_true", help="what each parameter of the sensor is worth in range")
     add("--eye-safety", action="store_true", help="class 1 or not; exit code 1: the laser is not known")
     held = command.add_argument_group("conditions")
-    add_options(held, Conditions, "probability", "distance", "illuminance", "sun_angle", "reflectivity", "incidence")
+    add_options(
+        held, Conditions, "probability", "distance", "illuminance_klux", "sun_angle", "reflectivity", "incidence"
+    )
     add_options(held, SweepOptions, "aperture_law")
     air = command.add_mutually_exclusive_group()
     add_options(air, Conditions, "transmittance", "extinction", "visibility")

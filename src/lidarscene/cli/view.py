@@ -10,7 +10,7 @@ import contextlib
 import os
 import threading
 import webbrowser
-from collections.abc import Iterable, Sequence, Set
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -150,6 +150,8 @@ def _recording_source(arguments: argparse.Namespace, path: Path, opened: context
 
 def list_clouds(paths: Sequence[Path]) -> list[Path]:
     """List cloud files in the order given; those of a folder, or of its folders, go by the numbers in their names."""
+    from ..formats.registry import readable_suffixes
+
     files: list[Path] = []
     for path in paths:
         if not os.path.isdir(path):
@@ -157,7 +159,7 @@ def list_clouds(paths: Sequence[Path]) -> list[Path]:
             continue
         inside = _clouds_of(path)
         if not inside:
-            expected = ", ".join(sorted(_suffixes()))
+            expected = ", ".join(sorted(readable_suffixes()))
             raise InputError(f"{path}: must hold files that end in {expected}, got none")
         files += sorted(inside, key=lambda file: (by_numbers(file.parent), by_numbers(file)))
     return files
@@ -169,14 +171,10 @@ def _clouds_of(folder: Path) -> list[Path]:
 
 
 def _clouds_in(files: Iterable[Path]) -> list[Path]:
-    suffixes = _suffixes()
+    from ..formats.registry import readable_suffixes
+
+    suffixes = readable_suffixes()
     return [file for file in files if file.suffix.lower() in suffixes and file.name[0] != "." and file.is_file()]
-
-
-def _suffixes() -> Set[str]:
-    from ..formats.registry import FORMATS
-
-    return {file_format.suffix for file_format in FORMATS.values() if file_format.read}
 
 
 def _check_save(path: Path) -> None:

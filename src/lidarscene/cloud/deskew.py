@@ -7,16 +7,17 @@ A scanner measures its points one after the other while the vehicle drives: at 2
 from __future__ import annotations
 
 import math
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Annotated, Any
 
 import numpy as np
 
 from ..errors import InputError
 from ..files.arguments import checks_arguments
-from ..maths.motion_table import MotionTable
+from ..maths.motion_table import MotionTable, Placement
 from ..maths.pose import Pose
 from ..maths.trajectory import Motion, pose_at
+from ..maths.vectors import Vector
 from .point_cloud import PointCloud
 
 BLOCK_POINTS = 2**18
@@ -26,6 +27,40 @@ SHORTEST_S = 1e-9
 
 MOTION_KEPT, MOTION_REMOVED = "in the points", "removed"
 """Values of the metadata's `ego_motion` before and after deskewing."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Deskewing:
+    """Way of the points of one frame to where they are without the sensor's motion; in NumPy, or opaque on the device.
+
+    Attributes:
+        sensor: pose of the sensor at the start in the coordinates of the points
+        paths: motion of the sensor from then on, in the traced frame
+        traced_frame: its pose in the coordinates of the points
+    """
+
+    sensor: Placement
+    paths: MotionTable
+    traced_frame: Placement
+
+    @classmethod
+    def of_frame(cls, motion: Motion, sensor: Pose, *, start_s: float, length_s: float) -> Deskewing:
+        """Build for a frame.
+
+        Args:
+            motion: motion of the sensor in the world
+            sensor: its pose at the start in the coordinates of the points
+        """
+        at_start = pose_at(motion, start_s)
+        length_s = max(length_s, SHORTEST_S)
+        paths = MotionTable.from_motions([motion], start_s=start_s, length_s=length_s, centre_m=at_start.position_m)
+        # The traced frame has its origin at the sensor's position at the start.
+        traced_frame = sensor @ Pose(rotation=at_start.rotation.T)
+        return cls(sensor=Placement.of_pose(sensor), paths=paths, traced_frame=Placement.of_pose(traced_frame))
+
+    def points(self, points_m: Vector, pose: Placement) -> Vector:
+        """Points of the sensor where ``pose`` has it, the motion's at the time of each; (n,) in double precision."""
+        return self.traced_frame.point(pose.point(self.sensor.point_within(points_m)))
 
 
 @checks_arguments
@@ -56,22 +91,19 @@ def deskewed(
         goal = _sensor_in_points_frame(cloud)
     except (KeyError, ValueError):
         raise InputError("deskewed: the cloud's metadata do not say when and where it was taken") from None
-    length_s = max(float(cloud.time_s.max(initial=0.0)) if length_s is None else length_s, SHORTEST_S)
-    at_start = pose_at(motion, start_s)
-    paths = MotionTable.from_motions([motion], start_s=start_s, length_s=float(length_s), centre_m=at_start.position_m)
-    # The traced frame has its origin at the sensor's position at the start; this pose leads from it to the points'.
-    to_points = goal @ Pose(rotation=at_start.rotation.T)
+    length_s = float(cloud.time_s.max(initial=0.0) if length_s is None else length_s)
+    deskewing = Deskewing.of_frame(motion, goal, start_s=start_s, length_s=length_s)
+    turned_back = np.array(deskewing.traced_frame.rotation).reshape(3, 3)
     moved = np.zeros_like(cloud.xyz_m)
     turned_blocks = []
     for first in range(0, len(cloud), BLOCK_POINTS):
         block = slice(first, first + BLOCK_POINTS)
-        in_sensor = goal.inverse_apply(cloud.xyz_m[block])
-        pose = paths.placement(cloud.time_s[block], 0)
-        x, y, z = pose.point((in_sensor[:, 0], in_sensor[:, 1], in_sensor[:, 2]))
-        moved[block] = to_points.apply(np.stack([x, y, z], axis=-1))
+        x, y, z = cloud.xyz_m[block].T.astype(np.float64)
+        pose = deskewing.paths.placement(cloud.time_s[block], 0)
+        moved[block] = np.stack(deskewing.points((x, y, z), pose), axis=-1)
         if cloud.has_vectors:
             rotations = np.stack(np.broadcast_arrays(*pose.rotation), axis=-1).reshape(-1, 3, 3)
-            turned_blocks.append(cloud.select(block).vectors_turned(to_points.rotation @ rotations @ goal.rotation.T))
+            turned_blocks.append(cloud.select(block).vectors_turned(turned_back @ rotations @ goal.rotation.T))
     vectors: dict[str, Any] = {
         name: np.concatenate([block_vectors[name] for block_vectors in turned_blocks])
         for name in (turned_blocks[0] if turned_blocks else ())

@@ -17,7 +17,7 @@ from ..detection.outcomes import Status
 from ..errors import InputError, one_line
 from ..files import facts
 from ..files.arguments import CHECKED_INSIDE, checks_arguments
-from ..files.late_binding import call_bound
+from ..files.late_binding import call_bound, read_by_name
 from ..formats.cloud_columns import (
     NAMES,
     OF_VECTORS,
@@ -74,10 +74,13 @@ class _WithoutRays(InputError, AttributeError):
     """Error for a cloud without rays, which ``hasattr`` understands."""
 
 
+@read_by_name("load_cloud")
 @checks_arguments
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
 class PointCloud(_CloudWithRays):
     """The points of one frame, struct of arrays, read-only; `CloudColumns` declares each column.
+
+    ``PointCloud("a.ply")`` is `load_cloud`.
 
     * `truth`: true_range_m to material: all given or all None; -1 and inf mean no surface
     * `vectors`: normal_x to velocity_z_m_s: all given or all None; they need the truth
@@ -393,4 +396,4 @@ def _coordinates_text(cloud: PointCloud) -> str:
     return f"'{frame}' of the pose {pose.strip()}" if pose.strip() else f"'{frame}'"
 
 
-load = load_cloud = PointCloud.load
+load_cloud = PointCloud.load

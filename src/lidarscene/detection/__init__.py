@@ -2,7 +2,7 @@
 
 A detector's signal is noisy, so chance decides whether and when a pulse is reported. One random deviate for each echo
 decides both, in closed form; the waveform is not sampled. The functions run on NumPy and Dr.Jit arrays alike, so the
-range analysis and the scene simulation share them (docs/theory.md 7 to 9, 17 and 34).
+range analysis and the scene simulation share them (docs/theory.md 7 to 9).
 
 receiver           the whole of it on a page: a finder, then all that a converter does with what it finds
 single_echo        finder: a lone echo in closed form

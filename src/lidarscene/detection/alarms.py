@@ -1,6 +1,6 @@
 """Alarms: crossings that no echo of the pulse causes, by noise and by other lidars, compete with echoes for the stops.
 
-False alarms are a Poisson process (docs/theory.md 9 and 15). They pass the converter as echoes do: its clock, with its
+False alarms are a Poisson process (docs/theory.md 9). They pass the converter as echoes do: its clock, with its
 jitter, gives them the time that they are reported at, and their crossing decides whether they are within the window
 and which of two comes first (`stops`). Two things are of echoes alone: the dead time of a comparator, and the walk,
 which would only move a random time. Peaks of a histogram are held apart, whatever causes them.
@@ -168,7 +168,7 @@ class _AlarmsByHeight:
 
 
 def add_alarms(shots: Shots, found: Found, sources: tuple[Interference, ...]) -> Stops:
-    """Add the false alarms to the stops of the echoes (docs/theory.md 9 and 15).
+    """Add the false alarms to the stops of the echoes (docs/theory.md 9).
 
     Args:
         sources: pulses of other lidars on the detector

@@ -1,7 +1,7 @@
 """Ambient counts: background power to the number of background events that each pulse's channel counts.
 
 Some sensors report the background as a near-infrared image. It is a count over a fixed time, so it has Poisson noise;
-in a SiPM the dead time of its cells makes this noise narrower (docs/theory_light.md 15).
+in a SiPM the dead time of its cells makes this noise narrower (docs/theory_light.md 3).
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from ..sensor.sensor_model import Sensor
 def counts(background_power_w: Lanes, sensor: Sensor, *, seed: Seed, pulse: Array) -> Lanes:
     """Noisy counts of detected photons and dark events in the sensor's ambient window, (n,) whole numbers.
 
-    Echoes are not counted (docs/theory_light.md 15).
+    Echoes are not counted (docs/theory_light.md 3).
 
     Args:
         background_power_w: (n,) optical power on the detector

@@ -190,7 +190,7 @@ def trailing_level(shots: Shots, trip: Trip, *, threshold: Lanes | None = None, 
 
 
 def width_s(shots: Shots, trip: Trip, *, peak_power_w: Lanes, early_s: Lanes) -> Lanes:
-    """Time over the threshold of a single Gaussian pulse, (n,) s (docs/theory_receivers.md 32).
+    """Time over the threshold of a single Gaussian pulse, (n,) s (docs/theory_receivers.md 2).
 
     Args:
         early_s: (n,) crossing time of the rising edge relative to the peak: negative

@@ -1,7 +1,7 @@
 """Interference: the false alarms that pulses of other lidars cause.
 
 Another lidar's pulses arrive at random times with peaks that spread widely. Those that reach the threshold are one more
-Poisson process of crossings beside that of noise (docs/theory_light.md 15).
+Poisson process of crossings beside that of noise (docs/theory_light.md 3).
 
 Symbols: U threshold, P_U optical power that reaches it, nu rate of the other lidar's pulses, q share that trips.
 """
@@ -49,7 +49,7 @@ class Assigned:
 def crossings(shots: Shots, sources: tuple[Interference, ...]) -> tuple[Crossings, ...]:
     """Compute the crossings that each other lidar causes.
 
-    The receiver's noise is neglected: it is small against the spread of the peaks (docs/theory_light.md 15).
+    The receiver's noise is neglected: it is small against the spread of the peaks (docs/theory_light.md 3).
     """
     needed = shots.point.response.power_w(shots.threshold)
     by_lidar = []

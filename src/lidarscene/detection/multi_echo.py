@@ -2,7 +2,7 @@
 
 The sub-echoes of a pulse overlap and add up to a waveform. The comparator sees its rises: from a valley to a peak. Each
 rise has its own deviate, as the echo has in `single_echo`, and the same formulas hold for it. The waveform is not
-sampled: `rises` walks from peak to peak, and crossings are roots of the waveform (docs/theory_light.md 17).
+sampled: `rises` walks from peak to peak, and crossings are roots of the waveform (docs/theory_light.md 5).
 
 Symbols: P power over time, z deviate of a rise, P_d probability that it trips, sigma_p width of the laser pulse.
 """

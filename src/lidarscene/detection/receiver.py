@@ -59,7 +59,7 @@ def detect(
     channels: ChannelLight | None = None,
     crosstalk: Crosstalk | None = None,
 ) -> Detection:
-    """Detect pulses: one `Returns` for each stop of the converter (docs/theory.md 7 to 9, docs/theory_light.md 17).
+    """Detect pulses: one `Returns` for each stop of the converter (docs/theory.md 7 to 9, docs/theory_light.md 5).
 
     Args:
         light: of each pulse: one echo in clear air, or a train of sub-echoes

@@ -2,7 +2,7 @@
 
 Makers do not report the amplitude itself but a calibrated number, often a reflectivity from 0 to 255. A sensor's optics
 and background are known, so the power follows from the amplitude. The air and the angle of the surface are not known,
-so neither is corrected (docs/theory_receivers.md 33).
+so neither is corrected (docs/theory_receivers.md 3).
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 A sum of Gaussian pulses has fewer peaks than pulses, and their places are not known in closed form. Sampling the whole
 window would cost thousands of evaluations for each pulse. The search evaluates the waveform only where it can have a
-peak, jumps over the rest, and finds peaks and valleys as roots (docs/theory_light.md 17).
+peak, jumps over the rest, and finds peaks and valleys as roots (docs/theory_light.md 5).
 
 Symbols: P power over time, sigma_p standard deviation of the laser pulse and unit of all places.
 """

@@ -91,7 +91,7 @@ def sample_with_memory(train: EchoTrain, sensor: Sensor, times_s: Numbers) -> tu
     """`light.waveform.sample_power_and_signal` with the memory of the detector: (n, times) W and signal each.
 
     A SiPM in the time domain follows its own equation, with crosstalk and afterpulses; an amplifier that clips drains
-    (docs/theory_receivers.md 32). Behind a frequency response cells have no memory here.
+    (docs/theory_receivers.md 2). Behind a frequency response cells have no memory here.
     """
     power, signal = sample_power_and_signal(train, sensor, times_s)
     if not len(times_s):

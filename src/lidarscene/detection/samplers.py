@@ -2,7 +2,7 @@
 
 Sensors measure a pulse in three ways (X. Guo's section 2.2.3): with the TDC alone, with comparators at several levels,
 or with an ADC. Which pulses there are is decided before, by edges or by peaks; the sampler only measures them
-(docs/theory_receivers.md 34 and 36).
+(docs/theory_receivers.md 4 and 6).
 
 Symbols: U threshold, w time over a threshold, sigma_p width of the laser pulse and unit of all places, P power,
 s_i sample i, g Gaussian pulse.

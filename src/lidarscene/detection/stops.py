@@ -2,7 +2,7 @@
 
 A converter reports a few returns of a pulse: the first, the last, the strongest, or the strongest and the last. Returns
 come one after the other, so the best so far are held in a short list, into which each new one is inserted
-(docs/theory.md 17 and 36).
+(docs/theory_light.md 5, docs/theory_receivers.md 6).
 
 One time decides about a return, whether an echo or noise causes it: when it crosses the comparator's threshold. By that
 time it is within the window or not, and before or behind another. A histogram has no crossings: its returns are ordered

@@ -14,15 +14,16 @@ import itertools
 import os
 import re
 import tempfile
-from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
-from ..errors import InputError, OptionWarning, OutputError, warn
+from ..errors import InputError, OptionWarning, OutputError, did_you_mean, warn
 from ..files.arguments import checks_arguments
 from ..files.atomic import atomic_folder, put_text, require_writable
+from ..files.attributes import HintedAttributes
 from ..files.facts import Picture
 from ..files.json_text import json_text
 from . import lines
@@ -236,7 +237,7 @@ class _Files(NamedTuple):
 
 @checks_arguments
 @dataclass(repr=False)
-class Report:
+class Report(HintedAttributes):
     """Result of a study: blocks in order, each added once for all forms. Nothing is drawn before it is asked for.
 
     Attributes:
@@ -250,6 +251,14 @@ class Report:
         digits: of the numbers in CSV files
         undrawn: names of the figures that `save` or `write` could not draw
     """
+
+    INSTEAD: ClassVar[Mapping[str, str]] = {
+        **dict.fromkeys(("to_pandas", "to_dataframe", "df"), "pandas.DataFrame(report.table)"),
+        **dict.fromkeys(("to_csv", "to_json", "to_excel"), "report.save(folder) writes CSV, JSON and pictures"),
+        **dict.fromkeys(("data", "results", "values"), "report.table has columns, report.numbers all numbers"),
+        **dict.fromkeys(("max_range", "ranges", "range", "range_m"), 'report.table["range_m"]'),
+        **dict.fromkeys(("show", "figure", "figures"), "report.plot()"),
+    }
 
     title: str
     numbers: Any = None
@@ -330,6 +339,18 @@ class Report:
         else:
             header, rows = self.main_table[0], [list(row) for row in self.main_table[1]]
         return {name: [row[column] for row in rows] for column, name in enumerate(header)}
+
+    def __getitem__(self, column: str) -> list[Any]:
+        """Return a column of `table`.
+
+        Raises:
+            InputError: for an unknown one
+        """
+        table = self.table
+        if column not in table:
+            meant = did_you_mean(column, table)
+            raise InputError(f"report[{column!r}]: {meant}{' ' if meant else ''}must be one of {', '.join(table)}")
+        return table[column]
 
     def plot(self, name: str | None = None) -> Picture:
         """Draw a figure of the report, or its first; a notebook shows it.

@@ -13,6 +13,7 @@ cache_folder  folder of files kept between runs
 inputs        checks of files before they are read
 facts         a few facts of an object, for a prompt and a notebook
 installed_llvm  LLVM of this Python environment, for Dr.Jit
+attributes    attributes that an object lacks, with what does it
 late_binding  functions of higher tiers that methods of lower ones call
 optional      optional packages, or what to install
 open3d        Open3D

@@ -19,7 +19,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence, S
 from numbers import Integral, Real
 from typing import Annotated, Any, Literal, TypeVar
 
-from ..errors import OptionError, one_line, unknown_option
+from ..errors import OptionError, did_you_mean, one_line, unknown_option
 
 Checked = TypeVar("Checked", bound=Callable[..., Any])
 
@@ -45,13 +45,23 @@ def checks_arguments(call: Checked) -> Checked:
                 setattr(call, name, type(method)(checked) if made else checked)
         return call
     signature = inspect.signature(call)
-    takes_all = any(parameter.kind is parameter.VAR_KEYWORD for parameter in signature.parameters.values())
+    kinds = [parameter.kind for parameter in signature.parameters.values()]
+    takes_all, takes_list = inspect.Parameter.VAR_KEYWORD in kinds, inspect.Parameter.VAR_POSITIONAL in kinds
+    positional = [name for name, kind in zip(signature.parameters, kinds, strict=True) if kind in _POSITIONAL]
+    own = positional[:1] == ["self"]
 
     @functools.wraps(call)
     def checked_call(*arguments: Any, **keywords: Any) -> Any:
         if not takes_all:
             for word in keywords.keys() - signature.parameters.keys():
-                raise unknown_option(word, [name for name in signature.parameters if name != "self"])
+                names = [name for name in signature.parameters if name != "self"]
+                meant = ""
+                if "overrides" in names and not did_you_mean(word, names):
+                    meant = 'values of the file go in overrides={"TABLE.KEY": value}'
+                raise unknown_option(word, names, meant=meant)
+        if len(arguments) > len(positional) and not takes_list:
+            others = [name for name in signature.parameters if name not in positional]
+            raise _too_many(call.__name__, arguments[own:], positional[own:], others, _hints_of(call))
         try:
             bound = signature.bind(*arguments, **keywords).arguments
         except TypeError:  # the call itself says what is missing
@@ -62,6 +72,21 @@ def checks_arguments(call: Checked) -> Checked:
         return call(*arguments, **keywords)
 
     return typing.cast(Checked, checked_call)
+
+
+def _too_many(
+    call: str, given: Sequence[object], names: Sequence[str], others: Sequence[str], hints: Mapping[str, Any]
+) -> OptionError:
+    """Error for a call with more arguments than names that go without them; several choices go in a list."""
+    words = f"{call}(): must have at most {len(names)} without a name ({', '.join(names)}), got {len(given)}"
+    rest = [*given[len(names) - 1 :]]
+    takes_any = hints.get(names[-1], Any) is Any if names else True
+    if not takes_any and is_of_type(rest, hints[names[-1]]):
+        return OptionError("{0}; several go in one list: {1}={2}", words, names[-1], one_line(rest))
+    return OptionError("{0}{1}", words, f"; the others go by name: {'=, '.join(others)}=" if others else "")
+
+
+_POSITIONAL = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
 
 
 def require_type(name: str, value: object, hint: Any) -> None:

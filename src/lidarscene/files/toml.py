@@ -10,7 +10,7 @@ from __future__ import annotations
 import tomllib
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, TypeVar, get_origin
 
 from pydantic import BaseModel, ConfigDict, ValidationError
 
@@ -221,11 +221,14 @@ def _dotted_key(location: Iterable[Any], tables: Any) -> str:
 
 def _known_keys(model: type[BaseModel], location: Iterable[Any], tables: Any) -> list[str]:
     """Return the keys of the model at a location; [] if types and the file's ``type`` leave several models."""
+    of_any_name = False
     for part in location:
         tables = get_entry(tables, part)
-        if isinstance(part, int):
+        if isinstance(part, int) or of_any_name:
+            of_any_name = False
             continue
-        inner = _models_in(model.model_fields[part].annotation) if part in model.model_fields else []
+        annotation = model.model_fields[part].annotation if part in model.model_fields else None
+        inner, of_any_name = _models_in(annotation), get_origin(annotation) in (dict, Mapping)
         if len(inner) > 1:
             inner = [candidate for candidate in inner if get_entry(tables, "type") in _types_of(candidate)]
         if len(inner) != 1:

@@ -47,12 +47,17 @@ def rows_stream(
 
         def append(cloud: Cloud) -> None:
             for first in range(0, len(cloud), BLOCK_POINTS):
-                local = cloud.select(slice(first, first + BLOCK_POINTS)).in_sensor_frame()
-                xyz_m = local.xyz_m if axes is None else local.xyz_m @ axes.T.astype(local.xyz_m.dtype)
-                values = [xyz_m, *(_values(local, name) for name in columns)]
-                file.write(np.column_stack(values).astype("<f4", order="C").data)
+                file.write(kitti_rows(cloud.select(slice(first, first + BLOCK_POINTS)), columns, axes).data)
 
         yield append
+
+
+def kitti_rows(cloud: Cloud, columns: tuple[str, ...], axes: Numbers | None = None) -> Numbers:
+    """(n, 3 + columns) rows of `rows_stream`."""
+    local = cloud.in_sensor_frame()
+    xyz_m = local.xyz_m if axes is None else local.xyz_m @ axes.T.astype(local.xyz_m.dtype)
+    values = [xyz_m, *(_values(local, name) for name in columns)]
+    return np.column_stack(values).astype("<f4", order="C")
 
 
 def _values(cloud: Cloud, name: str) -> Numbers:

@@ -202,6 +202,11 @@ def formats_with(member: str) -> list[str]:
     return [name for name, file_format in (FORMATS | BAGS).items() if getattr(file_format, member)]
 
 
+def readable_suffixes() -> set[str]:
+    """Suffixes of the files that hold all of a cloud."""
+    return {file_format.suffix for file_format in FORMATS.values() if file_format.read}
+
+
 def _packets(profile: str) -> Format:
     write = _import_on_call("packets.pcap", "refuse_cloud")
     return Format(suffix=".pcap", write=write, profile=profile, columns="")
@@ -228,6 +233,16 @@ DATASETS = ("kitti", "semantickitti")
 """Data sets by name (`lidarscene.labels.kitti_dataset`)."""
 
 
+OTHER_SUFFIXES = {
+    ".bag": "bags of ROS 2 are .mcap and .db3",
+    ".csv": "cloud.to_pandas().to_csv(path) writes a table",
+    ".h5": "cloud.to_pandas().to_hdf(path, key='cloud') writes a table",
+    ".npy": "numpy.save(path, cloud.to_numpy()) writes an array",
+    ".xyz": "numpy.savetxt(path, cloud.xyz_m) writes positions",
+}
+"""Suffixes that people try, and what writes such a file."""
+
+
 def format_of(path: str | os.PathLike[str], name: str | None = None) -> Format:
     """Return the format of this name, or else the one whose suffix the path has; the longest suffix wins."""
     if not isinstance(path, str | os.PathLike):
@@ -242,5 +257,6 @@ def format_of(path: str | os.PathLike[str], name: str | None = None) -> Format:
     if not matches:
         suffix, choices = os.path.splitext(file)[1], ", ".join(SUFFIXES)
         suffix_or_folder = "a folder" if os.path.isdir(path) else f"suffix '{suffix}'"
-        raise InputError(f"{os.fspath(path)}: {suffix_or_folder} names no point cloud format; known: {choices}")
+        meant = f"{OTHER_SUFFIXES[suffix]}; " if suffix in OTHER_SUFFIXES else ""
+        raise InputError(f"{os.fspath(path)}: {suffix_or_folder} names no point cloud format; {meant}known: {choices}")
     return max(matches, key=lambda file_format: len(file_format.suffix))

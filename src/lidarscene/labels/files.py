@@ -13,8 +13,9 @@ from __future__ import annotations
 
 import math
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager, contextmanager
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -26,7 +27,7 @@ from ..files.atomic import atomic_output
 from ..files.json_text import json_text
 from ..formats.osi import framed
 from ..formats.registry import LABELS, format_of
-from ..maths.arrays import Numbers
+from ..maths.arrays import Lanes, Numbers, xp
 from ..maths.rotations import quaternion
 from ..maths.trajectory import Course
 from ..scene.scene import Scene
@@ -123,29 +124,66 @@ def point_labels(cloud: PointCloud, scene: Scene) -> tuple[Numbers, Numbers]:
     Raises:
         InputError: for a cloud without truth
     """
-    (_, body_index), class_id = truth_of(cloud), np.asarray(cloud.class_id)
-    kinds = [kind_of(name) for name in cloud.class_names]
-    # The last entry of each table is that of -1.
-    numbers = np.array([*(kind.semantic_kitti for kind in kinds), UNLABELLED], np.uint32)
-    countable = np.array([*(kind.is_thing for kind in kinds), False])
-    semantic, echo = numbers[class_id], cloud.status == 0
-    for index, body in enumerate(scene.bodies):
-        number = kind_of(body.class_name).semantic_kitti
-        rests = body.motion is None or (isinstance(body.motion, Course) and body.motion.rests)
-        if not rests and number in MOVING:
-            semantic[body_index == index] = MOVING[number]
-    # As with boxes: a network is to learn what the vehicle meets, not its own roof.
-    on_ego = np.isin(body_index, scene.own_bodies)
-    semantic[on_ego] = UNLABELLED
-    instance = np.where(echo & countable[class_id] & ~on_ego, body_index + 1, 0).astype(np.uint32)
-    return np.where(echo, semantic, np.uint32(OUTLIER)), instance
+    tables = LabelTables.of_scene(scene, cloud.class_names)
+    _, body = truth_of(cloud)
+    semantic, instance = tables.labels(np.asarray(cloud.class_id), np.asarray(body), np.asarray(cloud.status))
+    return semantic.astype(np.uint32), instance.astype(np.uint32)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class LabelTables:
+    """Tables of the labels of points, in NumPy or on the device; the last entry of each is that of index -1, and of
+    bodies that the scene does not have.
+
+    Attributes:
+        classes: (classes + 1,) int32, SemanticKITTI's number of each class, and `_THING` where its bodies are counted
+        bodies: (bodies + 1,) int32, number that a body has instead, or `_AS_CLASS`; negative: it is not counted
+    """
+
+    classes: Lanes
+    bodies: Lanes
+
+    @classmethod
+    def of_scene(cls, scene: Scene, class_names: Sequence[str]) -> LabelTables:
+        """Build for a scene, and the classes of a cloud of it."""
+        kinds = [kind_of(name) for name in class_names]
+        numbers = [*(kind.semantic_kitti + _THING * kind.is_thing for kind in kinds), UNLABELLED]
+        bodies = np.full(len(scene.bodies) + 1, _AS_CLASS, np.int32)
+        for index, body in enumerate(scene.bodies):
+            rests = body.motion is None or (isinstance(body.motion, Course) and body.motion.rests)
+            if not rests:
+                bodies[index] = MOVING.get(kind_of(body.class_name).semantic_kitti, _AS_CLASS)
+        # As with boxes: a network is to learn what the vehicle meets, not its own roof.
+        bodies[list(scene.own_bodies)] = -1 - UNLABELLED
+        return cls(np.array(numbers, np.int32), bodies)
+
+    def labels(self, class_id: Lanes, body: Lanes, status: Lanes) -> tuple[Any, Any]:
+        """Class and instance of each point as `point_labels`, (n,) int32."""
+        ops = xp(class_id)
+        last = ops.width(self.classes) - 1, ops.width(self.bodies) - 1
+        kinds = ops.take(self.classes, ops.where(class_id < 0, last[0], class_id))
+        own = ops.take(self.bodies, ops.where((body < 0) | (body > last[1]), last[1], body))
+        is_echo, is_thing = status == 0, kinds >= _THING
+        of_class = kinds - ops.where(is_thing, _THING, 0)
+        semantic = ops.where(own == _AS_CLASS, of_class, ops.where(own < 0, -1 - own, own))
+        instance = ops.where(is_echo & is_thing & (own >= 0), body + 1, 0)
+        return ops.where(is_echo, semantic, OUTLIER), instance
+
+
+_THING, _AS_CLASS = 1 << 16, 1 << 17
 
 
 def semantic_kitti(cloud: PointCloud, scene: Scene) -> Numbers:
     """(n,) uint32: class in the lower 16 bits, instance in the upper; instances from 65536 on begin again."""
-    semantic, instance = point_labels(cloud, scene)
-    short = np.where(instance > 0, (instance - 1) % 0xFFFF + 1, 0).astype(np.uint32)
-    return np.asarray(semantic | short << np.uint32(16), "<u4")
+    return np.asarray(label_words(*point_labels(cloud, scene)), "<u4")
+
+
+def label_words(semantic: Any, instance: Any) -> Any:
+    """(n,) words of `semantic_kitti`, of the type of the instances."""
+    # What is at most 65,535 is not divided: processors divide whole numbers one by one.
+    ops = xp(instance)
+    short = ops.where(instance > 0xFFFF, (instance - 1) % 0xFFFF + 1, instance)
+    return semantic | short << 16
 
 
 def _kitti_line(box: Box) -> str:

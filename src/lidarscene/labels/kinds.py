@@ -51,6 +51,7 @@ KINDS = {
     "bin": Kind(99, NOT_IN_KITTI, "movable_object.pushable_pullable"),
     "barrier": Kind(52, NOT_IN_KITTI, "movable_object.barrier"),
     "pole": Kind(80, NOT_IN_KITTI, "static.manmade"),
+    "traffic_light": Kind(80, NOT_IN_KITTI, "static.manmade"),
     "sign": Kind(81, NOT_IN_KITTI, "static.manmade"),
     "traffic_sign": Kind(81, NOT_IN_KITTI, "static.manmade"),
     "road": _stuff(40, "flat.driveable_surface"),

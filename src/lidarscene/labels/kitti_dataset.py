@@ -14,8 +14,9 @@ import itertools
 import operator
 import os
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -25,10 +26,11 @@ from ..files.atomic import atomic_output, name_path_in_errors
 from ..formats.kitti import kitti_stream
 from ..maths.pose import Pose
 from ..scene.scene import Scene
-from .boxes import sensor_place, truth_of
+from .boxes import PIECE_POINTS, sensor_place, truth_of
 from .files import PICTURE_PX, SENSOR_TO_CAMERA, kitti_calibration, open_stream
+from .point_rows import PointRows
 
-Append = Callable[[PointCloud], None]
+Append = Callable[[PointCloud | PointRows], None]
 
 
 def cloud_path(
@@ -85,23 +87,47 @@ def files_stream(
     """
     first: list[PointCloud] = []
     with ExitStack() as streams:
-        appended: list[Append] = []
+        appended: list[Callable[..., None]] = []
 
-        def append(cloud: PointCloud) -> None:
+        def append(piece: PointCloud | PointRows) -> None:
+            cloud = piece if isinstance(piece, PointCloud) else piece.cloud
             if not first:
                 truth_of(cloud)
                 first.append(cloud.without_points())
-                appended.append(name_path_in_errors(clouds, streams.enter_context(kitti_stream(clouds))))
-                path = frame_files(dataset, clouds)[1]
-                labels = open_stream(path, scene, format=dataset, all_around=all_around)
-                appended.append(name_path_in_errors(path, streams.enter_context(labels)))
-            for append_to_file in appended:
-                append_to_file(cloud)
+                paths = frame_files(dataset, clouds)[:2]
+                opened: list[AbstractContextManager[Callable[..., Any]]] = [*map(_bytes_stream, paths)]
+                if dataset == "kitti":
+                    boxes = open_stream(paths[1], scene, format=dataset, all_around=all_around)
+                    opened = [kitti_stream(clouds), boxes]
+                appended.extend(map(name_path_in_errors, paths, map(streams.enter_context, opened)))
+            append_cloud, append_labels = appended
+            if dataset == "kitti":
+                append_cloud(piece)
+                append_labels(piece)
+                return
+            for rows in _rows_of(piece, scene):
+                append_cloud(rows.rows.data)
+                append_labels(rows.labels.data)
 
         yield append, first
     if dataset == "kitti":
         _write_text(clouds.parents[1] / "calib" / f"{clouds.stem}.txt", kitti_calibration().splitlines())
         _write_picture(clouds.parents[1] / "image_2" / f"{clouds.stem}.png")
+
+
+def _rows_of(piece: PointCloud | PointRows, scene: Scene) -> Iterator[PointRows]:
+    """Iterate over the rows of a piece of a frame."""
+    if isinstance(piece, PointRows):
+        yield piece
+        return
+    for first in range(0, len(piece), PIECE_POINTS):
+        yield PointRows.of_cloud(piece.select(slice(first, first + PIECE_POINTS)), scene)
+
+
+@contextmanager
+def _bytes_stream(path: Path) -> Iterator[Callable[..., object]]:
+    with atomic_output(path) as temporary, open(temporary, "wb") as file:
+        yield file.write
 
 
 def frame_files(dataset: str, clouds: Path) -> tuple[Path, ...]:

@@ -2,7 +2,7 @@
 
 Each step is a frozen type (`Beams`, `Hits`, `Echoes`, `EchoTrain`) and a function that makes it from the step before.
 `Hits` has geometry and no watts, `Echoes` has watts and no electronics. So a user can see whether a missing point
-had light. All of it runs on NumPy and Dr.Jit arrays alike (docs/theory.md 1 to 4, 13 to 17).
+had light. All of it runs on NumPy and Dr.Jit arrays alike (docs/theory.md 1 to 4, docs/theory_light.md 1 to 5).
 
 beams             origin and direction of each pulse
 footprint         rays over the cross section of a beam

@@ -2,7 +2,7 @@
 
 The many small droplets of fog together send back a smooth echo. But one raindrop close to the sensor can trip the
 comparator alone. So the strongest particles are drawn one by one as sub-echoes, and all weaker ones together are
-even light, a `Volume`. Both together are the whole medium (docs/theory_light.md 13, docs/weather.md).
+even light, a `Volume`. Both together are the whole medium (docs/theory_light.md 1, docs/weather.md).
 
 Symbols: P_t peak power, eta efficiency, A aperture, alpha extinction, beta backscatter coefficient, s strength of a
 particle: its power over P_t eta A, Lambda(s) mean number of particles stronger than s.
@@ -228,7 +228,7 @@ def _least_strength(sensor: Sensor) -> float:
 def overlap_of(sensor: Sensor) -> Overlap:
     """The sensor's overlap; if it has none, that of coaxial optics focused far away.
 
-    Without an overlap the light of the air would grow without bound towards the sensor (docs/theory_light.md 13).
+    Without an overlap the light of the air would grow without bound towards the sensor (docs/theory_light.md 1).
     """
     if sensor.optics.overlap is not None:
         return sensor.optics.overlap

@@ -1,7 +1,7 @@
 """Echoes: the signal and background power that each ray brings to the detector.
 
 The lidar equation turns the geometry of `Hits` into watts, before any electronics: what the detector makes of the power
-is another stage, so a missing point can be traced back to a lack of light or to noise (docs/theory.md 1 to 3 and 15).
+is another stage, so a missing point can be traced back to a lack of light or to noise (docs/theory.md 1 to 3).
 
 Symbols: P_t peak power of the laser, eta efficiency of the optics, A aperture of the receiver, alpha extinction of the
 air, V(R) course of the air's light over range.
@@ -29,7 +29,7 @@ from .hits import Hits
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Interference:
-    """Pulses of another lidar on the detector, at random times (docs/theory_light.md 15).
+    """Pulses of another lidar on the detector, at random times (docs/theory_light.md 3).
 
     Attributes:
         rate_hz: mean rate of its pulses

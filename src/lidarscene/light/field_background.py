@@ -1,7 +1,7 @@
 """Field of view: the background of each pulse, gathered over all that its receiver sees.
 
 The receiver may see more, or less, than the laser lights. Rays of the laser's footprint would then sample the wrong
-background. Rays spread evenly over the receiver's field of view sample the right one (docs/theory.md 3 and 15).
+background. Rays spread evenly over the receiver's field of view sample the right one (docs/theory.md 3).
 """
 
 from __future__ import annotations

@@ -2,7 +2,7 @@
 
 One draw for each pulse moves all of its light together, and so the time at which it crosses a threshold. The
 comparator sees the power that was drawn; SNR and P_d of a point are those of the mean echo and of all echoes
-(docs/theory_light.md 22). Where a pulse meets no surface, the light
+(docs/theory_light.md 10). Where a pulse meets no surface, the light
 of the air comes from many particles at all ranges, and does not fluctuate.
 """
 

@@ -2,7 +2,7 @@
 
 A beam is wider than a ray: its spot can lie across an edge and return two echoes. So each pulse is traced with several
 rays, each with the same share of its power. Rays of a halo come last in their pulse and share the halo's power
-(docs/theory_light.md 16).
+(docs/theory_light.md 4).
 
 Lanes are pulse-major: lane = pulse lane * rays + ray. The rays of a pulse are then neighbours in memory and in the
 scene, and ray i of all pulses is every ``rays``-th lane.

@@ -2,7 +2,7 @@
 
 Rays are traced on lanes of their own, but a detector sees all light of a pulse at once. So the echoes of a pulse's rays
 become sub-echoes of one pulse, each weighted with its ray's share of the power, and the air adds its own
-(docs/theory_light.md 16 and 17).
+(docs/theory_light.md 4 and 5).
 
 Lanes of rays are pulse-major, lane = pulse lane * rays + ray, so ray i of all pulses is every ``rays``-th lane from i
 on.

@@ -1,10 +1,10 @@
 """Waveform: the power on the detector as a function of time, with its derivatives.
 
 The comparator and the samplers need power and slope at any place. A sum of Gaussian pulses and a tabulated course of
-the air's light give both in closed form, so no grid of time bins limits the resolution (docs/theory_light.md 17).
+the air's light give both in closed form, so no grid of time bins limits the resolution (docs/theory_light.md 5).
 
 Behind an amplifier's low pass the pulses are wider; AC coupling takes an undershoot off them
-(docs/theory_receivers.md 35). Power is then that of an unfiltered echo with the same peak signal.
+(docs/theory_receivers.md 5). Power is then that of an unfiltered echo with the same peak signal.
 
 Symbols: u place in units of sigma_p, the standard deviation of the received pulse; P power; c speed of light.
 """
@@ -199,7 +199,7 @@ class Waveform:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Comb:
-    """A waveform at evenly spaced places (docs/theory_receivers.md 34).
+    """A waveform at evenly spaced places (docs/theory_receivers.md 4).
 
     Each sub-echo's part at a place is its part at the place before times a constant. So a sample costs a multiplication
     for each sub-echo instead of an exponential. The factor that all of them share costs an exponential at each place,

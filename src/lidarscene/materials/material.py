@@ -14,6 +14,7 @@ from typing import Any
 import numpy as np
 
 from ..errors import InputError
+from ..files.late_binding import read_by_name
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -44,9 +45,10 @@ class Spectrum:
         return float(np.interp(wavelength_m, self.wavelength_m, self.value))
 
 
+@read_by_name("load_material")
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Material:
-    """A surface.
+    """A surface. ``Material("brick")`` is that of the catalogue.
 
     Attributes:
         bsdf: "diffuse", "coated", "conductor", "mirror", "glass" or "retroreflector"

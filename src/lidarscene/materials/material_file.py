@@ -14,7 +14,7 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, Tag, model_validator
 
-from ..catalog import path_of
+from ..catalog import names, path_of
 from ..files.table_model import Number
 from ..files.toml import FileModel, read_toml, validate
 from ..maths.units import Quantity, si
@@ -96,7 +96,7 @@ class MaterialFile(FileModel):
         default=None,
         description=(
             "diffuse: what comes out on the other side of a thin surface, evenly; a number or "
-            "rows as of `reflectivity`, together at most 1: docs/theory_glass.md 29"
+            "rows as of `reflectivity`, together at most 1: docs/theory_glass.md 2"
         ),
     )
     facet_slope_deg: Annotated[float, Field(gt=0, le=60)] | None = Field(
@@ -232,6 +232,11 @@ def read_material(path: Path) -> Material:
 
 
 @cache
+def materials() -> list[str]:
+    """Names of the catalogue's materials, which `Material` and `Scene.add` take."""
+    return names("materials")
+
+
 def catalogue_material(name: str) -> Material:
     """Load a material of the catalogue by name.
 

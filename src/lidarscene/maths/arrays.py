@@ -163,8 +163,9 @@ class NumpyOps:
         return (table.values if isinstance(table, LookupTable) else table).ravel()[index]
 
     @staticmethod
-    def take_four(values: Any, index: Any) -> tuple[Any, Any, Any, Any]:
-        """Entries 4 i to 4 i + 3 of an array, for each index i."""
+    def take_four(table: Any, index: Any) -> tuple[Any, Any, Any, Any]:
+        """Entries 4 i to 4 i + 3 of a table's values, or of an array, for each index i."""
+        values = table.values.ravel() if isinstance(table, LookupTable) else table
         a, b, c, d = (values[4 * index + i] for i in range(4))
         return a, b, c, d
 
@@ -310,9 +311,13 @@ class DrjitOps:
             self.lookups.append(array)
         return array
 
-    def take_four(self, values: Any, index: Any) -> tuple[Any, Any, Any, Any]:
-        """Entries 4 i to 4 i + 3 of an array, for each index i: one load, not four."""
-        kind = sys.modules[type(values).__module__].Array4f
+    def take_four(self, table: Any, index: Any) -> tuple[Any, Any, Any, Any]:
+        """Entries 4 i to 4 i + 3 of a table's values, or of an array, for each index i: one load, not four."""
+        values = table
+        if isinstance(table, LookupTable):
+            values = self.upload(table, self._dr.float32_array_t(type(index)))
+        kinds = sys.modules[type(values).__module__]
+        kind = kinds.Array4f64 if self._dr.itemsize_v(values) == 8 else kinds.Array4f
         a, b, c, d = self._dr.gather(kind, values, self.uint32(index))
         return a, b, c, d
 
@@ -398,8 +403,20 @@ class LookupTable:
     def at(self, *coordinates: Lanes) -> Lanes:
         """Multilinear interpolation; coordinates outside 0 .. 1 are clipped to the edge."""
         ops = xp(*coordinates)
-        corners: list[tuple[Lanes, Lanes]] = [(0, 1.0)]  # flat index and weight of each corner of the cell
-        for x, size in zip(coordinates, self.values.shape, strict=True):
+        return sum(weight * ops.take(self, index) for index, weight in self._corners(coordinates))
+
+    def four_at(self, *coordinates: Lanes) -> tuple[Lanes, Lanes, Lanes, Lanes]:
+        """`at` of a table whose last axis, which has no coordinate, is four values: they are loaded together."""
+        ops = xp(*coordinates)
+        corners = [(weight, ops.take_four(self, index)) for index, weight in self._corners(coordinates)]
+        a, b, c, d = (sum(weight * values[i] for weight, values in corners) for i in range(4))
+        return a, b, c, d
+
+    def _corners(self, coordinates: tuple[Lanes, ...]) -> list[tuple[Lanes, Lanes]]:
+        """Flat index and weight of each corner of the cell at these coordinates, over as many axes."""
+        ops = xp(*coordinates)
+        corners: list[tuple[Lanes, Lanes]] = [(0, 1.0)]
+        for x, size in zip(coordinates, self.values.shape, strict=False):
             scaled = ops.minimum(ops.maximum(x, 0.0), 1.0) * (size - 1.0)
             lower = ops.minimum(ops.floor(scaled), size - 2.0)
             first, share = ops.int32(lower), scaled - lower
@@ -409,7 +426,7 @@ class LookupTable:
                 for index, weight in corners
                 for step in (0, 1)
             ]
-        return sum(weight * ops.take(self, index) for index, weight in corners)
+        return corners
 
     def at_row(self, row: Lanes) -> tuple[Lanes, ...]:
         """All entries of one row of a table with two axes."""

@@ -147,8 +147,8 @@ class Ops(Protocol):
     def take(self, table: Tabulated | Lanes, index: Lanes) -> Array:
         """Entries of a table's values, or of an array, by flat index."""
 
-    def take_four(self, values: Lanes, index: Lanes) -> tuple[Array, Array, Array, Array]:
-        """Entries 4 i to 4 i + 3 of an array, for each index i."""
+    def take_four(self, table: Tabulated | Lanes, index: Lanes) -> tuple[Array, Array, Array, Array]:
+        """Entries 4 i to 4 i + 3 of a table's values, or of an array, for each index i."""
 
     def full(self, like: Lanes | Mask, value: float) -> Array:
         """Array of ``value`` in each lane of ``like``."""

@@ -17,7 +17,7 @@ import numpy as np
 
 from .arrays import Lanes, Numbers, xp
 from .box_tree import BoxTree
-from .pose import rotation_numbers
+from .pose import Pose, rotation_numbers
 from .trajectory import Motion, states_of
 from .vectors import Vector
 
@@ -72,6 +72,12 @@ class Placement:
     velocity_m_s: Vector | None = None
     turning_rad_s: Vector | None = None
     stride: StridePlace | None = None
+
+    @classmethod
+    def of_pose(cls, pose: Pose) -> Placement:
+        """Placement that a pose is, for all rays."""
+        x, y, z = pose.position_m.tolist()
+        return cls(origin_m=(x, y, z), rotation=tuple(pose.rotation.ravel().tolist()))
 
     def point(self, p: Vector) -> Vector:
         """A point of this frame, in coordinates of the traced frame."""

@@ -25,6 +25,7 @@ from ..files.atomic import name_path_in_errors
 from ..formats.packets.firings import FiringsBuilder
 from ..kernel.rays.camera_distances import distances_m
 from ..labels.files import labels_stream
+from ..labels.point_rows import DeviceRows, PointRows
 from ..maths.arrays import Numbers
 from ..maths.trajectory import Course, pose_at
 from ..rendering.frame_summary import Summary
@@ -32,6 +33,7 @@ from ..rendering.render_options import FrameOptions, Observers
 from ..rendering.simulator import Simulator
 from ..scene.scene import Scene, View
 from ..sensor.imu import ImuSamples
+from .closing import Closing
 from .light import AmbientImage, write_waveforms
 from .plan import Plan
 from .range_image import range_image_stream
@@ -64,6 +66,7 @@ class FrameFiles:
         imu: samples of the sensor's IMU until the next frame, for packets, or None
         frames: number of frames of the run from this one on
         ahead: called once the device has done its part of the frame: time to begin the next one
+        closing: completes the files while the next frame is traced; None: they are complete when the frame is
     """
 
     plan: Plan
@@ -80,6 +83,7 @@ class FrameFiles:
     imu: ImuSamples | None = None
     frames: int = 1
     ahead: Callable[[], None] | None = None
+    closing: Closing | None = None
 
     def write(self, progress: Callable[[int, int], object] | None) -> None:
         """Trace the frame into its files; ``progress`` is called with (done, pulses) of each sensor."""
@@ -87,7 +91,8 @@ class FrameFiles:
         ambient = AmbientImage() if "ambient" in self.files else None
         packets = self._packets()
         rays: list[PulseRays] | None = [] if "keep_rays" in self.files else None
-        with self._takers(picture, packets) as takers:
+        with ExitStack() as opened:
+            takers = opened.enter_context(self._takers(picture, packets))
             for number, (simulator, take) in enumerate(zip(self._simulators, takers, strict=True), start=1):
                 later = self._simulators[number:]
                 ahead = partial(later[0].begin, self.frame, self.frames) if later else self.ahead
@@ -99,8 +104,10 @@ class FrameFiles:
                         pulses=None if rays is None else rays.append,
                         summary=self.summary,
                     )
-                    simulator.stream(take, self.frame, observers, ahead=ahead)
+                    simulator.stream(take, self.frame, observers, ahead=ahead, read=self._reader(simulator))
             since = time.perf_counter()
+            if self.closing is not None:
+                self.closing(opened)
         if self.capture is not None and packets is not None:
             self.capture.take(packets.firings())
         if ambient is not None:
@@ -114,6 +121,15 @@ class FrameFiles:
         if picture is not None:
             self._draw(picture)
             self.summary.add_time("picture", since)
+
+    def _reader(self, simulator: Simulator) -> DeviceRows | None:
+        """Reader of the rows of points for files that need no more of them; None: clouds are read."""
+        outputs = self.plan.outputs
+        others = self.live is not None or not self.files.keys().isdisjoint(("range_image", "picture"))
+        if outputs.dataset != "semantickitti" or others or not outputs.own_car:
+            return None
+        deskewing = simulator.deskewing(self.frame) if outputs.is_deskewed else None
+        return DeviceRows(simulator.empty(self.frame), self.scene, deskewing)
 
     def _packets(self) -> FiringsBuilder | None:
         """Builder of the firings that packets are made of; None without packets."""
@@ -162,9 +178,9 @@ class FrameFiles:
                 routes = [(self._merged(change), appended) for change, appended in routes]
 
             def taker(number: int) -> Append:
-                def take(cloud: PointCloud) -> None:
+                def take(cloud: PointCloud | PointRows) -> None:
                     for change, appended in routes:
-                        piece = change(number, cloud)
+                        piece = cloud if isinstance(cloud, PointRows) else change(number, cloud)
                         for append in appended:
                             append(piece)
 

@@ -23,13 +23,13 @@ LARGE = 100_000_000
 """Least pulses of a run for the warning: some twenty seconds, and up to 10 GB."""
 
 RAYS_A_SECOND = 5e6
-"""Source: docs/benchmarks.md; rate of two cores in clear air. A GPU takes less time, fog and several rays more."""
+"""Source: benchmarks/RESULTS.md; rate of two cores in clear air. A GPU takes less time, fog and several rays more."""
 
 BYTES_OF_TEXT = 3
 """Size of a number as text, relative to binary."""
 
 CHUNK_BYTES = 500
-"""Memory for each ray of a chunk: 0.47 GiB for chunks of 2^20 (docs/benchmarks.md)."""
+"""Memory for each ray of a chunk: 0.47 GiB for chunks of 2^20."""
 
 
 def warn_of_size(plan: Plan, sensors: Sequence[Mounted], trace: TraceOptions, chunk: int) -> None:

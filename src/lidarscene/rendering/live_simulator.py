@@ -106,7 +106,7 @@ class LiveSimulator(Simulator):
         self._require(name)
         course = _course(f"'{name}'", pose, motion)
         self._tracks.pop(name, None)
-        self._change({name: course})
+        self._change({name: course}, since_s=motion.get("time_s", 0.0))
 
     @exclusive
     def move_ego(self, pose: Placed, **motion: Unpack[MotionKeywords]) -> None:
@@ -188,7 +188,7 @@ class LiveSimulator(Simulator):
             self._tracks.setdefault(key, PoseHistory()).append(self._now_s, pose)
         clouds: list[PointCloud] = []
         if numbers:
-            self._change({key: track.motion() for key, track in self._tracks.items()})
+            self._change({key: track.motion() for key, track in self._tracks.items()}, since_s=next_start_s)
         for number in numbers:
             self._rendered += 1
             ahead, left = None, numbers.stop - number - 1
@@ -236,8 +236,13 @@ class LiveSimulator(Simulator):
             why = f"cannot be placed, movable=['{name}'] lets it"
         require_body(placeable, name, why, "bodies that can be placed")
 
-    def _change(self, motions: Mapping[str | None, Motion], *, absence: Mapping[str, bool] | None = None) -> None:
-        """Change the world: motions of bodies and of the ego vehicle (None), and whether bodies are away."""
+    def _change(
+        self, motions: Mapping[str | None, Motion], *, since_s: float = 0.0, absence: Mapping[str, bool] | None = None
+    ) -> None:
+        """Change the world: motions of bodies and of the ego vehicle (None), and whether bodies are away.
+
+        Who walks goes on with the stride of the motion before, from the first of its poses or from ``since_s`` on.
+        """
         bodies, before = list(self.scene.bodies), self.scene.ego
         ego = motions.get(None, before)
         for number, body in enumerate(bodies):
@@ -246,7 +251,11 @@ class LiveSimulator(Simulator):
                 bodies[number] = replace(body, motion=replace(body.motion, carrier=ego))
         for name, motion in motions.items():
             if name is not None:
-                bodies[self._number[name]] = replace(self._body(name), motion=motion, present_s=ALWAYS)
+                body, gait = self._body(name), self._body(name).gait
+                if gait is not None and body.motion is not None:
+                    start_s = motion.motion.span_s[0] if isinstance(motion, HeldAtEnds) else since_s
+                    gait = gait.continued(body.motion, motion, start_s)
+                bodies[self._number[name]] = replace(body, motion=motion, present_s=ALWAYS, gait=gait)
         for name, absent in (absence or {}).items():
             bodies[self._number[name]] = replace(bodies[self._number[name]], away=absent)
         self.scene = replace(self.scene, bodies=tuple(bodies), ego=ego)

@@ -19,14 +19,13 @@ from .option_fields import Finite, Function, OneOf, Whole, check_options, list_o
 
 # Options load no NumPy: the command line names them, and still answers --help at once.
 if TYPE_CHECKING:
+    from pydantic import BaseModel
+
     from ..cloud.rays import PulseRays
     from ..maths.arrays import Numbers
     from ..maths.pose import Pose
     from ..sensor.pose_file import Placed
     from .frame_summary import Summary
-
-DEFAULT_CHUNK = 2**20
-"""Rays traced at a time: some 100 MB of arrays; smaller chunks spend more of their time in Python."""
 
 RAYS = Whole(1, 1024)
 MEETINGS = Whole(0, MOST_INTERACTIONS)
@@ -113,7 +112,9 @@ class FrameOptions:
         help="of the points: world, vehicle or sensor (default {default})",
         flags=("--coordinates", "--frame"),
     )
-    chunk: int = option(DEFAULT_CHUNK, CHUNKS, help="rays per batch; limits memory, not the result", metavar="N")
+    chunk: int | None = option(
+        None, CHUNKS, help="rays per batch; limits memory, not the result (default: 2^20, on a GPU 2^21)", metavar="N"
+    )
 
     def __post_init__(self) -> None:
         check_options(self)
@@ -182,7 +183,7 @@ class FrameKeywords(TypedDict, total=False):
     begin_s: float
     pose: Placed | None
     coordinates: str
-    chunk: int
+    chunk: int | None
 
 
 class ObserverKeywords(TypedDict, total=False):
@@ -256,6 +257,9 @@ class Keywords:
 
 CALLS = {
     "frames": "several frames are render_frames(scene, sensor, frames=N)",
+    **dict.fromkeys(("position", "sensor_pose", "origin", "location"), "where the sensor stands is pose=(x, y, z)"),
+    **dict.fromkeys(("rng", "random_state", "random_seed"), "the seed is seed=N"),
+    **dict.fromkeys(("weather", "fog"), 'fog is scene_overrides={"weather.fog_visibility_km": 0.1}'),
     **dict.fromkeys(("output", "path", "file", "save", "out"), "a cloud is written by cloud.save(path)"),
 }
 """Words that people try as keywords, and the call that does it."""
@@ -263,13 +267,21 @@ CALLS = {
 
 def _right_call(word: str) -> str:
     """Call that does what an unknown keyword asks for; "" if none is known."""
-    from ..files.toml import keys_like, keys_of_tables
     from ..scene.tables import SceneFile
     from ..sensor.sensor_file import SensorFile
 
-    if word in CALLS:
-        return CALLS[word]
-    for keyword, model in (("overrides", SensorFile), ("scene_overrides", SceneFile)):
+    return CALLS.get(word) or key_to_change(word, overrides=SensorFile, scene_overrides=SceneFile)
+
+
+def key_to_change(word: str, **models: type[BaseModel]) -> str:
+    """Keyword by which a key like a word is changed; "" if there is none.
+
+    Args:
+        models: keyword and model of its file
+    """
+    from ..files.toml import keys_like, keys_of_tables
+
+    for keyword, model in models.items():
         keys = [key for key in keys_of_tables(model) if not key.startswith("published.")]
         if fitting := keys_like(word, keys):
             return f'a key of the file is changed by {keyword}={{"{fitting[0]}": ...}}'

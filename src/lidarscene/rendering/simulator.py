@@ -11,18 +11,19 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, Literal, Unpack, cast, overload
+from typing import Any, ClassVar, Literal, Unpack, cast, overload
 
 import numpy as np
 
 from ..cloud.builder import CloudBuilder
-from ..cloud.deskew import MOTION_KEPT, deskewed
+from ..cloud.deskew import MOTION_KEPT, Deskewing, deskewed
 from ..cloud.device_cloud import DeviceCloud
 from ..cloud.point_cloud import PointCloud
 from ..cloud.rays import PulseRays
 from ..detection.sampled_waveforms import Waveforms, check_pulses, sample_waveforms
 from ..errors import InputError
 from ..files.arguments import checks_arguments
+from ..files.attributes import HintedAttributes
 from ..formats.cloud_columns import RING_ROWS, SENSOR_TO_VEHICLE, SENSOR_TO_WORLD
 from ..kernel.device import backend, blocks, transfer
 from ..kernel.device.gate import exclusive
@@ -74,7 +75,7 @@ class _Piece:
         pulse: number of the pulse of each point; none unless an observer asks for pulses
         range_m: its range, likewise
         status: `Status` of each of its points
-        columns: name -> column of its points; None without points, and where they stay on the device
+        taken: what was read of the columns of its points; None without points
         outcome: (n,) `Outcome` of each pulse
     """
 
@@ -82,18 +83,21 @@ class _Piece:
     pulse: Numbers
     range_m: Numbers
     status: Numbers
-    columns: dict[str, Any] | None
+    taken: Any
     outcome: Numbers
 
 
 @checks_arguments
-class Simulator:
+class Simulator(HintedAttributes):
     """A world and a sensor, ready for any number of frames; nothing is compiled twice.
 
     Coordinates are single precision around the place where the sensor stood when the world was built; a
     later `render` from 100 m off that place is still good to 0.01 mm, one from 10 km to 1 mm.
     """
 
+    INSTEAD: ClassVar[Mapping[str, str]] = dict.fromkeys(
+        ("step", "next", "run", "render_frames", "frames"), "simulator.render(number=N) renders frame N"
+    )
     _takes_turns = True
     """Whether bodies that hide may share a place among the movers (`build_world`)."""
 
@@ -201,6 +205,13 @@ class Simulator:
         return deskewed(cloud, self.motion, length_s=length_s)
 
     @exclusive
+    def deskewing(self, frame: FrameOptions) -> Deskewing:
+        """Way of the points of a frame to where they are in `without_motion`."""
+        _, length_s = check_frame(self.scene, self.sensor.scanner, number=frame.number, begin_s=frame.begin_s)
+        own = self._started_frame(frame) or self._frame(frame)
+        return Deskewing.of_frame(self.motion, own.goal(frame.coordinates), start_s=own.start_s, length_s=length_s)
+
+    @exclusive
     def begin(self, frame: FrameOptions, frames: int = 1) -> None:
         """Start the first chunk of the frame that is rendered next, so that the device has it when its turn comes.
 
@@ -274,18 +285,20 @@ class Simulator:
             Summary() if observers.summary is None else observers.summary,
         )
         pulses = self.sensor.scanner.pulses
+        is_cut = pulses > self._chunk_pulses(frame_options)
         # Chunks are joined on the device where that is asked for, and on a card: its memory is a hundred times as fast.
-        parts: list[DeviceColumns] | None = [] if on_device or backend.is_cuda() else None
+        parts: list[DeviceColumns] | None = [] if on_device or (is_cut and backend.is_cuda()) else None
         builder = CloudBuilder(
             capacity=pulses * self.sensor.tdc.stops,
             vectors=self.trace.vectors,
-            memory=transfer.pooled_memory if parts is None and pulses > self._chunk_pulses(frame_options) else None,
+            memory=transfer.pooled_memory if parts is None and is_cut else None,
         )
         description = self._description(current_frame, frame_options)
         rays: list[PulseRays] = []
         pulses_observer = observers.pulses if not keep_rays else _both(rays.append, observers.pulses)
         taking = replace(observers, summary=summary, pulses=pulses_observer)
-        self._hand_out(current_frame, builder.append, "assemble", frame_options, taking, ahead, parts)
+        take, read = (builder.append, _in_numpy) if parts is None else (parts.append, _on_device)
+        self._hand_out(current_frame, take, "assemble", frame_options, taking, ahead, read)
         since = time.perf_counter()
         if parts is None:
             cloud = PointCloud(**builder.fields(**description), checked=True)
@@ -302,11 +315,12 @@ class Simulator:
     @exclusive
     def stream(
         self,
-        sink: Callable[[PointCloud], None],
+        sink: Callable[[Any], None],
         frame: FrameOptions | None = None,
         observers: Observers | None = None,
         *,
         ahead: Callable[[], None] | None = None,
+        read: Callable[[DeviceCloud], Any] | None = None,
         **options: Unpack[StreamKeywords],
     ) -> None:
         """Render one frame chunk by chunk: the memory that it takes does not grow with its pulses.
@@ -314,6 +328,8 @@ class Simulator:
         Args:
             sink: called with clouds, at least one, which joined are that of `render`; its time counts as the stage
                 "write". `formats.registry.Format.stream` gives such a sink
+            read: makes what ``sink`` is called with, of points that are on the device, before the device goes on; a
+                frame without points remains a cloud
 
         The other arguments are those of `render`.
         """
@@ -321,12 +337,19 @@ class Simulator:
         current_frame = self._traced_frame(frame_options)
         description, empty = self._description(current_frame, frame_options), True
 
-        def take(columns: Mapping[str, Any]) -> None:
+        def take(piece: Any) -> None:
             nonlocal empty
             empty = False
-            sink(PointCloud(**columns, **description, checked=True))
+            sink(piece)
 
-        self._hand_out(current_frame, take, "write", frame_options, observers, ahead)
+        def read_columns(columns: DeviceColumns) -> Any:
+            if not columns.count:
+                return None
+            if read is None:
+                return PointCloud(**description | columns.in_numpy(), checked=True)
+            return read(DeviceCloud(columns=columns, vectors=self.trace.vectors, **description))
+
+        self._hand_out(current_frame, take, "write", frame_options, observers, ahead, read_columns)
         if empty:
             sink(PointCloud(**CloudBuilder(vectors=self.trace.vectors).fields(**description)))
 
@@ -334,7 +357,8 @@ class Simulator:
     def empty(self, frame: FrameOptions | None = None, **options: Unpack[FrameKeywords]) -> PointCloud:
         """Cloud of `render` without its points: names and metadata, available before anything is traced."""
         frame_options, _ = _resolve_options(frame, None, options)
-        description = self._description(self._frame(frame_options), frame_options)
+        current_frame = self._started_frame(frame_options) or self._frame(frame_options)
+        description = self._description(current_frame, frame_options)
         return PointCloud(**CloudBuilder(vectors=self.trace.vectors).fields(**description))
 
     @exclusive
@@ -351,27 +375,27 @@ class Simulator:
     def _hand_out(
         self,
         frame: Frame,
-        take: Callable[[Mapping[str, Any]], None],
+        take: Callable[[Any], None],
         stage: str,
         options: FrameOptions,
         observers: Observers,
         ahead: Callable[[], None] | None,
-        kept: list[DeviceColumns] | None = None,
+        read: Callable[[DeviceColumns], Any],
     ) -> None:
         """Hand the columns of each piece of a frame to ``take``, and the rest to the observers.
 
         Args:
-            take: called with the columns of each chunk that has points, in NumPy
-            kept: list to which the columns are appended on the device instead
+            take: called with what is read of the columns of each chunk
+            read: reads them, before the device starts something else; None: there is nothing to take
             stage: name under which the summary counts the time of this
         """
         finished, summary = 0, Summary() if observers.summary is None else observers.summary
-        for piece in self._pieces(frame, options, observers, summary, ahead, kept):
+        for piece in self._pieces(frame, options, observers, summary, ahead, read):
             since = time.perf_counter()
             finished += len(piece.outcome)
             summary.count(piece.outcome, piece.status)
-            if piece.columns is not None:
-                take(piece.columns)
+            if piece.taken is not None:
+                take(piece.taken)
             if observers.missed is not None:
                 missed = np.flatnonzero(piece.outcome)
                 observers.missed(frame.pulses_in_run(missed + piece.first), piece.outcome[missed].astype(np.uint8))
@@ -409,7 +433,7 @@ class Simulator:
         observers: Observers,
         summary: Summary,
         ahead: Callable[[], None] | None,
-        kept: list[DeviceColumns] | None,
+        read: Callable[[DeviceColumns], Any],
     ) -> Iterator[_Piece]:
         """Iterate over the results of the chunks; outcomes are in the order of pulses if an observer needs them so.
 
@@ -436,16 +460,11 @@ class Simulator:
                 of_points = frame.pulses_in_run(columns.numpy(collect.PULSE_COLUMN))
                 observers.points(of_points, self._surfaces(launch, frame, numbers))
             # All that NumPy reads of this chunk: later it would wait for the next one, too.
-            status, in_numpy = columns.numpy("status"), None
+            status = columns.numpy("status")
             pulse = range_m = np.zeros(0)
             if observers.pulses is not None:
                 pulse, range_m = columns.numpy(collect.PULSE_COLUMN), columns.numpy("range_m")
-            if kept is not None:
-                kept.append(columns)
-            elif columns.count:
-                in_numpy = columns.in_numpy()
-                if len(launch.frames) > 1:  # a cloud that is kept must not keep those of the other frames
-                    in_numpy |= {name: in_numpy[name].copy() for name in in_numpy.keys() & columns.arrays.keys()}
+            taken = read(columns)
             summary.add_time("collect", since)
             piece_first, launch = first, None
             if following is not None:
@@ -454,7 +473,7 @@ class Simulator:
                 summary.add_time("record", since)
             elif ahead is not None:
                 ahead()
-            yield _Piece(piece_first, pulse, range_m, status, in_numpy, outcome)
+            yield _Piece(piece_first, pulse, range_m, status, taken, outcome)
 
     def _launch_with(self, frame: Frame) -> Launch | None:
         """Launch that begins with the pulses of a frame, or has them among others; forget those that it comes after."""
@@ -497,7 +516,7 @@ class Simulator:
     def _chunk_pulses(self, options: FrameOptions) -> int:
         """Number of pulses of a chunk."""
         # The option counts rays, since they take the memory; a chunk counts pulses.
-        chunk = max(1, options.chunk // self._rays_of_pulse)
+        chunk = max(1, (options.chunk or blocks.lanes_per_chunk()) // self._rays_of_pulse)
         # Whole bands of tiles, or whole packets: so the same rays are traced together whatever the option says. Where a
         # ray meets the edge of two triangles, which of them it meets depends on the rays beside it.
         step = self.numbering.step
@@ -709,11 +728,15 @@ class Simulator:
         self._check_clearance(frame.place, frame.start_s)
         return frame
 
+    def _started_frame(self, options: FrameOptions) -> Frame | None:
+        """Frame of these options that the device has already; None without one."""
+        frames = (launch.frame_of(options) for launch in (self._traced, self._begun) if launch is not None)
+        return next((frame for frame in frames if frame is not None), None)
+
     def _traced_frame(self, options: FrameOptions) -> Frame:
         """Frame of these options, in the piece of the scene that is compiled then."""
-        for launch in (self._traced, self._begun):
-            if launch is not None and (frame := launch.frame_of(options)) is not None:
-                return frame
+        if (started := self._started_frame(options)) is not None:
+            return started
         piece = self._piece_at(options)
         if piece != self._piece:
             self._piece = piece
@@ -745,6 +768,16 @@ class Simulator:
             "material_names": self.world.material_names,
             "metadata": _metadata(self.scene, self.sensor, frame, options),
         }
+
+
+def _in_numpy(columns: DeviceColumns) -> dict[str, Numbers] | None:
+    """Columns of points in NumPy; None without points."""
+    return columns.in_numpy() if columns.count else None
+
+
+def _on_device(columns: DeviceColumns) -> DeviceColumns:
+    """Columns as they are."""
+    return columns
 
 
 def _both(

@@ -27,6 +27,9 @@ SPACINGS_A_WAVE = 3.0
 MOST_VERTICES = 4_000_000
 """Most vertices of a sheet: 100 MB of triangles."""
 
+HEADROOM_M = 1.5
+"""Choice: height over a wheel from which on ground is that of another storey."""
+
 _EDGE_M = 1e-6
 """Accuracy bought: places as near as this to a sheet's edge are on it."""
 
@@ -44,12 +47,14 @@ class Strip:
         width_m: of the strip
         offset_m: of its middle from the line, to the left
         spacing_m: largest distance of vertices along and across it
+        heights_m: (a, b) heights over the line: a on even steps along it, b on even steps across, from right to left
     """
 
     line_m: Numbers
     width_m: float
     offset_m: float = 0.0
     spacing_m: float
+    heights_m: Numbers | None = None
     _length_m: Numbers = field(init=False)
     _ahead: Numbers = field(init=False)
     _bisector: Numbers = field(init=False)
@@ -71,10 +76,10 @@ class Strip:
         object.__setattr__(self, "_first_row", first_row)
 
     @classmethod
-    def rectangle(cls, size_m: tuple[float, float], spacing_m: float) -> Strip:
+    def rectangle(cls, size_m: tuple[float, float], spacing_m: float, heights_m: Numbers | None = None) -> Strip:
         """Return a strip along x, centred on the origin."""
         line_m = np.array([[-0.5 * size_m[0], 0.0, 0.0], [0.5 * size_m[0], 0.0, 0.0]])
-        return cls(line_m=line_m, width_m=size_m[1], spacing_m=spacing_m)
+        return cls(line_m=line_m, width_m=size_m[1], spacing_m=spacing_m, heights_m=heights_m)
 
     @property
     def cells(self) -> tuple[int, int]:
@@ -98,20 +103,31 @@ class Strip:
         return np.linspace(-0.5, 0.5, self.cells[1] + 1) * self.width_m
 
     def rows(self) -> tuple[Numbers, Numbers]:
-        """(nx + 1, 3) middles of rows on the line, and (nx + 1, 2) their directions to the left."""
+        """(nx + 1, 2) middles of rows on the line, and their directions to the left."""
         number, points = np.arange(self.cells[0] + 1), self._first_row
         middle_m, to_left = (
             np.stack([np.interp(number, points, column) for column in values.T], axis=1)
-            for values in (self.line_m, self._bisector)
+            for values in (self.line_m[:, :2], self._bisector)
         )
-        middle_m[:, 2] = self.rise_m(number)
         return middle_m, to_left
 
-    def rise_m(self, row: Numbers) -> Numbers:
-        """Height of the line [m] at (n,) places counted in rows: smooth, and between those of the points beside it."""
+    def rise_m(self, row: Numbers, across_m: Numbers) -> Numbers:
+        """Height [m] at places counted in rows, and across from the strip's middle: the line's, and those over it."""
+        line_m = self._line_rise_m(row)
+        if self.heights_m is None:
+            return line_m
+        last = np.array(self.heights_m.shape) - 1
+        place = np.broadcast_arrays(row / self.cells[0] * last[0], (across_m / self.width_m + 0.5) * last[1])
+        i, j = (np.clip(np.floor(each).astype(int), 0, end - 1) for each, end in zip(place, last, strict=True))
+        u, v = place[0] - i, place[1] - j
+        low, high = ((1.0 - v) * self.heights_m[i + k, j] + v * self.heights_m[i + k, j + 1] for k in (0, 1))
+        return np.asarray(line_m + (1.0 - u) * low + u * high)
+
+    def _line_rise_m(self, row: Numbers) -> Numbers:
+        """Height of the line: smooth, and between those of the points beside it."""
         z_m = self.line_m[:, 2]
         if np.ptp(z_m) == 0.0:
-            return np.full(len(row), z_m[0])
+            return np.full(np.shape(row), z_m[0])
         from scipy.interpolate import PchipInterpolator
 
         way_m = np.concatenate([[0.0], np.cumsum(self._length_m)])
@@ -172,9 +188,9 @@ class Sheet:
         """Lay a sheet over the surface, already without its short waves."""
         middle_m, to_left = strip.rows()
         across_m = strip.across_m()
-        plan_m = middle_m[:, None, :2] + to_left[:, None] * (strip.offset_m + across_m)[:, None]
+        plan_m = middle_m[:, None] + to_left[:, None] * (strip.offset_m + across_m)[:, None]
         row = np.arange(len(middle_m))
-        rise_m = middle_m[:, 2:] + crown_m * strip.crown_share(row[:, None], across_m)
+        rise_m = strip.rise_m(row[:, None], across_m) + crown_m * strip.crown_share(row[:, None], across_m)
         turned = pose.rotation[:2, :2].T
         begin_m, step_m = plan_m[:, 0] @ turned + pose.position_m[:2], (plan_m[:, 1] - plan_m[:, 0]) @ turned
         rough_m = surface.rows_m(begin_m, step_m, len(across_m))
@@ -221,7 +237,7 @@ class Sheet:
         local_m = (place_m - self.pose.position_m[:2]) @ self.pose.rotation[:2, :2]
         on_sheet, row, across_m = self.strip.locate(local_m)
         row, across_m = row[on_sheet], across_m[on_sheet]
-        rise_m = self.strip.rise_m(row) + self.crown_m * self.strip.crown_share(row, across_m)
+        rise_m = self.strip.rise_m(row, across_m) + self.crown_m * self.strip.crown_share(row, across_m)
         return on_sheet, self.pose.position_m[2] + rise_m
 
 
@@ -257,13 +273,20 @@ class Ground:
             highest[on_sheet] = np.fmax(highest[on_sheet], height_m)
         return highest
 
-    def wheel_height_m(self, place_m: Numbers) -> Numbers:
-        """Height [m] below a wheel at (n, 2) places: the highest sheet's, at 0 where there is none, and all waves."""
+    def wheel_height_m(self, place_m: Numbers, near_m: Numbers | None = None) -> Numbers:
+        """Height [m] below a wheel at (n, 2) places: the highest sheet's, at 0 where there is none, and all waves.
+
+        Args:
+            near_m: (n,) heights of wheels, on which sheets that are `HEADROOM_M` higher are none; in place of 0, too
+        """
         highest = np.full(len(place_m), np.nan)
         for sheet in self._sheets_near(place_m):
             on_sheet, height_m = sheet.smooth_height_m(place_m)
+            if near_m is not None:
+                height_m = np.where(height_m < near_m[on_sheet] + HEADROOM_M, height_m, np.nan)
             highest[on_sheet] = np.fmax(highest[on_sheet], height_m)
-        return np.asarray(np.nan_to_num(highest) + self.surface.height_m(place_m))
+        base_m = np.zeros(len(place_m)) if near_m is None else near_m
+        return np.asarray(np.where(np.isnan(highest), base_m, highest) + self.surface.height_m(place_m))
 
 
 def lay(pose: Pose, *, plan: Strip | Outline, crown_m: float, surface: RoughSurface) -> Sheet | Area:

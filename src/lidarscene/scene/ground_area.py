@@ -27,8 +27,8 @@ class Outline:
     """The plan of a ground within a closed line.
 
     Attributes:
-        corner_m: (k, 3) corners, once around; the height within is a mean of those of the outline by inverse squares of
-            the distances
+        corner_m: (k, 3) corners, once around; the height within is that of the plane through the outline by least
+            squares, and the mean by inverse squares of the distances of what the outline is above that
         spacing_m: largest distance of vertices
     """
 
@@ -82,7 +82,9 @@ class Outline:
         square_m2 = ((inner_m[:, None] - rim_m[:, :2]) ** 2).sum(axis=-1)
         inside = square_m2.min(axis=1, initial=np.inf) > (SPACINGS_INSIDE * self.spacing_m) ** 2
         weight = 1.0 / square_m2[inside]
-        height_m = weight @ rim_m[:, 2] / weight.sum(axis=1) if inside.any() else np.zeros(0)
+        plane = np.linalg.lstsq(np.pad(rim_m[:, :2], ((0, 0), (0, 1)), constant_values=1.0), rim_m[:, 2])[0]
+        over_m = weight @ (rim_m[:, 2] - rim_m[:, :2] @ plane[:2] - plane[2]) / weight.sum(axis=1)
+        height_m = inner_m[inside] @ plane[:2] + plane[2] + over_m
         vertices_m = np.concatenate([rim_m, np.column_stack([inner_m[inside], height_m])])
         net = Delaunay(vertices_m[:, :2])
         within = self.contains(vertices_m[net.simplices, :2].mean(axis=1))

@@ -52,6 +52,10 @@ class MotionFile(Table[Course]):
         ),
     )
     ride: RideFile | None = Field(default=None, description="suspension on the ground; steady if left out")
+    storeys: bool = Field(
+        default=False,
+        description="poses have the height of the ground, of which several may be above each other, as at bridges",
+    )
 
     @model_validator(mode="after")
     def _check_single_way(self) -> MotionFile:
@@ -71,7 +75,7 @@ class MotionFile(Table[Course]):
 
         Args:
             pose: pose at time 0 of a motion by speeds; with poses, the body's in the moving frame that they describe
-            height_m: height of the scene's ground at (n, 2) places
+            height_m: height of the scene's ground at (n, 2) places; near others, (n,), with `storeys`
             on_ground: whether it follows that height without a ride, too
 
         Raises:
@@ -80,9 +84,9 @@ class MotionFile(Table[Course]):
         course = self._spline(folder=folder, where=where)
         path = self.in_si(start=pose) if course is None else self._unending(course, pose)
         if self.ride is not None and self.ride.active:
-            path = Ride(path=path, height_m=height_m, suspension=self.ride.in_si())
+            path = Ride(path=path, height_m=height_m, suspension=self.ride.in_si(), storeys=self.storeys)
         elif on_ground:
-            path = Ride(path=path, height_m=height_m)
+            path = Ride(path=path, height_m=height_m, storeys=self.storeys)
         # What stops at once would dive on its springs: it rides up to its end, and rests as it is then.
         if self.at_end in ("hold", "hide"):
             return HeldAtEnds(motion=path)

@@ -30,8 +30,8 @@ _LEAD_BLOCKS = 8
 _MOST_BLOCKS = 256
 _MARGIN_NODES = 20
 
-Height = Callable[[Numbers], Numbers]
-"""Height of the ground [m] at (n, 2) places in the world."""
+Height = Callable[..., Numbers]
+"""Height of the ground [m] at (n, 2) places in the world; of `Ride.storeys` with (n,) heights near which it is."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -50,11 +50,13 @@ class Ride:
         height_m: height of the ground at (n, 2) places
         suspension: the vehicle; None: what has no wheels, and follows the height of the ground below its origin,
             upright
+        storeys: whether the path has the height of one of several grounds above each other, on which it rides
     """
 
     path: Motion
     height_m: Height
     suspension: Suspension | None = None
+    storeys: bool = False
     _inputs: dict[int, Numbers] = field(init=False, default_factory=dict)
     _nodes: dict[int, Numbers] = field(init=False, default_factory=dict)
 
@@ -143,11 +145,17 @@ class Ride:
 
         # What is beyond a node counts by 0.27 each further node: 20 of them are 4e-12.
         node = np.arange(-_MARGIN_NODES, BLOCK_NODES + 1 + _MARGIN_NODES) + number * BLOCK_NODES
-        heave_m = CubicSpline(node * STEP_S, self.height_m(self.path.at(node * STEP_S).position_m[:, :2]))
+        heave_m = CubicSpline(node * STEP_S, self._rise_m(self.path.at(node * STEP_S).position_m))
         within = node[_MARGIN_NODES:-_MARGIN_NODES] * STEP_S
         nodes = np.zeros((len(within), 3, 3))
         nodes[:, :, 0] = np.stack([heave_m(within, derivative) for derivative in range(3)], axis=1)
         return nodes
+
+    def _rise_m(self, place_m: Numbers) -> Numbers:
+        """What the ground adds to the height of the path at (n, 3) places."""
+        if self.storeys:
+            return np.asarray(self.height_m(place_m[:, :2], place_m[:, 2]) - place_m[:, 2])
+        return self.height_m(place_m[:, :2])
 
     def _input(self, number: int, suspension: Suspension) -> Numbers:
         """(`BLOCK_NODES`, 6) inputs of the suspension at a block's nodes."""
@@ -161,7 +169,7 @@ class Ride:
         states = self.path.at(time_s)
         wheels = np.pad(suspension.wheels_m, ((0, 0), (0, 1)))
         place_m = states.position_m[:, None, :] + np.einsum("nij,wj->nwi", states.rotation, wheels)
-        heights_m = self.height_m(place_m[:, :, :2].reshape(-1, 2)).reshape(-1, 4)
+        heights_m = self._rise_m(place_m.reshape(-1, 3)).reshape(-1, 4)
         half = 0.5 * STEP_S
         change = self.path.at(time_s + half).velocity_m_s - self.path.at(time_s - half).velocity_m_s
         ahead_and_left = np.einsum("nij,ni->nj", states.rotation[:, :, :2], change / STEP_S)

@@ -12,15 +12,17 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 
+from .. import catalog
 from ..errors import InputError, did_you_mean
 from ..files import facts
 from ..files.arguments import CHECKED_INSIDE, checks_arguments
+from ..files.attributes import HintedAttributes
 from ..files.facts import Picture
-from ..files.late_binding import call_bound
+from ..files.late_binding import call_bound, read_by_name
 from ..files.overrides import Overrides, assignments
 from ..materials.material import Material
 from ..materials.material_file import catalogue_material
@@ -145,8 +147,8 @@ class BodyOrigin:
     instance: int | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Body:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class Body(HintedAttributes):
     """A named object with a class and a shape. Instances are bodies that share parts.
 
     Attributes:
@@ -175,6 +177,12 @@ class Body:
             raise InputError(f"body '{self.name}': strides of its parts must have as many instants, got {instants}")
         if self.motion is not None:
             object.__setattr__(self, "pose", pose_at(self.motion))
+
+    def __repr__(self) -> str:
+        x, y, z = self.pose.position_m
+        triangles = sum(len(part.faces) for part in self.parts if isinstance(part, Part))
+        about = {"class": self.class_name, "parts": f"{len(self.parts)}", "triangles": f"{triangles:,}"}
+        return facts.facts_line("Body", self.name, about | {"at": f"{x:g}, {y:g}, {z:g} m"})
 
     def made_from(self, origin: BodyOrigin) -> Body:
         """The body, which this table of a scene file describes."""
@@ -237,7 +245,7 @@ MOST_NAMES = 12
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Sun:
+class Sun(HintedAttributes):
     """Direction of the sun and its illuminance on a surface that faces it.
 
     Azimuth is counter-clockwise from x, seen from above.
@@ -274,7 +282,7 @@ class Sky:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Air:
+class Air(HintedAttributes):
     """One-way transmittance: a fixed factor times extinction over the range (given, by visibility, by weather)."""
 
     transmittance: Annotated[float, Quantity(gt=0, le=1, about="one way, at any range")] = 1.0
@@ -290,7 +298,7 @@ class Air:
             ge=0,
             le=1e-9,
             about=(
-                "C_n^2 of the refractive index, m^(-2/3): turbulence, by which echoes scatter (docs/theory_light.md 22)"
+                "C_n^2 of the refractive index, m^(-2/3): turbulence, by which echoes scatter (docs/theory_light.md 10)"
             ),
         ),
     ] = 0.0
@@ -334,10 +342,11 @@ class View:
     fov_deg: Annotated[float, Quantity(gt=0, lt=180, about="full angle across")] = 60.0
 
 
+@read_by_name("load_scene")
 @checks_arguments
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Scene:
-    """Everything that light can meet.
+class Scene(HintedAttributes):
+    """Everything that light can meet. ``Scene("car")`` is `load_scene`.
 
     Attributes:
         bodies: in the order of the file, also by name (`Bodies`); a point's `body` is an index into `body_names`
@@ -353,6 +362,21 @@ class Scene:
         reach_m: bodies that stand farther than this from where the ego vehicle is may be left out of a frame
         origin: `saving.SceneOrigin`, what `save` writes of all that Python did not change; None: nothing
     """
+
+    INSTEAD: ClassVar[Mapping[str, str]] = {
+        **dict.fromkeys(("objects", "meshes", "actors", "vehicles"), "scene.bodies"),
+        **dict.fromkeys(("weather", "fog", "rain", "snow"), "scene.air.weather"),
+        **dict.fromkeys(
+            ("add_body", "add_mesh", "add_object", "add_box", "add_sphere", "spawn"),
+            'scene.add(mesh, "brick", position=(20, 0, 1))',
+        ),
+        **dict.fromkeys(("move", "set_pose"), 'scene.replace({"bodies.car.position_m": [20, 0, 0]})'),
+        **dict.fromkeys(("set", "set_sun", "set_weather"), 'scene.replace("sun.illuminance_klux=50") is another scene'),
+        "sensor": "scene.sensor_name, scene.sensor_pose",
+        **dict.fromkeys(("describe", "summary", "info"), "print(scene), scene.facts()"),
+        **dict.fromkeys(("names", "body_names"), "scene.bodies"),
+        "render": "lidarscene.render(scene, sensor)",
+    }
 
     name: str = "scene"
     bodies: tuple[Body, ...] = ()
@@ -426,21 +450,23 @@ class Scene:
         pose: Placed | None = None,
         *,
         position: Annotated[Sequence[float] | None, "x, y, z in metres"] = None,
-        name: str = "body",
+        name: str | None = None,
         class_name: str | None = None,
     ) -> Scene:
         """Scene with one more body.
 
         Args:
-            mesh: a file; a Trimesh or trimesh.Scene; a triangle mesh of Open3D, a PolyData of PyVista, a mesh or scene
-                of Mitsuba; or (vertices, faces): (n, 3) numbers, and (m, 3) triangles or (m, 4) quads, each of which
-                becomes two triangles. Metres, z up, except for formats that say otherwise
-            material: catalogue name, a name among the scene's `materials`, or a `Material`; None: a diffuse one with
-                the mean of the mesh's own colour
+            mesh: a file, or the name of a mesh that comes with the package, such as "car"; a Trimesh or trimesh.Scene;
+                a triangle mesh of Open3D, a PolyData of PyVista, a mesh or scene of Mitsuba; or (vertices, faces):
+                (n, 3) numbers, and (m, 3) triangles or (m, 4) quads, each of which becomes two triangles. Metres, z up,
+                except for formats that say otherwise
+            material: catalogue name, a name among the scene's `materials`, or a `Material`, of parts to which the
+                package gives none; None: a diffuse one with the mean of the mesh's own colour
             pose: in the world, a `Pose` or x, y, z in metres with or without yaw, pitch, roll in degrees
             position: in place of a pose: x, y, z in metres, not turned
-            name: of the body; it gets a number if the scene has one of the name
-            class_name: of its points; None: its name
+            name: of the body; it gets a number if the scene has one of the name; None: the mesh's in the package, or
+                "body"
+            class_name: of its points; None: the mesh's in the package, or its name
 
         Raises:
             InputError: if a file, a key or a value cannot be understood
@@ -451,14 +477,22 @@ class Scene:
             placed = to_pose(position, name="position")
         else:
             placed = Pose() if pose is None else to_pose(pose)
+        known: Mapping[str, Any] = {}
+        if isinstance(mesh, str) and catalog.is_bare(mesh) and not os.path.exists(mesh):
+            mesh = catalog.path_of("meshes", mesh)
+            known = {"name": mesh.stem} | catalog.shipped_meshes().get(mesh.stem, {})
+        name = name or known.get("name", "body")
         pieces = pieces_of_object(mesh, "scene.add")
         materials = dict(self.materials)
         parts = []
         for piece in pieces:
-            chosen = material
+            of_parts: Mapping[str, str] = known.get("materials", {})
+            chosen = next((of_parts[key] for key in piece.keys if key in of_parts), material)
             if chosen is None:
                 if piece.grey is None:
-                    raise InputError("scene.add: the mesh has no colour of its own and must have a material, got none")
+                    raise InputError(
+                        "scene.add: the mesh has no colour of its own and must have a material, as 'brick', got none"
+                    )
                 colour_of = name if len(pieces) == 1 else f"{name}, {piece.keys[0]}"
                 chosen = grey_material(f"colour of {colour_of}", piece.grey)
             key = chosen if isinstance(chosen, str) else chosen.name
@@ -477,7 +511,7 @@ class Scene:
             )
         taken = {body.name for body in self.bodies}
         free = name if name not in taken else next(n for i in itertools.count(2) if (n := f"{name} {i}") not in taken)
-        body = Body(name=free, class_name=class_name or name, parts=tuple(parts), pose=placed)
+        body = Body(name=free, class_name=class_name or known.get("class", name), parts=tuple(parts), pose=placed)
         if isinstance(mesh, str | os.PathLike):
             body = body.made_from(_of_mesh_file(body, Path(mesh)))
         return replace(self, bodies=(*self.bodies, body), materials=materials)

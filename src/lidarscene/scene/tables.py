@@ -32,6 +32,7 @@ from .weather import Weather
 Irradiance = Annotated[float, Number(ge=0, le=1e5)]
 Length = Annotated[float, Field(gt=0, le=1e6)]
 Name = Annotated[str, Field(min_length=1)]
+HeightRow = Annotated[tuple[Annotated[float, Number(ge=-1e4, le=1e4)], ...], Field(min_length=2, max_length=2_000)]
 
 
 USUAL_HEIGHT_M = 1.8
@@ -167,7 +168,7 @@ _SIZES: dict[str | None, tuple[str, ...]] = {
     "cylinder": ("radius_m", "height_m"),
 }
 _LENGTHS = {"plane": 2, "ground": 2, "box": 3}
-_OF_GROUND = ("outline", "line", "width_m", "offset_m", "crown_m", "kerb_m", "spacing_m")
+_OF_GROUND = ("outline", "line", "width_m", "offset_m", "heights_m", "crown_m", "kerb_m", "spacing_m")
 
 
 class InstanceFile(PoseFile):
@@ -207,6 +208,10 @@ class BodyFile(PoseFile):
     width_m: Length | None = Field(default=None, description="of a ground along a line")
     offset_m: Annotated[float, Number(ge=-1e3, le=1e3)] = Field(
         default=0.0, description="of the middle of a ground from its line, to the left"
+    )
+    heights_m: Annotated[tuple[HeightRow, ...], Field(min_length=2, max_length=2_000)] | None = Field(
+        default=None,
+        description="of a ground with `size_m`: rows on even steps along x of heights on even steps along y",
     )
     radius_m: Length | None = Field(default=None, description="of a sphere or cylinder")
     height_m: Length | None = Field(default=None, description="of a cylinder")
@@ -310,6 +315,10 @@ class BodyFile(PoseFile):
             raise ValueError(f"line and width_m must go together, got {'width_m' if self.line is None else 'line'}")
         if self.line is not None and self.outline is not None:
             raise ValueError("a ground must have one of line and outline, got both")
+        if self.heights_m is not None and self.size_m is None:
+            raise ValueError(f"heights_m must go with size_m, got {'line' if self.line is not None else 'outline'}")
+        if self.heights_m is not None and len({len(row) for row in self.heights_m}) > 1:
+            raise ValueError("rows of heights_m must have as many heights as each other")
         plan = self.plan()
         if plan.vertices > MOST_VERTICES:
             raise ValueError(
@@ -332,7 +341,8 @@ class BodyFile(PoseFile):
             return Outline(corner_m=self.scale * np.array(self.outline), spacing_m=self.spacing_m)
         if self.line is None:
             length_m, width_m = cast(tuple[float, float], self.size_m)
-            return Strip.rectangle((self.scale * length_m, self.scale * width_m), self.spacing_m)
+            heights_m = None if self.heights_m is None else self.scale * np.array(self.heights_m)
+            return Strip.rectangle((self.scale * length_m, self.scale * width_m), self.spacing_m, heights_m)
         return Strip(
             line_m=self.scale * np.array(self.line),
             width_m=self.scale * (self.width_m or 0.0),

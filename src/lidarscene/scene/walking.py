@@ -14,7 +14,7 @@ Symbols: n instants, k instants of a stride, v vertices.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -46,12 +46,14 @@ class Gait:
         stands: whether its parts also have the pose in which it stands; if not its level is 1 at any speed
         ahead: unit vector (x, y) of its frame along which it goes; a body that goes the other way plays the stride
             backwards
+        strides: that it has made before its motion starts
     """
 
     stride_m: float
     speed_m_s: float
     stands: bool = True
     ahead: tuple[float, float] = (1.0, 0.0)
+    strides: float = 0.0
     _ways: dict[int, tuple[Motion, Numbers]] = field(init=False, repr=False, default_factory=dict)
 
     @classmethod
@@ -85,7 +87,13 @@ class Gait:
         The phase counts from the start of a motion with an end. One without goes at a constant speed.
         """
         speed_m_s = self._speed_m_s(motion, time_s)
-        return np.stack([self._phase(motion, time_s, speed_m_s), self._level(speed_m_s)], axis=1)
+        return np.stack([self.strides + self._phase(motion, time_s, speed_m_s), self._level(speed_m_s)], axis=1)
+
+    def continued(self, before: Motion, motion: Motion, time_s: float) -> Gait:
+        """Return the gait on another motion from a time on, at which its legs are as on the one before."""
+        at = np.array([time_s])
+        anew = replace(self, strides=0.0)
+        return replace(anew, strides=float(self.at(before, at)[0, 0] - anew.at(motion, at)[0, 0]) % 1.0)
 
     def _speed_m_s(self, motion: Motion, time_s: Numbers) -> Numbers:
         """Speed at (n,) times of a motion, negative for one that goes backwards."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
+from ..files.attributes import HintedAttributes
 from ..maths.arrays import Lanes
 from ..maths.units import COUNT, STATIC, FileKey, Quantity
 from ..physics.amplifier.low_pass import LOW_PASSES, LowPass
@@ -37,7 +38,7 @@ def kept_stops(keep: Keep, stops: int) -> tuple[int, str]:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Tdc:
+class Tdc(HintedAttributes):
     """Comparator and time-to-digital converter.
 
     Attributes:
@@ -103,7 +104,7 @@ class Tdc:
             about=(
                 "timed feature of a pulse: where it crosses the threshold, a fraction of its peak, "
                 "its peak, or its peak behind a matched filter, which also finds weaker ones; not "
-                "with `[sampler]` (docs/theory_receivers.md 36)"
+                "with `[sampler]` (docs/theory_receivers.md 6)"
             )
         ),
     ] = "leading_edge"
@@ -140,7 +141,7 @@ class Tdc:
             le=1e5,
             about=(
                 "rms frequency of the noise at the comparator: a slow edge crosses the threshold several times, and "
-                "such a pulse gives no point; each counts if left out (docs/theory_receivers.md 36)"
+                "such a pulse gives no point; each counts if left out (docs/theory_receivers.md 6)"
             ),
         ),
     ] = None

@@ -18,6 +18,7 @@ from pydantic import Field, model_validator
 from ..catalog import file_or_example
 from ..errors import InputError
 from ..files.arguments import checks_arguments
+from ..files.late_binding import read_by_name
 from ..files.overrides import Overrides, assignments, split_sensor
 from ..files.toml import FileModel, read_toml, validate
 from ..maths.pose import Pose
@@ -42,9 +43,12 @@ class Mounted:
         return replace(self.sensor, mounting=self.pose @ self.sensor.mounting)
 
 
+@read_by_name("load_rig")
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Rig:
     """The sensors of a vehicle, each with a unique label; ``files`` are those that it was read from.
+
+    ``Rig("rig")`` is `load_rig`.
 
     Attributes:
         imu: the vehicle's own, or None

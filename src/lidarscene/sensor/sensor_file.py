@@ -55,7 +55,7 @@ class LaserFile(Table[Laser]):
     )
     drift_nm: Annotated[float, Number("nm", ge=-100, le=100, finest=1e-3)] = Field(
         default=0.0,
-        description="of the light from `wavelength_nm`, as by heat; needs `optics.filter` (docs/theory_light.md 21)",
+        description="of the light from `wavelength_nm`, as by heat; needs `optics.filter` (docs/theory_light.md 9)",
     )
     polarisation: PolarisationFile | None = Field(
         default=None, description="of the light, for panes; unpolarised if left out"

@@ -9,7 +9,7 @@ import math
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Annotated, Any, Literal, Protocol
+from typing import Annotated, Any, ClassVar, Literal, Protocol
 
 import numpy as np
 
@@ -17,8 +17,9 @@ from ..errors import InputError, OptionWarning, warn
 from ..files import facts
 from ..files.arguments import checks_arguments
 from ..files.atomic import put_text
+from ..files.attributes import HintedAttributes
 from ..files.facts import Picture
-from ..files.late_binding import call_bound
+from ..files.late_binding import call_bound, read_by_name
 from ..files.overrides import Overrides, assignments
 from ..maths.arrays import Lanes, Numbers, xp
 from ..maths.pose import Pose
@@ -91,7 +92,7 @@ class Speckle:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Laser:
+class Laser(HintedAttributes):
     """Pulsed transmitter. Divergences are full angles at 1/e^2, or to the edge of a top hat.
 
     The beam leaves the sensor at its waist, of ``exit_diameter_m``.
@@ -147,7 +148,7 @@ class Laser:
             le=0.5,
             about=(
                 "relative standard deviation of the energy from pulse to pulse, which a detector's gain may have too: "
-                "it moves intensities and crossings; none if left out (docs/theory_light.md 22)"
+                "it moves intensities and crossings; none if left out (docs/theory_light.md 10)"
             ),
         ),
     ] = None
@@ -167,7 +168,7 @@ class Laser:
         FileKey(
             about=(
                 "whether a surface that leans lengthens the echo, and lowers its peak, where one ray stands for a "
-                "pulse; several rays do so by themselves (docs/theory_light.md 16)"
+                "pulse; several rays do so by themselves (docs/theory_light.md 4)"
             )
         ),
     ] = field(default=False, metadata=STATIC)
@@ -238,7 +239,7 @@ class StrayLight:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Optics:
+class Optics(HintedAttributes):
     """Receiver.
 
     Attributes:
@@ -298,9 +299,12 @@ class Origin(Protocol):
         ...
 
 
+@read_by_name("load_sensor")
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Sensor:
-    """All of a lidar. ``sources`` says where each number comes from, by dotted key of the sensor file.
+class Sensor(HintedAttributes):
+    """All of a lidar. ``Sensor("apd-905")`` is `load_sensor`.
+
+    ``sources`` says where each number comes from, by dotted key of the sensor file.
 
     Attributes:
         sampler: sampler that measures the pulses that trip the comparator; None: the TDC alone
@@ -314,6 +318,27 @@ class Sensor:
         origin: `sensor_file.SensorTables`, which build it anew with changes of its file; None if a program made or
             changed it: `dataclasses.replace` does not hand it on, since the file does not have what was replaced
     """
+
+    INSTEAD: ClassVar[Mapping[str, str]] = {
+        **dict.fromkeys(("snr", "detection_probability"), "lidarscene.max_range(sensor, distance=100).table has it"),
+        **dict.fromkeys(("range", "range_m", "range_max"), "sensor.max_range() computes it"),
+        **dict.fromkeys(("fov", "field_of_view"), "lidarscene.fov(sensor) studies it"),
+        **dict.fromkeys(
+            ("channels", "n_channels", "beams", "n_beams", "num_beams"),
+            "sensor.scanner.channel_elevation_rad has the elevation of each channel",
+        ),
+        **dict.fromkeys(("frame_rate", "frame_rate_hz", "fps", "rate_hz"), "1 / sensor.scanner.frame_s"),
+        **dict.fromkeys(
+            ("set", "update", "copy", "with_"), 'sensor.replace("laser.peak_power_w=50") is another sensor'
+        ),
+        **dict.fromkeys(("to_dict", "to_toml", "as_dict"), "sensor.save(path) writes its file"),
+        **dict.fromkeys(("eye_safety", "eye_safe", "is_eye_safe"), "lidarscene.eye_safety(sensor).passed"),
+        **dict.fromkeys(("angular_resolution", "resolution", "points_per_frame"), "lidarscene.fov(sensor) studies it"),
+        "bandwidth": "sensor.tdc.bandwidth_hz",
+        "noise": "lidarscene.budget(cloud, scene, sensor).noise",
+        "pulse_width": "sensor.laser.pulse_fwhm_s",
+        "render": "lidarscene.render(scene, sensor)",
+    }
 
     name: str
     laser: Laser
@@ -382,6 +407,10 @@ class Sensor:
                 f"Python{otherwise}"
             )
         return self.origin
+
+    def max_range(self, **conditions: Any) -> Any:
+        """See `lidarscene.max_range`."""
+        return call_bound("max_range", self, **conditions)
 
     def plot(self) -> Picture:
         """Picture of its pattern, of its detector's response, and of the echo's power over the distance."""
@@ -517,7 +546,7 @@ class Sensor:
 
     @property
     def received_fwhm_s(self) -> Lanes:
-        """Width of the pulse behind the low pass: its area stays (docs/theory_receivers.md 35)."""
+        """Width of the pulse behind the low pass: its area stays (docs/theory_receivers.md 5)."""
         if self.receiver.low_pass is None:
             return self.laser.pulse_fwhm_s
         return self.laser.pulse_fwhm_s / self.low_pass_share

@@ -12,26 +12,29 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import fields
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, ParamSpec, TypedDict, TypeVar, Unpack
+from typing import TYPE_CHECKING, Annotated, Any, ParamSpec, TypedDict, TypeVar, Unpack
 
 from .. import catalog
 from ..cloud.point_cloud import PointCloud
-from ..errors import InputError, OptionError, one_line, unknown_option
+from ..errors import InputError, OptionError, did_you_mean, one_line, unknown_option
 from ..figures.report import Report
 from ..files.arguments import checks_arguments
 from ..files.atomic import put_text
 from ..files.overrides import Overrides, assignments
 from ..recordings.opening import open_recording
-from ..rendering.render_options import FrameKeywords, FrameOptions, Keywords
+from ..rendering.render_options import FrameKeywords, FrameOptions, Keywords, key_to_change
 from ..scene.scene import Scene
-from ..scene.scene_file import load_scene
+from ..scene.scene_file import SceneChoice, load_scene
 from ..sensor.pose_file import Placed, to_pose
 from ..sensor.rig_file import Rig
-from ..sensor.sensor_file import load_sensor
+from ..sensor.sensor_file import SensorFile, load_sensor
 from ..sensor.sensor_model import Sensor, warn_of_doubts
 from .field_of_view.study_options import FieldOfViewStudy
 from .ranging.conditions import CONDITIONS, Conditions, SweepOptions
 from .ranging.subjects import subject_of, subjects
+
+if TYPE_CHECKING:
+    from .budget import Budget
 
 Parameters = ParamSpec("Parameters")
 Result = TypeVar("Result")
@@ -48,7 +51,7 @@ class ConditionKeywords(TypedDict, total=False):
 
     probability: float
     distance: float
-    illuminance: float
+    illuminance_klux: float
     sun_angle: float
     reflectivity: float
     incidence: float
@@ -75,7 +78,7 @@ class FovKeywords(TypedDict, total=False):
     cell_deg: float
     mask: str
     reflectivity: float
-    illuminance: float
+    illuminance_klux: float
 
 
 @checks_arguments
@@ -89,7 +92,7 @@ def max_range(sensors: SensorChoices, *, overrides: Overrides = (), **conditions
     Keyword Args:
         probability: detection probability at the range, 0.9 by default; another is named in the column: range_pd50_m
         distance: of SNR and detection probability [m], 100 by default
-        illuminance: of the sun on the target [klux], 100 by default
+        illuminance_klux: of the sun on the target [klux], 100 by default
         sun_angle: between sun and surface normal [degrees], 60 by default
         reflectivity: of the target, 0.1 by default
         incidence: of the beam on it [degrees], 0 by default
@@ -110,7 +113,7 @@ def sweep(sensors: SensorChoices, over: str, *, overrides: Overrides = (), **opt
 
     Args:
         sensors: catalogue names, sensor files or `Sensor`s, one or several
-        over: "distance", "illuminance", "elevation", "azimuth", "reflectivity", "incidence", or a key such as
+        over: "distance", "illuminance_klux", "elevation", "azimuth", "reflectivity", "incidence", or a key such as
             "detector.gain"
         overrides: changes to values of the files, of all or, as "vlp-16:laser.peak_power_w=60", of one
 
@@ -163,6 +166,28 @@ def sensitivities(
     _refuse_unknown(conditions, ConditionKeywords.__annotations__, "sensors", "overrides")
     named, distance_m = _named(sensors, overrides), conditions.get("distance")
     return sensitivity_report(named, Conditions(**conditions), distance_m=distance_m)
+
+
+@checks_arguments
+def budget(cloud: PointCloud, scene: SceneChoice, sensor: SensorChoice) -> Budget:
+    """Compute the light and the electronics of each point of a cloud that was rendered here.
+
+    ``budget(cloud[:1], "car", "apd-905")`` is that of one point. Echo powers fit the points' SNR; the background is
+    that of Lambertian surfaces.
+
+    Args:
+        cloud: with its truth
+        scene: a name, a file or a `Scene`, with the light in which the cloud was made
+        sensor: catalogue name, sensor file or `Sensor` that made it
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood, and for a cloud without truth
+    """
+    from ..rendering.stages import ambient_of
+    from .budget import budget_of
+
+    chosen = load_sensor(sensor)
+    return budget_of(cloud, chosen, ambient_of(load_scene(scene), chosen))
 
 
 @checks_arguments
@@ -232,7 +257,7 @@ def fov(
         cell_deg: size of the cells
         mask: the field of view: "outline", the pattern's convex outline, or "reached", cells ever reached
         reflectivity: of the target on which the range is mapped
-        illuminance: of the sun on it; klux
+        illuminance_klux: of the sun on it; klux
 
     Raises:
         InputError: if a file, a key or a value cannot be understood
@@ -242,7 +267,7 @@ def fov(
     if pose is not None and scene is None:
         raise InputError("pose: goes with scene")
     _refuse_unknown(settings, FovKeywords.__annotations__, "sensors", "scene", "pose", "overrides")
-    lit = {name: settings[name] for name in ("reflectivity", "illuminance") if name in settings}
+    lit = {name: settings[name] for name in ("reflectivity", "illuminance_klux") if name in settings}
     scanned: dict[str, Any] = {name: value for name, value in settings.items() if name not in lit}
     study = FieldOfViewStudy(**scanned, target=Conditions(**lit).target())
     vehicle = None if pose is None else to_pose(pose)
@@ -259,11 +284,11 @@ def fov(
 @checks_arguments
 def compare(
     scene: File | Scene | PointCloud | Sequence[File | PointCloud],
-    sensors: Sequence[SensorChoice] | None = None,
+    sensors: SensorChoices | None = None,
     *,
     overrides: Overrides = (),
     same_beams: bool = False,
-    illuminances_klux: Sequence[float] | None = None,
+    illuminance_klux: Sequence[float] | None = None,
     **options: Unpack[FrameKeywords],
 ) -> Report:
     """Compare sensors in a scene, or clouds with each other.
@@ -273,7 +298,7 @@ def compare(
         sensors: catalogue names, sensor files or `Sensor`s; the first is compared with each other
         overrides: changes to values of the sensor files, of all or of one
         same_beams: all run with the first sensor's scanner and mounting
-        illuminances_klux: sweep over these, and find where sensors overtake each other
+        illuminance_klux: sweep over these, and find where sensors overtake each other
         options: fields of `FrameOptions`: ``seed=1``
 
     Raises:
@@ -284,28 +309,30 @@ def compare(
 
     keywords = Keywords(dict(options))
     frame = keywords.take(FrameOptions)
-    keywords.end("scene", "sensors", "overrides", "same_beams", "illuminances_klux")
+    keywords.end("scene", "sensors", "overrides", "same_beams", "illuminance_klux")
+    listed = [scene] if isinstance(scene, str | os.PathLike | Scene | PointCloud) else list(scene)
+    alone = [name for name in listed if isinstance(name, str) and name in catalog.names("sensors")]
+    if alone:
+        raise InputError(
+            f"compare: must have a scene before its sensors, as compare('car', ['{alone[0]}', ...]), got sensors "
+            f"alone; max_range(['{alone[0]}', ...]) compares their ranges"
+        )
     if sensors is None:
-        if isinstance(scene, str | os.PathLike | Scene | PointCloud) or len(scene) < 2:
+        clouds = [cloud for cloud in listed if not isinstance(cloud, Scene)]
+        if len(clouds) < 2:
             raise InputError("compare: must have sensors for a scene, or two clouds or more, got neither")
-        alone = [name for name in scene if name in catalog.names("sensors")]
-        if alone:
-            raise InputError(
-                f"compare: must have a scene before its sensors, as compare('car', ['{alone[0]}', ...]), got sensors "
-                f"alone; max_range(['{alone[0]}', ...]) compares their ranges"
-            )
-        return compare_clouds(scene)
+        return compare_clouds(clouds)
     if not isinstance(scene, str | os.PathLike | Scene):
         raise InputError("sensors: must go with one scene, got clouds")
     named = _named(sensors, overrides)
     if len(named) < 2:
         raise InputError(f"sensors: must be two or more, got {len(named)}")
-    swept = tuple(illuminances_klux if illuminances_klux is not None else ())
+    swept = tuple(illuminance_klux if illuminance_klux is not None else ())
     for value in swept:
-        CONDITIONS["illuminance"].check("illuminances_klux", value)
-        CONDITIONS["illuminance"].warn_of_unit("illuminances_klux", value)
-    if illuminances_klux is not None and not (swept and swept[0] > 0.0 and all(map(operator.lt, swept, swept[1:]))):
-        raise InputError(f"illuminances_klux: must be positive and rise, such as (10, 50, 100), got {one_line(swept)}")
+        CONDITIONS["illuminance_klux"].check("illuminance_klux", value)
+        CONDITIONS["illuminance_klux"].warn_of_unit("illuminance_klux", value)
+    if illuminance_klux is not None and not (swept and swept[0] > 0.0 and all(map(operator.lt, swept, swept[1:]))):
+        raise InputError(f"illuminance_klux: must be positive and rise, such as (10, 50, 100), got {one_line(swept)}")
     bench = Bench(load_scene(scene), frame)
     return compare_sensors(bench, named, same_beams=same_beams, illuminances_klux=swept)
 
@@ -455,12 +482,24 @@ def twin(
     return Path(folder) / SCENE
 
 
+SYNONYMS = {
+    **dict.fromkeys(("sun", "light", "lux", "klux"), "the sun's light is illuminance_klux=100"),
+    **dict.fromkeys(("pd", "p_d", "p"), "the detection probability is probability=0.9"),
+    "range": "the distance of SNR and P_d is distance=100",
+    "values": "an axis is start=, stop= and points=",
+}
+"""Keywords that people try, and the right one."""
+
+
 def _refuse_unknown(keywords: Mapping[str, object], known: Collection[str], *parameters: str) -> None:
     """Raise InputError for a keyword that is not known; ``parameters`` are the call's others."""
     options = [*known, *parameters]
     for word in keywords:
         if word not in options:
-            raise unknown_option(word, options)
+            meant = SYNONYMS.get(word) or (
+                "" if did_you_mean(word, options) else key_to_change(word, overrides=SensorFile)
+            )
+            raise unknown_option(word, options, meant=meant)
 
 
 def _named(sensors: SensorChoice | Sequence[SensorChoice], overrides: Overrides) -> list[tuple[str, Sensor]]:

@@ -13,11 +13,12 @@ from pathlib import Path
 from typing import Any
 
 from ..cloud.point_cloud import PointCloud
-from ..errors import InputError
+from ..errors import InputError, warn
 from ..files.atomic import put_text
 from ..files.optional import is_installed
+from ..formats.registry import readable_suffixes
 from ..scene.scene import Scene
-from ..scene.scene_file import load_scene
+from ..scene.scene_file import SceneChoice, load_scene
 from .html_page import LARGE_BYTES, standalone_page
 from .page_sources import Clouds, Live, Source
 from .widget import widget_of
@@ -61,7 +62,8 @@ class Viewed:
             return
         path = Path(tempfile.mkdtemp(prefix="lidarscene-")) / "view.html"
         self.save(path)
-        webbrowser.open(path.as_uri())
+        if not webbrowser.open(path.as_uri()):
+            warn(f"there is no browser here; the page is {path}")
 
     def save(self, path: str | os.PathLike[str]) -> None:
         """Write the page.
@@ -72,12 +74,35 @@ class Viewed:
         put_text(Path(path), self._page)
 
 
-def view_in_notebook(
-    content: PointCloud | Scene,
+def show(
+    content: PointCloud | SceneChoice,
     *,
-    scene: Scene | str | os.PathLike[str] | None = None,
+    scene: SceneChoice | None = None,
     sensor: str | None = None,
-    height_px: int,
+    height_px: int = 620,
+) -> Viewed:
+    """Make the page of a cloud or a scene, given by its name or file too; outside a notebook it opens in the browser.
+
+    Args:
+        scene: of a cloud: where it was made
+        sensor: catalogue name or file
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+        BackendError: if Mitsuba has no back end that works on this machine
+    """
+    if isinstance(content, str | os.PathLike) and Path(content).suffix.lower() in readable_suffixes():
+        content = PointCloud.load(content)
+    elif not isinstance(content, PointCloud):
+        content = load_scene(content)
+    viewed = view_in_notebook(content, scene=scene, sensor=sensor, height_px=height_px)
+    if "ipykernel" not in sys.modules:
+        viewed.show()
+    return viewed
+
+
+def view_in_notebook(
+    content: PointCloud | Scene, *, scene: SceneChoice | None = None, sensor: str | None = None, height_px: int
 ) -> Viewed:
     """Make the object that `PointCloud.view` and `Scene.view` return.
 

@@ -249,7 +249,8 @@ def test_drawn_bins_have_means_and_covariances_of_photons_one_by_one(rate_mhz, d
     filter's noise is the sum of both. Reference: 800 histograms of 3,200 SPADs and shots, each followed from one firing
     to the next, without any formula of the simulation.
     Tolerance: 4.5 standard errors of each of 24 bins' means; of the filter's variance in its middle 4 standard errors,
-    20 % of it, where independent bins have 1.4 to 2 times as much.
+    20 % of it. Independent bins have 1.4 to 2 times as much: the variance is 0.71 of theirs at most, and its standard
+    error in 4,000 pulses is 2.2 % of it: 0.85 is 9 of them above, and 6.7 below 1.
     """
     counter = photons.sensor(f"detector.dead_time_ns={dead_ns}", "histogram.window_us=0.4")
     light = echoes_in_sun(counter, [30.0], [0.1], rate_hz=1e6 * rate_mhz)(4000)
@@ -265,7 +266,7 @@ def test_drawn_bins_have_means_and_covariances_of_photons_one_by_one(rate_mhz, d
     template = np.exp(-0.5 * ((np.arange(drawn.shape[1]) - echo[1]) / w) ** 2)
     variances = [np.var(values @ template) for values in (drawn, counts)]
     assert variances[0] == pytest.approx(variances[1], rel=4.0 * math.sqrt(2.0 / 800 + 2.0 / 4000))
-    assert variances[0] < 0.75 * np.sum(template**2 * counts.mean(axis=0))
+    assert variances[0] < 0.85 * np.sum(template**2 * counts.mean(axis=0))
 
 
 @pytest.mark.parametrize("rate_mhz", [0.01, 20.0, 60.0])

@@ -41,7 +41,7 @@ def scattered_per_sr(mi: ModuleType, bsdf: object, side: float) -> float:
     """f_r cos of a beam at 37 degrees, 20 degrees off the way back, from the front (1) or from behind (-1)."""
     surface = mi.SurfaceInteraction3f()
     surface.wi = mi.Vector3f(0.6, 0.0, side * 0.8)
-    value = bsdf.eval(mi.BSDFContext(), surface, mi.Vector3f(0.3, 0.0, side * 0.954), True)  # type: ignore[attr-defined]
+    value = bsdf.eval(mi.BSDFContext(), surface, mi.Vector3f(0.3, 0.0, side * 0.954), True)
     return float(value[0][0])
 
 

@@ -83,7 +83,6 @@ def by_double_sum(excess, primaries, gain, ionisation_ratio, amplifier):
         (8.0, 8.0, 30.0, 0.0, 80.0),
     ],
 )
-@pytest.mark.slow
 def test_exact_tail_against_a_double_sum(times, primaries, gain, k, amplifier):
     """Fourier against plain addition. Tolerance: the amplifier smooths the count to a part in 1e4."""
     excess = times * math.hypot(amplifier, gain * math.sqrt(primaries * second_moment(gain, k)))

@@ -62,7 +62,6 @@ def test_narrow_spots_count_as_a_twentieth():
 
 
 @pytest.mark.parametrize("radii", [(1.0, 1.0), (1.0, 0.3), (0.4, 2.0)])
-@pytest.mark.slow
 def test_circles_overlap(radii):
     """Reference: area counted on a grid. Tolerance: the grid's, of 500 pixels along an edge."""
     grid = (np.arange(500) + 0.5) / 500 * 6 - 3
@@ -130,7 +129,6 @@ def test_rays_through_a_thin_lens(range_m):
     assert share == pytest.approx(counted, abs=SIGMAS * 0.5 / math.sqrt(RAYS), rel=2e-3)
 
 
-@pytest.mark.slow
 def test_table_against_the_formula():
     """Tolerance: as `sensor.overlap._PLACES` states, wider where the axes cross and the share has a peak."""
     optics = {"half_divergence_rad": 1.5e-3, "exit_radius_m": 2e-3}

@@ -123,7 +123,7 @@ def weak_turbulence(range_m: float, lens_m: float) -> float:
 @pytest.mark.parametrize("range_m", [50.0, 200.0])
 @pytest.mark.parametrize(("lens_m", "high"), [(1e-4, 1.02), (2.5e-3, 1.15), (12.5e-3, 1.25), (25e-3, 1.25)])
 def test_weak_turbulence(range_m: float, lens_m: float, high: float) -> None:
-    """The published form is exact for a point, and up to 25 % high in the rms for a lens (docs/theory_light.md 22)."""
+    """The published form is exact for a point, and up to 25 % high in the rms for a lens (docs/theory_light.md 10)."""
     variance = turbulence_variance(
         structure_constant=1e-13, range_m=np.float64(range_m), wavelength_m=905e-9, aperture_radius_m=lens_m
     )

@@ -40,26 +40,34 @@ def course(detections, sun, dead):
 def test_the_peak_behind_the_filter_is_that_of_the_course_of_the_free_spads(sun, dead):
     """Rationale: echoes of any strength, whose SPADs miss the background behind them until they are back.
     Reference: the renewal course, filtered and searched here. Tolerance: 0.5 % of the height for a table's steps, 0.02
-    sigmas of the place for the search's; curvature 3 %, and 6 % where the echo fires a twentieth of the SPADs.
+    sigmas of the place for the search's; 3 % of curvature and variances, 6 % where SPADs come back within the filter.
     """
     places = np.arange(-3.0, 1.0, 0.02)
-    for detections in (0.003, 0.04, 0.06, 0.5, 3.0):
+    weak_and_dark = summed_at(0.0, *course(1e-3, 0.0, 12.0))[1:]
+    for detections in (0.003, 0.04, 0.06, 0.5, 3.0, *((20.0,) if dead > 4.0 else ())):
         time, counts = course(detections, sun, dead)
+        counts = counts / -math.expm1(-detections)
         template = np.exp(-0.5 * ((time - places[:, None]) / matched_filter.TEMPLATE) ** 2)
-        values = matched_filter.SCALE * template @ counts / -math.expm1(-detections)
+        values = matched_filter.SCALE * template @ counts
         top = pile_up.top(detections=detections, sun=sun, dead=dead)
         assert float(top.height) == pytest.approx(values.max(), rel=5e-3)
         shift = float(pile_up.shift(detections=detections, sun=sun, dead=dead))
         assert shift == pytest.approx(places[values.argmax()], abs=0.02)
-    weak = pile_up.weak_top(sun=sun, dead=12.0)
-    weak_shift = float(pile_up.shift(detections=0.0, sun=sun, dead=12.0))
-    time, counts = course(1e-3, sun, 12.0)
-    offset = 0.2 * np.arange(-1, 2)
-    template = np.exp(-0.5 * ((time - weak_shift - offset[:, None]) / matched_filter.TEMPLATE) ** 2)
-    low, middle, high = template @ counts
-    bend = (2.0 * middle - low - high) / (0.04 * middle) * matched_filter.OUTPUT_WIDTH**2
-    assert float(weak.bend) == pytest.approx(bend, rel=0.03)
-    assert float(pile_up.top(detections=0.05, sun=sun, dead=12.0).bend) == pytest.approx(bend, rel=0.06)
+        bend, variance, of_slope = summed_at(shift, time, counts)
+        tolerance = 0.03 if dead > 4.0 else 0.06
+        assert float(top.bend) == pytest.approx(bend, rel=tolerance)
+        unit = matched_filter.SIGNAL_VARIANCE * 1e-3
+        assert float(top.variance) == pytest.approx(unit * variance / weak_and_dark[0], rel=tolerance)
+        assert float(top.of_slope) == pytest.approx(unit * of_slope / weak_and_dark[1], rel=tolerance)
+
+
+def summed_at(place, time, counts):
+    """Curvature of the filter's value over the value, and sums of counts with the squares of its weight and slope."""
+    apart = (time - place) / matched_filter.TEMPLATE
+    weight = np.exp(-0.5 * apart**2)
+    bend = (counts * weight) @ (1.0 - apart**2) / (counts @ weight)
+    width = matched_filter.OUTPUT_WIDTH / matched_filter.TEMPLATE
+    return bend * width**2, counts @ weight**2, counts @ (apart * weight) ** 2
 
 
 def test_counts_around_an_echo_in_the_sun():

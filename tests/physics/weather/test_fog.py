@@ -37,7 +37,6 @@ def test_visibilities_of_lowtran(kind, visibility_m):
     ("wavelength_m", "kind"),
     [*((905e-9, kind) for kind in fog.TYPES), (1550e-9, "moderate_advection"), (1550e-9, "radiation")],
 )
-@pytest.mark.slow
 def test_extinction_is_near_twice_the_shadow(kind, wavelength_m):
     """2 pi N <r^2>, <r^2> = b^(-2/gamma) Gamma((alpha + 3)/gamma) / Gamma((alpha + 1)/gamma) in closed form.
 
@@ -59,7 +58,6 @@ def test_lidar_ratio_at_905_nm(kind):
     assert extinction / backscatter == pytest.approx(18.8, abs=0.8)
 
 
-@pytest.mark.slow
 def test_colour_ratio_of_drizzle(monkeypatch):
     """A median volume diameter of 200 um sends 6 dB less back at 1.5 um than at 905 nm: C. D. Westbrook and
     others, Atmos. Meas. Tech. 3, 671 (2010). Theirs is a gamma distribution of shape 0 to 10 (here 2), 1 dB wide.
@@ -100,7 +98,6 @@ def test_dense_fog_is_as_grey_as_kim_says():
     assert fog.scattering(droplets, 905e-9)[0] == pytest.approx(kim, rel=0.02)
 
 
-@pytest.mark.slow
 def test_enough_radii():
     """Rationale: Q_back has spikes narrower than any grid. The same integral on an odd, finer grid, to 2 %."""
     droplets = fog.TYPES["strong_advection"]

@@ -50,7 +50,6 @@ def test_straight_back_is_the_radar_cross_section() -> None:
     assert ratio[:, 0] == pytest.approx(radar / faces, rel=1e-6)
 
 
-@pytest.mark.slow
 def test_bessel_functions() -> None:
     argument = np.arange(0.0, 60.0, glory._STEP)
     j0, j2 = glory._bessel(60.0)

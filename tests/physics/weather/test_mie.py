@@ -25,7 +25,6 @@ def by_bessel_functions(x, m):
 
 
 @pytest.mark.parametrize("index", [1.328 + 4.9e-7j, 1.318 + 1.35e-4j, 1.55 + 0j, 1.33 + 0.01j])
-@pytest.mark.slow
 def test_bessel_functions(index):
     """Rationale: recurrences lose digits, each in its own range of x. Sizes in one call, in no order.
 

@@ -152,7 +152,6 @@ def test_weak_drops_are_counted_by_size(tables):
     assert np.trapezoid(tables.weak_backscatter_per_m_sr(r), r) == pytest.approx(expected, rel=2e-3)
 
 
-@pytest.mark.slow
 def test_against_a_box_of_drops(tables, drawn):
     """Brute force: drops thrown into the beam by number, size and place; the strongest of each pulse.
 

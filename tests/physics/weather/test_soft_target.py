@@ -92,7 +92,6 @@ def test_a_short_pulse_is_the_lidar_equation():
     np.testing.assert_allclose(response(r, fwhm_s=1e-10), expected, rtol=1e-5)
 
 
-@pytest.mark.slow
 def test_integral_over_all_ranges_is_half_the_lidar_ratio():
     """int beta exp(-2 alpha r) dr = 1 / (2 S) in an endless fog, from the sensor on (C. M. R. Platt, 1973)."""
     grid = np.linspace(0.0, 800.0, 8001)

@@ -1,6 +1,8 @@
 """Scenes of road networks: where an OpenDRIVE road is, what SUMO's traffic becomes, and what is refused."""
 
 import dataclasses
+import math
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -9,12 +11,12 @@ from helpers import chain, networks
 from helpers.command_line import Run
 from helpers.mistakes import mistakes, typed
 from helpers.shared_faces import on_another_body
+from helpers.sheets import grounds
 
 from lidarscene import catalog
-from lidarscene.errors import OptionWarning
+from lidarscene.errors import InputError, OptionWarning
 from lidarscene.maths.trajectory import pose_at
 from lidarscene.rendering.simulator import Simulator
-from lidarscene.scene.ground import Ground, lay
 from lidarscene.scene.scene import Scene
 from lidarscene.scene.scene_file import load_scene, scene_model
 from lidarscene.scene.street import sumo
@@ -46,6 +48,15 @@ def town(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     return configuration, write_scene(tables, folder / "out", origin="test")
 
 
+@pytest.fixture(scope="module")
+def hills(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Scene file of the same town with junctions at four heights."""
+    folder = tmp_path_factory.mktemp("hills")
+    configuration = networks.sumo_town(folder, (0.0, 6.0, 3.0, -5.0))
+    tables = network_scene(configuration, "sumo", StreetFile(house_share=(1.0, 1.0)), ego="first")
+    return write_scene(tables, folder / "out", origin="test")
+
+
 def reference(way_m: np.ndarray, left_m: float) -> np.ndarray:
     """(n, 3) x, y and heading along the road: sums over steps of a millimetre of its curvature."""
     step_m = 1e-3
@@ -55,20 +66,6 @@ def reference(way_m: np.ndarray, left_m: float) -> np.ndarray:
     sums = [np.cumsum(each) * step_m for each in (np.cos(heading), np.sin(heading))]
     x_m, y_m, yaw = (np.interp(way_m, fine_m + 0.5 * step_m, each) for each in (*sums, heading))
     return np.stack([x_m - left_m * np.sin(yaw), y_m + left_m * np.cos(yaw), yaw], axis=1)
-
-
-def grounds(path: Path, class_name: str) -> Ground:
-    """The sheets of a class in a scene file, without roughness."""
-    from lidarscene.physics.road.roughness import RoughSurface
-
-    flat = RoughSurface.draw("flat", 0)
-    bodies = [body for body in scene_model(path).bodies if body.primitive == "ground" and not body.on_ground]
-    sheets = [
-        lay(body.pose(), plan=body.plan(), crown_m=body.crown_m, surface=flat)
-        for body in bodies
-        if body.class_name == class_name and body.instances is None
-    ]
-    return Ground(surface=flat, sheets=sheets)
 
 
 def test_a_road_of_opendrive_is_where_its_geometry_says(bend: Path) -> None:
@@ -106,10 +103,34 @@ def test_a_ring_is_driven_round_and_what_netconvert_leaves_out_is_said(tmp_path:
     assert street_summary(tables).length_m == pytest.approx(turned * radius_m.mean(), rel=2e-3)
 
 
+def test_what_sumo_drops_is_said(town: tuple[Path, Path], tmp_path: Path) -> None:
+    """SUMO leaves out what departs before the one above it in the file."""
+    for path in town[0].parent.glob("town.*"):
+        (tmp_path / path.name).write_bytes(path.read_bytes())
+    late = '<trip id="late" depart="9" from="A0B0" to="B1A1"/>'
+    early = "".join(f'<trip id="early_{number}" depart="5" from="A0B0" to="B1A1"/>' for number in (1, 2))
+    (tmp_path / "town.rou.xml").write_text(f"<routes>{late}{early}</routes>")
+    with pytest.warns(OptionWarning, match=r"town\.sumocfg: sumo left out .*sorted.*'early_1'!, and 1 more"):
+        network_scene(tmp_path / "town.sumocfg", "sumo", StreetFile())
+
+
+@pytest.mark.skipif(sys.platform == "win32", reason="memory has no limit there")
+def test_a_road_of_too_many_pieces_is_refused(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    """An arc of a million kilometres in pieces of a metre, of which 1 GiB holds a part."""
+    monkeypatch.setattr(sumo, "MEMORY_GIB", 1.0)
+    text = networks.RING.replace(f'length="{2 * math.pi * networks.RADIUS_M}"', 'length="1e9"')
+    (tmp_path / "long.xodr").write_text(text)
+    with pytest.raises(
+        InputError, match=r"long\.xodr: netconvert: must need <= 1 GiB, got more: try a part of the map"
+    ):
+        network_scene(tmp_path / "long.xodr", "opendrive", StreetFile())
+
+
 def test_houses_stand_beside_the_road(bend: Path) -> None:
     scene = load_scene(bend)
     houses = [body.pose.position_m for body in scene.bodies if body.class_name == "building"]
     assert len(houses) > 10
+    assert sum(body.name.startswith("bushes") for body in scene.bodies) > 3
     line_m = reference(np.arange(0.0, 150.0, 0.5), 0.0)[:, :2]
     nearest_m = [np.hypot(*(line_m - house_m[:2]).T).min() for house_m in houses]
     assert min(nearest_m) > 3.5 + 3.0 + 0.9 * 4.5 - 0.1
@@ -161,6 +182,42 @@ def test_people_walk_on_pavements_and_crossings_are_striped(town: tuple[Path, Pa
     assert {"zebras", "stop", "line", "junction", "kerb", "corner"} <= names
 
 
+def test_lights_stand_where_lanes_end_at_them(town: tuple[Path, Path]) -> None:
+    """One for each of eight lanes, on the pavement at its right, with its front towards those who come."""
+    import sumolib
+
+    net = sumolib.net.readNet(str(town[0].parent / "town.net.xml"))
+    lights = [body for body in load_scene(town[1]).bodies if body.class_name == "traffic_light"]
+    assert len(lights) == len(net.getEdges()) == 8
+    pavement = grounds(town[1], "pavement", "kerb")
+    for edge in net.getEdges():
+        lane = edge.getLane(edge.getLaneNumber() - 1)
+        (before, end) = np.array(lane.getShape()[-2:])
+        ahead = (end - before) / np.hypot(*(end - before))
+        place_m = end - 0.5 * ahead + (0.5 * lane.getWidth() + 0.45) * np.array([ahead[1], -ahead[0]])
+        (light,) = (each for each in lights if np.hypot(*(each.pose.position_m[:2] - place_m)) < 0.05)
+        np.testing.assert_allclose(light.pose.rotation[:2, 0], -ahead, atol=1e-3)
+        assert np.isfinite(pavement.height_m(place_m[None])).all()
+
+
+def test_fast_roads_without_pavements_have_guard_rails(tmp_path: Path) -> None:
+    """A trunk road: pieces of 4 m on both sides, whose beams face the road; a residential one has none."""
+    fast = networks.OSM.replace('v="residential"', 'v="trunk"', 1)
+    for text, has_rails in ((networks.OSM, False), (fast, True)):
+        (tmp_path / "map.osm").write_text(text)
+        tables = network_scene(tmp_path / "map.osm", "osm", StreetFile(seed=4, oncoming_gap_m=(20.0, 40.0)))
+        rails = [place for body in tables["bodies"] if body["name"] == "guard_rails" for place in body["instances"]]
+        assert bool(rails) == has_rails
+    roads = [body for body in tables["bodies"] if body["name"].startswith("road_")]
+    lines_m = np.concatenate([np.array(body["line"])[:, :2] for body in roads])
+    for rail in rails:
+        yaw = np.radians(rail.get("yaw_deg", 0.0))
+        place_m, front = np.array(rail["position_m"][:2]), np.array([np.cos(yaw), np.sin(yaw)])
+        nearest_m = lines_m[np.argmin(np.hypot(*(lines_m - place_m).T))]
+        assert (nearest_m - place_m) @ front > 0.0
+    assert len(rails) > 20
+
+
 @pytest.mark.usefixtures("mi")
 def test_a_wheelchair_of_sumo_is_one_that_rolls() -> None:
     from lidarscene.scene.street.network_tables import _look
@@ -171,9 +228,11 @@ def test_a_wheelchair_of_sumo_is_one_that_rolls() -> None:
     assert "standing" not in table
 
 
-def test_no_two_bodies_share_a_face_that_a_beam_meets(town: tuple[Path, Path]) -> None:
+@pytest.mark.parametrize("name", ["town", "hills"])
+def test_no_two_bodies_share_a_face_that_a_beam_meets(name: str, request: pytest.FixtureRequest) -> None:
     """Junctions, lanes, kerbs, pavements and markings: fewer than one point in two thousand, where bodies touch."""
-    scene = load_scene(town[1])
+    found = request.getfixturevalue(name)
+    scene = load_scene(found[1] if name == "town" else found)
     assert scene.ego is not None
     pose = pose_at(scene.ego, 4.0) @ scene.sensor_pose
     scene = dataclasses.replace(scene, ego=None, sensor_pose=pose, bodies=tuple(_still(scene)))
@@ -181,6 +240,84 @@ def test_no_two_bodies_share_a_face_that_a_beam_meets(town: tuple[Path, Path]) -
     cloud = cloud.select(cloud.status == 0)
     assert len(cloud) > 10_000
     assert np.mean(on_another_body(scene, cloud) >= 0) < 5e-4
+
+
+def test_soil_follows_roads_that_climb(hills: Path) -> None:
+    """No road is below the soil, nor is a gap below its sides, which reach down 0.3 m; lanes meet without a step.
+
+    Junctions and opposite lanes of the network differ in height by up to half a metre where they meet.
+    """
+    scene = scene_model(hills)
+    soil, roads = grounds(hills, "terrain"), grounds(hills, "road")
+    heights_m, places_m = [], []
+    for number, sheet in enumerate(roads.sheets):
+        vertices_m = sheet.vertices_m.reshape(-1, 3)
+        over_m = vertices_m[:, 2] - soil.height_m(vertices_m[:, :2])
+        assert over_m.min() > 0.0
+        assert over_m.max() < 0.25
+        for other in roads.sheets[:number]:
+            on_both, there_m = other.mesh_height_m(vertices_m[:, :2])
+            heights_m.append(there_m - vertices_m[on_both, 2])
+        places_m.append(vertices_m)
+    assert np.ptp(np.concatenate(places_m)[:, 2]) > 9.0
+    assert np.abs(np.concatenate(heights_m)).max() < 0.06
+    lowest_m = np.concatenate(places_m)[:, 2].min()
+    for sheet in soil.sheets:  # a skin is nowhere lower or higher than what it is stretched between
+        assert sheet.vertices_m[..., 2].min() > lowest_m - 0.2
+    assert any(body.heights_m for body in scene.bodies)
+
+
+def test_houses_stand_in_the_soil_of_slopes(hills: Path) -> None:
+    """No corner of a house is above the soil below it, and one at least is at it; trees and lamps stand on it."""
+    scene, soil = load_scene(hills), grounds(hills, "terrain")
+    houses = [body for body in scene.bodies if body.class_name == "building"]
+    assert np.ptp([house.pose.position_m[2] for house in houses]) > 4.0
+    for house in houses:
+        vertices_m = np.concatenate([part.vertices_m for part in house.parts])  # type: ignore[union-attr]
+        low_m, high_m = vertices_m.min(axis=0), vertices_m.max(axis=0)
+        corners_m = np.array([[x, y, 0.0] for x in (low_m[0], high_m[0]) for y in (low_m[1], high_m[1])])
+        place_m = house.pose.apply(corners_m)
+        over_m = place_m[:, 2] - soil.height_m(place_m[:, :2])
+        assert over_m.max() < 0.15
+        assert over_m.max() > -1.0
+    posts = [body for body in scene.bodies if body.class_name == "pole"]
+    for post in posts:
+        (height_m,) = soil.height_m(post.pose.position_m[None, :2])
+        assert post.pose.position_m[2] == pytest.approx(height_m, abs=0.4)
+
+
+def test_vehicles_on_slopes_pitch_as_the_road(hills: Path) -> None:
+    scene, roads = load_scene(hills), grounds(hills, "road")
+    bus = next(body for body in scene.bodies if body.class_name == "bus")
+    assert bus.motion is not None
+    slopes = []
+    for time_s in np.linspace(*bus.present_s, 12)[1:-1]:
+        pose = pose_at(bus.motion, float(time_s))
+        rear_m, front_m = roads.height_m(pose.apply(np.array([[-1.0, 0.0, 0.0], [1.0, 0.0, 0.0]]))[:, :2])
+        slopes.append(0.5 * (front_m - rear_m))
+        assert pose.rotation[2, 0] == pytest.approx(slopes[-1], abs=0.015)
+    assert max(map(abs, slopes)) > 0.02
+
+
+def test_each_drives_on_its_own_road_where_one_is_above_the_other(tmp_path: Path) -> None:
+    """One car goes below the bridge, one over it; soil below the bridge is at the height of the lower road."""
+    tables = network_scene(networks.bridge(tmp_path), "sumo", StreetFile(shown_m=200.0), ego="we")
+    path = write_scene(tables, tmp_path / "out", origin="test")
+    scene, soil = load_scene(path), grounds(path, "terrain")
+    assert scene.ego is not None
+    other = next(body.motion for body in scene.bodies if body.name.startswith("traffic"))
+    assert other is not None
+    times_s = np.linspace(0.0, 20.0, 81)
+    for motion, axis, height_m in ((scene.ego, 0, 0.0), (other, 1, 6.0)):
+        place_m = motion.at(times_s).position_m
+        middle_m = 200.0  # netconvert puts the lowest x and y at 0
+        below = np.abs(place_m[:, axis] - middle_m) < 15.0
+        assert below.sum() > 3
+        np.testing.assert_allclose(place_m[below, 2], height_m, atol=0.2)
+        assert np.abs(np.diff(place_m[:, 2])).max() < 0.4, "no step"
+    np.testing.assert_allclose(
+        soil.height_m(np.array([[190.0, 198.4], [200.0, 198.4], [210.0, 198.4]])), -0.08, atol=0.05
+    )
 
 
 def _still(scene: Scene) -> list[object]:

@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.sheets import grounds
 from scipy.special import fresnel
 
 from lidarscene import catalog
@@ -13,7 +14,7 @@ from lidarscene.maths.trajectory import pose_at
 from lidarscene.scene.scene_file import load_scene, scene_model
 from lidarscene.scene.street import layout as laid
 from lidarscene.scene.street import traffic as driven
-from lidarscene.scene.street.centre_line import ASIDE_M_S2, CentreLine
+from lidarscene.scene.street.centre_line import ASIDE_M_S2, CentreLine, Profile, draw_profile
 from lidarscene.scene.street.shapes import DISTRICTS, PARKED_SHARES, draw_vehicle, shapes, vehicle_length_m
 from lidarscene.scene.street.street_file import StreetFile
 from lidarscene.scene.street.street_tables import street_tables, write_street
@@ -29,13 +30,14 @@ SIZES_M = {
     "cabinet": (0.36, 1.0),
     "barrier": (0.8, 2.0),
     "cone": (0.31, 0.31),
+    "bush": (1.2, 1.2),
 }
 POST_M = (0.32, 0.6)
 """Length and width of meshes; of trees the trunk, and a lamp's arm is overhead."""
 
 
 def street(seed: int, **keys: object) -> StreetFile:
-    return StreetFile(seed=seed, **{"length_m": 400.0, **keys})  # type: ignore[arg-type]
+    return StreetFile(seed=seed, **{"length_m": 400.0, **keys})
 
 
 def size_m(name: str) -> tuple[float, float]:
@@ -87,6 +89,7 @@ def test_nothing_that_stands_overlaps(seed: int, keys: dict[str, object]) -> Non
     layout = laid.lay_out(street(seed, parked_share=(0.5, 1.0), house_share=(0.5, 1.0), **keys))
     corners, names = standing_boxes(layout)
     assert len(names) > 200
+    assert sum(name.startswith("bushes") for name in names) > 5
     overlaps = meet(corners[:, None], corners)
     np.fill_diagonal(overlaps, False)
     assert [(names[a], names[b]) for a, b in zip(*np.nonzero(overlaps), strict=True)] == []
@@ -283,6 +286,19 @@ def test_each_stop_line_lies_where_drivers_stop() -> None:
     assert gaps_m.min(axis=0).max() < 0.3
 
 
+def test_traffic_lights_stand_by_stop_lines_and_face_those_who_wait() -> None:
+    """Two for each street that crosses, on the right of both directions, beside the lanes."""
+    layout = laid.lay_out(street(4))
+    lights = layout.items["traffic_lights"]
+    crossings = [crossing for crossing in layout.crossings if not crossing.is_zebra]
+    assert len(lights) == 2 * len(crossings) > 0
+    for crossing in crossings:
+        for to in (1, -1):
+            (light,) = (place for place in lights if abs(place[0] - crossing.stop_x_m(to)) < 1e-9)
+            assert light[1] == pytest.approx(-to * (layout.kerb_m + laid.POST_LINE_M))
+            assert np.cos(np.radians(light[2])) == pytest.approx(-to), "its front is where they come from"
+
+
 def bodies_of(seeds: range) -> list[dict[str, Any]]:
     return [body for seed in seeds for body in street_tables(street(seed, parked_share=(0.5, 1.0)))["bodies"]]
 
@@ -394,3 +410,79 @@ def test_keys_of_a_street_and_of_its_bodies_can_be_changed(written: tuple[Path, 
     assert next(body.scale for body in model.bodies if body.name == "own_car") == 1.1
     assert model.sun.elevation_deg == 10
     assert model.sun.azimuth_deg == street_tables(StreetFile()).get("sun", {})["azimuth_deg"]
+
+
+def test_heights_are_sums_of_slopes() -> None:
+    """The reference is sums over steps of a millimetre."""
+    profile = Profile(np.array([-20.0, 10.0, 50.0, 90.0]), np.array([0.0, 0.06, 0.06, -0.02]))
+    fine_m = np.arange(-20.0, 90.0, 1e-3)
+    rise_m = np.cumsum(1e-3 * np.interp(fine_m + 5e-4, profile.node_m, profile.slope))
+    way_m = np.array([-20.0, -3.0, 20.0, 55.5, 90.0])
+    np.testing.assert_allclose(profile.height_m(way_m), np.interp(way_m, fine_m + 1e-3, rise_m), atol=1e-4)
+
+
+@pytest.mark.parametrize("loop", [True, False])
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_hills_are_as_steep_as_asked_and_level_at_crossings(seed: int, loop: bool) -> None:
+    """A loop is as high at its end as at its begin, for which all its slopes change by as much."""
+    layout = laid.lay_out(street(seed, length_m=900.0, loop=loop, slope_percent=(4.0, 8.0)))
+    profile = layout.profile
+    steepest = profile.slope[np.abs(profile.slope) > 0.0]
+    assert len(steepest) > 5
+    assert {-1.0, 1.0} == set(np.sign(steepest))
+    if loop:
+        assert profile.height_m(profile.node_m[-1:])[0] == pytest.approx(0.0, abs=1e-9)
+        assert np.abs(steepest).max() < 0.16
+    else:
+        assert 0.04 <= np.abs(steepest).min() <= np.abs(steepest).max() <= 0.08
+    for crossing in layout.crossings:
+        if not crossing.is_zebra:
+            over_m = crossing.x_m + np.linspace(-1.0, 1.0, 9) * crossing.half_m
+            np.testing.assert_allclose(profile.slope_at(over_m), 0.0, atol=1e-12)
+            np.testing.assert_allclose(np.ptp(profile.height_m(over_m)), 0.0, atol=1e-12)
+    assert draw_profile(street(seed), [(0.0, 300.0)], np.random.default_rng(1)).is_level
+
+
+@pytest.fixture(scope="module")
+def hills(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Scene file of a street with hills."""
+    file = StreetFile(seed=5, length_m=120.0, shown_m=60.0, slope_percent=(6.0, 9.0), parked_share=(0.5, 1.0))
+    return write_street(file, tmp_path_factory.mktemp("hills") / "out")
+
+
+def test_nothing_floats_on_hills(hills: Path) -> None:
+    """Soil is 0 to 0.25 m below roads, whose sides reach down 0.3 m; houses stand in it, and not deep."""
+    soil, roads, scene = grounds(hills, "terrain"), grounds(hills, "road", "pavement", "kerb"), load_scene(hills)
+    for sheet in roads.sheets:
+        place_m = sheet.pose.apply(sheet.vertices_m.reshape(-1, 3))
+        raised_m = 0.0 if sheet.pose.position_m[2] != 0.12 else 0.12
+        over_m = place_m[:, 2] - soil.height_m(place_m[:, :2])
+        assert raised_m < over_m.min()
+        assert over_m.max() < raised_m + 0.25
+    houses = [body for body in scene.bodies if body.class_name == "building"]
+    assert np.ptp([house.pose.position_m[2] for house in houses]) > 4.0
+    for house in houses:
+        (below_m,) = soil.height_m(house.pose.position_m[None, :2])
+        assert house.pose.position_m[2] < below_m + 0.15
+        assert house.pose.position_m[2] > below_m - 2.0
+
+
+def test_who_parks_drives_and_walks_on_a_hill_is_along_its_slope(hills: Path) -> None:
+    """Axes of bodies against the heights of the ground ahead and behind; houses, lamps and trees are upright."""
+    ground, scene, slopes = grounds(hills, "road", "pavement"), load_scene(hills), []
+    for body in scene.bodies:
+        if body.class_name in ("pole", "sign", "building", "vegetation") and "hedge" not in body.name:
+            np.testing.assert_allclose(body.pose.rotation[:, 2], [0.0, 0.0, 1.0], atol=1e-12)
+        if not body.name.startswith(("parked", "traffic", "walkers")):
+            continue
+        poses = [body.pose]
+        if body.motion is not None:
+            poses = [pose_at(body.motion, float(time_s)) for time_s in np.linspace(*body.present_s, 5)[1:-1]]
+        for pose in poses:
+            rear_m, front_m = ground.height_m(pose.apply(np.array([[-0.3, 0.0, 0.0], [0.3, 0.0, 0.0]]))[:, :2])
+            if abs(front_m - rear_m) < 0.1:  # both on the road or both on the pavement
+                slopes.append((front_m - rear_m) / 0.6)
+                assert pose.rotation[2, 0] == pytest.approx(slopes[-1], abs=0.02), body.name
+    assert len(slopes) > 40
+    assert max(slopes) > 0.05
+    assert min(slopes) < -0.05

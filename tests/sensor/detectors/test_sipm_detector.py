@@ -22,7 +22,6 @@ def fire(rng, *, photons_per_dead_time, cells, pde, dead_steps, steps):
     return np.array(busy)
 
 
-@pytest.mark.slow
 def test_busy_cells_in_steady_state():
     """x / (1 + x) and its binomial variance, against the cell array itself; (23) is far outside.
 

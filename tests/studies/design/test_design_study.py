@@ -162,7 +162,7 @@ def test_a_folder_of_another_study_is_refused(tmp_path: Path) -> None:
     text = gain.read_text(encoding="utf-8").replace("evaluations = 120", "evaluations = 10")
     run_study(write(tmp_path, text), tmp_path / "out")
     before = (tmp_path / "out" / EVALUATIONS).read_bytes()
-    other = write(tmp_path, text.replace("150, illuminance", "100, illuminance"))
+    other = write(tmp_path, text.replace("150, illuminance_klux", "100, illuminance_klux"))
     with pytest.raises(InputError, match=r"evaluations\.jsonl: must be of this study"):
         run_study(other, tmp_path / "out")
     assert (tmp_path / "out" / EVALUATIONS).read_bytes() == before
@@ -231,7 +231,7 @@ OFF = 'eye_safety = "off"'
     sensor: ["table1-apd", "table1-apd"] | sensor | different | table1-apd, table1-apd
     objectives: a = {maximize = "snr", minimize = "snr"} | objectives.a | maximize or minimize
     objectives: a = {maximize = "snr", time_s = 3} | time_s | snr
-    objectives: a = {maximize = "snr", illuminance = 100000} | illuminance 100000 | 0 or more
+    objectives: a = {maximize = "snr", illuminance_klux = 100000} | illuminance_klux 100000 | 0 or more
     objectives: a = {maximize = "rang"} | a: | table1-apd | 'rang' | range?
     objectives: a = {maximize = "body_points"} | body_points | scene
     objectives: "a/b" = {maximize = "snr"} | objectives | letters | 'a/b'

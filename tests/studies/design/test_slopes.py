@@ -16,10 +16,10 @@ sensor = "{sensor}"
 [free]
 {free}
 [objectives]
-snr = {{ maximize = "snr", distance = 90, illuminance = 60 }}
+snr = {{ maximize = "snr", distance = 90, illuminance_klux = 60 }}
 area = {{ minimize = "aperture_area_mm2" }}
 [constraints]
-range = {{ quantity = "range", at_least = 1, probability = 0.8, illuminance = {klux}, visibility = 2 }}
+range = {{ quantity = "range", at_least = 1, probability = 0.8, illuminance_klux = {klux}, visibility = 2 }}
 pd = {{ quantity = "detection_probability", at_least = 0, distance = {distance}, reflectivity = 0.2 }}
 eye = {{ quantity = "class_1_margin", at_least = 0.1 }}
 """

@@ -54,7 +54,7 @@ scene = "scene.toml"
 [objectives]
 walls = { maximize = "body_points", class = "building" }
 people = { maximize = "bodies_detected", class = "pedestrian", least_points = 3 }
-night = { maximize = "body_points", illuminance = 0 }
+night = { maximize = "body_points", illuminance_klux = 0 }
 """
 
 

@@ -107,7 +107,7 @@ def test_ranges_scatter_hardly_more_than_photons_allow() -> None:
         sensor = load_sensor(name)
         assert sensor.histogram is not None
         pulse_s = float(sensor.laser.pulse_fwhm_s) / (2.0 * math.sqrt(2.0 * math.log(2.0)))
-        blur_s = math.hypot(sensor.detector.jitter_s, sensor.histogram.bin_s / math.sqrt(12.0))  # type: ignore[union-attr]
+        blur_s = math.hypot(sensor.detector.jitter_s, sensor.histogram.bin_s / math.sqrt(12.0))
         bound_mm = 0.5e3 * 299_792_458.0 * math.hypot(pulse_s, blur_s)
         assert bound_mm < scatter_c_mm(sensor) < 1.2 * bound_mm
 

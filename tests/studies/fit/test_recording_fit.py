@@ -396,7 +396,7 @@ def test_a_recording_that_tells_nothing(
     tmp_path: Path, without_figures: pytest.MonkeyPatch, sweep: Sweep, change: dict[str, object], complaint: str
 ) -> None:
     with pytest.raises(InputError, match=complaint):
-        fit_sweep(tmp_path, without_figures, replace(sweep, **change))  # type: ignore[arg-type]
+        fit_sweep(tmp_path, without_figures, replace(sweep, **change))
     assert not (tmp_path / "unit.toml").exists()
 
 

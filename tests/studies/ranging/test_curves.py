@@ -22,7 +22,7 @@ BOTH = subjects(["table1-apd", "table1-sipm"])
 
 
 def swept_over(key, among=BOTH, *, start=None, stop=None, count=50, log=None, **question):
-    if key in ("distance", "illuminance", "elevation", "azimuth", "reflectivity", "incidence"):
+    if key in ("distance", "illuminance_klux", "elevation", "azimuth", "reflectivity", "incidence"):
         axis = condition_axis(key, start=start, stop=stop, count=count, log=log)
     else:
         files = [(subject.where, subject.changed) for subject in among]
@@ -37,7 +37,7 @@ def swept_over(key, among=BOTH, *, start=None, stop=None, count=50, log=None, **
 @pytest.mark.parametrize("count", [2, 7, 200])
 def test_equal_ranges_of_table_1(count):
     """docs/validation.md: 3.22191 klux. However coarse the axis is, a crossing is refined to 1e-10."""
-    (crossing,) = swept_over("illuminance", count=count, probability=0.5).crossings
+    (crossing,) = swept_over("illuminance_klux", count=count, probability=0.5).crossings
     assert crossing.place == pytest.approx(3.22191, rel=1e-5)
     assert crossing.place == pytest.approx(
         plane.equal_range_illuminance_klux(BOTH[0].sensor(), BOTH[1].sensor(), Target()), rel=1e-9
@@ -94,7 +94,7 @@ def test_whole_numbers_cross_at_a_whole_number():
 
 def test_no_crossing_of_a_curve_with_itself():
     twins = subjects(["table1-apd", "table1-apd"])
-    assert swept_over("illuminance", twins).crossings == ()
+    assert swept_over("illuminance_klux", twins).crossings == ()
     assert swept_over("distance", twins, quantity="pd").crossings == ()
 
 
@@ -104,7 +104,7 @@ def test_a_jump_is_no_crossing():
         ["table1-sipm", "table1-apd"], ["table1-sipm:detector.cells=40", "table1-apd:laser.peak_power_w=0.001"]
     )
     with pytest.warns(OptionWarning, match="no sun has more than 140"):
-        swept = swept_over("illuminance", weak_lidars, start=1.0, stop=1e4, count=80)
+        swept = swept_over("illuminance_klux", weak_lidars, start=1.0, stop=1e4, count=80)
     assert set(swept.curves[0].status) == {RangeStatus.FOUND, RangeStatus.NEVER_DETECTED, RangeStatus.SATURATED}
     for crossing in swept.crossings:
         values = [abs(np.interp(crossing.place, swept.question.axis.values, curve.values)) for curve in swept.curves]
@@ -214,7 +214,7 @@ def test_default_axes():
     assert (axis.column, axis.label, axis.log) == ("distance_m", "distance [m]", True)
     assert (axis.values[0], axis.values[-1]) == (10.0, 1000.0)
     for key, column in (
-        ("illuminance", "illuminance_klux"),
+        ("illuminance_klux", "illuminance_klux"),
         ("reflectivity", "reflectivity"),
         ("incidence", "incidence_deg"),
     ):
@@ -292,7 +292,7 @@ def test_a_bound_that_is_excluded(above, value, refused):
 @pytest.mark.parametrize(("width", "crosses"), [(1e-12, False), (1.0, True)])
 def test_only_what_passes_through_zero_crosses(width, crosses):
     """A height that falls from 0.5 to -0.5 around 5: at once it is a jump, over a width of one it crosses there."""
-    axis = condition_axis("illuminance", start=1.0, stop=9.0, count=3, log=True)
+    axis = condition_axis("illuminance_klux", start=1.0, stop=9.0, count=3, log=True)
 
     def height_at(x):
         return np.clip((5.0 - x) / width, -0.5, 0.5), 2.0 * x
@@ -313,7 +313,7 @@ def test_haze_comes_on_top_of_what_the_air_takes():
 
 def test_of_whole_numbers_the_first_on_the_other_side_is_told():
     """A height that passes zero between 5 and 6."""
-    axis = dataclasses.replace(condition_axis("illuminance", start=1.0, stop=9.0, count=3, log=False), whole=True)
+    axis = dataclasses.replace(condition_axis("illuminance_klux", start=1.0, stop=9.0, count=3, log=False), whole=True)
     assert _refine(axis, lambda x: (5.5 - x, 10.0 * x), 1.0, 9.0, falls=True) == (6.0, 60.0)
 
 
@@ -334,7 +334,7 @@ def test_a_fifth_of_a_number_stops_at_its_bound():
 
 
 def test_what_has_no_limit_is_ahead():
-    axis = condition_axis("illuminance", start=1.0, stop=9.0, count=3, log=True)
+    axis = condition_axis("illuminance_klux", start=1.0, stop=9.0, count=3, log=True)
     question = Question(quantity="range", axis=axis)
     unlimited, limited = (SweepCurve(name="", values=np.array([value])) for value in (np.inf, 70.0))
     assert _difference(question, unlimited, limited)[0] > 0.0 > _difference(question, limited, unlimited)[0]

@@ -19,13 +19,13 @@ def curves(key: str, quantity: str, **changed: object) -> Curves:
         **{"question": Question(quantity=quantity, axis=axis), "crossings": (), "detection_limits": ()}
         | names
         | changed
-    )  # type: ignore[arg-type]
+    )
 
 
 @pytest.mark.parametrize(("falls", "verb"), [(True, "falls below"), (False, "rises above")])
 def test_who_passes_whom(falls: bool, verb: str) -> None:
     swept = curves(
-        "illuminance", "snr", crossings=(CurveCrossing(first="a", second="b", place=7.0, value=2.5, falls=falls),)
+        "illuminance_klux", "snr", crossings=(CurveCrossing(first="a", second="b", place=7.0, value=2.5, falls=falls),)
     )
     (line, *_) = notes(swept, {"a": SENSOR, "b": SENSOR})
     assert line == f"crossing at 7 klux: a {verb} b, SNR 2.5"
@@ -34,7 +34,7 @@ def test_who_passes_whom(falls: bool, verb: str) -> None:
 @pytest.mark.parametrize(("falls", "verb"), [(True, "falls to"), (False, "rises to")])
 def test_where_a_sensor_passes_its_threshold(falls: bool, verb: str) -> None:
     limit = CurveCrossing(first="a", second="", place=7.0, value=5.0, falls=falls)
-    (line, *_) = notes(curves("illuminance", "snr", detection_limits=(limit,)), {"a": SENSOR, "b": SENSOR})
+    (line, *_) = notes(curves("illuminance_klux", "snr", detection_limits=(limit,)), {"a": SENSOR, "b": SENSOR})
     assert line == f"a: {verb} P_d 0.9 at 7 klux, where SNR 5"
     (line, *_) = notes(curves("distance", "snr", detection_limits=(limit,)), {"a": SENSOR, "b": SENSOR})
     assert line.startswith("a: range 7 m at P_d 0.9, where SNR 5") is falls
@@ -46,7 +46,7 @@ def test_a_window_that_ends_before_what_is_seen() -> None:
     assert window_note("a", SENSOR, farthest_m=599.7, limit_text="it") == "a: its window ends at 599.6 m, before it"
     ouster = load_sensor("os1-128")
     assert ouster.histogram is not None
-    folds_m = 0.5 * 299_792_458.0 * float(ouster.histogram.period_s)  # type: ignore[arg-type]
+    folds_m = 0.5 * 299_792_458.0 * float(ouster.histogram.period_s)
     line = window_note("o", ouster, farthest_m=1e4, limit_text="it")
     assert line is not None
     assert line.endswith(f"; echoes from beyond {folds_m:.1f} m are reported too near by that range")
@@ -57,14 +57,14 @@ def test_the_air_in_words_and_ranges_that_are_none() -> None:
     assert air_text(Target(extinction_per_m=0.002), None) == "extinction 0.002 per metre"
     status = np.array([RangeStatus.NO_LIMIT, RangeStatus.FOUND, RangeStatus.NEVER_DETECTED])
     swept = curves(
-        "illuminance", "range", curves=(SweepCurve(name="a", values=np.array([np.inf, 70.0, 0.0]), status=status),)
+        "illuminance_klux", "range", curves=(SweepCurve(name="a", values=np.array([np.inf, 70.0, 0.0]), status=status),)
     )
     assert [line.split("  ")[-1].strip() for line in table_text(swept).splitlines()] == ["a", "no limit", "70", "never"]
 
 
 def test_what_is_nothing_is_not_drawn_on_a_logarithm() -> None:
     chart = chart_of(
-        curves("illuminance", "snr", curves=(SweepCurve(name="a", values=np.array([3.0, 0.0, 2.0])),)),
+        curves("illuminance_klux", "snr", curves=(SweepCurve(name="a", values=np.array([3.0, 0.0, 2.0])),)),
         "t",
         "words",
         thresholds={"a": 5.0},

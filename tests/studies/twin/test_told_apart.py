@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from helpers.twins import use_few_trees
 
+from lidarscene.maths.arrays import Numbers
 from lidarscene.studies.twin.told_apart import Image, told_apart
 
 ROWS, COLUMNS = 64, 512
@@ -51,6 +52,21 @@ def test_a_difference_is_told_by_its_own_group(changed: dict[str, float], tellin
 @pytest.mark.usefixtures("few_trees")
 def test_the_scale_of_strengths_tells_nothing() -> None:
     assert abs(accuracies(scale=7.0)["intensity"] - 0.5) < 0.1
+
+
+@pytest.mark.usefixtures("few_trees")
+def test_digits_below_the_steps_of_ranges_tell_nothing() -> None:
+    """Rationale: both are in steps of a millimetre. Times in steps of 6.67 ps make one of 0.9998 mm, and single
+    precision has digits of its own: trees told quantiles that differ by that apart.
+    """
+    pytest.importorskip("sklearn")
+
+    def stepped(seed: int) -> Numbers:
+        return np.rint(1e3 * image(seed, sigma_m=0.002).range_m) / 1e3
+
+    real = [Image(stepped(seed), None) for seed in (1, 2)]
+    simulated = [Image((0.9998 * stepped(seed)).astype(np.float32), None) for seed in (3, 4)]
+    assert abs(told_apart(real, simulated)["range texture"].accuracy - 0.5) < 0.1
 
 
 @pytest.mark.usefixtures("few_trees")

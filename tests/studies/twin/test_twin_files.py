@@ -80,9 +80,9 @@ def test_the_files_of_a_twin(tmp_path: Path) -> None:
     assert sum(n for kind, n in provenance["quads"].items() if kind != "ground") == sweep.range_m.size
     assert (provenance["frames"], provenance["held_out"], provenance["illuminance_assumed"]) == ([0], None, True)
     bright = next(body for body in scene.bodies if body.class_name == "bright")
-    material = scene.materials[bright.parts[0].material]  # type: ignore[union-attr]
+    material = scene.materials[bright.parts[0].material]
     # R_A of a retro-reflector by its sheet, so that what it returns is pi R_A of a matt board, with the diffuse part.
-    returned = 0.8 + np.pi * float(material.parameters["retro_coefficient_cd_per_lx_m2"])  # type: ignore[arg-type]
+    returned = 0.8 + np.pi * float(material.parameters["retro_coefficient_cd_per_lx_m2"])
     gauge = ReflectivityGauge.from_sweep(sweep, load_sensor(scene.sensor_name))
     assert gauge is not None
     assert returned == pytest.approx(float(gauge.apparent(sweep, sweep.range_m)[6, 0]), rel=0.1)

@@ -109,7 +109,7 @@ def test_charge_of_a_long_pulse(photons):
         sensor.resetState()
         sensor.addPhotons(list(random.normal(PEAK_NS, 20.0 / math.sqrt(8 * math.log(2)), random.poisson(photons))))
         sensor.runEvent()
-        last, charge = {}, 0.0
+        last, charge = dict[tuple[int, int], float](), 0.0
         for time, cell in sorted((hit.time(), (hit.row(), hit.col())) for hit in sensor.hits()):
             charge += -math.expm1(-(time - last.get(cell, -math.inf)) / FALL_NS)
             last[cell] = time

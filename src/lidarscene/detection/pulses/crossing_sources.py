@@ -18,7 +18,7 @@ def crossing_source(
 
     The cause is the light that rises most steeply at the crossing, of the surfaces or of the air. The most light
     would be the wrong test: fog may trip the comparator on the way up to the peak of a surface far behind it, and a
-    surface may trip it on top of fog that is brighter (docs/theory_light.md 17).
+    surface may trip it on top of fog that is brighter (docs/theory_light.md 5).
 
     Args:
         surfaces: number of sub-echoes that are of surfaces; they come before those of the air

@@ -2,7 +2,7 @@
 
 Cells that fired are missing until their dead time is over, and until then the count stays up, so that a comparator
 sees no second edge. A clipped amplifier holds charge, which drains with its recovery time. Either way the next echo
-meets another working point: part of the response, on top of what is left (docs/theory_receivers.md 32).
+meets another working point: part of the response, on top of what is left (docs/theory_receivers.md 2).
 
 Symbols: h what is left of earlier echoes, in signal units; sigma_p width of the laser pulse and unit of all places.
 """

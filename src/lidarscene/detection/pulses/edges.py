@@ -1,7 +1,7 @@
 """Edges behind a peak: where a pulse leaves a level, and whether other light rises before it does.
 
 The falling edge has other noise, a clipped amplifier may hold it up, and further peaks on the way belong to the
-same pulse (docs/theory_receivers.md 32, 34 and 36).
+same pulse (docs/theory_receivers.md 2, 4 and 6).
 
 Symbols: sigma_p width of the laser pulse and unit of all places.
 """

@@ -2,7 +2,7 @@
 
 A comparator times the edge at its threshold. Receivers that measure more of the signal time a fraction of the peak,
 the peak, or the peak behind a matched filter. All are closed forms of the pulse's own noise: nothing is sampled
-(docs/theory.md 8 and 36).
+(docs/theory.md 8, docs/theory_receivers.md 6).
 
 Symbols: s peak signal, f fraction, z deviate of the edge, sigma_p standard deviation of the pulse and unit of places.
 """

@@ -33,8 +33,11 @@ LANES_PER_LAUNCH = 2**19
 """Lanes of a launch of several small frames on a CPU, with which Python and idle threads take little of the time: half
 as many cost vlp-16 3 % and os1-128 5 % more, twice as many save 1 % at most."""
 
+LANES_PER_CHUNK = 2**20
+"""Lanes of a chunk of a large frame on a CPU: some 100 MB of arrays; fewer spend more of their time in Python."""
+
 LANES_PER_LAUNCH_CUDA = 2**21
-"""The same on a GPU, some 8 ms of work."""
+"""Lanes of a launch on a GPU, of small frames or a chunk of a large one: some 8 ms of work."""
 
 
 class _Threads:
@@ -81,6 +84,11 @@ def use_threads(count: int) -> None:
 def lanes_per_launch() -> int:
     """Return how many lanes several small frames that are traced together should have."""
     return LANES_PER_LAUNCH_CUDA if is_cuda() else LANES_PER_LAUNCH
+
+
+def lanes_per_chunk() -> int:
+    """Return how many lanes a chunk of a large frame should have, no fewer than a launch of small ones."""
+    return LANES_PER_LAUNCH_CUDA if is_cuda() else LANES_PER_CHUNK
 
 
 def share_frame(lanes: int) -> None:

@@ -5,7 +5,7 @@ On a CPU NumPy and other libraries read the same memory.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any, cast
 
@@ -13,7 +13,7 @@ import numpy as np
 
 from ...formats.cloud_columns import COLUMNS, OF_VECTORS, attributes
 from ...maths.arrays import Array, Numbers
-from ..device import transfer
+from ..device import pinned, transfer
 from ..device.backend import is_cuda, mitsuba
 from ..device.types import DeviceArray
 
@@ -33,12 +33,14 @@ class DeviceColumns:
         first: place of the first of these points in the arrays
         count: number of these points
         fetched: whole columns in NumPy, which were read before: later that would wait for all that was started since
+        partial: whether the arrays hold more than these points and copies of them
     """
 
     arrays: Mapping[str, Any]
     first: int
     count: int
     fetched: Mapping[str, Numbers] = field(default_factory=dict)
+    partial: bool = False
 
     def fetch(self, names: Iterable[str] | None = None) -> DeviceColumns:
         """Read these columns, or all; of a chunk's own arrays."""
@@ -47,7 +49,7 @@ class DeviceColumns:
 
     def part(self, first: int, end: int) -> DeviceColumns:
         """Some of these points."""
-        return replace(self, first=self.first + first, count=end - first)
+        return replace(self, first=self.first + first, count=end - first, partial=True)
 
     def array(self, name: str) -> Any:
         """Array of these points alone, (count,), or a tensor (count, 3) of xyz_m, on the device."""
@@ -64,6 +66,22 @@ class DeviceColumns:
             own = dr.gather(type(whole), whole, dr.arange(mi.UInt32, size) + transfer.opaque_uint32(first))
         return dr.tensor_t(type(own))(own, (self.count, 3)) if name == "xyz_m" else own
 
+    @property
+    def is_far(self) -> bool:
+        """Whether positions are in double precision."""
+        import drjit as dr
+
+        return bool(dr.itemsize_v(self.arrays["xyz_m"]) == 8)
+
+    def positions(self) -> tuple[Any, Any, Any]:
+        """Each (count,): x, y and z of these points [m], in double precision, on the device."""
+        import drjit as dr
+
+        mi = mitsuba()
+        flat, place = self.array("xyz_m").array, 3 * dr.arange(mi.UInt32, self.count)
+        x, y, z = (mi.Float64(dr.gather(type(flat), flat, place + axis)) for axis in range(3))
+        return x, y, z
+
     def numpy(self, name: str) -> Numbers:
         """(count,) values, or (count, 3) of xyz_m, in NumPy: on a CPU in the same memory."""
         import drjit as dr
@@ -78,15 +96,109 @@ class DeviceColumns:
         return values.reshape(-1, 3) if name == "xyz_m" else values
 
     def in_numpy(self) -> dict[str, Numbers]:
-        """All columns of a PointCloud in NumPy; those that no array holds are one value that is repeated."""
+        """All columns of a PointCloud in NumPy; those that no array holds are one value that is repeated.
+
+        On a CPU in the same memory, unless the arrays hold other frames, too: a cloud that is kept must not keep those.
+        """
         names = attributes(truth=True, vectors=OF_VECTORS[0] in self.arrays)
+        own = [name for name in names if name in self.arrays]
+        if is_cuda() and self.count:
+            values = self._unpacked(own)
+        else:
+            values = {name: self.numpy(name).copy() if self.partial else self.numpy(name) for name in own}
         repeated = {name: np.broadcast_to(value, self.count) for name, value in DEFAULT_VALUES.items()}
-        return {name: self.numpy(name) if name in self.arrays else repeated[name] for name in names}
+        return {name: values[name] if name in values else repeated[name] for name in names}
+
+    def _unpacked(self, names: Sequence[str]) -> dict[str, Numbers]:
+        """Columns in NumPy by one copy: each costs a GPU as long as some thousand points.
+
+        One kernel puts the columns side by side into words of four bytes, whole and halved numbers before single bytes.
+        """
+        import drjit as dr
+
+        mi = mitsuba()
+        kinds = {name: np.dtype(dr.type_v(self.arrays[name]).name.lower()) for name in names}
+        ordered = sorted(names, key=lambda name: -kinds[name].itemsize)
+        sizes = [self._extent(name)[2] * kinds[name].itemsize for name in ordered]
+        places = np.cumsum([0, *(-(-size // 4) for size in sizes)])
+        # Opaque, since they differ from frame to frame.
+        table = transfer.unsigned_numbers(np.array([self.first, self.count, *places[:-1]]))
+        first, count, *starts = (dr.gather(mi.UInt32, table, number) for number in range(2 + len(ordered)))
+        buffer = dr.empty(mi.UInt32, int(places[-1]))
+        lane = dr.arange(mi.UInt32, self.count)
+        for name, start in zip(ordered, starts, strict=True):
+            _pack(self.arrays[name], buffer, start, lane, first=first, count=count, numbers=3 if name == "xyz_m" else 1)
+        memory, values = _bytes(buffer), dict[str, Numbers]()
+        for name, place, size in zip(ordered, 4 * places[:-1], sizes, strict=True):
+            column = memory[place : place + size].view(kinds[name])
+            values[name] = column.reshape(-1, 3) if name == "xyz_m" else column
+        return values
 
     def _extent(self, name: str) -> tuple[Any, int, int]:
         """Array, place of the first number in it, and count of numbers."""
         numbers = 3 if name == "xyz_m" else 1
         return self.arrays[name], numbers * self.first, numbers * self.count
+
+
+def copy_rows(tables: Sequence[Sequence[Array]]) -> list[Numbers]:
+    """Compute tables of some columns, (n,) numbers of four bytes, and copy them to NumPy together.
+
+    Returns:
+        (n, columns) uint32 of each table, the bits of its numbers
+    """
+    import drjit as dr
+
+    mi, count, before = mitsuba(), dr.width(tables[0][0]), 0
+    opaque_count, lane = transfer.opaque_uint32(count), dr.arange(mi.UInt32, count)
+    buffer = dr.empty(mi.UInt32, count * sum(map(len, tables)))
+    for columns in tables:
+        for number, column in enumerate(columns):
+            word, place = dr.reinterpret_array(mi.UInt32, column), lane * len(columns) + number
+            dr.scatter(buffer, word, opaque_count * before + place, mode=dr.ReduceMode.Permute)
+        before += len(columns)
+    words = _bytes(buffer).view(np.uint32)
+    pieces = np.split(words, count * np.cumsum([len(columns) for columns in tables])[:-1])
+    return [piece.reshape(count, -1) for piece in pieces]
+
+
+def _bytes(buffer: DeviceArray) -> Numbers:
+    """(n,) bytes of a buffer that is not yet computed: a copy on a GPU, its memory on a CPU."""
+    transfer.start([buffer])
+    if is_cuda():
+        return pinned.to_numpy(buffer)
+    return buffer.numpy().view(np.uint8)
+
+
+def _pack(
+    whole: DeviceArray, buffer: DeviceArray, start: Array, lane: Array, *, first: Array, count: Array, numbers: int
+) -> None:
+    """Write ``count`` points of a column into a buffer of words, on (count,) lanes.
+
+    Args:
+        whole: array of the column
+        start: place of its first word in the buffer
+        lane: (count,) 0, 1, 2, ...
+        first: its first point that is written
+        numbers: of each point
+    """
+    import drjit as dr
+
+    mi, size = mitsuba(), dr.itemsize_v(whole)
+    words: list[Any]
+    if size == 1:  # four points are a word
+        is_word = 4 * lane < count
+        points = [4 * lane + byte for byte in range(4)]
+        singles = [dr.gather(type(whole), whole, first + point, is_word & (point < count)) for point in points]
+        word = sum((mi.UInt32(single) << 8 * byte for byte, single in enumerate(singles)), mi.UInt32(0))
+        dr.scatter(buffer, word, start + lane, is_word, mode=dr.ReduceMode.Permute)
+        return
+    for number in range(numbers):
+        value = dr.gather(type(whole), whole, (first + lane) * numbers + number)
+        bits = dr.reinterpret_array({4: mi.UInt32, 8: mi.UInt64}[size], value)
+        words = [bits] if size == 4 else [mi.UInt32(bits), mi.UInt32(bits >> 32)]
+        for half, word in enumerate(words):
+            place = start + (lane * numbers + number) * len(words) + half
+            dr.scatter(buffer, word, place, mode=dr.ReduceMode.Permute)
 
 
 def start_columns(

@@ -2,7 +2,7 @@
 
 A fence or a layer of leaves has gaps that are smaller than the beam, while a ray has no width and cannot be split. So
 each ray passes with the probability of a gap: of the rays of a pulse, or of many pulses, the right share does
-(docs/theory_glass.md 29). This is the only place where a ray's path is drawn at random.
+(docs/theory_glass.md 2). This is the only place where a ray's path is drawn at random.
 
 Symbols: ray i of a pulse draws u_i = frac(u_0 + i s) at each surface, u_0 uniform, s the surface's slope.
 """

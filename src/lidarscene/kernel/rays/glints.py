@@ -2,7 +2,7 @@
 
 Such a surface has no diffuse reflection, so a BSDF evaluated back along the ray is zero, and the reflected ray itself
 almost never meets the small aperture. Yet the real echo may be the brightest of the frame. So the share of the
-reflected spot that falls on the aperture is computed in closed form (docs/theory_glass.md 28), and written as the
+reflected spot that falls on the aperture is computed in closed form (docs/theory_glass.md 1), and written as the
 f_r cos(theta) that a rough surface would need to send back as much.
 
 Symbols: R range (m); delta angle between beam and surface normal; spot radius at 2 R (m); a aperture radius (m).

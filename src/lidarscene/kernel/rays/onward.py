@@ -1,7 +1,7 @@
 """Continue a beam beyond a surface: through panes and gaps, and off mirrors.
 
 At a pane light goes two ways. A path tracer would draw one of them at random; here the caller follows both, so that
-the optics have no Monte Carlo noise and each echo has a definite path (docs/theory_glass.md 28). Mitsuba's BSDFs are
+the optics have no Monte Carlo noise and each echo has a definite path (docs/theory_glass.md 1). Mitsuba's BSDFs are
 still sampled, since that gives direction and share of each lobe, but the random number that selects the lobe is set
 here.
 

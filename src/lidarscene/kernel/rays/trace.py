@@ -3,7 +3,7 @@
 A beam has one path, or two in a world with panes: through the first pane, and off it. Along each path the nearest
 surface is found, again after each pane, mirror or gap; from its end one shadow ray goes to the sun. A `Hits` is
 geometry and scattering, never watts. The BSDF is evaluated in two directions, back along the beam and towards the sun,
-and nothing is sampled: there is no Monte Carlo noise (docs/theory.md 4, theory_glass.md 28).
+and nothing is sampled: there is no Monte Carlo noise (docs/theory.md 4, docs/theory_glass.md 1).
 
 The steps along a path are unrolled by Python, not looped on the device. Their number is small and selects code, and a
 world without panes and mirrors has none of it in its kernel.

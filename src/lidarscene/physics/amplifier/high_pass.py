@@ -2,7 +2,7 @@
 
 A capacitor in the signal's path passes s - k * s, k = omega exp(-omega t): what it takes off has the area of the echo.
 So the baseline is low by omega times that area and recovers with 1 / omega, and a later, weaker echo has that much less
-height (docs/theory_receivers.md 35). Steady background does not pass at all.
+height (docs/theory_receivers.md 5). Steady background does not pass at all.
 
 Symbols: f_c coupling frequency (-3 dB), omega 2 pi f_c, sigma_p standard deviation of the pulse, u time in sigma_p from
 the pulse's peak, w = omega sigma_p.

@@ -1,4 +1,4 @@
-"""Low pass of the amplifier: one filter for pulse and noise, Gaussian or single pole; docs/theory_receivers.md 28.
+"""Low pass of the amplifier: one filter for pulse and noise, Gaussian or single pole; docs/theory_receivers.md 5.
 
 A filter that passes constant light whole keeps the area of a pulse. So the received pulse is taken as the Gaussian of
 the filtered pulse's peak and area: its width is that of the light over the share of the peak that passes. Of a Gaussian

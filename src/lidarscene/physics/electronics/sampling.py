@@ -2,7 +2,7 @@
 
 A fixed threshold sees the foot of a strong pulse and the top of a weak one. A fraction of the peak, the peak, and the
 peak behind a matched filter are the same place of every pulse, and their noise falls with the SNR
-(docs/theory_receivers.md 36). There noise is white up to the bandwidth B, as the shot noise of (13) counts it; it
+(docs/theory_receivers.md 6). There noise is white up to the bandwidth B, as the shot noise of (13) counts it; it
 grows with the signal s as sigma(s)^2 = sigma_0^2 + kappa_1 s + kappa_2 s^2. The Cramer-Rao bound is the standard
 against which estimators of a sampled receiver are measured.
 

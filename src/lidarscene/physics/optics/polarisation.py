@@ -7,7 +7,7 @@ interfere, so each passage adds its own Stokes' parameters.
 
 Reciprocity gives the way back: the share of unpolarised light that comes back along a path is the one that goes out
 along it, and a surface that keeps the polarisation returns the product of what goes out and of what would go out of
-unpolarised light (docs/theory_glass.md 30).
+unpolarised light (docs/theory_glass.md 3).
 
 Symbols: I, Q, U Stokes' parameters, Q > 0 along the reference axis; chi angle of the axis; a, r as in `dielectrics`.
 """

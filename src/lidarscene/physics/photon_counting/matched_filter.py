@@ -264,7 +264,8 @@ def _smooth_peak_share(
     safe = ops.maximum(above, 1e-37)
     # above erf(sqrt(pi) / 2 crossings / above), with erf(x) = 1 - 2 Q(x sqrt(2))
     ratio = ops.minimum(crossings / safe, 10.0)
-    return safe * (1.0 - 2.0 * normal_tail(math.sqrt(0.5 * math.pi) * ratio))
+    # Of a ratio of 0 the approximated tail may be a little more than one half.
+    return safe * ops.maximum(1.0 - 2.0 * normal_tail(math.sqrt(0.5 * math.pi) * ratio), 0.0)
 
 
 def detection_probability(*, threshold: Lanes, signal: Lanes, variance: Lanes, unit: Lanes, gained: Lanes) -> Lanes:
@@ -379,19 +380,6 @@ def slope_excluded(*, rate_hz: Lanes, dead_time_s: Lanes, sigma_s: Lanes) -> Lan
     sum_2 = sum_0 - (bright + later) * sum_1
     weighted = (1.0 - later * later) * sum_0 - 2.0 * later * sum_1 - sum_2
     return ops.maximum(1.0 + 2.0 * bright * ops.exp(-0.5 * later * later) * weighted, 0.0)
-
-
-def signal_variance_of(*, narrowing: Lanes) -> tuple[Lanes, Lanes]:
-    """Variance of F by an echo's photons for each of them, and what of it the slope has (T95).
-
-    Args:
-        narrowing: value of the filter over that of an echo as wide as the pulse, from 1 on: pile-up narrows the echo
-    """
-    ops = xp(narrowing)
-    square = ops.maximum((1.0 + TEMPLATE**2) / (narrowing * narrowing) - TEMPLATE**2, 0.0)
-    share = (TEMPLATE**2 + 2.0) / (TEMPLATE**2 + 2.0 * square)
-    of_value = SIGNAL_VARIANCE * ops.sqrt(share)
-    return of_value, of_value * square * share
 
 
 def gain_of_breadth(*, signal: Lanes, background: Lanes, signal_variance: Lanes, bend: Lanes) -> Lanes:

@@ -18,7 +18,7 @@ import numpy as np
 from ...maths.arrays import Lanes, LookupTable, Mask, Numbers, xp
 from ...maths.special import normal_tail
 from . import dead_time
-from .matched_filter import OUTPUT_WIDTH, SCALE, TEMPLATE
+from .matched_filter import OUTPUT_WIDTH, SCALE, SIGNAL_SLOPE, TEMPLATE
 
 BOX = 2.4
 """Choice: half width of the bins whose counts are an echo's photons, in sigmas."""
@@ -47,7 +47,10 @@ _NODES, _NODES_OF_WEAK = (56, 16, 10), (32, 19)
 
 _FAINT = 0.05
 """Accuracy bought: Lambda up to which an echo's peak follows from that of a weak one, to 1e-3 of its height and of
-sigma."""
+sigma; its bend and variances are those of a weak one, to 1e-2."""
+
+_TOP = ("height", "bend", "variance", "of_slope")
+"""Fields of `Top`, in the order of their table."""
 
 _NEWTON = 4
 """Steps of Newton's method to the top of a hump: to 0.01 of its width."""
@@ -60,14 +63,20 @@ _STEP = 0.08
 class Top:
     """Highest value of the matched filter at a lone echo on even light (T101); each field a number or (n,).
 
+    Each value and variance is over the SPADs that the echo fires without sun, N a (1 - exp(-Lambda)).
+
     Attributes:
-        height: value above that of the background, over the SPADs that the echo fires without sun, N a (1 -
-            exp(-Lambda))
-        bend: second derivative there over that of a weak echo of this height without sun: 1 or more
+        height: value above that of the background
+        bend: second derivative there over that of a weak echo of this height without sun; below 1 where SPADs fire
+            again within the echo, which broadens it
+        variance: variance of the value by the firings above those of the background, each for itself
+        of_slope: the same of the slope; equal to that of the value for a weak echo without sun
     """
 
     height: Lanes
     bend: Lanes
+    variance: Lanes
+    of_slope: Lanes
 
 
 def top(*, detections: Lanes, sun: Lanes, dead: Lanes, weak: Top | None = None) -> Top:
@@ -82,10 +91,11 @@ def top(*, detections: Lanes, sun: Lanes, dead: Lanes, weak: Top | None = None) 
     weak = weak or weak_top(sun=sun, dead=dead)
     place = _Place.of(detections, sun, dead)
     # No branch: derivatives pass here.
+    choose = xp(place.detections).choice(place.is_strong)
+    height, *others = _tables()["top"].four_at(*place.coordinates())
+    bend, variance, of_slope = map(choose, others, (weak.bend, weak.variance, weak.of_slope))
     faint = weak.height + place.faint * _tables_of_weak()["filled"].at(place.bright)
-    height = xp(faint).where(place.is_strong, _tables()["height"].at(*place.coordinates()), faint)
-    narrowing = height / weak.height
-    return Top(height=height, bend=narrowing * narrowing * weak.bend)
+    return Top(height=choose(height, faint), bend=bend, variance=variance, of_slope=of_slope)
 
 
 def shift(*, detections: Lanes, sun: Lanes, dead: Lanes) -> Lanes:
@@ -111,7 +121,7 @@ def weak_top(*, sun: Lanes, dead: Lanes) -> Top:
         dead: tau / sigma
     """
     place, tables = _Place.of(0.0, sun, dead), _tables_of_weak()
-    return Top(height=tables["height"].at(place.bright, place.short), bend=tables["bend"].at(place.bright))
+    return Top(**dict(zip(_TOP, tables["top"].four_at(place.bright, place.short), strict=True)))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -245,39 +255,45 @@ def _normal(place: Lanes) -> tuple[Lanes, Lanes]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class _Node:
-    """Height, shift and bend of peaks at the tables' nodes; each field (detections, sun), NumPy."""
+    """`Top` of peaks at the tables' nodes and their shift; each field (detections, sun), NumPy."""
 
     height: Numbers
     shift: Numbers
     bend: Numbers
+    variance: Numbers
+    of_slope: Numbers
 
 
 @lru_cache(maxsize=1)
 def _tables() -> dict[str, LookupTable]:
-    """Tables of height and shift over ln(1 + Lambda), lambda sigma and sigma / tau."""
-    tops = _by_dead_time(_detections(_NODES[0]), sun_nodes(_NODES[1]), _NODES[2])
+    """Tables of the top and its shift over ln(1 + Lambda), lambda sigma and sigma / tau."""
+    return _tables_of(_by_dead_time(_detections(_NODES[0]), sun_nodes(_NODES[1]), _NODES[2]))
+
+
+def _tables_of(tops: list[_Node], detections: slice | int = slice(None)) -> dict[str, LookupTable]:
+    """Tables "top" and "shift" of peaks at so many dead times; "top" has the fields of `Top` along its last axis."""
+    stacked = {
+        name: np.stack([getattr(shape, name)[detections] for shape in tops], axis=-1) for name in (*_TOP, "shift")
+    }
     return {
-        name: LookupTable(np.stack([getattr(shape, name) for shape in tops], axis=-1)) for name in ("height", "shift")
+        "top": LookupTable(np.stack([stacked[name] for name in _TOP], axis=-1)),
+        "shift": LookupTable(stacked["shift"]),
     }
 
 
 @lru_cache(maxsize=1)
 def _tables_of_weak() -> dict[str, LookupTable]:
-    """Tables for weak light: height and shift over lambda sigma and sigma / tau, the others over lambda sigma alone.
+    """Tables for weak light: the top and its shift over lambda sigma and sigma / tau, the others over lambda sigma.
 
-    The others are the curvature of the peak, what a few detections add to height and shift, and the counts in the box.
+    The others are what a few detections add to height and shift, and the counts in the box.
     """
     sun = sun_nodes(_NODES_OF_WEAK[0])
     weak, faint = (_tops(np.array([light]), sun, _NEVER_AGAIN) for light in (_WEAK, _FAINT))
-    by_dead = _by_dead_time(np.array([_WEAK]), sun, _NODES_OF_WEAK[1])
 
     def missing(edge: Numbers) -> Numbers:
         return np.exp(sun * (0.5 * sun - edge)) * normal_tail(sun - edge)
 
-    return {
-        "height": LookupTable(np.stack([shape.height[0] for shape in by_dead], axis=-1)),
-        "shift": LookupTable(np.stack([shape.shift[0] for shape in by_dead], axis=-1)),
-        "bend": LookupTable(weak.bend[0]),
+    return _tables_of(_by_dead_time(np.array([_WEAK]), sun, _NODES_OF_WEAK[1]), 0) | {
         "filled": LookupTable((faint.height - weak.height)[0] / _FAINT),
         "pulled": LookupTable((faint.shift - weak.shift)[0] / _FAINT),
         "box": LookupTable(missing(weak.shift[0] + BOX) - missing(weak.shift[0] - BOX)),
@@ -352,13 +368,20 @@ def _tops(detections: Numbers, sun: Numbers, dead: float) -> _Node:
     dead = dead if dead < _NEVER_AGAIN else 20.0
     fired = dead_time.firing_shares(rate, bin_s=_STEP, dead_time_s=dead)
     free = dead_time.free_share(rate_hz=sun, dead_time_s=dead)
-    values = (fired[..., 1:] - fired[..., :1]) @ template / (free * dead_time.firing_share(detections=detections))
+    excess = (fired[..., 1:] - fired[..., :1]) / (free * dead_time.firing_share(detections=detections))
+    values = excess @ template
     best = np.clip(np.argmax(values, axis=-1), 1, len(places) - 2)[..., None]
     low, middle, high = (np.take_along_axis(values, best + k, axis=-1)[..., 0] for k in (-1, 0, 1))
     second = low - 2.0 * middle + high
     offset = 0.5 * (low - high) / second
+    shift = places[best[..., 0]] + offset * _STEP
+    apart = (time - shift[..., None]) / TEMPLATE
+    spread = excess * (SCALE * np.exp(-0.5 * apart * apart)) ** 2
+    of_slope = (OUTPUT_WIDTH / TEMPLATE) ** 2 / SIGNAL_SLOPE
     return _Node(
         height=middle - 0.25 * (low - high) * offset,
-        shift=places[best[..., 0]] + offset * _STEP,
+        shift=shift,
         bend=-second / middle * (OUTPUT_WIDTH / _STEP) ** 2,
+        variance=spread.sum(axis=-1),
+        of_slope=of_slope * (apart * apart * spread).sum(axis=-1),
     )

@@ -1,12 +1,13 @@
-"""The plan of a street: a line of straights, clothoids and arcs, open or closed to a loop.
+"""The plan of a street, a line of straights, clothoids and arcs, open or closed to a loop; and its heights.
 
 The curvature is linear in the way s along the line, k(s) = k0 + k' (s - s0), in each of its pieces: 0 on a straight,
 even on an arc, rising or falling on a clothoid. The heading is its integral, the place that of (cos, sin) of the
-heading.
+heading. The slope, too, is linear in s in each of its pieces, so that heights are straight lines and parabolas.
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -38,6 +39,13 @@ LOOP_WIDTHS = 50.0
 
 LOOP_TURNS = (1, 1, -1, 1, 1, 1)
 """Choice: signs of a loop's right angles: an L."""
+
+HILL_M = 120.0
+"""Choice: longest way from one level place of a street to the next."""
+
+CURVE_SHARE = 0.3
+"""Choice: share of a hill in which the slope grows, and in which it falls again: 8 % on 100 m have a radius of
+375 m."""
 
 _GAUSS = (0.5 - math.sqrt(0.15), 0.5, 0.5 + math.sqrt(0.15)), (5.0 / 18.0, 8.0 / 18.0, 5.0 / 18.0)
 
@@ -128,11 +136,18 @@ class CentreLine:
         way_m = np.append(np.arange(low_m, high_m, NODE_M), high_m)
         return float(np.abs(self.curvature_per_m(way_m)).max())
 
-    def points_m(self, low_m: float, high_m: float) -> Numbers:
-        """(k, 2) points of the line between two places of one lap: straight segments between them are near it."""
+    def points_m(self, low_m: float, high_m: float, profile: Profile) -> Numbers:
+        """(k, 3) points of the line between two places of one lap: straight segments between them are near it."""
         within = self.node_m[(self.node_m > low_m + 0.01) & (self.node_m < high_m - 0.01)]
         way_m = np.concatenate([[low_m], within, [high_m]])
-        return self.at(way_m, np.zeros(len(way_m)))[:, :2]
+        # A bend has even steps, in which corners of the line are alike.
+        more_m = profile.points_m()
+        more_m = more_m[(more_m > low_m) & (more_m < high_m)]
+        after = np.searchsorted(way_m, more_m)
+        far = np.minimum(more_m - way_m[after - 1], way_m[after] - more_m) > NODE_M
+        way_m = np.insert(way_m, after[far], more_m[far])
+        place_m = self.at(way_m, np.zeros(len(way_m)))[:, :2]
+        return np.column_stack([place_m, profile.height_m(self.on_loop(way_m))])
 
     def speed_limit_m_s(self, direction: int) -> tuple[Numbers, Numbers]:
         """Places along a direction of travel, and the speed there: v^2 k is `ASIDE_M_S2` in bends.
@@ -147,6 +162,61 @@ class CentreLine:
         rise = 2.0 * BEND_BRAKING_M_S2 * np.arange(len(ahead))
         limited = np.minimum.accumulate((ahead + rise)[::-1])[::-1] - rise
         return way_m, np.sqrt(limited[: len(way_m)])
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Profile:
+    """Heights along a street; 0 at its begin.
+
+    Attributes:
+        node_m: (k,) places
+        slope: (k,) slope there, linear between
+    """
+
+    node_m: Numbers
+    slope: Numbers
+
+    @property
+    def is_level(self) -> bool:
+        """Return whether it has no hills."""
+        return not self.slope.any()
+
+    def slope_at(self, way_m: Numbers) -> Numbers:
+        """Slope at (n,) places of the first lap."""
+        return np.interp(way_m, self.node_m, self.slope)
+
+    def height_m(self, way_m: Numbers) -> Numbers:
+        """Height at (n,) places of the first lap."""
+        step_m = np.diff(self.node_m)
+        rise_m = np.concatenate([[0.0], np.cumsum(0.5 * step_m * (self.slope[:-1] + self.slope[1:]))])
+        number = np.clip(np.searchsorted(self.node_m, way_m, side="right") - 1, 0, len(step_m) - 1)
+        beyond_m = way_m - self.node_m[number]
+        return np.asarray(rise_m[number] + 0.5 * beyond_m * (self.slope[number] + self.slope_at(way_m)))
+
+    def points_m(self) -> Numbers:
+        """Places between which heights are nearly straight: none of a level street."""
+        return np.zeros(0) if self.is_level else np.arange(self.node_m[0], self.node_m[-1], 2.0 * NODE_M)
+
+
+def draw_profile(file: StreetFile, parts_m: Sequence[tuple[float, float]], random: np.random.Generator) -> Profile:
+    """Draw hills in parts of a street, which are level at both ends; a loop comes back to its height.
+
+    Args:
+        parts_m: begin and end of each, rising
+    """
+    hills_m = []
+    for begin_m, end_m in parts_m:
+        ends_m = np.linspace(begin_m, end_m, 1 + math.ceil((end_m - begin_m) / HILL_M))
+        hills_m += [(low, high) for low, high in itertools.pairwise(ends_m.tolist())]
+    slope = random.uniform(*file.slope_percent, len(hills_m)) / 100.0 * random.choice([-1.0, 1.0], len(hills_m))
+    if file.loop:
+        length_m = np.array([high - low for low, high in hills_m])
+        slope -= (slope * length_m).sum() / length_m.sum()
+    nodes = []
+    for (low, high), steepest in zip(hills_m, slope.tolist(), strict=True):
+        curve_m = CURVE_SHARE * (high - low)
+        nodes += [(low, 0.0), (low + curve_m, steepest), (high - curve_m, steepest), (high, 0.0)]
+    return Profile(*np.array(nodes).T)
 
 
 def wind(file: StreetFile, begin_m: float, end_m: float, random: np.random.Generator) -> CentreLine:

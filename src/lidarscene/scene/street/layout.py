@@ -15,8 +15,19 @@ import numpy as np
 
 from ... import catalog
 from ...maths.arrays import Numbers
-from .centre_line import CentreLine, close, wind
-from .shapes import FURNITURE, SIGNS, TREE_SCALES, District, draw_district, draw_vehicle, vehicle_length_m
+from .centre_line import CentreLine, Profile, close, draw_profile, wind
+from .shapes import (
+    BUSH_ASIDE_M,
+    BUSH_SPACING_M,
+    BUSHES,
+    FURNITURE,
+    SIGNS,
+    TREE_SCALES,
+    District,
+    draw_district,
+    draw_vehicle,
+    vehicle_length_m,
+)
 from .street_file import StreetFile
 
 BAY_M, PARKING_M = 6.0, 2.3
@@ -116,6 +127,7 @@ class Layout:
     Attributes:
         kerb_m: |y| of the road's edges
         line: the middle of the street
+        profile: its heights
         items: name of a body -> places of its instances
     """
 
@@ -125,6 +137,7 @@ class Layout:
     begin_m: float
     end_m: float
     line: CentreLine
+    profile: Profile = field(init=False)
     crossings: list[Crossing] = field(default_factory=list)
     blocks: list[Block] = field(default_factory=list)
     items: dict[str, list[Place]] = field(default_factory=dict)
@@ -132,6 +145,15 @@ class Layout:
     def add(self, name: str, x_m: float, y_m: float, yaw_deg: float = 0.0) -> None:
         """Place an instance of a body."""
         self.items.setdefault(name, []).append((x_m, y_m, yaw_deg))
+
+    def height_m(self, x_m: Numbers) -> Numbers:
+        """Heights at (n,) places along the street."""
+        return self.profile.height_m(self.line.on_loop(x_m))
+
+    def tilt_deg(self, x_m: Numbers, yaw_deg: Numbers) -> Numbers:
+        """(n, 2) pitch and roll of what stands along the slope at a yaw against the street."""
+        slope, yaw = self.profile.slope_at(self.line.on_loop(x_m)), np.radians(yaw_deg)
+        return np.degrees(np.arctan(np.stack([slope * np.cos(yaw), -slope * np.sin(yaw)], axis=1))) + 0.0
 
     def bends(self, low_m: float, high_m: float) -> bool:
         """Return whether the street bends too sharply between two places for cars to park or people to cross."""
@@ -162,6 +184,8 @@ def lay_out(file: StreetFile) -> Layout:
     half_m = 0.6 * step_m, front_m - 0.05
     room = Room(_boxes(line, [(x_m, 0.0, *half_m) for x_m in np.arange(begin_m, end_m, step_m) + 0.5 * step_m]))
     _cut_into_blocks(layout, room, random)
+    parts_m = [(block.begin_m, block.end_m) for block in layout.blocks]
+    layout.profile = draw_profile(file, parts_m, np.random.default_rng([file.seed, 6]))
     main = draw_district(random)
     for block in layout.blocks:
         zebras = [crossing.x_m for crossing in layout.crossings if crossing.is_zebra]
@@ -171,6 +195,7 @@ def lay_out(file: StreetFile) -> Layout:
             _park_cars(layout, block, side, zebras, random)
             _build_houses(layout, room, block, side, district, random)
             _line_kerb(layout, block, side, zebras, district, random)
+    _plant_bushes(layout, room, np.random.default_rng([file.seed, 7]))
     return layout
 
 
@@ -324,10 +349,25 @@ def _border_garden(layout: Layout, room: Room, district: District, side: int, x_
                 layout.add(f"{district.border}s", place_m, y_m, 90.0 * side)
 
 
+def _plant_bushes(layout: Layout, room: Room, random: np.random.Generator) -> None:
+    """Plant bushes where nothing else is beside the pavements."""
+    reach_m = catalog.shipped_meshes()["bush"]["reach_m"]
+    for side in (-1, 1):
+        x_m = layout.begin_m + random.uniform(*BUSH_SPACING_M)
+        while x_m < layout.end_m:
+            y_m, scale = side * (layout.front_m + random.uniform(*BUSH_ASIDE_M)), random.integers(len(TREE_SCALES))
+            if room.take(_boxes(layout.line, [(x_m, y_m, reach_m, reach_m)])):
+                layout.add(f"{BUSHES}_{scale}", x_m, y_m, random.uniform(0.0, 360.0))
+            x_m += random.uniform(*BUSH_SPACING_M)
+
+
 def _line_kerb(
     layout: Layout, block: Block, side: int, zebras: list[float], district: District, random: np.random.Generator
 ) -> None:
-    """Place lamps, signs, bins, trees and people who stand along a kerb, in this order where they come too close."""
+    """Place traffic lights, lamps, signs, bins, trees and people who stand along a kerb.
+
+    They are placed in this order where they come too close.
+    """
     file, line = layout.file, _Line(layout, block, zebras)
     towards_deg = 180.0 if side < 0 else 0.0
     for zebra_m in zebras:
@@ -335,6 +375,11 @@ def _line_kerb(
             layout.add("bollards", zebra_m + shift_m, side * (layout.kerb_m + 0.35))
         # The one who drives towards the zebra on this side sees the sign's face.
         layout.add("sign_squares", zebra_m + side * 4.2, side * (layout.kerb_m + POST_LINE_M), towards_deg)
+    for crossing in layout.crossings:
+        # By the stop line, to the right of those who wait there and see its lamps.
+        stop_m = crossing.stop_x_m(-side)
+        if not crossing.is_zebra and block.begin_m < stop_m < block.end_m:
+            layout.add("traffic_lights", stop_m, side * (layout.kerb_m + POST_LINE_M), towards_deg)
     for x_m in line.places(file.lamp_spacing_m, random):
         layout.add("lamp_posts", x_m, side * (layout.kerb_m + POST_LINE_M), -90.0 * side)
     for x_m in line.places(file.sign_spacing_m, random):

@@ -17,8 +17,20 @@ from ...maths.arrays import Numbers
 from ..ground import SPACING_M, Strip
 from ..ground_area import Outline
 from .layout import KERB_M, POST_LINE_M, Room
-from .pieces import PAINT_M, RAISED_M, Tables, placed, sheet, soil, street_scene
-from .shapes import PAINT, PEOPLE, TREE_SCALES, District, body_table, draw_district, shapes, standing_table
+from .pieces import FOOT_M, PAINT_M, RAISED_M, Tables, ground, placed, sheet, soil, street_scene
+from .shapes import (
+    BUSH_ASIDE_M,
+    BUSH_SPACING_M,
+    BUSHES,
+    PAINT,
+    PEOPLE,
+    TREE_SCALES,
+    District,
+    body_table,
+    draw_district,
+    shapes,
+    standing_table,
+)
 from .street_file import StreetFile
 from .sumo import (
     LaneGroup,
@@ -31,9 +43,18 @@ from .sumo import (
     read_scenario,
     simulate,
 )
+from .terrain import SOIL_BLUR_M, STOREY_M, Relief, Terrain
 
 EDGE_M = 0.05
 """Choice: distance from the edge of a road at which another one would be between it and a house."""
+
+RAIL_M_S, RAIL_M, RAIL_ASIDE_M = 19.0, 4.0, 0.7
+"""Choice: speed from which on roads without a pavement have guard rails, 70 km/h; length of a piece, and its distance
+from the edge of the road."""
+
+UNDER_M, OVER_M = 4.0, 12.0
+"""Choice: distances from a road above, up to which there are no markings, and from one below, up to which there are
+rails."""
 
 VERGE_M = 3.0
 """Choice: distance of houses from the edge of a road without a pavement."""
@@ -46,6 +67,16 @@ ASIDE_M = 0.2
 
 DASH_M, DASHES_M = 3.0, 6.0
 """Choice: length of a dash of a line, and from dash to dash."""
+
+PLACES_M, POINTS_M, RIM_M = 2.0, 5.0, 1.0
+"""Accuracy bought: distance of places on roads that a relief is fitted to, of points of lanes that lie on it, and of
+corners of junctions."""
+
+CLOSE_M = 0.1
+"""Choice: distance from the end of a lane within which a junction's corner has its height."""
+
+SLOPE_M = 2.0
+"""Choice: distance over which the slope below a vehicle is taken."""
 
 SLOWEST_M_S = 3.0
 """Choice: mean speed of the ego vehicle, waits included, that a simulation of drawn trips has time for."""
@@ -97,15 +128,23 @@ def network_scene(path: Path, kind: NetworkKind, file: StreetFile, *, ego: str |
             scenario = drawn_scenario(path, net, routes, seed=file.seed, last_s=60.0 + way_m / SLOWEST_M_S)
         own, others = simulate(scenario, ego=ego, shown_m=file.shown_m, folder=folder)
     near = _near(network, own, file.shown_m + 50.0)
+    # Junctions of converted networks are level, whatever the slope of the lanes that lead there.
+    relief = Relief(np.concatenate(_places_on_lanes(near)))
+    terrain = None
+    if not relief.is_level:
+        near = _on_relief(near, relief)
+        relief = Relief(np.concatenate([*_places_on_lanes(near), *_places_on_areas(near)]), SOIL_BLUR_M)
+        terrain = Terrain.around(relief)
     return street_scene(
         file.shown_m,
-        ego={"poses": _poses(own, tilts=False), "at_end": "hold"},
+        ego=_motion(own, relief, at_end="hold", tilts=False),
         bodies=[
             *_grounds(near),
-            *_markings(near),
-            *_surroundings(near, file),
+            *([soil(relief.place_m[:, :2])] if terrain is None else terrain.tables()),
+            *_markings(near, relief),
+            *_surroundings(near, file, relief, terrain),
             body_table("own_car", shapes()[_look(own)]) | {"motion": {"with_ego": True}},
-            *_moving(others),
+            *_moving(others, relief),
         ],
     )
 
@@ -126,6 +165,60 @@ def _near(network: Network, own: RoadUser, reach_m: float) -> Network:
         junctions=[corners_m for corners_m in network.junctions if is_near(corners_m)],
         corners=[corners_m for corners_m in network.corners if is_near(corners_m)],
         crossings=[crossing for crossing in network.crossings if is_near(crossing[0])],
+    )
+
+
+def _places_on_lanes(network: Network) -> list[Numbers]:
+    """(n, 3) places on roads and pavements, some two metres apart."""
+    places = []
+    for group in network.groups:
+        way_m = np.linspace(0.0, _length_m(group.line_m), 2 + int(_length_m(group.line_m) / PLACES_M))
+        places += [_places_across(group, at_m) for at_m in way_m.tolist()]
+    return places
+
+
+def _places_across(group: LaneGroup, way_m: float) -> Numbers:
+    """(n, 3) places across lanes, some two metres apart."""
+    left_m = np.linspace(-0.5, 0.5, 2 + int(group.width_m / PLACES_M)) * group.width_m
+    ((x_m, y_m, heading),) = _along(group.line_m, np.array([way_m])).tolist()
+    rise_m = np.interp(way_m, _ways_m(group.line_m), group.line_m[:, 2])
+    places = x_m - left_m * math.sin(heading), y_m + left_m * math.cos(heading), np.full(len(left_m), rise_m)
+    return np.stack(places, axis=1)
+
+
+def _places_on_areas(network: Network) -> list[Numbers]:
+    """(n, 3) places on junctions and the pavements beside them, some two metres apart."""
+    outlines = [Outline(corner_m=each, spacing_m=PLACES_M) for each in (*network.junctions, *network.corners)]
+    return [outline.triangulated()[0] for outline in outlines if outline.is_usable()]
+
+
+def _on_relief(network: Network, relief: Relief) -> Network:
+    """Return a network whose lanes and junctions meet in height."""
+
+    def on_it(points_m: Numbers) -> Numbers:
+        return np.column_stack([points_m[:, :2], relief.height_m(points_m, points_m[:, 2])])
+
+    def dense(line_m: Numbers) -> Numbers:
+        counts = np.ceil(np.diff(_ways_m(line_m)) / POINTS_M).astype(int).tolist()
+        place = np.concatenate(
+            [*(number + np.arange(count) / count for number, count in enumerate(counts)), [len(counts)]]
+        )
+        return np.stack([np.interp(place, np.arange(len(line_m)), column) for column in line_m.T], axis=1)
+
+    groups = [group._replace(line_m=on_it(dense(group.line_m))) for group in network.groups]
+    ends = [_places_across(group, at_m) for group in groups for at_m in (0.0, _length_m(group.line_m))]
+    ends_m = np.concatenate(ends)
+
+    def between_ends(outline_m: Numbers) -> Numbers:
+        corners_m = Outline(corner_m=outline_m, spacing_m=RIM_M).rim_m()
+        weight = 1.0 / (((corners_m[:, None, :2] - ends_m[:, :2]) ** 2).sum(axis=-1) + CLOSE_M**2) ** 2
+        weight = weight * (np.abs(corners_m[:, None, 2] - ends_m[:, 2]) < STOREY_M) + 1e-12
+        return np.column_stack([corners_m[:, :2], weight @ ends_m[:, 2] / weight.sum(axis=1)])
+
+    return network._replace(
+        groups=groups,
+        junctions=[between_ends(outline_m) for outline_m in network.junctions],
+        corners=[between_ends(outline_m) for outline_m in network.corners],
     )
 
 
@@ -156,15 +249,23 @@ def _look(mover: RoadUser) -> str:
     return f"traffic_{alike[number % len(alike)]}_{chosen}"
 
 
-def _poses(mover: RoadUser, *, tilts: bool) -> list[Tables]:
-    """Poses of a vehicle; one that rides on its springs tilts by itself."""
-    return [
-        {"time_s": round(time_s, 3)} | placed(x_m, y_m, 0.0, yaw_deg, pitch_deg if tilts else 0.0)
-        for time_s, x_m, y_m, yaw_deg, pitch_deg in mover.rows
+def _motion(mover: RoadUser, relief: Relief, *, at_end: str, tilts: bool = True) -> Tables:
+    """Motion of a vehicle or person with the slope of a relief; one that rides on its springs tilts by itself."""
+    rows = np.array(mover.rows)
+    height_m, pitch_deg = np.zeros(len(rows)), np.zeros(len(rows))
+    if not relief.is_level:
+        yaw = np.radians(rows[:, 3])
+        ahead_m = 0.5 * SLOPE_M * np.stack([np.cos(yaw), np.sin(yaw)], axis=1)
+        rear_m, height_m, front_m = (relief.height_m(rows[:, 1:3] + k * ahead_m, rows[:, 4]) for k in (-1.0, 0.0, 1.0))
+        pitch_deg = tilts * np.degrees(np.arctan2(front_m - rear_m, SLOPE_M))
+    poses = [
+        {"time_s": round(time_s, 3)} | placed(x_m, y_m, z_m, yaw_deg, pitch)
+        for (time_s, x_m, y_m, yaw_deg, _), z_m, pitch in zip(mover.rows, height_m.tolist(), pitch_deg, strict=True)
     ]
+    return {"poses": poses, "at_end": at_end} | ({} if relief.is_level else {"storeys": True})
 
 
-def _moving(movers: Sequence[RoadUser]) -> list[Tables]:
+def _moving(movers: Sequence[RoadUser], relief: Relief) -> list[Tables]:
     """Bodies of all that moves, but for the own car: an instance with a motion for each."""
     lacking = sorted({mover.kind for mover in movers if mover.kind in BODILESS})
     if lacking:
@@ -175,7 +276,7 @@ def _moving(movers: Sequence[RoadUser]) -> list[Tables]:
             looks.setdefault(_look(mover), []).append(mover)
     bodies = []
     for name, alike in sorted(looks.items(), key=lambda look: (shapes()[look[0]].mesh, look[0])):
-        instances = [{"motion": {"poses": _poses(mover, tilts=True), "at_end": "hide"}} for mover in alike]
+        instances = [{"motion": _motion(mover, relief, at_end="hide")} for mover in alike]
         bodies.append(body_table(name, shapes()[name], moves=True) | {"on_ground": True, "instances": instances})
     return bodies
 
@@ -192,8 +293,8 @@ def _strip(
             break
         number = int(np.argmin(np.hypot(*(kept_m - corner_m)[:, :2].T)))
         kept_m = np.delete(kept_m, min(max(number, 1), len(kept_m) - 2), axis=0)
-    body = {"name": name, "primitive": "ground", "class": class_name, "material": material}
-    return body | {"line": _rounded(kept_m), "width_m": round(width_m, 3), "offset_m": round(offset_m, 3), **keys}
+    sizes = {"line": _rounded(kept_m), "width_m": round(width_m, 3), "offset_m": round(offset_m, 3)}
+    return ground(name, class_name, material, **sizes, **keys)
 
 
 def _rounded(points_m: Numbers) -> list[list[float]]:
@@ -205,19 +306,18 @@ def _area(name: str, class_name: str, material: str, corners_m: Numbers, **keys:
     """Ground within an outline; none where that crosses itself or is as thin as a line."""
     if not Outline(corner_m=np.array(_rounded(corners_m)), spacing_m=SPACING_M).is_usable():
         return []
-    body = {"name": name, "primitive": "ground", "class": class_name, "material": material}
-    return [body | {"outline": _rounded(corners_m), **keys}]
+    return [ground(name, class_name, material, outline=_rounded(corners_m), **keys)]
 
 
 def _grounds(network: Network) -> list[Tables]:
-    """Roads, pavements with kerbs, junctions, and the soil below all of them."""
+    """Roads, pavements with kerbs, and junctions."""
     grounds = []
-    raised = {"position_m": [0.0, 0.0, RAISED_M], "kerb_m": 0.2}
+    raised = {"position_m": [0.0, 0.0, RAISED_M], "kerb_m": RAISED_M + FOOT_M}
     for number, group in enumerate(network.groups):
         if group.kind != "pavement":
             material = "asphalt" if group.kind == "road" else "concrete"
             name = f"road_{number}"
-            grounds.append(_strip(name, "road", material, group.line_m, group.width_m, kerb_m=0.1, spacing_m=0.4))
+            grounds.append(_strip(name, "road", material, group.line_m, group.width_m, kerb_m=FOOT_M, spacing_m=0.4))
             continue
         # The kerb is at the side of the road, to the left where traffic keeps to the right.
         width_m = group.width_m - KERB_M
@@ -227,26 +327,34 @@ def _grounds(network: Network) -> list[Tables]:
             _strip(f"kerb_{number}", "kerb", "concrete", line_m, KERB_M, 0.5 * width_m, **raised),
         ]
     for number, corners_m in enumerate(network.junctions):
-        grounds += _area(f"junction_{number}", "road", "asphalt", corners_m, kerb_m=0.1)
+        grounds += _area(f"junction_{number}", "road", "asphalt", corners_m, kerb_m=FOOT_M)
     for number, corners_m in enumerate(network.corners):
         grounds += _area(f"corner_{number}", "pavement", "concrete", corners_m, **raised)
-    places = [_along(group.line_m, np.arange(0.0, _length_m(group.line_m), 20.0)) for group in network.groups]
-    return [*grounds, soil(np.concatenate(places)[:, :2])]
+    return grounds
+
+
+def _ways_m(line_m: Numbers) -> Numbers:
+    """(k,) way along a line in the plane up to each of its points."""
+    return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line_m[:, :2], axis=0).T))])
 
 
 def _length_m(line_m: Numbers) -> float:
     """Length of a line in the plane."""
-    return float(np.hypot(*np.diff(line_m[:, :2], axis=0).T).sum())
+    return float(_ways_m(line_m)[-1])
 
 
 def _along(line_m: Numbers, way_m: Numbers, left_m: float = 0.0) -> Numbers:
     """(n, 3) x, y [m] and heading [rad] at places along a line, and to the left of it."""
-    step = np.diff(line_m[:, :2], axis=0)
-    at_m = np.concatenate([[0.0], np.cumsum(np.hypot(*step.T))])
+    step, at_m = np.diff(line_m[:, :2], axis=0), _ways_m(line_m)
     segment = np.clip(np.searchsorted(at_m, way_m, side="right") - 1, 0, len(step) - 1)
     heading = np.arctan2(step[segment, 1], step[segment, 0])
     x_m, y_m = (np.interp(way_m, at_m, line_m[:, axis]) for axis in (0, 1))
     return np.stack([x_m - left_m * np.sin(heading), y_m + left_m * np.cos(heading), heading], axis=1)
+
+
+def _on_line(line_m: Numbers, way_m: Numbers) -> Numbers:
+    """(n, 3) places along a line."""
+    return np.stack([np.interp(way_m, _ways_m(line_m), column) for column in line_m.T], axis=1)
 
 
 def _marks(line_m: Numbers, way_m: Numbers, left_m: float = 0.0, turn_deg: float = 0.0) -> list[Tables]:
@@ -255,8 +363,8 @@ def _marks(line_m: Numbers, way_m: Numbers, left_m: float = 0.0, turn_deg: float
     return [placed(x_m, y_m, PAINT_M, math.degrees(heading) + turn_deg) for x_m, y_m, heading in places]
 
 
-def _markings(network: Network) -> list[Tables]:
-    """Lines at the edges of roads and between lanes, stop lines, and zebras at crossings."""
+def _markings(network: Network, relief: Relief) -> list[Tables]:
+    """Lines at the edges of roads and between lanes, stop lines, and zebras at crossings; none below bridges."""
     keys: Tables = {"spacing_m": 0.2, "on_ground": True}
     markings = []
     marks: dict[tuple[str, float, float], list[Tables]] = {}
@@ -268,10 +376,14 @@ def _markings(network: Network) -> list[Tables]:
         within_m = np.concatenate([ends_m[:1], group.line_m[1:-1, :2], ends_m[1:]])
         line_m = np.pad(within_m, ((0, 0), (0, 1)), constant_values=PAINT_M)
         edge_m = 0.5 * group.width_m - ASIDE_M
-        for side, offset_m in (("right", -edge_m), ("left", edge_m)):
-            name = f"line_{number}_{side}"
-            markings.append(_strip(name, "lane_marking", "lane_marking", line_m, LINE_M, offset_m, **keys))
+        covered = relief.has_storey(group.line_m, above=True, beside_m=UNDER_M)
+        for run in np.split(np.arange(len(line_m)), np.flatnonzero(covered)):
+            piece_m = line_m[run[~covered[run]]]
+            for side, offset_m in (("right", -edge_m), ("left", edge_m)) if len(piece_m) > 1 else ():
+                name = f"line_{number}_{side}" + (f"_{run[0]}" if run[0] else "")
+                markings.append(_strip(name, "lane_marking", "lane_marking", piece_m, LINE_M, offset_m, **keys))
         way_m = np.arange(0.5 * DASHES_M, length_m - 0.5 * DASHES_M, DASHES_M)
+        way_m = way_m[~relief.has_storey(_on_line(group.line_m, way_m), above=True, beside_m=UNDER_M)]
         for border_m in np.cumsum(group.widths_m)[:-1].tolist():
             dashes = _marks(group.line_m, way_m, border_m - 0.5 * group.width_m)
             marks.setdefault(("dashes", DASH_M, LINE_M), []).extend(dashes)
@@ -287,14 +399,21 @@ def _markings(network: Network) -> list[Tables]:
     return markings
 
 
-def _surroundings(network: Network, file: StreetFile) -> list[Tables]:
-    """Houses, trees and lamps along roads, on both sides, where there is room."""
-    roadside = _Roadside(network, file)
+def _surroundings(network: Network, file: StreetFile, relief: Relief, terrain: Terrain | None) -> list[Tables]:
+    """Houses, trees, lamps, lights and guard rails along roads, on both sides, where there is room."""
+    roadside = _Roadside(network, file, terrain)
+    roadside.lights(network)
+    for group in network.groups:
+        roadside.parapets(group, relief)
     main = draw_district(roadside.random)
     for group in network.groups:
         district = draw_district(roadside.random, main)
         for side in (-1.0, 1.0):
+            roadside.rails(group, side)
             roadside.line(group, side, district)
+    for group in network.groups:
+        for side in (-1.0, 1.0):
+            roadside.bushes(group, side)
     return [standing_table(name, places) for name, places in sorted(roadside.items.items())]
 
 
@@ -305,8 +424,9 @@ class _Roadside:
         items: name of a body -> places
     """
 
-    def __init__(self, network: Network, file: StreetFile) -> None:
+    def __init__(self, network: Network, file: StreetFile, terrain: Terrain | None) -> None:
         self.random = np.random.default_rng([file.seed, 5])
+        self._terrain = terrain
         self.items: dict[str, list[Tables]] = {}
         self._file = file
         boxes = []
@@ -319,6 +439,37 @@ class _Roadside:
             low_m, high_m = corners_m[:, :2].min(axis=0), corners_m[:, :2].max(axis=0)
             boxes.append(np.array([[*0.5 * (low_m + high_m), 0.0, *0.5 * (high_m - low_m)]]))
         self._roads, self._room = Room(np.concatenate(boxes)), Room(np.concatenate(boxes))
+
+    def lights(self, network: Network) -> None:
+        """Place traffic lights where lanes end at them, to the right of these and of cycle paths beside them."""
+        for group in network.groups:
+            if group.kind == "road" and group.ends_at_lights:
+                beside = [each for each in network.groups if each.edge == group.edge and each.kind == "cycle_path"]
+                aside_m = 0.5 * group.width_m + sum(each.width_m for each in beside) + POST_LINE_M
+                way_m = np.array([max(_length_m(group.line_m) - 0.5, 0.0)])
+                ((x_m, y_m, heading),) = _along(group.line_m, way_m, -aside_m).tolist()
+                self._room.take(np.array([[x_m, y_m, heading, 0.2, 0.2]]))
+                place = placed(x_m, y_m, 0.0, math.degrees(heading) + 180.0)
+                self.items.setdefault("traffic_lights", []).append(place)
+
+    def parapets(self, group: LaneGroup, relief: Relief) -> None:
+        """Place guard rails on both sides of a road where it passes over another."""
+        if group.kind != "road":
+            return
+        way_m = np.arange(0.5 * RAIL_M, _length_m(group.line_m), RAIL_M)
+        way_m = way_m[relief.has_storey(_on_line(group.line_m, way_m), above=False, beside_m=OVER_M)]
+        for side in (-1.0, 1.0):
+            left_m = side * (0.5 * group.width_m - 0.5 * ASIDE_M)
+            for x_m, y_m, heading in _along(group.line_m, way_m, left_m).tolist():
+                place = placed(x_m, y_m, 0.0, math.degrees(heading) - 90.0 * side)
+                self.items.setdefault("guard_rails", []).append(place)
+
+    def rails(self, group: LaneGroup, side: float) -> None:
+        """Place guard rails along one side of a fast road, where nothing else is."""
+        if group.kind == "road" and group.speed_m_s >= RAIL_M_S:
+            for way_m in np.arange(0.5 * RAIL_M, _length_m(group.line_m), RAIL_M).tolist():
+                left_m = side * (0.5 * group.width_m + RAIL_ASIDE_M)
+                self._place("guard_rails", group, (way_m, left_m), (0.49 * RAIL_M, 0.1), -90.0 * side)
 
     def line(self, group: LaneGroup, side: float, district: District) -> None:
         """Place houses, trees and lamps along one side of a road, where nothing else is."""
@@ -343,6 +494,18 @@ class _Roadside:
             place_m = way_m + half_m[0], side * (aside_m + half_m[1])
             way_m += width_m + 0.1 if self._place(name, group, place_m, half_m, turn_deg) else 2.0
 
+    def bushes(self, group: LaneGroup, side: float) -> None:
+        """Plant bushes along one side of a road, where nothing else is."""
+        random, reach_m = self.random, catalog.shipped_meshes()["bush"]["reach_m"]
+        way_m = random.uniform(*BUSH_SPACING_M)
+        while way_m < _length_m(group.line_m):
+            left_m, scale = (
+                side * (0.5 * group.width_m + random.uniform(*BUSH_ASIDE_M)),
+                random.integers(len(TREE_SCALES)),
+            )
+            self._place(f"{BUSHES}_{scale}", group, (way_m, left_m), (reach_m, reach_m), random.uniform(0.0, 360.0))
+            way_m += random.uniform(*BUSH_SPACING_M)
+
     def _place(
         self, name: str, group: LaneGroup, place_m: tuple[float, float], half_m: tuple[float, float], turn_deg: float
     ) -> bool:
@@ -354,5 +517,8 @@ class _Roadside:
         beside = np.hstack([between, [[half_m[0], 0.5 * (verge_m[1] - verge_m[0])]]])
         free = self._roads.is_free(beside) and self._room.take(np.array([[x_m, y_m, heading, *half_m]]))
         if free:
-            self.items.setdefault(name, []).append(placed(x_m, y_m, 0.0, math.degrees(heading) + turn_deg))
+            z_m = 0.0
+            if self._terrain is not None and name.startswith("houses"):
+                z_m = self._terrain.lowest_m((x_m, y_m, heading, *half_m))
+            self.items.setdefault(name, []).append(placed(x_m, y_m, z_m, math.degrees(heading) + turn_deg))
         return free

@@ -18,6 +18,9 @@ RAISED_M = 0.12
 PAINT_M = 0.003
 """Choice: thickness of lane markings."""
 
+FOOT_M = 0.3
+"""Choice: depth of the faces down from the edges of roads, below soil that is lower than they are."""
+
 SOIL_M, SOIL_REACH_M = 50.0, 130.0
 """Choice: size of a square sheet of soil, and distance of its middle from that of the street: beyond the houses."""
 
@@ -35,11 +38,13 @@ SURROUNDINGS: Tables = {
 """Choice: tables that a scene with a street has unless it says otherwise."""
 
 
-def placed(x_m: float, y_m: float, z_m: float = 0.0, yaw_deg: float = 0.0, pitch_deg: float = 0.0) -> Tables:
+def placed(
+    x_m: float, y_m: float, z_m: float = 0.0, yaw_deg: float = 0.0, pitch_deg: float = 0.0, roll_deg: float = 0.0
+) -> Tables:
     """Pose, to a millimetre and a hundredth of a degree."""
     pose: Tables = {"position_m": [round(float(number), 3) + 0.0 for number in (x_m, y_m, z_m)]}
     yaw_deg = round((float(yaw_deg) + 180.0) % 360.0 - 180.0, 2)
-    angles = {"yaw_deg": yaw_deg, "pitch_deg": round(pitch_deg, 2)}
+    angles = {"yaw_deg": yaw_deg, "pitch_deg": round(float(pitch_deg), 2), "roll_deg": round(float(roll_deg), 2)}
     return pose | {name: angle_deg for name, angle_deg in angles.items() if angle_deg}
 
 
@@ -53,17 +58,27 @@ def sheet(
     name: str, class_name: str, material: str, size_m: Sequence[float], places: Sequence[Tables], **keys: Any
 ) -> Tables:
     """Ground at one place or at several."""
-    body = {"name": name, "primitive": "ground", "class": class_name, "material": material}
-    return body | {"size_m": [round(float(length_m), 3) for length_m in size_m], **keys, "instances": list(places)}
+    sizes = {"size_m": [round(float(length_m), 3) for length_m in size_m]}
+    return ground(name, class_name, material, **sizes, **keys, instances=list(places))
 
 
-def soil(middle_m: Numbers) -> Tables:
-    """Squares of soil around (n, 2) places of roads, no more than some tens of metres apart."""
+def ground(name: str, class_name: str, material: str, **keys: Any) -> Tables:
+    """Ground of some shape."""
+    return {"name": name, "primitive": "ground", "class": class_name, "material": material, **keys}
+
+
+def soil_tiles(middle_m: Numbers) -> Numbers:
+    """(t, 2) middles of squares around (n, 2) places of roads, no more than some tens of metres apart."""
     reach = math.ceil(SOIL_REACH_M / SOIL_M)
     around = np.stack(np.meshgrid(*[np.arange(-reach, reach + 1)] * 2), axis=-1).reshape(-1, 2)
     # One place of those in the same square is enough.
     square = np.unique(np.round(middle_m / SOIL_M), axis=0)
     tiles = np.unique((square[:, None] + around).reshape(-1, 2), axis=0) * SOIL_M
     near = np.hypot(*(tiles[:, None] - square * SOIL_M).transpose(2, 0, 1)).min(axis=1) < SOIL_REACH_M
-    places = [placed(x_m, y_m, SOIL_BELOW_M) for x_m, y_m in tiles[near].tolist()]
+    return np.asarray(tiles[near])
+
+
+def soil(middle_m: Numbers) -> Tables:
+    """Level squares of soil around places of roads."""
+    places = [placed(x_m, y_m, SOIL_BELOW_M) for x_m, y_m in soil_tiles(middle_m).tolist()]
     return sheet("soil", "terrain", "soil", [SOIL_M, SOIL_M], places, spacing_m=2.0)

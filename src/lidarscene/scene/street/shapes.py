@@ -29,6 +29,12 @@ LANE_ROOM_M = 0.1
 TREE_SCALES = (0.7, 0.85, 1.0)
 """Choice: scales of a tree's mesh, of which each tree draws one."""
 
+BUSHES = "bushes"
+"""Begin of the names of bushes, of which each draws one of the scales."""
+
+BUSH_SPACING_M, BUSH_ASIDE_M = (4.0, 20.0), (1.5, 6.0)
+"""Choice: distance from bush to bush along a street, and of bushes from the edge of a pavement or road."""
+
 PEOPLE = (
     "pedestrian",
     "woman",
@@ -150,8 +156,12 @@ def shapes() -> dict[str, StreetBody]:
             for tree in trees
             for number, scale in enumerate(TREE_SCALES)
         },
-        **{f"{mesh}s": StreetBody(mesh, {}) for mesh in ("hedge", "fence", "bush", *FURNITURE, *SIGNS)},
-        **{f"{mesh}s": StreetBody(mesh, {}) for mesh in ("lamp_post", "bollard", "cone", "barrier")},
+        **{f"{mesh}s": StreetBody(mesh, {}) for mesh in ("hedge", "fence", "guard_rail", *FURNITURE, *SIGNS)},
+        **{f"{BUSHES}_{number}": StreetBody("bush", {}, scale) for number, scale in enumerate(TREE_SCALES)},
+        **{
+            f"{mesh}s": StreetBody(mesh, {})
+            for mesh in ("lamp_post", "bollard", "cone", "barrier", "traffic_light", "guard_rail")
+        },
         **{f"{group}_{person}": StreetBody(person, {}) for group in ("pedestrians", "walkers") for person in PEOPLE},
         "wheelchairs": StreetBody("wheelchair_user", {}),
     }

@@ -15,6 +15,7 @@ Angle = Annotated[float, Field(ge=0, le=60)]
 Radius = Annotated[float, Field(ge=20, le=1e4)]
 Setback = Annotated[float, Field(ge=0, le=30)]
 Speed = Annotated[float, Field(ge=1, le=40)]
+Slope = Annotated[float, Field(ge=0, le=15)]
 
 
 def _rising(low_and_high: tuple[float, float]) -> tuple[float, float]:
@@ -30,6 +31,7 @@ Angles = Annotated[tuple[Angle, Angle], AfterValidator(_rising)]
 Radii = Annotated[tuple[Radius, Radius], AfterValidator(_rising)]
 Setbacks = Annotated[tuple[Setback, Setback], AfterValidator(_rising)]
 Speeds = Annotated[tuple[Speed, Speed], AfterValidator(_rising)]
+Slopes = Annotated[tuple[Slope, Slope], AfterValidator(_rising)]
 
 
 class StreetFile(FileModel):
@@ -48,6 +50,9 @@ class StreetFile(FileModel):
     bend_spacing_m: Spacings = Field(default=(40.0, 160.0), description="straight between bends; a loop has six bends")
     bend_deg: Angles = Field(default=(10.0, 60.0), description="by which a bend turns; those of a loop turn by 90")
     bend_radius_m: Radii = Field(default=(25.0, 120.0), description="of the middle of a bend; less on a short loop")
+    slope_percent: Slopes = Field(
+        default=(0.0, 0.0), description="steepest slope of a hill, up or down; streets are level where others cross"
+    )
     wet: bool = Field(default=False, description="roads and pavements under a film of water")
     lanes: Annotated[int, Field(ge=1, le=3)] = Field(default=1, description="in each direction")
     lane_width_m: Annotated[float, Field(ge=2.6, le=5)] = Field(default=3.2, description="of each lane")

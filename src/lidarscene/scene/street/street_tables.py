@@ -18,18 +18,27 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
+from ... import catalog
 from ...files.atomic import atomic_folder
 from ...files.overrides import toml_text
+from ...maths.arrays import Numbers
 from ..derived import merged
-from .layout import CROSS_HALF_M, CROSS_REACH_M, KERB_M, STOP_LINE_M, ZEBRA_M, Block, Layout, lay_out
-from .pieces import PAINT_M, RAISED_M, Tables, placed, sheet, soil, street_scene
+from .layout import CROSS_HALF_M, CROSS_REACH_M, KERB_M, STOP_LINE_M, ZEBRA_M, Block, Layout, Place, lay_out
+from .pieces import FOOT_M, PAINT_M, RAISED_M, Tables, ground, placed, sheet, soil, street_scene
 from .shapes import PEOPLE, body_table, shapes, standing_table
 from .street_file import StreetFile
+from .terrain import SOIL_BLUR_M, Relief, Terrain
 from .traffic import Track, Traffic, drive
 
 EVEN_STEP = 1e-5
 """Accuracy bought: difference of two steps from pose to pose, in metres and degrees, up to which the pose between them
 is left out: an acceleration of 0.04 mm/s2, which moves by 7 cm in a minute."""
+
+PLACES_M = 2.0
+"""Accuracy bought: distance of the places on roads that soil is level with."""
+
+TILTED = ("parked", "hedges", "fences", "barriers")
+"""Begins of the names of what stands along the slope of a street; all else is upright."""
 
 WET = {"asphalt": "asphalt_wet", "concrete": "concrete_wet"}
 """Material of the ground -> the same under a film of water."""
@@ -49,14 +58,16 @@ def street_tables(file: StreetFile) -> Tables:
     """Lay out a street and its traffic as tables of a scene file, which nobody may change."""
     layout = lay_out(file)
     traffic = drive(layout)
+    terrain = None if layout.profile.is_level else Terrain.around(Relief(_places_on_roads(layout), SOIL_BLUR_M))
     return street_scene(
         file.shown_m,
-        ego={"poses": _poses(layout, traffic.ego), "at_end": "repeat" if file.loop else "hold"},
+        ego={"poses": _poses(layout, traffic.ego, tilts=False), "at_end": "repeat" if file.loop else "hold"},
         bodies=[
             *(_wetted(body) if file.wet else body for body in _grounds(layout)),
+            *([_soil(layout)] if terrain is None else terrain.tables()),
             *_markings(layout),
             *(
-                standing_table(name, [_along(layout, x_m, y_m, 0.0, yaw_deg) for x_m, y_m, yaw_deg in places])
+                standing_table(name, [_stood(layout, terrain, name, place) for place in places])
                 for name, places in _by_shape(layout.items).items()
             ),
             body_table("own_car", shapes()["own_car"]) | {"motion": {"with_ego": True}},
@@ -189,17 +200,44 @@ def _along(layout: Layout, x_m: float, y_m: float, z_m: float = 0.0, yaw_deg: fl
     return placed(east_m, north_m, z_m, yaw_deg + math.degrees(heading))
 
 
-def _poses(layout: Layout, track: Track) -> list[Tables]:
-    """Poses of a track."""
+def _places_on_roads(layout: Layout) -> Numbers:
+    """(n, 3) places on the street and on those that cross it, two metres apart."""
+    across_m = np.linspace(-layout.front_m, layout.front_m, 2 + int(layout.front_m))
+    along_m = np.arange(layout.begin_m, layout.end_m, PLACES_M)
+    aside_m = np.arange(-CROSS_REACH_M, CROSS_REACH_M + 0.1, PLACES_M)
+    grids = [np.meshgrid(along_m, across_m)]
+    for crossing in layout.crossings:
+        if not crossing.is_zebra:
+            grids.append(np.meshgrid(crossing.x_m + np.linspace(-1.0, 1.0, 5) * CROSS_HALF_M, aside_m))
+    x_m, y_m = (np.concatenate([grid[axis].ravel() for grid in grids]) for axis in (0, 1))
+    return np.column_stack([layout.line.at(x_m, y_m)[:, :2], layout.height_m(x_m)])
+
+
+def _stood(layout: Layout, terrain: Terrain | None, name: str, place: Place) -> Tables:
+    """Pose of what stands along a street: houses in the soil, upright; cars, hedges and fences along its slope."""
+    x_m, y_m, yaw_deg = place
+    if terrain is not None and name.startswith("houses"):
+        width_m, front_m, _ = catalog.shipped_meshes()[shapes()[name].mesh]["plot_m"]
+        ((east_m, north_m, heading),) = layout.line.at(np.array([x_m]), np.array([y_m])).tolist()
+        return _along(layout, x_m, y_m, terrain.lowest_m((east_m, north_m, heading, 0.5 * width_m, front_m)), yaw_deg)
+    pitch_deg, roll_deg = layout.tilt_deg(np.array([x_m]), np.array([yaw_deg]))[0].tolist()
+    tilted = {"pitch_deg": round(pitch_deg, 2), "roll_deg": round(roll_deg, 2)} if name.startswith(TILTED) else {}
+    return _along(layout, x_m, y_m, 0.0, yaw_deg) | {key: angle for key, angle in tilted.items() if angle}
+
+
+def _poses(layout: Layout, track: Track, *, tilts: bool = True) -> list[Tables]:
+    """Poses of a track; what rides on its springs tilts by itself."""
     east_m, north_m, heading = layout.line.at(track.x_m, track.y_m).T
     yaw_deg = np.degrees(heading) + track.yaw_deg
+    pitch_deg = layout.tilt_deg(track.x_m, track.yaw_deg)[:, 0] if tilts else np.zeros(len(yaw_deg))
     # Between even steps a spline through the others goes the same way.
-    states = np.stack([east_m, north_m, np.unwrap(yaw_deg, period=360.0)], axis=1)
+    states = np.stack([east_m, north_m, np.unwrap(yaw_deg, period=360.0), pitch_deg], axis=1)
     uneven = np.pad(np.abs(np.diff(states, 2, axis=0)).max(axis=1) > EVEN_STEP, 1, constant_values=True)
     kept = uneven | np.roll(uneven, 1) | np.roll(uneven, -1)
+    columns = (each[kept].tolist() for each in (track.time_s, east_m, north_m, yaw_deg, pitch_deg))
     return [
-        {"time_s": round(float(time_s), 3)} | placed(x_m, y_m, 0.0, yaw)
-        for time_s, x_m, y_m, yaw in zip(track.time_s[kept], east_m[kept], north_m[kept], yaw_deg[kept], strict=True)
+        {"time_s": round(time_s, 3)} | placed(x_m, y_m, 0.0, yaw, pitch)
+        for time_s, x_m, y_m, yaw, pitch in zip(*columns, strict=True)
     ]
 
 
@@ -240,33 +278,41 @@ def _strip(
     """Ground along a block, to the left of its middle or around it."""
     class_name, material = STRIPS[kind]
     side = {1.0: "_left", -1.0: "_right"}.get(math.copysign(1.0, offset_m) if offset_m else 0.0, "")
-    points = layout.line.points_m(block.begin_m, block.end_m)
-    line = [[round(number_m, 4) for number_m in point] + [0.0] for point in points.tolist()]
-    body = {"name": f"{kind}_{number}{side}", "primitive": "ground", "class": class_name, "material": material}
+    points = layout.line.points_m(block.begin_m, block.end_m, layout.profile)
+    line = [[round(number_m, 4) for number_m in point] for point in points.tolist()]
     sizes = {"width_m": round(width_m, 3), "offset_m": round(offset_m, 4)}
-    return body | {"line": line} | sizes | keys
+    return ground(f"{kind}_{number}{side}", class_name, material, line=line, **sizes, **keys)
 
 
 def _grounds(layout: Layout) -> list[Tables]:
-    """Roads, pavements, kerbs and the soil below all of them."""
+    """Roads, pavements and kerbs."""
     grounds = []
     pavement_m = layout.file.pavement_m
-    raised = {"position_m": [0.0, 0.0, RAISED_M], "kerb_m": 0.2}
+    raised = {"position_m": [0.0, 0.0, RAISED_M], "kerb_m": RAISED_M + FOOT_M}
     for number, block in enumerate(layout.blocks):
         grounds.append(
-            _strip(layout, block, number, "road", 2.0 * layout.kerb_m, 0.0, crown_m=0.08, kerb_m=0.1, spacing_m=0.4)
+            _strip(layout, block, number, "road", 2.0 * layout.kerb_m, 0.0, crown_m=0.08, kerb_m=FOOT_M, spacing_m=0.4)
         )
         for kind, width_m, middle_m in (
             ("pavement", pavement_m, layout.kerb_m + KERB_M + 0.5 * pavement_m),
             ("kerb", KERB_M, layout.kerb_m + 0.5 * KERB_M),
         ):
             grounds += [_strip(layout, block, number, kind, width_m, side * middle_m, **raised) for side in (1, -1)]
-    crossing = [_along(layout, crossing.x_m, 0.0) for crossing in layout.crossings if not crossing.is_zebra]
+    crossing = [
+        _along(layout, crossing.x_m, 0.0, float(layout.height_m(np.array([crossing.x_m]))[0]))
+        for crossing in layout.crossings
+        if not crossing.is_zebra
+    ]
     if crossing:
         size_m = [2.0 * CROSS_HALF_M, 2.0 * CROSS_REACH_M]
-        grounds.append(sheet("cross_roads", "road", "asphalt", size_m, crossing, spacing_m=0.4))
+        grounds.append(sheet("cross_roads", "road", "asphalt", size_m, crossing, spacing_m=0.4, kerb_m=FOOT_M))
+    return grounds
+
+
+def _soil(layout: Layout) -> Tables:
+    """Level soil below a street."""
     way_m = np.arange(layout.begin_m, layout.end_m, 10.0)
-    return [*grounds, soil(layout.line.at(way_m, np.zeros(len(way_m)))[:, :2])]
+    return soil(layout.line.at(way_m, np.zeros(len(way_m)))[:, :2])
 
 
 def _wetted(ground: Tables) -> Tables:

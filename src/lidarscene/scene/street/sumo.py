@@ -10,7 +10,9 @@ from __future__ import annotations
 import gzip
 import itertools
 import os
+import re
 import subprocess
+import sys
 import xml.etree.ElementTree as ElementTree
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -23,6 +25,15 @@ from ...errors import InputError, OptionWarning, warn
 from ...files.inputs import require_file
 from ...files.optional import import_optional
 from ...maths.arrays import Numbers
+
+MEMORY_GIB = 4.0
+"""Choice: memory that SUMO's programs may take: a long road of tiny pieces would take all there is."""
+
+WITH_LIMIT = (
+    "import os, resource, sys; limit = int(sys.argv[1]); resource.setrlimit(resource.RLIMIT_AS, (limit, limit)); "
+    "os.execv(sys.argv[2], sys.argv[2:])"
+)
+"""Program that limits its memory and becomes another."""
 
 POSE_S = 0.5
 """Choice: time from pose to pose of a motion, or SUMO's own step if that is longer."""
@@ -58,7 +69,7 @@ DEFAULT_TYPES = {"DEFAULT_BIKETYPE": "bicycle", "DEFAULT_PEDTYPE": "pedestrian"}
 MOTOR_CLASSES = ("passenger", "bus", "delivery", "truck", "motorcycle", "taxi")
 
 Row = tuple[float, float, float, float, float]
-"""Time [s], x and y [m] of the middle, yaw and pitch [degrees]."""
+"""Time [s], x and y [m] of the middle, yaw [degrees], height of the road [m]."""
 
 LaneKind = Literal["road", "cycle_path", "pavement"]
 
@@ -140,7 +151,8 @@ def convert(map_file: Path, kind: Literal["opendrive", "osm"], folder: Path) -> 
             *("--tls.guess-signals", "--tls.join", "--sidewalks.guess", "--crossings.guess"),
         ],
     }[kind]
-    errors = _run("netconvert", [f"--{kind}-files", str(map_file), "-o", str(network), *options], map_file)
+    files = [f"--{kind}-files", str(map_file), "-o", str(network), "--no-warnings"]
+    errors = _run("netconvert", [*files, *options], map_file)
     if errors:
         warn(OptionWarning("{0}: netconvert left out what it cannot convert: {1}", map_file, errors[0]))
     return network
@@ -332,7 +344,16 @@ def read_scenario(path: Path) -> Scenario:
 def drawn_scenario(map_file: Path, network: Path, routes: Path, *, seed: int, last_s: float) -> Scenario:
     """Return the simulation of drawn trips through the network of a map."""
     options = {"--step-length": STEP_S, "--lanechange.duration": LANE_CHANGE_S, "--seed": seed, "--end": last_s}
-    arguments = ["-n", str(network), "-r", str(routes), "--ignore-route-errors", "--time-to-teleport", "-1"]
+    arguments = [
+        "-n",
+        str(network),
+        "-r",
+        str(routes),
+        "--ignore-route-errors",
+        "--no-warnings",
+        "--time-to-teleport",
+        "-1",
+    ]
     for option, value in options.items():
         arguments += [option, f"{value:g}"]
     return Scenario(map_file, network, tuple(arguments), _types([routes]))
@@ -361,7 +382,11 @@ def simulate(scenario: Scenario, *, ego: str | None, shown_m: float, folder: Pat
     """
     output = folder / "fcd.xml"
     period = ["--device.fcd.period", f"{POSE_S:g}"]
-    _run("sumo", [*scenario.arguments, "--fcd-output", str(output), *period, "--no-step-log"], scenario.source)
+    fcd = ["--fcd-output", str(output), *period, "--no-step-log"]
+    dropped = [note for note in _run("sumo", [*scenario.arguments, *fcd], scenario.source) if "ignoring" in note]
+    if dropped:
+        more = f", and {len(dropped) - 1} more" if len(dropped) > 1 else ""
+        warn(OptionWarning("{0}: sumo left out vehicles or people: {1}{2}", scenario.source, dropped[0], more))
     if ego is None:
         counts: dict[str, int] = {}
         for _, things in _steps(output):
@@ -406,8 +431,8 @@ def _turned(rows: Sequence[Row]) -> list[Row]:
     for before, after in itertools.pairwise(rows):
         turn_deg = (after[3] - before[3] + 180.0) % 360.0 - 180.0
         if abs(turn_deg) > SHARPEST_TURN_DEG:
-            time_s, x_m, y_m, _, pitch_deg = (0.5 * (a + b) for a, b in zip(before, after, strict=True))
-            result.append((time_s, x_m, y_m, before[3] + 0.5 * turn_deg, pitch_deg))
+            time_s, x_m, y_m, _, z_m = (0.5 * (a + b) for a, b in zip(before, after, strict=True))
+            result.append((time_s, x_m, y_m, before[3] + 0.5 * turn_deg, z_m))
         result.append(after)
     return result
 
@@ -420,7 +445,7 @@ def _is_own(thing: ElementTree.Element) -> bool:
 def _placed(
     thing: ElementTree.Element, types: Mapping[str, tuple[str, float]]
 ) -> tuple[str, float, tuple[float, float, float, float]]:
-    """Class and length of a vehicle or person, and x and y of its middle, yaw and pitch [degrees]."""
+    """Class and length of a vehicle or person, and x and y of its middle, yaw [degrees], and height of its front."""
     kind, length_m = types.get(thing.get("type", ""), ("passenger", LENGTHS_M["passenger"]))
     if thing.tag == "person":
         kind = "pedestrian"
@@ -428,7 +453,7 @@ def _placed(
     back_m = 0.5 * length_m
     x_m = float(thing.get("x", 0.0)) - back_m * float(np.cos(np.radians(yaw_deg)))
     y_m = float(thing.get("y", 0.0)) - back_m * float(np.sin(np.radians(yaw_deg)))
-    return kind, length_m, (x_m, y_m, yaw_deg, float(thing.get("slope", 0.0)))
+    return kind, length_m, (x_m, y_m, yaw_deg, float(thing.get("z", 0.0)))
 
 
 def _steps(path: Path) -> Iterator[tuple[float, list[ElementTree.Element]]]:
@@ -459,17 +484,23 @@ def _home() -> Path:
 
 
 def _run(program: str, arguments: Sequence[str], where: Path) -> list[str]:
-    """Run a program of SUMO, and return the errors that it goes on after.
+    """Run a program of SUMO, and return the errors that it goes on after, and its warnings.
 
     Raises:
-        InputError: with SUMO's own first error
+        InputError: with SUMO's own first error, or if it needs more than `MEMORY_GIB`
     """
     home = _home()
-    command = [str(home / "bin" / program), *arguments, "--no-warnings", "--xml-validation", "never"]
+    command = [str(home / "bin" / program), *arguments, "--xml-validation", "never"]
+    if sys.platform != "win32":
+        # Between a fork and the program nothing of this process may run: another Python sets the limit.
+        command = [sys.executable, "-c", WITH_LIMIT, str(int(MEMORY_GIB * 2**30)), *command]
     environment = {**os.environ, "SUMO_HOME": str(home)}
     done = subprocess.run(command, capture_output=True, text=True, errors="replace", env=environment, check=False)
     lines = [line.strip() for line in done.stderr.splitlines() if line.strip()]
+    notes = [re.sub("^(Error|Warning): *", "", line) for line in lines if line.startswith(("Error:", "Warning:"))]
     errors = [line.removeprefix("Error:").strip() for line in lines if line.startswith("Error:")]
+    if done.returncode != 0 and (done.returncode < 0 or "bad_alloc" in done.stderr):
+        raise InputError(f"{where}: {program}: must need <= {MEMORY_GIB:g} GiB, got more: try a part of the map")
     if done.returncode != 0:
         raise InputError(f"{where}: {program}: {(errors or lines or ['no reason given'])[0]}")
-    return errors
+    return notes

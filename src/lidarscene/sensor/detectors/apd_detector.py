@@ -47,7 +47,7 @@ class Apd(Detector):
     ] = 0.0
     tail: Annotated[
         Literal["gaussian", "mcintyre"],
-        FileKey(about='of false alarms: `"gaussian"` (9), or `"mcintyre"`; see docs/theory_receivers.md 31'),
+        FileKey(about='of false alarms: `"gaussian"` (9), or `"mcintyre"`; see docs/theory_receivers.md 1'),
     ] = "gaussian"
     saturation_a: Annotated[
         Lanes | None,
@@ -169,7 +169,7 @@ class Apd(Detector):
         return None if self.saturation_a is None else step_s
 
     def course_in_time(self, wave: Wave, time_s: Numbers, step_s: float) -> Numbers:
-        """Signal behind an amplifier that clips and drains (docs/theory_receivers.md 32)."""
+        """Signal behind an amplifier that clips and drains (docs/theory_receivers.md 2)."""
         assert self.saturation_a is not None
         return saturation.clipped_course(
             signal=wave.signal(time_s),

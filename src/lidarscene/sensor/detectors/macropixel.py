@@ -399,14 +399,14 @@ class FreeSpads(Macropixel):
         share = signal / (self.trials * self.free * self.weak.height)
         detections = dead_time.detections_of_share(share=share)
         top = pile_up.top(detections=detections, sun=self.sun, dead=self.blind_sigmas, weak=self.weak)
-        narrowing = ops.maximum(top.height / self.weak.height, 1.0)
-        height = signal * narrowing
+        # SPADs that the echo fires without sun: what the peak is counted in.
+        fired = signal / self.weak.height
+        height = ops.maximum(fired * top.height, signal)
         # The echo's photons stand in the place of counts of the background that their SPADs would have made.
-        of_value, of_slope = matched_filter.signal_variance_of(narrowing=narrowing)
         return _FilteredEcho(
             height=height,
-            variance=of_value * signal * self.crowded - height * height / self.trials,
-            of_slope=of_slope * signal,
+            variance=top.variance * fired * self.crowded - height * height / self.trials,
+            of_slope=top.of_slope * fired,
             bend=top.bend,
         )
 

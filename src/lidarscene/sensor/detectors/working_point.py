@@ -34,7 +34,7 @@ class CellMemory:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Filtered:
-    """Shares of signal and noise that pass an amplifier's frequency response (docs/theory_receivers.md 35).
+    """Shares of signal and noise that pass an amplifier's frequency response (docs/theory_receivers.md 5).
 
     Attributes:
         peak: share of a pulse's peak

@@ -243,7 +243,7 @@ def comparison_as_dict(comparison: Comparison) -> dict[str, Any]:
 
 def _sweep_as_dict(sweep: IlluminanceSweep) -> dict[str, Any]:
     return {
-        "illuminances_klux": list(sweep.illuminances_klux),
+        "illuminance_klux": list(sweep.illuminances_klux),
         "courses": {
             name: [
                 {

@@ -132,7 +132,7 @@ class Evaluator:
             if names is not None and name not in names:
                 continue
             if entry.quantity_name in TRACED:
-                klux = entry.illuminance if "illuminance" in entry.model_fields_set else None
+                klux = entry.illuminance_klux if "illuminance_klux" in entry.model_fields_set else None
                 if klux not in traced:
                     traced[klux] = self._trace(sensors, klux)
                 results[name] = traced[klux].quantity(entry)

@@ -111,7 +111,7 @@ class QuantityFile(FileModel):
     probability: float = Field(default=PROBABILITY, description="P_d at the range")
     units: Annotated[float, Field(ge=0.5, lt=1)] = Field(default=0.95, description="fraction of the built units")
     distance: float = Field(default=100.0, description="of the plane, m")
-    illuminance: float = Field(default=100.0, description="of the sun, klux")
+    illuminance_klux: float = Field(default=100.0, description="of the sun, klux")
     sun_angle: float = Field(default=60.0, description="between sun and normal of the plane, degrees")
     reflectivity: float = Field(default=0.1, description="of the plane")
     incidence: float = Field(default=0.0, description="of the beam on the plane, degrees")
@@ -154,7 +154,7 @@ class QuantityFile(FileModel):
 _CONDITIONS = (
     "probability",
     "distance",
-    "illuminance",
+    "illuminance_klux",
     "sun_angle",
     "reflectivity",
     "incidence",
@@ -173,8 +173,8 @@ _USED = {
     "class_1": {"motion"},
     "coverage": {"time_s", "cell_deg"},
     "revisit_s": {"time_s", "cell_deg"},
-    "body_points": {"class_name", "illuminance"},
-    "bodies_detected": {"class_name", "least_points", "illuminance"},
+    "body_points": {"class_name", "illuminance_klux"},
+    "bodies_detected": {"class_name", "least_points", "illuminance_klux"},
     "data_rate_mbit_s": {"bits_per_point"},
 }
 """Keys of `QuantityFile` that a quantity has use for, besides sensor."""
@@ -184,7 +184,7 @@ _WORDS = {
     "units": "{:.0%} of the units",
     "distance": "at {:g} m",
     "reflectivity": "reflectivity {:g}",
-    "illuminance": "{:g} klux",
+    "illuminance_klux": "{:g} klux",
     "sun_angle": "sun {:g}° off the normal",
     "incidence": "incidence {:g}°",
     "transmittance": "transmittance {:g}",
@@ -198,7 +198,7 @@ _WORDS = {
 }
 """Choice: words for the condition under each key."""
 
-_ALWAYS_SAID = {"probability", "distance", "reflectivity", "illuminance"}
+_ALWAYS_SAID = {"probability", "distance", "reflectivity", "illuminance_klux"}
 """Choice: conditions that are said where they are not given, too; light of a scene is the scene's."""
 
 

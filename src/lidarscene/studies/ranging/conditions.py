@@ -69,7 +69,7 @@ class Bounds:
 
 CONDITIONS: dict[str, Bounds] = {
     "distance": Bounds(unit="m", low=0.0, high=1e6, start=10.0, stop=1000.0, log=True, above=True, meaning="distance"),
-    "illuminance": Bounds(
+    "illuminance_klux": Bounds(
         unit="klux",
         low=0.0,
         high=1e4,
@@ -119,8 +119,8 @@ class Conditions:
     distance: float = option(
         100.0, CONDITIONS["distance"], help="of the target, for snr and pd (default {default:g})", metavar="M"
     )
-    illuminance: float = option(
-        100.0, CONDITIONS["illuminance"], help="on the target (default {default:g})", metavar="KLUX"
+    illuminance_klux: float = option(
+        100.0, CONDITIONS["illuminance_klux"], help="on the target (default {default:g})", metavar="KLUX"
     )
     sun_angle: float = option(
         60.0,
@@ -149,7 +149,7 @@ class Conditions:
 
     def __post_init__(self) -> None:
         check_options(self)
-        CONDITIONS["illuminance"].warn_of_unit("illuminance", self.illuminance)
+        CONDITIONS["illuminance_klux"].warn_of_unit("illuminance_klux", self.illuminance_klux)
 
     @property
     def range_words(self) -> str:
@@ -176,7 +176,7 @@ class Conditions:
             cos_incidence=max(math.cos(math.radians(self.incidence)), 0.0),
             # The cosine of 60 degrees misses the 0.5 of Table 1 by a rounding.
             cos_sun=0.5 if self.sun_angle == 60.0 else math.cos(math.radians(self.sun_angle)),
-            illuminance_klux=self.illuminance,
+            illuminance_klux=self.illuminance_klux,
             transmittance=clear if self.transmittance is None else self.transmittance,
             extinction_per_m=self.extinction or 0.0,
         )
@@ -193,7 +193,7 @@ class SweepOptions:
 
     over: str | None = option(
         None,
-        help="distance, illuminance, elevation, azimuth, reflectivity, incidence, or a key such as detector.gain",
+        help="distance, illuminance_klux, elevation, azimuth, reflectivity, incidence, or a key such as detector.gain",
         metavar="AXIS",
     )
     quantity: str | None = option(

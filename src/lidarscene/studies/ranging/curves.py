@@ -120,7 +120,7 @@ def conditions_for(subject: Subject, question: Question, x: Numbers) -> list[tup
 def _target_along(sensor: Sensor, target: Target, question: Question, x: Numbers) -> Target:
     """Target with the values x of the swept condition; distance is no property of a target."""
     match question.axis.key:
-        case "illuminance":
+        case "illuminance_klux":
             return replace(target, illuminance_klux=x)
         case "reflectivity":
             return replace(target, reflectivity=x)

@@ -203,7 +203,7 @@ def _summary_table(rows: Sequence[dict[str, Any]], conditions: Conditions) -> tu
             ]
         )
     line = (
-        f"{conditions.illuminance:g} klux, sun {conditions.sun_angle:g}° off the normal, reflectivity "
+        f"{conditions.illuminance_klux:g} klux, sun {conditions.sun_angle:g}° off the normal, reflectivity "
         f"{conditions.reflectivity:g}, incidence {conditions.incidence:g}°, "
         f"{air_text(conditions.target(), conditions.visibility_m)}"
     )

@@ -1,6 +1,6 @@
 """Axes of a sweep: the quantity varied, its unit, ends and steps, from a name given by the user.
 
-Conditions (distance, illuminance, ...) and every numeric key of a sensor file can be swept; both become an `Axis`.
+Conditions (distance, illuminance_klux, ...) and every numeric key of a sensor file can be swept; both become an `Axis`.
 """
 
 from __future__ import annotations
@@ -65,7 +65,7 @@ def condition_axis(key: str, *, start: float | None, stop: float | None, count: 
     log = bounds.log if log is None else log
     return Axis(
         key=key,
-        column=f"{key}_{bounds.unit}" if bounds.unit else key,
+        column=key if key.endswith(bounds.unit) else f"{key}_{bounds.unit}",
         unit=bounds.unit.replace("deg", "°"),
         label=bounds.meaning + (f" [{bounds.unit.replace('deg', '°')}]" if bounds.unit else ""),
         values=_steps(first, last, count, log=log),

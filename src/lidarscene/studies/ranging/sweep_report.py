@@ -97,7 +97,7 @@ def conditions_text(swept: Curves, *, sun_angle_deg: float) -> str:
     incidence = math.degrees(math.acos(min(float(target.cos_incidence), 1.0)))
     parts = [
         "" if key == "distance" or question.quantity == "range" else f"{question.distance_m:g} m",
-        "" if key == "illuminance" else f"{target.illuminance_klux:g} klux",
+        "" if key == "illuminance_klux" else f"{target.illuminance_klux:g} klux",
         f"sun {sun_angle_deg:g}° off the normal",
         "" if key == "reflectivity" else f"reflectivity {target.reflectivity:g}",
         "" if key == "incidence" else f"incidence {incidence:g}°",

@@ -40,8 +40,9 @@ QUANTILES = (0.25, 0.5, 0.75)
 """Choice: quantiles that describe the differences in a patch."""
 
 LEAST_M, LEAST_STRENGTH = 1e-4, 1e-3
-"""Accuracy bought: least difference of ranges, and of logarithms of strengths, whose logarithm is taken: both are below
-the steps of any recording."""
+"""Accuracy bought: steps to which differences of ranges, and of logarithms of strengths, are rounded, and least ones
+whose logarithm is taken. They are below the steps of any recording, and above the digits by which single precision, or
+a step of 6.67 ps for 1 mm, would tell the sides apart."""
 
 UNKNOWN = -99.0
 """Choice: value of a feature that a patch lacks, beyond all logarithms."""
@@ -189,7 +190,8 @@ def _means(mask: Numbers) -> Numbers:
 
 def _quantiles(change: Numbers, shape: tuple[int, ...], least: float) -> list[Numbers]:
     """Logarithms of the quantiles of the differences in each patch, `UNKNOWN` where it has none."""
-    patches = _cut(np.pad(change, ((0, 0), (0, shape[1] - change.shape[1])), constant_values=np.nan))
+    steps = np.rint(change / least) * least
+    patches = _cut(np.pad(steps, ((0, 0), (0, shape[1] - change.shape[1])), constant_values=np.nan))
     known = np.isfinite(patches).any(axis=1)
     columns = np.full((len(QUANTILES), len(patches)), UNKNOWN)
     columns[:, known] = np.log(np.maximum(np.nanquantile(patches[known], QUANTILES, axis=1), least))

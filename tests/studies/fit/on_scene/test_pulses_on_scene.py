@@ -85,7 +85,7 @@ def test_each_pulse_is_laid_on_its_own_light() -> None:
         rough = np.where(np.arange(pulses) % 5 == 0, 12.0, 10.0)
         smooth_light, two = Lit(sensor, np.full(pulses, 10.0)), Lit(sensor, rough)
         single_frame, smooth, second = (
-            _lay_frame(simulators, sweep, None, number=frame)  # type: ignore[arg-type]
+            _lay_frame(simulators, sweep, None, number=frame)
             for simulators, frame in (([smooth_light], 0), ([smooth_light, two], 0), ([smooth_light], 1))
         )
     is_fitted = ((numbers % 7 != 0) & ~withheld).T

@@ -115,7 +115,7 @@ def test_the_written_sensor_is_the_one_that_recorded(fitted: Any, recorded_unit:
     assert fitted_sensor.optics.overlap is not None
     assert truth.optics.overlap is not None
     range_m = np.geomspace(1.5, 40.0, 12)
-    near = [np.asarray(sensor.optics.overlap.share(range_m)) for sensor in (fitted_sensor, truth)]  # type: ignore[union-attr]
+    near = [np.asarray(sensor.optics.overlap.share(range_m)) for sensor in (fitted_sensor, truth)]
     np.testing.assert_allclose(near[0] / near[0][-1], near[1] / near[1][-1], rtol=0.02)
     photons = [
         float(sensor.laser.peak_power_w * sensor.laser.pulse_fwhm_s * sensor.optics.aperture_radius_m**2)

@@ -1,0 +1,54 @@
+"""Attributes that an object lacks: a message names what does it.
+
+People try the names of other libraries first, and numbers without their unit: ``sensor.wavelength`` is
+``sensor.laser.wavelength_m`` here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import is_dataclass
+from typing import TYPE_CHECKING, Any, ClassVar
+
+from ..errors import did_you_mean, question
+
+
+def no_attribute(owner: object, word: str, *, name: str, instead: Mapping[str, str]) -> AttributeError:
+    """Error for an attribute that an object lacks, with what does it.
+
+    Args:
+        name: of the object in expressions, such as "sensor"
+        instead: names that people try, and the expression or the sentence that does it
+    """
+    # Only who mistypes needs it, and it takes pydantic.
+    from .toml import keys_like
+
+    public = [entry for entry in dir(owner) if not entry.startswith("_")]
+    meant = instead.get(word) or did_you_mean(word, public, cutoff=0.8)
+    if not meant:
+        fields = getattr(type(owner), "__dataclass_fields__", ())
+        inner = [f"{part}.{entry}" for part in fields for entry in _numbers_of(getattr(owner, part, None))]
+        found = keys_like(word, public) or keys_like(word, inner)
+        meant = question(f"{name}.{key}" for key in found) or did_you_mean(word, public, cutoff=0.7)
+    return AttributeError(f"{type(owner).__name__} has no '{word}'" + (f"; {meant}" if meant else ""))
+
+
+def _numbers_of(part: object) -> list[str]:
+    """Names of the fields and properties of a dataclass; [] of anything else."""
+    kind = type(part)
+    properties = [key for key in dir(kind) if not key.startswith("_") and isinstance(getattr(kind, key), property)]
+    return [*getattr(kind, "__dataclass_fields__", ()), *properties] if is_dataclass(kind) else []
+
+
+class HintedAttributes:
+    """Base of a class whose objects answer an attribute that they lack with what does it."""
+
+    __slots__ = ()
+    INSTEAD: ClassVar[Mapping[str, str]] = {}
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(self, word: str) -> Any:
+            if word.startswith("_"):  # what Python and libraries look for
+                raise AttributeError(f"{type(self).__name__} has no '{word}'")
+            raise no_attribute(self, word, name=type(self).__name__.lower(), instead=self.INSTEAD)

@@ -1,0 +1,84 @@
+"""Rows of points as the files of SemanticKITTI hold them, of a cloud or computed where the points are.
+
+A file has 20 of the some 110 bytes of a point. On the device the points are freed from the sensor's motion, turned into
+its frame and labelled, and these bytes alone are copied.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..cloud.deskew import Deskewing
+from ..cloud.device_cloud import DeviceCloud
+from ..cloud.point_cloud import PointCloud
+from ..formats.kitti import kitti_rows
+from ..kernel.device import transfer
+from ..kernel.device.gate import exclusive
+from ..kernel.rays.device_columns import copy_rows
+from ..maths.arrays import Numbers, xp
+from ..maths.motion_table import Placement
+from ..scene.scene import Scene
+from .files import LabelTables, label_words, semantic_kitti
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class PointRows:
+    """Some points of a frame.
+
+    Attributes:
+        rows: (n, 4) float32: x, y and z in the sensor's frame [m], intensity
+        labels: (n,) uint32, as of `labels.files.semantic_kitti`
+        cloud: names and metadata, without points
+    """
+
+    rows: Numbers
+    labels: Numbers
+    cloud: PointCloud
+
+    @classmethod
+    def of_cloud(cls, cloud: PointCloud, scene: Scene) -> PointRows:
+        """Compute them in NumPy.
+
+        Raises:
+            InputError: for a cloud without truth
+        """
+        return cls(kitti_rows(cloud, ("intensity",)), semantic_kitti(cloud, scene), cloud.without_points())
+
+
+class DeviceRows:
+    """Reader of the rows of points that are on the device: those of one frame, piece by piece."""
+
+    @exclusive
+    def __init__(self, cloud: PointCloud, scene: Scene, deskewing: Deskewing | None) -> None:
+        """Upload what the points have in common.
+
+        Args:
+            cloud: names and metadata of the frame
+            deskewing: frees the points from the sensor's motion; None: they keep it
+        """
+        tables = LabelTables.of_scene(scene, cloud.class_names)
+        self._cloud = cloud
+        numbers = np.asarray(tables.classes), np.asarray(tables.bodies)
+        self._tables = LabelTables(*map(transfer.whole_numbers, numbers))
+        self._deskewing = transfer.opaque(deskewing, double=True)
+        self._sensor = transfer.opaque(Placement.of_pose(cloud.sensor_place), double=True)
+
+    @exclusive
+    def __call__(self, cloud: DeviceCloud) -> PointRows:
+        """Compute the rows of some points, at least one, and copy them."""
+        columns = cloud.columns
+        points_m, time_s = columns.positions(), columns.array("time_s")
+        ops = xp(time_s)
+        if self._deskewing is not None:
+            x, y, z = self._deskewing.points(points_m, self._deskewing.paths.placement(time_s, 0))
+            # A deskewed cloud would hold them so.
+            if not columns.is_far:
+                x, y, z = (ops.float64(ops.float32(axis)) for axis in (x, y, z))
+            points_m = x, y, z
+        rows = [*map(ops.float32, self._sensor.point_within(points_m)), columns.array("intensity")]
+        class_id, body, status = map(columns.array, ("class_id", "body", "status"))
+        labels = label_words(*self._tables.labels(class_id, body, ops.int32(status)))
+        points, words = copy_rows([rows, [labels]])
+        return PointRows(points.view(np.float32), words[:, 0], self._cloud)

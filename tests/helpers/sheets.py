@@ -1,0 +1,21 @@
+"""Grounds of a scene file without their roughness."""
+
+from pathlib import Path
+
+from lidarscene.physics.road.roughness import RoughSurface
+from lidarscene.scene.ground import Ground, lay
+from lidarscene.scene.scene_file import scene_model
+from lidarscene.sensor.pose_file import PoseFile
+
+FLAT = RoughSurface.draw("flat", 0)
+
+
+def grounds(path: Path, *class_names: str) -> Ground:
+    """The sheets of classes in a scene file, but for those that lie on others."""
+    sheets = [
+        lay(body.pose() @ place.pose(), plan=body.plan(), crown_m=body.crown_m, surface=FLAT)
+        for body in scene_model(path).bodies
+        if body.primitive == "ground" and not body.on_ground and body.class_name in class_names
+        for place in body.instances or [PoseFile()]
+    ]
+    return Ground(surface=FLAT, sheets=sheets)

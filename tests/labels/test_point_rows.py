@@ -1,0 +1,58 @@
+"""Rows of points that are made on the device: those of the cloud in NumPy, to the bit."""
+
+import numpy as np
+import pytest
+from helpers import launches, rounding
+
+from lidarscene import load_scene, load_sensor
+from lidarscene.kernel.rays import device_columns
+from lidarscene.labels.point_rows import DeviceRows, PointRows
+from lidarscene.rendering.render_options import FrameOptions
+from lidarscene.rendering.simulator import Simulator
+
+pytestmark = pytest.mark.usefixtures("mi")
+
+ROWS = ["scanner.elevation_step_deg=0.7", "scanner.azimuth_step_deg=0.5", "tdc.threshold_to_noise=3.5"]
+
+
+def rows_of(sim: Simulator, frame: FrameOptions, *, deskew: bool) -> list[PointRows]:
+    pieces: list[PointRows] = []
+    reader = DeviceRows(sim.empty(frame), sim.scene, sim.deskewing(frame) if deskew else None)
+    sim.stream(pieces.append, frame, read=reader)
+    return pieces
+
+
+@pytest.mark.parametrize(
+    ("scene", "pose", "coordinates", "deskew"),
+    [
+        ("drive", None, "world", True),
+        ("drive", None, "vehicle", False),
+        ("drive", None, "sensor", True),
+        ("car", (4000.0, -3000.0, 2.0), "world", True),
+    ],
+)
+def test_rows_are_those_of_the_cloud(
+    monkeypatch: pytest.MonkeyPatch, scene: str, pose: tuple[float, ...] | None, coordinates: str, deskew: bool
+) -> None:
+    """Bodies that move, the vehicle's own, and false alarms; in pieces, as a GPU copies them, and far from the origin,
+    where coordinates are in double precision. Another frame compiles nothing.
+    """
+    described = load_scene(scene)
+    sim = Simulator(described, load_sensor("table1-apd", overrides=ROWS), pose=pose)
+    frames = [FrameOptions(number=number, chunk=4000, coordinates=coordinates) for number in (1, 2)]
+    runs = []
+    for frame, is_cuda in zip(frames, (False, True), strict=True):
+        cloud = sim.render(frame)
+        expected = PointRows.of_cloud(sim.without_motion(cloud, frame) if deskew else cloud, described)
+        assert len({*expected.labels.tolist()}) >= (1 if pose else 6)
+        assert cloud.xyz_m.itemsize == (8 if pose else 4)
+        monkeypatch.setattr(device_columns, "is_cuda", lambda is_cuda=is_cuda: is_cuda)
+        with launches.launched() as kernels:
+            pieces = rows_of(sim, frame, deskew=deskew)
+        runs.append(kernels)
+        assert len(pieces) > 2
+        rows = np.concatenate([piece.rows for piece in pieces])
+        assert (rows.dtype, rows.shape) == (np.float32, expected.rows.shape)
+        rounding.assert_same(rows, expected.rows)
+        np.testing.assert_array_equal(np.concatenate([piece.labels for piece in pieces]), expected.labels, strict=True)
+    launches.assert_none_is_new(runs[1], runs[0])

@@ -1,0 +1,154 @@
+"""What people try first: it works, or one line names the call that does it."""
+
+import operator
+import pickle
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from helpers.clouds import small_cloud
+
+import lidarscene
+from lidarscene import Material, PointCloud, Rig, Scene, Sensor
+from lidarscene.formats.cloud_columns import FOREIGN_NAMES
+from lidarscene.formats.registry import OTHER_SUFFIXES
+from lidarscene.rendering.render_options import CALLS
+
+APD = lidarscene.load_sensor("apd-905")
+NAMES: dict[str, Any] = {
+    "lidarscene": lidarscene,
+    "cloud": small_cloud(),
+    "scene": lidarscene.load_scene("range"),
+    "sensor": APD,
+    "report": lidarscene.max_range(APD),
+    "box": (np.eye(3), np.array([[0, 1, 2]])),
+}
+
+ANSWERS = {
+    "lidarscene.load('a.ply')": "load_cloud",
+    "lidarscene.list_sensors()": "did you mean sensors[?]",
+    "lidarscene.simulate('car')": r"render\(scene, sensor\)",
+    "lidarscene.Lidar('apd-905')": r"Sensor\(name\)",
+    "lidarscene.scene('car')": r"Scene\(name\)",
+    "lidarscene.snr('apd-905')": "max_range",
+    "lidarscene.load_mesh('a.ply')": "load_scene",
+    "lidarscene.budgt": "did you mean budget[?]",
+    "lidarscene.max_range('apd-905', 'sipm-905')": r"several go in one list: sensors=\['apd-905', 'sipm-905'\]",
+    "lidarscene.compare('car', 'apd-905', 'sipm-905')": r"in one list: sensors=\['apd-905', 'sipm-905'\]",
+    "lidarscene.compare('apd-905', 'sipm-905')": r"compare\('car', \['apd-905', ...\]\)",
+    "lidarscene.load_sensor('apd-905', 'detector.gain=3')": r"at most 1 without a name \(sensor\), got 2",
+    "scene.remove('a', 'b')": r"at most 1 without a name \(name\), got 2",
+    "lidarscene.max_range('apd-905', wavelength=905)": 'overrides={"laser.wavelength_nm": ...}',
+    "lidarscene.max_range('apd-905', reflectivty=0.1)": "did you mean reflectivity[?]",
+    "lidarscene.render('range', weather='fog')": "weather.fog_visibility_km",
+    "lidarscene.render('range', position=(0, 0, 2))": r"pose=\(x, y, z\)",
+    "lidarscene.render('range', rng=3)": "seed=N",
+    "sensor.wavelength": "sensor.laser.wavelength_m",
+    "sensor.laser.peak_power": "peak_power_w",
+    "sensor.gain": "sensor.detector.gain",
+    "sensor.channels": "sensor.scanner.channel_elevation_rad",
+    "sensor.snr(100)": "lidarscene.max_range",
+    "scene.sensor": "scene.sensor_name",
+    "scene.illuminance": "scene.sun.illuminance_klux",
+    "scene.add('pedestrain')": "did you mean pedestrian",
+    "scene.add(box)": "'brick'",
+    "sensor.tdc.threshold": "threshold_to_noise",
+    "sensor.set('laser.peak_power_w', 50)": "sensor.replace",
+    "scene.bodies[0].position": "body.pose.position_m",
+    "scene.move('board_10_50m', (1, 2, 3))": "scene.replace",
+    "cloud.select('class', 'car')": "at most 1 without a name .*, got 2; the others go by name: class_=",
+    "lidarscene.max_range('apd-905', sun=50)": "illuminance_klux",
+    "scene.sun.elevation": "elevation_rad",
+    "sensor.eye_safety()": r"lidarscene.eye_safety\(sensor\)",
+    "lidarscene.load_sensor('apd-905', gain=60)": "overrides=",
+    "lidarscene.get_sensors()": "did you mean sensors[?]",
+    "cloud['label']": "cloud.class_names",
+    "report['range']": r"did you mean range_m[?] must be one of name, range_m",
+    "report.to_pandas()": "report.table",
+    "cloud.to_dataframe()": "cloud.to_pandas",
+    "cloud.to_ros()": "a.mcap",
+    "cloud.distance": "cloud.range",
+    "cloud.filter(class_='car')": "cloud.select",
+    "cloud.instance_id": "cloud.body_names",
+    "cloud.plot(color_by='range')": "colour_by",
+    "cloud.save('a.csv')": "to_csv",
+    "cloud.save('a.bag')": ".mcap",
+}
+
+
+@pytest.mark.parametrize("guess", ANSWERS)
+def test_a_guess_is_answered_in_one_line(guess: str) -> None:
+    with pytest.raises((lidarscene.InputError, AttributeError, TypeError), match=ANSWERS[guess]) as caught:
+        eval(guess, dict(NAMES))
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    "hints", [Sensor.INSTEAD, Scene.INSTEAD, lidarscene.Report.INSTEAD, FOREIGN_NAMES, OTHER_SUFFIXES, CALLS]
+)
+def test_what_a_hint_names_is_there(hints: dict[str, str]) -> None:
+    """Rationale: no tool reads the names in texts."""
+    named = re.findall(r"\b(lidarscene|cloud|scene|sensor|report)\.([\w.]+)", " ".join(hints.values()))
+    assert named
+    for owner, path in named:
+        operator.attrgetter(path.rstrip("."))(NAMES[owner])
+
+
+def test_a_name_makes_a_sensor_a_scene_a_rig_a_material_and_a_cloud(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    assert Sensor("apd-905").detector == APD.detector
+    assert Sensor("apd-905", overrides="detector.gain=60").detector.gain == 60
+    assert pickle.loads(pickle.dumps(Sensor("apd-905"))).replace(gain=60).detector.gain == 60
+    assert [body.name for body in Scene("range").bodies] == [body.name for body in NAMES["scene"].bodies]
+    assert Material("brick").bsdf == "diffuse"
+    assert [mounted.label for mounted in Rig("rig").sensors] == [m.label for m in lidarscene.load_rig("rig").sensors]
+    NAMES["cloud"].save("a.npz")
+    np.testing.assert_array_equal(PointCloud("a.npz").xyz_m, NAMES["cloud"].xyz_m)
+    with pytest.raises(lidarscene.InputError, match="no sensor 'apd' in the catalogue; did you mean apd-905"):
+        Sensor("apd")
+
+
+def test_a_sensor_has_its_range() -> None:
+    assert NAMES["report"]["range_m"] == NAMES["report"].table["range_m"]
+    assert APD.max_range(reflectivity=0.3).table == lidarscene.max_range("apd-905", reflectivity=0.3).table
+
+
+def test_meshes_of_the_package_go_into_a_scene_by_their_names() -> None:
+    scene = Scene().add("hatchback_395", "car_paint_red", position=(20, 0, 0)).add("pedestrian")
+    car, person = scene.bodies
+    materials = {part.name: part.material for part in car.parts}
+    assert (car.name, car.class_name) == ("hatchback_395", "car")
+    assert (person.name, person.class_name) == ("pedestrian", "pedestrian")
+    assert materials["paint"] == "car_paint_red", "open in the catalogue"
+    assert materials["tyre"] == "tyre_rubber", "the catalogue's"
+    assert len(repr(car)) < 120, "a body is a line, not all of its triangles"
+
+
+def test_packages_are_called_as_functions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    import lidarscene.materials
+    import lidarscene.view
+
+    monkeypatch.chdir(tmp_path)
+    assert "brick" in lidarscene.materials()
+    opened: list[str] = []
+    monkeypatch.setattr("webbrowser.open", lambda address: opened.append(address) or len(opened) > 1)
+    with pytest.warns(UserWarning, match=r"no browser here; the page is .*view\.html"):
+        lidarscene.view(NAMES["cloud"])
+    NAMES["cloud"].save("a.ply")
+    lidarscene.view("a.ply")
+    assert len(opened) == 2
+    with pytest.raises(lidarscene.InputError, match=r"scene 'sreet' .* did you mean street"):
+        lidarscene.view("sreet")
+
+
+def test_a_package_is_callable_however_it_was_imported(run_python: Any) -> None:
+    """Rationale: a package becomes an attribute of its parent by its first import, from anywhere."""
+    (process := run_python("import lidarscene; print(lidarscene.materials()[0]); lidarscene.batch('job')"))
+    assert process.stdout.startswith("asphalt")
+    assert "lidarscene has no 'batch'; `lidarscene batch JOB`" in process.stderr
+    (process := run_python("import lidarscene.batch as _, lidarscene; lidarscene.batch('job')"))
+    assert "lidarscene.batch is no function; `lidarscene batch JOB`" in process.stderr
