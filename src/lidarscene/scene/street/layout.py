@@ -379,7 +379,7 @@ def _line_kerb(
         # By the stop line, to the right of those who wait there and see its lamps.
         stop_m = crossing.stop_x_m(-side)
         if not crossing.is_zebra and block.begin_m < stop_m < block.end_m:
-            layout.add("traffic_lights", stop_m, side * (layout.kerb_m + POST_LINE_M), towards_deg)
+            layout.add("lights", stop_m, side * (layout.kerb_m + POST_LINE_M), towards_deg)
     for x_m in line.places(file.lamp_spacing_m, random):
         layout.add("lamp_posts", x_m, side * (layout.kerb_m + POST_LINE_M), -90.0 * side)
     for x_m in line.places(file.sign_spacing_m, random):
