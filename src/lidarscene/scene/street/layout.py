@@ -153,7 +153,8 @@ class Layout:
     def tilt_deg(self, x_m: Numbers, yaw_deg: Numbers) -> Numbers:
         """(n, 2) pitch and roll of what stands along the slope at a yaw against the street."""
         slope, yaw = self.profile.slope_at(self.line.on_loop(x_m)), np.radians(yaw_deg)
-        return np.degrees(np.arctan(np.stack([slope * np.cos(yaw), -slope * np.sin(yaw)], axis=1))) + 0.0
+        tilts = np.stack([slope * np.cos(yaw), -slope * np.sin(yaw)], axis=1)
+        return np.asarray(np.degrees(np.arctan(tilts)) + 0.0)
 
     def bends(self, low_m: float, high_m: float) -> bool:
         """Return whether the street bends too sharply between two places for cars to park or people to cross."""

@@ -195,7 +195,8 @@ def draw_town(streets: int, folder: Path, *, seed: int, slopes: tuple[float, flo
     for i, j in np.ndindex(streets, streets):
         names[i, j] = f"n{i}_{j}"
         if (i, j) != (middle, middle):
-            node(names[i, j], *place_m[i, j], height_m[i, j], str(random.choice(["traffic_light", "priority"])))
+            x_m, y_m = place_m[i, j].tolist()
+            node(names[i, j], x_m, y_m, height_m[i, j], str(random.choice(["traffic_light", "priority"])))
     for i, j in np.ndindex(streets, streets):
         for k, m in ((i + 1, j), (i, j + 1)):
             if k < streets and m < streets:
