@@ -325,7 +325,7 @@ def test_houses_stand_in_the_soil_of_slopes(hills: Path) -> None:
     houses = [body for body in scene.bodies if body.class_name == "building"]
     assert np.ptp([house.pose.position_m[2] for house in houses]) > 4.0
     for house in houses:
-        vertices_m = np.concatenate([part.vertices_m for part in house.parts])  # type: ignore[union-attr]
+        vertices_m = np.concatenate([part.vertices_m for part in house.parts])
         low_m, high_m = vertices_m.min(axis=0), vertices_m.max(axis=0)
         corners_m = np.array([[x, y, 0.0] for x in (low_m[0], high_m[0]) for y in (low_m[1], high_m[1])])
         place_m = house.pose.apply(corners_m)
