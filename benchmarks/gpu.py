@@ -196,7 +196,7 @@ def _memory_mib() -> float:
 def _labelled(scene_file: Path, name: str, frames: int) -> tuple[str, ...]:
     with tempfile.TemporaryDirectory() as folder:
         since = time.perf_counter()
-        record(scene_file, name, outputs=Outputs(Path(folder) / "set", labels="semantickitti"), frames=frames)
+        record(scene_file, name, outputs=Outputs(Path(folder) / "set", dataset="semantickitti"), frames=frames)
         spent = time.perf_counter() - since
     note = f"{1e3 * spent / frames:.1f} ms a frame"
     return f"{frames:,} labelled frames, {scene_file.stem}, {name}", f"{spent:.1f} s", "", note, ""

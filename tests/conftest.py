@@ -25,6 +25,8 @@ from lidarscene.files import open3d as open3d_door
 from lidarscene.kernel.device import backend, blocks, llvm
 
 os.environ.setdefault("MPLBACKEND", "Agg")
+# For workers of xdist, one for each core: threads of NumPy's BLAS that wait take several times the CPU.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 SEED = run_seed()
 """Of the order of the tests and of their random streams; drawn unless TEST_SEED says it."""
 # Meshes and Hypothesis' examples are kept for this run alone, with all workers of xdist: what an earlier one left must
@@ -72,7 +74,7 @@ LONGEST = (
 """Files that take longest. They come first, so that no worker of xdist is alone with one in the end."""
 COSTLY = {
     TESTS / name: functions.split()
-    for name, _, functions in (line.partition(": ") for line in (TESTS / "costly.txt").read_text().splitlines())
+    for name, _, functions in (line.partition(": ") for line in (TESTS / "costly").read_text().splitlines())
 }
 """Functions that take much of the CPU, by file, as tools/costs.py has measured them: not of `--part=quick`."""
 NO_SKIPS = os.environ.get("TEST_NO_SKIPS") == "1"

@@ -54,6 +54,18 @@ ANSWERS = {
     "scene.illuminance": "scene.sun.illuminance_klux",
     "scene.add('pedestrain')": "did you mean pedestrian",
     "scene.add(box)": "'brick'",
+    "sensor.tdc.threshold": "threshold_to_noise",
+    "sensor.set('laser.peak_power_w', 50)": "sensor.replace",
+    "scene.bodies[0].position": "body.pose.position_m",
+    "scene.move('board_10_50m', (1, 2, 3))": "scene.replace",
+    "cloud.select('class', 'car')": "at most 1 without a name .*, got 2; the others go by name: class_=",
+    "lidarscene.max_range('apd-905', sun=50)": "illuminance_klux",
+    "scene.sun.elevation": "elevation_rad",
+    "sensor.eye_safety()": r"lidarscene.eye_safety\(sensor\)",
+    "lidarscene.load_sensor('apd-905', gain=60)": "overrides=",
+    "lidarscene.get_sensors()": "did you mean sensors[?]",
+    "cloud['label']": "cloud.class_names",
+    "report['range']": r"did you mean range_m[?] must be one of name, range_m",
     "report.to_pandas()": "report.table",
     "cloud.to_dataframe()": "cloud.to_pandas",
     "cloud.to_ros()": "a.mcap",
@@ -101,6 +113,7 @@ def test_a_name_makes_a_sensor_a_scene_a_rig_a_material_and_a_cloud(
 
 
 def test_a_sensor_has_its_range() -> None:
+    assert NAMES["report"]["range_m"] == NAMES["report"].table["range_m"]
     assert APD.max_range(reflectivity=0.3).table == lidarscene.max_range("apd-905", reflectivity=0.3).table
 
 

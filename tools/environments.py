@@ -47,7 +47,7 @@ llvm._in_system = lambda: ()
 from lidarscene.cli.main import main
 sys.exit(main())
 """
-# What meets the dependencies: files, formats, pictures, the command line, Dask, the kernels.
+# What meets the dependencies: files, formats, pictures, the command line, Dask, the kernels. Of each the quick tests.
 PART = (
     "tests/maths",
     "tests/files",
@@ -62,7 +62,7 @@ PART = (
     "tests/sensor/test_optics.py",
     "tests/batch/test_work.py",
     "tests/cli/test_outputs.py",
-    "tests/kernel/rays/test_meeting.py",
+    "tests/kernel/rays",
     "tests/chain/test_scanners.py",
 )
 # What tests/docs/test_commands.py needs beside the package.
@@ -112,7 +112,7 @@ def run_part(name: str, python: str, *options: str) -> None:
     with tempfile.TemporaryDirectory() as home:
         environment = clean_environment(home)
         report(f"{name}: {output(python, '--version')}, in {Path(python).parents[1]}")
-        pytest = [python, "-m", "pytest", "-q", "-n", "0", *options, *PART]
+        pytest = [python, "-m", "pytest", "-q", "-n", "0", "--part=quick", *options, *PART]
         process = subprocess.run(
             pytest,
             cwd=ROOT,

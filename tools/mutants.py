@@ -6,7 +6,7 @@
                                            mutants drawn from these files and folders (default: all), each against the
                                            tests that run its function, the quickest first
 
-The map stands in out/mutants/map.json, the verdicts in out/mutants/verdicts.jsonl. A run prints each mutant that
+The map stands in out/mutants/map, the verdicts in out/mutants/verdicts.jsonl. A run prints each mutant that
 survives as a diff, and the share that was killed by room. Mutants are made in a copy of the checkout. A survivor is
 one of three: a fault that no test notices, code that nobody needs, or a change that makes no difference.
 """

@@ -6,6 +6,7 @@
 """
 
 import importlib
+import re
 import sys
 from types import ModuleType
 from typing import Any
@@ -26,6 +27,7 @@ _INSTEAD = {
     "batch": "`lidarscene batch JOB` renders a job; render_frames and record render in Python",
     "catalog": "sensors(), scenes() and materials() list names",
     "check": "load_scene, load_sensor and load_rig check a file; `lidarscene check FILE` says what it holds",
+    **dict.fromkeys(("examples", "demo"), "scenes() lists what render takes: render('car')"),
     "help": "help(lidarscene.render) explains a call; dir(lidarscene) lists them",
     "street": "load_scene takes a scene file with [street]; `lidarscene street` writes one",
     **dict.fromkeys(("load", "read", "open"), "load_cloud, load_scene, load_sensor and load_rig read files"),
@@ -34,11 +36,22 @@ _INSTEAD = {
     **dict.fromkeys(("simulate", "run", "scan", "trace"), "render(scene, sensor) renders a frame"),
     **dict.fromkeys(("Lidar", "LiDAR", "sensor"), "Sensor(name) reads one; sensors() lists them"),
     **dict.fromkeys(("World", "scene"), "Scene(name) reads one; scenes() lists them"),
-    **dict.fromkeys(("snr", "link_budget", "range"), "max_range(sensors, distance=100) has range, SNR and P_d"),
+    **dict.fromkeys(("stream", "publish"), "`lidarscene stream` sends packets; cloud.save('a.mcap') writes a bag"),
+    **dict.fromkeys(
+        ("Dataset", "generate", "random_scene"), "record writes data sets; `lidarscene street` makes scenes"
+    ),
+    **dict.fromkeys(
+        ("snr", "link_budget", "detection_probability", "range"),
+        "max_range(sensors, distance=100) has range, SNR and P_d",
+    ),
     **dict.fromkeys(("plot", "show", "draw"), "clouds, scenes, sensors and reports have .plot(); view(cloud)"),
     **dict.fromkeys(("save", "write", "export"), "clouds, scenes, sensors and reports have .save(path)"),
 }
 """Names that people try first, with the call that does it."""
+
+
+_PREFIX = re.compile("^(list|get|available)_")
+"""What other libraries put before names of lists."""
 
 
 def __getattr__(name: str) -> Any:
@@ -48,7 +61,7 @@ def __getattr__(name: str) -> Any:
     try:
         return _public(name)
     except AttributeError:
-        meant = _INSTEAD.get(name) or did_you_mean(name.removeprefix("list_"), [*__all__, *_FUNCTIONS])
+        meant = _INSTEAD.get(name) or did_you_mean(_PREFIX.sub("", name), [*__all__, *_FUNCTIONS])
         if name.startswith("_") or not meant:
             raise
         raise AttributeError(f"lidarscene has no '{name}'; {meant}") from None

@@ -38,7 +38,14 @@ def did_you_mean(word: object, choices: Iterable[str], *, most: int = 1, cutoff:
     Args:
         cutoff: least likeness, from 0 to 1 (`difflib.get_close_matches`)
     """
-    return question(difflib.get_close_matches(str(word), list(choices), n=most, cutoff=cutoff))
+    spelled = str(word)
+    for american, british in SPELLINGS.items():
+        spelled = spelled.replace(american, british)
+    return question(difflib.get_close_matches(spelled, list(choices), n=most, cutoff=cutoff))
+
+
+SPELLINGS = {"color": "colour", "gray": "grey", "center": "centre", "meter": "metre", "ization": "isation"}
+"""American parts of words, and how names are spelled here."""
 
 
 def question(choices: Iterable[str]) -> str:

@@ -100,7 +100,7 @@ def _read(terminal: int) -> bytes:
 @pytest.mark.parametrize(
     ("argv", "message"),
     [
-        (["none.toml", "-o", "out"], "none.toml: no such file"),
+        (["none.toml", "-o", "out"], "no such file"),
         (["job.toml"], "the following arguments are required: -o/--output"),
         (["job.toml", "-o", "wall.toml"], "--output wall.toml: must be a folder, got a file"),
         (["job.toml", "-o", "out", "--workers", "0"], "must be a whole number from 1 to 1024, got 0"),

@@ -61,13 +61,6 @@ FILES = {
     "points.bin": np.array([[5.0, 0.0, 0.0, 0.1]], "<f4").tobytes(),
 }
 """What the lines name: scenes, rigs, meshes, recordings, and what is none of them."""
-WORDS = {
-    "JOB": str(catalog.path_of("examples", "job")),
-    "LONG": "long" * 99,
-    "COARSE": " ".join(COARSE),
-    "SUFFIXES": ", ".join(SUFFIXES),
-}
-"""What words of the lines stand for."""
 
 
 @pytest.fixture(scope="module")
@@ -241,6 +234,8 @@ def place(run: Run, shared: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     render hair.xml -o a.ply | hair.xml | BSDF 'h' | shape 'one'
     render gray.toml -o a.ply | grey.xml | base_materials | 'gray' | grey
     render brik.toml -o a.ply | brik.toml | base_materials.grey | 'brik' | brick
+    render car apd-905 -o a.ply | --sensor apd-905
+    render wall.toml -o a.ply --colors range | --colours?
     Render car -o a.ply | 'Render' | render?
     --sensor vlp-16 render car -o a.ply | the command goes first | lidarscene COMMAND --sensor
     ls | 'ls' | lidarscene catalog, catalog sensors
@@ -272,6 +267,7 @@ def place(run: Run, shared: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     view wall.toml --sensor eye --save p.html | sensor 'eye'
     view wall.toml --set laser.colour=1 --save p.html | 'laser.colour'
     compare apd-905 sipm-905 | -o/--output | --sensors A,B
+    compare apd-905 sipm-905 -o out | --sensors apd-905,sipm-905
     compare -o out --sensors table1-apd,table1-sipm | SCENE|CLOUD
     compare wall.toml --sensors table1-apd,table1-sipm | -o/--output | lidarscene compare -h
     compare wall.toml --sensors table1-apd table1-sipm -o out | --sensors A,B
@@ -294,6 +290,7 @@ def place(run: Run, shared: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     compare a.ply b.ply -o out | a.ply | no such file
     compare wall.toml b.ply -o out | wall.toml | '.toml'
     range | SENSOR | lidarscene range -h
+    range table1-apd --illuminance 1 | --illuminance-klux?
     range nix | sensor 'nix'
     range nix.toml | nix.toml | no such file
     range wall.toml | wall.toml | 5 more | a scene file
@@ -424,12 +421,14 @@ def place(run: Run, shared: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     street --length-m 10 -o out | street | length_m | >= 50 | 10.0
     street --set lane=2 -o out | 'lane'
     street | -o/--output
-    """
+    """,
+    JOB=str(catalog.path_of("examples", "job")),
+    LONG="long" * 99,
+    COARSE=" ".join(COARSE),
+    SUFFIXES=", ".join(SUFFIXES),
 )
 @pytest.mark.usefixtures("place")
 def test_typed(run: Run, given: str, named: str) -> None:
-    for word, text in WORDS.items():
-        given, named = given.replace(word, text), named.replace(word, text)
     typed(run, named, *shlex.split(given))
 
 
@@ -467,12 +466,11 @@ def test_set(run: Run, given: str, named: str) -> None:
     typed(run, f"{file}--set {given} | {named}", "render", "wall.toml", "-o", "o.ply", *COARSE, "--set", given)
 
 
-def test_a_long_path_comes_behind_the_mistake(run: Run, tmp_path: Path) -> None:
-    folder = tmp_path / "a folder whose name alone is too long for a line"
-    folder.mkdir()
-    (folder / "scene.toml").write_text("lenght = 3")
+def test_files_come_behind_the_mistake(run: Run, tmp_path: Path) -> None:
+    (tmp_path / "scene.toml").write_text("lenght = 3")
     for name, mistake in (("scene.toml", "'lenght'"), ("none.toml", "no such file")):
-        typed(run, f"{mistake} | ({folder / name})", "render", str(folder / name), "-o", "out.ply")
+        for path in (name, str(tmp_path / name)):
+            typed(run, f"{mistake} | ({path})", "render", path, "-o", "out.ply")
 
 
 @pytest.mark.parametrize(

@@ -56,3 +56,14 @@ def test_the_page_lists_the_options_of_a_class(kind: type) -> None:
     rows, _, rest = page.partition("\n|---|---|\n")[2].partition("\n\n")
     assert rows.splitlines() == [f"| `{name}` | {entry.help} |" for name, (_, entry) in options_of(kind).items()]
     assert rest == "::: lidarscene.Scene"
+
+
+def test_long_tables_of_keys_are_folded_below_their_names() -> None:
+    fold = hook("folded_tables").on_page_markdown
+    rows = [f"| `key_{n}` | - | text | words |\n" for n in range(6)]
+    head = "<!-- keys Some + Other -->\n| key | default | values | meaning |\n|---|---|---|---|\n"
+    short, long = (f"Before\n\n{head}{''.join(rows[:count])}\nBehind\n" for count in (5, 6))
+    assert fold(short) == short.replace("<!-- keys Some + Other -->\n", "")
+    summary, _, table = fold(long).partition("</summary>\n\n")
+    assert [f"<code>key_{n}</code>" in summary for n in range(6)] == [True] * 6
+    assert table == long.partition("-->\n")[2].replace("\nBehind", "\n</details>\n\nBehind")

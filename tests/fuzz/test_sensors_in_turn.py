@@ -14,7 +14,7 @@ from helpers.run_seed import run_seed
 
 from lidarscene import InputError, Simulator, load_scene, load_sensor
 
-SENSORS = int(os.environ.get("FUZZ_SENSORS", "3"))
+SENSORS = int(os.environ.get("FUZZ_SENSORS", "2"))
 SEED = int(os.environ.get("FUZZ_SEED") or run_seed())
 
 COARSE_RASTER = ("scanner.azimuth_step_deg=2", "scanner.elevation_step_deg=2")

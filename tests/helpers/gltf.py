@@ -57,6 +57,15 @@ class Gltf:
         indices = {} if faces is None else {"indices": self.numbers(faces, "u2")}
         return self.add("meshes", primitives=[{"attributes": attributes, **indices, **keys}])
 
+    def skinned_wall(self, joints: int, weights: int) -> None:
+        """The wall on two joints, 1 m along x and 1 m along y; accessors of four rows of joints and of weights."""
+        self.mesh(attributes={"JOINTS_0": joints, "WEIGHTS_0": weights})
+        self.content["scenes"] = [{"nodes": [0, 1, 2]}]
+        self.add("nodes", mesh=0, skin=0)
+        self.add("nodes", translation=[1, 0, 0])
+        self.add("nodes", translation=[0, 1, 0])
+        self.add("skins", joints=[1, 2])
+
     def save(self, path: Path, *, required: tuple[str, ...] = (), used: tuple[str, ...] = ()) -> Path:
         """Write a GLB file."""
         if self.data:

@@ -38,7 +38,7 @@ def changed_sources(
         docs: True to copy the documentation and tests too
     """
     package = folder / "src" / "lidarscene"
-    ignore = shutil.ignore_patterns("__pycache__", "images")
+    ignore = shutil.ignore_patterns("images")  # what is compiled is kept: it knows its source by size and time
     for name in ("src", "scenes", "assets", *(("docs", "tests", "README.md", "ARCHITECTURE.md") if docs else ())):
         if (ROOT / name).is_file():
             shutil.copy(ROOT / name, folder / name)

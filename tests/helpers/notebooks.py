@@ -59,7 +59,7 @@ def _outputs(source: str, namespace: dict[str, Any], where: str, number: int) ->
         data: dict[str, Any] = {"text/plain": repr(value).splitlines(True)}
         if hasattr(value, "_repr_html_"):
             data["text/html"] = value._repr_html_().splitlines(True)
-        if hasattr(value, "_repr_png_"):
+        elif hasattr(value, "_repr_png_"):  # Jupyter shows the first of the two
             data["image/png"] = base64.b64encode(value._repr_png_()).decode()
         outputs.append({"data": data, "execution_count": number, "metadata": {}, "output_type": "execute_result"})
     for figure in map(pyplot.figure, pyplot.get_fignums()):

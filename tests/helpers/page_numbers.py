@@ -438,16 +438,6 @@ def avalanche(light: str, tail: str) -> float:
     return false_alarms.false_alarm_probability(APD, Target(**where), sky=light == "night sky", tail=tail)
 
 
-def tnr_of_equal_alarms() -> float:
-    """TNR at which McIntyre's tail has the alarms that the Gaussian promises at 5."""
-
-    def over(tnr: float) -> float:
-        sensor = apd_lidar(f"tdc.threshold_to_noise={tnr}")
-        return false_alarms.false_alarm_probability(sensor, TABLE_1, tail="exact") / p_false(5.0) - 1.0
-
-    return brentq(over, 5.0, 8.0, xtol=1e-3)
-
-
 def primaries() -> float:
     """Electrons of light and dark current that start an avalanche in a resolution time."""
     per_s = light().background_power_w[0] / APD.laser.photon_energy_j * 0.7
@@ -465,15 +455,6 @@ def saddle_point_percent(primaries: float) -> float:
         / reference_mcintyre.tail_probability_exact(excess=k * sigma, **numbers)
         for k in (1.0, 3.0, 5.0, 8.0)
     )
-
-
-def clipped(saturation_a: float, reflectivity: float, distance_m: float) -> tuple[float, float]:
-    """Signal over saturation, and how much too near the wall is reported [m]."""
-    echo = light(distance_m=distance_m, reflectivity=reflectivity)
-    point = APD.working_point(echo.background_power_w)
-    signal, level = float(point.response.signal(echo.peak_power_w)[0]), float(APD.threshold(point)[0])
-    bias = reference_electronics.walk_bias_m(threshold=level, signal=signal, saturation=saturation_a, fwhm_s=FWHM_S)
-    return signal / saturation_a, abs(bias)
 
 
 def timing_cm(snr: float) -> list[float]:

@@ -92,7 +92,7 @@ def at128_corrections(
 def pcap(path: Path, payloads: Sequence[bytes], *, order: str = "<", nanoseconds: bool = False) -> Path:
     """A pcap of UDP packets over Ethernet, a millisecond apart."""
     magic = 0xA1B23C4D if nanoseconds else 0xA1B2C3D4
-    content = struct.pack(order + "IHHiIII", magic, 2, 4, 0, 0, 65535, 1)
+    content = bytearray(struct.pack(order + "IHHiIII", magic, 2, 4, 0, 0, 65535, 1))
     for number, payload in enumerate(payloads):
         udp = struct.pack(">HHHH", 2368, 2368, 8 + len(payload), 0) + payload
         ip = struct.pack(">BBHHHBBH8s", 0x45, 0, 20 + len(udp), 0, 0, 64, 17, 0, bytes(8)) + udp

@@ -26,6 +26,7 @@ from lidarscene.formats import parquet
 from lidarscene.formats.registry import FORMATS
 from lidarscene.labels import kitti_dataset
 from lidarscene.labels.files import write_labels
+from lidarscene.labels.point_rows import PointRows
 from lidarscene.rendering.render_options import FrameOptions
 from lidarscene.rendering.rig_simulators import simulators
 from lidarscene.rendering.simulator import Simulator
@@ -201,10 +202,11 @@ def most_chunks_alive(monkeypatch: pytest.MonkeyPatch) -> Callable[[], int]:
     stream = Simulator.stream
 
     def stream_and_watch(self: Simulator, sink: Callable[[PointCloud], None], *options: Any, **keywords: Any) -> None:
-        def watch_chunk(cloud: PointCloud) -> None:
+        def watch_chunk(cloud: PointCloud | PointRows) -> None:
             most_alive[0] = max(most_alive[0], sum(column_ref() is not None for column_ref in columns))
             # Whoever keeps a slice of a column keeps the array that it is of.
-            columns.append(weakref.ref(cloud.intensity if cloud.intensity.base is None else cloud.intensity.base))
+            column = cloud.rows if isinstance(cloud, PointRows) else cloud.intensity
+            columns.append(weakref.ref(column if column.base is None else column.base))
             sink(cloud)
 
         stream(self, watch_chunk, *options, **keywords)

@@ -131,7 +131,13 @@ def test_factors_at_their_ends() -> None:
     )
     assert iec.c6(source_rad=3e-3, duration_s=1e-8) == pytest.approx(2)
     assert iec.c6(source_rad=0.05, duration_s=1e-8) == pytest.approx(5 / 1.5)
-    assert [iec.grouping_time_s(wavelength_m=w * 1e-9) for w in (905, 1064, 1450, 1550)] == [5e-6, 13e-6, 1e-3, 10.0]
+    assert [iec.grouping_time_s(wavelength_m=w * 1e-9) for w in (905, 1064, 1450, 1550, 1900)] == [
+        5e-6,
+        13e-6,
+        1e-3,
+        10.0,
+        1e-3,
+    ]
 
 
 def test_held_between_1250_and_1400_nm() -> None:

@@ -7,11 +7,9 @@ import numpy as np
 import pytest
 from helpers.command_line import Run
 
-from lidarscene import Scene, Sun, catalog, load_scene, load_sensor, render, render_frames
+from lidarscene import Scene, Sun, load_scene, load_sensor, render, render_frames
 from lidarscene.errors import OptionWarning
 from lidarscene.maths.pose import Pose
-from lidarscene.maths.trajectory import pose_at
-from lidarscene.rendering.frame import sensor_motion
 from lidarscene.rendering.surroundings import Surroundings, warn_of_scene
 from lidarscene.scene.clearance import Clearance
 from lidarscene.scene.meshes.primitives import box_mesh, plane_mesh
@@ -140,16 +138,6 @@ def test_what_is_meant_so_is_no_fault():
     assert inspect_place(replace(SCENE, bodies=())).doubts == ()
     assert inspect_place(replace(SCENE, bodies=()), place_m=(1.0, 2.0, 3.0)).line() == "yard: 0 bodies, 0 triangles"
     assert inspect_place(place_m=(0.0, 0.0, 500.0)).doubts == ()
-
-
-@pytest.mark.parametrize("name", [pytest.param(scene_name, id=scene_name) for scene_name in catalog.names("scenes")])
-def test_no_shipped_scene_is_odd(name):
-    scene = load_scene(name)
-    sensor = load_sensor(scene.sensor_name)
-    place_m = pose_at(sensor_motion(scene, sensor, scene.sensor_pose)).position_m
-    surroundings = Surroundings.inspect(scene, sensor, place_m, time_s=0.0, clearance=Clearance.of_scene(scene))
-    assert surroundings.doubts == ()
-    assert surroundings.around.nearest.distance_m < 100.0
 
 
 def test_distances_against_every_triangle():

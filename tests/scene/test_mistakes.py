@@ -54,15 +54,6 @@ FILES: dict[str, str | bytes] = {
     "own.toml": path_of("sensors", "table1-sipm").read_bytes(),
 }
 """What the scenes name: meshes, poses, a sensor."""
-WORDS = {
-    "MESH": '[[bodies]]\nname = "thing"\nmaterial = "concrete"\nmesh =',
-    "WALK": '[ego]\nspeed_m_s = 1\n[[bodies]]\nname = "a"\nmaterial = "denim"\nmesh = "walker.glb"\n',
-    "BALL": '[[bodies]]\nname = "b"\nprimitive = "sphere"\nradius_m = 1\nmaterial = "concrete"\n',
-    "ROAD": '[[bodies]]\nname = "road"\nprimitive = "ground"\ncrown_m = 0.1\nspacing_m = 0.4\nmaterial = "asphalt"\n',
-    "BOX": '[[bodies]]\nname = "box"\nprimitive = "box"\nsize_m = [1, 1, 1]\nmaterial = "brick"\n',
-    "LONG": "long" * 99,
-}
-"""What words of the tables stand for."""
 
 
 @pytest.fixture(autouse=True, scope="module")
@@ -78,12 +69,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(autouse=True)
 def _in_folder(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(folder)
-
-
-def written_out(text: str) -> str:
-    for word, meaning in WORDS.items():
-        text = text.replace(word, meaning)
-    return text
 
 
 @mistakes(
@@ -251,12 +236,18 @@ def test_wall(given: str, named: str) -> None:
     extends = "ok.obj" | extends | TOML scene file | ok.obj
     extends = "drive"\nwithout = ["lorry"] | without | 'lorry'
     extends = "drive"\n[ego]\nmesh = "none.obj" | ego.mesh | none.obj | no such file
-    """
+    """,
+    MESH='[[bodies]]\nname = "thing"\nmaterial = "concrete"\nmesh =',
+    WALK='[ego]\nspeed_m_s = 1\n[[bodies]]\nname = "a"\nmaterial = "denim"\nmesh = "walker.glb"\n',
+    BALL='[[bodies]]\nname = "b"\nprimitive = "sphere"\nradius_m = 1\nmaterial = "concrete"\n',
+    ROAD='[[bodies]]\nname = "road"\nprimitive = "ground"\ncrown_m = 0.1\nspacing_m = 0.4\nmaterial = "asphalt"\n',
+    BOX='[[bodies]]\nname = "box"\nprimitive = "box"\nsize_m = [1, 1, 1]\nmaterial = "brick"\n',
+    LONG="long" * 99,
 )
 def test_scene(given: str, named: str) -> None:
     """A scene of its own, or a file that extends the same one."""
-    Path("scene.toml").write_text(written_out(given))
-    with told(written_out(named)):
+    Path("scene.toml").write_text(given)
+    with told(named):
         load_scene("scene.toml")
 
 

@@ -293,12 +293,6 @@ def test_what_does_not_move_is_rigid_and_what_stands_stands(tmp_path: Path) -> N
 def test_a_vertex_that_no_joint_carries_goes_with_its_first(tmp_path: Path) -> None:
     """It does not fall to the origin: three.js has it so."""
     file = Gltf()
-    attributes = {"JOINTS_0": file.numbers([[1, 0, 0, 0]] * 4, "u1"), "WEIGHTS_0": file.numbers([[0, 0, 0, 0]] * 4)}
-    file.mesh(attributes=attributes)
-    file.content["scenes"] = [{"nodes": [0, 1, 2]}]
-    file.add("nodes", mesh=0, skin=0)
-    file.add("nodes", translation=[1, 0, 0])
-    file.add("nodes", translation=[0, 1, 0])
-    file.add("skins", joints=[1, 2])
+    file.skinned_wall(file.numbers([[1, 0, 0, 0]] * 4, "u1"), file.numbers([[0, 0, 0, 0]] * 4))
     (piece,) = read_mesh(file.save(tmp_path / "a.glb"))
     np.testing.assert_allclose(piece.vertices_m, WALL + np.array([0, 1, 0]), atol=1e-6)

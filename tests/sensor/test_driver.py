@@ -13,7 +13,6 @@ from helpers.packets import random_frame
 from helpers.recordings import hesai_packet
 
 from lidarscene import catalog
-from lidarscene.errors import InputError
 from lidarscene.formats.kitti import write_nuscenes
 from lidarscene.sensor.sensor_file import load_sensor
 
@@ -69,8 +68,3 @@ def test_a_table_has_rings_by_the_mean_elevation_of_its_channels(tmp_path: Path)
     table = f'scanner={{type="table",file="{tmp_path / "t.csv"}",frame_ms=100}}'
     sensor = load_sensor("table1-apd", overrides=[table])
     assert sensor.rings(np.array([0, 2, 3])).tolist() == [2, 0, 1]
-
-
-def test_a_driver_that_there_is_not() -> None:
-    with pytest.raises(InputError, match=r"driver: must be 'velodyne', .*, got \"sick\""):
-        load_sensor("vlp-16", overrides=["driver='sick'"])

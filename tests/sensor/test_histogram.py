@@ -7,7 +7,6 @@ import pytest
 from helpers import photons
 
 from lidarscene import load_sensor
-from lidarscene.errors import InputError
 from lidarscene.sensor.sensor_file import sensor_from_tables
 from lidarscene.studies.ranging import plane
 from lidarscene.studies.ranging.plane import Target
@@ -168,41 +167,6 @@ def test_the_bins_that_are_drawn_hold_the_search_and_the_template(fwhm_ns, jitte
     search = math.ceil(1.25 * sigma_ns / bin_ns)
     assert counter.histogram.search == search
     assert counter.histogram.reach == search + 1 + math.ceil(3.0 * sigma_ns / bin_ns)
-
-
-@pytest.mark.parametrize(
-    ("override", "words"),
-    [
-        # 1.5 times the root of (4 / 2.3548)^2 + 5^2 / 12, and 8.5 times that of 0.05 over 56 bins.
-        ("histogram.bin_ns=5", "histogram.bin_ns: must be <= 3.34, 1.5 times the width"),
-        ("histogram.bin_ns=0.05", "histogram.bin_ns: must be >= 0.26 (64 bins"),
-        ("detector.dead_time_ns=2", "detector.dead_time_ns: must be >= 4, the width of the pulse, got 2"),
-        ("histogram.window_us=200", "histogram.window_us: must be <= 100, the pulse period, got 200"),
-        ("histogram.pulse_period_us=3", "histogram.shots: must be <= 33"),
-        ("detector.coincidence=40", "detector.coincidence"),
-        ("histogram.multiplier=-1", "histogram.multiplier"),
-    ],
-)
-def test_what_cannot_be_is_one_line(override, words):
-    with pytest.raises(InputError, match=r"^test") as caught:
-        photons.sensor(override)
-    assert words in str(caught.value)
-    assert "\n" not in str(caught.value)
-
-
-def test_more_spads_together_than_there_are_is_one_line():
-    with pytest.raises(InputError, match=r"coincidence: must be <= 2, the spads of the pixel, got 3$"):
-        photons.sensor("detector.spads=2", "detector.coincidence=3")
-
-
-def test_spads_have_a_histogram_and_others_a_converter():
-    from lidarscene import load_sensor
-
-    with pytest.raises(InputError, match="histogram: must be left out with"):
-        load_sensor(
-            "table1-apd",
-            overrides=["histogram.bin_ns=1", "histogram.threshold_floor=4", "histogram.threshold_slope=0.3"],
-        )
 
 
 def test_sensitivities_of_a_histogram_are_those_of_its_formulas():

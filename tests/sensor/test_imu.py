@@ -9,7 +9,6 @@ import pytest
 
 from lidarscene import catalog, load_sensor
 from lidarscene.cli.main import main
-from lidarscene.errors import InputError
 from lidarscene.files.toml import read_toml
 from lidarscene.maths.arrays import Numbers
 from lidarscene.maths.pose import Pose
@@ -187,8 +186,6 @@ def test_keys_of_the_file_replace_those_of_the_model(tmp_path: Path) -> None:
     assert (rig.imu.rate_hz, rig.imu.pose.position_m.tolist()) == (100.0, [1.0, 2.0, 3.0])
     assert rig.imu.accelerometer_noise_m_s2_sqrt_hz == pytest.approx(50 * 9.80665e-6)
     assert rig.files[-1] == tmp_path / "own.toml"
-    with pytest.raises(InputError, match=r"imu.model: no imu 'bmi08' in the catalogue; did you mean bmi088\?"):
-        load_sensor("vlp-16", overrides=["imu.model=bmi08"])
 
 
 def test_noise_does_not_depend_on_the_motion() -> None:

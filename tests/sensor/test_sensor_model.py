@@ -10,7 +10,7 @@ from helpers.documentation import says
 from scipy.optimize import minimize_scalar
 
 from lidarscene import catalog, load_sensor
-from lidarscene.errors import InputError, OptionWarning
+from lidarscene.errors import OptionWarning
 from lidarscene.physics.amplifier import high_pass
 from lidarscene.physics.amplifier.low_pass import LOW_PASSES
 from lidarscene.physics.constants import ELEMENTARY_CHARGE_C
@@ -198,26 +198,6 @@ def test_peak_of_a_sipm_is_lowered_behind_the_cells(kind):
 
 
 # --- the file ---------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("override", "message"),
-    [
-        ("response='bessel'", "response: must be 'none', 'gaussian' or 'single_pole', got \"bessel\""),
-        ("bandwidth_mhz=0", "bandwidth_mhz: must be >= 0.001, got 0"),
-        ("ac_coupling_khz=0", "ac_coupling_khz: must be >= 0.001, got 0"),
-        ("ac_coupling_khz=2e4", "ac_coupling_khz: must be <= 6246, behind which the received pulse "),
-    ],
-)
-def test_mistakes(override, message):
-    with pytest.raises(InputError) as caught:
-        load_sensor("table1-apd", overrides=[f"receiver.{override}"])
-    assert f"receiver.{message}" in str(caught.value)
-
-
-def test_whole_cells_are_not_filtered():
-    with pytest.raises(InputError, match=r'detector.counting: must be "gaussian" behind a filter, got "binomial"'):
-        sensor("gaussian", "detector.counting='binomial'", name="table1-sipm")
 
 
 def test_samples_cover_the_received_pulse():

@@ -5,7 +5,6 @@ import pytest
 from helpers import volley
 
 from lidarscene import load_sensor
-from lidarscene.errors import InputError
 from lidarscene.sensor.volleys import find_volleys
 
 STRAY = ["optics.stray.share=1e-4", "optics.stray.half_angle_deg=1"]
@@ -65,19 +64,3 @@ def test_each_channel_counts_with_its_own_responsivity():
     plain, unequal = (volleys_of(volley.sensor(*keys[:count])).share.values for count in (1, 2))
     np.testing.assert_allclose(unequal[0], 2.0 * plain[0], rtol=1e-6)
     np.testing.assert_allclose(unequal[1], 0.5 * plain[1], rtol=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("name", "keys", "message"),
-    [
-        ("vlp-16", (), "optics.stray: must be left out for a scanner whose pulses leave one by one"),
-        ("table1-apd", (), "optics.stray: must be left out for a scanner whose pulses leave one by one"),
-        ("livox-mid-40", (), "optics.stray: must be left out for a scanner without lines of pulses"),
-        ("sony-spad-189x600", (), "optics.stray: must be left out for a scanner whose lines all leave at once"),
-        ("os1-128", ("optics.stray.veil=0.01",), "must add up to <= 0.5, got 1.27"),
-    ],
-)
-def test_sensors_that_cannot_have_it(name, keys, message):
-    """One line with the table, when the file is read."""
-    with pytest.raises(InputError, match=message):
-        load_sensor(name, overrides=[*STRAY, *keys])

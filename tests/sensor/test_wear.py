@@ -7,7 +7,6 @@ import pytest
 from helpers import chain
 
 from lidarscene import load_sensor
-from lidarscene.errors import InputError
 from lidarscene.outputs.light import AmbientImage
 from lidarscene.rendering.simulator import Simulator
 from lidarscene.scene.scene import Air
@@ -18,7 +17,6 @@ pytestmark = pytest.mark.usefixtures("mi")
 
 WALL = chain.facing(range_m=40.0, size_m=60.0)
 DROPS = ["wear.drops_per_cm2=0.5", "wear.window_radius_mm=50"]
-WIDE = ["laser.divergence_mrad=20", "laser.divergence_elevation_mrad=20"]
 
 
 def points(name, *overrides, **options):
@@ -134,21 +132,3 @@ def test_the_mask_of_every_pulse_is_in_the_ambient_file(tmp_path):
         rows = np.flatnonzero((file["wear_image"] == 1.0).mean(axis=1) > 0.9)
         assert len(rows) == 1
     assert not (points.channel[points.status == "echo"] == 1).any()  # its false alarms need no laser
-
-
-@pytest.mark.parametrize(
-    ("overrides", "message"),
-    [
-        (["wear.drops_per_cm2=1"], "wear: window_radius_mm: must be given with drops_per_cm2, got none"),
-        (["wear.drops_per_cm2=900", "wear.window_radius_mm=200"], "wear.drops_per_cm2: must be <= "),
-        (
-            [*DROPS, "wear.drop_diameter_mm=0.1", "laser.exit_diameter_mm=0.06", *WIDE],
-            "wear.window_radius_mm: must be less ",
-        ),
-        (["wear.laser_power=[[16, 0.5]]"], "wear.laser_power: channels must be < 16, got 16"),
-        (["wear.film_transmittance=0"], "wear.film_transmittance: must be >= 0.001"),
-    ],
-)
-def test_mistakes(overrides, message):
-    with pytest.raises(InputError, match=message):
-        load_sensor("vlp-16", overrides=overrides)

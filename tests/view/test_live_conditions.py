@@ -103,6 +103,7 @@ def test_another_sensor_and_budgets_only_where_asked(mi: Any, scene_file: Path) 
     cloud = lidarscene.render(scene_file, "vlp-16")
     np.testing.assert_array_equal(arrays["range"], cloud.range_m)
     assert header["choices"]["sensor"][0] == "table1-apd"
+    assert header["title"].endswith(" · vlp-16")
     # The sensor reports 0 to 255, its comparator sees amperes.
     fields = {field["name"]: field for field in header["fields"]}
     assert {fields[name]["unit"] for name in ("peak_signal", "noise", "noise_at_peak", "threshold")} == {"A"}

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from .. import catalog
 from ..errors import InputError
 from ..rendering.render_options import FrameOptions
 from .options import StudyOptions, add_options, flag_of, options_from
@@ -95,6 +96,9 @@ def _choose(arguments: argparse.Namespace) -> Callable[[argparse.Namespace], Rep
         InputError: for options of another kind
     """
     if arguments.sensors is None:
+        alone = [str(path) for path in arguments.inputs if str(path) in catalog.names("sensors")]
+        if alone:
+            raise InputError(f"sensors go behind --sensors: compare car --sensors {','.join(alone)}, got no scene")
         return _compare_clouds
     if len(arguments.inputs) != 1:
         raise InputError(f"--sensors: must go with one scene, got {len(arguments.inputs)} files")

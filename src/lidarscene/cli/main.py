@@ -134,7 +134,9 @@ class _Parser(argparse.ArgumentParser):
         if not argument.startswith("-"):
             if "--set" in options and re.fullmatch(r"[-+\d.]+\w*|true|false", argument):
                 return "; a value goes with =: --set laser.peak_power_w=75"
-            return "; sensors go behind --sensors, with commas: --sensors A,B" if "--sensors" in options else ""
+            if "--sensors" in options:
+                return "; sensors go behind --sensors, with commas: --sensors A,B"
+            return f"; a sensor goes behind --sensor: --sensor {argument}" if "--sensor" in options else ""
         question = did_you_mean(argument.split("=")[0], options, cutoff=0.75)
         return f"; {question}" if question else ""
 

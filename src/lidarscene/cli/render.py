@@ -128,10 +128,13 @@ def _record(arguments: argparse.Namespace, history: KernelHistory | None) -> Rec
 
 
 def _others(run: RecordedRun) -> list[str]:
-    """Files of several frames beside their clouds: those of each frame counted by folder and suffix."""
+    """Files of several frames beside their clouds: those of each frame counted by folder and suffixes."""
     clouds = {cloud.files["output"] for cloud in run.clouds}
     counts = Counter(
-        f"{path.suffix} in {path.parent}" for path in run.files if path not in clouds and path not in run.run_files
+        # A dot in a name may be that of a number.
+        f"{''.join(suffix for suffix in path.suffixes if suffix[1:].isalpha())} in {path.parent}"
+        for path in run.files
+        if path not in clouds and path not in run.run_files
     )
     return [f"{count} {place}" for place, count in counts.items()] + [str(path) for path in run.run_files]
 

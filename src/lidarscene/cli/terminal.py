@@ -133,17 +133,21 @@ def error_text(error: LidarSceneError) -> str:
     return text if isinstance(error, BackendError) else _with_path_last(printable(text))
 
 
-LONG_PATH = 40
-"""Choice: letters of an absolute path from which on it hides the mistake that follows it, and so comes last."""
-
-
 def _with_path_last(text: str) -> str:
-    """Message whose file, where it has a long absolute path, comes behind the mistake."""
-    where, _, mistake = text.partition(": ")
-    path, _, option = where.partition(" --")
-    if not mistake or len(path) < LONG_PATH or not os.path.isabs(path):
-        return text
-    return f"--{option}: {mistake} ({path})" if option else f"{mistake} ({path})"
+    """Message that begins with the mistake: the files that it begins with come behind it."""
+    paths: list[str] = []
+    while True:
+        where, _, mistake = text.partition(": ")
+        path, _, option = where.partition(" --")
+        if not mistake or not _is_file(path, mistake):
+            return f"{text} ({', of '.join(paths)})" if paths else text
+        paths.insert(0, path)
+        text = f"--{option}: {mistake}" if option else mistake
+
+
+def _is_file(word: str, mistake: str) -> bool:
+    """Whether the first word of a message names a file: keys have dots, too."""
+    return mistake.startswith("no such ") or os.path.isabs(word) or ("." in word and os.path.exists(word))
 
 
 def mute_errors() -> None:

@@ -20,7 +20,7 @@ from functools import partial
 from pathlib import Path
 from typing import Any, ClassVar, NamedTuple
 
-from ..errors import InputError, OptionWarning, OutputError, warn
+from ..errors import InputError, OptionWarning, OutputError, did_you_mean, warn
 from ..files.arguments import checks_arguments
 from ..files.atomic import atomic_folder, put_text, require_writable
 from ..files.attributes import HintedAttributes
@@ -254,8 +254,9 @@ class Report(HintedAttributes):
 
     INSTEAD: ClassVar[Mapping[str, str]] = {
         **dict.fromkeys(("to_pandas", "to_dataframe", "df"), "pandas.DataFrame(report.table)"),
+        **dict.fromkeys(("to_csv", "to_json", "to_excel"), "report.save(folder) writes CSV, JSON and pictures"),
         **dict.fromkeys(("data", "results", "values"), "report.table has columns, report.numbers all numbers"),
-        **dict.fromkeys(("max_range", "ranges", "range"), 'report.table["range_m"]'),
+        **dict.fromkeys(("max_range", "ranges", "range", "range_m"), 'report.table["range_m"]'),
         **dict.fromkeys(("show", "figure", "figures"), "report.plot()"),
     }
 
@@ -338,6 +339,18 @@ class Report(HintedAttributes):
         else:
             header, rows = self.main_table[0], [list(row) for row in self.main_table[1]]
         return {name: [row[column] for row in rows] for column, name in enumerate(header)}
+
+    def __getitem__(self, column: str) -> list[Any]:
+        """Return a column of `table`.
+
+        Raises:
+            InputError: for an unknown one
+        """
+        table = self.table
+        if column not in table:
+            meant = did_you_mean(column, table)
+            raise InputError(f"report[{column!r}]: {meant}{' ' if meant else ''}must be one of {', '.join(table)}")
+        return table[column]
 
     def plot(self, name: str | None = None) -> Picture:
         """Draw a figure of the report, or its first; a notebook shows it.

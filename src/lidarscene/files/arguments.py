@@ -19,7 +19,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence, S
 from numbers import Integral, Real
 from typing import Annotated, Any, Literal, TypeVar
 
-from ..errors import OptionError, one_line, unknown_option
+from ..errors import OptionError, did_you_mean, one_line, unknown_option
 
 Checked = TypeVar("Checked", bound=Callable[..., Any])
 
@@ -54,9 +54,14 @@ def checks_arguments(call: Checked) -> Checked:
     def checked_call(*arguments: Any, **keywords: Any) -> Any:
         if not takes_all:
             for word in keywords.keys() - signature.parameters.keys():
-                raise unknown_option(word, [name for name in signature.parameters if name != "self"])
+                names = [name for name in signature.parameters if name != "self"]
+                meant = ""
+                if "overrides" in names and not did_you_mean(word, names):
+                    meant = 'values of the file go in overrides={"TABLE.KEY": value}'
+                raise unknown_option(word, names, meant=meant)
         if len(arguments) > len(positional) and not takes_list:
-            raise _too_many(call.__name__, arguments[own:], positional[own:], _hints_of(call))
+            others = [name for name in signature.parameters if name not in positional]
+            raise _too_many(call.__name__, arguments[own:], positional[own:], others, _hints_of(call))
         try:
             bound = signature.bind(*arguments, **keywords).arguments
         except TypeError:  # the call itself says what is missing
@@ -69,13 +74,16 @@ def checks_arguments(call: Checked) -> Checked:
     return typing.cast(Checked, checked_call)
 
 
-def _too_many(call: str, given: Sequence[object], names: Sequence[str], hints: Mapping[str, Any]) -> OptionError:
+def _too_many(
+    call: str, given: Sequence[object], names: Sequence[str], others: Sequence[str], hints: Mapping[str, Any]
+) -> OptionError:
     """Error for a call with more arguments than names that go without them; several choices go in a list."""
     words = f"{call}(): must have at most {len(names)} without a name ({', '.join(names)}), got {len(given)}"
     rest = [*given[len(names) - 1 :]]
-    if names and is_of_type(rest, hints.get(names[-1], object)):
+    takes_any = hints.get(names[-1], Any) is Any if names else True
+    if not takes_any and is_of_type(rest, hints[names[-1]]):
         return OptionError("{0}; several go in one list: {1}={2}", words, names[-1], one_line(rest))
-    return OptionError("{0}; the others go by name, as in name=value", words)
+    return OptionError("{0}{1}", words, f"; the others go by name: {'=, '.join(others)}=" if others else "")
 
 
 _POSITIONAL = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)

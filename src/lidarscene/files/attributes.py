@@ -29,7 +29,7 @@ def no_attribute(owner: object, word: str, *, name: str, instead: Mapping[str, s
         fields = getattr(type(owner), "__dataclass_fields__", ())
         inner = [f"{part}.{entry}" for part in fields for entry in _numbers_of(getattr(owner, part, None))]
         found = keys_like(word, public) or keys_like(word, inner)
-        meant = question(f"{name}.{key}" for key in found) or did_you_mean(word, public)
+        meant = question(f"{name}.{key}" for key in found) or did_you_mean(word, public, cutoff=0.7)
     return AttributeError(f"{type(owner).__name__} has no '{word}'" + (f"; {meant}" if meant else ""))
 
 

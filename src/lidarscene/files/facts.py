@@ -11,8 +11,10 @@ import tempfile
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import ClassVar
 
 from .atomic import atomic_output
+from .attributes import HintedAttributes
 
 
 def facts_line(kind: str, name: str, facts: Mapping[str, str]) -> str:
@@ -27,8 +29,10 @@ def facts_table(kind: str, name: str, facts: Mapping[str, str]) -> str:
 
 
 @dataclass(frozen=True, slots=True)
-class Picture:
+class Picture(HintedAttributes):
     """A PNG in memory: a notebook shows it, and `save` writes it."""
+
+    INSTEAD: ClassVar[Mapping[str, str]] = dict.fromkeys(("show", "savefig"), "a notebook shows it; picture.save(path)")
 
     png: bytes = field(repr=False)
 

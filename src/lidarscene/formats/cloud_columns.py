@@ -29,16 +29,34 @@ FOREIGN_NAMES = {
     **dict.fromkeys(("classes", "labels", "label", "semantic", "semantic_labels"), 'cloud["class"], cloud.class_names'),
     **dict.fromkeys(("instance", "instances", "instance_id", "instance_labels"), 'cloud["body"], cloud.body_names'),
     **dict.fromkeys(("bounding_boxes", "bboxes", "boxes_3d"), "cloud.boxes(scene)"),
+    **dict.fromkeys(("annotations", "targets", "objects"), 'cloud.boxes(scene), cloud["class"]'),
+    **dict.fromkeys(("shuffle", "sample", "downsample", "voxel_down_sample"), "cloud[::10], cloud.to_open3d()"),
+    **dict.fromkeys(("fields", "column_names", "keys"), "cloud.columns"),
+    **dict.fromkeys(("rotate", "translate", "apply"), "cloud.transform(pose)"),
+    **dict.fromkeys(("height", "altitude"), "cloud.z"),
+    **dict.fromkeys(("laser_id", "beam_id", "laser", "beam"), "cloud.channel"),
+    **dict.fromkeys(("returns", "num_returns"), "cloud.return_number"),
+    **dict.fromkeys(("false_alarms", "noise"), 'cloud.select(status="false alarm")'),
+    "echoes": 'cloud.select(status="echo")',
+    **dict.fromkeys(("ground_truth", "truth"), "cloud.has_truth, cloud.true_range"),
+    **dict.fromkeys(("reflectance", "albedo"), "cloud.reflectivity"),
+    **dict.fromkeys(("hist", "histogram"), "cloud.to_pandas()"),
+    **dict.fromkeys(("get", "get_field"), 'cloud["intensity"]'),
+    **dict.fromkeys(("velocity", "doppler"), "cloud.radial_velocity"),
+    **dict.fromkeys(("pose", "origin"), "cloud.sensor_place"),
+    **dict.fromkeys(("scatter", "imshow", "draw"), "cloud.plot()"),
+    **dict.fromkeys(("info", "summary", "mean", "stats"), "print(cloud), cloud.to_pandas()"),
     **dict.fromkeys(("filter", "query", "mask", "crop"), 'cloud.select(class_="car"), cloud[cloud.range < 50]'),
     **dict.fromkeys(("num_points", "n_points", "size"), "len(cloud)"),
     **dict.fromkeys(("to_dataframe", "to_df", "to_csv", "describe", "head"), "cloud.to_pandas()"),
-    **dict.fromkeys(("to_ros", "to_pointcloud2", "to_rosbag", "publish"), 'cloud.save("a.mcap"), `lidarscene stream`'),
+    **dict.fromkeys(("to_ros", "to_msg", "to_pointcloud2", "publish"), 'cloud.save("a.mcap"), `lidarscene stream`'),
     **dict.fromkeys(("transform_to", "to_world"), "cloud.transform(pose), render(..., coordinates='world')"),
     **dict.fromkeys(("distance", "distances", "depth"), "cloud.range"),
     **dict.fromkeys(("timestamp", "timestamps", "t"), "cloud.time"),
-    **dict.fromkeys(("write", "export", "to_ply"), "cloud.save(path)"),
+    **dict.fromkeys(("write", "export", "to_arrow", "to_file", "to_ply", "to_pcd", "to_las"), "cloud.save(path)"),
     "frame_id": 'cloud.metadata["frame"]',
     "header": "cloud.metadata",
+    **dict.fromkeys(("to_list", "tolist", "dtype", "to_structured", "to_records"), "cloud.to_numpy()"),
     "to_dict": "{name: cloud[name] for name in ...}, or cloud.to_pandas()",
 }
 """Names that other libraries have for what a cloud has, and how it is asked for here."""
@@ -389,7 +407,8 @@ class Cloud(CloudColumns):
         """(n,) values of the column of this name, as in files: "x", "snr", "class", ..."""
         choices = {column.name: column for column in self.columns}
         if name not in choices:
-            raise InputError(f"column '{name}': not in this cloud; {hint(name, choices)}")
+            meant = f"{FOREIGN_NAMES[name]}; " if name in FOREIGN_NAMES else ""
+            raise InputError(f"column '{name}': not in this cloud; {meant}{hint(name, choices)}")
         values: Numbers = getattr(self, choices[name].attribute)
         return values[:, "xyz".index(name)] if values.ndim == 2 else values
 

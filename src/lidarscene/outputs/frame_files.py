@@ -33,6 +33,7 @@ from ..rendering.render_options import FrameOptions, Observers
 from ..rendering.simulator import Simulator
 from ..scene.scene import Scene, View
 from ..sensor.imu import ImuSamples
+from .closing import Closing
 from .light import AmbientImage, write_waveforms
 from .plan import Plan
 from .range_image import range_image_stream
@@ -65,6 +66,7 @@ class FrameFiles:
         imu: samples of the sensor's IMU until the next frame, for packets, or None
         frames: number of frames of the run from this one on
         ahead: called once the device has done its part of the frame: time to begin the next one
+        closing: completes the files while the next frame is traced; None: they are complete when the frame is
     """
 
     plan: Plan
@@ -81,6 +83,7 @@ class FrameFiles:
     imu: ImuSamples | None = None
     frames: int = 1
     ahead: Callable[[], None] | None = None
+    closing: Closing | None = None
 
     def write(self, progress: Callable[[int, int], object] | None) -> None:
         """Trace the frame into its files; ``progress`` is called with (done, pulses) of each sensor."""
@@ -88,7 +91,8 @@ class FrameFiles:
         ambient = AmbientImage() if "ambient" in self.files else None
         packets = self._packets()
         rays: list[PulseRays] | None = [] if "keep_rays" in self.files else None
-        with self._takers(picture, packets) as takers:
+        with ExitStack() as opened:
+            takers = opened.enter_context(self._takers(picture, packets))
             for number, (simulator, take) in enumerate(zip(self._simulators, takers, strict=True), start=1):
                 later = self._simulators[number:]
                 ahead = partial(later[0].begin, self.frame, self.frames) if later else self.ahead
@@ -102,6 +106,8 @@ class FrameFiles:
                     )
                     simulator.stream(take, self.frame, observers, ahead=ahead, read=self._reader(simulator))
             since = time.perf_counter()
+            if self.closing is not None:
+                self.closing(opened)
         if self.capture is not None and packets is not None:
             self.capture.take(packets.firings())
         if ambient is not None:

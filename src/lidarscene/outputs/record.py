@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence, Sized
 from contextlib import ExitStack
 from dataclasses import dataclass, replace
 from functools import partial
@@ -32,6 +32,7 @@ from ..scene.scene_file import SceneChoice, files_of_scene, load_scene
 from ..sensor.rig_file import Mounted, Rig
 from ..sensor.sensor_file import load_sensor
 from ..sensor.sensor_model import Sensor, warn_of_doubts
+from .closing import Closing
 from .frame_files import FrameFiles
 from .output_options import FRAMES, File, Outputs
 from .plan import CLOUDS, Plan, check_writable, protect_inputs
@@ -255,6 +256,7 @@ class _Run:
             live = opened.enter_context(rerun_live(epoch_ns=epoch_ns)) if plan.outputs.rrd else None
             packet_files = {cloud.label: cloud.files["output"] for cloud in clouds} if encoders else {}
             open_captures = opened.enter_context(captures(packet_files, encoders))
+            closing = opened.enter_context(Closing()) if self._closes_later(clouds, bags, live, encoders) else None
             end = clouds[-1].number + 1
             for (label, group, number, files), following in zip(clouds, [*clouds[1:], None], strict=True):
                 parts = list(self.motion.parts(group, number - self.frame.number))
@@ -276,6 +278,7 @@ class _Run:
                     imu=next((samples for track, samples in parts if track.label == label), None),
                     frames=end - number,
                     ahead=None if following is None else partial(self._begin, following, end - following.number),
+                    closing=closing,
                 )
                 frame_files.write(progress)
                 for log in bags.values() if plan.format.driver else ():
@@ -285,6 +288,16 @@ class _Run:
                         log.append_imu(samples, label=track.label, mounting=track.on_vehicle)
                 written.append(RecordedCloud(label=label, number=number, files=files, summary=frame_files.summary))
         return tuple(written)
+
+    def _closes_later(self, clouds: Sized, *in_order: object) -> bool:
+        """Whether files of a frame are completed while the next one is traced.
+
+        Not where a file or a viewer has several frames, one of ``in_order``, and not for frames so large that two would
+        fill the memory.
+        """
+        chunk = self.frame.chunk or blocks.lanes_per_chunk()
+        pulses = sum(simulator.sensor.scanner.pulses for simulator in self.simulators.values())
+        return len(clouds) > 1 and not any(in_order) and pulses <= chunk
 
     def _begin(self, cloud: _PlannedCloud, frames: int) -> None:
         """Start the first sensor of a cloud: the device computes while the files of the last one are written.

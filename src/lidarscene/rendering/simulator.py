@@ -204,10 +204,11 @@ class Simulator(HintedAttributes):
         _, length_s = check_frame(self.scene, self.sensor.scanner, number=frame.number, begin_s=frame.begin_s)
         return deskewed(cloud, self.motion, length_s=length_s)
 
+    @exclusive
     def deskewing(self, frame: FrameOptions) -> Deskewing:
         """Way of the points of a frame to where they are in `without_motion`."""
         _, length_s = check_frame(self.scene, self.sensor.scanner, number=frame.number, begin_s=frame.begin_s)
-        own = self._frame(frame)
+        own = self._started_frame(frame) or self._frame(frame)
         return Deskewing.of_frame(self.motion, own.goal(frame.coordinates), start_s=own.start_s, length_s=length_s)
 
     @exclusive
@@ -356,7 +357,8 @@ class Simulator(HintedAttributes):
     def empty(self, frame: FrameOptions | None = None, **options: Unpack[FrameKeywords]) -> PointCloud:
         """Cloud of `render` without its points: names and metadata, available before anything is traced."""
         frame_options, _ = _resolve_options(frame, None, options)
-        description = self._description(self._frame(frame_options), frame_options)
+        current_frame = self._started_frame(frame_options) or self._frame(frame_options)
+        description = self._description(current_frame, frame_options)
         return PointCloud(**CloudBuilder(vectors=self.trace.vectors).fields(**description))
 
     @exclusive
@@ -726,11 +728,15 @@ class Simulator(HintedAttributes):
         self._check_clearance(frame.place, frame.start_s)
         return frame
 
+    def _started_frame(self, options: FrameOptions) -> Frame | None:
+        """Frame of these options that the device has already; None without one."""
+        frames = (launch.frame_of(options) for launch in (self._traced, self._begun) if launch is not None)
+        return next((frame for frame in frames if frame is not None), None)
+
     def _traced_frame(self, options: FrameOptions) -> Frame:
         """Frame of these options, in the piece of the scene that is compiled then."""
-        for launch in (self._traced, self._begun):
-            if launch is not None and (frame := launch.frame_of(options)) is not None:
-                return frame
+        if (started := self._started_frame(options)) is not None:
+            return started
         piece = self._piece_at(options)
         if piece != self._piece:
             self._piece = piece

@@ -147,8 +147,8 @@ class BodyOrigin:
     instance: int | None = None
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Body:
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
+class Body(HintedAttributes):
     """A named object with a class and a shape. Instances are bodies that share parts.
 
     Attributes:
@@ -245,7 +245,7 @@ MOST_NAMES = 12
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Sun:
+class Sun(HintedAttributes):
     """Direction of the sun and its illuminance on a surface that faces it.
 
     Azimuth is counter-clockwise from x, seen from above.
@@ -282,7 +282,7 @@ class Sky:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Air:
+class Air(HintedAttributes):
     """One-way transmittance: a fixed factor times extinction over the range (given, by visibility, by weather)."""
 
     transmittance: Annotated[float, Quantity(gt=0, le=1, about="one way, at any range")] = 1.0
@@ -366,7 +366,15 @@ class Scene(HintedAttributes):
     INSTEAD: ClassVar[Mapping[str, str]] = {
         **dict.fromkeys(("objects", "meshes", "actors", "vehicles"), "scene.bodies"),
         **dict.fromkeys(("weather", "fog", "rain", "snow"), "scene.air.weather"),
+        **dict.fromkeys(
+            ("add_body", "add_mesh", "add_object", "add_box", "add_sphere", "spawn"),
+            'scene.add(mesh, "brick", position=(20, 0, 1))',
+        ),
+        **dict.fromkeys(("move", "set_pose"), 'scene.replace({"bodies.car.position_m": [20, 0, 0]})'),
+        **dict.fromkeys(("set", "set_sun", "set_weather"), 'scene.replace("sun.illuminance_klux=50") is another scene'),
         "sensor": "scene.sensor_name, scene.sensor_pose",
+        **dict.fromkeys(("describe", "summary", "info"), "print(scene), scene.facts()"),
+        **dict.fromkeys(("names", "body_names"), "scene.bodies"),
         "render": "lidarscene.render(scene, sensor)",
     }
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 from typing import Annotated, Literal
 
+from ..files.attributes import HintedAttributes
 from ..maths.arrays import Lanes
 from ..maths.units import COUNT, STATIC, FileKey, Quantity
 from ..physics.amplifier.low_pass import LOW_PASSES, LowPass
@@ -37,7 +38,7 @@ def kept_stops(keep: Keep, stops: int) -> tuple[int, str]:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Tdc:
+class Tdc(HintedAttributes):
     """Comparator and time-to-digital converter.
 
     Attributes:

@@ -239,7 +239,7 @@ class StrayLight:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Optics:
+class Optics(HintedAttributes):
     """Receiver.
 
     Attributes:
@@ -328,6 +328,15 @@ class Sensor(HintedAttributes):
             "sensor.scanner.channel_elevation_rad has the elevation of each channel",
         ),
         **dict.fromkeys(("frame_rate", "frame_rate_hz", "fps", "rate_hz"), "1 / sensor.scanner.frame_s"),
+        **dict.fromkeys(
+            ("set", "update", "copy", "with_"), 'sensor.replace("laser.peak_power_w=50") is another sensor'
+        ),
+        **dict.fromkeys(("to_dict", "to_toml", "as_dict"), "sensor.save(path) writes its file"),
+        **dict.fromkeys(("eye_safety", "eye_safe", "is_eye_safe"), "lidarscene.eye_safety(sensor).passed"),
+        **dict.fromkeys(("angular_resolution", "resolution", "points_per_frame"), "lidarscene.fov(sensor) studies it"),
+        "bandwidth": "sensor.tdc.bandwidth_hz",
+        "noise": "lidarscene.budget(cloud, scene, sensor).noise",
+        "pulse_width": "sensor.laser.pulse_fwhm_s",
         "render": "lidarscene.render(scene, sensor)",
     }
 

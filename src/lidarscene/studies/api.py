@@ -482,12 +482,23 @@ def twin(
     return Path(folder) / SCENE
 
 
+SYNONYMS = {
+    **dict.fromkeys(("sun", "light", "lux", "klux"), "the sun's light is illuminance_klux=100"),
+    **dict.fromkeys(("pd", "p_d", "p"), "the detection probability is probability=0.9"),
+    "range": "the distance of SNR and P_d is distance=100",
+    "values": "an axis is start=, stop= and points=",
+}
+"""Keywords that people try, and the right one."""
+
+
 def _refuse_unknown(keywords: Mapping[str, object], known: Collection[str], *parameters: str) -> None:
     """Raise InputError for a keyword that is not known; ``parameters`` are the call's others."""
     options = [*known, *parameters]
     for word in keywords:
         if word not in options:
-            meant = "" if did_you_mean(word, options) else key_to_change(word, overrides=SensorFile)
+            meant = SYNONYMS.get(word) or (
+                "" if did_you_mean(word, options) else key_to_change(word, overrides=SensorFile)
+            )
             raise unknown_option(word, options, meant=meant)
 
 

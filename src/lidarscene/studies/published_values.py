@@ -24,7 +24,8 @@ from ..sensor.sensor_model import Sensor
 from .fit.published_fit import PublishedRanges, exponents, fit_published, nights_over_days, reached_m
 from .held import LIMITS, Held, Limits, held_table, relative
 from .ranging import statistics
-from .ranging.plane import Target, detection_probability, echoes_of_plane, maximum_range_m
+from .ranging.conditions import PROBABILITY
+from .ranging.plane import Target, detection_probability, detection_range_m, echoes_of_plane, maximum_range_m
 from .ranging.sensitivities import parameters
 
 SHOTS = 20_000
@@ -42,6 +43,9 @@ LAW_SIGMAS = 2.0
 _SEED = 1
 
 NOTE = """\
+A range is that at which the peak is as high as the threshold, so half of the echoes are found: few
+makers say at which P_d theirs are, 0.5 to 0.9 where they do. Powers are fitted to it. The note has the range at P_d
+0.9, as `range` gives it.
 * not published: assumed. Of an exponent the deviation is the difference. Numbers that are fitted to all published
 ranges together have the fitted value as "published", the file's as simulated, and one standard deviation as limits.
 Of a mode's range over that of the published mode, the target and light are those that are farthest off.
@@ -132,10 +136,13 @@ def _range(sensor: Sensor, published: PublishedFile, reflectivity: float | None,
     is_given = reflectivity is not None
     share = reflectivity if reflectivity is not None else 0.1
     klux = 100.0 if published.illuminance_klux is None else published.illuminance_klux
-    limit, _ = maximum_range_m(sensor, Target(reflectivity=share, illuminance_klux=klux))
+    target = Target(reflectivity=share, illuminance_klux=klux)
+    limit, _ = maximum_range_m(sensor, target)
+    surely, _ = detection_range_m(sensor, target, PROBABILITY)
     stated = is_given and not (share == published.reflectivity and "reflectivity" in published.assumed)
     words = f"{share:.0%}{'' if stated else '*'}, {_words(published, ('illuminance_klux', f'{klux:g} klux'))}"
-    return _row("range", words, range_m, float(limit), "m")
+    row = _row("range", words, range_m, float(limit), "m")
+    return replace(row, note=f"{surely:.4g} m at P_d {PROBABILITY:g}")
 
 
 def laws(sensor: Sensor, published: PublishedFile) -> list[Held]:

@@ -370,6 +370,7 @@ class Live:
                 for slider in (*equipment.controls(equipment_settings), *controls(self.scene, self.options))
             ],
             "choices": {SENSOR: list(self.sensors), DETECTOR: list(equipment.detectors)},
+            "title": _title(cloud.metadata, self.scene.name),  # the sensor may be another than at first
             "beams": summary.beams,
             "seconds": seconds,
             "sun": chosen.scene.sun.direction.tolist(),

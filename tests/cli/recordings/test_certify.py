@@ -13,6 +13,8 @@ from lidarscene import Simulator, load_scene, load_sensor
 from lidarscene.catalog import sensor_path
 from lidarscene.rendering.render_options import FrameOptions
 
+pytestmark = pytest.mark.usefixtures("rough_charts")
+
 SENSOR = "vlp-16"
 TURNS = 4
 

@@ -1,12 +1,13 @@
 """Packets of Pandar64: by the arithmetic of the maker's driver every point is where and when it was."""
 
+import struct
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from helpers.packets import packets_of, random_frame
-from helpers.pandar64 import points_of
 
 from lidarscene.formats.packets.firings import FiringsBuilder
 from lidarscene.formats.packets.layouts import PANDAR64_PACKET
@@ -16,6 +17,39 @@ from lidarscene.recordings.opening import open_recording
 from lidarscene.sensor.sensor_file import load_sensor
 
 DUAL = ('tdc.keep="strongest_and_last"',)
+
+FIRED = """
+    50 60 44 59 38 56 8 54 48 62 42 58 6 55 52 63 46 61 40 57 5 53 4 47 3 49 2 51 1 45 0 43
+    23 32 26 41 20 35 14 29 21 36 15 30 9 24 18 33 12 27 19 34 13 28 7 22 16 31 10 25 17 37 11 39
+"""
+"""Lasers that fire together, two by two, the last ones first: HesaiLidar_General_SDK at d7f39ee, ParseL64Data."""
+
+BEFORE_US = {
+    int(laser): 3.62 + 1.304 * min(number // 2, 15) + 1.968 * max(number // 2 - 15, 0)
+    for number, laser in enumerate(FIRED.split())
+}
+"""When a laser fires, before the end of its block."""
+
+
+def points_of(payload: bytes) -> Iterator[tuple[int, float, float, float, int]]:
+    """Laser, azimuth without its own [degrees, clockwise], time within the minute [s], range [m] and reflectivity of
+    each point, as CalcL64PointXYZIT of the maker's driver has them.
+    """
+    start, lasers, blocks, _, step_mm = struct.unpack_from(">HBBBB", payload)
+    assert (start, lasers, blocks, len(payload)) == (0xEEFF, 64, 6, 8 + 6 * 194 + 22)
+    tail = 8 + 6 * 194 + 8
+    turns, stamp_us, echo = struct.unpack_from("<HIB", payload, tail)
+    second = payload[tail + 13]
+    for block in range(blocks):
+        offset = 8 + 194 * block
+        azimuth = struct.unpack_from("<H", payload, offset)[0]
+        ahead = (5 - block) // 2 if echo == 0x39 else 5 - block
+        for laser in range(64):
+            distance, reflectivity = struct.unpack_from("<HB", payload, offset + 2 + 3 * laser)
+            if distance:
+                turned = 0.01 * azimuth - turns * 6e-6 * BEFORE_US[laser]
+                time_s = second + 1e-6 * (stamp_us - 55.56 * ahead - 42.58 - BEFORE_US[laser])
+                yield laser, turned, time_s, 1e-3 * distance * step_mm, reflectivity
 
 
 def test_every_point_comes_back_by_the_makers_arithmetic() -> None:

@@ -84,16 +84,17 @@ def test_afterpulses_are_those_of_spads_that_are_followed_one_by_one(rate_per_ns
     np.testing.assert_array_equal(course_of(afterpulse=0.0, afterpulse_s=1e-9), without)
 
 
-def test_even_light_has_the_afterpulses_of_the_closed_form():
+@pytest.mark.parametrize("dead_s", [12e-9, 12.05e-9])
+def test_even_light_has_the_afterpulses_of_the_closed_form(dead_s):
     """a lambda / (1 - p G) in the steps of 0.125 ns from the first one on, to the square of such a step; in the dark G
-    is the share that outlasts the dead time, to 1e-4, lambda times the delay.
+    is the share that outlasts the dead time, to 1e-4, lambda times the delay. Dead times of whole steps and between.
     """
-    keys = {"dead_time_s": 12e-9, "afterpulse": 0.05, "afterpulse_s": 30e-9}
+    keys = {"dead_time_s": dead_s, "afterpulse": 0.05, "afterpulse_s": 30e-9}
     rate_hz = 20e6 * dead_time.afterpulse_factor(rate_hz=20e6, **keys)
     share = dead_time.firing_shares(np.full(400, 20e6), bin_s=0.125e-9, **keys)
-    np.testing.assert_allclose(share / 0.125e-9, rate_hz / (1.0 + rate_hz * 12e-9), rtol=1e-4)
+    np.testing.assert_allclose(share / 0.125e-9, rate_hz / (1.0 + rate_hz * dead_s), rtol=1e-4)
     dark = dead_time.afterpulse_factor(rate_hz=1e3, **keys)
-    assert dark - 1.0 == pytest.approx(1.0 / (1.0 - 0.05 * math.exp(-0.4)) - 1.0, rel=1e-4)
+    assert dark - 1.0 == pytest.approx(1.0 / (1.0 - 0.05 * math.exp(-dead_s / 30e-9)) - 1.0, rel=1e-4)
 
 
 @pytest.mark.parametrize("dead_s", [6e-9, 6.3e-9, 6.8e-9])

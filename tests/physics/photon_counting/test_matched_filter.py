@@ -95,6 +95,20 @@ def test_a_single_count_exceeds_any_threshold_below_its_own_height(counts):
     assert share[3] < 0.8 * counts * max(10.0 * counts, 1e-3)
 
 
+@pytest.mark.parametrize("counts", [0.02, 3.0, 300.0])
+def test_no_share_is_negative_however_far_in_the_tail(counts):
+    """Rates of an Ouster were -1.7e-38 Hz beyond 15 deviations."""
+    deviations = np.geomspace(1.0, 100.0, 200)
+    levels = deviations * np.sqrt(matched_filter.background_variance(rate_hz=counts, sigma_s=1.0))
+    share = np.asarray(
+        matched_filter.false_peak_share(
+            threshold=levels, rate_hz=np.full(200, counts), sigma_s=1.0, bin_s=0.5, variance_share=1.0
+        )
+    )
+    assert share[0] > 0.0
+    assert share.min() >= 0.0
+
+
 @pytest.mark.parametrize(("signal", "rate"), [(2000.0, 0.0), (200.0, 1.0), (60.0, 5.0)])
 def test_bound_of_the_precision(signal, rate):
     """The bound is sigma / sqrt(S) in the dark; else by the integral over the pulse. Tolerance: bins of a tenth of the

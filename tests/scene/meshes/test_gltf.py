@@ -178,16 +178,8 @@ def test_vertices_of_other_primitives_are_no_part_of_the_size(tmp_path: Path) ->
 
 def test_a_vertex_is_carried_by_the_mean_of_its_joints(tmp_path: Path) -> None:
     file = Gltf()
-    attributes = {
-        "JOINTS_0": file.numbers([[0, 1, 0, 0]] * 4, "u2"),
-        "WEIGHTS_0": file.numbers([[64, 191, 0, 0]] * 4, "u1", normalized=True),
-    }
-    file.mesh(attributes=attributes)
-    file.content["scenes"] = [{"nodes": [0, 1, 2]}]
-    file.add("nodes", mesh=0, skin=0)
-    file.add("nodes", translation=[1, 0, 0])
-    file.add("nodes", translation=[0, 1, 0])
-    file.add("skins", joints=[1, 2])
+    weights = file.numbers([[64, 191, 0, 0]] * 4, "u1", normalized=True)
+    file.skinned_wall(file.numbers([[0, 1, 0, 0]] * 4, "u2"), weights)
     (piece,) = read_mesh(file.save(tmp_path / "a.glb"))
     np.testing.assert_allclose(piece.vertices_m - WALL, [[64 / 255, 191 / 255, 0]] * 4, atol=1e-6)
 

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from lidarscene import load_sensor
-from lidarscene.errors import InputError
 from lidarscene.sensor.detectors import GeigerDetector
 from lidarscene.studies.ranging import plane, sensitivities
 from lidarscene.studies.ranging.plane import Target
@@ -67,31 +66,3 @@ def test_more_cells_on_one_area_are_less_active() -> None:
         for g in (1.99, 2.01)
     )
     assert slopes["detector.cell_gap_m"] == pytest.approx((high - low) / 0.02e-6, rel=1e-3)
-
-
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        (
-            {"detector.temperature_k": 300},
-            "temperature_k, rated_temperature_k: must be given together, got temperature_k",
-        ),
-        ({"detector.overvoltage_v": 3}, "must be given together, got overvoltage_v"),
-        ({"detector.dark_doubling_k": 8}, "dark_doubling_k: must go with temperature_k, got none"),
-        (
-            {"detector.temperature_k": 300, "detector.rated_temperature_k": 298},
-            "temperature_k: must go with dark_doubling_k or breakdown_drift_v_k, got none of them",
-        ),
-        (
-            {key: value for key, value in WARM.items() if "doubling" not in key},
-            "breakdown_drift_v_k: must go with overvoltage_v, got none",
-        ),
-        ({"detector.cell_gap_um": 500}, "cell_gap_um: must be less than the pitch of the cells"),
-        (BIAS | WARM | {"detector.temperature_k": 400}, "overvoltage_v: must be above the breakdown, which rises"),
-    ],
-)
-@pytest.mark.parametrize("name", ["sipm-905", "os1-128"])
-def test_mistakes_are_one_line(name: str, changes: dict[str, Any], message: str) -> None:
-    with pytest.raises(InputError, match=message) as error:
-        load_sensor(name, overrides=changes)
-    assert "\n" not in str(error.value)

@@ -33,9 +33,15 @@ circuit_noise_na = 20
 """
 
 
+RENDER = (
+    "render car -o {0}.npz --sensor {0}.toml --seed 3 --waveforms {0}_waveforms.npz --pulses 500-505 "
+    "--ambient {0}_ambient.npz"
+)
+
+
 @pytest.fixture(scope="module")
-def run(tmp_path_factory):
-    """Run a command with sources that have the new file and its name."""
+def newcomer(tmp_path_factory):
+    """Sources that have the new file and its name: their folder, how to run Python there, and what commands print."""
     folder = tmp_path_factory.mktemp("newcomer")
     names = "ApdFile | SipmFile | SpadFile"
     added = f"from .pin_detector import PinFile\n\nAnyDetectorFile = PinFile | {names}"
@@ -46,16 +52,24 @@ def run(tmp_path_factory):
     )
     for kind, detector in (("pin", AS_PIN), ("apd", AS_APD)):
         (folder / f"{kind}.toml").write_text(SENSOR.format(kind=kind, detector=detector), encoding="utf-8")
-    return folder, command
-
-
-def test_it_renders_the_points_of_an_apd_without_gain(run):
-    folder, command = run
-    render = (
-        "render car -o {0}.npz --sensor {0}.toml --seed 3 --waveforms {0}_waveforms.npz --pulses 500-505 "
-        "--ambient {0}_ambient.npz"
+    printed = command_lines(
+        command,
+        RENDER.format("pin"),
+        RENDER.format("apd"),
+        "range pin.toml apd.toml --json",
+        "range pin.toml",
+        "range pin.toml --sensitivities",
+        "range pin.toml --eye-safety",
+        "compare car --sensors pin.toml,table1-apd -o compared",
+        "fov pin.toml -o fov",
+        "schema sensor",
+        "check pin.toml",
     )
-    command_lines(command, render.format("pin"), render.format("apd"))
+    return folder, command, printed
+
+
+def test_it_renders_the_points_of_an_apd_without_gain(newcomer):
+    folder, _, _ = newcomer
     for name in ("{}.npz", "{}_waveforms.npz", "{}_ambient.npz"):
         with np.load(folder / name.format("pin")) as pin, np.load(folder / name.format("apd")) as diode:
             assert set(pin.files) == set(diode.files)
@@ -67,19 +81,8 @@ def test_it_renders_the_points_of_an_apd_without_gain(run):
                     np.testing.assert_array_equal(pin[column], diode[column], err_msg=column)
 
 
-def test_studies_know_it(run):
-    folder, command = run
-    ranges, table, sensitivities, _, _, _, _, checked = command_lines(
-        command,
-        "range pin.toml apd.toml --json",
-        "range pin.toml",
-        "range pin.toml --sensitivities",
-        "range pin.toml --eye-safety",
-        "compare car --sensors pin.toml,table1-apd -o compared",
-        "fov pin.toml -o fov",
-        "schema sensor",
-        "check pin.toml",
-    )
+def test_studies_know_it(newcomer):
+    folder, _, (_, _, ranges, table, sensitivities, *_, checked) = newcomer
     pin, diode = (json.loads(ranges)[name] for name in ("pin", "apd"))
     # The APD's load of 1e12 ohm adds 3e-9 of the variance.
     assert pin["range_m"] == pytest.approx(diode["range_m"], rel=1e-8)
@@ -90,8 +93,8 @@ def test_studies_know_it(run):
     assert "pin" in checked
 
 
-def test_the_view_has_its_slider_and_its_unit(run):
-    _, command = run
+def test_the_view_has_its_slider_and_its_unit(newcomer):
+    _, command, _ = newcomer
     code = (
         "from lidarscene.view.controls import Equipment\nfrom lidarscene.scene.scene_file import load_scene\n"
         "equipment = Equipment(load_scene('car'), 'pin.toml')\n"

@@ -9,7 +9,6 @@ from helpers.trains import train
 from scipy import ndimage
 
 from lidarscene.detection.photon_counting.histograms import histograms
-from lidarscene.errors import InputError
 from lidarscene.physics.photon_counting import matched_filter
 
 BACKGROUND_W = np.array([2e-10])
@@ -138,21 +137,6 @@ def test_afterpulses_widen_the_noise_of_the_filter():
     within = 4.0 * error + 0.005
     assert share == pytest.approx(float(pixel.variance_share[0]), abs=within)
     assert float(counter.pixel(power_w).variance_share[0]) < float(pixel.variance_share[0]) - within
-
-
-@pytest.mark.parametrize(
-    ("keys", "message"),
-    [
-        (["detector.afterpulse=0.1"], "afterpulse, afterpulse_ns: must be given together"),
-        (
-            ["detector.afterpulse=0.1", "detector.afterpulse_ns=30", "detector.stamps='first'"],
-            'afterpulse: must be left out with stamps = "first"',
-        ),
-    ],
-)
-def test_afterpulses_that_cannot_be(keys, message):
-    with pytest.raises(InputError, match=message):
-        photons.sensor(*keys)
 
 
 @pytest.mark.parametrize("detections", [0.003, 0.05, 1.0])

@@ -154,7 +154,10 @@ def test_more_light_that_is_kept_less_is_no_threshold() -> None:
 
 
 def test_the_error_is_that_of_the_blocks_that_were_not_fitted() -> None:
-    """There SIGNAL is reported six photons too high: the law is the same, and misses them."""
+    """There SIGNAL is reported six photons too high: the law is the same, and misses them.
+
+    Tolerance: of twenty recordings the error was 3.5 to 5.7 times that of true SIGNAL, so 2 is five deviations off.
+    """
     sweep = drawn_sweep(drawn_truth(0), 0)
     held_out = np.arange(sweep.shape[1]) // 20 % 4 == 3
     plain = fit_threshold(gather_pulses([sweep]))
@@ -163,4 +166,4 @@ def test_the_error_is_that_of_the_blocks_that_were_not_fitted() -> None:
     assert brighter is not None
     np.testing.assert_allclose(brighter.solved.value, plain.solved.value, rtol=0.05)
     brighter_error, plain_error = (fit.error_of(with_threshold(SENSOR, fit)) for fit in (brighter, plain))
-    assert brighter_error > 4.0 * plain_error
+    assert brighter_error > 2.0 * plain_error

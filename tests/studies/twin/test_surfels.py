@@ -205,9 +205,24 @@ def test_a_beam_between_a_near_and_a_far_return_meets_either() -> None:
     azimuth = np.degrees(np.arctan2(ends[near, :, 1], ends[near, :, 0])) / (360.0 / COLUMNS)
     # Near columns have even numbers of steps from straight behind, so half way to their neighbours is an odd half.
     column = 2.0 * np.rint(azimuth.mean(axis=1, keepdims=True) / 2.0)
-    reach = np.abs((azimuth - column + 180.0) % 360.0 - 180.0)
+    # A quad to either side of a column begins at its middle.
+    reach = np.abs((azimuth - column + 180.0) % 360.0 - 180.0).max(axis=1)
     assert np.mean(reach > 0.5) == pytest.approx(0.54, abs=0.021)
     assert (reach.min(), reach.max()) == pytest.approx((0.26, 0.78), abs=0.01)
+
+
+@pytest.mark.parametrize(("step_m", "joins"), [(0.4, True), (0.6, False)])
+def test_a_beam_between_two_returns_of_a_surface_meets_the_line_between_them(step_m: float, joins: bool) -> None:
+    """Every second column is farther. At 10 m the way across the beam is 0.17 m, three times of which is 0.52 m."""
+    grid = align_columns(
+        room_sweep(range_m=np.broadcast_to(10.0 + step_m * (np.arange(COLUMNS) % 2), (RINGS, COLUMNS)))
+    )
+    facing = -grid.sweep.direction
+    for side, column in ((1, 99), (-1, 101)):
+        normal = surfels._leaning(grid, grid.sweep.range_m, facing, side)[5, 100]
+        here, there = (grid.sweep.xyz_m[5, number] for number in (100, column))
+        assert np.linalg.norm(normal) == pytest.approx(1.0)
+        assert (abs(normal @ (there - here)) < 1e-9) == joins
 
 
 def test_borders_leave_no_gap_and_are_half_way_beside_a_lost_pulse() -> None:

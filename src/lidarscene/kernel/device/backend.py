@@ -111,6 +111,7 @@ def prepare_thread(*, after_another: bool) -> None:
         synchronise()
 
 
+@functools.cache
 def core_function(mangled: str) -> Any:
     """Return a function of Dr.Jit's library that Python has no name for; None where the library has no such function.
 

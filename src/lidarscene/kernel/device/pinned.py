@@ -8,9 +8,10 @@ Python has no name for this in Dr.Jit; its library has.
 from __future__ import annotations
 
 import ctypes
+import functools
 import sys
 from collections.abc import Callable
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import numpy as np
 
@@ -31,11 +32,9 @@ class _Pinned:
 
     in_use = 0
 
-    def __init__(self, size: int, backend: int, allocate: Any, free: Any) -> None:
-        allocate.restype, allocate.argtypes = ctypes.c_void_p, (ctypes.c_int, ctypes.c_size_t, ctypes.c_int)
-        free.argtypes = (ctypes.c_void_p,)
-        self._size, self._free = size, free
-        self.address: int = allocate(backend, size, 1)
+    def __init__(self, size: int, backend: int, library: _Library) -> None:
+        self._size, self._free = size, library.free
+        self.address = library.allocate(backend, size, 1)
         _Pinned.in_use += size
 
     def __del__(self, is_finalizing: Callable[[], bool] = sys.is_finalizing) -> None:
@@ -45,34 +44,52 @@ class _Pinned:
         self._free(self.address)
 
 
-def to_numpy(array: Any) -> Numbers:
+class _Library(NamedTuple):
+    """Functions of Dr.Jit's library."""
+
+    allocate: Callable[[int, int, int], int]
+    free: Callable[[int], None]
+    copy: Callable[[int, int, int, int], None]
+
+
+@functools.cache
+def _library() -> _Library | None:
+    """`jit_malloc(JitBackend, size_t, int shared)`, `jit_free(void*)` and `jit_memcpy_async(JitBackend, void*, const
+    void*, size_t)`; None where the library has no such functions.
+    """
+    allocate, free, copy = map(
+        core_function, ("_Z10jit_malloc10JitBackendmi", "_Z8jit_freePv", "_Z16jit_memcpy_async10JitBackendPvPKvm")
+    )
+    if None in (allocate, free, copy):
+        return None
+    allocate.restype, allocate.argtypes = ctypes.c_void_p, (ctypes.c_int, ctypes.c_size_t, ctypes.c_int)
+    free.argtypes = (ctypes.c_void_p,)
+    copy.argtypes = (ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_size_t)
+    return _Library(allocate, free, copy)
+
+
+def to_numpy(array: DeviceArray) -> Numbers:
     """Copy (n,) numbers of the device, all bytes at once, to pinned memory while there is some; wait for it.
 
     Returns:
         (size,) bytes, uint8
     """
-    dr = drjit()
+    dr, library = drjit(), _library()
     backend, size = dr.backend_v(array).value, int(dr.itemsize_v(array)) * int(dr.width(array))
-    # `jit_malloc(JitBackend, size_t, int shared)`, `jit_free(void*)` and
-    # `jit_memcpy_async(JitBackend, void*, const void*, size_t)`.
-    allocate, free, copy = map(
-        core_function, ("_Z10jit_malloc10JitBackendmi", "_Z8jit_freePv", "_Z16jit_memcpy_async10JitBackendPvPKvm")
-    )
-    if None in (allocate, free, copy) or _Pinned.in_use + size > MOST_BYTES:
-        return cast(DeviceArray, array).numpy().view(np.uint8)
-    copy.argtypes = (ctypes.c_int, ctypes.c_void_p, ctypes.c_void_p, ctypes.c_size_t)
-    pinned = _Pinned(size, backend, allocate, free)
-    copy(backend, pinned.address, _address(array), size)
+    if library is None or _Pinned.in_use + size > MOST_BYTES:
+        return array.numpy().view(np.uint8)
+    pinned = _Pinned(size, backend, library)
+    library.copy(backend, pinned.address, _address(array), size)
     dr.sync_thread()
     memory = (ctypes.c_uint8 * size).from_address(pinned.address)
     retire_with(memory, pinned)
     return np.ctypeslib.as_array(memory)
 
 
-def _address(array: Any) -> int:
+def _address(array: DeviceArray) -> int:
     """Address of the first byte of an array that is computed, on its device."""
-    capsule = array.__dlpack__()
     pointer = ctypes.pythonapi.PyCapsule_GetPointer
     pointer.restype, pointer.argtypes = ctypes.POINTER(ctypes.c_void_p), (ctypes.py_object, ctypes.c_char_p)
+    capsule: object = cast(Any, array).__dlpack__()
     # The address is the first field of a `DLTensor`; the offset in bytes, the last, is 0 for an array of Dr.Jit.
     return int(pointer(capsule, b"dltensor")[0])

@@ -161,15 +161,17 @@ def copy_rows(tables: Sequence[Sequence[Array]]) -> list[Numbers]:
     return [piece.reshape(count, -1) for piece in pieces]
 
 
-def _bytes(buffer: Any) -> Numbers:
+def _bytes(buffer: DeviceArray) -> Numbers:
     """(n,) bytes of a buffer that is not yet computed: a copy on a GPU, its memory on a CPU."""
     transfer.start([buffer])
     if is_cuda():
         return pinned.to_numpy(buffer)
-    return cast(DeviceArray, buffer).numpy().view(np.uint8)
+    return buffer.numpy().view(np.uint8)
 
 
-def _pack(whole: Any, buffer: Any, start: Array, lane: Array, *, first: Array, count: Array, numbers: int) -> None:
+def _pack(
+    whole: DeviceArray, buffer: DeviceArray, start: Array, lane: Array, *, first: Array, count: Array, numbers: int
+) -> None:
     """Write ``count`` points of a column into a buffer of words, on (count,) lanes.
 
     Args:

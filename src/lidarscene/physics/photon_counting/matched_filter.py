@@ -264,7 +264,8 @@ def _smooth_peak_share(
     safe = ops.maximum(above, 1e-37)
     # above erf(sqrt(pi) / 2 crossings / above), with erf(x) = 1 - 2 Q(x sqrt(2))
     ratio = ops.minimum(crossings / safe, 10.0)
-    return safe * (1.0 - 2.0 * normal_tail(math.sqrt(0.5 * math.pi) * ratio))
+    # Of a ratio of 0 the approximated tail may be a little more than one half.
+    return safe * ops.maximum(1.0 - 2.0 * normal_tail(math.sqrt(0.5 * math.pi) * ratio), 0.0)
 
 
 def detection_probability(*, threshold: Lanes, signal: Lanes, variance: Lanes, unit: Lanes, gained: Lanes) -> Lanes:

@@ -137,8 +137,8 @@ def _rim(wavelength_m: float) -> Numbers:
 
 @functools.cache
 def _bessel(largest: float) -> tuple[Numbers, Numbers]:
-    """J_0 and J_2 in steps of `_STEP`, by their integrals over a turn: exact to rounding for a periodic function."""
+    """J_0 and J_2 in steps of `_STEP`."""
+    from scipy.special import jv
+
     argument = np.arange(0.0, largest, _STEP)
-    turn = (np.arange(128) + 0.5) * math.pi / 128
-    phase = argument[:, None] * np.sin(turn)
-    return np.cos(phase).mean(axis=1), np.cos(2.0 * turn - phase).mean(axis=1)
+    return jv(0, argument), jv(2, argument)

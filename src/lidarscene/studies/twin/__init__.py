@@ -5,6 +5,7 @@ recorded_beams         sensor file with the beams and the turn of a list
 ground                 plane of the ground, and the points on it
 planes                 plane through each pixel and its neighbours
 apparent_reflectivity  reflectivity from the strength of a return
+reading_noise          surfaces without the noise of the sensor's readings
 surfels                quads of a sweep of rows and columns, the ground completed
 frame_poses            pose of the sensor in each frame
 twin_files             files of a twin

@@ -5,6 +5,7 @@ Symbols: n quads.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -14,6 +15,7 @@ import numpy as np
 from ...maths.arrays import Numbers, map_arrays
 from ...maths.pose import Pose
 from ...recordings.sweep import Sweep
+from ...sensor.sensor_model import Sensor
 from .apparent_reflectivity import (
     ReflectivityGauge,
     largest_reflectivity,
@@ -23,6 +25,7 @@ from .apparent_reflectivity import (
     withheld_mask,
 )
 from .planes import Grid, Planes, angles_from, finite_median, fit_planes, median_around
+from .reading_noise import surface_without_noise
 from .tuning import (
     ASSUMED_MEDIAN,
     BEAM_SHARE,
@@ -33,8 +36,10 @@ from .tuning import (
     LEAST_REFLECTIVITY,
     LOST_SHARE,
     ON_GROUND_M,
+    OVERLAP,
     QUAD_OVERLAP,
     RANGES_M,
+    STEEPEST_SLOPE,
 )
 
 SMOOTH, ROUGH, FILLED, GROUND, BRIGHT = range(5)
@@ -76,35 +81,46 @@ def join_surfels(parts: Sequence[Surfels]) -> Surfels:
 
 
 def surfels_of_grid(
-    grid: Grid, gauge: ReflectivityGauge | None, ground: Numbers | None, border: float = 0.0
+    grid: Grid,
+    gauge: ReflectivityGauge | None,
+    ground: Numbers | None,
+    border: float = 0.0,
+    sensor: Sensor | None = None,
 ) -> Surfels:
     """Make the quads of a sweep of rows and columns, in the sensor's frame.
+
+    In a twin of every second column a return has a quad to either side of its middle. Where the next one is on the same
+    surface both lean to the line between the two (`_leaning`), so that a held-out beam meets what is between them.
 
     Args:
         gauge: conversion of strengths; None: all reflectivities are `ASSUMED_MEDIAN`
         ground: (3,) coefficients of the ground's plane, z = a + b x + c y [m]; None: no ground
-        border: largest distance, in half widths of a pixel, of the border between two returns from half way
+        border: largest distance, in half widths of a pixel, of the border between two returns from half way; not 0: the
+            twin is of every second column
+        sensor: sensor whose noise ranges and strengths lack; None: ranges are those of the planes, where there are any
     """
     sweep, planes = grid.sweep, fit_planes(grid)
     returned, smooth = sweep.has_return, planes.smooth()
     apparent = _apparent(grid, gauge, planes)
     range_m = np.where(planes.has_plane, planes.range_m, sweep.range_m)
+    if sensor is not None:
+        range_m, apparent = surface_without_noise(sensor, grid, planes, apparent)
     two_returns = _two_returns(grid)
     ends_left, ends_right = (_surface_ends(grid, side) & returned & ~two_returns for side in (1, -1))
     borders = _borders(grid, border)
-    span = np.where(ends_left, EDGE, borders[0]), np.where(ends_right, -EDGE, borders[1])
-    parts = [
-        _quads(grid, mask, range_m, planes.normal, apparent, kind, span=span)
-        for kind, mask in (
-            (SMOOTH, returned & smooth & ~two_returns),
-            (ROUGH, returned & ~smooth & ~two_returns),
-            (FILLED, sweep.lost & planes.has_plane & ~withheld_mask(sweep)),
-        )
-    ]
-    for side, ends in ((1, ends_left), (-1, ends_right)):
+    ends = np.where(ends_left, EDGE, borders[0]), np.where(ends_right, -EDGE, borders[1])
+    filled = sweep.lost & planes.has_plane & ~withheld_mask(sweep)
+    parts = [_quads(grid, filled, range_m, planes.normal, apparent, FILLED)]
+    sides = [(planes.normal, ends)]
+    if border > 0.0:
+        spans = (ends[0], -OVERLAP), (OVERLAP, ends[1])
+        sides = [(_leaning(grid, range_m, planes.normal, side), spans[side < 0]) for side in (1, -1)]
+    for (normal, span), (mask, kind) in itertools.product(sides, ((smooth, SMOOTH), (~smooth, ROUGH))):
+        parts.append(_quads(grid, returned & mask & ~two_returns, range_m, normal, apparent, kind, span=span))
+    for side, end in ((1, ends_left), (-1, ends_right)):
         faded = 0.5 * (apparent + np.fmin(apparent, _neighbour_bound(grid, gauge, range_m, side)))
         beyond_span = (2.0 - EDGE, EDGE) if side > 0 else (-EDGE, EDGE - 2.0)
-        parts.append(_quads(grid, ends, range_m, planes.normal, faded, ROUGH, span=beyond_span))
+        parts.append(_quads(grid, end, range_m, planes.normal, faded, ROUGH, span=beyond_span))
     if two_returns.any():
         parts += _two_return_quads(grid, two_returns, range_m, planes.normal, gauge, borders)
     if ground is not None:
@@ -180,6 +196,28 @@ def _borders(grid: Grid, border: float) -> tuple[Numbers, Numbers]:
     shift = np.random.default_rng(BORDER_SEED).uniform(-border, border, returned.shape)
     shift = np.where(returned & _neighbour(grid, returned, 1), shift, 0.0)
     return 1.0 + shift, _neighbour(grid, shift, -1) - 1.0
+
+
+def _leaning(grid: Grid, range_m: Numbers, normal: Numbers, side: int) -> Numbers:
+    """Unit normals towards the sensor of planes through each return and the one to the left (side 1) or right (-1).
+
+    They keep the rise of the plane of ``normal`` along the column. Where the way to the neighbour is steeper than
+    `STEEPEST_SLOPE`, it is on another surface, and the normals are the given ones.
+    """
+    sweep = grid.sweep
+    direction = sweep.direction
+    point = range_m[..., None] * direction + (0.0 if sweep.origin_m is None else sweep.origin_m)
+    azimuth, elevation = angles_from(direction)
+    level = -np.sin(elevation)
+    up = np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.cos(elevation)], axis=-1)
+    steepness = np.einsum("...i,...i", normal, up) / np.einsum("...i,...i", normal, direction)
+    leaning = np.cross(_neighbour(grid, point, side) - point, up - steepness[..., None] * direction)
+    with np.errstate(invalid="ignore", divide="ignore"):
+        towards = -np.sign(np.einsum("...i,...i", leaning, direction)) / np.linalg.norm(leaning, axis=-1)
+        change_m = np.abs(_neighbour(grid, range_m, side) - range_m)
+        joins = (change_m < STEEPEST_SLOPE * abs(grid.step_rad) * range_m) & np.isfinite(towards)
+    joins &= sweep.has_return & _neighbour(grid, sweep.has_return, side)
+    return np.where(joins[..., None], towards[..., None] * leaning, normal)
 
 
 def _surface_ends(grid: Grid, side: int) -> Numbers:

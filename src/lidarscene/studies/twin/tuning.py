@@ -97,6 +97,13 @@ POINTS_PER_PIXEL = 2.0
 QUAD_OVERLAP = 1.04
 """Choice: width of a quad over that of its pixel, so that no beam slips between two."""
 
+OVERLAP = 0.02
+"""Choice: half widths of a pixel by which the quads to either side of its middle overlap, as `QUAD_OVERLAP`."""
+
+STEEPEST_SLOPE = 3.0
+"""Choice: largest change of the range from one return of a row to the next on one surface, over the way across the
+beam: incidence at 72 degrees."""
+
 LARGEST_STRETCH = 1.6
 """Choice: largest ratio of the ranges of corner and middle, either way."""
 
@@ -126,6 +133,14 @@ of a held-out column."""
 
 BEAM_SHARE = 0.5
 """Choice: share of a pixel that the nearer of two returns covers."""
+
+# reading_noise
+
+ALONG = (5, 15)
+"""Choice: pixels of a row whose mean is smooth, and of those means whose mean is smoother."""
+
+NOISE_SHOTS, NOISE_BINS = 8192, 16
+"""Accuracy bought: pairs of shots that tell a sensor's noise to 3 % in each bin of the power, and the bins."""
 
 # clusters
 

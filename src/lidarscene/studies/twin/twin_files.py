@@ -145,7 +145,7 @@ def build_twin(
         gauge = ReflectivityGauge.from_sweep(sweep, unit)
         sweep = replace(sweep, recorded=sweep.recorded & is_explained(sweep, unit))
         plane = ground_plane(sweep.xyz_m[sweep.has_return])
-        parts.append(surfels_of_grid(align_columns(sweep), gauge, plane, border).placed(places[number]))
+        parts.append(surfels_of_grid(align_columns(sweep), gauge, plane, border, unit).placed(places[number]))
         klux.append(illuminance_klux(sweep, gauge, unit))
     if gauge is not None and gauge.white_value is not None and unit.intensity is not None:
         text = put_values(

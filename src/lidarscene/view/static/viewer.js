@@ -118,7 +118,7 @@ class Viewer {
 
   savePicture() {
     this.draw();
-    const name = `${this.stage.title.replace(/[^\w.-]+/g, "-") || "lidarscene"}.png`;
+    const name = `${document.title.replace(/[^\w.-]+/g, "-") || "lidarscene"}.png`;
     this.canvas.toBlob(image => {
       const link = createElement("a", { href: URL.createObjectURL(image), download: name });
       link.click();
@@ -215,6 +215,7 @@ class Viewer {
 
   show(frame, controls) {
     this.frame = frame;
+    if (frame.title) byId("title").textContent = document.title = frame.title;
     byId("wait").hidden = true;
     const { xyz, status } = frame.arrays;
     frame.values = name => frame.arrays[name] ?? xyz.filter((_, i) => i % 3 === "xyz".indexOf(name));

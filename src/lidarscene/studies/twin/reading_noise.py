@@ -1,0 +1,155 @@
+r"""Noise of a sensor's readings, and surfaces without it.
+
+A twin that has the recorded noise in its surfaces would have it twice: once more when it is rendered. Smoothed surfaces
+lack what is real. So a deviation e from the smooth surface keeps the part of its mean square that the sensor's noise
+sigma leaves, and the simulated readings vary as much as the recorded ones:
+
+.. math:: e' = e \sqrt{\max(0,\ 1 - \sigma^2 / \overline{e^2})} \tag{T208a}
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from ...detection.outcomes import Status
+from ...detection.receiver import detect
+from ...light.echoes import Echoes
+from ...light.fluctuations import fluctuate
+from ...maths.arrays import Numbers
+from ...physics.photon_counting import shared_shots
+from ...sensor.sensor_model import Sensor
+from ..ranging.plane import Target, echoes_of_plane, fluctuation_variance
+from .planes import Grid, Planes, shifted
+from .tuning import ALONG, ASSUMED_KLUX, NOISE_BINS, NOISE_SHOTS
+
+LAGS = sum(ALONG)
+"""Pixels of a row that share in the mean of a mean."""
+
+INDEPENDENT = np.eye(LAGS)[0]
+"""Correlation of noise that pixels do not share."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class ReadingNoise:
+    """Standard deviations of what a sensor reads of a surface from shot to shot.
+
+    Attributes:
+        range_m: (rows, columns) of the range; NaN where nothing returned
+        log_strength: (rows, columns) of the logarithm of photons or intensity
+        correlation: (`LAGS`,) correlation of the noise of ranges so many pixels of a row apart
+    """
+
+    range_m: Numbers
+    log_strength: Numbers
+    correlation: Numbers
+
+    @classmethod
+    def of(cls, sensor: Sensor, range_m: Numbers, apparent: Numbers, step_rad: float) -> ReadingNoise | None:
+        """Measure the noise of boards at these ranges that the sensor sees twice; None if it hardly sees any.
+
+        Args:
+            sensor: any sensor; its own stages detect the boards
+            range_m: (rows, columns) ranges, NaN where nothing returned
+            apparent: (rows, columns) apparent reflectivities
+            step_rad: azimuth from one pixel of a row to the next
+        """
+        returned = np.flatnonzero(np.isfinite(range_m))
+        shots = np.random.default_rng(0).choice(returned, min(NOISE_SHOTS, len(returned)), replace=False)
+        drawn, drawn_m = (values.ravel()[shots] for values in (apparent, range_m))
+        light = _light(sensor, drawn, drawn_m)
+        variance = fluctuation_variance(sensor, Target(), drawn_m)
+        readings = [_readings(sensor, light, variance, seed) for seed in (0, 1)]
+        read = np.isfinite(readings[0] + readings[1]).all(axis=0)
+        power_w = light.peak_power_w[read]
+        if len(power_w) < NOISE_BINS**2:
+            return None
+        change = (readings[1] - readings[0])[:, read] / np.sqrt(2.0)
+        bins = np.array_split(np.argsort(power_w), NOISE_BINS)
+        middle = np.array([np.median(power_w[members]) for members in bins])
+        sigma = np.array([[np.sqrt(np.mean(row[members] ** 2)) for members in bins] for row in change])
+        all_w = np.full(range_m.shape, np.nan)
+        all_w.flat[returned] = _light(sensor, apparent.flat[returned], range_m.flat[returned]).peak_power_w
+        range_sigma_m, log_sigma = (np.interp(all_w, middle, row) for row in sigma)
+        return cls(range_m=range_sigma_m, log_strength=log_sigma, correlation=_correlation(sensor, step_rad))
+
+
+def _correlation(sensor: Sensor, step_rad: float) -> Numbers:
+    """Correlation of the noise of ranges by the pixels of a row between them."""
+    apart = np.arange(LAGS)
+    if sensor.histogram is None or sensor.histogram.column_weights is None:
+        return INDEPENDENT
+    weights = [float(weight) for weight in sensor.histogram.column_weights]
+    return shared_shots.correlation(weights, round(abs(step_rad) / sensor.sweep_rad) * apart)
+
+
+def _light(sensor: Sensor, apparent: Numbers, range_m: Numbers) -> Echoes:
+    target = Target(reflectivity=apparent, illuminance_klux=ASSUMED_KLUX, transmittance=1.0)
+    return echoes_of_plane(sensor, target, range_m)
+
+
+def _readings(sensor: Sensor, light: Echoes, variance: Numbers | None, seed: int) -> Numbers:
+    """(2, n) ranges and logarithms of strengths that the sensor reads of these echoes; NaN where it reads none."""
+    pulse = np.arange(len(light.range_m), dtype=np.uint32)
+    if variance is not None:
+        light = fluctuate(light, variance, seed=seed, pulse=pulse)
+    stop = detect(light, sensor, seed=seed, pulse=pulse).stops[0]
+    strength = stop.intensity if sensor.histogram is None else stop.amplitude
+    read = np.asarray(stop.reported & (stop.status == int(Status.ECHO)) & (strength > 0.0))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(read, np.stack([np.asarray(stop.range_m), np.log(np.asarray(strength))]), np.nan)
+
+
+def surface_without_noise(sensor: Sensor, grid: Grid, planes: Planes, apparent: Numbers) -> tuple[Numbers, Numbers]:
+    """Ranges and apparent reflectivities of a sweep whose returns lack the noise of their readings.
+
+    Args:
+        sensor: the sensor that recorded
+        apparent: (rows, columns) apparent reflectivities as recorded
+    """
+    returned, flat_m = grid.sweep.has_return, np.where(planes.has_plane, planes.range_m, 0.0)
+    measured_m = np.where(returned, grid.sweep.range_m, np.nan)
+    noise = ReadingNoise.of(sensor, measured_m, apparent, grid.step_rad)
+    if noise is None:
+        return np.where(planes.has_plane, planes.range_m, grid.sweep.range_m), apparent
+    range_m = flat_m + without_noise(measured_m - flat_m, noise.range_m, noise.correlation)
+    log_apparent = without_noise(np.where(returned, np.log(apparent), np.nan), noise.log_strength, INDEPENDENT)
+    return np.where(returned, range_m, planes.range_m), np.where(returned, np.exp(log_apparent), apparent)
+
+
+def without_noise(values: Numbers, sigma: Numbers, correlation: Numbers) -> Numbers:
+    """Values of rows whose deviations from means of `ALONG` pixels are those of the surface, as (T208a).
+
+    Only in a row noise is told from the surface: calibration and elevation differ from row to row. Deviations from the
+    mean of a few pixels come first, then those of that mean from a wider one. Values without as many neighbours stay.
+
+    Args:
+        values: (rows, columns) as recorded, NaN where nothing is known
+        sigma: (rows, columns) noise
+        correlation: (`LAGS`,) of the noise of pixels so many columns apart
+    """
+    places = np.arange(LAGS)
+    shared = correlation[np.abs(places[:, None] - places)]
+    weights, rest = np.eye(LAGS)[LAGS // 2], values
+    surface = np.zeros_like(values)
+    for along in ALONG:
+        mean_weights, mean = np.convolve(weights, np.full(along, 1.0 / along), "same"), _mean(rest, along, 0)
+        left = (weights - mean_weights) @ shared @ (weights - mean_weights)  # of the noise's square
+        off = rest - mean
+        with np.errstate(divide="ignore", invalid="ignore"):
+            share = np.sqrt(np.maximum(1.0 - left * _mean(sigma**2, along, 0) / _mean(off * off, along, 1), 0.0))
+        known = np.isfinite(share * off)
+        surface = np.where(known, surface + share * off, surface)
+        weights, rest = mean_weights, np.where(known, mean, rest)
+    return np.asarray(surface + rest)
+
+
+def _mean(values: Numbers, along: int, rows: int) -> Numbers:
+    """Mean over so many columns about each pixel, and over those of so many rows to both sides that lack no value."""
+    columns = range(-(along // 2), along // 2 + 1)
+    in_row = np.mean([np.roll(values, column, axis=1) for column in columns], axis=0)
+    around = np.stack([shifted(in_row, row, 0) for row in range(-rows, rows + 1)])
+    known = np.isfinite(around)
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.where(known, around, 0.0).sum(axis=0) / known.sum(axis=0))

@@ -1,0 +1,89 @@
+"""Files that are completed on a thread while the next frame is traced: the same files, and no mistake is lost."""
+
+import threading
+from contextlib import ExitStack
+from pathlib import Path
+from typing import Any
+
+import pytest
+
+from lidarscene import Outputs, load_scene, record
+from lidarscene.errors import OutputError
+from lidarscene.labels import kitti_dataset
+from lidarscene.outputs.closing import Closing
+from lidarscene.outputs.record import _Run
+
+WAIT_S = 60.0
+COARSE = ["scanner.azimuth_step_deg=4", "scanner.elevation_step_deg=4"]
+
+
+def test_the_caller_goes_on_until_the_next_frame() -> None:
+    """Frames are completed one after the other; the block ends when all are."""
+    goes_on, completed = threading.Event(), list[int]()
+
+    def close(number: int) -> None:
+        assert goes_on.wait(WAIT_S)
+        completed.append(number)
+
+    with Closing() as closing:
+        for number in (1, 2):
+            with ExitStack() as files:
+                files.callback(close, number)
+                if number == 2:
+                    assert completed == []
+                    goes_on.set()
+                closing(files)
+        assert completed[0] == 1
+    assert completed == [1, 2]
+
+
+@pytest.mark.parametrize("failing", [0, 2])
+def test_a_file_that_cannot_be_written_ends_the_run(
+    mi: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, failing: int
+) -> None:
+    """Earlier frames are whole, there is no half of a file, and the error is that of the file."""
+    write = kitti_dataset._write_line
+
+    def fail(path: Path, frame: int, line: str) -> None:
+        if frame == failing and path.name == "times.txt":
+            raise OutputError(f"{path}: cannot be written: no room")
+        write(path, frame, line)
+
+    monkeypatch.setattr(kitti_dataset, "_write_line", fail)
+    outputs = Outputs(tmp_path / "set", dataset="semantickitti")
+    with pytest.raises(OutputError, match=r"times\.txt: cannot be written: no room"):
+        record("car", "table1-apd", outputs=outputs, frames=3, overrides=COARSE)
+    times = tmp_path / "set/dataset/sequences/00/times.txt"
+    assert len(times.read_text().splitlines() if failing else []) == failing
+    assert not [*tmp_path.rglob("*.part")]
+    for number in range(failing):
+        assert times.with_name("labels").joinpath(f"{number:06d}.label").stat().st_size
+
+
+@pytest.mark.parametrize("dataset", ["kitti", "semantickitti"])
+def test_files_are_those_of_one_thread(mi: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, dataset: str) -> None:
+    scene, threads = load_scene("drive"), list[str]()
+    write = kitti_dataset._write_text
+
+    def noted(path: Path, lines: list[str]) -> None:
+        threads.append(threading.current_thread().name)
+        write(path, lines)
+
+    monkeypatch.setattr(kitti_dataset, "_write_text", noted)
+    for name in ("beside", "alone"):
+        if name == "alone":
+            monkeypatch.setattr(_Run, "_closes_later", lambda *_: False)
+        outputs = Outputs(tmp_path / name, dataset=dataset)
+        record(scene, "table1-apd", outputs=outputs, frames=3, overrides=COARSE)
+    main = threading.main_thread().name
+    assert main not in threads[: len(threads) // 2]
+    assert {main} == {*threads[len(threads) // 2 :]}
+    beside, alone = (
+        {
+            path.relative_to(tmp_path / name): path.read_bytes()
+            for path in (tmp_path / name).rglob("*")
+            if path.is_file()
+        }
+        for name in ("beside", "alone")
+    )
+    assert beside == alone

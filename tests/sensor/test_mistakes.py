@@ -1,0 +1,165 @@
+"""Mistakes in sensor files: one line each, with file and key, what came and what was expected."""
+
+import re
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+from helpers import photons
+from helpers.mistakes import calls, given_file, mistakes, told
+
+from lidarscene import catalog, load_sensor
+from lidarscene.files.toml import validate
+from lidarscene.sensor.optics import read_transmittance
+from lidarscene.sensor.readout import PublishedFile
+
+APD = catalog.path_of("sensors", "table1-apd").read_text(encoding="utf-8")
+SUN = "sun_irradiance_w_m2 = 29.4"
+
+
+@pytest.fixture(autouse=True)
+def _in_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+
+
+@mistakes(
+    """
+    apd-905 detector=60 | apd-905.toml | --set detector=60 | a table | 60
+    apd-905 laser= | --set laser= | name or file of a sensor | ""
+    apd-905 optics={a=b} | --set optics={a=b} | name or file of a sensor | "{a=b}"
+    apd-905 scanner=apd | --set scanner=apd | sensor 'apd' | apd-905
+    apd-905 detector=car | --set detector=car | sensor 'car' | a scene
+    apd-905 detector=no.toml | --set detector=no.toml | no.toml | no such file
+    apd-905 scanner=mems-1550 | apd-905.toml | --set scanner=mems-1550 | tdc.window_us | <= 2 | 4
+    livox-avia detector=os1-128 | livox-avia.toml | --set detector=os1-128 | histogram.column_weights | left out
+    apd-905 detector=sipm-905 detector.gain=60 | --set detector=sipm-905 | --set detector.gain=60 | 'detector.gain'
+    vlp-16 driver=sick | driver | 'velodyne' | "sick"
+    vlp-16 imu.model=bmi08 | imu.model | imu 'bmi08' | bmi088?
+    vlp-16 scanner.cycle_us=110.592 laser.repetition_rate_khz=300 | laser.repetition_rate_khz | 300
+    vlp-16 ONE=[88] scanner.elevation_shift_deg=4 | elevations | -90 to 90 degrees | 92
+    table1-apd laser.repetition_rate_khz=100 tdc.window_us=10.5 | tdc.window_us | <= 10 | 10.5
+    table1-apd laser.exit_diameter_mm=5 laser.divergence_mrad=0.229 | laser.divergence_mrad | >= 0.23 | 0.229
+    table1-apd laser.exit_diameter_mm=5 laser.divergence_mrad=3 NARROW=0.22 | divergence_elevation_mrad | >= 0.23
+    table1-apd receiver.response=bessel | receiver.response | 'none', 'gaussian' or 'single_pole' | "bessel"
+    table1-apd receiver.bandwidth_mhz=0 | receiver.bandwidth_mhz | >= 0.001 | 0
+    table1-apd receiver.ac_coupling_khz=0 | receiver.ac_coupling_khz | >= 0.001 | 0
+    table1-apd receiver.ac_coupling_khz=2e4 | receiver.ac_coupling_khz | <= 6246 | 20000
+    table1-apd histogram.bin_ns=1 histogram.threshold_floor=4 histogram.threshold_slope=0.3 | histogram | left out
+    table1-sipm receiver.response=gaussian detector.counting=binomial | detector.counting | "gaussian" | "binomial"
+    vlp-16 STRAY | optics.stray | left out | one by one
+    table1-apd STRAY | optics.stray | left out | one by one
+    livox-mid-40 STRAY | optics.stray | left out | without lines
+    sony-spad-189x600 STRAY | optics.stray | left out | all leave at once
+    os1-128 STRAY optics.stray.veil=0.01 | optics.stray | <= 0.5 | 1.27
+    vlp-16 wear.drops_per_cm2=1 | wear | window_radius_mm | drops_per_cm2 | none
+    vlp-16 wear.drops_per_cm2=900 wear.window_radius_mm=200 | wear.drops_per_cm2 | <=
+    vlp-16 DROPS WIDE wear.drop_diameter_mm=0.1 laser.exit_diameter_mm=0.06 | wear.window_radius_mm | less
+    vlp-16 wear.laser_power=[[16,0.5]] | wear.laser_power | < 16 | 16
+    vlp-16 wear.film_transmittance=0 | wear.film_transmittance | >= 0.001 | 0
+    GEIGER detector.temperature_k=300 | temperature_k, rated_temperature_k | given together
+    GEIGER detector.overvoltage_v=3 | overvoltage_v | given together
+    GEIGER detector.dark_doubling_k=8 | dark_doubling_k | temperature_k | none
+    GEIGER WARM | temperature_k | dark_doubling_k or breakdown_drift_v_k | none
+    GEIGER WARM detector.breakdown_drift_v_k=0.05 | breakdown_drift_v_k | overvoltage_v | none
+    GEIGER detector.cell_gap_um=500 | cell_gap_um | less than the pitch
+    GEIGER ABOVE WARM detector.breakdown_drift_v_k=0.1 detector.temperature_k=400 | overvoltage_v | above the breakdown
+    photons histogram.bin_ns=5 | histogram.bin_ns | <= 3.34 | width | 5
+    photons histogram.bin_ns=0.05 | histogram.bin_ns | >= 0.26 | 64 bins | 0.05
+    photons detector.dead_time_ns=2 | detector.dead_time_ns | >= 4 | 2
+    photons histogram.window_us=200 | histogram.window_us | <= 100 | 200
+    photons histogram.pulse_period_us=3 | histogram.shots | <= 33 | 50
+    photons detector.coincidence=40 | detector.coincidence | 40
+    photons detector.spads=2 detector.coincidence=3 | coincidence | <= 2 | spads | 3
+    photons histogram.multiplier=-1 | histogram.multiplier | -1
+    photons detector.afterpulse=0.1 | afterpulse, afterpulse_ns | given together
+    photons detector.afterpulse=0.1 detector.afterpulse_ns=30 detector.stamps=first | afterpulse | stamps = "first"
+    """,
+    ONE="scanner.firing_time_us=[0] scanner.height_mm=[0] scanner.elevation_deg",
+    NARROW="laser.divergence_elevation_mrad",
+    STRAY="optics.stray.share=1e-4 optics.stray.half_angle_deg=1",
+    DROPS="wear.drops_per_cm2=0.5 wear.window_radius_mm=50",
+    WIDE="laser.divergence_mrad=20 laser.divergence_elevation_mrad=20",
+    WARM="detector.temperature_k=318.15 detector.rated_temperature_k=298.15",
+    ABOVE="detector.overvoltage_v=3 detector.rated_overvoltage_v=3 detector.trigger_voltage_v=2.5",
+)
+def test_overrides(given: str, named: str) -> None:
+    name, *overrides = given.split()
+    for sensor in ("sipm-905", "os1-128") if name == "GEIGER" else (name,):
+        with told(named):
+            photons.sensor(*overrides) if sensor == "photons" else load_sensor(sensor, overrides=overrides)
+
+
+@mistakes(
+    r"""
+    | optics | sun_irradiance_w_m2 | filter | none
+    SUN\nfilter = { csv = "a.csv" } | optics | sun_irradiance_w_m2 | filter | both
+    filter = { centre_nm = 905 } | optics.filter | centre_nm and width_nm | csv
+    filter = { width_nm = 9, csv = "a.csv" } | optics.filter | csv | alone | width_nm
+    filter = { centre_nm = 905, width_nm = -9 } | optics.filter.width_nm | >= 0.01 | -9
+    filter = { csv = "none.csv" } | optics.filter.csv | none.csv | no such file
+    SUN [laser] drift_nm = 17 | laser.drift_nm | optics.filter
+    filter = { centre_nm = 800, width_nm = 9 } [laser] drift_nm = 5 | optics.filter | none at 905 nm
+    filter = { centre_nm = 905, width_nm = 30 } [laser] drift_nm = 16 | optics.filter | none at 921 nm
+    SUN [laser] a = 1 | 'laser.a'
+    SUN [laser] repetition_rate_khz = | TOML | line
+    """,
+    SUN=SUN,
+)
+def test_files(given: str, named: str) -> None:
+    """Table 1's sensor with other light, and more keys of its laser."""
+    if "centre_nm" in given:
+        pytest.importorskip("pvlib")
+    light, _, laser = given.partition("[laser]")
+    text = APD.replace('"optics.sun_irradiance_w_m2" = 0.05\n', "").replace(SUN, light)
+    with told(f"own.toml | {named}"):
+        load_sensor(given_file("own.toml", text.replace("[laser]", f"[laser]\n{laser}")))
+
+
+@mistakes(
+    r"""
+    | two lines of wavelength_nm,transmittance
+    wavelength_nm,transmittance\n900,1 | two lines of wavelength_nm,transmittance
+    900,1\n900,1 | line 2 | > 900 nm | 900
+    900,1\n910,x | line 2 | wavelength_nm,transmittance | 910,x
+    900,1\n910 | line 2 | wavelength_nm,transmittance | 910
+    900,0\n905,90 | line 2 | 0 to 1 | 905,90
+    900,nan\n905,1 | line 1 | 0 to 1 | 900,nan
+    """
+)
+def test_tables_of_filters(given: str, named: str) -> None:
+    with told(f"filter.csv | {named}"):
+        read_transmittance(given_file("filter.csv", given))
+
+
+def published(**tables: Any) -> PublishedFile:
+    return validate(PublishedFile, {"source": "x"} | tables, "file")
+
+
+RATELESS = re.sub("repetition_rate_khz.*\n", "", APD)
+FIVE = f"laser = 5\n{APD.replace('[laser]', '[nothing]')}"
+MODES = {"settings": [["a=1"], ["a=2"]], "multiplier": [1.0, 2.0], "source": "x"}
+SIGMA = {"sigma_m": 0.02, "source": "x"}
+
+test_calls = calls(
+    (lambda: read_transmittance(given_file("a.csv", b"\xff\xfe\x00")), "a.csv | UTF-8"),
+    (lambda: read_transmittance(Path()), "CSV file | a folder"),
+    (lambda: load_sensor(given_file("a.toml", RATELESS)), "laser.repetition_rate_khz | raster | none"),
+    (lambda: load_sensor(given_file("a.toml", FIVE)), "a.toml: laser | a table | 5"),
+    (
+        lambda: load_sensor("apd-905").with_laser(given_file("rig.toml", 'name = "a"')),
+        "rig.toml | sensor file | [laser]",
+    ),
+    (lambda: replace(load_sensor("apd-905"), name="other").save("b.toml"), "load_sensor"),
+    (lambda: published(range_m=90.0), "range_m | reflectivity and illuminance_klux"),
+    (lambda: published(false_points=1e-4), "false_points | illuminance_klux"),
+    (lambda: published(repeatability=[SIGMA]), "one of snr and at_m"),
+    (lambda: published(repeatability=[SIGMA | {"snr": 5.0, "at_m": 5.0}]), "one of snr and at_m"),
+    (lambda: published(repeatability=[SIGMA | {"at_m": 5.0}]), "at_m needs reflectivity"),
+    (lambda: published(repeatability=[SIGMA | {"snr": 5.0, "assumed": ["reflectivity"]}]), "assumed | reflectivity"),
+    (lambda: published(assumed=["reflectivity"]), "assumed | reflectivity"),
+    (lambda: published(assumed=["colour"]), "assumed | colour"),
+    (lambda: published(also=[[0.2, 130.0]]), "also | illuminance_klux"),
+    (lambda: published(source=None, points_per_second=1000.0), "source"),
+    (lambda: published(modes=MODES | {"range_factors": [[1.0, 1.2], [1.0]]}), "range_factors | 2 rows of 2 | [2, 1]"),
+)

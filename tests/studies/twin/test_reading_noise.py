@@ -1,0 +1,76 @@
+"""Noise of readings, and surfaces without it."""
+
+import numpy as np
+import pytest
+
+from lidarscene.maths.arrays import Numbers
+from lidarscene.sensor.sensor_file import load_sensor
+from lidarscene.studies.fit.products import scatter_c_mm
+from lidarscene.studies.twin.apparent_reflectivity import white_signal
+from lidarscene.studies.twin.reading_noise import INDEPENDENT, LAGS, ReadingNoise, without_noise
+
+SHAPE = (16, 1024)
+
+
+def rows_of_noise(seed: int, weights: Numbers) -> Numbers:
+    """Normal numbers of deviation 1, which columns share by these weights."""
+    drawn = np.random.default_rng(seed).normal(0.0, 1.0, (SHAPE[0], SHAPE[1] + len(weights) - 1))
+    return np.stack([np.convolve(row, weights, "valid") for row in drawn]) / np.sqrt(weights @ weights)
+
+
+def test_noise_of_photons_is_theirs() -> None:
+    """Poisson's, and c / sqrt(SIGNAL) with some more from the light of 20 klux. 512 pairs tell a deviation to 3 %; a
+    bin of the power is a tenth of its decade wide.
+    """
+    sensor = load_sensor("os0-128")
+    range_m = np.broadcast_to(np.geomspace(4.0, 12.0, SHAPE[1]), SHAPE)
+    noise = ReadingNoise.of(sensor, range_m, np.full(SHAPE, 0.5), 1e-2)
+    assert noise is not None
+    photons = 0.5 * white_signal(sensor, range_m)
+    np.testing.assert_allclose(noise.log_strength * np.sqrt(photons), 1.0, atol=0.15)
+    ratio = noise.range_m * np.sqrt(photons) / (1e-3 * scatter_c_mm(sensor))
+    assert 0.9 < ratio.min() < ratio.max() < 1.3
+
+
+def test_noise_of_intensities_has_the_energy_and_the_steps() -> None:
+    """A grey board of a Pandar64 reads 50, in whole numbers: 2.1 % of energy, and a step's 1 / sqrt(12)."""
+    sensor = load_sensor("pandar64")
+    noise = ReadingNoise.of(sensor, np.full(SHAPE, 10.0), np.full(SHAPE, 0.5), 1e-2)
+    assert noise is not None
+    assert np.median(noise.log_strength) == pytest.approx(np.hypot(0.021, 50.0**-1 / np.sqrt(12.0)), rel=0.1)
+
+
+@pytest.mark.parametrize("shared", [1, 4])
+@pytest.mark.parametrize("texture", [0.0, 1.0, 3.0])
+def test_a_surface_keeps_its_texture_and_no_noise(texture: float, shared: int) -> None:
+    """The deviations from the mean of a row's neighbours have the mean square that the texture alone has, to 2 %. Of
+    mere noise some is left, since the mean square of 15 deviations is above its expectation in half of the places; its
+    square is less than 0.3 of the recorded, and a mean of 15 pixels is smooth, too.
+    """
+    weights = np.ones(shared)
+    correlation = np.maximum(1.0 - np.arange(LAGS) / shared, 0.0)
+    surface = texture * rows_of_noise(1, np.ones(1))
+    kept = without_noise(surface + rows_of_noise(2, weights), np.ones(SHAPE), correlation)
+
+    def rough(values: Numbers) -> float:
+        return float(np.mean((values - np.mean([np.roll(values, k, axis=1) for k in range(-2, 3)], axis=0)) ** 2))
+
+    noise = rough(rows_of_noise(2, weights))
+    assert rough(kept) == pytest.approx(rough(surface), rel=0.02, abs=0.3 * noise)
+    assert rough(kept) < rough(surface + rows_of_noise(2, weights))
+    if texture == 0.0:
+        assert np.var(kept) < 0.4 * np.var(rows_of_noise(2, weights))
+
+
+def test_pixels_without_neighbours_stay_as_recorded() -> None:
+    """Two on either side in the row, and seven more for means."""
+    values = rows_of_noise(3, np.ones(1))
+    values[5, 100] = np.nan
+    kept = without_noise(values, np.ones(SHAPE), INDEPENDENT)
+    np.testing.assert_array_equal(kept[5, 98:103], values[5, 98:103])
+    assert np.all(kept[5, [96, 97, 103, 104]] != values[5, [96, 97, 103, 104]])
+    np.testing.assert_allclose(without_noise(values, np.zeros(SHAPE), INDEPENDENT), values, atol=1e-12)
+
+
+def test_a_sensor_that_sees_hardly_any_of_the_boards_says_no_noise() -> None:
+    assert ReadingNoise.of(load_sensor("os0-128"), np.full(SHAPE, 2000.0), np.full(SHAPE, 0.5), 1e-2) is None
