@@ -86,7 +86,8 @@ def test_a_guess_is_answered_in_one_line(guess: str) -> None:
 
 
 @pytest.mark.parametrize(
-    "hints", [Sensor.INSTEAD, Scene.INSTEAD, lidarscene.Report.INSTEAD, FOREIGN_NAMES, OTHER_SUFFIXES, CALLS]
+    "hints",
+    [Sensor.FOREIGN_NAMES, Scene.FOREIGN_NAMES, lidarscene.Report.FOREIGN_NAMES, FOREIGN_NAMES, OTHER_SUFFIXES, CALLS],
 )
 def test_what_a_hint_names_is_there(hints: dict[str, str]) -> None:
     """Rationale: no tool reads the names in texts."""

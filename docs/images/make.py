@@ -22,11 +22,15 @@ from PIL import Image
 import lidarscene
 from lidarscene import PointCloud
 from lidarscene.cloud.deskew import deskewed
+from lidarscene.scene.street.network_tables import network_scene
+from lidarscene.scene.street.street_file import StreetFile
+from lidarscene.scene.street.street_tables import write_scene
 from lidarscene.studies.compare.bench import Bench
 from lidarscene.studies.compare.comparison_study import compare_sensors
 
 sys.path.insert(0, str(HERE.parents[1] / "tests"))
 from helpers.chromium import Chromium, executable
+from helpers.networks import sumo_town
 from helpers.served import served
 
 # The point of the car's paint that is nearest to this place in the picture.
@@ -141,6 +145,32 @@ def streets() -> None:
     store(tiled, "streets.png")
 
 
+def hills() -> None:
+    """A street of a seed with hills."""
+    with tempfile.TemporaryDirectory() as folder:
+        scene = Path(folder) / "hills.toml"
+        scene.write_text("[street]\nseed = 8\nlength_m = 200\nslope_percent = [7, 10]\n")
+        _from_above(scene, "hills.png")
+
+
+def network() -> None:
+    """Four streets of a network whose junctions are at four heights."""
+    with tempfile.TemporaryDirectory() as folder:
+        scenario = sumo_town(Path(folder), (0.0, 6.0, 3.0, -5.0))
+        tables = network_scene(scenario, "sumo", StreetFile(), ego="first")
+        _from_above(write_scene(tables, Path(folder) / "town", origin="a town"), "network.png")
+
+
+def _from_above(path: Path, name: str) -> None:
+    """Store the picture of a frame at 6 s from behind and above the vehicle."""
+    scene = lidarscene.load_scene(path, overrides=["picture.eye_m=[-22, 5, 13]", "picture.target_m=[18, 0, 0]"])
+    picture = path.parent / "picture.png"
+    outputs = lidarscene.Outputs(path.parent / "cloud.ply", picture=picture)
+    lidarscene.record(scene, outputs=outputs, begin_s=6.0)
+    whole = Image.open(picture).convert("RGB")
+    store(whole.crop((0, 80, whole.width, 1020)), name, colours=48)
+
+
 def view() -> None:
     """The page of the car scene, with a point clicked; as it is where there is no Chromium."""
     if not executable():
@@ -165,6 +195,8 @@ PICTURES = {
     "compare": compare,
     "drive": drive,
     "streets": streets,
+    "hills": hills,
+    "network": network,
     "edges": effects.edges,
     "response": response.response,
     "photon_counting": counting.photon_counting,

@@ -23,7 +23,7 @@ _public, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 _FUNCTIONS = {"materials": "materials", "view": "show"}
 """Packages whose names are functions, too -> name to which the function is bound."""
 
-_INSTEAD = {
+_FOREIGN_NAMES = {
     "batch": "`lidarscene batch JOB` renders a job; render_frames and record render in Python",
     "catalog": "sensors(), scenes() and materials() list names",
     "check": "load_scene, load_sensor and load_rig check a file; `lidarscene check FILE` says what it holds",
@@ -61,7 +61,7 @@ def __getattr__(name: str) -> Any:
     try:
         return _public(name)
     except AttributeError:
-        meant = _INSTEAD.get(name) or did_you_mean(_PREFIX.sub("", name), [*__all__, *_FUNCTIONS])
+        meant = _FOREIGN_NAMES.get(name) or did_you_mean(_PREFIX.sub("", name), [*__all__, *_FUNCTIONS])
         if name.startswith("_") or not meant:
             raise
         raise AttributeError(f"lidarscene has no '{name}'; {meant}") from None
@@ -74,14 +74,14 @@ class _CalledPackage(ModuleType):
         name = self.__name__.rpartition(".")[2]
         if name in _FUNCTIONS:
             return call_bound(_FUNCTIONS[name], *arguments, **options)
-        raise TypeError(f"lidarscene.{name} is no function; {_INSTEAD[name]}")
+        raise TypeError(f"lidarscene.{name} is no function; {_FOREIGN_NAMES[name]}")
 
 
 class _Lidarscene(ModuleType):
     """This package: its packages become attributes of it when they are imported, and hide what has their names."""
 
     def __setattr__(self, name: str, value: Any) -> None:
-        if isinstance(value, ModuleType) and (name in _FUNCTIONS or name in _INSTEAD):
+        if isinstance(value, ModuleType) and (name in _FUNCTIONS or name in _FOREIGN_NAMES):
             value.__class__ = _CalledPackage
         super().__setattr__(name, value)
 

@@ -214,6 +214,27 @@ def place(run: Run, shared: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     render wall.toml -o a.bin --vectors COARSE | --vectors | all columns | ply, pcd
     render wall.toml -o a.pcap --vectors --sensor vlp-16 | --vectors | all columns | ply, pcd
     render wall.toml -o a --vectors --dataset kitti COARSE | --vectors | all columns | ply, pcd
+    render wall.toml -o a.ply --waveforms w.csv | --waveforms w.csv | .npz
+    render wall.toml -o a.ply --waveforms w.npz --pulses 231 COARSE | pulses | 0 to 230
+    render wall.toml -o a.ply --waveforms w.npz --pulses 0-99999999999 | --pulses | 0-99999999999
+    render wall.toml -o a.ply --waveforms w.npz --pulses x | --pulses | x
+    render wall.toml -o a.ply --ambient a.jpg | --ambient a.jpg | .png | .npz
+    render wall.toml -o a.ply --background-rays 0 | --background-rays | 1 | 1024 | 0
+    render wall.toml -o a.ply --imu i.csv | --imu | [imu] | --set imu.model=bmi088
+    render wall.toml -o a.ply --imu i.txt --set=imu.model=bmi088 | --imu i.txt | .csv
+    render wall.toml -o a.ply --imu a.csv --poses a.csv --set=imu.model=bmi088 | --poses a.csv | .tum | .txt
+    render wall.toml -o a.ply --poses p.csv | --poses p.csv | .tum | .txt
+    render wall.toml -o a.ply --poses wall.toml/p.tum | wall.toml | written
+    render wall.toml -o a.ply --set=imu.rate_hz=0 | imu.rate_hz | > 0 | 0
+    render wall.toml -o a.ply --set=imu.model=own.toml | own.toml | no such file
+    render wall.toml -o a.pcap --sensor table1-apd | sensor 'table1-apd' | packets
+    render wall.toml -o a --sensor vlp-16 --format pcap | --output a | .pcap
+    render wall.toml -o a.ply --sensor vlp-16 --format pcap | --output a.ply | .pcap
+    render wall.toml -o a.pcap --sensor vlp-16 --deskew | --deskew | clouds | packets
+    render wall.toml -o a.pcap --sensor vlp-16 --labels kitti | --labels | clouds
+    render wall.toml -o a.pcap --sensor vlp-16 --ascii | --ascii | clouds
+    render wall.toml -o a.pcap --sensor vlp-16 --format pcap-legacy | Ouster | packets
+    render wall.toml -o a.pcap --sensor vlp-16 --dataset kitti | --output a.pcap | a folder
     render mesh.toml -o mesh.ply | --output mesh.ply | an input
     render mesh.toml -o ./mesh.ply | --output mesh.ply | an input
     render mesh.toml -o link.ply | --output link.ply | an input

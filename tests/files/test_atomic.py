@@ -13,6 +13,7 @@ from typing import Any
 
 import pytest
 from helpers.folders import begun, part_name, raise_disk_full
+from helpers.mistakes import told
 
 from lidarscene.errors import OutputError
 from lidarscene.files import atomic
@@ -80,22 +81,22 @@ def test_disk_full_at_the_end(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, s
 
 
 @pytest.mark.parametrize("check", [write, require_writable])
-def test_impossible_paths_say_why(tmp_path: Path, check) -> None:
-    (tmp_path / "file").write_text("x")
-    os.mkfifo(tmp_path / "pipe")
-    cases = {
-        tmp_path: "must be the name of a file, got a folder",
-        tmp_path / "file" / "a.ply": f"'{tmp_path / 'file'}' is a file, not a folder",
-        tmp_path / "file" / "b" / "a.ply": f"'{tmp_path / 'file'}' is a file, not a folder",
-        tmp_path / "pipe": "must be the name of a file, got a device or pipe",
-        Path("/dev/null"): "must be the name of a file, got a device or pipe",
-        tmp_path / ("n" * 300): "File name too long",
-        tmp_path / ("n" * 300) / "a.ply": "File name too long",
-    }
-    for path, reason in cases.items():
-        with pytest.raises(OutputError) as caught:
-            check(path)
-        assert str(caught.value) == f"{path}: cannot be written: {reason}"
+def test_impossible_paths_say_why(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, check) -> None:
+    monkeypatch.chdir(tmp_path)
+    Path("file").write_text("x")
+    os.mkfifo("pipe")
+    for path, named in (
+        (".", "a file | a folder"),
+        ("file/a.ply", "file/a.ply | file' is | a folder"),
+        ("file/b/a.ply", "file/b/a.ply | file' is | a folder"),
+        ("pipe", "a file | device or pipe"),
+        ("/dev/null", "/dev/null | a file | device or pipe"),
+        ("n" * 300, "File name too long"),
+        (f"{'n' * 300}/a.ply", "a.ply | File name too long"),
+        ("a\0b", "NUL"),
+    ):
+        with told(named, OutputError):
+            check(Path(path))
     assert names(tmp_path) == ["file", "pipe"]
 
 
@@ -362,11 +363,6 @@ def test_folders_of_dead_processes_go(tmp_path: Path, is_there: bool) -> None:
         write(temporary / "b")
     assert names(tmp_path) == ["out"]
     assert names(folder) == ["b"]
-
-
-def test_a_name_with_nul(tmp_path: Path) -> None:
-    with pytest.raises(OutputError, match="its name has a NUL character"):
-        require_writable(tmp_path / "a\0b")
 
 
 @pytest.mark.parametrize("name", ["a" * 251 + ".txt", "ä" * 125 + ".txt", "a" * 230])

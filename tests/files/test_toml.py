@@ -2,11 +2,10 @@
 
 from pathlib import Path
 
-import pytest
+from helpers.mistakes import calls, given_file
 from pydantic import BaseModel
 
 from lidarscene import catalog
-from lidarscene.errors import InputError
 from lidarscene.files.overrides import with_overrides
 from lidarscene.files.toml import read_toml, validate
 from lidarscene.scene.scene_file import scene_model
@@ -18,23 +17,6 @@ def test_byte_order_mark_and_windows_lines_are_read(tmp_path: Path) -> None:
     assert read_toml(tmp_path / "a.toml") == {"name": "Käfer", "x": 1}
 
 
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [
-        (b"x = 1\nx = 2\n", "not valid TOML: Cannot overwrite a value (at line 2, column 6)"),
-        (b"x = " + b"[" * 100_000, "not valid TOML: nested too deeply"),
-        (b"x = " + b"1" * 5000, "cannot be read: "),
-        (b"\xff\xfe", "not UTF-8 text (at line 1)"),
-    ],
-)
-def test_what_is_not_toml(tmp_path: Path, content: bytes, message: str) -> None:
-    path = tmp_path / "a.toml"
-    path.write_bytes(content)
-    with pytest.raises(InputError) as caught:
-        read_toml(path)
-    assert str(caught.value).startswith(f"{path}: {message}")
-
-
 class Inner(BaseModel):
     model_config = {"extra": "forbid"}
     x: int = 0
@@ -44,25 +26,29 @@ class Outer(BaseModel):
     rows: tuple[Inner, ...] = ()
 
 
-def test_only_overrides_to_blame_are_named() -> None:
-    tables = with_overrides({}, ["rows=[{ y = 1 }]", "z=3"])
-    with pytest.raises(InputError) as caught:
-        validate(Outer, tables, "file", overrides=["rows=[{ y = 1 }]", "z=3"])
-    assert str(caught.value) == "file --set rows=[{ y = 1 }]: unknown key 'rows[0].y'; known here: x"
+def sensor_without(key: str) -> SensorFile:
+    tables = read_toml(catalog.path_of("sensors", "table1-apd"))
+    del tables["detector"][key]
+    return validate(SensorFile, tables, "file")
 
 
-def test_type_that_is_missing_is_named() -> None:
-    tables = read_toml(catalog.folder("sensors") / "table1-apd.toml")
-    del tables["detector"]["type"]
-    with pytest.raises(InputError, match=r"^file: key 'detector\.type' is missing$"):
-        validate(SensorFile, tables, "file")
+def with_changes(*changes: str) -> Outer:
+    return validate(Outer, with_overrides({}, changes), "file", overrides=changes)
 
 
-def test_a_scene_names_the_override_that_is_to_blame(tmp_path: Path) -> None:
-    path = tmp_path / "a.toml"
-    path.write_text('[[bodies]]\nname = "w"\nprimitive = "plane"\nsize_m = [4, 4]\nmaterial = "concrete"\n')
-    assert scene_model(path, overrides=["bodies.w.scale=2", "sun.illuminance_klux=1"]).bodies[0].scale == 2
-    with pytest.raises(InputError) as caught:
-        scene_model(path, overrides=["sun.illuminance_klux=1", "bodies.w.scale=-2"])
-    message = f'{path} --scene-set bodies.w.scale=-2: bodies[0 "w"].scale: must be > 0, got -2'
-    assert str(caught.value) == message
+WALL_ALONE = '[[bodies]]\nname = "w"\nprimitive = "plane"\nsize_m = [4, 4]\nmaterial = "concrete"\n'
+
+test_mistakes = calls(
+    (lambda: read_toml(given_file("a.toml", "x = 1\nx = 2\n")), "a.toml | TOML | line 2, column 6"),
+    (lambda: read_toml(given_file("a.toml", "x = " + "[" * 100_000)), "a.toml | TOML | nested too deeply"),
+    (lambda: read_toml(given_file("a.toml", "x = " + "1" * 5000)), "a.toml | read"),
+    (lambda: read_toml(given_file("a.toml", b"\xff\xfe")), "a.toml | UTF-8 | line 1"),
+    (lambda: with_changes("rows=[{ y = 1 }]", "z=3"), "file --set rows=[{ y = 1 }]: | 'rows[0].y' | known here: x"),
+    (lambda: sensor_without("type"), "file | 'detector.type'"),
+    (
+        lambda: scene_model(
+            given_file("a.toml", WALL_ALONE), overrides=["sun.illuminance_klux=1", "bodies.w.scale=-2"]
+        ),
+        'a.toml --scene-set bodies.w.scale=-2: | bodies[0 "w"].scale | > 0 | -2',
+    ),
+)

@@ -42,6 +42,11 @@ PARSED_ONLY = {
     "lidarscene render town -o out/long": (
         "tests/scene/street/test_street.py::test_a_longer_street_keeps_its_drivers_and_its_numbers_in_sight_few"
     ),
+    "lidarscene street --town 4": (
+        "tests/scene/street/test_networks.py::test_a_drawn_town_has_hills_lights_and_a_roundabout_at_which_vehicles_turn"
+    ),
+    "lidarscene street --seed 8": "tests/scene/street/test_street.py::test_nothing_floats_on_hills",
+    "lidarscene render out/hills": "tests/scene/street/test_street.py::test_nothing_floats_on_hills",
     "lidarscene street --opendrive town.xodr": (
         "tests/scene/street/test_networks.py::test_a_road_of_opendrive_is_where_its_geometry_says"
     ),

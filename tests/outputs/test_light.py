@@ -65,26 +65,6 @@ def test_ambient_of_every_pulse(run: Run, wall: str, tmp_path: Path) -> None:
     np.testing.assert_array_equal(np.asarray(picture), np.minimum(np.rint(ambient["image"] / step), 65535))
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (["--waveforms", "w.csv"], "--waveforms w.csv: the name must end in .npz"),
-        (["--ambient", "a.jpg"], "--ambient a.jpg: the name must end in .png or .npz"),
-        (["--pulses", "3"], "--pulses goes with --waveforms"),
-        (["--waveforms", "w.npz", "--pulses", "231"], "pulses: must be 0 to 230"),
-        (["--waveforms", "w.npz", "--pulses", "9-3"], "such as 0,100,2000-2010, got 9-3"),
-        (["--waveforms", "w.npz", "--pulses", "0-99999999999"], "got 0-99999999999"),
-        (["--waveforms", "w.npz", "--pulses", "x"], "got x"),
-        (["--background-rays", "0"], "argument --background-rays: must be a whole number from 1 to 1024, got 0"),
-    ],
-)
-def test_mistakes(run: Run, wall: str, tmp_path: Path, options: list[str], message: str) -> None:
-    ran = run("render", wall, "-o", "a.ply", *options, *COARSE)
-    assert (ran.code, ran.out) == (2, "")
-    assert message in ran.err
-    assert sorted(p.name for p in tmp_path.iterdir()) == [wall]
-
-
 def ambient(path: Path, sensor: Sensor, counts: Any) -> None:
     """Write these counts of a sensor's pulses."""
     image = AmbientImage()

@@ -202,22 +202,3 @@ def test_a_rig_has_files_of_each_imu(mi: Any, run: Run, bend: str) -> None:
     assert np.loadtxt("p_a.txt")[0, 11] == pytest.approx(1.8 * np.cos(np.radians(4.0)), abs=1e-9)
     assert run("render", bend, "-o", "a.mcap", "--merge", *options).code == 0
     assert np.loadtxt("p.txt")[0, [3, 7, 11]].tolist() == [0.0, 0.0, 0.0]
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (("--imu", "i.csv"), "--imu: the sensor must have an [imu], as --set imu.model=bmi088 gives it"),
-        (("--imu", "i.txt", *IMU), "--imu i.txt: the name must end in .csv"),
-        (("--poses", "p.csv"), "--poses p.csv: the name must end in .tum or .txt"),
-        (("--poses", "bend.toml/p.tum"), "--poses"),
-        (("--imu", "a.csv", "--poses", "a.csv"), "--poses a.csv: the name must end in .tum or .txt"),
-        (("--set=imu.rate_hz=0",), "imu.rate_hz: must be > 0, got 0"),
-        (("--set=imu.model=own.toml",), "own.toml: no such file"),
-    ],
-)
-def test_mistakes(run: Run, bend: str, options: tuple[str, ...], message: str) -> None:
-    ran = run("render", bend, "-o", "a.ply", *options, *COARSE)
-    assert (ran.code, ran.out) == (2, "")
-    assert message in ran.err.replace("bend.toml/p.tum: cannot", "--poses")
-    assert not Path("a.ply").exists()

@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 from helpers.clouds import small_cloud
 from helpers.command_line import Run
+from helpers.mistakes import calls
 
 import lidarscene
 from lidarscene.cli.main import main
@@ -140,42 +141,36 @@ def test_a_fit_has_its_sensor_file(monkeypatch: pytest.MonkeyPatch, tmp_path: Pa
     assert (tmp_path / "out" / "sensor.toml").read_text() == "name = 'fitted'"
 
 
-@pytest.mark.parametrize(
-    ("call", "complaint"),
-    [
-        (lambda: lidarscene.max_range([]), "sensors: must be at least one, got none"),
-        (lambda: lidarscene.max_range(3), "sensors: must be names, files or Sensors, got int"),
-        (lambda: lidarscene.max_range("table1-apd", illuminance=-1), "illuminance_klux"),
-        (lambda: lidarscene.max_range("table1-apd", reflectvity=1), "unknown option 'reflectvity'; did you mean refl"),
-        (lambda: lidarscene.fov("table1-apd", cell=1), "unknown option 'cell'; did you mean|known here: times_s"),
-        (lambda: lidarscene.fov("table1-apd", pose=(0, 0, 1)), "pose: goes with scene"),
-        (lambda: lidarscene.compare("car", ["table1-apd"]), "sensors: must be two or more, got 1"),
-        (lambda: lidarscene.compare("car", sensor="table1-apd"), "unknown option 'sensor'; did you mean sensors[?]"),
-        (lambda: lidarscene.compare("car"), "compare: must have sensors for a scene, or two clouds or more"),
-        (lambda: lidarscene.fit("a.pcap"), "sensor: must name the sensor of the recording, or scene one"),
-        (lambda: lidarscene.fit("a.pcap", "os1-128", poses="p.csv"), "poses: goes with scene"),
-        (lambda: lidarscene.fit("a.pcap", scene="a.toml", frames=[1]), "frames: goes without scene"),
-        (lambda: lidarscene.sweep("table1-apd", "power"), "over power: .* did you mean laser.peak_power_w[?]"),
-        (lambda: lidarscene.sweep("table1-apd", "distance", quantity="range"), "over distance quantity range: the qua"),
-        (lambda: lidarscene.sweep("table1-apd", "reflectivity", reflectivity=1), "reflectivity does not go with"),
-        (lambda: lidarscene.sweep("table1-apd", "illuminance"), "did you mean illuminance_klux[?]"),
-        (lambda: lidarscene.max_range("table1-apd", illuminance=1), "did you mean illuminance_klux[?]"),
-        (lambda: lidarscene.compare("car", illuminances_klux=[1]), "did you mean illuminance_klux[?]"),
-        (lambda: lidarscene.sweep("table1-apd", "distance", start=2, stop=1), "start 2 stop 1: start must be below st"),
-        (lambda: lidarscene.sweep("table1-apd", "distance", pionts=3), "unknown option 'pionts'; did you mean points"),
-        (lambda: lidarscene.sensitivities("table1-apd", distanse=3), "unknown option 'distanse'; did you mean distanc"),
-        (lambda: lidarscene.eye_safety([]), "sensors: must be at least one, got none"),
-        (lambda: lidarscene.design("gian", "out"), "no design 'gian' in the catalogue; did you mean gain[?]"),
-        (lambda: lidarscene.twin("nothing.pcap", "out"), "nothing.pcap"),
-        (lambda: lidarscene.twin("a.pcap", "out", heldout="columns"), "'heldout'; did you mean held_out[?]"),
-        (lambda: lidarscene.fit("a.pcap", sensors="os1-128"), "'sensors'; did you mean sensor[?]"),
-        (lambda: lidarscene.design("gain", foldr="out"), "'foldr'; did you mean folder[?]"),
-        (lambda: lidarscene.eye_safety("vlp-16", override=()), "'override'; did you mean overrides[?]"),
-    ],
-)  # fmt: skip
-def test_mistakes_are_one_line(call: Any, complaint: str) -> None:
-    with pytest.raises(InputError, match=complaint):
-        call()
+test_mistakes = calls(
+    (lambda: lidarscene.max_range([]), "sensors | at least one | none"),
+    (lambda: lidarscene.max_range(3), "sensors | names, files or Sensors | int"),  # type: ignore[arg-type]
+    (lambda: lidarscene.max_range("table1-apd", illuminance_klux=-1), "illuminance_klux -1 | 0 or more"),
+    (lambda: lidarscene.max_range("table1-apd", illuminance=1), "'illuminance' | illuminance_klux?"),
+    (lambda: lidarscene.max_range("table1-apd", reflectvity=1), "'reflectvity' | reflectivity?"),
+    (lambda: lidarscene.fov("table1-apd", cell=1), "'cell' | times_s"),
+    (lambda: lidarscene.fov("table1-apd", pose=(0, 0, 1)), "pose | scene"),
+    (lambda: lidarscene.compare("car", ["table1-apd"]), "sensors | two or more | 1"),
+    (lambda: lidarscene.compare("car", sensor="table1-apd"), "'sensor' | sensors?"),
+    (lambda: lidarscene.compare("car"), "compare | sensors | scene | two clouds or more"),
+    (lambda: lidarscene.fit("a.pcap"), "sensor | name the sensor | scene"),
+    (lambda: lidarscene.fit("a.pcap", "os1-128", poses="p.csv"), "poses | scene"),
+    (lambda: lidarscene.fit("a.pcap", scene="a.toml", frames=[1]), "frames | scene"),
+    (lambda: lidarscene.fit("a.pcap", sensors="os1-128"), "'sensors' | sensor?"),
+    (lambda: lidarscene.sweep("table1-apd", "power"), "over power | laser.peak_power_w?"),
+    (lambda: lidarscene.sweep("table1-apd", "distance", quantity="range"), "over distance quantity range"),
+    (lambda: lidarscene.sweep("table1-apd", "reflectivity", reflectivity=1), "reflectivity | over reflectivity"),
+    (lambda: lidarscene.sweep("table1-apd", "illuminance"), "over illuminance | illuminance_klux?"),
+    (lambda: lidarscene.compare("car", illuminances_klux=[1]), "'illuminances_klux' | illuminance_klux?"),
+    (lambda: lidarscene.sweep("table1-apd", "distance", start=2, stop=1), "start 2 stop 1 | below stop"),
+    (lambda: lidarscene.sweep("table1-apd", "distance", pionts=3), "'pionts' | points"),
+    (lambda: lidarscene.sensitivities("table1-apd", distanse=3), "'distanse' | distance"),
+    (lambda: lidarscene.eye_safety([]), "sensors | at least one | none"),
+    (lambda: lidarscene.eye_safety("vlp-16", override=()), "'override' | overrides?"),
+    (lambda: lidarscene.design("gian", "out"), "design 'gian' | gain?"),
+    (lambda: lidarscene.design("gain", foldr="out"), "'foldr' | folder?"),
+    (lambda: lidarscene.twin("nothing.pcap", "out"), "nothing.pcap | no such recording"),
+    (lambda: lidarscene.twin("a.pcap", "out", heldout="columns"), "'heldout' | held_out?"),
+)
 
 
 def test_the_front_door_is_public() -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from ..errors import OptionError
+from ..rendering.option_fields import Whole
 from ..rendering.render_options import SEEDS
 from .terminal import Answer
 from .words import number, whole_number
@@ -19,12 +20,16 @@ if TYPE_CHECKING:
 NETWORK_KEYS = {"seed", "house_share", "setback_m", "lamp_spacing_m", "oncoming_gap_m", "shown_m"}
 """Keys of [street] that a road network takes: what stands along roads, and how many drive there."""
 
+TOWN_STREETS = Whole(3, 12)
+"""Numbers of streets of a drawn town."""
+
 STREET_HELP = """\
 examples:
   lidarscene street -o out/street
   lidarscene street --length-m 2000 --seed 3 -o out/street
   lidarscene street -o out/avenue --set lanes=2 --set "parked_share=[0.5, 0.9]" --set stop_share=0
   lidarscene street --opendrive town.xodr --seed 3 -o out/town
+  lidarscene street --town 4 --seed 3 --set "slope_percent=[0, 6]" -o out/town
   lidarscene street --sumo scenario.sumocfg --ego bus.7 -o out/scenario
   lidarscene render out/street/street.toml -o out/frames --frames 1200
 """
@@ -48,6 +53,9 @@ def add_street(commands: Any) -> None:
     source.add_argument("--opendrive", metavar="FILE", type=Path, help="roads of an OpenDRIVE file")
     source.add_argument("--osm", metavar="FILE", type=Path, help="roads of an OpenStreetMap file")
     source.add_argument("--sumo", metavar="FILE", type=Path, help="roads and traffic of a SUMO configuration")
+    source.add_argument(
+        "--town", metavar="N", type=whole_number(TOWN_STREETS), help="N by N streets with junctions and a roundabout"
+    )
     add("--ego", metavar="NAME", help="vehicle of --sumo that carries the sensor (default: that which drives longest)")
     add("--length-m", metavar="M", type=number, help="way of the vehicle that carries the sensor (default: 1000)")
     add("--seed", metavar="N", type=whole_number(SEEDS), help="of all random choices (default: 1)")
@@ -73,9 +81,9 @@ def run_street(arguments: argparse.Namespace) -> Answer:
     named = {key: getattr(arguments, key) for key in ("length_m", "seed")}
     tables = {key: value for key, value in named.items() if value is not None}
     file = validate(StreetFile, with_overrides(tables, arguments.overrides), "[street]", overrides=arguments.overrides)
-    for kind in ("opendrive", "osm", "sumo"):
+    for kind in ("opendrive", "osm", "sumo", "town"):
         if (source := getattr(arguments, kind)) is not None:
-            return _write_network(file, source, kind, arguments)
+            return _write_network(file, Path(str(source)), kind, arguments)
     if arguments.ego is not None:
         raise OptionError("--ego: must go with --sumo")
     return _answer(write_street(file, arguments.output), street_tables(file))
@@ -86,7 +94,7 @@ def _write_network(file: StreetFile, source: Path, kind: NetworkKind, arguments:
     from ..scene.street.network_tables import network_scene
     from ..scene.street.street_tables import write_scene
 
-    if unused := sorted(file.model_fields_set - NETWORK_KEYS):
+    if unused := sorted(file.model_fields_set - NETWORK_KEYS - ({"slope_percent"} if kind == "town" else set())):
         raise OptionError(f"{unused[0]}: does not go with --{kind}, whose roads and ways are its own")
     if kind != "sumo" and arguments.ego is not None:
         raise OptionError("--ego: must go with --sumo")

@@ -252,7 +252,7 @@ class Report(HintedAttributes):
         undrawn: names of the figures that `save` or `write` could not draw
     """
 
-    INSTEAD: ClassVar[Mapping[str, str]] = {
+    FOREIGN_NAMES: ClassVar[Mapping[str, str]] = {
         **dict.fromkeys(("to_pandas", "to_dataframe", "df"), "pandas.DataFrame(report.table)"),
         **dict.fromkeys(("to_csv", "to_json", "to_excel"), "report.save(folder) writes CSV, JSON and pictures"),
         **dict.fromkeys(("data", "results", "values"), "report.table has columns, report.numbers all numbers"),

@@ -13,18 +13,18 @@ from typing import TYPE_CHECKING, Any, ClassVar
 from ..errors import did_you_mean, question
 
 
-def no_attribute(owner: object, word: str, *, name: str, instead: Mapping[str, str]) -> AttributeError:
+def no_attribute(owner: object, word: str, *, name: str, foreign_names: Mapping[str, str]) -> AttributeError:
     """Error for an attribute that an object lacks, with what does it.
 
     Args:
         name: of the object in expressions, such as "sensor"
-        instead: names that people try, and the expression or the sentence that does it
+        foreign_names: names that people try, and the expression or the sentence that does it
     """
     # Only who mistypes needs it, and it takes pydantic.
     from .toml import keys_like
 
     public = [entry for entry in dir(owner) if not entry.startswith("_")]
-    meant = instead.get(word) or did_you_mean(word, public, cutoff=0.8)
+    meant = foreign_names.get(word) or did_you_mean(word, public, cutoff=0.8)
     if not meant:
         fields = getattr(type(owner), "__dataclass_fields__", ())
         inner = [f"{part}.{entry}" for part in fields for entry in _numbers_of(getattr(owner, part, None))]
@@ -44,11 +44,11 @@ class HintedAttributes:
     """Base of a class whose objects answer an attribute that they lack with what does it."""
 
     __slots__ = ()
-    INSTEAD: ClassVar[Mapping[str, str]] = {}
+    FOREIGN_NAMES: ClassVar[Mapping[str, str]] = {}
 
     if not TYPE_CHECKING:
 
         def __getattr__(self, word: str) -> Any:
             if word.startswith("_"):  # what Python and libraries look for
                 raise AttributeError(f"{type(self).__name__} has no '{word}'")
-            raise no_attribute(self, word, name=type(self).__name__.lower(), instead=self.INSTEAD)
+            raise no_attribute(self, word, name=type(self).__name__.lower(), foreign_names=self.FOREIGN_NAMES)

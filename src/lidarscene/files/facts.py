@@ -32,7 +32,9 @@ def facts_table(kind: str, name: str, facts: Mapping[str, str]) -> str:
 class Picture(HintedAttributes):
     """A PNG in memory: a notebook shows it, and `save` writes it."""
 
-    INSTEAD: ClassVar[Mapping[str, str]] = dict.fromkeys(("show", "savefig"), "a notebook shows it; picture.save(path)")
+    FOREIGN_NAMES: ClassVar[Mapping[str, str]] = dict.fromkeys(
+        ("show", "savefig"), "a notebook shows it; picture.save(path)"
+    )
 
     png: bytes = field(repr=False)
 

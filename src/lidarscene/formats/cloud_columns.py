@@ -536,7 +536,7 @@ class Cloud(CloudColumns):
             if name.startswith("_"):
                 raise AttributeError(f"PointCloud has no attribute '{name}'")
             if name not in _OTHER_NAMES:
-                raise no_attribute(self, name, name="cloud", instead=FOREIGN_NAMES)
+                raise no_attribute(self, name, name="cloud", foreign_names=FOREIGN_NAMES)
             try:
                 return self.column(name)
             except InputError as error:

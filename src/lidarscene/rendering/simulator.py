@@ -95,7 +95,7 @@ class Simulator(HintedAttributes):
     later `render` from 100 m off that place is still good to 0.01 mm, one from 10 km to 1 mm.
     """
 
-    INSTEAD: ClassVar[Mapping[str, str]] = dict.fromkeys(
+    FOREIGN_NAMES: ClassVar[Mapping[str, str]] = dict.fromkeys(
         ("step", "next", "run", "render_frames", "frames"), "simulator.render(number=N) renders frame N"
     )
     _takes_turns = True

@@ -363,7 +363,7 @@ class Scene(HintedAttributes):
         origin: `saving.SceneOrigin`, what `save` writes of all that Python did not change; None: nothing
     """
 
-    INSTEAD: ClassVar[Mapping[str, str]] = {
+    FOREIGN_NAMES: ClassVar[Mapping[str, str]] = {
         **dict.fromkeys(("objects", "meshes", "actors", "vehicles"), "scene.bodies"),
         **dict.fromkeys(("weather", "fog", "rain", "snow"), "scene.air.weather"),
         **dict.fromkeys(

@@ -319,7 +319,7 @@ class Sensor(HintedAttributes):
             changed it: `dataclasses.replace` does not hand it on, since the file does not have what was replaced
     """
 
-    INSTEAD: ClassVar[Mapping[str, str]] = {
+    FOREIGN_NAMES: ClassVar[Mapping[str, str]] = {
         **dict.fromkeys(("snr", "detection_probability"), "lidarscene.max_range(sensor, distance=100).table has it"),
         **dict.fromkeys(("range", "range_m", "range_max"), "sensor.max_range() computes it"),
         **dict.fromkeys(("fov", "field_of_view"), "lidarscene.fov(sensor) studies it"),

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import trimesh
 from helpers import chain, networks
 from helpers.command_line import Run
 from helpers.mistakes import mistakes, typed
@@ -19,6 +20,7 @@ from lidarscene.maths.trajectory import pose_at
 from lidarscene.rendering.simulator import Simulator
 from lidarscene.scene.scene import Scene
 from lidarscene.scene.scene_file import load_scene, scene_model
+from lidarscene.scene.shared_faces import shared_faces
 from lidarscene.scene.street import sumo
 from lidarscene.scene.street.network_tables import network_scene
 from lidarscene.scene.street.shapes import body_table, shapes
@@ -170,6 +172,55 @@ def test_the_vehicles_are_where_sumo_says(town: tuple[Path, Path], tmp_path: Pat
         assert compared >= 3
 
 
+def test_the_sensor_is_over_the_roof_of_its_vehicle(town: tuple[Path, Path]) -> None:
+    """That of a bus, too: a sensor in the body would see its roof alone."""
+    for name in ("first", "line_7"):
+        tables = network_scene(town[0], "sumo", StreetFile(), ego=name)
+        (own,) = (body for body in tables["bodies"] if body["name"] == "own_car")
+        height_m = trimesh.load(own["mesh"]).extents[1]
+        assert 0.2 < tables["sensor"]["position_m"][2] - height_m < 0.4
+
+
+def test_a_drawn_town_has_hills_lights_and_a_roundabout_at_which_vehicles_turn() -> None:
+    """The network's height differs by the slope; the ego vehicle and others turn by right angles."""
+    file = StreetFile(seed=1, oncoming_gap_m=(150.0, 160.0), slope_percent=(2.0, 6.0), shown_m=150.0)
+    first = network_scene(Path("3"), "town", file)
+    turned_deg = [
+        np.ptp(np.unwrap([pose.get("yaw_deg", 0.0) for pose in motion["poses"]], period=360.0))
+        for motion in (
+            first["ego"],
+            *(
+                each["motion"]
+                for body in first["bodies"]
+                if body["name"].startswith("traffic")
+                for each in body["instances"]
+            ),
+        )
+    ]
+    assert turned_deg[0] > 80.0
+    assert sum(turn > 80.0 for turn in turned_deg) > 3
+    roads = [body for body in first["bodies"] if body["name"].startswith("road_")]
+    lines_m = [np.array(body["line"]) for body in roads]
+    assert np.ptp(np.concatenate(lines_m)[:, 2]) > 3.0
+    bends = [line_m for line_m in lines_m if len(line_m) > 5 and _turned_deg(line_m) > 30.0]
+    assert len(bends) == 4, "a ring of four pieces"
+    assert any(body["name"] == "lights" for body in first["bodies"])
+
+
+def test_a_seed_is_a_town(tmp_path: Path) -> None:
+    files = []
+    for number, seed in enumerate((1, 1, 2)):
+        (tmp_path / str(number)).mkdir()
+        net = sumo.draw_town(3, tmp_path / str(number), seed=seed, slopes=(0.0, 0.05))
+        files.append((net.parent / "drawn.nod.xml").read_text() + (net.parent / "drawn.edg.xml").read_text())
+    assert files[0] == files[1] != files[2]
+
+
+def _turned_deg(line_m: np.ndarray) -> float:
+    heading = np.unwrap(np.arctan2(*np.diff(line_m[:, :2], axis=0).T[::-1]))
+    return float(np.degrees(np.ptp(heading)))
+
+
 def test_people_walk_on_pavements_and_crossings_are_striped(town: tuple[Path, Path]) -> None:
     scene, pavement = load_scene(town[1]), grounds(town[1], "pavement")
     walker = next(body for body in scene.bodies if body.class_name == "pedestrian" and body.motion is not None)
@@ -237,6 +288,7 @@ def test_no_two_bodies_share_a_face_that_a_beam_meets(name: str, request: pytest
     pose = pose_at(scene.ego, 4.0) @ scene.sensor_pose
     scene = dataclasses.replace(scene, ego=None, sensor_pose=pose, bodies=tuple(_still(scene)))
     cloud = Simulator(scene, chain.sensor("vlp-16"), pose=pose).render(seed=1, coordinates="world")
+    assert not [pair for pair in shared_faces(scene, pose.position_m) if "zebras" not in pair.names[1]]
     cloud = cloud.select(cloud.status == 0)
     assert len(cloud) > 10_000
     assert np.mean(on_another_body(scene, cloud) >= 0) < 5e-4
@@ -273,7 +325,7 @@ def test_houses_stand_in_the_soil_of_slopes(hills: Path) -> None:
     houses = [body for body in scene.bodies if body.class_name == "building"]
     assert np.ptp([house.pose.position_m[2] for house in houses]) > 4.0
     for house in houses:
-        vertices_m = np.concatenate([part.vertices_m for part in house.parts])  # type: ignore[union-attr]
+        vertices_m = np.concatenate([part.vertices_m for part in house.parts])
         low_m, high_m = vertices_m.min(axis=0), vertices_m.max(axis=0)
         corners_m = np.array([[x, y, 0.0] for x in (low_m[0], high_m[0]) for y in (low_m[1], high_m[1])])
         place_m = house.pose.apply(corners_m)

@@ -289,7 +289,7 @@ def test_each_stop_line_lies_where_drivers_stop() -> None:
 def test_traffic_lights_stand_by_stop_lines_and_face_those_who_wait() -> None:
     """Two for each street that crosses, on the right of both directions, beside the lanes."""
     layout = laid.lay_out(street(4))
-    lights = layout.items["traffic_lights"]
+    lights = layout.items["lights"]
     crossings = [crossing for crossing in layout.crossings if not crossing.is_zebra]
     assert len(lights) == 2 * len(crossings) > 0
     for crossing in crossings:

@@ -2,6 +2,7 @@
 
 import json
 import math
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -9,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.mistakes import mistakes, told
 from helpers.run_seed import run_seed
 
 from lidarscene import catalog, load_sensor
@@ -213,59 +215,44 @@ SNR = 'snr = {maximize = "snr"}'
 OFF = 'eye_safety = "off"'
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"free": '"detector.gane" = {low = 5, high = 9}'}, "free.detector.gane: .*did you mean detector.gain"),
-        ({"free": '"detector.gain" = {low = 9, high = 5}'}, "low: must be below high, got 9 and 5"),
-        ({"free": '"detector.gain" = {low = 0, high = 5, log = true}'}, "low: must be more than 0 with log"),
-        ({"free": '"detector.gain" = {low = 5}'}, "must have low and high, or choices"),
-        ({"free": '"detector.gain" = {choices = [5]}'}, "choices: must be two or more, got 1"),
-        ({"free": '"tdc.stops" = {low = 1.5, high = 3}'}, "must be whole numbers, got low 1.5"),
-        ({"free": '"other:detector.gain" = {low = 5, high = 9}'}, "must start with one of table1-apd, got 'other'"),
-        ({"free": '"scanner.azimuth_fov_deg[3]" = {low = 5, high = 9}'}, "table1-apd has no number of that name"),
-        ({"sensor": '"os9"'}, "sensor: no sensor 'os9' in the catalogue"),
-        ({"objectives": 'a = {maximize = "snr", minimize = "snr"}'}, "objectives.a: must have maximize or minimize"),
-        ({"objectives": 'a = {maximize = "snr", time_s = 3}'}, "time_s: has no effect on snr"),
-        (
-            {"objectives": 'a = {maximize = "snr", illuminance_klux = 100000}'},
-            "illuminance_klux 100000: must be 0 or more",
-        ),
-        ({"objectives": 'a = {maximize = "rang"}'}, "a: must be of a quantity or a number of table1-apd, got 'rang'"),
-        ({"objectives": 'a = {maximize = "body_points"}'}, "body_points must go with a scene"),
-        ({"objectives": ""}, "objectives: must be a table of at least 1|objectives"),
-        ({"last": '[constraints]\nb = {quantity = "snr"}'}, "constraints.b: must have at_least or at_most"),
-        (
-            {"more": OFF, "last": '[constraints]\nb = {quantity = "snr", at_least = 1e9}'},
-            "no design of 6 meets all constraints",
-        ),
-        ({}, 'constraints.class 1: no free key moves it: class_1 is 0.4997, .* at least 1; eye_safety = "off"'),
-        (
-            {"more": OFF, "last": '[constraints]\nb = {quantity = "aperture_area_mm2", at_most = 1900}'},
-            "constraints.b: no free key moves it: aperture_area_mm2 is 1963 mm², and must be at most 1900 mm²",
-        ),
-        ({"free": '"gain" = {low = 5, high = 9}'}, "free.gain: .*; did you mean detector.gain?"),
-        (
-            {"free": '"detector.gain" = {low = 5, high = 6, step = 2}'},
-            "step: must leave two values or more, got 2 from 5",
-        ),
-        ({"sensor": '["table1-apd", "table1-apd"]'}, "sensor: must be different sensors, got table1-apd, table1-apd"),
-        ({"objectives": '"a/b" = {maximize = "snr"}'}, "objectives: must have names of letters, .* got 'a/b'"),
-        ({"objectives": 'a = {maximize = "body_points"}', "more": 'scene = "streat"'}, "scene: no scene 'streat'"),
-        (
-            {"last": '[constraints]\nb = {quantity = "snr", at_least = 2, at_most = 1}'},
-            "constraints.b: at_least: must be <= at_most, got 2 and 1",
-        ),
-        ({"more": "evaluation = 3"}, "unknown key 'evaluation'; did you mean evaluations"),
-    ],
-    ids=lambda value: None if isinstance(value, dict) else value[:40],
+@mistakes(
+    r"""
+    free: "detector.gane" = {low = 5, high = 9} | free.detector.gane | detector.gain
+    free: "detector.gain" = {low = 9, high = 5} | low | high | 9 and 5
+    free: "detector.gain" = {low = 0, high = 5, log = true} | low | more than 0 | log
+    free: "detector.gain" = {low = 5} | low and high | choices
+    free: "detector.gain" = {choices = [5]} | choices | two or more | 1
+    free: "tdc.stops" = {low = 1.5, high = 3} | whole numbers | low 1.5
+    free: "other:detector.gain" = {low = 5, high = 9} | table1-apd | 'other'
+    free: "scanner.azimuth_fov_deg[3]" = {low = 5, high = 9} | scanner.azimuth_fov_deg[3] | table1-apd
+    free: "gain" = {low = 5, high = 9} | free.gain | detector.gain?
+    free: "detector.gain" = {low = 5, high = 6, step = 2} | step | two values or more | 2 from 5
+    sensor: "os9" | sensor | 'os9'
+    sensor: ["table1-apd", "table1-apd"] | sensor | different | table1-apd, table1-apd
+    objectives: a = {maximize = "snr", minimize = "snr"} | objectives.a | maximize or minimize
+    objectives: a = {maximize = "snr", time_s = 3} | time_s | snr
+    objectives: a = {maximize = "snr", illuminance_klux = 100000} | illuminance_klux 100000 | 0 or more
+    objectives: a = {maximize = "rang"} | a: | table1-apd | 'rang' | range?
+    objectives: a = {maximize = "body_points"} | body_points | scene
+    objectives: "a/b" = {maximize = "snr"} | objectives | letters | 'a/b'
+    objectives: a = {maximize = "body_points"} more: scene = "streat" | scene 'streat'
+    objectives: | objectives
+    last: B = {quantity = "snr"} | constraints.b | at_least or at_most
+    last: B = {quantity = "snr", at_least = 2, at_most = 1} | constraints.b | at_least | <= at_most | 2 and 1
+    last: B = {quantity = "snr", at_least = 1e9} OFF | no design of 6
+    last: B = {quantity = "aperture_area_mm2", at_most = 1900} OFF | constraints.b | 1963 mm² | at most 1900 mm²
+    last: | constraints.class 1 | class_1 is 0.4997 | at least 1 | eye_safety = "off"
+    more: evaluation = 3 | 'evaluation' | evaluations
+    """,
+    OFF=f"more: {OFF}",
+    B="[constraints]\nb",
 )
-def test_each_mistake_is_one_line(tmp_path: Path, changes: dict[str, str], message: str) -> None:
-    parts = {"sensor": '"table1-apd"', "more": "", "free": GAIN, "objectives": SNR, "last": ""} | changes
-    with pytest.raises(InputError, match=message) as error:
+def test_mistakes(tmp_path: Path, given: str, named: str) -> None:
+    parts = {"sensor": '"table1-apd"', "more": "", "free": GAIN, "objectives": SNR, "last": ""}
+    _, *changes = re.split(r"(?:^| )(sensor|more|free|objectives|last):", given)
+    parts |= zip(changes[::2], map(str.strip, changes[1::2]), strict=True)
+    with told(f"study.toml | {named}"):
         run_study(write(tmp_path, STUDY.format(**parts)), tmp_path / "out")
-    assert "\n" not in str(error.value)
-    assert "study.toml" in str(error.value)
     assert not (tmp_path / "out" / "index.html").exists()
 
 

@@ -10,11 +10,11 @@ import numpy as np
 import pytest
 from helpers import photons
 from helpers.documentation import ROOT
+from helpers.mistakes import calls
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from lidarscene.catalog import names
-from lidarscene.errors import InputError
 from lidarscene.sensor.sensor_file import load_sensor, sensor_from_tables
 from lidarscene.sensor.sensor_model import Sensor
 from lidarscene.studies.eye_safety import exposure
@@ -179,23 +179,12 @@ def test_no_product_of_the_catalogue_is_judged_by_a_guess() -> None:
     assert judged == ["apd-905", "biaxial-905", "mems-1550", "sipm-905", "table1-apd", "table1-sipm"]
 
 
-@pytest.mark.parametrize(
-    ("changes", "message"),
-    [
-        ({"wavelength_m": 355e-9}, "table1-apd: eye safety: wavelength must be 400 to 2600 nm, got 355 nm"),
-        ({"pulse_fwhm_s": 3e-5}, "the pulses overlap"),
-    ],
+test_mistakes = calls(
+    (lambda: eye_safety_report(with_laser(wavelength_m=355e-9)), "table1-apd | wavelength | 400 to 2600 nm | 355 nm"),
+    (lambda: eye_safety_report(with_laser(pulse_fwhm_s=3e-5)), "the pulses overlap"),
+    (lambda: eye_safety_report(TABLE_1, scanned=True, pulses_in_aperture=3), "scanned | pulses_in_aperture | not both"),
+    (lambda: eye_safety_report(TABLE_1, pulses_in_aperture=0), "1 to 75726 pulses | 0"),
 )
-def test_lasers_that_cannot_be_judged(changes: dict[str, float], message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        eye_safety_report(with_laser(**changes))
-
-
-def test_options_that_do_not_fit() -> None:
-    with pytest.raises(InputError, match="not both"):
-        eye_safety_report(TABLE_1, scanned=True, pulses_in_aperture=3)
-    with pytest.raises(InputError, match="1 to 75726 pulses"):
-        eye_safety_report(TABLE_1, pulses_in_aperture=0)
 
 
 # --- trains -----------------------------------------------------------------------------------------

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+from helpers.mistakes import mistakes, told
 
 from lidarscene import catalog, load_sensor
 from lidarscene.errors import InputError, OptionWarning
@@ -244,19 +245,18 @@ def test_every_number_of_a_sensor_file_is_a_key():
     assert keys["detector.cells"].whole
 
 
-@pytest.mark.parametrize(
-    ("key", "message"),
-    [
-        ("detector.gian", "did you mean detector.gain"),
-        ("name", "has no numeric key"),
-        ("distanze", "did you mean distance"),
-        ("detector.circuit_noise_na", "is 0 in table1-apd.toml"),
-        ("detector.ionisation_ratio", "is not given in"),
-    ],
+@mistakes(
+    """
+    detector.gian | detector.gian | detector.gain
+    name | over name | table1-apd.toml
+    distanze | distanze | distance
+    detector.circuit_noise_na | 0 in table1-apd.toml
+    detector.ionisation_ratio | not given in table1-apd.toml
+    """
 )
-def test_keys_that_cannot_be_swept(key, message):
-    with pytest.raises(InputError, match=message):
-        swept_over(key, BOTH[:1])
+def test_keys_that_cannot_be_swept(given: str, named: str) -> None:
+    with told(named):
+        swept_over(given, BOTH[:1])
 
 
 # --- sensors ----------------------------------------------------------------------------------------

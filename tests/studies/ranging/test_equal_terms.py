@@ -5,9 +5,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.mistakes import mistakes, told
 
 from lidarscene import catalog, load_sensor
-from lidarscene.errors import InputError
 from lidarscene.sensor.detectors import Apd
 from lidarscene.studies.eye_safety.eye_safety_report import eye_safety_report
 from lidarscene.studies.ranging import plane, statistics
@@ -184,22 +184,19 @@ def test_uncertainty_of_a_number_that_is_set_lapses() -> None:
     assert exact.interval_m is None
 
 
-@pytest.mark.parametrize(
-    ("line", "message"),
-    [
-        ('"detector.pdf" = 0.1', r"uncertainty\.detector\.pdf: must be a number of laser, optics"),
-        ('"scanner.azimuth_fov_deg" = 1', r"uncertainty\.scanner\.azimuth_fov_deg: must be a number of laser"),
-        ('"detector.statistics" = 1', r"uncertainty\.detector\.statistics: must be a number of laser"),
-        ('"detector.cells" = -1', r"uncertainty\.detector\.cells: must be > 0, got -1"),
-    ],
+@mistakes(
+    """
+    "detector.pdf" = 0.1 | uncertainty.detector.pdf | number of laser, optics
+    "scanner.azimuth_fov_deg" = 1 | uncertainty.scanner.azimuth_fov_deg | number of laser, optics
+    "detector.statistics" = 1 | uncertainty.detector.statistics | number of laser, optics
+    "detector.cells" = -1 | uncertainty.detector.cells | > 0 | -1
+    """
 )
-def test_mistakes_of_uncertainties(tmp_path: Path, line: str, message: str) -> None:
+def test_uncertainties_that_cannot_be(tmp_path: Path, given: str, named: str) -> None:
     text = catalog.path_of("sensors", "table1-sipm").read_text(encoding="utf-8")
-    text = text.replace('"detector.pde" = 0.005', line)
-    (tmp_path / "sensor.toml").write_text(text, encoding="utf-8")
-    with pytest.raises(InputError, match=message) as error:
-        load_sensor(tmp_path / "sensor.toml")
-    assert "\n" not in str(error.value)
+    (tmp_path / "own.toml").write_text(text.replace('"detector.pde" = 0.005', given), encoding="utf-8")
+    with told(f"own.toml | {named}"):
+        load_sensor(tmp_path / "own.toml")
 
 
 def test_statistics_decide_the_papers_pair() -> None:

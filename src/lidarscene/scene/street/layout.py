@@ -153,7 +153,8 @@ class Layout:
     def tilt_deg(self, x_m: Numbers, yaw_deg: Numbers) -> Numbers:
         """(n, 2) pitch and roll of what stands along the slope at a yaw against the street."""
         slope, yaw = self.profile.slope_at(self.line.on_loop(x_m)), np.radians(yaw_deg)
-        return np.degrees(np.arctan(np.stack([slope * np.cos(yaw), -slope * np.sin(yaw)], axis=1))) + 0.0
+        tilts = np.stack([slope * np.cos(yaw), -slope * np.sin(yaw)], axis=1)
+        return np.asarray(np.degrees(np.arctan(tilts)) + 0.0)
 
     def bends(self, low_m: float, high_m: float) -> bool:
         """Return whether the street bends too sharply between two places for cars to park or people to cross."""
@@ -379,7 +380,7 @@ def _line_kerb(
         # By the stop line, to the right of those who wait there and see its lamps.
         stop_m = crossing.stop_x_m(-side)
         if not crossing.is_zebra and block.begin_m < stop_m < block.end_m:
-            layout.add("traffic_lights", stop_m, side * (layout.kerb_m + POST_LINE_M), towards_deg)
+            layout.add("lights", stop_m, side * (layout.kerb_m + POST_LINE_M), towards_deg)
     for x_m in line.places(file.lamp_spacing_m, random):
         layout.add("lamp_posts", x_m, side * (layout.kerb_m + POST_LINE_M), -90.0 * side)
     for x_m in line.places(file.sign_spacing_m, random):

@@ -38,6 +38,7 @@ from .sumo import (
     RoadUser,
     convert,
     draw_routes,
+    draw_town,
     drawn_scenario,
     read_network,
     read_scenario,
@@ -99,14 +100,14 @@ SHARES = {"passenger": 0.76, "delivery": 0.09, "truck": 0.04, "bus": 0.02, "moto
 ALIKE_M = 0.3
 """Choice: by how much a body may be farther from a vehicle's length than the nearest one."""
 
-NetworkKind = Literal["opendrive", "osm", "sumo"]
+NetworkKind = Literal["opendrive", "osm", "sumo", "town"]
 
 
 def network_scene(path: Path, kind: NetworkKind, file: StreetFile, *, ego: str | None = None) -> Tables:
     """Lay out a road network and its simulated traffic as tables of a scene file.
 
     Args:
-        path: OpenDRIVE file, OpenStreetMap file or SUMO's configuration
+        path: OpenDRIVE file, OpenStreetMap file or SUMO's configuration; of a drawn town, the number of streets
         file: what stands along the roads; the seed is that of drawn trips, too
         ego: SUMO's name of the vehicle that carries the sensor; that which drives for longest, if it is not said
 
@@ -119,7 +120,11 @@ def network_scene(path: Path, kind: NetworkKind, file: StreetFile, *, ego: str |
             scenario = read_scenario(path)
             network = read_network(scenario.network)
         else:
-            net = convert(path, kind, folder)
+            if kind == "town":
+                low, high = (0.01 * percent for percent in file.slope_percent)
+                net = draw_town(int(path.name), folder, seed=file.seed, slopes=(low, high))
+            else:
+                net = convert(path, kind, folder)
             network = read_network(net)
             gap_m = float(np.mean(file.oncoming_gap_m))
             routes, ego, way_m = draw_routes(
@@ -137,6 +142,7 @@ def network_scene(path: Path, kind: NetworkKind, file: StreetFile, *, ego: str |
         terrain = Terrain.around(relief)
     return street_scene(
         file.shown_m,
+        roof_m=catalog.vehicles()[shapes()[_look(own)].mesh].size_m[2],
         ego=_motion(own, relief, at_end="hold", tilts=False),
         bodies=[
             *_grounds(near),
@@ -326,8 +332,12 @@ def _grounds(network: Network) -> list[Tables]:
             _strip(name, "pavement", "concrete", line_m, width_m, -0.5 * KERB_M, **raised),
             _strip(f"kerb_{number}", "kerb", "concrete", line_m, KERB_M, 0.5 * width_m, **raised),
         ]
+    middles_m = np.array([corners_m.mean(axis=0) for corners_m in network.corners]).reshape(-1, 3)
     for number, corners_m in enumerate(network.junctions):
-        grounds += _area(f"junction_{number}", "road", "asphalt", corners_m, kerb_m=FOOT_M)
+        # Pavements at a junction have faces down along its outline themselves.
+        has_pavement = Outline(corner_m=corners_m, spacing_m=SPACING_M).contains(middles_m).any()
+        foot = {} if has_pavement else {"kerb_m": FOOT_M}
+        grounds += _area(f"junction_{number}", "road", "asphalt", corners_m, **foot)
     for number, corners_m in enumerate(network.corners):
         grounds += _area(f"corner_{number}", "pavement", "concrete", corners_m, **raised)
     return grounds
@@ -408,7 +418,7 @@ def _surroundings(network: Network, file: StreetFile, relief: Relief, terrain: T
     main = draw_district(roadside.random)
     for group in network.groups:
         district = draw_district(roadside.random, main)
-        for side in (-1.0, 1.0):
+        for side in (-1.0,) if group.edge in network.rings else (-1.0, 1.0):
             roadside.rails(group, side)
             roadside.line(group, side, district)
     for group in network.groups:
@@ -450,7 +460,7 @@ class _Roadside:
                 ((x_m, y_m, heading),) = _along(group.line_m, way_m, -aside_m).tolist()
                 self._room.take(np.array([[x_m, y_m, heading, 0.2, 0.2]]))
                 place = placed(x_m, y_m, 0.0, math.degrees(heading) + 180.0)
-                self.items.setdefault("traffic_lights", []).append(place)
+                self.items.setdefault("lights", []).append(place)
 
     def parapets(self, group: LaneGroup, relief: Relief) -> None:
         """Place guard rails on both sides of a road where it passes over another."""

@@ -18,6 +18,9 @@ RAISED_M = 0.12
 PAINT_M = 0.003
 """Choice: thickness of lane markings."""
 
+OVER_ROOF_M = 0.27
+"""Choice: height of the sensor over the roof."""
+
 FOOT_M = 0.3
 """Choice: depth of the faces down from the edges of roads, below soil that is lower than they are."""
 
@@ -32,7 +35,7 @@ SURROUNDINGS: Tables = {
     "sky": {"diffuse_share": 0.15},
     "air": {"visibility_km": 15.0, "model": "kruse"},
     "ground": {"roughness": "B"},
-    "sensor": {"name": "os1-128", "position_m": [0.0, 0.0, 1.75]},
+    "sensor": {"name": "os1-128"},
     "picture": {"eye_m": [-9.0, 0.0, 7.0], "target_m": [14.0, 0.6, 0.5], "fov_deg": 70.0},
 }
 """Choice: tables that a scene with a street has unless it says otherwise."""
@@ -48,10 +51,15 @@ def placed(
     return pose | {name: angle_deg for name, angle_deg in angles.items() if angle_deg}
 
 
-def street_scene(shown_m: float, *, ego: Tables, bodies: Sequence[Tables]) -> Tables:
-    """Tables of a scene with a vehicle that rides among bodies, of which those that move show up to a distance."""
+def street_scene(shown_m: float, *, roof_m: float, ego: Tables, bodies: Sequence[Tables]) -> Tables:
+    """Tables of a scene with a vehicle that rides among bodies, of which those that move show up to a distance.
+
+    Args:
+        roof_m: height of that vehicle
+    """
     ego = {"on_ground": True, **ego, "ride": {}}
-    return SURROUNDINGS | {"reach_m": shown_m + 20.0, "ego": ego, "bodies": list(bodies)}
+    sensor = SURROUNDINGS["sensor"] | {"position_m": [0.0, 0.0, round(roof_m + OVER_ROOF_M, 2)]}
+    return SURROUNDINGS | {"reach_m": shown_m + 20.0, "sensor": sensor, "ego": ego, "bodies": list(bodies)}
 
 
 def sheet(

@@ -158,11 +158,9 @@ def shapes() -> dict[str, StreetBody]:
         },
         **{f"{mesh}s": StreetBody(mesh, {}) for mesh in ("hedge", "fence", "guard_rail", *FURNITURE, *SIGNS)},
         **{f"{BUSHES}_{number}": StreetBody("bush", {}, scale) for number, scale in enumerate(TREE_SCALES)},
-        **{
-            f"{mesh}s": StreetBody(mesh, {})
-            for mesh in ("lamp_post", "bollard", "cone", "barrier", "traffic_light", "guard_rail")
-        },
+        **{f"{mesh}s": StreetBody(mesh, {}) for mesh in ("lamp_post", "bollard", "cone", "barrier")},
         **{f"{group}_{person}": StreetBody(person, {}) for group in ("pedestrians", "walkers") for person in PEOPLE},
+        "lights": StreetBody("traffic_light", {}),
         "wheelchairs": StreetBody("wheelchair_user", {}),
     }
 

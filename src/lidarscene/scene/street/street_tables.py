@@ -34,6 +34,9 @@ EVEN_STEP = 1e-5
 """Accuracy bought: difference of two steps from pose to pose, in metres and degrees, up to which the pose between them
 is left out: an acceleration of 0.04 mm/s2, which moves by 7 cm in a minute."""
 
+CAR_ROOF_M = 1.48
+"""Source: the car's mesh."""
+
 PLACES_M = 2.0
 """Accuracy bought: distance of the places on roads that soil is level with."""
 
@@ -61,6 +64,7 @@ def street_tables(file: StreetFile) -> Tables:
     terrain = None if layout.profile.is_level else Terrain.around(Relief(_places_on_roads(layout), SOIL_BLUR_M))
     return street_scene(
         file.shown_m,
+        roof_m=CAR_ROOF_M,
         ego={"poses": _poses(layout, traffic.ego, tilts=False), "at_end": "repeat" if file.loop else "hold"},
         bodies=[
             *(_wetted(body) if file.wet else body for body in _grounds(layout)),

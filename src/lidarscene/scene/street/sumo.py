@@ -44,6 +44,10 @@ STEP_S = 0.1
 LANE_CHANGE_S = 3.0
 """Choice: time of a lane change in a simulation that says none; without it vehicles would jump aside."""
 
+TOWN_BLOCK_M, TOWN_SHIFT_M, RING_M = 110.0, 12.0, 16.0
+"""Choice: distance between the streets of a drawn town, by how much its junctions are off, and radius of its
+roundabout."""
+
 SHARPEST_TURN_DEG = 120.0
 """Choice: turn from one pose to the next beyond which another is put between them."""
 
@@ -108,6 +112,7 @@ class Network(NamedTuple):
         crossings: (k, 3) points along the middle of each, and its width
         roads: lengths of the roads that cars may take, by SUMO's names
         walks: SUMO's names of roads with a pavement
+        rings: SUMO's names of roads around roundabouts
     """
 
     groups: list[LaneGroup]
@@ -116,6 +121,7 @@ class Network(NamedTuple):
     crossings: list[tuple[Numbers, float]]
     roads: dict[str, float]
     walks: list[str]
+    rings: set[str]
 
 
 @dataclass(slots=True)
@@ -158,11 +164,77 @@ def convert(map_file: Path, kind: Literal["opendrive", "osm"], folder: Path) -> 
     return network
 
 
+def draw_town(streets: int, folder: Path, *, seed: int, slopes: tuple[float, float]) -> Path:
+    """Draw a town of streets in both directions, with lights at some junctions and a roundabout, as a network of SUMO.
+
+    Args:
+        streets: in each direction
+        folder: of the network's file
+        slopes: least and largest difference of heights between neighbouring junctions, over their distance
+    """
+    random = np.random.default_rng([seed, 8])
+    place_m = TOWN_BLOCK_M * np.stack(np.meshgrid(*[np.arange(streets, dtype=float)] * 2, indexing="ij"), axis=-1)
+    place_m += random.uniform(-TOWN_SHIFT_M, TOWN_SHIFT_M, place_m.shape)
+    # Up or down from each row and column to the next: neighbours differ by one of the steps.
+    step_m = TOWN_BLOCK_M * random.uniform(*slopes, (2, streets)) * random.choice([-1.0, 1.0], (2, streets))
+    height_m = np.cumsum(step_m[0])[:, None] + np.cumsum(step_m[1])
+    nodes = ElementTree.Element("nodes")
+    edges = ElementTree.Element("edges")
+
+    def node(name: str, x_m: float, y_m: float, z_m: float, kind: str) -> None:
+        keys = {"id": name, "x": f"{x_m:.2f}", "y": f"{y_m:.2f}", "z": f"{z_m:.2f}", "type": kind}
+        ElementTree.SubElement(nodes, "node", keys)
+
+    def edge(begin: str, end: str, **keys: str) -> None:
+        keys = {"id": f"{begin}_{end}", "from": begin, "to": end, "numLanes": "1", "speed": "13.89", **keys}
+        ElementTree.SubElement(edges, "edge", keys)
+
+    middle = streets // 2
+    ring: list[tuple[float, str]] = []
+    names = {}
+    for i, j in np.ndindex(streets, streets):
+        names[i, j] = f"n{i}_{j}"
+        if (i, j) != (middle, middle):
+            x_m, y_m = place_m[i, j].tolist()
+            node(names[i, j], x_m, y_m, height_m[i, j], str(random.choice(["traffic_light", "priority"])))
+    for i, j in np.ndindex(streets, streets):
+        for k, m in ((i + 1, j), (i, j + 1)):
+            if k < streets and m < streets:
+                ends = []
+                for here, there in (((i, j), (k, m)), ((k, m), (i, j))):
+                    ends.append(names[here])
+                    if here == (middle, middle):
+                        way_m = place_m[there] - place_m[here]
+                        ends[-1] = f"ring{len(ring)}"
+                        ring.append((float(np.arctan2(way_m[1], way_m[0])), ends[-1]))
+                edge(*ends)
+                edge(*ends[::-1])
+    x_m, y_m = place_m[middle, middle]
+    ring.sort()
+    for number, (begin, name) in enumerate(ring):
+        end, following = ring[(number + 1) % len(ring)]
+        turn = np.linspace(begin, begin + (end - begin) % (2.0 * np.pi), 12)
+        arc = zip(x_m + RING_M * np.cos(turn), y_m + RING_M * np.sin(turn), strict=True)
+        node(name, x_m + RING_M * np.cos(begin), y_m + RING_M * np.sin(begin), height_m[middle, middle], "priority")
+        shape = " ".join(f"{east_m:.2f},{north_m:.2f},{height_m[middle, middle]:.2f}" for east_m, north_m in arc)
+        edge(name, following, shape=shape, speed="8.3", priority="2")
+    around = [f"{name}_{ring[(number + 1) % len(ring)][1]}" for number, (_, name) in enumerate(ring)]
+    keys = {"nodes": " ".join(name for _, name in ring), "edges": " ".join(around)}
+    ElementTree.SubElement(edges, "roundabout", keys)
+    files = [folder / f"drawn.{kind}.xml" for kind in ("nod", "edg", "net")]
+    for path, root in zip(files, (nodes, edges), strict=False):
+        ElementTree.ElementTree(root).write(path, encoding="utf-8")
+    options = ["--sidewalks.guess", "--crossings.guess", "--no-warnings", "--default.priority", "1"]
+    _run("netconvert", ["-n", str(files[0]), "-e", str(files[1]), "-o", str(files[2]), *options], files[1])
+    return files[2]
+
+
 def read_network(path: Path) -> Network:
     """Read the surfaces of a network of SUMO."""
     sumolib = import_optional("sumolib", extra="traffic")
     net = sumolib.net.readNet(str(path), withInternal=True)
-    network = Network([], [], [], [], {}, [])
+    rings = {name for roundabout in net.getRoundabouts() for name in roundabout.getEdges()}
+    network = Network([], [], [], [], {}, [], rings)
     walked: set[str] = set()
     special = []
     for edge in net.getEdges(withInternal=True):
