@@ -175,7 +175,7 @@ def test_points_per_second_round_to_the_published(name: str) -> None:
 
 
 def test_a_range_is_told_at_which_nine_of_ten_echoes_are_found() -> None:
-    """It stands beside that at which half are found: of a VLP-16 by its published condition, 80 % at 100 klux."""
+    """Rationale: beside it stands that at which half are found: of a VLP-16 at its condition, 80 % at 100 klux."""
     (row,) = rows_of_quantity("vlp-16", "range")
     range_m, words = row.note.split(" m ")
     assert words == "at P_d 0.9"
