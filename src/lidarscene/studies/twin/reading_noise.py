@@ -27,7 +27,7 @@ from .tuning import ALONG, ASSUMED_KLUX, NOISE_BINS, NOISE_SHOTS
 LAGS = sum(ALONG)
 """Pixels of a row that share in the mean of a mean."""
 
-INDEPENDENT = np.eye(LAGS)[0]
+INDEPENDENT: Numbers = np.eye(LAGS)[0]
 """Correlation of noise that pixels do not share."""
 
 
@@ -62,7 +62,7 @@ class ReadingNoise:
         variance = fluctuation_variance(sensor, Target(), drawn_m)
         readings = [_readings(sensor, light, variance, seed) for seed in (0, 1)]
         read = np.isfinite(readings[0] + readings[1]).all(axis=0)
-        power_w = light.peak_power_w[read]
+        power_w = np.asarray(light.peak_power_w)[read]
         if len(power_w) < NOISE_BINS**2:
             return None
         change = (readings[1] - readings[0])[:, read] / np.sqrt(2.0)
