@@ -64,7 +64,7 @@ def test_arguments_become_fields() -> None:
 def test_a_chunk_counts_rays_in_every_command(command: str) -> None:
     assert options_from(FrameOptions, parse(*command.split(), "--chunk", "700")).chunk == 700
     (chunk,) = [action for action in arguments_of(command.split()[0]) if "--chunk" in action.option_strings]
-    assert chunk.help == "rays per batch; limits memory, not the result"
+    assert (chunk.help or "").startswith("rays per batch; limits memory, not the result")
 
 
 def test_a_remark_ends_the_help() -> None:

@@ -410,6 +410,7 @@ SEMANTIC = {
     "pole": 80,
     "sign": 81,
     "traffic_sign": 81,
+    "traffic_light": 80,
     "animal": 99,
     "traffic_cone": 99,
     "bin": 99,
