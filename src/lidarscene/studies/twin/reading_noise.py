@@ -17,7 +17,7 @@ from ...detection.outcomes import Status
 from ...detection.receiver import detect
 from ...light.echoes import Echoes
 from ...light.fluctuations import fluctuate
-from ...maths.arrays import Numbers
+from ...maths.arrays import Lanes, Numbers
 from ...physics.photon_counting import shared_shots
 from ...sensor.sensor_model import Sensor
 from ..ranging.plane import Target, echoes_of_plane, fluctuation_variance
@@ -89,7 +89,7 @@ def _light(sensor: Sensor, apparent: Numbers, range_m: Numbers) -> Echoes:
     return echoes_of_plane(sensor, target, range_m)
 
 
-def _readings(sensor: Sensor, light: Echoes, variance: Numbers | None, seed: int) -> Numbers:
+def _readings(sensor: Sensor, light: Echoes, variance: Lanes | None, seed: int) -> Numbers:
     """(2, n) ranges and logarithms of strengths that the sensor reads of these echoes; NaN where it reads none."""
     pulse = np.arange(np.size(light.range_m), dtype=np.uint32)
     if variance is not None:
