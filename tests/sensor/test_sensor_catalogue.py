@@ -615,7 +615,8 @@ def test_check_prints_every_sensor(monkeypatch: pytest.MonkeyPatch, capsys: pyte
     monkeypatch.setattr(published_values, "_modes", lambda *_: [])
     assert main.main(["catalog", "check"]) == 0
     lines = capsys.readouterr().out.splitlines()
-    assert {line.split()[0] for line in lines[1:-5] if not line.startswith(" ")} == set(catalog.names("sensors"))
+    end = next(number for number, line in enumerate(lines) if line.startswith("A range is"))
+    assert {line.split()[0] for line in lines[1:end] if not line.startswith(" ")} == set(catalog.names("sensors"))
 
 
 def test_check_one_as_json(capsys: pytest.CaptureFixture[str]) -> None:
