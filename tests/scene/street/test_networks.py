@@ -320,7 +320,9 @@ def test_soil_follows_roads_that_climb(hills: Path) -> None:
 
 
 def test_houses_stand_in_the_soil_of_slopes(hills: Path) -> None:
-    """No corner of a house is above the soil below it, and one at least is at it; trees and lamps stand on it."""
+    """No corner of a house is above the soil below it, and one at least is at it; trees and lamps stand on it. 0.25 m:
+    the corners are those of eaves and balconies, which reach beyond the walls, and slopes have 13 %.
+    """
     scene, soil = load_scene(hills), grounds(hills, "terrain")
     houses = [body for body in scene.bodies if body.class_name == "building"]
     assert np.ptp([house.pose.position_m[2] for house in houses]) > 4.0
@@ -330,7 +332,7 @@ def test_houses_stand_in_the_soil_of_slopes(hills: Path) -> None:
         corners_m = np.array([[x, y, 0.0] for x in (low_m[0], high_m[0]) for y in (low_m[1], high_m[1])])
         place_m = house.pose.apply(corners_m)
         over_m = place_m[:, 2] - soil.height_m(place_m[:, :2])
-        assert over_m.max() < 0.15
+        assert over_m.max() < 0.25
         assert over_m.max() > -1.0
     posts = [body for body in scene.bodies if body.class_name == "pole"]
     for post in posts:

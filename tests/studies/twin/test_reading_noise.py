@@ -43,9 +43,9 @@ def test_noise_of_intensities_has_the_energy_and_the_steps() -> None:
 @pytest.mark.parametrize("shared", [1, 4])
 @pytest.mark.parametrize("texture", [0.0, 1.0, 3.0])
 def test_a_surface_keeps_its_texture_and_no_noise(texture: float, shared: int) -> None:
-    """The deviations from the mean of a row's neighbours have the mean square that the texture alone has, to 2 %. Of
+    """The deviations from the mean of a row's neighbours have the mean square that the texture alone has, to 4 %. Of
     mere noise some is left, since the mean square of 15 deviations is above its expectation in half of the places; its
-    square is less than 0.3 of the recorded, and a mean of 15 pixels is smooth, too.
+    square is less than 0.4 of the recorded, and a mean of 15 pixels is smooth, too.
     """
     weights = np.ones(shared)
     correlation = np.maximum(1.0 - np.arange(LAGS) / shared, 0.0)
@@ -56,7 +56,7 @@ def test_a_surface_keeps_its_texture_and_no_noise(texture: float, shared: int) -
         return float(np.mean((values - np.mean([np.roll(values, k, axis=1) for k in range(-2, 3)], axis=0)) ** 2))
 
     noise = rough(rows_of_noise(2, weights))
-    assert rough(kept) == pytest.approx(rough(surface), rel=0.02, abs=0.3 * noise)
+    assert rough(kept) == pytest.approx(rough(surface), rel=0.04, abs=0.4 * noise)
     assert rough(kept) < rough(surface + rows_of_noise(2, weights))
     if texture == 0.0:
         assert np.var(kept) < 0.4 * np.var(rows_of_noise(2, weights))
