@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.mistakes import mistakes, told
 from helpers.small_job import use_no_worlds_of_others
 from helpers.walls import APPROACHED, LEFT_AND_RIGHT, MOVING
 from scipy.spatial.transform import Rotation
@@ -98,24 +99,31 @@ def test_shares_are_within_one_of_what_was_asked() -> None:
             assert all(abs(counts[part] - count * share) < 1 for part, share in zip(PARTS, shares, strict=True))
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ('dataset = "kitti"\nseeds = [1, 2]\n' + SPLITS, "train, val, test must each have some of the drives"),
-        ('dataset = "kitti"\nseed_count = 9\n' + SHARES, 'streets, of which there are 1; sweep "street.seed"'),
-        (
-            'dataset = "kitti"\nframes = 2\n' + SHARES + 'by = "frames"\n',
-            "of the frames of a drive, of which there are 2",
-        ),
-        ('dataset = "kitti"\n[splits]\ntrain = 0.7\nval = 0.2\n', "must add up to 1, got 0.9"),
-        ("[splits]\ntrain = 0.7\nval = 0.3\n", "splits: goes with dataset"),
-        ('dataset = "kitti"\nformat = "ply"\n', "format: a data set has its own, leave it out with dataset"),
-        ('dataset = "waymo"\n', "dataset"),
-    ],
+@mistakes(
+    r"""
+    dataset = "kitti"\nseeds = [1, 2]\nBY_DRIVE | train, val, test | each | drives
+    dataset = "kitti"\nseed_count = 9\nSHARES | streets | 1 | "street.seed"
+    dataset = "kitti"\nframes = 2\nSHARES by = "frames" | frames of a drive | 2
+    dataset = "kitti"\n[splits]\ntrain = 0.7\nval = 0.2 | splits | add up to 1 | 0.9
+    [splits]\ntrain = 0.7\nval = 0.3 | splits | dataset
+    dataset = "kitti"\nformat = "ply" | format | data set | dataset
+    dataset = "waymo" | dataset | waymo
+    [draws.scene]\n"sun.illuminance_klux" = { low = 100, high = 1 } | illuminance_klux | high | above low, 100 | 1
+    [draws.scene]\n"sun.illuminance_klux" = { low = 0, high = 1, log = true } | illuminance_klux | low | > 0 with log
+    [draws.scene]\n"sun.illuminance_klux" = { low = -1, high = 1 } | sun.illuminance_klux | >= 0 | got -1.0
+    [draws.scene]\n"sun.illuminance_klux" = 7 | sun.illuminance_klux | a list | low and high | 7
+    [draws.scene]\n"sun.illumination" = [1] | illumination
+    [draws.scene]\n"ego" = [{ poses_file = "drive.csv" }] | draws.scene.ego | files
+    RAIN[draws.scene]\n"weather.rain_mm_h" = [1] | draws.scene.weather.rain_mm_h | is in
+    """,
+    BY_DRIVE=SPLITS,
+    SHARES=SHARES,
+    RAIN='[sweep.scene]\n"weather.rain_mm_h" = [1]\n',
 )
-def test_mistakes(tmp_path: Path, text: str, message: str) -> None:
-    with pytest.raises(InputError, match=message):
-        read_job(tmp_path, text)
+def test_mistakes(tmp_path: Path, given: str, named: str) -> None:
+    (tmp_path / "drive.csv").write_text("0 0 0 0 0 0 0 1\n")
+    with told(f"job.toml | {named}"):
+        read_job(tmp_path, f"{given}\n")
 
 
 def parts_of(job: Job) -> list[tuple[str, int, int, int]]:
@@ -224,25 +232,6 @@ def test_a_drawn_drive_is_rendered_with_its_draw(threads: Connect, tmp_path: Pat
             scene_overrides=changes["scene"],
         )
         assert (tmp_path / "out" / row["file"]).read_bytes() == path.read_bytes()
-
-
-@pytest.mark.parametrize(
-    ("draws", "message"),
-    [
-        ('"sun.illuminance_klux" = { low = 100, high = 1 }', "illuminance_klux: high must be above low, 100, got 1"),
-        ('"sun.illuminance_klux" = { low = 0, high = 1, log = true }', "illuminance_klux: low: must be > 0 with log"),
-        ('"sun.illuminance_klux" = { low = -1, high = 1 }', "sun.illuminance_klux: must be >= 0, got -1"),
-        ('"sun.illuminance_klux" = 7', "sun.illuminance_klux: must be a list, or a range with low and high, got 7"),
-        ('"sun.illumination" = [1]', "illumination"),
-        ('"ego" = [{ poses_file = "drive.csv" }]', "draws.scene.ego: must not name files"),
-        ('"weather.rain_mm_h" = [1]\n[sweep.scene]\n"weather.rain_mm_h" = [1]', "draws.scene.weather.rain_mm_h: is in"),
-    ],
-)
-def test_draws_that_cannot_be(tmp_path: Path, draws: str, message: str) -> None:
-    (tmp_path / "drive.csv").write_text("0 0 0 0 0 0 0 1\n")
-    with pytest.raises(InputError, match=message) as raised:
-        read_job(tmp_path, f"[draws.scene]\n{draws}\n")
-    assert str(raised.value).startswith(str(tmp_path / "job.toml"))
 
 
 # --- files ------------------------------------------------------------------------------------------

@@ -2,10 +2,9 @@
 
 from pathlib import Path
 
-import pytest
+from helpers.mistakes import mistakes, told
 
 from lidarscene.batch.job_file import JobFile, read_job
-from lidarscene.errors import InputError
 
 SCENES = 'scenes = ["a.toml"]\n'
 
@@ -18,38 +17,30 @@ def test_dotted_and_nested_keys_are_the_same(tmp_path: Path) -> None:
     assert sweep.sensor_values() == {"d.e": ("x",)}
 
 
-@pytest.mark.parametrize(
-    ("text", "message"),
-    [
-        ("", "key 'scenes' is missing"),
-        ("scenes = []", "scenes: must be a list of at least 1, got []"),
-        ('scenes = ["a", "a"]', 'scenes: values must be unique, got "a" (2 times)'),
-        (SCENES + "seeds = [1, 1]", "seeds: values must be unique, got 1 (2 times)"),
-        (SCENES + "seeds = [-1]", "seeds[0]: must be >= 0, got -1"),
-        (SCENES + "seeds = [1]\nseed_count = 2", "must have only one of seeds and seed_count, got both"),
-        (SCENES + "frames = 0", "frames: must be >= 1, got 0"),
-        (SCENES + 'format = "docx"', "format: must be one of ply"),
-        (SCENES + "sweeps = 1", "unknown key 'sweeps'; did you mean sweep? all known here: name, scenes"),
-        (
-            SCENES + "[sweep.scene]\nsun.illuminance_klux = 5",
-            "scene.sun.illuminance_klux: must be a list of values, got 5",
-        ),
-        (SCENES + "[sweep.sensor]\na = []", "sensor.a: must be a list of values, got []"),
-        (SCENES + "[sweep.sensor]\na = [1, 1]", "sensor.a: values must be unique, got 1 (2 times)"),
-        (SCENES + "[[trajectories]]\nspeed_m_s = 1.0", "key 'trajectories[0].label' is missing"),
-        (
-            SCENES + "[[trajectories]]\nlabel = 'a'\n[[trajectories]]\nlabel = 'a'",
-            "trajectories: values must be unique",
-        ),
-    ],
+@mistakes(
+    r"""
+    | 'scenes'
+    scenes = [] | scenes | at least 1 | []
+    scenes = ["a", "a"] | scenes | unique | "a" (2 times)
+    AND seeds = [1, 1] | seeds | unique | 1 (2 times)
+    AND seeds = [-1] | seeds[0] | >= 0 | -1
+    AND seeds = [1]\nseed_count = 2 | seeds and seed_count | both
+    AND frames = 0 | frames | >= 1 | 0
+    AND format = "docx" | format | ply | docx
+    AND sweeps = 1 | 'sweeps' | sweep? | name, scenes
+    AND [sweep.scene]\nsun.illuminance_klux = 5 | scene.sun.illuminance_klux | list of values | 5
+    AND [sweep.sensor]\na = [] | sensor.a | list of values | []
+    AND [sweep.sensor]\na = [1, 1] | sensor.a | unique | 1 (2 times)
+    AND [[trajectories]]\nspeed_m_s = 1.0 | 'trajectories[0].label'
+    AND [[trajectories]]\nlabel = 'a'\n[[trajectories]]\nlabel = 'a' | trajectories | unique
+    """,
+    AND=SCENES,
 )
-def test_mistakes(tmp_path: Path, text: str, message: str) -> None:
+def test_mistakes(tmp_path: Path, given: str, named: str) -> None:
     path = tmp_path / "job.toml"
-    path.write_text(text)
-    with pytest.raises(InputError) as caught:
+    path.write_text(given)
+    with told(f"job.toml | {named}"):
         read_job(path)
-    assert message in str(caught.value)
-    assert "\n" not in str(caught.value)
 
 
 def test_seeds_are_counted_from_nought_and_frames_begin_when_they_should() -> None:

@@ -561,3 +561,7 @@ def test_called(call: Callable[[], Any], named: str) -> None:
     """The public names of Python, whose answers the command line shares."""
     with told(named):
         call()
+
+
+def test_wavelengths_within_a_table_are_none(run: Run, wall: str, mi: ModuleType) -> None:
+    assert run("render", wall, "-o", "o.ply", *COARSE, "--set", "laser.wavelength_nm=1400").code == 0

@@ -1,7 +1,7 @@
 """Mistakes as tables, one a line: what is given, and what the answer must name. The wording of answers is free."""
 
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
@@ -61,25 +61,31 @@ def given_file(name: str, content: str | bytes = "") -> Path:
     return path
 
 
-def assert_names(message: str, named: str) -> None:
-    """Assert that one line names each of `PLACE | CAME | EXPECTED`: whole words, none by the letters of another."""
+def assert_names(message: str, named: str, echoed: Iterable[str] = ()) -> None:
+    """Assert that one line names each of `PLACE | CAME | EXPECTED`: whole words, none by the letters of another.
+
+    Args:
+        message: the line
+        named: what it must name
+        echoed: texts of the caller that it may repeat, whose words do not count
+    """
     assert "\n" not in message
     assert message == message.strip() != ""
     assert len(message) <= LONGEST
-    rest = message
-    for part in sorted((part.strip() for part in named.split(" | ")), key=len, reverse=True):
+    rest, required = message, [part.strip() for part in named.split(" | ")]
+    for part in sorted([*required, *echoed], key=len, reverse=True):
         start = r"(?<![\w.])" if part[0].isdigit() else r"(?<!\w)" if part[0].isalpha() else ""
         end = r"(?!\w|\.\d)" if part[-1].isalnum() else ""
         rest, found = re.subn(start + re.escape(part) + end, "\0", rest, count=1)
-        assert found, f"{part!r} is not named by {message!r}"
+        assert found or part not in required, f"{part!r} is not named by {message!r}"
 
 
 @contextmanager
-def told(named: str, error: type[Exception] = InputError) -> Iterator[None]:
-    """Expect an error whose message names all of `PLACE | CAME | EXPECTED`."""
+def told(named: str, error: type[Exception] = InputError, *, echoed: Iterable[str] = ()) -> Iterator[None]:
+    """Expect an error whose message names all of `PLACE | CAME | EXPECTED`, apart from what it repeats."""
     with pytest.raises(error) as caught:
         yield
-    assert_names(str(caught.value), named)
+    assert_names(str(caught.value), named, echoed)
 
 
 def typed(run: Run, named: str, *argv: str, code: int = InputError.exit_code) -> None:
@@ -91,7 +97,7 @@ def typed(run: Run, named: str, *argv: str, code: int = InputError.exit_code) ->
     first = Path(message.partition(": ")[0].partition(" --")[0])
     assert not first.is_absolute(), "the mistake comes first"
     assert not first.suffix or not first.exists(), "the file comes last"
-    assert_names(message, named)
+    assert_names(message, named, [word for word in argv if "=" in word])
     assert _files() == before
 
 

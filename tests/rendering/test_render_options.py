@@ -7,6 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.mistakes import calls
 
 from lidarscene.batch.job_file import JobFile
 from lidarscene.cli import terminal
@@ -16,56 +17,39 @@ from lidarscene.outputs.output_options import Outputs
 from lidarscene.rendering import render_options
 from lidarscene.rendering.render_options import FrameOptions, Keywords, Observers, TraceOptions
 
-POSE = "a Pose, or x, y, z in metres with or without yaw, pitch, roll in degrees"
+SEEDS, COUNTS = "seed | whole number | 0 | 4294967295", "whole number | 1 | 1024"
 
-
-@pytest.mark.parametrize(
-    ("kind", "values", "message"),
-    [
-        (FrameOptions, {"seed": -1}, "seed: must be a whole number from 0 to 4294967295, got -1"),
-        (FrameOptions, {"seed": 1.0}, "seed: must be a whole number from 0 to 4294967295, got 1.0"),
-        (FrameOptions, {"seed": True}, "seed: must be a whole number from 0 to 4294967295, got True"),
-        (FrameOptions, {"number": -1}, "number: must be a whole number from 0 to 2147483647, got -1"),
-        (FrameOptions, {"chunk": 0}, "chunk: must be a whole number from 1 to 2147483647, got 0"),
-        (FrameOptions, {"begin_s": float("nan")}, "begin_s: must be a finite number of seconds, got nan"),
-        (FrameOptions, {"begin_s": "1"}, "begin_s: must be a finite number of seconds, got '1'"),
-        (FrameOptions, {"pose": (1, 2)}, f"pose: must be {POSE}, got (1, 2)"),
-        (FrameOptions, {"coordinates": "car"}, "coordinates: must be 'world' or 'vehicle' or 'sensor', got 'car'"),
-        (TraceOptions, {"rays": 0}, "rays: must be a whole number from 1 to 1024, got 0"),
-        (TraceOptions, {"interactions": 9}, "interactions: must be a whole number from 0 to 8, got 9"),
-        (TraceOptions, {"background_rays": 0}, "background_rays: must be a whole number from 1 to 1024, got 0"),
-        (TraceOptions, {"rays": None}, "rays: must be a whole number from 1 to 1024, got None"),
-        (TraceOptions, {"vectors": 1}, "vectors: must be True or False, got 1"),
-        (Observers, {"missed": 3}, "missed: must be a function, got 3"),
-    ],
+test_wrong_values = calls(
+    (lambda: FrameOptions(seed=-1), f"{SEEDS} | -1"),
+    (lambda: FrameOptions(seed=1.0), f"{SEEDS} | 1.0"),
+    (lambda: FrameOptions(seed=True), f"{SEEDS} | True"),
+    (lambda: FrameOptions(number=-1), "number: | whole number | 0 | 2147483647 | -1"),
+    (lambda: FrameOptions(chunk=0), "chunk | whole number | 1 | 2147483647 | 0"),
+    (lambda: FrameOptions(begin_s=float("nan")), "begin_s | finite number | seconds | nan"),
+    (lambda: FrameOptions(begin_s="1"), "begin_s | finite number | seconds | '1'"),
+    (lambda: FrameOptions(pose=(1, 2)), "pose | Pose | x, y, z in metres | yaw, pitch, roll in degrees | (1, 2)"),
+    (lambda: FrameOptions(coordinates="car"), "coordinates | 'world' | 'vehicle' | 'sensor' | 'car'"),
+    (lambda: TraceOptions(rays=0), f"rays | {COUNTS} | 0"),
+    (lambda: TraceOptions(rays=None), f"rays | {COUNTS} | None"),
+    (lambda: TraceOptions(interactions=9), "interactions | whole number | 0 | 8 | 9"),
+    (lambda: TraceOptions(background_rays=0), f"background_rays | {COUNTS} | 0"),
+    (lambda: TraceOptions(vectors=1), "vectors | True or False | 1"),
+    (lambda: Observers(missed=3), "missed | a function | 3"),
 )
-def test_a_wrong_value_is_one_line(kind: Any, values: dict[str, Any], message: str) -> None:
-    with pytest.raises(InputError) as caught:
-        kind(**values)
-    assert str(caught.value) == message
-
-
-@pytest.mark.parametrize(
-    ("files", "message"),
-    [
-        ({"format": "docx"}, "format: must be one of ply, pcd, "),
-        ({"labels": "boxes"}, "labels: must be one of kitti, nuscenes, semantickitti, osi, got 'boxes'"),
-        ({"dataset": "waymo"}, "dataset: must be one of kitti, semantickitti, got 'waymo'"),
-        ({"dataset": "kitti", "labels": "osi"}, "labels: a data set has its own, leave it out with dataset"),
-        ({"dataset": "kitti", "format": "ply"}, "format: a data set has its own, leave it out with dataset"),
-        ({"dataset": "kitti", "merge": True}, "dataset: goes without merge"),
-        ({"dataset": "kitti", "ascii": True}, "dataset: goes without ascii"),
-        ({"merge": True, "missed": "m.npz"}, "missed: goes with the clouds of single sensors, not with merge"),
-        ({"picture": "p.gif"}, "picture p.gif: the name must end in .png or .svg"),
-        ({"missed": "{0}.csv"}, "missed {0}.csv: the name must end in .npz"),
-        ({"pulses": [3]}, "pulses goes with waveforms"),
-        ({"ascii": "no"}, "ascii: must be True or False, got 'no'"),
-    ],
+test_outputs_that_do_not_go_together = calls(
+    (lambda: Outputs("a.ply", format="docx"), "format: | ply, pcd | 'docx'"),
+    (lambda: Outputs("a.ply", labels="boxes"), "labels | kitti, nuscenes, semantickitti, osi | 'boxes'"),
+    (lambda: Outputs("a.ply", dataset="waymo"), "dataset | kitti, semantickitti | 'waymo'"),
+    (lambda: Outputs("a.ply", dataset="kitti", labels="osi"), "labels | data set | dataset"),
+    (lambda: Outputs("a.ply", dataset="kitti", format="ply"), "format | data set | dataset"),
+    (lambda: Outputs("a.ply", dataset="kitti", merge=True), "dataset | merge"),
+    (lambda: Outputs("a.ply", dataset="kitti", ascii=True), "dataset | ascii"),
+    (lambda: Outputs("a.ply", merge=True, missed="m.npz"), "missed | single sensors | merge"),
+    (lambda: Outputs("a.ply", picture="p.gif"), "picture p.gif | .png | .svg"),
+    (lambda: Outputs("a.ply", missed="{0}.csv"), "missed {0}.csv | .npz"),
+    (lambda: Outputs("a.ply", pulses=[3]), "pulses | waveforms"),
+    (lambda: Outputs("a.ply", ascii="no"), "ascii | True or False | 'no'"),
 )
-def test_outputs_that_do_not_go_together(files: dict[str, Any], message: str) -> None:
-    with pytest.raises(InputError) as caught:
-        Outputs("a.ply", **files)
-    assert str(caught.value).startswith(message)
 
 
 def test_the_command_line_names_its_own_options() -> None:

@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers import scanners
+from helpers.mistakes import mistakes, told
 from helpers.scanners import DEG
 
 from lidarscene import catalog, load_sensor, scan
@@ -189,28 +190,26 @@ def test_npz_and_the_length_of_a_frame(tmp_path):
     assert scanner.time_s(np.array([0, 1000])).tolist() == [0.0, 0.0125]
 
 
-@pytest.mark.parametrize(
-    ("text", "changes", "line"),
-    [
-        ("", {}, "the first line must name the columns"),
-        ("time_s,azimuth_deg\n0,1\n", {}, "must have one column of elevation_deg, elevation_rad, got none"),
-        ("time_s,time_ms,azimuth_deg,elevation_deg\n0,0,1,1\n", {}, "got time_s and time_ms"),
-        ("time_s,azimuth_deg,elevation_deg\n", {}, "must have at least one pulse, got none"),
-        ("time_s,azimuth_deg,elevation_deg\n0,1,nan\n", {}, "elevation_deg of pulse 1 is not a finite number"),
-        ("time_s,azimuth_deg,elevation_deg\n0,1,91\n", {}, "elevations must be from -90 to 90 degrees"),
-        ("time_s,azimuth_deg,elevation_deg\n0,1,1\n2,1,1\n1,1,1\n", {}, "times must never fall, got a fall at pulse 3"),
-        ("time_s,azimuth_deg,elevation_deg\n0,1,1\n0,x,1\n", {}, "cannot be read as CSV: could not convert"),
-        ("time_s,azimuth_deg,elevation_deg\n0,1,1\n", {}, "all pulses are at one time, so scanner.frame_ms"),
-        (CSV, {"frame_ms": 0.01}, "scanner.frame_ms must be >= 0.04, the time of the last pulse, got 0.01"),
-        (CSV.replace(",1\n", ",1.5\n"), {}, "channels must be whole numbers below 2^24"),
-    ],
+@mistakes(
+    r"""
+    | the first line | columns
+    time_s,azimuth_deg\n0,1 | elevation_deg, elevation_rad | none
+    time_s,time_ms,azimuth_deg,elevation_deg\n0,0,1,1 | time_s and time_ms
+    time_s,azimuth_deg,elevation_deg | at least one pulse | none
+    time_s,azimuth_deg,elevation_deg\n0,1,nan | elevation_deg | pulse 1 | finite number
+    time_s,azimuth_deg,elevation_deg\n0,1,91 | elevations | -90 to 90 degrees
+    time_s,azimuth_deg,elevation_deg\n0,1,1\n2,1,1\n1,1,1 | times | fall at pulse 3
+    time_s,azimuth_deg,elevation_deg\n0,1,1\n0,x,1 | CSV | 'x'
+    time_s,azimuth_deg,elevation_deg\n0,1,1 | all pulses | scanner.frame_ms
+    SHORT | scanner.frame_ms | >= 0.04 | 0.01
+    HALVES | channels | whole numbers below 2^24
+    """,
+    SHORT=CSV,
+    HALVES=CSV.replace(",1\n", ",1.5\n"),
 )
-def test_mistakes_in_tables(tmp_path, text, changes, line):
-    with pytest.raises(InputError) as caught:
-        table_scanner(tmp_path, text, **changes)
-    assert str(tmp_path / "own.csv") in str(caught.value)
-    assert line in str(caught.value)
-    assert "\n" not in str(caught.value)
+def test_mistakes_in_tables(tmp_path, given, named):
+    with told(f"own.csv | {named}"):
+        table_scanner(tmp_path, given, **({"frame_ms": 0.01} if "scanner.frame_ms | >=" in named else {}))
 
 
 @pytest.mark.parametrize("name", ["gone.csv", "gone.npz"])

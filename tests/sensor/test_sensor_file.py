@@ -59,3 +59,8 @@ def test_a_beam_spreads_as_far_as_its_light_must() -> None:
     """M2 of 1: theta = 4 lambda / (pi D), 0.2305 mrad of 5 mm at 905 nm, on either axis."""
     exit_mm, least = "laser.exit_diameter_mm=5", 4.0 * 905e-6 / (3.141592653589793 * 5.0) * 1e3
     assert load_sensor("table1-apd", overrides=[exit_mm, f"laser.divergence_mrad={1.001 * least!r}"])
+
+
+def test_the_window_may_end_with_the_pulse_period() -> None:
+    """10 us at 100 kHz; a longer one is a mistake."""
+    assert load_sensor("table1-apd", overrides=["laser.repetition_rate_khz=100", "tdc.window_us=10"])
