@@ -231,12 +231,12 @@ def read_material(path: Path) -> Material:
     return validate(MaterialFile, read_toml(path), str(path)).build(path.stem)
 
 
-@cache
 def materials() -> list[str]:
     """Names of the catalogue's materials, which `Material` and `Scene.add` take."""
     return names("materials")
 
 
+@cache
 def catalogue_material(name: str) -> Material:
     """Load a material of the catalogue by name.
 
