@@ -44,7 +44,7 @@ from .sumo import (
     read_scenario,
     simulate,
 )
-from .terrain import SOIL_BLUR_M, STOREY_M, Relief, Terrain
+from .terrain import PLACES_M, SOIL_BLUR_M, STOREY_M, Relief, Terrain
 
 EDGE_M = 0.05
 """Choice: distance from the edge of a road at which another one would be between it and a house."""
@@ -69,9 +69,8 @@ ASIDE_M = 0.2
 DASH_M, DASHES_M = 3.0, 6.0
 """Choice: length of a dash of a line, and from dash to dash."""
 
-PLACES_M, POINTS_M, RIM_M = 2.0, 5.0, 1.0
-"""Accuracy bought: distance of places on roads that a relief is fitted to, of points of lanes that lie on it, and of
-corners of junctions."""
+POINTS_M, RIM_M = 5.0, 1.0
+"""Accuracy bought: distance of points of lanes that lie on a relief, and of corners of junctions."""
 
 CLOSE_M = 0.1
 """Choice: distance from the end of a lane within which a junction's corner has its height."""

@@ -27,7 +27,7 @@ from .layout import CROSS_HALF_M, CROSS_REACH_M, KERB_M, STOP_LINE_M, ZEBRA_M, B
 from .pieces import FOOT_M, PAINT_M, RAISED_M, Tables, ground, placed, sheet, soil, street_scene
 from .shapes import PEOPLE, body_table, shapes, standing_table
 from .street_file import StreetFile
-from .terrain import SOIL_BLUR_M, Relief, Terrain
+from .terrain import PLACES_M, SOIL_BLUR_M, Relief, Terrain
 from .traffic import Track, Traffic, drive
 
 EVEN_STEP = 1e-5
@@ -36,9 +36,6 @@ is left out: an acceleration of 0.04 mm/s2, which moves by 7 cm in a minute."""
 
 CAR_ROOF_M = 1.48
 """Source: the car's mesh."""
-
-PLACES_M = 2.0
-"""Accuracy bought: distance of the places on roads that soil is level with."""
 
 TILTED = ("parked", "hedges", "fences", "barriers")
 """Begins of the names of what stands along the slope of a street; all else is upright."""

@@ -9,6 +9,9 @@ import numpy as np
 from ...maths.arrays import Numbers
 from .pieces import SOIL_M, Tables, ground, soil_tiles
 
+PLACES_M = 2.0
+"""Accuracy bought: distance of the places on roads that a relief is fitted to."""
+
 STEP_M = 2.5
 """Choice: distance of the heights of a terrain."""
 
