@@ -83,13 +83,13 @@ def run_street(arguments: argparse.Namespace) -> Answer:
     file = validate(StreetFile, with_overrides(tables, arguments.overrides), "[street]", overrides=arguments.overrides)
     for kind in ("opendrive", "osm", "sumo", "town"):
         if (source := getattr(arguments, kind)) is not None:
-            return _write_network(file, Path(str(source)), kind, arguments)
+            return _write_network(file, source, kind, arguments)
     if arguments.ego is not None:
         raise OptionError("--ego: must go with --sumo")
     return _answer(write_street(file, arguments.output), street_tables(file))
 
 
-def _write_network(file: StreetFile, source: Path, kind: NetworkKind, arguments: argparse.Namespace) -> Answer:
+def _write_network(file: StreetFile, source: Path | int, kind: NetworkKind, arguments: argparse.Namespace) -> Answer:
     """Write the scene of a road network."""
     from ..scene.street.network_tables import network_scene
     from ..scene.street.street_tables import write_scene
@@ -99,7 +99,8 @@ def _write_network(file: StreetFile, source: Path, kind: NetworkKind, arguments:
     if kind != "sumo" and arguments.ego is not None:
         raise OptionError("--ego: must go with --sumo")
     tables = network_scene(source, kind, file, ego=arguments.ego)
-    path = write_scene(tables, arguments.output, origin=f"--{kind} {source.name}, seed = {file.seed}")
+    name = source.name if isinstance(source, Path) else source
+    path = write_scene(tables, arguments.output, origin=f"--{kind} {name}, seed = {file.seed}")
     return _answer(path, tables)
 
 

@@ -184,7 +184,7 @@ def test_the_sensor_is_over_the_roof_of_its_vehicle(town: tuple[Path, Path]) -> 
 def test_a_drawn_town_has_hills_lights_and_a_roundabout_at_which_vehicles_turn() -> None:
     """The network's height differs by the slope; the ego vehicle and others turn by right angles."""
     file = StreetFile(seed=1, oncoming_gap_m=(150.0, 160.0), slope_percent=(2.0, 6.0), shown_m=150.0)
-    first = network_scene(Path("3"), "town", file)
+    first = network_scene(3, "town", file)
     turned_deg = [
         np.ptp(np.unwrap([pose.get("yaw_deg", 0.0) for pose in motion["poses"]], period=360.0))
         for motion in (

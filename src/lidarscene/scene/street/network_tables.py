@@ -102,11 +102,11 @@ ALIKE_M = 0.3
 NetworkKind = Literal["opendrive", "osm", "sumo", "town"]
 
 
-def network_scene(path: Path, kind: NetworkKind, file: StreetFile, *, ego: str | None = None) -> Tables:
+def network_scene(source: Path | int, kind: NetworkKind, file: StreetFile, *, ego: str | None = None) -> Tables:
     """Lay out a road network and its simulated traffic as tables of a scene file.
 
     Args:
-        path: OpenDRIVE file, OpenStreetMap file or SUMO's configuration; of a drawn town, the number of streets
+        source: OpenDRIVE file, OpenStreetMap file or SUMO's configuration; number of streets of a drawn town
         file: what stands along the roads; the seed is that of drawn trips, too
         ego: SUMO's name of the vehicle that carries the sensor; that which drives for longest, if it is not said
 
@@ -116,20 +116,23 @@ def network_scene(path: Path, kind: NetworkKind, file: StreetFile, *, ego: str |
     with TemporaryDirectory(prefix="lidarscene-") as name:
         folder = Path(name)
         if kind == "sumo":
-            scenario = read_scenario(path)
+            assert isinstance(source, Path)
+            scenario = read_scenario(source)
             network = read_network(scenario.network)
         else:
             if kind == "town":
+                assert isinstance(source, int)
                 low, high = (0.01 * percent for percent in file.slope_percent)
-                net = draw_town(int(path.name), folder, seed=file.seed, slopes=(low, high))
+                net, origin = draw_town(source, folder, seed=file.seed, slopes=(low, high)), f"--town {source}"
             else:
-                net = convert(path, kind, folder)
+                assert isinstance(source, Path)
+                net, origin = convert(source, kind, folder), str(source)
             network = read_network(net)
             gap_m = float(np.mean(file.oncoming_gap_m))
             routes, ego, way_m = draw_routes(
-                network, net, folder, map_file=path, bodies=_drawn_bodies(), seed=file.seed, gap_m=gap_m
+                network, net, folder, origin=origin, bodies=_drawn_bodies(), seed=file.seed, gap_m=gap_m
             )
-            scenario = drawn_scenario(path, net, routes, seed=file.seed, last_s=60.0 + way_m / SLOWEST_M_S)
+            scenario = drawn_scenario(origin, net, routes, seed=file.seed, last_s=60.0 + way_m / SLOWEST_M_S)
         own, others = simulate(scenario, ego=ego, shown_m=file.shown_m, folder=folder)
     near = _near(network, own, file.shown_m + 50.0)
     # Junctions of converted networks are level, whatever the slope of the lanes that lead there.

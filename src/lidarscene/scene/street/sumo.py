@@ -158,7 +158,7 @@ def convert(map_file: Path, kind: Literal["opendrive", "osm"], folder: Path) -> 
         ],
     }[kind]
     files = [f"--{kind}-files", str(map_file), "-o", str(network), "--no-warnings"]
-    errors = _run("netconvert", [*files, *options], map_file)
+    errors = _run("netconvert", [*files, *options], str(map_file))
     if errors:
         warn(OptionWarning("{0}: netconvert left out what it cannot convert: {1}", map_file, errors[0]))
     return network
@@ -225,7 +225,7 @@ def draw_town(streets: int, folder: Path, *, seed: int, slopes: tuple[float, flo
     for path, root in zip(files, (nodes, edges), strict=False):
         ElementTree.ElementTree(root).write(path, encoding="utf-8")
     options = ["--sidewalks.guess", "--crossings.guess", "--no-warnings", "--default.priority", "1"]
-    _run("netconvert", ["-n", str(files[0]), "-e", str(files[1]), "-o", str(files[2]), *options], files[1])
+    _run("netconvert", ["-n", str(files[0]), "-e", str(files[1]), "-o", str(files[2]), *options], f"--town {streets}")
     return files[2]
 
 
@@ -315,7 +315,7 @@ def draw_routes(
     path: Path,
     folder: Path,
     *,
-    map_file: Path,
+    origin: str,
     bodies: Mapping[str, tuple[str, float, float, float]],
     seed: int,
     gap_m: float,
@@ -324,7 +324,7 @@ def draw_routes(
 
     Args:
         path: the network's file
-        map_file: what it was converted from
+        origin: what it was made of, as messages name it
         bodies: name of a vehicle's body -> SUMO's class, length and width [m], and share of the vehicles
         gap_m: length of road for each vehicle
 
@@ -341,7 +341,7 @@ def draw_routes(
         length_m = sum(edge.getLength() for edge in way or ())
         best = max(best, (length_m, first, last), key=lambda found: found[0])
     if best[1] is None:
-        raise InputError(f"{map_file}: must have roads that a car can drive along, got none")
+        raise InputError(f"{origin}: must have roads that a car can drive along, got none")
     cars = sorted((length_m, name) for name, (kind, length_m, *_) in bodies.items() if kind == "passenger")
     own = cars[len(cars) // 2][1]  # of a usual length
     root = ElementTree.Element("routes")
@@ -379,12 +379,12 @@ class Scenario(NamedTuple):
     """What SUMO simulates: its files, the network among them, and its types of vehicles.
 
     Attributes:
-        source: file of the user that it is made of
+        source: what it is made of, as messages name it: a file of the user, or an option
         arguments: of SUMO
         types: name of a type -> class and length [m]
     """
 
-    source: Path
+    source: str
     network: Path
     arguments: tuple[str, ...]
     types: dict[str, tuple[str, float]]
@@ -410,10 +410,10 @@ def read_scenario(path: Path) -> Scenario:
         arguments += ["--step-length", f"{STEP_S:g}"]
     if "lanechange.duration" not in values and "lateral-resolution" not in values:
         arguments += ["--lanechange.duration", f"{LANE_CHANGE_S:g}"]
-    return Scenario(path, network, tuple(arguments), _types(named))
+    return Scenario(str(path), network, tuple(arguments), _types(named))
 
 
-def drawn_scenario(map_file: Path, network: Path, routes: Path, *, seed: int, last_s: float) -> Scenario:
+def drawn_scenario(source: str, network: Path, routes: Path, *, seed: int, last_s: float) -> Scenario:
     """Return the simulation of drawn trips through the network of a map."""
     options = {"--step-length": STEP_S, "--lanechange.duration": LANE_CHANGE_S, "--seed": seed, "--end": last_s}
     arguments = [
@@ -428,7 +428,7 @@ def drawn_scenario(map_file: Path, network: Path, routes: Path, *, seed: int, la
     ]
     for option, value in options.items():
         arguments += [option, f"{value:g}"]
-    return Scenario(map_file, network, tuple(arguments), _types([routes]))
+    return Scenario(source, network, tuple(arguments), _types([routes]))
 
 
 def _types(files: Sequence[Path]) -> dict[str, tuple[str, float]]:
@@ -555,7 +555,7 @@ def _home() -> Path:
     return Path(import_optional("sumo", extra="traffic").SUMO_HOME)
 
 
-def _run(program: str, arguments: Sequence[str], where: Path) -> list[str]:
+def _run(program: str, arguments: Sequence[str], where: str) -> list[str]:
     """Run a program of SUMO, and return the errors that it goes on after, and its warnings.
 
     Raises:
