@@ -131,7 +131,8 @@ class _Patches(NamedTuple):
 
 def _patches(image: Image, columns: int) -> _Patches:
     """Patches of the first columns of an image."""
-    range_m, strength = (None if values is None else values[:, :columns] for values in image)
+    # In single precision even a rounded step has digits of its own, by which trees would tell the sides apart.
+    range_m, strength = (None if values is None else values[:, :columns].astype(np.float64) for values in image)
     assert range_m is not None
     has_return = np.isfinite(range_m)
     along, across = np.diff(range_m, axis=1), np.diff(range_m, axis=0)
