@@ -58,6 +58,7 @@ def test_arguments_are_tables(site: Path) -> None:
 def test_numbers_link_to_their_equations(site: Path) -> None:
     assert 'href="theory.html#T2"' in html(site, ROOT / "docs" / "theory.md")
     assert 'href="theory_light.html#T35"' in html(site, ROOT / "docs" / "theory_light.md")
+    assert 'href="sipm.html#T119"' in html(site, ROOT / "docs" / "theory.md")
 
 
 def test_links_out_of_the_pages_lead_to_the_repository(site: Path) -> None:
