@@ -98,7 +98,7 @@ def test_defaults_of_render_and_batch() -> None:
     says("limits.md", "through at most {} panes and mirrors unless", default("render", "--interactions"))
     assert default("render", "--interactions") == trace.INTERACTIONS
     says("motion.md", "The first frame begins at `--begin` ({})", default("render", "--begin"))
-    says("view.md", "(`--seed`, {} unless given)", default("view", "--seed"))
+    says("view.md", "(`--seed`, default {})", default("view", "--seed"))
     from lidarscene.batch import cluster, dispatch, work
     from lidarscene.cli.batch import MOST_LINES
 
@@ -125,7 +125,7 @@ def test_conventions() -> None:
     )
     says(
         "first_cloud.md",
-        "`status` is {} for an echo, {} for a false alarm, {} for another lidar's pulse, {} for fog",
+        "| `status` | {} echo, {} false alarm, {} another lidar's pulse, {} fog",
         Status.ECHO,
         Status.FALSE_ALARM,
         Status.INTERFERENCE,
