@@ -78,10 +78,10 @@ def test_gain_of_an_apd_in_closed_form(tmp_path: Path) -> None:
 
 def test_the_front_is_that_of_a_grid(tmp_path: Path) -> None:
     """The front has at least 99 % of the hypervolume of all 60^3 designs; each design file is class 1 and detects at
-    200 m.
+    200 m. Rationale: from this seed, steps by the slope of P_d itself, which is flat near 1, ended at 60 %.
     """
     indicator = pytest.importorskip("pymoo.indicators.hv")
-    path = write(tmp_path, APERTURE.replace("120", "300"))
+    path = write(tmp_path, APERTURE.replace("120", "300\nseed = 1"))
     numbers = numbers_of(path, tmp_path / "out")
     points = [[design["quantities"][name] for name in ("area", "power")] for design in numbers["front"]]
     grid = grid_points()
