@@ -6,8 +6,8 @@ import math
 import numpy as np
 import pytest
 from helpers import chain, launches, panes
+from helpers.mistakes import told
 
-from lidarscene.errors import InputError
 from lidarscene.maths.pose import Pose
 from lidarscene.rendering.simulator import Simulator
 from lidarscene.scene.scene import Sun
@@ -121,5 +121,5 @@ def test_chunks_do_not_show():
 
 
 def test_no_rays_is_a_mistake():
-    with pytest.raises(InputError, match="background_rays: must be a whole number from 1 to 1024, got 0"):
+    with told("background_rays | whole number | 1 | 1024 | 0"):
         Simulator(scene(), chain.sensor("table1-apd", *chain.NARROW), background_rays=0)

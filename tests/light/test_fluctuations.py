@@ -6,13 +6,13 @@ import math
 import numpy as np
 import pytest
 from helpers import chain
+from helpers.mistakes import told
 from helpers.shots import simulated_shots
 from scipy import stats
 
 from lidarscene import load_sensor
 from lidarscene.detection import receiver
 from lidarscene.detection.outcomes import Status
-from lidarscene.errors import InputError
 from lidarscene.light.fluctuations import FluctuationLaw, fluctuate
 from lidarscene.rendering.simulator import Simulator
 from lidarscene.scene.scene import Air
@@ -192,5 +192,5 @@ def test_returns_of_weather_have_their_mean() -> None:
 
 
 def test_speckle_wants_a_spot() -> None:
-    with pytest.raises(InputError, match=r"laser\.speckle: must go with laser\.divergence_mrad"):
+    with told("laser.speckle | laser.divergence_mrad"):
         load_sensor("mems-1550", overrides=["laser.speckle={}"])

@@ -5,10 +5,10 @@ import dataclasses
 import numpy as np
 import pytest
 from helpers import photons, trains, volley
+from helpers.mistakes import told
 
 from lidarscene.detection import receiver
 from lidarscene.detection.outcomes import Outcome, Status
-from lidarscene.errors import InputError
 from lidarscene.kernel.device import transfer
 from lidarscene.light.echoes import Echoes
 from lidarscene.light.stray_light import Crosstalk, add_stray_light, channel_light, reaches_others
@@ -322,7 +322,7 @@ def test_more_photons_than_spads_count_never_glare():
 
 
 def test_glare_needs_photons():
-    with pytest.raises(InputError, match=r"optics\.stray\.glare_photons: must go with \[histogram\]"):
+    with told("optics.stray.glare_photons | [histogram]"):
         volley.sensor("optics.stray.glare_photons=500")
 
 

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 from helpers import scanners
+from helpers.mistakes import told
 from helpers.scanners import directions, shares
 
-from lidarscene.errors import InputError
 from lidarscene.scan.flash import LARGEST_HEIGHT
 from lidarscene.sensor.sensor_file import load_sensor
 
@@ -44,12 +44,12 @@ def test_a_lens_ends_at_a_right_angle(projection):
 
 
 @pytest.mark.parametrize(
-    ("overrides", "message"),
+    ("overrides", "named"),
     [
-        (["scanner.row_step_us=10"], "row_step_us: needs rows_at_once"),
-        (["scanner.rows_at_once=1", "scanner.row_step_us=1000"], "63 groups of rows must fit into a frame of 50000 us"),
+        (["scanner.row_step_us=10"], "row_step_us | rows_at_once"),
+        (["scanner.rows_at_once=1", "scanner.row_step_us=1000"], "63 groups | 50000 us"),
     ],
 )
-def test_groups_of_rows_fit_into_a_frame(overrides, message):
-    with pytest.raises(InputError, match=message):
+def test_groups_of_rows_fit_into_a_frame(overrides, named):
+    with told(named):
         load_sensor("sony-spad-189x600", overrides=overrides)

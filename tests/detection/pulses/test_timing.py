@@ -11,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from helpers import trains
+from helpers.mistakes import told
 from helpers.readings import CLEAN, on_light
 from helpers.trains import FWHM_S, SIGMA_S
 from scipy.constants import c
@@ -19,7 +20,6 @@ from scipy.stats import chi2, kstest, norm
 
 from lidarscene import load_sensor
 from lidarscene.detection import receiver
-from lidarscene.errors import InputError
 from lidarscene.light.echoes import Echoes
 from lidarscene.physics.electronics import sampling, tdc
 from lidarscene.physics.reference import electronics as reference_electronics
@@ -403,26 +403,21 @@ def test_time_of_cells_behind_a_matched_filter():
 
 
 @pytest.mark.parametrize(
-    ("overrides", "message"),
+    ("overrides", "named"),
     [
         (["tdc.timing='zero_crossing'"], "tdc.timing"),
-        (["tdc.fraction=0.5"], 'fraction: only with timing = "constant_fraction"'),
-        (["tdc.timing='constant_fraction'", "tdc.fraction=1"], "tdc.fraction: must be < 1, got 1"),
-        (
-            ["tdc.timing='peak'", "sampler.type='multi_level_tdc'", "sampler.levels=[2]"],
-            'timing: not "peak" together with [sampler]',
-        ),
+        (["tdc.fraction=0.5"], 'fraction | timing = "constant_fraction"'),
+        (["tdc.timing='constant_fraction'", "tdc.fraction=1"], "tdc.fraction | < 1 | 1"),
+        (["tdc.timing='peak'", "sampler.type='multi_level_tdc'", "sampler.levels=[2]"], 'timing | "peak" | [sampler]'),
     ],
 )
-def test_mistakes_are_told(overrides, message):
-    with pytest.raises(InputError) as raised:
+def test_mistakes_are_told(overrides, named):
+    with told(named):
         equip(*overrides)
-    assert message in str(raised.value), str(raised.value)
-    assert "\n" not in str(raised.value)
 
 
 def test_counted_cells_have_no_matched_filter():
-    with pytest.raises(InputError, match='must be "gaussian" behind a matched filter, got "binomial"'):
+    with told('detector.counting | "gaussian" | matched filter | "binomial"'):
         load_sensor("table1-sipm", overrides=["tdc.timing='matched_filter'", "detector.counting='binomial'"])
 
 

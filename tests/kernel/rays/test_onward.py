@@ -6,6 +6,7 @@ import math
 import numpy as np
 import pytest
 from helpers import chain, launches, rounding
+from helpers.mistakes import told
 from helpers.panes import MATERIALS, MIDDLE, both_sides, mirror_material, pane
 
 from lidarscene.materials.material_file import catalogue_material
@@ -467,9 +468,8 @@ def test_a_world_that_nothing_sees_through_is_the_first_surface_of_one_that_can_
 
 
 def test_the_number_of_interactions_is_checked():
-    from lidarscene.errors import InputError
 
     described = chain.scene(chain.facing(range_m=20.0))
     for wrong in (-1, 9):
-        with pytest.raises(InputError, match=f"interactions: must be a whole number from 0 to 8, got {wrong}"):
+        with told(f"interactions | whole number | 0 | 8 | {wrong}"):
             Simulator(described, chain.sensor("table1-apd"), interactions=wrong)

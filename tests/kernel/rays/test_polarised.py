@@ -7,9 +7,9 @@ import drjit as dr
 import numpy as np
 import pytest
 from helpers import chain
+from helpers.mistakes import told
 from helpers.panes import INDEX, MATERIALS, MIDDLE, mirror_material, pane
 
-from lidarscene.errors import InputError
 from lidarscene.kernel.device import transfer
 from lidarscene.kernel.rays.trace import Firing
 from lidarscene.light import beams
@@ -242,12 +242,12 @@ def test_faces_are_those_of_mitsuba(mi):
 
 
 @pytest.mark.parametrize(
-    ("override", "message"),
+    ("override", "named"),
     [
-        ("laser.polarisation={ share = 0.5 }", r"laser.polarisation.angle_deg"),
-        ("laser.polarisation={ angle_deg = 0, share = 2 }", r"laser.polarisation.share: must be <= 1, got 2"),
+        ("laser.polarisation={ share = 0.5 }", "laser.polarisation.angle_deg"),
+        ("laser.polarisation={ angle_deg = 0, share = 2 }", "laser.polarisation.share | <= 1 | 2"),
     ],
 )
-def test_mistakes(override, message):
-    with pytest.raises(InputError, match=message):
+def test_mistakes(override, named):
+    with told(named):
         chain.sensor("table1-apd", override)
