@@ -7,7 +7,7 @@ import pytest
 import trimesh
 from helpers.mistakes import calls, given_file, mistakes, told
 from helpers.walker import write_walker
-from helpers.walls import WALL
+from helpers.walls import ROOF_AND_LEFT, WALL
 
 from lidarscene.catalog import path_of
 from lidarscene.errors import OutputError
@@ -251,20 +251,6 @@ def test_scene(given: str, named: str) -> None:
         load_scene("scene.toml")
 
 
-RIG = """
-[[sensors]]
-label = "roof"
-sensor = "table1-apd"
-position_m = [0, 0, 1.8]
-set = ["detector.gain=50"]
-
-[[sensors]]
-label = "left"
-sensor = "own.toml"
-yaw_deg = 90
-"""
-
-
 @mistakes(
     r"""
     [[sensors]] -> [[sensor]] | 'sensors'
@@ -279,7 +265,7 @@ yaw_deg = 90
 )
 def test_rig(given: str, named: str) -> None:
     old, _, new = given.partition(" -> ")
-    Path("rig.toml").write_text(RIG.replace(old, new))
+    Path("rig.toml").write_text(ROOF_AND_LEFT.replace(old, new))
     with told(named):
         load_rig("rig.toml")
 
