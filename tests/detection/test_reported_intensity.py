@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from helpers import chain, trains
 from helpers.mistakes import told
+from helpers.trains import detect
 
 from lidarscene import Simulator, load_sensor
-from lidarscene.detection import receiver
 from lidarscene.materials.material import Material, Spectrum
 from lidarscene.physics.electronics import intensity
 from lidarscene.scene.scene import Air
@@ -24,7 +24,7 @@ def reported(sensor, range_m, **target):
     """Mean of what shots at a plane report, in clear air."""
     plane = Target(**{"transmittance": 1.0} | target)
     light = ranging.echoes_of_plane(sensor, plane, np.full(SHOTS, float(range_m)))
-    stop = receiver.detect(light, sensor, seed=1, pulse=np.arange(SHOTS, dtype=np.uint32)).stops[0]
+    stop = detect(light, sensor, seed=1).stops[0]
     return stop.intensity[stop.reported & (stop.status == 0)]
 
 
@@ -67,7 +67,7 @@ def test_range_corrected():
 def test_raw_is_the_amplitude(name):
     sensor = chain.sensor(name)
     light = ranging.echoes_of_plane(sensor, Target(), np.full(50, 100.0))
-    stop = receiver.detect(light, sensor, seed=1, pulse=np.arange(50, dtype=np.uint32)).stops[0]
+    stop = detect(light, sensor, seed=1).stops[0]
     assert stop.intensity is stop.amplitude
 
 
@@ -160,7 +160,7 @@ def test_where_the_overlap_vanishes_a_board_reads_dark():
     light = ranging.echoes_of_plane(sensor, Target(transmittance=1.0), np.full(SHOTS, 6.0))
     power = trains.power_at_snr(sensor, 50.0)
     light = replace(light, peak_power_w=np.full(SHOTS, power))
-    stop = receiver.detect(light, sensor, seed=1, pulse=np.arange(SHOTS, dtype=np.uint32)).stops[0]
+    stop = detect(light, sensor, seed=1).stops[0]
     values = stop.intensity[stop.reported & (stop.status == 0)]
     white_w_m2 = 45.0 * sensor.optics.aperture_m2 * sensor.optics.efficiency_laser / math.pi
     rho = power * 6.0**2 / (1e-3 * white_w_m2)
@@ -197,7 +197,7 @@ def test_the_scale_above_white_is_the_sensors():
         sensor = chain.sensor("table1-apd", *REFLECTIVITY, f"intensity.retro='{retro}'")
         light = ranging.echoes_of_plane(sensor, Target(transmittance=1.0, reflectivity=0.5), np.full(400, 50.0))
         light = replace(light, peak_power_w=4.0 * light.peak_power_w)
-        stop = receiver.detect(light, sensor, seed=1, pulse=np.arange(400, dtype=np.uint32)).stops[0]
+        stop = detect(light, sensor, seed=1).stops[0]
         values[retro] = np.median(stop.intensity)
     assert values["linear"] == pytest.approx(200.0, abs=3.0)
     assert values["logarithmic"] == pytest.approx(100.0 + 155.0 * math.log(2.0) / math.log(1000.0), abs=2.0)

@@ -13,13 +13,12 @@ import pytest
 from helpers import trains
 from helpers.mistakes import told
 from helpers.readings import CLEAN, on_light
-from helpers.trains import FWHM_S, SIGMA_S
+from helpers.trains import FWHM_S, SIGMA_S, detect
 from scipy.constants import c
 from scipy.special import erf
 from scipy.stats import chi2, kstest, norm
 
 from lidarscene import load_sensor
-from lidarscene.detection import receiver
 from lidarscene.light.echoes import Echoes
 from lidarscene.physics.electronics import sampling, tdc
 from lidarscene.physics.reference import electronics as reference_electronics
@@ -100,7 +99,7 @@ def chain_errors(rule, snr, *overrides):
         peak_power_w=np.full(count, power),
         background_power_w=np.full(count, trains.BACKGROUND_W),
     )
-    stop = receiver.detect(light, sensor, seed=1, pulse=np.arange(count, dtype=np.uint32)).stops[0]
+    stop = detect(light, sensor, seed=1).stops[0]
     point = plain.working_point(light.background_power_w)
     peak = float(np.ravel(point.response.signal(power))[0])
     kappas = {
@@ -234,7 +233,7 @@ def test_one_echo_or_a_train_of_one(rule):
         background_power_w=light.background_power_w,
     )
     train_stop = trains.detect(light, sensor).stops[0]
-    echo_stop = receiver.detect(lone, sensor, seed=0, pulse=np.arange(count, dtype=np.uint32)).stops[0]
+    echo_stop = detect(lone, sensor, seed=0).stops[0]
     np.testing.assert_array_equal(train_stop.reported, echo_stop.reported)
     reported = echo_stop.reported
     for name in ("range_m", "amplitude", "width_s"):
