@@ -5,7 +5,6 @@ import math
 import numpy as np
 import pytest
 from helpers import trains
-from helpers.mistakes import told
 
 from lidarscene.detection.outcomes import Outcome, Status
 from lidarscene.light.echoes import Echoes
@@ -94,11 +93,6 @@ def test_no_blanking_is_the_default_and_takes_crossings_before_time_zero():
     assert equipped.tdc.blanking_s == 0.0
     detection = trains.detect(trains.train(np.full((20, 1), 0.3), trains.power_at_snr(equipped, 3000.0)), equipped)
     assert np.all(detection.stops[0].reported)
-
-
-def test_blanking_beyond_the_window_is_a_mistake():
-    with told("blanking_ns | < 4000 | window | 4000"):
-        trains.sensor("table1-apd", "tdc.window_us=4", "tdc.blanking_ns=4000")
 
 
 @pytest.mark.parametrize("road", [one_echo, one_of_many])

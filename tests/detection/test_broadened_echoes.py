@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 from helpers import chain, trains
-from helpers.mistakes import told
 from helpers.trains import detect
 
 from lidarscene.detection.report import Detection
@@ -101,8 +100,3 @@ def test_probabilities_of_studies_are_the_rendered_ones() -> None:
     rendered = on_a_slope(sensor, target, 60.0).detection_probability
     assert 0.2 < float(rendered[0]) < 0.95
     assert plane.detection_probability(sensor, target, 60.0) == pytest.approx(float(rendered[0]), rel=1e-4)
-
-
-def test_photon_counters_take_rays_instead() -> None:
-    with told("slope_broadening | left out"):
-        chain.sensor("os1-128", "laser.slope_broadening=true")

@@ -6,7 +6,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from helpers import chain, trains
-from helpers.mistakes import told
 from helpers.trains import detect
 
 from lidarscene import Simulator, load_sensor
@@ -140,13 +139,6 @@ def test_traced_boards(mi):
     np.testing.assert_allclose(lanes.detection.stops[0].intensity, np.minimum(expected, 255.0), atol=2.0)
 
 
-def test_mistakes():
-    with told('intensity.kind | "calibrated"'):
-        chain.sensor("table1-apd", "intensity.kind='calibrated'")
-    with told("intensity | retro_reflectivity"):
-        chain.sensor("table1-apd", *REFLECTIVITY, "intensity.retro_reflectivity=1")
-
-
 def test_where_the_overlap_vanishes_a_board_reads_dark():
     """A share of the spot below 1e-3 counts as that: the reading is P R^2 over 1e-3 of a white board's, and no more."""
     sensor = chain.sensor(
@@ -235,8 +227,6 @@ def test_coarse_values_are_those_recorded(name: str, recorded: list[int]) -> Non
     assert sent[sent > above].tolist() == recorded
     np.testing.assert_array_equal(sent[sent <= above], np.arange(int(above) + 1))
     assert np.abs(coarse - fine).max() <= 0.5 * step + 0.5
-    with told("coarse_above and coarse_step"):
-        load_sensor("pandar64", overrides=["intensity.coarse_step=3"])
 
 
 def test_rows_read_as_their_calibration_leaves_them(mi):
@@ -261,8 +251,3 @@ def test_rows_read_as_their_calibration_leaves_them(mi):
     np.testing.assert_allclose(np.divide(graded, alike), gains, rtol=0.01)
     assert np.ptp(alike) < 0.5
     np.testing.assert_array_equal(clouds[0].range_m, clouds[1].range_m)
-
-
-def test_gains_of_all_lasers_are_needed():
-    with told("intensity_gain | 16 entries | elevation_deg | 2"):
-        load_sensor("pandarxt-16", overrides=["scanner.intensity_gain=[1.0,1.1]"])

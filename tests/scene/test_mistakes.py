@@ -211,6 +211,7 @@ def test_wall(given: str, named: str) -> None:
     WALK standing = "stand" | standing | animation | no animation
     WALK animation = "walk"\nmotion = { with_ego = true } | animation | motion.with_ego
     MESH "walker.ply"\nanimation = "walk" | animation | glTF | '.ply'
+    reach_m = 50\nBALL | reach_m | [ego]
     BOX on_ground = true | on_ground | ground | none at 0, 0 m
     BOX crown_m = 0.1 | crown_m | ground | box
     [ego]\nROAD size_m = [80, 8]\nBOX on_ground = true\n[bodies.motion]\nwith_ego = true | on_ground | motion.with_ego

@@ -6,7 +6,6 @@ import math
 import numpy as np
 import pytest
 from helpers import photons
-from helpers.mistakes import told
 from helpers.trains import train
 
 from lidarscene.detection import receiver
@@ -853,18 +852,6 @@ def test_histograms_keep_two_returns_or_all_as_comparators_do(keep, photons_of_b
         assert photons.echo_of(stop).all()
         np.testing.assert_allclose(stop.true_range_m, range_m, atol=0.01)
     assert not any(np.asarray(stop.reported).any() for stop in stops[len(ranges_m) :])
-
-
-@pytest.mark.parametrize(
-    ("keys", "named"),
-    [
-        (("histogram.keep='all'", "histogram.stops=2"), 'stops | keep = "all"'),
-        (("histogram.keep='strongest_and_last'", "histogram.stops=3"), "stops | 2 | keep | 3"),
-    ],
-)
-def test_orders_with_a_number_of_returns_of_their_own_take_no_other(keys, named):
-    with told(named):
-        photons.sensor(*keys)
 
 
 def test_what_comes_while_the_receiver_is_blanked_is_none():

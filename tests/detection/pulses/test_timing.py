@@ -11,7 +11,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from helpers import trains
-from helpers.mistakes import told
 from helpers.readings import CLEAN, on_light
 from helpers.trains import FWHM_S, SIGMA_S, detect
 from scipy.constants import c
@@ -399,25 +398,6 @@ def test_time_of_cells_behind_a_matched_filter():
     assert abs(0.5**1.5 * float(np.ravel(raw.noise.kappa_2)[0]) * signal**2) * share > 0.3 * variance
     low, high = (math.sqrt(chi2.ppf(p, count - 1) / (count - 1)) for p in (1e-6, 1.0 - 1e-6))
     assert 0.98 * low * wanted_s < time_s.std() < 1.02 * high * wanted_s
-
-
-@pytest.mark.parametrize(
-    ("overrides", "named"),
-    [
-        (["tdc.timing='zero_crossing'"], "tdc.timing"),
-        (["tdc.fraction=0.5"], 'fraction | timing = "constant_fraction"'),
-        (["tdc.timing='constant_fraction'", "tdc.fraction=1"], "tdc.fraction | < 1 | 1"),
-        (["tdc.timing='peak'", "sampler.type='multi_level_tdc'", "sampler.levels=[2]"], 'timing | "peak" | [sampler]'),
-    ],
-)
-def test_mistakes_are_told(overrides, named):
-    with told(named):
-        equip(*overrides)
-
-
-def test_counted_cells_have_no_matched_filter():
-    with told('detector.counting | "gaussian" | matched filter | "binomial"'):
-        load_sensor("table1-sipm", overrides=["tdc.timing='matched_filter'", "detector.counting='binomial'"])
 
 
 def test_noise_of_a_fraction_that_lasts_to_the_peak():
