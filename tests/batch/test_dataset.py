@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from helpers.mistakes import mistakes, told
 from helpers.small_job import use_no_worlds_of_others
-from helpers.walls import APPROACHED, LEFT_AND_RIGHT, MOVING
+from helpers.walls import APPROACHED, LEFT_AND_RIGHT, MOVING, rig_text
 from scipy.spatial.transform import Rotation
 
 from lidarscene.batch import dataset, dispatch, work
@@ -546,17 +546,10 @@ def test_a_cloud_lies_where_its_tables_say(threads: Connect, tmp_path: Path) -> 
 PARKED = SENSOR + APPROACHED.replace("[10, 0, 1.8]", "[14.3, 0, 1.8]")
 """A car that stands, and a sensor that drives towards it, by 9 cm in a frame."""
 
-ONE_BEHIND_THE_OTHER = """
-[[sensors]]
-label = "roof"
-sensor = "table1-apd"
-position_m = [0, 0, 1.8]
-[[sensors]]
-label = "front"
-sensor = "table1-sipm"
-position_m = [2.3, -0.6, 0.8]
-yaw_deg = 15
-"""
+ONE_BEHIND_THE_OTHER = rig_text(
+    ("roof", "table1-apd", "position_m = [0, 0, 1.8]"),
+    ("front", "table1-sipm", "position_m = [2.3, -0.6, 0.8]", "yaw_deg = 15"),
+)
 
 
 def parked_job(folder: Path, text: str) -> Job:
