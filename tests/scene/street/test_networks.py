@@ -286,7 +286,7 @@ def test_no_two_bodies_share_a_face_that_a_beam_meets(name: str, request: pytest
     pose = pose_at(scene.ego, 4.0) @ scene.sensor_pose
     scene = dataclasses.replace(scene, ego=None, sensor_pose=pose, bodies=tuple(_still(scene)))
     cloud = Simulator(scene, chain.sensor("vlp-16"), pose=pose).render(seed=1, coordinates="world")
-    assert not [pair for pair in shared_faces(scene, pose.position_m) if "zebras" not in pair.names[1]]
+    assert not shared_faces(scene, pose.position_m)
     cloud = cloud.select(cloud.status == 0)
     assert len(cloud) > 10_000
     assert np.mean(on_another_body(scene, cloud) >= 0) < 5e-4
