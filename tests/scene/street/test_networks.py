@@ -10,12 +10,12 @@ import pytest
 import trimesh
 from helpers import chain, networks
 from helpers.command_line import Run
-from helpers.mistakes import mistakes, typed
+from helpers.mistakes import mistakes, told, typed
 from helpers.shared_faces import on_another_body
 from helpers.sheets import grounds
 
 from lidarscene import catalog
-from lidarscene.errors import InputError, OptionWarning
+from lidarscene.errors import OptionWarning
 from lidarscene.maths.trajectory import pose_at
 from lidarscene.rendering.simulator import Simulator
 from lidarscene.scene.scene import Scene
@@ -122,9 +122,7 @@ def test_a_road_of_too_many_pieces_is_refused(monkeypatch: pytest.MonkeyPatch, t
     monkeypatch.setattr(sumo, "MEMORY_GIB", 1.0)
     text = networks.RING.replace(f'length="{2 * math.pi * networks.RADIUS_M}"', 'length="1e9"')
     (tmp_path / "long.xodr").write_text(text)
-    with pytest.raises(
-        InputError, match=r"long\.xodr: netconvert: must need <= 1 GiB, got more: try a part of the map"
-    ):
+    with told("long.xodr | netconvert | <= 1 GiB"):
         network_scene(tmp_path / "long.xodr", "opendrive", StreetFile())
 
 
@@ -288,7 +286,7 @@ def test_no_two_bodies_share_a_face_that_a_beam_meets(name: str, request: pytest
     pose = pose_at(scene.ego, 4.0) @ scene.sensor_pose
     scene = dataclasses.replace(scene, ego=None, sensor_pose=pose, bodies=tuple(_still(scene)))
     cloud = Simulator(scene, chain.sensor("vlp-16"), pose=pose).render(seed=1, coordinates="world")
-    assert not [pair for pair in shared_faces(scene, pose.position_m) if "zebras" not in pair.names[1]]
+    assert not shared_faces(scene, pose.position_m)
     cloud = cloud.select(cloud.status == 0)
     assert len(cloud) > 10_000
     assert np.mean(on_another_body(scene, cloud) >= 0) < 5e-4

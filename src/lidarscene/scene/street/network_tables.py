@@ -17,7 +17,7 @@ from ...maths.arrays import Numbers
 from ..ground import SPACING_M, Strip
 from ..ground_area import Outline
 from .layout import KERB_M, POST_LINE_M, Room
-from .pieces import FOOT_M, PAINT_M, RAISED_M, Tables, ground, placed, sheet, soil, street_scene
+from .pieces import FOOT_M, PAINT_M, RAISED_M, Tables, box_places_m, ground, placed, sheet, soil, street_scene
 from .shapes import (
     BUSH_ASIDE_M,
     BUSH_SPACING_M,
@@ -68,6 +68,9 @@ ASIDE_M = 0.2
 
 DASH_M, DASHES_M = 3.0, 6.0
 """Choice: length of a dash of a line, and from dash to dash."""
+
+STRIPE_M, MARK_SPACING_M = 0.5, 0.2
+"""Choice: width of a zebra's stripe, and distance of vertices of markings."""
 
 POINTS_M, RIM_M = 5.0, 1.0
 """Accuracy bought: distance of points of lanes that lie on a relief, and of corners of junctions."""
@@ -377,7 +380,7 @@ def _marks(line_m: Numbers, way_m: Numbers, left_m: float = 0.0, turn_deg: float
 
 def _markings(network: Network, relief: Relief) -> list[Tables]:
     """Lines at the edges of roads and between lanes, stop lines, and zebras at crossings; none below bridges."""
-    keys: Tables = {"spacing_m": 0.2, "on_ground": True}
+    keys: Tables = {"spacing_m": MARK_SPACING_M, "on_ground": True}
     markings = []
     marks: dict[tuple[str, float, float], list[Tables]] = {}
     for number, group in enumerate(network.groups):
@@ -402,9 +405,18 @@ def _markings(network: Network, relief: Relief) -> list[Tables]:
         if group.ends_at_lights:
             stop = _marks(group.line_m, np.array([length_m - 0.4]))
             marks.setdefault(("stop_lines", 0.3, round(group.width_m - 2.0 * ASIDE_M, 2)), []).extend(stop)
+    pavements = [Outline(corner_m=corners_m, spacing_m=SPACING_M) for corners_m in network.corners]
     for shape_m, width_m in network.crossings:
-        stripes = _marks(shape_m, np.arange(0.75, _length_m(shape_m) - 0.5, 1.0), 0.0, 90.0)
-        marks.setdefault(("zebras", width_m - 0.5, 0.5), []).extend(stripes)
+        size_m = width_m - 0.5, STRIPE_M
+        # Where a crossing is oblique, its first stripes would lie on the kerb in part.
+        way_m = [
+            at_m
+            for at_m in np.arange(0.75, _length_m(shape_m) - 0.5, 2.0 * STRIPE_M).tolist()
+            for x_m, y_m, heading in _along(shape_m, np.array([at_m])).tolist()
+            for places_m in [box_places_m((x_m, y_m, heading, 0.5 * size_m[1], 0.5 * size_m[0]), MARK_SPACING_M)]
+            if not any(pavement.contains(places_m).any() for pavement in pavements)
+        ]
+        marks.setdefault(("zebras", *size_m), []).extend(_marks(shape_m, np.array(way_m), 0.0, 90.0))
     for number, ((name, *size_m), places) in enumerate(marks.items()):
         if places:
             markings.append(sheet(f"{name}_{number}", "lane_marking", "lane_marking", size_m, places, **keys))
