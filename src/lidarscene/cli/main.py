@@ -155,7 +155,7 @@ _CHOICE = re.compile(r"invalid choice: '([^']*)' \(choose from (.*)\)$")
 def _parser() -> argparse.ArgumentParser:
     """Parser of all commands. Each sets ``run``, a function of the arguments that returns an `Answer`."""
     parser = _Parser(
-        prog="lidarscene", description="What an automotive direct-time-of-flight lidar would really report."
+        prog="lidarscene", description="Simulate what an automotive direct-time-of-flight lidar would really report."
     )
     parser.add_argument("--version", action="version", version=_VERSION)
     parser.set_defaults(run=lambda _: _help(parser))
@@ -179,20 +179,22 @@ def _parser() -> argparse.ArgumentParser:
         add(commands)
     doctor = commands.add_parser(
         "doctor",
-        help="what this machine can run, and what is missing",
-        description="Versions, which back ends work and why the others do not, and one ray traced as proof.",
+        help="show what this machine can run, and what is missing",
+        description="Print versions and which back ends work, say why the others do not, and trace a ray as proof.",
     )
     doctor.set_defaults(run=_doctor)
-    version = commands.add_parser("version", help="this program's version, as --version prints it")
+    version = commands.add_parser("version", help="print the version, like --version")
     version.set_defaults(run=lambda _: Answer(_VERSION))
-    help_of = commands.add_parser("help", help="options and examples of a command, as its -h prints them")
-    help_of.add_argument("command", metavar="COMMAND", nargs="?", choices=list(commands.choices), help="any of these")
+    help_of = commands.add_parser("help", help="print options and examples of a command, like -h after the command")
+    help_of.add_argument(
+        "command", metavar="COMMAND", nargs="?", choices=list(commands.choices), help="name of a command"
+    )
     help_of.set_defaults(run=lambda arguments: Answer(commands.choices.get(arguments.command, parser).format_help()))
     completion = commands.add_parser(
         "completion",
-        help="a script with which the shell completes commands and options",
-        description='Print a script for the shell; for Bash: eval "$(lidarscene completion bash)". '
-        "It needs pip install 'lidarscene[completion]'.",
+        help="print a script that lets the shell complete commands and options",
+        description='Print a script that lets the shell complete commands and options. In Bash: eval "$(lidarscene '
+        "completion bash)\". Needs pip install 'lidarscene[completion]'.",
     )
     completion.add_argument("shell", metavar="SHELL", choices=("bash", "zsh", "tcsh"), help="bash, zsh or tcsh")
     completion.set_defaults(

@@ -36,8 +36,8 @@ def add_commands(commands: Any) -> None:
     _add_range(commands)
     paper = commands.add_parser(
         "paper",
-        help="the paper's figures, its claims and its errata",
-        description="Compute Fig. 4(e), 5 and 6 of the paper as pictures and CSV, and a page that checks each "
+        help="reproduce the figures, claims and errata of the paper",
+        description="Compute Fig. 4(e), 5 and 6 of the paper as pictures and CSV, and write a report that checks each "
         "claim of its text.",
     )
     add_options(paper, StudyOptions, "output")
@@ -47,10 +47,10 @@ def add_commands(commands: Any) -> None:
 def _add_range(commands: Any) -> None:
     command = commands.add_parser(
         "range",
-        help="SNR, range or detection probability against anything",
+        help="compute range, SNR or detection probability over any quantity",
         epilog=RANGE_HELP,
-        description="Work out how far sensors see, from the exact signal-to-noise ratio on a Lambertian plane. "
-        "Nothing is traced.",
+        description="Compute how far sensors see, from the exact signal-to-noise ratio on a Lambertian plane. No rays "
+        "are traced.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     command.add_argument("sensors", metavar="SENSOR", nargs="+", help="catalogue name or sensor file")
@@ -60,10 +60,14 @@ def _add_range(commands: Any) -> None:
     add(
         "--scale",
         choices=("log", "linear"),
-        help="of the axis: equal ratios or equal steps (default: by what is swept)",
+        help="scale of the axis: equal ratios or equal steps (default: depends on --over)",
     )
-    add("--sensitivities", action="store_true", help="what each parameter of the sensor is worth in range")
-    add("--eye-safety", action="store_true", help="class 1 or not; exit code 1: the laser is not known")
+    add("--sensitivities", action="store_true", help="print how the range depends on each parameter of the sensor")
+    add(
+        "--eye-safety",
+        action="store_true",
+        help="say whether the sensor is of class 1; exit code 1 if its laser is not known",
+    )
     held = command.add_argument_group("conditions")
     add_options(
         held, Conditions, "probability", "distance", "illuminance_klux", "sun_angle", "reflectivity", "incidence"
@@ -74,8 +78,8 @@ def _add_range(commands: Any) -> None:
     add_options(held, StudyOptions, "overrides")
     written = command.add_argument_group("what is written")
     add = written.add_argument
-    add("--csv", metavar="F.csv", type=Path, help="all points of all curves")
-    add("--plot", metavar="F.png|svg", type=Path, help="the curves as a picture")
+    add("--csv", metavar="F.csv", type=Path, help="write all points of all curves")
+    add("--plot", metavar="F.png|svg", type=Path, help="write the curves as a picture")
     # None without the option: some do not go together.
     command.set_defaults(run=run_range, **dict.fromkeys((*options_of(Conditions), "points")))
 

@@ -44,10 +44,11 @@ def add_view(commands: Any) -> None:
     """Add `view`."""
     view = commands.add_parser(
         "view",
-        help="a cloud or a scene in the browser",
+        help="show clouds or a scene in the browser",
         epilog=VIEW_HELP,
-        description="Show clouds, over a scene if one is named, or a scene that is rendered as its controls are moved. "
-        "The page is served to this machine only, until Ctrl-C; or it is written to a file to send to others.",
+        description="Show clouds in the browser, over a scene if you name one, or a scene alone, which renders live as "
+        "you move its controls. The page is served to this machine only, until Ctrl-C, or written to a "
+        "file that you can send to others.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     view.add_argument(
@@ -55,20 +56,29 @@ def add_view(commands: Any) -> None:
         metavar="CLOUD|DIR|SCENE|REC",
         nargs="+",
         type=Path,
-        help="clouds, or a folder of them, are frames; a scene alone is rendered live; a recording of "
-        "a real lidar comes alone",
+        help="clouds, or a folder of clouds, are shown as frames; a scene alone renders live; a recording of a "
+        "real lidar must be alone",
     )
     group = view.add_argument_group("what is shown")
-    add_options(group, CommandOptions, sensor="of clouds, their own")
+    add_options(group, CommandOptions, sensor="for clouds, the sensor that they name")
     add_options(group, CommandOptions, "overrides")
     add_options(group, FrameOptions, "pose", "seed")
     add_recording(view)
     add = view.add_argument_group("where").add_argument
-    add("--save", metavar="F.html", type=Path, help="write one file that needs no server, and end")
     add(
-        "--port", metavar="N", type=whole_number(Whole(0, 65535)), default=0, help="of the page (default: any free one)"
+        "--save",
+        metavar="F.html",
+        type=Path,
+        help="write the page as one file that needs no server, instead of serving it",
     )
-    add("--no-browser", action="store_true", help="only print the address of the page")
+    add(
+        "--port",
+        metavar="N",
+        type=whole_number(Whole(0, 65535)),
+        default=0,
+        help="port of the page (default: any free port)",
+    )
+    add("--no-browser", action="store_true", help="print the address of the page, and open no browser")
     view.set_defaults(run=run_view)
 
 
