@@ -88,13 +88,13 @@ def run_catalog(arguments: argparse.Namespace) -> Answer:
 
     if arguments.copy is not None:
         if arguments.kind != "scenes" or not arguments.name:
-            raise InputError("--copy goes with the name of a scene: catalog scenes drive --copy DIR")
+            raise InputError("--copy needs the name of a scene: catalog scenes drive --copy DIR")
         copy = str(copy_scene(arguments.name, arguments.copy))
         return Answer(f"wrote {copy}", numbers={"scene": copy})
     if arguments.kind == "check":
         return _check_answer(arguments)
     if arguments.real:
-        raise InputError("--real goes with catalog check")
+        raise InputError("--real needs catalog check")
     if arguments.name:
         path = catalog.path_of(arguments.kind, arguments.name)
         text = path.read_text(encoding="utf-8") if path.suffix == ".toml" else str(path)

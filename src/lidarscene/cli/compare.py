@@ -103,7 +103,7 @@ def _choose(arguments: argparse.Namespace) -> Callable[[argparse.Namespace], Rep
             raise InputError(f"sensors go behind --sensors: compare car --sensors {','.join(alone)}, got no scene")
         return _compare_clouds
     if len(arguments.inputs) != 1:
-        raise InputError(f"--sensors: must go with one scene, got {len(arguments.inputs)} files")
+        raise InputError(f"--sensors: needs one scene, got {len(arguments.inputs)} files")
     return _compare_sensors
 
 
@@ -146,7 +146,7 @@ def _compare_clouds(arguments: argparse.Namespace) -> Report:
 
     for option in _OF_SCENES:
         if getattr(arguments, option) is not None:
-            raise InputError(f"{flag_of(option)}: goes with a scene and --sensors, not with clouds")
+            raise InputError(f"{flag_of(option)}: needs a scene and --sensors, got clouds")
     if len(arguments.inputs) == 1:
         raise InputError(
             f"{arguments.inputs[0]}: must be a scene with --sensors A,B, or two clouds or more, got one file"

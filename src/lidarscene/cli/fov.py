@@ -64,7 +64,7 @@ def run_fov(arguments: argparse.Namespace) -> Answer:
     if bool(arguments.sensors) == (arguments.rig is not None):
         raise InputError("SENSOR and --rig: one of them must be given, got both or none; see lidarscene fov -h")
     if arguments.pose is not None and arguments.scene is None:
-        raise InputError("--pose goes with --scene")
+        raise InputError("--pose needs --scene")
     study = options_from(FieldOfViewStudy, arguments)
     study = replace(study, target=options_from(Conditions, arguments).target())
     sensors = _sensors(arguments)

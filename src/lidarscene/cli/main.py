@@ -133,7 +133,7 @@ class _Parser(argparse.ArgumentParser):
         options = [option for option in self._option_string_actions if option.startswith("--")]
         if not argument.startswith("-"):
             if "--set" in options and re.fullmatch(r"[-+\d.]+\w*|true|false", argument):
-                return "; a value goes with =: --set laser.peak_power_w=75"
+                return "; a value needs =: --set laser.peak_power_w=75"
             if "--sensors" in options:
                 return "; sensors go behind --sensors, with commas: --sensors A,B"
             return f"; a sensor goes behind --sensor: --sensor {argument}" if "--sensor" in options else ""
@@ -203,7 +203,7 @@ def _parser() -> argparse.ArgumentParser:
     for name, command in commands.choices.items():
         options = ("quiet",) if name == "view" else () if name in WITHOUT_FIGURES else ("json", "quiet")
         if options:
-            add_options(command.add_argument_group("what is printed"), CommandOptions, *options)
+            add_options(command.add_argument_group("messages"), CommandOptions, *options)
     return parser
 
 

@@ -54,7 +54,7 @@ def _add_range(commands: Any) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     command.add_argument("sensors", metavar="SENSOR", nargs="+", help="catalogue name or sensor file")
-    asked = command.add_argument_group("what is computed")
+    asked = command.add_argument_group("quantities")
     add_options(asked, SweepOptions, "over", "quantity", "start", "stop", "points")
     add = asked.add_argument
     add(
@@ -76,7 +76,7 @@ def _add_range(commands: Any) -> None:
     air = command.add_mutually_exclusive_group()
     add_options(air, Conditions, "transmittance", "extinction", "visibility")
     add_options(held, StudyOptions, "overrides")
-    written = command.add_argument_group("what is written")
+    written = command.add_argument_group("output files")
     add = written.add_argument
     add("--csv", metavar="F.csv", type=Path, help="write all points of all curves")
     add("--plot", metavar="F.png|svg", type=Path, help="write the curves as a picture")
@@ -139,17 +139,17 @@ def _require_sense(arguments: argparse.Namespace, sweep: SweepOptions) -> None:
         if reports == ["sensitivities"] and len(arguments.sensors) == 1:
             idle = [name for name in idle if name != "plot"]
         if idle:
-            raise InputError(f"{flag_of(idle[0])} goes with --over: say what is swept")
+            raise InputError(f"{flag_of(idle[0])} needs --over, which names the quantity to sweep")
         if len(reports) == 2 and arguments.json:
-            raise InputError("--json: must go with one of --sensitivities and --eye-safety, got both")
+            raise InputError("--json: must be combined with one of --sensitivities and --eye-safety, got both")
         return
     if reports:
-        raise InputError(f"{flag_of(reports[0])} does not go with --over")
+        raise InputError(f"{flag_of(reports[0])} cannot be combined with --over")
     sweep.require_sense([name for name in options_of(Conditions) if getattr(arguments, name) is not None])
     axis = arguments.over
     swept = [text for text in arguments.overrides if text.partition("=")[0].rpartition(":")[2].strip() == axis]
     if swept:
-        raise InputError(f"--set {swept[0]} does not go with --over {axis}")
+        raise InputError(f"--set {swept[0]} cannot be combined with --over {axis}")
 
 
 def _check_outputs(arguments: argparse.Namespace) -> None:

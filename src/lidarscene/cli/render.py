@@ -58,7 +58,7 @@ def add_render(commands: Any) -> None:
         type=Path,
         help="scene file (.toml), Mitsuba scene (.xml), mesh (.glb, .obj, ...), or the name of a scene, such as car",
     )
-    group = render.add_argument_group("what is simulated")
+    group = render.add_argument_group("simulation")
     add_options(group, CommandOptions, "sensor", "rig", overrides="LABEL:KEY=VALUE for one sensor of a rig")
     add_options(group, CommandOptions, "scene_overrides", "ego_mesh")
     add_options(group, FrameOptions, pose="for a rig, the pose of its vehicle (default: the origin)")
@@ -71,7 +71,7 @@ def add_render(commands: Any) -> None:
     add_options(group, FrameOptions, "begin_s", "seed")
     add_options(group, TraceOptions, "rays", "interactions", "background_rays", "vectors")
     add_options(group, FrameOptions, "chunk")
-    group = render.add_argument_group("what is written")
+    group = render.add_argument_group("output files")
     add_options(group, Outputs, "path", "format", "epoch", "topic", "frame_id", "labels", "dataset")
     add_options(group, Outputs, "imu", "poses", "range_image", "ambient", "waveforms", "pulses")
     add_options(group, FrameOptions, coordinates="--frame is the old name")

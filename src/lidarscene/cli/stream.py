@@ -34,11 +34,11 @@ def add_stream(commands: Any) -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     stream.add_argument("scene", metavar="SCENE", type=Path, help="scene file, mesh or name of a scene, as for render")
-    group = stream.add_argument_group("what is simulated")
+    group = stream.add_argument_group("simulation")
     add_options(group, CommandOptions, "sensor", "overrides", "scene_overrides", "ego_mesh")
     add_options(group, FrameOptions, "pose", "begin_s", "seed")
     add_options(group, TraceOptions, "rays", "interactions")
-    group = stream.add_argument_group("what is sent")
+    group = stream.add_argument_group("packets")
     add = group.add_argument
     add(
         "--udp",

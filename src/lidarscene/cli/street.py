@@ -96,7 +96,7 @@ def run_street(arguments: argparse.Namespace) -> Answer:
         if (source := getattr(arguments, kind)) is not None:
             return _write_network(file, source, kind, arguments)
     if arguments.ego is not None:
-        raise OptionError("--ego: must go with --sumo")
+        raise OptionError("--ego needs --sumo")
     return _answer(write_street(file, arguments.output), street_tables(file))
 
 
@@ -106,9 +106,9 @@ def _write_network(file: StreetFile, source: Path | int, kind: NetworkKind, argu
     from ..scene.street.street_tables import write_scene
 
     if unused := sorted(file.model_fields_set - NETWORK_KEYS - ({"slope_percent"} if kind == "town" else set())):
-        raise OptionError(f"{unused[0]}: does not go with --{kind}, whose roads and ways are its own")
+        raise OptionError(f"{unused[0]}: cannot be combined with --{kind}, which has its own roads and routes")
     if kind != "sumo" and arguments.ego is not None:
-        raise OptionError("--ego: must go with --sumo")
+        raise OptionError("--ego needs --sumo")
     tables = network_scene(source, kind, file, ego=arguments.ego)
     name = source.name if isinstance(source, Path) else source
     path = write_scene(tables, arguments.output, origin=f"--{kind} {name}, seed = {file.seed}")

@@ -59,12 +59,12 @@ def add_view(commands: Any) -> None:
         help="clouds, or a folder of clouds, are shown as frames; a scene alone renders live; a recording of a "
         "real lidar must be alone",
     )
-    group = view.add_argument_group("what is shown")
+    group = view.add_argument_group("content")
     add_options(group, CommandOptions, sensor="for clouds, the sensor that they name")
     add_options(group, CommandOptions, "overrides")
     add_options(group, FrameOptions, "pose", "seed")
     add_recording(view)
-    add = view.add_argument_group("where").add_argument
+    add = view.add_argument_group("page").add_argument
     add(
         "--save",
         metavar="F.html",
@@ -118,9 +118,9 @@ def _source(arguments: argparse.Namespace, opened: contextlib.ExitStack) -> Sour
         return _recording_source(arguments, recorded[0], opened)
     for option in ("frame", "metadata"):
         if getattr(arguments, option) is not None:
-            raise InputError(f"--{option}: goes with a recording, got {arguments.paths[0]}")
+            raise InputError(f"--{option}: needs a recording, got {arguments.paths[0]}")
     if arguments.sensor_index:
-        raise InputError(f"--sensor-index: goes with a recording, got {arguments.paths[0]}")
+        raise InputError(f"--sensor-index: needs a recording, got {arguments.paths[0]}")
     scenes = [path for path in arguments.paths if _is_scene(path)]
     if len(scenes) > 1:
         raise InputError(f"view: must be one scene, got {scenes[0]} and {scenes[1]}")
@@ -131,7 +131,7 @@ def _source(arguments: argparse.Namespace, opened: contextlib.ExitStack) -> Sour
         name = str(scenes[0])
         return Live(scene, sensor=arguments.sensor, overrides=arguments.overrides, frame=frame, scene_argument=name)
     if arguments.pose is not None:
-        raise InputError("--pose: goes with a scene that is rendered, not with clouds")
+        raise InputError("--pose: needs a scene that is rendered, got clouds")
     return Clouds(clouds, scene=scene, sensor=arguments.sensor, overrides=arguments.overrides)
 
 
@@ -152,7 +152,7 @@ def _recording_source(arguments: argparse.Namespace, path: Path, opened: context
         raise InputError(f"view: a recording must come alone, got {len(arguments.paths)} paths with {path}")
     for option in ("sensor", "overrides", "pose"):
         if getattr(arguments, option):
-            raise InputError(f"{flag_of(option)}: goes with a scene or clouds, not with the recording {path}")
+            raise InputError(f"{flag_of(option)}: needs a scene or clouds, got the recording {path}")
     recording = open_recording(path, arguments.metadata, sensor_index=arguments.sensor_index)
     opened.enter_context(recording)
     return RecordingFrames(with_progress(recording) if arguments.save else recording, frame=arguments.frame)

@@ -188,23 +188,25 @@ class Outputs:
         if self.merge:
             for name in SINGLE:
                 if getattr(self, name) is not None:
-                    raise OptionError(f"{{{name}}}: goes with the clouds of single sensors, not with {{merge}}")
+                    raise OptionError(
+                        f"{{{name}}}: needs the clouds of single sensors, cannot be combined with {{merge}}"
+                    )
         if self.dataset is not None:
             for name in ("format", "labels"):
                 if getattr(self, name) is not None:
                     raise OptionError(f"{{{name}}}: a data set has its own, leave it out with {{dataset}}")
             for name in ("merge", "ascii"):
                 if getattr(self, name):
-                    raise OptionError(f"{{dataset}}: goes without {{{name}}}")
+                    raise OptionError(f"{{dataset}}: cannot be combined with {{{name}}}")
         if self.packets:
             for name in ("labels", "deskew", "merge", "ascii"):
                 if getattr(self, name):
-                    raise OptionError(f"{{{name}}}: goes with clouds, not with packets")
+                    raise OptionError(f"{{{name}}}: needs clouds, cannot be combined with packets")
         for name in ("topic", "frame_id"):
             if getattr(self, name) is not None and not (self.bag is not None and self.bag.driver):
-                raise OptionError(f"{{{name}}}: goes with a bag of ROS 2, such as OUT.mcap")
+                raise OptionError(f"{{{name}}}: needs a ROS 2 bag, such as OUT.mcap")
         if self.pulses is not None and self.waveforms is None:
-            raise OptionError("{pulses} goes with {waveforms}")
+            raise OptionError("{pulses} needs {waveforms}")
 
     def epoch_ns(self, begin_s: float) -> int:
         """Nanoseconds from 1970 to the scene's second 0, of a run that begins at ``begin_s``."""
@@ -249,7 +251,9 @@ class Outputs:
             return format_of(self.place)
         except InputError:
             raise OptionError(
-                "{path} {0}: the name must end in one of {1}, or go with {format}", self.place, ", ".join(SUFFIXES)
+                "{path} {0}: the name must end in one of {1}, or {format} must be given",
+                self.place,
+                ", ".join(SUFFIXES),
             ) from None
 
 

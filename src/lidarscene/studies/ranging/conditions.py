@@ -245,8 +245,8 @@ class SweepOptions:
                 "{over} distance {quantity} range: the quantity must be snr or pd; the range is their limit"
             )
         if axis in conditions:
-            raise OptionError(f"{{{axis}}} does not go with {{over}} {axis}")
+            raise OptionError(f"{{{axis}}} cannot be combined with {{over}} {axis}")
         if "distance" in conditions and quantity == "range":
-            raise OptionError("{distance} goes with {quantity} snr or pd, not with the range")
+            raise OptionError("{distance} needs {quantity} snr or pd, got range")
         if self.aperture_law and axis not in ("elevation", "azimuth"):
-            raise OptionError("{aperture_law} goes with {over} elevation or azimuth")
+            raise OptionError("{aperture_law} needs {over} elevation or azimuth")
