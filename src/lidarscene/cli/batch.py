@@ -30,7 +30,7 @@ examples:
   lidarscene batch job -o out/job --workers 2
   lidarscene batch job.toml -o /shared/job --scheduler tcp://10.0.0.1:8786
 
-The same command resumes a broken run: it renders what is missing.
+The same command resumes an interrupted run: it renders what is missing.
 docs/batch.md has the job file, docs/clusters.md SLURM, Kubernetes and millions of frames.
 """
 

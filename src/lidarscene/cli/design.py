@@ -17,7 +17,7 @@ examples:
   lidarscene design aperture -o out/aperture
   lidarscene design my-study.toml -o out/study --workers 2
 
-The same command resumes a broken run. docs/design.md has the study file and its quantities.
+The same command resumes an interrupted run. docs/design.md has the study file and its quantities.
 """
 
 

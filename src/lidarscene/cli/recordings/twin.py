@@ -20,7 +20,7 @@ examples:
   lidarscene twin 000000.bin --sensor hdl-64e -o out/kitti
 then:
   lidarscene render out/twin/scene.toml -o out/twin.ply
-  lidarscene certify os1.pcap --scene out/twin/scene.toml -o out/judged
+  lidarscene certify os1.pcap --scene out/twin/scene.toml -o out/certificate
 """
 
 
