@@ -133,7 +133,7 @@ def record(
         FRAMES.check("frames", frames)
     rig = sensor if isinstance(sensor, Rig) else None
     if changes and isinstance(sensor, Rig | Sensor):
-        raise OptionError("{overrides}: must go with the name or file of a sensor, got a {0}", type(sensor).__name__)
+        raise OptionError("{overrides}: needs the name or file of a sensor, got a {0}", type(sensor).__name__)
     if isinstance(outputs, str | os.PathLike):
         outputs = Outputs(outputs)
     # What can be refused is refused in order of its cost: names first, then files, then the world, then tracing.
