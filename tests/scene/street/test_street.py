@@ -75,9 +75,10 @@ def meet(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 
 
 def standing_boxes(layout: laid.Layout) -> tuple[np.ndarray, list[str]]:
-    """(n, 4, 2) corners and names of all that stands; of trees the trunks."""
-    corners = [boxes(layout.line, name, *np.array(places).T) for name, places in layout.items.items()]
-    return np.concatenate(corners), [name for name, places in layout.items.items() for _ in places]
+    """(n, 4, 2) corners and names of all that stands, on streets that cross, too; of trees the trunks."""
+    rows = [(each.line, *row) for each in (layout, *layout.side_streets) for row in each.items.items()]
+    corners = [boxes(line, name, *np.array(places).T) for line, name, places in rows]
+    return np.concatenate(corners), [name for _, name, places in rows for _ in places]
 
 
 LOOP = {"loop": True, "laps": 1, "length_m": 900.0}
@@ -91,6 +92,8 @@ def test_nothing_that_stands_overlaps(seed: int, keys: dict[str, object]) -> Non
     corners, names = standing_boxes(layout)
     assert len(names) > 200
     assert sum(name.startswith("bushes") for name in names) > 5
+    for side_street in layout.side_streets:
+        assert sum(name.startswith("houses") for name in side_street.items) > 0, "a street that crosses has houses"
     overlaps = meet(corners[:, None], corners)
     np.fill_diagonal(overlaps, False)
     assert [(names[a], names[b]) for a, b in zip(*np.nonzero(overlaps), strict=True)] == []
