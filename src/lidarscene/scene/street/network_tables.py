@@ -16,7 +16,7 @@ from ...errors import OptionWarning, warn
 from ...maths.arrays import Numbers
 from ..ground import SPACING_M, Strip
 from ..ground_area import Outline
-from .layout import KERB_M, POST_LINE_M, Room
+from .layout import EAVES_M, KERB_M, POST_LINE_M, Room
 from .pieces import FOOT_M, PAINT_M, RAISED_M, Tables, box_places_m, ground, placed, sheet, soil, street_scene
 from .shapes import (
     BUSH_ASIDE_M,
@@ -511,7 +511,7 @@ class _Roadside:
             verge_m = district.garden_m + (2.0 * POST_LINE_M if group.kind == "pavement" else VERGE_M)
             aside_m, turn_deg = edge_m + verge_m + random.uniform(*file.setback_m), random.uniform(0.0, 360.0)
             if random.random() < share:
-                name, half_m, turn_deg = f"houses_{house}_{wall}", (0.5 * width_m, front_m), -90.0 * side
+                name, half_m, turn_deg = f"houses_{house}_{wall}", (0.5 * width_m, front_m + EAVES_M), -90.0 * side
             else:
                 reach_m = meshes[tree]["reach_m"]
                 name, half_m = f"trees_{tree}_{len(TREE_SCALES) - 1}", (reach_m, reach_m)
