@@ -94,7 +94,7 @@ def test_a_launch_on_a_gpu_is_no_smaller_for_the_chunk(monkeypatch: pytest.Monke
     sim = Simulator(load_scene(CAR), load_sensor("vlp-16"))
     for is_cuda in (False, True):
         monkeypatch.setattr(blocks, "is_cuda", lambda is_cuda=is_cuda: is_cuda)
-        assert sim._chunk_pulses(FrameOptions()) == blocks.lanes_per_chunk() >= blocks.lanes_per_launch()
+        assert sim._chunk_pulses(FrameOptions()) == blocks.lanes_per_chunk(None) >= blocks.lanes_per_launch()
         assert sim._chunk_pulses(FrameOptions(chunk=2**16)) == 2**16
 
 

@@ -516,7 +516,7 @@ class Simulator(HintedAttributes):
     def _chunk_pulses(self, options: FrameOptions) -> int:
         """Number of pulses of a chunk."""
         # The option counts rays, since they take the memory; a chunk counts pulses.
-        chunk = max(1, (options.chunk or blocks.lanes_per_chunk()) // self._rays_of_pulse)
+        chunk = max(1, blocks.lanes_per_chunk(options.chunk) // self._rays_of_pulse)
         # Whole bands of tiles, or whole packets: so the same rays are traced together whatever the option says. Where a
         # ray meets the edge of two triangles, which of them it meets depends on the rays beside it.
         step = self.numbering.step

@@ -86,9 +86,9 @@ def lanes_per_launch() -> int:
     return LANES_PER_LAUNCH_CUDA if is_cuda() else LANES_PER_LAUNCH
 
 
-def lanes_per_chunk() -> int:
-    """Return how many lanes a chunk of a large frame should have, no fewer than a launch of small ones."""
-    return LANES_PER_LAUNCH_CUDA if is_cuda() else LANES_PER_CHUNK
+def lanes_per_chunk(chosen: int | None) -> int:
+    """Return the lanes of a chunk of a large frame: the ``chosen`` ones, else no fewer than of a launch."""
+    return chosen or (LANES_PER_LAUNCH_CUDA if is_cuda() else LANES_PER_CHUNK)
 
 
 def share_frame(lanes: int) -> None:
