@@ -2,6 +2,7 @@
 
 import itertools
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
@@ -205,6 +206,15 @@ def test_a_crossing_closes_where_the_ego_vehicle_can_stop_and_is_near() -> None:
         ego = driven._Lane(0, 1, front_m, np.array([10.0]), np.array([10.0]), np.array([4.4]), ["car"])
         closing.update(0.0, ego, 0, [ego])
         assert closing.is_closed == closes, room_m
+
+
+def test_who_is_near_for_two_steps_is_shown() -> None:
+    """On straight lines a pose is a step; a body that moves has two at least."""
+    layout: Any = SimpleNamespace(file=StreetFile(shown_m=50.0))
+    for x_m, shown in (([60, 51, 51, 60], []), ([60, 49, 51, 60], []), ([60, 50, -50, 60], [1, 2])):
+        row = np.arange(4.0)
+        tracks = driven._shown(layout, driven.Track("car", row, np.array(x_m, float), row, row), np.zeros(4))
+        assert [time_s for track in tracks for time_s in track.time_s] == shown
 
 
 def test_a_line_is_the_integral_of_its_curvature() -> None:

@@ -340,7 +340,7 @@ def _grounds(network: Network) -> list[Tables]:
             _strip(name, "pavement", "concrete", line_m, width_m, -0.5 * KERB_M, **raised),
             _strip(f"kerb_{number}", "kerb", "concrete", line_m, KERB_M, 0.5 * width_m, **raised),
         ]
-    middles_m = np.array([corners_m.mean(axis=0) for corners_m in network.corners]).reshape(-1, 3)
+    middles_m = np.array([corners_m.mean(axis=0) for corners_m in network.corners]).reshape(-1, 3)[:, :2]
     for number, corners_m in enumerate(network.junctions):
         # Pavements at a junction have faces down along its outline themselves.
         has_pavement = Outline(corner_m=corners_m, spacing_m=SPACING_M).contains(middles_m).any()

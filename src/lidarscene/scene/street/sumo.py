@@ -11,6 +11,7 @@ import gzip
 import itertools
 import os
 import re
+import signal
 import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
@@ -571,8 +572,9 @@ def _run(program: str, arguments: Sequence[str], where: str) -> list[str]:
     lines = [line.strip() for line in done.stderr.splitlines() if line.strip()]
     notes = [re.sub("^(Error|Warning): *", "", line) for line in lines if line.startswith(("Error:", "Warning:"))]
     errors = [line.removeprefix("Error:").strip() for line in lines if line.startswith("Error:")]
-    if done.returncode != 0 and (done.returncode < 0 or "bad_alloc" in done.stderr):
+    if "bad_alloc" in done.stderr:
         raise InputError(f"{where}: {program}: must need <= {MEMORY_GIB:g} GiB, got more: try a part of the map")
     if done.returncode != 0:
-        raise InputError(f"{where}: {program}: {(errors or lines or ['no reason given'])[0]}")
+        reason = f"ended by {signal.Signals(-done.returncode).name}" if done.returncode < 0 else "no reason given"
+        raise InputError(f"{where}: {program}: {(errors or lines or [reason])[0]}")
     return notes
