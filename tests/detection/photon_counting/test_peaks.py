@@ -6,13 +6,15 @@ import math
 import numpy as np
 import pytest
 from helpers import photons
-from helpers.trains import train
+from helpers.trains import in_fog, train
 
 from lidarscene.detection import receiver
 from lidarscene.detection.outcomes import Outcome, Status
+from lidarscene.detection.photon_counting import candidates
 from lidarscene.detection.photon_counting import histograms as whole
 from lidarscene.detection.photon_counting.bins import Bins
 from lidarscene.detection.photon_counting.expectation import broaden
+from lidarscene.detection.photon_counting.peaks import Peaks
 from lidarscene.light.echoes import EchoTrain, SubEchoes
 from lidarscene.light.waveform import waveform
 from lidarscene.physics.photon_counting import matched_filter, pile_up
@@ -1136,3 +1138,14 @@ def test_another_board_where_spads_come_back_is_an_echo_alone():
     near = [(np.abs(stop.range_m - 33.3) < 1.0) & stop.reported for stop in stops]
     assert (np.sum(near, axis=0) == 1).all()
     assert not any((is_revived(stop) & here).any() for stop, here in zip(stops, near, strict=True))
+
+
+def test_a_wall_in_fog_is_a_peak_beside_that_of_the_air():
+    """Near the lenses both are one. Reference: the highest points of the light on a grid."""
+    counter = photons.sensor("histogram.window_us=0.6")
+    for wall_m, count in ((2.0, 1), (6.0, 2), (20.0, 2)):
+        fog = in_fog(counter, np.ones(2), wall_m=wall_m)
+        light = Peaks.of(fog, counter, seed=0, pulse=np.arange(2, dtype=np.uint32))
+        rises = np.diff([light.filtered.at(np.full(2, place))[0][0] for place in np.arange(-60.0, 10.0, 0.2)]) > 0.0
+        assert np.count_nonzero(rises[:-1] & ~rises[1:]) == count
+        assert candidates._find_peaks(light).count.tolist() == [count] * 2

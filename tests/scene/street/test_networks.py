@@ -202,6 +202,12 @@ def test_a_drawn_town_has_hills_lights_and_a_roundabout_at_which_vehicles_turn()
     assert np.ptp(np.concatenate(lines_m)[:, 2]) > 3.0
     bends = [line_m for line_m in lines_m if len(line_m) > 5 and _turned_deg(line_m) > 30.0]
     assert len(bends) == 4, "a ring of four pieces"
+    (island,) = (body for body in first["bodies"] if body["name"].startswith("island_"))
+    corners_m, ring_m = np.array(island["outline"])[:, :2], np.concatenate(bends)[:, :2]
+    apart_m = np.hypot(*(corners_m[:, None] - ring_m).transpose(2, 0, 1)).min(axis=1)
+    np.testing.assert_allclose(apart_m, 0.5 * 3.2 + 0.3, atol=0.3)
+    inner_m, outer_m = (np.hypot(*(each_m - ring_m.mean(axis=0)).T).mean() for each_m in (corners_m, ring_m))
+    assert inner_m == pytest.approx(outer_m - 1.9, abs=0.3)
     assert any(body["name"] == "lights" for body in first["bodies"])
 
 

@@ -57,10 +57,11 @@ def boxes(line: CentreLine, name: str, x_m: np.ndarray, y_m: np.ndarray, yaw_deg
     east_m, north_m, heading = line.at(x_m, y_m).T
     yaw = heading + np.radians(yaw_deg)
     length, width = size_m(name)
+    behind = -0.5 * length - (laid.EAVES_M if name.startswith("houses") else 0.0)
     ahead, left = np.stack([np.cos(yaw), np.sin(yaw)], axis=-1), np.stack([-np.sin(yaw), np.cos(yaw)], axis=-1)
-    corners = [(0.5, 0.5), (-0.5, 0.5), (-0.5, -0.5), (0.5, -0.5)]
+    corners = [(0.5 * length, 0.5), (behind, 0.5), (behind, -0.5), (0.5 * length, -0.5)]
     middle = np.stack([east_m, north_m], axis=-1)
-    return np.stack([middle + length * along * ahead + width * across * left for along, across in corners], axis=1)
+    return np.stack([middle + along * ahead + width * across * left for along, across in corners], axis=1)
 
 
 def meet(first: np.ndarray, second: np.ndarray) -> np.ndarray:

@@ -60,6 +60,9 @@ ZEBRA_M = 4.0
 STOP_LINE_M = 2.0
 """Choice: distance from a stop line to the crossing or the zebra."""
 
+EAVES_M = 0.5
+"""Source: the houses' meshes; by how much roofs hang out behind the walls, at most."""
+
 PLOT_SHIFT_M = 1.5
 """Choice: way along the street to the next plot that is tried, where a house has no room."""
 
@@ -233,7 +236,7 @@ def _lay_side_street(
         house, wall = random.choice(district.houses), random.choice(district.walls)
         width_m, front_m, _ = catalog.shipped_meshes()[house]["plot_m"]
         end_m = towards * (CROSS_REACH_M + VERGE_M + front_m)
-        if room.take(_boxes(line, [(end_m, 0.0, front_m, 0.5 * width_m)])):
+        if room.take(_boxes(line, [(end_m, 0.0, front_m + EAVES_M, 0.5 * width_m)])):
             street.add(f"houses_{house}_{wall}", end_m, 0.0, 180.0 if towards > 0.0 else 0.0)
     return street
 
@@ -365,7 +368,8 @@ def _build_houses(
         middle_m = x_m + 0.5 * width_m
         house_y_m, tree_y_m = layout.front_m + setback_m + front_m, layout.front_m + reach_m
         if is_built:
-            if not room.take(_boxes(layout.line, [(middle_m, side * house_y_m, 0.5 * width_m, front_m)])):
+            plot = middle_m, side * (house_y_m + 0.5 * EAVES_M), 0.5 * width_m, front_m + 0.5 * EAVES_M
+            if not room.take(_boxes(layout.line, [plot])):
                 x_m += PLOT_SHIFT_M
                 continue
             layout.add(f"houses_{house}_{wall}", middle_m, side * house_y_m, -90.0 * side)

@@ -16,7 +16,7 @@ from ...errors import OptionWarning, warn
 from ...maths.arrays import Numbers
 from ..ground import SPACING_M, Strip
 from ..ground_area import Outline
-from .layout import KERB_M, POST_LINE_M, Room
+from .layout import EAVES_M, KERB_M, POST_LINE_M, Room
 from .pieces import FOOT_M, PAINT_M, RAISED_M, Tables, box_places_m, ground, placed, sheet, soil, street_scene
 from .shapes import (
     BUSH_ASIDE_M,
@@ -56,6 +56,9 @@ from the edge of the road."""
 UNDER_M, OVER_M = 4.0, 12.0
 """Choice: distances from a road above, up to which there are no markings, and from one below, up to which there are
 rails."""
+
+ISLAND_M = 0.3
+"""Choice: distance of the island of a roundabout from the road around it."""
 
 VERGE_M = 3.0
 """Choice: distance of houses from the edge of a road without a pavement."""
@@ -321,7 +324,7 @@ def _area(name: str, class_name: str, material: str, corners_m: Numbers, **keys:
 
 
 def _grounds(network: Network) -> list[Tables]:
-    """Roads, pavements with kerbs, and junctions."""
+    """Roads, pavements with kerbs, junctions, and islands of roundabouts."""
     grounds = []
     raised = {"position_m": [0.0, 0.0, RAISED_M], "kerb_m": RAISED_M + FOOT_M}
     for number, group in enumerate(network.groups):
@@ -345,7 +348,26 @@ def _grounds(network: Network) -> list[Tables]:
         grounds += _area(f"junction_{number}", "road", "asphalt", corners_m, **foot)
     for number, corners_m in enumerate(network.corners):
         grounds += _area(f"corner_{number}", "pavement", "concrete", corners_m, **raised)
+    for number, ring in enumerate(network.rings):
+        # Of a ring that is near in part there is no outline.
+        around = [group for group in network.groups if group.edge in ring and group.kind == "road"]
+        if {group.edge for group in around} == ring:
+            grounds += _area(f"island_{number}", "terrain", "soil", _island_m(around), **raised)
     return grounds
+
+
+def _island_m(ring: Sequence[LaneGroup]) -> Numbers:
+    """(k, 3) corners of the island within a roundabout, by their angle at its middle."""
+    middle_m = np.concatenate([group.line_m for group in ring])[:, :2].mean(axis=0)
+    sides = []
+    for group in ring:
+        aside_m = 0.5 * group.width_m + ISLAND_M
+        both = [_along(group.line_m, _ways_m(group.line_m), left_m)[:, :2] for left_m in (aside_m, -aside_m)]
+        inner_m = min(both, key=lambda side_m: np.hypot(*(side_m - middle_m).T).mean())
+        sides.append(np.column_stack([inner_m, group.line_m[:, 2]]))
+    corners_m = np.concatenate(sides)
+    to_corner_m = corners_m[:, :2] - middle_m
+    return np.asarray(corners_m[np.argsort(np.arctan2(to_corner_m[:, 1], to_corner_m[:, 0]))])
 
 
 def _ways_m(line_m: Numbers) -> Numbers:
@@ -432,7 +454,7 @@ def _surroundings(network: Network, file: StreetFile, relief: Relief, terrain: T
     main = draw_district(roadside.random)
     for group in network.groups:
         district = draw_district(roadside.random, main)
-        for side in (-1.0,) if group.edge in network.rings else (-1.0, 1.0):
+        for side in (-1.0,) if any(group.edge in ring for ring in network.rings) else (-1.0, 1.0):
             roadside.rails(group, side)
             roadside.line(group, side, district)
     for group in network.groups:
@@ -511,7 +533,7 @@ class _Roadside:
             verge_m = district.garden_m + (2.0 * POST_LINE_M if group.kind == "pavement" else VERGE_M)
             aside_m, turn_deg = edge_m + verge_m + random.uniform(*file.setback_m), random.uniform(0.0, 360.0)
             if random.random() < share:
-                name, half_m, turn_deg = f"houses_{house}_{wall}", (0.5 * width_m, front_m), -90.0 * side
+                name, half_m, turn_deg = f"houses_{house}_{wall}", (0.5 * width_m, front_m + EAVES_M), -90.0 * side
             else:
                 reach_m = meshes[tree]["reach_m"]
                 name, half_m = f"trees_{tree}_{len(TREE_SCALES) - 1}", (reach_m, reach_m)
