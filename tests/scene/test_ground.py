@@ -92,6 +92,8 @@ def test_crown_and_kerb() -> None:
     np.testing.assert_allclose(top[8:-8, 4, 2], 0.1, atol=1e-15)
     slope = CubicHermiteSpline([0.0, 8.0], [0.0, 0.1], [0.0, 0.0])(np.arange(9.0))  # level at both of its ends
     np.testing.assert_allclose([top[:9, 4, 2], top[:-10:-1, 4, 2]], [slope, slope], atol=1e-15)
+    halved = Strip(line_m=np.array([[-30.0, 0, 0], [-9, 0, 0], [30, 0, 0]]), width_m=8.0, spacing_m=1.0)
+    np.testing.assert_allclose(0.1 * halved.crown_share(np.arange(61.0), np.zeros(61)), top[:, 4, 2], atol=1e-15)
     np.testing.assert_allclose(top[[0, -1], :, 2], 0.0, atol=1e-15)
     np.testing.assert_allclose(top[:, [0, -1], 2], 0.0, atol=1e-15)
     assert vertices_m[:, 2].min() == pytest.approx(-0.15)
