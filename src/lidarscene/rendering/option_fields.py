@@ -10,11 +10,10 @@ import functools
 import inspect
 import math
 import re
-from collections.abc import Collection, Mapping
+from collections.abc import Collection
 from dataclasses import MISSING, Field, field, fields
 from numbers import Integral, Real
 from pathlib import Path
-from types import MappingProxyType
 from typing import Any, NamedTuple, Protocol, TypeVar, cast
 
 from ..errors import OptionError, one_line
@@ -160,17 +159,18 @@ def declared(
     return {"option": Declaration(help, values, metavar, flags)}
 
 
-@functools.cache
-def options_of(kind: type[Any]) -> Mapping[str, tuple[Field[Any], Declaration]]:
+def options_of(kind: type[Any]) -> dict[str, tuple[Field[Any], Declaration]]:
     """Name -> field and declaration of each option of a dataclass."""
-    options = {entry.name: (entry, entry.metadata["option"]) for entry in fields(kind) if "option" in entry.metadata}
-    return MappingProxyType(options)
+    return {entry.name: (entry, entry.metadata["option"]) for entry in fields(kind) if "option" in entry.metadata}
+
+
+_kept_options = functools.cache(options_of)
 
 
 def check_options(options: Any) -> None:
     """Raise OptionError for an option out of its values; the default is one of them, or None."""
     kind: Any = type(options)
-    for name, (entry, declaration) in options_of(kind).items():
+    for name, (entry, declaration) in _kept_options(kind).items():
         value = getattr(options, name)
         if value is entry.default:
             continue
