@@ -40,6 +40,18 @@ ANSWERS = {
     "lidarscene.compare('car', 'apd-905', 'sipm-905')": r"in one list: sensors=\['apd-905', 'sipm-905'\]",
     "lidarscene.compare('apd-905', 'sipm-905')": r"compare\('car', \['apd-905', ...\]\)",
     "lidarscene.load_sensor('apd-905', 'detector.gain=3')": r"at most 1 without a name \(sensor\), got 2",
+    "lidarscene.budget(cloud)": r"budget\(\): must have cloud, scene, sensor; scene is missing",
+    "lidarscene.render('range', ['apd-905', 'sipm-905'])": "record takes a Rig of several",
+    "lidarscene.render('range', sun=0)": "sun.illuminance_klux",
+    "lidarscene.render('range', rig='rig')": r"record\(scene, Rig\(file\)",
+    "scene.add('pedestrian', yaw=90)": r"pose=\(x, y, z, yaw",
+    "scene.add(*box, 'brick')": r"are one tuple: \(vertices, faces\)",
+    "setattr(sensor.laser, 'peak_power_w', 50)": r"Laser.peak_power_w cannot be set; sensor.replace\(",
+    "setattr(scene.bodies[0], 'pose', None)": r"Body.pose cannot be set; scene.replace\({\"bodies.car.position_m",
+    "cloud.range_image(3)": r"range_image\(\): must have at most 0",
+    "cloud.range_image(columns=3)": "known here: none",
+    "cloud.save('a.png')": r"cloud.plot\(\).save",
+    "cloud.stamp": "cloud.time",
     "scene.remove('a', 'b')": r"at most 1 without a name \(name\), got 2",
     "lidarscene.max_range('apd-905', wavelength=905)": 'overrides={"laser.wavelength_nm": ...}',
     "lidarscene.max_range('apd-905', reflectivty=0.1)": "did you mean reflectivity[?]",
@@ -84,6 +96,10 @@ def test_a_guess_is_answered_in_one_line(guess: str) -> None:
     with pytest.raises((lidarscene.InputError, AttributeError, TypeError), match=ANSWERS[guess]) as caught:
         eval(guess, dict(NAMES))
     assert "\n" not in str(caught.value)
+
+
+def test_columns_have_the_names_of_keywords() -> None:
+    np.testing.assert_array_equal(NAMES["cloud"].class_, NAMES["cloud"]["class"])
 
 
 @pytest.mark.parametrize(

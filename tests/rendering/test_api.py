@@ -54,7 +54,7 @@ MISTAKES: list[tuple[Callable[..., object], tuple[object, ...], dict[str, object
     (lidarscene.load_scene, (3,), {}, "scene: must be a name, a file, a Scene, .*, got int"),
     (lidarscene.load_scene, ("car",), {"overrides": [1]}, 'scene_overrides: must be "key=value", a list'),
     (lidarscene.load_rig, (3,), {}, "rig: must be a file or a Rig, got int"),
-    (lidarscene.render, ("edges",), {"pose": (1, 2)}, r"pose: must be a Pose, a \(4, 4\) matrix, or x, y, z in .*, got \(1, 2\)"),
+    (lidarscene.render, ("edges",), {"pose": (1, 2)}, r"must be a Pose, a \(4, 4\) matrix, or x, .*, got \(1, 2\)"),
     (lidarscene.render, ("edges",), {"pose": "here"}, "pose: must be a Pose"),
     (lidarscene.render, ("edges",), {"pose": (0, 0, float("nan"))}, "pose: must be a Pose"),
     (lidarscene.render, ("edges",), {"seed": 1.5}, "seed: must be a whole number"),

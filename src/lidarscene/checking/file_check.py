@@ -25,7 +25,7 @@ from ..sensor.sensor_model import Sensor, warn_of_doubts
 from ..studies.design.design_study import load_study
 from ..studies.design.study_file import StudyFile
 
-FILE_MODELS = {
+FILE_MODELS: dict[str, Any] = {
     "scene": SceneFile,
     "sensor": SensorFile,
     "imu": ImuModelFile,

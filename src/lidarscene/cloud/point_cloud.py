@@ -102,6 +102,10 @@ class PointCloud(_CloudWithRays):
         ValueError: for a wrong shape, an integer out of range, a NaN anywhere
     """
 
+    if TYPE_CHECKING:  # the fields, or what `read_by_name` reads
+
+        def __init__(self, file: str | os.PathLike[str] = ..., /, **values: Any) -> None: ...
+
     def __repr__(self) -> str:
         kinds = np.bincount(self.status, minlength=len(Status))
         parts = [f"{count} {kind}" for count, kind in zip(kinds, STATUS_PLURALS, strict=True)]

@@ -26,6 +26,9 @@ Checked = TypeVar("Checked", bound=Callable[..., Any])
 CHECKED_INSIDE = object()
 """Note in an annotation: more is taken than it says, or the call says best what is wrong."""
 
+ANGLES = ("yaw", "yaw_deg", "pitch", "roll", "heading", "rotation", "orientation")
+"""Keywords that people try in place of a pose with angles."""
+
 _MOST_ELEMENTS = 1000
 """Elements of a sequence that are looked at, each: of what is longer, only whether it is a sequence."""
 
@@ -56,7 +59,9 @@ def checks_arguments(call: Checked) -> Checked:
             for word in keywords.keys() - signature.parameters.keys():
                 names = [name for name in signature.parameters if name != "self"]
                 meant = ""
-                if "overrides" in names and not did_you_mean(word, names):
+                if "pose" in names and word in ANGLES:
+                    meant = "angles go in pose=(x, y, z, yaw, pitch, roll)"
+                elif "overrides" in names and not did_you_mean(word, names):
                     meant = 'values of the file go in overrides={"TABLE.KEY": value}'
                 raise unknown_option(word, names, meant=meant)
         if len(arguments) > len(positional) and not takes_list:

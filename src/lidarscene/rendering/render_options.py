@@ -260,6 +260,11 @@ CALLS = {
     **dict.fromkeys(("position", "sensor_pose", "origin", "location"), "where the sensor stands is pose=(x, y, z)"),
     **dict.fromkeys(("rng", "random_state", "random_seed"), "the seed is seed=N"),
     **dict.fromkeys(("weather", "fog"), 'fog is scene_overrides={"weather.fog_visibility_km": 0.1}'),
+    **dict.fromkeys(("sun", "light", "illuminance"), 'the sun is scene_overrides={"sun.illuminance_klux": 0}'),
+    "rig": "record(scene, Rig(file), outputs=...) renders a rig of several sensors",
+    **dict.fromkeys(("picture", "image", "plot"), "a picture is written by cloud.plot().save('a.png')"),
+    "deskew": "the sensor's own motion is taken out by cloud.deskew(Simulator(scene, sensor).motion)",
+    "time": "a frame begins at begin_s=1.0",
     **dict.fromkeys(("output", "path", "file", "save", "out"), "a cloud is written by cloud.save(path)"),
 }
 """Words that people try as keywords, and the call that does it."""
