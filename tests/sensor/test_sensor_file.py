@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from lidarscene import catalog
+from lidarscene import InputError, catalog
 from lidarscene.sensor.sensor_file import load_sensor
 
 
