@@ -33,6 +33,7 @@ _FOREIGN_NAMES = {
     **dict.fromkeys(("simulate", "run", "scan", "trace"), "render(scene, sensor) renders a frame"),
     **dict.fromkeys(("Lidar", "LiDAR", "sensor"), "Sensor(name) reads one; sensors() lists them"),
     **dict.fromkeys(("World", "scene"), "Scene(name) reads one; scenes() lists them"),
+    **dict.fromkeys(("optimize", "optimise", "search"), "design(study, folder) searches the designs of a study"),
     **dict.fromkeys(("stream", "publish"), "`lidarscene stream` sends packets; cloud.save('a.mcap') writes a bag"),
     **dict.fromkeys(
         ("Dataset", "generate", "random_scene"), "record writes data sets; `lidarscene street` makes scenes"

@@ -548,7 +548,7 @@ def test_memory_that_is_not_there(run: Run, wall: str, mi: ModuleType, monkeypat
         (lambda: lidarscene.render("wall.toml", "vlp17"), "sensor 'vlp17' | vlp-16"),
         (lambda: lidarscene.render("wall.toml", seed=1.5), "seed | whole number | 0 | 4294967295 | 1.5"),
         (lambda: lidarscene.render("wall.toml", pose=(1, 2)), "pose | Pose | x, y, z | metres | (1, 2)"),
-        (lambda: lidarscene.render("wall.toml", pose=np.eye(4)), "pose | yaw, pitch, roll | array([[1., 0.,"),
+        (lambda: lidarscene.render("wall.toml", pose=2.0 * np.eye(4)), "pose | yaw, pitch, roll | array([[2., 0.,"),
         (lambda: lidarscene.render("wall.toml", coordinates="car"), "'world' | 'vehicle' | 'sensor' | 'car'"),
         (lambda: lidarscene.render("wall.toml", overrides="gain=3"), "'gain' | detector.gain?"),
         (lambda: lidarscene.render("wall.toml", overrides=3), 'overrides | "key=value" | dict | 3'),

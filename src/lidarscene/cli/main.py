@@ -163,7 +163,7 @@ FOREIGN_COMMANDS = {
         "lists are lidarscene catalog, catalog sensors, catalog scenes, ...",
     ),
     **dict.fromkeys(("max-range", "max_range", "snr"), "lidarscene range SENSOR has range, SNR and P_d"),
-    **dict.fromkeys(("sweep", "plot"), "lidarscene range SENSOR --over AXIS --plot F.png sweeps"),
+    "sweep": "lidarscene range SENSOR --over AXIS --plot F.png sweeps",
     **dict.fromkeys(("sensitivities", "sensitivity"), "lidarscene range SENSOR --sensitivities"),
     **dict.fromkeys(("eye-safety", "eye_safety", "safety"), "lidarscene range SENSOR --eye-safety"),
     **dict.fromkeys(("budget", "show", "open"), "lidarscene view CLOUD SCENE shows a cloud, and the budget of a point"),

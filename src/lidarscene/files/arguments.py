@@ -118,10 +118,17 @@ def _too_many(
     """Error for a call with more arguments than names that go without them; several choices go in a list."""
     words = f"{call}(): must have at most {len(names)} without a name ({', '.join(names)}), got {len(given)}"
     rest = [*given[len(names) - 1 :]]
-    takes_any = hints.get(names[-1], Any) is Any if names else True
-    if not takes_any and is_of_type(rest, hints[names[-1]]):
+    if names and _takes_list(hints[names[-1]]) and is_of_type(rest, hints[names[-1]]):
         return OptionError("{0}; several go in one list: {1}={2}", words, names[-1], one_line(rest))
     return OptionError("{0}{1}", words, f"; the others go by name: {'=, '.join(others)}=" if others else "")
+
+
+def _takes_list(hint: Any) -> bool:
+    """Whether a list is one of the types of an argument."""
+    return typing.get_origin(hint) in _SEQUENCES or (
+        typing.get_origin(hint) in (Annotated, typing.Union, types.UnionType)
+        and any(map(_takes_list, typing.get_args(hint)))
+    )
 
 
 _POSITIONAL = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)

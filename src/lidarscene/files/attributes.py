@@ -66,4 +66,7 @@ class HintedAttributes:
         def __getattr__(self, word: str) -> Any:
             if word.startswith("_"):  # what Python and libraries look for
                 raise AttributeError(f"{type(self).__name__} has no '{word}'")
-            raise no_attribute(self, word, name=type(self).__name__.lower(), foreign_names=self.FOREIGN_NAMES)
+            frozen = type(self).__setattr__ is _refuse_to_set
+            changes = dict.fromkeys(("replace", "set", "update", "copy", "with_"), self.CHANGED_BY) if frozen else {}
+            foreign_names = {**changes, **self.FOREIGN_NAMES}
+            raise no_attribute(self, word, name=type(self).__name__.lower(), foreign_names=foreign_names)

@@ -54,7 +54,10 @@ FOREIGN_NAMES = {
     **dict.fromkeys(("transform_to", "to_world"), "cloud.transform(pose), render(..., coordinates='world')"),
     **dict.fromkeys(("distance", "distances", "depth"), "cloud.range"),
     **dict.fromkeys(("timestamp", "timestamps", "stamp", "t"), "cloud.time"),
-    **dict.fromkeys(("write", "export", "to_arrow", "to_file", "to_ply", "to_pcd", "to_las"), "cloud.save(path)"),
+    **dict.fromkeys(
+        ("write", "export", "to_arrow", "to_file", "to_ply", "to_pcd", "to_las", "to_kitti", "to_npz"),
+        "cloud.save(path)",
+    ),
     "frame_id": 'cloud.metadata["frame"]',
     "header": "cloud.metadata",
     **dict.fromkeys(

@@ -165,6 +165,7 @@ class Body(HintedAttributes):
     """
 
     CHANGED_BY: ClassVar[str] = BODY_CHANGED_BY
+    FOREIGN_NAMES: ClassVar[Mapping[str, str]] = dict.fromkeys(("velocity", "speed", "trajectory"), "body.motion")
 
     name: str
     class_name: str
@@ -383,7 +384,7 @@ class Scene(HintedAttributes):
             'scene.add(mesh, "brick", position=(20, 0, 1))',
         ),
         **dict.fromkeys(("move", "set_pose"), BODY_CHANGED_BY),
-        **dict.fromkeys(("set", "set_sun", "set_weather"), SCENE_CHANGED_BY),
+        **dict.fromkeys(("set_sun", "set_weather"), SCENE_CHANGED_BY),
         "sensor": "scene.sensor_name, scene.sensor_pose",
         **dict.fromkeys(("describe", "summary", "info"), "print(scene), scene.facts()"),
         **dict.fromkeys(("names", "body_names"), "scene.bodies"),

@@ -328,7 +328,7 @@ class Sensor(HintedAttributes):
             "sensor.scanner.channel_elevation_rad has the elevation of each channel",
         ),
         **dict.fromkeys(("frame_rate", "frame_rate_hz", "fps", "rate_hz"), "1 / sensor.scanner.frame_s"),
-        **dict.fromkeys(("set", "update", "copy", "with_"), HintedAttributes.CHANGED_BY),
+        **dict.fromkeys(("info", "describe", "summary"), "print(sensor), sensor.facts()"),
         "budget": "lidarscene.budget(cloud, scene, sensor)",
         **dict.fromkeys(("to_dict", "to_toml", "as_dict"), "sensor.save(path) writes its file"),
         **dict.fromkeys(("eye_safety", "eye_safe", "is_eye_safe"), "lidarscene.eye_safety(sensor).passed"),
@@ -377,6 +377,7 @@ class Sensor(HintedAttributes):
             "pulses": f"{self.scanner.pulses:,} a frame",
         }
 
+    @checks_arguments
     def replace(self, overrides: Overrides = (), /, **tables: Any) -> Sensor:
         """Build the sensor anew with other values in its file; all that follows from them follows.
 
