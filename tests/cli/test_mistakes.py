@@ -160,6 +160,11 @@ def place(run: Run, shared: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     render wall.toml -o a.ply --set scanner.fov=9 | scanner.azimuth_fov_deg | scanner.elevation_fov_deg?
     render wall.toml -o a.ply --set laser.peak_power_w | KEY=VALUE | detector.gain=60
     render wall.toml -o a.ply --set laser.peak_power_w 75 | 75 | --set laser.peak_power_w=75
+    render wall.toml -o a.ply --sun 3 | --sun | by --scene-set sun.illuminance_klux=VALUE
+    render wall.toml -o a.ply --fog | --fog | by --scene-set weather.fog_visibility_km=VALUE
+    render wall.toml -o a.ply --power 3 | --power | by --set laser.peak_power_w=VALUE
+    sweep apd-905 | 'sweep' | lidarscene range SENSOR --over AXIS
+    catalog apd-905 | 'apd-905' | lidarscene catalog sensors apd-905 prints it
     render wall.toml -o a.ply --set sun.illuminance_klux=1 | 'sun' | optics | --scene-set
     render wall.toml -o a.ply --set sun.elevation_deg=1 | sun | --scene-set
     render wall.toml -o a.ply --set laser.wavelength_nm=800 | 'concrete' | 800 nm | 850 | 1550 nm

@@ -7,7 +7,7 @@ People try the names of other libraries first, and numbers without their unit: `
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import is_dataclass
+from dataclasses import FrozenInstanceError, is_dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from ..errors import did_you_mean, question
@@ -40,11 +40,26 @@ def _numbers_of(part: object) -> list[str]:
     return [*getattr(kind, "__dataclass_fields__", ()), *properties] if is_dataclass(kind) else []
 
 
+def _refuse_to_set(owner: HintedAttributes, word: str, _: object) -> None:
+    """Refuse to set an attribute, and say what makes a changed object."""
+    raise FrozenInstanceError(f"{type(owner).__name__}.{word} cannot be set; {owner.CHANGED_BY}")
+
+
 class HintedAttributes:
-    """Base of a class whose objects answer an attribute that they lack with what does it."""
+    """Base of a class whose objects answer an attribute that they lack, or that cannot be set, with what does it.
+
+    Attributes:
+        CHANGED_BY: what makes a changed one, of a class whose objects are frozen
+    """
 
     __slots__ = ()
     FOREIGN_NAMES: ClassVar[Mapping[str, str]] = {}
+    CHANGED_BY: ClassVar[str] = 'sensor.replace("laser.peak_power_w=50") is another sensor'
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        if "__setattr__" in vars(cls):  # a frozen dataclass, which says no more than that it cannot be set
+            setattr(cls, "__setattr__", _refuse_to_set)  # noqa: B010
 
     if not TYPE_CHECKING:
 
