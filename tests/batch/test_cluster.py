@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from helpers.mistakes import told
 from helpers.small_job import STOP
 from helpers.waiting import PATIENCE_S, wait_until
 
@@ -193,9 +194,8 @@ def test_a_scheduler_that_dies(
         if progress.rendered == 3:
             scheduler_with_worker.processes[0].kill()
 
-    with pytest.raises(LidarSceneError, match=r"^the Dask scheduler has gone; \d+ of 10 frames were done") as caught:
+    with told("Dask scheduler | 10 frames", LidarSceneError):
         run_job(job, out, connect=lambda: cluster.remote_client(scheduler_with_worker.address), report=kill)
-    assert "\n" not in str(caught.value)
     assert capfd.readouterr().err == ""
     scheduler_with_worker.end(0)
     frames_done = len(list(out.rglob("*.json")))
@@ -252,8 +252,7 @@ def test_a_scheduler_that_asks_for_a_key(tmp_path: Path, recwarn: pytest.Warning
         address = scheduler.scheduler_address
         with dask.config.set(files), cluster.remote_client(address) as client:
             assert client.scheduler_info()["address"] == address
-        refused = rf"^--scheduler {address}: no Dask scheduler answers there: .*ssl_context"
-        with pytest.raises(LidarSceneError, match=refused), cluster.remote_client(address):
+        with told(f"--scheduler {address} | ssl_context", LidarSceneError), cluster.remote_client(address):
             pass
     assert not [warning for warning in recwarn if issubclass(warning.category, OptionWarning)]
 

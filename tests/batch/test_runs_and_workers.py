@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from helpers.mistakes import told
 
 from lidarscene.batch import cluster, dispatch, work
 from lidarscene.batch.dispatch import Progress, run_job
@@ -73,8 +74,7 @@ def test_workers_that_never_come(threads: Any, job: Job, tmp_path: Path, monkeyp
             yield client
 
     monkeypatch.setattr(dispatch, "WITHOUT_WORKERS_S", 0.2)
-    message = "^the workers of this machine are gone; 0 of 4 frames were done, and the same command goes on from there$"
-    with pytest.raises(LidarSceneError, match=message):
+    with told("workers of this machine | 0 of 4 frames", LidarSceneError):
         run_job(job, tmp_path / "out", connect=connect)
     assert len(attempts) == dispatch.STARTS
 
@@ -88,8 +88,7 @@ def test_a_pool_that_cannot_start_is_one_line(monkeypatch: pytest.MonkeyPatch) -
         raise RuntimeError("Nanny failed\nto start")
 
     monkeypatch.setattr(cluster, "_start_cluster", fail_to_start)
-    message = "^--workers 2: the processes could not be started: Nanny failed to start$"
-    with pytest.raises(LidarSceneError, match=message), cluster.local_client(2):
+    with told("--workers 2 | Nanny failed to start", LidarSceneError), cluster.local_client(2):
         pass
     assert len(attempts) == cluster.STARTS
 

@@ -3,6 +3,7 @@
 from pathlib import Path
 
 import pytest
+from helpers.mistakes import told
 
 from lidarscene import InputError, catalog, load_sensor
 from lidarscene.cli.main import main
@@ -47,7 +48,7 @@ def test_a_folder_here_hides_no_entry_of_its_name(kind: str, tmp_path: Path, mon
         assert kind != "examples" or catalog.file_or_example(name) == catalog.files(kind)[name]
         assert kind != "scenes" or scene_path(name) == catalog.files(kind)[name]
     (tmp_path / "folder").mkdir()
-    with pytest.raises(InputError, match=f"folder: must be an? {catalog.singular(kind)} of the catalogue or a file"):
+    with told(f"folder | {catalog.singular(kind)}"):
         catalog.path_of(kind, "folder")
 
 
@@ -59,28 +60,27 @@ def test_no_two_entries_differ_in_case_and_separators_alone(kind: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("kind", "typed", "question"),
+    ("kind", "typed", "named"),
     [
-        ("sensors", "velodyne", "did you mean hdl-32e or hdl-64e or vlp-16 or vlp-32c or vls-128?"),
+        ("sensors", "velodyne", "hdl-32e or hdl-64e or vlp-16 or vlp-32c or vls-128?"),
         (
             "sensors",
             "Ouster",
-            "did you mean os0-128 or os0-128-rev7 or os1-128 or os1-128-rev7 or os2-128 or os2-128-rev7 or osdome-128?",
+            "os0-128 or os0-128-rev7 or os1-128 or os1-128-rev7 or os2-128 or os2-128-rev7 or osdome-128?",
         ),
-        ("sensors", "OS1-64", "did you mean os1-128 or os1-128-rev7?"),
-        ("sensors", "VLP-64C", "did you mean vlp-16 or vlp-32c?"),
-        ("sensors", "table1", "did you mean table1-apd or table1-sipm?"),
-        ("sensors", "Car", "car is a scene"),
-        ("sensors", "VLP16,OS1-128", "several go with spaces between them"),
-        ("materials", "aluminium", "did you mean brushed_aluminium or mirror_aluminium?"),
-        ("materials", "xyzzy", "it has asphalt, "),
-        ("materials", "../sensors/vlp-16", "it has asphalt, "),
+        ("sensors", "OS1-64", "os1-128 or os1-128-rev7?"),
+        ("sensors", "VLP-64C", "vlp-16 or vlp-32c?"),
+        ("sensors", "table1", "table1-apd or table1-sipm?"),
+        ("sensors", "Car", "car | a scene"),
+        ("sensors", "VLP16,OS1-128", "spaces"),
+        ("materials", "aluminium", "brushed_aluminium or mirror_aluminium?"),
+        ("materials", "xyzzy", "asphalt"),
+        ("materials", "../sensors/vlp-16", "asphalt"),
     ],
 )
-def test_an_unknown_name_lists_what_fits(kind: str, typed: str, question: str) -> None:
-    with pytest.raises(InputError) as error:
+def test_an_unknown_name_lists_what_fits(kind: str, typed: str, named: str) -> None:
+    with told(named):
         catalog.path_of(kind, typed)
-    assert question in str(error.value)
 
 
 def test_without_the_folder_of_scenes_a_line_says_where_it_was_searched(
@@ -88,10 +88,8 @@ def test_without_the_folder_of_scenes_a_line_says_where_it_was_searched(
 ) -> None:
     monkeypatch.setattr(catalog, "folder", lambda kind: tmp_path / kind)
     for name in ("street", "ab"):
-        with pytest.raises(InputError) as error:
+        with told(f"scene {name!r} | {tmp_path / 'scenes'}"):
             catalog.path_of("scenes", name)
-        message = f"no scene '{name}' in the catalogue; it has no scenes, for there are none in {tmp_path / 'scenes'}"
-        assert str(error.value) == message
 
 
 def test_a_sensor_has_its_name_however_it_was_typed() -> None:
@@ -103,7 +101,7 @@ def test_an_example_is_a_sensor_by_its_name() -> None:
         assert catalog.sensor_path(typed) == catalog.path_of("examples", "my-apd")
         assert load_sensor(typed).name == "my-apd"
     for other in ("rig", "os0-32"):
-        with pytest.raises(InputError, match=f"no sensor '{other}' in the catalogue; {other} is an example"):
+        with told(f"sensor {other!r} | example"):
             load_sensor(other)
 
 
@@ -121,7 +119,7 @@ def test_a_file_that_is_not_there_yet_is_one_command_away(
     assert main(words.split()) == 0
     Path(target).write_text(capsys.readouterr().out, encoding="utf-8")
     assert load_sensor(f"{name}.toml").name == name
-    with pytest.raises(InputError, match=r"^nothing\.toml: no such file$"):
+    with told("nothing.toml | no such file"):
         load_sensor("nothing.toml")
 
 

@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from helpers.clouds import small_cloud
 from helpers.command_line import WALL
+from helpers.mistakes import told
 from helpers.recordings import OUSTER
 
 import lidarscene
@@ -157,7 +158,7 @@ def test_no_function_is_left_out() -> None:
 
 
 def test_an_unknown_keyword_and_a_missing_argument_are_named() -> None:
-    with pytest.raises(lidarscene.InputError, match="unknown option 'wokers'; known here: study, folder"):
+    with told("option 'wokers' | study, folder"):
         lidarscene.design("gain", "out", wokers=3)
     with pytest.raises(lidarscene.InputError, match=r"^design\(\): must have study, folder; folder is missing$"):
         lidarscene.design("gain")

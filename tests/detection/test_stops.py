@@ -14,7 +14,6 @@ from scipy.stats import kstest, norm
 
 from lidarscene import load_sensor
 from lidarscene.detection.outcomes import Status
-from lidarscene.errors import InputError
 from lidarscene.light.waveform import sample_power_and_signal
 
 ADC = ("sampler.type='adc'", "sampler.rate_mhz=1000", "sampler.bits=14", "sampler.full_scale=1e-4")
@@ -214,11 +213,6 @@ def test_alarms_beside_the_strongest_and_the_last():
         error = math.hypot(a.std() / math.sqrt(len(a)), b.std() / math.sqrt(len(b)))
         assert abs(a.mean() - b.mean()) < norm.isf(0.5e-4) * error
     assert abs(len(measured[0]) - len(last)) < norm.isf(0.5e-4) * math.sqrt(2.0 * len(last))
-
-
-def test_stops_of_strongest_and_last_are_two():
-    with pytest.raises(InputError, match='stops: must be 2 with keep = "strongest_and_last", got 3'):
-        load_sensor("table1-apd", overrides=["tdc.keep='strongest_and_last'", "tdc.stops=3"])
 
 
 CLEAN = ("detector.circuit_noise_na=1e6", "tdc.threshold_to_noise=1e4")

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from helpers.clouds import small_cloud
 from helpers.drawn_street import street
+from helpers.mistakes import told
 
 from lidarscene.cloud import pixels
 from lidarscene.cloud.builder import CloudBuilder
@@ -18,7 +19,7 @@ from lidarscene.cloud.pixels import NOTHING, camera_for, cells_of, cells_of_beam
 from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.cloud.scales import Scale
 from lidarscene.cloud.shades import Shades, rgb
-from lidarscene.errors import InputError, OutputError
+from lidarscene.errors import OutputError
 from lidarscene.figures import pictures
 from lidarscene.figures.canvas import Canvas
 from lidarscene.figures.pictures import frame_picture, perspective_picture, range_image
@@ -100,9 +101,9 @@ def test_every_column_can_be_drawn(cloud: PointCloud, tmp_path: Path) -> None:
 
 def test_unknown_column_lists_the_choices(cloud: PointCloud, tmp_path: Path) -> None:
     for draw in (perspective_picture, range_image, frame_picture):
-        with pytest.raises(InputError, match=r"column 'colour': .* choices are x, y, z, range, intensity"):
+        with told("column 'colour' | x, y, z, range, intensity"):
             draw(cloud, tmp_path / "a.png", colour_by="colour")
-    with pytest.raises(InputError, match="'class'"):
+    with told("'class'"):
         perspective_picture(cloud.without_truth(), tmp_path / "a.png", colour_by="class")
 
 
@@ -229,10 +230,10 @@ def test_a_fitted_camera_holds_the_bulk_and_fills_the_picture(cloud: PointCloud)
 
 
 def test_other_suffix_and_bad_folder(cloud: PointCloud, tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"a\.gif: suffix '\.gif' names no picture format; known: \.png, \.svg"):
+    with told("a.gif | '.gif' | .png, .svg"):
         range_image(cloud, tmp_path / "a.gif")
     (tmp_path / "file").touch()
-    with pytest.raises(OutputError, match="is a file, not a folder"):
+    with told("file | folder", OutputError):
         range_image(cloud, tmp_path / "file" / "a.png")
     assert [p.name for p in tmp_path.iterdir()] == ["file"]
 
@@ -265,9 +266,9 @@ def test_a_camera_looks_towards_the_nearest_of_what_is_far() -> None:
 
 def test_camera_that_sees_nothing_is_refused(cloud: PointCloud) -> None:
     for options in ({"eye_m": (0, 0, 5), "target_m": (0, 0, 0)}, {"fov_deg": 180.0}, {"fov_deg": 0.0}):
-        with pytest.raises(InputError, match="no view with z up"):
+        with told("view | z up"):
             camera_for(cloud, **options)
-    with pytest.raises(InputError, match="no view with z up"):
+    with told("view | z up"):
         camera_for(cloud, eye_m=(1, 2, 3), target_m=(1, 2, 3))
 
 

@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 from helpers.clouds import small_cloud
 from helpers.formats import need
+from helpers.mistakes import told
 
 from lidarscene import PointCloud, load_scene
-from lidarscene.errors import LONGEST, InputError
+from lidarscene.errors import InputError
 from lidarscene.files import inputs
 from lidarscene.files.inputs import require_file, require_unpacked
 from lidarscene.files.toml import read_toml
@@ -48,15 +49,6 @@ READERS: dict[str, Callable[[Path], object]] = {
 }
 
 
-def refusal_message(work: Callable[[Path], object], path: Path) -> str:
-    with pytest.raises(InputError) as error:
-        work(path)
-    message = str(error.value)
-    assert "\n" not in message
-    assert len(message) <= LONGEST
-    return message
-
-
 @pytest.mark.skipif(not hasattr(os, "mkfifo"), reason="no pipes with names on this system")
 @pytest.mark.parametrize("name", READERS)
 @pytest.mark.parametrize("kind", ["pipe", "zero", "folder"])
@@ -69,20 +61,25 @@ def test_what_is_no_file_is_not_opened(tmp_path: Path, name: str, kind: str) -> 
         path.symlink_to("/dev/zero")
     else:
         path.mkdir()
-    assert refusal_message(READERS[name], path).endswith("a folder" if kind == "folder" else "got a device or pipe")
+    with told(f"{path} | {'a folder' if kind == 'folder' else 'device or pipe'}"):
+        READERS[name](path)
 
 
 @pytest.mark.parametrize("name", READERS)
 def test_names_that_name_nothing(tmp_path: Path, name: str) -> None:
-    assert refusal_message(READERS[name], tmp_path / "none" / name).endswith(f"none/{name}: no such file")
-    assert "NUL character" in refusal_message(READERS[name], tmp_path / f"a\0{name}")
-    assert refusal_message(READERS[name], tmp_path / f"{'x' * 20_000}{name}").endswith("no such file")
+    for path, named in (
+        (tmp_path / "none" / name, f"none/{name} | no such file"),
+        (tmp_path / f"a\0{name}", "NUL character"),
+        (tmp_path / f"{'x' * 20_000}{name}", "no such file"),
+    ):
+        with told(named):
+            READERS[name](path)
 
 
 def test_a_file_that_the_system_makes_up() -> None:
     if not Path("/proc/self/status").exists():
         pytest.skip("no /proc on this system")
-    with pytest.raises(InputError, match="got a device or pipe"):
+    with told("/proc/self/status | device or pipe"):
         require_file("/proc/self/status")
 
 
@@ -92,8 +89,8 @@ def test_bombs_in_archives(tmp_path: Path, monkeypatch: pytest.MonkeyPatch, name
     monkeypatch.setattr(inputs, "FREE_UNPACKED", inputs.FREE_UNPACKED // 100)
     with zipfile.ZipFile(tmp_path / name, "w", zipfile.ZIP_DEFLATED, compresslevel=1) as archive:
         archive.writestr("lidarscene.npy", bytes(60_000_000))
-    message = refusal_message(READERS.get(name, read_mesh), tmp_path / name)
-    assert "must unpack to at most 100 times its size, got 0.06 GB out of 0.2" in message
+    with told(f"{name} | 100 times its size | 0.06 GB"):
+        READERS.get(name, read_mesh)(tmp_path / name)
 
 
 def test_bombs_in_columns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -108,12 +105,14 @@ def test_bombs_in_columns(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     metadata = parquet.read_schema(tmp_path / "a.parquet").metadata
     table = pyarrow.table({"x": np.zeros(1 << 20, np.float32)}).replace_schema_metadata(metadata)
     parquet.write_table(table, tmp_path / "a.parquet")
-    assert "must unpack to at most 100 times" in refusal_message(PointCloud.load, tmp_path / "a.parquet")
+    with told("a.parquet | 100 times its size"):
+        PointCloud.load(tmp_path / "a.parquet")
     small_cloud(3).save(tmp_path / "a.pcd", format="pcd-compressed")
     data = (tmp_path / "a.pcd").read_bytes()
     start = data.index(b"binary_compressed\n") + len("binary_compressed\n")
     (tmp_path / "a.pcd").write_bytes(data[: start + 4] + struct.pack("<I", 2**32 - 1) + data[start + 8 :])
-    assert "must unpack to at most 100 times" in refusal_message(PointCloud.load, tmp_path / "a.pcd")
+    with told("a.pcd | 100 times its size"):
+        PointCloud.load(tmp_path / "a.pcd")
 
 
 @pytest.mark.parametrize("offset", [100, 243])
@@ -124,17 +123,16 @@ def test_records_that_a_las_file_has_no_room_for(tmp_path: Path, offset: int) ->
     data = bytearray((tmp_path / "a.las").read_bytes())
     data[offset : offset + 4] = struct.pack("<I", 2**32 - 1)
     (tmp_path / "a.las").write_bytes(data)
-    assert "must count records that the file has room for, got 4294967295" in refusal_message(
-        PointCloud.load, tmp_path / "a.las"
-    )
+    with told("a.las | records | 4294967295"):
+        PointCloud.load(tmp_path / "a.las")
 
 
 @pytest.mark.parametrize("depth", [150, 20_000])
 def test_deep_xml(tmp_path: Path, depth: int) -> None:
     """Rationale: Mitsuba follows it with its stack."""
     (tmp_path / "a.xml").write_text(f"<scene version='3.0.0'>{'<a>' * depth}{'</a>' * depth}</scene>")
-    message = refusal_message(lambda path: load_shapes(path, {}, {}, 905e-9), tmp_path / "a.xml")
-    assert message.endswith("not valid XML: must be nested 100 deep at most, got more")
+    with told("a.xml | XML | 100 deep"):
+        load_shapes(tmp_path / "a.xml", {}, {}, 905e-9)
 
 
 def test_files_that_include_ten_each(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -142,28 +140,28 @@ def test_files_that_include_ten_each(tmp_path: Path, monkeypatch: pytest.MonkeyP
         inside = f"<include filename='{number + 1}.xml'/>" * 10
         (tmp_path / f"{number}.xml").write_text(f"<scene version='3.0.0'>{inside}</scene>")
     (tmp_path / "8.xml").write_text("<scene version='3.0.0'/>")
-    assert "files include each other" in refusal_message(
-        lambda path: load_shapes(path, {}, {}, 905e-9), tmp_path / "0.xml"
-    )
+    with told("8.xml | include"):
+        load_shapes(tmp_path / "0.xml", {}, {}, 905e-9)
 
 
 @pytest.mark.parametrize("text", ["a = " + "[" * 90 + "]" * 90, ".".join("a" * 500) + " = 1", "[" * 50_000])
 def test_deep_toml(tmp_path: Path, text: str) -> None:
     (tmp_path / "a.toml").write_text(text)
-    assert "a.toml: not valid TOML: " in refusal_message(read_toml, tmp_path / "a.toml")
+    with told("a.toml | TOML"):
+        read_toml(tmp_path / "a.toml")
 
 
 def test_long_texts_are_shortened(tmp_path: Path) -> None:
     (tmp_path / "a.toml").write_text("a" * 20_000 + " = 1")
-    message = refusal_message(load_scene, tmp_path / "a.toml")
-    assert "unknown key 'aaa" in message
-    assert " ... " in message
+    with told("a.toml | key | ... "):
+        load_scene(tmp_path / "a.toml")
 
 
 def test_a_text_file_of_gigabytes(tmp_path: Path) -> None:
     with (tmp_path / "a.toml").open("wb") as file:
         file.truncate(3 << 30)
-    assert "must be a TOML file of at most 64 MiB, got 3072 MiB" in refusal_message(load_scene, tmp_path / "a.toml")
+    with told("a.toml | TOML file | 64 MiB | 3072 MiB"):
+        load_scene(tmp_path / "a.toml")
 
 
 @pytest.mark.parametrize(
@@ -197,5 +195,5 @@ def test_a_las_file_counts_what_it_has_room_for(tmp_path: Path) -> None:
     content = bytearray((tmp_path / "a.las").read_bytes())
     struct.pack_into("<I", content, 100, len(content) // 54 + 1)
     (tmp_path / "a.las").write_bytes(bytes(content))
-    with pytest.raises(InputError, match="the header must count records that the file has room for"):
+    with told("a.las | records"):
         PointCloud.load(tmp_path / "a.las")

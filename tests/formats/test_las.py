@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from helpers.clouds import assert_same, small_cloud
 from helpers.formats import PLACED, file_of, need, written
+from helpers.mistakes import told
 
 from lidarscene.cloud.point_cloud import PointCloud
-from lidarscene.errors import InputError
 from lidarscene.formats import las
 
 N = 50
@@ -95,7 +95,7 @@ def test_las_refuses_what_its_integers_cannot_hold(tmp_path: Path) -> None:
     need("las")
     far = np.zeros((2, 3), np.float64)
     far[1, 0] = 3e4
-    with pytest.raises(InputError, match=r"a\.las: LAS holds points up to 21475 m from the sensor"):
+    with told("a.las | 21475 m"):
         small_cloud(2, xyz_m=far).save(tmp_path / "a.las")
 
 
@@ -154,15 +154,15 @@ def test_las_says_nothing_wrong_of_least_and_largest(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("place", "message"),
+    ("place", "named"),
     [
-        ("count", "as many chunks as bytes, got 4294967295"),
+        ("count", "chunks | bytes | 4294967295"),
         ("table", "in the file"),
-        ("layer", "must be within the file, got longer ones"),
-        ("items", "must be compressed as of [0-9]+ bytes, got 0"),
+        ("layer", "within the file"),
+        ("items", "bytes | 0"),
     ],
 )
-def test_a_laz_with_a_wrong_table_of_chunks(tmp_path: Path, place: str, message: str) -> None:
+def test_a_laz_with_a_wrong_table_of_chunks(tmp_path: Path, place: str, named: str) -> None:
     """lazrs asks for the memory of all chunks first, and ends the process where there is none."""
     need("laz")
     path = tmp_path / "a.laz"
@@ -180,7 +180,7 @@ def test_a_laz_with_a_wrong_table_of_chunks(tmp_path: Path, place: str, message:
     else:
         struct.pack_into("<q", data, points, 2**40)
     path.write_bytes(data)
-    with pytest.raises(InputError, match=message):
+    with told(f"a.laz | {named}"):
         PointCloud.load(path)
 
 

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from helpers.clouds import small_cloud
 from helpers.formats import PLACED, clipped_to_finite, need
+from helpers.mistakes import told
 
 from lidarscene.cloud.point_cloud import PointCloud
-from lidarscene.errors import InputError
 from lidarscene.formats import pcd
 
 N = 50
@@ -83,7 +83,7 @@ def test_pcd_counts_its_points(tmp_path: Path) -> None:
     for ascii in (False, True):
         small_cloud(5).save(path, ascii=ascii)
         path.write_bytes(path.read_bytes().replace(b"POINTS 5", b"POINTS 6"))
-        with pytest.raises(InputError, match=r"must have 6 whole lines of points, got 5|must have .* bytes of points"):
+        with told("a.pcd"):
             PointCloud.load(path)
 
 

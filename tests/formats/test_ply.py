@@ -17,7 +17,6 @@ from helpers.folders import begun
 from helpers.mistakes import mistakes, told
 
 from lidarscene.cloud.point_cloud import PointCloud
-from lidarscene.errors import InputError
 from lidarscene.formats import ply
 from lidarscene.formats.cloud_columns import columns_of
 from lidarscene.formats.ply import PLY_TYPES, write_ply
@@ -158,10 +157,10 @@ def test_every_truncation_is_noticed(tmp_path: Path, ascii: bool) -> None:
     points = data.index(b"end_header") if ascii else len(data)
     for size in (*range(0, points, 7), *range(points, len(data))):
         cut.write_bytes(data[:size])
-        with pytest.raises(InputError, match=r"^.*b\.ply: [^\n]+$"):
+        with told("b.ply"):
             PointCloud.load(cut)
     cut.write_bytes(data + b"\n")
-    with pytest.raises(InputError, match="longer than its header says"):
+    with told("b.ply | longer"):
         PointCloud.load(cut)
 
 
@@ -170,12 +169,11 @@ def test_truncation_says_what_was_expected(tmp_path: Path) -> None:
     write_ply(path, small_cloud(3))
     size = path.stat().st_size
     os.truncate(path, size - 10)
-    with pytest.raises(InputError) as caught:
+    with told(f"{path} | {size} bytes | 3 points | {size - 10}"):
         PointCloud.load(path)
-    assert str(caught.value) == f"{path}: truncated: must have {size} bytes for 3 points, got {size - 10}"
     write_ply(path, small_cloud(3), ascii=True)
     os.truncate(path, path.stat().st_size - 1)
-    with pytest.raises(InputError, match="truncated: must have 3 lines of points, got 2"):
+    with told("a.ply | 3 lines of points | 2"):
         PointCloud.load(path)
 
 
@@ -209,14 +207,14 @@ def test_damaged_text_is_refused(tmp_path: Path) -> None:
     head, body = path.read_text().split("end_header\n")
     for damaged in (body.replace(" ", " x", 1), "\n\n" + body, body.replace(" ", " 1 ", 1), "nan" + body):
         path.write_text(head + "end_header\n" + damaged)
-        with pytest.raises(InputError, match=r"^.*a\.ply: [^\n]+$"):
+        with told("a.ply"):
             PointCloud.load(path)
 
 
 def test_missing_file(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"none\.ply: no such file"):
+    with told("none.ply | no such file"):
         PointCloud.load(tmp_path / "none.ply")
-    with pytest.raises(InputError, match="got a folder"):
+    with told("folder"):
         PointCloud.load(tmp_path, format="ply")
 
 
@@ -296,7 +294,7 @@ def test_colours_for_viewers(tmp_path: Path, ascii: bool) -> None:
     with_colours, plain = (PointCloud.load(tmp_path / name) for name in ("c.ply", "p.ply"))
     for column in plain.columns:
         np.testing.assert_array_equal(with_colours.column(column.name), plain.column(column.name))
-    with pytest.raises(InputError, match="this format has no colours; ply can have some"):
+    with told("colours | ply"):
         cloud.save(tmp_path / "c.npz", colour_by="class")
 
 

@@ -13,6 +13,7 @@ import pytest
 from helpers import street
 from helpers.clouds import assert_same, small_cloud, small_columns
 from helpers.formats import PLACED, file_of, need
+from helpers.mistakes import told
 
 from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.errors import InputError, LidarSceneError, OutputError
@@ -107,27 +108,22 @@ def test_suffix_names_the_format() -> None:
     assert format_of("b.pcd") is FORMATS["pcd"]
     assert format_of("b.mcap") is FORMATS["mcap"]
     assert format_of("b.ply", "osi") is FORMATS["osi"]
-    suffixes = ", ".join(SUFFIXES)
-    with pytest.raises(
-        InputError, match=re.escape(f"b.abc: suffix '.abc' names no point cloud format; known: {suffixes}")
-    ):
+    with told(f"b.abc | '.abc' | {', '.join(SUFFIXES)}"):
         format_of("b.abc")
-    with pytest.raises(InputError, match="a folder names no point cloud format"):
+    with told("a folder"):
         format_of(os.curdir)
-    with pytest.raises(InputError, match=f"format 'ascii': there is none; the choices are {', '.join(FORMATS)}"):
+    with told(f"format 'ascii' | {', '.join(FORMATS)}"):
         format_of("b.ply", "ascii")
 
 
 @pytest.mark.parametrize("name", sorted(set(FORMATS) - set(READ)))
 def test_written_only_formats_say_so(tmp_path: Path, name: str) -> None:
-    with pytest.raises(
-        InputError, match=f"are written only, they do not hold all of a point cloud; those that do: {', '.join(READ)}"
-    ):
+    with told(f"written only | {', '.join(READ)}"):
         PointCloud.load(file_of(tmp_path, name), format=name)
 
 
 def test_only_text_formats_take_ascii(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match=r"a\.npz: this format is not text"):
+    with told("a.npz | text"):
         small_cloud().save(tmp_path / "a.npz", ascii=True)
     assert os.listdir(tmp_path) == []
 
@@ -143,11 +139,8 @@ def test_a_missing_package_is_told_with_what_to_type(
     for module in optional.EXTRAS[extra]:
         monkeypatch.setitem(sys.modules, module, None)
     for action in (FORMATS[name].require, lambda: small_cloud().save(file_of(tmp_path, name), format=name)):
-        with pytest.raises(
-            LidarSceneError, match=rf"try: pip install 'lidarscene\[{extra}\]', or pip install"
-        ) as caught:
+        with told(f"pip install 'lidarscene[{extra}]' | pip install", LidarSceneError):
             action()
-        assert "\n" not in str(caught.value)
     assert os.listdir(tmp_path) == []
 
 
@@ -174,7 +167,7 @@ def test_a_full_disk_leaves_the_old_file(tmp_path: Path, monkeypatch: pytest.Mon
         real(source, target)
 
     monkeypatch.setattr(os, "replace", full)
-    with pytest.raises(OutputError, match="No space left on device"):
+    with told("No space left on device", OutputError):
         small_cloud().save(path, format=name)
     assert (path.read_bytes(), os.listdir(tmp_path)) == (b"old", [path.name])
 
@@ -189,12 +182,12 @@ def test_truncated_and_foreign_files_are_refused(tmp_path: Path, name: str) -> N
     # The last bytes of a LAZ are its chunk table, without which a reader may still find the points.
     for size in np.linspace(0, len(data) - 40, 25, dtype=int):
         damaged.write_bytes(data[:size])
-        with pytest.raises(InputError, match=r"^.*b\.[a-z.]+: [^\n]+$"):
+        with told(damaged.name):
             PointCloud.load(damaged, format=name)
     damaged.write_bytes(b"something else entirely\n" * 100)
-    with pytest.raises(InputError, match=r"cannot be read: [^\n]+$"):
+    with told(damaged.name):
         PointCloud.load(damaged, format=name)
-    with pytest.raises(InputError, match="no such file"):
+    with told("none | no such file"):
         PointCloud.load(tmp_path / "none", format=name)
 
 
@@ -253,8 +246,8 @@ def test_a_cloud_that_does_not_know_its_sensor_cannot_be_turned(tmp_path: Path) 
     metadata = {"frame": "world", "sensor_position_m": "1 2 3"}
     for name in ("kitti", "nuscenes", "osi"):
         if name != "osi":  # angles and ranges are the sensor's own in any frame
-            with pytest.raises(InputError, match="how the sensor was turned"):
+            with told("sensor"):
                 small_cloud(metadata=metadata).save(file_of(tmp_path, name))
     bad = small_cloud(metadata=PLACED | {"sensor_rotation": "1 2"})
-    with pytest.raises(ValueError, match="'sensor_rotation': must be 9 numbers, got '1 2'"):
+    with told("'sensor_rotation' | 9 numbers | '1 2'", ValueError):
         bad.in_sensor_frame()

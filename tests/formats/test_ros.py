@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 from helpers.clouds import small_cloud
 from helpers.formats import file_of, need, rotated
+from helpers.mistakes import told
 
 from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.cloud.rig_clouds import merge_clouds
-from lidarscene.errors import InputError
 from lidarscene.formats.ros import ros_frames, structured_rows, write_ros
 from lidarscene.maths.pose import Pose
 
@@ -183,7 +183,7 @@ def test_topics_and_frames_of_ones_own(tmp_path: Path, library: Any, street_clou
     received = messages(tmp_path / "a.mcap", library)
     assert received["/lidar/top"].header.frame_id == "top"
     assert received["/tf"].transforms[0].child_frame_id == "top"
-    with pytest.raises(InputError, match="frame_id: must not be 'map'"):
+    with told("frame_id | 'map'"):
         write_ros(tmp_path / "b.mcap", street_cloud, frame_id="map")
     assert not (tmp_path / "b.mcap").exists()
 

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from helpers import chain, launches, panes
 
-from lidarscene.errors import InputError
 from lidarscene.maths.pose import Pose
 from lidarscene.rendering.simulator import Simulator
 from lidarscene.scene.scene import Sun
@@ -118,8 +117,3 @@ def test_chunks_do_not_show():
     whole, parts = simulator.render(seed=7), simulator.render(seed=7, chunk=1777)
     for attribute in ("xyz_m", "snr", "ambient"):
         np.testing.assert_array_equal(getattr(whole, attribute), getattr(parts, attribute))
-
-
-def test_no_rays_is_a_mistake():
-    with pytest.raises(InputError, match="background_rays: must be a whole number from 1 to 1024, got 0"):
-        Simulator(scene(), chain.sensor("table1-apd", *chain.NARROW), background_rays=0)

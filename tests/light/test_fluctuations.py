@@ -12,7 +12,6 @@ from scipy import stats
 from lidarscene import load_sensor
 from lidarscene.detection import receiver
 from lidarscene.detection.outcomes import Status
-from lidarscene.errors import InputError
 from lidarscene.light.fluctuations import FluctuationLaw, fluctuate
 from lidarscene.rendering.simulator import Simulator
 from lidarscene.scene.scene import Air
@@ -189,8 +188,3 @@ def test_returns_of_weather_have_their_mean() -> None:
     assert weather.sum() > 20
     close = np.isclose(stirred.snr[second][weather], calm.snr[first][weather], rtol=2e-3)
     assert np.count_nonzero(~close) <= 3 + 1e-3 * len(close)
-
-
-def test_speckle_wants_a_spot() -> None:
-    with pytest.raises(InputError, match=r"laser\.speckle: must go with laser\.divergence_mrad"):
-        load_sensor("mems-1550", overrides=["laser.speckle={}"])

@@ -5,10 +5,10 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from helpers.mistakes import told
 from scipy.stats import ncx2, norm
 
 from lidarscene import load_sensor
-from lidarscene.errors import InputError
 from lidarscene.light.beams import Beams, reported_beams
 from lidarscene.light.echoes import Echoes
 from lidarscene.light.footprint import footprint, points, spread, sweep, with_sweep
@@ -180,7 +180,7 @@ def test_both_array_types_agree(mi):
 
 def test_a_beam_finer_than_light_is_refused():
     """905 nm from 1 mm spread by 4 lambda / (pi d) = 1.152 mrad."""
-    with pytest.raises(InputError, match=r"laser.*must be >= 1\.15 for a beam of 1 mm .*, got 0\.5"):
+    with told("divergence_mrad | >= 1.15 | 1 mm | 0.5"):
         laser("exit_diameter_mm=1", "divergence_mrad=0.5")
     quality = beam.beam_quality(exit_diameter_m=1e-3, divergence_rad=4 * 905e-9 / (math.pi * 1e-3), wavelength_m=905e-9)
     assert quality == pytest.approx(1.0, rel=1e-12)

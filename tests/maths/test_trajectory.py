@@ -6,6 +6,7 @@ from dataclasses import fields, replace
 
 import numpy as np
 import pytest
+from helpers.mistakes import told
 from helpers.motions import BEND, MOTIONS, SPLINE, START, TIMES, WAY, pose
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
@@ -193,13 +194,13 @@ def test_a_turn_of_170_degrees_is_the_largest() -> None:
     spline = Spline(time_s=np.array([0.0, 1.0]), poses=(pose(0, 0, 0), pose(0, 0, 0, yaw=195)))
     middle = spline.at(np.array([0.5]))
     assert math.degrees(math.atan2(middle.rotation[0, 1, 0], middle.rotation[0, 0, 0])) == pytest.approx(-82.5)
-    with pytest.raises(ValueError, match="turn between two poses must be <= 170 degrees, got 171"):
+    with told("<= 170 degrees | 171", ValueError):
         Spline(time_s=np.array([0.0, 1.0]), poses=(pose(0, 0, 0), pose(0, 0, 0, yaw=171)))
 
 
 @pytest.mark.parametrize("times", [[0.0], [0.0, 0.0], [1.0, 0.0], [0.0, np.nan], [0.0, 1.0, 2.0]])
 def test_times_must_rise(times: list[float]) -> None:
-    with pytest.raises(ValueError, match="two poses or more, at rising times"):
+    with told("two poses | rising times", ValueError):
         Spline(time_s=np.array(times), poses=(Pose(), Pose())[: len(times)])
 
 

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 from typing import Annotated, Any, Literal
 
 import pytest
+from helpers.mistakes import told
 from pydantic import Field
 
-from lidarscene.errors import InputError
 from lidarscene.files.table_model import Table
 from lidarscene.files.toml import validate
 from lidarscene.maths.units import SYMBOLS, UNITS, FileKey, Quantity, SameTable, si, split_unit
@@ -97,9 +97,9 @@ def test_lists_of_a_class_that_is_made_by_its_method() -> None:
     assert validate(RowFile, {"times_ns": [3.0, 5]}, "file").in_si() == Row((3.0 * 1e-9, 5.0 * 1e-9))
     row = validate(RowFile, {"times_ns": [3.0, 5], "more_us": [0.1]}, "file").in_si()
     assert row == Row((3.0 * 1e-9, 5.0 * 1e-9, 0.1 * 1e-6))
-    with pytest.raises(InputError, match="times_ns: must be a list of at least 2"):
+    with told("file | times_ns | at least 2 | [3.0]"):
         validate(RowFile, {"times_ns": [3.0]}, "file")
-    with pytest.raises(InputError, match=r"times_ns\[1\]: must be >= 1, got 0.5"):
+    with told("file | times_ns[1] | >= 1 | 0.5"):
         validate(RowFile, {"times_ns": [3.0, 0.5]}, "file")
 
 
@@ -185,25 +185,21 @@ def test_a_table_makes_what_declares_it() -> None:
 
 
 @pytest.mark.parametrize(
-    ("tables", "message"),
+    ("tables", "named"),
     [
-        ({"width_ns": 0.0}, "file: width_ns: must be > 0, got 0.0"),
-        ({"width_ns": 1.0, "cells": 1.5}, "file: cells: must be a whole number, got 1.5"),
-        ({"width_ns": 1.0, "form": "oval"}, "file: form: must be 'round' or 'square', got \"oval\""),
-        ({"power_w": 1.0}, "file: key 'width_ns' is missing"),
+        ({"width_ns": 0.0}, "width_ns | > 0 | 0.0"),
+        ({"width_ns": 1.0, "cells": 1.5}, "cells | whole number | 1.5"),
+        ({"width_ns": 1.0, "form": "oval"}, "form | 'round' or 'square' | \"oval\""),
+        ({"power_w": 1.0}, "'width_ns'"),
         (
             {"width_ns": 1.0, "inner": 1.0},
-            (
-                "file: unknown key 'inner'; known here: "
-                "width_ns, power_w, radius_mm, tilt_deg, cells, form, count, extra"
-            ),
+            "'inner' | width_ns, power_w, radius_mm, tilt_deg, cells, form, count, extra",
         ),
     ],
 )
-def test_mistakes_are_told_as_of_every_file(tables: dict[str, Any], message: str) -> None:
-    with pytest.raises(InputError) as error:
+def test_mistakes_are_told_as_of_every_file(tables: dict[str, Any], named: str) -> None:
+    with told(f"file | {named}"):
         validate(LampFile, tables, "file")
-    assert str(error.value) == message
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -225,7 +221,7 @@ def test_a_part_has_its_keys_in_the_table_of_the_whole() -> None:
 
 
 def test_a_name_with_another_unit_is_refused() -> None:
-    with pytest.raises(TypeError, match="width_s: the name must end in _m for a number in mm"):
+    with told("width_s | _m | mm", TypeError):
         Quantity("mm").for_field("width_s")
 
 

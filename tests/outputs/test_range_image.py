@@ -8,10 +8,10 @@ import numpy as np
 import PIL.Image
 import pytest
 from helpers import street
+from helpers.mistakes import told
 
 from lidarscene.cloud.pixels import images
 from lidarscene.cloud.point_cloud import PointCloud
-from lidarscene.errors import InputError
 from lidarscene.files.encodings import png
 from lidarscene.outputs.range_image import write_range_image
 
@@ -78,7 +78,7 @@ def test_an_empty_cloud_and_a_wrong_name(tmp_path: Path) -> None:
     empty = street.cloud().select(slice(0, 0))
     write_range_image(tmp_path / "a.png", empty)
     assert not matplotlib.image.imread(tmp_path / "a.png").any()
-    with pytest.raises(InputError, match=r"a\.jpg: the name must end in \.png or \.npz"):
+    with told("a.jpg | .png | .npz"):
         write_range_image(tmp_path / "a.jpg", empty)
 
 

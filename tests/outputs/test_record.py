@@ -8,10 +8,11 @@ import numpy as np
 import pytest
 from helpers.command_line import BEAMS, COARSE, Run
 from helpers.folders import file_contents
+from helpers.mistakes import told
 from helpers.walls import write_moving_rig
 
 import lidarscene
-from lidarscene import FrameOptions, InputError, Outputs, TraceOptions, load_rig, load_scene, load_sensor, record
+from lidarscene import FrameOptions, Outputs, TraceOptions, load_rig, load_scene, load_sensor, record
 from lidarscene.errors import OptionWarning
 from lidarscene.formats.registry import DATASETS
 
@@ -167,42 +168,41 @@ def test_progress_is_that_of_the_run(mi, moving: str) -> None:
 
 
 @pytest.mark.parametrize(
-    ("files", "options", "message"),
+    ("files", "options", "named"),
     [
-        (("a.ply",), {"frames": 2}, "path a.ply: must be a folder with frames"),
-        (("out",), {}, "path out: the name must end in one of .ply, "),
-        (("a.laz", {"ascii": True}), {}, "ascii: ply and pcd can be text"),
-        (("a.ply", {"merge": True}), {}, "merge goes with rig"),
-        (("out",), {"frames": 0}, "frames: must be a whole number from 1 to 10000, got 0"),
-        (("a.ply",), {"seed": -1}, "seed: must be a whole number from 0 to 4294967295, got -1"),
-        (("a.ply",), {"sed": 1}, "unknown option 'sed'; did you mean seed? known here: rays, "),
-        (("a.ply",), {"progress": 1}, "progress: must be a function, got 1"),
-        (("moving.toml", {"format": "ply"}), {}, "path moving.toml: must be another name, got an input of this run"),
-        (("a.ply", {"waveforms": "w.npz", "pulses": [BEAMS]}), {}, "pulses: must be 0 to 230"),
+        (("a.ply",), {"frames": 2}, "path a.ply | folder | frames"),
+        (("out",), {}, "path out | .ply"),
+        (("a.laz", {"ascii": True}), {}, "ascii | ply and pcd"),
+        (("a.ply", {"merge": True}), {}, "merge | rig"),
+        (("out",), {"frames": 0}, "frames | whole number | 1 | 10000 | 0"),
+        (("a.ply",), {"seed": -1}, "seed | whole number | 0 | 4294967295 | -1"),
+        (("a.ply",), {"sed": 1}, "option 'sed' | seed? | rays"),
+        (("a.ply",), {"progress": 1}, "progress | function | 1"),
+        (("moving.toml", {"format": "ply"}), {}, "path moving.toml | input"),
+        (("a.ply", {"waveforms": "w.npz", "pulses": [BEAMS]}), {}, "pulses | 0 | 230"),
     ],
 )
 def test_mistakes_are_told_in_the_words_of_python(
-    run: Run, moving: str, tmp_path: Path, files: tuple[Any, ...], options: dict[str, Any], message: str
+    run: Run, moving: str, tmp_path: Path, files: tuple[Any, ...], options: dict[str, Any], named: str
 ) -> None:
     before = file_contents(tmp_path)
     path, *more = files
-    with pytest.raises(InputError) as caught:
+    with told(named):
         record(moving, outputs=Outputs(path, **dict(*more)), overrides=SETS, **options)
-    assert str(caught.value).startswith(message)
     assert file_contents(tmp_path) == before
 
 
 def test_a_rig_and_its_sensors_are_not_written_over(run: Run, moving: str, tmp_path: Path) -> None:
     rig = load_rig("rig.toml")
     (tmp_path / "way.ply").write_text("")
-    with pytest.raises(InputError, match=r"path way.ply: must be another name, got an input of this run"):
+    with told("path way.ply | input"):
         record(moving, replace(rig, files=(*rig.files, Path("way.ply"))), outputs=Outputs("way.ply", merge=True))
     assert rig.files == (Path("rig.toml"),)
 
 
 def test_overrides_are_for_files(run: Run, moving: str) -> None:
     """A rig that is loaded does not change; silence would hide it."""
-    with pytest.raises(InputError, match=r"^overrides: must go with the name or file of a sensor, got a Rig$"):
+    with told("overrides | sensor | a Rig"):
         record(moving, load_rig("rig.toml"), outputs=Outputs("out"), overrides=SETS)
 
 
@@ -229,20 +229,20 @@ def test_observers_are_told_of_what_is_streamed(mi, run: Run, moving: str) -> No
 
 
 @pytest.mark.parametrize(
-    ("option", "files"),
+    ("place", "files"),
     [
-        ("ambient", {"path": "o.ply", "missed": "a.npz", "ambient": "a.npz"}),
-        ("missed", {"path": "a.npz", "missed": "b/../a.npz"}),
-        ("waveforms", {"path": "a.npz", "waveforms": "link.npz"}),
-        ("picture", {"path": "o.ply", "range_image": "r.png", "picture": "r.status.png"}),
-        ("range_image", {"path": "o.ply", "ambient": "r.intensity.png", "range_image": "r.png"}),
+        ("ambient a.npz", {"path": "o.ply", "missed": "a.npz", "ambient": "a.npz"}),
+        ("missed b/../a.npz", {"path": "a.npz", "missed": "b/../a.npz"}),
+        ("waveforms link.npz", {"path": "a.npz", "waveforms": "link.npz"}),
+        ("range_image r.status.png", {"path": "o.ply", "range_image": "r.png", "picture": "r.status.png"}),
+        ("ambient r.intensity.png", {"path": "o.ply", "ambient": "r.intensity.png", "range_image": "r.png"}),
     ],
 )
-def test_two_outputs_of_one_name(run: Run, wall: str, tmp_path: Path, option: str, files: dict[str, str]) -> None:
+def test_two_outputs_of_one_name(run: Run, wall: str, tmp_path: Path, place: str, files: dict[str, str]) -> None:
     """Rationale: the second would be written over the first, without a word."""
     (tmp_path / "link.npz").symlink_to("a.npz")
     before = file_contents(tmp_path)
-    with pytest.raises(InputError, match=r": must be another name, got one of two outputs$"):
+    with told(f"{place} | two outputs"):
         record(wall, outputs=Outputs(**files))
     assert file_contents(tmp_path) == before
 
@@ -281,8 +281,6 @@ def test_a_shorter_run_into_a_data_set_is_refused(mi, moving: str, tmp_path: Pat
     """Its last frames would be of another run. The same number again, and the frames after them, are welcome."""
     outputs = Outputs("set", dataset="kitti")
     record(moving, outputs=outputs, frames=3, overrides=SETS)
-    with pytest.raises(
-        InputError, match=r"holds 000002.bin of an earlier run, after this run's last frame, 000001.bin"
-    ):
+    with told("000002.bin | 000001.bin"):
         record(moving, outputs=outputs, frames=2, overrides=SETS)
     record(moving, outputs=outputs, frames=1, number=2, overrides=SETS)

@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from helpers.clouds import small_cloud
 from helpers.formats import PLACED, need
+from helpers.mistakes import told
 from helpers.recordings import copy_to_mcap, hesai_packet, scan_bag
 
 from lidarscene.errors import InputError
@@ -112,7 +113,7 @@ def test_mcaps_of_another_writer(tmp_path: Path, library: Callable[[str], Any], 
         content = path.read_bytes()
         for size in (3, 40, len(content) // 2):
             path.write_bytes(content[:size])
-            with pytest.raises(InputError, match=r"cannot be read: an MCAP must end as it begins"):
+            with told(f"{path.name} | MCAP"):
                 open_recording(path)
 
 
@@ -181,11 +182,11 @@ def test_a_bag_without_a_lidar_is_told(tmp_path: Path, library: Callable[[str], 
     store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
     with rosbag2.Writer(tmp_path / "bag", version=8) as writer:
         writer.add_connection("/text", "std_msgs/msg/String", typestore=store)
-    with pytest.raises(InputError, match=r"got /text \(std_msgs/msg/String\)"):
+    with told("/text | std_msgs/msg/String"):
         open_recording(tmp_path / "bag")
     path = tmp_path / "a.db3"
     path.write_bytes((tmp_path / "bag" / "bag.db3").read_bytes()[:5000])
-    with pytest.raises(InputError, match=r"a.db3: cannot be read: "):
+    with told("a.db3"):
         open_recording(path)
 
 

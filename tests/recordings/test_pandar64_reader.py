@@ -5,10 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.mistakes import told
 from helpers.packets import packets_of, random_frame
 from helpers.recordings import pcap
 
-from lidarscene.errors import InputError
 from lidarscene.formats.packets.pcap import HEADER, record_of
 from lidarscene.formats.packets.select_encoder import select_encoder
 from lidarscene.recordings.opening import open_recording
@@ -49,7 +49,7 @@ def test_a_units_own_angles_are_used(tmp_path: Path) -> None:
 def test_a_table_of_another_sensor_is_told(tmp_path: Path) -> None:
     table = tmp_path / "angles.csv"
     table.write_text("Channel,Elevation,Azimuth\n1,3,0\n2,2,0\n")
-    with pytest.raises(InputError, match=r"angles\.csv: must have the 64 channels of Pandar64, got 2"):
+    with told("angles.csv | 64 channels | Pandar64 | 2"):
         open_recording(pcap(tmp_path / "a.pcap", payloads()), table)
 
 

@@ -6,6 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers import chain, launches, panes
+from helpers.mistakes import told
 from helpers.walker import write_walker
 
 from lidarscene import LiveSimulator, Simulator
@@ -305,7 +306,7 @@ def test_several_frames_of_one_advance() -> None:
     together = launches.count_frames(live)
     clouds = live.advance(0.35, {"car": (12.0, 0.0, 0.0)})
     clouds += live.advance(0.75, {"car": (15.0, 1.0, 0.0)})
-    assert together == [1, 2, 1, 2, 1]
+    assert together == [1, 2, 1, 3]
     for number, cloud in enumerate(clouds[3:], start=3):
         assert_same(cloud, live.render(number=number))
 
@@ -337,64 +338,53 @@ def live() -> LiveSimulator:
 
 
 @pytest.mark.parametrize(
-    ("wrong", "message"),
+    ("wrong", "named"),
     [
-        (
-            lambda simulator: simulator.place("van", (0, 0, 0)),
-            "body 'van': not in the scene; bodies that can be placed: 'car', 'ball'",
-        ),
-        (lambda simulator: simulator.place("plane", (0, 0, 0)), "body 'plane': cannot be placed"),
-        (lambda simulator: simulator.place("car.1", (0, 0, 0)), "body 'car.1': is away"),
-        (lambda simulator: simulator.remove("car.1"), "body 'car.1': is away"),
-        (lambda simulator: simulator.add("ball", (9, 0, 0)), "body 'ball': has no spares; bodies with spares: 'car'"),
-        (
-            lambda simulator: [simulator.add("car", (9, 0, 0)) for _ in range(2)],
-            "no spare is left, all 1 are there; spares={'car': 2}",
-        ),
-        (lambda simulator: simulator.place("car", (9, 0)), "pose: must be a Pose"),
-        (lambda simulator: simulator.place("car", Pose(rotation=np.diag([1.0, 1.0, -1.0]))), "'car': its pose must be"),
-        (lambda simulator: simulator.place("car", Pose(position_m=np.full(3, np.nan))), "'car': its pose must be"),
-        (lambda simulator: simulator.place("car", (9, 0, 0), velocity_m_s=(np.inf, 0, 0)), "'car': velocity"),
-        (lambda simulator: simulator.move_ego(Pose(rotation=np.eye(3) * 2.0)), "ego: its pose must be"),
-        (
-            lambda simulator: simulator.advance(0.0) + simulator.advance(0.0),
-            "must be to a time later than 0 s, got 0 s",
-        ),
-        (lambda simulator: simulator.advance(0.1, {"van": (0, 0, 0)}), "body 'van': not in the scene"),
+        (lambda simulator: simulator.place("van", (0, 0, 0)), "body 'van' | 'car', 'ball'"),
+        (lambda simulator: simulator.place("plane", (0, 0, 0)), "body 'plane' | placed"),
+        (lambda simulator: simulator.place("car.1", (0, 0, 0)), "body 'car.1' | away"),
+        (lambda simulator: simulator.remove("car.1"), "body 'car.1' | away"),
+        (lambda simulator: simulator.add("ball", (9, 0, 0)), "body 'ball' | spares | 'car'"),
+        (lambda simulator: [simulator.add("car", (9, 0, 0)) for _ in range(2)], "spare | 1 | spares={'car': 2}"),
+        (lambda simulator: simulator.place("car", (9, 0)), "pose | Pose"),
+        (lambda simulator: simulator.place("car", Pose(rotation=np.diag([1.0, 1.0, -1.0]))), "'car' | pose"),
+        (lambda simulator: simulator.place("car", Pose(position_m=np.full(3, np.nan))), "'car' | pose"),
+        (lambda simulator: simulator.place("car", (9, 0, 0), velocity_m_s=(np.inf, 0, 0)), "'car' | velocity_m_s"),
+        (lambda simulator: simulator.move_ego(Pose(rotation=np.eye(3) * 2.0)), "ego | pose"),
+        (lambda simulator: simulator.advance(0.0) + simulator.advance(0.0), "later | 0 s"),
+        (lambda simulator: simulator.advance(0.1, {"van": (0, 0, 0)}), "body 'van'"),
         (
             lambda simulator: (
                 simulator.advance(0.0, {"car": (9, 0, 0)}) + simulator.advance(1.0, {"car": (9, 0, 0, 175)})
             ),
-            "'car': the turn",
+            "'car' | turn",
         ),
-        (lambda simulator: simulator.advance("now"), "must be to a time later than -inf s, got 'now'"),
-        (lambda simulator: simulator.advance(0.1, [("car", (9, 0, 0))]), "poses: must be a dict of names and poses"),
-        (lambda simulator: simulator.place("car", (9, 0, 0), velocity=(1, 0, 0)), "unknown keyword 'velocity'"),
-        (lambda simulator: simulator.place("car", (9, 0, 0), velocity_m_s=5), "velocity_m_s must be three finite"),
-        (lambda simulator: simulator.place("car", (9, 0, 0), velocity_m_s=(1, 0)), "velocity_m_s must be three finite"),
-        (lambda simulator: simulator.add("car", (9, 0, 0), time_s="soon"), "time_s must be a finite number"),
-        (lambda simulator: simulator.add("car", (9, 0, 0), time_s=10**400), "time_s must be a finite number"),
-        (lambda simulator: simulator.place(["car"], (9, 0, 0)), r"body: must be a name, got ['car']"),
-        (lambda simulator: simulator.place("car", np.array(5)), "pose: must be a Pose"),
-        (lambda simulator: simulator.place("car", (9, 0, 10**400)), "pose: must be a Pose"),
-        (lambda simulator: simulator.add({}, (9, 0, 0)), "body: must be a name, got {}"),
-        (lambda simulator: simulator.advance(1e300), "frame number: must be from 0 to"),
+        (lambda simulator: simulator.advance("now"), "later | -inf s | 'now'"),
+        (lambda simulator: simulator.advance(0.1, [("car", (9, 0, 0))]), "poses | dict of names and poses"),
+        (lambda simulator: simulator.place("car", (9, 0, 0), velocity=(1, 0, 0)), "'velocity'"),
+        (lambda simulator: simulator.place("car", (9, 0, 0), velocity_m_s=5), "velocity_m_s | three finite"),
+        (lambda simulator: simulator.place("car", (9, 0, 0), velocity_m_s=(1, 0)), "velocity_m_s | three finite"),
+        (lambda simulator: simulator.add("car", (9, 0, 0), time_s="soon"), "time_s | finite number"),
+        (lambda simulator: simulator.add("car", (9, 0, 0), time_s=10**400), "time_s | finite number"),
+        (lambda simulator: simulator.place(["car"], (9, 0, 0)), "body | name | ['car']"),
+        (lambda simulator: simulator.place("car", np.array(5)), "pose | Pose"),
+        (lambda simulator: simulator.place("car", (9, 0, 10**400)), "pose | Pose"),
+        (lambda simulator: simulator.add({}, (9, 0, 0)), "body | name | {}"),
+        (lambda simulator: simulator.advance(1e300), "frame number | 0"),
         (lambda simulator: simulator.move_ego((15, 0.89, 0)), None),
     ],
 )
-def test_mistakes_are_told_in_a_line(wrong, message) -> None:
+def test_mistakes_are_told_in_a_line(wrong, named) -> None:
     simulator = live()
-    if message is None:
+    if named is None:
         wrong(simulator)
-        with pytest.raises(InputError, match=r"must stand at least .* 'car'"):
+        with told("'car'"):
             simulator.render()
         simulator.remove("car")
         assert len(simulator.render())
         return
-    with pytest.raises(InputError) as caught:
+    with told(named):
         wrong(simulator)
-    assert message in str(caught.value)
-    assert "\n" not in str(caught.value)
 
 
 @pytest.mark.parametrize("first", [0, DAY])
@@ -466,16 +456,16 @@ def test_a_mistake_leaves_the_world_as_it_was() -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "message"),
+    ("options", "named"),
     [
         ({"movable": ["van"]}, "body 'van'"),
         ({"spares": {"van": 1}}, "body 'van'"),
         ({"movable": "car"}, "movable"),
-        ({"spares": {"car": -1}}, "spares: 'car': must be a whole number >= 0, got -1"),
+        ({"spares": {"car": -1}}, "spares | 'car' | whole number >= 0 | -1"),
     ],
 )
-def test_declarations_are_checked(options, message) -> None:
-    with pytest.raises(InputError, match=message):
+def test_declarations_are_checked(options, named) -> None:
+    with told(named):
         LiveSimulator(street(), sensor(), **options)
 
 

@@ -7,7 +7,6 @@ import pytest
 from helpers import chain
 
 from lidarscene.cloud.point_cloud import PointCloud
-from lidarscene.errors import InputError
 from lidarscene.rendering.pieces import piece_of
 from lidarscene.rendering.simulator import Simulator
 from lidarscene.scene.scene_file import load_scene
@@ -76,9 +75,3 @@ def test_a_piece_follows_from_the_frame(tmp_path: Path) -> None:
         assert cloud.body_names == first.body_names
         assert cloud.class_names == first.class_names
         assert cloud.material_names == first.material_names
-
-
-def test_reach_needs_a_vehicle(tmp_path: Path) -> None:
-    (tmp_path / "scene.toml").write_text("reach_m = 50\n" + GROUND)
-    with pytest.raises(InputError, match=r"reach_m must go with \[ego\]"):
-        load_scene(tmp_path / "scene.toml")

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 from helpers import chain, launches, panes
 from helpers.formats import file_of, need
+from helpers.mistakes import told
 from helpers.traffic import SENSOR, traffic
 
 from lidarscene import PointCloud, Simulator
-from lidarscene.errors import InputError
 from lidarscene.formats.cloud_columns import COLUMNS, OF_VECTORS, columns_of
 from lidarscene.formats.registry import FORMATS
 from lidarscene.maths.pose import Pose, direction_from_angles
@@ -181,7 +181,5 @@ def test_a_cloud_without_points_has_the_columns() -> None:
     simulator = Simulator(chain.scene(chain.ball(at=(-9.0, 0.0, 0.0))), chain.sensor("table1-apd", *FEW), vectors=True)
     assert simulator.empty().has_vectors
     assert set(OF_VECTORS) <= {c.attribute for c in simulator.render().columns}
-    with pytest.raises(InputError, match="render with vectors=True"):
+    with told("vectors=True"):
         _ = Simulator(chain.scene(chain.ball(at=(9.0, 0.0, 0.0))), chain.sensor("table1-apd")).empty().normals
-    with pytest.raises(InputError, match="vectors: must be True or False"):
-        Simulator(chain.scene(chain.ball(at=(9.0, 0.0, 0.0))), vectors="normal")

@@ -9,7 +9,6 @@ from helpers.mistakes import mistakes, told
 from helpers.scanners import DEG
 
 from lidarscene import catalog, load_sensor, scan
-from lidarscene.errors import InputError
 from lidarscene.files.toml import read_toml
 from lidarscene.sensor.sensor_file import sensor_from_tables
 
@@ -102,61 +101,43 @@ def test_mirrors_of_a_file():
 
 
 MISTAKES = [
-    ("spinning", {"cycle_us": None}, "scanner: one of cycle_us and columns_per_turn must be given, got both or none"),
-    ("spinning", {"height_mm": [1.0]}, "scanner: height_mm: must have 16 entries, as elevation_deg has, got 1"),
-    ("spinning", {"elevation_deg": []}, "scanner.elevation_deg: must be a list of at least 1, got []"),
-    ("spinning", {"cycle_us": 30.0}, "scanner: firing_time_us: must be < 30, the cycle, got "),
-    ("spinning", {"rotation_hz": 0.0}, "scanner: rotation_hz: must not be 0"),
-    (
-        "spinning",
-        {"rate_khz": 300.0},
-        "laser.repetition_rate_khz: must be 289.352, for 16 lasers every 55.296 us, got 300",
-    ),
-    (
-        "mirror",
-        {"mirrors": "two", "incidence_deg": 30.0},
-        'scanner: incidence_deg: must go with mirrors = "one", got "two"',
-    ),
-    (
-        "mirror",
-        {"incidence_deg": 80.0, "elevation_turn_deg": 12.0},
-        "scanner: a mirror must face the beam at every turn, got one that turns too far",
-    ),
-    ("mirror", {"azimuth_turn_deg": 50.0}, "scanner.azimuth_turn_deg: must be <= 45, got 50.0"),
-    ("mirror", {"waveform": "square"}, "scanner.waveform: must be 'sawtooth', 'triangle' or 'sine'"),
-    (
-        "mirror",
-        {"pulses_per_line": 2**20, "lines": 2**20},
-        "scanner: must have fewer than 2^31 pulses in a frame, got 1.1e+12",
-    ),
-    ("lissajous", {"azimuth_hz": None}, "key 'scanner.azimuth_hz' is missing"),
-    ("polygon", {"facet_tilt_deg": [0.0, 0.0]}, "scanner.facet_tilt_deg: must be a list of at least 3"),
-    ("polygon", {"incidence_deg": 70.0}, "scanner: facets must turn by < 90 degrees from the beam, got "),
-    ("polygon", {"rate_khz": 0.1}, "scanner: must have 1 to 2^24 pulses on each facet, got 0.5"),
-    ("risley", {"wedges": SCANNERS["risley"]["wedges"][:1]}, "scanner: wedges: must be 2 or 3 without a mirror, got 1"),
+    ("spinning", {"cycle_us": None}, "scanner | cycle_us and columns_per_turn"),
+    ("spinning", {"height_mm": [1.0]}, "scanner | height_mm | 16 entries | elevation_deg | 1"),
+    ("spinning", {"elevation_deg": []}, "scanner.elevation_deg | at least 1 | []"),
+    ("spinning", {"cycle_us": 30.0}, "scanner | firing_time_us | < 30"),
+    ("spinning", {"rotation_hz": 0.0}, "scanner | rotation_hz | 0"),
+    ("spinning", {"rate_khz": 300.0}, "laser.repetition_rate_khz | 289.352 | 16 lasers | 55.296 us | 300"),
+    ("mirror", {"mirrors": "two", "incidence_deg": 30.0}, 'scanner | incidence_deg | mirrors = "one" | "two"'),
+    ("mirror", {"incidence_deg": 80.0, "elevation_turn_deg": 12.0}, "scanner | mirror"),
+    ("mirror", {"azimuth_turn_deg": 50.0}, "scanner.azimuth_turn_deg | <= 45 | 50.0"),
+    ("mirror", {"waveform": "square"}, "scanner.waveform | 'sawtooth', 'triangle' or 'sine' | \"square\""),
+    ("mirror", {"pulses_per_line": 2**20, "lines": 2**20}, "scanner | 2^31 pulses | 1.1e+12"),
+    ("lissajous", {"azimuth_hz": None}, "'scanner.azimuth_hz'"),
+    ("polygon", {"facet_tilt_deg": [0.0, 0.0]}, "scanner.facet_tilt_deg | at least 3"),
+    ("polygon", {"incidence_deg": 70.0}, "scanner | facets | < 90 degrees"),
+    ("polygon", {"rate_khz": 0.1}, "scanner | facet | 1 | 2^24 pulses | 0.5"),
+    ("risley", {"wedges": SCANNERS["risley"]["wedges"][:1]}, "scanner | wedges | 2 or 3 | mirror | 1"),
     (
         "risley",
         {"wedges": [w | {"angle_deg": 45.0} for w in SCANNERS["risley"]["wedges"]]},
-        "scanner: light is totally reflected in these wedges; they need a smaller angle_deg",
+        "scanner | wedges | angle_deg",
     ),
-    ("flash", {"encoder_step_deg": 0.1}, "scanner: encoder_step_deg: nothing turns in a flash"),
+    ("flash", {"encoder_step_deg": 0.1}, "scanner | encoder_step_deg | flash"),
     (
         "flash",
         {"projection": "orthographic", "pixel_pitch_um": 1000.0},
-        "scanner: pixels must be < 1 focal lengths off the axis of a lens that is orthographic, got 1.2",
+        "scanner | < 1 focal lengths | orthographic | 1.2",
     ),
-    ("galvo", {}, f'scanner.type: must be one of {", ".join(map(repr, scanners.KINDS))}, got "galvo"'),
-    ("raster", {"jitter_mrad": 0.0}, "scanner.jitter_mrad: must be >= 0.0002, got 0.0"),
-    ("raster", {"lines": 3}, "unknown key 'scanner.lines'; known here: type, azimuth_fov_deg,"),
+    ("galvo", {}, f'scanner.type | {", ".join(map(repr, scanners.KINDS))} | "galvo"'),
+    ("raster", {"jitter_mrad": 0.0}, "scanner.jitter_mrad | >= 0.0002 | 0.0"),
+    ("raster", {"lines": 3}, "'scanner.lines' | type, azimuth_fov_deg"),
 ]
 
 
-@pytest.mark.parametrize(("kind", "changes", "line"), MISTAKES)
-def test_one_clear_line_for_each_mistake(kind, changes, line):
-    with pytest.raises(InputError) as caught:
+@pytest.mark.parametrize(("kind", "changes", "named"), MISTAKES)
+def test_one_clear_line_for_each_mistake(kind, changes, named):
+    with told(f"my.toml | {named}"):
         read_scanner(kind, **changes)
-    assert str(caught.value).startswith(f"my.toml: {line}"), caught.value
-    assert "\n" not in str(caught.value)
 
 
 # --- tables -----------------------------------------------------------------------------------------
@@ -214,13 +195,13 @@ def test_mistakes_in_tables(tmp_path, given, named):
 
 @pytest.mark.parametrize("name", ["gone.csv", "gone.npz"])
 def test_no_such_table(tmp_path, name):
-    with pytest.raises(InputError, match="no such file"):
+    with told(f"my.toml | {name} | no such file"):
         read_scanner("table", tmp_path, file=name)
 
 
 def test_not_an_npz(tmp_path):
     (tmp_path / "own.npz").write_bytes(b"no zip")
-    with pytest.raises(InputError, match="cannot be read as npz"):
+    with told("own.npz | npz"):
         read_scanner("table", tmp_path, file="own.npz")
 
 

@@ -5,8 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
+from helpers.mistakes import told
 
-from lidarscene.errors import InputError, OptionWarning
+from lidarscene.errors import OptionWarning
 from lidarscene.scene.scene import Part
 from lidarscene.scene.scene_file import load_scene
 
@@ -63,7 +64,7 @@ def test_the_sensor_sees_all_of_it(tmp_path: Path, across: tuple[float, float, f
 
 def test_a_mesh_in_millimetres_is_noticed_and_mended(tmp_path: Path) -> None:
     trimesh.creation.box(np.multiply(BOX, 1000.0)).export(tmp_path / "box.stl")
-    with pytest.raises(InputError, match=r"0\.05 to 2000 m across, got 3000 m; if its unit is millimetres"):
+    with told("box.stl | 0.05 | 2000 m | 3000 m | millimetres"):
         load_scene(tmp_path / "box.stl")
     for suggestion in ("unit=mm", "scale=0.001"):
         low, high = corners(tmp_path / "box.stl", f"bodies.mesh.{suggestion}")

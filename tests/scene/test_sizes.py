@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 import trimesh
 from helpers.command_line import Run
+from helpers.mistakes import told
 
 from lidarscene.errors import OptionError, OptionWarning
 from lidarscene.scene.scene_file import load_scene, mesh_description
@@ -99,7 +100,7 @@ def test_a_stage_is_mended_by_a_scale(tmp_path: Path) -> None:
     pytest.importorskip("pxr")
     stage = '#usda 1.0\n( metersPerUnit = 1\n  upAxis = "Z" )\ndef Cube "van"\n{\n    double size = 960\n}\n'
     (tmp_path / "van.usda").write_text(stage)
-    with pytest.raises(OptionError, match=r"480 x 480 x 480 m .*bodies\.own\.scale=0\.005 makes it 4\.8 x"):
+    with told("480 x 480 x 480 m | bodies.own.scale=0.005 | 4.8 x 4.8 x 4.8 m", OptionError):
         body(tmp_path, "van.usda", keys="scale = 0.5")
 
 

@@ -10,7 +10,7 @@ from typing import Any
 import pytest
 from helpers.clouds import small_cloud
 from helpers.command_line import Run
-from helpers.mistakes import calls
+from helpers.mistakes import calls, told
 
 import lidarscene
 from lidarscene.cli.main import main
@@ -97,7 +97,7 @@ def test_a_sensor_of_ones_own_equations_is_swept_over_conditions_alone() -> None
     changed = dataclasses.replace(apd, name="changed")
     over_distance = lidarscene.sweep([apd, changed], "distance", points=5).table
     assert over_distance["changed"] == over_distance["table1-apd"]
-    with pytest.raises(InputError, match=r"'changed': must be as `load_sensor` gave it for a key"):
+    with told("'changed' | load_sensor"):
         lidarscene.sweep(changed, "detector.gain")
 
 

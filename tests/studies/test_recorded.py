@@ -8,11 +8,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from helpers.mistakes import told
+from helpers.trains import detect
 
 from lidarscene import catalog
 from lidarscene.cli import main
-from lidarscene.detection.receiver import detect
-from lidarscene.errors import InputError
 from lidarscene.sensor.readout import PublishedFile, RepeatabilityFile
 from lidarscene.sensor.sensor_file import load_sensor
 from lidarscene.studies import published_values, recorded
@@ -165,7 +165,7 @@ def test_highest_noise_of_simulated_windows() -> None:
         peak_power_w=np.zeros(shots),
         background_power_w=np.full(shots, recorded.background_w(sensor, near_ir)[0]),
     )
-    share = np.mean(detect(dark, low, seed=1, pulse=np.arange(shots, dtype=np.uint32)).stops[0].reported)
+    share = np.mean(detect(dark, low, seed=1).stops[0].reported)
     assert abs(share - 0.5) < 4.0 * math.sqrt(0.25 / shots)
 
 
@@ -192,7 +192,7 @@ def test_lists_of_unequal_length(tmp_path: Path) -> None:
     text = (catalog.folder("recorded") / "os0-128.toml").read_text(encoding="utf-8")
     path = tmp_path / "x.toml"
     path.write_text(text.replace("near_ir = [506, ", "near_ir = ["), encoding="utf-8")
-    with pytest.raises(InputError, match=r"x\.toml: threshold: .*equally long, got near_ir 2, photons 3"):
+    with told("x.toml | threshold | near_ir 2 | photons 3"):
         recorded.read_recorded(path)
 
 

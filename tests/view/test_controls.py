@@ -5,10 +5,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from helpers.mistakes import told
 
 from lidarscene import load_scene, load_sensor
 from lidarscene.catalog import path_of
-from lidarscene.errors import InputError
 from lidarscene.sensor.detectors import Apd, Sipm
 from lidarscene.sensor.sensor_model import Sensor
 from lidarscene.view.controls import Control, Equipment
@@ -83,26 +83,24 @@ def test_the_other_detector_comes_with_its_threshold(equipment: Equipment) -> No
 
 
 @pytest.mark.parametrize(
-    ("settings", "message"),
+    ("settings", "named"),
     [
-        ({"laser.colour": 1}, "laser.colour: no such control; known here: sun.azimuth_deg"),
-        ({"detector.pde": 0.2}, "detector.pde: no such control"),
-        ({"detector": "eye"}, "detector: must be one of APD, its own, SiPM of Table 1, got eye"),
-        ({"laser.peak_power_w": "much"}, "laser.peak_power_w: must be a number, got 'much'"),
-        ({"laser.peak_power_w": math.inf}, "laser.peak_power_w: must be a number, got inf"),
-        ({"laser.peak_power_w": True}, "laser.peak_power_w: must be a number, got True"),
-        ({"laser.peak_power_w": -1}, "must be >= 1e-06, got -1"),
-        ({"detector.gain": 0.5}, "must be >= 1, got 0.5"),
-        ({"sun.illuminance_klux": -1}, "sun.illuminance_klux: must be >= 0, got -1"),
-        ({"sun.illuminance_klux": 1e5}, "sun.illuminance_klux: must be <= 10000, got 100000: did you mean 100?"),
-        ({"sun.elevation_deg": 91}, "sun.elevation_deg: must be <= 90, got 91"),
+        ({"laser.colour": 1}, "laser.colour | sun.azimuth_deg"),
+        ({"detector.pde": 0.2}, "detector.pde | control"),
+        ({"detector": "eye"}, "detector | APD, its own, SiPM of Table 1 | eye"),
+        ({"laser.peak_power_w": "much"}, "laser.peak_power_w | number | 'much'"),
+        ({"laser.peak_power_w": math.inf}, "laser.peak_power_w | number | inf"),
+        ({"laser.peak_power_w": True}, "laser.peak_power_w | number | True"),
+        ({"laser.peak_power_w": -1}, "laser.peak_power_w | >= 1e-06 | -1.0"),
+        ({"detector.gain": 0.5}, "detector.gain | >= 1 | 0.5"),
+        ({"sun.illuminance_klux": -1}, "sun.illuminance_klux | >= 0 | -1"),
+        ({"sun.illuminance_klux": 1e5}, "sun.illuminance_klux | <= 10000 | 100000 | 100?"),
+        ({"sun.elevation_deg": 91}, "sun.elevation_deg | <= 90 | 91"),
     ],
 )
-def test_mistakes_are_told_in_one_line(equipment: Equipment, settings: dict[str, Any], message: str) -> None:
-    with pytest.raises(InputError) as caught:
+def test_mistakes_are_told_in_one_line(equipment: Equipment, settings: dict[str, Any], named: str) -> None:
+    with told(named):
         equipment.with_settings(settings)
-    assert message in str(caught.value)
-    assert "\n" not in str(caught.value)
 
 
 def test_a_fixed_threshold_stays_with_its_own_detector(equipment: Equipment, tmp_path: Path) -> None:
@@ -127,7 +125,7 @@ def test_a_counting_sensor_with_another_detector_has_that_ones_bandwidth(equipme
 def test_what_may_be_typed(value: float, refused: bool) -> None:
     control = Control(key="a.b", label="", unit="", low=2.0, high=3.0, value=2.5, least=1.0, most=9.0)
     if refused:
-        with pytest.raises(InputError, match=r"a\.b: must be [<>]= "):
+        with told("a.b | >= 1 | 0.9" if value < 1.0 else "a.b | <= 9 | 9.1"):
             control.check(value)
     else:
         control.check(value)

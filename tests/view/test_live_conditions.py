@@ -6,12 +6,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.mistakes import told
 from helpers.small_scene import COARSE, SCENE
 
 import lidarscene
 from lidarscene import PointCloud, load_scene
 from lidarscene.cli.main import main
-from lidarscene.errors import InputError
 from lidarscene.rendering.render_options import FrameOptions
 from lidarscene.view.blob import unpack_blob
 from lidarscene.view.live_conditions import BUDGET, FOG, FRAME, RAYS, SEED, WEATHER, command, conditions, controls
@@ -43,19 +43,18 @@ def test_settings_are_those_of_files_and_options(scene: Any, scene_file: Path) -
 
 
 @pytest.mark.parametrize(
-    ("settings", "message"),
+    ("settings", "named"),
     [
-        ({RAYS: 1.5}, "run.rays: must be a whole number, got 1.5"),
-        ({RAYS: 0}, "run.rays: must be >= 1, got 0"),
-        ({SEED: 2.0**32}, "run.seed: must be <= 4.29497e+09, got 4.29497e+09"),
-        ({RAIN: -1}, "weather.rain_mm_h: must be >= 0, got -1"),
-        ({FOG: "thick"}, "weather.fog_visibility_km: must be a number, got 'thick'"),
+        ({RAYS: 1.5}, "run.rays | whole number | 1.5"),
+        ({RAYS: 0}, "run.rays | >= 1 | 0"),
+        ({SEED: 2.0**32}, "run.seed | <= 4.29497e+09 | 4.29497e+09"),
+        ({RAIN: -1}, "weather.rain_mm_h | >= 0 | -1"),
+        ({FOG: "thick"}, "weather.fog_visibility_km | number | 'thick'"),
     ],
 )
-def test_mistakes_are_one_line(scene: Any, settings: dict[str, Any], message: str) -> None:
-    with pytest.raises(InputError) as caught:
+def test_mistakes_are_one_line(scene: Any, settings: dict[str, Any], named: str) -> None:
+    with told(named):
         conditions(scene, FrameOptions(), settings)
-    assert str(caught.value) == message
 
 
 def test_the_command_renders_what_is_shown(
@@ -108,7 +107,7 @@ def test_another_sensor_and_budgets_only_where_asked(mi: Any, scene_file: Path) 
     fields = {field["name"]: field for field in header["fields"]}
     assert {fields[name]["unit"] for name in ("peak_signal", "noise", "noise_at_peak", "threshold")} == {"A"}
     assert (fields["intensity"]["unit"], fields["intensity"]["symbol"]) == ("of 255", "")
-    with pytest.raises(InputError, match="sensor: must be one of table1-apd, "):
+    with told("sensor | table1-apd | eye"):
         live.render({"sensor": "eye"})
 
 

@@ -6,10 +6,11 @@ import re
 import pytest
 from helpers.clouds import small_cloud
 from helpers.drawn_street import street
+from helpers.mistakes import told
 from helpers.small_scene import COARSE, SCENE
 
 import lidarscene
-from lidarscene.errors import InputError, OptionWarning
+from lidarscene.errors import OptionWarning
 from lidarscene.view import html_page, notebook
 from lidarscene.view.page_sources import Clouds
 
@@ -53,15 +54,15 @@ def test_a_scene_is_rendered_by_its_sensor(mi, tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize(
-    ("options", "message"),
+    ("options", "named"),
     [
-        ({"sensor": 3}, "view: sensor: must be a catalogue name or a file, got int"),
-        ({"sensor": lidarscene.load_sensor("table1-apd")}, "a catalogue name or a file, got Sensor"),
-        ({"scene": 3}, "scene: must be a name, a file, a Scene, (vertices, faces) or a mesh"),
+        ({"sensor": 3}, "view | sensor | catalogue name or a file | int"),
+        ({"sensor": lidarscene.load_sensor("table1-apd")}, "view | sensor | catalogue name or a file | Sensor"),
+        ({"scene": 3}, "scene | a name, a file, a Scene, (vertices, faces) or a mesh | int"),
     ],
 )
-def test_what_cannot_be_viewed(options, message):
-    with pytest.raises(InputError, match=re.escape(message)):
+def test_what_cannot_be_viewed(options, named):
+    with told(named):
         small_cloud().view(**options)
 
 

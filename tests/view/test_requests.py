@@ -7,6 +7,7 @@ import threading
 from collections.abc import Iterator
 
 import pytest
+from helpers.mistakes import told
 from helpers.waiting import PATIENCE_S, wait_until
 
 from lidarscene.errors import InputError
@@ -130,9 +131,8 @@ def test_two_lengths_and_chunks(server: Server) -> None:
 
 @pytest.mark.parametrize("value", [10**400, -(10**400), "x" * 20_000, float("nan"), None, [], True])
 def test_numbers_that_are_none(value: object) -> None:
-    with pytest.raises(InputError, match=r"^detector\.gain: must be a number, got ") as error:
+    with told("detector.gain | number"):
         number_of("detector.gain", value)
-    assert len(str(error.value)) <= 1100
 
 
 @pytest.mark.parametrize("path", ["/frame-" + "9" * 5000, "/frame-1", "/frame--1", "/%00", "/frame-"])

@@ -10,6 +10,7 @@ from pathlib import Path
 import pytest
 from helpers.chromium import Chromium
 from helpers.clouds import small_cloud
+from helpers.mistakes import told
 from helpers.small_scene import COARSE, SCENE
 
 from lidarscene import LidarSceneError, load_scene
@@ -71,7 +72,7 @@ def test_a_scene_is_rendered_anew(mi: object, tmp_path: Path) -> None:
 
 def test_without_anywidget_one_line_says_what_to_install(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "anywidget", None)
-    with pytest.raises(LidarSceneError, match=r"anywidget is needed .* pip install 'lidarscene\[notebook\]'"):
+    with told("anywidget | pip install 'lidarscene[notebook]'", LidarSceneError):
         widget.widget_of(None, height_px=1)
     monkeypatch.setattr(notebook, "is_installed", lambda _: False)
     viewed = small_cloud(5).view()

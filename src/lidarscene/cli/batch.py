@@ -30,7 +30,7 @@ examples:
   lidarscene batch job -o out/job --workers 2
   lidarscene batch job.toml -o /shared/job --scheduler tcp://10.0.0.1:8786
 
-The same command resumes a broken run: it renders what is missing.
+The same command resumes an interrupted run: it renders what is missing.
 docs/batch.md has the job file, docs/clusters.md SLURM, Kubernetes and millions of frames.
 """
 
@@ -42,24 +42,24 @@ def add_batch(commands: Any) -> None:
     """Add `batch`."""
     batch = commands.add_parser(
         "batch",
-        help="many frames: scenes x sensors x sweeps x seeds, on many processes",
+        help="render a job of many frames: scenes x sensors x sweeps x seeds, in many processes",
         epilog=BATCH_HELP,
-        description="Render every frame of a job that is not in the folder yet, and write a manifest of all of them.",
+        description="Render every frame of a job that is not in the folder yet, and write a manifest of all frames.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    batch.add_argument("job", metavar="JOB", type=Path, help="job file, or the example's name")
+    batch.add_argument("job", metavar="JOB", type=Path, help="job file, or the name of an example")
     add = batch.add_argument
-    add_options(batch, CommandOptions, output="frames/ and manifest.parquet in it; existing frames stay")
+    add_options(batch, CommandOptions, output="it gets frames/ and manifest.parquet; existing frames stay")
     add(
         "--scheduler",
         metavar="ADDRESS",
-        help="of a Dask cluster that runs and sees the same files (default: processes of this machine)",
+        help="address of a running Dask cluster that sees the same files (default: processes on this machine)",
     )
     add(
         "--workers",
         metavar="N",
         type=whole_number(WORKERS),
-        help="processes of this machine (default: one for each GPU, or else for each core)",
+        help="number of processes on this machine (default: one for each GPU, or for each core without GPUs)",
     )
     batch.set_defaults(run=run_batch)
 

@@ -25,43 +25,47 @@ def add_catalogue(commands: Any) -> None:
     """Add `catalog`, `schema` and `check`."""
     catalog = commands.add_parser(
         "catalog",
-        help="what sensors, IMUs, materials, scenes, design studies, meshes and examples there are",
-        description="List the catalogue, print an entry's file (of a mesh or a recording, its path), or check sensors "
-        "against what their makers publish.",
+        help="list sensors, IMUs, materials, scenes, design studies, meshes and examples",
+        description="List the catalogue, print the file of an entry (for a mesh or a recording, its path), or compare "
+        "sensors with what their makers publish.",
     )
     catalog.add_argument(
         "kind",
         nargs="?",
         choices=("sensors", "imus", "materials", "scenes", "designs", "meshes", "examples", "check"),
-        help="list only these, or check sensors",
+        help="list only this kind, or check sensors",
     )
-    catalog.add_argument("name", metavar="NAME", nargs="?", help="print, or check, this entry")
+    catalog.add_argument("name", metavar="NAME", nargs="?", help="entry to print or check")
     catalog.add_argument(
         "--real",
         action="store_true",
-        help="check sensors against recordings of real ones; exit 1 if one is out of bounds",
+        help="compare sensors with recordings of real ones; exit code 1 if one misses a limit",
     )
     catalog.add_argument(
-        "--copy", metavar="DIR", type=Path, help="copy this scene and its meshes into a folder, to be edited"
+        "--copy",
+        metavar="DIR",
+        type=Path,
+        help="copy this scene and its meshes into a folder, so that you can edit them",
     )
     catalog.set_defaults(run=run_catalog)
 
     schema = commands.add_parser(
         "schema",
-        help="JSON Schema of a file, for editors",
-        description="Print the JSON Schema of scene, sensor, IMU, material, rig, job or design files; editors complete "
-        "and check with it.",
+        help="print the JSON Schema of a kind of file, for editors",
+        description="Print the JSON Schema of scene, sensor, IMU, material, rig, job or design files. Editors use it "
+        "to complete and check a file.",
     )
     schema.add_argument("kind", choices=KINDS)
     schema.set_defaults(run=run_schema)
 
     check = commands.add_parser(
         "check",
-        help="all mistakes of a file at once",
-        description="Read a scene, sensor, rig, material, job or design file and print every mistake in it, one a "
-        "line; of a mesh file, a USD stage or a Mitsuba scene also what it holds. Exit code 2 if there is a mistake.",
+        help="print all mistakes in a file",
+        description="Read a scene, sensor, rig, material, job or design file and print every mistake in it, one per "
+        "line. For a mesh file, a USD stage or a Mitsuba scene, also print its contents. The exit code is "
+        "2 if there is a mistake.",
     )
-    check.add_argument("files", metavar="FILE", nargs="+", type=Path, help="file, or the name of an entry")
+    check.add_argument("files", metavar="FILE", nargs="+", type=Path, help="file, or name of an entry")
     check.set_defaults(run=run_check)
 
 
@@ -73,13 +77,13 @@ def run_catalog(arguments: argparse.Namespace) -> Answer:
 
     if arguments.copy is not None:
         if arguments.kind != "scenes" or not arguments.name:
-            raise InputError("--copy goes with the name of a scene: catalog scenes drive --copy DIR")
+            raise InputError("--copy needs the name of a scene: catalog scenes drive --copy DIR")
         copy = str(copy_scene(arguments.name, arguments.copy))
         return Answer(f"wrote {copy}", numbers={"scene": copy})
     if arguments.kind == "check":
         return _check_answer(arguments)
     if arguments.real:
-        raise InputError("--real goes with catalog check")
+        raise InputError("--real needs catalog check")
     if arguments.name:
         path = catalog.path_of(arguments.kind, arguments.name)
         text = path.read_text(encoding="utf-8") if path.suffix == ".toml" else str(path)

@@ -136,7 +136,7 @@ class _Parser(argparse.ArgumentParser):
         options = [option for option in self._option_string_actions if option.startswith("--")]
         if not argument.startswith("-"):
             if {"--set", "--sensor"} <= {*options} and re.fullmatch(r"[-+\d.]+\w*|true|false", argument):
-                return "; a value goes with =: --set laser.peak_power_w=75"
+                return "; a value needs =: --set laser.peak_power_w=75"
             if "--sensors" in options:
                 return "; sensors go behind --sensors, with commas: --sensors A,B"
             return f"; a sensor goes behind --sensor: --sensor {argument}" if "--sensor" in options else ""
@@ -178,7 +178,7 @@ _CHOICE = re.compile(r"invalid choice: '([^']*)' \(choose from (.*)\)$")
 def _parser() -> argparse.ArgumentParser:
     """Parser of all commands. Each sets ``run``, a function of the arguments that returns an `Answer`."""
     parser = _Parser(
-        prog="lidarscene", description="What an automotive direct-time-of-flight lidar would really report."
+        prog="lidarscene", description="Simulate what an automotive direct-time-of-flight lidar would really report."
     )
     parser.add_argument("--version", action="version", version=_VERSION)
     parser.set_defaults(run=lambda _: _help(parser))
@@ -202,20 +202,22 @@ def _parser() -> argparse.ArgumentParser:
         add(commands)
     doctor = commands.add_parser(
         "doctor",
-        help="what this machine can run, and what is missing",
-        description="Versions, which back ends work and why the others do not, and one ray traced as proof.",
+        help="show what this machine can run, and what is missing",
+        description="Print versions and which back ends work, say why the others do not, and trace a ray as proof.",
     )
     doctor.set_defaults(run=_doctor)
-    version = commands.add_parser("version", help="this program's version, as --version prints it")
+    version = commands.add_parser("version", help="print the version, like --version")
     version.set_defaults(run=lambda _: Answer(_VERSION))
-    help_of = commands.add_parser("help", help="options and examples of a command, as its -h prints them")
-    help_of.add_argument("command", metavar="COMMAND", nargs="?", choices=list(commands.choices), help="any of these")
+    help_of = commands.add_parser("help", help="print options and examples of a command, like -h after the command")
+    help_of.add_argument(
+        "command", metavar="COMMAND", nargs="?", choices=list(commands.choices), help="name of a command"
+    )
     help_of.set_defaults(run=lambda arguments: Answer(commands.choices.get(arguments.command, parser).format_help()))
     completion = commands.add_parser(
         "completion",
-        help="a script with which the shell completes commands and options",
-        description='Print a script for the shell; for Bash: eval "$(lidarscene completion bash)". '
-        "It needs pip install 'lidarscene[completion]'.",
+        help="print a script that lets the shell complete commands and options",
+        description='Print a script that lets the shell complete commands and options. In Bash: eval "$(lidarscene '
+        "completion bash)\". Needs pip install 'lidarscene[completion]'.",
     )
     completion.add_argument("shell", metavar="SHELL", choices=("bash", "zsh", "tcsh"), help="bash, zsh or tcsh")
     completion.set_defaults(
@@ -224,7 +226,7 @@ def _parser() -> argparse.ArgumentParser:
     for name, command in commands.choices.items():
         options = ("quiet",) if name == "view" else () if name in WITHOUT_FIGURES else ("json", "quiet")
         if options:
-            add_options(command.add_argument_group("what is printed"), CommandOptions, *options)
+            add_options(command.add_argument_group("messages"), CommandOptions, *options)
     return parser
 
 

@@ -31,36 +31,44 @@ def add_street(commands: Any) -> None:
     """Add `street`."""
     command = commands.add_parser(
         "street",
-        help="a street with traffic from a seed or a map, as a scene file",
+        help="write the scene of a street with traffic, from a seed or a map",
         epilog=STREET_HELP,
-        description="Write the scene file street.toml of a street with houses, trees, parked cars, traffic that keeps "
-        "its lanes and distances, and people who cross, with its meshes and motions beside it. A scene file with "
-        "[street] gives the same scene without writing it. With a map, roads, kerbs and markings are its own, and SUMO "
-        "simulates who drives and walks there.",
+        description="Write a street with houses, trees, parked cars, traffic and people: the scene file street.toml, "
+        "with meshes and motions beside it. A scene file with [street] gives the same scene without these "
+        "files. With a map, the roads are those of the map, and SUMO simulates vehicles and people.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = command.add_argument
     add("-o", "--output", metavar="DIR", type=Path, required=True, help="folder to write to")
     source = command.add_mutually_exclusive_group()
-    source.add_argument("--opendrive", metavar="FILE", type=Path, help="roads of an OpenDRIVE file")
-    source.add_argument("--osm", metavar="FILE", type=Path, help="roads of an OpenStreetMap file")
-    source.add_argument("--sumo", metavar="FILE", type=Path, help="roads and traffic of a SUMO configuration")
+    source.add_argument("--opendrive", metavar="FILE", type=Path, help="take the roads from an OpenDRIVE file")
+    source.add_argument("--osm", metavar="FILE", type=Path, help="take the roads from an OpenStreetMap file")
+    source.add_argument("--sumo", metavar="FILE", type=Path, help="take roads and traffic from a SUMO configuration")
     source.add_argument(
         "--town",
         metavar="N",
         type=whole_number(Whole(*TOWN_STREETS)),
-        help="N by N streets with junctions and a roundabout",
+        help="generate a town of N by N streets with junctions and a roundabout",
     )
-    add("--ego", metavar="NAME", help="vehicle of --sumo that carries the sensor (default: that which drives longest)")
-    add("--length-m", metavar="M", type=number, help="way of the vehicle that carries the sensor (default: 1000)")
-    add("--seed", metavar="N", type=whole_number(SEEDS), help="of all random choices (default: 1)")
+    add(
+        "--ego",
+        metavar="NAME",
+        help="vehicle of --sumo that carries the sensor (default: the one with the longest drive)",
+    )
+    add(
+        "--length-m",
+        metavar="M",
+        type=number,
+        help="distance that the vehicle with the sensor drives, in metres (default: 1000)",
+    )
+    add("--seed", metavar="N", type=whole_number(SEEDS), help="seed of all random choices (default: 1)")
     add(
         "--set",
         dest="overrides",
         metavar="KEY=VALUE",
         action="append",
         default=[],
-        help='another key of [street], such as lanes=2 or "speed_m_s=[8, 11]"; may be repeated',
+        help='set another key of [street], such as lanes=2 or "speed_m_s=[8, 11]"; may be repeated',
     )
     command.set_defaults(run=run_street)
 

@@ -21,6 +21,7 @@ from ..maths.trajectory import pose_at
 from ..physics.constants import SUN_KLUX
 from ..physics.optics import radiometry
 from ..scene.clearance import Clearance, Surrounding
+from ..scene.ride import Ride
 from ..scene.scene import Ball, Scene
 from ..scene.shared_faces import shared_faces
 from ..scene.sizes import metres_text, size_text
@@ -178,10 +179,12 @@ def _way_doubts(scene: Scene, clearance: Clearance, begin_s: float, end_s: float
     """Warn of an ego vehicle that leaves the ground: from there on frames are of the sky."""
     if scene.ego is None or scene.base is not None:
         return
-    first_s, last_s = scene.ego.span_s
+    # Springs move it up and down: to follow them would take seconds.
+    way = scene.ego.path if isinstance(scene.ego, Ride) else scene.ego
+    first_s, last_s = way.span_s
     begin_s, end_s = max(begin_s, first_s), min(end_s, last_s)
     time_s = np.linspace(begin_s, end_s, max(math.ceil((end_s - begin_s) / WAY_STEP_S), 1) + 1)
-    grounded = clearance.over_ground(scene.ego.at(time_s).position_m)
+    grounded = clearance.over_ground(way.at(time_s).position_m)
     if grounded[0] and not grounded.all():
         yield OptionWarning(
             "the ego vehicle leaves the ground {0:.1f} s after {1:.16g} s: from there on nothing is below it; a wider "

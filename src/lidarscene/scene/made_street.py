@@ -71,12 +71,12 @@ def made_tables(
     if len(given) > 1:
         raise OptionError(f"{{{given[0][0]}}} and {{{given[1][0]}}}: must be only one of them, got both")
     if ego is not None and [kind for kind, _ in given] != ["sumo"]:
-        raise OptionError("{ego}: must go with {sumo}")
+        raise OptionError("{ego} needs {sumo}")
     if not given:
         return street_tables(file), ", ".join(f"{key} = {toml_text(value)}" for key, value in file.model_dump().items())
     ((kind, source),) = given
     if unused := sorted(file.model_fields_set - NETWORK_KEYS - ({"slope_percent"} if kind == "town" else set())):
-        raise OptionError(f"{{0}}: does not go with {{{kind}}}, whose roads and ways are its own", unused[0])
+        raise OptionError(f"{{0}}: cannot be combined with {{{kind}}}, which has its own roads and routes", unused[0])
     if isinstance(source, int):
         if not TOWN_STREETS[0] <= source <= TOWN_STREETS[1]:
             raise OptionError("{town}: must be a whole number from {0} to {1}, got {2}", *TOWN_STREETS, source)

@@ -464,12 +464,3 @@ def test_a_world_that_nothing_sees_through_is_the_first_surface_of_one_that_can_
     for name in ("xyz_m", "ambient", "intensity", "body", "in_shadow"):
         rounding.assert_same(getattr(first, name), getattr(second, name))
     assert 0 < len(first) < sensor.scanner.pulses
-
-
-def test_the_number_of_interactions_is_checked():
-    from lidarscene.errors import InputError
-
-    described = chain.scene(chain.facing(range_m=20.0))
-    for wrong in (-1, 9):
-        with pytest.raises(InputError, match=f"interactions: must be a whole number from 0 to 8, got {wrong}"):
-            Simulator(described, chain.sensor("table1-apd"), interactions=wrong)

@@ -5,8 +5,8 @@ import math
 import numpy as np
 import pytest
 from helpers import chain
+from helpers.mistakes import told
 
-from lidarscene.errors import InputError
 from lidarscene.kernel.world import bsdfs
 from lidarscene.materials.material import Material, Spectrum
 from lidarscene.physics.optics import reflection
@@ -89,9 +89,7 @@ def test_beam_and_sun_see_the_same_relief():
 
 
 def test_more_light_than_came_is_an_error():
-    with pytest.raises(
-        InputError, match=r"'road': reflectivity must be <= 0.865 with a facet_slope_deg of 40, got 0.9"
-    ):
+    with told("'road' | reflectivity | <= 0.865 | facet_slope_deg | 40 | 0.9"):
         bsdfs.bsdf_dict(VALUES | {"reflectivity": 0.9})
 
 

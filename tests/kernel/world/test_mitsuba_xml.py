@@ -9,6 +9,7 @@ from types import ModuleType
 import numpy as np
 import pytest
 from helpers.child import assert_ended
+from helpers.mistakes import told
 
 import lidarscene
 from lidarscene import PointCloud, Pose, Status
@@ -237,7 +238,7 @@ def test_a_library_beside_a_scene_does_not_run(
     more = f'<path value="{folder}"/>' if where == "path" else ""
     written = "$kind" if where == "parameter" else kind
     (scenes / "own.xml").write_text(WITH_PLUGIN.format(kind=kind, written=written, more=more))
-    with pytest.raises(InputError, match="bsdf type: must be one of Mitsuba's own plugins, got"):
+    with told("bsdf type | Mitsuba's own plugins"):
         load_shapes(scenes / "own.xml", {}, {}, 905e-9)
     assert not planted.exists()
 
@@ -319,5 +320,5 @@ def test_instances_of_a_group_take_our_materials(mi: ModuleType, tmp_path: Path)
 
 def test_an_instance_without_its_group_is_one_line(mi: ModuleType, tmp_path: Path) -> None:
     (tmp_path / "groups.xml").write_text(GROUPS.replace('<ref id="pair"/>', '<ref id="pear"/>', 1))
-    with pytest.raises(InputError, match=r"groups\.xml: instance 'near': no shapegroup 'pear'"):
+    with told("groups.xml | instance 'near' | 'pear'"):
         load_shapes(tmp_path / "groups.xml", {}, {}, 905e-9)

@@ -5,10 +5,11 @@ from types import ModuleType
 
 import numpy as np
 import pytest
+from helpers.mistakes import told
 
 import lidarscene
 from lidarscene.catalog import names
-from lidarscene.errors import InputError, OptionWarning
+from lidarscene.errors import OptionWarning
 from lidarscene.kernel.world.mitsuba_xml import FileShape, load_shapes
 from lidarscene.kernel.world.xml_bsdfs import STAND_INS
 from lidarscene.materials.material_file import catalogue_material
@@ -140,17 +141,16 @@ def test_what_is_assumed_is_told_once(mi: ModuleType, tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("bsdf", "message"),
+    ("bsdf", "named"),
     [
-        (RADIO.format(id="sky", kind="vacuum"), "bsdf type: must be one of Mitsuba's own plugins, got 'itu-"),
-        ('<bsdf type="hair" id="sky"/>', "BSDF 'sky' of shape 'wall': cannot be used"),
-        ('<bsdf type="diffuse" id="sky"><float name="gloss" value="1"/></bsdf>', "not a Mitsuba scene: "),
+        (RADIO.format(id="sky", kind="vacuum"), "bsdf type | Mitsuba's own plugins"),
+        ('<bsdf type="hair" id="sky"/>', "BSDF 'sky' | shape 'wall'"),
+        ('<bsdf type="diffuse" id="sky"><float name="gloss" value="1"/></bsdf>', "wall.xml | Mitsuba scene"),
     ],
 )
-def test_errors_of_bsdfs_name_base_materials(mi: ModuleType, tmp_path: Path, bsdf: str, message: str) -> None:
-    with pytest.raises(InputError, match="base_materials can name a material for ") as raised:
+def test_errors_of_bsdfs_name_base_materials(mi: ModuleType, tmp_path: Path, bsdf: str, named: str) -> None:
+    with told(f"base_materials | {named}"):
         only_shape(tmp_path, bsdf)
-    assert message in str(raised.value)
     (shape,) = load_shapes(
         tmp_path / "wall.xml", {"sky": "brick"}, {"brick": catalogue_material("brick").at(905e-9)}, 905e-9
     )

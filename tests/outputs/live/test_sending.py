@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.mistakes import told
 from helpers.packets import random_frame
 
 from lidarscene.errors import InputError, OutputError
@@ -138,9 +139,9 @@ def test_udp_sends_and_tells_what_it_cannot() -> None:
         with udp("127.0.0.1", port) as send:
             send(b"one")
             assert receiver.recv(100) == b"one"
-            with pytest.raises(OutputError, match=f"--udp 127.0.0.1:{port}: cannot be sent: "):
+            with told(f"--udp 127.0.0.1:{port}", OutputError):
                 send(bytes(70_000))
-    with pytest.raises(InputError, match="no such host"), udp("no host", 1):
+    with told("no such host"), udp("no host", 1):
         pass
 
 

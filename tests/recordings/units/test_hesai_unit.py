@@ -8,9 +8,9 @@ from typing import Any
 
 import numpy as np
 import pytest
+from helpers.mistakes import told
 from helpers.recordings import DATA, at128_corrections, hesai_packet
 
-from lidarscene.errors import InputError
 from lidarscene.recordings.units.unit_file import read_unit, write_unit
 from lidarscene.sensor.sensor_file import load_sensor
 
@@ -55,7 +55,7 @@ def test_the_model_is_the_one_with_the_nearest_elevations(tmp_path: Path, name: 
 def test_a_model_that_the_catalogue_lacks_needs_a_like_and_warns(tmp_path: Path) -> None:
     """The same number of lasers is not enough; with --like the report says whose laser the file has."""
     path = table(tmp_path / "angles.csv", rows=64)
-    with pytest.raises(InputError, match=r"no sensor of the catalogue is of this kind \(64 beams\); --like "):
+    with told("64 beams | --like"):
         write_unit(read_unit(path), path, tmp_path / "unit.toml")
     text = write_unit(read_unit(path), path, tmp_path / "unit.toml", like="pandar64")
     assert text.splitlines()[-1] == (
@@ -84,14 +84,14 @@ def test_corrections_of_an_at128_are_its_angles(tmp_path: Path) -> None:
 
 def test_what_is_no_table_is_told(tmp_path: Path) -> None:
     path = tmp_path / "a.csv"
-    for text, message in (
-        ("", "must have columns Elevation and Azimuth, got none"),
-        ("a,b\n1,2\n", "must have columns Elevation and Azimuth, got a, b"),
-        ("Elevation,Azimuth\n1,x\n", "line 2: azimuth: must be a finite number, got 'x'"),
-        ("Elevation,Azimuth\nnan,1\n", "line 2: elevation: must be a finite number, got 'nan'"),
-        ("Elevation,Azimuth\n1\n", "line 2: azimuth: must be a finite number, got ''"),
-        ("Elevation,Azimuth\n", "must have a line for each channel, got none"),
+    for text, named in (
+        ("", "a.csv | columns | Elevation and Azimuth | none"),
+        ("a,b\n1,2\n", "a.csv | columns | Elevation and Azimuth | a, b"),
+        ("Elevation,Azimuth\n1,x\n", "a.csv | line 2 | azimuth | finite number | 'x'"),
+        ("Elevation,Azimuth\nnan,1\n", "a.csv | line 2 | elevation | finite number | 'nan'"),
+        ("Elevation,Azimuth\n1\n", "a.csv | line 2 | azimuth | finite number | ''"),
+        ("Elevation,Azimuth\n", "a.csv | channel | none"),
     ):
         path.write_text(text)
-        with pytest.raises(InputError, match=message):
+        with told(named):
             read_unit(path)

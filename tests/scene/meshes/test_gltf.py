@@ -12,9 +12,10 @@ import pytest
 import trimesh
 from helpers.gltf import WALL, WALL_FACES, Gltf
 from helpers.meshes import area_m2
+from helpers.mistakes import told
 
 from lidarscene import render
-from lidarscene.errors import InputError, LidarSceneError, OptionWarning
+from lidarscene.errors import LidarSceneError, OptionWarning
 from lidarscene.files.cache_folder import VARIABLE
 from lidarscene.files.optional import is_installed
 from lidarscene.rendering.import_report import import_report
@@ -103,7 +104,7 @@ def test_instances_of_unequal_attributes_are_refused(tmp_path: Path) -> None:
     file.mesh()
     attributes = {"TRANSLATION": file.numbers(np.zeros((3, 3))), "SCALE": file.numbers(np.ones((2, 3)))}
     file.add("nodes", mesh=0, extensions={"EXT_mesh_gpu_instancing": {"attributes": attributes}})
-    with pytest.raises(InputError, match=r"instancing: its attributes must have as many rows each, got \[2, 3\]"):
+    with told("a.glb | EXT_mesh_gpu_instancing | rows | [2, 3]"):
         read_mesh(file.save(tmp_path / "a.glb"))
 
 
@@ -331,18 +332,18 @@ def test_a_grey_of_factor_image_and_vertices(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("extension", "message"),
+    ("extension", "named"),
     [
-        ("EXT_nobody_knows", "export the file without it"),
-        ("EXT_meshopt_compression", "`gltf-transform cp .*a.glb decoded.glb`"),
-        ("KHR_texture_basisu", "`gltf-transform ktxdecompress .*a.glb decoded.glb`"),
+        ("EXT_nobody_knows", "export the file"),
+        ("EXT_meshopt_compression", "`gltf-transform cp | a.glb | decoded.glb`"),
+        ("KHR_texture_basisu", "`gltf-transform ktxdecompress | a.glb | decoded.glb`"),
     ],
 )
-def test_a_required_extension_is_honoured_or_refused_by_name(tmp_path: Path, extension: str, message: str) -> None:
+def test_a_required_extension_is_honoured_or_refused_by_name(tmp_path: Path, extension: str, named: str) -> None:
     file = Gltf()
     file.mesh()
     file.add("nodes", mesh=0)
-    with pytest.raises(InputError, match=rf"a\.glb: extensionsRequired: {extension} cannot be read; .*{message}"):
+    with told(f"a.glb: | extensionsRequired | {extension} | {named}"):
         read_mesh(file.save(tmp_path / "a.glb", required=("KHR_mesh_quantization", extension)))
 
 
@@ -368,7 +369,7 @@ def test_a_buffer_of_meshopt_is_named(tmp_path: Path) -> None:
     (tmp_path / "a.gltf").write_text(json.dumps(file.content))
     with (
         pytest.warns(OptionWarning, match="EXT_meshopt_compression"),
-        pytest.raises(InputError, match="EXT_meshopt_compression cannot be read; `gltf-transform cp"),
+        told("a.gltf | EXT_meshopt_compression | gltf-transform cp"),
     ):
         read_mesh(tmp_path / "a.gltf")
 
@@ -425,25 +426,23 @@ def test_draco(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 def test_draco_without_its_decoder_is_one_line(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "DracoPy", None)
-    with pytest.raises(
-        LidarSceneError, match=r"a\.glb: KHR_draco_.*pip install DracoPy; or `gltf-transform cp .*a\.glb"
-    ):
+    with told("a.glb: | KHR_draco_mesh_compression | pip install DracoPy | gltf-transform cp", LidarSceneError):
         read_mesh(draco_wall(tmp_path / "a.glb", b"draco"))
 
 
 @pytest.mark.parametrize(
-    ("change", "message"),
+    ("change", "named"),
     [
-        ({"asset": {"version": "1.0"}}, "must be glTF 2, got version 1.0"),
-        ({"nodes": [{"mesh": 3}]}, "meshes: there are 1, and number 3 is named"),
-        ({"nodes": [{"mesh": 0, "children": [0]}]}, "nodes: number 0 is below itself"),
-        ({"accessors": [{"componentType": 5126, "count": 1 << 40, "type": "VEC3"}] * 2}, "rows without a bufferView"),
+        ({"asset": {"version": "1.0"}}, "glTF 2 | 1.0"),
+        ({"nodes": [{"mesh": 3}]}, "meshes | 1 | number 3"),
+        ({"nodes": [{"mesh": 0, "children": [0]}]}, "nodes | number 0"),
+        ({"accessors": [{"componentType": 5126, "count": 1 << 40, "type": "VEC3"}] * 2}, "rows | bufferView"),
     ],
 )
-def test_what_is_no_gltf_is_one_line(tmp_path: Path, change: dict[str, Any], message: str) -> None:
+def test_what_is_no_gltf_is_one_line(tmp_path: Path, change: dict[str, Any], named: str) -> None:
     file = Gltf()
     file.mesh()
     file.add("nodes", mesh=0)
     file.content |= change
-    with pytest.raises(InputError, match=rf"a\.glb: cannot be read as a mesh: .*{message}"):
+    with told(f"a.glb | {named}"):
         read_mesh(file.save(tmp_path / "a.glb"))

@@ -11,6 +11,7 @@ import pytest
 import trimesh
 from helpers.child import assert_ended
 from helpers.meshes import area_m2
+from helpers.mistakes import told
 
 from lidarscene.errors import InputError, OptionWarning
 from lidarscene.scene.meshes.reading import read_mesh
@@ -127,7 +128,7 @@ def test_a_buffer_that_is_not_there(tmp_path: Path) -> None:
     for buffer in tmp_path.glob("*.bin"):
         buffer.unlink()
     assert json.loads((tmp_path / "a.gltf").read_text())["buffers"]
-    with pytest.raises(InputError, match=r"a\.gltf: cannot be read as a mesh: "):
+    with told("a.gltf | mesh"):
         read_mesh(tmp_path / "a.gltf")
 
 

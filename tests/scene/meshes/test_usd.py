@@ -7,8 +7,9 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.meshes import area_m2
+from helpers.mistakes import told
 
-from lidarscene.errors import InputError, OptionWarning
+from lidarscene.errors import OptionWarning
 from lidarscene.maths.arrays import Numbers
 from lidarscene.scene.meshes import usd
 from lidarscene.scene.meshes.mesh_cache import SubMesh
@@ -223,28 +224,26 @@ def test_a_scene_file_names_a_stage_and_its_materials(stage: Any, tmp_path: Path
     assert isinstance(part, Part)
     assert (part.material, len(part.faces)) == ("concrete", 2)
     (tmp_path / "a.toml").write_text(text.format('unit = "mm"\n'))
-    with pytest.raises(
-        InputError, match=r"bodies\[0 \"w\"\]\.unit: must be left out, since a USD stage says it, got mm"
-    ):
+    with told('bodies[0 "w"].unit | USD | mm'):
         load_scene(tmp_path / "a.toml")
 
 
 def test_mistakes_are_one_line(stage: Any, tmp_path: Path, capfd: pytest.CaptureFixture[str]) -> None:
     """And USD prints nothing of its own."""
     (tmp_path / "noise.usda").write_text("#usda 1.0\ndef {")
-    with pytest.raises(InputError, match=r"noise\.usda: cannot be read as a USD stage: "):
+    with told("noise.usda | USD"):
         read_mesh(tmp_path / "noise.usda")
-    with pytest.raises(InputError, match="must have at least one triangle, got none"):
+    with told("at least one triangle | none"):
         save_and_read(stage)
     (tmp_path / "lost.usda").write_text('#usda 1.0\n(metersPerUnit = 1)\ndef "a" (references = @nowhere.usda@) {}\n')
-    with pytest.raises(InputError, match=r"lost\.usda: refers to what cannot be read: .*nowhere\.usda"):
+    with told("lost.usda | nowhere.usda"):
         read_mesh(tmp_path / "lost.usda")
     assert capfd.readouterr() == ("", "")
 
 
 def test_faces_that_do_not_fit_are_refused(stage: Any) -> None:
     add_mesh(stage, "/m", SQUARE, [4], [0, 1, 2, 9])
-    with pytest.raises(InputError, match="/m: its faces do not fit its points"):
+    with told("/m | faces | points"):
         save_and_read(stage)
 
 
@@ -262,7 +261,7 @@ def test_a_stage_that_refers_to_a_pipe_is_refused(library: Any, tmp_path: Path, 
     else:
         (tmp_path / "b.usda").write_text(bad)
         path.write_text('#usda 1.0\ndef "a" (references = @./b.usda@</a>)\n{\n}\n')
-    with pytest.raises(InputError, match=r"part\.usda: must be a USD file, got a device or pipe"):
+    with told("part.usda | USD file"):
         read_mesh(path)
 
 
@@ -275,7 +274,6 @@ def test_a_stage_over_which_usd_ends_the_process(stage: Any, tmp_path: Path, mon
     with monkeypatch.context() as crashing:
         (tmp_path / "sitecustomize.py").write_text("import os; os.abort()")
         crashing.syspath_prepend(tmp_path)
-        with pytest.raises(InputError) as caught:
+        with told(f"{path} | damaged"):
             read_mesh(path)
-    assert str(caught.value) == f"{path}: damaged: its reader ended or did not answer"
     assert len(read_mesh(path)) == 1

@@ -14,7 +14,6 @@ from helpers.mistakes import mistakes, told
 from helpers.run_seed import run_seed
 
 from lidarscene import catalog, load_sensor
-from lidarscene.errors import InputError
 from lidarscene.files.toml import read_toml
 from lidarscene.studies.design.design_study import EVALUATIONS, load_study, run_study
 from lidarscene.studies.design.quantities import range_of_units_m
@@ -78,10 +77,10 @@ def test_gain_of_an_apd_in_closed_form(tmp_path: Path) -> None:
 
 def test_the_front_is_that_of_a_grid(tmp_path: Path) -> None:
     """The front has at least 99 % of the hypervolume of all 60^3 designs; each design file is class 1 and detects at
-    200 m.
+    200 m. Rationale: from this seed, steps by the slope of P_d itself, which is flat near 1, ended at 60 %.
     """
     indicator = pytest.importorskip("pymoo.indicators.hv")
-    path = write(tmp_path, APERTURE.replace("120", "300"))
+    path = write(tmp_path, APERTURE.replace("120", "300\nseed = 1"))
     numbers = numbers_of(path, tmp_path / "out")
     points = [[design["quantities"][name] for name in ("area", "power")] for design in numbers["front"]]
     grid = grid_points()
@@ -163,7 +162,7 @@ def test_a_folder_of_another_study_is_refused(tmp_path: Path) -> None:
     run_study(write(tmp_path, text), tmp_path / "out")
     before = (tmp_path / "out" / EVALUATIONS).read_bytes()
     other = write(tmp_path, text.replace("150, illuminance_klux", "100, illuminance_klux"))
-    with pytest.raises(InputError, match=r"evaluations\.jsonl: must be of this study"):
+    with told("evaluations.jsonl"):
         run_study(other, tmp_path / "out")
     assert (tmp_path / "out" / EVALUATIONS).read_bytes() == before
 
@@ -334,7 +333,7 @@ def test_a_design_has_a_reserve_and_an_interval(tmp_path: Path) -> None:
     assert low < quantities["range"] < high
     assert "range over the stated uncertainties, m" in (tmp_path / "out" / "index.md").read_text(encoding="utf-8")
     wrong = write(tmp_path, RESERVE.replace('"tdc.threshold_to_noise" = 0.3', '"tdc.stops" = 1'))
-    with pytest.raises(InputError, match=r"tolerance.tdc.stops: must be a number that the range of apd-905 depends on"):
+    with told("tolerance.tdc.stops | range of apd-905"):
         run_study(wrong, tmp_path / "wrong")
 
 
@@ -372,10 +371,10 @@ def test_tables_are_choices_and_parts_have_costs(tmp_path: Path) -> None:
         pulses_per_s = sensor.scanner.pulses / sensor.scanner.frame_s
         assert quantities["rate"] == pytest.approx(pulses_per_s * sensor.tdc.stops * 64e-6)
     missing = write(tmp_path, TABLES.replace("[20, 7]", "[12, 7]").replace("low = 5", "low = 15"))
-    with pytest.raises(InputError, match=r"cost.optics.aperture_radius_mm: must have a cost of 15.0, got 5.0, 12.0"):
+    with told("cost.optics.aperture_radius_mm | 15.0 | 5.0, 12.0"):
         run_study(missing, tmp_path / "missing")
     twice = write(tmp_path, TABLES.replace("[20, 7]", "[5, 7]"))
-    with pytest.raises(InputError, match=r"optics.aperture_radius_mm: must have one cost of 5.0, got 2"):
+    with told("cost | optics.aperture_radius_mm | one cost of 5.0 | 2"):
         run_study(twice, tmp_path / "twice")
 
 
@@ -567,8 +566,8 @@ def test_cells_and_watts_are_quantities(tmp_path: Path) -> None:
     page = (tmp_path / "out" / "index.md").read_text(encoding="utf-8")
     assert f"Power of the chosen design: {1e3 * light_w:.3g} mW of light, driver {10.0 * light_w:.3g} W" in page
     diode = CELLS.replace("sipm-905", "apd-905").replace('"detector.cell_gap_um" = 2', "").replace("cells", "gain")
-    with pytest.raises(InputError, match="must be sipm or spad for a quantity of cells, got that of apd-905"):
+    with told("sipm or spad | cells | apd-905"):
         run_study(write(tmp_path, diode), tmp_path / "diode")
     lone = "\n".join(line for line in CELLS.splitlines() if not line.startswith('"power.'))
-    with pytest.raises(InputError, match=r"power: must be in the file of sipm-905 for electrical_power_w, got none"):
+    with told("power | sipm-905 | electrical_power_w | none"):
         run_study(write(tmp_path, lone), tmp_path / "lone")

@@ -9,7 +9,7 @@ import pytest
 from helpers.mistakes import mistakes, told
 
 from lidarscene import catalog, load_sensor
-from lidarscene.errors import InputError, OptionWarning
+from lidarscene.errors import OptionWarning
 from lidarscene.studies.ranging import aperture_laws, plane
 from lidarscene.studies.ranging.aperture_laws import LAWS
 from lidarscene.studies.ranging.conditions import Bounds
@@ -198,7 +198,7 @@ def test_aperture_of_a_scanner():
     assert aperture_laws.of_scanner(Halving(), "elevation", angle) == pytest.approx([0.5, 0.75, 1.0, 0.875, 0.5])
     assert aperture_laws.of_scanner(Halving(), "azimuth", angle) == pytest.approx(np.ones(5))
     assert aperture_laws.field_of_view_deg(Halving(), "elevation") == (-10.0, 10.0)
-    with pytest.raises(InputError, match="field of view is -10 to 10"):
+    with told("field of view | -10 | 10"):
         aperture_laws.of_scanner(Halving(), "elevation", np.array([0.0, 10.5]))
 
 
@@ -283,7 +283,7 @@ def test_assignments_for_one_and_for_all():
 def test_a_bound_that_is_excluded(above, value, refused):
     bounds = Bounds(unit="m", low=0.0, high=9.0, start=1.0, stop=2.0, above=above)
     if refused:
-        with pytest.raises(InputError, match="distance 0: must be more than 0 and up to 9 m"):
+        with told("distance 0 | 9 m"):
             bounds.check("distance", value)
     else:
         bounds.check("distance", value)
@@ -320,9 +320,9 @@ def test_of_whole_numbers_the_first_on_the_other_side_is_told():
 def test_angles_and_ends_that_make_no_axis():
     within, beyond = (condition_axis("elevation", start=0.0, stop=stop, count=3, log=False) for stop in (89.0, 89.5))
     require_within_law(within)
-    with pytest.raises(InputError, match="this aperture law holds to 89 degrees"):
+    with told("89 degrees"):
         require_within_law(beyond)
-    with pytest.raises(InputError, match="start must be below stop"):
+    with told("start | stop"):
         condition_axis("distance", start=5.0, stop=5.0, count=3, log=None)
 
 

@@ -2,9 +2,9 @@
 
 import numpy as np
 import pytest
+from helpers.mistakes import told
 from helpers.twins import COLUMNS, RINGS, directions, room, room_sweep
 
-from lidarscene.errors import InputError
 from lidarscene.maths.arrays import Numbers
 from lidarscene.maths.pose import Pose
 from lidarscene.recordings.sweep import Second, Sweep
@@ -91,7 +91,7 @@ def test_a_list_of_points_has_no_grid() -> None:
     flat = Sweep(
         range_m=sweep.range_m.ravel(), recorded=np.ones(RINGS * COLUMNS, bool), direction=sweep.direction.reshape(-1, 3)
     )
-    with pytest.raises(InputError, match="must be a sweep of rows and columns"):
+    with told("rows and columns"):
         align_columns(flat)
 
 

@@ -7,6 +7,7 @@ from functools import cache
 import numpy as np
 import pytest
 from helpers.drawn_scenes import GROUPS, REFLECTIVITY_SIGMA, drawn_report, drawn_unit, published_sensor, unit_of
+from helpers.mistakes import told
 from scipy import special
 
 from lidarscene.light.echoes import EchoTrain, SubEchoes
@@ -115,7 +116,7 @@ def test_the_light_of_a_render_is_a_scene() -> None:
     share = np.asarray(overlap.share(np.array([4.0, 5.0])))
     np.testing.assert_allclose(scene.power_w, np.array([2e-9, 1e-9]) / share, rtol=1e-12)
     rays = replace(light, parts=(replace(light.parts[0], count=3),))
-    with pytest.raises(ValueError, match="must be of one ray a pulse, got several"):
+    with told("one ray | several", ValueError):
         KnownScene.from_light(rays, sensor, np.zeros(3, int), spot_over_field=0.5)
 
 

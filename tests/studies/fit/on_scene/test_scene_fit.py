@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from helpers.drawn_scenes import published_sensor
 from helpers.in_this_process import draw_roughly
+from helpers.mistakes import told
 from helpers.rendered_recordings import record, scene_and_units
 from helpers.twins import pulses
 
@@ -156,24 +157,21 @@ def test_poses_move_the_sensor(recorded_unit: RecordedUnit, tmp_path: Path, monk
 
 
 @pytest.mark.parametrize(
-    ("changed", "complaint"),
+    ("changed", "named"),
     [
-        ({"sensor": str(path_of("sensors", "table1-apd"))}, r"table1-apd.toml: must count photons, with \[histogram\]"),
-        (
-            {"sensor": str(path_of("sensors", "os2-128"))},
-            "the sensor must fire where the recording's did|must have 32 channels",
-        ),
-        ({"poses": "late.csv"}, "must reach from the first to the last frame, got 5 to 6 s and frame 0 at 0 s"),
+        ({"sensor": str(path_of("sensors", "table1-apd"))}, "table1-apd.toml | photons | [histogram]"),
+        ({"sensor": str(path_of("sensors", "os2-128"))}, "sensor | recording"),
+        ({"poses": "late.csv"}, "late.csv | 5 | 6 s | frame 0 | 0 s"),
     ],
 )
 def test_what_does_not_fit_is_one_line(
-    recorded_unit: RecordedUnit, tmp_path: Path, changed: dict[str, Any], complaint: str
+    recorded_unit: RecordedUnit, tmp_path: Path, changed: dict[str, Any], named: str
 ) -> None:
     recording, scene, _ = recorded_unit
     if "poses" in changed:
         changed = {"poses": tmp_path / changed["poses"]}
         changed["poses"].write_text("time_s,x_m,y_m,z_m\n5,0,0,0\n6,0,0,0\n", encoding="utf-8")
-    with pytest.raises(InputError, match=complaint):
+    with told(named):
         fit_on_scene(SceneFitInputs(recordings=[recording], scene=scene, **changed))
 
 
