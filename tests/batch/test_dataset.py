@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from helpers.mistakes import mistakes, told
 from helpers.small_job import use_no_worlds_of_others
-from helpers.walls import APPROACHED, LEFT_AND_RIGHT, MOVING
+from helpers.walls import APPROACHED, LEFT_AND_RIGHT, MOVING, rig_text
 from scipy.spatial.transform import Rotation
 
 from lidarscene.batch import dataset, dispatch, work
@@ -546,17 +546,10 @@ def test_a_cloud_lies_where_its_tables_say(threads: Connect, tmp_path: Path) -> 
 PARKED = SENSOR + APPROACHED.replace("[10, 0, 1.8]", "[14.3, 0, 1.8]")
 """A car that stands, and a sensor that drives towards it, by 9 cm in a frame."""
 
-ONE_BEHIND_THE_OTHER = """
-[[sensors]]
-label = "roof"
-sensor = "table1-apd"
-position_m = [0, 0, 1.8]
-[[sensors]]
-label = "front"
-sensor = "table1-sipm"
-position_m = [2.3, -0.6, 0.8]
-yaw_deg = 15
-"""
+ONE_BEHIND_THE_OTHER = rig_text(
+    ("roof", "table1-apd", "position_m = [0, 0, 1.8]"),
+    ("front", "table1-sipm", "position_m = [2.3, -0.6, 0.8]", "yaw_deg = 15"),
+)
 
 
 def parked_job(folder: Path, text: str) -> Job:
@@ -619,7 +612,7 @@ def test_points_in_a_moving_box_are_those_of_all_sensors(threads: Connect, tmp_p
         assert annotation["num_lidar_pts"] == sum(counts)
 
 
-@pytest.mark.parametrize("name", ["kitti", "nuscenes"])
+@pytest.mark.parametrize("name", ["kitti", "nuscenes", "semantickitti"])
 def test_points_on_the_own_car_stay_out(threads: Connect, tmp_path: Path, name: str) -> None:
     """The only body rides with the sensor: of the cloud noise is left."""
     scene = PARKED.replace("14.3, 0, 1.8]", "6, 0, 1.8]\n[bodies.motion]\nwith_ego = true")
@@ -628,7 +621,7 @@ def test_points_on_the_own_car_stay_out(threads: Connect, tmp_path: Path, name: 
         folder = tmp_path / f"out{len(sizes)}"
         run(read_job(tmp_path, f'dataset = "{name}"\n{options}', scene=scene), folder, threads)
         (path,) = (path for pattern in dataset.CLOUD_FOLDERS[name] for path in folder.glob(pattern))
-        sizes.append(path.stat().st_size // (16 if name == "kitti" else 20))
+        sizes.append(path.stat().st_size // (20 if name == "nuscenes" else 16))
     assert sizes[0] > 50 > 5 > sizes[1]
 
 

@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 from helpers.mistakes import mistakes, told
+from helpers.walls import rig_text
 
 from lidarscene import catalog, load_scene, load_sensor
 from lidarscene.batch import tasks
@@ -32,9 +33,7 @@ def folder(tmp_path: Path) -> Path:
     (tmp_path / "wall.obj").write_text(OBJ)
     (tmp_path / "poses.csv").write_text(POSES)
     shutil.copy(catalog.path_of("sensors", "table1-apd"), tmp_path / "own.toml")
-    (tmp_path / "rig.toml").write_text(
-        '[[sensors]]\nlabel = "a"\nsensor = "own.toml"\n[[sensors]]\nlabel = "b"\nsensor = "table1-sipm"\n'
-    )
+    (tmp_path / "rig.toml").write_text(rig_text(("a", "own.toml"), ("b", "table1-sipm")))
     return tmp_path
 
 

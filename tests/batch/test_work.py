@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 from helpers.folders import raise_disk_full
 from helpers.small_job import use_no_worlds_of_others
+from helpers.walls import rig_text
 
 from lidarscene import catalog
 from lidarscene.batch import manifest, work
@@ -26,16 +27,7 @@ COARSE = [
     for axis, fov in (("azimuth", 40), ("elevation", 20))
     for key, value in (("fov", fov), ("step", 2.0))
 ]
-RIG = """
-[[sensors]]
-label = "left"
-sensor = "table1-apd"
-position_m = [0, 1, 0.3]
-[[sensors]]
-label = "right"
-sensor = "table1-apd"
-position_m = [0, -1, 0.3]
-"""
+RIG = rig_text(("left", "table1-apd", "position_m = [0, 1, 0.3]"), ("right", "table1-apd", "position_m = [0, -1, 0.3]"))
 
 
 @pytest.fixture(autouse=True)

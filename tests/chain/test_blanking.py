@@ -5,9 +5,7 @@ import math
 import numpy as np
 import pytest
 from helpers import trains
-from helpers.mistakes import told
 
-from lidarscene.detection import receiver
 from lidarscene.detection.outcomes import Outcome, Status
 from lidarscene.light.echoes import Echoes
 from lidarscene.physics.constants import SPEED_OF_LIGHT_M_S
@@ -26,7 +24,7 @@ def one_echo(range_m, power_w, equipped):
         peak_power_w=0.0 * of_each + power_w,
         background_power_w=0.0 * of_each + trains.BACKGROUND_W,
     )
-    return receiver.detect(light, equipped, seed=0, pulse=np.arange(200, dtype=np.uint32))
+    return trains.detect(light, equipped, seed=0)
 
 
 def one_of_many(range_m, power_w, equipped):
@@ -97,11 +95,6 @@ def test_no_blanking_is_the_default_and_takes_crossings_before_time_zero():
     assert np.all(detection.stops[0].reported)
 
 
-def test_blanking_beyond_the_window_is_a_mistake():
-    with told("blanking_ns | < 4000 | window | 4000"):
-        trains.sensor("table1-apd", "tdc.window_us=4", "tdc.blanking_ns=4000")
-
-
 @pytest.mark.parametrize("road", [one_echo, one_of_many])
 def test_no_echo_has_the_range_zero(road):
     """Rationale: a converter counts from the pulse, and 0 stands for no return in makers' formats. A strong echo from
@@ -134,7 +127,7 @@ def test_fog_piles_no_points_up_at_zero(name):
     """Rationale: light of fog in front of the lens is strongest near it, and noise moves it across the pulse."""
     equipped = trains.sensor(name, *(["histogram.blanking_ns=0"] if "os1" in name else []))
     light = trains.in_fog(equipped, np.geomspace(0.3, 30.0, 400))
-    detection = receiver.detect(light, equipped, seed=3, pulse=np.arange(400, dtype=np.uint32))
+    detection = trains.detect(light, equipped, seed=3)
     reported = np.asarray(detection.stops[0].reported)
     assert reported.sum() > 40
     assert np.asarray(detection.stops[0].range_m)[reported].min() > 0.0
@@ -148,7 +141,7 @@ def test_an_ouster_sees_through_the_fog_before_its_window(name):
     equipped = trains.sensor(name)
     light = trains.in_fog(equipped, np.ones(200), wall_m=8.0, reflectivity=0.5)
     near, shielded = (
-        receiver.detect(light, sensor, seed=3, pulse=np.arange(200, dtype=np.uint32)).stops[0]
+        trains.detect(light, sensor, seed=3).stops[0]
         for sensor in (trains.sensor(name, "histogram.blanking_ns=0"), equipped)
     )
     assert np.median(np.asarray(near.range_m)[np.asarray(near.reported)]) < 0.3

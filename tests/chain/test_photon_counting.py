@@ -48,7 +48,7 @@ def test_numpy_and_device_agree():
     light = photons.echoes_of(counter, 20.0, count=6_000, illuminance_klux=5.0)
     light.range_m[:] = np.linspace(10.0, 60.0, 6_000)
     light.peak_power_w[:] *= (20.0 / light.range_m) ** 2
-    host = photons.detect(counter, light, seed=4)
+    host = photons.detect(light, counter, seed=4)
     device = detect_on_device(counter, light, seed=4)
     assert 0.2 < photons.echo_of(host.stops[0]).mean() < 1.0
     np.testing.assert_allclose(host.snr, device.snr, rtol=1e-3)
@@ -86,7 +86,7 @@ def test_spads_that_come_back_are_found_on_the_device_too():
     light.range_m[:] += np.linspace(0.0, 0.15, 2_000)
     light.background_power_w[:] = 27.5e6 / float(dark.per_watt)
     light.peak_power_w[:] = 5.0 / float(dark.detections(1.0))
-    host = photons.detect(counter, light, seed=4)
+    host = photons.detect(light, counter, seed=4)
     device = detect_on_device(counter, light, seed=4)
     ours, theirs = (
         np.any([stop.reported & (stop.status == Status.REVIVED) for stop in detection.stops], axis=0)
@@ -104,7 +104,7 @@ def test_echoes_on_flanks_are_those_of_numpy():
     power_w = counter.working_point(np.full(1, 1e-12)).response.power_w(np.array([15.0, 150.0]))
     range_m = 25.0 + np.stack([np.zeros(1_000), np.linspace(0.4, 2.0, 1_000)], axis=1)
     light = trains.train(range_m, np.tile(power_w, (1_000, 1)), background_w=1e-12)
-    host = photons.detect(counter, light, seed=4)
+    host = photons.detect(light, counter, seed=4)
     (part,) = light.parts
     moved = {name: transfer.from_numpy(getattr(part, name)) for name in ("range_m", "peak_power_w")}
     background_w = transfer.from_numpy(light.background_power_w)

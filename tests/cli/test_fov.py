@@ -12,6 +12,7 @@ import pytest
 from helpers.child import assert_ended
 from helpers.command_line import BEAMS, COARSE, WALL, Run
 from helpers.in_this_process import draw_roughly
+from helpers.walls import rig_text
 
 from lidarscene.cli import main
 from lidarscene.figures.report import Report
@@ -113,6 +114,8 @@ import sys
 sys.path.append({str(Path(__file__).parents[1])!r})
 import pytest
 from helpers.in_this_process import draw_roughly
+from helpers.walls import rig_text
+from helpers.walls import rig_text
 draw_roughly(pytest.MonkeyPatch())
 from lidarscene.cli.main import main
 code = main({argv!r})
@@ -169,18 +172,10 @@ def test_each_sensor_stands_at_its_own_mounting(mi, run: Run, no_charts: None, t
     assert int(rows["table1-sipm"]["points"]) == pytest.approx(21 * 11, abs=4)
 
 
-RIG = """
-[[sensors]]
-label = "front"
-sensor = "table1-apd"
-position_m = [2, 0, 1.9]
-
-[[sensors]]
-label = "back"
-sensor = "table1-apd"
-position_m = [-2, 0, 1.9]
-yaw_deg = 180
-"""
+RIG = rig_text(
+    ("front", "table1-apd", "position_m = [2, 0, 1.9]"),
+    ("back", "table1-apd", "position_m = [-2, 0, 1.9]", "yaw_deg = 180"),
+)
 
 
 def test_a_rig(mi, run: Run, no_charts: None, tmp_path: Path) -> None:

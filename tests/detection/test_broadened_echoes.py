@@ -3,9 +3,8 @@
 import numpy as np
 import pytest
 from helpers import chain, trains
-from helpers.mistakes import told
+from helpers.trains import detect
 
-from lidarscene.detection import receiver
 from lidarscene.detection.report import Detection
 from lidarscene.light.echoes import EchoTrain, SubEchoes
 from lidarscene.maths.special import normal_tail_inverse
@@ -19,7 +18,7 @@ COUNT = 4000
 
 def on_a_slope(sensor: Sensor, target: Target, range_m: float) -> Detection:
     light = plane.echoes_of_plane(sensor, target, np.full(COUNT, range_m))
-    return receiver.detect(light, sensor, seed=3, pulse=np.arange(COUNT, dtype=np.uint32))
+    return detect(light, sensor, seed=3)
 
 
 def many_rays(sensor: Sensor, target: Target, range_m: float, rays: int = 64) -> EchoTrain:
@@ -50,7 +49,7 @@ def test_one_ray_of_a_slope_is_measured_as_many(timing: str) -> None:
     target = Target(cos_incidence=float(np.cos(np.radians(84.0))), reflectivity=8.0)
     lone = on_a_slope(sensor.replace("laser.slope_broadening=true"), target, 60.0)
     light = many_rays(sensor, target, 60.0)
-    spread = receiver.detect(light, sensor, seed=4, pulse=np.arange(COUNT, dtype=np.uint32))
+    spread = detect(light, sensor, seed=4)
     plain = on_a_slope(sensor, target, 60.0)
     height, of_rays, whole = (float(np.mean(found.stops[0].amplitude)) for found in (lone, spread, plain))
     assert height < 0.8 * whole
@@ -101,8 +100,3 @@ def test_probabilities_of_studies_are_the_rendered_ones() -> None:
     rendered = on_a_slope(sensor, target, 60.0).detection_probability
     assert 0.2 < float(rendered[0]) < 0.95
     assert plane.detection_probability(sensor, target, 60.0) == pytest.approx(float(rendered[0]), rel=1e-4)
-
-
-def test_photon_counters_take_rays_instead() -> None:
-    with told("slope_broadening | left out"):
-        chain.sensor("os1-128", "laser.slope_broadening=true")

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from helpers import chain, trains
 from helpers.mistakes import told
+from helpers.trains import detect
 from scipy.stats import ks_2samp, kstest, norm, spearmanr
 
-from lidarscene.detection import receiver
 from lidarscene.detection.outcomes import Outcome, Status
 from lidarscene.light.echoes import Interference
 from lidarscene.physics.electronics import crosstalk
@@ -32,7 +32,7 @@ def light_among_lidars(sensor, *sources, range_m=None):
 
 
 def detect_shots(sensor, light, seed=5):
-    return receiver.detect(light, sensor, seed=seed, pulse=np.arange(SHOTS, dtype=np.uint32))
+    return detect(light, sensor, seed=seed)
 
 
 def lidar(rate_hz, median_w=MEDIAN_W):

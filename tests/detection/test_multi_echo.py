@@ -11,7 +11,6 @@ from helpers.trains import FWHM_S, SIGMA_M, SIGMA_S, detect, power_at_snr, senso
 from scipy.optimize import brentq
 from scipy.stats import binomtest, norm
 
-from lidarscene.detection import receiver
 from lidarscene.detection.outcomes import Outcome, Status
 from lidarscene.light.echoes import Echoes, Volume, hump_of
 from lidarscene.light.footprint import points
@@ -57,7 +56,7 @@ def test_sub_echoes_at_one_range_are_one_echo(name, sub_echoes):
     lone = Echoes(
         has_surface=power > 0.0, range_m=range_m, peak_power_w=power, background_power_w=light.background_power_w
     )
-    expected = receiver.detect(lone, equipped, seed=0, pulse=np.arange(count, dtype=np.uint32))
+    expected = detect(lone, equipped, seed=0)
     detection = detect(light, equipped)
     np.testing.assert_array_equal(detection.outcome, expected.outcome)
     np.testing.assert_allclose(detection.snr, expected.snr, rtol=1e-9)

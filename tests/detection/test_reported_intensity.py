@@ -6,10 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from helpers import chain, trains
-from helpers.mistakes import told
+from helpers.trains import detect
 
 from lidarscene import Simulator, load_sensor
-from lidarscene.detection import receiver
 from lidarscene.materials.material import Material, Spectrum
 from lidarscene.physics.electronics import intensity
 from lidarscene.scene.scene import Air
@@ -24,7 +23,7 @@ def reported(sensor, range_m, **target):
     """Mean of what shots at a plane report, in clear air."""
     plane = Target(**{"transmittance": 1.0} | target)
     light = ranging.echoes_of_plane(sensor, plane, np.full(SHOTS, float(range_m)))
-    stop = receiver.detect(light, sensor, seed=1, pulse=np.arange(SHOTS, dtype=np.uint32)).stops[0]
+    stop = detect(light, sensor, seed=1).stops[0]
     return stop.intensity[stop.reported & (stop.status == 0)]
 
 
@@ -67,7 +66,7 @@ def test_range_corrected():
 def test_raw_is_the_amplitude(name):
     sensor = chain.sensor(name)
     light = ranging.echoes_of_plane(sensor, Target(), np.full(50, 100.0))
-    stop = receiver.detect(light, sensor, seed=1, pulse=np.arange(50, dtype=np.uint32)).stops[0]
+    stop = detect(light, sensor, seed=1).stops[0]
     assert stop.intensity is stop.amplitude
 
 
@@ -140,13 +139,6 @@ def test_traced_boards(mi):
     np.testing.assert_allclose(lanes.detection.stops[0].intensity, np.minimum(expected, 255.0), atol=2.0)
 
 
-def test_mistakes():
-    with told('intensity.kind | "calibrated"'):
-        chain.sensor("table1-apd", "intensity.kind='calibrated'")
-    with told("intensity | retro_reflectivity"):
-        chain.sensor("table1-apd", *REFLECTIVITY, "intensity.retro_reflectivity=1")
-
-
 def test_where_the_overlap_vanishes_a_board_reads_dark():
     """A share of the spot below 1e-3 counts as that: the reading is P R^2 over 1e-3 of a white board's, and no more."""
     sensor = chain.sensor(
@@ -160,7 +152,7 @@ def test_where_the_overlap_vanishes_a_board_reads_dark():
     light = ranging.echoes_of_plane(sensor, Target(transmittance=1.0), np.full(SHOTS, 6.0))
     power = trains.power_at_snr(sensor, 50.0)
     light = replace(light, peak_power_w=np.full(SHOTS, power))
-    stop = receiver.detect(light, sensor, seed=1, pulse=np.arange(SHOTS, dtype=np.uint32)).stops[0]
+    stop = detect(light, sensor, seed=1).stops[0]
     values = stop.intensity[stop.reported & (stop.status == 0)]
     white_w_m2 = 45.0 * sensor.optics.aperture_m2 * sensor.optics.efficiency_laser / math.pi
     rho = power * 6.0**2 / (1e-3 * white_w_m2)
@@ -197,7 +189,7 @@ def test_the_scale_above_white_is_the_sensors():
         sensor = chain.sensor("table1-apd", *REFLECTIVITY, f"intensity.retro='{retro}'")
         light = ranging.echoes_of_plane(sensor, Target(transmittance=1.0, reflectivity=0.5), np.full(400, 50.0))
         light = replace(light, peak_power_w=4.0 * light.peak_power_w)
-        stop = receiver.detect(light, sensor, seed=1, pulse=np.arange(400, dtype=np.uint32)).stops[0]
+        stop = detect(light, sensor, seed=1).stops[0]
         values[retro] = np.median(stop.intensity)
     assert values["linear"] == pytest.approx(200.0, abs=3.0)
     assert values["logarithmic"] == pytest.approx(100.0 + 155.0 * math.log(2.0) / math.log(1000.0), abs=2.0)
@@ -235,8 +227,6 @@ def test_coarse_values_are_those_recorded(name: str, recorded: list[int]) -> Non
     assert sent[sent > above].tolist() == recorded
     np.testing.assert_array_equal(sent[sent <= above], np.arange(int(above) + 1))
     assert np.abs(coarse - fine).max() <= 0.5 * step + 0.5
-    with told("coarse_above and coarse_step"):
-        load_sensor("pandar64", overrides=["intensity.coarse_step=3"])
 
 
 def test_rows_read_as_their_calibration_leaves_them(mi):
@@ -261,8 +251,3 @@ def test_rows_read_as_their_calibration_leaves_them(mi):
     np.testing.assert_allclose(np.divide(graded, alike), gains, rtol=0.01)
     assert np.ptp(alike) < 0.5
     np.testing.assert_array_equal(clouds[0].range_m, clouds[1].range_m)
-
-
-def test_gains_of_all_lasers_are_needed():
-    with told("intensity_gain | 16 entries | elevation_deg | 2"):
-        load_sensor("pandarxt-16", overrides=["scanner.intensity_gain=[1.0,1.1]"])

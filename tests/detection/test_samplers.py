@@ -197,25 +197,6 @@ def test_walk_that_the_levels_tell(name, recovery_s):
     np.testing.assert_allclose(error_m - raw_m, HALF_C * early_s, rtol=1e-6, atol=1e-9)
 
 
-@pytest.mark.parametrize(
-    ("overrides", "named"),
-    [
-        (["sampler.type='adc'"], "'sampler.rate_mhz'"),
-        ([*ADC, "sampler.rate_mhz=100"], "sampler.rate_mhz | >= 166.667 | 100"),
-        (["sampler.type='multi_level_tdc'", "sampler.levels=[4, 2]"], "levels | rising | [4.0, 2.0]"),
-        (["sampler.type='multi_level_tdc'", "sampler.levels=[1]"], "sampler.levels[0] | > 1 | 1"),
-        (["tdc.keep='all'", "tdc.stops=2"], "stops | keep"),
-        (
-            ["sampler.type='adc'", "sampler.rate_mhz=43000", "sampler.bits=8", "sampler.full_scale=1"],
-            "sampler.rate_mhz | <= 42625 | 1024 samples | 43000",
-        ),
-    ],
-)
-def test_mistakes_are_told(overrides, named):
-    with told(named):
-        sensor("table1-apd", *overrides)
-
-
 @pytest.mark.parametrize(("rate_mhz", "samples"), [(1e3 / 6.0, 5), (41e3, 985), (42625, 1024)])
 def test_rates_at_their_limits(rate_mhz, samples):
     """One sample in a pulse of 6 ns is the least that is taken, 1024 in four pulse widths the most, ends included."""

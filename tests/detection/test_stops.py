@@ -7,7 +7,6 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from helpers import trains
-from helpers.mistakes import told
 from helpers.readings import on_light
 from scipy.constants import c
 from scipy.signal import find_peaks
@@ -214,11 +213,6 @@ def test_alarms_beside_the_strongest_and_the_last():
         error = math.hypot(a.std() / math.sqrt(len(a)), b.std() / math.sqrt(len(b)))
         assert abs(a.mean() - b.mean()) < norm.isf(0.5e-4) * error
     assert abs(len(measured[0]) - len(last)) < norm.isf(0.5e-4) * math.sqrt(2.0 * len(last))
-
-
-def test_stops_of_strongest_and_last_are_two():
-    with told('stops | 2 | "strongest_and_last" | 3'):
-        load_sensor("table1-apd", overrides=["tdc.keep='strongest_and_last'", "tdc.stops=3"])
 
 
 CLEAN = ("detector.circuit_noise_na=1e6", "tdc.threshold_to_noise=1e4")

@@ -9,6 +9,7 @@ import pytest
 from helpers.clouds import small_cloud
 from helpers.command_line import Run
 from helpers.formats import need, osi_messages, value_at
+from helpers.walls import rig_text
 from scipy.spatial.transform import Rotation
 
 from lidarscene.formats.osi import osi_frames, timestamp, trace_name
@@ -127,20 +128,10 @@ def in_the_world(data: Any, lidar: Any) -> np.ndarray:
     return placed(host.base, on_vehicle + np.array([to_rear.x, to_rear.y, to_rear.z]))
 
 
-RIG = """
-[[sensors]]
-label = "front"
-sensor = "vlp-16"
-position_m = [2.0, 0.6, 1.1]
-yaw_deg = 40
-pitch_deg = -3
-[[sensors]]
-label = "2_rear"
-sensor = "vlp-16"
-position_m = [-1.5, -0.6, 1.7]
-yaw_deg = -160
-roll_deg = 5
-"""
+RIG = rig_text(
+    ("front", "vlp-16", "position_m = [2.0, 0.6, 1.1]", "yaw_deg = 40", "pitch_deg = -3"),
+    ("2_rear", "vlp-16", "position_m = [-1.5, -0.6, 1.7]", "yaw_deg = -160", "roll_deg = 5"),
+)
 SCENE = """
 name = "yard"
 [ego]

@@ -112,6 +112,7 @@ def test_sensors_of_a_rig_share_a_log(mi: Any, tmp_path: Path, monkeypatch: pyte
         assert len(rows[f"/world/vehicle/{label}/points"]) == len(rows[f"/images/{label}/range"]) == 2
         (mounting,) = rows[f"/world/vehicle/{label}"]
         np.testing.assert_allclose(mounting["Transform3D:translation"], [[0.0, left_m, 1.8]], atol=1e-6)
+        assert "scene_time" not in mounting, "of all times"
     forces = np.array([row["Scalars:scalars"] for row in rows["/imu/vehicle/specific_force_m_s2"]])
     assert forces.shape[1] == 3
     # At rest on the vertical axis; the noise of the data sheet is 0.02 m/s2, biases are 0.2.

@@ -11,6 +11,7 @@ import pytest
 from helpers.clouds import small_cloud
 from helpers.formats import PLACED, need
 
+from lidarscene.formats.cloud_description import description
 from lidarscene.formats.ros import write_ros
 from lidarscene.formats.ros_bag import HASHES, decoder, definition, encoder
 
@@ -84,11 +85,8 @@ def test_metadata_are_read_as_yaml(tmp_path: Path, library: Any) -> None:
     """Reference: rosbags, which reads a folder by its metadata.yaml, and PyYAML."""
     need("rosbag2")
     rosbag2, yaml = library("rosbags.rosbag2"), library("yaml")
-    write_ros(
-        tmp_path / "bag",
-        small_cloud(metadata=PLACED | {"sensor_to_world": "1 0 0 1  0 1 0 2  0 0 1 3"}),
-        storage="sqlite3",
-    )
+    cloud = small_cloud(metadata=PLACED | {"sensor_to_world": "1 0 0 1  0 1 0 2  0 0 1 3"})
+    write_ros(tmp_path / "bag", cloud, storage="sqlite3")
     with rosbag2.Reader(tmp_path / "bag") as bag:
         assert bag.message_count == 2
         assert {connection.topic: connection.digest for connection in bag.connections} == {
@@ -97,3 +95,4 @@ def test_metadata_are_read_as_yaml(tmp_path: Path, library: Any) -> None:
         }
     text = (tmp_path / "bag" / "metadata.yaml").read_text(encoding="utf-8")
     assert yaml.safe_load(text) == json.loads(text)
+    assert json.loads(text)["rosbag2_bagfile_information"]["custom_data"] == {"lidarscene": description(cloud)}

@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from helpers.premises import premise
-from lidarscene.detection.receiver import detect
+from helpers.trains import detect
 from lidarscene.sensor.detectors.spad_detector import Spad
 from lidarscene.sensor.sensor_file import load_sensor
 from lidarscene.sensor.sensor_model import Sensor
@@ -117,7 +117,7 @@ def drawn_report(unit: Sensor, seed: int, pulses: int = 3000) -> tuple[KnownScen
     scene, range_m, target, off = drawn_scene(seed, pulses)
     real = replace(target, reflectivity=target.reflectivity * np.exp(off[scene.group]))
     light = echoes_of_plane(unit, real, range_m)
-    detection = detect(light, unit, seed=seed, pulse=np.arange(pulses, dtype=np.uint32))
+    detection = detect(light, unit, seed=seed)
     stop = detection.stops[0]
     is_echo = np.asarray(stop.reported) & (np.asarray(stop.status) == 0)
     return scene, Observations(

@@ -5,12 +5,11 @@ from typing import Any
 import numpy as np
 from scipy.special import ndtr
 
+from helpers.trains import detect as detect
 from lidarscene import Sensor
 from lidarscene.catalog import path_of
-from lidarscene.detection import receiver
-from lidarscene.detection.report import Detection
 from lidarscene.files.toml import read_toml
-from lidarscene.light.echoes import Echoes, EchoTrain
+from lidarscene.light.echoes import Echoes
 from lidarscene.maths.arrays import Numbers
 from lidarscene.sensor.sensor_file import sensor_from_tables
 from lidarscene.studies.ranging import plane
@@ -65,12 +64,6 @@ def echoes_of(
 
     point = counter.working_point(light.background_power_w, range_m=light.range_m)
     return replace(light, peak_power_w=np.asarray(point.response.power_w(photons + 0.0 * light.range_m)))
-
-
-def detect(counter: Sensor, light: Echoes | EchoTrain, *, seed: int = 1) -> Detection:
-    """The detection of echoes, or of a train of sub-echoes; the pulses are numbered."""
-    pulse = np.arange(np.size(light.background_power_w), dtype=np.uint32)
-    return receiver.detect(light, counter, seed=seed, pulse=pulse)
 
 
 def echo_of(stop: Any) -> Numbers:

@@ -72,6 +72,7 @@ def in_fog(equipped: Sensor, scale: Numbers, *, wall_m: float | None = None, ref
 
 
 def detect(light: Echoes | EchoTrain, equipped: Sensor, *, seed: int = 0) -> Detection:
+    """The detection of echoes, or of trains of sub-echoes; the pulses are numbered."""
     pulses = np.size(light.background_power_w)
     return receiver.detect(light, equipped, seed=seed, pulse=np.arange(pulses, dtype=np.uint32))
 

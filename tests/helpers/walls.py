@@ -12,17 +12,22 @@ position_m = [10, 0, 1.8]
 pitch_deg = 90
 """
 
-LEFT_AND_RIGHT = """
-[[sensors]]
-label = "left"
-sensor = "table1-apd"
-position_m = [0, 1, 1.8]
 
-[[sensors]]
-label = "right"
-sensor = "table1-sipm"
-position_m = [0, -1, 1.8]
-"""
+def rig_text(*sensors: tuple[str, ...]) -> str:
+    """Text of a rig file, from the label, the sensor and further lines of each."""
+    return "".join(
+        "\n".join(("[[sensors]]", f'label = "{label}"', f'sensor = "{sensor}"', *lines, ""))
+        for label, sensor, *lines in sensors
+    )
+
+
+LEFT_AND_RIGHT = rig_text(
+    ("left", "table1-apd", "position_m = [0, 1, 1.8]"), ("right", "table1-sipm", "position_m = [0, -1, 1.8]")
+)
+ROOF_AND_LEFT = rig_text(
+    ("roof", "table1-apd", "position_m = [0, 0, 1.8]", 'set = ["detector.gain=50"]'),
+    ("left", "own.toml", "yaw_deg = 90"),
+)
 
 APPROACHED = """
 [ego]

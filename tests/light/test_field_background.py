@@ -6,7 +6,6 @@ import math
 import numpy as np
 import pytest
 from helpers import chain, launches, panes
-from helpers.mistakes import told
 
 from lidarscene.maths.pose import Pose
 from lidarscene.rendering.simulator import Simulator
@@ -118,8 +117,3 @@ def test_chunks_do_not_show():
     whole, parts = simulator.render(seed=7), simulator.render(seed=7, chunk=1777)
     for attribute in ("xyz_m", "snr", "ambient"):
         np.testing.assert_array_equal(getattr(whole, attribute), getattr(parts, attribute))
-
-
-def test_no_rays_is_a_mistake():
-    with told("background_rays | whole number | 1 | 1024 | 0"):
-        Simulator(scene(), chain.sensor("table1-apd", *chain.NARROW), background_rays=0)

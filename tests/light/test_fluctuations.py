@@ -6,7 +6,6 @@ import math
 import numpy as np
 import pytest
 from helpers import chain
-from helpers.mistakes import told
 from helpers.shots import simulated_shots
 from scipy import stats
 
@@ -189,8 +188,3 @@ def test_returns_of_weather_have_their_mean() -> None:
     assert weather.sum() > 20
     close = np.isclose(stirred.snr[second][weather], calm.snr[first][weather], rtol=2e-3)
     assert np.count_nonzero(~close) <= 3 + 1e-3 * len(close)
-
-
-def test_speckle_wants_a_spot() -> None:
-    with told("laser.speckle | laser.divergence_mrad"):
-        load_sensor("mems-1550", overrides=["laser.speckle={}"])

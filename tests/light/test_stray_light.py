@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from helpers import photons, trains, volley
 from helpers.mistakes import told
+from helpers.trains import detect
 
 from lidarscene.detection import receiver
 from lidarscene.detection.outcomes import Outcome, Status
@@ -171,7 +172,7 @@ def test_points_of_stray_light(keys):
     powers[11:] = 1e-6
     ranges[5], powers[5] = 30.0, 1e-3
     train = with_stray(trains.train(ranges, powers), sensor)
-    detection = receiver.detect(train, sensor, seed=3, pulse=np.arange(ROWS, dtype=np.uint32))
+    detection = detect(train, sensor, seed=3)
     status = np.stack([np.where(stop.reported, stop.status, -1) for stop in detection.stops])
     at_m = np.stack([stop.range_m for stop in detection.stops])
     true_m = np.stack([stop.true_range_m for stop in detection.stops])
@@ -210,7 +211,7 @@ def test_points_of_stray_light_in_a_histogram():
     powers[11:] = wall_w
     ranges[5], powers[5] = 30.0, sign_w
     train = with_stray(trains.train(ranges, powers, background_w=0.0), sensor)
-    detection = receiver.detect(train, sensor, seed=3, pulse=np.arange(ROWS, dtype=np.uint32))
+    detection = detect(train, sensor, seed=3)
     status = np.stack([np.where(stop.reported, stop.status, -1) for stop in detection.stops])
     stray = status == Status.STRAY
     dark = np.arange(ROWS) != 5
@@ -335,6 +336,6 @@ def test_stray_light_on_top_of_an_echo_is_an_echo_while_it_is_less():
     reached = 1e-2 * shares()[:, 5]
     powers[6], powers[7] = 2.0 * reached[6], 0.5 * reached[7]
     train = with_stray(trains.train(ranges, powers))
-    detection = receiver.detect(train, SENSOR, seed=3, pulse=np.arange(ROWS, dtype=np.uint32))
+    detection = detect(train, SENSOR, seed=3)
     status = detection.stops[0].status
     assert status[[5, 6, 7]].tolist() == [Status.ECHO, Status.ECHO, Status.STRAY]

@@ -9,21 +9,12 @@ import numpy as np
 import pytest
 from helpers.command_line import Run
 from helpers.mistakes import typed
+from helpers.walls import rig_text
 
 from lidarscene import PointCloud
 from lidarscene.recordings.opening import open_recording
 
-RIG = """
-[[sensors]]
-label = "left"
-sensor = "vlp-16"
-position_m = [0, 1, 1.8]
-
-[[sensors]]
-label = "right"
-sensor = "hdl-32e"
-position_m = [0, -1, 1.8]
-"""
+RIG = rig_text(("left", "vlp-16", "position_m = [0, 1, 1.8]"), ("right", "hdl-32e", "position_m = [0, -1, 1.8]"))
 NOTE = "lidarscene: note: packets of this sensor end at 131.07 m: returns beyond are left out\n"
 """Where a false alarm is beyond."""
 OUSTER = ("--sensor", "os1-128", "--set=scanner.columns_per_turn=512")

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 from helpers.command_line import COARSE, Run
+from helpers.walls import rig_text
 from scipy.spatial.transform import Rotation
 
 from lidarscene.maths.pose import Pose
@@ -185,10 +186,9 @@ def test_synchronous_packets_of_an_ousters_imu(mi: Any, run: Run, bend: str, lib
 
 def test_a_rig_has_files_of_each_imu(mi: Any, run: Run, bend: str) -> None:
     """The vehicle's without a label; poses of each sensor, or of the vehicle where all are merged."""
-    sensor = 'sensor = "table1-apd"\nset = ["imu.rate_hz=100", "laser.repetition_rate_khz=2"]\n'
+    sensor = "table1-apd", 'set = ["imu.rate_hz=100", "laser.repetition_rate_khz=2"]', "position_m = [0, 0, 1.8]"
     Path("rig.toml").write_text(
-        '[imu]\nmodel = "adis16470"\nposition_m = [0, 0, 0.4]\n'
-        + "".join(f'[[sensors]]\nlabel = "{name}"\n{sensor}position_m = [0, 0, 1.8]\n' for name in ("a", "b"))
+        '[imu]\nmodel = "adis16470"\nposition_m = [0, 0, 0.4]\n' + rig_text(("a", *sensor), ("b", *sensor))
     )
     options = ("--rig", "rig.toml", "--frames", "2", "--imu", "i.csv", "--poses", "p.txt", *COARSE)
     assert run("render", bend, "-o", "out", *options).code == 0

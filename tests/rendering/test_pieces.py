@@ -5,7 +5,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers import chain
-from helpers.mistakes import told
 
 from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.rendering.pieces import piece_of
@@ -76,9 +75,3 @@ def test_a_piece_follows_from_the_frame(tmp_path: Path) -> None:
         assert cloud.body_names == first.body_names
         assert cloud.class_names == first.class_names
         assert cloud.material_names == first.material_names
-
-
-def test_reach_needs_a_vehicle(tmp_path: Path) -> None:
-    (tmp_path / "scene.toml").write_text("reach_m = 50\n" + GROUND)
-    with told("reach_m | [ego]"):
-        load_scene(tmp_path / "scene.toml")

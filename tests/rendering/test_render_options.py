@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from helpers.mistakes import calls, told
+from helpers.mistakes import calls
 
 from lidarscene.batch.job_file import JobFile
 from lidarscene.cli import terminal
@@ -21,6 +21,7 @@ SEEDS, COUNTS = "seed | whole number | 0 | 4294967295", "whole number | 1 | 1024
 
 test_wrong_values = calls(
     (lambda: FrameOptions(seed=-1), f"{SEEDS} | -1"),
+    (lambda: FrameOptions(seed=2**32), f"{SEEDS} | 4294967296"),
     (lambda: FrameOptions(seed=1.0), f"{SEEDS} | 1.0"),
     (lambda: FrameOptions(seed=True), f"{SEEDS} | True"),
     (lambda: FrameOptions(number=-1), "number: | whole number | 0 | 2147483647 | -1"),
@@ -31,9 +32,12 @@ test_wrong_values = calls(
     (lambda: FrameOptions(coordinates="car"), "coordinates | 'world' | 'vehicle' | 'sensor' | 'car'"),
     (lambda: TraceOptions(rays=0), f"rays | {COUNTS} | 0"),
     (lambda: TraceOptions(rays=None), f"rays | {COUNTS} | None"),
+    (lambda: TraceOptions(interactions=-1), "interactions | whole number | 0 | 8 | -1"),
     (lambda: TraceOptions(interactions=9), "interactions | whole number | 0 | 8 | 9"),
     (lambda: TraceOptions(background_rays=0), f"background_rays | {COUNTS} | 0"),
     (lambda: TraceOptions(vectors=1), "vectors | True or False | 1"),
+    (lambda: TraceOptions(vectors="normal"), "vectors | True or False | 'normal'"),
+    (lambda: Keywords({"frame": "sensor"}).take(FrameOptions), "frame | FrameOptions | 'sensor' | coordinates"),
     (lambda: Observers(missed=3), "missed | a function | 3"),
 )
 test_outputs_that_do_not_go_together = calls(
@@ -85,18 +89,6 @@ def test_loose_keywords_change_what_is_given() -> None:
     keywords.end()
     assert (frame.seed, frame.number) == (3, 4)
     assert trace == TraceOptions(rays=2, interactions=0)
-
-
-def test_an_unknown_keyword_is_one_line() -> None:
-    keywords = Keywords({"sed": 3})
-    keywords.take(TraceOptions)
-    with told("option 'sed' | rays, interactions, background_rays, vectors"):
-        keywords.end()
-
-
-def test_a_coordinate_system_is_no_frame() -> None:
-    with told("frame | FrameOptions | 'sensor' | coordinates"):
-        Keywords({"frame": "sensor"}).take(FrameOptions)
 
 
 def test_whole_numbers_of_numpy_are_whole_numbers() -> None:

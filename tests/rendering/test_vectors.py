@@ -183,5 +183,3 @@ def test_a_cloud_without_points_has_the_columns() -> None:
     assert set(OF_VECTORS) <= {c.attribute for c in simulator.render().columns}
     with told("vectors=True"):
         _ = Simulator(chain.scene(chain.ball(at=(9.0, 0.0, 0.0))), chain.sensor("table1-apd")).empty().normals
-    with told("vectors | True or False | 'normal'"):
-        Simulator(chain.scene(chain.ball(at=(9.0, 0.0, 0.0))), vectors="normal")

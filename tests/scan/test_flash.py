@@ -3,11 +3,9 @@
 import numpy as np
 import pytest
 from helpers import scanners
-from helpers.mistakes import told
 from helpers.scanners import directions, shares
 
 from lidarscene.scan.flash import LARGEST_HEIGHT
-from lidarscene.sensor.sensor_file import load_sensor
 
 FLASH_HEIGHT = {
     "rectilinear": np.tan,
@@ -41,15 +39,3 @@ def test_a_lens_ends_at_a_right_angle(projection):
     """The largest height is that of 90 degrees; of a rectilinear lens, which has none there, beyond 88."""
     angle = np.radians(88.9) if projection == "rectilinear" else 0.5 * np.pi
     assert LARGEST_HEIGHT[projection] == pytest.approx(FLASH_HEIGHT[projection](angle), rel=0.05 * (angle < 1.56))
-
-
-@pytest.mark.parametrize(
-    ("overrides", "named"),
-    [
-        (["scanner.row_step_us=10"], "row_step_us | rows_at_once"),
-        (["scanner.rows_at_once=1", "scanner.row_step_us=1000"], "63 groups | 50000 us"),
-    ],
-)
-def test_groups_of_rows_fit_into_a_frame(overrides, named):
-    with told(named):
-        load_sensor("sony-spad-189x600", overrides=overrides)

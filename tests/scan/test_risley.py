@@ -5,12 +5,10 @@ import math
 import numpy as np
 import pytest
 from helpers import brute, scanners
-from helpers.mistakes import told
 from helpers.scanners import PULSES, directions, shares
 
 from lidarscene.scan.risley import Risley, TurningMirror, Wedge
 from lidarscene.scan.turns import Turns
-from lidarscene.sensor.sensor_file import load_sensor
 
 
 @pytest.mark.parametrize("make", [scanners.mid40, scanners.three_wedges])
@@ -107,8 +105,3 @@ def test_a_mirror_throws_a_cone_around_its_own_direction():
     psi = 2.0 * math.pi * (41.0 - 57.0) * pulse / 1e4 + 0.3 - 0.1
     expected = math.sin(middle) * math.cos(deviation) - math.cos(middle) * math.sin(deviation) * np.cos(psi)
     np.testing.assert_allclose(np.sin(scanner.angles(pulse)[1]), expected, atol=2e-6)
-    # One wedge alone would draw a circle, which is no area.
-    with told("wedges | 2 or 3 | mirror | 1"):
-        load_sensor(
-            "livox-mid-40", overrides=["scanner.wedges=[{angle_deg=18,index=1.5,rotation_hz=1,inclined_face='in'}]"]
-        )

@@ -5,11 +5,9 @@ import math
 import numpy as np
 import pytest
 from helpers import scanners
-from helpers.mistakes import told
 from helpers.scanners import DEG
 
 from lidarscene.scan import AzimuthSweep, Bank, Spinning
-from lidarscene.sensor.sensor_file import load_sensor
 
 
 def test_vlp16_by_hand():
@@ -51,15 +49,3 @@ def test_a_head_clocked_by_its_encoder_turns_as_it_rotates(rotation_hz):
     azimuth, _ = scanner.angles(np.arange(0, 20, 2, dtype=np.uint32))
     expected = math.copysign(2.0 * math.pi / 1024, rotation_hz) * np.arange(10)
     np.testing.assert_allclose(azimuth, expected, atol=3e-7)
-
-
-@pytest.mark.parametrize(
-    ("overrides", "named"),
-    [
-        (["scanner.sweep_deg=120"], "sweep_deg and frame_hz"),
-        (["scanner.sweep_deg=120", "scanner.frame_hz=40"], "frame_hz | <= 30 | 0.0333333 s | 40"),
-    ],
-)
-def test_a_sweep_fits_into_its_frame(overrides, named):
-    with told(named):
-        load_sensor("pandar64", overrides=overrides)

@@ -7,7 +7,7 @@ import pytest
 import trimesh
 from helpers.mistakes import calls, given_file, mistakes, told
 from helpers.walker import write_walker
-from helpers.walls import WALL
+from helpers.walls import ROOF_AND_LEFT, WALL
 
 from lidarscene.catalog import path_of
 from lidarscene.errors import OutputError
@@ -211,6 +211,7 @@ def test_wall(given: str, named: str) -> None:
     WALK standing = "stand" | standing | animation | no animation
     WALK animation = "walk"\nmotion = { with_ego = true } | animation | motion.with_ego
     MESH "walker.ply"\nanimation = "walk" | animation | glTF | '.ply'
+    reach_m = 50\nBALL | reach_m | [ego]
     BOX on_ground = true | on_ground | ground | none at 0, 0 m
     BOX crown_m = 0.1 | crown_m | ground | box
     [ego]\nROAD size_m = [80, 8]\nBOX on_ground = true\n[bodies.motion]\nwith_ego = true | on_ground | motion.with_ego
@@ -251,20 +252,6 @@ def test_scene(given: str, named: str) -> None:
         load_scene("scene.toml")
 
 
-RIG = """
-[[sensors]]
-label = "roof"
-sensor = "table1-apd"
-position_m = [0, 0, 1.8]
-set = ["detector.gain=50"]
-
-[[sensors]]
-label = "left"
-sensor = "own.toml"
-yaw_deg = 90
-"""
-
-
 @mistakes(
     r"""
     [[sensors]] -> [[sensor]] | 'sensors'
@@ -279,7 +266,7 @@ yaw_deg = 90
 )
 def test_rig(given: str, named: str) -> None:
     old, _, new = given.partition(" -> ")
-    Path("rig.toml").write_text(RIG.replace(old, new))
+    Path("rig.toml").write_text(ROOF_AND_LEFT.replace(old, new))
     with told(named):
         load_rig("rig.toml")
 

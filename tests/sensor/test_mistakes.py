@@ -34,6 +34,32 @@ def _in_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     apd-905 scanner=mems-1550 | apd-905.toml | --set scanner=mems-1550 | tdc.window_us | <= 2 | 4
     livox-avia detector=os1-128 | livox-avia.toml | --set detector=os1-128 | histogram.column_weights | left out
     apd-905 detector=sipm-905 detector.gain=60 | --set detector=sipm-905 | --set detector.gain=60 | 'detector.gain'
+    livox-mid-40 WEDGE | scanner | wedges | 2 or 3 | mirror | 1
+    mems-1550 laser.speckle={} | laser.speckle | laser.divergence_mrad
+    os1-128 laser.slope_broadening=true | laser.slope_broadening | left out
+    pandar64 intensity.coarse_step=3 | coarse_above and coarse_step
+    pandar64 scanner.sweep_deg=120 | sweep_deg and frame_hz
+    pandar64 scanner.sweep_deg=120 scanner.frame_hz=40 | frame_hz | <= 30 | 0.0333333 s | 40
+    pandarxt-16 scanner.intensity_gain=[1.0,1.1] | intensity_gain | 16 entries | elevation_deg | 2
+    sony-spad-189x600 scanner.row_step_us=10 | row_step_us | rows_at_once
+    sony-spad-189x600 scanner.rows_at_once=1 scanner.row_step_us=1000 | 63 groups | 50000 us
+    table1-apd intensity.kind=calibrated | intensity.kind | "calibrated"
+    table1-apd intensity.kind=reflectivity intensity.retro_reflectivity=1 | intensity | retro_reflectivity
+    table1-apd laser.polarisation={share=0.5} | laser.polarisation.angle_deg
+    table1-apd laser.polarisation={angle_deg=0,share=2} | laser.polarisation.share | <= 1 | 2
+    table1-apd sampler.type=adc | 'sampler.rate_mhz'
+    table1-apd ADC sampler.rate_mhz=100 | sampler.rate_mhz | >= 166.667 | 100
+    table1-apd ADC sampler.rate_mhz=43000 | sampler.rate_mhz | <= 42625 | 1024 samples | 43000
+    table1-apd LEVELS=[4,2] | levels | rising | [4.0, 2.0]
+    table1-apd LEVELS=[1] | sampler.levels[0] | > 1 | 1
+    table1-apd tdc.blanking_ns=4000 | blanking_ns | < 4000 | window | 4000
+    table1-apd tdc.fraction=0.5 | fraction | timing = "constant_fraction"
+    table1-apd tdc.keep=all tdc.stops=2 | stops | keep
+    table1-apd tdc.keep=strongest_and_last tdc.stops=3 | stops | 2 | "strongest_and_last" | 3
+    table1-apd tdc.timing=constant_fraction tdc.fraction=1 | tdc.fraction | < 1 | 1
+    table1-apd tdc.timing=peak LEVELS=[2] | timing | "peak" | [sampler]
+    table1-apd tdc.timing=zero_crossing | tdc.timing | "zero_crossing"
+    table1-sipm tdc.timing=matched_filter detector.counting=binomial | "gaussian" | matched filter | "binomial"
     vlp-16 driver=sick | driver | 'velodyne' | "sick"
     vlp-16 imu.model=bmi08 | imu.model | imu 'bmi08' | bmi088?
     vlp-16 scanner.cycle_us=110.592 laser.repetition_rate_khz=300 | laser.repetition_rate_khz | 300
@@ -71,11 +97,16 @@ def _in_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     photons histogram.pulse_period_us=3 | histogram.shots | <= 33 | 50
     photons detector.coincidence=40 | detector.coincidence | 40
     photons detector.spads=2 detector.coincidence=3 | coincidence | <= 2 | spads | 3
+    photons histogram.keep=all histogram.stops=2 | stops | keep = "all"
+    photons histogram.keep=strongest_and_last histogram.stops=3 | stops | 2 | keep | 3
     photons histogram.multiplier=-1 | histogram.multiplier | -1
     photons detector.afterpulse=0.1 | afterpulse, afterpulse_ns | given together
     photons detector.afterpulse=0.1 detector.afterpulse_ns=30 detector.stamps=first | afterpulse | stamps = "first"
     """,
     ONE="scanner.firing_time_us=[0] scanner.height_mm=[0] scanner.elevation_deg",
+    WEDGE="scanner.wedges=[{angle_deg=18,index=1.5,rotation_hz=1,inclined_face='in'}]",
+    ADC="sampler.type=adc sampler.bits=8 sampler.full_scale=1",
+    LEVELS="sampler.type=multi_level_tdc sampler.levels",
     NARROW="laser.divergence_elevation_mrad",
     STRAY="optics.stray.share=1e-4 optics.stray.half_angle_deg=1",
     DROPS="wear.drops_per_cm2=0.5 wear.window_radius_mm=50",

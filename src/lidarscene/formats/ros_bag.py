@@ -276,6 +276,6 @@ class BagWriter:
             "compression_mode": "",
             "relative_file_paths": [self._name],
             "files": [{"path": self._name, **span}],
-            "custom_data": self.custom_data or None,
+            "custom_data": self.custom_data,
             "ros_distro": "lidarscene",
         }

@@ -345,7 +345,8 @@ class Chain:
             if (paths := frame.paths) is not None:
                 tree = () if (boxes := paths.boxes) is None else (boxes.nodes, boxes.low, boxes.high, boxes.size)
                 moving = paths.table, paths.rate_hz, paths.last, paths.count, tree, pulses.departures()
-            place = frame.origin.origin_m, frame.origin.rotation
+            origin = frame.origin
+            place = origin.origin_m, origin.rotation
             # Dr.Jit launches a kernel for as many lanes as its inputs have. Of several rays to a pulse these would be
             # the pulses' own: a recording would keep the number of rays that it was made with. So the rays are counted
             # before it, and an input of their kernel has an element for each.

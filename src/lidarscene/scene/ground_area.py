@@ -65,8 +65,8 @@ class Outline:
         return np.concatenate(pieces)
 
     def contains(self, place_m: Numbers) -> Numbers:
-        """(n,) whether places are within: a ray to +x crosses the outline an odd number of times."""
-        x_m, y_m = place_m[:, :1], place_m[:, 1:2]
+        """(n,) whether (n, 2) places are within: a ray to +x crosses the outline an odd number of times."""
+        x_m, y_m = place_m[:, :1], place_m[:, 1:]
         (ax, ay, _), (bx, by, _) = self.corner_m.T, np.roll(self.corner_m, -1, axis=0).T
         with np.errstate(divide="ignore", invalid="ignore"):
             crosses = ((ay > y_m) != (by > y_m)) & (x_m < ax + (y_m - ay) * (bx - ax) / (by - ay))

@@ -35,7 +35,7 @@ def head(weights=WEIGHTS, *overrides):
 
 def errors_mm(counter, light, *, seed=1, pulse=None):
     """(columns, rows) reported less true range [mm], NaN without an echo."""
-    stop = photons.detect(counter, light, seed=seed).stops[0]
+    stop = photons.detect(light, counter, seed=seed).stops[0]
     error = np.where(photons.echo_of(stop), 1e3 * (np.asarray(stop.range_m) - light.range_m), np.nan)
     return error.reshape(-1, ROWS)
 
@@ -182,7 +182,7 @@ def test_numpy_and_device_share_the_same_noise(mi):
     """3,000 boards: ranges differ by 1 mm where single precision draws another bin, in 1 % of them at most."""
     counter = head()
     light = walls(counter, 150.0, count=3_000, illuminance_klux=2.0)
-    host = photons.detect(counter, light, seed=4).stops[0]
+    host = photons.detect(light, counter, seed=4).stops[0]
     arrays = {
         name: transfer.from_numpy(getattr(light, name)) for name in ("range_m", "peak_power_w", "background_power_w")
     }

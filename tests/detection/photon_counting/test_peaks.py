@@ -6,14 +6,15 @@ import math
 import numpy as np
 import pytest
 from helpers import photons
-from helpers.mistakes import told
-from helpers.trains import train
+from helpers.trains import in_fog, train
 
 from lidarscene.detection import receiver
 from lidarscene.detection.outcomes import Outcome, Status
+from lidarscene.detection.photon_counting import candidates
 from lidarscene.detection.photon_counting import histograms as whole
 from lidarscene.detection.photon_counting.bins import Bins
 from lidarscene.detection.photon_counting.expectation import broaden
+from lidarscene.detection.photon_counting.peaks import Peaks
 from lidarscene.light.echoes import EchoTrain, SubEchoes
 from lidarscene.light.waveform import waveform
 from lidarscene.physics.photon_counting import matched_filter, pile_up
@@ -88,7 +89,7 @@ def test_photons_found_and_their_place_are_those_of_photons_one_by_one(counter):
     time_ns = time_ns + np.where(
         inner, 0.5 * (logs[0] - logs[2]) / np.minimum(logs[0] - 2 * logs[1] + logs[2], -1e-9), 0
     )
-    stop = photons.detect(counter, light).stops[0]
+    stop = photons.detect(light, counter).stops[0]
     point = counter.working_point(light.background_power_w[:1])
     level = float(counter.threshold(point)[0])
     detected = photons.echo_of(stop)
@@ -116,7 +117,7 @@ def test_the_share_that_is_found_is_the_probability(illuminance_klux, snr):
         count=15_000,
         illuminance_klux=illuminance_klux,
     )
-    detection = photons.detect(counter, light)
+    detection = photons.detect(light, counter)
     expected = float(detection.detection_probability[0])
     assert 0.2 < expected < 0.9
     share = sum(photons.echo_of(stop).mean() for stop in detection.stops)
@@ -139,7 +140,7 @@ def test_a_threshold_that_scatters_finds_as_many_as_its_probability(spread, leas
     apart = []
     for above in (-5.0, 0.0, 5.0):
         light = photons.echoes_of(counter, 60.0, photons=level + above, count=6_000, illuminance_klux=0.0)
-        detection, plain = (photons.detect(receiver, light) for receiver in (counter, sharp))
+        detection, plain = (photons.detect(light, receiver) for receiver in (counter, sharp))
         share = sum(photons.echo_of(stop).mean() for stop in detection.stops)
         assert share == pytest.approx(float(detection.detection_probability[0]), abs=0.036)
         apart.append(float(detection.detection_probability[0] - plain.detection_probability[0]))
@@ -163,7 +164,7 @@ def test_an_echo_without_photons_is_none_however_low_its_threshold_is_drawn():
     )
     for signal in (1e-3, 0.03, 0.3, 1.0):
         light = photons.echoes_of(counter, 60.0, photons=signal, count=20_000, illuminance_klux=0.0)
-        detection = photons.detect(counter, light)
+        detection = photons.detect(light, counter)
         expected = float(detection.detection_probability[0])
         share = sum(photons.echo_of(stop).mean() for stop in detection.stops)
         assert share == pytest.approx(expected, rel=0.15, abs=4.0 * math.sqrt(signal / 20_000))
@@ -180,7 +181,7 @@ def test_what_neighbours_do_not_see_either_is_no_echo_of_an_ouster(name):
     alike = load_sensor(name, overrides=["histogram.lone_factor=1"])
     range_m = np.array([15.0, 20.0, 30.0, 40.0, 50.0, 65.0, 100.0, 590.0])
     light = plane.echoes_of_plane(counter, plane.Target(), np.repeat(range_m, 2000))
-    detection = photons.detect(counter, light)
+    detection = photons.detect(light, counter)
     share = np.any([photons.echo_of(stop) for stop in detection.stops], axis=0).reshape(-1, 2000).mean(axis=1)
     expected = np.asarray(detection.detection_probability).reshape(-1, 2000)[:, 0]
     error = 4.0 * np.sqrt(expected * (1.0 - expected) / 2000)
@@ -193,7 +194,7 @@ def test_what_neighbours_do_not_see_either_is_no_echo_of_an_ouster(name):
     alarms = float(np.ravel(point.false_alarm_probability(lone))[0])
     assert alarms * (2 * counter.histogram.reach + 1) < 1e-8
     assert expected[-1] < 1e-8
-    plain = np.asarray(photons.detect(alike, light).detection_probability).reshape(-1, 2000)[:, 0]
+    plain = np.asarray(photons.detect(light, alike).detection_probability).reshape(-1, 2000)[:, 0]
     high = plain > 0.4
     np.testing.assert_allclose(expected[high], plain[high], rtol=1e-9)
     assert (expected[~high] < plain[~high]).all()
@@ -284,7 +285,7 @@ def test_the_share_found_in_strong_sun_is_the_probability(case):
     """
     counter, light = SUN[case](6000)
     light.range_m[:] += np.linspace(0.0, 0.15, 6000) * 1e9 * counter.histogram.bin_s
-    detection = photons.detect(counter, light)
+    detection = photons.detect(light, counter)
     share = np.any([photons.echo_of(stop) for stop in detection.stops], axis=0).mean()
     expected = float(np.mean(detection.detection_probability))
     assert 0.05 < expected < 0.95
@@ -296,7 +297,7 @@ def test_the_share_found_in_strong_sun_is_that_of_photons_one_by_one(case):
     """Every SPAD followed from one firing to the next, 500 histograms: 4 standard errors of both shares."""
     counter, light = SUN[case](6000)
     light.range_m[:] += np.linspace(0.0, 0.15, 6000)
-    detection = photons.detect(counter, light)
+    detection = photons.detect(light, counter)
     share = np.any([photons.echo_of(stop) for stop in detection.stops], axis=0).mean()
     simulated_share = passing_share(np.random.default_rng(6), counter, light, 500)
     assert share == pytest.approx(simulated_share, abs=4.0 * math.sqrt(0.25 / 500 + 0.25 / 6000))
@@ -310,7 +311,7 @@ def test_the_share_of_first_photons_found_is_that_of_photons_one_by_one():
     """
     counter, light = sunlit(2.0, 12.0, 4.0, 0.0, 6000, "detector.stamps='first'")
     light.range_m[:] = 45.0 + np.linspace(0.0, 0.15, 6000)
-    found = np.any([photons.echo_of(stop) for stop in photons.detect(counter, light).stops], axis=0).mean()
+    found = np.any([photons.echo_of(stop) for stop in photons.detect(light, counter).stops], axis=0).mean()
     pixel, rng = counter.pixel(light.background_power_w[:1], range_m=light.range_m[:1]), np.random.default_rng(6)
     rate, trials = 1e-9 * float(pixel.rate_hz[0]), 64 * 50
     lit = -math.expm1(-float(np.ravel(pixel.detections(light.peak_power_w[:1]))[0]))
@@ -358,7 +359,7 @@ def test_a_second_echo_is_found_as_often_as_its_probability(rate_mhz, dead_ns, a
     range_m = 30.0 + np.linspace(0.0, 0.15, count)[:, None] + np.array([0.0, apart_m])
     light = train(range_m, np.array([1.0 / float(dark.detections(1.0)), second_w]), background_w=background_w)
     share, probabilities = 0.0, []
-    for stop in photons.detect(counter, light).stops:
+    for stop in photons.detect(light, counter).stops:
         second = photons.echo_of(stop) & (np.abs(stop.true_range_m - range_m[:, 1]) < 0.5)
         share, probabilities = share + second.mean(), [*probabilities, *np.asarray(stop.detection_probability)[second]]
     # All pulses have nearly the same.
@@ -381,7 +382,7 @@ def test_an_echo_one_dead_time_behind_another_is_found_and_has_its_own_revived_s
     light = train(range_m, np.full(2, 5.0 / float(dark.detections(1.0))), background_w=background_w)
     behind_m = [
         np.where(np.asarray(stop.reported), np.asarray(stop.range_m) - range_m[:, 1], np.inf)
-        for stop in photons.detect(counter, light).stops
+        for stop in photons.detect(light, counter).stops
     ]
     pixel, rng = counter.pixel(np.array([background_w])), np.random.default_rng(3)
     w = matched_filter.TEMPLATE * 1e9 * float(np.ravel(pixel.sigma_s)[0])
@@ -408,7 +409,7 @@ def test_coincidences_in_the_dark_are_found_as_often_as_their_probability():
     """
     keys = ("detector.coincidence=2", "detector.spads=16", "histogram.shots=200")
     counter, light = sunlit(0.1, 12.0, 4.0, 0.0, 1, *keys)
-    expected = float(photons.detect(counter, light).detection_probability[0])
+    expected = float(photons.detect(light, counter).detection_probability[0])
     range_m = light.range_m + np.linspace(0.0, 0.15, 30_000)
     echoes = train(range_m[:, None], light.peak_power_w[0], background_w=light.background_power_w[0])
     pixel = counter.pixel(echoes.background_power_w)
@@ -437,7 +438,7 @@ def test_a_threshold_that_scatters_has_the_false_alarms_of_its_thresholds():
     )
     sky = photons.echoes_of(counter, 60.0, count=40_000, illuminance_klux=1.0)
     sky.has_surface[:], sky.peak_power_w[:] = False, 0.0
-    detection = photons.detect(counter, sky)
+    detection = photons.detect(sky, counter)
     ours = sum((stop.reported & (stop.status == Status.FALSE_ALARM)).mean() for stop in detection.stops)
     point = counter.working_point(sky.background_power_w[:1])
     drawn = 18.0 * np.maximum(np.exp(0.12 * np.random.default_rng(0).standard_normal(200_000)), 0.8)
@@ -455,7 +456,7 @@ def test_a_threshold_that_scatters_has_the_false_alarms_of_its_thresholds():
         "histogram.lone_factor=1.25",
         "histogram.stops=4",
     )
-    detection = photons.detect(asking, sky)
+    detection = photons.detect(sky, asking)
     of_noise = sum((stop.reported & (stop.status == Status.FALSE_ALARM)).mean() for stop in detection.stops)
     assert of_noise == pytest.approx(sharp, rel=0.05, abs=4.0 * math.sqrt(sharp / 40_000))
 
@@ -469,7 +470,7 @@ def test_precision_is_close_to_the_bound(estimator, photons_of_echo, klux):
     counter = photons.sensor("detector.spads=4000", f"histogram.estimator='{estimator}'")
     light = photons.echoes_of(counter, 40.0, photons=photons_of_echo, count=8_000, illuminance_klux=klux)
     light.range_m[:] += np.linspace(0.0, 0.3, 8_000)
-    stop = photons.detect(counter, light).stops[0]
+    stop = photons.detect(light, counter).stops[0]
     detected = photons.echo_of(stop)
     pixel = counter.pixel(light.background_power_w)
     bound_m = (
@@ -498,7 +499,7 @@ def test_false_alarms_are_as_many_as_in_whole_histograms():
     counter = photons.sensor("histogram.threshold_floor=0.0", "histogram.threshold_slope=0.27", "histogram.stops=4")
     sky = photons.echoes_of(counter, 60.0, count=40_000, **SUNNY)
     sky.has_surface[:], sky.peak_power_w[:] = False, 0.0
-    detection = photons.detect(counter, sky)
+    detection = photons.detect(sky, counter)
     ours = sum((stop.reported & (stop.status == Status.FALSE_ALARM)).sum() for stop in detection.stops) / 40_000
     pixel = counter.pixel(sky.background_power_w[:1])
     point = counter.working_point(sky.background_power_w[:1])
@@ -536,7 +537,7 @@ def test_a_sure_echo_is_as_sure_with_another_one_far_away():
         light = trains(counter, [30.0, 60.0], [1.0, second], 300)
         (part,) = light.parts
         part = dataclasses.replace(part, peak_power_w=part.peak_power_w * np.repeat(powers_w, 2))
-        chance = np.asarray(photons.detect(counter, dataclasses.replace(light, parts=(part,))).detection_probability)
+        chance = np.asarray(photons.detect(dataclasses.replace(light, parts=(part,)), counter).detection_probability)
         assert chance.min() < 0.5
         assert chance.max() == 1.0
         assert not ((chance > 1.0 - 1e-11) & (chance < 1.0)).any()
@@ -552,7 +553,7 @@ def test_two_boards_are_two_returns_and_the_first_shades_the_second():
     light = -math.log(1 - 1500.0 / float(pixel.trials) / float(pixel.free[0]))
     for apart, unshaded_share in ((1.2, math.exp(-light)), (6.0, 1.0)):
         train = trains(counter, [30.0, 30.0 + apart], [one_w, one_w], 4000)
-        stops = receiver.detect(train, counter, seed=1, pulse=np.arange(4000, dtype=np.uint32)).stops
+        stops = photons.detect(train, counter, seed=1).stops
         assert all(photons.echo_of(stop).all() for stop in stops)
         assert stops[1].amplitude.mean() / stops[0].amplitude.mean() == pytest.approx(unshaded_share, rel=0.05)
         assert stops[1].true_range_m.mean() == pytest.approx(30.0 + apart, abs=0.03)
@@ -603,7 +604,7 @@ def test_ranges_have_no_bias_over_the_places_in_a_bin(rate_mhz, detections, over
     light.range_m[:] = range_m
     light.peak_power_w[:] = detections / float(dark.detections(1.0))
     light.background_power_w[:] = (1e6 * rate_mhz - float(dark.rate_hz[0])) / float(dark.per_watt)
-    stop = photons.detect(counter, light).stops[0]
+    stop = photons.detect(light, counter).stops[0]
     assert photons.echo_of(stop).all()
     apart = np.asarray(stop.range_m) - range_m
     bin_m = 0.5 * C * 1e-9
@@ -623,7 +624,7 @@ def test_the_raw_range_of_strong_echoes_is_short_by_their_pile_up(detections):
     light = photons.echoes_of(counter, 40.0, photons=1.0, count=2000, illuminance_klux=0.0)
     light.range_m[:] = 40.0 + np.linspace(0.0, 0.45, 2000)
     light.peak_power_w[:] = detections / float(pixel.detections(1.0))
-    stop = photons.detect(counter, light).stops[0]
+    stop = photons.detect(light, counter).stops[0]
     assert photons.echo_of(stop).all()
     apart = np.asarray(stop.range_m) - light.range_m
     expected = (
@@ -677,7 +678,7 @@ def test_echoes_that_nearly_merge_have_as_many_returns_as_peaks():
     powers = [float(np.ravel(pixel.power_w(n * np.ones(1)))[0]) for n in (100.0, 150.0)]
     light = trains(counter, [30.0, 31.0], powers, 500)
     light.background_power_w[:] = 1e-12
-    stops = photons.detect(counter, light).stops
+    stops = photons.detect(light, counter).stops
     pulse = np.arange(500, dtype=np.uint32)
     values, _ = read_histograms(whole.histograms(light, counter, seed=1, pulse=pulse).counts, counter, pixel)
     level = float(np.ravel(counter.threshold(counter.working_point(light.background_power_w[:1])))[0])
@@ -763,7 +764,7 @@ def test_echoes_that_merge_or_lie_on_a_flank_are_found_as_often_as_by_photons(
     values are taken for jointly normal.
     """
     counter, light, range_m = two_echoes(rate_mhz, bin_ns, photons_of_echoes, apart_m, 2000)
-    stops = photons.detect(counter, light).stops
+    stops = photons.detect(light, counter).stops
     simulated = peaks_of_events(np.random.default_rng(7), counter, light, apart_m, 400)
     echo = np.stack([photons.echo_of(stop) for stop in stops])
     place = np.stack([stop.range_m for stop in stops]) - range_m[:, 0]
@@ -795,7 +796,7 @@ def test_an_echo_on_a_flank_keeps_its_distance():
     def ranges(separation_ns):
         counter, light, range_m = two_echoes(0.001, 1.0, (15.0, 150.0), 1.0, 1000)
         converter = dataclasses.replace(counter.tdc, dead_time_s=1e-9 * separation_ns)
-        stops = photons.detect(dataclasses.replace(counter, tdc=converter), light).stops
+        stops = photons.detect(light, dataclasses.replace(counter, tdc=converter)).stops
         return np.stack([np.where(photons.echo_of(stop), stop.range_m - range_m[:, 0], np.nan) for stop in stops])
 
     anywhere, apart = ranges(0.0), ranges(11.0)
@@ -815,7 +816,7 @@ def test_which_of_two_boards_is_kept():
         )
         pixel = counter.pixel(np.full(1, 1e-10))
         powers = [float(np.ravel(pixel.power_w(n * np.ones(1)))[0]) for n in (600.0, 1500.0)]
-        return photons.detect(counter, trains(counter, [30.0, 33.0], powers, 50))
+        return photons.detect(trains(counter, [30.0, 33.0], powers, 50), counter)
 
     for keep, place_m in (("strongest", 33.0), ("first", 30.0), ("last", 33.0)):
         result = detect_with(f"histogram.keep='{keep}'")
@@ -847,24 +848,12 @@ def test_histograms_keep_two_returns_or_all_as_comparators_do(keep, photons_of_b
     pixel = counter.pixel(np.full(1, 1e-10))
     powers = [float(np.ravel(pixel.power_w(n * np.ones(1)))[0]) for n in photons_of_boards]
     boards_m = [30.0 + 3.0 * number for number in range(len(powers))]
-    stops = photons.detect(counter, trains(counter, boards_m, powers, 50)).stops
+    stops = photons.detect(trains(counter, boards_m, powers, 50), counter).stops
     assert len(stops) == {"strongest_and_last": 2, "all": 16}[keep]
     for stop, range_m in zip(stops, ranges_m, strict=False):
         assert photons.echo_of(stop).all()
         np.testing.assert_allclose(stop.true_range_m, range_m, atol=0.01)
     assert not any(np.asarray(stop.reported).any() for stop in stops[len(ranges_m) :])
-
-
-@pytest.mark.parametrize(
-    ("keys", "named"),
-    [
-        (("histogram.keep='all'", "histogram.stops=2"), 'stops | keep = "all"'),
-        (("histogram.keep='strongest_and_last'", "histogram.stops=3"), "stops | 2 | keep | 3"),
-    ],
-)
-def test_orders_with_a_number_of_returns_of_their_own_take_no_other(keys, named):
-    with told(named):
-        photons.sensor(*keys)
 
 
 def test_what_comes_while_the_receiver_is_blanked_is_none():
@@ -882,7 +871,7 @@ def test_what_comes_while_the_receiver_is_blanked_is_none():
     pixel = counter.pixel(np.full(1, 1e-10))
     power_w = 0.5 / float(np.ravel(pixel.detections(1.0))[0])
     light = trains(counter, [30.0, 33.0], [power_w, power_w], 50)
-    stops = photons.detect(counter, light).stops
+    stops = photons.detect(light, counter).stops
     np.testing.assert_allclose(stops[0].true_range_m, 33.0, atol=0.01)
     assert not np.asarray(stops[1].reported).any()
     counts = whole.histograms(light, counter, seed=1, pulse=np.arange(50, dtype=np.uint32)).expected
@@ -895,7 +884,7 @@ def test_what_lies_beyond_the_unambiguous_range_folds_back_and_says_so():
     counter = photons.spinning()
     unambiguous = 0.5 * C * 1.8e-6
     light = photons.echoes_of(counter, 300.0, photons=200.0, count=500, illuminance_klux=0.1)
-    stop = photons.detect(counter, light).stops[0]
+    stop = photons.detect(light, counter).stops[0]
     assert (stop.status == Status.ALIASED).all()
     assert stop.range_m.mean() == pytest.approx(300.0 - unambiguous, abs=0.01)
     np.testing.assert_allclose(stop.true_range_m, 300.0, atol=1e-3)
@@ -912,7 +901,7 @@ def test_coates_correction_straightens_the_photons_of_strong_echoes():
         pixel = counter.pixel(light.background_power_w, range_m=light.range_m)
         unit = float(np.ravel(pixel.detections(1.0))[0])
         light.peak_power_w[:] = 2.0 / unit
-        stop = photons.detect(counter, light).stops[0]
+        stop = photons.detect(light, counter).stops[0]
         ratios[coates] = stop.amplitude.mean() / (2.0 * float(pixel.trials))
     assert ratios["true"] == pytest.approx(1.0, abs=0.01)
     assert ratios["false"] == pytest.approx((1 - math.exp(-2.0)) / 2.0, rel=0.03)
@@ -930,7 +919,7 @@ def test_coincidence_keeps_the_dark_and_loses_the_weak():
     assert float(pixel.count_share[0]) == pytest.approx(
         1 - (1 - per_bin) ** 64 - 64 * per_bin * (1 - per_bin) ** 63, rel=1e-3
     )
-    detection = photons.detect(counter, light)
+    detection = photons.detect(light, counter)
     stop = detection.stops[0]
     assert photons.echo_of(stop).mean() == pytest.approx(float(detection.detection_probability[0]), abs=0.045)
     assert stop.amplitude.mean() == pytest.approx(30.0, rel=0.05)
@@ -943,7 +932,7 @@ def test_more_light_is_never_less_likely_to_be_found(dark_hz, klux):
     counter = photons.sensor(f"detector.dark_count_rate_hz={dark_hz}")
     light = photons.echoes_of(counter, 10.0, count=400, illuminance_klux=klux)
     light = dataclasses.replace(light, peak_power_w=light.peak_power_w * np.geomspace(1e-6, 30.0, 400))
-    probability = np.asarray(photons.detect(counter, light).detection_probability)
+    probability = np.asarray(photons.detect(light, counter).detection_probability)
     assert probability[0] < 0.1
     assert (np.diff(probability) >= -1e-9).all()
     assert probability[-1] == pytest.approx(1.0)
@@ -976,7 +965,7 @@ def test_corrected_walk_leaves_nothing(name, keys, lights):
     for detections in lights:
         power_w = detections / np.ravel(counter.pixel(light.background_power_w).detections(1.0))[0]
         lit = dataclasses.replace(light, peak_power_w=np.full(shots, power_w))
-        stop = receiver.detect(lit, counter, seed=4, pulse=np.arange(shots, dtype=np.uint32)).stops[0]
+        stop = photons.detect(lit, counter, seed=4).stops[0]
         is_echo = stop.reported & (np.abs(stop.range_m - range_m) < 2.0)
         assert is_echo.mean() > 0.95
         error_m = (stop.range_m - range_m)[is_echo]
@@ -1025,7 +1014,7 @@ def test_spads_that_come_back_together_make_a_return(case):
     those. Their ranges: 4 standard errors, and 0.1 m, half of a sigma.
     """
     counter, light = revived_scene(*case, 3000)
-    detection = photons.detect(counter, light)
+    detection = photons.detect(light, counter)
     first, second = detection.stops
     assert photons.echo_of(first).mean() > 0.99
     revived = is_revived(second)
@@ -1124,7 +1113,7 @@ def test_no_spads_come_back_in_the_dark_or_from_weak_echoes_or_where_none_can():
     """The strongest of all peaks is an echo; SPADs that fire once never come back; Coates' correction knows of them."""
     for case in ((0.0, 20.0, 5.0), (1.1, 20.0, 0.02)):
         counter, light = revived_scene(*case, 1000)
-        assert not any(is_revived(stop).any() for stop in photons.detect(counter, light).stops)
+        assert not any(is_revived(stop).any() for stop in photons.detect(light, counter).stops)
     counter, light = revived_scene(1.1, 20.0, 5.0, 1000)
     for keys in (["histogram.stops=1"], ["detector.stamps='first'"], ["histogram.coates=true"]):
         receiver = photons.sensor(
@@ -1135,7 +1124,7 @@ def test_no_spads_come_back_in_the_dark_or_from_weak_echoes_or_where_none_can():
             "histogram.threshold_slope=0.33",
             *keys,
         )
-        assert not any(is_revived(stop).any() for stop in photons.detect(receiver, light).stops)
+        assert not any(is_revived(stop).any() for stop in photons.detect(light, receiver).stops)
 
 
 def test_another_board_where_spads_come_back_is_an_echo_alone():
@@ -1149,3 +1138,14 @@ def test_another_board_where_spads_come_back_is_an_echo_alone():
     near = [(np.abs(stop.range_m - 33.3) < 1.0) & stop.reported for stop in stops]
     assert (np.sum(near, axis=0) == 1).all()
     assert not any((is_revived(stop) & here).any() for stop, here in zip(stops, near, strict=True))
+
+
+def test_a_wall_in_fog_is_a_peak_beside_that_of_the_air():
+    """Near the lenses both are one. Reference: the highest points of the light on a grid."""
+    counter = photons.sensor("histogram.window_us=0.6")
+    for wall_m, count in ((2.0, 1), (6.0, 2), (20.0, 2)):
+        fog = in_fog(counter, np.ones(2), wall_m=wall_m)
+        light = Peaks.of(fog, counter, seed=0, pulse=np.arange(2, dtype=np.uint32))
+        rises = np.diff([light.filtered.at(np.full(2, place))[0][0] for place in np.arange(-60.0, 10.0, 0.2)]) > 0.0
+        assert np.count_nonzero(rises[:-1] & ~rises[1:]) == count
+        assert candidates._find_peaks(light).count.tolist() == [count] * 2

@@ -11,15 +11,13 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from helpers import trains
-from helpers.mistakes import told
 from helpers.readings import CLEAN, on_light
-from helpers.trains import FWHM_S, SIGMA_S
+from helpers.trains import FWHM_S, SIGMA_S, detect
 from scipy.constants import c
 from scipy.special import erf
 from scipy.stats import chi2, kstest, norm
 
 from lidarscene import load_sensor
-from lidarscene.detection import receiver
 from lidarscene.light.echoes import Echoes
 from lidarscene.physics.electronics import sampling, tdc
 from lidarscene.physics.reference import electronics as reference_electronics
@@ -100,7 +98,7 @@ def chain_errors(rule, snr, *overrides):
         peak_power_w=np.full(count, power),
         background_power_w=np.full(count, trains.BACKGROUND_W),
     )
-    stop = receiver.detect(light, sensor, seed=1, pulse=np.arange(count, dtype=np.uint32)).stops[0]
+    stop = detect(light, sensor, seed=1).stops[0]
     point = plain.working_point(light.background_power_w)
     peak = float(np.ravel(point.response.signal(power))[0])
     kappas = {
@@ -234,7 +232,7 @@ def test_one_echo_or_a_train_of_one(rule):
         background_power_w=light.background_power_w,
     )
     train_stop = trains.detect(light, sensor).stops[0]
-    echo_stop = receiver.detect(lone, sensor, seed=0, pulse=np.arange(count, dtype=np.uint32)).stops[0]
+    echo_stop = detect(lone, sensor, seed=0).stops[0]
     np.testing.assert_array_equal(train_stop.reported, echo_stop.reported)
     reported = echo_stop.reported
     for name in ("range_m", "amplitude", "width_s"):
@@ -400,25 +398,6 @@ def test_time_of_cells_behind_a_matched_filter():
     assert abs(0.5**1.5 * float(np.ravel(raw.noise.kappa_2)[0]) * signal**2) * share > 0.3 * variance
     low, high = (math.sqrt(chi2.ppf(p, count - 1) / (count - 1)) for p in (1e-6, 1.0 - 1e-6))
     assert 0.98 * low * wanted_s < time_s.std() < 1.02 * high * wanted_s
-
-
-@pytest.mark.parametrize(
-    ("overrides", "named"),
-    [
-        (["tdc.timing='zero_crossing'"], "tdc.timing"),
-        (["tdc.fraction=0.5"], 'fraction | timing = "constant_fraction"'),
-        (["tdc.timing='constant_fraction'", "tdc.fraction=1"], "tdc.fraction | < 1 | 1"),
-        (["tdc.timing='peak'", "sampler.type='multi_level_tdc'", "sampler.levels=[2]"], 'timing | "peak" | [sampler]'),
-    ],
-)
-def test_mistakes_are_told(overrides, named):
-    with told(named):
-        equip(*overrides)
-
-
-def test_counted_cells_have_no_matched_filter():
-    with told('detector.counting | "gaussian" | matched filter | "binomial"'):
-        load_sensor("table1-sipm", overrides=["tdc.timing='matched_filter'", "detector.counting='binomial'"])
 
 
 def test_noise_of_a_fraction_that_lasts_to_the_peak():

@@ -6,7 +6,6 @@ import math
 import numpy as np
 import pytest
 from helpers import chain, launches, rounding
-from helpers.mistakes import told
 from helpers.panes import MATERIALS, MIDDLE, both_sides, mirror_material, pane
 
 from lidarscene.materials.material_file import catalogue_material
@@ -465,11 +464,3 @@ def test_a_world_that_nothing_sees_through_is_the_first_surface_of_one_that_can_
     for name in ("xyz_m", "ambient", "intensity", "body", "in_shadow"):
         rounding.assert_same(getattr(first, name), getattr(second, name))
     assert 0 < len(first) < sensor.scanner.pulses
-
-
-def test_the_number_of_interactions_is_checked():
-
-    described = chain.scene(chain.facing(range_m=20.0))
-    for wrong in (-1, 9):
-        with told(f"interactions | whole number | 0 | 8 | {wrong}"):
-            Simulator(described, chain.sensor("table1-apd"), interactions=wrong)

@@ -7,7 +7,6 @@ import drjit as dr
 import numpy as np
 import pytest
 from helpers import chain
-from helpers.mistakes import told
 from helpers.panes import INDEX, MATERIALS, MIDDLE, mirror_material, pane
 
 from lidarscene.kernel.device import transfer
@@ -239,15 +238,3 @@ def test_faces_are_those_of_mitsuba(mi):
         s, p, *_ = mi.fresnel_polarized(mi.Float(cosine), mi.Complex2f(1.52, 0.0))
         assert r_s**2 == pytest.approx(float(dr.squared_norm(s)[0]), rel=1e-4, abs=1e-7)
         assert r_p**2 == pytest.approx(float(dr.squared_norm(p)[0]), rel=1e-4, abs=1e-7)
-
-
-@pytest.mark.parametrize(
-    ("override", "named"),
-    [
-        ("laser.polarisation={ share = 0.5 }", "laser.polarisation.angle_deg"),
-        ("laser.polarisation={ angle_deg = 0, share = 2 }", "laser.polarisation.share | <= 1 | 2"),
-    ],
-)
-def test_mistakes(override, named):
-    with told(named):
-        chain.sensor("table1-apd", override)

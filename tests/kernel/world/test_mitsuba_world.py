@@ -169,10 +169,3 @@ def test_no_ray_passes_between_two_triangles(step_deg):
     hits = chain.run_stages(chain.scene(body), chain.sensor("table1-apd", *steps)).hits
     assert hits.has_surface.sum() > 50
     assert (hits.range_m[hits.has_surface] < 12.0).all()
-
-
-@pytest.mark.parametrize("call", [{"seed": -1}, {"seed": 2**32}, {"chunk": 0}, {"coordinates": "body"}])
-def test_a_call_that_makes_no_sense_is_one_line(call):
-    simulator = Simulator(chain.scene(chain.facing(range_m=10.0)), chain.sensor("table1-apd", *chain.NARROW))
-    with told(" | ".join(f"{name} | {value}" for name, value in call.items())):
-        simulator.render(**call)

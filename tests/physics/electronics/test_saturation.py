@@ -5,6 +5,7 @@ import math
 import numpy as np
 import pytest
 from helpers import chain, trains
+from helpers.trains import detect
 from scipy.stats import norm
 
 from lidarscene.detection import receiver
@@ -23,7 +24,7 @@ STEADY = "detector.statistics='steady_state'"  # solved for the light in closed 
 
 def shots(sensor, range_m, reflectivity=0.8):
     light = plane.echoes_of_plane(sensor, Target(reflectivity=reflectivity), np.full(SHOTS, range_m))
-    return light, receiver.detect(light, sensor, seed=3, pulse=np.arange(SHOTS, dtype=np.uint32))
+    return light, detect(light, sensor, seed=3)
 
 
 @pytest.mark.parametrize("signal", [0.5, 0.99, 1.5, 10.0, 1e3])

@@ -129,8 +129,9 @@ def test_the_pieces_of_the_srgb_curve_meet() -> None:
 
 
 def test_a_large_triangle_counts_for_more() -> None:
-    """Two right triangles, of 2 m2 and 8 m2, with values of 0.1 and 0.6 all over."""
+    """Two right triangles, of 2 and 8 m2 or mm2, with values of 0.1 and 0.6 all over. No area has no mean."""
     vertices = np.array([[0, 0, 0], [2, 0, 0], [0, 2, 0], [9, 0, 0], [13, 0, 0], [9, 4, 0]], float)
     pattern = reflectivity_patterns.ReflectivityPattern(kind="reflectivity", values=np.repeat([0.1, 0.6], 3))
-    mean = reflectivity_patterns.mean_over_surface([(pattern, vertices, np.arange(6).reshape(2, 3))])
-    assert mean == pytest.approx((2 * 0.1 + 8 * 0.6) / 10)
+    for scale, mean in ((1.0, (2 * 0.1 + 8 * 0.6) / 10), (1e-3, (2 * 0.1 + 8 * 0.6) / 10), (0.0, 0.0)):
+        patterns = [(pattern, scale * vertices, np.arange(6).reshape(2, 3))]
+        assert reflectivity_patterns.mean_over_surface(patterns) == pytest.approx(mean)

@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from helpers.child import assert_ended
+from helpers.trains import detect
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from lidarscene import load_sensor
-from lidarscene.detection import receiver
 from lidarscene.detection.outcomes import Outcome
 from lidarscene.physics.constants import SPEED_OF_LIGHT_M_S
 from lidarscene.physics.electronics import sipm
@@ -492,7 +492,7 @@ def test_what_is_reported_ends_with_the_window():
     assert plane.maximum_range_m(near, Target())[0] == pytest.approx(350.605, abs=1e-3)
     boards_m = np.array([end_m - 2.0, end_m + 4.0])  # an edge crosses up to 1.5 m before its peak
     light = plane.echoes_of_plane(near, Target(), boards_m)
-    detection = receiver.detect(light, near, seed=0, pulse=np.arange(2, dtype=np.uint32))
+    detection = detect(light, near, seed=0)
     assert list(detection.outcome) == [Outcome.KEPT, Outcome.OUT_OF_WINDOW]
     blind = sensor_with("table1-apd", tdc__blanking_ns=3000)
     assert plane.reported_range_m(blind, Target(), 0.9) == (0.0, RangeStatus.NEVER_DETECTED)

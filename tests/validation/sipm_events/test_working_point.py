@@ -7,9 +7,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers import chain
+from helpers.trains import detect
 from scipy.optimize import brentq
 
-from lidarscene.detection import receiver
 from lidarscene.detection.outcomes import Status
 from lidarscene.physics.constants import SPEED_OF_LIGHT_M_S
 from lidarscene.physics.electronics import sipm, sipm_response
@@ -184,7 +184,7 @@ def test_raw_edge_by_events(dead_ns, fwhm_ns, klux, distance_m):
     light = plane.echoes_of_plane(sensor, target, np.full(draws, distance_m))
     threshold = float(sensor.threshold(sensor.working_point(light.background_power_w))[0])
     events = measure(*events_of_plane(sensor, target, distance_m), threshold=threshold, shots=shots, seed=8, steps=128)
-    stop = receiver.detect(light, sensor, seed=7, pulse=np.arange(draws, dtype=np.uint32)).stops[0]
+    stop = detect(light, sensor, seed=7).stops[0]
     error_m = stop.range_m[stop.reported & (stop.status == int(Status.ECHO))] - distance_m
     assert len(error_m) > 0.99 * draws
     event_m, deviation_m = 0.5 * SPEED_OF_LIGHT_M_S * np.array([events.crossing_s, events.crossing_deviation_s])

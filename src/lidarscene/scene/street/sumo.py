@@ -113,7 +113,7 @@ class Network(NamedTuple):
         crossings: (k, 3) points along the middle of each, and its width
         roads: lengths of the roads that cars may take, by SUMO's names
         walks: SUMO's names of roads with a pavement
-        rings: SUMO's names of roads around roundabouts
+        rings: SUMO's names of the roads around each roundabout
     """
 
     groups: list[LaneGroup]
@@ -122,7 +122,7 @@ class Network(NamedTuple):
     crossings: list[tuple[Numbers, float]]
     roads: dict[str, float]
     walks: list[str]
-    rings: set[str]
+    rings: list[frozenset[str]]
 
 
 @dataclass(slots=True)
@@ -234,7 +234,7 @@ def read_network(path: Path) -> Network:
     """Read the surfaces of a network of SUMO."""
     sumolib = import_optional("sumolib", extra="traffic")
     net = sumolib.net.readNet(str(path), withInternal=True)
-    rings = {name for roundabout in net.getRoundabouts() for name in roundabout.getEdges()}
+    rings = [frozenset(roundabout.getEdges()) for roundabout in net.getRoundabouts()]
     network = Network([], [], [], [], {}, [], rings)
     walked: set[str] = set()
     special = []

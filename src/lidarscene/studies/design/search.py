@@ -361,10 +361,9 @@ def front(study: StudyFile, designs: Sequence[Design]) -> list[Design]:
     if not feasible:
         return []
     values = np.array([losses(study, design) for design in feasible])
-    _, unique = np.unique(values, axis=0, return_index=True)
-    order = unique[np.lexsort(values[unique].T[::-1])]
+    _, order = np.unique(values, axis=0, return_index=True)
     best: list[int] = []
-    for number in order:  # by the first objective: only a design before it can beat it
+    for number in order:  # rows are sorted by the first objective: only a design before it can beat it
         others = values[best]
         if not len(best) or not np.any(np.all(others <= values[number], axis=1)):
             best.append(int(number))

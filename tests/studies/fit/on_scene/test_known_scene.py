@@ -6,8 +6,8 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from helpers.drawn_scenes import published_sensor
+from helpers.trains import detect
 
-from lidarscene.detection.receiver import detect
 from lidarscene.physics.photon_counting.pile_up import BOX, BOX_SHARE
 from lidarscene.studies.fit.near_field import share
 from lidarscene.studies.fit.on_scene.known_scene import KnownScene, predict
@@ -27,7 +27,7 @@ def test_expected_is_what_is_drawn(range_m: float, klux: float) -> None:
     # Not all at one place of the bins.
     ranges = range_m + np.linspace(-0.1, 0.1, SHOTS)
     light = echoes_of_plane(sensor, Target(reflectivity=0.5, illuminance_klux=klux), ranges)
-    detection = detect(light, sensor, seed=3, pulse=np.arange(SHOTS, dtype=np.uint32))
+    detection = detect(light, sensor, seed=3)
     scene = KnownScene.from_light(light, sensor, np.zeros(SHOTS, int), spot_over_field=0.5)
     law = predict(scene, {"detector.jitter_ps": -20.0})
     first = detection.stops[0]
@@ -49,7 +49,7 @@ def test_the_chance_is_that_of_the_stages() -> None:
     light = echoes_of_plane(sensor, Target(reflectivity=0.1, illuminance_klux=50.0), 53.0 * np.ones(SHOTS))
     scene = KnownScene.from_light(light, sensor, np.zeros(SHOTS, int), spot_over_field=0.5)
     chance = float(np.mean(predict(scene, {}).chance))
-    first_return = detect(light, sensor, seed=3, pulse=np.arange(SHOTS, dtype=np.uint32)).stops[0]
+    first_return = detect(light, sensor, seed=3).stops[0]
     kept_share = np.mean(np.asarray(first_return.reported) & (np.asarray(first_return.status) == 0))
     assert 0.05 < chance < 0.95
     assert kept_share == pytest.approx(chance, abs=4.0 * np.sqrt(0.25 / SHOTS))
@@ -137,7 +137,7 @@ def test_ranges_of_few_photons_scatter_more_than_linearly() -> None:
     sensor, shots = published_sensor(), 100_000
     ranges = 60.0 + np.linspace(-0.1, 0.1, shots)
     light = echoes_of_plane(sensor, Target(reflectivity=0.4, illuminance_klux=0.0), ranges)
-    stop = detect(light, sensor, seed=1, pulse=np.arange(shots, dtype=np.uint32)).stops[0]
+    stop = detect(light, sensor, seed=1).stops[0]
     scene = KnownScene.from_light(light, sensor, np.zeros(shots, int), spot_over_field=0.5)
     law = predict(replace(scene, floor_m=0.0), {"detector.jitter_ps": -20.0})
     assert np.mean(law.signal) == pytest.approx(25.0, rel=0.1)
