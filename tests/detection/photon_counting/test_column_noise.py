@@ -239,3 +239,10 @@ def test_a_scanner_without_columns_is_refused():
     tables["histogram"]["column_weights"] = [1.0, 0.5]
     with told("columns"):
         photons.sensor_from_tables(tables, where="test")
+
+
+def test_columns_that_do_not_turn_about_an_axis_share_noise_at_any_range():
+    shared = "histogram.column_weights=[1.0, 0.5]"
+    assert photons.sensor(shared).histogram.column_range_m is None
+    with told("histogram.column_range_mm | spinning"):
+        photons.sensor(shared, "histogram.column_range_mm=12")
