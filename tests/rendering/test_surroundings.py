@@ -240,7 +240,7 @@ def test_an_ego_that_leaves_the_ground_is_named_with_the_time(mi, run: Run, tmp_
 
 
 def test_the_way_of_a_vehicle_is_followed_without_its_springs(tmp_path: Path) -> None:
-    """Of two minutes, the ground below the wheels is asked for where the vehicle begins to ride alone."""
+    """The ground below the wheels is asked for where the vehicle begins to ride, not for all of the two minutes."""
     path = tmp_path / "yard.toml"
     path.write_text(YARD.replace("speed_m_s = 10.0\n[sensor]", "speed_m_s = 10.0\nride = {}\n[sensor]"))
     scene, asked = load_scene(path), []

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from helpers.street import triangle
+from scipy.interpolate import CubicHermiteSpline
 from scipy.signal import welch
 
 from lidarscene.maths.pose import Pose
@@ -89,6 +90,10 @@ def test_crown_and_kerb() -> None:
     top = vertices_m[: 61 * 9].reshape(61, 9, 3)
     np.testing.assert_allclose(top[30, :, 2], 0.1 * (1 - (np.linspace(-4, 4, 9) / 4) ** 2), atol=1e-15)
     np.testing.assert_allclose(top[8:-8, 4, 2], 0.1, atol=1e-15)
+    slope = CubicHermiteSpline([0.0, 8.0], [0.0, 0.1], [0.0, 0.0])(np.arange(9.0))  # level at both of its ends
+    np.testing.assert_allclose([top[:9, 4, 2], top[:-10:-1, 4, 2]], [slope, slope], atol=1e-15)
+    halved = Strip(line_m=np.array([[-30.0, 0, 0], [-9, 0, 0], [30, 0, 0]]), width_m=8.0, spacing_m=1.0)
+    np.testing.assert_allclose(0.1 * halved.crown_share(np.arange(61.0), np.zeros(61)), top[:, 4, 2], atol=1e-15)
     np.testing.assert_allclose(top[[0, -1], :, 2], 0.0, atol=1e-15)
     np.testing.assert_allclose(top[:, [0, -1], 2], 0.0, atol=1e-15)
     assert vertices_m[:, 2].min() == pytest.approx(-0.15)

@@ -6,22 +6,14 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..errors import OptionError
 from ..rendering.option_fields import Whole
 from ..rendering.render_options import SEEDS
+from ..scene.street import TOWN_STREETS
 from .terminal import Answer
 from .words import number, whole_number
 
 if TYPE_CHECKING:
     from ..scene.street.network_tables import NetworkKind
-    from ..scene.street.pieces import Tables
-    from ..scene.street.street_file import StreetFile
-
-NETWORK_KEYS = {"seed", "house_share", "setback_m", "lamp_spacing_m", "oncoming_gap_m", "shown_m"}
-"""Keys of [street] that a road network takes: what stands along roads, and how many drive there."""
-
-TOWN_STREETS = Whole(3, 12)
-"""Numbers of streets of a drawn town."""
 
 STREET_HELP = """\
 examples:
@@ -55,7 +47,7 @@ def add_street(commands: Any) -> None:
     source.add_argument(
         "--town",
         metavar="N",
-        type=whole_number(TOWN_STREETS),
+        type=whole_number(Whole(*TOWN_STREETS)),
         help="generate a town of N by N streets with junctions and a roundabout",
     )
     add(
@@ -85,39 +77,15 @@ def run_street(arguments: argparse.Namespace) -> Answer:
     """Run `street`."""
     from ..files.overrides import with_overrides
     from ..files.toml import validate
+    from ..scene.made_street import made_tables
     from ..scene.street.street_file import StreetFile
-    from ..scene.street.street_tables import street_tables, write_street
+    from ..scene.street.street_tables import street_summary, write_scene
 
-    kind: NetworkKind
     named = {key: getattr(arguments, key) for key in ("length_m", "seed")}
-    tables = {key: value for key, value in named.items() if value is not None}
-    file = validate(StreetFile, with_overrides(tables, arguments.overrides), "[street]", overrides=arguments.overrides)
-    for kind in ("opendrive", "osm", "sumo", "town"):
-        if (source := getattr(arguments, kind)) is not None:
-            return _write_network(file, source, kind, arguments)
-    if arguments.ego is not None:
-        raise OptionError("--ego needs --sumo")
-    return _answer(write_street(file, arguments.output), street_tables(file))
-
-
-def _write_network(file: StreetFile, source: Path | int, kind: NetworkKind, arguments: argparse.Namespace) -> Answer:
-    """Write the scene of a road network."""
-    from ..scene.street.network_tables import network_scene
-    from ..scene.street.street_tables import write_scene
-
-    if unused := sorted(file.model_fields_set - NETWORK_KEYS - ({"slope_percent"} if kind == "town" else set())):
-        raise OptionError(f"{unused[0]}: cannot be combined with --{kind}, which has its own roads and routes")
-    if kind != "sumo" and arguments.ego is not None:
-        raise OptionError("--ego needs --sumo")
-    tables = network_scene(source, kind, file, ego=arguments.ego)
-    name = source.name if isinstance(source, Path) else source
-    path = write_scene(tables, arguments.output, origin=f"--{kind} {name}, seed = {file.seed}")
-    return _answer(path, tables)
-
-
-def _answer(path: Path, tables: Tables) -> Answer:
-    """Say what was written, and what it has."""
-    from ..scene.street.street_tables import street_summary
-
+    keys = {key: value for key, value in named.items() if value is not None}
+    file = validate(StreetFile, with_overrides(keys, arguments.overrides), "[street]", overrides=arguments.overrides)
+    networks: dict[NetworkKind, Any] = {"opendrive": arguments.opendrive, "osm": arguments.osm, "sumo": arguments.sumo}
+    tables, origin = made_tables(file, networks | {"town": arguments.town}, ego=arguments.ego)
+    path = write_scene(tables, arguments.output, origin=origin)
     summary = street_summary(tables)
     return Answer(f"wrote {path}: {summary.as_text()}", numbers={"scene": str(path), **summary._asdict()})

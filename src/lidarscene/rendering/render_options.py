@@ -261,10 +261,20 @@ CALLS = {
     "frames": "several frames are render_frames(scene, sensor, frames=N)",
     **dict.fromkeys(("position", "sensor_pose", "origin", "location"), "where the sensor stands is pose=(x, y, z)"),
     **dict.fromkeys(("rng", "random_state", "random_seed"), "the seed is seed=N"),
-    **dict.fromkeys(("weather", "fog"), 'fog is scene_overrides={"weather.fog_visibility_km": 0.1}'),
+    "rig": "record(scene, Rig(file), outputs=...) renders a rig of several sensors",
+    **dict.fromkeys(("picture", "image", "plot"), "a picture is written by cloud.plot().save('a.png')"),
+    "deskew": "the sensor's own motion is taken out by cloud.deskew(Simulator(scene, sensor).motion)",
+    "time": "a frame begins at begin_s=1.0",
     **dict.fromkeys(("output", "path", "file", "save", "out"), "a cloud is written by cloud.save(path)"),
 }
 """Words that people try as keywords, and the call that does it."""
+
+
+MAIN_KEYS = {
+    **dict.fromkeys(("sun", "light", "illuminance"), "sun.illuminance_klux"),
+    **dict.fromkeys(("weather", "fog"), "weather.fog_visibility_km"),
+}
+"""Words of scenes that people try, and the key of a scene file that they mean most."""
 
 
 def _right_call(word: str) -> str:
@@ -281,10 +291,22 @@ def key_to_change(word: str, **models: type[BaseModel]) -> str:
     Args:
         models: keyword and model of its file
     """
+    keyword, key = key_like(word, **models)
+    return f'a key of the file is changed by {keyword}={{"{key}": ...}}' if key else ""
+
+
+def key_like(word: str, **models: type[BaseModel]) -> tuple[str, str]:
+    """Keyword and key of a file that are like a word; both "" if there is none.
+
+    Args:
+        models: keyword and model of its file
+    """
     from ..files.toml import keys_like, keys_of_tables
 
     for keyword, model in models.items():
         keys = [key for key in keys_of_tables(model) if not key.startswith("published.")]
-        if fitting := keys_like(word, keys):
-            return f'a key of the file is changed by {keyword}={{"{fitting[0]}": ...}}'
-    return ""
+        if MAIN_KEYS.get(word) in keys:
+            return keyword, MAIN_KEYS[word]
+        if word not in MAIN_KEYS and (fitting := keys_like(word, keys)):
+            return keyword, fitting[0]
+    return "", ""

@@ -95,9 +95,14 @@ class Simulator(HintedAttributes):
     later `render` from 100 m off that place is still good to 0.01 mm, one from 10 km to 1 mm.
     """
 
-    FOREIGN_NAMES: ClassVar[Mapping[str, str]] = dict.fromkeys(
-        ("step", "next", "run", "render_frames", "frames"), "simulator.render(number=N) renders frame N"
-    )
+    FOREIGN_NAMES: ClassVar[Mapping[str, str]] = {
+        **dict.fromkeys(
+            ("step", "next", "run", "render_frames", "frames"), "simulator.render(number=N) renders frame N"
+        ),
+        **dict.fromkeys(
+            ("set_pose", "move", "add", "remove"), "LiveSimulator(scene, sensor) has bodies and an ego that move"
+        ),
+    }
     _takes_turns = True
     """Whether bodies that hide may share a place among the movers (`build_world`)."""
 

@@ -160,13 +160,16 @@ def warn_of_light(scene: Scene) -> None:
 
 
 def warn_of_scene(scene: Scene) -> None:
-    """Issue the doubts about the way of a scene's ego vehicle, from time 0 or its first pose on, and about all faces
-    that bodies share.
+    """Issue the doubts about a scene alone: light, sizes, all faces that bodies share, and the way of its ego vehicle,
+    from time 0 or its first pose on.
     """
     begin_s = 0.0 if scene.ego is None else max(0.0, scene.ego.span_s[0])
     vehicle = Pose() if scene.ego is None else pose_at(scene.ego, begin_s)
+    clearance = Clearance.of_scene(scene)
     for doubt in (
-        *_way_doubts(scene, Clearance.of_scene(scene), begin_s, begin_s + ENDLESS_S),
+        *_light_doubts(scene),
+        *_size_doubts(clearance),
+        *_way_doubts(scene, clearance, begin_s, begin_s + ENDLESS_S),
         *_face_doubts(scene, (vehicle @ scene.sensor_pose).position_m, each=True),
     ):
         warn(doubt)

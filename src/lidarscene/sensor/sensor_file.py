@@ -76,7 +76,8 @@ class LaserFile(Table[Laser]):
 
     @model_validator(mode="after")
     def _not_finer_than_light(self) -> LaserFile:
-        least_mrad = min(self.divergence_mrad, self.divergence_elevation_mrad or self.divergence_mrad)
+        second_mrad = self.divergence_elevation_mrad or self.divergence_mrad
+        least_mrad = min(self.divergence_mrad, second_mrad)
         if self.exit_diameter_mm is None or least_mrad == 0.0:
             return self
         limit = least_mrad / beam.beam_quality(
@@ -85,8 +86,9 @@ class LaserFile(Table[Laser]):
             wavelength_m=si(self.wavelength_nm, "nm"),
         )
         if least_mrad < limit * (1.0 - 1e-3):
+            key = "divergence_mrad" if second_mrad >= self.divergence_mrad else "divergence_elevation_mrad"
             raise ValueError(
-                f"divergence_mrad: must be >= {limit:.3g} for a beam of {self.exit_diameter_mm:g} mm (M2 of 1), "
+                f"{key}: must be >= {limit:.3g} for a beam of {self.exit_diameter_mm:g} mm (M2 of 1), "
                 f"got {least_mrad:g}"
             )
         return self

@@ -18,7 +18,7 @@ from lidarscene.scene.street import traffic as driven
 from lidarscene.scene.street.centre_line import ASIDE_M_S2, CentreLine, Profile, draw_profile
 from lidarscene.scene.street.shapes import DISTRICTS, PARKED_SHARES, draw_vehicle, shapes, vehicle_length_m
 from lidarscene.scene.street.street_file import StreetFile
-from lidarscene.scene.street.street_tables import street_tables, write_street
+from lidarscene.scene.street.street_tables import street_tables, write_scene
 
 SHORT = {"length_m": 60.0, "shown_m": 50.0}
 SIZES_M = {
@@ -393,7 +393,9 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     """A scene file with [street], and the file with all bodies that is written of the same."""
     folder = tmp_path_factory.mktemp("street")
     (folder / "table.toml").write_text('name = "street"\n[street]\nseed = 7\nlength_m = 60\nshown_m = 50\n')
-    return folder / "table.toml", write_street(StreetFile(seed=7, **SHORT), folder / "out")
+    return folder / "table.toml", write_scene(
+        street_tables(StreetFile(seed=7, **SHORT)), folder / "out", origin="seed = 7"
+    )
 
 
 def test_the_file_is_the_scene_of_the_table(written: tuple[Path, Path]) -> None:
@@ -461,7 +463,7 @@ def test_hills_are_as_steep_as_asked_and_level_at_crossings(seed: int, loop: boo
 def hills(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Scene file of a street with hills."""
     file = StreetFile(seed=5, length_m=120.0, shown_m=60.0, slope_percent=(6.0, 9.0), parked_share=(0.5, 1.0))
-    return write_street(file, tmp_path_factory.mktemp("hills") / "out")
+    return write_scene(street_tables(file), tmp_path_factory.mktemp("hills") / "out", origin="hills")
 
 
 def test_nothing_floats_on_hills(hills: Path) -> None:

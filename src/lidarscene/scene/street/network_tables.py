@@ -340,7 +340,7 @@ def _grounds(network: Network) -> list[Tables]:
             _strip(name, "pavement", "concrete", line_m, width_m, -0.5 * KERB_M, **raised),
             _strip(f"kerb_{number}", "kerb", "concrete", line_m, KERB_M, 0.5 * width_m, **raised),
         ]
-    middles_m = np.array([corners_m.mean(axis=0) for corners_m in network.corners]).reshape(-1, 3)
+    middles_m = np.array([corners_m.mean(axis=0) for corners_m in network.corners]).reshape(-1, 3)[:, :2]
     for number, corners_m in enumerate(network.junctions):
         # Pavements at a junction have faces down along its outline themselves.
         has_pavement = Outline(corner_m=corners_m, spacing_m=SPACING_M).contains(middles_m).any()
@@ -429,16 +429,15 @@ def _markings(network: Network, relief: Relief) -> list[Tables]:
             marks.setdefault(("stop_lines", 0.3, round(group.width_m - 2.0 * ASIDE_M, 2)), []).extend(stop)
     pavements = [Outline(corner_m=corners_m, spacing_m=SPACING_M) for corners_m in network.corners]
     for shape_m, width_m in network.crossings:
-        size_m = width_m - 0.5, STRIPE_M
+        stripe_m, way_m = width_m - 0.5, np.arange(0.75, _length_m(shape_m) - 0.5, 2.0 * STRIPE_M)
         # Where a crossing is oblique, its first stripes would lie on the kerb in part.
-        way_m = [
-            at_m
-            for at_m in np.arange(0.75, _length_m(shape_m) - 0.5, 2.0 * STRIPE_M).tolist()
-            for x_m, y_m, heading in _along(shape_m, np.array([at_m])).tolist()
-            for places_m in [box_places_m((x_m, y_m, heading, 0.5 * size_m[1], 0.5 * size_m[0]), MARK_SPACING_M)]
-            if not any(pavement.contains(places_m).any() for pavement in pavements)
+        off_kerb = [
+            not any(pavement.contains(places_m).any() for pavement in pavements)
+            for x_m, y_m, heading in _along(shape_m, way_m).tolist()
+            for places_m in [box_places_m((x_m, y_m, heading, 0.5 * STRIPE_M, 0.5 * stripe_m), MARK_SPACING_M)]
         ]
-        marks.setdefault(("zebras", *size_m), []).extend(_marks(shape_m, np.array(way_m), 0.0, 90.0))
+        stripes = _marks(shape_m, way_m[np.array(off_kerb, dtype=bool)], 0.0, 90.0)
+        marks.setdefault(("zebras", stripe_m, STRIPE_M), []).extend(stripes)
     for number, ((name, *size_m), places) in enumerate(marks.items()):
         if places:
             markings.append(sheet(f"{name}_{number}", "lane_marking", "lane_marking", size_m, places, **keys))

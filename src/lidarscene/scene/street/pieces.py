@@ -60,7 +60,8 @@ def box_places_m(box: tuple[float, float, float, float, float], step_m: float) -
     x_m, y_m, yaw, *half_m = box
     ticks = [np.linspace(-each, each, 2 + int(2.0 * each / step_m)) for each in half_m]
     cos, sin = math.cos(yaw), math.sin(yaw)
-    return np.stack(np.meshgrid(*ticks), axis=-1).reshape(-1, 2) @ np.array([[cos, sin], [-sin, cos]]) + [x_m, y_m]
+    from_middle_m = np.stack(np.meshgrid(*ticks), axis=-1).reshape(-1, 2) @ np.array([[cos, sin], [-sin, cos]])
+    return np.asarray(from_middle_m + np.array([x_m, y_m]))
 
 
 def street_scene(shown_m: float, *, roof_m: float, ego: Tables, bodies: Sequence[Tables]) -> Tables:

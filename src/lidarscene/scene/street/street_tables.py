@@ -75,18 +75,6 @@ def street_tables(file: StreetFile) -> Tables:
     )
 
 
-def write_street(file: StreetFile, folder: Path) -> Path:
-    """Write a street as street.toml in ``folder``, with its meshes and its motions beside it; return the scene's path.
-
-    The scene is the one that a ``[street]`` with the same keys gives, number by number.
-
-    Raises:
-        OutputError: if a result cannot be written
-    """
-    settings = ", ".join(f"{key} = {toml_text(value)}" for key, value in file.model_dump().items())
-    return write_scene(street_tables(file), folder, origin=settings)
-
-
 def write_scene(tables: Tables, folder: Path, *, origin: str) -> Path:
     """Write tables as street.toml in ``folder``, with their meshes and motions beside it; return the scene's path.
 
