@@ -21,7 +21,7 @@ car: $(READY)
 test: $(READY)
 	$(BIN)/pytest -n 3 --dist loadfile --no-loadscope-reorder $(PYTEST_ARGS)
 
-# Two tests of three, of every folder, in about a minute: all but those of tests/costly, which tools/costs.py writes.
+# Half of the tests, of every folder, in about a minute: all but those of tests/costly, which tools/costs.py writes.
 quick: $(READY)
 	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder -q -x --part=quick $(PYTEST_ARGS)
 

@@ -12,7 +12,7 @@ from latex2mathml.converter import convert
 from markdown import Extension, Markdown
 from markdown.preprocessors import Preprocessor
 
-PAGES = [*Path(__file__).parent.glob("theory*.md"), Path(__file__).parent / "photon_counting.md"]
+PAGES = [page for name in ("theory*", "photon_counting", "sipm") for page in Path(__file__).parent.glob(f"{name}.md")]
 NUMBERED = re.compile(r"\\tag\{(T\w+)\}")
 # What is code stays as it is: fenced blocks and spans.
 CODE = re.compile(r"(^```.*?^```$|`[^`\n]+`)", re.MULTILINE | re.DOTALL)

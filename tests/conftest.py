@@ -8,7 +8,7 @@ import subprocess
 import sys
 import tempfile
 import warnings
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Generator, Iterator
 from pathlib import Path
 from types import ModuleType
 from typing import Any
@@ -157,11 +157,16 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     items.sort(key=lambda item: turn.get(item.path, len(turn)))
 
 
-def pytest_collection_finish() -> None:
-    """What is there now stays to the end: else each search for garbage goes through all test items and libraries."""
+@pytest.hookimpl(wrapper=True)
+def pytest_collection() -> Generator[None, object, object]:
+    """What is there in the end stays: else each search for garbage goes through all test items and libraries."""
+    gc.disable()
+    result = yield
+    gc.enable()
     gc.collect()
     gc.freeze()
     gc.set_threshold(700, 10, 20)  # and half as many searches as by default through all that comes after
+    return result
 
 
 @pytest.hookimpl(trylast=True)

@@ -13,6 +13,7 @@ from helpers.mistakes import told
 
 import lidarscene
 from lidarscene import Material, PointCloud, Rig, Scene, Sensor
+from lidarscene.catalog import files
 from lidarscene.formats.cloud_columns import FOREIGN_NAMES
 from lidarscene.formats.registry import OTHER_SUFFIXES
 from lidarscene.rendering.render_options import CALLS
@@ -40,6 +41,21 @@ ANSWERS = {
     "lidarscene.compare('car', 'apd-905', 'sipm-905')": r"in one list: sensors=\['apd-905', 'sipm-905'\]",
     "lidarscene.compare('apd-905', 'sipm-905')": r"compare\('car', \['apd-905', ...\]\)",
     "lidarscene.load_sensor('apd-905', 'detector.gain=3')": r"at most 1 without a name \(sensor\), got 2",
+    "lidarscene.budget(cloud)": r"budget\(\): must have cloud, scene, sensor; scene is missing",
+    "lidarscene.render('range', ['apd-905', 'sipm-905'])": "record takes a Rig of several",
+    "lidarscene.render('range', sun=0)": "sun.illuminance_klux",
+    "lidarscene.render('range', rig='rig')": r"record\(scene, Rig\(file\)",
+    "scene.add('pedestrian', yaw=90)": r"pose=\(x, y, z, yaw",
+    "scene.add(*box, 'brick')": r"are one tuple: \(vertices, faces\)",
+    "setattr(sensor.laser, 'peak_power_w', 50)": r"Laser.peak_power_w cannot be set; sensor.replace\(",
+    "setattr(scene.bodies[0], 'pose', None)": r"Body.pose cannot be set; scene.replace\({\"bodies.car.position_m",
+    "cloud.range_image(3)": r"range_image\(\): must have at most 0",
+    "cloud.range_image(columns=3)": "known here: none",
+    "cloud.save('a.png')": r"cloud.plot\(\).save",
+    "sensor.laser.replace(peak_power_w=50)": r"sensor.replace\(",
+    "sensor.replace('laser.peak_power_w', 50)": r"at most 1 without a name \(overrides\)",
+    "lidarscene.view(cloud, 'car')": r"got 2; the others go by name: scene=",
+    "cloud.stamp": "cloud.time",
     "scene.remove('a', 'b')": r"at most 1 without a name \(name\), got 2",
     "lidarscene.max_range('apd-905', wavelength=905)": 'overrides={"laser.wavelength_nm": ...}',
     "lidarscene.max_range('apd-905', reflectivty=0.1)": "did you mean reflectivity[?]",
@@ -84,6 +100,10 @@ def test_a_guess_is_answered_in_one_line(guess: str) -> None:
     with pytest.raises((lidarscene.InputError, AttributeError, TypeError), match=ANSWERS[guess]) as caught:
         eval(guess, dict(NAMES))
     assert "\n" not in str(caught.value)
+
+
+def test_columns_have_the_names_of_keywords() -> None:
+    np.testing.assert_array_equal(NAMES["cloud"].class_, NAMES["cloud"]["class"])
 
 
 @pytest.mark.parametrize(
@@ -149,8 +169,32 @@ def test_packages_are_called_as_functions(tmp_path: Path, monkeypatch: pytest.Mo
 
 def test_a_package_is_callable_however_it_was_imported(run_python: Any) -> None:
     """Rationale: a package becomes an attribute of its parent by its first import, from anywhere."""
-    (process := run_python("import lidarscene; print(lidarscene.materials()[0]); lidarscene.batch('job')"))
+    (process := run_python("import lidarscene; print(lidarscene.materials()[0]); lidarscene.batch('jo', 'out')"))
     assert process.stdout.startswith("asphalt")
-    assert "lidarscene has no 'batch'; `lidarscene batch JOB`" in process.stderr
-    (process := run_python("import lidarscene.batch as _, lidarscene; lidarscene.batch('job')"))
-    assert "lidarscene.batch is no function; `lidarscene batch JOB`" in process.stderr
+    assert "InputError: jo: no such file" in process.stderr
+    (process := run_python("import lidarscene.batch as _, lidarscene; lidarscene.batch('jo', 'out')"))
+    assert "InputError: jo: no such file" in process.stderr
+    (process := run_python("import lidarscene.catalog as _, lidarscene; lidarscene.catalog()"))
+    assert r"lidarscene.catalog is no function; sensors(), scenes()" in process.stderr
+
+
+def test_a_check_lists_mistakes_and_doubts(tmp_path: Path) -> None:
+    assert lidarscene.check("range") == lidarscene.check(APD) == []
+    bright = NAMES["scene"].replace(sun={"illuminance_klux": 5000})
+    assert [doubt.partition(" and")[0] for doubt in lidarscene.check(bright)] == ["sun.illuminance_klux is 5000,"]
+    sensor = tmp_path / "slow.toml"
+    sensor.write_text(files("sensors")["apd-905"].read_text().replace("peak_power_w", "peak_power"))
+    (mistake,) = [line for line in lidarscene.check(sensor) if "unknown" in line]
+    assert "did you mean laser.peak_power_w" in mistake
+
+
+def test_a_street_is_a_scene(tmp_path: Path) -> None:
+    file = tmp_path / "street.toml"
+    file.write_text("[street]\nseed = 5\nlength_m = 80\n")
+    assert repr(lidarscene.street(5, length_m=80).bodies) == repr(Scene(file).bodies)
+    with pytest.raises(lidarscene.InputError, match="did you mean length_m"):
+        lidarscene.street(lenght_m=80)
+    with pytest.raises(lidarscene.InputError, match="osm and town: must be only one of them"):
+        lidarscene.street(osm="map.osm", town=3)
+    with pytest.raises(lidarscene.InputError, match="town: must be a whole number from 3 to 12, got 99"):
+        lidarscene.street(town=99)

@@ -1,28 +1,33 @@
 #!/usr/bin/env python3
-"""The CPU that each test takes, by which `make quick` leaves out what costs much.
+"""The CPU that each test takes, by which `make quick` leaves out what costs more than it adds.
 
     tools/costs.py [TESTS...]      runs these tests (default: all) in one process and writes tests/costly anew
 
-A function is costly if its cases take LIMIT_S together and CASE_S each, with the processes that they start and their
-share of the fixtures that they have in common. The others, of every folder, are most of the tests and take a tenth of
-the time.
+A function of tests is costly if its cases take LIMIT_S together, with the processes that they start and their share of
+the fixtures that they have in common; unless it runs functions of the sources that no other test of `make quick` runs,
+and takes no more than NEW_S for each. What a test runs stands in the map of tools/mutants.py, which is made before.
 """
 
 import os
 import subprocess
 import sys
-from collections import Counter, defaultdict
-from collections.abc import Generator, Mapping
+from collections import defaultdict
+from collections.abc import Collection, Generator, Mapping
 from pathlib import Path
 from typing import Any
 
+import mutants
 import pytest
 
 ROOT = Path(__file__).resolve().parents[1]
 TESTS = ROOT / "tests"
-LIMIT_S = 0.25
-CASE_S = 0.03
-"""Choice: 2,700 of 3,350 functions stay, which take a tenth of the CPU."""
+MAP = mutants.KEPT / "map"
+Test = tuple[str, str]
+"""File, below tests/, and name of a function of tests."""
+LIMIT_S = 0.15
+"""Choice: 2,300 of 3,330 functions stay whatever they run, and take 65 s."""
+NEW_S = 0.1
+"""Choice: 22 more, which take 7 s, run 280 functions of the sources that those do not."""
 ALL = "*"
 """Of a file whose functions are all costly: it need not be imported."""
 
@@ -32,14 +37,39 @@ def cpu_s() -> float:
     return sum(os.times()[:4])
 
 
-def costly(costs: Mapping[tuple[str, str], float], cases: Mapping[tuple[str, str], int]) -> dict[str, list[str]]:
-    """Names of costly functions by file, from the cost and the number of cases of each (file, function)."""
+def costly(costs: Mapping[Test, float], runs: Mapping[Test, Collection[str]], known: set[str]) -> dict[str, list[str]]:
+    """Names of costly functions by file.
+
+    Args:
+        costs: CPU of each function in seconds
+        runs: functions of the sources that each runs
+        known: functions of the sources that other tests run
+    """
+    over = {test for test, cost in costs.items() if cost >= LIMIT_S}
+    known = known.union(*(runs.get(test, ()) for test in costs.keys() - over))
+    while over:
+        new = {test: len(set(runs.get(test, ())) - known) for test in over}
+        best = max(sorted(over), key=lambda test: new[test] / costs[test])
+        if new[best] * NEW_S < costs[best]:
+            break
+        over.remove(best)
+        known |= set(runs[best])
     names: dict[str, list[str]] = {}
     for path in sorted({path for path, _ in costs}):
-        functions = sorted(function for function in costs if function[0] == path)
-        over = [key[1] for key in functions if costs[key] >= max(LIMIT_S, CASE_S * cases[key])]
-        names[path] = [ALL] if len(over) == len(functions) else over
+        functions = [name for file, name in costs if file == path]
+        left_out = sorted(name for file, name in over if file == path)
+        names[path] = [ALL] if len(left_out) == len(functions) else left_out
     return names
+
+
+def runs_of_tests() -> dict[Test, set[str]]:
+    """Functions of the sources that each function of tests runs, from the map of tools/mutants.py."""
+    runs: dict[Test, set[str]] = defaultdict(set)
+    for name, tests in mutants.Map(MAP).tests.items():
+        for test in tests:
+            path, _, function = test.partition("[")[0].partition("::")
+            runs[path.removeprefix("tests/"), function].add(name)
+    return runs
 
 
 def read(path: Path) -> dict[str, list[str]]:
@@ -52,10 +82,12 @@ class Costs:
     """Plugin of pytest: measures, and renews the lines of the files that ran."""
 
     def __init__(self) -> None:
-        self.spent: dict[tuple[str, str], float] = defaultdict(float)
-        self.cases: Counter[tuple[str, str]] = Counter()
+        self.runs = runs_of_tests()
+        if not self.runs:
+            raise pytest.UsageError("tools/costs.py: there is no map yet: run tools/mutants.py map first")
+        self.spent: dict[Test, float] = defaultdict(float)
         self.shared: dict[Any, float] = defaultdict(float)
-        self.users: dict[Any, set[tuple[str, str]]] = defaultdict(set)
+        self.users: dict[Any, set[Test]] = defaultdict(set)
         self.apart_s = 0.0
 
     def pytest_collection_finish(self, session: pytest.Session) -> None:
@@ -80,7 +112,6 @@ class Costs:
         begin_s, self.apart_s = cpu_s(), 0.0
         value = yield
         self.spent[_function(item)] += cpu_s() - begin_s - self.apart_s
-        self.cases[_function(item)] += 1
         return value
 
     def pytest_sessionfinish(self) -> None:
@@ -89,13 +120,19 @@ class Costs:
             for function in self.users[fixture]:
                 self.spent[function] += cost_s / len(self.users[fixture])
         path = TESTS / "costly"
-        lines = read(path) | costly(self.spent, self.cases)
+        ran, before = {file for file, _ in self.spent}, read(path)
+        others = [
+            runs
+            for (file, name), runs in self.runs.items()
+            if file not in ran and not {ALL, name} & set(before.get(file, ()))
+        ]
+        lines = before | costly(self.spent, self.runs, set().union(*others))
         kept = {name: names for name, names in lines.items() if names and (TESTS / name).exists()}
         path.write_text("".join(f"{name}: {' '.join(kept[name])}\n" for name in sorted(kept)), encoding="utf-8")
 
 
-def _function(item: pytest.Item) -> tuple[str, str]:
-    """File, below tests/, and name of a test's function."""
+def _function(item: pytest.Item) -> Test:
+    """The function of a test."""
     return item.path.relative_to(TESTS).as_posix(), item.name.partition("[")[0]
 
 

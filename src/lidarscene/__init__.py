@@ -15,27 +15,25 @@ import lazy_loader
 
 from .errors import did_you_mean
 from .files.installed_llvm import write_newest_path
-from .files.late_binding import bind, call_bound
+from .files.late_binding import bind
 
 # Public names stand in __init__.pyi, and are imported when first asked for: importing the package costs nothing.
 _public, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
 
-_FUNCTIONS = {"materials": "materials", "view": "show"}
-"""Packages whose names are functions, too -> name to which the function is bound."""
+_FUNCTIONS = ("batch", "materials", "view")
+"""Packages whose names are public functions, too."""
 
 _FOREIGN_NAMES = {
-    "batch": "`lidarscene batch JOB` renders a job; render_frames and record render in Python",
     "catalog": "sensors(), scenes() and materials() list names",
-    "check": "load_scene, load_sensor and load_rig check a file; `lidarscene check FILE` says what it holds",
     **dict.fromkeys(("examples", "demo"), "scenes() lists what render takes: render('car')"),
     "help": "help(lidarscene.render) explains a call; dir(lidarscene) lists them",
-    "street": "load_scene takes a scene file with [street]; `lidarscene street` writes one",
     **dict.fromkeys(("load", "read", "open"), "load_cloud, load_scene, load_sensor and load_rig read files"),
     **dict.fromkeys(("load_mesh", "mesh"), "load_scene(file) reads one as a scene; scene.add(file, 'brick') adds it"),
     **dict.fromkeys(("load_material", "material"), "Material(name) reads one; materials() lists them"),
     **dict.fromkeys(("simulate", "run", "scan", "trace"), "render(scene, sensor) renders a frame"),
     **dict.fromkeys(("Lidar", "LiDAR", "sensor"), "Sensor(name) reads one; sensors() lists them"),
     **dict.fromkeys(("World", "scene"), "Scene(name) reads one; scenes() lists them"),
+    **dict.fromkeys(("optimize", "optimise", "search"), "design(study, folder) searches the designs of a study"),
     **dict.fromkeys(("stream", "publish"), "`lidarscene stream` sends packets; cloud.save('a.mcap') writes a bag"),
     **dict.fromkeys(
         ("Dataset", "generate", "random_scene"), "record writes data sets; `lidarscene street` makes scenes"
@@ -61,10 +59,17 @@ def __getattr__(name: str) -> Any:
     try:
         return _public(name)
     except AttributeError:
-        meant = _FOREIGN_NAMES.get(name) or did_you_mean(_PREFIX.sub("", name), [*__all__, *_FUNCTIONS])
+        meant = _FOREIGN_NAMES.get(name) or did_you_mean(_PREFIX.sub("", name), __all__)
         if name.startswith("_") or not meant:
             raise
         raise AttributeError(f"lidarscene has no '{name}'; {meant}") from None
+
+
+def _function_of_package(name: str) -> Any:
+    """Return the function that has a package's name; the package stays the attribute."""
+    function = _public(name)
+    globals()[name] = sys.modules[f"{__name__}.{name}"]
+    return function
 
 
 class _CalledPackage(ModuleType):
@@ -73,7 +78,7 @@ class _CalledPackage(ModuleType):
     def __call__(self, *arguments: Any, **options: Any) -> Any:
         name = self.__name__.rpartition(".")[2]
         if name in _FUNCTIONS:
-            return call_bound(_FUNCTIONS[name], *arguments, **options)
+            return _function_of_package(name)(*arguments, **options)
         raise TypeError(f"lidarscene.{name} is no function; {_FOREIGN_NAMES[name]}")
 
 
@@ -100,11 +105,9 @@ bind(
     load_rig="lidarscene.sensor.rig_file:load_rig",
     load_scene="lidarscene.scene.scene_file:load_scene",
     load_sensor="lidarscene.sensor.sensor_file:load_sensor",
-    materials="lidarscene.materials.material_file:materials",
     max_range="lidarscene.studies.api:max_range",
     replace_scene="lidarscene.scene.scene_file:replaced_scene",
     save_scene="lidarscene.scene.saving:save_scene",
-    show="lidarscene.view.notebook:show",
     view="lidarscene.view.notebook:view_in_notebook",
 )
 

@@ -1,6 +1,8 @@
 """Public names of lidarscene and where each is: imported when first asked for (`lazy_loader`)."""
 
 from ._version import __version__ as __version__
+from .batch.job_run import batch as batch
+from .checking.file_check import check as check
 from .cloud.deskew import deskewed as deskewed
 from .cloud.device_cloud import DeviceCloud as DeviceCloud
 from .cloud.point_cloud import PointCloud as PointCloud
@@ -14,6 +16,7 @@ from .errors import OutputError as OutputError
 from .figures.report import Report as Report
 from .labels.boxes import boxes as boxes
 from .materials.material import Material as Material
+from .materials.material_file import materials as materials
 from .maths.pose import Pose as Pose
 from .outputs.output_options import Outputs as Outputs
 from .outputs.record import record as record
@@ -25,6 +28,7 @@ from .rendering.render_options import FrameOptions as FrameOptions
 from .rendering.render_options import Observers as Observers
 from .rendering.render_options import TraceOptions as TraceOptions
 from .rendering.simulator import Simulator as Simulator
+from .scene.made_street import street as street
 from .scene.scene import Air as Air
 from .scene.scene import Body as Body
 from .scene.scene import Part as Part
@@ -49,3 +53,4 @@ from .studies.api import max_range as max_range
 from .studies.api import sensitivities as sensitivities
 from .studies.api import sweep as sweep
 from .studies.api import twin as twin
+from .view.notebook import view as view

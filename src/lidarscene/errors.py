@@ -57,7 +57,9 @@ def question(choices: Iterable[str]) -> str:
 def unknown_option(word: str, options: Collection[str], *, meant: str = "") -> InputError:
     """Error for a keyword that is none of a call's options; ``meant`` says what does it."""
     meant = f"{meant};" if meant else did_you_mean(word, options)
-    return InputError(f"unknown option '{word}'; {meant}{' ' if meant else ''}known here: {', '.join(options)}")
+    return InputError(
+        f"unknown option '{word}'; {meant}{' ' if meant else ''}known here: {', '.join(options) or 'none'}"
+    )
 
 
 class LidarSceneError(Exception):

@@ -13,6 +13,7 @@ import pytest
 import trimesh
 
 from lidarscene import catalog
+from lidarscene.scene.street.layout import EAVES_M
 
 ROOT = Path(__file__).parents[2]
 MESHES, SCENES = ROOT / "assets" / "meshes", ROOT / "scenes"
@@ -178,6 +179,7 @@ def test_a_house_is_in_its_plot(name):
     assert np.abs(points[:, 1]).max() <= 0.5 * width_m + 0.01
     assert front_m < points[:, 0].max() <= reach_m + 0.01
     assert points[:, 0].max() > reach_m - 0.1
+    assert points[:, 0].min() >= -front_m - EAVES_M
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -98,6 +98,24 @@ live = ls.LiveSimulator(target, "vlp-16")
 trace = TraceOptions(rays=16, interactions=1)
 ls.Simulator(target, sensor, trace).render(seed=5).plot("snr").save("board.png")
 
+# By name, in the words of the README.
+mine: Sensor = Sensor("apd-905")
+yard: Scene = Scene("car", overrides={"sun.illuminance_klux": 1})
+ls.render(yard, mine).select(class_="car", status="echo").range_m.mean()
+ls.Rig("rig")
+brick: Material = Material("brick")
+again: PointCloud = PointCloud("a.ply")
+mine.max_range(reflectivity=0.3)
+mine.replace(peak_power_w=50).save("mine.toml")
+road: Scene = ls.street(3, lanes=2, length_m=200.0)
+road.add("pedestrian", position=(20, 0, 0)).add("car", pose=np.eye(4)).save("road.toml")
+findings: list[str] = ls.check("mine.toml") + ls.check(road) + ls.check(mine)
+done: int = ls.batch("job", "out/job", workers=2).rendered
+ls.view(cloud, scene="car")
+ls.view("car").save("page.html")
+print(ls.materials()[0])
+moved = cloud.transform(np.eye(4))
+
 # What a type checker must refuse: `mypy --strict` warns of a remark that ignores nothing.
 ls.render("car", sed=1)  # type: ignore[call-overload]
 ls.render("car", seed="one")  # type: ignore[call-overload]
@@ -110,6 +128,7 @@ ls.compare("car", sensor="vlp-16")  # type: ignore[call-arg]
 ls.fit("os1.pcap", "os1-128", frames=1)  # type: ignore[arg-type]
 ls.twin("os1.pcap")  # type: ignore[call-arg]
 ls.design("gain")  # type: ignore[call-arg]
+Sensor(3)  # type: ignore[arg-type]
 ls.Sun(klux=20.0)  # type: ignore[call-arg]
 cloud.range_m = rng  # type: ignore[misc]
 report: str = ls.eye_safety("vlp-16")  # type: ignore[assignment]

@@ -612,7 +612,7 @@ def test_points_in_a_moving_box_are_those_of_all_sensors(threads: Connect, tmp_p
         assert annotation["num_lidar_pts"] == sum(counts)
 
 
-@pytest.mark.parametrize("name", ["kitti", "nuscenes"])
+@pytest.mark.parametrize("name", ["kitti", "nuscenes", "semantickitti"])
 def test_points_on_the_own_car_stay_out(threads: Connect, tmp_path: Path, name: str) -> None:
     """The only body rides with the sensor: of the cloud noise is left."""
     scene = PARKED.replace("14.3, 0, 1.8]", "6, 0, 1.8]\n[bodies.motion]\nwith_ego = true")
@@ -621,7 +621,7 @@ def test_points_on_the_own_car_stay_out(threads: Connect, tmp_path: Path, name: 
         folder = tmp_path / f"out{len(sizes)}"
         run(read_job(tmp_path, f'dataset = "{name}"\n{options}', scene=scene), folder, threads)
         (path,) = (path for pattern in dataset.CLOUD_FOLDERS[name] for path in folder.glob(pattern))
-        sizes.append(path.stat().st_size // (16 if name == "kitti" else 20))
+        sizes.append(path.stat().st_size // (20 if name == "nuscenes" else 16))
     assert sizes[0] > 50 > 5 > sizes[1]
 
 

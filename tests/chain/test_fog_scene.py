@@ -129,7 +129,7 @@ def test_nothing_is_seen_while_fog_holds_the_comparator(rendered, clouds):
     assert points_of(foggy, "cars.1") > 50
     says(
         "gallery.md",
-        "the threshold up to {} to {} m, by the background",
+        "the signal above the threshold up to {} to {} m, depending on the background",
         lit_span_m(background_w=BRIGHTEST_W)[1],
         latest,
     )

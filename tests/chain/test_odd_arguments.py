@@ -27,6 +27,7 @@ ODD = {
     "large": 10**40, "complex": 1j, "path": Path("no/such"), "True": True,
 }  # fmt: skip
 SLOW = (
+    "view.notebook.Viewed.show",
     "studies.design.design_study.run_study",
     "studies.field_of_view.field_of_view_study.field_of_view_study",
     "studies.compare.comparison_study.compare_sensors",
@@ -41,9 +42,11 @@ SLOW = (
 )
 SENSORS = {"sensors": "table1-apd"}
 FUNCTIONS: dict[str, dict[str, Any]] = {
+    "batch": {"job": "no.toml", "output": "out"},
     "budget": {"cloud": small_cloud(), "scene": "wall.toml", "sensor": "table1-apd"},
     "boxes": {"cloud": small_cloud(), "scene": Scene()},
     "certify": {"recording": OUSTER},
+    "check": {"subject": "wall.toml"},
     "compare": {"scene": "wall.toml", "sensors": ["table1-apd", "vlp-16"]},
     "deskewed": {"cloud": small_cloud(), "motion": Course()},
     "design": {"study": "gain", "folder": "out"},
@@ -54,6 +57,7 @@ FUNCTIONS: dict[str, dict[str, Any]] = {
     "load_rig": {"rig": "rig"},
     "load_scene": {"scene": "wall.toml"},
     "load_sensor": {"sensor": "table1-apd"},
+    "materials": {},
     "max_range": SENSORS,
     "open_recording": {"path": OUSTER},
     "record": {"scene": "wall.toml", "sensor": "sensor.toml", "outputs": "out/a.ply"},
@@ -62,8 +66,10 @@ FUNCTIONS: dict[str, dict[str, Any]] = {
     "scenes": {},
     "sensitivities": SENSORS,
     "sensors": {},
+    "street": {"osm": "no.osm"},
     "sweep": {**SENSORS, "over": "distance", "points": 2},
     "twin": {"recording": OUSTER, "folder": "out"},
+    "view": {"content": small_cloud()},
     "Simulator": {"scene": "wall.toml", "sensor": "sensor.toml"},
     "LiveSimulator": {"scene": "wall.toml", "sensor": "sensor.toml"},
     "FrameOptions": {},
@@ -136,7 +142,9 @@ def call_oddly(function: Callable[..., Any], good: dict[str, Any]) -> None:
 @pytest.mark.usefixtures("mi")
 @pytest.mark.parametrize("name", FUNCTIONS)
 def test_functions(name: str) -> None:
-    call_oddly(getattr(lidarscene, name), FUNCTIONS[name])
+    of_package = name in lidarscene._FUNCTIONS
+    function = lidarscene._function_of_package(name) if of_package else getattr(lidarscene, name)
+    call_oddly(function, FUNCTIONS[name])
 
 
 @pytest.mark.filterwarnings("ignore::lidarscene.formats.category_array.UnknownNameWarning")
@@ -152,5 +160,11 @@ def test_no_function_is_left_out() -> None:
 def test_an_unknown_keyword_and_a_missing_argument_are_named() -> None:
     with told("option 'wokers' | study, folder"):
         lidarscene.design("gain", "out", wokers=3)
-    with pytest.raises(TypeError, match="missing 1 required positional argument: 'folder'"):
+    with pytest.raises(lidarscene.InputError, match=r"^design\(\): must have study, folder; folder is missing$"):
         lidarscene.design("gain")
+    with pytest.raises(lidarscene.InputError, match=r"^record\(\): must have scene, outputs; .* missing, got output$"):
+        lidarscene.record("car", output="a.ply")  # type: ignore[call-arg]
+    with pytest.raises(lidarscene.InputError, match=r"^compare\(\): scene is given twice; .* are scene$"):
+        lidarscene.compare(["apd-905", "sipm-905"], scene="car")  # type: ignore[misc]
+    with pytest.raises(lidarscene.InputError, match=r"got 3; the others go by name: overrides=, .*start=, stop="):
+        lidarscene.sweep("apd-905", "detector.gain", [20, 50])  # type: ignore[misc]

@@ -47,6 +47,17 @@ def test_what_a_user_sees(
     assert (tmp_path / "out" / "manifest.parquet").is_file()
 
 
+def test_a_script_runs_a_job(job_file: Path, tmp_path: Path) -> None:
+    """Rationale: new processes of Python import the script that starts them, and would run it again."""
+    script = tmp_path / "script.py"
+    script.write_text("import lidarscene\nprint(lidarscene.batch('job.toml', 'out', workers=1))\n")
+    ran = subprocess.run(
+        [sys.executable, script.name], cwd=tmp_path, capture_output=True, text=True, timeout=PATIENCE_S
+    )
+    assert ran.stdout == "Progress(frames=4, reused=0, rendered=4, failed={})\n", ran.stderr
+    assert (tmp_path / "out" / "manifest.parquet").is_file()
+
+
 @pytest.mark.skipif(sys.platform == "win32", reason="pseudo-terminals are of POSIX")
 def test_on_a_terminal(mi: Any, job_file: Path, tmp_path: Path) -> None:
     """The dashboard's address, where it answers, and a bar that counts to the last frame.

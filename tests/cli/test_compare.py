@@ -105,9 +105,9 @@ def test_both_clouds_have_one_scale(monkeypatch: pytest.MonkeyPatch, tmp_path: P
 @pytest.mark.parametrize(
     ("counts_found", "sentence"),
     [
-        ((90, 60), "a finds most, 90.00 % of the pulses, 30 percentage points more; b 60.00 %."),
-        ((60, 60), "a and b find equally many of the pulses, within chance: a 60.00 %, b 60.00 %."),
-        ((50, 60), "b finds most, 60.00 % of the pulses, 10 percentage points more; a 50.00 %."),
+        ((90, 60), "a detects most, 90.00 % of the pulses, 30 percentage points more; b 60.00 %."),
+        ((60, 60), "a and b detect equally many of the pulses, within chance: a 60.00 %, b 60.00 %."),
+        ((50, 60), "b detects most, 60.00 % of the pulses, 10 percentage points more; a 50.00 %."),
     ],
 )
 def test_verdict_by_hand(counts_found: tuple[int, int], sentence: str) -> None:
@@ -242,7 +242,7 @@ def test_other_scanners_are_not_matched(folder: Path, run: Run, no_charts: None,
     numbers = json.loads((tmp_path / "own" / "compare.json").read_text("utf-8"))
     assert (numbers["matched"], numbers["pairs"]) == (False, [])
     assert numbers["sensors"][0]["pulses"] != numbers["sensors"][1]["pulses"]
-    assert "With --same-beams all" in (tmp_path / "own" / "index.html").read_text("utf-8")
+    assert "--same-beams gives all" in (tmp_path / "own" / "index.html").read_text("utf-8")
     ran = run("compare", str(tmp_path / "own" / "table1-apd.ply"), str(tmp_path / "own" / "vlp-16.ply"), "-o", "files")
     assert (ran.code, ran.err) == (0, "")
     assert "share no pulses" in (tmp_path / "files" / "index.html").read_text("utf-8")

@@ -160,6 +160,11 @@ def place(run: Run, shared: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     render wall.toml -o a.ply --set scanner.fov=9 | scanner.azimuth_fov_deg | scanner.elevation_fov_deg?
     render wall.toml -o a.ply --set laser.peak_power_w | KEY=VALUE | detector.gain=60
     render wall.toml -o a.ply --set laser.peak_power_w 75 | 75 | --set laser.peak_power_w=75
+    render wall.toml -o a.ply --sun 3 | --sun | by --scene-set sun.illuminance_klux=VALUE
+    render wall.toml -o a.ply --fog | --fog | by --scene-set weather.fog_visibility_km=VALUE
+    render wall.toml -o a.ply --power 3 | --power | by --set laser.peak_power_w=VALUE
+    sweep apd-905 | 'sweep' | lidarscene range SENSOR --over AXIS
+    catalog apd-905 | 'apd-905' | lidarscene catalog sensors apd-905 prints it
     render wall.toml -o a.ply --set sun.illuminance_klux=1 | 'sun' | optics | --scene-set
     render wall.toml -o a.ply --set sun.elevation_deg=1 | sun | --scene-set
     render wall.toml -o a.ply --set laser.wavelength_nm=800 | 'concrete' | 800 nm | 850 | 1550 nm
@@ -543,7 +548,7 @@ def test_memory_that_is_not_there(run: Run, wall: str, mi: ModuleType, monkeypat
         (lambda: lidarscene.render("wall.toml", "vlp17"), "sensor 'vlp17' | vlp-16"),
         (lambda: lidarscene.render("wall.toml", seed=1.5), "seed | whole number | 0 | 4294967295 | 1.5"),
         (lambda: lidarscene.render("wall.toml", pose=(1, 2)), "pose | Pose | x, y, z | metres | (1, 2)"),
-        (lambda: lidarscene.render("wall.toml", pose=np.eye(4)), "pose | yaw, pitch, roll | array([[1., 0.,"),
+        (lambda: lidarscene.render("wall.toml", pose=2.0 * np.eye(4)), "pose | yaw, pitch, roll | array([[2., 0.,"),
         (lambda: lidarscene.render("wall.toml", coordinates="car"), "'world' | 'vehicle' | 'sensor' | 'car'"),
         (lambda: lidarscene.render("wall.toml", overrides="gain=3"), "'gain' | detector.gain?"),
         (lambda: lidarscene.render("wall.toml", overrides=3), 'overrides | "key=value" | dict | 3'),

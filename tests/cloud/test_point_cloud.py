@@ -394,7 +394,7 @@ def test_transform_moves_points_vectors_and_sensor() -> None:
         np.testing.assert_allclose(moved.sensor_position_m, pose.apply(cloud.sensor_position_m[None])[0])
         np.testing.assert_allclose(moved.in_sensor_frame().xyz_m, cloud.in_sensor_frame().xyz_m, atol=1e-4)
     for wrong in (np.eye(3), 2.0 * np.eye(4), np.diag([1.0, 1.0, -1.0, 1.0]), "abc"):
-        with told("transform | Pose"):
+        with told("pose | Pose"):
             cloud.transform(wrong)
 
 

@@ -70,7 +70,7 @@ def test_defaults_of_range() -> None:
 
 
 def test_defaults_of_fov() -> None:
-    says("fov.md", "is the size of the cells, {} degrees unless given", study_options.CELL_DEG)
+    says("fov.md", "`--cell` sets the cell size (default {} degrees)", study_options.CELL_DEG)
     says(
         "fov.md",
         "`--reflectivity` ({}) and `--illuminance-klux` ({} klux) describe",
@@ -84,10 +84,10 @@ def test_defaults_of_fov() -> None:
         pattern_coverage.LONG,
         pattern_coverage.MOST_PULSES / 1e6,
     )
-    says("fov.md", "follow each other within {} ms are one visit", 1e3 * pattern_coverage.DWELL_S)
-    says("fov.md", "exact, for {} of them evenly taken", spacing.QUERIES)
-    says("fov.md", "vehicle's frame, {} m square", 2.0 * reach.GROUND_M)
-    (row,) = [r for r in table("fov.md", "time (s)") if r[0].startswith("here")]
+    says("fov.md", "Pulses less than {} ms apart in a cell are one visit", 1e3 * pattern_coverage.DWELL_S)
+    says("fov.md", "exact for a sample of {} pulses of a frame", spacing.QUERIES)
+    says("fov.md", "of the vehicle, {} m square", 2.0 * reach.GROUND_M)
+    (row,) = [r for r in table("fov.md", "time (s)") if r[0].startswith("lidarscene")]
     assert len(row) == len(study_options.TIMES_S) + 1
     assert re.findall(r"\| time \(s\) \| (.*) \|", prose(README.parent / "docs" / "fov.md")) == [
         " | ".join(f"{t:.1f}" for t in study_options.TIMES_S)
@@ -98,7 +98,7 @@ def test_defaults_of_render_and_batch() -> None:
     says("limits.md", "through at most {} panes and mirrors unless", default("render", "--interactions"))
     assert default("render", "--interactions") == trace.INTERACTIONS
     says("motion.md", "The first frame begins at `--begin` ({})", default("render", "--begin"))
-    says("view.md", "(`--seed`, {} unless given)", default("view", "--seed"))
+    says("view.md", "(`--seed`, default {})", default("view", "--seed"))
     from lidarscene.batch import cluster, dispatch, work
     from lidarscene.cli.batch import MOST_LINES
 
@@ -125,7 +125,7 @@ def test_conventions() -> None:
     )
     says(
         "first_cloud.md",
-        "`status` is {} for an echo, {} for a false alarm, {} for another lidar's pulse, {} for fog",
+        "| `status` | {} echo, {} false alarm, {} another lidar's pulse, {} fog",
         Status.ECHO,
         Status.FALSE_ALARM,
         Status.INTERFERENCE,

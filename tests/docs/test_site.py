@@ -50,7 +50,7 @@ def test_arguments_are_tables(site: Path) -> None:
     """Google's sections are read: names with their types, and the options of a class."""
     api = html(site, ROOT / "docs" / "api.md")
     tables = re.findall(r"<table>.*?</table>", api, re.DOTALL)
-    for words in (("length_s", "float | None"), ("background_rays", "of each pulse, over the receiver")):
+    for words in (("length_s", "float | None"), ("background_rays", "rays per pulse for the background")):
         texts = [" ".join(re.sub("<[^>]*>", "", table).split()) for table in tables]
         assert any(all(word in text for word in words) for text in texts), words
 
@@ -58,6 +58,7 @@ def test_arguments_are_tables(site: Path) -> None:
 def test_numbers_link_to_their_equations(site: Path) -> None:
     assert 'href="theory.html#T2"' in html(site, ROOT / "docs" / "theory.md")
     assert 'href="theory_light.html#T35"' in html(site, ROOT / "docs" / "theory_light.md")
+    assert 'href="sipm.html#T119"' in html(site, ROOT / "docs" / "theory.md")
 
 
 def test_links_out_of_the_pages_lead_to_the_repository(site: Path) -> None:

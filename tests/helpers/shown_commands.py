@@ -45,6 +45,7 @@ PARSED_ONLY = {
     "lidarscene street --town 4": (
         "tests/scene/street/test_networks.py::test_a_drawn_town_has_hills_lights_and_a_roundabout_at_which_vehicles_turn"
     ),
+    "lidarscene render out/drawn": "tests/scene/street/test_networks.py::test_every_body_of_drawn_traffic_loads",
     "lidarscene street --seed 8": "tests/scene/street/test_street.py::test_nothing_floats_on_hills",
     "lidarscene render out/hills": "tests/scene/street/test_street.py::test_nothing_floats_on_hills",
     "lidarscene street --opendrive town.xodr": (

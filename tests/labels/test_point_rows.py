@@ -15,40 +15,49 @@ pytestmark = pytest.mark.usefixtures("mi")
 ROWS = ["scanner.elevation_step_deg=0.7", "scanner.azimuth_step_deg=0.5", "tdc.threshold_to_noise=3.5"]
 
 
-def rows_of(sim: Simulator, frame: FrameOptions, *, deskew: bool) -> list[PointRows]:
+def rows_of(sim: Simulator, frame: FrameOptions, *, deskew: bool, own_car: bool) -> list[PointRows]:
     pieces: list[PointRows] = []
-    reader = DeviceRows(sim.empty(frame), sim.scene, sim.deskewing(frame) if deskew else None)
+    deskewing = sim.deskewing(frame) if deskew else None
+    reader = DeviceRows(sim.empty(frame), sim.scene, deskewing, own_car=own_car)
     sim.stream(pieces.append, frame, read=reader)
     return pieces
 
 
 @pytest.mark.parametrize(
-    ("scene", "pose", "coordinates", "deskew"),
+    ("scene", "pose", "coordinates", "deskew", "own_car"),
     [
-        ("drive", None, "world", True),
-        ("drive", None, "vehicle", False),
-        ("drive", None, "sensor", True),
-        ("car", (4000.0, -3000.0, 2.0), "world", True),
+        ("drive", None, "world", True, True),
+        ("drive", (-6.0, 0.0, 2.5), "vehicle", False, False),
+        ("drive", None, "sensor", True, True),
+        ("car", (4000.0, -3000.0, 2.0), "world", True, False),
     ],
 )
 def test_rows_are_those_of_the_cloud(
-    monkeypatch: pytest.MonkeyPatch, scene: str, pose: tuple[float, ...] | None, coordinates: str, deskew: bool
+    monkeypatch: pytest.MonkeyPatch,
+    scene: str,
+    pose: tuple[float, ...] | None,
+    coordinates: str,
+    deskew: bool,
+    own_car: bool,
 ) -> None:
-    """Bodies that move, the vehicle's own, and false alarms; in pieces, as a GPU copies them, and far from the origin,
-    where coordinates are in double precision. Another frame compiles nothing.
+    """Bodies that move, the vehicle's own or none of these, and false alarms; in pieces, as a GPU copies them, and far
+    from the origin, where coordinates are in double precision. Another frame compiles nothing.
     """
     described = load_scene(scene)
     sim = Simulator(described, load_sensor("table1-apd", overrides=ROWS), pose=pose)
     frames = [FrameOptions(number=number, chunk=4000, coordinates=coordinates) for number in (1, 2)]
-    runs = []
+    runs, is_far = [], scene == "car"
     for frame, is_cuda in zip(frames, (False, True), strict=True):
         cloud = sim.render(frame)
+        if not own_car:
+            assert is_far or np.isin(cloud.body, described.own_bodies).sum() > 20
+            cloud = cloud.without_bodies(described.own_bodies)
         expected = PointRows.of_cloud(sim.without_motion(cloud, frame) if deskew else cloud, described)
-        assert len({*expected.labels.tolist()}) >= (1 if pose else 6)
-        assert cloud.xyz_m.itemsize == (8 if pose else 4)
+        assert len({*expected.labels.tolist()}) >= (1 if is_far else 6)
+        assert cloud.xyz_m.itemsize == (8 if is_far else 4)
         monkeypatch.setattr(device_columns, "is_cuda", lambda is_cuda=is_cuda: is_cuda)
         with launches.launched() as kernels:
-            pieces = rows_of(sim, frame, deskew=deskew)
+            pieces = rows_of(sim, frame, deskew=deskew, own_car=own_car)
         runs.append(kernels)
         assert len(pieces) > 2
         rows = np.concatenate([piece.rows for piece in pieces])

@@ -42,7 +42,9 @@ def test_the_docstring_lists_the_options() -> None:
 @pytest.mark.parametrize("kind", [TraceOptions, FrameOptions, Outputs])
 def test_every_field_of_the_library_is_an_option(kind: Any) -> None:
     assert list(options_of(kind)) == [entry.name for entry in fields(kind)]
-    for name, (_, declaration) in options_of(kind).items():
+    for name, (entry, declaration) in options_of(kind).items():
+        if declaration.values is not None and entry.default is not None:
+            declaration.values.check(name, entry.default)  # `check_options` takes the default as it is
         assert f"\n    {name}: " in (kind.__doc__ or "")
         assert declaration.help[-1] not in ".;"
 

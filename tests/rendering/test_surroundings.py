@@ -13,6 +13,7 @@ from lidarscene.maths.pose import Pose
 from lidarscene.rendering.surroundings import Surroundings, warn_of_scene
 from lidarscene.scene.clearance import Clearance
 from lidarscene.scene.meshes.primitives import box_mesh, plane_mesh
+from lidarscene.scene.ride import STEP_S, Ride
 from lidarscene.scene.scene import Air, Ball, Body, Part, Sky
 
 
@@ -238,6 +239,23 @@ def test_an_ego_that_leaves_the_ground_is_named_with_the_time(mi, run: Run, tmp_
         assert run("check", "yard.toml").err == ""
 
 
+def test_the_way_of_a_vehicle_is_followed_without_its_springs(tmp_path: Path) -> None:
+    """The ground below the wheels is asked for where the vehicle begins to ride, not for all of the two minutes."""
+    path = tmp_path / "yard.toml"
+    path.write_text(YARD.replace("speed_m_s = 10.0\n[sensor]", "speed_m_s = 10.0\nride = {}\n[sensor]"))
+    scene, asked = load_scene(path), []
+
+    def height_m(place_m: np.ndarray) -> np.ndarray:
+        asked.append(len(place_m))
+        return np.zeros(len(place_m))
+
+    assert isinstance(scene.ego, Ride)
+    scene = replace(scene, ego=replace(scene.ego, height_m=height_m))
+    with pytest.warns(OptionWarning, match=LEAVES):
+        warn_of_scene(scene)
+    assert 0.0 < sum(asked) * STEP_S / 4 < 10.0
+
+
 @pytest.mark.parametrize("name", ["drive", "town"])
 def test_shipped_drives_go_on_for_minutes(name: str) -> None:
     """They go on a street, or behind it: `drive` left its own after 7 s, through a house."""
@@ -245,7 +263,7 @@ def test_shipped_drives_go_on_for_minutes(name: str) -> None:
     warn_of_scene(scene)
     roads = Clearance.of_scene(replace(scene, bodies=[b for b in scene.bodies if b.class_name == "road"]))
     houses = Clearance.of_scene(replace(scene, bodies=[b for b in scene.bodies if b.class_name == "building"]))
-    assert scene.ego is not None
-    way_m = scene.ego.at(np.linspace(0.0, 120.0, 400)).position_m
+    assert isinstance(scene.ego, Ride)
+    way_m = scene.ego.path.at(np.linspace(0.0, 120.0, 400)).position_m
     assert roads.over_ground(way_m).all()
     assert not houses.over_ground(way_m).any()

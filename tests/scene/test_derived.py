@@ -160,7 +160,7 @@ def test_what_a_copy_needs(run: Run) -> None:
     for argv in (("scenes",), ("sensors", "os1-128"), ()):
         ran = run("catalog", *argv, "--copy", "out")
         assert (ran.code, ran.out) == (2, "")
-        assert "--copy goes with the name of a scene" in ran.err
+        assert "--copy needs the name of a scene" in ran.err
 
 
 def test_the_catalogue_says_the_own_cars_size(run: Run) -> None:

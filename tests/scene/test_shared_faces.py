@@ -63,6 +63,16 @@ def test_only_faces_that_the_sensor_may_see_and_tell_apart_count() -> None:
     assert shared_faces(Scene(name="yard", bodies=(LINE, replace(crossing, class_name="other"))), SENSOR_M)
 
 
+def test_slopes_that_meet_elsewhere_share_nothing() -> None:
+    """Two sheets 3 mm apart, of which one is turned by so little that both planes pass the middle of the scene."""
+    far = (100.0, 0.0, 0.0)
+    sheet, stone = (body(name, plane_mesh(size_m=(3.0, 3.0)), at) for name, at in (("a", far), ("b", (-200.0, 0, 0.5))))
+    slope = Pose.from_degrees(position_m=(100.0, 0.0, 3e-3), pitch_deg=np.degrees(3e-5))
+    assert not shared_faces(Scene(name="yard", bodies=(sheet, stone, replace(LINE, pose=slope))), SENSOR_M)
+    level = replace(LINE, pose=Pose.from_degrees(position_m=far))
+    assert shared_faces(Scene(name="yard", bodies=(sheet, stone, level)), SENSOR_M)
+
+
 YARD = """
 [sensor]
 position_m = [0, 0, 1.8]

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from lidarscene import catalog
+from lidarscene import InputError, catalog
 from lidarscene.sensor.sensor_file import load_sensor
 
 
@@ -59,6 +59,9 @@ def test_a_beam_spreads_as_far_as_its_light_must() -> None:
     """M2 of 1: theta = 4 lambda / (pi D), 0.2305 mrad of 5 mm at 905 nm, on either axis."""
     exit_mm, least = "laser.exit_diameter_mm=5", 4.0 * 905e-6 / (3.141592653589793 * 5.0) * 1e3
     assert load_sensor("table1-apd", overrides=[exit_mm, f"laser.divergence_mrad={1.001 * least!r}"])
+    for key in ("divergence_mrad", "divergence_elevation_mrad"):
+        with pytest.raises(InputError, match=f"laser: {key}: must be >= 0.23 for a beam of 5 mm"):
+            load_sensor("table1-apd", overrides=[exit_mm, "laser.divergence_mrad=3", f"laser.{key}=0.1"])
 
 
 def test_the_window_may_end_with_the_pulse_period() -> None:

@@ -332,7 +332,7 @@ def test_a_mistake_stands_beside_its_field(browser: Chromium, live: str) -> None
         return [box.classList.contains('wrong'), box.closest('.control').querySelector('p').textContent];
     })"""
     browser.open(live)
-    assert browser.value(f"{typed}('rays a pulse', '2.5')") == [True, "must be a whole number"]
+    assert browser.value(f"{typed}('rays per pulse', '2.5')") == [True, "must be a whole number"]
     assert browser.value(f"{typed}('rain', '-3')") == [True, "must be >= 0 mm/h"]
     assert browser.value(f"{typed}('laser power', '')") == [True, "must be a number"]
     assert not any(text.endswith("/render") for text in browser.messages)

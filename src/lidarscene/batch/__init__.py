@@ -12,5 +12,11 @@ store     the folder of a job: clouds and a row for each
 work      one frame in a worker process
 cluster   processes on this machine, or a Dask scheduler
 dispatch  `run_job`: hand out the frames that are missing
+job_run   `batch`: a job file and a folder in, its progress out
 manifest  one Parquet table of all frames
 """
+
+from ..rendering.option_fields import Whole
+
+WORKERS = Whole(1, 1024)
+"""Numbers of processes of this machine."""

@@ -5,8 +5,10 @@ from __future__ import annotations
 import asyncio
 import logging
 import os
+import sys
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
+from types import ModuleType
 from typing import Any
 
 from ..errors import LidarSceneError, OptionWarning, shorten, warn
@@ -81,6 +83,7 @@ def _start_cluster(workers: int) -> Iterator[Any]:
     # scheduler, workers and nannies accept only connections with the key that this process makes. Workers get it
     # through the pipe by which they are started; it is in no argument, environment or lasting file.
     with (
+        _hidden_script(),
         LocalCluster(
             security=Security.temporary(),
             protocol="tls://",
@@ -95,6 +98,17 @@ def _start_cluster(workers: int) -> Iterator[Any]:
         Client(cluster) as client,
     ):
         yield client
+
+
+@contextmanager
+def _hidden_script() -> Iterator[None]:
+    """Hide the running script from new processes, which would import it, and with it run its call of `batch` again."""
+    script = sys.modules["__main__"]
+    sys.modules["__main__"] = ModuleType("__main__")
+    try:
+        yield
+    finally:
+        sys.modules["__main__"] = script
 
 
 @contextmanager

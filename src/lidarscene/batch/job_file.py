@@ -246,7 +246,7 @@ class JobFile(FileModel):
         if self.dataset is not None and "format" in self.model_fields_set:
             raise ValueError("format: a data set has its own, leave it out with dataset")
         if self.splits is not None and self.dataset is None:
-            raise ValueError("splits: goes with dataset")
+            raise ValueError("splits: needs dataset")
         if self.seed_count is not None and "seeds" in self.model_fields_set:
             raise ValueError("must have only one of seeds and seed_count, got both")
         return self

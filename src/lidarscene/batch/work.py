@@ -125,8 +125,9 @@ def _save(task: FrameTask, store: Store, following: int) -> None:
         ahead = partial(simulator.begin, replace(task.frame, number=task.frame.number + 1), following)
     scene = _scene_of(task.scene)
     pieces: list[PointCloud | PointRows] = []
-    if task.place is not None and task.place.dataset == "semantickitti" and task.own_car:
-        read = DeviceRows(simulator.empty(task.frame), scene, simulator.deskewing(task.frame) if task.deskew else None)
+    if task.place is not None and task.place.dataset == "semantickitti":
+        deskewing = simulator.deskewing(task.frame) if task.deskew else None
+        read = DeviceRows(simulator.empty(task.frame), scene, deskewing, own_car=task.own_car)
         simulator.stream(pieces.append, task.frame, summary=summary, ahead=ahead, read=read)
     else:
         cloud = simulator.render(task.frame, summary=summary, ahead=ahead)

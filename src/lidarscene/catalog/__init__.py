@@ -128,7 +128,7 @@ def path_of(kind: str, name: str) -> Path:
         raise InputError(f"{name}: must be a {noun} of the catalogue or a file, got a folder")
     parts = name.split(",")
     if len(parts) > 1 and all(_letters(part.strip()) in spelled for part in parts):
-        raise InputError(f"'{name}': must be one {noun}; several go with spaces between them")
+        raise InputError(f"'{name}': must be one {noun}; separate several by spaces")
     for other_kind in KINDS:
         if entry := {_letters(entry): entry for entry in names(other_kind)}.get(_letters(name)):
             raise InputError(f"no {noun} '{name}' in the catalogue; {entry} is {with_article(other_kind)}")

@@ -6,21 +6,21 @@ A job may run for days. Its bar and its lines of failures go to the error stream
 from __future__ import annotations
 
 import argparse
-import os
+import functools
 import sys
-from collections.abc import Iterator
-from contextlib import AbstractContextManager, contextmanager
-from functools import partial
+from contextlib import ExitStack
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..errors import InputError
-from ..rendering.option_fields import Whole
+from ..batch import WORKERS
 from .options import CommandOptions, add_options
 from .terminal import Answer, Lines, is_quiet
 from .words import whole_number
 
 if TYPE_CHECKING:
+    from rich.console import Console
+    from rich.progress import Progress as Bar
+
     from ..batch.dispatch import Progress
     from ..batch.tasks import FrameTask
 
@@ -30,7 +30,7 @@ examples:
   lidarscene batch job -o out/job --workers 2
   lidarscene batch job.toml -o /shared/job --scheduler tcp://10.0.0.1:8786
 
-The same command resumes a broken run: it renders what is missing.
+The same command resumes an interrupted run: it renders what is missing.
 docs/batch.md has the job file, docs/clusters.md SLURM, Kubernetes and millions of frames.
 """
 
@@ -42,24 +42,24 @@ def add_batch(commands: Any) -> None:
     """Add `batch`."""
     batch = commands.add_parser(
         "batch",
-        help="many frames: scenes x sensors x sweeps x seeds, on many processes",
+        help="render a job of many frames: scenes x sensors x sweeps x seeds, in many processes",
         epilog=BATCH_HELP,
-        description="Render every frame of a job that is not in the folder yet, and write a manifest of all of them.",
+        description="Render every frame of a job that is not in the folder yet, and write a manifest of all frames.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    batch.add_argument("job", metavar="JOB", type=Path, help="job file, or the example's name")
+    batch.add_argument("job", metavar="JOB", type=Path, help="job file, or the name of an example")
     add = batch.add_argument
-    add_options(batch, CommandOptions, output="frames/ and manifest.parquet in it; existing frames stay")
+    add_options(batch, CommandOptions, output="it gets frames/ and manifest.parquet; existing frames stay")
     add(
         "--scheduler",
         metavar="ADDRESS",
-        help="of a Dask cluster that runs and sees the same files (default: processes of this machine)",
+        help="address of a running Dask cluster that sees the same files (default: processes on this machine)",
     )
     add(
         "--workers",
         metavar="N",
-        type=whole_number(Whole(1, 1024)),
-        help="processes of this machine (default: one for each GPU, or else for each core)",
+        type=whole_number(WORKERS),
+        help="number of processes on this machine (default: one for each GPU, or for each core without GPUs)",
     )
     batch.set_defaults(run=run_batch)
 
@@ -71,78 +71,57 @@ def run_batch(arguments: argparse.Namespace) -> Answer:
         InputError: before anything is rendered
         OutputError: before anything is rendered
     """
-    from .. import catalog
-    from ..batch import cluster
-    from ..batch.dispatch import run_job
-    from ..batch.job_file import read_job
+    from ..batch.job_run import batch
     from ..batch.store import Store
-    from ..batch.tasks import Job
-    from ..files.atomic import require_writable
-    from ..formats.registry import FORMATS
-    from ..kernel.device.gpus import gpus_in_use
 
-    if arguments.scheduler is not None and arguments.workers is not None:
-        raise InputError("--scheduler and --workers: must be only one of them, got both")
-    job_path = catalog.file_or_example(arguments.job)
-    format_extra = FORMATS[read_job(job_path).format].extra
-    cluster.require_packages(format_extra, local=arguments.scheduler is None)
-    job = Job.read(job_path)
-    if os.path.exists(arguments.output) and not os.path.isdir(arguments.output):
-        raise InputError(f"--output {arguments.output}: must be a folder, got a file")
-    manifest = Store(arguments.output).manifest
-    require_writable(manifest)
-    threads = None
-    if arguments.scheduler is None:
-        # Each worker renders with its share of the cores, so that workers do not fight over them.
-        workers = arguments.workers or len(gpus_in_use()) or cluster.usable_cores()
-        threads = max(1, cluster.usable_cores() // workers)
-        connection = partial(cluster.local_client, workers)
-    else:
-        connection = partial(cluster.remote_client, arguments.scheduler)
-    with _Display(len(job)) as display:
-        progress = run_job(
-            job,
+    with _Display() as display:
+        progress = batch(
+            arguments.job,
             arguments.output,
-            connect=lambda: display.connect(connection()),
-            threads=threads,
+            workers=arguments.workers,
+            scheduler=arguments.scheduler,
+            connected=display.connected,
             report=display.report,
             waiting=display.report_waiting,
         )
+    manifest = Store(arguments.output).manifest
     return Answer(_as_text(progress, manifest), 1 if progress.failed else 0, _numbers(progress, manifest))
 
 
-class _Display:
+class _Display(ExitStack):
     """Progress of a job on the error stream: a bar on a terminal, and a line for each failure in any case."""
 
-    def __init__(self, frames: int) -> None:
-        from rich.console import Console
-        from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
+    def __init__(self) -> None:
+        super().__init__()
+        self._lines = Lines("frames to render")
 
-        self._console = Console(stderr=True, soft_wrap=True, highlight=False, markup=False)
+    # Packages are asked for when a job is read, and a job with a mistake has no bar.
+    @functools.cached_property
+    def _console(self) -> Console:
+        from rich.console import Console
+
+        return Console(stderr=True, soft_wrap=True, highlight=False, markup=False)
+
+    @functools.cached_property
+    def _bar(self) -> Bar:
+        from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeRemainingColumn
+        from rich.progress import Progress as Bar
+
         columns = (TextColumn("{task.description}"), BarColumn(), MofNCompleteColumn(), TimeRemainingColumn())
         hidden = is_quiet() or not sys.stderr.isatty()
-        self._bar = Progress(*columns, console=self._console, transient=True, disable=hidden, refresh_per_second=2)
-        self._lines = Lines("frames to render")
-        self._task = self._bar.add_task("frames", total=frames)
+        bar = Bar(*columns, console=self._console, transient=True, disable=hidden, refresh_per_second=2)
+        bar.add_task("frames", total=None)
+        return self.enter_context(bar)
 
-    def __enter__(self) -> _Display:
-        self._bar.start()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._bar.stop()
-
-    @contextmanager
-    def connect(self, connection: AbstractContextManager[Any]) -> Iterator[Any]:
-        """Enter a connection, print its dashboard's address, and give its client."""
+    def connected(self, client: Any, frames: int) -> None:
+        """Print the address of a client's dashboard, and that workers are missing; show the bar of so many frames."""
         from ..batch.cluster import dashboard
 
-        with connection as client:
-            if (link := dashboard(client)) and not is_quiet():
-                self._console.print(f"dashboard     {link}")
-            if not client.nthreads():
-                self._console.print("the scheduler has no workers yet; waiting for them")
-            yield client
+        if (link := dashboard(client)) and not is_quiet():
+            self._console.print(f"dashboard     {link}")
+        if not client.nthreads():
+            self._console.print("the scheduler has no workers yet; waiting for them")
+        self._bar.update(self._bar.task_ids[0], total=frames)
 
     def report_waiting(self, line: str) -> None:
         """Print what the job waits for."""
@@ -150,7 +129,7 @@ class _Display:
 
     def report(self, progress: Progress, task: FrameTask | None, cause: str) -> None:
         """Show one more finished frame, and its task and cause if it failed."""
-        self._bar.update(self._task, completed=progress.finished)
+        self._bar.update(self._bar.task_ids[0], completed=progress.finished)
         if self._bar.disable:
             # Reused frames took no time: they would spoil the estimate of the time left.
             self._lines(progress.finished - progress.reused, progress.frames - progress.reused)

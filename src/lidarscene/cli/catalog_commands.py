@@ -8,7 +8,6 @@ from __future__ import annotations
 import argparse
 import json
 import tomllib
-from collections.abc import Iterator
 from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -21,58 +20,52 @@ if TYPE_CHECKING:
 
 KINDS = ("scene", "sensor", "imu", "rig", "material", "job", "design")
 
-DISTINCTIVE_KEYS = {
-    "design": {"free", "objectives"},
-    "sensor": {"laser", "detector", "tdc", "scanner", "optics"},
-    "rig": {"sensors"},
-    "imu": {"gyroscope_noise_deg_s_sqrt_hz", "accelerometer_noise_ug_sqrt_hz"},
-    "job": {"scenes", "sweep", "seed_count"},
-    "material": {"bsdf", "reflectivity"},
-}
-"""Tables and keys that only a file of this kind has. A job has sensors too: it is tested before a rig."""
-
 
 def add_catalogue(commands: Any) -> None:
     """Add `catalog`, `schema` and `check`."""
     catalog = commands.add_parser(
         "catalog",
-        help="what sensors, IMUs, materials, scenes, design studies, meshes and examples there are",
-        description="List the catalogue, print an entry's file (of a mesh or a recording, its path), or check sensors "
-        "against what their makers publish.",
+        help="list sensors, IMUs, materials, scenes, design studies, meshes and examples",
+        description="List the catalogue, print the file of an entry (for a mesh or a recording, its path), or compare "
+        "sensors with what their makers publish.",
     )
     catalog.add_argument(
         "kind",
         nargs="?",
         choices=("sensors", "imus", "materials", "scenes", "designs", "meshes", "examples", "check"),
-        help="list only these, or check sensors",
+        help="list only this kind, or check sensors",
     )
-    catalog.add_argument("name", metavar="NAME", nargs="?", help="print, or check, this entry")
+    catalog.add_argument("name", metavar="NAME", nargs="?", help="entry to print or check")
     catalog.add_argument(
         "--real",
         action="store_true",
-        help="check sensors against recordings of real ones; exit 1 if one is out of bounds",
+        help="compare sensors with recordings of real ones; exit code 1 if one misses a limit",
     )
     catalog.add_argument(
-        "--copy", metavar="DIR", type=Path, help="copy this scene and its meshes into a folder, to be edited"
+        "--copy",
+        metavar="DIR",
+        type=Path,
+        help="copy this scene and its meshes into a folder, so that you can edit them",
     )
     catalog.set_defaults(run=run_catalog)
 
     schema = commands.add_parser(
         "schema",
-        help="JSON Schema of a file, for editors",
-        description="Print the JSON Schema of scene, sensor, IMU, material, rig, job or design files; editors complete "
-        "and check with it.",
+        help="print the JSON Schema of a kind of file, for editors",
+        description="Print the JSON Schema of scene, sensor, IMU, material, rig, job or design files. Editors use it "
+        "to complete and check a file.",
     )
     schema.add_argument("kind", choices=KINDS)
     schema.set_defaults(run=run_schema)
 
     check = commands.add_parser(
         "check",
-        help="all mistakes of a file at once",
-        description="Read a scene, sensor, rig, material, job or design file and print every mistake in it, one a "
-        "line; of a mesh file, a USD stage or a Mitsuba scene also what it holds. Exit code 2 if there is a mistake.",
+        help="print all mistakes in a file",
+        description="Read a scene, sensor, rig, material, job or design file and print every mistake in it, one per "
+        "line. For a mesh file, a USD stage or a Mitsuba scene, also print its contents. The exit code is "
+        "2 if there is a mistake.",
     )
-    check.add_argument("files", metavar="FILE", nargs="+", type=Path, help="file, or the name of a scene or example")
+    check.add_argument("files", metavar="FILE", nargs="+", type=Path, help="file, or name of an entry")
     check.set_defaults(run=run_check)
 
 
@@ -84,13 +77,13 @@ def run_catalog(arguments: argparse.Namespace) -> Answer:
 
     if arguments.copy is not None:
         if arguments.kind != "scenes" or not arguments.name:
-            raise InputError("--copy goes with the name of a scene: catalog scenes drive --copy DIR")
+            raise InputError("--copy needs the name of a scene: catalog scenes drive --copy DIR")
         copy = str(copy_scene(arguments.name, arguments.copy))
         return Answer(f"wrote {copy}", numbers={"scene": copy})
     if arguments.kind == "check":
         return _check_answer(arguments)
     if arguments.real:
-        raise InputError("--real goes with catalog check")
+        raise InputError("--real needs catalog check")
     if arguments.name:
         path = catalog.path_of(arguments.kind, arguments.name)
         text = path.read_text(encoding="utf-8") if path.suffix == ".toml" else str(path)
@@ -117,36 +110,19 @@ def _check_answer(arguments: argparse.Namespace) -> Answer:
     return Answer(text, 0 if passed(rows) else 1, study.as_dicts(rows))
 
 
-def file_models() -> dict[str, Any]:
-    """Kind of a file -> its model."""
-    from ..batch.job_file import JobFile
-    from ..materials.material_file import MaterialFile
-    from ..scene.tables import SceneFile
-    from ..sensor.imu import ImuModelFile
-    from ..sensor.rig_file import RigFile
-    from ..sensor.sensor_file import SensorFile
-    from ..studies.design.study_file import StudyFile
-
-    return {
-        "scene": SceneFile,
-        "sensor": SensorFile,
-        "imu": ImuModelFile,
-        "material": MaterialFile,
-        "rig": RigFile,
-        "job": JobFile,
-        "design": StudyFile,
-    }
-
-
 def run_schema(arguments: argparse.Namespace) -> Answer:
     """Run `schema`."""
+    from ..checking.file_check import FILE_MODELS
+
     dialect = {"$schema": "https://json-schema.org/draft/2020-12/schema"}
-    return Answer(json.dumps(dialect | file_models()[arguments.kind].model_json_schema(by_alias=True), indent=2))
+    return Answer(json.dumps(dialect | FILE_MODELS[arguments.kind].model_json_schema(by_alias=True), indent=2))
 
 
 def run_check(arguments: argparse.Namespace) -> Answer:
     """Run `check`; one line for each mistake, one for each file without any, and what mesh files hold."""
-    mistakes = {str(path): list(_mistakes(path)) for path in arguments.files}
+    from ..checking.file_check import mistakes_of
+
+    mistakes = {str(path): list(mistakes_of(path)) for path in arguments.files}
     imports = {str(path): report for path in arguments.files if (report := _import_report(path)) is not None}
     lines = []
     for path, messages in mistakes.items():
@@ -159,87 +135,14 @@ def run_check(arguments: argparse.Namespace) -> Answer:
 
 def _import_report(path: Path) -> ImportReport | None:
     """What a mesh, a stage or a Mitsuba scene holds; None for another file, and for one that cannot be read."""
-    from .. import catalog
+    from ..checking.file_check import checked_path
     from ..rendering.import_report import import_report
     from ..scene.bare_mesh import is_mesh
     from ..scene.foreign import is_xml
-    from ..scene.scene_file import scene_path
 
     # What is wrong with the file is told as its mistake.
     with suppress(InputError):
-        file = scene_path(catalog.file_or_example(path))
+        file = checked_path(path)
         if is_mesh(file) or is_xml(file):
             return import_report(file)
     return None
-
-
-def _mistakes(path: Path) -> Iterator[str]:
-    from .. import catalog
-    from ..files.toml import list_mistakes, read_toml
-    from ..scene.scene_file import scene_path
-
-    try:
-        path = scene_path(catalog.file_or_example(path))
-        if path.suffix.lower() != ".toml":
-            yield from _mistakes_in_content("scene", path)
-            return
-        tables = read_toml(path)
-        kind = _kind_of(tables)
-        mistakes = list_mistakes(file_models()[kind], tables)
-        yield from (f"{path}: {line}" for line in mistakes)
-        if not mistakes:
-            yield from _mistakes_in_content(kind, path)
-    except InputError as error:
-        yield str(error)
-
-
-def _kind_of(tables: dict[str, Any]) -> str:
-    """Kind of a file: that with the most of its DISTINCTIVE_KEYS; a scene if there are none."""
-    counts = {kind: len(keys & tables.keys()) for kind, keys in DISTINCTIVE_KEYS.items()}
-    order = ("design", "job", "rig", "sensor", "imu", "material")
-    best = max(order, key=lambda kind: counts[kind])
-    return best if counts[best] and "bodies" not in tables else "scene"
-
-
-def _mistakes_in_content(kind: str, path: Path) -> Iterator[str]:
-    """Mistakes that show only when all files it names are read: the first one, or in a scene one for each body."""
-    from ..batch.job_file import read_job
-    from ..materials.material_file import read_material
-    from ..rendering.surroundings import warn_of_scene
-    from ..scene.scene_file import load_scene, scene_from_model, scene_model
-    from ..sensor.imu import read_imu_model
-    from ..sensor.rig_file import load_rig
-    from ..sensor.sensor_file import read_sensor
-    from ..studies.design.design_study import load_study
-
-    readers: dict[str, Any] = {
-        "scene": load_scene,
-        "sensor": read_sensor,
-        "imu": read_imu_model,
-        "rig": load_rig,
-        "material": read_material,
-        "design": load_study,
-        "job": read_job,
-    }
-    try:
-        content = readers[kind](path)
-        if kind == "scene":
-            warn_of_scene(content)
-        return
-    except InputError as error:
-        first = str(error)
-    if kind != "scene" or path.suffix.lower() != ".toml":
-        yield first
-        return
-    file, yielded = scene_model(path), set()
-    for index, body in enumerate(file.bodies):
-        try:
-            scene_from_model(file.model_copy(update={"bodies": (body,)}), path=path)
-        except InputError as error:
-            # A body read alone has number 0.
-            line = str(error).replace("bodies[0 ", f"bodies[{index} ", 1)
-            if line not in yielded:
-                yielded.add(line)
-                yield line
-    if not yielded:
-        yield first

@@ -36,10 +36,10 @@ def add_compare(commands: Any) -> None:
     """Add `compare`."""
     command = commands.add_parser(
         "compare",
-        help="what different sensors make of one scene",
+        help="compare what sensors detect in a scene",
         epilog=COMPARE_HELP,
-        description="Compare sensors in a scene, or clouds that were written with ground truth: what each detects, "
-        "range errors, rates of detection; a page, JSON, CSV, pictures and a difference cloud.",
+        description="Compare sensors in a scene, or clouds with ground truth: what each sensor detects, range errors "
+        "and detection rates. Writes a report, JSON, CSV, pictures and a difference cloud.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     command.add_argument(
@@ -47,17 +47,19 @@ def add_compare(commands: Any) -> None:
         metavar="SCENE|CLOUD",
         nargs="+",
         type=Path,
-        help="a scene file (.toml, .xml), with --sensors; or two clouds or more",
+        help="scene (name or file), with --sensors; or two or more clouds",
     )
     add = command.add_argument
-    add("--sensors", metavar="A,B,...", help="catalogue names or sensor files; the first is compared with each other")
+    add("--sensors", metavar="A,B,...", help="catalogue names or sensor files; each is compared with the first")
     add_options(command, StudyOptions, "output")
-    add("--same-beams", action="store_true", default=None, help="run all with the first sensor's scanner and mounting")
+    add(
+        "--same-beams", action="store_true", default=None, help="give all sensors the scanner and mounting of the first"
+    )
     add(
         "--illuminance-klux",
         metavar="KLUX,KLUX,...",
         type=rising_numbers("illuminances in klux", "0.05,1,10,100"),
-        help="sweep over these, and find where sensors overtake each other",
+        help="illuminances to sweep; finds where one sensor overtakes another",
     )
     add_options(command, StudyOptions, "overrides")
     add_options(command, FrameOptions, "pose", "seed", "chunk")
@@ -101,7 +103,7 @@ def _choose(arguments: argparse.Namespace) -> Callable[[argparse.Namespace], Rep
             raise InputError(f"sensors go behind --sensors: compare car --sensors {','.join(alone)}, got no scene")
         return _compare_clouds
     if len(arguments.inputs) != 1:
-        raise InputError(f"--sensors: must go with one scene, got {len(arguments.inputs)} files")
+        raise InputError(f"--sensors: needs one scene, got {len(arguments.inputs)} files")
     return _compare_sensors
 
 
@@ -144,7 +146,7 @@ def _compare_clouds(arguments: argparse.Namespace) -> Report:
 
     for option in _OF_SCENES:
         if getattr(arguments, option) is not None:
-            raise InputError(f"{flag_of(option)}: goes with a scene and --sensors, not with clouds")
+            raise InputError(f"{flag_of(option)}: needs a scene and --sensors, got clouds")
     if len(arguments.inputs) == 1:
         raise InputError(
             f"{arguments.inputs[0]}: must be a scene with --sensors A,B, or two clouds or more, got one file"

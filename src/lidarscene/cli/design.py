@@ -17,7 +17,7 @@ examples:
   lidarscene design aperture -o out/aperture
   lidarscene design my-study.toml -o out/study --workers 2
 
-The same command resumes a broken run. docs/design.md has the study file and its quantities.
+The same command resumes an interrupted run. docs/design.md has the study file and its quantities.
 """
 
 
@@ -25,18 +25,18 @@ def add_design(commands: Any) -> None:
     """Add `design`."""
     command = commands.add_parser(
         "design",
-        help="the best lidar for a task: free keys, objectives and constraints in; a front of designs out",
+        help="search for the best sensor for a task, by free keys, objectives and constraints",
         epilog=DESIGN_HELP,
-        description="Search the values of free keys for the best designs under constraints, such as class 1.",
+        description="Search for the values of free keys that give the best designs under constraints, such as class 1.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    command.add_argument("study", metavar="STUDY", help="name of a shipped study, or a study file (.toml)")
-    add_options(command, CommandOptions, output="index.html, front.csv and designs/*.toml in it")
+    command.add_argument("study", metavar="STUDY", help="name of a study of the catalogue, or a study file (.toml)")
+    add_options(command, CommandOptions, output="it gets index.html, front.csv and designs/*.toml")
     command.add_argument(
         "--workers",
         metavar="N",
         type=whole_number(Whole(1, 1024)),
-        help="processes of this machine, for what is traced (default: this one alone)",
+        help="number of processes for traced quantities (default: this process only)",
     )
     command.set_defaults(run=run_design)
 

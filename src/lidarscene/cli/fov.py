@@ -33,19 +33,21 @@ def add_fov(commands: Any) -> None:
     """Add `fov`."""
     command = commands.add_parser(
         "fov",
-        help="what scan patterns cover, how densely, how soon, how far",
+        help="show what scan patterns cover, how densely and how soon, and how far sensors see",
         epilog=FOV_HELP,
-        description="Study fields of view: pattern, coverage against time, density, revisit time, spacing, maximum "
-        "range; pictures, CSV and a page. Nothing is traced without --scene.",
+        description="Study fields of view: pattern, coverage over time, density, revisit time, spacing and maximum "
+        "range. Writes a report, pictures and CSV. No rays are traced without --scene.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     command.add_argument("sensors", metavar="SENSOR", nargs="*", help="catalogue name or sensor file")
     add_options(command, StudyOptions, "rig", "output")
     add_options(command, FieldOfViewStudy, "times_s", "cell_deg", "mask")
-    command.add_argument("--scene", metavar="SCENE", type=Path, help="count points on its bodies too; needs a back end")
-    add_options(command, FrameOptions, pose="of a rig, where its vehicle stands (default: the origin); with --scene")
+    command.add_argument(
+        "--scene", metavar="SCENE", type=Path, help="also count points on the bodies of this scene; needs a back end"
+    )
+    add_options(command, FrameOptions, pose="for a rig, the pose of its vehicle (default: the origin); needs --scene")
     add_options(command, Conditions, "reflectivity", "illuminance_klux")
-    add_options(command, StudyOptions, overrides="LABEL:KEY=VALUE for one of a rig")
+    add_options(command, StudyOptions, overrides="LABEL:KEY=VALUE for one sensor of a rig")
     command.set_defaults(run=run_fov)
 
 
@@ -62,7 +64,7 @@ def run_fov(arguments: argparse.Namespace) -> Answer:
     if bool(arguments.sensors) == (arguments.rig is not None):
         raise InputError("SENSOR and --rig: one of them must be given, got both or none; see lidarscene fov -h")
     if arguments.pose is not None and arguments.scene is None:
-        raise InputError("--pose goes with --scene")
+        raise InputError("--pose needs --scene")
     study = options_from(FieldOfViewStudy, arguments)
     study = replace(study, target=options_from(Conditions, arguments).target())
     sensors = _sensors(arguments)

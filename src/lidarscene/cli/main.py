@@ -14,6 +14,7 @@ import sys
 from collections.abc import Sequence
 from typing import Any, NoReturn
 
+from .. import catalog
 from .._version import __version__
 from ..errors import InputError, LidarSceneError, did_you_mean
 from ..files.json_text import json_text
@@ -110,8 +111,10 @@ class _Parser(argparse.ArgumentParser):
                     f"the command goes first: {self.prog} COMMAND {self.option_first} ...; see {self.prog} -h"
                 )
             choices = re.findall(r"[\w-]+", choice[2])
-            listing = self._subparsers is not None and choice[1].lower() in LISTING
-            meant = "lists are lidarscene catalog, catalog sensors, catalog scenes, ..." if listing else ""
+            meant = FOREIGN_COMMANDS.get(choice[1].lower(), "") if self._subparsers is not None else ""
+            if self.prog.endswith(" catalog"):
+                kinds = [kind for kind in catalog.KINDS if choice[1] in catalog.names(kind)]
+                meant = f"{self.prog} {kinds[0]} {choice[1]} prints it" if kinds else ""
             hint = meant or f"{did_you_mean(choice[1].lower(), choices)} choose from {', '.join(choices)}".strip()
             message = f"{message[: choice.end(1)]}'; {hint}"
         elif "are required" in message:
@@ -132,12 +135,20 @@ class _Parser(argparse.ArgumentParser):
         """Suggest an option for an unknown argument."""
         options = [option for option in self._option_string_actions if option.startswith("--")]
         if not argument.startswith("-"):
-            if "--set" in options and re.fullmatch(r"[-+\d.]+\w*|true|false", argument):
-                return "; a value goes with =: --set laser.peak_power_w=75"
+            if {"--set", "--sensor"} <= {*options} and re.fullmatch(r"[-+\d.]+\w*|true|false", argument):
+                return "; a value needs =: --set laser.peak_power_w=75"
             if "--sensors" in options:
                 return "; sensors go behind --sensors, with commas: --sensors A,B"
             return f"; a sensor goes behind --sensor: --sensor {argument}" if "--sensor" in options else ""
-        question = did_you_mean(argument.split("=")[0], options, cutoff=0.75)
+        word = argument.partition("=")[0].lstrip("-")
+        question = did_you_mean(word, [option[2:] for option in options], cutoff=0.7).replace(" mean ", " mean --")
+        if not question and "--scene-set" in options:
+            from ..rendering.render_options import key_like
+            from ..scene.tables import SceneFile
+            from ..sensor.sensor_file import SensorFile
+
+            option, key = key_like(word.replace("-", "_"), set=SensorFile, scene_set=SceneFile)
+            question = f"a key of the file is changed by --{option.replace('_', '-')} {key}=VALUE" if key else ""
         return f"; {question}" if question else ""
 
 
@@ -146,8 +157,20 @@ _VERSION = f"lidarscene {__version__}"
 WITHOUT_FIGURES = ("view", "schema", "version", "help", "completion")
 """Commands that compute no numbers; all others take `--json` and `--quiet`. `view` takes `--quiet`."""
 
-LISTING = ("list", "ls", "scenes", "sensors", "materials", "meshes", "examples")
-"""Words that people try for the command `catalog`."""
+FOREIGN_COMMANDS = {
+    **dict.fromkeys(
+        ("list", "ls", "scenes", "sensors", "materials", "meshes", "examples"),
+        "lists are lidarscene catalog, catalog sensors, catalog scenes, ...",
+    ),
+    **dict.fromkeys(("max-range", "max_range", "snr"), "lidarscene range SENSOR has range, SNR and P_d"),
+    "sweep": "lidarscene range SENSOR --over AXIS --plot F.png sweeps",
+    **dict.fromkeys(("sensitivities", "sensitivity"), "lidarscene range SENSOR --sensitivities"),
+    **dict.fromkeys(("eye-safety", "eye_safety", "safety"), "lidarscene range SENSOR --eye-safety"),
+    **dict.fromkeys(("budget", "show", "open"), "lidarscene view CLOUD SCENE shows a cloud, and the budget of a point"),
+    **dict.fromkeys(("run", "simulate", "scan", "record"), "lidarscene render SCENE -o a.ply renders a frame"),
+    **dict.fromkeys(("validate", "lint"), "lidarscene check FILE lists the mistakes of a file"),
+}
+"""Words that people try for a command, and the command that does it."""
 
 _CHOICE = re.compile(r"invalid choice: '([^']*)' \(choose from (.*)\)$")
 
@@ -155,7 +178,7 @@ _CHOICE = re.compile(r"invalid choice: '([^']*)' \(choose from (.*)\)$")
 def _parser() -> argparse.ArgumentParser:
     """Parser of all commands. Each sets ``run``, a function of the arguments that returns an `Answer`."""
     parser = _Parser(
-        prog="lidarscene", description="What an automotive direct-time-of-flight lidar would really report."
+        prog="lidarscene", description="Simulate what an automotive direct-time-of-flight lidar would really report."
     )
     parser.add_argument("--version", action="version", version=_VERSION)
     parser.set_defaults(run=lambda _: _help(parser))
@@ -179,20 +202,22 @@ def _parser() -> argparse.ArgumentParser:
         add(commands)
     doctor = commands.add_parser(
         "doctor",
-        help="what this machine can run, and what is missing",
-        description="Versions, which back ends work and why the others do not, and one ray traced as proof.",
+        help="show what this machine can run, and what is missing",
+        description="Print versions and which back ends work, say why the others do not, and trace a ray as proof.",
     )
     doctor.set_defaults(run=_doctor)
-    version = commands.add_parser("version", help="this program's version, as --version prints it")
+    version = commands.add_parser("version", help="print the version, like --version")
     version.set_defaults(run=lambda _: Answer(_VERSION))
-    help_of = commands.add_parser("help", help="options and examples of a command, as its -h prints them")
-    help_of.add_argument("command", metavar="COMMAND", nargs="?", choices=list(commands.choices), help="any of these")
+    help_of = commands.add_parser("help", help="print options and examples of a command, like -h after the command")
+    help_of.add_argument(
+        "command", metavar="COMMAND", nargs="?", choices=list(commands.choices), help="name of a command"
+    )
     help_of.set_defaults(run=lambda arguments: Answer(commands.choices.get(arguments.command, parser).format_help()))
     completion = commands.add_parser(
         "completion",
-        help="a script with which the shell completes commands and options",
-        description='Print a script for the shell; for Bash: eval "$(lidarscene completion bash)". '
-        "It needs pip install 'lidarscene[completion]'.",
+        help="print a script that lets the shell complete commands and options",
+        description='Print a script that lets the shell complete commands and options. In Bash: eval "$(lidarscene '
+        "completion bash)\". Needs pip install 'lidarscene[completion]'.",
     )
     completion.add_argument("shell", metavar="SHELL", choices=("bash", "zsh", "tcsh"), help="bash, zsh or tcsh")
     completion.set_defaults(
@@ -201,7 +226,7 @@ def _parser() -> argparse.ArgumentParser:
     for name, command in commands.choices.items():
         options = ("quiet",) if name == "view" else () if name in WITHOUT_FIGURES else ("json", "quiet")
         if options:
-            add_options(command.add_argument_group("what is printed"), CommandOptions, *options)
+            add_options(command.add_argument_group("messages"), CommandOptions, *options)
     return parser
 
 

@@ -39,37 +39,40 @@ class CommandOptions:
 
     sensor: str | None = option(None, help="catalogue name or sensor file (default: the scene's)", metavar="NAME|FILE")
     rig: Path | None = option(
-        None, help="several sensors on one vehicle, instead of one: a file, or the example's name", metavar="RIG"
+        None, help="rig with several sensors on one vehicle: a file, or the name of an example", metavar="RIG"
     )
     overrides: Sequence[str] = option(
         (),
-        help="change a value of the sensor file, such as detector.gain=60, or take a part of another sensor, such as "
-        "detector=sipm-905; may be repeated",
+        help="change a value of the sensor file, such as detector.gain=60, or use a part of another sensor, "
+        "such as detector=sipm-905; may be repeated",
         metavar="KEY=VALUE",
         flags=("--set",),
     )
     scene_overrides: Sequence[str] = option(
         (),
-        help="change a value of the scene file, such as sun.illuminance_klux=1 or bodies.car.yaw_deg=30",
+        help="change a value of the scene file, such as sun.illuminance_klux=1 or bodies.car.yaw_deg=30; may be "
+        "repeated",
         metavar="KEY=VALUE",
         flags=("--scene-set",),
     )
     ego_mesh: Path | None = option(
-        None, help="mesh of the vehicle that carries the sensor, in place of the scene's", metavar="F"
+        None, help="mesh of the vehicle that carries the sensor (default: the scene's)", metavar="F"
     )
-    frames: int | None = option(None, FRAMES, help="number of frames, one after the other", metavar="N")
+    frames: int | None = option(None, FRAMES, help="number of consecutive frames", metavar="N")
     output: Path = field(metadata=declared("folder to write to", metavar="DIR", flags=("-o", "--output")))
     metadata: Path | None = option(
         None,
-        help="what the maker says of the unit: json of an Ouster (default: beside the recording), YAML of a Velodyne, "
-        "CSV of a Hesai (.dat of an AT128); an OSF has its own",
+        help="the maker's metadata of the unit: json of an Ouster (default: beside the recording), YAML of a "
+        "Velodyne, CSV of a Hesai (.dat of an AT128); an OSF contains its metadata",
         metavar="F",
     )
-    sensor_index: int = option(0, Whole(0, 255), help="which sensor of an OSF that has several, from 0", metavar="K")
+    sensor_index: int = option(
+        0, Whole(0, 255), help="number of the sensor in an OSF with several sensors, from 0", metavar="K"
+    )
     json: bool = option(False, help="print JSON instead of text")
     quiet: bool = option(
         False,
-        help="print no progress, and no summary if all is well; errors, notes and JSON remain",
+        help="print neither progress nor, if all went well, a summary; still print errors, notes and JSON",
         flags=("-q", "--quiet"),
     )
 
@@ -80,8 +83,8 @@ class StudyOptions(CommandOptions):
 
     overrides: Sequence[str] = option(
         (),
-        help="change a value of the sensor files, of all or of one, such as detector.gain=60, or take a part of "
-        "another sensor, such as detector=sipm-905; may be repeated",
+        help="change a value of all sensors, or of one, such as detector.gain=60, or use a part of another "
+        "sensor, such as detector=sipm-905; may be repeated",
         metavar="[SENSOR:]KEY=VALUE",
         flags=("--set",),
     )

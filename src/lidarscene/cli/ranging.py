@@ -36,8 +36,8 @@ def add_commands(commands: Any) -> None:
     _add_range(commands)
     paper = commands.add_parser(
         "paper",
-        help="the paper's figures, its claims and its errata",
-        description="Compute Fig. 4(e), 5 and 6 of the paper as pictures and CSV, and a page that checks each "
+        help="reproduce the figures, claims and errata of the paper",
+        description="Compute Fig. 4(e), 5 and 6 of the paper as pictures and CSV, and write a report that checks each "
         "claim of its text.",
     )
     add_options(paper, StudyOptions, "output")
@@ -47,23 +47,27 @@ def add_commands(commands: Any) -> None:
 def _add_range(commands: Any) -> None:
     command = commands.add_parser(
         "range",
-        help="SNR, range or detection probability against anything",
+        help="compute range, SNR or detection probability over any quantity",
         epilog=RANGE_HELP,
-        description="Work out how far sensors see, from the exact signal-to-noise ratio on a Lambertian plane. "
-        "Nothing is traced.",
+        description="Compute how far sensors see, from the exact signal-to-noise ratio on a Lambertian plane. No rays "
+        "are traced.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     command.add_argument("sensors", metavar="SENSOR", nargs="+", help="catalogue name or sensor file")
-    asked = command.add_argument_group("what is computed")
+    asked = command.add_argument_group("quantities")
     add_options(asked, SweepOptions, "over", "quantity", "start", "stop", "points")
     add = asked.add_argument
     add(
         "--scale",
         choices=("log", "linear"),
-        help="of the axis: equal ratios or equal steps (default: by what is swept)",
+        help="scale of the axis: equal ratios or equal steps (default: depends on --over)",
     )
-    add("--sensitivities", action="store_true", help="what each parameter of the sensor is worth in range")
-    add("--eye-safety", action="store_true", help="class 1 or not; exit code 1: the laser is not known")
+    add("--sensitivities", action="store_true", help="print how the range depends on each parameter of the sensor")
+    add(
+        "--eye-safety",
+        action="store_true",
+        help="say whether the sensor is of class 1; exit code 1 if its laser is not known",
+    )
     held = command.add_argument_group("conditions")
     add_options(
         held, Conditions, "probability", "distance", "illuminance_klux", "sun_angle", "reflectivity", "incidence"
@@ -72,10 +76,10 @@ def _add_range(commands: Any) -> None:
     air = command.add_mutually_exclusive_group()
     add_options(air, Conditions, "transmittance", "extinction", "visibility")
     add_options(held, StudyOptions, "overrides")
-    written = command.add_argument_group("what is written")
+    written = command.add_argument_group("output files")
     add = written.add_argument
-    add("--csv", metavar="F.csv", type=Path, help="all points of all curves")
-    add("--plot", metavar="F.png|svg", type=Path, help="the curves as a picture")
+    add("--csv", metavar="F.csv", type=Path, help="write all points of all curves")
+    add("--plot", metavar="F.png|svg", type=Path, help="write the curves as a picture")
     # None without the option: some do not go together.
     command.set_defaults(run=run_range, **dict.fromkeys((*options_of(Conditions), "points")))
 
@@ -135,17 +139,17 @@ def _require_sense(arguments: argparse.Namespace, sweep: SweepOptions) -> None:
         if reports == ["sensitivities"] and len(arguments.sensors) == 1:
             idle = [name for name in idle if name != "plot"]
         if idle:
-            raise InputError(f"{flag_of(idle[0])} goes with --over: say what is swept")
+            raise InputError(f"{flag_of(idle[0])} needs --over, which names the quantity to sweep")
         if len(reports) == 2 and arguments.json:
-            raise InputError("--json: must go with one of --sensitivities and --eye-safety, got both")
+            raise InputError("--json: must be combined with one of --sensitivities and --eye-safety, got both")
         return
     if reports:
-        raise InputError(f"{flag_of(reports[0])} does not go with --over")
+        raise InputError(f"{flag_of(reports[0])} cannot be combined with --over")
     sweep.require_sense([name for name in options_of(Conditions) if getattr(arguments, name) is not None])
     axis = arguments.over
     swept = [text for text in arguments.overrides if text.partition("=")[0].rpartition(":")[2].strip() == axis]
     if swept:
-        raise InputError(f"--set {swept[0]} does not go with --over {axis}")
+        raise InputError(f"--set {swept[0]} cannot be combined with --over {axis}")
 
 
 def _check_outputs(arguments: argparse.Namespace) -> None:

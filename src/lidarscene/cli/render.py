@@ -47,40 +47,40 @@ def add_render(commands: Any) -> None:
     """Add `render`."""
     render = commands.add_parser(
         "render",
-        help="a point cloud of a scene",
+        help="render point clouds of a scene",
         epilog=RENDER_HELP,
-        description="Simulate one frame of a lidar in a scene, or several, and write their point clouds.",
+        description="Simulate one or more frames of a lidar in a scene, and write their point clouds.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     render.add_argument(
         "scene",
         metavar="SCENE",
         type=Path,
-        help="scene file (.toml), Mitsuba scene (.xml), mesh (.glb, .obj, ...), or a scene's name, such as car",
+        help="scene file (.toml), Mitsuba scene (.xml), mesh (.glb, .obj, ...), or the name of a scene, such as car",
     )
-    group = render.add_argument_group("what is simulated")
+    group = render.add_argument_group("simulation")
     add_options(group, CommandOptions, "sensor", "rig", overrides="LABEL:KEY=VALUE for one sensor of a rig")
     add_options(group, CommandOptions, "scene_overrides", "ego_mesh")
-    add_options(group, FrameOptions, pose="of a rig, where its vehicle stands (default: the origin)")
+    add_options(group, FrameOptions, pose="for a rig, the pose of its vehicle (default: the origin)")
     add_options(
         group,
         CommandOptions,
-        frames="-o is then a folder for frame_0000.ply and so on, or one file of all of them: a bag of ROS 2 (.mcap, "
-        ".db3), Rerun's log (.rrd) or packets (.pcap)",
+        frames="-o is then a folder for frame_0000.ply and so on, or one file with all frames: a ROS 2 bag "
+        "(.mcap, .db3), a Rerun log (.rrd) or packets (.pcap)",
     )
     add_options(group, FrameOptions, "begin_s", "seed")
     add_options(group, TraceOptions, "rays", "interactions", "background_rays", "vectors")
     add_options(group, FrameOptions, "chunk")
-    group = render.add_argument_group("what is written")
+    group = render.add_argument_group("output files")
     add_options(group, Outputs, "path", "format", "epoch", "topic", "frame_id", "labels", "dataset")
     add_options(group, Outputs, "imu", "poses", "range_image", "ambient", "waveforms", "pulses")
-    add_options(group, FrameOptions, coordinates="--frame is the older name")
+    add_options(group, FrameOptions, coordinates="--frame is the old name")
     add_options(group, Outputs, "merge", "deskew", "own_car", "all_around", "rrd", "colours", "truth", "ascii")
     add_options(group, Outputs, "missed", "keep_rays", "picture")
     group.add_argument(
         "--profile",
         action="store_true",
-        help="print the time by stage, kernels launched and compiled, and the peak of memory",
+        help="print the time of each stage, the kernels launched and compiled, and the peak memory",
     )
     render.set_defaults(run=run_render)
 

@@ -26,42 +26,42 @@ def add_stream(commands: Any) -> None:
     """Add `stream`."""
     stream = commands.add_parser(
         "stream",
-        help="the sensor's packets over UDP in real time",
+        help="send the packets of a sensor over UDP in real time",
         epilog=STREAM_HELP,
-        description="Simulate a lidar and send its maker's packets while the scene moves, until Ctrl-C. Drivers, "
-        "viewers and recorders of the real sensor read them. Late frames are reported, and go at up to twice the "
-        "pace.",
+        description="Simulate a lidar and send packets in the maker's format while the scene moves, until Ctrl-C. "
+        "Drivers, viewers and recorders of the real sensor can read them. Late frames are reported and "
+        "sent at up to twice the normal pace.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    stream.add_argument("scene", metavar="SCENE", type=Path, help="scene file, mesh or a scene's name, as for render")
-    group = stream.add_argument_group("what is simulated")
+    stream.add_argument("scene", metavar="SCENE", type=Path, help="scene file, mesh or name of a scene, as for render")
+    group = stream.add_argument_group("simulation")
     add_options(group, CommandOptions, "sensor", "overrides", "scene_overrides", "ego_mesh")
     add_options(group, FrameOptions, "pose", "begin_s", "seed")
     add_options(group, TraceOptions, "rays", "interactions")
-    group = stream.add_argument_group("what is sent")
+    group = stream.add_argument_group("packets")
     add = group.add_argument
     add(
         "--udp",
         metavar="HOST:PORT",
         type=_address,
         required=True,
-        help="where to; drivers of Velodyne listen at port 2368, of Ouster at 7502",
+        help="destination; drivers of Velodyne listen at port 2368, and those of Ouster at 7502",
     )
     add(
         "--rate",
         metavar="HZ",
         type=_rate,
-        help="frames in a second (default: as many as the sensor turns, real time); less is slow motion",
+        help="frames per second (default: that of the sensor, which is real time); a lower rate is slow motion",
     )
-    add_options(group, CommandOptions, frames="then it ends (default: Ctrl-C ends)")
+    add_options(group, CommandOptions, frames="the stream then ends (default: until Ctrl-C)")
     add(
         "--format",
         choices=PACKETS,
         default="pcap",
         metavar="NAME",
-        help=f"profile of an Ouster's packets, as render has them: {', '.join(PACKETS)}",
+        help=f"profile of an Ouster's packets, as in render: {', '.join(PACKETS)}",
     )
-    add("--metadata", metavar="F.json", type=Path, help="write what an Ouster's readers need beside the packets")
+    add("--metadata", metavar="F.json", type=Path, help="write the metadata that readers of an Ouster need")
     stream.set_defaults(run=run_stream)
 
 

@@ -6,22 +6,14 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from ..errors import OptionError
 from ..rendering.option_fields import Whole
 from ..rendering.render_options import SEEDS
+from ..scene.street import TOWN_STREETS
 from .terminal import Answer
 from .words import number, whole_number
 
 if TYPE_CHECKING:
     from ..scene.street.network_tables import NetworkKind
-    from ..scene.street.pieces import Tables
-    from ..scene.street.street_file import StreetFile
-
-NETWORK_KEYS = {"seed", "house_share", "setback_m", "lamp_spacing_m", "oncoming_gap_m", "shown_m"}
-"""Keys of [street] that a road network takes: what stands along roads, and how many drive there."""
-
-TOWN_STREETS = Whole(3, 12)
-"""Numbers of streets of a drawn town."""
 
 STREET_HELP = """\
 examples:
@@ -39,33 +31,44 @@ def add_street(commands: Any) -> None:
     """Add `street`."""
     command = commands.add_parser(
         "street",
-        help="a street with traffic from a seed or a map, as a scene file",
+        help="write the scene of a street with traffic, from a seed or a map",
         epilog=STREET_HELP,
-        description="Write the scene file street.toml of a street with houses, trees, parked cars, traffic that keeps "
-        "its lanes and distances, and people who cross, with its meshes and motions beside it. A scene file with "
-        "[street] gives the same scene without writing it. With a map, roads, kerbs and markings are its own, and SUMO "
-        "simulates who drives and walks there.",
+        description="Write a street with houses, trees, parked cars, traffic and people: the scene file street.toml, "
+        "with meshes and motions beside it. A scene file with [street] gives the same scene without these "
+        "files. With a map, the roads are those of the map, and SUMO simulates vehicles and people.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = command.add_argument
     add("-o", "--output", metavar="DIR", type=Path, required=True, help="folder to write to")
     source = command.add_mutually_exclusive_group()
-    source.add_argument("--opendrive", metavar="FILE", type=Path, help="roads of an OpenDRIVE file")
-    source.add_argument("--osm", metavar="FILE", type=Path, help="roads of an OpenStreetMap file")
-    source.add_argument("--sumo", metavar="FILE", type=Path, help="roads and traffic of a SUMO configuration")
+    source.add_argument("--opendrive", metavar="FILE", type=Path, help="take the roads from an OpenDRIVE file")
+    source.add_argument("--osm", metavar="FILE", type=Path, help="take the roads from an OpenStreetMap file")
+    source.add_argument("--sumo", metavar="FILE", type=Path, help="take roads and traffic from a SUMO configuration")
     source.add_argument(
-        "--town", metavar="N", type=whole_number(TOWN_STREETS), help="N by N streets with junctions and a roundabout"
+        "--town",
+        metavar="N",
+        type=whole_number(Whole(*TOWN_STREETS)),
+        help="generate a town of N by N streets with junctions and a roundabout",
     )
-    add("--ego", metavar="NAME", help="vehicle of --sumo that carries the sensor (default: that which drives longest)")
-    add("--length-m", metavar="M", type=number, help="way of the vehicle that carries the sensor (default: 1000)")
-    add("--seed", metavar="N", type=whole_number(SEEDS), help="of all random choices (default: 1)")
+    add(
+        "--ego",
+        metavar="NAME",
+        help="vehicle of --sumo that carries the sensor (default: the one with the longest drive)",
+    )
+    add(
+        "--length-m",
+        metavar="M",
+        type=number,
+        help="distance that the vehicle with the sensor drives, in metres (default: 1000)",
+    )
+    add("--seed", metavar="N", type=whole_number(SEEDS), help="seed of all random choices (default: 1)")
     add(
         "--set",
         dest="overrides",
         metavar="KEY=VALUE",
         action="append",
         default=[],
-        help='another key of [street], such as lanes=2 or "speed_m_s=[8, 11]"; may be repeated',
+        help='set another key of [street], such as lanes=2 or "speed_m_s=[8, 11]"; may be repeated',
     )
     command.set_defaults(run=run_street)
 
@@ -74,39 +77,15 @@ def run_street(arguments: argparse.Namespace) -> Answer:
     """Run `street`."""
     from ..files.overrides import with_overrides
     from ..files.toml import validate
+    from ..scene.made_street import made_tables
     from ..scene.street.street_file import StreetFile
-    from ..scene.street.street_tables import street_tables, write_street
+    from ..scene.street.street_tables import street_summary, write_scene
 
-    kind: NetworkKind
     named = {key: getattr(arguments, key) for key in ("length_m", "seed")}
-    tables = {key: value for key, value in named.items() if value is not None}
-    file = validate(StreetFile, with_overrides(tables, arguments.overrides), "[street]", overrides=arguments.overrides)
-    for kind in ("opendrive", "osm", "sumo", "town"):
-        if (source := getattr(arguments, kind)) is not None:
-            return _write_network(file, source, kind, arguments)
-    if arguments.ego is not None:
-        raise OptionError("--ego: must go with --sumo")
-    return _answer(write_street(file, arguments.output), street_tables(file))
-
-
-def _write_network(file: StreetFile, source: Path | int, kind: NetworkKind, arguments: argparse.Namespace) -> Answer:
-    """Write the scene of a road network."""
-    from ..scene.street.network_tables import network_scene
-    from ..scene.street.street_tables import write_scene
-
-    if unused := sorted(file.model_fields_set - NETWORK_KEYS - ({"slope_percent"} if kind == "town" else set())):
-        raise OptionError(f"{unused[0]}: does not go with --{kind}, whose roads and ways are its own")
-    if kind != "sumo" and arguments.ego is not None:
-        raise OptionError("--ego: must go with --sumo")
-    tables = network_scene(source, kind, file, ego=arguments.ego)
-    name = source.name if isinstance(source, Path) else source
-    path = write_scene(tables, arguments.output, origin=f"--{kind} {name}, seed = {file.seed}")
-    return _answer(path, tables)
-
-
-def _answer(path: Path, tables: Tables) -> Answer:
-    """Say what was written, and what it has."""
-    from ..scene.street.street_tables import street_summary
-
+    keys = {key: value for key, value in named.items() if value is not None}
+    file = validate(StreetFile, with_overrides(keys, arguments.overrides), "[street]", overrides=arguments.overrides)
+    networks: dict[NetworkKind, Any] = {"opendrive": arguments.opendrive, "osm": arguments.osm, "sumo": arguments.sumo}
+    tables, origin = made_tables(file, networks | {"town": arguments.town}, ego=arguments.ego)
+    path = write_scene(tables, arguments.output, origin=origin)
     summary = street_summary(tables)
     return Answer(f"wrote {path}: {summary.as_text()}", numbers={"scene": str(path), **summary._asdict()})

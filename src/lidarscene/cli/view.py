@@ -44,10 +44,11 @@ def add_view(commands: Any) -> None:
     """Add `view`."""
     view = commands.add_parser(
         "view",
-        help="a cloud or a scene in the browser",
+        help="show clouds or a scene in the browser",
         epilog=VIEW_HELP,
-        description="Show clouds, over a scene if one is named, or a scene that is rendered as its controls are moved. "
-        "The page is served to this machine only, until Ctrl-C; or it is written to a file to send to others.",
+        description="Show clouds in the browser, over a scene if you name one, or a scene alone, which renders live as "
+        "you move its controls. The page is served to this machine only, until Ctrl-C, or written to a "
+        "file that you can send to others.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     view.add_argument(
@@ -55,20 +56,29 @@ def add_view(commands: Any) -> None:
         metavar="CLOUD|DIR|SCENE|REC",
         nargs="+",
         type=Path,
-        help="clouds, or a folder of them, are frames; a scene alone is rendered live; a recording of "
-        "a real lidar comes alone",
+        help="clouds, or a folder of clouds, are shown as frames; a scene alone renders live; a recording of a "
+        "real lidar must be alone",
     )
-    group = view.add_argument_group("what is shown")
-    add_options(group, CommandOptions, sensor="of clouds, their own")
+    group = view.add_argument_group("content")
+    add_options(group, CommandOptions, sensor="for clouds, the sensor that they name")
     add_options(group, CommandOptions, "overrides")
     add_options(group, FrameOptions, "pose", "seed")
     add_recording(view)
-    add = view.add_argument_group("where").add_argument
-    add("--save", metavar="F.html", type=Path, help="write one file that needs no server, and end")
+    add = view.add_argument_group("page").add_argument
     add(
-        "--port", metavar="N", type=whole_number(Whole(0, 65535)), default=0, help="of the page (default: any free one)"
+        "--save",
+        metavar="F.html",
+        type=Path,
+        help="write the page as one file that needs no server, instead of serving it",
     )
-    add("--no-browser", action="store_true", help="only print the address of the page")
+    add(
+        "--port",
+        metavar="N",
+        type=whole_number(Whole(0, 65535)),
+        default=0,
+        help="port of the page (default: any free port)",
+    )
+    add("--no-browser", action="store_true", help="print the address of the page, and open no browser")
     view.set_defaults(run=run_view)
 
 
@@ -108,9 +118,9 @@ def _source(arguments: argparse.Namespace, opened: contextlib.ExitStack) -> Sour
         return _recording_source(arguments, recorded[0], opened)
     for option in ("frame", "metadata"):
         if getattr(arguments, option) is not None:
-            raise InputError(f"--{option}: goes with a recording, got {arguments.paths[0]}")
+            raise InputError(f"--{option}: needs a recording, got {arguments.paths[0]}")
     if arguments.sensor_index:
-        raise InputError(f"--sensor-index: goes with a recording, got {arguments.paths[0]}")
+        raise InputError(f"--sensor-index: needs a recording, got {arguments.paths[0]}")
     scenes = [path for path in arguments.paths if _is_scene(path)]
     if len(scenes) > 1:
         raise InputError(f"view: must be one scene, got {scenes[0]} and {scenes[1]}")
@@ -121,7 +131,7 @@ def _source(arguments: argparse.Namespace, opened: contextlib.ExitStack) -> Sour
         name = str(scenes[0])
         return Live(scene, sensor=arguments.sensor, overrides=arguments.overrides, frame=frame, scene_argument=name)
     if arguments.pose is not None:
-        raise InputError("--pose: goes with a scene that is rendered, not with clouds")
+        raise InputError("--pose: needs a scene that is rendered, got clouds")
     return Clouds(clouds, scene=scene, sensor=arguments.sensor, overrides=arguments.overrides)
 
 
@@ -142,7 +152,7 @@ def _recording_source(arguments: argparse.Namespace, path: Path, opened: context
         raise InputError(f"view: a recording must come alone, got {len(arguments.paths)} paths with {path}")
     for option in ("sensor", "overrides", "pose"):
         if getattr(arguments, option):
-            raise InputError(f"{flag_of(option)}: goes with a scene or clouds, not with the recording {path}")
+            raise InputError(f"{flag_of(option)}: needs a scene or clouds, got the recording {path}")
     recording = open_recording(path, arguments.metadata, sensor_index=arguments.sensor_index)
     opened.enter_context(recording)
     return RecordingFrames(with_progress(recording) if arguments.save else recording, frame=arguments.frame)

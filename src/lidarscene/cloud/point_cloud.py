@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 import numpy as np
 
 from ..detection.outcomes import Status
-from ..errors import InputError, one_line
+from ..errors import InputError
 from ..files import facts
 from ..files.arguments import CHECKED_INSIDE, checks_arguments
 from ..files.late_binding import call_bound, read_by_name
@@ -32,8 +32,8 @@ from ..formats.cloud_columns import (
 from ..formats.cloud_description import input_errors
 from ..formats.registry import format_of, formats_with
 from ..maths.arrays import Numbers
-from ..maths.pose import Pose
 from ..scene.scene import View
+from ..sensor.pose_file import Placed, to_pose
 from .builder import CloudBuilder
 from .rays import PulseRays
 
@@ -101,6 +101,10 @@ class PointCloud(_CloudWithRays):
     Raises:
         ValueError: for a wrong shape, an integer out of range, a NaN anywhere
     """
+
+    if TYPE_CHECKING:  # the fields, or what `read_by_name` reads
+
+        def __init__(self, file: str | os.PathLike[str] = ..., /, **values: Any) -> None: ...
 
     def __repr__(self) -> str:
         kinds = np.bincount(self.status, minlength=len(Status))
@@ -180,20 +184,19 @@ class PointCloud(_CloudWithRays):
         keys = {"sensor": (SENSOR_TO_WORLD,), "vehicle": (SENSOR_TO_WORLD, SENSOR_TO_VEHICLE)}.get(frame, ())
         return frame, " ".join(self.metadata.get(key, "") for key in keys)
 
-    def transform(self, pose: Pose | Numbers) -> PointCloud:
+    def transform(self, pose: Placed) -> PointCloud:
         """Move the points, their normals and velocities: positions become ``pose.apply(xyz)``.
 
         The coordinates then count as the world's, and the sensor stands in them where the pose puts it:
         ``cloud.transform(cloud.frame_to_world)`` are the points in the world.
 
         Args:
-            pose: of the frame of the points in the new one, a `Pose` or a (4, 4) or (3, 4) matrix
+            pose: of the frame of the points in the new one
 
         Raises:
-            InputError: for a matrix that is no rotation with a translation
+            InputError: for anything but a pose
         """
-        if not isinstance(pose, Pose):
-            pose = _pose_of_matrix(pose)
+        pose = to_pose(pose)
         positions_m = pose.apply(sensor_positions_m(self.metadata))
         standing = self.metadata.get("sensor_rotation", "1 0 0 0 1 0 0 0 1 " * len(positions_m))
         rotations = pose.rotation @ parse_numbers(standing, "sensor_rotation", (len(positions_m), 3, 3))
@@ -353,10 +356,6 @@ class PointCloud(_CloudWithRays):
         return to_html(self)
 
 
-RIGID = 1e-4
-"""Accuracy bought: largest error of a rotation's rows, as matrices in single precision have it."""
-
-
 def with_common_names(clouds: Sequence[PointCloud]) -> list[PointCloud]:
     """Renumber bodies, classes and materials so that equal numbers mean equal names in all clouds."""
     names_of = {attribute: names for attribute, names in NAMES.items() if attribute in TRUTH}
@@ -375,20 +374,6 @@ def with_common_names(clouds: Sequence[PointCloud]) -> list[PointCloud]:
             changes[attribute] = renumbered[np.minimum(getattr(cloud, attribute), len(names))]
         renamed_clouds.append(replace(cloud, **changes))
     return renamed_clouds
-
-
-def _pose_of_matrix(matrix: Any) -> Pose:
-    """Pose of a (4, 4) or (3, 4) matrix."""
-    try:
-        rows = np.asarray(matrix, np.float64)
-    except (TypeError, ValueError):
-        rows = np.zeros(0)
-    rigid = rows.shape in ((3, 4), (4, 4)) and np.allclose(rows[:3, :3] @ rows[:3, :3].T, np.eye(3), atol=RIGID)
-    if not rigid or np.linalg.det(rows[:3, :3]) < 0.0 or (len(rows) == 4 and rows[3].tolist() != [0, 0, 0, 1]):
-        raise InputError(
-            f"transform: must be a Pose, or a (4, 4) or (3, 4) matrix that turns and moves, got {one_line(matrix)}"
-        )
-    return Pose(position_m=rows[:3, 3], rotation=rows[:3, :3])
 
 
 def _coordinates_text(cloud: PointCloud) -> str:

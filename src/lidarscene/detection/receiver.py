@@ -114,4 +114,5 @@ def _train_of(echoes: Echoes) -> EchoTrain:
         white_w_m2=echoes.white_w_m2,
         fluctuation=echoes.fluctuation,
         broadening=echoes.broadening,
+        row_slope=echoes.row_slope,
     )

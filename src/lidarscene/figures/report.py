@@ -253,7 +253,7 @@ class Report(HintedAttributes):
     """
 
     FOREIGN_NAMES: ClassVar[Mapping[str, str]] = {
-        **dict.fromkeys(("to_pandas", "to_dataframe", "df"), "pandas.DataFrame(report.table)"),
+        **dict.fromkeys(("to_pandas", "to_dataframe", "df", "to_dict"), "pandas.DataFrame(report.table)"),
         **dict.fromkeys(("to_csv", "to_json", "to_excel"), "report.save(folder) writes CSV, JSON and pictures"),
         **dict.fromkeys(("data", "results", "values"), "report.table has columns, report.numbers all numbers"),
         **dict.fromkeys(("max_range", "ranges", "range", "range_m"), 'report.table["range_m"]'),

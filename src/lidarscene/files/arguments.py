@@ -26,6 +26,9 @@ Checked = TypeVar("Checked", bound=Callable[..., Any])
 CHECKED_INSIDE = object()
 """Note in an annotation: more is taken than it says, or the call says best what is wrong."""
 
+ANGLES = ("yaw", "yaw_deg", "pitch", "roll", "heading", "rotation", "orientation")
+"""Keywords that people try in place of a pose with angles."""
+
 _MOST_ELEMENTS = 1000
 """Elements of a sequence that are looked at, each: of what is longer, only whether it is a sequence."""
 
@@ -56,16 +59,16 @@ def checks_arguments(call: Checked) -> Checked:
             for word in keywords.keys() - signature.parameters.keys():
                 names = [name for name in signature.parameters if name != "self"]
                 meant = ""
-                if "overrides" in names and not did_you_mean(word, names):
+                if "pose" in names and word in ANGLES:
+                    meant = "angles go in pose=(x, y, z, yaw, pitch, roll)"
+                elif "overrides" in names and not did_you_mean(word, names):
                     meant = 'values of the file go in overrides={"TABLE.KEY": value}'
                 raise unknown_option(word, names, meant=meant)
         if len(arguments) > len(positional) and not takes_list:
-            others = [name for name in signature.parameters if name not in positional]
+            others = [name for name in _keywords_of(call, signature) if name not in positional]
             raise _too_many(call.__name__, arguments[own:], positional[own:], others, _hints_of(call))
-        try:
-            bound = signature.bind(*arguments, **keywords).arguments
-        except TypeError:  # the call itself says what is missing
-            bound = {}
+        _require_once(call, signature, positional[: len(arguments)], keywords)
+        bound = signature.bind(*arguments, **keywords).arguments
         for name, hint in _hints_of(call).items():
             if name in bound:
                 require_type(name, bound[name], hint)
@@ -74,19 +77,62 @@ def checks_arguments(call: Checked) -> Checked:
     return typing.cast(Checked, checked_call)
 
 
+def _require_once(
+    call: Callable[..., Any], signature: inspect.Signature, placed: Sequence[str], keywords: Collection[str]
+) -> None:
+    """Raise OptionError for an argument that is missing, or given twice.
+
+    Args:
+        placed: names of the arguments that were given without their names
+    """
+    required = [
+        name
+        for name, parameter in signature.parameters.items()
+        if parameter.default is parameter.empty and parameter.kind not in _OPEN and name != "self"
+    ]
+    owner, _, function = call.__qualname__.rpartition(".")
+    called = f"{owner if function == '__init__' else function}()"
+    for name in placed:
+        if name in keywords and signature.parameters[name].kind is inspect.Parameter.POSITIONAL_OR_KEYWORD:
+            order = ", ".join(word for word in placed if word != "self")
+            raise OptionError("{0}: {1} is given twice; arguments without a name are {2}", called, name, order)
+    for name in required:
+        if name not in placed and name not in keywords:
+            unknown = did_you_mean(name, set(keywords) - signature.parameters.keys()).partition(" mean ")[2]
+            hint = f", got {unknown[:-1]}" if unknown else ""
+            raise OptionError("{0}: must have {1}; {2} is missing{3}", called, ", ".join(required), name, hint)
+
+
+def _keywords_of(call: Callable[..., Any], signature: inspect.Signature) -> Iterable[str]:
+    """Names of the arguments of a call, with those of its keywords."""
+    for name, parameter in signature.parameters.items():
+        if parameter.kind is not parameter.VAR_KEYWORD:
+            yield name
+        elif typing.get_origin(hint := type_hints(call).get(name)) is typing.Unpack:
+            yield from type_hints(typing.get_args(hint)[0])
+
+
 def _too_many(
     call: str, given: Sequence[object], names: Sequence[str], others: Sequence[str], hints: Mapping[str, Any]
 ) -> OptionError:
     """Error for a call with more arguments than names that go without them; several choices go in a list."""
     words = f"{call}(): must have at most {len(names)} without a name ({', '.join(names)}), got {len(given)}"
     rest = [*given[len(names) - 1 :]]
-    takes_any = hints.get(names[-1], Any) is Any if names else True
-    if not takes_any and is_of_type(rest, hints[names[-1]]):
+    if names and _takes_list(hints[names[-1]]) and is_of_type(rest, hints[names[-1]]):
         return OptionError("{0}; several go in one list: {1}={2}", words, names[-1], one_line(rest))
     return OptionError("{0}{1}", words, f"; the others go by name: {'=, '.join(others)}=" if others else "")
 
 
+def _takes_list(hint: Any) -> bool:
+    """Whether a list is one of the types of an argument."""
+    return typing.get_origin(hint) in _SEQUENCES or (
+        typing.get_origin(hint) in (Annotated, typing.Union, types.UnionType)
+        and any(map(_takes_list, typing.get_args(hint)))
+    )
+
+
 _POSITIONAL = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
+_OPEN = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
 
 
 def require_type(name: str, value: object, hint: Any) -> None:

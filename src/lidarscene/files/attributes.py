@@ -7,7 +7,7 @@ People try the names of other libraries first, and numbers without their unit: `
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import is_dataclass
+from dataclasses import FrozenInstanceError, is_dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from ..errors import did_you_mean, question
@@ -40,15 +40,33 @@ def _numbers_of(part: object) -> list[str]:
     return [*getattr(kind, "__dataclass_fields__", ()), *properties] if is_dataclass(kind) else []
 
 
+def _refuse_to_set(owner: HintedAttributes, word: str, _: object) -> None:
+    """Refuse to set an attribute, and say what makes a changed object."""
+    raise FrozenInstanceError(f"{type(owner).__name__}.{word} cannot be set; {owner.CHANGED_BY}")
+
+
 class HintedAttributes:
-    """Base of a class whose objects answer an attribute that they lack with what does it."""
+    """Base of a class whose objects answer an attribute that they lack, or that cannot be set, with what does it.
+
+    Attributes:
+        CHANGED_BY: what makes a changed one, of a class whose objects are frozen
+    """
 
     __slots__ = ()
     FOREIGN_NAMES: ClassVar[Mapping[str, str]] = {}
+    CHANGED_BY: ClassVar[str] = 'sensor.replace("laser.peak_power_w=50") is another sensor'
+
+    def __init_subclass__(cls, **options: Any) -> None:
+        super().__init_subclass__(**options)
+        if "__setattr__" in vars(cls):  # a frozen dataclass, which says no more than that it cannot be set
+            setattr(cls, "__setattr__", _refuse_to_set)  # noqa: B010
 
     if not TYPE_CHECKING:
 
         def __getattr__(self, word: str) -> Any:
             if word.startswith("_"):  # what Python and libraries look for
                 raise AttributeError(f"{type(self).__name__} has no '{word}'")
-            raise no_attribute(self, word, name=type(self).__name__.lower(), foreign_names=self.FOREIGN_NAMES)
+            frozen = type(self).__setattr__ is _refuse_to_set
+            changes = dict.fromkeys(("replace", "set", "update", "copy", "with_"), self.CHANGED_BY) if frozen else {}
+            foreign_names = {**changes, **self.FOREIGN_NAMES}
+            raise no_attribute(self, word, name=type(self).__name__.lower(), foreign_names=foreign_names)

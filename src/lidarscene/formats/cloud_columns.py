@@ -32,8 +32,9 @@ FOREIGN_NAMES = {
     **dict.fromkeys(("annotations", "targets", "objects"), 'cloud.boxes(scene), cloud["class"]'),
     **dict.fromkeys(("shuffle", "sample", "downsample", "voxel_down_sample"), "cloud[::10], cloud.to_open3d()"),
     **dict.fromkeys(("fields", "column_names", "keys"), "cloud.columns"),
-    **dict.fromkeys(("rotate", "translate", "apply"), "cloud.transform(pose)"),
+    **dict.fromkeys(("rotate", "translate", "apply", "transformed"), "cloud.transform(pose)"),
     **dict.fromkeys(("height", "altitude"), "cloud.z"),
+    "width": "cloud.range_image() has rows and columns",
     **dict.fromkeys(("laser_id", "beam_id", "laser", "beam"), "cloud.channel"),
     **dict.fromkeys(("returns", "num_returns"), "cloud.return_number"),
     **dict.fromkeys(("false_alarms", "noise"), 'cloud.select(status="false alarm")'),
@@ -44,7 +45,7 @@ FOREIGN_NAMES = {
     **dict.fromkeys(("get", "get_field"), 'cloud["intensity"]'),
     **dict.fromkeys(("velocity", "doppler"), "cloud.radial_velocity"),
     **dict.fromkeys(("pose", "origin"), "cloud.sensor_place"),
-    **dict.fromkeys(("scatter", "imshow", "draw"), "cloud.plot()"),
+    **dict.fromkeys(("scatter", "imshow", "draw", "plot3d", "picture", "image"), "cloud.plot()"),
     **dict.fromkeys(("info", "summary", "mean", "stats"), "print(cloud), cloud.to_pandas()"),
     **dict.fromkeys(("filter", "query", "mask", "crop"), 'cloud.select(class_="car"), cloud[cloud.range < 50]'),
     **dict.fromkeys(("num_points", "n_points", "size"), "len(cloud)"),
@@ -52,11 +53,16 @@ FOREIGN_NAMES = {
     **dict.fromkeys(("to_ros", "to_msg", "to_pointcloud2", "publish"), 'cloud.save("a.mcap"), `lidarscene stream`'),
     **dict.fromkeys(("transform_to", "to_world"), "cloud.transform(pose), render(..., coordinates='world')"),
     **dict.fromkeys(("distance", "distances", "depth"), "cloud.range"),
-    **dict.fromkeys(("timestamp", "timestamps", "t"), "cloud.time"),
-    **dict.fromkeys(("write", "export", "to_arrow", "to_file", "to_ply", "to_pcd", "to_las"), "cloud.save(path)"),
+    **dict.fromkeys(("timestamp", "timestamps", "stamp", "t"), "cloud.time"),
+    **dict.fromkeys(
+        ("write", "export", "to_arrow", "to_file", "to_ply", "to_pcd", "to_las", "to_kitti", "to_npz"),
+        "cloud.save(path)",
+    ),
     "frame_id": 'cloud.metadata["frame"]',
     "header": "cloud.metadata",
-    **dict.fromkeys(("to_list", "tolist", "dtype", "to_structured", "to_records"), "cloud.to_numpy()"),
+    **dict.fromkeys(
+        ("to_list", "tolist", "data", "array", "values", "dtype", "to_structured", "to_records"), "cloud.to_numpy()"
+    ),
     "to_dict": "{name: cloud[name] for name in ...}, or cloud.to_pandas()",
 }
 """Names that other libraries have for what a cloud has, and how it is asked for here."""
@@ -535,6 +541,7 @@ class Cloud(CloudColumns):
             """Columns by their names in files: cloud.x, cloud.range, cloud.time."""
             if name.startswith("_"):
                 raise AttributeError(f"PointCloud has no attribute '{name}'")
+            name = name.removesuffix("_")  # as keywords of Python are written: cloud.class_
             if name not in _OTHER_NAMES:
                 raise no_attribute(self, name, name="cloud", foreign_names=FOREIGN_NAMES)
             try:

@@ -237,6 +237,7 @@ OTHER_SUFFIXES = {
     ".bag": "bags of ROS 2 are .mcap and .db3",
     ".csv": "cloud.to_pandas().to_csv(path) writes a table",
     ".h5": "cloud.to_pandas().to_hdf(path, key='cloud') writes a table",
+    **dict.fromkeys((".png", ".jpg", ".svg", ".pdf"), "cloud.plot().save('a.png') writes a picture"),
     ".npy": "numpy.save(path, cloud.to_numpy()) writes an array",
     ".xyz": "numpy.savetxt(path, cloud.xyz_m) writes positions",
 }

@@ -27,7 +27,7 @@ from ..files.atomic import atomic_output
 from ..files.json_text import json_text
 from ..formats.osi import framed
 from ..formats.registry import LABELS, format_of
-from ..maths.arrays import Lanes, Numbers, xp
+from ..maths.arrays import Lanes, Mask, Numbers, xp
 from ..maths.rotations import quaternion
 from ..maths.trajectory import Course
 from ..scene.scene import Scene
@@ -160,14 +160,21 @@ class LabelTables:
     def labels(self, class_id: Lanes, body: Lanes, status: Lanes) -> tuple[Any, Any]:
         """Class and instance of each point as `point_labels`, (n,) int32."""
         ops = xp(class_id)
-        last = ops.width(self.classes) - 1, ops.width(self.bodies) - 1
-        kinds = ops.take(self.classes, ops.where(class_id < 0, last[0], class_id))
-        own = ops.take(self.bodies, ops.where((body < 0) | (body > last[1]), last[1], body))
+        kinds = ops.take(self.classes, ops.where(class_id < 0, ops.width(self.classes) - 1, class_id))
+        own = self._of_body(body)
         is_echo, is_thing = status == 0, kinds >= _THING
         of_class = kinds - ops.where(is_thing, _THING, 0)
         semantic = ops.where(own == _AS_CLASS, of_class, ops.where(own < 0, -1 - own, own))
         instance = ops.where(is_echo & is_thing & (own >= 0), body + 1, 0)
         return ops.where(is_echo, semantic, OUTLIER), instance
+
+    def is_own(self, body: Lanes) -> Mask:
+        """Whether a body is of the ego vehicle, (n,)."""
+        return self._of_body(body) < 0
+
+    def _of_body(self, body: Lanes) -> Any:
+        ops, last = xp(body), xp(body).width(self.bodies) - 1
+        return ops.take(self.bodies, ops.where((body < 0) | (body > last), last, body))
 
 
 _THING, _AS_CLASS = 1 << 16, 1 << 17

@@ -51,24 +51,29 @@ class DeviceRows:
     """Reader of the rows of points that are on the device: those of one frame, piece by piece."""
 
     @exclusive
-    def __init__(self, cloud: PointCloud, scene: Scene, deskewing: Deskewing | None) -> None:
+    def __init__(self, cloud: PointCloud, scene: Scene, deskewing: Deskewing | None, *, own_car: bool) -> None:
         """Upload what the points have in common.
 
         Args:
             cloud: names and metadata of the frame
             deskewing: frees the points from the sensor's motion; None: they keep it
+            own_car: whether points on the ego vehicle are among them
         """
         tables = LabelTables.of_scene(scene, cloud.class_names)
-        self._cloud = cloud
+        self._cloud, self._own_car = cloud, own_car
         numbers = np.asarray(tables.classes), np.asarray(tables.bodies)
         self._tables = LabelTables(*map(transfer.whole_numbers, numbers))
         self._deskewing = transfer.opaque(deskewing, double=True)
         self._sensor = transfer.opaque(Placement.of_pose(cloud.sensor_place), double=True)
 
     @exclusive
-    def __call__(self, cloud: DeviceCloud) -> PointRows:
-        """Compute the rows of some points, at least one, and copy them."""
+    def __call__(self, cloud: DeviceCloud) -> PointRows | None:
+        """Compute the rows of some points, at least one, and copy them; None where all are on the ego vehicle."""
         columns = cloud.columns
+        if not self._own_car:
+            columns = columns.select(~self._tables.is_own(columns.array("body")))
+            if not columns.count:
+                return None
         points_m, time_s = columns.positions(), columns.array("time_s")
         ops = xp(time_s)
         if self._deskewing is not None:

@@ -92,6 +92,7 @@ class Echoes:
             intensity scale does not need it
         fluctuation: of the peak power, which is drawn; None: it is the mean
         broadening: length of the echo over that of the pulse, (T49b); None: as long
+        row_slope: relative change of its range over the azimuth [1/rad], as in `Hits`; None: it is not used
     """
 
     has_surface: Mask
@@ -102,6 +103,7 @@ class Echoes:
     white_w_m2: Lanes = 1.0
     fluctuation: Fluctuation | None = None
     broadening: Lanes | None = None
+    row_slope: Lanes | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -186,6 +188,7 @@ class EchoTrain:
         stray: whether the last sub-echo is stray light of other channels (`light.stray_light`)
         fluctuation: of all sub-echoes together, as in `Echoes`
         broadening: of all sub-echoes, that of the strongest, as in `Echoes`
+        row_slope: mean over the rays of the strongest path, as in `Echoes`
     """
 
     parts: tuple[SubEchoes, ...]
@@ -198,6 +201,7 @@ class EchoTrain:
     fluctuation: Fluctuation | None = None
     stray: bool = False
     broadening: Lanes | None = None
+    row_slope: Lanes | None = None
 
     def part(self, first: int, count: int, *, of: int) -> EchoTrain:
         """Light of ``count`` of ``of`` pulses from number ``first`` on; NumPy arrays."""
@@ -223,6 +227,7 @@ class EchoTrain:
             ),
             white_w_m2=lanes(self.white_w_m2),
             broadening=lanes(self.broadening),
+            row_slope=lanes(self.row_slope),
             fluctuation=None
             if self.fluctuation is None
             else Fluctuation(
@@ -304,6 +309,7 @@ def receive(beams: Beams, hits: Hits, sensor: Sensor, ambient: Ambient, *, lone:
         ),
         white_w_m2=_white_w_m2(beams, sensor),
         broadening=broadening,
+        row_slope=hits.row_slope,
     )
 
 

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from ..maths.arrays import Lanes, Mask
-from ..maths.vectors import Vector
+from ..maths.arrays import Lanes, Mask, xp
+from ..maths.vectors import UP, Vector, cross, dot
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -42,6 +42,8 @@ class Hits:
         mirrored: (n,) bool, whether the path was reflected: the surface is not where the beam points
         normal: (x, y, z) unit normal of the surface on the ray's side, None if it is not asked for. In the world's
             axes; `rendering.stages` turns it into the sensor's as the pulse leaves
+        row_slope: (n,) relative change of the range over the azimuth [1/rad] where the beam turns on about the sensor's z
+            axis and the surface goes on as a plane; None if it is not asked for
         velocity_m_s: (x, y, z) of the surface in the world, likewise; None also where nothing moves: zeros would have
             the number of lanes that they were recorded with
     """
@@ -65,3 +67,19 @@ class Hits:
     direction: Vector | None = None
     normal: Vector | None = None
     velocity_m_s: Vector | None = None
+    row_slope: Lanes | None = None
+
+
+LEAST_COSINE = 0.01
+"""Accuracy bought: least cosine of incidence: flatter surfaces lean as this one does."""
+
+
+def relative_row_slope(normal: Vector, direction: Vector) -> Lanes:
+    """Relative change of the range over the azimuth, as of `Hits.row_slope`: dR / (R dphi) = -n (z x d) / (n d).
+
+    Args:
+        normal: unit normals towards the sensor, in its axes; 0 without a surface, whose change is 0
+        direction: unit vectors of the beams, in the same axes
+    """
+    ops = xp(*normal, *direction)
+    return dot(normal, cross(UP, direction)) / ops.maximum(-dot(normal, direction), LEAST_COSINE)

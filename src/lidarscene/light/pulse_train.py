@@ -102,6 +102,7 @@ def join_echoes(
     has_surface = ray_hits[0]
     for ray_hit in ray_hits[1:]:
         has_surface = has_surface | ray_hit
+    row_slope = _of_the_strongest(paths, [path.row_slope for path in paths])
     return EchoTrain(
         parts=(*surfaces, *drops),
         surfaces=len(paths) * rays,
@@ -113,23 +114,21 @@ def join_echoes(
         ),
         white_w_m2=pulse_value(first.white_w_m2),
         fluctuation=fluctuation,
-        broadening=_of_the_strongest(paths),
+        broadening=_of_the_strongest(paths, [path.broadening for path in paths]),
+        row_slope=None if row_slope is None else ray_mean(row_slope),
     )
 
 
-def _of_the_strongest(paths: Sequence[Echoes]) -> Lanes | None:
-    """Broadening of the strongest of a lone ray's paths, for all of them; None without."""
-    strongest = paths[0]
-    for path in paths[1:]:
-        if strongest.broadening is None or path.broadening is None:
+def _of_the_strongest(paths: Sequence[Echoes], values: Sequence[Lanes | None]) -> Lanes | None:
+    """Value of the strongest of each ray's paths, for all of them; None without."""
+    strongest, power_w = values[0], paths[0].peak_power_w
+    for path, value in zip(paths[1:], values[1:], strict=True):
+        if strongest is None or value is None:
             return None
-        ops, stronger = xp(path.range_m), path.peak_power_w > strongest.peak_power_w
-        strongest = replace(
-            strongest,
-            broadening=ops.where(stronger, path.broadening, strongest.broadening),
-            peak_power_w=ops.maximum(path.peak_power_w, strongest.peak_power_w),
-        )
-    return strongest.broadening
+        ops = xp(path.range_m)
+        strongest = ops.where(path.peak_power_w > power_w, value, strongest)
+        power_w = ops.maximum(path.peak_power_w, power_w)
+    return strongest
 
 
 def _join_fluctuations(paths: Sequence[Echoes], weight: Lanes, rays: int) -> Fluctuation | None:

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -65,6 +65,10 @@ class Material:
     reflectivity: Spectrum
     parameters: Mapping[str, float | Spectrum] = field(default_factory=dict)
     description: str = ""
+
+    if TYPE_CHECKING:  # the fields, or what `read_by_name` reads
+
+        def __init__(self, file: str = ..., /, **values: Any) -> None: ...
 
     def at(self, wavelength_m: float) -> dict[str, Any]:
         """Name, kind, wavelength_m, reflectivity and parameters at one laser wavelength.

@@ -13,7 +13,8 @@ from typing import Any
 from .. import catalog
 from ..files.toml import read_toml
 from ..materials.material_file import catalogue_material
-from ..scene.scene_file import mesh_description, scene_description
+from ..scene.bare_mesh import mesh_description
+from ..scene.scene_file import scene_description
 
 
 def catalog_text(kind: str, entries: Mapping[str, Mapping[str, Any]]) -> str:

@@ -126,10 +126,10 @@ class FrameFiles:
         """Reader of the rows of points for files that need no more of them; None: clouds are read."""
         outputs = self.plan.outputs
         others = self.live is not None or not self.files.keys().isdisjoint(("range_image", "picture"))
-        if outputs.dataset != "semantickitti" or others or not outputs.own_car:
+        if outputs.dataset != "semantickitti" or others:
             return None
         deskewing = simulator.deskewing(self.frame) if outputs.is_deskewed else None
-        return DeviceRows(simulator.empty(self.frame), self.scene, deskewing)
+        return DeviceRows(simulator.empty(self.frame), self.scene, deskewing, own_car=outputs.own_car)
 
     def _packets(self) -> FiringsBuilder | None:
         """Builder of the firings that packets are made of; None without packets."""

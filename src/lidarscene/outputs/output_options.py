@@ -65,9 +65,9 @@ class Outputs:
 
     path: File = field(
         metadata=declared(
-            "the point cloud, its name ends as its format's do; a folder for several frames, a data set, and a rig "
-            "unless merged; a bag of ROS 2 (.mcap, .db3) or a log of Rerun (.rrd) holds all frames of all sensors, "
-            "packets (.pcap) all of one",
+            "file of the point cloud, whose suffix chooses the format; a folder for several frames, for a "
+            "data set, and for a rig that is not merged; a ROS 2 bag (.mcap, .db3) or a Rerun log (.rrd) "
+            "contains all frames of all sensors, and packets (.pcap) all frames of one",
             metavar="OUT.ply|DIR",
             flags=("-o", "--output"),
         )
@@ -76,107 +76,107 @@ class Outputs:
     format: str | None = option(
         None,
         OneOf(ALL),
-        help=f"format of the cloud, where its name does not say it: {', '.join(FORMATS | BAGS)}; or the sensor's own "
-        f"packets: {', '.join(PACKETS)}",
+        help=f"format of the cloud (default: by its suffix): {', '.join(FORMATS | BAGS)}; or packets of the sensor: "
+        f"{', '.join(PACKETS)}",
         metavar="NAME",
     )
     epoch: str | None = option(
         None,
         Date(),
-        help="date of the scene's second 0 for the stamps of bags and packets, in ISO 8601 (default "
+        help="date of the scene's second 0 for time stamps of bags and packets, in ISO 8601 (default "
         f"{EPOCH:%Y-%m-%d}, or 1970-01-01 if the first frame begins at 1e9 s or later)",
         metavar="DATE",
     )
     topic: str | None = option(
         None,
         Matching("/?[A-Za-z]\\w*(/[A-Za-z]\\w*)*", "a name of ROS such as lidar/points"),
-        help="topic of the points in a bag of ROS 2, in place of the one that the maker's driver has",
+        help="topic of the points in a ROS 2 bag (default: that of the maker's driver)",
         metavar="NAME",
     )
     frame_id: str | None = option(
         None,
         Matching("[A-Za-z]\\w*", "a name of ROS such as lidar_top"),
-        help="frame of the points in a bag of ROS 2, in place of the one that the maker's driver has",
+        help="frame of the points in a ROS 2 bag (default: that of the maker's driver)",
         metavar="NAME",
     )
-    ascii: bool = option(False, help="write text instead of binary")
+    ascii: bool = option(False, help="write text instead of binary data")
     truth: bool = option(True, help="columns of ground truth in the cloud", flags=("--no-truth",))
     colours: str | None = option(
-        None, help="give points of a PLY file red, green and blue by a column, as intensity", metavar="COLUMN"
+        None, help="colour the points of a PLY file by a column, such as intensity", metavar="COLUMN"
     )
     labels: str | None = option(
         None,
         OneOf(LABELS),
-        help=f"write boxes or classes of points beside the cloud, as {', '.join(LABELS)} has them",
+        help=f"write labels (boxes or classes of points) beside the cloud, in the format of {', '.join(LABELS)}",
         metavar="NAME",
     )
     dataset: str | None = option(
-        None,
-        OneOf(DATASETS),
-        help=f"make the folder a data set, clouds and labels: {', '.join(DATASETS)}",
-        metavar="NAME",
+        None, OneOf(DATASETS), help=f"write a data set with clouds and labels: {', '.join(DATASETS)}", metavar="NAME"
     )
-    all_around: bool = option(False, help="KITTI's boxes outside the picture of its camera too")
+    all_around: bool = option(False, help="label boxes outside the picture of KITTI's camera too")
     own_car: bool = option(True, help="points on the vehicle that carries the sensor", flags=("--no-own-car",))
     rrd: bool = option(
-        False, help="show every frame in the Rerun viewer of this machine, too, as it comes (start it with: rerun)"
+        False, help="also send every frame to the running Rerun viewer on this machine (start it with: rerun)"
     )
     deskew: bool | None = option(
         None,
-        help="write OUT.deskewed.ply too: the cloud without the sensor's own motion; a data set has it alone, as the "
-        "real ones do, unless False",
+        help="also write OUT.deskewed.ply, the cloud with the sensor's own motion removed; data sets contain "
+        "only this cloud, as real ones do, unless False",
     )
-    merge: bool = option(False, help="one cloud of all sensors of the rig")
+    merge: bool = option(False, help="write one cloud with the points of all sensors of the rig")
     missed: File | None = option(
         None,
         FileName((".npz",)),
-        help="every pulse without an echo point, and why",
+        help="write every pulse without an echo point, and the reason",
         metavar="F.npz",
         flags=("--keep-missed",),
     )
     keep_rays: File | None = option(
         None,
         FileName((".npz", ".parquet", ".ply")),
-        help="every pulse with its ray: origin, direction, time, outcome and range, for maps of what is free",
+        help="write the ray of every pulse, with origin, direction, time, outcome and range, for maps of free space",
         metavar="F.npz|F.parquet|F.ply",
     )
     picture: File | None = option(
-        None, FileName((".png", ".svg")), help="a view of the cloud and its range image (or F.svg)", metavar="F.png"
+        None,
+        FileName((".png", ".svg")),
+        help="write a picture of the cloud and its range image (.png or .svg)",
+        metavar="F.png",
     )
     range_image: File | None = option(
         None,
         FileName((".png", ".npz")),
-        help="range, intensity and status by ring and azimuth, a pixel a beam",
+        help="write images of range, intensity and status by ring and azimuth, with a pixel for each beam",
         metavar="F.png|F.npz",
     )
     ambient: File | None = option(
         None,
         FileName((".png", ".npz")),
-        help="background counts of every pulse, a near-infrared picture by ring and azimuth",
+        help="write the background counts of every pulse as a near-infrared image by ring and azimuth",
         metavar="F.npz|F.png",
     )
     waveforms: File | None = option(
         None,
         FileName((".npz",)),
-        help="power on the detector and its signal against time, of a few pulses",
+        help="write the power on the detector and its signal over time, for a few pulses",
         metavar="F.npz",
     )
     imu: File | None = option(
         None,
         FileName(IMU_SUFFIXES),
-        help="what the IMU of the sensor or rig measures during all frames, as EuRoC's data sets have it",
+        help="write the IMU samples of all frames, in the format of the EuRoC data sets",
         metavar="F.csv",
     )
     poses: File | None = option(
         None,
         FileName(POSE_SUFFIXES),
-        help="true pose of the sensor when each frame starts, as TUM's lines, or KITTI's (F.txt); of merged sensors "
-        "the vehicle's",
+        help="write the true pose of the sensor at the start of each frame, as TUM lines, or KITTI's (F.txt); "
+        "for merged sensors, the pose of the vehicle",
         metavar="F.tum|F.txt",
     )
     pulses: Sequence[int] | None = option(
         None,
-        help=f"with waveforms, which ones of a frame, 0 for its first (default: {FEW_PULSES} of them, evenly)",
+        help=f"pulses of each frame with waveforms, counted from 0 (default: {FEW_PULSES}, evenly spaced)",
         metavar="0,100,2000-2010",
     )
 
@@ -188,23 +188,25 @@ class Outputs:
         if self.merge:
             for name in SINGLE:
                 if getattr(self, name) is not None:
-                    raise OptionError(f"{{{name}}}: goes with the clouds of single sensors, not with {{merge}}")
+                    raise OptionError(
+                        f"{{{name}}}: needs the clouds of single sensors, cannot be combined with {{merge}}"
+                    )
         if self.dataset is not None:
             for name in ("format", "labels"):
                 if getattr(self, name) is not None:
                     raise OptionError(f"{{{name}}}: a data set has its own, leave it out with {{dataset}}")
             for name in ("merge", "ascii"):
                 if getattr(self, name):
-                    raise OptionError(f"{{dataset}}: goes without {{{name}}}")
+                    raise OptionError(f"{{dataset}}: cannot be combined with {{{name}}}")
         if self.packets:
             for name in ("labels", "deskew", "merge", "ascii"):
                 if getattr(self, name):
-                    raise OptionError(f"{{{name}}}: goes with clouds, not with packets")
+                    raise OptionError(f"{{{name}}}: needs clouds, cannot be combined with packets")
         for name in ("topic", "frame_id"):
             if getattr(self, name) is not None and not (self.bag is not None and self.bag.driver):
-                raise OptionError(f"{{{name}}}: goes with a bag of ROS 2, such as OUT.mcap")
+                raise OptionError(f"{{{name}}}: needs a ROS 2 bag, such as OUT.mcap")
         if self.pulses is not None and self.waveforms is None:
-            raise OptionError("{pulses} goes with {waveforms}")
+            raise OptionError("{pulses} needs {waveforms}")
 
     def epoch_ns(self, begin_s: float) -> int:
         """Nanoseconds from 1970 to the scene's second 0, of a run that begins at ``begin_s``."""
@@ -249,7 +251,9 @@ class Outputs:
             return format_of(self.place)
         except InputError:
             raise OptionError(
-                "{path} {0}: the name must end in one of {1}, or go with {format}", self.place, ", ".join(SUFFIXES)
+                "{path} {0}: the name must end in one of {1}, or {format} must be given",
+                self.place,
+                ", ".join(SUFFIXES),
             ) from None
 
 

@@ -94,24 +94,22 @@ class Plan:
         outputs, place = self.outputs, self.outputs.place
         if outputs.merge:
             if not self.rig:
-                raise OptionError("{merge} goes with {rig}")
+                raise OptionError("{merge} needs {rig}")
             if coordinates == "sensor":
-                raise OptionError(
-                    "{merge}: must go with {coordinates} world or vehicle, which all sensors share, got sensor"
-                )
+                raise OptionError("{merge}: needs {coordinates} world or vehicle, which all sensors share, got sensor")
         if self.is_folder and (place.name.lower().endswith(SUFFIXES) or os.path.isfile(place)):
             many_clouds = {"frames": self.frames is not None, "rig": self.rig, "dataset": outputs.dataset is not None}
             options = " and ".join(f"{{{option}}}" for option, applies in many_clouds.items() if applies)
             raise OptionError(f"{{path}} {{0}}: must be a folder with {options}", place)
         if self.is_bag and not self.has_truth and outputs.labels is not None and (self.frames is not None or self.rig):
-            raise OptionError("{labels}: goes with a folder of clouds, not with one file of several")
+            raise OptionError("{labels}: needs a folder of clouds, got one file for several frames")
         chosen = self.format
         # Traced at some cost, normals and velocities would silently be in no file.
         if vectors and not outputs.truth:
             raise OptionError("{vectors}: normals and velocities are ground truth, which is left out ({truth})")
         if vectors and not chosen.all_columns:
             able = ", ".join(formats_with("all_columns"))
-            raise OptionError("{vectors}: must go with a format that has all columns: {0}", able)
+            raise OptionError("{vectors}: needs a format that has all columns: {0}", able)
         name = place.name.lower()
         if not self.is_folder and not name.endswith(chosen.suffix) and (outputs.packets or name.endswith(SUFFIXES)):
             raise OptionError("{path} {0}: the name must end in {1}", place, chosen.suffix)

@@ -133,7 +133,7 @@ def record(
         FRAMES.check("frames", frames)
     rig = sensor if isinstance(sensor, Rig) else None
     if changes and isinstance(sensor, Rig | Sensor):
-        raise OptionError("{overrides}: must go with the name or file of a sensor, got a {0}", type(sensor).__name__)
+        raise OptionError("{overrides}: needs the name or file of a sensor, got a {0}", type(sensor).__name__)
     if isinstance(outputs, str | os.PathLike):
         outputs = Outputs(outputs)
     # What can be refused is refused in order of its cost: names first, then files, then the world, then tracing.
@@ -152,7 +152,7 @@ def record(
     sensors = _sensors(described, sensor, changes, frame)
     _warn_of_thin_beams(trace, sensors)
     warn_of_doubts(mounted.sensor for mounted in sensors)
-    warn_of_size(plan, sensors, trace, frame.chunk or blocks.lanes_per_chunk())
+    warn_of_size(plan, sensors, trace, blocks.lanes_per_chunk(frame.chunk))
     encoders = _encoders(plan, sensors, clouds)
     has_imu = {mounted.label: mounted.sensor.imu is not None for mounted in sensors}
     imu_files = plan.run_files("imu", [] if outputs.imu is None else imu_labels(has_imu, rig))
@@ -295,7 +295,7 @@ class _Run:
         Not where a file or a viewer has several frames, one of ``in_order``, and not for frames so large that two would
         fill the memory.
         """
-        chunk = self.frame.chunk or blocks.lanes_per_chunk()
+        chunk = blocks.lanes_per_chunk(self.frame.chunk)
         pulses = sum(simulator.sensor.scanner.pulses for simulator in self.simulators.values())
         return len(clouds) > 1 and not any(in_order) and pulses <= chunk
 

@@ -48,7 +48,7 @@ def open_recording(
     if read is _open_osf:
         recording = _open_osf(file, metadata_file, sensor_index)
     elif sensor_index:
-        raise InputError(f"--sensor-index {sensor_index}: must go with an OSF, which may have several, got {file}")
+        raise InputError(f"--sensor-index {sensor_index}: needs an OSF, which may have several sensors, got {file}")
     else:
         recording = read(file, metadata_file)
     if not recording.count:

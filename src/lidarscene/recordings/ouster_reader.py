@@ -42,7 +42,7 @@ def open_ouster(path: Path, metadata: Path | None, sensor_index: int = 0) -> Rec
             options = {"meta": [str(metadata_file)]}
             _require_whole(path)
         elif metadata is not None:
-            raise InputError(f"--metadata {metadata}: goes with a pcap; an OSF has its own")
+            raise InputError(f"--metadata {metadata}: needs a pcap; an OSF contains its metadata")
         with input_errors(path):
             file = path if options else _path_with_index(path, sensor_index, resources)
             source = sdk.open_source(str(file), index=True, collate=False, sensor_idx=sensor_index, **options)

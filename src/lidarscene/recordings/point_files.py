@@ -80,7 +80,7 @@ def open_cloud(path: Path, metadata: Path | None) -> Recording:
         InputError: if a file, a key or a value cannot be understood
     """
     if metadata is not None:
-        raise InputError(f"--metadata {metadata}: goes with recordings of packets, not with {path.name}")
+        raise InputError(f"--metadata {metadata}: needs a recording of packets, got {path.name}")
     files = [path] if path.is_file() else sorted(filter(suffix_of, path.iterdir()), key=by_numbers)
     if not files:
         raise InputError(f"{path}: must hold files that end in {', '.join(CLOUDS)}, got none")

@@ -9,7 +9,7 @@ import os
 from collections.abc import Iterator
 from dataclasses import replace
 from functools import partial
-from typing import Literal, Unpack, cast, overload
+from typing import Annotated, Literal, Unpack, cast, overload
 
 from ..cloud.device_cloud import DeviceCloud
 from ..cloud.point_cloud import PointCloud
@@ -23,11 +23,15 @@ from .render_options import NUMBERS, FrameOptions, FramesKeywords, Keywords, Obs
 from .simulator import Simulator
 from .surroundings import simulator_surroundings, warn_of_surroundings
 
+SensorOfScene = Annotated[
+    str | os.PathLike[str] | Sensor | None, "a name, a file, a Sensor or None (record takes a Rig of several)"
+]
+
 
 @overload
 def render_frames(
     scene: SceneChoice,
-    sensor: str | os.PathLike[str] | Sensor | None = None,
+    sensor: SensorOfScene = None,
     *,
     frames: int,
     overrides: Overrides = (),
@@ -40,7 +44,7 @@ def render_frames(
 @overload
 def render_frames(
     scene: SceneChoice,
-    sensor: str | os.PathLike[str] | Sensor | None = None,
+    sensor: SensorOfScene = None,
     *,
     frames: int,
     overrides: Overrides = (),
@@ -53,7 +57,7 @@ def render_frames(
 @checks_arguments
 def render_frames(
     scene: SceneChoice,
-    sensor: str | os.PathLike[str] | Sensor | None = None,
+    sensor: SensorOfScene = None,
     *,
     frames: int,
     overrides: Overrides = (),
@@ -88,7 +92,7 @@ def render_frames(
 @overload
 def render(
     scene: SceneChoice,
-    sensor: str | os.PathLike[str] | Sensor | None = None,
+    sensor: SensorOfScene = None,
     *,
     overrides: Overrides = (),
     scene_overrides: Overrides = (),
@@ -101,7 +105,7 @@ def render(
 @overload
 def render(
     scene: SceneChoice,
-    sensor: str | os.PathLike[str] | Sensor | None = None,
+    sensor: SensorOfScene = None,
     *,
     overrides: Overrides = (),
     scene_overrides: Overrides = (),
@@ -114,7 +118,7 @@ def render(
 @checks_arguments
 def render(
     scene: SceneChoice,
-    sensor: str | os.PathLike[str] | Sensor | None = None,
+    sensor: SensorOfScene = None,
     *,
     overrides: Overrides = (),
     scene_overrides: Overrides = (),
@@ -146,7 +150,7 @@ def render(
 
 def _prepare(
     scene: SceneChoice,
-    sensor: str | os.PathLike[str] | Sensor | None,
+    sensor: SensorOfScene,
     overrides: Overrides,
     scene_overrides: Overrides,
     options: RenderKeywords,

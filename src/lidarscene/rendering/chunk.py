@@ -130,8 +130,7 @@ def light_arrays(light: Echoes) -> list[Any]:
     arrays += [interference.peak_power_w for interference in light.interference]
     if light.fluctuation is not None:
         arrays += [light.fluctuation.variance, light.fluctuation.relative_power]
-    if light.broadening is not None:
-        arrays.append(light.broadening)
+    arrays += [light.broadening, light.row_slope]
     return [array for array in arrays if is_drjit(array)]
 
 

@@ -46,7 +46,6 @@ class Frame:
         start_s: the same time by the scene's clock, in which motions are given
         place: pose of the sensor in the world at the start
         vehicle: pose of the ego vehicle in the world at the start
-        origin: ``place`` in traced coordinates, opaque; holds for all pulses unless the sensor moves
         paths: sampled poses of the sensor (0) and of the world's movers (1, ...); None: nothing moves
         moves: whether the sensor moves
         bodies: `World.bodies_in_frame`
@@ -59,11 +58,11 @@ class Frame:
     start_s: float
     place: Pose
     vehicle: Pose
-    origin: Placement
     paths: MotionTable | None
     moves: bool
     bodies: Numbers | None
     _scanner: Scanner
+    _centre_m: Numbers
 
     @classmethod
     def from_options(cls, scene: Scene, sensor: Sensor, world: World, options: FrameOptions, *, pose: Pose) -> Frame:
@@ -100,11 +99,11 @@ class Frame:
             start_s=start_s,
             place=place,
             vehicle=vehicle,
-            origin=fixed_placement(place, world.centre_m),
             paths=paths,
             moves=scene.ego is not None,
             bodies=world.bodies_in_frame(start_s),
             _scanner=sensor.scanner,
+            _centre_m=world.centre_m,
         )
 
     def goes_with(self, other: Frame) -> bool:
@@ -119,6 +118,11 @@ class Frame:
             return self
         paths = [frame.paths for frame in (self, *later) if frame.paths is not None]
         return replace(self, paths=motions_on_device(MotionTable.joined(paths)))
+
+    @property
+    def origin(self) -> Placement:
+        """``place`` in traced coordinates, on the device; holds for all pulses unless the sensor moves."""
+        return fixed_placement(self.place, self._centre_m)
 
     @property
     def phase(self) -> tuple[Any, ...]:

@@ -67,5 +67,6 @@ class Launch:
 
 def rows_of(pulse: Numbers, numbers: Numbers) -> slice:
     """Rows of rising pulse numbers that are those of ``numbers``, which follow each other."""
-    first, end = np.searchsorted(pulse, [numbers[0], numbers[-1] + 1])
+    # Of their own type: NumPy would convert all that are searched to another one.
+    first, end = np.searchsorted(pulse, np.array([numbers[0], numbers[-1] + 1], pulse.dtype))
     return slice(int(first), int(end))

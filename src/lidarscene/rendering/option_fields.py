@@ -6,13 +6,15 @@ docstring (`list_options`) and the argument of the command line (`cli.options.ad
 
 from __future__ import annotations
 
+import functools
 import inspect
 import math
 import re
-from collections.abc import Collection
+from collections.abc import Collection, Mapping
 from dataclasses import MISSING, Field, field, fields
 from numbers import Integral, Real
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any, NamedTuple, Protocol, TypeVar, cast
 
 from ..errors import OptionError, one_line
@@ -158,23 +160,27 @@ def declared(
     return {"option": Declaration(help, values, metavar, flags)}
 
 
-def options_of(kind: type[Any]) -> dict[str, tuple[Field[Any], Declaration]]:
+@functools.cache
+def options_of(kind: type[Any]) -> Mapping[str, tuple[Field[Any], Declaration]]:
     """Name -> field and declaration of each option of a dataclass."""
-    return {entry.name: (entry, entry.metadata["option"]) for entry in fields(kind) if "option" in entry.metadata}
+    options = {entry.name: (entry, entry.metadata["option"]) for entry in fields(kind) if "option" in entry.metadata}
+    return MappingProxyType(options)
 
 
 def check_options(options: Any) -> None:
-    """Raise OptionError for an option out of its values. A field whose default is None may be None."""
+    """Raise OptionError for an option out of its values; the default is one of them, or None."""
     kind: Any = type(options)
     for name, (entry, declaration) in options_of(kind).items():
         value = getattr(options, name)
+        if value is entry.default:
+            continue
         if isinstance(entry.default, bool):
             if not is_of_type(value, bool):
                 raise OptionError(f"{{{name}}}: must be True or False, got {{0!r}}", value)
             continue
         if not isinstance(declaration.values, Whole | Finite | Date | Function):  # these look at the type themselves
             require_type(name, value, type_hints(kind)[name])
-        if declaration.values is not None and (value is not None or entry.default is not None):
+        if declaration.values is not None:
             declaration.values.check(name, value)
 
 

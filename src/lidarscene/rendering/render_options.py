@@ -48,22 +48,23 @@ class TraceOptions:
     KEYWORD: ClassVar[str] = "trace"
 
     rays: int = option(
-        1, RAYS, help="of each pulse, over the footprint of its beam (default {default}: its axis)", metavar="N"
+        1, RAYS, help="rays per pulse, spread over the footprint of the beam (default {default}: its axis)", metavar="N"
     )
     interactions: int = option(
         INTERACTIONS,
         MEETINGS,
-        help="panes, mirrors and gaps that a beam may meet; with 0 it ends at the first, without an echo "
-        "(default {default})",
+        help="number of panes, mirrors and gaps that a beam may pass; with 0 it ends at the first, without an "
+        "echo (default {default})",
         metavar="N",
     )
     background_rays: int | None = option(
         None,
         RAYS,
-        help="of each pulse, over the receiver's field of view, for its background (default: as its rays)",
+        help="rays per pulse for the background, spread over the receiver's field of view (default: the rays of "
+        "the pulse)",
         metavar="K",
     )
-    vectors: bool = option(False, help="normals of the surfaces and their velocities over the ground, too")
+    vectors: bool = option(False, help="add the normals of surfaces and their velocities relative to the ground")
 
     def __post_init__(self) -> None:
         check_options(self)
@@ -87,29 +88,29 @@ class FrameOptions:
     seed: int = option(
         0,
         SEEDS,
-        help="of the noise: the same seed gives the same cloud, whatever the chunk (default {default})",
+        help="seed of the noise; the same seed gives the same cloud, for any chunk (default {default})",
         metavar="N",
     )
     number: int = option(
-        0, NUMBERS, help="of the frame: later frames have later pulses, at later times, with noise of their own"
+        0, NUMBERS, help="number of the frame; later frames have later pulses, at later times, with different noise"
     )
     begin_s: float = option(
         0.0,
         Finite("seconds"),
-        help="when frame 0 begins, by the clock of the scene's motions (default {default:g})",
+        help="start of frame 0 in seconds, on the scene's clock (default {default:g})",
         metavar="S",
         flags=("--begin",),
     )
     pose: Pose | None = option(
         None,
-        help="where the sensor stands, in the world or on the scene's ego vehicle, metres and degrees "
-        "(default: the scene's); positive pitch looks up",
+        help="pose of the sensor, in the world or on the scene's ego vehicle, in metres and degrees; positive "
+        "pitch looks up (default: the scene's pose)",
         metavar="X,Y,Z[,YAW,PITCH,ROLL]",
     )
     coordinates: str = option(
         "world",
         COORDINATES,
-        help="of the points: world, vehicle or sensor (default {default})",
+        help="coordinate system of the points: world, vehicle or sensor (default {default})",
         flags=("--coordinates", "--frame"),
     )
     chunk: int | None = option(
@@ -141,7 +142,7 @@ class Observers:
     KEYWORD: ClassVar[str] = "observers"
 
     progress: Callable[[int, int], object] | None = option(
-        None, FUNCTION, help="called with (done, pulses): the number of pulses done, and of all"
+        None, FUNCTION, help="called with (done, pulses): the number of pulses done so far, and of all pulses"
     )
     missed: Callable[[Numbers, Numbers], object] | None = option(
         None, FUNCTION, help="called with (pulse, outcome): arrays of all pulses without an echo point"
@@ -149,7 +150,8 @@ class Observers:
     ambient: Callable[[Numbers, Numbers], object] | None = option(
         None,
         FUNCTION,
-        help="called with (pulse, counts): arrays of all pulses and of their background, `detection.ambient.counts`",
+        help="called with (pulse, counts): arrays of all pulses and of their background counts, "
+        "`detection.ambient.counts`",
     )
     pulses: Callable[[PulseRays], object] | None = option(
         None, FUNCTION, help="called with the rays of all pulses, a `cloud.rays.PulseRays`"
@@ -158,7 +160,7 @@ class Observers:
         None,
         FUNCTION,
         help="called with (pulse, surfaces): the pulse of each point of the cloud, and `surface_columns` (in "
-        "`kernel.rays.point_columns`) of every pulse that met a surface; rates of detection are made of these",
+        "`kernel.rays.point_columns`) of every pulse that hit a surface, for detection rates",
     )
     summary: Summary | None = option(None, help="filled with pulses by outcome, points, seconds by stage")
 
@@ -259,10 +261,20 @@ CALLS = {
     "frames": "several frames are render_frames(scene, sensor, frames=N)",
     **dict.fromkeys(("position", "sensor_pose", "origin", "location"), "where the sensor stands is pose=(x, y, z)"),
     **dict.fromkeys(("rng", "random_state", "random_seed"), "the seed is seed=N"),
-    **dict.fromkeys(("weather", "fog"), 'fog is scene_overrides={"weather.fog_visibility_km": 0.1}'),
+    "rig": "record(scene, Rig(file), outputs=...) renders a rig of several sensors",
+    **dict.fromkeys(("picture", "image", "plot"), "a picture is written by cloud.plot().save('a.png')"),
+    "deskew": "the sensor's own motion is taken out by cloud.deskew(Simulator(scene, sensor).motion)",
+    "time": "a frame begins at begin_s=1.0",
     **dict.fromkeys(("output", "path", "file", "save", "out"), "a cloud is written by cloud.save(path)"),
 }
 """Words that people try as keywords, and the call that does it."""
+
+
+MAIN_KEYS = {
+    **dict.fromkeys(("sun", "light", "illuminance"), "sun.illuminance_klux"),
+    **dict.fromkeys(("weather", "fog"), "weather.fog_visibility_km"),
+}
+"""Words of scenes that people try, and the key of a scene file that they mean most."""
 
 
 def _right_call(word: str) -> str:
@@ -279,10 +291,22 @@ def key_to_change(word: str, **models: type[BaseModel]) -> str:
     Args:
         models: keyword and model of its file
     """
+    keyword, key = key_like(word, **models)
+    return f'a key of the file is changed by {keyword}={{"{key}": ...}}' if key else ""
+
+
+def key_like(word: str, **models: type[BaseModel]) -> tuple[str, str]:
+    """Keyword and key of a file that are like a word; both "" if there is none.
+
+    Args:
+        models: keyword and model of its file
+    """
     from ..files.toml import keys_like, keys_of_tables
 
     for keyword, model in models.items():
         keys = [key for key in keys_of_tables(model) if not key.startswith("published.")]
-        if fitting := keys_like(word, keys):
-            return f'a key of the file is changed by {keyword}={{"{fitting[0]}": ...}}'
-    return ""
+        if MAIN_KEYS.get(word) in keys:
+            return keyword, MAIN_KEYS[word]
+        if word not in MAIN_KEYS and (fitting := keys_like(word, keys)):
+            return keyword, fitting[0]
+    return "", ""

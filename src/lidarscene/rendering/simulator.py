@@ -95,9 +95,14 @@ class Simulator(HintedAttributes):
     later `render` from 100 m off that place is still good to 0.01 mm, one from 10 km to 1 mm.
     """
 
-    FOREIGN_NAMES: ClassVar[Mapping[str, str]] = dict.fromkeys(
-        ("step", "next", "run", "render_frames", "frames"), "simulator.render(number=N) renders frame N"
-    )
+    FOREIGN_NAMES: ClassVar[Mapping[str, str]] = {
+        **dict.fromkeys(
+            ("step", "next", "run", "render_frames", "frames"), "simulator.render(number=N) renders frame N"
+        ),
+        **dict.fromkeys(
+            ("set_pose", "move", "add", "remove"), "LiveSimulator(scene, sensor) has bodies and an ego that move"
+        ),
+    }
     _takes_turns = True
     """Whether bodies that hide may share a place among the movers (`build_world`)."""
 
@@ -163,7 +168,6 @@ class Simulator(HintedAttributes):
     def _forget_launches(self) -> None:
         self._traced: Launch | None = None
         self._begun: Launch | None = None
-        self._together = 1
 
     def _prepare_stages(self) -> None:
         self._forget_launches()
@@ -229,6 +233,7 @@ class Simulator(HintedAttributes):
                 return
             frame = replace(frame, number=number)
         if self._begun is None or self._begun.frame_of(frame) is None:
+            blocks.rest()
             self._begun = self._started_together(frame, end - frame.number)
 
     @overload
@@ -491,6 +496,7 @@ class Simulator(HintedAttributes):
         options, _ = launch.frames[0]
         since = time.perf_counter()
         transfer.wait()
+        blocks.rest()
         launch.parts = self._trace_continuing(run, launch.part, run.seed_words(options.seed), len(frames))
         since = summary.add_time("trace", since)
         pulses = self.sensor.scanner.pulses
@@ -516,7 +522,7 @@ class Simulator(HintedAttributes):
     def _chunk_pulses(self, options: FrameOptions) -> int:
         """Number of pulses of a chunk."""
         # The option counts rays, since they take the memory; a chunk counts pulses.
-        chunk = max(1, (options.chunk or blocks.lanes_per_chunk()) // self._rays_of_pulse)
+        chunk = max(1, blocks.lanes_per_chunk(options.chunk) // self._rays_of_pulse)
         # Whole bands of tiles, or whole packets: so the same rays are traced together whatever the option says. Where a
         # ray meets the edge of two triangles, which of them it meets depends on the rays beside it.
         step = self.numbering.step
@@ -532,8 +538,7 @@ class Simulator(HintedAttributes):
         None where the first has a mistake, or the vehicle is in another piece of the scene then.
         """
         most = min(self._chunk_pulses(options), blocks.lanes_per_launch() // self._rays_of_pulse)
-        # More from launch to launch, so that the first frames come soon.
-        most = min(frames, 2 * self._together, most // self.sensor.scanner.pulses)
+        most = min(frames, most // self.sensor.scanner.pulses)
         together = list[tuple[FrameOptions, Frame]]()
         for number in range(options.number, options.number + max(most if self.numbering.goes_together else 1, 1)):
             following = replace(options, number=number)
@@ -554,11 +559,10 @@ class Simulator(HintedAttributes):
     def _started(self, frames: Sequence[tuple[FrameOptions, Frame]], first: int) -> Launch:
         """Start several frames, or the chunk of one that begins at pulse ``first``."""
         options, frame = frames[0]
-        self._together = len(frames)
         count = min(self._chunk_pulses(options), frame.first_pulse + len(frames) * self.sensor.scanner.pulses - first)
-        blocks.share_frame(count * self.trace.rays)
         pulses = self.numbering.pulses(frame, first, count)
         run = frame.on_device(*(later for _, later in frames[1:]))
+        blocks.share_frame(count * self.trace.rays)
         part = self._chain(run, pulses, run.seed_words(options.seed), survey=self._stages.surveys)
         return Launch(frames, run, replace(part, order=pulses.order))
 
@@ -609,6 +613,7 @@ class Simulator(HintedAttributes):
         blocks.share_out(len(pulse) * self.trace.rays)
         traced = self._chain(frame, DevicePulses(pulse, lambda: frame.departures(pulse.numpy())), seed, lines=lines)
         transfer.wait()
+        blocks.rest()
         return replace(traced, retraced=retraced, twice=several is not lanes)
 
     @exclusive
@@ -690,7 +695,9 @@ class Simulator(HintedAttributes):
         # Columns of all returns as the survey has them. Those of pulses that were traced again are replaced. A single
         # point is there twice (`kept_lanes.more_than_one`): the count leaves the copy out.
         later = ((on_device(part, returns[1]), returns[0]) for part, returns in replaced if returns is not None)
-        columns = start_columns(on_device(surveyed, (lane, stop)), count, later)
+        first = on_device(surveyed, (lane, stop))
+        blocks.share_out(count)
+        columns = start_columns(first, count, later)
         # Of a card only what NumPy needs in any case; on a CPU nothing is copied.
         return columns.fetch(READ_COLUMNS if backend.is_cuda() else None)
 

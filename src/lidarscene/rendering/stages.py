@@ -20,7 +20,7 @@ from ..light.echoes import Ambient, Echoes, EchoTrain
 from ..light.field_background import background_power_w, field_of_view
 from ..light.fluctuations import FluctuationLaw, fluctuate
 from ..light.footprint import Footprint, aim, footprint, polarisation, spread, sweep
-from ..light.hits import Hits
+from ..light.hits import Hits, relative_row_slope
 from ..light.pulse_train import LitAir, join_echoes
 from ..light.stray_light import ChannelLight, Crosstalk, add_stray_light, channel_light, reaches_others
 from ..maths.arrays import Array, Lanes, flatten, is_drjit
@@ -123,6 +123,11 @@ class Stages:
             fluctuation=transfer.opaque(FluctuationLaw.of(sensor, scene.air)),
             sun=transfer.opaque(plain_numbers(scene.sun.direction)),
         )
+
+    @property
+    def leans(self) -> bool:
+        """True if the noise of a range depends on how its surface leans along the row."""
+        return self.sensor.histogram is not None and self.sensor.histogram.column_range_m is not None
 
     @property
     def surveys(self) -> bool:
@@ -258,7 +263,7 @@ class Stages:
             aim=aimed,
             housing_m=self.sensor.housing_m,
             velocity_m_s=None if place.velocity_m_s is None else place.velocity_at(rays.origin_m),
-            vectors=self.vectors and shape is self.footprint,
+            vectors=(self.vectors or self.leans) and shape is self.footprint,
             polarisation=swing,
         )
         trace_all = partial(
@@ -272,7 +277,19 @@ class Stages:
             firing=firing,
         )
         paths = trace_all() if self.traced is None else self.traced.following(trace_all)
-        return rays, [_in_sensor(hits, place) for hits in paths]
+        return rays, [self._in_sensor(hits, place, rays) for hits in paths]
+
+    def _in_sensor(self, hits: Hits, place: Placement, rays: Beams) -> Hits:
+        """Rotate normals and velocities of hits into the sensor's axes at the time when the pulse leaves."""
+        if hits.normal is None:
+            return hits
+        normal, row_slope = place.vector_within(hits.normal), None
+        if self.leans:
+            row_slope = relative_row_slope(normal, place.vector_within(hits.direction or rays.direction))
+        if not self.vectors:
+            return replace(hits, normal=None, velocity_m_s=None, row_slope=row_slope)
+        velocity_m_s = None if hits.velocity_m_s is None else place.vector_within(hits.velocity_m_s)
+        return replace(hits, normal=normal, velocity_m_s=velocity_m_s, row_slope=row_slope)
 
     def _background(self, places: Places, pulse: Array, seed: Seed, shape: Footprint, ray_pulses: RayPulses) -> Any:
         """Background power of each pulse [W], (n,), gathered over the receiver's field of view."""
@@ -304,14 +321,6 @@ class Stages:
         return light
 
 
-def _in_sensor(hits: Hits, place: Placement) -> Hits:
-    """Rotate normals and velocities of hits into the sensor's axes at the time when the pulse leaves."""
-    if hits.normal is None:
-        return hits
-    velocity_m_s = None if hits.velocity_m_s is None else place.vector_within(hits.velocity_m_s)
-    return replace(hits, normal=place.vector_within(hits.normal), velocity_m_s=velocity_m_s)
-
-
 class Chain:
     """`Stages.chain` as a callable that starts the kernels; traced by Dr.Jit once and replayed for later chunks.
 
@@ -336,7 +345,8 @@ class Chain:
             if (paths := frame.paths) is not None:
                 tree = () if (boxes := paths.boxes) is None else (boxes.nodes, boxes.low, boxes.high, boxes.size)
                 moving = paths.table, paths.rate_hz, paths.last, paths.count, tree, pulses.departures()
-            place = frame.origin.origin_m, frame.origin.rotation
+            origin = frame.origin
+            place = origin.origin_m, origin.rotation
             # Dr.Jit launches a kernel for as many lanes as its inputs have. Of several rays to a pulse these would be
             # the pulses' own: a recording would keep the number of rays that it was made with. So the rays are counted
             # before it, and an input of their kernel has an element for each.

@@ -21,6 +21,7 @@ from ..maths.trajectory import pose_at
 from ..physics.constants import SUN_KLUX
 from ..physics.optics import radiometry
 from ..scene.clearance import Clearance, Surrounding
+from ..scene.ride import Ride
 from ..scene.scene import Ball, Scene
 from ..scene.shared_faces import shared_faces
 from ..scene.sizes import metres_text, size_text
@@ -159,13 +160,16 @@ def warn_of_light(scene: Scene) -> None:
 
 
 def warn_of_scene(scene: Scene) -> None:
-    """Issue the doubts about the way of a scene's ego vehicle, from time 0 or its first pose on, and about all faces
-    that bodies share.
+    """Issue the doubts about a scene alone: light, sizes, all faces that bodies share, and the way of its ego vehicle,
+    from time 0 or its first pose on.
     """
     begin_s = 0.0 if scene.ego is None else max(0.0, scene.ego.span_s[0])
     vehicle = Pose() if scene.ego is None else pose_at(scene.ego, begin_s)
+    clearance = Clearance.of_scene(scene)
     for doubt in (
-        *_way_doubts(scene, Clearance.of_scene(scene), begin_s, begin_s + ENDLESS_S),
+        *_light_doubts(scene),
+        *_size_doubts(clearance),
+        *_way_doubts(scene, clearance, begin_s, begin_s + ENDLESS_S),
         *_face_doubts(scene, (vehicle @ scene.sensor_pose).position_m, each=True),
     ):
         warn(doubt)
@@ -175,10 +179,12 @@ def _way_doubts(scene: Scene, clearance: Clearance, begin_s: float, end_s: float
     """Warn of an ego vehicle that leaves the ground: from there on frames are of the sky."""
     if scene.ego is None or scene.base is not None:
         return
-    first_s, last_s = scene.ego.span_s
+    # Springs move it up and down: to follow them would take seconds.
+    way = scene.ego.path if isinstance(scene.ego, Ride) else scene.ego
+    first_s, last_s = way.span_s
     begin_s, end_s = max(begin_s, first_s), min(end_s, last_s)
     time_s = np.linspace(begin_s, end_s, max(math.ceil((end_s - begin_s) / WAY_STEP_S), 1) + 1)
-    grounded = clearance.over_ground(scene.ego.at(time_s).position_m)
+    grounded = clearance.over_ground(way.at(time_s).position_m)
     if grounded[0] and not grounded.all():
         yield OptionWarning(
             "the ego vehicle leaves the ground {0:.1f} s after {1:.16g} s: from there on nothing is below it; a wider "

@@ -50,6 +50,12 @@ def is_mesh(path: Path) -> bool:
     return path.suffix.lower() in MESHES
 
 
+def mesh_description(path: Path) -> str:
+    """Length, width and height of a mesh, upright."""
+    corners = np.concatenate([piece.vertices_m for piece in reading.read_mesh(path)])
+    return f"{size_text(np.ptp(turn_upright(corners, axis_of(path) or 'z'), axis=0))} m"
+
+
 def mesh_tables(path: Path, overrides: Sequence[str], *, option: str) -> dict[str, Any]:
     """Tables of a scene file for this mesh, with the overrides in it.
 

@@ -15,7 +15,7 @@ import numpy as np
 from ..maths.arrays import Numbers
 from ..maths.pose import Pose
 from ..physics.road.roughness import RoughSurface
-from .ground_area import Area, Outline
+from .ground_area import EDGE_M, Area, Outline
 from .meshes.primitives import grid_faces
 
 SPACING_M = 0.5
@@ -29,9 +29,6 @@ MOST_VERTICES = 4_000_000
 
 HEADROOM_M = 1.5
 """Choice: height over a wheel from which on ground is that of another storey."""
-
-_EDGE_M = 1e-6
-"""Accuracy bought: places as near as this to a sheet's edge are on it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -142,7 +139,7 @@ class Strip:
 
     def locate(self, place_m: Numbers) -> tuple[Numbers, Numbers, Numbers]:
         """Which of (n, 2) places lie on it; of all, the place along it, counted in rows, and across it [m]."""
-        half_m = float(np.hypot(*self._bisector.T).max()) * (abs(self.offset_m) + 0.5 * self.width_m) + _EDGE_M
+        half_m = float(np.hypot(*self._bisector.T).max()) * (abs(self.offset_m) + 0.5 * self.width_m) + EDGE_M
         begin_m, end_m = self.line_m[:-1, :2], self.line_m[1:, :2]
         near = (np.minimum(begin_m, end_m) - half_m <= place_m.max(axis=0)).all(axis=1)
         near &= (np.maximum(begin_m, end_m) + half_m >= place_m.min(axis=0)).all(axis=1)
@@ -157,9 +154,9 @@ class Strip:
         # The place is begin + u (end - begin) + t ((1 - u) b0 + u b1), with bisectors b0 and b1.
         row_m = length_m + t_m * (end - begin)
         share = (along_m - t_m * begin) / np.where(np.abs(row_m) < 1e-12, 1e-12, row_m)
-        slack = _EDGE_M / length_m
+        slack = EDGE_M / length_m
         inside = (share >= -slack) & (share <= 1.0 + slack)
-        inside &= np.abs(t_m - self.offset_m) <= 0.5 * self.width_m + _EDGE_M
+        inside &= np.abs(t_m - self.offset_m) <= 0.5 * self.width_m + EDGE_M
         first = np.argmax(inside, axis=1)
         taken = np.arange(len(place_m)), first
         count = np.diff(self._first_row)[segment][first]
@@ -254,7 +251,7 @@ class Ground:
         bounds = np.zeros((len(self.sheets), 2, 2))
         for row, sheet in enumerate(self.sheets):
             place_m = sheet.pose.apply(sheet.vertices_m.reshape(-1, 3))[:, :2]
-            bounds[row] = place_m.min(axis=0) - _EDGE_M, place_m.max(axis=0) + _EDGE_M
+            bounds[row] = place_m.min(axis=0) - EDGE_M, place_m.max(axis=0) + EDGE_M
         object.__setattr__(self, "_bounds_m", bounds)
 
     def _sheets_near(self, place_m: Numbers) -> list[Sheet | Area]:

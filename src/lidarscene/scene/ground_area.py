@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
 from ..maths.arrays import Numbers
 from ..maths.pose import Pose
 from ..physics.road.roughness import RoughSurface
+
+EDGE_M = 1e-6
+"""Accuracy bought: places as near as this to the edge of a ground are on it."""
 
 SPACINGS_INSIDE = 0.55
 """Choice: least distance of vertices within from the outline, in spacings. Beyond 0.5 every piece of the outline is an
@@ -70,8 +72,8 @@ class Outline:
             crosses = ((ay > y_m) != (by > y_m)) & (x_m < ax + (y_m - ay) * (bx - ax) / (by - ay))
         return np.asarray(crosses.sum(axis=1) % 2 == 1)
 
-    def triangulated(self) -> tuple[Numbers, Any, Numbers]:
-        """(v, 3) vertices, those of the outline first; their triangulation; which of its triangles are within."""
+    def triangulated(self) -> tuple[Numbers, Numbers]:
+        """(v, 3) vertices, those of the outline first, and (f, 3) triangles within."""
         from scipy.spatial import Delaunay
 
         rim_m = self.rim_m()
@@ -86,16 +88,75 @@ class Outline:
         over_m = weight @ (rim_m[:, 2] - rim_m[:, :2] @ plane[:2] - plane[2]) / weight.sum(axis=1)
         height_m = inner_m[inside] @ plane[:2] + plane[2] + over_m
         vertices_m = np.concatenate([rim_m, np.column_stack([inner_m[inside], height_m])])
-        net = Delaunay(vertices_m[:, :2])
-        within = self.contains(vertices_m[net.simplices, :2].mean(axis=1))
-        return vertices_m, net, within
+        faces = Delaunay(vertices_m[:, :2]).simplices.astype(np.int64)
+        return vertices_m, faces[self.contains(vertices_m[faces, :2].mean(axis=1))]
 
     def _crosses_itself(self) -> bool:
         """Return whether the triangles within do not fill it."""
-        vertices_m, net, within = self.triangulated()
-        a, b, c = vertices_m[net.simplices[within], :2].transpose(1, 0, 2)
+        vertices_m, faces = self.triangulated()
+        a, b, c = vertices_m[faces, :2].transpose(1, 0, 2)
         filled_m2 = 0.5 * np.abs((b - a)[:, 0] * (c - a)[:, 1] - (b - a)[:, 1] * (c - a)[:, 0]).sum()
         return bool(abs(filled_m2 - abs(self.area_m2())) > AREA_SHARE * abs(self.area_m2()))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class FaceGrid:
+    """Triangles in the plane, listed by the squares of a grid that they touch.
+
+    Attributes:
+        corner_m: (f, 3, 2) corners, counter-clockwise
+        low_m: lowest x and y
+        step_m: side of a square
+        shape: numbers of squares along x and y
+    """
+
+    corner_m: Numbers
+    low_m: Numbers
+    step_m: float
+    shape: Numbers
+    _face: Numbers
+    _begin: Numbers
+
+    @classmethod
+    def over(cls, corner_m: Numbers, step_m: float) -> FaceGrid:
+        """List triangles by squares of a side."""
+        low_m = corner_m.min(axis=(0, 1)) - EDGE_M
+        first = np.floor((corner_m.min(axis=1) - EDGE_M - low_m) / step_m).astype(int)
+        size = np.floor((corner_m.max(axis=1) + EDGE_M - low_m) / step_m).astype(int) - first + 1
+        shape = (first + size).max(axis=0)
+        face, number = _listed(size.prod(axis=1))
+        square = (first[face, 0] + number // size[face, 1]) * shape[1] + first[face, 1] + number % size[face, 1]
+        order = np.argsort(square, kind="stable")
+        begin = np.searchsorted(square[order], np.arange(shape.prod() + 1))
+        return cls(corner_m, low_m, step_m, shape, face[order], begin)
+
+    def locate(self, place_m: Numbers) -> tuple[Numbers, Numbers]:
+        """(n,) triangles that (n, 2) places are in, -1 for none; (n, 3) weights of its corners there."""
+        square = np.floor((place_m - self.low_m) / self.step_m).astype(int)
+        near = np.flatnonzero(((square >= 0) & (square < self.shape)).all(axis=1))
+        square = square[near, 0] * self.shape[1] + square[near, 1]
+        row, number = _listed(self._begin[square + 1] - self._begin[square])
+        face, place = self._face[self._begin[square][row] + number], near[row]
+        a, b, c = self.corner_m[face].transpose(1, 0, 2) - place_m[place]
+        twice_m2 = np.stack([_cross(b, c), _cross(c, a), _cross(a, b)], axis=1)
+        longest_m = np.sqrt(np.max([((one - other) ** 2).sum(axis=1) for one, other in ((a, b), (b, c), (c, a))], 0))
+        # The last of those that share an edge.
+        inside = np.flatnonzero((twice_m2.min(axis=1) >= -EDGE_M * longest_m) & (twice_m2.sum(axis=1) > 0.0))
+        triangle, weight = np.full(len(place_m), -1), np.zeros((len(place_m), 3))
+        triangle[place[inside]] = face[inside]
+        weight[place[inside]] = twice_m2[inside] / twice_m2[inside].sum(axis=1, keepdims=True)
+        return triangle, weight
+
+
+def _cross(a: Numbers, b: Numbers) -> Numbers:
+    """(n,) cross products of (n, 2) vectors in the plane."""
+    return np.asarray(a[:, 0] * b[:, 1] - a[:, 1] * b[:, 0])
+
+
+def _listed(count: Numbers) -> tuple[Numbers, Numbers]:
+    """Rows, each as often as its count, and the numbers 0, 1, ... within each."""
+    row = np.repeat(np.arange(len(count)), count)
+    return row, np.arange(len(row)) - (np.cumsum(count) - count)[row]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -106,28 +167,29 @@ class Area:
         pose: of the outline's frame; level
         vertices_m: (v, 3) vertices in that frame, those of the outline first
         smooth_m: (v,) their heights without roughness
+        faces: (f, 3)
     """
 
     pose: Pose
     outline: Outline
     vertices_m: Numbers
     smooth_m: Numbers
-    _net: Any
-    _within: Numbers
+    faces: Numbers
+    _grid: FaceGrid
 
     @classmethod
     def lay(cls, pose: Pose, *, outline: Outline, surface: RoughSurface) -> Area:
         """Lay an area over the surface, already without its short waves."""
-        vertices_m, net, within = outline.triangulated()
+        vertices_m, faces = outline.triangulated()
+        grid = FaceGrid.over(vertices_m[faces, :2], outline.spacing_m)
         rough_m = surface.height_m(pose.apply(np.pad(vertices_m[:, :2], ((0, 0), (0, 1))))[:, :2])
         laid_m = vertices_m + np.pad(rough_m[:, None], ((0, 0), (2, 0)))
-        return cls(pose=pose, outline=outline, vertices_m=laid_m, smooth_m=vertices_m[:, 2], _net=net, _within=within)
+        return cls(pose=pose, outline=outline, vertices_m=laid_m, smooth_m=vertices_m[:, 2], faces=faces, _grid=grid)
 
     def mesh(self, kerb_m: float) -> tuple[Numbers, Numbers]:
         """Vertices (v, 3) and faces (f, 3) in its own frame, with faces of height ``kerb_m`` down from its outline."""
-        faces = self._net.simplices[self._within].astype(np.int64)
         if kerb_m <= 0.0:
-            return self.vertices_m.copy(), faces
+            return self.vertices_m.copy(), self.faces
         rim = np.arange(len(self.outline.rim_m()))
         foot, following = len(self.vertices_m) + rim, np.roll(rim, -1)
         sides = [
@@ -135,7 +197,7 @@ class Area:
             np.stack([following, foot, len(self.vertices_m) + following], axis=1),
         ]
         below_m = self.vertices_m[rim] - [0.0, 0.0, kerb_m]
-        return np.concatenate([self.vertices_m, below_m]), np.concatenate([faces, *sides])
+        return np.concatenate([self.vertices_m, below_m]), np.concatenate([self.faces, *sides])
 
     def mesh_height_m(self, place_m: Numbers) -> tuple[Numbers, Numbers]:
         """Which of (n, 2) places lie on it, and the height in the world [m] of its mesh at these."""
@@ -147,11 +209,7 @@ class Area:
 
     def _height_m(self, place_m: Numbers, height_m: Numbers) -> tuple[Numbers, Numbers]:
         local_m = (place_m - self.pose.position_m[:2]) @ self.pose.rotation[:2, :2]
-        triangle = self._net.find_simplex(local_m, tol=1e-9)
-        on_area = (triangle >= 0) & self._within[triangle]
-        triangle, local_m = triangle[on_area], local_m[on_area]
-        transform = self._net.transform[triangle]
-        first = np.einsum("nij,nj->ni", transform[:, :2], local_m - transform[:, 2])
-        share = np.concatenate([first, 1.0 - first.sum(axis=1, keepdims=True)], axis=1)
-        corner = self._net.simplices[triangle]
-        return on_area, self.pose.position_m[2] + (share * height_m[corner]).sum(axis=1)
+        triangle, weight = self._grid.locate(local_m)
+        on_area = triangle >= 0
+        corner = self.faces[triangle[on_area]]
+        return on_area, self.pose.position_m[2] + (weight[on_area] * height_m[corner]).sum(axis=1)

@@ -12,7 +12,7 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
 import numpy as np
 
@@ -37,6 +37,10 @@ from .meshes.reading import grey_material
 from .meshes.reflectivity_patterns import Cutout, ReflectivityPattern
 from .walking import LARGEST_LEVEL, Gait
 from .weather import Weather
+
+SCENE_CHANGED_BY = 'scene.replace("sun.illuminance_klux=50") is another scene'
+BODY_CHANGED_BY = 'scene.replace({"bodies.car.position_m": [20, 0, 0]}) is another scene'
+"""What changes a scene, and a body of it."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -160,6 +164,9 @@ class Body(HintedAttributes):
         origin: table of a scene file that describes it; None if a program made or changed it
     """
 
+    CHANGED_BY: ClassVar[str] = BODY_CHANGED_BY
+    FOREIGN_NAMES: ClassVar[Mapping[str, str]] = dict.fromkeys(("velocity", "speed", "trajectory"), "body.motion")
+
     name: str
     class_name: str
     parts: tuple[Part | Ball, ...]
@@ -251,6 +258,8 @@ class Sun(HintedAttributes):
     Azimuth is counter-clockwise from x, seen from above.
     """
 
+    CHANGED_BY: ClassVar[str] = SCENE_CHANGED_BY
+
     azimuth_rad: Annotated[
         float, Quantity("deg", ge=-36e3, le=36e3, about="towards the sun, counter-clockwise from x")
     ] = 0.0
@@ -284,6 +293,8 @@ class Sky:
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Air(HintedAttributes):
     """One-way transmittance: a fixed factor times extinction over the range (given, by visibility, by weather)."""
+
+    CHANGED_BY: ClassVar[str] = SCENE_CHANGED_BY
 
     transmittance: Annotated[float, Quantity(gt=0, le=1, about="one way, at any range")] = 1.0
     extinction_per_m: Annotated[
@@ -363,6 +374,8 @@ class Scene(HintedAttributes):
         origin: `saving.SceneOrigin`, what `save` writes of all that Python did not change; None: nothing
     """
 
+    CHANGED_BY: ClassVar[str] = SCENE_CHANGED_BY
+
     FOREIGN_NAMES: ClassVar[Mapping[str, str]] = {
         **dict.fromkeys(("objects", "meshes", "actors", "vehicles"), "scene.bodies"),
         **dict.fromkeys(("weather", "fog", "rain", "snow"), "scene.air.weather"),
@@ -370,8 +383,8 @@ class Scene(HintedAttributes):
             ("add_body", "add_mesh", "add_object", "add_box", "add_sphere", "spawn"),
             'scene.add(mesh, "brick", position=(20, 0, 1))',
         ),
-        **dict.fromkeys(("move", "set_pose"), 'scene.replace({"bodies.car.position_m": [20, 0, 0]})'),
-        **dict.fromkeys(("set", "set_sun", "set_weather"), 'scene.replace("sun.illuminance_klux=50") is another scene'),
+        **dict.fromkeys(("move", "set_pose"), BODY_CHANGED_BY),
+        **dict.fromkeys(("set_sun", "set_weather"), SCENE_CHANGED_BY),
         "sensor": "scene.sensor_name, scene.sensor_pose",
         **dict.fromkeys(("describe", "summary", "info"), "print(scene), scene.facts()"),
         **dict.fromkeys(("names", "body_names"), "scene.bodies"),
@@ -394,6 +407,10 @@ class Scene(HintedAttributes):
     base_materials: Mapping[str, str] = field(default_factory=dict)
     reach_m: float = math.inf
     origin: Any = field(default=None, repr=False)
+
+    if TYPE_CHECKING:  # the fields, or what `read_by_name` reads
+
+        def __init__(self, file: Any = ..., /, **values: Any) -> None: ...
 
     def __post_init__(self) -> None:
         """Let bodies be found by name."""
@@ -446,7 +463,9 @@ class Scene(HintedAttributes):
     def add(
         self,
         mesh: Any,
-        material: str | Material | None = None,
+        material: Annotated[
+            str | Material | None, "a name, a Material or None (arrays of a mesh are one tuple: (vertices, faces))"
+        ] = None,
         pose: Placed | None = None,
         *,
         position: Annotated[Sequence[float] | None, "x, y, z in metres"] = None,

@@ -171,12 +171,6 @@ def scene_description(path: Path) -> str:
     return "; ".join([file.description, *sizes])
 
 
-def mesh_description(path: Path) -> str:
-    """Size of a bare mesh."""
-    (body,) = [body for body in scene_model(path).bodies if body.mesh]
-    return _size_text(body, path.parent)
-
-
 def _size_text(body: BodyFile, folder: Path) -> str:
     """Length, width and height of a body's mesh in metres, as it stands in its own frame."""
     parts = _mesh_parts(

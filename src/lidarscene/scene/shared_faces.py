@@ -107,13 +107,14 @@ def _overlaps(
         triangles: (n, 3, 3) corners
         normal: (3,) of the plane
     """
-    # In the two coordinates along which the plane is least foreshortened: lengths are 0.58 of their own at least.
+    # First the two coordinates along which the plane is least foreshortened: lengths are 0.58 of their own at least.
     along = int(np.argmax(np.abs(normal)))
     axes = [axis for axis in range(3) if axis != along]
-    flat = triangles[:, :, axes]
+    turned = triangles[:, :, [*axes, along]]
     begins = np.flatnonzero(np.diff(owner, prepend=-1))
+    flat = turned[:, :, :2]
     low, high = np.minimum.reduceat(flat.min(axis=1), begins), np.maximum.reduceat(flat.max(axis=1), begins)
-    of_body = np.split(flat, begins[1:])
+    of_body = np.split(turned, begins[1:])
     for number in range(len(begins) - 1):
         near = (low[number] + LEAST_OVERLAP_M < high[number + 1 :]) & (
             low[number + 1 :] + LEAST_OVERLAP_M < high[number]
@@ -122,28 +123,38 @@ def _overlaps(
             bounds = np.maximum(low[number], low[other]), np.minimum(high[number], high[other])
             place = _overlap(*(_within(of_body[body], *bounds) for body in (number, other)))
             if place is not None:
-                height = (normal @ triangles[0, 0] - normal[axes] @ place) / normal[along]
-                x, y, z = np.insert(place, along, height).tolist()
+                x, y, z = np.insert(place[:2], along, place[2]).tolist()
                 yield (int(owner[begins[number]]), int(owner[begins[other]])), (x, y, z)
 
 
 def _within(triangles: Numbers, low: Numbers, high: Numbers) -> Numbers:
-    """Triangles, (n, 3, 2), whose boxes reach into a box."""
-    near: Numbers = triangles[((triangles.min(axis=1) < high) & (triangles.max(axis=1) > low)).all(axis=1)]
+    """Triangles, (n, 3, 3), whose boxes in the plane reach into a box."""
+    flat = triangles[:, :, :2]
+    near: Numbers = triangles[((flat.min(axis=1) < high) & (flat.max(axis=1) > low)).all(axis=1)]
     return near
 
 
 def _overlap(first: Numbers, second: Numbers) -> Numbers | None:
-    """(2,) place at which triangles (n, 3, 2) and (m, 3, 2) overlap, to the size of the triangles; None: nowhere."""
+    """(3,) place at which triangles (n, 3, 3) and (m, 3, 3) meet, to the size of the triangles; None: nowhere."""
     for begin in range(0, len(first), BLOCK):
         block = first[begin : begin + BLOCK]
-        pairs = np.argwhere(_overlaps_in_plane(block, second))
-        if len(pairs):
-            a, b = block[pairs[0, 0]], second[pairs[0, 1]]
-            low, high = np.maximum(a.min(axis=0), b.min(axis=0)), np.minimum(a.max(axis=0), b.max(axis=0))
-            place: Numbers = (low + high) / 2.0
-            return place
+        pairs = np.argwhere(_overlaps_in_plane(block[:, :, :2], second[:, :, :2]))
+        a, b = block[pairs[:, 0]], second[pairs[:, 1]]
+        low, high = np.maximum(a.min(axis=1), b.min(axis=1)), np.minimum(a.max(axis=1), b.max(axis=1))
+        place = 0.5 * (low + high)[:, :2]
+        # Far from the middle of the bodies planes of one step may be apart here, as two slopes are that meet elsewhere.
+        height, other = _height(a, place), _height(b, place)
+        met = np.flatnonzero(np.abs(other - height) < 2.0 * PLANE_STEP_M)
+        if len(met):
+            return np.append(place[met[0]], height[met[0]])
     return None
+
+
+def _height(triangles: Numbers, place: Numbers) -> Numbers:
+    """(n,) third coordinates of the planes of (n, 3, 3) triangles at (n, 2) places."""
+    normal = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    rise = (normal[:, :2] * (place - triangles[:, 0, :2])).sum(axis=1) / normal[:, 2]
+    return np.asarray(triangles[:, 0, 2] - rise)
 
 
 def _overlaps_in_plane(first: Numbers, second: Numbers) -> Numbers:

@@ -47,8 +47,8 @@ class Histogram:
             it
         bin_to_sigma: width of a bin over that of an echo
         sweep_rad: angle by which the head turns while the shots of a point are summed; 0: it does not, or is left out
-        column_weights: of the noise of a point's own column and of those before it, their squares adding up to 1; None:
-            columns share no noise
+        column_weights: of the noise of a point's own column and of those before it, their squares adding up to 1, or to
+            either side with `column_range_m`; None: columns share no noise
     """
 
     shots: Lanes
@@ -109,6 +109,24 @@ class Histogram:
     calibrated: Walk | None = None
     sweep_rad: float = 0.0
     column_weights: tuple[Lanes, ...] | None = None
+    column_range_m: Annotated[
+        Lanes | None,
+        Quantity(
+            "mm",
+            ge=0.1,
+            le=1e5,
+            about=(
+                "difference of the ranges of two columns on one surface at which the weight of the other has fallen to "
+                "0.61, on both sides; if left out, columns before the point's own have their weights at any"
+            ),
+        ),
+    ] = None
+
+    @property
+    def window(self) -> dict[int, Lanes]:
+        """Weights of the columns whose noise a point has, by the number of columns back from its own."""
+        back = dict(enumerate(self.column_weights or (1.0,)))
+        return back if self.column_range_m is None else dict(sorted(({-m: w for m, w in back.items()} | back).items()))
 
     @property
     def neighbours(self) -> bool:
@@ -169,6 +187,7 @@ class HistogramFile(
         "estimator",
         "coates",
         "walk",
+        "column_range_m",
     ),
 ):
     """[histogram]: sums the time stamps of many shots and finds the peaks; stands in the place of [tdc]."""
@@ -227,13 +246,8 @@ class HistogramFile(
 
     @property
     def _unit_weights(self) -> tuple[float, ...] | None:
-        """`column_weights` scaled so that the noise keeps its size; raises InputError for another estimator."""
         if self.column_weights is None:
             return None
-        if self.estimator != "matched_filter":
-            raise InputError(
-                f'histogram.column_weights: must go with estimator = "matched_filter", got "{self.estimator}"'
-            )
         norm = math.sqrt(sum(weight * weight for weight in self.column_weights))
         return tuple(weight / norm for weight in self.column_weights)
 

@@ -13,6 +13,7 @@ from pydantic import Field
 from ..errors import OptionError, one_line
 from ..files.table_model import Number
 from ..files.toml import FileModel
+from ..maths.arrays import Numbers
 from ..maths.pose import Pose
 from ..maths.rotations import yaw_pitch_roll_rad
 
@@ -53,8 +54,13 @@ def pose_keys(pose: Pose) -> dict[str, Any]:
     return {key: value for key, value in keys.items() if value}
 
 
-Placed = Annotated[Pose | Sequence[float], "a Pose, or x, y, z in metres with or without yaw, pitch, roll in degrees"]
-"""Pose of a sensor: a `Pose`, or x, y, z in metres, with or without yaw, pitch, roll in degrees."""
+WORDS = "a Pose, a (4, 4) matrix, or x, y, z in metres with or without yaw, pitch, roll in degrees"
+
+Placed = Annotated[Pose | Sequence[float] | Numbers, WORDS]
+"""Pose of a sensor: a `Pose`, x, y, z in metres, with or without yaw, pitch, roll in degrees, or a matrix."""
+
+RIGID = 1e-4
+"""Accuracy bought: largest error of a rotation's rows, as matrices in single precision have it."""
 
 
 def finite_numbers(values: object) -> list[float]:
@@ -67,7 +73,7 @@ def finite_numbers(values: object) -> list[float]:
 
 
 def to_pose(pose: object, *, name: str = "pose") -> Pose:
-    """Convert a `Pose` or three to six numbers (see `Placed`) to a `Pose`.
+    """Convert a `Pose`, three to six numbers, or a (4, 4) or (3, 4) matrix that turns and moves (see `Placed`).
 
     Args:
         name: of the argument, for the message
@@ -78,10 +84,13 @@ def to_pose(pose: object, *, name: str = "pose") -> Pose:
     if isinstance(pose, Pose):
         return pose
     numbers = finite_numbers(pose)
-    if not 3 <= len(numbers) <= 6:
-        raise OptionError(
-            f"{{{name}}}: must be a Pose, or x, y, z in metres with or without yaw, pitch, roll in degrees, got {{0}}",
-            one_line(pose),
-        )
-    x, y, z, yaw, pitch, roll = numbers + [0.0] * (6 - len(numbers))
-    return Pose.from_degrees(position_m=(x, y, z), yaw_deg=yaw, pitch_deg=pitch, roll_deg=roll)
+    if 3 <= len(numbers) <= 6:
+        x, y, z, yaw, pitch, roll = numbers + [0.0] * (6 - len(numbers))
+        return Pose.from_degrees(position_m=(x, y, z), yaw_deg=yaw, pitch_deg=pitch, roll_deg=roll)
+    rows = [finite_numbers(row) for row in pose] if isinstance(pose, Sequence | np.ndarray) else []
+    if [len(row) for row in rows] in ([4] * 3, [4] * 4) and rows[3:] in ([], [[0.0, 0.0, 0.0, 1.0]]):
+        matrix = np.array(rows[:3])
+        turn = matrix[:, :3]
+        if np.allclose(turn @ turn.T, np.eye(3), atol=RIGID) and np.linalg.det(turn) > 0.0:
+            return Pose(position_m=matrix[:, 3], rotation=turn)
+    raise OptionError(f"{{{name}}}: must be {WORDS}, got {{0}}", one_line(pose))

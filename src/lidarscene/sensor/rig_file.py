@@ -11,7 +11,7 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Annotated, Protocol
+from typing import TYPE_CHECKING, Annotated, Any, Protocol
 
 from pydantic import Field, model_validator
 
@@ -58,6 +58,10 @@ class Rig:
     sensors: tuple[Mounted, ...]
     imu: Imu | None = None
     files: tuple[Path, ...] = ()
+
+    if TYPE_CHECKING:  # the fields, or what `read_by_name` reads
+
+        def __init__(self, file: str | os.PathLike[str] = ..., /, **values: Any) -> None: ...
 
 
 class SensorLookup(Protocol):

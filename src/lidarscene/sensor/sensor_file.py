@@ -23,6 +23,7 @@ from ..physics.amplifier import high_pass
 from ..physics.optics import beam
 from ..scan import AnyScannerFile, Scanner
 from ..scan.scanner_file import ScannerContext
+from ..scan.spinning import Spinning
 from .detectors import AnyDetectorFile, Detector, Spad
 from .driver import DriverName
 from .electronics import Keep, Receiver, Tdc, check_stops, kept_stops
@@ -75,7 +76,8 @@ class LaserFile(Table[Laser]):
 
     @model_validator(mode="after")
     def _not_finer_than_light(self) -> LaserFile:
-        least_mrad = min(self.divergence_mrad, self.divergence_elevation_mrad or self.divergence_mrad)
+        second_mrad = self.divergence_elevation_mrad or self.divergence_mrad
+        least_mrad = min(self.divergence_mrad, second_mrad)
         if self.exit_diameter_mm is None or least_mrad == 0.0:
             return self
         limit = least_mrad / beam.beam_quality(
@@ -84,8 +86,9 @@ class LaserFile(Table[Laser]):
             wavelength_m=si(self.wavelength_nm, "nm"),
         )
         if least_mrad < limit * (1.0 - 1e-3):
+            key = "divergence_mrad" if second_mrad >= self.divergence_mrad else "divergence_elevation_mrad"
             raise ValueError(
-                f"divergence_mrad: must be >= {limit:.3g} for a beam of {self.exit_diameter_mm:g} mm (M2 of 1), "
+                f"{key}: must be >= {limit:.3g} for a beam of {self.exit_diameter_mm:g} mm (M2 of 1), "
                 f"got {least_mrad:g}"
             )
         return self
@@ -343,9 +346,20 @@ class SensorFile(FileModel):
 
 
 def _check_columns(sensor: Sensor) -> None:
-    """Raise InputError for columns that share noise where the scanner has no columns."""
-    if sensor.histogram is None or sensor.histogram.column_weights is None:
+    """Raise InputError for columns that cannot share their noise."""
+    if sensor.histogram is None:
         return
+    if sensor.histogram.column_weights is None:
+        if sensor.histogram.column_range_m is not None:
+            raise InputError("histogram.column_range_mm: must go with histogram.column_weights, got none")
+        return
+    if sensor.histogram.estimator != "matched_filter":
+        raise InputError(
+            'histogram.column_weights: must go with estimator = "matched_filter", '
+            f'got "{sensor.histogram.estimator}"'
+        )
+    if sensor.histogram.column_range_m is not None and not isinstance(sensor.scanner, Spinning):
+        raise InputError('histogram.column_range_mm: must be left out unless scanner.type = "spinning"')
     line = sensor.scanner.line_pulses
     if line is None or line >= sensor.scanner.pulses:
         raise InputError(

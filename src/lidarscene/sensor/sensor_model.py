@@ -9,7 +9,7 @@ import math
 import os
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Annotated, Any, ClassVar, Literal, Protocol
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Protocol
 
 import numpy as np
 
@@ -328,9 +328,8 @@ class Sensor(HintedAttributes):
             "sensor.scanner.channel_elevation_rad has the elevation of each channel",
         ),
         **dict.fromkeys(("frame_rate", "frame_rate_hz", "fps", "rate_hz"), "1 / sensor.scanner.frame_s"),
-        **dict.fromkeys(
-            ("set", "update", "copy", "with_"), 'sensor.replace("laser.peak_power_w=50") is another sensor'
-        ),
+        **dict.fromkeys(("info", "describe", "summary"), "print(sensor), sensor.facts()"),
+        "budget": "lidarscene.budget(cloud, scene, sensor)",
         **dict.fromkeys(("to_dict", "to_toml", "as_dict"), "sensor.save(path) writes its file"),
         **dict.fromkeys(("eye_safety", "eye_safe", "is_eye_safe"), "lidarscene.eye_safety(sensor).passed"),
         **dict.fromkeys(("angular_resolution", "resolution", "points_per_frame"), "lidarscene.fov(sensor) studies it"),
@@ -360,6 +359,10 @@ class Sensor(HintedAttributes):
     uncertainty: Mapping[str, float] = field(default_factory=dict)
     origin: Origin | None = field(default=None, init=False, repr=False, compare=False, metadata=STATIC)
 
+    if TYPE_CHECKING:  # the fields, or what `read_by_name` reads
+
+        def __init__(self, file: str | os.PathLike[str] = ..., /, **values: Any) -> None: ...
+
     def __repr__(self) -> str:
         return facts.facts_line("Sensor", self.name, self.facts())
 
@@ -374,6 +377,7 @@ class Sensor(HintedAttributes):
             "pulses": f"{self.scanner.pulses:,} a frame",
         }
 
+    @checks_arguments
     def replace(self, overrides: Overrides = (), /, **tables: Any) -> Sensor:
         """Build the sensor anew with other values in its file; all that follows from them follows.
 

@@ -265,7 +265,7 @@ def fov(
     from .field_of_view.field_of_view_study import field_of_view_study
 
     if pose is not None and scene is None:
-        raise InputError("pose: goes with scene")
+        raise InputError("pose: needs scene")
     _refuse_unknown(settings, FovKeywords.__annotations__, "sensors", "scene", "pose", "overrides")
     lit = {name: settings[name] for name in ("reflectivity", "illuminance_klux") if name in settings}
     scanned: dict[str, Any] = {name: value for name, value in settings.items() if name not in lit}
@@ -273,7 +273,7 @@ def fov(
     vehicle = None if pose is None else to_pose(pose)
     if isinstance(sensors, Rig):
         if assignments(overrides):
-            raise InputError("overrides: must go with load_rig, got a Rig")
+            raise InputError("overrides: must be given to load_rig, got a Rig")
         named = [(mounted.label, mounted.placed) for mounted in sensors.sensors]
         vehicle = vehicle or to_pose((0.0, 0.0, 0.0))
     else:
@@ -323,7 +323,7 @@ def compare(
             raise InputError("compare: must have sensors for a scene, or two clouds or more, got neither")
         return compare_clouds(clouds)
     if not isinstance(scene, str | os.PathLike | Scene):
-        raise InputError("sensors: must go with one scene, got clouds")
+        raise InputError("sensors: needs one scene, got clouds")
     named = _named(sensors, overrides)
     if len(named) < 2:
         raise InputError(f"sensors: must be two or more, got {len(named)}")
@@ -432,7 +432,7 @@ def fit_sensor(
     described = None if metadata is None else Path(metadata)
     if scene is not None:
         if frames is not None:
-            raise OptionError("{frames}: goes without {scene}, whose twin says which frames are fitted")
+            raise OptionError("{frames}: cannot be combined with {scene}, whose twin says which frames are fitted")
         inputs = SceneFitInputs(
             recordings=paths,
             scene=Path(scene),
@@ -443,7 +443,7 @@ def fit_sensor(
         )
         return fit_on_scene(inputs)
     if poses is not None:
-        raise OptionError("{poses}: goes with {scene}")
+        raise OptionError("{poses}: needs {scene}")
     if sensor is None:
         raise OptionError("{sensor}: must name the sensor of the recording, or {scene} one that has it, got neither")
     return fit_recordings(paths, sensor, metadata=described, sensor_index=sensor_index, frames=frames)
@@ -513,7 +513,7 @@ def _named(sensors: SensorChoice | Sequence[SensorChoice], overrides: Overrides)
         raise InputError("sensors: must be at least one, got none")
     changes = assignments(overrides)
     if changes and any(isinstance(choice, Sensor) for choice in choices):
-        raise InputError("overrides: must go with names or files of sensors, got a Sensor; see Sensor.replace")
+        raise InputError("overrides: needs names or files of sensors, got a Sensor; see Sensor.replace")
     read = iter(subjects([os.fspath(choice) for choice in choices if not isinstance(choice, Sensor)], changes))
     named: list[tuple[str, Sensor]] = []
     for choice in choices:

@@ -379,7 +379,7 @@ def scatter_mm(sensor: Sensor, signal: float, near_ir: float, *, at_rest: bool =
         return None
     if at_rest or sensor.histogram is None or sensor.histogram.column_weights is None:
         return 1e3 * sigma_m
-    weights = [float(weight) for weight in sensor.histogram.column_weights]
+    weights = [float(weight) for weight in sensor.histogram.window.values()]
     return 1e3 * sigma_m * scatter_share(weights, points=PATCH, step=COLUMN_STEP)
 
 

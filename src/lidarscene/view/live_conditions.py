@@ -55,7 +55,7 @@ def controls(scene: Scene, frame: FrameOptions) -> list[Control]:
             )
             for key, (_, quantity, slider) in WEATHER.items()
         ),
-        _whole(RAYS, "rays a pulse", TRACED, 1, 64.0),
+        _whole(RAYS, "rays per pulse", TRACED, 1, 64.0),
         _whole(FRAME, "frame", NUMBERS, frame.number, 50.0),
         _whole(SEED, "seed", SEEDS, frame.seed, 100.0),
     ]

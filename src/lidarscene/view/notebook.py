@@ -14,6 +14,7 @@ from typing import Any
 
 from ..cloud.point_cloud import PointCloud
 from ..errors import InputError, warn
+from ..files.arguments import checks_arguments
 from ..files.atomic import put_text
 from ..files.optional import is_installed
 from ..formats.registry import readable_suffixes
@@ -74,7 +75,8 @@ class Viewed:
         put_text(Path(path), self._page)
 
 
-def show(
+@checks_arguments
+def view(
     content: PointCloud | SceneChoice,
     *,
     scene: SceneChoice | None = None,

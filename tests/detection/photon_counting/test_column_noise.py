@@ -4,12 +4,15 @@ import dataclasses
 
 import numpy as np
 import pytest
-from helpers import photons
+from helpers import chain, photons
 from helpers.mistakes import told
 
+from lidarscene import Simulator
 from lidarscene.detection import receiver
 from lidarscene.kernel.device import transfer
+from lidarscene.maths.pose import Pose
 from lidarscene.physics.photon_counting import shared_shots
+from lidarscene.rendering.render_options import FrameOptions
 
 WEIGHTS = (1.0, 0.56, 0.35, 0.28, 0.14, 0.08, 0.05)
 RECORDED = (0.59, 0.38, 0.26, 0.13, 0.07, 0.03)
@@ -108,6 +111,60 @@ def test_neighbours_on_other_surfaces_share_the_noise_and_not_the_range(seed):
         assert measured == pytest.approx(expected, abs=0.006 + 1.45 * 4.5 / np.sqrt(pairs))
 
 
+@pytest.mark.parametrize("step_mm", [0.0, 6.0, 24.0])
+def test_columns_count_less_where_a_surface_leans(step_mm, seed):
+    """Boards whose ranges differ by so much from column to column: size and correlation of the noise are those of
+    drawn numbers in a mean whose weights fall with the difference, to 5 standard errors, and the ranges have no bias.
+    """
+    weights, range_mm, apart = np.array([1.0, 0.5, 0.33, 0.25]), 12.0, np.arange(-3, 4)
+    counter = head(weights.tolist(), f"histogram.column_range_mm={range_mm}")
+    light = walls(counter, 400.0, illuminance_klux=0.0)
+    slope = 1e-3 * step_mm / light.range_m / counter.sweep_rad
+    error = errors_mm(counter, dataclasses.replace(light, row_slope=slope), seed=seed)
+    level = weights[np.abs(apart)]
+    counted = level * np.exp(-0.5 * (apart * step_mm / range_mm) ** 2)
+    white = np.random.default_rng(seed).normal(size=400_000)
+    noise, of_level = (np.convolve(white, taps / taps.sum(), "valid") for taps in (counted, level))
+    alone = np.nanstd(errors_mm(head(None), light, seed=seed))
+    # Correlated numbers have larger errors: of seven weights at most 1.6 times as large.
+    error_of_deviation = 1.6 / np.sqrt(2.0 * error.size)
+    expected = alone * np.std(noise) / np.std(of_level)
+    assert np.nanstd(error) == pytest.approx(expected, rel=0.06 + 5.0 * error_of_deviation)
+    measured, pairs = correlation(error, 1)
+    assert measured == pytest.approx(np.corrcoef(noise[1:], noise[:-1])[0, 1], abs=5.0 * 1.6 / np.sqrt(pairs))
+    assert abs(np.nanmean(error)) < 5.0 * 2.3 * np.nanstd(error) / np.sqrt(error.size)
+
+
+@pytest.mark.parametrize("surface", ["wall", "floor"])
+def test_a_rendered_surface_leans_along_the_row_alone(surface, mi, seed):
+    """A wall 6 m off that the turned sensor sees at 50 to 60 degrees to its side: the errors over (T176a) of its tangent
+    are as large as those of columns that all count. A floor is as far all along a row, however flat it is seen.
+    """
+    yaw_deg = 20.0
+    if surface == "wall":
+        body = chain.facing(range_m=6.0, size_m=60.0)
+    else:
+        body = dataclasses.replace(chain.facing(range_m=6.0, size_m=60.0), pose=Pose(position_m=(0.0, 0.0, -1.5)))
+    scene = chain.scene(body, klux=1.0, pose=Pose.from_degrees(yaw_deg=yaw_deg))
+    scatter = []
+    for range_mm in (10.0, 1e5):
+        counter = chain.sensor("os0-128-rev7", f"histogram.column_range_mm={range_mm}")
+        cloud = Simulator(scene, counter).render(FrameOptions(seed=seed))
+        aside = np.abs(cloud.azimuth_rad + np.radians(yaw_deg))
+        chosen = (cloud.status == 0) & (cloud.range_m < 20.0)
+        if surface == "wall":
+            chosen &= (np.degrees(aside) > 50.0) & (np.degrees(aside) < 60.0)
+        step_m = cloud.true_range_m * counter.sweep_rad * (np.tan(aside) if surface == "wall" else 0.0)
+        window = {number: float(weight) for number, weight in counter.histogram.window.items()}
+        noise = shared_shots.shares(window, step_m / (1e-3 * range_mm))[1]
+        error = (cloud.range_m - cloud.true_range_m) * np.sqrt(cloud.signal) / noise
+        scatter.append(np.std(error[chosen & (np.abs(error) < 1.0)]))
+        assert chosen.sum() > 5000
+        if surface == "wall" and range_mm < 100.0:
+            assert np.median(noise[chosen]) > 1.5
+    assert scatter[0] == pytest.approx(scatter[1], rel=5.0 * 2.0 / np.sqrt(2 * 5000))
+
+
 def test_any_part_of_a_frame_has_the_numbers_of_the_whole_frame():
     """Every third pulse alone, as the lanes of a chunk or of a field of view may be."""
     counter = head()
@@ -168,10 +225,12 @@ def test_a_parabola_through_a_ring_shows_less_than_the_noise():
         (["histogram.column_weights=[1.0]"], "at least 2 | [1.0]"),
         (["histogram.column_weights=[0.0, 1.0]"], "own column | > 0 | 0"),
         (["histogram.column_weights=[1.0, 0.5]", "histogram.estimator=centroid"], "matched_filter"),
+        (["histogram.column_range_mm=12"], "histogram.column_range_mm | none"),
+        (["histogram.column_range_mm=0"], "histogram.column_range_mm | 0.1 | 0"),
     ],
 )
 def test_mistakes_are_a_line(overrides, named):
-    with told(f"histogram.column_weights | {named}"):
+    with told(named if "range" in named else f"histogram.column_weights | {named}"):
         photons.spinning(*overrides)
 
 

@@ -1,16 +1,23 @@
 """Blocks of lanes: how large they are, that Dr.Jit takes the size, and that results do not depend on it."""
 
 import ctypes
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 from helpers import chain
 from helpers.traffic import SENSOR, traffic
 
+from lidarscene import load_scene, load_sensor
 from lidarscene.kernel.device import blocks
 from lidarscene.kernel.device.backend import drjit, is_cuda
+from lidarscene.rendering.render_options import FrameOptions
 from lidarscene.rendering.simulator import Simulator
+
+SCENES = Path(__file__).parents[3] / "scenes"
 
 
 @pytest.mark.parametrize(
@@ -47,10 +54,47 @@ def test_threads_for_the_work() -> None:
                 blocks.share_frame(lanes)
                 counts.append(dr.thread_count())
             assert counts == [most, 2, 1, most]
+            blocks.rest()
+            assert dr.thread_count() == 1
+            blocks.share_out(100)
+            assert dr.thread_count() == most
+        blocks.rest()
+        dr.set_thread_count(2)
+        blocks.share_out(100)
+        assert dr.thread_count() == 2
         blocks.share_frame(100)
         blocks.use_threads(1)  # as many as there are just then: no frame has more from now on
         blocks.share_frame(10**6)
         assert dr.thread_count() == 1
+    finally:
+        blocks.use_threads(before)
+
+
+def test_threads_rest_while_python_works(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Threads end between the kernels of a frame, and before the next one begins; the kernels have all of them."""
+    if is_cuda():
+        pytest.skip("threads are of CPUs")
+    simulator = Simulator(load_scene(SCENES / "glass.toml"), load_sensor("livox-mid-40"))
+    dr, before = drjit(), drjit().thread_count()
+    counts = list[tuple[str, int]]()
+
+    def noted(name: str, call: Callable[..., Any]) -> Callable[..., Any]:
+        return lambda *args, **keywords: (counts.append((name, dr.thread_count())), call(*args, **keywords))[1]
+
+    for name in ("_chain", "_trace_continuing", "_columns", "_started_together"):
+        monkeypatch.setattr(simulator, name, noted(name, getattr(simulator, name)))
+    try:
+        blocks.use_threads(2)
+        simulator.render(ahead=partial(simulator.begin, FrameOptions(number=1)))
+        assert counts == [
+            ("_chain", 2),
+            ("_trace_continuing", 1),
+            ("_chain", 2),
+            ("_columns", 1),
+            ("_started_together", 1),
+            ("_chain", 2),
+        ]
+        assert dr.thread_count() == 2
     finally:
         blocks.use_threads(before)
 

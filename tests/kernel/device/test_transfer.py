@@ -3,6 +3,9 @@
 from dataclasses import dataclass, field
 from typing import Any
 
+import numpy as np
+from helpers import launches
+
 from lidarscene.kernel.device import transfer
 from lidarscene.maths.arrays import is_drjit
 from lidarscene.maths.units import STATIC
@@ -23,3 +26,14 @@ def test_a_static_field_stays_a_number_of_python(mi: Any) -> None:
     assert not is_drjit(on_device.rounds)
     assert is_drjit(on_device.gain)
     assert is_drjit(on_device.shots)
+
+
+def test_what_is_fetched_is_computed_together(mi: Any) -> None:
+    """One kernel for all arrays of a description: each for itself would compute what they share once more."""
+    shared = transfer.counter(1, 5) * 3
+    description = Newcomer(gain=shared + 1, shots=shared * 2)
+    with launches.launched() as kernels:
+        fetched = transfer.fetch((description,))[0]
+    assert len(kernels) == 1
+    np.testing.assert_array_equal([fetched.gain, fetched.shots], [[4, 7, 10, 13, 16], [6, 12, 18, 24, 30]])
+    assert fetched.rounds == 4

@@ -18,7 +18,7 @@ from lidarscene.scene.street import traffic as driven
 from lidarscene.scene.street.centre_line import ASIDE_M_S2, CentreLine, Profile, draw_profile
 from lidarscene.scene.street.shapes import DISTRICTS, PARKED_SHARES, draw_vehicle, shapes, vehicle_length_m
 from lidarscene.scene.street.street_file import StreetFile
-from lidarscene.scene.street.street_tables import street_tables, write_street
+from lidarscene.scene.street.street_tables import street_tables, write_scene
 
 SHORT = {"length_m": 60.0, "shown_m": 50.0}
 SIZES_M = {
@@ -57,10 +57,11 @@ def boxes(line: CentreLine, name: str, x_m: np.ndarray, y_m: np.ndarray, yaw_deg
     east_m, north_m, heading = line.at(x_m, y_m).T
     yaw = heading + np.radians(yaw_deg)
     length, width = size_m(name)
+    behind = -0.5 * length - (laid.EAVES_M if name.startswith("houses") else 0.0)
     ahead, left = np.stack([np.cos(yaw), np.sin(yaw)], axis=-1), np.stack([-np.sin(yaw), np.cos(yaw)], axis=-1)
-    corners = [(0.5, 0.5), (-0.5, 0.5), (-0.5, -0.5), (0.5, -0.5)]
+    corners = [(0.5 * length, 0.5), (behind, 0.5), (behind, -0.5), (0.5 * length, -0.5)]
     middle = np.stack([east_m, north_m], axis=-1)
-    return np.stack([middle + length * along * ahead + width * across * left for along, across in corners], axis=1)
+    return np.stack([middle + along * ahead + width * across * left for along, across in corners], axis=1)
 
 
 def meet(first: np.ndarray, second: np.ndarray) -> np.ndarray:
@@ -75,9 +76,10 @@ def meet(first: np.ndarray, second: np.ndarray) -> np.ndarray:
 
 
 def standing_boxes(layout: laid.Layout) -> tuple[np.ndarray, list[str]]:
-    """(n, 4, 2) corners and names of all that stands; of trees the trunks."""
-    corners = [boxes(layout.line, name, *np.array(places).T) for name, places in layout.items.items()]
-    return np.concatenate(corners), [name for name, places in layout.items.items() for _ in places]
+    """(n, 4, 2) corners and names of all that stands, on streets that cross, too; of trees the trunks."""
+    rows = [(each.line, *row) for each in (layout, *layout.side_streets) for row in each.items.items()]
+    corners = [boxes(line, name, *np.array(places).T) for line, name, places in rows]
+    return np.concatenate(corners), [name for _, name, places in rows for _ in places]
 
 
 LOOP = {"loop": True, "laps": 1, "length_m": 900.0}
@@ -91,6 +93,8 @@ def test_nothing_that_stands_overlaps(seed: int, keys: dict[str, object]) -> Non
     corners, names = standing_boxes(layout)
     assert len(names) > 200
     assert sum(name.startswith("bushes") for name in names) > 5
+    for side_street in layout.side_streets:
+        assert sum(name.startswith("houses") for name in side_street.items) > 0, "a street that crosses has houses"
     overlaps = meet(corners[:, None], corners)
     np.fill_diagonal(overlaps, False)
     assert [(names[a], names[b]) for a, b in zip(*np.nonzero(overlaps), strict=True)] == []
@@ -389,7 +393,9 @@ def written(tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, Path]:
     """A scene file with [street], and the file with all bodies that is written of the same."""
     folder = tmp_path_factory.mktemp("street")
     (folder / "table.toml").write_text('name = "street"\n[street]\nseed = 7\nlength_m = 60\nshown_m = 50\n')
-    return folder / "table.toml", write_street(StreetFile(seed=7, **SHORT), folder / "out")
+    return folder / "table.toml", write_scene(
+        street_tables(StreetFile(seed=7, **SHORT)), folder / "out", origin="seed = 7"
+    )
 
 
 def test_the_file_is_the_scene_of_the_table(written: tuple[Path, Path]) -> None:
@@ -457,7 +463,7 @@ def test_hills_are_as_steep_as_asked_and_level_at_crossings(seed: int, loop: boo
 def hills(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """Scene file of a street with hills."""
     file = StreetFile(seed=5, length_m=120.0, shown_m=60.0, slope_percent=(6.0, 9.0), parked_share=(0.5, 1.0))
-    return write_street(file, tmp_path_factory.mktemp("hills") / "out")
+    return write_scene(street_tables(file), tmp_path_factory.mktemp("hills") / "out", origin="hills")
 
 
 def test_nothing_floats_on_hills(hills: Path) -> None:

@@ -74,14 +74,16 @@ def test_who_finds_more_and_who_measures_finer() -> None:
     )
     for pair in ((weak, strong), (strong, weak)):
         sentence = verdict(comparison(*pair))
-        assert sentence.startswith("strong finds most, 75.00 % of the pulses, 25 percentage points more; weak 50.00 %.")
+        assert sentence.startswith(
+            "strong detects most, 75.00 % of the pulses, 25 percentage points more; weak 50.00 %."
+        )
         assert "Ranges scatter least with weak: 10.3 mm against 30.8 mm of strong." in sentence  # sqrt(20 / 19)
 
 
 def test_matched_pulses_tell_apart_what_two_rates_do_not() -> None:
     """20 of 400 more, none less: 5 +- 2.2 % pulse by pulse. As two shares of 400 each is sure to 5 %."""
     a, b = observation("a", first_pulses(200)), observation("b", first_pulses(220))
-    assert "b finds most" in verdict(comparison(a, b))
+    assert "b detects most" in verdict(comparison(a, b))
 
 
 def test_shares_of_different_pulses_are_not_subtracted() -> None:
@@ -89,7 +91,7 @@ def test_shares_of_different_pulses_are_not_subtracted() -> None:
     a, b = observation("a", first_pulses(200)), observation("b", first_pulses(400))
     for pair in ((a, b), (b, a)):
         sentence = verdict(comparison(*pair, matched=False))
-        assert sentence.startswith("The sensors fire different pulses, so none is called better.")
+        assert sentence.startswith("The sensors fire different pulses, so they cannot be ranked.")
         assert "a 50.00 % (45.12 to 54.88 %)" in sentence
         assert "b 100.00 % (" in sentence
         assert "percentage points" not in sentence
@@ -97,7 +99,7 @@ def test_shares_of_different_pulses_are_not_subtracted() -> None:
 
 def test_the_same_number_of_other_pulses_is_alike() -> None:
     sentence = verdict(comparison(observation("a", first_pulses(200)), observation("b", range(200, 400))))
-    assert "a and b find equally many of the pulses, within chance" in sentence
+    assert "a and b detect equally many of the pulses, within chance" in sentence
 
 
 def test_pulses_without_light_and_bodies_that_differ_most() -> None:
@@ -139,7 +141,7 @@ def test_crossings_and_the_sweep_in_words() -> None:
         on_plane_klux={"b": 3.2},
     )
     crossed, plane = crossing_lines(swept, "a")
-    assert crossed == "a overtakes b at 7 klux, where both are expected to find 55.00 %."
-    assert plane.endswith("a and b reach equally far, at P_d 0.9, at 3.2 klux.")
+    assert crossed == "a overtakes b at 7 klux, where both are expected to detect 55.00 %."
+    assert plane.endswith("a and b have the same range, at P_d 0.9, at 3.2 klux.")
     _, rows = sweep_table(swept)
     assert rows[1] == ["50 klux", "50.00 %", "50.00 %", "0", "12.0 mm", "20.00 %", "20.00 %", "0", "12.0 mm"]

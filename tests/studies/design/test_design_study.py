@@ -77,10 +77,10 @@ def test_gain_of_an_apd_in_closed_form(tmp_path: Path) -> None:
 
 def test_the_front_is_that_of_a_grid(tmp_path: Path) -> None:
     """The front has at least 99 % of the hypervolume of all 60^3 designs; each design file is class 1 and detects at
-    200 m.
+    200 m. Rationale: from this seed, steps by the slope of P_d itself, which is flat near 1, ended at 60 %.
     """
     indicator = pytest.importorskip("pymoo.indicators.hv")
-    path = write(tmp_path, APERTURE.replace("120", "300"))
+    path = write(tmp_path, APERTURE.replace("120", "300\nseed = 1"))
     numbers = numbers_of(path, tmp_path / "out")
     points = [[design["quantities"][name] for name in ("area", "power")] for design in numbers["front"]]
     grid = grid_points()
@@ -231,10 +231,12 @@ OFF = 'eye_safety = "off"'
     objectives: a = {maximize = "snr", minimize = "snr"} | objectives.a | maximize or minimize
     objectives: a = {maximize = "snr", time_s = 3} | time_s | snr
     objectives: a = {maximize = "snr", illuminance_klux = 100000} | illuminance_klux 100000 | 0 or more
-    objectives: a = {maximize = "rang"} | a: | table1-apd | 'rang' | range?
+    objectives: a = {maximize = "rang"} | objectives.a: | table1-apd | 'rang' | range?
     objectives: a = {maximize = "body_points"} | body_points | scene
     objectives: "a/b" = {maximize = "snr"} | objectives | letters | 'a/b'
     objectives: a = {maximize = "body_points"} more: scene = "streat" | scene 'streat'
+    objectives: a = {maximize = "body_points", class = "lorry"} more: scene = "range" | objectives.a.class | 'lorry'
+    more: set = {"detector.gane" = 5} | : set: | unknown key 'detector.gane'
     objectives: | objectives
     last: B = {quantity = "snr"} | constraints.b | at_least or at_most
     last: B = {quantity = "snr", at_least = 2, at_most = 1} | constraints.b | at_least | <= at_most | 2 and 1

@@ -24,22 +24,26 @@ def add_certify(commands: Any) -> None:
     """Add `certify`."""
     command = commands.add_parser(
         "certify",
-        help="whether a simulated sensor is the one that recorded",
+        help="check whether a simulated sensor matches a recording",
         epilog=CERTIFY_HELP,
-        description="Make a twin of a recording, simulate its pulses there, and hold them to the recorded ones: a page "
-        "with verdict, limits, losses and noise, and what is not covered. Ends with 1 if a limit is missed. Frames of "
-        "a sensor at rest say most.",
+        description="Make a twin of a recording, simulate the recorded pulses in it, and compare the two. Writes a "
+        "report with verdict, limits, losses and noise, and what is not covered. The exit code is 1 if a "
+        "limit is missed. Recordings at rest are the most informative.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = command.add_argument
     add("recording", metavar="REC", type=Path, help="recording of a real lidar")
-    add("--sensor", metavar="NAME", help="catalogue sensor or sensor file (default: the unit's own, or the scene's)")
+    add(
+        "--sensor",
+        metavar="NAME",
+        help="catalogue name or sensor file (default: the recorded unit, or the scene's sensor)",
+    )
     add(
         "--scene",
         metavar="SCENE.toml",
         type=Path,
-        help="twin of the recording, in place of one that is not kept: of the frame beside the judged one of a sensor "
-        "at rest, else of every second column",
+        help="twin of the recording (default: a temporary one, made from another frame of a sensor at rest, or "
+        "else from every second column)",
     )
     add_options(command, FrameOptions, "seed")
     add_options(command, CommandOptions, "output")

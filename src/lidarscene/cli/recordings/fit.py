@@ -25,11 +25,11 @@ def add_fit(commands: Any) -> None:
     """Add `fit`."""
     command = commands.add_parser(
         "fit",
-        help="numbers of a sensor from its recording, with uncertainties",
+        help="fit the numbers of a sensor to its recording, with uncertainties",
         epilog=FIT_HELP,
         description="Fit near field, threshold, scatter of the range and gains of the rows to recordings of one unit. "
-        "Writes its sensor file, with value, uncertainty and recording in [sources], and a page. "
-        "Ends with 1 if a law fails on pulses that were not fitted.",
+        "Writes a sensor file, with value, uncertainty and recording in [sources], and a report. The exit "
+        "code is 1 if a law fails on pulses that were not fitted.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = command.add_argument
@@ -37,27 +37,27 @@ def add_fit(commands: Any) -> None:
     add(
         "--sensor",
         metavar="NAME",
-        help="the catalogue's sensor of its kind, or a sensor file, for what the recording leaves open "
-        "(default: with --scene, the scene's)",
+        help="catalogue name or sensor file of the same kind, for numbers that the recording does not determine "
+        "(default: with --scene, the scene's sensor)",
     )
     add("--frames", metavar="N,N,...", type=frame_numbers, help="frames of each recording, from 0 (default: all)")
     add(
         "--scene",
         metavar="SCENE.toml",
         type=Path,
-        help="twin of the recording, or the scene that it was recorded in: then signals, ranges and losses are fitted "
-        "pulse by pulse",
+        help="twin of the recording, or the scene in which it was recorded; signals, ranges and losses are then "
+        "fitted pulse by pulse",
     )
     add(
         "--poses",
         metavar="F",
         type=Path,
-        help="with --scene, where the sensor stood at each frame: CSV, or TUM's format (default: of the twin's frame, "
-        "else the scene's sensor)",
+        help="with --scene, the pose of the sensor at each frame: CSV, or TUM's format (default: the pose in "
+        "the twin, or the scene's)",
     )
     add_options(command, CommandOptions, "metadata", "sensor_index")
     add("-o", "--output", metavar="F.toml", type=Path, required=True, help="sensor file to write")
-    add("--report", metavar="DIR", type=Path, required=True, help="folder of the page, its figures and fit.json")
+    add("--report", metavar="DIR", type=Path, required=True, help="folder of the report, with figures and fit.json")
     command.set_defaults(run=run_fit)
 
 

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 def add_recording(command: argparse.ArgumentParser) -> None:
     """Add `--frame`, `--metadata` and `--sensor-index`."""
-    group = command.add_argument_group("of a recording")
+    group = command.add_argument_group("recordings")
     group.add_argument(
         "--frame", metavar="N", type=whole_number(SEEDS), default=None, help="number of the frame, from 0"
     )

@@ -23,17 +23,22 @@ def add_sensor(commands: Any) -> None:
     """Add `sensor`."""
     command = commands.add_parser(
         "sensor",
-        help="a sensor file of your unit, from its maker's metadata",
+        help="write a sensor file of your unit, from the maker's metadata",
         epilog=SENSOR_HELP,
-        description="Write a sensor file with the beams of one unit: metadata of an Ouster (json or OSF), calibration "
-        "of a Velodyne (YAML, XML), table of angles of a Hesai (CSV). Laser, optics and detector are the catalogue's.",
+        description="Write a sensor file with the beams of one unit, from the metadata of an Ouster (json or OSF), the "
+        "calibration of a Velodyne (YAML, XML) or the table of angles of a Hesai (CSV). Laser, optics and "
+        "detector are those of the catalogue.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     add = command.add_argument
-    add("--from", metavar="F", type=Path, required=True, dest="source", help="what the maker says of the unit")
+    add("--from", metavar="F", type=Path, required=True, dest="source", help="the maker's metadata of the unit")
     add("-o", "--output", metavar="F.toml", type=Path, required=True, help="sensor file to write")
-    add("--like", metavar="NAME", help="the catalogue's sensor that is of its kind (default: by maker and beams)")
-    add("--mode", metavar="COLUMNSxHZ", help="of an Ouster's firmware, as 1024x10 (default: the one in its metadata)")
+    add("--like", metavar="NAME", help="sensor of the catalogue of the same kind (default: by maker and beams)")
+    add(
+        "--mode",
+        metavar="COLUMNSxHZ",
+        help="mode of an Ouster's firmware, such as 1024x10 (default: the mode in its metadata)",
+    )
     add_options(command, CommandOptions, "sensor_index")
     command.set_defaults(run=run_sensor)
 

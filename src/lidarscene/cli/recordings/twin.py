@@ -20,7 +20,7 @@ examples:
   lidarscene twin 000000.bin --sensor hdl-64e -o out/kitti
 then:
   lidarscene render out/twin/scene.toml -o out/twin.ply
-  lidarscene certify os1.pcap --scene out/twin/scene.toml -o out/judged
+  lidarscene certify os1.pcap --scene out/twin/scene.toml -o out/certificate
 """
 
 
@@ -28,25 +28,25 @@ def add_twin(commands: Any) -> None:
     """Add `twin`."""
     command = commands.add_parser(
         "twin",
-        help="a scene made from a recording",
+        help="make a scene from a recording",
         epilog=TWIN_HELP,
-        description="Make a scene of what a real lidar recorded: every pixel becomes a small surface with the "
-        "reflectivity that was measured, the ground is completed. With the sensor's file and its poses.",
+        description="Make a scene from the recording of a real lidar. Every pixel becomes a small surface with the "
+        "measured reflectivity, and the ground is completed. Also writes the sensor file and the poses.",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     command.add_argument("recording", metavar="REC", type=Path, help="recording of a real lidar")
     add = command.add_argument
     add_options(command, CommandOptions, "output")
-    add("--frames", metavar="N,N,...", type=frame_numbers, help="frames to make it of, from 0 (default: all)")
+    add("--frames", metavar="N,N,...", type=frame_numbers, help="frames to use, from 0 (default: all)")
     add(
         "--held-out",
         metavar="K|columns",
         type=_held_out,
-        help="leave out this frame, at whose pose the sensor then stands, or every second column of the only frame, "
-        "so that certify judges by what the twin has not seen",
+        help="leave out this frame, and put the sensor at its pose, or leave out every second column of a "
+        "single frame; certify then compares with data that the twin does not contain",
     )
     add_options(command, CommandOptions, "metadata", "sensor_index")
-    add("--sensor", metavar="NAME", help="a catalogue sensor or a sensor file, in place of the unit's own")
+    add("--sensor", metavar="NAME", help="catalogue name or sensor file (default: the recorded unit)")
     command.set_defaults(run=run_twin)
 
 

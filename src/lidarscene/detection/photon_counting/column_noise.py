@@ -1,8 +1,9 @@
 """Noise of the range that neighbouring columns share: a window of shots that moves along the ring.
 
-A receiver that takes shots of earlier columns into a point has their noise in it, too. Each column and channel has one
-standard normal number for each stop. The noise of a point is the sum of its own and those of the columns before it,
-with the weights of the sensor file, and has the size that its light gives (docs/photon_counting.md, T176 and T177).
+A receiver that takes shots of other columns into a point has their noise in it, too. Each column and channel has one
+standard normal number for each stop. The noise of a point is the sum of its own and those of the columns around it,
+with the weights of the sensor file, and has the size that its light gives. A column whose range is another one counts
+less, so that ranges scatter more where a surface leans along the row (docs/photon_counting.md, T176 to T177).
 """
 
 from __future__ import annotations
@@ -13,6 +14,7 @@ from ...maths import random
 from ...maths.arrays import Lanes, xp
 from ...physics.electronics import tdc
 from ...physics.optics import radiometry
+from ...physics.photon_counting import shared_shots
 from ..outcomes import Status
 from ..report import Detection, Returns
 from .expectation import FilteredLight
@@ -41,7 +43,8 @@ def _share_in_stop(stop: Returns, number: int, light: FilteredLight) -> Returns:
     """Replace the noise of one stop's ranges; ``number`` is the stop's."""
 
     def compute() -> Lanes:
-        return _range_with_noise(stop, light, _column_deviate(light, stop=number))
+        assert stop.true_range_m is not None
+        return _range_with_noise(stop, light, _column_deviate(light, stop.true_range_m, stop=number))
 
     is_echo = stop.reported & (stop.status == int(Status.ECHO))
     return replace(stop, range_m=xp(stop.range_m).where_any(is_echo, compute, stop.range_m))
@@ -70,23 +73,27 @@ def _range_with_noise(stop: Returns, light: FilteredLight, deviate: Lanes) -> La
     return ops.where(signal < MOST_FIRED * point.response.largest, shared_m, stop.range_m)
 
 
-def _column_deviate(light: FilteredLight, *, stop: int) -> Lanes:
-    """Draw the weighted sum of the standard normal numbers of a point's column and of those before it, (n,) (T177).
+def _column_deviate(light: FilteredLight, range_m: Lanes, *, stop: int) -> Lanes:
+    """Draw the weighted sum of the standard normal numbers of a point's column and of those around it, (n,) (T176).
 
-    Any point can draw the numbers of its neighbours, which need not be in the same chunk.
+    Any point can draw the numbers of its neighbours, which need not be in the same chunk. Their ranges it does not know:
+    they follow from the lean of its own surface at ``range_m``.
     """
     sensor, pulse = light.sensor, light.pulse
     assert sensor.histogram is not None
-    assert sensor.histogram.column_weights is not None
     assert sensor.scanner.line_pulses is not None
-    weights: dict[int, Lanes] = dict(enumerate(sensor.histogram.column_weights))
+    weights = sensor.histogram.window
+    if sensor.histogram.column_range_m is not None:
+        row_slope: Lanes = 0.0 if light.train.row_slope is None else light.train.row_slope
+        step = row_slope * range_m * sensor.sweep_rad / sensor.histogram.column_range_m
+        weights, _ = shared_shots.shares(weights, step)
     ops = xp(pulse)
     column, place = ops.divmod(ops.int32(pulse), sensor.scanner.line_pulses)
     # A random number has two words, so two columns share one.
     pair, odd = ops.divmod(column, 2)
     is_even, draw = odd == 0, ops.uint32(place + stop * 2**24)
     total: Lanes = 0.0
-    for back in range(len(weights) // 2 + 1):
+    for back in range(min(weights) // 2, (max(weights) + 1) // 2 + 1):
         words = random.words(seed=light.seed, stage=random.Stage.COLUMN_NOISE, pulse=ops.uint32(pair - back), draw=draw)
         of_even, of_odd = random.normal_pair(words)
         before, middle, after = (weights.get(2 * back + beside, 0.0) for beside in (-1, 0, 1))

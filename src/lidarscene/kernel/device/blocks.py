@@ -46,25 +46,42 @@ class _Threads:
     Attributes:
         most: the most to use: Dr.Jit's own choice, one for each core, or what somebody has set since
         used: what was set here last
+        of_frame: those of the frame that was set last
     """
 
     def __init__(self) -> None:
-        self.most = self.used = 0
+        self.most = self.used = self.of_frame = 0
 
     def limit(self, count: int) -> None:
         """Use this many threads from now on, and never more."""
-        self.most = self.used = count
-        if drjit().thread_count() != count:
-            drjit().set_thread_count(count)
+        self.most = self.of_frame = self.used = count
+        drjit().set_thread_count(count)
 
     def set_for(self, lanes: int) -> None:
         """Use as many threads as a frame of so many lanes is worth."""
-        dr = drjit()
-        if (count := dr.thread_count()) != self.used:
-            self.most = count
-        self.used = thread_count(lanes, self.most)
-        if self.used != count:
-            dr.set_thread_count(self.used)
+        self._notice()
+        self.of_frame = thread_count(lanes, self.most)
+        self._use(self.of_frame)
+
+    def rest(self) -> None:
+        """Use one thread for now."""
+        self._notice()
+        self._use(1)
+
+    def resume(self) -> None:
+        """Use the threads of the frame again."""
+        self._notice()
+        self._use(self.of_frame)
+
+    def _notice(self) -> None:
+        """Take over the number that somebody has set since."""
+        if (count := drjit().thread_count()) != self.used:
+            self.most = self.of_frame = self.used = count
+
+    def _use(self, count: int) -> None:
+        if count != self.used:
+            self.used = count
+            drjit().set_thread_count(count)
 
 
 _threads = _Threads()
@@ -86,9 +103,9 @@ def lanes_per_launch() -> int:
     return LANES_PER_LAUNCH_CUDA if is_cuda() else LANES_PER_LAUNCH
 
 
-def lanes_per_chunk() -> int:
-    """Return how many lanes a chunk of a large frame should have, no fewer than a launch of small ones."""
-    return LANES_PER_LAUNCH_CUDA if is_cuda() else LANES_PER_CHUNK
+def lanes_per_chunk(chosen: int | None) -> int:
+    """Return the lanes of a chunk of a large frame: the ``chosen`` ones, else no fewer than of a launch."""
+    return chosen or (LANES_PER_LAUNCH_CUDA if is_cuda() else LANES_PER_CHUNK)
 
 
 def share_frame(lanes: int) -> None:
@@ -96,6 +113,12 @@ def share_frame(lanes: int) -> None:
     if not is_cuda():
         _threads.set_for(lanes)
     share_out(lanes)
+
+
+def rest() -> None:
+    """End the threads while Python prepares what comes next, which `share_out` is called for: each spins for 20 ms."""
+    if not is_cuda():
+        _threads.rest()
 
 
 def block_size(lanes: int, threads: int) -> int:
@@ -107,7 +130,9 @@ def block_size(lanes: int, threads: int) -> int:
 
 
 def share_out(lanes: int) -> None:
-    """Set the size of blocks for kernels of so many lanes; results do not depend on it."""
+    """Set the size of blocks for kernels of so many lanes, with the frame's threads; results do not depend on it."""
+    if not is_cuda():
+        _threads.resume()
     setter = _block_size_setter()
     if setter is not None:
         setter(block_size(lanes, drjit().thread_count()))

@@ -134,13 +134,21 @@ def pooled_memory(size: int) -> Numbers:
 
 
 def fetch(value: object) -> Any:
-    """Return a copy of a description with every device array in it as NumPy; opaque numbers become arrays of one."""
+    """Return a copy of a description with every device array in it as NumPy; opaque numbers become arrays of one.
+
+    All arrays are computed together.
+    """
+    start([value])
+    return _as_numpy(value)
+
+
+def _as_numpy(value: object) -> Any:
     if isinstance(value, tuple):
-        return tuple(fetch(inner) for inner in value)
+        return tuple(_as_numpy(inner) for inner in value)
     if isinstance(value, LookupTable):
         return value
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        changed = {field.name: fetch(getattr(value, field.name)) for field in dataclasses.fields(value)}
+        changed = {field.name: _as_numpy(getattr(value, field.name)) for field in dataclasses.fields(value)}
         return dataclasses.replace(value, **changed)
     return cast(DeviceArray, value).numpy() if is_drjit(value) else value
 

@@ -12,10 +12,11 @@ from typing import Any, cast
 import numpy as np
 
 from ...formats.cloud_columns import COLUMNS, OF_VECTORS, attributes
-from ...maths.arrays import Array, Numbers
+from ...maths.arrays import Array, Mask, Numbers
 from ..device import pinned, transfer
 from ..device.backend import is_cuda, mitsuba
 from ..device.types import DeviceArray
+from .kept_lanes import more_than_one
 
 DEFAULT_VALUES = {
     column.attribute: np.dtype(column.dtype).type(column.absent) for column in COLUMNS if column.absent is not None
@@ -50,6 +51,20 @@ class DeviceColumns:
     def part(self, first: int, end: int) -> DeviceColumns:
         """Some of these points."""
         return replace(self, first=self.first + first, count=end - first, partial=True)
+
+    def select(self, chosen: Mask) -> DeviceColumns:
+        """Those of these points, (count,), for which it is true."""
+        import drjit as dr
+
+        mi, index = mitsuba(), dr.compress(chosen)
+        if not (count := dr.width(index)):
+            return self.part(0, 0)
+        index = more_than_one(index)
+        number = dr.arange(mi.UInt32, 3 * dr.width(index))
+        place = 3 * dr.gather(mi.UInt32, index, number // 3) + number % 3
+        arrays = {name: dr.ravel(self.array(name)) for name in self.arrays}
+        places = {name: place if name == "xyz_m" else index for name in arrays}
+        return DeviceColumns({name: dr.gather(type(own), own, places[name]) for name, own in arrays.items()}, 0, count)
 
     def array(self, name: str) -> Any:
         """Array of these points alone, (count,), or a tensor (count, 3) of xyz_m, on the device."""

@@ -56,6 +56,4 @@ def retraced_light(
     firing = Firing(seed=seed, polarisation=swing)
     paths = trace(world, rays, sun=towards, moving=movers, firing=firing)
     light = echoes.gather_background([echoes.receive(rays, hits, equipment, air) for hits in paths])[0]
-    columns = {name: getattr(light, name) for name in LIGHT_COLUMNS}
-    transfer.start(list(columns.values()))  # together, or each would be traced for itself
-    return Echoes(**{name: column.numpy() for name, column in columns.items()})
+    return Echoes(**transfer.fetch_columns({name: getattr(light, name) for name in LIGHT_COLUMNS}))

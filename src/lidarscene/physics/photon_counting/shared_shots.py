@@ -1,12 +1,34 @@
-"""Noise of columns that share shots: a window that moves along the ring (docs/photon_counting.md, T177, T178)."""
+"""Noise of columns that share shots: a window that moves along the ring (docs/photon_counting.md, T176 to T178)."""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from ...maths.arrays import Numbers
+from ...maths.arrays import Lanes, Numbers, xp
+
+
+def shares(window: Mapping[int, Lanes], step: Lanes) -> tuple[dict[int, Lanes], Lanes]:
+    """Share of each column's noise in a point's, and the noise of the point over that on a level surface (T176a).
+
+    On a surface that leans along the row the ranges of two columns differ by m steps, and a column counts less the more
+    they do: g_m = w_m exp(-(m step)^2 / 2). The mean with these weights has the noise sqrt(sum g^2) / sum g.
+
+    Args:
+        window: weights by the number of columns from the point's own
+        step: difference of the ranges of two neighbouring columns over `Histogram.column_range_m`
+
+    Returns:
+        factors on standard normal numbers of the columns, whose squares add up to the square of the noise, and it
+    """
+    weights = list(window.values())
+    ops = xp(step, *weights)
+    level = ops.sqrt(sum(weight * weight for weight in weights)) / sum(weights)
+    counted = {column: weight * ops.exp(-0.5 * (column * step) ** 2) for column, weight in window.items()}
+    scale = 1.0 / (level * sum(counted.values()))
+    noise = scale * ops.sqrt(sum(weight * weight for weight in counted.values()))
+    return {column: scale * weight for column, weight in counted.items()}, noise
 
 
 def correlation(weights: Sequence[float], columns: Numbers | int) -> Numbers:
@@ -15,7 +37,7 @@ def correlation(weights: Sequence[float], columns: Numbers | int) -> Numbers:
     sum_k w_k w_(k+m) / sum_k w_k^2: 1 - m / n for n equal weights, a^m for weights a^k.
 
     Args:
-        weights: of the shots of a point's own column and of those before it
+        weights: of the shots of columns that follow each other
     """
     w = np.asarray(weights, np.float64)
     products = np.correlate(w, w, "full")[len(w) - 1 :] / (w @ w)

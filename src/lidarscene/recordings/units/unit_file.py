@@ -61,7 +61,7 @@ def read_unit(path: Path, mode: str | None = None, *, sensor_index: int = 0) -> 
     if suffix == ".json":
         return read_ouster(path, mode)
     if mode is not None:
-        raise InputError(f"--mode: goes with an Ouster's json or OSF, got {path}")
+        raise InputError(f"--mode: needs an Ouster's json or OSF, got {path}")
     if suffix in (".yaml", ".yml", ".xml"):
         return read_velodyne(path)
     if suffix == ".csv":

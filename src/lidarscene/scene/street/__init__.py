@@ -11,3 +11,6 @@ terrain         heights of roads that climb, and of the soil around them
 shapes          mesh, materials and scale of every body, and the districts that choose among them
 pieces          poses, sheets of ground, soil and light, for both kinds of tables
 """
+
+TOWN_STREETS = (3, 12)
+"""Fewest and most streets of a drawn town in each direction."""

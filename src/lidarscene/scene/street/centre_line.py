@@ -55,17 +55,19 @@ Piece = tuple[float, float, float]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class CentreLine:
-    """The middle of a street; s = 0 is the origin, and the street goes towards +x there.
+    """The middle of a street.
 
     Attributes:
         pieces: one after the other; the first and the last of an open line, which go on beyond its ends, are straight
         begin_m: s at the begin of the first
         is_loop: whether the last piece leads into the first
+        origin: x, y [m] and heading [rad] at s = 0
     """
 
     pieces: Sequence[Piece]
     begin_m: float
     is_loop: bool = False
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
     node_m: Numbers = field(init=False)
     _curvature: Numbers = field(init=False)
     _heading: Numbers = field(init=False)
@@ -84,14 +86,15 @@ class CentreLine:
         turned = 0.5 * step * (curvature[:-1] + curvature[1:])
         object.__setattr__(self, "_heading", np.concatenate([[0.0], np.cumsum(turned)]))
         object.__setattr__(self, "_place_m", np.zeros((len(curvature), 2)))
-        # Piece by piece from a place of 0, and then moved and turned so that s = 0 is the origin.
+        # Piece by piece from a place of 0, and then moved and turned to the origin.
         ends = np.array([self._from_node(number, length) for number, length in enumerate(step)])
         self._place_m[1:] = np.cumsum(ends[:, :2], axis=0)
         x_m, y_m, yaw = self.at(np.zeros(1), np.zeros(1))[0]
-        cos, sin = math.cos(yaw), math.sin(yaw)
-        moved = (self._place_m - [x_m, y_m]) @ np.array([[cos, -sin], [sin, cos]])
+        turn = self.origin[2] - yaw
+        cos, sin = math.cos(turn), math.sin(turn)
+        moved = (self._place_m - [x_m, y_m]) @ np.array([[cos, sin], [-sin, cos]]) + self.origin[:2]
         object.__setattr__(self, "_place_m", moved)
-        object.__setattr__(self, "_heading", self._heading - yaw)
+        object.__setattr__(self, "_heading", self._heading + turn)
 
     @property
     def length_m(self) -> float:
@@ -166,15 +169,17 @@ class CentreLine:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Profile:
-    """Heights along a street; 0 at its begin.
+    """Heights along a street.
 
     Attributes:
         node_m: (k,) places
         slope: (k,) slope there, linear between
+        begin_m: height at its begin
     """
 
     node_m: Numbers
     slope: Numbers
+    begin_m: float = 0.0
 
     @property
     def is_level(self) -> bool:
@@ -191,7 +196,7 @@ class Profile:
         rise_m = np.concatenate([[0.0], np.cumsum(0.5 * step_m * (self.slope[:-1] + self.slope[1:]))])
         number = np.clip(np.searchsorted(self.node_m, way_m, side="right") - 1, 0, len(step_m) - 1)
         beyond_m = way_m - self.node_m[number]
-        return np.asarray(rise_m[number] + 0.5 * beyond_m * (self.slope[number] + self.slope_at(way_m)))
+        return np.asarray(self.begin_m + rise_m[number] + 0.5 * beyond_m * (self.slope[number] + self.slope_at(way_m)))
 
     def points_m(self) -> Numbers:
         """Places between which heights are nearly straight: none of a level street."""

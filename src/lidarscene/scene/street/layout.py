@@ -48,11 +48,20 @@ CROSS_HALF_M = CROSS_LANE_M + 0.8
 CROSS_REACH_M = 70.0
 """Choice: distance from the middle of the street to the end of those that cross."""
 
+QUEUE_M = 1.5
+"""Choice: distance from a vehicle that waits on a street that crosses to the kerb's line."""
+
+VERGE_M = 3.0
+"""Choice: distance of the house at the end of a street that crosses from that end."""
+
 ZEBRA_M = 4.0
 """Choice: width of a zebra crossing, along the street."""
 
 STOP_LINE_M = 2.0
 """Choice: distance from a stop line to the crossing or the zebra."""
+
+EAVES_M = 0.5
+"""Source: the houses' meshes; by how much roofs hang out behind the walls, at most."""
 
 PLOT_SHIFT_M = 1.5
 """Choice: way along the street to the next plot that is tried, where a house has no room."""
@@ -129,6 +138,7 @@ class Layout:
         line: the middle of the street
         profile: its heights
         items: name of a body -> places of its instances
+        side_streets: those that cross it, each with s = 0 at its middle and blocks on both sides
     """
 
     file: StreetFile
@@ -141,6 +151,7 @@ class Layout:
     crossings: list[Crossing] = field(default_factory=list)
     blocks: list[Block] = field(default_factory=list)
     items: dict[str, list[Place]] = field(default_factory=dict)
+    side_streets: list[Layout] = field(default_factory=list)
 
     def add(self, name: str, x_m: float, y_m: float, yaw_deg: float = 0.0) -> None:
         """Place an instance of a body."""
@@ -196,8 +207,38 @@ def lay_out(file: StreetFile) -> Layout:
             _park_cars(layout, block, side, zebras, random)
             _build_houses(layout, room, block, side, district, random)
             _line_kerb(layout, block, side, zebras, district, random)
+    aside = np.random.default_rng([file.seed, 9])
+    for crossing in layout.crossings:
+        if not crossing.is_zebra:
+            layout.side_streets.append(_lay_side_street(layout, crossing, room, draw_district(aside, main), aside))
     _plant_bushes(layout, room, np.random.default_rng([file.seed, 7]))
     return layout
+
+
+def _lay_side_street(
+    layout: Layout, crossing: Crossing, room: Room, district: District, random: np.random.Generator
+) -> Layout:
+    """Lay out a street that crosses another: kerbs, houses where there is room, and one before each of its ends."""
+    ((x_m, y_m, heading),) = layout.line.at(np.array([crossing.x_m]), np.zeros(1)).tolist()
+    length_m = 2.0 * CROSS_REACH_M
+    line = CentreLine([(length_m, 0.0, 0.0)], -CROSS_REACH_M, origin=(x_m, y_m, heading + 0.5 * np.pi))
+    file = layout.file.model_copy(update={"lanes": 1, "lane_width_m": CROSS_LANE_M})
+    front_m = CROSS_HALF_M + KERB_M + file.pavement_m
+    street = Layout(file, CROSS_HALF_M, front_m, -CROSS_REACH_M, CROSS_REACH_M, line)
+    height_m = float(layout.height_m(np.array([crossing.x_m]))[0])
+    street.profile = Profile(np.array([-CROSS_REACH_M, CROSS_REACH_M]), np.zeros(2), height_m)
+    street.crossings = [Crossing(0.0, layout.kerb_m + QUEUE_M - STOP_LINE_M, is_zebra=False)]
+    street.blocks = [Block(-CROSS_REACH_M, -layout.front_m), Block(layout.front_m, CROSS_REACH_M)]
+    for block, towards in zip(street.blocks, (-1.0, 1.0), strict=True):
+        for side in (-1, 1):
+            _build_houses(street, room, block, side, district, random)
+            _line_kerb(street, block, side, [], district, random)
+        house, wall = random.choice(district.houses), random.choice(district.walls)
+        width_m, front_m, _ = catalog.shipped_meshes()[house]["plot_m"]
+        end_m = towards * (CROSS_REACH_M + VERGE_M + front_m)
+        if room.take(_boxes(line, [(end_m, 0.0, front_m + EAVES_M, 0.5 * width_m)])):
+            street.add(f"houses_{house}_{wall}", end_m, 0.0, 180.0 if towards > 0.0 else 0.0)
+    return street
 
 
 class Room:
@@ -275,8 +316,8 @@ def _crosses(layout: Layout, room: Room, middle_m: float) -> bool:
     """Return whether a street can cross here: where this one is straight, and nothing is in its way."""
     if layout.line.sharpest_per_m(middle_m - CROSS_HALF_M - 2.0, middle_m + CROSS_HALF_M + 2.0) > 0.0:
         return False
-    half_m = 0.5 * (CROSS_REACH_M - layout.front_m)
-    arms = [(middle_m, side * (layout.front_m + half_m), CROSS_HALF_M + 1.0, half_m) for side in (-1, 1)]
+    half_m = 0.5 * (CROSS_REACH_M - layout.front_m), CROSS_HALF_M + KERB_M + layout.file.pavement_m - 0.05
+    arms = [(middle_m, side * (layout.front_m + half_m[0]), half_m[1], half_m[0]) for side in (-1, 1)]
     return room.take(_boxes(layout.line, arms))
 
 
@@ -327,7 +368,8 @@ def _build_houses(
         middle_m = x_m + 0.5 * width_m
         house_y_m, tree_y_m = layout.front_m + setback_m + front_m, layout.front_m + reach_m
         if is_built:
-            if not room.take(_boxes(layout.line, [(middle_m, side * house_y_m, 0.5 * width_m, front_m)])):
+            plot = middle_m, side * (house_y_m + 0.5 * EAVES_M), 0.5 * width_m, front_m + 0.5 * EAVES_M
+            if not room.take(_boxes(layout.line, [plot])):
                 x_m += PLOT_SHIFT_M
                 continue
             layout.add(f"houses_{house}_{wall}", middle_m, side * house_y_m, -90.0 * side)

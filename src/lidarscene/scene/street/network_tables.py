@@ -16,8 +16,8 @@ from ...errors import OptionWarning, warn
 from ...maths.arrays import Numbers
 from ..ground import SPACING_M, Strip
 from ..ground_area import Outline
-from .layout import KERB_M, POST_LINE_M, Room
-from .pieces import FOOT_M, PAINT_M, RAISED_M, Tables, ground, placed, sheet, soil, street_scene
+from .layout import EAVES_M, KERB_M, POST_LINE_M, Room
+from .pieces import FOOT_M, PAINT_M, RAISED_M, Tables, box_places_m, ground, placed, sheet, soil, street_scene
 from .shapes import (
     BUSH_ASIDE_M,
     BUSH_SPACING_M,
@@ -57,6 +57,9 @@ UNDER_M, OVER_M = 4.0, 12.0
 """Choice: distances from a road above, up to which there are no markings, and from one below, up to which there are
 rails."""
 
+ISLAND_M = 0.3
+"""Choice: distance of the island of a roundabout from the road around it."""
+
 VERGE_M = 3.0
 """Choice: distance of houses from the edge of a road without a pavement."""
 
@@ -68,6 +71,9 @@ ASIDE_M = 0.2
 
 DASH_M, DASHES_M = 3.0, 6.0
 """Choice: length of a dash of a line, and from dash to dash."""
+
+STRIPE_M, MARK_SPACING_M = 0.5, 0.2
+"""Choice: width of a zebra's stripe, and distance of vertices of markings."""
 
 POINTS_M, RIM_M = 5.0, 1.0
 """Accuracy bought: distance of points of lanes that lie on a relief, and of corners of junctions."""
@@ -318,7 +324,7 @@ def _area(name: str, class_name: str, material: str, corners_m: Numbers, **keys:
 
 
 def _grounds(network: Network) -> list[Tables]:
-    """Roads, pavements with kerbs, and junctions."""
+    """Roads, pavements with kerbs, junctions, and islands of roundabouts."""
     grounds = []
     raised = {"position_m": [0.0, 0.0, RAISED_M], "kerb_m": RAISED_M + FOOT_M}
     for number, group in enumerate(network.groups):
@@ -334,7 +340,7 @@ def _grounds(network: Network) -> list[Tables]:
             _strip(name, "pavement", "concrete", line_m, width_m, -0.5 * KERB_M, **raised),
             _strip(f"kerb_{number}", "kerb", "concrete", line_m, KERB_M, 0.5 * width_m, **raised),
         ]
-    middles_m = np.array([corners_m.mean(axis=0) for corners_m in network.corners]).reshape(-1, 3)
+    middles_m = np.array([corners_m.mean(axis=0) for corners_m in network.corners]).reshape(-1, 3)[:, :2]
     for number, corners_m in enumerate(network.junctions):
         # Pavements at a junction have faces down along its outline themselves.
         has_pavement = Outline(corner_m=corners_m, spacing_m=SPACING_M).contains(middles_m).any()
@@ -342,7 +348,26 @@ def _grounds(network: Network) -> list[Tables]:
         grounds += _area(f"junction_{number}", "road", "asphalt", corners_m, **foot)
     for number, corners_m in enumerate(network.corners):
         grounds += _area(f"corner_{number}", "pavement", "concrete", corners_m, **raised)
+    for number, ring in enumerate(network.rings):
+        # Of a ring that is near in part there is no outline.
+        around = [group for group in network.groups if group.edge in ring and group.kind == "road"]
+        if {group.edge for group in around} == ring:
+            grounds += _area(f"island_{number}", "terrain", "soil", _island_m(around), **raised)
     return grounds
+
+
+def _island_m(ring: Sequence[LaneGroup]) -> Numbers:
+    """(k, 3) corners of the island within a roundabout, by their angle at its middle."""
+    middle_m = np.concatenate([group.line_m for group in ring])[:, :2].mean(axis=0)
+    sides = []
+    for group in ring:
+        aside_m = 0.5 * group.width_m + ISLAND_M
+        both = [_along(group.line_m, _ways_m(group.line_m), left_m)[:, :2] for left_m in (aside_m, -aside_m)]
+        inner_m = min(both, key=lambda side_m: np.hypot(*(side_m - middle_m).T).mean())
+        sides.append(np.column_stack([inner_m, group.line_m[:, 2]]))
+    corners_m = np.concatenate(sides)
+    to_corner_m = corners_m[:, :2] - middle_m
+    return np.asarray(corners_m[np.argsort(np.arctan2(to_corner_m[:, 1], to_corner_m[:, 0]))])
 
 
 def _ways_m(line_m: Numbers) -> Numbers:
@@ -377,7 +402,7 @@ def _marks(line_m: Numbers, way_m: Numbers, left_m: float = 0.0, turn_deg: float
 
 def _markings(network: Network, relief: Relief) -> list[Tables]:
     """Lines at the edges of roads and between lanes, stop lines, and zebras at crossings; none below bridges."""
-    keys: Tables = {"spacing_m": 0.2, "on_ground": True}
+    keys: Tables = {"spacing_m": MARK_SPACING_M, "on_ground": True}
     markings = []
     marks: dict[tuple[str, float, float], list[Tables]] = {}
     for number, group in enumerate(network.groups):
@@ -402,9 +427,17 @@ def _markings(network: Network, relief: Relief) -> list[Tables]:
         if group.ends_at_lights:
             stop = _marks(group.line_m, np.array([length_m - 0.4]))
             marks.setdefault(("stop_lines", 0.3, round(group.width_m - 2.0 * ASIDE_M, 2)), []).extend(stop)
+    pavements = [Outline(corner_m=corners_m, spacing_m=SPACING_M) for corners_m in network.corners]
     for shape_m, width_m in network.crossings:
-        stripes = _marks(shape_m, np.arange(0.75, _length_m(shape_m) - 0.5, 1.0), 0.0, 90.0)
-        marks.setdefault(("zebras", width_m - 0.5, 0.5), []).extend(stripes)
+        stripe_m, way_m = width_m - 0.5, np.arange(0.75, _length_m(shape_m) - 0.5, 2.0 * STRIPE_M)
+        # Where a crossing is oblique, its first stripes would lie on the kerb in part.
+        off_kerb = [
+            not any(pavement.contains(places_m).any() for pavement in pavements)
+            for x_m, y_m, heading in _along(shape_m, way_m).tolist()
+            for places_m in [box_places_m((x_m, y_m, heading, 0.5 * STRIPE_M, 0.5 * stripe_m), MARK_SPACING_M)]
+        ]
+        stripes = _marks(shape_m, way_m[np.array(off_kerb, dtype=bool)], 0.0, 90.0)
+        marks.setdefault(("zebras", stripe_m, STRIPE_M), []).extend(stripes)
     for number, ((name, *size_m), places) in enumerate(marks.items()):
         if places:
             markings.append(sheet(f"{name}_{number}", "lane_marking", "lane_marking", size_m, places, **keys))
@@ -420,7 +453,7 @@ def _surroundings(network: Network, file: StreetFile, relief: Relief, terrain: T
     main = draw_district(roadside.random)
     for group in network.groups:
         district = draw_district(roadside.random, main)
-        for side in (-1.0,) if group.edge in network.rings else (-1.0, 1.0):
+        for side in (-1.0,) if any(group.edge in ring for ring in network.rings) else (-1.0, 1.0):
             roadside.rails(group, side)
             roadside.line(group, side, district)
     for group in network.groups:
@@ -499,7 +532,7 @@ class _Roadside:
             verge_m = district.garden_m + (2.0 * POST_LINE_M if group.kind == "pavement" else VERGE_M)
             aside_m, turn_deg = edge_m + verge_m + random.uniform(*file.setback_m), random.uniform(0.0, 360.0)
             if random.random() < share:
-                name, half_m, turn_deg = f"houses_{house}_{wall}", (0.5 * width_m, front_m), -90.0 * side
+                name, half_m, turn_deg = f"houses_{house}_{wall}", (0.5 * width_m, front_m + EAVES_M), -90.0 * side
             else:
                 reach_m = meshes[tree]["reach_m"]
                 name, half_m = f"trees_{tree}_{len(TREE_SCALES) - 1}", (reach_m, reach_m)

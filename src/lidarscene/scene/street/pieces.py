@@ -51,6 +51,19 @@ def placed(
     return pose | {name: angle_deg for name, angle_deg in angles.items() if angle_deg}
 
 
+def box_places_m(box: tuple[float, float, float, float, float], step_m: float) -> Numbers:
+    """(n, 2) places of a rectangle, its corners too: x, y, yaw [rad], half lengths along it and across.
+
+    Args:
+        step_m: from place to place, at most
+    """
+    x_m, y_m, yaw, *half_m = box
+    ticks = [np.linspace(-each, each, 2 + int(2.0 * each / step_m)) for each in half_m]
+    cos, sin = math.cos(yaw), math.sin(yaw)
+    from_middle_m = np.stack(np.meshgrid(*ticks), axis=-1).reshape(-1, 2) @ np.array([[cos, sin], [-sin, cos]])
+    return np.asarray(from_middle_m + np.array([x_m, y_m]))
+
+
 def street_scene(shown_m: float, *, roof_m: float, ego: Tables, bodies: Sequence[Tables]) -> Tables:
     """Tables of a scene with a vehicle that rides among bodies, of which those that move show up to a distance.
 

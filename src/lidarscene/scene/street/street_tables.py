@@ -66,27 +66,13 @@ def street_tables(file: StreetFile) -> Tables:
         bodies=[
             *(_wetted(body) if file.wet else body for body in _grounds(layout)),
             *([_soil(layout)] if terrain is None else terrain.tables()),
-            *_markings(layout),
-            *(
-                standing_table(name, [_stood(layout, terrain, name, place) for place in places])
-                for name, places in _by_shape(layout.items).items()
-            ),
+            *_markings([layout]),
+            *_markings(layout.side_streets, "side_"),
+            *_standing(layout, terrain),
             body_table("own_car", shapes()["own_car"]) | {"motion": {"with_ego": True}},
             *_moving(layout, traffic),
         ],
     )
-
-
-def write_street(file: StreetFile, folder: Path) -> Path:
-    """Write a street as street.toml in ``folder``, with its meshes and its motions beside it; return the scene's path.
-
-    The scene is the one that a ``[street]`` with the same keys gives, number by number.
-
-    Raises:
-        OutputError: if a result cannot be written
-    """
-    settings = ", ".join(f"{key} = {toml_text(value)}" for key, value in file.model_dump().items())
-    return write_scene(street_tables(file), folder, origin=settings)
 
 
 def write_scene(tables: Tables, folder: Path, *, origin: str) -> Path:
@@ -203,15 +189,25 @@ def _along(layout: Layout, x_m: float, y_m: float, z_m: float = 0.0, yaw_deg: fl
 
 def _places_on_roads(layout: Layout) -> Numbers:
     """(n, 3) places on the street and on those that cross it, two metres apart."""
-    across_m = np.linspace(-layout.front_m, layout.front_m, 2 + int(layout.front_m))
-    along_m = np.arange(layout.begin_m, layout.end_m, PLACES_M)
-    aside_m = np.arange(-CROSS_REACH_M, CROSS_REACH_M + 0.1, PLACES_M)
-    grids = [np.meshgrid(along_m, across_m)]
-    for crossing in layout.crossings:
-        if not crossing.is_zebra:
-            grids.append(np.meshgrid(crossing.x_m + np.linspace(-1.0, 1.0, 5) * CROSS_HALF_M, aside_m))
-    x_m, y_m = (np.concatenate([grid[axis].ravel() for grid in grids]) for axis in (0, 1))
-    return np.column_stack([layout.line.at(x_m, y_m)[:, :2], layout.height_m(x_m)])
+    places = []
+    for street in (layout, *layout.side_streets):
+        across_m = np.linspace(-street.front_m, street.front_m, 2 + int(street.front_m))
+        along_m = np.arange(street.begin_m, street.end_m + 0.1, PLACES_M)
+        x_m, y_m = (each.ravel() for each in np.meshgrid(along_m, across_m))
+        places.append(np.column_stack([street.line.at(x_m, y_m)[:, :2], street.height_m(x_m)]))
+    return np.concatenate(places)
+
+
+def _standing(layout: Layout, terrain: Terrain | None) -> list[Tables]:
+    """Bodies of what stands along a street and those that cross it."""
+    things: dict[str, list[tuple[Layout, Place]]] = {}
+    for street in (layout, *layout.side_streets):
+        for name, places in street.items.items():
+            things.setdefault(name, []).extend((street, place) for place in places)
+    return [
+        standing_table(name, [_stood(street, terrain, name, place) for street, place in stands])
+        for name, stands in _by_shape(things).items()
+    ]
 
 
 def _stood(layout: Layout, terrain: Terrain | None, name: str, place: Place) -> Tables:
@@ -290,22 +286,19 @@ def _grounds(layout: Layout) -> list[Tables]:
     grounds = []
     pavement_m = layout.file.pavement_m
     raised = {"position_m": [0.0, 0.0, RAISED_M], "kerb_m": RAISED_M + FOOT_M}
-    for number, block in enumerate(layout.blocks):
-        grounds.append(
-            _strip(layout, block, number, "road", 2.0 * layout.kerb_m, 0.0, crown_m=0.08, kerb_m=FOOT_M, spacing_m=0.4)
-        )
+    blocks = [(street, block) for street in (layout, *layout.side_streets) for block in street.blocks]
+    for number, (street, block) in enumerate(blocks):
+        if street is layout:
+            keys = {"crown_m": 0.08, "kerb_m": FOOT_M, "spacing_m": 0.4}
+            grounds.append(_strip(street, block, number, "road", 2.0 * street.kerb_m, 0.0, **keys))
         for kind, width_m, middle_m in (
-            ("pavement", pavement_m, layout.kerb_m + KERB_M + 0.5 * pavement_m),
-            ("kerb", KERB_M, layout.kerb_m + 0.5 * KERB_M),
+            ("pavement", pavement_m, street.kerb_m + KERB_M + 0.5 * pavement_m),
+            ("kerb", KERB_M, street.kerb_m + 0.5 * KERB_M),
         ):
-            grounds += [_strip(layout, block, number, kind, width_m, side * middle_m, **raised) for side in (1, -1)]
-    crossing = [
-        _along(layout, crossing.x_m, 0.0, float(layout.height_m(np.array([crossing.x_m]))[0]))
-        for crossing in layout.crossings
-        if not crossing.is_zebra
-    ]
+            grounds += [_strip(street, block, number, kind, width_m, side * middle_m, **raised) for side in (1, -1)]
+    crossing = [_along(street, 0.0, 0.0, street.profile.begin_m) for street in layout.side_streets]
     if crossing:
-        size_m = [2.0 * CROSS_HALF_M, 2.0 * CROSS_REACH_M]
+        size_m = [2.0 * CROSS_REACH_M, 2.0 * CROSS_HALF_M]
         grounds.append(sheet("cross_roads", "road", "asphalt", size_m, crossing, spacing_m=0.4, kerb_m=FOOT_M))
     return grounds
 
@@ -321,34 +314,34 @@ def _wetted(ground: Tables) -> Tables:
     return ground | {"material": WET.get(ground["material"], ground["material"])}
 
 
-def _markings(layout: Layout) -> list[Tables]:
-    """Dashes between lanes, zebras and stop lines."""
-    file = layout.file
-    dashes, stripes, lines = [], [], []
-    for block in layout.blocks:
-        zebras = [crossing for crossing in layout.crossings if crossing.is_zebra]
-        x_m = block.begin_m + 5.0
-        while x_m < block.end_m - 5.0:
-            if all(abs(x_m - zebra.x_m) > 0.5 * ZEBRA_M + STOP_LINE_M + 2.0 for zebra in zebras):
-                y_m = [number * file.lane_width_m for number in range(1 - file.lanes, file.lanes)]
-                dashes += [_along(layout, x_m, y, PAINT_M) for y in y_m]
-            x_m += 6.0
-    for crossing in layout.crossings:
-        if crossing.is_zebra:
-            across = range(-int(layout.kerb_m - 0.5), int(layout.kerb_m - 0.5) + 1)
-            stripes += [_along(layout, crossing.x_m, number, PAINT_M) for number in across]
-        for direction in (1, -1):
-            middle_m = -direction * 0.5 * file.lanes * file.lane_width_m
-            lines.append(_along(layout, crossing.stop_x_m(direction) + 0.2 * direction, middle_m, PAINT_M))
+def _markings(streets: Sequence[Layout], prefix: str = "") -> list[Tables]:
+    """Dashes between lanes, zebras and stop lines of streets that are alike."""
+    dashes, stripes, lines, width_m = [], [], [], 0.0
+    for street in streets:
+        file, zebras = street.file, [crossing for crossing in street.crossings if crossing.is_zebra]
+        width_m = file.lanes * file.lane_width_m - 0.3
+        for block in street.blocks:
+            x_m = block.begin_m + 5.0
+            while x_m < block.end_m - 5.0:
+                if all(abs(x_m - zebra.x_m) > 0.5 * ZEBRA_M + STOP_LINE_M + 2.0 for zebra in zebras):
+                    y_m = [number * file.lane_width_m for number in range(1 - file.lanes, file.lanes)]
+                    dashes += [_along(street, x_m, y, PAINT_M) for y in y_m]
+                x_m += 6.0
+        for crossing in street.crossings:
+            if crossing.is_zebra:
+                across = range(-int(street.kerb_m - 0.5), int(street.kerb_m - 0.5) + 1)
+                stripes += [_along(street, crossing.x_m, number, PAINT_M) for number in across]
+            for direction in (1, -1):
+                middle_m = -direction * 0.5 * file.lanes * file.lane_width_m
+                lines.append(_along(street, crossing.stop_x_m(direction) + 0.2 * direction, middle_m, PAINT_M))
     keys = {"spacing_m": 0.2, "on_ground": True}
-    width_m = file.lanes * file.lane_width_m - 0.3
     markings = (
         ("dashes", [3.0, 0.12], dashes),
         ("zebras", [ZEBRA_M, 0.5], stripes),
         ("stop_lines", [0.3, width_m], lines),
     )
     return [
-        sheet(name, "lane_marking", "lane_marking", size_m, places, **keys)
+        sheet(prefix + name, "lane_marking", "lane_marking", size_m, places, **keys)
         for name, size_m, places in markings
         if places
     ]

@@ -11,6 +11,7 @@ import gzip
 import itertools
 import os
 import re
+import signal
 import subprocess
 import sys
 import xml.etree.ElementTree as ElementTree
@@ -112,7 +113,7 @@ class Network(NamedTuple):
         crossings: (k, 3) points along the middle of each, and its width
         roads: lengths of the roads that cars may take, by SUMO's names
         walks: SUMO's names of roads with a pavement
-        rings: SUMO's names of roads around roundabouts
+        rings: SUMO's names of the roads around each roundabout
     """
 
     groups: list[LaneGroup]
@@ -121,7 +122,7 @@ class Network(NamedTuple):
     crossings: list[tuple[Numbers, float]]
     roads: dict[str, float]
     walks: list[str]
-    rings: set[str]
+    rings: list[frozenset[str]]
 
 
 @dataclass(slots=True)
@@ -233,7 +234,7 @@ def read_network(path: Path) -> Network:
     """Read the surfaces of a network of SUMO."""
     sumolib = import_optional("sumolib", extra="traffic")
     net = sumolib.net.readNet(str(path), withInternal=True)
-    rings = {name for roundabout in net.getRoundabouts() for name in roundabout.getEdges()}
+    rings = [frozenset(roundabout.getEdges()) for roundabout in net.getRoundabouts()]
     network = Network([], [], [], [], {}, [], rings)
     walked: set[str] = set()
     special = []
@@ -571,8 +572,9 @@ def _run(program: str, arguments: Sequence[str], where: str) -> list[str]:
     lines = [line.strip() for line in done.stderr.splitlines() if line.strip()]
     notes = [re.sub("^(Error|Warning): *", "", line) for line in lines if line.startswith(("Error:", "Warning:"))]
     errors = [line.removeprefix("Error:").strip() for line in lines if line.startswith("Error:")]
-    if done.returncode != 0 and (done.returncode < 0 or "bad_alloc" in done.stderr):
+    if "bad_alloc" in done.stderr:
         raise InputError(f"{where}: {program}: must need <= {MEMORY_GIB:g} GiB, got more: try a part of the map")
     if done.returncode != 0:
-        raise InputError(f"{where}: {program}: {(errors or lines or ['no reason given'])[0]}")
+        reason = f"ended by {signal.Signals(-done.returncode).name}" if done.returncode < 0 else "no reason given"
+        raise InputError(f"{where}: {program}: {(errors or lines or [reason])[0]}")
     return notes

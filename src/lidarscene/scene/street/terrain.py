@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from ...maths.arrays import Numbers
-from .pieces import SOIL_M, Tables, ground, soil_tiles
+from .pieces import SOIL_M, Tables, box_places_m, ground, soil_tiles
 
 PLACES_M = 2.0
 """Accuracy bought: distance of the places on roads that a relief is fitted to."""
@@ -137,10 +137,7 @@ class Terrain:
 
     def lowest_m(self, box: tuple[float, float, float, float, float]) -> float:
         """Lowest height of a rectangle: x, y, yaw [rad], half lengths along it and across."""
-        x_m, y_m, yaw, *half_m = box
-        shares = np.stack(np.meshgrid(*[np.linspace(-1.0, 1.0, 5)] * 2), axis=-1).reshape(-1, 2) * half_m
-        cos, sin = np.cos(yaw), np.sin(yaw)
-        return float(self.height_m(shares @ np.array([[cos, sin], [-sin, cos]]) + [x_m, y_m]).min())
+        return float(self.height_m(box_places_m(box, STEP_M)).min())
 
     def tables(self) -> list[Tables]:
         """Squares of soil."""

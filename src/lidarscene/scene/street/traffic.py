@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from ...maths.arrays import Numbers
-from .layout import CAR_M, CROSS_LANE_M, Crossing, Layout
+from .layout import CAR_M, CROSS_LANE_M, QUEUE_M, Crossing, Layout
 from .shapes import LANE_ROOM_M, draw_vehicle, vehicle_length_m
 
 STEP_S = 0.1
@@ -45,9 +45,6 @@ CYCLIST_SHARE = 0.45
 
 CROSS_M_S = 9.0
 """Choice: speed of vehicles on the streets that cross."""
-
-QUEUE_M = 1.5
-"""Choice: distance from a vehicle that waits on a street that crosses to the kerb's line."""
 
 CLEAR_S = 1.0
 """Choice: time for which a crossing must have been clear before others cross, and after which it opens again."""

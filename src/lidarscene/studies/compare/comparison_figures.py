@@ -68,18 +68,18 @@ def rate_figure(observations: Sequence[Observation], grouping: Grouping, populat
     quantity = _AXIS_WORDS[grouping.key]
     unit = f" [{grouping.unit}]" if grouping.unit else ""
     caption = (
-        f"Share of {population} from which an echo is a point, by {quantity}; bars are 95 % intervals (Wilson)"
-        + ("" if series[0].expected is None else ", lines the mean of the computed detection probabilities")
-        + ". Bins without a pulse are left out. Other properties of the surfaces differ from bin to bin too."
+        f"Fraction of {population} with an echo among the points, over {quantity}; bars are 95 % intervals (Wilson)"
+        + ("" if series[0].expected is None else ", and lines the mean of the computed detection probabilities")
+        + ". Bins without pulses are left out. Other properties of the surfaces also differ between bins."
     )
     lowest = min((float(curve.low.min()) for curve in series if len(curve.low)), default=0.0)
     draw = partial(
         intervals.save_series,
         series=series,
         x_label=f"{quantity}{unit}",
-        y_label="found [%]",
+        y_label="detected [%]",
         y_limits=(10.0 * math.floor(0.1 * lowest) - 1.0, 101.0),
-        title=f"Share of {population} that was found",
+        title=f"Detected fraction of {population}",
     )
     return Figure(f"rate-{grouping.key}", draw, (RATE_HEADER, rate_rows(observations, grouping)), caption)
 
@@ -93,13 +93,15 @@ def class_rate_figure(observations: Sequence[Observation], grouping: Grouping, p
         _rate_series(observation.name, list(enumerate(class_rates[number] for number in classes)))
         for observation, class_rates in zip(observations, rates_by_sensor, strict=True)
     ]
-    caption = f"The same by class, the most frequent first{' (the first 30)' if len(classes) == _MOST_CLASSES else ''}."
+    caption = (
+        f"The same by class, with the most frequent first{' (the first 30)' if len(classes) == _MOST_CLASSES else ''}."
+    )
     draw = partial(
         intervals.save_named,
         series=series,
         names=[grouping.labels[number] or "unlabelled" for number in classes],
-        x_label="found [%]",
-        title=f"Share of {population} that was found",
+        x_label="detected [%]",
+        title=f"Detected fraction of {population}",
     )
     return Figure("rate-class", draw, (RATE_HEADER, rate_rows(observations, grouping)), caption)
 
@@ -147,8 +149,8 @@ def range_error_figure(observations: Sequence[Observation], grouping: Grouping) 
         bias.append(_error_series(observation.name, x, bin_errors, "bias"))
         sigma.append(_error_series(observation.name, x, bin_errors, "sigma"))
     caption = (
-        "Reported less true range of the echoes, by true range: mean (above) and standard deviation (below), with 95 % "
-        "intervals that take the errors for independent and Gaussian; bins with two echoes or more."
+        "Reported minus true range of the echoes, over true range: mean (above) and standard deviation (below), with "
+        "95 % intervals for independent Gaussian errors; bins with at least two echoes."
     )
     draw = partial(
         intervals.save_panels,
@@ -173,14 +175,14 @@ def snr_figure(
     snr_a, snr_b, kind = paired_snr(a.rated_surfaces, b.rated_surfaces)
     if not len(kind):
         return None
-    kinds = ("found by both", f"only by {a.name}", f"only by {b.name}", "by neither")
+    kinds = ("detected by both", f"only by {a.name}", f"only by {b.name}", "by neither")
     levels = tuple(
         None if sensor is None or sensor.tdc.threshold_to_noise is None else float(sensor.tdc.threshold_to_noise)
         for sensor in sensors
     )
     caption = (
-        f"Signal-to-noise ratio for {b.name} over that for {a.name}, of each pulse whose echo has one for both. The "
-        "dashed line is equality" + (", dotted lines are the thresholds." if any(levels) else ".")
+        f"Signal-to-noise ratio of {b.name} over that of {a.name}, for each pulse whose echo has one for both. The "
+        "dashed line marks equality" + (", and dotted lines the thresholds." if any(levels) else ".")
     )
     draw = partial(
         intervals.save_snr,
@@ -236,14 +238,14 @@ def illuminance_figure(sweep: IlluminanceSweep) -> Figure:
     chart = charts.Chart(
         lines=tuple(lines),
         x_label="illuminance [klux]",
-        y_label="found, expected [%]",
+        y_label="detected, expected [%]",
         x_log=True,
         marks=marks,
-        title="Mean detection probability of all pulses that met a surface",
+        title="Mean detection probability of all pulses that hit a surface",
     )
     caption = (
-        "Mean of the computed detection probabilities over the scene's illuminance. Where the curves of the first "
-        "sensor and another change places the crossing is marked: found by bisection, with the scene traced each time."
+        "Mean of the computed detection probabilities over the illuminance of the scene. A mark shows where the "
+        "ranking of the first sensor and another flips, found by bisection with a trace of the scene in each step."
     )
     header = (
         "sensor",

@@ -71,7 +71,7 @@ def comparison_page(comparison: Comparison, view: View | None = None) -> Report:
     for note in (*comparison.notes, *comparison.aliasing_notes):
         page.add_paragraph(note)
     if comparison.matched:
-        page.add_heading("Who found what")
+        page.add_heading("What each sensor detects")
         page.add_table(report.PAIRS, report.pair_rows(comparison))
         _add_pairs(page, comparison, file_slugs)
     page.add_heading("The clouds")
@@ -119,7 +119,7 @@ def _add_rates(page: Report, comparison: Comparison) -> None:
     body = comparison.group("body")
     page.add_data("rate-body", (figures.RATE_HEADER, figures.rate_rows(observations, body)))
     header, rows = report.group_table(comparison, "body", report.MOST_BODIES)
-    choice = "with most pulses that only one sensor found" if comparison.matched else "of most pulses"
+    choice = "with most pulses that only one sensor detected" if comparison.matched else "of most pulses"
     page.add_paragraph(f"The {len(rows)} bodies {choice}; rate-body.csv has all.")
     page.add_table(header, rows)
 
@@ -184,7 +184,7 @@ def _add_clouds(page: Report, comparison: Comparison, view: View | None, file_sl
         metadata = dict(cloud.metadata) | {"sensor": f"{a.name} against {b.name}"}
         sorted_by_kind = dataclasses.replace(cloud, class_id=kinds, class_names=labels, metadata=metadata)
         counts = ", ".join(f"{label} {np.count_nonzero(kinds == kind):,}" for kind, label in enumerate(labels))
-        caption = f"Difference cloud, first echoes of the pulses that have one: {counts}."
+        caption = f"Difference cloud, with the first echo of each pulse that has one: {counts}."
         page.add_pictures([(name, caption, _drawing(sorted_by_kind, view, colour_by="class"))])
 
 

@@ -78,24 +78,24 @@ def verdict(comparison: Comparison) -> str:
             f"{observation.name} {int(np.count_nonzero(observation.is_echo)):,}"
             for observation in comparison.observations
         ]
-        return f"Echoes: {', '.join(counts)}; which pulses found nothing is not known, so none is called better."
+        return f"Echoes: {', '.join(counts)}; missed pulses are not known, so the sensors cannot be ranked."
     shares = [(observation.name, overall_rate(observation.rated_surfaces)) for observation in comparison.observations]
     if not comparison.matched:
         # Shares of different pulses: one raster sees more of a dark far wall than the other, whatever the receivers.
         own = ", ".join(f"{name} {_percent(share.rate)} ({_interval_text(share.interval)})" for name, share in shares)
         return (
-            f"The sensors fire different pulses, so none is called better. Of its own pulses each finds, of "
-            f"{comparison.population} (95 % interval): {own}. With the same beams for all, pulses are compared one by "
-            "one."
+            "The sensors fire different pulses, so they cannot be ranked. Detected fraction of "
+            f"{comparison.population}, for the pulses of each sensor (95 % interval): {own}. With the same beams for "
+            "all, pulses are compared one by one."
         )
     order = sorted(shares, key=lambda pair: -pair[1].rate)
     (best, best_rate), (second, second_rate), *_ = order
     other_shares = ", ".join(f"{name} {_percent(share.rate)}" for name, share in order[1:])
     if _differ_significantly(comparison, best, second):
         more = f", {100.0 * (best_rate.rate - second_rate.rate):.3g} percentage points more" if len(order) == 2 else ""
-        outcome = f"{best} finds most, {_percent(best_rate.rate)} of {comparison.population}{more}; {other_shares}"
+        outcome = f"{best} detects most, {_percent(best_rate.rate)} of {comparison.population}{more}; {other_shares}"
     else:
-        alike = f"{best} and {second} find equally many of {comparison.population}, within chance"
+        alike = f"{best} and {second} detect equally many of {comparison.population}, within chance"
         outcome = f"{alike}: {best} {_percent(best_rate.rate)}, {other_shares}"
     spread = [
         (errors[0].sigma_m, observation.name)
@@ -127,13 +127,13 @@ def _interval_text(ends: tuple[float, float]) -> str:
     return f"{100.0 * ends[0]:.2f} to {100.0 * ends[1]:.2f} %"
 
 
-_FATE_SHORT = ("sensor", "pulses", "met a surface", "kept", "points", "false alarms")
+_FATE_SHORT = ("sensor", "pulses", "hit a surface", "kept", "points", "false alarms")
 _RATES_SHORT = ("sensor", "found", "95 % interval", "expected", "mean range error", "deviation of range error")
 
 FATE = (
     "sensor",
     "pulses",
-    "met a surface",
+    "hit a surface",
     "kept",
     "lost: below threshold",
     "of these without any light",
@@ -164,7 +164,7 @@ RATES = (
     "found",
     "95 % interval",
     "expected",
-    "found minus expected",
+    "detected minus expected",
     "mean range error",
     "deviation of range error",
 )
@@ -195,13 +195,13 @@ def summary_table(comparison: Comparison) -> Table:
 PAIRS = (
     "A",
     "B",
-    "found by both",
+    "detected by both",
     "A only",
     "B only",
     "neither",
-    "rate of A less B",
+    "rate of A minus B",
     "95 % interval",
-    "range of A less B, mean and deviation",
+    "range of A minus B, mean and deviation",
 )
 
 
@@ -239,7 +239,7 @@ def group_table(comparison: Comparison, key: str, most: int | None = None) -> Ta
     """
     grouping = comparison.group(key)
     names = [observation.name for observation in comparison.observations]
-    header = [key, f"pulses, {names[0]}", *(f"found, {name}" for name in names)]
+    header = [key, f"pulses, {names[0]}", *(f"detected, {name}" for name in names)]
     rates_by_sensor = [
         rates_by_group(observation.surfaces, grouping)
         for observation in comparison.observations
@@ -247,7 +247,7 @@ def group_table(comparison: Comparison, key: str, most: int | None = None) -> Ta
     ]
     pairs_by_sensor = [count_pairs(a.rated_surfaces, b.rated_surfaces, grouping) for a, b in comparison.against_first()]
     for a, b in comparison.against_first():
-        header += [f"only {a.name}", f"only {b.name}"] if len(pairs_by_sensor) == 1 else [f"{a.name} less {b.name}"]
+        header += [f"only {a.name}", f"only {b.name}"] if len(pairs_by_sensor) == 1 else [f"{a.name} minus {b.name}"]
     groups = [
         group
         for group in range(len(grouping.labels))
@@ -300,13 +300,13 @@ def crossing_lines(sweep: IlluminanceSweep, first: str) -> list[str]:
     low, high = sweep.illuminances_klux[0], sweep.illuminances_klux[-1]
     for name, crossings in sweep.crossings.items():
         if not crossings:
-            lines.append(f"{first} and {name} do not change places between {low:g} and {high:g} klux.")
+            lines.append(f"The ranking of {first} and {name} does not flip between {low:g} and {high:g} klux.")
         lines += [_crossing_sentence(crossing) for crossing in crossings]
         plane = sweep.on_plane_klux[name]
         if plane is not None:
             lines.append(
                 "On Table 1's target alone, a plane of reflectivity 0.1 in air of transmittance 0.98, "
-                f"{first} and {name} reach equally far, at P_d {PROBABILITY:g}, at {plane:.3g} klux."
+                f"{first} and {name} have the same range, at P_d {PROBABILITY:g}, at {plane:.3g} klux."
             )
     return lines
 
@@ -314,7 +314,7 @@ def crossing_lines(sweep: IlluminanceSweep, first: str) -> list[str]:
 def _crossing_sentence(crossing: RateCrossing) -> str:
     return (
         f"{crossing.ahead_above} overtakes {crossing.ahead_below} at {crossing.illuminance_klux:.3g} klux, where both "
-        f"are expected to find {_percent(crossing.expected)}."
+        f"are expected to detect {_percent(crossing.expected)}."
     )
 
 
@@ -322,7 +322,7 @@ def sweep_table(sweep: IlluminanceSweep) -> Table:
     """Table of the results of each sensor under each illuminance."""
     header = ["illuminance"]
     for name in sweep.courses:
-        header += [f"found, {name}", "expected", "false alarms", "deviation of range error"]
+        header += [f"detected, {name}", "expected", "false alarms", "deviation of range error"]
     rows = []
     for number, lux in enumerate(sweep.illuminances_klux):
         row = [f"{lux:g} klux"]

@@ -28,8 +28,8 @@ from .illuminance_sweep import sweep_illuminance
 from .observations import Observation, groupings
 
 _INTERVALS = (
-    "Intervals are of 95 %: Wilson's for rates, Agresti and Min's for the difference of two rates of the same pulses. "
-    "They take pulses for independent."
+    "Intervals are 95 %: by Wilson for rates, and by Agresti and Min for the difference of two rates of the same "
+    "pulses. They assume independent pulses."
 )
 
 
@@ -72,7 +72,7 @@ def compare_sensors(
         sensors=tuple(sensor for _, sensor in sensors),
         groups=groupings(observations),
         matched=matched,
-        population="the pulses that met a surface",
+        population="the pulses that hit a surface",
         notes=(_beams_note(scene, bench.frame.seed, matched=matched, same_beams=same_beams), _RATES_NOTE, _INTERVALS),
         aliasing_notes=aliasing_notes(observations, [sensor for _, sensor in sensors]),
         equal_terms=verdict(equal_terms(sensors, plane), plane),
@@ -112,8 +112,8 @@ def compare_clouds(clouds: Sequence[str | os.PathLike[str] | PointCloud]) -> Rep
         share = cloud_matching.disagreeing_share(observations[0], observation)
         if share > 0.01:
             notes.append(
-                f"{100.0 * share:.1f} % of the pulses that {names[0]} and {observation.name} both found met surfaces "
-                "at different true ranges: the two clouds are not of the same scene from the same place."
+                f"{100.0 * share:.1f} % of the pulses that {names[0]} and {observation.name} both detected hit "
+                "surfaces at different true ranges: the two clouds are not of the same scene from the same place."
             )
     comparison = Comparison(
         title=f"{', '.join(names)}",
@@ -128,31 +128,31 @@ def compare_clouds(clouds: Sequence[str | os.PathLike[str] | PointCloud]) -> Rep
 
 
 _RATES_NOTE = (
-    "A pulse is a hit if at least one of its points is an echo. Expected is the mean of the computed detection "
-    "probabilities, over the same pulses; found minus expected counts every echo that tripped the comparator, also out "
-    "of its window or hidden, against the sum of the probabilities, in standard deviations of independent draws."
+    "A pulse is detected if at least one of its points is an echo. Expected is the mean of the computed detection "
+    "probabilities of the same pulses. Detected minus expected compares all echoes that tripped the comparator, even "
+    "if out of the window or hidden, with the sum of the probabilities, in standard deviations of independent draws."
 )
 _MATCHED_CLOUDS = (
-    "The clouds came as files. Points are of one pulse where time, channel, azimuth and elevation agree to the last "
-    "bit. The files do not say what the sensors missed, so rates are shares of the pulses with which any of the clouds "
-    "has an echo, and there is no expected rate; truth is that of the first cloud that has it."
+    "These clouds are files. Points belong to one pulse if time, channel, azimuth and elevation agree to the last bit. "
+    "Files do not contain missed pulses, so rates refer to the pulses with an echo in at least one cloud, and there is "
+    "no expected rate. The truth is that of the first cloud that has it."
 )
 _UNMATCHED_CLOUDS = (
-    "The clouds came as files that share no pulses: time, channel, azimuth and elevation of their points do not agree. "
-    "So pulses cannot be matched, and as the files do not say what was missed there are no rates: echoes are counted."
+    "These clouds are files that share no pulses: time, channel, azimuth and elevation of their points do not agree. "
+    "Pulses cannot be matched, and files do not contain missed pulses, so echoes are counted instead of rates."
 )
 
 
 def _beams_note(scene: Scene, seed: int, *, matched: bool, same_beams: bool) -> str:
     light = f"The scene {scene.name} under {scene.sun.illuminance_klux:g} klux, seed {seed} for all sensors. "
     if matched:
-        how = "All run with the scanner and the mounting of the first: the" if same_beams else "The"
+        how = "All have the scanner and mounting of the first: the" if same_beams else "The"
         return (
-            f"{light}{how} sensors fire the same pulses, which are matched by their number; each pulse's random "
-            "numbers are the same for all sensors."
+            f"{light}{how} sensors fire the same pulses, which are matched by number. The random numbers of a "
+            "pulse are the same for all sensors."
         )
     return (
-        f"{light}The sensors do not fire the same pulses: their scanners, or mountings, differ. So pulses are not "
-        "matched; rates are compared by bins and bodies, of each sensor's own pulses. With --same-beams all "
-        "run with the first's scanner and mounting."
+        f"{light}The sensors do not fire the same pulses, because their scanners or mountings differ. Pulses are "
+        "therefore not matched, and rates are compared by bin and body. --same-beams gives all sensors the scanner and "
+        "mounting of the first."
     )

@@ -190,7 +190,10 @@ class DesignSpace:
             InputError: if a file, a key or a value cannot be understood
         """
         bases = {
-            label: [_read_base(name, placed.set, folder, where) for name in placed.bases]
+            label: [
+                _read_base(name, placed.set, folder, f"{where}: sensors.{label}.base" if label else f"{where}: sensor")
+                for name in placed.bases
+            ]
             for label, placed in study.placed.items()
         }
         if all(base.tables is None for base in itertools.chain(*bases.values())):
@@ -298,6 +301,11 @@ def files_of_base(base: Base) -> list[Path]:
 
 
 def _read_base(name: str, settings: Mapping[str, Any], folder: Path, where: str) -> Base:
+    """Read a sensor file with the study's settings in it; ``where`` names the key of the base, beside which is `set`.
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+    """
     if name == NO_SENSOR:
         return Base(name=name, settings=settings)
     settings = {
@@ -305,10 +313,12 @@ def _read_base(name: str, settings: Mapping[str, Any], folder: Path, where: str)
     }
     try:
         path = catalog.sensor_path(name, folder)
-        tables = changed_tables(read_toml(path), located_parts(assignments(settings), folder))
+        tables = read_toml(path)
+        where = where.removesuffix("sensor").removesuffix("base") + "set" if settings else where
+        tables = changed_tables(tables, located_parts(assignments(settings), folder))
         sensor_from_tables(tables, where=name, folder=path.parent)
     except InputError as error:
-        raise InputError(f"{where}: sensor: {error}") from None
+        raise InputError(f"{where}: {error}") from None
     return Base(name=name, path=path, settings=settings, tables=tables)
 
 

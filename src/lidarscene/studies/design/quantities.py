@@ -84,9 +84,10 @@ class Evaluator:
         """Raise InputError for a quantity that is neither known nor a number of its sensors, and for no such class."""
         for name, entry in self.entries.items():
             quantity = entry.quantity_name
+            key = f"{where}: {'objectives' if name in self.study.objectives else 'constraints'}.{name}"
             if quantity in TRACED:
                 assert self._bench is not None
-                bodies_of_class(self._bench.scene, entry.class_name, f"{where}: {name}")
+                bodies_of_class(self._bench.scene, entry.class_name, f"{key}.class")
             if quantity == "range_of_units":
                 self._check_tolerances(entry, where)
             if quantity in QUANTITIES:
@@ -94,7 +95,7 @@ class Evaluator:
             for base in self.space.bases[entry.sensor or next(iter(self.space.bases))]:
                 if base.tables is not None and not has_number(base.tables, quantity):
                     hint = did_you_mean(quantity, [*QUANTITIES, *numeric_keys(base.tables)])
-                    message = f"{where}: {name}: must be of a quantity or a number of {base.name}, got '{quantity}'"
+                    message = f"{key}: must be of a quantity or a number of {base.name}, got '{quantity}'"
                     raise InputError(f"{message}; {hint}".rstrip("; "))
 
     def _check_tolerances(self, entry: QuantityFile, where: str) -> None:

@@ -22,15 +22,17 @@ import math
 import time
 import warnings
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import IO
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from ...errors import InputError
 from ...files.optional import import_optional
 from ...maths.arrays import Numbers
+from ...maths.special import normal_tail_inverse
 from .designs import Design, DesignSpace, Values
 from .slopes import SlopesOf, differences
 from .study_file import StudyFile
@@ -44,6 +46,9 @@ of that."""
 
 _POPULATION = 64
 _IDLE = 10  # generations without a new design after which NSGA-II ends
+
+_CERTAIN = 1e-15
+"""Accuracy bought: probability next to 0 and 1 whose quantile, 7.9 sigma, double precision tells from infinity."""
 
 _LARGE = 1e30
 """Choice: number in place of an infinite one: pymoo computes differences."""
@@ -444,12 +449,16 @@ def _slsqp(log: Log, start: Numbers, *, ftol: float, objective: int = 0, allowed
     """
     from scipy.optimize import minimize
 
-    study = log.study
+    study, by_probit = log.study, _by_probit(log.study)
     free = log.space.continuous
     if not len(free):
         return
-    present = losses(study, _evaluated(log, start))
+    present = losses(by_probit, _with_probits(study, _evaluated(log, start)))
     size = np.where(np.isfinite(present) & (present != 0.0), np.abs(present), 1.0)
+    most = None
+    if allowed is not None:
+        is_probability = [name in _probabilities(study) for name in list(study.objectives)[1:]]
+        most = np.where(is_probability, _probit(np.abs(allowed)) * np.sign(allowed), allowed)
 
     best, since = _rank(study, _evaluated(log, start), objective, allowed), len(log.designs)
 
@@ -464,14 +473,12 @@ def _slsqp(log: Log, start: Numbers, *, ftol: float, objective: int = 0, allowed
         return design
 
     def loss(shares: Numbers) -> float:
-        return float(losses(study, design_at(shares))[objective] / size[objective])
+        return float(losses(by_probit, _with_probits(study, design_at(shares)))[objective] / size[objective])
 
     def bounded(shares: Numbers) -> Numbers:
-        design = design_at(shares)
-        within = -_violations(study, design)
-        if allowed is None:
-            return within
-        return np.concatenate([within, (allowed - losses(study, design)[1:]) / size[1:]])
+        design = _with_probits(study, design_at(shares))
+        within = -_violations(by_probit, design)
+        return within if most is None else np.concatenate([within, (most - losses(by_probit, design)[1:]) / size[1:]])
 
     # SLSQP asks for the slopes of loss and bounds one after the other, at the same place.
     @functools.lru_cache(maxsize=1)
@@ -482,7 +489,9 @@ def _slsqp(log: Log, start: Numbers, *, ftol: float, objective: int = 0, allowed
         by_name = None if design.reason else log.slopes_of(design)
         if by_name is None:
             return np.zeros((len(size), len(free))), np.zeros((len(bounded(shares)), len(free)))
-        of_losses, of_slacks = loss_slopes(study, by_name) / size[:, None], slack_slopes(study, by_name)
+        for name in _probabilities(study):
+            by_name[name] *= math.sqrt(2.0 * math.pi) * math.exp(0.5 * float(_probit(design.quantities[name])) ** 2)
+        of_losses, of_slacks = loss_slopes(by_probit, by_name) / size[:, None], slack_slopes(by_probit, by_name)
         if not len(of_slacks):
             of_slacks = np.zeros((1, len(free)))
         return of_losses, of_slacks if allowed is None else np.concatenate([of_slacks, -of_losses[1:]])
@@ -497,6 +506,42 @@ def _slsqp(log: Log, start: Numbers, *, ftol: float, objective: int = 0, allowed
             constraints=[{"type": "ineq", "fun": bounded, "jac": lambda shares: slopes_at(shares.tobytes())[1]}],
             options={"ftol": ftol, "maxiter": 100},
         )
+
+
+def _probabilities(study: StudyFile) -> list[str]:
+    """Names of the objectives and constraints that are a probability of detection."""
+    entries = {**study.objectives, **study.constraints}
+    return [name for name, entry in entries.items() if entry.quantity_name == "detection_probability"]
+
+
+def _by_probit(study: StudyFile) -> StudyFile:
+    """The study with its probabilities as probits: about SNR less TNR, hence nearly linear in the keys.
+
+    A probability itself is flat where detection is certain: a step along its slope leaves the allowed designs.
+    """
+    bounds = {
+        name: entry.model_copy(
+            update={
+                key: float(_probit(bound))
+                for key in ("at_least", "at_most")
+                if (bound := getattr(entry, key)) is not None
+            }
+        )
+        for name, entry in study.constraints.items()
+        if name in _probabilities(study)
+    }
+    return study.model_copy(update={"constraints": {**study.constraints, **bounds}})
+
+
+def _with_probits(study: StudyFile, design: Design) -> Design:
+    probits = {name: float(_probit(design.quantities[name])) for name in _probabilities(study) if not design.reason}
+    return replace(design, quantities={**design.quantities, **probits})
+
+
+def _probit(probability: ArrayLike) -> Numbers:
+    """Quantile of the standard normal distribution, at most that of `_CERTAIN`."""
+    tail = np.clip(np.asarray(probability, float), _CERTAIN, 1.0 - _CERTAIN)
+    return -np.asarray(normal_tail_inverse(tail))
 
 
 def _cobyqa(log: Log, start: Numbers) -> None:

@@ -96,7 +96,7 @@ class FreeFile(FileModel):
         if self.log and self.low <= 0.0:
             raise ValueError(f"low: must be more than 0 with log, got {self.low:g}")
         if self.log and self.step is not None:
-            raise ValueError("step: goes without log")
+            raise ValueError("step: cannot be combined with log")
         if self.step is not None and self.low + self.step > self.high:
             raise ValueError(
                 f"step: must leave two values or more, got {self.step:g} from {self.low:g} to {self.high:g}"
@@ -373,7 +373,7 @@ class StudyFile(FileModel):
         if (self.sensor is None) == (not self.sensors):
             raise ValueError("must have sensor or [sensors], and not both")
         if self.sensors and self.set:
-            raise ValueError("set: goes with sensor; each of [sensors] has its own")
+            raise ValueError("set: needs sensor; each of [sensors] has its own set")
         if not self.free and not any(len(placed.bases) > 1 for placed in self.placed.values()):
             raise ValueError("free: must have a key or more")
         shared = self.objectives.keys() & self.constraints.keys()
@@ -398,11 +398,11 @@ class StudyFile(FileModel):
     def _check_entry(self, where: str, entry: ObjectiveFile | ConstraintFile) -> None:
         if entry.quantity_name in TRACED:
             if self.scene is None:
-                raise ValueError(f"{where}: {entry.quantity_name} must go with a scene")
+                raise ValueError(f"{where}: {entry.quantity_name} needs a scene")
         elif entry.quantity_name == "cost" and not self.cost:
-            raise ValueError(f"{where}: cost must go with [cost]")
+            raise ValueError(f"{where}: cost needs [cost]")
         elif entry.quantity_name == "range_of_units" and not self.tolerance:
-            raise ValueError(f"{where}: range_of_units must go with [tolerance]")
+            raise ValueError(f"{where}: range_of_units needs [tolerance]")
         needs_label = entry.quantity_name not in OF_ALL_SENSORS and len(self.placed) > 1
         if needs_label and entry.sensor not in self.placed:
             raise ValueError(f"{where}.sensor: must be one of {', '.join(self.placed)}, got {entry.sensor or 'none'}")

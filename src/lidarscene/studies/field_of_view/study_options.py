@@ -27,21 +27,21 @@ class FieldOfViewStudy:
 
     times_s: tuple[float, ...] = option(
         TIMES_S,
-        help=f"times of the coverage, seconds (default {','.join(f'{time_s:g}' for time_s in TIMES_S)})",
+        help=f"times of the coverage in seconds (default {','.join(f'{time_s:g}' for time_s in TIMES_S)})",
         metavar="S,S,...",
         flags=("--time",),
     )
     cell_deg: float = option(
         CELL_DEG,
         Finite("degrees", 0.02, 10.0),
-        help="size of the cells (default {default})",
+        help="size of the cells in degrees (default {default})",
         metavar="DEG",
         flags=("--cell",),
     )
     mask: str = option(
         "outline",
         OneOf(("outline", "reached")),
-        help="the field of view: the pattern's convex outline (default), or cells ever reached",
+        help="field of view: the convex outline of the pattern (default), or only the cells that a pulse reaches",
     )
     target: Target = field(default_factory=lambda: Conditions().target())
 

@@ -113,38 +113,48 @@ class Conditions:
     probability: float = option(
         PROBABILITY,
         Bounds(unit="", low=0.001, high=0.999),
-        help="P_d at the range (default {default:g}); another is named in the column: range_pd50_m",
+        help="detection probability that defines the range (default {default:g}); another one is part of the "
+        "column's name: range_pd50_m",
         metavar="P_D",
     )
     distance: float = option(
-        100.0, CONDITIONS["distance"], help="of the target, for snr and pd (default {default:g})", metavar="M"
+        100.0,
+        CONDITIONS["distance"],
+        help="distance of the target in metres, for snr and pd (default {default:g})",
+        metavar="M",
     )
     illuminance_klux: float = option(
-        100.0, CONDITIONS["illuminance_klux"], help="on the target (default {default:g})", metavar="KLUX"
+        100.0, CONDITIONS["illuminance_klux"], help="illuminance on the target (default {default:g})", metavar="KLUX"
     )
     sun_angle: float = option(
         60.0,
         Bounds(unit="deg", low=0, high=180),
-        help="between sun and surface normal (default {default:g})",
+        help="angle between sun and surface normal (default {default:g})",
         metavar="DEG",
     )
     reflectivity: float = option(
-        0.1, CONDITIONS["reflectivity"], help="of the target (default {default:g})", metavar="SHARE"
+        0.1, CONDITIONS["reflectivity"], help="reflectivity of the target (default {default:g})", metavar="SHARE"
     )
     incidence: float = option(
-        0.0, CONDITIONS["incidence"], help="of the beam on the target (default {default:g})", metavar="DEG"
+        0.0,
+        CONDITIONS["incidence"],
+        help="angle of incidence of the beam on the target (default {default:g})",
+        metavar="DEG",
     )
     transmittance: float | None = option(
         None,
         Bounds(unit="", low=0.0, high=1.0, above=True),
-        help=f"of the air, one way, fixed (default {CLEAR_AIR})",
+        help=f"one-way transmittance of the air at any range (default {CLEAR_AIR})",
         metavar="SHARE",
     )
     extinction: float | None = option(
-        None, Bounds(unit="per metre", low=0, high=100), help="of the air, exp(-alpha R)", metavar="PER_M"
+        None, Bounds(unit="per metre", low=0, high=100), help="extinction of the air, exp(-alpha R)", metavar="PER_M"
     )
     visibility: float | None = option(
-        None, Bounds(unit="km", low=0.0, high=1e4, above=True), help="of the air, by Kim's extinction", metavar="KM"
+        None,
+        Bounds(unit="km", low=0.0, high=1e4, above=True),
+        help="visibility in the air, with Kim's extinction",
+        metavar="KM",
     )
 
     def __post_init__(self) -> None:
@@ -193,23 +203,24 @@ class SweepOptions:
 
     over: str | None = option(
         None,
-        help="distance, illuminance_klux, elevation, azimuth, reflectivity, incidence, or a key such as detector.gain",
+        help="quantity to sweep: distance, illuminance_klux, elevation, azimuth, reflectivity, incidence, or a "
+        "key such as detector.gain",
         metavar="AXIS",
     )
     quantity: str | None = option(
-        None, OneOf(QUANTITIES), help="default: snr over distance, the range over everything else"
+        None, OneOf(QUANTITIES), help="quantity to compute (default: snr over distance, range over everything else)"
     )
     start: float | None = option(
         None, Finite("the axis's unit"), help="start of the axis, in its unit", metavar="X", flags=("--from",)
     )
     stop: float | None = option(None, Finite("the axis's unit"), help="end of the axis", metavar="X", flags=("--to",))
     points: int = option(
-        200, Whole(2, 100_000), help="points on the axis (default {default})", metavar="N", flags=("--n",)
+        200, Whole(2, 100_000), help="number of points on the axis (default {default})", metavar="N", flags=("--n",)
     )
     aperture_law: str | None = option(
         None,
         OneOf(APERTURE_LAWS),
-        help="receiver off the axis, over elevation or azimuth (default: the sensor's own scanner's)",
+        help="aperture of the receiver off the axis, over elevation or azimuth (default: that of the sensor's scanner)",
     )
     log: bool | None = None
 
@@ -234,8 +245,8 @@ class SweepOptions:
                 "{over} distance {quantity} range: the quantity must be snr or pd; the range is their limit"
             )
         if axis in conditions:
-            raise OptionError(f"{{{axis}}} does not go with {{over}} {axis}")
+            raise OptionError(f"{{{axis}}} cannot be combined with {{over}} {axis}")
         if "distance" in conditions and quantity == "range":
-            raise OptionError("{distance} goes with {quantity} snr or pd, not with the range")
+            raise OptionError("{distance} needs {quantity} snr or pd, got range")
         if self.aperture_law and axis not in ("elevation", "azimuth"):
-            raise OptionError("{aperture_law} goes with {over} elevation or azimuth")
+            raise OptionError("{aperture_law} needs {over} elevation or azimuth")

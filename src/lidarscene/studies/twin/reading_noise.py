@@ -17,6 +17,7 @@ from ...detection.outcomes import Status
 from ...detection.receiver import detect
 from ...light.echoes import Echoes
 from ...light.fluctuations import fluctuate
+from ...light.hits import relative_row_slope
 from ...maths.arrays import Lanes, Numbers
 from ...physics.photon_counting import shared_shots
 from ...sensor.sensor_model import Sensor
@@ -80,7 +81,7 @@ def _correlation(sensor: Sensor, step_rad: float) -> Numbers:
     apart = np.arange(LAGS)
     if sensor.histogram is None or sensor.histogram.column_weights is None:
         return INDEPENDENT
-    weights = [float(weight) for weight in sensor.histogram.column_weights]
+    weights = [float(weight) for weight in sensor.histogram.window.values()]
     return np.asarray(shared_shots.correlation(weights, round(abs(step_rad) / sensor.sweep_rad) * apart))
 
 
@@ -113,9 +114,22 @@ def surface_without_noise(sensor: Sensor, grid: Grid, planes: Planes, apparent: 
     noise = ReadingNoise.of(sensor, measured_m, apparent, grid.step_rad)
     if noise is None:
         return np.where(planes.has_plane, planes.range_m, grid.sweep.range_m), apparent
-    range_m = flat_m + without_noise(measured_m - flat_m, noise.range_m, noise.correlation)
+    range_sigma_m = noise.range_m * _noise_over_level(sensor, grid, planes)
+    range_m = flat_m + without_noise(measured_m - flat_m, range_sigma_m, noise.correlation)
     log_apparent = without_noise(np.where(returned, np.log(apparent), np.nan), noise.log_strength, INDEPENDENT)
     return np.where(returned, range_m, planes.range_m), np.where(returned, np.exp(log_apparent), apparent)
+
+
+def _noise_over_level(sensor: Sensor, grid: Grid, planes: Planes) -> Numbers | float:
+    """Noise of each pixel's range over that of a surface that does not lean along its row, (T176a)."""
+    histogram = sensor.histogram
+    if histogram is None or histogram.column_range_m is None:
+        return 1.0
+    direction = np.moveaxis(grid.sweep.direction, -1, 0)
+    row_slope = relative_row_slope(tuple(np.moveaxis(planes.normal, -1, 0)), tuple(direction))
+    step_m = row_slope * np.where(planes.has_plane, planes.range_m, 0.0) * sensor.sweep_rad
+    window = {column: float(weight) for column, weight in histogram.window.items()}
+    return np.asarray(shared_shots.shares(window, step_m / float(histogram.column_range_m))[1])
 
 
 def without_noise(values: Numbers, sigma: Numbers, correlation: Numbers) -> Numbers:

@@ -101,7 +101,7 @@ def choose_frames(recording: Recording, frames: Sequence[int] | None, held_out: 
             f"--held-out {COLUMNS} leaves out every second column"
         )
     if held_out == COLUMNS and len(remaining) > 1:
-        raise InputError(f"--held-out {COLUMNS}: must go with one frame, got {len(remaining)} frames")
+        raise InputError(f"--held-out {COLUMNS}: needs a single frame, got {len(remaining)} frames")
     return TwinFrames(frames=remaining, held_out=held_out)
 
 
