@@ -1,5 +1,6 @@
 """Who walks: the foot that bears stands still, at any speed and on any motion; and clips as glTF means them."""
 
+import warnings
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -277,6 +278,25 @@ def test_a_stride_that_leads_away_is_brought_back(tmp_path: Path) -> None:
     shifts = piece.stride.vertices_m - WALL
     np.testing.assert_allclose(shifts[:, :, 0], 0.0, atol=1e-5)
     assert shifts[:, :, 1].max() == pytest.approx(0.2)
+
+
+@pytest.mark.parametrize(("back_m", "warns"), [(2.0, False), (50.0, True)])
+def test_an_animation_that_is_more_than_a_stride_is_named(tmp_path: Path, back_m: float, warns: bool) -> None:
+    """A wall of 4 m goes back on the ground for an eighth of its time, and in the air to where it began."""
+    way = [[0, 0, 0], [-back_m, 0, 0], [-back_m, 1, 0], [0, 1, 0], [0, 0, 0]]
+    mesh = walls(tmp_path, (0.0, 1.0, 2.0, 7.0, 8.0), dance=[("translation", "LINEAR", way)])
+    path = tmp_path / "scene.toml"
+    path.write_text(
+        f'[[bodies]]\nname = "dancer"\nmesh = "{mesh}"\nanimation = "dance"\nmotion = {{ speed_m_s = 1.0 }}\n'
+    )
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always")
+        (body,) = load_scene(path).bodies
+    assert body.gait is not None
+    assert body.gait.stride_m == pytest.approx(8.0 * back_m)
+    expected = ["animation: 'dance' leads 400 m in 8 s, and what moves has 4 m: it must be one stride"] if warns else []
+    assert len(caught) == len(expected)
+    assert all(text in str(each.message) for text, each in zip(expected, caught, strict=True))
 
 
 def test_what_does_not_move_is_rigid_and_what_stands_stands(tmp_path: Path) -> None:

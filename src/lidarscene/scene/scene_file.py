@@ -43,10 +43,10 @@ from .meshes.usd import is_usd
 from .motion import BodyMotionFile
 from .saving import SceneOrigin, saved_tables
 from .scene import Ball, Body, BodyOrigin, Part, Scene, box_of
-from .sizes import VEHICLES, check_vehicle, size_text
+from .sizes import VEHICLES, check_vehicle, metres_text, size_text
 from .street.street_tables import with_street
 from .tables import BodyFile, SceneFile, interferers, lamps_w_m2
-from .walking import Gait
+from .walking import LONGEST_STRIDE, Gait
 
 SMALLEST_BODY_M = 1e-6
 """Accuracy bought: smallest extent of a body: below it single precision cannot resolve the corners, so its scale must
@@ -575,6 +575,19 @@ def _gait(body: BodyFile, parts: Sequence[Part | Ball], *, folder: Path, where: 
         raise InputError(
             f"{where}.animation: must be a stride, in which a foot on the ground goes back, got '{body.animation}', "
             "in which none does"
+        )
+    size_m = float(np.ptp(np.concatenate([stride_m[0] for stride_m in strides_m]), axis=0).max())
+    if gait.stride_m > LONGEST_STRIDE * size_m:
+        warn(
+            OptionWarning(
+                "{0}.animation: '{1}' leads {2} m in {3} s, and what moves has {4} m: it must be one stride, from a "
+                "foot's contact to its next",
+                where,
+                body.animation,
+                metres_text(gait.stride_m),
+                f"{period_s:.3g}",
+                metres_text(size_m),
+            )
         )
     return gait
 

@@ -32,6 +32,10 @@ LARGEST_LEVEL = 1.25
 NODE_S = 0.05
 """Accuracy bought: time between the nodes of the way of a motion, an eleventh of a step."""
 
+LONGEST_STRIDE = 5.0
+"""Choice: length of a stride, over the size of the body, beyond which an animation is taken for more than a stride:
+those who run or gallop have less."""
+
 _SOLE_SHARE = 0.002
 """Choice: share of the height of a walker within which a sole bears on the ground."""
 
