@@ -31,7 +31,7 @@ FIRST, DEFAULT, BARE, GLASS, OPEN3D = "first surface", "default", "bare Embree",
 SEQUENCE = "in sequence"
 
 FRAMES = 24
-"""Frames of a sequence: the first three launches have fewer of a small sensor than those that follow."""
+"""Frames of a sequence: of a small sensor the first launch has one, and those that follow as many as are worth it."""
 COLUMNS = (
     "sensor",
     "beams",

@@ -227,6 +227,15 @@ def test_wheels_meet_the_surface_that_the_mesh_shows() -> None:
     assert np.isnan(ground.height_m(aside_m)).tolist() == [False, True]
 
 
+def test_wheels_below_a_bridge_stay_on_their_road() -> None:
+    """A sheet is the ground of wheels up to 1.5 m below it; beside all they keep their height."""
+    bridge = sheet(Pose(position_m=np.array([0.0, 0.0, 5.0])))
+    ground = Ground(surface=FLAT, sheets=[sheet(), bridge])
+    place_m, near_m = np.zeros((5, 2)), np.array([-0.3, 3.4, 3.6, 5.1, 7.0])
+    place_m[4, 1] = 30.0
+    np.testing.assert_allclose(ground.wheel_height_m(place_m, near_m), [0.0, 0.0, 5.0, 5.0, 7.0], atol=1e-9)
+
+
 def test_things_stand_on_the_highest_ground(tmp_path: Path) -> None:
     scene = scene_of(
         tmp_path,

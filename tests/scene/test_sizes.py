@@ -10,7 +10,8 @@ from helpers.command_line import Run
 from helpers.mistakes import told
 
 from lidarscene.errors import OptionError, OptionWarning
-from lidarscene.scene.scene_file import load_scene, mesh_description
+from lidarscene.scene.bare_mesh import mesh_description
+from lidarscene.scene.scene_file import load_scene
 from lidarscene.scene.sizes import size_text
 
 CAR = Path(__file__).parents[2] / "assets" / "meshes" / "car.glb"
@@ -42,8 +43,8 @@ def test_a_vehicle_in_another_unit(tmp_path: Path, per_m: float, unit: str, clas
     trimesh.creation.box(np.array([4.8, 2.0, 2.3]) * per_m).export(tmp_path / "van.obj")
     size = size_text(np.array([4.8, 2.0, 2.3]) * per_m)
     # A note; where it is a hundred times too long no sensor on it would see anything, and it is refused.
-    told = pytest.warns(OptionWarning) if unit == "in" else pytest.raises(OptionError)
-    with told as caught:
+    expected = pytest.warns(OptionWarning) if unit == "in" else pytest.raises(OptionError)
+    with expected as caught:
         body(tmp_path, "van.obj", class_name=class_name)
     message = str(caught[0].message if unit == "in" else caught.value)
     assert re.search(

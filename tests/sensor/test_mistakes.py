@@ -66,7 +66,7 @@ def _in_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     vlp-16 ONE=[88] scanner.elevation_shift_deg=4 | elevations | -90 to 90 degrees | 92
     table1-apd laser.repetition_rate_khz=100 tdc.window_us=10.5 | tdc.window_us | <= 10 | 10.5
     table1-apd laser.exit_diameter_mm=5 laser.divergence_mrad=0.229 | laser | divergence_mrad | >= 0.23 | 0.229
-    table1-apd laser.exit_diameter_mm=5 laser.divergence_mrad=3 NARROW=0.22 | laser | divergence_mrad | >= 0.23 | 0.22
+    table1-apd laser.exit_diameter_mm=5 laser.divergence_mrad=3 NARROW=0.22 | divergence_elevation_mrad | >= 0.23 | 0.22
     table1-apd receiver.response=bessel | receiver.response | 'none', 'gaussian' or 'single_pole' | "bessel"
     table1-apd receiver.bandwidth_mhz=0 | receiver.bandwidth_mhz | >= 0.001 | 0
     table1-apd receiver.ac_coupling_khz=0 | receiver.ac_coupling_khz | >= 0.001 | 0

@@ -170,7 +170,8 @@ class LabelTables:
 
     def is_own(self, body: Lanes) -> Mask:
         """Whether a body is of the ego vehicle, (n,)."""
-        return self._of_body(body) < 0
+        own: Mask = self._of_body(body) < 0
+        return own
 
     def _of_body(self, body: Lanes) -> Any:
         ops, last = xp(body), xp(body).width(self.bodies) - 1

@@ -126,8 +126,8 @@ class OpticalChunk:
 
 def light_arrays(light: Echoes) -> list[Any]:
     """Device arrays of the echoes of rays, which `light.pulse_train.join_echoes` joins by pulse."""
-    arrays = [light.has_surface, light.range_m, light.peak_power_w, light.background_power_w, light.white_w_m2]
-    arrays += [interference.peak_power_w for interference in light.interference]
+    arrays: list[Any] = [light.has_surface, light.range_m, light.peak_power_w, light.background_power_w]
+    arrays += [light.white_w_m2, *(interference.peak_power_w for interference in light.interference)]
     if light.fluctuation is not None:
         arrays += [light.fluctuation.variance, light.fluctuation.relative_power]
     arrays += [light.broadening, light.row_slope]

@@ -160,9 +160,14 @@ def declared(
     return {"option": Declaration(help, values, metavar, flags)}
 
 
-@functools.cache
 def options_of(kind: type[Any]) -> Mapping[str, tuple[Field[Any], Declaration]]:
     """Name -> field and declaration of each option of a dataclass."""
+    hashable: Any = kind  # as every class is, which mypy does not see
+    return _options_of(hashable)
+
+
+@functools.cache
+def _options_of(kind: Any) -> Mapping[str, tuple[Field[Any], Declaration]]:
     options = {entry.name: (entry, entry.metadata["option"]) for entry in fields(kind) if "option" in entry.metadata}
     return MappingProxyType(options)
 

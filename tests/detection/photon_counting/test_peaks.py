@@ -1141,7 +1141,7 @@ def test_another_board_where_spads_come_back_is_an_echo_alone():
 
 
 def test_a_wall_in_fog_is_a_peak_beside_that_of_the_air():
-    """Near the lenses both are one. Reference: the highest points of the light on a grid."""
+    """Reference: the highest points of the light on a grid. Near the lenses both are one."""
     counter = photons.sensor("histogram.window_us=0.6")
     for wall_m, count in ((2.0, 1), (6.0, 2), (20.0, 2)):
         fog = in_fog(counter, np.ones(2), wall_m=wall_m)

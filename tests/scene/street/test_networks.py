@@ -212,7 +212,7 @@ def test_a_drawn_town_has_hills_lights_and_a_roundabout_at_which_vehicles_turn()
 
 
 def test_a_seed_is_a_town(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    """By what netconvert is given; the junction in the middle is a ring."""
+    """What netconvert is given is the same; the junction in the middle is a ring."""
     monkeypatch.setattr(sumo, "_run", lambda *_: [])
     files = []
     for number, seed in enumerate((1, 1, 2)):

@@ -209,7 +209,7 @@ def test_a_crossing_closes_where_the_ego_vehicle_can_stop_and_is_near() -> None:
 
 
 def test_who_is_near_for_two_steps_is_shown() -> None:
-    """On straight lines a pose is a step; a body that moves has two at least."""
+    """A body that moves has two poses at least."""
     layout: Any = SimpleNamespace(file=StreetFile(shown_m=50.0))
     for x_m, shown in (([60, 51, 51, 60], []), ([60, 49, 51, 60], []), ([60, 50, -50, 60], [1, 2])):
         row = np.arange(4.0)

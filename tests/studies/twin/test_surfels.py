@@ -396,3 +396,18 @@ def test_reflectivities_are_the_apparent_ones_over_the_law_of_incidence() -> Non
     assert np.median(cos) < 0.4
     ratio = quads.reflectivity[ground] / (0.3 * cos / scattering_law(cos))
     assert np.quantile(np.abs(ratio - 1.0), 0.8) < 0.03
+
+
+@pytest.mark.parametrize("side", [1, -1])
+def test_what_leans_to_its_neighbour_on_a_plane_is_that_plane(side: int) -> None:
+    """Whatever the given normals are aside; the rise along the column is theirs. Columns are beside each other."""
+    plane = np.array([0.6, 0.3, -0.2])
+    azimuth, elevation = np.meshgrid(np.linspace(0.5, 0.3, 9), np.linspace(0.2, -0.2, 5))
+    direction = np.stack(
+        [np.cos(elevation) * np.cos(azimuth), np.cos(elevation) * np.sin(azimuth), np.sin(elevation)], axis=-1
+    )
+    sweep = Sweep(range_m=6.0 / (direction @ plane), recorded=np.ones((5, 9), bool), direction=direction)
+    to_left = np.stack([-np.sin(azimuth), np.cos(azimuth), 0.0 * azimuth], axis=-1)
+    given = -plane + 0.2 * to_left
+    leaning = surfels._leaning(align_columns(sweep), sweep.range_m, given, side)[:, 1:-1]
+    np.testing.assert_allclose(leaning, np.broadcast_to(-plane / 0.7, leaning.shape), atol=1e-9)

@@ -207,11 +207,9 @@ def _leaning(grid: Grid, range_m: Numbers, normal: Numbers, side: int) -> Number
     sweep = grid.sweep
     direction = sweep.direction
     point = range_m[..., None] * direction + (0.0 if sweep.origin_m is None else sweep.origin_m)
-    azimuth, elevation = angles_from(direction)
-    level = -np.sin(elevation)
-    up = np.stack([level * np.cos(azimuth), level * np.sin(azimuth), np.cos(elevation)], axis=-1)
-    steepness = np.einsum("...i,...i", normal, up) / np.einsum("...i,...i", normal, direction)
-    leaning = np.cross(_neighbour(grid, point, side) - point, up - steepness[..., None] * direction)
+    # Up along the plane, in the vertical plane of the beam.
+    steepness = normal[..., 2] / np.einsum("...i,...i", normal, direction)
+    leaning = np.cross(_neighbour(grid, point, side) - point, (0.0, 0.0, 1.0) - steepness[..., None] * direction)
     with np.errstate(invalid="ignore", divide="ignore"):
         towards = -np.sign(np.einsum("...i,...i", leaning, direction)) / np.linalg.norm(leaning, axis=-1)
         change_m = np.abs(_neighbour(grid, range_m, side) - range_m)
