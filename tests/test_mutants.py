@@ -58,14 +58,20 @@ def test_changes_of_a_file(tool, tmp_path: Path) -> None:
 
 
 def test_a_run(tool, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
-    """Killed is what a test notices; what no test runs has no test. The files stay as they are."""
+    """Killed is what a test notices, or what cannot be imported; what no test runs has no test. The files stay as they
+    are.
+    """
     source = tmp_path / "src" / "lidarscene" / "room" / "module.py"
     source.parent.mkdir(parents=True)
-    source.write_text("def tens():\n    return 10\n\n\ndef held():\n    return 1\n\n\ndef idle():\n    return 4\n")
+    source.write_text(
+        "def tens():\n    return 10\n\n\ndef held():\n    return 1\n\n\ndef idle():\n    return 4\n"
+        "\n\ndef first():\n    return [1][0]\n\n\nFIRST = first()\n"
+    )
     test = tmp_path / "test_module.py"
     test.write_text(
         "import sys\nsys.path.insert(0, 'src/lidarscene/room')\nimport module\n\n\n"
-        "def test_held():\n    assert module.held() == 1\n\n\ndef test_tens():\n    assert module.tens() > 9\n"
+        "def test_held():\n    assert module.held() == module.FIRST == 1\n\n\n"
+        "def test_tens():\n    assert module.tens() > 9\n"
     )
     (tmp_path / "pytest.ini").write_text("[pytest]\n")
     for command in (["init", "-q"], ["add", "."]):
@@ -73,11 +79,12 @@ def test_a_run(tool, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None
     (tmp_path / "out" / "map").mkdir(parents=True)
     name = "src/lidarscene/room/module.py"
     (tmp_path / "out" / "map" / "1.jsonl").write_text(
-        f'["test_module.py::test_held", 0.1, ["{name}:held"]]\n["test_module.py::test_tens", 0.1, ["{name}:tens"]]\n'
+        f'["test_module.py::test_held", 0.1, ["{name}:held", "{name}:first"]]\n'
+        f'["test_module.py::test_tens", 0.1, ["{name}:tens"]]\n'
     )
     tool.run([str(source)], 10, seed=1, jobs=2, limit_s=100)
     printed = capsys.readouterr().out
     assert f"survived: {name}:2 tens\n    -    return 10\n    +    return 11\n" in printed
     assert f"no test: {name}:10 idle\n" in printed
-    assert printed.endswith("| room | 3 | 1 | 1 | 0 | 1 |\n| all | 3 | 1 | 1 | 0 | 1 |\n")
+    assert printed.endswith("| room | 5 | 3 | 1 | 0 | 1 |\n| all | 5 | 3 | 1 | 0 | 1 |\n")
     assert "return 10" in source.read_text()

@@ -67,8 +67,11 @@ def checks_arguments(call: Checked) -> Checked:
         if len(arguments) > len(positional) and not takes_list:
             others = [name for name in _keywords_of(call, signature) if name not in positional]
             raise _too_many(call.__name__, arguments[own:], positional[own:], others, _hints_of(call))
-        _require_once(call, signature, positional[: len(arguments)], keywords)
-        bound = signature.bind(*arguments, **keywords).arguments
+        try:
+            bound = signature.bind(*arguments, **keywords).arguments
+        except TypeError:
+            _require_once(call, signature, positional[: len(arguments)], keywords)
+            raise
         for name, hint in _hints_of(call).items():
             if name in bound:
                 require_type(name, bound[name], hint)

@@ -42,8 +42,8 @@ class Hits:
         mirrored: (n,) bool, whether the path was reflected: the surface is not where the beam points
         normal: (x, y, z) unit normal of the surface on the ray's side, None if it is not asked for. In the world's
             axes; `rendering.stages` turns it into the sensor's as the pulse leaves
-        row_slope: (n,) relative change of the range over the azimuth [1/rad] where the beam turns on about the sensor's z
-            axis and the surface goes on as a plane; None if it is not asked for
+        row_slope: (n,) relative change of the range over the azimuth [1/rad] where the beam turns on about the sensor's
+            z axis and the surface goes on as a plane; None if it is not asked for
         velocity_m_s: (x, y, z) of the surface in the world, likewise; None also where nothing moves: zeros would have
             the number of lanes that they were recorded with
     """

@@ -7,7 +7,7 @@ wheels meet is what beams meet, but for the waves that are too short for a mesh.
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -254,20 +254,24 @@ class Ground:
             bounds[row] = place_m.min(axis=0) - EDGE_M, place_m.max(axis=0) + EDGE_M
         object.__setattr__(self, "_bounds_m", bounds)
 
-    def _sheets_near(self, place_m: Numbers) -> list[Sheet | Area]:
-        """Sheets that may be below some of (n, 2) places: a long street has hundreds, few of them near a vehicle."""
+    def _sheets_near(self, place_m: Numbers) -> Iterator[tuple[Sheet | Area, Numbers]]:
+        """Yield the sheets that may be below some of (n, 2) places, and the numbers of these: of hundreds, few are."""
         if not len(place_m):
-            return []
+            return
         low_m, high_m = place_m.min(axis=0), place_m.max(axis=0)
         near = ((self._bounds_m[:, 1] >= low_m) & (self._bounds_m[:, 0] <= high_m)).all(axis=1)
-        return [self.sheets[number] for number in np.flatnonzero(near).tolist()]
+        for number in np.flatnonzero(near).tolist():
+            low_m, high_m = self._bounds_m[number]
+            rows = np.flatnonzero(((place_m >= low_m) & (place_m <= high_m)).all(axis=1))
+            if len(rows):
+                yield self.sheets[number], rows
 
     def height_m(self, place_m: Numbers) -> Numbers:
         """Height [m] of the highest sheet's mesh at (n, 2) places; NaN where there is none."""
         highest = np.full(len(place_m), np.nan)
-        for sheet in self._sheets_near(place_m):
-            on_sheet, height_m = sheet.mesh_height_m(place_m)
-            highest[on_sheet] = np.fmax(highest[on_sheet], height_m)
+        for sheet, rows in self._sheets_near(place_m):
+            on_sheet, height_m = sheet.mesh_height_m(place_m[rows])
+            highest[rows[on_sheet]] = np.fmax(highest[rows[on_sheet]], height_m)
         return highest
 
     def wheel_height_m(self, place_m: Numbers, near_m: Numbers | None = None) -> Numbers:
@@ -277,11 +281,12 @@ class Ground:
             near_m: (n,) heights of wheels, on which sheets that are `HEADROOM_M` higher are none; in place of 0, too
         """
         highest = np.full(len(place_m), np.nan)
-        for sheet in self._sheets_near(place_m):
-            on_sheet, height_m = sheet.smooth_height_m(place_m)
+        for sheet, rows in self._sheets_near(place_m):
+            on_sheet, height_m = sheet.smooth_height_m(place_m[rows])
+            rows = rows[on_sheet]
             if near_m is not None:
-                height_m = np.where(height_m < near_m[on_sheet] + HEADROOM_M, height_m, np.nan)
-            highest[on_sheet] = np.fmax(highest[on_sheet], height_m)
+                height_m = np.where(height_m < near_m[rows] + HEADROOM_M, height_m, np.nan)
+            highest[rows] = np.fmax(highest[rows], height_m)
         base_m = np.zeros(len(place_m)) if near_m is None else near_m
         return np.asarray(np.where(np.isnan(highest), base_m, highest) + self.surface.height_m(place_m))
 

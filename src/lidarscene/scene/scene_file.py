@@ -455,6 +455,11 @@ def _place_body(
 ) -> list[Body]:
     """Build the body, or one body for each of its instances."""
     label = body.class_name or body.name
+    places = [(name, pose, motion) for (name, pose), motion in zip(_places(body), body.motions(), strict=True)]
+    stands = np.array([body.on_ground and motion is None for _, _, motion in places], dtype=bool)
+    rise_m = np.zeros((len(places), 3))
+    place_m = np.array([pose.position_m[:2] for _, pose, _ in places]).reshape(-1, 2)
+    rise_m[stands, 2] = _ground_below(ground, place_m[stands], where)
 
     def make_body(name: str, pose: Pose, motion_file: BodyMotionFile | None) -> Body:
         motion: Motion | None = None
@@ -466,14 +471,13 @@ def _place_body(
                 pose, height_m=ground.wheel_height_m, on_ground=body.on_ground, folder=folder, where=f"{where}.motion"
             )
             present_s = motion_file.present_s(motion)
-        elif body.on_ground:
-            rise_m = _ground_below(ground, pose.position_m[None, :2], where)
-            pose = replace(pose, position_m=pose.position_m + rise_m * np.array([0.0, 0.0, 1.0]))
         return Body(name=name, class_name=label, parts=parts, pose=pose, motion=motion, present_s=present_s, gait=gait)
 
     return [
-        make_body(name, pose, motion).made_from(_origin(body, folder, number))
-        for number, ((name, pose), motion) in enumerate(zip(_places(body), body.motions(), strict=True))
+        make_body(name, replace(pose, position_m=pose.position_m + rise_m[number]), motion).made_from(
+            _origin(body, folder, number)
+        )
+        for number, (name, pose, motion) in enumerate(places)
     ]
 
 

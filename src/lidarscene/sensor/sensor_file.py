@@ -355,8 +355,7 @@ def _check_columns(sensor: Sensor) -> None:
         return
     if sensor.histogram.estimator != "matched_filter":
         raise InputError(
-            'histogram.column_weights: must go with estimator = "matched_filter", '
-            f'got "{sensor.histogram.estimator}"'
+            f'histogram.column_weights: must go with estimator = "matched_filter", got "{sensor.histogram.estimator}"'
         )
     if sensor.histogram.column_range_m is not None and not isinstance(sensor.scanner, Spinning):
         raise InputError('histogram.column_range_mm: must be left out unless scanner.type = "spinning"')

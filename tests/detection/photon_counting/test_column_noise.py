@@ -137,8 +137,8 @@ def test_columns_count_less_where_a_surface_leans(step_mm, seed):
 
 @pytest.mark.parametrize("surface", ["wall", "floor"])
 def test_a_rendered_surface_leans_along_the_row_alone(surface, mi, seed):
-    """A wall 6 m off that the turned sensor sees at 50 to 60 degrees to its side: the errors over (T176a) of its tangent
-    are as large as those of columns that all count. A floor is as far all along a row, however flat it is seen.
+    """A wall 6 m off that the turned sensor sees at 50 to 60 degrees to its side: the errors over (T176a) of its
+    tangent are as large as those of columns that all count. A floor is as far all along a row, however flat it is seen.
     """
     yaw_deg = 20.0
     if surface == "wall":
@@ -239,3 +239,10 @@ def test_a_scanner_without_columns_is_refused():
     tables["histogram"]["column_weights"] = [1.0, 0.5]
     with told("columns"):
         photons.sensor_from_tables(tables, where="test")
+
+
+def test_columns_that_do_not_turn_about_an_axis_share_noise_at_any_range():
+    shared = "histogram.column_weights=[1.0, 0.5]"
+    assert photons.sensor(shared).histogram.column_range_m is None
+    with told("histogram.column_range_mm | spinning"):
+        photons.sensor(shared, "histogram.column_range_mm=12")

@@ -214,6 +214,12 @@ def test_points_of_a_pulse_are_its_first_and_second() -> None:
     assert second.tolist() == [-1, -1, -1, 1, -1, 5]
 
 
+def test_the_strongest_point_of_a_pulse_is_its_first_if_these_are_kept() -> None:
+    first, second = twin_pulses._by_pulse(np.array([3, 3, 3, 1, 5, 5]), 6, np.array([1.0, 9.0, 4.0, 2.0, 7.0, 3.0]))
+    assert first.tolist() == [-1, 3, -1, 1, -1, 4]
+    assert second.tolist() == [-1, -1, -1, 2, -1, 5]
+
+
 def test_changes_along_a_ring_have_the_deviation_of_what_is_independent() -> None:
     """A straight wall has no changes; weights of one pulse and its neighbours have squares that sum to one."""
     impulse = np.zeros((1, 9))

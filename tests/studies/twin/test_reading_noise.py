@@ -1,13 +1,20 @@
 """Noise of readings, and surfaces without it."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from helpers.twins import room_sweep
 
 from lidarscene.maths.arrays import Numbers
+from lidarscene.physics.photon_counting import shared_shots
 from lidarscene.sensor.sensor_file import load_sensor
 from lidarscene.studies.fit.products import scatter_c_mm
+from lidarscene.studies.twin import reading_noise
 from lidarscene.studies.twin.apparent_reflectivity import white_signal
-from lidarscene.studies.twin.reading_noise import INDEPENDENT, LAGS, ReadingNoise, without_noise
+from lidarscene.studies.twin.planes import align_columns, fit_planes
+from lidarscene.studies.twin.reading_noise import INDEPENDENT, LAGS, ReadingNoise, surface_without_noise, without_noise
+from lidarscene.studies.twin.tuning import MOST_OFF_M
 
 SHAPE = (16, 1024)
 
@@ -74,3 +81,39 @@ def test_pixels_without_neighbours_stay_as_recorded() -> None:
 
 def test_a_sensor_that_sees_hardly_any_of_the_boards_says_no_noise() -> None:
     assert ReadingNoise.of(load_sensor("os0-128"), np.full(SHAPE, 2000.0), np.full(SHAPE, 0.5), 1e-2) is None
+
+
+def test_a_return_far_off_its_plane_along_the_beam_stays_on_it() -> None:
+    """Ground that is seen flat: 5 cm off the plane are 0.2 m along the beam, and no noise."""
+    sensor, grid = load_sensor("os0-128"), align_columns(room_sweep())
+    planes = fit_planes(grid)
+    flat = planes.has_plane & (np.abs(planes.normal[..., 2]) > 0.999) & (grid.sweep.range_m > 6.0)
+    row, column = np.argwhere(flat)[len(np.argwhere(flat)) // 2]
+    range_m = np.array(grid.sweep.range_m)
+    range_m[row, column] -= 0.05 / -float(grid.sweep.direction[row, column] @ planes.normal[row, column])
+    grid = replace(grid, sweep=replace(grid.sweep, range_m=range_m))
+    planes = fit_planes(grid)
+    kept_m, _ = surface_without_noise(sensor, grid, planes, np.full(range_m.shape, 0.3))
+    assert planes.has_plane[row, column]
+    assert planes.range_m[row, column] - range_m[row, column] > MOST_OFF_M
+    assert kept_m[row, column] == planes.range_m[row, column]
+
+
+def test_noise_that_grows_with_the_lean_along_the_row_leaves_the_surface() -> None:
+    """Where walls lean, an OS0-128 of revision 7 reads them with more noise than those it faces, by (T176a)."""
+    sensor = load_sensor("os0-128-rev7")
+    assert sensor.histogram is not None
+    assert sensor.histogram.column_range_m is not None
+    grid = align_columns(room_sweep())
+    planes = fit_planes(grid)
+    noise = reading_noise._noise_over_level(sensor, grid, planes)
+    x, y, _ = np.moveaxis(grid.sweep.direction * grid.sweep.range_m[..., None], -1, 0)
+    across = planes.has_plane & (np.abs(np.abs(x) - 10.0) < 1e-6)
+    lean = np.abs(y / x)
+    step_m = grid.sweep.range_m * lean * sensor.sweep_rad
+    window = {number: float(weight) for number, weight in sensor.histogram.window.items()}
+    expected = shared_shots.shares(window, step_m / float(sensor.histogram.column_range_m))[1]
+    middle = across & (lean < 0.7) & (np.abs(planes.normal[..., 0]) > 0.9999)
+    np.testing.assert_allclose(noise[middle], expected[middle], rtol=0.05)
+    assert expected[middle].max() > 1.2
+    assert reading_noise._noise_over_level(load_sensor("os0-128"), grid, planes) == 1.0

@@ -76,8 +76,8 @@ def _range_with_noise(stop: Returns, light: FilteredLight, deviate: Lanes) -> La
 def _column_deviate(light: FilteredLight, range_m: Lanes, *, stop: int) -> Lanes:
     """Draw the weighted sum of the standard normal numbers of a point's column and of those around it, (n,) (T176).
 
-    Any point can draw the numbers of its neighbours, which need not be in the same chunk. Their ranges it does not know:
-    they follow from the lean of its own surface at ``range_m``.
+    Any point can draw the numbers of its neighbours, which need not be in the same chunk. It does not know their
+    ranges: they follow from the lean of its own surface at ``range_m``.
     """
     sensor, pulse = light.sensor, light.pulse
     assert sensor.histogram is not None

@@ -109,7 +109,8 @@ def simulate_pulses(
     cloud = simulator.render(options, points=lambda pulse, columns: chunks.append((pulse, columns)))
     n = sensor.scanner.pulses
     of_points = np.concatenate([np.zeros(0, np.int64), *(pulse.astype(np.int64) for pulse, _ in chunks)])
-    first, second = _by_pulse(of_points, n)
+    # Clouds have the returns of a pulse in order of time, recordings of the strongest ones these first.
+    first, second = _by_pulse(of_points, n, cloud.snr if sensor.tdc.keep == "strongest" else None)
     range_m, other_m = (_at_points(cloud.range_m, point_index) for point_index in (first, second))
     true_range_m, reflectivity, kind = np.full(n, np.nan), np.full(n, np.nan), np.full(n, NO_SURFACE)
     kinds = np.array([KINDS.index(name) if name in KINDS else SMOOTH for name in simulator.class_names])
@@ -259,9 +260,13 @@ def _near_enough(angle_rad: Numbers, sweep: Sweep) -> Numbers:
     return angle_rad
 
 
-def _by_pulse(pulse: Numbers, n: int) -> tuple[Numbers, Numbers]:
-    """Indices of the first and the second point of each of n pulses, -1 without one; points come by pulse."""
-    order = np.argsort(pulse, kind="stable")
+def _by_pulse(pulse: Numbers, n: int, strength: Numbers | None = None) -> tuple[Numbers, Numbers]:
+    """Indices of the first and the second point of each of n pulses, -1 without one.
+
+    Args:
+        strength: of each point, the strongest is the first; None: the order is that of the points
+    """
+    order = np.argsort(pulse, kind="stable") if strength is None else np.lexsort((-strength, pulse))
     pulse = pulse[order]
     first, second = np.full(n, -1), np.full(n, -1)
     starts = np.r_[True, pulse[1:] != pulse[:-1]] if len(pulse) else np.zeros(0, bool)
