@@ -382,6 +382,18 @@ def test_streets_of_different_seeds_have_different_houses_and_trees() -> None:
     assert houses == {house for district in DISTRICTS for house in district.houses}
 
 
+@pytest.mark.parametrize("seed", range(1, 4))
+def test_one_of_24_who_move_rolls_in_a_wheelchair_and_nobody_who_stands(seed: int) -> None:
+    bodies = street_tables(street(seed, walking_spacing_m=(15.0, 30.0)))["bodies"]
+    (chair,) = (body for body in bodies if "wheelchair" in body["name"])
+    assert (chair["class"], chair["animation"]) == ("wheelchair_user", "roll")
+    walkers = [len(body["instances"]) for body in bodies if body["name"].startswith("walkers")]
+    assert 1 <= len(chair["instances"]) <= sum(walkers) // 24
+    for instance in chair["instances"]:
+        places_m = np.array([pose["position_m"][:2] for pose in instance["motion"]["poses"]])
+        assert (np.hypot(*np.diff(places_m, axis=0).T) > 0.0).all()
+
+
 def test_a_wet_street_has_wet_ground_and_nothing_else() -> None:
     dry, wet = (street_tables(street(4, wet=is_wet))["bodies"] for is_wet in (False, True))
     changed = {(a["material"], b["material"]) for a, b in zip(dry, wet, strict=True) if a != b}

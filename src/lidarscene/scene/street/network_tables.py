@@ -250,7 +250,7 @@ def _look(mover: RoadUser) -> str:
     """Name in `shapes` of a vehicle, by class and length, or of a person; the same for the same name."""
     number = zlib.crc32(mover.name.encode())
     if mover.kind == "wheelchair":
-        return "wheelchairs"
+        return "walkers_wheelchair_user"
     if mover.kind == "pedestrian":
         return f"walkers_{PEOPLE[number % len(PEOPLE)]}"
     classes = FAMILIES.get(mover.kind, ("car",))

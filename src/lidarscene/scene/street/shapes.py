@@ -51,6 +51,9 @@ PEOPLE = (
 )
 """Choice: meshes of people, of which the ones on a street are one after the other."""
 
+WALKERS = (*PEOPLE, *PEOPLE[:-1], "wheelchair_user")
+"""Choice: meshes of those who move all the time, likewise: one of 24 rolls in a wheelchair."""
+
 SIGNS = ("sign", "sign_triangle", "sign_yield", "sign_stop", "sign_diamond", "sign_square")
 FURNITURE = ("dustbin", "container", "cabinet", "power_pole")
 """What stands by the kerb besides lamps and signs."""
@@ -159,9 +162,9 @@ def shapes() -> dict[str, StreetBody]:
         **{f"{mesh}s": StreetBody(mesh, {}) for mesh in ("hedge", "fence", "guard_rail", *FURNITURE, *SIGNS)},
         **{f"{BUSHES}_{number}": StreetBody("bush", {}, scale) for number, scale in enumerate(TREE_SCALES)},
         **{f"{mesh}s": StreetBody(mesh, {}) for mesh in ("lamp_post", "bollard", "cone", "barrier")},
-        **{f"{group}_{person}": StreetBody(person, {}) for group in ("pedestrians", "walkers") for person in PEOPLE},
+        **{f"pedestrians_{person}": StreetBody(person, {}) for person in PEOPLE},
+        **{f"walkers_{person}": StreetBody(person, {}) for person in WALKERS},
         "lights": StreetBody("traffic_light", {}),
-        "wheelchairs": StreetBody("wheelchair_user", {}),
     }
 
 

@@ -25,7 +25,7 @@ from ...maths.arrays import Numbers
 from ..derived import merged
 from .layout import CROSS_HALF_M, CROSS_REACH_M, KERB_M, STOP_LINE_M, ZEBRA_M, Block, Layout, Place, lay_out
 from .pieces import FOOT_M, PAINT_M, RAISED_M, Tables, ground, placed, sheet, soil, street_scene
-from .shapes import PEOPLE, body_table, shapes, standing_table
+from .shapes import PEOPLE, WALKERS, body_table, shapes, standing_table
 from .street_file import StreetFile
 from .terrain import PLACES_M, SOIL_BLUR_M, Relief, Terrain
 from .traffic import Track, Traffic, drive
@@ -252,10 +252,11 @@ def _by_shape(things: Mapping[str, Sequence[Thing]]) -> dict[str, list[Thing]]:
 
 
 def _person(number: int, thing: object) -> str:
-    """Mesh of a person; none with a pram, which is long, where people stand or wait in a row."""
+    """Mesh of a person; none with a pram or wheelchair, which are long, where people stand or wait in a row."""
+    if isinstance(thing, Track) and bool((np.hypot(np.diff(thing.x_m), np.diff(thing.y_m)) > 0.0).all()):
+        return WALKERS[number % len(WALKERS)]
     person = PEOPLE[number % len(PEOPLE)]
-    moves = isinstance(thing, Track) and bool((np.hypot(np.diff(thing.x_m), np.diff(thing.y_m)) > 0.0).all())
-    return person if moves or person != "woman_pram" else "woman"
+    return person if person != "woman_pram" else "woman"
 
 
 def _moving(layout: Layout, traffic: Traffic) -> list[Tables]:
