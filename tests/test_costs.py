@@ -34,7 +34,7 @@ def test_of_light_work():
     work(0.01)
 
 
-def test_that_alone_runs_ten_functions():
+def test_that_runs_what_others_do_not():
     work(0.4)
 
 
@@ -77,7 +77,7 @@ def test_costly_functions_are_written(tmp_path: Path) -> None:
     (tmp_path / "test_b.py").write_text(TESTS.replace("def test_of_light_work", "def not_a_test"))
     (tmp_path / "costly").write_text("test_a.py: test_gone\ntest_c.py: test_gone\n")
     (tmp_path / "map").mkdir()
-    runs = {"test_a.py::test_that_alone_runs_ten_functions": 10, "test_b.py::test_that_alone_runs_ten_functions": 10}
+    runs = {"test_a.py::test_that_runs_what_others_do_not": 10, "test_b.py::test_that_runs_what_others_do_not": 2}
     runs |= {"test_a.py::test_of_cases[1]": 1, "test_a.py::test_of_light_work": 1}
     lines = [json.dumps([f"tests/{test}", 0.1, [f"f{number}" for number in range(n)]]) for test, n in runs.items()]
     (tmp_path / "map" / "1.jsonl").write_text("\n".join(lines))

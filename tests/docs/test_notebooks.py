@@ -23,11 +23,17 @@ pytestmark = pytest.mark.fixed_streams
 NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
 
 
-FEWER_FRAMES = {
+FEWER = {
+    "apd_sipm": {
+        'PAIR, "illuminance_klux"': 'PAIR, "illuminance_klux", points=10',
+        'PAIR, "reflectivity"': 'PAIR, "reflectivity", points=10',
+        "stop=300": "stop=300, points=10",
+        'step_deg": 0.6, "scanner.elevation_step_deg": 0.6': 'step_deg": 2, "scanner.elevation_step_deg": 2',
+    },
     "child": {"frames=20": "frames=2", "range(0, 80, 8)": "range(0, 80, 40)"},
     "frames": {"frames=3": "frames=1", "in range(3)": "in range(1)", 'seed": 7': 'seed": 7, "street.length_m": 450'},
 }
-"""What the test changes in a notebook: frames and streets beyond these take half a minute, and run the same code."""
+"""What the test changes in a notebook: more frames, points and streets take a minute, and run the same code."""
 
 SAVES = """
 from pathlib import Path
@@ -47,7 +53,7 @@ def test_a_notebook_runs(mi, path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     use_few_trees(monkeypatch)
     mpl.use("agg")
     stored = json.loads(path.read_text(encoding="utf-8"))
-    assert kinds(run(path, FEWER_FRAMES.get(path.stem))) == kinds(stored)
+    assert kinds(run(path, FEWER.get(path.stem))) == kinds(stored)
 
 
 def test_a_notebook_leaves_no_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

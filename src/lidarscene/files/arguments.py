@@ -71,7 +71,7 @@ def checks_arguments(call: Checked) -> Checked:
             bound = signature.bind(*arguments, **keywords).arguments
         except TypeError:
             _require_once(call, signature, positional[: len(arguments)], keywords)
-            raise
+            bound = {}  # the call itself says what else is wrong
         for name, hint in _hints_of(call).items():
             if name in bound:
                 require_type(name, bound[name], hint)

@@ -87,7 +87,8 @@ def to_pose(pose: object, *, name: str = "pose") -> Pose:
     if 3 <= len(numbers) <= 6:
         x, y, z, yaw, pitch, roll = numbers + [0.0] * (6 - len(numbers))
         return Pose.from_degrees(position_m=(x, y, z), yaw_deg=yaw, pitch_deg=pitch, roll_deg=roll)
-    rows = [finite_numbers(row) for row in pose] if isinstance(pose, Sequence | np.ndarray) else []
+    has_rows = pose.ndim > 0 if isinstance(pose, np.ndarray) else isinstance(pose, Sequence)
+    rows = [finite_numbers(row) for row in cast(Iterable[object], pose)] if has_rows else []
     if [len(row) for row in rows] in ([4] * 3, [4] * 4) and rows[3:] in ([], [[0.0, 0.0, 0.0, 1.0]]):
         matrix = np.array(rows[:3])
         turn = matrix[:, :3]

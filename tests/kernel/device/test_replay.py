@@ -252,7 +252,7 @@ def test_tables_that_are_uploaded_while_it_is_recorded():
 
 
 def test_no_array_is_looked_for_in_the_bodies_of_a_scene(monkeypatch):
-    """To go through all parts and poses of a town took 0.3 s."""
+    """Rationale: going through all parts and poses of a town took 0.3 s."""
     seen = set()
     monkeypatch.setattr(replay, "is_drjit", lambda value: seen.add(type(value)) or is_drjit(value))
     Simulator(load_scene(SCENES / "glass.toml"), load_sensor("table1-apd", overrides=list(COARSE))).render()

@@ -237,6 +237,9 @@ OFF = 'eye_safety = "off"'
     objectives: a = {maximize = "body_points"} more: scene = "streat" | scene 'streat'
     objectives: a = {maximize = "body_points", class = "lorry"} more: scene = "range" | objectives.a.class | 'lorry'
     more: set = {"detector.gane" = 5} | : set: | unknown key 'detector.gane'
+    objectives: a = {maximize = "snr", sensor = "front"} | objectives.a.sensor | [sensors] | front
+    more: cost = {sensor = [["table1-apd", 3]]} | cost | objective or a constraint
+    more: tolerance = {"detector.gane" = 5} | tolerance | objective or a constraint | range_of_units
     objectives: | objectives
     last: B = {quantity = "snr"} | constraints.b | at_least or at_most
     last: B = {quantity = "snr", at_least = 2, at_most = 1} | constraints.b | at_least | <= at_most | 2 and 1

@@ -42,7 +42,7 @@ def test_frames_without_the_one_held_out(tmp_path: Path) -> None:
     for frames, held_out, named in (
         (None, 4, "four.pcap | frame | 0 | 3 | 4"),
         ((2,), 2, "leave a frame"),
-        (None, COLUMNS, "one frame | 4 frames"),
+        (None, COLUMNS, "--held-out columns | 4 frames"),
     ):
         with told(named):
             choose_frames(recording, frames, held_out)

@@ -382,6 +382,10 @@ class StudyFile(FileModel):
         for table, entries in (("objectives", self.objectives), ("constraints", self.constraints)):
             for name, entry in entries.items():
                 self._check_entry(f"{table}.{name}", entry)
+        quantities = {entry.quantity_name for entry in (*self.objectives.values(), *self.constraints.values())}
+        for table, quantity in (("cost", "cost"), ("tolerance", "range_of_units")):
+            if getattr(self, table) and quantity not in quantities:
+                raise ValueError(f"{table}: needs an objective or a constraint of {quantity}")
         return self.model_copy(update={"constraints": {**self.constraints, **self._class_1()}})
 
     def _class_1(self) -> dict[str, ConstraintFile]:
@@ -403,6 +407,8 @@ class StudyFile(FileModel):
             raise ValueError(f"{where}: cost needs [cost]")
         elif entry.quantity_name == "range_of_units" and not self.tolerance:
             raise ValueError(f"{where}: range_of_units needs [tolerance]")
+        if entry.sensor and not self.sensors:
+            raise ValueError(f"{where}.sensor: needs [sensors], got {entry.sensor}")
         needs_label = entry.quantity_name not in OF_ALL_SENSORS and len(self.placed) > 1
         if needs_label and entry.sensor not in self.placed:
             raise ValueError(f"{where}.sensor: must be one of {', '.join(self.placed)}, got {entry.sensor or 'none'}")

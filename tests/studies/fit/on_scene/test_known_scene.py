@@ -131,8 +131,8 @@ def test_a_strong_echo_fires_all_free_spads_and_a_weak_one_a_few() -> None:
 
 
 def test_ranges_of_few_photons_scatter_more_than_linearly() -> None:
-    """25 photons in the dark, 100,000 times: the deviation to 1.1 % (five standard errors, one seed in a million) and
-    0.6 % of what the second order is known to. Without it the law would be 2.9 % short.
+    """25 photons in the dark, 100,000 times: the third order that the law leaves out adds 1.4 % to the deviation, by 24
+    seeds, each good to 0.3 %: five of these are one seed in a million. Without the second order it would be 4.3 %.
     """
     sensor, shots = published_sensor(), 100_000
     ranges = 60.0 + np.linspace(-0.1, 0.1, shots)
@@ -143,7 +143,7 @@ def test_ranges_of_few_photons_scatter_more_than_linearly() -> None:
     assert np.mean(law.signal) == pytest.approx(25.0, rel=0.1)
     assert np.min(law.chance) > 0.999
     range_error = ((np.asarray(stop.range_m) - ranges) / law.sigma_m)[np.asarray(stop.reported)]
-    assert np.std(range_error[np.abs(range_error) < 6.0]) == pytest.approx(1.0, abs=0.017)
+    assert np.std(range_error[np.abs(range_error) < 6.0]) == pytest.approx(1.014, abs=0.015)
 
 
 def test_background_scatters_ranges_and_counts_as_its_filters_have_it() -> None:
