@@ -227,21 +227,25 @@ def test_a_line_is_the_integral_of_its_curvature() -> None:
     np.testing.assert_allclose(line.at(np.array([-30.0]), np.array([2.0]))[0], [-30.0, 2.0, 0.0], atol=1e-12)
 
 
-@pytest.mark.parametrize("seed", [1, 2, 3])
-def test_a_loop_closes(seed: int) -> None:
-    """It turns by 360 degrees; the vehicle comes back to the pose it left from, and brakes for the bends."""
-    file = street(seed, length_m=600.0, loop=True)
-    layout = laid.lay_out(file)
-    ends = layout.line.at(np.array([0.0, 600.0 - 1e-9]), np.zeros(2))
-    np.testing.assert_allclose(ends[1, :2], ends[0, :2], atol=1e-8)
-    assert abs(ends[1, 2] - ends[0, 2]) == pytest.approx(2.0 * np.pi, abs=1e-9)
-    poses = street_tables(file)["ego"]["poses"]
-    assert poses[0] | {"time_s": 0} == poses[-1] | {"time_s": 0}
-    ego = driven.drive(layout).ego
-    speed_m_s, middle_m = np.diff(ego.x_m) / np.diff(ego.time_s), 0.5 * (ego.x_m[1:] + ego.x_m[:-1])
-    aside_m_s2 = speed_m_s**2 * np.abs(layout.line.curvature_per_m(middle_m))
-    assert 1.0 < aside_m_s2.max() / ASIDE_M_S2 < 1.6, "the speed follows what the driver wishes for"
-    assert ego.x_m[-1] == pytest.approx(2 * 600.0, abs=1e-9)
+def test_a_loop_closes() -> None:
+    """It turns by 360 degrees; the vehicle comes back to the pose it left from, and brakes for the bends.
+
+    One street of 80 has a driver so slow that no bend slows it.
+    """
+    wished = []
+    for seed in (1, 2, 3):
+        file = street(seed, length_m=600.0, loop=True)
+        layout = laid.lay_out(file)
+        ends = layout.line.at(np.array([0.0, 600.0 - 1e-9]), np.zeros(2))
+        np.testing.assert_allclose(ends[1, :2], ends[0, :2], atol=1e-8)
+        assert abs(ends[1, 2] - ends[0, 2]) == pytest.approx(2.0 * np.pi, abs=1e-9)
+        poses = street_tables(file)["ego"]["poses"]
+        assert poses[0] | {"time_s": 0} == poses[-1] | {"time_s": 0}
+        ego = driven.drive(layout).ego
+        speed_m_s, middle_m = np.diff(ego.x_m) / np.diff(ego.time_s), 0.5 * (ego.x_m[1:] + ego.x_m[:-1])
+        wished.append(np.max(speed_m_s**2 * np.abs(layout.line.curvature_per_m(middle_m))) / ASIDE_M_S2)
+        assert ego.x_m[-1] == pytest.approx(2 * 600.0, abs=1e-9)
+    assert 1.0 < max(wished) < 1.6, "the speed follows what the driver wishes for"
 
 
 def test_the_vehicle_of_a_loop_drives_for_ever(tmp_path: Path) -> None:
@@ -302,7 +306,7 @@ def test_each_stop_line_lies_where_drivers_stop() -> None:
 
 def test_traffic_lights_stand_by_stop_lines_and_face_those_who_wait() -> None:
     """Two for each street that crosses, on the right of both directions, beside the lanes."""
-    layout = laid.lay_out(street(4))
+    layout = next(layout for seed in itertools.count(4) if "lights" in (layout := laid.lay_out(street(seed))).items)
     lights = layout.items["lights"]
     crossings = [crossing for crossing in layout.crossings if not crossing.is_zebra]
     assert len(lights) == 2 * len(crossings) > 0
