@@ -47,6 +47,7 @@ class Histogram:
             it
         bin_to_sigma: width of a bin over that of an echo
         sweep_rad: angle by which the head turns while the shots of a point are summed; 0: it does not, or is left out
+        column_rad: angle by which it turns from a point of a channel to the next; 0: it does not
         column_weights: of the noise of a point's own column and of those before it, their squares adding up to 1, or to
             either side with `column_range_m`; None: columns share no noise
     """
@@ -108,6 +109,7 @@ class Histogram:
     bin_to_sigma: float = field(metadata=STATIC)
     calibrated: Walk | None = None
     sweep_rad: float = 0.0
+    column_rad: float = 0.0
     column_weights: tuple[Lanes, ...] | None = None
     column_range_m: Annotated[
         Lanes | None,
@@ -353,6 +355,7 @@ class HistogramFile(
             bin_to_sigma=self.bin_ns / sigma_ns,
             calibrated=calibrated,
             sweep_rad=self.sweep_rad(turn_rate_rad_s=turn_rate_rad_s, dwell_us=dwell_us),
+            column_rad=abs(turn_rate_rad_s) * 1e-6 * dwell_us,
             column_weights=self._unit_weights,
         )
 

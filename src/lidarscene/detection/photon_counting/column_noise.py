@@ -77,15 +77,15 @@ def _column_deviate(light: FilteredLight, range_m: Lanes, *, stop: int) -> Lanes
     """Draw the weighted sum of the standard normal numbers of a point's column and of those around it, (n,) (T176).
 
     Any point can draw the numbers of its neighbours, which need not be in the same chunk. It does not know their
-    ranges: they follow from the lean of its own surface at ``range_m``.
+    ranges: they follow from the lean at ``range_m`` of the surface that gives the pulse's strongest return.
     """
     sensor, pulse = light.sensor, light.pulse
     assert sensor.histogram is not None
     assert sensor.scanner.line_pulses is not None
     weights = sensor.histogram.window
     if sensor.histogram.column_range_m is not None:
-        row_slope: Lanes = 0.0 if light.train.row_slope is None else light.train.row_slope
-        step = row_slope * range_m * sensor.sweep_rad / sensor.histogram.column_range_m
+        assert light.train.row_slope is not None
+        step = light.train.row_slope * range_m * sensor.histogram.column_rad / sensor.histogram.column_range_m
         weights, _ = shared_shots.shares(weights, step)
     ops = xp(pulse)
     column, place = ops.divmod(ops.int32(pulse), sensor.scanner.line_pulses)

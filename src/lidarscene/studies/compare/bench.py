@@ -134,7 +134,9 @@ def _ray_key(sensor: Sensor) -> bytes | None:
         return None
     laser = replace(sensor.laser, peak_power_w=1.0, pulse_fwhm_s=1e-9)
     optics = sensor.optics.halo, sensor.housing_m, sensor.sweep_rad
-    return hashlib.sha256(pickle.dumps((sensor.scanner, sensor.mounting, laser, optics, sensor.wear))).digest()
+    knows_lean = sensor.histogram is not None and sensor.histogram.column_range_m is not None
+    known = sensor.scanner, sensor.mounting, laser, optics, sensor.wear, knows_lean
+    return hashlib.sha256(pickle.dumps(known)).digest()
 
 
 _INTEGER_COLUMNS = ("pulse", "outcome", "body", "class_id")

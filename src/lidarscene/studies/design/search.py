@@ -50,6 +50,9 @@ _IDLE = 10  # generations without a new design after which NSGA-II ends
 _CERTAIN = 1e-15
 """Accuracy bought: probability next to 0 and 1 whose quantile, 7.9 sigma, double precision tells from infinity."""
 
+_LEAST_PROBIT = -16.0
+"""Choice: origin of probits, far below all: slacks are relative to their bounds, of which none may be near 0."""
+
 _LARGE = 1e30
 """Choice: number in place of an infinite one: pymoo computes differences."""
 
@@ -457,8 +460,9 @@ def _slsqp(log: Log, start: Numbers, *, ftol: float, objective: int = 0, allowed
     size = np.where(np.isfinite(present) & (present != 0.0), np.abs(present), 1.0)
     most = None
     if allowed is not None:
-        is_probability = [name in _probabilities(study) for name in list(study.objectives)[1:]]
-        most = np.where(is_probability, _probit(np.abs(allowed)) * np.sign(allowed), allowed)
+        names = list(study.objectives)[1:]
+        signs = np.array([study.objectives[name].sign for name in names])
+        most = np.where([name in _probabilities(study) for name in names], signs * _probit(signs * allowed), allowed)
 
     best, since = _rank(study, _evaluated(log, start), objective, allowed), len(log.designs)
 
@@ -490,7 +494,8 @@ def _slsqp(log: Log, start: Numbers, *, ftol: float, objective: int = 0, allowed
         if by_name is None:
             return np.zeros((len(size), len(free))), np.zeros((len(bounded(shares)), len(free)))
         for name in _probabilities(study):
-            by_name[name] *= math.sqrt(2.0 * math.pi) * math.exp(0.5 * float(_probit(design.quantities[name])) ** 2)
+            quantile = float(_probit(design.quantities[name])) + _LEAST_PROBIT
+            by_name[name] *= math.sqrt(2.0 * math.pi) * math.exp(0.5 * quantile**2)
         of_losses, of_slacks = loss_slopes(by_probit, by_name) / size[:, None], slack_slopes(by_probit, by_name)
         if not len(of_slacks):
             of_slacks = np.zeros((1, len(free)))
@@ -539,9 +544,9 @@ def _with_probits(study: StudyFile, design: Design) -> Design:
 
 
 def _probit(probability: ArrayLike) -> Numbers:
-    """Quantile of the standard normal distribution, at most that of `_CERTAIN`."""
+    """Quantile of the standard normal distribution less `_LEAST_PROBIT`, at most that of `_CERTAIN`."""
     tail = np.clip(np.asarray(probability, float), _CERTAIN, 1.0 - _CERTAIN)
-    return -np.asarray(normal_tail_inverse(tail))
+    return -np.asarray(normal_tail_inverse(tail)) - _LEAST_PROBIT
 
 
 def _cobyqa(log: Log, start: Numbers) -> None:

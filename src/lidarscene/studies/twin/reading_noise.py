@@ -82,7 +82,7 @@ def _correlation(sensor: Sensor, step_rad: float) -> Numbers:
     if sensor.histogram is None or sensor.histogram.column_weights is None:
         return INDEPENDENT
     weights = [float(weight) for weight in sensor.histogram.window.values()]
-    return np.asarray(shared_shots.correlation(weights, round(abs(step_rad) / sensor.sweep_rad) * apart))
+    return np.asarray(shared_shots.correlation(weights, round(abs(step_rad) / sensor.histogram.column_rad) * apart))
 
 
 def _light(sensor: Sensor, apparent: Numbers, range_m: Numbers) -> Echoes:
@@ -118,7 +118,7 @@ def surface_without_noise(sensor: Sensor, grid: Grid, planes: Planes, apparent: 
     off_m = without_noise(measured_m - flat_m, range_sigma_m, noise.correlation)
     # On ground that is seen flat a pixel may be near its plane and metres off along the beam. Quads out there would
     # stand before their neighbours, as a second surface.
-    range_m = flat_m + np.where(planes.has_plane & (np.abs(off_m) > MOST_OFF_M), 0.0, off_m)
+    range_m = flat_m + np.where(planes.has_plane, np.clip(off_m, -MOST_BEAM_M, MOST_BEAM_M), off_m)
     log_apparent = without_noise(np.where(returned, np.log(apparent), np.nan), noise.log_strength, INDEPENDENT)
     return np.where(returned, range_m, planes.range_m), np.where(returned, np.exp(log_apparent), apparent)
 
@@ -130,7 +130,7 @@ def _noise_over_level(sensor: Sensor, grid: Grid, planes: Planes) -> Numbers | f
         return 1.0
     direction = np.moveaxis(grid.sweep.direction, -1, 0)
     row_slope = relative_row_slope(tuple(np.moveaxis(planes.normal, -1, 0)), tuple(direction))
-    step_m = row_slope * np.where(planes.has_plane, planes.range_m, 0.0) * sensor.sweep_rad
+    step_m = row_slope * np.where(planes.has_plane, planes.range_m, 0.0) * histogram.column_rad
     window = {column: float(weight) for column, weight in histogram.window.items()}
     return np.asarray(shared_shots.shares(window, step_m / float(histogram.column_range_m))[1])
 
