@@ -188,6 +188,22 @@ def test_a_check_lists_mistakes_and_doubts(tmp_path: Path) -> None:
     assert "did you mean laser.peak_power_w" in mistake
 
 
+def test_a_check_reads_what_a_job_names(tmp_path: Path) -> None:
+    job = tmp_path / "job.toml"
+    job.write_text('scenes = ["none.toml"]\nframes = 1\n')
+    (mistake,) = lidarscene.check(job)
+    assert "none.toml" in mistake
+    assert lidarscene.check("job") == []
+
+
+def test_a_street_takes_numbers_of_numpy() -> None:
+    keys = {"lanes": np.int64(1), "wet": np.bool_(True), "speed_m_s": np.array([8, 11]), "length_m": np.float32(80)}
+    made = lidarscene.street(seed=np.int64(5), **keys)
+    assert repr(made.bodies) == repr(lidarscene.street(5, lanes=1, wet=True, speed_m_s=[8, 11], length_m=80).bodies)
+    with told("town | from 3 to 12 | 99"):
+        lidarscene.street(town=np.int64(99))
+
+
 def test_a_street_is_a_scene(tmp_path: Path) -> None:
     file = tmp_path / "street.toml"
     file.write_text("[street]\nseed = 5\nlength_m = 80\n")

@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import Any
 
 from .. import catalog
-from ..batch.job_file import JobFile, read_job
+from ..batch.job_file import JobFile
+from ..batch.tasks import Job
 from ..errors import InputError
 from ..files.arguments import checks_arguments
 from ..files.toml import list_mistakes, read_toml
@@ -42,7 +43,7 @@ READERS: dict[str, Any] = {
     "imu": read_imu_model,
     "rig": load_rig,
     "material": read_material,
-    "job": read_job,
+    "job": Job.read,
     "design": load_study,
 }
 """Kind of a file -> function that reads it, with all files that it names."""

@@ -76,14 +76,16 @@ def _iter_assignments(tables: Mapping[str, Any], path: str = "") -> Iterator[str
             yield from _iter_assignments(value, f"{path}{key}.")
         else:
             try:
-                text = toml_text(_to_builtin(value))
+                text = toml_text(to_builtin(value))
             except InputError as error:
                 raise InputError(f"{path}{key}: {error}") from None
             yield f"{path}{key}={text}"
 
 
-def _to_builtin(value: Any) -> Any:
-    """Convert NumPy values to Python's own, and a path to text."""
+def to_builtin(value: Any) -> Any:
+    """Convert NumPy values, also those in a list, to Python's own, and a path to text."""
+    if isinstance(value, list | tuple):
+        return [to_builtin(inner) for inner in value]
     if isinstance(value, os.PathLike):
         return os.fspath(value)
     return value.tolist() if hasattr(value, "tolist") else value

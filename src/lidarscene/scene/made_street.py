@@ -8,7 +8,7 @@ from typing import Any
 
 from ..errors import OptionError
 from ..files.arguments import checks_arguments
-from ..files.overrides import toml_text
+from ..files.overrides import to_builtin, toml_text
 from ..files.toml import validate
 from .scene import Scene
 from .scene_file import scene_from_model
@@ -50,8 +50,9 @@ def street(
     Raises:
         InputError: if a file, a key or a value cannot be understood
     """
-    file = validate(StreetFile, {"seed": seed} | keys, "street")
-    tables, _ = made_tables(file, {"opendrive": opendrive, "osm": osm, "sumo": sumo, "town": town}, ego=ego)
+    given = {key: to_builtin(value) for key, value in ({"seed": seed} | keys).items()}
+    file = validate(StreetFile, given, "street")
+    tables, _ = made_tables(file, {"opendrive": opendrive, "osm": osm, "sumo": sumo, "town": to_builtin(town)}, ego=ego)
     path = Path("street.toml")
     return scene_from_model(validate(SceneFile, {"name": path.stem} | tables, path.name), path=path)
 
@@ -77,7 +78,8 @@ def made_tables(
     ((kind, source),) = given
     if unused := sorted(file.model_fields_set - NETWORK_KEYS - ({"slope_percent"} if kind == "town" else set())):
         raise OptionError(f"{{0}}: cannot be combined with {{{kind}}}, which has its own roads and routes", unused[0])
-    if isinstance(source, int):
+    if kind == "town":
+        assert isinstance(source, int)
         if not TOWN_STREETS[0] <= source <= TOWN_STREETS[1]:
             raise OptionError("{town}: must be a whole number from {0} to {1}, got {2}", *TOWN_STREETS, source)
         return network_scene(source, kind, file), f"--{kind} {source}, seed = {file.seed}"
