@@ -42,19 +42,20 @@ def _numbers_of(part: object) -> list[str]:
 
 def _refuse_to_set(owner: HintedAttributes, word: str, _: object) -> None:
     """Refuse to set an attribute, and say what makes a changed object."""
-    raise FrozenInstanceError(f"{type(owner).__name__}.{word} cannot be set; {owner.CHANGED_BY}")
+    hint = f"; {owner.CHANGED_BY}" if owner.CHANGED_BY else ""
+    raise FrozenInstanceError(f"{type(owner).__name__}.{word} cannot be set{hint}")
 
 
 class HintedAttributes:
     """Base of a class whose objects answer an attribute that they lack, or that cannot be set, with what does it.
 
     Attributes:
-        CHANGED_BY: what makes a changed one, of a class whose objects are frozen
+        CHANGED_BY: what makes a changed one, of a class whose objects are frozen; "" if nothing does
     """
 
     __slots__ = ()
     FOREIGN_NAMES: ClassVar[Mapping[str, str]] = {}
-    CHANGED_BY: ClassVar[str] = 'sensor.replace("laser.peak_power_w=50") is another sensor'
+    CHANGED_BY: ClassVar[str] = ""
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
@@ -66,7 +67,6 @@ class HintedAttributes:
         def __getattr__(self, word: str) -> Any:
             if word.startswith("_"):  # what Python and libraries look for
                 raise AttributeError(f"{type(self).__name__} has no '{word}'")
-            frozen = type(self).__setattr__ is _refuse_to_set
-            changes = dict.fromkeys(("replace", "set", "update", "copy", "with_"), self.CHANGED_BY) if frozen else {}
+            changes = dict.fromkeys(("replace", "set", "update", "copy", "with_"), self.CHANGED_BY)
             foreign_names = {**changes, **self.FOREIGN_NAMES}
             raise no_attribute(self, word, name=type(self).__name__.lower(), foreign_names=foreign_names)

@@ -11,14 +11,14 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import KW_ONLY, InitVar, dataclass, field, replace
-from typing import TYPE_CHECKING, Annotated, Any, Self, get_type_hints, overload
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self, get_type_hints, overload
 
 import numpy as np
 
 from ..detection.outcomes import Status
 from ..errors import InputError, one_line
 from ..files.arguments import checks_arguments
-from ..files.attributes import no_attribute
+from ..files.attributes import HintedAttributes, no_attribute
 from ..maths.arrays import Numbers, frozen
 from ..maths.pose import Pose
 from .category_array import CategoryArray, hint
@@ -237,8 +237,10 @@ RING_ROWS = "ring_rows"
 
 @checks_arguments
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False, repr=False)
-class Cloud(CloudColumns):
+class Cloud(CloudColumns, HintedAttributes):
     """Data of a `cloud.point_cloud.PointCloud`, which documents them: all that formats need of a cloud."""
+
+    CHANGED_BY: ClassVar[str] = "dataclasses.replace(cloud, range_m=...) is another cloud"
 
     sensor_names: tuple[str, ...] = ()
     body_names: tuple[str, ...] = ()

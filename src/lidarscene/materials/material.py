@@ -9,11 +9,12 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, ClassVar
 
 import numpy as np
 
 from ..errors import InputError
+from ..files.attributes import HintedAttributes
 from ..files.late_binding import read_by_name
 
 
@@ -47,7 +48,7 @@ class Spectrum:
 
 @read_by_name("load_material")
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Material:
+class Material(HintedAttributes):
     """A surface. ``Material("brick")`` is that of the catalogue.
 
     Attributes:
@@ -59,6 +60,8 @@ class Material:
             retro_coefficient_cd_per_lx_m2, retro_half_angle_deg; transmittance (diffuse hemispherical, of a thin
             surface); cover (fraction of the surface that is not gaps)
     """
+
+    CHANGED_BY: ClassVar[str] = 'dataclasses.replace(material, name="mine") is another material'
 
     name: str
     bsdf: str

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from ..files.attributes import HintedAttributes
 from ..maths.arrays import Lanes
@@ -37,6 +37,9 @@ def kept_stops(keep: Keep, stops: int) -> tuple[int, str]:
     return _STOPS_OF.get(keep, stops), "first" if keep == "all" else keep
 
 
+SENSOR_CHANGED_BY = 'sensor.replace("laser.peak_power_w=50") is another sensor'
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Tdc(HintedAttributes):
     """Comparator and time-to-digital converter.
@@ -55,6 +58,8 @@ class Tdc(HintedAttributes):
         false_alarms: "published": (9) and (10), independent comparisons at the bandwidth's rate; "crossings": how often
             the noise rises through the threshold (docs/theory.md, section 9)
     """
+
+    CHANGED_BY: ClassVar[str] = SENSOR_CHANGED_BY
 
     window_s: Annotated[
         Lanes,

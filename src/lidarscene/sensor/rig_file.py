@@ -11,13 +11,14 @@ import re
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Protocol
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Protocol
 
 from pydantic import Field, model_validator
 
 from ..catalog import file_or_example
 from ..errors import InputError
 from ..files.arguments import checks_arguments
+from ..files.attributes import HintedAttributes
 from ..files.late_binding import read_by_name
 from ..files.overrides import Overrides, assignments, split_sensor
 from ..files.toml import FileModel, read_toml, validate
@@ -45,7 +46,7 @@ class Mounted:
 
 @read_by_name("load_rig")
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Rig:
+class Rig(HintedAttributes):
     """The sensors of a vehicle, each with a unique label; ``files`` are those that it was read from.
 
     ``Rig("rig")`` is `load_rig`.
@@ -53,6 +54,8 @@ class Rig:
     Attributes:
         imu: the vehicle's own, or None
     """
+
+    CHANGED_BY: ClassVar[str] = "dataclasses.replace(rig, imu=None) is another rig"
 
     name: str
     sensors: tuple[Mounted, ...]

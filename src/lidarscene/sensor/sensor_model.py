@@ -34,7 +34,7 @@ from .detectors.macropixel import Macropixel
 from .detectors.matching import silicon_doubt, spot_doubt
 from .detectors.working_point import Noise
 from .driver import DRIVERS
-from .electronics import Adc, Intensity, MultiLevel, Receiver, Tdc
+from .electronics import SENSOR_CHANGED_BY, Adc, Intensity, MultiLevel, Receiver, Tdc
 from .histogram import Histogram
 from .imu import Imu
 from .overlap import Alignment, Overlap, OverlapGeometry, Spot
@@ -100,6 +100,8 @@ class Laser(HintedAttributes):
     Attributes:
         speckle: of the light; None: echoes have none
     """
+
+    CHANGED_BY: ClassVar[str] = SENSOR_CHANGED_BY
 
     wavelength_m: Annotated[float, Quantity("nm", ge=300, le=2500, about="materials must have data there")]
     peak_power_w: Annotated[Lanes, Quantity(ge=1e-6, le=1e6, about="P_t, leaving the sensor")]
@@ -250,6 +252,8 @@ class Optics(HintedAttributes):
         stray: stray light of channels that fire together, or None
     """
 
+    CHANGED_BY: ClassVar[str] = SENSOR_CHANGED_BY
+
     aperture_radius_m: Annotated[Lanes, Quantity("mm", ge=0.05, le=5000, about="r_A of the receiver")]
     focal_length_m: Annotated[
         Lanes, Quantity("mm", ge=0.1, le=1e5, about="f; the field of view has the half angle atan(`radius_mm` / f)")
@@ -319,6 +323,7 @@ class Sensor(HintedAttributes):
             changed it: `dataclasses.replace` does not hand it on, since the file does not have what was replaced
     """
 
+    CHANGED_BY: ClassVar[str] = SENSOR_CHANGED_BY
     FOREIGN_NAMES: ClassVar[Mapping[str, str]] = {
         **dict.fromkeys(("snr", "detection_probability"), "lidarscene.max_range(sensor, distance=100).table has it"),
         **dict.fromkeys(("range", "range_m", "range_max"), "sensor.max_range() computes it"),
