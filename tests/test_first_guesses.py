@@ -3,6 +3,7 @@
 import operator
 import pickle
 import re
+import warnings
 from pathlib import Path
 from typing import Any
 
@@ -198,6 +199,15 @@ def test_a_check_reads_what_a_job_names(tmp_path: Path) -> None:
     (mistake,) = lidarscene.check(job)
     assert "none.toml" in mistake
     assert lidarscene.check("job") == []
+
+
+def test_warnings_of_other_packages_are_no_findings(monkeypatch: pytest.MonkeyPatch) -> None:
+    def warn_of_age(_: Any) -> None:
+        warnings.warn("old", DeprecationWarning, stacklevel=2)
+
+    monkeypatch.setattr("lidarscene.checking.file_check._warn_of_content", warn_of_age)
+    with pytest.warns(DeprecationWarning, match="old"):
+        assert lidarscene.check(APD) == []
 
 
 def test_a_street_takes_numbers_of_numpy() -> None:

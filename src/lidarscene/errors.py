@@ -101,7 +101,7 @@ def warn(warning: Warning | str) -> None:
     level, frame = 2, sys._getframe(1)
     while frame.f_back is not None and frame.f_code.co_filename.startswith(_OURS):
         level, frame = level + 1, frame.f_back
-    warnings.warn(warning, stacklevel=level)
+    warnings.warn(OptionWarning("{0}", warning) if isinstance(warning, str) else warning, stacklevel=level)
 
 
 class _NamingOptions(Exception):

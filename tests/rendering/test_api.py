@@ -52,6 +52,8 @@ test_slips = calls(
     (lambda: lidarscene.load_sensor("vlp-16", overrides=3), 'overrides | "key=value" | 3'),
     (lambda: lidarscene.load_scene(3), "scene | a name, a file, a Scene | int"),
     (lambda: lidarscene.load_scene("car", overrides=[1]), 'scene_overrides | "key=value" | 1'),
+    (lambda: lidarscene.batch("job", ""), "output | name of a file | an empty text"),
+    (lambda: lidarscene.load_cloud(""), "path | name of a file | an empty text"),
     (lambda: lidarscene.load_rig(3), "rig | a file or a Rig | int"),
     (lambda: lidarscene.render("edges", pose=(1, 2)), "pose | Pose | x, y, z | (1, 2)"),
     (lambda: lidarscene.render("edges", pose="here"), "pose | Pose | x, y, z | 'here'"),

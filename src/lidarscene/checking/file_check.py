@@ -11,7 +11,7 @@ from typing import Any
 from .. import catalog
 from ..batch.job_file import JobFile
 from ..batch.tasks import Job
-from ..errors import InputError
+from ..errors import InputError, OptionWarning
 from ..files.arguments import checks_arguments
 from ..files.toml import list_mistakes, read_toml
 from ..materials.material_file import MaterialFile, read_material
@@ -67,16 +67,20 @@ def check(subject: str | os.PathLike[str] | Scene | Sensor) -> list[str]:
         subject: file of any kind, name of an entry of the catalogue, `Scene` or `Sensor`
 
     Returns:
-        a line for each mistake, then one for each doubt; none without any
+        a line for each mistake, then one for each doubt, which the command's exit code ignores; none without any
     """
-    with warnings.catch_warnings(record=True) as doubts:
+    with warnings.catch_warnings(record=True) as issued:
         warnings.simplefilter("always")
         if isinstance(subject, Scene | Sensor):
             mistakes = []
             _warn_of_content(subject)
         else:
             mistakes = list(mistakes_of(Path(subject)))
-    return [*mistakes, *(str(doubt.message) for doubt in doubts)]
+    doubts = [str(warning.message) for warning in issued if isinstance(warning.message, OptionWarning)]
+    for warning in issued:  # those of other packages are no findings
+        if not isinstance(warning.message, OptionWarning):
+            warnings.warn_explicit(warning.message, warning.category, warning.filename, warning.lineno)
+    return [*mistakes, *doubts]
 
 
 def checked_path(path: Path) -> Path:

@@ -134,12 +134,19 @@ def _takes_list(hint: Any) -> bool:
     )
 
 
+def _takes_file(hint: Any) -> bool:
+    """Whether a path is one of the types of an argument."""
+    return any((typing.get_origin(option) or option) is os.PathLike for option in typing.get_args(hint))
+
+
 _POSITIONAL = (inspect.Parameter.POSITIONAL_ONLY, inspect.Parameter.POSITIONAL_OR_KEYWORD)
 _OPEN = (inspect.Parameter.VAR_POSITIONAL, inspect.Parameter.VAR_KEYWORD)
 
 
 def require_type(name: str, value: object, hint: Any) -> None:
-    """Raise OptionError, with the argument's name, unless a value is of an annotated type."""
+    """Raise OptionError, with the argument's name, unless a value is of an annotated type; no file has the name ""."""
+    if isinstance(value, str) and not value and _takes_file(hint):
+        raise OptionError(f"{{{name}}}: must be {{0}}, got an empty text", _words(hint))
     if not is_of_type(value, hint):
         content = f" {one_line(value)}" if isinstance(value, str | bytes | Sequence | Mapping) else ""
         raise OptionError(f"{{{name}}}: must be {{0}}, got {{1}}{{2}}", _words(hint), type(value).__name__, content)
