@@ -1,5 +1,6 @@
 """What people try first: it works, or one line names the call that does it."""
 
+import inspect
 import operator
 import pickle
 import re
@@ -36,6 +37,8 @@ ANSWERS = {
     "lidarscene.Lidar('apd-905')": r"Sensor\(name\)",
     "lidarscene.scene('car')": r"Scene\(name\)",
     "lidarscene.snr('apd-905')": "max_range",
+    "lidarscene.generate(3)": r"street\(seed\) makes scenes; batch\(job, folder\)",
+    "lidarscene.render('range', yaw=30)": r"angles go in pose=\(x, y, z, yaw, pitch, roll\)",
     "lidarscene.load_mesh('a.ply')": "load_scene",
     "lidarscene.budgt": "did you mean budget[?]",
     "lidarscene.max_range('apd-905', 'sipm-905')": r"several go in one list: sensors=\['apd-905', 'sipm-905'\]",
@@ -170,6 +173,8 @@ def test_packages_are_called_as_functions(tmp_path: Path, monkeypatch: pytest.Mo
     assert len(opened) == 2
     with told("scene 'sreet' | street"):
         lidarscene.view("sreet")
+    assert [*inspect.signature(lidarscene.batch).parameters][:2] == ["job", "output"]
+    assert pickle.loads(pickle.dumps(lidarscene.batch)) is lidarscene.batch
 
 
 def test_a_package_is_callable_however_it_was_imported(run_python: Any) -> None:

@@ -36,7 +36,7 @@ _FOREIGN_NAMES = {
     **dict.fromkeys(("optimize", "optimise", "search"), "design(study, folder) searches the designs of a study"),
     **dict.fromkeys(("stream", "publish"), "`lidarscene stream` sends packets; cloud.save('a.mcap') writes a bag"),
     **dict.fromkeys(
-        ("Dataset", "generate", "random_scene"), "record writes data sets; `lidarscene street` makes scenes"
+        ("Dataset", "generate", "random_scene"), "street(seed) makes scenes; batch(job, folder) writes data sets"
     ),
     **dict.fromkeys(
         ("snr", "link_budget", "detection_probability", "range"),
@@ -74,6 +74,16 @@ def _function_of_package(name: str) -> Any:
 
 class _CalledPackage(ModuleType):
     """Package that does what a function of its name would do, or says what does it."""
+
+    @property
+    def __signature__(self) -> Any:
+        """Signature of the function, for help and editors."""
+        from inspect import signature
+
+        return signature(_function_of_package(self.__name__.rpartition(".")[2]))
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return importlib.import_module, (self.__name__,)
 
     def __call__(self, *arguments: Any, **options: Any) -> Any:
         name = self.__name__.rpartition(".")[2]

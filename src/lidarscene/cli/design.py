@@ -6,7 +6,7 @@ import argparse
 from contextlib import ExitStack
 from typing import Any
 
-from ..rendering.option_fields import Whole
+from ..batch import WORKERS
 from .options import CommandOptions, add_options
 from .terminal import Answer, progress, save_report
 from .words import whole_number
@@ -35,7 +35,7 @@ def add_design(commands: Any) -> None:
     command.add_argument(
         "--workers",
         metavar="N",
-        type=whole_number(Whole(1, 1024)),
+        type=whole_number(WORKERS),
         help="number of processes for traced quantities (default: this process only)",
     )
     command.set_defaults(run=run_design)

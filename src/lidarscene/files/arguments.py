@@ -29,6 +29,8 @@ CHECKED_INSIDE = object()
 ANGLES = ("yaw", "yaw_deg", "pitch", "roll", "heading", "rotation", "orientation")
 """Keywords that people try in place of a pose with angles."""
 
+ANGLES_GO = "angles go in pose=(x, y, z, yaw, pitch, roll)"
+
 _MOST_ELEMENTS = 1000
 """Elements of a sequence that are looked at, each: of what is longer, only whether it is a sequence."""
 
@@ -60,7 +62,7 @@ def checks_arguments(call: Checked) -> Checked:
                 names = [name for name in signature.parameters if name != "self"]
                 meant = ""
                 if "pose" in names and word in ANGLES:
-                    meant = "angles go in pose=(x, y, z, yaw, pitch, roll)"
+                    meant = ANGLES_GO
                 elif "overrides" in names and not did_you_mean(word, names):
                     meant = 'values of the file go in overrides={"TABLE.KEY": value}'
                 raise unknown_option(word, names, meant=meant)

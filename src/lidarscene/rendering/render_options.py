@@ -14,6 +14,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, TypedDict, TypeVar
 
 from ..errors import InputError, one_line, unknown_option
+from ..files.arguments import ANGLES, ANGLES_GO
 from ..light.limits import INTERACTIONS, MOST_INTERACTIONS
 from .option_fields import Finite, Function, OneOf, Whole, check_options, list_options, option
 
@@ -260,6 +261,7 @@ class Keywords:
 CALLS = {
     "frames": "several frames are render_frames(scene, sensor, frames=N)",
     **dict.fromkeys(("position", "sensor_pose", "origin", "location"), "where the sensor stands is pose=(x, y, z)"),
+    **dict.fromkeys(ANGLES, ANGLES_GO),
     **dict.fromkeys(("rng", "random_state", "random_seed"), "the seed is seed=N"),
     "rig": "record(scene, Rig(file), outputs=...) renders a rig of several sensors",
     **dict.fromkeys(("picture", "image", "plot"), "a picture is written by cloud.plot().save('a.png')"),
