@@ -116,7 +116,7 @@ def _read(terminal: int) -> bytes:
         (["job.toml", "-o", "wall.toml"], "--output wall.toml: must be a folder, got a file"),
         (["job.toml", "-o", "out", "--workers", "0"], "must be a whole number from 1 to 1024, got 0"),
         (["job.toml", "-o", "out", "--workers", "1", "--scheduler", "a:1"], "must be only one of them, got both"),
-        (["job.toml", "-o", "out", "--scheduler", "nonsense"], "no Dask scheduler answers there: missing port"),
+        (["job.toml", "-o", "out", "--scheduler", "nonsense"], "no Dask scheduler answers at nonsense: missing port"),
     ],
 )
 def test_mistakes(

@@ -445,6 +445,9 @@ def place(run: Run, shared: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     stream wall.toml --udp 127.0.0.1:9 --sensor vlp-16 --metadata a.json | --metadata | sensor 'vlp-16'
     street --seed x -o out | --seed | 0 | 4294967295 | x
     street --length-m 10 -o out | street | length_m | >= 50 | 10.0
+    street -o t.toml | --output | folder | t.toml
+    street --length-m 60 --set length_m=70 -o out | --length-m | --set length_m=70 | both
+    street --set street.length_m=60 -o out | --set street.length_m=60 | length_m?
     street --set lane=2 -o out | 'lane'
     street | -o/--output
     """,

@@ -70,7 +70,7 @@ def local_client(workers: int) -> Iterator[Any]:
             except Exception as error:  # Dask reports a worker that dies while it starts by various exceptions
                 if start == STARTS - 1:
                     raise LidarSceneError(
-                        f"--workers {workers}: the processes could not be started: {shorten(_reason(error))}"
+                        f"{workers} worker processes could not be started: {shorten(_reason(error))}"
                     ) from error
         yield client
 
@@ -126,7 +126,7 @@ def remote_client(address: str) -> Iterator[Any]:
         asyncio.run(_require_greeting(address))
         client = Client(address, timeout=PATIENCE_S)
     except (OSError, ValueError, TypeError) as error:
-        raise LidarSceneError(f"--scheduler {address}: no Dask scheduler answers there: {_reason(error)}") from None
+        raise LidarSceneError(f"no Dask scheduler answers at {address}: {_reason(error)}") from None
     if not client.scheduler.address.startswith(("tls:", "wss:")):
         warn(
             OptionWarning(

@@ -6,6 +6,7 @@ import argparse
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from ..errors import OptionError
 from ..rendering.option_fields import Whole
 from ..rendering.render_options import SEEDS
 from ..scene.street import TOWN_STREETS
@@ -75,14 +76,22 @@ def add_street(commands: Any) -> None:
 
 def run_street(arguments: argparse.Namespace) -> Answer:
     """Run `street`."""
-    from ..files.overrides import with_overrides
+    from ..files.overrides import key_path, with_overrides
     from ..files.toml import validate
     from ..scene.made_street import made_tables
     from ..scene.street.street_file import StreetFile
     from ..scene.street.street_tables import street_summary, write_scene
 
+    if arguments.output.suffix.lower() == ".toml":
+        raise OptionError("{output} {0}: must be a folder, which gets street.toml, got a file's name", arguments.output)
     named = {key: getattr(arguments, key) for key in ("length_m", "seed")}
     keys = {key: value for key, value in named.items() if value is not None}
+    for assignment in arguments.overrides:
+        key, *inner = key_path(assignment)
+        if key in keys:
+            raise OptionError(f"{{{key}}} and --set {{0}}: must be only one of them, got both", assignment)
+        if key == "street" and inner:
+            raise OptionError("--set {0}: did you mean {1}? Keys are those of [street]", assignment, ".".join(inner))
     file = validate(StreetFile, with_overrides(keys, arguments.overrides), "[street]", overrides=arguments.overrides)
     networks: dict[NetworkKind, Any] = {"opendrive": arguments.opendrive, "osm": arguments.osm, "sumo": arguments.sumo}
     tables, origin = made_tables(file, networks | {"town": arguments.town}, ego=arguments.ego)
