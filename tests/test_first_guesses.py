@@ -1,5 +1,6 @@
 """What people try first: it works, or one line names the call that does it."""
 
+import dataclasses
 import inspect
 import operator
 import pickle
@@ -190,6 +191,13 @@ def test_a_package_is_callable_however_it_was_imported(run_python: Any) -> None:
 
 def test_a_check_lists_mistakes_and_doubts(tmp_path: Path) -> None:
     assert lidarscene.check("range") == lidarscene.check(APD) == []
+    assert lidarscene.check(Rig("rig")) == lidarscene.check(Material("brick")) == []
+    (recording,) = lidarscene.check("os0-32")
+    assert "os0-32.pcap: must be a file that describes something" in recording
+    (drop,) = lidarscene.check(APD.replace("tdc.bandwidth_mhz=1"))
+    mounted = Rig("rig").sensors[0]
+    doubtful = dataclasses.replace(mounted, sensor=APD.replace("tdc.bandwidth_mhz=1"))
+    assert lidarscene.check(dataclasses.replace(Rig("rig"), sensors=(doubtful,))) == [drop]
     bright = NAMES["scene"].replace(sun={"illuminance_klux": 5000})
     assert [doubt.partition(" and")[0] for doubt in lidarscene.check(bright)] == ["sun.illuminance_klux is 5000,"]
     sensor = tmp_path / "slow.toml"

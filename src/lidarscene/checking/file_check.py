@@ -14,13 +14,15 @@ from ..batch.tasks import Job
 from ..errors import InputError, OptionWarning
 from ..files.arguments import checks_arguments
 from ..files.toml import list_mistakes, read_toml
+from ..materials.material import Material
 from ..materials.material_file import MaterialFile, read_material
+from ..recordings.opening import ONLY_RECORDINGS
 from ..rendering.surroundings import warn_of_scene
 from ..scene.scene import Scene
 from ..scene.scene_file import load_scene, scene_from_model, scene_model, scene_path
 from ..scene.tables import SceneFile
 from ..sensor.imu import ImuModelFile, read_imu_model
-from ..sensor.rig_file import RigFile, load_rig
+from ..sensor.rig_file import Rig, RigFile, load_rig
 from ..sensor.sensor_file import SensorFile, read_sensor
 from ..sensor.sensor_model import Sensor, warn_of_doubts
 from ..studies.design.design_study import load_study
@@ -60,18 +62,19 @@ DISTINCTIVE_KEYS = {
 
 
 @checks_arguments
-def check(subject: str | os.PathLike[str] | Scene | Sensor) -> list[str]:
-    """Check a file, a scene or a sensor, as `lidarscene check` does.
+def check(subject: str | os.PathLike[str] | Scene | Sensor | Rig | Material) -> list[str]:
+    """Check a file, a scene, a sensor, a rig or a material, as `lidarscene check` does.
 
     Args:
-        subject: file of any kind, name of an entry of the catalogue, `Scene` or `Sensor`
+        subject: file of any kind, name of an entry of the catalogue, `Scene`, `Sensor`, `Rig` or
+            `Material`, which was checked when it was made
 
     Returns:
         a line for each mistake, then one for each doubt, which the command's exit code ignores; none without any
     """
     with warnings.catch_warnings(record=True) as issued:
         warnings.simplefilter("always")
-        if isinstance(subject, Scene | Sensor):
+        if isinstance(subject, Scene | Sensor | Rig | Material):
             mistakes = []
             _warn_of_content(subject)
         else:
@@ -101,6 +104,9 @@ def mistakes_of(path: Path) -> Iterator[str]:
     """Iterate over the mistakes of a file, a line each; doubts about what it describes are warnings."""
     try:
         path = checked_path(path)
+        if path.suffix.lower() in ONLY_RECORDINGS:
+            yield f"{path}: must be a file that describes something, such as a scene, got a recording"
+            return
         if path.suffix.lower() != ".toml":
             yield from _mistakes_in_content("scene", path)
             return
@@ -122,11 +128,13 @@ def _kind_of(tables: dict[str, Any]) -> str:
 
 
 def _warn_of_content(content: Any) -> None:
-    """Issue the doubts about a scene or a sensor."""
+    """Issue the doubts about a scene, a sensor or the sensors of a rig."""
     if isinstance(content, Scene):
         warn_of_scene(content)
     elif isinstance(content, Sensor):
         warn_of_doubts([content])
+    elif isinstance(content, Rig):
+        warn_of_doubts(mounted.sensor for mounted in content.sensors)
 
 
 def _mistakes_in_content(kind: str, path: Path) -> Iterator[str]:
