@@ -10,6 +10,7 @@ import socket
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from multiprocessing.spawn import get_preparation_data
 from pathlib import Path
 from typing import Any
 
@@ -234,6 +235,20 @@ def test_a_stopped_worker_of_another_machine(
     assert (progress.finished, progress.failed) == (progress.frames, {})
     assert len(lines) == 1
     assert re.search(r" is silent for \d+ s; its frames go to another worker$", lines[0])
+
+
+def test_processes_do_not_run_the_script_while_jobs_overlap(monkeypatch: pytest.MonkeyPatch) -> None:
+    """By what a new process is told; the script keeps its classes, which a report may pickle, and gets its names."""
+    script = sys.modules["__main__"]
+    monkeypatch.setattr(script, "__file__", "/of/the/script.py", raising=False)
+    monkeypatch.setattr(script, "__spec__", None)
+    with contextlib.ExitStack() as first, contextlib.ExitStack() as second:
+        for jobs in (first, second):
+            jobs.enter_context(cluster._HIDDEN_SCRIPT)
+        first.close()
+        assert not {"init_main_from_path", "init_main_from_name"} & get_preparation_data("worker").keys()
+        assert sys.modules["__main__"] is script
+    assert get_preparation_data("worker")["init_main_from_path"] == "/of/the/script.py"
 
 
 def test_a_scheduler_that_asks_for_a_key(tmp_path: Path, recwarn: pytest.WarningsRecorder) -> None:

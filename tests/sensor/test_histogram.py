@@ -54,6 +54,8 @@ def test_head_turns_while_the_shots_of_a_point_are_summed(keys, sweep_mrad):
     counter = photons.spinning(*keys)
     assert 1e3 * counter.sweep_rad == pytest.approx(sweep_mrad, rel=1e-9)
     assert 1e3 * photons.spinning().sweep_rad == pytest.approx(6.1, abs=0.05)
+    columns = 512 if any("512" in key for key in keys) else 1024
+    assert counter.histogram.column_rad == pytest.approx(2.0 * math.pi / columns, rel=1e-9)
 
 
 def test_shots_without_a_period_fill_the_column():

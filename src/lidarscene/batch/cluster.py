@@ -6,9 +6,9 @@ import asyncio
 import logging
 import os
 import sys
+import threading
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager
-from types import ModuleType
 from typing import Any
 
 from ..errors import LidarSceneError, OptionWarning, shorten, warn
@@ -83,7 +83,7 @@ def _start_cluster(workers: int) -> Iterator[Any]:
     # scheduler, workers and nannies accept only connections with the key that this process makes. Workers get it
     # through the pipe by which they are started; it is in no argument, environment or lasting file.
     with (
-        _hidden_script(),
+        _HIDDEN_SCRIPT,
         LocalCluster(
             security=Security.temporary(),
             protocol="tls://",
@@ -100,15 +100,34 @@ def _start_cluster(workers: int) -> Iterator[Any]:
         yield client
 
 
-@contextmanager
-def _hidden_script() -> Iterator[None]:
-    """Hide the running script from new processes, which would import it, and with it run its call of `batch` again."""
-    script = sys.modules["__main__"]
-    sys.modules["__main__"] = ModuleType("__main__")
-    try:
-        yield
-    finally:
-        sys.modules["__main__"] = script
+class _HiddenScript:
+    """Hides the running script from new processes, which would import it, and with it run its call of `batch` again.
+
+    They ask for its ``__spec__`` and ``__file__`` (`multiprocessing.spawn.get_preparation_data`), which are None until
+    the last of several jobs has ended. All else of the script stays, such as classes that are pickled.
+    """
+
+    def __init__(self) -> None:
+        self._lock = threading.Lock()
+        self._jobs = 0
+        self._names: dict[str, Any] = {}
+
+    def __enter__(self) -> None:
+        script = vars(sys.modules["__main__"])
+        with self._lock:
+            if self._jobs == 0:
+                self._names = {name: script[name] for name in ("__spec__", "__file__") if name in script}
+                script |= dict.fromkeys(self._names)
+            self._jobs += 1
+
+    def __exit__(self, *_: object) -> None:
+        with self._lock:
+            self._jobs -= 1
+            if self._jobs == 0:
+                vars(sys.modules["__main__"]).update(self._names)
+
+
+_HIDDEN_SCRIPT = _HiddenScript()
 
 
 @contextmanager

@@ -233,8 +233,8 @@ class Simulator(HintedAttributes):
                 return
             frame = replace(frame, number=number)
         if self._begun is None or self._begun.frame_of(frame) is None:
-            blocks.rest()
-            self._begun = self._started_together(frame, end - frame.number)
+            with blocks.resting():
+                self._begun = self._started_together(frame, end - frame.number)
 
     @overload
     def render(
@@ -496,12 +496,12 @@ class Simulator(HintedAttributes):
         options, _ = launch.frames[0]
         since = time.perf_counter()
         transfer.wait()
-        blocks.rest()
-        launch.parts = self._trace_continuing(run, launch.part, run.seed_words(options.seed), len(frames))
-        since = summary.add_time("trace", since)
-        pulses = self.sensor.scanner.pulses
-        placing = Placing.of_frames(frames, options.coordinates, pulses, clock=self._clock, rings=self._rings)
-        launch.columns = self._columns(run, launch.parts, placing)
+        with blocks.resting():
+            launch.parts = self._trace_continuing(run, launch.part, run.seed_words(options.seed), len(frames))
+            since = summary.add_time("trace", since)
+            pulses = self.sensor.scanner.pulses
+            placing = Placing.of_frames(frames, options.coordinates, pulses, clock=self._clock, rings=self._rings)
+            launch.columns = self._columns(run, launch.parts, placing)
         summary.add_time("collect", since)
 
     def _points(self, launch: Launch, frame: Frame, numbers: Numbers) -> DeviceColumns:
@@ -684,6 +684,7 @@ class Simulator(HintedAttributes):
     def _columns(self, frame: Frame, parts: Sequence[Chunk], placing: Placing) -> DeviceColumns:
         """Kept points of a chunk, sorted by pulse and then by return."""
         surveyed = parts[0]
+        blocks.share_out(len(surveyed.pulse))
         lane_of = None if surveyed.order is None else surveyed.order.device_lane
         again = [(part.retraced, part) for part in parts[1:] if part.retraced is not None]
         lane, stop, count = kept_lanes.reported_lanes(

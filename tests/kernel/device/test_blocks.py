@@ -95,6 +95,15 @@ def test_threads_rest_while_python_works(monkeypatch: pytest.MonkeyPatch) -> Non
             ("_chain", 2),
         ]
         assert dr.thread_count() == 2
+
+        def interrupted(*_: Any) -> None:
+            assert dr.thread_count() == 1
+            raise KeyboardInterrupt
+
+        monkeypatch.setattr(simulator, "_trace_continuing", interrupted)
+        with pytest.raises(KeyboardInterrupt):
+            simulator.render()
+        assert dr.thread_count() == 2
     finally:
         blocks.use_threads(before)
 

@@ -3,6 +3,7 @@
 import dataclasses
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ from lidarscene.rendering.simulator import Simulator, Summary
 from lidarscene.scene.scene import Air
 from lidarscene.studies.compare import cloud_matching, observations
 from lidarscene.studies.compare import comparison_statistics as statistics
-from lidarscene.studies.compare.bench import Bench, fires_alike, with_beams_of
+from lidarscene.studies.compare.bench import Bench, _ray_key, fires_alike, with_beams_of
 from lidarscene.studies.compare.illuminance_sweep import _equal_range_klux, lead_changes, sweep_illuminance
 from lidarscene.studies.ranging import plane
 
@@ -236,6 +237,18 @@ def test_who_fires_alike(changes: tuple[str, ...], fire_alike: bool) -> None:
     first, second = load_sensor("table1-apd"), load_sensor("table1-apd", overrides=changes)
     assert fires_alike(first, second) is fire_alike
     assert fires_alike(first, with_beams_of(first, second))
+
+
+def test_paths_are_shared_by_sensors_that_know_as_much_of_surfaces() -> None:
+    """Rationale: paths that a sensor without leans traced gave another one the noise of level surfaces."""
+    leaning = load_sensor("os0-128-rev7")
+    assert leaning.histogram is not None
+    changes: tuple[dict[str, Any], ...] = ({}, {"column_range_m": 0.02}, {"column_range_m": None})
+    keys = [
+        _ray_key(dataclasses.replace(leaning, histogram=dataclasses.replace(leaning.histogram, **changed)))
+        for changed in changes
+    ]
+    assert keys[0] == keys[1] != keys[2]
 
 
 def test_other_mechanisms_fire_unlike() -> None:

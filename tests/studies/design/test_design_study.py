@@ -75,15 +75,16 @@ def test_gain_of_an_apd_in_closed_form(tmp_path: Path) -> None:
     assert gain == pytest.approx(best.closed_form, rel=1e-3)
 
 
-def test_the_front_is_that_of_a_grid(tmp_path: Path) -> None:
+@pytest.mark.parametrize("probability", [0.9, 0.5])
+def test_the_front_is_that_of_a_grid(tmp_path: Path, probability: float) -> None:
     """The front has at least 99 % of the hypervolume of all 60^3 designs; each design file is class 1 and detects at
     200 m. Rationale: from this seed, steps by the slope of P_d itself, which is flat near 1, ended at 60 %.
     """
     indicator = pytest.importorskip("pymoo.indicators.hv")
-    path = write(tmp_path, APERTURE.replace("120", "300\nseed = 1"))
+    path = write(tmp_path, APERTURE.replace("120", "300\nseed = 1").replace("0.9", str(probability)))
     numbers = numbers_of(path, tmp_path / "out")
     points = [[design["quantities"][name] for name in ("area", "power")] for design in numbers["front"]]
-    grid = grid_points()
+    grid = grid_points(probability)
     reference = grid.max(axis=0)
     grid = grid[np.lexsort(grid.T[::-1])]
     grid = grid[np.flatnonzero(np.diff(np.minimum.accumulate(grid[:, 1]), prepend=np.inf) < 0.0)]  # its front
@@ -92,10 +93,10 @@ def test_the_front_is_that_of_a_grid(tmp_path: Path) -> None:
     for name in numbers["files"][:: max(len(numbers["files"]) // 4, 1)]:
         sensor = load_sensor(tmp_path / "out" / name)
         assert eye_safety_report(sensor, scanned=True).is_class_1
-        assert float(plane.detection_probability(sensor, plane.Target(), 200.0)[0]) >= 0.9 - 1e-9
+        assert float(plane.detection_probability(sensor, plane.Target(), 200.0)[0]) >= probability - 1e-9
 
 
-def grid_points() -> np.ndarray:
+def grid_points(probability: float) -> np.ndarray:
     """(n, 2) area in mm2 and mean power in mW of all feasible designs of a grid of 60^3, in closed form."""
     sensor = load_sensor("table1-apd")
     power, radius, gain = np.meshgrid(
@@ -107,7 +108,7 @@ def grid_points() -> np.ndarray:
         optics=replace(sensor.optics, aperture_radius_m=radius),
         detector=replace(sensor.detector, gain=gain),
     )
-    detected = plane.detection_probability(designs, plane.Target(), 200.0) >= 0.9
+    detected = plane.detection_probability(designs, plane.Target(), 200.0) >= probability
     report = eye_safety_report(sensor, scanned=True)
     feasible = detected & (power <= report.class_1_peak_power_w)
     area_mm2 = np.pi * radius**2 * 1e6

@@ -14,7 +14,7 @@ from lidarscene.studies.twin import reading_noise
 from lidarscene.studies.twin.apparent_reflectivity import white_signal
 from lidarscene.studies.twin.planes import align_columns, fit_planes
 from lidarscene.studies.twin.reading_noise import INDEPENDENT, LAGS, ReadingNoise, surface_without_noise, without_noise
-from lidarscene.studies.twin.tuning import MOST_OFF_M
+from lidarscene.studies.twin.tuning import MOST_BEAM_M
 
 SHAPE = (16, 1024)
 
@@ -95,7 +95,7 @@ def test_a_return_far_off_its_plane_along_the_beam_stays_on_it() -> None:
     planes = fit_planes(grid)
     kept_m, _ = surface_without_noise(sensor, grid, planes, np.full(range_m.shape, 0.3))
     assert planes.has_plane[row, column]
-    assert planes.range_m[row, column] - range_m[row, column] > MOST_OFF_M
+    assert planes.range_m[row, column] - range_m[row, column] > MOST_BEAM_M
     assert kept_m[row, column] == planes.range_m[row, column]
 
 

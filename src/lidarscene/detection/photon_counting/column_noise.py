@@ -84,8 +84,9 @@ def _column_deviate(light: FilteredLight, range_m: Lanes, *, stop: int) -> Lanes
     assert sensor.scanner.line_pulses is not None
     weights = sensor.histogram.window
     if sensor.histogram.column_range_m is not None:
-        assert light.train.row_slope is not None
-        step = light.train.row_slope * range_m * sensor.histogram.column_rad / sensor.histogram.column_range_m
+        # Without a slope the surface is a plane that faces the sensor, as studies of ranges have it.
+        row_slope: Lanes = 0.0 if light.train.row_slope is None else light.train.row_slope
+        step = row_slope * range_m * sensor.histogram.column_rad / sensor.histogram.column_range_m
         weights, _ = shared_shots.shares(weights, step)
     ops = xp(pulse)
     column, place = ops.divmod(ops.int32(pulse), sensor.scanner.line_pulses)

@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import ctypes
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import cast
 
 from .backend import core_function, drjit, is_cuda
@@ -116,9 +117,24 @@ def share_frame(lanes: int) -> None:
 
 
 def rest() -> None:
-    """End the threads while Python prepares what comes next, which `share_out` is called for: each spins for 20 ms."""
+    """End the threads until `share_out`, within `resting`."""
     if not is_cuda():
         _threads.rest()
+
+
+@contextmanager
+def resting() -> Iterator[None]:
+    """End the threads, each of which spins for 20 ms, while Python prepares what comes next.
+
+    Kernels of few operations run on one thread meanwhile. `share_out` brings the threads back for more, and so does
+    the end, of an exception too. Whoever sets their number in between to 1 is not noticed.
+    """
+    rest()
+    try:
+        yield
+    finally:
+        if not is_cuda():
+            _threads.resume()
 
 
 def block_size(lanes: int, threads: int) -> int:

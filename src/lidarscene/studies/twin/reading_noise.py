@@ -23,7 +23,7 @@ from ...physics.photon_counting import shared_shots
 from ...sensor.sensor_model import Sensor
 from ..ranging.plane import Target, echoes_of_plane, fluctuation_variance
 from .planes import Grid, Planes, shifted
-from .tuning import ALONG, ASSUMED_KLUX, MOST_OFF_M, NOISE_BINS, NOISE_SHOTS
+from .tuning import ALONG, ASSUMED_KLUX, MOST_BEAM_M, NOISE_BINS, NOISE_SHOTS
 
 LAGS = sum(ALONG)
 """Pixels of a row that share in the mean of a mean."""
@@ -118,7 +118,7 @@ def surface_without_noise(sensor: Sensor, grid: Grid, planes: Planes, apparent: 
     off_m = without_noise(measured_m - flat_m, range_sigma_m, noise.correlation)
     # On ground that is seen flat a pixel may be near its plane and metres off along the beam. Quads out there would
     # stand before their neighbours, as a second surface.
-    range_m = flat_m + np.where(planes.has_plane, np.clip(off_m, -MOST_BEAM_M, MOST_BEAM_M), off_m)
+    range_m = flat_m + np.where(planes.has_plane & (np.abs(off_m) > MOST_BEAM_M), 0.0, off_m)
     log_apparent = without_noise(np.where(returned, np.log(apparent), np.nan), noise.log_strength, INDEPENDENT)
     return np.where(returned, range_m, planes.range_m), np.where(returned, np.exp(log_apparent), apparent)
 

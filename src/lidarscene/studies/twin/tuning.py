@@ -24,6 +24,10 @@ MOST_OFF_M = 0.1
 """Choice: largest distance of a pixel from the plane of its neighbours, along the normal: as large as the 1-sigma range
 error of an OS1's weakest returns (datasheet)."""
 
+MOST_BEAM_M = 0.1
+"""Choice: largest distance along the beam that a return of a twin keeps from its plane; what is farther off stands on
+the plane."""
+
 LEAST_SHARE = 0.5
 """Choice: least mean weight of a window's neighbours that makes a plane."""
 
