@@ -241,3 +241,24 @@ def test_a_street_is_a_scene(tmp_path: Path) -> None:
         lidarscene.street(osm="map.osm", town=3)
     with pytest.raises(lidarscene.InputError, match="town: must be a whole number from 3 to 12, got 99"):
         lidarscene.street(town=99)
+
+
+@pytest.mark.parametrize(
+    ("asked", "word", "answer"),
+    [
+        ("cloud", "to_ros2", 'cloud.save("a.mcap")'),
+        ("cloud", "voxel_downsample", "cloud[::10]"),
+        ("cloud", "get_points", "cloud.points"),
+        ("cloud", "mean_range", "cloud.range"),
+        ("scene", "get_actors", "scene.bodies"),
+        ("sensor", "set_power", "sensor.replace("),
+    ],
+)
+def test_a_longer_name_is_answered_by_its_part(asked: str, word: str, answer: str) -> None:
+    owners = {
+        "cloud": lambda: small_cloud(3),
+        "scene": lambda: lidarscene.load_scene("car"),
+        "sensor": lambda: lidarscene.load_sensor("apd-905"),
+    }
+    with pytest.raises(AttributeError, match=re.escape(answer)):
+        getattr(owners[asked](), word)

@@ -28,7 +28,10 @@ _FOREIGN_NAMES = {
     **dict.fromkeys(("examples", "demo"), "scenes() lists what render takes: render('car')"),
     "help": "help(lidarscene.render) explains a call; dir(lidarscene) lists them",
     **dict.fromkeys(("load", "read", "open"), "load_cloud, load_scene, load_sensor and load_rig read files"),
-    **dict.fromkeys(("load_mesh", "mesh"), "load_scene(file) reads one as a scene; scene.add(file, 'brick') adds it"),
+    **dict.fromkeys(
+        ("load_mesh", "mesh", "Mesh", "TriangleMesh"),
+        "load_scene(file) reads one as a scene; scene.add(file, 'brick') adds it",
+    ),
     **dict.fromkeys(("load_material", "material"), "Material(name) reads one; materials() lists them"),
     **dict.fromkeys(("simulate", "run", "scan", "trace"), "render(scene, sensor) renders a frame"),
     **dict.fromkeys(("Lidar", "LiDAR", "sensor"), "Sensor(name) reads one; sensors() lists them"),
@@ -36,7 +39,8 @@ _FOREIGN_NAMES = {
     **dict.fromkeys(("optimize", "optimise", "search"), "design(study, folder) searches the designs of a study"),
     **dict.fromkeys(("stream", "publish"), "`lidarscene stream` sends packets; cloud.save('a.mcap') writes a bag"),
     **dict.fromkeys(
-        ("Dataset", "generate", "random_scene"), "street(seed) makes scenes; batch(job, folder) writes data sets"
+        ("Dataset", "dataset", "generate", "random_scene", "render_batch"),
+        "street(seed) makes scenes; batch(job, folder) writes data sets",
     ),
     **dict.fromkeys(
         ("snr", "link_budget", "detection_probability", "range"),

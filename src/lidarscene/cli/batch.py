@@ -121,7 +121,7 @@ class _Display(ExitStack):
             self._console.print(f"dashboard     {link}")
         if not client.nthreads():
             self._console.print("the scheduler has no workers yet; waiting for them")
-        self._bar.update(self._bar.task_ids[0], total=frames)
+        self._bar.update(self._bar.task_ids[0], total=frames, refresh=True)
 
     def report_waiting(self, line: str) -> None:
         """Print what the job waits for."""

@@ -6,6 +6,7 @@ People try the names of other libraries first, and numbers without their unit: `
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import FrozenInstanceError, is_dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
@@ -26,11 +27,23 @@ def no_attribute(owner: object, word: str, *, name: str, foreign_names: Mapping[
     public = [entry for entry in dir(owner) if not entry.startswith("_")]
     meant = foreign_names.get(word) or did_you_mean(word, public, cutoff=0.8)
     if not meant:
+        meant = _meant_by_a_part(word, foreign_names, {entry: f"{name}.{entry}" for entry in public})
+    if not meant:
         fields = getattr(type(owner), "__dataclass_fields__", ())
         inner = [f"{part}.{entry}" for part in fields for entry in _numbers_of(getattr(owner, part, None))]
         found = keys_like(word, public) or keys_like(word, inner)
         meant = question(f"{name}.{key}" for key in found) or did_you_mean(word, public, cutoff=0.7)
     return AttributeError(f"{type(owner).__name__} has no '{word}'" + (f"; {meant}" if meant else ""))
+
+
+def _meant_by_a_part(word: str, foreign_names: Mapping[str, str], public: Mapping[str, str]) -> str:
+    """What does the longest name that a word has as its parts: get_actors, to_ros2, voxel_downsample."""
+    parts = re.findall("[a-z]+", word.lower())
+    if parts[:1] == ["set"]:
+        return foreign_names.get("set", "")
+    names = ["_".join(parts[i:j]) for i in range(len(parts)) for j in range(len(parts), i, -1)]
+    calls = {**public, **foreign_names}
+    return next((calls[name] for name in sorted(names, key=len, reverse=True) if name in calls), "")
 
 
 def _numbers_of(part: object) -> list[str]:
@@ -67,6 +80,6 @@ class HintedAttributes:
         def __getattr__(self, word: str) -> Any:
             if word.startswith("_"):  # what Python and libraries look for
                 raise AttributeError(f"{type(self).__name__} has no '{word}'")
-            changes = dict.fromkeys(("replace", "set", "update", "copy", "with_"), self.CHANGED_BY)
+            changes = dict.fromkeys(("replace", "set", "update", "copy", "with_", "overrides"), self.CHANGED_BY)
             foreign_names = {**changes, **self.FOREIGN_NAMES}
             raise no_attribute(self, word, name=type(self).__name__.lower(), foreign_names=foreign_names)

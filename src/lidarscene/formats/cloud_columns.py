@@ -30,7 +30,7 @@ FOREIGN_NAMES = {
     **dict.fromkeys(("instance", "instances", "instance_id", "instance_labels"), 'cloud["body"], cloud.body_names'),
     **dict.fromkeys(("bounding_boxes", "bboxes", "boxes_3d"), "cloud.boxes(scene)"),
     **dict.fromkeys(("annotations", "targets", "objects"), 'cloud.boxes(scene), cloud["class"]'),
-    **dict.fromkeys(("shuffle", "sample", "downsample", "voxel_down_sample"), "cloud[::10], cloud.to_open3d()"),
+    **dict.fromkeys(("shuffle", "sample", "downsample", "down_sample"), "cloud[::10], cloud.to_open3d()"),
     **dict.fromkeys(("fields", "column_names", "keys"), "cloud.columns"),
     **dict.fromkeys(("rotate", "translate", "apply", "transformed"), "cloud.transform(pose)"),
     **dict.fromkeys(("height", "altitude"), "cloud.z"),
@@ -50,7 +50,9 @@ FOREIGN_NAMES = {
     **dict.fromkeys(("filter", "query", "mask", "crop"), 'cloud.select(class_="car"), cloud[cloud.range < 50]'),
     **dict.fromkeys(("num_points", "n_points", "size"), "len(cloud)"),
     **dict.fromkeys(("to_dataframe", "to_df", "to_csv", "describe", "head"), "cloud.to_pandas()"),
-    **dict.fromkeys(("to_ros", "to_msg", "to_pointcloud2", "publish"), 'cloud.save("a.mcap"), `lidarscene stream`'),
+    **dict.fromkeys(
+        ("to_ros", "to_msg", "to_pointcloud2", "publish", "laserscan"), 'cloud.save("a.mcap"), `lidarscene stream`'
+    ),
     **dict.fromkeys(("transform_to", "to_world"), "cloud.transform(pose), render(..., coordinates='world')"),
     **dict.fromkeys(("distance", "distances", "depth"), "cloud.range"),
     **dict.fromkeys(("timestamp", "timestamps", "stamp", "t"), "cloud.time"),
@@ -60,6 +62,7 @@ FOREIGN_NAMES = {
     ),
     "frame_id": 'cloud.metadata["frame"]',
     "header": "cloud.metadata",
+    **dict.fromkeys(("frame", "to_frame"), "render(..., coordinates='world'), cloud.transform(pose)"),
     **dict.fromkeys(
         ("to_list", "tolist", "data", "array", "values", "dtype", "to_structured", "to_records"), "cloud.to_numpy()"
     ),

@@ -388,7 +388,8 @@ class Scene(HintedAttributes):
         "sensor": "scene.sensor_name, scene.sensor_pose",
         **dict.fromkeys(("describe", "summary", "info"), "print(scene), scene.facts()"),
         **dict.fromkeys(("names", "body_names"), "scene.bodies"),
-        "render": "lidarscene.render(scene, sensor)",
+        **dict.fromkeys(("render", "raycast", "ray_cast", "cast_rays"), "lidarscene.render(scene, sensor)"),
+        **dict.fromkeys(("boxes", "bounding_boxes", "bboxes"), "lidarscene.boxes(cloud, scene)"),
     }
 
     name: str = "scene"
