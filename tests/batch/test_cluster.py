@@ -238,7 +238,7 @@ def test_a_stopped_worker_of_another_machine(
 
 
 def test_processes_do_not_run_the_script_while_jobs_overlap(monkeypatch: pytest.MonkeyPatch) -> None:
-    """By what a new process is told; the script keeps its classes, which a report may pickle, and gets its names."""
+    """Shown by what a new process is told; the script keeps its classes, which a report may pickle, and gets its names."""
     script = sys.modules["__main__"]
     monkeypatch.setattr(script, "__file__", "/of/the/script.py", raising=False)
     monkeypatch.setattr(script, "__spec__", None)
