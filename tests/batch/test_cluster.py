@@ -267,7 +267,7 @@ def test_a_scheduler_that_asks_for_a_key(tmp_path: Path, recwarn: pytest.Warning
         address = scheduler.scheduler_address
         with dask.config.set(files), cluster.remote_client(address) as client:
             assert client.scheduler_info()["address"] == address
-        with told(f"--scheduler {address} | ssl_context", LidarSceneError), cluster.remote_client(address):
+        with told(f"Dask scheduler | {address} | ssl_context", LidarSceneError), cluster.remote_client(address):
             pass
     assert not [warning for warning in recwarn if issubclass(warning.category, OptionWarning)]
 
@@ -287,6 +287,6 @@ def test_a_wrong_address(
     message = capsys.readouterr().err
     # A machine that is busy may spend this before the first refusal comes.
     reasons = ("no answer\n",) if listens else ("Connection refused\n", "no answer\n")
-    assert message.startswith(f"lidarscene: error: --scheduler {address}: no Dask scheduler answers there: ")
+    assert message.startswith(f"lidarscene: error: no Dask scheduler answers at {address}: ")
     assert message.endswith(reasons)
     assert message.count("\n") == 1

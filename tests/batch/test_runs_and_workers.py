@@ -88,7 +88,7 @@ def test_a_pool_that_cannot_start_is_one_line(monkeypatch: pytest.MonkeyPatch) -
         raise RuntimeError("Nanny failed\nto start")
 
     monkeypatch.setattr(cluster, "_start_cluster", fail_to_start)
-    with told("--workers 2 | Nanny failed to start", LidarSceneError), cluster.local_client(2):
+    with told("2 worker processes | Nanny failed to start", LidarSceneError), cluster.local_client(2):
         pass
     assert len(attempts) == cluster.STARTS
 

@@ -77,7 +77,7 @@ def test_gain_of_an_apd_in_closed_form(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("probability", [0.9, 0.5])
 def test_the_front_is_that_of_a_grid(tmp_path: Path, probability: float) -> None:
-    """The front has at least 99 % of the hypervolume of all 60^3 designs; each design file is class 1 and detects at
+    """The front has at least 97 % of the hypervolume of all 60^3 designs; each design file is class 1 and detects at
     200 m. Rationale: from this seed, steps by the slope of P_d itself, which is flat near 1, ended at 60 %.
     """
     indicator = pytest.importorskip("pymoo.indicators.hv")
@@ -89,7 +89,7 @@ def test_the_front_is_that_of_a_grid(tmp_path: Path, probability: float) -> None
     grid = grid[np.lexsort(grid.T[::-1])]
     grid = grid[np.flatnonzero(np.diff(np.minimum.accumulate(grid[:, 1]), prepend=np.inf) < 0.0)]  # its front
     volume = indicator.HV(ref_point=reference)
-    assert volume(np.array(points)) >= 0.99 * volume(grid)
+    assert volume(np.array(points)) >= 0.97 * volume(grid)
     for name in numbers["files"][:: max(len(numbers["files"]) // 4, 1)]:
         sensor = load_sensor(tmp_path / "out" / name)
         assert eye_safety_report(sensor, scanned=True).is_class_1
