@@ -243,7 +243,7 @@ RING_ROWS = "ring_rows"
 class Cloud(CloudColumns, HintedAttributes):
     """Data of a `cloud.point_cloud.PointCloud`, which documents them: all that formats need of a cloud."""
 
-    CHANGED_BY: ClassVar[str] = "dataclasses.replace(cloud, range_m=...) is another cloud"
+    CHANGED_BY = "dataclasses.replace(cloud, range_m=...) is another cloud"
 
     sensor_names: tuple[str, ...] = ()
     body_names: tuple[str, ...] = ()
