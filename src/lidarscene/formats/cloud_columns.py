@@ -11,7 +11,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import KW_ONLY, InitVar, dataclass, field, replace
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self, get_type_hints, overload
+from typing import TYPE_CHECKING, Annotated, Any, Self, get_type_hints, overload
 
 import numpy as np
 
