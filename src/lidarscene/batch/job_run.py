@@ -34,13 +34,13 @@ def batch(
 ) -> Progress:
     """Render every frame of a job that is not in the folder yet, and write a manifest of all of them.
 
-    The same call resumes a broken run.
+    The same call resumes an interrupted run.
 
     Args:
-        job: job file, or the example's name
+        job: job file, or the name of an example
         output: folder of the frames and of manifest.parquet
-        workers: processes of this machine; one for each GPU, or else for each core, if None
-        scheduler: address of a Dask cluster that runs and sees the same files, in place of processes of this machine
+        workers: number of processes on this machine; if None, one for each GPU, or for each core without GPUs
+        scheduler: address of a running Dask cluster that sees the same files; if None, processes on this machine
         connected: called with each client of Dask and the number of frames
         report: called after each frame with the progress, and its task and cause if it failed
         waiting: called with a line that says what the job waits for

@@ -44,7 +44,7 @@ def street(
         osm: OpenStreetMap file with the roads
         sumo: SUMO configuration with roads and traffic
         town: number of streets in each direction of a drawn town, 3 to 12
-        ego: vehicle of ``sumo`` that carries the sensor; that which drives for longest if None
+        ego: vehicle of ``sumo`` that carries the sensor; the one with the longest drive if None
         keys: other keys of ``[street]``, such as ``length_m=200, lanes=2``
 
     Raises:
