@@ -180,7 +180,7 @@ def test_the_sensor_is_over_the_roof_of_its_vehicle(town: tuple[Path, Path]) -> 
 
 
 def test_a_drawn_town_has_hills_lights_and_a_roundabout_at_which_vehicles_turn() -> None:
-    """The network's height differs by the slope; the ego vehicle and others turn by right angles."""
+    """The network's height differs by the slope; the ego vehicle drives a loop with six turns, others turn, too."""
     file = StreetFile(seed=1, oncoming_gap_m=(150.0, 160.0), slope_percent=(2.0, 6.0), shown_m=150.0)
     first = network_scene(3, "town", file)
     turned_deg = [
@@ -195,7 +195,10 @@ def test_a_drawn_town_has_hills_lights_and_a_roundabout_at_which_vehicles_turn()
             ),
         )
     ]
-    assert turned_deg[0] > 80.0
+    assert turned_deg[0] == pytest.approx(360.0, abs=15.0)
+    way_m = np.array([pose["position_m"][:2] for pose in first["ego"]["poses"]])
+    apart_m = np.hypot(*(way_m[:, None] - way_m).transpose(2, 0, 1))
+    assert np.median(apart_m[-5:].min(axis=1, initial=np.inf, where=np.arange(len(way_m)) < 40)) < 4.0, "it closes"
     assert sum(turn > 80.0 for turn in turned_deg) > 3
     roads = [body for body in first["bodies"] if body["name"].startswith("road_")]
     lines_m = [np.array(body["line"]) for body in roads]
@@ -217,10 +220,14 @@ def test_a_seed_is_a_town(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     files = []
     for number, seed in enumerate((1, 1, 2)):
         (tmp_path / str(number)).mkdir()
-        net = sumo.draw_town(5, tmp_path / str(number), seed=seed, slopes=(0.0, 0.05))
+        net, roads = sumo.draw_town(5, tmp_path / str(number), seed=seed, slopes=(0.0, 0.05))
         files.append((net.parent / "drawn.nod.xml").read_text() + (net.parent / "drawn.edg.xml").read_text())
     assert files[0] == files[1] != files[2]
     assert {f"n{i}_{j}" for i in range(5) for j in range(5) if f'id="n{i}_{j}"' not in files[0]} == {"n2_2"}
+    assert len(roads) == 8 * 2 + 1
+    assert roads[0] == roads[-1] == "n0_0_n1_0"
+    around = [name.partition("ring")[::2] for name in roads if "ring" in name]
+    assert [(begin, end[1:]) for begin, end in around] == [("n3_2_", ""), ("", "_n2_3")]
 
 
 def _turned_deg(line_m: np.ndarray) -> float:

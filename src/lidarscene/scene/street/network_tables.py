@@ -126,17 +126,18 @@ def network_scene(source: Path | int, kind: NetworkKind, file: StreetFile, *, eg
             scenario = read_scenario(source)
             network = read_network(scenario.network)
         else:
+            loop: Sequence[str] = ()
             if kind == "town":
                 assert isinstance(source, int)
                 low, high = (0.01 * percent for percent in file.slope_percent)
-                net, origin = draw_town(source, folder, seed=file.seed, slopes=(low, high)), f"--town {source}"
+                (net, loop), origin = draw_town(source, folder, seed=file.seed, slopes=(low, high)), f"--town {source}"
             else:
                 assert isinstance(source, Path)
                 net, origin = convert(source, kind, folder), str(source)
             network = read_network(net)
             gap_m = float(np.mean(file.oncoming_gap_m))
             routes, ego, way_m = draw_routes(
-                network, net, folder, origin=origin, bodies=_drawn_bodies(), seed=file.seed, gap_m=gap_m
+                network, net, folder, origin=origin, bodies=_drawn_bodies(), seed=file.seed, gap_m=gap_m, loop=loop
             )
             scenario = drawn_scenario(origin, net, routes, seed=file.seed, last_s=60.0 + way_m / SLOWEST_M_S)
         own, others = simulate(scenario, ego=ego, shown_m=file.shown_m, folder=folder)
@@ -428,13 +429,18 @@ def _markings(network: Network, relief: Relief) -> list[Tables]:
             stop = _marks(group.line_m, np.array([length_m - 0.4]))
             marks.setdefault(("stop_lines", 0.3, round(group.width_m - 2.0 * ASIDE_M, 2)), []).extend(stop)
     pavements = [Outline(corner_m=corners_m, spacing_m=SPACING_M) for corners_m in network.corners]
+    low_m, high_m = (
+        np.array([side(corners_m[:, :2], axis=0) for corners_m in network.corners]).reshape(-1, 2)
+        for side in (np.min, np.max)
+    )
     for shape_m, width_m in network.crossings:
         stripe_m, way_m = width_m - 0.5, np.arange(0.75, _length_m(shape_m) - 0.5, 2.0 * STRIPE_M)
         # Where a crossing is oblique, its first stripes would lie on the kerb in part.
         off_kerb = [
-            not any(pavement.contains(places_m).any() for pavement in pavements)
+            not any(pavements[near].contains(places_m).any() for near in np.flatnonzero(beside).tolist())
             for x_m, y_m, heading in _along(shape_m, way_m).tolist()
             for places_m in [box_places_m((x_m, y_m, heading, 0.5 * STRIPE_M, 0.5 * stripe_m), MARK_SPACING_M)]
+            for beside in [((low_m < places_m.max(axis=0)) & (high_m > places_m.min(axis=0))).all(axis=1)]
         ]
         stripes = _marks(shape_m, way_m[np.array(off_kerb, dtype=bool)], 0.0, 90.0)
         marks.setdefault(("zebras", stripe_m, STRIPE_M), []).extend(stripes)

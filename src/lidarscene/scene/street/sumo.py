@@ -49,6 +49,12 @@ TOWN_BLOCK_M, TOWN_SHIFT_M, RING_M = 110.0, 12.0, 16.0
 """Choice: distance between the streets of a drawn town, by how much its junctions are off, and radius of its
 roundabout."""
 
+TURN_M_S2 = 3.0
+"""Choice: acceleration towards the middle of a turn at a junction of a drawn town."""
+
+LOOP_CORNERS = ((-1, -1), (1, -1), (1, 0), (0, 0), (0, 1), (-1, 1))
+"""Choice: corners of the ego vehicle's way in a drawn town, an L around the roundabout, at which it turns six times."""
+
 SHARPEST_TURN_DEG = 120.0
 """Choice: turn from one pose to the next beyond which another is put between them."""
 
@@ -165,13 +171,16 @@ def convert(map_file: Path, kind: Literal["opendrive", "osm"], folder: Path) -> 
     return network
 
 
-def draw_town(streets: int, folder: Path, *, seed: int, slopes: tuple[float, float]) -> Path:
+def draw_town(streets: int, folder: Path, *, seed: int, slopes: tuple[float, float]) -> tuple[Path, list[str]]:
     """Draw a town of streets in both directions, with lights at some junctions and a roundabout, as a network of SUMO.
 
     Args:
         streets: in each direction
         folder: of the network's file
         slopes: least and largest difference of heights between neighbouring junctions, over their distance
+
+    Returns:
+        The network's file, and the names of the roads of a loop with six turns, the first of them again at its end.
     """
     random = np.random.default_rng([seed, 8])
     place_m = TOWN_BLOCK_M * np.stack(np.meshgrid(*[np.arange(streets, dtype=float)] * 2, indexing="ij"), axis=-1)
@@ -192,7 +201,7 @@ def draw_town(streets: int, folder: Path, *, seed: int, slopes: tuple[float, flo
 
     middle = streets // 2
     ring: list[tuple[float, str]] = []
-    names = {}
+    names, roads = {}, {}
     for i, j in np.ndindex(streets, streets):
         names[i, j] = f"n{i}_{j}"
         if (i, j) != (middle, middle):
@@ -210,6 +219,7 @@ def draw_town(streets: int, folder: Path, *, seed: int, slopes: tuple[float, flo
                         ring.append((float(np.arctan2(way_m[1], way_m[0])), ends[-1]))
                 edge(*ends)
                 edge(*ends[::-1])
+                roads[(i, j), (k, m)], roads[(k, m), (i, j)] = "_".join(ends), "_".join(ends[::-1])
     x_m, y_m = place_m[middle, middle]
     ring.sort()
     for number, (begin, name) in enumerate(ring):
@@ -226,8 +236,15 @@ def draw_town(streets: int, folder: Path, *, seed: int, slopes: tuple[float, flo
     for path, root in zip(files, (nodes, edges), strict=False):
         ElementTree.ElementTree(root).write(path, encoding="utf-8")
     options = ["--sidewalks.guess", "--crossings.guess", "--no-warnings", "--default.priority", "1"]
+    options += ["--junctions.limit-turn-speed", f"{TURN_M_S2:g}"]
     _run("netconvert", ["-n", str(files[0]), "-e", str(files[1]), "-o", str(files[2]), *options], f"--town {streets}")
-    return files[2]
+    reach = (streets - 1) // 2
+    passed = [
+        (middle + i + step * int(np.sign(k - i)), middle + j + step * int(np.sign(m - j)))
+        for (i, j), (k, m) in itertools.pairwise(reach * np.array([*LOOP_CORNERS, LOOP_CORNERS[0]]))
+        for step in range(abs(k - i) + abs(m - j))
+    ]
+    return files[2], [roads[step] for step in itertools.pairwise([*passed, *passed[:2]])]
 
 
 def read_network(path: Path) -> Network:
@@ -320,6 +337,7 @@ def draw_routes(
     bodies: Mapping[str, tuple[str, float, float, float]],
     seed: int,
     gap_m: float,
+    loop: Sequence[str] = (),
 ) -> tuple[Path, str, float]:
     """Draw trips through a network: their file, and name and way [m] of the ego vehicle, the longest of some.
 
@@ -328,6 +346,7 @@ def draw_routes(
         origin: what it was made of, as messages name it
         bodies: name of a vehicle's body -> SUMO's class, length and width [m], and share of the vehicles
         gap_m: length of road for each vehicle
+        loop: roads that the ego vehicle takes instead
 
     Raises:
         InputError: if no car can drive there
@@ -336,12 +355,11 @@ def draw_routes(
     net = sumolib.net.readNet(str(path))
     random = np.random.default_rng([seed, 4])
     roads = sorted(name for name in network.roads if net.getEdge(name).allows("passenger"))
-    best: tuple[float, Any, Any] = (0.0, None, None)
-    for first, last in random.choice(roads, (40, 2)) if roads else ():
-        way, _ = net.getShortestPath(net.getEdge(first), net.getEdge(last), vClass="passenger")
-        length_m = sum(edge.getLength() for edge in way or ())
-        best = max(best, (length_m, first, last), key=lambda found: found[0])
-    if best[1] is None:
+    ways = [[net.getEdge(name) for name in loop]]
+    for first, last in random.choice(roads, (40, 2)) if roads and not loop else ():
+        ways.append(net.getShortestPath(net.getEdge(first), net.getEdge(last), vClass="passenger")[0] or [])
+    way_m, way = max(((sum(edge.getLength() for edge in way), way) for way in ways), key=lambda found: found[0])
+    if not way:
         raise InputError(f"{origin}: must have roads that a car can drive along, got none")
     cars = sorted((length_m, name) for name, (kind, length_m, *_) in bodies.items() if kind == "passenger")
     own = cars[len(cars) // 2][1]  # of a usual length
@@ -352,9 +370,10 @@ def draw_routes(
     count = int(sum(network.roads.values()) / gap_m) + 1
     # Twice as many as are there at a time, from the begin on until the ego vehicle has come to its end; it is the first
     # of all, since others may leave no room for it on a ring.
-    departures = np.sort(random.uniform(0.0, best[0] / 8.0, 2 * count))
+    departures = np.sort(random.uniform(0.0, way_m / 8.0, 2 * count))
     departures[:count] = 0.0
-    ego = {"id": "ego", "type": own, "depart": "0", "from": str(best[1]), "to": str(best[2])}
+    passed = [edge.getID() for edge in way]
+    ego = {"id": "ego", "type": own, "depart": "0", "from": passed[0], "via": " ".join(passed), "to": passed[-1]}
     trips = [(0.0, "trip", ego)]
     for number, depart_s in enumerate(departures.tolist()):
         begin, end = random.choice(roads, 2).tolist()
@@ -373,7 +392,7 @@ def draw_routes(
             ElementTree.SubElement(ElementTree.SubElement(root, tag, keys), "walk", walk)
     routes = folder / "drawn.rou.xml"
     ElementTree.ElementTree(root).write(routes, encoding="utf-8")
-    return routes, "ego", best[0]
+    return routes, "ego", way_m
 
 
 class Scenario(NamedTuple):
