@@ -13,6 +13,7 @@ from scipy.spatial import KDTree
 from lidarscene import catalog, load_scene
 from lidarscene.maths.pose import Pose
 from lidarscene.maths.trajectory import Course, GoingOn, HeldAtEnds, Motion, Repeated, Riding, Spline
+from lidarscene.physics.road.suspension import Suspension
 from lidarscene.scene.meshes import gltf
 from lidarscene.scene.meshes.mesh_cache import WalkingClips
 from lidarscene.scene.meshes.reading import read_mesh
@@ -109,6 +110,22 @@ def test_wheels_roll_without_slip(tmp_path: Path, name: str, speed_m_s: float) -
         assert gone_m < 0.25 * abs(speed_m_s) * step_s
 
 
+@pytest.mark.parametrize("name", ["own_car", "crossing_car", "oncoming_car"])
+def test_wheels_of_the_cars_of_the_scene_drive_roll(name: str) -> None:
+    """What is lowest hardly moves while the car goes on, late in its lap too; what stands by the road is rigid."""
+    scene = load_scene("drive")
+    body = scene.bodies[name]
+    assert body.gait is not None
+    assert body.gait.stride_m == pytest.approx(2 * np.pi * 0.3185 / 5, rel=2e-3)
+    assert all(parked.gait is None for parked in scene.bodies if parked.name.startswith("cars_"))
+    for time_s in 20.0 + np.linspace(0.0, 0.4, 7):
+        assert body.motion is not None
+        way_m = np.ptp([body.motion.at(np.array([at_s])).position_m[0] for at_s in (time_s, time_s + 5e-4)], axis=0)
+        before, after = in_world(body, time_s), in_world(body, time_s + 5e-4)
+        gone_m, _ = KDTree(after).query(before[before[:, 2].argmin()])
+        assert gone_m < 0.3 * np.linalg.norm(way_m)
+
+
 def test_castors_of_a_wheelchair_turn_four_times_as_fast_as_its_wheels(tmp_path: Path) -> None:
     """The lowest points of both stand nearly still while the chair goes on by a tenth of the castors' radius."""
     body = person(tmp_path, "wheelchair_user", "speed_m_s = 1.2")
@@ -180,6 +197,8 @@ LOOP = Spline(
             height_m=lambda x: 0.0 * x[:, 0],
         ),
         Repeated(motion=LOOP),
+        Riding(carrier=Repeated(motion=LOOP), pose=Pose.from_degrees(position_m=(0, 0, 1))),
+        Ride(path=Course(speed_m_s=1.1), height_m=lambda x: 0.02 * np.sin(0.7 * x[:, 0]), suspension=Suspension()),
     ],
 )
 def test_strides_pass_as_the_way_does(motion: Motion) -> None:

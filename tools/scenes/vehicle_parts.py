@@ -6,11 +6,12 @@ from modelling import box, cap, circle, curve, ellipsoid, grid, join, lathe, rou
 
 UPRIGHT = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]  # local z becomes the axle, to the left
 
-
 WHEELS = ("tyre", "rim")
 """Parts that turn."""
 SPOKES = 5
 """Of a wheel, which is the same again after so many parts of a turn."""
+FLAT_M = 0.005
+"""Most by which a tyre is flat where it bears."""
 
 
 def wheel(*, diameter_m, width_m, segments=4 * SPOKES, rim_share=0.66):
@@ -60,7 +61,7 @@ def ring(path, radius, segments=24):
 def nearest_axle(points_m, axles_m):
     """(v,) number of the axle on which each point of wheels turns; (axles, 3) are as high as their wheels are large."""
     off_m = np.linalg.norm((points_m[:, None] - axles_m)[:, :, [0, 2]], axis=2) - axles_m[:, 2]
-    if off_m.min(axis=1).max() > 1e-6:
+    if off_m.min(axis=1).max() > FLAT_M:
         raise ValueError("a part of a wheel is on no axle")
     return off_m.argmin(axis=1)
 
@@ -70,6 +71,7 @@ def rolling(parts, axles_m, *, spokes):
 
     The stride is a turn from one spoke of the largest wheel to the next; smaller ones turn faster.
     """
+    axles_m = np.asarray(axles_m)
     joints = [f"axle_{number}" for number in range(len(axles_m))]
     carried = {name: np.eye(len(joints))[nearest_axle(parts[name].points_m, axles_m)] for name in WHEELS}
     parts = {name: Skinned(mesh, carried[name]) if name in carried else mesh for name, mesh in parts.items()}

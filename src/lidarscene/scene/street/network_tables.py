@@ -158,7 +158,7 @@ def network_scene(source: Path | int, kind: NetworkKind, file: StreetFile, *, eg
             *([soil(relief.place_m[:, :2])] if terrain is None else terrain.tables()),
             *_markings(near, relief),
             *_surroundings(near, file, relief, terrain),
-            body_table("own_car", shapes()[_look(own)]) | {"motion": {"with_ego": True}},
+            body_table("own_car", shapes()[_look(own)], moves=True) | {"motion": {"with_ego": True}},
             *_moving(others, relief),
         ],
     )
