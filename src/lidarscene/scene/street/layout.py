@@ -278,11 +278,11 @@ def _squares(box: Numbers) -> Iterator[tuple[int, int]]:
     """Yield the squares of `SQUARE_M` that the circle around a rectangle may touch."""
     x_m, y_m, _, *half_m = box.tolist()
     reach_m = math.hypot(*half_m)
-    spans = [
+    columns, rows = (
         range(math.floor((at_m - reach_m) / SQUARE_M), math.floor((at_m + reach_m) / SQUARE_M) + 1)
         for at_m in (x_m, y_m)
-    ]
-    return itertools.product(*spans)
+    )
+    return itertools.product(columns, rows)
 
 
 def _boxes(line: CentreLine, places: Sequence[tuple[float, float, float, float]]) -> Numbers:
