@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import gzip
 import itertools
+import math
 import os
 import re
 import signal
@@ -49,11 +50,18 @@ TOWN_BLOCK_M, TOWN_SHIFT_M, RING_M = 110.0, 12.0, 16.0
 """Choice: distance between the streets of a drawn town, by how much its junctions are off, and radius of its
 roundabout."""
 
+SPREAD_M, SPREAD_WAY_M, REFUGE_SHARE = (1.2, 0.8), 20.0, 0.4
+"""Choice: half the width of islands between the lanes of a drawn town at its roundabout, and at crossings of other
+junctions; distance over which lanes spread for them; and share of those junctions."""
+
 TURN_M_S2 = 3.0
 """Choice: acceleration towards the middle of a turn at a junction of a drawn town."""
 
 LOOP_CORNERS = ((-1, -1), (1, -1), (1, 0), (0, 0), (0, 1), (-1, 1))
 """Choice: corners of the ego vehicle's way in a drawn town, an L around the roundabout, at which it turns six times."""
+
+SHARPEST_CORNER_DEG = 135.0
+"""Choice: turn of a pavement's outline from which on it is folded."""
 
 SHARPEST_TURN_DEG = 120.0
 """Choice: turn from one pose to the next beyond which another is put between them."""
@@ -120,6 +128,7 @@ class Network(NamedTuple):
         roads: lengths of the roads that cars may take, by SUMO's names
         walks: SUMO's names of roads with a pavement
         rings: SUMO's names of the roads around each roundabout
+        opposite: SUMO's names of the two directions of each road that has both
     """
 
     groups: list[LaneGroup]
@@ -129,6 +138,7 @@ class Network(NamedTuple):
     roads: dict[str, float]
     walks: list[str]
     rings: list[frozenset[str]]
+    opposite: list[tuple[str, str]]
 
 
 @dataclass(slots=True)
@@ -207,18 +217,23 @@ def draw_town(streets: int, folder: Path, *, seed: int, slopes: tuple[float, flo
         if (i, j) != (middle, middle):
             x_m, y_m = place_m[i, j].tolist()
             node(names[i, j], x_m, y_m, height_m[i, j], str(random.choice(["traffic_light", "priority"])))
+    spread_m = SPREAD_M[1] * (random.random((streets, streets)) < REFUGE_SHARE)
+    spread_m[middle, middle] = SPREAD_M[0]
     for i, j in np.ndindex(streets, streets):
         for k, m in ((i + 1, j), (i, j + 1)):
             if k < streets and m < streets:
-                ends = []
+                ends, rows = [], []
                 for here, there in (((i, j), (k, m)), ((k, m), (i, j))):
                     ends.append(names[here])
+                    end_m = place_m[here]
                     if here == (middle, middle):
                         way_m = place_m[there] - place_m[here]
                         ends[-1] = f"ring{len(ring)}"
                         ring.append((float(np.arctan2(way_m[1], way_m[0])), ends[-1]))
-                edge(*ends)
-                edge(*ends[::-1])
+                        end_m = end_m + RING_M * way_m / np.hypot(*way_m)
+                    rows.append((*end_m, height_m[here], spread_m[here]))
+                edge(*ends, shape=_spread(*rows))
+                edge(*ends[::-1], shape=_spread(*rows[::-1]))
                 roads[(i, j), (k, m)], roads[(k, m), (i, j)] = "_".join(ends), "_".join(ends[::-1])
     x_m, y_m = place_m[middle, middle]
     ring.sort()
@@ -247,12 +262,27 @@ def draw_town(streets: int, folder: Path, *, seed: int, slopes: tuple[float, flo
     return files[2], [roads[step] for step in itertools.pairwise([*passed, *passed[:2]])]
 
 
+def _spread(begin: Sequence[float], end: Sequence[float]) -> str:
+    """Shape of a road's left edge, to the right of the line between two ends there, as SUMO's files have it.
+
+    Args:
+        begin, end: x, y and height of each end, and distance to the right [m]
+    """
+    length_m = math.hypot(end[0] - begin[0], end[1] - begin[1])
+    share = np.array([0.0, SPREAD_WAY_M, length_m - SPREAD_WAY_M, length_m]) / length_m
+    line_m = np.array(begin[:3]) + share[:, None] * (np.array(end[:3]) - np.array(begin[:3]))
+    right = np.array([end[1] - begin[1], begin[0] - end[0]]) / length_m
+    line_m[:, :2] += np.array([begin[3], 0.0, 0.0, end[3]])[:, None] * right
+    return " ".join(",".join(f"{number_m:.2f}" for number_m in point_m) for point_m in line_m.tolist())
+
+
 def read_network(path: Path) -> Network:
     """Read the surfaces of a network of SUMO."""
     sumolib = import_optional("sumolib", extra="traffic")
     net = sumolib.net.readNet(str(path), withInternal=True)
     rings = [frozenset(roundabout.getEdges()) for roundabout in net.getRoundabouts()]
-    network = Network([], [], [], [], {}, [], rings)
+    network = Network([], [], [], [], {}, [], rings, [])
+    ends: dict[tuple[str, str], str] = {}
     walked: set[str] = set()
     special = []
     for edge in net.getEdges(withInternal=True):
@@ -260,13 +290,17 @@ def read_network(path: Path) -> Network:
             special.append(edge)
         if edge.getFunction():
             continue
+        begin, end = edge.getFromNode().getID(), edge.getToNode().getID()
+        if (end, begin) in ends:
+            network.opposite.append((ends[end, begin], edge.getID()))
+        ends[begin, end] = edge.getID()
         groups = list(_groups(edge))
         network.groups.extend(groups)
         if any(group.kind == "road" for group in groups):
             network.roads[edge.getID()] = edge.getLength()
         if any(group.kind == "pavement" for group in groups):
             network.walks.append(edge.getID())
-            walked |= {edge.getFromNode().getID(), edge.getToNode().getID()}
+            walked |= {begin, end}
     for node in net.getNodes():
         corners_m = _without_repeats(np.array(node.getShape3D() or np.zeros((0, 3))))
         if len(corners_m) > 2 and node.getType() not in ("internal", "dead_end"):
@@ -277,7 +311,7 @@ def read_network(path: Path) -> Network:
         if edge.getFunction() == "crossing":
             network.crossings.append((shape_m, lane.getWidth()))
         elif edge.getFromNode().getID() in walked and len(shape_m) > 2:
-            network.corners.append(shape_m)
+            network.corners.append(_unfolded(shape_m))
     return network
 
 
@@ -328,10 +362,17 @@ def _without_repeats(points_m: Numbers) -> Numbers:
     return np.array(kept).reshape(-1, 3)
 
 
+def _unfolded(corners_m: Numbers) -> Numbers:
+    """Corners without those at which an outline turns back, which netconvert makes where pavements spread."""
+    step = np.diff(corners_m[:, :2], axis=0, append=corners_m[:1, :2])
+    heading = np.arctan2(step[:, 1], step[:, 0])
+    turn = np.abs(np.mod(heading - np.roll(heading, 1) + np.pi, 2.0 * np.pi) - np.pi)
+    return np.asarray(corners_m[turn < math.radians(SHARPEST_CORNER_DEG)])
+
+
 def draw_routes(
     network: Network,
     path: Path,
-    folder: Path,
     *,
     origin: str,
     bodies: Mapping[str, tuple[str, float, float, float]],
@@ -342,7 +383,7 @@ def draw_routes(
     """Draw trips through a network: their file, and name and way [m] of the ego vehicle, the longest of some.
 
     Args:
-        path: the network's file
+        path: the network's file, beside which that of the trips is written
         origin: what it was made of, as messages name it
         bodies: name of a vehicle's body -> SUMO's class, length and width [m], and share of the vehicles
         gap_m: length of road for each vehicle
@@ -390,7 +431,7 @@ def draw_routes(
         else:
             walk = {name: keys.pop(name) for name in ("from", "to")}
             ElementTree.SubElement(ElementTree.SubElement(root, tag, keys), "walk", walk)
-    routes = folder / "drawn.rou.xml"
+    routes = path.with_name("drawn.rou.xml")
     ElementTree.ElementTree(root).write(routes, encoding="utf-8")
     return routes, "ego", way_m
 
