@@ -74,8 +74,9 @@ def test_a_foot_that_bears_stands_still(tmp_path: Path, name: str, share: float)
 def test_wheels_roll_without_slip(tmp_path: Path, name: str, speed_m_s: float) -> None:
     """Tyres and rims are where a turn by the way over their radius has them, to 0.1 % of the way, any spoke for any."""
     body = person(tmp_path, name, f"speed_m_s = {speed_m_s}")
-    wheels = [part for part in body.parts if isinstance(part, Part) and part.stride_m is not None]
-    assert {part.name for part in wheels} == {"tyre", "rim"}
+    turns = {part.name for part in body.parts if isinstance(part, Part) and part.stride_m is not None}
+    assert turns == {"tyre", "rim"} | ({"trim", "trousers", "shoes"} if name.startswith("cyclist") else set())
+    wheels = [part for part in body.parts if isinstance(part, Part) and part.name in ("tyre", "rim")]
     tyres = next(part.vertices_m for part in wheels if part.name == "tyre")
     radius_m = 0.5 * tyres[:, 2].max()
     # Hubs are where the highest vertices of the tyres are.
@@ -86,6 +87,7 @@ def test_wheels_roll_without_slip(tmp_path: Path, name: str, speed_m_s: float) -
         for part, at_rest in zip(posed.parts, body.parts, strict=True):
             if not isinstance(at_rest, Part) or at_rest.stride_m is None:
                 assert part is at_rest
+            if not isinstance(at_rest, Part) or at_rest.name not in ("tyre", "rim"):
                 continue
             x, y, z = at_rest.vertices_m.T
             hub_m = hubs_m[np.abs(x[:, None] - hubs_m).argmin(axis=1)]
@@ -124,6 +126,34 @@ def test_wheels_of_the_cars_of_the_scene_drive_roll(name: str) -> None:
         before, after = in_world(body, time_s), in_world(body, time_s + 5e-4)
         gone_m, _ = KDTree(after).query(before[before[:, 2].argmin()])
         assert gone_m < 0.3 * np.linalg.norm(way_m)
+
+
+def test_a_cyclist_turns_the_cranks_and_keeps_the_feet_level_on_the_pedals(tmp_path: Path) -> None:
+    """One turn of the cranks in two of the wheels; soles stay level, and as far from pedals and ends of legs as before.
+
+    The left pedal is the cranks' part farthest to the left, the end of the left leg is its lowest.
+    """
+    body = person(tmp_path, "cyclist_182", "speed_m_s = 5")
+    assert body.gait is not None
+    assert body.gait.stride_m == pytest.approx(2 * np.pi * 0.71, rel=5e-3)
+    moving = [number for number, part in enumerate(body.parts) if isinstance(part, Part) and part.stride_m is not None]
+    soles_m, pedals_m, ankles_m = [], [], []
+    for time_s in np.linspace(0.0, body.gait.stride_m / 5.0, 13):
+        posed = body.posed(time_s, 0.0).parts
+        of = {part.name: part.vertices_m for part in (posed[number] for number in moving) if isinstance(part, Part)}
+        shoe, leg = of["shoes"][of["shoes"][:, 1] > 0.0], of["trousers"][of["trousers"][:, 1] > 0.0]
+        foot_m = shoe.mean(axis=0)
+        soles_m.append(np.ptp(shoe[:, 2]))
+        pedals_m.append(of["trim"][of["trim"][:, 1] > 0.15].mean(axis=0))
+        ankles_m.append(np.linalg.norm(leg - foot_m, axis=1).min())
+        pedals_m[-1] -= foot_m
+    assert np.ptp(soles_m) < 1e-3
+    assert np.ptp(pedals_m, axis=0).max() < 3e-3
+    assert np.ptp(ankles_m) < 0.02
+    turned_m = np.array(
+        [body.posed(t, 0.0).parts[moving[-1]].extent_m[0, 2] for t in (0.0, 0.25 * body.gait.stride_m / 5.0)]
+    )
+    assert turned_m[0] - turned_m[1] > 0.1
 
 
 def test_castors_of_a_wheelchair_turn_four_times_as_fast_as_its_wheels(tmp_path: Path) -> None:

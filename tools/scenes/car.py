@@ -29,4 +29,4 @@ def build():
     """Part name -> Mesh, the wheels `Skinned`, and the `Skeleton` by which they turn."""
     found = [body_parts(), wheel_parts(), outside_parts(), inside_parts()]
     parts = {name: join(*(mesh for part in found for mesh in part.get(name, ()))) for name in COLOURS}
-    return rolling(parts, [(x, 0.0, AXLE_HEIGHT_M) for x in AXLES_M], spokes=SPOKES)
+    return rolling(parts, [(x, 0.0, AXLE_HEIGHT_M) for x in AXLES_M], turns=1 / SPOKES)
