@@ -55,6 +55,7 @@ class Rig(HintedAttributes):
         imu: the vehicle's own, or None
     """
 
+    MADE_BY: ClassVar[str] = 'Rig("rig") reads the name of an example or a file'
     CHANGED_BY: ClassVar[str] = "dataclasses.replace(rig, imu=None) is another rig"
 
     name: str
