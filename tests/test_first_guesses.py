@@ -1,5 +1,6 @@
 """What people try first: it works, or one line names the call that does it."""
 
+import ast
 import dataclasses
 import inspect
 import operator
@@ -94,6 +95,7 @@ ANSWERS = {
     "lidarscene.Simulator.__call__(scene)": r"has no \(...\); simulator.render",
     "scene.bodies.keys()": r"\[body.name for body in scene.bodies\]",
     "sensor['laser']": "sensor.laser",
+    "sensor.replace(laser__peak_power_w=50)": r"^apd-905 overrides .* did you mean laser.peak_power_w[?]$",
     "sensor.peak_power_w": "sensor.laser.peak_power_w",
     "sensor.wavelength": "sensor.laser.wavelength_m",
     "sensor.laser.peak_power": "peak_power_w",
@@ -138,6 +140,16 @@ def test_a_guess_is_answered_in_one_line(guess: str) -> None:
     with pytest.raises((lidarscene.InputError, AttributeError, TypeError), match=ANSWERS[guess]) as caught:
         eval(guess, dict(NAMES))
     assert "\n" not in str(caught.value)
+
+
+def test_messages_have_the_command_lines_names_of_options_only_there() -> None:
+    """Rationale: an `OptionError` has a name of an option for either; no type tells a text that has the latter."""
+    package = Path(lidarscene.__file__).parent
+    for file in package.rglob("*.py"):
+        raised = [node for node in ast.walk(ast.parse(file.read_text())) if isinstance(node, ast.Raise)]
+        texts = [part.value for node in raised for part in ast.walk(node) if isinstance(part, ast.Constant)]
+        if file.relative_to(package).parts[0] != "cli":
+            assert not [text for text in texts if re.search(r"(^|[\s(])--[a-z]", str(text))], file
 
 
 def test_columns_have_the_names_of_keywords() -> None:

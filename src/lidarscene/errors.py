@@ -142,5 +142,12 @@ class OptionError(_NamingOptions, InputError):
     """Raised when an option has a value that it cannot have, or does not go with another option."""
 
 
+def placed(where: str, error: InputError) -> InputError:
+    """Error with the place before it; options in it keep a name in Python and another on the command line."""
+    if not isinstance(error, OptionError):
+        return InputError(f"{where}: {error}")
+    return OptionError(f"{where.replace('{', '{{').replace('}', '}}')}: {error.template}", *error.values)
+
+
 class OptionWarning(_NamingOptions, UserWarning):
     """Issued when an option changes nothing, a sensor is not what it seems, or a figure cannot be drawn."""

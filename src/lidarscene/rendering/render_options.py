@@ -254,9 +254,9 @@ class Keywords:
             parameters: names of the other parameters of the call, which may have been meant
         """
         if self._remaining:
-            word = next(iter(self._remaining))
+            word, value = next(iter(self._remaining.items()))
             options = [*self._field_names, *parameters]
-            raise unknown_option(word, options, meant=key_to_change(word, options))
+            raise unknown_option(word, options, meant=key_to_change(word, options, value))
 
 
 MAIN_KEYS = {
@@ -266,16 +266,19 @@ MAIN_KEYS = {
 """Words of scenes that people try, and the key of a scene file that they mean most."""
 
 
-def key_to_change(word: str, options: Collection[str]) -> str:
+def key_to_change(word: str, options: Collection[str], value: object = None) -> str:
     """Keyword, or else method, by which a key or a table like a word is changed; "" if there is none.
 
     Args:
         options: keywords of the call
+        value: given with the word: a mapping is a table
     """
     from ..scene.tables import SceneFile
     from ..sensor.sensor_file import SensorFile
 
-    owner, key = key_like(word, sensor=SensorFile, scene=SceneFile)
+    models: dict[str, type[BaseModel]] = {"sensor": SensorFile, "scene": SceneFile}
+    tables = [owner for owner, model in models.items() if isinstance(value, Mapping) and word in model.model_fields]
+    owner, key = (tables[0], word) if tables else key_like(word, **models)
     keyword = {"sensor": "overrides", "scene": "scene_overrides"}.get(owner, "")
     change = f'{{"{key}": ...}}'
     by = f"{keyword}={change}" if keyword in options else f"{owner}.replace({change})"
@@ -283,7 +286,7 @@ def key_to_change(word: str, options: Collection[str]) -> str:
 
 
 def key_like(word: str, **models: type[BaseModel]) -> tuple[str, str]:
-    """Keyword and key, or table, of a file that are like a word; both "" if there is none.
+    """Keyword and key of a file that are like a word; both "" if there is none.
 
     Args:
         models: keyword and model of its file
@@ -294,10 +297,6 @@ def key_like(word: str, **models: type[BaseModel]) -> tuple[str, str]:
         keys = [key for key in keys_of_tables(model) if not key.startswith("published.")]
         if MAIN_KEYS.get(word) in keys:
             return keyword, MAIN_KEYS[word]
-        if word in MAIN_KEYS:
-            continue
-        if any(key.startswith(f"{word}.") for key in keys):
-            return keyword, word
-        if fitting := keys_like(word, keys):
+        if word not in MAIN_KEYS and (fitting := keys_like(word, keys)):
             return keyword, fitting[0]
     return "", ""
