@@ -76,7 +76,7 @@ def test_what_differs_from_the_last_commit_is_changed(folder: Path) -> None:
 
 
 def test_each_test_is_of_one_part(folder: Path) -> None:
-    """Without a change. Files of which all functions take much are not imported."""
+    """A costly one of the rest, where nothing is changed. Files of which all functions are costly are not imported."""
     quick, rest = part._Part(True, COSTS), part._Part(False, COSTS)
     item = lambda file, name: SimpleNamespace(path=folder / file, name=name)  # noqa: E731
     for one in (quick, rest):
