@@ -165,7 +165,7 @@ def network_scene(source: Path | int, kind: NetworkKind, file: StreetFile, *, eg
             *([] if terrain is None else _piers(near, relief, terrain)),
             *_markings(near, relief),
             *_surroundings(near, file, relief, terrain),
-            body_table("own_car", shapes()[_look(own)]) | {"motion": {"with_ego": True}},
+            body_table("own_car", shapes()[_look(own)], moves=True) | {"motion": {"with_ego": True}},
             *_moving(others, relief),
         ],
     )
