@@ -515,3 +515,48 @@ def test_the_ego_vehicle_brakes_evenly_to_its_end() -> None:
     lane = driven._Lane(0, 1, np.array([90.0]), np.array([20.0]), np.array([20.0]), np.array([4.0]), ["own_car"])
     driven._stop_at_end(lane, 0, 100.0)
     assert lane.speed_m_s[0] ** 2 == pytest.approx(2.0 * 2.0 * (100.0 + 0.5 * laid.CAR_M[0] - 90.0))
+
+
+def test_what_is_near_the_way_of_the_ego_vehicle_is_kept(crossroads: sumo.Network) -> None:
+    """Of roads with two points, too: the bridge passes 10 m beside the way, but its ends are 60 m away."""
+    own = sumo.RoadUser("ego", "passenger", 4.0, [(float(k), 50.0, 5.0, 90.0, 0.0) for k in range(3)])
+    assert [group.edge for group in tables._near(crossroads, own, 8.0).groups] == ["a", "-a"]
+    near = tables._near(crossroads, own, 12.0)
+    assert [group.edge for group in near.groups] == ["a", "a", "a", "-a", "b"]
+    assert not near.junctions
+    assert len(tables._near(crossroads, own, 34.0).junctions) == 1
+
+
+def test_the_ego_vehicle_drives_from_the_origin_to_its_end_and_nobody_through_another() -> None:
+    layout = laid.lay_out(StreetFile(length_m=60.0, shown_m=50.0, seed=2, stop_share=1.0))
+    traffic = driven.drive(layout)
+    ego = traffic.ego
+    assert (ego.time_s[0], ego.x_m[0]) == pytest.approx((0.0, 0.0))
+    assert ego.x_m[-1] == pytest.approx(60.0, abs=0.3)
+    assert np.diff(ego.x_m).min() >= 0.0
+    np.testing.assert_array_equal(np.unique(ego.y_m), layout.lane_m(0, 1))
+    vehicles = [track for track in traffic.others if track.name.startswith("traffic")]
+    for track in vehicles:
+        assert set(track.yaw_deg) == ({0.0} if track.x_m[-1] > track.x_m[0] else {180.0})
+        here = np.intersect1d(ego.time_s, track.time_s)
+        apart_m = np.interp(here, ego.time_s, ego.x_m) - np.interp(here, track.time_s, track.x_m)
+        on_lane = track.y_m[0] == ego.y_m[0]
+        assert not on_lane or np.abs(apart_m).min() > 0.5 * (laid.CAR_M[0] + driven.vehicle_length_m(track.name))
+
+
+def test_people_cross_a_zebra_from_kerb_to_kerb_and_come_back() -> None:
+    """They wait 1 m behind the kerb, look where they go, and turn round on a loop once they are across."""
+    layout = laid.lay_out(StreetFile(length_m=500.0, loop=True))
+    closing = driven._Closing(laid.Crossing(100.0, 2.0, is_zebra=True), 10.0, go_s=[5.0, 60.0])
+    time_s = np.arange(0.0, 120.0, 0.1)
+    tracks = driven._crossing_tracks(layout, closing, time_s, np.full(len(time_s), 100.0), np.random.default_rng(1))
+    assert 1 <= len(tracks) <= 3
+    for track in tracks:
+        wait_m = layout.kerb_m + 1.0
+        side = np.sign(track.y_m[0])
+        begin_m, middle_m, end_m = np.interp([4.0, 55.0, 119.0], track.time_s, track.y_m)
+        np.testing.assert_allclose([begin_m, middle_m, end_m], side * wait_m * np.array([1.0, -1.0, 1.0]))
+        speed_m_s = np.abs(np.diff(track.y_m)) / np.diff(track.time_s)
+        assert driven.WALK_M_S[0] <= speed_m_s.max() <= driven.WALK_M_S[1]
+        np.testing.assert_allclose(np.interp([6.0, 61.0], track.time_s, track.yaw_deg), [-90 * side, 180 - 90 * side])
+        assert np.abs(track.x_m - 100.0).max() < 2.0
