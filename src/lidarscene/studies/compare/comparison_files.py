@@ -43,7 +43,7 @@ from .observations import Observation
 
 NUMBERS = "compare.json"
 COLOURS = ("#969696", "#0072b2", "#d55e00")
-"""Colours of a difference cloud, in its picture and its file: of both grey, of A and B the charts' blue and vermilion."""
+"""Colours of a difference cloud, in its picture and its file: of both grey, of A and B the charts' blue and red."""
 
 _PICTURE_PX = (1200, 675)
 _PAIR_HEADER = ("by", "group", "both", "only_a", "only_b", "neither", "difference", "difference_low", "difference_high")
