@@ -209,7 +209,6 @@ def test_wall(given: str, named: str) -> None:
     WALK animation = "run"\nmotion = { speed_m_s = 1 } | walker.glb | 'run' | walk, stand
     WALK animation = "stand"\nmotion = { speed_m_s = 1 } | animation | a stride | none does
     WALK standing = "stand" | standing | animation | no animation
-    WALK animation = "walk"\nmotion = { with_ego = true } | animation | motion.with_ego
     MESH "walker.ply"\nanimation = "walk" | animation | glTF | '.ply'
     reach_m = 50\nBALL | reach_m | [ego]
     BOX on_ground = true | on_ground | ground | none at 0, 0 m

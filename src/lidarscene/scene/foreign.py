@@ -103,7 +103,11 @@ def _part(piece: SubMesh, node: str, material: MaterialChoice | None, scene_mate
             )
         material = grey_material(f"colour of {node}", piece.grey)
     return Part(
-        vertices_m=piece.vertices_m, faces=piece.faces, material=scene_materials.add(material), name=piece.keys[0]
+        vertices_m=piece.vertices_m,
+        faces=piece.faces,
+        material=scene_materials.add(material),
+        name=piece.keys[0],
+        in_box=piece.in_box,
     )
 
 

@@ -51,6 +51,7 @@ class Part:
         vertices_m: (v, 3) float64
         faces: (f, 3) uint32, indices into the vertices
         pattern: reflectivity pattern, for materials of kind "diffuse"; None: the material's reflectivity everywhere
+        in_box: whether boxes of labels enclose it; they leave out the outside mirrors of vehicles
         cutout: image of its gaps, which glass and mirrors do not have; None: solid
         stride_m: (k + 1, v, 3) float32, its vertices at k even instants of a stride, on the spot, and at the first of
             the next one; None: it is rigid
@@ -60,6 +61,7 @@ class Part:
     faces: Numbers
     material: str
     name: str = ""
+    in_box: bool = True
     pattern: ReflectivityPattern | None = None
     cutout: Cutout | None = None
     stride_m: Numbers | None = None
@@ -548,6 +550,7 @@ class Scene(HintedAttributes):
                     faces=piece.faces,
                     material=key,
                     name=piece.keys[0],
+                    in_box=piece.in_box,
                     cutout=piece.cutout,
                 )
             )

@@ -535,6 +535,7 @@ def _mesh_parts(
             faces=piece.faces,
             material=material,
             name=piece.keys[0],
+            in_box=piece.in_box,
             pattern=pattern,
             cutout=piece.cutout,
             stride_m=_upright_stride(piece.stride.vertices_m, up) * scale if piece.stride and walks else None,
