@@ -3,6 +3,7 @@
 import json
 import math
 from collections import Counter, defaultdict
+from contextlib import nullcontext
 from pathlib import Path
 from typing import Any
 
@@ -315,13 +316,13 @@ def test_frames_of_another_job_are_refused(threads: Connect, tmp_path: Path) -> 
 
 def test_a_data_set_with_holes_has_no_tables(threads: Connect, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """The same command again, without the failure, fills the hole and writes them."""
-    job, render = read_job(tmp_path, 'dataset = "semantickitti"\nframes = 2\n'), work._try_render
+    job, render = read_job(tmp_path, 'dataset = "semantickitti"\nframes = 2\n'), work._rendered
     monkeypatch.setattr(
-        work, "_try_render", lambda task, *more: "no room" if task.frame.number else render(task, *more)
+        work, "_rendered", lambda task, *more: nullcontext("no room") if task.frame.number else render(task, *more)
     )
     assert len(run_job(job, tmp_path / "out", connect=threads, threads=1).failed) == 1
     assert not (tmp_path / "out/dataset/poses").exists()
-    monkeypatch.setattr(work, "_try_render", render)
+    monkeypatch.setattr(work, "_rendered", render)
     assert run(job, tmp_path / "out", threads).rendered == 1
     assert len((tmp_path / "out/dataset/poses/00.txt").read_text().splitlines()) == 2
 
@@ -417,18 +418,18 @@ def test_a_drive_that_was_broken_off_goes_on(
     parquet = pytest.importorskip("pyarrow.parquet")
     job, folder = read_job(tmp_path, 'dataset = "mcap"\nframes = 3\nseed_count = 2\n'), tmp_path / "out"
     frames_there = lambda: len(list(folder.glob("frames/*/*.ply")))  # noqa: E731
-    render = work._try_render
+    render = work._rendered
 
-    def fail_once(task: Any, *more: Any) -> str:
+    def fail_once(task: Any, *more: Any) -> Any:
         hole = isinstance(task, work.FrameTask) and (task.frame.seed, task.frame.number) == (1, 1)
-        return "no room" if hole else render(task, *more)
+        return nullcontext("no room") if hole else render(task, *more)
 
-    monkeypatch.setattr(work, "_try_render", fail_once)
+    monkeypatch.setattr(work, "_rendered", fail_once)
     assert len(run_job(job, folder, connect=threads, threads=1).failed) == 1
     first, second = folder / "train/drive_0000.mcap", folder / "train/drive_0001.mcap"
     assert (first.is_file(), second.exists(), frames_there()) == (True, False, 2)
     written = first.stat()
-    monkeypatch.setattr(work, "_try_render", render)
+    monkeypatch.setattr(work, "_rendered", render)
     progress = run(job, folder, threads)
     assert (progress.rendered, progress.reused, frames_there()) == (1, 5, 0)
     assert (first.stat().st_mtime_ns, second.is_file()) == (written.st_mtime_ns, True)

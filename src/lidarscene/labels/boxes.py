@@ -40,11 +40,6 @@ STOPPED_M = 0.05
 range."""
 
 
-MIRRORS = "mirrors"
-"""Source: nuScenes' instructions to annotators (extremities) and OSI's `MovingObject`: boxes of vehicles leave out
-their outside mirrors. Name of the part of a mesh that has them."""
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Box:
     """The box around a body.
@@ -332,7 +327,7 @@ def _require_pose(pose: Pose | None) -> Pose:
 
 def _boxed(body: Body) -> Sequence[Part | Ball]:
     """Return the parts that the box of a body encloses."""
-    return [part for part in body.parts if isinstance(part, Ball) or part.name != MIRRORS]
+    return [part for part in body.parts if isinstance(part, Ball) or part.in_box]
 
 
 def boxes_of_bodies(bodies: Sequence[tuple[int, Body]]) -> list[Box]:

@@ -69,7 +69,7 @@ def street_tables(file: StreetFile) -> Tables:
             *_markings([layout]),
             *_markings(layout.side_streets, "side_"),
             *_standing(layout, terrain),
-            body_table("own_car", shapes()["own_car"]) | {"motion": {"with_ego": True}},
+            body_table("own_car", shapes()["own_car"], moves=True) | {"motion": {"with_ego": True}},
             *_moving(layout, traffic),
         ],
     )
