@@ -173,7 +173,7 @@ def test_page_and_numbers(room_twin: RoomTwin, tmp_path: Path) -> None:
     assert report["twin"]["held_out"] == COLUMNS
     assert {"quantity", "value", "low", "high", "met"} <= report["rows"][0].keys()
     assert "data:image/png" in (tmp_path / "page" / "index.html").read_text()
-    with told("--frame 7 | 0"):
+    with told("frame 7 | 0"):
         certify_in_twin(folder / "scene.toml", recording, frame=7)
 
 

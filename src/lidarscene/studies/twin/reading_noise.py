@@ -61,7 +61,7 @@ class ReadingNoise:
         drawn, drawn_m = (values.ravel()[shots] for values in (apparent, range_m))
         light = _light(sensor, drawn, drawn_m)
         variance = fluctuation_variance(sensor, Target(), drawn_m)
-        readings = [_readings(sensor, light, variance, seed) for seed in (0, 1)]
+        readings = [read_boards(sensor, light, variance, seed) for seed in (0, 1)]
         read = np.isfinite(readings[0] + readings[1]).all(axis=0)
         power_w = np.asarray(light.peak_power_w)[read]
         if len(power_w) < NOISE_BINS**2:
@@ -90,8 +90,12 @@ def _light(sensor: Sensor, apparent: Numbers, range_m: Numbers) -> Echoes:
     return echoes_of_plane(sensor, target, range_m)
 
 
-def _readings(sensor: Sensor, light: Echoes, variance: Lanes | None, seed: int) -> Numbers:
-    """(2, n) ranges and logarithms of strengths that the sensor reads of these echoes; NaN where it reads none."""
+def read_boards(sensor: Sensor, light: Echoes, variance: Lanes | None, seed: int) -> Numbers:
+    """(2, n) ranges and logarithms of strengths that the sensor reads of these echoes; NaN where it reads none.
+
+    Args:
+        variance: relative variance of their powers (`fluctuation_variance`); None: they do not fluctuate
+    """
     pulse = np.arange(np.size(light.range_m), dtype=np.uint32)
     if variance is not None:
         light = fluctuate(light, variance, seed=seed, pulse=pulse)
