@@ -211,15 +211,21 @@ class Boards:
         """Sort pixels by octaves of the lean and of the height in thresholds."""
         height = np.maximum(detection_margin(sensor, board(pixels), pixels.mean_m), 0.25)
         lean = np.log2(np.maximum(pixels.lean_m, LEAST_LEAN_M))
-        keys = np.floor(np.stack([lean, np.log2(height)]))
-        index = np.unique(keys, axis=1, return_inverse=True)[1].ravel()
-        rng = np.random.default_rng(0)
+        keys = np.stack([lean, np.log2(height)])
+        index = np.unique(np.floor(keys), axis=1, return_inverse=True)[1].ravel()
         members = [
             chosen
             for chosen in (np.flatnonzero(index == number) for number in range(index.max(initial=-1) + 1))
             if np.isfinite(pixel_squares(changes_m(pixels.range_m[:, chosen]))).sum() >= LEAST_OF_BIN
         ]
-        drawn = [rng.permutation(chosen)[:PIXELS_OF_BIN] for chosen in members]
+        # In order of what makes a range scatter, so that the few that are simulated are as different as all of them.
+        order = 2.0 * keys[0] - keys[1]
+        ordered = [chosen[np.argsort(order[chosen])] for chosen in members]
+        counts = [min(len(chosen), PIXELS_OF_BIN) for chosen in members]
+        drawn = [
+            chosen[np.linspace(0, len(chosen) - 1, count).round().astype(int)]
+            for chosen, count in zip(ordered, counts, strict=True)
+        ]
         return cls(pixels=pixels, members=members, drawn=drawn)
 
     def recorded(self) -> Statistics:
@@ -376,7 +382,11 @@ def _sum_of_terms(
         terms: (k, n) of each pixel
     """
     if recorded is None:
-        return (), None, {names[0]: "too few surfaces of different strength and range"}
+        return (
+            (),
+            None,
+            {key: "too few surfaces of different strength and range" for key in names if key in REST_BOUNDS},
+        )
     law = np.stack([terms[:, chosen].mean(axis=1) for chosen in members])
     level = float(np.exp(np.median(recorded.value)))
     start = np.log(level / len(names) / np.median(law, axis=0)) / power
