@@ -150,7 +150,7 @@ def fit_recordings(
         InputError: if a file, a key or a value cannot be understood
     """
     base = base_text(sensor, metadata_of(recordings[0], metadata), sensor_index=sensor_index)
-    where = f"--sensor {sensor}"
+    where = f"sensor {sensor}"
     base_sensor = parse_sensor(base, where)
     recording = ", ".join(path.name for path in recordings)
     try:

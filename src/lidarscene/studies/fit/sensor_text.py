@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from ... import catalog
-from ...errors import InputError
+from ...errors import InputError, OptionError
 from ...files.toml_edit import KeyPath, get_value, put_values, remove_values
 from ...recordings.units.unit_file import read_unit, unit_text
 from ...sensor.sensor_file import sensor_from_tables
@@ -112,7 +112,7 @@ def base_text(sensor: str, metadata: Path | None, *, sensor_index: int = 0) -> s
         return path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "not UTF-8 text"
-        raise InputError(f"--sensor {sensor}: cannot be read: {reason}") from None
+        raise OptionError("{sensor} {0}: cannot be read: {1}", sensor, reason) from None
 
 
 def parse_sensor(text: str, where: str) -> Sensor:
