@@ -40,6 +40,7 @@ from .near_field import LEAST_BINS
 from .pixels_at_rest import PixelsAtRest
 from .sensor_text import at_rest_changes, get_key, parse_sensor, put_changes
 from .tuning import (
+    BOARD_ERROR,
     CURVE_HUBER,
     LEAST_BROADENING,
     LEAST_LEAN_M,
@@ -472,7 +473,8 @@ def _converter_law(boards: Boards, recorded: Statistics, keys: Sequence[str], te
         _, error = boards.simulated(sensor_of(start))
     except InputError as failure:
         return (), None, dict.fromkeys(keys, str(failure))
-    recorded = replace(recorded, sigma=np.hypot(recorded.sigma, np.nan_to_num(error)))
+    unlike = np.where(recorded.kind == 0, BOARD_ERROR, 0.0)
+    recorded = replace(recorded, sigma=np.sqrt(recorded.sigma**2 + np.nan_to_num(error) ** 2 + unlike**2))
 
     def predict(logs: Numbers) -> Numbers:
         simulated, _ = boards.simulated(sensor_of(logs))

@@ -121,6 +121,10 @@ WHOLE_FRAME = 0.9
 
 # at_rest
 
+BOARD_ERROR = 0.1
+"""Choice: relative error of the mean square of a board's ranges, 5 % of their scatter, for its light is assumed and its
+lean is that of a plane."""
+
 LEAST_STEP_MM = 0.25
 """Choice: change of the range from column to column below which columns share noise as on a level surface."""
 
