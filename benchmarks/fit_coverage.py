@@ -44,7 +44,7 @@ AT_REST = {
     "laser.divergence_mrad": 6.0,
     "tdc.chatter_mhz": 150.0,
 }
-"""Numbers of the unit at rest; the power is the file's."""
+"""Numbers of the unit at rest."""
 STREET = Path(__file__).parents[1] / "scenes" / "drive.toml"
 
 
@@ -137,7 +137,7 @@ def at_rest(seeds: int) -> None:
         Path(folder, "unit.toml").write_text(unit, "utf-8")
         Path(folder, "scene.toml").write_text(walls(), "utf-8")
         scene = load_scene(Path(folder, "scene.toml"))
-    sensor, truth = parse_sensor(unit, "unit"), AT_REST | {"laser.peak_power_w": 32.64}
+    sensor = parse_sensor(unit, "unit")
     deviations: dict[str, list[float]] = {}
     for seed in range(seeds):
         pixels = pixels_at_rest(turns_at_rest(scene, sensor, frames=TURNS, seed=seed), sensor)
@@ -145,7 +145,7 @@ def at_rest(seeds: int) -> None:
         fit = fit_at_rest(pixels, base, "unit")
         for key, estimate in fit.by_key.items():
             if estimate.is_known:
-                deviations.setdefault(key, []).append((estimate.value - truth[key]) / estimate.sigma)
+                deviations.setdefault(key, []).append((estimate.value - AT_REST[key]) / estimate.sigma)
     print_coverage(deviations)
 
 

@@ -71,7 +71,6 @@ def pixels(seed: int, *, number: int = 9000, frames: int = 4, steepest: float = 
         cos_incidence=1.0 / np.hypot(1.0, tangent),
         row_slope=np.zeros(number),
         block=rng.integers(0, 1800 // BLOCK_COLUMNS, number),
-        scale_known=False,
     )
 
 
@@ -163,7 +162,7 @@ def test_what_the_recording_does_not_tell_is_said() -> None:
     assert "no tdc.strong_above" in fit.unknown["tdc.strong_jitter_ps"]
     assert "no surface loses more than 3%" in fit.unknown["tdc.chatter_mhz"]
     assert "no surface leans enough" in fit.unknown["laser.divergence_mrad"]
-    assert "scale of the recorded intensities" in fit.unknown["laser.peak_power_w"]
+    assert "light, which is not recorded" in fit.unknown["laser.peak_power_w"]
     assert fit.by_key.keys() == {"laser.energy_spread", "tdc.jitter_ps"}
     fit = fit_at_rest(replace(square, strength=None), REV7, "rev7")
     assert not fit.estimates

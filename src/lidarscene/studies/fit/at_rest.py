@@ -58,7 +58,7 @@ from .tuning import (
 
 ENERGY, COLUMNS, POWER = "laser.energy_spread", "histogram.column_range_mm", "laser.peak_power_w"
 STRONG, DIVERGENCE, CHATTER = "tdc.strong_jitter_ps", "laser.divergence_mrad", "tdc.chatter_mhz"
-CONVERTER = ("tdc.jitter_ps", STRONG, DIVERGENCE, CHATTER, POWER)
+CONVERTER = ("tdc.jitter_ps", STRONG, DIVERGENCE, CHATTER)
 """Keys that ranges and losses at rest say something of, of a sensor that times pulses."""
 
 FLOOR, SLOPE = "range_floor_at_rest", "range_noise_at_rest"
@@ -429,12 +429,12 @@ def _columns(pixels: PixelsAtRest, text: str, where: str) -> Law:
 
 
 def _converter(pixels: PixelsAtRest, text: str, where: str) -> Law:
-    """Jitter, slopes, chatter and power by the sensor's own stages."""
+    """Jitter, slopes and chatter by the sensor's own stages."""
     boards = Boards.of(pixels, parse_sensor(text, where))
     if len(boards.members) < LEAST_BINS:
         return (), None, dict.fromkeys(CONVERTER, "too few smooth surfaces of different strength and lean")
     recorded = boards.recorded()
-    reasons = _not_asked(pixels, recorded, parse_sensor(text, where))
+    reasons = _not_asked(recorded, parse_sensor(text, where))
     law = _converter_law(boards, recorded, [key for key in CONVERTER if key not in reasons], text, where)
     names, solved, more = law
     if DIVERGENCE in names and solved is not None:
@@ -448,13 +448,11 @@ def _converter(pixels: PixelsAtRest, text: str, where: str) -> Law:
     return names, solved, reasons | more
 
 
-def _not_asked(pixels: PixelsAtRest, recorded: Statistics, sensor: Sensor) -> dict[str, str]:
+def _not_asked(recorded: Statistics, sensor: Sensor) -> dict[str, str]:
     """Keys that a recording or a file says nothing of, and why."""
-    reasons = {}
+    reasons = {POWER: "noise goes with the scene's light, which is not recorded"}
     if sensor.tdc.strong_above is None:
         reasons[STRONG] = "the file has no tdc.strong_above, from which on pulses have a channel of their own"
-    if not pixels.scale_known:
-        reasons[POWER] = "the scale of the recorded intensities is not known, and only their product is"
     kept = recorded.kind == 1
     if np.min(recorded.value[kept] + 2.0 * recorded.sigma[kept]) > MOST_KEPT:
         reasons[CHATTER] = f"no surface loses more than {1.0 - MOST_KEPT:.0%} of its pulses"

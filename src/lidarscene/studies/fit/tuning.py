@@ -158,7 +158,6 @@ REST_BOUNDS = {
     "tdc.strong_jitter_ps": (1.0, 1e4),
     "laser.divergence_mrad": (0.05, 30.0),
     "tdc.chatter_mhz": (1.0, 1e4),
-    "laser.peak_power_w": (1e-2, 1e5),
     "histogram.column_range_mm": (0.2, 500.0),
 }
 """Choice: numbers of the sensor file that frames at rest determine -> least and largest value that is tried."""
