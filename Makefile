@@ -21,7 +21,8 @@ car: $(READY)
 test: $(READY)
 	$(BIN)/pytest -n 3 --dist loadfile --no-loadscope-reorder $(PYTEST_ARGS)
 
-# Half of the tests, of every folder, in about a minute: all but those of tests/costly, which tools/costs.py writes.
+# Half of the tests, of every folder, and more of what differs from the last commit, in about a minute: tests/costly, which
+# tools/costs.py writes, names the others.
 quick: $(READY)
 	$(BIN)/pytest -n 2 --dist loadfile --no-loadscope-reorder -q -x --part=quick $(PYTEST_ARGS)
 

@@ -72,11 +72,6 @@ LONGEST = (
     "cli/test_batch.py",
 )
 """Files that take longest. They come first, so that no worker of xdist is alone with one in the end."""
-COSTLY = {
-    TESTS / name: functions.split()
-    for name, _, functions in (line.partition(": ") for line in (TESTS / "costly").read_text().splitlines())
-}
-"""Functions that take much of the CPU, by file, as tools/costs.py has measured them: not of `--part=quick`."""
 NO_SKIPS = os.environ.get("TEST_NO_SKIPS") == "1"
 MAY_BE_SKIPPED = (
     "no GPU",
@@ -92,21 +87,6 @@ MAY_BE_SKIPPED = (
     "anywidget is not installed",
 )
 """Reasons to skip a test that are none to install something: with TEST_NO_SKIPS=1 any other ends the run red."""
-
-
-def pytest_addoption(parser: pytest.Parser) -> None:
-    words = "the tests that take little time, or all others"
-    parser.addoption("--part", choices=("quick", "rest"), help=words)
-
-
-def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
-    """Files without a quick test are not even imported for `--part=quick`."""
-    return (config.option.part == "quick" and COSTLY.get(collection_path) == ["*"]) or None  # None: others may know
-
-
-def _is_quick(item: pytest.Item) -> bool:
-    costly = COSTLY.get(item.path, [])
-    return costly != ["*"] and item.name.partition("[")[0] not in costly
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -144,11 +124,7 @@ def refused_skips(terminal: Any) -> list[str]:
     return sorted(reason for reason in reasons if NO_SKIPS and not reason.startswith(MAY_BE_SKIPPED))
 
 
-def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    if config.option.part:
-        wanted = config.option.part == "quick"
-        config.hook.pytest_deselected(items=[item for item in items if _is_quick(item) != wanted])
-        items[:] = [item for item in items if _is_quick(item) == wanted]
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     for item in items:
         if item.path.is_relative_to(TESTS) and item.path.parent != TESTS:
             item.add_marker(item.path.relative_to(TESTS).parts[0])
@@ -235,9 +211,10 @@ pytest_plugins = (
     "helpers.browser",
     "helpers.dead_workers",
     "helpers.chance",
+    "helpers.part",
 )
-"""Fixtures: a command line in this process; readers of other libraries; a job and a cluster; a browser. The last two
-end a run whose worker dies, and run a test that fails on other seeds."""
+"""Fixtures: a command line in this process; readers of other libraries; a job and a cluster; a browser. The last three
+end a run whose worker dies, run a test that fails on other seeds, and choose a part of the tests."""
 
 RunPython = Callable[..., subprocess.CompletedProcess[str]]
 

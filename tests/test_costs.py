@@ -1,10 +1,11 @@
 """tools/costs.py: which tests `make quick` leaves out."""
 
-import json
+import os
 import subprocess
 import sys
 from pathlib import Path
 
+from helpers import part
 from helpers.child import assert_ended
 
 TOOLS = Path(__file__).parents[1] / "tools"
@@ -34,10 +35,6 @@ def test_of_light_work():
     work(0.01)
 
 
-def test_that_runs_what_others_do_not():
-    work(0.4)
-
-
 def test_that_shares(heavy):
     """0.4 s, whichever of the two runs first."""
 
@@ -52,17 +49,17 @@ import pytest
 import costs
 
 costs.TESTS = Path(sys.argv[1])
-costs.MAP = costs.TESTS / "map"
-sys.exit(pytest.main([sys.argv[1], "-q", "-p", "costs", "-p", "no:cacheprovider", "-c", sys.argv[2]]))
+options = ["-q", "-p", "costs", "-p", "no:cacheprovider", "-c", f"{sys.argv[1]}/pytest.ini"]
+sys.exit(pytest.main([*sys.argv[2:], *options]))
 """
 
 
-def run(folder: Path) -> subprocess.CompletedProcess[str]:
+def run(folder: Path, *files: str) -> subprocess.CompletedProcess[str]:
     (folder / "pytest.ini").write_text("[pytest]\n")
     return subprocess.run(
-        [sys.executable, "-c", RUN, folder, folder / "pytest.ini"],
+        [sys.executable, "-c", RUN, folder, *(folder / file for file in files)],
         cwd=folder,
-        env={"PYTHONPATH": str(TOOLS)},
+        env={"PYTHONPATH": f"{TOOLS}{os.pathsep}{TOOLS.parent / 'tests'}"},
         capture_output=True,
         text=True,
         check=False,
@@ -70,25 +67,17 @@ def run(folder: Path) -> subprocess.CompletedProcess[str]:
 
 
 def test_costly_functions_are_written(tmp_path: Path) -> None:
-    """Cases count together, and a fixture in equal shares; of a file whose tests are all costly there is a star. What
-    runs functions of the sources that no other test runs may cost more.
+    """Cases count together, and a fixture in equal shares. Files that did not run stay as they were, while they are
+    there.
     """
     (tmp_path / "test_a.py").write_text(TESTS)
-    (tmp_path / "test_b.py").write_text(TESTS.replace("def test_of_light_work", "def not_a_test"))
-    (tmp_path / "costly").write_text("test_a.py: test_gone\ntest_c.py: test_gone\n")
-    (tmp_path / "map").mkdir()
-    runs = {"test_a.py::test_that_runs_what_others_do_not": 10, "test_b.py::test_that_runs_what_others_do_not": 2}
-    runs |= {"test_a.py::test_of_cases[1]": 1, "test_a.py::test_of_light_work": 1}
-    lines = [json.dumps([f"tests/{test}", 0.1, [f"f{number}" for number in range(n)]]) for test, n in runs.items()]
-    (tmp_path / "map" / "1.jsonl").write_text("\n".join(lines))
-    assert_ended(run(tmp_path))
-    written = (tmp_path / "costly").read_text()
-    assert written == "test_a.py: test_of_cases test_that_shares test_that_shares_too\ntest_b.py: *\n"
-
-
-def test_without_a_map_nothing_is_written(tmp_path: Path) -> None:
-    (tmp_path / "test_a.py").write_text(TESTS)
-    ended = run(tmp_path)
-    assert ended.returncode
-    assert "tools/costs.py: there is no map yet: run tools/mutants.py map first" in ended.stderr
-    assert not (tmp_path / "costly").exists()
+    (tmp_path / "test_b.py").write_text("def test_b(): pass")
+    (tmp_path / "test_c.py").write_text("")
+    lines = ("test_b.py: test_b=3.0", "test_c.py: test_c=2.0", "test_d.py: test_gone=1.0")
+    (tmp_path / "costly").write_text("\n".join(lines))
+    assert_ended(run(tmp_path, "test_a.py", "test_b.py"))
+    costs = part.read_costs(tmp_path / "costly")
+    assert costs.pop("test_c.py") == {"test_c": 2.0}
+    assert costs.keys() == {"test_a.py"}
+    assert costs["test_a.py"].keys() == {"test_of_cases", "test_that_shares", "test_that_shares_too"}
+    assert all(seconds >= 0.4 for seconds in costs["test_a.py"].values())

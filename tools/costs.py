@@ -1,35 +1,27 @@
 #!/usr/bin/env python3
-"""The CPU that each test takes, by which `make quick` leaves out what costs more than it adds.
+"""The CPU that each test takes, by which `make quick` leaves out what takes much (tests/helpers/part.py).
 
     tools/costs.py [TESTS...]      runs these tests (default: all) in one process and writes tests/costly anew
 
-A function of tests is costly if its cases take LIMIT_S together, with the processes that they start and their share of
-the fixtures that they have in common; unless it runs functions of the sources that no other test of `make quick` runs,
-and takes no more than NEW_S for each. What a test runs stands in the map of tools/mutants.py, which is made before.
+A function of tests takes much if its cases take LIMIT_S together, with the processes that they start and their share of
+the fixtures that they have in common.
 """
 
 import os
 import subprocess
 import sys
 from collections import defaultdict
-from collections.abc import Collection, Generator, Mapping
+from collections.abc import Generator
 from pathlib import Path
 from typing import Any
 
-import mutants
 import pytest
+from helpers.part import read_costs, write_costs
 
 ROOT = Path(__file__).resolve().parents[1]
 TESTS = ROOT / "tests"
-MAP = mutants.KEPT / "map"
-Test = tuple[str, str]
-"""File, below tests/, and name of a function of tests."""
-LIMIT_S = 0.2
-"""Choice: 2,435 of 3,330 functions stay whatever they run, and take 90 s."""
-NEW_S = 0.1
-"""Choice: 13 more, which take 6 s, run 230 functions of the sources that those do not."""
-ALL = "*"
-"""Of a file whose functions are all costly: it need not be imported."""
+LIMIT_S = 0.15
+"""Choice: 2,500 of 3,350 functions stay, and take 70 s on one core."""
 
 
 def cpu_s() -> float:
@@ -37,57 +29,13 @@ def cpu_s() -> float:
     return sum(os.times()[:4])
 
 
-def costly(costs: Mapping[Test, float], runs: Mapping[Test, Collection[str]], known: set[str]) -> dict[str, list[str]]:
-    """Names of costly functions by file.
-
-    Args:
-        costs: CPU of each function in seconds
-        runs: functions of the sources that each runs
-        known: functions of the sources that other tests run
-    """
-    over = {test for test, cost in costs.items() if cost >= LIMIT_S}
-    known = known.union(*(runs.get(test, ()) for test in costs.keys() - over))
-    while over:
-        new = {test: len(set(runs.get(test, ())) - known) for test in over}
-        best = max(sorted(over), key=lambda test: new[test] / costs[test])
-        if new[best] * NEW_S < costs[best]:
-            break
-        over.remove(best)
-        known |= set(runs[best])
-    names: dict[str, list[str]] = {}
-    for path in sorted({path for path, _ in costs}):
-        functions = [name for file, name in costs if file == path]
-        left_out = sorted(name for file, name in over if file == path)
-        names[path] = [ALL] if len(left_out) == len(functions) else left_out
-    return names
-
-
-def runs_of_tests() -> dict[Test, set[str]]:
-    """Functions of the sources that each function of tests runs, from the map of tools/mutants.py."""
-    runs: dict[Test, set[str]] = defaultdict(set)
-    for name, tests in mutants.Map(MAP).tests.items():
-        for test in tests:
-            path, _, function = test.partition("[")[0].partition("::")
-            runs[path.removeprefix("tests/"), function].add(name)
-    return runs
-
-
-def read(path: Path) -> dict[str, list[str]]:
-    """Names of costly functions by file."""
-    lines = (line.partition(": ") for line in path.read_text(encoding="utf-8").splitlines())
-    return {name: functions.split() for name, _, functions in lines}
-
-
 class Costs:
     """Plugin of pytest: measures, and renews the lines of the files that ran."""
 
     def __init__(self) -> None:
-        self.runs = runs_of_tests()
-        if not self.runs:
-            raise pytest.UsageError("tools/costs.py: there is no map yet: run tools/mutants.py map first")
-        self.spent: dict[Test, float] = defaultdict(float)
+        self.spent: dict[tuple[str, str], float] = defaultdict(float)
         self.shared: dict[Any, float] = defaultdict(float)
-        self.users: dict[Any, set[Test]] = defaultdict(set)
+        self.users: dict[Any, set[tuple[str, str]]] = defaultdict(set)
         self.apart_s = 0.0
 
     def pytest_collection_finish(self, session: pytest.Session) -> None:
@@ -120,18 +68,15 @@ class Costs:
             for function in self.users[fixture]:
                 self.spent[function] += cost_s / len(self.users[fixture])
         path = TESTS / "costly"
-        ran, before = {file for file, _ in self.spent}, read(path)
-        others = [
-            runs
-            for (file, name), runs in self.runs.items()
-            if file not in ran and not {ALL, name} & set(before.get(file, ()))
-        ]
-        lines = before | costly(self.spent, self.runs, set().union(*others))
-        kept = {name: names for name, names in lines.items() if names and (TESTS / name).exists()}
-        path.write_text("".join(f"{name}: {' '.join(kept[name])}\n" for name in sorted(kept)), encoding="utf-8")
+        costs = {file: functions for file, functions in read_costs(path).items() if (TESTS / file).exists()}
+        costs |= {file: {} for file, _ in self.spent}
+        for (file, name), spent_s in self.spent.items():
+            if spent_s >= LIMIT_S:
+                costs[file][name] = spent_s
+        write_costs(path, costs)
 
 
-def _function(item: pytest.Item) -> Test:
+def _function(item: pytest.Item) -> tuple[str, str]:
     """The function of a test."""
     return item.path.relative_to(TESTS).as_posix(), item.name.partition("[")[0]
 
@@ -142,5 +87,5 @@ def pytest_configure(config: pytest.Config) -> None:
 
 if __name__ == "__main__":
     command = [sys.executable, "-m", "pytest", "-p", "costs", "-q", "-n", "0", *(sys.argv[1:] or ["tests"])]
-    paths = os.pathsep.join(map(str, (ROOT / "tools", ROOT / "src")))
+    paths = os.pathsep.join(map(str, (ROOT / "tools", ROOT / "src", ROOT / "tests")))
     sys.exit(subprocess.run(command, cwd=ROOT, env=os.environ | {"PYTHONPATH": paths}, check=False).returncode)

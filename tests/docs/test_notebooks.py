@@ -14,7 +14,7 @@ import nbformat
 import pytest
 from helpers.documentation import ROOT
 from helpers.notebooks import run, written
-from helpers.twins import use_few_trees
+from helpers.twins import use_few_evaluations, use_few_trees
 
 from lidarscene.formats.registry import SUFFIXES
 
@@ -25,9 +25,12 @@ NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
 
 FEWER = {
     "apd_sipm": {
-        'PAIR, "illuminance_klux"': 'PAIR, "illuminance_klux", points=10',
-        'PAIR, "reflectivity"': 'PAIR, "reflectivity", points=10',
-        "stop=300": "stop=300, points=10",
+        "klux in (1, 10, 100)": "klux in (1,)",
+        'PAIR, "illuminance_klux"': 'PAIR, "illuminance_klux", points=4',
+        'PAIR, "reflectivity"': 'PAIR, "reflectivity", points=4',
+        "stop=300": "stop=300, points=4",
+        "(100, 400, 1600)": "(100,)",
+        "illuminance_klux=(1, 10, 100)": "illuminance_klux=(1, 100)",
         'step_deg": 0.6, "scanner.elevation_step_deg": 0.6': 'step_deg": 2, "scanner.elevation_step_deg": 2',
     },
     "child": {"frames=20": "frames=2", "range(0, 80, 8)": "range(0, 80, 40)"},
@@ -51,6 +54,7 @@ def kinds(notebook: dict[str, Any]) -> list[list[list[str]]]:
 @pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.stem)
 def test_a_notebook_runs(mi, path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     use_few_trees(monkeypatch)
+    use_few_evaluations(monkeypatch)
     mpl.use("agg")
     stored = json.loads(path.read_text(encoding="utf-8"))
     assert kinds(run(path, FEWER.get(path.stem))) == kinds(stored)

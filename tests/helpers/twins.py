@@ -10,6 +10,7 @@ import pytest
 from lidarscene.maths.pose import Pose
 from lidarscene.recordings.recording import Recording
 from lidarscene.recordings.sweep import Sweep
+from lidarscene.studies.fit.on_scene import scene_fit
 from lidarscene.studies.twin import told_apart
 from lidarscene.studies.twin.matched_pulses import MatchedPulses
 from lidarscene.studies.twin.surfels import SMOOTH
@@ -30,6 +31,11 @@ WHITE_M2 = 20_000.0
 def use_few_trees(monkeypatch: pytest.MonkeyPatch) -> None:
     """A classifier of 10 trees for 100, whose accuracy is told as well to some hundredths, in a tenth of the time."""
     monkeypatch.setattr(told_apart, "TREES", 10)
+
+
+def use_few_evaluations(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A fit on a scene that ends early, for who does not look at its numbers."""
+    monkeypatch.setattr(scene_fit, "MOST_EVALUATIONS", 8)
 
 
 def directions(columns: int = COLUMNS, shear_deg: float = 0.0) -> Any:

@@ -48,11 +48,12 @@ def meaning_of(word: str, public: Mapping[str, str], foreign_names: Mapping[str,
         foreign_names.get(word)
         or did_you_mean(word, public, cutoff=0.8)
         or like
-        or _meant_by_a_part(word, {**public, **foreign_names})
+        or meant_by_a_part(word, {**public, **foreign_names})
     )
 
 
-def _meant_by_a_part(word: str, calls: Mapping[str, str]) -> str:
+def meant_by_a_part(word: str, calls: Mapping[str, str]) -> str:
+    """What the longest name in a word means, of names with what they mean; "" if there is none."""
     parts = [part.lower() for part in re.findall("[A-Z]+(?![a-z])|[A-Z]?[a-z]+", word)]
     if parts[:1] == ["set"]:
         return calls.get("set", "")
