@@ -23,7 +23,8 @@ from table import Row, Section, verdict
 
 from lidarscene import load_scene, load_sensor
 from lidarscene.errors import LidarSceneError
-from lidarscene.kernel.device.backend import drjit, mitsuba
+from lidarscene.kernel.device.backend import mitsuba
+from lidarscene.kernel.device.blocks import usable_cores
 from lidarscene.kernel.rays.onward import START_OFFSET_M
 from lidarscene.maths.pose import Pose
 from lidarscene.rendering.simulator import Simulator, Summary
@@ -198,7 +199,7 @@ def task(
     origin = np.array(chain.origin(simulator), np.float32)
     axes = [np.ascontiguousarray(rays[:, 3 + axis]) for axis in range(3)]
     sun = np.asarray(simulator.scene.sun.direction, np.float32)
-    threads = drjit().thread_count()
+    threads = usable_cores()
 
     def run() -> tuple[np.ndarray, np.ndarray]:
         t, lit = np.zeros(pulses, np.float32), np.zeros(pulses, np.uint8)

@@ -6,6 +6,7 @@ import platform
 from pathlib import Path
 
 from lidarscene.kernel.device import backend
+from lidarscene.kernel.device.blocks import usable_cores
 
 PACKAGES = (
     "lidarscene",
@@ -25,11 +26,10 @@ PACKAGES = (
 
 def description_lines() -> list[str]:
     """Lines of text."""
-    usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
     report = backend.probe()
     back_end = f"{report.variant}, LLVM {'.'.join(map(str, report.llvm_loaded)) or 'not loaded'}"
     return [
-        f"CPU: {_cpu()}, {usable} of {os.cpu_count()} cores, {_memory()}",
+        f"CPU: {_cpu()}, {usable_cores()} of {os.cpu_count()} cores, {_memory()}",
         f"System: {platform.platform()}, Python {platform.python_version()}",
         f"Back end: {back_end}",
         "Packages: " + ", ".join(f"{name} {_version(name)}" for name in PACKAGES),

@@ -17,6 +17,7 @@ import pytest
 from helpers.run_seed import NAME as SEED_NAME
 from helpers.run_seed import run_seed, shuffle
 from helpers.waiting import PATIENCE_S
+from hypothesis import HealthCheck, settings
 
 from lidarscene.errors import BackendError, LidarSceneError
 from lidarscene.files import installed_llvm
@@ -28,10 +29,12 @@ os.environ.setdefault("MPLBACKEND", "Agg")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 SEED = run_seed()
 """Of the order of the tests and of their random streams; drawn unless TEST_SEED says it."""
-# Meshes are kept for this run alone, with all workers of xdist: what an earlier one left must not decide a test.
+# Meshes and Hypothesis' examples are kept for this run alone, with all workers of xdist: what an earlier one left must
+# not decide a test.
 if "PYTEST_XDIST_WORKER" not in os.environ:
     CACHE = tempfile.TemporaryDirectory(prefix="lidarscene_tests_")
     os.environ["LIDARSCENE_CACHE"] = CACHE.name
+    os.environ["HYPOTHESIS_STORAGE_DIRECTORY"] = f"{CACHE.name}/hypothesis"
 # This process and each that a test starts find the same sources, draw the run's random numbers, and compile quickly.
 EVERY_PROCESS = Path(__file__).parent / "helpers" / "every_process"
 os.environ["PYTHONPATH"] = os.pathsep.join(map(str, (Path(__file__).parents[1] / "src", EVERY_PROCESS)))
@@ -44,6 +47,10 @@ if not installed_llvm.users_path():
     OUTSIDE.pop(installed_llvm.PATH_VARIABLE, None)  # each process that a test starts looks for itself
 with contextlib.suppress(BackendError):
     llvm.use()  # before any test file imports drjit, which looks for LLVM only then
+
+# Hypothesis fails an example that takes 0.2 s, and a test whose examples take long to make.
+settings.register_profile("lidarscene", deadline=None, suppress_health_check=[HealthCheck.too_slow], derandomize=False)
+settings.load_profile("lidarscene")
 
 TESTS = Path(__file__).parent
 LONGEST = (
@@ -84,7 +91,9 @@ MAY_BE_SKIPPED = (
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_configure(config: pytest.Config) -> None:
-    """Every folder is a marker: `pytest -m unit` runs tests/unit."""
+    """Every folder is a marker: `pytest -m unit` runs tests/unit. Hypothesis has the run's seed."""
+    if config.option.hypothesis_seed is None:
+        config.option.hypothesis_seed = str(SEED)
     if missing := [name for name in LONGEST if not (TESTS / name).exists()]:
         raise pytest.UsageError(f"conftest.py: LONGEST: no such file or folder: {', '.join(missing)}")
     for folder in sorted(path.name for path in TESTS.iterdir() if path.is_dir()):

@@ -66,7 +66,7 @@ PART = (
     "tests/chain/test_scanners.py",
 )
 # What tests/docs/test_commands.py needs beside the package.
-TEST_TOOLS = ("pytest", "pytest-timeout", "pytest-xdist")
+TEST_TOOLS = ("hypothesis", "pytest", "pytest-timeout", "pytest-xdist")
 # Releases of last year warn of what today's Python and libraries will drop; the tests' own environment does not.
 OLD = ("-W", "ignore::DeprecationWarning", "-W", "ignore::PendingDeprecationWarning")
 

@@ -6,14 +6,14 @@
 """
 
 import importlib
-import re
 import sys
 from types import ModuleType
 from typing import Any
 
 import lazy_loader
 
-from .errors import did_you_mean
+from .errors import did_you_mean, question
+from .files.attributes import meaning_of
 from .files.installed_llvm import write_newest_path
 from .files.late_binding import bind
 
@@ -25,35 +25,44 @@ _FUNCTIONS = ("batch", "materials", "view")
 
 _FOREIGN_NAMES = {
     "catalog": "sensors(), scenes() and materials() list names",
-    **dict.fromkeys(("examples", "demo"), "scenes() lists what render takes: render('car')"),
+    **dict.fromkeys(("examples", "demo", "example"), "scenes() lists what render takes: render('car')"),
     "help": "help(lidarscene.render) explains a call; dir(lidarscene) lists them",
-    **dict.fromkeys(("load", "read", "open"), "load_cloud, load_scene, load_sensor and load_rig read files"),
+    **dict.fromkeys(
+        ("load", "read", "open", "io", "from_file", "cloud"),
+        "load_cloud, load_scene, load_sensor and load_rig read files",
+    ),
     **dict.fromkeys(
         ("load_mesh", "mesh", "Mesh", "TriangleMesh"),
         "load_scene(file) reads one as a scene; scene.add(file, 'brick') adds it",
     ),
     **dict.fromkeys(("load_material", "material"), "Material(name) reads one; materials() lists them"),
-    **dict.fromkeys(("simulate", "run", "scan", "trace"), "render(scene, sensor) renders a frame"),
+    **dict.fromkeys(
+        ("simulate", "run", "scan", "trace", "raycast", "ray_cast", "simulation"),
+        "render(scene, sensor) renders a frame",
+    ),
     **dict.fromkeys(("Lidar", "LiDAR", "sensor"), "Sensor(name) reads one; sensors() lists them"),
     **dict.fromkeys(("World", "scene"), "Scene(name) reads one; scenes() lists them"),
     **dict.fromkeys(("optimize", "optimise", "search"), "design(study, folder) searches the designs of a study"),
     **dict.fromkeys(("stream", "publish"), "`lidarscene stream` sends packets; cloud.save('a.mcap') writes a bag"),
     **dict.fromkeys(
-        ("Dataset", "dataset", "generate", "random_scene", "render_batch"),
-        "street(seed) makes scenes; batch(job, folder) writes data sets",
+        ("Dataset", "dataset", "generate", "random", "render_batch"),
+        "street(seed) makes scenes; batch(job, folder) writes data sets, of which load_cloud(path) reads a cloud",
     ),
     **dict.fromkeys(
-        ("snr", "link_budget", "detection_probability", "range"),
-        "max_range(sensors, distance=100) has range, SNR and P_d",
+        ("snr", "link_budget", "detection_probability", "detection_range", "range"),
+        "max_range(sensors, distance=100) has range, SNR and P_d; budget(cloud, scene, sensor) that of points",
     ),
-    **dict.fromkeys(("plot", "show", "draw"), "clouds, scenes, sensors and reports have .plot(); view(cloud)"),
+    **dict.fromkeys(
+        ("plot", "show", "draw", "visualize", "visualise", "viz", "vis"),
+        "clouds, scenes, sensors and reports have .plot(); view(cloud)",
+    ),
     **dict.fromkeys(("save", "write", "export"), "clouds, scenes, sensors and reports have .save(path)"),
+    **dict.fromkeys(("weather", "fog", "rain"), "render('car', scene_overrides={'weather.fog_visibility_km': 0.1})"),
+    **dict.fromkeys(("noise", "noise_model"), "noise follows from the sensor, which sensor.replace(...) changes"),
+    **dict.fromkeys(("info", "describe", "summary"), "print(Sensor(name)), print(Scene(name))"),
+    "waveform": "Simulator(scene, sensor).waveforms([0]) has those of pulses",
 }
 """Names that people try first, with the call that does it."""
-
-
-_PREFIX = re.compile("^(list|get|available)_")
-"""What other libraries put before names of lists."""
 
 
 def __getattr__(name: str) -> Any:
@@ -63,8 +72,11 @@ def __getattr__(name: str) -> Any:
     try:
         return _public(name)
     except AttributeError:
-        meant = _FOREIGN_NAMES.get(name) or did_you_mean(_PREFIX.sub("", name), __all__)
-        if name.startswith("_") or not meant:
+        meant = ""
+        if not name.startswith("_"):  # what Python and libraries look for
+            public = {entry: question([entry]) for entry in __all__}
+            meant = meaning_of(name, public, _FOREIGN_NAMES) or did_you_mean(name, __all__)
+        if not meant:
             raise
         raise AttributeError(f"lidarscene has no '{name}'; {meant}") from None
 

@@ -7,7 +7,7 @@ import os
 import string
 import sys
 import warnings
-from collections.abc import Callable, Collection, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 LONGEST = 1000
@@ -52,14 +52,6 @@ def question(choices: Iterable[str]) -> str:
     """Question whether one of these was meant, such as "did you mean 60 or 90?"; empty without any."""
     words = " or ".join(choices)
     return f"did you mean {words}?" if words else ""
-
-
-def unknown_option(word: str, options: Collection[str], *, meant: str = "") -> InputError:
-    """Error for a keyword that is none of a call's options; ``meant`` says what does it."""
-    meant = f"{meant};" if meant else did_you_mean(word, options)
-    return InputError(
-        f"unknown option '{word}'; {meant}{' ' if meant else ''}known here: {', '.join(options) or 'none'}"
-    )
 
 
 class LidarSceneError(Exception):
@@ -148,6 +140,13 @@ class _Names(Mapping[str, str]):
 
 class OptionError(_NamingOptions, InputError):
     """Raised when an option has a value that it cannot have, or does not go with another option."""
+
+
+def placed(where: str, error: InputError) -> InputError:
+    """Error with the place before it; options in it keep a name in Python and another on the command line."""
+    if not isinstance(error, OptionError):
+        return InputError(f"{where}: {error}")
+    return OptionError(f"{where.replace('{', '{{').replace('}', '}}')}: {error.template}", *error.values)
 
 
 class OptionWarning(_NamingOptions, UserWarning):

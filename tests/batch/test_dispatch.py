@@ -309,7 +309,7 @@ def test_a_disk_that_is_full_and_then_larger(mi: Any, job_file: Path, tmp_path: 
     """Rationale: a real one, on which two of four clouds fit at most."""
     (tmp_path / "out").mkdir()
     store, task = Store(tmp_path / "probe"), next(Job.read(job_file).tasks())
-    assert work._try_render(task, store, 1) == ""
+    assert work.render_frames([task], str(store.folder), 1)[0] == [""]
     size = int(2.5 * store.cloud(task.key, "ply").stat().st_size)
     own_mount = ["unshare", "--user", "--map-root-user", "--mount", sys.executable, "-c", FULL_DISK, str(size)]
     completed = subprocess.run(

@@ -4,6 +4,7 @@ import dataclasses
 import shutil
 import subprocess
 import sys
+import threading
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -19,6 +20,7 @@ from lidarscene.batch.store import Store
 from lidarscene.batch.tasks import FrameTask, Job
 from lidarscene.cli import main
 from lidarscene.cloud.point_cloud import PointCloud
+from lidarscene.errors import OutputError
 from lidarscene.files import atomic
 from lidarscene.rendering.simulator import Simulator
 
@@ -38,10 +40,17 @@ def _fresh(mi: Any, monkeypatch: pytest.MonkeyPatch) -> None:
 
 def render_in_process(task: FrameTask, store: Store) -> Path:
     """Render a frame in this process; returns its file."""
-    work._render(task, store)
+    with work._rendered(task, store, 1):
+        pass
     row = store.row(task.key)
     assert row is not None
     return store.folder / row["file"]
+
+
+def cause_of(task: FrameTask, store: Store) -> str:
+    """What a bundle of this frame alone says."""
+    (cause,), _ = work.render_frames([task], str(store.folder), 1)
+    return cause
 
 
 def test_the_bytes_are_those_of_render(job: Job, tmp_path: Path) -> None:
@@ -206,12 +215,12 @@ def test_a_full_disk_loses_nothing(job: Job, tmp_path: Path, monkeypatch: pytest
 
     with monkeypatch.context() as patch:
         patch.setattr(*((atomic, "_sync") if full_at == "cloud" else (Path, "write_text")), raise_disk_full)
-        cause = work._try_render(task, store, 1)
+        cause = cause_of(task, store)
     assert cause.endswith("cannot be written: No space left on device")
     assert "\n" not in cause
     assert store.row(task.key) is None
     assert [path.name for path in tmp_path.rglob("*.part")] == []
-    assert work._try_render(task, store, 1) == ""
+    assert cause_of(task, store) == ""
     assert store.row(task.key) is not None
 
 
@@ -220,10 +229,8 @@ def test_what_changed_since_it_was_asked_is_refused(job: Job, tmp_path: Path) ->
     task, store = next(job.tasks()), Store(tmp_path / "out")
     scene = tmp_path / "wall.toml"
     scene.write_text(scene.read_text().replace("[10, 0, 1.8]", "[11, 0, 1.8]"))
-    assert "is not the one of which this frame was asked" in work._try_render(task, store, 1)
-    assert work._try_render(dataclasses.replace(task, version="0.0.0"), store, 1).startswith(
-        "lidarscene 0.0.0 gave this"
-    )
+    assert "is not the one of which this frame was asked" in cause_of(task, store)
+    assert cause_of(dataclasses.replace(task, version="0.0.0"), store).startswith("lidarscene 0.0.0 gave this")
     assert [path.name for path in store.folder.iterdir()] == [".claims"]
 
 
@@ -232,7 +239,7 @@ def test_so_is_another_sensor(job_file: Path, tmp_path: Path) -> None:
     job_file.write_text('sensors = ["own.toml"]\n' + job_file.read_text())
     task = next(Job.read(job_file).tasks())
     (tmp_path / "own.toml").write_text((tmp_path / "own.toml").read_text() + "\n")
-    assert "own.toml: it, or a file" in work._try_render(task, Store(tmp_path / "out"), 1)
+    assert "own.toml: it, or a file" in cause_of(task, Store(tmp_path / "out"))
 
 
 def test_frames_of_a_bundle_are_traced_together(
@@ -257,6 +264,33 @@ def test_frames_of_a_bundle_are_traced_together(
         assert paths[0].read_bytes() == paths[1].read_bytes()
 
 
+def test_files_are_written_beside_the_next_frame(job: Job, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """The claim is held until they are there, and a failure is that of the frame whose files they are."""
+    first, *others = job.tasks()
+    store, finish, begin = Store(tmp_path / "out"), Store.finish, work._render
+    is_next, claims = threading.Event(), list[bool]()
+
+    def rendered(task: FrameTask, *arguments: Any) -> Any:
+        if task is not first:
+            is_next.set()
+        return begin(task, *arguments)
+
+    def finished(own: Store, key: str, *arguments: Any) -> None:
+        if key == first.key:
+            assert is_next.wait(60.0)
+            holder = subprocess.run([sys.executable, "-c", HOLD, str(own.folder), key], input=b"", capture_output=True)
+            claims.append(holder.stdout.decode().strip() == "False")
+            raise OutputError("row: no room")
+        finish(own, key, *arguments)
+
+    monkeypatch.setattr(work, "_render", rendered)
+    monkeypatch.setattr(Store, "finish", finished)
+    causes, _ = work.render_frames([first, *others], str(store.folder), 1)
+    assert causes == ["row: no room", "", "", ""]
+    assert claims == [True] or sys.platform == "win32"
+    assert [store.row(task.key) is not None for task in (first, *others)] == [False, True, True, True]
+
+
 HOLD = """
 import sys
 from pathlib import Path
@@ -276,13 +310,13 @@ def test_a_frame_that_another_run_is_at_is_left_to_it(job: Job, tmp_path: Path) 
     )
     assert holder.stdout is not None
     assert holder.stdout.readline() == b"True\n"
-    assert work._try_render(task, store, 1) == work.ELSEWHERE
+    assert cause_of(task, store) == work.ELSEWHERE
     assert store.row(task.key) is None
-    assert work._try_render(second, store, 1) == ""
+    assert cause_of(second, store) == ""
     holder.kill()
     holder.communicate()
-    assert work._try_render(task, store, 1) == ""
-    assert work._try_render(task, store, 1) == work.REUSED
+    assert cause_of(task, store) == ""
+    assert cause_of(task, store) == work.REUSED
 
 
 def test_no_truth_if_none_is_wanted(job_file: Path, tmp_path: Path) -> None:

@@ -434,7 +434,7 @@ def place(run: Run, shared: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     fit one.pcap --report r -o u.json --sensor os0-128 | u.json | .toml
     fit one.pcap --report r -o u.toml --sensor none.toml | --sensor none.toml | No such file
     fit one.pcap --report r -o u.toml --sensor latin.toml | --sensor latin.toml | UTF-8
-    fit one.pcap --report r -o u.toml --sensor broken.toml | --sensor broken.toml | TOML
+    fit one.pcap --report r -o u.toml --sensor broken.toml | sensor broken.toml | TOML
     stream wall.toml | --udp
     stream wall.toml --sensor vlp-16 | lidarscene stream -h
     stream wall.toml --udp 2368 | --udp | host | port | 127.0.0.1:2368 | 2368

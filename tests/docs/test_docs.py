@@ -36,7 +36,7 @@ import lidarscene
 from lidarscene import catalog, load_sensor
 from lidarscene.cli import main
 from lidarscene.files.toml import FileModel
-from lidarscene.formats.cloud_columns import COLUMNS, columns_of
+from lidarscene.formats.cloud_columns import COLUMNS
 from lidarscene.formats.registry import ALL, BAGS, FORMATS
 from lidarscene.materials.material_file import catalogue_material
 from lidarscene.studies.design.study_file import QUANTITIES, TRACED, UNITS
@@ -113,17 +113,6 @@ def test_python_blocks_run(
     output = output_of_code(block.code)
     if block.output is not None:
         assert output == block.output
-
-
-def readme_columns() -> tuple[str, str]:
-    """Names of the measured columns, and of the truth."""
-    names = [" ".join(c.name for c in columns_of(truth=truth, vectors=False)) for truth in (False, True)]
-    return names[0], names[1].removeprefix(names[0]).strip()
-
-
-def test_readme_names_the_columns() -> None:
-    for names in readme_columns():
-        assert names in code_spans(README), "run: PYTHONPATH=src:tests python tests/docs/test_docs.py"
 
 
 def test_readme_summary(
@@ -513,9 +502,6 @@ def refresh_tables() -> None:
         table = f"<!-- {mark} -->\n{written()}\n\n"
         text = re.sub(rf"<!-- {mark} -->\n(\|.*?\n)?\n", lambda _: table, text_of(page), flags=re.DOTALL)  # noqa: B023
         page.write_text(text, encoding="utf-8")
-    measured, truth = readme_columns()
-    text = re.sub("(?<=`)x y z range [^`]*", measured, text_of(README))
-    README.write_text(re.sub("(?<=`)true_range [^`]*", truth, text), encoding="utf-8")
 
 
 def refresh_examples() -> None:

@@ -133,8 +133,8 @@ def test_conventions() -> None:
     )
     rows = table("conventions.md", "value | outcome")
     assert [(int(row[0]), row[1].upper().replace(" ", "_")) for row in rows] == [(o, o.name) for o in Outcome]
-    says("conventions.md", "text of more than {} characters", ply.LONGEST_TEXT)
-    says("conventions.md", "(infinity is {} there)", float(ply.LARGEST))
+    says("conventions.md", "Texts above {} characters", ply.LONGEST_TEXT)
+    says("conventions.md", "(where infinity is {})", float(ply.LARGEST))
     says("conventions.md", "(`comment lidarscene {}`)", float(ply.VERSION_LINE.split()[1]))
     says("sensor_files.md", "the shortest range, {} ns for each metre", 2e9 / 299_792_458.0)
     says("sensor_files.md", '`"all"` is the first {}, without `stops`', MOST_STOPS)
@@ -155,10 +155,10 @@ def test_formats() -> None:
         FACTOR**2,
     )
     says("formats.md", "OSI {}, with a", float(f"{osi.VERSION[0]}.{osi.VERSION[1]}"))
-    says("formats.md", "({} by {} pixels, {} pixels of focal length)", *files.PICTURE_PX, files.CAMERA[0, 0])
+    says("formats.md", "({} by {} pixels, focal length of {} pixels)", *files.PICTURE_PX, files.CAMERA[0, 0])
     says(
         "formats.md",
-        "in steps of {} cm (it ends at {} m)",
+        "in steps of {} cm up to {} m",
         100.0 * range_image.RANGE_STEP_M,
         (2**16 - 1) * range_image.RANGE_STEP_M,
     )
@@ -166,15 +166,15 @@ def test_formats() -> None:
     says("formats.md", "bins are below {}, {}, {} percent", *shares)
     says("formats.md", "`occluded` is {} from {} percent, {} from {}", 0, shares[2], 1, shares[0])
     size = sum(np.dtype(c.dtype).itemsize for c in columns_of(truth=True, vectors=False))
-    says("formats.md", "some {} bytes a point and more", 10.0 * round(size / 10.0))
+    says("formats.md", "some {} bytes per point or more", 10.0 * round(size / 10.0))
 
 
 def test_motion_and_limits() -> None:
-    says("scene_files.md", "looked up in steps of {} ms at most", 1e3 * STEP_S)
+    says("scene_files.md", "between steps of at most {} ms", 1e3 * STEP_S)
     says("../ARCHITECTURE.md", "motions are tables of {} ms steps", 1e3 * STEP_S)
     miss = STEP_S**2 / 8.0
     says("scene_files.md", "{} µm at 10 m/s²", 1e6 * miss * 10.0)
-    says("scene_files.md", "may be {} degrees apart at most", math.degrees(LARGEST_STEP_RAD))
+    says("scene_files.md", "may differ by at most {} degrees", math.degrees(LARGEST_STEP_RAD))
     says(
         "scene_files.md", "yaw rates reach {} °/s and speeds {} km/s", LARGEST_YAW_RATE_DEG_S, 1e-3 * LARGEST_SPEED_M_S
     )

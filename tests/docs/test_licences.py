@@ -36,7 +36,7 @@ def licence_of(name: str) -> str:
 def test_every_licence_of_another_kind_is_named() -> None:
     """Packages that ours, its groups and its tests ask for, as far as they are installed."""
     asked = [re.split(r"[\s\[<>=!~;(]", text)[0].lower() for text in metadata.requires("lidarscene") or []]
-    installed = asked_for({*asked, "asam-osi-utilities", "tqdm"})
+    installed = asked_for({*asked, "asam-osi-utilities", "hypothesis", "tqdm"})
     assert len(installed) > 30
     others = {name for name in installed if OTHER.search(licence_of(name))}
     assert "ouster-sdk" in others or pytest.skip("ouster-sdk is not installed")

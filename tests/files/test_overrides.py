@@ -54,8 +54,8 @@ def test_override_in_a_list_of_tables(assignment: str, changed: list[object]) ->
 
 @pytest.mark.parametrize("assignment", ["bodies.c.x=1", "bodies.2.x=1", "bodies.-1.x=1", "bodies.a=1"])
 def test_override_of_a_table_that_is_not_there(assignment: str) -> None:
-    with told(f"--scene-set {assignment} | bodies.NAME.KEY | a, b"):
-        with_overrides(BODIES, [assignment], option="--scene-set")
+    with told(f"scene_overrides {assignment} | bodies.NAME.KEY | a, b"):
+        with_overrides(BODIES, [assignment], option="scene_overrides")
 
 
 @pytest.mark.parametrize("value", [1, 2.5, 1e-9, True, 'x "y"', [1, [2.5, "z"]], {"a b": {"c": [1, {"d": False}]}}])

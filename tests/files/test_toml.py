@@ -43,12 +43,12 @@ test_mistakes = calls(
     (lambda: read_toml(given_file("a.toml", "x = " + "[" * 100_000)), "a.toml | TOML | nested too deeply"),
     (lambda: read_toml(given_file("a.toml", "x = " + "1" * 5000)), "a.toml | read"),
     (lambda: read_toml(given_file("a.toml", b"\xff\xfe")), "a.toml | UTF-8 | line 1"),
-    (lambda: with_changes("rows=[{ y = 1 }]", "z=3"), "file --set rows=[{ y = 1 }]: | 'rows[0].y' | known here: x"),
+    (lambda: with_changes("rows=[{ y = 1 }]", "z=3"), "file overrides rows=[{ y = 1 }]: | 'rows[0].y' | known here: x"),
     (lambda: sensor_without("type"), "file | 'detector.type'"),
     (
         lambda: scene_model(
             given_file("a.toml", WALL_ALONE), overrides=["sun.illuminance_klux=1", "bodies.w.scale=-2"]
         ),
-        'a.toml --scene-set bodies.w.scale=-2: | bodies[0 "w"].scale | > 0 | -2',
+        'a.toml scene_overrides bodies.w.scale=-2: | bodies[0 "w"].scale | > 0 | -2',
     ),
 )

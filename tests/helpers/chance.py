@@ -3,7 +3,7 @@
 The limits of such tests are passed by chance once in some ten thousand tests, and every run draws its seed. Failing on
 one seed of six is chance, and reported as such; failing on two is not. What does not draw by the run's seed has no
 chance, nor has what passes on the same seed again: its cause is what a process does once, or what came before.
-Spoilt inputs (tests/fuzz) are counterexamples: they fail at once.
+Hypothesis' examples and spoilt inputs (tests/fuzz) are counterexamples: they fail at once.
 """
 
 import os
@@ -60,7 +60,7 @@ def _failed(reports: Sequence[pytest.TestReport]) -> bool:
 def _judged(item: pytest.Item, first: list[pytest.TestReport]) -> list[pytest.TestReport]:
     """Reports of a test that failed on the run's seed: of a pass, if it passes on all others."""
     failure = next(report for report in first if report.failed)
-    if item.get_closest_marker("fuzz"):
+    if item.get_closest_marker("fuzz") or getattr(getattr(item, "obj", None), "is_hypothesis_test", False):
         return first
     try:
         item.session._setupstate.teardown_exact(None)  # what the module and the session have drawn is made anew

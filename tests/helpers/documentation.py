@@ -113,7 +113,7 @@ ACCOUNT = re.compile(r"<!-- = (.*?)\s-->", re.DOTALL)
 """An expression that gives the numbers before it, the last ones of the text between the account before and it."""
 
 NO_NUMBERS = re.compile(
-    r"""^```.*?^```$|<!--.*?-->|\$\$.*?\$\$|`[^`\n]*`  # blocks, comments, equations, code
+    r"""^```.*?^```$|<!--.*?-->|<[^>\n]+>|\$\$.*?\$\$|`[^`\n]*`  # blocks, comments, tags, equations, code
     |\]\([^)]*\)|^[#].*?$                             # links, headings
     |\((?:[ST]?\d+[a-d]?(?:,\ )?)+\)                  # numbers of equations
     |\([^()]*\b(?:18|19|20)\d\d\b[^()]*\)            # a bracket with a year is a citation

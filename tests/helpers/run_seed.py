@@ -2,9 +2,9 @@
 
 import os
 import random
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import pytest
 
@@ -26,43 +26,6 @@ Case = TypeVar("Case")
 def chosen(count: int, cases: Sequence[Case]) -> list[Case]:
     """Some of many cases for `parametrize`, others in each run."""
     return random.Random(run_seed()).sample(cases, count)
-
-
-Domain = Sequence[Any] | tuple[float, float]
-"""Of an argument: a list or range of what it may be, or the ends of an interval."""
-ENDS = 0.1
-"""Choice: share of the arguments that are the first or the last of their domain, where functions break first."""
-
-
-def examples(
-    count: int, *more: Mapping[str, Any], **domains: Domain
-) -> Callable[[Callable[..., None]], Callable[[], None]]:
-    """Call a test for these cases, and for others of a domain in each run; a failure shows its arguments.
-
-    Args:
-        count: cases that are drawn
-        more: arguments of cases that every run has
-        domains: by the argument's name
-    """
-
-    def calls(test: Callable[..., None]) -> Callable[[], None]:
-        def of_all_cases() -> None:
-            draw = random.Random(f"{run_seed()} {test.__qualname__}")
-            for case in more:
-                test(**case)
-            for _ in range(count):
-                test(**{name: _drawn(draw, domain) for name, domain in domains.items()})
-
-        of_all_cases.__name__, of_all_cases.__doc__ = test.__name__, test.__doc__
-        return of_all_cases
-
-    return calls
-
-
-def _drawn(draw: random.Random, domain: Domain) -> Any:
-    if draw.random() < ENDS:
-        return domain[draw.choice((0, -1))]
-    return draw.uniform(*domain) if isinstance(domain, tuple) else draw.choice(domain)
 
 
 def shuffle(items: Sequence[pytest.Item], seed: int) -> list[pytest.Item]:

@@ -75,6 +75,7 @@ PARSED_ONLY = {
         "tests/studies/fit/on_scene/test_scene_fit.py::test_the_unit_that_recorded_is_found_again"
     ),
     "lidarscene fit os2.pcap": "tests/studies/fit/test_recording_fit.py::test_sensor_file_and_page_have_what_was_found",
+    "lidarscene fit turns/": "tests/studies/fit/test_at_rest.py::test_turns_at_rest_are_fitted_without_a_scene",
     "lidarscene paper -o out/paper": "tests/cli/test_paper.py::test_all_files_are_there_and_nothing_else",
     "lidarscene design aperture": "tests/studies/design/test_design_study.py::test_the_front_is_that_of_a_grid",
     "lidarscene design my-study.toml": "tests/studies/design/test_design_study.py::test_workers_give_the_same_front",

@@ -27,7 +27,7 @@ seeds = [0, 7]
 STOP = """
 import os, signal
 from lidarscene.batch import work
-work._save = lambda *_: os.kill(os.getpid(), signal.SIGSTOP)
+work._write = lambda *_: os.kill(os.getpid(), signal.SIGSTOP)
 """
 """Program for a worker: it is stopped as soon as it has claimed a frame."""
 

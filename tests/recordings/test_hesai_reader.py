@@ -234,7 +234,7 @@ def test_faces_of_a_mirror_are_frames(tmp_path: Path) -> None:
 
 def test_an_at128_needs_the_units_file(tmp_path: Path) -> None:
     path = pcap(tmp_path / "a.pcap", payloads(MODELS["AT128"], np.full(128, 500)))
-    with told("--metadata | .dat | AT128"):
+    with told("metadata | .dat | AT128"):
         open_recording(path)
     table = at128_corrections(tmp_path / "a.dat", azimuth=[0] * 64, elevation=[0] * 64)
     with told("a.dat | 128 channels | AT128 | 64"):

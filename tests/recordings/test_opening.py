@@ -60,5 +60,5 @@ def test_what_is_no_recording(tmp_path: Path) -> None:
         open_recording(tmp_path / "notes.txt")
     with told(".pcd.bin | .bin | none"):
         open_recording(tmp_path)
-    with told("--metadata | notes.txt | packets"):
+    with told("metadata | notes.txt | packets"):
         open_recording(tmp_path, tmp_path / "notes.txt")

@@ -115,7 +115,7 @@ def test_every_sensor_of_an_osf_is_in_reach_with_its_own_metadata(
             np.testing.assert_allclose(unit.lists[key], described.lists[key])
     with told("a.osf | 0 | 1 | 2"):
         open_recording(path, sensor_index=2)
-    with told("--sensor-index 1 | OSF"):
+    with told("sensor_index 1 | OSF"):
         open_recording(OUSTER, sensor_index=1)
 
 

@@ -148,11 +148,11 @@ def test_frames_that_are_traced_together_are_those_rendered_alone(
         ahead = partial(sim.begin, orders[number], len(orders) - number) if number < len(orders) else None
         cloud = sim.render(order, missed=lambda *arrays: missed.append(arrays), ahead=ahead)
         assert len(cloud) > 100
-        blocks.use_threads(8 if number % 2 else threads)
+        drjit().set_thread_count(8 if number % 2 else threads)
         assert_same(cloud, alone.render(order, missed=lambda *arrays: missed.append(arrays)))
         for array, reference in zip(missed.pop(), missed.pop(), strict=True):
             assert np.array_equal(array, reference)
-    blocks.use_threads(threads)
+    drjit().set_thread_count(threads)
     assert together == ([1, 1, 4] if first.number else [1, 5])
 
 

@@ -209,7 +209,6 @@ def test_wall(given: str, named: str) -> None:
     WALK animation = "run"\nmotion = { speed_m_s = 1 } | walker.glb | 'run' | walk, stand
     WALK animation = "stand"\nmotion = { speed_m_s = 1 } | animation | a stride | none does
     WALK standing = "stand" | standing | animation | no animation
-    WALK animation = "walk"\nmotion = { with_ego = true } | animation | motion.with_ego
     MESH "walker.ply"\nanimation = "walk" | animation | glTF | '.ply'
     reach_m = 50\nBALL | reach_m | [ego]
     BOX on_ground = true | on_ground | ground | none at 0, 0 m
@@ -279,7 +278,7 @@ test_calls = calls(
     (lambda: load_scene("scenes/none/car.toml"), "no such file | its name, car"),
     (lambda: load_scene("kar"), "scene 'kar' | car"),
     (lambda: load_scene("out/kar"), "out/kar | no such file"),
-    (lambda: load_rig("rig", overrides=["rear:a.b=1"]), "--set rear:a.b=1 | 'rear' | roof"),
+    (lambda: load_rig("rig", overrides=["rear:a.b=1"]), "overrides rear:a.b=1 | 'rear' | roof"),
     (lambda: Scene().add(box(), "asphalt", (0, 0, 0), position=(2.0, 0.0, 1.0)), "pose | position"),
     (lambda: Scene().add(box(), "asphalt", position="here"), "position | x, y, z | 'here'"),
     (lambda: Scene().add(box(), "asphalt", position=(1, 2)), "position | x, y, z | (1, 2)"),

@@ -13,6 +13,7 @@ from scipy.spatial import KDTree
 from lidarscene import catalog, load_scene
 from lidarscene.maths.pose import Pose
 from lidarscene.maths.trajectory import Course, GoingOn, HeldAtEnds, Motion, Repeated, Riding, Spline
+from lidarscene.physics.road.suspension import Suspension
 from lidarscene.scene.meshes import gltf
 from lidarscene.scene.meshes.mesh_cache import WalkingClips
 from lidarscene.scene.meshes.reading import read_mesh
@@ -73,8 +74,9 @@ def test_a_foot_that_bears_stands_still(tmp_path: Path, name: str, share: float)
 def test_wheels_roll_without_slip(tmp_path: Path, name: str, speed_m_s: float) -> None:
     """Tyres and rims are where a turn by the way over their radius has them, to 0.1 % of the way, any spoke for any."""
     body = person(tmp_path, name, f"speed_m_s = {speed_m_s}")
-    wheels = [part for part in body.parts if isinstance(part, Part) and part.stride_m is not None]
-    assert {part.name for part in wheels} == {"tyre", "rim"}
+    turns = {part.name for part in body.parts if isinstance(part, Part) and part.stride_m is not None}
+    assert turns == {"tyre", "rim"} | ({"trim", "trousers", "shoes"} if name.startswith("cyclist") else set())
+    wheels = [part for part in body.parts if isinstance(part, Part) and part.name in ("tyre", "rim")]
     tyres = next(part.vertices_m for part in wheels if part.name == "tyre")
     radius_m = 0.5 * tyres[:, 2].max()
     # Hubs are where the highest vertices of the tyres are.
@@ -85,6 +87,7 @@ def test_wheels_roll_without_slip(tmp_path: Path, name: str, speed_m_s: float) -
         for part, at_rest in zip(posed.parts, body.parts, strict=True):
             if not isinstance(at_rest, Part) or at_rest.stride_m is None:
                 assert part is at_rest
+            if not isinstance(at_rest, Part) or at_rest.name not in ("tyre", "rim"):
                 continue
             x, y, z = at_rest.vertices_m.T
             hub_m = hubs_m[np.abs(x[:, None] - hubs_m).argmin(axis=1)]
@@ -107,6 +110,50 @@ def test_wheels_roll_without_slip(tmp_path: Path, name: str, speed_m_s: float) -
         before, after = in_world(body, time_s), in_world(body, time_s + step_s)
         gone_m, _ = KDTree(after).query(before[before[:, 2].argmin()])
         assert gone_m < 0.25 * abs(speed_m_s) * step_s
+
+
+@pytest.mark.parametrize("name", ["own_car", "crossing_car", "oncoming_car"])
+def test_wheels_of_the_cars_of_the_scene_drive_roll(name: str) -> None:
+    """What is lowest hardly moves while the car goes on, late in its lap too; what stands by the road is rigid."""
+    scene = load_scene("drive")
+    body = scene.bodies[name]
+    assert body.gait is not None
+    assert body.gait.stride_m == pytest.approx(2 * np.pi * 0.3185 / 5, rel=2e-3)
+    assert all(parked.gait is None for parked in scene.bodies if parked.name.startswith("cars_"))
+    for time_s in 20.0 + np.linspace(0.0, 0.4, 7):
+        assert body.motion is not None
+        way_m = np.ptp([body.motion.at(np.array([at_s])).position_m[0] for at_s in (time_s, time_s + 5e-4)], axis=0)
+        before, after = in_world(body, time_s), in_world(body, time_s + 5e-4)
+        gone_m, _ = KDTree(after).query(before[before[:, 2].argmin()])
+        assert gone_m < 0.3 * np.linalg.norm(way_m)
+
+
+def test_a_cyclist_turns_the_cranks_and_keeps_the_feet_level_on_the_pedals(tmp_path: Path) -> None:
+    """One turn of the cranks in two of the wheels; soles stay level, and as far from pedals and ends of legs as before.
+
+    The left pedal is the cranks' part farthest to the left, the end of the left leg is its lowest.
+    """
+    body = person(tmp_path, "cyclist_182", "speed_m_s = 5")
+    assert body.gait is not None
+    assert body.gait.stride_m == pytest.approx(2 * np.pi * 0.71, rel=5e-3)
+    moving = [number for number, part in enumerate(body.parts) if isinstance(part, Part) and part.stride_m is not None]
+    soles_m, pedals_m, ankles_m = [], [], []
+    for time_s in np.linspace(0.0, body.gait.stride_m / 5.0, 13):
+        posed = body.posed(time_s, 0.0).parts
+        of = {part.name: part.vertices_m for part in (posed[number] for number in moving) if isinstance(part, Part)}
+        shoe, leg = of["shoes"][of["shoes"][:, 1] > 0.0], of["trousers"][of["trousers"][:, 1] > 0.0]
+        foot_m = shoe.mean(axis=0)
+        soles_m.append(np.ptp(shoe[:, 2]))
+        pedals_m.append(of["trim"][of["trim"][:, 1] > 0.15].mean(axis=0))
+        ankles_m.append(np.linalg.norm(leg - foot_m, axis=1).min())
+        pedals_m[-1] -= foot_m
+    assert np.ptp(soles_m) < 1e-3
+    assert np.ptp(pedals_m, axis=0).max() < 3e-3
+    assert np.ptp(ankles_m) < 0.02
+    turned_m = np.array(
+        [body.posed(t, 0.0).parts[moving[-1]].extent_m[0, 2] for t in (0.0, 0.25 * body.gait.stride_m / 5.0)]
+    )
+    assert turned_m[0] - turned_m[1] > 0.1
 
 
 def test_castors_of_a_wheelchair_turn_four_times_as_fast_as_its_wheels(tmp_path: Path) -> None:
@@ -180,6 +227,8 @@ LOOP = Spline(
             height_m=lambda x: 0.0 * x[:, 0],
         ),
         Repeated(motion=LOOP),
+        Riding(carrier=Repeated(motion=LOOP), pose=Pose.from_degrees(position_m=(0, 0, 1))),
+        Ride(path=Course(speed_m_s=1.1), height_m=lambda x: 0.02 * np.sin(0.7 * x[:, 0]), suspension=Suspension()),
     ],
 )
 def test_strides_pass_as_the_way_does(motion: Motion) -> None:

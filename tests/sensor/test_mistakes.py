@@ -25,15 +25,15 @@ def _in_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
 
 @mistakes(
     """
-    apd-905 detector=60 | apd-905.toml | --set detector=60 | a table | 60
-    apd-905 laser= | --set laser= | name or file of a sensor | ""
-    apd-905 optics={a=b} | --set optics={a=b} | name or file of a sensor | "{a=b}"
-    apd-905 scanner=apd | --set scanner=apd | sensor 'apd' | apd-905
-    apd-905 detector=car | --set detector=car | sensor 'car' | a scene
-    apd-905 detector=no.toml | --set detector=no.toml | no.toml | no such file
-    apd-905 scanner=mems-1550 | apd-905.toml | --set scanner=mems-1550 | tdc.window_us | <= 2 | 4
-    livox-avia detector=os1-128 | livox-avia.toml | --set detector=os1-128 | histogram.column_weights | left out
-    apd-905 detector=sipm-905 detector.gain=60 | --set detector=sipm-905 | --set detector.gain=60 | 'detector.gain'
+    apd-905 detector=60 | apd-905.toml | overrides detector=60 | a table | 60
+    apd-905 laser= | overrides laser= | name or file of a sensor | ""
+    apd-905 optics={a=b} | overrides optics={a=b} | name or file of a sensor | "{a=b}"
+    apd-905 scanner=apd | overrides scanner=apd | sensor 'apd' | apd-905
+    apd-905 detector=car | overrides detector=car | sensor 'car' | a scene
+    apd-905 detector=no.toml | overrides detector=no.toml | no.toml | no such file
+    apd-905 scanner=mems-1550 | apd-905.toml | overrides scanner=mems-1550 | tdc.window_us | <= 2 | 4
+    livox-avia detector=os1-128 | livox-avia.toml | overrides detector=os1-128 | histogram.column_weights | left out
+    apd-905 detector=sipm-905 detector.gain=60 | overrides detector=sipm-905 | detector.gain=60 | 'detector.gain'
     livox-mid-40 WEDGE | scanner | wedges | 2 or 3 | mirror | 1
     mems-1550 laser.speckle={} | laser.speckle | laser.divergence_mrad
     os1-128 laser.slope_broadening=true | laser.slope_broadening | left out

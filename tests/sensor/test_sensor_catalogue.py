@@ -267,6 +267,25 @@ def test_hdl32e_angles() -> None:
     assert angles_deg("hdl-32e", 32)[1] == pytest.approx(expected, abs=0.02)
 
 
+def test_beams_of_velodynes_are_stated_with_their_source() -> None:
+    """HDL-32E, 63-9113: a spot of 4 by 2 inches at 100 feet; the VLP-16's is assumed and says of what.
+
+    Rationale: without a beam `--rays` was refused.
+    """
+    laser = load_sensor("hdl-32e").laser
+    feet_mrad = 1e3 * 0.0254 / 30.48
+    beam_mrad = 1e3 * np.array([laser.divergence_rad, laser.divergence_elevation_rad])
+    assert beam_mrad == pytest.approx([4.0 * feet_mrad, 2.0 * feet_mrad], rel=0.03)
+    assert "assumed: as the VLS-128" in load_sensor("vlp-16").sources["laser.divergence_mrad"]
+    assert float(load_sensor("vlp-16").laser.divergence_rad) > 0.0
+
+
+@pytest.mark.parametrize("kind", ["sensors", "imus", "materials"])
+def test_memory_is_no_source(kind: str) -> None:
+    for name in catalog.names(kind):
+        assert "from memory" not in catalog.path_of(kind, name).read_text("utf-8").casefold(), name
+
+
 def test_hdl64e_angles() -> None:
     """Two blocks of 32, 26.8 degrees in all, finer above than below."""
     elevation = np.sort(by_channel("hdl-64e", 64))

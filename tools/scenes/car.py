@@ -2,8 +2,10 @@
 
 from car_body import body_parts
 from car_details import inside_parts, outside_parts
-from car_wheels import wheel_parts
+from car_shape import AXLE_HEIGHT_M, AXLES_M
+from car_wheels import SPOKES, wheel_parts
 from modelling import join
+from vehicle_parts import rolling
 
 COLOURS = {
     "paint": (0.75, 0.76, 0.78, 1.0),
@@ -15,11 +17,16 @@ COLOURS = {
     "taillamp": (0.55, 0.03, 0.03, 1.0),
     "plate": (0.92, 0.92, 0.88, 1.0),
     "interior": (0.10, 0.10, 0.11, 1.0),
-    "chrome": (0.80, 0.80, 0.80, 1.0),
+}
+COLOURS |= {
+    "mirrors/paint": COLOURS["paint"],
+    "mirrors/trim": COLOURS["trim"],
+    "mirrors/chrome": (0.80, 0.80, 0.80, 1.0),
 }
 
 
 def build():
-    """Part name -> Mesh."""
+    """Part name -> Mesh, the wheels `Skinned`, and the `Skeleton` by which they turn."""
     found = [body_parts(), wheel_parts(), outside_parts(), inside_parts()]
-    return {name: join(*(mesh for part in found for mesh in part.get(name, ()))) for name in COLOURS}
+    parts = {name: join(*(mesh for part in found for mesh in part.get(name, ()))) for name in COLOURS}
+    return rolling(parts, [(x, 0.0, AXLE_HEIGHT_M) for x in AXLES_M], turns=1 / SPOKES)

@@ -17,9 +17,11 @@ def outside_parts():
     wipers = [_wiper(foot_y=0.52), _wiper(foot_y=-0.08)]
     fin = ellipsoid(radii_m=(0.09, 0.018, 0.05), segments=10, rows=6).moved(position_m=(-1.45, 0, 1.435))
     return {
-        "paint": [join(housing, *handles).both_sides()],
-        "trim": [arm.both_sides(), *bars, *wipers, fin, _plate_frame(x=2.212), _plate_frame(x=-2.165)],
-        "chrome": [glass.both_sides()],
+        "paint": [join(*handles).both_sides()],
+        "trim": [*bars, *wipers, fin, _plate_frame(x=2.212), _plate_frame(x=-2.165)],
+        "mirrors/paint": [housing.both_sides()],
+        "mirrors/trim": [arm.both_sides()],
+        "mirrors/chrome": [glass.both_sides()],
         "taillamp": [box(size_m=(0.012, 0.30, 0.022), centre_m=(-1.79, 0, 1.345))],
         "plate": [_plate(x=2.226, z=0.47), _plate(x=-2.190, z=0.60)],
     }

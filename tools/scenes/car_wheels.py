@@ -5,7 +5,7 @@ from car_shape import AXLE_HEIGHT_M, AXLES_M
 from modelling import Mesh, cap, circle, closed_loft, join, lathe
 
 TRACK_HALF_M = 0.783
-SEGMENTS = 32
+SEGMENTS, SPOKES = 32, 5
 # Local z is the axle, outwards. (radius, z)
 _SHOULDER = [(0.208, -0.088), (0.232, -0.103), (0.268, -0.106), (0.298, -0.098), (0.312, -0.084)]
 _TREAD = [(0.318, -0.060), (0.319, -0.018), (0.311, -0.014)]
@@ -36,7 +36,7 @@ def _rim():
     hub = lathe([(0.062, 0.02), (0.060, 0.058), (0.048, 0.066), (0.030, 0.068)], segments=20)
     hub_cap = cap(np.column_stack([circle(20, radius_m=0.030), np.full(20, 0.068)]))
     disc = lathe([(0.150, -0.01), (0.150, 0.012), (0.07, 0.012)], segments=SEGMENTS)
-    turns = np.pi * 2 / 5 * np.arange(5)
+    turns = np.pi * 2 / SPOKES * np.arange(SPOKES)
     spokes = [_spoke(turn + lean * 0.13, lean=lean) for turn in turns for lean in (-1, 1)]
     back = cap(np.column_stack([circle(SEGMENTS, radius_m=0.188), np.full(SEGMENTS, -0.08)])).flipped()
     return join(barrel, hub, hub_cap, disc, back, *spokes)

@@ -1,7 +1,8 @@
 """GLB: parts in, the bytes of a binary glTF 2.0 file out, the same bytes on every run.
 
 Coordinates are written as modelled: z up, x forward, metres. A node above all parts turns them y up, as glTF asks for.
-Each part is one mesh, one node and one material, all of the part's name. Positions lie on a lattice of 2^-13 m
+Each part is one mesh, one node and one material, all of the part's name; "mirrors/paint" is mesh and node "mirrors" of
+a material "paint". Positions lie on a lattice of 2^-13 m
 (0.12 mm), so that a sine that differs in its last bit on another machine does not change the file. Turns of joints and
 shares of skins are whole numbers for the same reason.
 """
@@ -80,7 +81,7 @@ def glb_bytes(parts, colours, skeleton=None):
         "scene": 0,
         "scenes": [{"nodes": [len(parts)]}],
         "nodes": [
-            *({"name": name, "mesh": i} for i, name in enumerate(parts)),
+            *({"name": _shown(name), "mesh": i} for i, name in enumerate(parts)),
             {"name": "y_up", "matrix": Y_UP, "children": list(range(len(parts)))},
         ],
         "meshes": [],
@@ -99,7 +100,7 @@ def glb_bytes(parts, colours, skeleton=None):
         kind = "<u2" if len(points) < 65535 else "<u4"
         indices = _add(tree, blob, faces.astype(kind).ravel(), target=34963)
         primitive = {"attributes": attributes, "indices": indices, "material": i, "mode": 4}
-        tree["meshes"].append({"name": name, "primitives": [primitive]})
+        tree["meshes"].append({"name": _shown(name), "primitives": [primitive]})
     if skeleton is not None:
         _add_skeleton(tree, blob, skeleton, [isinstance(part, Skinned) for part in parts.values()])
     tree["buffers"] = [{"byteLength": len(blob)}]
@@ -110,10 +111,15 @@ def glb_bytes(parts, colours, skeleton=None):
     return struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks
 
 
+def _shown(name):
+    """Name of a part without that of its material."""
+    return name.partition("/")[0]
+
+
 def _material(name, colour):
     look = {"baseColorFactor": list(colour), "metallicFactor": 0.0, "roughnessFactor": 0.6}
     blend = {"alphaMode": "BLEND"} if colour[3] < 1 else {}
-    return {"name": name, "pbrMetallicRoughness": look, "doubleSided": True, **blend}
+    return {"name": name.rpartition("/")[2], "pbrMetallicRoughness": look, "doubleSided": True, **blend}
 
 
 def _skin_of(part, points_m):

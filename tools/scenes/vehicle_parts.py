@@ -6,11 +6,12 @@ from modelling import box, cap, circle, curve, ellipsoid, grid, join, lathe, rou
 
 UPRIGHT = [[1, 0, 0], [0, 0, -1], [0, 1, 0]]  # local z becomes the axle, to the left
 
-
 WHEELS = ("tyre", "rim")
 """Parts that turn."""
 SPOKES = 5
 """Of a wheel, which is the same again after so many parts of a turn."""
+FLAT_M = 0.005
+"""Most by which a tyre is flat where it bears."""
 
 
 def wheel(*, diameter_m, width_m, segments=4 * SPOKES, rim_share=0.66):
@@ -60,25 +61,28 @@ def ring(path, radius, segments=24):
 def nearest_axle(points_m, axles_m):
     """(v,) number of the axle on which each point of wheels turns; (axles, 3) are as high as their wheels are large."""
     off_m = np.linalg.norm((points_m[:, None] - axles_m)[:, :, [0, 2]], axis=2) - axles_m[:, 2]
-    if off_m.min(axis=1).max() > 1e-6:
+    if off_m.min(axis=1).max() > FLAT_M:
         raise ValueError("a part of a wheel is on no axle")
     return off_m.argmin(axis=1)
 
 
-def rolling(parts, axles_m, *, spokes):
+def rolling(parts, axles_m, *, turns, keys=0):
     """Parts with their wheels `Skinned`, and the `Skeleton` by which they roll.
 
-    The stride is a turn from one spoke of the largest wheel to the next; smaller ones turn faster.
+    Args:
+        turns: of the largest wheel in a stride, as from one spoke to the next; smaller ones turn faster
+        keys: key frames of the stride, if more than the wheels need
     """
+    axles_m = np.asarray(axles_m)
     joints = [f"axle_{number}" for number in range(len(axles_m))]
     carried = {name: np.eye(len(joints))[nearest_axle(parts[name].points_m, axles_m)] for name in WHEELS}
     parts = {name: Skinned(mesh, carried[name]) if name in carried else mesh for name, mesh in parts.items()}
-    most_rad = 2.0 * np.pi / spokes * axles_m[:, 2].max() / axles_m[:, 2]
+    most_rad = 2.0 * np.pi * turns * axles_m[:, 2].max() / axles_m[:, 2]
     # From one key frame to the next a turn goes the shorter way.
-    shares = np.linspace(0.0, 1.0, 1 + int(np.ceil(most_rad.max() / (0.5 * np.pi))))
-    turns = {joint: np.outer(shares, (0.0, -angle_rad, 0.0)) for joint, angle_rad in zip(joints, most_rad, strict=True)}
+    shares = np.linspace(0.0, 1.0, 1 + max(keys, int(np.ceil(most_rad.max() / (0.5 * np.pi)))))
+    angles = {joint: np.outer(shares, (0.0, -angle, 0.0)) for joint, angle in zip(joints, most_rad, strict=True)}
     places_m = dict(zip(joints, axles_m, strict=True))
-    return parts, Skeleton(places_m, dict.fromkeys(joints, ""), {"roll": Clip(1.0 / spokes, turns)})
+    return parts, Skeleton(places_m, dict.fromkeys(joints, ""), {"roll": Clip(turns, angles)})
 
 
 def mirrors(*, x_m, y_m, z_m, size_m):
@@ -102,7 +106,15 @@ def seat(*, x_m, y_m, z_m, width_m):
     return join(cushion, rest)
 
 
-def rider(*, seat_m, hands_m, feet_m, height_m, lean_m):
+def sitting_leg(*, seat_m, foot_m, height_m, side, bent=0.19):
+    """(hip, knee, ankle) of a leg of a `rider`, whose foot is at `foot_m`; `side` is 1 to the left."""
+    size = (height_m - seat_m[1]) / 0.80
+    hip = np.array([seat_m[0] + 0.03, side * 0.09 * size, seat_m[1] + 0.02])
+    ankle = np.add(foot_m, (-0.03, 0.0, 0.09))
+    return hip, np.add(0.5 * (hip + ankle), (bent * size, side * 0.03, 0.05 * size)), ankle
+
+
+def rider(*, seat_m, hands_m, feet_m, height_m, lean_m, bent=0.19):
     """Someone who sits on a bicycle or a motorcycle: part name -> Mesh.
 
     Args:
@@ -110,6 +122,7 @@ def rider(*, seat_m, hands_m, feet_m, height_m, lean_m):
         hands_m, feet_m: (x, y, z) on the left; the right foot of (3, 2) `feet_m` is the second
         height_m: of the helmet's top
         lean_m: how far the shoulders are before the hips
+        bent: how far knees are before the middle between hip and foot, times 1.75 m over the stature
     """
     size = (height_m - seat_m[1]) / 0.80
     hip, shoulder = (
@@ -123,17 +136,15 @@ def rider(*, seat_m, hands_m, feet_m, height_m, lean_m):
     torso = tube(path, np.array([0.13, 0.14, 0.135, 0.13, 0.125, 0.07]) * size, segments=10, flatten=1.35)
     arms, legs, shoes, hands = [], [], [], []
     for side, foot in zip((1, -1), feet_m, strict=True):
-        grip, foot = np.array(hands_m) * (1, side, 1), np.array(foot)
+        grip = np.array(hands_m) * (1, side, 1)
         from_m = np.add(shoulder, (0.0, side * 0.17 * size, -0.03))
         elbow = np.add(0.5 * (from_m + grip), (-0.04, side * 0.02 * size, -0.06 * size))
         arms.append(tube([from_m, elbow, grip], np.array([0.055, 0.048, 0.036]) * size, segments=8))
         hands.append(
             ellipsoid(radii_m=(0.05, 0.04, 0.035), segments=8, rows=5).moved(position_m=np.add(grip, (0.02, 0, 0)))
         )
-        top = np.add(hip, (0.03, side * 0.09 * size, -0.02))
-        ankle = np.add(foot, (-0.03, 0.0, 0.09))
-        knee = np.add(0.5 * (top + ankle), (0.19 * size, side * 0.03, 0.05 * size))
-        legs.append(tube([top, knee, ankle], np.array([0.085, 0.062, 0.048]) * size, segments=8))
+        joints = sitting_leg(seat_m=seat_m, foot_m=foot, height_m=height_m, side=side, bent=bent)
+        legs.append(tube(joints, np.array([0.085, 0.062, 0.048]) * size, segments=8))
         shoes.append(
             ellipsoid(radii_m=(0.14, 0.047, 0.05), segments=10, rows=6).moved(position_m=np.add(foot, (0.03, 0, 0.045)))
         )

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import vehicle_shell as shells
 from modelling import Mesh, box, ellipsoid, join, lathe, rounded_box, tube
+from pedalling import KNEE_BENT, SOLE_M, pedalling
 from vehicle_parts import SPOKES, WHEELS, mirrors, nearest_axle, plate, rider, ring, rolling, seat, wheel, wheels
 from vehicle_shell import Shape
 
@@ -23,6 +24,7 @@ COLOURS = {
     "taillamp": (0.55, 0.03, 0.03, 1.0),
     "plate": (0.92, 0.92, 0.88, 1.0),
     "interior": (0.10, 0.10, 0.11, 1.0),
+    "cranks/trim": (0.06, 0.06, 0.06, 1.0),
     "mirrors": (0.05, 0.05, 0.05, 1.0),
     "skin": (0.80, 0.58, 0.46, 1.0),
     "clothes": (0.20, 0.28, 0.48, 1.0),
@@ -91,7 +93,11 @@ def build(n):
     if np.abs(scale - 1.0).max() > MOST_STRETCH:
         raise ValueError(f"{n}: must be stretched by {scale}")
     meshes = {name: fitted(name, mesh) for name, mesh in parts.items()}
-    return rolling(meshes, placed(axles_m), spokes=6 if n.family == "bicycle" else SPOKES)
+    axles_m = placed(axles_m)
+    if n.class_name == "cyclist":
+        crank_m, pedals_m, seat_m = (placed(np.array(place_m)) for place_m in _crankset(n))
+        return pedalling(meshes, axles_m, crank_m=crank_m, pedals_m=pedals_m, seat_m=seat_m, height_m=n.height)
+    return rolling(meshes, axles_m, turns=1 / (6 if n.family == "bicycle" else SPOKES))
 
 
 def _merged(*groups):
@@ -513,13 +519,21 @@ def _trailer(n):
 # ---- two wheels ----
 
 
+def _crankset(n):
+    """(axle, (left, right) pedals, where a rider sits) of a bicycle."""
+    rear_m, base_m = n.x(n.axles[1]), n.axles[1] - n.axles[0]
+    x, z = rear_m + 0.43 * base_m, 0.41 * n.tyre[0]
+    pedals = [(x + side * 0.16, side * 0.14, z + side * 0.05) for side in (1, -1)]
+    return (x, 0.0, z), pedals, (rear_m + 0.30 * base_m - 0.02, 0.0, 0.53 * n.height + 0.03)
+
+
 def _bicycle(n):
     """A bicycle, and its rider if its class is one."""
     ridden = n.class_name == "cyclist"
     radius, x_front, x_rear = 0.5 * n.tyre[0], n.x(n.axles[0]), n.x(n.axles[1])
     top = (0.61 if ridden else 1.0) * n.height
     saddle = (x_rear + 0.30 * (x_front - x_rear), 0.0, 0.92 * top if not ridden else 0.53 * n.height)
-    crank = (x_rear + 0.43 * (x_front - x_rear), 0.0, 0.82 * radius)
+    crank, pedals_m, seat_m = _crankset(n)
     head = (x_front - 0.42 * radius, 0.0, top - 0.16)
     hub_front, hub_rear = (x_front, 0.0, radius), (x_rear, 0.0, radius)
     grip_x = head[0] - 0.10
@@ -543,17 +557,10 @@ def _bicycle(n):
     ]
     grips = tube(bar, 0.014, segments=6).both_sides()
     saddle_top = rounded_box(size_m=(0.26, 0.15, 0.06), centre_m=saddle, radius_m=0.025, corner=1)
-    pedals = [
-        box(size_m=(0.10, 0.09, 0.025), centre_m=(crank[0] + side * 0.16, side * 0.14, crank[2] + side * 0.05))
-        for side in (1, -1)
-    ]
+    pedals = [box(size_m=(0.10, 0.09, 0.025), centre_m=pedal) for pedal in pedals_m]
     cranks = [
-        tube(
-            [(crank[0], side * 0.06, crank[2]), (crank[0] + side * 0.16, side * 0.09, crank[2] + side * 0.05)],
-            0.012,
-            segments=5,
-        )
-        for side in (1, -1)
+        tube([(crank[0], side * 0.06, crank[2]), (x, side * 0.09, z)], 0.012, segments=5)
+        for side, (x, _, z) in zip((1, -1), pedals_m, strict=True)
     ]
     chain = box(size_m=(0.17, 0.02, 0.17), centre_m=(crank[0], -0.045, crank[2]))
     section = 0.5 * n.tyre[1]
@@ -577,7 +584,8 @@ def _bicycle(n):
         "paint": join(*bars),
         "tyre": join(*tyres),
         "rim": join(*rims, *spokes, *hubs),
-        "trim": join(saddle_top, grips, *pedals, *cranks, chain),
+        "trim": join(saddle_top, grips, chain),
+        "cranks/trim": join(*pedals, *cranks),
         "headlamp": ellipsoid(radii_m=(0.03, 0.03, 0.03), segments=8, rows=5).moved(
             position_m=(head[0] + 0.08, 0, head[2] - 0.02)
         ),
@@ -585,15 +593,15 @@ def _bicycle(n):
     }
     if not ridden:
         return _merged(parts)
-    feet = [(crank[0] + side * 0.16, side * 0.14, crank[2] + side * 0.05 + 0.01) for side in (1, -1)]
     return _merged(
         parts,
         rider(
-            seat_m=(saddle[0] - 0.02, saddle[2] + 0.03),
+            seat_m=seat_m[::2],
             hands_m=(grip_x, 0.5 * n.width - 0.06, top),
-            feet_m=feet,
+            feet_m=[np.add(pedal, (0.0, 0.0, SOLE_M)) for pedal in pedals_m],
             height_m=n.height,
             lean_m=0.24 * n.height / 1.75,
+            bent=KNEE_BENT,
         ),
     )
 

@@ -69,4 +69,4 @@ def build():
         "rim": wheel.both_sides(),
     }
     parts = {name: parts[name] for name in COLOURS}
-    return rolling(parts, AXLES_M, spokes=SPOKES)
+    return rolling(parts, AXLES_M, turns=1 / SPOKES)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import logging
-import os
 import sys
 import threading
 from collections.abc import Iterator
@@ -46,11 +45,6 @@ def require_packages(extra: str = "", *, local: bool) -> None:
     """
     # Without bokeh there are no pages, and all else works.
     require_together("batch", *filter(None, [extra]), without=("bokeh",) if local else ("bokeh", "cryptography"))
-
-
-def usable_cores() -> int:
-    """Number of cores of this machine that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
 @contextmanager

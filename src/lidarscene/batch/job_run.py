@@ -13,6 +13,7 @@ from ..errors import OptionError
 from ..files.arguments import checks_arguments
 from ..files.atomic import require_writable
 from ..formats.registry import FORMATS
+from ..kernel.device.blocks import usable_cores
 from ..kernel.device.gpus import gpus_in_use
 from . import WORKERS, cluster
 from .dispatch import FrameCallback, Progress, run_job
@@ -60,7 +61,7 @@ def batch(
     if os.path.exists(folder) and not os.path.isdir(folder):
         raise OptionError("{output} {0}: must be a folder, got a file", folder)
     require_writable(Store(folder).manifest)
-    count = workers or len(gpus_in_use()) or cluster.usable_cores()
+    count = workers or len(gpus_in_use()) or usable_cores()
 
     @contextmanager
     def connect() -> Iterator[Any]:
@@ -69,5 +70,5 @@ def batch(
             yield client
 
     # Each worker renders with its share of the cores, so that workers do not fight over them.
-    threads = max(1, cluster.usable_cores() // count) if scheduler is None else None
+    threads = max(1, usable_cores() // count) if scheduler is None else None
     return run_job(checked, folder, connect=connect, threads=threads, report=report, waiting=waiting)

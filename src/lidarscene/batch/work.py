@@ -5,7 +5,8 @@ from __future__ import annotations
 import signal
 import time
 from collections import OrderedDict
-from collections.abc import Callable, Hashable, Sequence
+from collections.abc import Callable, Hashable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -16,9 +17,11 @@ from ..cloud.point_cloud import PointCloud
 from ..errors import InputError, LidarSceneError, shorten
 from ..kernel.device import blocks, gpus
 from ..kernel.device.gate import exclusive
-from ..labels.point_rows import DeviceRows, PointRows
+from ..labels.point_rows import PointRows
 from ..maths.trajectory import pose_at
 from ..outputs import run_report
+from ..outputs.closing import Closing, fits_beside_next
+from ..outputs.streams import row_reader
 from ..rendering.frame import sensor_motion
 from ..rendering.simulator import Simulator, Summary
 from ..scene.scene import Scene
@@ -42,6 +45,8 @@ def render_frames(
 ) -> tuple[list[str], float]:
     """Render frames into the job's folder, or write drives of frames, unless they are there.
 
+    The files of a frame are written on a thread while the next one is traced.
+
     Args:
         threads: threads of Dr.Jit; None: those of the Dask worker
         claiming: whether frames that another process has claimed are left to it; it may hang
@@ -51,11 +56,26 @@ def render_frames(
     """
     since = time.monotonic()
     store, thread_count = Store(Path(folder)), threads or _threads_of_worker()
-    causes = [
-        _try_render(task, store, thread_count, claiming, _frames_following(tasks[number:]))
-        for number, task in enumerate(tasks)
-    ]
+    causes = [""] * len(tasks)
+    with Closing() as closing:
+        for number, task in enumerate(tasks):
+            with ExitStack() as frame:
+                frame.enter_context(_told(causes, number))
+                rendered = _rendered(task, store, thread_count, claiming, _frames_following(tasks[number:]))
+                causes[number] = frame.enter_context(rendered)
+                closing(frame)
     return causes, time.monotonic() - since
+
+
+@contextmanager
+def _told(causes: list[str], number: int) -> Iterator[None]:
+    """Make any failure within the block one line of text, entry ``number``, so that the other frames go on."""
+    try:
+        yield
+    except LidarSceneError as error:
+        causes[number] = " ".join(str(error).split())
+    except Exception as error:
+        causes[number] = " ".join(shorten(f"{type(error).__name__}: {error}").split())
 
 
 def _frames_following(tasks: Sequence[FrameTask | DriveTask]) -> int:
@@ -85,49 +105,47 @@ def _threads_of_worker() -> int:
     return int(get_worker().state.nthreads)
 
 
-@exclusive
-def _try_render(
+@contextmanager
+def _rendered(
     task: FrameTask | DriveTask, store: Store, threads: int, claiming: bool = True, following: int = 0
-) -> str:
-    """Render one frame; any failure becomes one line of text, so that the other frames go on.
+) -> Iterator[str]:
+    """Render one frame; its files are written as the block ends.
 
     Args:
         following: `_frames_following`
+
+    Yields:
+        "", or REUSED or ELSEWHERE
     """
-    try:
-        blocks.use_threads(threads)
-        return _render(task, store, claiming, following)
-    except LidarSceneError as error:
-        return " ".join(str(error).split())
-    except Exception as error:
-        return " ".join(shorten(f"{type(error).__name__}: {error}").split())
-
-
-def _render(task: FrameTask | DriveTask, store: Store, claiming: bool = True, following: int = 0) -> str:
     if task.version != __version__:
         raise InputError(f"lidarscene {task.version} gave this frame out, the worker has {__version__}")
     with store.claim(task.key) as is_ours:
         if claiming and not is_ours:
-            return ELSEWHERE
-        if store.row(task.key) is not None:  # another worker was faster
-            return REUSED
-        if isinstance(task, DriveTask):
+            yield ELSEWHERE
+        elif store.row(task.key) is not None:  # another worker was faster
+            yield REUSED
+        elif isinstance(task, DriveTask):
+            yield ""
             task.write(store, _scene_of(task.frames[0].scene))
         else:
-            _save(task, store, following)
-    return ""
+            write = _render(task, store, threads, following)
+            yield ""
+            if write is not None:
+                write()
 
 
-def _save(task: FrameTask, store: Store, following: int) -> None:
+@exclusive
+def _render(task: FrameTask, store: Store, threads: int, following: int) -> Callable[[], None] | None:
+    """Render one frame; returns what writes it, or None: a frame that would fill the memory is written here."""
+    blocks.use_threads(threads)
     simulator = _simulator(task)
     summary, ahead = Summary(), None
     if following:  # the device computes them while the files of this one are written
         ahead = partial(simulator.begin, replace(task.frame, number=task.frame.number + 1), following)
-    scene = _scene_of(task.scene)
+    scene, dataset = _scene_of(task.scene), None if task.place is None else task.place.dataset
     pieces: list[PointCloud | PointRows] = []
-    if task.place is not None and task.place.dataset == "semantickitti":
-        deskewing = simulator.deskewing(task.frame) if task.deskew else None
-        read = DeviceRows(simulator.empty(task.frame), scene, deskewing, own_car=task.own_car)
+    read = row_reader(simulator, task.frame, dataset, deskew=task.deskew, own_car=task.own_car)
+    if read is not None:
         simulator.stream(pieces.append, task.frame, summary=summary, ahead=ahead, read=read)
     else:
         cloud = simulator.render(task.frame, summary=summary, ahead=ahead)
@@ -136,12 +154,35 @@ def _save(task: FrameTask, store: Store, following: int) -> None:
         if task.deskew:
             cloud = simulator.without_motion(cloud, task.frame)
         pieces.append(cloud)
+    write = partial(_write, task, store, pieces, run_report.as_dict(summary), simulator, scene)
+    if fits_beside_next(simulator.sensor.scanner.pulses, task.frame.chunk):
+        return write
+    write()
+    return None
+
+
+def _write(
+    task: FrameTask,
+    store: Store,
+    pieces: Sequence[PointCloud | PointRows],
+    row: dict[str, Any],
+    simulator: Simulator,
+    scene: Scene,
+) -> None:
+    """Write the files of a frame and its row.
+
+    Args:
+        pieces: as of `Place.write`
+        row: the frame's summary
+    """
     if task.place is not None and not task.place.is_whole_drive:
         truth = task.place.write(store.folder, pieces, simulator, scene, all_around=task.all_around)
         files = [store.folder / file for file in task.place.files]
-        store.finish(task.key, files, run_report.as_dict(summary) | {"truth": truth})
+        store.finish(task.key, files, row | {"truth": truth})
         return
-    path, row = store.cloud(task.key, task.format), run_report.as_dict(summary)
+    (cloud,) = pieces
+    assert isinstance(cloud, PointCloud)
+    path = store.cloud(task.key, task.format)
     if task.place is not None:
         # Boxes are made of the truth when the drive is written, which leaves it out if it is not wanted.
         end_s = cloud.frame_start_s + simulator.sensor.scanner.frame_s

@@ -58,10 +58,11 @@ def run_design(arguments: argparse.Namespace) -> Answer:
         evaluate, show = None, opened.enter_context(progress("designs", logged=True))
         if arguments.workers is not None:
             from ..batch import cluster
+            from ..kernel.device.blocks import usable_cores
             from ..studies.design.workers import on_workers
 
             cluster.require_packages(local=True)
-            threads = max(cluster.usable_cores() // arguments.workers, 1)
+            threads = max(usable_cores() // arguments.workers, 1)
             client = opened.enter_context(cluster.local_client(arguments.workers))
             evaluate = on_workers(client, path, threads=threads)
         report = run_study(path, arguments.output, evaluate=evaluate, progress=show)

@@ -14,6 +14,7 @@ from typing import Any
 from ..files.installed_llvm import PATH_VARIABLE, users_path
 from ..kernel.device import backend
 from ..kernel.device.backend import BackendReport
+from ..kernel.device.blocks import usable_cores
 from ..kernel.device.gate import exclusive
 
 PACKAGES = (
@@ -91,8 +92,7 @@ def _key(words: str) -> str:
 def _machine() -> Iterator[tuple[str, str]]:
     yield "Python", f"{platform.python_version()} ({sys.executable})"
     yield "system", platform.platform()
-    usable = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
-    yield "CPUs", f"{os.cpu_count()}, {usable} of them usable here"
+    yield "CPUs", f"{os.cpu_count()}, {usable_cores()} of them usable here"
 
 
 def _version(package: str) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+
 import numpy as np
 
 from ..formats.category_array import CategoryArray
@@ -43,16 +45,17 @@ class Shades:
         scale: scale of a quantity; None for categories
     """
 
-    def __init__(self, cloud: Cloud, name: str, *, limits: tuple[float, float] | None = None) -> None:
+    def __init__(
+        self, cloud: Cloud, name: str, *, limits: tuple[float, float] | None = None, palette: Sequence[str] = ()
+    ) -> None:
         self.name = name
         values = np.asarray(cloud.column(name))
         unit = unit_of(cloud, name)
         self.kinds: list[tuple[str, str]] = []
         self.scale: Scale | None = None
         if (names := _category_names(cloud, name)) is not None:
-            ranks = self._sort_kinds(values, names)
-            palette = np.array([rgb(colour) for _, colour in self.kinds] or [rgb(NO_SURFACE)])
-            self.rgb = palette[ranks]
+            ranks = self._sort_kinds(values, names, palette)
+            self.rgb = np.array([rgb(colour) for _, colour in self.kinds] or [rgb(NO_SURFACE)])[ranks]
         else:
             if unit == "rad":
                 values, unit = np.degrees(values), "°"
@@ -64,14 +67,14 @@ class Shades:
             self.rgb = np.where(finite[:, None], colours, rgb(NO_SURFACE))
         self.label = name.replace("_", " ") + (f" [{unit}]" if unit != "1" and names is None else "")
 
-    def _sort_kinds(self, values: Numbers, names: dict[int, str]) -> Numbers:
+    def _sort_kinds(self, values: Numbers, names: dict[int, str], palette: Sequence[str]) -> Numbers:
         """Number the categories by frequency; all beyond the palette share one colour."""
         categories, inverse, counts = np.unique(values, return_inverse=True, return_counts=True)
         order = np.argsort(-counts, kind="stable")
         rank = np.argsort(order, kind="stable")
         colours = iter(PALETTE)
         for value in categories[order][: len(PALETTE)].tolist():
-            colour = NO_SURFACE if value < 0 else next(colours)
+            colour = NO_SURFACE if value < 0 else palette[value] if palette else next(colours)
             self.kinds.append(("none" if value < 0 else names.get(value, str(value)), colour))
         if len(categories) > len(PALETTE):
             self.kinds.append((f"{len(categories) - len(PALETTE)} more", "#e5e7eb"))

@@ -58,16 +58,18 @@ def perspective_picture(
     highlight_false_alarms: bool = True,
     size_px: tuple[int, int] = (1920, 1080),
     scale: tuple[float, float] | None = None,
+    palette: Sequence[str] = (),
 ) -> None:
     """Draw the cloud as the camera ``view`` sees it, which is in the coordinates of the points.
 
     Args:
         view: without one: from above and behind the sensor, towards what is near
         scale: lowest and highest value of the colours (`common_scale`); None: those of this cloud
+        palette: "#rrggbb" of each category by its number; without one by its frequency
     """
     canvas, whole = Canvas(size_px, BACKGROUND, INK), Thinned.of_cloud(cloud)
     cloud = whole.cloud()
-    shades = Shades(cloud, colour_by, limits=scale)
+    shades = Shades(cloud, colour_by, limits=scale, palette=palette)
     head = _head(canvas, whole, shades, alarms=highlight_false_alarms)
     box = (0, head, size_px[0], max(size_px[1] - head, 1))
     _draw_perspective(canvas, box, cloud, shades, view, alarms=highlight_false_alarms)

@@ -19,17 +19,73 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence, S
 from numbers import Integral, Real
 from typing import Annotated, Any, Literal, TypeVar
 
-from ..errors import OptionError, did_you_mean, one_line, unknown_option
+from ..errors import InputError, OptionError, did_you_mean, one_line
+from .attributes import meant_by_a_part
 
 Checked = TypeVar("Checked", bound=Callable[..., Any])
 
 CHECKED_INSIDE = object()
 """Note in an annotation: more is taken than it says, or the call says best what is wrong."""
 
-ANGLES = ("yaw", "yaw_deg", "pitch", "roll", "heading", "rotation", "orientation")
-"""Keywords that people try in place of a pose with angles."""
-
-ANGLES_GO = "angles go in pose=(x, y, z, yaw, pitch, roll)"
+FOREIGN_KEYWORDS: Mapping[str, Mapping[str, str]] = {
+    "pose": {
+        **dict.fromkeys(
+            ("yaw", "yaw_deg", "pitch", "roll", "heading", "rotation", "orientation"),
+            "angles go in pose=(x, y, z, yaw, pitch, roll)",
+        ),
+        **dict.fromkeys(("position", "sensor_pose", "origin", "location", "height", "at"), "a place is pose=(x, y, z)"),
+    },
+    "rays": dict.fromkeys(("seed", "number", "begin_s"), "a frame has it: simulator.render(seed=1)"),
+    "seed": dict.fromkeys(("rng", "random_state", "random_seed"), "the seed is seed=N"),
+    "begin_s": dict.fromkeys(("time", "t", "start"), "a frame begins at begin_s=1.0"),
+    "overrides": dict.fromkeys(
+        ("set", "settings", "params", "parameters", "config"),
+        'values of the sensor file go in overrides={"laser.peak_power_w": 50}',
+    ),
+    "scene_overrides": dict.fromkeys(
+        ("scene_set", "scene_settings", "night", "day", "dark"),
+        'values of the scene file go in scene_overrides={"sun.illuminance_klux": 1}',
+    ),
+    "number": {
+        **dict.fromkeys(
+            ("frames", "n_frames", "num_frames", "duration"),
+            "several frames are render_frames(scene, sensor, frames=N)",
+        ),
+        **dict.fromkeys(
+            ("noise", "noisy", "ideal"),
+            "noise follows from the sensor and the light; cloud.true_range has the range without",
+        ),
+        **dict.fromkeys(("picture", "image", "plot"), "a picture is written by cloud.plot().save('a.png')"),
+        **dict.fromkeys(("output", "path", "file", "save", "out"), "a cloud is written by cloud.save(path)"),
+        "overrides": 'other values are those of sensor.replace({"laser.peak_power_w": 50})',
+        "scene_overrides": 'other values are those of scene.replace({"sun.illuminance_klux": 1})',
+        "deskew": "the sensor's own motion is taken out by cloud.deskew(Simulator(scene, sensor).motion)",
+        "rig": "record(scene, Rig(file), outputs=...) renders a rig of several sensors",
+    },
+    "illuminance_klux": dict.fromkeys(
+        ("sun", "sunlight", "light", "lux", "klux"), "the sun's light is illuminance_klux=100"
+    ),
+    "probability": dict.fromkeys(("pd", "p_d", "p"), "the detection probability is probability=0.9"),
+    "distance": {"range": "the distance of SNR and P_d is distance=100"},
+    "points": {"values": "an axis is start=, stop= and points="},
+    "colour_by": {
+        **dict.fromkeys(("c", "by", "column", "cmap", "field"), "a column gives the colours: colour_by='range'"),
+        **dict.fromkeys(("save", "path", "file", "filename", "output"), "a picture is written by plot().save('a.png')"),
+    },
+    "position": {"scale": "a mesh is scaled before, such as mesh.apply_scale(2) of trimesh"},
+    "ascii": {"binary": "files are binary unless ascii=True"},
+    "material": dict.fromkeys(("reflectivity", "albedo", "reflectance"), "material=Material(reflectivity=0.2)"),
+    "class_": dict.fromkeys(
+        ("x", "y", "z", "range", "range_m", "intensity", "ring", "snr", "time"),
+        "columns are compared: cloud[(cloud.range > 5) & (cloud.range < 50)]",
+    ),
+    "job": dict.fromkeys(
+        ("scenes", "sensors", "seeds", "frames", "n"),
+        "a job file lists them; examples are lidarscene.batch('job', 'out')",
+    ),
+    "PointCloud.to_torch": dict.fromkeys(("device", "dtype"), "a tensor is moved by tensor.to(...)"),
+}
+"""Keywords that people try, with what does it, of calls with this option or of this name."""
 
 _MOST_ELEMENTS = 1000
 """Elements of a sequence that are looked at, each: of what is longer, only whether it is a sequence."""
@@ -61,11 +117,9 @@ def checks_arguments(call: Checked) -> Checked:
             for word in keywords.keys() - signature.parameters.keys():
                 names = [name for name in signature.parameters if name != "self"]
                 meant = ""
-                if "pose" in names and word in ANGLES:
-                    meant = ANGLES_GO
-                elif "overrides" in names and not did_you_mean(word, names):
+                if "overrides" in names and not did_you_mean(word, names):
                     meant = 'values of the file go in overrides={"TABLE.KEY": value}'
-                raise unknown_option(word, names, meant=meant)
+                raise unknown_option(word, names, meant=meant, call=call.__qualname__)
         if len(arguments) > len(positional) and not takes_list:
             others = [name for name in _keywords_of(call, signature) if name not in positional]
             raise _too_many(call.__name__, arguments[own:], positional[own:], others, _hints_of(call))
@@ -80,6 +134,25 @@ def checks_arguments(call: Checked) -> Checked:
         return call(*arguments, **keywords)
 
     return typing.cast(Checked, checked_call)
+
+
+def unknown_option(word: str, options: Collection[str], *, meant: str = "", call: str = "") -> InputError:
+    """Error for a keyword that is none of a call's options.
+
+    Args:
+        meant: what it means, unless `FOREIGN_KEYWORDS` has it or it is a slip of an option
+        call: name of the call
+    """
+    foreign: dict[str, str] = {}
+    for key, words in FOREIGN_KEYWORDS.items():
+        if key in options or key == call:
+            foreign = {**words, **foreign}
+    slip = did_you_mean(word, options, cutoff=0.8)
+    text = foreign.get(word) or ("" if slip else meant or meant_by_a_part(word, foreign))
+    meant = f"{text};" if text else slip or did_you_mean(word, options)
+    return InputError(
+        f"unknown option '{word}'; {meant}{' ' if meant else ''}known here: {', '.join(options) or 'none'}"
+    )
 
 
 def _require_once(

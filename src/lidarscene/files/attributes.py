@@ -1,4 +1,4 @@
-"""Attributes that an object lacks: a message names what does it.
+"""Names that an object, a class or a module lacks: a message says what does it.
 
 People try the names of other libraries first, and numbers without their unit: ``sensor.wavelength`` is
 ``sensor.laser.wavelength_m`` here.
@@ -25,24 +25,39 @@ def no_attribute(owner: object, word: str, *, name: str, foreign_names: Mapping[
     from .toml import keys_like
 
     public = [entry for entry in dir(owner) if not entry.startswith("_")]
-    meant = foreign_names.get(word) or did_you_mean(word, public, cutoff=0.8)
-    if not meant:
-        meant = _meant_by_a_part(word, foreign_names, {entry: f"{name}.{entry}" for entry in public})
-    if not meant:
-        fields = getattr(type(owner), "__dataclass_fields__", ())
-        inner = [f"{part}.{entry}" for part in fields for entry in _numbers_of(getattr(owner, part, None))]
-        found = keys_like(word, public) or keys_like(word, inner)
-        meant = question(f"{name}.{key}" for key in found) or did_you_mean(word, public, cutoff=0.7)
+    fields = getattr(type(owner), "__dataclass_fields__", ())
+    inner = [f"{part}.{entry}" for part in fields for entry in _numbers_of(getattr(owner, part, None))]
+    like = question(f"{name}.{key}" for key in keys_like(word, public) or keys_like(word, inner))
+    meant = meaning_of(word, {entry: f"{name}.{entry}" for entry in public}, foreign_names, like=like)
+    meant = meant or did_you_mean(word, public, cutoff=0.7)
     return AttributeError(f"{type(owner).__name__} has no '{word}'" + (f"; {meant}" if meant else ""))
 
 
-def _meant_by_a_part(word: str, foreign_names: Mapping[str, str], public: Mapping[str, str]) -> str:
-    """What does the longest name that a word has as its parts: get_actors, to_ros2, voxel_downsample."""
-    parts = re.findall("[a-z]+", word.lower())
+def meaning_of(word: str, public: Mapping[str, str], foreign_names: Mapping[str, str], *, like: str = "") -> str:
+    """What a name means that an object or a module lacks; "" if nothing is like it.
+
+    A name that people try comes first, then a slip of a public one, then the longest name that the word has as its
+    parts: get_actors, to_ros2, list_scenes.
+
+    Args:
+        public: names that are there, each with how it is asked for
+        foreign_names: as of `no_attribute`
+        like: question for numbers of the object's parts that have the words of the name, which come before its parts
+    """
+    return (
+        foreign_names.get(word)
+        or did_you_mean(word, public, cutoff=0.8)
+        or like
+        or meant_by_a_part(word, {**public, **foreign_names})
+    )
+
+
+def meant_by_a_part(word: str, calls: Mapping[str, str]) -> str:
+    """What the longest name in a word means, of names with what they mean; "" if there is none."""
+    parts = [part.lower() for part in re.findall("[A-Z]+(?![a-z])|[A-Z]?[a-z]+", word)]
     if parts[:1] == ["set"]:
-        return foreign_names.get("set", "")
+        return calls.get("set", "")
     names = ["_".join(parts[i:j]) for i in range(len(parts)) for j in range(len(parts), i, -1)]
-    calls = {**public, **foreign_names}
     return next((calls[name] for name in sorted(names, key=len, reverse=True) if name in calls), "")
 
 
@@ -59,27 +74,56 @@ def _refuse_to_set(owner: HintedAttributes, word: str, _: object) -> None:
     raise FrozenInstanceError(f"{type(owner).__name__}.{word} cannot be set{hint}")
 
 
-class HintedAttributes:
+_OPERATORS = {"__getitem__": "[...]", "__call__": "(...)", "__iter__": "iteration"}
+"""Operators that people try, and how a message writes them."""
+
+
+def _refusal_of(operator: str, hint: str) -> Any:
+    """Operator that says what does it."""
+
+    def refuse(owner: object, *_: Any, **__: Any) -> None:
+        raise TypeError(f"{type(owner).__name__} has no {_OPERATORS[operator]}; {hint}")
+
+    return refuse
+
+
+class _HintedClass(type):
+    """Class that answers a constructor which it lacks, such as ``Scene.from_file``, with what makes an object."""
+
+    if not TYPE_CHECKING:
+
+        def __getattr__(cls, word: str) -> Any:
+            # What Python and libraries look for gets no hint.
+            hint = "" if word.startswith("_") or not cls.MADE_BY else f"; {cls.MADE_BY}"
+            raise AttributeError(f"class {cls.__name__} has no '{word}'{hint}")
+
+
+class HintedAttributes(metaclass=_HintedClass):
     """Base of a class whose objects answer an attribute that they lack, or that cannot be set, with what does it.
 
     Attributes:
+        FOREIGN_NAMES: names that people try, operators such as ``__getitem__`` too, and what does it
         CHANGED_BY: what makes a changed one, of a class whose objects are frozen; "" if nothing does
+        MADE_BY: what makes one
     """
 
     __slots__ = ()
     FOREIGN_NAMES: ClassVar[Mapping[str, str]] = {}
     CHANGED_BY: ClassVar[str] = ""
+    MADE_BY: ClassVar[str] = ""
 
     def __init_subclass__(cls, **options: Any) -> None:
         super().__init_subclass__(**options)
         if "__setattr__" in vars(cls):  # a frozen dataclass, which says no more than that it cannot be set
             setattr(cls, "__setattr__", _refuse_to_set)  # noqa: B010
+        for operator in _OPERATORS.keys() & cls.FOREIGN_NAMES.keys():
+            setattr(cls, operator, _refusal_of(operator, cls.FOREIGN_NAMES[operator]))
 
     if not TYPE_CHECKING:
 
         def __getattr__(self, word: str) -> Any:
             if word.startswith("_"):  # what Python and libraries look for
                 raise AttributeError(f"{type(self).__name__} has no '{word}'")
-            changes = dict.fromkeys(("replace", "set", "update", "copy", "with_", "overrides"), self.CHANGED_BY)
-            foreign_names = {**changes, **self.FOREIGN_NAMES}
+            changes = ("replace", "set", "update", "copy", "with", "override", "overrides", "change", "modify")
+            foreign_names = {**dict.fromkeys(changes, self.CHANGED_BY), **self.FOREIGN_NAMES}
             raise no_attribute(self, word, name=type(self).__name__.lower(), foreign_names=foreign_names)

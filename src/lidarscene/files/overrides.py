@@ -13,24 +13,29 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from datetime import date, time
 from typing import Annotated, Any
 
-from ..errors import InputError
+from ..errors import InputError, OptionError
 from .arguments import CHECKED_INSIDE
 
 
-def with_overrides(tables: Mapping[str, Any], assignments: Iterable[str], *, option: str = "--set") -> dict[str, Any]:
+def with_overrides(
+    tables: Mapping[str, Any], assignments: Iterable[str], *, option: str = "overrides"
+) -> dict[str, Any]:
     """Return a copy of the tables with assignments ``a.b=value`` made; values are TOML, or else plain text.
 
     In a list of tables a part of the key is a name or a number: ``bodies.car.yaw_deg=30``.
 
     Args:
-        option: the command line's option for them
+        option: Python's name of the argument that has them
+
+    Raises:
+        InputError: for what is no assignment, or does not fit the tables
     """
     result: dict[str, Any] = _copy(tables)
     for assignment in assignments:
         _, equals, text = assignment.partition("=")
         path = key_path(assignment)
         if not equals or not all(path):
-            raise InputError(f"{option} {assignment}: must be KEY=VALUE, such as {_EXAMPLES[option]}")
+            raise change_error([assignment], f"must be KEY=VALUE, such as {_EXAMPLES[option]}", option=option)
         table: Any = result
         for depth in range(1, len(path)):
             part = path[depth - 1]  # names of tables in lists have become numbers
@@ -39,13 +44,26 @@ def with_overrides(tables: Mapping[str, Any], assignments: Iterable[str], *, opt
                 path = path[:depth] + number_list_entries(path[depth:], table)
                 if not path[depth].isdecimal() or int(path[depth]) >= len(table) or depth + 1 == len(path):
                     choices = ", ".join(str(entry.get("name", i)) for i, entry in enumerate(table))
-                    raise InputError(
-                        f"{option} {assignment}: must be {'.'.join(path[:depth])}.NAME.KEY, with a name of {choices}"
-                    )
+                    mistake = f"must be {'.'.join(path[:depth])}.NAME.KEY, with a name of {choices}"
+                    raise change_error([assignment], mistake, option=option)
             elif not isinstance(table, dict):
-                raise InputError(f"{option} {assignment}: {'.'.join(path[:depth])} is a value, not a table")
+                raise change_error([assignment], f"{'.'.join(path[:depth])} is a value, not a table", option=option)
         table[path[-1]] = toml_value(text)
     return result
+
+
+def change_error(
+    changes: Sequence[str], mistake: str, *, where: str = "", option: str = "overrides", hint: str = ""
+) -> InputError:
+    """Error of changes to a file's values: "FILE overrides a.b=3: MISTAKE"; the command line writes --set.
+
+    Args:
+        where: name of the file
+        option: Python's name of the argument that has the changes
+        hint: end of the message, in which ``{scene_overrides}`` is such a name
+    """
+    places = ["{0}"] * bool(where) + [f"{{{option}}} {{{number}}}" for number in range(1, len(changes) + 1)]
+    return OptionError(f"{' '.join(places)}: {{{len(changes) + 1}}}{hint}", where, *changes, mistake)
 
 
 Overrides = Annotated[str | Iterable[str] | Mapping[str, Any], CHECKED_INSIDE]
@@ -91,7 +109,7 @@ def to_builtin(value: Any) -> Any:
     return value.tolist() if hasattr(value, "tolist") else value
 
 
-_EXAMPLES = {"--set": "detector.gain=60", "--scene-set": "sun.illuminance_klux=1"}
+_EXAMPLES = {"overrides": "detector.gain=60", "scene_overrides": "sun.illuminance_klux=1"}
 
 
 def key_path(assignment: str) -> list[str]:
@@ -159,7 +177,7 @@ def split_sensor(assignment: str, among: Sequence[str]) -> tuple[str | None, str
     if not colon:
         return None, assignment
     if sensor not in among:
-        raise InputError(f"--set {assignment}: '{sensor}' is not among the sensors here: {', '.join(among)}")
+        raise change_error([assignment], f"'{sensor}' is not among the sensors here: {', '.join(among)}")
     return sensor, f"{own_key}{equals}{value}"
 
 

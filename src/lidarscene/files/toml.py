@@ -8,7 +8,7 @@ name Python types and its own models. Here its first error becomes a line in the
 from __future__ import annotations
 
 import tomllib
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, TypeVar, get_origin
 
@@ -17,7 +17,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from ..errors import InputError, did_you_mean, question
 from ..maths.units import SYMBOLS
 from .inputs import LARGEST_TEXT, require_file
-from .overrides import get_entry, key_path, number_list_entries, short_text
+from .overrides import change_error, get_entry, key_path, number_list_entries, short_text
 
 
 class FileModel(BaseModel):
@@ -98,14 +98,21 @@ def _require_shallow(value: Any) -> None:
 
 
 def validate(
-    model: type[Model], tables: Mapping[str, Any], where: str, *, overrides: Iterable[str] = (), option: str = "--set"
+    model: type[Model],
+    tables: Mapping[str, Any],
+    where: str,
+    *,
+    overrides: Iterable[str] = (),
+    always: Sequence[str] = (),
+    option: str = "overrides",
 ) -> Model:
     """Return ``tables`` as a model.
 
     Args:
         where: the name of the file, for messages
         overrides: assignments that `with_overrides` has made: the message names those at the key of the mistake
-        option: the command line's option for them
+        always: further ones, which the message names whatever the key
+        option: Python's name of the argument that has them
 
     Raises:
         InputError: with the first mistake and the number of further ones
@@ -116,17 +123,19 @@ def validate(
         first = error.errors()[0]
         further = f" (and {error.error_count() - 1} more)" if error.error_count() > 1 else ""
         mistake_path = [str(part) for part in _keys_in_file(first["loc"], tables, missing=first["type"] == "missing")]
-        file = where
+        named = [*always]
         for assignment in overrides:
             path = number_list_entries(key_path(assignment), tables)
             shared = min(len(path), len(mistake_path))
-            where += f" {option} {assignment}" if path[:shared] == mistake_path[:shared] else ""
+            named += [assignment] if path[:shared] == mistake_path[:shared] else []
         hint = ""
         if overrides and first["type"] == "extra_forbidden" and mistake_path[0] in OTHERS.get(option, ()):
-            hint = f"; try {next(another for another in OTHERS if another != option)}"
-        if where == file and first["type"] in ("missing", "extra_forbidden") and len(mistake_path) == 1:
+            hint = f"; try {{{next(another for another in OTHERS if another != option)}}}"
+        if not named and first["type"] in ("missing", "extra_forbidden") and len(mistake_path) == 1:
             hint = _other_kind_hint(model, tables)
-        raise InputError(f"{where}: {_error_text(first, model, tables)}{further}{hint}") from None
+        raise change_error(
+            named, _error_text(first, model, tables) + further, where=where, option=option, hint=hint
+        ) from None
 
 
 TELLTALE = {"laser": "sensor", "scanner": "sensor", "bodies": "scene", "scenes": "job", "sensors": "rig"}
@@ -140,8 +149,18 @@ def _other_kind_hint(model: type[BaseModel], tables: Mapping[str, Any]) -> str:
 
 
 OTHERS = {
-    "--set": ("sun", "sky", "air", "weather", "interference", "ego", "sensor", "picture", "materials", "bodies"),
-    "--scene-set": ("laser", "optics", "scanner", "detector", "receiver", "tdc", "sampler", "histogram", "mounting"),
+    "overrides": ("sun", "sky", "air", "weather", "interference", "ego", "sensor", "picture", "materials", "bodies"),
+    "scene_overrides": (
+        "laser",
+        "optics",
+        "scanner",
+        "detector",
+        "receiver",
+        "tdc",
+        "sampler",
+        "histogram",
+        "mounting",
+    ),
 }
 """Tables that belong to the other of the two options: a scene's, and a sensor's."""
 
@@ -279,12 +298,15 @@ def keys_of_tables(model: type[BaseModel]) -> list[str]:
 def keys_like(typed: str, keys: Iterable[str]) -> list[str]:
     """Dotted keys whose last part has the words of that of a typed key, units aside: laser.peak_power_w of "power".
 
-    Keys of just these words come before those of more; [] if more than MOST_KEYS fit.
+    Keys of just these words come before those of more, then those that have some in the table's name, such as
+    "laser_power"; [] if more than MOST_KEYS fit.
     """
     words = _words(typed)
     if max(map(len, words)) < 3:
         return []
-    fitting = [key for key in keys if set(words) <= set(key.rpartition(".")[2].split("_"))]
+    listed = [*keys]
+    fitting = [key for key in listed if set(words) <= set(key.rpartition(".")[2].split("_"))]
+    fitting = fitting or [key for key in listed if set(words) <= set(key.replace(".", "_").split("_"))]
     equal = [key for key in fitting if words == _words(key)]
     return equal or (fitting if len(fitting) <= MOST_KEYS else [])
 
@@ -298,7 +320,8 @@ _UNIT_WORDS = frozenset(word for unit in (*SYMBOLS, "lux", "mw", "kw") for word 
 
 def _words(key: str) -> list[str]:
     """Words of the last part of a dotted key, without its unit: ["peak", "power"] of "laser.peak_power_w"."""
-    words = key.rpartition(".")[2].lower().replace("-", "_").split("_")
+    # With two underscores keywords of other libraries say what is in what: laser__peak_power_w.
+    words = key.replace("__", ".").rpartition(".")[2].lower().replace("-", "_").split("_")
     while len(words) > 1 and words[-1] in _UNIT_WORDS:
         words.pop()
     return words

@@ -30,9 +30,15 @@ FOREIGN_NAMES = {
     **dict.fromkeys(("instance", "instances", "instance_id", "instance_labels"), 'cloud["body"], cloud.body_names'),
     **dict.fromkeys(("bounding_boxes", "bboxes", "boxes_3d"), "cloud.boxes(scene)"),
     **dict.fromkeys(("annotations", "targets", "objects"), 'cloud.boxes(scene), cloud["class"]'),
-    **dict.fromkeys(("shuffle", "sample", "downsample", "down_sample"), "cloud[::10], cloud.to_open3d()"),
-    **dict.fromkeys(("fields", "column_names", "keys"), "cloud.columns"),
-    **dict.fromkeys(("rotate", "translate", "apply", "transformed"), "cloud.transform(pose)"),
+    **dict.fromkeys(
+        ("shuffle", "sample", "downsample", "down_sample", "subsample"),
+        "cloud[numpy.random.permutation(len(cloud))[:1024]], cloud[::10]",
+    ),
+    **dict.fromkeys(
+        ("voxel_down_sample", "voxel_downsample", "voxel", "voxelize"), "cloud.to_open3d().voxel_down_sample(0.2)"
+    ),
+    **dict.fromkeys(("fields", "features", "column_names", "keys"), "cloud.columns"),
+    **dict.fromkeys(("rotate", "translate", "transformed"), "cloud.transform(pose)"),
     **dict.fromkeys(("height", "altitude"), "cloud.z"),
     "width": "cloud.range_image() has rows and columns",
     **dict.fromkeys(("laser_id", "beam_id", "laser", "beam"), "cloud.channel"),
@@ -41,15 +47,30 @@ FOREIGN_NAMES = {
     "echoes": 'cloud.select(status="echo")',
     **dict.fromkeys(("ground_truth", "truth"), "cloud.has_truth, cloud.true_range"),
     **dict.fromkeys(("reflectance", "albedo"), "cloud.reflectivity"),
-    **dict.fromkeys(("hist", "histogram"), "cloud.to_pandas()"),
     **dict.fromkeys(("get", "get_field"), 'cloud["intensity"]'),
     **dict.fromkeys(("velocity", "doppler"), "cloud.radial_velocity"),
     **dict.fromkeys(("pose", "origin"), "cloud.sensor_place"),
     **dict.fromkeys(("scatter", "imshow", "draw", "plot3d", "picture", "image"), "cloud.plot()"),
-    **dict.fromkeys(("info", "summary", "mean", "stats"), "print(cloud), cloud.to_pandas()"),
-    **dict.fromkeys(("filter", "query", "mask", "crop"), 'cloud.select(class_="car"), cloud[cloud.range < 50]'),
-    **dict.fromkeys(("num_points", "n_points", "size"), "len(cloud)"),
-    **dict.fromkeys(("to_dataframe", "to_df", "to_csv", "describe", "head"), "cloud.to_pandas()"),
+    **dict.fromkeys(("info", "summary", "stats", "statistics"), "print(cloud), cloud.to_pandas().describe()"),
+    **dict.fromkeys(("filter", "mask", "where"), 'cloud.select(class_="car"), cloud[cloud.range < 50]'),
+    "crop": "cloud[(cloud.x > 0) & (cloud.x < 50)]",
+    **dict.fromkeys(("num_points", "n_points", "size", "count"), "len(cloud)"),
+    **dict.fromkeys(("error", "errors", "range_error"), "cloud.range_m - cloud.true_range_m"),
+    **dict.fromkeys(("sort", "sort_by", "argsort"), "cloud[numpy.argsort(cloud.time)]"),
+    **dict.fromkeys(("split", "train_test_split"), "cloud[:1000], cloud[1000:]"),
+    **dict.fromkeys(("sensor", "scene"), 'cloud.metadata["sensor"], cloud.metadata["scene"]'),
+    **dict.fromkeys(("visualize", "visualise", "viz", "display"), "cloud.plot(), cloud.view()"),
+    **dict.fromkeys(("to_bytes", "tobytes"), "cloud.to_numpy().tobytes()"),
+    **dict.fromkeys(("to_dataframe", "to_df", "dataframe", "df"), "cloud.to_pandas()"),
+    **{
+        name: f"cloud.to_pandas().{name}(...)"
+        for name in ("to_csv", "groupby", "query", "sort_values", "value_counts", "to_json", "apply")
+    },
+    **{name: f"cloud.to_pandas().{name}()" for name in ("describe", "head", "tail", "hist", "iterrows")},
+    **{name: f"cloud.to_pandas().{name}(numeric_only=True)" for name in ("mean", "std", "min", "max", "median")},
+    **dict.fromkeys(("budget", "budgets", "photons"), "lidarscene.budget(cloud, scene, sensor)"),
+    **dict.fromkeys(("waveform", "waveforms"), "lidarscene.Simulator(scene, sensor).waveforms([0])"),
+    **dict.fromkeys(("append", "concat", "merge"), "cloud + other, sum(clouds)"),
     **dict.fromkeys(
         ("to_ros", "to_msg", "to_pointcloud2", "publish", "laserscan"), 'cloud.save("a.mcap"), `lidarscene stream`'
     ),
@@ -243,6 +264,7 @@ RING_ROWS = "ring_rows"
 class Cloud(CloudColumns, HintedAttributes):
     """Data of a `cloud.point_cloud.PointCloud`, which documents them: all that formats need of a cloud."""
 
+    MADE_BY = 'PointCloud("a.ply") reads a file, lidarscene.render(scene, sensor) makes one'
     CHANGED_BY = "dataclasses.replace(cloud, range_m=...) is another cloud"
 
     sensor_names: tuple[str, ...] = ()

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar
 import numpy as np
 
 from ..errors import InputError
+from ..files.arguments import require_type
 from ..files.attributes import HintedAttributes
 from ..files.late_binding import read_by_name
 
@@ -49,22 +50,26 @@ class Spectrum:
 @read_by_name("load_material")
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Material(HintedAttributes):
-    """A surface. ``Material("brick")`` is that of the catalogue.
+    """A surface. ``Material("brick")`` is that of the catalogue, ``Material(reflectivity=0.2)`` a diffuse one.
 
     Attributes:
+        name: in scenes; without one it says the reflectivity
         bsdf: "diffuse", "coated", "conductor", "mirror", "glass" or "retroreflector"
         reflectivity: diffuse hemispherical reflectivity at normal incidence; the specular one for conductors, mirrors
-            and glass
+            and glass; a number holds for every wavelength
         parameters: further numbers of that kind, constant or a `Spectrum`: facet_slope_deg (deviation of the facets'
             slope of a rough matt surface); coat_ior, coat_roughness; roughness, index_n, index_k; thickness_m;
             retro_coefficient_cd_per_lx_m2, retro_half_angle_deg; transmittance (diffuse hemispherical, of a thin
             surface); cover (fraction of the surface that is not gaps)
     """
 
+    MADE_BY: ClassVar[str] = (
+        'Material("brick") is of the catalogue, of lidarscene.materials(); Material(reflectivity=0.2) is diffuse'
+    )
     CHANGED_BY: ClassVar[str] = 'dataclasses.replace(material, name="mine") is another material'
 
-    name: str
-    bsdf: str
+    name: str = ""
+    bsdf: str = "diffuse"
     reflectivity: Spectrum
     parameters: Mapping[str, float | Spectrum] = field(default_factory=dict)
     description: str = ""
@@ -72,6 +77,18 @@ class Material(HintedAttributes):
     if TYPE_CHECKING:  # the fields, or what `read_by_name` reads
 
         def __init__(self, file: str = ..., /, **values: Any) -> None: ...
+
+    def __post_init__(self) -> None:
+        """Take a number for every wavelength, and name what has no name."""
+        given: Any = self.reflectivity
+        if not isinstance(given, Spectrum):
+            require_type("reflectivity", given, float)
+            if not 0.0 <= given <= 1.0:
+                raise InputError(f"Material: reflectivity: must be from 0 to 1, got {given}")
+            object.__setattr__(self, "reflectivity", Spectrum.constant(float(given)))
+        if not self.name:
+            first, last = self.reflectivity.value[0], self.reflectivity.value[-1]
+            object.__setattr__(self, "name", f"reflectivity {first:g}" + ("" if first == last else f" to {last:g}"))
 
     def at(self, wavelength_m: float) -> dict[str, Any]:
         """Name, kind, wavelength_m, reflectivity and parameters at one laser wavelength.

@@ -12,6 +12,8 @@ from contextlib import ExitStack
 from types import TracebackType
 from typing import Self
 
+from ..kernel.device import blocks
+
 
 class Closing:
     """Thread that completes the files of frames; they are complete when the block ends."""
@@ -45,3 +47,12 @@ class Closing:
                 self._wait()
         finally:
             self._thread.shutdown()
+
+
+def fits_beside_next(pulses: int, chunk: int | None) -> bool:
+    """Return whether a frame is so small that it may be in memory beside the next one.
+
+    Args:
+        chunk: `FrameOptions.chunk`
+    """
+    return pulses <= blocks.lanes_per_chunk(chunk)

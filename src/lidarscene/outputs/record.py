@@ -32,7 +32,7 @@ from ..scene.scene_file import SceneChoice, files_of_scene, load_scene
 from ..sensor.rig_file import Mounted, Rig
 from ..sensor.sensor_file import load_sensor
 from ..sensor.sensor_model import Sensor, warn_of_doubts
-from .closing import Closing
+from .closing import Closing, fits_beside_next
 from .frame_files import FrameFiles
 from .output_options import FRAMES, File, Outputs
 from .plan import CLOUDS, Plan, check_writable, protect_inputs
@@ -295,9 +295,8 @@ class _Run:
         Not where a file or a viewer has several frames, one of ``in_order``, and not for frames so large that two would
         fill the memory.
         """
-        chunk = blocks.lanes_per_chunk(self.frame.chunk)
         pulses = sum(simulator.sensor.scanner.pulses for simulator in self.simulators.values())
-        return len(clouds) > 1 and not any(in_order) and pulses <= chunk
+        return len(clouds) > 1 and not any(in_order) and fits_beside_next(pulses, self.frame.chunk)
 
     def _begin(self, cloud: _PlannedCloud, frames: int) -> None:
         """Start the first sensor of a cloud: the device computes while the files of the last one are written.

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, OptionError
 from ..formats.cloud_description import input_errors
 from ..formats.packets.layouts import Packet
 from ..maths.pose import Pose, rotation_numbers
@@ -56,7 +56,7 @@ def _recording_of(bag: BagReader, path: Path, metadata: Path | None) -> Recordin
         scans, name = _Scans(bag, path, messages), f"{maker} {path.suffix[1:] or 'bag'}"
         return replace(SCANS[kind](path, metadata, scans, name=name), close_file=bag.close)
     if metadata is not None:
-        raise InputError(f"--metadata {metadata}: needs a recording of packets, got clouds")
+        raise OptionError("{metadata} {0}: needs a recording of packets, got clouds", metadata)
     with input_errors(path, folder=True):
         transforms = _transforms(bag)
     recording_metadata = {"format": f"ros {path.suffix[1:] or 'bag'}", "sensor": "", "topic": topic}

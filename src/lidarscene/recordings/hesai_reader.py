@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, OptionError
 from ..formats.cloud_description import input_errors
 from ..formats.packets.layouts import (
     HESAI_START,
@@ -378,8 +378,9 @@ def _beams(layout: PacketFormat, metadata: Path | None) -> BeamCalibration:
     nominal = _nominal_beams(layout)
     if layout.has_mirror:
         if metadata is None:
-            raise InputError(
-                f"--metadata: must name the unit's file of corrections (.dat) for packets of an {layout.name}, got none"
+            raise OptionError(
+                "{metadata}: must name the unit's file of corrections (.dat) for packets of an {0}, got none",
+                layout.name,
             )
         mirror = read_mirror(metadata)
         _check_channels(layout, metadata, len(mirror.elevation_deg))

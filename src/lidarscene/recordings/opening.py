@@ -8,7 +8,7 @@ from contextlib import suppress
 from pathlib import Path
 
 from ..catalog import file_or_example
-from ..errors import InputError
+from ..errors import InputError, OptionError
 from ..files.arguments import checks_arguments
 from ..files.optional import import_optional
 from ..formats.cloud_description import input_errors
@@ -48,7 +48,9 @@ def open_recording(
     if read is _open_osf:
         recording = _open_osf(file, metadata_file, sensor_index)
     elif sensor_index:
-        raise InputError(f"--sensor-index {sensor_index}: needs an OSF, which may have several sensors, got {file}")
+        raise OptionError(
+            "{sensor_index} {0}: needs an OSF, which may have several sensors, got {1}", sensor_index, file
+        )
     else:
         recording = read(file, metadata_file)
     if not recording.count:
@@ -99,10 +101,8 @@ def _open_packets(path: Path, metadata: Path | None) -> Recording:
             path, lambda payload: velodyne_reader.is_velodyne(payload) or hesai_reader.is_hesai(payload)
         )
     if not packets:
-        raise InputError(
-            f"{path}: must have packets of Velodyne or Hesai, or an Ouster's metadata as {path.stem}.json beside it "
-            f"(or with --metadata)"
-        )
+        must = "must have packets of Velodyne or Hesai, or an Ouster's metadata as {1}.json beside it"
+        raise OptionError(f"{{0}}: {must} (or as {{metadata}})", path, path.stem)
     if velodyne_reader.is_velodyne(packets[0].payload):
         return velodyne_reader.open_velodyne(path, metadata, packets.where(velodyne_reader.is_velodyne))
     return hesai_reader.open_hesai(path, metadata, packets.where(hesai_reader.is_hesai))

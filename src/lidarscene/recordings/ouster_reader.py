@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, OptionError
 from ..files.optional import import_optional
 from ..formats.cloud_description import input_errors
 from ..maths.arrays import Numbers
@@ -42,7 +42,7 @@ def open_ouster(path: Path, metadata: Path | None, sensor_index: int = 0) -> Rec
             options = {"meta": [str(metadata_file)]}
             _require_whole(path)
         elif metadata is not None:
-            raise InputError(f"--metadata {metadata}: needs a pcap; an OSF contains its metadata")
+            raise OptionError("{metadata} {0}: needs a pcap; an OSF contains its metadata", metadata)
         with input_errors(path):
             file = path if options else _path_with_index(path, sensor_index, resources)
             source = sdk.open_source(str(file), index=True, collate=False, sensor_idx=sensor_index, **options)
@@ -129,7 +129,8 @@ def _description(path: Path, metadata: Path | None) -> Path:
         return metadata
     description = json_beside(path)
     if not description.is_file():
-        raise InputError(f"{path}: must have the sensor's metadata as {description.name} beside it, or --metadata F")
+        must = "must have the sensor's metadata as {1} beside it, or as {metadata}"
+        raise OptionError(f"{{0}}: {must}", path, description.name)
     return description
 
 

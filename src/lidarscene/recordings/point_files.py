@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ..errors import InputError
+from ..errors import InputError, OptionError
 from ..files.inputs import by_numbers
 from ..files.optional import import_optional
 from ..formats.cloud_description import input_errors
@@ -80,7 +80,7 @@ def open_cloud(path: Path, metadata: Path | None) -> Recording:
         InputError: if a file, a key or a value cannot be understood
     """
     if metadata is not None:
-        raise InputError(f"--metadata {metadata}: needs a recording of packets, got {path.name}")
+        raise OptionError("{metadata} {0}: needs a recording of packets, got {1}", metadata, path.name)
     files = [path] if path.is_file() else sorted(filter(suffix_of, path.iterdir()), key=by_numbers)
     if not files:
         raise InputError(f"{path}: must hold files that end in {', '.join(CLOUDS)}, got none")

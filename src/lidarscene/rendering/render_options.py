@@ -9,12 +9,12 @@ or their fields as keywords, or both:
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, TypedDict, TypeVar
 
-from ..errors import InputError, one_line, unknown_option
-from ..files.arguments import ANGLES, ANGLES_GO
+from ..errors import InputError, one_line
+from ..files.arguments import unknown_option
 from ..light.limits import INTERACTIONS, MOST_INTERACTIONS
 from .option_fields import Finite, Function, OneOf, Whole, check_options, list_options, option
 
@@ -238,7 +238,7 @@ class Keywords:
         """
         whole = self._remaining.pop(kind.KEYWORD, None) if options is None else options
         if whole is not None and not isinstance(whole, kind):
-            more = "; the coordinate system is coordinates=" if kind is FrameOptions else ""
+            more = "; frame N is number=N, the coordinate system is coordinates=" if kind is FrameOptions else ""
             raise InputError(f"{kind.KEYWORD}: must be {kind.__name__}, got {one_line(whole)}{more}")
         names = [field.name for field in dataclasses.fields(kind)]
         self._field_names += names
@@ -254,22 +254,9 @@ class Keywords:
             parameters: names of the other parameters of the call, which may have been meant
         """
         if self._remaining:
-            word = next(iter(self._remaining))
-            raise unknown_option(word, [*self._field_names, *parameters], meant=_right_call(word))
-
-
-CALLS = {
-    "frames": "several frames are render_frames(scene, sensor, frames=N)",
-    **dict.fromkeys(("position", "sensor_pose", "origin", "location"), "where the sensor stands is pose=(x, y, z)"),
-    **dict.fromkeys(ANGLES, ANGLES_GO),
-    **dict.fromkeys(("rng", "random_state", "random_seed"), "the seed is seed=N"),
-    "rig": "record(scene, Rig(file), outputs=...) renders a rig of several sensors",
-    **dict.fromkeys(("picture", "image", "plot"), "a picture is written by cloud.plot().save('a.png')"),
-    "deskew": "the sensor's own motion is taken out by cloud.deskew(Simulator(scene, sensor).motion)",
-    "time": "a frame begins at begin_s=1.0",
-    **dict.fromkeys(("output", "path", "file", "save", "out"), "a cloud is written by cloud.save(path)"),
-}
-"""Words that people try as keywords, and the call that does it."""
+            word, value = next(iter(self._remaining.items()))
+            options = [*self._field_names, *parameters]
+            raise unknown_option(word, options, meant=key_to_change(word, options, value))
 
 
 MAIN_KEYS = {
@@ -279,22 +266,23 @@ MAIN_KEYS = {
 """Words of scenes that people try, and the key of a scene file that they mean most."""
 
 
-def _right_call(word: str) -> str:
-    """Call that does what an unknown keyword asks for; "" if none is known."""
+def key_to_change(word: str, options: Collection[str], value: object = None) -> str:
+    """Keyword, or else method, by which a key or a table like a word is changed; "" if there is none.
+
+    Args:
+        options: keywords of the call
+        value: given with the word: a mapping is a table
+    """
     from ..scene.tables import SceneFile
     from ..sensor.sensor_file import SensorFile
 
-    return CALLS.get(word) or key_to_change(word, overrides=SensorFile, scene_overrides=SceneFile)
-
-
-def key_to_change(word: str, **models: type[BaseModel]) -> str:
-    """Keyword by which a key like a word is changed; "" if there is none.
-
-    Args:
-        models: keyword and model of its file
-    """
-    keyword, key = key_like(word, **models)
-    return f'a key of the file is changed by {keyword}={{"{key}": ...}}' if key else ""
+    models: dict[str, type[BaseModel]] = {"sensor": SensorFile, "scene": SceneFile}
+    tables = [owner for owner, model in models.items() if isinstance(value, Mapping) and word in model.model_fields]
+    owner, key = (tables[0], word) if tables else key_like(word, **models)
+    keyword = {"sensor": "overrides", "scene": "scene_overrides"}.get(owner, "")
+    change = f'{{"{key}": ...}}'
+    by = f"{keyword}={change}" if keyword in options else f"{owner}.replace({change})"
+    return f"values of the file are changed by {by}" if key else ""
 
 
 def key_like(word: str, **models: type[BaseModel]) -> tuple[str, str]:

@@ -11,7 +11,7 @@ import time
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Any, ClassVar, Literal, Unpack, cast, overload
+from typing import Annotated, Any, ClassVar, Literal, Unpack, cast, overload
 
 import numpy as np
 
@@ -96,8 +96,10 @@ class Simulator(HintedAttributes):
     """
 
     FOREIGN_NAMES: ClassVar[Mapping[str, str]] = {
+        **dict.fromkeys(("__call__", "simulate"), "simulator.render(seed=1) renders a frame"),
         **dict.fromkeys(
-            ("step", "next", "run", "render_frames", "frames"), "simulator.render(number=N) renders frame N"
+            ("__iter__", "step", "next", "run", "render_frames", "frames"),
+            "simulator.render(number=N) renders frame N, render_frames(scene, sensor, frames=10) ten",
         ),
         **dict.fromkeys(
             ("set_pose", "move", "add", "remove"), "LiveSimulator(scene, sensor) has bodies and an ego that move"
@@ -263,7 +265,7 @@ class Simulator(HintedAttributes):
     @exclusive
     def render(
         self,
-        frame: FrameOptions | None = None,
+        frame: Annotated[FrameOptions | None, "a FrameOptions (frame N is number=N) or None"] = None,
         observers: Observers | None = None,
         *,
         ahead: Callable[[], None] | None = None,

@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from ..errors import InputError, OptionWarning, warn
+from ..errors import OptionError, OptionWarning, warn
 from ..files.overrides import with_overrides
 from ..maths.arrays import Numbers
 from ..maths.pose import Pose
@@ -152,8 +152,9 @@ def _check_unit(path: Path, across: float, placement: _Placement, option: str) -
         return
     sizes = {unit: across * placement.scale * UNITS[unit] for unit in NAMES.values()}
     fits = [name for name, unit in NAMES.items() if SMALLEST_M * 4 <= sizes[unit] <= LARGEST_M / 4]
-    hint = f"; if its unit is {fits[0]}, add {option} bodies.mesh.unit={NAMES[fits[0]]}" if fits else ""
-    raise InputError(f"{path}: a mesh must be {SMALLEST_M:g} to {LARGEST_M:g} m across, got {across_m:.4g} m{hint}")
+    hint = f"; if its unit is {fits[0]}, add {{{option}}} bodies.mesh.unit={NAMES[fits[0]]}" if fits else ""
+    must = f"a mesh must be {SMALLEST_M:g} to {LARGEST_M:g} m across, got {across_m:.4g} m"
+    raise OptionError(f"{{0}}: {must}{hint}", path)
 
 
 def warn_of_assumptions(path: Path, scene: Scene, *, up: Axis) -> None:

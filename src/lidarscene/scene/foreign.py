@@ -98,11 +98,16 @@ def _part(piece: SubMesh, node: str, material: MaterialChoice | None, scene_mate
     if material is None:
         if piece.grey is None:
             raise InputError(
-                f"load_scene: '{node}' has no colour of its own and must have a material, by material or materials"
+                f"load_scene: '{node}' has no colour of its own and must have a material, as in "
+                "load_scene(mesh, material='brick')"
             )
         material = grey_material(f"colour of {node}", piece.grey)
     return Part(
-        vertices_m=piece.vertices_m, faces=piece.faces, material=scene_materials.add(material), name=piece.keys[0]
+        vertices_m=piece.vertices_m,
+        faces=piece.faces,
+        material=scene_materials.add(material),
+        name=piece.keys[0],
+        in_box=piece.in_box,
     )
 
 

@@ -10,7 +10,7 @@ import itertools
 import math
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
@@ -51,6 +51,7 @@ class Part:
         vertices_m: (v, 3) float64
         faces: (f, 3) uint32, indices into the vertices
         pattern: reflectivity pattern, for materials of kind "diffuse"; None: the material's reflectivity everywhere
+        in_box: whether boxes of labels enclose it; they leave out the outside mirrors of vehicles
         cutout: image of its gaps, which glass and mirrors do not have; None: solid
         stride_m: (k + 1, v, 3) float32, its vertices at k even instants of a stride, on the spot, and at the first of
             the next one; None: it is rigid
@@ -60,6 +61,7 @@ class Part:
     faces: Numbers
     material: str
     name: str = ""
+    in_box: bool = True
     pattern: ReflectivityPattern | None = None
     cutout: Cutout | None = None
     stride_m: Numbers | None = None
@@ -164,8 +166,14 @@ class Body(HintedAttributes):
         origin: table of a scene file that describes it; None if a program made or changed it
     """
 
+    MADE_BY: ClassVar[str] = 'scene.add("car", position=(20, 0, 0)) is a scene with one more'
     CHANGED_BY: ClassVar[str] = BODY_CHANGED_BY
-    FOREIGN_NAMES: ClassVar[Mapping[str, str]] = dict.fromkeys(("velocity", "speed", "trajectory"), "body.motion")
+    FOREIGN_NAMES: ClassVar[Mapping[str, str]] = {
+        **dict.fromkeys(("velocity", "speed", "trajectory"), "body.motion"),
+        **dict.fromkeys(("move", "translate", "rotate", "scale"), BODY_CHANGED_BY),
+        **dict.fromkeys(("mesh", "meshes", "vertices", "faces", "material", "materials"), "body.parts"),
+        **dict.fromkeys(("label", "class_id", "category"), "body.class_name"),
+    }
 
     name: str
     class_name: str
@@ -221,10 +229,17 @@ class Body(HintedAttributes):
         return ego is not None and isinstance(self.motion, Riding) and self.motion.carrier is ego
 
 
-class Bodies(tuple[Body, ...]):
+class Bodies(HintedAttributes, tuple[Body, ...]):
     """Bodies in their order, which are also found by name: ``scene.bodies["car"]``, of the only ``car.0`` too."""
 
     __slots__ = ()
+    FOREIGN_NAMES: ClassVar[Mapping[str, str]] = {
+        **dict.fromkeys(("keys", "names"), "[body.name for body in scene.bodies]"),
+        **dict.fromkeys(("values", "items", "list"), "[body for body in scene.bodies]"),
+        **dict.fromkeys(("get", "find", "by_name"), 'scene.bodies["car"]'),
+        **dict.fromkeys(("add", "append", "insert"), 'scene.add("car", position=(20, 0, 0))'),
+        **dict.fromkeys(("remove", "pop", "delete"), 'scene.remove("car")'),
+    }
 
     def __getitem__(self, key: Any) -> Any:
         if not isinstance(key, str):
@@ -374,15 +389,23 @@ class Scene(HintedAttributes):
         origin: `saving.SceneOrigin`, what `save` writes of all that Python did not change; None: nothing
     """
 
+    MADE_BY: ClassVar[str] = (
+        'Scene("car") reads a name or a file, Scene().add(mesh, "brick") makes one; lidarscene.scenes() lists the names'
+    )
     CHANGED_BY: ClassVar[str] = SCENE_CHANGED_BY
 
     FOREIGN_NAMES: ClassVar[Mapping[str, str]] = {
+        **dict.fromkeys(("__getitem__", "__iter__", "get", "find", "by_name"), 'scene.bodies["car"]'),
         **dict.fromkeys(("objects", "meshes", "actors", "vehicles"), "scene.bodies"),
         **dict.fromkeys(("weather", "fog", "rain", "snow"), "scene.air.weather"),
         **dict.fromkeys(
             ("add_body", "add_mesh", "add_object", "add_box", "add_sphere", "spawn"),
             'scene.add(mesh, "brick", position=(20, 0, 1))',
         ),
+        **dict.fromkeys(("delete", "pop", "drop", "discard"), 'scene.remove("car")'),
+        **dict.fromkeys(("export", "write", "dump", "to_file", "to_toml"), 'scene.save("mine.toml")'),
+        **dict.fromkeys(("triangles", "n_triangles", "num_triangles", "stats"), 'scene.facts()["triangles"]'),
+        **dict.fromkeys(("visualize", "visualise", "viz", "display"), "scene.plot(), scene.view()"),
         **dict.fromkeys(("move", "set_pose"), BODY_CHANGED_BY),
         **dict.fromkeys(("set_sun", "set_weather"), SCENE_CHANGED_BY),
         "sensor": "scene.sensor_name, scene.sensor_pose",
@@ -511,12 +534,13 @@ class Scene(HintedAttributes):
             if chosen is None:
                 if piece.grey is None:
                     raise InputError(
-                        "scene.add: the mesh has no colour of its own and must have a material, as 'brick', got none"
+                        "scene.add: the mesh has no colour of its own and must have a material, as in "
+                        "scene.add(mesh, 'brick'), got none"
                     )
                 colour_of = name if len(pieces) == 1 else f"{name}, {piece.keys[0]}"
                 chosen = grey_material(f"colour of {colour_of}", piece.grey)
             key = chosen if isinstance(chosen, str) else chosen.name
-            if isinstance(chosen, Material) and materials.get(key, chosen) != chosen:
+            if isinstance(chosen, Material) and asdict(materials.get(key, chosen)) != asdict(chosen):
                 raise InputError(f"scene.add: material '{key}': the scene has another of this name")
             if key not in materials:
                 materials[key] = catalogue_material(chosen) if isinstance(chosen, str) else chosen
@@ -526,6 +550,7 @@ class Scene(HintedAttributes):
                     faces=piece.faces,
                     material=key,
                     name=piece.keys[0],
+                    in_box=piece.in_box,
                     cutout=piece.cutout,
                 )
             )

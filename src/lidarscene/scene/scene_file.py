@@ -22,7 +22,7 @@ import numpy as np
 from .. import catalog
 from ..errors import InputError, OptionWarning, warn
 from ..files.arguments import CHECKED_INSIDE, checks_arguments
-from ..files.overrides import Overrides, assignments, key_path, with_overrides
+from ..files.overrides import Overrides, assignments, change_error, key_path, with_overrides
 from ..files.toml import read_toml, validate
 from ..materials.material import Material
 from ..materials.material_file import catalogue_material
@@ -143,7 +143,7 @@ def scene_model(path: Path, *, overrides: Sequence[str] = ()) -> SceneFile:
     Raises:
         InputError: if a file, a key or a value cannot be understood
     """
-    option = "--scene-set"
+    option = "scene_overrides"
     if is_mesh(path):
         tables = mesh_tables(path, overrides, option=option)
     else:
@@ -315,7 +315,7 @@ def replaced_scene(scene: Scene, changes: Sequence[str]) -> Scene:
 
 def _refuse_overrides(path: Path, overrides: Sequence[str]) -> None:
     if overrides:
-        raise InputError(f"--scene-set {overrides[0]}: the scene must be a TOML file, got {path}")
+        raise change_error(overrides[:1], f"the scene must be a TOML file, got {path}", option="scene_overrides")
 
 
 def _sensor_name(name: str, folder: Path) -> str:
@@ -535,6 +535,7 @@ def _mesh_parts(
             faces=piece.faces,
             material=material,
             name=piece.keys[0],
+            in_box=piece.in_box,
             pattern=pattern,
             cutout=piece.cutout,
             stride_m=_upright_stride(piece.stride.vertices_m, up) * scale if piece.stride and walks else None,

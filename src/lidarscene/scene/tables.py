@@ -283,8 +283,6 @@ class BodyFile(PoseFile):
             raise ValueError(f"pattern is for meshes, {shape} has none")
         if self.primitive and self.animation:
             raise ValueError(f"animation is for meshes, {shape} has none")
-        if self.animation and any(motion is not None and motion.with_ego for motion in self.motions()):
-            raise ValueError("animation does not go with motion.with_ego")
         if self.standing and not self.animation:
             raise ValueError("standing must go with animation, got no animation")
         if self.primitive and self.material is None:

@@ -19,7 +19,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from ..maths.arrays import Numbers
-from ..maths.trajectory import ALWAYS, GoingOn, HeldAtEnds, Motion, Repeated
+from ..maths.trajectory import ALWAYS, GoingOn, HeldAtEnds, Motion, Repeated, Riding
 from .ride import Ride
 
 STEP_EXPONENT = 0.42
@@ -91,7 +91,7 @@ class Gait:
         The phase counts from the start of a motion with an end. One without goes at a constant speed.
         """
         speed_m_s = self._speed_m_s(motion, time_s)
-        return np.stack([self.strides + self._phase(motion, time_s, speed_m_s), self._level(speed_m_s)], axis=1)
+        return np.stack([self.strides + self._phase(motion, time_s), self._level(speed_m_s)], axis=1)
 
     def continued(self, before: Motion, motion: Motion, time_s: float) -> Gait:
         """Return the gait on another motion from a time on, at which its legs are as on the one before."""
@@ -118,23 +118,26 @@ class Gait:
         stride_m = self.stride_m * self._level(speed_m_s)
         return np.asarray(np.divide(speed_m_s, stride_m, out=np.zeros_like(speed_m_s), where=stride_m > 0.0))
 
-    def _phase(self, motion: Motion, time_s: Numbers, speed_m_s: Numbers) -> Numbers:
-        """Strides since the start of a motion at (n,) times, at which it has these speeds."""
+    def _phase(self, motion: Motion, time_s: Numbers) -> Numbers:
+        """Strides since the start of a motion at (n,) times."""
         if isinstance(motion, Ride):
-            return self._phase(motion.path, time_s, speed_m_s)
+            return self._phase(motion.path, time_s)
+        if isinstance(motion, Riding) and motion.span_s == ALWAYS:
+            # The wheels of a vehicle that carries the sensor: their way is that of its origin.
+            return self._phase(motion.carrier, time_s)
         if isinstance(motion, HeldAtEnds):
-            return self._phase(motion.motion, np.clip(time_s - motion.delay_s, *motion.motion.span_s), speed_m_s)
+            return self._phase(motion.motion, np.clip(time_s - motion.delay_s, *motion.motion.span_s))
         if isinstance(motion, GoingOn):
             within_s = np.clip(time_s, *motion.motion.span_s)
-            beyond = (time_s - within_s) * self._rate_hz(speed_m_s)
-            return np.asarray(self._phase(motion.motion, within_s, speed_m_s) + beyond)
+            beyond = (time_s - within_s) * self._rate_hz(self._speed_m_s(motion, within_s))
+            return np.asarray(self._phase(motion.motion, within_s) + beyond)
         if isinstance(motion, Repeated):
             first_s, last_s = motion.motion.span_s
             rounds, within_s = np.divmod(time_s - first_s, last_s - first_s)
-            total = self._phase(motion.motion, np.array([last_s]), np.zeros(1))[0]
-            return np.asarray(rounds * total + self._phase(motion.motion, first_s + within_s, speed_m_s))
+            total = self._phase(motion.motion, np.array([last_s]))[0]
+            return np.asarray(rounds * total + self._phase(motion.motion, first_s + within_s))
         if motion.span_s == ALWAYS:
-            return np.asarray(time_s * self._rate_hz(speed_m_s))
+            return np.asarray(time_s * self._rate_hz(self._speed_m_s(motion, np.zeros(1))))
         if id(motion) not in self._ways:
             self._ways[id(motion)] = motion, self._way(motion)
         return _cubic(self._ways[id(motion)][1], np.clip(time_s, *motion.span_s))

@@ -13,7 +13,7 @@ from typing import Any
 
 from ..catalog import sensor_path
 from ..errors import InputError
-from ..files.overrides import get_at, key_path, short_text, toml_text, toml_value, with_overrides
+from ..files.overrides import change_error, get_at, key_path, short_text, toml_text, toml_value, with_overrides
 from ..files.toml import read_toml
 
 
@@ -82,9 +82,8 @@ def split_parts(overrides: Iterable[str]) -> tuple[list[str], list[str]]:
         key, value = _parsed(text)
         # Text with a brace was meant as a table, but is no TOML.
         if is_part(key, value) and (not value or value.startswith("{")):
-            raise InputError(
-                f"--set {text}: must be the name or file of a sensor, or a table in TOML, got {short_text(value)}"
-            )
+            must = "must be the name or file of a sensor, or a table in TOML"
+            raise change_error([text], f"{must}, got {short_text(value)}")
         (parts if is_part(key, value) else others).append(text)
     return parts, others
 
@@ -107,9 +106,9 @@ def with_parts(tables: Mapping[str, Any], parts: Iterable[str]) -> dict[str, Any
             path = sensor_path(name)
             donor = read_toml(path)
         except InputError as error:
-            raise InputError(f"--set {text}: {error}") from None
+            raise change_error([text], str(error)) from None
         if not isinstance(donor.get(key), dict):
-            raise InputError(f"--set {text}: {path} must be a sensor file, got one without [{key}]")
+            raise change_error([text], f"{path} must be a sensor file, got one without [{key}]")
         changed = with_part_of(changed, key, donor, path.parent)
     return changed
 

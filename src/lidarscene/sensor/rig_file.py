@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Protocol
 from pydantic import Field, model_validator
 
 from ..catalog import file_or_example
-from ..errors import InputError
+from ..errors import InputError, placed
 from ..files.arguments import checks_arguments
 from ..files.attributes import HintedAttributes
 from ..files.late_binding import read_by_name
@@ -55,6 +55,7 @@ class Rig(HintedAttributes):
         imu: the vehicle's own, or None
     """
 
+    MADE_BY: ClassVar[str] = 'Rig("rig") reads the name of an example or a file'
     CHANGED_BY: ClassVar[str] = "dataclasses.replace(rig, imu=None) is another rig"
 
     name: str
@@ -144,7 +145,7 @@ def read_rig(path: Path, *, sensor: SensorLookup = load_sensor, overrides: Seque
         try:
             built = sensor(name, overrides=entry_changes)
         except InputError as error:
-            raise InputError(f'{path}: sensors[{index} "{entry.label}"]: {error}') from None
+            raise placed(f'{path}: sensors[{index} "{entry.label}"]', error) from None
         mounted.append(Mounted(label=entry.label, sensor=built, pose=entry.pose()))
     imu = None
     if file.imu is not None:

@@ -15,7 +15,7 @@ from pydantic import Field, model_validator
 from ..catalog import names, sensor_path
 from ..errors import InputError
 from ..files.arguments import checks_arguments
-from ..files.overrides import Overrides, assignments
+from ..files.overrides import Overrides, assignments, change_error
 from ..files.table_model import Number, Table
 from ..files.toml import FileModel, read_toml, validate
 from ..maths.units import key_in_si, si
@@ -230,7 +230,7 @@ class SensorFile(FileModel):
         if counts and "receiver" in self.model_fields_set:
             raise ValueError('receiver: must be left out with detector.type = "spad", whose firings are counted')
         if counts and self.laser.slope_broadening:
-            raise ValueError('laser.slope_broadening: must be left out with detector.type = "spad", take --rays')
+            raise ValueError('laser.slope_broadening: must be left out with detector.type = "spad", take several rays')
         if counts and self.sampler is not None:
             raise ValueError('sampler: must be left out with detector.type = "spad", which has a histogram')
         return self
@@ -370,7 +370,7 @@ def _check_response(sensor: Sensor) -> None:
     """Raise InputError for a frequency response that this detector or pulse cannot have."""
     rate = sensor.coupling_rate
     if rate is not None and sensor.laser.slope_broadening:
-        raise InputError("laser.slope_broadening: must be left out with receiver.ac_coupling_khz, take --rays")
+        raise InputError("laser.slope_broadening: must be left out with receiver.ac_coupling_khz, take several rays")
     if rate is not None and rate > high_pass.WIDEST_RATE:
         coupling_khz, factor = 1e-3 * float(sensor.receiver.ac_coupling_hz or 0.0), high_pass.WIDEST_RATE / rate
         raise InputError(
@@ -391,17 +391,31 @@ def read_sensor(path: Path, *, overrides: Sequence[str] = ()) -> Sensor:
 
 
 def sensor_from_tables(
-    tables: dict[str, Any], *, where: str, overrides: Sequence[str] = (), folder: Path | None = None
+    tables: dict[str, Any],
+    *,
+    where: str,
+    overrides: Sequence[str] = (),
+    over: Sequence[str] = (),
+    folder: Path | None = None,
 ) -> Sensor:
-    """Build a sensor from the tables of a sensor file; its files lie in ``folder``, and errors name ``where``."""
+    """Build a sensor from the tables of a sensor file.
+
+    Args:
+        where: file, which errors name
+        over: keys that a study varies, which errors name too
+        folder: of the files that it names
+
+    Raises:
+        InputError: if a file, a key or a value cannot be understood
+    """
     changed = changed_tables(tables, overrides)
     parts, others = split_parts(overrides)
-    named = " ".join([where, *(f"--set {text}" for text in parts)])
-    file = validate(SensorFile, changed, named, overrides=others)
+    named, option = (over, "over") if over else (parts, "overrides")
+    file = validate(SensorFile, changed, where, overrides=others, always=named, option=option)
     try:
         sensor = file.build(folder or Path())
     except InputError as error:
-        raise InputError(f"{named}: {error}") from None
+        raise change_error(named, str(error), where=where, option=option) from None
     object.__setattr__(sensor, "origin", SensorTables(changed, where, folder))
     return sensor
 
@@ -425,7 +439,8 @@ class SensorTables:
         Raises:
             InputError: if a file, a key or a value cannot be understood
         """
-        return sensor_from_tables(self.tables, where=self.where, overrides=changes, folder=self.folder)
+        name = os.path.basename(self.where).removesuffix(".toml")  # the caller has a sensor, and no file
+        return sensor_from_tables(self.tables, where=name, overrides=changes, folder=self.folder)
 
     def with_part_of(self, name: str, other: SensorTables) -> Sensor:
         """Build the sensor with a part of another one, as `Sensor.with_detector` does with one of the catalogue.

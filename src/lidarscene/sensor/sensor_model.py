@@ -323,10 +323,12 @@ class Sensor(HintedAttributes):
             changed it: `dataclasses.replace` does not hand it on, since the file does not have what was replaced
     """
 
+    MADE_BY: ClassVar[str] = 'Sensor("apd-905") reads a name or a file; lidarscene.sensors() lists the names'
     CHANGED_BY: ClassVar[str] = SENSOR_CHANGED_BY
     FOREIGN_NAMES: ClassVar[Mapping[str, str]] = {
         **dict.fromkeys(("snr", "detection_probability"), "lidarscene.max_range(sensor, distance=100).table has it"),
         **dict.fromkeys(("range", "range_m", "range_max"), "sensor.max_range() computes it"),
+        "__getitem__": "sensor.laser, sensor.optics, sensor.scanner and sensor.detector are its parts",
         **dict.fromkeys(("fov", "field_of_view"), "lidarscene.fov(sensor) studies it"),
         **dict.fromkeys(
             ("channels", "n_channels", "beams", "n_beams", "num_beams"),
@@ -343,6 +345,8 @@ class Sensor(HintedAttributes):
         "noise": "lidarscene.budget(cloud, scene, sensor).noise",
         "pulse_width": "sensor.laser.pulse_fwhm_s",
         "render": "lidarscene.render(scene, sensor)",
+        **dict.fromkeys(("visualize", "visualise", "viz", "display", "show"), "sensor.plot()"),
+        **dict.fromkeys(("export", "write", "dump"), "sensor.save(path)"),
     }
 
     name: str

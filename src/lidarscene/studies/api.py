@@ -16,9 +16,9 @@ from typing import TYPE_CHECKING, Annotated, Any, ParamSpec, TypedDict, TypeVar,
 
 from .. import catalog
 from ..cloud.point_cloud import PointCloud
-from ..errors import InputError, OptionError, did_you_mean, one_line, unknown_option
+from ..errors import InputError, OptionError, one_line
 from ..figures.report import Report
-from ..files.arguments import checks_arguments
+from ..files.arguments import checks_arguments, unknown_option
 from ..files.atomic import put_text
 from ..files.overrides import Overrides, assignments
 from ..recordings.opening import open_recording
@@ -27,7 +27,7 @@ from ..scene.scene import Scene
 from ..scene.scene_file import SceneChoice, load_scene
 from ..sensor.pose_file import Placed, to_pose
 from ..sensor.rig_file import Rig
-from ..sensor.sensor_file import SensorFile, load_sensor
+from ..sensor.sensor_file import load_sensor
 from ..sensor.sensor_model import Sensor, warn_of_doubts
 from .field_of_view.study_options import FieldOfViewStudy
 from .ranging.conditions import CONDITIONS, Conditions, SweepOptions
@@ -482,24 +482,12 @@ def twin(
     return Path(folder) / SCENE
 
 
-SYNONYMS = {
-    **dict.fromkeys(("sun", "light", "lux", "klux"), "the sun's light is illuminance_klux=100"),
-    **dict.fromkeys(("pd", "p_d", "p"), "the detection probability is probability=0.9"),
-    "range": "the distance of SNR and P_d is distance=100",
-    "values": "an axis is start=, stop= and points=",
-}
-"""Keywords that people try, and the right one."""
-
-
 def _refuse_unknown(keywords: Mapping[str, object], known: Collection[str], *parameters: str) -> None:
     """Raise InputError for a keyword that is not known; ``parameters`` are the call's others."""
     options = [*known, *parameters]
     for word in keywords:
         if word not in options:
-            meant = SYNONYMS.get(word) or (
-                "" if did_you_mean(word, options) else key_to_change(word, overrides=SensorFile)
-            )
-            raise unknown_option(word, options, meant=meant)
+            raise unknown_option(word, options, meant=key_to_change(word, options))
 
 
 def _named(sensors: SensorChoice | Sequence[SensorChoice], overrides: Overrides) -> list[tuple[str, Sensor]]:

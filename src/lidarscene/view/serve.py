@@ -16,7 +16,7 @@ from http import HTTPStatus
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 
-from ..errors import InputError, LidarSceneError
+from ..errors import LidarSceneError, OptionError
 from ..kernel.device.gate import exclusive
 from .html_page import page
 from .page_sources import Source, blob_of, settings_from
@@ -64,7 +64,7 @@ class Server(ThreadingHTTPServer):
             super().__init__((HOST, port), _Handler)
         except OSError as error:
             reason = error.strerror or str(error)
-            raise InputError(f"--port {port}: cannot be had: {reason}; 0 takes any free one") from None
+            raise OptionError("{port} {0}: cannot be had: {1}; 0 takes any free one", port, reason) from None
 
     @property
     def url(self) -> str:

@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from helpers.run_seed import examples
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from lidarscene.physics.optics import solar_spectrum as sun
 from lidarscene.physics.optics.solar_spectrum import SpectralCurve
@@ -124,7 +125,8 @@ def test_no_light_through_no_filter() -> None:
     assert sun.irradiance_at_100_klux_w_m2(flat(), far) == 0.0
 
 
-@examples(60, centre=(400.0, 1900.0), width=(0.01, 90.0), value=(1e-3, 1e3))
+@given(centre=st.floats(400, 1900), width=st.floats(0.01, 90), value=st.floats(1e-3, 1e3))
+@settings(max_examples=60)
 def test_flat_spectrum(centre: float, width: float, value: float) -> None:
     """Light through a box: value times width, however narrow. Through another shape: value times its equivalent
     width.
@@ -137,7 +139,8 @@ def test_flat_spectrum(centre: float, width: float, value: float) -> None:
     assert sun.in_band_irradiance_w_m2(light, smooth) == pytest.approx(expected, rel=1e-6)
 
 
-@examples(40, low=(850.0, 940.0), first=(0.1, 60.0), more=(0.1, 60.0))
+@given(low=st.floats(850, 940), first=st.floats(0.1, 60), more=st.floats(0.1, 60))
+@settings(max_examples=40)
 def test_bands_add_up_and_wider_is_more(low: float, first: float, more: float) -> None:
     """Rationale: the integral is exact, so two boxes side by side are one."""
     lower = band("global", low + 0.5 * first, first)

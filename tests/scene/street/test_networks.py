@@ -18,11 +18,13 @@ from lidarscene import catalog
 from lidarscene.errors import OptionWarning
 from lidarscene.maths.trajectory import pose_at
 from lidarscene.rendering.simulator import Simulator
-from lidarscene.scene.scene import Scene
+from lidarscene.scene.ground_area import Outline
+from lidarscene.scene.scene import Body, Scene
 from lidarscene.scene.scene_file import load_scene, scene_model
 from lidarscene.scene.shared_faces import shared_faces
 from lidarscene.scene.street import sumo
 from lidarscene.scene.street.network_tables import network_scene
+from lidarscene.scene.street.pieces import Tables
 from lidarscene.scene.street.shapes import body_table, shapes
 from lidarscene.scene.street.street_file import StreetFile
 from lidarscene.scene.street.street_tables import street_summary, write_scene
@@ -57,6 +59,13 @@ def hills(tmp_path_factory: pytest.TempPathFactory) -> Path:
     configuration = networks.sumo_town(folder, (0.0, 6.0, 3.0, -5.0))
     tables = network_scene(configuration, "sumo", StreetFile(house_share=(1.0, 1.0)), ego="first")
     return write_scene(tables, folder / "out", origin="test")
+
+
+@pytest.fixture(scope="module")
+def drawn() -> Tables:
+    """Tables of a drawn town with hills."""
+    file = StreetFile(seed=1, oncoming_gap_m=(150.0, 160.0), slope_percent=(2.0, 6.0), shown_m=150.0)
+    return network_scene(3, "town", file)
 
 
 def reference(way_m: np.ndarray, left_m: float) -> np.ndarray:
@@ -95,14 +104,18 @@ def test_a_ring_is_driven_round_and_what_netconvert_leaves_out_is_said(tmp_path:
     with pytest.warns(OptionWarning, match=r"ring\.xodr: netconvert left out .*connectingRoad.* connection '2'"):
         tables = network_scene(tmp_path / "ring.xodr", "opendrive", StreetFile(oncoming_gap_m=(10.0, 30.0)))
     place_m = np.array([pose["position_m"][:2] for pose in tables["ego"]["poses"]])
-    # The circle through them: x^2 + y^2 = 2 a x + 2 b y + c, wherever netconvert puts its origin.
-    terms = np.column_stack([2.0 * place_m, np.ones(len(place_m))])
-    middle_m = np.linalg.lstsq(terms, (place_m**2).sum(axis=1), rcond=None)[0][:2]
+    middle_m = _middle_of_circle_m(place_m)
     radius_m = np.hypot(*(place_m - middle_m).T)
     np.testing.assert_allclose(np.abs(radius_m - networks.RADIUS_M), 1.75, atol=0.25)
     turned = np.ptp(np.unwrap(np.arctan2(*(place_m - middle_m).T)))
     assert turned > 1.0
     assert street_summary(tables).length_m == pytest.approx(turned * radius_m.mean(), rel=2e-3)
+
+
+def _middle_of_circle_m(place_m: np.ndarray) -> np.ndarray:
+    """Middle of the circle through places: x^2 + y^2 = 2 a x + 2 b y + c, wherever netconvert puts its origin."""
+    terms = np.column_stack([2.0 * place_m, np.ones(len(place_m))])
+    return np.linalg.lstsq(terms, (place_m**2).sum(axis=1), rcond=None)[0][:2]
 
 
 def test_what_sumo_drops_is_said(town: tuple[Path, Path], tmp_path: Path) -> None:
@@ -179,10 +192,9 @@ def test_the_sensor_is_over_the_roof_of_its_vehicle(town: tuple[Path, Path]) -> 
         assert 0.2 < tables["sensor"]["position_m"][2] - height_m < 0.4
 
 
-def test_a_drawn_town_has_hills_lights_and_a_roundabout_at_which_vehicles_turn() -> None:
-    """The network's height differs by the slope; the ego vehicle and others turn by right angles."""
-    file = StreetFile(seed=1, oncoming_gap_m=(150.0, 160.0), slope_percent=(2.0, 6.0), shown_m=150.0)
-    first = network_scene(3, "town", file)
+def test_a_drawn_town_has_hills_lights_and_a_roundabout_at_which_vehicles_turn(drawn: Tables) -> None:
+    """The network's height differs by the slope; the ego vehicle drives a loop with six turns, others turn, too."""
+    first = drawn
     turned_deg = [
         np.ptp(np.unwrap([pose.get("yaw_deg", 0.0) for pose in motion["poses"]], period=360.0))
         for motion in (
@@ -195,19 +207,25 @@ def test_a_drawn_town_has_hills_lights_and_a_roundabout_at_which_vehicles_turn()
             ),
         )
     ]
-    assert turned_deg[0] > 80.0
+    first_deg, *_, last_deg = np.unwrap([pose.get("yaw_deg", 0.0) for pose in first["ego"]["poses"]], period=360.0)
+    assert last_deg - first_deg == pytest.approx(360.0, abs=8.0)
+    way_m = np.array([pose["position_m"][:2] for pose in first["ego"]["poses"]])
+    apart_m = np.hypot(*(way_m[:, None] - way_m).transpose(2, 0, 1))
+    assert np.median(apart_m[-5:].min(axis=1, initial=np.inf, where=np.arange(len(way_m)) < 40)) < 4.0, "it closes"
     assert sum(turn > 80.0 for turn in turned_deg) > 3
     roads = [body for body in first["bodies"] if body["name"].startswith("road_")]
     lines_m = [np.array(body["line"]) for body in roads]
     assert np.ptp(np.concatenate(lines_m)[:, 2]) > 3.0
     bends = [line_m for line_m in lines_m if len(line_m) > 5 and _turned_deg(line_m) > 30.0]
     assert len(bends) == 4, "a ring of four pieces"
-    (island,) = (body for body in first["bodies"] if body["name"].startswith("island_"))
-    corners_m, ring_m = np.array(island["outline"])[:, :2], np.concatenate(bends)[:, :2]
-    apart_m = np.hypot(*(corners_m[:, None] - ring_m).transpose(2, 0, 1)).min(axis=1)
-    np.testing.assert_allclose(apart_m, 0.5 * 3.2 + 0.3, atol=0.3)
-    inner_m, outer_m = (np.hypot(*(each_m - ring_m.mean(axis=0)).T).mean() for each_m in (corners_m, ring_m))
-    assert inner_m == pytest.approx(outer_m - 1.9, abs=0.3)
+    islands_m = [np.array(body["outline"]) for body in first["bodies"] if body["name"].startswith("island_")]
+    round_m = max(islands_m, key=lambda each: Outline(corner_m=each, spacing_m=1.0).area_m2())[:, :2]
+    middle_m = _middle_of_circle_m(round_m)
+    np.testing.assert_allclose(
+        np.hypot(*(round_m - middle_m).T), sumo.RING_M, atol=0.6
+    )  # netconvert moves ends of roads
+    splitters = [each for each in islands_m if np.hypot(*(each[:, :2].mean(axis=0) - middle_m)) < 40.0]
+    assert len(splitters) == 1 + 4, "one within the ring and one in each road that leads to it"
     assert any(body["name"] == "lights" for body in first["bodies"])
 
 
@@ -217,10 +235,14 @@ def test_a_seed_is_a_town(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> No
     files = []
     for number, seed in enumerate((1, 1, 2)):
         (tmp_path / str(number)).mkdir()
-        net = sumo.draw_town(5, tmp_path / str(number), seed=seed, slopes=(0.0, 0.05))
+        net, roads = sumo.draw_town(5, tmp_path / str(number), seed=seed, slopes=(0.0, 0.05))
         files.append((net.parent / "drawn.nod.xml").read_text() + (net.parent / "drawn.edg.xml").read_text())
     assert files[0] == files[1] != files[2]
     assert {f"n{i}_{j}" for i in range(5) for j in range(5) if f'id="n{i}_{j}"' not in files[0]} == {"n2_2"}
+    assert len(roads) == 8 * 2 + 1
+    assert roads[0] == roads[-1] == "n0_0_n1_0"
+    around = [name.partition("ring")[::2] for name in roads if "ring" in name]
+    assert [(begin, end[1:]) for begin, end in around] == [("n3_2_", ""), ("", "_n2_3")]
 
 
 def _turned_deg(line_m: np.ndarray) -> float:
@@ -286,19 +308,36 @@ def test_a_wheelchair_of_sumo_is_one_that_rolls() -> None:
     assert "standing" not in table
 
 
-@pytest.mark.parametrize("name", ["town", "hills"])
-def test_no_two_bodies_share_a_face_that_a_beam_meets(name: str, request: pytest.FixtureRequest) -> None:
-    """Junctions, lanes, kerbs, pavements and markings: fewer than one point in two thousand, where bodies touch."""
+@pytest.mark.parametrize("name", ["town", "hills", "over", "drawn"])
+def test_no_two_bodies_share_a_face_that_a_beam_meets(
+    name: str, request: pytest.FixtureRequest, tmp_path: Path
+) -> None:
+    """Junctions, lanes, kerbs, pavements, islands, piers and markings: fewer than one point in two thousand, where
+    bodies touch; from the vehicle, from below a bridge, and from beside a roundabout.
+    """
     found = request.getfixturevalue(name)
-    scene = load_scene(found[1] if name == "town" else found)
+    path = write_scene(found, tmp_path / "out", origin="test") if name == "drawn" else found
+    scene = load_scene(path[1] if name == "town" else path)
     assert scene.ego is not None
     pose = pose_at(scene.ego, 4.0) @ scene.sensor_pose
-    scene = dataclasses.replace(scene, ego=None, sensor_pose=pose, bodies=tuple(_still(scene)))
+    if name == "over":
+        pose = dataclasses.replace(pose, position_m=np.array([188.0, 198.4, 1.75]))
+    if name == "drawn":
+        place_m, turned_deg = (np.array([at[key] for at in found["ego"]["poses"]]) for key in ("position_m", "yaw_deg"))
+        # The first pose at which it turns to the left on its way around.
+        number = int(np.argmax(np.diff(np.unwrap(turned_deg, period=360.0)) < -10.0))
+        pose = dataclasses.replace(pose, position_m=place_m[number] + [0.0, 0.0, 1.75])
+    near = [body for body in _still(scene) if np.hypot(*(_middle_m(body) - pose.position_m)[:2]) < 80.0]
+    scene = dataclasses.replace(scene, ego=None, sensor_pose=pose, bodies=tuple(near))
     cloud = Simulator(scene, chain.sensor("vlp-16"), pose=pose).render(seed=1, coordinates="world")
     assert not shared_faces(scene, pose.position_m)
     cloud = cloud.select(cloud.status == 0)
     assert len(cloud) > 10_000
     assert np.mean(on_another_body(scene, cloud) >= 0) < 5e-4
+
+
+def _middle_m(body: Body) -> np.ndarray:
+    return body.pose.apply(np.concatenate([part.vertices_m for part in body.parts])).mean(axis=0)
 
 
 def test_soil_follows_roads_that_climb(hills: Path) -> None:
@@ -360,10 +399,30 @@ def test_vehicles_on_slopes_pitch_as_the_road(hills: Path) -> None:
     assert max(map(abs, slopes)) > 0.02
 
 
-def test_each_drives_on_its_own_road_where_one_is_above_the_other(tmp_path: Path) -> None:
+@pytest.fixture(scope="module")
+def over(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Scene file of a road with a bridge over it."""
+    folder = tmp_path_factory.mktemp("over")
+    tables = network_scene(networks.bridge(folder), "sumo", StreetFile(shown_m=200.0), ego="we")
+    return write_scene(tables, folder / "out", origin="test")
+
+
+def test_piers_stand_on_both_sides_of_the_road_below_and_bear_the_one_above(over: Path) -> None:
+    """Heads 3 cm below the top of the bridge, feet in the soil, sides 2 m and more beside the lower road."""
+    scene, roads, soil = load_scene(over), grounds(over, "road"), grounds(over, "terrain")
+    piers = [body for body in scene.bodies if body.name.startswith("pier")]
+    assert [np.sign(pier.pose.position_m[1] - 198.4) for pier in piers] == [-1.0, 1.0]
+    for pier in piers:
+        vertices_m = pier.pose.apply(np.concatenate([part.vertices_m for part in pier.parts]))
+        (top_m,), (low_m,) = (ground.height_m(pier.pose.position_m[None, :2]) for ground in (roads, soil))
+        assert top_m - vertices_m[:, 2].max() == pytest.approx(0.03, abs=0.02)
+        assert vertices_m[:, 2].min() < low_m - 0.3
+        assert np.abs(vertices_m[:, 1] - 198.4).min() > 0.5 * 3.2 + 1.0
+
+
+def test_each_drives_on_its_own_road_where_one_is_above_the_other(over: Path) -> None:
     """One car goes below the bridge, one over it; soil below the bridge is at the height of the lower road."""
-    tables = network_scene(networks.bridge(tmp_path), "sumo", StreetFile(shown_m=200.0), ego="we")
-    path = write_scene(tables, tmp_path / "out", origin="test")
+    path = over
     scene, soil = load_scene(path), grounds(path, "terrain")
     assert scene.ego is not None
     other = next(body.motion for body in scene.bodies if body.name.startswith("traffic"))
@@ -381,7 +440,7 @@ def test_each_drives_on_its_own_road_where_one_is_above_the_other(tmp_path: Path
     )
 
 
-def _still(scene: Scene) -> list[object]:
+def _still(scene: Scene) -> list[Body]:
     return [body for body in scene.bodies if body.motion is None]
 
 

@@ -2,7 +2,6 @@
 
 import json
 import math
-import random
 import re
 import tomllib
 from dataclasses import replace
@@ -12,7 +11,8 @@ import pytest
 from helpers import photons
 from helpers.documentation import ROOT
 from helpers.mistakes import calls
-from helpers.run_seed import examples
+from hypothesis import given, settings
+from hypothesis import strategies as st
 
 from lidarscene.catalog import names
 from lidarscene.sensor.sensor_file import load_sensor, sensor_from_tables
@@ -190,10 +190,15 @@ test_mistakes = calls(
 # --- trains -----------------------------------------------------------------------------------------
 
 
-@examples(200, seed=range(2**32), number=range(13), rest=range(1, 61), pulses=range(1, 61), window=range(1, 401))
-def test_trains_against_counting(seed: int, number: int, rest: int, pulses: int, window: int) -> None:
+@given(
+    gaps=st.lists(st.integers(0, 50), min_size=0, max_size=12),
+    rest=st.integers(1, 60),
+    pulses=st.integers(1, 60),
+    window=st.integers(1, 400),
+)
+@settings(max_examples=200)
+def test_trains_against_counting(gaps: list[int], rest: int, pulses: int, window: int) -> None:
     """Rationale: the closed forms must be what counting a long list gives."""
-    gaps = random.Random(seed).choices(range(51), k=number)
     times = np.concatenate([[0], np.cumsum(gaps)]).astype(float)
     period = float(times[-1] + rest)
     train = PulseTrain(time_s=times, period_s=period)

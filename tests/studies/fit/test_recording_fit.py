@@ -23,7 +23,7 @@ from lidarscene.studies.fit.estimates import MOST_EVALUATIONS
 from lidarscene.studies.fit.near_field import LENSES, LensCurve, fit_near_field, own_curve, share
 from lidarscene.studies.fit.products import near_field_m, scatter_c_mm, white_m2
 from lidarscene.studies.fit.recorded_pulses import gather_pulses
-from lidarscene.studies.fit.recording_fit import fit_pulses, fit_recordings
+from lidarscene.studies.fit.recording_fit import RecordingFit, fit_pulses, fit_recordings, misses_of
 from lidarscene.studies.fit.scatter import fit_scatter
 from lidarscene.studies.fit.sensor_text import TWO_LENS_KEYS, remove_keys
 from lidarscene.studies.ranging.plane import Target, echoes_of_plane
@@ -87,6 +87,30 @@ def test_a_law_that_fails_has_wider_sigmas_and_its_report_says_so(
     assert c.sigma == pytest.approx(wrong.solved.misfit * c.scatter)
     text, _ = fit_sweep(tmp_path, without_figures, spoilt)
     assert f"The law of the scatter misses its bins by {wrong.solved.misfit:.2g} times their sigmas" in text
+
+
+@pytest.mark.parametrize("unit", range(3))
+def test_a_written_file_misses_no_more_than_the_one_before(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, unit: int
+) -> None:
+    """Recordings that follow other laws: strong returns scatter more, near ones are dimmer, dim ones kept by chance."""
+    sweep, rng = drawn_sweep(drawn_truth(unit), unit), np.random.default_rng(unit)
+    signal = np.asarray(sweep.signal)
+    strong, near = signal > 400.0, sweep.range_m < 8.0
+    lost = (signal < 30.0) & (rng.random(sweep.shape) < 0.3)
+    range_m = sweep.range_m + np.where(strong, 0.03 * rng.standard_normal(sweep.shape), 0.0)
+    spoilt = replace(
+        sweep, range_m=np.where(lost, np.nan, range_m), signal=np.where(near, 0.6 * signal, signal).astype(np.float32)
+    )
+    monkeypatch.setattr(recording_fit, "open_recording", drawn_opener(spoilt))
+    judged: list[tuple[object, ...]] = []
+    own_report = recording_fit._report
+    monkeypatch.setattr(recording_fit, "_report", lambda *given: judged.append(given) or own_report(*given))
+    fit_recordings([tmp_path / "drawn.pcap"], "os1-128")
+    ((fit, _, _, _, _, written, near_ir),) = judged
+    assert isinstance(fit, RecordingFit)
+    before, after = (misses_of(fit.checks(sensor, near_ir)) for sensor in (load_sensor("os1-128"), written))
+    assert all(after[quantity] <= before[quantity] for quantity in after if after[quantity][0])
 
 
 def drawn_opener(sweep: Sweep) -> Callable[..., Recording]:

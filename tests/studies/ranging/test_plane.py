@@ -6,8 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from helpers.child import assert_ended
-from helpers.run_seed import examples
 from helpers.trains import detect
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
 
 from lidarscene import load_sensor
 from lidarscene.detection.outcomes import Outcome
@@ -20,10 +21,11 @@ from lidarscene.studies.ranging.range_summary import range_report
 
 APD = load_sensor("table1-apd")
 SIPM = load_sensor("table1-sipm")
-NAMES = ["table1-apd", "table1-sipm"]
-BOTH = pytest.mark.parametrize("name", NAMES)
-FACTOR = (1.01, 3.0)
-KLUX = (0.0, 100.0)
+BOTH = pytest.mark.parametrize("name", ["table1-apd", "table1-sipm"])
+
+# Nothing is random from run to run.
+steady = settings(derandomize=True, max_examples=40, database=None)
+monotone = settings(steady, max_examples=20)  # one inequality, in two to four numbers
 
 
 def sensor_with(name, **changes):
@@ -124,34 +126,18 @@ def test_what_is_blinded_close_by_may_see_farther_off():
     assert (plane.detection_margin(few_cells, fog, np.geomspace(limit * 1.001, 1e6, 500)) < 1.0).all()
 
 
-@examples(
-    40,
-    {
-        "name": "table1-apd",
-        "reflectivity": 0.1,
-        "klux": 1.0,
-        "cosine": 1.0,
-        "sun": 5e-324,
-        "extinction": 0.0,
-        "aperture": 1.0,
-    },
-    {
-        "name": "table1-sipm",
-        "reflectivity": 5e-324,
-        "klux": 1.0,
-        "cosine": 1.0,
-        "sun": 1.0,
-        "extinction": 1e-3,
-        "aperture": 1.0,
-    },
-    name=NAMES,
-    reflectivity=(0.0, 1.0),
-    klux=(0.0, 1e5),
-    cosine=(0.0, 1.0),
-    sun=(-1.0, 1.0),
-    extinction=(0.0, 10.0),
-    aperture=(0.0, 1.5),
+@steady
+@given(
+    name=st.sampled_from(["table1-apd", "table1-sipm"]),
+    reflectivity=st.floats(0.0, 1.0),
+    klux=st.floats(0.0, 1e5),
+    cosine=st.floats(0.0, 1.0),
+    sun=st.floats(-1.0, 1.0),
+    extinction=st.floats(0.0, 10.0),
+    aperture=st.floats(0.0, 1.5),
 )
+@example(name="table1-apd", reflectivity=0.1, klux=1.0, cosine=1.0, sun=5e-324, extinction=0.0, aperture=1.0)
+@example(name="table1-sipm", reflectivity=5e-324, klux=1.0, cosine=1.0, sun=1.0, extinction=1e-3, aperture=1.0)
 def test_never_nan(name, reflectivity, klux, cosine, sun, extinction, aperture):
     """Rationale: NaN is always a bug. The status says what 0 and inf mean."""
     target = Target(
@@ -175,15 +161,20 @@ def test_never_nan(name, reflectivity, klux, cosine, sun, extinction, aperture):
 
 # --- monotonicity -----------------------------------------------------------------------------------
 
+factor = st.floats(1.01, 3.0)
+klux = st.floats(0.0, 100.0)
 
-@examples(20, name=NAMES, more=FACTOR, light=KLUX, extinction=(0.0, 3e-3))
+
+@monotone
+@given(name=st.sampled_from(["table1-apd", "table1-sipm"]), more=factor, light=klux, extinction=st.floats(0.0, 3e-3))
 def test_more_power_sees_farther(name, more, light, extinction):
     low, high = (sensor_with(name, laser__peak_power_w=45.0 * f) for f in (1.0, more))
     target = {"illuminance_klux": light, "extinction_per_m": extinction}
     assert reach(high, **target) > reach(low, **target)
 
 
-@examples(20, more=FACTOR, light=KLUX, dark=(0.02, 0.3))
+@monotone
+@given(more=factor, light=klux, dark=st.floats(0.02, 0.3))
 def test_brighter_targets_are_seen_farther(more, light, dark):
     """The rule holds for an APD under any sun: signal as rho, variance as a + b rho, so that their ratio rises with
     rho.
@@ -216,7 +207,8 @@ def photons_needed(firings, sensor):
     return -np.log1p(-share)
 
 
-@examples(20, dark=(0.02, 0.3), more=FACTOR, firings=(0.01, 2.5))
+@monotone
+@given(dark=st.floats(0.02, 0.3), more=factor, firings=st.floats(0.01, 2.5))
 def test_brighter_targets_keep_a_sipm_busy(dark, more, firings):
     """Sunlight x and signal photons rho T^2 / R^2 both go as the reflectivity: R goes as sqrt(x / y(x)).
 
@@ -246,7 +238,8 @@ def test_sipm_reflectivity_has_a_best():
     assert limit[0] < limit.max() > limit[-1]
 
 
-@examples(20, more=FACTOR, light=KLUX)
+@monotone
+@given(more=factor, light=klux)
 def test_more_aperture_sees_farther(more, light):
     """The rule holds for an APD always; a SiPM's cells run out (`test_sipm_aperture_has_a_best`)."""
     low, high = (sensor_with("table1-apd", optics__aperture_radius_mm=25.0 * f) for f in (1.0, more))
@@ -258,19 +251,22 @@ def test_sipm_aperture_has_a_best():
     assert ranges_m[1] > ranges_m[0] > ranges_m[2]
 
 
-@examples(20, name=NAMES, more=FACTOR, light=(0.1, 50.0))
+@monotone
+@given(name=st.sampled_from(["table1-apd", "table1-sipm"]), more=factor, light=st.floats(0.1, 50.0))
 def test_sunlight_shortens_the_range(name, more, light):
     sensor = APD if name == "table1-apd" else SIPM
     assert reach(sensor, illuminance_klux=light * more) < reach(sensor, illuminance_klux=light)
 
 
-@examples(20, name=NAMES, more=FACTOR, light=(0.1, 100.0))
+@monotone
+@given(name=st.sampled_from(["table1-apd", "table1-sipm"]), more=factor, light=st.floats(0.1, 100.0))
 def test_a_higher_threshold_shortens_the_range(name, more, light):
     low, high = (sensor_with(name, tdc__threshold_to_noise=3.0 * f) for f in (1.0, more))
     assert reach(high, illuminance_klux=light) < reach(low, illuminance_klux=light)
 
 
-@examples(20, name=NAMES, near=(20.0, 900.0), more=FACTOR)
+@monotone
+@given(name=st.sampled_from(["table1-apd", "table1-sipm"]), near=st.floats(20.0, 900.0), more=factor)
 def test_detection_falls_with_distance(name, near, more):
     sensor = APD if name == "table1-apd" else SIPM
     target = Target(illuminance_klux=10.0)

@@ -42,7 +42,7 @@ def test_frames_without_the_one_held_out(tmp_path: Path) -> None:
     for frames, held_out, named in (
         (None, 4, "four.pcap | frame | 0 | 3 | 4"),
         ((2,), 2, "leave a frame"),
-        (None, COLUMNS, "--held-out columns | 4 frames"),
+        (None, COLUMNS, "held_out columns | 4 frames"),
     ):
         with told(named):
             choose_frames(recording, frames, held_out)
@@ -164,7 +164,7 @@ def test_what_is_missing_is_one_line(tmp_path: Path) -> None:
     recording = recording_of(tmp_path / "room.pcap", room_sweep())
     with told("room.pcap | metadata"):
         build_twin(recording, TwinFrames(frames=(0,)), tmp_path / "twin")
-    with told("--sensor no.toml | no such file"):
+    with told("sensor no.toml | no such file"):
         build_twin(recording, TwinFrames(frames=(0,)), tmp_path / "twin", sensor="no.toml")
     empty = recording_of(
         tmp_path / "empty.pcap",

@@ -152,7 +152,7 @@ def error_of_published_snr(array: CellArray, table: ResponseTable, *, pulse_fwhm
     return np.asarray(printed / table.snr - 1.0)
 
 
-GRID_BACKGROUND = (10.0, 200.0, 686.093)
+GRID_BACKGROUND = (10.0, 686.093)
 GRID_SIGNAL = (10.0, 100.0, 500.0, 2660.31, 10000.0)
 GRID_PULSE_TO_DEAD_TIME = (0.1, 0.5, 1.0, 1.9)
 

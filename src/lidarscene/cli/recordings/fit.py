@@ -16,6 +16,7 @@ examples:
   lidarscene fit os1.pcap --sensor os1-128 -o my-os1.toml --report out/fit
   lidarscene fit a.osf b.osf --sensor os2-128 --sensor-index 1 -o my-os2.toml --report out/fit --json
   lidarscene fit drive.osf --frames 0,1,2 --sensor os0-128 -o my-os0.toml --report out/fit
+  lidarscene fit turns/ --sensor pandar64 -o my-pandar.toml --report out/fit
   lidarscene twin os1.pcap --held-out columns -o out/twin
   lidarscene fit os1.pcap --scene out/twin/scene.toml -o my-os1.toml --report out/fit
 """
@@ -27,7 +28,8 @@ def add_fit(commands: Any) -> None:
         "fit",
         help="fit the numbers of a sensor to its recording, with uncertainties",
         epilog=FIT_HELP,
-        description="Fit near field, threshold, scatter of the range and gains of the rows to recordings of one unit. "
+        description="Fit near field, threshold, scatter of the range and gains of the rows to recordings of one unit, "
+        "and its noise and losses to frames at rest. "
         "Writes a sensor file, with value, uncertainty and recording in [sources], and a report. The exit "
         "code is 1 if a law fails on pulses that were not fitted.",
         formatter_class=argparse.RawDescriptionHelpFormatter,

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import ctypes
 import functools
+import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import cast
@@ -16,8 +17,9 @@ from typing import cast
 from .backend import core_function, drjit, is_cuda
 from .gate import exclusive
 
-LARGEST_BLOCK = 16_384
-"""Dr.Jit's own size of a block, lanes."""
+LARGEST_BLOCK = 4_096
+"""Largest block, lanes, a quarter of Dr.Jit's own: a millisecond's work of one thread, for which the others spin at the
+end of a kernel."""
 
 SMALLEST_BLOCK = 1_024
 """Smallest block, lanes. With 30,000 beams, blocks of 32 cost 6 % more processor time, those of 128 none."""
@@ -44,8 +46,11 @@ LANES_PER_LAUNCH_CUDA = 2**21
 class _Threads:
     """Number of Dr.Jit's threads for small frames, and the number that it had before.
 
+    The thread that waits for a kernel works on it, too. So Dr.Jit gets one thread less than there are cores: with as
+    many, two of them share a core, and the others spin at the end of each kernel until these are done.
+
     Attributes:
-        most: the most to use: Dr.Jit's own choice, one for each core, or what somebody has set since
+        most: the most to use: Dr.Jit's own choice, one for each core, less one; or what somebody has set since
         used: what was set here last
         of_frame: those of the frame that was set last
     """
@@ -55,13 +60,13 @@ class _Threads:
 
     def limit(self, count: int) -> None:
         """Use this many threads from now on, and never more."""
-        self.most = self.of_frame = self.used = count
-        drjit().set_thread_count(count)
+        self.most = self.of_frame = count
+        self._use(count)
 
     def set_for(self, lanes: int) -> None:
         """Use as many threads as a frame of so many lanes is worth."""
         self._notice()
-        self.of_frame = thread_count(lanes, self.most)
+        self.of_frame = others(thread_count(lanes, self.most + 1))
         self._use(self.of_frame)
 
     def rest(self) -> None:
@@ -77,7 +82,10 @@ class _Threads:
     def _notice(self) -> None:
         """Take over the number that somebody has set since."""
         if (count := drjit().thread_count()) != self.used:
-            self.most = self.of_frame = self.used = count
+            self.used = count
+            # Whoever sets their number sets those beside the waiting one.
+            is_default = not self.most and count >= usable_cores()
+            self.most = self.of_frame = others(count) if is_default else count
 
     def _use(self, count: int) -> None:
         if count != self.used:
@@ -88,15 +96,25 @@ class _Threads:
 _threads = _Threads()
 
 
+def usable_cores() -> int:
+    """Return how many cores of this machine this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
+
 def thread_count(lanes: int, most: int) -> int:
-    """Return how many threads a frame of so many lanes should have, of ``most``."""
+    """Return how many threads a frame of so many lanes should have, of ``most``, the one that waits for it included."""
     return max(min(most, lanes // LANES_PER_THREAD), 1)
+
+
+def others(threads: int) -> int:
+    """Return how many threads Dr.Jit has beside the one that waits, of so many in all; it keeps one at least."""
+    return max(threads - 1, 1)
 
 
 @exclusive
 def use_threads(count: int) -> None:
-    """Set the number of Dr.Jit's threads, the most that any frame uses."""
-    _threads.limit(count)
+    """Set the most threads that any frame uses, the one that waits for it included."""
+    _threads.limit(others(count))
 
 
 def lanes_per_launch() -> int:
@@ -151,7 +169,7 @@ def share_out(lanes: int) -> None:
         _threads.resume()
     setter = _block_size_setter()
     if setter is not None:
-        setter(block_size(lanes, drjit().thread_count()))
+        setter(block_size(lanes, drjit().thread_count() + 1))
 
 
 @functools.cache

@@ -17,7 +17,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...errors import InputError, OutputError
+from ...errors import InputError, OptionError, OutputError
 from ...formats.packets.firings import Firings, FiringsBuilder
 from ...formats.packets.layouts import Packet
 from ...formats.packets.packet_encoder import PacketEncoder
@@ -74,7 +74,7 @@ def udp(host: str, port: int) -> Iterator[Callable[[bytes], object]]:
     try:
         family, kind, _, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
     except (OSError, UnicodeError):
-        raise InputError(f"--udp {host}:{port}: no such host") from None
+        raise OptionError("{udp} {0}:{1}: no such host", host, port) from None
     with socket.socket(family, kind) as sock:
         sock.setsockopt(socket.SOL_SOCKET, socket.SO_BROADCAST, 1)
 
@@ -82,7 +82,7 @@ def udp(host: str, port: int) -> Iterator[Callable[[bytes], object]]:
             try:
                 return sock.sendto(payload, address)
             except OSError as error:
-                raise OutputError(f"--udp {host}:{port}: cannot be sent: {error.strerror or error}") from None
+                raise OutputError(f"{host}:{port}: cannot be sent: {error.strerror or error}") from None
 
         yield send
 

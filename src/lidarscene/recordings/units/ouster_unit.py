@@ -17,7 +17,7 @@ from typing import Any
 
 import numpy as np
 
-from ...errors import InputError
+from ...errors import InputError, OptionError
 from ...formats.cloud_description import input_errors
 from ...formats.packets.layouts import OUSTER_MODES
 from .unit_beams import Unit, number_of
@@ -68,8 +68,9 @@ def read_ouster(path: Path, mode: str | None = None, *, text: str | None = None)
     lidar_mode = mode or str(metadata.get("lidar_mode", ""))
     mode_match = re.fullmatch(r"(?:MODE_)?(\d+)x(\d+)", lidar_mode)
     if not mode_match:
-        raise InputError(
-            f"{path}: lidar_mode: must be one of {', '.join(OUSTER_MODES)}, got '{lidar_mode}'; --mode says another"
+        modes = ", ".join(OUSTER_MODES)
+        raise OptionError(
+            "{0}: lidar_mode: must be one of {1}, got {2!r}; {mode} says another", path, modes, lidar_mode
         )
     to_sensor, to_lidar = _transforms(path, metadata)
     forward_mm, up_mm = to_lidar[0, 3], to_lidar[2, 3] + to_sensor[2, 3]

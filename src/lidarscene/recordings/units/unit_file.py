@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import Any
 
 from ... import catalog
-from ...errors import InputError
+from ...errors import InputError, OptionError
 from ...files.atomic import put_text
 from ...files.toml_edit import KeyPath, get_value, put_values, remove_values
 from ...sensor.sensor_file import sensor_from_tables
@@ -61,7 +61,7 @@ def read_unit(path: Path, mode: str | None = None, *, sensor_index: int = 0) -> 
     if suffix == ".json":
         return read_ouster(path, mode)
     if mode is not None:
-        raise InputError(f"--mode: needs an Ouster's json or OSF, got {path}")
+        raise OptionError("{mode}: needs an Ouster's json or OSF, got {0}", path)
     if suffix in (".yaml", ".yml", ".xml"):
         return read_velodyne(path)
     if suffix == ".csv":
@@ -85,7 +85,7 @@ def write_unit(unit: Unit, source: Path, output: Path, *, like: str | None = Non
         OutputError: if a result cannot be written
     """
     if output.suffix.lower() != ".toml":
-        raise InputError(f"--output {output}: the name must end in .toml")
+        raise OptionError("{output} {0}: the name must end in .toml", output)
     text, model, notes = unit_text(unit, source, like=like)
     put_text(output, text)
     return "\n".join(
@@ -102,13 +102,15 @@ def unit_text(unit: Unit, source: Path, *, like: str | None = None) -> tuple[str
     model = like or unit.model
     if not model:
         beams = len(unit.lists["elevation_deg"])
-        raise InputError(
-            f"{source}: no sensor of the catalogue is of this kind ({beams} beams); --like (of twin: --sensor) says "
-            "which is near"
+        raise OptionError(
+            "{0}: no sensor of the catalogue is of this kind ({1} beams); {like} (of twin: {sensor}) says which is "
+            "near",
+            source,
+            beams,
         )
     text = catalog.path_of("sensors", model).read_text(encoding="utf-8")
     if get_value(text, ("scanner", "type")) != "spinning":
-        raise InputError(f"--like {model}: must be a sensor that spins")
+        raise OptionError("{like} {0}: must be a sensor that spins", model)
     text, notes = _file_text(unit, source, model, text)
     if model != unit.model:
         notes.append(

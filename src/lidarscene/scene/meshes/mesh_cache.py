@@ -58,6 +58,11 @@ class Stride:
     period_s: float
 
 
+MIRRORS = "mirrors"
+"""Source: nuScenes' instructions to annotators (extremities) and OSI's `MovingObject`: boxes of vehicles leave out
+their outside mirrors. Beginning of the names of a mesh's pieces that are these: programs number equal names."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class SubMesh:
     """One piece of a mesh file, placed by the file's own node transforms.
@@ -78,6 +83,11 @@ class SubMesh:
     pattern: ReflectivityPattern | None = None
     cutout: Cutout | None = None
     stride: Stride | None = None
+
+    @property
+    def in_box(self) -> bool:
+        """Whether boxes of labels enclose the piece."""
+        return not any(key.startswith(MIRRORS) for key in self.keys)
 
     def of_its_faces(self) -> SubMesh:
         """The piece without vertices that no face names, as where primitives of a file share one list of them."""

@@ -20,7 +20,7 @@ import numpy as np
 
 from ...errors import InputError, LidarSceneError
 from ...files.inputs import LARGEST_PART, require_archive, require_file
-from ...materials.material import Material, Spectrum
+from ...materials.material import Material
 from ...maths.arrays import Numbers
 from . import reflectivity_patterns
 from .gltf import read_gltf
@@ -291,9 +291,4 @@ def _grey(material: Any) -> float | None:
 
 def grey_material(name: str, grey: float) -> Material:
     """Diffuse material of a mesh's own colour: an estimate, since visible colour is not infrared reflectivity."""
-    return Material(
-        name=name,
-        bsdf="diffuse",
-        reflectivity=Spectrum.constant(grey),
-        description="estimate: mean of the mesh file's base colour",
-    )
+    return Material(name=name, reflectivity=grey, description="estimate: mean of the mesh file's base colour")

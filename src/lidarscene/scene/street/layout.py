@@ -8,6 +8,8 @@ along each kerb. What does not fit where the street bends is left out.
 
 from __future__ import annotations
 
+import itertools
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field
 
@@ -62,6 +64,9 @@ STOP_LINE_M = 2.0
 
 EAVES_M = 0.5
 """Source: the houses' meshes; by how much roofs hang out behind the walls, at most."""
+
+SQUARE_M = 16.0
+"""Choice: side of the squares in which rectangles near each other are found."""
 
 PLOT_SHIFT_M = 1.5
 """Choice: way along the street to the next plot that is tried, where a house has no room."""
@@ -242,21 +247,42 @@ def _lay_side_street(
 
 
 class Room:
-    """Rectangles that are taken, (n, 5): x, y, yaw [rad], half length and width."""
+    """Rectangles that are taken, (n, 5): x, y, yaw [rad], half length and width; listed by squares that they touch."""
 
     def __init__(self, boxes: Numbers) -> None:
-        self._boxes = boxes
+        self._squares: dict[tuple[int, int], list[Numbers]] = {}
+        self._add(boxes)
+
+    def _add(self, boxes: Numbers) -> None:
+        for box in boxes:
+            for square in _squares(box):
+                self._squares.setdefault(square, []).append(box)
 
     def is_free(self, boxes: Numbers) -> bool:
         """Return whether rectangles overlap with none that is taken."""
-        return not any(overlaps(box, self._boxes).any() for box in boxes)
+        for box in boxes:
+            near = [taken for square in _squares(box) for taken in self._squares.get(square, ())]
+            if near and overlaps(box, np.array(near)).any():
+                return False
+        return True
 
     def take(self, boxes: Numbers) -> bool:
         """Take rectangles if all of them are free."""
         free = self.is_free(boxes)
         if free:
-            self._boxes = np.concatenate([self._boxes, boxes])
+            self._add(boxes)
         return free
+
+
+def _squares(box: Numbers) -> Iterator[tuple[int, int]]:
+    """Yield the squares of `SQUARE_M` that the circle around a rectangle may touch."""
+    x_m, y_m, _, *half_m = box.tolist()
+    reach_m = math.hypot(*half_m)
+    columns, rows = (
+        range(math.floor((at_m - reach_m) / SQUARE_M), math.floor((at_m + reach_m) / SQUARE_M) + 1)
+        for at_m in (x_m, y_m)
+    )
+    return itertools.product(columns, rows)
 
 
 def _boxes(line: CentreLine, places: Sequence[tuple[float, float, float, float]]) -> Numbers:
@@ -268,17 +294,8 @@ def _boxes(line: CentreLine, places: Sequence[tuple[float, float, float, float]]
 def overlaps(box: Numbers, boxes: Numbers) -> Numbers:
     """Whether a rectangle overlaps each of (n, 5) others: x, y, yaw [rad] and half length and width.
 
-    Two rectangles are apart if the circles around them are, or they are so along an axis of the one or of the other.
+    Two rectangles are apart if they are so along an axis of the one or of the other.
     """
-    circles_m = np.hypot(*box[3:]) + np.hypot(*boxes[:, 3:].T)
-    near = np.flatnonzero(np.hypot(*(boxes[:, :2] - box[:2]).T) < circles_m)
-    found = np.zeros(len(boxes), dtype=bool)
-    found[near] = _near_overlaps(box, boxes[near])
-    return found
-
-
-def _near_overlaps(box: Numbers, boxes: Numbers) -> Numbers:
-    """`overlaps` by all axes."""
     rows = np.concatenate([np.broadcast_to(box, boxes.shape)[None], boxes[None]])
     cos, sin = np.cos(rows[..., 2]), np.sin(rows[..., 2])
     axes = np.stack([np.stack([cos, sin], axis=-1), np.stack([-sin, cos], axis=-1)], axis=2)

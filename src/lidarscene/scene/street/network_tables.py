@@ -16,8 +16,10 @@ from ...errors import OptionWarning, warn
 from ...maths.arrays import Numbers
 from ..ground import SPACING_M, Strip
 from ..ground_area import Outline
+from .islands import islands_between_m, kerbed_corner_m, ring_island_m
 from .layout import EAVES_M, KERB_M, POST_LINE_M, Room
 from .pieces import FOOT_M, PAINT_M, RAISED_M, Tables, box_places_m, ground, placed, sheet, soil, street_scene
+from .polylines import along, on_line, way_length_m, ways_m
 from .shapes import (
     BUSH_ASIDE_M,
     BUSH_SPACING_M,
@@ -57,8 +59,12 @@ UNDER_M, OVER_M = 4.0, 12.0
 """Choice: distances from a road above, up to which there are no markings, and from one below, up to which there are
 rails."""
 
-ISLAND_M = 0.3
-"""Choice: distance of the island of a roundabout from the road around it."""
+PIER_M, PIER_ASIDE_M, PIER_SUNK_M, PIER_BELOW_M = 0.8, 2.0, 0.5, 0.03
+"""Choice: side of a bridge's square piers, their distance from the road below, depth of their feet, and distance of
+their heads from the top of the road above."""
+
+SEARCH_M = 0.5
+"""Choice: distance of places along a road at which a road below it is looked for."""
 
 VERGE_M = 3.0
 """Choice: distance of houses from the edge of a road without a pavement."""
@@ -126,17 +132,18 @@ def network_scene(source: Path | int, kind: NetworkKind, file: StreetFile, *, eg
             scenario = read_scenario(source)
             network = read_network(scenario.network)
         else:
+            loop: Sequence[str] = ()
             if kind == "town":
                 assert isinstance(source, int)
                 low, high = (0.01 * percent for percent in file.slope_percent)
-                net, origin = draw_town(source, folder, seed=file.seed, slopes=(low, high)), f"--town {source}"
+                (net, loop), origin = draw_town(source, folder, seed=file.seed, slopes=(low, high)), f"--town {source}"
             else:
                 assert isinstance(source, Path)
                 net, origin = convert(source, kind, folder), str(source)
             network = read_network(net)
             gap_m = float(np.mean(file.oncoming_gap_m))
             routes, ego, way_m = draw_routes(
-                network, net, folder, origin=origin, bodies=_drawn_bodies(), seed=file.seed, gap_m=gap_m
+                network, net, origin=origin, bodies=_drawn_bodies(), seed=file.seed, gap_m=gap_m, loop=loop
             )
             scenario = drawn_scenario(origin, net, routes, seed=file.seed, last_s=60.0 + way_m / SLOWEST_M_S)
         own, others = simulate(scenario, ego=ego, shown_m=file.shown_m, folder=folder)
@@ -155,9 +162,10 @@ def network_scene(source: Path | int, kind: NetworkKind, file: StreetFile, *, eg
         bodies=[
             *_grounds(near),
             *([soil(relief.place_m[:, :2])] if terrain is None else terrain.tables()),
+            *([] if terrain is None else _piers(near, relief, terrain)),
             *_markings(near, relief),
             *_surroundings(near, file, relief, terrain),
-            body_table("own_car", shapes()[_look(own)]) | {"motion": {"with_ego": True}},
+            body_table("own_car", shapes()[_look(own)], moves=True) | {"motion": {"with_ego": True}},
             *_moving(others, relief),
         ],
     )
@@ -186,7 +194,7 @@ def _places_on_lanes(network: Network) -> list[Numbers]:
     """(n, 3) places on roads and pavements, some two metres apart."""
     places = []
     for group in network.groups:
-        way_m = np.linspace(0.0, _length_m(group.line_m), 2 + int(_length_m(group.line_m) / PLACES_M))
+        way_m = np.linspace(0.0, way_length_m(group.line_m), 2 + int(way_length_m(group.line_m) / PLACES_M))
         places += [_places_across(group, at_m) for at_m in way_m.tolist()]
     return places
 
@@ -194,8 +202,8 @@ def _places_on_lanes(network: Network) -> list[Numbers]:
 def _places_across(group: LaneGroup, way_m: float) -> Numbers:
     """(n, 3) places across lanes, some two metres apart."""
     left_m = np.linspace(-0.5, 0.5, 2 + int(group.width_m / PLACES_M)) * group.width_m
-    ((x_m, y_m, heading),) = _along(group.line_m, np.array([way_m])).tolist()
-    rise_m = np.interp(way_m, _ways_m(group.line_m), group.line_m[:, 2])
+    ((x_m, y_m, heading),) = along(group.line_m, np.array([way_m])).tolist()
+    rise_m = np.interp(way_m, ways_m(group.line_m), group.line_m[:, 2])
     places = x_m - left_m * math.sin(heading), y_m + left_m * math.cos(heading), np.full(len(left_m), rise_m)
     return np.stack(places, axis=1)
 
@@ -213,14 +221,14 @@ def _on_relief(network: Network, relief: Relief) -> Network:
         return np.column_stack([points_m[:, :2], relief.height_m(points_m, points_m[:, 2])])
 
     def dense(line_m: Numbers) -> Numbers:
-        counts = np.ceil(np.diff(_ways_m(line_m)) / POINTS_M).astype(int).tolist()
+        counts = np.ceil(np.diff(ways_m(line_m)) / POINTS_M).astype(int).tolist()
         place = np.concatenate(
             [*(number + np.arange(count) / count for number, count in enumerate(counts)), [len(counts)]]
         )
         return np.stack([np.interp(place, np.arange(len(line_m)), column) for column in line_m.T], axis=1)
 
     groups = [group._replace(line_m=on_it(dense(group.line_m))) for group in network.groups]
-    ends = [_places_across(group, at_m) for group in groups for at_m in (0.0, _length_m(group.line_m))]
+    ends = [_places_across(group, at_m) for group in groups for at_m in (0.0, way_length_m(group.line_m))]
     ends_m = np.concatenate(ends)
 
     def between_ends(outline_m: Numbers) -> Numbers:
@@ -341,62 +349,59 @@ def _grounds(network: Network) -> list[Tables]:
             _strip(f"kerb_{number}", "kerb", "concrete", line_m, KERB_M, 0.5 * width_m, **raised),
         ]
     middles_m = np.array([corners_m.mean(axis=0) for corners_m in network.corners]).reshape(-1, 3)[:, :2]
+    kerbed: dict[int, tuple[Numbers, list[Numbers]]] = {}
     for number, corners_m in enumerate(network.junctions):
+        junction = Outline(corner_m=corners_m, spacing_m=SPACING_M)
+        within = np.flatnonzero(junction.contains(middles_m)).tolist()
+        kerbed |= {corner: kerbed_corner_m(network.corners[corner], junction) for corner in within}
         # Pavements at a junction have faces down along its outline themselves.
-        has_pavement = Outline(corner_m=corners_m, spacing_m=SPACING_M).contains(middles_m).any()
-        foot = {} if has_pavement else {"kerb_m": FOOT_M}
-        grounds += _area(f"junction_{number}", "road", "asphalt", corners_m, **foot)
+        grounds += _area(f"junction_{number}", "road", "asphalt", corners_m, **({} if within else {"kerb_m": FOOT_M}))
     for number, corners_m in enumerate(network.corners):
-        grounds += _area(f"corner_{number}", "pavement", "concrete", corners_m, **raised)
-    for number, ring in enumerate(network.rings):
-        # Of a ring that is near in part there is no outline.
-        around = [group for group in network.groups if group.edge in ring and group.kind == "road"]
-        if {group.edge for group in around} == ring:
-            grounds += _area(f"island_{number}", "terrain", "soil", _island_m(around), **raised)
+        pavement_m, kerbs = kerbed.get(number, (corners_m, []))
+        grounds += _area(f"corner_{number}", "pavement", "concrete", pavement_m, **raised)
+        for side, kerb_m in enumerate(kerbs):
+            grounds += _area(f"kerb_corner_{number}_{side}", "kerb", "concrete", kerb_m, **raised)
+    for number, (island_m, material) in enumerate(_islands(network)):
+        class_name = "terrain" if material == "soil" else "pavement"
+        grounds += _area(f"island_{number}", class_name, material, island_m, **raised)
     return grounds
 
 
-def _island_m(ring: Sequence[LaneGroup]) -> Numbers:
-    """(k, 3) corners of the island within a roundabout, by their angle at its middle."""
-    middle_m = np.concatenate([group.line_m for group in ring])[:, :2].mean(axis=0)
-    sides = []
-    for group in ring:
-        aside_m = 0.5 * group.width_m + ISLAND_M
-        both = [_along(group.line_m, _ways_m(group.line_m), left_m)[:, :2] for left_m in (aside_m, -aside_m)]
-        inner_m = min(both, key=lambda side_m: np.hypot(*(side_m - middle_m).T).mean())
-        sides.append(np.column_stack([inner_m, group.line_m[:, 2]]))
-    corners_m = np.concatenate(sides)
-    to_corner_m = corners_m[:, :2] - middle_m
-    return np.asarray(corners_m[np.argsort(np.arctan2(to_corner_m[:, 1], to_corner_m[:, 0]))])
+def _islands(network: Network) -> list[tuple[Numbers, str]]:
+    """Corners and material of the islands of roundabouts, and of those between lanes of opposite directions."""
+    roads = {group.edge: group for group in network.groups if group.kind == "road"}
+    # Of a ring that is near in part there is no outline.
+    rings = [[roads[edge] for edge in sorted(ring)] for ring in network.rings if ring <= roads.keys()]
+    pairs = [(roads[one], roads[other]) for one, other in network.opposite if {one, other} <= roads.keys()]
+    return [
+        *((ring_island_m(ring), "soil") for ring in rings),
+        *((island_m, "concrete") for pair in pairs for island_m in islands_between_m(*pair)),
+    ]
 
 
-def _ways_m(line_m: Numbers) -> Numbers:
-    """(k,) way along a line in the plane up to each of its points."""
-    return np.concatenate([[0.0], np.cumsum(np.hypot(*np.diff(line_m[:, :2], axis=0).T))])
-
-
-def _length_m(line_m: Numbers) -> float:
-    """Length of a line in the plane."""
-    return float(_ways_m(line_m)[-1])
-
-
-def _along(line_m: Numbers, way_m: Numbers, left_m: float = 0.0) -> Numbers:
-    """(n, 3) x, y [m] and heading [rad] at places along a line, and to the left of it."""
-    step, at_m = np.diff(line_m[:, :2], axis=0), _ways_m(line_m)
-    segment = np.clip(np.searchsorted(at_m, way_m, side="right") - 1, 0, len(step) - 1)
-    heading = np.arctan2(step[segment, 1], step[segment, 0])
-    x_m, y_m = (np.interp(way_m, at_m, line_m[:, axis]) for axis in (0, 1))
-    return np.stack([x_m - left_m * np.sin(heading), y_m + left_m * np.cos(heading), heading], axis=1)
-
-
-def _on_line(line_m: Numbers, way_m: Numbers) -> Numbers:
-    """(n, 3) places along a line."""
-    return np.stack([np.interp(way_m, _ways_m(line_m), column) for column in line_m.T], axis=1)
+def _piers(network: Network, relief: Relief, terrain: Terrain) -> list[Tables]:
+    """Piers below each road on both sides of another one that it passes over."""
+    piers: list[Tables] = []
+    for group in network.groups:
+        way_m = np.arange(0.5 * SEARCH_M, way_length_m(group.line_m), SEARCH_M)
+        over = relief.has_storey(on_line(group.line_m, way_m), above=False, beside_m=PIER_ASIDE_M)
+        sides_m = way_m[1:][np.diff(over)] if group.kind == "road" else way_m[:0]
+        tops_m = on_line(group.line_m, sides_m)[:, 2] - PIER_BELOW_M
+        feet_m = terrain.height_m(on_line(group.line_m, sides_m)[:, :2]) - PIER_SUNK_M
+        for (x_m, y_m, heading), top_m, foot_m in zip(
+            along(group.line_m, sides_m).tolist(), tops_m.tolist(), feet_m.tolist(), strict=True
+        ):
+            pose = placed(x_m, y_m, 0.5 * (top_m + foot_m), math.degrees(heading))
+            keys = {"primitive": "box", "class": "building", "material": "concrete"}
+            piers.append(
+                {"name": f"pier_{len(piers)}", **keys, "size_m": [PIER_M, PIER_M, round(top_m - foot_m, 3)], **pose}
+            )
+    return piers
 
 
 def _marks(line_m: Numbers, way_m: Numbers, left_m: float = 0.0, turn_deg: float = 0.0) -> list[Tables]:
     """Poses of markings along a line."""
-    places = _along(line_m, way_m, left_m).tolist()
+    places = along(line_m, way_m, left_m).tolist()
     return [placed(x_m, y_m, PAINT_M, math.degrees(heading) + turn_deg) for x_m, y_m, heading in places]
 
 
@@ -406,10 +411,10 @@ def _markings(network: Network, relief: Relief) -> list[Tables]:
     markings = []
     marks: dict[tuple[str, float, float], list[Tables]] = {}
     for number, group in enumerate(network.groups):
-        length_m = _length_m(group.line_m)
+        length_m = way_length_m(group.line_m)
         if group.kind != "road" or length_m < DASHES_M:
             continue
-        ends_m = _along(group.line_m, np.array([0.2, length_m - 0.2]))[:, :2]
+        ends_m = along(group.line_m, np.array([0.2, length_m - 0.2]))[:, :2]
         within_m = np.concatenate([ends_m[:1], group.line_m[1:-1, :2], ends_m[1:]])
         line_m = np.pad(within_m, ((0, 0), (0, 1)), constant_values=PAINT_M)
         edge_m = 0.5 * group.width_m - ASIDE_M
@@ -420,21 +425,26 @@ def _markings(network: Network, relief: Relief) -> list[Tables]:
                 name = f"line_{number}_{side}" + (f"_{run[0]}" if run[0] else "")
                 markings.append(_strip(name, "lane_marking", "lane_marking", piece_m, LINE_M, offset_m, **keys))
         way_m = np.arange(0.5 * DASHES_M, length_m - 0.5 * DASHES_M, DASHES_M)
-        way_m = way_m[~relief.has_storey(_on_line(group.line_m, way_m), above=True, beside_m=UNDER_M)]
+        way_m = way_m[~relief.has_storey(on_line(group.line_m, way_m), above=True, beside_m=UNDER_M)]
         for border_m in np.cumsum(group.widths_m)[:-1].tolist():
             dashes = _marks(group.line_m, way_m, border_m - 0.5 * group.width_m)
             marks.setdefault(("dashes", DASH_M, LINE_M), []).extend(dashes)
         if group.ends_at_lights:
             stop = _marks(group.line_m, np.array([length_m - 0.4]))
             marks.setdefault(("stop_lines", 0.3, round(group.width_m - 2.0 * ASIDE_M, 2)), []).extend(stop)
-    pavements = [Outline(corner_m=corners_m, spacing_m=SPACING_M) for corners_m in network.corners]
+    raised = [*network.corners, *(island_m for island_m, _ in _islands(network))]
+    pavements = [Outline(corner_m=corners_m, spacing_m=SPACING_M) for corners_m in raised]
+    low_m, high_m = (
+        np.array([side(corners_m[:, :2], axis=0) for corners_m in raised]).reshape(-1, 2) for side in (np.min, np.max)
+    )
     for shape_m, width_m in network.crossings:
-        stripe_m, way_m = width_m - 0.5, np.arange(0.75, _length_m(shape_m) - 0.5, 2.0 * STRIPE_M)
+        stripe_m, way_m = width_m - 0.5, np.arange(0.75, way_length_m(shape_m) - 0.5, 2.0 * STRIPE_M)
         # Where a crossing is oblique, its first stripes would lie on the kerb in part.
         off_kerb = [
-            not any(pavement.contains(places_m).any() for pavement in pavements)
-            for x_m, y_m, heading in _along(shape_m, way_m).tolist()
+            not any(pavements[near].contains(places_m).any() for near in np.flatnonzero(beside).tolist())
+            for x_m, y_m, heading in along(shape_m, way_m).tolist()
             for places_m in [box_places_m((x_m, y_m, heading, 0.5 * STRIPE_M, 0.5 * stripe_m), MARK_SPACING_M)]
+            for beside in [((low_m < places_m.max(axis=0)) & (high_m > places_m.min(axis=0))).all(axis=1)]
         ]
         stripes = _marks(shape_m, way_m[np.array(off_kerb, dtype=bool)], 0.0, 90.0)
         marks.setdefault(("zebras", stripe_m, STRIPE_M), []).extend(stripes)
@@ -476,10 +486,10 @@ class _Roadside:
         self._file = file
         boxes = []
         for group in network.groups:
-            length_m = _length_m(group.line_m)
+            length_m = way_length_m(group.line_m)
             count = max(1, math.ceil(length_m / 5.0))
             half_m = np.broadcast_to([0.6 * length_m / count, 0.5 * group.width_m], (count, 2))
-            boxes.append(np.hstack([_along(group.line_m, (np.arange(count) + 0.5) * length_m / count), half_m]))
+            boxes.append(np.hstack([along(group.line_m, (np.arange(count) + 0.5) * length_m / count), half_m]))
         for corners_m in network.junctions:
             low_m, high_m = corners_m[:, :2].min(axis=0), corners_m[:, :2].max(axis=0)
             boxes.append(np.array([[*0.5 * (low_m + high_m), 0.0, *0.5 * (high_m - low_m)]]))
@@ -491,8 +501,8 @@ class _Roadside:
             if group.kind == "road" and group.ends_at_lights:
                 beside = [each for each in network.groups if each.edge == group.edge and each.kind == "cycle_path"]
                 aside_m = 0.5 * group.width_m + sum(each.width_m for each in beside) + POST_LINE_M
-                way_m = np.array([max(_length_m(group.line_m) - 0.5, 0.0)])
-                ((x_m, y_m, heading),) = _along(group.line_m, way_m, -aside_m).tolist()
+                way_m = np.array([max(way_length_m(group.line_m) - 0.5, 0.0)])
+                ((x_m, y_m, heading),) = along(group.line_m, way_m, -aside_m).tolist()
                 self._room.take(np.array([[x_m, y_m, heading, 0.2, 0.2]]))
                 place = placed(x_m, y_m, 0.0, math.degrees(heading) + 180.0)
                 self.items.setdefault("lights", []).append(place)
@@ -501,25 +511,25 @@ class _Roadside:
         """Place guard rails on both sides of a road where it passes over another."""
         if group.kind != "road":
             return
-        way_m = np.arange(0.5 * RAIL_M, _length_m(group.line_m), RAIL_M)
-        way_m = way_m[relief.has_storey(_on_line(group.line_m, way_m), above=False, beside_m=OVER_M)]
+        way_m = np.arange(0.5 * RAIL_M, way_length_m(group.line_m), RAIL_M)
+        way_m = way_m[relief.has_storey(on_line(group.line_m, way_m), above=False, beside_m=OVER_M)]
         for side in (-1.0, 1.0):
             left_m = side * (0.5 * group.width_m - 0.5 * ASIDE_M)
-            for x_m, y_m, heading in _along(group.line_m, way_m, left_m).tolist():
+            for x_m, y_m, heading in along(group.line_m, way_m, left_m).tolist():
                 place = placed(x_m, y_m, 0.0, math.degrees(heading) - 90.0 * side)
                 self.items.setdefault("guard_rails", []).append(place)
 
     def rails(self, group: LaneGroup, side: float) -> None:
         """Place guard rails along one side of a fast road, where nothing else is."""
         if group.kind == "road" and group.speed_m_s >= RAIL_M_S:
-            for way_m in np.arange(0.5 * RAIL_M, _length_m(group.line_m), RAIL_M).tolist():
+            for way_m in np.arange(0.5 * RAIL_M, way_length_m(group.line_m), RAIL_M).tolist():
                 left_m = side * (0.5 * group.width_m + RAIL_ASIDE_M)
                 self._place("guard_rails", group, (way_m, left_m), (0.49 * RAIL_M, 0.1), -90.0 * side)
 
     def line(self, group: LaneGroup, side: float, district: District) -> None:
         """Place houses, trees and lamps along one side of a road, where nothing else is."""
         random, file, meshes = self.random, self._file, catalog.shipped_meshes()
-        length_m, share = _length_m(group.line_m), random.uniform(*file.house_share)
+        length_m, share = way_length_m(group.line_m), random.uniform(*file.house_share)
         edge_m = 0.5 * group.width_m
         way_m = 0.5 * random.uniform(*file.lamp_spacing_m)
         while way_m < length_m:
@@ -543,7 +553,7 @@ class _Roadside:
         """Plant bushes along one side of a road, where nothing else is."""
         random, reach_m = self.random, catalog.shipped_meshes()["bush"]["reach_m"]
         way_m = random.uniform(*BUSH_SPACING_M)
-        while way_m < _length_m(group.line_m):
+        while way_m < way_length_m(group.line_m):
             left_m, scale = (
                 side * (0.5 * group.width_m + random.uniform(*BUSH_ASIDE_M)),
                 random.integers(len(TREE_SCALES)),
@@ -556,9 +566,9 @@ class _Roadside:
     ) -> bool:
         """Place a thing along a road and to the left of it, if nothing is there, nor another road between the two."""
         way_m, left_m = place_m
-        ((x_m, y_m, heading),) = _along(group.line_m, np.array([way_m]), left_m).tolist()
+        ((x_m, y_m, heading),) = along(group.line_m, np.array([way_m]), left_m).tolist()
         verge_m = 0.5 * group.width_m + EDGE_M, abs(left_m)
-        between = _along(group.line_m, np.array([way_m]), math.copysign(0.5 * sum(verge_m), left_m))
+        between = along(group.line_m, np.array([way_m]), math.copysign(0.5 * sum(verge_m), left_m))
         beside = np.hstack([between, [[half_m[0], 0.5 * (verge_m[1] - verge_m[0])]]])
         free = self._roads.is_free(beside) and self._room.take(np.array([[x_m, y_m, heading, *half_m]]))
         if free:

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import gzip
 import itertools
+import math
 import os
 import re
 import signal
@@ -48,6 +49,19 @@ LANE_CHANGE_S = 3.0
 TOWN_BLOCK_M, TOWN_SHIFT_M, RING_M = 110.0, 12.0, 16.0
 """Choice: distance between the streets of a drawn town, by how much its junctions are off, and radius of its
 roundabout."""
+
+SPREAD_M, SPREAD_WAY_M, REFUGE_SHARE = (1.2, 0.8), 20.0, 0.4
+"""Choice: half the width of islands between the lanes of a drawn town at its roundabout, and at crossings of other
+junctions; distance over which lanes spread for them; and share of those junctions."""
+
+TURN_M_S2 = 3.0
+"""Choice: acceleration towards the middle of a turn at a junction of a drawn town."""
+
+LOOP_CORNERS = ((-1, -1), (1, -1), (1, 0), (0, 0), (0, 1), (-1, 1))
+"""Choice: corners of the ego vehicle's way in a drawn town, an L around the roundabout, at which it turns six times."""
+
+SHARPEST_CORNER_DEG = 135.0
+"""Choice: turn of a pavement's outline from which on it is folded."""
 
 SHARPEST_TURN_DEG = 120.0
 """Choice: turn from one pose to the next beyond which another is put between them."""
@@ -114,6 +128,7 @@ class Network(NamedTuple):
         roads: lengths of the roads that cars may take, by SUMO's names
         walks: SUMO's names of roads with a pavement
         rings: SUMO's names of the roads around each roundabout
+        opposite: SUMO's names of the two directions of each road that has both
     """
 
     groups: list[LaneGroup]
@@ -123,6 +138,7 @@ class Network(NamedTuple):
     roads: dict[str, float]
     walks: list[str]
     rings: list[frozenset[str]]
+    opposite: list[tuple[str, str]]
 
 
 @dataclass(slots=True)
@@ -165,13 +181,16 @@ def convert(map_file: Path, kind: Literal["opendrive", "osm"], folder: Path) -> 
     return network
 
 
-def draw_town(streets: int, folder: Path, *, seed: int, slopes: tuple[float, float]) -> Path:
+def draw_town(streets: int, folder: Path, *, seed: int, slopes: tuple[float, float]) -> tuple[Path, list[str]]:
     """Draw a town of streets in both directions, with lights at some junctions and a roundabout, as a network of SUMO.
 
     Args:
         streets: in each direction
         folder: of the network's file
         slopes: least and largest difference of heights between neighbouring junctions, over their distance
+
+    Returns:
+        The network's file, and the names of the roads of a loop with six turns, the first of them again at its end.
     """
     random = np.random.default_rng([seed, 8])
     place_m = TOWN_BLOCK_M * np.stack(np.meshgrid(*[np.arange(streets, dtype=float)] * 2, indexing="ij"), axis=-1)
@@ -192,24 +211,30 @@ def draw_town(streets: int, folder: Path, *, seed: int, slopes: tuple[float, flo
 
     middle = streets // 2
     ring: list[tuple[float, str]] = []
-    names = {}
+    names, roads = {}, {}
     for i, j in np.ndindex(streets, streets):
         names[i, j] = f"n{i}_{j}"
         if (i, j) != (middle, middle):
             x_m, y_m = place_m[i, j].tolist()
             node(names[i, j], x_m, y_m, height_m[i, j], str(random.choice(["traffic_light", "priority"])))
+    spread_m = SPREAD_M[1] * (random.random((streets, streets)) < REFUGE_SHARE)
+    spread_m[middle, middle] = SPREAD_M[0]
     for i, j in np.ndindex(streets, streets):
         for k, m in ((i + 1, j), (i, j + 1)):
             if k < streets and m < streets:
-                ends = []
+                ends, rows = [], []
                 for here, there in (((i, j), (k, m)), ((k, m), (i, j))):
                     ends.append(names[here])
+                    end_m = place_m[here]
                     if here == (middle, middle):
                         way_m = place_m[there] - place_m[here]
                         ends[-1] = f"ring{len(ring)}"
                         ring.append((float(np.arctan2(way_m[1], way_m[0])), ends[-1]))
-                edge(*ends)
-                edge(*ends[::-1])
+                        end_m = end_m + RING_M * way_m / np.hypot(*way_m)
+                    rows.append((*end_m, height_m[here], spread_m[here]))
+                edge(*ends, shape=_spread(*rows))
+                edge(*ends[::-1], shape=_spread(*rows[::-1]))
+                roads[(i, j), (k, m)], roads[(k, m), (i, j)] = "_".join(ends), "_".join(ends[::-1])
     x_m, y_m = place_m[middle, middle]
     ring.sort()
     for number, (begin, name) in enumerate(ring):
@@ -226,8 +251,29 @@ def draw_town(streets: int, folder: Path, *, seed: int, slopes: tuple[float, flo
     for path, root in zip(files, (nodes, edges), strict=False):
         ElementTree.ElementTree(root).write(path, encoding="utf-8")
     options = ["--sidewalks.guess", "--crossings.guess", "--no-warnings", "--default.priority", "1"]
+    options += ["--junctions.limit-turn-speed", f"{TURN_M_S2:g}"]
     _run("netconvert", ["-n", str(files[0]), "-e", str(files[1]), "-o", str(files[2]), *options], f"--town {streets}")
-    return files[2]
+    reach = (streets - 1) // 2
+    passed = [
+        (middle + i + step * int(np.sign(k - i)), middle + j + step * int(np.sign(m - j)))
+        for (i, j), (k, m) in itertools.pairwise(reach * np.array([*LOOP_CORNERS, LOOP_CORNERS[0]]))
+        for step in range(abs(k - i) + abs(m - j))
+    ]
+    return files[2], [roads[step] for step in itertools.pairwise([*passed, *passed[:2]])]
+
+
+def _spread(begin: Sequence[float], end: Sequence[float]) -> str:
+    """Shape of a road's left edge, to the right of the line between two ends there, as SUMO's files have it.
+
+    Args:
+        begin, end: x, y and height of each end, and distance to the right [m]
+    """
+    length_m = math.hypot(end[0] - begin[0], end[1] - begin[1])
+    share = np.array([0.0, SPREAD_WAY_M, length_m - SPREAD_WAY_M, length_m]) / length_m
+    line_m = np.array(begin[:3]) + share[:, None] * (np.array(end[:3]) - np.array(begin[:3]))
+    right = np.array([end[1] - begin[1], begin[0] - end[0]]) / length_m
+    line_m[:, :2] += np.array([begin[3], 0.0, 0.0, end[3]])[:, None] * right
+    return " ".join(",".join(f"{number_m:.2f}" for number_m in point_m) for point_m in line_m.tolist())
 
 
 def read_network(path: Path) -> Network:
@@ -235,7 +281,8 @@ def read_network(path: Path) -> Network:
     sumolib = import_optional("sumolib", extra="traffic")
     net = sumolib.net.readNet(str(path), withInternal=True)
     rings = [frozenset(roundabout.getEdges()) for roundabout in net.getRoundabouts()]
-    network = Network([], [], [], [], {}, [], rings)
+    network = Network([], [], [], [], {}, [], rings, [])
+    ends: dict[tuple[str, str], str] = {}
     walked: set[str] = set()
     special = []
     for edge in net.getEdges(withInternal=True):
@@ -243,13 +290,17 @@ def read_network(path: Path) -> Network:
             special.append(edge)
         if edge.getFunction():
             continue
+        begin, end = edge.getFromNode().getID(), edge.getToNode().getID()
+        if (end, begin) in ends:
+            network.opposite.append((ends[end, begin], edge.getID()))
+        ends[begin, end] = edge.getID()
         groups = list(_groups(edge))
         network.groups.extend(groups)
         if any(group.kind == "road" for group in groups):
             network.roads[edge.getID()] = edge.getLength()
         if any(group.kind == "pavement" for group in groups):
             network.walks.append(edge.getID())
-            walked |= {edge.getFromNode().getID(), edge.getToNode().getID()}
+            walked |= {begin, end}
     for node in net.getNodes():
         corners_m = _without_repeats(np.array(node.getShape3D() or np.zeros((0, 3))))
         if len(corners_m) > 2 and node.getType() not in ("internal", "dead_end"):
@@ -260,7 +311,7 @@ def read_network(path: Path) -> Network:
         if edge.getFunction() == "crossing":
             network.crossings.append((shape_m, lane.getWidth()))
         elif edge.getFromNode().getID() in walked and len(shape_m) > 2:
-            network.corners.append(shape_m)
+            network.corners.append(_unfolded(shape_m))
     return network
 
 
@@ -311,23 +362,32 @@ def _without_repeats(points_m: Numbers) -> Numbers:
     return np.array(kept).reshape(-1, 3)
 
 
+def _unfolded(corners_m: Numbers) -> Numbers:
+    """Corners without those at which an outline turns back, which netconvert makes where pavements spread."""
+    step = np.diff(corners_m[:, :2], axis=0, append=corners_m[:1, :2])
+    heading = np.arctan2(step[:, 1], step[:, 0])
+    turn = np.abs(np.mod(heading - np.roll(heading, 1) + np.pi, 2.0 * np.pi) - np.pi)
+    return np.asarray(corners_m[turn < math.radians(SHARPEST_CORNER_DEG)])
+
+
 def draw_routes(
     network: Network,
     path: Path,
-    folder: Path,
     *,
     origin: str,
     bodies: Mapping[str, tuple[str, float, float, float]],
     seed: int,
     gap_m: float,
+    loop: Sequence[str] = (),
 ) -> tuple[Path, str, float]:
     """Draw trips through a network: their file, and name and way [m] of the ego vehicle, the longest of some.
 
     Args:
-        path: the network's file
+        path: the network's file, beside which that of the trips is written
         origin: what it was made of, as messages name it
         bodies: name of a vehicle's body -> SUMO's class, length and width [m], and share of the vehicles
         gap_m: length of road for each vehicle
+        loop: roads that the ego vehicle takes instead
 
     Raises:
         InputError: if no car can drive there
@@ -336,12 +396,11 @@ def draw_routes(
     net = sumolib.net.readNet(str(path))
     random = np.random.default_rng([seed, 4])
     roads = sorted(name for name in network.roads if net.getEdge(name).allows("passenger"))
-    best: tuple[float, Any, Any] = (0.0, None, None)
-    for first, last in random.choice(roads, (40, 2)) if roads else ():
-        way, _ = net.getShortestPath(net.getEdge(first), net.getEdge(last), vClass="passenger")
-        length_m = sum(edge.getLength() for edge in way or ())
-        best = max(best, (length_m, first, last), key=lambda found: found[0])
-    if best[1] is None:
+    ways = [[net.getEdge(name) for name in loop]]
+    for first, last in random.choice(roads, (40, 2)) if roads and not loop else ():
+        ways.append(net.getShortestPath(net.getEdge(first), net.getEdge(last), vClass="passenger")[0] or [])
+    way_m, way = max(((sum(edge.getLength() for edge in way), way) for way in ways), key=lambda found: found[0])
+    if not way:
         raise InputError(f"{origin}: must have roads that a car can drive along, got none")
     cars = sorted((length_m, name) for name, (kind, length_m, *_) in bodies.items() if kind == "passenger")
     own = cars[len(cars) // 2][1]  # of a usual length
@@ -352,9 +411,10 @@ def draw_routes(
     count = int(sum(network.roads.values()) / gap_m) + 1
     # Twice as many as are there at a time, from the begin on until the ego vehicle has come to its end; it is the first
     # of all, since others may leave no room for it on a ring.
-    departures = np.sort(random.uniform(0.0, best[0] / 8.0, 2 * count))
+    departures = np.sort(random.uniform(0.0, way_m / 8.0, 2 * count))
     departures[:count] = 0.0
-    ego = {"id": "ego", "type": own, "depart": "0", "from": str(best[1]), "to": str(best[2])}
+    passed = [edge.getID() for edge in way]
+    ego = {"id": "ego", "type": own, "depart": "0", "from": passed[0], "via": " ".join(passed), "to": passed[-1]}
     trips = [(0.0, "trip", ego)]
     for number, depart_s in enumerate(departures.tolist()):
         begin, end = random.choice(roads, 2).tolist()
@@ -371,9 +431,9 @@ def draw_routes(
         else:
             walk = {name: keys.pop(name) for name in ("from", "to")}
             ElementTree.SubElement(ElementTree.SubElement(root, tag, keys), "walk", walk)
-    routes = folder / "drawn.rou.xml"
+    routes = path.with_name("drawn.rou.xml")
     ElementTree.ElementTree(root).write(routes, encoding="utf-8")
-    return routes, "ego", best[0]
+    return routes, "ego", way_m
 
 
 class Scenario(NamedTuple):

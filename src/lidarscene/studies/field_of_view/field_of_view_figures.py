@@ -37,7 +37,7 @@ SUMMARY = (
     f"range at P_d {PROBABILITY:g}",
 )
 NO_GROUND = (
-    "No view from above: no sensor's [mounting] is above the ground. With a --rig, or heights as by --set "
+    "No view from above: no sensor's [mounting] is above the ground. With a rig, or heights such as "
     "SENSOR:mounting.position_m=[0,0,1.9], the ground around the vehicle, overlaps and blind zones are drawn."
 )
 DOTS = 60_000  # of a pattern that are drawn and listed
@@ -232,8 +232,8 @@ def body_points_figure(bodies: Sequence[tuple[str, list[BodyPoints]]], scene: st
     ]
     caption = (
         f"Points of one frame on each body with a class of the scene {scene}, against the median of their ranges. "
-        "Every sensor is at its own mounting, seen from where the scene's sensor stands (or --pose), or at its place "
-        "on the rig's vehicle."
+        "Every sensor is at its own mounting, seen from where the scene's sensor stands or the pose given, or at its "
+        "place on the rig's vehicle."
     )
     draw = partial(
         maps.save_scatter,

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from ...errors import InputError
+from ...errors import OptionError
 from ...maths.arrays import Numbers
 from ...scan import Scanner
 from .sphere_cells import SphereCells, convex_outline
@@ -69,7 +69,7 @@ def fired_pulses(scanner: Scanner, time_s: float) -> FiredPulses:
     frames = max(math.ceil(time_s / scanner.frame_s - 1e-9), 1)
     count = min(frames * scanner.pulses, math.ceil(time_s * rate_hz(scanner)) + scanner.pulses)
     if count > MOST_PULSES + scanner.pulses:
-        raise InputError(f"--time: {time_s:g} s of this scanner are {count} pulses, must be <= {MOST_PULSES}")
+        raise OptionError(f"{{times_s}}: {time_s:g} s of this scanner are {count} pulses, must be <= {MOST_PULSES}")
     pulse = np.arange(count, dtype=np.uint32)
     x, y, z = (np.asarray(component, dtype=np.float64) * np.ones(count) for component in scanner.direction(pulse))
     whole = FiredPulses(

@@ -5,6 +5,8 @@ near_field            photons of a white target over the range: K, R0, sharpness
 threshold             chance of a return over SIGNAL and NEAR_IR: floor, slope, width
 scatter               scatter of the range over SIGNAL: c and floor
 row_gains             gains of the rows
+pixels_at_rest        pixels of frames of a sensor at rest, on surfaces whose lean is known
+at_rest               their noise and losses: energy, jitter, beam on slopes, chatter, columns that share noise
 tuning                numbers of the fit that no source gives, and what each is worth
 estimates             Fisher matrix, block bootstrap
 products              products of a sensor file's numbers that are known, and directions that are not

@@ -22,9 +22,12 @@ from ..held import Held
 from ..recorded import scatter_mm
 from ..twin.apparent_reflectivity import ReflectivityGauge
 from ..twin.daylight import illuminance_klux
+from ..twin.sensor_grid import on_grid
+from .at_rest import COLUMNS, CONVERTER, Boards, FitAtRest, checks_at_rest, fit_at_rest
 from .estimates import Estimate, Solution
 from .fit_report import FITTED, FitReport, law_figure, law_rows, share_figure
 from .near_field import LENSES, NearField, fit_near_field
+from .pixels_at_rest import pixels_at_rest
 from .products import QUANTITIES, Products, find_products, white_over_range_m2
 from .recorded_pulses import RecordedPulses, gather_pulses
 from .row_gains import RowGains, fit_rows
@@ -54,6 +57,8 @@ class RecordingFit:
         ends: spread of the threshold, without what the sensor's filter adds to its width, its least value, and its
             factor for lone echoes, as far as they are known
         products: known quantities as products of numbers of the sensor file
+        at_rest: numbers by frames of a sensor at rest; None: it moved, or one frame was recorded
+        boards: pixels at rest that were not fitted
     """
 
     near_field: NearField | None = None
@@ -62,12 +67,15 @@ class RecordingFit:
     rows: RowGains | None = None
     ends: tuple[Estimate, ...] = ()
     products: Products | None = None
+    at_rest: FitAtRest | None = None
+    boards: Boards | None = None
 
     @property
     def estimates(self) -> tuple[Estimate, ...]:
         """Estimates of all laws."""
         laws = (self.near_field, self.threshold, self.scatter)
-        return (*(estimate for law in laws if law is not None for estimate in law.estimates), *self.ends)
+        at_rest = () if self.at_rest is None else self.at_rest.estimates
+        return (*(estimate for law in laws if law is not None for estimate in law.estimates), *self.ends, *at_rest)
 
     def checks(self, sensor: Sensor, near_ir: float = 0.0) -> list[Held]:
         """Compare a sensor, such as that of the written file, with the held-out blocks.
@@ -80,7 +88,10 @@ class RecordingFit:
             near_field = threshold = scatter = None
         octaves = [] if scatter is None else scatter.held_out[scatter.held_out[:, 2] >= LEAST_JUDGED].tolist()
         simulated_mm = [scatter_mm(sensor, signal, near_ir, at_rest=True) for signal, *_ in octaves]
-        return law_rows(
+        rows = [] if self.boards is None else list(checks_at_rest(self.boards, sensor))
+        if sensor.histogram is None:
+            return rows
+        return rows + law_rows(
             None if near_field is None else near_field.error_of(sensor),
             None if threshold is None else threshold.error_of(sensor),
             np.array(
@@ -97,22 +108,25 @@ LAWS = {
     "signal, mean error over the range": ("white_m2", "near_field_m", "spot_over_field", *LENSES),
     "kept and lost, mean difference": ("threshold_slope", "threshold_pedestal", "threshold_spread", "threshold_least"),
     "range, scatter": ("scatter_c",),
+    "range, scatter at rest": (*CONVERTER, COLUMNS),
+    "share kept at rest": CONVERTER,
 }
 """Quantity of the checks -> estimates that set it."""
 
 
-def misses_of(checks: Sequence[Held]) -> dict[str, tuple[bool, float]]:
-    """Whether a row of each quantity of `LAWS` fails, and its largest error, of ratios that of the logarithm.
+def misses_of(checks: Sequence[Held]) -> dict[str, tuple[int, float]]:
+    """How many rows of each quantity of `LAWS` fail, and its largest error, of ratios that of the logarithm.
 
     Quantities that were not compared are left out; what cannot be simulated is endless.
     """
-    misses: dict[str, tuple[bool, float]] = {}
+    misses: dict[str, tuple[int, float]] = {}
     for row in checks:
         if row.value is not None:
-            miss = row.value if row.limits.low is None else abs(math.log(row.value))
-            failed, largest = misses.get(row.quantity, (False, 0.0))
+            is_ratio = row.limits.low is not None and row.limits.low > 0.0
+            miss = abs(math.log(row.value)) if is_ratio and row.value > 0.0 else abs(row.value)
+            failed, largest = misses.get(row.quantity, (0, 0.0))
             miss = math.inf if math.isnan(miss) else max(miss, largest)
-            misses[row.quantity] = failed or row.verdict is False, miss
+            misses[row.quantity] = failed + (row.verdict is False), miss
     return misses
 
 
@@ -136,30 +150,50 @@ def fit_recordings(
         InputError: if a file, a key or a value cannot be understood
     """
     base = base_text(sensor, metadata_of(recordings[0], metadata), sensor_index=sensor_index)
-    where = f"--sensor {sensor}"
+    where = f"sensor {sensor}"
     base_sensor = parse_sensor(base, where)
     recording = ", ".join(path.name for path in recordings)
     try:
-        sweeps = _read_sweeps(recordings, metadata, sensor_index, frames)
+        scanner = base_sensor.scanner
+        sweeps = [on_grid(sweep, scanner) for sweep in _read_sweeps(recordings, metadata, sensor_index, frames)]
         pulses = gather_pulses(sweeps)
-        fit = fit_pulses(pulses, base_sensor)
+        pixels = pixels_at_rest(sweeps, base_sensor)
+        at_rest = None if pixels is None else fit_at_rest(pixels, base, where)
+        fit = fit_pulses(pulses, base_sensor, at_rest=at_rest)
     except ValueError as error:
         raise InputError(f"{recording}: {error}") from None
+    if pixels is not None:
+        fit = replace(fit, boards=Boards.of(pixels.select(~pixels.fitted), base_sensor))
     estimates = {estimate.key: estimate for estimate in fit.estimates}
     if any(sweep.second is not None for sweep in sweeps):
         base = with_second_returns(base)
     near_ir = 0.0 if pulses.near_ir is None else float(np.nanmedian(pulses.near_ir[pulses.has_return]))
-    text, notes = fitted_text(base, estimates, recording, where, rows=fit.rows)
-    before, after = (misses_of(fit.checks(sensor, near_ir)) for sensor in (base_sensor, parse_sensor(text, FITTED)))
-    held = {
-        key: f"fitted, but with it '{quantity}' misses what was not fitted by {after[quantity][1]:.2g}, else by "
-        f"{before[quantity][1]:.2g}"
-        for quantity in after
-        if after[quantity][0] and after[quantity][1] > before[quantity][1]
-        for key in LAWS[quantity]
-    }
-    if held:
-        text, notes = fitted_text(base, estimates, recording, where, rows=fit.rows, held=held)
+    before = misses_of(fit.checks(base_sensor, near_ir))
+    held: dict[str, str] = {}
+    while True:  # without a number, others that depend on it may miss more: what is written is held to its checks
+        text, notes = fitted_text(
+            base,
+            estimates,
+            recording,
+            where,
+            rows=fit.rows,
+            at_rest={} if at_rest is None else at_rest.by_key,
+            held=held,
+        )
+        after = misses_of(fit.checks(parse_sensor(text, FITTED), near_ir))
+        worse = {
+            key: f"fitted, but with it '{quantity}' misses what was not fitted by {after[quantity][1]:.2g}, else by "
+            f"{before[quantity][1]:.2g}"
+            for quantity in after
+            if after[quantity][0] and after[quantity] > before[quantity]
+            for key in LAWS[quantity]
+            if key not in held
+        }
+        if not worse:
+            break
+        held |= worse
+    if at_rest is not None:
+        notes = (*notes, *(f"{key} is left as it was: {reason}" for key, reason in at_rest.unknown.items()))
     klux = _illuminance_klux(sweeps, parse_sensor(text, FITTED))
     text, gain_note = with_background_gain(text, klux, recording)
     notes = (*notes, gain_note) if gain_note else notes
@@ -191,11 +225,14 @@ def _read_sweeps(
     return sweeps
 
 
-def fit_pulses(pulses: RecordedPulses, sensor: Sensor | None = None) -> RecordingFit:
+def fit_pulses(
+    pulses: RecordedPulses, sensor: Sensor | None = None, *, at_rest: FitAtRest | None = None
+) -> RecordingFit:
     """Fit all laws to these pulses.
 
     Args:
         sensor: sensor whose own near field is stretched, unless it has one lens; None: law of one lens
+        at_rest: numbers by frames at rest, which may be all that there are
 
     Raises:
         ValueError: if none can be fitted
@@ -205,11 +242,13 @@ def fit_pulses(pulses: RecordedPulses, sensor: Sensor | None = None) -> Recordin
         threshold=fit_threshold(pulses),
         scatter=fit_scatter(pulses if sensor is None else with_photons(pulses, sensor)),
         rows=fit_rows(pulses),
+        at_rest=at_rest,
     )
     if not fit.estimates and fit.rows is None:
         raise ValueError(
-            "must have SIGNAL, NEAR_IR or REFLECTIVITY of enough pulses, as Ousters record; got none. "
-            "Without them only threshold over power could be had, and not apart from the reflectivities"
+            "must have SIGNAL, NEAR_IR or REFLECTIVITY of enough pulses, as Ousters record, or intensities of two "
+            "frames at rest; got none. Without them only threshold over power could be had, and not apart from the "
+            "reflectivities"
         )
     if sensor is None or sensor.histogram is None:
         return fit
@@ -273,6 +312,8 @@ def _report(
                 f"columns share noise: every second pulse scatters by {share:.0%} of what pulses far apart do",
             )
         solutions["scatter"] = ("c^2", "floor^2"), fit.scatter.solved
+    if fit.at_rest is not None:
+        solutions |= fit.at_rest.solutions
     products = fit.products
     return FitReport(
         title=f"{recording}: what it says of {sensor}",

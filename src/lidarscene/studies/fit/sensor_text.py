@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 
 from ... import catalog
-from ...errors import InputError
+from ...errors import InputError, OptionError
 from ...files.toml_edit import KeyPath, get_value, put_values, remove_values
 from ...recordings.units.unit_file import read_unit, unit_text
 from ...sensor.sensor_file import sensor_from_tables
@@ -56,7 +56,7 @@ TWO_LENS_KEYS = (
 )
 """Keys of a near field other than that of one lens behind a point."""
 
-Changes = dict[str, tuple[float | list[float], str]]
+Changes = dict[str, tuple[float | bool | list[float], str]]
 """Key of the file -> its new value and the source of that."""
 
 WHOLE = ("detector.spads",)
@@ -112,7 +112,7 @@ def base_text(sensor: str, metadata: Path | None, *, sensor_index: int = 0) -> s
         return path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "not UTF-8 text"
-        raise InputError(f"--sensor {sensor}: cannot be read: {reason}") from None
+        raise OptionError("{sensor} {0}: cannot be read: {1}", sensor, reason) from None
 
 
 def parse_sensor(text: str, where: str) -> Sensor:
@@ -135,6 +135,7 @@ def fitted_text(
     where: str,
     *,
     rows: RowGains | None = None,
+    at_rest: Mapping[str, Estimate] = {},
     held: Mapping[str, str] = {},
 ) -> tuple[str, tuple[str, ...]]:
     """Put the estimates into a sensor file; returns the text, and notes on numbers that stay, with the reason.
@@ -143,11 +144,44 @@ def fitted_text(
 
     Args:
         rows: gains of the rows
+        at_rest: estimates of frames at rest, by key of the file
         held: estimates that are not to be written -> the reason
     """
+    text, notes = _with_numbers_at_rest(text, at_rest, recording, where, held)
+    if parse_sensor(text, where).histogram is None:
+        rest = (
+            "what frames at rest do not tell is left as it was: other laws are fitted to sensors with [histogram] only"
+        )
+        return text, (*notes, rest)
+    text, more = _with_laws(text, estimates, recording, where, rows, held)
+    return text, (*notes, *more)
+
+
+def _with_numbers_at_rest(
+    text: str, at_rest: Mapping[str, Estimate], recording: str, where: str, held: Mapping[str, str]
+) -> tuple[str, tuple[str, ...]]:
+    """Put the estimates of frames at rest into a sensor file; returns the text, and notes on numbers that stay."""
+    accepted = {key: at_rest[key] for key in _certain(at_rest) if key not in held}
+    left = [key for key in at_rest if key not in accepted]
+    notes = tuple(f"{key} is left as it was: {held.get(key, at_rest[key])}" for key in left)
+    changes = {
+        key: (estimate.value, f"fitted: {estimate}, pixels at rest, {recording}") for key, estimate in accepted.items()
+    }
+    text, change_notes = _with_changes(text, at_rest_changes(changes), where)
+    return text, (*notes, *change_notes)
+
+
+def _with_laws(
+    text: str,
+    estimates: Mapping[str, Estimate],
+    recording: str,
+    where: str,
+    rows: RowGains | None,
+    held: Mapping[str, str],
+) -> tuple[str, tuple[str, ...]]:
+    """Put the laws of single frames into the file of a sensor that counts photons; as `fitted_text`."""
     sensor = parse_sensor(text, where)
-    if sensor.histogram is None:
-        return text, ("all but the beams is left as it was: only sensors with [histogram] are fitted",)
+    assert sensor.histogram is not None
     accepted = _certain({key: estimate for key, estimate in estimates.items() if key not in held})
     scatter_mm, scatter_note = scatter_c_mm(sensor), "; scatter of the range"
     if "scatter_c" in estimates and not {"scatter_c"} & (accepted.keys() | held.keys()):
@@ -180,11 +214,11 @@ def fitted_text(
         stretched = scaled_values(text, {key: factor ** STRETCHED[key] for key in keys})
         changes |= {key: (value, source) for key, value in stretched.items()}
     if "near_field_m" in accepted and LENSES[0] in estimates:
-        lens_changes, text = _lens_changes(text, estimates, parse_sensor(_put_changes(text, changes), where), source)
+        lens_changes, text = _lens_changes(text, estimates, parse_sensor(put_changes(text, changes), where), source)
         changes = {key: change for key, change in changes.items() if key not in TWO_LENS_KEYS[:4]} | lens_changes
     if "near_field_m" in accepted and is_one_lens:
         # The fitted law was that of one lens, focused at infinity, on the laser's axis.
-        if "spot_over_field" in accepted or _get_key(text, "laser.divergence_mrad") is not None:
+        if "spot_over_field" in accepted or get_key(text, "laser.divergence_mrad") is not None:
             # Full divergence [mrad]: twice the half angle behind the new lens.
             field = float(sensor.detector.radius_m / sensor.optics.focal_length_m) / math.sqrt(factor)
             changes["laser.divergence_mrad"] = (
@@ -193,12 +227,12 @@ def fitted_text(
                     "spot_over_field", "; the spot's radius over the field's, from how sharp the near field ends"
                 ),
             )
-        if any(_get_key(text, f"optics.overlap.{key}") for key in ("transmitter_offset_mm", "focus_at_m")):
+        if any(get_key(text, f"optics.overlap.{key}") for key in ("transmitter_offset_mm", "focus_at_m")):
             notes += ("optics.overlap: the file's two lenses or focus are replaced by one lens, whose law was fitted",)
-        if _get_key(text, "laser.exit_diameter_mm") is not None:
+        if get_key(text, "laser.exit_diameter_mm") is not None:
             notes += ("laser.exit_diameter_mm is left out: the fitted spot starts as a point",)
         text = remove_keys(text, *TWO_LENS_KEYS)
-        table: dict[KeyPath, Any] = {} if _get_key(text, "optics.overlap") is not None else {("optics", "overlap"): {}}
+        table: dict[KeyPath, Any] = {} if get_key(text, "optics.overlap") is not None else {("optics", "overlap"): {}}
         text = put_values(text, {**table, ("sources", "optics.overlap"): source})
     if "scatter_c" in accepted:
         fwhm_s = pulse_fwhm_s(sensor, accepted["scatter_c"].value)
@@ -227,11 +261,11 @@ def fitted_text(
     if "white_m2" in accepted:
         power_w = float(unscaled.laser.peak_power_w) * accepted["white_m2"].value / white_m2(unscaled)
         source = source_of("white_m2", "; power, lens, efficiency, PDE and shots are known as one product")
-        text = _put_changes(text, {"laser.peak_power_w": (power_w, source)})
+        text = put_changes(text, {"laser.peak_power_w": (power_w, source)})
     elif "white_m2" in held and "laser.pulse_fwhm_ns" in changes:
         power_w = float(unscaled.laser.peak_power_w) * white_m2(sensor) / white_m2(unscaled)
         source = f"photons as before, with the pulse of {recording}"
-        text = _put_changes(text, {"laser.peak_power_w": (power_w, source)})
+        text = put_changes(text, {"laser.peak_power_w": (power_w, source)})
     return text, (*notes, *change_notes)
 
 
@@ -244,7 +278,7 @@ def _lens_changes(text: str, estimates: Mapping[str, Estimate], stretched: Senso
     """
     offset, crossing, focus, scattered = (estimates[key].value for key in LENSES)
     r0_m, aperture_mm = near_field_m(stretched), 1e3 * float(stretched.optics.aperture_radius_m)
-    direction = np.array(_get_key(text, TWO_LENS_KEYS[0]) or (0.0, 0.0), float)
+    direction = np.array(get_key(text, TWO_LENS_KEYS[0]) or (0.0, 0.0), float)
     length = float(np.hypot(*direction))
     direction = direction / length if length > 0.0 else np.array([0.0, 1.0])
     values: dict[str, float | list[float]] = {TWO_LENS_KEYS[0]: (offset * aperture_mm * direction).tolist()}
@@ -272,7 +306,7 @@ def with_background_gain(text: str, klux: float, recording: str) -> tuple[str, s
         the sun gives as much, or without the key.
     """
     key = "optics.sun_irradiance_w_m2"
-    irradiance = _get_key(text, key)
+    irradiance = get_key(text, key)
     if klux <= BRIGHTEST_KLUX:
         return text, ""
     reason = f"NEAR_IR is that of {klux:.3g} klux with the background of the file, and the sun gives {BRIGHTEST_KLUX:g}"
@@ -280,18 +314,18 @@ def with_background_gain(text: str, klux: float, recording: str) -> tuple[str, s
         return text, f"{key} is not in the file: {reason}"
     gain = klux / BRIGHTEST_KLUX
     source = f"fitted: {reason} at most; {gain:.3g} times what it was, or more, {recording}"
-    return _put_changes(text, {key: (irradiance * gain, source)}), f"{key} is raised {gain:.3g} times: {reason} at most"
+    return put_changes(text, {key: (irradiance * gain, source)}), f"{key} is raised {gain:.3g} times: {reason} at most"
 
 
 def _with_changes(text: str, changes: Changes, where: str) -> tuple[str, tuple[str, ...]]:
     """Put the changes in; returns the text, and notes on values that stay since the others do not allow them."""
-    full_text = _put_changes(text, changes)
+    full_text = put_changes(text, changes)
     try:
         parse_sensor(full_text, where)
     except InputError:  # put in those that are allowed, one by one
         notes = []
         for key, change in changes.items():
-            changed = _put_changes(text, {key: change})
+            changed = put_changes(text, {key: change})
             try:
                 parse_sensor(changed, where)
             except InputError as error:
@@ -304,7 +338,7 @@ def _with_changes(text: str, changes: Changes, where: str) -> tuple[str, tuple[s
 
 def _row_changes(text: str, rows: RowGains, recording: str) -> tuple[Changes, tuple[str, ...]]:
     """Gains of the rows as changes, and a note if they are not written."""
-    beams = _get_key(text, "scanner.elevation_deg") or ()
+    beams = get_key(text, "scanner.elevation_deg") or ()
     if len(beams) != len(rows.gain):
         return {}, (f"row gains are not written: of {len(rows.gain)} rows, and the file has {len(beams)} beams",)
     follows = "" if rows.follows is None else "SIGNAL goes with their power of {:.2f} +/- {:.2f}".format(*rows.follows)
@@ -365,7 +399,7 @@ def scaled_values(text: str, factors: Mapping[str, float]) -> dict[str, float | 
     """Key -> value of the file times its factor; keys that the file does not have are left out."""
     values: dict[str, float | list[float]] = {}
     for key, factor in factors.items():
-        value = _get_key(text, key)
+        value = get_key(text, key)
         if isinstance(value, list):
             values[key] = [float(number) * factor for number in value]
         elif value is not None:
@@ -378,10 +412,20 @@ def remove_keys(text: str, *keys: str) -> str:
     return remove_values(text, [path for key in keys for path in (tuple(key.split(".")), ("sources", key))])
 
 
-def _put_changes(text: str, changes: Changes) -> str:
+def at_rest_changes(values: Mapping[str, tuple[float, str]]) -> Changes:
+    """Numbers by frames at rest, and their sources, as changes; a beam whose width slopes tell lengthens echoes."""
+    changes: Changes = dict(values)
+    if "laser.divergence_mrad" in values:
+        changes["laser.slope_broadening"] = True, values["laser.divergence_mrad"][1]
+    return changes
+
+
+def put_changes(text: str, changes: Changes) -> str:
+    """Put values and their sources into a sensor file."""
     values = {tuple(key.split(".")): value for key, (value, _) in changes.items()}
     return put_values(text, {**values, **{("sources", key): source for key, (_, source) in changes.items()}})
 
 
-def _get_key(text: str, key: str) -> Any:
+def get_key(text: str, key: str) -> Any:
+    """Value of a key of a sensor file; None without it."""
     return get_value(text, tuple(key.split(".")))

@@ -111,6 +111,54 @@ PATCH_SIGNAL_RATIO = 2.0
 PATCH_SQUARE = 6.0
 """Choice: sum of squares over sigma^2 above which a patch is left out: exp(-3) = 5 % of clean ones."""
 
+# pixels_at_rest
+
+GROUND_COS = 0.95
+"""Choice: least cosine between the normals of a pixel's own plane and of the ground's, of a pixel on the ground."""
+
+WHOLE_FRAME = 0.9
+"""Choice: least share of the pulses of the fullest frame that another one has; one cut short leaves few pixels."""
+
+# at_rest
+
+LEAST_STEP_MM = 0.25
+"""Choice: change of the range from column to column below which columns share noise as on a level surface."""
+
+LEAST_BROADENING = 2.0
+"""Choice: least length of an echo over the pulse on some surfaces, from which on slopes tell the beam's width."""
+
+MOST_KEPT = 0.97
+"""Choice: share kept on some surfaces below which losses tell what causes them."""
+
+LEAST_LEAN_M = 32.0
+"""Choice: range times tangent of the incidence below which no beam lengthens an echo: at 4 mrad by 0.5 %."""
+
+LEAST_OF_BIN = 100
+"""Choice: least number of pixels in a bin."""
+
+LEAST_OF_STRENGTH = 1e-3
+"""Accuracy bought: least strength that is divided by: what reads 0 has no scatter of its own."""
+
+PIXELS_OF_BIN, READINGS = 400, 5
+"""Accuracy bought: pixels of each bin that are simulated, and readings of each: a scatter is good to 2 %."""
+
+LOG_STEP = 0.05
+"""Accuracy bought: step of the logarithms of numbers at rest, above the steps of so many readings."""
+
+LEAST_SLOPE = 1.0
+"""Choice: least information on a logarithm, one over the square of its standard deviation: a factor of e either way."""
+
+REST_BOUNDS = {
+    "laser.energy_spread": (1e-4, 0.5),
+    "tdc.jitter_ps": (1.0, 1e4),
+    "tdc.strong_jitter_ps": (1.0, 1e4),
+    "laser.divergence_mrad": (0.05, 30.0),
+    "tdc.chatter_mhz": (1.0, 1e4),
+    "laser.peak_power_w": (1e-2, 1e5),
+    "histogram.column_range_mm": (0.2, 500.0),
+}
+"""Choice: numbers of the sensor file that frames at rest determine -> least and largest value that is tried."""
+
 # row_gains
 
 GAIN_SIGNAL = 40.0

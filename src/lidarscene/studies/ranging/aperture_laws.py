@@ -12,7 +12,7 @@ from collections.abc import Callable
 
 import numpy as np
 
-from ...errors import InputError
+from ...errors import OptionError
 from ...maths.arrays import Numbers
 from ...scan import Scanner
 
@@ -70,10 +70,8 @@ def of_scanner(scanner: Scanner, axis: str, angle_deg: Numbers) -> Numbers:
         return np.full_like(angle_deg, share[0])
     low, high = field_of_view_deg(scanner, axis)
     if np.min(angle_deg) < low - 1e-3 or np.max(angle_deg) > high + 1e-3:
-        raise InputError(
-            f"--over {axis}: the scanner's field of view is {low:g} to {high:g} degrees (or another --aperture-law), "
-            f"got {np.min(angle_deg):g} to {np.max(angle_deg):g}"
-        )
+        must = f"the scanner's field of view is {low:g} to {high:g} degrees (or another {{aperture_law}})"
+        raise OptionError(f"{{over}} {{0}}: {must}, got {np.min(angle_deg):g} to {np.max(angle_deg):g}", axis)
     near = np.abs(across) <= np.quantile(np.abs(across), _SLICE)
     order = np.argsort(along[near], kind="stable")
     return np.asarray(np.interp(angle_deg, along[near][order], share[near][order]))

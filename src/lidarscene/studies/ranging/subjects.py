@@ -74,7 +74,8 @@ class Subject:
         number = repr(int(value)) if whole else repr(float(value))
         return sensor_from_tables(
             changed_tables(self.tables, [*self.overrides, f"{key}={number}"]),
-            where=f"{self.where} --over {key}",
+            where=self.where,
+            over=[key],
             folder=self.folder,
         )
 

@@ -23,7 +23,7 @@ from ...physics.photon_counting import shared_shots
 from ...sensor.sensor_model import Sensor
 from ..ranging.plane import Target, echoes_of_plane, fluctuation_variance
 from .planes import Grid, Planes, shifted
-from .tuning import ALONG, ASSUMED_KLUX, MOST_BEAM_M, NOISE_BINS, NOISE_SHOTS
+from .tuning import ALONG, ASSUMED_KLUX, LEAST_COS, MOST_BEAM_M, NOISE_BINS, NOISE_SHOTS
 
 LAGS = sum(ALONG)
 """Pixels of a row that share in the mean of a mean."""
@@ -61,7 +61,7 @@ class ReadingNoise:
         drawn, drawn_m = (values.ravel()[shots] for values in (apparent, range_m))
         light = _light(sensor, drawn, drawn_m)
         variance = fluctuation_variance(sensor, Target(), drawn_m)
-        readings = [_readings(sensor, light, variance, seed) for seed in (0, 1)]
+        readings = [read_boards(sensor, light, variance, seed) for seed in (0, 1)]
         read = np.isfinite(readings[0] + readings[1]).all(axis=0)
         power_w = np.asarray(light.peak_power_w)[read]
         if len(power_w) < NOISE_BINS**2:
@@ -90,8 +90,12 @@ def _light(sensor: Sensor, apparent: Numbers, range_m: Numbers) -> Echoes:
     return echoes_of_plane(sensor, target, range_m)
 
 
-def _readings(sensor: Sensor, light: Echoes, variance: Lanes | None, seed: int) -> Numbers:
-    """(2, n) ranges and logarithms of strengths that the sensor reads of these echoes; NaN where it reads none."""
+def read_boards(sensor: Sensor, light: Echoes, variance: Lanes | None, seed: int) -> Numbers:
+    """(2, n) ranges and logarithms of strengths that the sensor reads of these echoes; NaN where it reads none.
+
+    Args:
+        variance: relative variance of their powers (`fluctuation_variance`); None: they do not fluctuate
+    """
     pulse = np.arange(np.size(light.range_m), dtype=np.uint32)
     if variance is not None:
         light = fluctuate(light, variance, seed=seed, pulse=pulse)
@@ -114,7 +118,9 @@ def surface_without_noise(sensor: Sensor, grid: Grid, planes: Planes, apparent: 
     noise = ReadingNoise.of(sensor, measured_m, apparent, grid.step_rad)
     if noise is None:
         return np.where(planes.has_plane, planes.range_m, grid.sweep.range_m), apparent
-    range_sigma_m = noise.range_m * _noise_over_level(sensor, grid, planes)
+    range_sigma_m = np.hypot(
+        noise.range_m * _noise_over_level(sensor, grid, planes), _pointing_noise_m(sensor, grid, planes)
+    )
     off_m = without_noise(measured_m - flat_m, range_sigma_m, noise.correlation)
     # On ground that is seen flat a pixel may be near its plane and metres off along the beam. Quads out there would
     # stand before their neighbours, as a second surface.
@@ -133,6 +139,17 @@ def _noise_over_level(sensor: Sensor, grid: Grid, planes: Planes) -> Numbers | f
     step_m = row_slope * np.where(planes.has_plane, planes.range_m, 0.0) * histogram.column_rad
     window = {column: float(weight) for column, weight in histogram.window.items()}
     return np.asarray(shared_shots.shares(window, step_m / float(histogram.column_range_m))[1])
+
+
+def _pointing_noise_m(sensor: Sensor, grid: Grid, planes: Planes) -> Numbers | float:
+    """Noise of each pixel's range by beams that miss their directions: R tan(beta) times the jitter, on its plane."""
+    jitter_rad = sensor.scanner.jitter_rad
+    if jitter_rad is None:
+        return 0.0
+    cosine = -np.einsum("...i,...i", planes.normal, grid.sweep.direction)
+    with np.errstate(invalid="ignore"):
+        lean_m = planes.range_m * np.sqrt(np.maximum(1.0 / np.maximum(cosine, LEAST_COS) ** 2 - 1.0, 0.0))
+    return np.asarray(float(jitter_rad) * np.where(planes.has_plane, lean_m, 0.0))
 
 
 def without_noise(values: Numbers, sigma: Numbers, correlation: Numbers) -> Numbers:

@@ -14,7 +14,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ...errors import InputError
+from ...errors import InputError, OptionError
 from ...maths.arrays import Numbers
 from ...maths.pose import direction_from_angles
 from ...recordings.sweep import Sweep
@@ -251,9 +251,8 @@ def _rows_of_rings(ring: Numbers, rows: Rows, elevations: Callable[[Numbers, Num
 
     names, inverse, counts = np.unique(ring, return_inverse=True, return_counts=True)
     if len(names) > len(rows.elevation_rad):
-        raise InputError(
-            f"--sensor: must have the {len(names)} rings of the recording, got {len(rows.elevation_rad)} channels"
-        )
+        must = "must have the {0} rings of the recording, got {1} channels"
+        raise OptionError(f"{{sensor}}: {must}", len(names), len(rows.elevation_rad))
     order, numbers = np.argsort(inverse, kind="stable"), np.arange(len(rows.elevation_rad))
     cost = np.zeros((len(names), len(numbers)))
     for number, members in enumerate(np.split(order, np.cumsum(counts)[:-1])):

@@ -17,7 +17,7 @@ from typing import Any
 import numpy as np
 
 from ...catalog import sensor_path
-from ...errors import InputError
+from ...errors import InputError, OptionError
 from ...figures.report import count_text
 from ...files.atomic import atomic_output, put_text, require_writable
 from ...files.json_text import json_text
@@ -96,12 +96,15 @@ def choose_frames(recording: Recording, frames: Sequence[int] | None, held_out: 
             raise InputError(f"{recording.path}: frame must be 0 to {len(recording) - 1}, got {number}")
     remaining = tuple(number for number in numbers if number != held_out)
     if not remaining:
-        raise InputError(
-            f"--held-out {held_out}: must leave a frame to make the twin of, got a recording of {len(recording)}; "
-            f"--held-out {COLUMNS} leaves out every second column"
+        must = "must leave a frame to make the twin of, got a recording of {1}"
+        raise OptionError(
+            f"{{held_out}} {{0}}: {must}; {{held_out}} {{2}} leaves out every second column",
+            held_out,
+            len(recording),
+            COLUMNS,
         )
     if held_out == COLUMNS and len(remaining) > 1:
-        raise InputError(f"--held-out {COLUMNS}: needs a single frame, got {len(remaining)} frames")
+        raise OptionError("{held_out} {0}: needs a single frame, got {1} frames", COLUMNS, len(remaining))
     return TwinFrames(frames=remaining, held_out=held_out)
 
 
@@ -213,7 +216,7 @@ def _copy_sensor(sensor: str, path: Path, sweep: Sweep, recording: str) -> str:
     """Copy a catalogue sensor or a sensor file, with the beams of a list of points; returns the text to print."""
     source = sensor_path(sensor)
     if not source.is_file():
-        raise InputError(f"--sensor {sensor}: no such file")
+        raise OptionError("{sensor} {0}: no such file", sensor)
     scanner, text, note = load_sensor(str(source)).scanner, source.read_text(encoding="utf-8"), ""
     if isinstance(scanner, Spinning) and not has_grid(sweep):
         text, note = with_recorded_beams(text, grid_of(sweep, scanner), recording)
@@ -225,9 +228,8 @@ def _unit_file(recording: Recording, path: Path, metadata: Path | None, sensor_i
     """Write the unit's own sensor file, with two returns if those were recorded; returns the text to print."""
     described = metadata_of(recording.path, metadata)
     if described is None or not described.is_file():
-        raise InputError(
-            f"{recording.path}: must have the unit's metadata (--metadata F), or --sensor NAME: a catalogue sensor"
-        )
+        must = "must have the unit's metadata as {metadata} F, or a catalogue sensor as {sensor} NAME"
+        raise OptionError(f"{{0}}: {must}", recording.path)
     message = write_unit(read_unit(described, sensor_index=sensor_index), described, path)
     if has_second:
         put_text(path, with_second_returns(path.read_text(encoding="utf-8")))
@@ -363,6 +365,8 @@ def frame_pose(provenance: dict[str, Any], number: int, scene: Path) -> Pose:
     """
     pose = provenance["places"].get(str(number))
     if pose is None:
-        raise InputError(f"--frame {number}: must be one of {', '.join(provenance['places'])}, the frames of {scene}")
+        raise OptionError(
+            "{frame} {0}: must be one of {1}, the frames of {2}", number, ", ".join(provenance["places"]), scene
+        )
     x, y, z, yaw, pitch, roll = pose
     return Pose.from_degrees(position_m=(x, y, z), yaw_deg=yaw, pitch_deg=pitch, roll_deg=roll)

@@ -10,7 +10,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from ....errors import InputError
+from ....errors import InputError, OptionError
 from ....light.echoes import EchoTrain, SubEchoes
 from ....maths.arrays import Numbers, map_arrays
 from ....maths.pose import Pose
@@ -75,7 +75,7 @@ def lay_on_scene(
     simulators = [Simulator(simulated_world, sensor) for simulated_world in worlds]
     parts = [_lay_frame(simulators, sweep, pose, number=number) for number, (sweep, pose) in enumerate(frames)]
     if not sum(len(part.block) for part in parts):
-        raise InputError("--scene: must have surfaces before the recorded pulses, got none")
+        raise OptionError("{scene}: must have surfaces before the recorded pulses, got none")
     joined = _map_pulses(lambda *values: np.concatenate(values), *parts)
     group = np.unique(joined.scene.group, return_inverse=True)[1]
     return replace(joined, scene=replace(joined.scene, group=group))

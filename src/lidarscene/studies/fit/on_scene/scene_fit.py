@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from ....errors import InputError
+from ....errors import InputError, OptionError
 from ....figures.report import Report, count_text
 from ....maths.pose import Pose
 from ....maths.special import SIGMA_PER_MAD
@@ -47,7 +47,7 @@ _TWIN_NOTE = (
 )
 _SEEN_NOTE = (
     "the twin is made of these frames and has their signals, so power and near field are not tested; make the twin "
-    "with --held-out columns, or --held-out K"
+    "with a frame or every second column held out"
 )
 _HELD_OUT_NOTE = "the fitted pulses were held out of the twin"
 
@@ -108,7 +108,7 @@ def fit_on_scene(inputs: SceneFitInputs) -> tuple[str, Report]:
     """
     world = load_scene(inputs.scene)
     sensor_name = world.sensor_name if inputs.sensor is None else inputs.sensor
-    where = f"--sensor {sensor_name}"
+    where = f"sensor {sensor_name}"
     base = base_text(sensor_name, metadata_of(inputs.recordings[0], inputs.metadata), sensor_index=inputs.sensor_index)
     sensor = parse_sensor(base, where)
     if sensor.histogram is None:
@@ -275,10 +275,8 @@ def _place_frames(frames: list[tuple[Sweep, Pose | None]], path: Path) -> list[t
     for number, (sweep, _) in enumerate(frames):
         time_s = sweep.start_s - offset_s
         if not first - 1e-3 <= time_s <= last + 1e-3:
-            raise InputError(
-                f"--poses {path}: must reach from the first to the last frame, got {first:g} to {last:g} s and frame "
-                f"{number} at {time_s:g} s"
-            )
+            must = f"must reach from the first to the last frame, got {first:g} to {last:g} s"
+            raise OptionError(f"{{poses}} {{0}}: {must} and frame {number} at {time_s:g} s", path)
         placed.append((sweep, pose_at(motion, time_s)))
     return placed
 

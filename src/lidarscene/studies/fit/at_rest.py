@@ -1,0 +1,523 @@
+r"""Numbers of a sensor from pixels that it saw again and again at rest: noise of ranges and strengths, and losses.
+
+Strengths scatter from frame to frame with the energy of the pulses, by rounding and by the noise of an echo of I at R,
+
+.. math:: \sigma_{\ln I}^2 = r^2 + \frac{q}{I^2} + \frac{p R^2}{I} \tag{T184}
+
+and ranges on surfaces that hardly lean with the clock and with the noise on an edge,
+
+.. math:: \sigma_R^2 = a^2 + \left(\frac{b R^2}{I}\right)^2 \tag{T185}
+
+These need no sensor file. For its keys, ranges scatter and returns are lost as the sensor's own stages say of a board
+as strong, at the pixel's range and lean. Pixels of like strength and lean make a bin; bins of the recording and of the
+simulation are compared. An Ouster's ranges scatter by c over the root of its photons, times what columns share on a
+surface of that lean, (T176a).
+
+Symbols: r relative deviation of the energy, I strength, R range; a, b, p and q are fitted.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
+
+import numpy as np
+
+from ...errors import InputError
+from ...maths.arrays import Numbers
+from ...physics.photon_counting import shared_shots
+from ...sensor.sensor_model import Sensor
+from ..held import LIMITS, Held
+from ..ranging.plane import Target, detection_margin, detection_probability, echoes_of_plane, fluctuation_variance
+from ..twin.judge import CLIPPED_DEVIATION, spread
+from ..twin.reading_noise import read_boards
+from ..twin.tuning import ASSUMED_KLUX, CLIP_SIGMAS, OCTAVES_M, SAME_SURFACE_M
+from .estimates import MOST_EVALUATIONS, Estimate, Solution
+from .near_field import LEAST_BINS
+from .pixels_at_rest import PixelsAtRest
+from .sensor_text import at_rest_changes, get_key, parse_sensor, put_changes
+from .tuning import (
+    CURVE_HUBER,
+    LEAST_BROADENING,
+    LEAST_LEAN_M,
+    LEAST_OF_BIN,
+    LEAST_OF_STRENGTH,
+    LEAST_SLOPE,
+    LEAST_STEP_MM,
+    LOG_STEP,
+    MOST_KEPT,
+    PATCH_SIGNAL,
+    PIXELS_OF_BIN,
+    READINGS,
+    REST_BOUNDS,
+)
+
+ENERGY, COLUMNS, POWER = "laser.energy_spread", "histogram.column_range_mm", "laser.peak_power_w"
+STRONG, DIVERGENCE, CHATTER = "tdc.strong_jitter_ps", "laser.divergence_mrad", "tdc.chatter_mhz"
+CONVERTER = ("tdc.jitter_ps", STRONG, DIVERGENCE, CHATTER, POWER)
+"""Keys that ranges and losses at rest say something of, of a sensor that times pulses."""
+
+FLOOR, SLOPE = "range_floor_at_rest", "range_noise_at_rest"
+"""Coefficients a and b of (T185), which are no keys of a file."""
+
+UNITS = {FLOOR: "mm", SLOPE: "mm/m2"} | {
+    key: key.rpartition("_")[2].replace("mhz", "MHz").replace("w", "W") for key in (*CONVERTER, COLUMNS)
+}
+
+
+Law = tuple[Sequence[str], Solution | None, dict[str, str]]
+"""Parameters, their solution if any, and why those that are missing are."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Statistics:
+    """k numbers of bins of pixels.
+
+    Attributes:
+        value: (k,) as recorded
+        sigma: (k,) standard deviation of what is recorded
+        parts: (blocks, k) what each block adds to ``value``, less its mean
+        share: (blocks, k) share of the pixels that are of the block
+        kind: (k,) number of their kind; what a law misses is of one size in each
+    """
+
+    value: Numbers
+    sigma: Numbers
+    parts: Numbers
+    share: Numbers
+    kind: Numbers
+
+    @classmethod
+    def of(cls, values: Sequence[Numbers], blocks: Sequence[Numbers], number: int) -> Statistics:
+        """Means of the pixels' values in each bin.
+
+        Args:
+            values: (n,) each
+            blocks: (n,) each, block of the pixels
+            number: of blocks
+        """
+        mean = np.array([np.mean(bin_values) for bin_values in values])
+        sums = np.stack([np.bincount(*pair, number) for pair in zip(blocks, values, strict=True)], axis=1)
+        share = np.stack([np.bincount(block, minlength=number) / len(block) for block in blocks], axis=1)
+        counts = np.array([len(bin_values) for bin_values in values])
+        sigma = np.array([np.std(bin_values) for bin_values in values]) / np.sqrt(counts)
+        return cls(value=mean, sigma=sigma, parts=sums / counts - share * mean, share=share, kind=0 * counts)
+
+    def logarithm(self) -> Statistics:
+        """Statistics of the logarithms."""
+        fields = (self.value, self.sigma, self.parts)
+        _, sigma, parts = (values / self.value for values in fields)
+        return replace(self, value=np.log(self.value), sigma=sigma, parts=parts)
+
+    @staticmethod
+    def join(parts: Sequence[Statistics]) -> Statistics:
+        """Statistics of several kinds side by side."""
+        parts = [replace(part, kind=part.kind + number) for number, part in enumerate(parts)]
+        names = ("value", "sigma", "parts", "share", "kind")
+        return Statistics(**{name: np.concatenate([getattr(part, name) for part in parts], axis=-1) for name in names})
+
+
+def solve(recorded: Statistics, predict: Callable[[Numbers], Numbers], start: Numbers, bounds: Numbers) -> Solution:
+    """Fit the logarithms of parameters to statistics; bins that no law meets count less (Huber's weight).
+
+    What the law misses beyond the noise of the bins is a scatter of all of their kind.
+
+    Args:
+        predict: (k,) statistics of the (p,) logarithms
+        bounds: (2, p) of the logarithms
+    """
+    from scipy.optimize import least_squares
+
+    value, misfit, weight = start, np.zeros_like(recorded.value), np.ones_like(recorded.value)
+
+    def slopes(logs: Numbers) -> Numbers:
+        steps = np.where(logs + LOG_STEP > bounds[1], -LOG_STEP, LOG_STEP)
+        centre = predict(logs)
+        return np.stack(
+            [(predict(row) - centre) / step for row, step in zip(logs + np.diag(steps), steps, strict=True)], axis=1
+        )
+
+    evaluations = 0
+    for _ in range(3):
+        root = np.sqrt(weight) / np.hypot(recorded.sigma, misfit)
+        found = least_squares(
+            lambda logs, root=root: (predict(logs) - recorded.value) * root,
+            value,
+            jac=lambda logs, root=root: slopes(logs) * root[:, None],
+            bounds=bounds,
+            max_nfev=MOST_EVALUATIONS // (1 + len(start)),
+            xtol=1e-3,
+            ftol=1e-4,
+        )
+        value = found.x
+        evaluations += found.nfev + len(start) * found.njev
+        residual = recorded.value - predict(value)
+        for kind in np.unique(recorded.kind):
+            alike = recorded.kind == kind
+            misfit[alike] = math.sqrt(max(float(np.mean(residual[alike] ** 2 - recorded.sigma[alike] ** 2)), 0.0))
+        weight = np.minimum(1.0, CURVE_HUBER * np.hypot(recorded.sigma, misfit) / np.maximum(np.abs(residual), 1e-12))
+    root = np.sqrt(weight) / np.hypot(recorded.sigma, misfit)
+    jacobian = slopes(value) * root[:, None]
+    scores = ((recorded.parts + recorded.share * residual) * root) @ jacobian
+    return Solution(value=value, slope=jacobian.T @ jacobian, scores=scores, evaluations=evaluations)
+
+
+def changes_m(range_m: Numbers) -> Numbers:
+    """Differences between frames that follow each other, over the root of two; NaN from another surface."""
+    change_m = np.diff(range_m, axis=0)
+    return np.asarray(np.where(np.abs(change_m) < SAME_SURFACE_M, change_m, np.nan) / math.sqrt(2.0))
+
+
+def pixel_squares(changes: Numbers) -> Numbers:
+    """(n,) mean square of each pixel's changes within `CLIP_SIGMAS` of the scatter of all; NaN without any."""
+    known = changes[np.isfinite(changes)]
+    if len(known) < LEAST_OF_BIN:
+        return np.full(changes.shape[1], np.nan)
+    inlier = np.abs(changes) <= CLIP_SIGMAS * spread(known)
+    with np.errstate(invalid="ignore"):
+        squares = np.sum(np.where(inlier, changes, 0.0) ** 2, axis=0) / inlier.sum(axis=0)
+    return np.asarray(squares / CLIPPED_DEVIATION**2)
+
+
+def board(pixels: PixelsAtRest) -> Target:
+    """Boards that return as much as the pixels, and lean as they do."""
+    return Target(
+        reflectivity=pixels.apparent / pixels.cos_incidence,
+        cos_incidence=pixels.cos_incidence,
+        illuminance_klux=ASSUMED_KLUX,
+        transmittance=1.0,
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Boards:
+    """Bins of pixels of like strength and lean, of which some are read again and again by a sensor.
+
+    Attributes:
+        pixels: all of them
+        members: indices of each bin's pixels
+        drawn: indices of those that are simulated
+    """
+
+    pixels: PixelsAtRest
+    members: Sequence[Numbers]
+    drawn: Sequence[Numbers]
+
+    @classmethod
+    def of(cls, pixels: PixelsAtRest, sensor: Sensor) -> Boards:
+        """Sort pixels by octaves of the lean and of the height in thresholds."""
+        height = np.maximum(detection_margin(sensor, board(pixels), pixels.mean_m), 0.25)
+        lean = np.log2(np.maximum(pixels.lean_m, LEAST_LEAN_M))
+        keys = np.floor(np.stack([lean, np.log2(height)]))
+        index = np.unique(keys, axis=1, return_inverse=True)[1].ravel()
+        rng = np.random.default_rng(0)
+        members = [
+            chosen
+            for chosen in (np.flatnonzero(index == number) for number in range(index.max(initial=-1) + 1))
+            if np.isfinite(pixel_squares(changes_m(pixels.range_m[:, chosen]))).sum() >= LEAST_OF_BIN
+        ]
+        drawn = [rng.permutation(chosen)[:PIXELS_OF_BIN] for chosen in members]
+        return cls(pixels=pixels, members=members, drawn=drawn)
+
+    def recorded(self) -> Statistics:
+        """Logarithm of the mean square of ranges, then the share kept after the first frame, of each bin."""
+        frames, blocks = len(self.pixels.range_m), int(self.pixels.block.max()) + 1
+        squares, shares, of_squares, of_shares = [], [], [], []
+        for members in self.members:
+            square = pixel_squares(changes_m(self.pixels.range_m[:, members]))
+            known = np.isfinite(square)
+            squares.append(square[known])
+            of_squares.append(self.pixels.block[members][known])
+            shares.append(np.isfinite(self.pixels.range_m[1:, members]).mean(axis=0))
+            of_shares.append(self.pixels.block[members])
+        kept = Statistics.of(shares, of_shares, blocks)
+        # Where none was lost, one more might have been.
+        counts = np.array([len(members) * (frames - 1) for members in self.members])
+        least = np.sqrt((kept.value * (1.0 - kept.value) + 1.0 / counts) / counts)
+        return Statistics.join(
+            [Statistics.of(squares, of_squares, blocks).logarithm(), replace(kept, sigma=np.maximum(kept.sigma, least))]
+        )
+
+    def simulated(self, sensor: Sensor) -> tuple[Numbers, Numbers]:
+        """The same of a sensor, and the standard deviation of so few readings; NaN where it reads none."""
+        drawn = self.pixels.select(np.concatenate(self.drawn))
+        light = replace(echoes_of_plane(sensor, board(drawn), drawn.mean_m), row_slope=drawn.row_slope)
+        variance = fluctuation_variance(sensor, Target(), drawn.mean_m)
+        range_m = np.stack([read_boards(sensor, light, variance, seed)[0] for seed in range(READINGS)])
+        share = detection_probability(sensor, board(drawn), drawn.mean_m)
+        values = []
+        for number in np.split(np.arange(len(share)), np.cumsum([len(chosen) for chosen in self.drawn])[:-1]):
+            square = pixel_squares(changes_m(range_m[:, number]))
+            square = square[np.isfinite(square)]
+            mean, error = (
+                (np.log(square.mean()), square.std() / square.mean() / math.sqrt(len(square)))
+                if len(square)
+                else (np.nan, np.nan)
+            )
+            values.append((mean, error, share[number].mean(), share[number].std() / math.sqrt(len(number))))
+        square, square_sigma, kept, kept_sigma = np.array(values).T
+        return np.r_[square, kept], np.r_[square_sigma, kept_sigma]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class FitAtRest:
+    """Numbers that frames at rest determine, and why others are not.
+
+    Attributes:
+        estimates: of keys of the sensor file, and of (T185)
+        unknown: key -> why this recording does not determine it
+        solutions: name -> parameters, and solution
+    """
+
+    estimates: tuple[Estimate, ...]
+    unknown: Mapping[str, str]
+    solutions: Mapping[str, tuple[Sequence[str], Solution]]
+
+    @property
+    def by_key(self) -> dict[str, Estimate]:
+        """Estimates of keys of the file."""
+        return {estimate.key: estimate for estimate in self.estimates if estimate.key in REST_BOUNDS}
+
+
+def fit_at_rest(pixels: PixelsAtRest, text: str, where: str) -> FitAtRest:
+    """Fit the numbers of a sensor file that pixels at rest say something of.
+
+    Args:
+        text: sensor file, for all numbers that stay
+        where: its name in messages
+    """
+    fitted = pixels.select(pixels.fitted)
+    sensor = parse_sensor(text, where)
+    energy = _energy(fitted, sensor)
+    known = {estimate.key: estimate.value for estimate in _estimates(energy) if estimate.is_known}
+    laws = {"strengths at rest": energy}
+    if sensor.histogram is None:
+        laws["floor at rest"] = _floor_and_noise(fitted)
+        laws["ranges at rest"] = _converter(fitted, _changed(text, known), where)
+    else:
+        laws["ranges at rest"] = _columns(fitted, text, where)
+    return FitAtRest(
+        estimates=tuple(estimate for law in laws.values() for estimate in _estimates(law)),
+        unknown={key: reason for *_, reasons in laws.values() for key, reason in reasons.items()},
+        solutions={name: (keys, solved) for name, (keys, solved, _) in laws.items() if solved is not None},
+    )
+
+
+def _estimates(law: Law) -> Iterator[Estimate]:
+    """Estimates of the numbers of a law that are worth telling."""
+    keys, solved, _ = law
+    for index, key in enumerate(keys):
+        if solved is not None and key in REST_BOUNDS.keys() | UNITS.keys():
+            yield solved.estimate(key, UNITS.get(key, ""), partial(_exponential, index))
+
+
+def _exponential(index: int, logs: Numbers) -> float:
+    return math.exp(logs[index])
+
+
+def _changed(text: str, values: Mapping[str, float]) -> str:
+    return put_changes(text, at_rest_changes({key: (value, "") for key, value in values.items()}))
+
+
+def _energy(pixels: PixelsAtRest, sensor: Sensor) -> Law:
+    """Relative deviation of the energy of a pulse, (T184)."""
+    if sensor.histogram is not None:
+        shots = float(sensor.histogram.shots)
+        return (), None, {ENERGY: f"a point sums {shots:g} pulses, whose energies differ by the root of that less"}
+    if pixels.strength is None:
+        return (), None, {ENERGY: "no strengths are recorded"}
+    with np.errstate(divide="ignore", invalid="ignore"):
+        logs = np.where(pixels.strength > 0.0, np.log(pixels.strength), np.nan)
+    strength, range_m = np.nanmean(pixels.strength, axis=0), pixels.mean_m
+    keys = 2.0 * np.log2([np.maximum(strength, LEAST_OF_STRENGTH), range_m])
+    members, recorded = _binned(pixels, keys, np.diff(logs, axis=0) / math.sqrt(2.0))
+    terms = np.stack([np.ones_like(range_m), strength**-2.0, range_m**2 / strength])
+    return _sum_of_terms((ENERGY, "q", "p"), np.array([2.0, 1.0, 1.0]), terms, members, recorded)
+
+
+def _floor_and_noise(pixels: PixelsAtRest) -> Law:
+    """Coefficients of (T185), in millimetres and square metres."""
+    level = pixels.select(pixels.lean_m < 2.0 * LEAST_LEAN_M)
+    if level.strength is None or not len(level.block):
+        return (), None, {}
+    weakness = level.mean_m**2 / np.maximum(np.nanmean(level.strength, axis=0), LEAST_OF_STRENGTH)
+    members, recorded = _binned(level, 2.0 * np.log2(weakness)[None], 1e3 * changes_m(level.range_m))
+    return _sum_of_terms(
+        (FLOOR, SLOPE), np.array([2.0, 2.0]), np.stack([np.ones_like(weakness), weakness**2]), members, recorded
+    )
+
+
+def _binned(pixels: PixelsAtRest, keys: Numbers, changes: Numbers) -> tuple[list[Numbers], Statistics | None]:
+    """Pixels of like whole (keys, n) numbers, and the logarithms of the mean squares of their changes."""
+    index = np.unique(np.floor(keys), axis=1, return_inverse=True)[1].ravel()
+    members, values = [], []
+    for number in range(index.max() + 1):
+        chosen = np.flatnonzero(index == number)
+        square = pixel_squares(changes[:, chosen])
+        known = np.isfinite(square)
+        if known.sum() >= LEAST_OF_BIN and square[known].mean() > 0.0:
+            members.append(chosen[known])
+            values.append(square[known])
+    if len(members) < LEAST_BINS:
+        return members, None
+    blocks = [pixels.block[chosen] for chosen in members]
+    return members, Statistics.of(values, blocks, int(pixels.block.max()) + 1).logarithm()
+
+
+def _sum_of_terms(
+    names: tuple[str, ...], power: Numbers, terms: Numbers, members: Sequence[Numbers], recorded: Statistics | None
+) -> Law:
+    """Fit the coefficients c of a mean square sum_k c_k^power_k terms_k.
+
+    Args:
+        terms: (k, n) of each pixel
+    """
+    if recorded is None:
+        return (), None, {names[0]: "too few surfaces of different strength and range"}
+    law = np.stack([terms[:, chosen].mean(axis=1) for chosen in members])
+    level = float(np.exp(np.median(recorded.value)))
+    start = np.log(level / len(names) / np.median(law, axis=0)) / power
+    bounds = start + np.log([[1e-6], [1e3]]) / power
+    solved = solve(recorded, lambda logs: np.asarray(np.log(law @ np.exp(power * logs))), start, bounds)
+    return _determined(names, solved, bounds)
+
+
+def _columns(pixels: PixelsAtRest, text: str, where: str) -> Law:
+    """Reach in range of the columns that share shots: the noise over c / sqrt(SIGNAL) by the lean, (T176a)."""
+    if pixels.strength is None:
+        return (), None, {COLUMNS: "SIGNAL is not recorded"}
+    start_mm = float(get_key(text, COLUMNS) or 10.0)
+    try:
+        histogram = parse_sensor(put_changes(text, {COLUMNS: (start_mm, "")}), where).histogram
+    except InputError as error:
+        return (), None, {COLUMNS: str(error)}
+    assert histogram is not None
+    window = {column: float(weight) for column, weight in histogram.window.items()}
+    signal = np.nanmean(pixels.strength, axis=0)
+    step_mm = 1e3 * np.abs(pixels.row_slope) * pixels.mean_m * float(histogram.column_rad)
+    strong = signal >= PATCH_SIGNAL
+    keys = 2.0 * np.log2(np.maximum(step_mm[strong], LEAST_STEP_MM))
+    changes_mm = 1e3 * changes_m(pixels.range_m[:, strong]) * np.sqrt(signal[strong])
+    members, recorded = _binned(pixels.select(strong), keys[None], changes_mm)
+    if recorded is None:
+        return (), None, {COLUMNS: "too few smooth surfaces of different lean"}
+    steps = [np.sort(step_mm[strong][chosen]) for chosen in members]
+
+    def law(logs: Numbers) -> Numbers:
+        return np.array([2.0 * logs[0] + np.log(np.mean(noise(of_bin / np.exp(logs[1])) ** 2)) for of_bin in steps])
+
+    def noise(step: Numbers) -> Numbers:
+        return np.asarray(shared_shots.shares(window, step)[1])
+
+    start = np.array([0.5 * float(np.min(recorded.value)), math.log(start_mm)])
+    bounds = np.array([start[0] + np.array([-3.0, 3.0]), np.log(REST_BOUNDS[COLUMNS])]).T
+    return _determined(("scatter_c at rest", COLUMNS), solve(recorded, law, start, bounds), bounds)
+
+
+def _converter(pixels: PixelsAtRest, text: str, where: str) -> Law:
+    """Jitter, slopes, chatter and power by the sensor's own stages."""
+    boards = Boards.of(pixels, parse_sensor(text, where))
+    if len(boards.members) < LEAST_BINS:
+        return (), None, dict.fromkeys(CONVERTER, "too few smooth surfaces of different strength and lean")
+    recorded = boards.recorded()
+    reasons = _not_asked(pixels, recorded, parse_sensor(text, where))
+    law = _converter_law(boards, recorded, [key for key in CONVERTER if key not in reasons], text, where)
+    names, solved, more = law
+    if DIVERGENCE in names and solved is not None:
+        beam = {DIVERGENCE: math.exp(solved.value[names.index(DIVERGENCE)])}
+        light = echoes_of_plane(parse_sensor(_changed(text, beam), where), board(pixels), pixels.mean_m)
+        lengths = [np.median(np.asarray(light.broadening)[members]) for members in boards.members]
+        if max(lengths) < LEAST_BROADENING:  # near by, what scatters for another reason would widen the beam
+            reasons[DIVERGENCE] = f"no surface leans enough: echoes are {max(lengths):.2g} times as long as the pulse"
+            keys = [key for key in CONVERTER if key not in reasons]
+            names, solved, more = _converter_law(boards, recorded, keys, text, where)
+    return names, solved, reasons | more
+
+
+def _not_asked(pixels: PixelsAtRest, recorded: Statistics, sensor: Sensor) -> dict[str, str]:
+    """Keys that a recording or a file says nothing of, and why."""
+    reasons = {}
+    if sensor.tdc.strong_above is None:
+        reasons[STRONG] = "the file has no tdc.strong_above, from which on pulses have a channel of their own"
+    if not pixels.scale_known:
+        reasons[POWER] = "the scale of the recorded intensities is not known, and only their product is"
+    kept = recorded.kind == 1
+    if np.min(recorded.value[kept] + 2.0 * recorded.sigma[kept]) > MOST_KEPT:
+        reasons[CHATTER] = f"no surface loses more than {1.0 - MOST_KEPT:.0%} of its pulses"
+    return reasons
+
+
+def _converter_law(boards: Boards, recorded: Statistics, keys: Sequence[str], text: str, where: str) -> Law:
+    """Fit these keys to the statistics of the boards."""
+
+    def sensor_of(logs: Numbers) -> Sensor:
+        return parse_sensor(_changed(text, dict(zip(keys, np.exp(logs).tolist(), strict=True))), where)
+
+    start = np.log([get_key(text, key) or math.sqrt(math.prod(REST_BOUNDS[key])) for key in keys])
+    bounds = np.log([REST_BOUNDS[key] for key in keys]).T
+    try:
+        _, error = boards.simulated(sensor_of(start))
+    except InputError as failure:
+        return (), None, dict.fromkeys(keys, str(failure))
+    recorded = replace(recorded, sigma=np.hypot(recorded.sigma, np.nan_to_num(error)))
+
+    def predict(logs: Numbers) -> Numbers:
+        simulated, _ = boards.simulated(sensor_of(logs))
+        return np.where(np.isfinite(simulated), simulated, recorded.value)
+
+    return _determined(tuple(keys), solve(recorded, predict, np.clip(start, *bounds), bounds), bounds)
+
+
+def _determined(keys: tuple[str, ...], solved: Solution, bounds: Numbers) -> Law:
+    """Law without the parameters that ended at a bound or that no statistic depends on; these stay as they are."""
+    at_bound = np.any(np.abs(solved.value - bounds) < LOG_STEP, axis=0)
+    silent = np.diag(solved.slope) < LEAST_SLOPE
+    reasons = {
+        key: "nothing that was recorded depends on it" if quiet else f"beyond {math.exp(value):.3g}, if there is any"
+        for key, value, quiet, ends in zip(keys, solved.value, silent, at_bound, strict=True)
+        if (quiet or ends) and key in REST_BOUNDS
+    }
+    rest = np.flatnonzero(~at_bound & ~silent)
+    if not len(rest):
+        return (), None, reasons
+    solved = replace(
+        solved, value=solved.value[rest], slope=solved.slope[np.ix_(rest, rest)], scores=solved.scores[:, rest]
+    )
+    return tuple(keys[index] for index in rest), solved, reasons
+
+
+def checks_at_rest(boards: Boards, sensor: Sensor) -> Iterator[Held]:
+    """Hold a sensor, such as that of the written file, to pixels: their scatter by bin, the share kept by range."""
+    rest = boards.pixels
+    if not boards.members:
+        return
+    recorded, (simulated, _) = boards.recorded().value, boards.simulated(sensor)
+    for members, real, found in zip(boards.members, recorded, simulated, strict=False):
+        lean_m, strength = np.median(rest.lean_m[members]), np.median(rest.apparent[members])
+        real_mm, found_mm = (1e3 * math.exp(0.5 * value) for value in (real, found))
+        yield Held(
+            quantity="range, scatter at rest",
+            condition=f"{np.median(rest.mean_m[members]):.3g} m, lean {lean_m:.2g} m, reflectivity {strength:.2g}",
+            reference=real_mm,
+            simulated=found_mm,
+            value=found_mm / real_mm,
+            limits=LIMITS["scatter ratio"],
+            unit="mm",
+        )
+    kept = np.isfinite(rest.range_m[1:]).mean(axis=0)
+    found_kept = detection_probability(sensor, board(rest), rest.mean_m)
+    for low_m, high_m in itertools.pairwise(OCTAVES_M.tolist()):
+        chosen = (rest.mean_m >= low_m) & (rest.mean_m < high_m)
+        if chosen.sum() >= LEAST_OF_BIN:
+            real, found = float(kept[chosen].mean()), float(found_kept[chosen].mean())
+            yield Held(
+                quantity="share kept at rest",
+                condition=f"{low_m:g} to {high_m:g} m",
+                reference=real,
+                simulated=found,
+                value=found - real,
+                limits=LIMITS["kept share"],
+            )

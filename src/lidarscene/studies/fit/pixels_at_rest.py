@@ -1,0 +1,123 @@
+"""Pixels that a sensor at rest saw again and again, on surfaces whose lean is known.
+
+A pixel is compared with itself: what differs from frame to frame is the sensor's, whatever the surface reflects.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from ...light.hits import relative_row_slope
+from ...maths.arrays import Numbers
+from ...recordings.sweep import Sweep
+from ...sensor.sensor_model import Sensor
+from ..twin.apparent_reflectivity import ReflectivityGauge
+from ..twin.frame_poses import is_at_rest
+from ..twin.ground import ground_plane
+from ..twin.matched_pulses import strength_of
+from ..twin.planes import align_columns, fit_planes
+from ..twin.sensor_grid import on_grid
+from ..twin.tuning import LEAST_COS
+from .recorded_pulses import BLOCK_COLUMNS, fitted_blocks
+from .tuning import GROUND_COS, WHOLE_FRAME
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class PixelsAtRest:
+    """n pixels on smooth surfaces that returned in the first and fullest frame, over all frames at rest.
+
+    Attributes:
+        range_m: (frames, n) NaN where nothing came back
+        strength: (frames, n) photons or intensity; None: none are recorded
+        apparent: (n,) apparent reflectivity by the mean strength
+        cos_incidence: (n,) on the surface
+        row_slope: (n,) dR / (R dphi) of the surface along the row
+        block: (n,) block of columns
+        scale_known: whether strengths have the scale of reflectivities
+    """
+
+    range_m: Numbers
+    strength: Numbers | None
+    apparent: Numbers
+    cos_incidence: Numbers
+    row_slope: Numbers
+    block: Numbers
+    scale_known: bool
+
+    @property
+    def mean_m(self) -> Numbers:
+        """(n,) mean range of the frames with a return."""
+        return np.asarray(np.nanmean(self.range_m, axis=0))
+
+    @property
+    def lean_m(self) -> Numbers:
+        """(n,) range times tangent of the incidence, to which the length of an echo goes."""
+        return np.asarray(self.mean_m * np.sqrt(1.0 / self.cos_incidence**2 - 1.0))
+
+    @property
+    def fitted(self) -> Numbers:
+        """(n,) mask of the pixels that are fitted; the others judge the fit."""
+        return fitted_blocks(self.block)
+
+    def select(self, chosen: Numbers) -> PixelsAtRest:
+        """Select pixels by a mask or by their indices."""
+        return replace(
+            self,
+            range_m=self.range_m[:, chosen],
+            strength=None if self.strength is None else self.strength[:, chosen],
+            apparent=self.apparent[chosen],
+            cos_incidence=self.cos_incidence[chosen],
+            row_slope=self.row_slope[chosen],
+            block=self.block[chosen],
+        )
+
+
+def pixels_at_rest(sweeps: Sequence[Sweep], sensor: Sensor) -> PixelsAtRest | None:
+    """Gather the pixels of the first frame and of all that were recorded at the same place; None of a moving sensor.
+
+    Args:
+        sensor: sensor of the recording, on whose grid lists of points are put
+    """
+    placed = sorted((on_grid(sweep, sensor.scanner) for sweep in sweeps), key=lambda sweep: -int(sweep.recorded.sum()))
+    first = placed[0]
+    whole = WHOLE_FRAME * first.recorded.sum()
+    frames = [first, *(frame for frame in placed[1:] if frame.recorded.sum() >= whole and is_at_rest(frame, first))]
+    gauge = ReflectivityGauge.from_sweep(first, sensor)
+    if len(frames) < 2 or gauge is None:
+        return None
+    # The number of a pixel goes where the pixel goes, so that the other frames can be put in the same order.
+    grid = align_columns(replace(first, column=np.arange(first.range_m.size).reshape(first.shape)))
+    order = grid.sweep.column
+    assert order is not None
+    planes, ground = fit_planes(grid), ground_plane(first.xyz_m[first.has_return])
+    normal, direction = planes.normal, grid.sweep.direction
+    if ground is not None:
+        # Seen flat, a plane through a few rings leans by chance as much as the ground does: all of it leans as one.
+        upward = np.array([-ground[1], -ground[2], 1.0]) / np.linalg.norm([*ground[1:], 1.0])
+        normal = np.where((normal @ upward > GROUND_COS)[..., None], upward, normal)
+    cos = -np.einsum("...i,...i", normal, direction)
+    usable = grid.sweep.has_return & planes.smooth(0.5) & planes.has_plane & (cos > LEAST_COS)
+    usable &= np.logical_and.reduce([frame.recorded.ravel()[order] for frame in frames])
+    if not usable.any():
+        return None
+    chosen = order[usable]
+    range_m = np.stack([frame.range_m.ravel()[chosen] for frame in frames])
+    strengths = [strength_of(frame) for frame in frames]
+    apparent = [gauge.apparent(frame, frame.range_m).ravel()[chosen] for frame in frames]
+    column = np.broadcast_to(np.arange(order.shape[1]), order.shape)[usable]
+    return PixelsAtRest(
+        range_m=range_m,
+        strength=None
+        if any(values is None for values in strengths)
+        else np.where(
+            np.isfinite(range_m), np.stack([np.asarray(values, float).ravel()[chosen] for values in strengths]), np.nan
+        ),
+        apparent=np.nanmean(np.where(np.isfinite(range_m), apparent, np.nan), axis=0),
+        cos_incidence=cos[usable],
+        row_slope=np.asarray(relative_row_slope(tuple(np.moveaxis(normal[usable], -1, 0)), tuple(direction[usable].T))),
+        block=column // BLOCK_COLUMNS,
+        scale_known=not gauge.assumed,
+    )
