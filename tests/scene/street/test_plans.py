@@ -10,11 +10,13 @@ import pytest
 from lidarscene.scene.ground_area import Outline
 from lidarscene.scene.street import centre_line as lines
 from lidarscene.scene.street import layout as laid
+from lidarscene.scene.street import network_tables as tables
 from lidarscene.scene.street import sumo, terrain
 from lidarscene.scene.street import traffic as driven
 from lidarscene.scene.street.islands import LAP_M, islands_between_m, kerbed_corner_m, ring_island_m
-from lidarscene.scene.street.pieces import SOIL_M, SOIL_REACH_M, box_places_m, placed, soil_tiles
+from lidarscene.scene.street.pieces import SOIL_M, SOIL_REACH_M, Tables, box_places_m, placed, soil_tiles
 from lidarscene.scene.street.polylines import along, on_line, way_length_m
+from lidarscene.scene.street.shapes import DISTRICTS
 from lidarscene.scene.street.street_file import StreetFile
 
 LEVEL = lines.Profile(np.array([-1e4, 1e4]), np.zeros(2))
@@ -387,3 +389,174 @@ def test_a_drawn_town_is_a_grid_with_slopes_and_roads_that_spread(
     for one, other in itertools.pairwise(loop):
         end, begin = edges[one].get("to"), edges[other].get("from")
         assert end == begin or {end[:4], begin[:4]} == {"ring"}
+
+
+@pytest.fixture(scope="module")
+def crossroads() -> sumo.Network:
+    """Two roads of 80 m that meet end to end at a level junction, 6 m high, with lights, a pavement and a crossing."""
+    pavement = sumo.LaneGroup("pavement", np.array([(0.0, -5.0, 0.0), (80.0, -5.0, 0.0)]), (2.0,), "a", True, 14.0)
+    cycles = sumo.LaneGroup("cycle_path", np.array([(0.0, -3.75, 0.0), (80.0, -3.75, 0.0)]), (0.5,), "a", True, 14.0)
+    there = sumo.LaneGroup("road", np.array([(0.0, -1.75, 0.0), (80.0, -1.75, 0.0)]), (1.75, 1.75), "a", True, 14.0)
+    back = sumo.LaneGroup("road", np.array([(80.0, 1.75, 0.0), (0.0, 1.75, 0.0)]), (3.5,), "-a", False, 25.0)
+    over = sumo.LaneGroup("road", np.array([(40.0, -60.0, 6.0), (40.0, 60.0, 6.0)]), (4.0,), "b", False, 14.0)
+    square_m = np.array([[80.0, -6.0, 0.0], [92.0, -6.0, 0.0], [92.0, 6.0, 0.0], [80.0, 6.0, 0.0]])
+    corner_m = np.array([[80.0, -6.0, 0.0], [84.0, -6.0, 0.0], [84.0, -4.0, 0.0], [80.0, -4.0, 0.0]])
+    zebra = np.array([[82.0, -5.0, 0.0], [82.0, 6.0, 0.0]]), 3.0
+    return sumo.Network([pavement, cycles, there, back, over], [square_m], [corner_m], [zebra], {}, [], [], [])
+
+
+@pytest.fixture(scope="module")
+def relief(crossroads: sumo.Network) -> terrain.Relief:
+    return terrain.Relief(np.concatenate(tables._places_on_lanes(crossroads)), 1.0)
+
+
+def of(bodies: list[Tables], name: str) -> list[Tables]:
+    return [body for body in bodies if body["name"].startswith(name)]
+
+
+def test_surfaces_of_a_network_are_beside_each_other(crossroads: sumo.Network) -> None:
+    """Lanes have their widths, kerbs 0.15 m of pavements, on the side of the road; a corner and its kerb fill it."""
+    bodies = tables._grounds(crossroads)
+    widths_m = {body["name"]: (body["width_m"], body["offset_m"]) for body in bodies if "width_m" in body}
+    assert widths_m == {
+        "pavement_0": (1.85, -0.075),
+        "kerb_0": (0.15, 0.925),
+        "road_1": (0.5, 0.0),
+        "road_2": (3.5, 0.0),
+        "road_3": (3.5, 0.0),
+        "road_4": (4.0, 0.0),
+    }
+    areas_m2 = {body["name"]: abs(area_m2(np.array(body["outline"]))) for body in bodies if "outline" in body}
+    assert areas_m2["junction_0"] == pytest.approx(144.0)
+    assert areas_m2["corner_0"] + areas_m2["kerb_corner_0_0"] == pytest.approx(8.0)
+    assert areas_m2["kerb_corner_0_0"] == pytest.approx(0.15 * (4.0 + 2.0) - 0.15**2)
+    heights_m = {body["name"]: body.get("position_m", [0.0, 0.0, 0.0])[2] for body in bodies}
+    assert {name for name, height_m in heights_m.items() if height_m == 0.12} == {
+        "pavement_0",
+        "kerb_0",
+        "corner_0",
+        "kerb_corner_0_0",
+    }
+
+
+def test_markings_of_a_network_are_where_lanes_end_and_meet(crossroads: sumo.Network, relief: terrain.Relief) -> None:
+    """Dashes each 6 m between two lanes, but not below the bridge; a stop line at the lights; stripes off the kerb."""
+    bodies = tables._markings(crossroads, relief)
+    (dashes,), (stops,), (stripes,) = (of(bodies, name) for name in ("dashes", "stop_lines", "zebras"))
+    x_m = np.array([place["position_m"][0] for place in dashes["instances"]])
+    assert (x_m % 6.0 == 3.0).all()
+    assert set(np.round(x_m)) == {3, 9, 15, 21, 27, 33, 51, 57, 63, 69, 75}
+    assert {place["position_m"][1] for place in dashes["instances"]} == {-1.75}
+    assert [place["position_m"] for place in stops["instances"]] == [[79.6, -1.75, 0.003]]
+    assert stops["size_m"] == [0.3, 3.1]
+    assert [place["position_m"][1] for place in stripes["instances"]] == [
+        -3.25,
+        -2.25,
+        -1.25,
+        -0.25,
+        0.75,
+        1.75,
+        2.75,
+        3.75,
+        4.75,
+    ]
+    assert stripes["size_m"] == [2.5, 0.5]
+    edges = {body["name"]: body for body in of(bodies, "line_")}
+    assert {body["offset_m"] for body in edges.values()} == {1.55, -1.55, 1.8, -1.8}
+    for body in edges.values():
+        across = int("line_4" in body["name"])
+        along_m = np.array(body["line"])[:, across]
+        assert np.ptp(along_m) > 20.0
+
+
+def test_what_stands_by_a_network_faces_the_road_and_stands_off_it(
+    crossroads: sumo.Network, relief: terrain.Relief
+) -> None:
+    """Lights to the right of the lanes and the cycle path; rails on both sides of a bridge and of fast roads."""
+    roadside = tables._Roadside(crossroads, StreetFile(house_share=(1.0, 1.0)), None)
+    roadside.lights(crossroads)
+    assert roadside.items["lights"] == [{"position_m": [79.5, -4.45, 0.0], "yaw_deg": -180.0}]
+    roadside.parapets(crossroads.groups[4], relief)
+    rails = roadside.items.pop("guard_rails")
+    sides = {place["position_m"][0]: place.get("yaw_deg", 0.0) for place in rails}
+    assert sides == {38.1: 0.0, 41.9: -180.0}, "their fronts look at each other"
+    y_m = np.unique([place["position_m"][1] for place in rails])
+    assert y_m.min() > -1.75 - 3.5 - 13.0
+    assert y_m.max() < 3.5 + 13.0
+    np.testing.assert_allclose(np.diff(y_m), 4.0)
+    roadside.rails(crossroads.groups[2], -1.0)
+    assert "guard_rails" not in roadside.items, "54 km/h"
+    roadside.rails(crossroads.groups[3], -1.0)
+    fast = roadside.items["guard_rails"]
+    assert {place["position_m"][1] for place in fast} == {4.2}
+    assert {place["yaw_deg"] for place in fast} == {-90.0}
+    assert len(fast) > 10
+    roadside.line(crossroads.groups[0], -1.0, DISTRICTS[1])
+    houses = [place for name, places in roadside.items.items() if name.startswith("houses") for place in places]
+    assert len(houses) >= 2
+    assert max(place["position_m"][1] for place in houses) < -6.0 - 0.9 - DISTRICTS[1].garden_m
+    assert {place.get("yaw_deg", 0.0) for place in houses} == {90.0}
+    assert all(place["position_m"][1] == -6.45 for place in roadside.items["lamp_posts"])
+
+
+def test_piers_stand_beside_the_road_below(crossroads: sumo.Network, relief: terrain.Relief) -> None:
+    piers = tables._piers(crossroads, relief, terrain.Terrain.around(relief))
+    assert [pier["position_m"][0] for pier in piers] == [40.0, 40.0]
+    y_m = [pier["position_m"][1] for pier in piers]
+    np.testing.assert_allclose(y_m, [-6.0 - tables.PIER_ASIDE_M, 3.5 + tables.PIER_ASIDE_M], atol=0.9)
+    for pier in piers:
+        middle_m, height_m = pier["position_m"][2], pier["size_m"][2]
+        assert middle_m + 0.5 * height_m == pytest.approx(6.0 - tables.PIER_BELOW_M, abs=1e-3)
+        assert middle_m - 0.5 * height_m == pytest.approx(-0.08 - tables.PIER_SUNK_M, abs=0.05)
+
+
+def test_the_ego_vehicle_brakes_evenly_to_its_end() -> None:
+    """v^2 = 2 b s with the braking of drivers, 2 m/s2, and the room to its front."""
+    lane = driven._Lane(0, 1, np.array([90.0]), np.array([20.0]), np.array([20.0]), np.array([4.0]), ["own_car"])
+    driven._stop_at_end(lane, 0, 100.0)
+    assert lane.speed_m_s[0] ** 2 == pytest.approx(2.0 * 2.0 * (100.0 + 0.5 * laid.CAR_M[0] - 90.0))
+
+
+def test_what_is_near_the_way_of_the_ego_vehicle_is_kept(crossroads: sumo.Network) -> None:
+    """Of roads with two points, too: the bridge passes 10 m beside the way, but its ends are 60 m away."""
+    own = sumo.RoadUser("ego", "passenger", 4.0, [(float(k), 50.0, 5.0, 90.0, 0.0) for k in range(3)])
+    assert [group.edge for group in tables._near(crossroads, own, 8.0).groups] == ["a", "-a"]
+    near = tables._near(crossroads, own, 12.0)
+    assert [group.edge for group in near.groups] == ["a", "a", "a", "-a", "b"]
+    assert not near.junctions
+    assert len(tables._near(crossroads, own, 34.0).junctions) == 1
+
+
+def test_the_ego_vehicle_drives_from_the_origin_to_its_end_and_nobody_through_another() -> None:
+    layout = laid.lay_out(StreetFile(length_m=60.0, shown_m=50.0, seed=2, stop_share=1.0))
+    traffic = driven.drive(layout)
+    ego = traffic.ego
+    assert (ego.time_s[0], ego.x_m[0]) == pytest.approx((0.0, 0.0))
+    assert ego.x_m[-1] == pytest.approx(60.0, abs=0.3)
+    assert np.diff(ego.x_m).min() >= 0.0
+    np.testing.assert_array_equal(np.unique(ego.y_m), layout.lane_m(0, 1))
+    vehicles = [track for track in traffic.others if track.name.startswith("traffic")]
+    for track in vehicles:
+        assert set(track.yaw_deg) == ({0.0} if track.x_m[-1] > track.x_m[0] else {180.0})
+        here = np.intersect1d(ego.time_s, track.time_s)
+        apart_m = np.interp(here, ego.time_s, ego.x_m) - np.interp(here, track.time_s, track.x_m)
+        on_lane = track.y_m[0] == ego.y_m[0]
+        assert not on_lane or np.abs(apart_m).min() > 0.5 * (laid.CAR_M[0] + driven.vehicle_length_m(track.name))
+
+
+def test_people_cross_a_zebra_from_kerb_to_kerb_and_come_back() -> None:
+    """They wait 1 m behind the kerb, look where they go, and turn round on a loop once they are across."""
+    layout = laid.lay_out(StreetFile(length_m=500.0, loop=True))
+    closing = driven._Closing(laid.Crossing(100.0, 2.0, is_zebra=True), 10.0, go_s=[5.0, 60.0])
+    time_s = np.arange(0.0, 120.0, 0.1)
+    tracks = driven._crossing_tracks(layout, closing, time_s, np.full(len(time_s), 100.0), np.random.default_rng(1))
+    assert 1 <= len(tracks) <= 3
+    for track in tracks:
+        wait_m = layout.kerb_m + 1.0
+        side = np.sign(track.y_m[0])
+        begin_m, middle_m, end_m = np.interp([4.0, 55.0, 119.0], track.time_s, track.y_m)
+        np.testing.assert_allclose([begin_m, middle_m, end_m], side * wait_m * np.array([1.0, -1.0, 1.0]))
+        speed_m_s = np.abs(np.diff(track.y_m)) / np.diff(track.time_s)
+        assert driven.WALK_M_S[0] <= speed_m_s.max() <= driven.WALK_M_S[1]
+        np.testing.assert_allclose(np.interp([6.0, 61.0], track.time_s, track.yaw_deg), [-90 * side, 180 - 90 * side])
+        assert np.abs(track.x_m - 100.0).max() < 2.0

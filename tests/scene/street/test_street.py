@@ -304,6 +304,33 @@ def test_each_stop_line_lies_where_drivers_stop() -> None:
     assert gaps_m.min(axis=0).max() < 0.3
 
 
+@pytest.mark.parametrize("loop", [False, True])
+def test_kerbs_go_round_the_corners_of_streets_that_cross(loop: bool) -> None:
+    """Four at each, 0.15 m wide and as long as a pavement with its kerb, between those along both streets."""
+    file = street(4, length_m=900.0, loop=loop)
+    layout, bodies = laid.lay_out(file), street_tables(file)["bodies"]
+    (corners,) = (body for body in bodies if body["name"] == "kerbs_of_corners")
+    assert corners["size_m"] == [laid.KERB_M, file.pavement_m + laid.KERB_M]
+    expected = [
+        layout.line.at(
+            np.array([crossing.x_m + along * (laid.CROSS_HALF_M + 0.5 * laid.KERB_M)]),
+            np.array([side * 0.5 * (layout.kerb_m + layout.front_m)]),
+        )[0, :2]
+        for crossing in layout.crossings
+        if not crossing.is_zebra
+        for along in (-1, 1)
+        for side in (1, -1)
+    ]
+    places_m = np.array([place["position_m"] for place in corners["instances"]])
+    assert len(places_m) == len(expected) >= 4
+    np.testing.assert_allclose(places_m[:, :2], expected, atol=1e-3)
+    names = {f"pavement_{number}_{side}" for number in range(len(layout.blocks)) for side in ("left", "right")}
+    lines_m = [np.array(body["line"])[:, :2] for body in bodies if body["name"] in names]
+    pavement_m = sum(float(np.hypot(*np.diff(line_m, axis=0).T).sum()) for line_m in lines_m)
+    blocks_m = sum(block.length_m for block in layout.blocks)
+    assert 2.0 * blocks_m - pavement_m == pytest.approx(len(expected) * laid.KERB_M, abs=0.15)
+
+
 def test_traffic_lights_stand_by_stop_lines_and_face_those_who_wait() -> None:
     """Two for each street that crosses, on the right of both directions, beside the lanes."""
     layout = next(layout for seed in itertools.count(4) if "lights" in (layout := laid.lay_out(street(seed))).items)

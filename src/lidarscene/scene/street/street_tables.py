@@ -296,12 +296,33 @@ def _grounds(layout: Layout) -> list[Tables]:
             ("pavement", pavement_m, street.kerb_m + KERB_M + 0.5 * pavement_m),
             ("kerb", KERB_M, street.kerb_m + 0.5 * KERB_M),
         ):
-            grounds += [_strip(street, block, number, kind, width_m, side * middle_m, **raised) for side in (1, -1)]
+            ways = _without_corners(layout, block) if street is layout else block
+            grounds += [_strip(street, ways, number, kind, width_m, side * middle_m, **raised) for side in (1, -1)]
     crossing = [_along(street, 0.0, 0.0, street.profile.begin_m) for street in layout.side_streets]
     if crossing:
         size_m = [2.0 * CROSS_REACH_M, 2.0 * CROSS_HALF_M]
         grounds.append(sheet("cross_roads", "road", "asphalt", size_m, crossing, spacing_m=0.4, kerb_m=FOOT_M))
+        size_m, y_m = [KERB_M, pavement_m + KERB_M], layout.kerb_m + 0.5 * (KERB_M + pavement_m)
+        ends_m = [
+            0.5 * (block_m + ways_m)
+            for block in layout.blocks
+            for ways in [_without_corners(layout, block)]
+            for block_m, ways_m in ((block.begin_m, ways.begin_m), (block.end_m, ways.end_m))
+            if block_m != ways_m
+        ]
+        heights_m = (RAISED_M + layout.height_m(np.array(ends_m))).tolist()
+        corners = [
+            _along(layout, x_m, side * y_m, z_m) for x_m, z_m in zip(ends_m, heights_m, strict=True) for side in (1, -1)
+        ]
+        grounds.append(sheet("kerbs_of_corners", "kerb", "concrete", size_m, corners, kerb_m=RAISED_M + FOOT_M))
     return grounds
+
+
+def _without_corners(layout: Layout, block: Block) -> Block:
+    """Part of a block between the kerbs along the streets that cross at its ends."""
+    return Block(
+        block.begin_m + KERB_M * (block.begin_m > layout.begin_m), block.end_m - KERB_M * (block.end_m < layout.end_m)
+    )
 
 
 def _soil(layout: Layout) -> Tables:
