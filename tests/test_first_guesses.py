@@ -77,6 +77,10 @@ ANSWERS = {
     "lidarscene.render('range', position=(0, 0, 2))": r"pose=\(x, y, z\)",
     "lidarscene.render('range', rng=3)": "seed=N",
     "lidarscene.render('range', laser={'peak_power_w': 50})": 'overrides={"laser": ...}',
+    "lidarscene.render('range', sun_elevation=10)": 'scene_overrides={"sun.elevation_deg": ...}',
+    "lidarscene.render('range', detector_gain=50)": 'overrides={"detector.gain": ...}',
+    "lidarscene.render('range', start_time=1)": "begin_s=1.0",
+    "lidarscene.Simulator('range', 'apd-905', seed=1)": r"simulator.render\(seed=1\)",
     "lidarscene.render('range', noise=False)": "cloud.true_range",
     "lidarscene.render('range', scene_set='sun.illuminance_klux=1')": "scene_overrides={",
     "lidarscene.Simulator('range', 'apd-905', sun=1)": r"scene.replace\({\"sun.illuminance_klux\"",
@@ -90,6 +94,9 @@ ANSWERS = {
     "lidarscene.Material(reflectivity=20)": "from 0 to 1, got 20",
     "lidarscene.Material(reflectivity='grey')": "must be a number, got str",
     "lidarscene.render(mesh, 'apd-905')": r"load_scene\(mesh, material='brick'\)",
+    "scene.delete('board')": r"scene.remove\(",
+    "cloud.range_error": "cloud.range_m - cloud.true_range_m",
+    "cloud.sort('time')": r"numpy.argsort\(cloud.time\)",
     "scene['board']": r"Scene has no \[...\]; scene.bodies\[",
     "list(scene)": "Scene has no iteration; scene.bodies",
     "lidarscene.Simulator.__call__(scene)": r"has no \(...\); simulator.render",
@@ -202,6 +209,11 @@ def test_a_reflectivity_makes_a_material() -> None:
     }
     scene = Scene().add(NAMES["mesh"], grey)
     assert scene.materials == {"reflectivity 0.2": grey}
+    assert (
+        len(scene.add(NAMES["mesh"], Material(reflectivity=0.2)).add(NAMES["mesh"], Material("brick")).materials) == 2
+    )
+    with pytest.raises(lidarscene.InputError, match="the scene has another of this name"):
+        scene.add(NAMES["mesh"], Material(name="reflectivity 0.2", reflectivity=0.3))
     assert Material(reflectivity=Material("brick").reflectivity).reflectivity is not None
 
 

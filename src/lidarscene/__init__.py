@@ -59,6 +59,7 @@ _FOREIGN_NAMES = {
     **dict.fromkeys(("save", "write", "export"), "clouds, scenes, sensors and reports have .save(path)"),
     **dict.fromkeys(("weather", "fog", "rain"), "render('car', scene_overrides={'weather.fog_visibility_km': 0.1})"),
     **dict.fromkeys(("noise", "noise_model"), "noise follows from the sensor, which sensor.replace(...) changes"),
+    **dict.fromkeys(("info", "describe", "summary"), "print(Sensor(name)), print(Scene(name))"),
     "waveform": "Simulator(scene, sensor).waveforms([0]) has those of pulses",
 }
 """Names that people try first, with the call that does it."""

@@ -14,9 +14,11 @@ import trimesh
 from helpers.command_line import BEAMS, COARSE, WALL, Run
 from helpers.drawn_street import street
 from helpers.in_this_process import draw_nothing, draw_roughly
+from PIL import Image
 
 from lidarscene import PointCloud, load_sensor
 from lidarscene.cli import main
+from lidarscene.cloud.shades import rgb
 from lidarscene.studies.compare import comparison_files
 from lidarscene.studies.compare.comparison_report import Comparison, verdict
 from lidarscene.studies.compare.comparison_study import aliasing_notes
@@ -192,8 +194,11 @@ def test_difference_cloud_opens_elsewhere(folder: Path) -> None:
     cloud = trimesh.load(folder / "difference-table1-sipm.ply")
     kinds = cloud.metadata["_ply_raw"]["vertex"]["data"]["difference"]
     assert np.bincount(kinds.ravel(), minlength=3).tolist() == [pair["both"], pair["only_a"], pair["only_b"]]
-    expected = np.array([comparison_files.COLOURS[kind] for kind in ("both", "only_a", "only_b")])
+    expected = np.array([rgb(colour) for colour in comparison_files.COLOURS])
     assert np.array_equal(cloud.colors[:, :3], expected[kinds.ravel()])
+    with Image.open(folder / "difference-table1-sipm.png") as picture:
+        drawn = {colour for _, colour in picture.convert("RGB").getcolors(picture.width * picture.height)}
+    assert {tuple(colour) for colour in expected[np.unique(kinds)].tolist()} <= drawn
     header = (folder / "difference-table1-sipm.ply").read_bytes().split(b"end_header")[0].decode("ascii")
     assert "comment difference 1 only_a" in header
     assert "A is table1-apd, B is table1-sipm" in header
@@ -242,7 +247,7 @@ def test_other_scanners_are_not_matched(folder: Path, run: Run, no_charts: None,
     numbers = json.loads((tmp_path / "own" / "compare.json").read_text("utf-8"))
     assert (numbers["matched"], numbers["pairs"]) == (False, [])
     assert numbers["sensors"][0]["pulses"] != numbers["sensors"][1]["pulses"]
-    assert "--same-beams gives all" in (tmp_path / "own" / "index.html").read_text("utf-8")
+    assert "same beams gives all" in (tmp_path / "own" / "index.html").read_text("utf-8")
     ran = run("compare", str(tmp_path / "own" / "table1-apd.ply"), str(tmp_path / "own" / "vlp-16.ply"), "-o", "files")
     assert (ran.code, ran.err) == (0, "")
     assert "share no pulses" in (tmp_path / "files" / "index.html").read_text("utf-8")

@@ -18,7 +18,10 @@ ACCOUNTED = (
     *THEORY,
     *(
         ROOT / "docs" / f"{name}.md"
-        for name in ("benchmarks", "fit", "paper", "photon_counting", "range", "sipm", "sun", "validation", "weather")
+        for name in (
+            *("benchmarks", "clusters", "compare", "fit", "index", "install", "live", "paper", "photon_counting"),
+            *("range", "recorded", "recordings", "sipm", "streets", "sun", "validation", "weather"),
+        )
     ),
 )
 """Pages on which every number is computed, or measured or published and says where."""

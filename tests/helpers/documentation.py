@@ -113,12 +113,13 @@ ACCOUNT = re.compile(r"<!-- = (.*?)\s-->", re.DOTALL)
 """An expression that gives the numbers before it, the last ones of the text between the account before and it."""
 
 NO_NUMBERS = re.compile(
-    r"""^```.*?^```$|<!--.*?-->|\$\$.*?\$\$|`[^`\n]*`  # blocks, comments, equations, code
+    r"""^```.*?^```$|<!--.*?-->|<[^>\n]+>|\$\$.*?\$\$|`[^`\n]*`  # blocks, comments, tags, equations, code
     |\]\([^)]*\)|^[#].*?$                             # links, headings
     |\((?:[ST]?\d+[a-d]?(?:,\ )?)+\)                  # numbers of equations
     |\([^()]*\b(?:18|19|20)\d\d\b[^()]*\)            # a bracket with a year is a citation
     |\b\d{4}-\d\d-\d\d\b                            # dates
-    |\b(?:[Ss]ections?|Tables?|Figs?\.|[Cc]heck|[Cc]lass|Mitsuba|Euro\ NCAP)\s\d+(?:(?:\s(?:and|to)\s|,\s)\d+)*
+    |\b(?:[Ss]ections?|Tables?|Figs?\.|[Cc]heck|[Cc]lass)\s\d+(?:(?:\s(?:and|to)\s|,\s)\d+)*
+    |\b(?:Mitsuba|ROS|Argoverse|Euro\ NCAP)\s\d+     # names
     |\b(?:ISO|IEC|IEEE\ Std|ASTM|ITU-R|NREL/TP|AFGL-TR)[\ -][A-Z.]*[\d-]+  # standards and reports
     """,
     re.MULTILINE | re.DOTALL | re.VERBOSE,

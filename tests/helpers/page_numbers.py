@@ -25,7 +25,7 @@ from helpers.documentation import NUMBER, ROOT, text_of, value_of
 from lidarscene import catalog, load_sensor
 from lidarscene.detection.outcomes import Status
 from lidarscene.detection.photon_counting import tuning as peak_tuning
-from lidarscene.files import pvlib
+from lidarscene.files import inputs, installed_llvm, pvlib
 from lidarscene.kernel.device import backend
 from lidarscene.kernel.rays import onward
 from lidarscene.kernel.world import bsdfs

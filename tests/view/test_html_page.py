@@ -154,7 +154,7 @@ def test_a_click_shows_the_budget(browser: Chromium, saved_page: Path, cloud: Po
         "peak signal": budget.signal[i],
         "signal": 0.0,
         "noise": budget.noise[i],
-        "snr": cloud.snr[i],
+        "SNR": cloud.snr[i],
         "detection probability": cloud.detection_probability[i],
         "intensity": cloud.intensity[i],
     }.items():
@@ -406,7 +406,7 @@ def test_clouds_without_truth_or_points(browser: Chromium, cloud: PointCloud, tm
             x, y, _ = pixel_places(browser)[len(shown_cloud) // 2]
             browser.click(x, y)
             table = point_card(browser)
-            assert "snr" in table
+            assert "SNR" in table
             assert "echo power" not in table
             assert "lidarscene view CLOUD SCENE" in browser.value("document.getElementById('card').textContent")
 

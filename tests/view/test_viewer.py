@@ -76,12 +76,28 @@ def test_nines_are_not_rounded_away(browser: Chromium, tmp_path: Path) -> None:
     assert shown == ["1", "0.9999", "1 \u2212 1.0e-5", "0.5"]
 
 
+def test_a_scale_over_less_than_three_decades_has_ticks_all_along(browser: Chromium, tmp_path: Path) -> None:
+    small_cloud(5).save(tmp_path / "a.ply")
+    assert main(["view", str(tmp_path / "a.ply"), "--save", str(tmp_path / "a.html")]) == 0
+    browser.open((tmp_path / "a.html").as_uri())
+    browser.value("Object.assign(viewer.legend, {low: 1, high: 76, log: true}).build()")
+    ticks = browser.value("[...document.querySelectorAll('.ticks span')].map(tick => Number(tick.textContent))")
+    assert ticks == [1, 5, 20]
+    browser.value("byId('legend').replaceChildren()")
+    assert browser.value("getComputedStyle(byId('legend')).display") == "none", "no empty box while the page waits"
+
+
 def test_a_command_is_copied(browser: Chromium, mi: object, scene_file: Path, tmp_path: Path) -> None:
     """It goes to the clipboard, and run, it writes the points that the page shows; without the right to write there
     it is told in a window, to be copied by hand.
     """
     with served(scene_file, *[f"--set={option}" for option in COARSE]) as view:
         browser.open(view.url)
+        browser.resize(1440, 900)
+        places = browser.value("""['#copy', '[aria-label="frame"]', '[aria-label="seed"]'].map(
+            choice => document.querySelector(`#live ${choice}`).getBoundingClientRect().bottom)""")
+        assert max(places) < 900, "copy, frame and seed are seen on a laptop"
+        browser.resize(1280, 800)
         browser.value("viewer.settings['laser.peak_power_w'] = 20, viewer.render(), 0")
         browser.until("!viewer.busy")
         browser.value("""(() => {

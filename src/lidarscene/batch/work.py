@@ -17,10 +17,11 @@ from ..cloud.point_cloud import PointCloud
 from ..errors import InputError, LidarSceneError, shorten
 from ..kernel.device import blocks, gpus
 from ..kernel.device.gate import exclusive
-from ..labels.point_rows import DeviceRows, PointRows
+from ..labels.point_rows import PointRows
 from ..maths.trajectory import pose_at
 from ..outputs import run_report
 from ..outputs.closing import Closing, fits_beside_next
+from ..outputs.streams import row_reader
 from ..rendering.frame import sensor_motion
 from ..rendering.simulator import Simulator, Summary
 from ..scene.scene import Scene
@@ -141,11 +142,10 @@ def _render(task: FrameTask, store: Store, threads: int, following: int) -> Call
     summary, ahead = Summary(), None
     if following:  # the device computes them while the files of this one are written
         ahead = partial(simulator.begin, replace(task.frame, number=task.frame.number + 1), following)
-    scene = _scene_of(task.scene)
+    scene, dataset = _scene_of(task.scene), None if task.place is None else task.place.dataset
     pieces: list[PointCloud | PointRows] = []
-    if task.place is not None and task.place.dataset == "semantickitti":
-        deskewing = simulator.deskewing(task.frame) if task.deskew else None
-        read = DeviceRows(simulator.empty(task.frame), scene, deskewing, own_car=task.own_car)
+    read = row_reader(simulator, task.frame, dataset, deskew=task.deskew, own_car=task.own_car)
+    if read is not None:
         simulator.stream(pieces.append, task.frame, summary=summary, ahead=ahead, read=read)
     else:
         cloud = simulator.render(task.frame, summary=summary, ahead=ahead)

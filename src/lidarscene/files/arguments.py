@@ -19,7 +19,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence, S
 from numbers import Integral, Real
 from typing import Annotated, Any, Literal, TypeVar
 
-from ..errors import InputError, OptionError, did_you_mean, one_line
+from ..errors import InputError, OptionError, did_you_mean, meant_by_a_part, one_line
 
 Checked = TypeVar("Checked", bound=Callable[..., Any])
 
@@ -34,8 +34,9 @@ FOREIGN_KEYWORDS: Mapping[str, Mapping[str, str]] = {
         ),
         **dict.fromkeys(("position", "sensor_pose", "origin", "location", "height", "at"), "a place is pose=(x, y, z)"),
     },
+    "rays": dict.fromkeys(("seed", "number", "begin_s"), "a frame has it: simulator.render(seed=1)"),
     "seed": dict.fromkeys(("rng", "random_state", "random_seed"), "the seed is seed=N"),
-    "begin_s": dict.fromkeys(("time", "t", "time_s", "start"), "a frame begins at begin_s=1.0"),
+    "begin_s": dict.fromkeys(("time", "t", "start"), "a frame begins at begin_s=1.0"),
     "overrides": dict.fromkeys(
         ("set", "settings", "params", "parameters", "config"),
         'values of the sensor file go in overrides={"laser.peak_power_w": 50}',
@@ -60,7 +61,9 @@ FOREIGN_KEYWORDS: Mapping[str, Mapping[str, str]] = {
         "deskew": "the sensor's own motion is taken out by cloud.deskew(Simulator(scene, sensor).motion)",
         "rig": "record(scene, Rig(file), outputs=...) renders a rig of several sensors",
     },
-    "illuminance_klux": dict.fromkeys(("sun", "light", "lux", "klux"), "the sun's light is illuminance_klux=100"),
+    "illuminance_klux": dict.fromkeys(
+        ("sun", "sunlight", "light", "lux", "klux"), "the sun's light is illuminance_klux=100"
+    ),
     "probability": dict.fromkeys(("pd", "p_d", "p"), "the detection probability is probability=0.9"),
     "distance": {"range": "the distance of SNR and P_d is distance=100"},
     "points": {"values": "an axis is start=, stop= and points="},
@@ -68,6 +71,8 @@ FOREIGN_KEYWORDS: Mapping[str, Mapping[str, str]] = {
         **dict.fromkeys(("c", "by", "column", "cmap", "field"), "a column gives the colours: colour_by='range'"),
         **dict.fromkeys(("save", "path", "file", "filename", "output"), "a picture is written by plot().save('a.png')"),
     },
+    "position": {"scale": "a mesh is scaled before, such as mesh.apply_scale(2) of trimesh"},
+    "ascii": {"binary": "files are binary unless ascii=True"},
     "material": dict.fromkeys(("reflectivity", "albedo", "reflectance"), "material=Material(reflectivity=0.2)"),
     "class_": dict.fromkeys(
         ("x", "y", "z", "range", "range_m", "intensity", "ring", "snr", "time"),
@@ -137,10 +142,13 @@ def unknown_option(word: str, options: Collection[str], *, meant: str = "", call
         meant: what it means, unless `FOREIGN_KEYWORDS` has it or it is a slip of an option
         call: name of the call
     """
-    tables = (words for key, words in FOREIGN_KEYWORDS.items() if key in options or key == call)
-    foreign = next((words[word] for words in tables if word in words), "")
-    slip = did_you_mean(word, options, cutoff=0.8 if meant else 0.6)
-    meant = f"{foreign};" if foreign else slip or (f"{meant};" if meant else "")
+    foreign: dict[str, str] = {}
+    for key, words in FOREIGN_KEYWORDS.items():
+        if key in options or key == call:
+            foreign = {**words, **foreign}
+    slip = did_you_mean(word, options, cutoff=0.8)
+    text = foreign.get(word) or ("" if slip else meant or meant_by_a_part(word, foreign))
+    meant = f"{text};" if text else slip or did_you_mean(word, options)
     return InputError(
         f"unknown option '{word}'; {meant}{' ' if meant else ''}known here: {', '.join(options) or 'none'}"
     )

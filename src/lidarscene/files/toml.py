@@ -298,12 +298,15 @@ def keys_of_tables(model: type[BaseModel]) -> list[str]:
 def keys_like(typed: str, keys: Iterable[str]) -> list[str]:
     """Dotted keys whose last part has the words of that of a typed key, units aside: laser.peak_power_w of "power".
 
-    Keys of just these words come before those of more; [] if more than MOST_KEYS fit.
+    Keys of just these words come before those of more, then those that have some in the table's name, such as
+    "laser_power"; [] if more than MOST_KEYS fit.
     """
     words = _words(typed)
     if max(map(len, words)) < 3:
         return []
-    fitting = [key for key in keys if set(words) <= set(key.rpartition(".")[2].split("_"))]
+    listed = [*keys]
+    fitting = [key for key in listed if set(words) <= set(key.rpartition(".")[2].split("_"))]
+    fitting = fitting or [key for key in listed if set(words) <= set(key.replace(".", "_").split("_"))]
     equal = [key for key in fitting if words == _words(key)]
     return equal or (fitting if len(fitting) <= MOST_KEYS else [])
 

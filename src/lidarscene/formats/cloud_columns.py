@@ -37,7 +37,7 @@ FOREIGN_NAMES = {
     **dict.fromkeys(
         ("voxel_down_sample", "voxel_downsample", "voxel", "voxelize"), "cloud.to_open3d().voxel_down_sample(0.2)"
     ),
-    **dict.fromkeys(("fields", "column_names", "keys"), "cloud.columns"),
+    **dict.fromkeys(("fields", "features", "column_names", "keys"), "cloud.columns"),
     **dict.fromkeys(("rotate", "translate", "transformed"), "cloud.transform(pose)"),
     **dict.fromkeys(("height", "altitude"), "cloud.z"),
     "width": "cloud.range_image() has rows and columns",
@@ -54,7 +54,13 @@ FOREIGN_NAMES = {
     **dict.fromkeys(("info", "summary", "stats", "statistics"), "print(cloud), cloud.to_pandas().describe()"),
     **dict.fromkeys(("filter", "mask", "where"), 'cloud.select(class_="car"), cloud[cloud.range < 50]'),
     "crop": "cloud[(cloud.x > 0) & (cloud.x < 50)]",
-    **dict.fromkeys(("num_points", "n_points", "size"), "len(cloud)"),
+    **dict.fromkeys(("num_points", "n_points", "size", "count"), "len(cloud)"),
+    **dict.fromkeys(("error", "errors", "range_error"), "cloud.range_m - cloud.true_range_m"),
+    **dict.fromkeys(("sort", "sort_by", "argsort"), "cloud[numpy.argsort(cloud.time)]"),
+    **dict.fromkeys(("split", "train_test_split"), "cloud[:1000], cloud[1000:]"),
+    **dict.fromkeys(("sensor", "scene"), 'cloud.metadata["sensor"], cloud.metadata["scene"]'),
+    **dict.fromkeys(("visualize", "visualise", "viz", "display"), "cloud.plot(), cloud.view()"),
+    **dict.fromkeys(("to_bytes", "tobytes"), "cloud.to_numpy().tobytes()"),
     **dict.fromkeys(("to_dataframe", "to_df", "dataframe", "df"), "cloud.to_pandas()"),
     **{
         name: f"cloud.to_pandas().{name}(...)"

@@ -12,7 +12,7 @@ it is as large as he is then.
 from __future__ import annotations
 
 import os
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -105,15 +105,49 @@ def boxes(cloud: PointCloud, scene: SceneChoice, *, as_seen: bool = True) -> lis
     Raises:
         InputError: for a cloud without truth, or without the pose of its sensor
     """
-    tally = BoxTally(cloud, load_scene(scene), as_seen=as_seen)
-    pieces = [slice(first, first + PIECE_POINTS) for first in range(0, len(cloud), PIECE_POINTS)]
-    for piece in pieces:
-        tally.add_echoes(cloud.select(piece))
+    tally, points = BoxTally(cloud, load_scene(scene), as_seen=as_seen), CountedPoints.of_cloud(cloud)
+    for piece in points.pieces():
+        tally.add_echoes(piece)
     tally.place_boxes()
-    for piece in pieces:
-        piece_cloud = cloud.select(piece)
-        tally.count_points(*counted_columns(piece_cloud))
+    for piece in points.pieces():
+        tally.count_points(*piece.columns)
     return tally.boxes()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class CountedPoints:
+    """Some points of a frame: what boxes are placed by, and counted of.
+
+    Attributes:
+        cloud: names and metadata, without points
+        columns: positions (n, 3), true range, index of the body, status and index of the sensor, (n,) each
+        time_s: (n,) as in `PointCloud`
+    """
+
+    cloud: PointCloud
+    columns: tuple[Numbers, Numbers, Numbers, Numbers, Numbers]
+    time_s: Numbers
+
+    @classmethod
+    def of_cloud(cls, cloud: PointCloud) -> CountedPoints:
+        """Take the columns of a cloud.
+
+        Raises:
+            InputError: for a cloud without truth
+        """
+        columns = cloud.xyz_m, *truth_of(cloud), cloud.status, cloud.sensor_index
+        return cls(cloud=cloud.without_points(), columns=columns, time_s=cloud.time_s)
+
+    def __len__(self) -> int:
+        return len(self.time_s)
+
+    def pieces(self) -> Iterator[CountedPoints]:
+        """Iterate over pieces of `PIECE_POINTS` points."""
+        for first in range(0, len(self), PIECE_POINTS):
+            rows = slice(first, first + PIECE_POINTS)
+            xyz_m, true_range_m, body, status, sensor_index = (column[rows] for column in self.columns)
+            columns = xyz_m, true_range_m, body, status, sensor_index
+            yield replace(self, columns=columns, time_s=self.time_s[rows])
 
 
 class BoxTally:
@@ -153,15 +187,15 @@ class BoxTally:
         self._place_of_body[[index for index, _ in self._things]] = np.arange(len(self._things))
         self._boxes: list[Box] = []
 
-    def add_echoes(self, cloud: PointCloud) -> None:
+    def add_echoes(self, points: CountedPoints) -> None:
         """Count the echoes of each body, and add up their times."""
-        _, body_index = truth_of(cloud)
+        _, _, body_index, status, sensor_index = points.columns
         place = self._place_of_body[body_index]
-        counted = np.flatnonzero((place >= 0) & (cloud.status == 0))
+        counted = np.flatnonzero((place >= 0) & (status == 0))
         place = place[counted]
-        np.add.at(self._points_on, (place, cloud.sensor_index[counted]), 1)
+        np.add.at(self._points_on, (place, sensor_index[counted]), 1)
         if self.moves:
-            np.add.at(self._time_ps, place, np.rint(cloud.time_s[counted] / 1e-12).astype(np.int64))
+            np.add.at(self._time_ps, place, np.rint(points.time_s[counted] / 1e-12).astype(np.int64))
 
     def place_boxes(self) -> None:
         """Place the boxes at the mean time of their bodies' points."""
@@ -192,7 +226,7 @@ class BoxTally:
     def count_points(
         self, xyz_m: Numbers, true_range_m: Numbers, body: Numbers, status: Numbers, sensor_index: Numbers
     ) -> None:
-        """Count points and beams in the boxes, of the `counted_columns` of a cloud."""
+        """Count points and beams in the boxes; arguments as `CountedPoints.columns`."""
         for number, origin_m in enumerate(self._origins_m):
             of_sensor = slice(None) if len(self._origins_m) == 1 else sensor_index == number
             columns = (column[of_sensor] for column in (true_range_m, body, status))
@@ -228,7 +262,7 @@ class GatheredBoxes:
         self._folder, self._scene, self._as_seen, self._with_ego = folder, scene, as_seen, with_ego
         self._tally: BoxTally | None = None
         self._spool: Spool | None = None
-        self._waiting: list[tuple[Numbers, ...]] = []
+        self._waiting: list[tuple[Numbers, Numbers, Numbers, Numbers, Numbers]] = []
         self.points = 0
 
     def __enter__(self) -> GatheredBoxes:
@@ -238,13 +272,15 @@ class GatheredBoxes:
         if self._spool is not None:
             self._spool.__exit__()
 
-    def append(self, cloud: PointCloud) -> None:
-        """Add the points of a cloud."""
+    def append(self, points: PointCloud | CountedPoints) -> None:
+        """Add the points of a cloud, or such as they are counted."""
+        if isinstance(points, PointCloud):
+            points = CountedPoints.of_cloud(points)
         if self._tally is None:
-            self._begin(cloud)
-        self.points += len(cloud)
-        for first in range(0, len(cloud), PIECE_POINTS):
-            self._add(cloud.select(slice(first, first + PIECE_POINTS)))
+            self._begin(points)
+        self.points += len(points)
+        for piece in points.pieces():
+            self._add(piece)
 
     def boxes(self) -> list[Box]:
         """Boxes of all clouds that were appended; call it once."""
@@ -258,36 +294,31 @@ class GatheredBoxes:
                 self._tally.count_points(xyz_m, *(rows[name] for name, _ in _WAITING_COLUMNS))
         return self._tally.boxes()
 
-    def _begin(self, cloud: PointCloud) -> None:
-        self.first = cloud.without_points()
-        self._tally = BoxTally(cloud, self._scene, as_seen=self._as_seen, with_ego=self._with_ego)
+    def _begin(self, points: CountedPoints) -> None:
+        self.first = points.cloud
+        self._tally = BoxTally(points.cloud, self._scene, as_seen=self._as_seen, with_ego=self._with_ego)
         if self._tally.moves:
-            position: list[tuple[str, Any]] = [(axis, cloud.xyz_m.dtype) for axis in "xyz"]
+            position: list[tuple[str, Any]] = [(axis, points.columns[0].dtype) for axis in "xyz"]
             self._spool = Spool(self._folder, [*position, *_WAITING_COLUMNS])
         else:
             self._tally.place_boxes()
 
-    def _add(self, cloud: PointCloud) -> None:
+    def _add(self, points: CountedPoints) -> None:
         assert self._tally is not None
-        self._tally.add_echoes(cloud)
+        self._tally.add_echoes(points)
         if self._spool is None:
-            self._tally.count_points(*counted_columns(cloud))
+            self._tally.count_points(*points.columns)
             return
-        xyz_m, *columns = counted_columns(cloud)
-        if sum(len(piece[0]) for piece in self._waiting) + len(cloud) <= WAITING_POINTS and not len(self._spool):
-            self._waiting.append((xyz_m, *columns))
+        if sum(len(piece[0]) for piece in self._waiting) + len(points) <= WAITING_POINTS and not len(self._spool):
+            self._waiting.append(points.columns)
             return
+        xyz_m, *columns = points.columns
         names = [name for name, _ in _WAITING_COLUMNS]
         self._spool.append(**dict(zip("xyz", xyz_m.T, strict=True)), **dict(zip(names, columns, strict=True)))
 
 
 _WAITING_COLUMNS = [("true_range", "f4"), ("body", "i4"), ("status", "u1"), ("sensor_index", "u1")]
-"""Name and type of the `counted_columns` behind the positions."""
-
-
-def counted_columns(cloud: PointCloud) -> tuple[Numbers, ...]:
-    """Columns of a cloud of which points and beams in boxes are counted."""
-    return cloud.xyz_m, *truth_of(cloud), cloud.status, cloud.sensor_index
+"""Name and type of the `CountedPoints.columns` behind the positions."""
 
 
 def truth_of(cloud: PointCloud) -> tuple[Numbers, Numbers]:

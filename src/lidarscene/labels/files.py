@@ -31,7 +31,7 @@ from ..maths.arrays import Lanes, Mask, Numbers, xp
 from ..maths.rotations import quaternion
 from ..maths.trajectory import Course
 from ..scene.scene import Scene
-from .boxes import PIECE_POINTS, Box, GatheredBoxes, sensor_place, truth_of, upright_size_and_yaw
+from .boxes import PIECE_POINTS, Box, CountedPoints, GatheredBoxes, sensor_place, truth_of, upright_size_and_yaw
 from .kinds import MOVING, NOT_IN_KITTI, OUTLIER, UNLABELLED, kind_of
 from .osi_truth import gathered_truth
 
@@ -86,7 +86,8 @@ def labels_stream(
 ) -> Iterator[Append]:
     """Write the labels of the clouds that are appended in the block, at least one, as those of one frame."""
     first, *further_paths = label_paths(path, format=format)
-    with open_stream(first, scene, format=format, all_around=all_around) as append:
+    options = {"all_around": all_around} if format == "kitti" else {}
+    with _STREAMS[format](first, scene, **options) as append:
         yield append
     if further_paths:
         _write_text(further_paths[0], kitti_calibration())
@@ -232,7 +233,9 @@ def _wrap_angle(angle_rad: float) -> float:
 
 
 @contextmanager
-def kitti_stream(path: Path, scene: Scene, all_around: bool = False) -> Iterator[Append]:
+def kitti_stream(
+    path: Path, scene: Scene, *, all_around: bool = False
+) -> Iterator[Callable[[PointCloud | CountedPoints], None]]:
     """Write a line for each box with a point: type, truncated, occluded, alpha, picture, size, place, rotation_y.
 
     KITTI labels what the picture shows, and no poles or signs. Without a box the only line is `DONT_CARE`.
@@ -313,11 +316,6 @@ def _osi_stream(path: Path, scene: Scene) -> Iterator[Append]:
 def _write_text(path: Path, text: str) -> None:
     with atomic_output(path) as temporary:
         temporary.write_text(text, encoding="utf-8")
-
-
-def open_stream(path: Path, scene: Scene, *, format: str, all_around: bool) -> AbstractContextManager[Append]:
-    """Open the first file of these labels: a stream that takes clouds (`write_labels`)."""
-    return _STREAMS[format](path, scene, *([all_around] if format == "kitti" else []))
 
 
 _STREAMS: dict[str, Callable[..., AbstractContextManager[Append]]] = {

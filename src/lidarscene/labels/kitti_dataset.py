@@ -23,11 +23,10 @@ import numpy as np
 from ..cloud.point_cloud import PointCloud
 from ..errors import InputError
 from ..files.atomic import atomic_output, name_path_in_errors
-from ..formats.kitti import kitti_stream
 from ..maths.pose import Pose
 from ..scene.scene import Scene
 from .boxes import PIECE_POINTS, sensor_place, truth_of
-from .files import PICTURE_PX, SENSOR_TO_CAMERA, kitti_calibration, open_stream
+from .files import PICTURE_PX, SENSOR_TO_CAMERA, kitti_calibration, kitti_stream
 from .point_rows import PointRows
 
 Append = Callable[[PointCloud | PointRows], None]
@@ -97,17 +96,12 @@ def files_stream(
                 paths = frame_files(dataset, clouds)[:2]
                 opened: list[AbstractContextManager[Callable[..., Any]]] = [*map(_bytes_stream, paths)]
                 if dataset == "kitti":
-                    boxes = open_stream(paths[1], scene, format=dataset, all_around=all_around)
-                    opened = [kitti_stream(clouds), boxes]
+                    opened[1] = kitti_stream(paths[1], scene, all_around=all_around)
                 appended.extend(map(name_path_in_errors, paths, map(streams.enter_context, opened)))
-            append_cloud, append_labels = appended
-            if dataset == "kitti":
-                append_cloud(piece)
-                append_labels(piece)
-                return
-            for rows in _rows_of(piece, scene):
-                append_cloud(rows.rows.data)
-                append_labels(rows.labels.data)
+            append_rows, append_labels = appended
+            for rows in _rows_of(piece, scene, dataset):
+                append_rows(rows.rows.data)
+                append_labels(rows.labels)
 
         yield append, first
     if dataset == "kitti":
@@ -115,13 +109,13 @@ def files_stream(
         _write_picture(clouds.parents[1] / "image_2" / f"{clouds.stem}.png")
 
 
-def _rows_of(piece: PointCloud | PointRows, scene: Scene) -> Iterator[PointRows]:
+def _rows_of(piece: PointCloud | PointRows, scene: Scene, dataset: str) -> Iterator[PointRows]:
     """Iterate over the rows of a piece of a frame."""
     if isinstance(piece, PointRows):
         yield piece
         return
-    for first in range(0, len(piece), PIECE_POINTS):
-        yield PointRows.of_cloud(piece.select(slice(first, first + PIECE_POINTS)), scene)
+    for first in range(0, max(len(piece), 1), PIECE_POINTS):  # a frame without points has files, too
+        yield PointRows.of_cloud(piece.select(slice(first, first + PIECE_POINTS)), scene, dataset)
 
 
 @contextmanager

@@ -1,7 +1,8 @@
-"""Rows of points as the files of SemanticKITTI hold them, of a cloud or computed where the points are.
+"""Rows of points as the files of KITTI's data sets hold them, of a cloud or computed where the points are.
 
-A file has 20 of the some 110 bytes of a point. On the device the points are freed from the sensor's motion, turned into
-its frame and labelled, and these bytes alone are copied.
+SemanticKITTI's files have 20 of the some 110 bytes of a point; of KITTI's some 20 more are counted in boxes. On the
+device the points are freed from the sensor's motion, turned into its frame and labelled, and these bytes alone are
+copied.
 """
 
 from __future__ import annotations
@@ -20,7 +21,11 @@ from ..kernel.rays.device_columns import copy_rows
 from ..maths.arrays import Numbers, xp
 from ..maths.motion_table import Placement
 from ..scene.scene import Scene
+from .boxes import CountedPoints
 from .files import LabelTables, label_words, semantic_kitti
+
+OF_ROWS = "kitti", "semantickitti"
+"""Data sets whose files are made of `PointRows`."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -29,38 +34,42 @@ class PointRows:
 
     Attributes:
         rows: (n, 4) float32: x, y and z in the sensor's frame [m], intensity
-        labels: (n,) uint32, as of `labels.files.semantic_kitti`
+        labels: (n,) uint32, as of `labels.files.semantic_kitti`; in KITTI what its boxes are counted of
         cloud: names and metadata, without points
     """
 
     rows: Numbers
-    labels: Numbers
+    labels: Numbers | CountedPoints
     cloud: PointCloud
 
     @classmethod
-    def of_cloud(cls, cloud: PointCloud, scene: Scene) -> PointRows:
+    def of_cloud(cls, cloud: PointCloud, scene: Scene, dataset: str) -> PointRows:
         """Compute them in NumPy.
 
         Raises:
             InputError: for a cloud without truth
         """
-        return cls(kitti_rows(cloud, ("intensity",)), semantic_kitti(cloud, scene), cloud.without_points())
+        labels = CountedPoints.of_cloud(cloud) if dataset == "kitti" else semantic_kitti(cloud, scene)
+        return cls(kitti_rows(cloud, ("intensity",)), labels, cloud.without_points())
 
 
 class DeviceRows:
     """Reader of the rows of points that are on the device: those of one frame, piece by piece."""
 
     @exclusive
-    def __init__(self, cloud: PointCloud, scene: Scene, deskewing: Deskewing | None, *, own_car: bool) -> None:
+    def __init__(
+        self, cloud: PointCloud, scene: Scene, deskewing: Deskewing | None, *, dataset: str, own_car: bool
+    ) -> None:
         """Upload what the points have in common.
 
         Args:
-            cloud: names and metadata of the frame
+            cloud: names and metadata of the frame as the files have it
             deskewing: frees the points from the sensor's motion; None: they keep it
+            dataset: key of `formats.registry.DATASETS`
             own_car: whether points on the ego vehicle are among them
         """
         tables = LabelTables.of_scene(scene, cloud.class_names)
-        self._cloud, self._own_car = cloud, own_car
+        self._cloud, self._dataset, self._own_car = cloud, dataset, own_car
         numbers = np.asarray(tables.classes), np.asarray(tables.bodies)
         self._tables = LabelTables(*map(transfer.whole_numbers, numbers))
         self._deskewing = transfer.opaque(deskewing, double=True)
@@ -83,7 +92,24 @@ class DeviceRows:
                 x, y, z = (ops.float64(ops.float32(axis)) for axis in (x, y, z))
             points_m = x, y, z
         rows = [*map(ops.float32, self._sensor.point_within(points_m)), columns.array("intensity")]
-        class_id, body, status = map(columns.array, ("class_id", "body", "status"))
-        labels = label_words(*self._tables.labels(class_id, body, ops.int32(status)))
+        body, status = columns.array("body"), ops.int32(columns.array("status"))
+        if self._dataset == "kitti":
+            places = points_m if columns.is_far else tuple(map(ops.float32, points_m))
+            tables = [places, [time_s], rows, [columns.array("true_range_m")], [body], [status]]
+            xyz, times, points, *others = copy_rows(tables)
+            true_range, of_body, statuses = (words[:, 0] for words in others)
+            counted = CountedPoints(
+                cloud=self._cloud,
+                columns=(
+                    xyz.view(np.float64 if columns.is_far else np.float32),
+                    true_range.view(np.float32),
+                    of_body.view(np.int32),
+                    statuses.astype(np.uint8),
+                    np.zeros(len(xyz), np.uint8),
+                ),
+                time_s=times.view(np.float64)[:, 0],
+            )
+            return PointRows(points.view(np.float32), counted, self._cloud)
+        labels = label_words(*self._tables.labels(columns.array("class_id"), body, status))
         points, words = copy_rows([rows, [labels]])
         return PointRows(points.view(np.float32), words[:, 0], self._cloud)

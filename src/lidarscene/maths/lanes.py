@@ -6,7 +6,7 @@ protocols say what a formula may use; mypy then finds a formula that would run o
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import Any, Protocol, TypeAlias, TypeVar
 
 from numpy.typing import NDArray
@@ -146,6 +146,9 @@ class Ops(Protocol):
 
     def take(self, table: Tabulated | Lanes, index: Lanes) -> Array:
         """Entries of a table's values, or of an array, by flat index."""
+
+    def take_cell(self, table: Tabulated, corners: Sequence[Lanes]) -> Sequence[Array]:
+        """Entries of a table's values at all corners of a cell of its grid, by their flat indices."""
 
     def take_four(self, table: Tabulated | Lanes, index: Lanes) -> tuple[Array, Array, Array, Array]:
         """Entries 4 i to 4 i + 3 of a table's values, or of an array, for each index i."""

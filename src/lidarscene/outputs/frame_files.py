@@ -44,6 +44,7 @@ from .streams import (
     dataset_stream,
     missed_stream,
     rerun_stream,
+    row_reader,
     trace_stream,
     waveform_pulses,
 )
@@ -124,12 +125,10 @@ class FrameFiles:
 
     def _reader(self, simulator: Simulator) -> DeviceRows | None:
         """Reader of the rows of points for files that need no more of them; None: clouds are read."""
-        outputs = self.plan.outputs
-        others = self.live is not None or not self.files.keys().isdisjoint(("range_image", "picture"))
-        if outputs.dataset != "semantickitti" or others:
+        if self.live is not None or not self.files.keys().isdisjoint(("range_image", "picture")):
             return None
-        deskewing = simulator.deskewing(self.frame) if outputs.is_deskewed else None
-        return DeviceRows(simulator.empty(self.frame), self.scene, deskewing, own_car=outputs.own_car)
+        outputs = self.plan.outputs
+        return row_reader(simulator, self.frame, outputs.dataset, deskew=outputs.is_deskewed, own_car=outputs.own_car)
 
     def _packets(self) -> FiringsBuilder | None:
         """Builder of the firings that packets are made of; None without packets."""

@@ -30,7 +30,10 @@ from ..formats.packets.select_encoder import select_encoder
 from ..labels.boxes import GatheredBoxes
 from ..labels.kitti_dataset import frame_stream
 from ..labels.osi_truth import gathered_truth
+from ..labels.point_rows import OF_ROWS, DeviceRows
 from ..maths.arrays import Numbers
+from ..rendering.render_options import FrameOptions
+from ..rendering.simulator import Simulator
 from ..scene.scene import Scene
 from ..sensor.sensor_model import Sensor
 from .output_options import FEW_PULSES, Outputs
@@ -117,6 +120,18 @@ def dataset_stream(outputs: Outputs, label: str, number: int, scene: Scene) -> I
     folder = outputs.place / label
     with frame_stream(outputs.dataset, folder, number, scene, all_around=outputs.all_around) as append:
         yield append
+
+
+def row_reader(
+    simulator: Simulator, frame: FrameOptions, dataset: str | None, *, deskew: bool, own_car: bool
+) -> DeviceRows | None:
+    """Reader of the rows of a frame's points, for data sets whose files need no more of them; None: clouds are read."""
+    if dataset not in OF_ROWS:
+        return None
+    cloud, deskewing = simulator.empty(frame), None
+    if deskew:
+        cloud, deskewing = simulator.without_motion(cloud, frame), simulator.deskewing(frame)
+    return DeviceRows(cloud, simulator.scene, deskewing, dataset=dataset, own_car=own_car)
 
 
 def _truth_filter(outputs: Outputs, append: Append) -> Append:

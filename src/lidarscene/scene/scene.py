@@ -10,7 +10,7 @@ import itertools
 import math
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import asdict, dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal
 
@@ -402,6 +402,10 @@ class Scene(HintedAttributes):
             ("add_body", "add_mesh", "add_object", "add_box", "add_sphere", "spawn"),
             'scene.add(mesh, "brick", position=(20, 0, 1))',
         ),
+        **dict.fromkeys(("delete", "pop", "drop", "discard"), 'scene.remove("car")'),
+        **dict.fromkeys(("export", "write", "dump", "to_file", "to_toml"), 'scene.save("mine.toml")'),
+        **dict.fromkeys(("triangles", "n_triangles", "num_triangles", "stats"), 'scene.facts()["triangles"]'),
+        **dict.fromkeys(("visualize", "visualise", "viz", "display"), "scene.plot(), scene.view()"),
         **dict.fromkeys(("move", "set_pose"), BODY_CHANGED_BY),
         **dict.fromkeys(("set_sun", "set_weather"), SCENE_CHANGED_BY),
         "sensor": "scene.sensor_name, scene.sensor_pose",
@@ -536,7 +540,7 @@ class Scene(HintedAttributes):
                 colour_of = name if len(pieces) == 1 else f"{name}, {piece.keys[0]}"
                 chosen = grey_material(f"colour of {colour_of}", piece.grey)
             key = chosen if isinstance(chosen, str) else chosen.name
-            if isinstance(chosen, Material) and materials.get(key, chosen) != chosen:
+            if isinstance(chosen, Material) and asdict(materials.get(key, chosen)) != asdict(chosen):
                 raise InputError(f"scene.add: material '{key}': the scene has another of this name")
             if key not in materials:
                 materials[key] = catalogue_material(chosen) if isinstance(chosen, str) else chosen

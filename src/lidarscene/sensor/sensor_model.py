@@ -345,6 +345,8 @@ class Sensor(HintedAttributes):
         "noise": "lidarscene.budget(cloud, scene, sensor).noise",
         "pulse_width": "sensor.laser.pulse_fwhm_s",
         "render": "lidarscene.render(scene, sensor)",
+        **dict.fromkeys(("visualize", "visualise", "viz", "display", "show"), "sensor.plot()"),
+        **dict.fromkeys(("export", "write", "dump"), "sensor.save(path)"),
     }
 
     name: str

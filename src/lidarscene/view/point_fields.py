@@ -22,7 +22,6 @@ SYMBOLS = {
     "incidence_angle": "θ",
     "reflectivity": "ρ",
     "sun_angle": "θₛ",
-    "snr": "SNR",
     "detection_probability": "P_d",
     "echo_power": "P_r",
     "lambertian_power": "P_r, (5)",
@@ -72,7 +71,7 @@ class Field:
         """Entry of the blob's header."""
         return {
             "name": self.name,
-            "label": self.name.replace("_", " "),
+            "label": "SNR" if self.name == "snr" else self.name.replace("_", " "),
             "symbol": "" if self.name == "intensity" and self.unit in SCALES else SYMBOLS.get(self.name, ""),
             "group": self.group,
             "unit": self.unit,

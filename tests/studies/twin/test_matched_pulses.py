@@ -220,6 +220,35 @@ def test_the_strongest_point_of_a_pulse_is_its_first_if_these_are_kept() -> None
     assert second.tolist() == [-1, -1, -1, 2, -1, 5]
 
 
+def test_the_first_of_two_returns_is_the_one_with_more_photons_counted(room_twin: RoomTwin) -> None:
+    """Beams meet a slat and the wall behind it. Which return has more is drawn, and need not have the higher mean."""
+    _, _, sensor = room_twin
+    several = replace(sensor, tdc=replace(sensor.tdc, stops=2))
+    room = scene_of_room()
+    vertices, faces = plane_mesh(size_m=(8.0, 0.001))
+    slats = tuple(
+        Body(
+            name=f"slat{number}",
+            class_name="wall",
+            parts=(Part(vertices_m=vertices, faces=faces, material="sides"),),
+            pose=Pose.from_degrees(position_m=(4.0, y_m, 0.0), pitch_deg=90.0),
+        )
+        for number, y_m in enumerate(np.arange(-3.0, 3.0, 0.01))
+    )
+    scene = replace(room, bodies=(*room.bodies, *slats))
+    matched, cloud = simulate_pulses(scene, several, record_scene(scene, several))
+    chunks: list[Any] = []
+    Simulator(scene, several, rays=twin_pulses.RAYS).render(points=lambda pulse, _: chunks.append(pulse))
+    pulse = np.concatenate(chunks).astype(int)
+    most = np.zeros(sensor.scanner.pulses)
+    np.maximum.at(most, pulse, cloud.signal)
+    twice = np.bincount(pulse, minlength=len(most)) == 2
+    is_seen = twice[matched.pulse]
+    np.testing.assert_array_equal(matched.simulated_signal[is_seen], most[matched.pulse][is_seen])
+    by_mean, _ = twin_pulses._by_pulse(pulse, len(most), np.asarray(cloud.snr))
+    assert np.mean(np.asarray(cloud.signal)[by_mean[twice]] < most[twice]) > 0.01
+
+
 def test_changes_along_a_ring_have_the_deviation_of_what_is_independent() -> None:
     """A straight wall has no changes; weights of one pulse and its neighbours have squares that sum to one."""
     impulse = np.zeros((1, 9))

@@ -189,7 +189,8 @@ def _collect_arrays(value: object, arrays: list[DeviceArray]) -> None:
         arrays.append(cast(DeviceArray, value))
     elif isinstance(value, LookupTable):
         # Now, not at its first lookup: that would be in the middle of the first recording, which then fails.
-        arrays.append(upload(value, mitsuba().Float))
+        # Which of both it is looked up in is not known before.
+        arrays.extend(upload(value, mitsuba().Float, cells=cells) for cells in (False, True))
     elif isinstance(value, tuple | list):
         for inner in value:
             _collect_arrays(inner, arrays)

@@ -17,13 +17,10 @@ from typing import Any, cast
 
 import numpy as np
 
-from ...maths.arrays import Array, LookupTable, Numbers, is_drjit
+from ...maths.arrays import Array, LookupTable, Numbers, aligned_copy, is_drjit
 from ...maths.units import is_static
 from .backend import is_cuda, mitsuba
 from .types import DeviceArray
-
-_ALIGNMENT = 64
-"""Bytes; no load that LLVM emits (AVX-512) wants a larger alignment."""
 
 
 def opaque(value: object, *, double: bool = False) -> Any:
@@ -40,7 +37,7 @@ def opaque(value: object, *, double: bool = False) -> Any:
     if isinstance(value, float | int):
         return _opaque_number(value, double=double)
     if double and isinstance(value, np.ndarray):
-        return mitsuba().Float64(_aligned_copy(value, np.float64))
+        return mitsuba().Float64(aligned_copy(value, np.float64))
     if isinstance(value, tuple):
         return tuple(opaque(inner, double=double) for inner in value)
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
@@ -97,29 +94,17 @@ def repeat_lanes(values: Array, times: int) -> tuple[Any, Any]:
 
 def from_numpy(values: Numbers) -> Any:
     """Upload (n,) numbers in single precision."""
-    return mitsuba().Float(_aligned_copy(values, np.float32))
+    return mitsuba().Float(aligned_copy(values, np.float32))
 
 
 def unsigned_numbers(values: Numbers) -> Any:
     """Upload (n,) 32-bit unsigned numbers."""
-    return mitsuba().UInt32(_aligned_copy(values, np.uint32))
-
-
-def _aligned_copy(values: Numbers, dtype: type[np.generic]) -> Any:
-    """Copy (n,) values into memory that starts at a multiple of `_ALIGNMENT`."""
-    # On the CPU Dr.Jit maps NumPy's memory without a copy and writes its alignment into the kernel. NumPy aligns to 16
-    # bytes and more by chance: of twelve frames of changing size eight compiled a kernel for that reason alone.
-    size = np.dtype(dtype).itemsize * len(values)
-    room = np.zeros(size + _ALIGNMENT, dtype=np.uint8)
-    start = -room.ctypes.data % _ALIGNMENT
-    aligned = room[start : start + size].view(dtype)
-    aligned[:] = values
-    return aligned
+    return mitsuba().UInt32(aligned_copy(values, np.uint32))
 
 
 def whole_numbers(values: Sequence[int] | Numbers) -> Any:
     """Upload (n,) 32-bit signed numbers."""
-    return mitsuba().Int32(_aligned_copy(np.asarray(values), np.int32))
+    return mitsuba().Int32(aligned_copy(np.asarray(values), np.int32))
 
 
 def pooled_memory(size: int) -> Numbers:

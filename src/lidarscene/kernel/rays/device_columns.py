@@ -156,24 +156,36 @@ class DeviceColumns:
 
 
 def copy_rows(tables: Sequence[Sequence[Array]]) -> list[Numbers]:
-    """Compute tables of some columns, (n,) numbers of four bytes, and copy them to NumPy together.
+    """Compute tables of some columns, (n,) numbers of four or eight bytes, and copy them to NumPy together.
+
+    Args:
+        tables: those of eight bytes first
 
     Returns:
-        (n, columns) uint32 of each table, the bits of its numbers
+        (n, words) uint32 of each table, the bits of its numbers
     """
     import drjit as dr
 
     mi, count, before = mitsuba(), dr.width(tables[0][0]), 0
     opaque_count, lane = transfer.opaque_uint32(count), dr.arange(mi.UInt32, count)
-    buffer = dr.empty(mi.UInt32, count * sum(map(len, tables)))
-    for columns in tables:
-        for number, column in enumerate(columns):
-            word, place = dr.reinterpret_array(mi.UInt32, column), lane * len(columns) + number
-            dr.scatter(buffer, word, opaque_count * before + place, mode=dr.ReduceMode.Permute)
-        before += len(columns)
-    words = _bytes(buffer).view(np.uint32)
-    pieces = np.split(words, count * np.cumsum([len(columns) for columns in tables])[:-1])
+    rows = [[word for column in columns for word in _words(column)] for columns in tables]
+    buffer = dr.empty(mi.UInt32, count * sum(map(len, rows)))
+    for words in rows:
+        for number, word in enumerate(words):
+            place = opaque_count * before + lane * len(words) + number
+            dr.scatter(buffer, word, place, mode=dr.ReduceMode.Permute)
+        before += len(words)
+    pieces = np.split(_bytes(buffer).view(np.uint32), count * np.cumsum([len(words) for words in rows])[:-1])
     return [piece.reshape(count, -1) for piece in pieces]
+
+
+def _words(values: Any) -> list[Any]:
+    """Bits of numbers of four bytes, or of eight: the lower half and the upper one."""
+    import drjit as dr
+
+    mi, size = mitsuba(), dr.itemsize_v(values)
+    bits = dr.reinterpret_array({4: mi.UInt32, 8: mi.UInt64}[size], values)
+    return [bits] if size == 4 else [mi.UInt32(bits), mi.UInt32(bits >> 32)]
 
 
 def _bytes(buffer: DeviceArray) -> Numbers:
@@ -199,7 +211,6 @@ def _pack(
     import drjit as dr
 
     mi, size = mitsuba(), dr.itemsize_v(whole)
-    words: list[Any]
     if size == 1:  # four points are a word
         is_word = 4 * lane < count
         points = [4 * lane + byte for byte in range(4)]
@@ -208,9 +219,7 @@ def _pack(
         dr.scatter(buffer, word, start + lane, is_word, mode=dr.ReduceMode.Permute)
         return
     for number in range(numbers):
-        value = dr.gather(type(whole), whole, (first + lane) * numbers + number)
-        bits = dr.reinterpret_array({4: mi.UInt32, 8: mi.UInt64}[size], value)
-        words = [bits] if size == 4 else [mi.UInt32(bits), mi.UInt32(bits >> 32)]
+        words = _words(dr.gather(type(whole), whole, (first + lane) * numbers + number))
         for half, word in enumerate(words):
             place = start + (lane * numbers + number) * len(words) + half
             dr.scatter(buffer, word, place, mode=dr.ReduceMode.Permute)

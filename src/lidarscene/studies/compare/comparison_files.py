@@ -16,6 +16,8 @@ import numpy as np
 
 from ...cloud import pixels
 from ...cloud.point_cloud import PointCloud
+from ...cloud.shades import FixedColours
+from ...cloud.shades import rgb as rgb_of
 from ...figures import pictures as plots
 from ...figures.report import PAGE, Data, Report
 from ...formats.ply import write_columns
@@ -41,8 +43,8 @@ from .illuminance_sweep import IlluminanceSweep
 from .observations import Observation
 
 NUMBERS = "compare.json"
-COLOURS = {"both": (150, 150, 150), "only_a": (0, 114, 178), "only_b": (213, 94, 0)}
-"""Colours of a difference cloud's points by kind (sRGB, 0 to 255): grey, and the charts' blue and vermilion."""
+COLOURS = ("#969696", "#0072b2", "#d55e00")
+"""Colours of a difference cloud, in its picture and its file: of both grey, of A and B the charts' blue and red."""
 
 _PICTURE_PX = (1200, 675)
 _PAIR_HEADER = ("by", "group", "both", "only_a", "only_b", "neither", "difference", "difference_low", "difference_high")
@@ -171,7 +173,7 @@ def _add_clouds(page: Report, comparison: Comparison, view: View | None, file_sl
             (
                 f"cloud-{slug}",
                 f"{observation.name}: {len(observation.cloud):,} points by their signal-to-noise ratio.",
-                _drawing(observation.cloud, view, colour_by="snr", scale=scale),
+                _drawing(observation.cloud, view, colour_by="snr", colours=FixedColours(limits=scale)),
             )
             for observation, slug in zip(comparison.observations, file_slugs, strict=True)
         ]
@@ -185,15 +187,15 @@ def _add_clouds(page: Report, comparison: Comparison, view: View | None, file_sl
         sorted_by_kind = dataclasses.replace(cloud, class_id=kinds, class_names=labels, metadata=metadata)
         counts = ", ".join(f"{label} {np.count_nonzero(kinds == kind):,}" for kind, label in enumerate(labels))
         caption = f"Difference cloud, with the first echo of each pulse that has one: {counts}."
-        page.add_pictures([(name, caption, _drawing(sorted_by_kind, view, colour_by="class"))])
+        page.add_pictures(
+            [(name, caption, _drawing(sorted_by_kind, view, colour_by="class", colours=FixedColours(palette=COLOURS)))]
+        )
 
 
-def _drawing(
-    cloud: PointCloud, view: View, *, colour_by: str, scale: tuple[float, float] | None = None
-) -> Callable[[Path], None]:
+def _drawing(cloud: PointCloud, view: View, *, colour_by: str, colours: FixedColours) -> Callable[[Path], None]:
     """Function that draws a cloud to a path."""
     return lambda path: plots.perspective_picture(
-        cloud, path, colour_by=colour_by, view=view, size_px=_PICTURE_PX, scale=scale
+        cloud, path, colour_by=colour_by, view=view, size_px=_PICTURE_PX, colours=colours
     )
 
 
@@ -212,7 +214,7 @@ def _save_difference(path: Path, cloud: PointCloud, kinds: Numbers, a: str, b: s
 
     Classes and bodies are numbers, whose names the file's comments list.
     """
-    rgb = np.array([COLOURS[kind] for kind in DIFFERENCE], dtype=np.uint8)[kinds]
+    rgb = np.array([rgb_of(colour) for colour in COLOURS])[kinds]
     columns = {column.name: cloud.column(column.name) for column in cloud.columns}
     columns |= {"difference": kinds, "red": rgb[:, 0], "green": rgb[:, 1], "blue": rgb[:, 2]}
     comments = [f"difference cloud by lidarscene: A is {a}, B is {b}"]

@@ -150,7 +150,7 @@ class Legend {
       for (let p = Math.floor(Math.log10(low)); 10 ** p <= high; p++) rounded.push(...[1, 2, 5].map(n => n * 10 ** p));
       const inside = rounded.filter(tick => tick >= 0.999 * low && tick <= 1.001 * high);
       const decades = inside.filter(tick => Math.abs(Math.log10(tick) % 1) < 1e-9);
-      const few = decades.length > 1 ? decades : inside;
+      const few = decades.length > 2 ? decades : inside;
       if (few.length > 2) return few.filter((_, i) => i % Math.ceil(few.length / 5) === 0);
     }
     const raw = (high - low) / 4, power = 10 ** Math.floor(Math.log10(raw));
