@@ -353,7 +353,7 @@ def test_a_vehicle_of_sumo_has_its_middle_behind_its_front() -> None:
 def test_a_drawn_town_is_a_grid_with_slopes_and_roads_that_spread(
     streets: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """SUMO is not run: slopes of neighbours, two directions of each street, and a ring whose pieces go round it once."""
+    """SUMO is not run: slopes of neighbours, two directions of each street, a ring whose pieces go round it once."""
     monkeypatch.setattr(sumo, "_run", lambda *_: [])
     net, loop = sumo.draw_town(streets, tmp_path, seed=3, slopes=(0.02, 0.05))
     nodes = {node.get("id"): node for node in ElementTree.parse(net.with_name("drawn.nod.xml")).iter("node")}
@@ -518,7 +518,7 @@ def test_the_ego_vehicle_brakes_evenly_to_its_end() -> None:
 
 
 def test_what_is_near_the_way_of_the_ego_vehicle_is_kept(crossroads: sumo.Network) -> None:
-    """Roads with two points count by their middle: the bridge passes 10 m beside the way, but its ends are 60 m away."""
+    """Roads with two points count by their middle: the bridge passes 10 m beside the way, its ends are 60 m away."""
     own = sumo.RoadUser("ego", "passenger", 4.0, [(float(k), 50.0, 5.0, 90.0, 0.0) for k in range(3)])
     assert [group.edge for group in tables._near(crossroads, own, 8.0).groups] == ["a", "-a"]
     near = tables._near(crossroads, own, 12.0)
