@@ -591,18 +591,20 @@ def test_two_lidars_of_a_rig_meet_on_one_surface(
     assert drift_m[0] <= drifts_m.min() <= drifts_m.max() <= drift_m[1]
 
 
-@pytest.mark.parametrize(("deskew", "spread_m"), [("", (0.0, 0.01)), ("deskew = false\n", (0.02, 0.15))])
+@pytest.mark.parametrize(("deskew", "off_m"), [("", (0.0, 0.02)), ("deskew = false\n", (0.025, 0.15))])
 def test_kitti_has_the_way_of_its_vehicle_taken_out(
-    threads: Connect, tmp_path: Path, deskew: str, spread_m: tuple[float, float]
+    threads: Connect, tmp_path: Path, deskew: str, off_m: tuple[float, float]
 ) -> None:
-    """The face of a car that stands: it is flat in KITTI's points; in raw ones the sensor came 9 cm nearer."""
+    """The face of a car that stands, 13.8 m ahead at the frame's start. In raw points the sensor came 9 cm nearer.
+
+    Tolerance: 4 cm of noise, of which the median of some 70 points has a sixth.
+    """
     run(parked_job(tmp_path, f'dataset = "kitti"\n{deskew}'), tmp_path / "out", threads)
     (path,) = (tmp_path / "out").rglob("velodyne/*.bin")
-    x_m = np.sort(np.fromfile(path, np.float32).reshape(-1, 4)[:, 0])
-    face_m = x_m[np.abs(x_m - np.median(x_m)) < 0.3]
+    x_m = np.fromfile(path, np.float32).reshape(-1, 4)[:, 0]
+    face_m = x_m[np.abs(x_m - 13.8) < 0.4]
     assert len(face_m) > 50
-    noise_m = 0.02
-    assert spread_m[0] <= np.quantile(face_m, 0.98) - np.quantile(face_m, 0.02) - noise_m <= spread_m[1]
+    assert off_m[0] < abs(np.median(face_m) - 13.8) + 1e-9 < off_m[1]
 
 
 def test_points_in_a_moving_box_are_those_of_all_sensors(threads: Connect, tmp_path: Path) -> None:
