@@ -4,11 +4,12 @@
 
 First without a scene: laws are drawn by tests/helpers/drawn_recordings.py, forgotten, and fitted, also the near field
 of two lenses. Then with a known one: tests/helpers/drawn_scenes.py renders it by the stages of `render`. Then one unit
-in a street, ray by ray (docs/fit.md has the results).
+in a street, ray by ray, and a Pandar64 at rest between walls, four turns a recording (docs/fit.md has the results).
 """
 
 import math
 import sys
+import tempfile
 from dataclasses import asdict
 from pathlib import Path
 
@@ -18,17 +19,32 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "tests"))
 
 from helpers.drawn_recordings import drawn_sweep, drawn_truth, two_lenses
 from helpers.drawn_scenes import REFLECTIVITY_SIGMA, SPOT, drawn_report, drawn_unit, published_sensor, unit_of
+from helpers.rendered_recordings import walls
+from helpers.turns_at_rest import turns_at_rest
 
 from lidarscene import load_scene
+from lidarscene.catalog import sensor_path
 from lidarscene.rendering.simulator import Simulator
 from lidarscene.sensor.sensor_file import load_sensor
+from lidarscene.studies.fit.at_rest import fit_at_rest
 from lidarscene.studies.fit.near_field import fit_near_field
 from lidarscene.studies.fit.on_scene.known_scene import KnownScene, Observations, predict
 from lidarscene.studies.fit.on_scene.likelihood import fit_parameters
+from lidarscene.studies.fit.pixels_at_rest import pixels_at_rest
 from lidarscene.studies.fit.recorded_pulses import gather_pulses
 from lidarscene.studies.fit.recording_fit import fit_pulses
+from lidarscene.studies.fit.sensor_text import at_rest_changes, parse_sensor, put_changes
 
 UNITS = 5
+TURNS = 4
+AT_REST = {
+    "laser.energy_spread": 0.03,
+    "tdc.jitter_ps": 80.0,
+    "tdc.strong_jitter_ps": 40.0,
+    "laser.divergence_mrad": 6.0,
+    "tdc.chatter_mhz": 150.0,
+}
+"""Numbers of the unit at rest."""
 STREET = Path(__file__).parents[1] / "scenes" / "drive.toml"
 
 
@@ -112,6 +128,27 @@ def with_street() -> None:
     print(f"{len(range_m)} pulses, {fit.solved.evaluations} evaluations")
 
 
+def at_rest(seeds: int) -> None:
+    """A unit with columns of 450 that differs from the catalogue's in five numbers, which are forgotten."""
+    changed = {"scanner.columns_per_turn": (450, ""), "laser.repetition_rate_khz": (288.0, "")}
+    base = put_changes(sensor_path("pandar64").read_text("utf-8"), changed)
+    unit = put_changes(base, at_rest_changes({key: (value, "") for key, value in AT_REST.items()}))
+    with tempfile.TemporaryDirectory() as folder:
+        Path(folder, "unit.toml").write_text(unit, "utf-8")
+        Path(folder, "scene.toml").write_text(walls(), "utf-8")
+        scene = load_scene(Path(folder, "scene.toml"))
+    sensor = parse_sensor(unit, "unit")
+    deviations: dict[str, list[float]] = {}
+    for seed in range(seeds):
+        pixels = pixels_at_rest(turns_at_rest(scene, sensor, frames=TURNS, seed=seed), sensor)
+        assert pixels is not None
+        fit = fit_at_rest(pixels, base, "unit")
+        for key, estimate in fit.by_key.items():
+            if estimate.is_known:
+                deviations.setdefault(key, []).append((estimate.value - AT_REST[key]) / estimate.sigma)
+    print_coverage(deviations)
+
+
 def print_coverage(deviations: dict[str, list[float]]) -> None:
     for key, far in deviations.items():
         inside, mean = sum(abs(x) < 2.0 for x in far), sum(far) / len(far)
@@ -127,3 +164,4 @@ if __name__ == "__main__":
     with_two_lenses(count)
     with_scene(count)
     with_street()
+    at_rest(count)

@@ -16,7 +16,6 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from helpers.part import read_costs, write_costs
 
 ROOT = Path(__file__).resolve().parents[1]
 TESTS = ROOT / "tests"
@@ -67,6 +66,8 @@ class Costs:
         for fixture, cost_s in self.shared.items():
             for function in self.users[fixture]:
                 self.spent[function] += cost_s / len(self.users[fixture])
+        from helpers.part import read_costs, write_costs  # pytest finds it, the command that starts pytest does not
+
         path = TESTS / "costly"
         costs = {file: functions for file, functions in read_costs(path).items() if (TESTS / file).exists()}
         costs |= {file: {} for file, _ in self.spent}

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import os
+import re
 import string
 import sys
 import warnings
@@ -46,6 +47,15 @@ def did_you_mean(word: object, choices: Iterable[str], *, most: int = 1, cutoff:
 
 SPELLINGS = {"color": "colour", "gray": "grey", "center": "centre", "meter": "metre", "ization": "isation"}
 """American parts of words, and how names are spelled here."""
+
+
+def meant_by_a_part(word: str, calls: Mapping[str, str]) -> str:
+    """What the longest name in a word means, of names with what they mean; "" if there is none."""
+    parts = [part.lower() for part in re.findall("[A-Z]+(?![a-z])|[A-Z]?[a-z]+", word)]
+    if parts[:1] == ["set"]:
+        return calls.get("set", "")
+    names = ["_".join(parts[i:j]) for i in range(len(parts)) for j in range(len(parts), i, -1)]
+    return next((calls[name] for name in sorted(names, key=len, reverse=True) if name in calls), "")
 
 
 def question(choices: Iterable[str]) -> str:

@@ -91,7 +91,7 @@ def test_both_clouds_have_one_scale(monkeypatch: pytest.MonkeyPatch, tmp_path: P
     monkeypatch.setattr(
         comparison_files.plots,
         "perspective_picture",
-        lambda *_, scale, **more: scales.append((more["colour_by"], scale)),
+        lambda *_, colours, **more: scales.append((more["colour_by"], colours.limits)),
     )
     weak, strong = (street(step_deg=4.0) for _ in range(2))
     strong = dataclasses.replace(strong, snr=10.0 * strong.snr)

@@ -18,7 +18,7 @@ from lidarscene.cloud.builder import CloudBuilder
 from lidarscene.cloud.pixels import NOTHING, camera_for, cells_of, cells_of_beams, splat
 from lidarscene.cloud.point_cloud import PointCloud
 from lidarscene.cloud.scales import Scale
-from lidarscene.cloud.shades import Shades, rgb
+from lidarscene.cloud.shades import FixedColours, Shades, rgb
 from lidarscene.errors import OutputError
 from lidarscene.figures import pictures
 from lidarscene.figures.canvas import Canvas
@@ -181,7 +181,7 @@ def test_common_scale_holds_all_clouds(cloud: PointCloud, tmp_path: Path) -> Non
     near, far = cloud.select(cloud.range_m < 15), cloud.select(cloud.range_m > 15)
     low, high = pictures.common_scale([near, far], "range")
     np.testing.assert_allclose([low, high], np.percentile(cloud.range_m, (1, 99)), rtol=1e-6)
-    shades = [Shades(near_or_far, "range", limits=(low, high)).rgb for near_or_far in (near, far)]
+    shades = [Shades(near_or_far, "range", FixedColours(limits=(low, high))).rgb for near_or_far in (near, far)]
     shades_of_all = Shades(cloud, "range").rgb
     np.testing.assert_array_equal(shades[0], shades_of_all[cloud.range_m < 15])
     assert (Shades(near, "range").rgb != shades[0]).any()

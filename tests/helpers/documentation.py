@@ -118,7 +118,8 @@ NO_NUMBERS = re.compile(
     |\((?:[ST]?\d+[a-d]?(?:,\ )?)+\)                  # numbers of equations
     |\([^()]*\b(?:18|19|20)\d\d\b[^()]*\)            # a bracket with a year is a citation
     |\b\d{4}-\d\d-\d\d\b                            # dates
-    |\b(?:[Ss]ections?|Tables?|Figs?\.|[Cc]heck|[Cc]lass|Mitsuba|Euro\ NCAP)\s\d+(?:(?:\s(?:and|to)\s|,\s)\d+)*
+    |\b(?:[Ss]ections?|Tables?|Figs?\.|[Cc]heck|[Cc]lass)\s\d+(?:(?:\s(?:and|to)\s|,\s)\d+)*
+    |\b(?:Mitsuba|ROS|Argoverse|Euro\ NCAP)\s\d+     # names
     |\b(?:ISO|IEC|IEEE\ Std|ASTM|ITU-R|NREL/TP|AFGL-TR)[\ -][A-Z.]*[\d-]+  # standards and reports
     """,
     re.MULTILINE | re.DOTALL | re.VERBOSE,

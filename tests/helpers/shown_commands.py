@@ -55,7 +55,10 @@ PARSED_ONLY = {
     "lidarscene street --sumo scenario.sumocfg": (
         "tests/scene/street/test_networks.py::test_the_vehicles_are_where_sumo_says"
     ),
-    "lidarscene render avenue.toml": "tests/outputs/test_run_motion.py::test_synchronous_packets_of_an_ousters_imu",
+    "lidarscene street --town 3": (
+        "tests/scene/street/test_networks.py::test_a_drawn_town_has_hills_lights_and_a_roundabout_at_which_vehicles_turn"
+    ),
+    "lidarscene render out/loop": "tests/outputs/test_run_motion.py::test_synchronous_packets_of_an_ousters_imu",
     "lidarscene view out/os0.pcap": "tests/cli/recordings/test_recording_options.py::test_view_saves_all_frames_or_one",
     "lidarscene view os1.pcap": "tests/cli/recordings/test_recording_options.py::test_view_saves_all_frames_or_one",
     "lidarscene sensor --from os1.json": "tests/cli/recordings/test_sensor.py::test_a_unit_of_an_ouster",

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 from helpers.mistakes import told
+from helpers.run_seed import chosen
 
 from lidarscene import Outputs, load_scene, record
 from lidarscene.errors import OutputError
@@ -61,7 +62,7 @@ def test_a_file_that_cannot_be_written_ends_the_run(
         assert times.with_name("labels").joinpath(f"{number:06d}.label").stat().st_size
 
 
-@pytest.mark.parametrize("dataset", ["kitti", "semantickitti"])
+@pytest.mark.parametrize("dataset", chosen(1, ["kitti", "semantickitti"]))
 def test_files_are_those_of_one_thread(mi: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, dataset: str) -> None:
     scene, threads = load_scene("drive"), list[str]()
     write = kitti_dataset._write_text

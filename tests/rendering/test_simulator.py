@@ -13,6 +13,7 @@ from helpers import launches
 from helpers.child import assert_ended
 from helpers.clouds import assert_same
 from helpers.mistakes import told
+from helpers.run_seed import chosen
 from helpers.traffic import traffic
 
 from lidarscene import load_scene, load_sensor
@@ -128,7 +129,7 @@ TOGETHER = (
 )
 
 
-@pytest.mark.parametrize(("scene", "sensor", "options"), TOGETHER)
+@pytest.mark.parametrize(("scene", "sensor", "options"), chosen(4, TOGETHER))
 def test_frames_that_are_traced_together_are_those_rendered_alone(
     scene: str, sensor: str, options: dict[str, Any]
 ) -> None:

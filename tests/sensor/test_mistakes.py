@@ -33,7 +33,7 @@ def _in_empty_folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     apd-905 detector=no.toml | overrides detector=no.toml | no.toml | no such file
     apd-905 scanner=mems-1550 | apd-905.toml | overrides scanner=mems-1550 | tdc.window_us | <= 2 | 4
     livox-avia detector=os1-128 | livox-avia.toml | overrides detector=os1-128 | histogram.column_weights | left out
-    apd-905 detector=sipm-905 detector.gain=60 | overrides detector=sipm-905 | detector.gain=60 | 'detector.gain'
+    apd-905 detector=sipm-905 detector.gain=60 | overrides detector=sipm-905 | overrides detector.gain=60 | unknown key
     livox-mid-40 WEDGE | scanner | wedges | 2 or 3 | mirror | 1
     mems-1550 laser.speckle={} | laser.speckle | laser.divergence_mrad
     os1-128 laser.slope_broadening=true | laser.slope_broadening | left out

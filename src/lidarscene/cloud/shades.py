@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
@@ -36,6 +37,21 @@ def rgb(colour: str) -> Numbers:
     return np.frombuffer(bytes.fromhex(colour[1:]), np.uint8)
 
 
+class FixedColours(NamedTuple):
+    """What is the same in several pictures, or else each cloud's own.
+
+    Attributes:
+        limits: lowest and highest value of a quantity (`pictures.common_scale`); None: the cloud's
+        palette: "#rrggbb" of each category by its number; without one by its frequency
+    """
+
+    limits: tuple[float, float] | None = None
+    palette: tuple[str, ...] = ()
+
+
+OWN_COLOURS = FixedColours()
+
+
 class Shades:
     """Colour of each point for one column, and the scale that explains it.
 
@@ -45,23 +61,21 @@ class Shades:
         scale: scale of a quantity; None for categories
     """
 
-    def __init__(
-        self, cloud: Cloud, name: str, *, limits: tuple[float, float] | None = None, palette: Sequence[str] = ()
-    ) -> None:
+    def __init__(self, cloud: Cloud, name: str, fixed: FixedColours = OWN_COLOURS) -> None:
         self.name = name
         values = np.asarray(cloud.column(name))
         unit = unit_of(cloud, name)
         self.kinds: list[tuple[str, str]] = []
         self.scale: Scale | None = None
         if (names := _category_names(cloud, name)) is not None:
-            ranks = self._sort_kinds(values, names, palette)
+            ranks = self._sort_kinds(values, names, fixed.palette)
             self.rgb = np.array([rgb(colour) for _, colour in self.kinds] or [rgb(NO_SURFACE)])[ranks]
         else:
             if unit == "rad":
                 values, unit = np.degrees(values), "°"
             elif name == "pulse_width":
                 values, unit = 1e9 * values, "ns"
-            self.scale = scale_of(name, values, limits=limits)
+            self.scale = scale_of(name, values, limits=fixed.limits)
             finite = np.isfinite(values)
             colours = self.scale.rgb(np.where(finite, values, 1.0))
             self.rgb = np.where(finite[:, None], colours, rgb(NO_SURFACE))

@@ -26,7 +26,7 @@ from ..cloud.pixels import (
 )
 from ..cloud.point_cloud import PointCloud
 from ..cloud.scales import Scale, scale_of
-from ..cloud.shades import Shades, rgb
+from ..cloud.shades import OWN_COLOURS, FixedColours, Shades, rgb
 from ..cloud.thinning import Thinned
 from ..files.facts import Picture
 from ..maths.arrays import Numbers
@@ -57,19 +57,17 @@ def perspective_picture(
     view: View | None = None,
     highlight_false_alarms: bool = True,
     size_px: tuple[int, int] = (1920, 1080),
-    scale: tuple[float, float] | None = None,
-    palette: Sequence[str] = (),
+    colours: FixedColours = OWN_COLOURS,
 ) -> None:
     """Draw the cloud as the camera ``view`` sees it, which is in the coordinates of the points.
 
     Args:
         view: without one: from above and behind the sensor, towards what is near
-        scale: lowest and highest value of the colours (`common_scale`); None: those of this cloud
-        palette: "#rrggbb" of each category by its number; without one by its frequency
+        colours: limits or palette that several pictures have
     """
     canvas, whole = Canvas(size_px, BACKGROUND, INK), Thinned.of_cloud(cloud)
     cloud = whole.cloud()
-    shades = Shades(cloud, colour_by, limits=scale, palette=palette)
+    shades = Shades(cloud, colour_by, colours)
     head = _head(canvas, whole, shades, alarms=highlight_false_alarms)
     box = (0, head, size_px[0], max(size_px[1] - head, 1))
     _draw_perspective(canvas, box, cloud, shades, view, alarms=highlight_false_alarms)

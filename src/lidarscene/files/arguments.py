@@ -19,8 +19,7 @@ from collections.abc import Callable, Collection, Iterable, Mapping, Sequence, S
 from numbers import Integral, Real
 from typing import Annotated, Any, Literal, TypeVar
 
-from ..errors import InputError, OptionError, did_you_mean, one_line
-from .attributes import meant_by_a_part
+from ..errors import InputError, OptionError, did_you_mean, meant_by_a_part, one_line
 
 Checked = TypeVar("Checked", bound=Callable[..., Any])
 

@@ -6,12 +6,11 @@ People try the names of other libraries first, and numbers without their unit: `
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from dataclasses import FrozenInstanceError, is_dataclass
 from typing import TYPE_CHECKING, Any, ClassVar
 
-from ..errors import did_you_mean, question
+from ..errors import did_you_mean, meant_by_a_part, question
 
 
 def no_attribute(owner: object, word: str, *, name: str, foreign_names: Mapping[str, str]) -> AttributeError:
@@ -50,15 +49,6 @@ def meaning_of(word: str, public: Mapping[str, str], foreign_names: Mapping[str,
         or like
         or meant_by_a_part(word, {**public, **foreign_names})
     )
-
-
-def meant_by_a_part(word: str, calls: Mapping[str, str]) -> str:
-    """What the longest name in a word means, of names with what they mean; "" if there is none."""
-    parts = [part.lower() for part in re.findall("[A-Z]+(?![a-z])|[A-Z]?[a-z]+", word)]
-    if parts[:1] == ["set"]:
-        return calls.get("set", "")
-    names = ["_".join(parts[i:j]) for i in range(len(parts)) for j in range(len(parts), i, -1)]
-    return next((calls[name] for name in sorted(names, key=len, reverse=True) if name in calls), "")
 
 
 def _numbers_of(part: object) -> list[str]:

@@ -16,6 +16,7 @@ import numpy as np
 
 from ...cloud import pixels
 from ...cloud.point_cloud import PointCloud
+from ...cloud.shades import FixedColours
 from ...cloud.shades import rgb as rgb_of
 from ...figures import pictures as plots
 from ...figures.report import PAGE, Data, Report
@@ -172,7 +173,7 @@ def _add_clouds(page: Report, comparison: Comparison, view: View | None, file_sl
             (
                 f"cloud-{slug}",
                 f"{observation.name}: {len(observation.cloud):,} points by their signal-to-noise ratio.",
-                _drawing(observation.cloud, view, colour_by="snr", scale=scale),
+                _drawing(observation.cloud, view, colour_by="snr", colours=FixedColours(limits=scale)),
             )
             for observation, slug in zip(comparison.observations, file_slugs, strict=True)
         ]
@@ -186,20 +187,15 @@ def _add_clouds(page: Report, comparison: Comparison, view: View | None, file_sl
         sorted_by_kind = dataclasses.replace(cloud, class_id=kinds, class_names=labels, metadata=metadata)
         counts = ", ".join(f"{label} {np.count_nonzero(kinds == kind):,}" for kind, label in enumerate(labels))
         caption = f"Difference cloud, with the first echo of each pulse that has one: {counts}."
-        page.add_pictures([(name, caption, _drawing(sorted_by_kind, view, colour_by="class", palette=COLOURS))])
+        page.add_pictures(
+            [(name, caption, _drawing(sorted_by_kind, view, colour_by="class", colours=FixedColours(palette=COLOURS)))]
+        )
 
 
-def _drawing(
-    cloud: PointCloud,
-    view: View,
-    *,
-    colour_by: str,
-    scale: tuple[float, float] | None = None,
-    palette: Sequence[str] = (),
-) -> Callable[[Path], None]:
+def _drawing(cloud: PointCloud, view: View, *, colour_by: str, colours: FixedColours) -> Callable[[Path], None]:
     """Function that draws a cloud to a path."""
     return lambda path: plots.perspective_picture(
-        cloud, path, colour_by=colour_by, view=view, size_px=_PICTURE_PX, scale=scale, palette=palette
+        cloud, path, colour_by=colour_by, view=view, size_px=_PICTURE_PX, colours=colours
     )
 
 

@@ -40,6 +40,7 @@ from .near_field import LEAST_BINS
 from .pixels_at_rest import PixelsAtRest
 from .sensor_text import at_rest_changes, get_key, parse_sensor, put_changes
 from .tuning import (
+    BOARD_ERROR,
     CURVE_HUBER,
     LEAST_BROADENING,
     LEAST_LEAN_M,
@@ -57,7 +58,7 @@ from .tuning import (
 
 ENERGY, COLUMNS, POWER = "laser.energy_spread", "histogram.column_range_mm", "laser.peak_power_w"
 STRONG, DIVERGENCE, CHATTER = "tdc.strong_jitter_ps", "laser.divergence_mrad", "tdc.chatter_mhz"
-CONVERTER = ("tdc.jitter_ps", STRONG, DIVERGENCE, CHATTER, POWER)
+CONVERTER = ("tdc.jitter_ps", STRONG, DIVERGENCE, CHATTER)
 """Keys that ranges and losses at rest say something of, of a sensor that times pulses."""
 
 FLOOR, SLOPE = "range_floor_at_rest", "range_noise_at_rest"
@@ -211,15 +212,21 @@ class Boards:
         """Sort pixels by octaves of the lean and of the height in thresholds."""
         height = np.maximum(detection_margin(sensor, board(pixels), pixels.mean_m), 0.25)
         lean = np.log2(np.maximum(pixels.lean_m, LEAST_LEAN_M))
-        keys = np.floor(np.stack([lean, np.log2(height)]))
-        index = np.unique(keys, axis=1, return_inverse=True)[1].ravel()
-        rng = np.random.default_rng(0)
+        keys = np.stack([lean, np.log2(height)])
+        index = np.unique(np.floor(keys), axis=1, return_inverse=True)[1].ravel()
         members = [
             chosen
             for chosen in (np.flatnonzero(index == number) for number in range(index.max(initial=-1) + 1))
             if np.isfinite(pixel_squares(changes_m(pixels.range_m[:, chosen]))).sum() >= LEAST_OF_BIN
         ]
-        drawn = [rng.permutation(chosen)[:PIXELS_OF_BIN] for chosen in members]
+        # In order of what makes a range scatter, so that the few that are simulated are as different as all of them.
+        order = 2.0 * keys[0] - keys[1]
+        ordered = [chosen[np.argsort(order[chosen])] for chosen in members]
+        counts = [min(len(chosen), PIXELS_OF_BIN) for chosen in members]
+        drawn = [
+            chosen[np.linspace(0, len(chosen) - 1, count).round().astype(int)]
+            for chosen, count in zip(ordered, counts, strict=True)
+        ]
         return cls(pixels=pixels, members=members, drawn=drawn)
 
     def recorded(self) -> Statistics:
@@ -376,7 +383,11 @@ def _sum_of_terms(
         terms: (k, n) of each pixel
     """
     if recorded is None:
-        return (), None, {names[0]: "too few surfaces of different strength and range"}
+        return (
+            (),
+            None,
+            {key: "too few surfaces of different strength and range" for key in names if key in REST_BOUNDS},
+        )
     law = np.stack([terms[:, chosen].mean(axis=1) for chosen in members])
     level = float(np.exp(np.median(recorded.value)))
     start = np.log(level / len(names) / np.median(law, axis=0)) / power
@@ -418,12 +429,12 @@ def _columns(pixels: PixelsAtRest, text: str, where: str) -> Law:
 
 
 def _converter(pixels: PixelsAtRest, text: str, where: str) -> Law:
-    """Jitter, slopes, chatter and power by the sensor's own stages."""
+    """Jitter, slopes and chatter by the sensor's own stages."""
     boards = Boards.of(pixels, parse_sensor(text, where))
     if len(boards.members) < LEAST_BINS:
         return (), None, dict.fromkeys(CONVERTER, "too few smooth surfaces of different strength and lean")
     recorded = boards.recorded()
-    reasons = _not_asked(pixels, recorded, parse_sensor(text, where))
+    reasons = _not_asked(recorded, parse_sensor(text, where))
     law = _converter_law(boards, recorded, [key for key in CONVERTER if key not in reasons], text, where)
     names, solved, more = law
     if DIVERGENCE in names and solved is not None:
@@ -437,13 +448,11 @@ def _converter(pixels: PixelsAtRest, text: str, where: str) -> Law:
     return names, solved, reasons | more
 
 
-def _not_asked(pixels: PixelsAtRest, recorded: Statistics, sensor: Sensor) -> dict[str, str]:
+def _not_asked(recorded: Statistics, sensor: Sensor) -> dict[str, str]:
     """Keys that a recording or a file says nothing of, and why."""
-    reasons = {}
+    reasons = {POWER: "noise goes with the scene's light, which is not recorded"}
     if sensor.tdc.strong_above is None:
         reasons[STRONG] = "the file has no tdc.strong_above, from which on pulses have a channel of their own"
-    if not pixels.scale_known:
-        reasons[POWER] = "the scale of the recorded intensities is not known, and only their product is"
     kept = recorded.kind == 1
     if np.min(recorded.value[kept] + 2.0 * recorded.sigma[kept]) > MOST_KEPT:
         reasons[CHATTER] = f"no surface loses more than {1.0 - MOST_KEPT:.0%} of its pulses"
@@ -462,7 +471,8 @@ def _converter_law(boards: Boards, recorded: Statistics, keys: Sequence[str], te
         _, error = boards.simulated(sensor_of(start))
     except InputError as failure:
         return (), None, dict.fromkeys(keys, str(failure))
-    recorded = replace(recorded, sigma=np.hypot(recorded.sigma, np.nan_to_num(error)))
+    unlike = np.where(recorded.kind == 0, BOARD_ERROR, 0.0)
+    recorded = replace(recorded, sigma=np.sqrt(recorded.sigma**2 + np.nan_to_num(error) ** 2 + unlike**2))
 
     def predict(logs: Numbers) -> Numbers:
         simulated, _ = boards.simulated(sensor_of(logs))

@@ -36,7 +36,6 @@ class PixelsAtRest:
         cos_incidence: (n,) on the surface
         row_slope: (n,) dR / (R dphi) of the surface along the row
         block: (n,) block of columns
-        scale_known: whether strengths have the scale of reflectivities
     """
 
     range_m: Numbers
@@ -45,7 +44,6 @@ class PixelsAtRest:
     cos_incidence: Numbers
     row_slope: Numbers
     block: Numbers
-    scale_known: bool
 
     @property
     def mean_m(self) -> Numbers:
@@ -119,5 +117,4 @@ def pixels_at_rest(sweeps: Sequence[Sweep], sensor: Sensor) -> PixelsAtRest | No
         cos_incidence=cos[usable],
         row_slope=np.asarray(relative_row_slope(tuple(np.moveaxis(normal[usable], -1, 0)), tuple(direction[usable].T))),
         block=column // BLOCK_COLUMNS,
-        scale_known=not gauge.assumed,
     )

@@ -121,6 +121,10 @@ WHOLE_FRAME = 0.9
 
 # at_rest
 
+BOARD_ERROR = 0.1
+"""Choice: relative error of the mean square of a board's ranges, 5 % of their scatter, for its light is assumed and its
+lean is that of a plane."""
+
 LEAST_STEP_MM = 0.25
 """Choice: change of the range from column to column below which columns share noise as on a level surface."""
 
@@ -154,7 +158,6 @@ REST_BOUNDS = {
     "tdc.strong_jitter_ps": (1.0, 1e4),
     "laser.divergence_mrad": (0.05, 30.0),
     "tdc.chatter_mhz": (1.0, 1e4),
-    "laser.peak_power_w": (1e-2, 1e5),
     "histogram.column_range_mm": (0.2, 500.0),
 }
 """Choice: numbers of the sensor file that frames at rest determine -> least and largest value that is tried."""

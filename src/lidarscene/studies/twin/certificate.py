@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 
 from ...cloud.point_cloud import PointCloud
+from ...cloud.shades import FixedColours
 from ...figures.pictures import common_scale, perspective_picture
 from ...figures.report import PAGE, Report, Table
 from ...files.optional import is_installed
@@ -357,7 +358,13 @@ def _draw(cloud: PointCloud, path: Path, *, scale: tuple[float, float]) -> None:
         OutputError: if a result cannot be written
     """
     perspective_picture(
-        cloud, path, colour_by="range", view=_VIEW, highlight_false_alarms=False, size_px=(1280, 720), scale=scale
+        cloud,
+        path,
+        colour_by="range",
+        view=_VIEW,
+        highlight_false_alarms=False,
+        size_px=(1280, 720),
+        colours=FixedColours(limits=scale),
     )
 
 

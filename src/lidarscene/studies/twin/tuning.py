@@ -25,8 +25,8 @@ MOST_OFF_M = 0.1
 error of an OS1's weakest returns (datasheet)."""
 
 MOST_BEAM_M = 0.1
-"""Choice: largest distance along the beam that a return of a twin keeps from its plane; what is farther off stands on
-the plane."""
+"""Choice: largest distance along the beam that a return of a twin keeps from its plane; what is twice as far off stands
+on the plane, and between them the distance falls in proportion."""
 
 LEAST_SHARE = 0.5
 """Choice: least mean weight of a window's neighbours that makes a plane."""
