@@ -90,7 +90,7 @@ def _of_shoes(points_m, joints, _):
 
 
 def _of_legs(points_m, joints, legs):
-    """Around the knee points go with both bones."""
+    """Points around the knee go with both bones."""
     columns = {}
     for side, sign in SIDES.items():
         hip, knee, ankle = legs[side]
