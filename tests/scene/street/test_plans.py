@@ -333,7 +333,7 @@ def test_outlines_lose_repeated_and_folded_corners() -> None:
 
 
 def test_who_turns_round_has_a_pose_between() -> None:
-    """From -170 to 170 degrees is a turn by 20; from 10 to -160 one by 170, half of which is a pose of its own."""
+    """A turn from -170 to 170 degrees is one by 20; from 10 to -160 one by 170, half of which is a pose of its own."""
     rows = [(0.0, 0.0, 0.0, -170.0, 0.0), (1.0, 2.0, 0.0, 170.0, 0.0)]
     assert sumo._turned(rows) == rows
     (first, middle, last) = sumo._turned([(0.0, 0.0, 0.0, 10.0, 1.0), (1.0, 2.0, 4.0, -160.0, 3.0)])
@@ -353,7 +353,7 @@ def test_a_vehicle_of_sumo_has_its_middle_behind_its_front() -> None:
 def test_a_drawn_town_is_a_grid_with_slopes_and_roads_that_spread(
     streets: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """Without SUMO: slopes of neighbours, two directions of each street, and a ring whose pieces go round it once."""
+    """SUMO is not run: slopes of neighbours, two directions of each street, a ring whose pieces go round it once."""
     monkeypatch.setattr(sumo, "_run", lambda *_: [])
     net, loop = sumo.draw_town(streets, tmp_path, seed=3, slopes=(0.02, 0.05))
     nodes = {node.get("id"): node for node in ElementTree.parse(net.with_name("drawn.nod.xml")).iter("node")}
@@ -518,7 +518,7 @@ def test_the_ego_vehicle_brakes_evenly_to_its_end() -> None:
 
 
 def test_what_is_near_the_way_of_the_ego_vehicle_is_kept(crossroads: sumo.Network) -> None:
-    """Of roads with two points, too: the bridge passes 10 m beside the way, but its ends are 60 m away."""
+    """Roads with two points count by their middle: the bridge passes 10 m beside the way, its ends are 60 m away."""
     own = sumo.RoadUser("ego", "passenger", 4.0, [(float(k), 50.0, 5.0, 90.0, 0.0) for k in range(3)])
     assert [group.edge for group in tables._near(crossroads, own, 8.0).groups] == ["a", "-a"]
     near = tables._near(crossroads, own, 12.0)
