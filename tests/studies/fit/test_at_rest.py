@@ -138,7 +138,7 @@ def test_a_law_is_asked_once_at_each_place() -> None:
         places.append(tuple(logs))
         return np.asarray(logs[0] + logs[1] * x)
 
-    recorded = Statistics.of(list(line(np.array([0.2, 0.7]))[:, None] + [-0.1, 0.1]), [np.array([0, 1])] * 30, 2)
+    recorded = Statistics.of(list(line(np.array([0.2, 0.7]))[:, None] + [-0.1, 0.1]), [np.arange(2)] * 30, np.arange(2))
     places.clear()
     solved = solve(recorded, line, np.zeros(2), np.array([[-9.0] * 2, [9.0] * 2]))
     np.testing.assert_allclose(solved.value, [0.2, 0.7], atol=1e-6)
