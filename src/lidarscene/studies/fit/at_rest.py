@@ -21,21 +21,20 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import cache
 
 import numpy as np
 
 from ...errors import InputError
-from ...maths.arrays import Numbers
-from ...physics.photon_counting import shared_shots
+from ...maths.arrays import Numbers, map_arrays
 from ...sensor.sensor_model import Sensor
 from ..held import LIMITS, Held
 from ..ranging.plane import Target, detection_margin, detection_probability, echoes_of_plane, fluctuation_variance
 from ..twin.judge import CLIPPED_DEVIATION, spread
-from ..twin.reading_noise import read_boards
+from ..twin.reading_noise import noise_by_step, read_boards
 from ..twin.repeats import changes_m, held_share, kept_by_bin
 from ..twin.tuning import ASSUMED_KLUX, CLIP_SIGMAS, OCTAVES_M
-from .estimates import MOST_EVALUATIONS, Estimate, Solution
+from .estimates import MOST_EVALUATIONS, Estimate, Solution, huber_weight
 from .near_field import LEAST_BINS
 from .pixels_at_rest import PixelsAtRest
 from .sensor_text import at_rest_changes, get_key, parse_sensor, put_changes
@@ -114,16 +113,13 @@ class Statistics:
 
     def logarithm(self) -> Statistics:
         """Statistics of the logarithms."""
-        fields = (self.value, self.sigma, self.parts)
-        _, sigma, parts = (values / self.value for values in fields)
-        return replace(self, value=np.log(self.value), sigma=sigma, parts=parts)
+        return replace(self, value=np.log(self.value), sigma=self.sigma / self.value, parts=self.parts / self.value)
 
     @staticmethod
     def join(parts: Sequence[Statistics]) -> Statistics:
         """Statistics of several kinds side by side."""
-        parts = [replace(part, kind=part.kind + number) for number, part in enumerate(parts)]
-        names = ("value", "sigma", "parts", "share", "kind")
-        return Statistics(**{name: np.concatenate([getattr(part, name) for part in parts], axis=-1) for name in names})
+        numbered = [replace(part, kind=part.kind + number) for number, part in enumerate(parts)]
+        return map_arrays(lambda *values: np.concatenate(values, axis=-1), *numbered)
 
 
 def solve(recorded: Statistics, predict: Callable[[Numbers], Numbers], start: Numbers, bounds: Numbers) -> Solution:
@@ -167,7 +163,7 @@ def solve(recorded: Statistics, predict: Callable[[Numbers], Numbers], start: Nu
         for kind in np.unique(recorded.kind):
             alike = recorded.kind == kind
             misfit[alike] = math.sqrt(max(float(np.mean(residual[alike] ** 2 - recorded.sigma[alike] ** 2)), 0.0))
-        weight = np.minimum(1.0, CURVE_HUBER * np.hypot(recorded.sigma, misfit) / np.maximum(np.abs(residual), 1e-12))
+        weight = huber_weight(residual, np.hypot(recorded.sigma, misfit), CURVE_HUBER)
     root = np.sqrt(weight) / np.hypot(recorded.sigma, misfit)
     jacobian = slopes(value) * root[:, None]
     scores = ((recorded.parts + recorded.share * residual) * root) @ jacobian
@@ -315,11 +311,7 @@ def _estimates(law: Law) -> Iterator[Estimate]:
     keys, solved, _ = law
     for index, key in enumerate(keys):
         if solved is not None and key in REST_BOUNDS.keys() | UNITS.keys():
-            yield solved.estimate(key, UNITS.get(key, ""), partial(_exponential, index))
-
-
-def _exponential(index: int, logs: Numbers) -> float:
-    return math.exp(logs[index])
+            yield solved.estimate(key, UNITS.get(key, ""), lambda logs, index=index: math.exp(logs[index]))
 
 
 def _changed(text: str, values: Mapping[str, float]) -> str:
@@ -376,11 +368,8 @@ def _sum_of_terms(
         terms: (k, n) of each pixel
     """
     if recorded is None:
-        return (
-            (),
-            None,
-            {key: "too few surfaces of different strength and range" for key in names if key in REST_BOUNDS},
-        )
+        reason = "too few surfaces of different strength and range"
+        return (), None, {key: reason for key in names if key in REST_BOUNDS}
     law = np.stack([terms[:, chosen].mean(axis=1) for chosen in members])
     level = float(np.exp(np.median(recorded.value)))
     start = np.log(level / len(names) / np.median(law, axis=0)) / power
@@ -399,7 +388,6 @@ def _columns(pixels: PixelsAtRest, text: str, where: str) -> Law:
     except InputError as error:
         return (), None, {COLUMNS: str(error)}
     assert histogram is not None
-    window = {column: float(weight) for column, weight in histogram.window.items()}
     signal = np.nanmean(pixels.strength, axis=0)
     step_mm = 1e3 * np.abs(pixels.row_slope) * pixels.mean_m * float(histogram.column_rad)
     strong = signal >= PATCH_SIGNAL
@@ -411,10 +399,8 @@ def _columns(pixels: PixelsAtRest, text: str, where: str) -> Law:
     steps = [np.sort(step_mm[strong][chosen]) for chosen in members]
 
     def law(logs: Numbers) -> Numbers:
-        return np.array([2.0 * logs[0] + np.log(np.mean(noise(of_bin / np.exp(logs[1])) ** 2)) for of_bin in steps])
-
-    def noise(step: Numbers) -> Numbers:
-        return np.asarray(shared_shots.shares(window, step)[1])
+        ratios = [noise_by_step(histogram, of_bin / np.exp(logs[1])) for of_bin in steps]
+        return np.array([2.0 * logs[0] + np.log(np.mean(ratio**2)) for ratio in ratios])
 
     start = np.array([0.5 * float(np.min(recorded.value)), math.log(start_mm)])
     bounds = np.array([start[0] + np.array([-3.0, 3.0]), np.log(REST_BOUNDS[COLUMNS])]).T
@@ -423,20 +409,21 @@ def _columns(pixels: PixelsAtRest, text: str, where: str) -> Law:
 
 def _converter(pixels: PixelsAtRest, text: str, where: str) -> Law:
     """Jitter, slopes and chatter by the sensor's own stages."""
-    boards = Boards.of(pixels, parse_sensor(text, where))
+    sensor = parse_sensor(text, where)
+    boards = Boards.of(pixels, sensor)
     if len(boards.members) < LEAST_BINS:
         return (), None, dict.fromkeys(CONVERTER, "too few smooth surfaces of different strength and lean")
     recorded = boards.recorded()
-    reasons = _not_asked(recorded, parse_sensor(text, where))
-    law = _converter_law(boards, recorded, [key for key in CONVERTER if key not in reasons], text, where)
-    names, solved, more = law
+    reasons = _not_asked(recorded, sensor)
+    keys = [key for key in CONVERTER if key not in reasons]
+    names, solved, more = _converter_law(boards, recorded, keys, text, where)
     if DIVERGENCE in names and solved is not None:
         beam = {DIVERGENCE: math.exp(solved.value[names.index(DIVERGENCE)])}
         light = echoes_of_plane(parse_sensor(_changed(text, beam), where), board(pixels), pixels.mean_m)
         lengths = [np.median(np.asarray(light.broadening)[members]) for members in boards.members]
         if max(lengths) < LEAST_BROADENING:  # near by, what scatters for another reason would widen the beam
             reasons[DIVERGENCE] = f"no surface leans enough: echoes are {max(lengths):.2g} times as long as the pulse"
-            keys = [key for key in CONVERTER if key not in reasons]
+            keys.remove(DIVERGENCE)
             names, solved, more = _converter_law(boards, recorded, keys, text, where)
     return names, solved, reasons | more
 
