@@ -162,6 +162,12 @@ def resolve_name(name: str) -> object:
     return resolved_object
 
 
+def test_a_code_span_may_be_wrapped(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("`one`, `lidarscene render car\n  --rays 4` and `lost\n\n`three`\n", encoding="utf-8")
+    assert code_spans(page) == ["one", "lidarscene render car --rays 4", "three"]
+
+
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_names_exist(page: Path) -> None:
     for name in dotted_names(page):
