@@ -92,6 +92,15 @@ def test_every_page_is_in_the_navigation() -> None:
     assert [page.name for page in pages if f": {page.name}\n" not in navigation] == []
 
 
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_comments_and_folded_parts_are_read_as_such(page: Path) -> None:
+    """A list mark that begins a line ends the comment around it; text beside `<details>` folds nothing."""
+    comments = re.findall(r"<!--.*?-->", text_of(page), re.DOTALL)
+    marked = [line for text in comments for line in re.findall(r"\n\s*(?:[-+*]|\d+[.)])\s.*", text)]
+    assert marked == []
+    assert re.findall(r"<details[^>]*>[^\S\n]*\S.*", text_of(page)) == []
+
+
 # --- examples ---------------------------------------------------------------------------------------
 
 
