@@ -47,6 +47,8 @@ ANSWERS = {
     "lidarscene.render('range', yaw=30)": r"angles go in pose=\(x, y, z, yaw, pitch, roll\)",
     "lidarscene.load_mesh('a.ply')": "load_scene",
     "lidarscene.budgt": "did you mean budget[?]",
+    "lidarscene.Scene('empty')": "no scene 'empty' in the catalogue; it has car, ",
+    "lidarscene.Material('gold')": "no material 'gold' in the catalogue; it has asphalt",
     "lidarscene.max_range('apd-905', 'sipm-905')": r"several go in one list: sensors=\['apd-905', 'sipm-905'\]",
     "lidarscene.compare('car', 'apd-905', 'sipm-905')": r"in one list: sensors=\['apd-905', 'sipm-905'\]",
     "lidarscene.compare('apd-905', 'sipm-905')": r"compare\('car', \['apd-905', ...\]\)",

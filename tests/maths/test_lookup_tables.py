@@ -12,7 +12,7 @@ from lidarscene.maths.arrays import LookupTable
 
 @pytest.mark.parametrize("shape", [(7,), (5, 9), (3, 4, 6)])
 def test_a_cell_is_one_load(mi: Any, shape: tuple[int, ...]) -> None:
-    """Inside, at the edges and beyond them. LLVM's code has no load of values that lie apart, 16 at a time."""
+    """Places lie inside, at the edges and beyond. LLVM's code has no load of values that lie apart, 16 at a time."""
     rng = np.random.default_rng(49)
     table = LookupTable(rng.random(shape, np.float32))
     places = [np.r_[rng.uniform(-0.2, 1.2, 100), 0.0, 1.0].astype(np.float32) for _ in shape]

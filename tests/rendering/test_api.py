@@ -97,7 +97,7 @@ def test_keys_of_a_sensors_file_are_replaced() -> None:
         lidarscene.load_sensor(sensor, overrides={"laser.peak_power_w": 30}),
     ):
         assert (changed.laser.peak_power_w, changed.detector.gain) == (30.0, 60.0)
-        assert changed.sources["laser.peak_power_w"] == "--set laser.peak_power_w=30"
+        assert changed.sources["laser.peak_power_w"] == "override laser.peak_power_w=30"
 
 
 def test_names_of_the_catalogue() -> None:

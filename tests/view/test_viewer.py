@@ -53,10 +53,10 @@ def test_the_page_says_that_it_waits_and_names_what_is_pointed_at(browser: Chrom
     cloud.save(tmp_path / "a.ply")
     assert main(["view", str(tmp_path / "a.ply"), "--save", str(tmp_path / "a.html")]) == 0
     text = (tmp_path / "a.html").read_text("utf-8")
-    assert '<p id="wait">compiling and rendering' in text
+    assert '<p id="wait">loading scene and points' in text
     browser.open((tmp_path / "a.html").as_uri())
     browser.until("viewer && viewer.frame")
-    assert browser.value("byId('wait').hidden")
+    assert browser.value("byId('wait').hidden && !byId('wait').textContent.includes('rendering')")
     press(browser, "go-fit")
     named = next(i for i, body in enumerate(cloud.body) if body >= 0)
     browser.value(f"viewer.pick = () => {named}, 0")

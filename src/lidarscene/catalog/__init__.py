@@ -194,14 +194,14 @@ def _suggestion(kind: str, name: str) -> str:
     word = _letters(name)
     letters_of = {entry: _letters(entry) for entry in names(kind)}
     if len(word) < SHORTEST_WORD:
-        return did_you_mean(name.lower(), letters_of, most=3, cutoff=0.4)
+        return did_you_mean(name.lower(), letters_of, most=3)
     shared = {entry: _shared_beginning(word, letters) for entry, letters in letters_of.items()}
     longest = max([SHORTEST_WORD, *shared.values()])
     return (
         question(entry for entry, letters in letters_of.items() if word in letters)
         or question(entry for entry, length in shared.items() if length == longest)
         or question(entry for entry in letters_of if word in _letters(_description(kind, entry)))
-        or did_you_mean(name.lower(), letters_of, most=3, cutoff=0.4)
+        or did_you_mean(name.lower(), letters_of, most=3)
     )
 
 

@@ -82,7 +82,7 @@ def made_tables(
         assert isinstance(source, int)
         if not TOWN_STREETS[0] <= source <= TOWN_STREETS[1]:
             raise OptionError("{town}: must be a whole number from {0} to {1}, got {2}", *TOWN_STREETS, source)
-        return network_scene(source, kind, file), f"--{kind} {source}, seed = {file.seed}"
+        return network_scene(source, kind, file), f"{kind} {source}, seed = {file.seed}"
     assert not isinstance(source, int)
     path = Path(source)
-    return network_scene(path, kind, file, ego=ego), f"--{kind} {path.name}, seed = {file.seed}"
+    return network_scene(path, kind, file, ego=ego), f"{kind} {path.name}, seed = {file.seed}"

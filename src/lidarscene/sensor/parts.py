@@ -136,7 +136,7 @@ def changed_tables(tables: Mapping[str, Any], overrides: Iterable[str], *, sourc
     """
     parts, others = split_parts(overrides)
     changed = _with_derived_rate(with_overrides(with_parts(tables, parts), others), others)
-    new_sources = {_parsed(text)[0]: source or f"--set {text}" for text in others}
+    new_sources = {_parsed(text)[0]: source or f"override {text}" for text in others}
     for name, new in (("sources", new_sources), ("uncertainty", {})):
         old = changed.get(name, {})
         if isinstance(old, dict) and (old or new):

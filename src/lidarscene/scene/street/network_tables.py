@@ -136,7 +136,7 @@ def network_scene(source: Path | int, kind: NetworkKind, file: StreetFile, *, eg
             if kind == "town":
                 assert isinstance(source, int)
                 low, high = (0.01 * percent for percent in file.slope_percent)
-                (net, loop), origin = draw_town(source, folder, seed=file.seed, slopes=(low, high)), f"--town {source}"
+                (net, loop), origin = draw_town(source, folder, seed=file.seed, slopes=(low, high)), f"town {source}"
             else:
                 assert isinstance(source, Path)
                 net, origin = convert(source, kind, folder), str(source)

@@ -252,7 +252,7 @@ def draw_town(streets: int, folder: Path, *, seed: int, slopes: tuple[float, flo
         ElementTree.ElementTree(root).write(path, encoding="utf-8")
     options = ["--sidewalks.guess", "--crossings.guess", "--no-warnings", "--default.priority", "1"]
     options += ["--junctions.limit-turn-speed", f"{TURN_M_S2:g}"]
-    _run("netconvert", ["-n", str(files[0]), "-e", str(files[1]), "-o", str(files[2]), *options], f"--town {streets}")
+    _run("netconvert", ["-n", str(files[0]), "-e", str(files[1]), "-o", str(files[2]), *options], f"town {streets}")
     reach = (streets - 1) // 2
     passed = [
         (middle + i + step * int(np.sign(k - i)), middle + j + step * int(np.sign(m - j)))

@@ -13,6 +13,7 @@ class Viewer {
     byId("meshes").hidden = !stage.arrays.faces;
     byId("title").textContent = document.title = stage.title;
     byId("live").hidden = !this.isLive;
+    if (this.isLive) byId("wait").textContent = "compiling and rendering; the first time takes some seconds";
     this.#listen();
   }
 
