@@ -92,6 +92,15 @@ def test_every_page_is_in_the_navigation() -> None:
     assert [page.name for page in pages if f": {page.name}\n" not in navigation] == []
 
 
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_comments_and_folded_parts_are_read_as_such(page: Path) -> None:
+    """A list mark that begins a line ends the comment around it; text beside `<details>` folds nothing."""
+    comments = re.findall(r"<!--.*?-->", text_of(page), re.DOTALL)
+    marked = [line for text in comments for line in re.findall(r"\n\s*(?:[-+*]|\d+[.)])\s.*", text)]
+    assert marked == []
+    assert re.findall(r"<details[^>]*>[^\S\n]*\S.*", text_of(page)) == []
+
+
 # --- examples ---------------------------------------------------------------------------------------
 
 
@@ -160,6 +169,12 @@ def resolve_name(name: str) -> object:
         except ModuleNotFoundError:
             resolved_object = getattr(resolved_object, part)
     return resolved_object
+
+
+def test_a_code_span_may_be_wrapped(tmp_path: Path) -> None:
+    page = tmp_path / "page.md"
+    page.write_text("`one`, `lidarscene render car\n  --rays 4` and `lost\n\n`three`\n", encoding="utf-8")
+    assert code_spans(page) == ["one", "lidarscene render car --rays 4", "three"]
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)

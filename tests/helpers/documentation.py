@@ -57,8 +57,12 @@ def prose(page: Path) -> str:
     return ACCOUNT.sub("", re.sub(r"^```.*?^```$", "", text_of(page), flags=re.MULTILINE | re.DOTALL))
 
 
+CODE_SPAN = r"`(?:[^`\n]|\n(?!\s*\n))+`"
+
+
 def code_spans(page: Path) -> list[str]:
-    return re.findall(r"`([^`\n]+)`", prose(page))
+    """The code in its text, each piece on one line: a piece may be wrapped over lines, but not over paragraphs."""
+    return [" ".join(span.strip("`").split()) for span in re.findall(CODE_SPAN, prose(page))]
 
 
 def shell_lines(page: Path) -> list[str]:

@@ -35,7 +35,7 @@ from lidarscene.labels.kinds import KINDS, kind_of
 from lidarscene.labels.osi_truth import ground_truth
 from lidarscene.maths.pose import Pose
 from lidarscene.maths.trajectory import Course, Riding, pose_at
-from lidarscene.scene.scene import Ball, Body, Scene
+from lidarscene.scene.scene import Ball, Body, Part, Scene
 
 CAR = (4.0, 2.0, 1.5)
 
@@ -203,6 +203,13 @@ def test_balls_and_bodies_off_their_origin() -> None:
     shifted = Body(name="c", class_name="car", parts=(shifted_part,), pose=street.pose_at(0, 0, 0, 90.0))
     (box,) = boxes_of_bodies([(0, shifted)])
     np.testing.assert_allclose(box.pose.position_m, [0.0, 10.0, 1.0], atol=1e-12)
+
+
+def test_a_body_of_mirrors_alone_has_a_box() -> None:
+    body = street.block("mirrors_van", "van", (4.0, 2.0, 1.0), Pose())
+    parts = tuple(replace(part, in_box=False) for part in body.parts if isinstance(part, Part))
+    (box,) = boxes_of_bodies([(0, replace(body, parts=parts))])
+    np.testing.assert_allclose(box.size_m, [4, 2, 1])
 
 
 def test_upright_boxes_hold_the_corners() -> None:

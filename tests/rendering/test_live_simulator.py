@@ -1,6 +1,7 @@
 """A live world against scene files with the same poses, against worlds rebuilt at every pose, and without compiling."""
 
 import dataclasses
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -406,10 +407,14 @@ def test_a_frame_that_fails_is_reported_and_the_next_goes_on(first: int) -> None
         assert [int(cloud.metadata["frame_number"]) - first for cloud in clouds] == [0, 2, 3]
 
 
-def test_who_walks_goes_on_with_the_stride(tmp_path: Path) -> None:
+@pytest.mark.parametrize("with_ego", [False, True])
+def test_who_walks_goes_on_with_the_stride(tmp_path: Path, with_ego: bool) -> None:
     """Poses every 50 ms at two speeds: strides are the way over their length, however often the motion is a new one."""
     write_walker(tmp_path / "walker.glb")
-    (tmp_path / "scene.toml").write_text(WALKER)
+    (tmp_path / "scene.toml").write_text(WALKER.replace("speed_m_s = 0", "with_ego = true") if with_ego else WALKER)
+    if with_ego:
+        with (tmp_path / "scene.toml").open("a") as scene:
+            scene.write("[ego]\n")
     simulator = LiveSimulator(tmp_path / "scene.toml", sensor(), movable=["walker"])
 
     def strides(time_s: float) -> tuple[float, float]:
@@ -422,14 +427,17 @@ def test_who_walks_goes_on_with_the_stride(tmp_path: Path) -> None:
     x_m, expected, found = 0.0, [0.0], [0.0]
     for number in range(41):
         time_s = 0.05 * number
-        if simulator.advance(time_s, {"walker": pose(10.0, x_m, 0.0, 90.0)}, begin_s=0.0):
+        place = pose(10.0, x_m, 0.0, 90.0)
+        moved = {"ego": place} if with_ego else {"poses": {"walker": place}}
+        if simulator.advance(time_s, **moved, begin_s=0.0):
             phase, stride_m = strides(time_s)
             found.append(phase)
             expected.append(x_m / stride_m)
         x_m += 0.05 * (0.8 if number < 20 else 1.4)
     assert len(found) > 10
     np.testing.assert_allclose(np.unwrap(np.array(found), period=1.0), expected, atol=0.01)
-    simulator.place("walker", pose(10.0, x_m, 0.0, 90.0), velocity_m_s=(0.0, 1.0, 0.0), time_s=2.0)
+    go_on = simulator.move_ego if with_ego else partial(simulator.place, "walker")
+    go_on(pose(10.0, x_m, 0.0, 90.0), velocity_m_s=(0.0, 1.0, 0.0), time_s=2.0)
     assert strides(2.0)[0] % 1.0 == pytest.approx(found[-1] % 1.0, abs=0.05), "placed anew, it does not start again"
 
 

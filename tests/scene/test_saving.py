@@ -13,6 +13,7 @@ from helpers.run_seed import chosen
 import lidarscene
 from lidarscene import Pose, Scene, Sun, load_scene
 from lidarscene.materials.material import Material, Spectrum
+from lidarscene.materials.material_file import catalogue_material
 from lidarscene.maths.trajectory import Course, Spline
 from lidarscene.scene.scene import Air, Ball, Body, Interferer, Part, View
 from lidarscene.scene.weather import Weather
@@ -37,6 +38,7 @@ def triangles(body: Body) -> list[object]:
         else (
             part.vertices_m[part.faces].tolist(),
             part.material,
+            part.in_box,
             None if part.stride_m is None else part.stride_m.sum(),
         )
         for part in body.parts
@@ -135,6 +137,17 @@ def test_a_scene_made_in_python_is_written_whole(tmp_path: Path) -> None:
         camera=View(eye_m=(0.0, 0.0, 5.0), target_m=(9.0, 0.0, 0.0), fov_deg=44.0),
         reach_m=120.0,
     )
+    assert_same(scene, saved(scene, tmp_path))
+
+
+def test_mirrors_stay_out_of_the_box(tmp_path: Path) -> None:
+    box = trimesh.creation.box()
+    parts = tuple(
+        Part(vertices_m=box.vertices + np.array([0.0, y_m, 0.0]), faces=box.faces, material="brick", in_box=y_m == 0.0)
+        for y_m in (1.0, 0.0, -1.0)
+    )
+    bodies = (Body(name="car", class_name="car", parts=parts),)
+    scene = Scene(bodies=bodies, materials={"brick": catalogue_material("brick")})
     assert_same(scene, saved(scene, tmp_path))
 
 

@@ -128,6 +128,19 @@ def test_wheels_of_the_cars_of_the_scene_drive_roll(name: str) -> None:
         assert gone_m < 0.3 * np.linalg.norm(way_m)
 
 
+@pytest.mark.parametrize("yaw_deg", [0, 180])
+def test_wheels_of_what_the_ego_vehicle_carries_roll(tmp_path: Path, yaw_deg: int) -> None:
+    """What is lowest hardly moves while the body goes on, whether it looks ahead or back."""
+    text = f'[[bodies]]\nname = "car"\nmesh = "{catalog.path_of("meshes", "car")}"\nmaterial = "asphalt"\n'
+    text += f'animation = "roll"\nyaw_deg = {yaw_deg}\nmotion = {{ with_ego = true }}\n[ego]\nspeed_m_s = 5\n'
+    (tmp_path / "scene.toml").write_text(text, encoding="utf-8")
+    (body,) = load_scene(tmp_path / "scene.toml").bodies
+    for time_s in np.linspace(0.05, 0.35, 7):
+        before, after = in_world(body, time_s), in_world(body, time_s + 1e-3)
+        gone_m, _ = KDTree(after).query(before[before[:, 2].argmin()])
+        assert gone_m < 0.25 * 5e-3
+
+
 def test_a_cyclist_turns_the_cranks_and_keeps_the_feet_level_on_the_pedals(tmp_path: Path) -> None:
     """One turn of the cranks in two of the wheels; soles stay level, and as far from pedals and ends of legs as before.
 
@@ -243,6 +256,17 @@ def test_strides_pass_as_the_way_does(motion: Motion) -> None:
     assert np.mean(np.abs(steps - ways) < 2e-4) > 0.998  # all but where the speed jumps
     assert steps.sum() == pytest.approx(ways.sum(), rel=2e-3)
     assert steps.sum() > 3.0
+
+
+@pytest.mark.parametrize("carrier", [Course(speed_m_s=1.1), HeldAtEnds(motion=spline(0.0, 1.0, 2.5, 4.0))])
+def test_a_carried_body_that_looks_back_has_its_strides_backwards(carrier: Motion) -> None:
+    gait, time_s = Gait(stride_m=1.4, speed_m_s=1.3), np.linspace(100.0, 104.0, 17)
+    ahead, back = (
+        gait.at(Riding(carrier=carrier, pose=Pose.from_degrees(yaw_deg=yaw_deg)), time_s)[:, 0]
+        for yaw_deg in (0.0, 180.0)
+    )
+    assert np.ptp(ahead) > 2.0
+    np.testing.assert_allclose(back, -ahead, atol=1e-12)
 
 
 def walls(

@@ -77,7 +77,7 @@ def _shares(joints, columns):
 
 
 def _of_cranks(points_m, joints, _):
-    """Pedals are the first two boxes."""
+    """Shares of cranks and pedals, which are the first points."""
     is_pedal = np.arange(len(points_m)) < PEDAL_POINTS
     left = points_m[:, 1] > 0.0
     columns = {"crank": ~is_pedal, "pedal_l": is_pedal & left, "pedal_r": is_pedal & ~left}
@@ -90,7 +90,7 @@ def _of_shoes(points_m, joints, _):
 
 
 def _of_legs(points_m, joints, legs):
-    """Points around the knee go with both bones."""
+    """Shares of legs, whose points around the knee go with both bones."""
     columns = {}
     for side, sign in SIDES.items():
         hip, knee, ankle = legs[side]

@@ -357,8 +357,8 @@ def _require_pose(pose: Pose | None) -> Pose:
 
 
 def _boxed(body: Body) -> Sequence[Part | Ball]:
-    """Return the parts that the box of a body encloses."""
-    return [part for part in body.parts if isinstance(part, Ball) or part.in_box]
+    """Return the parts that the box of a body encloses: all where it would enclose none."""
+    return [part for part in body.parts if isinstance(part, Ball) or part.in_box] or body.parts
 
 
 def boxes_of_bodies(bodies: Sequence[tuple[int, Body]]) -> list[Box]:

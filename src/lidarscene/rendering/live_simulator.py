@@ -122,7 +122,7 @@ class LiveSimulator(Simulator):
         """Place the ego vehicle, with the sensor and all that is fixed to it, at this pose from the next frame on."""
         course = _course("ego", pose, motion)
         self._tracks.pop(None, None)
-        self._change({None: course})
+        self._change({None: course}, since_s=motion.get("time_s", 0.0))
 
     @exclusive
     def add(self, name: str, pose: Placed, **motion: Unpack[MotionKeywords]) -> str:
@@ -254,17 +254,21 @@ class LiveSimulator(Simulator):
         """
         bodies, before = list(self.scene.bodies), self.scene.ego
         ego = motions.get(None, before)
-        for number, body in enumerate(bodies):
-            # What is fixed to the ego vehicle goes with it.
-            if isinstance(body.motion, Riding) and body.motion.carrier is before and ego is not None:
-                bodies[number] = replace(body, motion=replace(body.motion, carrier=ego))
-        for name, motion in motions.items():
+        # What is fixed to the ego vehicle goes with it.
+        fixed = {
+            body.name: replace(body.motion, carrier=ego)
+            for body in bodies
+            if isinstance(body.motion, Riding) and body.motion.carrier is before and ego is not None
+        }
+        for name, motion in (fixed | motions).items():
             if name is not None:
                 body, gait = self._body(name), self._body(name).gait
                 if gait is not None and body.motion is not None:
-                    start_s = motion.motion.span_s[0] if isinstance(motion, HeldAtEnds) else since_s
+                    poses = motion.carrier if isinstance(motion, Riding) else motion
+                    start_s = poses.motion.span_s[0] if isinstance(poses, HeldAtEnds) else since_s
                     gait = gait.continued(body.motion, motion, start_s)
-                bodies[self._number[name]] = replace(body, motion=motion, present_s=ALWAYS, gait=gait)
+                present_s = ALWAYS if name in motions else body.present_s
+                bodies[self._number[name]] = replace(body, motion=motion, present_s=present_s, gait=gait)
         for name, absent in (absence or {}).items():
             bodies[self._number[name]] = replace(bodies[self._number[name]], away=absent)
         self.scene = replace(self.scene, bodies=tuple(bodies), ego=ego)

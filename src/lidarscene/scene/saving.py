@@ -26,6 +26,7 @@ from ..materials.material_file import catalogue_material, material_table
 from ..maths.trajectory import ALWAYS, Course, Motion, Riding
 from ..sensor.pose_file import pose_keys
 from .derived import Tables, with_absolute_paths
+from .meshes.mesh_cache import MIRRORS
 from .motion import EgoFile
 from .scene import Ball, Body, Part, Scene
 from .street.street_tables import scene_text
@@ -179,18 +180,20 @@ def _new_table(body: Body, scene: Scene, target: Path, meshes: dict[str, str]) -
     words = re.sub(r"[^A-Za-z0-9]+", "_", body.name)
     name = f"{target.stem}-{words}-{hashlib.sha256(text.encode()).hexdigest()[:8]}.obj"
     meshes[name] = text
-    return table | {"mesh": name, "materials": {_part_name(number): part.material for number, part in enumerate(parts)}}
+    materials = {_part_name(number, part): part.material for number, part in enumerate(parts)}
+    return table | {"mesh": name, "materials": materials}
 
 
-def _part_name(number: int) -> str:
-    return f"part_{number:04d}"
+def _part_name(number: int, part: Part) -> str:
+    """Name of a part in the OBJ file, which says whether boxes of labels enclose it."""
+    return f"{'part' if part.in_box else MIRRORS}_{number:04d}"
 
 
 def _obj(parts: Sequence[Part]) -> str:
     """OBJ file of parts, each an object with a material of its own; numbers with all digits."""
     lines, start = [], 1
     for number, part in reversed(tuple(enumerate(parts))):  # trimesh takes the last one first
-        lines += [f"o {_part_name(number)}", f"usemtl {_part_name(number)}"]
+        lines += [f"o {_part_name(number, part)}", f"usemtl {_part_name(number, part)}"]
         lines += [f"v {x!r} {y!r} {z!r}" for x, y, z in part.vertices_m.tolist()]
         lines += [f"f {a} {b} {c}" for a, b, c in (part.faces.astype(int) + start).tolist()]
         start += len(part.vertices_m)

@@ -58,7 +58,7 @@ class Gait:
     stands: bool = True
     ahead: tuple[float, float] = (1.0, 0.0)
     strides: float = 0.0
-    _ways: dict[int, tuple[Motion, Numbers]] = field(init=False, repr=False, default_factory=dict)
+    _ways: dict[tuple[int, tuple[float, float]], tuple[Motion, Numbers]] = field(repr=False, default_factory=dict)
 
     @classmethod
     def of_strides(cls, strides_m: Sequence[Numbers], *, period_s: float, stands: bool) -> Gait | None:
@@ -96,7 +96,7 @@ class Gait:
     def continued(self, before: Motion, motion: Motion, time_s: float) -> Gait:
         """Return the gait on another motion from a time on, at which its legs are as on the one before."""
         at = np.array([time_s])
-        anew = replace(self, strides=0.0)
+        anew = replace(self, strides=0.0, _ways={})
         return replace(anew, strides=float(self.at(before, at)[0, 0] - anew.at(motion, at)[0, 0]) % 1.0)
 
     def _speed_m_s(self, motion: Motion, time_s: Numbers) -> Numbers:
@@ -124,7 +124,8 @@ class Gait:
             return self._phase(motion.path, time_s)
         if isinstance(motion, Riding) and motion.span_s == ALWAYS:
             # The wheels of a vehicle that carries the sensor: their way is that of its origin.
-            return self._phase(motion.carrier, time_s)
+            x, y = (motion.pose.rotation[:2, :2] @ np.array(self.ahead)).tolist()
+            return replace(self, ahead=(x, y))._phase(motion.carrier, time_s)
         if isinstance(motion, HeldAtEnds):
             return self._phase(motion.motion, np.clip(time_s - motion.delay_s, *motion.motion.span_s))
         if isinstance(motion, GoingOn):
@@ -138,9 +139,11 @@ class Gait:
             return np.asarray(rounds * total + self._phase(motion.motion, first_s + within_s))
         if motion.span_s == ALWAYS:
             return np.asarray(time_s * self._rate_hz(self._speed_m_s(motion, np.zeros(1))))
-        if id(motion) not in self._ways:
-            self._ways[id(motion)] = motion, self._way(motion)
-        return _cubic(self._ways[id(motion)][1], np.clip(time_s, *motion.span_s))
+        # Gaits with another way ahead share the ways.
+        key = id(motion), self.ahead
+        if key not in self._ways:
+            self._ways[key] = motion, self._way(motion)
+        return _cubic(self._ways[key][1], np.clip(time_s, *motion.span_s))
 
     def _way(self, motion: Motion) -> Numbers:
         """(3, m) times of the nodes of a motion, strides until then, and their rate."""

@@ -85,5 +85,6 @@ def test_the_share_that_is_kept_is_that_of_the_worst_octave() -> None:
     assert row.verdict is False
     assert kept_at_rest(recorded, ~lost).verdict
     assert kept_at_rest(recorded, np.zeros(len(lost), bool)).value is None
-    ((low, high, real, simulated),) = kept_by_bin(recorded, ~lost, base.true_range_m, np.array([5.0, 41.0]))
-    assert (low, high, real, simulated) == (5.0, 41.0, 1.0, 1.0)
+    met = recorded.select(~lost)
+    shares = kept_by_bin(met.has_return, met.has_simulated_return, met.true_range_m, np.array([5.0, 41.0]))
+    assert shares == [(5.0, 41.0, 1.0, 1.0)]

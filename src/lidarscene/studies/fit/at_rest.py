@@ -18,24 +18,23 @@ Symbols: r relative deviation of the energy, I strength, R range; a, b, p and q 
 
 from __future__ import annotations
 
-import itertools
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cache
 
 import numpy as np
 
 from ...errors import InputError
-from ...maths.arrays import Numbers
-from ...physics.photon_counting import shared_shots
+from ...maths.arrays import Numbers, map_arrays
 from ...sensor.sensor_model import Sensor
 from ..held import LIMITS, Held
 from ..ranging.plane import Target, detection_margin, detection_probability, echoes_of_plane, fluctuation_variance
 from ..twin.judge import CLIPPED_DEVIATION, spread
-from ..twin.reading_noise import read_boards
-from ..twin.tuning import ASSUMED_KLUX, CLIP_SIGMAS, OCTAVES_M, SAME_SURFACE_M
-from .estimates import MOST_EVALUATIONS, Estimate, Solution
+from ..twin.reading_noise import noise_by_step, read_boards
+from ..twin.repeats import changes_m, held_share, kept_by_bin
+from ..twin.tuning import ASSUMED_KLUX, CLIP_SIGMAS, OCTAVES_M
+from .estimates import MOST_EVALUATIONS, Estimate, Solution, huber_weight
 from .near_field import LEAST_BINS
 from .pixels_at_rest import PixelsAtRest
 from .sensor_text import at_rest_changes, get_key, parse_sensor, put_changes
@@ -92,33 +91,35 @@ class Statistics:
     kind: Numbers
 
     @classmethod
-    def of(cls, values: Sequence[Numbers], blocks: Sequence[Numbers], number: int) -> Statistics:
-        """Means of the pixels' values in each bin.
+    def of(cls, values: Sequence[Numbers], members: Sequence[Numbers], block: Numbers) -> Statistics:
+        """Means of what is known of the pixels' values in each bin; NaN where nothing is.
 
         Args:
-            values: (n,) each
-            blocks: (n,) each, block of the pixels
-            number: of blocks
+            values: (n,) of each bin
+            members: (n,) of each bin, indices of its pixels
+            block: block of every pixel
         """
-        mean = np.array([np.mean(bin_values) for bin_values in values])
-        sums = np.stack([np.bincount(*pair, number) for pair in zip(blocks, values, strict=True)], axis=1)
-        share = np.stack([np.bincount(block, minlength=number) / len(block) for block in blocks], axis=1)
+        number, known = int(block.max()) + 1, [np.isfinite(bin_values) for bin_values in values]
+        values = [bin_values[mask] for bin_values, mask in zip(values, known, strict=True)]
+        blocks = [block[chosen[mask]] for chosen, mask in zip(members, known, strict=True)]
         counts = np.array([len(bin_values) for bin_values in values])
-        sigma = np.array([np.std(bin_values) for bin_values in values]) / np.sqrt(counts)
-        return cls(value=mean, sigma=sigma, parts=sums / counts - share * mean, share=share, kind=0 * counts)
+        sums = np.stack([np.bincount(*pair, number) for pair in zip(blocks, values, strict=True)], axis=1)
+        with np.errstate(invalid="ignore"):
+            mean = sums.sum(axis=0) / counts
+            share = np.stack([np.bincount(of_bin, minlength=number) for of_bin in blocks], axis=1) / counts
+            squares = [np.sum((bin_values - middle) ** 2) for bin_values, middle in zip(values, mean, strict=True)]
+            sigma, parts = np.sqrt(squares) / counts, sums / counts - share * mean
+        return cls(value=mean, sigma=sigma, parts=parts, share=share, kind=0 * counts)
 
     def logarithm(self) -> Statistics:
         """Statistics of the logarithms."""
-        fields = (self.value, self.sigma, self.parts)
-        _, sigma, parts = (values / self.value for values in fields)
-        return replace(self, value=np.log(self.value), sigma=sigma, parts=parts)
+        return replace(self, value=np.log(self.value), sigma=self.sigma / self.value, parts=self.parts / self.value)
 
     @staticmethod
     def join(parts: Sequence[Statistics]) -> Statistics:
         """Statistics of several kinds side by side."""
-        parts = [replace(part, kind=part.kind + number) for number, part in enumerate(parts)]
-        names = ("value", "sigma", "parts", "share", "kind")
-        return Statistics(**{name: np.concatenate([getattr(part, name) for part in parts], axis=-1) for name in names})
+        numbered = [replace(part, kind=part.kind + number) for number, part in enumerate(parts)]
+        return map_arrays(lambda *values: np.concatenate(values, axis=-1), *numbered)
 
 
 def solve(recorded: Statistics, predict: Callable[[Numbers], Numbers], start: Numbers, bounds: Numbers) -> Solution:
@@ -134,18 +135,21 @@ def solve(recorded: Statistics, predict: Callable[[Numbers], Numbers], start: Nu
 
     value, misfit, weight = start, np.zeros_like(recorded.value), np.ones_like(recorded.value)
 
+    @cache  # solver, slopes and weights ask for the same places
+    def law(*logs: float) -> Numbers:
+        return predict(np.array(logs))
+
     def slopes(logs: Numbers) -> Numbers:
         steps = np.where(logs + LOG_STEP > bounds[1], -LOG_STEP, LOG_STEP)
-        centre = predict(logs)
         return np.stack(
-            [(predict(row) - centre) / step for row, step in zip(logs + np.diag(steps), steps, strict=True)], axis=1
+            [(law(*row) - law(*logs)) / step for row, step in zip(logs + np.diag(steps), steps, strict=True)], axis=1
         )
 
     evaluations = 0
     for _ in range(3):
         root = np.sqrt(weight) / np.hypot(recorded.sigma, misfit)
         found = least_squares(
-            lambda logs, root=root: (predict(logs) - recorded.value) * root,
+            lambda logs, root=root: (law(*logs) - recorded.value) * root,
             value,
             jac=lambda logs, root=root: slopes(logs) * root[:, None],
             bounds=bounds,
@@ -155,21 +159,15 @@ def solve(recorded: Statistics, predict: Callable[[Numbers], Numbers], start: Nu
         )
         value = found.x
         evaluations += found.nfev + len(start) * found.njev
-        residual = recorded.value - predict(value)
+        residual = recorded.value - law(*value)
         for kind in np.unique(recorded.kind):
             alike = recorded.kind == kind
             misfit[alike] = math.sqrt(max(float(np.mean(residual[alike] ** 2 - recorded.sigma[alike] ** 2)), 0.0))
-        weight = np.minimum(1.0, CURVE_HUBER * np.hypot(recorded.sigma, misfit) / np.maximum(np.abs(residual), 1e-12))
+        weight = huber_weight(residual, np.hypot(recorded.sigma, misfit), CURVE_HUBER)
     root = np.sqrt(weight) / np.hypot(recorded.sigma, misfit)
     jacobian = slopes(value) * root[:, None]
     scores = ((recorded.parts + recorded.share * residual) * root) @ jacobian
     return Solution(value=value, slope=jacobian.T @ jacobian, scores=scores, evaluations=evaluations)
-
-
-def changes_m(range_m: Numbers) -> Numbers:
-    """Differences between frames that follow each other, over the root of two; NaN from another surface."""
-    change_m = np.diff(range_m, axis=0)
-    return np.asarray(np.where(np.abs(change_m) < SAME_SURFACE_M, change_m, np.nan) / math.sqrt(2.0))
 
 
 def pixel_squares(changes: Numbers) -> Numbers:
@@ -181,6 +179,16 @@ def pixel_squares(changes: Numbers) -> Numbers:
     with np.errstate(invalid="ignore"):
         squares = np.sum(np.where(inlier, changes, 0.0) ** 2, axis=0) / inlier.sum(axis=0)
     return np.asarray(squares / CLIPPED_DEVIATION**2)
+
+
+def bins_of_pixels(keys: Numbers, changes: Numbers) -> Iterator[tuple[Numbers, Numbers]]:
+    """Indices of pixels of like whole (keys, n) numbers, and their `pixel_squares`, where enough of these are known."""
+    index = np.unique(np.floor(keys), axis=1, return_inverse=True)[1].ravel()
+    for number in range(index.max(initial=-1) + 1):
+        chosen = np.flatnonzero(index == number)
+        squares = pixel_squares(changes[:, chosen])
+        if np.isfinite(squares).sum() >= LEAST_OF_BIN:
+            yield chosen, squares
 
 
 def board(pixels: PixelsAtRest) -> Target:
@@ -213,12 +221,7 @@ class Boards:
         height = np.maximum(detection_margin(sensor, board(pixels), pixels.mean_m), 0.25)
         lean = np.log2(np.maximum(pixels.lean_m, LEAST_LEAN_M))
         keys = np.stack([lean, np.log2(height)])
-        index = np.unique(np.floor(keys), axis=1, return_inverse=True)[1].ravel()
-        members = [
-            chosen
-            for chosen in (np.flatnonzero(index == number) for number in range(index.max(initial=-1) + 1))
-            if np.isfinite(pixel_squares(changes_m(pixels.range_m[:, chosen]))).sum() >= LEAST_OF_BIN
-        ]
+        members = [chosen for chosen, _ in bins_of_pixels(keys, changes_m(pixels.range_m))]
         # In order of what makes a range scatter, so that the few that are simulated are as different as all of them.
         order = 2.0 * keys[0] - keys[1]
         ordered = [chosen[np.argsort(order[chosen])] for chosen in members]
@@ -231,42 +234,32 @@ class Boards:
 
     def recorded(self) -> Statistics:
         """Logarithm of the mean square of ranges, then the share kept after the first frame, of each bin."""
-        frames, blocks = len(self.pixels.range_m), int(self.pixels.block.max()) + 1
-        squares, shares, of_squares, of_shares = [], [], [], []
-        for members in self.members:
-            square = pixel_squares(changes_m(self.pixels.range_m[:, members]))
-            known = np.isfinite(square)
-            squares.append(square[known])
-            of_squares.append(self.pixels.block[members][known])
-            shares.append(np.isfinite(self.pixels.range_m[1:, members]).mean(axis=0))
-            of_shares.append(self.pixels.block[members])
-        kept = Statistics.of(shares, of_shares, blocks)
+        range_m = self.pixels.range_m
+        squares, kept = _of_bins(range_m, np.isfinite(range_m[1:]).mean(axis=0), self.members, self.pixels.block)
         # Where none was lost, one more might have been.
-        counts = np.array([len(members) * (frames - 1) for members in self.members])
+        counts = np.array([len(members) * (len(range_m) - 1) for members in self.members])
         least = np.sqrt((kept.value * (1.0 - kept.value) + 1.0 / counts) / counts)
-        return Statistics.join(
-            [Statistics.of(squares, of_squares, blocks).logarithm(), replace(kept, sigma=np.maximum(kept.sigma, least))]
-        )
+        return Statistics.join([squares, replace(kept, sigma=np.maximum(kept.sigma, least))])
 
-    def simulated(self, sensor: Sensor) -> tuple[Numbers, Numbers]:
-        """The same of a sensor, and the standard deviation of so few readings; NaN where it reads none."""
+    def simulated(self, sensor: Sensor) -> Statistics:
+        """The same of a sensor, with the standard deviation of so few readings; NaN where it reads none."""
         drawn = self.pixels.select(np.concatenate(self.drawn))
-        light = replace(echoes_of_plane(sensor, board(drawn), drawn.mean_m), row_slope=drawn.row_slope)
-        variance = fluctuation_variance(sensor, Target(), drawn.mean_m)
-        range_m = np.stack([read_boards(sensor, light, variance, seed)[0] for seed in range(READINGS)])
+        read = drawn.select(np.tile(np.arange(len(drawn.block)), READINGS))  # all at once takes half the time
+        light = replace(echoes_of_plane(sensor, board(read), read.mean_m), row_slope=read.row_slope)
+        variance = fluctuation_variance(sensor, Target(), read.mean_m)
+        range_m = read_boards(sensor, light, variance, 0)[0].reshape(READINGS, -1)
         share = detection_probability(sensor, board(drawn), drawn.mean_m)
-        values = []
-        for number in np.split(np.arange(len(share)), np.cumsum([len(chosen) for chosen in self.drawn])[:-1]):
-            square = pixel_squares(changes_m(range_m[:, number]))
-            square = square[np.isfinite(square)]
-            mean, error = (
-                (np.log(square.mean()), square.std() / square.mean() / math.sqrt(len(square)))
-                if len(square)
-                else (np.nan, np.nan)
-            )
-            values.append((mean, error, share[number].mean(), share[number].std() / math.sqrt(len(number))))
-        square, square_sigma, kept, kept_sigma = np.array(values).T
-        return np.r_[square, kept], np.r_[square_sigma, kept_sigma]
+        members = np.split(np.arange(len(share)), np.cumsum([len(chosen) for chosen in self.drawn])[:-1])
+        return Statistics.join(_of_bins(range_m, share, members, drawn.block))
+
+
+def _of_bins(
+    range_m: Numbers, share: Numbers, members: Sequence[Numbers], block: Numbers
+) -> tuple[Statistics, Statistics]:
+    """Logarithms of the mean squares of (frames, n) ranges, and (n,) shares kept, of each bin."""
+    squares = [pixel_squares(changes_m(range_m[:, chosen])) for chosen in members]
+    shares = [share[chosen] for chosen in members]
+    return Statistics.of(squares, members, block).logarithm(), Statistics.of(shares, members, block)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -318,11 +311,7 @@ def _estimates(law: Law) -> Iterator[Estimate]:
     keys, solved, _ = law
     for index, key in enumerate(keys):
         if solved is not None and key in REST_BOUNDS.keys() | UNITS.keys():
-            yield solved.estimate(key, UNITS.get(key, ""), partial(_exponential, index))
-
-
-def _exponential(index: int, logs: Numbers) -> float:
-    return math.exp(logs[index])
+            yield solved.estimate(key, UNITS.get(key, ""), lambda logs, index=index: math.exp(logs[index]))
 
 
 def _changed(text: str, values: Mapping[str, float]) -> str:
@@ -359,19 +348,15 @@ def _floor_and_noise(pixels: PixelsAtRest) -> Law:
 
 def _binned(pixels: PixelsAtRest, keys: Numbers, changes: Numbers) -> tuple[list[Numbers], Statistics | None]:
     """Pixels of like whole (keys, n) numbers, and the logarithms of the mean squares of their changes."""
-    index = np.unique(np.floor(keys), axis=1, return_inverse=True)[1].ravel()
     members, values = [], []
-    for number in range(index.max() + 1):
-        chosen = np.flatnonzero(index == number)
-        square = pixel_squares(changes[:, chosen])
-        known = np.isfinite(square)
-        if known.sum() >= LEAST_OF_BIN and square[known].mean() > 0.0:
+    for chosen, squares in bins_of_pixels(keys, changes):
+        known = np.isfinite(squares)
+        if squares[known].any():
             members.append(chosen[known])
-            values.append(square[known])
+            values.append(squares[known])
     if len(members) < LEAST_BINS:
         return members, None
-    blocks = [pixels.block[chosen] for chosen in members]
-    return members, Statistics.of(values, blocks, int(pixels.block.max()) + 1).logarithm()
+    return members, Statistics.of(values, members, pixels.block).logarithm()
 
 
 def _sum_of_terms(
@@ -383,11 +368,8 @@ def _sum_of_terms(
         terms: (k, n) of each pixel
     """
     if recorded is None:
-        return (
-            (),
-            None,
-            {key: "too few surfaces of different strength and range" for key in names if key in REST_BOUNDS},
-        )
+        reason = "too few surfaces of different strength and range"
+        return (), None, {key: reason for key in names if key in REST_BOUNDS}
     law = np.stack([terms[:, chosen].mean(axis=1) for chosen in members])
     level = float(np.exp(np.median(recorded.value)))
     start = np.log(level / len(names) / np.median(law, axis=0)) / power
@@ -406,7 +388,6 @@ def _columns(pixels: PixelsAtRest, text: str, where: str) -> Law:
     except InputError as error:
         return (), None, {COLUMNS: str(error)}
     assert histogram is not None
-    window = {column: float(weight) for column, weight in histogram.window.items()}
     signal = np.nanmean(pixels.strength, axis=0)
     step_mm = 1e3 * np.abs(pixels.row_slope) * pixels.mean_m * float(histogram.column_rad)
     strong = signal >= PATCH_SIGNAL
@@ -418,10 +399,8 @@ def _columns(pixels: PixelsAtRest, text: str, where: str) -> Law:
     steps = [np.sort(step_mm[strong][chosen]) for chosen in members]
 
     def law(logs: Numbers) -> Numbers:
-        return np.array([2.0 * logs[0] + np.log(np.mean(noise(of_bin / np.exp(logs[1])) ** 2)) for of_bin in steps])
-
-    def noise(step: Numbers) -> Numbers:
-        return np.asarray(shared_shots.shares(window, step)[1])
+        ratios = [noise_by_step(histogram, of_bin / np.exp(logs[1])) for of_bin in steps]
+        return np.array([2.0 * logs[0] + np.log(np.mean(ratio**2)) for ratio in ratios])
 
     start = np.array([0.5 * float(np.min(recorded.value)), math.log(start_mm)])
     bounds = np.array([start[0] + np.array([-3.0, 3.0]), np.log(REST_BOUNDS[COLUMNS])]).T
@@ -430,20 +409,21 @@ def _columns(pixels: PixelsAtRest, text: str, where: str) -> Law:
 
 def _converter(pixels: PixelsAtRest, text: str, where: str) -> Law:
     """Jitter, slopes and chatter by the sensor's own stages."""
-    boards = Boards.of(pixels, parse_sensor(text, where))
+    sensor = parse_sensor(text, where)
+    boards = Boards.of(pixels, sensor)
     if len(boards.members) < LEAST_BINS:
         return (), None, dict.fromkeys(CONVERTER, "too few smooth surfaces of different strength and lean")
     recorded = boards.recorded()
-    reasons = _not_asked(recorded, parse_sensor(text, where))
-    law = _converter_law(boards, recorded, [key for key in CONVERTER if key not in reasons], text, where)
-    names, solved, more = law
+    reasons = _not_asked(recorded, sensor)
+    keys = [key for key in CONVERTER if key not in reasons]
+    names, solved, more = _converter_law(boards, recorded, keys, text, where)
     if DIVERGENCE in names and solved is not None:
         beam = {DIVERGENCE: math.exp(solved.value[names.index(DIVERGENCE)])}
         light = echoes_of_plane(parse_sensor(_changed(text, beam), where), board(pixels), pixels.mean_m)
         lengths = [np.median(np.asarray(light.broadening)[members]) for members in boards.members]
         if max(lengths) < LEAST_BROADENING:  # near by, what scatters for another reason would widen the beam
             reasons[DIVERGENCE] = f"no surface leans enough: echoes are {max(lengths):.2g} times as long as the pulse"
-            keys = [key for key in CONVERTER if key not in reasons]
+            keys.remove(DIVERGENCE)
             names, solved, more = _converter_law(boards, recorded, keys, text, where)
     return names, solved, reasons | more
 
@@ -468,14 +448,14 @@ def _converter_law(boards: Boards, recorded: Statistics, keys: Sequence[str], te
     start = np.log([get_key(text, key) or math.sqrt(math.prod(REST_BOUNDS[key])) for key in keys])
     bounds = np.log([REST_BOUNDS[key] for key in keys]).T
     try:
-        _, error = boards.simulated(sensor_of(start))
+        error = boards.simulated(sensor_of(start)).sigma
     except InputError as failure:
         return (), None, dict.fromkeys(keys, str(failure))
     unlike = np.where(recorded.kind == 0, BOARD_ERROR, 0.0)
     recorded = replace(recorded, sigma=np.sqrt(recorded.sigma**2 + np.nan_to_num(error) ** 2 + unlike**2))
 
     def predict(logs: Numbers) -> Numbers:
-        simulated, _ = boards.simulated(sensor_of(logs))
+        simulated = boards.simulated(sensor_of(logs)).value
         return np.where(np.isfinite(simulated), simulated, recorded.value)
 
     return _determined(tuple(keys), solve(recorded, predict, np.clip(start, *bounds), bounds), bounds)
@@ -504,7 +484,7 @@ def checks_at_rest(boards: Boards, sensor: Sensor) -> Iterator[Held]:
     rest = boards.pixels
     if not boards.members:
         return
-    recorded, (simulated, _) = boards.recorded().value, boards.simulated(sensor)
+    recorded, simulated = boards.recorded().value, boards.simulated(sensor).value
     for members, real, found in zip(boards.members, recorded, simulated, strict=False):
         lean_m, strength = np.median(rest.lean_m[members]), np.median(rest.apparent[members])
         real_mm, found_mm = (1e3 * math.exp(0.5 * value) for value in (real, found))
@@ -519,15 +499,5 @@ def checks_at_rest(boards: Boards, sensor: Sensor) -> Iterator[Held]:
         )
     kept = np.isfinite(rest.range_m[1:]).mean(axis=0)
     found_kept = detection_probability(sensor, board(rest), rest.mean_m)
-    for low_m, high_m in itertools.pairwise(OCTAVES_M.tolist()):
-        chosen = (rest.mean_m >= low_m) & (rest.mean_m < high_m)
-        if chosen.sum() >= LEAST_OF_BIN:
-            real, found = float(kept[chosen].mean()), float(found_kept[chosen].mean())
-            yield Held(
-                quantity="share kept at rest",
-                condition=f"{low_m:g} to {high_m:g} m",
-                reference=real,
-                simulated=found,
-                value=found - real,
-                limits=LIMITS["kept share"],
-            )
+    for octave in kept_by_bin(kept, found_kept, rest.mean_m, OCTAVES_M, least=LEAST_OF_BIN):
+        yield held_share("share kept at rest", *octave)

@@ -137,6 +137,11 @@ class Solution:
         return np.asarray(covariance / np.outer(sigma, sigma))
 
 
+def huber_weight(residual: Numbers, sigma: Numbers, sigmas: float) -> Numbers:
+    """Weight of each residual: 1, beyond so many sigmas it falls so that each counts as one there does (Huber's)."""
+    return np.asarray(np.minimum(1.0, sigmas * sigma / np.maximum(np.abs(residual), 1e-12)))
+
+
 def misfit_factor(deviations: Numbers, parameters: int) -> float:
     """Root of the reduced chi-square of a law, at least 1: the factor by which its uncertainties are too small.
 

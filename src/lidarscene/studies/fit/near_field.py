@@ -22,7 +22,7 @@ from ...maths.special import SIGMA_PER_MAD, expm1
 from ...physics.optics import receiver
 from ...sensor.overlap import Alignment
 from ...sensor.sensor_model import Sensor
-from .estimates import MOST_EVALUATIONS, Estimate, Solution
+from .estimates import MOST_EVALUATIONS, Estimate, Solution, huber_weight
 from .products import near_field_m, white_over_range_m2
 from .recorded_pulses import RecordedPulses
 from .tuning import (
@@ -271,7 +271,7 @@ def _solve(binned: Bins, check: Bins, sensor_curve: Curve | None, start: Numbers
         # What of the scatter is beyond the bins' own noise is the misfit of the law.
         excess = np.median(np.abs(residual)) * SIGMA_PER_MAD
         misfit = math.sqrt(max(excess**2 - float(np.median(sigma)) ** 2, 1e-6**2))
-        weight = np.minimum(1.0, CURVE_HUBER * np.sqrt(sigma**2 + misfit**2) / np.maximum(np.abs(residual), 1e-12))
+        weight = huber_weight(residual, np.hypot(sigma, misfit), CURVE_HUBER)
     root = np.sqrt(weight) / np.sqrt(sigma**2 + misfit**2)
     # Score of a block: its part of each bin's mean residual, times the slope of the law there.
     block_residuals = np.divide(sums - counts * _law(sensor_curve, value, x), counts.sum(axis=0))

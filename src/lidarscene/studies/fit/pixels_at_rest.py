@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ...light.hits import relative_row_slope
-from ...maths.arrays import Numbers
+from ...maths.arrays import Numbers, map_arrays
 from ...recordings.sweep import Sweep
 from ...sensor.sensor_model import Sensor
 from ..twin.apparent_reflectivity import ReflectivityGauge
@@ -62,15 +62,7 @@ class PixelsAtRest:
 
     def select(self, chosen: Numbers) -> PixelsAtRest:
         """Select pixels by a mask or by their indices."""
-        return replace(
-            self,
-            range_m=self.range_m[:, chosen],
-            strength=None if self.strength is None else self.strength[:, chosen],
-            apparent=self.apparent[chosen],
-            cos_incidence=self.cos_incidence[chosen],
-            row_slope=self.row_slope[chosen],
-            block=self.block[chosen],
-        )
+        return map_arrays(lambda values: values[..., chosen], self)
 
 
 def pixels_at_rest(sweeps: Sequence[Sweep], sensor: Sensor) -> PixelsAtRest | None:

@@ -9,7 +9,7 @@ sigma leaves, and the simulated readings vary as much as the recorded ones:
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -20,6 +20,7 @@ from ...light.fluctuations import fluctuate
 from ...light.hits import relative_row_slope
 from ...maths.arrays import Lanes, Numbers
 from ...physics.photon_counting import shared_shots
+from ...sensor.histogram import Histogram
 from ...sensor.sensor_model import Sensor
 from ..ranging.plane import Target, echoes_of_plane, fluctuation_variance
 from .planes import Grid, Planes, shifted
@@ -98,7 +99,8 @@ def read_boards(sensor: Sensor, light: Echoes, variance: Lanes | None, seed: int
     """
     pulse = np.arange(np.size(light.range_m), dtype=np.uint32)
     if variance is not None:
-        light = fluctuate(light, variance, seed=seed, pulse=pulse)
+        # Nobody asks for the P_d of all powers that might be drawn, which would take most of the time.
+        light = replace(fluctuate(light, variance, seed=seed, pulse=pulse), fluctuation=None)
     stop = detect(light, sensor, seed=seed, pulse=pulse).stops[0]
     strength = stop.intensity if sensor.histogram is None else stop.amplitude
     read = np.asarray(stop.reported & (stop.status == int(Status.ECHO)) & (strength > 0.0))
@@ -138,8 +140,13 @@ def _noise_over_level(sensor: Sensor, grid: Grid, planes: Planes) -> Numbers | f
     direction = np.moveaxis(grid.sweep.direction, -1, 0)
     row_slope = relative_row_slope(tuple(np.moveaxis(planes.normal, -1, 0)), tuple(direction))
     step_m = row_slope * np.where(planes.has_plane, planes.range_m, 0.0) * histogram.column_rad
+    return noise_by_step(histogram, step_m / float(histogram.column_range_m))
+
+
+def noise_by_step(histogram: Histogram, step: Numbers) -> Numbers:
+    """Noise of ranges over that of a level surface, (T176a), where columns differ by ``step`` over their reach."""
     window = {column: float(weight) for column, weight in histogram.window.items()}
-    return np.asarray(shared_shots.shares(window, step_m / float(histogram.column_range_m))[1])
+    return np.asarray(shared_shots.shares(window, step)[1])
 
 
 def _pointing_noise_m(sensor: Sensor, grid: Grid, planes: Planes) -> Numbers | float:

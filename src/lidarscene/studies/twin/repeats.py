@@ -38,6 +38,16 @@ class Changes(NamedTuple):
     simulated_m: Numbers
 
 
+def changes_m(range_m: Numbers) -> Numbers:
+    """Differences between frames that follow each other, over the root of two; NaN from another surface.
+
+    Args:
+        range_m: (frames, n)
+    """
+    change_m = np.diff(range_m, axis=0)
+    return np.asarray(np.where(np.abs(change_m) < SAME_SURFACE_M, change_m, np.nan) / np.sqrt(2.0))
+
+
 def changes_along_rings(pulses: MatchedPulses) -> Changes:
     """Second differences along the ring, on smooth surfaces, for a frame that stands alone."""
     return Changes(pulses.range_m, pulses.strength, pulses.change_m, pulses.simulated_change_m)
@@ -75,17 +85,12 @@ class Repeats:
         )
 
     def changes(self) -> Changes:
-        """Differences between frames that follow each other, over the root of two; other surfaces are left out."""
-
-        def differences(range_m: Numbers) -> Numbers:
-            change_m = np.diff(range_m, axis=0)
-            return np.asarray(np.where(np.abs(change_m) < SAME_SURFACE_M, change_m, np.nan).ravel() / np.sqrt(2.0))
-
+        """Changes between frames that follow each other."""
         return Changes(
             range_m=self.range_m[1:].ravel(),
             strength=None if self.strength is None else self.strength[1:].ravel(),
-            real_m=differences(self.range_m),
-            simulated_m=differences(self.simulated_range_m),
+            real_m=changes_m(self.range_m).ravel(),
+            simulated_m=changes_m(self.simulated_range_m).ravel(),
         )
 
     def quantities(self) -> Iterator[Held]:
@@ -175,14 +180,20 @@ def _scatters_at_rest(changes: Changes) -> Iterator[Held]:
 
 
 def kept_by_bin(
-    pulses: MatchedPulses, mask: Numbers, values: Numbers, edges: Numbers
+    real: Numbers, simulated: Numbers, values: Numbers, edges: Numbers, least: int = LEAST_PULSES
 ) -> list[tuple[float, float, float, float]]:
-    """Share of these pulses that return, in the bins of ``values`` that have enough: (low, high, real, simulated)."""
+    """Share of pulses that return, in the bins of ``values`` that have enough: (low, high, real, simulated).
+
+    Args:
+        real: (n,) whether each is kept, or how often
+        simulated: (n,) the same, simulated
+        least: number of pulses that is enough
+    """
     rows = []
     for low, high in itertools.pairwise(edges.tolist()):
-        chosen = mask & (values >= low) & (values < high)
-        if chosen.sum() >= LEAST_PULSES:
-            shares = (side[chosen].mean() for side in (pulses.has_return, pulses.has_simulated_return))
+        chosen = (values >= low) & (values < high)
+        if chosen.sum() >= least:
+            shares = (side[chosen].mean() for side in (real, simulated))
             rows.append((low, high, *map(float, shares)))
     return rows
 
@@ -194,11 +205,16 @@ def kept_at_rest(pulses: MatchedPulses, mask: Numbers) -> Held:
         pulses: of all frames
         mask: pulses that returned in the frame that the twin is made of: they met something there on either side
     """
-    shares = kept_by_bin(pulses, mask, pulses.true_range_m, OCTAVES_M)
+    met = pulses.select(mask)
+    shares = kept_by_bin(met.has_return, met.has_simulated_return, met.true_range_m, OCTAVES_M)
     quantity = "share kept at rest, worst octave of the range"
     if not shares:
         return Held(quantity=quantity, limits=LIMITS["kept share"])
-    low, high, real, simulated = max(shares, key=lambda row: abs(row[3] - row[2]))
+    return held_share(quantity, *max(shares, key=lambda row: abs(row[3] - row[2])))
+
+
+def held_share(quantity: str, low: float, high: float, real: float, simulated: float) -> Held:
+    """Share kept between these ranges, one of `kept_by_bin`."""
     return Held(
         quantity=quantity,
         condition=f"{low:g} to {high:g} m",

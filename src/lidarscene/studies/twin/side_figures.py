@@ -34,15 +34,16 @@ def side_figures(
         repeats: pixels of a sensor at rest; None: noise is that along the rings
         was_kept: (n,) mask of the pulses whose losses are shown; None: those that met a surface
     """
-    mask = on_surfaces(pulses) if was_kept is None else was_kept
+    met = pulses.select(on_surfaces(pulses) if was_kept is None else was_kept)
     of = "met a surface" if was_kept is None else "returned in the frame that the twin is made of"
     half_octaves_m = np.geomspace(OCTAVES_M[0], OCTAVES_M[-1], 2 * len(OCTAVES_M) - 1)
     for name, words, values, edges in (
-        ("kept-range", "range [m]", pulses.true_range_m, half_octaves_m),
-        ("kept-reflectivity", "reflectivity of the surface", pulses.reflectivity, REFLECTIVITIES),
+        ("kept-range", "range [m]", met.true_range_m, half_octaves_m),
+        ("kept-reflectivity", "reflectivity of the surface", met.reflectivity, REFLECTIVITIES),
     ):
         caption = f"Share with a return, of the pulses that {of}, by {words.partition(' [')[0]}."
-        yield from _figure(name, caption, (words, "share with a return"), kept_by_bin(pulses, mask, values, edges))
+        rows = kept_by_bin(met.has_return, met.has_simulated_return, values, edges)
+        yield from _figure(name, caption, (words, "share with a return"), rows)
     changes = changes_along_rings(pulses) if repeats is None else repeats.changes()
     how = "second differences along the ring on smooth surfaces" if repeats is None else "pixels at rest"
     bins = [("scatter-range", "range [m]", changes.range_m, half_octaves_m)]

@@ -16,7 +16,7 @@ import numpy as np
 
 from ....errors import BackendError
 from ....maths.arrays import Lanes, Numbers
-from ..estimates import MOST_EVALUATIONS, Estimate, Solution
+from ..estimates import MOST_EVALUATIONS, Estimate, Solution, huber_weight
 from ..products import row_echelon
 from ..tuning import (
     LARGEST_LOGARITHM,
@@ -270,7 +270,7 @@ def _step(
     chance_mask = 1.0 - strong_mask
     chance = np.clip(prediction.chance, LEAST_CHANCE, 1.0 - LEAST_CHANCE)
     signal = np.where(strong_mask, np.nan_to_num(reported.signal) - prediction.signal, 0.0)
-    huber_weight = np.minimum(1.0, SIGNAL_HUBER * np.sqrt(prediction.variance) / np.maximum(np.abs(signal), 1e-12))
+    signal_weight = huber_weight(signal, np.sqrt(prediction.variance), SIGNAL_HUBER)
     near_ir_mask = np.isfinite(reported.near_ir)
     range_sigmas = np.where(strong_mask, (np.nan_to_num(reported.range_m) - scene.range_m) / prediction.sigma_m, 0.0)
     near_mask = strong_mask & (np.abs(range_sigmas) < OUTLIER_SIGMAS)
@@ -283,7 +283,7 @@ def _step(
         square_excess * (_SLOPE / _VARIANCE) * prediction.sigma_m,
     )
     weights = (
-        strong_mask * huber_weight / prediction.variance,
+        strong_mask * signal_weight / prediction.variance,
         chance_mask / (chance * (1.0 - chance)),
         near_ir_mask / np.maximum(prediction.near_ir, 1.0),
         near_mask / prediction.sigma_m**2,
