@@ -15,8 +15,8 @@ import numpy as np
 
 from ..errors import InputError
 from ..files.arguments import require_type
-from ..files.attributes import HintedAttributes
 from ..files.late_binding import read_by_name
+from ..maths.attributes import HintedAttributes
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -67,6 +67,10 @@ class Material(HintedAttributes):
         'Material("brick") is of the catalogue, of lidarscene.materials(); Material(reflectivity=0.2) is diffuse'
     )
     CHANGED_BY: ClassVar[str] = 'dataclasses.replace(material, name="mine") is another material'
+    FOREIGN_NAMES: ClassVar[Mapping[str, str]] = {
+        **dict.fromkeys(("color", "colour", "reflectance", "albedo"), "material.at(905e-9) has its numbers"),
+        **dict.fromkeys(("roughness", "ior", "transmittance"), "material.parameters"),
+    }
 
     name: str = ""
     bsdf: str = "diffuse"

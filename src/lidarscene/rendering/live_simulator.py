@@ -15,7 +15,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from numbers import Real
-from typing import TypedDict, Unpack
+from typing import ClassVar, TypedDict, Unpack
 
 import numpy as np
 
@@ -62,6 +62,15 @@ class LiveSimulator(Simulator):
     `render` and `stream` give the frame of their options, `advance` the frames that are over by the caller's clock.
     """
 
+    FOREIGN_NAMES: ClassVar[Mapping[str, str]] = {
+        **dict.fromkeys(
+            ("__call__", "__iter__", "step", "next", "run", "tick", "frames"),
+            "live.advance(to_s=0.1) gives the frames until then",
+        ),
+        **dict.fromkeys(("move", "set_pose", "teleport"), 'live.place("car", pose)'),
+        **dict.fromkeys(("ego", "set_ego", "set_ego_pose"), "live.move_ego(pose)"),
+        **dict.fromkeys(("spawn", "create"), 'live.add("car", pose)'),
+    }
     _takes_turns = False
 
     @checks_arguments

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, TypedDict, TypeVar
 from ..errors import InputError, one_line
 from ..files.arguments import unknown_option
 from ..light.limits import INTERACTIONS, MOST_INTERACTIONS
+from ..maths.units import keys_like
 from .option_fields import Finite, Function, OneOf, Whole, check_options, list_options, option
 
 # Options load no NumPy: the command line names them, and still answers --help at once.
@@ -291,7 +292,7 @@ def key_like(word: str, **models: type[BaseModel]) -> tuple[str, str]:
     Args:
         models: keyword and model of its file
     """
-    from ..files.toml import keys_like, keys_of_tables
+    from ..files.toml import keys_of_tables
 
     for keyword, model in models.items():
         keys = [key for key in keys_of_tables(model) if not key.startswith("published.")]
