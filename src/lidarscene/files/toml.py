@@ -129,7 +129,8 @@ def validate(
             shared = min(len(path), len(mistake_path))
             named += [assignment] if path[:shared] == mistake_path[:shared] else []
         hint = ""
-        if overrides and first["type"] == "extra_forbidden" and mistake_path[0] in OTHERS.get(option, ()):
+        of_other = set(OTHERS.get(option, ())) - model.model_fields.keys()
+        if overrides and first["type"] == "extra_forbidden" and mistake_path[0] in of_other:
             hint = f"; try {{{next(another for another in OTHERS if another != option)}}}"
         if not named and first["type"] in ("missing", "extra_forbidden") and len(mistake_path) == 1:
             hint = _other_kind_hint(model, tables)

@@ -397,6 +397,7 @@ def sensor_from_tables(
     overrides: Sequence[str] = (),
     over: Sequence[str] = (),
     folder: Path | None = None,
+    option: str = "overrides",
 ) -> Sensor:
     """Build a sensor from the tables of a sensor file.
 
@@ -404,13 +405,14 @@ def sensor_from_tables(
         where: file, which errors name
         over: keys that a study varies, which errors name too
         folder: of the files that it names
+        option: Python's name of the argument that has the overrides
 
     Raises:
         InputError: if a file, a key or a value cannot be understood
     """
     changed = changed_tables(tables, overrides)
     parts, others = split_parts(overrides)
-    named, option = (over, "over") if over else (parts, "overrides")
+    named, option = (over, "over") if over else (parts, option)
     file = validate(SensorFile, changed, where, overrides=others, always=named, option=option)
     try:
         sensor = file.build(folder or Path())
@@ -440,7 +442,7 @@ class SensorTables:
             InputError: if a file, a key or a value cannot be understood
         """
         name = os.path.basename(self.where).removesuffix(".toml")  # the caller has a sensor, and no file
-        return sensor_from_tables(self.tables, where=name, overrides=changes, folder=self.folder)
+        return sensor_from_tables(self.tables, where=name, overrides=changes, folder=self.folder, option="changes")
 
     def with_part_of(self, name: str, other: SensorTables) -> Sensor:
         """Build the sensor with a part of another one, as `Sensor.with_detector` does with one of the catalogue.

@@ -2,6 +2,7 @@
 
 import itertools
 import xml.etree.ElementTree as ElementTree
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -22,8 +23,15 @@ from lidarscene.scene.street.street_file import StreetFile
 LEVEL = lines.Profile(np.array([-1e4, 1e4]), np.zeros(2))
 
 
-def road(line_m: list[tuple[float, float, float]], edge: str = "a", width_m: float = 3.0) -> sumo.LaneGroup:
-    return sumo.LaneGroup("road", np.array(line_m), (width_m,), edge, False, 14.0)
+def road(
+    line_m: Sequence[Sequence[float]],
+    *width_m: float,
+    kind: str = "road",
+    edge: str = "a",
+    lights: bool = False,
+    speed_m_s: float = 14.0,
+) -> sumo.LaneGroup:
+    return sumo.LaneGroup(kind, np.array(line_m, float), width_m or (3.0,), edge, lights, speed_m_s)
 
 
 def area_m2(corner_m: np.ndarray) -> float:
@@ -67,19 +75,14 @@ def test_a_winding_street_has_the_bends_that_are_asked_for_and_never_meets_itsel
     straights = [piece for piece in line.pieces if piece[1] == piece[2] == 0.0]
     assert all(20.0 <= length_m <= 90.0 for length_m, *_ in straights[:-1])
     assert straights[-1][0] >= 20.0
-    bends = [
-        list(group)
-        for is_straight, group in itertools.groupby(line.pieces, lambda p: p in straights)
-        if not is_straight
-    ]
+    groups = itertools.groupby(line.pieces, lambda piece: piece in straights)
+    bends = [list(group) for is_straight, group in groups if not is_straight]
     assert len(bends) >= 5
     turns = np.degrees([sum(0.5 * each[0] * (each[1] + each[2]) for each in bend) for bend in bends])
-    assert (np.abs(turns) >= 20.0 - 1e-9).all()
-    assert (np.abs(turns) <= 50.0 + 1e-9).all()
+    assert 20.0 - 1e-9 <= np.abs(turns).min() <= np.abs(turns).max() <= 50.0 + 1e-9
     assert np.abs(np.cumsum(turns)).max() <= 60.0 + 50.0
     radii_m = [1.0 / max(abs(each[1]) for each in bend) for bend in bends]
-    assert min(radii_m) >= 30.0 - 1e-9
-    assert max(radii_m) <= 80.0 + 1e-9
+    assert 30.0 - 1e-9 <= min(radii_m) <= max(radii_m) <= 80.0 + 1e-9
     np.testing.assert_allclose(line.at(np.zeros(1), np.zeros(1)), 0.0, atol=1e-9)
 
 
@@ -93,11 +96,7 @@ def test_a_loop_is_closed_as_long_as_asked_and_an_l(seed: int) -> None:
     np.testing.assert_allclose(ends[1, :2], ends[0, :2], atol=1e-6)
     np.testing.assert_allclose(line.at(np.array([1400.0 + 33.0]), np.ones(1)), line.at(np.array([33.0]), np.ones(1)))
     turn = np.array([0.5 * length_m * (first + last) for length_m, first, last in line.pieces])
-    corners = [
-        sum(turn[k] for k in group)
-        for has_turn, group in itertools.groupby(range(len(turn)), lambda k: turn[k] != 0.0)
-        if has_turn
-    ]
+    corners = [sum(group) for has_turn, group in itertools.groupby(turn, lambda angle: angle != 0.0) if has_turn]
     np.testing.assert_allclose(np.abs(corners), np.pi / 2)
     assert sorted(np.sign(corners) * np.sign(sum(corners))) == [-1.0, 1.0, 1.0, 1.0, 1.0, 1.0]
     assert all(length_m > 0.0 for length_m, *_ in line.pieces)
@@ -155,9 +154,7 @@ def test_hills_are_level_at_both_ends_of_each_part(loop: bool) -> None:
 def test_rectangles_overlap_where_a_grid_of_their_places_does() -> None:
     """40 pairs; what is taken is not free, and what touches nothing can be taken once."""
     random = np.random.default_rng(2)
-    boxes = np.column_stack(
-        [random.uniform(-4, 4, (40, 2)), random.uniform(-3, 3, 40), random.uniform(0.3, 3.0, (40, 2))]
-    )
+    boxes = random.uniform([-4, -4, -3, 0.3, 0.3], [4, 4, 3, 3, 3], (40, 5))
     box = np.array([0.5, -0.3, 0.4, 2.0, 0.8])
 
     def within(places_m: np.ndarray, of_box: np.ndarray) -> np.ndarray:
@@ -186,11 +183,8 @@ def test_places_of_a_box_fill_it_and_its_corners() -> None:
 
 def test_poses_are_rounded_and_angles_are_within_half_a_turn() -> None:
     assert placed(1.23456, -1e-9, 2.0, 540.006, 0.004) == {"position_m": [1.235, 0.0, 2.0], "yaw_deg": -179.99}
-    assert placed(0.0, 0.0, 0.0, 0.0, -1.5, 0.257) == {
-        "position_m": [0.0, 0.0, 0.0],
-        "pitch_deg": -1.5,
-        "roll_deg": 0.26,
-    }
+    leaning = placed(0.0, 0.0, 0.0, 0.0, -1.5, 0.257)
+    assert leaning == {"position_m": [0.0, 0.0, 0.0], "pitch_deg": -1.5, "roll_deg": 0.26}
 
 
 def test_soil_reaches_beyond_roads_on_all_sides() -> None:
@@ -297,9 +291,9 @@ def test_an_island_fills_the_room_between_lanes_that_spread() -> None:
     (island_m,) = islands_between_m(there, back)
     assert area_m2(island_m) == pytest.approx(20.0 * (2.0 + 2.0 * LAP_M), rel=0.01)
     assert np.abs(island_m[:, 1]).max() == pytest.approx(1.5 + LAP_M, abs=0.01)
-    assert not list(islands_between_m(road([(0, -1.5, 0), (20, -1.5, 0)]), road([(20, 1.5, 0), (0, 1.5, 0)])))
-    assert not list(islands_between_m(road([(0, -9.0, 0), (20, -9.0, 0)]), road([(20, 1.5, 0), (0, 1.5, 0)])))
-    assert not list(islands_between_m(road([(0, 3.0, 0), (20, 3.0, 0)]), road([(20, -3.0, 0), (0, -3.0, 0)])))
+    for right_m, left_m in ((-1.5, 1.5), (-9.0, 1.5), (3.0, -3.0)):
+        lanes = road([(0, right_m, 0), (20, right_m, 0)]), road([(20, left_m, 0), (0, left_m, 0)])
+        assert not list(islands_between_m(*lanes))
 
 
 def test_the_island_of_a_ring_reaches_its_lanes_and_fills_the_gaps() -> None:
@@ -328,6 +322,10 @@ def test_outlines_lose_repeated_and_folded_corners() -> None:
     with_fold_m = np.insert(square_m, 3, [[2.0, 4, 0], [3, 4.1, 0]], axis=0)
     assert area_m2(sumo._unfolded(with_fold_m)) == pytest.approx(16.0, abs=0.3)
     np.testing.assert_array_equal(sumo._unfolded(square_m), square_m)
+    wedge_m = np.array([[0.0, 0, 0], [6, 0, 0], [0, 2, 0]])
+    np.testing.assert_array_equal(sumo._unfolded(wedge_m), wedge_m)
+    flat_m = np.array([[0.0, 0, 0], [6, 0, 0], [3, 0, 0]])
+    np.testing.assert_array_equal(sumo._unfolded(flat_m), flat_m)
     repeated_m = np.repeat(square_m, 2, axis=0)
     np.testing.assert_array_equal(sumo._without_repeats(np.concatenate([repeated_m, square_m[:1]])), square_m)
 
@@ -394,15 +392,17 @@ def test_a_drawn_town_is_a_grid_with_slopes_and_roads_that_spread(
 @pytest.fixture(scope="module")
 def crossroads() -> sumo.Network:
     """Two roads of 80 m that meet end to end at a level junction, 6 m high, with lights, a pavement and a crossing."""
-    pavement = sumo.LaneGroup("pavement", np.array([(0.0, -5.0, 0.0), (80.0, -5.0, 0.0)]), (2.0,), "a", True, 14.0)
-    cycles = sumo.LaneGroup("cycle_path", np.array([(0.0, -3.75, 0.0), (80.0, -3.75, 0.0)]), (0.5,), "a", True, 14.0)
-    there = sumo.LaneGroup("road", np.array([(0.0, -1.75, 0.0), (80.0, -1.75, 0.0)]), (1.75, 1.75), "a", True, 14.0)
-    back = sumo.LaneGroup("road", np.array([(80.0, 1.75, 0.0), (0.0, 1.75, 0.0)]), (3.5,), "-a", False, 25.0)
-    over = sumo.LaneGroup("road", np.array([(40.0, -60.0, 6.0), (40.0, 60.0, 6.0)]), (4.0,), "b", False, 14.0)
-    square_m = np.array([[80.0, -6.0, 0.0], [92.0, -6.0, 0.0], [92.0, 6.0, 0.0], [80.0, 6.0, 0.0]])
-    corner_m = np.array([[80.0, -6.0, 0.0], [84.0, -6.0, 0.0], [84.0, -4.0, 0.0], [80.0, -4.0, 0.0]])
-    zebra = np.array([[82.0, -5.0, 0.0], [82.0, 6.0, 0.0]]), 3.0
-    return sumo.Network([pavement, cycles, there, back, over], [square_m], [corner_m], [zebra], {}, [], [], [])
+    lanes = [
+        road([(0, -5, 0), (80, -5, 0)], 2.0, kind="pavement", lights=True),
+        road([(0, -3.75, 0), (80, -3.75, 0)], 0.5, kind="cycle_path", lights=True),
+        road([(0, -1.75, 0), (80, -1.75, 0)], 1.75, 1.75, lights=True),
+        road([(80, 1.75, 0), (0, 1.75, 0)], 3.5, edge="-a", speed_m_s=25.0),
+        road([(40, -60, 6), (40, 60, 6)], 4.0, edge="b"),
+    ]
+    square_m = np.array([[80.0, -6, 0], [92, -6, 0], [92, 6, 0], [80, 6, 0]])
+    corner_m = np.array([[80.0, -6, 0], [84, -6, 0], [84, -4, 0], [80, -4, 0]])
+    zebra = np.array([[82.0, -5, 0], [82, 6, 0]]), 3.0
+    return sumo.Network(lanes, [square_m], [corner_m], [zebra], {}, [], [], [])
 
 
 @pytest.fixture(scope="module")
@@ -430,13 +430,8 @@ def test_surfaces_of_a_network_are_beside_each_other(crossroads: sumo.Network) -
     assert areas_m2["junction_0"] == pytest.approx(144.0)
     assert areas_m2["corner_0"] + areas_m2["kerb_corner_0_0"] == pytest.approx(8.0)
     assert areas_m2["kerb_corner_0_0"] == pytest.approx(0.15 * (4.0 + 2.0) - 0.15**2)
-    heights_m = {body["name"]: body.get("position_m", [0.0, 0.0, 0.0])[2] for body in bodies}
-    assert {name for name, height_m in heights_m.items() if height_m == 0.12} == {
-        "pavement_0",
-        "kerb_0",
-        "corner_0",
-        "kerb_corner_0_0",
-    }
+    raised = {body["name"] for body in bodies if body.get("position_m", [0.0, 0.0, 0.0])[2] == 0.12}
+    assert raised == {"pavement_0", "kerb_0", "corner_0", "kerb_corner_0_0"}
 
 
 def test_markings_of_a_network_are_where_lanes_end_and_meet(crossroads: sumo.Network, relief: terrain.Relief) -> None:
@@ -449,24 +444,11 @@ def test_markings_of_a_network_are_where_lanes_end_and_meet(crossroads: sumo.Net
     assert {place["position_m"][1] for place in dashes["instances"]} == {-1.75}
     assert [place["position_m"] for place in stops["instances"]] == [[79.6, -1.75, 0.003]]
     assert stops["size_m"] == [0.3, 3.1]
-    assert [place["position_m"][1] for place in stripes["instances"]] == [
-        -3.25,
-        -2.25,
-        -1.25,
-        -0.25,
-        0.75,
-        1.75,
-        2.75,
-        3.75,
-        4.75,
-    ]
+    assert [place["position_m"][1] for place in stripes["instances"]] == (np.arange(9) - 3.25).tolist()
     assert stripes["size_m"] == [2.5, 0.5]
-    edges = {body["name"]: body for body in of(bodies, "line_")}
-    assert {body["offset_m"] for body in edges.values()} == {1.55, -1.55, 1.8, -1.8}
-    for body in edges.values():
-        across = int("line_4" in body["name"])
-        along_m = np.array(body["line"])[:, across]
-        assert np.ptp(along_m) > 20.0
+    edges = of(bodies, "line_")
+    assert {body["offset_m"] for body in edges} == {1.55, -1.55, 1.8, -1.8}
+    assert all(np.ptp(np.array(body["line"])[:, int("line_4" in body["name"])]) > 20.0 for body in edges)
 
 
 def test_what_stands_by_a_network_faces_the_road_and_stands_off_it(
@@ -522,8 +504,7 @@ def test_what_is_near_the_way_of_the_ego_vehicle_is_kept(crossroads: sumo.Networ
     own = sumo.RoadUser("ego", "passenger", 4.0, [(float(k), 50.0, 5.0, 90.0, 0.0) for k in range(3)])
     assert [group.edge for group in tables._near(crossroads, own, 8.0).groups] == ["a", "-a"]
     near = tables._near(crossroads, own, 12.0)
-    assert [group.edge for group in near.groups] == ["a", "a", "a", "-a", "b"]
-    assert not near.junctions
+    assert ([group.edge for group in near.groups], near.junctions) == (["a", "a", "a", "-a", "b"], [])
     assert len(tables._near(crossroads, own, 34.0).junctions) == 1
 
 
@@ -554,8 +535,8 @@ def test_people_cross_a_zebra_from_kerb_to_kerb_and_come_back() -> None:
     for track in tracks:
         wait_m = layout.kerb_m + 1.0
         side = np.sign(track.y_m[0])
-        begin_m, middle_m, end_m = np.interp([4.0, 55.0, 119.0], track.time_s, track.y_m)
-        np.testing.assert_allclose([begin_m, middle_m, end_m], side * wait_m * np.array([1.0, -1.0, 1.0]))
+        y_m = np.interp([4.0, 55.0, 119.0], track.time_s, track.y_m)
+        np.testing.assert_allclose(y_m, side * wait_m * np.array([1.0, -1.0, 1.0]))
         speed_m_s = np.abs(np.diff(track.y_m)) / np.diff(track.time_s)
         assert driven.WALK_M_S[0] <= speed_m_s.max() <= driven.WALK_M_S[1]
         np.testing.assert_allclose(np.interp([6.0, 61.0], track.time_s, track.yaw_deg), [-90 * side, 180 - 90 * side])

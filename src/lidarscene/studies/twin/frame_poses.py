@@ -13,7 +13,7 @@ from ...files.open3d import open3d
 from ...maths.arrays import Numbers
 from ...maths.pose import Pose
 from ...recordings.sweep import Sweep
-from .tuning import LARGEST_CHANGE_M, LARGEST_PAIR_DISTANCE_M, LARGEST_SHIFT_M, REGISTRATION_VOXEL_M
+from .tuning import CLIP_SIGMAS, LARGEST_CHANGE_M, LARGEST_PAIR_DISTANCE_M, LARGEST_SHIFT_M, REGISTRATION_VOXEL_M
 
 LEAST_SHARED = 1000
 """Least number of pixels with a return in both frames that tell rest from motion."""
@@ -58,7 +58,7 @@ def is_at_rest(sweep: Sweep, other: Sweep) -> bool:
     """Compare two frames of rows and columns pixel by pixel: True if the sensor neither moved nor turned between them.
 
     A shift by d changes ranges by -d times the beam's direction, so d follows by least squares; a turn by a column
-    leaves ranges that differ more than those of the same column.
+    leaves ranges that differ more than those of the same column. Noise alone shifts a frame of few pixels, too.
     """
     if len(sweep.shape) != 2 or sweep.shape != other.shape:
         return False
@@ -71,9 +71,13 @@ def is_at_rest(sweep: Sweep, other: Sweep) -> bool:
     shared = np.abs(change_m) < LARGEST_CHANGE_M
     if shared.sum() < LEAST_SHARED:
         return False
-    shift_m = np.linalg.lstsq(sweep.direction[shared], -change_m[shared], rcond=None)[0]
+    direction = sweep.direction[shared]
+    inverse = np.linalg.pinv(direction)
+    shift_m = inverse @ -change_m[shared]
+    noise_m = float(np.std(change_m[shared] + direction @ shift_m) * np.linalg.norm(inverse))
     agreeing = [int((np.abs(changes_m(columns)) < LARGEST_SHIFT_M).sum()) for columns in (-1, 0, 1)]
-    return bool(np.linalg.norm(shift_m) < LARGEST_SHIFT_M and agreeing[1] > max(agreeing[0], agreeing[2]))
+    is_same_place = np.linalg.norm(shift_m) < math.hypot(LARGEST_SHIFT_M, CLIP_SIGMAS * noise_m)
+    return bool(is_same_place and agreeing[1] > max(agreeing[0], agreeing[2]))
 
 
 def _thin(sweep: Sweep) -> Any:
