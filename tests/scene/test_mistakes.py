@@ -297,6 +297,7 @@ def test_a_call_names_only_options_that_it_has(call: Callable[[], Any], first: s
 test_calls = calls(
     (lambda: load_scene("scenes/none/car.toml"), "no such file | its name, car"),
     (lambda: load_scene("kar"), "scene 'kar' | car"),
+    (lambda: load_scene("car", option=1, scene_overrides="a.b=1"), "option | car.toml"),
     (lambda: load_scene("out/kar"), "out/kar | no such file"),
     (lambda: load_rig("rig", overrides=["rear:a.b=1"]), "overrides rear:a.b=1 | 'rear' | roof"),
     (lambda: Scene().add(box(), "asphalt", (0, 0, 0), position=(2.0, 0.0, 1.0)), "pose | position"),

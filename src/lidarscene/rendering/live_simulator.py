@@ -255,12 +255,13 @@ class LiveSimulator(Simulator):
         bodies, before = list(self.scene.bodies), self.scene.ego
         ego = motions.get(None, before)
         # What is fixed to the ego vehicle goes with it.
-        fixed = {
+        changed: dict[str | None, Motion] = {
             body.name: replace(body.motion, carrier=ego)
             for body in bodies
             if isinstance(body.motion, Riding) and body.motion.carrier is before and ego is not None
         }
-        for name, motion in (fixed | motions).items():
+        changed.update(motions)
+        for name, motion in changed.items():
             if name is not None:
                 body, gait = self._body(name), self._body(name).gait
                 if gait is not None and body.motion is not None:

@@ -86,7 +86,7 @@ def load_scene(
         InputError: one line with the file and the key
     """
     return _loaded(
-        scene, overrides, option="overrides", material=material, materials=materials, classes=classes, **settings
+        scene, overrides, option="overrides", settings=settings, material=material, materials=materials, classes=classes
     )
 
 
@@ -97,7 +97,7 @@ def changed_scene(scene: Any, scene_overrides: Overrides = ()) -> Scene:
     Raises:
         InputError: one line with the file and the key
     """
-    return _loaded(scene, scene_overrides, option="scene_overrides")
+    return _loaded(scene, scene_overrides, option="scene_overrides", settings={})
 
 
 def _loaded(
@@ -105,10 +105,10 @@ def _loaded(
     overrides: Overrides,
     *,
     option: str,
+    settings: Mapping[str, Any],
     material: str | Material | None = None,
     materials: Mapping[str, str | Material] | None = None,
     classes: Mapping[str, str] | None = None,
-    **settings: Any,
 ) -> Scene:
     """See `load_scene`; messages call the argument that has the overrides ``option``."""
     changes = assignments(overrides, name=option)
