@@ -13,20 +13,6 @@ from helpers.documentation import PAGES, differs, stretches, text_of
 
 pytestmark = pytest.mark.fixed_streams
 
-UNACCOUNTED = (
-    "ARCHITECTURE",
-    "conventions",
-    "formats",
-    "fov",
-    "gallery",
-    "limits",
-    "materials",
-    "scanners",
-    "scene_files",
-)
-ACCOUNTED = [page for page in PAGES if page.stem not in UNACCOUNTED]
-"""Pages on which every number is computed, or measured or published and says where."""
-
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_numbers_are_what_their_accounts_give(page: Path, request: pytest.FixtureRequest) -> None:
@@ -44,7 +30,7 @@ def test_numbers_are_what_their_accounts_give(page: Path, request: pytest.Fixtur
     assert not wrong, "\n".join([page.name, *wrong])
 
 
-@pytest.mark.parametrize("page", ACCOUNTED, ids=lambda page: page.name)
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
 def test_numbers_have_an_account(page: Path) -> None:
     """But for those of names, equations and citations, and of tables that a test writes."""
     bare = []
