@@ -64,17 +64,9 @@ def _refuse_to_set(owner: HintedAttributes, word: str, _: object) -> None:
     raise FrozenInstanceError(f"{type(owner).__name__}.{word} cannot be set{hint}")
 
 
-_OPERATORS = {"__getitem__": "[...]", "__call__": "(...)", "__iter__": "iteration"}
-"""Operators that people try, and how a message writes them."""
-
-
-def _refusal_of(operator: str, hint: str) -> Any:
-    """Operator that says what does it."""
-
-    def refuse(owner: object, *_: Any, **__: Any) -> None:
-        raise TypeError(f"{type(owner).__name__} has no {_OPERATORS[operator]}; {hint}")
-
-    return refuse
+def _refuse_entry(owner: HintedAttributes, _: object) -> None:
+    """Refuse ``owner[...]``, and say what does it."""
+    raise TypeError(f"{type(owner).__name__} has no [...]; {owner.FOREIGN_NAMES['__getitem__']}")
 
 
 class _HintedClass(type):
@@ -92,7 +84,7 @@ class HintedAttributes(metaclass=_HintedClass):
     """Base of a class whose objects answer an attribute that they lack, or that cannot be set, with what does it.
 
     Attributes:
-        FOREIGN_NAMES: names that people try, operators such as ``__getitem__`` too, and what does it
+        FOREIGN_NAMES: names that people try, ``__getitem__`` too, and what does it
         CHANGED_BY: what makes a changed one, of a class whose objects are frozen; "" if nothing does
         MADE_BY: what makes one
     """
@@ -106,8 +98,9 @@ class HintedAttributes(metaclass=_HintedClass):
         super().__init_subclass__(**options)
         if "__setattr__" in vars(cls):  # a frozen dataclass, which says no more than that it cannot be set
             setattr(cls, "__setattr__", _refuse_to_set)  # noqa: B010
-        for operator in _OPERATORS.keys() & cls.FOREIGN_NAMES.keys():
-            setattr(cls, operator, _refusal_of(operator, cls.FOREIGN_NAMES[operator]))
+        if "__getitem__" in cls.FOREIGN_NAMES:
+            setattr(cls, "__getitem__", _refuse_entry)  # noqa: B010
+            setattr(cls, "__iter__", None)  # noqa: B010  # else Python asks __getitem__ for the elements
 
     if not TYPE_CHECKING:
 
