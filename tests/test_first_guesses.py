@@ -7,7 +7,7 @@ import inspect
 import pickle
 import re
 import warnings
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -102,8 +102,9 @@ ANSWERS = {
     "cloud.range_error": "cloud.range_m - cloud.true_range_m",
     "cloud.sort('time')": r"numpy.argsort\(cloud.time\)",
     "scene['board']": r"Scene has no \[...\]; scene.bodies\[",
-    "list(scene)": "Scene has no iteration; scene.bodies",
-    "lidarscene.Simulator.__call__(scene)": r"has no \(...\); simulator.render",
+    "list(scene)": "'Scene' object is not iterable",
+    "list(sensor)": "'Sensor' object is not iterable",
+    "lidarscene.render('range', 'apd-905', overrides=scene)": "^overrides: must be .*, got .Scene",
     "scene.bodies.keys()": r"\[body.name for body in scene.bodies\]",
     "sensor['laser']": "sensor.laser",
     "sensor.detector.pde": "quantum_efficiency of an APD",
@@ -282,7 +283,16 @@ def test_a_reflectivity_makes_a_material() -> None:
     )
     with pytest.raises(lidarscene.InputError, match="the scene has another of this name"):
         scene.add(NAMES["mesh"], Material(name="reflectivity 0.2", reflectivity=0.3))
-    assert Material(reflectivity=Material("brick").reflectivity).reflectivity is not None
+    brick, mine = Material("brick"), Material(reflectivity=Material("brick").reflectivity)
+    assert mine.at(905e-9)["reflectivity"] == brick.at(905e-9)["reflectivity"]
+    assert mine.at(1550e-9)["reflectivity"] == brick.at(1550e-9)["reflectivity"] != brick.at(905e-9)["reflectivity"]
+    assert Material(reflectivity=1 / 3).name != Material(reflectivity=0.333333).name
+
+
+def test_an_object_with_hints_is_what_its_operators_say() -> None:
+    assert not isinstance(NAMES["scene"], Iterable)
+    assert not isinstance(APD, Iterable)
+    assert not callable(lidarscene.Simulator.__new__(lidarscene.Simulator))
 
 
 def test_a_sensor_has_its_range() -> None:

@@ -142,6 +142,7 @@ sys.modules[__name__].__class__ = _Lidarscene
 # Methods and constructors of lower tiers call these by name.
 bind(
     boxes="lidarscene.labels.boxes:boxes",
+    check_material="lidarscene.materials.material_file:check_material",
     deskew="lidarscene.cloud.deskew:deskewed",
     draw="lidarscene.figures.pictures:draw_in_memory",
     draw_scene="lidarscene.figures.panels:draw_scene",

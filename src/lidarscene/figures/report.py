@@ -260,7 +260,7 @@ class Report(HintedAttributes):
         **dict.fromkeys(("max_range", "ranges", "range", "range_m"), 'report.table["range_m"]'),
         **dict.fromkeys(("show", "figure", "figures"), "report.plot()"),
         **dict.fromkeys(("to_html", "html", "open"), "report.save(folder) writes the page"),
-        **dict.fromkeys(("__iter__", "keys"), "report.table has columns by name"),
+        "keys": "report.table has columns by name",
         **dict.fromkeys(("print", "text", "describe"), "print(report)"),
     }
 

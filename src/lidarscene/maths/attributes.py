@@ -120,14 +120,14 @@ def _mistake_of_call(
     return f"{called}: {missing[0]} is missing; {made_by}{known}" if missing else ""
 
 
-_OPERATORS = {"__getitem__": "[...]", "__setitem__": "[...] =", "__call__": "(...)", "__iter__": "iteration"}
+_OPERATORS = {"__getitem__": "[...]", "__setitem__": "[...] ="}
 """Operators that people try, and how a message writes them."""
 
 
 def _refusal_of(operator: str, hint: str) -> Any:
     """Operator that says what does it."""
 
-    def refuse(owner: object, *_: Any, **__: Any) -> None:
+    def refuse(owner: object, *_: object) -> None:
         raise TypeError(f"{type(owner).__name__} has no {_OPERATORS[operator]}; {hint}")
 
     return refuse
@@ -148,7 +148,7 @@ class HintedAttributes(metaclass=_HintedClass):
     """Base of a class whose objects answer an attribute that they lack, or that cannot be set, with what does it.
 
     Attributes:
-        FOREIGN_NAMES: names that people try, operators such as ``__getitem__`` too, and what does it
+        FOREIGN_NAMES: names that people try, ``__getitem__`` too, and what does it
         CHANGED_BY: what makes a changed one, of a class whose objects are frozen; "" if nothing does
         MADE_BY: what makes one
     """
@@ -166,6 +166,8 @@ class HintedAttributes(metaclass=_HintedClass):
             setattr(cls, "__setattr__", _refuse_to_set)  # noqa: B010
         for operator in _OPERATORS.keys() & cls.FOREIGN_NAMES.keys():
             setattr(cls, operator, _refusal_of(operator, cls.FOREIGN_NAMES[operator]))
+        if "__getitem__" in cls.FOREIGN_NAMES:
+            setattr(cls, "__iter__", None)  # noqa: B010  # else Python asks __getitem__ for the elements
 
     if not TYPE_CHECKING:
 

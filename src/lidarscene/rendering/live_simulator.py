@@ -64,8 +64,7 @@ class LiveSimulator(Simulator):
 
     FOREIGN_NAMES: ClassVar[Mapping[str, str]] = {
         **dict.fromkeys(
-            ("__call__", "__iter__", "step", "next", "run", "tick", "frames"),
-            "live.advance(to_s=0.1) gives the frames until then",
+            ("step", "next", "run", "tick", "frames"), "live.advance(to_s=0.1) gives the frames until then"
         ),
         **dict.fromkeys(("move", "set_pose", "teleport"), 'live.place("car", pose)'),
         **dict.fromkeys(("ego", "set_ego", "set_ego_pose"), "live.move_ego(pose)"),

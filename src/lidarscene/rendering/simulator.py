@@ -96,9 +96,9 @@ class Simulator(HintedAttributes):
     """
 
     FOREIGN_NAMES: ClassVar[Mapping[str, str]] = {
-        **dict.fromkeys(("__call__", "simulate"), "simulator.render(seed=1) renders a frame"),
+        "simulate": "simulator.render(seed=1) renders a frame",
         **dict.fromkeys(
-            ("__iter__", "step", "next", "run", "render_frames", "frames"),
+            ("step", "next", "run", "render_frames", "frames"),
             "simulator.render(number=N) renders frame N, render_frames(scene, sensor, frames=10) ten",
         ),
         **dict.fromkeys(("cloud", "plot", "seed", "reset"), "simulator.render(seed=1) is a cloud"),

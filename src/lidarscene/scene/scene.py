@@ -402,7 +402,7 @@ class Scene(HintedAttributes):
     CHANGED_BY: ClassVar[str] = SCENE_CHANGED_BY
 
     FOREIGN_NAMES: ClassVar[Mapping[str, str]] = {
-        **dict.fromkeys(("__getitem__", "__iter__", "get", "find", "by_name"), 'scene.bodies["car"]'),
+        **dict.fromkeys(("__getitem__", "get", "find", "by_name"), 'scene.bodies["car"]'),
         **dict.fromkeys(("objects", "meshes", "actors", "vehicles"), "scene.bodies"),
         **dict.fromkeys(("weather", "fog", "rain", "snow"), "scene.air.weather"),
         **dict.fromkeys(

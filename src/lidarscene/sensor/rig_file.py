@@ -60,7 +60,7 @@ class Rig(HintedAttributes):
     MADE_BY: ClassVar[str] = 'Rig("rig") reads the name of an example or a file'
     CHANGED_BY: ClassVar[str] = "dataclasses.replace(rig, imu=None) is another rig"
     FOREIGN_NAMES: ClassVar[Mapping[str, str]] = {
-        **dict.fromkeys(("__getitem__", "__iter__", "lidars", "names", "labels", "poses"), "rig.sensors"),
+        **dict.fromkeys(("__getitem__", "lidars", "names", "labels", "poses"), "rig.sensors"),
         **dict.fromkeys(("render", "record"), "lidarscene.record(scene, rig, outputs=...)"),
         "add": "a rig's file has a table [[sensors]] for each",
     }
