@@ -82,6 +82,9 @@ def read_by(sensor: Sensor, seen: PixelsAtRest, seed: int) -> PixelsAtRest:
     variance = fluctuation_variance(sensor, Target(), seen.mean_m)
     frames = [read_boards(sensor, light, variance, 100 * seed + frame) for frame in range(10, 10 + len(seen.range_m))]
     range_m, log_strength = np.moveaxis(np.stack(frames), 1, 0)
+    if sensor.scanner.jitter_rad is not None:
+        miss_rad = float(sensor.scanner.jitter_rad) * np.random.default_rng(seed + 500).normal(size=range_m.shape)
+        range_m = range_m + miss_rad * seen.lean_m
     read = replace(seen, range_m=range_m, strength=np.exp(log_strength))
     read = read.select(np.isfinite(range_m[0]))
     assert read.strength is not None

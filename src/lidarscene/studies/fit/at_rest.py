@@ -31,7 +31,7 @@ from ...sensor.sensor_model import Sensor
 from ..held import LIMITS, Held
 from ..ranging.plane import Target, detection_margin, detection_probability, echoes_of_plane, fluctuation_variance
 from ..twin.judge import CLIPPED_DEVIATION, spread
-from ..twin.reading_noise import noise_by_step, read_boards
+from ..twin.reading_noise import noise_by_step, pointing_noise_m, read_boards
 from ..twin.repeats import changes_m, held_share, kept_by_bin
 from ..twin.tuning import ASSUMED_KLUX, CLIP_SIGMAS, OCTAVES_M
 from .estimates import MOST_EVALUATIONS, Estimate, Solution, huber_weight
@@ -248,6 +248,8 @@ class Boards:
         light = replace(echoes_of_plane(sensor, board(read), read.mean_m), row_slope=read.row_slope)
         variance = fluctuation_variance(sensor, Target(), read.mean_m)
         range_m = read_boards(sensor, light, variance, 0)[0].reshape(READINGS, -1)
+        off = np.random.default_rng(0).normal(size=range_m.shape)  # each pulse goes a way of its own
+        range_m = range_m + off * pointing_noise_m(sensor, drawn.lean_m)
         share = detection_probability(sensor, board(drawn), drawn.mean_m)
         members = np.split(np.arange(len(share)), np.cumsum([len(chosen) for chosen in self.drawn])[:-1])
         return Statistics.join(_of_bins(range_m, share, members, drawn.block))
