@@ -324,7 +324,7 @@ def _energy(pixels: PixelsAtRest, sensor: Sensor) -> Law:
     """Relative deviation of the energy of a pulse, (T184)."""
     if sensor.histogram is not None:
         shots = float(sensor.histogram.shots)
-        return (), None, {ENERGY: f"a point sums {shots:g} pulses, whose energies differ by the root of that less"}
+        return ((), None, {ENERGY: f"a point sums {shots:g} pulses, which averages the spread down by sqrt({shots:g})"})
     if pixels.strength is None:
         return (), None, {ENERGY: "no strengths are recorded"}
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -442,25 +442,31 @@ def _not_asked(recorded: Statistics, sensor: Sensor) -> dict[str, str]:
 
 
 def _converter_law(boards: Boards, recorded: Statistics, keys: Sequence[str], text: str, where: str) -> Law:
-    """Fit these keys to the statistics of the boards."""
+    """Fit these keys to the statistics of the boards; without the beam if the file refuses one that is tried."""
 
     def sensor_of(logs: Numbers) -> Sensor:
         return parse_sensor(_changed(text, dict(zip(keys, np.exp(logs).tolist(), strict=True))), where)
 
     start = np.log([get_key(text, key) or math.sqrt(math.prod(REST_BOUNDS[key])) for key in keys])
     bounds = np.log([REST_BOUNDS[key] for key in keys]).T
-    try:
-        error = boards.simulated(sensor_of(start)).sigma
-    except InputError as failure:
-        return (), None, dict.fromkeys(keys, str(failure))
     unlike = np.where(recorded.kind == 0, BOARD_ERROR, 0.0)
-    recorded = replace(recorded, sigma=np.sqrt(recorded.sigma**2 + np.nan_to_num(error) ** 2 + unlike**2))
 
     def predict(logs: Numbers) -> Numbers:
         simulated = boards.simulated(sensor_of(logs)).value
         return np.where(np.isfinite(simulated), simulated, recorded.value)
 
-    return _determined(tuple(keys), solve(recorded, predict, np.clip(start, *bounds), bounds), bounds)
+    try:
+        error = np.nan_to_num(boards.simulated(sensor_of(start)).sigma)
+        uncertain = replace(recorded, sigma=np.sqrt(recorded.sigma**2 + error**2 + unlike**2))
+        solved = solve(uncertain, predict, np.clip(start, *bounds), bounds)
+    except InputError as failure:
+        if DIVERGENCE not in keys:
+            return (), None, dict.fromkeys(keys, str(failure))
+        # Files refuse beams narrower than their diffraction, and longer echoes of slopes behind an AC coupling.
+        rest = [key for key in keys if key != DIVERGENCE]
+        names, found, reasons = _converter_law(boards, recorded, rest, text, where)
+        return names, found, {DIVERGENCE: str(failure), **reasons}
+    return _determined(tuple(keys), solved, bounds)
 
 
 def _determined(keys: tuple[str, ...], solved: Solution, bounds: Numbers) -> Law:
@@ -468,8 +474,12 @@ def _determined(keys: tuple[str, ...], solved: Solution, bounds: Numbers) -> Law
     at_bound = np.any(np.abs(solved.value - bounds) < LOG_STEP, axis=0)
     silent = np.diag(solved.slope) < LEAST_SLOPE
     reasons = {
-        key: "nothing that was recorded depends on it" if quiet else f"beyond {math.exp(value):.3g}, if there is any"
-        for key, value, quiet, ends in zip(keys, solved.value, silent, at_bound, strict=True)
+        key: "nothing that was recorded depends on it"
+        if quiet
+        else f"{'below' if value < middle else 'above'} {math.exp(value):.3g}, if there is any"
+        for key, value, middle, quiet, ends in zip(
+            keys, solved.value, bounds.mean(axis=0), silent, at_bound, strict=True
+        )
         if (quiet or ends) and key in REST_BOUNDS
     }
     rest = np.flatnonzero(~at_bound & ~silent)
