@@ -278,9 +278,9 @@ def turns(tmp_path_factory: pytest.TempPathFactory, mi: object) -> tuple[str, li
 
 
 def test_pixels_are_the_same_in_all_turns_and_know_their_lean(turns: tuple[str, list[Sweep]]) -> None:
-    base, sweeps = turns
+    base, listed = turns
     sensor = parse_sensor(base, "base")
-    sweeps = [on_grid(sweep, sensor.scanner) for sweep in sweeps]
+    *sweeps, moved = [on_grid(sweep, sensor.scanner) for sweep in (*listed, shifted(listed[1]))]
     seen = pixels_at_rest(sweeps, sensor)
     assert seen is not None
     assert seen.range_m.shape[0] == 3
@@ -289,7 +289,7 @@ def test_pixels_are_the_same_in_all_turns_and_know_their_lean(turns: tuple[str, 
     low = np.isclose(seen.cos_incidence * seen.mean_m, 1.8, atol=0.02)
     assert low.mean() > 0.2
     assert pixels_at_rest(sweeps[:1], sensor) is None
-    assert pixels_at_rest([sweeps[0], shifted(sweeps[1])], sensor) is None
+    assert pixels_at_rest([sweeps[0], moved], sensor) is None
 
 
 def test_reflectivities_are_no_photons(turns: tuple[str, list[Sweep]]) -> None:
