@@ -12,6 +12,7 @@ from helpers.turns_at_rest import turns_at_rest
 
 from lidarscene import load_scene
 from lidarscene.catalog import sensor_path
+from lidarscene.figures.report import Report
 from lidarscene.maths.arrays import Numbers
 from lidarscene.physics.photon_counting import shared_shots
 from lidarscene.recordings.recording import Recording
@@ -34,7 +35,7 @@ from lidarscene.studies.fit.at_rest import (
 from lidarscene.studies.fit.estimates import Solution
 from lidarscene.studies.fit.pixels_at_rest import PixelsAtRest, pixels_at_rest
 from lidarscene.studies.fit.recorded_pulses import BLOCK_COLUMNS
-from lidarscene.studies.fit.recording_fit import fit_recordings, misses_of
+from lidarscene.studies.fit.recording_fit import SCALE_NOTE, fit_recordings, misses_of
 from lidarscene.studies.fit.sensor_text import at_rest_changes, parse_sensor, put_changes
 from lidarscene.studies.held import LIMITS, Held
 from lidarscene.studies.ranging.plane import Target, echoes_of_plane, fluctuation_variance
@@ -323,30 +324,38 @@ def opener(sweeps: list[Sweep]) -> Callable[..., Recording]:
 @pytest.fixture
 def fitted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, turns: tuple[str, list[Sweep]]
-) -> Callable[[list[Sweep]], str]:
-    """`fit` of these turns by a file, as the text of the new one."""
+) -> Callable[[list[Sweep]], tuple[str, Report]]:
+    """`fit` of these turns by a file, as the text of the new one, and the report."""
     (tmp_path / "base.toml").write_text(turns[0], "utf-8")
 
-    def fit(sweeps: list[Sweep]) -> str:
+    def fit(sweeps: list[Sweep]) -> tuple[str, Report]:
         monkeypatch.setattr(recording_fit, "open_recording", opener(sweeps))
-        return fit_recordings([tmp_path / "turns"], str(tmp_path / "base.toml"))[0]
+        return fit_recordings([tmp_path / "turns"], str(tmp_path / "base.toml"))
 
     return fit
 
 
 def test_turns_at_rest_are_fitted_without_a_scene(
-    fitted: Callable[[list[Sweep]], str], turns: tuple[str, list[Sweep]]
+    fitted: Callable[[list[Sweep]], tuple[str, Report]], turns: tuple[str, list[Sweep]]
 ) -> None:
     """Rationale: `fit` refused every recording without SIGNAL; the file has 54 ps and 1.85 %, the sensor 150 and 5."""
-    text = fitted(turns[1])
+    text, report = fitted(turns[1])
     sensor = parse_sensor(text, "fitted")
     assert float(sensor.tdc.jitter_s) == pytest.approx(150e-12, rel=0.15)
     assert float(sensor.laser.energy_spread or 0.0) == pytest.approx(0.05, rel=0.15)
     assert '"tdc.jitter_ps" = "fitted: ' in text
+    assert SCALE_NOTE not in report.numbers["notes"]
+
+
+def test_a_scale_of_intensities_that_is_assumed_is_told(
+    fitted: Callable[[list[Sweep]], tuple[str, Report]], turns: tuple[str, list[Sweep]]
+) -> None:
+    _, report = fitted([replace(sweep, metadata={"format": "pcd"}) for sweep in turns[1]])
+    assert SCALE_NOTE in report.numbers["notes"]
 
 
 def test_a_moving_sensor_without_signal_is_told(
-    fitted: Callable[[list[Sweep]], str], turns: tuple[str, list[Sweep]]
+    fitted: Callable[[list[Sweep]], tuple[str, Report]], turns: tuple[str, list[Sweep]]
 ) -> None:
     with told("two frames at rest"):
         fitted([turns[1][0], shifted(turns[1][1])])

@@ -43,7 +43,7 @@ REFLECTIVITY_NOTE = (
 )
 
 SCALE_NOTE = (
-    "the scale of the intensities is not known, and a median reflectivity of 0.2 is assumed: jitter, beam and chatter "
+    "The scale of the intensities is not known, and a median reflectivity of 0.2 is assumed: jitter, beam and chatter "
     "depend on it, energy spread and the coefficients of (T185) do not"
 )
 
