@@ -128,7 +128,7 @@ ANSWERS = {
     "report.to_html()": r"report.save\(folder\)",
     "lidarscene.config": "options go with a call",
     "lidarscene.nothing_like_it": r"dir\(lidarscene\) lists the names",
-    "sensor.replace(laser__peak_power_w=50)": r"^apd-905 overrides .* did you mean laser.peak_power_w[?]$",
+    "sensor.replace(laser__peak_power_w=50)": r"^apd-905 changes .* did you mean laser.peak_power_w[?]$",
     "sensor.peak_power_w": "sensor.laser.peak_power_w",
     "sensor.wavelength": "sensor.laser.wavelength_m",
     "sensor.laser.peak_power": "peak_power_w",

@@ -12,6 +12,7 @@ from helpers.turns_at_rest import turns_at_rest
 
 from lidarscene import load_scene
 from lidarscene.catalog import sensor_path
+from lidarscene.figures.report import Report
 from lidarscene.maths.arrays import Numbers
 from lidarscene.physics.photon_counting import shared_shots
 from lidarscene.recordings.recording import Recording
@@ -21,6 +22,8 @@ from lidarscene.studies.fit import at_rest, recording_fit
 from lidarscene.studies.fit.at_rest import (
     Boards,
     Statistics,
+    _converter_law,
+    _determined,
     _energy,
     _estimates,
     _floor_and_noise,
@@ -29,13 +32,15 @@ from lidarscene.studies.fit.at_rest import (
     fit_at_rest,
     solve,
 )
+from lidarscene.studies.fit.estimates import Solution
 from lidarscene.studies.fit.pixels_at_rest import PixelsAtRest, pixels_at_rest
 from lidarscene.studies.fit.recorded_pulses import BLOCK_COLUMNS
-from lidarscene.studies.fit.recording_fit import fit_recordings, misses_of
+from lidarscene.studies.fit.recording_fit import SCALE_NOTE, fit_recordings, misses_of
 from lidarscene.studies.fit.sensor_text import at_rest_changes, parse_sensor, put_changes
 from lidarscene.studies.held import LIMITS, Held
 from lidarscene.studies.ranging.plane import Target, echoes_of_plane, fluctuation_variance
 from lidarscene.studies.twin.reading_noise import read_boards
+from lidarscene.studies.twin.sensor_grid import on_grid
 
 PANDAR, REV7 = (sensor_path(name).read_text("utf-8") for name in ("pandar64", "os0-128-rev7"))
 TRUTH = {
@@ -82,6 +87,9 @@ def read_by(sensor: Sensor, seen: PixelsAtRest, seed: int) -> PixelsAtRest:
     variance = fluctuation_variance(sensor, Target(), seen.mean_m)
     frames = [read_boards(sensor, light, variance, 100 * seed + frame) for frame in range(10, 10 + len(seen.range_m))]
     range_m, log_strength = np.moveaxis(np.stack(frames), 1, 0)
+    if sensor.scanner.jitter_rad is not None:
+        miss_rad = float(sensor.scanner.jitter_rad) * np.random.default_rng(seed + 500).normal(size=range_m.shape)
+        range_m = range_m + miss_rad * seen.lean_m
     read = replace(seen, range_m=range_m, strength=np.exp(log_strength))
     read = read.select(np.isfinite(range_m[0]))
     assert read.strength is not None
@@ -97,10 +105,13 @@ def deviations(text: str, recorded: PixelsAtRest, truth: dict[str, float]) -> di
 
 
 def test_the_numbers_of_an_apd_are_found_again() -> None:
-    """One of five numbers is beyond 3.5 sigma in 400 draws; those of the catalogue are up to 50 % off."""
+    """One of five numbers is beyond 3.5 sigma in 400 draws; those of the catalogue are up to 50 % off.
+
+    Rationale: beams that miss their directions scatter ranges on slopes; a fit without them took the beam for wider.
+    """
     text = unit(PANDAR, **{key.replace(".", "__"): value for key, value in TRUTH.items()})
     found = deviations(PANDAR, read_by(parse_sensor(text, "truth"), pixels(0), 0), TRUTH)
-    assert found.keys() == TRUTH.keys()
+    assert TRUTH.keys() >= found.keys() >= TRUTH.keys() - {"tdc.strong_jitter_ps"}  # which few of the boards tell
     assert max(map(abs, found.values())) < 3.5
 
 
@@ -185,7 +196,45 @@ def test_what_the_recording_does_not_tell_is_said() -> None:
     fit = fit_at_rest(replace(square, strength=None), REV7, "rev7")
     assert not fit.estimates
     assert "SIGNAL is not recorded" in fit.unknown["histogram.column_range_mm"]
-    assert "sums 27 pulses" in fit.unknown["laser.energy_spread"]
+    assert "sums 27 pulses, which averages" in fit.unknown["laser.energy_spread"]
+
+
+@pytest.mark.parametrize("text", [PANDAR, REV7])
+def test_without_a_fitted_pixel_nothing_is_known(text: str) -> None:
+    """Nor by weak pixels alone; rationale: the number of the last bin was asked of none."""
+    seen = pixels(1, number=300)
+    held_out = seen.select(~seen.fitted)
+    assert not fit_at_rest(held_out, text, "unit.toml").estimates
+    weak = replace(seen, strength=np.broadcast_to(20.0, seen.range_m.shape))
+    assert "laser.energy_spread" in fit_at_rest(weak, text, "unit.toml").unknown
+
+
+def test_without_a_beam_that_the_file_refuses_the_rest_is_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rationale: one trial of a beam below its diffraction ended the whole fit."""
+    text = put_changes(PANDAR, {"laser.exit_diameter_mm": (5.0, "")})
+    sensor = parse_sensor(text, "unit")
+    boards = Boards.of(read_by(sensor, pixels(3, number=2000), 3), sensor)
+
+    def try_the_least(
+        _: Statistics, predict: Callable[[Numbers], Numbers], start: Numbers, bounds: Numbers
+    ) -> Solution:
+        predict(bounds[0])
+        return Solution(value=start, slope=np.eye(len(start)), scores=np.zeros((2, len(start))))
+
+    monkeypatch.setattr(at_rest, "solve", try_the_least)
+    keys = ("tdc.jitter_ps", "laser.divergence_mrad")
+    names, solved, reasons = _converter_law(boards, boards.recorded(), keys, text, "unit")
+    assert names == ("tdc.jitter_ps",)
+    assert solved is not None
+    assert "divergence_mrad: must be" in reasons["laser.divergence_mrad"]
+
+
+def test_the_end_of_what_was_tried_says_its_side() -> None:
+    for end, told_end in ((0, "below 1,"), (1, "above 8,")):
+        bounds = np.log([[1.0], [8.0]])
+        solved = Solution(value=bounds[end], slope=np.eye(1), scores=np.zeros((2, 1)))
+        _, _, reasons = _determined(("tdc.jitter_ps",), solved, bounds)
+        assert told_end in reasons["tdc.jitter_ps"]
 
 
 def test_a_file_is_held_to_what_was_not_fitted(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -230,8 +279,9 @@ def turns(tmp_path_factory: pytest.TempPathFactory, mi: object) -> tuple[str, li
 
 
 def test_pixels_are_the_same_in_all_turns_and_know_their_lean(turns: tuple[str, list[Sweep]]) -> None:
-    base, sweeps = turns
+    base, listed = turns
     sensor = parse_sensor(base, "base")
+    *sweeps, moved = [on_grid(sweep, sensor.scanner) for sweep in (*listed, shifted(listed[1]))]
     seen = pixels_at_rest(sweeps, sensor)
     assert seen is not None
     assert seen.range_m.shape[0] == 3
@@ -240,7 +290,21 @@ def test_pixels_are_the_same_in_all_turns_and_know_their_lean(turns: tuple[str, 
     low = np.isclose(seen.cos_incidence * seen.mean_m, 1.8, atol=0.02)
     assert low.mean() > 0.2
     assert pixels_at_rest(sweeps[:1], sensor) is None
-    assert pixels_at_rest([sweeps[0], shifted(sweeps[1])], sensor) is None
+    assert pixels_at_rest([sweeps[0], moved], sensor) is None
+
+
+def test_reflectivities_are_no_photons(turns: tuple[str, list[Sweep]]) -> None:
+    """Rationale: an Ouster's REFLECTIVITY was fitted as its photons where SIGNAL was not recorded."""
+    base, sweeps = turns
+    scanner = parse_sensor(base, "base").scanner
+    grids = [on_grid(replace(sweep, reflectivity=sweep.intensity, intensity=None), scanner) for sweep in sweeps]
+    seen = pixels_at_rest(grids, parse_sensor(REV7, "rev7"))
+    assert seen is not None
+    assert fit_at_rest(seen, REV7, "rev7").unknown["histogram.column_range_mm"] == "SIGNAL is not recorded"
+    one_without = [replace(grids[0], signal=grids[0].reflectivity), *grids[1:]]
+    seen = pixels_at_rest(one_without, parse_sensor(REV7, "rev7"))
+    assert seen is not None
+    assert seen.strength is None
 
 
 def shifted(sweep: Sweep) -> Sweep:
@@ -260,30 +324,38 @@ def opener(sweeps: list[Sweep]) -> Callable[..., Recording]:
 @pytest.fixture
 def fitted(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, turns: tuple[str, list[Sweep]]
-) -> Callable[[list[Sweep]], str]:
-    """`fit` of these turns by a file, as the text of the new one."""
+) -> Callable[[list[Sweep]], tuple[str, Report]]:
+    """`fit` of these turns by a file, as the text of the new one, and the report."""
     (tmp_path / "base.toml").write_text(turns[0], "utf-8")
 
-    def fit(sweeps: list[Sweep]) -> str:
+    def fit(sweeps: list[Sweep]) -> tuple[str, Report]:
         monkeypatch.setattr(recording_fit, "open_recording", opener(sweeps))
-        return fit_recordings([tmp_path / "turns"], str(tmp_path / "base.toml"))[0]
+        return fit_recordings([tmp_path / "turns"], str(tmp_path / "base.toml"))
 
     return fit
 
 
 def test_turns_at_rest_are_fitted_without_a_scene(
-    fitted: Callable[[list[Sweep]], str], turns: tuple[str, list[Sweep]]
+    fitted: Callable[[list[Sweep]], tuple[str, Report]], turns: tuple[str, list[Sweep]]
 ) -> None:
-    """Rationale: `fit` refused every recording without SIGNAL; the file has 54 ps and 2.1 %, the sensor 150 and 5."""
-    text = fitted(turns[1])
+    """Rationale: `fit` refused every recording without SIGNAL; the file has 54 ps and 1.85 %, the sensor 150 and 5."""
+    text, report = fitted(turns[1])
     sensor = parse_sensor(text, "fitted")
     assert float(sensor.tdc.jitter_s) == pytest.approx(150e-12, rel=0.15)
     assert float(sensor.laser.energy_spread or 0.0) == pytest.approx(0.05, rel=0.15)
     assert '"tdc.jitter_ps" = "fitted: ' in text
+    assert SCALE_NOTE not in report.numbers["notes"]
+
+
+def test_a_scale_of_intensities_that_is_assumed_is_told(
+    fitted: Callable[[list[Sweep]], tuple[str, Report]], turns: tuple[str, list[Sweep]]
+) -> None:
+    _, report = fitted([replace(sweep, metadata={"format": "pcd"}) for sweep in turns[1]])
+    assert SCALE_NOTE in report.numbers["notes"]
 
 
 def test_a_moving_sensor_without_signal_is_told(
-    fitted: Callable[[list[Sweep]], str], turns: tuple[str, list[Sweep]]
+    fitted: Callable[[list[Sweep]], tuple[str, Report]], turns: tuple[str, list[Sweep]]
 ) -> None:
     with told("two frames at rest"):
         fitted([turns[1][0], shifted(turns[1][1])])

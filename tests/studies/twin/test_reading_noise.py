@@ -107,9 +107,9 @@ def test_noise_of_beams_that_miss_leaves_surfaces_that_lean() -> None:
     floor = planes.has_plane & (planes.normal[..., 2] > 0.9999) & (grid.sweep.range_m > 5.0)
     range_m = grid.sweep.range_m[floor]
     expected = 45e-6 * range_m * np.sqrt((range_m / 1.8) ** 2 - 1.0)
-    noise = reading_noise._pointing_noise_m(sensor, grid, planes)
+    noise = reading_noise.pointing_noise_m(sensor, reading_noise._lean_m(grid, planes))
     np.testing.assert_allclose(noise[floor], expected, rtol=0.02)
-    assert reading_noise._pointing_noise_m(load_sensor("os0-128"), grid, planes) == 0.0
+    assert reading_noise.pointing_noise_m(load_sensor("os0-128"), range_m) == 0.0
 
 
 def test_noise_that_grows_with_the_lean_along_the_row_leaves_the_surface() -> None:

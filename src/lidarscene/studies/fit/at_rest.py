@@ -31,7 +31,7 @@ from ...sensor.sensor_model import Sensor
 from ..held import LIMITS, Held
 from ..ranging.plane import Target, detection_margin, detection_probability, echoes_of_plane, fluctuation_variance
 from ..twin.judge import CLIPPED_DEVIATION, spread
-from ..twin.reading_noise import noise_by_step, read_boards
+from ..twin.reading_noise import noise_by_step, pointing_noise_m, read_boards
 from ..twin.repeats import changes_m, held_share, kept_by_bin
 from ..twin.tuning import ASSUMED_KLUX, CLIP_SIGMAS, OCTAVES_M
 from .estimates import MOST_EVALUATIONS, Estimate, Solution, huber_weight
@@ -248,6 +248,8 @@ class Boards:
         light = replace(echoes_of_plane(sensor, board(read), read.mean_m), row_slope=read.row_slope)
         variance = fluctuation_variance(sensor, Target(), read.mean_m)
         range_m = read_boards(sensor, light, variance, 0)[0].reshape(READINGS, -1)
+        off = np.random.default_rng(0).normal(size=range_m.shape)  # each pulse goes a way of its own
+        range_m = range_m + off * pointing_noise_m(sensor, drawn.lean_m)
         share = detection_probability(sensor, board(drawn), drawn.mean_m)
         members = np.split(np.arange(len(share)), np.cumsum([len(chosen) for chosen in self.drawn])[:-1])
         return Statistics.join(_of_bins(range_m, share, members, drawn.block))
@@ -311,7 +313,11 @@ def _estimates(law: Law) -> Iterator[Estimate]:
     keys, solved, _ = law
     for index, key in enumerate(keys):
         if solved is not None and key in REST_BOUNDS.keys() | UNITS.keys():
-            yield solved.estimate(key, UNITS.get(key, ""), lambda logs, index=index: math.exp(logs[index]))
+            yield solved.estimate(key, UNITS.get(key, ""), _exponential(index))
+
+
+def _exponential(index: int) -> Callable[[Numbers], float]:
+    return lambda logs: math.exp(logs[index])
 
 
 def _changed(text: str, values: Mapping[str, float]) -> str:
@@ -322,7 +328,7 @@ def _energy(pixels: PixelsAtRest, sensor: Sensor) -> Law:
     """Relative deviation of the energy of a pulse, (T184)."""
     if sensor.histogram is not None:
         shots = float(sensor.histogram.shots)
-        return (), None, {ENERGY: f"a point sums {shots:g} pulses, whose energies differ by the root of that less"}
+        return ((), None, {ENERGY: f"a point sums {shots:g} pulses, which averages the spread down by sqrt({shots:g})"})
     if pixels.strength is None:
         return (), None, {ENERGY: "no strengths are recorded"}
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -440,25 +446,31 @@ def _not_asked(recorded: Statistics, sensor: Sensor) -> dict[str, str]:
 
 
 def _converter_law(boards: Boards, recorded: Statistics, keys: Sequence[str], text: str, where: str) -> Law:
-    """Fit these keys to the statistics of the boards."""
+    """Fit these keys to the statistics of the boards; without the beam if the file refuses one that is tried."""
 
     def sensor_of(logs: Numbers) -> Sensor:
         return parse_sensor(_changed(text, dict(zip(keys, np.exp(logs).tolist(), strict=True))), where)
 
     start = np.log([get_key(text, key) or math.sqrt(math.prod(REST_BOUNDS[key])) for key in keys])
     bounds = np.log([REST_BOUNDS[key] for key in keys]).T
-    try:
-        error = boards.simulated(sensor_of(start)).sigma
-    except InputError as failure:
-        return (), None, dict.fromkeys(keys, str(failure))
     unlike = np.where(recorded.kind == 0, BOARD_ERROR, 0.0)
-    recorded = replace(recorded, sigma=np.sqrt(recorded.sigma**2 + np.nan_to_num(error) ** 2 + unlike**2))
 
     def predict(logs: Numbers) -> Numbers:
         simulated = boards.simulated(sensor_of(logs)).value
         return np.where(np.isfinite(simulated), simulated, recorded.value)
 
-    return _determined(tuple(keys), solve(recorded, predict, np.clip(start, *bounds), bounds), bounds)
+    try:
+        error = np.nan_to_num(boards.simulated(sensor_of(start)).sigma)
+        uncertain = replace(recorded, sigma=np.sqrt(recorded.sigma**2 + error**2 + unlike**2))
+        solved = solve(uncertain, predict, np.clip(start, *bounds), bounds)
+    except InputError as failure:
+        if DIVERGENCE not in keys:
+            return (), None, dict.fromkeys(keys, str(failure))
+        # Files refuse beams narrower than their diffraction, and longer echoes of slopes behind an AC coupling.
+        rest = [key for key in keys if key != DIVERGENCE]
+        names, found, reasons = _converter_law(boards, recorded, rest, text, where)
+        return names, found, {DIVERGENCE: str(failure), **reasons}
+    return _determined(tuple(keys), solved, bounds)
 
 
 def _determined(keys: tuple[str, ...], solved: Solution, bounds: Numbers) -> Law:
@@ -466,8 +478,12 @@ def _determined(keys: tuple[str, ...], solved: Solution, bounds: Numbers) -> Law
     at_bound = np.any(np.abs(solved.value - bounds) < LOG_STEP, axis=0)
     silent = np.diag(solved.slope) < LEAST_SLOPE
     reasons = {
-        key: "nothing that was recorded depends on it" if quiet else f"beyond {math.exp(value):.3g}, if there is any"
-        for key, value, quiet, ends in zip(keys, solved.value, silent, at_bound, strict=True)
+        key: "nothing that was recorded depends on it"
+        if quiet
+        else f"{'below' if value < middle else 'above'} {math.exp(value):.3g}, if there is any"
+        for key, value, middle, quiet, ends in zip(
+            keys, solved.value, bounds.mean(axis=0), silent, at_bound, strict=True
+        )
         if (quiet or ends) and key in REST_BOUNDS
     }
     rest = np.flatnonzero(~at_bound & ~silent)

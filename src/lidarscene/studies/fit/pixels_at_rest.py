@@ -19,7 +19,6 @@ from ..twin.frame_poses import is_at_rest
 from ..twin.ground import ground_plane
 from ..twin.matched_pulses import strength_of
 from ..twin.planes import align_columns, fit_planes
-from ..twin.sensor_grid import on_grid
 from ..twin.tuning import LEAST_COS
 from .recorded_pulses import BLOCK_COLUMNS, fitted_blocks
 from .tuning import GROUND_COS, WHOLE_FRAME
@@ -31,7 +30,7 @@ class PixelsAtRest:
 
     Attributes:
         range_m: (frames, n) NaN where nothing came back
-        strength: (frames, n) photons or intensity; None: none are recorded
+        strength: (frames, n) photons of a sensor that counts them, else intensity or reflectivity; None: not recorded
         apparent: (n,) apparent reflectivity by the mean strength
         cos_incidence: (n,) on the surface
         row_slope: (n,) dR / (R dphi) of the surface along the row
@@ -69,9 +68,10 @@ def pixels_at_rest(sweeps: Sequence[Sweep], sensor: Sensor) -> PixelsAtRest | No
     """Gather the pixels of the first frame and of all that were recorded at the same place; None of a moving sensor.
 
     Args:
-        sensor: sensor of the recording, on whose grid lists of points are put
+        sweeps: rows and columns; lists of points are on the sensor's grid (`on_grid`)
+        sensor: sensor of the recording
     """
-    placed = sorted((on_grid(sweep, sensor.scanner) for sweep in sweeps), key=lambda sweep: -int(sweep.recorded.sum()))
+    placed = sorted(sweeps, key=lambda sweep: -int(sweep.recorded.sum()))
     first = placed[0]
     whole = WHOLE_FRAME * first.recorded.sum()
     frames = [first, *(frame for frame in placed[1:] if frame.recorded.sum() >= whole and is_at_rest(frame, first))]
@@ -95,7 +95,7 @@ def pixels_at_rest(sweeps: Sequence[Sweep], sensor: Sensor) -> PixelsAtRest | No
         return None
     chosen = order[usable]
     range_m = np.stack([frame.range_m.ravel()[chosen] for frame in frames])
-    strengths = [strength_of(frame) for frame in frames]
+    strengths = [strength_of(frame) if sensor.histogram is None else frame.signal for frame in frames]
     apparent = [gauge.apparent(frame, frame.range_m).ravel()[chosen] for frame in frames]
     column = np.broadcast_to(np.arange(order.shape[1]), order.shape)[usable]
     return PixelsAtRest(

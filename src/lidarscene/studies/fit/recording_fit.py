@@ -42,6 +42,11 @@ REFLECTIVITY_NOTE = (
     "scatter_c squared over the power is known"
 )
 
+SCALE_NOTE = (
+    "The scale of the intensities is not known, and a median reflectivity of 0.2 is assumed: jitter, beam and chatter "
+    "depend on it, energy spread and the coefficients of (T185) do not"
+)
+
 LEAST_JUDGED = 50
 """Least number of patches in an octave whose scatter is held to limits: three of its sigmas from 1 (`scatter`)."""
 
@@ -194,6 +199,9 @@ def fit_recordings(
         held |= worse
     if at_rest is not None:
         notes = (*notes, *(f"{key} is left as it was: {reason}" for key, reason in at_rest.unknown.items()))
+        gauge = ReflectivityGauge.from_sweep(sweeps[0], base_sensor)
+        if base_sensor.histogram is None and gauge is not None and gauge.assumed:
+            notes = (*notes, SCALE_NOTE)
     klux = _illuminance_klux(sweeps, parse_sensor(text, FITTED))
     text, gain_note = with_background_gain(text, klux, recording)
     notes = (*notes, gain_note) if gain_note else notes

@@ -121,7 +121,7 @@ def surface_without_noise(sensor: Sensor, grid: Grid, planes: Planes, apparent: 
     if noise is None:
         return np.where(planes.has_plane, planes.range_m, grid.sweep.range_m), apparent
     range_sigma_m = np.hypot(
-        noise.range_m * _noise_over_level(sensor, grid, planes), _pointing_noise_m(sensor, grid, planes)
+        noise.range_m * _noise_over_level(sensor, grid, planes), pointing_noise_m(sensor, _lean_m(grid, planes))
     )
     off_m = without_noise(measured_m - flat_m, range_sigma_m, noise.correlation)
     # On ground that is seen flat a pixel may be near its plane and metres off along the beam. Quads out there would
@@ -140,7 +140,7 @@ def _noise_over_level(sensor: Sensor, grid: Grid, planes: Planes) -> Numbers | f
     direction = np.moveaxis(grid.sweep.direction, -1, 0)
     row_slope = relative_row_slope(tuple(np.moveaxis(planes.normal, -1, 0)), tuple(direction))
     step_m = row_slope * np.where(planes.has_plane, planes.range_m, 0.0) * histogram.column_rad
-    return noise_by_step(histogram, step_m / float(histogram.column_range_m))
+    return noise_by_step(histogram, np.asarray(step_m / float(histogram.column_range_m)))
 
 
 def noise_by_step(histogram: Histogram, step: Numbers) -> Numbers:
@@ -149,15 +149,17 @@ def noise_by_step(histogram: Histogram, step: Numbers) -> Numbers:
     return np.asarray(shared_shots.shares(window, step)[1])
 
 
-def _pointing_noise_m(sensor: Sensor, grid: Grid, planes: Planes) -> Numbers | float:
-    """Noise of each pixel's range by beams that miss their directions: R tan(beta) times the jitter, on its plane."""
-    jitter_rad = sensor.scanner.jitter_rad
-    if jitter_rad is None:
-        return 0.0
+def pointing_noise_m(sensor: Sensor, lean_m: Numbers) -> Numbers | float:
+    """Noise of ranges by beams that miss their directions: the jitter times the lean R tan(beta) of the surface."""
+    return 0.0 if sensor.scanner.jitter_rad is None else np.asarray(float(sensor.scanner.jitter_rad) * lean_m)
+
+
+def _lean_m(grid: Grid, planes: Planes) -> Numbers:
+    """Range times tangent of the incidence of each pixel on its plane; 0 where it has none."""
     cosine = -np.einsum("...i,...i", planes.normal, grid.sweep.direction)
     with np.errstate(invalid="ignore"):
         lean_m = planes.range_m * np.sqrt(np.maximum(1.0 / np.maximum(cosine, LEAST_COS) ** 2 - 1.0, 0.0))
-    return np.asarray(float(jitter_rad) * np.where(planes.has_plane, lean_m, 0.0))
+    return np.where(planes.has_plane, lean_m, 0.0)
 
 
 def without_noise(values: Numbers, sigma: Numbers, correlation: Numbers) -> Numbers:
