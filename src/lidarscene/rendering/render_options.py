@@ -263,8 +263,9 @@ class Keywords:
 MAIN_KEYS = {
     **dict.fromkeys(("sun", "light", "illuminance"), "sun.illuminance_klux"),
     **dict.fromkeys(("weather", "fog"), "weather.fog_visibility_km"),
+    "range": "",
 }
-"""Words of scenes that people try, and the key of a scene file that they mean most."""
+"""Words that people try, and the key of a scene file that they mean most; "" if they mean none, whatever is like it."""
 
 
 def key_to_change(word: str, options: Collection[str], value: object = None) -> str:

@@ -230,7 +230,9 @@ class SensorFile(FileModel):
         if counts and "receiver" in self.model_fields_set:
             raise ValueError('receiver: must be left out with detector.type = "spad", whose firings are counted')
         if counts and self.laser.slope_broadening:
-            raise ValueError('laser.slope_broadening: must be left out with detector.type = "spad", take several rays')
+            raise ValueError(
+                'laser.slope_broadening: must be left out with detector.type = "spad", use rays > 1 instead'
+            )
         if counts and self.sampler is not None:
             raise ValueError('sampler: must be left out with detector.type = "spad", which has a histogram')
         return self
@@ -370,7 +372,7 @@ def _check_response(sensor: Sensor) -> None:
     """Raise InputError for a frequency response that this detector or pulse cannot have."""
     rate = sensor.coupling_rate
     if rate is not None and sensor.laser.slope_broadening:
-        raise InputError("laser.slope_broadening: must be left out with receiver.ac_coupling_khz, take several rays")
+        raise InputError("laser.slope_broadening: must be left out with receiver.ac_coupling_khz, use rays > 1 instead")
     if rate is not None and rate > high_pass.WIDEST_RATE:
         coupling_khz, factor = 1e-3 * float(sensor.receiver.ac_coupling_hz or 0.0), high_pass.WIDEST_RATE / rate
         raise InputError(
