@@ -67,7 +67,7 @@ FOREIGN_NAMES = {
         for name in ("to_csv", "groupby", "query", "sort_values", "value_counts", "to_json", "apply")
     },
     **{name: f"cloud.to_pandas().{name}()" for name in ("describe", "head", "tail", "iterrows")},
-    "hist": "cloud.to_pandas().hist('range')",
+    "hist": "cloud.to_pandas().intensity.hist()",
     **{name: f"cloud.to_pandas().{name}(numeric_only=True)" for name in ("mean", "std", "min", "max", "median")},
     **dict.fromkeys(("budget", "budgets", "photons"), "lidarscene.budget(cloud, scene, sensor)"),
     **dict.fromkeys(("waveform", "waveforms"), "lidarscene.Simulator(scene, sensor).waveforms([0])"),
