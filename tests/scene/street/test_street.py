@@ -541,7 +541,8 @@ def test_who_parks_drives_and_walks_on_a_hill_is_along_its_slope(hills: Path) ->
             rear_m, front_m = ground.height_m(pose.apply(np.array([[-0.3, 0.0, 0.0], [0.3, 0.0, 0.0]]))[:, :2])
             if abs(front_m - rear_m) < 0.1:  # both on the road or both on the pavement
                 slopes.append((front_m - rear_m) / 0.6)
-                assert pose.rotation[2, 0] == pytest.approx(slopes[-1], abs=0.02), body.name
+                # Poses lie some metres apart: between two of them the axis turns evenly, and the ground need not.
+                assert pose.rotation[2, 0] == pytest.approx(slopes[-1], abs=0.03), body.name
     assert len(slopes) > 40
     assert max(slopes) > 0.05
     assert min(slopes) < -0.05
