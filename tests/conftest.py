@@ -14,8 +14,8 @@ from types import ModuleType
 from typing import Any
 
 import pytest
+from helpers.run_seed import CASES_NAME, run_seed, shuffle
 from helpers.run_seed import NAME as SEED_NAME
-from helpers.run_seed import run_seed, shuffle
 from helpers.waiting import PATIENCE_S
 from hypothesis import HealthCheck, settings
 
@@ -29,6 +29,8 @@ os.environ.setdefault("MPLBACKEND", "Agg")
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 SEED = run_seed()
 """Of the order of the tests and of their random streams; drawn unless TEST_SEED says it."""
+CASE_SEED = run_seed(CASES_NAME)
+"""Of the cases that `chosen` gives; drawn unless CASE_SEED says it."""
 # Meshes and Hypothesis' examples are kept for this run alone, with all workers of xdist: what an earlier one left must
 # not decide a test.
 if "PYTEST_XDIST_WORKER" not in os.environ:
@@ -101,8 +103,8 @@ def pytest_configure(config: pytest.Config) -> None:
 
 
 def pytest_report_header() -> str:
-    """How to run the tests once more in this order, on these random streams."""
-    return f"order and random streams: {SEED_NAME}={SEED}"
+    """How to run the tests once more in this order, on these random streams, with these cases."""
+    return f"order and random streams: {SEED_NAME}={SEED}; cases: {CASES_NAME}={CASE_SEED}"
 
 
 def pytest_terminal_summary(terminalreporter: Any) -> None:

@@ -1,12 +1,13 @@
 """What people try first: it works, or one line names the call that does it."""
 
 import ast
+import contextlib
 import dataclasses
 import inspect
-import operator
 import pickle
 import re
 import warnings
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +21,8 @@ import lidarscene
 from lidarscene import Material, PointCloud, Rig, Scene, Sensor
 from lidarscene.catalog import files
 from lidarscene.files.arguments import FOREIGN_KEYWORDS
-from lidarscene.formats.cloud_columns import FOREIGN_NAMES
 from lidarscene.formats.registry import OTHER_SUFFIXES
+from lidarscene.maths.attributes import HintedAttributes
 
 APD = lidarscene.load_sensor("apd-905")
 NAMES: dict[str, Any] = {
@@ -32,6 +33,7 @@ NAMES: dict[str, Any] = {
     "report": lidarscene.max_range(APD),
     "box": (np.eye(3), np.array([[0, 1, 2]])),
     "mesh": trimesh.creation.box(),
+    "np": np,
 }
 
 ANSWERS = {
@@ -100,11 +102,33 @@ ANSWERS = {
     "cloud.range_error": "cloud.range_m - cloud.true_range_m",
     "cloud.sort('time')": r"numpy.argsort\(cloud.time\)",
     "scene['board']": r"Scene has no \[...\]; scene.bodies\[",
-    "list(scene)": "Scene has no iteration; scene.bodies",
-    "lidarscene.Simulator.__call__(scene)": r"has no \(...\); simulator.render",
+    "list(scene)": "'Scene' object is not iterable",
+    "list(sensor)": "'Sensor' object is not iterable",
+    "lidarscene.render('range', 'apd-905', overrides=scene)": "^overrides: must be .*, got .Scene",
     "scene.bodies.keys()": r"\[body.name for body in scene.bodies\]",
     "sensor['laser']": "sensor.laser",
-    "sensor.replace(laser__peak_power_w=50)": r"^apd-905 overrides .* did you mean laser.peak_power_w[?]$",
+    "sensor.detector.pde": "quantum_efficiency of an APD",
+    "sensor.detector.dark_current": "surface_dark_current_a or apd.bulk_dark_current_a",
+    "sensor.scanner.frame_rate": "1 / sensor.scanner.frame_s",
+    "sensor.laser.pulse_width": "sensor.laser.pulse_fwhm_s",
+    "setattr(sensor.detector, 'gain', 50)": r"Apd.gain cannot be set; sensor.replace\(",
+    "lidarscene.Pose(0, 0, 1.8)": r"by name, got 3 without; Pose.from_degrees\(position_m=",
+    "lidarscene.Pose(position=(0, 0, 1.8))": "did you mean position_m[?]",
+    "lidarscene.Pose.from_degrees(yaw=90)": "did you mean yaw_deg[?]",
+    "lidarscene.Pose.from_matrix(np.eye(4))": "Pose.from_degrees",
+    "scene.sensor_pose.x": "pose.position_m",
+    "lidarscene.Body(name='a', material='brick')": r"unknown option 'material'; scene.add\(",
+    "lidarscene.Sun(azimuth=30)": "did you mean azimuth_rad[?]",
+    "scene.sky.nothing": "Sky has no 'nothing'; known here: diffuse_share",
+    "scene.bounds": r"lidarscene.boxes\(cloud, scene\)",
+    "scene.add('car', velocity=(10, 0, 0))": "LiveSimulator",
+    "cloud.min_range": r"cloud.range.min\(\)",
+    "cloud.columns[0].data": r"cloud\[column.name\]",
+    "lidarscene.Rig('rig')[0]": "rig.sensors",
+    "report.to_html()": r"report.save\(folder\)",
+    "lidarscene.config": "options go with a call",
+    "lidarscene.nothing_like_it": r"dir\(lidarscene\) lists the names",
+    "sensor.replace(laser__peak_power_w=50)": r"^apd-905 changes .* did you mean laser.peak_power_w[?]$",
     "sensor.peak_power_w": "sensor.laser.peak_power_w",
     "sensor.wavelength": "sensor.laser.wavelength_m",
     "sensor.laser.peak_power": "peak_power_w",
@@ -124,6 +148,7 @@ ANSWERS = {
     "scene.sun.elevation": "elevation_rad",
     "sensor.eye_safety()": r"lidarscene.eye_safety\(sensor\)",
     "lidarscene.load_sensor('apd-905', gain=60)": "overrides=",
+    "lidarscene.fov('vlp-16', range=3)": "unknown option 'range'; known here",
     "lidarscene.get_sensors()": "did you mean sensors[?]",
     "cloud['label']": "cloud.class_names",
     "report['range']": r"did you mean range_m[?] must be one of name, range_m",
@@ -137,6 +162,7 @@ ANSWERS = {
     "cloud.plot(save='a.png')": r"plot\(\).save\('a.png'\)",
     "cloud.select(range=(0, 20))": r"cloud\[\(cloud.range > 5\)",
     "cloud.describe()": r"cloud.to_pandas\(\).describe\(\)",
+    "cloud.hist()": r"cloud.to_pandas\(\).intensity.hist\(\)",
     "cloud.crop(x=(0, 3))": "cloud.x > 0",
     "cloud.to_torch(device='cuda')": r"tensor.to\(",
     "cloud.save('a.csv')": "to_csv",
@@ -151,38 +177,97 @@ def test_a_guess_is_answered_in_one_line(guess: str) -> None:
     assert "\n" not in str(caught.value)
 
 
+WHOLE_COMMANDS = {
+    "files/open3d.py": " --force-reinstall",
+    "studies/paper/study.py": "--aperture-law",
+    "studies/twin/twin_files.py": " --rays ",
+    "studies/recorded.py": "as for --set",  # of a file of the package, that no user writes
+}
+"""Texts with names of the command line's options that are right outside of `cli`: commands from their first word."""
+
+
 def test_messages_have_the_command_lines_names_of_options_only_there() -> None:
-    """Rationale: an `OptionError` has a name of an option for either; no type tells a text that has the latter."""
-    package = Path(lidarscene.__file__).parent
+    """Rationale: an `OptionError` has a name of an option for either; no type tells a text that has the latter.
+
+    A name alone, without a sentence, is an option's own, or an argument of another program.
+    """
+    package, found = Path(lidarscene.__file__).parent, {}
     for file in package.rglob("*.py"):
-        raised = [node for node in ast.walk(ast.parse(file.read_text())) if isinstance(node, ast.Raise)]
-        texts = [part.value for node in raised for part in ast.walk(node) if isinstance(part, ast.Constant)]
-        if file.relative_to(package).parts[0] != "cli":
-            assert not [text for text in texts if re.search(r"(^|[\s(])--[a-z]", str(text))], file
+        name, nodes = file.relative_to(package).as_posix(), list(ast.walk(ast.parse(file.read_text("utf-8"))))
+        documented = {id(node.value) for node in nodes if isinstance(node, ast.Expr)}
+        texts = [part.value for part in nodes if isinstance(part, ast.Constant) and id(part) not in documented]
+        named = [text for text in texts if " " in str(text) and re.search(r"(^|[\s(])--[a-z]", str(text))]
+        if named and not name.startswith("cli/"):
+            found[name] = " ".join(named)
+    assert found.keys() == WHOLE_COMMANDS.keys()
+    assert all(WHOLE_COMMANDS[name] in text for name, text in found.items())
 
 
 def test_columns_have_the_names_of_keywords() -> None:
     np.testing.assert_array_equal(NAMES["cloud"].class_, NAMES["cloud"]["class"])
 
 
-@pytest.mark.parametrize(
-    "hints",
-    [
-        Sensor.FOREIGN_NAMES,
-        Scene.FOREIGN_NAMES,
-        type(NAMES["scene"].bodies).FOREIGN_NAMES,
-        lidarscene.Report.FOREIGN_NAMES,
-        FOREIGN_NAMES,
-        OTHER_SUFFIXES,
-        {key: " ".join(words.values()) for key, words in FOREIGN_KEYWORDS.items()},
-    ],
+OWNERS = (
+    "lidarscene|dataclasses|numpy|cloud|scene|sensor|report|body|pose|rig|mounted|material|picture|column|viewed|"
+    "simulator|live"
 )
-def test_what_a_hint_names_is_there(hints: dict[str, str]) -> None:
-    """Rationale: no tool reads the names in texts."""
-    named = re.findall(r"\b(lidarscene|cloud|scene|sensor|report)\.([\w.]+)", " ".join(hints.values()))
-    assert named
-    for owner, path in named:
-        operator.attrgetter(path.rstrip("."))(NAMES[owner])
+
+
+def _tables_of_hints() -> dict[str, Mapping[str, str]]:
+    """Texts of all hints: of each class whose objects have any, of the package, of keywords, suffixes and changes."""
+    kinds = [HintedAttributes]
+    for kind in kinds:
+        kinds += kind.__subclasses__()
+    changed = {kind.__name__: f"{kind.CHANGED_BY} {kind.MADE_BY}" for kind in kinds}
+    keywords = {key: " ".join(words.values()) for key, words in FOREIGN_KEYWORDS.items()}
+    tables = {kind.__qualname__: kind.FOREIGN_NAMES for kind in kinds if kind.__module__.startswith("lidarscene")}
+    return {
+        **tables,
+        "package": lidarscene._FOREIGN_NAMES,
+        "suffixes": OTHER_SUFFIXES,
+        "changes": changed,
+        "": keywords,
+    }
+
+
+def _expressions_in(text: str) -> Iterator[str]:
+    """Code in a text: from the name of an owner on, as far as it is an expression."""
+    for found in re.finditer(rf"(?<![\w.])({OWNERS})\.", text):
+        code = re.split(" (?:is|are|has|of|in|and) ", text[found.start() :])[0]
+        while code:
+            with contextlib.suppress(SyntaxError):
+                ast.parse(code, mode="eval")
+                yield code.strip()
+                break
+            code = code[:-1]
+
+
+def test_what_a_hint_names_runs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Rationale: no tool reads the code in texts."""
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("webbrowser.open", lambda address: True)
+    NAMES["scene"].add("car", position=(8, 3, 0)).save("car.toml")
+    scene, rig = Scene("car.toml"), Rig("rig")
+    sensor = APD.replace({"scanner.azimuth_step_deg": 2})
+    cloud = lidarscene.render(scene, sensor).select(status="echo")  # false alarms have no true range
+    cloud.save("a.ply")
+    NAMES["mesh"].export("mesh.ply")
+    names = {word: getattr(lidarscene, word) for word in lidarscene.__all__} | NAMES
+    names |= {
+        **{"scene": scene, "sensor": sensor, "cloud": cloud, "body": scene.bodies["car"], "pose": scene.sensor_pose},
+        **{"rig": rig, "mounted": rig.sensors[0], "material": Material("brick"), "column": cloud.columns[0]},
+        **{"picture": scene.plot(), "viewed": cloud.view(), "simulator": lidarscene.Simulator(scene, sensor)},
+        **{"live": lidarscene.LiveSimulator(scene, sensor, movable=["car"], spares={"car": 1})},
+        **{"dataclasses": dataclasses, "numpy": np, "points_m": np.zeros((1, 3)), "path": "b.ply", "folder": "out"},
+        **{"N": 1, "file": "mesh.ply", "name": "car", "mesh": trimesh.creation.box()},
+    }
+    codes = {code for table in _tables_of_hints().values() for text in table.values() for code in _expressions_in(text)}
+    assert len(codes) > 100
+    for code in sorted(codes):
+        # Data sets take a minute, and run in the tests of the documentation.
+        if "..." not in code and "lidarscene.batch(" not in code:
+            with contextlib.suppress(ImportError):  # a table format of pandas
+                eval(code, dict(names))
 
 
 def test_a_name_makes_a_sensor_a_scene_a_rig_a_material_and_a_cloud(
@@ -216,7 +301,16 @@ def test_a_reflectivity_makes_a_material() -> None:
     )
     with pytest.raises(lidarscene.InputError, match="the scene has another of this name"):
         scene.add(NAMES["mesh"], Material(name="reflectivity 0.2", reflectivity=0.3))
-    assert Material(reflectivity=Material("brick").reflectivity).reflectivity is not None
+    brick, mine = Material("brick"), Material(reflectivity=Material("brick").reflectivity)
+    assert mine.at(905e-9)["reflectivity"] == brick.at(905e-9)["reflectivity"]
+    assert mine.at(1550e-9)["reflectivity"] == brick.at(1550e-9)["reflectivity"] != brick.at(905e-9)["reflectivity"]
+    assert Material(reflectivity=1 / 3).name != Material(reflectivity=0.333333).name
+
+
+def test_an_object_with_hints_is_what_its_operators_say() -> None:
+    assert not isinstance(NAMES["scene"], Iterable)
+    assert not isinstance(APD, Iterable)
+    assert not callable(lidarscene.Simulator.__new__(lidarscene.Simulator))
 
 
 def test_a_sensor_has_its_range() -> None:

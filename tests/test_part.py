@@ -54,6 +54,12 @@ def test_tests_of_a_change_come_by_their_nearness_and_time(
     assert sorted(name for functions in chosen.values() for name in functions) == sorted(names)
 
 
+def test_a_deleted_file_of_tests_has_no_functions(folder: Path) -> None:
+    (folder / "light" / "test_beams.py").unlink()
+    chosen = part.of_changes([ECHOES, "tests/light/test_beams.py"], COSTS)
+    assert set(chosen) == COSTS.keys() - {"light/test_beams.py", "view/test_serve.py"}
+
+
 def test_what_differs_from_the_last_commit_is_changed(folder: Path) -> None:
     """Files that git does not know yet, too; without a repository nothing is."""
     root = folder.parent

@@ -1,8 +1,11 @@
-"""TEST_SEED: which streams a process of a run draws."""
+"""TEST_SEED: which streams a process of a run draws. CASE_SEED: which cases."""
 
 import os
 import subprocess
 from collections.abc import Callable
+
+import pytest
+from helpers.run_seed import CASES_NAME, NAME, chosen, run_seed
 
 DRAW = """
 import subprocess, sys
@@ -32,3 +35,24 @@ def test_a_run_has_streams_of_its_own(run_python: Callable[..., subprocess.Compl
         assert numbers[0] == numbers[1]
     assert len({fixed[0], one[0], other[0]}) == len({fixed[2], one[2], other[2]}) == 3
     assert paused == fixed
+
+
+def test_cases_are_drawn_anew_on_a_known_seed(monkeypatch: pytest.MonkeyPatch) -> None:
+    """The same ones by the number that the first process leaves to the others."""
+    monkeypatch.setenv(NAME, "3740570311")
+    drawn = []
+    for _ in range(4):
+        monkeypatch.delenv(CASES_NAME, raising=False)
+        cases = chosen(8, range(10**9))
+        assert os.environ[CASES_NAME].isdecimal()
+        assert chosen(8, range(10**9)) == cases
+        drawn.append(cases)
+    assert len(set(map(tuple, drawn))) > 1
+    assert run_seed() == 3740570311
+    monkeypatch.setenv(CASES_NAME, "7")
+    first = chosen(2, "abcdef")
+    monkeypatch.setenv(NAME, "8")
+    assert chosen(2, "abcdef") == first
+    monkeypatch.setenv(CASES_NAME, "seven")
+    with pytest.raises(pytest.UsageError, match="CASE_SEED: must be a whole number >= 0, got 'seven'"):
+        chosen(2, "abcdef")

@@ -13,9 +13,9 @@ from typing import Any
 import lazy_loader
 
 from .errors import did_you_mean, question
-from .files.attributes import meaning_of
 from .files.installed_llvm import write_newest_path
 from .files.late_binding import bind
+from .maths.attributes import meaning_of
 
 # Public names stand in __init__.pyi, and are imported when first asked for: importing the package costs nothing.
 _public, __dir__, __all__ = lazy_loader.attach_stub(__name__, __file__)
@@ -60,6 +60,27 @@ _FOREIGN_NAMES = {
     **dict.fromkeys(("weather", "fog", "rain"), "render('car', scene_overrides={'weather.fog_visibility_km': 0.1})"),
     **dict.fromkeys(("noise", "noise_model"), "noise follows from the sensor, which sensor.replace(...) changes"),
     **dict.fromkeys(("info", "describe", "summary"), "print(Sensor(name)), print(Scene(name))"),
+    **dict.fromkeys(
+        ("config", "settings", "options", "set_backend", "backend", "device"),
+        "nothing is set for all calls: options go with a call, and a GPU is used where there is one",
+    ),
+    **dict.fromkeys(("doctor", "test", "diagnose", "check_install"), "`lidarscene doctor` looks over the installation"),
+    **dict.fromkeys(("seed", "set_seed", "random_seed"), "a frame has its seed: render(scene, sensor, seed=1)"),
+    **dict.fromkeys(
+        ("Laser", "Detector", "Scanner", "Optics", "Imu"), "parts of a sensor are changed by Sensor(name).replace(...)"
+    ),
+    **dict.fromkeys(
+        ("Motion", "Trajectory", "Transform", "Vector"),
+        "Pose.from_degrees(position_m=(0, 0, 1.8), yaw_deg=90) is a pose",
+    ),
+    **dict.fromkeys(
+        ("animate", "video", "Frame", "frame"), "render_frames(scene, sensor, frames=10) has several frames"
+    ),
+    **dict.fromkeys(("light", "camera", "lamp"), "Scene(name).replace(...) changes sun, sky, lamps and camera"),
+    **dict.fromkeys(("load_recording", "recording"), "open_recording(file) reads one"),
+    **dict.fromkeys(("false_alarm_rate", "photon_budget"), "budget(cloud, scene, sensor) has that of points"),
+    **dict.fromkeys(("validate", "lint"), "check(file) lists mistakes and doubts"),
+    **dict.fromkeys(("version",), "lidarscene.__version__"),
     "waveform": "Simulator(scene, sensor).waveforms([0]) has those of pulses",
 }
 """Names that people try first, with the call that does it."""
@@ -72,12 +93,11 @@ def __getattr__(name: str) -> Any:
     try:
         return _public(name)
     except AttributeError:
-        meant = ""
-        if not name.startswith("_"):  # what Python and libraries look for
-            public = {entry: question([entry]) for entry in __all__}
-            meant = meaning_of(name, public, _FOREIGN_NAMES) or did_you_mean(name, __all__)
-        if not meant:
+        if name.startswith("_"):  # what Python and libraries look for
             raise
+        public = {entry: question([entry]) for entry in __all__}
+        meant = meaning_of(name, public, _FOREIGN_NAMES) or did_you_mean(name, __all__, cutoff=0.7)
+        meant = meant or "dir(lidarscene) lists the names"
         raise AttributeError(f"lidarscene has no '{name}'; {meant}") from None
 
 
@@ -122,6 +142,7 @@ sys.modules[__name__].__class__ = _Lidarscene
 # Methods and constructors of lower tiers call these by name.
 bind(
     boxes="lidarscene.labels.boxes:boxes",
+    check_material="lidarscene.materials.material_file:check_material",
     deskew="lidarscene.cloud.deskew:deskewed",
     draw="lidarscene.figures.pictures:draw_in_memory",
     draw_scene="lidarscene.figures.panels:draw_scene",

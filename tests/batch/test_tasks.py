@@ -144,11 +144,11 @@ def test_nothing_else_is(folder: Path, tmp_path_factory: pytest.TempPathFactory)
     r"""
     scenes = ["none.toml"] | none.toml | no such file
     scenes = ["scene.toml"]\nsensors = ["table1-apt"] | sensor 'table1-apt' | table1-apd?
-    ONE"sun.illuminance_klux" = [1, -1] | scene.toml | --scene-set sun.illuminance_klux=-1 | >= 0 | got -1
-    scenes = ["scene.toml"]\n[sweep.sensor]\n"laser.power" = [1] | own.toml | --set laser.power=1 | 'laser.power'
+    ONE"sun.illuminance_klux" = [1, -1] | scene.toml | scene_overrides sun.illuminance_klux=-1 | >= 0 | got -1
+    scenes = ["scene.toml"]\n[sweep.sensor]\n"laser.power" = [1] | own.toml | overrides laser.power=1 | 'laser.power'
     scenes = ["a.xml"]\n[sweep.scene]\n"sun.illuminance_klux" = [1] | a TOML file | a.xml
-    ONE"weather.rain" = [1] | scene.toml | --scene-set weather.rain=1 | 'weather.rain' | weather.rain_mm_h
-    ONE"wether.rain_mm_h" = [1] | --scene-set wether.rain_mm_h=1 | 'wether' | weather?
+    ONE"weather.rain" = [1] | scene.toml | scene_overrides weather.rain=1 | 'weather.rain' | weather.rain_mm_h
+    ONE"wether.rain_mm_h" = [1] | scene_overrides wether.rain_mm_h=1 | 'wether' | weather?
     ONE"bodies.wal.yaw_deg" = [1] | bodies.NAME.KEY | wall
     ONE"sun.azimuth_deg" = [0, "east"] | sun.azimuth_deg | number | "east"
     """,

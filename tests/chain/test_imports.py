@@ -22,7 +22,8 @@ PACKAGE = "lidarscene"
 # from its own folder and from tiers below its own, never from a neighbour in its tier. Imports inside functions, under
 # TYPE_CHECKING and by a string that names a module of ours count as all others do.
 TIERS = (
-    ("errors", "_version", "maths"),
+    ("errors", "_version"),
+    ("maths",),
     ("physics", "catalog"),
     ("files",),
     ("materials", "scan"),

@@ -130,32 +130,46 @@ NO_NUMBERS = re.compile(
 )
 """What stands on a page and has no number in need of an account."""
 
+PLAIN_WORDS = re.compile(
+    r"""<!--\ (?:keys|columns|formats|materials|quantities)\b[^\n]*-->\n(?:\ *\|[^\n]*\n)+  # tables that a test writes
+    |^\ *\d+\.\ |\b(?:18|19|20)\d\d\b(?!\.\d)            # numbers of lists, years
+    |\b(?:Figures|CIE|glTF|OSI|revision|firmware)\s\d+(?:\.\d+)*  # names
+    |\b(?:905|1550)(?=\ nm\b)                       # kinds of laser
+    |\^[-(]*\d(?:/\d)?                              # powers
+    |(?<![\w.])\d\ ?/\ ?(?=[(a-zA-Z])               # reciprocals, and units such as 1/s
+    |(?<=[a-zA-Z)\d])/\d(?![\d.])|(?<=[a-zA-Z]\ )/\ \d(?![\d.])  # fractions
+    |\b\d\ ?(?:[-+]\ [a-zA-Z(]|/\d(?![\d.])|(?:[BDReir]|pi|ln|exp|alpha)\b|sigma_\w+)|sqrt\([^()]*\)
+    |[\w)]\ [<>=]{1,2}\ -?[012]\b(?![.\d])              # conditions of equations
+    """,
+    re.MULTILINE | re.VERBOSE,
+)
+"""Names and pieces of equations, whose numbers have no account unless one is behind them."""
+
 
 @dataclass(frozen=True)
 class Stretch:
-    """The numbers of a page between two accounts, each with the words around it, and the expression that ends them."""
+    """The numbers of a page between two accounts, and the expression that ends them.
+
+    Each has the words around it, and whether it is part of `PLAIN_WORDS`.
+    """
 
     numbers: list[str]
     words: list[str]
+    plain: list[bool]
     expression: str | None
 
 
 def stretches(page: Path) -> Iterator[Stretch]:
     text = text_of(page)
     bare = NO_NUMBERS.sub(lambda match: re.sub(r"[^\n]", "\0", match[0]), text)
+    plain = {place for match in PLAIN_WORDS.finditer(text) for place in range(match.start(), match.end())}
     start = 0
     for account in (*ACCOUNT.finditer(text), None):
         end = account.start() if account else len(text)
         found = list(NUMBER.finditer(bare, start, end))
         words = [" ".join(text[max(n.start() - 50, 0) : n.end() + 10].split()) for n in found]
-        yield Stretch([n[0] for n in found], words, account[1] if account else None)
+        yield Stretch([n[0] for n in found], words, [n.end() - 1 in plain for n in found], account and account[1])
         start = end
-
-
-def is_plain(number: str) -> bool:
-    """A round number, of one digit but for zeros, a year, or the wavelength of a kind of laser."""
-    digits = re.sub(r"[ ,.+-]", "", number.partition("e")[0]).strip("0")
-    return len(digits) < 2 or digits in ("905", "155") or re.fullmatch(r"(?:19|20)\d\d", number) is not None
 
 
 def value_of(printed: str) -> tuple[float, float]:

@@ -55,13 +55,13 @@ def of_changes(changed: Collection[str], costs: Costs, limit_s: float = CHANGED_
     """Functions of tests that take much and are run for these changes, by file.
 
     Args:
-        changed: paths below the repository
+        changed: paths below the repository; a deleted or renamed file of tests has no functions
     """
-    ranks = {file: min(_ranks(file, changed), default=None) for file in costs}
+    ranks = {file: min(_ranks(file, changed), default=None) for file in costs if (TESTS / file).exists()}
     ranked = sorted(
         (rank, seconds, file, name)
         for file, functions in costs.items()
-        if (rank := ranks[file]) is not None
+        if (rank := ranks.get(file)) is not None
         for name, seconds in functions.items()
     )
     chosen: dict[str, set[str]] = {}

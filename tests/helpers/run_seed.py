@@ -1,4 +1,4 @@
-"""Seed of a run of the suite: TEST_SEED, from which the order of the tests and their random streams follow."""
+"""Seeds of a run of the suite: TEST_SEED of the order of the tests and their random streams, CASE_SEED of `chosen`."""
 
 import os
 import random
@@ -9,14 +9,15 @@ from typing import TypeVar
 import pytest
 
 NAME = "TEST_SEED"
+CASES_NAME = "CASE_SEED"
 
 
-def run_seed() -> int:
-    """Seed of this run: the number in TEST_SEED; without one it is drawn, and left there for xdist's workers."""
-    value = os.environ.get(NAME) or str(random.SystemRandom().randrange(2**32))
+def run_seed(name: str = NAME) -> int:
+    """Seed of this run: the number in this variable; without one it is drawn, and left there for xdist's workers."""
+    value = os.environ.get(name) or str(random.SystemRandom().randrange(2**32))
     if not value.isdecimal():
-        raise pytest.UsageError(f"{NAME}: must be a whole number >= 0, got {value!r}")
-    os.environ[NAME] = value
+        raise pytest.UsageError(f"{name}: must be a whole number >= 0, got {value!r}")
+    os.environ[name] = value
     return int(value)
 
 
@@ -24,8 +25,8 @@ Case = TypeVar("Case")
 
 
 def chosen(count: int, cases: Sequence[Case]) -> list[Case]:
-    """Some of many cases for `parametrize`, others in each run."""
-    return random.Random(run_seed()).sample(cases, count)
+    """Some of many cases for `parametrize`, others in each run, also on a known TEST_SEED."""
+    return random.Random(run_seed(CASES_NAME)).sample(cases, count)
 
 
 def shuffle(items: Sequence[pytest.Item], seed: int) -> list[pytest.Item]:

@@ -12,6 +12,7 @@ tests/cli/test_main.py, charts drawn by the tests of each command.
 import functools
 import re
 import shlex
+from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -288,16 +289,16 @@ class Reader:
         # Asked for here: the package keeps a name as it was first asked for, which must not be `load`.
         whole, build = lidarscene.load_scene, build_world
 
-        def load(path: Path | Scene, **options: Any) -> Scene:
+        def load(path: Path | Scene, overrides: Sequence[str] = (), **options: Any) -> Scene:
             # A module that is imported meanwhile keeps this function when the patch is gone.
             if isinstance(path, Scene) or scene_file.load_scene is not patched["load_scene"]:
-                return whole(path, **options)
-            file, overrides = scene_path(path).resolve(), tuple(options.get("overrides", ()))
+                return whole(path, overrides=overrides, **options)
+            file = scene_path(path).resolve()
             if file.parent != catalog.folder("scenes"):
-                return whole(path, **options)
-            key = (file, overrides)
+                return whole(path, overrides=overrides, **options)
+            key = (file, tuple(overrides))
             if key not in self.scenes:
-                self.scenes[key] = sparse(whole(path, **options))
+                self.scenes[key] = sparse(whole(path, overrides=overrides, **options))
             return self.scenes[key]
 
         def world(scene: Scene, **options: Any) -> World:
@@ -314,8 +315,9 @@ class Reader:
             return built
 
         patched: dict[str, Any] = {"load_scene": load}
+        monkeypatch.setattr(scene_file, "load_scene", load)
         for module in (scene_file, record):
-            monkeypatch.setattr(module, "load_scene", load)
+            monkeypatch.setattr(module, "changed_scene", load)
         monkeypatch.setattr(simulator, "build_world", world)
 
     def _try(self, capsys: pytest.CaptureFixture[str], page: Path, line: str) -> None:

@@ -80,6 +80,7 @@ def test_rows_are_those_of_the_cloud(
         np.testing.assert_array_equal(np.concatenate([piece.labels for piece in pieces]), expected.labels, strict=True)
         # KITTI's have the same rows, and what its boxes are counted of.
         np.testing.assert_array_equal(np.concatenate([piece.rows for piece in boxed]), rows, strict=True)
+        assert all(values.flags.aligned for piece in boxed for values in counted_columns(piece))
         columns = zip(*map(counted_columns, boxed), strict=True)
         for own, whole in zip(columns, counted_columns(PointRows.of_cloud(cloud, described, "kitti")), strict=True):
             rounding.assert_same(np.concatenate(own), whole)

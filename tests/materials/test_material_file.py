@@ -1,10 +1,12 @@
 """Material files: what tables must be, and what they become."""
 
 import pytest
-from helpers.mistakes import told
+from helpers.mistakes import calls, told
 
+from lidarscene import Material
 from lidarscene.files.toml import validate
-from lidarscene.materials.material_file import MaterialFile
+from lidarscene.materials.material import Spectrum
+from lidarscene.materials.material_file import MaterialFile, material_table
 
 
 def spectrum_rows(*pairs: tuple[float, float]) -> tuple[dict[str, float], ...]:
@@ -53,3 +55,37 @@ def test_a_panes_thickness_is_in_metres() -> None:
     index = ({"wavelength_nm": 905.0, "n": 1.5},)
     material = read_material(bsdf="glass", reflectivity=0.0, index=index, thickness_mm=4.0).build("pane")
     assert material.parameters["thickness_m"] == pytest.approx(4e-3)
+
+
+def grey(bsdf: str = "diffuse", name: object = "grey", **parameters: object) -> Material:
+    return Material(name=name, bsdf=bsdf, reflectivity=0.2, parameters=parameters)
+
+
+SLOPE = Spectrum(wavelength_m=(850e-9, 950e-9), value=(1.4, 1.6))
+POINT = Spectrum(wavelength_m=(9e-7,), value=(0.0,))
+test_objects_are_held_to_what_files_are = calls(
+    (lambda: grey("foo"), "Material | bsdf | foo | diffuse"),
+    (lambda: grey("glass"), "glass | needs | index_n and index_k"),
+    (lambda: grey("glass", index_n=1.5), "index_n | index_k | both"),
+    (lambda: grey("glass", index_n=1.5, index_k=-1.0), "index[0].k | -1.0 | >= 0"),
+    (lambda: grey("glass", index_n=SLOPE, index_k=POINT), "index_n and index_k | same wavelengths"),
+    (lambda: grey("coated"), "coated | coat_ior | coat_roughness"),
+    (lambda: grey("retroreflector"), "retroreflector | retro_coefficient_cd_per_lx_m2 | retro_half_angle_deg"),
+    (lambda: grey("mirror", cover=0.5), "mirror | no cover"),
+    (lambda: grey(name=5), "name | text | int"),
+    (lambda: grey(x=1), "parameters | 'x' | cover"),
+    (lambda: grey(transmitance=0.3), "parameters | 'transmitance' | did you mean transmittance"),
+    (lambda: grey(transmittance=3.0), "transmittance | 3.0 | <= 1"),
+    (lambda: grey(transmittance=0.9), "reflectivity and transmittance | 1.1 | <= 1"),
+    (lambda: grey(cover=Spectrum.constant(0.5)), "cover | a number"),
+    (lambda: Material(reflectivity=Spectrum.constant(2.0)), "reflectivity | 2.0 | <= 1"),
+    (lambda: Spectrum(wavelength_m=(850e-9, 950e-9), value=(0.1,)), "Spectrum | 1 for 2"),
+)
+
+
+@pytest.mark.parametrize("index", [1.5, SLOPE])
+def test_a_file_takes_any_index(index: float | Spectrum) -> None:
+    """A constant one, which files have as rows, and one of which only n depends on the wavelength."""
+    pane = grey("glass", index_n=index, index_k=1e-7, thickness_m=0.004)
+    again = validate(MaterialFile, material_table(pane), "a").build("grey").at(900e-9)
+    assert [again[key] for key in ("index_n", "index_k", "thickness_m")] == pytest.approx([1.5, 1e-7, 0.004], rel=1e-12)

@@ -51,7 +51,7 @@ test_slips = calls(
     (lambda: lidarscene.load_sensor(3), "sensor | a name, a file or a Sensor | int"),
     (lambda: lidarscene.load_sensor("vlp-16", overrides=3), 'overrides | "key=value" | 3'),
     (lambda: lidarscene.load_scene(3), "scene | a name, a file, a Scene | int"),
-    (lambda: lidarscene.load_scene("car", overrides=[1]), 'scene_overrides | "key=value" | 1'),
+    (lambda: lidarscene.load_scene("car", overrides=[1]), '"key=value" | 1'),
     (lambda: lidarscene.batch("job", ""), "output | name of a file | an empty text"),
     (lambda: lidarscene.load_cloud(""), "path | name of a file | an empty text"),
     (lambda: lidarscene.load_rig(3), "rig | a file or a Rig | int"),

@@ -428,8 +428,8 @@ def test_who_walks_goes_on_with_the_stride(tmp_path: Path, with_ego: bool) -> No
     for number in range(41):
         time_s = 0.05 * number
         place = pose(10.0, x_m, 0.0, 90.0)
-        moved = {"ego": place} if with_ego else {"poses": {"walker": place}}
-        if simulator.advance(time_s, **moved, begin_s=0.0):
+        poses, ego = ({}, place) if with_ego else ({"walker": place}, None)
+        if simulator.advance(time_s, poses, ego, begin_s=0.0):
             phase, stride_m = strides(time_s)
             found.append(phase)
             expected.append(x_m / stride_m)

@@ -7,6 +7,7 @@ import pytest
 import trimesh
 from helpers.mistakes import told
 
+from lidarscene import render
 from lidarscene.errors import OptionWarning
 from lidarscene.scene.scene import Part
 from lidarscene.scene.scene_file import load_scene
@@ -25,7 +26,7 @@ def box(tmp_path: Path) -> Path:
 
 def corners(path: Path, *overrides: str) -> tuple[np.ndarray, np.ndarray]:
     """Lowest and highest corner of the mesh in the world."""
-    with pytest.warns(OptionWarning, match="a mesh alone"):
+    with pytest.warns(OptionWarning, match=r"a mesh alone .* high; overrides bodies\.mesh\.unit"):
         scene = load_scene(path, overrides=overrides)
     body = next(body for body in scene.bodies if body.name == "mesh")
     points = np.concatenate([body.pose.apply(p.vertices_m) for p in body.parts if isinstance(p, Part)])
@@ -64,8 +65,10 @@ def test_the_sensor_sees_all_of_it(tmp_path: Path, across: tuple[float, float, f
 
 def test_a_mesh_in_millimetres_is_noticed_and_mended(tmp_path: Path) -> None:
     trimesh.creation.box(np.multiply(BOX, 1000.0)).export(tmp_path / "box.stl")
-    with told("box.stl | 0.05 | 2000 m | 3000 m | millimetres"):
+    with told("box.stl | 0.05 | 2000 m | 3000 m | millimetres, add overrides bodies.mesh.unit=mm"):
         load_scene(tmp_path / "box.stl")
+    with told("add scene_overrides bodies.mesh.unit=mm"):
+        render(tmp_path / "box.stl", "vlp-16")
     for suggestion in ("unit=mm", "scale=0.001"):
         low, high = corners(tmp_path / "box.stl", f"bodies.mesh.{suggestion}")
         np.testing.assert_allclose(high - low, BOX, atol=1e-5)

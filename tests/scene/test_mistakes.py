@@ -1,6 +1,8 @@
 """Mistakes in scene and rig files: one line each, with file and key, what came and what was expected."""
 
+from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -10,10 +12,11 @@ from helpers.walker import write_walker
 from helpers.walls import ROOF_AND_LEFT, WALL
 
 from lidarscene.catalog import path_of
-from lidarscene.errors import OutputError
+from lidarscene.errors import InputError, OutputError
 from lidarscene.scene.scene import Scene
 from lidarscene.scene.scene_file import load_scene
 from lidarscene.sensor.rig_file import load_rig
+from lidarscene.sensor.sensor_file import load_sensor
 
 NOISE = np.random.default_rng(7).bytes(2000)
 TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
@@ -274,9 +277,27 @@ def box() -> trimesh.Trimesh:
     return trimesh.creation.box()
 
 
+@pytest.mark.parametrize(
+    ("call", "first"),
+    [
+        (lambda: load_scene("car", overrides=[1]), "overrides: must be"),
+        (lambda: load_scene("car", overrides={"sun.x": 1}), " overrides sun.x=1: unknown key"),
+        (lambda: load_scene("car", overrides=["sun"]), "overrides sun: must be"),
+        (lambda: load_scene("car").replace({"sun.x": 1}), "car changes sun.x=1: unknown key"),
+        (lambda: load_sensor("vlp-16").replace({"sun.x": 1}), "vlp-16 changes sun.x=1: unknown key"),
+    ],
+)
+def test_a_call_names_only_options_that_it_has(call: Callable[[], Any], first: str) -> None:
+    with pytest.raises(InputError) as caught:
+        call()
+    assert first in str(caught.value)
+    assert "scene_overrides" not in str(caught.value)
+
+
 test_calls = calls(
     (lambda: load_scene("scenes/none/car.toml"), "no such file | its name, car"),
     (lambda: load_scene("kar"), "scene 'kar' | car"),
+    (lambda: load_scene("car", option=1, scene_overrides="a.b=1"), "option | car.toml"),
     (lambda: load_scene("out/kar"), "out/kar | no such file"),
     (lambda: load_rig("rig", overrides=["rear:a.b=1"]), "overrides rear:a.b=1 | 'rear' | roof"),
     (lambda: Scene().add(box(), "asphalt", (0, 0, 0), position=(2.0, 0.0, 1.0)), "pose | position"),

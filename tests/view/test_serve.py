@@ -105,5 +105,5 @@ def test_a_busy_port_is_one_line() -> None:
         listener.bind((HOST, 0))
         listener.listen()
         port = listener.getsockname()[1]
-        with told(f"--port {port} | 0"):
+        with told(f"port {port} | 0"):
             Server(port)

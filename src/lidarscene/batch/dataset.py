@@ -112,7 +112,7 @@ class Place:
         """Write the files of the frame; returns what `write_tables` needs of it, as plain data.
 
         Args:
-            pieces: the frame's cloud, or in SemanticKITTI all rows of its points
+            pieces: the frame's cloud in nuScenes, else the rows of its points
         """
         if self.dataset == "nuscenes":
             (cloud,) = pieces

@@ -25,7 +25,7 @@ from ..outputs.streams import row_reader
 from ..rendering.frame import sensor_motion
 from ..rendering.simulator import Simulator, Summary
 from ..scene.scene import Scene
-from ..scene.scene_file import load_scene
+from ..scene.scene_file import changed_scene
 from ..sensor.rig_file import Mounted, load_rig
 from ..sensor.sensor_file import load_sensor
 from ..sensor.sensor_model import Sensor
@@ -240,7 +240,7 @@ def _scene_of(choice: SceneChoice) -> Scene:
 
 def _scene(choice: SceneChoice) -> Scene:
     path = Path(choice.path)
-    scene = load_scene(path, overrides=choice.overrides)
+    scene = changed_scene(path, choice.overrides)
     if scene_content(path, choice.overrides) != choice.content:
         raise _changed_error(choice.path)
     return scene

@@ -108,7 +108,7 @@ def _choose(arguments: argparse.Namespace) -> Callable[[argparse.Namespace], Rep
 
 
 def _compare_sensors(arguments: argparse.Namespace) -> Report:
-    from ..scene.scene_file import load_scene
+    from ..scene.scene_file import changed_scene
     from ..studies.compare.bench import Bench
     from ..studies.compare.comparison_study import compare_sensors
     from ..studies.ranging.conditions import CONDITIONS
@@ -122,7 +122,7 @@ def _compare_sensors(arguments: argparse.Namespace) -> Report:
     for value in arguments.illuminance_klux or ():
         CONDITIONS["illuminance_klux"].check("illuminance_klux", value)
         CONDITIONS["illuminance_klux"].warn_of_unit("illuminance_klux", value)
-    scene = load_scene(arguments.inputs[0])
+    scene = changed_scene(arguments.inputs[0])
     sensors: list[NamedSensor] = [
         (subject.name, subject.sensor()) for subject in subjects(words, arguments.overrides or ())
     ]

@@ -71,9 +71,9 @@ def run_fov(arguments: argparse.Namespace) -> Answer:
     scene, vehicle = None, arguments.pose
     if arguments.scene is not None:
         from ..maths.pose import Pose
-        from ..scene.scene_file import load_scene
+        from ..scene.scene_file import changed_scene
 
-        scene = load_scene(arguments.scene)
+        scene = changed_scene(arguments.scene)
         if arguments.rig is not None:
             vehicle = vehicle or Pose()
     require_writable_report(arguments.output)

@@ -103,6 +103,7 @@ FLAGS = {
     if entry.flags
 }
 """Name of a field -> its name on the command line, unless that is the same with dashes."""
+FLAGS["changes"] = FLAGS["overrides"]  # of a sensor that was loaded before
 
 
 def flag_of(name: str) -> str:

@@ -72,13 +72,13 @@ def run_stream(arguments: argparse.Namespace) -> Answer:
     from ..outputs.live.sending import render_firings, send_frames, udp
     from ..rendering.simulator import Simulator
     from ..rendering.surroundings import simulator_surroundings, warn_of_surroundings
-    from ..scene.scene_file import load_scene
+    from ..scene.scene_file import changed_scene
     from ..sensor.sensor_file import load_sensor
 
     host, port = arguments.udp
     frame, trace = options_from(FrameOptions, arguments), options_from(TraceOptions, arguments)
     with udp(host, port) as send:
-        scene = load_scene(arguments.scene, overrides=scene_changes(arguments))
+        scene = changed_scene(arguments.scene, scene_changes(arguments))
         sensor = load_sensor(arguments.sensor or scene.sensor_name, overrides=arguments.overrides)
         encoder = select_encoder(sensor, PACKETS[arguments.format].profile or "")
         if arguments.metadata is not None:

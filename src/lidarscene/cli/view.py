@@ -110,7 +110,7 @@ def run_view(arguments: argparse.Namespace) -> Answer:
 def _source(arguments: argparse.Namespace, opened: contextlib.ExitStack) -> Source:
     """What the page shows; ``opened`` closes a recording."""
     from ..recordings.opening import is_recording
-    from ..scene.scene_file import load_scene
+    from ..scene.scene_file import changed_scene
     from ..view.page_sources import Clouds, Live
 
     recorded = [path for path in arguments.paths if is_recording(path)]
@@ -125,7 +125,7 @@ def _source(arguments: argparse.Namespace, opened: contextlib.ExitStack) -> Sour
     if len(scenes) > 1:
         raise InputError(f"view: must be one scene, got {scenes[0]} and {scenes[1]}")
     clouds = list_clouds([path for path in arguments.paths if path not in scenes])
-    scene = load_scene(scenes[0]) if scenes else None
+    scene = changed_scene(scenes[0]) if scenes else None
     if scene is not None and not clouds:
         frame = options_from(FrameOptions, arguments)
         name = str(scenes[0])

@@ -23,9 +23,9 @@ from typing import Any, ClassVar, NamedTuple
 from ..errors import InputError, OptionWarning, OutputError, did_you_mean, warn
 from ..files.arguments import checks_arguments
 from ..files.atomic import atomic_folder, put_text, require_writable
-from ..files.attributes import HintedAttributes
 from ..files.facts import Picture
 from ..files.json_text import json_text
+from ..maths.attributes import HintedAttributes
 from . import lines
 from .lines import Chart
 
@@ -252,12 +252,16 @@ class Report(HintedAttributes):
         undrawn: names of the figures that `save` or `write` could not draw
     """
 
+    MADE_BY: ClassVar[str] = "studies make one, such as lidarscene.max_range(sensor)"
     FOREIGN_NAMES: ClassVar[Mapping[str, str]] = {
         **dict.fromkeys(("to_pandas", "to_dataframe", "df", "to_dict"), "pandas.DataFrame(report.table)"),
         **dict.fromkeys(("to_csv", "to_json", "to_excel"), "report.save(folder) writes CSV, JSON and pictures"),
         **dict.fromkeys(("data", "results", "values"), "report.table has columns, report.numbers all numbers"),
         **dict.fromkeys(("max_range", "ranges", "range", "range_m"), 'report.table["range_m"]'),
         **dict.fromkeys(("show", "figure", "figures"), "report.plot()"),
+        **dict.fromkeys(("to_html", "html", "open"), "report.save(folder) writes the page"),
+        "keys": "report.table has columns by name",
+        **dict.fromkeys(("print", "text", "describe"), "print(report)"),
     }
 
     title: str

@@ -71,7 +71,16 @@ FOREIGN_KEYWORDS: Mapping[str, Mapping[str, str]] = {
         **dict.fromkeys(("c", "by", "column", "cmap", "field"), "a column gives the colours: colour_by='range'"),
         **dict.fromkeys(("save", "path", "file", "filename", "output"), "a picture is written by plot().save('a.png')"),
     },
-    "position": {"scale": "a mesh is scaled before, such as mesh.apply_scale(2) of trimesh"},
+    "position": {
+        "scale": "a mesh is scaled before, such as mesh.apply_scale(2) of trimesh",
+        **dict.fromkeys(
+            ("velocity", "speed", "motion", "trajectory"),
+            "a scene file has motions, [bodies.motion]; LiveSimulator(scene, sensor, movable=[name]) moves bodies",
+        ),
+        **dict.fromkeys(("color", "colour"), "material=Material(reflectivity=0.2) is grey"),
+        **dict.fromkeys(("label", "category", "class_"), "points have class_name="),
+        **dict.fromkeys(("x", "y", "z"), "a place is position=(x, y, z)"),
+    },
     "ascii": {"binary": "files are binary unless ascii=True"},
     "material": dict.fromkeys(("reflectivity", "albedo", "reflectance"), "material=Material(reflectivity=0.2)"),
     "class_": dict.fromkeys(

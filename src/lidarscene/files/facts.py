@@ -13,8 +13,8 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import ClassVar
 
+from ..maths.attributes import HintedAttributes
 from .atomic import atomic_output
-from .attributes import HintedAttributes
 
 
 def facts_line(kind: str, name: str, facts: Mapping[str, str]) -> str:
@@ -32,9 +32,15 @@ def facts_table(kind: str, name: str, facts: Mapping[str, str]) -> str:
 class Picture(HintedAttributes):
     """A PNG in memory: a notebook shows it, and `save` writes it."""
 
-    FOREIGN_NAMES: ClassVar[Mapping[str, str]] = dict.fromkeys(
-        ("show", "savefig"), "a notebook shows it; picture.save(path)"
-    )
+    FOREIGN_NAMES: ClassVar[Mapping[str, str]] = {
+        **dict.fromkeys(("show", "savefig"), "a notebook shows it; picture.save(path)"),
+        **dict.fromkeys(
+            ("size", "shape", "array", "to_numpy", "data"), "matplotlib.image.imread(io.BytesIO(picture.png))"
+        ),
+        **dict.fromkeys(
+            ("fig", "figure", "ax", "axes", "title", "set_title"), "a picture is drawn; picture.save(path)"
+        ),
+    }
 
     png: bytes = field(repr=False)
 

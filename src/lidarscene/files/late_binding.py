@@ -9,13 +9,9 @@ from __future__ import annotations
 
 import functools
 import importlib
-import inspect
 from collections.abc import Callable
 from dataclasses import fields
 from typing import Any, TypeVar
-
-from ..errors import InputError
-from .arguments import unknown_option
 
 Kind = TypeVar("Kind", bound=type[Any])
 
@@ -38,24 +34,14 @@ def read_by_name(name: str) -> Callable[[Kind], Kind]:
 
     Args:
         name: of the bound function that reads one; it takes the same arguments
-
-    Raises:
-        InputError: when one is made, for a field that is unknown or missing
     """
 
     def decorate(kind: Kind) -> Kind:
         made: Callable[..., None] = kind.__init__
-        parameters = [*inspect.signature(made).parameters.values()][1:]
-        names = [parameter.name for parameter in parameters]
-        required = [parameter.name for parameter in parameters if parameter.default is parameter.empty]
 
         @functools.wraps(made)
         def initialise(self: Any, *choice: Any, **values: Any) -> None:
             if not choice:
-                for word in values.keys() - set(names):
-                    raise unknown_option(word, names, meant=kind.MADE_BY)
-                if missing := [name for name in required if name not in values]:
-                    raise InputError(f"{kind.__name__}(): {missing[0]} is missing; {kind.MADE_BY}")
                 made(self, **values)
                 return
             read = call_bound(name, *choice, **values)

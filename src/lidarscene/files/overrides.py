@@ -35,7 +35,8 @@ def with_overrides(
         _, equals, text = assignment.partition("=")
         path = key_path(assignment)
         if not equals or not all(path):
-            raise change_error([assignment], f"must be KEY=VALUE, such as {_EXAMPLES[option]}", option=option)
+            example = "detector.gain=60" if "detector" in tables else "sun.illuminance_klux=1"
+            raise change_error([assignment], f"must be KEY=VALUE, such as {example}", option=option)
         table: Any = result
         for depth in range(1, len(path)):
             part = path[depth - 1]  # names of tables in lists have become numbers
@@ -107,9 +108,6 @@ def to_builtin(value: Any) -> Any:
     if isinstance(value, os.PathLike):
         return os.fspath(value)
     return value.tolist() if hasattr(value, "tolist") else value
-
-
-_EXAMPLES = {"overrides": "detector.gain=60", "scene_overrides": "sun.illuminance_klux=1"}
 
 
 def key_path(assignment: str) -> list[str]:

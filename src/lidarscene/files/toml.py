@@ -15,7 +15,7 @@ from typing import Any, TypeVar, get_origin
 from pydantic import BaseModel, ConfigDict, ValidationError
 
 from ..errors import InputError, did_you_mean, question
-from ..maths.units import SYMBOLS
+from ..maths.units import keys_like
 from .inputs import LARGEST_TEXT, require_file
 from .overrides import change_error, get_entry, key_path, number_list_entries, short_text
 
@@ -129,7 +129,8 @@ def validate(
             shared = min(len(path), len(mistake_path))
             named += [assignment] if path[:shared] == mistake_path[:shared] else []
         hint = ""
-        if overrides and first["type"] == "extra_forbidden" and mistake_path[0] in OTHERS.get(option, ()):
+        of_other = set(OTHERS.get(option, ())) - model.model_fields.keys()
+        if overrides and first["type"] == "extra_forbidden" and mistake_path[0] in of_other:
             hint = f"; try {{{next(another for another in OTHERS if another != option)}}}"
         if not named and first["type"] in ("missing", "extra_forbidden") and len(mistake_path) == 1:
             hint = _other_kind_hint(model, tables)
@@ -293,38 +294,6 @@ def keys_of_tables(model: type[BaseModel]) -> list[str]:
             for inner, inner_info in inner_model.model_fields.items()
         )
     )
-
-
-def keys_like(typed: str, keys: Iterable[str]) -> list[str]:
-    """Dotted keys whose last part has the words of that of a typed key, units aside: laser.peak_power_w of "power".
-
-    Keys of just these words come before those of more, then those that have some in the table's name, such as
-    "laser_power"; [] if more than MOST_KEYS fit.
-    """
-    words = _words(typed)
-    if max(map(len, words)) < 3:
-        return []
-    listed = [*keys]
-    fitting = [key for key in listed if set(words) <= set(key.rpartition(".")[2].split("_"))]
-    fitting = fitting or [key for key in listed if set(words) <= set(key.replace(".", "_").split("_"))]
-    equal = [key for key in fitting if words == _words(key)]
-    return equal or (fitting if len(fitting) <= MOST_KEYS else [])
-
-
-MOST_KEYS = 4
-"""Most keys that a message suggests."""
-
-_UNIT_WORDS = frozenset(word for unit in (*SYMBOLS, "lux", "mw", "kw") for word in unit.split("_"))
-"""Parts of the units at the ends of keys, and of those that people type instead."""
-
-
-def _words(key: str) -> list[str]:
-    """Words of the last part of a dotted key, without its unit: ["peak", "power"] of "laser.peak_power_w"."""
-    # With two underscores keywords of other libraries say what is in what: laser__peak_power_w.
-    words = key.replace("__", ".").rpartition(".")[2].lower().replace("-", "_").split("_")
-    while len(words) > 1 and words[-1] in _UNIT_WORDS:
-        words.pop()
-    return words
 
 
 def _models_in(annotation: Any) -> list[type[BaseModel]]:

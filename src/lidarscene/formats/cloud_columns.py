@@ -11,15 +11,15 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import KW_ONLY, InitVar, dataclass, field, replace
-from typing import TYPE_CHECKING, Annotated, Any, Self, get_type_hints, overload
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Self, get_type_hints, overload
 
 import numpy as np
 
 from ..detection.outcomes import Status
 from ..errors import InputError, one_line
 from ..files.arguments import checks_arguments
-from ..files.attributes import HintedAttributes, no_attribute
 from ..maths.arrays import Numbers, frozen
+from ..maths.attributes import HintedAttributes, no_attribute
 from ..maths.pose import Pose
 from .category_array import CategoryArray, hint
 
@@ -66,7 +66,8 @@ FOREIGN_NAMES = {
         name: f"cloud.to_pandas().{name}(...)"
         for name in ("to_csv", "groupby", "query", "sort_values", "value_counts", "to_json", "apply")
     },
-    **{name: f"cloud.to_pandas().{name}()" for name in ("describe", "head", "tail", "hist", "iterrows")},
+    **{name: f"cloud.to_pandas().{name}()" for name in ("describe", "head", "tail", "iterrows")},
+    "hist": "cloud.to_pandas().hist('range')",
     **{name: f"cloud.to_pandas().{name}(numeric_only=True)" for name in ("mean", "std", "min", "max", "median")},
     **dict.fromkeys(("budget", "budgets", "photons"), "lidarscene.budget(cloud, scene, sensor)"),
     **dict.fromkeys(("waveform", "waveforms"), "lidarscene.Simulator(scene, sensor).waveforms([0])"),
@@ -87,7 +88,28 @@ FOREIGN_NAMES = {
     **dict.fromkeys(
         ("to_list", "tolist", "data", "array", "values", "dtype", "to_structured", "to_records"), "cloud.to_numpy()"
     ),
-    "to_dict": "{name: cloud[name] for name in ...}, or cloud.to_pandas()",
+    **dict.fromkeys(("bounds", "extent", "extents", "aabb"), "cloud.xyz_m.min(axis=0), cloud.xyz_m.max(axis=0)"),
+    **dict.fromkeys(("center", "centre", "centroid"), "cloud.xyz_m.mean(axis=0)"),
+    **dict.fromkeys(("min_range", "max_range", "range_min", "range_max"), "cloud.range.min(), cloud.range.max()"),
+    **dict.fromkeys(("ndim", "nbytes", "astype"), "cloud.to_numpy()"),
+    **dict.fromkeys(("polar", "spherical", "r", "phi", "theta"), "cloud.range, cloud.azimuth, cloud.elevation"),
+    **dict.fromkeys(("name", "seed", "number"), "cloud.metadata"),
+    "duration": "cloud.time.max() - cloud.time.min()",
+    **dict.fromkeys(("unique", "class_counts", "by_class"), 'numpy.unique(cloud["class"], return_counts=True)'),
+    **dict.fromkeys(("empty", "is_empty"), "len(cloud) == 0"),
+    **dict.fromkeys(
+        ("kdtree", "nearest", "cluster", "segment_plane", "remove_outliers", "estimate_normals"),
+        "cloud.to_open3d() has neighbours, clusters and planes",
+    ),
+    **dict.fromkeys(
+        ("to_polars", "to_xarray", "iloc", "loc", "assign", "drop", "rename", "dropna", "add_column", "with_columns"),
+        "cloud.to_pandas()",
+    ),
+    **dict.fromkeys(
+        ("copy", "__setitem__"), "a cloud is read-only; dataclasses.replace(cloud, range_m=...) is another"
+    ),
+    "dump": "cloud.save(path)",
+    "to_dict": "cloud.to_pandas().to_dict('list')",
 }
 """Names that other libraries have for what a cloud has, and how it is asked for here."""
 """Arrays, names and metadata by attribute of a point cloud."""
@@ -104,7 +126,7 @@ Vectors = Annotated[Numbers | None, "vectors"]
 
 
 @dataclass(frozen=True, slots=True)
-class Column:
+class Column(HintedAttributes):
     """Declaration of one scalar column: its name in files, dtype, unit and meaning.
 
     Attributes:
@@ -114,6 +136,11 @@ class Column:
         absent: value in clouds of sensors or worlds that lack the quantity; None if all have it
         group: "measured", "truth" or "vectors", from the type of the field
     """
+
+    FOREIGN_NAMES: ClassVar[Mapping[str, str]] = {
+        **dict.fromkeys(("data", "values", "array", "min", "max", "mean"), "cloud[column.name]"),
+        **dict.fromkeys(("description", "doc", "about"), "column.meaning"),
+    }
 
     name: str
     dtype: str
@@ -266,6 +293,7 @@ class Cloud(CloudColumns, HintedAttributes):
 
     MADE_BY = 'PointCloud("a.ply") reads a file, lidarscene.render(scene, sensor) makes one'
     CHANGED_BY = "dataclasses.replace(cloud, range_m=...) is another cloud"
+    FOREIGN_NAMES = FOREIGN_NAMES
 
     sensor_names: tuple[str, ...] = ()
     body_names: tuple[str, ...] = ()

@@ -95,8 +95,8 @@ class DeviceRows:
         body, status = columns.array("body"), ops.int32(columns.array("status"))
         if self._dataset == "kitti":
             places = points_m if columns.is_far else tuple(map(ops.float32, points_m))
-            tables = [places, [time_s], rows, [columns.array("true_range_m")], [body], [status]]
-            xyz, times, points, *others = copy_rows(tables)
+            tables = [[time_s], places, rows, [columns.array("true_range_m")], [body], [status]]
+            times, xyz, points, *others = copy_rows(tables)
             true_range, of_body, statuses = (words[:, 0] for words in others)
             counted = CountedPoints(
                 cloud=self._cloud,

@@ -15,8 +15,8 @@ import numpy as np
 
 from ..errors import InputError
 from ..files.arguments import require_type
-from ..files.attributes import HintedAttributes
-from ..files.late_binding import read_by_name
+from ..files.late_binding import call_bound, read_by_name
+from ..maths.attributes import HintedAttributes
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -30,6 +30,12 @@ class Spectrum:
 
     wavelength_m: tuple[float, ...]
     value: tuple[float, ...]
+
+    def __post_init__(self) -> None:
+        """Raise InputError unless each wavelength has a value."""
+        wavelengths, values = len(self.wavelength_m), len(self.value)
+        if not wavelengths or wavelengths != values:
+            raise InputError(f"Spectrum: must have a value for each wavelength, got {values} for {wavelengths}")
 
     @classmethod
     def constant(cls, value: float) -> Spectrum:
@@ -57,16 +63,21 @@ class Material(HintedAttributes):
         bsdf: "diffuse", "coated", "conductor", "mirror", "glass" or "retroreflector"
         reflectivity: diffuse hemispherical reflectivity at normal incidence; the specular one for conductors, mirrors
             and glass; a number holds for every wavelength
-        parameters: further numbers of that kind, constant or a `Spectrum`: facet_slope_deg (deviation of the facets'
-            slope of a rough matt surface); coat_ior, coat_roughness; roughness, index_n, index_k; thickness_m;
-            retro_coefficient_cd_per_lx_m2, retro_half_angle_deg; transmittance (diffuse hemispherical, of a thin
-            surface); cover (fraction of the surface that is not gaps)
+        parameters: further numbers of that kind, held to what material files hold theirs: facet_slope_deg (deviation
+            of the facets' slope of a rough matt surface); coat_ior, coat_roughness; roughness; index_n and index_k,
+            constant or a `Spectrum`; thickness_m; retro_coefficient_cd_per_lx_m2, retro_half_angle_deg; transmittance
+            (diffuse hemispherical, of a thin surface, constant or a `Spectrum`); cover (fraction of the surface that
+            is not gaps)
     """
 
     MADE_BY: ClassVar[str] = (
         'Material("brick") is of the catalogue, of lidarscene.materials(); Material(reflectivity=0.2) is diffuse'
     )
     CHANGED_BY: ClassVar[str] = 'dataclasses.replace(material, name="mine") is another material'
+    FOREIGN_NAMES: ClassVar[Mapping[str, str]] = {
+        **dict.fromkeys(("color", "colour", "reflectance", "albedo"), "material.at(905e-9) has its numbers"),
+        **dict.fromkeys(("roughness", "ior", "transmittance"), "material.parameters"),
+    }
 
     name: str = ""
     bsdf: str = "diffuse"
@@ -79,16 +90,19 @@ class Material(HintedAttributes):
         def __init__(self, file: str = ..., /, **values: Any) -> None: ...
 
     def __post_init__(self) -> None:
-        """Take a number for every wavelength, and name what has no name."""
+        """Take a number for every wavelength, refuse what no material file may have, and name what has no name."""
         given: Any = self.reflectivity
+        for name, kind in (("name", str), ("bsdf", str), ("parameters", Mapping), ("description", str)):
+            require_type(name, getattr(self, name), kind)
         if not isinstance(given, Spectrum):
             require_type("reflectivity", given, float)
             if not 0.0 <= given <= 1.0:
                 raise InputError(f"Material: reflectivity: must be from 0 to 1, got {given}")
             object.__setattr__(self, "reflectivity", Spectrum.constant(float(given)))
+        call_bound("check_material", self)
         if not self.name:
-            first, last = self.reflectivity.value[0], self.reflectivity.value[-1]
-            object.__setattr__(self, "name", f"reflectivity {first:g}" + ("" if first == last else f" to {last:g}"))
+            first, last = map(float, (self.reflectivity.value[0], self.reflectivity.value[-1]))
+            object.__setattr__(self, "name", f"reflectivity {first}" + ("" if first == last else f" to {last}"))
 
     def at(self, wavelength_m: float) -> dict[str, Any]:
         """Name, kind, wavelength_m, reflectivity and parameters at one laser wavelength.

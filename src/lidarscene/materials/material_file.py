@@ -15,6 +15,7 @@ from typing import Annotated, Any, Literal
 from pydantic import Discriminator, Field, Tag, model_validator
 
 from ..catalog import names, path_of
+from ..errors import InputError, did_you_mean
 from ..files.table_model import Number
 from ..files.toml import FileModel, read_toml, validate
 from ..maths.units import Quantity, si
@@ -50,6 +51,10 @@ _PLAIN = (
     "retro_half_angle_deg",
 )
 """Numbers that go into a `Material` as they are."""
+_PARAMETERS = {"transmittance": "transmittance", "index_n": "index", "index_k": "index", "thickness_m": "thickness_mm"}
+"""Other parameters of a `Material`, and their keys in files."""
+_WAVELENGTHS_NM = (10.0, 1e6)
+"""Choice: wavelengths of the rows of a constant index: the bounds of `Wavelength`."""
 _KINDS_KEYS = sorted({key for keys in (*_NEEDED.values(), *_OPTIONAL.values()) for key in keys})
 
 
@@ -140,7 +145,7 @@ class MaterialFile(FileModel):
         missing = [key for key in _NEEDED[self.bsdf] if getattr(self, key) is None]
         if missing:
             raise ValueError(f"a {self.bsdf} material needs {' and '.join(missing)}")
-        allowed = {*_NEEDED[self.bsdf], *_OPTIONAL.get(self.bsdf, ())}
+        allowed = {*_NEEDED[self.bsdf], *_OPTIONAL[self.bsdf]}
         idle = [key for key in _KINDS_KEYS if key not in allowed and getattr(self, key) is not None]
         if idle:
             raise ValueError(f"a {self.bsdf} material has no {' and no '.join(idle)}")
@@ -195,8 +200,28 @@ def _spectrum(reflectivity: float | tuple[ReflectivityRow, ...]) -> Spectrum:
     )
 
 
+def check_material(material: Material) -> None:
+    """Raise InputError for a material that no file may describe."""
+    known = (*_PLAIN, *_PARAMETERS)
+    for key in material.parameters:
+        if key not in known:
+            meant = did_you_mean(key, known)
+            raise InputError(
+                f"Material: parameters: unknown '{key}'; {meant}{' ' if meant else ''}known here: {', '.join(known)}"
+            )
+    if ("index_n" in material.parameters) != ("index_k" in material.parameters):
+        raise InputError("Material: parameters: must have both of index_n and index_k, or none")
+    kinds = [kind for kind in _NEEDED if "index" in (*_NEEDED[kind], *_OPTIONAL[kind])]
+    where = "Material (its index: parameters index_n and index_k)" if material.bsdf in kinds else "Material"
+    validate(MaterialFile, material_table(material), where)
+
+
 def material_table(material: Material) -> dict[str, Any]:
-    """Table of a scene file that gives this material."""
+    """Table of a scene file that gives this material.
+
+    Raises:
+        InputError: if a file cannot have its index
+    """
     numbers = dict(material.parameters)
     table = {"bsdf": material.bsdf, "reflectivity": _rows(material.reflectivity), "description": material.description}
     if "transmittance" in numbers:
@@ -204,10 +229,14 @@ def material_table(material: Material) -> dict[str, Any]:
     if "thickness_m" in numbers:
         table["thickness_mm"] = Quantity("mm").in_file(numbers.pop("thickness_m"))
     if "index_n" in numbers:
-        real, imaginary = (_rows(numbers.pop(f"index_{part}")) for part in "nk")
+        rows = {part: _rows(numbers.pop(f"index_{part}")) for part in "nk"}
+        tables = [[row["wavelength_nm"] for row in part] for part in rows.values() if isinstance(part, list)]
+        if tables[1:] and tables[0] != tables[1]:
+            raise InputError("Material: parameters: index_n and index_k: must have the same wavelengths")
         table["index"] = [
-            {"wavelength_nm": row["wavelength_nm"], "n": row["value"], "k": other["value"]}
-            for row, other in zip(real, imaginary, strict=True)
+            {"wavelength_nm": nm}
+            | {key: part[number]["value"] if isinstance(part, list) else part for key, part in rows.items()}
+            for number, nm in enumerate(tables[0] if tables else _WAVELENGTHS_NM)
         ]
     return table | numbers
 

@@ -13,5 +13,6 @@ motion_table  the same as tables for the device
 box_tree      boxes around what moves, in a tree
 random        random numbers keyed by pulse
 units         the unit, bounds and name in files of a number
+attributes    names that objects of all classes lack, and what does it
 special       special functions with accurate tails
 """

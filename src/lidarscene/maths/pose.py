@@ -7,11 +7,14 @@ parent's: ``R = Rz(yaw) Ry(-pitch) Rx(roll)``, so that a positive pitch looks up
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 
 from .arrays import Lanes, Numbers, frozen, xp
+from .attributes import HintedAttributes, answers_calls
 
 
 def rotation_matrix(*, yaw_rad: float, pitch_rad: float, roll_rad: float) -> Numbers:
@@ -26,13 +29,26 @@ def rotation_matrix(*, yaw_rad: float, pitch_rad: float, roll_rad: float) -> Num
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Pose:
+class Pose(HintedAttributes):
     """Position and rotation of a frame in its parent.
 
     Attributes:
         position_m: (3,) float64
         rotation: (3, 3) float64, frame to parent
     """
+
+    MADE_BY: ClassVar[str] = "Pose.from_degrees(position_m=(0, 0, 1.8), yaw_deg=90) makes one"
+    CHANGED_BY: ClassVar[str] = "dataclasses.replace(pose, position_m=(0, 0, 1.8)) is another pose"
+    FOREIGN_NAMES: ClassVar[Mapping[str, str]] = {
+        **dict.fromkeys(("x", "y", "z", "xyz", "translation", "location", "t"), "pose.position_m"),
+        **dict.fromkeys(
+            ("yaw", "pitch", "roll", "heading", "R", "rot", "quaternion", "quat", "euler", "orientation"),
+            "pose.rotation has the (3, 3) matrix",
+        ),
+        **dict.fromkeys(("matrix", "as_matrix", "T", "__getitem__"), "pose.position_m, pose.rotation"),
+        **dict.fromkeys(("inv", "invert"), "pose.inverse()"),
+        **dict.fromkeys(("transform", "transform_points"), "pose.apply(points_m)"),
+    }
 
     position_m: Numbers = field(default_factory=lambda: np.zeros(3))
     rotation: Numbers = field(default_factory=lambda: np.eye(3))
@@ -43,6 +59,7 @@ class Pose:
         object.__setattr__(self, "rotation", frozen(self.rotation, np.float64, (3, 3)))
 
     @classmethod
+    @answers_calls
     def from_degrees(
         cls,
         *,

@@ -8,6 +8,7 @@ its default, its place in the JSON Schema and the conversion follow from that (`
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from dataclasses import KW_ONLY, Field, dataclass
 from typing import Any, TypeVar, get_type_hints
 
@@ -69,6 +70,38 @@ def split_unit(name: str) -> tuple[str, str]:
     """Split the unit off the name of a key or field: "laser.pulse_fwhm_us" -> ("laser.pulse_fwhm", "µs")."""
     unit = max((unit for unit in SYMBOLS if name.endswith(f"_{unit}")), key=len, default="")
     return name.removesuffix(f"_{unit}"), SYMBOLS.get(unit, "")
+
+
+def keys_like(typed: str, keys: Iterable[str]) -> list[str]:
+    """Dotted keys whose last part has the words of that of a typed key, units aside: laser.peak_power_w of "power".
+
+    Keys of just these words come before those of more, then those that have some in the table's name, such as
+    "laser_power"; [] if more than MOST_KEYS fit.
+    """
+    words = _words(typed)
+    if max(map(len, words)) < 3:
+        return []
+    listed = [*keys]
+    fitting = [key for key in listed if set(words) <= set(key.rpartition(".")[2].split("_"))]
+    fitting = fitting or [key for key in listed if set(words) <= set(key.replace(".", "_").split("_"))]
+    equal = [key for key in fitting if words == _words(key)]
+    return equal or (fitting if len(fitting) <= MOST_KEYS else [])
+
+
+MOST_KEYS = 4
+"""Most keys that a message suggests."""
+
+_UNIT_WORDS = frozenset(word for unit in (*SYMBOLS, "lux", "mw", "kw") for word in unit.split("_"))
+"""Parts of the units at the ends of keys, and of those that people type instead."""
+
+
+def _words(key: str) -> list[str]:
+    """Words of the last part of a dotted key, without its unit: ["peak", "power"] of "laser.peak_power_w"."""
+    # With two underscores keywords of other libraries say what is in what: laser__peak_power_w.
+    words = key.replace("__", ".").rpartition(".")[2].lower().replace("-", "_").split("_")
+    while len(words) > 1 and words[-1] in _UNIT_WORDS:
+        words.pop()
+    return words
 
 
 STATIC = {"static": True}

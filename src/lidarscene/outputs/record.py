@@ -28,7 +28,7 @@ from ..rendering.rig_simulators import require_common_frames, simulators
 from ..rendering.simulator import Simulator
 from ..rendering.surroundings import Surroundings, simulator_surroundings, warn_of_surroundings
 from ..scene.scene import Scene
-from ..scene.scene_file import SceneChoice, files_of_scene, load_scene
+from ..scene.scene_file import SceneChoice, changed_scene, files_of_scene
 from ..sensor.rig_file import Mounted, Rig
 from ..sensor.sensor_file import load_sensor
 from ..sensor.sensor_model import Sensor, warn_of_doubts
@@ -148,7 +148,7 @@ def record(
     pose_files = plan.run_files("poses", [""] if outputs.merge else labels)
     planned = [cloud.files for cloud in clouds]
     check_writable(plan, [*planned, *({"poses": path} for path in pose_files.values())])
-    described = load_scene(scene, overrides=scene_changes)
+    described = changed_scene(scene, scene_changes)
     sensors = _sensors(described, sensor, changes, frame)
     _warn_of_thin_beams(trace, sensors)
     warn_of_doubts(mounted.sensor for mounted in sensors)

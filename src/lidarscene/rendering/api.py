@@ -15,7 +15,7 @@ from ..cloud.device_cloud import DeviceCloud
 from ..cloud.point_cloud import PointCloud
 from ..files.arguments import checks_arguments
 from ..files.overrides import Overrides
-from ..scene.scene_file import SceneChoice, load_scene
+from ..scene.scene_file import SceneChoice, changed_scene
 from ..sensor.sensor_file import load_sensor
 from ..sensor.sensor_model import Sensor, warn_of_doubts
 from .option_fields import Whole
@@ -160,7 +160,7 @@ def _prepare(
     keywords = Keywords(options)
     trace, frame, observers = (keywords.take(TraceOptions), keywords.take(FrameOptions), keywords.take(Observers))
     keywords.end("scene", "sensor", "overrides", "scene_overrides", "on_device")
-    described = load_scene(scene, overrides=scene_overrides)
+    described = changed_scene(scene, scene_overrides)
     equipped = load_sensor(described.sensor_name if sensor is None else sensor, overrides=overrides)
     simulator = Simulator(described, equipped, trace, pose=frame.pose)
     warn_of_doubts([equipped])

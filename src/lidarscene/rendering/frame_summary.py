@@ -13,10 +13,11 @@ import numpy as np
 
 from ..detection.outcomes import Outcome, Status
 from ..maths.arrays import Numbers
+from ..maths.attributes import HintedAttributes
 
 
 @dataclass(slots=True)
-class Summary:
+class Summary(HintedAttributes):
     """Counts and times of one frame or several.
 
     Attributes:

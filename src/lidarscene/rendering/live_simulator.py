@@ -15,7 +15,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from numbers import Real
-from typing import TypedDict, Unpack
+from typing import ClassVar, TypedDict, Unpack
 
 import numpy as np
 
@@ -62,6 +62,14 @@ class LiveSimulator(Simulator):
     `render` and `stream` give the frame of their options, `advance` the frames that are over by the caller's clock.
     """
 
+    FOREIGN_NAMES: ClassVar[Mapping[str, str]] = {
+        **dict.fromkeys(
+            ("step", "next", "run", "tick", "frames"), "live.advance(to_s=0.1) gives the frames until then"
+        ),
+        **dict.fromkeys(("move", "set_pose", "teleport"), 'live.place("car", pose)'),
+        **dict.fromkeys(("ego", "set_ego", "set_ego_pose"), "live.move_ego(pose)"),
+        **dict.fromkeys(("spawn", "create"), 'live.add("car", pose)'),
+    }
     _takes_turns = False
 
     @checks_arguments
@@ -246,12 +254,13 @@ class LiveSimulator(Simulator):
         bodies, before = list(self.scene.bodies), self.scene.ego
         ego = motions.get(None, before)
         # What is fixed to the ego vehicle goes with it.
-        fixed = {
+        changed: dict[str | None, Motion] = {
             body.name: replace(body.motion, carrier=ego)
             for body in bodies
             if isinstance(body.motion, Riding) and body.motion.carrier is before and ego is not None
         }
-        for name, motion in (fixed | motions).items():
+        changed.update(motions)
+        for name, motion in changed.items():
             if name is not None:
                 body, gait = self._body(name), self._body(name).gait
                 if gait is not None and body.motion is not None:

@@ -16,6 +16,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, TypedDict, TypeVar
 from ..errors import InputError, one_line
 from ..files.arguments import unknown_option
 from ..light.limits import INTERACTIONS, MOST_INTERACTIONS
+from ..maths.units import keys_like
 from .option_fields import Finite, Function, OneOf, Whole, check_options, list_options, option
 
 # Options load no NumPy: the command line names them, and still answers --help at once.
@@ -262,8 +263,9 @@ class Keywords:
 MAIN_KEYS = {
     **dict.fromkeys(("sun", "light", "illuminance"), "sun.illuminance_klux"),
     **dict.fromkeys(("weather", "fog"), "weather.fog_visibility_km"),
+    "range": "",
 }
-"""Words of scenes that people try, and the key of a scene file that they mean most."""
+"""Words that people try, and the key of a scene file that they mean most; "" if they mean none, whatever is like it."""
 
 
 def key_to_change(word: str, options: Collection[str], value: object = None) -> str:
@@ -291,7 +293,7 @@ def key_like(word: str, **models: type[BaseModel]) -> tuple[str, str]:
     Args:
         models: keyword and model of its file
     """
-    from ..files.toml import keys_like, keys_of_tables
+    from ..files.toml import keys_of_tables
 
     for keyword, model in models.items():
         keys = [key for key in keys_of_tables(model) if not key.startswith("published.")]

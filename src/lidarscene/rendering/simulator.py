@@ -23,7 +23,6 @@ from ..cloud.rays import PulseRays
 from ..detection.sampled_waveforms import Waveforms, check_pulses, sample_waveforms
 from ..errors import InputError
 from ..files.arguments import checks_arguments
-from ..files.attributes import HintedAttributes
 from ..formats.cloud_columns import RING_ROWS, SENSOR_TO_VEHICLE, SENSOR_TO_WORLD
 from ..kernel.device import backend, blocks, transfer
 from ..kernel.device.gate import exclusive
@@ -35,6 +34,7 @@ from ..kernel.world.mitsuba_world import World, build_world
 from ..light.beams import reported_beams
 from ..light.echoes import EchoTrain
 from ..maths.arrays import Mask, Numbers
+from ..maths.attributes import HintedAttributes
 from ..maths.pose import Pose
 from ..maths.random import Seed
 from ..maths.trajectory import Motion, pose_at
@@ -96,11 +96,13 @@ class Simulator(HintedAttributes):
     """
 
     FOREIGN_NAMES: ClassVar[Mapping[str, str]] = {
-        **dict.fromkeys(("__call__", "simulate"), "simulator.render(seed=1) renders a frame"),
+        "simulate": "simulator.render(seed=1) renders a frame",
         **dict.fromkeys(
-            ("__iter__", "step", "next", "run", "render_frames", "frames"),
+            ("step", "next", "run", "render_frames", "frames"),
             "simulator.render(number=N) renders frame N, render_frames(scene, sensor, frames=10) ten",
         ),
+        **dict.fromkeys(("cloud", "plot", "seed", "reset"), "simulator.render(seed=1) is a cloud"),
+        "fps": "1 / simulator.sensor.scanner.frame_s",
         **dict.fromkeys(
             ("set_pose", "move", "add", "remove"), "LiveSimulator(scene, sensor) has bodies and an ego that move"
         ),

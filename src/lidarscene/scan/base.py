@@ -5,12 +5,14 @@ The rest of the simulation uses only the protocol `Scanner`, so a new mechanism 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Annotated, Protocol, Self
+from typing import Annotated, ClassVar, Protocol, Self
 
 import numpy as np
 
 from ..maths.arrays import Lanes, Numbers, xp
+from ..maths.attributes import HintedAttributes
 from ..maths.pose import direction_from_angles
 from ..maths.units import Quantity
 from ..maths.vectors import Vector, angles_of
@@ -105,7 +107,7 @@ Rotation = Annotated[float, Quantity(ge=-1e6, le=1e6, about="positive is counter
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Mechanism:
+class Mechanism(HintedAttributes):
     """Base of the scanners: mechanical angles, and optics that turn them into directions.
 
     The beam follows the mechanism; the sensor reports its encoders, which round to the nearest step.
@@ -114,6 +116,19 @@ class Mechanism:
         jitter_rad: as in `Scanner`
         encoder_rad: step of the encoders on the mechanical angles, or None: read exactly
     """
+
+    FOREIGN_NAMES: ClassVar[Mapping[str, str]] = {
+        **dict.fromkeys(("fov", "field_of_view", "resolution"), "lidarscene.fov(sensor) studies it"),
+        **dict.fromkeys(
+            ("frame_rate", "fps", "rpm", "rotation_rate", "frequency", "rate"), "1 / sensor.scanner.frame_s"
+        ),
+        **dict.fromkeys(
+            ("channels", "beams", "rings", "lasers", "lines", "elevation", "elevations"),
+            "sensor.scanner.channel_elevation_rad has the elevation of each channel",
+        ),
+        **dict.fromkeys(("points", "n_points", "shots", "points_per_frame"), "sensor.scanner.pulses"),
+        "pattern": "sensor.plot()",
+    }
 
     jitter_rad: Jitter = None
     encoder_rad: Encoder = None

@@ -157,7 +157,7 @@ def _check_unit(path: Path, across: float, placement: _Placement, option: str) -
     raise OptionError(f"{{0}}: {must}{hint}", path)
 
 
-def warn_of_assumptions(path: Path, scene: Scene, *, up: Axis) -> None:
+def warn_of_assumptions(path: Path, scene: Scene, *, up: Axis, option: str) -> None:
     """Warn of everything that was assumed about the mesh: size, axis, material, light and place of the sensor."""
     body = next(body for body in scene.bodies if body.name == "mesh")
     corners = np.concatenate([part.vertices_m for part in body.parts if isinstance(part, Part)])
@@ -165,7 +165,7 @@ def warn_of_assumptions(path: Path, scene: Scene, *, up: Axis) -> None:
     warn(
         OptionWarning(
             "{0}: a mesh alone is taken as {1} m with {6} up, {2}on asphalt in {3:g} klux of sun, {4:.3g} m before the "
-            "sensor, which is {5:.3g} m high; {scene_overrides} bodies.mesh.unit and bodies.mesh.up change size and "
+            f"sensor, which is {{5:.3g}} m high; {{{option}}} bodies.mesh.unit and bodies.mesh.up change size and "
             "axis, and a scene file says what is really there",
             path,
             size_text(np.ptp(corners, axis=0)),

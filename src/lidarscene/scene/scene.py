@@ -20,13 +20,13 @@ from .. import catalog
 from ..errors import InputError, did_you_mean
 from ..files import facts
 from ..files.arguments import CHECKED_INSIDE, checks_arguments
-from ..files.attributes import HintedAttributes
 from ..files.facts import Picture
 from ..files.late_binding import call_bound, read_by_name
 from ..files.overrides import Overrides, assignments
 from ..materials.material import Material
 from ..materials.material_file import catalogue_material
 from ..maths.arrays import Numbers, frozen
+from ..maths.attributes import HintedAttributes
 from ..maths.pose import Pose, direction_from_angles
 from ..maths.trajectory import ALWAYS, CLOCK_ROUNDING_S, Motion, Riding, motion_in_frame, pose_at
 from ..maths.units import FileKey, Quantity
@@ -44,7 +44,7 @@ BODY_CHANGED_BY = 'scene.replace({"bodies.car.position_m": [20, 0, 0]}) is anoth
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Part:
+class Part(HintedAttributes):
     """A triangle mesh of one material, in its body's frame.
 
     Attributes:
@@ -113,7 +113,7 @@ class Part:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Ball:
+class Ball(HintedAttributes):
     """An exact sphere of one material, centred on its body's origin."""
 
     radius_m: float
@@ -173,6 +173,13 @@ class Body(HintedAttributes):
         **dict.fromkeys(("move", "translate", "rotate", "scale"), BODY_CHANGED_BY),
         **dict.fromkeys(("mesh", "meshes", "vertices", "faces", "material", "materials"), "body.parts"),
         **dict.fromkeys(("label", "class_id", "category"), "body.class_name"),
+        **dict.fromkeys(
+            ("bounds", "size", "dimensions", "extent", "aabb", "bbox", "triangles"),
+            "body.pose.apply(body.parts[0].vertices_m) are the corners of a part's triangles",
+        ),
+        **dict.fromkeys(("x", "y", "z", "location"), "body.pose.position_m"),
+        **dict.fromkeys(("yaw", "heading"), "body.pose.rotation"),
+        **dict.fromkeys(("id", "index"), "body.name"),
     }
 
     name: str
@@ -296,7 +303,7 @@ class Sun(HintedAttributes):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Sky:
+class Sky(HintedAttributes):
     """Uniform sky. ``diffuse_share`` is its irradiance over the sun's at normal incidence, in band."""
 
     diffuse_share: Annotated[
@@ -341,7 +348,7 @@ class Air(HintedAttributes):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Interferer:
+class Interferer(HintedAttributes):
     """Another lidar, whose pulses reach the receiver at random times, in any direction.
 
     Attributes:
@@ -360,7 +367,7 @@ class Interferer:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class View:
+class View(HintedAttributes):
     """Camera for pictures of the scene: a pinhole at ``eye_m``, ``fov_deg`` across, world frame."""
 
     eye_m: Annotated[tuple[float, float, float], FileKey()]
@@ -395,7 +402,7 @@ class Scene(HintedAttributes):
     CHANGED_BY: ClassVar[str] = SCENE_CHANGED_BY
 
     FOREIGN_NAMES: ClassVar[Mapping[str, str]] = {
-        **dict.fromkeys(("__getitem__", "__iter__", "get", "find", "by_name"), 'scene.bodies["car"]'),
+        **dict.fromkeys(("__getitem__", "get", "find", "by_name"), 'scene.bodies["car"]'),
         **dict.fromkeys(("objects", "meshes", "actors", "vehicles"), "scene.bodies"),
         **dict.fromkeys(("weather", "fog", "rain", "snow"), "scene.air.weather"),
         **dict.fromkeys(
@@ -409,6 +416,15 @@ class Scene(HintedAttributes):
         **dict.fromkeys(("move", "set_pose"), BODY_CHANGED_BY),
         **dict.fromkeys(("set_sun", "set_weather"), SCENE_CHANGED_BY),
         "sensor": "scene.sensor_name, scene.sensor_pose",
+        **dict.fromkeys(
+            ("bounds", "extent", "extents", "aabb", "size", "center", "centre"),
+            "scene.plot(); lidarscene.boxes(cloud, scene) has those of bodies",
+        ),
+        **dict.fromkeys(
+            ("time", "duration", "dt", "at", "step", "tick", "fps"), "lidarscene.render(scene, sensor, begin_s=1.0)"
+        ),
+        **dict.fromkeys(("lights", "light", "lamps"), "scene.sun, scene.sky, scene.lamps_w_m2"),
+        **dict.fromkeys(("ground", "road", "roads"), "scene.bodies"),
         **dict.fromkeys(("describe", "summary", "info"), "print(scene), scene.facts()"),
         **dict.fromkeys(("names", "body_names"), "scene.bodies"),
         **dict.fromkeys(("render", "raycast", "ray_cast", "cast_rays"), "lidarscene.render(scene, sensor)"),

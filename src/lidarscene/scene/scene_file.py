@@ -85,7 +85,33 @@ def load_scene(
     Raises:
         InputError: one line with the file and the key
     """
-    changes = assignments(overrides, name="scene_overrides")
+    return _loaded(
+        scene, overrides, option="overrides", settings=settings, material=material, materials=materials, classes=classes
+    )
+
+
+@checks_arguments
+def changed_scene(scene: Any, scene_overrides: Overrides = ()) -> Scene:
+    """Load a scene as `load_scene` does, for callers whose changes are ``scene_overrides``.
+
+    Raises:
+        InputError: one line with the file and the key
+    """
+    return _loaded(scene, scene_overrides, option="scene_overrides", settings={})
+
+
+def _loaded(
+    scene: Any,
+    overrides: Overrides,
+    *,
+    option: str,
+    settings: Mapping[str, Any],
+    material: str | Material | None = None,
+    materials: Mapping[str, str | Material] | None = None,
+    classes: Mapping[str, str] | None = None,
+) -> Scene:
+    """See `load_scene`; messages call the argument that has the overrides ``option``."""
+    changes = assignments(overrides, name=option)
     options = {"material": material, "materials": materials, "classes": classes, **settings}
     option_names = [name for name, value in options.items() if value is not None]
     if isinstance(scene, Scene):
@@ -98,14 +124,14 @@ def load_scene(
         )
     path = scene_path(scene)
     if is_xml(path):
-        _refuse_overrides(path, changes)
+        _refuse_overrides(path, changes, option)
         _refuse([name for name in option_names if name in ("material", "classes")], str(path))
         return mitsuba_scene(path, materials=materials or {}, settings=settings)
     _refuse(option_names, str(path))
-    model = scene_model(path, overrides=changes)
+    model = scene_model(path, overrides=changes, option=option)
     loaded = scene_from_model(model, path=path)
     if is_mesh(path):
-        warn_of_assumptions(path, loaded, up=model.bodies[1].up or "z")
+        warn_of_assumptions(path, loaded, up=model.bodies[1].up or "z", option=option)
     return loaded
 
 
@@ -137,13 +163,15 @@ def _refuse(options: Sequence[str], source: str) -> None:
         raise InputError(f"load_scene: {options[0]}: does not go with {source}")
 
 
-def scene_model(path: Path, *, overrides: Sequence[str] = ()) -> SceneFile:
+def scene_model(path: Path, *, overrides: Sequence[str] = (), option: str = "scene_overrides") -> SceneFile:
     """Read a TOML scene file, or the tables made for a bare mesh, as a checked model.
+
+    Args:
+        option: Python's name of the argument that has the overrides
 
     Raises:
         InputError: if a file, a key or a value cannot be understood
     """
-    option = "scene_overrides"
     if is_mesh(path):
         tables = mesh_tables(path, overrides, option=option)
     else:
@@ -301,8 +329,9 @@ def replaced_scene(scene: Scene, changes: Sequence[str]) -> Scene:
             "Python; dataclasses.replace changes its fields"
         )
     path = origin.folder.absolute() / f"{scene.name}.toml"
-    tables = with_overrides(saved_tables(scene, path, {}), map(from_current_folder, changes))
-    file = validate(SceneFile, tables, scene.name, overrides=changes)
+    option = "changes"
+    tables = with_overrides(saved_tables(scene, path, {}), map(from_current_folder, changes), option=option)
+    file = validate(SceneFile, tables, scene.name, overrides=changes, option=option)
     names = {key_path(change)[0] for change in changes}
     if list(scene.bodies) == list(origin.scene.bodies):
         return scene_from_model(file, path=path)
@@ -313,9 +342,9 @@ def replaced_scene(scene: Scene, changes: Sequence[str]) -> Scene:
     return replace(scene, **{field: getattr(new, field) for field in fields})
 
 
-def _refuse_overrides(path: Path, overrides: Sequence[str]) -> None:
+def _refuse_overrides(path: Path, overrides: Sequence[str], option: str = "scene_overrides") -> None:
     if overrides:
-        raise change_error(overrides[:1], f"the scene must be a TOML file, got {path}", option="scene_overrides")
+        raise change_error(overrides[:1], f"the scene must be a TOML file, got {path}", option=option)
 
 
 def _sensor_name(name: str, folder: Path) -> str:

@@ -9,11 +9,12 @@ Symbols: alpha extinction, beta backscatter coefficient.
 from __future__ import annotations
 
 import functools
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from ..maths.arrays import Lanes, Numbers
+from ..maths.attributes import HintedAttributes
 from ..maths.units import FileKey, Quantity, Slider
 from ..physics.weather import fog, glory, precipitation
 from ..physics.weather.precipitation import Sizes
@@ -45,7 +46,7 @@ class Medium:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Weather:
+class Weather(HintedAttributes):
     """Fog, rain and snow, the same everywhere. The default is clear air.
 
     Attributes:
@@ -54,6 +55,8 @@ class Weather:
         fog_visibility_m: meteorological visibility, to which the number of droplets is scaled; None is clear air, and
             the end of its slider
     """
+
+    FOREIGN_NAMES: ClassVar[Mapping[str, str]] = {"visibility": "scene.air.weather.fog_visibility_m"}
 
     fog: Annotated[
         FogKind | None, FileKey(about='kind of fog; with `fog_visibility_km` alone it is `"moderate_advection"`')

@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, ClassVar, Literal
 
-from ..files.attributes import HintedAttributes
 from ..maths.arrays import Lanes
+from ..maths.attributes import HintedAttributes
 from ..maths.units import COUNT, STATIC, FileKey, Quantity
 from ..physics.amplifier.low_pass import LOW_PASSES, LowPass
 
@@ -60,6 +61,10 @@ class Tdc(HintedAttributes):
     """
 
     CHANGED_BY: ClassVar[str] = SENSOR_CHANGED_BY
+    FOREIGN_NAMES: ClassVar[Mapping[str, str]] = {
+        **dict.fromkeys(("resolution", "lsb"), "sensor.tdc.least_significant_bit_s"),
+        **dict.fromkeys(("range_gate", "max_range", "range", "gate"), "sensor.tdc.window_s, sensor.max_range()"),
+    }
 
     window_s: Annotated[
         Lanes,
@@ -173,7 +178,7 @@ class Tdc(HintedAttributes):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Receiver:
+class Receiver(HintedAttributes):
     """Frequency response of the amplifier, `physics.amplifier`. Its bandwidth is that of the noise, `Tdc.bandwidth_hz`.
 
     Attributes:
@@ -206,7 +211,7 @@ class Receiver:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Intensity:
+class Intensity(HintedAttributes):
     """The scale on which the maker reports intensity, `physics.electronics.intensity`.
 
     Attributes:
@@ -244,7 +249,7 @@ class Intensity:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class MultiLevel:
+class MultiLevel(HintedAttributes):
     """Comparators at several levels behind the first: amplitude and walk from the width of the pulse.
 
     Attributes:
@@ -255,7 +260,7 @@ class MultiLevel:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Adc:
+class Adc(HintedAttributes):
     """Converter that the comparator starts: samples around each crossing.
 
     Attributes:

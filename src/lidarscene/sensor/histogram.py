@@ -11,6 +11,7 @@ from pydantic import Field, field_validator, model_validator
 from ..errors import InputError
 from ..files.table_model import Number, Table
 from ..maths.arrays import Lanes, xp
+from ..maths.attributes import HintedAttributes
 from ..maths.units import STATIC, FileKey, Quantity, si
 from ..physics.constants import SPEED_OF_LIGHT_M_S
 from ..physics.electronics.pulse_sums import SIGMAS_PER_FWHM
@@ -35,7 +36,7 @@ SNR of 5."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Histogram:
+class Histogram(HintedAttributes):
     """Sum of time stamps over shots, and what reads it.
 
     Attributes:

@@ -19,6 +19,7 @@ from ..errors import InputError
 from ..files.table_model import Table
 from ..files.toml import read_toml, validate
 from ..maths.arrays import Numbers
+from ..maths.attributes import HintedAttributes
 from ..maths.pose import Pose
 from ..maths.trajectory import CLOCK_ROUNDING_S, Motion, Riding
 from ..maths.units import Quantity
@@ -66,7 +67,7 @@ class ImuSamples:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Imu:
+class Imu(HintedAttributes):
     """An IMU. Noise densities are one-sided, as data sheets have them; all numbers are those of each axis.
 
     Attributes:

@@ -6,11 +6,12 @@ from dataclasses import dataclass
 from typing import Annotated
 
 from ..files.table_model import Table
+from ..maths.attributes import HintedAttributes
 from ..maths.units import Quantity
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Power:
+class Power(HintedAttributes):
     """What a sensor draws: the laser's driver by its light, and the rest. No part of the simulation."""
 
     driver_efficiency: Annotated[float, Quantity(gt=0, le=1, about="mean power of the light over that of its driver")]

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import os
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Protocol
@@ -18,10 +18,10 @@ from pydantic import Field, model_validator
 from ..catalog import file_or_example
 from ..errors import InputError, placed
 from ..files.arguments import checks_arguments
-from ..files.attributes import HintedAttributes
 from ..files.late_binding import read_by_name
 from ..files.overrides import Overrides, assignments, split_sensor
 from ..files.toml import FileModel, read_toml, validate
+from ..maths.attributes import HintedAttributes
 from ..maths.pose import Pose
 from .imu import Imu, ImuFile
 from .parts import located_parts
@@ -31,8 +31,10 @@ from .sensor_model import Sensor
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Mounted:
+class Mounted(HintedAttributes):
     """Sensor of a rig with its ``pose`` on the vehicle, to which its own mounting is added."""
+
+    FOREIGN_NAMES: ClassVar[Mapping[str, str]] = {"name": "mounted.label, mounted.sensor.name"}
 
     label: str
     sensor: Sensor
@@ -57,6 +59,11 @@ class Rig(HintedAttributes):
 
     MADE_BY: ClassVar[str] = 'Rig("rig") reads the name of an example or a file'
     CHANGED_BY: ClassVar[str] = "dataclasses.replace(rig, imu=None) is another rig"
+    FOREIGN_NAMES: ClassVar[Mapping[str, str]] = {
+        **dict.fromkeys(("__getitem__", "lidars", "names", "labels", "poses"), "rig.sensors"),
+        **dict.fromkeys(("render", "record"), "lidarscene.record(scene, rig, outputs=...)"),
+        "add": "a rig's file has a table [[sensors]] for each",
+    }
 
     name: str
     sensors: tuple[Mounted, ...]

@@ -230,7 +230,9 @@ class SensorFile(FileModel):
         if counts and "receiver" in self.model_fields_set:
             raise ValueError('receiver: must be left out with detector.type = "spad", whose firings are counted')
         if counts and self.laser.slope_broadening:
-            raise ValueError('laser.slope_broadening: must be left out with detector.type = "spad", take several rays')
+            raise ValueError(
+                'laser.slope_broadening: must be left out with detector.type = "spad", use rays > 1 instead'
+            )
         if counts and self.sampler is not None:
             raise ValueError('sampler: must be left out with detector.type = "spad", which has a histogram')
         return self
@@ -370,7 +372,7 @@ def _check_response(sensor: Sensor) -> None:
     """Raise InputError for a frequency response that this detector or pulse cannot have."""
     rate = sensor.coupling_rate
     if rate is not None and sensor.laser.slope_broadening:
-        raise InputError("laser.slope_broadening: must be left out with receiver.ac_coupling_khz, take several rays")
+        raise InputError("laser.slope_broadening: must be left out with receiver.ac_coupling_khz, use rays > 1 instead")
     if rate is not None and rate > high_pass.WIDEST_RATE:
         coupling_khz, factor = 1e-3 * float(sensor.receiver.ac_coupling_hz or 0.0), high_pass.WIDEST_RATE / rate
         raise InputError(
@@ -397,6 +399,7 @@ def sensor_from_tables(
     overrides: Sequence[str] = (),
     over: Sequence[str] = (),
     folder: Path | None = None,
+    option: str = "overrides",
 ) -> Sensor:
     """Build a sensor from the tables of a sensor file.
 
@@ -404,13 +407,14 @@ def sensor_from_tables(
         where: file, which errors name
         over: keys that a study varies, which errors name too
         folder: of the files that it names
+        option: Python's name of the argument that has the overrides
 
     Raises:
         InputError: if a file, a key or a value cannot be understood
     """
     changed = changed_tables(tables, overrides)
     parts, others = split_parts(overrides)
-    named, option = (over, "over") if over else (parts, "overrides")
+    named, option = (over, "over") if over else (parts, option)
     file = validate(SensorFile, changed, where, overrides=others, always=named, option=option)
     try:
         sensor = file.build(folder or Path())
@@ -440,7 +444,7 @@ class SensorTables:
             InputError: if a file, a key or a value cannot be understood
         """
         name = os.path.basename(self.where).removesuffix(".toml")  # the caller has a sensor, and no file
-        return sensor_from_tables(self.tables, where=name, overrides=changes, folder=self.folder)
+        return sensor_from_tables(self.tables, where=name, overrides=changes, folder=self.folder, option="changes")
 
     def with_part_of(self, name: str, other: SensorTables) -> Sensor:
         """Build the sensor with a part of another one, as `Sensor.with_detector` does with one of the catalogue.

@@ -17,11 +17,11 @@ from ..errors import InputError, OptionWarning, warn
 from ..files import facts
 from ..files.arguments import checks_arguments
 from ..files.atomic import put_text
-from ..files.attributes import HintedAttributes
 from ..files.facts import Picture
 from ..files.late_binding import call_bound, read_by_name
 from ..files.overrides import Overrides, assignments
 from ..maths.arrays import Lanes, Numbers, xp
+from ..maths.attributes import HintedAttributes
 from ..maths.pose import Pose
 from ..maths.units import STATIC, FileKey, Quantity
 from ..physics.amplifier import high_pass
@@ -102,6 +102,16 @@ class Laser(HintedAttributes):
     """
 
     CHANGED_BY: ClassVar[str] = SENSOR_CHANGED_BY
+    FOREIGN_NAMES: ClassVar[Mapping[str, str]] = {
+        **dict.fromkeys(
+            ("pulse_width", "pulse_length", "pulse_duration", "pulse", "fwhm"), "sensor.laser.pulse_fwhm_s"
+        ),
+        **dict.fromkeys(("prf", "rep_rate", "pulse_rate", "frequency"), "sensor.laser.repetition_rate_hz"),
+        **dict.fromkeys(
+            ("pulse_energy", "energy", "average_power", "mean_power"),
+            "1.0645 * sensor.laser.peak_power_w * sensor.laser.pulse_fwhm_s is the energy of a pulse",
+        ),
+    }
 
     wavelength_m: Annotated[float, Quantity("nm", ge=300, le=2500, about="materials must have data there")]
     peak_power_w: Annotated[Lanes, Quantity(ge=1e-6, le=1e6, about="P_t, leaving the sensor")]
@@ -253,6 +263,15 @@ class Optics(HintedAttributes):
     """
 
     CHANGED_BY: ClassVar[str] = SENSOR_CHANGED_BY
+    FOREIGN_NAMES: ClassVar[Mapping[str, str]] = {
+        **dict.fromkeys(("diameter", "aperture_diameter"), "2 * sensor.optics.aperture_radius_m"),
+        "f_number": "sensor.optics.focal_length_m / (2 * sensor.optics.aperture_radius_m)",
+        **dict.fromkeys(
+            ("efficiency", "transmission", "transmittance"),
+            "sensor.optics.efficiency_laser, sensor.optics.efficiency_sun",
+        ),
+        **dict.fromkeys(("fov", "field_of_view"), "lidarscene.fov(sensor) studies it"),
+    }
 
     aperture_radius_m: Annotated[Lanes, Quantity("mm", ge=0.05, le=5000, about="r_A of the receiver")]
     focal_length_m: Annotated[
@@ -342,6 +361,8 @@ class Sensor(HintedAttributes):
         **dict.fromkeys(("eye_safety", "eye_safe", "is_eye_safe"), "lidarscene.eye_safety(sensor).passed"),
         **dict.fromkeys(("angular_resolution", "resolution", "points_per_frame"), "lidarscene.fov(sensor) studies it"),
         "bandwidth": "sensor.tdc.bandwidth_hz",
+        **dict.fromkeys(("prf", "rep_rate", "pulse_rate"), "sensor.laser.repetition_rate_hz"),
+        **dict.fromkeys(("pde", "qe", "responsivity", "dcr"), "sensor.detector has it"),
         "noise": "lidarscene.budget(cloud, scene, sensor).noise",
         "pulse_width": "sensor.laser.pulse_fwhm_s",
         "render": "lidarscene.render(scene, sensor)",

@@ -8,9 +8,9 @@ import os
 import sys
 import tempfile
 import webbrowser
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, ClassVar
 
 from ..cloud.point_cloud import PointCloud
 from ..errors import InputError, warn
@@ -18,6 +18,7 @@ from ..files.arguments import checks_arguments
 from ..files.atomic import put_text
 from ..files.optional import is_installed
 from ..formats.registry import readable_suffixes
+from ..maths.attributes import HintedAttributes
 from ..scene.scene import Scene
 from ..scene.scene_file import SceneChoice, load_scene
 from .html_page import LARGE_BYTES, standalone_page
@@ -28,8 +29,13 @@ STILL = "<p>its sliders render the scene anew with: pip install 'lidarscene[note
 """Line below the page of a scene where anywidget is not installed."""
 
 
-class Viewed:
+class Viewed(HintedAttributes):
     """Page that a notebook shows in an iframe, live where anywidget is installed; `save` writes it as one file."""
+
+    FOREIGN_NAMES: ClassVar[Mapping[str, str]] = {
+        **dict.fromkeys(("open", "display"), "viewed.show()"),
+        **dict.fromkeys(("html", "to_html", "url", "export", "write"), 'viewed.save("a.html")'),
+    }
 
     def __init__(self, source: Source, *, height_px: int, note: str = "") -> None:
         self._note = note

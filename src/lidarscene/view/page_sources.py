@@ -56,7 +56,7 @@ WAVELENGTH_M = 905e-9
 
 NO_SCENE = "no deskewed layer: name the cloud's scene too, which knows how the vehicle drove"
 OTHER_SCENE = "no deskewed layer: the vehicle of this scene stands still"
-SEVERAL = "no deskewed layer: the cloud is of several sensors; render it with --deskew"
+SEVERAL = "no deskewed layer: the cloud is of several sensors; render it deskewed"
 RECORDED = "no deskewed layer: of a recording, how its vehicle drove is not known"
 
 

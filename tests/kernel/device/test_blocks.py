@@ -40,7 +40,7 @@ def test_blocks_for_every_thread(lanes: int, threads: int, size: int) -> None:
 
 
 @pytest.mark.usefixtures("mi")
-def test_threads_for_the_work() -> None:
+def test_threads_for_the_work(monkeypatch: pytest.MonkeyPatch) -> None:
     """Never more than there were, and all of them again for a large frame; a number that somebody sets is the most.
 
     The thread that waits for a frame is one of them, and Dr.Jit's are the others.
@@ -49,6 +49,8 @@ def test_threads_for_the_work() -> None:
         pytest.skip("threads are of CPUs")
     assert [blocks.thread_count(lanes, 8) for lanes in (1, 20_000, 10**6)] == [1, 4, 8]
     dr, before = drjit(), drjit().thread_count()
+    monkeypatch.setattr(blocks, "usable_cores", lambda: 4)
+    monkeypatch.setattr(blocks, "_threads", type(blocks._threads)())
     try:
         for most in (5, 3):
             dr.set_thread_count(most)
@@ -71,6 +73,9 @@ def test_threads_for_the_work() -> None:
         assert dr.thread_count() == 1
         blocks.use_threads(4)
         assert dr.thread_count() == 3
+        dr.set_thread_count(5)
+        blocks.use_threads(4)
+        assert dr.thread_count() == 3
     finally:
         dr.set_thread_count(before)
 
@@ -83,7 +88,7 @@ def test_a_thread_for_each_core(monkeypatch: pytest.MonkeyPatch) -> None:
     dr, before = drjit(), drjit().thread_count()
     monkeypatch.setattr(blocks, "usable_cores", lambda: 4)
     try:
-        for own, used in ((4, 3), (3, 3), (2, 2)):
+        for own, used in ((4, 3), (3, 3), (2, 2), (8, 8)):
             monkeypatch.setattr(blocks, "_threads", type(blocks._threads)())
             dr.set_thread_count(own)
             blocks.share_frame(10**6)

@@ -139,7 +139,7 @@ def test_udp_sends_and_tells_what_it_cannot() -> None:
         with udp("127.0.0.1", port) as send:
             send(b"one")
             assert receiver.recv(100) == b"one"
-            with told(f"--udp 127.0.0.1:{port}", OutputError):
+            with told(f"127.0.0.1:{port}", OutputError):
                 send(bytes(70_000))
     with told("no such host"), udp("no host", 1):
         pass

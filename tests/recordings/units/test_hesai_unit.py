@@ -53,9 +53,9 @@ def test_the_model_is_the_one_with_the_nearest_elevations(tmp_path: Path, name: 
 
 
 def test_a_model_that_the_catalogue_lacks_needs_a_like_and_warns(tmp_path: Path) -> None:
-    """The same number of lasers is not enough; with --like the report says whose laser the file has."""
+    """The same number of lasers is not enough; with `like` the report says whose laser the file has."""
     path = table(tmp_path / "angles.csv", rows=64)
-    with told("64 beams | --like"):
+    with told("64 beams | like"):
         write_unit(read_unit(path), path, tmp_path / "unit.toml")
     text = write_unit(read_unit(path), path, tmp_path / "unit.toml", like="pandar64")
     assert text.splitlines()[-1] == (

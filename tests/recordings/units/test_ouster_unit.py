@@ -102,7 +102,7 @@ def test_what_is_wrong_is_one_line(tmp_path: Path) -> None:
     check("lidar_mode | 512x10 | '10x'", mode="10x")
     on_its_side = [1, 0, 0, 0, 0, 0, -1, 0, 0, 1, 0, 0, 0, 0, 0, 1]
     check("lidar_to_sensor_transform | z", lidar_to_sensor_transform=on_its_side)
-    check("32 beams | --like", prod_line="XX")
+    check("32 beams | like", prod_line="XX")
     for key in ("lidar_to_sensor_transform", "beam_to_lidar_transform"):
         check(f"{key} | 16 numbers | [1, 2]", **{key: [1, 2]})
         check(f"{key}[15] | finite number | None", **{key: [1] * 15 + [None]})

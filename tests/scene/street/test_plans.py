@@ -322,6 +322,10 @@ def test_outlines_lose_repeated_and_folded_corners() -> None:
     with_fold_m = np.insert(square_m, 3, [[2.0, 4, 0], [3, 4.1, 0]], axis=0)
     assert area_m2(sumo._unfolded(with_fold_m)) == pytest.approx(16.0, abs=0.3)
     np.testing.assert_array_equal(sumo._unfolded(square_m), square_m)
+    wedge_m = np.array([[0.0, 0, 0], [6, 0, 0], [0, 2, 0]])
+    np.testing.assert_array_equal(sumo._unfolded(wedge_m), wedge_m)
+    flat_m = np.array([[0.0, 0, 0], [6, 0, 0], [3, 0, 0]])
+    np.testing.assert_array_equal(sumo._unfolded(flat_m), flat_m)
     repeated_m = np.repeat(square_m, 2, axis=0)
     np.testing.assert_array_equal(sumo._without_repeats(np.concatenate([repeated_m, square_m[:1]])), square_m)
 

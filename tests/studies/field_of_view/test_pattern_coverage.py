@@ -293,5 +293,5 @@ def test_an_image_shows_each_cell():
 
 
 def test_too_many_pulses_are_refused():
-    with told("--time | 1000 s"):
+    with told("times_s | 1000 s"):
         pattern_coverage.fired_pulses(mid40(), 1000.0)

@@ -113,6 +113,12 @@ def test_a_written_file_misses_no_more_than_the_one_before(
     assert all(after[quantity] <= before[quantity] for quantity in after if after[quantity][0])
 
 
+def test_a_note_names_the_rows_that_miss_and_the_largest_error() -> None:
+    """Fits are ranked by both: alone, a fit that fails in more rows by less would look better than what is kept."""
+    assert recording_fit._miss_text(3, 0.26) == "misses 3 limits, by 0.26 at most"
+    assert recording_fit._miss_text(1, 0.59) == "misses 1 limit, by 0.59 at most"
+
+
 def drawn_opener(sweep: Sweep) -> Callable[..., Recording]:
     """An opener in place of `open_recording`."""
 

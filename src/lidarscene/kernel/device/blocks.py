@@ -60,8 +60,9 @@ class _Threads:
 
     def limit(self, count: int) -> None:
         """Use this many threads from now on, and never more."""
-        self.most = self.of_frame = count
-        self._use(count)
+        self.most = self.of_frame = self.used = count
+        # Somebody may have set another number since.
+        drjit().set_thread_count(count)
 
     def set_for(self, lanes: int) -> None:
         """Use as many threads as a frame of so many lanes is worth."""
@@ -84,7 +85,7 @@ class _Threads:
         if (count := drjit().thread_count()) != self.used:
             self.used = count
             # Whoever sets their number sets those beside the waiting one.
-            is_default = not self.most and count >= usable_cores()
+            is_default = not self.most and count == usable_cores()
             self.most = self.of_frame = others(count) if is_default else count
 
     def _use(self, count: int) -> None:
@@ -107,13 +108,16 @@ def thread_count(lanes: int, most: int) -> int:
 
 
 def others(threads: int) -> int:
-    """Return how many threads Dr.Jit has beside the one that waits, of so many in all; it keeps one at least."""
+    """Return how many threads Dr.Jit has beside the one that waits, of so many in all.
+
+    It keeps one at least: a frame has two threads at least.
+    """
     return max(threads - 1, 1)
 
 
 @exclusive
 def use_threads(count: int) -> None:
-    """Set the most threads that any frame uses, the one that waits for it included."""
+    """Set the most threads that any frame uses, two at least, the one that waits for it included."""
     _threads.limit(others(count))
 
 

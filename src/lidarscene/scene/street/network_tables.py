@@ -332,7 +332,7 @@ def _area(name: str, class_name: str, material: str, corners_m: Numbers, **keys:
 
 
 def _grounds(network: Network) -> list[Tables]:
-    """Roads, pavements with kerbs, junctions, and islands of roundabouts."""
+    """Roads, pavements and their corners with kerbs, junctions, and islands of roundabouts and between lanes."""
     grounds = []
     raised = {"position_m": [0.0, 0.0, RAISED_M], "kerb_m": RAISED_M + FOOT_M}
     for number, group in enumerate(network.groups):

@@ -61,7 +61,10 @@ LOOP_CORNERS = ((-1, -1), (1, -1), (1, 0), (0, 0), (0, 1), (-1, 1))
 """Choice: corners of the ego vehicle's way in a drawn town, an L around the roundabout, at which it turns six times."""
 
 SHARPEST_CORNER_DEG = 135.0
-"""Choice: turn of a pavement's outline from which on it is folded."""
+"""Choice: turn of a pavement's outline from which on it may be folded."""
+
+FOLDED_SHARE = 0.05
+"""Choice: largest share of an outline's area that goes with a folded corner."""
 
 SHARPEST_TURN_DEG = 120.0
 """Choice: turn from one pose to the next beyond which another is put between them."""
@@ -363,11 +366,19 @@ def _without_repeats(points_m: Numbers) -> Numbers:
 
 
 def _unfolded(corners_m: Numbers) -> Numbers:
-    """Corners without those at which an outline turns back, which netconvert makes where pavements spread."""
+    """Corners without those at which an outline turns back on itself, which netconvert makes where pavements spread.
+
+    Sharp corners that enclose much of the area are real, and an outline keeps three corners at least.
+    """
+    x, y = corners_m[:, :2].T
     step = np.diff(corners_m[:, :2], axis=0, append=corners_m[:1, :2])
+    before = np.roll(step, 1, axis=0)
     heading = np.arctan2(step[:, 1], step[:, 0])
     turn = np.abs(np.mod(heading - np.roll(heading, 1) + np.pi, 2.0 * np.pi) - np.pi)
-    return np.asarray(corners_m[turn < math.radians(SHARPEST_CORNER_DEG)])
+    area_m2 = 0.5 * abs(np.sum(x * np.roll(y, -1) - y * np.roll(x, -1)))
+    lost_m2 = 0.5 * np.abs(before[:, 0] * step[:, 1] - before[:, 1] * step[:, 0])
+    kept = (turn < math.radians(SHARPEST_CORNER_DEG)) | (lost_m2 > FOLDED_SHARE * area_m2)
+    return np.asarray(corners_m[kept] if kept.sum() > 2 else corners_m)
 
 
 def draw_routes(

@@ -3,13 +3,15 @@
 from __future__ import annotations
 
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import ClassVar
 
 from ...maths.arrays import Lanes, Numbers
+from ...maths.attributes import HintedAttributes
 from ...physics.amplifier.low_pass import LowPass
 from ...physics.electronics.range_limit import Plane, Transceiver
+from ..electronics import SENSOR_CHANGED_BY
 from ..histogram import Histogram
 from .working_point import Filtered, WorkingPoint
 
@@ -48,7 +50,7 @@ class Wave:
     signal: Callable[[Numbers], Numbers]
 
 
-class Detector(ABC):
+class Detector(HintedAttributes, ABC):
     """A photodetector with its amplifier, as data in SI units.
 
     Numbers with a `maths.units.Slider` can be changed in the view.
@@ -62,6 +64,18 @@ class Detector(ABC):
     """
 
     __slots__ = ()
+
+    CHANGED_BY: ClassVar[str] = SENSOR_CHANGED_BY
+    FOREIGN_NAMES: ClassVar[Mapping[str, str]] = {
+        "bandwidth": "sensor.tdc.bandwidth_hz",
+        **dict.fromkeys(("type", "kind", "name"), "sensor.detector.label"),
+        **dict.fromkeys(("noise", "nep"), "lidarscene.budget(cloud, scene, sensor)"),
+        **dict.fromkeys(("dcr", "dark_counts"), "dark_count_rate_hz of cells and SPADs"),
+        **dict.fromkeys(
+            ("pde", "qe", "efficiency", "responsivity"), "pde of cells and SPADs, quantum_efficiency of an APD"
+        ),
+        "gain": "an APD has a gain; cells and SPADs fire whole",
+    }
 
     label: ClassVar[str]
     unit: ClassVar[str]

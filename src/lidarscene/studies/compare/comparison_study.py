@@ -153,6 +153,6 @@ def _beams_note(scene: Scene, seed: int, *, matched: bool, same_beams: bool) -> 
         )
     return (
         f"{light}The sensors do not fire the same pulses, because their scanners or mountings differ. Pulses are "
-        "therefore not matched, and rates are compared by bin and body. The option of the same beams gives all "
-        "sensors the scanner and mounting of the first."
+        "therefore not matched, and rates are compared by bin and body. With the same-beams option all "
+        "sensors get the scanner and mounting of the first."
     )

@@ -313,7 +313,11 @@ def _estimates(law: Law) -> Iterator[Estimate]:
     keys, solved, _ = law
     for index, key in enumerate(keys):
         if solved is not None and key in REST_BOUNDS.keys() | UNITS.keys():
-            yield solved.estimate(key, UNITS.get(key, ""), lambda logs, index=index: math.exp(logs[index]))
+            yield solved.estimate(key, UNITS.get(key, ""), _exponential(index))
+
+
+def _exponential(index: int) -> Callable[[Numbers], float]:
+    return lambda logs: math.exp(logs[index])
 
 
 def _changed(text: str, values: Mapping[str, float]) -> str:

@@ -135,6 +135,11 @@ def misses_of(checks: Sequence[Held]) -> dict[str, tuple[int, float]]:
     return misses
 
 
+def _miss_text(failed: int, largest: float) -> str:
+    """Words for a quantity's number of rows outside of their limits, and its largest error."""
+    return f"misses {count_text(failed, 'limit')}, by {largest:.2g} at most"
+
+
 def fit_recordings(
     recordings: Sequence[Path],
     sensor: str,
@@ -187,8 +192,8 @@ def fit_recordings(
         )
         after = misses_of(fit.checks(parse_sensor(text, FITTED), near_ir))
         worse = {
-            key: f"fitted, but with it '{quantity}' misses what was not fitted by {after[quantity][1]:.2g}, else by "
-            f"{before[quantity][1]:.2g}"
+            key: f"fitted, but with it '{quantity}' of what was not fitted {_miss_text(*after[quantity])}, else "
+            f"{_miss_text(*before[quantity])}"
             for quantity in after
             if after[quantity][0] and after[quantity] > before[quantity]
             for key in LAWS[quantity]

@@ -14,9 +14,8 @@ import numpy as np
 from pydantic import BaseModel
 
 from ...errors import OptionError, did_you_mean, question
-from ...files.toml import keys_like
 from ...maths.arrays import Numbers
-from ...maths.units import split_unit
+from ...maths.units import keys_like, split_unit
 from ...sensor.sensor_file import SensorFile
 from .aperture_laws import LARGEST_DEG
 from .conditions import CONDITIONS

@@ -140,7 +140,7 @@ def _noise_over_level(sensor: Sensor, grid: Grid, planes: Planes) -> Numbers | f
     direction = np.moveaxis(grid.sweep.direction, -1, 0)
     row_slope = relative_row_slope(tuple(np.moveaxis(planes.normal, -1, 0)), tuple(direction))
     step_m = row_slope * np.where(planes.has_plane, planes.range_m, 0.0) * histogram.column_rad
-    return noise_by_step(histogram, step_m / float(histogram.column_range_m))
+    return noise_by_step(histogram, np.asarray(step_m / float(histogram.column_range_m)))
 
 
 def noise_by_step(histogram: Histogram, step: Numbers) -> Numbers:

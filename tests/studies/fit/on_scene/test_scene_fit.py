@@ -307,4 +307,4 @@ def test_what_a_twin_has_not_seen_is_fitted(monkeypatch: pytest.MonkeyPatch, hel
     step = slice(1, None, 2) if held_out == "columns" else slice(None)
     for number, (sweep, _) in zip(chosen, frames, strict=True):
         assert sweep.range_m[0].tolist() == (np.arange(8.0) + 10.0 * number)[step].tolist()
-    assert ("held out" in notes[0]) is (held_out is not None)
+    assert ("held out of the twin" in notes[0]) is (held_out is not None)
