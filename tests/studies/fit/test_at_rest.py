@@ -105,7 +105,7 @@ def deviations(text: str, recorded: PixelsAtRest, truth: dict[str, float]) -> di
 
 
 def test_the_numbers_of_an_apd_are_found_again() -> None:
-    """None of five numbers was beyond 3.5 sigma in eight draws; those of the catalogue are up to 50 % off.
+    """One of five numbers was beyond 3.5 sigma in one of nine draws; those of the catalogue are up to 50 % off.
 
     Rationale: beams that miss their directions scatter ranges on slopes; a fit without them took the beam for wider.
     """
