@@ -48,7 +48,7 @@ TRUTH = {
     "tdc.jitter_ps": 80.0,
     "tdc.strong_jitter_ps": 40.0,
     "laser.divergence_mrad": 6.0,
-    "tdc.chatter_mhz": 150.0,
+    "tdc.chatter_mhz": 500.0,
 }
 SEEDS = range(20)
 
@@ -105,13 +105,13 @@ def deviations(text: str, recorded: PixelsAtRest, truth: dict[str, float]) -> di
 
 
 def test_the_numbers_of_an_apd_are_found_again() -> None:
-    """One of five numbers is beyond 3.5 sigma in 400 draws; those of the catalogue are up to 50 % off.
+    """One of five numbers was beyond 3.5 sigma in one of nine draws; those of the catalogue are up to 50 % off.
 
     Rationale: beams that miss their directions scatter ranges on slopes; a fit without them took the beam for wider.
     """
     text = unit(PANDAR, **{key.replace(".", "__"): value for key, value in TRUTH.items()})
     found = deviations(PANDAR, read_by(parse_sensor(text, "truth"), pixels(0), 0), TRUTH)
-    assert TRUTH.keys() >= found.keys() >= TRUTH.keys() - {"tdc.strong_jitter_ps"}  # which few of the boards tell
+    assert found.keys() == TRUTH.keys()
     assert max(map(abs, found.values())) < 3.5
 
 
