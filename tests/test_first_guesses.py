@@ -162,7 +162,7 @@ ANSWERS = {
     "cloud.plot(save='a.png')": r"plot\(\).save\('a.png'\)",
     "cloud.select(range=(0, 20))": r"cloud\[\(cloud.range > 5\)",
     "cloud.describe()": r"cloud.to_pandas\(\).describe\(\)",
-    "cloud.hist()": r"cloud.to_pandas\(\).hist\('range'\)",
+    "cloud.hist()": r"cloud.to_pandas\(\).intensity.hist\(\)",
     "cloud.crop(x=(0, 3))": "cloud.x > 0",
     "cloud.to_torch(device='cuda')": r"tensor.to\(",
     "cloud.save('a.csv')": "to_csv",
