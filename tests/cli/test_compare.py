@@ -247,7 +247,7 @@ def test_other_scanners_are_not_matched(folder: Path, run: Run, no_charts: None,
     numbers = json.loads((tmp_path / "own" / "compare.json").read_text("utf-8"))
     assert (numbers["matched"], numbers["pairs"]) == (False, [])
     assert numbers["sensors"][0]["pulses"] != numbers["sensors"][1]["pulses"]
-    assert "same beams gives all" in (tmp_path / "own" / "index.html").read_text("utf-8")
+    assert "same-beams option" in (tmp_path / "own" / "index.html").read_text("utf-8")
     ran = run("compare", str(tmp_path / "own" / "table1-apd.ply"), str(tmp_path / "own" / "vlp-16.ply"), "-o", "files")
     assert (ran.code, ran.err) == (0, "")
     assert "share no pulses" in (tmp_path / "files" / "index.html").read_text("utf-8")
