@@ -46,11 +46,8 @@ LANES_PER_LAUNCH_CUDA = 2**21
 class _Threads:
     """Number of Dr.Jit's threads for small frames, and the number that it had before.
 
-    The thread that waits for a kernel works on it, too. So Dr.Jit gets one thread less than there are cores: with as
-    many, two of them share a core, and the others spin at the end of each kernel until these are done.
-
     Attributes:
-        most: the most to use: Dr.Jit's own choice, one for each core, less one; or what somebody has set since
+        most: the most to use: Dr.Jit's own choice, one for each core, or what somebody has set since
         used: what was set here last
         of_frame: those of the frame that was set last
     """
@@ -61,13 +58,12 @@ class _Threads:
     def limit(self, count: int) -> None:
         """Use this many threads from now on, and never more."""
         self.most = self.of_frame = self.used = count
-        # Somebody may have set another number since.
         drjit().set_thread_count(count)
 
     def set_for(self, lanes: int) -> None:
         """Use as many threads as a frame of so many lanes is worth."""
         self._notice()
-        self.of_frame = others(thread_count(lanes, self.most + 1))
+        self.of_frame = thread_count(lanes, self.most)
         self._use(self.of_frame)
 
     def rest(self) -> None:
@@ -83,10 +79,7 @@ class _Threads:
     def _notice(self) -> None:
         """Take over the number that somebody has set since."""
         if (count := drjit().thread_count()) != self.used:
-            self.used = count
-            # Whoever sets their number sets those beside the waiting one.
-            is_default = not self.most and count == usable_cores()
-            self.most = self.of_frame = others(count) if is_default else count
+            self.most = self.of_frame = self.used = count
 
     def _use(self, count: int) -> None:
         if count != self.used:
@@ -103,22 +96,14 @@ def usable_cores() -> int:
 
 
 def thread_count(lanes: int, most: int) -> int:
-    """Return how many threads a frame of so many lanes should have, of ``most``, the one that waits for it included."""
+    """Return how many threads a frame of so many lanes should have, of ``most``."""
     return max(min(most, lanes // LANES_PER_THREAD), 1)
-
-
-def others(threads: int) -> int:
-    """Return how many threads Dr.Jit has beside the one that waits, of so many in all.
-
-    It keeps one at least: a frame has two threads at least.
-    """
-    return max(threads - 1, 1)
 
 
 @exclusive
 def use_threads(count: int) -> None:
-    """Set the most threads that any frame uses, two at least, the one that waits for it included."""
-    _threads.limit(others(count))
+    """Set the number of Dr.Jit's threads, the most that any frame uses."""
+    _threads.limit(count)
 
 
 def lanes_per_launch() -> int:
@@ -173,7 +158,7 @@ def share_out(lanes: int) -> None:
         _threads.resume()
     setter = _block_size_setter()
     if setter is not None:
-        setter(block_size(lanes, drjit().thread_count() + 1))
+        setter(block_size(lanes, drjit().thread_count()))
 
 
 @functools.cache
