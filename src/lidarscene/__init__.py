@@ -12,7 +12,7 @@ from typing import Any
 
 import lazy_loader
 
-from .errors import did_you_mean, question
+from .errors import question
 from .files.installed_llvm import write_newest_path
 from .files.late_binding import bind
 from .maths.attributes import meaning_of
@@ -96,8 +96,7 @@ def __getattr__(name: str) -> Any:
         if name.startswith("_"):  # what Python and libraries look for
             raise
         public = {entry: question([entry]) for entry in __all__}
-        meant = meaning_of(name, public, _FOREIGN_NAMES) or did_you_mean(name, __all__, cutoff=0.7)
-        meant = meant or "dir(lidarscene) lists the names"
+        meant = meaning_of(name, public, _FOREIGN_NAMES) or "dir(lidarscene) lists the names"
         raise AttributeError(f"lidarscene has no '{name}'; {meant}") from None
 
 

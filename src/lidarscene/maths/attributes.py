@@ -34,8 +34,7 @@ def no_attribute(owner: object, word: str, *, name: str, foreign_names: Mapping[
     inner = [f"{part}.{entry}" for part in fields for entry in _numbers_of(getattr(owner, part, None))]
     like = question(f"{name}.{key}" for key in keys_like(word, public) or keys_like(word, inner))
     meant = meaning_of(word, {entry: f"{name}.{entry}" for entry in public}, foreign_names, like=like)
-    meant = meant or did_you_mean(word, public, cutoff=0.7) or _listed(public)
-    return AttributeError(f"{type(owner).__name__} has no '{word}'; {meant}")
+    return AttributeError(f"{type(owner).__name__} has no '{word}'; {meant or _listed(public)}")
 
 
 def _public_names(owner: object) -> list[str]:
@@ -53,7 +52,7 @@ def meaning_of(word: str, public: Mapping[str, str], foreign_names: Mapping[str,
     """What a name means that an object or a module lacks; "" if nothing is like it.
 
     A name that people try comes first, then a slip of a public one, then the longest name that the word has as its
-    parts: get_actors, to_ros2, list_scenes.
+    parts: get_actors, to_ros2, list_scenes; last a public one that is less like it.
 
     Args:
         public: names that are there, each with how it is asked for
@@ -65,6 +64,7 @@ def meaning_of(word: str, public: Mapping[str, str], foreign_names: Mapping[str,
         or did_you_mean(word, public, cutoff=0.8)
         or like
         or meant_by_a_part(word, {**public, **foreign_names})
+        or did_you_mean(word, public, cutoff=0.7)
     )
 
 
@@ -102,15 +102,15 @@ def _mistake_of_call(
     owner: object, made: Callable[..., Any], arguments: Sequence[object], keywords: Collection[str]
 ) -> str:
     """Say which argument is too many, unknown or missing; "" if the call fits."""
-    kind = owner if isinstance(owner, type) else type(owner)
     parameters = [*inspect.signature(made).parameters.values()][1:]
+    if any(parameter.kind is not parameter.KEYWORD_ONLY for parameter in parameters):
+        return ""  # such a call says best what it takes
+    kind = owner if isinstance(owner, type) else type(owner)
     names = [parameter.name for parameter in parameters]
     required = [parameter.name for parameter in parameters if parameter.default is parameter.empty]
     called = f"{kind.__name__}{'' if made.__name__ == '__init__' else f'.{made.__name__}'}()"
     made_by = f"{text}; " if (text := getattr(kind, "MADE_BY", "")) else ""
     known = f"known here: {', '.join(names)}"
-    if any(parameter.kind is not parameter.KEYWORD_ONLY for parameter in parameters):
-        return ""  # such a call says best what it takes
     if arguments:
         return f"{called}: must have all values by name, got {len(arguments)} without; {made_by}{known}"
     for word in [word for word in keywords if word not in names]:

@@ -66,6 +66,9 @@ def test_threads_for_the_work() -> None:
         blocks.use_threads(1)  # as many as there are just then: no frame has more from now on
         blocks.share_frame(10**6)
         assert dr.thread_count() == 1
+        dr.set_thread_count(5)
+        blocks.use_threads(4)
+        assert dr.thread_count() == 4
     finally:
         blocks.use_threads(before)
 

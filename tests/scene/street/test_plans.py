@@ -416,7 +416,7 @@ def of(bodies: list[Tables], name: str) -> list[Tables]:
 
 def test_surfaces_of_a_network_are_beside_each_other(crossroads: sumo.Network) -> None:
     """Lanes have their widths, kerbs 0.15 m of pavements, on the side of the road; a corner and its kerb fill it."""
-    bodies = tables._grounds(crossroads)
+    bodies = tables._grounds(crossroads, tables._islands(crossroads))
     widths_m = {body["name"]: (body["width_m"], body["offset_m"]) for body in bodies if "width_m" in body}
     assert widths_m == {
         "pavement_0": (1.85, -0.075),
@@ -436,7 +436,7 @@ def test_surfaces_of_a_network_are_beside_each_other(crossroads: sumo.Network) -
 
 def test_markings_of_a_network_are_where_lanes_end_and_meet(crossroads: sumo.Network, relief: terrain.Relief) -> None:
     """Dashes each 6 m between two lanes, but not below the bridge; a stop line at the lights; stripes off the kerb."""
-    bodies = tables._markings(crossroads, relief)
+    bodies = tables._markings(crossroads, relief, tables._islands(crossroads))
     (dashes,), (stops,), (stripes,) = (of(bodies, name) for name in ("dashes", "stop_lines", "zebras"))
     x_m = np.array([place["position_m"][0] for place in dashes["instances"]])
     assert (x_m % 6.0 == 3.0).all()

@@ -9,7 +9,7 @@ import numpy as np
 from ...maths.arrays import Numbers
 from ..ground_area import Outline
 from .layout import KERB_M
-from .polylines import along, way_length_m, ways_m
+from .polylines import along, on_line, way_length_m, ways_m
 from .sumo import LaneGroup
 
 ISLAND_STEP_M = 1.0
@@ -66,7 +66,7 @@ def islands_between_m(group: LaneGroup, opposite: LaneGroup) -> Iterator[Numbers
 def _border_m(group: LaneGroup, way_m: Numbers, lap_m: float, side: float = 1.0) -> Numbers:
     """(n, 3) places on the border of lanes, to the left of them (1) or to the right (-1), and a lap inside."""
     border_m = along(group.line_m, way_m, side * 0.5 * group.width_m - lap_m)
-    return np.column_stack([border_m[:, :2], np.interp(way_m, ways_m(group.line_m), group.line_m[:, 2])])
+    return np.column_stack([border_m[:, :2], on_line(group.line_m, way_m)[:, 2]])
 
 
 def kerbed_corner_m(corner_m: Numbers, road: Outline) -> tuple[Numbers, list[Numbers]]:

@@ -59,6 +59,9 @@ UNDER_M, OVER_M = 4.0, 12.0
 """Choice: distances from a road above, up to which there are no markings, and from one below, up to which there are
 rails."""
 
+Island = tuple[Numbers, str]
+"""(k, 3) corners of an island, and its material."""
+
 PIER_M, PIER_ASIDE_M, PIER_SUNK_M, PIER_BELOW_M = 0.8, 2.0, 0.5, 0.03
 """Choice: side of a bridge's square piers, their distance from the road below, depth of their feet, and distance of
 their heads from the top of the road above."""
@@ -155,15 +158,16 @@ def network_scene(source: Path | int, kind: NetworkKind, file: StreetFile, *, eg
         near = _on_relief(near, relief)
         relief = Relief(np.concatenate([*_places_on_lanes(near), *_places_on_areas(near)]), SOIL_BLUR_M)
         terrain = Terrain.around(relief)
+    islands = _islands(near)
     return street_scene(
         file.shown_m,
         roof_m=catalog.vehicles()[shapes()[_look(own)].mesh].size_m[2],
         ego=_motion(own, relief, at_end="hold", tilts=False),
         bodies=[
-            *_grounds(near),
+            *_grounds(near, islands),
             *([soil(relief.place_m[:, :2])] if terrain is None else terrain.tables()),
             *([] if terrain is None else _piers(near, relief, terrain)),
-            *_markings(near, relief),
+            *_markings(near, relief, islands),
             *_surroundings(near, file, relief, terrain),
             body_table("own_car", shapes()[_look(own)], moves=True) | {"motion": {"with_ego": True}},
             *_moving(others, relief),
@@ -331,7 +335,7 @@ def _area(name: str, class_name: str, material: str, corners_m: Numbers, **keys:
     return [ground(name, class_name, material, outline=_rounded(corners_m), **keys)]
 
 
-def _grounds(network: Network) -> list[Tables]:
+def _grounds(network: Network, islands: Sequence[Island]) -> list[Tables]:
     """Roads, pavements and their corners with kerbs, junctions, and islands of roundabouts and between lanes."""
     grounds = []
     raised = {"position_m": [0.0, 0.0, RAISED_M], "kerb_m": RAISED_M + FOOT_M}
@@ -361,13 +365,13 @@ def _grounds(network: Network) -> list[Tables]:
         grounds += _area(f"corner_{number}", "pavement", "concrete", pavement_m, **raised)
         for side, kerb_m in enumerate(kerbs):
             grounds += _area(f"kerb_corner_{number}_{side}", "kerb", "concrete", kerb_m, **raised)
-    for number, (island_m, material) in enumerate(_islands(network)):
+    for number, (island_m, material) in enumerate(islands):
         class_name = "terrain" if material == "soil" else "pavement"
         grounds += _area(f"island_{number}", class_name, material, island_m, **raised)
     return grounds
 
 
-def _islands(network: Network) -> list[tuple[Numbers, str]]:
+def _islands(network: Network) -> list[Island]:
     """Corners and material of the islands of roundabouts, and of those between lanes of opposite directions."""
     roads = {group.edge: group for group in network.groups if group.kind == "road"}
     # Of a ring that is near in part there is no outline.
@@ -405,7 +409,7 @@ def _marks(line_m: Numbers, way_m: Numbers, left_m: float = 0.0, turn_deg: float
     return [placed(x_m, y_m, PAINT_M, math.degrees(heading) + turn_deg) for x_m, y_m, heading in places]
 
 
-def _markings(network: Network, relief: Relief) -> list[Tables]:
+def _markings(network: Network, relief: Relief, islands: Sequence[Island]) -> list[Tables]:
     """Lines at the edges of roads and between lanes, stop lines, and zebras at crossings; none below bridges."""
     keys: Tables = {"spacing_m": MARK_SPACING_M, "on_ground": True}
     markings = []
@@ -432,7 +436,7 @@ def _markings(network: Network, relief: Relief) -> list[Tables]:
         if group.ends_at_lights:
             stop = _marks(group.line_m, np.array([length_m - 0.4]))
             marks.setdefault(("stop_lines", 0.3, round(group.width_m - 2.0 * ASIDE_M, 2)), []).extend(stop)
-    raised = [*network.corners, *(island_m for island_m, _ in _islands(network))]
+    raised = [*network.corners, *(island_m for island_m, _ in islands)]
     pavements = [Outline(corner_m=corners_m, spacing_m=SPACING_M) for corners_m in raised]
     low_m, high_m = (
         np.array([side(corners_m[:, :2], axis=0) for corners_m in raised]).reshape(-1, 2) for side in (np.min, np.max)

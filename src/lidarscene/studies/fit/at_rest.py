@@ -37,6 +37,7 @@ from ..twin.tuning import ASSUMED_KLUX, CLIP_SIGMAS, OCTAVES_M
 from .estimates import MOST_EVALUATIONS, Estimate, Solution, huber_weight
 from .near_field import LEAST_BINS
 from .pixels_at_rest import PixelsAtRest
+from .published_fit import POWER
 from .sensor_text import at_rest_changes, get_key, parse_sensor, put_changes
 from .tuning import (
     BOARD_ERROR,
@@ -55,7 +56,7 @@ from .tuning import (
     REST_BOUNDS,
 )
 
-ENERGY, COLUMNS, POWER = "laser.energy_spread", "histogram.column_range_mm", "laser.peak_power_w"
+ENERGY, COLUMNS = "laser.energy_spread", "histogram.column_range_mm"
 STRONG, DIVERGENCE, CHATTER = "tdc.strong_jitter_ps", "laser.divergence_mrad", "tdc.chatter_mhz"
 CONVERTER = ("tdc.jitter_ps", STRONG, DIVERGENCE, CHATTER)
 """Keys that ranges and losses at rest say something of, of a sensor that times pulses."""

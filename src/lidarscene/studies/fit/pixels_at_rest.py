@@ -19,6 +19,7 @@ from ..twin.frame_poses import is_at_rest
 from ..twin.ground import ground_plane
 from ..twin.matched_pulses import strength_of
 from ..twin.planes import align_columns, fit_planes
+from ..twin.reading_noise import lean_of
 from ..twin.tuning import LEAST_COS
 from .recorded_pulses import BLOCK_COLUMNS, fitted_blocks
 from .tuning import GROUND_COS, WHOLE_FRAME
@@ -52,7 +53,7 @@ class PixelsAtRest:
     @property
     def lean_m(self) -> Numbers:
         """(n,) range times tangent of the incidence, to which the length of an echo goes."""
-        return np.asarray(self.mean_m * np.sqrt(1.0 / self.cos_incidence**2 - 1.0))
+        return lean_of(self.mean_m, self.cos_incidence)
 
     @property
     def fitted(self) -> Numbers:

@@ -154,12 +154,16 @@ def pointing_noise_m(sensor: Sensor, lean_m: Numbers) -> Numbers | float:
     return 0.0 if sensor.scanner.jitter_rad is None else np.asarray(float(sensor.scanner.jitter_rad) * lean_m)
 
 
+def lean_of(range_m: Numbers, cosine: Numbers) -> Numbers:
+    """Range times tangent of the incidence, to which the length of an echo goes."""
+    return np.asarray(range_m * np.sqrt(np.maximum(1.0 / np.maximum(cosine, LEAST_COS) ** 2 - 1.0, 0.0)))
+
+
 def _lean_m(grid: Grid, planes: Planes) -> Numbers:
-    """Range times tangent of the incidence of each pixel on its plane; 0 where it has none."""
+    """Lean of each pixel's plane [m]; 0 where it has none."""
     cosine = -np.einsum("...i,...i", planes.normal, grid.sweep.direction)
     with np.errstate(invalid="ignore"):
-        lean_m = planes.range_m * np.sqrt(np.maximum(1.0 / np.maximum(cosine, LEAST_COS) ** 2 - 1.0, 0.0))
-    return np.where(planes.has_plane, lean_m, 0.0)
+        return np.where(planes.has_plane, lean_of(planes.range_m, cosine), 0.0)
 
 
 def without_noise(values: Numbers, sigma: Numbers, correlation: Numbers) -> Numbers:
