@@ -8,6 +8,7 @@ simulation with itself and `studies` compute with the very code that renders. Pl
 from __future__ import annotations
 
 import dataclasses
+import functools
 import itertools
 import sys
 from collections import deque
@@ -518,7 +519,12 @@ def aligned_copy(values: Numbers, dtype: type[np.generic]) -> Numbers:
 
 def is_drjit(x: object) -> bool:
     """Return whether ``x`` is a Dr.Jit array, without importing Dr.Jit."""
-    return type(x).__module__.startswith(("drjit", "mitsuba"))
+    return _is_of_drjit(type(x))
+
+
+@functools.cache
+def _is_of_drjit(kind: type) -> bool:
+    return kind.__module__.startswith(("drjit", "mitsuba"))
 
 
 def inverse(order: Numbers) -> Numbers:
@@ -530,7 +536,7 @@ def inverse(order: Numbers) -> Numbers:
 
 def xp(*arguments: object) -> Ops:
     """Return the functions for these arguments: Dr.Jit's if any of them is a Dr.Jit array, else numpy's."""
-    if any(is_drjit(argument) for argument in arguments):
+    if any(map(is_drjit, arguments)):
         return cast(Ops, _drjit_ops())
     return cast(Ops, NUMPY)
 
