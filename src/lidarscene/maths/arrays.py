@@ -228,6 +228,11 @@ class NumpyOps:
         """``compute()`` where the condition holds, else ``otherwise``; not called if the condition holds nowhere."""
         return select_state(condition, compute(), otherwise) if np.any(np.asarray(condition)) else otherwise
 
+    @staticmethod
+    def each(function: Callable[[Any], Any], values: Sequence[Any]) -> Sequence[Any]:
+        """``function`` of each of these values, all in one call."""
+        return cast(Sequence[Any], function(np.stack(np.broadcast_arrays(*values))))
+
 
 class DrjitOps:
     """The same functions, on Dr.Jit arrays of the active variant."""
@@ -402,6 +407,11 @@ class DrjitOps:
         with self._dr.suspend_grad():
             final = self._dr.while_loop(tuple(flatten(state)), is_active, stepped, mode="symbolic")
         return rebuild(state, iter(final))
+
+    @staticmethod
+    def each(function: Callable[[Any], Any], values: Sequence[Any]) -> Sequence[Any]:
+        """``function`` of each of these values."""
+        return [function(value) for value in values]
 
     def where_any(self, condition: Mask, compute: Callable[[], S], otherwise: S) -> S:
         """``compute()`` where the condition holds, else ``otherwise``.
