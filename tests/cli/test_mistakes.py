@@ -150,6 +150,8 @@ def place(run: Run, shared: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     render ending.toml -o a --frames 3 COARSE | ego | 0.00924 | 0.01384 s | 0 | 0.011 s
     render ending.toml -o a --begin 5 --frames 1 COARSE | ego | 5 | 5.0046 s | 0 | 0.011 s
     render ending.toml -o a --begin -1 --frames 1 COARSE | ego | -1 | -0.9954 s | 0 | 0.011 s
+    render wall.toml -o a.ply --sensor apd-905 --sensor=sipm-905 | --sensor | once
+    render wall.toml -o a.ply --output b.ply | -o/--output | once
     render wall.toml -o a.ply --set gain=60 | 'gain' | detector.gain?
     render wall.toml -o a.ply --set peak_power=60 | 'peak_power' | laser.peak_power_w?
     render wall.toml -o a.ply --set laser.power=3 | 'laser.power' | laser.peak_power_w?

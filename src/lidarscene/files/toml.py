@@ -64,14 +64,16 @@ def read_toml(path: Path) -> dict[str, Any]:
     require_file(path, "a TOML file", largest=LARGEST_TEXT)
     try:
         # Windows editors write a byte-order mark first, which is not valid TOML.
-        tables = tomllib.loads(path.read_bytes().decode("utf-8-sig"))
+        text = path.read_bytes().decode("utf-8-sig")
+        tables = tomllib.loads(text)
         _require_shallow(tables)
         return tables
     except UnicodeDecodeError as error:
         line = error.object[: error.start].count(b"\n") + 1
         raise InputError(f"{path}: not UTF-8 text (at line {line})") from None
     except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path}: not valid TOML: {error}") from None
+        hint = "; this looks like JSON" if text.lstrip().startswith("{") else ""
+        raise InputError(f"{path}: not valid TOML: {error}{hint}") from None
     except RecursionError:
         raise InputError(f"{path}: not valid TOML: nested too deeply") from None
     except (OSError, ValueError) as error:
