@@ -16,7 +16,6 @@ from lidarscene.errors import InputError, OutputError
 from lidarscene.scene.scene import Scene
 from lidarscene.scene.scene_file import load_scene
 from lidarscene.sensor.rig_file import load_rig
-from lidarscene.sensor.sensor_file import load_sensor
 
 NOISE = np.random.default_rng(7).bytes(2000)
 TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
@@ -285,7 +284,6 @@ def box() -> trimesh.Trimesh:
         (lambda: load_scene("car", overrides={"sun.x": 1}), " overrides sun.x=1: unknown key"),
         (lambda: load_scene("car", overrides=["sun"]), "overrides sun: must be"),
         (lambda: load_scene("car").replace({"sun.x": 1}), "car changes sun.x=1: unknown key"),
-        (lambda: load_sensor("vlp-16").replace({"sun.x": 1}), "vlp-16 changes sun.x=1: unknown key"),
     ],
 )
 def test_a_call_names_only_options_that_it_has(call: Callable[[], Any], first: str) -> None:
@@ -298,6 +296,7 @@ def test_a_call_names_only_options_that_it_has(call: Callable[[], Any], first: s
 test_calls = calls(
     (lambda: load_scene("scenes/none/car.toml"), "no such file | its name, car"),
     (lambda: load_scene("kar"), "scene 'kar' | car"),
+    (lambda: load_scene("car", overrides={"laser.x": 1}), "'laser' | sensor | render | by overrides"),
     (lambda: load_scene("car", option=1, scene_overrides="a.b=1"), "option | car.toml"),
     (lambda: load_scene("out/kar"), "out/kar | no such file"),
     (lambda: load_rig("rig", overrides=["rear:a.b=1"]), "overrides rear:a.b=1 | 'rear' | roof"),

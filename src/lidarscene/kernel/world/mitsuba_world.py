@@ -34,7 +34,7 @@ from ..device.types import Bsdf, Interaction
 from . import merged_meshes, mitsuba_xml
 from .bsdfs import ATTRIBUTE, bsdf_dict, has_gaps, make_bsdf, reflectivities, texture, texture_key
 from .faces import FaceTables, PlacedShape
-from .mover_scene import MoverScene, mitsuba_scene, side_by_side
+from .mover_scene import MoverScene, mitsuba_scenes, side_by_side
 from .speculars import Speculars, lets_through
 from .walkers import Walkers
 
@@ -256,20 +256,22 @@ def build_world(
     class_names = tuple(dict.fromkeys(class_of))
     class_numbers = np.array([class_names.index(name) for name in class_of], dtype=np.int32)
     solid, panes = _panes_apart(shapes, see_through)
+    rigid_apart = _panes_apart(rigid_shapes, see_through)
+    still_scene, still_panes, *of_movers = mitsuba_scenes([solid, panes, *rigid_apart])
     mover_scene, mover_panes = (
-        MoverScene.of_shapes(
-            rigid,
+        MoverScene.of_cells(
+            rigid_scene,
             boxes_m=_boxes_of_materials(movers, rigid),
             offsets_m=offsets_m,
             walkers=Walkers.of_shapes(walks, [mover.body for mover in movers], faces.first_of(walks)),
         )
-        for rigid, walks in zip(
-            _panes_apart(rigid_shapes, see_through), _panes_apart(walking_shapes, see_through), strict=True
+        for rigid_scene, rigid, walks in zip(
+            of_movers, rigid_apart, _panes_apart(walking_shapes, see_through), strict=True
         )
     )
     return World(
-        scene=mitsuba_scene(solid),
-        panes=mitsuba_scene(panes),
+        scene=still_scene,
+        panes=still_panes,
         see_through=see_through,
         scene_of=scene,
         movers=tuple(movers),
@@ -432,13 +434,10 @@ def _merged_mesh(
     is_cut: bool,
 ) -> PlacedShape:
     # The vertices of all pieces one after the other; each piece's faces count from its own first vertex.
-    counts = [len(vertices) for _, vertices, _ in pieces]
-    starts = np.cumsum([0, *counts[:-1]])
-    vertices = np.concatenate([piece for _, piece, _ in pieces]).astype(np.float32)
-    faces = np.concatenate(
-        [part.faces.astype(np.int64) + start for (_, _, part), start in zip(pieces, starts, strict=True)]
-    )
-    bodies = np.concatenate([np.full(len(part.faces), index, dtype=np.int32) for index, _, part in pieces])
+    starts = np.cumsum([0, *(len(vertices) for _, vertices, _ in pieces[:-1])], dtype=np.uint32)
+    vertices = np.concatenate([piece for _, piece, _ in pieces], dtype=np.float32)
+    faces = np.concatenate([part.faces + start for (_, _, part), start in zip(pieces, starts, strict=True)])
+    bodies = np.repeat(np.array([index for index, _, _ in pieces], np.int32), [len(part.faces) for *_, part in pieces])
     props = mi.Properties()
     # The order of faces is kept by Mitsuba and by Embree: a hit's `prim_index` is the row in `faces`, and in `bodies`.
     first = pieces[0][2].pattern
@@ -452,7 +451,7 @@ def _merged_mesh(
         mesh.add_attribute(ATTRIBUTE, 1, varied)
     parameters = mi.traverse(mesh)
     parameters["vertex_positions"] = vertices.ravel()
-    parameters["faces"] = faces.astype(np.uint32).ravel()
+    parameters["faces"] = faces.ravel()
     if has_image:
         images = [part.cutout if is_cut else part.pattern for _, _, part in pieces]
         uv = np.concatenate([image.uv for image in images if image is not None and image.uv is not None])
