@@ -115,6 +115,7 @@ def _in_folder(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     [materials.x]\nreflectivity = 0.6\ntransmittance = [{wavelength_nm = 905, value = 0.45}] | 1.05 at 905 nm | <= 1
     [materials.x]\nreflectivity = 0.6\nbsdf = 'mirror'\ncover = 0.5 | materials.x | mirror | cover
     [materials.x]\nreflectivity = 0.6\ncover = 0 | materials.x.cover | > 0 | 0
+    [materials.x]\nreflectivity = 0.6\nfree_path_m = 0.2 | materials.x | free_path_m | cover below 1
     [materials.x]\nreflectivity = 0.1\nroughness = 0.1 | materials.x | diffuse | roughness
     [materials.x]\nreflectivity = 0.1\nbsdf = 'coated' | materials.x | coated | coat_ior | coat_roughness
     [ego]\nspeed = 3 | 'ego.speed' | ego.speed_m_s?
