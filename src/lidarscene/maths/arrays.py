@@ -551,18 +551,21 @@ def xp(*arguments: object) -> Ops:
     return cast(Ops, NUMPY)
 
 
-def frozen(values: object, dtype: Any, shape: tuple[int | None, ...]) -> Numbers:
+def frozen(values: object, dtype: Any, shape: tuple[int | None, ...], *, name: str = "array") -> Numbers:
     """Return ``values`` as a read-only array of this dtype and shape (None: any length).
 
     Copies only if the dtype changes.
 
     Raises:
-        ValueError: with the shape it got and the shape it needs
+        ValueError: with the name, the shape it got and the shape it needs
     """
-    array = np.asarray(values, dtype=dtype).view()
+    try:
+        array = np.asarray(values, dtype=dtype).view()
+    except ValueError as error:
+        raise ValueError(f"{name}: {error}") from None
     if len(array.shape) != len(shape) or any(
         want is not None and have != want for have, want in zip(array.shape, shape, strict=True)
     ):
-        raise ValueError(f"array must have shape {shape}, got {array.shape}")
+        raise ValueError(f"{name} must have shape {shape}, got {array.shape}")
     array.flags.writeable = False
     return array

@@ -452,7 +452,7 @@ def test_the_page_begins_with_the_question(tmp_path: Path) -> None:
     with pytest.warns(UserWarning, match="no free key moves it"):
         numbers = numbers_of(write(tmp_path, text), tmp_path / "out")
     question = (
-        "Which apd-905 has the most reach (range, P_d 0.5, reflectivity 0.1, 100 klux) and the least area "
+        "Which apd-905 has the highest reach (range, P_d 0.5, reflectivity 0.1, 100 klux) and the lowest area "
         "(aperture_area_mm2), with optics.aperture_radius_mm from 10 to 30 in steps of 10? Allowed: rate "
         "(points_per_s) at most 1e+06 1/s; class 1."
     )
