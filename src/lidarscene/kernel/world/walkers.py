@@ -172,7 +172,7 @@ def _kind_of(parts: tuple[Part, ...], levels: tuple[float, ...]) -> _Kind:
     starts = np.cumsum([0, *(len(part.vertices_m) for part in parts)])[:-1]
     faces = np.concatenate([part.faces + np.uint32(start) for part, start in zip(parts, starts, strict=True)])
     # Limbs are farthest apart as a foot meets the ground.
-    order = _neighbours_together(stride[0][faces].mean(axis=1), np.arange(len(faces)))
+    order = _neighbours_together(stride[0][faces].mean(axis=1))
     order = np.concatenate([order, np.repeat(order[-1:], -len(order) % TRIANGLES)])
     corners = faces[order]
     tree = BoxTree.from_sets(_leaf_boxes(standing, stride, corners, levels), np.arange(len(corners) // TRIANGLES))
@@ -186,23 +186,28 @@ def _kind_of(parts: tuple[Part, ...], levels: tuple[float, ...]) -> _Kind:
     )
 
 
-def _neighbours_together(middle_m: Numbers, triangles: Numbers) -> Numbers:
-    """Return these triangles in an order in which those of a box of each level of the tree stand together.
+def _neighbours_together(middle_m: Numbers) -> Numbers:
+    """Return (t,) numbers of triangles in an order in which those of a box of each level of the tree stand together.
 
-    They are parted where they reach farthest, again and again, into parts that fill boxes.
+    They are parted where they reach farthest, again and again, into parts that fill boxes: all parts at once.
 
     Args:
-        middle_m: (t, 3) of all triangles
+        middle_m: (t, 3)
     """
-    if len(triangles) <= TRIANGLES:
-        return triangles
-    full = TRIANGLES
-    while full * CHILDREN < len(triangles):
-        full *= CHILDREN
-    at_m = middle_m[triangles]
-    triangles = triangles[np.argsort(at_m[:, np.ptp(at_m, axis=0).argmax()], kind="stable")]
-    half = full * max(round(len(triangles) / (2 * full)), 1)
-    return np.concatenate([_neighbours_together(middle_m, part) for part in (triangles[:half], triangles[half:])])
+    order, starts, counts = np.arange(len(middle_m)), np.array([0]), np.array([len(middle_m)])
+    while (large := counts > TRIANGLES).any():
+        part, at_m = np.repeat(np.arange(len(counts)), counts), middle_m[order]
+        reach_m = np.maximum.reduceat(at_m, starts) - np.minimum.reduceat(at_m, starts)
+        along_m = np.where(large[part], np.take_along_axis(at_m, reach_m.argmax(axis=1)[part, None], axis=1)[:, 0], 0.0)
+        order = order[np.lexsort((along_m, part))]
+        full = np.full(len(counts), TRIANGLES)
+        while (grows := full * CHILDREN < counts).any():
+            full[grows] *= CHILDREN
+        halves = np.where(large, full * np.maximum(np.rint(counts / (2 * full)).astype(int), 1), counts)
+        counts = np.stack([halves, counts - halves], axis=1).ravel()
+        counts = counts[counts > 0]
+        starts = np.cumsum(counts) - counts
+    return order
 
 
 def _leaf_boxes(standing: Numbers, stride: Numbers, corners: Numbers, levels: Sequence[float]) -> Numbers:
