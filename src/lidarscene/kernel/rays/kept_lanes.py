@@ -23,9 +23,8 @@ from ..device.types import DeviceArray
 NO_LANE = 2**32 - 1
 """Entry of a list of lanes that is no lane."""
 
-NO_PULSE = 2**31 - 1
-"""Number of a lane without a pulse: those of pulses are lower. The remainder of 2^31 is negative (`xp(...).divmod`): a
-lane with that would read what stands before a scanner's tables."""
+NO_PULSE = 2**31
+"""Number of a lane without a pulse: those of pulses are lower."""
 
 
 def existing(pulse: Array) -> Any:
