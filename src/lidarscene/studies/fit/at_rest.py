@@ -465,7 +465,7 @@ def _converter_law(boards: Boards, recorded: Statistics, keys: Sequence[str], te
     middle_m = np.median(boards.pixels.mean_m)
 
     def height_of(sensor: Sensor) -> float:
-        return detection_margin(sensor, Target(illuminance_klux=ASSUMED_KLUX), middle_m).item()
+        return float(detection_margin(sensor, Target(illuminance_klux=ASSUMED_KLUX), middle_m)[0])
 
     given = height_of(parse_sensor(text, where))
 
