@@ -73,7 +73,7 @@ class BoxTree:
             levels.append(np.stack(around, axis=2))
             sizes.append(1 + np.add.reduceat(sizes[-1], starts))
         size = int(sizes[-1][0])
-        nodes = np.zeros((len(boxes), size, NUMBERS))
+        nodes = np.zeros((len(boxes), size, NUMBERS), boxes.dtype)
         first = size * np.arange(len(boxes))[:, None]
         place = np.zeros(1, dtype=np.int64)
         # From the root down: a node stands behind its parent and the trees of its elder siblings.

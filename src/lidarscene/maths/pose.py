@@ -96,9 +96,9 @@ class Pose(HintedAttributes):
 
 def _turned(points_m: Numbers, rotation: Numbers, *, about_m: Numbers) -> Numbers:
     """(..., 3) points from a place, turned; column by column, since NumPy is slow at products of (n, 3) and (3, 3)."""
-    columns = np.ascontiguousarray(np.moveaxis(np.asarray(points_m), -1, 0), dtype=np.float64)
+    columns = np.ascontiguousarray(np.asarray(points_m).T, dtype=np.float64)
     x, y, z = (column - place_m for column, place_m in zip(columns, about_m, strict=True))
-    return np.moveaxis(np.stack([row[0] * x + row[1] * y + row[2] * z for row in rotation]), 0, -1)
+    return np.array([row[0] * x + row[1] * y + row[2] * z for row in rotation.tolist()]).T
 
 
 def direction_from_angles(*, azimuth_rad: Lanes, elevation_rad: Lanes) -> tuple[Lanes, Lanes, Lanes]:

@@ -79,13 +79,15 @@ class Clearance:
         """Build from a scene's own bodies. Shapes of a Mitsuba base are left out."""
         bodies = [body for body in scene.bodies if not body.away]
         # Copies of a body share their parts.
-        boxes = {key: box_of(parts) for key, parts in {id(body.parts): body.parts for body in bodies}.items()}
-        bodies_and_boxes = [(body, box) for body in bodies if (box := boxes[id(body.parts)]) is not None]
-        return cls(
-            bodies=tuple(body for body, _ in bodies_and_boxes),
-            boxes=np.array([box for _, box in bodies_and_boxes]).reshape(-1, 2, 3),
-            around=np.array([_bounds_in_world(body, box) for body, box in bodies_and_boxes]).reshape(-1, 2, 3),
-        )
+        box_of_parts = {key: box_of(parts) for key, parts in {id(body.parts): body.parts for body in bodies}.items()}
+        bodies = [body for body in bodies if box_of_parts[id(body.parts)] is not None]
+        boxes = np.array([box_of_parts[id(body.parts)] for body in bodies]).reshape(-1, 2, 3)
+        place_m = np.array([body.pose.position_m for body in bodies]).reshape(-1, 1, 3)
+        rotation = np.array([body.pose.rotation for body in bodies]).reshape(-1, 3, 3)
+        corners = _corners(boxes) @ rotation.transpose(0, 2, 1) + place_m
+        around = np.stack([corners.min(axis=1), corners.max(axis=1)], axis=1)
+        around[[body.motion is not None for body in bodies]] = [[-np.inf], [np.inf]]
+        return cls(bodies=tuple(bodies), boxes=boxes, around=around)
 
     def check(self, place_m: Numbers, *, radius_m: float, time_s: float, sensor: str) -> None:
         """Raise InputError unless a ball around this place is clear of all surfaces, and in no thin body.
@@ -235,17 +237,9 @@ def _faces_of_blocks(faces: Numbers, flags: Numbers) -> Numbers:
 _MOVED = "{0}, got {1}; {pose} or position_m moves it"
 
 
-def _bounds_in_world(body: Body, box: Numbers) -> Numbers:
-    """(2, 3) bounding box in the world; unbounded for a body that moves."""
-    if body.motion is not None:
-        return np.array([[-np.inf] * 3, [np.inf] * 3])
-    corners = body.pose.apply(_corners(box))
-    return np.stack([corners.min(axis=0), corners.max(axis=0)])
-
-
-def _corners(box: Numbers) -> Numbers:
-    """(8, 3) corners of a box."""
-    return np.stack(np.meshgrid(*box.T), axis=-1).reshape(-1, 3)
+def _corners(boxes: Numbers) -> Numbers:
+    """(..., 8, 3) corners of (..., 2, 3) boxes."""
+    return np.asarray(boxes[..., np.indices((2, 2, 2)).reshape(3, 8).T, range(3)])
 
 
 def _distance_m(corners: Numbers, most_m: float) -> float:

@@ -434,13 +434,10 @@ def _merged_mesh(
     is_cut: bool,
 ) -> PlacedShape:
     # The vertices of all pieces one after the other; each piece's faces count from its own first vertex.
-    counts = [len(vertices) for _, vertices, _ in pieces]
-    starts = np.cumsum([0, *counts[:-1]])
-    vertices = np.concatenate([piece for _, piece, _ in pieces]).astype(np.float32)
-    faces = np.concatenate(
-        [part.faces.astype(np.int64) + start for (_, _, part), start in zip(pieces, starts, strict=True)]
-    )
-    bodies = np.concatenate([np.full(len(part.faces), index, dtype=np.int32) for index, _, part in pieces])
+    starts = np.cumsum([0, *(len(vertices) for _, vertices, _ in pieces[:-1])], dtype=np.uint32)
+    vertices = np.concatenate([piece for _, piece, _ in pieces], dtype=np.float32)
+    faces = np.concatenate([part.faces + start for (_, _, part), start in zip(pieces, starts, strict=True)])
+    bodies = np.repeat(np.array([index for index, _, _ in pieces], np.int32), [len(part.faces) for *_, part in pieces])
     props = mi.Properties()
     # The order of faces is kept by Mitsuba and by Embree: a hit's `prim_index` is the row in `faces`, and in `bodies`.
     first = pieces[0][2].pattern
@@ -454,7 +451,7 @@ def _merged_mesh(
         mesh.add_attribute(ATTRIBUTE, 1, varied)
     parameters = mi.traverse(mesh)
     parameters["vertex_positions"] = vertices.ravel()
-    parameters["faces"] = faces.astype(np.uint32).ravel()
+    parameters["faces"] = faces.ravel()
     if has_image:
         images = [part.cutout if is_cut else part.pattern for _, _, part in pieces]
         uv = np.concatenate([image.uv for image in images if image is not None and image.uv is not None])

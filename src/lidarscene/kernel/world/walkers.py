@@ -118,7 +118,10 @@ class Walkers:
                 f"walkers: their meshes must have fewer than {triangle * MOST_NODES // node} triangles together, got "
                 f"{triangle}"
             )
-        offsets = [int(kind[movers[0], 4]) for movers in kinds.values()]
+        nodes = np.concatenate([table.tree.nodes for table in tables]).reshape(-1, 8)
+        first_nodes = kind[[movers[0] for movers in kinds.values()], 4]
+        # Each tree counts from its own first node; 0 is the end of a walk.
+        nodes[:, 3] += np.where(nodes[:, 3] > 0.0, np.repeat(first_nodes, np.diff([*first_nodes, node])), 0)
         return cls(
             kind=transfer.unsigned_numbers(kind.ravel()),
             standing=transfer.from_numpy(np.concatenate([table.standing for table in tables])),
@@ -127,11 +130,7 @@ class Walkers:
             surface=transfer.unsigned_numbers(np.concatenate(surfaces).ravel()),
             triangle_of_face=transfer.unsigned_numbers(triangle_of_face),
             shapes=tuple(shape.shape for shape in shapes),
-            nodes=transfer.from_numpy(
-                np.concatenate(
-                    [_shifted(table.tree.nodes, offset) for table, offset in zip(tables, offsets, strict=True)]
-                )
-            ),
+            nodes=transfer.from_numpy(nodes.ravel()),
         )
 
     def tree(self, root: Any) -> BoxTree:
@@ -223,24 +222,22 @@ def _leaf_boxes(standing: Numbers, stride: Numbers, corners: Numbers, levels: Se
     extremes = np.stack(around)  # (phases, 2, v, 3)
     # A level is a factor, and never negative: lowest stays lowest.
     at_level = np.stack([standing + np.float32(level) * (extremes - standing) for level in levels], axis=1)
-    low = np.minimum(at_level[:, :-1, 0], at_level[:, 1:, 0])[:, :, corners.ravel()]
-    high = np.maximum(at_level[:, :-1, 1], at_level[:, 1:, 1])[:, :, corners.ravel()]
-    leaves = np.arange(0, corners.size, 3 * TRIANGLES)
+    low = np.minimum(at_level[:, :-1, 0], at_level[:, 1:, 0])
+    high = np.maximum(at_level[:, :-1, 1], at_level[:, 1:, 1])
+    of_leaves = corners.reshape(-1, 3 * TRIANGLES).T
     boxes = np.stack(
-        [np.minimum.reduceat(low, leaves, axis=2), np.maximum.reduceat(high, leaves, axis=2)], axis=3
-    ).astype(np.float64)
-    # For single precision of what is computed from them, at a metre or two from the origin.
-    boxes += np.array([[-1e-5], [1e-5]])
+        [
+            functools.reduce(around, (corner_m[:, :, vertices] for vertices in of_leaves)).astype(np.float64) + margin_m
+            # For single precision of what is computed from them, at a metre or two from the origin.
+            for around, corner_m, margin_m in ((np.minimum, low, -1e-5), (np.maximum, high, 1e-5))
+        ],
+        axis=3,
+        dtype=np.float32,
+        casting="same_kind",
+    )
     return boxes.reshape(-1, *boxes.shape[2:])
 
 
 def _fours(rows: Numbers) -> Numbers:
     """Return (n, 3) rows as (4 n,) numbers, the last of each four unused: four neighbours are one load."""
     return np.pad(rows, ((0, 0), (0, 1))).ravel()
-
-
-def _shifted(nodes: Numbers, offset: int) -> Numbers:
-    """Return (8 n,) nodes that stand behind so many others."""
-    nodes = nodes.reshape(-1, 8).copy()
-    nodes[:, 3] += np.where(nodes[:, 3] > 0.0, offset, 0)
-    return nodes.ravel()
