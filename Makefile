@@ -77,7 +77,7 @@ lock: $(READY)
 	$(BIN)/uv lock --upgrade
 
 clean:
-	rm -rf .venv out build dist .pytest_cache .mypy_cache .ruff_cache
+	rm -rf .venv out build dist .hypothesis .pytest_cache .mypy_cache .ruff_cache
 
 # The environment, made again only when what it is made from has changed.
 # uv stays in it (--inexact), and takes this Python and no other (--python).

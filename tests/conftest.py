@@ -31,12 +31,10 @@ SEED = run_seed()
 """Of the order of the tests and of their random streams; drawn unless TEST_SEED says it."""
 CASE_SEED = run_seed(CASES_NAME)
 """Of the cases that `chosen` gives; drawn unless CASE_SEED says it."""
-# Meshes and Hypothesis' examples are kept for this run alone, with all workers of xdist: what an earlier one left must
-# not decide a test.
+# Meshes are kept for this run alone, with all workers of xdist: what an earlier one left must not decide a test.
 if "PYTEST_XDIST_WORKER" not in os.environ:
     CACHE = tempfile.TemporaryDirectory(prefix="lidarscene_tests_")
     os.environ["LIDARSCENE_CACHE"] = CACHE.name
-    os.environ["HYPOTHESIS_STORAGE_DIRECTORY"] = f"{CACHE.name}/hypothesis"
 # This process and each that a test starts find the same sources, draw the run's random numbers, and compile quickly.
 EVERY_PROCESS = Path(__file__).parent / "helpers" / "every_process"
 os.environ["PYTHONPATH"] = os.pathsep.join(map(str, (Path(__file__).parents[1] / "src", EVERY_PROCESS)))
@@ -50,8 +48,11 @@ if not installed_llvm.users_path():
 with contextlib.suppress(BackendError):
     llvm.use()  # before any test file imports drjit, which looks for LLVM only then
 
-# Hypothesis fails an example that takes 0.2 s, and a test whose examples take long to make.
-settings.register_profile("lidarscene", deadline=None, suppress_health_check=[HealthCheck.too_slow], derandomize=False)
+# Hypothesis fails an example that takes 0.2 s, and a test whose examples take long to make. It keeps no examples for
+# the next run; constants of our modules, which take each worker 2.5 s to find, stay in .hypothesis.
+settings.register_profile(
+    "lidarscene", database=None, deadline=None, suppress_health_check=[HealthCheck.too_slow], derandomize=False
+)
 settings.load_profile("lidarscene")
 
 TESTS = Path(__file__).parent

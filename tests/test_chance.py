@@ -3,6 +3,7 @@
 import os
 import subprocess
 import sys
+from collections.abc import Mapping
 from pathlib import Path
 
 import pytest
@@ -56,9 +57,10 @@ def test_no_chance():
 """
 
 
-def run(folder: Path, text: str, *options: str) -> subprocess.CompletedProcess[str]:
-    """A run of this file on seed 100."""
-    (folder / "test_drawn.py").write_text(DRAWS + text)
+def run(folder: Path, files: Mapping[str, str], *options: str) -> subprocess.CompletedProcess[str]:
+    """A run of these files on seed 100."""
+    for name, text in files.items():
+        (folder / f"test_{name}.py").write_text(DRAWS + text)
     plain = {name: value for name, value in os.environ.items() if not name.startswith("PYTEST_")}
     path = os.pathsep.join((str(TESTS), os.environ["PYTHONPATH"]))
     start = [sys.executable, "-m", "pytest", "-c", TESTS.parent / "pyproject.toml", "--rootdir", folder]
@@ -72,36 +74,6 @@ def run(folder: Path, text: str, *options: str) -> subprocess.CompletedProcess[s
     )
 
 
-@pytest.mark.parametrize("options", [("-n", "0"), ("-n", "2", "--dist", "loadfile")])
-def test_one_seed_of_six_is_chance(options: tuple[str, ...], tmp_path: Path) -> None:
-    """Whatever drew by the run's seed is made anew for the others, and for the next test."""
-    done = run(tmp_path, BEFORE + SEEDED.format(["100"]) + AFTER, *options)
-    assert done.returncode == pytest.ExitCode.OK, done.stdout
-    assert "2 passed, 1 failed by chance" in done.stdout
-    assert "failed by chance: test_drawn.py::test_seeded: on TEST_SEED=100" in done.stdout
-    assert "seeds that follow: AssertionError: assert '100' not in ['100']" in done.stdout
-
-
-def test_two_seeds_of_six_are_none(tmp_path: Path) -> None:
-    done = run(tmp_path, BEFORE + SEEDED.format(["100", "104"]) + AFTER)
-    assert done.returncode == pytest.ExitCode.TESTS_FAILED, done.stdout
-    assert "1 failed, 2 passed" in done.stdout
-    assert "failed on TEST_SEED=100 and on TEST_SEED=104" in done.stdout
-
-
-def test_what_a_child_draws_is_drawn(tmp_path: Path) -> None:
-    done = run(tmp_path, CHILD)
-    assert done.returncode == pytest.ExitCode.OK, done.stdout
-    assert "1 failed by chance" in done.stdout
-
-
-def test_what_does_not_draw_fails_at_once(tmp_path: Path) -> None:
-    done = run(tmp_path, BEFORE + NO_CHANCE)
-    assert done.returncode == pytest.ExitCode.TESTS_FAILED, done.stdout
-    assert "1 failed, 1 passed" in done.stdout
-    assert "it does not draw by the run's seed" in done.stdout
-
-
 ONCE = """
 CALLS = []
 
@@ -110,15 +82,6 @@ def test_once():
     CALLS.append(1)
     assert len(CALLS) > 1, "the first call in a process is wrong"
 """
-
-
-def test_what_passes_on_the_same_seed_has_another_cause(tmp_path: Path) -> None:
-    """A kernel that is compiled, or a test before, decides: that is no chance."""
-    done = run(tmp_path, ONCE)
-    assert done.returncode == pytest.ExitCode.TESTS_FAILED, done.stdout
-    assert "passes on TEST_SEED=100 again: its cause is not the seed" in done.stdout
-
-
 BROKEN = """
 @pytest.fixture(scope="module")
 def broken():
@@ -131,10 +94,52 @@ def test_first(broken):
 def test_second(broken):
     pass
 """
+NO_CHANCES = {
+    "two": BEFORE + SEEDED.format(["100", "104"]) + AFTER,
+    "none": BEFORE + NO_CHANCE,
+    "once": ONCE,
+    "broken": BROKEN,
+}
+"""Files with a test each that fails by more than chance."""
 
 
-def test_a_fixture_that_cannot_end_does_not_end_the_run(tmp_path: Path) -> None:
-    done = run(tmp_path, BROKEN)
+@pytest.mark.parametrize("options", [("-n", "0"), ("-n", "2", "--dist", "loadfile")])
+def test_one_seed_of_six_is_chance(options: tuple[str, ...], tmp_path: Path) -> None:
+    """Whatever drew by the run's seed, also in a child, is made anew for the others, and for the next test."""
+    done = run(tmp_path, {"drawn": BEFORE + SEEDED.format(["100"]) + AFTER, "child": CHILD}, *options)
+    assert done.returncode == pytest.ExitCode.OK, done.stdout
+    assert "2 passed, 2 failed by chance" in done.stdout
+    assert "failed by chance: test_child.py::test_child: on TEST_SEED=100" in done.stdout
+    assert "failed by chance: test_drawn.py::test_seeded: on TEST_SEED=100" in done.stdout
+    assert "seeds that follow: AssertionError: assert '100' not in ['100']" in done.stdout
+
+
+@pytest.fixture(scope="module")
+def printed(tmp_path_factory: pytest.TempPathFactory) -> str:
+    """What a run of `NO_CHANCES` prints."""
+    done = run(tmp_path_factory.mktemp("no_chances"), NO_CHANCES)
     assert done.returncode == pytest.ExitCode.TESTS_FAILED, done.stdout
-    assert "INTERNALERROR" not in done.stdout
-    assert "FAILED test_drawn.py::test_first" in done.stdout
+    assert "failed by chance" not in done.stdout
+    return done.stdout
+
+
+@pytest.mark.parametrize(
+    ("test", "reason"),
+    [
+        ("two.py::test_seeded", "failed on TEST_SEED=100 and on TEST_SEED=104"),
+        ("none.py::test_no_chance", "it does not draw by the run's seed"),
+        # A kernel that is compiled, or a test before, decides: that is no chance.
+        ("once.py::test_once", "passes on TEST_SEED=100 again: its cause is not the seed"),
+        # A fixture that cannot end does not end the run.
+        ("broken.py::test_first", "not run again: a fixture ends with ValueError('its end')"),
+    ],
+)
+def test_two_seeds_of_six_are_no_chance(printed: str, test: str, reason: str) -> None:
+    assert f"FAILED test_{test}" in printed
+    assert reason in printed
+    assert "INTERNALERROR" not in printed
+
+
+def test_others_pass(printed: str) -> None:
+    assert "4 failed, " in printed
+    assert "FAILED test_two.py::test_after" not in printed

@@ -56,6 +56,10 @@ ANSWERS = {
     "lidarscene.compare('apd-905', 'sipm-905')": r"compare\('car', \['apd-905', ...\]\)",
     "lidarscene.load_sensor('apd-905', 'detector.gain=3')": r"at most 1 without a name \(sensor\), got 2",
     "lidarscene.budget(cloud)": r"budget\(\): must have cloud, scene, sensor; scene is missing",
+    "lidarscene.render_sequence('range')": r"render_frames\(scene, sensor, frames=10\)",
+    "lidarscene.render('range', device='cpu')": "LIDARSCENE_VARIANT=llvm_ad_mono",
+    "cloud.boxes('range', class_='car')": 'b.class_name == "car"',
+    "lidarscene.Pose(position_m=(1, 2))": r"Pose.position_m must have shape \(3,\), got \(2,\)",
     "lidarscene.render('range', ['apd-905', 'sipm-905'])": "record takes a Rig of several",
     "lidarscene.render('range', sun=0)": "sun.illuminance_klux",
     "lidarscene.render('range', rig='rig')": r"record\(scene, Rig\(file\)",
@@ -393,18 +397,13 @@ def test_warnings_of_other_packages_are_no_findings(monkeypatch: pytest.MonkeyPa
         assert lidarscene.check(APD) == []
 
 
-def test_a_street_takes_numbers_of_numpy() -> None:
+def test_a_street_is_a_scene_and_takes_numbers_of_numpy(tmp_path: Path) -> None:
+    file = tmp_path / "street.toml"
+    file.write_text("[street]\nseed = 5\nlanes = 1\nwet = true\nspeed_m_s = [8, 11]\nlength_m = 80\n")
     keys = {"lanes": np.int64(1), "wet": np.bool_(True), "speed_m_s": np.array([8, 11]), "length_m": np.float32(80)}
-    made = lidarscene.street(seed=np.int64(5), **keys)
-    assert repr(made.bodies) == repr(lidarscene.street(5, lanes=1, wet=True, speed_m_s=[8, 11], length_m=80).bodies)
+    assert repr(lidarscene.street(np.int64(5), **keys).bodies) == repr(Scene(file).bodies)
     with told("town | from 3 to 12 | 99"):
         lidarscene.street(town=np.int64(99))
-
-
-def test_a_street_is_a_scene(tmp_path: Path) -> None:
-    file = tmp_path / "street.toml"
-    file.write_text("[street]\nseed = 5\nlength_m = 80\n")
-    assert repr(lidarscene.street(5, length_m=80).bodies) == repr(Scene(file).bodies)
     with pytest.raises(lidarscene.InputError, match="did you mean length_m"):
         lidarscene.street(lenght_m=80)
     with pytest.raises(lidarscene.InputError, match="osm and town: must be only one of them"):

@@ -28,12 +28,11 @@ def test_optimised_kernels_compute_the_same(
         pytest.skip("no LLVM whose options are known")
     frames, kernels = [], []
     for optimised in ("0", "1"):
-        home = tmp_path / optimised
-        home.mkdir()
-        ended = run_python(RENDER, HOME=str(home), **{quick_kernels.VARIABLE: optimised})
+        folder = tmp_path / optimised
+        ended = run_python(RENDER, DRJIT_CACHE_DIR=str(folder), **{quick_kernels.VARIABLE: optimised})
         assert_ended(ended, stderr=None)
         frames.append(ended.stdout)
-        kernels.append({path.name: path.read_bytes() for path in (home / ".drjit").iterdir()})
+        kernels.append({path.name: path.read_bytes() for path in folder.glob("*.bin")})
     assert frames[0] == frames[1]
     quick, users = kernels
     both = quick.keys() & users.keys()

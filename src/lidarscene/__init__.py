@@ -74,7 +74,8 @@ _FOREIGN_NAMES = {
         "Pose.from_degrees(position_m=(0, 0, 1.8), yaw_deg=90) is a pose",
     ),
     **dict.fromkeys(
-        ("animate", "video", "Frame", "frame"), "render_frames(scene, sensor, frames=10) has several frames"
+        ("animate", "video", "Frame", "frame", "sequence", "drive"),
+        "render_frames(scene, sensor, frames=10) has several frames",
     ),
     **dict.fromkeys(("light", "camera", "lamp"), "Scene(name).replace(...) changes sun, sky, lamps and camera"),
     **dict.fromkeys(("load_recording", "recording"), "open_recording(file) reads one"),

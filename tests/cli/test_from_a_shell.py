@@ -6,11 +6,13 @@ Files are written, and what can be said is said once.
 import subprocess
 import sys
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 from helpers.waiting import PATIENCE_S
 
 from lidarscene import catalog
+from lidarscene.__main__ import run
 from lidarscene.cloud.point_cloud import PointCloud
 
 NO_ROOM = "lidarscene: error: standard output: cannot be written: No space left on device\n"
@@ -58,9 +60,24 @@ def test_a_full_disk_behind_the_error_stream_costs_nothing(tmp_path: Path, full:
 
 def test_a_current_folder_that_is_gone_is_one_line(tmp_path: Path, mi: object) -> None:
     """Rationale: Mitsuba's import aborts the process there."""
-    code, out, err = shell(f"render edges -o {tmp_path}/a.ply", tmp_path, before="mkdir gone; cd gone; rmdir ../gone; ")
     line = "lidarscene: error: the current folder cannot be read (No such file or directory); try: cd to another one\n"
-    assert (code, out, err) == (2, "", line)
+    for output in (f"{tmp_path}/a.ply", "a.ply"):
+        gone = "mkdir gone; cd gone; rmdir ../gone; "
+        assert shell(f"render edges -o {output}", tmp_path, before=gone) == (2, "", line)
+
+
+def test_a_name_that_is_not_utf8_is_one_line(tmp_path: Path) -> None:
+    code, out, err = shell("render edges -o $'stra\\xdfe.ply'", tmp_path)
+    assert (code, out, err.count("\n"), "must be UTF-8" in err) == (2, "", 1, True)
+
+
+def test_an_interrupt_while_it_is_imported_has_no_traceback(monkeypatch: pytest.MonkeyPatch) -> None:
+    class Interrupted(ModuleType):
+        def __getattr__(self, name: str) -> object:
+            raise KeyboardInterrupt
+
+    monkeypatch.setitem(sys.modules, "lidarscene.cli.main", Interrupted("lidarscene.cli.main"))
+    assert run() == 130
 
 
 def test_a_reader_that_has_gone_is_no_mistake(tmp_path: Path) -> None:

@@ -150,6 +150,8 @@ def place(run: Run, shared: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     render ending.toml -o a --frames 3 COARSE | ego | 0.00924 | 0.01384 s | 0 | 0.011 s
     render ending.toml -o a --begin 5 --frames 1 COARSE | ego | 5 | 5.0046 s | 0 | 0.011 s
     render ending.toml -o a --begin -1 --frames 1 COARSE | ego | -1 | -0.9954 s | 0 | 0.011 s
+    render wall.toml -o a.ply --sensor apd-905 --sensor=sipm-905 | --sensor | once
+    render wall.toml -o a.ply --output b.ply | -o/--output | once
     render wall.toml -o a.ply --set gain=60 | 'gain' | detector.gain?
     render wall.toml -o a.ply --set peak_power=60 | 'peak_power' | laser.peak_power_w?
     render wall.toml -o a.ply --set laser.power=3 | 'laser.power' | laser.peak_power_w?
@@ -165,12 +167,12 @@ def place(run: Run, shared: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     render wall.toml -o a.ply --power 3 | --power | by --set laser.peak_power_w=VALUE
     sweep apd-905 | 'sweep' | lidarscene range SENSOR --over AXIS
     catalog apd-905 | 'apd-905' | lidarscene catalog sensors apd-905 prints it
-    render wall.toml -o a.ply --set sun.illuminance_klux=1 | 'sun' | optics | --scene-set
+    render wall.toml -o a.ply --set sun.illuminance_klux=1 | 'sun' | the scene | --scene-set
     render wall.toml -o a.ply --set sun.elevation_deg=1 | sun | --scene-set
     render wall.toml -o a.ply --set laser.wavelength_nm=800 | 'concrete' | 800 nm | 850 | 1550 nm
     render wall.toml -o a.ply --set scanner.azimuth_step_deg=1e-6 | 2^31 pulses
     render wall.toml -o a.ply --scene-set sun.klux=1 | 'sun.klux' | sun.illuminance_klux?
-    render wall.toml -o a.ply --scene-set laser.peak_power_w=5 | laser | try --set
+    render wall.toml -o a.ply --scene-set laser.peak_power_w=5 | laser | sensor | by --set
     render wall.toml -o a.ply --scene-set sun.illuminance_klux=100000 | 100000 | 100?
     render wall.toml -o a.ply --scene-set bodies.car.yaw_deg=3 | bodies.NAME.KEY | name of wall
     render wall.toml -o a.ply --rig two.toml | --output a.ply | folder | --rig

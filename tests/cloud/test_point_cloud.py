@@ -95,7 +95,7 @@ test_wrong_names = calls(
     (lambda: small_cloud(9)[1.5], "cloud[1.5] | name of a column | slice"),  # type: ignore[call-overload]
     (lambda: small_cloud()["rang"], "'rang' | range?"),
     (lambda: small_cloud()[["x", "rang"]], "'rang' | range?"),
-    (lambda: small_cloud(9)[np.ones(4, bool)], "mask | 9 points"),
+    (lambda: small_cloud(9)[np.ones(4, bool)], "mask of 4 | 9 points"),
     (lambda: small_cloud().select("car"), "keyword | cloud.select(class_='car')"),
     (lambda: small_cloud().select(), "select | mask"),
     (lambda: small_cloud()["class"] == ["car", "road"], "class | one name | isin"),

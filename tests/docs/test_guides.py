@@ -8,7 +8,7 @@ from typing import Any, get_args
 
 import numpy as np
 import pytest
-from helpers.documentation import ARCHITECTURE, PLAIN, README, ROOT, blocks, prose, says, table, text_of
+from helpers.documentation import PLAIN, README, ROOT, blocks, prose, says, table, text_of
 from helpers.models import MODELS
 
 from lidarscene import catalog, load_sensor
@@ -17,7 +17,6 @@ from lidarscene.cloud.thinning import FACTOR, MOST_POINTS
 from lidarscene.detection.outcomes import Outcome, Status
 from lidarscene.formats import e57, las, osi, ply
 from lidarscene.formats.cloud_columns import columns_of
-from lidarscene.kernel.device.blocks import LANES_PER_CHUNK, LANES_PER_LAUNCH_CUDA
 from lidarscene.kernel.rays import onward, trace
 from lidarscene.kernel.world.mitsuba_world import build_world
 from lidarscene.labels import files
@@ -181,8 +180,6 @@ def test_motion_and_limits() -> None:
     says("../ARCHITECTURE.md", "cut into pieces of {} m", primitives.LARGEST_EDGE_M)
     says("../ARCHITECTURE.md", "Rays restart {} mm off a", 1e3 * onward.START_OFFSET_M)
     says("theory.md", "One ray from {} mm above the hit", 1e3 * onward.START_OFFSET_M)
-    assert (LANES_PER_CHUNK, LANES_PER_LAUNCH_CUDA) == (2**20, 2**21)
-    assert "a frame is cut into chunks of 2^20 pulses, on a GPU 2^21" in text_of(ARCHITECTURE)
     assert pytest.approx(1 / 20) == cloud_matching.LEAST_SHARED  # "a twentieth of its pulses"
 
 

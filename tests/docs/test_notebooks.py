@@ -23,6 +23,7 @@ pytestmark = pytest.mark.fixed_streams
 NOTEBOOKS = sorted((ROOT / "docs" / "notebooks").glob("*.ipynb"))
 
 
+LAST_VERDICT = 'verdict(lidarscene.certify("os0-32", scene=scene))'
 FEWER = {
     "apd_sipm": {
         "klux in (1, 10, 100)": "klux in (1,)",
@@ -34,9 +35,10 @@ FEWER = {
         'step_deg": 0.6, "scanner.elevation_step_deg": 0.6': 'step_deg": 2, "scanner.elevation_step_deg": 2',
     },
     "child": {"frames=20": "frames=2", "range(0, 80, 8)": "range(0, 80, 40)"},
+    "twin": {f'sensor="fitted/sensor.toml")\n{LAST_VERDICT}': 'sensor="fitted/sensor.toml")\nprint(scene)'},
     "frames": {"frames=3": "frames=1", "in range(3)": "in range(1)", 'seed": 7': 'seed": 7, "street.length_m": 450'},
 }
-"""What the test changes in a notebook: more frames, points and streets take a minute, and run the same code."""
+"""What the test changes in a notebook: more frames, points and verdicts take a minute, and run the same code."""
 
 SAVES = """
 from pathlib import Path

@@ -40,6 +40,7 @@ WALL_ALONE = '[[bodies]]\nname = "w"\nprimitive = "plane"\nsize_m = [4, 4]\nmate
 
 test_mistakes = calls(
     (lambda: read_toml(given_file("a.toml", "x = 1\nx = 2\n")), "a.toml | TOML | line 2, column 6"),
+    (lambda: read_toml(given_file("job.json", '{"scenes": 1}')), "job.json | TOML | JSON"),
     (lambda: read_toml(given_file("a.toml", "x = " + "[" * 100_000)), "a.toml | TOML | nested too deeply"),
     (lambda: read_toml(given_file("a.toml", "x = " + "1" * 5000)), "a.toml | read"),
     (lambda: read_toml(given_file("a.toml", b"\xff\xfe")), "a.toml | UTF-8 | line 1"),

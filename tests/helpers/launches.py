@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
 
+from lidarscene.kernel.device.backend import is_cuda
 from lidarscene.rendering.simulator import Simulator
 
 Kernel = dict[str, Any]
@@ -39,10 +40,19 @@ def new(later: Sequence[Kernel], before: Sequence[Kernel]) -> list[Kernel]:
 
 
 def assert_none_is_new(later: Sequence[Kernel], before: Sequence[Kernel]) -> None:
-    """Fails with the number of operations and lanes of each kernel that is; and where none was launched at all."""
+    """Fails with the number of operations and lanes of each kernel that is; and where none was launched at all.
+
+    On a GPU small ones may be: points of chunks, and columns on their way to NumPy, are put together there, by a kernel
+    for each set of columns.
+    """
     assert before
     assert later
-    missed = [(kernel["operation_count"], kernel["size"]) for kernel in new(later, before)]
+    least = 300 if is_cuda() else 0
+    missed = [
+        (kernel["operation_count"], kernel["size"])
+        for kernel in new(later, before)
+        if kernel["operation_count"] >= least
+    ]
     assert not missed, f"of {len(later)} kernels these are new (operations, lanes): {missed}"
 
 

@@ -7,6 +7,7 @@ An expression gives one number, or several in any nesting; `...` leaves one out.
 
 import ast
 import math
+import pkgutil
 import re
 import tomllib
 from collections.abc import Iterable, Sequence
@@ -20,7 +21,7 @@ from scipy.stats import norm
 from validation.sipm_events.cells import CellArray
 from validation.sipm_events.table import GRID_SIGNAL, rows_of_published_error
 
-from helpers import false_alarms
+from helpers import false_alarms, scanners
 from helpers.documentation import NUMBER, ROOT, text_of, value_of
 from lidarscene import catalog, load_sensor
 from lidarscene.detection.outcomes import Status
@@ -97,6 +98,11 @@ def flat(given: Any) -> Iterable[Any]:
             yield from flat(one)
     else:
         yield given
+
+
+def const(name: str) -> Any:
+    """A value below lidarscene by its dotted name."""
+    return pkgutil.resolve_name(f"lidarscene.{name}")
 
 
 def near(computed: float, share: float) -> Any:
@@ -591,6 +597,23 @@ def beams(*sensors: str) -> list[float]:
         for laser in (load_sensor(name).laser for name in sensors)
     }
     return list(dict.fromkeys(size for size in sizes if size))
+
+
+FWHM_DEG = math.degrees(1e-3 * math.sqrt(0.5 * math.log(2.0)))
+"""Full width at half maximum of a Gaussian beam of 1 mrad at 1/e^2."""
+
+
+def risley_cone_deg(**faces: Any) -> float:
+    """Field of view of a Mid-40's prisms."""
+    scanner = scanners.mid40(frame_hz=1.0, **faces)
+    return 2.0 * math.degrees(math.acos(scanner.direction(scanners.frame(scanner))[0].min()))
+
+
+def nearest_seen_m(name: str) -> float:
+    """Where the rim of the spot meets that of the detector's field, beside each other, the lens's width included."""
+    seen = load_sensor(name).optics.overlap.geometry
+    between_m = seen.alignment.offset_m - seen.spot.exit_radius_m - seen.aperture_radius_m
+    return float(between_m / (seen.spot.half_divergence_rad + seen.field_rad))
 
 
 def range_errors(name: str, reflectivity_percent: int) -> tuple[float, float]:

@@ -40,6 +40,18 @@ PARSED_ONLY = {
     "lidarscene batch factory.toml": "tests/batch/test_dataset.py::test_as_many_labels_as_clouds",
     "lidarscene batch job -o /shared": "tests/batch/test_cluster.py::test_the_bits_of_render",
     "lidarscene render drive --sensor os0-128": "tests/outputs/test_captures.py::test_ouster_metadata_and_background",
+    **dict.fromkeys(
+        (
+            "lidarscene render parallax -o out/parallax.ply",
+            "lidarscene render rain -o",
+            "lidarscene render snow -o",
+            "lidarscene render interference -o",
+        ),
+        "tests/cli/test_main.py::test_shipped_scene_renders",
+    ),
+    "lidarscene render town -o out/town": (
+        "tests/scene/street/test_street.py::test_keys_of_a_street_and_of_its_bodies_can_be_changed"
+    ),
     "lidarscene render town -o out/long": (
         "tests/scene/street/test_street.py::test_a_longer_street_keeps_its_drivers_and_its_numbers_in_sight_few"
     ),

@@ -35,7 +35,7 @@ def use_few_trees(monkeypatch: pytest.MonkeyPatch) -> None:
 
 def use_few_evaluations(monkeypatch: pytest.MonkeyPatch) -> None:
     """A fit on a scene that ends early, for who does not look at its numbers."""
-    monkeypatch.setattr(scene_fit, "MOST_EVALUATIONS", 8)
+    monkeypatch.setattr(scene_fit, "MOST_EVALUATIONS", 4)
 
 
 def directions(columns: int = COLUMNS, shear_deg: float = 0.0) -> Any:

@@ -76,7 +76,7 @@ def test_files_are_those_of_one_thread(mi: Any, tmp_path: Path, monkeypatch: pyt
         if name == "alone":
             monkeypatch.setattr(_Run, "_closes_later", lambda *_: False)
         outputs = Outputs(tmp_path / name, dataset=dataset)
-        record(scene, "table1-apd", outputs=outputs, frames=3, overrides=COARSE)
+        record(scene, "table1-apd", outputs=outputs, frames=2, overrides=COARSE)
     main = threading.main_thread().name
     assert main not in threads[: len(threads) // 2]
     assert {main} == {*threads[len(threads) // 2 :]}

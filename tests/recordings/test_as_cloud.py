@@ -37,6 +37,7 @@ def test_both_returns_are_points() -> None:
     assert cloud.signal.tolist() == cloud.intensity.tolist() == [9, 7, 6, 5]
     assert cloud.ambient.tolist() == [1, 3, 4, 3]
     assert "snr" not in cloud.metadata["recorded"].split()
+    assert cloud.metadata["intensity_unit"] == "photons"
     assert {"signal", "ambient"} <= set(cloud.metadata["recorded"].split())
     assert cloud.frame_start_s == 3.0
     assert cloud.sensor_to_world is not None

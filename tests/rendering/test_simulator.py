@@ -129,7 +129,7 @@ TOGETHER = (
 )
 
 
-@pytest.mark.parametrize(("scene", "sensor", "options"), chosen(4, TOGETHER))
+@pytest.mark.parametrize(("scene", "sensor", "options"), chosen(3, TOGETHER))
 def test_frames_that_are_traced_together_are_those_rendered_alone(
     scene: str, sensor: str, options: dict[str, Any]
 ) -> None:

@@ -16,7 +16,6 @@ from lidarscene.errors import InputError, OutputError
 from lidarscene.scene.scene import Scene
 from lidarscene.scene.scene_file import load_scene
 from lidarscene.sensor.rig_file import load_rig
-from lidarscene.sensor.sensor_file import load_sensor
 
 NOISE = np.random.default_rng(7).bytes(2000)
 TRIANGLE = "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n"
@@ -116,6 +115,7 @@ def _in_folder(folder: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     [materials.x]\nreflectivity = 0.6\ntransmittance = [{wavelength_nm = 905, value = 0.45}] | 1.05 at 905 nm | <= 1
     [materials.x]\nreflectivity = 0.6\nbsdf = 'mirror'\ncover = 0.5 | materials.x | mirror | cover
     [materials.x]\nreflectivity = 0.6\ncover = 0 | materials.x.cover | > 0 | 0
+    [materials.x]\nreflectivity = 0.6\nfree_path_m = 0.2 | materials.x | free_path_m | cover below 1
     [materials.x]\nreflectivity = 0.1\nroughness = 0.1 | materials.x | diffuse | roughness
     [materials.x]\nreflectivity = 0.1\nbsdf = 'coated' | materials.x | coated | coat_ior | coat_roughness
     [ego]\nspeed = 3 | 'ego.speed' | ego.speed_m_s?
@@ -284,7 +284,6 @@ def box() -> trimesh.Trimesh:
         (lambda: load_scene("car", overrides={"sun.x": 1}), " overrides sun.x=1: unknown key"),
         (lambda: load_scene("car", overrides=["sun"]), "overrides sun: must be"),
         (lambda: load_scene("car").replace({"sun.x": 1}), "car changes sun.x=1: unknown key"),
-        (lambda: load_sensor("vlp-16").replace({"sun.x": 1}), "vlp-16 changes sun.x=1: unknown key"),
     ],
 )
 def test_a_call_names_only_options_that_it_has(call: Callable[[], Any], first: str) -> None:
@@ -297,6 +296,7 @@ def test_a_call_names_only_options_that_it_has(call: Callable[[], Any], first: s
 test_calls = calls(
     (lambda: load_scene("scenes/none/car.toml"), "no such file | its name, car"),
     (lambda: load_scene("kar"), "scene 'kar' | car"),
+    (lambda: load_scene("car", overrides={"laser.x": 1}), "'laser' | sensor | render | by overrides"),
     (lambda: load_scene("car", option=1, scene_overrides="a.b=1"), "option | car.toml"),
     (lambda: load_scene("out/kar"), "out/kar | no such file"),
     (lambda: load_rig("rig", overrides=["rear:a.b=1"]), "overrides rear:a.b=1 | 'rear' | roof"),

@@ -182,6 +182,8 @@ test_calls = calls(
         "rig.toml | sensor file | [laser]",
     ),
     (lambda: replace(load_sensor("apd-905"), name="other").save("b.toml"), "load_sensor"),
+    (lambda: load_sensor("vlp-16", overrides={"weather.x": 1}), "'weather' | scene | render | scene_overrides"),
+    (lambda: load_sensor("vlp-16").replace({"sun.x": 1}), "'sun' | scene | render | scene_overrides"),
     (lambda: published(range_m=90.0), "range_m | reflectivity and illuminance_klux"),
     (lambda: published(false_points=1e-4), "false_points | illuminance_klux"),
     (lambda: published(repeatability=[SIGMA]), "one of snr and at_m"),

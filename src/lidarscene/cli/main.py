@@ -47,7 +47,7 @@ from .terminal import (
     tell,
 )
 from .view import add_view
-from .words import require_no_empty, with_joined_pose
+from .words import require_words, with_joined_pose
 
 
 def main(argv: Sequence[str] | None = None) -> int:
@@ -60,7 +60,7 @@ def main(argv: Sequence[str] | None = None) -> int:
         atexit.register(gc.freeze)
     try:
         words = sys.argv[1:] if argv is None else argv
-        require_no_empty(words)
+        require_words(words)
         arguments = _parser().parse_args(with_joined_pose(words))
         quiet = bool(getattr(arguments, "quiet", False))
         with notes(), quietly(quiet):
@@ -99,6 +99,11 @@ class _Parser(argparse.ArgumentParser):
         first = words[0] if words else ""
         self.words = list(words)
         self.option_first = first if first.startswith("--") and self._subparsers is not None else ""
+        named = [word.partition("=")[0] for word in words]
+        given = [self._option_string_actions[word] for word in named if word in self._option_string_actions]
+        for action in given:
+            if isinstance(action, argparse._StoreAction) and given.count(action) > 1:
+                self.error(f"argument {'/'.join(action.option_strings)}: must be given once")
         parsed, unknown = super().parse_known_args(*arguments, **options)
         if unknown:
             self.error(f"unrecognized arguments: {' '.join(unknown)}{self._suggestion(unknown[0])}")

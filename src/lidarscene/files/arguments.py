@@ -37,6 +37,10 @@ FOREIGN_KEYWORDS: Mapping[str, Mapping[str, str]] = {
     "rays": dict.fromkeys(("seed", "number", "begin_s"), "a frame has it: simulator.render(seed=1)"),
     "seed": dict.fromkeys(("rng", "random_state", "random_seed"), "the seed is seed=N"),
     "begin_s": dict.fromkeys(("time", "t", "start"), "a frame begins at begin_s=1.0"),
+    "chunk": dict.fromkeys(
+        ("device", "gpu", "cuda", "cpu", "backend", "variant", "use_gpu"),
+        "a GPU is used where there is one; the environment variable LIDARSCENE_VARIANT=llvm_ad_mono chooses the CPU",
+    ),
     "overrides": dict.fromkeys(
         ("set", "settings", "params", "parameters", "config"),
         'values of the sensor file go in overrides={"laser.peak_power_w": 50}',
@@ -90,6 +94,9 @@ FOREIGN_KEYWORDS: Mapping[str, Mapping[str, str]] = {
     "job": dict.fromkeys(
         ("scenes", "sensors", "seeds", "frames", "n"),
         "a job file lists them; examples are lidarscene.batch('job', 'out')",
+    ),
+    "as_seen": dict.fromkeys(
+        ("class_", "class_name", "name", "label"), 'boxes have names: [b for b in boxes if b.class_name == "car"]'
     ),
     "PointCloud.to_torch": dict.fromkeys(("device", "dtype"), "a tensor is moved by tensor.to(...)"),
 }

@@ -23,6 +23,7 @@ from pathlib import Path
 from typing import Any
 
 from ..errors import OutputError
+from .inputs import current_folder
 
 LONGEST_NAME = 255
 """Bytes of a file's name, on all file systems in use."""
@@ -215,7 +216,7 @@ def _followed(path: str | os.PathLike[str]) -> Path:
     for place in (Path(path), *Path(path).parents):
         if place.is_symlink() and not (end := Path(os.path.realpath(place))).parent.exists():
             raise OutputError(f"{path}: cannot be written: '{place}' is a link to '{end}', whose folder is not there")
-    return Path(os.path.realpath(path))
+    return Path(os.path.realpath(path if os.path.isabs(path) else current_folder() / path))
 
 
 def _obstacle(target: Path) -> str:

@@ -62,6 +62,18 @@ def require_file(path: str | os.PathLike[str], kind: str = "a file", *, largest:
         )
 
 
+def current_folder() -> Path:
+    """Folder that this process is in.
+
+    Raises:
+        InputError: if it is gone
+    """
+    try:
+        return Path.cwd()
+    except OSError as error:
+        raise InputError(f"the current folder cannot be read ({error.strerror}); try: cd to another one") from None
+
+
 def read_file(path: str | os.PathLike[str], kind: str, *, largest: int) -> bytes:
     """Read a regular file of at most ``largest`` bytes.
 

@@ -64,14 +64,16 @@ def read_toml(path: Path) -> dict[str, Any]:
     require_file(path, "a TOML file", largest=LARGEST_TEXT)
     try:
         # Windows editors write a byte-order mark first, which is not valid TOML.
-        tables = tomllib.loads(path.read_bytes().decode("utf-8-sig"))
+        text = path.read_bytes().decode("utf-8-sig")
+        tables = tomllib.loads(text)
         _require_shallow(tables)
         return tables
     except UnicodeDecodeError as error:
         line = error.object[: error.start].count(b"\n") + 1
         raise InputError(f"{path}: not UTF-8 text (at line {line})") from None
     except tomllib.TOMLDecodeError as error:
-        raise InputError(f"{path}: not valid TOML: {error}") from None
+        hint = "; this looks like JSON" if text.lstrip().startswith("{") else ""
+        raise InputError(f"{path}: not valid TOML: {error}{hint}") from None
     except RecursionError:
         raise InputError(f"{path}: not valid TOML: nested too deeply") from None
     except (OSError, ValueError) as error:
@@ -128,15 +130,13 @@ def validate(
             path = number_list_entries(key_path(assignment), tables)
             shared = min(len(path), len(mistake_path))
             named += [assignment] if path[:shared] == mistake_path[:shared] else []
-        hint = ""
-        of_other = set(OTHERS.get(option, ())) - model.model_fields.keys()
-        if overrides and first["type"] == "extra_forbidden" and mistake_path[0] in of_other:
-            hint = f"; try {{{next(another for another in OTHERS if another != option)}}}"
+        text, hint = _error_text(first, model, tables), ""
         if not named and first["type"] in ("missing", "extra_forbidden") and len(mistake_path) == 1:
             hint = _other_kind_hint(model, tables)
-        raise change_error(
-            named, _error_text(first, model, tables) + further, where=where, option=option, hint=hint
-        ) from None
+        elif named and (owner := _owner_of("".join(mistake_path[:1]), model)):
+            text = f"unknown key '{mistake_path[0]}'"
+            hint = f"; it belongs to the {owner}, which render changes by {{{TABLES[owner][0]}}}"
+        raise change_error(named, text + further, where=where, option=option, hint=hint) from None
 
 
 TELLTALE = {"laser": "sensor", "scanner": "sensor", "bodies": "scene", "scenes": "job", "sensors": "rig"}
@@ -149,21 +149,23 @@ def _other_kind_hint(model: type[BaseModel], tables: Mapping[str, Any]) -> str:
     return f"; this looks like a {kinds[0]} file" if kinds else ""
 
 
-OTHERS = {
-    "overrides": ("sun", "sky", "air", "weather", "interference", "ego", "sensor", "picture", "materials", "bodies"),
-    "scene_overrides": (
-        "laser",
-        "optics",
-        "scanner",
-        "detector",
-        "receiver",
-        "tdc",
-        "sampler",
-        "histogram",
-        "mounting",
+TABLES = {
+    "scene": (
+        "scene_overrides",
+        ("sun", "sky", "air", "weather", "interference", "ego", "sensor", "picture", "materials", "bodies"),
+    ),
+    "sensor": (
+        "overrides",
+        ("laser", "optics", "scanner", "detector", "receiver", "tdc", "sampler", "histogram", "mounting"),
     ),
 }
-"""Tables that belong to the other of the two options: a scene's, and a sensor's."""
+"""Option of a render that changes a scene or a sensor, and tables that it has."""
+
+
+def _owner_of(table: str, model: type[BaseModel]) -> str:
+    """Key of `TABLES` of a table that this model lacks; "" of any other."""
+    owners = [owner for owner, (_, names) in TABLES.items() if table in names]
+    return owners[0] if owners and table not in model.model_fields else ""
 
 
 def list_mistakes(model: type[Model], tables: Mapping[str, Any]) -> list[str]:
@@ -266,8 +268,7 @@ def _keys_that_fit(
     if near := keys_like(str(location[-1]), [f"{prefix}{key}" for key in known_keys]):
         return near
     table_name, value = str(location[0]), get_entry(tables, location[0])
-    of_another_file = table_name not in model.model_fields and any(table_name in names for names in OTHERS.values())
-    if len(location) > 2 or of_another_file:
+    if len(location) > 2 or _owner_of(table_name, model):
         return []
     typed = str(location[-1])
     if len(location) == 1 and isinstance(value, Mapping):

@@ -526,6 +526,8 @@ class Cloud(CloudColumns, HintedAttributes):
             # A column of categories is uint8: NumPy would use it as an index.
             if index.ndim != 1 or index.dtype.kind not in "bui" or index.dtype == np.uint8:
                 raise InputError(f"{must} {index.dtype} of shape {index.shape}")
+            if index.dtype == bool and len(index) != len(self):
+                raise InputError(f"{must} a mask of {len(index)} for {len(self)} points")
         try:
             chosen: dict[str, Any] = {name: array[index] for name, array in self._arrays().items()}
         except (IndexError, TypeError) as error:
@@ -671,10 +673,7 @@ def freeze_column(attribute: str, values: Any, points: int) -> Numbers:
         limits = np.iinfo(str(dtype))
         if not limits.min <= array.min() <= array.max() <= limits.max:
             raise ValueError(f"PointCloud.{attribute}: values do not fit {dtype}")
-    try:
-        return frozen(array, dtype, shape)
-    except ValueError as error:
-        raise ValueError(f"PointCloud.{attribute}: {error}") from None
+    return frozen(array, dtype, shape, name=f"PointCloud.{attribute}")
 
 
 def attributes(*, truth: bool, vectors: bool) -> tuple[str, ...]:

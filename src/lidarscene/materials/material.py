@@ -67,7 +67,7 @@ class Material(HintedAttributes):
             of the facets' slope of a rough matt surface); coat_ior, coat_roughness; roughness; index_n and index_k,
             constant or a `Spectrum`; thickness_m; retro_coefficient_cd_per_lx_m2, retro_half_angle_deg; transmittance
             (diffuse hemispherical, of a thin surface, constant or a `Spectrum`); cover (fraction of the surface that
-            is not gaps)
+            is not gaps); free_path_m (of light behind a surface with gaps)
     """
 
     MADE_BY: ClassVar[str] = (

@@ -34,7 +34,7 @@ _NEEDED: dict[str, tuple[str, ...]] = {
     "retroreflector": ("retro_coefficient_cd_per_lx_m2", "retro_half_angle_deg"),
 }
 _OPTIONAL: dict[str, tuple[str, ...]] = {
-    "diffuse": ("facet_slope_deg", "transmittance", "cover"),
+    "diffuse": ("facet_slope_deg", "transmittance", "cover", "free_path_m"),
     "coated": ("cover",),
     "conductor": ("index", "cover"),
     "mirror": ("index",),
@@ -47,6 +47,7 @@ _PLAIN = (
     "coat_roughness",
     "roughness",
     "cover",
+    "free_path_m",
     "retro_coefficient_cd_per_lx_m2",
     "retro_half_angle_deg",
 )
@@ -114,6 +115,14 @@ class MaterialFile(FileModel):
         description="all but mirror and glass: fraction of the surface that is not gaps; without it there are no gaps",
     )
     cover_source: str = Field(default="", description="source")
+    free_path_m: Annotated[float, Number("m", ge=1e-3, le=100)] | None = Field(
+        default=None,
+        description=(
+            "diffuse with a cover below 1: mean way of light behind the surface to a leaf or blade; without it all are "
+            "on the surface: docs/theory_glass.md 2"
+        ),
+    )
+    free_path_source: str = Field(default="", description="source")
     coat_ior: Annotated[float, Field(gt=1, lt=4)] | None = Field(
         default=None, description="coated: refractive index of the coat"
     )
@@ -155,6 +164,8 @@ class MaterialFile(FileModel):
                 wavelengths = [row.wavelength_nm for row in rows]
                 if not rows or any(a >= b for a, b in itertools.pairwise(wavelengths)):
                     raise ValueError(f"{key}: must be rows of rising wavelength_nm, got {wavelengths}")
+        if self.free_path_m is not None and (self.cover is None or self.cover == 1.0):
+            raise ValueError(f"free_path_m: needs cover below 1, got {self.cover}")
         self._check_energy()
         return self
 

@@ -8,6 +8,7 @@ simulation with itself and `studies` compute with the very code that renders. Pl
 from __future__ import annotations
 
 import dataclasses
+import functools
 import itertools
 import sys
 from collections import deque
@@ -227,6 +228,11 @@ class NumpyOps:
         """``compute()`` where the condition holds, else ``otherwise``; not called if the condition holds nowhere."""
         return select_state(condition, compute(), otherwise) if np.any(np.asarray(condition)) else otherwise
 
+    @staticmethod
+    def each(function: Callable[[Any], Any], values: Sequence[Any]) -> Sequence[Any]:
+        """``function`` of each of these values, all in one call."""
+        return cast(Sequence[Any], function(np.stack(np.broadcast_arrays(*values))))
+
 
 class DrjitOps:
     """The same functions, on Dr.Jit arrays of the active variant."""
@@ -402,6 +408,11 @@ class DrjitOps:
             final = self._dr.while_loop(tuple(flatten(state)), is_active, stepped, mode="symbolic")
         return rebuild(state, iter(final))
 
+    @staticmethod
+    def each(function: Callable[[Any], Any], values: Sequence[Any]) -> Sequence[Any]:
+        """``function`` of each of these values."""
+        return [function(value) for value in values]
+
     def where_any(self, condition: Mask, compute: Callable[[], S], otherwise: S) -> S:
         """``compute()`` where the condition holds, else ``otherwise``.
 
@@ -518,7 +529,12 @@ def aligned_copy(values: Numbers, dtype: type[np.generic]) -> Numbers:
 
 def is_drjit(x: object) -> bool:
     """Return whether ``x`` is a Dr.Jit array, without importing Dr.Jit."""
-    return type(x).__module__.startswith(("drjit", "mitsuba"))
+    return _is_of_drjit(type(x))
+
+
+@functools.cache
+def _is_of_drjit(kind: type) -> bool:
+    return kind.__module__.startswith(("drjit", "mitsuba"))
 
 
 def inverse(order: Numbers) -> Numbers:
@@ -530,23 +546,26 @@ def inverse(order: Numbers) -> Numbers:
 
 def xp(*arguments: object) -> Ops:
     """Return the functions for these arguments: Dr.Jit's if any of them is a Dr.Jit array, else numpy's."""
-    if any(is_drjit(argument) for argument in arguments):
+    if any(map(is_drjit, arguments)):
         return cast(Ops, _drjit_ops())
     return cast(Ops, NUMPY)
 
 
-def frozen(values: object, dtype: Any, shape: tuple[int | None, ...]) -> Numbers:
+def frozen(values: object, dtype: Any, shape: tuple[int | None, ...], *, name: str = "array") -> Numbers:
     """Return ``values`` as a read-only array of this dtype and shape (None: any length).
 
     Copies only if the dtype changes.
 
     Raises:
-        ValueError: with the shape it got and the shape it needs
+        ValueError: with the name, the shape it got and the shape it needs
     """
-    array = np.asarray(values, dtype=dtype).view()
+    try:
+        array = np.asarray(values, dtype=dtype).view()
+    except ValueError as error:
+        raise ValueError(f"{name}: {error}") from None
     if len(array.shape) != len(shape) or any(
         want is not None and have != want for have, want in zip(array.shape, shape, strict=True)
     ):
-        raise ValueError(f"array must have shape {shape}, got {array.shape}")
+        raise ValueError(f"{name} must have shape {shape}, got {array.shape}")
     array.flags.writeable = False
     return array

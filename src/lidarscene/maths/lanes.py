@@ -177,5 +177,8 @@ class Ops(Protocol):
     def loop(self, state: S, active: Callable[[S], Mask], step: Callable[[S], S]) -> S:
         """Step every lane of the state for as long as it is active."""
 
+    def each(self, function: Callable[[Any], Any], values: Sequence[Lanes], /) -> Sequence[Any]:
+        """``function``, which goes lane by lane, of each of these values."""
+
     def where_any(self, condition: Mask, compute: Callable[[], S], otherwise: S) -> S:
         """``compute()`` where the condition holds, else ``otherwise``; for what is costly and seldom needed."""

@@ -55,8 +55,8 @@ class Pose(HintedAttributes):
 
     def __post_init__(self) -> None:
         """Check shapes and freeze the arrays."""
-        object.__setattr__(self, "position_m", frozen(self.position_m, np.float64, (3,)))
-        object.__setattr__(self, "rotation", frozen(self.rotation, np.float64, (3, 3)))
+        object.__setattr__(self, "position_m", frozen(self.position_m, np.float64, (3,), name="Pose.position_m"))
+        object.__setattr__(self, "rotation", frozen(self.rotation, np.float64, (3, 3), name="Pose.rotation"))
 
     @classmethod
     @answers_calls

@@ -9,20 +9,23 @@ import numpy as np
 from ..cloud.point_cloud import PointCloud
 from ..formats.cloud_columns import COLUMNS, MEASURED, SENSOR_TO_WORLD
 from ..maths.arrays import Numbers
-from .sweep import Sweep
+from .sweep import Second, Sweep
 
 UNKNOWN = 0
 """Value of columns that the recording does not have; `metadata["recorded"]` names those that it has."""
+
+UNITS = {"intensity": "as recorded", "signal": "photons", "reflectivity": "as recorded"}
+"""Scalars that may be the column `intensity`, the first that the recording has, and their units."""
 
 
 def cloud_of(sweep: Sweep) -> PointCloud:
     """Point cloud of the first and second returns, in the sensor's frame; columns that no recording has are 0.
 
-    The intensity is that of the recording, else its signal, else its reflectivity.
+    `UNITS` says what its intensity is.
     """
-    returns = [_first_returns(sweep)]
+    returns = [_columns(sweep, sweep, 1)]
     if sweep.second is not None:
-        returns.append(_second_returns(sweep))
+        returns.append(_columns(sweep, sweep.second, 2))
     columns: dict[str, Numbers] = {
         name: np.concatenate([return_columns[name] for return_columns in returns]) for name in returns[0]
     }
@@ -36,6 +39,8 @@ def cloud_of(sweep: Sweep) -> PointCloud:
         for name in MEASURED
     }
     metadata = {key: value for key, value in sweep.metadata.items() if value}
+    if intensity := _intensity(sweep):
+        metadata["intensity_unit"] = UNITS[intensity]
     metadata |= {"recorded": recorded_columns, "frame": "sensor", "frame_start_s": repr(float(sweep.start_s))}
     if sweep.pose is not None:
         rows = np.column_stack([sweep.pose.rotation, sweep.pose.position_m])
@@ -43,26 +48,14 @@ def cloud_of(sweep: Sweep) -> PointCloud:
     return PointCloud(**attributes, metadata=metadata)
 
 
-def _first_returns(sweep: Sweep) -> dict[str, Numbers]:
-    intensity = next(
-        (scalar for scalar in (sweep.intensity, sweep.signal, sweep.reflectivity) if scalar is not None), None
-    )
-    return _columns(sweep, sweep.range_m, 1, intensity=intensity, signal=sweep.signal)
+def _intensity(returns: Sweep | Second) -> str:
+    """Scalar that is the intensity; "" without any."""
+    return next((name for name in UNITS if getattr(returns, name) is not None), "")
 
 
-def _second_returns(sweep: Sweep) -> dict[str, Numbers]:
-    assert sweep.second is not None
-    second = sweep.second
-    intensity = next(
-        (scalar for scalar in (second.intensity, second.signal, second.reflectivity) if scalar is not None), None
-    )
-    return _columns(sweep, second.range_m, 2, intensity=intensity, signal=second.signal)
-
-
-def _columns(
-    sweep: Sweep, range_m: Numbers, number: int, *, intensity: Numbers | None, signal: Numbers | None
-) -> dict[str, Numbers]:
-    """Columns of the points at these ranges, by attribute of a cloud; pulses without a return are left out."""
+def _columns(sweep: Sweep, returns: Sweep | Second, number: int) -> dict[str, Numbers]:
+    """Columns of the first or second returns, by attribute of a cloud; pulses without one are left out."""
+    range_m = returns.range_m
     has_point = np.isfinite(range_m)
 
     def at_points(values: Numbers | None) -> Numbers:
@@ -73,8 +66,8 @@ def _columns(
     return {
         "xyz_m": sweep.points(range_m)[has_point],
         "range_m": range_m[has_point],
-        "intensity": at_points(intensity),
-        "signal": at_points(signal),
+        "intensity": at_points(getattr(returns, _intensity(returns), None)),
+        "signal": at_points(returns.signal),
         "ambient": at_points(sweep.near_ir),
         "time_s": at_points(sweep.time_s),
         "channel": at_points(sweep.ring),  # which laser it was, recordings seldom say

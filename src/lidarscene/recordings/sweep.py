@@ -91,12 +91,12 @@ class Sweep:
             values = getattr(self, name)
             if values is not None:
                 array_shape = (*shape, 3) if name in ("direction", "origin_m") else shape
-                object.__setattr__(self, name, _freeze(f"Sweep.{name}", values, dtype, array_shape))
+                object.__setattr__(self, name, frozen(values, dtype, array_shape, name=f"Sweep.{name}"))
         for name in SECOND if self.second is not None else ():
             values = getattr(self.second, name)
             if values is not None:
                 dtype = np.float64 if name == "range_m" else np.float32
-                object.__setattr__(self.second, name, _freeze(f"Sweep.second.{name}", values, dtype, shape))
+                object.__setattr__(self.second, name, frozen(values, dtype, shape, name=f"Sweep.second.{name}"))
 
     @property
     def shape(self) -> tuple[int, ...]:
@@ -122,10 +122,3 @@ class Sweep:
         """(..., 3) float64 points at these ranges [m] along the beams, such as those of the second returns."""
         vectors_m = range_m[..., None] * self.direction
         return np.asarray(vectors_m if self.origin_m is None else self.origin_m + vectors_m)
-
-
-def _freeze(name: str, values: Any, dtype: Any, shape: tuple[int, ...]) -> Numbers:
-    try:
-        return frozen(values, dtype, shape)
-    except ValueError as error:
-        raise ValueError(f"{name}: {error}") from None

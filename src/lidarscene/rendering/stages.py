@@ -160,16 +160,17 @@ class Stages:
         lines = lines and not survey and self.crosstalk is not None
         sensor = self.sensor
         lit = self._optical_stages(places, pulse, seed, survey=survey, lines=lines, ray_pulses=ray_pulses or {})
+        number = kept_lanes.existing(pulse)
         # One echo at most, and a converter that keeps the first: detection has a closed form, and no search for peaks.
         lone = self.rays == len(lit.paths) == 1 and self.air is None and not lines
         if lone and receiver.is_plain(sensor):
-            detection = receiver.detect(lit.light[0], sensor, seed=seed, pulse=pulse)
+            detection = receiver.detect(lit.light[0], sensor, seed=seed, pulse=number)
             return drop_continuing(pulse, lit.paths, detection, lit.goes_on, lit.leaks)
         whole, light = self._combine(lit, seed), None
         if lines and self.crosstalk is not None:
             light = self._channel_light(whole, self.crosstalk)
-            whole = add_stray_light(whole, light, self.crosstalk, pulse=pulse)
-        detection = receiver.detect(whole, sensor, seed=seed, pulse=pulse, channels=light, crosstalk=self.crosstalk)
+            whole = add_stray_light(whole, light, self.crosstalk, pulse=number)
+        detection = receiver.detect(whole, sensor, seed=seed, pulse=number, channels=light, crosstalk=self.crosstalk)
         goes_on, leaks = (
             None if rays is None else kept_lanes.any_of_pulse(rays, self.rays) for rays in (lit.goes_on, lit.leaks)
         )
@@ -240,6 +241,9 @@ class Stages:
         if shape.rays > 1:
             ray_pulse, ray = transfer.repeat_lanes(pulse, shape.rays)
             ray_pulse = ray_pulses.get(shape.rays, ray_pulse)
+        # Between frames that are traced together there may be lanes without a pulse (`Numbering.lane_order`), and
+        # between those of what is traced once more (`kept_lanes.in_packets`).
+        active, ray_pulse = ray_pulse < kept_lanes.NO_PULSE, kept_lanes.existing(ray_pulse)
         place, movers = places(shape.rays)
         # `fire` gives the axis of each beam. The rays of a pulse share it, jitter included, and are spread around it.
         axes = beams.fire(self.sensor, pulse=ray_pulse, origin_m=place.origin_m, rotation=place.rotation, seed=seed)
@@ -257,9 +261,7 @@ class Stages:
         firing = Firing(
             seed=seed,
             ray=0 if ray is None else ray,
-            # Between frames that are traced together there may be lanes without a pulse (`Numbering.lane_order`), and
-            # between those of what is traced once more (`kept_lanes.in_packets`).
-            active=ray_pulse < kept_lanes.NO_PULSE,
+            active=active,
             aim=aimed,
             housing_m=self.sensor.housing_m,
             velocity_m_s=None if place.velocity_m_s is None else place.velocity_at(rays.origin_m),

@@ -54,10 +54,10 @@ IN_ROOM = 0.9
 WAVELENGTH_M = 905e-9
 """Choice: wavelength of the grey of a scene's surfaces, where no sensor is known."""
 
-NO_SCENE = "no deskewed layer: name the cloud's scene too, which knows how the vehicle drove"
+NO_SCENE = "no deskewed layer: it needs the motion of the vehicle; name the scene of the cloud, too"
 OTHER_SCENE = "no deskewed layer: the vehicle of this scene stands still"
-SEVERAL = "no deskewed layer: the cloud is of several sensors; render it deskewed"
-RECORDED = "no deskewed layer: of a recording, how its vehicle drove is not known"
+SEVERAL = "no deskewed layer: the cloud joins several sensors; render it deskewed"
+RECORDED = "no deskewed layer: the recording does not contain the motion of its vehicle"
 
 
 class Source(Protocol):

@@ -5,6 +5,9 @@ of that. What a kernel computes is the same: neither LLVM nor Dr.Jit reorders fl
 hold for both. The commands of the wheel in `tools/environments.py`, and its part of the tests with the lowest releases,
 compile as users do.
 
+Dr.Jit finds a kernel on disk by what it computes. So these have a folder of their own: whoever renders or measures
+after the tests would get them else: a frame of os1-128 took an eighth longer.
+
 LLVM has no switch for this in Dr.Jit: its own options are those of its tool `opt`.
 """
 
@@ -19,6 +22,8 @@ VARIABLE = "TEST_OPTIMISED_KERNELS"
 """Set to 1 for kernels as users have them."""
 OLDEST = 20
 """Release of LLVM: older ones may not know all these options."""
+FOLDER = "~/.drjit/quick"
+"""Folder of these kernels, unless DRJIT_CACHE_DIR names one."""
 OPTIONS = (
     b"-opt-bisect-limit=0",  # no pass that can be left out
     b"-opt-bisect-verbose=0",  # and no line for each pass
@@ -29,6 +34,7 @@ OPTIONS = (
 def use() -> None:
     """Hand the options to LLVM as soon as Dr.Jit is imported, before it compiles anything."""
     if os.environ.get(VARIABLE) != "1":
+        os.environ.setdefault("DRJIT_CACHE_DIR", os.path.expanduser(FOLDER))
         on_import.change("drjit", _set_options)
 
 

@@ -88,3 +88,10 @@ def test_each_frame_begins_a_packet(mi):
     place = retraced.place.numpy()
     assert packed[place[flags]].tolist() == lanes
     assert not place[~flags].any()
+
+
+def test_a_lane_without_a_pulse_looks_up_the_first(mi):
+    """The number of such a lane is beyond all tables: a GPU ends the process where something is read from there."""
+    pulse = [0, 7, kept_lanes.NO_PULSE - 1, kept_lanes.NO_PULSE, kept_lanes.NO_PULSE + 5]
+    for numbers in (np.array(pulse, np.uint32), mi.UInt32(pulse)):
+        np.testing.assert_array_equal(kept_lanes.existing(numbers), [0, 7, kept_lanes.NO_PULSE - 1, 0, 0])

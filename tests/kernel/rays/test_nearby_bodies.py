@@ -198,18 +198,12 @@ def test_worlds_of_other_simulators_compile_nothing() -> None:
         others.clear()
 
 
-def test_kernels_that_ask_one_scene_each_give_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
-    """A GPU's do: the movers are one more scene, whatever the number of their shapes."""
-    sensor = chain.sensor("table1-apd", *SENSOR, "scanner.azimuth_step_deg=0.8")
-    expected = Simulator(crowd(12, shapes=3), sensor).render(seed=1)
-    monkeypatch.setattr(transfer, "is_cuda", lambda: True)
-    counts = []
-    for shapes in (1, 3):
-        simulator = Simulator(crowd(12, shapes=shapes), sensor)
-        with launches.launched() as kernels:
-            cloud = simulator.render(seed=1)
-        counts.append(len(kernels))
-    assert counts[0] == counts[1]
-    assert len(np.unique(cloud.body)) > 8
-    for name in ("xyz_m", "body", "in_shadow", "radial_velocity_m_s", "snr"):
-        np.testing.assert_array_equal(getattr(cloud, name), getattr(expected, name), err_msg=name)
+def test_one_kernel_asks_all_scenes() -> None:
+    """On a GPU, too, where each query in a kernel of its own made 81 of a frame of `drive`; a launch takes 50 us."""
+    simulator = Simulator(load_scene("drive"), chain.sensor("table1-apd", *SENSOR))
+    with launches.launched() as kernels:
+        cloud = simulator.render(seed=1)
+    assert simulator.world.has_panes
+    assert simulator.world.mover_scene is not None
+    assert len(cloud) > 100
+    assert 3 < len(kernels) < 20, [(kernel["operation_count"], kernel["size"]) for kernel in kernels]

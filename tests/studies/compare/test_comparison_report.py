@@ -80,6 +80,11 @@ def test_who_finds_more_and_who_measures_finer() -> None:
         assert "Ranges scatter least with weak: 10.3 mm against 30.8 mm of strong." in sentence  # sqrt(20 / 19)
 
 
+def test_equal_scatter_has_no_least() -> None:
+    pair = (observation(name, first_pulses(200), sigma_mm=10.0) for name in ("a", "b"))
+    assert verdict(comparison(*pair)).endswith(". Ranges scatter by 10.3 mm with each.")
+
+
 def test_matched_pulses_tell_apart_what_two_rates_do_not() -> None:
     """20 of 400 more, none less: 5 +- 2.2 % pulse by pulse. As two shares of 400 each is sure to 5 %."""
     a, b = observation("a", first_pulses(200)), observation("b", first_pulses(220))

@@ -25,7 +25,7 @@ from lidarscene.studies.ranging.gain import best_gain
 
 APERTURE = """
 sensor = "table1-apd"
-evaluations = 120
+evaluations = 60
 [free]
 "laser.peak_power_w" = { low = 5, high = 75, log = true }
 "optics.aperture_radius_mm" = { low = 5, high = 50, log = true }
@@ -81,7 +81,7 @@ def test_the_front_is_that_of_a_grid(tmp_path: Path, probability: float) -> None
     200 m. Rationale: from this seed, steps by the slope of P_d itself, which is flat near 1, ended at 60 %.
     """
     indicator = pytest.importorskip("pymoo.indicators.hv")
-    path = write(tmp_path, APERTURE.replace("120", "300\nseed = 1").replace("0.9", str(probability)))
+    path = write(tmp_path, APERTURE.replace("60", "300\nseed = 1").replace("0.9", str(probability)))
     numbers = numbers_of(path, tmp_path / "out")
     points = [[design["quantities"][name] for name in ("area", "power")] for design in numbers["front"]]
     grid = grid_points(probability)
@@ -117,7 +117,7 @@ def grid_points(probability: float) -> np.ndarray:
 
 
 def test_a_search_that_was_killed_goes_on_with_the_same_front(tmp_path: Path, front: Any) -> None:
-    """Killed after 50 of 120 designs, with half a line written: the second run asks for the other 70 only."""
+    """Killed after 25 of 60 designs, with half a line written: the second run asks for the other 35 only."""
     path = write(tmp_path, APERTURE)
     _, evaluator = load_study(path)
     asked = 0
@@ -126,7 +126,7 @@ def test_a_search_that_was_killed_goes_on_with_the_same_front(tmp_path: Path, fr
         nonlocal asked
         for answer in alone(evaluator)(designs):
             asked += 1
-            if asked > 50:
+            if asked > 25:
                 raise KeyboardInterrupt
             yield answer
 
@@ -136,7 +136,7 @@ def test_a_search_that_was_killed_goes_on_with_the_same_front(tmp_path: Path, fr
         record.write('{"values": {"laser.peak')
     asked = -1_000_000
     again = numbers_of(path, tmp_path / "out", evaluate=killed)
-    assert asked + 1_000_000 == 70
+    assert asked + 1_000_000 == 35
     assert again["front"] == front
 
 
@@ -452,7 +452,7 @@ def test_the_page_begins_with_the_question(tmp_path: Path) -> None:
     with pytest.warns(UserWarning, match="no free key moves it"):
         numbers = numbers_of(write(tmp_path, text), tmp_path / "out")
     question = (
-        "Which apd-905 has the most reach (range, P_d 0.5, reflectivity 0.1, 100 klux) and the least area "
+        "Which apd-905 has the highest reach (range, P_d 0.5, reflectivity 0.1, 100 klux) and the lowest area "
         "(aperture_area_mm2), with optics.aperture_radius_mm from 10 to 30 in steps of 10? Allowed: rate "
         "(points_per_s) at most 1e+06 1/s; class 1."
     )

@@ -17,7 +17,8 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any
 
-from ...errors import BackendError, InputError, OptionWarning, warn
+from ...errors import BackendError, OptionWarning, warn
+from ...files.inputs import current_folder
 from ...files.installed_llvm import OLDEST, PATH_VARIABLE
 from ...scene.scene import Scene
 from . import llvm, trial
@@ -369,11 +370,7 @@ def _import_mitsuba() -> Any:
         BackendError: if Mitsuba has no back end that works on this machine
         InputError: without a current folder
     """
-    try:
-        current_folder = Path.cwd()
-    except OSError as error:
-        # Mitsuba has it on its search path: its import would abort the process.
-        raise InputError(f"the current folder cannot be read ({error.strerror}); try: cd to another one") from None
+    here = current_folder()  # Mitsuba has it on its search path: without one its import would abort the process
     # Dr.Jit looks for LLVM once, while it is imported. So the path is set before, also when CUDA is tried first: if
     # CUDA fails, LLVM is next, in the same process.
     if "drjit" not in sys.modules:
@@ -389,7 +386,7 @@ def _import_mitsuba() -> Any:
     # Mitsuba loads plugins, which are native code, from `plugins/` of each folder of its search path, and has the
     # current folder there. What lies beside a user's files must not run.
     search_folders = [
-        str(folder) for folder in mi.file_resolver() if Path(str(folder)) not in (current_folder, _mitsuba_folder(mi))
+        str(folder) for folder in mi.file_resolver() if Path(str(folder)) not in (here, _mitsuba_folder(mi))
     ]
     mi.set_file_resolver(_resolver(mi, search_folders))
     if mi.variant() is None:

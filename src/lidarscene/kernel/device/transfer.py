@@ -19,7 +19,7 @@ import numpy as np
 
 from ...maths.arrays import Array, LookupTable, Numbers, aligned_copy, is_drjit
 from ...maths.units import is_static
-from .backend import is_cuda, mitsuba
+from .backend import mitsuba
 from .types import DeviceArray
 
 
@@ -159,13 +159,3 @@ def wait() -> None:
     import drjit as dr
 
     dr.sync_thread()
-
-
-def split_kernel(*arrays: object) -> None:
-    """Compute the hits in one Mitsuba scene before the next is queried, on a GPU; do nothing on a CPU."""
-    import drjit as dr
-
-    # On a GPU each scene is an OptiX pipeline of its own. A kernel can have one; Dr.Jit logs a warning and leaves the
-    # queries to the second scene out. Computing the first answers here splits the kernel. A CPU has no such limit.
-    if is_cuda():
-        dr.eval(*arrays)

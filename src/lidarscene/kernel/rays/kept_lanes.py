@@ -27,6 +27,12 @@ NO_PULSE = 2**31
 """Number of a lane without a pulse: those of pulses are lower."""
 
 
+def existing(pulse: Array) -> Any:
+    """Return (n,) pulse numbers, 0 on a lane without a pulse: the tables of a scanner do not reach to `NO_PULSE`."""
+    ops = xp(pulse)
+    return ops.where(pulse < NO_PULSE, pulse, ops.uint32(0))
+
+
 def lanes_where(flag: Mask) -> Any:
     """Return the (k,) lanes at which a flag is set, UInt32; None if k is 0."""
     import drjit as dr

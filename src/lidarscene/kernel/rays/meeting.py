@@ -21,7 +21,6 @@ from ...light.footprint import Aim
 from ...maths.arrays import Array, Lanes, Mask, xp
 from ...maths.motion_table import MovingBodies, Placement
 from ...maths.vectors import Vector
-from ..device import transfer
 from ..device.backend import mitsuba
 from ..device.types import DeviceVector, Hit, Interaction, Ray, TracedScene, components
 from ..world.mitsuba_world import World
@@ -148,7 +147,6 @@ class Moment:
         import drjit as dr
 
         mi = mitsuba()
-        self._split_kernels(ray, active)
         if still is None:
             first = dr.zeros(mi.PreliminaryIntersection3f)
             first.t = dr.inf
@@ -158,7 +156,6 @@ class Moment:
             first = still.ray_intersect_preliminary(ray, coherent=self.coherent, active=active)
         mover_index = mi.Int32(-1)
         if movers is not None:
-            transfer.split_kernel(first)
             # What is behind the nearest hit so far is not asked.
             first, mover_index = self._ask_nearby(
                 ray,
@@ -167,7 +164,6 @@ class Moment:
                 lambda hit, _: xp(ray.maxt).minimum(ray.maxt, hit.t),
                 partial(self._nearer_of_mover, ray, movers),
             )
-        self._split_kernels(first, mover_index)
         valid = first.is_valid() if active is True else first.is_valid() & active
         shape = dr.reinterpret_array(mi.UInt32, first.shape)
         face = dr.gather(mi.UInt32, self.world.first_face, shape, valid) + first.prim_index
@@ -340,12 +336,10 @@ class Moment:
         import drjit as dr
 
         mi = mitsuba()
-        self._split_kernels(ray, active)
         is_blocked = mi.Bool(False)
         if still is not None:
             is_blocked = still.ray_test(ray, coherent=self.coherent, active=active)
         if movers is not None:
-            transfer.split_kernel(is_blocked)
             (is_blocked,) = self._ask_nearby(
                 ray,
                 active,
@@ -353,7 +347,6 @@ class Moment:
                 lambda is_blocked: dr.select(is_blocked, -1.0, ray.maxt),
                 partial(self._blocked_by_mover, ray, movers),
             )
-        self._split_kernels(is_blocked)
         return is_blocked
 
     def _blocked_by_mover(
@@ -371,11 +364,6 @@ class Moment:
             shapes = WalkerShapes.at(movers.walkers, candidate, placement, is_near)
             is_blocked |= shapes.nearest(in_frame, ray.maxt, is_near & ~is_blocked)[0] < dr.inf
         return (is_blocked,)
-
-    def _split_kernels(self, *arrays: object) -> None:
-        """Keep the queries of several scenes in kernels of their own (`transfer.split_kernel`)."""
-        if self.moving is not None or self.world.has_panes:
-            transfer.split_kernel(*arrays)
 
 
 def _flat(surface: Interaction, first: Hit, ray: Ray, normal: DeviceVector) -> Any:

@@ -33,6 +33,10 @@ _LEAST_COSINE = 0.05
 farther to gain the same height: 6 mm at this cosine, and no more than that."""
 
 
+LEAST_DRAW = 1e-9
+"""Accuracy bought: random number that stands for smaller ones: no depth beyond 21 free paths."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class BeamPath:
     """The path of a beam from the sensor to the start of its latest ray; one element for each ray.
@@ -94,12 +98,28 @@ def kind_of(moment: Moment, meeting: Meeting) -> Any:
     return dr.gather(mi.UInt32, speculars.kind, number, meeting.valid)
 
 
-def is_stopped(moment: Moment, path: BeamPath, pane: Meeting) -> Any:
-    """Return whether paths end at a surface that lets others through: a porous one, where the ray finds no gap."""
+def stopped(moment: Moment, path: BeamPath, pane: Meeting, behind_m: Lanes) -> tuple[Any, Meeting]:
+    """Return whether paths end at a surface that lets others through, and where: a porous one, where there is no gap.
+
+    Behind a surface with a free path l the same number u, of which the rays with u < 1 - c pass, gives the depth
+    -l ln(u): that of Beer and Lambert's law, up to the depth at which the share 1 - c is left.
+
+    Args:
+        behind_m: from the ray's start to what stands behind, at which no depth counts
+    """
+    import drjit as dr
+
     if not moment.speculars.gaps:
-        return pane.valid & False
+        return pane.valid & False, pane
     porous = moment.speculars.is_porous(kind_of(moment, pane))
-    return porous & (moment.draws.uniform(path.interactions) >= gap_share(moment.world, pane.surface, porous))
+    draw = moment.draws.uniform(path.interactions)
+    ends = porous & (draw >= gap_share(moment.world, pane.surface, porous))
+    if moment.speculars.free_path_m is None:
+        return ends, pane
+    number = dr.reinterpret_array(mitsuba().UInt32, pane.surface.shape)
+    free_path_m = dr.gather(mitsuba().Float, moment.speculars.free_path_m, number, porous)
+    depth_m = -free_path_m * dr.log(dr.maximum(draw, LEAST_DRAW))
+    return ends & (pane.t + depth_m < behind_m), dataclasses.replace(pane, t=pane.t + depth_m)
 
 
 def continued(moment: Moment, path: BeamPath, meeting: Meeting, active: Mask, *, reflected: bool) -> BeamPath:

@@ -33,7 +33,7 @@ from ..world.mitsuba_world import World
 from .gaps import Draws, gap_share
 from .glints import specular_return
 from .meeting import Meeting, Moment
-from .onward import START_OFFSET_M, BeamPath, continued, is_stopped, kind_of, select_fields, sunlight_share
+from .onward import START_OFFSET_M, BeamPath, continued, kind_of, select_fields, stopped, sunlight_share
 from .polarised import PolarisedBeam
 
 
@@ -199,13 +199,13 @@ def _step(
 
     going_on, path_before = active & False, path
     if pane is not None:
-        ends = is_stopped(moment, path, pane)
+        ends, stop = stopped(moment, path, pane, meeting.t)
         going_on = pane.valid & ~ends
         path = continued(moment, path, pane, going_on, reflected=False)
         # A thin pane does not bend the ray. What stands behind it is known already, since panes are in scenes of their
         # own: only its distance is less, by the path up to the pane. That saves a query for each pane.
         nearer = meeting.t - (path.length_m - path_before.length_m)
-        meeting = select_fields(ends, pane, dataclasses.replace(meeting, t=dr.select(going_on, nearer, meeting.t)))
+        meeting = select_fields(ends, stop, dataclasses.replace(meeting, t=dr.select(going_on, nearer, meeting.t)))
     if moment.speculars.mirrors:
         bounce = active & ~going_on & moment.speculars.is_mirror(kind_of(moment, meeting))
         reflected = continued(moment, path, meeting, bounce, reflected=False)

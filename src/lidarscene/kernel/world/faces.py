@@ -55,7 +55,15 @@ class PlacedShape:
     @property
     def transmittance(self) -> float:
         """Diffuse transmittance; 0 if it is opaque."""
-        return 0.0 if self.values is None else self.values.get("transmittance", 0.0)
+        return self._parameter("transmittance")
+
+    @property
+    def free_path_m(self) -> float:
+        """Mean free path behind a porous surface; 0 if all of it is on the surface."""
+        return self._parameter("free_path_m")
+
+    def _parameter(self, name: str) -> float:
+        return 0.0 if self.values is None else self.values.get(name, 0.0)
 
     @property
     def absorbs(self) -> tuple[float, float] | None:
@@ -165,6 +173,7 @@ def _surface_optics(shape: PlacedShape) -> SurfaceOptics:
         material=_bsdf_number(shape.shape) if shape.reflectivity is None else (shape.material, shape.is_cut),
         absorbs=shape.absorbs,
         is_retro=shape.values is not None and shape.values["bsdf"] == "retroreflector",
+        free_path_m=shape.free_path_m,
     )
 
 

@@ -34,7 +34,7 @@ from ..device.types import Bsdf, Interaction
 from . import merged_meshes, mitsuba_xml
 from .bsdfs import ATTRIBUTE, bsdf_dict, has_gaps, make_bsdf, reflectivities, texture, texture_key
 from .faces import FaceTables, PlacedShape
-from .mover_scene import MoverScene, mitsuba_scene, side_by_side
+from .mover_scene import MoverScene, mitsuba_scenes, side_by_side
 from .speculars import Speculars, lets_through
 from .walkers import Walkers
 
@@ -256,20 +256,22 @@ def build_world(
     class_names = tuple(dict.fromkeys(class_of))
     class_numbers = np.array([class_names.index(name) for name in class_of], dtype=np.int32)
     solid, panes = _panes_apart(shapes, see_through)
+    rigid_apart = _panes_apart(rigid_shapes, see_through)
+    still_scene, still_panes, *of_movers = mitsuba_scenes([solid, panes, *rigid_apart])
     mover_scene, mover_panes = (
-        MoverScene.of_shapes(
-            rigid,
+        MoverScene.of_cells(
+            rigid_scene,
             boxes_m=_boxes_of_materials(movers, rigid),
             offsets_m=offsets_m,
             walkers=Walkers.of_shapes(walks, [mover.body for mover in movers], faces.first_of(walks)),
         )
-        for rigid, walks in zip(
-            _panes_apart(rigid_shapes, see_through), _panes_apart(walking_shapes, see_through), strict=True
+        for rigid_scene, rigid, walks in zip(
+            of_movers, rigid_apart, _panes_apart(walking_shapes, see_through), strict=True
         )
     )
     return World(
-        scene=mitsuba_scene(solid),
-        panes=mitsuba_scene(panes),
+        scene=still_scene,
+        panes=still_panes,
         see_through=see_through,
         scene_of=scene,
         movers=tuple(movers),

@@ -32,6 +32,7 @@ class SurfaceOptics:
         material: its identity
         absorbs: `bsdfs.absorption`
         is_retro: whether it sends light straight back, polarised as it came
+        free_path_m: mean free path of light behind a porous surface; 0: it stops rays where they meet it
     """
 
     number: int
@@ -39,6 +40,7 @@ class SurfaceOptics:
     material: Hashable
     absorbs: tuple[float, float] | None
     is_retro: bool
+    free_path_m: float
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -53,6 +55,7 @@ class Speculars:
         gaps: whether there are porous surfaces
         index: refractive index of each pane, opaque; None for one that passes all light
         retro: Bool by registry number: retro-reflectors; None if there are none
+        free_path_m: Float by registry number: `SurfaceOptics.free_path_m`; None if all are 0
     """
 
     bsdfs: tuple[Any, ...]
@@ -62,6 +65,7 @@ class Speculars:
     gaps: bool
     index: tuple[Any | None, ...]
     retro: Any
+    free_path_m: Any
 
     @classmethod
     def from_shapes(cls, shapes: Sequence[SurfaceOptics]) -> Speculars | None:
@@ -90,8 +94,10 @@ class Speculars:
         order = [*panes, *mirrors]
         rows = max(shape.number for shape in shapes) + 1
         kind, retro = np.zeros(rows, dtype=np.uint32), np.zeros(rows, dtype=bool)
+        free_path_m = np.zeros(rows, dtype=np.float32)
         for shape in shapes:
             retro[shape.number] = shape.is_retro
+            free_path_m[shape.number] = shape.free_path_m
             if shape.material in porous:
                 kind[shape.number] = len(order) + 1
             else:
@@ -104,6 +110,7 @@ class Speculars:
             gaps=bool(porous),
             index=tuple(index),
             retro=mi.Bool(retro) if retro.any() else None,
+            free_path_m=transfer.from_numpy(free_path_m) if free_path_m.any() else None,
         )
 
     @property

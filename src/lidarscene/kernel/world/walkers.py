@@ -186,24 +186,26 @@ def _kind_of(parts: tuple[Part, ...], levels: tuple[float, ...]) -> _Kind:
 
 
 def _neighbours_together(middle_m: Numbers) -> Numbers:
-    """Return the numbers of triangles in an order in which those of a box of each level of the tree stand together.
+    """Return (t,) numbers of triangles in an order in which those of a box of each level of the tree stand together.
 
-    They are parted where they reach farthest, again and again, into parts that fill boxes.
+    They are parted where they reach farthest, again and again, into parts that fill boxes: all parts at once.
 
     Args:
-        middle_m: (t, 3) of all triangles
+        middle_m: (t, 3)
     """
-    order, firsts = np.arange(len(middle_m)), np.array([0])
-    full = TRIANGLES * CHILDREN ** np.arange(32 // CHILDREN)
-    while (counts := np.diff(firsts, append=len(order))).max() > TRIANGLES:
-        part, is_parted = np.repeat(np.arange(len(counts)), counts), counts > TRIANGLES
-        at_m = middle_m[order]
-        reach_m = np.maximum.reduceat(at_m, firsts) - np.minimum.reduceat(at_m, firsts)
-        along_m = np.where(is_parted[part], at_m[np.arange(len(order)), reach_m.argmax(axis=1)[part]], 0.0)
+    order, starts, counts = np.arange(len(middle_m)), np.array([0]), np.array([len(middle_m)])
+    while (large := counts > TRIANGLES).any():
+        part, at_m = np.repeat(np.arange(len(counts)), counts), middle_m[order]
+        reach_m = np.maximum.reduceat(at_m, starts) - np.minimum.reduceat(at_m, starts)
+        along_m = np.where(large[part], np.take_along_axis(at_m, reach_m.argmax(axis=1)[part, None], axis=1)[:, 0], 0.0)
         order = order[np.lexsort((along_m, part))]
-        box = full[np.searchsorted(CHILDREN * full, counts[is_parted])]
-        half = box * np.maximum(np.rint(0.5 * counts[is_parted] / box), 1).astype(int)
-        firsts = np.sort(np.concatenate([firsts, firsts[is_parted] + half]))
+        full = np.full(len(counts), TRIANGLES)
+        while (grows := full * CHILDREN < counts).any():
+            full[grows] *= CHILDREN
+        halves = np.where(large, full * np.maximum(np.rint(counts / (2 * full)).astype(int), 1), counts)
+        counts = np.stack([halves, counts - halves], axis=1).ravel()
+        counts = counts[counts > 0]
+        starts = np.cumsum(counts) - counts
     return order
 
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from abc import ABC, abstractmethod
-from collections.abc import Iterator
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
@@ -528,20 +528,22 @@ class CoincidentSpads(Macropixel):
         slope = dead_time.coincidence_slope(least=self.spad.coincidence, spads=self.spad.spads, share=share)
         return slope * slope * self.spad.spads * share / xp(counted).maximum(counted, 1e-30)
 
-    def _course_of_bins(self, detections: Lanes) -> Iterator[tuple[int, Lanes, Lanes]]:
+    def _course_of_bins(self, detections: Lanes) -> Iterable[tuple[int, Lanes, Lanes]]:
         """Bins around an echo of Lambda in the middle of one: number, share of SPADs that fire, counts of a trial."""
         bin_s, background, free = self.histogram.bin_s, self.rate_hz * self.histogram.bin_s, self.free
         step = bin_s / self.sigma_s
         ops = xp(detections, step)
         density = step / math.sqrt(2.0 * math.pi)
-        for k in range(-self.histogram.reach, self.histogram.reach + 1):
+        bins, all_firings = range(-self.histogram.reach, self.histogram.reach + 1), list[Lanes]()
+        for k in bins:
             light = detections * density * ops.exp(-0.5 * (k * step) * (k * step)) + background
             # As many SPADs come free as the sun has fired a dead time before.
             released = self.free * background
             of_free, of_released = dead_time.firing_parts(detections=light)
             firings = free * of_free + released * of_released
             free = free + released - firings
-            yield k, firings, self.count_probability(firings)
+            all_firings.append(firings)
+        return zip(bins, all_firings, ops.each(self.count_probability, all_firings), strict=True)
 
     def counts(self, detections: Lanes) -> Lanes:
         """Counts of an echo of Lambda, bin by bin (T93)."""

@@ -104,9 +104,11 @@ def verdict(comparison: Comparison) -> str:
     ]
     if len(spread) < len(shares):
         return f"{outcome}."
-    (finest_m, finest), *coarser = sorted(spread)
-    other_spreads = ", ".join(f"{1e3 * sigma_m:.3g} mm of {name}" for sigma_m, name in coarser)
-    return f"{outcome}. Ranges scatter least with {finest}: {1e3 * finest_m:.3g} mm against {other_spreads}."
+    (finest_mm, finest), *coarser = [(f"{1e3 * sigma_m:.3g} mm", name) for sigma_m, name in sorted(spread)]
+    if all(spread_mm == finest_mm for spread_mm, _ in coarser):
+        return f"{outcome}. Ranges scatter by {finest_mm} with each."
+    other_spreads = ", ".join(f"{spread_mm} of {name}" for spread_mm, name in coarser)
+    return f"{outcome}. Ranges scatter least with {finest}: {finest_mm} against {other_spreads}."
 
 
 def _differ_significantly(comparison: Comparison, best: str, second: str) -> bool:

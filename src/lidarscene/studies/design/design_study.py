@@ -268,7 +268,7 @@ def _question(study: StudyFile, space: DesignSpace) -> str:
     sensors = {label: " or ".join(base.name for base in bases) for label, bases in space.bases.items()}
     of = ", ".join(f"{label} ({names})" if label else names for label, names in sensors.items())
     goals = [
-        f"{'the least' if entry.maximize is None else 'the most'} {_with_conditions(name, entry)}"
+        f"{'the lowest' if entry.maximize is None else 'the highest'} {_with_conditions(name, entry)}"
         for name, entry in study.objectives.items()
     ]
     free = [f"{key} {_values_text(entry)}" for key, entry in study.free.items()]
@@ -330,7 +330,7 @@ def _rests_on(study: StudyFile, designs: Sequence[Design], ending: str, interval
     """Sentences on the search and on the uncertainties."""
     has_brackets = any(name in study.objectives for name in interval)
     brackets = ["Brackets: range over the stated uncertainties."] if has_brackets else []
-    return [f"{count_text(len(designs), 'design')}; the search: {ending}.", *brackets]
+    return [f"{count_text(len(designs), 'design')} tried. The search ended because {ending}.", *brackets]
 
 
 def _differences(
@@ -363,7 +363,7 @@ def _changes(study: StudyFile, chosen: Design, limits: ActiveConstraints | None,
         ]
     slack = [bound for bound, share in slacks(study, chosen).items() if share > ACTIVE]
     if slack:
-        texts.append(f"Not limited by {' or '.join(slack)}.")
+        texts.append(f"These bounds leave room: {', '.join(slack)}.")
     if ends:
         texts.append(f"At an end of its range: {', '.join(ends)}. A wider range may give a better design.")
     if limits is not None and not limits.stands:

@@ -181,7 +181,7 @@ def _search(log: Log) -> str:
                 _cobyqa(log, *_starts(log, 1))
     else:
         _follow_front(log)
-    return f"{log.remaining} of {study.evaluations} evaluations were left: no step from a best design gave a better one"
+    return f"no step from a best design gave a better one, with {log.remaining} of {study.evaluations} evaluations left"
 
 
 def _descend(

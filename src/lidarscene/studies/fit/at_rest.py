@@ -48,6 +48,7 @@ from .tuning import (
     LEAST_OF_STRENGTH,
     LEAST_SLOPE,
     LEAST_STEP_MM,
+    LIGHT_BOUNDS,
     LOG_STEP,
     MOST_KEPT,
     PATCH_SIGNAL,
@@ -64,7 +65,11 @@ CONVERTER = ("tdc.jitter_ps", STRONG, DIVERGENCE, CHATTER)
 FLOOR, SLOPE = "range_floor_at_rest", "range_noise_at_rest"
 """Coefficients a and b of (T185), which are no keys of a file."""
 
-UNITS = {FLOOR: "mm", SLOPE: "mm/m2"} | {
+LIGHT = "light_over_noise_at_rest"
+"""Signal of a reflectivity over the noise, in that of the file: power, lens and the scale of the intensities are one
+product, so it is no key of a file."""
+
+UNITS = {FLOOR: "mm", SLOPE: "mm/m2", LIGHT: "times"} | {
     key: key.rpartition("_")[2].replace("mhz", "MHz").replace("w", "W") for key in (*CONVERTER, COLUMNS)
 }
 
@@ -83,6 +88,7 @@ class Statistics:
         parts: (blocks, k) what each block adds to ``value``, less its mean
         share: (blocks, k) share of the pixels that are of the block
         kind: (k,) number of their kind; what a law misses is of one size in each
+        trials: (k,) number of pulses of which a share was kept; infinite of other values
     """
 
     value: Numbers
@@ -90,6 +96,7 @@ class Statistics:
     parts: Numbers
     share: Numbers
     kind: Numbers
+    trials: Numbers
 
     @classmethod
     def of(cls, values: Sequence[Numbers], members: Sequence[Numbers], block: Numbers) -> Statistics:
@@ -110,11 +117,21 @@ class Statistics:
             share = np.stack([np.bincount(of_bin, minlength=number) for of_bin in blocks], axis=1) / counts
             squares = [np.sum((bin_values - middle) ** 2) for bin_values, middle in zip(values, mean, strict=True)]
             sigma, parts = np.sqrt(squares) / counts, sums / counts - share * mean
-        return cls(value=mean, sigma=sigma, parts=parts, share=share, kind=0 * counts)
+        return cls(
+            value=mean, sigma=sigma, parts=parts, share=share, kind=0 * counts, trials=np.full(len(counts), np.inf)
+        )
 
     def logarithm(self) -> Statistics:
         """Statistics of the logarithms."""
         return replace(self, value=np.log(self.value), sigma=self.sigma / self.value, parts=self.parts / self.value)
+
+    def spread(self, law: Numbers) -> Numbers:
+        """(k,) standard deviation about a law; of shares by its own chance.
+
+        By the recorded share, bins that lost fewer pulses by chance would weigh more than those that lost more.
+        """
+        kept = np.clip(law, 0.0, 1.0)
+        return np.sqrt(self.sigma**2 + (kept * (1.0 - kept) + 1.0 / self.trials) / self.trials)
 
     @staticmethod
     def join(parts: Sequence[Statistics]) -> Statistics:
@@ -141,31 +158,30 @@ def solve(recorded: Statistics, predict: Callable[[Numbers], Numbers], start: Nu
         return predict(np.array(logs))
 
     def slopes(logs: Numbers) -> Numbers:
-        steps = np.where(logs + LOG_STEP > bounds[1], -LOG_STEP, LOG_STEP)
-        return np.stack(
-            [(law(*row) - law(*logs)) / step for row, step in zip(logs + np.diag(steps), steps, strict=True)], axis=1
-        )
+        above, below = (np.clip(logs + step * np.eye(len(logs)), *bounds) for step in (LOG_STEP, -LOG_STEP))
+        rises = [law(*high) - law(*low) for high, low in zip(above, below, strict=True)]
+        return np.stack(rises, axis=1) / np.diag(above - below)
 
-    evaluations = 0
+    evaluations, sigma = 0, recorded.spread(law(*start))
     for _ in range(3):
-        root = np.sqrt(weight) / np.hypot(recorded.sigma, misfit)
+        root = np.sqrt(weight) / np.hypot(sigma, misfit)
         found = least_squares(
             lambda logs, root=root: (law(*logs) - recorded.value) * root,
             value,
             jac=lambda logs, root=root: slopes(logs) * root[:, None],
             bounds=bounds,
-            max_nfev=MOST_EVALUATIONS // (1 + len(start)),
+            max_nfev=MOST_EVALUATIONS // (1 + 2 * len(start)),
             xtol=1e-3,
             ftol=1e-4,
         )
         value = found.x
-        evaluations += found.nfev + len(start) * found.njev
-        residual = recorded.value - law(*value)
+        evaluations += found.nfev + 2 * len(start) * found.njev
+        residual, sigma = recorded.value - law(*value), recorded.spread(law(*value))
         for kind in np.unique(recorded.kind):
             alike = recorded.kind == kind
-            misfit[alike] = math.sqrt(max(float(np.mean(residual[alike] ** 2 - recorded.sigma[alike] ** 2)), 0.0))
-        weight = huber_weight(residual, np.hypot(recorded.sigma, misfit), CURVE_HUBER)
-    root = np.sqrt(weight) / np.hypot(recorded.sigma, misfit)
+            misfit[alike] = math.sqrt(max(float(np.mean(residual[alike] ** 2 - sigma[alike] ** 2)), 0.0))
+        weight = huber_weight(residual, np.hypot(sigma, misfit), CURVE_HUBER)
+    root = np.sqrt(weight) / np.hypot(sigma, misfit)
     jacobian = slopes(value) * root[:, None]
     scores = ((recorded.parts + recorded.share * residual) * root) @ jacobian
     return Solution(value=value, slope=jacobian.T @ jacobian, scores=scores, evaluations=evaluations)
@@ -237,10 +253,8 @@ class Boards:
         """Logarithm of the mean square of ranges, then the share kept after the first frame, of each bin."""
         range_m = self.pixels.range_m
         squares, kept = _of_bins(range_m, np.isfinite(range_m[1:]).mean(axis=0), self.members, self.pixels.block)
-        # Where none was lost, one more might have been.
-        counts = np.array([len(members) * (len(range_m) - 1) for members in self.members])
-        least = np.sqrt((kept.value * (1.0 - kept.value) + 1.0 / counts) / counts)
-        return Statistics.join([squares, replace(kept, sigma=np.maximum(kept.sigma, least))])
+        trials = np.array([float(len(members) * (len(range_m) - 1)) for members in self.members])
+        return Statistics.join([squares, replace(kept, sigma=0.0 * kept.sigma, trials=trials)])
 
     def simulated(self, sensor: Sensor) -> Statistics:
         """The same of a sensor, with the standard deviation of so few readings; NaN where it reads none."""
@@ -248,7 +262,9 @@ class Boards:
         read = drawn.select(np.tile(np.arange(len(drawn.block)), READINGS))  # all at once takes half the time
         light = replace(echoes_of_plane(sensor, board(read), read.mean_m), row_slope=read.row_slope)
         variance = fluctuation_variance(sensor, Target(), read.mean_m)
-        range_m = read_boards(sensor, light, variance, 0)[0].reshape(READINGS, -1)
+        # What chatters is lost at random, whatever its range: drawn, it would make the slopes of the scatter noisy.
+        steady = replace(sensor, tdc=replace(sensor.tdc, chatter_hz=None))
+        range_m = read_boards(steady, light, variance, 0)[0].reshape(READINGS, -1)
         off = np.random.default_rng(0).normal(size=range_m.shape)  # each pulse goes a way of its own
         range_m = range_m + off * pointing_noise_m(sensor, drawn.lean_m)
         share = detection_probability(sensor, board(drawn), drawn.mean_m)
@@ -415,45 +431,55 @@ def _columns(pixels: PixelsAtRest, text: str, where: str) -> Law:
 
 
 def _converter(pixels: PixelsAtRest, text: str, where: str) -> Law:
-    """Jitter, slopes and chatter by the sensor's own stages."""
+    """Jitter, slopes and chatter by the sensor's own stages.
+
+    Beam, chatter and light make up for each other, so all are fitted: what is told of one holds for any of the others.
+    """
     sensor = parse_sensor(text, where)
     boards = Boards.of(pixels, sensor)
     if len(boards.members) < LEAST_BINS:
         return (), None, dict.fromkeys(CONVERTER, "too few smooth surfaces of different strength and lean")
     recorded = boards.recorded()
-    reasons = _not_asked(recorded, sensor)
-    keys = [key for key in CONVERTER if key not in reasons]
-    names, solved, more = _converter_law(boards, recorded, keys, text, where)
-    if DIVERGENCE in names and solved is not None:
-        beam = {DIVERGENCE: math.exp(solved.value[names.index(DIVERGENCE)])}
-        light = echoes_of_plane(parse_sensor(_changed(text, beam), where), board(pixels), pixels.mean_m)
-        lengths = [np.median(np.asarray(light.broadening)[members]) for members in boards.members]
-        if max(lengths) < LEAST_BROADENING:  # near by, what scatters for another reason would widen the beam
-            reasons[DIVERGENCE] = f"no surface leans enough: echoes are {max(lengths):.2g} times as long as the pulse"
-            keys.remove(DIVERGENCE)
-            names, solved, more = _converter_law(boards, recorded, keys, text, where)
-    return names, solved, reasons | more
-
-
-def _not_asked(recorded: Statistics, sensor: Sensor) -> dict[str, str]:
-    """Keys that a recording or a file says nothing of, and why."""
-    reasons = {POWER: "noise goes with the scene's light, which is not recorded"}
+    reasons = {POWER: f"only its product with lens and scale of intensities is known, over the noise: {LIGHT}"}
     if sensor.tdc.strong_above is None:
         reasons[STRONG] = "the file has no tdc.strong_above, from which on pulses have a channel of their own"
     kept = recorded.kind == 1
-    if np.min(recorded.value[kept] + 2.0 * recorded.sigma[kept]) > MOST_KEPT:
+    if np.min((recorded.value + 2.0 * recorded.spread(recorded.value))[kept]) > MOST_KEPT:
         reasons[CHATTER] = f"no surface loses more than {1.0 - MOST_KEPT:.0%} of its pulses"
-    return reasons
+    keys = [key for key in (*CONVERTER, LIGHT) if key == CHATTER or key not in reasons]
+    names, solved, more = _converter_law(boards, recorded, keys, text, where)
+    reasons = more | reasons
+    if DIVERGENCE in names and solved is not None:
+        beam = {DIVERGENCE: math.exp(solved.value[names.index(DIVERGENCE)])}
+        light = echoes_of_plane(parse_sensor(_changed(text, beam), where), board(boards.pixels), boards.pixels.mean_m)
+        longest = max(np.median(np.asarray(light.broadening)[members]) for members in boards.members)
+        if longest < LEAST_BROADENING:  # near by, what scatters for another reason would widen the beam
+            reasons[DIVERGENCE] = f"no surface leans enough: echoes are {longest:.2g} times as long as the pulse"
+    if DIVERGENCE in reasons:
+        reasons.setdefault(CHATTER, "it makes up for the width of the beam, which is not determined")
+    return tuple(f"{key}, not told" if key in reasons else key for key in names), solved, reasons
 
 
 def _converter_law(boards: Boards, recorded: Statistics, keys: Sequence[str], text: str, where: str) -> Law:
     """Fit these keys to the statistics of the boards; without the beam if the file refuses one that is tried."""
+    middle_m = np.median(boards.pixels.mean_m)
+
+    def height_of(sensor: Sensor) -> float:
+        return detection_margin(sensor, Target(illuminance_klux=ASSUMED_KLUX), middle_m).item()
+
+    given = height_of(parse_sensor(text, where))
 
     def sensor_of(logs: Numbers) -> Sensor:
-        return parse_sensor(_changed(text, dict(zip(keys, np.exp(logs).tolist(), strict=True))), where)
+        """Sensor whose beam may be wider than its field: the light that it then loses is that of LIGHT."""
+        values = dict(zip(keys, np.exp(logs).tolist(), strict=True))
+        light = given * values.pop(LIGHT)
+        sensor = parse_sensor(_changed(text, values), where)
+        power_w = sensor.laser.peak_power_w * light / height_of(sensor)
+        return replace(sensor, laser=replace(sensor.laser, peak_power_w=power_w))
 
-    start = np.log([get_key(text, key) or math.sqrt(math.prod(REST_BOUNDS[key])) for key in keys])
-    bounds = np.log([REST_BOUNDS[key] for key in keys]).T
+    tried = REST_BOUNDS | {LIGHT: LIGHT_BOUNDS}
+    start = np.log([get_key(text, key) or math.sqrt(math.prod(tried[key])) for key in keys])
+    bounds = np.log([tried[key] for key in keys]).T
     unlike = np.where(recorded.kind == 0, BOARD_ERROR, 0.0)
 
     def predict(logs: Numbers) -> Numbers:

@@ -143,11 +143,13 @@ LEAST_OF_BIN = 100
 LEAST_OF_STRENGTH = 1e-3
 """Accuracy bought: least strength that is divided by: what reads 0 has no scatter of its own."""
 
-PIXELS_OF_BIN, READINGS = 400, 5
-"""Accuracy bought: pixels of each bin that are simulated, and readings of each: a scatter is good to 2 %."""
+PIXELS_OF_BIN, READINGS = 200, 5
+"""Accuracy bought: pixels of each bin that are simulated, and readings of each: a scatter is good to 3 %, for the
+10 % of `BOARD_ERROR`."""
 
-LOG_STEP = 0.05
-"""Accuracy bought: step of the logarithms of numbers at rest, above the steps of so many readings."""
+LOG_STEP = 0.1
+"""Accuracy bought: step of the logarithms of numbers at rest, to both sides. Ranges jump by steps of the clock: half of
+it, to one side, gave slopes that were noise, which counted as information and made intervals up to half as wide."""
 
 LEAST_SLOPE = 1.0
 """Choice: least information on a logarithm, one over the square of its standard deviation: a factor of e either way."""
@@ -161,6 +163,9 @@ REST_BOUNDS = {
     "histogram.column_range_mm": (0.2, 500.0),
 }
 """Choice: numbers of the sensor file that frames at rest determine -> least and largest value that is tried."""
+
+LIGHT_BOUNDS = (0.1, 10.0)
+"""Choice: least and largest light over the noise that is tried, in that of the file."""
 
 # row_gains
 
